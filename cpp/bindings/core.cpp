@@ -1,0 +1,53 @@
+#include <Eigen/Core>
+
+#include "bindings.h"
+#include "substep/core/errors.h"
+#include "substep/core/interrupt.h"
+#include "substep/core/parallel.h"
+
+namespace {
+
+// Runs with or without the GIL held; throws the KeyboardInterrupt (or whatever a handler raised).
+void check_signals() {
+  const py::gil_scoped_acquire gil;
+  if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+}
+
+// Sets substep.errors.<name>(message, time=, index=, step=) as the Python error.
+void raise(const char* name, const substep::SolverError& error) {
+  const py::object type = py::module_::import("substep.errors").attr(name);
+  py::dict where;
+  if (std::isfinite(error.time)) where["time"] = error.time;
+  if (error.index >= 0) where["index"] = error.index;
+  if (error.step >= 0) where["step"] = error.step;
+  py::set_error(type, type(error.what(), **where));
+}
+
+void translate(std::exception_ptr pointer) {
+  using namespace substep;
+  try {
+    std::rethrow_exception(pointer);
+  } catch (const InputError& error) {
+    py::set_error(py::module_::import("substep.errors").attr("InputError"), error.what());
+  } catch (const NonFiniteError& error) {
+    raise("NonFiniteError", error);
+  } catch (const ConvergenceError& error) {
+    raise("ConvergenceError", error);
+  } catch (const SingularMatrixError& error) {
+    raise("SingularMatrixError", error);
+  } catch (const SolverError& error) {
+    raise("SolverError", error);
+  }
+}
+
+}  // namespace
+
+void bind_core(py::module_& m) {
+  substep::set_interrupt_hook(&check_signals);
+  py::register_local_exception_translator(&translate);
+  m.attr("compiler") = __VERSION__;
+  m.attr("eigen") = std::to_string(EIGEN_WORLD_VERSION) + "." +
+                    std::to_string(EIGEN_MAJOR_VERSION) + "." + std::to_string(EIGEN_MINOR_VERSION);
+  m.def("num_threads", &substep::num_threads);
+  m.def("set_num_threads", &substep::set_num_threads, py::arg("threads"));
+}

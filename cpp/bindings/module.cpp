@@ -1,0 +1,9 @@
+#include "bindings.h"
+
+// Every level's module carries the same name, substep._core: a process can import one only.
+PYBIND11_MODULE(_core, m) {
+  m.doc() = "The native core of substep.";
+  m.attr("level") = SUBSTEP_LEVEL;
+  m.attr("version") = SUBSTEP_VERSION;
+  bind_core(m);
+}

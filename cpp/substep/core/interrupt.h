@@ -1,0 +1,13 @@
+// Ctrl-C in native loops: call poll_interrupt() between phases; it throws when the user asked to
+// stop. The binding installs the hook; without one (C++ programs) polling does nothing.
+#pragma once
+
+namespace substep {
+
+using InterruptHook = void (*)();
+void set_interrupt_hook(InterruptHook hook);
+
+// Cheap enough for every step (a clock read); runs the hook at most every 20 ms.
+void poll_interrupt();
+
+}  // namespace substep

@@ -1,0 +1,65 @@
+"""Time integration and physics simulation for Python with a C++ core."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+# Public names by module. Each module is imported when one of its names is first used, so that
+# `import substep` costs milliseconds.
+_EXPORTS = {
+    "config": ("num_threads", "set_num_threads", "show_config", "state_hash"),
+    "errors": (
+        "ConvergenceError",
+        "CorruptError",
+        "FormatError",
+        "InputError",
+        "NonFiniteError",
+        "SingularMatrixError",
+        "SolverError",
+        "SubstepError",
+        "TruncatedError",
+        "VersionError",
+    ),
+}
+_MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
+_SUBMODULES = ("config", "errors")
+
+__all__ = sorted([*_MODULE_OF, *_SUBMODULES])  # noqa: PLE0605
+
+if TYPE_CHECKING:
+    from . import _core as _core
+    from .config import num_threads, set_num_threads, show_config, state_hash
+    from .errors import (
+        ConvergenceError,
+        CorruptError,
+        FormatError,
+        InputError,
+        NonFiniteError,
+        SingularMatrixError,
+        SolverError,
+        SubstepError,
+        TruncatedError,
+        VersionError,
+    )
+
+
+def __getattr__(name: str) -> Any:
+    if name == "_core":
+        from ._native import load
+
+        value: Any = load()
+    elif name in _MODULE_OF:
+        value = getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)
+    elif name in _SUBMODULES:
+        value = importlib.import_module(f".{name}", __name__)
+    else:
+        raise AttributeError(f"module 'substep' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

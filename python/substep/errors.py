@@ -1,0 +1,72 @@
+"""The exceptions of substep: what the caller did wrong, what the numbers did, what a file holds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class SubstepError(Exception):
+    """Root of every exception that substep raises on its own account."""
+
+
+class InputError(SubstepError, ValueError):
+    """An argument is wrong; nothing was changed."""
+
+
+class SolverError(SubstepError, RuntimeError):
+    """The numbers failed; the state is the last good step.
+
+    Attributes
+    ----------
+    time : float or None
+        Time of the failure [s].
+    index : int or None
+        The worst component, particle or row.
+    step : int or None
+        Number of the step that failed, from 0.
+    result : object
+        The part that was solved, where there is one.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        time: float | None = None,
+        index: int | None = None,
+        step: int | None = None,
+        result: Any = None,
+    ) -> None:
+        super().__init__(message)
+        self.time = time
+        self.index = index
+        self.step = step
+        self.result = result
+
+
+class NonFiniteError(SolverError):
+    """A value became NaN or infinite."""
+
+
+class ConvergenceError(SolverError):
+    """An iteration did not converge."""
+
+
+class SingularMatrixError(SolverError):
+    """A matrix could not be factorised; `index` is the row."""
+
+
+class FormatError(SubstepError, ValueError):
+    """A file is not what it should be."""
+
+
+class TruncatedError(FormatError):
+    """A file ends before its content does."""
+
+
+class CorruptError(FormatError):
+    """A file's content contradicts its checksum or its own header."""
+
+
+class VersionError(FormatError):
+    """A file was written by a version, or on a machine, that this one cannot read."""
