@@ -7,3 +7,4 @@
 namespace py = pybind11;
 
 void bind_core(py::module_& m);
+void bind_ode(py::module_& m);

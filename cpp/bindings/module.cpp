@@ -6,4 +6,5 @@ PYBIND11_MODULE(_core, m) {
   m.attr("level") = SUBSTEP_LEVEL;
   m.attr("version") = SUBSTEP_VERSION;
   bind_core(m);
+  bind_ode(m);
 }
