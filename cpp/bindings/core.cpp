@@ -1,4 +1,7 @@
+#include <pthread.h>
+
 #include <Eigen/Core>
+#include <atomic>
 
 #include "bindings.h"
 #include "substep/core/errors.h"
@@ -7,8 +10,15 @@
 
 namespace {
 
+// Python runs signal handlers in its main thread only: the one of the import's interpreter or, in
+// the child of a fork, the one that forked.
+std::atomic<unsigned long> main_thread{0};
+[[maybe_unused]] const int registered =
+    pthread_atfork(nullptr, nullptr, [] { main_thread = PyThread_get_thread_ident(); });
+
 // Runs with or without the GIL held; throws the KeyboardInterrupt (or whatever a handler raised).
 void check_signals() {
+  if (PyThread_get_thread_ident() != main_thread.load(std::memory_order_relaxed)) return;
   const py::gil_scoped_acquire gil;
   if (PyErr_CheckSignals() != 0) throw py::error_already_set();
 }
@@ -43,6 +53,8 @@ void translate(std::exception_ptr pointer) {
 }  // namespace
 
 void bind_core(py::module_& m) {
+  main_thread =
+      py::module_::import("threading").attr("main_thread")().attr("ident").cast<unsigned long>();
   substep::set_interrupt_hook(&check_signals);
   py::register_local_exception_translator(&translate);
   m.attr("compiler") = __VERSION__;

@@ -1,13 +1,15 @@
 #include "substep/core/parallel.h"
 
 #include <pthread.h>
-#include <sched.h>
 
 #include <algorithm>
 #include <atomic>
+#include <cfenv>
+#include <chrono>
 #include <condition_variable>
-#include <cstdlib>
+#include <csignal>
 #include <exception>
+#include <limits>
 #include <mutex>
 #include <thread>
 #include <vector>
@@ -18,111 +20,199 @@
 namespace substep {
 namespace {
 
-constexpr int kMaxThreads = 1024;
+constexpr auto kPollInterval = std::chrono::milliseconds(20);
+constexpr int kSpins = 2000;  // about 20 us: what a sleeping thread would need to wake up
 
-int default_threads() {
-  if (const char* text = std::getenv("SUBSTEP_NUM_THREADS")) {
-    const int n = std::atoi(text);
-    if (n >= 1 && n <= kMaxThreads) return n;
-  }
-  cpu_set_t set;
-  if (sched_getaffinity(0, sizeof set, &set) == 0) return std::max(1, CPU_COUNT(&set));
-  return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
-}
-
-std::atomic<int> configured{0};
+std::atomic<unsigned> forks{0};  // how often this process is a child of a fork()
 thread_local bool inside_task = false;
 
-// One parallel call: shared by the caller and the workers, which take the static ranges.
-struct Job {
-  const std::function<void(std::int64_t)>* task = nullptr;
-  std::int64_t chunks = 0;
-  int threads = 0;
-  std::atomic<bool> stop{false};
-  std::vector<std::exception_ptr> errors;
+inline void pause_cpu() {
+#if defined(__x86_64__)
+  __builtin_ia32_pause();
+#endif
+}
 
+// One parallel call: shared by the caller and the workers that join it.
+class Job {
+ public:
+  Job(const std::function<void(std::int64_t)>& task, std::int64_t chunks, int threads)
+      : threads_(threads), task_(task), ranges_(static_cast<std::size_t>(threads)) {
+    for (int i = 0; i < threads; ++i) {
+      ranges_[static_cast<std::size_t>(i)].next = begin_of(chunks, i);
+      ranges_[static_cast<std::size_t>(i)].end = begin_of(chunks, i + 1);
+    }
+    std::fegetenv(&floating_point_);
+  }
+
+  int threads() const { return threads_; }
+  void stop() { stop_.store(true, std::memory_order_relaxed); }
+
+  // The share of one thread: its own range, then what is left of the others'.
   void run(int thread) {
-    const std::int64_t begin = chunks * thread / threads;
-    const std::int64_t end = chunks * (thread + 1) / threads;
     inside_task = true;
-    try {
-      for (std::int64_t chunk = begin; chunk < end; ++chunk) {
-        if (stop.load(std::memory_order_relaxed)) break;
-        (*task)(chunk);
-        if (thread == 0) poll_interrupt();
+    for (int k = 0; k < threads_; ++k) {
+      Range& range = ranges_[static_cast<std::size_t>((thread + k) % threads_)];
+      for (;;) {
+        const std::int64_t chunk = range.next.fetch_add(1, std::memory_order_relaxed);
+        if (chunk >= range.end || stop_.load(std::memory_order_relaxed)) break;
+        if (chunk < lowest_failed_.load(std::memory_order_relaxed)) run_chunk(chunk);
+        if (thread == 0) poll();
       }
-    } catch (...) {
-      errors[static_cast<std::size_t>(thread)] = std::current_exception();
-      stop = true;
     }
     inside_task = false;
   }
+
+  // A worker computes in the caller's rounding and denormal modes.
+  void run_as_worker(int thread) {
+    std::fenv_t own;
+    std::fegetenv(&own);
+    std::fesetenv(&floating_point_);
+    run(thread);
+    std::fesetenv(&own);
+  }
+
+  // Ctrl-C, on the calling thread: the first exception is kept and ends the job.
+  void poll() {
+    if (interrupt_) return;
+    try {
+      poll_interrupt();
+    } catch (...) {
+      interrupt_ = std::current_exception();
+      stop();
+    }
+  }
+
+  void rethrow() const {
+    if (interrupt_) std::rethrow_exception(interrupt_);
+    if (error_) std::rethrow_exception(error_);
+  }
+
+ private:
+  struct alignas(64) Range {
+    std::atomic<std::int64_t> next{0};
+    std::int64_t end = 0;
+  };
+
+  std::int64_t begin_of(std::int64_t chunks, int thread) const {
+    return chunks / threads_ * thread + std::min<std::int64_t>(thread, chunks % threads_);
+  }
+
+  void run_chunk(std::int64_t chunk) {
+    try {
+      task_(chunk);
+    } catch (...) {
+      const std::lock_guard lock(error_mutex_);
+      if (chunk < lowest_failed_.load(std::memory_order_relaxed)) {
+        lowest_failed_.store(chunk, std::memory_order_relaxed);
+        error_ = std::current_exception();
+      }
+    }
+  }
+
+  const int threads_;
+  const std::function<void(std::int64_t)>& task_;
+  std::vector<Range> ranges_;
+  std::fenv_t floating_point_;
+  std::atomic<bool> stop_{false};
+  std::atomic<std::int64_t> lowest_failed_{std::numeric_limits<std::int64_t>::max()};
+  std::mutex error_mutex_;
+  std::exception_ptr error_, interrupt_;
 };
 
 class Pool {
  public:
+  // Serves one caller at a time, the holder of `busy`. Workers join while the job is open; the
+  // caller does not wait for those that come late, only for those that have joined.
   void run(Job& job) {
-    std::unique_lock lock(mutex_);
-    while (static_cast<int>(workers_) < job.threads - 1) {
-      try {
-        std::thread(&Pool::work, this, workers_, generation_).detach();
-      } catch (const std::system_error&) {  // no more threads to be had: share what there is
-        job.threads = workers_ + 1;
-        break;
-      }
-      ++workers_;
+    const unsigned forks_before = forks.load();
+    {
+      const std::lock_guard lock(mutex_);
+      while (workers_ < job.threads() - 1 && start_worker()) ++workers_;
+      job_ = &job;
+      generation_.fetch_add(1, std::memory_order_release);
     }
-    job_ = &job;
-    pending_ = job.threads - 1;
-    ++generation_;
-    lock.unlock();
     start_.notify_all();
     job.run(0);
-    lock.lock();
-    done_.wait(lock, [&] { return pending_ == 0; });
-    job_ = nullptr;
-  }
-
-  std::mutex busy;  // held by the one caller that the pool serves
-
- private:
-  void work(int index, std::uint64_t seen) {
+    if (forks.load() != forks_before) {
+      throw std::runtime_error("fork() inside a parallel loop: the child cannot go on with it");
+    }
+    spin_until([&] { return joined_.load(std::memory_order_relaxed) == 0; });
     std::unique_lock lock(mutex_);
-    for (;;) {
-      start_.wait(lock, [&] { return generation_ != seen; });
-      seen = generation_;
-      Job* job = job_;
-      if (!job || index + 1 >= job->threads) continue;
+    job_ = nullptr;
+    while (joined_.load(std::memory_order_relaxed) != 0) {
+      done_.wait_for(lock, kPollInterval);
       lock.unlock();
-      job->run(index + 1);
+      job.poll();
       lock.lock();
-      if (--pending_ == 0) done_.notify_one();
     }
   }
 
-  std::mutex mutex_;
+  std::mutex busy;
+
+ private:
+  // Signals are for the threads of the application. False when no thread is to be had: then those
+  // that there are share the work.
+  bool start_worker() {
+    sigset_t all, before;
+    sigfillset(&all);
+    for (const int fault : {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT}) sigdelset(&all, fault);
+    pthread_sigmask(SIG_SETMASK, &all, &before);
+    bool started = true;
+    try {
+      std::thread(&Pool::work, this, workers_, generation_.load()).detach();
+    } catch (const std::exception&) {
+      started = false;
+    }
+    pthread_sigmask(SIG_SETMASK, &before, nullptr);
+    return started;
+  }
+
+  void work(int index, std::uint64_t seen) {
+    for (;;) {
+      const auto called = [&] { return generation_.load(std::memory_order_acquire) != seen; };
+      spin_until(called);
+      std::unique_lock lock(mutex_);
+      start_.wait(lock, called);
+      seen = generation_.load(std::memory_order_relaxed);
+      Job* const job = job_;
+      if (!job || index + 1 >= job->threads()) continue;
+      joined_.fetch_add(1, std::memory_order_relaxed);
+      lock.unlock();
+      job->run_as_worker(index + 1);
+      lock.lock();
+      if (joined_.fetch_sub(1, std::memory_order_relaxed) == 1) done_.notify_one();
+    }
+  }
+
+  template <class Condition>
+  static void spin_until(const Condition& condition) {
+    for (int i = 0; i < kSpins && !condition(); ++i) pause_cpu();
+  }
+
+  std::mutex mutex_;  // guards all below; the atomics are also read by spinning threads
   std::condition_variable start_, done_;
   Job* job_ = nullptr;
-  std::uint64_t generation_ = 0;
-  int workers_ = 0, pending_ = 0;
+  std::atomic<std::uint64_t> generation_{0};
+  std::atomic<int> joined_{0};
+  int workers_ = 0;
 };
 
 // Never destroyed: workers may still wait when the process ends. fork() copies only the calling
 // thread, so the child drops the parent's pool and makes its own at its first parallel call.
 std::atomic<Pool*> pool{nullptr};
 
+[[maybe_unused]] const int registered = pthread_atfork(nullptr, nullptr, [] {
+  pool = nullptr;
+  inside_task = false;
+  forks.fetch_add(1);
+});
+
 Pool& the_pool() {
-  static const int once = pthread_atfork(nullptr, nullptr, [] {
-    pool = nullptr;
-    inside_task = false;
-  });
-  static_cast<void>(once);
   Pool* current = pool.load();
-  if (!current) {
-    Pool* fresh = new Pool;
-    if (pool.compare_exchange_strong(current, fresh)) return *fresh;
-    delete fresh;
-  }
+  if (current) return *current;
+  Pool* const fresh = new Pool;
+  if (pool.compare_exchange_strong(current, fresh)) return *fresh;
+  delete fresh;
   return *current;
 }
 
@@ -135,23 +225,6 @@ void run_serially(std::int64_t chunks, const std::function<void(std::int64_t)>& 
 
 }  // namespace
 
-int num_threads() {
-  int n = configured.load();
-  if (n == 0) {
-    n = default_threads();
-    configured = n;
-  }
-  return n;
-}
-
-void set_num_threads(int threads) {
-  if (threads < 1 || threads > kMaxThreads) {
-    throw InputError("threads: expected an integer from 1 to " + std::to_string(kMaxThreads) +
-                     ", got " + std::to_string(threads));
-  }
-  configured = threads;
-}
-
 void parallel_chunks(std::int64_t chunks, const std::function<void(std::int64_t)>& task,
                      int threads) {
   const std::int64_t wanted = std::min<std::int64_t>(threads > 0 ? threads : num_threads(), chunks);
@@ -159,16 +232,9 @@ void parallel_chunks(std::int64_t chunks, const std::function<void(std::int64_t)
   Pool& p = the_pool();
   const std::unique_lock busy(p.busy, std::try_to_lock);
   if (!busy.owns_lock()) return run_serially(chunks, task);
-
-  Job job;
-  job.task = &task;
-  job.chunks = chunks;
-  job.threads = static_cast<int>(wanted);
-  job.errors.resize(static_cast<std::size_t>(wanted));
+  Job job(task, chunks, static_cast<int>(wanted));
   p.run(job);
-  for (const std::exception_ptr& error : job.errors) {
-    if (error) std::rethrow_exception(error);
-  }
+  job.rethrow();
 }
 
 }  // namespace substep
