@@ -23,9 +23,11 @@ _EXPORTS = {
         "TruncatedError",
         "VersionError",
     ),
+    "export": ("pack",),
+    "recording": ("Part", "Recorder", "Recording"),
 }
 _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
-_SUBMODULES = ("config", "errors")
+_SUBMODULES = ("config", "errors", "export", "recording")
 
 __all__ = sorted([*_MODULE_OF, *_SUBMODULES])  # noqa: PLE0605
 
@@ -44,6 +46,8 @@ if TYPE_CHECKING:
         TruncatedError,
         VersionError,
     )
+    from .export import pack
+    from .recording import Part, Recorder, Recording
 
 
 def __getattr__(name: str) -> Any:

@@ -57,7 +57,17 @@ class SingularMatrixError(SolverError):
 
 
 class FormatError(SubstepError, ValueError):
-    """A file is not what it should be."""
+    """A file is not what it should be.
+
+    Attributes
+    ----------
+    offset : int or None
+        Byte of the file at which it was noticed, where there is one.
+    """
+
+    def __init__(self, message: str, *, offset: int | None = None) -> None:
+        super().__init__(message)
+        self.offset = offset
 
 
 class TruncatedError(FormatError):

@@ -1,0 +1,148 @@
+"""How frames lie in a journal: headers, tables, checksums; and what both kinds of file offer.
+
+docs/recording.md has the layout byte by byte.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import CorruptError, FormatError
+
+FORMAT_VERSION = 1
+MAGIC = b"SUBSTEPJ"
+BYTE_ORDER = 0x01020304
+FILE_HEADER = struct.Struct("<8sIIQQII")
+FRAME_MAGIC = b"FRAM"
+FRAME_HEADER = struct.Struct("<4sIQdQII")
+TABLE = np.dtype([("count", "<u8"), ("dtype", "S4"), ("shape", "<u2", (2,)), ("crc32", "<u4")])
+DTYPES = ("|b1", "|i1", "|u1", "<i2", "<u2", "<i4", "<u4", "<i8", "<u8", "<f4", "<f8")
+
+
+@dataclass(frozen=True)
+class Spec:
+    """One array of every frame: whose it is, its name, and what one row of it looks like."""
+
+    part: str
+    name: str
+    dtype: str
+    shape: tuple[int, ...]
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of one row."""
+        return math.prod(self.shape) * int(np.dtype(self.dtype).itemsize)
+
+
+class Source(Protocol):
+    """What a journal and a packed recording have in common."""
+
+    path: str
+    metadata: dict[str, Any]
+    triangles: list[NDArray[Any]]
+    specs: list[Spec]
+    times: list[float]
+    counts: list[tuple[int, ...]]
+    crcs: list[tuple[int, ...]]
+    problem: FormatError | None
+
+    def read(self, index: int, array: int) -> NDArray[Any]:
+        """One array of one frame, unchecked."""
+
+    def forget(self, frames: int) -> None:
+        """Keep the first `frames` frames only."""
+
+    def close(self) -> None:
+        """Close the file."""
+
+
+def read_checked(source: Source, index: int, array: int) -> NDArray[Any]:
+    """One array of one frame, or CorruptError if its checksum differs."""
+    data = source.read(index, array)
+    crc = array_crc(index, source.times[index], data.data.cast("B") if data.size else b"")
+    if crc != source.crcs[index][array]:
+        spec = source.specs[array]
+        raise CorruptError(
+            f"{source.path}: frame {index}, {spec.part}/{spec.name}: the checksum differs"
+        )
+    return data
+
+
+def array_crc(index: int, time: float, data: Any) -> int:
+    """CRC-32 of an array's bytes, seeded with its frame, so that a misplaced array is noticed."""
+    return zlib.crc32(data, zlib.crc32(struct.pack("<Qd", index, time)))
+
+
+def dump_json(value: Any) -> bytes:
+    """Compact JSON without NaN or infinity."""
+    return json.dumps(value, allow_nan=False, separators=(",", ":")).encode()
+
+
+def load_json(data: bytes, where: str) -> Any:
+    """JSON as the standard has it: no NaN, no infinity, no key twice; else CorruptError."""
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        if len({key for key, _ in pairs}) != len(pairs):
+            raise ValueError("a key stands twice")
+        return dict(pairs)
+
+    def finite(text: str) -> float:
+        if not math.isfinite(value := float(text)):
+            raise ValueError(f"the number {text[:20]} is not finite")
+        return value
+
+    try:
+        return json.loads(
+            data.decode(), object_pairs_hook=unique, parse_float=finite, parse_constant=finite
+        )
+    except (ValueError, RecursionError) as error:
+        raise CorruptError(f"{where}: metadata is not valid JSON ({error})") from None
+
+
+def encode_file_header(metadata: dict[str, Any], triangles: Sequence[NDArray[Any]]) -> bytes:
+    """File header, metadata and the triangles of every mesh part in order."""
+    text = dump_json(metadata)
+    blob = b"".join(np.ascontiguousarray(t, dtype="<i8").tobytes() for t in triangles)
+    crc = zlib.crc32(blob, zlib.crc32(text))
+    head = FILE_HEADER.pack(MAGIC, BYTE_ORDER, FORMAT_VERSION, len(text), len(blob), crc, 0)[:-4]
+    return head + struct.pack("<I", zlib.crc32(head)) + text + blob
+
+
+def encode_frame(
+    index: int, time: float, specs: Sequence[Spec], arrays: Sequence[NDArray[Any]]
+) -> bytes:
+    """One whole record; the arrays are copied first, so that bytes and checksums agree."""
+    copies = [array.tobytes() for array in arrays]
+    table = np.zeros(len(arrays), TABLE)
+    for row, spec, array, data in zip(table, specs, arrays, copies, strict=True):
+        row["count"] = len(array)
+        row["dtype"] = spec.dtype.encode()
+        row["shape"][: len(spec.shape)] = spec.shape
+        row["crc32"] = array_crc(index, time, data)
+    rows = table.tobytes()
+    payload = sum(map(len, copies))
+    head = FRAME_HEADER.pack(FRAME_MAGIC, len(arrays), index, time, payload, zlib.crc32(rows), 0)[
+        :-4
+    ]
+    return b"".join([head, struct.pack("<I", zlib.crc32(head)), rows, *copies])
+
+
+def frame_names(part: dict[str, Any]) -> Iterator[str]:
+    """Names of a part's arrays in the order of the file: points, then its fields."""
+    yield "points"
+    for name, _ in part["fields"]:
+        yield name
+
+
+def arrays_per_frame(metadata: dict[str, Any]) -> int:
+    """Number of arrays in every frame."""
+    return sum(1 + len(part["fields"]) for part in metadata["parts"])

@@ -1,0 +1,361 @@
+"""The journal: the append-only file that a running recording is written to.
+
+A file header (metadata and triangles), then one record per frame: header, table of arrays, payload,
+each with its length and CRC-32, all little-endian; docs/recording.md has the layout byte by byte.
+A frame counts from the moment its last byte is written. A file that ends within a record is what a
+killed writer leaves, and is read up to the last whole frame.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import math
+import os
+import zlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._frames import (
+    BYTE_ORDER,
+    DTYPES,
+    FILE_HEADER,
+    FORMAT_VERSION,
+    FRAME_HEADER,
+    FRAME_MAGIC,
+    MAGIC,
+    TABLE,
+    Spec,
+    arrays_per_frame,
+    frame_names,
+    load_json,
+    read_checked,
+)
+from .errors import CorruptError, FormatError, TruncatedError, VersionError
+
+try:
+    import fcntl
+except ImportError:  # not a POSIX system: no lock against a second writer
+    fcntl = None  # type: ignore[assignment]
+
+
+def pread_exactly(fd: int, buffer: memoryview, offset: int, where: str) -> None:
+    """Fill the buffer from the file, or raise TruncatedError."""
+    done = 0
+    while done < len(buffer):
+        got = os.preadv(fd, [buffer[done:]], offset + done)
+        if got == 0:
+            raise TruncatedError(
+                f"{where}: the file ends at byte {offset + done}", offset=offset + done
+            )
+        done += got
+
+
+def sync_folder(path: str) -> None:
+    """Make a rename in this file's folder durable, where the system can."""
+    with contextlib.suppress(OSError):
+        fd = os.open(os.path.dirname(path) or ".", os.O_RDONLY)
+        try:
+            os.fsync(fd)
+        finally:
+            os.close(fd)
+
+
+def lock(fd: int) -> bool:
+    """Take the journal for this process until fd is closed; False if another one holds it."""
+    if fcntl is None:
+        return True
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        return error.errno not in (errno.EWOULDBLOCK, errno.EACCES)  # others: no locks there
+    return True
+
+
+class Journal:
+    """The frames of a journal, found by walking its record headers.
+
+    Attributes
+    ----------
+    metadata : dict
+        As written.
+    triangles : list of ndarray
+        Shape (m, 3), of each mesh part in order.
+    specs : list of Spec
+        The arrays of a frame; empty before the first frame.
+    times, counts, crcs : list
+        Per frame: time, rows of each array, CRC-32 of each array.
+    end : int
+        Offset behind the last whole frame.
+    problem : FormatError or None
+        What ended the walk, unless that was the end of the file or an incomplete last record.
+    removable : bool
+        What lies behind `end` is the tail of a broken write and nothing else.
+    """
+
+    def __init__(self, path: str, fd: int | None = None) -> None:
+        self.path = path
+        self.fd = os.open(path, os.O_RDONLY) if fd is None else fd
+        self._owned = fd is None
+        try:
+            self.size = os.fstat(self.fd).st_size
+            self._read_file_header()
+            self.specs: list[Spec] = []
+            self.times: list[float] = []
+            self.counts: list[tuple[int, ...]] = []
+            self.crcs: list[tuple[int, ...]] = []
+            self._offsets: list[int] = []
+            self.problem: FormatError | None = None
+            self.removable = True
+            self._walk()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._owned and self.fd >= 0:
+            os.close(self.fd)
+            self.fd = -1
+
+    def _read_file_header(self) -> None:
+        head = os.pread(self.fd, FILE_HEADER.size, 0)
+        if head[: len(MAGIC)] != MAGIC[: len(head)]:
+            raise CorruptError(f"{self.path}: neither a substep journal nor HDF5", offset=0)
+        if len(head) < FILE_HEADER.size:
+            raise TruncatedError(
+                f"{self.path}: the file ends at byte {len(head)}, within its header",
+                offset=len(head),
+            )
+        _, order, version, text_bytes, blob_bytes, crc, head_crc = FILE_HEADER.unpack(head)
+        if order == int.from_bytes(BYTE_ORDER.to_bytes(4, "little"), "big"):
+            raise VersionError(f"{self.path}: written in the other byte order", offset=8)
+        if zlib.crc32(head[:-4]) != head_crc or order != BYTE_ORDER:
+            raise CorruptError(f"{self.path}: the header's checksum differs", offset=0)
+        if version != FORMAT_VERSION:
+            raise VersionError(
+                f"{self.path}: format version {version}; this substep reads {FORMAT_VERSION}",
+                offset=12,
+            )
+        self.end = FILE_HEADER.size + text_bytes + blob_bytes
+        if self.end > self.size:
+            raise TruncatedError(
+                f"{self.path}: the file ends at byte {self.size}, its header at {self.end}",
+                offset=self.size,
+            )
+        body = bytearray(text_bytes + blob_bytes)
+        pread_exactly(self.fd, memoryview(body), FILE_HEADER.size, self.path)
+        if zlib.crc32(body) != crc:
+            raise CorruptError(
+                f"{self.path}: the checksum of the metadata differs", offset=FILE_HEADER.size
+            )
+        self.metadata = load_json(bytes(body[:text_bytes]), self.path)
+        try:
+            sizes = [p["triangles"] for p in self.metadata["parts"] if p["triangles"] is not None]
+            self.arrays_per_frame = arrays_per_frame(self.metadata)
+            rows = np.frombuffer(body, "<i8", offset=text_bytes).reshape(-1, 3)
+            if sum(sizes) != len(rows):
+                raise ValueError("triangles are missing")
+        except (KeyError, TypeError, ValueError) as error:
+            raise CorruptError(f"{self.path}: metadata is incomplete ({error})") from None
+        self.triangles = np.split(rows, np.cumsum(sizes)[:-1]) if sizes else []
+
+    def _walk(self) -> None:
+        head_bytes = FRAME_HEADER.size + TABLE.itemsize * self.arrays_per_frame
+        while self.problem is None:
+            head = os.pread(self.fd, head_bytes, self.end)
+            if len(head) < FRAME_HEADER.size:
+                break
+            magic, arrays, index, time, payload, table_crc, head_crc = FRAME_HEADER.unpack_from(
+                head
+            )
+            if zlib.crc32(head[: FRAME_HEADER.size - 4]) != head_crc or magic != FRAME_MAGIC:
+                self._stop("the header's checksum differs", removable=self._zeros_from(self.end))
+            elif arrays != self.arrays_per_frame or index != len(self.times):
+                self._stop("the header belongs to another frame", removable=False)
+            elif len(head) < head_bytes or self.end + head_bytes + payload > self.size:
+                break
+            else:
+                last = self.end + head_bytes + payload == self.size
+                rows = head[FRAME_HEADER.size :]
+                if zlib.crc32(rows) != table_crc:
+                    self._stop("the table's checksum differs", removable=last)
+                elif reason := self._add(time, payload, np.frombuffer(rows, TABLE)):
+                    self._stop(reason, removable=False)
+                else:
+                    self._offsets.append(self.end + head_bytes)
+                    self.end += head_bytes + payload
+        self._check_last()
+
+    def _add(self, time: float, payload: int, table: NDArray[Any]) -> str | None:
+        """Take a frame into the index, or say what is wrong with it."""
+        if not math.isfinite(time) or (self.times and time <= self.times[-1]):
+            return "its time is not after the frame before"
+        specs = []
+        counts = tuple(int(n) for n in table["count"])
+        arrays = ((p["name"], n) for p in self.metadata["parts"] for n in frame_names(p))
+        for (part, name), row in zip(arrays, table, strict=True):
+            code = row["dtype"].decode("ascii", "replace")
+            shape = tuple(int(n) for n in row["shape"] if n)
+            if code not in DTYPES:
+                return f"dtype {code!r} is unknown"
+            specs.append(Spec(part, name, code, shape))
+        if self.specs and specs != self.specs:
+            return "dtypes or shapes differ from those of the first frame"
+        if payload != sum(n * s.row_bytes for n, s in zip(counts, specs, strict=True)):
+            return "the length of the payload differs from that of its arrays"
+        self.specs = specs
+        self.times.append(time)
+        self.counts.append(counts)
+        self.crcs.append(tuple(int(c) for c in table["crc32"]))
+        return None
+
+    def _stop(self, reason: str, *, removable: bool) -> None:
+        where = f"{self.path}: frame {len(self.times)} at byte {self.end}"
+        self.problem = CorruptError(f"{where}: {reason}", offset=self.end)
+        self.removable = removable
+
+    def _zeros_from(self, offset: int) -> bool:
+        """Whether only zeros follow: what a power cut leaves of data that was not yet on disk."""
+        while block := os.pread(self.fd, 1 << 20, offset):
+            if block.count(0) != len(block):
+                return False
+            offset += len(block)
+        return True
+
+    def _check_last(self) -> None:
+        """Only the last frame can be half written: check its payload now, others when read."""
+        last = len(self.times) - 1
+        try:
+            for k in range(len(self.specs) if self.times else 0):
+                read_checked(self, last, k)
+        except CorruptError:
+            head_bytes = FRAME_HEADER.size + TABLE.itemsize * self.arrays_per_frame
+            removable = self.removable
+            self.end = self._offsets[-1] - head_bytes
+            self.forget(last)
+            self._stop("the payload's checksum differs", removable=removable)
+
+    def forget(self, frames: int) -> None:
+        """Keep the first `frames` frames only."""
+        for column in (self.times, self.counts, self.crcs, self._offsets):
+            del column[frames:]  # type: ignore[attr-defined]
+
+    def read(self, index: int, array: int) -> NDArray[Any]:
+        """One array of one frame, unchecked."""
+        counts = self.counts[index]
+        skip = sum(n * s.row_bytes for n, s in zip(counts[:array], self.specs, strict=False))
+        spec = self.specs[array]
+        result = np.empty((counts[array], *spec.shape), spec.dtype)
+        if result.size:
+            where = f"{self.path}: frame {index}"
+            pread_exactly(self.fd, result.data.cast("B"), self._offsets[index] + skip, where)
+        return result
+
+
+class Writer:
+    """Appends to a journal; every failure leaves the frames before it as they were."""
+
+    def __init__(self, fd: int, path: str, end: int, fsync: bool) -> None:
+        self.path = path
+        self._fd = fd
+        self._end = end
+        self._fsync = fsync
+        self._clean = True  # nothing of a failed write lies behind _end
+
+    @classmethod
+    def create(cls, path: str, header: bytes, fsync: bool = False) -> Writer:
+        """Make a journal, whole from the moment it exists; FileExistsError if there is one."""
+        part = path + ".part"
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(part)
+        fd = os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+        try:
+            lock(fd)
+            write_all(fd, header, 0)
+            if fsync:
+                os.fsync(fd)
+            publish(part, path)
+        except BaseException:
+            os.close(fd)
+            with contextlib.suppress(OSError):
+                os.unlink(part)
+            raise
+        if fsync:
+            sync_folder(path)
+        return cls(fd, path, len(header), fsync)
+
+    @classmethod
+    def resume(cls, path: str, fsync: bool = False) -> tuple[Writer, Journal]:
+        """Open a journal to go on with it; what a broken write left at its end is cut off."""
+        fd = os.open(path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
+        try:
+            if not lock(fd):
+                raise BlockingIOError(
+                    errno.EWOULDBLOCK, "another process writes this journal", path
+                )
+            journal = Journal(path, fd)
+            if journal.problem is not None and not journal.removable:
+                raise journal.problem
+            os.ftruncate(fd, journal.end)
+        except BaseException:
+            os.close(fd)
+            raise
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(path + ".part")
+        return cls(fd, path, journal.end, fsync), journal
+
+    def append(self, record: bytes) -> None:
+        """Write one record; when this returns, the frame outlives this process."""
+        if os.fstat(self._fd).st_nlink == 0:
+            raise FileNotFoundError(
+                errno.ENOENT, "the journal was removed while recording", self.path
+            )
+        if not self._clean:
+            os.ftruncate(self._fd, self._end)
+        self._clean = False
+        try:
+            write_all(self._fd, record, self._end)
+            if self._fsync:
+                os.fsync(self._fd)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._fd, self._end)
+                self._clean = True
+            raise
+        self._end += len(record)
+        self._clean = True
+
+    def close(self) -> None:
+        """Close the file; again is harmless."""
+        if self._fd >= 0:
+            fd, self._fd = self._fd, -1
+            os.close(fd)
+
+
+def write_all(fd: int, data: bytes, offset: int) -> None:
+    """Write everything, however many calls it takes."""
+    view = memoryview(data)
+    while view:
+        done = os.pwrite(fd, view, offset)
+        view = view[done:]
+        offset += done
+
+
+def publish(part: str, path: str, *, overwrite: bool = False) -> None:
+    """Give a finished file its name in one step; FileExistsError if the name is taken."""
+    if overwrite:
+        os.replace(part, path)
+        return
+    try:
+        os.link(part, path)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without hard links
+        if os.path.lexists(path):
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), path) from None
+        os.rename(part, path)
+    else:
+        os.unlink(part)

@@ -1,0 +1,195 @@
+"""Packs a journal into VTKHDF, in a process of its own: HDF5 may crash on a full disk.
+
+`python -m substep.export RECORDING [--out FILE] [--overwrite]` is that process.
+"""
+
+from __future__ import annotations
+
+import argparse
+import builtins
+import contextlib
+import errno
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from . import errors
+from ._frames import Source, read_checked
+from ._journal import Journal, lock, publish, sync_folder
+from .errors import CorruptError, SubstepError
+from .recording import JOURNAL_SUFFIX, Recording, check_path
+
+
+def pack(
+    path: str | os.PathLike[str],
+    out: str | os.PathLike[str] | None = None,
+    *,
+    overwrite: bool = False,
+) -> str:
+    """Pack a recording's journal into a VTKHDF file, which ParaView and VTK open.
+
+    The file is written under another name, read back, and renamed. The journal is removed if `out`
+    is not given and no process records into it any more.
+
+    Parameters
+    ----------
+    path : path-like
+        The recording, or its journal.
+    out : path-like, optional
+        File to write; by default the recording's own name.
+    overwrite : bool
+        Replace `out` if it is there.
+
+    Returns
+    -------
+    str
+        The packed file.
+
+    Raises
+    ------
+    FormatError
+        If the journal is damaged.
+    FileExistsError
+        If `out` is there, without `overwrite`.
+    OSError
+        If the file cannot be written; the journal is as it was.
+
+    Examples
+    --------
+    >>> import os, tempfile
+    >>> import substep
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = os.path.join(folder.name, "run.vtkhdf")
+    >>> recorder = substep.Recorder(path, parts={"p": substep.Part()})
+    >>> recorder.append(0.0, {"p": {"points": [[1.0, 2.0]]}})
+    >>> os.path.basename(substep.pack(path, os.path.join(folder.name, "copy.vtkhdf")))
+    'copy.vtkhdf'
+    >>> recorder.close()
+    >>> os.listdir(folder.name) == ["copy.vtkhdf", "run.vtkhdf"] or sorted(os.listdir(folder.name))
+    ['copy.vtkhdf', 'run.vtkhdf']
+    >>> folder.cleanup()
+    """
+    name = check_path(path)
+    target = name.removesuffix(JOURNAL_SUFFIX)
+    command = [sys.executable, "-m", "substep.export", name]
+    if out is not None:
+        target = check_path(out)
+        command += ["--out", target]
+    if overwrite:
+        command += ["--overwrite"]
+    folders = [str(Path(__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(folders)}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise _error_of(done, target)
+    return target
+
+
+def _error_of(done: subprocess.CompletedProcess[str], target: str) -> Exception:
+    """The exception that the process reported, or what can be said if it died."""
+    try:
+        report = json.loads(done.stderr.splitlines()[-1])
+    except (ValueError, IndexError):
+        with contextlib.suppress(OSError):
+            os.unlink(part_of(target))
+        return OSError(
+            errno.EIO, f"packing ended with exit code {done.returncode}; the journal stays", target
+        )
+    if report["errno"] is not None:
+        return OSError(report["errno"], report["message"], target)
+    name = report["kind"]
+    kind: type[Exception] = getattr(errors, name, getattr(builtins, name, SubstepError))
+    return kind(report["message"])
+
+
+def part_of(target: str) -> str:
+    """Where a file is written before it gets its name."""
+    return target + ".part"
+
+
+def pack_here(path: str, out: str | None, overwrite: bool) -> None:
+    """What `pack` does, in this process."""
+    from . import _vtkhdf
+
+    own = out is None
+    target = path.removesuffix(JOURNAL_SUFFIX) if out is None else out
+    with Recording(path) as recording:
+        source = recording.source
+        if own and recording.packed:
+            return
+        exclusive = isinstance(source, Journal) and lock(source.fd)
+        part = part_of(target)
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(part)
+        if not own and not overwrite and os.path.lexists(target):
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), target)
+        _check_space(source, target)
+        try:
+            _vtkhdf.write(source, part)
+            _verify(source, part)
+            fd = os.open(part, os.O_RDWR)
+            try:
+                os.fsync(fd)
+            finally:
+                os.close(fd)
+            publish(part, target, overwrite=own or overwrite)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                os.unlink(part)
+            raise
+        sync_folder(target)
+        if own and exclusive:
+            os.unlink(recording.path)
+
+
+def _check_space(source: Source, target: str) -> None:
+    """Find a full disk before HDF5 does."""
+    needed = sum(
+        n * s.row_bytes
+        for counts in source.counts
+        for n, s in zip(counts, source.specs, strict=True)
+    )
+    disk = os.statvfs(os.path.dirname(target) or ".")
+    if needed > disk.f_bavail * disk.f_frsize:
+        raise OSError(
+            errno.ENOSPC, f"{os.strerror(errno.ENOSPC)}: packing needs {needed} bytes", target
+        )
+
+
+def _verify(source: Source, part: str) -> None:
+    """Read every frame back: its checksums are those of the journal."""
+    from ._vtkhdf import Packed
+
+    packed = Packed(part)
+    try:
+        if packed.times != source.times or packed.crcs != source.crcs:
+            raise CorruptError(f"{part}: what was written reads back differently")
+        for i in range(len(packed.times)):
+            for k in range(len(packed.specs)):
+                read_checked(packed, i, k)
+    finally:
+        packed.close()
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run as a program; a failure is reported as one line of JSON."""
+    parser = argparse.ArgumentParser(prog="python -m substep.export")
+    parser.add_argument("recording")
+    parser.add_argument("--out")
+    parser.add_argument("--overwrite", action="store_true")
+    options = parser.parse_args(arguments)
+    try:
+        pack_here(options.recording, options.out, options.overwrite)
+    except Exception as error:
+        text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        number = error.errno if isinstance(error, OSError) else None
+        report = {"kind": type(error).__name__, "message": text, "errno": number}
+        print(json.dumps(report), file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

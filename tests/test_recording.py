@@ -1,0 +1,310 @@
+"""What is recorded comes back, from the journal, from VTKHDF, and through VTK itself."""
+
+import os
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import substep
+
+TRIANGLES = np.array([[0, 1, 2], [1, 2, 3]])
+PARTS = {
+    "drifters": substep.Part("particles", {"velocity": "m/s", "id": "1"}),
+    "boxes": substep.Part("bodies", {"orientation": "1", "mass": "kg"}),
+    "cloth": substep.Part("mesh", {"stress": "Pa", "alive": "1"}, TRIANGLES),
+}
+COUNTS = (10, 0, 7, 12, 3)
+
+
+def make_frame(k, n):
+    rng = np.random.default_rng(k)
+    return {
+        "drifters": {
+            "points": rng.random((n, 2)),
+            "velocity": rng.random((n, 2)),
+            "id": np.arange(n, dtype=np.int32),
+        },
+        "boxes": {
+            "points": rng.random((3, 3)),
+            "orientation": rng.random((3, 4)),
+            "mass": rng.random(3),
+        },
+        "cloth": {
+            "points": rng.random((4, 3)).astype(np.float32),
+            "stress": rng.random((4, 3, 3)).astype(np.float32),
+            "alive": np.array([1, 0, 1, 1], bool),
+        },
+    }
+
+
+def only(names, frame):
+    return {name: frame[name] for name in names}
+
+
+def record(path, names=tuple(PARTS), counts=COUNTS, **options):
+    recorder = substep.Recorder(
+        path, parts=only(names, PARTS), scene="test", parameters={"n": 1, "f": [0.5]}, **options
+    )
+    for k, n in enumerate(counts):
+        recorder.append(0.1 * k, only(names, make_frame(k, n)))
+    return recorder
+
+
+def assert_same(frame, expected):
+    assert frame.keys() == expected.keys()
+    for part, arrays in expected.items():
+        assert frame[part].keys() == arrays.keys()
+        for name, array in arrays.items():
+            got = frame[part][name]
+            assert got.dtype == array.dtype and got.shape == array.shape, (part, name)
+            assert got.tobytes() == array.tobytes(), (part, name)
+
+
+def assert_recorded(path, names=tuple(PARTS), counts=COUNTS):
+    with substep.Recording(path) as recording:
+        assert len(recording) == len(counts)
+        for k, (time, frame) in enumerate(recording):
+            assert time == 0.1 * k == recording.times[k]
+            assert_same(frame, only(names, make_frame(k, counts[k])))
+
+
+@pytest.mark.parametrize("names", [tuple(PARTS), ("drifters",), ("boxes",), ("cloth",)])
+def test_round_trip_through_journal_and_packed_file(tmp_path, names):
+    path = tmp_path / "a.vtkhdf"
+    recorder = record(path, names, seed=7)
+    assert os.listdir(tmp_path) == ["a.vtkhdf.journal"]
+    assert_recorded(path, names)
+    recorder.close()
+    assert os.listdir(tmp_path) == ["a.vtkhdf"]
+    assert_recorded(path, names)
+    with substep.Recording(path) as recording:
+        assert recording.packed
+        assert recording.scene == "test" and recording.seed == 7
+        assert recording.parameters == {"n": 1, "f": [0.5]}
+        assert recording.version == substep.__version__
+        assert list(recording.parts) == list(names)
+        for name in names:
+            part = recording.parts[name]
+            assert part.kind == PARTS[name].kind and part.fields == PARTS[name].fields
+            assert np.array_equal(part.triangles, PARTS[name].triangles)
+
+
+def read_by_vtk(path):
+    """(time, {part: polydata}) of every step, in a pipeline as ParaView runs it; errors fail."""
+    pytest.importorskip("vtkmodules.vtkIOHDF", reason="VTK is not installed")
+    from vtkmodules.vtkCommonDataModel import vtkCompositeDataSet
+    from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
+    from vtkmodules.vtkFiltersCore import vtkPassThrough
+    from vtkmodules.vtkIOHDF import vtkHDFReader
+
+    errors = []
+    reader = vtkHDFReader()
+    reader.SetFileName(os.fspath(path))
+    for source in (reader, reader.GetExecutive()):
+        source.AddObserver("ErrorEvent", lambda *a: errors.append("error"))
+        source.AddObserver("WarningEvent", lambda *a: errors.append("warning"))
+    end = vtkPassThrough()
+    end.SetInputConnection(reader.GetOutputPort())
+    end.UpdateInformation()
+    times = end.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS())
+    result = []
+    for time in times or [None]:
+        if time is None:
+            end.Update()
+        else:
+            end.UpdateTimeStep(time)
+        output = end.GetOutputDataObject(0)
+        if output.IsA("vtkPolyData"):
+            blocks = {None: output}
+        else:
+            blocks = {
+                output.GetMetaData(i).Get(vtkCompositeDataSet.NAME()): output.GetBlock(i)
+                for i in range(output.GetNumberOfBlocks())
+            }
+        copies = {}
+        for name, block in blocks.items():
+            copies[name] = block.NewInstance()
+            copies[name].DeepCopy(block)
+        result.append((time, copies))
+        assert not errors
+    return result
+
+
+def assert_vtk_sees(data, part, arrays):
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    points = arrays["points"]
+    assert data.GetNumberOfPoints() == len(points)
+    if PARTS[part].kind == "mesh":
+        assert data.GetNumberOfPolys() == len(TRIANGLES) == data.GetNumberOfCells()
+        cells = vtk_to_numpy(data.GetPolys().GetConnectivityArray())
+        assert np.array_equal(cells.reshape(-1, 3), TRIANGLES)
+    else:
+        assert data.GetNumberOfVerts() == len(points) == data.GetNumberOfCells()
+        if len(points):
+            cells = vtk_to_numpy(data.GetVerts().GetConnectivityArray())
+            assert np.array_equal(cells, np.arange(len(points)))
+    if len(points) == 0:
+        return
+    assert data.GetPointData().GetNumberOfArrays() == len(arrays) - 1
+    for name, array in arrays.items():
+        got = data.GetPoints().GetData() if name == "points" else data.GetPointData().GetArray(name)
+        flat = vtk_to_numpy(got).reshape(len(array), -1)
+        expected = array.reshape(len(array), -1)
+        assert np.array_equal(flat[:, : expected.shape[1]], expected), name
+        assert not flat[:, expected.shape[1] :].any()  # z of a plane
+
+
+@pytest.mark.parametrize("counts", [COUNTS, (5,), (0, 0), (6, 6)])
+@pytest.mark.parametrize("names", [tuple(PARTS), ("drifters",), ("cloth",)])
+def test_vtk_reads_every_frame_without_error(tmp_path, names, counts):
+    path = tmp_path / "a.vtkhdf"
+    record(path, names, counts).close()
+    steps = read_by_vtk(path)
+    assert len(steps) == len(counts)
+    for k, (time, blocks) in enumerate(steps):
+        assert time == (0.1 * k if len(counts) > 1 else None)
+        assert len(blocks) == len(names)
+        for name in names:
+            data = blocks[name if len(names) > 1 else None]
+            assert_vtk_sees(data, name, make_frame(k, counts[k])[name])
+
+
+def test_an_empty_recording_packs_and_opens(tmp_path):
+    path = tmp_path / "a.vtkhdf"
+    record(path, counts=()).close()
+    with substep.Recording(path) as recording:
+        assert len(recording) == 0 and list(recording) == []
+        assert recording.parts["cloth"].triangles.shape == (2, 3)
+    for _, blocks in read_by_vtk(path):
+        assert all(block.GetNumberOfPoints() == 0 for block in blocks.values())
+
+
+def test_the_file_says_what_it_holds_without_substep(tmp_path):
+    path = tmp_path / "a.vtkhdf"
+    record(path, ("drifters",), seed=3).close()
+    with h5py.File(path) as file:
+        assert file["VTKHDF/PointData/velocity"].attrs["units"] == "m/s"
+        assert file["VTKHDF/Points"].attrs["units"] == "m"
+        assert file["substep"].attrs["scene"] == "test"
+        assert file["substep"].attrs["parameters"] == '{"n":1,"f":[0.5]}'
+        assert file["substep"].attrs["seed"] == 3
+        assert file["substep"].attrs["substep_version"] == substep.__version__
+        datasets = []
+        file.visititems(lambda _, node: datasets.append(node) if hasattr(node, "chunks") else None)
+        assert datasets and all(dataset.fletcher32 for dataset in datasets)
+        k, n = 3, COUNTS[3]
+        start = file["VTKHDF/Steps/PointOffsets"][k]
+        points = file["VTKHDF/Points"][start : start + file["VTKHDF/NumberOfPoints"][k]]
+        assert np.array_equal(points[:, :2], make_frame(k, n)["drifters"]["points"])
+
+
+def test_one_array_at_a_time(tmp_path):
+    path = tmp_path / "a.vtkhdf"
+    record(path).close()
+    with substep.Recording(path) as recording:
+        drifters = recording["drifters"]
+        expected = make_frame(4, COUNTS[4])["drifters"]
+        assert np.array_equal(drifters.points(4), expected["points"])
+        assert np.array_equal(drifters.points(-1), expected["points"])
+        assert np.array_equal(drifters.field("velocity", 4), expected["velocity"])
+        assert drifters.info.fields["velocity"] == "m/s"
+        with pytest.raises(KeyError, match="velocity"):
+            drifters.field("mass", 0)
+        with pytest.raises(KeyError, match="boxes"):
+            recording["fish"]
+        for index in (5, -6, 2**70):
+            with pytest.raises(IndexError, match="5 frames"):
+                recording.frame(index)
+        with pytest.raises(TypeError):
+            recording.frame(1.5)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("torn", [0, 1, 30, 200])
+def test_resume_goes_on_after_the_last_whole_frame(tmp_path, packed, torn):
+    path = tmp_path / "a.vtkhdf"
+    record(path, counts=COUNTS[:3])._release()
+    journal = Path(f"{path}.journal")
+    if packed:
+        substep.pack(path)
+    elif torn:
+        whole = journal.read_bytes()
+        record(tmp_path / "b.vtkhdf", counts=COUNTS[:4])._release()
+        longer = (tmp_path / "b.vtkhdf.journal").read_bytes()
+        journal.write_bytes(longer[: len(whole) + torn])
+        assert_recorded(path, counts=COUNTS[:3])
+    options = {"parts": PARTS, "scene": "test", "parameters": {"n": 1, "f": [0.5]}}
+    with substep.Recorder(path, **options, resume=True) as recorder:
+        assert len(recorder) == 3 and np.array_equal(recorder.times, 0.1 * np.arange(3))
+        for k in (3, 4):
+            recorder.append(0.1 * k, make_frame(k, COUNTS[k]))
+    assert_recorded(path)
+    assert set(os.listdir(tmp_path)) <= {"a.vtkhdf", "b.vtkhdf.journal"}
+
+
+def test_resume_of_nothing_starts(tmp_path):
+    record(tmp_path / "a.vtkhdf", resume=True).close()
+    assert_recorded(tmp_path / "a.vtkhdf")
+
+
+def test_an_exception_leaves_a_valid_journal(tmp_path):
+    path = tmp_path / "a.vtkhdf"
+    with pytest.raises(ZeroDivisionError), record(path):
+        raise ZeroDivisionError
+    assert os.listdir(tmp_path) == ["a.vtkhdf.journal"]
+    assert_recorded(path)
+    assert substep.pack(path) == str(path)
+    assert os.listdir(tmp_path) == ["a.vtkhdf"]
+    assert_recorded(path)
+
+
+def test_pack_while_recording_and_to_another_place(tmp_path):
+    path, copy = tmp_path / "a.vtkhdf", tmp_path / "copy.vtkhdf"
+    recorder = record(path, counts=COUNTS[:3])
+    substep.pack(path, copy)
+    assert_recorded(copy, counts=COUNTS[:3])
+    substep.pack(path)
+    assert sorted(os.listdir(tmp_path)) == ["a.vtkhdf", "a.vtkhdf.journal", "copy.vtkhdf"]
+    for k in (3, 4):
+        recorder.append(0.1 * k, make_frame(k, COUNTS[k]))
+    assert_recorded(path)  # the journal is newer than the packed file
+    with pytest.raises(FileExistsError):
+        substep.pack(path, copy)
+    recorder.close()
+    recorder.close()
+    substep.pack(path, copy, overwrite=True)  # of a packed file: a copy
+    assert sorted(os.listdir(tmp_path)) == ["a.vtkhdf", "copy.vtkhdf"]
+    assert_recorded(path)
+    assert_recorded(copy)
+
+
+def test_two_recorders_cannot_share_a_journal(tmp_path):
+    recorder = record(tmp_path / "a.vtkhdf")
+    with pytest.raises(BlockingIOError):
+        record(tmp_path / "a.vtkhdf", counts=(), resume=True)
+    recorder.close()
+    assert_recorded(tmp_path / "a.vtkhdf")
+
+
+def test_fsync_records_the_same(tmp_path):
+    record(tmp_path / "a.vtkhdf", fsync=True).close()
+    assert_recorded(tmp_path / "a.vtkhdf")
+
+
+def test_long_parameters_and_large_frames(tmp_path):
+    path = tmp_path / "a.vtkhdf"
+    rng = np.random.default_rng(0)
+    frames = [rng.random((100_000, 3)) for _ in range(3)]
+    parameters = {"text": "x" * 200_000, "array": np.arange(3)}
+    with substep.Recorder(
+        path, parts={"p": substep.Part()}, parameters=parameters, scene="größer"
+    ) as recorder:
+        for k, points in enumerate(frames):
+            recorder.append(k, {"p": {"points": points}})
+    with substep.Recording(path) as recording:
+        assert recording.parameters == {"text": "x" * 200_000, "array": [0, 1, 2]}
+        assert recording.scene == "größer"
+        for k, points in enumerate(frames):
+            assert recording["p"].points(k).tobytes() == points.tobytes()
