@@ -27,7 +27,7 @@ _EXPORTS = {
     "recording": ("Part", "Recorder", "Recording"),
 }
 _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
-_SUBMODULES = ("config", "errors", "export", "recording")
+_SUBMODULES = ("config", "errors", "export", "recording", "stability")
 
 __all__ = sorted([*_MODULE_OF, *_SUBMODULES])  # noqa: PLE0605
 

@@ -1,0 +1,51 @@
+"""The picture of stability regions (matplotlib, the extra [plot])."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from .stability import Region
+
+# Okabe and Ito's colours, told apart by colour-blind readers too.
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
+
+
+def draw(regions: list[Region], points: NDArray[np.complex128] | None, ax: Any) -> Any:
+    """Outlines of the regions, the first one's inside shaded where it is the only one; points."""
+    if ax is None:
+        try:
+            import matplotlib.pyplot as plt
+        except ImportError as error:
+            raise ImportError(
+                'plot needs matplotlib: pip install "substep[plot]"', name="matplotlib"
+            ) from error
+        ax = plt.subplots(figsize=(5.5, 5.5), layout="constrained")[1]
+    ax.axhline(0, color="0.75", linewidth=0.8, zorder=0)
+    ax.axvline(0, color="0.75", linewidth=0.8, zorder=0)
+    for index, region in enumerate(regions):
+        colour = COLOURS[index % len(COLOURS)]
+        style = ("-", "--", ":")[index // len(COLOURS) % 3]
+        for part, curve in enumerate(region.boundary):
+            label = region.method if part == 0 else None
+            ax.plot(curve.real, curve.imag, style, color=colour, linewidth=1.6, label=label)
+        if len(regions) == 1:
+            filled = {"levels": [0, 1], "colors": [colour], "alpha": 0.15}
+            ax.contourf(region.real, region.imag, region.modulus, **filled)
+    if points is not None:
+        label = r"$h\lambda$ of the spectrum"
+        ax.plot(points.real, points.imag, "kx", markersize=6, markeredgewidth=1.2, label=label)
+    spans = [(min(r.real[0] for r in regions), max(r.real[-1] for r in regions))]
+    spans.append((min(r.imag[0] for r in regions), max(r.imag[-1] for r in regions)))
+    if points is not None and points.size:
+        spans = [
+            (min(low, 1.05 * float(values.min())), max(high, 1.05 * float(values.max())))
+            for (low, high), values in zip(spans, (points.real, points.imag), strict=True)
+        ]
+    ax.set(xlim=spans[0], ylim=spans[1], xlabel=r"Re $h\lambda$", ylabel=r"Im $h\lambda$")
+    ax.set_aspect("equal")
+    ax.legend(loc="upper left", frameon=True)
+    return ax
