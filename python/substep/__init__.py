@@ -29,7 +29,7 @@ _EXPORTS = {
 _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
 _SUBMODULES = ("config", "errors", "export", "recording", "stability")
 
-__all__ = sorted([*_MODULE_OF, *_SUBMODULES])  # noqa: PLE0605
+__all__ = sorted([*_MODULE_OF, *_SUBMODULES])
 
 if TYPE_CHECKING:
     from . import _core as _core

@@ -46,12 +46,16 @@ def check_array(
     kinds = "fiubc" if complex_ok else "fiub"
     if array.dtype.kind not in kinds:
         if array.dtype.kind == "O" and not isinstance(value, np.ndarray):
-            raise InputError(f"{name}: expected numbers in rows of equal length, got {describe(value)}")
+            raise InputError(
+                f"{name}: expected numbers in rows of equal length, got {describe(value)}"
+            )
         wanted = "real or complex numbers" if complex_ok else "real numbers"
         raise TypeError(f"{name}: expected {wanted}, got dtype {array.dtype}")
     if shape is not None and (
         array.ndim != len(shape)
-        or any(want is not None and want != got for want, got in zip(shape, array.shape, strict=True))
+        or any(
+            want is not None and want != got for want, got in zip(shape, array.shape, strict=True)
+        )
     ):
         wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape)
         wanted += ",)" if len(shape) == 1 else ")"
@@ -79,9 +83,13 @@ def check_real(
     if isinstance(value, (bool, np.bool_, str, bytes)):
         raise TypeError(f"{name}: expected a real number, got {describe(value)}")
     try:
-        number = float(operator.index(value)) if isinstance(value, (int, np.integer)) else float(value)
+        number = (
+            float(operator.index(value)) if isinstance(value, (int, np.integer)) else float(value)
+        )
     except OverflowError:
-        raise InputError(f"{name}: expected a finite number, got an integer beyond float64") from None
+        raise InputError(
+            f"{name}: expected a finite number, got an integer beyond float64"
+        ) from None
     except (TypeError, ValueError):
         raise TypeError(f"{name}: expected a real number, got {describe(value)}") from None
     if number != number or (finite and abs(number) == float("inf")):

@@ -1,7 +1,8 @@
 """Chooses the extension module of this machine's instruction level and loads it as substep._core.
 
 The wheel carries one module per x86-64 level, all with the same name; `_cpu`, compiled for the
-baseline, says which level the machine runs, and SUBSTEP_ISA overrides it.
+baseline, says which level the machine runs, and SUBSTEP_ISA overrides it. A process holds one level
+for good: `_cpu` keeps which.
 """
 
 from __future__ import annotations
@@ -47,8 +48,10 @@ def load() -> ModuleType:
             f"substep needs x86-64-{min(installed, key=LEVELS.index, default='v2')} or better; "
             f"this machine has {_cpu.level()}"
         )
-    path = installed[wanted or usable[-1]]
-    spec = importlib.util.spec_from_file_location("substep._core", path)
+    level = _cpu.claim(wanted or usable[-1])
+    if wanted and wanted != level:
+        raise ImportError(f"SUBSTEP_ISA={wanted}: this process already holds level {level}")
+    spec = importlib.util.spec_from_file_location("substep._core", installed[level])
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules["substep._core"] = module

@@ -19,7 +19,19 @@ def num_threads() -> int:
     Returns
     -------
     int
-        As set by `set_num_threads` or SUBSTEP_NUM_THREADS, else the cores this process may use.
+        As set by `set_num_threads` or SUBSTEP_NUM_THREADS, else the cores that this process may
+        use (affinity and, in a container, quota).
+
+    Raises
+    ------
+    InputError
+        If SUBSTEP_NUM_THREADS is not an integer from 1 to 1024.
+
+    Examples
+    --------
+    >>> import substep
+    >>> substep.num_threads() >= 1
+    True
     """
     return _core.num_threads()
 
@@ -38,6 +50,15 @@ def set_num_threads(threads: int) -> None:
     ------
     InputError
         If `threads` is not such an integer.
+
+    Examples
+    --------
+    >>> import substep
+    >>> before = substep.num_threads()
+    >>> substep.set_num_threads(2)
+    >>> substep.num_threads()
+    2
+    >>> substep.set_num_threads(before)
     """
     _core.set_num_threads(check_integer("threads", threads, minimum=1, maximum=1024))
 
@@ -49,6 +70,14 @@ def show_config() -> dict[str, str]:
     -------
     dict of str to str
         One entry per printed line.
+
+    Examples
+    --------
+    >>> import substep
+    >>> config = substep.show_config()  # doctest: +ELLIPSIS
+    substep    ...
+    >>> config["substep"] == substep.__version__
+    True
     """
     entries = {
         "substep": __version__,
@@ -81,10 +110,25 @@ def state_hash(*arrays: Any) -> str:
     -------
     str
         32 hexadecimal digits (BLAKE2b).
+
+    Raises
+    ------
+    TypeError
+        If an array holds Python objects.
+
+    Examples
+    --------
+    >>> import substep
+    >>> substep.state_hash([1.0, 2.0]) == substep.state_hash([1.0, 2.0])
+    True
+    >>> substep.state_hash(0.0) == substep.state_hash(-0.0)
+    False
     """
     digest = hashlib.blake2b(digest_size=16)
     for value in arrays:
-        array = np.ascontiguousarray(value)
+        array = np.asarray(value, order="C")
+        if array.dtype.hasobject:
+            raise TypeError(f"arrays: expected numbers, got dtype {array.dtype}")
         digest.update(f"{array.dtype.str}{array.shape};".encode())
-        digest.update(array.data if array.size else b"")
+        digest.update(array.reshape(-1).view(np.uint8).data)
     return digest.hexdigest()

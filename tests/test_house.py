@@ -1,0 +1,122 @@
+"""The house itself: the build's messages, the checks of .ci, and the examples."""
+
+import ast
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+def load_check(name):
+    spec = importlib.util.spec_from_file_location(name, ROOT / ".ci" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+needs_cmake = pytest.mark.skipif(
+    not shutil.which("cmake") or not shutil.which("ninja"), reason="cmake or ninja not installed"
+)
+
+
+def configure(tmp_path, *options, **env):
+    command = ["cmake", "-S", str(ROOT), "-B", str(tmp_path), "-G", "Ninja", *options]
+    done = subprocess.run(
+        command, env={**os.environ, **env}, capture_output=True, text=True, timeout=120
+    )
+    return done.returncode, [line.strip() for line in done.stderr.splitlines() if "missing" in line]
+
+
+@needs_cmake
+def test_missing_eigen_is_said_in_one_line(tmp_path):
+    status, said = configure(tmp_path, "-DCMAKE_DISABLE_FIND_PACKAGE_Eigen3=ON")
+    assert status != 0
+    assert said == ["substep: missing Eigen 3.4 (Debian, Ubuntu: apt install libeigen3-dev)"]
+
+
+@needs_cmake
+def test_missing_compiler_and_eigen_are_said_in_one_line(tmp_path):
+    status, said = configure(
+        tmp_path,
+        "-DCMAKE_DISABLE_FIND_PACKAGE_Eigen3=ON",
+        CXX=str(tmp_path / "none"),
+        CC=str(tmp_path / "none"),
+    )
+    assert status != 0
+    assert said == [
+        "substep: missing a C++20 compiler, Eigen 3.4 "
+        "(Debian, Ubuntu: apt install g++ libeigen3-dev)"
+    ]
+
+
+def test_setup_without_root_names_the_line_to_type(tmp_path):
+    # A PATH with nothing but what script/setup itself needs, and a user id that is not root's.
+    for tool in ("bash", "dirname", "python3"):
+        (tmp_path / tool).symlink_to(shutil.which(tool) or sys.executable)
+    (tmp_path / "id").write_text("#!/bin/sh\necho 1000\n")
+    (tmp_path / "id").chmod(0o755)
+    done = subprocess.run(
+        [str(tmp_path / "bash"), str(ROOT / "script/setup"), "test"],
+        env={"PATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 1
+    (line,) = [x for x in done.stderr.splitlines() if x.startswith("substep: missing")]
+    assert "as root: apt-get install -y --no-install-recommends g++ cmake ninja-build" in line
+
+
+def test_arrows_run_one_way():
+    assert load_check("check_includes").wrong_includes(ROOT / "cpp") == []
+
+
+@pytest.mark.parametrize(
+    ("folder", "include", "complaint"),
+    [
+        ("core", '"substep/ode/tableau.h"', True),
+        ("ode", '"substep/fields/grid.h"', True),
+        ("linalg", '"substep/geometry/mesh.h"', True),
+        ("ode", '"tableau.h"', True),
+        ("ode", "<pybind11/pybind11.h>", True),
+        ("ode", '"substep/core/parallel.h"', False),
+        ("pbd", '"substep/geometry/mesh.h"', False),
+        ("ode", "<vector>", False),
+    ],
+)
+def test_wrong_arrows_are_found(tmp_path, folder, include, complaint):
+    path = tmp_path / "substep" / folder / "x.h"
+    path.parent.mkdir(parents=True)
+    path.write_text(f"#pragma once\n#include {include}\n")
+    assert bool(load_check("check_includes").wrong_includes(tmp_path)) == complaint
+
+
+def test_stub_comparison_sees_a_renamed_parameter():
+    pytest.importorskip("pybind11_stubgen", reason="pybind11-stubgen is a tool of .ci/run")
+    surface = load_check("check_stubs").surface
+    before = surface(ast.parse("def f(a: int) -> int: ...\nclass A:\n    def g(self): ...").body)
+    after = surface(ast.parse("def f(b: int) -> int: ...\nclass A:\n    def g(self): ...").body)
+    assert before == {"f": "(a)", "A": "class", "A.g": "(self)"}
+    assert before != after
+
+
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
+def test_example_runs(path, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-W", "error", str(path)],
+        cwd=tmp_path,
+        env={**os.environ, "MPLBACKEND": "Agg"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
