@@ -1,5 +1,6 @@
 """Every public name has the parts of a numpydoc docstring, and its examples run."""
 
+import dataclasses
 import doctest
 import inspect
 import re
@@ -64,9 +65,9 @@ def parameters(value):
     ]
 
 
-def described(text):
-    """Names at the left margin of the Parameters section: `a, b : float`."""
-    titles = [t for t in ("Parameters", "Other Parameters") if t in sections(text)]
+def described(text, *titles):
+    """Names at the left margin of the sections: `a, b : float`."""
+    titles = [t for t in titles if t in sections(text)]
     lines = "\n".join(section_body(text, title) for title in titles).splitlines()
     heads = [line.split(":")[0] for line in lines if line and not line.startswith(" ")]
     return {name.strip().lstrip("*") for head in heads for name in head.split(",")}
@@ -76,7 +77,8 @@ def check_parameters(value, text):
     names = parameters(value)
     if names:
         assert "Parameters" in sections(text), "no Parameters section"
-        assert set(names) <= described(text), f"not described: {set(names) - described(text)}"
+        found = described(text, "Parameters", "Other Parameters")
+        assert set(names) <= found, f"not described: {set(names) - found}"
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -95,6 +97,10 @@ def test_function_docstring(name):
 def test_class_docstring(name):
     value = CLASSES[name]
     text = docstring(value)
+    if dataclasses.is_dataclass(value) and "Attributes" in sections(text):
+        fields = {field.name for field in dataclasses.fields(value)}
+        assert fields <= described(text, "Attributes")
+        return  # a result: the function that returns it has the example
     assert "Examples" in sections(text), "no Examples section"
     if value.__init__ is not object.__init__:
         check_parameters(value.__init__, text)
