@@ -36,19 +36,19 @@ def check_array(
 ) -> NDArray[Any]:
     """Convert to a new or shared C-contiguous array of `dtype`; None in `shape` matches any length.
 
-    Integers, booleans and narrower floats are widened. Complex numbers (unless `complex_ok`),
-    objects, strings and records raise TypeError; masked values, other shapes and, if `finite`,
-    NaN or infinity raise InputError.
+    Integers below 2**53, booleans and narrower floats are widened. Complex numbers (unless
+    `complex_ok`), objects, strings and records raise TypeError; masked values, other shapes and, if
+    `finite`, NaN or infinity raise InputError. What an object's own `__array__` raises passes.
     """
     if isinstance(value, np.ma.MaskedArray) and np.ma.getmaskarray(value).any():
         raise InputError(f"{name}: masked values are not accepted; fill or drop them")
-    array = np.asarray(value)
-    kinds = "fiubc" if complex_ok else "fiub"
-    if array.dtype.kind not in kinds:
-        if array.dtype.kind == "O" and not isinstance(value, np.ndarray):
-            raise InputError(
-                f"{name}: expected numbers in rows of equal length, got {describe(value)}"
-            )
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        if not isinstance(value, (list, tuple)):  # the caller's own __array__ raised it
+            raise
+        raise InputError(f"{name}: expected rows of equal length; {error}") from None
+    if array.dtype.kind not in ("fiubc" if complex_ok else "fiub"):
         wanted = "real or complex numbers" if complex_ok else "real numbers"
         raise TypeError(f"{name}: expected {wanted}, got dtype {array.dtype}")
     if shape is not None and (
@@ -63,6 +63,13 @@ def check_array(
     target = np.complex128 if array.dtype.kind == "c" else dtype
     with np.errstate(over="ignore"):
         result = np.ascontiguousarray(array, dtype=target).reshape(array.shape)
+    if array.dtype.kind in "iu" and array.dtype.itemsize == 8 and result.dtype.kind == "f":
+        inexact = np.abs(result) >= 2.0**53
+        if inexact.any():
+            where = first_bad_index(inexact) if result.ndim else ""
+            raise InputError(
+                f"{name}{where}: expected integers below 2**53, got {array[inexact].flat[0]}"
+            )
     if finite and result.dtype.kind in "fc":
         bad = ~np.isfinite(result)
         if bad.any():
@@ -80,7 +87,7 @@ def check_real(
     finite: bool = True,
 ) -> float:
     """A real number as float; NaN never passes."""
-    if isinstance(value, (bool, np.bool_, str, bytes)):
+    if isinstance(value, (bool, np.bool_, str, bytes)) or getattr(value, "ndim", 0):
         raise TypeError(f"{name}: expected a real number, got {describe(value)}")
     try:
         number = (

@@ -1,0 +1,286 @@
+"""What every public function does with arrays and numbers of the wrong kind.
+
+Each entry of ENTRIES is one array argument of one public function; all of them go through the same
+inputs. What is specific to one function is tested with it.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+import substep
+from substep import _checks
+
+
+@dataclass(frozen=True)
+class Entry:
+    """`call(array)` is legal for `good` and returns arrays."""
+
+    name: str
+    call: Callable[[Any], Any]
+    good: np.ndarray
+    argument: str
+    empty: tuple[int, ...] | None = None  # shape of an empty system
+    any_length: bool = True  # along the first axis
+    complex_ok: bool = False
+
+
+def oscillator(t, y):
+    return np.array([y[1], -y[0]])
+
+
+ENTRIES = [
+    Entry(
+        "check_array",
+        lambda x: _checks.check_array("x", x, (None, 2)),
+        np.array([[0.5, 0.25], [1.0, 2.0], [3.0, 4.0]]),
+        "x",
+        empty=(0, 2),
+    ),
+]
+
+
+class Raising:
+    """An object whose conversion fails with an exception of its own."""
+
+    class Own(ValueError):
+        pass
+
+    def __array__(self, dtype=None, copy=None):
+        raise Raising.Own("mine")
+
+
+class Convertible:
+    def __init__(self, array):
+        self.array = array
+
+    def __array__(self, dtype=None, copy=None):
+        return self.array if dtype is None else self.array.astype(dtype)
+
+
+def arrays_of(result):
+    """All numbers in a result, for comparison bit by bit."""
+    if isinstance(result, np.ndarray):
+        return substep.state_hash(result)
+    if isinstance(result, (list, tuple)):
+        return [arrays_of(part) for part in result]
+    if isinstance(result, float):
+        return result.hex()
+    return result
+
+
+def with_value(array, value):
+    changed = array.copy()
+    changed.flat[changed.size - 1] = value
+    return changed
+
+
+def strided(array):
+    wide = np.full((*array.shape[:-1], 2 * array.shape[-1]), np.nan)
+    wide[..., ::2] = array
+    return wide[..., ::2]
+
+
+def read_only(array):
+    array = array.copy()
+    array.flags.writeable = False
+    return array
+
+
+# What is accepted, by copy, with the result of the plain array.
+SAME = {
+    "float32": lambda a: a.astype(np.float32),
+    "float16": lambda a: a.astype(np.float16),
+    "longdouble": lambda a: a.astype(np.longdouble),
+    "list": lambda a: a.tolist(),
+    "tuple of rows": lambda a: tuple(a),
+    "Fortran order": np.asfortranarray,
+    "stride of two": strided,
+    "negative stride": lambda a: a[::-1].copy()[::-1],
+    "byte-swapped": lambda a: a.astype(a.dtype.newbyteorder()),
+    "read-only": read_only,
+    "masked array without a mask": np.ma.MaskedArray,
+    "object with __array__": Convertible,
+    "subclass": lambda a: a.view(type("Sub", (np.ndarray,), {})),
+    "unaligned": lambda a: (
+        np.frombuffer(b"x" + a.tobytes(), np.uint8)[1:].view(a.dtype).reshape(a.shape)
+    ),
+}
+NOT_FINITE = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
+WRONG_SHAPE = {
+    "0-d": lambda a: np.float64(1.0),
+    "one axis more": lambda a: a[..., None],
+    "two axes more": lambda a: a[None, None],
+    "one column more": lambda a: np.concatenate([a, a[..., :1]], axis=-1),
+    "ragged list": lambda a: [*a.tolist(), [1.0] * 7],
+}
+WRONG_TYPE = {
+    "object": lambda a: a.astype(object),
+    "str": lambda a: a.astype(str),
+    "bytes": lambda a: a.astype("S8"),
+    "datetime": lambda a: a.astype("M8[s]"),
+    "structured": lambda a: np.zeros(a.shape, [("x", float), ("y", float)]),
+    "None": lambda a: None,
+    "text": lambda a: "positions",
+    "dict": lambda a: {"x": 1.0},
+    "list with None": lambda a: with_value(a.astype(object), None).tolist(),
+}
+
+each_entry = pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.name)
+
+
+@each_entry
+@pytest.mark.parametrize("kind", SAME)
+def test_accepted_by_copy(entry, kind):
+    value = SAME[kind](entry.good)
+    kept = substep.state_hash(np.asarray(value))
+    assert arrays_of(entry.call(value)) == arrays_of(entry.call(entry.good))
+    assert substep.state_hash(np.asarray(value)) == kept, "the caller's array was changed"
+
+
+@each_entry
+@pytest.mark.parametrize("dtype", ["i1", "i4", "i8", "u8", "?"])
+def test_integers_are_widened(entry, dtype):
+    value = entry.good.astype(dtype)
+    assert arrays_of(entry.call(value)) == arrays_of(entry.call(value.astype(float)))
+
+
+@each_entry
+def test_matrix_and_broadcast_view(entry):
+    if entry.good.ndim == 2:
+        as_matrix = entry.good.view(np.matrix)
+        assert arrays_of(entry.call(as_matrix)) == arrays_of(entry.call(entry.good))
+    view = np.broadcast_to(entry.good[:1], entry.good.shape)
+    assert 0 in view.strides
+    assert arrays_of(entry.call(view)) == arrays_of(entry.call(view.copy()))
+
+
+@each_entry
+@pytest.mark.parametrize("value", NOT_FINITE)
+def test_not_finite(entry, value):
+    array = with_value(entry.good, NOT_FINITE[value])
+    kept = substep.state_hash(array)
+    last = [int(n) - 1 for n in entry.good.shape]
+    with pytest.raises(substep.InputError) as caught:
+        entry.call(array)
+    message = str(caught.value)
+    assert entry.argument in message and str(last) in message and value in message
+    assert substep.state_hash(array) == kept
+
+
+@each_entry
+@pytest.mark.parametrize("kind", WRONG_SHAPE)
+def test_wrong_shape(entry, kind):
+    if kind == "one column more" and entry.good.ndim == 1 and entry.any_length:
+        return  # that is a longer system
+    with pytest.raises(substep.InputError, match=entry.argument):
+        entry.call(WRONG_SHAPE[kind](entry.good))
+
+
+@each_entry
+@pytest.mark.parametrize("kind", WRONG_TYPE)
+def test_wrong_type(entry, kind):
+    with pytest.raises(TypeError, match=entry.argument):
+        entry.call(WRONG_TYPE[kind](entry.good))
+
+
+@each_entry
+def test_complex(entry):
+    if entry.complex_ok:
+        entry.call(entry.good.astype(complex))
+    else:
+        with pytest.raises(TypeError, match=entry.argument):
+            entry.call(entry.good.astype(complex))
+
+
+@each_entry
+def test_masked_values(entry):
+    masked = np.ma.MaskedArray(entry.good, mask=with_value(np.zeros(entry.good.shape, bool), True))
+    with pytest.raises(substep.InputError, match=rf"{entry.argument}.*mask"):
+        entry.call(masked)
+
+
+@each_entry
+def test_integers_beyond_float64(entry):
+    with pytest.raises(substep.InputError, match=entry.argument):
+        entry.call(with_value(entry.good.astype(np.int64), 2**53 + 1))
+
+
+@each_entry
+def test_exception_of_the_argument_passes(entry):
+    with pytest.raises(Raising.Own, match="mine"):
+        entry.call(Raising())
+
+
+@each_entry
+def test_empty_system(entry):
+    if entry.empty is not None:
+        entry.call(np.empty(entry.empty))
+
+
+# The scalar checks.
+
+
+@pytest.mark.parametrize(
+    "value", [1, 1.0, np.float32(1), np.int8(1), np.array(1.0), np.longdouble(1)]
+)
+def test_real_accepts(value):
+    assert _checks.check_real("x", value) == 1.0
+    assert type(_checks.check_real("x", value)) is float
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 10**400, np.float32("nan")])
+def test_real_refuses_what_is_not_finite(value):
+    with pytest.raises(substep.InputError, match=r"^x: expected a finite number"):
+        _checks.check_real("x", value)
+
+
+@pytest.mark.parametrize(
+    "value", [True, np.True_, "1.0", b"1", None, 1j, [1.0], np.ones(1), np.ones(2), object()]
+)
+def test_real_refuses_other_types(value):
+    with pytest.raises(TypeError, match=r"^x: expected a real number"):
+        _checks.check_real("x", value)
+
+
+def test_real_bounds():
+    assert _checks.check_real("x", math.inf, finite=False) == math.inf
+    assert _checks.check_real("x", 5e-324, positive=True) == 5e-324
+    assert _checks.check_real("x", 0.0, nonnegative=True) == 0.0
+    for value in (0.0, -0.0, -1.0):
+        with pytest.raises(substep.InputError, match="above 0"):
+            _checks.check_real("x", value, positive=True)
+    with pytest.raises(substep.InputError, match="at least 0"):
+        _checks.check_real("x", -1e-300, nonnegative=True)
+    with pytest.raises(substep.InputError, match="finite"):
+        _checks.check_real("x", math.nan, finite=False)
+
+
+@pytest.mark.parametrize("value", [1.0, 1.5, True, np.True_, "1", None, math.nan, 1j, [1]])
+def test_integer_refuses(value):
+    with pytest.raises(substep.InputError, match=r"^n: expected an integer"):
+        _checks.check_integer("n", value, minimum=0)
+
+
+def test_integer_bounds():
+    assert _checks.check_integer("n", np.uint8(3), minimum=0, maximum=3) == 3
+    assert _checks.check_integer("n", 2**70, minimum=0) == 2**70
+    for value in (-1, 4, 2**31, 2**63, -(2**63)):
+        with pytest.raises(substep.InputError, match=f"from 0 to 3, got {value}"):
+            _checks.check_integer("n", value, minimum=0, maximum=3)
+
+
+def test_choice():
+    assert _checks.check_choice("method", "rk45", ["RK45", "euler"]) == "RK45"
+    for value in ("rk", "", None, 4, b"euler", ["euler"]):
+        with pytest.raises(substep.InputError, match=r"^method: expected one of RK45, euler; got"):
+            _checks.check_choice("method", value, ["RK45", "euler"])
+
+
+def test_long_values_are_shortened_in_messages():
+    with pytest.raises(substep.InputError) as caught:
+        _checks.check_choice("method", "x" * 10000, ["euler"])
+    assert len(str(caught.value)) < 150
