@@ -1,12 +1,14 @@
 """What is recorded comes back, from the journal, from VTKHDF, and through VTK itself."""
 
 import os
+from concurrent.futures import ThreadPoolExecutor, TimeoutError
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 import substep
+from substep._journal import lock_for_packing
 
 TRIANGLES = np.array([[0, 1, 2], [1, 2, 3]])
 PARTS = {
@@ -286,6 +288,24 @@ def test_two_recorders_cannot_share_a_journal(tmp_path):
         record(tmp_path / "a.vtkhdf", counts=(), resume=True)
     recorder.close()
     assert_recorded(tmp_path / "a.vtkhdf")
+
+
+def test_packers_of_one_journal_take_turns(tmp_path):
+    path = tmp_path / "a.vtkhdf"
+    record(path)._release()
+    fd = lock_for_packing(f"{path}.journal")
+    with ThreadPoolExecutor() as pool:
+        later = pool.submit(substep.pack, path)
+        with pytest.raises(TimeoutError):
+            later.result(timeout=1.0)
+        assert os.listdir(tmp_path) == ["a.vtkhdf.journal"]
+        os.close(fd)
+        assert later.result(timeout=60) == str(path)
+    assert os.listdir(tmp_path) == ["a.vtkhdf"]
+    assert lock_for_packing(f"{path}.journal") is None
+    assert substep.pack(path) == str(path)  # nothing left to do
+    with pytest.raises(FileNotFoundError):
+        substep.pack(tmp_path / "b.vtkhdf")
 
 
 def test_fsync_records_the_same(tmp_path):

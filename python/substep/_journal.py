@@ -64,7 +64,7 @@ def sync_folder(path: str) -> None:
 
 
 def lock(fd: int) -> bool:
-    """Take the journal for this process until fd is closed; False if another one holds it."""
+    """Take the journal for writing until fd is closed; False if another process holds it."""
     if fcntl is None:
         return True
     try:
@@ -72,6 +72,26 @@ def lock(fd: int) -> bool:
     except OSError as error:
         return error.errno not in (errno.EWOULDBLOCK, errno.EACCES)  # others: no locks there
     return True
+
+
+def lock_for_packing(path: str) -> int | None:
+    """Open a journal as its only packer, after waiting for others; None if there is none (more).
+
+    This is a lock of its own: a journal can be packed while another process writes it. It goes when
+    the process closes any descriptor of the journal.
+    """
+    while True:
+        try:
+            fd = os.open(path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
+        except FileNotFoundError:
+            return None
+        if fcntl is not None:
+            with contextlib.suppress(OSError):  # no locks on this file system
+                fcntl.lockf(fd, fcntl.LOCK_EX)
+        with contextlib.suppress(FileNotFoundError):
+            if os.path.samestat(os.stat(path), os.fstat(fd)):
+                return fd
+        os.close(fd)  # the packer before has removed it
 
 
 class Journal:
@@ -294,8 +314,10 @@ class Writer:
         try:
             if not lock(fd):
                 raise BlockingIOError(
-                    errno.EWOULDBLOCK, "another process writes this journal", path
+                    errno.EWOULDBLOCK, "another process records into it or packs it", path
                 )
+            if os.fstat(fd).st_nlink == 0:
+                raise FileNotFoundError(errno.ENOENT, "packed and removed just now", path)
             journal = Journal(path, fd)
             if journal.problem is not None and not journal.removable:
                 raise journal.problem

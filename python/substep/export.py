@@ -17,7 +17,7 @@ from pathlib import Path
 
 from . import errors
 from ._frames import Source, read_checked
-from ._journal import Journal, lock, publish, sync_folder
+from ._journal import Journal, lock, lock_for_packing, publish, sync_folder
 from .errors import CorruptError, SubstepError
 from .recording import JOURNAL_SUFFIX, Recording, check_path
 
@@ -111,37 +111,54 @@ def part_of(target: str) -> str:
 
 def pack_here(path: str, out: str | None, overwrite: bool) -> None:
     """What `pack` does, in this process."""
+    if out is None:
+        _pack_in_place(path.removesuffix(JOURNAL_SUFFIX))
+    else:
+        with Recording(path) as recording:
+            _write_file(recording.source, out, overwrite)
+
+
+def _pack_in_place(target: str) -> None:
+    """Turn a journal into the recording it belongs to."""
+    journal = target + JOURNAL_SUFFIX
+    fd = lock_for_packing(journal)
+    if fd is None:
+        Recording(target).close()  # packed already, else an error
+        return
+    try:
+        nobody_records = lock(fd)  # before the frames are counted: none can follow
+        recording = Recording._of(Journal(journal, fd))
+        _write_file(recording.source, target, overwrite=True)
+        if nobody_records:
+            os.unlink(journal)
+    finally:
+        os.close(fd)
+
+
+def _write_file(source: Source, target: str, overwrite: bool) -> None:
+    """Write under another name, read back, make durable, rename."""
     from . import _vtkhdf
 
-    own = out is None
-    target = path.removesuffix(JOURNAL_SUFFIX) if out is None else out
-    with Recording(path) as recording:
-        source = recording.source
-        if own and recording.packed:
-            return
-        exclusive = isinstance(source, Journal) and lock(source.fd)
-        part = part_of(target)
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(part)
-        if not own and not overwrite and os.path.lexists(target):
-            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), target)
-        _check_space(source, target)
+    if not overwrite and os.path.lexists(target):
+        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), target)
+    part = part_of(target)
+    with contextlib.suppress(FileNotFoundError):
+        os.unlink(part)
+    _check_space(source, target)
+    try:
+        _vtkhdf.write(source, part)
+        _verify(source, part)
+        fd = os.open(part, os.O_RDWR)
         try:
-            _vtkhdf.write(source, part)
-            _verify(source, part)
-            fd = os.open(part, os.O_RDWR)
-            try:
-                os.fsync(fd)
-            finally:
-                os.close(fd)
-            publish(part, target, overwrite=own or overwrite)
-        except BaseException:
-            with contextlib.suppress(OSError):
-                os.unlink(part)
-            raise
-        sync_folder(target)
-        if own and exclusive:
-            os.unlink(recording.path)
+            os.fsync(fd)
+        finally:
+            os.close(fd)
+        publish(part, target, overwrite=overwrite)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(part)
+        raise
+    sync_folder(target)
 
 
 def _check_space(source: Source, target: str) -> None:

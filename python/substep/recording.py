@@ -78,7 +78,8 @@ class Recorder:
     FormatError
         If the recording to resume is damaged.
     OSError
-        If the file cannot be written; BlockingIOError if another process records into it.
+        If the file cannot be written; BlockingIOError if another process records into it or packs
+        it.
 
     Examples
     --------
@@ -125,12 +126,10 @@ class Recorder:
         self._lock = threading.Lock()
         self._writer: Writer | None = None
         header = encode_file_header(metadata, self._triangles())
-        if resume and os.path.lexists(self.journal_path):
-            self._resume(metadata, fsync)
-        elif resume and os.path.lexists(self.path):
+        if resume and not self._resume(metadata, fsync) and os.path.lexists(self.path):
             _unpack(self.path, self.journal_path)
             self._resume(metadata, fsync)
-        else:
+        if self._writer is None:
             self._make_room(overwrite)
             self._writer = Writer.create(self.journal_path, header, fsync)
 
@@ -145,8 +144,12 @@ class Recorder:
                     raise FileExistsError(errno.EEXIST, why, path)
                 os.unlink(path)
 
-    def _resume(self, metadata: dict[str, Any], fsync: bool) -> None:
-        writer, journal = Writer.resume(self.journal_path, fsync)
+    def _resume(self, metadata: dict[str, Any], fsync: bool) -> bool:
+        """Go on with the journal; False if there is none."""
+        try:
+            writer, journal = Writer.resume(self.journal_path, fsync)
+        except FileNotFoundError:
+            return False
         try:
             for key, value in metadata.items():
                 there = journal.metadata.get(key)
@@ -160,6 +163,7 @@ class Recorder:
             writer.close()
             raise
         self._writer, self._specs, self._times = writer, journal.specs, journal.times
+        return True
 
     def __len__(self) -> int:
         """Frames recorded so far, those of a resumed recording included."""
@@ -279,6 +283,16 @@ def _unpack(path: str, journal_path: str) -> None:
         os.rename(part, journal_path)
 
 
+def _open_source(path: str) -> Source:
+    with open(path, "rb") as file:
+        start = file.read(8)
+    if start != b"\x89HDF\r\n\x1a\n":
+        return Journal(path)
+    from ._vtkhdf import Packed
+
+    return Packed(path)
+
+
 class Recording:
     """A recording as arrays, whether packed or still a journal.
 
@@ -341,18 +355,22 @@ class Recording:
         name = check_path(path)
         if not name.endswith(JOURNAL_SUFFIX) and os.path.lexists(name + JOURNAL_SUFFIX):
             name += JOURNAL_SUFFIX
-        self.path = name
-        with open(name, "rb") as file:
-            start = file.read(8)
-        self.packed = start == b"\x89HDF\r\n\x1a\n"
-        if self.packed:
-            from ._vtkhdf import Packed
+        self._adopt(_open_source(name), recover)
 
-            self.source: Source = Packed(name)
-        else:
-            self.source = Journal(name)
+    @classmethod
+    def _of(cls, source: Source) -> Recording:
+        """A recording of what is open already."""
+        recording = cls.__new__(cls)
+        recording._max_bytes = MAX_BYTES
+        recording._adopt(source, recover=False)
+        return recording
+
+    def _adopt(self, source: Source, recover: bool) -> None:
+        self.source = source
+        self.path = source.path
+        self.packed = not isinstance(source, Journal)
         try:
-            self._adopt(self.source.metadata)
+            self._check_metadata(source.metadata)
             if recover:
                 self._keep_valid_frames()
             elif self.source.problem is not None:
@@ -361,7 +379,7 @@ class Recording:
             self.close()
             raise
 
-    def _adopt(self, metadata: dict[str, Any]) -> None:
+    def _check_metadata(self, metadata: dict[str, Any]) -> None:
         """Names and units come from a file that anyone may have written: check them as input."""
         try:
             triangles = iter(self.source.triangles)
