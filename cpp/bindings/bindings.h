@@ -30,4 +30,5 @@ class ReleaseGil {
 };
 
 void bind_core(py::module_& m);
+void bind_fields(py::module_& m);
 void bind_ode(py::module_& m);

@@ -6,5 +6,6 @@ PYBIND11_MODULE(_core, m) {
   m.attr("level") = SUBSTEP_LEVEL;
   m.attr("version") = SUBSTEP_VERSION;
   bind_core(m);
+  bind_fields(m);
   bind_ode(m);
 }

@@ -1,0 +1,179 @@
+// A velocity field on the nodes of a rectilinear grid, in two or three dimensions, with levels in
+// time. A node is four numbers: the velocity and, last, 1 at sea and 0 where the value is missing
+// (land); so one interpolation gives the sum of w_i u_i and the sum of w_i over the sea nodes.
+//
+// Space: (bi/tri)linear, or cubic convolution (Keys 1981, IEEE Trans. ASSP 29, 1153, eq. (15);
+// Catmull-Rom), on unequal spacing the cubic Hermite polynomial with parabolic slopes, which is the
+// same on equal spacing. Time: linear between levels.
+// Missing values: a point is on land where its nearest node, of the level nearest in time, is
+// missing; elsewhere the missing corners drop out and the weights of the others are scaled to sum
+// to 1. A cell whose cubic stencil has a missing node is interpolated linearly.
+#pragma once
+
+#include <numbers>
+#include <span>
+#include <vector>
+
+#include "substep/fields/sincos.h"
+
+namespace substep::fields {
+
+struct Axis {
+  std::vector<double> nodes;  // rising
+  double wrap = 0;            // period in which coordinates are reduced; 0: none
+  bool closed = false;        // the last node is followed by the first, one period on
+};
+
+template <class T>
+struct alignas(4 * sizeof(T)) Node {
+  T value[4];
+};
+
+// The nodes at one time, with one row of ghosts before and two after on every axis.
+template <class T>
+struct Level {
+  std::vector<Node<T>> nodes;
+  std::vector<std::uint8_t> whole;  // cubic only: no missing node in the stencil of this cell
+};
+
+// Where and how to interpolate in time: (1 - weight) low + weight high.
+template <class T>
+struct Slice {
+  const Level<T>* low = nullptr;
+  const Level<T>* high = nullptr;  // null: low alone
+  T weight = 0;
+};
+
+enum class Place : std::int8_t { kSea = 0, kLand = 1, kOutside = 2 };
+
+template <class T, int kDim>
+class Grid {
+ public:
+  using V4 = Vector<T, 4 * sizeof(T)>;
+  using V8 = Vector<T, 8 * sizeof(T)>;
+  using U8 = UnalignedVector<T, 8 * sizeof(T)>;
+
+  // radius [m]: positions are (longitude, latitude [degrees], ...); 0: Cartesian.
+  Grid(const std::vector<Axis>& axes, bool cubic, double radius);
+
+  // Level of values[node][component], NaN where missing; throws InputError on infinity.
+  Level<T> pack(const double* values, int threads) const;
+  std::int64_t node_count() const;
+
+  // Velocity at x in slice's time, in the units of the data.
+  SUBSTEP_INLINE V4 velocity(const Slice<T>& slice, const V4& x, Place& place) const;
+
+  // dx/dt: for geographic coordinates degrees/s,
+  // dlon/dt = u / (R cos lat), dlat/dt = v / R.
+  SUBSTEP_INLINE V4 rate(const Slice<T>& slice, const V4& x, Place& place) const {
+    const V4 u = velocity(slice, x, place);
+    if (degrees_ == 0) return u;
+    V4 sine, cosine;
+    sincos_within_limit<V4>(x * (std::numbers::pi_v<T> / 180), sine, cosine);
+    return u * V4{degrees_ / cosine[1], degrees_, 1, 1};
+  }
+
+  // Number of the block of 4^kDim cells that holds x, for sorting.
+  std::int64_t block(const V4& x) const;
+  std::int64_t block_count() const;
+
+ private:
+  struct Cell {
+    V4 fraction;
+    std::int64_t offset;    // of its low corner among the nodes
+    std::int32_t index[4];  // along each axis
+    bool outside;
+  };
+  struct Spacing {  // parabolic slopes, see cubic_weights
+    T a, b, c, e;
+  };
+
+  SUBSTEP_INLINE Cell locate(const V4& x) const;
+  void locate_unequal(const V4& x, Cell& cell) const;
+  SUBSTEP_INLINE V4 linear(const Level<T>& level, const Cell& cell) const;
+  V4 cubic(const Level<T>& level, const Cell& cell) const;
+  void cubic_weights(int axis, const Cell& cell, T w[4]) const;
+  V4 among_land(const Slice<T>& slice, const Cell& cell, const V4& sum, Place& place) const;
+  void fill_ghosts(int axis, std::vector<Node<T>>& nodes) const;
+  void find_whole(Level<T>& level) const;
+
+  std::int64_t count_[3] = {1, 1, 1}, padded_[3] = {1, 1, 1}, stride_[3] = {0, 0, 0};
+  std::vector<T> edge_[3];           // cells + 1 coordinates
+  std::vector<Spacing> spacing_[3];  // per cell
+  T wrap_[3] = {0, 0, 0};
+  bool closed_[3] = {false, false, false};
+  bool uniform_ = true, wrapped_ = false, cubic_ = false;
+  T degrees_ = 0;  // degrees of latitude per metre
+  // Per lane, for equal spacing: cell = (x - origin) * inverse, reduced modulo turn.
+  V4 origin_{}, inverse_{}, turn_{}, inverse_turn_{}, low_{}, high_{}, last_{};
+};
+
+template <class T, int kDim>
+SUBSTEP_INLINE auto Grid<T, kDim>::locate(const V4& x) const -> Cell {
+  Cell cell;
+  if (__builtin_expect(!uniform_, 0)) {
+    locate_unequal(x, cell);
+    return cell;
+  }
+  V4 q = (x - origin_) * inverse_;
+  if (wrapped_) q = q - turn_ * floor<V4>(q * inverse_turn_);
+  cell.outside = any(~((q >= low_) & (q <= high_)));  // also where q is NaN
+  V4 whole = floor<V4>(q);
+  whole = whole < last_ ? whole : last_;
+  whole = whole > 0 ? whole : V4{};  // also where q is NaN
+  cell.fraction = q - whole;
+  cell.offset = 0;
+  for (int d = 0; d < kDim; ++d) {
+    cell.index[d] = static_cast<std::int32_t>(whole[d]);
+    cell.offset += (cell.index[d] + 1) * stride_[d];
+  }
+  return cell;
+}
+
+template <class T, int kDim>
+SUBSTEP_INLINE auto Grid<T, kDim>::linear(const Level<T>& level, const Cell& cell) const -> V4 {
+  // Two neighbours along the last axis are one load of eight numbers.
+  const T* g = level.nodes[static_cast<std::size_t>(cell.offset)].value;
+  const auto pair = [&](std::int64_t node) -> V8 {
+    return *reinterpret_cast<const U8*>(g + 4 * node);
+  };
+  const auto blend = [](T s, const V8& from, const V8& to) { return fma<V8>(s, to - from, from); };
+  V8 row;
+  if constexpr (kDim == 2) {
+    row = blend(cell.fraction[0], pair(0), pair(stride_[0]));
+  } else {
+    const V8 near = blend(cell.fraction[1], pair(0), pair(stride_[1]));
+    const V8 far = blend(cell.fraction[1], pair(stride_[0]), pair(stride_[0] + stride_[1]));
+    row = blend(cell.fraction[0], near, far);
+  }
+  const V4 from = __builtin_shufflevector(row, row, 0, 1, 2, 3);
+  const V4 to = __builtin_shufflevector(row, row, 4, 5, 6, 7);
+  return fma<V4>(cell.fraction[kDim - 1], to - from, from);
+}
+
+template <class T, int kDim>
+SUBSTEP_INLINE auto Grid<T, kDim>::velocity(const Slice<T>& slice, const V4& x, Place& place) const
+    -> V4 {
+  const Cell cell = locate(x);
+  if (__builtin_expect(cell.outside, 0)) {
+    if (place == Place::kSea) place = Place::kOutside;
+    return V4{};
+  }
+  if (cubic_) {
+    const auto at = static_cast<std::size_t>(cell.offset);
+    if (slice.low->whole[at] && (!slice.high || slice.high->whole[at])) {
+      const V4 u = cubic(*slice.low, cell);
+      return slice.high ? fma<V4>(slice.weight, cubic(*slice.high, cell) - u, u) : u;
+    }
+  }
+  V4 u = linear(*slice.low, cell);
+  if (slice.high) u = fma<V4>(slice.weight, linear(*slice.high, cell) - u, u);
+  return __builtin_expect(u[3] == 1, 1) ? u : among_land(slice, cell, u, place);
+}
+
+extern template class Grid<double, 2>;
+extern template class Grid<double, 3>;
+extern template class Grid<float, 2>;
+extern template class Grid<float, 3>;
+
+}  // namespace substep::fields

@@ -1,0 +1,64 @@
+// Advection on a grid: tiles of particles, in the order of the cells they are in, take many steps.
+#pragma once
+
+#include "substep/core/parallel.h"
+#include "substep/fields/grid.h"
+#include "substep/fields/methods.h"
+
+namespace substep::fields {
+
+// Levels in rising time; one level alone is a steady field.
+template <class T>
+struct Series {
+  std::vector<const Level<T>*> levels;
+  std::vector<double> times;
+
+  // Times before the first and after the last level take that level.
+  Slice<T> at(double t) const;
+};
+
+// The first step, and in it the first particle, at which something happened; step -1: nothing.
+struct Event {
+  std::int64_t step = -1, particle = -1;
+  void note(std::int64_t at_step, std::int64_t at_particle) {
+    if (step < 0 || at_step < step || (at_step == step && at_particle < particle)) {
+      step = at_step;
+      particle = at_particle;
+    }
+  }
+  void note(const Event& other) {
+    if (other.step >= 0) note(other.step, other.particle);
+  }
+};
+struct Events {
+  Event landed, escaped, not_finite;
+};
+
+// The particles: rows of x, what became of them (Place) and until when they moved [s].
+template <class T>
+struct Particles {
+  T* x;
+  std::int8_t* status;
+  double* stop_time;
+  const std::int32_t* order;  // a permutation, or null
+  std::int64_t count;
+};
+
+// Moves the particles that are at sea. A step counts only if all its stages and its end are at sea
+// and inside; otherwise the particle rests where the step began. With no steps, only looks where
+// the particles are.
+template <class Method, class T, int kDim>
+Events advect_grid(const Grid<T, kDim>& grid, const Series<T>& series, const Particles<T>& particles,
+                   const Steps& steps, int threads);
+
+// Permutation that brings particles of one block of cells together.
+template <class T, int kDim>
+void sort_by_cell(const Grid<T, kDim>& grid, const T* x, std::int64_t count, std::int32_t* order,
+                  int threads);
+
+// Velocities [data units] at x, NaN on land and outside.
+template <class T, int kDim>
+void sample_grid(const Grid<T, kDim>& grid, const Slice<T>& slice, const T* x, T* u,
+                 std::int64_t count, int threads);
+
+}  // namespace substep::fields

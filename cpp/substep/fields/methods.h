@@ -1,0 +1,57 @@
+// Explicit Runge-Kutta methods with fixed step, as tables: k_i = f(t + c_i h, x + h sum_j a_ij k_j),
+// x(t + h) = x + h sum_i b_i k_i. Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations
+// I", section II.1. The loops unroll and zeros vanish, so a stage costs what it needs.
+#pragma once
+
+#include "substep/core/errors.h"
+#include "substep/fields/lanes.h"
+
+namespace substep::fields {
+
+struct Euler {
+  static constexpr const char* kName = "euler";
+  static constexpr int kStages = 1;
+  static constexpr double a[1][1] = {{0}};
+  static constexpr double b[1] = {1};
+  static constexpr double c[1] = {0};
+};
+struct Midpoint {  // Runge 1895; table 1.1
+  static constexpr const char* kName = "midpoint";
+  static constexpr int kStages = 2;
+  static constexpr double a[2][2] = {{0, 0}, {0.5, 0}};
+  static constexpr double b[2] = {0, 1};
+  static constexpr double c[2] = {0, 0.5};
+};
+struct Heun {  // the explicit trapezoidal rule, of order 2
+  static constexpr const char* kName = "heun";
+  static constexpr int kStages = 2;
+  static constexpr double a[2][2] = {{0, 0}, {1, 0}};
+  static constexpr double b[2] = {0.5, 0.5};
+  static constexpr double c[2] = {0, 1};
+};
+struct Rk4 {  // Kutta 1901; table 1.2, left
+  static constexpr const char* kName = "rk4";
+  static constexpr int kStages = 4;
+  static constexpr double a[4][4] = {{0, 0, 0, 0}, {0.5, 0, 0, 0}, {0, 0.5, 0, 0}, {0, 0, 1, 0}};
+  static constexpr double b[4] = {1.0 / 6, 1.0 / 3, 1.0 / 3, 1.0 / 6};
+  static constexpr double c[4] = {0, 0.5, 0.5, 1};
+};
+
+// Calls action(method) for each method of the list.
+template <class Action>
+void for_each_method(Action&& action) {
+  action(Euler{});
+  action(Midpoint{});
+  action(Heun{});
+  action(Rk4{});
+}
+
+// Time after n steps, the same bits however the steps are grouped into calls.
+struct Steps {
+  double origin, h;    // [s]; h < 0 goes back in time
+  std::int64_t first;  // number of the first step since `origin`
+  std::int64_t count;
+  double time(std::int64_t step) const { return origin + static_cast<double>(first + step) * h; }
+};
+
+}  // namespace substep::fields
