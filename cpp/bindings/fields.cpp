@@ -14,31 +14,36 @@ using Rows = py::array_t<T, py::array::c_style>;
 // flow.velocity(t, x) and flow.advect(x, origin, h, first, count, method, threads), for one dtype.
 template <class T, class Flow>
 void define(py::class_<Flow>& flow) {
-  flow.def("velocity", [](const Flow& self, double t, const Rows<T>& x, int threads) {
-    Rows<T> u({x.shape(0), x.shape(1)});
-    const T* in = x.data();
-    T* out = u.mutable_data();
-    const auto count = x.shape(0);
-    const ReleaseGil nogil;
-    sample_flow(self, t, in, out, count, threads);
-    return u;
-  }, py::arg("t"), py::arg("x").noconvert(), py::arg("threads"));
-  flow.def("advect", [](const Flow& self, const Rows<T>& x, double origin, double h,
-                        std::int64_t first, std::int64_t count, const std::string& method,
-                        int threads) {
-    Rows<T> x_new({x.shape(0), x.shape(1)});
-    const T* in = x.data();
-    T* out = x_new.mutable_data();
-    const auto particles = x.shape(0);
-    const ReleaseGil nogil;
-    for_each_method([&]<class Method>(Method) {
-      if (method == Method::kName) {
-        advect_flow<Method>(self, in, out, particles, {origin, h, first, count}, threads);
-      }
-    });
-    return x_new;
-  }, py::arg("x").noconvert(), py::arg("origin"), py::arg("h"), py::arg("first"), py::arg("count"),
-     py::arg("method"), py::arg("threads"));
+  flow.def(
+      "velocity",
+      [](const Flow& self, double t, const Rows<T>& x, int threads) {
+        Rows<T> u({x.shape(0), x.shape(1)});
+        const T* in = x.data();
+        T* out = u.mutable_data();
+        const auto count = x.shape(0);
+        const ReleaseGil nogil;
+        sample_flow(self, t, in, out, count, threads);
+        return u;
+      },
+      py::arg("t"), py::arg("x").noconvert(), py::arg("threads"));
+  flow.def(
+      "advect",
+      [](const Flow& self, const Rows<T>& x, double origin, double h, std::int64_t first,
+         std::int64_t count, const std::string& method, int threads) {
+        Rows<T> x_new({x.shape(0), x.shape(1)});
+        const T* in = x.data();
+        T* out = x_new.mutable_data();
+        const auto particles = x.shape(0);
+        const ReleaseGil nogil;
+        for_each_method([&]<class Method>(Method) {
+          if (method == Method::kName) {
+            advect_flow<Method>(self, in, out, particles, {origin, h, first, count}, threads);
+          }
+        });
+        return x_new;
+      },
+      py::arg("x").noconvert(), py::arg("origin"), py::arg("h"), py::arg("first"), py::arg("count"),
+      py::arg("method"), py::arg("threads"));
 }
 
 template <class Flow, class Make>
@@ -65,65 +70,80 @@ template <class T, int kDim>
 void bind_grid(py::module_& m, const std::string& name) {
   using G = Grid<T, kDim>;
   py::class_<G> grid(m, name.c_str());
-  grid.def(py::init([](const std::vector<std::vector<double>>& nodes,
-                       const std::vector<double>& wrap, const std::vector<bool>& closed, bool cubic,
-                       double radius) {
-    std::vector<Axis> axes;
-    for (std::size_t d = 0; d < nodes.size(); ++d) axes.push_back({nodes[d], wrap[d], closed[d]});
-    return G(axes, cubic, radius);
-  }), py::arg("nodes"), py::arg("wrap"), py::arg("closed"), py::arg("cubic"), py::arg("radius"));
-  grid.def("pack", [](const G& self, const Rows<double>& values, int threads) {
-    const double* in = values.data();
-    const ReleaseGil nogil;
-    return std::make_unique<Level<T>>(self.pack(in, threads));
-  }, py::arg("values").noconvert(), py::arg("threads"));
+  grid.def(
+      py::init([](const std::vector<std::vector<double>>& nodes, const std::vector<double>& wrap,
+                  const std::vector<bool>& closed, bool cubic, double radius) {
+        std::vector<Axis> axes;
+        for (std::size_t d = 0; d < nodes.size(); ++d)
+          axes.push_back({nodes[d], wrap[d], closed[d]});
+        return G(axes, cubic, radius);
+      }),
+      py::arg("nodes"), py::arg("wrap"), py::arg("closed"), py::arg("cubic"), py::arg("radius"));
+  grid.def(
+      "pack",
+      [](const G& self, const Rows<double>& values, int threads) {
+        const double* in = values.data();
+        const ReleaseGil nogil;
+        return std::make_unique<Level<T>>(self.pack(in, threads));
+      },
+      py::arg("values").noconvert(), py::arg("threads"));
   grid.def_property_readonly("level_bytes", [](const G& self) {
     return self.node_count() * static_cast<std::int64_t>(sizeof(Node<T>));
   });
-  grid.def("order", [](const G& self, const Rows<T>& x, int threads) {
-    py::array_t<std::int32_t> order(x.shape(0));
-    const T* in = x.data();
-    std::int32_t* out = order.mutable_data();
-    const auto count = x.shape(0);
-    const ReleaseGil nogil;
-    sort_by_cell(self, in, count, out, threads);
-    return order;
-  }, py::arg("x").noconvert(), py::arg("threads"));
-  grid.def("velocity", [](const G& self, const py::list& levels, const std::vector<double>& times,
-                          double t, const Rows<T>& x, int threads) {
-    Rows<T> u({x.shape(0), x.shape(1)});
-    const Series<T> series = make_series<T>(levels, times);
-    const T* in = x.data();
-    T* out = u.mutable_data();
-    const auto count = x.shape(0);
-    const ReleaseGil nogil;
-    sample_grid(self, series.at(t), in, out, count, threads);
-    return u;
-  }, py::arg("levels"), py::arg("times"), py::arg("t"), py::arg("x").noconvert(),
-     py::arg("threads"));
+  grid.def(
+      "order",
+      [](const G& self, const Rows<T>& x, int threads) {
+        py::array_t<std::int32_t> order(x.shape(0));
+        const T* in = x.data();
+        std::int32_t* out = order.mutable_data();
+        const auto count = x.shape(0);
+        const ReleaseGil nogil;
+        sort_by_cell(self, in, count, out, threads);
+        return order;
+      },
+      py::arg("x").noconvert(), py::arg("threads"));
+  grid.def(
+      "velocity",
+      [](const G& self, const py::list& levels, const std::vector<double>& times, double t,
+         const Rows<T>& x, int threads) {
+        Rows<T> u({x.shape(0), x.shape(1)});
+        const Series<T> series = make_series<T>(levels, times);
+        const T* in = x.data();
+        T* out = u.mutable_data();
+        const auto count = x.shape(0);
+        const ReleaseGil nogil;
+        sample_grid(self, series.at(t), in, out, count, threads);
+        return u;
+      },
+      py::arg("levels"), py::arg("times"), py::arg("t"), py::arg("x").noconvert(),
+      py::arg("threads"));
   // Changes x, status and stop_time in place; returns the first landing, escape and failure.
-  grid.def("advect", [](const G& self, const py::list& levels, const std::vector<double>& times,
-                        Rows<T>& x, Rows<std::int8_t>& status, Rows<double>& stop_time,
-                        const std::optional<Rows<std::int32_t>>& order, double origin, double h,
-                        std::int64_t first, std::int64_t count, const std::string& method,
-                        int threads) {
-    const Series<T> series = make_series<T>(levels, times);
-    const Particles<T> particles{x.mutable_data(), status.mutable_data(), stop_time.mutable_data(),
-                                 order ? order->data() : nullptr, x.shape(0)};
-    Events events;
-    {
-      const ReleaseGil nogil;
-      for_each_method([&]<class Method>(Method) {
-        if (method == Method::kName) {
-          events = advect_grid<Method>(self, series, particles, {origin, h, first, count}, threads);
+  grid.def(
+      "advect",
+      [](const G& self, const py::list& levels, const std::vector<double>& times, Rows<T>& x,
+         Rows<std::int8_t>& status, Rows<double>& stop_time,
+         const std::optional<Rows<std::int32_t>>& order, double origin, double h,
+         std::int64_t first, std::int64_t count, const std::string& method, int threads) {
+        const Series<T> series = make_series<T>(levels, times);
+        const Particles<T> particles{x.mutable_data(), status.mutable_data(),
+                                     stop_time.mutable_data(), order ? order->data() : nullptr,
+                                     x.shape(0)};
+        Events events;
+        {
+          const ReleaseGil nogil;
+          for_each_method([&]<class Method>(Method) {
+            if (method == Method::kName) {
+              events =
+                  advect_grid<Method>(self, series, particles, {origin, h, first, count}, threads);
+            }
+          });
         }
-      });
-    }
-    return py::make_tuple(as_tuple(events.landed), as_tuple(events.escaped),
-                          as_tuple(events.not_finite));
-  }, py::arg("levels"), py::arg("times"), py::arg("x").noconvert(), py::arg("status").noconvert(),
-     py::arg("stop_time").noconvert(), py::arg("order"), py::arg("origin"), py::arg("h"),
-     py::arg("first"), py::arg("count"), py::arg("method"), py::arg("threads"));
+        return py::make_tuple(as_tuple(events.landed), as_tuple(events.escaped),
+                              as_tuple(events.not_finite));
+      },
+      py::arg("levels"), py::arg("times"), py::arg("x").noconvert(), py::arg("status").noconvert(),
+      py::arg("stop_time").noconvert(), py::arg("order"), py::arg("origin"), py::arg("h"),
+      py::arg("first"), py::arg("count"), py::arg("method"), py::arg("threads"));
 }
 
 }  // namespace
@@ -141,9 +161,8 @@ static void bind_flows(py::module_& m) {
   bind_flow<Shear<3>>(m, "Shear3", [](double rate, int flow, int gradient) {
     return Shear<3>{rate, flow, gradient};
   });
-  bind_flow<TaylorGreen>(m, "TaylorGreen", [](double u, double k, double nu) {
-    return TaylorGreen{u, k, nu};
-  });
+  bind_flow<TaylorGreen>(m, "TaylorGreen",
+                         [](double u, double k, double nu) { return TaylorGreen{u, k, nu}; });
   bind_flow<Abc>(m, "Abc", [](double a, double b, double c) { return Abc{a, b, c}; });
   bind_flow<DoubleGyre>(m, "DoubleGyre", [](double a, double epsilon, double omega) {
     return DoubleGyre{a, epsilon, omega};

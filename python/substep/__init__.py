@@ -25,9 +25,21 @@ _EXPORTS = {
     ),
     "export": ("pack",),
     "recording": ("Part", "Recorder", "Recording"),
+    "fields": (
+        "ABC",
+        "Advection",
+        "AdvectionResult",
+        "DoubleGyre",
+        "GridField",
+        "RigidRotation",
+        "Shear",
+        "TaylorGreen",
+        "advect",
+        "open_field",
+    ),
 }
 _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
-_SUBMODULES = ("config", "errors", "export", "recording", "stability")
+_SUBMODULES = ("config", "errors", "export", "fields", "recording", "stability")
 
 __all__ = sorted([*_MODULE_OF, *_SUBMODULES])
 
@@ -47,6 +59,18 @@ if TYPE_CHECKING:
         VersionError,
     )
     from .export import pack
+    from .fields import (
+        ABC,
+        Advection,
+        AdvectionResult,
+        DoubleGyre,
+        GridField,
+        RigidRotation,
+        Shear,
+        TaylorGreen,
+        advect,
+        open_field,
+    )
     from .recording import Part, Recorder, Recording
 
 

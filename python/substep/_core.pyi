@@ -1,5 +1,7 @@
 from typing import Any
 
+from numpy.typing import NDArray
+
 level: str
 version: str
 compiler: str
@@ -9,3 +11,39 @@ def num_threads() -> int: ...
 def set_num_threads(threads: int) -> None: ...
 def ode_methods() -> list[str]: ...
 def tableau(method: str) -> dict[str, Any]: ...
+
+advection_methods: dict[str, tuple[list[list[float]], list[float], list[float]]]
+
+class _Flow:
+    def velocity(self, t: float, x: NDArray[Any], threads: int) -> NDArray[Any]: ...
+    def advect(
+        self,
+        x: NDArray[Any],
+        origin: float,
+        h: float,
+        first: int,
+        count: int,
+        method: str,
+        threads: int,
+    ) -> NDArray[Any]: ...
+
+class RigidRotation2(_Flow):
+    def __init__(self, omega: list[float], center: list[float]) -> None: ...
+
+class RigidRotation3(_Flow):
+    def __init__(self, omega: list[float], center: list[float]) -> None: ...
+
+class Shear2(_Flow):
+    def __init__(self, rate: float, flow: int, gradient: int) -> None: ...
+
+class Shear3(_Flow):
+    def __init__(self, rate: float, flow: int, gradient: int) -> None: ...
+
+class TaylorGreen(_Flow):
+    def __init__(self, u: float, k: float, nu: float) -> None: ...
+
+class Abc(_Flow):
+    def __init__(self, a: float, b: float, c: float) -> None: ...
+
+class DoubleGyre(_Flow):
+    def __init__(self, a: float, epsilon: float, omega: float) -> None: ...

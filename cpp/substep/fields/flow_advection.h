@@ -129,20 +129,23 @@ void sample_flow(const Flow& flow, double t, const T* x, T* u, std::int64_t coun
   using V = Vector<T>;
   constexpr int kDim = Flow::kDimension, kLanes = sizeof(V) / sizeof(T);
   const auto at = flow.at(t);
-  parallel_for(count, kChunk, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t first = begin; first < end; first += kTile) {
-      const std::int64_t n = end - first < kTile ? end - first : kTile;
-      Tile<T, kDim> tile;
-      tile.load(x + first * kDim, n);
-      for (std::int64_t i = 0; i < n; i += kLanes) {
-        V position[kDim], velocity[kDim];
-        for (int d = 0; d < kDim; ++d) position[d] = *reinterpret_cast<V*>(&tile.x[d][i]);
-        flow.velocity(at, position, velocity);
-        for (int d = 0; d < kDim; ++d) *reinterpret_cast<V*>(&tile.x[d][i]) = velocity[d];
-      }
-      tile.store(u + first * kDim, n);
-    }
-  }, threads);
+  parallel_for(
+      count, kChunk,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t first = begin; first < end; first += kTile) {
+          const std::int64_t n = end - first < kTile ? end - first : kTile;
+          Tile<T, kDim> tile;
+          tile.load(x + first * kDim, n);
+          for (std::int64_t i = 0; i < n; i += kLanes) {
+            V position[kDim], velocity[kDim];
+            for (int d = 0; d < kDim; ++d) position[d] = *reinterpret_cast<V*>(&tile.x[d][i]);
+            flow.velocity(at, position, velocity);
+            for (int d = 0; d < kDim; ++d) *reinterpret_cast<V*>(&tile.x[d][i]) = velocity[d];
+          }
+          tile.store(u + first * kDim, n);
+        }
+      },
+      threads);
 }
 
 }  // namespace substep::fields

@@ -99,8 +99,8 @@ void Grid<T, kDim>::locate_unequal(const V4& x, Cell& cell) const {
 }
 
 // Cubic Hermite polynomial with the values f0, f1 and the slopes of the parabolas through three
-// neighbours, h d0 = a (f0 - fm) + b (f1 - f0), h d1 = c (f1 - f0) + e (f2 - f1); with equal spacing
-// a = b = c = e = 1/2, which is Keys' eq. (15).
+// neighbours, h d0 = a (f0 - fm) + b (f1 - f0), h d1 = c (f1 - f0) + e (f2 - f1); with equal
+// spacing a = b = c = e = 1/2, which is Keys' eq. (15).
 template <class T, int kDim>
 void Grid<T, kDim>::cubic_weights(int axis, const Cell& cell, T w[4]) const {
   const auto [a, b, c, e] = spacing_[axis][static_cast<std::size_t>(cell.index[axis])];
@@ -156,34 +156,38 @@ Level<T> Grid<T, kDim>::pack(const double* values, int threads) const {
   Level<T> level;
   level.nodes.resize(static_cast<std::size_t>(node_count()), Node<T>{});
   const std::int64_t rows = count_[0], per_row = count_[1] * count_[2];
-  parallel_for(rows, 1, [&](std::int64_t begin, std::int64_t) {
-    for (std::int64_t k = 0; k < per_row; ++k) {
-      const std::int64_t flat = begin * per_row + k;
-      const double* u = values + flat * kDim;
-      const std::int64_t index[3] = {begin, kDim == 3 ? k / count_[2] : k, k % count_[2]};
-      std::int64_t offset = 0;
-      for (int d = 0; d < kDim; ++d) offset += (index[d] + 1) * stride_[d];
-      Node<T>& node = level.nodes[static_cast<std::size_t>(offset)];
-      bool missing = false;
-      for (int d = 0; d < kDim; ++d) {
-        missing |= std::isnan(u[d]);
-        if (std::abs(u[d]) > static_cast<double>(std::numeric_limits<T>::max())) {
-          throw InputError("values: expected finite numbers or NaN, got " + std::to_string(u[d]) +
-                           " at node " + std::to_string(flat));
+  parallel_for(
+      rows, 1,
+      [&](std::int64_t begin, std::int64_t) {
+        for (std::int64_t k = 0; k < per_row; ++k) {
+          const std::int64_t flat = begin * per_row + k;
+          const double* u = values + flat * kDim;
+          const std::int64_t index[3] = {begin, kDim == 3 ? k / count_[2] : k, k % count_[2]};
+          std::int64_t offset = 0;
+          for (int d = 0; d < kDim; ++d) offset += (index[d] + 1) * stride_[d];
+          Node<T>& node = level.nodes[static_cast<std::size_t>(offset)];
+          bool missing = false;
+          for (int d = 0; d < kDim; ++d) {
+            missing |= std::isnan(u[d]);
+            if (std::abs(u[d]) > static_cast<double>(std::numeric_limits<T>::max())) {
+              throw InputError("values: expected finite numbers or NaN, got " +
+                               std::to_string(u[d]) + " at node " + std::to_string(flat));
+            }
+          }
+          if (missing) continue;
+          for (int d = 0; d < kDim; ++d) node.value[d] = T(u[d]);
+          node.value[3] = 1;
         }
-      }
-      if (missing) continue;
-      for (int d = 0; d < kDim; ++d) node.value[d] = T(u[d]);
-      node.value[3] = 1;
-    }
-  }, threads);
+      },
+      threads);
   for (int d = 0; d < kDim; ++d) fill_ghosts(d, level.nodes);
   if (cubic_) find_whole(level);
   return level;
 }
 
-// Copies where the axis closes; else the parabola through the three outermost nodes (Keys' eq. (19),
-// (25) with equal spacing), one own spacing further out. The second ghost is never read there.
+// Copies where the axis closes; else the parabola through the three outermost nodes (Keys' eq.
+// (19), (25) with equal spacing), one own spacing further out. The second ghost is never read
+// there.
 template <class T, int kDim>
 void Grid<T, kDim>::fill_ghosts(int axis, std::vector<Node<T>>& nodes) const {
   const std::int64_t n = count_[axis], stride = stride_[axis];
@@ -199,9 +203,9 @@ void Grid<T, kDim>::fill_ghosts(int axis, std::vector<Node<T>>& nodes) const {
     ghost = {};
     if (edge->value[3] == 0 || second.value[3] == 0 || third.value[3] == 0) return;
     for (int c = 0; c < kDim; ++c) {
-      ghost.value[c] = T(w0 * static_cast<double>(edge->value[c]) +
-                         w1 * static_cast<double>(second.value[c]) +
-                         w2 * static_cast<double>(third.value[c]));
+      ghost.value[c] =
+          T(w0 * static_cast<double>(edge->value[c]) + w1 * static_cast<double>(second.value[c]) +
+            w2 * static_cast<double>(third.value[c]));
     }
     ghost.value[3] = 1;
   };

@@ -57,8 +57,8 @@ Slice<T> Series<T>::at(double t) const {
 }
 
 template <class Method, class T, int kDim>
-Events advect_grid(const Grid<T, kDim>& grid, const Series<T>& series, const Particles<T>& particles,
-                   const Steps& steps, int threads) {
+Events advect_grid(const Grid<T, kDim>& grid, const Series<T>& series,
+                   const Particles<T>& particles, const Steps& steps, int threads) {
   using V4 = typename Grid<T, kDim>::V4;
   const auto chunks = static_cast<std::size_t>((particles.count + kChunk - 1) / kChunk);
   std::vector<Events> events(chunks);
@@ -113,12 +113,15 @@ Events advect_grid(const Grid<T, kDim>& grid, const Series<T>& series, const Par
       for (int d = 0; d < kDim; ++d) particles.x[id[i] * kDim + d] = x[i][d];
     }
   };
-  parallel_for(particles.count, kChunk, [&](std::int64_t begin, std::int64_t end) {
-    Events& found = events[static_cast<std::size_t>(begin / kChunk)];
-    for (std::int64_t first = begin; first < end; first += kTile) {
-      run_tile(first, static_cast<int>(std::min<std::int64_t>(kTile, end - first)), found);
-    }
-  }, threads);
+  parallel_for(
+      particles.count, kChunk,
+      [&](std::int64_t begin, std::int64_t end) {
+        Events& found = events[static_cast<std::size_t>(begin / kChunk)];
+        for (std::int64_t first = begin; first < end; first += kTile) {
+          run_tile(first, static_cast<int>(std::min<std::int64_t>(kTile, end - first)), found);
+        }
+      },
+      threads);
   Events all;
   for (const Events& e : events) {
     all.landed.note(e.landed);
@@ -132,12 +135,15 @@ template <class T, int kDim>
 void sort_by_cell(const Grid<T, kDim>& grid, const T* x, std::int64_t count, std::int32_t* order,
                   int threads) {
   std::vector<std::int32_t> key(static_cast<std::size_t>(count));
-  parallel_for(count, kChunk, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i) {
-      key[static_cast<std::size_t>(i)] =
-          static_cast<std::int32_t>(grid.block(load_row<T, kDim>(x + i * kDim)));
-    }
-  }, threads);
+  parallel_for(
+      count, kChunk,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t i = begin; i < end; ++i) {
+          key[static_cast<std::size_t>(i)] =
+              static_cast<std::int32_t>(grid.block(load_row<T, kDim>(x + i * kDim)));
+        }
+      },
+      threads);
   std::vector<std::int32_t> place(static_cast<std::size_t>(grid.block_count()) + 1, 0);
   for (const std::int32_t k : key) ++place[static_cast<std::size_t>(k) + 1];
   for (std::size_t b = 1; b < place.size(); ++b) place[b] += place[b - 1];
@@ -150,27 +156,30 @@ void sort_by_cell(const Grid<T, kDim>& grid, const T* x, std::int64_t count, std
 template <class T, int kDim>
 void sample_grid(const Grid<T, kDim>& grid, const Slice<T>& slice, const T* x, T* u,
                  std::int64_t count, int threads) {
-  parallel_for(count, kChunk, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i) {
-      Place place = Place::kSea;
-      const auto velocity = grid.velocity(slice, load_row<T, kDim>(x + i * kDim), place);
-      for (int d = 0; d < kDim; ++d) {
-        u[i * kDim + d] = place == Place::kSea ? velocity[d] : std::numeric_limits<T>::quiet_NaN();
-      }
-    }
-  }, threads);
+  parallel_for(
+      count, kChunk,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t i = begin; i < end; ++i) {
+          Place place = Place::kSea;
+          const auto velocity = grid.velocity(slice, load_row<T, kDim>(x + i * kDim), place);
+          for (int d = 0; d < kDim; ++d) {
+            u[i * kDim + d] =
+                place == Place::kSea ? velocity[d] : std::numeric_limits<T>::quiet_NaN();
+          }
+        }
+      },
+      threads);
 }
 
-#define SUBSTEP_ADVECT(T, kDim, Method)                                                   \
-  template Events advect_grid<Method, T, kDim>(const Grid<T, kDim>&, const Series<T>&,    \
+#define SUBSTEP_ADVECT(T, kDim, Method)                                                \
+  template Events advect_grid<Method, T, kDim>(const Grid<T, kDim>&, const Series<T>&, \
                                                const Particles<T>&, const Steps&, int);
-#define SUBSTEP_GRID(T, kDim)                                                             \
-  SUBSTEP_ADVECT(T, kDim, Euler)                                                          \
-  SUBSTEP_ADVECT(T, kDim, Midpoint)                                                       \
-  SUBSTEP_ADVECT(T, kDim, Heun)                                                           \
-  SUBSTEP_ADVECT(T, kDim, Rk4)                                                            \
-  template void sort_by_cell(const Grid<T, kDim>&, const T*, std::int64_t, std::int32_t*, \
-                             int);                                                        \
+#define SUBSTEP_GRID(T, kDim)                                                                   \
+  SUBSTEP_ADVECT(T, kDim, Euler)                                                                \
+  SUBSTEP_ADVECT(T, kDim, Midpoint)                                                             \
+  SUBSTEP_ADVECT(T, kDim, Heun)                                                                 \
+  SUBSTEP_ADVECT(T, kDim, Rk4)                                                                  \
+  template void sort_by_cell(const Grid<T, kDim>&, const T*, std::int64_t, std::int32_t*, int); \
   template void sample_grid(const Grid<T, kDim>&, const Slice<T>&, const T*, T*, std::int64_t, int);
 SUBSTEP_GRID(double, 2)
 SUBSTEP_GRID(double, 3)

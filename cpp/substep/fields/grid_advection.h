@@ -48,8 +48,8 @@ struct Particles {
 // and inside; otherwise the particle rests where the step began. With no steps, only looks where
 // the particles are.
 template <class Method, class T, int kDim>
-Events advect_grid(const Grid<T, kDim>& grid, const Series<T>& series, const Particles<T>& particles,
-                   const Steps& steps, int threads);
+Events advect_grid(const Grid<T, kDim>& grid, const Series<T>& series,
+                   const Particles<T>& particles, const Steps& steps, int threads);
 
 // Permutation that brings particles of one block of cells together.
 template <class T, int kDim>

@@ -52,25 +52,21 @@ SUBSTEP_INLINE V fma(const V& a, const V& b, const V& c) {
                                                  reinterpret_cast<__m512d>(b),
                                                  reinterpret_cast<__m512d>(c)));
     } else {
-      return reinterpret_cast<V>(_mm512_fmadd_ps(reinterpret_cast<__m512>(a),
-                                                 reinterpret_cast<__m512>(b),
-                                                 reinterpret_cast<__m512>(c)));
+      return reinterpret_cast<V>(_mm512_fmadd_ps(
+          reinterpret_cast<__m512>(a), reinterpret_cast<__m512>(b), reinterpret_cast<__m512>(c)));
     }
   }
 #endif
 #ifdef __FMA__
   if constexpr (sizeof(V) == 32 && kDouble) {
-    return reinterpret_cast<V>(_mm256_fmadd_pd(reinterpret_cast<__m256d>(a),
-                                               reinterpret_cast<__m256d>(b),
-                                               reinterpret_cast<__m256d>(c)));
+    return reinterpret_cast<V>(_mm256_fmadd_pd(
+        reinterpret_cast<__m256d>(a), reinterpret_cast<__m256d>(b), reinterpret_cast<__m256d>(c)));
   } else if constexpr (sizeof(V) == 32) {
-    return reinterpret_cast<V>(_mm256_fmadd_ps(reinterpret_cast<__m256>(a),
-                                               reinterpret_cast<__m256>(b),
-                                               reinterpret_cast<__m256>(c)));
+    return reinterpret_cast<V>(_mm256_fmadd_ps(
+        reinterpret_cast<__m256>(a), reinterpret_cast<__m256>(b), reinterpret_cast<__m256>(c)));
   } else if constexpr (sizeof(V) == 16 && !kDouble) {
-    return reinterpret_cast<V>(_mm_fmadd_ps(reinterpret_cast<__m128>(a),
-                                            reinterpret_cast<__m128>(b),
-                                            reinterpret_cast<__m128>(c)));
+    return reinterpret_cast<V>(_mm_fmadd_ps(
+        reinterpret_cast<__m128>(a), reinterpret_cast<__m128>(b), reinterpret_cast<__m128>(c)));
   }
 #endif
   static_cast<void>(kDouble);

@@ -1,6 +1,6 @@
-// Explicit Runge-Kutta methods with fixed step, as tables: k_i = f(t + c_i h, x + h sum_j a_ij k_j),
-// x(t + h) = x + h sum_i b_i k_i. Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations
-// I", section II.1. The loops unroll and zeros vanish, so a stage costs what it needs.
+// Explicit Runge-Kutta methods with fixed step, as tables: k_i = f(t + c_i h, x + h sum_j a_ij
+// k_j), x(t + h) = x + h sum_i b_i k_i. Hairer, Norsett, Wanner, "Solving Ordinary Differential
+// Equations I", section II.1. The loops unroll and zeros vanish, so a stage costs what it needs.
 #pragma once
 
 #include "substep/core/errors.h"
