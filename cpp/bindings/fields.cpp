@@ -170,7 +170,7 @@ static void bind_flows(py::module_& m) {
 }
 
 void bind_fields(py::module_& m) {
-  // The tables of the methods, for callables of the user: name -> (a, b, c).
+  // The tables of the methods, for callables of the user: name -> (a, b, c, divisor of b).
   py::dict methods;
   for_each_method([&]<class Method>(Method) {
     py::list a, b, c;
@@ -181,7 +181,7 @@ void bind_fields(py::module_& m) {
       b.append(Method::b[i]);
       c.append(Method::c[i]);
     }
-    methods[Method::kName] = py::make_tuple(a, b, c);
+    methods[Method::kName] = py::make_tuple(a, b, c, Method::divisor);
   });
   m.attr("advection_methods") = methods;
   bind_flows(m);

@@ -22,6 +22,7 @@ from .errors import CorruptError, InputError, NonFiniteError, SolverError
 ACTIVE, LANDED, ESCAPED = 0, 1, 2
 _CHUNK = 2048  # particles of a native task: between two of them Ctrl-C is seen
 _CHUNK_STEPS = 1 << 17  # particle-steps of such a task at most
+_BLOCK_STEPS = 1 << 24  # particle-steps after which the state moves on
 _POLICIES = ("stop", "raise")
 _KIND = "Advection"
 
@@ -112,7 +113,7 @@ class Advection:
         self.steps = 0
         self._memo: dict[str, Any] = {}
         self._busy = threading.Lock()
-        self.field.check_time("time", self._time)
+        self.field._check_time("time", self._time)
         status, stop_time = np.zeros(len(x), np.int8), np.zeros(len(x))
         self._particles = Particles(x, status, stop_time)
         moved = self._move(self._particles, Steps(self._time, self.step_size, 0, 0))
@@ -209,8 +210,9 @@ class Advection:
     def _take(self, count: int, h: float, after: Callable[[], None] | None = None) -> None:
         """Steps in blocks; after each block the state is whole."""
         origin, first = self._time, 0
-        per_chunk = max(1, min(len(self), _CHUNK))
-        block = max(1, min(_CHUNK_STEPS // per_chunk, self.field.block_steps or count))
+        n = max(1, len(self))
+        block = min(_CHUNK_STEPS // min(n, _CHUNK), max(1, _BLOCK_STEPS // n))
+        block = min(block, self.field.block_steps or block)
         while first < count:
             steps = Steps(origin, h, first, 1 if after else min(block, count - first))
             try:
@@ -237,7 +239,7 @@ class Advection:
         return error
 
     def _move(self, particles: Particles, steps: Steps) -> Moved:
-        return self.field.move(particles, steps, self.method, self._threads, self._memo)
+        return self.field._move(particles, steps, self.method, self._threads, self._memo)
 
     def _commit(self, moved: Moved, steps: Steps) -> None:
         self._particles = moved.particles
@@ -254,7 +256,7 @@ class Advection:
     def _check_end(self, name: str, duration: float) -> None:
         if not math.isfinite(self._time + duration):
             raise InputError(f"{name}: the time {self._time} + {duration} is not finite")
-        self.field.check_time(f"{name}: end time", self._time + duration)
+        self.field._check_time(f"{name}: end time", self._time + duration)
 
     @contextlib.contextmanager
     def _own(self) -> Iterator[None]:
@@ -330,7 +332,7 @@ class Advection:
         if missing:
             raise InputError(f"state: {', '.join(sorted(missing))} missing")
         time = check_real("state['time']", state["time"])
-        self.field.check_time("state['time']", time)
+        self.field._check_time("state['time']", time)
         steps = check_integer("state['steps']", state["steps"], minimum=0)
         dtype, shape = self._particles.x.dtype, (None, self.field.dimension)
         if np.asarray(state["positions"]).dtype != dtype:
@@ -510,7 +512,7 @@ def advect(
         threads=threads,
         dtype=dtype,
     )
-    drift.field.check_time("t_span[1]", t1)
+    drift.field._check_time("t_span[1]", t1)
     after = None
     if callback is not None:
         call = check_callable("callback", callback)

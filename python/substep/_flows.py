@@ -67,6 +67,12 @@ class Field:
         2 or 3.
     periods : tuple of float or None
         Period of each coordinate, None where the field is not periodic.
+
+    Examples
+    --------
+    >>> import substep
+    >>> isinstance(substep.Shear(), substep.fields.Field)
+    True
     """
 
     dimension: int
@@ -121,10 +127,10 @@ class Field:
                 wrapped[:, axis] -= period * np.floor((wrapped[:, axis] - low) / period)
         return wrapped
 
-    def check_time(self, name: str, t: float) -> None:
+    def _check_time(self, name: str, t: float) -> None:
         """Refuse times at which the field is not known."""
 
-    def move(
+    def _move(
         self, particles: Particles, steps: Steps, method: str, threads: int, memo: dict[str, Any]
     ) -> Moved:
         """Take the steps; `particles` stay as they are, `memo` is kept for the next call."""
@@ -142,7 +148,7 @@ class Flow(Field):
         x = check_array("x", x, (None, self.dimension))
         return self._native().velocity(check_real("t", t), x, 0)
 
-    def move(
+    def _move(
         self, particles: Particles, steps: Steps, method: str, threads: int, memo: dict[str, Any]
     ) -> Moved:
         """Take the steps natively."""
@@ -288,7 +294,20 @@ class TaylorGreen(Flow):
         return (2 * math.pi / self.wavenumber,) * 2
 
     def stream_function(self, t: float, x: ArrayLike) -> Array:
-        """Psi with u = dpsi/dy, v = -dpsi/dx [m^2/s]; constant along paths in a steady flow."""
+        """Stream function psi: u = dpsi/dy, v = -dpsi/dx; constant along paths in a steady flow.
+
+        Parameters
+        ----------
+        t : float
+            Time [s].
+        x : array_like, shape (n, 2)
+            Positions [m].
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            psi [m^2/s].
+        """
         x = check_array("x", x, (None, 2))
         k = self.wavenumber
         f = self.amplitude * math.exp(-2 * self.viscosity * k * k * t)
@@ -375,7 +394,20 @@ class DoubleGyre(Flow):
             object.__setattr__(self, name, check_real(name, getattr(self, name)))
 
     def stream_function(self, t: float, x: ArrayLike) -> Array:
-        """Psi with u = -dpsi/dy, v = dpsi/dx, as the paper has it [m^2/s]."""
+        """Stream function psi, as the paper has it: u = -dpsi/dy, v = dpsi/dx.
+
+        Parameters
+        ----------
+        t : float
+            Time [s].
+        x : array_like, shape (n, 2)
+            Positions [m].
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            psi [m^2/s].
+        """
         x = check_array("x", x, (None, 2))
         e = self.epsilon * math.sin(self.omega * t)
         f = (e * x[:, 0] + (1 - 2 * e)) * x[:, 0]
@@ -416,11 +448,11 @@ class CallableField(Field):
             )
         return u
 
-    def move(
+    def _move(
         self, particles: Particles, steps: Steps, method: str, threads: int, memo: dict[str, Any]
     ) -> Moved:
         """Take the steps stage by stage; see cpp/substep/fields/methods.h for the tables."""
-        a, b, c = _core.advection_methods[method]
+        a, b, c, divisor = _core.advection_methods[method]
         x = particles.x
         h = x.dtype.type(steps.h)
         for step in range(steps.number):
@@ -428,17 +460,18 @@ class CallableField(Field):
             k: list[Array] = []
             for row, c_i in zip(a, c, strict=True):
                 y = x
-                for a_ij, k_j in zip(row, k, strict=True):
-                    if a_ij:
-                        y = y + (h * x.dtype.type(a_ij)) * k_j
+                with np.errstate(over="ignore", invalid="ignore"):
+                    for a_ij, k_j in zip(row, k, strict=True):
+                        if a_ij:
+                            y = y + (h * x.dtype.type(a_ij)) * k_j
                 try:
                     k.append(self(t + c_i * steps.h, y))
                 except NonFiniteError as error:
                     error.step = step
                     raise
-            total = sum(x.dtype.type(b_i) * k_i for b_i, k_i in zip(b, k, strict=True) if b_i)
             with np.errstate(over="ignore", invalid="ignore"):
-                x = x + h * total
+                total = sum(x.dtype.type(b_i) * k_i for b_i, k_i in zip(b, k, strict=True) if b_i)
+                x = x + (h / x.dtype.type(divisor)) * total
             bad = ~np.isfinite(x).all(axis=1)
             if bad.any():
                 index = int(np.argmax(bad))

@@ -222,11 +222,11 @@ class GridField(Field):
         """
         x = check_array("x", x, (None, self.dimension))
         t = check_real("t", t)
-        self.check_time("t", t)
+        self._check_time("t", t)
         levels, times = self._between(t, t, x.dtype)
         return self._native(x.dtype).velocity(levels, times, t, x, 0)
 
-    def check_time(self, name: str, t: float) -> None:
+    def _check_time(self, name: str, t: float) -> None:
         """Refuse times before the first and after the last level."""
         slack = 1e-9 * (self.times[-1] - self.times[0])
         if not self.steady and not self.times[0] - slack <= t <= self.times[-1] + slack:
@@ -274,7 +274,7 @@ class GridField(Field):
         with self._lock:
             return [self._level(k, dtype) for k in numbers], self.times[list(numbers)].tolist()
 
-    def move(
+    def _move(
         self, particles: Particles, steps: Steps, method: str, threads: int, memo: dict[str, Any]
     ) -> Moved:
         """Take the steps natively, in parts where the levels do not fit in memory."""

@@ -39,7 +39,7 @@ SUBSTEP_INLINE void step_flow(const Flow& flow, const Time* at, Lane<V> h, V* x)
     }
   }
 #pragma GCC unroll 3
-  for (int d = 0; d < kDim; ++d) x[d] = fma(h, sum[d], x[d]);
+  for (int d = 0; d < kDim; ++d) x[d] = fma(h / T(Method::divisor), sum[d], x[d]);
 }
 
 template <class T, int kDim>

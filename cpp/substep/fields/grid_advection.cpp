@@ -39,7 +39,7 @@ SUBSTEP_INLINE V step_grid(const Grid<T, kDim>& grid, const Slice<T>* stage, T h
     k[i] = grid.rate(stage[i], y, place);
     sum = fma<V>(T(Method::b[i]), k[i], sum);
   }
-  V next = fma<V>(h, sum, x);
+  V next = fma<V>(h / T(Method::divisor), sum, x);
   next[3] = 0;  // the lane of the mask carries no position
   end = grid.rate(stage[kStages], next, place);
   return next;
