@@ -40,6 +40,15 @@ ENTRIES = [
         "x",
         empty=(0, 2),
     ),
+    Entry(
+        "max_stable_step",
+        lambda jacobian: substep.stability.max_stable_step("rk4", jacobian),
+        np.array([[0.0, 2.0], [3.0, 1.0]]),
+        "eigenvalues",
+        empty=(0, 0),
+        any_length=False,
+        complex_ok=True,
+    ),
 ]
 
 

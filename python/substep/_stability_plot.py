@@ -23,7 +23,7 @@ def draw(regions: list[Region], points: NDArray[np.complex128] | None, ax: Any) 
             raise ImportError(
                 'plot needs matplotlib: pip install "substep[plot]"', name="matplotlib"
             ) from error
-        ax = plt.subplots(figsize=(5.5, 5.5), layout="constrained")[1]
+        ax = plt.subplots(figsize=(6.5, 5.0), layout="constrained")[1]
     ax.axhline(0, color="0.75", linewidth=0.8, zorder=0)
     ax.axvline(0, color="0.75", linewidth=0.8, zorder=0)
     for index, region in enumerate(regions):
@@ -47,5 +47,5 @@ def draw(regions: list[Region], points: NDArray[np.complex128] | None, ax: Any) 
         ]
     ax.set(xlim=spans[0], ylim=spans[1], xlabel=r"Re $h\lambda$", ylabel=r"Im $h\lambda$")
     ax.set_aspect("equal")
-    ax.legend(loc="upper left", frameon=True)
+    ax.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
     return ax

@@ -333,11 +333,11 @@ def _spectrum(eigenvalues: ArrayLike) -> Complex:
     array = check_array("eigenvalues", eigenvalues, complex_ok=True)
     if array.ndim == 2 and array.shape[0] == array.shape[1]:
         return np.asarray(np.linalg.eigvals(array), complex)
-    if array.ndim > 1:
+    if array.ndim != 1:
         raise InputError(
             f"eigenvalues: expected shape (n,), or (n, n) for a Jacobian, got {array.shape}"
         )
-    return np.atleast_1d(array).astype(complex)
+    return array.astype(complex)
 
 
 def max_stable_step(method: str, eigenvalues: ArrayLike) -> float:
@@ -391,10 +391,11 @@ def max_stable_step(method: str, eigenvalues: ArrayLike) -> float:
     modes = np.unique(spectrum.real + 1j * np.abs(spectrum.imag))
     limit = _second_order_limit if name in second_order_methods() else _one_step_limit
     moduli = np.abs(modes)
-    directions, which = np.unique(np.round(modes / moduli, 12), return_inverse=True)
+    units = np.round(modes.real / moduli + 1j * (modes.imag / moduli), 12)
+    directions, which = np.unique(units, return_inverse=True)
     fastest = np.zeros(len(directions))
     np.maximum.at(fastest, which, moduli)
-    steps = (limit(name, complex(u)) / w for u, w in zip(directions, fastest, strict=True))
+    steps = (limit(name, complex(u)) / float(w) for u, w in zip(directions, fastest, strict=True))
     return float(min(steps, default=np.inf))
 
 
