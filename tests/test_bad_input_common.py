@@ -5,6 +5,8 @@ inputs. What is specific to one function is tested with it.
 """
 
 import math
+import os
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -32,6 +34,18 @@ def oscillator(t, y):
     return np.array([y[1], -y[0]])
 
 
+def recorded(points):
+    """What a recording gives back of points, as float64."""
+    with tempfile.TemporaryDirectory() as folder:
+        recorder = substep.Recorder(os.path.join(folder, "a"), parts={"p": substep.Part()})
+        try:
+            recorder.append(0.0, {"p": {"points": points}})
+            with substep.Recording(recorder.journal_path) as recording:
+                return recording["p"].points(0).astype(float)
+        finally:
+            recorder._release()
+
+
 ENTRIES = [
     Entry(
         "check_array",
@@ -48,6 +62,13 @@ ENTRIES = [
         empty=(0, 0),
         any_length=False,
         complex_ok=True,
+    ),
+    Entry(
+        "Recorder.append points",
+        recorded,
+        np.array([[0.5, 0.25, 1.0], [1.0, 2.0, 3.0]]),
+        "p/points",
+        empty=(0, 3),
     ),
 ]
 

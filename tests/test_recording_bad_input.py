@@ -148,15 +148,14 @@ GOOD = np.zeros((5, 3))
         (4, {"points": GOOD.astype(object)}, TypeError, "p/points"),
         (4, {"points": GOOD.astype(str)}, TypeError, "p/points"),
         (4, {"points": np.ma.masked_less(GOOD, 1)}, InputError, "p/points"),
-        (4, {"points": GOOD.astype(np.longdouble)}, InputError, "p/points"),
         (4, {"points": Raising()}, ZeroDivisionError, None),
         (4, {"v": np.zeros((4, 3))}, InputError, "p/v: expected 5 rows"),
         (4, {"v": np.zeros((5, 65))}, InputError, "p/v"),
         (4, {"v": np.zeros((5, 0))}, InputError, "p/v"),
         (4, {"v": np.zeros(5)}, InputError, "first frame"),
-        (4, {"v": GOOD.astype(np.longdouble)}, InputError, "first frame"),
+        (4, {"v": GOOD.astype(np.int64) + 2**53}, InputError, "first frame|below"),
         (4, {"w": GOOD}, InputError, "unknown"),
-        (4, {"v": None}, InputError, "p/v"),
+        (4, {"v": None}, TypeError, "p/v"),
     ],
 )
 def test_a_bad_frame_is_refused_and_nothing_is_written(tmp_path, time, changes, error, match):
@@ -199,7 +198,7 @@ def test_other_layouts_and_narrower_numbers_are_converted(tmp_path):
             assert recording["p"].points(k + 1).tobytes() == x.tobytes()
 
 
-@pytest.mark.parametrize("dtype", "? b B h H i I q Q e f d".split())
+@pytest.mark.parametrize("dtype", "? b B h H i I q Q e f d g".split())
 def test_every_dtype_that_can_be_recorded(tmp_path, dtype):
     values = np.array([0, 1, 1, 0], dtype)
     path = tmp_path / "a"
@@ -211,7 +210,7 @@ def test_every_dtype_that_can_be_recorded(tmp_path, dtype):
             pack_here(str(path), None, False)
         with substep.Recording(path) as recording:
             got = recording["p"].field("f", 0)
-            assert got.dtype == (np.float32 if dtype == "e" else values.dtype)
+            assert got.dtype == {"e": np.float32, "g": np.float64}.get(dtype, values.dtype)
             assert np.array_equal(got, values) and recording["p"].points(0).dtype == np.float32
 
 

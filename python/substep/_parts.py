@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import __version__
 from ._checks import check_array, check_choice, describe
-from ._frames import DTYPES, Spec
+from ._frames import Spec
 from .errors import InputError
 
 KINDS = ("particles", "bodies", "mesh")
@@ -179,23 +179,25 @@ def check_keys(what: str, value: Any, names: Any) -> None:
         raise InputError(f"{what}: missing {missing}, unknown {unknown}")
 
 
+def _recorded_dtype(got: np.dtype[Any], points: bool) -> np.dtype[Any]:
+    """The dtype that numbers of some dtype are recorded with."""
+    if got.kind == "f":
+        return np.dtype({2: "<f4", 4: "<f4"}.get(got.itemsize, "<f8"))
+    return np.dtype("<f8") if points else got.newbyteorder("<")
+
+
 def check_values(what: str, value: Any, points: bool, known: Spec | None) -> NDArray[Any]:
     """An array as it goes to the file: little-endian, contiguous, one row per point."""
     try:
-        got = np.asarray(value).dtype
-    except ValueError:
+        raw = value if isinstance(value, np.ma.MaskedArray) else np.asarray(value)
+    except ValueError as error:
         if not isinstance(value, (list, tuple)):
             raise  # the value's own doing
-        raise InputError(f"{what}: expected numbers in rows of equal length") from None
-    if got == np.float16:
-        got = np.dtype(np.float32)
-    target = (np.dtype(known.dtype) if known else got).newbyteorder("<")
-    if got.kind in "fiub" and target.str not in DTYPES:
-        raise TypeError(f"{what}: dtype {got} cannot be recorded; convert it to float64")
-    if points and target.kind != "f":
-        target = np.dtype("<f8")
-    array = check_array(what, value, dtype=target, finite=points)
-    if known and not np.can_cast(got, target, "safe"):
+        raise InputError(f"{what}: expected rows of equal length; {error}") from None
+    got = _recorded_dtype(raw.dtype, points)
+    target = np.dtype(known.dtype) if known else got
+    array = check_array(what, raw, dtype=target, finite=points)
+    if not np.can_cast(got, target, "safe"):
         raise InputError(f"{what}: expected {target} as in the first frame, got {got}")
     if (
         array.ndim < 1
