@@ -1,0 +1,30 @@
+"""Native loops that test_threads.py runs, in its own process and in others."""
+
+import numpy as np
+import substep
+
+
+def start(n):
+    return np.random.default_rng(1).uniform([0.0, 0.0], [2.0, 1.0], (n, 2))
+
+
+def drift(n=20000, steps=20, threads=None):
+    """Hash of n particles after some steps in the double gyre."""
+    result = substep.advect(
+        substep.DoubleGyre(), start(n), (0.0, 0.01 * steps), step=0.01, threads=threads
+    )
+    return substep.state_hash(result.positions)
+
+
+def chain(n=100000, steps=20, threads=None):
+    """Hash of a chain of n masses after some steps of RK4."""
+    result = substep.solve_ivp(
+        substep.systems.SpringChain(n),
+        (0.0, 0.01 * steps),
+        np.sin(np.arange(2.0 * n)),
+        method="rk4",
+        step=0.01,
+        t_eval=[0.01 * steps],
+        threads=threads,
+    )
+    return substep.state_hash(result.y)

@@ -1,0 +1,366 @@
+"""Processes and threads: the same bits, Ctrl-C, fork, memory limits, the end of the interpreter."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import substep
+from native_loops import chain, drift, start
+
+HERE = Path(__file__).parent
+LOOPS = {"advect": drift, "solve_ivp": chain}
+each_loop = pytest.mark.parametrize("loop", LOOPS)
+
+
+def run_python(code, timeout=60):
+    head = "import os, signal, sys, threading, time, substep\nfrom native_loops import *\n"
+    path = os.pathsep.join([str(HERE), *filter(None, [os.environ.get("PYTHONPATH")])])
+    return subprocess.run(
+        [sys.executable, "-c", head + code],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+    )
+
+
+@contextlib.contextmanager
+def threads_set_to(count):
+    before = substep.num_threads()
+    substep.set_num_threads(count)
+    try:
+        yield
+    finally:
+        substep.set_num_threads(before)
+
+
+@each_loop
+def test_same_bits_for_any_number_of_threads(loop):
+    hashes = {LOOPS[loop](threads=threads) for threads in (1, 2, 3, 4, 7)}
+    with threads_set_to(3):
+        hashes.add(LOOPS[loop]())
+    assert len(hashes) == 1
+
+
+@each_loop
+def test_several_python_threads_at_once(loop):
+    expected = LOOPS[loop]()
+    found = []
+    threads = [
+        threading.Thread(target=lambda: found.append(LOOPS[loop](threads=2))) for _ in range(4)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert found == [expected] * 4
+
+
+@each_loop
+def test_the_gil_is_released(loop):
+    ticks = []
+    done = threading.Event()
+
+    def tick():
+        while not done.is_set():
+            ticks.append(time.perf_counter())
+            time.sleep(0.001)
+
+    other = threading.Thread(target=tick)
+    other.start()
+    begin = time.perf_counter()
+    LOOPS[loop](steps=300, threads=1)
+    took = time.perf_counter() - begin
+    done.set()
+    other.join()
+    during = [t for t in ticks if begin <= t <= begin + took]
+    assert len(during) >= took / 0.05, "the other thread stood still"
+
+
+class Alarm(Exception):
+    pass
+
+
+def seconds_to_stop(work, after):
+    """How long `work`, interrupted after some seconds, takes to raise."""
+
+    def ring(*_):
+        raise Alarm
+
+    before = signal.signal(signal.SIGALRM, ring)
+    begin = time.perf_counter()
+    signal.setitimer(signal.ITIMER_REAL, after)
+    try:
+        with pytest.raises(Alarm):
+            work()
+        return time.perf_counter() - begin - after
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@each_loop
+@pytest.mark.parametrize("threads", [1, 2, 4])
+def test_signals_stop_a_native_loop(loop, threads):
+    size = {"advect": 1_000_000, "solve_ivp": 1_000_000}[loop]
+    waits = [
+        seconds_to_stop(lambda: LOOPS[loop](n=size, steps=100_000, threads=threads), 0.5)
+        for _ in range(2)
+    ]
+    assert min(waits) <= 0.1
+
+
+def test_the_state_after_an_interrupt_is_a_whole_step():
+    positions = start(100_000)
+    sim = substep.Advection(substep.DoubleGyre(), positions, step=0.01)
+    seconds_to_stop(lambda: sim.advance(1e6), 0.3)
+    steps = round(sim.time / 0.01)
+    assert steps == sim.steps > 0
+    again = substep.Advection(substep.DoubleGyre(), positions, step=0.01)
+    for _ in range(steps):
+        again.step()
+    np.testing.assert_allclose(sim.positions, again.positions, rtol=0, atol=1e-9)
+    sim.step()  # and it goes on
+    assert sim.steps == steps + 1
+
+
+def test_keyboard_interrupt_from_the_terminal():
+    code = """
+import _thread
+threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
+begin = time.perf_counter()
+try:
+    drift(n=200000, steps=10**6)
+except KeyboardInterrupt:
+    print(time.perf_counter() - begin - 0.5)
+assert drift(n=100) == drift(n=100)
+"""
+    done = run_python(code)
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout) < 0.5  # with the start of a timer thread; the bound is tested above
+
+
+def test_one_object_from_two_threads_is_refused():
+    sim = substep.Advection(substep.DoubleGyre(), start(50_000), step=0.01)
+    outcomes = []
+    barrier = threading.Barrier(2)
+
+    def work():
+        barrier.wait()
+        try:
+            sim.advance(2.0)
+            outcomes.append("done")
+        except substep.InputError as error:
+            outcomes.append(str(error))
+
+    threads = [threading.Thread(target=work) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert sorted(outcome == "done" for outcome in outcomes) == [False, True]
+    assert any("in use" in outcome for outcome in outcomes)
+    assert sim.steps == 200
+
+
+FORK = """
+expected = {work}(threads=4)
+def child():
+    return 0 if {work}(threads=4) == expected else 1
+"""
+WAIT = """
+def wait(pid):
+    for _ in range(2000):
+        done, status = os.waitpid(pid, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status)
+        time.sleep(0.01)
+    os.kill(pid, signal.SIGKILL)
+    return "hang"
+"""
+
+
+@pytest.mark.parametrize("work", ["drift", "chain"])
+def test_fork_after_a_parallel_step(work):
+    code = (
+        FORK.format(work=work)
+        + WAIT
+        + """
+for _ in range(5):
+    pid = os.fork()
+    if pid == 0:
+        os._exit(child())
+    assert wait(pid) == 0
+assert child() == 0
+"""
+    )
+    done = run_python(code)
+    assert done.returncode == 0, done.stderr
+
+
+def test_fork_while_another_thread_is_in_a_native_loop():
+    code = (
+        FORK.format(work="drift")
+        + WAIT
+        + """
+stop = threading.Event()
+def keep_on():
+    while not stop.is_set():
+        drift(threads=4)
+other = threading.Thread(target=keep_on)
+other.start()
+for _ in range(20):
+    pid = os.fork()
+    if pid == 0:
+        os._exit(child())
+    assert wait(pid) == 0
+stop.set()
+other.join()
+"""
+    )
+    done = run_python(code, timeout=120)
+    assert done.returncode == 0, done.stderr
+
+
+def test_interrupt_in_a_forked_child():
+    # The thread that forks is the main thread of the child: it gets the signals there.
+    code = (
+        WAIT
+        + """
+def fork_and_wait():
+    pid = os.fork()
+    if pid == 0:
+        class Alarm(Exception): pass
+        def ring(*_): raise Alarm
+        signal.signal(signal.SIGALRM, ring)
+        signal.setitimer(signal.ITIMER_REAL, 0.2)
+        try:
+            drift(n=100000, steps=10**6)
+        except Alarm:
+            os._exit(0)
+        os._exit(1)
+    status.append(wait(pid))
+status = []
+thread = threading.Thread(target=fork_and_wait)
+thread.start()
+thread.join()
+assert status == [0], status
+"""
+    )
+    done = run_python(code)
+    assert done.returncode == 0, done.stderr
+
+
+def test_multiprocessing_by_fork():
+    code = """
+import multiprocessing
+expected = drift(threads=2)
+with multiprocessing.get_context("fork").Pool(2) as pool:
+    assert pool.map(drift, [20000] * 4) == [expected] * 4
+"""
+    done = run_python(code)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.skipif("libasan" in os.environ.get("LD_PRELOAD", ""), reason="ASan reserves terabytes")
+@pytest.mark.parametrize("call", ["drift(n=40_000_000, steps=2)", "chain(n=40_000_000, steps=2)"])
+def test_memory_limit(call):
+    code = f"""
+import resource
+expected = drift(threads=2), chain(threads=2)
+sim = substep.Advection(substep.DoubleGyre(), start(1000), step=0.01)
+before = substep.state_hash(sim.positions)
+used = int(open("/proc/self/statm").read().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+resource.setrlimit(resource.RLIMIT_AS, (used + 400_000_000, resource.RLIM_INFINITY))
+try:
+    {call}
+except MemoryError:
+    print("MemoryError")
+assert substep.state_hash(sim.positions) == before
+sim.step()
+assert (drift(threads=2), chain(threads=2)) == expected
+"""
+    done = run_python(code)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "MemoryError\n"
+
+
+@pytest.mark.skipif("libasan" in os.environ.get("LD_PRELOAD", ""), reason="ASan reserves terabytes")
+def test_no_more_threads_to_be_had():
+    # New threads need address space for their stacks: without, those that there are do the work.
+    code = """
+import resource
+expected = drift(threads=1)
+used = int(open("/proc/self/statm").read().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+resource.setrlimit(resource.RLIMIT_AS, (used + 30_000_000, resource.RLIM_INFINITY))
+assert drift(threads=64) == expected
+"""
+    done = run_python(code)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.05, 0.2])
+@pytest.mark.parametrize("steps", [1, 50, 10**6])
+def test_interpreter_exit_during_a_daemon_thread(steps, delay):
+    code = f"""
+def forever():
+    while True:
+        drift(n=2000, steps={steps}, threads=2)
+for _ in range(3):
+    threading.Thread(target=forever, daemon=True).start()
+time.sleep({delay})
+"""
+    for _ in range(3):
+        done = run_python(code)
+        assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_exit_while_workers_wait():
+    done = run_python("drift(threads=4); print('end')")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "end\n", "")
+
+
+def test_subinterpreter_works_or_refuses():
+    code = """
+import importlib
+for name in ("_interpreters", "_xxsubinterpreters"):
+    try:
+        interpreters = importlib.import_module(name)
+        break
+    except ImportError:
+        pass
+else:
+    sys.exit(0)
+drift(threads=2)
+inner = '''
+try:
+    import substep
+    substep.num_threads()
+except ImportError as error:
+    pass
+'''
+identity = interpreters.create()
+interpreters.run_string(identity, inner)
+interpreters.destroy(identity)
+assert drift(threads=2) == drift(threads=1)
+"""
+    done = run_python(code)
+    assert done.returncode == 0, done.stderr
+
+
+def test_no_openmp_and_no_gl_in_the_core():
+    code = """
+drift(threads=2)
+maps = open("/proc/self/maps").read()
+core = substep._core.__file__
+print([name for name in ("libgomp", "libomp", "libGL", "libEGL", "libtbb") if name in maps])
+"""
+    done = run_python(code)
+    assert done.stdout == "[]\n", done.stderr
