@@ -15,27 +15,43 @@ import substep
 STUB = Path(__file__).parents[1] / "python/substep/_core.pyi"
 
 
-def surface(body: list[ast.stmt], prefix: str = "") -> dict[str, str]:
-    """Each public name with its parameters."""
-    found: dict[str, str] = {}
+def members(body: list[ast.stmt]) -> dict[str, str | dict]:
+    """Each name with its parameters; a class with its own and its inherited members."""
+    found: dict[str, str | dict] = {}
     for node in body:
         if isinstance(node, ast.ClassDef):
-            found[prefix + node.name] = "class"
-            found |= surface(node.body, f"{prefix}{node.name}.")
+            found[node.name] = {}
+            for base in node.bases:
+                found[node.name] |= found.get(ast.unparse(base), {})
+            found[node.name] |= members(node.body)
         elif isinstance(node, ast.FunctionDef):
-            names = [
-                a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
-            ]
-            if any(isinstance(d, ast.Name) and d.id == "property" for d in node.decorator_list):
-                found[prefix + node.name] = "attribute"
-            elif not any(isinstance(d, ast.Attribute) for d in node.decorator_list):  # no setter
-                found[prefix + node.name] = f"({', '.join(names)})"
-        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-            found[prefix + node.target.id] = "attribute"
+            decorators = [ast.unparse(d) for d in node.decorator_list]
+            args = (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
+            if "property" in decorators:
+                found[node.name] = "attribute"
+            elif not any(d.endswith(".setter") for d in decorators):
+                found[node.name] = f"({', '.join(a.arg for a in args if a.arg != 'self')})"
+        elif isinstance(node, ast.AnnAssign):
+            found[ast.unparse(node.target)] = "attribute"
+        elif isinstance(node, ast.Assign) and ast.unparse(node.value) in found:  # Other = Name
+            found[ast.unparse(node.targets[0])] = found[ast.unparse(node.value)]
+    return found
+
+
+def surface(body: list[ast.stmt]) -> dict[str, str]:
+    """Each public name, also `Class.name`, with its parameters."""
+    flat: dict[str, str] = {}
+    for name, what in members(body).items():
+        if isinstance(what, dict):
+            flat[name] = "class"
+            flat |= {f"{name}.{n}": str(w) for n, w in what.items()}
+        else:
+            flat[name] = what
+    keep = ("__init__", "__call__")
     return {
         name: what
-        for name, what in found.items()
-        if not any(part.startswith("_") and part != "__init__" for part in name.split("."))
+        for name, what in flat.items()
+        if not any(part.startswith("_") and part not in keep for part in name.split("."))
     }
 
 

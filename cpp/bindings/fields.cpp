@@ -46,10 +46,10 @@ void define(py::class_<Flow>& flow) {
       py::arg("method"), py::arg("threads"));
 }
 
-template <class Flow, class Make>
-void bind_flow(py::module_& m, const char* name, Make make) {
+template <class Flow, class Make, class... Names>
+void bind_flow(py::module_& m, const char* name, Make make, Names... names) {
   py::class_<Flow> flow(m, name);
-  flow.def(py::init(make));
+  flow.def(py::init(make), py::arg(names)...);
   define<double>(flow);
   define<float>(flow);
 }
@@ -149,24 +149,31 @@ void bind_grid(py::module_& m, const std::string& name) {
 }  // namespace
 
 static void bind_flows(py::module_& m) {
-  bind_flow<RigidRotation<2>>(m, "RigidRotation2", [](Vector3 omega, Vector3 center) {
-    return RigidRotation<2>{omega, center};
-  });
-  bind_flow<RigidRotation<3>>(m, "RigidRotation3", [](Vector3 omega, Vector3 center) {
-    return RigidRotation<3>{omega, center};
-  });
-  bind_flow<Shear<2>>(m, "Shear2", [](double rate, int flow, int gradient) {
-    return Shear<2>{rate, flow, gradient};
-  });
-  bind_flow<Shear<3>>(m, "Shear3", [](double rate, int flow, int gradient) {
-    return Shear<3>{rate, flow, gradient};
-  });
-  bind_flow<TaylorGreen>(m, "TaylorGreen",
-                         [](double u, double k, double nu) { return TaylorGreen{u, k, nu}; });
-  bind_flow<Abc>(m, "Abc", [](double a, double b, double c) { return Abc{a, b, c}; });
-  bind_flow<DoubleGyre>(m, "DoubleGyre", [](double a, double epsilon, double omega) {
-    return DoubleGyre{a, epsilon, omega};
-  });
+  bind_flow<RigidRotation<2>>(
+      m, "RigidRotation2",
+      [](Vector3 omega, Vector3 center) { return RigidRotation<2>{omega, center}; }, "omega",
+      "center");
+  bind_flow<RigidRotation<3>>(
+      m, "RigidRotation3",
+      [](Vector3 omega, Vector3 center) { return RigidRotation<3>{omega, center}; }, "omega",
+      "center");
+  bind_flow<Shear<2>>(
+      m, "Shear2",
+      [](double rate, int flow, int gradient) { return Shear<2>{rate, flow, gradient}; }, "rate",
+      "flow", "gradient");
+  bind_flow<Shear<3>>(
+      m, "Shear3",
+      [](double rate, int flow, int gradient) { return Shear<3>{rate, flow, gradient}; }, "rate",
+      "flow", "gradient");
+  bind_flow<TaylorGreen>(
+      m, "TaylorGreen", [](double u, double k, double nu) { return TaylorGreen{u, k, nu}; }, "u",
+      "k", "nu");
+  bind_flow<Abc>(
+      m, "Abc", [](double a, double b, double c) { return Abc{a, b, c}; }, "a", "b", "c");
+  bind_flow<DoubleGyre>(
+      m, "DoubleGyre",
+      [](double a, double epsilon, double omega) { return DoubleGyre{a, epsilon, omega}; }, "a",
+      "epsilon", "omega");
 }
 
 void bind_fields(py::module_& m) {

@@ -87,7 +87,7 @@ def check_real(
     finite: bool = True,
 ) -> float:
     """A real number as float; NaN never passes."""
-    if isinstance(value, (bool, np.bool_, str, bytes)) or getattr(value, "ndim", 0):
+    if isinstance(value, (bool, np.bool_, str, bytes)) or getattr(value, "ndim", None):
         raise TypeError(f"{name}: expected a real number, got {describe(value)}")
     try:
         number = (

@@ -47,3 +47,42 @@ class Abc(_Flow):
 
 class DoubleGyre(_Flow):
     def __init__(self, a: float, epsilon: float, omega: float) -> None: ...
+
+class GridLevel64: ...
+class GridLevel32: ...
+
+class Grid2_64:
+    level_bytes: int
+
+    def __init__(
+        self,
+        nodes: list[list[float]],
+        wrap: list[float],
+        closed: list[bool],
+        cubic: bool,
+        radius: float,
+    ) -> None: ...
+    def pack(self, values: NDArray[Any], threads: int) -> Any: ...
+    def order(self, x: NDArray[Any], threads: int) -> NDArray[Any]: ...
+    def velocity(
+        self, levels: list[Any], times: list[float], t: float, x: NDArray[Any], threads: int
+    ) -> NDArray[Any]: ...
+    def advect(
+        self,
+        levels: list[Any],
+        times: list[float],
+        x: NDArray[Any],
+        status: NDArray[Any],
+        stop_time: NDArray[Any],
+        order: NDArray[Any] | None,
+        origin: float,
+        h: float,
+        first: int,
+        count: int,
+        method: str,
+        threads: int,
+    ) -> tuple[Any, ...]: ...
+
+Grid2_32 = Grid2_64
+Grid3_32 = Grid2_64
+Grid3_64 = Grid2_64
