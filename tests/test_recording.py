@@ -1,6 +1,8 @@
 """What is recorded comes back, from the journal, from VTKHDF, and through VTK itself."""
 
 import os
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor, TimeoutError
 from pathlib import Path
 
@@ -306,6 +308,43 @@ def test_packers_of_one_journal_take_turns(tmp_path):
     assert substep.pack(path) == str(path)  # nothing left to do
     with pytest.raises(FileNotFoundError):
         substep.pack(tmp_path / "b.vtkhdf")
+
+
+def test_a_forked_process_neither_records_nor_keeps_the_journal(tmp_path):
+    path = tmp_path / "a.vtkhdf"
+    program = """
+import os, sys, time, numpy as np, substep
+recorder = substep.Recorder(sys.argv[1], parts={"p": substep.Part()})
+reader, writer = os.pipe()
+if os.fork() == 0:
+    os.close(writer)
+    try:
+        recorder.append(0, {"p": {"points": np.zeros((1, 3))}})
+    except substep.InputError as error:
+        assert "forked" in str(error)
+        recorder = None
+        os.read(reader, 1)
+        os._exit(0)
+    os._exit(1)
+time.sleep(0.2)
+recorder.append(0, {"p": {"points": np.ones((1, 3))}})
+recorder.close()
+os.close(writer)
+_, status = os.wait()
+sys.exit(status)
+"""
+    subprocess.run([sys.executable, "-c", program, str(path)], check=True)
+    assert os.listdir(tmp_path) == ["a.vtkhdf"]
+    with substep.Recording(path) as recording:
+        assert recording["p"].points(0).tolist() == [[1.0, 1.0, 1.0]]
+
+
+def test_modules_in_the_working_directory_are_not_imported(tmp_path, monkeypatch):
+    for name in ("json", "h5py", "numpy", "substep"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit(3)")
+    monkeypatch.chdir(tmp_path)
+    record("a.vtkhdf").close()
+    assert_recorded("a.vtkhdf")
 
 
 def test_fsync_records_the_same(tmp_path):

@@ -662,12 +662,18 @@ def test_huge_declared_sizes_in_a_journal(journal):
     tracemalloc.stop()
 
 
-def test_max_bytes(packed):
-    with substep.Recording(packed, max_bytes=239) as recording:
+def test_max_bytes(journal):
+    with substep.Recording(journal, max_bytes=239) as recording:
         with pytest.raises(FormatError, match="max_bytes"):
             recording.frame(0)
         recording["p"].points(0)
-    assert_frames(packed, 4, max_bytes=240)
+    with pytest.raises(FormatError, match="max_bytes"):
+        substep.Recording(journal, max_bytes=239, recover=True)
+    assert_frames(journal, 4, max_bytes=240)
+    packed = substep.pack(journal)
+    with pytest.raises(FormatError, match="metadata: larger than max_bytes"):
+        substep.Recording(packed, max_bytes=100)
+    assert_frames(packed, 4, max_bytes=1000)
     with pytest.raises(InputError, match="max_bytes"):
         substep.Recording(packed, max_bytes=0)
 

@@ -33,7 +33,7 @@ from ._frames import (
     load_json,
     read_checked,
 )
-from .errors import CorruptError, FormatError, TruncatedError, VersionError
+from .errors import CorruptError, FormatError, InputError, TruncatedError, VersionError
 
 try:
     import fcntl
@@ -72,6 +72,13 @@ def lock(fd: int) -> bool:
     except OSError as error:
         return error.errno not in (errno.EWOULDBLOCK, errno.EACCES)  # others: no locks there
     return True
+
+
+def unlock(fd: int) -> None:
+    """Give a journal back, whoever else has its descriptor."""
+    if fcntl is not None:
+        with contextlib.suppress(OSError):
+            fcntl.flock(fd, fcntl.LOCK_UN)
 
 
 def lock_for_packing(path: str) -> int | None:
@@ -284,6 +291,7 @@ class Writer:
         self._end = end
         self._fsync = fsync
         self._clean = True  # nothing of a failed write lies behind _end
+        self._process = os.getpid()
 
     @classmethod
     def create(cls, path: str, header: bytes, fsync: bool = False) -> Writer:
@@ -331,6 +339,8 @@ class Writer:
 
     def append(self, record: bytes) -> None:
         """Write one record; when this returns, the frame outlives this process."""
+        if os.getpid() != self._process:
+            raise InputError("the recorder belongs to the process that this one was forked from")
         if os.fstat(self._fd).st_nlink == 0:
             raise FileNotFoundError(
                 errno.ENOENT, "the journal was removed while recording", self.path
@@ -354,6 +364,8 @@ class Writer:
         """Close the file; again is harmless."""
         if self._fd >= 0:
             fd, self._fd = self._fd, -1
+            if os.getpid() == self._process:
+                unlock(fd)  # a forked process may hold a copy of fd
             os.close(fd)
 
 

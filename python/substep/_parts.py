@@ -47,7 +47,7 @@ def check_text(what: str, text: Any, limit: int) -> str:
     return text
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Part:
     """One named part of a recording: what it is, and which fields it has.
 

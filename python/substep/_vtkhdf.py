@@ -236,8 +236,9 @@ class Packed:
     shuffle and Fletcher-32 filters. Sizes are compared with the file before anything is allocated.
     """
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, max_bytes: int) -> None:
         self.path = path
+        self._max_bytes = max_bytes
         self.problem: FormatError | None = None
         self.size = os.path.getsize(path)
         self._check_superblock()
@@ -292,12 +293,21 @@ class Packed:
             raise CorruptError(f"{where}: its shape is {node.shape}")
         return node
 
+    def _load(
+        self, name: str, dtype: str, columns: tuple[int, ...], rows: int | None = None
+    ) -> NDArray[Any]:
+        """A whole dataset."""
+        dataset = self._dataset(name, dtype, columns, rows)
+        if dataset.size * dataset.dtype.itemsize > self._max_bytes:
+            raise FormatError(f"{self.path}: {name}: larger than max_bytes, {self._max_bytes}")
+        return dataset[...]
+
     def _read_index(self) -> None:
         name = "substep/metadata"
         if "substep" not in self._file:
             raise CorruptError(f"{self.path}: an HDF5 file, but not a recording of substep")
         self._check_version()
-        raw = self._dataset(name, "|u1", ())[...].tobytes()
+        raw = self._load(name, "|u1", ()).tobytes()
         if len(raw) < 4 or zlib.crc32(raw[:-4]) != struct.unpack("<I", raw[-4:])[0]:
             raise CorruptError(f"{self.path}: the checksum of the metadata differs")
         self.metadata = load_json(raw[:-4], self.path)
@@ -305,9 +315,9 @@ class Packed:
         self._check_specs()
         frames, arrays = self.metadata["frames"], arrays_per_frame(self.metadata)
         prefix = self._prefix(self.metadata["parts"][0]["name"])
-        times = self._dataset(f"{prefix}/Steps/Values", "<f8", (), frames)[...]
-        counts = self._dataset("substep/counts", "<i8", (arrays,), frames)[...]
-        crcs = self._dataset("substep/crc32", "<u4", (arrays,), frames)[...]
+        times = self._load(f"{prefix}/Steps/Values", "<f8", (), frames)
+        counts = self._load("substep/counts", "<i8", (arrays,), frames)
+        crcs = self._load("substep/crc32", "<u4", (arrays,), frames)
         self.times: list[float] = times.tolist()
         self.counts: list[tuple[int, ...]] = [tuple(row) for row in counts.tolist()]
         self.crcs: list[tuple[int, ...]] = [tuple(row) for row in crcs.tolist()]
@@ -342,7 +352,7 @@ class Packed:
         for part in self.metadata["parts"]:
             if part["triangles"] is not None:
                 name = f"{self._prefix(part['name'])}/Polygons/Connectivity"
-                data = self._dataset(name, "<i8", (), 3 * part["triangles"])[...].reshape(-1, 3)
+                data = self._load(name, "<i8", (), 3 * part["triangles"]).reshape(-1, 3)
                 if zlib.crc32(data.tobytes()) != next(crcs):
                     raise CorruptError(f"{self.path}: {name}: the checksum differs")
                 self.triangles.append(data)

@@ -73,15 +73,23 @@ def pack(
     """
     name = check_path(path)
     target = name.removesuffix(JOURNAL_SUFFIX)
-    command = [sys.executable, "-m", "substep.export", name]
+    command = [sys.executable, "-m", "substep.export", os.path.abspath(name)]
     if out is not None:
         target = check_path(out)
-        command += ["--out", target]
+        command += ["--out", os.path.abspath(target)]
     if overwrite:
         command += ["--overwrite"]
-    folders = [str(Path(__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(folders)}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    # The same modules as here, and none that happen to lie in the working directory.
+    home = str(Path(__file__).resolve().parents[1])
+    folders = os.pathsep.join([*(os.path.abspath(p) for p in sys.path if p), home])
+    done = subprocess.run(
+        command,
+        cwd=home,
+        env={**os.environ, "PYTHONPATH": folders, "PYTHONSAFEPATH": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     if done.returncode != 0:
         raise _error_of(done, target)
     return target
@@ -179,7 +187,7 @@ def _verify(source: Source, part: str) -> None:
     """Read every frame back: its checksums are those of the journal."""
     from ._vtkhdf import Packed
 
-    packed = Packed(part)
+    packed = Packed(part, sys.maxsize)
     try:
         if packed.times != source.times or packed.crcs != source.crcs:
             raise CorruptError(f"{part}: what was written reads back differently")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import operator
 import os
@@ -26,7 +27,7 @@ from ._parts import (
     check_values,
     metadata_of,
 )
-from .errors import CorruptError, FormatError, InputError
+from .errors import CorruptError, FormatError, InputError, TruncatedError, VersionError
 
 JOURNAL_SUFFIX = ".journal"
 MAX_BYTES = 1 << 33
@@ -235,10 +236,12 @@ class Recorder:
             If the packed file cannot be written; the journal stays, and `substep.pack` can try
             again, also to another place.
         """
-        if self._writer is not None:
-            self._release()
-            from .export import pack
+        from .export import pack
 
+        with self._lock:
+            recording = self._writer is not None
+            self._release()
+        if recording:
             pack(self.journal_path)
 
     def _release(self) -> None:
@@ -276,21 +279,21 @@ def _unpack(path: str, journal_path: str) -> None:
         writer = Writer.create(part, header)
         try:
             for i, time in enumerate(source.times):
-                arrays = [recording._read(i, k) for k in range(len(source.specs))]
+                arrays = [read_checked(source, i, k) for k in range(len(source.specs))]
                 writer.append(encode_frame(i, time, source.specs, arrays))
         finally:
             writer.close()
         os.rename(part, journal_path)
 
 
-def _open_source(path: str) -> Source:
+def _open_source(path: str, max_bytes: int) -> Source:
     with open(path, "rb") as file:
         start = file.read(8)
     if start != b"\x89HDF\r\n\x1a\n":
         return Journal(path)
     from ._vtkhdf import Packed
 
-    return Packed(path)
+    return Packed(path, max_bytes)
 
 
 class Recording:
@@ -306,7 +309,7 @@ class Recording:
     recover : bool
         Check every frame now, and keep those before the first damaged one.
     max_bytes : int
-        The largest frame that may be read.
+        The largest frame that may be read, and the largest index.
 
     Attributes
     ----------
@@ -355,7 +358,7 @@ class Recording:
         name = check_path(path)
         if not name.endswith(JOURNAL_SUFFIX) and os.path.lexists(name + JOURNAL_SUFFIX):
             name += JOURNAL_SUFFIX
-        self._adopt(_open_source(name), recover)
+        self._adopt(_open_source(name, self._max_bytes), recover)
 
     @classmethod
     def _of(cls, source: Source) -> Recording:
@@ -403,9 +406,8 @@ class Recording:
     def _keep_valid_frames(self) -> None:
         for i in range(len(self)):
             try:
-                for k in range(len(self.source.specs)):
-                    self._read(i, k)
-            except FormatError:
+                self.frame(i)
+            except (CorruptError, TruncatedError, VersionError):
                 self.source.forget(i)
                 return
 
@@ -423,9 +425,6 @@ class Recording:
             raise IndexError(f"frame {number}: the recording has {len(self)} frames")
         return number % len(self)
 
-    def _read(self, index: int, array: int) -> NDArray[Any]:
-        return read_checked(self.source, index, array)
-
     def _read_arrays(self, index: int, wanted: list[int]) -> list[NDArray[Any]]:
         counts, specs = self.source.counts[index], self.source.specs
         needed = sum(counts[k] * specs[k].row_bytes for k in wanted)
@@ -433,7 +432,7 @@ class Recording:
             raise FormatError(
                 f"{self.path}: frame {index} needs {needed} bytes, max_bytes is {self._max_bytes}"
             )
-        return [self._read(index, k) for k in wanted]
+        return [read_checked(self.source, index, k) for k in wanted]
 
     def frame(self, index: int) -> Frame:
         """All arrays of one frame.
@@ -485,7 +484,7 @@ class Recording:
         self.close()
 
     def __del__(self) -> None:
-        if hasattr(self, "_source"):
+        with contextlib.suppress(Exception):  # not opened, or the interpreter ends
             self.source.close()
 
 
