@@ -39,7 +39,17 @@ _EXPORTS = {
     ),
 }
 _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
-_SUBMODULES = ("config", "errors", "export", "fields", "recording", "stability")
+_SUBMODULES = (
+    "cli",
+    "config",
+    "errors",
+    "export",
+    "fields",
+    "recording",
+    "render",
+    "scenes",
+    "stability",
+)
 
 __all__ = sorted([*_MODULE_OF, *_SUBMODULES])
 

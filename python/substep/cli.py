@@ -1,0 +1,405 @@
+"""The command line: `substep run`, `scenes`, `info`, `render`, `export`, `config`.
+
+Exit codes: 0 done; 1 the simulation failed, or the machine did (disk, memory, a missing extra);
+2 what was typed or read is wrong; 130 Ctrl-C; 143 SIGTERM; 141 the reader of our output went away.
+Each failure is one line on standard error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import os
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from . import __version__
+from ._progress import Progress
+from .errors import FormatError, InputError, SolverError, SubstepError
+
+if TYPE_CHECKING:
+    from ._config import RunConfig
+    from .scenes import Outcome, Scene
+
+USAGE, FAILED, INTERRUPTED, PIPE_CLOSED, TERMINATED = 2, 1, 130, 141, 143
+
+
+class _Failure(Exception):
+    """An exit code and the line that explains it."""
+
+    def __init__(self, code: int, line: str) -> None:
+        super().__init__(line)
+        self.code = code
+
+
+class _Parser(argparse.ArgumentParser):
+    """One-line errors, and the closest word for one that is not known."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(allow_abbrev=False, **options)
+
+    def error(self, message: str) -> NoReturn:
+        raise _Failure(USAGE, f"{message}; see {self.prog} --help")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            known = [str(choice) for choice in action.choices]
+            near = difflib.get_close_matches(str(value), known, n=1)
+            hint = f"did you mean {near[0]}? " if near else ""
+            self.error(f"unknown command {str(value)[:60]!r}: {hint}known: {', '.join(known)}")
+
+
+def _parser() -> _Parser:
+    parser = _Parser(
+        prog="substep",
+        description="Run simulations, record them and draw them.",
+        epilog="Start with: substep scenes",
+    )
+    parser.add_argument("--version", action="version", version=f"substep {__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+
+    def command(name: str, text: str) -> _Parser:
+        made = commands.add_parser(name, help=text, description=text[0].upper() + text[1:] + ".")
+        assert isinstance(made, _Parser)
+        made.add_argument(
+            "--traceback", action="store_true", help="show where an error arose, for a report"
+        )
+        return made
+
+    run = command("run", "run a scene into a recording and a picture")
+    run.add_argument("scene", nargs="?", metavar="SCENE", help="built-in scene or Python file")
+    run.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="set a parameter (repeatable)",
+    )
+    run.add_argument("--config", type=Path, metavar="FILE.toml", help="read settings from a file")
+    run.add_argument("--frames", metavar="N", help="number of frames, the first state included")
+    run.add_argument("--fps", metavar="F", help="frames per unit of the scene's time")
+    run.add_argument("--seed", metavar="N", help="seed of random numbers (0)")
+    run.add_argument("--threads", metavar="N", help="threads of native loops (all cores)")
+    run.add_argument("--out", metavar="DIR", help="output folder (runs/SCENE)")
+    run.add_argument("--no-picture", action="store_true", help="leave the picture out")
+    mode = run.add_mutually_exclusive_group()
+    mode.add_argument("--resume", action="store_true", help="go on with an interrupted run")
+    mode.add_argument("--overwrite", action="store_true", help="replace an earlier run")
+    run.set_defaults(action=_run)
+
+    scenes = command("scenes", "list the scenes and their parameters")
+    scenes.add_argument("scene", nargs="?", metavar="SCENE", help="only this one")
+    scenes.set_defaults(action=_scenes)
+
+    info = command("info", "say what a recording holds")
+    info.add_argument("file", type=Path, metavar="FILE")
+    info.set_defaults(action=_info)
+
+    render = command("render", "draw a recording as a picture (PNG) or a movie (MP4)")
+    render.add_argument("file", type=Path, metavar="FILE")
+    render.add_argument(
+        "--out", type=Path, metavar="FILE.png|FILE.mp4", help="beside FILE unless given"
+    )
+    render.add_argument("--frame", metavar="I", help="frame of the picture, from 0; -1 is the last")
+    render.add_argument("--fps", metavar="F", help="frames per second of the movie (25)")
+    render.add_argument("--scene", metavar="FILE.py", help="Python file of the recording's scene")
+    render.set_defaults(action=_render)
+
+    export = command("export", "pack the journal of an unfinished run into VTKHDF")
+    export.add_argument("file", type=Path, metavar="FILE")
+    export.add_argument("--out", type=Path, metavar="FILE.vtkhdf", help="beside FILE unless given")
+    export.set_defaults(action=_export)
+
+    config = command("config", "print version, instruction level, threads and libraries")
+    config.set_defaults(action=_config)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command line and return its exit code.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        The arguments; those of the process by default.
+
+    Returns
+    -------
+    int
+        The exit code.
+
+    Examples
+    --------
+    >>> from substep.cli import main
+    >>> main(["--version"])
+    substep 0.1.0
+    0
+    """
+    arguments = None
+    try:
+        arguments = _parser().parse_args(argv)
+        try:
+            arguments.action(arguments)
+        finally:
+            sys.stdout.flush()
+        return 0
+    except SystemExit as stop:  # --help and --version
+        return stop.code if isinstance(stop.code, int) else 0
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # the interpreter flushes stdout once more
+        return PIPE_CLOSED
+    except KeyboardInterrupt as stop:
+        terminated = type(stop).__name__ == "Terminated"
+        _complain(str(stop) or "interrupted")
+        return TERMINATED if terminated else INTERRUPTED
+    except Exception as error:
+        if getattr(arguments, "traceback", False):
+            raise
+        code, line = _judge(error)
+        if code is None:
+            raise
+        _complain(line)
+        return code
+
+
+def _complain(line: str) -> None:
+    """One line; `substep: ` goes before it unless it begins with a place in a file."""
+    text = " ".join(line.split())
+    place = re.match(r".+?:\d+:(\d+:)? ", text)
+    print(text if place else f"substep: {text}", file=sys.stderr)
+
+
+def _judge(error: Exception) -> tuple[int | None, str]:
+    """Exit code and line for an exception; no code for one that is a bug of ours."""
+    line = str(error)
+    if isinstance(error, _Failure):
+        return error.code, line
+    if isinstance(error, (InputError, FormatError)):
+        return USAGE, line
+    if isinstance(error, SolverError):
+        at = f" at time {error.time:g} s" if error.time is not None and "time" not in line else ""
+        return FAILED, f"{line}{at}"
+    if isinstance(error, FileExistsError) or (
+        isinstance(
+            error, (FileNotFoundError, IsADirectoryError, NotADirectoryError, PermissionError)
+        )
+    ):
+        return USAGE, _describe_os_error(error)
+    if isinstance(error, OSError):
+        return FAILED, _describe_os_error(error)
+    if isinstance(error, MemoryError):
+        return FAILED, f"out of memory{': ' + line if line else ''}"
+    if isinstance(error, (ImportError, SubstepError)):
+        return FAILED, line
+    return None, line
+
+
+def _describe_os_error(error: OSError) -> str:
+    if error.filename is None or error.strerror is None:
+        return str(error)
+    return f"{error.filename}: {error.strerror}"
+
+
+def _given(name: str, text: str | None) -> Any:
+    """An option that is also a key of the configuration, checked by the same rule."""
+    from ._config import KEYS
+
+    return None if text is None else KEYS[name].parse(f"--{name}", text)
+
+
+def _settings(arguments: argparse.Namespace) -> tuple[dict[str, Any], RunConfig | None]:
+    """Options over configuration: what is typed wins."""
+    from ._config import read_config
+
+    config = read_config(arguments.config) if arguments.config is not None else None
+    values = dict(config.values) if config is not None else {}
+    for name in ("frames", "fps", "threads", "seed"):
+        if (given := _given(name, getattr(arguments, name))) is not None:
+            values[name] = given
+    for name in ("scene", "out"):
+        if getattr(arguments, name) is not None:
+            values[name] = getattr(arguments, name)
+    if "scene" not in values:
+        raise _Failure(USAGE, "run: which SCENE? substep scenes lists them")
+    return values, config
+
+
+def _assignments(items: Sequence[str]) -> dict[str, str]:
+    """`key=value` of each --set."""
+    values: dict[str, str] = {}
+    for item in items:
+        key, equals, value = item.partition("=")
+        if not equals or not key:
+            raise InputError(f"--set {item[:60]}: expected KEY=VALUE")
+        if key in values:
+            raise InputError(f"--set {key}: given twice")
+        values[key] = value
+    return values
+
+
+def _run(arguments: argparse.Namespace) -> None:
+    from .scenes import load, run
+    from .scenes.run import recording_path
+
+    values, config = _settings(arguments)
+    scene = load(values["scene"])
+    typed = scene.check(_assignments(arguments.set), lambda key: f"--set {key}", parse=True)
+    parameters = dict(typed)
+    if config is not None:
+        written = scene.check(config.parameters, lambda key: config.where(key, "parameters"))
+        parameters = {**written, **typed}
+    if "threads" in values:
+        from . import set_num_threads
+
+        set_num_threads(values["threads"])
+    out = Path(values.get("out", f"runs/{scene.name}"))
+    bar = Progress(scene.name, scene.time_unit, scene.time_scale)
+    with bar as progress, _explained(values["scene"], recording_path(scene, out)):
+        outcome = run(
+            scene,
+            parameters,
+            out,
+            frames=values.get("frames"),
+            fps=values.get("fps"),
+            seed=values.get("seed"),
+            resume=arguments.resume,
+            overwrite=arguments.overwrite,
+            on_frame=progress,
+        )
+    _summarize(scene, outcome)
+    if not arguments.no_picture:
+        _draw(scene, recording_path(scene, out))
+
+
+@contextmanager
+def _explained(scene: str, recording: Path) -> Iterator[None]:
+    """Add what the command line can do about a run that failed."""
+    from .scenes.catalogue import describe_error
+
+    try:
+        yield
+    except FileExistsError as error:
+        if error.filename != str(recording):
+            raise
+        line = f"{recording}: there is an earlier run; say --resume, --overwrite or another --out"
+        raise _Failure(USAGE, line) from error
+    except SolverError as error:
+        journal = f"{recording}.journal"
+        raise _Failure(FAILED, f"{_judge(error)[1]}; the frames before are in {journal}") from error
+    except Exception as error:
+        if _judge(error)[0] is None and scene.endswith(".py"):  # a fault of the user's code
+            raise _Failure(FAILED, describe_error(error, Path(scene))) from error
+        raise
+
+
+def _summarize(scene: Scene, outcome: Outcome) -> None:
+    size = outcome.recording.stat().st_size
+    print(
+        f"{scene.name}: {outcome.frames} frames, {outcome.simulated / scene.time_scale:g} "
+        f"{scene.time_unit}, in {outcome.seconds:.1f} s, {_bytes(size)}"
+    )
+    print(f"recording: {outcome.recording}", flush=True)
+
+
+def _draw(scene: Scene, recording: Path) -> None:
+    from .render import save_picture
+
+    try:
+        picture = save_picture(recording, recording.with_suffix(".png"), scene=scene)
+    except ImportError as error:
+        print(f"no picture: {error}", file=sys.stderr)
+    else:
+        print(f"picture: {picture}")
+
+
+def _bytes(size: float) -> str:
+    for unit in ("B", "kB", "MB"):
+        if size < 1000:
+            return f"{size:.3g} {unit}"
+        size /= 1000
+    return f"{size:.3g} GB"
+
+
+def _scenes(arguments: argparse.Namespace) -> None:
+    from .scenes import load, names
+
+    for name in names() if arguments.scene is None else [arguments.scene]:
+        scene = load(name)
+        print(f"{scene.name}: {scene.doc}")
+        width = max(len(key) for key in scene.parameters)
+        for key, parameter in scene.parameters.items():
+            default = parameter.default
+            if isinstance(default, tuple):
+                default = ",".join(default)
+            shown = "required" if default is None else _plain(default)
+            unit = f" {parameter.unit}" if parameter.unit and default is not None else ""
+            print(f"    {key:<{width}}  {parameter.doc} ({shown}{unit})")
+            if parameter.choices:
+                print(f"    {'':<{width}}  {parameter.expected()}")
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _info(arguments: argparse.Namespace) -> None:
+    from .recording import Recording
+
+    with Recording(arguments.file) as recording:
+        print(f"file        {arguments.file} ({_bytes(arguments.file.stat().st_size)})")
+        print(f"scene       {recording.scene or '-'}, seed {recording.seed}")
+        print(f"written by  substep {recording.version}")
+        for key, value in recording.parameters.items():
+            print(f"parameter   {key} = {', '.join(value) if isinstance(value, list) else value}")
+        times = recording.times
+        span = f", {times[0]:g} s to {times[-1]:g} s" if len(times) else ""
+        print(f"frames      {len(recording)}{span}")
+        last = recording.frame(-1) if len(recording) else {}
+        for name, part in recording.parts.items():
+            points = f", {len(last[name]['points'])} points" if name in last else ""
+            fields = ", ".join(f"{f} [{unit}]" if unit else f for f, unit in part.fields.items())
+            print(f"part        {name}: {part.kind}{points}{'; ' + fields if fields else ''}")
+
+
+def _render(arguments: argparse.Namespace) -> None:
+    from .render import save_movie, save_picture
+    from .scenes import load
+    from .scenes.declaration import Parameter
+
+    out = arguments.out or arguments.file.with_suffix(".png")
+    suffix = out.suffix.lower()
+    if suffix not in (".png", ".mp4"):
+        raise InputError(f"--out: expected a file ending in .png or .mp4, got {str(out)[:60]!r}")
+    scene = None if arguments.scene is None else load(arguments.scene)
+    if suffix == ".png":
+        if arguments.fps is not None:
+            raise InputError("--fps: a picture has no frame rate; it is for --out FILE.mp4")
+        frame = Parameter("frame", -1).parse("--frame", arguments.frame or "-1")
+        assert isinstance(frame, int)
+        print(f"picture: {save_picture(arguments.file, out, frame=frame, scene=scene)}")
+    else:
+        if arguments.frame is not None:
+            raise InputError("--frame: a movie shows every frame; it is for --out FILE.png")
+        fps = Parameter("rate", 25.0, above=0, maximum=1000).parse("--fps", arguments.fps or "25")
+        assert isinstance(fps, float)
+        with Progress(out.name) as progress:
+            save_movie(arguments.file, out, fps=fps, scene=scene, on_frame=progress)
+        print(f"movie: {out}")
+
+
+def _export(arguments: argparse.Namespace) -> None:
+    from .export import pack
+
+    print(f"recording: {pack(arguments.file, arguments.out)}")
+
+
+def _config(arguments: argparse.Namespace) -> None:
+    from . import show_config
+
+    show_config()

@@ -1,0 +1,7 @@
+"""Scenes: declared simulations that `substep run` runs, records, resumes and draws."""
+
+from .catalogue import load, names
+from .declaration import Parameter, Scene
+from .run import Outcome, Plan, run
+
+__all__ = ["Outcome", "Parameter", "Plan", "Scene", "load", "names", "run"]

@@ -1,0 +1,143 @@
+"""Pictures and movies of recordings."""
+
+import gc
+import itertools
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import substep
+from substep import render
+from substep.cli import main
+
+pytest.importorskip("matplotlib")
+
+
+@pytest.fixture
+def recording(tmp_path):
+    path = tmp_path / "run.vtkhdf"
+    parts = {
+        "grains": substep.Part("particles", fields={"velocity": "m/s"}),
+        "floor": substep.Part("mesh", triangles=[[0, 1, 2]]),
+    }
+    with substep.Recorder(path, parts=parts) as recorder:
+        for k in range(4):
+            grains = {"points": np.arange(12.0).reshape(4, 3) + k, "velocity": np.ones((4, 3))}
+            floor = {"points": [[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.0, 9.0, 0.0]]}
+            recorder.append(0.1 * k, {"grains": grains, "floor": floor})
+    return path
+
+
+def pixels(path):
+    from matplotlib.image import imread
+
+    return imread(path)
+
+
+def test_picture_of_a_recording_without_a_scene(recording, capsys):
+    assert main(["render", str(recording)]) == 0
+    assert capsys.readouterr().out == f"picture: {recording.with_suffix('.png')}\n"
+    image = pixels(recording.with_suffix(".png"))
+    assert image.shape[:2] == (810, 1440)
+    assert image[..., :3].std() > 0.01
+    assert sorted(p.name for p in recording.parent.iterdir()) == ["run.png", "run.vtkhdf"]
+
+
+def test_frames_differ_and_the_last_is_the_default(recording, tmp_path, capsys):
+    for frame, name in ((0, "a"), (3, "b"), (-1, "c")):
+        arguments = [
+            "render",
+            str(recording),
+            "--frame",
+            str(frame),
+            "--out",
+            str(tmp_path / f"{name}.png"),
+        ]
+        assert main(arguments) == 0
+    first, last, default = (pixels(tmp_path / f"{name}.png") for name in "abc")
+    assert not np.array_equal(first, last) and np.array_equal(last, default)
+    for frame in (4, -5):
+        with pytest.raises(substep.InputError, match="from -4 to 3"):
+            render.save_picture(recording, tmp_path / "x.png", frame=frame)
+    assert not (tmp_path / "x.png").exists()
+
+
+@pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")  # imageio-ffmpeg's pipes
+def test_movie_has_every_frame(recording, tmp_path, capsys):
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    out = tmp_path / "run.mp4"
+    assert main(["render", str(recording), "--out", str(out), "--fps", "2"]) == 0
+    assert capsys.readouterr().out == f"movie: {out}\n"
+    reader = imageio_ffmpeg.read_frames(str(out))
+    meta = next(reader)
+    assert meta["size"] == (960, 540) and meta["fps"] == 2 and meta["codec"] == "h264"
+    frames = [np.frombuffer(frame, np.uint8) for frame in reader]
+    assert len(frames) == 4
+    assert all(np.any(a != b) for a, b in itertools.pairwise(frames))
+    assert not list(tmp_path.glob(".*"))
+    del reader
+    gc.collect()
+
+
+def test_empty_recording(tmp_path):
+    path = tmp_path / "run.vtkhdf"
+    with substep.Recorder(path, parts={"p": substep.Part()}):
+        pass
+    with pytest.raises(substep.InputError, match="no frame"):
+        render.save_picture(path, tmp_path / "x.png")
+
+
+def test_no_points(tmp_path):
+    path = tmp_path / "run.vtkhdf"
+    with substep.Recorder(path, parts={"p": substep.Part(fields={"speed": "m/s"})}) as recorder:
+        recorder.append(0, {"p": {"points": np.empty((0, 2)), "speed": np.empty(0)}})
+    render.save_picture(path, tmp_path / "x.png")
+    assert (tmp_path / "x.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("module", "out", "words"),
+    [("matplotlib", "x.png", "matplotlib"), ("imageio_ffmpeg", "x.mp4", "imageio-ffmpeg")],
+)
+def test_a_missing_extra_is_named(recording, tmp_path, capsys, monkeypatch, module, out, words):
+    monkeypatch.setitem(sys.modules, module, None)
+    assert main(["render", str(recording), "--out", str(tmp_path / out)]) == 1
+    err = capsys.readouterr().err
+    assert words in err and 'pip install "substep[plot]"' in err and err.count("\n") == 1
+    assert not (tmp_path / out).exists()
+
+
+def test_run_without_matplotlib_still_records(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    toy = Path(__file__).with_name("toy_scene.py")
+    assert main(["run", str(toy), "--out", str(tmp_path / "run")]) == 0
+    out, err = capsys.readouterr()
+    assert "recording: " in out and "no picture: matplotlib is missing" in err
+    assert [p.name for p in (tmp_path / "run").iterdir()] == ["walkers.vtkhdf"]
+
+
+def test_a_picture_that_cannot_be_written(recording, tmp_path, capsys):
+    (tmp_path / "folder.png").mkdir()
+    assert main(["render", str(recording), "--out", str(tmp_path / "folder.png")]) == 2
+    assert main(["render", str(recording), "--out", str(tmp_path / "none" / "x.png")]) == 2
+    assert not [p for p in tmp_path.iterdir() if "part" in p.name]
+
+
+def test_a_recording_of_a_scene_file_is_drawn_by_it(tmp_path, capsys):
+    toy = Path(__file__).with_name("toy_scene.py")
+    scene = tmp_path / "scene.py"
+    picture = (
+        "\ndef picture(recording, frame, figure):\n    figure.set_facecolor((1.0, 0.0, 0.0))\n"
+    )
+    text = toy.read_text().replace(
+        "SCENE = Scene(", picture + "\n\nSCENE = Scene(\n    picture=picture,"
+    )
+    scene.write_text(text)
+    assert main(["run", str(scene), "--out", str(tmp_path / "run")]) == 0
+    np.testing.assert_array_equal(pixels(tmp_path / "run/walkers.png")[0, 0, :3], [1, 0, 0])
+    recording = str(tmp_path / "run/walkers.vtkhdf")
+    assert main(["render", recording, "--out", str(tmp_path / "a.png")]) == 0  # never runs a file
+    np.testing.assert_array_equal(pixels(tmp_path / "a.png")[0, 0, :3], [1, 1, 1])
+    assert main(["render", recording, "--out", str(tmp_path / "b.png"), "--scene", str(scene)]) == 0
+    np.testing.assert_array_equal(pixels(tmp_path / "b.png")[0, 0, :3], [1, 0, 0])

@@ -1,0 +1,359 @@
+"""The scenes: each of them runs, records, resumes to the same bits, and shows what it should."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+import substep
+from substep import scenes
+from substep.cli import main
+from substep.scenes import Parameter, Scene
+
+DATA = Path(__file__).parents[2] / "shared" / "data" / "globcurrent"
+
+SMALL = {
+    "double-gyre": {"duration": 2.0, "particles": 300},
+    "kepler": {"duration": 2.0},
+    "ocean-drift": {"duration": 2.0, "particles": 500},
+    "oscillator": {"duration": 1.0},
+}
+
+
+def small(name):
+    """The scene and parameters for a run of a second."""
+    parameters = dict(SMALL[name])
+    if name in ("kepler", "oscillator"):
+        pytest.importorskip("substep.second_order")
+    if name == "ocean-drift":
+        if not DATA.is_dir():
+            pytest.skip("the ocean currents are not at hand")
+        parameters["data"] = str(DATA)
+    return scenes.load(name), parameters
+
+
+def frames_of(path):
+    with substep.Recording(path) as recording:
+        return [(time, {p: dict(a) for p, a in frame.items()}) for time, frame in recording]
+
+
+def hash_of(path):
+    frames = frames_of(path)
+    return substep.state_hash(
+        *(x for t, f in frames for x in (t, *(a for part in f.values() for a in part.values())))
+    )
+
+
+@pytest.mark.parametrize("name", scenes.names())
+def test_records_what_it_declares(name, tmp_path):
+    scene, parameters = small(name)
+    seen = []
+    outcome = scenes.run(
+        scene, parameters, tmp_path, frames=5, on_frame=lambda k, n, t: seen.append((k, n, t))
+    )
+    assert outcome.recording == tmp_path / f"{name}.vtkhdf" and outcome.frames == 5
+    assert [k for k, _, _ in seen] == [0, 1, 2, 3, 4]
+    with substep.Recording(outcome.recording) as recording:
+        assert recording.scene == name and len(recording) == 5
+        assert recording.times.tolist() == [t for _, _, t in seen]
+        assert recording.times[-1] == pytest.approx(
+            parameters["duration"] * scene.time_scale, rel=0.02
+        )
+        for key, value in parameters.items():
+            assert recording.parameters[key] == value
+        assert set(recording.parameters) == {*scene.parameters, "frames", "interval", "notes"}
+        for k in range(5):
+            for arrays in recording.frame(k).values():
+                for values in arrays.values():
+                    assert np.isfinite(values).all()
+        first, last = recording.frame(0), recording.frame(-1)
+        part = next(iter(recording.parts))
+        assert not np.array_equal(first[part]["points"], last[part]["points"])
+
+
+@pytest.mark.parametrize("name", scenes.names())
+def test_checkpoint_is_the_whole_state(name, tmp_path):
+    scene, parameters = small(name)
+    complete = scene.complete(scene.check(parameters))
+    one = scene.build(complete, 3)
+    hop = 0.25 * complete["duration"] * scene.time_scale
+    one.advance(hop)
+    one.save(tmp_path / "checkpoint")
+    assert [p.name for p in tmp_path.iterdir()] == ["checkpoint"]
+    other, third = scene.build(complete, 3), scene.build(complete, 3)
+    other.load(tmp_path / "checkpoint")
+    third.restore(one.state())
+    for simulation in (one, other, third):
+        simulation.advance(2 * hop)
+    hashes = {
+        substep.state_hash(s.time, *(values for values, _ in s.fields().values()))
+        for s in (one, other, third)
+    }
+    assert len(hashes) == 1
+    for text in (
+        b"",
+        b"{}",
+        b'{"steps": -1}',
+        b"[" * 10_000,
+        (tmp_path / "checkpoint").read_bytes()[:-9],
+    ):
+        (tmp_path / "bad").write_bytes(text)
+        with pytest.raises(substep.FormatError):
+            one.load(tmp_path / "bad")
+    assert substep.state_hash(one.time, *(v for v, _ in one.fields().values())) in hashes
+
+
+@pytest.mark.parametrize("name", scenes.names())
+def test_resumes_to_the_same_bits(name, tmp_path):
+    scene, parameters = small(name)
+    whole = scenes.run(scene, parameters, tmp_path / "whole", frames=7, seed=4).recording
+
+    def stop(frame, frames, time):
+        if frame == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt, match="4 of 7 frames"):
+        scenes.run(scene, parameters, tmp_path / "cut", frames=7, seed=4, on_frame=stop)
+    seen = []
+    part = scenes.run(
+        scene, {}, tmp_path / "cut", resume=True, on_frame=lambda k, n, t: seen.append(k)
+    ).recording
+    assert seen == [3, 4, 5, 6]  # from the checkpoint, not from the start
+    assert hash_of(part) == hash_of(whole)
+    assert [p.name for p in (tmp_path / "cut").iterdir()] == [f"{name}.vtkhdf"]
+
+
+@pytest.mark.parametrize("name", ["double-gyre", "ocean-drift"])
+def test_threads_do_not_change_the_bits(name, tmp_path):
+    scene, parameters = small(name)
+    before = substep.num_threads()
+    hashes = set()
+    try:
+        for threads in (1, 2, 3):
+            substep.set_num_threads(threads)
+            run = scenes.run(scene, parameters, tmp_path / str(threads), frames=3)
+            hashes.add(hash_of(run.recording))
+    finally:
+        substep.set_num_threads(before)
+    assert len(hashes) == 1
+
+
+@pytest.mark.parametrize("name", scenes.names())
+def test_picture(name, tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    _, parameters = small(name)
+    sets = [word for key, value in parameters.items() for word in ("--set", f"{key}={value}")]
+    assert main(["run", name, *sets, "--frames", "5", "--out", str(tmp_path)]) == 0
+    out, err = capsys.readouterr()
+    assert err == "" and out.endswith(f"picture: {tmp_path / name}.png\n")
+    assert out.startswith(f"{name}: 5 frames, ")
+    assert (tmp_path / f"{name}.png").stat().st_size > 20_000
+
+
+LATER = pytest.mark.skipif(
+    importlib.util.find_spec("substep.second_order") is None, reason="needs solve_second_order"
+)
+
+
+@LATER
+def test_kepler_keeps_energy_where_it_should(tmp_path):
+    run = scenes.run(scenes.load("kepler"), {"duration": 20, "steps": 500}, tmp_path, frames=101)
+    frames = frames_of(run.recording)
+    energy = np.array([frame["particles"]["energy"] for _, frame in frames])
+    with substep.Recording(run.recording) as recording:
+        methods = recording.parameters["methods"]
+    np.testing.assert_allclose(energy[0], -0.5, rtol=1e-15)
+    error = dict(zip(methods, np.abs(energy / energy[0] - 1).T, strict=True))
+    for method in ("symplectic_euler", "velocity_verlet", "yoshida4"):
+        assert error[method][51:].max() < 1.5 * error[method][:51].max(), method  # bounded
+    assert error["rk4"][-1] > 3.5 * error["rk4"][20]  # grows with time
+    assert (
+        error["yoshida4"].max() < error["velocity_verlet"].max() < error["symplectic_euler"].max()
+    )
+
+
+@LATER
+def test_verlet_in_hops_is_verlet_in_one_go():
+    """Position Verlet's central-difference velocity restarts it exactly, but for rounding."""
+    scene = scenes.load("kepler")
+    parameters = scene.complete(scene.check({"methods": "position_verlet", "duration": 2}))
+    hops, whole = scene.build(parameters, 0), scene.build(parameters, 0)
+    for k in range(1, 21):
+        hops.advance(k * 0.1 * scene.time_scale - hops.time)
+    whole.advance(2 * scene.time_scale)
+    assert hops.time == pytest.approx(whole.time, abs=1e-12)
+    np.testing.assert_allclose(
+        hops.fields()["position"][0], whole.fields()["position"][0], atol=1e-10
+    )
+
+
+@LATER
+def test_oscillator_shows_the_classical_limits(tmp_path):
+    scene = scenes.load("oscillator")
+    run = scenes.run(scene, {"step": 0.1, "duration": 10}, tmp_path, frames=11)
+    time, last = frames_of(run.recording)[-1]
+    methods = scene.parameters["methods"].default
+    gain = dict(zip(methods, last["particles"]["energy"] / 0.5, strict=True))
+    steps = round(time / 0.1)
+    # |1 + i h|^2 = 1 + h^2 for explicit Euler, 1 + h^4 / 4 for midpoint and Heun
+    assert gain["euler"] == pytest.approx(1.01**steps, rel=1e-9)
+    assert gain["midpoint"] == pytest.approx((1 + 1e-4 / 4) ** steps, rel=1e-9)
+    assert gain["heun"] == pytest.approx(gain["midpoint"], rel=1e-9)
+    # |R|^2 = 1 - h^6 / 72 + h^8 / 576 for RK4
+    assert gain["rk4"] == pytest.approx((1 - 1e-6 / 72 + 1e-8 / 576) ** steps, rel=1e-9)
+    for method in ("symplectic_euler", "position_verlet", "velocity_verlet", "yoshida4"):
+        assert gain[method] == pytest.approx(1, abs=0.06)
+
+
+@LATER
+def test_steps_longer_than_frames_are_refused(tmp_path):
+    with pytest.raises(substep.InputError, match="step: 3 s is too long for frames"):
+        scenes.run(scenes.load("oscillator"), {"step": 3.0}, tmp_path / "run", frames=501)
+    assert not (tmp_path / "run").exists()
+
+
+def test_double_gyre_stays_in_its_box_and_keeps_its_dye(tmp_path):
+    scene = scenes.load("double-gyre")
+    run = scenes.run(scene, {"particles": 1000, "duration": 20}, tmp_path, frames=3)
+    (_, first), _, (_, last) = frames_of(run.recording)
+    points, start = last["particles"]["points"], last["particles"]["start"]
+    assert (points >= 0).all() and (points <= [2, 1]).all()
+    np.testing.assert_array_equal(start, first["particles"]["points"][:, 0])
+
+
+class TestOceanDrift:
+    @pytest.fixture
+    def run(self, tmp_path):
+        scene, parameters = small("ocean-drift")
+        parameters |= {"duration": 10.0, "particles": 3000}
+        return scenes.run(scene, parameters, tmp_path, frames=11).recording
+
+    def test_drifters_start_on_water_and_stay_off_the_land(self, run):
+        field = substep.open_field(DATA)
+        frames = frames_of(run)
+        first, last = frames[0][1]["drifters"], frames[-1][1]["drifters"]
+        assert (first["status"] == 0).all()
+        moving = last["status"] == 0
+        assert 1000 < moving.sum() < 3000
+        nodes = [
+            axis[np.abs(axis[:, None] - last["points"][moving, d]).argmin(0)]
+            for d, axis in enumerate(field.axes)
+        ]
+        assert not np.isnan(field(10 * 86400.0, np.column_stack(nodes))).any()
+        assert (last["speed"][~moving] == 0).all() and (last["speed"][moving] > 0).all()
+
+    def test_speed_is_that_of_the_currents(self, run):
+        field = substep.open_field(DATA)
+        for time, frame in frames_of(run)[::5]:
+            drifters = frame["drifters"]
+            moving = drifters["status"] == 0
+            u = field(time, drifters["points"][moving].astype(float))
+            np.testing.assert_allclose(drifters["speed"][moving], np.hypot(*u.T), atol=2e-4)
+
+    def test_the_agulhas_current_is_the_fastest(self, run):
+        """Off Port Elizabeth (35 S, 25 E) the current runs south-westward at over 1 m/s."""
+        frames = [frame["drifters"] for _, frame in frames_of(run)]
+        points = np.concatenate([f["points"] for f in frames])
+        speed = np.concatenate([f["speed"] for f in frames])
+        core = np.hypot(points[:, 0] - 25, points[:, 1] + 35) < 0.4
+        assert core.sum() > 20 and speed[core].mean() > 1.0 > 2 * speed.mean()
+
+    def test_land_is_where_the_data_have_none(self, run):
+        field = substep.open_field(DATA)
+        with substep.Recording(run) as recording:
+            land = recording.frame(0)["land"]["points"]
+            triangles = np.asarray(recording.parts["land"].triangles)
+        nodes = np.stack(np.meshgrid(*field.axes, indexing="ij"), -1).reshape(-1, 2)
+        missing = np.isnan(field(0.0, nodes)).any(axis=1)
+        assert len(land) == 4 * missing.sum() and len(triangles) == 2 * missing.sum()
+        a, b, c = (land[triangles[:, k], :2].astype(float) for k in range(3))
+        twice = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+        assert (twice > 0).all()
+        assert twice.sum() / 2 == pytest.approx(missing.sum() * 0.25**2, rel=0.05)
+
+    def test_the_recording_knows_the_date(self, run):
+        with substep.Recording(run) as recording:
+            assert recording.parameters["notes"] == {"origin": "2002-01-01T00:00:00"}
+
+    def test_wrong_data_is_one_line(self, tmp_path, capsys, monkeypatch):
+        small("ocean-drift")
+        monkeypatch.chdir(tmp_path)
+        np.savez("plane.npz", x=[0.0, 1.0], y=[0.0, 1.0], values=np.ones((2, 2, 2)))
+        (tmp_path / "junk.nc").write_bytes(b"CDF\x01junk")
+        (tmp_path / "empty").mkdir()
+        for data, words in (
+            ("plane.npz", "by longitude and latitude"),
+            ("junk.nc", "junk.nc"),
+            ("empty", "no NetCDF files"),
+            (f"{DATA} --set duration=61", "the data covers 60 days, got 61"),
+        ):
+            arguments = f"run ocean-drift --out run --set data={data}".split()
+            assert main(arguments) == 2
+            out, err = capsys.readouterr()
+            assert out == "" and words in err and err.count("\n") == 1
+            assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value", "result"),
+    [
+        (Parameter("n", 3), "1e6", 1_000_000),
+        (Parameter("n", 3), "9007199254740993", 9007199254740993),
+        (Parameter("x", 3.0), "3", 3.0),
+        (Parameter("x", 3.0, above=0), "1e-300", 1e-300),
+        (Parameter("b", False), "True", True),
+        (Parameter("b", True), "off", False),
+        (Parameter("s", "a"), "any text", "any text"),
+        (Parameter("s", "a", choices=("a", "b")), "B", "b"),
+        (Parameter("s", ("a",), choices=("a", "b")), "b, a", ("b", "a")),
+    ],
+)
+def test_parameters_read_texts(parameter, value, result):
+    got = parameter.parse("key", value)
+    assert got == result and type(got) is type(result)
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value", "words"),
+    [
+        (Parameter("n", 3), 3.0, "an integer, got 3.0"),
+        (Parameter("n", 3), True, "an integer, got true"),
+        (Parameter("n", 3), 10**400, "an integer, got 1000"),
+        (Parameter("n", 3, minimum=1), 0, "an integer of at least 1, got 0"),
+        (Parameter("n", 3, maximum=5), 6, "an integer of at most 5, got 6"),
+        (Parameter("x", 3.0, unit="m"), float("nan"), "a finite number [m], got nan"),
+        (Parameter("x", 3.0, above=0), 0.0, "a finite number above 0, got 0.0"),
+        (Parameter("x", 3.0), "3", "got '3'"),
+        (Parameter("x", 3.0), [3.0], "got a list"),
+        (Parameter("b", True), 1, "true or false, got 1"),
+        (Parameter("s", "a"), 1, "a text, got 1"),
+        (Parameter("s", "a"), "x\0y", "without NUL"),
+        (Parameter("s", "a", choices=("a", "b")), "c", "one of a, b, got 'c'"),
+        (Parameter("s", "a"), {"deep": 1}, "got a table"),
+        (Parameter("x", 3.0), "y" * 1000, "got 'yyy"),
+    ],
+)
+def test_parameters_refuse(parameter, value, words):
+    with pytest.raises(substep.InputError, match="key: expected") as caught:
+        parameter.check("key", value)
+    assert words in str(caught.value) and len(str(caught.value)) < 120
+
+
+@pytest.mark.parametrize("name", ["", "A", "a b", "../a", "a/b", "é", "a" * 65, "-", "1"])
+def test_names_of_scenes(name):
+    with pytest.raises(substep.InputError, match="name: "):
+        Scene(name, "", {"duration": Parameter("", 1.0)}, build=lambda p, seed: None)
+
+
+def test_scenes_need_a_duration_and_leave_some_names_free():
+    with pytest.raises(substep.InputError, match="duration"):
+        Scene("a", "", {}, build=lambda p, seed: None)
+    taken = {"duration": Parameter("", 1.0), "frames": Parameter("", 1)}
+    with pytest.raises(substep.InputError, match="frames is taken"):
+        Scene("a", "", taken, build=lambda p, seed: None)
+
+
+def test_load_refuses_other_names():
+    for name in ("", "Kepler", "kepler.toml", "no-such", "substep"):
+        with pytest.raises(substep.InputError, match="neither a built-in scene nor a Python file"):
+            scenes.load(name)
