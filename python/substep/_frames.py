@@ -117,23 +117,42 @@ def encode_file_header(metadata: dict[str, Any], triangles: Sequence[NDArray[Any
     return head + struct.pack("<I", zlib.crc32(head)) + text + blob
 
 
-def encode_frame(
-    index: int, time: float, specs: Sequence[Spec], arrays: Sequence[NDArray[Any]]
-) -> bytes:
-    """One whole record; the arrays are copied first, so that bytes and checksums agree."""
-    copies = [array.tobytes() for array in arrays]
-    table = np.zeros(len(arrays), TABLE)
-    for row, spec, array, data in zip(table, specs, arrays, copies, strict=True):
-        row["count"] = len(array)
-        row["dtype"] = spec.dtype.encode()
-        row["shape"][: len(spec.shape)] = spec.shape
-        row["crc32"] = array_crc(index, time, data)
-    rows = table.tobytes()
-    payload = sum(map(len, copies))
-    head = FRAME_HEADER.pack(FRAME_MAGIC, len(arrays), index, time, payload, zlib.crc32(rows), 0)[
-        :-4
-    ]
-    return b"".join([head, struct.pack("<I", zlib.crc32(head)), rows, *copies])
+class Encoder:
+    """Puts frames into the form of the file.
+
+    The arrays are copied first, so that bytes and checksums agree whatever another thread does. The
+    buffer is kept: fresh memory for every frame would cost more than the checksums do.
+    """
+
+    def __init__(self) -> None:
+        self._buffer = np.empty(0, np.uint8)
+
+    def encode(
+        self, index: int, time: float, specs: Sequence[Spec], arrays: Sequence[NDArray[Any]]
+    ) -> memoryview:
+        """One whole record, valid until the next."""
+        start = FRAME_HEADER.size + TABLE.itemsize * len(arrays)
+        payload = sum(array.nbytes for array in arrays)
+        if len(self._buffer) < start + payload:
+            self._buffer = np.empty(start + payload, np.uint8)
+        record = self._buffer[: start + payload]
+        table = np.zeros(len(arrays), TABLE)
+        end = start
+        for row, spec, array in zip(table, specs, arrays, strict=True):
+            copy = record[end : end + array.nbytes]
+            copy.view(array.dtype).reshape(array.shape)[...] = array
+            end += array.nbytes
+            row["count"] = len(array)
+            row["dtype"] = spec.dtype.encode()
+            row["shape"][: len(spec.shape)] = spec.shape
+            row["crc32"] = array_crc(index, time, copy)
+        rows = table.tobytes()
+        head = FRAME_HEADER.pack(
+            FRAME_MAGIC, len(arrays), index, time, payload, zlib.crc32(rows), 0
+        )[:-4]
+        first = head + struct.pack("<I", zlib.crc32(head)) + rows
+        record[:start] = np.frombuffer(first, np.uint8)
+        return record.data
 
 
 def frame_names(part: dict[str, Any]) -> Iterator[str]:

@@ -337,7 +337,7 @@ class Writer:
             os.unlink(path + ".part")
         return cls(fd, path, journal.end, fsync), journal
 
-    def append(self, record: bytes) -> None:
+    def append(self, record: bytes | memoryview) -> None:
         """Write one record; when this returns, the frame outlives this process."""
         if os.getpid() != self._process:
             raise InputError("the recorder belongs to the process that this one was forked from")
@@ -369,7 +369,7 @@ class Writer:
             os.close(fd)
 
 
-def write_all(fd: int, data: bytes, offset: int) -> None:
+def write_all(fd: int, data: bytes | memoryview, offset: int) -> None:
     """Write everything, however many calls it takes."""
     view = memoryview(data)
     while view:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._checks import check_integer, check_real, describe
-from ._frames import Source, Spec, encode_file_header, encode_frame, read_checked
+from ._frames import Encoder, Source, Spec, encode_file_header, read_checked
 from ._journal import Journal, Writer
 from ._parts import (
     Part,
@@ -124,6 +124,7 @@ class Recorder:
         self.journal_path = self.path + JOURNAL_SUFFIX
         self._specs: list[Spec] = []
         self._times: list[float] = []
+        self._encoder = Encoder()
         self._lock = threading.Lock()
         self._writer: Writer | None = None
         header = encode_file_header(metadata, self._triangles())
@@ -203,7 +204,7 @@ class Recorder:
             if self._times and now <= self._times[-1]:
                 raise InputError(f"time: expected one after {self._times[-1]}, got {now}")
             specs, arrays = self._check_frame(frame)
-            self._writer.append(encode_frame(len(self._times), now, specs, arrays))
+            self._writer.append(self._encoder.encode(len(self._times), now, specs, arrays))
             self._specs = specs
             self._times.append(now)
         finally:
@@ -276,11 +277,11 @@ def _unpack(path: str, journal_path: str) -> None:
         part = journal_path + ".unpack"
         if os.path.lexists(part):
             os.unlink(part)
-        writer = Writer.create(part, header)
+        writer, encoder = Writer.create(part, header), Encoder()
         try:
             for i, time in enumerate(source.times):
                 arrays = [read_checked(source, i, k) for k in range(len(source.specs))]
-                writer.append(encode_frame(i, time, source.specs, arrays))
+                writer.append(encoder.encode(i, time, source.specs, arrays))
         finally:
             writer.close()
         os.rename(part, journal_path)
