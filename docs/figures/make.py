@@ -322,21 +322,21 @@ FIGURES = {
 }
 
 
-def main(names):
-    """Draw the named figures, or all."""
+def main(names, folder=FOLDER):
+    """Draw the named figures, or all, into the folder."""
     unknown = [name for name in names if name not in FIGURES]
     if unknown:
         raise SystemExit(f"{unknown[0]}: expected one of {', '.join(FIGURES)}")
     plt.switch_backend("Agg")
-    plt.rcParams.update(STYLE)
     for name in names or FIGURES:
-        fig = FIGURES[name]()
-        if fig is None:
-            continue
-        path = FOLDER / f"{name}.png"
         buffer = io.BytesIO()
-        fig.savefig(buffer, format="png")
-        plt.close(fig)
+        with plt.rc_context(STYLE):
+            fig = FIGURES[name]()
+            if fig is None:
+                continue
+            fig.savefig(buffer, format="png")
+            plt.close(fig)
+        path = folder / f"{name}.png"
         # 256 colours are enough, and a third of the size.
         Image.open(buffer).convert("RGB").quantize(
             256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
