@@ -10,7 +10,10 @@ import h5py
 import numpy as np
 import pytest
 import substep
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from substep._journal import lock_for_packing
+from substep.export import pack_here
 
 TRIANGLES = np.array([[0, 1, 2], [1, 2, 3]])
 PARTS = {
@@ -92,6 +95,48 @@ def test_round_trip_through_journal_and_packed_file(tmp_path, names):
             part = recording.parts[name]
             assert part.kind == PARTS[name].kind and part.fields == PARTS[name].fields
             assert np.array_equal(part.triangles, PARTS[name].triangles)
+
+
+DTYPES = ["?", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8"]
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(
+    counts=st.lists(st.integers(0, 9), max_size=5),
+    dimension=st.sampled_from([2, 3]),
+    precision=st.sampled_from(["f4", "f8"]),
+    fields=st.lists(
+        st.tuples(
+            st.sampled_from(DTYPES), st.sampled_from([(), (1,), (2,), (3,), (7,), (2, 2), (3, 3)])
+        ),
+        max_size=4,
+    ),
+    seed=st.integers(0, 2**32),
+)
+def test_any_recording_comes_back_bit_for_bit(tmp_path, counts, dimension, precision, fields, seed):
+    rng = np.random.default_rng(seed)
+    names = {f"f{k}": field for k, field in enumerate(fields)}
+    part = substep.Part("particles", dict.fromkeys(names, "1"))
+    path = tmp_path / "a.vtkhdf"
+    recorder = substep.Recorder(path, parts={"p": part}, overwrite=True)
+    frames = []
+    for k, n in enumerate(counts):
+        arrays = {"points": rng.normal(size=(n, dimension)).astype(precision)}
+        for name, (dtype, shape) in names.items():
+            size = (n, *shape, np.dtype(dtype).itemsize)
+            bits = rng.integers(0, 2 if dtype == "?" else 256, size, np.uint8)
+            arrays[name] = bits.view(dtype)[..., 0]  # NaN and infinity too
+        frames.append({"p": arrays})
+        recorder.append(float(k), frames[-1])
+    recorder._release()
+    for packed in (False, True):
+        if packed:
+            pack_here(str(path), None, False)
+        with substep.Recording(path, recover=True) as recording:
+            assert recording.packed == packed and len(recording) == len(counts)
+            for (time, frame), (k, expected) in zip(recording, enumerate(frames), strict=True):
+                assert time == k
+                assert_same(frame, expected)
 
 
 def read_by_vtk(path):

@@ -520,8 +520,11 @@ def test_resume_after_a_power_cut(journal, tail):
     else:
         flip(journal, -3)
     valid = 4 if tail == "zeros" else 3
-    with pytest.raises(CorruptError, match=f"frame {valid} at byte"):
-        substep.Recording(path)
+    if tail == "zeros":
+        assert_frames(path, valid)
+    else:  # it may have been whole once
+        with pytest.raises(CorruptError, match="frame 3 at byte"):
+            substep.Recording(path)
     assert_frames(path, valid, recover=True)
     record(path, frames=2, resume=True).close()
     assert_frames(path, valid + 2)

@@ -3,7 +3,8 @@
 A file header (metadata and triangles), then one record per frame: header, table of arrays, payload,
 each with its length and CRC-32, all little-endian; docs/recording.md has the layout byte by byte.
 A frame counts from the moment its last byte is written. A file that ends within a record is what a
-killed writer leaves, and is read up to the last whole frame.
+killed writer leaves, and one that ends in zeros what a power cut does: both are read up to the last
+whole frame.
 """
 
 from __future__ import annotations
@@ -117,7 +118,8 @@ class Journal:
     end : int
         Offset behind the last whole frame.
     problem : FormatError or None
-        What ended the walk, unless that was the end of the file or an incomplete last record.
+        What ended the walk, unless that was the end of the file, an incomplete last record, or
+        zeros.
     removable : bool
         What lies behind `end` is the tail of a broken write and nothing else.
     """
@@ -199,7 +201,9 @@ class Journal:
                 head
             )
             if zlib.crc32(head[: FRAME_HEADER.size - 4]) != head_crc or magic != FRAME_MAGIC:
-                self._stop("the header's checksum differs", removable=self._zeros_from(self.end))
+                if self._zeros_from(self.end):
+                    break
+                self._stop("the header's checksum differs", removable=False)
             elif arrays != self.arrays_per_frame or index != len(self.times):
                 self._stop("the header belongs to another frame", removable=False)
             elif len(head) < head_bytes or self.end + head_bytes + payload > self.size:
