@@ -1,4 +1,10 @@
+#include <pybind11/complex.h>
+#include <pybind11/stl.h>
+
 #include "bindings.h"
+#include "python_system.h"
+#include "substep/ode/integration.h"
+#include "substep/ode/systems.h"
 #include "substep/ode/tableau.h"
 
 namespace {
@@ -44,6 +50,200 @@ py::dict tableau(const std::string& method) {
   return table;
 }
 
+// Moves rows of n doubles into an array (rows, n), or (rows, n / 2) of complex numbers.
+py::array rows_array(std::vector<double>&& values, std::int64_t rows, std::int64_t n,
+                     bool complex) {
+  auto owned = std::make_unique<std::vector<double>>(std::move(values));
+  double* data = owned->data();
+  const py::capsule owner(owned.release(),
+                          [](void* p) { delete static_cast<std::vector<double>*>(p); });
+  if (!complex) return py::array_t<double>({rows, n}, data, owner);
+  return py::array_t<std::complex<double>>({rows, n / 2},
+                                           reinterpret_cast<std::complex<double>*>(data), owner);
+}
+
+// Calls one(t, out, stride) for each time; out is (n, len(t)).
+template <class One>
+py::array evaluate_at(const py::array_t<double, py::array::c_style>& t, std::int64_t n,
+                      bool complex, One&& one) {
+  const py::ssize_t count = t.size();
+  std::vector<double> values(static_cast<std::size_t>(count * n));
+  for (py::ssize_t i = 0; i < count; ++i) one(t.data()[i], values.data() + i * n);
+  return rows_array(std::move(values), count, n, complex).attr("T").cast<py::array>();
+}
+
+// What Python holds of an integration; `complex` says how the doubles are to be read.
+struct PyIntegration {
+  ode::Integration integration;
+  bool complex;
+
+  std::int64_t size() { return integration.stepper().size(); }
+  template <class Call>
+  auto without_gil(Call&& call) {
+    if (!integration.system().native()) return call();
+    const ReleaseGil release;
+    return call();
+  }
+  py::array state(const double* y) {
+    return rows_array(std::vector<double>(y, y + size()), 1, size(), complex)
+        .reshape({complex ? size() / 2 : size()});
+  }
+};
+
+struct PyDense {
+  ode::DenseSolution dense;
+  bool complex;
+};
+
+std::unique_ptr<PyIntegration> make_integration(std::shared_ptr<ode::System> system,
+                                                const std::string& method, double t, double t_bound,
+                                                const py::array& y0, double step,
+                                                std::vector<double> rtol, std::vector<double> atol,
+                                                double first_step, double max_step, int threads,
+                                                bool every_step, std::vector<double> t_eval,
+                                                bool dense, bool interpolate) {
+  const bool complex = y0.dtype().kind() == 'c';
+  const py::array_t<double, py::array::c_style> y =
+      complex ? py::array(y0.attr("view")("float64")) : y0;
+  if (y.size() != system->size()) {
+    throw substep::InputError("y0: expected " + std::to_string(system->size()) +
+                              " components, got " + std::to_string(y.size()));
+  }
+  ode::StepOptions options;
+  options.t = t;
+  options.t_bound = t_bound;
+  options.y = y.data();
+  options.step = step;
+  options.rtol = std::move(rtol);
+  options.atol = std::move(atol);
+  options.first_step = first_step;
+  options.max_step = max_step;
+  options.complex_pairs = complex;
+  options.threads = threads;
+  ode::Output output{every_step, std::move(t_eval), dense, interpolate};
+  return std::unique_ptr<PyIntegration>(new PyIntegration{
+      ode::Integration(std::move(system), method, options, std::move(output)), complex});
+}
+
+void bind_systems(py::module_& m) {
+  using ode::System;
+  py::class_<System, std::shared_ptr<System>>(m, "System")
+      .def_property_readonly("size", &System::size)
+      .def_property_readonly("native", &System::native)
+      .def_property_readonly("second_order", &System::second_order)
+      .def(
+          "rhs",
+          [](System& system, double t, const py::array_t<double, py::array::c_style>& y) {
+            if (y.size() != system.size()) {
+              throw substep::InputError("y: expected " + std::to_string(system.size()) +
+                                        " components, got " + std::to_string(y.size()));
+            }
+            py::array_t<double> dydt(y.size());
+            system.rhs(t, y.data(), dydt.mutable_data());
+            return dydt;
+          },
+          py::arg("t"), py::arg("y"));
+  py::class_<PythonSystem, System, std::shared_ptr<PythonSystem>>(m, "PythonSystem")
+      .def(py::init<py::object, std::int64_t, bool, const py::tuple&, py::object>(), py::arg("fun"),
+           py::arg("components"), py::arg("complex"), py::arg("args"), py::arg("convert"));
+  py::class_<ode::PointerSystem, System, std::shared_ptr<ode::PointerSystem>>(m, "PointerSystem")
+      .def(py::init([](std::uintptr_t address, std::int64_t size, py::array_t<double> parameters) {
+             return std::make_shared<ode::PointerSystem>(
+                 reinterpret_cast<ode::PointerSystem::Function>(address), size,
+                 const_cast<double*>(parameters.data()));
+           }),
+           py::keep_alive<1, 4>(), py::arg("address"), py::arg("size"), py::arg("parameters"));
+  py::class_<ode::Lorenz, System, std::shared_ptr<ode::Lorenz>>(m, "Lorenz")
+      .def(py::init<double, double, double>(), py::arg("sigma"), py::arg("rho"), py::arg("beta"));
+  py::class_<ode::Arenstorf, System, std::shared_ptr<ode::Arenstorf>>(m, "Arenstorf")
+      .def(py::init<double>(), py::arg("mu"));
+  py::class_<ode::Kepler, System, std::shared_ptr<ode::Kepler>>(m, "Kepler")
+      .def(py::init<double>(), py::arg("mu"));
+  py::class_<ode::HenonHeiles, System, std::shared_ptr<ode::HenonHeiles>>(m, "HenonHeiles")
+      .def(py::init<double>(), py::arg("lambda_"));
+  py::class_<ode::VanDerPol, System, std::shared_ptr<ode::VanDerPol>>(m, "VanDerPol")
+      .def(py::init<double>(), py::arg("mu"));
+  py::class_<ode::Pendulum, System, std::shared_ptr<ode::Pendulum>>(m, "Pendulum")
+      .def(py::init<double, double, double>(), py::arg("length"), py::arg("gravity"),
+           py::arg("damping"));
+  py::class_<ode::HarmonicOscillator, System, std::shared_ptr<ode::HarmonicOscillator>>(
+      m, "HarmonicOscillator")
+      .def(py::init<double, double>(), py::arg("omega"), py::arg("damping"));
+  py::class_<ode::Pleiades, System, std::shared_ptr<ode::Pleiades>>(m, "Pleiades")
+      .def(py::init([](const std::array<double, 7>& masses) {
+             return std::make_shared<ode::Pleiades>(masses.data());
+           }),
+           py::arg("masses"));
+}
+
+void bind_integration(py::module_& m) {
+  using Times = py::array_t<double, py::array::c_style>;
+  py::class_<PyDense>(m, "DenseSolution")
+      .def_property_readonly("times",
+                             [](const PyDense& d) { return Times(py::cast(d.dense.times)); })
+      .def(
+          "evaluate",
+          [](const PyDense& d, const Times& t) {
+            return evaluate_at(t, d.dense.size, d.complex,
+                               [&](double at, double* out) { d.dense.evaluate(at, out, 1); });
+          },
+          py::arg("t"));
+  py::class_<PyIntegration>(m, "Integration")
+      .def(py::init(&make_integration), py::kw_only(), py::arg("system"), py::arg("method"),
+           py::arg("t"), py::arg("t_bound"), py::arg("y0"), py::arg("step"), py::arg("rtol"),
+           py::arg("atol"), py::arg("first_step"), py::arg("max_step"), py::arg("threads"),
+           py::arg("every_step"), py::arg("t_eval"), py::arg("dense"), py::arg("interpolate"))
+      .def("start",
+           [](PyIntegration& i) { i.without_gil([&] { return i.integration.start(), 0; }); })
+      .def(
+          "run",
+          [](PyIntegration& i, std::int64_t steps) {
+            return i.without_gil([&] { return i.integration.run(steps); });
+          },
+          py::arg("steps"))
+      .def(
+          "interpolate",
+          [](PyIntegration& i, const Times& t) {
+            return evaluate_at(t, i.size(), i.complex,
+                               [&](double at, double* out) { i.integration.interpolate(at, out); });
+          },
+          py::arg("t"))
+      // The last step's polynomial, to keep.
+      .def("step_dense",
+           [](PyIntegration& i) { return PyDense{i.integration.step_dense(), i.complex}; })
+      .def(
+          "truncate", [](PyIntegration& i, double t) { i.integration.truncate(t); }, py::arg("t"))
+      .def_property_readonly("t", [](PyIntegration& i) { return i.integration.stepper().t(); })
+      .def_property_readonly("t_old",
+                             [](PyIntegration& i) { return i.integration.stepper().t_old(); })
+      .def_property_readonly("y",
+                             [](PyIntegration& i) { return i.state(i.integration.stepper().y()); })
+      .def_property_readonly(
+          "y_old", [](PyIntegration& i) { return i.state(i.integration.stepper().y_old()); })
+      .def_property_readonly("evaluations",
+                             [](PyIntegration& i) { return i.integration.stepper().evaluations(); })
+      .def_property_readonly("steps",
+                             [](PyIntegration& i) { return i.integration.stepper().steps(); })
+      .def_property_readonly("finished",
+                             [](PyIntegration& i) { return i.integration.stepper().finished(); })
+      // What was recorded, handed over once.
+      .def("take_times",
+           [](PyIntegration& i) {
+             auto& times = i.integration.times();
+             const auto count = static_cast<std::int64_t>(times.size());
+             return rows_array(std::move(times), 1, count, false).reshape({count});
+           })
+      .def("take_states",
+           [](PyIntegration& i) {
+             auto& states = i.integration.states();
+             const auto count = static_cast<std::int64_t>(states.size());
+             const std::int64_t rows = i.size() > 0 ? count / i.size() : 0;
+             return rows_array(std::move(states), rows, i.size(), i.complex);
+           })
+      .def("take_dense",
+           [](PyIntegration& i) { return PyDense{std::move(i.integration.dense()), i.complex}; });
+}
+
 }  // namespace
 
 void bind_ode(py::module_& m) {
@@ -53,4 +253,6 @@ void bind_ode(py::module_& m) {
     return names;
   });
   m.def("tableau", &tableau, py::arg("method"));
+  bind_systems(m);
+  bind_integration(m);
 }

@@ -24,6 +24,7 @@ _EXPORTS = {
         "VersionError",
     ),
     "export": ("pack",),
+    "ode": ("OdeResult", "OdeSolution", "solve_ivp"),
     "recording": ("Part", "Recorder", "Recording"),
     "fields": (
         "ABC",
@@ -37,6 +38,7 @@ _EXPORTS = {
         "advect",
         "open_field",
     ),
+    "scipy_solvers": ("DOP853", "RK4", "RK45", "Euler", "Heun", "Midpoint"),
 }
 _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
 _SUBMODULES = (
@@ -45,10 +47,12 @@ _SUBMODULES = (
     "errors",
     "export",
     "fields",
+    "ode",
     "recording",
     "render",
     "scenes",
     "stability",
+    "systems",
 )
 
 __all__ = sorted([*_MODULE_OF, *_SUBMODULES])
@@ -81,7 +85,9 @@ if TYPE_CHECKING:
         advect,
         open_field,
     )
+    from .ode import OdeResult, OdeSolution, solve_ivp
     from .recording import Part, Recorder, Recording
+    from .scipy_solvers import DOP853, RK4, RK45, Euler, Heun, Midpoint
 
 
 def __getattr__(name: str) -> Any:

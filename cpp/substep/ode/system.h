@@ -3,13 +3,33 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
+#include <memory>
 #include <string_view>
+#include <vector>
 
 #include "substep/core/errors.h"
 
 namespace substep::ode {
 
-// `steps` equal steps h of a method, from t and y on; y is overwritten.
+class Stepper;
+
+// How a Stepper goes from t to t_bound.
+struct StepOptions {
+  double t = 0.0;
+  double t_bound = 0.0;
+  const double* y = nullptr;          // size() initial values, copied
+  double step = 0.0;                  // above 0: fixed step; else adaptive
+  std::vector<double> rtol = {1e-3};  // one for all components, or one each
+  std::vector<double> atol = {1e-6};
+  double first_step = 0.0;  // 0: chosen by the problem
+  double max_step = std::numeric_limits<double>::infinity();
+  bool complex_pairs = false;  // y holds (real, imaginary) pairs: norms take the modulus
+  int threads = 0;             // for systems with a kernel of their own; 0: default
+};
+
+// `steps` equal steps of a method; y is overwritten. Step k goes from t + (first + k) h to
+// t + (first + k + 1) h, so that times do not depend on how a long run is cut up.
 struct FixedRun {
   std::string_view method;
   double t;
@@ -17,6 +37,7 @@ struct FixedRun {
   std::int64_t steps;
   double* y;
   int threads;  // 0: default
+  std::int64_t first = 0;
 };
 
 class System {
@@ -39,8 +60,12 @@ class System {
   }
 
   // Runs the steps with a kernel of the system's own (force and stages fused) and returns true, or
-  // returns false and leaves y alone.
+  // returns false and leaves y alone. What is not finite may stay in y: the caller looks.
   virtual bool fixed_steps(const FixedRun& /*run*/) { return false; }
+
+  // An explicit Runge-Kutta stepper for this system, which must outlive it.
+  virtual std::unique_ptr<Stepper> make_stepper(std::string_view method,
+                                                const StepOptions& options);
 };
 
 }  // namespace substep::ode

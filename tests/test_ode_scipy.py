@@ -1,0 +1,80 @@
+"""Our classes in SciPy's solve_ivp: SciPy's own tests, run on them."""
+
+import inspect
+
+import numpy as np
+import pytest
+import scipy.integrate
+import substep
+
+ivp = pytest.importorskip("scipy.integrate._ivp.ivp")
+theirs = pytest.importorskip(
+    "scipy.integrate._ivp.tests.test_ivp", reason="this SciPy comes without its tests"
+)
+OURS = ("RK45", "DOP853")
+FIXTURES = {"num_parallel_threads": 1}
+
+
+def cases():
+    """Each test function of SciPy's module with each set of its parameters."""
+    for name, function in inspect.getmembers(theirs, inspect.isfunction):
+        if not name.startswith("test_") or function.__module__ != theirs.__name__:
+            continue
+        sets = [{}]
+        for mark in getattr(function, "pytestmark", []):
+            if mark.name != "parametrize":
+                continue
+            names = (
+                [n.strip() for n in mark.args[0].split(",")]
+                if isinstance(mark.args[0], str)
+                else list(mark.args[0])
+            )
+            rows = [
+                dict(zip(names, (v if len(names) > 1 else (v,)), strict=True)) for v in mark.args[1]
+            ]
+            sets = [{**a, **b} for a in sets for b in rows]
+        for k, values in enumerate(sets):
+            wanted = inspect.signature(function).parameters
+            values = values | {n: v for n, v in FIXTURES.items() if n in wanted}
+            yield pytest.param(function, values, id=f"{name}-{k}")
+
+
+@pytest.mark.parametrize(("function", "values"), list(cases()))
+def test_scipys_tests_pass_on_our_classes(function, values, monkeypatch):
+    for name in OURS:
+        ours = getattr(substep, name)
+        assert issubclass(ours, scipy.integrate.OdeSolver)
+        monkeypatch.setitem(ivp.METHODS, name, ours)
+        monkeypatch.setattr(theirs, name, ours)
+    function(**values)
+
+
+@pytest.mark.parametrize("name", ["Euler", "Midpoint", "Heun", "RK4", "RK45", "DOP853"])
+def test_class_gives_the_solution_of_our_solve_ivp(name):
+    settings = dict(rtol=1e-5, atol=1e-7)
+    cls = getattr(substep, name)
+    result = scipy.integrate.solve_ivp(
+        lambda t, y: [y[1], -y[0]], (0, 2), [1, 0], method=cls, dense_output=True, **settings
+    )
+    ours = substep.solve_ivp(
+        lambda t, y: [y[1], -y[0]], (0, 2), [1, 0], cls.method_name, dense_output=True, **settings
+    )
+    np.testing.assert_array_equal(result.t, ours.t)
+    np.testing.assert_array_equal(result.y, ours.y)
+    np.testing.assert_array_equal(result.sol(0.7), ours.sol(0.7))
+
+
+def test_fixed_step_through_scipy():
+    result = scipy.integrate.solve_ivp(
+        lambda t, y: -y, (0, 1), [1.0], method=substep.RK4, step=0.25
+    )
+    np.testing.assert_array_equal(result.t, [0, 0.25, 0.5, 0.75, 1])
+
+
+def test_failure_is_told_as_scipy_does():
+    result = scipy.integrate.solve_ivp(
+        lambda t, y: y**2, (0, 2), [1.0], method=substep.RK45, rtol=1e-6
+    )
+    assert result.status == -1 and not result.success
+    assert "step below spacing of t" in result.message
+    assert result.t[-1] == pytest.approx(1, abs=1e-3)
