@@ -428,3 +428,69 @@ def test_plot_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)
     with pytest.raises(ImportError, match=r"substep\[plot\]"):
         stability.plot("rk4")
+
+
+# The integrators do what the functions say
+
+
+@pytest.mark.parametrize("method", substep._core.ode_methods())
+def test_factor_is_what_the_solver_does(method):
+    for z in (-0.3 + 0.2j, 1j, -2.5 + 1.5j, 0.4 - 0.9j, -6.0 + 0j):
+        growth, h = z / 0.25, 0.25
+        out = substep.solve_ivp(
+            lambda t, y, growth=growth: growth * y, (0.0, h), [1.0 + 2.0j], method, step=h
+        )
+        want = (1.0 + 2.0j) * stability.amplification(method, z)
+        assert out.y.shape == (1, 2)
+        assert out.y[0, -1] == pytest.approx(want, rel=1e-12)
+
+
+def chain_size(method, jacobian, h, steps):
+    """Largest value at the end, from a start of size 1 that holds every mode."""
+    masses = len(jacobian) // 2
+    start = np.random.default_rng(3).normal(size=2 * masses)
+    end = [h * steps]
+    if method in SECOND_ORDER:
+        lower = jacobian[masses:]
+        out = substep.solve_second_order(
+            lambda t, x, v: lower @ np.concatenate([x, v]),
+            (0, *end),
+            start[:masses],
+            start[masses:],
+            method,
+            step=h,
+            t_eval=end,
+        )
+        return abs(np.concatenate([out.x, out.v])).max()
+    out = substep.solve_ivp(lambda t, y: jacobian @ y, (0, *end), start, method, step=h, t_eval=end)
+    return abs(out.y).max()
+
+
+def growth(method, spectrum, h):
+    """Factor of the fastest growing mode in one step."""
+    if method not in SECOND_ORDER:
+        return abs(stability.amplification(method, h * spectrum)).max()
+    zeta = -spectrum.real / abs(spectrum)
+    return max(
+        abs(stability.amplification_eigenvalues(method, h * abs(value), max(0.0, z))).max()
+        for value, z in zip(spectrum, zeta, strict=True)
+    )
+
+
+@pytest.mark.parametrize("method", EXPLICIT)
+@pytest.mark.parametrize("damping", [0.0, 0.4, 4.0])
+def test_a_spring_chain_explodes_where_predicted(method, damping):
+    jacobian, omega = spring_chain(12, damping=damping)
+    spectrum = np.linalg.eigvals(jacobian)
+    h = stability.max_stable_step(method, jacobian)
+    # Just beyond the limit, or where growth is slow there, further out; 0: every step is too long.
+    candidates = [1.04 * h, 1.5 * h, 3 * h] if h > 0 else [0.5 / omega.max()]
+    factors = [growth(method, spectrum, candidate) for candidate in candidates]
+    assert min(factors) > 1
+    too_long, factor = next(
+        pair for pair in zip(candidates, factors, strict=True) if pair[1] > 1.002
+    )
+    steps = math.ceil(math.log(1e12) / math.log(factor))
+    assert 1e9 < chain_size(method, jacobian, too_long, steps) < 1e17
+    if h > 0:
+        assert chain_size(method, jacobian, 0.98 * h, steps) < 1e3
