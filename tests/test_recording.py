@@ -12,7 +12,7 @@ import pytest
 import substep
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from substep._journal import lock_for_packing
+from substep._files import lock_for_packing
 from substep.export import pack_here
 
 TRIANGLES = np.array([[0, 1, 2], [1, 2, 3]])

@@ -16,10 +16,11 @@ import sys
 from pathlib import Path
 
 from . import errors
+from ._files import JOURNAL_SUFFIX, check_path, lock, lock_for_packing, publish, sync_folder
 from ._frames import Source, read_checked
-from ._journal import Journal, lock, lock_for_packing, publish, sync_folder
+from ._journal import Journal
 from .errors import CorruptError, SubstepError
-from .recording import JOURNAL_SUFFIX, Recording, check_path
+from .recording import Recording
 
 
 def pack(

@@ -1,300 +1,27 @@
-"""Recordings: written frame by frame into a journal, packed into VTKHDF, read back as arrays."""
+"""Recordings read back as arrays, whether packed or still a journal."""
 
 from __future__ import annotations
 
 import contextlib
-import errno
 import operator
 import os
-import threading
-from collections.abc import Iterator, Mapping
-from types import TracebackType
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from ._checks import check_integer, check_real, describe
-from ._frames import Encoder, Source, Spec, encode_file_header, read_checked
-from ._journal import Journal, Writer
-from ._parts import (
-    Part,
-    check_keys,
-    check_parameters,
-    check_part,
-    check_parts,
-    check_text,
-    check_values,
-    metadata_of,
-)
+from ._checks import check_integer
+from ._files import JOURNAL_SUFFIX, check_path
+from ._frames import Source, read_checked
+from ._journal import MAX_BYTES, Journal, open_source
+from ._parts import Part, check_parameters, check_parts, check_text
+from ._recorder import Recorder
 from .errors import CorruptError, FormatError, InputError, TruncatedError, VersionError
 
-JOURNAL_SUFFIX = ".journal"
-MAX_BYTES = 1 << 33
+__all__ = ["Part", "RecordedPart", "Recorder", "Recording"]
 
 Frame = dict[str, dict[str, NDArray[Any]]]
-
-
-def check_path(path: Any) -> str:
-    """A file name as a string."""
-    text = os.fsdecode(os.fspath(path))
-    if "\0" in text or not text:
-        raise InputError(f"path: expected a file name, got {describe(text)}")
-    return text
-
-
-class Recorder:
-    """Records a run: every appended frame is safe from then on, whatever becomes of the process.
-
-    Frames go to the journal `PATH.journal`; `close` packs it into PATH by a separate process. As a
-    context manager, it closes at the end; after an exception the journal stays, and can be read,
-    resumed and packed.
-
-    Parameters
-    ----------
-    path : path-like
-        Of the packed recording, by custom `*.vtkhdf`.
-    parts : mapping of str to Part
-        What every frame holds.
-    scene : str
-        Name of the scene.
-    parameters : mapping, optional
-        Of the scene; anything that JSON can hold.
-    seed : int
-        Of the random numbers.
-    overwrite : bool
-        Remove a recording that is there.
-    resume : bool
-        Go on with the recording that is there, if there is one: the metadata must be the same.
-        What a broken write left at the end of its journal is cut off first.
-    fsync : bool
-        Wait for the disk after every frame, so that frames also outlive a power cut.
-
-    Raises
-    ------
-    InputError
-        If an argument is wrong, or the recording to resume has other metadata.
-    FileExistsError
-        If a recording is there, without `overwrite` or `resume`.
-    FormatError
-        If the recording to resume is damaged.
-    OSError
-        If the file cannot be written; BlockingIOError if another process records into it or packs
-        it.
-
-    Examples
-    --------
-    >>> import os, tempfile
-    >>> import substep
-    >>> folder = tempfile.TemporaryDirectory()
-    >>> path = os.path.join(folder.name, "fall.vtkhdf")
-    >>> parts = {"ball": substep.Part("particles", fields={"velocity": "m/s"})}
-    >>> with substep.Recorder(path, parts=parts, scene="fall") as recorder:
-    ...     for k in range(3):
-    ...         t, x, v = 0.1 * k, [[0.0, -0.05 * k**2]], [[0.0, -float(k)]]
-    ...         recorder.append(t, {"ball": {"points": x, "velocity": v}})
-    >>> with substep.Recording(path) as recording:
-    ...     print(len(recording), recording["ball"].points(2))
-    3 [[ 0.  -0.2]]
-    >>> folder.cleanup()
-    """
-
-    def __init__(
-        self,
-        path: str | os.PathLike[str],
-        *,
-        parts: Mapping[str, Part],
-        scene: str = "",
-        parameters: Mapping[str, Any] | None = None,
-        seed: int = 0,
-        overwrite: bool = False,
-        resume: bool = False,
-        fsync: bool = False,
-    ) -> None:
-        self._parts = check_parts(parts)
-        metadata = metadata_of(
-            self._parts,
-            check_text("scene", scene, 1000),
-            check_parameters(parameters),
-            check_integer("seed", seed, minimum=0, maximum=2**64 - 1),
-        )
-        if overwrite and resume:
-            raise InputError("overwrite, resume: give one of them")
-        self.path = check_path(path)
-        self.journal_path = self.path + JOURNAL_SUFFIX
-        self._specs: list[Spec] = []
-        self._times: list[float] = []
-        self._encoder = Encoder()
-        self._lock = threading.Lock()
-        self._writer: Writer | None = None
-        header = encode_file_header(metadata, self._triangles())
-        if resume and not self._resume(metadata, fsync) and os.path.lexists(self.path):
-            _unpack(self.path, self.journal_path)
-            self._resume(metadata, fsync)
-        if self._writer is None:
-            self._make_room(overwrite)
-            self._writer = Writer.create(self.journal_path, header, fsync)
-
-    def _triangles(self) -> list[NDArray[Any]]:
-        return [np.asarray(p.triangles) for p in self._parts.values() if p.triangles is not None]
-
-    def _make_room(self, overwrite: bool) -> None:
-        for path in (self.journal_path, self.path):
-            if os.path.lexists(path):
-                if not overwrite:
-                    why = "exists: choose overwrite=True or resume=True"
-                    raise FileExistsError(errno.EEXIST, why, path)
-                os.unlink(path)
-
-    def _resume(self, metadata: dict[str, Any], fsync: bool) -> bool:
-        """Go on with the journal; False if there is none."""
-        try:
-            writer, journal = Writer.resume(self.journal_path, fsync)
-        except FileNotFoundError:
-            return False
-        try:
-            for key, value in metadata.items():
-                there = journal.metadata.get(key)
-                if key != "substep" and there != value:
-                    has = f"the recording to resume has {describe(there)}"
-                    raise InputError(f"{key}: {has}, got {describe(value)}")
-            for mine, theirs in zip(self._triangles(), journal.triangles, strict=True):
-                if not np.array_equal(mine, theirs):
-                    raise InputError("triangles: the recording to resume has others")
-        except BaseException:
-            writer.close()
-            raise
-        self._writer, self._specs, self._times = writer, journal.specs, journal.times
-        return True
-
-    def __len__(self) -> int:
-        """Frames recorded so far, those of a resumed recording included."""
-        return len(self._times)
-
-    @property
-    def times(self) -> NDArray[np.float64]:
-        """Times of the frames recorded so far, shape (frames,) [s]."""
-        return np.array(self._times, np.float64)
-
-    def append(self, time: float, frame: Mapping[str, Mapping[str, ArrayLike]]) -> None:
-        """Record one frame; when this returns, it is in the journal.
-
-        Parameters
-        ----------
-        time : float
-            Later than that of the frame before [s].
-        frame : mapping
-            For every part its `points`, shape (n, 2) or (n, 3) [m], and its fields, one row per
-            point. n may change from frame to frame; dtypes and row shapes stay those of the first.
-
-        Raises
-        ------
-        InputError
-            If the time or an array is not valid, or the recorder is closed; nothing was written.
-        OSError
-            If the journal cannot be written (disk full, folder removed ...); the frames before
-            are as they were, and the next `append` tries again.
-        """
-        if not self._lock.acquire(blocking=False):
-            raise InputError("the recorder is in use by another thread")
-        try:
-            if self._writer is None:
-                raise InputError("the recorder is closed")
-            now = check_real("time", time)
-            if self._times and now <= self._times[-1]:
-                raise InputError(f"time: expected one after {self._times[-1]}, got {now}")
-            specs, arrays = self._check_frame(frame)
-            self._writer.append(self._encoder.encode(len(self._times), now, specs, arrays))
-            self._specs = specs
-            self._times.append(now)
-        finally:
-            self._lock.release()
-
-    def _check_frame(self, frame: Any) -> tuple[list[Spec], list[NDArray[Any]]]:
-        check_keys("frame", frame, self._parts)
-        specs: list[Spec] = []
-        arrays: list[NDArray[Any]] = []
-        for part_name, part in self._parts.items():
-            values = frame[part_name]
-            names = ["points", *part.fields]
-            check_keys(f"frame[{part_name!r}]", values, names)
-            for name in names:
-                known = self._specs[len(specs)] if self._specs else None
-                array = check_values(f"{part_name}/{name}", values[name], name == "points", known)
-                specs.append(Spec(part_name, name, array.dtype.str, array.shape[1:]))
-                arrays.append(array)
-            check_part(part_name, part, arrays[-len(names) :], names)
-        return specs, arrays
-
-    def close(self) -> None:
-        """Finish: pack the journal into the recording, verify that, and remove the journal.
-
-        A second call does nothing.
-
-        Raises
-        ------
-        OSError
-            If the packed file cannot be written; the journal stays, and `substep.pack` can try
-            again, also to another place.
-        """
-        from .export import pack
-
-        with self._lock:
-            recording = self._writer is not None
-            self._release()
-        if recording:
-            pack(self.journal_path)
-
-    def _release(self) -> None:
-        if self._writer is not None:
-            self._writer.close()
-            self._writer = None
-
-    def __enter__(self) -> Recorder:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if error is None:
-            self.close()
-        else:
-            self._release()
-
-    def __del__(self) -> None:
-        if getattr(self, "_writer", None) is not None:
-            self._release()
-
-
-def _unpack(path: str, journal_path: str) -> None:
-    """Turn a packed recording back into a journal, to go on with it."""
-    with Recording(path) as recording:
-        source = recording.source
-        header = encode_file_header(source.metadata, source.triangles)
-        part = journal_path + ".unpack"
-        if os.path.lexists(part):
-            os.unlink(part)
-        writer, encoder = Writer.create(part, header), Encoder()
-        try:
-            for i, time in enumerate(source.times):
-                arrays = [read_checked(source, i, k) for k in range(len(source.specs))]
-                writer.append(encoder.encode(i, time, source.specs, arrays))
-        finally:
-            writer.close()
-        os.rename(part, journal_path)
-
-
-def _open_source(path: str, max_bytes: int) -> Source:
-    with open(path, "rb") as file:
-        start = file.read(8)
-    if start != b"\x89HDF\r\n\x1a\n":
-        return Journal(path)
-    from ._vtkhdf import Packed
-
-    return Packed(path, max_bytes)
 
 
 class Recording:
@@ -359,7 +86,7 @@ class Recording:
         name = check_path(path)
         if not name.endswith(JOURNAL_SUFFIX) and os.path.lexists(name + JOURNAL_SUFFIX):
             name += JOURNAL_SUFFIX
-        self._adopt(_open_source(name, self._max_bytes), recover)
+        self._adopt(open_source(name, self._max_bytes), recover)
 
     @classmethod
     def _of(cls, source: Source) -> Recording:
@@ -490,7 +217,14 @@ class Recording:
 
 
 class RecordedPart:
-    """One part of a `Recording`: its arrays, one at a time.
+    """One part of a `Recording`, as `recording[name]` gives it: its arrays, one at a time.
+
+    Parameters
+    ----------
+    recording : Recording
+        Open.
+    name : str
+        Of the part.
 
     Attributes
     ----------
@@ -498,6 +232,20 @@ class RecordedPart:
         Of the part.
     info : Part
         Kind, fields with their units, triangles.
+
+    Examples
+    --------
+    >>> import os, tempfile
+    >>> import substep
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = os.path.join(folder.name, "run.vtkhdf")
+    >>> parts = {"p": substep.Part("particles", {"speed": "m/s"})}
+    >>> with substep.Recorder(path, parts=parts) as recorder:
+    ...     recorder.append(0.0, {"p": {"points": [[1.0, 2.0]], "speed": [3.0]}})
+    >>> with substep.Recording(path) as recording:
+    ...     print(recording["p"].points(0), recording["p"].field("speed", 0))
+    [[1. 2.]] [3.]
+    >>> folder.cleanup()
     """
 
     def __init__(self, recording: Recording, name: str) -> None:
@@ -506,11 +254,51 @@ class RecordedPart:
         self.info = recording.parts[name]
 
     def points(self, index: int) -> NDArray[Any]:
-        """Positions at one frame, shape (n, 2) or (n, 3) [m]."""
+        """Positions at one frame.
+
+        Parameters
+        ----------
+        index : int
+            Of the frame, from 0; negative ones count from the end.
+
+        Returns
+        -------
+        ndarray, shape (n, 2) or (n, 3)
+            As recorded [m].
+
+        Raises
+        ------
+        IndexError
+            If there is no such frame.
+        CorruptError
+            If its checksum differs.
+        """
         return self.field("points", index)
 
     def field(self, name: str, index: int) -> NDArray[Any]:
-        """A field at one frame, one row per point, in the unit of `info.fields[name]`."""
+        """A field at one frame.
+
+        Parameters
+        ----------
+        name : str
+            Of the field.
+        index : int
+            Of the frame, from 0; negative ones count from the end.
+
+        Returns
+        -------
+        ndarray, one row per point
+            As recorded, in the unit `info.fields[name]`.
+
+        Raises
+        ------
+        KeyError
+            If there is no such field.
+        IndexError
+            If there is no such frame.
+        CorruptError
+            If its checksum differs.
+        """
         names = ("points", *self.info.fields)
         if name not in names:
             raise KeyError(f"{name!r}; the part has {', '.join(names)}")
