@@ -66,6 +66,7 @@ Grid<T, kDim>::Grid(const std::vector<Axis>& axes, bool cubic, double radius)
   std::int64_t stride = 1;
   for (int d = kDim - 1; d >= 0; --d) {
     stride_[d] = stride;
+    first_ += stride;
     stride *= padded_[d];
   }
 }
@@ -76,26 +77,18 @@ std::int64_t Grid<T, kDim>::node_count() const {
 }
 
 template <class T, int kDim>
-void Grid<T, kDim>::locate_unequal(const V4& x, Cell& cell) const {
-  cell.outside = false;
-  cell.offset = 0;
-  cell.fraction = V4{};
+auto Grid<T, kDim>::unequal_coordinate(V4 x) const -> V4 {
+  V4 q{};
   for (int d = 0; d < kDim; ++d) {
     const std::vector<T>& edge = edge_[d];
-    const T slack = 4 * std::numeric_limits<T>::epsilon() * (edge.back() - edge.front());
     T p = x[d];
     if (wrap_[d] > 0) p -= wrap_[d] * std::floor((p - edge.front()) / wrap_[d]);
-    if (!(p >= edge.front() - slack && p <= edge.back() + slack)) {
-      cell.outside = true;
-      return;
-    }
     auto i = std::upper_bound(edge.begin(), edge.end(), p) - edge.begin() - 1;
     i = std::clamp<std::ptrdiff_t>(i, 0, static_cast<std::ptrdiff_t>(edge.size()) - 2);
     const auto at = static_cast<std::size_t>(i);
-    cell.index[d] = static_cast<std::int32_t>(i);
-    cell.fraction[d] = (p - edge[at]) / (edge[at + 1] - edge[at]);
-    cell.offset += (i + 1) * stride_[d];
+    q[d] = T(i) + (p - edge[at]) / (edge[at + 1] - edge[at]);
   }
+  return q;
 }
 
 // Cubic Hermite polynomial with the values f0, f1 and the slopes of the parabolas through three
@@ -113,7 +106,7 @@ void Grid<T, kDim>::cubic_weights(int axis, const Cell& cell, T w[4]) const {
 }
 
 template <class T, int kDim>
-auto Grid<T, kDim>::cubic(const Level<T>& level, const Cell& cell) const -> V4 {
+auto Grid<T, kDim>::cubic(const Level<T>& level, Cell cell) const -> V4 {
   T w[3][4];
   for (int d = 0; d < kDim; ++d) cubic_weights(d, cell, w[d]);
   const T* g = level.nodes[static_cast<std::size_t>(cell.offset)].value;
@@ -139,15 +132,12 @@ auto Grid<T, kDim>::cubic(const Level<T>& level, const Cell& cell) const -> V4 {
 }
 
 template <class T, int kDim>
-auto Grid<T, kDim>::among_land(const Slice<T>& slice, const Cell& cell, const V4& sum,
-                               Place& place) const -> V4 {
-  std::int64_t nearest = cell.offset;
-  for (int d = 0; d < kDim; ++d) nearest += cell.fraction[d] >= T(0.5) ? stride_[d] : 0;
+auto Grid<T, kDim>::among_land(const Slice<T>& slice, V4 fraction, std::int64_t offset,
+                               V4 sum) const -> V4 {
+  std::int64_t nearest = offset;
+  for (int d = 0; d < kDim; ++d) nearest += fraction[d] >= T(0.5) ? stride_[d] : 0;
   const Level<T>& level = slice.high && slice.weight >= T(0.5) ? *slice.high : *slice.low;
-  if (level.nodes[static_cast<std::size_t>(nearest)].value[3] == 0) {
-    if (place == Place::kSea) place = Place::kLand;
-    return V4{};
-  }
+  if (level.nodes[static_cast<std::size_t>(nearest)].value[3] == 0) return V4{};
   return sum / sum[3];
 }
 

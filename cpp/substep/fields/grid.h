@@ -78,10 +78,11 @@ class Grid {
   std::int64_t block_count() const;
 
  private:
+  using I4 = Vector<std::int32_t, 16>;
   struct Cell {
     V4 fraction;
-    std::int64_t offset;    // of its low corner among the nodes
-    std::int32_t index[4];  // along each axis
+    I4 index;             // along each axis
+    std::int64_t offset;  // of its low corner among the nodes
     bool outside;
   };
   struct Spacing {  // parabolic slopes, see cubic_weights
@@ -89,11 +90,11 @@ class Grid {
   };
 
   SUBSTEP_INLINE Cell locate(const V4& x) const;
-  void locate_unequal(const V4& x, Cell& cell) const;
+  V4 unequal_coordinate(V4 x) const;
   SUBSTEP_INLINE V4 linear(const Level<T>& level, const Cell& cell) const;
-  V4 cubic(const Level<T>& level, const Cell& cell) const;
+  V4 cubic(const Level<T>& level, Cell cell) const;
   void cubic_weights(int axis, const Cell& cell, T w[4]) const;
-  V4 among_land(const Slice<T>& slice, const Cell& cell, const V4& sum, Place& place) const;
+  V4 among_land(const Slice<T>& slice, V4 fraction, std::int64_t offset, V4 sum) const;
   void fill_ghosts(int axis, std::vector<Node<T>>& nodes) const;
   void find_whole(Level<T>& level) const;
 
@@ -105,29 +106,27 @@ class Grid {
   bool uniform_ = true, wrapped_ = false, cubic_ = false;
   T degrees_ = 0;  // degrees of latitude per metre
   // Per lane, for equal spacing: cell = (x - origin) * inverse, reduced modulo turn.
+  std::int64_t first_ = 0;  // offset of cell 0
   V4 origin_{}, inverse_{}, turn_{}, inverse_turn_{}, low_{}, high_{}, last_{};
 };
 
 template <class T, int kDim>
 SUBSTEP_INLINE auto Grid<T, kDim>::locate(const V4& x) const -> Cell {
-  Cell cell;
-  if (__builtin_expect(!uniform_, 0)) {
-    locate_unequal(x, cell);
-    return cell;
+  V4 q;  // in cells
+  if (__builtin_expect(uniform_, 1)) {
+    q = (x - origin_) * inverse_;
+    if (wrapped_) q = q - turn_ * floor<V4>(q * inverse_turn_);
+  } else {
+    q = unequal_coordinate(x);
   }
-  V4 q = (x - origin_) * inverse_;
-  if (wrapped_) q = q - turn_ * floor<V4>(q * inverse_turn_);
-  cell.outside = any(~((q >= low_) & (q <= high_)));  // also where q is NaN
+  const bool outside = !all_within<V4>(q, low_, high_);  // also where q is NaN
   V4 whole = floor<V4>(q);
   whole = whole < last_ ? whole : last_;
   whole = whole > 0 ? whole : V4{};  // also where q is NaN
-  cell.fraction = q - whole;
-  cell.offset = 0;
-  for (int d = 0; d < kDim; ++d) {
-    cell.index[d] = static_cast<std::int32_t>(whole[d]);
-    cell.offset += (cell.index[d] + 1) * stride_[d];
-  }
-  return cell;
+  const I4 index = __builtin_convertvector(whole, I4);
+  std::int64_t offset = first_;
+  for (int d = 0; d < kDim; ++d) offset += index[d] * stride_[d];
+  return {q - whole, index, offset, outside};
 }
 
 template <class T, int kDim>
@@ -137,18 +136,25 @@ SUBSTEP_INLINE auto Grid<T, kDim>::linear(const Level<T>& level, const Cell& cel
   const auto pair = [&](std::int64_t node) -> V8 {
     return *reinterpret_cast<const U8*>(g + 4 * node);
   };
-  const auto blend = [](T s, const V8& from, const V8& to) { return fma<V8>(s, to - from, from); };
+  const auto blend = [](const V8& s, const V8& from, const V8& to) {
+    return fma<V8>(s, to - from, from);
+  };
+  const V4 s = cell.fraction;
+  const V8 s0 = __builtin_shufflevector(s, s, 0, 0, 0, 0, 0, 0, 0, 0);
+  const V8 s1 = __builtin_shufflevector(s, s, 1, 1, 1, 1, 1, 1, 1, 1);
   V8 row;
   if constexpr (kDim == 2) {
-    row = blend(cell.fraction[0], pair(0), pair(stride_[0]));
+    row = blend(s0, pair(0), pair(stride_[0]));
   } else {
-    const V8 near = blend(cell.fraction[1], pair(0), pair(stride_[1]));
-    const V8 far = blend(cell.fraction[1], pair(stride_[0]), pair(stride_[0] + stride_[1]));
-    row = blend(cell.fraction[0], near, far);
+    const V8 near = blend(s1, pair(0), pair(stride_[1]));
+    const V8 far = blend(s1, pair(stride_[0]), pair(stride_[0] + stride_[1]));
+    row = blend(s0, near, far);
   }
   const V4 from = __builtin_shufflevector(row, row, 0, 1, 2, 3);
   const V4 to = __builtin_shufflevector(row, row, 4, 5, 6, 7);
-  return fma<V4>(cell.fraction[kDim - 1], to - from, from);
+  const V4 along = kDim == 2 ? V4(__builtin_shufflevector(s, s, 1, 1, 1, 1))
+                             : V4(__builtin_shufflevector(s, s, 2, 2, 2, 2));
+  return fma<V4>(along, to - from, from);
 }
 
 template <class T, int kDim>
@@ -168,7 +174,10 @@ SUBSTEP_INLINE auto Grid<T, kDim>::velocity(const Slice<T>& slice, const V4& x, 
   }
   V4 u = linear(*slice.low, cell);
   if (slice.high) u = fma<V4>(slice.weight, linear(*slice.high, cell) - u, u);
-  return __builtin_expect(u[3] == 1, 1) ? u : among_land(slice, cell, u, place);
+  if (__builtin_expect(u[3] == 1, 1)) return u;
+  u = among_land(slice, cell.fraction, cell.offset, u);
+  if (u[3] == 0 && place == Place::kSea) place = Place::kLand;
+  return u;
 }
 
 extern template class Grid<double, 2>;

@@ -7,7 +7,7 @@ namespace substep::fields {
 namespace {
 
 constexpr std::int64_t kChunk = 2048;  // particles of a parallel task
-constexpr int kTile = 128;             // particles that step together
+constexpr std::int64_t kTile = 64;     // particles that step together
 
 template <class T, int kDim>
 SUBSTEP_INLINE auto load_row(const T* row) {
@@ -21,29 +21,108 @@ bool finite(const V& x) {
   return std::isfinite(x[0]) && std::isfinite(x[1]) && std::isfinite(x[2]);
 }
 
-// x after one step from x, whose rate is k0; `end` becomes the rate there.
-template <class Method, class T, int kDim, class V>
-SUBSTEP_INLINE V step_grid(const Grid<T, kDim>& grid, const Slice<T>* stage, T h, const V& x,
-                           const V& k0, V& end, Place& place) {
-  constexpr int kStages = Method::kStages;
-  V k[kStages];
-  k[0] = k0;
-  V sum = T(Method::b[0]) * k0;
-#pragma GCC unroll 4
-  for (int i = 1; i < kStages; ++i) {
-    V y = x;
-#pragma GCC unroll 4
-    for (int j = 0; j < i; ++j) {
-      if (Method::a[i][j] != 0) y = fma<V>(h * T(Method::a[i][j]), k[j], y);
+// Particles at sea that step together: stage by stage over all of them, so that the processor works
+// on several at once (each alone is a chain of dependent operations).
+template <class Method, class T, int kDim>
+class Tile {
+ public:
+  using V4 = typename Grid<T, kDim>::V4;
+
+  Tile(const Grid<T, kDim>& grid, const Series<T>& series, const Particles<T>& particles,
+       const Steps& steps, Events& events)
+      : grid_(grid), series_(series), particles_(particles), steps_(steps), events_(events) {}
+
+  void load(std::int64_t begin, std::int64_t end) {
+    const Slice<T> start = series_.at(steps_.time(0));
+    count_ = 0;
+    for (std::int64_t i = begin; i < end; ++i) {
+      const std::int64_t id = particles_.order ? particles_.order[i] : i;
+      if (particles_.status[id] != 0) continue;
+      id_[count_] = id;
+      x_[count_] = load_row<T, kDim>(particles_.x + id * kDim);
+      Place place = Place::kSea;
+      k_[0][count_] = grid_.rate(start, x_[count_], place);
+      if (place == Place::kSea) {
+        ++count_;
+      } else {
+        rest(count_, 0, place);
+      }
     }
-    k[i] = grid.rate(stage[i], y, place);
-    sum = fma<V>(T(Method::b[i]), k[i], sum);
   }
-  V next = fma<V>(h / T(Method::divisor), sum, x);
-  next[3] = 0;  // the lane of the mask carries no position
-  end = grid.rate(stage[kStages], next, place);
-  return next;
-}
+
+  void step(std::int64_t number) {
+    std::fill_n(place_, count_, Place::kSea);
+    for (int i = 1; i < kStages; ++i) {
+      const Slice<T> slice = series_.at(steps_.time(number) + Method::c[i] * steps_.h);
+      for (int m = 0; m < count_; ++m) k_[i][m] = grid_.rate(slice, stage(i, m), place_[m]);
+    }
+    const Slice<T> slice = series_.at(steps_.time(number + 1));
+    for (int m = 0; m < count_; ++m) {
+      next_[m] = end(m);
+      k_[0][m] = grid_.rate(slice, next_[m], place_[m]);  // the first stage of the next step
+    }
+    for (int m = count_ - 1; m >= 0; --m) {
+      if (__builtin_expect(place_[m] == Place::kSea, 1)) {
+        x_[m] = next_[m];
+        continue;
+      }
+      if (!finite(next_[m])) {
+        events_.not_finite.note(number, id_[m]);
+      } else {
+        rest(m, number, place_[m]);
+      }
+      store(m);
+      --count_;  // the last one, already moved, takes its place
+      id_[m] = id_[count_];
+      x_[m] = x_[count_];
+      k_[0][m] = k_[0][count_];
+    }
+  }
+
+  void store() const {
+    for (int m = 0; m < count_; ++m) store(m);
+  }
+  bool empty() const { return count_ == 0; }
+
+ private:
+  static constexpr int kStages = Method::kStages;
+
+  SUBSTEP_INLINE V4 stage(int i, int m) const {
+    V4 y = x_[m];
+    for (int j = 0; j < i; ++j) {
+      if (Method::a[i][j] != 0) y = fma<V4>(T(steps_.h) * T(Method::a[i][j]), k_[j][m], y);
+    }
+    return y;
+  }
+
+  SUBSTEP_INLINE V4 end(int m) const {
+    V4 sum = T(Method::b[0]) * k_[0][m];
+    for (int i = 1; i < kStages; ++i) sum = fma<V4>(T(Method::b[i]), k_[i][m], sum);
+    V4 x = fma<V4>(T(steps_.h) / T(Method::divisor), sum, x_[m]);
+    x[3] = 0;  // the lane of the mask carries no position
+    return x;
+  }
+
+  void rest(int m, std::int64_t number, Place place) {
+    (place == Place::kLand ? events_.landed : events_.escaped).note(number, id_[m]);
+    particles_.status[id_[m]] = static_cast<std::int8_t>(place);
+    particles_.stop_time[id_[m]] = steps_.time(number);
+  }
+
+  void store(int m) const {
+    for (int d = 0; d < kDim; ++d) particles_.x[id_[m] * kDim + d] = x_[m][d];
+  }
+
+  const Grid<T, kDim>& grid_;
+  const Series<T>& series_;
+  const Particles<T>& particles_;
+  const Steps& steps_;
+  Events& events_;
+  int count_ = 0;
+  std::int64_t id_[kTile];
+  Place place_[kTile];
+  alignas(64) V4 x_[kTile], next_[kTile], k_[kStages][kTile];
+};
 
 }  // namespace
 
@@ -59,66 +138,17 @@ Slice<T> Series<T>::at(double t) const {
 template <class Method, class T, int kDim>
 Events advect_grid(const Grid<T, kDim>& grid, const Series<T>& series,
                    const Particles<T>& particles, const Steps& steps, int threads) {
-  using V4 = typename Grid<T, kDim>::V4;
   const auto chunks = static_cast<std::size_t>((particles.count + kChunk - 1) / kChunk);
   std::vector<Events> events(chunks);
-  const auto run_tile = [&](std::int64_t first, int n, Events& found) {
-    alignas(64) V4 x[kTile], k[kTile];
-    std::int64_t id[kTile];
-    int moving[kTile], count = 0;  // numbers in the tile of those still at sea
-    const auto stop = [&](int i, std::int64_t step, Place place) {
-      if (!finite(x[i])) return found.not_finite.note(step, id[i]);
-      (place == Place::kLand ? found.landed : found.escaped).note(step, id[i]);
-      particles.status[id[i]] = static_cast<std::int8_t>(place);
-      particles.stop_time[id[i]] = steps.time(step);
-    };
-    const Slice<T> start = series.at(steps.time(0));
-    for (int i = 0; i < n; ++i) {
-      id[i] = particles.order ? particles.order[first + i] : first + i;
-      x[i] = load_row<T, kDim>(particles.x + id[i] * kDim);
-      if (particles.status[id[i]] != 0) continue;
-      Place place = Place::kSea;
-      k[i] = grid.rate(start, x[i], place);
-      if (place == Place::kSea) {
-        moving[count++] = i;
-      } else {
-        stop(i, 0, place);
-      }
-    }
-    for (std::int64_t s = 0; s < steps.count && count > 0; ++s) {
-      Slice<T> stage[Method::kStages + 1];
-      for (int i = 0; i < Method::kStages; ++i) {
-        stage[i] = series.at(steps.time(s) + Method::c[i] * steps.h);
-      }
-      stage[Method::kStages] = series.at(steps.time(s + 1));
-      bool stopped = false;
-      for (int m = 0; m < count; ++m) {
-        const int i = moving[m];
-        Place place = Place::kSea;
-        V4 end;
-        const V4 next = step_grid<Method>(grid, stage, T(steps.h), x[i], k[i], end, place);
-        if (__builtin_expect(place != Place::kSea, 0)) {
-          if (!finite(next)) x[i] = next;
-          stop(i, s, place);
-          moving[m] = -1;
-          stopped = true;
-        } else {
-          x[i] = next;
-          k[i] = end;
-        }
-      }
-      if (stopped) count = static_cast<int>(std::remove(moving, moving + count, -1) - moving);
-    }
-    for (int i = 0; i < n; ++i) {
-      for (int d = 0; d < kDim; ++d) particles.x[id[i] * kDim + d] = x[i][d];
-    }
-  };
   parallel_for(
       particles.count, kChunk,
       [&](std::int64_t begin, std::int64_t end) {
-        Events& found = events[static_cast<std::size_t>(begin / kChunk)];
+        Tile<Method, T, kDim> tile(grid, series, particles, steps,
+                                   events[static_cast<std::size_t>(begin / kChunk)]);
         for (std::int64_t first = begin; first < end; first += kTile) {
-          run_tile(first, static_cast<int>(std::min<std::int64_t>(kTile, end - first)), found);
+          tile.load(first, std::min(first + kTile, end));
+          for (std::int64_t s = 0; s < steps.count && !tile.empty(); ++s) tile.step(s);
+          tile.store();
         }
       },
       threads);

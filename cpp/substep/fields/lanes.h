@@ -41,6 +41,12 @@ using UnalignedVector = typename VectorOf<T, kBytes>::unaligned;
 template <class V>
 using Lane = std::remove_cvref_t<decltype(V{}[0])>;
 
+// The same number in all lanes. (a - 0 is a, also for -0, so nothing is computed.)
+template <class V>
+SUBSTEP_INLINE V splat(Lane<V> a) {
+  return a - V{};
+}
+
 // a * b + c, rounded once where the instruction level has FMA (so bits differ between levels).
 template <class V>
 SUBSTEP_INLINE V fma(const V& a, const V& b, const V& c) {
@@ -74,11 +80,11 @@ SUBSTEP_INLINE V fma(const V& a, const V& b, const V& c) {
 }
 template <class V>
 SUBSTEP_INLINE V fma(Lane<V> a, const V& b, const V& c) {
-  return fma<V>(V{} + a, b, c);
+  return fma<V>(splat<V>(a), b, c);
 }
 template <class V>
 SUBSTEP_INLINE V fma(const V& a, const V& b, Lane<V> c) {
-  return fma<V>(a, b, V{} + c);
+  return fma<V>(a, b, splat<V>(c));
 }
 
 // Whether any lane of a comparison's result is set.
@@ -99,6 +105,20 @@ SUBSTEP_INLINE bool any(const Mask& mask) {
   bool found = false;
   for (unsigned lane = 0; lane < sizeof(Mask) / sizeof(mask[0]); ++lane) found |= mask[lane] != 0;
   return found;
+}
+
+// Whether low <= a <= high in all lanes; not where a is NaN.
+template <class V>
+SUBSTEP_INLINE bool all_within(const V& a, const V& low, const V& high) {
+#ifdef __AVX__
+  if constexpr (sizeof(V) == 32 && std::is_same_v<Lane<V>, double>) {
+    const __m256d x = reinterpret_cast<__m256d>(a);
+    const __m256d above = _mm256_cmp_pd(x, reinterpret_cast<__m256d>(low), _CMP_GE_OQ);
+    const __m256d below = _mm256_cmp_pd(x, reinterpret_cast<__m256d>(high), _CMP_LE_OQ);
+    return _mm256_movemask_pd(_mm256_and_pd(above, below)) == 15;
+  }
+#endif
+  return !any(~((a >= low) & (a <= high)));
 }
 
 // The largest integer not above, lane by lane.
