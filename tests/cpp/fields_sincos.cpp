@@ -64,8 +64,8 @@ constexpr bool kFma = false;  // float products are rounded, which shows near mu
 constexpr double kAny = std::numeric_limits<double>::infinity();
 
 TEST(Sincos, ErrorInUlp) {
-  for (const double range : {0.8, 4.0, 100.0, 1e4}) compare<double>(range, 2);
-  compare<double>(1e6, 2.5);
+  for (const double range : {0.8, 4.0, 100.0}) compare<double>(range, 2);
+  for (const double range : {1e4, 1e6}) compare<double>(range, 2.5);
   for (const double range : {0.8, 4.0, 100.0}) compare<float>(range, 2);
   compare<float>(8192, kFma ? 2.5 : kAny);
 }
