@@ -231,6 +231,9 @@ def test_solver_error_tells_time_and_remedy_and_keeps_the_frames(capsys):
         and "walkers.vtkhdf.journal" in err
     )
     assert len(hashes("runs/walkers/walkers.vtkhdf.journal")) == 9
+    for name in ("walkers.vtkhdf", "walkers.vtkhdf.journal"):
+        code, out, _ = call(capsys, "info", f"runs/walkers/{name}")
+        assert code == 0 and "walkers.vtkhdf.journal (" in out and "frames      9, " in out
     code, out, _ = call(capsys, "export", "runs/walkers/walkers.vtkhdf.journal")
     assert code == 0 and "recording: runs/walkers/walkers.vtkhdf" in out
     assert len(hashes("runs/walkers/walkers.vtkhdf")) == 9

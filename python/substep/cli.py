@@ -352,7 +352,8 @@ def _info(arguments: argparse.Namespace) -> None:
     from .recording import Recording
 
     with Recording(arguments.file) as recording:
-        print(f"file        {arguments.file} ({_bytes(arguments.file.stat().st_size)})")
+        file = Path(recording.path)  # the journal beside the file that was named, perhaps
+        print(f"file        {file} ({_bytes(file.stat().st_size)})")
         print(f"scene       {recording.scene or '-'}, seed {recording.seed}")
         print(f"written by  substep {recording.version}")
         for key, value in recording.parameters.items():

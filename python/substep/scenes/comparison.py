@@ -6,16 +6,13 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._checks import check_array, check_integer, check_real
 from ..errors import FormatError, InputError
-
-if TYPE_CHECKING:
-    from ..recording import Recording
 
 Solver = Callable[[float, int, Any, Any], tuple[Any, Any]]
 
@@ -149,8 +146,3 @@ def second_order_solver(method: str, acceleration: Callable[..., Any], step: flo
         return end.x[:, -1], end.v[:, -1]
 
     return solve
-
-
-def method_names(recording: Recording, known: tuple[str, ...]) -> list[str]:
-    """Names of a recording's methods, in the order of its points."""
-    return [name for name in recording.parameters["methods"] if name in known]

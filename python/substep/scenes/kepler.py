@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .comparison import Comparison, method_names, second_order_solver, solver
+from .comparison import Comparison, second_order_solver, solver
 from .declaration import Parameter, Scene
-from .style import COLOURS
+from .portraits import draw_portraits
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -51,41 +51,26 @@ def _build(parameters: dict[str, Any], seed: int) -> Comparison:
 
 
 def _picture(recording: Recording, frame: int, figure: Figure) -> None:
-    methods = method_names(recording, METHODS)
-    frames = [recording.frame(i)["particles"] for i in range(frame + 1)]
-    time = recording.times[: frame + 1] / PERIOD
-    x = np.array([f["points"] for f in frames])
-    energy = np.array([f["energy"] for f in frames])
-    error = np.abs(energy / energy[0] - 1)
-    grid = figure.add_gridspec(1, 2, width_ratios=(1, 1.15))
-    orbit, drift = figure.add_subplot(grid[0]), figure.add_subplot(grid[1])
-    for k, method in enumerate(methods):
-        colour = COLOURS[k % len(COLOURS)]
-        orbit.plot(x[:, k, 0], x[:, k, 1], color=colour, lw=0.7, alpha=0.8)
-        orbit.plot(*x[-1, k, :2], "o", color=colour, ms=5)
-        drift.plot(time, np.maximum(error[:, k], 1e-16), color=colour, lw=1.1, label=method)
-    orbit.plot(0, 0, "*", color="#e0a000", ms=14, mec="black", mew=0.5)
     e = recording.parameters["eccentricity"]
-    reach = 1.25 * (1 + e)
-    orbit.set(xlim=(-reach, 0.75 * reach), ylim=(-0.875 * reach, 0.875 * reach), aspect="equal")
-    orbit.set(xlabel="x [m]", ylabel="y [m]")
-    orbit.set_title(
-        f"Kepler orbit, e = {e:g}, {recording.parameters['steps']} steps a period", loc="left"
+    angle = np.linspace(0, 2 * math.pi, 400)
+    ellipse = np.column_stack([np.cos(angle) - e, math.sqrt(1 - e * e) * np.sin(angle)])
+    r = 1.15 * (1 + e)
+    reach, labels = (-r, 0.6 * r, -0.8 * r, 0.8 * r), ("x [m]", "y [m]")
+    draw_portraits(figure, recording, frame, PERIOD, ellipse, reach, labels)
+    for axes in figure.axes[:-1]:
+        axes.plot(0, 0, "*", color="#e0a000", ms=9, mec="black", mew=0.4)
+    figure.suptitle(
+        f"Kepler orbit, eccentricity {e:g}, {recording.parameters['steps']} steps a period, "
+        f"after {recording.times[frame] / PERIOD:.1f} periods (exact: grey)",
+        fontsize=11,
     )
-    drift.set(
-        yscale="log", ylim=(1e-13, 10), xlabel="time [periods]", ylabel="relative energy error"
-    )
-    drift.set_xlim(0, recording.parameters["duration"])
-    drift.set_title(f"after {time[-1]:.4g} periods", loc="left")
-    drift.grid(True, which="major", color="0.9")
-    drift.legend(loc="upper left", ncols=2, fontsize=8, frameon=False)
 
 
 SCENE = Scene(
     name="kepler",
     doc="A planet on an elliptic orbit under the second-order methods, and RK4: orbits and energy.",
     parameters={
-        "duration": Parameter("time simulated", 50.0, unit="periods", above=0),
+        "duration": Parameter("time simulated", 20.0, unit="periods", above=0),
         "eccentricity": Parameter("eccentricity of the orbit", 0.6, minimum=0, maximum=0.99),
         "steps": Parameter("steps a period", 200, minimum=1, maximum=10**7),
         "methods": Parameter("methods, separated by commas", METHODS, choices=METHODS),

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .comparison import Comparison, method_names, second_order_solver, solver
+from .comparison import Comparison, second_order_solver, solver
 from .declaration import Parameter, Scene
-from .style import COLOURS
+from .portraits import draw_portraits
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,53 +62,15 @@ def _parts(simulation: Comparison) -> dict[str, Any]:
 
 
 def _picture(recording: Recording, frame: int, figure: Figure) -> None:
-    methods = method_names(recording, METHODS)
-    frames = [recording.frame(i)["particles"] for i in range(frame + 1)]
-    time = recording.times[: frame + 1] / PERIOD
-    points = np.array([f["points"] for f in frames])
-    energy = np.array([f["energy"] for f in frames])
-    columns = min(5, len(methods))
-    rows = -(-len(methods) // columns)
-    grid = figure.add_gridspec(rows + 1, columns, height_ratios=(1,) * rows + (1.35,))
-    circle = np.linspace(0, 2 * math.pi, 200)
-    for k, method in enumerate(methods):
-        axes = figure.add_subplot(grid[divmod(k, columns)])
-        axes.plot(np.cos(circle), np.sin(circle), color="0.75", lw=2.5)
-        axes.plot(*points[:, k, :2].T, color=_colour(k), lw=0.7)
-        axes.plot(*points[-1, k, :2], "o", color=_colour(k), ms=4)
-        axes.set(
-            xlim=(-2.2, 2.2), ylim=(-2.2, 2.2), aspect="equal", xticks=(-1, 0, 1), yticks=(-1, 0, 1)
-        )
-        axes.set_title(method, fontsize=9)
-        axes.tick_params(labelsize=7, length=2)
-        if k % columns == 0:
-            axes.set_ylabel("v [m/s]", fontsize=8)
-        if k // columns == rows - 1:
-            axes.set_xlabel("x [m]", fontsize=8)
-    axes = figure.add_subplot(grid[rows, :])
-    for k, method in enumerate(methods):
-        style = "-" if method in FIRST_ORDER else "--"
-        axes.plot(
-            time,
-            np.maximum(np.abs(energy[:, k] / energy[0, k] - 1), 1e-17),
-            style,
-            color=_colour(k),
-            lw=1.1,
-            label=method,
-        )
-    axes.set(yscale="log", ylim=(1e-17, 1e3), xlim=(0, recording.parameters["duration"]))
-    axes.set(xlabel="time [periods]", ylabel="relative energy error")
-    axes.grid(True, color="0.9")
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7, frameon=False)
+    angle = np.linspace(0, 2 * math.pi, 200)
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    labels = ("x [m]", "v [m/s]")
+    draw_portraits(figure, recording, frame, PERIOD, circle, (-2.2, 2.2, -2.2, 2.2), labels)
     figure.suptitle(
-        f"Harmonic oscillator, step {recording.parameters['step']:g} s: "
-        f"phase plane after {time[-1]:.3g} periods (exact: the grey circle), and energy",
+        f"Harmonic oscillator, step {recording.parameters['step']:g} s: phase plane "
+        f"after {recording.times[frame] / PERIOD:.1f} periods (exact: grey)",
         fontsize=11,
     )
-
-
-def _colour(k: int) -> str:
-    return COLOURS[k % len(COLOURS)]
 
 
 SCENE = Scene(
