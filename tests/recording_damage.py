@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import substep
-import substep._vtkhdf
+import substep._packed
 from substep.export import pack_here
 
 FRAMES = 4

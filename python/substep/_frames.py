@@ -5,6 +5,7 @@ docs/recording.md has the layout byte by byte.
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import struct
@@ -25,6 +26,7 @@ FILE_HEADER = struct.Struct("<8sIIQQII")
 FRAME_MAGIC = b"FRAM"
 FRAME_HEADER = struct.Struct("<4sIQdQII")
 TABLE = np.dtype([("count", "<u8"), ("dtype", "S4"), ("shape", "<u2", (2,)), ("crc32", "<u4")])
+TABLE_ROW = struct.Struct("<Q4sHHI")
 DTYPES = ("|b1", "|i1", "|u1", "<i2", "<u2", "<i4", "<u4", "<i8", "<u8", "<f4", "<f8")
 
 
@@ -37,7 +39,7 @@ class Spec:
     dtype: str
     shape: tuple[int, ...]
 
-    @property
+    @functools.cached_property
     def row_bytes(self) -> int:
         """Bytes of one row."""
         return math.prod(self.shape) * int(np.dtype(self.dtype).itemsize)

@@ -29,6 +29,7 @@ from ._frames import (
     FRAME_MAGIC,
     MAGIC,
     TABLE,
+    TABLE_ROW,
     Source,
     Spec,
     arrays_per_frame,
@@ -152,35 +153,42 @@ class Journal:
                 rows = head[FRAME_HEADER.size :]
                 if zlib.crc32(rows) != table_crc:
                     self._stop("the table's checksum differs", removable=last)
-                elif reason := self._add(time, payload, np.frombuffer(rows, TABLE)):
+                elif reason := self._add(time, payload, rows):
                     self._stop(reason, removable=False)
                 else:
                     self._offsets.append(self.end + head_bytes)
                     self.end += head_bytes + payload
         self._check_last()
+        if not self.times:
+            self.specs = []  # those of a frame that is none
 
-    def _add(self, time: float, payload: int, table: NDArray[Any]) -> str | None:
+    def _add(self, time: float, payload: int, table: bytes) -> str | None:
         """Take a frame into the index, or say what is wrong with it."""
         if not math.isfinite(time) or (self.times and time <= self.times[-1]):
             return "its time is not after the frame before"
-        specs = []
-        counts = tuple(int(n) for n in table["count"])
-        arrays = ((p["name"], n) for p in self.metadata["parts"] for n in frame_names(p))
-        for (part, name), row in zip(arrays, table, strict=True):
-            code = row["dtype"].decode("ascii", "replace")
-            shape = tuple(int(n) for n in row["shape"] if n)
-            if code not in DTYPES:
-                return f"dtype {code!r} is unknown"
-            specs.append(Spec(part, name, code, shape))
-        if self.specs and specs != self.specs:
+        rows = list(TABLE_ROW.iter_unpack(table))
+        kinds = [row[1:4] for row in rows]
+        if not self.times:
+            self._kinds = kinds
+            self.specs = self._specs_of(kinds)
+        if kinds != self._kinds:
             return "dtypes or shapes differ from those of the first frame"
-        if payload != sum(n * s.row_bytes for n, s in zip(counts, specs, strict=True)):
+        if any(spec.dtype not in DTYPES for spec in self.specs):
+            return "a dtype is unknown"
+        counts = tuple(row[0] for row in rows)
+        if payload != sum(n * s.row_bytes for n, s in zip(counts, self.specs, strict=True)):
             return "the length of the payload differs from that of its arrays"
-        self.specs = specs
         self.times.append(time)
         self.counts.append(counts)
-        self.crcs.append(tuple(int(c) for c in table["crc32"]))
+        self.crcs.append(tuple(row[4] for row in rows))
         return None
+
+    def _specs_of(self, kinds: list[tuple[bytes, int, int]]) -> list[Spec]:
+        names = [(p["name"], n) for p in self.metadata["parts"] for n in frame_names(p)]
+        return [
+            Spec(*name, code.rstrip(b"\0").decode("ascii", "replace"), tuple(n for n in shape if n))
+            for name, (code, *shape) in zip(names, kinds, strict=True)
+        ]
 
     def _stop(self, reason: str, *, removable: bool) -> None:
         where = f"{self.path}: frame {len(self.times)} at byte {self.end}"
@@ -318,6 +326,6 @@ def open_source(path: str, max_bytes: int = MAX_BYTES) -> Source:
         start = file.read(8)
     if start != b"\x89HDF\r\n\x1a\n":
         return Journal(path)
-    from ._vtkhdf import Packed
+    from ._packed import Packed
 
     return Packed(path, max_bytes)

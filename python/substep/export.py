@@ -186,7 +186,7 @@ def _check_space(source: Source, target: str) -> None:
 
 def _verify(source: Source, part: str) -> None:
     """Read every frame back: its checksums are those of the journal."""
-    from ._vtkhdf import Packed
+    from ._packed import Packed
 
     packed = Packed(part, sys.maxsize)
     try:
