@@ -132,11 +132,18 @@ def _write_part(group: h5py.Group, source: Source, part: dict[str, Any]) -> None
             _store(steps, f"PointDataOffsets/{spec.name}", offsets, "<i8")
         start = 0
         for block in _blocks(source, k):
-            rows = np.zeros((len(block), *shape), stored_dtype(spec))
-            width = math.prod(spec.shape)
-            rows.reshape(len(block), -1)[:, :width] = block.reshape(len(block), width)
-            dataset[start : start + len(block)] = rows
+            dataset[start : start + len(block)] = _stored(block, shape).view(stored_dtype(spec))
             start += len(block)
+
+
+def _stored(block: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Rows of an array as rows of the file."""
+    if block.shape[1:] == shape:
+        return block
+    rows = np.zeros((len(block), *shape), block.dtype)
+    width = math.prod(block.shape[1:])
+    rows.reshape(len(block), -1)[:, :width] = block.reshape(len(block), width)
+    return rows
 
 
 def _blocks(source: Source, array: int) -> Iterator[NDArray[Any]]:
@@ -149,7 +156,7 @@ def _blocks(source: Source, array: int) -> Iterator[NDArray[Any]]:
             waiting.append(data)
             size += data.nbytes
         if size >= CHUNK_BYTES:
-            yield np.concatenate(waiting)
+            yield waiting[0] if len(waiting) == 1 else np.concatenate(waiting)
             waiting, size = [], 0
     if waiting:
         yield np.concatenate(waiting)
