@@ -54,7 +54,29 @@ def recorded(points):
             recorder._release()
 
 
+def solved(y0, **options):
+    decay = substep.solve_ivp(lambda t, y: -y, (0.0, 2.0), y0, method="rk4", step=0.25, **options)
+    return decay.y
+
+
 ENTRIES = [
+    Entry("solve_ivp y0", solved, np.array([0.5, 0.25]), "y0", empty=(0,), complex_ok=True),
+    Entry(
+        "solve_ivp y0 of a compiled system",
+        lambda y0: substep.solve_ivp(substep.systems.Lorenz(), (0.0, 0.1), y0).y,
+        np.array([0.5, 0.25, 1.0]),
+        "y0",
+        any_length=False,
+    ),
+    Entry(
+        "solve_ivp t_eval",
+        lambda t: solved([1.0, 0.0], t_eval=t),
+        np.array([0.0, 1.0, 2.0]),
+        "t_eval",
+        any_length=False,
+        rising=True,
+        optional=True,
+    ),
     Entry(
         "check_array",
         lambda x: _checks.check_array("x", x, (None, 2)),

@@ -540,7 +540,7 @@ def test_systems_check_state_and_arguments():
         solve(lorenz)
     with pytest.raises(InputError, match="args"):
         solve(lorenz, y0=[1, 1, 1], args=(1.0,))
-    with pytest.raises(InputError, match="y0: compiled systems have real states"):
+    with pytest.raises(TypeError, match="y0: compiled systems have real states"):
         solve(lorenz, y0=[1j, 1, 1])
     with pytest.raises(InputError, match="y: expected shape"):
         lorenz(0.0, [1.0, 2.0])

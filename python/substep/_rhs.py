@@ -55,7 +55,7 @@ def unpack_args(args: Any) -> tuple[Any, ...]:
 
 def _refuse_complex(complex_y: bool) -> None:
     if complex_y:
-        raise InputError("y0: compiled systems have real states, got complex numbers")
+        raise TypeError("y0: compiled systems have real states, got complex numbers")
 
 
 def _parameters(args: Any) -> np.ndarray[Any, Any]:
