@@ -8,4 +8,5 @@ PYBIND11_MODULE(_core, m) {
   bind_core(m);
   bind_fields(m);
   bind_ode(m);
+  bind_second_order(m);
 }

@@ -23,6 +23,7 @@ _EXPORTS = {
         "TruncatedError",
         "VersionError",
     ),
+    "ensemble": ("EnsembleResult", "solve_ensemble"),
     "export": ("pack",),
     "ode": ("OdeResult", "OdeSolution", "solve_ivp"),
     "recording": ("Part", "Recorder", "Recording"),
@@ -38,12 +39,14 @@ _EXPORTS = {
         "advect",
         "open_field",
     ),
+    "second_order": ("SecondOrderResult", "solve_second_order"),
     "scipy_solvers": ("DOP853", "RK4", "RK45", "Euler", "Heun", "Midpoint"),
 }
 _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
 _SUBMODULES = (
     "cli",
     "config",
+    "ensemble",
     "errors",
     "export",
     "fields",
@@ -51,6 +54,7 @@ _SUBMODULES = (
     "recording",
     "render",
     "scenes",
+    "second_order",
     "stability",
     "systems",
 )
@@ -60,6 +64,7 @@ __all__ = sorted([*_MODULE_OF, *_SUBMODULES])
 if TYPE_CHECKING:
     from . import _core as _core
     from .config import num_threads, set_num_threads, show_config, state_hash
+    from .ensemble import EnsembleResult, solve_ensemble
     from .errors import (
         ConvergenceError,
         CorruptError,
@@ -88,6 +93,7 @@ if TYPE_CHECKING:
     from .ode import OdeResult, OdeSolution, solve_ivp
     from .recording import Part, Recorder, Recording
     from .scipy_solvers import DOP853, RK4, RK45, Euler, Heun, Midpoint
+    from .second_order import SecondOrderResult, solve_second_order
 
 
 def __getattr__(name: str) -> Any:

@@ -1,3 +1,4 @@
+from collections.abc import Sequence
 from typing import Any
 
 from numpy.typing import NDArray
@@ -175,3 +176,54 @@ class Integration:
     def take_times(self) -> Any: ...
     def take_states(self) -> Any: ...
     def take_dense(self) -> DenseSolution: ...
+
+class PythonAcceleration(System):
+    def __init__(
+        self, fun: Any, shape: Sequence[int], args: tuple[Any, ...], convert: Any
+    ) -> None: ...
+
+class PointerAcceleration(System):
+    def __init__(self, address: int, components: int, parameters: Any) -> None: ...
+
+class Oscillators(System):
+    def __init__(self, omega: Any) -> None: ...
+
+class SpringChain(System):
+    def __init__(self, n: int, k: Any, m: Any, fixed_ends: bool) -> None: ...
+
+class NBody(System):
+    def __init__(self, masses: Any, G: float, softening: float, dimension: int) -> None: ...
+
+def second_order_methods() -> list[dict[str, Any]]: ...
+def solve_second_order(
+    *,
+    system: System,
+    method: str,
+    t0: float,
+    t1: float,
+    x0: Any,
+    v0: Any,
+    step: float,
+    t_eval: Any,
+    max_steps: int,
+    threads: int,
+    callback: Any,
+) -> dict[str, Any]: ...
+def solve_ensemble(
+    *,
+    systems: list[System],
+    address: int,
+    parameters: Any,
+    method: str,
+    t0: float,
+    t1: float,
+    y0: Any,
+    step: float,
+    rtol: list[float],
+    atol: list[float],
+    first_step: float,
+    max_step: float,
+    t_eval: list[float],
+    max_steps: int,
+    threads: int,
+) -> tuple[Any, list[tuple[int, str, float, int, int, int]]]: ...

@@ -90,7 +90,8 @@ std::int64_t Integration::run(std::int64_t steps) {
   Pace pace;
   while (stepper_->steps() < last && !stepper_->finished()) {
     const std::int64_t before = stepper_->steps();
-    if (!may_leap || !leap(std::min(last - before, pace.steps()))) {
+    const std::int64_t most = system_->polls() ? last - before : pace.steps();
+    if (!may_leap || !leap(std::min(last - before, most))) {
       stepper_->step();
       record();
     }

@@ -4,6 +4,9 @@
 
 #include <array>
 #include <cmath>
+#include <cstdlib>
+#include <memory>
+#include <new>
 #include <string>
 #include <utility>
 #include <vector>
@@ -36,8 +39,10 @@ class RungeKutta final : public Stepper {
     if (fixed_) set_fixed_step(options.step);
     const auto n = static_cast<std::size_t>(size());
     const std::size_t rows = 4 + kRows + (kDoubling ? 3 : 0);
-    memory_.assign(rows * n, 0.0);
-    double* next = memory_.data();
+    // Rows that are never used cost no memory: a system's own kernel needs no stages.
+    memory_.reset(static_cast<double*>(std::calloc(rows * n + 1, sizeof(double))));
+    if (!memory_) throw std::bad_alloc();
+    double* next = memory_.get();
     const auto take = [&] { return std::exchange(next, next + n); };
     y_ = take(), y_old_ = take(), y_new_ = take(), stage_ = take();
     for (double*& row : k_) row = take();
@@ -376,7 +381,10 @@ class RungeKutta final : public Stepper {
   double h_fixed_ = 0.0;
   std::int64_t fixed_steps_ = 0, whole_steps_ = 0;  // all, and those of full length
   bool started_ = false, have_end_ = false;
-  std::vector<double> memory_;
+  struct Free {
+    void operator()(double* memory) const { std::free(memory); }
+  };
+  std::unique_ptr<double, Free> memory_;
   double *y_, *y_old_, *y_new_, *stage_, *y_whole_ = nullptr, *y_half_ = nullptr,
                                          *k_half_ = nullptr;
   Stages k_{};

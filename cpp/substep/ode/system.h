@@ -38,6 +38,7 @@ struct FixedRun {
   double* y;
   int threads;  // 0: default
   std::int64_t first = 0;
+  double* a = nullptr;  // methods of symplectic.h: the acceleration, as it was and as it is
 };
 
 class System {
@@ -62,6 +63,9 @@ class System {
   // Runs the steps with a kernel of the system's own (force and stages fused) and returns true, or
   // returns false and leaves y alone. What is not finite may stay in y: the caller looks.
   virtual bool fixed_steps(const FixedRun& /*run*/) { return false; }
+
+  // True where fixed_steps polls for Ctrl-C itself, so that runs may be long.
+  virtual bool polls() const { return false; }
 
   // An explicit Runge-Kutta stepper for this system, which must outlive it.
   virtual std::unique_ptr<Stepper> make_stepper(std::string_view method,

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "substep/ode/static_system.h"
+#include "substep/ode/symplectic_static.h"
 
 namespace substep::ode {
 
@@ -21,6 +22,14 @@ class StaticSecondOrder : public StaticSystem<Derived, N> {
   [[gnu::always_inline]] void eval(double t, const double* y, double* dydt) const {
     for (int i = 0; i < kHalf; ++i) dydt[i] = y[kHalf + i];
     static_cast<const Derived&>(*this).accelerate(t, y, y + kHalf, dydt + kHalf);
+  }
+  bool fixed_steps(const FixedRun& run) override {
+    if (StaticSystem<Derived, N>::fixed_steps(run)) return true;
+    if (run.a == nullptr) return false;
+    const auto accelerate = [&](double t, const double* x, const double* v, double* a) {
+      static_cast<const Derived&>(*this).accelerate(t, x, v, a);
+    };
+    return StaticSymplectic<kHalf, decltype(accelerate)>(run, accelerate)();
   }
 };
 
