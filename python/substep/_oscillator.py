@@ -21,7 +21,7 @@ _W1 = 1 / (2 - 2 ** (1 / 3))  # Yoshida, Phys. Lett. A 150 (1990) 262; [HLW] II 
 _ROUNDING = 1e-14
 
 
-def _symplectic_euler(s: Rows, zeta: float, state: State) -> State:
+def _symplectic_euler(s: Rows, zeta: Rows, state: State) -> State:
     """[HLW] I (1.9): v += h a, then x += h v."""
     x, w, a = state
     w = w + s * a
@@ -29,7 +29,7 @@ def _symplectic_euler(s: Rows, zeta: float, state: State) -> State:
     return x, w, -x - 2 * zeta * w
 
 
-def _verlet(s: Rows, zeta: float, state: State) -> State:
+def _verlet(s: Rows, zeta: Rows, state: State) -> State:
     """[HLW] I (1.17), and (1.15), which is the same map of x and v.
 
     The new acceleration is evaluated at the velocity predicted with the old one, v + h a (Groot and
@@ -42,14 +42,14 @@ def _verlet(s: Rows, zeta: float, state: State) -> State:
     return x, half + s / 2 * a, a
 
 
-def _yoshida4(s: Rows, zeta: float, state: State) -> State:
+def _yoshida4(s: Rows, zeta: Rows, state: State) -> State:
     """[HLW] II (4.4): Verlet steps of w1 h, (1 - 2 w1) h, w1 h."""
     for weight in (_W1, 1 - 2 * _W1, _W1):
         state = _verlet(weight * s, zeta, state)
     return state
 
 
-MAPS: dict[str, Callable[[Rows, float, State], State]] = {
+MAPS: dict[str, Callable[[Rows, Rows, State], State]] = {
     "symplectic_euler": _symplectic_euler,
     "position_verlet": _verlet,
     "velocity_verlet": _verlet,
@@ -57,22 +57,23 @@ MAPS: dict[str, Callable[[Rows, float, State], State]] = {
 }
 
 
-def _full_matrix(method: str, s: NDArray[np.float64], zeta: float) -> NDArray[np.float64]:
-    """The 3x3 matrices of one step on (x, w, a), for each s."""
+def _full_matrix(method: str, s: Rows, zeta: Rows) -> NDArray[np.float64]:
+    """The 3x3 matrices of one step on (x, w, a), for each s and zeta."""
+    s, zeta = np.broadcast_arrays(s, zeta)
     unit = np.broadcast_to(np.eye(3), (*s.shape, 3, 3))
-    x, w, a = MAPS[method](s[..., None], zeta, (unit[..., 0, :], unit[..., 1, :], unit[..., 2, :]))
-    return np.stack([x, w, a], axis=-2)
+    state = (unit[..., 0, :], unit[..., 1, :], unit[..., 2, :])
+    return np.stack(MAPS[method](s[..., None], zeta[..., None], state), axis=-2)
 
 
-def _matrix(method: str, s: NDArray[np.float64], zeta: float) -> NDArray[np.float64]:
+def _matrix(method: str, s: Rows, zeta: float) -> NDArray[np.float64]:
     """The same on (x, w) alone where a is that of x and w: without damping, or symplectic Euler."""
-    full = _full_matrix(method, s, zeta)
+    full = _full_matrix(method, s, np.array(zeta))
     if zeta != 0 and method != "symplectic_euler":
         return full
     return full[..., :2, :2] + full[..., :2, 2:] * np.array([[-1.0, -2 * zeta]])
 
 
-def _bounded(method: str, s: NDArray[np.float64], zeta: float) -> NDArray[np.bool_]:
+def _bounded(method: str, s: Rows, zeta: Rows) -> NDArray[np.bool_]:
     """Whether all eigenvalues are within the unit circle, by the criterion of Schur, Cohn and Jury.
 
     For lambda^3 + c2 lambda^2 + c1 lambda + c0: p(1) >= 0, p(-1) <= 0 and
@@ -87,16 +88,21 @@ def _bounded(method: str, s: NDArray[np.float64], zeta: float) -> NDArray[np.boo
     return (upper >= -_ROUNDING) & (lower >= 0) & (inside >= -_ROUNDING)
 
 
-def _limit(method: str, zeta: float) -> float:
-    """The s at which boundedness first ends: a scan, then bisection to the last bit."""
+def limits(method: str, zeta: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The s at which boundedness first ends, for each zeta: a scan, then bisection to the end."""
     # The limits lie below 2 without damping and fall as 1 / zeta with much of it.
-    scan = np.linspace(0, 4, 4097)[1:] / (1 + zeta)
-    bounded = _bounded(method, scan, zeta)
-    first = int(np.argmin(bounded))
-    low, high = (float(scan[first - 1]) if first else 0.0), float(scan[first])
-    while low < (middle := (low + high) / 2) < high:
-        low, high = (middle, high) if _bounded(method, np.array(middle), zeta) else (low, middle)
-    return low
+    unit = np.linspace(0, 4, 1025)
+    first = np.empty(len(zeta), int)
+    for begin in range(0, len(zeta), 64):
+        part = zeta[begin : begin + 64, None]
+        first[begin : begin + 64] = np.argmin(_bounded(method, unit[1:] / (1 + part), part), axis=1)
+    low, high = unit[first] / (1 + zeta), unit[first + 1] / (1 + zeta)
+    while True:
+        middle = (low + high) / 2
+        if not np.any((low < middle) & (middle < high)):
+            return low
+        stable = _bounded(method, middle, zeta)
+        low, high = np.where(stable, middle, low), np.where(stable, high, middle)
 
 
 def second_order_methods() -> tuple[str, ...]:
@@ -240,4 +246,5 @@ def stability_limit(method: str, damping_ratio: float = 0.0) -> float:
     1.573402
     """
     name = check_choice("method", method, second_order_methods())
-    return _limit(name, check_real("damping_ratio", damping_ratio, nonnegative=True))
+    zeta = check_real("damping_ratio", damping_ratio, nonnegative=True)
+    return float(limits(name, np.array([zeta]))[0])

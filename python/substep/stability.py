@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import _core, _rational
+from . import _core, _oscillator, _rational
 from ._checks import check_array, check_choice, check_integer, check_real
 from ._oscillator import (
     amplification_eigenvalues,
@@ -389,27 +389,22 @@ def max_stable_step(method: str, eigenvalues: ArrayLike) -> float:
     spectrum = spectrum[spectrum.real <= 0]
     # The spectrum of a real Jacobian is symmetric and R(conj z) = conj R(z): half of it is enough.
     modes = np.unique(spectrum.real + 1j * np.abs(spectrum.imag))
-    limit = _second_order_limit if name in second_order_methods() else _one_step_limit
     moduli = np.abs(modes)
     units = np.round(modes.real / moduli + 1j * (modes.imag / moduli), 12)
     directions, which = np.unique(units, return_inverse=True)
     fastest = np.zeros(len(directions))
     np.maximum.at(fastest, which, moduli)
-    steps = (limit(name, complex(u)) / float(w) for u, w in zip(directions, fastest, strict=True))
-    return float(min(steps, default=np.inf))
-
-
-def _one_step_limit(name: str, direction: complex) -> float:
-    return _rational.ray_limit(*_factor(name), direction)
-
-
-def _second_order_limit(name: str, direction: complex) -> float:
-    if direction.imag == 0:
+    if name not in second_order_methods():
+        limits = np.array([_rational.ray_limit(*_factor(name), complex(u)) for u in directions])
+    elif np.any(directions.imag == 0):
         raise InputError(
             "eigenvalues: a real one belongs to an overdamped mode, whose partner the spectrum "
             f"does not tell; use stability_limit({name!r}, damping_ratio) / omega"
         )
-    return stability_limit(name, -direction.real)
+    else:
+        limits = _oscillator.limits(name, np.asarray(-directions.real, float))
+    with np.errstate(over="ignore"):
+        return float(np.min(limits / fastest, initial=np.inf))
 
 
 def stiffness_ratio(eigenvalues: ArrayLike) -> float:
