@@ -390,16 +390,15 @@ class RungeKutta final : public Stepper {
   Stages k_{};
 };
 
-// The stepper of a method for a system whose type is known.
-template <class Sys>
+// The stepper of a method of the list, compiled for the type of the system; none for other names.
+template <class List, class Sys>
 std::unique_ptr<Stepper> make_runge_kutta(std::string_view method, Sys& system,
                                           const StepOptions& options) {
   std::unique_ptr<Stepper> stepper;
   const auto match = [&]<class T>(const T&) {
     if (T::name == method) stepper = std::make_unique<RungeKutta<T, Sys>>(system, options);
   };
-  std::apply([&](const auto&... t) { (match(t), ...); }, Methods{});
-  if (!stepper) throw InputError("method: unknown name " + std::string(method));
+  std::apply([&](const auto&... t) { (match(t), ...); }, List{});
   return stepper;
 }
 

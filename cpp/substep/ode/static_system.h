@@ -66,7 +66,10 @@ bool StaticSystem<Derived, N>::fixed_steps(const FixedRun& run) {
 template <class Derived, int N>
 std::unique_ptr<Stepper> StaticSystem<Derived, N>::make_stepper(std::string_view method,
                                                                 const StepOptions& options) {
-  return make_runge_kutta<Derived>(method, derived(), options);
+  // The pairs are worth their code; the others are fused where they are used, at fixed steps.
+  using Pairs = std::tuple<DormandPrince5, DormandPrince853>;
+  auto stepper = make_runge_kutta<Pairs>(method, derived(), options);
+  return stepper ? std::move(stepper) : System::make_stepper(method, options);
 }
 
 // A compiled function of the user's: void(double t, double* y, double* dydt, double* p), as

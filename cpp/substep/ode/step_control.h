@@ -46,10 +46,19 @@ class Tolerance {
   bool uniform_;
 };
 
-// Sums of `M` terms over i in [0, n), in eight lanes and a fixed order.
+// Sums of `M` terms over i in [0, n), in a fixed order: eight lanes, or one after the other where
+// that would not fill them.
 template <std::size_t M, class Terms>
 std::array<double, M> sums(std::int64_t n, Terms&& terms) {
   constexpr std::int64_t kLanes = 8;
+  std::array<double, M> total{};
+  if (n < kLanes) {
+    for (std::int64_t i = 0; i < n; ++i) {
+      const std::array<double, M> term = terms(i);
+      for (std::size_t m = 0; m < M; ++m) total[m] += term[m];
+    }
+    return total;
+  }
   double lane[M][kLanes] = {};
   std::int64_t i = 0;
   for (; i + kLanes <= n; i += kLanes) {
@@ -63,7 +72,6 @@ std::array<double, M> sums(std::int64_t n, Terms&& terms) {
     const std::array<double, M> term = terms(i);
     for (std::size_t m = 0; m < M; ++m) lane[m][l] += term[m];
   }
-  std::array<double, M> total{};
   for (std::size_t m = 0; m < M; ++m) {
     for (double value : lane[m]) total[m] += value;
   }

@@ -6,7 +6,9 @@
 namespace substep::ode {
 
 std::unique_ptr<Stepper> System::make_stepper(std::string_view method, const StepOptions& options) {
-  return make_runge_kutta<System>(method, *this, options);
+  auto stepper = make_runge_kutta<Methods>(method, *this, options);
+  if (!stepper) throw InputError("method: unknown name " + std::string(method));
+  return stepper;
 }
 
 // Loops of few components pay when their length is known.
