@@ -1,6 +1,5 @@
 """The scenes: each of them runs, records, resumes to the same bits, and shows what it should."""
 
-import importlib.util
 from pathlib import Path
 
 import numpy as np
@@ -23,8 +22,6 @@ SMALL = {
 def small(name):
     """The scene and parameters for a run of a second."""
     parameters = dict(SMALL[name])
-    if name in ("kepler", "oscillator"):
-        pytest.importorskip("substep.second_order")
     if name == "ocean-drift":
         if not DATA.is_dir():
             pytest.skip("the ocean currents are not at hand")
@@ -150,12 +147,6 @@ def test_picture(name, tmp_path, capsys):
     assert (tmp_path / f"{name}.png").stat().st_size > 20_000
 
 
-LATER = pytest.mark.skipif(
-    importlib.util.find_spec("substep.second_order") is None, reason="needs solve_second_order"
-)
-
-
-@LATER
 def test_kepler_keeps_energy_where_it_should(tmp_path):
     run = scenes.run(scenes.load("kepler"), {"duration": 20, "steps": 500}, tmp_path, frames=101)
     frames = frames_of(run.recording)
@@ -172,7 +163,6 @@ def test_kepler_keeps_energy_where_it_should(tmp_path):
     )
 
 
-@LATER
 def test_verlet_in_hops_is_verlet_in_one_go():
     """Position Verlet's central-difference velocity restarts it exactly, but for rounding."""
     scene = scenes.load("kepler")
@@ -187,7 +177,6 @@ def test_verlet_in_hops_is_verlet_in_one_go():
     )
 
 
-@LATER
 def test_oscillator_shows_the_classical_limits(tmp_path):
     scene = scenes.load("oscillator")
     run = scenes.run(scene, {"step": 0.1, "duration": 10}, tmp_path, frames=11)
@@ -205,7 +194,6 @@ def test_oscillator_shows_the_classical_limits(tmp_path):
         assert gain[method] == pytest.approx(1, abs=0.06)
 
 
-@LATER
 def test_steps_longer_than_frames_are_refused(tmp_path):
     with pytest.raises(substep.InputError, match="step: 3 s is too long for frames"):
         scenes.run(scenes.load("oscillator"), {"step": 3.0}, tmp_path / "run", frames=501)
@@ -271,6 +259,20 @@ class TestOceanDrift:
         assert (twice > 0).all()
         assert twice.sum() / 2 == pytest.approx(missing.sum() * 0.25**2, rel=0.05)
 
+    def test_vtk_reads_every_frame(self, run):
+        from test_recording import read_by_vtk
+        from vtkmodules.util.numpy_support import vtk_to_numpy
+
+        steps = read_by_vtk(run)
+        frames = frames_of(run)
+        assert len(steps) == len(frames) == 11
+        for (time, blocks), (t, frame) in zip(steps, frames, strict=True):
+            assert time == t and set(blocks) == {"drifters", "land"}
+            points = vtk_to_numpy(blocks["drifters"].GetPoints().GetData())
+            np.testing.assert_array_equal(points[:, :2], frame["drifters"]["points"][:, :2])
+            speed = vtk_to_numpy(blocks["drifters"].GetPointData().GetArray("speed"))
+            np.testing.assert_array_equal(speed, frame["drifters"]["speed"])
+
     def test_the_recording_knows_the_date(self, run):
         with substep.Recording(run) as recording:
             assert recording.parameters["notes"] == {"origin": "2002-01-01T00:00:00"}
@@ -292,6 +294,17 @@ class TestOceanDrift:
             out, err = capsys.readouterr()
             assert out == "" and words in err and err.count("\n") == 1
             assert not (tmp_path / "run").exists()
+
+
+def test_the_scene_of_the_manual(tmp_path, capsys):
+    manual = (Path(__file__).parents[1] / "docs" / "scenes.md").read_text()
+    (tmp_path / "spiral.py").write_text(manual.split("```python\n")[1].split("```")[0])
+    arguments = ["run", str(tmp_path / "spiral.py"), "--out", str(tmp_path), "--no-picture"]
+    assert main(arguments) == 0
+    assert capsys.readouterr().out.startswith("spiral: 101 frames, 5 s, ")
+    (_, first), *_, (_, last) = frames_of(tmp_path / "spiral.vtkhdf")
+    radii = [np.hypot(*f["particles"]["points"].T[:2]) for f in (first, last)]
+    np.testing.assert_allclose(radii[1], radii[0] * np.exp(-0.1 * 5), rtol=1e-6)
 
 
 @pytest.mark.parametrize(

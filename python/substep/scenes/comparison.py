@@ -123,7 +123,7 @@ class Comparison:
 
 def solver(method: str, fun: Callable[[float, Any], Any], step: float) -> Solver:
     """A one-step method of `solve_ivp` on y = (x, v)."""
-    from ..ode import solve_ivp  # type: ignore[import-not-found]
+    from ..ode import solve_ivp
 
     def solve(t: float, steps: int, x: NDArray[Any], v: NDArray[Any]) -> tuple[Any, Any]:
         y = np.concatenate([x, v])
@@ -136,7 +136,7 @@ def solver(method: str, fun: Callable[[float, Any], Any], step: float) -> Solver
 
 def second_order_solver(method: str, acceleration: Callable[..., Any], step: float) -> Solver:
     """A method of `solve_second_order`."""
-    from ..second_order import solve_second_order  # type: ignore[import-not-found]
+    from ..second_order import solve_second_order
 
     def solve(t: float, steps: int, x: NDArray[Any], v: NDArray[Any]) -> tuple[Any, Any]:
         span = (t, t + steps * step)
