@@ -260,6 +260,7 @@ class TestOceanDrift:
         assert twice.sum() / 2 == pytest.approx(missing.sum() * 0.25**2, rel=0.05)
 
     def test_vtk_reads_every_frame(self, run):
+        pytest.importorskip("vtkmodules.vtkIOHDF", reason="VTK is not installed")
         from test_recording import read_by_vtk
         from vtkmodules.util.numpy_support import vtk_to_numpy
 
