@@ -258,7 +258,7 @@ def solve_ivp(
     array([-9.37857, -8.35703, 29.36233])
     """
     name = _method_name(method)
-    t0, t_bound = check_array("t_span", t_span, (2,)).tolist()
+    t0, t_bound = _check_span(t_span)
     y = check_array("y0", y0, (None,), complex_ok=True)
     times = _check_t_eval(t_eval, t0, t_bound)
     control = _check_control(step, rtol, atol, first_step, max_step, y.size, abs(t_bound - t0))
@@ -311,6 +311,16 @@ def solve_ivp(
 def _method_name(method: Any) -> str:
     """The name as listed; our classes for SciPy carry theirs."""
     return check_choice("method", getattr(method, "method_name", method), methods())
+
+
+def _check_span(t_span: Any) -> tuple[float, float]:
+    if type(t_span) is tuple and len(t_span) == 2:
+        start, end = t_span
+        if type(start) in (int, float) and type(end) in (int, float):
+            if -1e300 < start < 1e300 and -1e300 < end < 1e300:
+                return float(start), float(end)  # the usual case, quickly
+    start, end = check_array("t_span", t_span, (2,)).tolist()
+    return start, end
 
 
 def _check_t_eval(t_eval: Any, t0: float, t_bound: float) -> np.ndarray[Any, Any] | None:
