@@ -433,6 +433,45 @@ def test_plot_names_the_extra(monkeypatch):
 # The integrators do what the functions say
 
 
+@pytest.mark.parametrize("method", SECOND_ORDER)
+@pytest.mark.parametrize("zeta", [0.0, 0.3])
+def test_matrix_is_what_the_solver_does(method, zeta):
+    omega, steps = 3.0, 5
+    for s in (0.1, 0.7, 1.9, 2.6):
+        out = substep.solve_second_order(
+            lambda t, x, v: -(omega**2) * x - 2 * zeta * omega * v,
+            (0.0, steps * s / omega),
+            [0.8],
+            [-1.3],
+            method,
+            step=s / omega,
+        )
+        matrix = stability.amplification_matrix(method, s, zeta)
+        state = np.array([0.8, -1.3 / omega, -0.8 - 2 * zeta * -1.3 / omega])[: len(matrix)]
+        assert out.x.shape == (1, steps + 1)
+        for k in range(1, steps + 1):
+            state = matrix @ state
+            got = [out.x[0, k], out.v[0, k] / omega]
+            np.testing.assert_allclose(got, state[:2], rtol=1e-10, atol=1e-10 * abs(state).max())
+
+
+def test_every_second_order_method_is_here():
+    assert set(SECOND_ORDER) == set(substep.second_order.METHODS)
+
+
+def test_linear_growth_at_the_symplectic_limit():
+    def size(s, steps):
+        out = substep.solve_second_order(
+            lambda t, x, v: -x, (0, steps * s), [1.0], [0.0], "symplectic_euler", step=s
+        )
+        return np.hypot(out.x[0], out.v[0])
+
+    assert size(1.999, 10_000).max() < 70
+    n = np.arange(1001)
+    np.testing.assert_allclose(size(2.0, 1000), np.hypot(1 + 2 * n, 2 * n), rtol=1e-12)
+    assert size(2.01, 1000)[-1] > 1e60
+
+
 @pytest.mark.parametrize("method", substep._core.ode_methods())
 def test_factor_is_what_the_solver_does(method):
     for z in (-0.3 + 0.2j, 1j, -2.5 + 1.5j, 0.4 - 0.9j, -6.0 + 0j):
@@ -477,7 +516,7 @@ def growth(method, spectrum, h):
     )
 
 
-@pytest.mark.parametrize("method", EXPLICIT)
+@pytest.mark.parametrize("method", [*EXPLICIT, *SECOND_ORDER])
 @pytest.mark.parametrize("damping", [0.0, 0.4, 4.0])
 def test_a_spring_chain_explodes_where_predicted(method, damping):
     jacobian, omega = spring_chain(12, damping=damping)
