@@ -28,7 +28,7 @@ struct Worst {
     constexpr int kLanes = sizeof(V) / sizeof(T);
     V in, s, c;
     for (int i = 0; i < kLanes; ++i) in[i] = x[i];
-    sincos<V>(in, s, c);
+    Sincos<V>{}(in, s, c);
     for (int i = 0; i < kLanes; ++i) {
       // x87: 64 bits of mantissa, argument reduced by the library with all of pi.
       const long double exact_s = std::sin(static_cast<long double>(x[i]));
@@ -94,7 +94,7 @@ TEST(Sincos, BeyondTheRangeIsTheLibrarys) {
   using V = Vector<double>;
   V x, s, c;
   for (unsigned i = 0; i < sizeof(V) / 8; ++i) x[i] = i % 2 ? 0.5 : 3e15 + i;
-  sincos<V>(x, s, c);
+  Sincos<V>{}(x, s, c);
   for (unsigned i = 0; i < sizeof(V) / 8; i += 2) {
     EXPECT_EQ(s[i], std::sin(x[i]));
     EXPECT_EQ(c[i], std::cos(x[i]));
@@ -107,7 +107,7 @@ TEST(Sincos, NotFiniteGivesNan) {
   V x{}, s, c;
   x[0] = std::numeric_limits<double>::infinity();
   x[1] = std::nan("");
-  sincos<V>(x, s, c);
+  Sincos<V>{}(x, s, c);
   EXPECT_TRUE(std::isnan(s[0]) && std::isnan(c[0]));
   EXPECT_TRUE(std::isnan(s[1]) && std::isnan(c[1]));
 }
@@ -118,10 +118,10 @@ TEST(Sincos, LanesAreIndependent) {
   V many, s, c;
   constexpr int kLanes = sizeof(V) / 8;
   for (int i = 0; i < kLanes; ++i) many[i] = 0.37 * i * i - 2e6 * (i % 2);
-  sincos<V>(many, s, c);
+  Sincos<V>{}(many, s, c);
   for (int i = 0; i < kLanes; ++i) {
     V s1, c1;
-    sincos<V>(splat<V>(many[i]), s1, c1);
+    Sincos<V>{}(splat<V>(many[i]), s1, c1);
     EXPECT_EQ(s1[0], s[i]);
     EXPECT_EQ(c1[0], c[i]);
   }

@@ -15,8 +15,8 @@ inline constexpr std::int64_t kChunk = 2048;  // particles of a parallel task
 inline constexpr int kTile = 256;             // particles that step together
 
 // One step of one vector of particles.
-template <class Method, class V, class Flow, class Time>
-SUBSTEP_INLINE void step_flow(const Flow& flow, const Time* at, Lane<V> h, V* x) {
+template <class Method, class V, class Flow, class Time, class Trig>
+SUBSTEP_INLINE void step_flow(const Flow& flow, const Time* at, Lane<V> h, V* x, Trig& trig) {
   constexpr int kDim = Flow::kDimension, kStages = Method::kStages;
   using T = Lane<V>;
   V sum[kDim], k[kStages][kDim];
@@ -31,7 +31,7 @@ SUBSTEP_INLINE void step_flow(const Flow& flow, const Time* at, Lane<V> h, V* x)
         if (Method::a[i][j] != 0) y[d] = fma(h * T(Method::a[i][j]), k[j][d], y[d]);
       }
     }
-    flow.velocity(at[i], y, k[i]);
+    flow.velocity(at[i], y, k[i], trig);
 #pragma GCC unroll 3
     for (int d = 0; d < kDim; ++d) {
       const T b = T(Method::b[i]);
@@ -42,9 +42,18 @@ SUBSTEP_INLINE void step_flow(const Flow& flow, const Time* at, Lane<V> h, V* x)
   for (int d = 0; d < kDim; ++d) x[d] = fma(h / T(Method::divisor), sum[d], x[d]);
 }
 
+// The same for arguments of any size.
+template <class Method, class V, class Flow, class Time>
+[[gnu::noinline]] void step_flow_far(const Flow& flow, const Time* at, Lane<V> h, V* x) {
+  Sincos<V> trig;
+  step_flow<Method, V>(flow, at, h, x, trig);
+}
+
 template <class T, int kDim>
-struct Tile {
+struct FlowTile {
   alignas(64) T x[kDim][kTile] = {};
+
+  Vector<T>& at(int d, std::int64_t i) { return *reinterpret_cast<Vector<T>*>(&x[d][i]); }
 
   void load(const T* rows, std::int64_t count) {
     for (std::int64_t i = 0; i < count; ++i) {
@@ -68,16 +77,25 @@ struct Tile {
 };
 
 template <class Method, class T, class Flow>
-void step_tile(const Flow& flow, double t, double h, Tile<T, Flow::kDimension>& tile, int count) {
+void step_tile(const Flow& flow, double t, double h, FlowTile<T, Flow::kDimension>& tile,
+               int count) {
   using V = Vector<T>;
   constexpr int kLanes = sizeof(V) / sizeof(T);
   decltype(flow.at(t)) at[Method::kStages];
   for (int i = 0; i < Method::kStages; ++i) at[i] = flow.at(t + Method::c[i] * h);
+  const T step = static_cast<T>(h);
   for (int i = 0; i < count; i += kLanes) {
     V x[Flow::kDimension];
-    for (int d = 0; d < Flow::kDimension; ++d) x[d] = *reinterpret_cast<V*>(&tile.x[d][i]);
-    step_flow<Method, V>(flow, at, static_cast<T>(h), x);
-    for (int d = 0; d < Flow::kDimension; ++d) *reinterpret_cast<V*>(&tile.x[d][i]) = x[d];
+    for (int d = 0; d < Flow::kDimension; ++d) x[d] = tile.at(d, i);
+    FastSincos<V> trig;
+    step_flow<Method, V>(flow, at, step, x, trig);
+    if (__builtin_expect(trig.was_beyond(), 0)) {
+      V far[Flow::kDimension];
+      for (int d = 0; d < Flow::kDimension; ++d) far[d] = tile.at(d, i);
+      step_flow_far<Method, V>(flow, at, step, far);
+      for (int d = 0; d < Flow::kDimension; ++d) x[d] = far[d];
+    }
+    for (int d = 0; d < Flow::kDimension; ++d) tile.at(d, i) = x[d];
   }
 }
 
@@ -91,7 +109,7 @@ void advect_flow(const Flow& flow, const T* x, T* x_new, std::int64_t count, con
   const auto run = [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t first = begin; first < end; first += kTile) {
       const int n = static_cast<int>(end - first < kTile ? end - first : kTile);
-      Tile<T, kDim> tile;
+      FlowTile<T, kDim> tile;
       tile.load(x + first * kDim, n);
       for (std::int64_t s = 0; s < steps.count; ++s) {
         step_tile<Method>(flow, steps.time(s), steps.h, tile, n);
@@ -107,7 +125,7 @@ void advect_flow(const Flow& flow, const T* x, T* x_new, std::int64_t count, con
   std::int64_t worst_step = std::numeric_limits<std::int64_t>::max(), worst = -1;
   for (std::int64_t first = 0; first < count; first += kTile) {
     const int n = static_cast<int>(count - first < kTile ? count - first : kTile);
-    Tile<T, kDim> tile;
+    FlowTile<T, kDim> tile;
     tile.load(x + first * kDim, n);
     for (std::int64_t s = 0; s < steps.count && s < worst_step; ++s) {
       step_tile<Method>(flow, steps.time(s), steps.h, tile, n);
@@ -134,13 +152,14 @@ void sample_flow(const Flow& flow, double t, const T* x, T* u, std::int64_t coun
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t first = begin; first < end; first += kTile) {
           const std::int64_t n = end - first < kTile ? end - first : kTile;
-          Tile<T, kDim> tile;
+          FlowTile<T, kDim> tile;
           tile.load(x + first * kDim, n);
           for (std::int64_t i = 0; i < n; i += kLanes) {
             V position[kDim], velocity[kDim];
-            for (int d = 0; d < kDim; ++d) position[d] = *reinterpret_cast<V*>(&tile.x[d][i]);
-            flow.velocity(at, position, velocity);
-            for (int d = 0; d < kDim; ++d) *reinterpret_cast<V*>(&tile.x[d][i]) = velocity[d];
+            for (int d = 0; d < kDim; ++d) position[d] = tile.at(d, i);
+            Sincos<V> trig;
+            flow.velocity(at, position, velocity, trig);
+            for (int d = 0; d < kDim; ++d) tile.at(d, i) = velocity[d];
           }
           tile.store(u + first * kDim, n);
         }

@@ -1,5 +1,5 @@
 // Velocity fields in closed form. Each is dx/dt = velocity(at(t), x), for vectors of lanes: `at`
-// holds what depends on time alone, computed once a stage.
+// holds what depends on time alone, computed once a stage; `trig` computes sin and cos together.
 #pragma once
 
 #include <array>
@@ -18,8 +18,8 @@ struct RigidRotation {
   static constexpr int kDimension = kDim;
   std::array<double, 3> omega{}, center{};  // [rad/s], [m]
   Still at(double) const { return {}; }
-  template <class V>
-  SUBSTEP_INLINE void velocity(Still, const V* x, V* u) const {
+  template <class V, class Trig>
+  SUBSTEP_INLINE void velocity(Still, const V* x, V* u, Trig&) const {
     using T = Lane<V>;
     const T wx = T(omega[0]), wy = T(omega[1]), wz = T(omega[2]);
     const V rx = x[0] - T(center[0]), ry = x[1] - T(center[1]);
@@ -42,8 +42,8 @@ struct Shear {
   double rate = 1;  // [1/s]
   int flow = 0, gradient = 1;
   Still at(double) const { return {}; }
-  template <class V>
-  SUBSTEP_INLINE void velocity(Still, const V* x, V* u) const {
+  template <class V, class Trig>
+  SUBSTEP_INLINE void velocity(Still, const V* x, V* u, Trig&) const {
     using T = Lane<V>;
     const V along = T(rate) * x[gradient];
     for (int d = 0; d < kDim; ++d) u[d] = d == flow ? along : V{};
@@ -59,13 +59,13 @@ struct TaylorGreen {
   double at(double t) const {
     return amplitude * std::exp(-2 * viscosity * wavenumber * wavenumber * t);
   }
-  template <class V>
-  SUBSTEP_INLINE void velocity(double factor, const V* x, V* u) const {
+  template <class V, class Trig>
+  SUBSTEP_INLINE void velocity(double factor, const V* x, V* u, Trig& trig) const {
     using T = Lane<V>;
     const T k = T(wavenumber), f = T(factor);
     V sx, cx, sy, cy;
-    sincos<V>(k * x[0], sx, cx);
-    sincos<V>(k * x[1], sy, cy);
+    trig(k * x[0], sx, cx);
+    trig(k * x[1], sy, cy);
     u[0] = f * (sx * cy);
     u[1] = -f * (cx * sy);
   }
@@ -76,13 +76,13 @@ struct Abc {
   static constexpr int kDimension = 3;
   double a = 1, b = 1, c = 1;  // [m/s]
   Still at(double) const { return {}; }
-  template <class V>
-  SUBSTEP_INLINE void velocity(Still, const V* x, V* u) const {
+  template <class V, class Trig>
+  SUBSTEP_INLINE void velocity(Still, const V* x, V* u, Trig& trig) const {
     using T = Lane<V>;
     V sx, cx, sy, cy, sz, cz;
-    sincos<V>(x[0], sx, cx);
-    sincos<V>(x[1], sy, cy);
-    sincos<V>(x[2], sz, cz);
+    trig(x[0], sx, cx);
+    trig(x[1], sy, cy);
+    trig(x[2], sz, cz);
     u[0] = fma(T(a), sz, T(c) * cy);
     u[1] = fma(T(b), sx, T(a) * cz);
     u[2] = fma(T(c), sy, T(b) * cx);
@@ -96,15 +96,15 @@ struct DoubleGyre {
   static constexpr int kDimension = 2;
   double amplitude = 0.1, epsilon = 0.25, omega = 2 * std::numbers::pi / 10;  // [m/s] [] [rad/s]
   double at(double t) const { return epsilon * std::sin(omega * t); }
-  template <class V>
-  SUBSTEP_INLINE void velocity(double e_at_t, const V* x, V* u) const {
+  template <class V, class Trig>
+  SUBSTEP_INLINE void velocity(double e_at_t, const V* x, V* u, Trig& trig) const {
     using T = Lane<V>;
     const T e = T(e_at_t), pi = std::numbers::pi_v<T>, pi_a = T(std::numbers::pi * amplitude);
     const V f = (e * x[0] + (1 - 2 * e)) * x[0];
     const V slope = 2 * e * x[0] + (1 - 2 * e);
     V sf, cf, sy, cy;
-    sincos<V>(pi * f, sf, cf);
-    sincos<V>(pi * x[1], sy, cy);
+    trig(pi * f, sf, cf);
+    trig(pi * x[1], sy, cy);
     u[0] = -pi_a * (sf * cy);
     u[1] = pi_a * (cf * sy) * slope;
   }

@@ -45,10 +45,10 @@ Grid<T, kDim>::Grid(const std::vector<Axis>& axes, bool cubic, double radius)
     inverse_[d] = T(1 / h);
     turn_[d] = T(axis.wrap / h);
     if (axis.closed) turn_[d] = T(cells);
-    inverse_turn_[d] = axis.wrap > 0 ? 1 / turn_[d] : T(0);
+    inverse_wrap_[d] = axis.wrap > 0 ? T(1 / axis.wrap) : T(0);
     low_[d] = -slack;
     high_[d] = T(cells) + slack;
-    last_[d] = T(cells - 1);
+    last_[d] = static_cast<std::int32_t>(cells - 1);
 
     // The spacing before the first and after the last cell: the neighbour's where the axis closes,
     // else its own, at which fill_ghosts places the ghosts.
@@ -95,9 +95,9 @@ auto Grid<T, kDim>::unequal_coordinate(V4 x) const -> V4 {
 // neighbours, h d0 = a (f0 - fm) + b (f1 - f0), h d1 = c (f1 - f0) + e (f2 - f1); with equal
 // spacing a = b = c = e = 1/2, which is Keys' eq. (15).
 template <class T, int kDim>
-void Grid<T, kDim>::cubic_weights(int axis, const Cell& cell, T w[4]) const {
-  const auto [a, b, c, e] = spacing_[axis][static_cast<std::size_t>(cell.index[axis])];
-  const T s = cell.fraction[axis], r = 1 - s;
+void Grid<T, kDim>::cubic_weights(int axis, T s, std::int32_t index, T w[4]) const {
+  const auto [a, b, c, e] = spacing_[axis][static_cast<std::size_t>(index)];
+  const T r = 1 - s;
   const T h00 = (1 + 2 * s) * r * r, h10 = s * r * r, h01 = s * s * (3 - 2 * s), h11 = -s * s * r;
   w[0] = -a * h10;
   w[1] = h00 + (a - b) * h10 - c * h11;
@@ -106,10 +106,11 @@ void Grid<T, kDim>::cubic_weights(int axis, const Cell& cell, T w[4]) const {
 }
 
 template <class T, int kDim>
-auto Grid<T, kDim>::cubic(const Level<T>& level, Cell cell) const -> V4 {
+auto Grid<T, kDim>::cubic(const Level<T>& level, V4 fraction, I4 index, std::int64_t offset) const
+    -> V4 {
   T w[3][4];
-  for (int d = 0; d < kDim; ++d) cubic_weights(d, cell, w[d]);
-  const T* g = level.nodes[static_cast<std::size_t>(cell.offset)].value;
+  for (int d = 0; d < kDim; ++d) cubic_weights(d, fraction[d], index[d], w[d]);
+  const T* g = level.nodes[static_cast<std::size_t>(offset)].value;
   V8 low{}, high{};  // sums over the rows, of the nodes -1, 0 and of 1, 2 along the last axis
   for (std::int64_t i = 0; i < 4; ++i) {
     for (std::int64_t j = 0; j < (kDim == 3 ? 4 : 1); ++j) {

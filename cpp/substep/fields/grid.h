@@ -92,8 +92,8 @@ class Grid {
   SUBSTEP_INLINE Cell locate(const V4& x) const;
   V4 unequal_coordinate(V4 x) const;
   SUBSTEP_INLINE V4 linear(const Level<T>& level, const Cell& cell) const;
-  V4 cubic(const Level<T>& level, Cell cell) const;
-  void cubic_weights(int axis, const Cell& cell, T w[4]) const;
+  V4 cubic(const Level<T>& level, V4 fraction, I4 index, std::int64_t offset) const;
+  void cubic_weights(int axis, T s, std::int32_t index, T w[4]) const;
   V4 among_land(const Slice<T>& slice, V4 fraction, std::int64_t offset, V4 sum) const;
   void fill_ghosts(int axis, std::vector<Node<T>>& nodes) const;
   void find_whole(Level<T>& level) const;
@@ -105,28 +105,29 @@ class Grid {
   bool closed_[3] = {false, false, false};
   bool uniform_ = true, wrapped_ = false, cubic_ = false;
   T degrees_ = 0;  // degrees of latitude per metre
-  // Per lane, for equal spacing: cell = (x - origin) * inverse, reduced modulo turn.
+  // Per lane, for equal spacing: cell = (x - origin) * inverse, reduced modulo turn cells.
   std::int64_t first_ = 0;  // offset of cell 0
-  V4 origin_{}, inverse_{}, turn_{}, inverse_turn_{}, low_{}, high_{}, last_{};
+  V4 origin_{}, inverse_{}, turn_{}, inverse_wrap_{}, low_{}, high_{};
+  I4 last_{};
 };
 
 template <class T, int kDim>
 SUBSTEP_INLINE auto Grid<T, kDim>::locate(const V4& x) const -> Cell {
   V4 q;  // in cells
   if (__builtin_expect(uniform_, 1)) {
-    q = (x - origin_) * inverse_;
-    if (wrapped_) q = q - turn_ * floor<V4>(q * inverse_turn_);
+    const V4 from_origin = x - origin_;
+    q = from_origin * inverse_;
+    if (wrapped_) q = fma<V4>(-turn_, floor<V4>(from_origin * inverse_wrap_), q);
   } else {
     q = unequal_coordinate(x);
   }
   const bool outside = !all_within<V4>(q, low_, high_);  // also where q is NaN
-  V4 whole = floor<V4>(q);
-  whole = whole < last_ ? whole : last_;
-  whole = whole > 0 ? whole : V4{};  // also where q is NaN
-  const I4 index = __builtin_convertvector(whole, I4);
+  q = q > 0 ? q : V4{};
+  I4 index = __builtin_convertvector(q, I4);
+  index = index < last_ ? index : last_;
   std::int64_t offset = first_;
   for (int d = 0; d < kDim; ++d) offset += index[d] * stride_[d];
-  return {q - whole, index, offset, outside};
+  return {q - __builtin_convertvector(index, V4), index, offset, outside};
 }
 
 template <class T, int kDim>
@@ -168,8 +169,11 @@ SUBSTEP_INLINE auto Grid<T, kDim>::velocity(const Slice<T>& slice, const V4& x, 
   if (cubic_) {
     const auto at = static_cast<std::size_t>(cell.offset);
     if (slice.low->whole[at] && (!slice.high || slice.high->whole[at])) {
-      const V4 u = cubic(*slice.low, cell);
-      return slice.high ? fma<V4>(slice.weight, cubic(*slice.high, cell) - u, u) : u;
+      const auto at_level = [&](const Level<T>& level) {
+        return cubic(level, cell.fraction, cell.index, cell.offset);
+      };
+      const V4 u = at_level(*slice.low);
+      return slice.high ? fma<V4>(slice.weight, at_level(*slice.high) - u, u) : u;
     }
   }
   V4 u = linear(*slice.low, cell);

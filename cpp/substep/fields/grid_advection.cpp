@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <utility>
 
 namespace substep::fields {
 namespace {
@@ -52,10 +53,10 @@ class Tile {
 
   void step(std::int64_t number) {
     std::fill_n(place_, count_, Place::kSea);
-    for (int i = 1; i < kStages; ++i) {
+    for_each_stage([&]<int i>(Stage<i>) {
       const Slice<T> slice = series_.at(steps_.time(number) + Method::c[i] * steps_.h);
-      for (int m = 0; m < count_; ++m) k_[i][m] = grid_.rate(slice, stage(i, m), place_[m]);
-    }
+      for (int m = 0; m < count_; ++m) k_[i][m] = grid_.rate(slice, stage<i>(m), place_[m]);
+    });
     const Slice<T> slice = series_.at(steps_.time(number + 1));
     for (int m = 0; m < count_; ++m) {
       next_[m] = end(m);
@@ -87,8 +88,20 @@ class Tile {
  private:
   static constexpr int kStages = Method::kStages;
 
-  SUBSTEP_INLINE V4 stage(int i, int m) const {
+  // Calls action(Stage<i>) for the stages i after the first, known to the compiler.
+  template <int i>
+  struct Stage {};
+  template <class Action>
+  SUBSTEP_INLINE static void for_each_stage(Action&& action) {
+    [&]<int... i>(std::integer_sequence<int, i...>) {
+      (action(Stage<i + 1>{}), ...);
+    }(std::make_integer_sequence<int, kStages - 1>{});
+  }
+
+  template <int i>
+  SUBSTEP_INLINE V4 stage(int m) const {
     V4 y = x_[m];
+#pragma GCC unroll 4
     for (int j = 0; j < i; ++j) {
       if (Method::a[i][j] != 0) y = fma<V4>(T(steps_.h) * T(Method::a[i][j]), k_[j][m], y);
     }
@@ -97,6 +110,7 @@ class Tile {
 
   SUBSTEP_INLINE V4 end(int m) const {
     V4 sum = T(Method::b[0]) * k_[0][m];
+#pragma GCC unroll 4
     for (int i = 1; i < kStages; ++i) sum = fma<V4>(T(Method::b[i]), k_[i][m], sum);
     V4 x = fma<V4>(T(steps_.h) / T(Method::divisor), sum, x_[m]);
     x[3] = 0;  // the lane of the mask carries no position

@@ -63,22 +63,40 @@ SUBSTEP_INLINE void sincos_within_limit(const V& x, V& sine, V& cosine) {
   const I swap = (quadrant & 1) != 0;
   sine = swap ? pc : ps;
   cosine = swap ? ps : pc;
-  sine = reinterpret_cast<V>(reinterpret_cast<I>(sine) ^ ((quadrant >> 1) << kSignBit));
-  cosine = reinterpret_cast<V>(reinterpret_cast<I>(cosine) ^ (((quadrant + 1) >> 1) << kSignBit));
+  const I sign = (I{} + 1) << kSignBit;
+  const I minus_s = (quadrant << (kSignBit - 1)) & sign;  // bit 1 of the quadrant
+  const I minus_c = ((quadrant + 1) << (kSignBit - 1)) & sign;
+  sine = reinterpret_cast<V>(reinterpret_cast<I>(sine) ^ minus_s);
+  cosine = reinterpret_cast<V>(reinterpret_cast<I>(cosine) ^ minus_c);
 }
 
+// Any argument: lanes beyond the limit by the C library.
 template <class V>
-SUBSTEP_INLINE void sincos(const V& x, V& sine, V& cosine) {
-  using T = Lane<V>;
-  sincos_within_limit(x, sine, cosine);
-  const auto beyond = (x > kSincosLimit<T>) | (x < -kSincosLimit<T>);
-  if (__builtin_expect(any(beyond), 0)) {
+struct Sincos {
+  SUBSTEP_INLINE void operator()(const V& x, V& sine, V& cosine) const {
+    using T = Lane<V>;
+    sincos_within_limit(x, sine, cosine);
     for (unsigned lane = 0; lane < sizeof(V) / sizeof(T); ++lane) {
-      if (!beyond[lane]) continue;
+      if (std::abs(x[lane]) <= kSincosLimit<T>) continue;
       sine[lane] = std::sin(x[lane]);
       cosine[lane] = std::cos(x[lane]);
     }
   }
-}
+};
+
+// Takes all arguments for within the limit, and tells afterwards whether they were.
+template <class V>
+struct FastSincos {
+  V largest{};
+
+  SUBSTEP_INLINE void operator()(const V& x, V& sine, V& cosine) {
+    using I = std::remove_cvref_t<decltype(x < x)>;
+    constexpr int kSignBit = sizeof(Lane<V>) * 8 - 1;
+    sincos_within_limit(x, sine, cosine);
+    const V size = reinterpret_cast<V>(reinterpret_cast<I>(x) & ~((I{} + 1) << kSignBit));
+    largest = size > largest ? size : largest;
+  }
+  SUBSTEP_INLINE bool was_beyond() const { return any(largest > kSincosLimit<Lane<V>>); }
+};
 
 }  // namespace substep::fields
