@@ -150,7 +150,7 @@ bool Oscillators::fixed_steps(const FixedRun& run) {
       default:
         return false;
     }
-    acceleration(0, run.y, nullptr, run.a);
+    if (run.a != nullptr) acceleration(0, run.y, nullptr, run.a);
   }
   return true;
 }
