@@ -3,7 +3,8 @@
 See docs/fields.md for the equations, for what is modelled and what is not.
 """
 
-from ._advection import ACTIVE, ESCAPED, LANDED, Advection, AdvectionResult, advect
+from ._advect import AdvectionResult, advect
+from ._advection import ACTIVE, ESCAPED, LANDED, Advection
 from ._flows import ABC, DoubleGyre, Field, RigidRotation, Shear, TaylorGreen
 from ._grid import EARTH_RADIUS, GridField
 from ._open_field import open_field
