@@ -120,7 +120,9 @@ def test_exception_docstring(name):
 
 
 def test_the_collection_is_not_empty():
-    assert {"show_config", "state_hash"} <= FUNCTIONS.keys()
+    assert {"solve_ivp", "advect", "state_hash"} <= FUNCTIONS.keys()
+    assert {"Advection", "Recorder"} <= CLASSES.keys()
+    assert "Advection.advance" in METHODS
 
 
 @pytest.mark.parametrize("name", [n for n, v in OBJECTS.items() if ">>>" in (v.__doc__ or "")])

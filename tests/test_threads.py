@@ -16,8 +16,6 @@ from native_loops import chain, drift, start
 
 HERE = Path(__file__).parent
 LOOPS = {"advect": drift, "solve_ivp": chain}
-if "systems" not in substep.__all__ or "SpringChain" not in substep.systems.__all__:
-    pytest.skip("needs the spring chain", allow_module_level=True)
 each_loop = pytest.mark.parametrize("loop", LOOPS)
 
 
