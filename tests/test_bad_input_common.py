@@ -31,6 +31,7 @@ class Entry:
     complex_ok: bool = False
     rising: bool = False  # equal values are refused
     optional: bool = False  # None is legal
+    named: str | None = None  # what a wrong shape is said of, if not of the argument
 
 
 PLANE = np.array([[0.5, 0.25], [1.0, 0.5], [1.5, 0.75]])
@@ -106,6 +107,31 @@ ENTRIES = [
         PLANE,
         "positions",
         empty=(0, 2),
+    ),
+    *(
+        Entry(
+            f"solve_second_order {name}",
+            lambda value, name=name: (
+                substep.solve_second_order(
+                    lambda t, x, v: -x,
+                    (0.0, 1.0),
+                    **{"x0": np.ones((3, 2)), "v0": np.ones((3, 2)), name: value},
+                    step=0.25,
+                ).x
+            ),
+            PLANE,
+            name,
+            any_length=False,
+            named="0: expected",
+        )
+        for name in ("x0", "v0")
+    ),
+    Entry(
+        "solve_ensemble",
+        lambda rows: substep.solve_ensemble(substep.systems.Lorenz(), (0.0, 0.1), rows).y,
+        np.array([[0.5, 0.25, 0.5], [1.0, 0.5, 1.5]]),
+        "Y0",
+        empty=(0, 3),
     ),
     Entry("Advection", advected, PLANE, "positions", empty=(0, 2)),
     Entry("field", lambda x: substep.DoubleGyre()(0.0, x), PLANE, "x", empty=(0, 2)),
@@ -278,7 +304,8 @@ def test_wrong_shape(entry, kind):
     if kind == "one column more" and entry.good.ndim == 1 and entry.any_length:
         entry.call(WRONG_SHAPE[kind](entry.good))
         return
-    with pytest.raises(substep.InputError, match=re.escape(entry.argument)):
+    named = entry.named or entry.argument
+    with pytest.raises(substep.InputError, match=re.escape(named)):
         entry.call(WRONG_SHAPE[kind](entry.good))
 
 
