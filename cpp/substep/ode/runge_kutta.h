@@ -170,8 +170,9 @@ class RungeKutta final : public Stepper {
       double y_here[n], y_next[n], k_here[T::stages][n];
       std::copy_n(y, n, y_here);
       std::copy_n(k[0], n, k_here[0]);
-      unrolled_step<T>(t, h, y_here, k_here, y_next,
-                       [this](double s, const double* w, double* f) { system_.eval(s, w, f); });
+      const auto f = [this](double at, const double* w, double* dydt)
+                         __attribute__((always_inline)) { system_.eval(at, w, dydt); };
+      unrolled_step<T>(t, h, y_here, k_here, y_next, f);
       evaluations_ += T::stages - 1;
       for (int s = 1; s < T::stages; ++s) std::copy_n(k_here[s], n, k[static_cast<std::size_t>(s)]);
       std::copy_n(y_next, n, y_out);
