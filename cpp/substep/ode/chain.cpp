@@ -101,7 +101,7 @@ class RungeKuttaTile {
   Force force_;
   Ends ends_;
   Tile* tile_ = nullptr;
-  TileArray p0_, p1_, q_, sum_x_, sum_v_;
+  TileArray p0_, p1_, q_, sum_x_, sum_v_;  // live for a whole chunk
 };
 
 // Kick and drift with one force: v += g a(x), x += s v, for symplectic Euler (g = s = h) and
@@ -199,10 +199,7 @@ void run_tiles(std::int64_t n, const FixedRun& run, std::int64_t reach, std::int
   const std::int64_t together = (kHalo - extra) / reach;
   for (std::int64_t done = 0; done < run.steps; done += together) {
     const std::int64_t steps = std::min(together, run.steps - done);
-    sweep(steps * reach + extra, [&](Tile& tile) {
-      auto kernel = make_tile();
-      kernel(tile, steps);
-    });
+    sweep(steps * reach + extra, steps, make_tile);
   }
 }
 

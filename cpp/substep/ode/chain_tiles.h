@@ -35,12 +35,14 @@ class ChainSweep {
     strips_.resize(static_cast<std::size_t>(std::max<std::int64_t>(chunks_ - 1, 0)));
   }
 
-  // steps(Tile): advances the copy; may swap its arrays for others of the same extent. What is
-  // `halo` (at most kHalo) cells or more from a cut must come out right.
-  template <class Steps>
-  void operator()(std::int64_t halo, Steps&& steps) {
+  // `steps` steps of the kernels that make_kernel() gives, one for each chunk: kernel(tile, steps)
+  // advances the copy, and may swap its arrays for its own of the same extent. What is `halo` (at
+  // most kHalo) cells or more from a cut must come out right.
+  template <class MakeKernel>
+  void operator()(std::int64_t halo, std::int64_t steps, MakeKernel&& make_kernel) {
     for (std::int64_t c = 0; c + 1 < chunks_; ++c) strips_[c].keep(*this, (c + 1) * kChunk, halo);
-    parallel_chunks(chunks_, [&](std::int64_t c) { do_chunk(c, halo, steps); }, threads_);
+    parallel_chunks(
+        chunks_, [&](std::int64_t c) { do_chunk(c, halo, steps, make_kernel); }, threads_);
   }
 
  private:
@@ -56,8 +58,9 @@ class ChainSweep {
     }
   };
 
-  template <class Steps>
-  void do_chunk(std::int64_t c, std::int64_t halo, Steps& steps) {
+  template <class MakeKernel>
+  void do_chunk(std::int64_t c, std::int64_t halo, std::int64_t steps, MakeKernel& make_kernel) {
+    auto kernel = make_kernel();
     const std::int64_t chunk_end = std::min((c + 1) * kChunk, n_);
     double left_x[kHalo], left_v[kHalo];  // old values left of the next tile
     if (c > 0) {
@@ -86,7 +89,7 @@ class ChainSweep {
         std::copy_n(x_ + end - halo, halo, left_x);
         std::copy_n(v_ + end - halo, halo, left_v);
       }
-      steps(tile);
+      kernel(tile, steps);
       std::copy_n(tile.x + left, end - begin, x_ + begin);
       std::copy_n(tile.v + left, end - begin, v_ + begin);
     }
