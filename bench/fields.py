@@ -2,7 +2,7 @@
 
 Prints JSON lines {workload, peer, metric, value, unit, threads, isa}: particle-steps per second of
 substep and of NumPy, scipy.ndimage.map_coordinates, numba and a hand-written C++ program
-(SUBSTEP_PEERS/cpp/bin/native, or ../shared/peers/ode), and whether 1 to 4 threads give equal bits.
+(where _peers.py finds it), and whether 1 to 4 threads give equal bits.
 python bench/fields.py [--quick]
 """
 
@@ -11,15 +11,14 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
 import re
 import subprocess
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import substep
+from _peers import peer_program
 from substep import _core
 
 N, H, STEPS, PERIOD = 64, 0.02, 20, 2 * math.pi
@@ -160,9 +159,8 @@ def numba_loops(x: Any, repeats: int) -> None:
 
 
 def hand_written() -> None:
-    root = Path(__file__).resolve().parents[2] / "shared" / "peers" / "ode"
-    program = Path(os.environ.get("SUBSTEP_PEERS", root)) / "cpp" / "bin" / "native"
-    if not program.exists():
+    program = peer_program("native")
+    if program is None:
         return
     for kind, name in (("abc", "abc"), ("grid", "grid64")):
         done = subprocess.run([str(program), kind], capture_output=True, text=True, check=True)

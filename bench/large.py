@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import subprocess
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import substep
+from _peers import peer_program
 
 N = 1_000_000
 OSCILLATOR_STEP, CHAIN_STEP, MODE = 0.01, 0.2, 1000
 OMEGA = 0.5 + np.arange(N) / N
 WAVE = np.sin(np.pi * MODE * np.arange(1, N + 1) / (N + 1))
 WAVE_OMEGA = 2 * np.sin(np.pi * MODE / (2 * (N + 1)))
-PEER_FOLDER = Path(
-    os.environ.get("SUBSTEP_ODE_PEERS", Path(__file__).parents[2] / "shared/peers/ode/cpp/bin")
-)
 
 
 def emit(workload: str, peer: str, metric: str, value: Any, unit: str, threads: int) -> None:
@@ -210,8 +206,8 @@ def bench_numba(workload: Workload, repeats: int) -> None:
 
 def bench_peer_binary() -> None:
     """The hand-written C++ limits, where they are built."""
-    program = PEER_FOLDER / "native"
-    if not program.exists():
+    program = peer_program("native")
+    if program is None:
         return
     done = subprocess.run([program, "large"], capture_output=True, text=True, check=True)
     names = {"b_osc1e6": "oscillators_1e6", "b_chain1e6": "chain_1e6"}

@@ -1,7 +1,7 @@
 """Integrators beside their peers: fixed RK4 on Lorenz, calls of Python, adaptive orbits.
 
-Prints one JSON line per figure; --quick ends within a minute. The C++ peers (odeint, a hand-written
-loop) are those of ../shared/peers/ode/cpp/bin, where they are built.
+Prints one JSON line per figure; --quick ends within a minute. The C++ peer is odeint, where
+_peers.py finds it.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ import numbalsoda
 import numpy as np
 import scipy.integrate
 import substep
+from _peers import peer_program
 from substep import _core, systems
 
-PEERS = Path(__file__).resolve().parents[2] / "shared/peers/ode/cpp/bin"
 REFERENCE = Path(__file__).resolve().parents[2] / "shared/reference/ode.json"
 H = 1e-5
 
@@ -125,14 +125,12 @@ def bench_lorenz(quick: bool) -> None:
         emit("lorenz_rk4", peer, "steps_per_s", steps / shortest, "1/s")
         if steps == many and reference is not None:
             emit("lorenz_rk4", peer, "max_error", np.abs(np.array(y) - reference).max(), "1")
-    program = PEERS / "odeint_bench"
-    if program.exists():
+    program = peer_program("odeint_bench")
+    if program:
         for line in first_lines(program, 4):
             record = json.loads(line)
             if record["metric"] == "steps_per_s":
                 emit("lorenz_rk4", record["peer"], "steps_per_s", record["value"], "1/s")
-    else:
-        print("# odeint is left out: make -C ../shared/peers/ode/cpp builds it")
 
 
 def first_lines(program: Path, count: int) -> list[str]:
