@@ -34,7 +34,7 @@ def check_array(
     complex_ok: bool = False,
     finite: bool = True,
 ) -> NDArray[Any]:
-    """Convert to a new or shared C-contiguous array of `dtype`; None in `shape` matches any length.
+    """Convert to a new or shared C-contiguous, aligned array; None in `shape` is any length.
 
     Integers below 2**53, booleans and narrower floats are widened. Complex numbers (unless
     `complex_ok`), objects, strings and records raise TypeError; masked values, other shapes and, if
@@ -62,7 +62,7 @@ def check_array(
         raise InputError(f"{name}: expected shape {wanted}, got {array.shape}")
     target = np.complex128 if array.dtype.kind == "c" else dtype
     with np.errstate(over="ignore"):
-        result = np.ascontiguousarray(array, dtype=target).reshape(array.shape)
+        result = np.require(array, target, ["C", "ALIGNED"])
     if array.dtype.kind in "iu" and array.dtype.itemsize == 8 and result.dtype.kind == "f":
         inexact = np.abs(result) >= 2.0**53
         if inexact.any():

@@ -254,7 +254,7 @@ class GridField(Field):
         flips = tuple(slice(None, None, -1 if flip else 1) for flip in self._flip)
         values = values[flips][tuple(slice(keep) for keep in self._keep)]
         try:
-            level = native.pack(np.ascontiguousarray(values), 0)
+            level = native.pack(np.require(values, requirements=["C", "ALIGNED"]), 0)
         except InputError as error:
             raise InputError(f"level {number}: {error}") from None
         while self._levels and (len(self._levels) + 1) * native.level_bytes > self._memory_limit:
