@@ -40,7 +40,9 @@ void PythonSystem::lend(const double* y) {
     y_ = py::array(dtype_, static_cast<py::ssize_t>(components_));
     array_proxy(y_.ptr())->flags &= ~py::detail::npy_api::NPY_ARRAY_WRITEABLE_;
   }
-  std::memcpy(array_proxy(y_.ptr())->data, y, sizeof(double) * static_cast<std::size_t>(size()));
+  if (size() > 0) {
+    std::memcpy(array_proxy(y_.ptr())->data, y, sizeof(double) * static_cast<std::size_t>(size()));
+  }
 }
 
 bool PythonSystem::copy_array(PyObject* value, double* dydt) const {
@@ -51,7 +53,9 @@ bool PythonSystem::copy_array(PyObject* value, double* dydt) const {
       (array->flags & kPlain) != kPlain || array->nd != 1 || array->dimensions[0] != components_) {
     return false;
   }
-  std::memcpy(dydt, array->data, sizeof(double) * static_cast<std::size_t>(size()));
+  if (size() > 0) {
+    std::memcpy(dydt, array->data, sizeof(double) * static_cast<std::size_t>(size()));
+  }
   return true;
 }
 

@@ -47,7 +47,7 @@ class LentArray {
       array_proxy(fresh.ptr())->flags &= ~npy_api::NPY_ARRAY_WRITEABLE_;
       array_ = std::move(fresh);
     }
-    std::memcpy(array_proxy(array_.ptr())->data, values, bytes_);
+    if (bytes_ > 0) std::memcpy(array_proxy(array_.ptr())->data, values, bytes_);
     return array_.ptr();
   }
 
@@ -97,7 +97,9 @@ class PythonAcceleration final : public AccelerationSystem {
         !std::equal(shape_.begin(), shape_.end(), array->dimensions)) {
       return false;
     }
-    std::memcpy(a, array->data, sizeof(double) * static_cast<std::size_t>(components_));
+    if (components_ > 0) {
+      std::memcpy(a, array->data, sizeof(double) * static_cast<std::size_t>(components_));
+    }
     return true;
   }
 

@@ -120,9 +120,8 @@ auto Grid<T, kDim>::cubic(const Level<T>& level, V4 fraction, I4 index, std::int
         node += (j - 1) * stride_[1];
         weight *= w[1][j];
       }
-      const auto* row = reinterpret_cast<const U8*>(g + 4 * node);
-      low = fma<V8>(weight, V8(row[0]), low);
-      high = fma<V8>(weight, V8(row[1]), high);
+      low = fma<V8>(weight, load<V8>(g + 4 * node), low);
+      high = fma<V8>(weight, load<V8>(g + 4 * node + 8), high);
     }
   }
   const T* along = w[kDim - 1];

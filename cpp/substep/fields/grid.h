@@ -51,7 +51,6 @@ class Grid {
  public:
   using V4 = Vector<T, 4 * sizeof(T)>;
   using V8 = Vector<T, 8 * sizeof(T)>;
-  using U8 = UnalignedVector<T, 8 * sizeof(T)>;
 
   // radius [m]: positions are (longitude, latitude [degrees], ...); 0: Cartesian.
   Grid(const std::vector<Axis>& axes, bool cubic, double radius);
@@ -134,9 +133,7 @@ template <class T, int kDim>
 SUBSTEP_INLINE auto Grid<T, kDim>::linear(const Level<T>& level, const Cell& cell) const -> V4 {
   // Two neighbours along the last axis are one load of eight numbers.
   const T* g = level.nodes[static_cast<std::size_t>(cell.offset)].value;
-  const auto pair = [&](std::int64_t node) -> V8 {
-    return *reinterpret_cast<const U8*>(g + 4 * node);
-  };
+  const auto pair = [&](std::int64_t node) -> V8 { return load<V8>(g + 4 * node); };
   const auto blend = [](const V8& s, const V8& from, const V8& to) {
     return fma<V8>(s, to - from, from);
   };

@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <type_traits>
 #ifdef __x86_64__
 #include <immintrin.h>
@@ -31,15 +32,20 @@ using IntOf = std::conditional_t<sizeof(T) == 8, std::int64_t, std::int32_t>;
 template <class T, int kBytes>
 struct VectorOf {
   typedef T type __attribute__((vector_size(kBytes)));
-  typedef T unaligned __attribute__((vector_size(kBytes), aligned(alignof(T))));
 };
 template <class T, int kBytes = kVectorBytes>
 using Vector = typename VectorOf<T, kBytes>::type;
-template <class T, int kBytes = kVectorBytes>
-using UnalignedVector = typename VectorOf<T, kBytes>::unaligned;
 
 template <class V>
 using Lane = std::remove_cvref_t<decltype(V{}[0])>;
+
+// The numbers at an address that need not be aligned to the vector.
+template <class V>
+SUBSTEP_INLINE V load(const Lane<V>* from) {
+  V v;
+  std::memcpy(&v, from, sizeof v);
+  return v;
+}
 
 // The same number in all lanes. (a - 0 is a, also for -0, so nothing is computed.)
 template <class V>
