@@ -375,9 +375,11 @@ def test_faults_of_the_machine_are_code_1(capsys, monkeypatch, error, words):
 
 
 def test_closed_pipe_is_quiet():
-    script = f"{sys.executable} -m substep scenes | head -c 1 >&2; echo ${{PIPESTATUS[0]}}"
-    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True)
-    assert done.stdout == "141\n" and len(done.stderr) == 1
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(command("scenes"), stdout=writer, stderr=subprocess.PIPE, text=True)
+    os.close(writer)
+    assert done.returncode == 141 and done.stderr == ""
 
 
 def test_run_into_a_closed_pipe_still_records(folder):
@@ -388,7 +390,10 @@ def test_run_into_a_closed_pipe_still_records(folder):
 
 
 def test_progress_bar_on_a_terminal_only(folder):
-    leader, follower = pty.openpty()
+    try:
+        leader, follower = pty.openpty()
+    except OSError as error:
+        pytest.skip(f"no pseudo-terminal to be had: {error}")
     fcntl.ioctl(follower, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 100, 0, 0))
     done = subprocess.run(
         command("run", TOY, "--no-picture", "--set", "pause=0.05"),
