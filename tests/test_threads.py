@@ -118,7 +118,7 @@ def test_signals_stop_a_native_loop(loop, threads):
 
 
 def test_the_state_after_an_interrupt_is_a_whole_step():
-    positions = start(100_000)
+    positions = start(10_000)
     sim = substep.Advection(substep.DoubleGyre(), positions, step=0.01)
     seconds_to_stop(lambda: sim.advance(1e6), 0.3)
     steps = round(sim.time / 0.01)

@@ -1,7 +1,6 @@
 // One bind_* function per method folder; module.cpp calls them all. Names, shapes and casts only.
 #pragma once
 
-#include <cxxabi.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <unistd.h>
@@ -20,7 +19,7 @@ class ReleaseGil {
   ~ReleaseGil() {
     try {
       PyEval_RestoreThread(state_);
-    } catch (const abi::__forced_unwind&) {
+    } catch (...) {  // the unwinding of pthread_exit, nothing else
       for (;;) pause();
     }
   }
