@@ -1,0 +1,56 @@
+// Springs between pairs of vertices.
+//
+// Elastic, with e = x_i - x_j, l = |e|, u = e / l (u = 0 where l = 0: such a spring pulls nowhere):
+//   W = k/2 (l - r)^2,   g_i = k (l - r) u,   H_ii = k (u u^T + (1 - r/l) (I - u u^T)).
+// The second part of H is negative where the spring is shorter than its rest length r: its
+// projection keeps u u^T alone.
+//
+// Damped, with u lagged:
+//   D = c/2 (u . (v_i - v_j))^2,   g_i = c (u . (v_i - v_j)) u,   H_ii = c u u^T.
+#pragma once
+
+#include <vector>
+
+#include "substep/springs/term.h"
+
+namespace substep::springs {
+
+struct Springs {
+  std::vector<std::int32_t> vertices;  // two each
+  std::vector<double> stiffness;       // [N/m]
+  std::vector<double> rest_lengths;    // [m]
+  std::vector<double> damping;         // [N s/m]; empty: none
+};
+
+class SpringTerm : public Term {
+ public:
+  explicit SpringTerm(const Springs& springs) : springs_(springs) {}
+  int arity() const override { return 2; }
+  std::span<const std::int32_t> vertices() const override { return springs_.vertices; }
+  bool difference() const override { return true; }
+  double energy(Positions x, std::int64_t begin, std::int64_t end) const override;
+  void derivatives(Positions x, std::int64_t begin, std::int64_t end, double kept, Vec3* gradient,
+                   Mat3* hessian) const override;
+
+ private:
+  const Springs& springs_;
+};
+
+class SpringDampingTerm : public Term {
+ public:
+  explicit SpringDampingTerm(const Springs& springs) : springs_(springs) {}
+  int arity() const override { return 2; }
+  std::span<const std::int32_t> vertices() const override { return springs_.vertices; }
+  bool difference() const override { return true; }
+  bool dissipative() const override { return true; }
+  void lag(Positions x) override;
+  double energy(Positions v, std::int64_t begin, std::int64_t end) const override;
+  void derivatives(Positions v, std::int64_t begin, std::int64_t end, double kept, Vec3* gradient,
+                   Mat3* hessian) const override;
+
+ private:
+  const Springs& springs_;
+  std::vector<Vec3> directions_;
+};
+
+}  // namespace substep::springs
