@@ -4,6 +4,8 @@
 #include "bindings.h"
 #include "python_system.h"
 #include "substep/ode/integration.h"
+#include "substep/ode/jacobian.h"
+#include "substep/ode/methods.h"
 #include "substep/ode/systems.h"
 #include "substep/ode/tableau.h"
 
@@ -48,6 +50,19 @@ py::dict tableau(const std::string& method) {
       ode::Methods{});
   if (table.empty()) throw py::key_error(method);
   return table;
+}
+
+py::dict method_dict(const std::string& name) {
+  constexpr const char* kFamilies[] = {"explicit", "implicit", "stabilized"};
+  for (const ode::Method& method : ode::methods()) {
+    if (method.name != name) continue;
+    py::dict properties;
+    properties["family"] = kFamilies[static_cast<int>(method.family)];
+    properties["order"] = method.order;
+    properties["error_order"] = method.error_order;
+    return properties;
+  }
+  throw py::key_error(name);
 }
 
 // Moves rows of n doubles into an array (rows, n), or (rows, n / 2) of complex numbers.
@@ -95,6 +110,28 @@ struct PyDense {
   bool complex;
 };
 
+void check_size(const std::string& name, py::ssize_t size, const ode::System& system) {
+  if (size == system.size()) return;
+  throw substep::InputError(name + ": expected " + std::to_string(system.size()) +
+                            " components, got " + std::to_string(size));
+}
+
+// df/dy of the system's own: an array (n, n), or (start, row, values) of its nonzeros by columns.
+py::object jacobian(ode::System& system, double t,
+                    const py::array_t<double, py::array::c_style>& y) {
+  check_size("y", y.size(), system);
+  const std::int64_t n = system.size();
+  if (const ode::SparsityPattern* pattern = system.jacobian_pattern()) {
+    py::array_t<double> values(pattern->nonzeros());
+    system.jacobian(t, y.data(), values.mutable_data());
+    return py::make_tuple(py::array(py::cast(pattern->start)), py::array(py::cast(pattern->row)),
+                          values);
+  }
+  py::array_t<double> columns({n, n});
+  system.jacobian(t, y.data(), columns.mutable_data());
+  return columns.attr("T").attr("copy")();
+}
+
 std::unique_ptr<PyIntegration> make_integration(std::shared_ptr<ode::System> system,
                                                 const std::string& method, double t, double t_bound,
                                                 const py::array& y0, double step,
@@ -105,10 +142,7 @@ std::unique_ptr<PyIntegration> make_integration(std::shared_ptr<ode::System> sys
   const bool complex = y0.dtype().kind() == 'c';
   const py::array_t<double, py::array::c_style> y =
       complex ? py::array(y0.attr("view")("float64")) : y0;
-  if (y.size() != system->size()) {
-    throw substep::InputError("y0: expected " + std::to_string(system->size()) +
-                              " components, got " + std::to_string(y.size()));
-  }
+  check_size("y0", y.size(), *system);
   ode::StepOptions options;
   options.t = t;
   options.t_bound = t_bound;
@@ -134,15 +168,26 @@ void bind_systems(py::module_& m) {
       .def(
           "rhs",
           [](System& system, double t, const py::array_t<double, py::array::c_style>& y) {
-            if (y.size() != system.size()) {
-              throw substep::InputError("y: expected " + std::to_string(system.size()) +
-                                        " components, got " + std::to_string(y.size()));
-            }
+            check_size("y", y.size(), system);
             py::array_t<double> dydt(y.size());
             system.rhs(t, y.data(), dydt.mutable_data());
             return dydt;
           },
-          py::arg("t"), py::arg("y"));
+          py::arg("t"), py::arg("y"))
+      .def_property_readonly("has_jacobian", &System::has_jacobian)
+      .def("jacobian", &jacobian, py::arg("t"), py::arg("y"))
+      .def_property_readonly("has_jacobian_product", &System::has_jacobian_product)
+      .def(
+          "jacobian_product",
+          [](System& system, double t, const py::array_t<double, py::array::c_style>& y,
+             const py::array_t<double, py::array::c_style>& v) {
+            check_size("y", y.size(), system);
+            check_size("v", v.size(), system);
+            py::array_t<double> out(v.size());
+            system.jacobian_product(t, y.data(), v.data(), out.mutable_data());
+            return out;
+          },
+          py::arg("t"), py::arg("y"), py::arg("v"));
   py::class_<PythonSystem, System, std::shared_ptr<PythonSystem>>(m, "PythonSystem")
       .def(py::init<py::object, std::int64_t, bool, const py::tuple&, py::object>(), py::arg("fun"),
            py::arg("components"), py::arg("complex"), py::arg("args"), py::arg("convert"));
@@ -222,6 +267,11 @@ void bind_integration(py::module_& m) {
           "y_old", [](PyIntegration& i) { return i.state(i.integration.stepper().y_old()); })
       .def_property_readonly("evaluations",
                              [](PyIntegration& i) { return i.integration.stepper().evaluations(); })
+      .def_property_readonly("jacobians",
+                             [](PyIntegration& i) { return i.integration.stepper().jacobians(); })
+      .def_property_readonly(
+          "factorizations",
+          [](PyIntegration& i) { return i.integration.stepper().factorizations(); })
       .def_property_readonly("steps",
                              [](PyIntegration& i) { return i.integration.stepper().steps(); })
       .def_property_readonly("finished",
@@ -249,9 +299,10 @@ void bind_integration(py::module_& m) {
 void bind_ode(py::module_& m) {
   m.def("ode_methods", [] {
     py::list names;
-    std::apply([&](const auto&... t) { (names.append(std::string(t.name)), ...); }, ode::Methods{});
+    for (const ode::Method& method : ode::methods()) names.append(std::string(method.name));
     return names;
   });
+  m.def("ode_method", &method_dict, py::arg("name"));
   m.def("tableau", &tableau, py::arg("method"));
   bind_systems(m);
   bind_integration(m);

@@ -406,11 +406,18 @@ def _result(
     if dense_output:
         dense = integration.take_dense()
         sol = OdeSolution(dense if dense.times.size > 1 else integration.y, dense.times)
-    return _make_result(t, y.T, sol, log, integration.evaluations, status, message)
+    counts = (integration.evaluations, integration.jacobians, integration.factorizations)
+    return _make_result(t, y.T, sol, log, counts, status, message)
 
 
 def _make_result(
-    t: Any, y: Any, sol: Any, log: EventLog | None, nfev: int, status: int, message: str
+    t: Any,
+    y: Any,
+    sol: Any,
+    log: EventLog | None,
+    counts: tuple[int, int, int],
+    status: int,
+    message: str,
 ) -> OdeResult:
     t_events, y_events = (None, None) if log is None else log.results()
     return OdeResult(
@@ -419,9 +426,9 @@ def _make_result(
         sol=sol,
         t_events=t_events,
         y_events=y_events,
-        nfev=nfev,
-        njev=0,
-        nlu=0,
+        nfev=counts[0],
+        njev=counts[1],
+        nlu=counts[2],
         status=status,
         message=message,
         success=status >= 0,
@@ -436,4 +443,4 @@ def _nothing_to_do(
         times = np.array([t0] if t0 == t_bound else [t0, t_bound])
     states = np.repeat(y[:, None], times.size, axis=1)
     sol = OdeSolution(y, np.array([t0, t_bound])) if dense_output else None
-    return _make_result(times, states, sol, log, 0, 0, MESSAGES[0])
+    return _make_result(times, states, sol, log, (0, 0, 0), 0, MESSAGES[0])

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "substep/ode/combine.h"
+#include "substep/ode/fixed_grid.h"
 #include "substep/ode/step_control.h"
 #include "substep/ode/stepper.h"
 #include "substep/ode/tableau.h"
@@ -31,12 +32,11 @@ class RungeKutta final : public Stepper {
         complex_pairs_(options.complex_pairs),
         threads_(options.threads),
         h_abs_(options.first_step),
-        max_step_(options.max_step),
-        t_start_(options.t) {
+        max_step_(options.max_step) {
     t_ = t_old_ = options.t;
     t_bound_ = options.t_bound;
     direction_ = t_bound_ >= t_ ? 1.0 : -1.0;
-    if (fixed_) set_fixed_step(options.step);
+    if (fixed_) grid_ = FixedGrid(t_, t_bound_, options.step);
     const auto n = static_cast<std::size_t>(size());
     const std::size_t rows = 4 + kRows + (kDoubling ? 3 : 0);
     // Rows that are never used cost no memory: a system's own kernel needs no stages.
@@ -89,24 +89,18 @@ class RungeKutta final : public Stepper {
 
   bool fixed() const override { return fixed_; }
 
-  std::int64_t fixed_index(double t) const override {
-    return t == t_bound_ ? fixed_steps_
-                         : static_cast<std::int64_t>(std::floor((t - t_start_) / h_fixed_ + 1e-9));
-  }
-
-  double fixed_time(std::int64_t index) const override {
-    return index >= fixed_steps_ ? t_bound_ : t_start_ + static_cast<double>(index) * h_fixed_;
-  }
+  std::int64_t fixed_index(double t) const override { return grid_.index(t); }
+  double fixed_time(std::int64_t index) const override { return grid_.time(index); }
 
   void advance(std::int64_t count) override {
-    const std::int64_t index = steps_, whole = std::min(count, whole_steps_ - index);
+    const std::int64_t index = steps_, whole = std::min(count, grid_.whole_steps() - index);
     if (whole > 0) {
       std::copy_n(y_, size(), y_new_);
-      const FixedRun run{T::name, t_start_, h_fixed_, whole, y_new_, threads_, index};
+      const FixedRun run{T::name, grid_.t_start(), grid_.h(), whole, y_new_, threads_, index};
       if (system_.fixed_steps(run) && all_finite(y_new_, size())) {
         // One whole step is known with both its ends; of several only the end is.
-        accept(fixed_time(index + whole));
-        t_old_ = fixed_time(index + whole - 1);
+        accept(grid_.time(index + whole));
+        t_old_ = grid_.time(index + whole - 1);
         steps_ = index + whole;
         evaluations_ += T::stages * whole;
         have_end_ = false;
@@ -140,19 +134,6 @@ class RungeKutta final : public Stepper {
   static constexpr int kEnd = T::stages;
   static constexpr std::size_t kRows = T::all_stages > T::stages ? T::all_stages : T::stages + 1;
   using Stages = std::array<double*, kRows>;
-
-  void set_fixed_step(double step) {
-    h_fixed_ = direction_ * step;
-    const double span = (t_bound_ - t_start_) / h_fixed_;
-    if (!(span < 9e15) || t_start_ + h_fixed_ == t_start_ || t_bound_ - h_fixed_ == t_bound_) {
-      throw InputError("step: expected a step above the spacing of t, got " + format(step));
-    }
-    // A remainder within rounding of nothing is no step of its own.
-    const double slack = std::max(1e-9, 4.0 * span * std::numeric_limits<double>::epsilon());
-    fixed_steps_ = std::max<std::int64_t>(1, static_cast<std::int64_t>(std::ceil(span - slack)));
-    whole_steps_ = std::fabs(span - static_cast<double>(fixed_steps_)) <= slack ? fixed_steps_
-                                                                                : fixed_steps_ - 1;
-  }
 
   void evaluate(double t, const double* y, double* dydt) {
     ++evaluations_;
@@ -204,10 +185,9 @@ class RungeKutta final : public Stepper {
   }
 
   void fixed_step() {
-    const double t_new = fixed_time(steps_ + 1);
-    const double h = steps_ < whole_steps_ ? h_fixed_ : t_new - t_;
+    const double h = grid_.length(steps_, t_);
     if (!stages(t_, h, y_, k_, y_new_)) throw not_finite(h);
-    accept(t_new);
+    accept(grid_.time(steps_ + 1));
   }
 
   void adaptive_step() {
@@ -295,29 +275,15 @@ class RungeKutta final : public Stepper {
     return scaled_squares<M>(tolerance_, complex_pairs_, size(), y_, y_new_, error);
   }
 
-  // [HNW] II.4, "Starting Step Size".
   double first_step() {
-    const double span = std::fabs(t_bound_ - t_);
     const double *f0 = k_[kEnd], *y = y_;
-    double* f1 = y_new_;
-    const double components = static_cast<double>(complex_pairs_ ? size() / 2 : size());
-    const auto norm = [&](auto&& value) {
-      const auto squares =
-          scaled_squares<1>(tolerance_, complex_pairs_, size(), y, y,
-                            [&](std::int64_t i) { return std::array<double, 1>{value(i)}; });
-      return std::sqrt(squares[0] / components);
-    };
-    const double d0 = norm([&](std::int64_t i) { return y[i]; });
-    const double d1 = norm([&](std::int64_t i) { return f0[i]; });
-    double h0 = d0 < 1e-5 || d1 < 1e-5 ? 1e-6 : 0.01 * d0 / d1;
-    h0 = std::min(h0, span);
-    for (std::int64_t i = 0; i < size(); ++i) stage_[i] = y[i] + direction_ * h0 * f0[i];
-    evaluate(t_ + direction_ * h0, stage_, f1);
-    const double d2 = norm([&](std::int64_t i) { return f1[i] - f0[i]; }) / h0;
-    const double h1 = d1 <= 1e-15 && d2 <= 1e-15
-                          ? std::max(1e-6, h0 * 1e-3)
-                          : std::pow(0.01 / std::max(d1, d2), 1.0 / (error_order() + 1));
-    return std::min({100.0 * h0, h1, span, max_step_});
+    return starting_step(tolerance_, complex_pairs_, size(), y, f0, std::fabs(t_bound_ - t_),
+                         max_step_, error_order(), [&](double h0) {
+                           for (std::int64_t i = 0; i < size(); ++i)
+                             stage_[i] = y[i] + direction_ * h0 * f0[i];
+                           evaluate(t_ + direction_ * h0, stage_, y_new_);
+                           return y_new_;
+                         });
   }
 
   void accept(double t_new) {
@@ -378,9 +344,8 @@ class RungeKutta final : public Stepper {
   Tolerance tolerance_;
   bool fixed_, complex_pairs_;
   int threads_;
-  double h_abs_, max_step_, t_start_, direction_ = 1.0;
-  double h_fixed_ = 0.0;
-  std::int64_t fixed_steps_ = 0, whole_steps_ = 0;  // all, and those of full length
+  double h_abs_, max_step_, direction_ = 1.0;
+  FixedGrid grid_;
   bool started_ = false, have_end_ = false;
   struct Free {
     void operator()(double* memory) const { std::free(memory); }

@@ -1,6 +1,7 @@
 // Systems whose size is known when they are compiled: f and the stages become one loop without
 // calls, y in registers. Derive and give `void eval(double t, const double* y, double* dydt)
-// const`.
+// const`, and for the implicit methods `void eval_jacobian(double t, const double* y, double* J)
+// const`: df/dy column by column, J[j * N + i] = df_i/dy_j.
 #pragma once
 
 #include <string_view>
@@ -36,6 +37,10 @@ bool run_fixed_by_name(const FixedRun& run, F&& f) {
   return found;
 }
 
+template <class Derived>
+constexpr bool kHasJacobian =
+    requires(const Derived& f, const double* y, double* J) { f.eval_jacobian(0.0, y, J); };
+
 template <class Derived, int N>
 class StaticSystem : public System {
  public:
@@ -43,6 +48,8 @@ class StaticSystem : public System {
 
   std::int64_t size() const final { return N; }
   void rhs(double t, const double* y, double* dydt) final;
+  bool has_jacobian() const final { return kHasJacobian<Derived>; }
+  void jacobian(double t, const double* y, double* values) final;
   bool fixed_steps(const FixedRun& run) override;
   std::unique_ptr<Stepper> make_stepper(std::string_view method,
                                         const StepOptions& options) override;
@@ -54,6 +61,15 @@ class StaticSystem : public System {
 template <class Derived, int N>
 void StaticSystem<Derived, N>::rhs(double t, const double* y, double* dydt) {
   derived().eval(t, y, dydt);
+}
+
+template <class Derived, int N>
+void StaticSystem<Derived, N>::jacobian(double t, const double* y, double* values) {
+  if constexpr (kHasJacobian<Derived>) {
+    derived().eval_jacobian(t, y, values);
+  } else {
+    System::jacobian(t, y, values);
+  }
 }
 
 template <class Derived, int N>

@@ -23,7 +23,9 @@ class Stepper {
   virtual const double* y() const = 0;
   virtual const double* y_old() const = 0;
   std::int64_t evaluations() const { return evaluations_; }
-  std::int64_t steps() const { return steps_; }  // accepted so far
+  std::int64_t jacobians() const { return jacobians_; }            // evaluations of df/dy
+  std::int64_t factorizations() const { return factorizations_; }  // LU decompositions
+  std::int64_t steps() const { return steps_; }                    // accepted so far
   bool finished() const { return t_ == t_bound_; }
 
   // Evaluates f(t, y) and chooses the first step; the first step() does so if nobody did.
@@ -45,7 +47,7 @@ class Stepper {
 
  protected:
   double t_ = 0.0, t_old_ = 0.0, t_bound_ = 0.0;
-  std::int64_t evaluations_ = 0, steps_ = 0;
+  std::int64_t evaluations_ = 0, jacobians_ = 0, factorizations_ = 0, steps_ = 0;
 };
 
 // u(theta) = y_old + theta (F_1 + (1 - theta) (F_2 + theta (F_3 + (1 - theta) (F_4 + ...)))),

@@ -12,7 +12,12 @@
 
 namespace substep::ode {
 
+class Jacobian;
+struct MassMatrix;
+struct SparsityPattern;
 class Stepper;
+
+enum class LinearSolver { direct, krylov };
 
 // How a Stepper goes from t to t_bound.
 struct StepOptions {
@@ -26,6 +31,11 @@ struct StepOptions {
   double max_step = std::numeric_limits<double>::infinity();
   bool complex_pairs = false;  // y holds (real, imaginary) pairs: norms take the modulus
   int threads = 0;             // for systems with a kernel of their own; 0: default
+
+  // Implicit methods only.
+  std::shared_ptr<Jacobian> jacobian;      // null: the system's own, else finite differences
+  std::shared_ptr<const MassMatrix> mass;  // of M y' = f; null: M = 1
+  LinearSolver linear_solver = LinearSolver::direct;
 };
 
 // `steps` equal steps of a method; y is overwritten. Step k goes from t + (first + k) h to
@@ -60,6 +70,21 @@ class System {
     throw InputError("this system is not of second order");
   }
 
+  // df/dy, where the system has it: n^2 values column by column or, if there is a pattern, its
+  // nonzeros in order. A pattern without has_jacobian() serves finite differences.
+  virtual bool has_jacobian() const { return false; }
+  virtual const SparsityPattern* jacobian_pattern() const { return nullptr; }
+  virtual void jacobian(double /*t*/, const double* /*y*/, double* /*values*/) {
+    throw InputError("this system has no Jacobian of its own");
+  }
+
+  // out = (df/dy)(t, y) v, where that is cheaper than a product with the matrix.
+  virtual bool has_jacobian_product() const { return false; }
+  virtual void jacobian_product(double /*t*/, const double* /*y*/, const double* /*v*/,
+                                double* /*out*/) {
+    throw InputError("this system has no product with its Jacobian");
+  }
+
   // Runs the steps with a kernel of the system's own (force and stages fused) and returns true, or
   // returns false and leaves y alone. What is not finite may stay in y: the caller looks.
   virtual bool fixed_steps(const FixedRun& /*run*/) { return false; }
@@ -67,7 +92,7 @@ class System {
   // True where fixed_steps polls for Ctrl-C itself, so that runs may be long.
   virtual bool polls() const { return false; }
 
-  // An explicit Runge-Kutta stepper for this system, which must outlive it.
+  // A stepper of a method of methods.h for this system, which must outlive it.
   virtual std::unique_ptr<Stepper> make_stepper(std::string_view method,
                                                 const StepOptions& options);
 };

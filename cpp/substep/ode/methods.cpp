@@ -1,0 +1,27 @@
+#include "substep/ode/methods.h"
+
+#include "substep/ode/runge_kutta.h"
+#include "substep/ode/tableau.h"
+
+namespace substep::ode {
+namespace {
+
+std::vector<Method> list() {
+  std::vector<Method> all;
+  const auto add = [&]<class T>(const T&) {
+    int error_order = T::order;
+    if constexpr (T::estimate != Estimate::doubling) error_order = T::error_order;
+    all.push_back({T::name, Family::explicit_table, T::order, error_order});
+  };
+  std::apply([&](const auto&... t) { (add(t), ...); }, Methods{});
+  return all;
+}
+
+}  // namespace
+
+const std::vector<Method>& methods() {
+  static const std::vector<Method> all = list();
+  return all;
+}
+
+}  // namespace substep::ode
