@@ -7,6 +7,7 @@ PYBIND11_MODULE(_core, m) {
   m.attr("version") = SUBSTEP_VERSION;
   bind_core(m);
   bind_fields(m);
+  bind_geometry(m);
   bind_ode(m);
   bind_second_order(m);
 }

@@ -39,6 +39,7 @@ _EXPORTS = {
         "advect",
         "open_field",
     ),
+    "geometry": ("Box", "Plane", "SignedDistanceField", "Sphere"),
     "second_order": ("SecondOrderResult", "solve_second_order"),
     "scipy_solvers": ("DOP853", "RK4", "RK45", "Euler", "Heun", "Midpoint"),
 }
@@ -50,6 +51,7 @@ _SUBMODULES = (
     "errors",
     "export",
     "fields",
+    "geometry",
     "ode",
     "recording",
     "render",
@@ -90,6 +92,7 @@ if TYPE_CHECKING:
         advect,
         open_field,
     )
+    from .geometry import Box, Plane, SignedDistanceField, Sphere
     from .ode import OdeResult, OdeSolution, solve_ivp
     from .recording import Part, Recorder, Recording
     from .scipy_solvers import DOP853, RK4, RK45, Euler, Heun, Midpoint

@@ -1,0 +1,168 @@
+#include <pybind11/stl.h>
+
+#include "bindings.h"
+#include "substep/core/parallel.h"
+#include "substep/geometry/collider.h"
+
+namespace {
+
+using namespace substep::geometry;
+
+using Rows = py::array_t<double, py::array::c_style>;
+using Triple = std::array<double, 3>;
+
+Vec3 vector(const Triple& a) { return {a[0], a[1], a[2]}; }
+Triple triple(const Vec3& v) { return {v[0], v[1], v[2]}; }
+
+constexpr std::int64_t kGrain = 1024;  // points per task
+
+// evaluate(point, row of out) for each row of points; out has `columns` numbers a row.
+template <class Function>
+Rows for_points(const Rows& points, std::vector<py::ssize_t> columns, int threads,
+                Function&& evaluate) {
+  py::ssize_t width = 1;
+  for (const py::ssize_t n : columns) width *= n;
+  columns.insert(columns.begin(), points.shape(0));
+  Rows result(columns);
+  const double* in = points.data();
+  double* out = result.mutable_data();
+  const auto count = points.shape(0);
+  const ReleaseGil nogil;
+  substep::parallel_for(
+      count, kGrain,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t i = begin; i < end; ++i) {
+          evaluate(Vec3(in[3 * i], in[3 * i + 1], in[3 * i + 2]), out + width * i);
+        }
+      },
+      threads);
+  return result;
+}
+
+void bind_sampled_distance(py::module_& m) {
+  py::class_<SampledDistance, std::shared_ptr<SampledDistance>>(m, "SampledDistance")
+      .def(py::init([](const Rows& values, const Triple& origin, double spacing, int threads) {
+             std::vector<double> copy(values.data(), values.data() + values.size());
+             const std::array<std::int64_t, 3> shape{values.shape(0), values.shape(1),
+                                                     values.shape(2)};
+             const ReleaseGil nogil;
+             return std::make_shared<SampledDistance>(shape, vector(origin), spacing,
+                                                      std::move(copy), threads);
+           }),
+           py::arg("values").noconvert(), py::arg("origin"), py::arg("spacing"), py::arg("threads"))
+      .def_property_readonly("values",
+                             [](const SampledDistance& self) {
+                               const auto& [nx, ny, nz] = self.shape();
+                               return Rows({nx, ny, nz}, self.values().data());
+                             })
+      .def_property_readonly("origin",
+                             [](const SampledDistance& self) { return triple(self.origin()); })
+      .def_property_readonly("spacing", &SampledDistance::spacing)
+      .def_property_readonly("error_bound", &SampledDistance::error_bound);
+}
+
+// A vector of a collider, read and written as three numbers.
+template <class Get, class Set>
+void vector_property(py::class_<Collider, std::shared_ptr<Collider>>& collider, const char* name,
+                     Get get, Set set) {
+  collider.def_property(
+      name, [get](const Collider& self) { return triple(get(self)); },
+      [set](Collider& self, const Triple& value) { set(self, vector(value)); });
+}
+
+void bind_collider(py::module_& m) {
+  py::class_<Collider, std::shared_ptr<Collider>> collider(m, "Collider");
+  collider
+      .def_static(
+          "plane",
+          [](const Triple& point, const Triple& normal) {
+            return std::make_shared<Collider>(Plane{vector(normal)}, vector(point));
+          },
+          py::arg("point"), py::arg("normal"))
+      .def_static(
+          "sphere",
+          [](const Triple& center, double radius, bool hollow) {
+            return std::make_shared<Collider>(Sphere{radius}, vector(center), hollow);
+          },
+          py::arg("center"), py::arg("radius"), py::arg("hollow"))
+      .def_static(
+          "box",
+          [](const Triple& center, const Triple& half_lengths, bool hollow) {
+            return std::make_shared<Collider>(Box{vector(half_lengths)}, vector(center), hollow);
+          },
+          py::arg("center"), py::arg("half_lengths"), py::arg("hollow"))
+      .def_static(
+          "sampled",
+          [](const std::shared_ptr<SampledDistance>& field, const Triple& position, bool hollow) {
+            return std::make_shared<Collider>(std::shared_ptr<const SampledDistance>(field),
+                                              vector(position), hollow);
+          },
+          py::arg("field"), py::arg("position"), py::arg("hollow"))
+      .def_readwrite("friction", &Collider::friction)
+      .def_readwrite("restitution", &Collider::restitution)
+      .def_property_readonly("lipschitz", &Collider::lipschitz)
+      .def_property_readonly("hollow", &Collider::hollow)
+      .def_property_readonly("impulse",
+                             [](const Collider& self) { return triple(self.exchange().impulse); })
+      .def_property_readonly("torque",
+                             [](const Collider& self) { return triple(self.exchange().torque); })
+      .def_property(
+          "orientation",
+          [](const Collider& self) {
+            const Quaternion& q = self.orientation();
+            return std::array<double, 4>{q.w(), q.x(), q.y(), q.z()};
+          },
+          [](Collider& self, const std::array<double, 4>& q) {
+            self.set_orientation(Quaternion(q[0], q[1], q[2], q[3]));
+          })
+      .def_property("state", &Collider::state, &Collider::restore)
+      .def("advance", &Collider::advance, py::arg("dt"))
+      .def(
+          "distance",
+          [](const Collider& self, const Rows& x, int threads) {
+            return for_points(x, {}, threads, [&](const Vec3& point, double* out) {
+              *out = self.signed_distance(point).value;
+            });
+          },
+          py::arg("x").noconvert(), py::arg("threads"))
+      .def(
+          "gradient",
+          [](const Collider& self, const Rows& x, int threads) {
+            return for_points(x, {3}, threads, [&](const Vec3& point, double* out) {
+              Eigen::Map<Vec3>{out} = self.signed_distance(point).gradient;
+            });
+          },
+          py::arg("x").noconvert(), py::arg("threads"))
+      .def(
+          "hessian",
+          [](const Collider& self, const Rows& x, int threads) {
+            return for_points(x, {3, 3}, threads, [&](const Vec3& point, double* out) {
+              Eigen::Map<Mat3>{out} = self.hessian(point);
+            });
+          },
+          py::arg("x").noconvert(), py::arg("threads"))
+      .def(
+          "surface_velocity",
+          [](const Collider& self, const Rows& x, int threads) {
+            return for_points(x, {3}, threads, [&](const Vec3& point, double* out) {
+              Eigen::Map<Vec3>{out} = self.surface_velocity(point);
+            });
+          },
+          py::arg("x").noconvert(), py::arg("threads"));
+  vector_property(
+      collider, "position", [](const Collider& self) { return self.position(); },
+      [](Collider& self, const Vec3& value) { self.set_position(value); });
+  vector_property(
+      collider, "velocity", [](const Collider& self) { return self.velocity; },
+      [](Collider& self, const Vec3& value) { self.velocity = value; });
+  vector_property(
+      collider, "angular_velocity", [](const Collider& self) { return self.angular_velocity; },
+      [](Collider& self, const Vec3& value) { self.angular_velocity = value; });
+}
+
+}  // namespace
+
+void bind_geometry(py::module_& m) {
+  bind_sampled_distance(m);
+  bind_collider(m);
+}

@@ -1,0 +1,110 @@
+// The obstacle of every method: a shape, where it is, how it moves and rubs, and what it was given.
+//
+// A step of any method reads signed_distance(x), surface_velocity(x), friction and restitution, and
+// gives back the impulses it exerted on the collider: collect them in an Exchange per chunk of
+// vertices, add the chunks in their order, and hand the sum to set_exchange once per step. So the
+// sums are the same bits for any number of threads. The method that steps calls advance(dt) once
+// per step; a Collider is a value, so a copy taken before restores it after a step that failed.
+#pragma once
+
+#include <array>
+#include <memory>
+#include <variant>
+
+#include "substep/geometry/sampled_distance.h"
+
+namespace substep::geometry {
+
+// What a collider was given: impulse [N s] and torque impulse about its position [N m s].
+struct Exchange {
+  Vec3 impulse = Vec3::Zero();
+  Vec3 torque = Vec3::Zero();
+
+  void add(const Vec3& arm, const Vec3& j) {  // arm: point of action minus position()
+    impulse += j;
+    torque += arm.cross(j);
+  }
+  Exchange& operator+=(const Exchange& other) {
+    impulse += other.impulse;
+    torque += other.torque;
+    return *this;
+  }
+};
+
+using Shape = std::variant<Plane, Sphere, Box, std::shared_ptr<const SampledDistance>>;
+
+// function(shape) for the shape that there is.
+template <class Function>
+auto visit_shape(const Shape& shape, Function&& function) {
+  return std::visit(
+      [&]<class S>(const S& s) {
+        if constexpr (std::is_same_v<S, std::shared_ptr<const SampledDistance>>) {
+          return function(*s);
+        } else {
+          return function(s);
+        }
+      },
+      shape);
+}
+
+class Collider {
+ public:
+  // `hollow` turns the solid inside out: the obstacle is then all space outside of the shape.
+  Collider(Shape shape, const Vec3& position, bool hollow = false);
+
+  // Signed distance of the world point x [m], below 0 inside the obstacle, and its exact gradient:
+  // of length 1 for planes, spheres and boxes, about 1 for sampled distances (normalise it for a
+  // normal). A point may move by |value| / lipschitz() without passing the surface.
+  SignedDistance signed_distance(const Vec3& x) const {
+    const Vec3 local = rotation_.transpose() * (x - position_);
+    const SignedDistance d =
+        visit_shape(shape_, [&](const auto& s) { return s.signed_distance(local); });
+    return {sign_ * d.value, sign_ * (rotation_ * d.gradient)};
+  }
+  Mat3 hessian(const Vec3& x) const {
+    const Vec3 local = rotation_.transpose() * (x - position_);
+    const Mat3 h = visit_shape(shape_, [&](const auto& s) { return s.hessian(local); });
+    return sign_ * (rotation_ * h * rotation_.transpose());
+  }
+  double lipschitz() const {
+    return visit_shape(shape_, [](const auto& s) { return s.lipschitz(); });
+  }
+  // v + omega x (x - position) [m/s].
+  Vec3 surface_velocity(const Vec3& x) const {
+    return velocity + angular_velocity.cross(x - position_);
+  }
+
+  // Moves by velocity dt and rotates by exp(angular_velocity dt).
+  void advance(double dt);
+
+  const Vec3& position() const { return position_; }
+  void set_position(const Vec3& position) { position_ = position; }
+  const Quaternion& orientation() const { return orientation_; }  // body to world
+  void set_orientation(const Quaternion& orientation);            // normalised here
+  bool hollow() const { return sign_ < 0; }
+  const Shape& shape() const { return shape_; }
+
+  const Exchange& exchange() const { return exchange_; }
+  void set_exchange(const Exchange& exchange) { exchange_ = exchange; }
+
+  // All that changes: position, orientation (w, x, y, z), velocity, angular velocity, friction,
+  // restitution, impulse, torque.
+  static constexpr std::size_t kStateSize = 21;
+  std::array<double, kStateSize> state() const;
+  void restore(const std::array<double, kStateSize>& state);
+
+  double friction = 0;                   // Coulomb's coefficient
+  double restitution = 0;                // normal velocity after / before, 0 to 1
+  Vec3 velocity = Vec3::Zero();          // of position() [m/s]
+  Vec3 angular_velocity = Vec3::Zero();  // in the world frame [rad/s]
+
+ private:
+  Shape shape_;
+  Vec3 position_;
+  Quaternion orientation_ = Quaternion::Identity();
+  Mat3 rotation_ = Mat3::Identity();  // of orientation_
+  double sign_;
+  Exchange exchange_;
+};
+
+}  // namespace substep::geometry
