@@ -44,8 +44,7 @@ def away_from_kinks(collider):
     x = points
     h = np.linalg.norm(collider.hessian(x), axis=(1, 2))
     jump = [
-        np.abs(collider.gradient(x + e) - collider.gradient(x - e)).max(1)
-        for e in 2e-3 * np.eye(3)
+        np.abs(collider.gradient(x + e) - collider.gradient(x - e)).max(1) for e in 2e-3 * np.eye(3)
     ]
     return x[np.max(jump, axis=0) < 2 * 4e-3 * (h + 0.5)]
 
