@@ -1,8 +1,10 @@
 """What is recorded comes back, from the journal, from VTKHDF, and through VTK itself."""
 
 import os
+import struct
 import subprocess
 import sys
+import zlib
 from concurrent.futures import ThreadPoolExecutor, TimeoutError
 from pathlib import Path
 
@@ -16,10 +18,18 @@ from substep._files import lock_for_packing
 from substep.export import pack_here
 
 TRIANGLES = np.array([[0, 1, 2], [1, 2, 3]])
+EDGES = np.array([[0, 1], [2, 3], [1, 3]])
+TETRAHEDRA = np.array([[0, 1, 2, 3], [1, 2, 3, 4]])
+FLOOR = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, -0.1]])
 PARTS = {
     "drifters": substep.Part("particles", {"velocity": "m/s", "id": "1"}),
     "boxes": substep.Part("bodies", {"orientation": "1", "mass": "kg"}),
     "cloth": substep.Part("mesh", {"stress": "Pa", "alive": "1"}, TRIANGLES),
+    "floor": substep.Part("mesh", triangles=TRIANGLES, points=FLOOR),
+    "net": substep.Part("mesh", {"tension": "N"}, TRIANGLES, edges=EDGES),
+    "rope": substep.Part("mesh", edges=EDGES),
+    "jelly": substep.Part("mesh", {"pressure": "Pa"}, tetrahedra=TETRAHEDRA),
+    "anvil": substep.Part("mesh", tetrahedra=TETRAHEDRA[:1], points=FLOOR + 1),
 }
 COUNTS = (10, 0, 7, 12, 3)
 
@@ -42,11 +52,20 @@ def make_frame(k, n):
             "stress": rng.random((4, 3, 3)).astype(np.float32),
             "alive": np.array([1, 0, 1, 1], bool),
         },
+        "net": {"points": rng.random((4, 3)), "tension": rng.random(4)},
+        "rope": {"points": rng.random((5, 3))},
+        "jelly": {"points": rng.random((6, 3)), "pressure": rng.random(6)},
     }
 
 
 def only(names, frame):
-    return {name: frame[name] for name in names}
+    return {name: frame[name] for name in names if name in frame}
+
+
+def with_constant_points(names, frame):
+    """A frame as it is read."""
+    fixed = {n: {"points": PARTS[n].points} for n in names if PARTS[n].points is not None}
+    return {**only(names, frame), **fixed}
 
 
 def record(path, names=tuple(PARTS), counts=COUNTS, **options):
@@ -73,10 +92,13 @@ def assert_recorded(path, names=tuple(PARTS), counts=COUNTS):
         assert len(recording) == len(counts)
         for k, (time, frame) in enumerate(recording):
             assert time == 0.1 * k == recording.times[k]
-            assert_same(frame, only(names, make_frame(k, counts[k])))
+            assert_same(frame, with_constant_points(names, make_frame(k, counts[k])))
 
 
-@pytest.mark.parametrize("names", [tuple(PARTS), ("drifters",), ("boxes",), ("cloth",)])
+ALONE = [(name,) for name in PARTS if PARTS[name].points is None]
+
+
+@pytest.mark.parametrize("names", [tuple(PARTS), *ALONE])
 def test_round_trip_through_journal_and_packed_file(tmp_path, names):
     path = tmp_path / "a.vtkhdf"
     recorder = record(path, names, seed=7)
@@ -94,7 +116,9 @@ def test_round_trip_through_journal_and_packed_file(tmp_path, names):
         for name in names:
             part = recording.parts[name]
             assert part.kind == PARTS[name].kind and part.fields == PARTS[name].fields
-            assert np.array_equal(part.triangles, PARTS[name].triangles)
+            assert part.constants().keys() == PARTS[name].constants().keys()
+            for key, array in part.constants().items():
+                assert np.array_equal(array, getattr(PARTS[name], key)), (name, key)
 
 
 DTYPES = ["?", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8"]
@@ -164,7 +188,7 @@ def read_by_vtk(path):
         else:
             end.UpdateTimeStep(time)
         output = end.GetOutputDataObject(0)
-        if output.IsA("vtkPolyData"):
+        if output.IsA("vtkPointSet"):
             blocks = {None: output}
         else:
             blocks = {
@@ -186,9 +210,12 @@ def assert_vtk_sees(data, part, arrays):
     points = arrays["points"]
     assert data.GetNumberOfPoints() == len(points)
     if PARTS[part].kind == "mesh":
-        assert data.GetNumberOfPolys() == len(TRIANGLES) == data.GetNumberOfCells()
-        cells = vtk_to_numpy(data.GetPolys().GetConnectivityArray())
-        assert np.array_equal(cells.reshape(-1, 3), TRIANGLES)
+        meshes = {key: a for key, a in PARTS[part].constants().items() if key != "points"}
+        assert data.GetNumberOfCells() == sum(len(mesh) for mesh in meshes.values())
+        for key, mesh in meshes.items():
+            method = {"triangles": "GetPolys", "edges": "GetLines", "tetrahedra": "GetCells"}[key]
+            cells = vtk_to_numpy(getattr(data, method)().GetConnectivityArray())
+            assert np.array_equal(cells.reshape(mesh.shape), mesh), key
     else:
         assert data.GetNumberOfVerts() == len(points) == data.GetNumberOfCells()
         if len(points):
@@ -206,7 +233,7 @@ def assert_vtk_sees(data, part, arrays):
 
 
 @pytest.mark.parametrize("counts", [COUNTS, (5,), (0, 0), (6, 6)])
-@pytest.mark.parametrize("names", [tuple(PARTS), ("drifters",), ("cloth",)])
+@pytest.mark.parametrize("names", [tuple(PARTS), *ALONE])
 def test_vtk_reads_every_frame_without_error(tmp_path, names, counts):
     path = tmp_path / "a.vtkhdf"
     record(path, names, counts).close()
@@ -217,7 +244,8 @@ def test_vtk_reads_every_frame_without_error(tmp_path, names, counts):
         assert len(blocks) == len(names)
         for name in names:
             data = blocks[name if len(names) > 1 else None]
-            assert_vtk_sees(data, name, make_frame(k, counts[k])[name])
+            expected = with_constant_points(names, make_frame(k, counts[k]))
+            assert_vtk_sees(data, name, expected[name])
 
 
 def test_many_small_frames(tmp_path):
@@ -242,6 +270,8 @@ def test_an_empty_recording_packs_and_opens(tmp_path):
     with substep.Recording(path) as recording:
         assert len(recording) == 0 and list(recording) == []
         assert recording.parts["cloth"].triangles.shape == (2, 3)
+        assert recording.parts["jelly"].tetrahedra.shape == (2, 4)
+        assert np.array_equal(recording["floor"].info.points, FLOOR)
     for _, blocks in read_by_vtk(path):
         assert all(block.GetNumberOfPoints() == 0 for block in blocks.values())
 
@@ -263,6 +293,46 @@ def test_the_file_says_what_it_holds_without_substep(tmp_path):
         start = file["VTKHDF/Steps/PointOffsets"][k]
         points = file["VTKHDF/Points"][start : start + file["VTKHDF/NumberOfPoints"][k]]
         assert np.array_equal(points[:, :2], make_frame(k, n)["drifters"]["points"])
+
+
+def test_constant_points_are_written_once(tmp_path):
+    points = np.random.default_rng(0).random((50_000, 3))
+    parts = {
+        "rock": substep.Part("mesh", triangles=[[0, 1, 2]], points=points),
+        "p": substep.Part(),
+    }
+    sizes = []
+    for frames in (2, 50):
+        path = tmp_path / f"{frames}.vtkhdf"
+        with substep.Recorder(path, parts=parts) as recorder:
+            for k in range(frames):
+                recorder.append(k, {"p": {"points": np.full((2, 3), k)}})
+            journal = os.path.getsize(recorder.journal_path)
+        sizes.append(np.array([journal, os.path.getsize(path)]))
+        with substep.Recording(path) as recording:
+            assert np.array_equal(recording["rock"].points(1), points)
+            assert np.array_equal(recording.frame(-1)["rock"]["points"], points)
+    assert np.all(sizes[1] < sizes[0] + 100_000), sizes  # 58 MB if they were in every frame
+
+
+def test_files_of_version_1_are_read(tmp_path):
+    """Their meshes have triangles only, and in HDF5 the checksums go by another name."""
+    names = ("drifters", "cloth")
+    path = tmp_path / "a.vtkhdf"
+    record(path, names)._release()
+    journal = Path(f"{path}.journal")
+    raw = bytearray(journal.read_bytes())
+    raw[12:16] = struct.pack("<I", 1)
+    raw[36:40] = struct.pack("<I", zlib.crc32(raw[:36]))
+    journal.write_bytes(raw)
+    assert_recorded(path, names)
+    substep.pack(path)
+    with h5py.File(path, "r+") as file:
+        group = file["substep"]
+        group.attrs["format_version"] = 1
+        text = group["metadata"][...].tobytes()[:-4].replace(b"constants_crc32", b"triangles_crc32")
+        group["metadata"][...] = np.frombuffer(text + struct.pack("<I", zlib.crc32(text)), "u1")
+    assert_recorded(path, names)
 
 
 def test_one_array_at_a_time(tmp_path):

@@ -21,6 +21,9 @@ from substep._frames import BYTE_ORDER, FILE_HEADER, FORMAT_VERSION, FRAME_HEADE
 from substep.export import pack_here
 
 PARTS = {"p": substep.Part("particles", {"v": "m/s"})}
+NAN = np.full((5, 3), np.nan)
+GOOD = np.zeros((5, 3))
+ROCK = substep.Part("mesh", triangles=[[0, 1, 2]], points=GOOD)
 
 
 def frame(k, n=5):
@@ -91,6 +94,16 @@ def test_names_of_parts_and_fields_are_confined(tmp_path, name):
         (("mesh", {}, [[0, 1]]), InputError, "triangles"),
         (("mesh", {}, [[0, 1, -2]]), InputError, "triangles"),
         (("mesh", {}, [[0.0, 1.0, 2.0]]), InputError, "triangles"),
+        (("mesh", {}, None, [[0, 1, 2]]), InputError, "edges"),
+        (("mesh", {}, None, [[0, -1]]), InputError, "edges"),
+        (("mesh", {}, None, None, [[0, 1, 2]]), InputError, "tetrahedra"),
+        (("mesh", {}, [[0, 1, 2]], None, [[0, 1, 2, 3]]), InputError, "tetrahedra: such a mesh"),
+        (("mesh", {}, None, None, None, GOOD), InputError, "triangles, edges"),
+        (("particles", {}, None, None, None, GOOD), InputError, "nothing else"),
+        (("mesh", {}, [[0, 1, 5]], None, None, GOOD), InputError, "need 6 points, got 5"),
+        (("mesh", {}, [[0, 1, 2]], None, None, NAN), InputError, r"points\[0, 0"),
+        (("mesh", {}, [[0, 1, 2]], None, None, GOOD[:, :2]), InputError, "points"),
+        (("mesh", {"v": "1"}, [[0, 1, 2]], None, None, GOOD), InputError, "no fields"),
     ],
 )
 def test_parts_are_checked(arguments, error, match):
@@ -105,6 +118,7 @@ def test_parts_are_checked(arguments, error, match):
         ({"parts": ["p"]}, TypeError, "parts"),
         ({"parts": {"p": "particles"}}, TypeError, "parts"),
         ({"parts": {"p": substep.Part(), "P": substep.Part()}}, InputError, "case"),
+        ({"parts": {"p": ROCK}}, InputError, "one that moves"),
         ({"scene": "a\n"}, InputError, "scene"),
         ({"scene": 1}, TypeError, "scene"),
         ({"parameters": {"a": float("nan")}}, InputError, "'a'"),
@@ -124,10 +138,6 @@ def test_recorder_arguments_are_checked(tmp_path, options, error, match):
 class Raising:
     def __array__(self, dtype=None, copy=None):
         raise ZeroDivisionError
-
-
-NAN = np.full((5, 3), np.nan)
-GOOD = np.zeros((5, 3))
 
 
 @pytest.mark.parametrize(
@@ -226,6 +236,23 @@ def test_bodies_and_meshes_are_checked(tmp_path):
         with pytest.raises(InputError, match="triangles need 3 points, got 2"):
             recorder.append(0, {**good, "m": {"points": GOOD[:2]}})
         recorder.append(0, good)
+
+
+def test_tetrahedra_keep_their_number_of_points(tmp_path):
+    """A VTKHDF file has one number for all frames; after resuming, too."""
+    path, parts = tmp_path / "a", {"jelly": substep.Part("mesh", tetrahedra=[[0, 1, 2, 3]])}
+    recorder = substep.Recorder(path, parts=parts)
+    recorder.append(0, {"jelly": {"points": GOOD}})
+    for resumed in (False, True):
+        if resumed:
+            recorder._release()
+            recorder = substep.Recorder(path, parts=parts, resume=True)
+        with pytest.raises(InputError, match=r"jelly/points: .* 5; got 4"):
+            recorder.append(3, {"jelly": {"points": GOOD[:4]}})
+        recorder.append(len(recorder), {"jelly": {"points": GOOD}})
+    recorder.close()
+    with substep.Recording(path) as recording:
+        assert len(recording) == 3
 
 
 def test_resume_refuses_other_metadata(tmp_path):
@@ -585,16 +612,16 @@ def metadata(journal):
 def test_newer_version_and_other_byte_order(journal):
     text = metadata(journal)
     packed = Path(substep.pack(journal))
-    journal.write_bytes(file_header(text, version=2))
-    with pytest.raises(VersionError, match="version 2"):
+    journal.write_bytes(file_header(text, version=3))
+    with pytest.raises(VersionError, match="version 3"):
         substep.Recording(journal)
     journal.write_bytes(file_header(text, order=0x04030201))
     with pytest.raises(VersionError, match="byte order"):
         substep.Recording(journal)
     journal.unlink()
     with h5py.File(packed, "r+") as file:
-        file["substep"].attrs.modify("format_version", 2)
-    with pytest.raises(VersionError, match="version 2"):
+        file["substep"].attrs.modify("format_version", 3)
+    with pytest.raises(VersionError, match="version 3"):
         substep.Recording(packed)
 
 
@@ -630,6 +657,12 @@ def replace(path, name, make):
         b'{"parts":[{"name":"p","kind":"particles","fields":[["a/b","m"]],"triangles":null}],'
         b'"scene":"","parameters":{},"seed":0,"substep":"1"}',
         b'{"parts":[{"name":"p","kind":"mesh","fields":[],"triangles":1152921504606846976}],'
+        b'"scene":"","parameters":{},"seed":0,"substep":"1"}',
+        b'{"parts":[{"name":"p","kind":"mesh","fields":[],"triangles":-1}],'
+        b'"scene":"","parameters":{},"seed":0,"substep":"1"}',
+        b'{"parts":[{"name":"p","kind":"mesh","fields":[],"edges":0.0}],'
+        b'"scene":"","parameters":{},"seed":0,"substep":"1"}',
+        b'{"parts":[{"name":"p","kind":"mesh","fields":[],"points":0}],'
         b'"scene":"","parameters":{},"seed":0,"substep":"1"}',
     ],
 )

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from .errors import CorruptError, FormatError
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+READABLE_VERSIONS = (1, 2)  # of version 1 are files whose meshes have triangles and nothing else
 MAGIC = b"SUBSTEPJ"
 BYTE_ORDER = 0x01020304
 FILE_HEADER = struct.Struct("<8sIIQQII")
@@ -27,7 +28,17 @@ FRAME_MAGIC = b"FRAM"
 FRAME_HEADER = struct.Struct("<4sIQdQII")
 TABLE = np.dtype([("count", "<u8"), ("dtype", "S4"), ("shape", "<u2", (2,)), ("crc32", "<u4")])
 TABLE_ROW = struct.Struct("<Q4sHHI")
+# What a part has once for all frames, in the order of the file: dtype and columns.
+CONSTANTS = {
+    "triangles": ("<i8", 3),
+    "edges": ("<i8", 2),
+    "tetrahedra": ("<i8", 4),
+    "points": ("<f8", 3),
+}
 DTYPES = ("|b1", "|i1", "|u1", "<i2", "<u2", "<i4", "<u4", "<i8", "<u8", "<f4", "<f8")
+
+
+Constants = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -50,7 +61,7 @@ class Source(Protocol):
 
     path: str
     metadata: dict[str, Any]
-    triangles: list[NDArray[Any]]
+    constants: list[Constants]
     specs: list[Spec]
     times: list[float]
     counts: list[tuple[int, ...]]
@@ -110,13 +121,41 @@ def load_json(data: bytes, where: str) -> Any:
         raise CorruptError(f"{where}: metadata is not valid JSON ({error})") from None
 
 
-def encode_file_header(metadata: dict[str, Any], triangles: Sequence[NDArray[Any]]) -> bytes:
-    """File header, metadata and the triangles of every mesh part in order."""
+def encode_file_header(metadata: dict[str, Any], constants: Sequence[Constants]) -> bytes:
+    """File header, metadata, and what every part has once for all frames."""
     text = dump_json(metadata)
-    blob = b"".join(np.ascontiguousarray(t, dtype="<i8").tobytes() for t in triangles)
+    blob = b"".join(array.tobytes() for of_part in constants for array in of_part.values())
     crc = zlib.crc32(blob, zlib.crc32(text))
     head = FILE_HEADER.pack(MAGIC, BYTE_ORDER, FORMAT_VERSION, len(text), len(blob), crc, 0)[:-4]
     return head + struct.pack("<I", zlib.crc32(head)) + text + blob
+
+
+def decode_constants(metadata: dict[str, Any], blob: bytes | bytearray) -> list[Constants]:
+    """What `encode_file_header` appended to the metadata; ValueError if it is not that."""
+    result: list[Constants] = []
+    offset = 0
+    for part in metadata["parts"]:
+        of_part: Constants = {}
+        for name, rows in constant_rows(part).items():
+            dtype, columns = CONSTANTS[name]
+            size = 8 * rows * columns
+            if offset + size > len(blob):
+                raise ValueError(f"{name} are missing")
+            array = np.frombuffer(blob[offset : offset + size], dtype)
+            of_part[name] = array.reshape(rows, columns)
+            offset += size
+        result.append(of_part)
+    if offset != len(blob):
+        raise ValueError(f"{len(blob) - offset} bytes too many")
+    return result
+
+
+def constant_rows(part: dict[str, Any]) -> dict[str, int]:
+    """Rows of each constant array that a part has, in the order of the file."""
+    rows = {name: part[name] for name in CONSTANTS if part.get(name) is not None}
+    if any(type(n) is not int or n < 0 for n in rows.values()):
+        raise ValueError(f"not numbers of rows: {rows}")
+    return rows
 
 
 class Encoder:
@@ -158,12 +197,13 @@ class Encoder:
 
 
 def frame_names(part: dict[str, Any]) -> Iterator[str]:
-    """Names of a part's arrays in the order of the file: points, then its fields."""
-    yield "points"
+    """Names of a part's arrays in a frame: points unless they are constant, then its fields."""
+    if part.get("points") is None:
+        yield "points"
     for name, _ in part["fields"]:
         yield name
 
 
 def arrays_per_frame(metadata: dict[str, Any]) -> int:
     """Number of arrays in every frame."""
-    return sum(1 + len(part["fields"]) for part in metadata["parts"])
+    return sum(len(list(frame_names(part))) for part in metadata["parts"])

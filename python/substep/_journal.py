@@ -1,7 +1,8 @@
 """The journal: the append-only file that a running recording is written to.
 
-A file header (metadata and triangles), then one record per frame: header, table of arrays, payload,
-each with its length and CRC-32, all little-endian; docs/recording.md has the layout byte by byte.
+A file header (metadata, and what parts have once for all frames), then one record per frame:
+header, table of arrays, payload, each with its length and CRC-32, all little-endian;
+docs/recording.md has the layout byte by byte.
 A frame counts from the moment its last byte is written. A file that ends within a record is what a
 killed writer leaves, and one that ends in zeros what a power cut does: both are read up to the last
 whole frame.
@@ -24,15 +25,16 @@ from ._frames import (
     BYTE_ORDER,
     DTYPES,
     FILE_HEADER,
-    FORMAT_VERSION,
     FRAME_HEADER,
     FRAME_MAGIC,
     MAGIC,
+    READABLE_VERSIONS,
     TABLE,
     TABLE_ROW,
     Source,
     Spec,
     arrays_per_frame,
+    decode_constants,
     frame_names,
     load_json,
     read_checked,
@@ -49,8 +51,8 @@ class Journal:
     ----------
     metadata : dict
         As written.
-    triangles : list of ndarray
-        Shape (m, 3), of each mesh part in order.
+    constants : list of dict of str to ndarray
+        Of each part: what it has once for all frames.
     specs : list of Spec
         The arrays of a frame; empty before the first frame.
     times, counts, crcs : list
@@ -103,9 +105,9 @@ class Journal:
             raise VersionError(f"{self.path}: written in the other byte order", offset=8)
         if zlib.crc32(head[:-4]) != head_crc or order != BYTE_ORDER:
             raise CorruptError(f"{self.path}: the header's checksum differs", offset=0)
-        if version != FORMAT_VERSION:
+        if version not in READABLE_VERSIONS:
             raise VersionError(
-                f"{self.path}: format version {version}; this substep reads {FORMAT_VERSION}",
+                f"{self.path}: format version {version}; this substep reads {READABLE_VERSIONS}",
                 offset=12,
             )
         self.end = FILE_HEADER.size + text_bytes + blob_bytes
@@ -122,14 +124,10 @@ class Journal:
             )
         self.metadata = load_json(bytes(body[:text_bytes]), self.path)
         try:
-            sizes = [p["triangles"] for p in self.metadata["parts"] if p["triangles"] is not None]
             self.arrays_per_frame = arrays_per_frame(self.metadata)
-            rows = np.frombuffer(body, "<i8", offset=text_bytes).reshape(-1, 3)
-            if sum(sizes) != len(rows):
-                raise ValueError("triangles are missing")
-        except (KeyError, TypeError, ValueError) as error:
+            self.constants = decode_constants(self.metadata, body[text_bytes:])
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise CorruptError(f"{self.path}: metadata is incomplete ({error})") from None
-        self.triangles = np.split(rows, np.cumsum(sizes)[:-1]) if sizes else []
 
     def _walk(self) -> None:
         head_bytes = FRAME_HEADER.size + TABLE.itemsize * self.arrays_per_frame

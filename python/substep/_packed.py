@@ -14,8 +14,18 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from ._frames import DTYPES, FORMAT_VERSION, Spec, arrays_per_frame, frame_names, load_json
-from ._vtkhdf import CHUNK_BYTES, index_crc, stored_dtype, stored_shape
+from ._frames import (
+    CONSTANTS,
+    DTYPES,
+    READABLE_VERSIONS,
+    Constants,
+    Spec,
+    arrays_per_frame,
+    constant_rows,
+    frame_names,
+    load_json,
+)
+from ._vtkhdf import CHUNK_BYTES, PLACES, index_crc, stored_dtype, stored_shape
 from .errors import CorruptError, FormatError, TruncatedError, VersionError
 
 LARGEST_CHUNK = 1 << 26
@@ -142,13 +152,13 @@ class Packed:
         self._rows = counts.sum(axis=0).tolist() if frames else [0] * arrays
         self._datasets: dict[int, h5py.Dataset] = {}
         self._chunks: dict[int, tuple[int, NDArray[Any]]] = {}
-        self._read_triangles()
+        self._read_constants()
 
     def _check_version(self) -> None:
         version = self._file["substep"].attrs["format_version"]
-        if int(version) != FORMAT_VERSION:
+        if int(version) not in READABLE_VERSIONS:
             raise VersionError(
-                f"{self.path}: format version {version}; this substep reads {FORMAT_VERSION}"
+                f"{self.path}: format version {version}; this substep reads {READABLE_VERSIONS}"
             )
 
     def _check_specs(self) -> None:
@@ -162,16 +172,23 @@ class Packed:
     def _prefix(self, part: str) -> str:
         return "VTKHDF" if len(self.metadata["parts"]) == 1 else f"VTKHDF/{part}"
 
-    def _read_triangles(self) -> None:
-        self.triangles: list[NDArray[Any]] = []
-        crcs = iter(self.metadata["triangles_crc32"])
+    def _read_constants(self) -> None:
+        self.constants: list[Constants] = []
+        only_triangles = "triangles_crc32" in self.metadata  # version 1
+        crcs = iter(self.metadata["triangles_crc32" if only_triangles else "constants_crc32"])
         for part in self.metadata["parts"]:
-            if part["triangles"] is not None:
-                name = f"{self._prefix(part['name'])}/Polygons/Connectivity"
-                data = self._load(name, "<i8", (), 3 * part["triangles"]).reshape(-1, 3)
+            of_part: Constants = {}
+            for name, rows in constant_rows(part).items():
+                dtype, columns = CONSTANTS[name]
+                place = f"{self._prefix(part['name'])}/{PLACES[name]}"
+                if name == "points":
+                    data = self._load(place, dtype, (columns,), rows)
+                else:
+                    data = self._load(place, dtype, (), rows * columns).reshape(rows, columns)
                 if zlib.crc32(data.tobytes()) != next(crcs):
-                    raise CorruptError(f"{self.path}: {name}: the checksum differs")
-                self.triangles.append(data)
+                    raise CorruptError(f"{self.path}: {place}: the checksum differs")
+                of_part[name] = data
+            self.constants.append(of_part)
 
     def forget(self, frames: int) -> None:
         """Keep the first `frames` frames only."""

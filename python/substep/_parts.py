@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import __version__
 from ._checks import check_array, check_choice, describe
-from ._frames import Spec
+from ._frames import CONSTANTS, Constants, Spec
 from .errors import InputError
 
 KINDS = ("particles", "bodies", "mesh")
@@ -55,17 +55,25 @@ class Part:
     ----------
     kind : {'particles', 'bodies', 'mesh'}
         Points with fields; bodies also have the field `orientation`, unit quaternions
-        (w, x, y, z), shape (n, 4); a mesh has constant triangles.
+        (w, x, y, z), shape (n, 4); a mesh has triangles, edges or both, or tetrahedra, which
+        stay the same in every frame.
     fields : mapping of str to str
         Unit of every field besides the points, "1" if it has none. A field has one row per point.
     triangles : array_like, shape (m, 3), optional
-        Vertex indices; required for a mesh.
+        Vertex indices of a mesh.
+    edges : array_like, shape (m, 2), optional
+        Vertex indices of a mesh.
+    tetrahedra : array_like, shape (m, 4), optional
+        Vertex indices of a mesh that has neither triangles nor edges, and always as many points.
+    points : array_like, shape (n, 3), optional
+        Positions of a mesh that never moves, an obstacle say [m]: they are written once, the part
+        has no fields, and frames leave it out.
 
     Raises
     ------
     InputError
-        If the kind, a name or a unit is not valid, a mesh has no triangles, or bodies have no
-        orientation.
+        If the kind, a name or a unit is not valid, a mesh has no topology or other parts have one,
+        indices are out of range, or bodies have no orientation.
 
     Examples
     --------
@@ -77,6 +85,9 @@ class Part:
     kind: str = "particles"
     fields: Mapping[str, str] = field(default_factory=dict)
     triangles: ArrayLike | None = None
+    edges: ArrayLike | None = None
+    tetrahedra: ArrayLike | None = None
+    points: ArrayLike | None = None
 
     def __post_init__(self) -> None:
         kind = check_choice("kind", self.kind, KINDS)
@@ -90,21 +101,54 @@ class Part:
         }
         if kind == "bodies" and "orientation" not in fields:
             raise InputError("fields: bodies need the field 'orientation' with the unit '1'")
-        if (kind == "mesh") != (self.triangles is not None):
-            raise InputError("triangles: a mesh needs them, and nothing else has them")
-        triangles = None
-        if self.triangles is not None:
-            if np.asarray(self.triangles).dtype.kind not in "iu":
-                raise InputError("triangles: expected integer indices")
-            triangles = check_array("triangles", self.triangles, (None, 3), dtype="<i8").copy()
-            if triangles.size and triangles.min() < 0:
-                raise InputError(
-                    f"triangles: expected indices of at least 0, got {triangles.min()}"
-                )
-            triangles.flags.writeable = False
+        constants = {name: _check_constant(name, getattr(self, name)) for name in CONSTANTS}
+        present = [name for name in CONSTANTS if constants[name] is not None]
+        if (kind == "mesh") != (len(present) > 0) or present == ["points"]:
+            raise InputError(
+                "triangles, edges, tetrahedra: a mesh needs some of them, and nothing else has them"
+            )
+        if "tetrahedra" in present and ("triangles" in present or "edges" in present):
+            raise InputError("tetrahedra: such a mesh has neither triangles nor edges")
+        if "points" in present and fields:
+            raise InputError("points: a mesh that never moves has no fields")
         object.__setattr__(self, "kind", kind)
         object.__setattr__(self, "fields", MappingProxyType(fields))
-        object.__setattr__(self, "triangles", triangles)
+        for name, array in constants.items():
+            object.__setattr__(self, name, array)
+        if "points" in present:
+            check_indices("points", self, len(np.asarray(self.points)))
+
+    def constants(self) -> Constants:
+        """What the part has once for all frames: topology, and points that never move.
+
+        Returns
+        -------
+        dict of str to ndarray
+            By name, in the order of the file; read-only.
+        """
+        arrays = {name: getattr(self, name) for name in CONSTANTS}
+        return {name: array for name, array in arrays.items() if array is not None}
+
+
+def _check_constant(name: str, value: Any) -> NDArray[Any] | None:
+    """An owned, read-only array of the form that the file has."""
+    if value is None:
+        return None
+    dtype, columns = CONSTANTS[name]
+    if name != "points" and np.asarray(value).dtype.kind not in "iu":
+        raise InputError(f"{name}: expected integer indices")
+    array = check_array(name, value, (None, columns), dtype=dtype).copy()
+    if name != "points" and array.size and array.min() < 0:
+        raise InputError(f"{name}: expected indices of at least 0, got {array.min()}")
+    array.flags.writeable = False
+    return array
+
+
+def check_indices(where: str, part: Part, points: int) -> None:
+    """The topology of a part names points that there are."""
+    for name, array in part.constants().items():
+        if name != "points" and (largest := np.max(array, initial=-1)) >= points:
+            raise InputError(f"{where}: {name} need {largest + 1} points, got {points}")
 
 
 def check_parts(parts: Any) -> dict[str, Part]:
@@ -117,6 +161,8 @@ def check_parts(parts: Any) -> dict[str, Part]:
         check_name("parts", name)
         if not isinstance(part, Part):
             raise TypeError(f"parts[{name!r}]: expected a Part, got {describe(part)}")
+    if all(part.points is not None for part in parts.values()):
+        raise InputError("parts: expected one that moves")
     if len({name.lower() for name in parts}) != len(parts):
         raise InputError("parts: two names differ in case only")
     return dict(parts)
@@ -162,7 +208,8 @@ def metadata_of(
                 "name": name,
                 "kind": part.kind,
                 "fields": [[field_name, unit] for field_name, unit in part.fields.items()],
-                "triangles": None if part.triangles is None else len(np.asarray(part.triangles)),
+                "triangles": None,
+                **{constant: len(array) for constant, array in part.constants().items()},
             }
             for name, part in parts.items()
         ],
@@ -226,5 +273,4 @@ def check_part(name: str, part: Part, arrays: list[NDArray[Any]], names: list[st
             raise InputError(f"{name}/{field_name}: expected {count} rows, got {len(array)}")
         if part.kind == "bodies" and field_name == "orientation" and array.shape[1:] != (4,):
             raise InputError(f"{name}/orientation: expected shape (n, 4), got {array.shape}")
-    if part.triangles is not None and (largest := np.max(part.triangles, initial=-1)) >= count:
-        raise InputError(f"{name}/points: triangles need {largest + 1} points, got {count}")
+    check_indices(f"{name}/points", part, count)

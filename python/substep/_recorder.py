@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ._checks import check_integer, check_real, describe
 from ._files import JOURNAL_SUFFIX, check_path
-from ._frames import Encoder, Spec, encode_file_header, read_checked
+from ._frames import Constants, Encoder, Spec, encode_file_header, read_checked
 from ._journal import Writer, open_source
 from ._parts import (
     Part,
@@ -110,11 +110,12 @@ class Recorder:
         self.path = check_path(path)
         self.journal_path = self.path + JOURNAL_SUFFIX
         self._specs: list[Spec] = []
+        self._counts: tuple[int, ...] = ()  # rows of the last frame's arrays
         self._times: list[float] = []
         self._encoder = Encoder()
         self._lock = threading.Lock()
         self._writer: Writer | None = None
-        header = encode_file_header(metadata, self._triangles())
+        header = encode_file_header(metadata, self._constants())
         if resume and not self._resume(metadata, fsync) and os.path.lexists(self.path):
             _unpack(self.path, self.journal_path)
             self._resume(metadata, fsync)
@@ -122,8 +123,8 @@ class Recorder:
             self._make_room(overwrite)
             self._writer = Writer.create(self.journal_path, header, fsync)
 
-    def _triangles(self) -> list[NDArray[Any]]:
-        return [np.asarray(p.triangles) for p in self._parts.values() if p.triangles is not None]
+    def _constants(self) -> list[Constants]:
+        return [part.constants() for part in self._parts.values()]
 
     def _make_room(self, overwrite: bool) -> None:
         for path in (self.journal_path, self.path):
@@ -145,13 +146,15 @@ class Recorder:
                 if key != "substep" and there != value:
                     has = f"the recording to resume has {describe(there)}"
                     raise InputError(f"{key}: {has}, got {describe(value)}")
-            for mine, theirs in zip(self._triangles(), journal.triangles, strict=True):
-                if not np.array_equal(mine, theirs):
-                    raise InputError("triangles: the recording to resume has others")
+            for mine, theirs in zip(self._constants(), journal.constants, strict=True):
+                for name, array in mine.items():
+                    if not np.array_equal(array, theirs[name]):
+                        raise InputError(f"{name}: the recording to resume has others")
         except BaseException:
             writer.close()
             raise
         self._writer, self._specs, self._times = writer, journal.specs, journal.times
+        self._counts = journal.counts[-1] if journal.counts else ()
         return True
 
     def __len__(self) -> int:
@@ -173,6 +176,7 @@ class Recorder:
         frame : mapping
             For every part its `points`, shape (n, 2) or (n, 3) [m], and its fields, one row per
             point. n may change from frame to frame; dtypes and row shapes stay those of the first.
+            Parts whose points are constant are left out.
 
         Raises
         ------
@@ -193,15 +197,17 @@ class Recorder:
             specs, arrays = self._check_frame(frame)
             self._writer.append(self._encoder.encode(len(self._times), now, specs, arrays))
             self._specs = specs
+            self._counts = tuple(len(array) for array in arrays)
             self._times.append(now)
         finally:
             self._lock.release()
 
     def _check_frame(self, frame: Any) -> tuple[list[Spec], list[NDArray[Any]]]:
-        check_keys("frame", frame, self._parts)
+        moving = {name: part for name, part in self._parts.items() if part.points is None}
+        check_keys("frame", frame, moving)
         specs: list[Spec] = []
         arrays: list[NDArray[Any]] = []
-        for part_name, part in self._parts.items():
+        for part_name, part in moving.items():
             values = frame[part_name]
             names = ["points", *part.fields]
             check_keys(f"frame[{part_name!r}]", values, names)
@@ -211,6 +217,12 @@ class Recorder:
                 specs.append(Spec(part_name, name, array.dtype.str, array.shape[1:]))
                 arrays.append(array)
             check_part(part_name, part, arrays[-len(names) :], names)
+            before = self._counts[len(specs) - len(names)] if self._counts else None
+            if part.tetrahedra is not None and before not in (None, len(arrays[-1])):
+                raise InputError(
+                    f"{part_name}/points: tetrahedra keep their number of points, {before}; "
+                    f"got {len(arrays[-1])}"
+                )
         return specs, arrays
 
     def close(self) -> None:
@@ -259,7 +271,7 @@ class Recorder:
 def _unpack(path: str, journal_path: str) -> None:
     """Turn a packed recording back into a journal, to go on with it."""
     with contextlib.closing(open_source(path)) as source:
-        header = encode_file_header(source.metadata, source.triangles)
+        header = encode_file_header(source.metadata, source.constants)
         part = journal_path + ".unpack"
         if os.path.lexists(part):
             os.unlink(part)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ._frames import (
     FORMAT_VERSION,
+    Constants,
     Source,
     Spec,
     arrays_per_frame,
@@ -29,6 +30,14 @@ from ._frames import (
 )
 
 TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
+TETRAHEDRON = 10  # VTK_TETRA
+# Where the constant arrays of a part are found in its group.
+PLACES = {
+    "triangles": "Polygons/Connectivity",
+    "edges": "Lines/Connectivity",
+    "tetrahedra": "Connectivity",
+    "points": "Points",
+}
 CHUNK_BYTES = 1 << 19
 
 
@@ -103,25 +112,39 @@ def _arrays_of(source: Source, part: dict[str, Any]) -> list[int]:
 
 
 def _write_part(group: h5py.Group, source: Source, part: dict[str, Any]) -> None:
-    """A temporal PolyData: the points of all frames in one dataset, and offsets for each frame."""
-    _set_type(group, "PolyData")
+    """A temporal data set: the points of all frames in one array, and offsets for each frame.
+
+    Points that are constant are there once: they begin at row 0 in every frame.
+    """
     arrays = _arrays_of(source, part)
+    constants = source.constants[source.metadata["parts"].index(part)]
     frames = len(source.times)
-    counts = np.array([source.counts[i][arrays[0]] for i in range(frames)], "i8")
-    offsets = np.cumsum(counts) - counts
+    if static := "points" in constants:
+        counts = np.full(frames, len(constants["points"]), "i8")
+    else:
+        counts = np.array([source.counts[i][arrays[0]] for i in range(frames)], "i8")
+    offsets = np.zeros(frames) if static else np.cumsum(counts) - counts
     units = dict(part["fields"])
     steps = group.create_group("Steps")
     _write_times(steps, source)
+    if static:
+        _store(group, "Points", constants["points"], "<f8")
+        group["Points"].attrs["units"] = "m"
     if frames == 0:  # VTK then shows one empty step
-        _create(group, "Points", (0, 3), "<f4")
+        if not static:
+            _create(group, "Points", (0, 3), "<f4")
         counts = np.zeros(1, "i8")
-    _store(group, "NumberOfPoints", counts, "<i8")
-    _write_cells(group, counts, _triangles_of(source, part))
+    if "tetrahedra" in constants:
+        topologies, part_offsets = 1, np.zeros(frames, int)
+        _write_tetrahedra(group, counts, constants["tetrahedra"])
+    else:
+        topologies, part_offsets = len(TOPOLOGIES), np.arange(frames)
+        _write_cells(group, counts, constants)
     _store(steps, "PointOffsets", offsets, "<i8")
     _store(steps, "NumberOfParts", np.ones(frames), "<i8")
-    _store(steps, "PartOffsets", np.arange(frames), "<i8")
-    _store(steps, "CellOffsets", np.zeros((frames, len(TOPOLOGIES))), "<i8")
-    _store(steps, "ConnectivityIdOffsets", np.zeros((frames, len(TOPOLOGIES))), "<i8")
+    _store(steps, "PartOffsets", part_offsets, "<i8")
+    _store(steps, "CellOffsets", np.zeros((frames, topologies)), "<i8")
+    _store(steps, "ConnectivityIdOffsets", np.zeros((frames, topologies)), "<i8")
     for k in arrays:
         spec = source.specs[k]
         name = "Points" if spec.name == "points" else f"PointData/{spec.name}"
@@ -162,20 +185,35 @@ def _blocks(source: Source, array: int) -> Iterator[NDArray[Any]]:
         yield np.concatenate(waiting)
 
 
-def _triangles_of(source: Source, part: dict[str, Any]) -> NDArray[Any] | None:
-    meshes = [p["name"] for p in source.metadata["parts"] if p["triangles"] is not None]
-    return source.triangles[meshes.index(part["name"])] if part["name"] in meshes else None
+def _write_tetrahedra(group: h5py.Group, counts: NDArray[Any], tetrahedra: NDArray[Any]) -> None:
+    """An UnstructuredGrid, as PolyData has no solid cells, of one piece that all frames use.
+
+    A piece has one number of points, so they cannot change theirs. (With a piece for each frame,
+    vtkHDFReader would look for its own list of cells, too.)
+    """
+    _set_type(group, "UnstructuredGrid")
+    number = len(tetrahedra)
+    _store(group, "NumberOfPoints", counts[:1], "<i8")
+    _store(group, "NumberOfCells", [number], "<i8")
+    _store(group, "NumberOfConnectivityIds", [4 * number], "<i8")
+    _store(group, "Connectivity", tetrahedra.ravel(), "<i8", gzip=True)
+    _store(group, "Offsets", np.arange(0, 4 * number + 1, 4), "<i8", gzip=True)
+    _store(group, "Types", np.full(number, TETRAHEDRON), "|u1", gzip=True)
 
 
-def _write_cells(group: h5py.Group, counts: NDArray[Any], triangles: NDArray[Any] | None) -> None:
-    """A vertex cell per point, or the triangles; every frame uses the same list from its start."""
+def _write_cells(group: h5py.Group, counts: NDArray[Any], constants: Constants) -> None:
+    """A PolyData: a vertex cell per point, or the mesh; every frame uses the same list."""
+    _set_type(group, "PolyData")
+    _store(group, "NumberOfPoints", counts, "<i8")
+    meshes = {"Lines": constants.get("edges"), "Polygons": constants.get("triangles")}
     for topology in TOPOLOGIES:
         cells = group.create_group(topology)
-        if topology == "Vertices" and triangles is None:
+        mesh = meshes.get(topology)
+        if topology == "Vertices" and not constants:
             number, width, connectivity = counts, 1, np.arange(counts.max(initial=0))
-        elif topology == "Polygons" and triangles is not None:
-            number, width = np.full(len(counts), len(triangles)), 3
-            connectivity = triangles.ravel()
+        elif mesh is not None:
+            number, width = np.full(len(counts), len(mesh)), mesh.shape[1]
+            connectivity = mesh.ravel()
         else:
             number, width, connectivity = np.zeros(len(counts)), 1, np.zeros(0)
         _store(cells, "NumberOfCells", number, "<i8")
@@ -196,7 +234,7 @@ def _write_substep(group: h5py.Group, source: Source) -> None:
         "frames": len(source.times),
         "arrays": [[s.part, s.name, s.dtype, list(s.shape)] for s in source.specs],
         "index_crc32": index_crc(source),
-        "triangles_crc32": [zlib.crc32(t.tobytes()) for t in source.triangles],
+        "constants_crc32": [zlib.crc32(a.tobytes()) for c in source.constants for a in c.values()],
     }
     text = dump_json(packed)
     _store(

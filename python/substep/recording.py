@@ -44,7 +44,7 @@ class Recording:
     times : ndarray of float64, shape (frames,)
         [s]
     parts : dict of str to Part
-        Kind, fields with their units, and triangles of every part.
+        Kind, fields with their units, and topology of every part.
     scene : str
         Name of the scene.
     parameters : dict
@@ -113,15 +113,12 @@ class Recording:
     def _check_metadata(self, metadata: dict[str, Any]) -> None:
         """Names and units come from a file that anyone may have written: check them as input."""
         try:
-            triangles = iter(self.source.triangles)
             self.parts = check_parts(
                 {
-                    part["name"]: Part(
-                        part["kind"],
-                        dict(part["fields"]),
-                        None if part["triangles"] is None else next(triangles),
+                    part["name"]: Part(part["kind"], dict(part["fields"]), **constants)
+                    for part, constants in zip(
+                        metadata["parts"], self.source.constants, strict=True
                     )
-                    for part in metadata["parts"]
                 }
             )
             self.scene: str = check_text("scene", metadata["scene"], 1000)
@@ -173,7 +170,8 @@ class Recording:
         Returns
         -------
         dict of str to dict of str to ndarray
-            For every part its `points` and its fields, as they were recorded.
+            For every part its `points` and its fields, as they were recorded. Constant points are
+            read-only.
 
         Raises
         ------
@@ -186,7 +184,10 @@ class Recording:
         """
         number = self._index(index)
         specs = self.source.specs
-        result: Frame = {name: {} for name in self.parts}
+        result: Frame = {
+            name: {} if part.points is None else {"points": np.asarray(part.points)}
+            for name, part in self.parts.items()
+        }
         for spec, array in zip(specs, self._read_arrays(number, [*range(len(specs))]), strict=True):
             result[spec.part][spec.name] = array
         return result
@@ -231,7 +232,7 @@ class RecordedPart:
     name : str
         Of the part.
     info : Part
-        Kind, fields with their units, triangles.
+        Kind, fields with their units, topology.
 
     Examples
     --------
@@ -303,6 +304,8 @@ class RecordedPart:
         if name not in names:
             raise KeyError(f"{name!r}; the part has {', '.join(names)}")
         number = self._recording._index(index)
+        if name == "points" and self.info.points is not None:
+            return np.asarray(self.info.points)
         specs = self._recording.source.specs
         wanted = [k for k, s in enumerate(specs) if (s.part, s.name) == (self.name, name)]
         return self._recording._read_arrays(number, wanted)[0]

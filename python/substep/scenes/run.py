@@ -318,9 +318,10 @@ def _continued(
 
 def _same(arrays: Mapping[str, Any], recorded: Mapping[str, Any]) -> bool:
     """Whether a frame holds the bits that were recorded (in the recording's own precision)."""
-    for part, columns in recorded.items():
-        for name, old in columns.items():
-            new = np.asarray(arrays[part][name]).astype(old.dtype)
+    for part, columns in arrays.items():  # parts that never move are not among them
+        for name, values in columns.items():
+            old = recorded[part][name]
+            new = np.asarray(values).astype(old.dtype)
             if new.shape != old.shape or new.tobytes() != old.tobytes():
                 return False
     return True
