@@ -26,6 +26,8 @@ TRIANGLES = [[0, 1, 2], [0, 2, 3]]
 PARTS = {
     "dust": substep.Part("particles", {"velocity": "m/s"}),
     "sheet": substep.Part("mesh", {"tension": "N"}, TRIANGLES),
+    "block": substep.Part("mesh", {}, tetrahedra=[[0, 1, 2, 3]]),
+    "floor": substep.Part("mesh", {}, TRIANGLES, points=np.eye(4, 3)),
 }
 OUTCOMES = ("identical", "prefix", "error", "WRONG", "MemoryError", "other exception")
 
@@ -36,6 +38,7 @@ def frame(k):
     return {
         "dust": {"points": rng.random((n, 2)), "velocity": rng.random((n, 2))},
         "sheet": {"points": rng.random((4, 3)), "tension": rng.random(4)},
+        "block": {"points": rng.random((4, 3))},
     }
 
 
@@ -54,10 +57,14 @@ def read(path, recover):
             and recording.seed == 5
             and list(recording.parts) == list(PARTS)
             and all(recording.parts[n].fields == PARTS[n].fields for n in PARTS)
-            and np.array_equal(recording.parts["sheet"].triangles, TRIANGLES)
+            and all(
+                np.array_equal(array, getattr(PARTS[n], key))
+                for n in PARTS
+                for key, array in recording.parts[n].constants().items()
+            )
         )
         for k, (time, arrays) in enumerate(recording):
-            wanted = frame(k) if k < FRAMES else {}
+            wanted = {**frame(k), "floor": {"points": PARTS["floor"].points}} if k < FRAMES else {}
             same = same and time == k / 24 and arrays.keys() == wanted.keys()
             for part, name in ((p, n) for p in wanted for n in wanted[p]):
                 same = same and arrays[part][name].tobytes() == wanted[part][name].tobytes()
