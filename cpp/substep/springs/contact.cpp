@@ -1,0 +1,236 @@
+#include "substep/springs/contact.h"
+
+#include <Eigen/Eigenvalues>
+#include <cmath>
+#include <limits>
+
+#include "substep/core/parallel.h"
+
+namespace substep::springs {
+namespace {
+
+constexpr double kKept = 0.1;  // of a distance, at least, after one step towards the obstacle
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+struct Barrier {
+  double value, first, second;  // b, b', b''
+};
+
+Barrier barrier(double d, double thickness) {
+  if (d >= thickness) return {0.0, 0.0, 0.0};
+  if (!(d > 0.0)) return {kInfinity, -kInfinity, kInfinity};
+  const double gap = d - thickness, logarithm = std::log(d / thickness);
+  return {-gap * gap * logarithm, -2.0 * gap * logarithm - gap * gap / d,
+          -2.0 * logarithm - 4.0 * gap / d + gap * gap / (d * d)};
+}
+
+// The largest s in (0, 1] for which the way from x to x + s dx keeps a tenth of the distance.
+double reach(const geometry::Collider& collider, const Vec3& x, const Vec3& dx) {
+  const auto [start, n] = collider.signed_distance(x);
+  const double spare = (1.0 - kKept) * start;
+  if (std::holds_alternative<geometry::Plane>(collider.shape())) {
+    const double approach = -n.dot(dx);
+    return approach > spare ? spare / approach : 1.0;
+  }
+  // Conservative advancement: within d / lipschitz there is no surface in any direction.
+  const double speed = collider.lipschitz() * dx.norm();
+  if (speed <= spare) return 1.0;
+  double s = spare / speed;
+  for (int march = 0; march < 200 && s < 1.0; ++march) {
+    const double left = collider.signed_distance(x + s * dx).value - kKept * start;
+    if (left < 1e-3 * start) return s;
+    s += left / speed;
+  }
+  return std::min(s, 1.0);
+}
+
+}  // namespace
+
+ContactTerm::ContactTerm(const Contacts& contacts) : contacts_(contacts) {
+  const std::int64_t n = contacts.vertices();
+  vertices_.reserve(contacts.colliders.size() * static_cast<std::size_t>(n));
+  for (std::size_t c = 0; c < contacts.colliders.size(); ++c) {
+    for (std::int64_t i = 0; i < n; ++i) vertices_.push_back(static_cast<std::int32_t>(i));
+  }
+}
+
+double BarrierTerm::energy(Positions x, std::int64_t begin, std::int64_t end) const {
+  double sum = 0.0;
+  for (std::int64_t e = begin; e < end; ++e) {
+    const double k = stiffness(e);
+    if (k == 0.0) continue;
+    const double d = collider(e).signed_distance(x[vertices_[e]]).value;
+    if (d < contacts_.thickness) sum += k * barrier(d, contacts_.thickness).value;
+  }
+  return sum;
+}
+
+void BarrierTerm::derivatives(Positions x, std::int64_t begin, std::int64_t end, double kept,
+                              Vec3* gradient, Mat3* hessian) const {
+  for (std::int64_t e = begin; e < end; ++e) {
+    Vec3& g = gradient[e - begin];
+    g.setZero();
+    if (hessian != nullptr) hessian[e - begin].setZero();
+    const double k = stiffness(e);
+    if (k == 0.0) continue;
+    const Vec3& at = x[vertices_[e]];
+    const auto [d, n] = collider(e).signed_distance(at);
+    if (d >= contacts_.thickness) continue;
+    const Barrier b = barrier(d, contacts_.thickness);
+    g = k * b.first * n;
+    if (hessian == nullptr) continue;
+    Mat3& H = hessian[e - begin];
+    H = k * b.second * n * n.transpose() + k * b.first * collider(e).hessian(at);
+    if (kept == 1.0) continue;
+    const Eigen::SelfAdjointEigenSolver<Mat3> eigen(H);
+    const Vec3 values =
+        eigen.eigenvalues().unaryExpr([kept](double l) { return l < 0.0 ? kept * l : l; });
+    H = eigen.eigenvectors() * values.asDiagonal() * eigen.eigenvectors().transpose();
+  }
+}
+
+double BarrierTerm::step_bound(Positions x, Positions dx, std::int64_t begin,
+                               std::int64_t end) const {
+  double bound = 1.0;
+  for (std::int64_t e = begin; e < end; ++e) {
+    if (stiffness(e) == 0.0) continue;
+    bound = std::min(bound, reach(collider(e), x[vertices_[e]], bound * dx[vertices_[e]]) * bound);
+  }
+  return bound;
+}
+
+void FrictionTerm::lag(Positions x) {
+  lagged_.assign(vertices_.size(), {0.0, Vec3::Zero(), Vec3::Zero()});
+  for (std::size_t e = 0; e < vertices_.size(); ++e) {
+    const geometry::Collider& c = collider(static_cast<std::int64_t>(e));
+    const double k = stiffness(static_cast<std::int64_t>(e));
+    if (k == 0.0 || c.friction == 0.0) continue;
+    const Vec3& at = x[vertices_[e]];
+    const auto [d, gradient] = c.signed_distance(at);
+    if (d >= contacts_.thickness || d <= 0.0) continue;
+    const double force = -k * barrier(d, contacts_.thickness).first * gradient.norm();
+    lagged_[e] = {c.friction * force, gradient.normalized(), c.surface_velocity(at)};
+  }
+}
+
+double FrictionTerm::energy(Positions v, std::int64_t begin, std::int64_t end) const {
+  const double e = contacts_.sticking_speed;
+  double sum = 0.0;
+  for (std::int64_t k = begin; k < end; ++k) {
+    const Lagged& contact = lagged_[k];
+    if (contact.bound == 0.0) continue;
+    const Vec3 relative = v[vertices_[k]] - contact.surface_velocity;
+    const double y = (relative - contact.normal.dot(relative) * contact.normal).norm();
+    const double f0 = y < e ? y * y / e - y * y * y / (3.0 * e * e) + e / 3.0 : y;
+    sum += contact.bound * f0;
+  }
+  return sum;
+}
+
+void FrictionTerm::derivatives(Positions v, std::int64_t begin, std::int64_t end, double /*kept*/,
+                               Vec3* gradient, Mat3* hessian) const {
+  const double e = contacts_.sticking_speed;
+  for (std::int64_t k = begin; k < end; ++k) {
+    Vec3& g = gradient[k - begin];
+    g.setZero();
+    if (hessian != nullptr) hessian[k - begin].setZero();
+    const Lagged& contact = lagged_[k];
+    if (contact.bound == 0.0) continue;
+    const Vec3& n = contact.normal;
+    const Vec3 relative = v[vertices_[k]] - contact.surface_velocity;
+    const Vec3 u = relative - n.dot(relative) * n;
+    const double y = u.norm();
+    const double f1_over_y = y < e ? 2.0 / e - y / (e * e) : 1.0 / y;
+    g = contact.bound * f1_over_y * u;
+    if (hessian == nullptr) continue;
+    // f1' - f1 / y: -y / e^2 where sticking, -1 / y where sliding.
+    const Vec3 t = y > 0.0 ? Vec3(u / y) : Vec3(Vec3::Zero());
+    const double along = y < e ? -y / (e * e) : -1.0 / y;
+    hessian[k - begin] = contact.bound * (f1_over_y * (Mat3::Identity() - n * n.transpose()) +
+                                          along * t * t.transpose());
+  }
+}
+
+void set_exchanges(Contacts& contacts, const BarrierTerm& barrier, const FrictionTerm& friction,
+                   Positions x, Positions v, double h, int threads) {
+  constexpr std::int64_t kGrain = 2048;
+  const std::int64_t n = contacts.vertices();
+  for (std::size_t c = 0; c < contacts.colliders.size(); ++c) {
+    geometry::Collider& collider = contacts.colliders[c];
+    std::vector<geometry::Exchange> parts(static_cast<std::size_t>((n + kGrain - 1) / kGrain));
+    parallel_for(
+        n, kGrain,
+        [&](std::int64_t begin, std::int64_t end) {
+          const std::int64_t first = static_cast<std::int64_t>(c) * n;
+          std::vector<Vec3> normal(static_cast<std::size_t>(end - begin)), sliding(normal.size());
+          barrier.derivatives(x, first + begin, first + end, 1.0, normal.data(), nullptr);
+          friction.derivatives(v, first + begin, first + end, 1.0, sliding.data(), nullptr);
+          geometry::Exchange& part = parts[static_cast<std::size_t>(begin / kGrain)];
+          for (std::int64_t i = begin; i < end; ++i) {
+            part.add(x[i] - collider.position(), h * (normal[i - begin] + sliding[i - begin]));
+          }
+        },
+        threads);
+    geometry::Exchange sum;
+    for (const geometry::Exchange& part : parts) sum += part;
+    collider.set_exchange(sum);
+  }
+}
+
+void carry_vertices(const Contacts& before, const Contacts& after, std::span<Vec3> x) {
+  for (std::size_t c = 0; c < after.colliders.size(); ++c) {
+    const geometry::Collider &from = before.colliders[c], &to = after.colliders[c];
+    if (from.position() == to.position() &&
+        from.orientation().coeffs() == to.orientation().coeffs()) {
+      continue;
+    }
+    const geometry::Quaternion turn = to.orientation() * from.orientation().conjugate();
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      if (after.stiffness[i] == 0.0) continue;
+      const double d = to.signed_distance(x[i]).value;
+      if (d < after.thickness && d < from.signed_distance(x[i]).value) {
+        x[i] = to.position() + turn * (x[i] - from.position());
+      }
+    }
+  }
+}
+
+void project_contacts(Contacts& contacts, std::span<const double> masses, std::span<Vec3> x,
+                      std::span<Vec3> v) {
+  for (geometry::Collider& collider : contacts.colliders) {
+    geometry::Exchange sum;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      if (contacts.stiffness[i] == 0.0) continue;
+      const auto [d, gradient] = collider.signed_distance(x[i]);
+      if (d > 0.0) continue;
+      const Vec3 n = gradient.normalized();
+      x[i] -= d * n;
+      const Vec3 relative = v[i] - collider.surface_velocity(x[i]);
+      const double approach = -n.dot(relative);
+      if (approach <= 0.0) continue;
+      const Vec3 u = relative + approach * n;
+      const double push = (1.0 + collider.restitution) * approach, y = u.norm();
+      const double brake = y > 0.0 ? std::min(collider.friction * push / y, 1.0) : 0.0;
+      const Vec3 change = push * n - brake * u;
+      v[i] += change;
+      sum.add(x[i] - collider.position(), -masses[i] * change);
+    }
+    collider.set_exchange(sum);
+  }
+}
+
+Closest closest_vertex(const Contacts& contacts, Positions x) {
+  Closest closest{kInfinity, -1, -1};
+  for (std::size_t c = 0; c < contacts.colliders.size(); ++c) {
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      if (contacts.stiffness[i] == 0.0) continue;
+      const double d = contacts.colliders[c].signed_distance(x[i]).value;
+      if (d < closest.distance) {
+        closest = {d, static_cast<std::int64_t>(i), static_cast<std::int64_t>(c)};
+      }
+    }
+  }
+  return closest;
+}
+
+}  // namespace substep::springs

@@ -1,0 +1,109 @@
+// Frictional contact of vertices with colliders (Li et al., "Incremental potential contact",
+// SIGGRAPH 2020), as terms of the incremental potential.
+//
+// Barrier (their eq. 6), for the distance d of a vertex from an obstacle, within a thickness D:
+//   b(d) = -(d - D)^2 ln(d / D)  for 0 < d < D,   0 for d >= D,   infinite for d <= 0,
+//   b'   = -2 (d - D) ln(d / D) - (d - D)^2 / d,
+//   b''  = -2 ln(d / D) - 4 (d - D) / d + (d - D)^2 / d^2,
+//   W = k b(d),   g = k b' n,   H = k (b'' n n^T + b' grad n)   with n = grad d.
+// The force -k b' grows without bound as d falls to 0, and step_bound() stops every step before
+// d = 0: vertices never pass. The obstacle pushes from a distance below D on.
+//
+// Friction (their eqs. 13 and 18): with the normal force N = -k b' and n lagged, the sliding
+// velocity u = (1 - n n^T) (v - v_surface), y = |u| and the speed e below which contact counts as
+// sticking,
+//   D = mu N f0(y),  f0' = f1,  f1(y) = 2 y / e - y^2 / e^2 for y < e, else 1,
+//   g = mu N f1(y) / y u,   H = mu N (f1' t t^T + f1 / y (1 - n n^T - t t^T)),  t = u / y.
+// So a body that sticks creeps, slower than e. lag() takes N and n from positions; once a minimum
+// is found the solver lags there again, until nothing is left to do.
+//
+// Deviations: distances of vertices only (an edge or face between vertices may cut a corner of an
+// obstacle: choose D above e^2 / (8 R) for edges of length e and radii R), and one k per vertex
+// in place of their adaptive one: m / h^2 is the scale of the inertial term.
+#pragma once
+
+#include <vector>
+
+#include "substep/geometry/collider.h"
+#include "substep/springs/term.h"
+
+namespace substep::springs {
+
+struct Contacts {
+  std::vector<geometry::Collider> colliders;
+  std::vector<double> stiffness;  // k of each vertex [N/m]; 0: it passes through (pinned vertices)
+  double thickness = 1e-3;        // D [m]
+  double sticking_speed = 1e-3;   // e [m/s]
+
+  std::int64_t vertices() const { return static_cast<std::int64_t>(stiffness.size()); }
+};
+
+// Elements of both terms: vertex i and collider c at c * vertices + i.
+class ContactTerm : public Term {
+ public:
+  explicit ContactTerm(const Contacts& contacts);
+  int arity() const override { return 1; }
+  std::span<const std::int32_t> vertices() const override { return vertices_; }
+
+ protected:
+  const geometry::Collider& collider(std::int64_t e) const {
+    return contacts_.colliders[static_cast<std::size_t>(e / contacts_.vertices())];
+  }
+  // The stiffness of the vertex of element e.
+  double stiffness(std::int64_t e) const {
+    return contacts_.stiffness[static_cast<std::size_t>(vertices_[e])];
+  }
+  const Contacts& contacts_;
+  std::vector<std::int32_t> vertices_;
+};
+
+class BarrierTerm : public ContactTerm {
+ public:
+  using ContactTerm::ContactTerm;
+  double energy(Positions x, std::int64_t begin, std::int64_t end) const override;
+  void derivatives(Positions x, std::int64_t begin, std::int64_t end, double kept, Vec3* gradient,
+                   Mat3* hessian) const override;
+  double step_bound(Positions x, Positions dx, std::int64_t begin, std::int64_t end) const override;
+};
+
+class FrictionTerm : public ContactTerm {
+ public:
+  using ContactTerm::ContactTerm;
+  bool dissipative() const override { return true; }
+  void lag(Positions x) override;
+  double energy(Positions v, std::int64_t begin, std::int64_t end) const override;
+  void derivatives(Positions v, std::int64_t begin, std::int64_t end, double kept, Vec3* gradient,
+                   Mat3* hessian) const override;
+
+ private:
+  struct Lagged {
+    double bound;  // mu N [N]; 0: no contact
+    Vec3 normal;
+    Vec3 surface_velocity;
+  };
+  std::vector<Lagged> lagged_;
+};
+
+// What the colliders were given in a step of length h that ended at x with velocities v: minus the
+// impulses of barrier and friction on the vertices. Sets their exchange().
+void set_exchanges(Contacts& contacts, const BarrierTerm& barrier, const FrictionTerm& friction,
+                   Positions x, Positions v, double h, int threads);
+
+// Vertices that colliders, moved from `before` to `after`, have come upon go along with them, so
+// that a step can start where nothing penetrates.
+void carry_vertices(const Contacts& before, const Contacts& after, std::span<Vec3> x);
+
+// For explicit integrators, after a step: vertices inside of a collider return to its surface; a
+// normal velocity v_n < 0 relative to it becomes -restitution v_n, and friction takes at most mu
+// times that impulse from the sliding velocity (Coulomb). Sets the colliders' exchange().
+void project_contacts(Contacts& contacts, std::span<const double> masses, std::span<Vec3> x,
+                      std::span<Vec3> v);
+
+// The lowest distance of a vertex of positive stiffness from a collider; infinite without any.
+struct Closest {
+  double distance;
+  std::int64_t vertex, collider;  // -1: none
+};
+Closest closest_vertex(const Contacts& contacts, Positions x);
+
+}  // namespace substep::springs
