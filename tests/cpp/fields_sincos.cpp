@@ -9,6 +9,7 @@
 namespace {
 
 using namespace substep::fields;
+using namespace substep;
 
 // Distance of a from the exact value in units in the last place of the exact value.
 template <class T>

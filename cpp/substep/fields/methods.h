@@ -5,7 +5,7 @@
 #pragma once
 
 #include "substep/core/errors.h"
-#include "substep/fields/lanes.h"
+#include "substep/core/lanes.h"
 
 namespace substep::fields {
 

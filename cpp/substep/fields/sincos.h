@@ -10,7 +10,7 @@
 
 #include <cmath>
 
-#include "substep/fields/lanes.h"
+#include "substep/core/lanes.h"
 
 namespace substep::fields {
 

@@ -15,7 +15,7 @@
 #endif
 #define SUBSTEP_INLINE inline __attribute__((always_inline))
 
-namespace substep::fields {
+namespace substep {
 
 #if defined(__AVX512F__)
 inline constexpr int kVectorBytes = 64;
@@ -147,4 +147,4 @@ SUBSTEP_INLINE V floor(const V& a) {
   return result;
 }
 
-}  // namespace substep::fields
+}  // namespace substep
