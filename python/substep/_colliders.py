@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
-from ._checks import check_array, check_integer, check_real
+from ._checks import check_array, check_integer, check_real, describe
 from .errors import InputError
 
 Array = NDArray[np.float64]
@@ -253,7 +253,7 @@ class Plane(Collider):
         direction = check_array("normal", normal, (3,))
         length = math.hypot(*direction)
         if not (0 < length < math.inf):
-            raise InputError(f"normal: expected a vector that is not zero, got {normal}")
+            raise InputError(f"normal: expected a vector that is not zero, got {describe(normal)}")
         native = _core.Collider.plane(
             check_array("point", point, (3,)).tolist(), (direction / length).tolist()
         )

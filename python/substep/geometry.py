@@ -2,10 +2,29 @@
 
 - Obstacles (`Plane`, `Sphere`, `Box`, `SignedDistanceField`): a signed distance, a motion, friction
   and restitution, and the impulse and torque that a step exerted on them.
+- Meshes (`TriangleMesh`, `TetMesh`), read by `read_mesh` or made by `grid_mesh`, `box_mesh`,
+  `sphere_mesh` and `box_tetrahedra`; `TriangleMesh.report` says plainly what a mesh lacks.
 """
 
 from __future__ import annotations
 
 from ._colliders import Box, Collider, Plane, SignedDistanceField, Sphere
+from ._mesh import MeshReport, TetMesh, TriangleMesh
+from ._mesh_io import read_mesh
+from ._primitives import box_mesh, box_tetrahedra, grid_mesh, sphere_mesh
 
-__all__ = ["Box", "Collider", "Plane", "SignedDistanceField", "Sphere"]
+__all__ = [
+    "Box",
+    "Collider",
+    "MeshReport",
+    "Plane",
+    "SignedDistanceField",
+    "Sphere",
+    "TetMesh",
+    "TriangleMesh",
+    "box_mesh",
+    "box_tetrahedra",
+    "grid_mesh",
+    "read_mesh",
+    "sphere_mesh",
+]
