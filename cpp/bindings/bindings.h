@@ -31,5 +31,6 @@ class ReleaseGil {
 void bind_core(py::module_& m);
 void bind_fields(py::module_& m);
 void bind_geometry(py::module_& m);
+void bind_linalg(py::module_& m);
 void bind_ode(py::module_& m);
 void bind_second_order(py::module_& m);

@@ -1,4 +1,5 @@
 #include <pthread.h>
+#include <pybind11/stl.h>
 
 #include <Eigen/Core>
 #include <atomic>
@@ -24,9 +25,8 @@ void check_signals() {
 }
 
 // Sets substep.errors.<name>(message, time=, index=, step=) as the Python error.
-void raise(const char* name, const substep::SolverError& error) {
+void raise(const char* name, const substep::SolverError& error, py::dict where = {}) {
   const py::object type = py::module_::import("substep.errors").attr(name);
-  py::dict where;
   if (std::isfinite(error.time)) where["time"] = error.time;
   if (error.index >= 0) where["index"] = error.index;
   if (error.step >= 0) where["step"] = error.step;
@@ -42,7 +42,7 @@ void translate(std::exception_ptr pointer) {
   } catch (const NonFiniteError& error) {
     raise("NonFiniteError", error);
   } catch (const ConvergenceError& error) {
-    raise("ConvergenceError", error);
+    raise("ConvergenceError", error, py::dict(py::arg("residuals") = error.residuals));
   } catch (const SingularMatrixError& error) {
     raise("SingularMatrixError", error);
   } catch (const SolverError& error) {

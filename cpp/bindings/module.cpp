@@ -8,6 +8,7 @@ PYBIND11_MODULE(_core, m) {
   bind_core(m);
   bind_fields(m);
   bind_geometry(m);
+  bind_linalg(m);
   bind_ode(m);
   bind_second_order(m);
 }

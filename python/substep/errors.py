@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 
@@ -49,7 +50,17 @@ class NonFiniteError(SolverError):
 
 
 class ConvergenceError(SolverError):
-    """An iteration did not converge."""
+    """An iteration did not converge.
+
+    Attributes
+    ----------
+    residuals : tuple of float
+        The residual after each iteration, in the units of the stop rule, where there are any.
+    """
+
+    def __init__(self, message: str, *, residuals: Iterable[float] = (), **where: Any) -> None:
+        super().__init__(message, **where)
+        self.residuals = tuple(residuals)
 
 
 class SingularMatrixError(SolverError):

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 namespace substep {
 
@@ -28,6 +29,7 @@ struct NonFiniteError : SolverError {
 };
 struct ConvergenceError : SolverError {
   using SolverError::SolverError;
+  std::vector<double> residuals;  // of each iteration, in the units of the stop rule
 };
 struct SingularMatrixError : SolverError {
   using SolverError::SolverError;

@@ -1,0 +1,248 @@
+// Direct solvers: residuals, the answer for indefinite matrices, bad input, threads, fork.
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <complex>
+#include <limits>
+#include <thread>
+#include <vector>
+
+#include "substep/core/errors.h"
+#include "substep/linalg/blas_buffers.h"
+#include "substep/linalg/cholesky.h"
+#include "substep/linalg/library_calls.h"
+#include "substep/linalg/lu.h"
+
+namespace substep {
+namespace {
+
+// The 5-point Laplacian with 3 unknowns a vertex that are coupled too, plus a shift; `skew` makes
+// it unsymmetric.
+template <class T>
+struct Mesh {
+  SparsePattern pattern;
+  std::vector<T> values;
+};
+
+template <class T>
+Mesh<T> mesh(int side, bool lower, double shift, double skew) {
+  std::vector<std::pair<std::int32_t, std::int32_t>> pairs;
+  std::vector<T> contributions;
+  const auto couple = [&](int u, int v) {
+    for (int r = 0; r < 3; ++r) {
+      for (int c = 0; c < 3; ++c) {
+        const int i = 3 * u + r, j = 3 * v + c;
+        if (lower && i < j) continue;
+        const double weight = u == v ? (r == c ? 4 + shift : 0.5) : (r == c ? -1 : -0.1);
+        pairs.emplace_back(i, j);
+        contributions.push_back(T(weight) + T(i < j ? skew : -skew));
+      }
+    }
+  };
+  for (int a = 0; a < side; ++a) {
+    for (int b = 0; b < side; ++b) {
+      const int v = a * side + b;
+      couple(v, v);
+      if (b + 1 < side) couple(v, v + 1), couple(v + 1, v);
+      if (a + 1 < side) couple(v, v + side), couple(v + side, v);
+    }
+  }
+  Mesh<T> result;
+  std::vector<std::int32_t> slots;
+  result.pattern = build_pattern(3 * side * side, 3 * side * side, pairs, &slots);
+  result.values.resize(result.pattern.row.size());
+  for (std::size_t k = 0; k < slots.size(); ++k) {
+    result.values[static_cast<std::size_t>(slots[k])] += contributions[k];
+  }
+  return result;
+}
+
+template <class T>
+std::vector<T> right_side(std::size_t n) {
+  std::vector<T> b(n);
+  for (std::size_t i = 0; i < n; ++i) b[i] = T(std::sin(0.1 * static_cast<double>(i)) + 0.5);
+  return b;
+}
+
+// |A x - b|_inf / (|A|_max |x|_inf), with A whole.
+template <class T>
+double residual(const Mesh<T>& a, const std::vector<T>& x, const std::vector<T>& b) {
+  std::vector<T> r(b);
+  double size = 0, norm = 0;
+  for (std::int32_t j = 0; j < a.pattern.cols; ++j) {
+    for (auto k = static_cast<std::size_t>(a.pattern.start[static_cast<std::size_t>(j)]);
+         k < static_cast<std::size_t>(a.pattern.start[static_cast<std::size_t>(j) + 1]); ++k) {
+      r[static_cast<std::size_t>(a.pattern.row[k])] -= a.values[k] * x[static_cast<std::size_t>(j)];
+      size = std::max(size, std::abs(a.values[k]));
+    }
+  }
+  double worst = 0;
+  for (std::size_t i = 0; i < r.size(); ++i) {
+    worst = std::max(worst, std::abs(r[i]));
+    norm = std::max(norm, std::abs(x[i]));
+  }
+  return worst / (size * norm);
+}
+
+std::vector<CholeskyKind> cholesky_kinds() {
+  if (SUBSTEP_GPL) return {CholeskyKind::simplicial, CholeskyKind::supernodal};
+  return {CholeskyKind::simplicial};
+}
+
+TEST(Cholesky, SolvesAndKeepsItsAnalysis) {
+  const auto whole = mesh<double>(20, false, 0.5, 0);
+  auto lower = mesh<double>(20, true, 0.5, 0);
+  const auto b = right_side<double>(static_cast<std::size_t>(whole.pattern.rows));
+  for (const CholeskyKind kind : cholesky_kinds()) {
+    for (const Ordering ordering : {Ordering::amd, Ordering::metis, Ordering::natural}) {
+      for (const std::int32_t block : {1, 3}) {
+        Cholesky cholesky(lower.pattern, {ordering, kind, block});
+        for (int repeat = 0; repeat < 2; ++repeat) {
+          EXPECT_TRUE(cholesky.factor(lower.values).factorized);
+          std::vector<double> x(b.size());
+          cholesky.solve(b, x);
+          EXPECT_LT(residual(whole, x, b), 1e-14);
+        }
+        EXPECT_EQ(cholesky.report().analyses, 1);
+        EXPECT_EQ(cholesky.report().factorizations, 2);
+        EXPECT_EQ(cholesky.report().supernodal, kind == CholeskyKind::supernodal);
+      }
+    }
+  }
+}
+
+TEST(Cholesky, AnIndefiniteMatrixIsAnAnswer) {
+  auto lower = mesh<double>(20, true, 0.5, 0);
+  const auto good = lower.values;
+  const std::int32_t bad = 700;
+  lower.values[static_cast<std::size_t>(lower.pattern.find(bad, bad))] = -1;
+  for (const CholeskyKind kind : cholesky_kinds()) {
+    Cholesky cholesky(lower.pattern, {Ordering::amd, kind, 1});
+    const auto& report = cholesky.factor(lower.values);
+    EXPECT_FALSE(report.factorized);
+    EXPECT_GE(report.column, 0);
+    std::vector<double> x(1200, 1.0);
+    EXPECT_THROW(cholesky.solve(x, x), SingularMatrixError);
+    EXPECT_TRUE(cholesky.factor(good).factorized);
+    EXPECT_NO_THROW(cholesky.solve(x, x));
+  }
+}
+
+TEST(Cholesky, RefusesWhatIsNotFinite) {
+  auto lower = mesh<double>(4, true, 0.5, 0);
+  Cholesky cholesky(lower.pattern);
+  lower.values[7] = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THROW(cholesky.factor(lower.values), NonFiniteError);
+  EXPECT_THROW(cholesky.factor({lower.values.data(), 3}), InputError);
+}
+
+TEST(Cholesky, EmptyAndDiagonal) {
+  Cholesky empty(SparsePattern{});
+  EXPECT_TRUE(empty.factor({}).factorized);
+  empty.solve({}, {});
+  Cholesky one(SparsePattern{1, 1, {0, 1}, {0}});
+  const std::vector<double> four{4};
+  std::vector<double> x{8};
+  one.factor(four);
+  one.solve(x, x);
+  EXPECT_EQ(x[0], 2);
+}
+
+// Supernodal CHOLMOD opens OpenMP regions: a child that inherits their threads' ghosts would hang.
+TEST(Cholesky, ChildAfterForkFactorizes) {
+  const auto lower = mesh<double>(30, true, 0.5, 0);
+  Cholesky cholesky(lower.pattern);
+  ASSERT_TRUE(cholesky.factor(lower.values).factorized);
+  const pid_t child = fork();
+  if (child == 0) {
+    alarm(20);
+    _exit(cholesky.factor(lower.values).factorized ? 0 : 1);
+  }
+  int status = -1;
+  waitpid(child, &status, 0);
+  EXPECT_TRUE(WIFEXITED(status) && WEXITSTATUS(status) == 0);
+}
+
+TEST(Cholesky, ThreadsAtOnceGetTheBitsOfOneAlone) {
+  const auto lower = mesh<double>(40, true, 0.5, 0);
+  const auto b = right_side<double>(static_cast<std::size_t>(lower.pattern.rows));
+  const auto solved = [&] {
+    Cholesky cholesky(lower.pattern);
+    cholesky.factor(lower.values);
+    std::vector<double> x(b.size());
+    cholesky.solve(b, x);
+    return x;
+  };
+  const auto alone = solved();
+  EXPECT_TRUE(blas_is_reentrant());
+  std::vector<std::thread> threads;
+  std::vector<int> wrong(3, 0);
+  for (std::size_t t = 0; t < wrong.size(); ++t) {
+    threads.emplace_back([&, t] {
+      for (int repeat = 0; repeat < 5; ++repeat) wrong[t] += solved() != alone;
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(wrong, std::vector<int>(3, 0));
+}
+
+template <class T>
+class LUOf : public testing::Test {};
+using Scalars = testing::Types<double, std::complex<double>>;
+TYPED_TEST_SUITE(LUOf, Scalars);
+
+std::vector<LUKind> lu_kinds() {
+  if (SUBSTEP_GPL) return {LUKind::automatic, LUKind::umfpack, LUKind::klu};
+  return {LUKind::automatic, LUKind::klu};
+}
+
+TYPED_TEST(LUOf, SolvesBothWays) {
+  using T = TypeParam;
+  auto a = mesh<T>(15, false, 0.5, 0.05);
+  if constexpr (!std::is_same_v<T, double>) {
+    for (std::size_t k = 0; k < a.values.size(); ++k) a.values[k] *= T(1, 0.01 * (k % 7));
+  }
+  std::vector<std::int32_t> entry;
+  Mesh<T> flipped{transposed(a.pattern, &entry), {}};
+  for (const std::int32_t k : entry)
+    flipped.values.push_back(a.values[static_cast<std::size_t>(k)]);
+  const auto b = right_side<T>(static_cast<std::size_t>(a.pattern.rows));
+  for (const LUKind kind : lu_kinds()) {
+    LU<T> lu(a.pattern, kind);
+    for (int repeat = 0; repeat < 2; ++repeat) {
+      lu.factor(a.values);
+      std::vector<T> x(b);
+      lu.solve(x, x);
+      EXPECT_LT(residual(a, x, b), 1e-13);
+      lu.solve(b, x, 1, true);
+      EXPECT_LT(residual(flipped, x, b), 1e-13);
+    }
+    EXPECT_EQ(lu.report().analyses, 1);
+    EXPECT_GT(lu.report().rcond, 0);
+  }
+}
+
+TYPED_TEST(LUOf, SingularMatrixNamesTheRow) {
+  using T = TypeParam;
+  auto a = mesh<T>(6, false, 0.5, 0.05);
+  const auto good = a.values;
+  const std::int32_t bad = 50;
+  for (std::size_t k = 0; k < a.values.size(); ++k) {
+    if (a.pattern.row[k] == bad) a.values[k] = 0;
+  }
+  for (const LUKind kind : lu_kinds()) {
+    LU<T> lu(a.pattern, kind);
+    try {
+      lu.factor(a.values);
+      ADD_FAILURE() << "factorized a singular matrix";
+    } catch (const SingularMatrixError& error) {
+      EXPECT_EQ(error.index, bad);
+    }
+    EXPECT_NO_THROW(lu.factor(good));
+  }
+}
+
+}  // namespace
+}  // namespace substep
