@@ -177,18 +177,19 @@ void set_exchanges(Contacts& contacts, const BarrierTerm& barrier, const Frictio
   }
 }
 
-void carry_vertices(const Contacts& before, const Contacts& after, std::span<Vec3> x) {
-  for (std::size_t c = 0; c < after.colliders.size(); ++c) {
-    const geometry::Collider &from = before.colliders[c], &to = after.colliders[c];
+void carry_vertices(const std::vector<geometry::Collider>& before, const Contacts& contacts,
+                    std::span<Vec3> x) {
+  for (std::size_t c = 0; c < before.size(); ++c) {
+    const geometry::Collider &from = before[c], &to = contacts.colliders[c];
     if (from.position() == to.position() &&
         from.orientation().coeffs() == to.orientation().coeffs()) {
       continue;
     }
     const geometry::Quaternion turn = to.orientation() * from.orientation().conjugate();
     for (std::size_t i = 0; i < x.size(); ++i) {
-      if (after.stiffness[i] == 0.0) continue;
+      if (contacts.stiffness[i] == 0.0) continue;
       const double d = to.signed_distance(x[i]).value;
-      if (d < after.thickness && d < from.signed_distance(x[i]).value) {
+      if (d < contacts.thickness && d < from.signed_distance(x[i]).value) {
         x[i] = to.position() + turn * (x[i] - from.position());
       }
     }

@@ -89,9 +89,10 @@ class FrictionTerm : public ContactTerm {
 void set_exchanges(Contacts& contacts, const BarrierTerm& barrier, const FrictionTerm& friction,
                    Positions x, Positions v, double h, int threads);
 
-// Vertices that colliders, moved from `before` to `after`, have come upon go along with them, so
-// that a step can start where nothing penetrates.
-void carry_vertices(const Contacts& before, const Contacts& after, std::span<Vec3> x);
+// Vertices that the colliders, which were `before`, have come upon go along with them, so that a
+// step can start where nothing penetrates.
+void carry_vertices(const std::vector<geometry::Collider>& before, const Contacts& contacts,
+                    std::span<Vec3> x);
 
 // For explicit integrators, after a step: vertices inside of a collider return to its surface; a
 // normal velocity v_n < 0 relative to it becomes -restitution v_n, and friction takes at most mu

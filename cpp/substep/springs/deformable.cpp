@@ -1,0 +1,252 @@
+#include "substep/springs/deformable.h"
+
+#include <cmath>
+#include <sstream>
+#include <utility>
+
+#include "substep/core/errors.h"
+#include "substep/core/interrupt.h"
+
+namespace substep::springs {
+namespace {
+
+// y + h k, vertex by vertex.
+std::vector<Vec3> moved(Positions y, double h, Positions k) {
+  std::vector<Vec3> sum(y.size());
+  for (std::size_t i = 0; i < y.size(); ++i) sum[i] = y[i] + h * k[i];
+  return sum;
+}
+
+void move(std::vector<Vec3>& y, double h, Positions k) {
+  for (std::size_t i = 0; i < y.size(); ++i) y[i] += h * k[i];
+}
+
+void add_exchanges(std::vector<geometry::Exchange>& sums, const Contacts& contacts) {
+  for (std::size_t c = 0; c < sums.size(); ++c) sums[c] += contacts.colliders[c].exchange();
+}
+
+}  // namespace
+
+Deformable::Deformable(Positions x, Positions v, std::span<const double> masses,
+                       std::span<const std::uint8_t> pinned,
+                       std::vector<std::shared_ptr<Term>> terms, Contacts contacts_,
+                       std::unique_ptr<Minimiser> minimiser, const DeformableOptions& options_)
+    : positions(x.begin(), x.end()),
+      velocities(v.begin(), v.end()),
+      forces(x.size(), Vec3::Zero()),
+      targets(x.begin(), x.end()),
+      contacts(std::move(contacts_)),
+      options(options_),
+      minimiser_(std::move(minimiser)),
+      pin_velocities_(x.size(), Vec3::Zero()) {
+  contacts.stiffness.assign(x.size(), 0.0);
+  if (options.integrator == Integrator::implicit_euler && !contacts.colliders.empty()) {
+    terms.push_back(barrier_ = std::make_shared<BarrierTerm>(contacts));
+    terms.push_back(friction_ = std::make_shared<FrictionTerm>(contacts));
+  }
+  potential_ =
+      std::make_unique<IncrementalPotential>(masses, pinned, std::move(terms), options.threads);
+  set_contact_stiffness(1.0);
+  refuse_penetration();
+}
+
+void Deformable::set_pinned(std::span<const std::uint8_t> pinned) {
+  potential_->set_pinned(pinned);
+  targets = positions;
+}
+
+void Deformable::refuse_penetration() const {
+  const Closest closest = closest_vertex(contacts, positions);
+  if (!barrier_ || closest.distance > 0.0) return;
+  std::ostringstream message;
+  message << "positions: vertex " << closest.vertex << " is inside of collider " << closest.collider
+          << ", at a distance of " << closest.distance << " m; it has to start outside";
+  throw InputError(message.str());
+}
+
+void Deformable::set_contact_stiffness(double h) {
+  for (std::size_t i = 0; i < positions.size(); ++i) {
+    const double scale = masses()[i] / (h * h);
+    contacts.stiffness[i] = pinned()[i]                       ? 0.0
+                            : options.contact_stiffness > 0.0 ? options.contact_stiffness
+                                                              : scale;
+  }
+}
+
+void Deformable::step(double h) {
+  const std::vector<Vec3> x = positions, v = velocities;
+  const std::vector<geometry::Collider> colliders = contacts.colliders;
+  report_ = {};
+  try {
+    for (std::size_t i = 0; i < positions.size(); ++i) {
+      pin_velocities_[i] = (targets[i] - positions[i]) / h;
+    }
+    if (options.integrator == Integrator::implicit_euler) {
+      implicit_steps(h, 0);
+    } else {
+      explicit_step(h);
+    }
+    for (std::size_t i = 0; i < positions.size(); ++i) {
+      if (pinned()[i]) positions[i] = targets[i];
+    }
+    check_finite(h);
+  } catch (...) {
+    positions = x;
+    velocities = v;
+    contacts.colliders = colliders;
+    throw;
+  }
+  time += h;
+  forces.assign(forces.size(), Vec3::Zero());
+}
+
+Vec3 Deformable::acceleration_without_terms(std::size_t i) const {
+  return options.gravity + forces[i] / masses()[i];
+}
+
+void Deformable::accelerations(Positions x, Positions v, std::span<Vec3> a) {
+  potential_->forces(x, v, a);
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    a[i] =
+        pinned()[i] ? Vec3(Vec3::Zero()) : Vec3(acceleration_without_terms(i) + a[i] / masses()[i]);
+  }
+}
+
+void Deformable::explicit_step(double h) {
+  std::vector<Vec3>&x = positions, &v = velocities;
+  for (std::size_t i = 0; i < v.size(); ++i) {
+    if (pinned()[i]) v[i] = pin_velocities_[i];
+  }
+  std::vector<Vec3> a(x.size());
+  accelerations(x, v, a);
+  switch (options.integrator) {
+    case Integrator::explicit_euler:
+      move(x, h, v);
+      move(v, h, a);
+      break;
+    case Integrator::semi_implicit_euler:
+      move(v, h, a);
+      move(x, h, v);
+      break;
+    case Integrator::velocity_verlet:
+      move(v, h / 2, a);
+      move(x, h, v);
+      accelerations(x, v, a);
+      move(v, h / 2, a);
+      break;
+    default: {  // rk4, on (x, v)' = (v, a)
+      std::vector<Vec3> a2(a.size()), a3(a.size()), a4(a.size());
+      const std::vector<Vec3> v2 = moved(v, h / 2, a);
+      accelerations(moved(x, h / 2, v), v2, a2);
+      const std::vector<Vec3> v3 = moved(v, h / 2, a2);
+      accelerations(moved(x, h / 2, v2), v3, a3);
+      const std::vector<Vec3> v4 = moved(v, h, a3);
+      accelerations(moved(x, h, v3), v4, a4);
+      for (std::size_t i = 0; i < x.size(); ++i) {
+        x[i] += h / 6 * (v[i] + 2 * v2[i] + 2 * v3[i] + v4[i]);
+        v[i] += h / 6 * (a[i] + 2 * a2[i] + 2 * a3[i] + a4[i]);
+      }
+    }
+  }
+  for (geometry::Collider& collider : contacts.colliders) collider.advance(h);
+  project_contacts(contacts, masses(), x, v);
+}
+
+// One step of length h, or, where it fails, two of h / 2.
+void Deformable::implicit_steps(double h, int halvings) {
+  poll_interrupt();
+  const std::vector<Vec3> x = positions, v = velocities;
+  const std::vector<geometry::Collider> colliders = contacts.colliders;
+  if (implicit_step(h)) return;
+  ++report_.failed;
+  if (halvings == options.max_halvings) {
+    std::ostringstream message;
+    message << "implicit Euler did not converge in the step from t = " << time << " s, even in "
+            << (std::int64_t{1} << halvings) << " parts; the largest component of the gradient, ["
+            << "N], was";
+    for (const double residual : report_.residuals) message << ' ' << residual;
+    message << "; it has to come to " << options.tolerance
+            << ". Use a smaller step, a larger tolerance or more iterations";
+    throw ConvergenceError(message.str(), time);
+  }
+  positions = x;
+  velocities = v;
+  contacts.colliders = colliders;
+  std::vector<geometry::Exchange> sums(colliders.size());
+  for (int half = 0; half < 2; ++half) {
+    implicit_steps(h / 2, halvings + 1);
+    add_exchanges(sums, contacts);
+  }
+  for (std::size_t c = 0; c < sums.size(); ++c) contacts.colliders[c].set_exchange(sums[c]);
+}
+
+bool Deformable::implicit_step(double h) {
+  const std::vector<Vec3> x_n = positions;
+  std::vector<Vec3> x = positions, y(x.size());
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    y[i] = x_n[i] + h * velocities[i] + h * h * acceleration_without_terms(i);
+    if (pinned()[i]) x[i] = y[i] = x_n[i] + h * pin_velocities_[i];
+    if (!y[i].allFinite()) throw_not_finite(i, h);
+  }
+  if (barrier_) {
+    const std::vector<geometry::Collider> before = contacts.colliders;
+    for (geometry::Collider& collider : contacts.colliders) collider.advance(h);
+    set_contact_stiffness(h);
+    carry_vertices(before, contacts, x);
+    if (!(closest_vertex(contacts, x).distance > 0.0)) return false;  // squeezed: smaller steps
+  }
+  potential_->begin_step(x_n, y, h);
+  if (!minimise(x)) return false;
+  for (std::size_t i = 0; i < x.size(); ++i) velocities[i] = (x[i] - x_n[i]) / h;
+  positions = std::move(x);
+  if (barrier_) {
+    set_exchanges(contacts, *barrier_, *friction_, positions, velocities, h, options.threads);
+  }
+  return true;
+}
+
+// Minimises, and lags friction at what was found, until that changes nothing.
+bool Deformable::minimise(std::span<Vec3> x) {
+  for (int lagged = 0;; ++lagged) {
+    MinimiserReport found = minimiser_->minimise(*potential_, x, options.tolerance);
+    ++report_.minimisations;
+    report_.iterations += found.iterations;
+    report_.factorizations += found.factorizations;
+    report_.backtracks += found.backtracks;
+    report_.residuals = std::move(found.residuals);
+    report_.converged = found.converged;
+    if (!found.converged) return false;
+    if (!friction_ || (lagged > 0 && found.iterations == 0)) return true;
+    if (lagged == options.max_friction_iterations) {
+      report_.friction_converged = false;
+      return true;
+    }
+    friction_->lag(x);
+  }
+}
+
+void Deformable::check_finite(double h) const {
+  for (std::size_t i = 0; i < positions.size(); ++i) {
+    if (!positions[i].allFinite() || !velocities[i].allFinite()) throw_not_finite(i, h);
+  }
+}
+
+void Deformable::throw_not_finite(std::size_t i, double h) const {
+  std::ostringstream message;
+  message << "vertex " << i << " is not finite after the step from t = " << time
+          << " s: an input was not, or h = " << h << " s is beyond the step limit of the "
+          << "integrator; use a smaller step or implicit_euler";
+  throw NonFiniteError(message.str(), time, static_cast<std::int64_t>(i));
+}
+
+double Deformable::kinetic_energy() const {
+  double sum = 0.0;
+  for (std::size_t i = 0; i < velocities.size(); ++i) {
+    sum += 0.5 * masses()[i] * velocities[i].squaredNorm();
+  }
+  return sum;
+}
+
+double Deformable::potential_energy() const { return potential_->elastic_energy(positions); }
+
+}  // namespace substep::springs

@@ -1,0 +1,26 @@
+// What a step of implicit Euler asks for: a point where the gradient of the energy is small.
+#pragma once
+
+#include <vector>
+
+#include "substep/springs/incremental_potential.h"
+
+namespace substep::springs {
+
+struct MinimiserReport {
+  bool converged = false;  // |g|_inf <= tolerance at x
+  std::int64_t iterations = 0, factorizations = 0, backtracks = 0;
+  std::vector<double> residuals;  // |g|_inf [N] at the start and after each iteration
+};
+
+class Minimiser {
+ public:
+  virtual ~Minimiser() = default;
+
+  // Moves x, at which nothing penetrates, to where no component of the gradient exceeds
+  // `tolerance` [N]; without success x may be anywhere that the energy is finite.
+  virtual MinimiserReport minimise(IncrementalPotential& energy, std::span<Vec3> x,
+                                   double tolerance) = 0;
+};
+
+}  // namespace substep::springs

@@ -1,0 +1,16 @@
+// The fastest motion of a body, which limits the step of every explicit integrator.
+#pragma once
+
+#include "substep/springs/incremental_potential.h"
+
+namespace substep::springs {
+
+struct Spectrum {
+  double frequency;     // the largest omega, omega^2 an eigenvalue of M^-1 K at x [rad/s]
+  double damping_rate;  // the largest eigenvalue of M^-1 C at x [1/s]
+};
+
+// By Lanczos' method from a fixed start; K without its negative curvature, so that it bounds.
+Spectrum largest_eigenvalues(IncrementalPotential& potential, Positions x);
+
+}  // namespace substep::springs
