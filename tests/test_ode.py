@@ -72,6 +72,8 @@ def test_observed_order(name, pendulum_end):
     counts = {1: (800, 1600), 2: (100, 200, 400), 4: (40, 80, 160), 5: (96, 144, 192)}.get(
         order, (6, 8, 10, 12)
     )
+    if name == "Radau":
+        counts = (24, 36, 48)  # less error than RK45: further out it meets the rounding
     errors = []
     for count in counts:
         result = substep.solve_ivp(
@@ -195,7 +197,7 @@ def test_first_and_greatest_step():
 def test_backward_in_time(name):
     there = substep.solve_ivp(logistic, (3, 0), [logistic_exact(3.0)], name, rtol=1e-5, atol=1e-7)
     assert there.t[0] == 3 and there.t[-1] == 0 and np.all(np.diff(there.t) < 0)
-    assert abs(there.y[0, -1] - 0.5) < (1e-2 if name == "euler" else 2e-4)
+    assert abs(there.y[0, -1] - 0.5) < (1e-2 if ORDER[name] == 1 else 2e-4)
     fixed = substep.solve_ivp(logistic, (3, 0), [0.7], name, step=0.25)
     np.testing.assert_allclose(fixed.t, np.arange(3, -0.1, -0.25))
 
@@ -305,15 +307,16 @@ def test_complex_state_is_the_real_one():
             dense_output=True,
         )
         assert result.y.dtype == np.complex128
-        tolerance = 3e-2 if name == "euler" else 1e-3
+        tolerance = 3e-2 if ORDER[name] == 1 else 1e-3
         np.testing.assert_allclose(
             result.y[:, -1], np.array([1, 1j]) * np.exp(2j * w), atol=tolerance
         )
         assert result.sol(1.0).dtype == np.complex128
-    theirs = scipy.integrate.solve_ivp(
-        lambda t, y: 1j * w * y, (0, 2), [1 + 0j, 1j], "DOP853", rtol=1e-6, atol=1e-8
-    )
-    np.testing.assert_allclose(result.t, theirs.t, rtol=1e-6)
+        if name == "DOP853":
+            theirs = scipy.integrate.solve_ivp(
+                lambda t, y: 1j * w * y, (0, 2), [1 + 0j, 1j], name, rtol=1e-6, atol=1e-8
+            )
+            np.testing.assert_allclose(result.t, theirs.t, rtol=1e-6)
 
 
 def test_callback_sees_every_step():
@@ -491,9 +494,11 @@ def test_system_is_its_equations(cls):
         np.testing.assert_allclose(system(0.3, y), fun(0.3, y), rtol=1e-11, atol=1e-12)
     t_end = min(cls().t_end, 2.0)
     for name in METHODS:
-        settings = dict(step=t_end / 100, t_eval=[t_end])
-        native = substep.solve_ivp(system, (0, t_end), system.y0, name, **settings)
-        python = substep.solve_ivp(fun, (0, t_end), system.y0, name, **settings)
+        # Implicit Euler takes energy out of orbits until bodies collide.
+        end = min(t_end, 0.5) if name == "implicit_euler" else t_end
+        settings = dict(step=end / 100, t_eval=[end])
+        native = substep.solve_ivp(system, (0, end), system.y0, name, **settings)
+        python = substep.solve_ivp(fun, (0, end), system.y0, name, **settings)
         np.testing.assert_allclose(native.y, python.y, rtol=1e-6, atol=1e-9)
     t_end = min(t_end, 1.0)
     native = substep.solve_ivp(system, (0, t_end), system.y0, "DOP853", rtol=1e-9, atol=1e-11)

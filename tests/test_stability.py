@@ -13,7 +13,9 @@ from substep import stability
 from substep.errors import InputError
 
 ONE_STEP = stability.one_step_methods()
-EXPLICIT = tuple(name for name in ONE_STEP if name != "implicit_euler")
+FAMILY = {name: substep._core.ode_method(name)["family"] for name in ONE_STEP}
+EXPLICIT = tuple(name for name in ONE_STEP if FAMILY[name] == "explicit")
+IMPLICIT = tuple(name for name in ONE_STEP if FAMILY[name] == "implicit")
 SECOND_ORDER = stability.second_order_methods()
 
 # Coefficients c_j of R(z), from the literature and not from the tableaux: c_j = 1 / j! up to the
@@ -65,7 +67,7 @@ def resolvent(table, z):
 # Amplification factor
 
 
-@pytest.mark.parametrize("method", EXPLICIT)
+@pytest.mark.parametrize("method", [*EXPLICIT, *IMPLICIT])
 def test_amplification_is_the_formula_of_the_tableau(method):
     rng = np.random.default_rng(1)
     z = rng.uniform(-4, 2, (5, 7)) + 1j * rng.uniform(-4, 4, (5, 7))
@@ -95,12 +97,32 @@ def test_implicit_euler():
         stability.amplification("implicit_euler", z), 1 / (1 - z), rtol=1e-15
     )
     assert stability.amplification("Implicit_Euler", 1.0) == complex(np.inf)
-    assert stability.real_limit("implicit_euler") == math.inf
-    assert stability.imaginary_limit("implicit_euler") == math.inf
     grid = stability.region("implicit_euler", bounds=(-1, 3, -2.1, 2), resolution=81)
     points = grid.real + 1j * grid.imag[:, None]
     np.testing.assert_array_equal(grid.stable, abs(1 - points) >= 1)
     np.testing.assert_allclose(abs(grid.boundary[0] - 1), 1, rtol=1e-13)
+
+
+def test_radau():
+    """The Pade approximation with degrees 2 and 3, Hairer & Wanner II, IV.3, table 3.1."""
+    z = np.array([-3 + 2j, 0.5j, -40.0, 0, 7.0 - 1j])
+    want = (1 + 2 * z / 5 + z**2 / 20) / (1 - 3 * z / 5 + 3 * z**2 / 20 - z**3 / 60)
+    np.testing.assert_allclose(stability.amplification("radau", z), want, rtol=1e-12)
+    h = np.array([0.02, 0.04])
+    error = abs(stability.amplification("Radau", 1j * h) - np.exp(1j * h))
+    assert np.log2(error[1] / error[0]) == pytest.approx(6, abs=0.1)  # order 5
+
+
+@pytest.mark.parametrize("method", IMPLICIT)
+def test_implicit_methods_are_a_and_l_stable(method):
+    """|R| <= 1 on the left half plane, up to the axis, and R = 0 at infinity."""
+    radius = np.geomspace(1e-3, 1e12, 301)[:, None]
+    z = radius * np.exp(1j * np.linspace(0.5, 1.5, 181) * np.pi)
+    z.real[:, [0, -1]] = 0.0
+    assert abs(stability.amplification(method, z)).max() <= 1 + 1e-15
+    assert abs(stability.amplification(method, -1e13)) < 1e-12
+    assert stability.real_limit(method) == stability.imaginary_limit(method) == math.inf
+    assert stability.max_stable_step(method, [-1e9, -1 + 1e6j, 3j]) == math.inf
 
 
 @settings(deadline=None)
@@ -168,9 +190,7 @@ def test_outline_is_the_level_curve_and_closes(method):
         np.testing.assert_allclose(abs(stability.amplification(method, curve)), 1, atol=1e-7)
         assert abs(curve[0] - curve[-1]) <= 1e-9 * abs(curve[0]) + 1e-12
     total = sum(len(curve) - 1 for curve in area.boundary)
-    sheets = (
-        1 if method == "implicit_euler" else len(stability.amplification_polynomial(method)) - 1
-    )
+    sheets = max(len(c) for c in stability._factor(method)) - 1
     assert total % sheets == 0  # every root of R(z) = exp(i phi) is on one of the curves, once
 
 
@@ -472,7 +492,7 @@ def test_linear_growth_at_the_symplectic_limit():
     assert size(2.01, 1000)[-1] > 1e60
 
 
-@pytest.mark.parametrize("method", substep._core.ode_methods())
+@pytest.mark.parametrize("method", ONE_STEP)
 def test_factor_is_what_the_solver_does(method):
     for z in (-0.3 + 0.2j, 1j, -2.5 + 1.5j, 0.4 - 0.9j, -6.0 + 0j):
         growth, h = z / 0.25, 0.25

@@ -45,9 +45,11 @@ py::dict tableau_dict(const T&) {
 
 py::dict tableau(const std::string& method) {
   py::dict table;
-  std::apply(
-      [&](const auto&... t) { ((t.name == method ? (table = tableau_dict(t), 0) : 0), ...); },
-      ode::Methods{});
+  const auto look = [&](const auto&... t) {
+    ((t.name == method ? (table = tableau_dict(t), 0) : 0), ...);
+  };
+  std::apply(look, ode::Methods{});
+  std::apply(look, ode::ImplicitMethods{});
   if (table.empty()) throw py::key_error(method);
   return table;
 }

@@ -29,13 +29,13 @@ def methods() -> list[str]:
     Returns
     -------
     list of str
-        In rising order of accuracy.
+        The explicit ones in rising order of accuracy, then the implicit ones.
 
     Examples
     --------
     >>> import substep
     >>> substep.ode.methods()
-    ['euler', 'midpoint', 'heun', 'rk4', 'RK45', 'DOP853']
+    ['euler', 'midpoint', 'heun', 'rk4', 'RK45', 'DOP853', 'implicit_euler', 'Radau']
     """
     return _core.ode_methods()
 

@@ -49,10 +49,6 @@ __all__ = [
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-# Implicit methods, as tableaux of the same form as _core.tableau's.
-_IMPLICIT: dict[str, dict[str, Any]] = {
-    "implicit_euler": {"a": np.array([[1.0]]), "b": np.array([1.0])},
-}
 _SAME = 1e-7  # spectra are told apart to this fraction of their largest modulus
 
 
@@ -62,7 +58,7 @@ def one_step_methods() -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        The methods of `solve_ivp`, and implicit Euler for comparison.
+        The methods of `solve_ivp`.
 
     Examples
     --------
@@ -70,7 +66,7 @@ def one_step_methods() -> tuple[str, ...]:
     >>> "rk4" in substep.stability.one_step_methods()
     True
     """
-    return (*_core.ode_methods(), *(name for name in _IMPLICIT if name not in _core.ode_methods()))
+    return tuple(_core.ode_methods())
 
 
 @functools.cache
@@ -80,7 +76,7 @@ def _factor(name: str) -> tuple[Real, Real]:
     [HW] proposition IV.3.2: R(z) = det(I - z A + z 1 b^T) / det(I - z A). Explicit: Q = 1 and
     P = 1 + sum_j z^j b^T A^(j-1) 1 ([HW] IV.2, (2.8)).
     """
-    table = _IMPLICIT[name] if name in _IMPLICIT else _core.tableau(name)
+    table = _core.tableau(name)
     b = table["b"]
     a = table["a"][: len(b), : len(b)]
     if np.all(np.triu(a) == 0):
@@ -88,7 +84,13 @@ def _factor(name: str) -> tuple[Real, Real]:
         for _ in range(len(b) - 1):
             powers.append(a @ powers[-1])
         return np.array([1.0, *(float(b @ power) for power in powers)]), np.ones(1)
-    return np.asarray(np.poly(a - b), float), np.asarray(np.poly(a), float)
+    return _without_rounding(np.poly(a - b)), _without_rounding(np.poly(a))
+
+
+def _without_rounding(coefficients: Real) -> Real:
+    """Zeros that rounding blurred are zeros: at infinity they would count."""
+    exact = np.where(np.abs(coefficients) < 1e-14, 0.0, coefficients)
+    return np.trim_zeros(np.asarray(exact, float), "b")
 
 
 def _one_step(method: str) -> tuple[Real, Real]:

@@ -8,12 +8,13 @@ namespace {
 
 std::vector<Method> list() {
   std::vector<Method> all;
-  const auto add = [&]<class T>(const T&) {
+  const auto add = [&]<class T>(const T&, Family family) {
     int error_order = T::order;
     if constexpr (T::estimate != Estimate::doubling) error_order = T::error_order;
-    all.push_back({T::name, Family::explicit_table, T::order, error_order});
+    all.push_back({T::name, family, T::order, error_order});
   };
-  std::apply([&](const auto&... t) { (add(t), ...); }, Methods{});
+  std::apply([&](const auto&... t) { (add(t, Family::explicit_table), ...); }, Methods{});
+  std::apply([&](const auto&... t) { (add(t, Family::implicit), ...); }, ImplicitMethods{});
   return all;
 }
 

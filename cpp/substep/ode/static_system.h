@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "substep/ode/combine.h"
+#include "substep/ode/implicit.h"
 #include "substep/ode/runge_kutta.h"
 #include "substep/ode/system.h"
 
@@ -85,6 +86,9 @@ std::unique_ptr<Stepper> StaticSystem<Derived, N>::make_stepper(std::string_view
   // The pairs are worth their code; the others are fused where they are used, at fixed steps.
   using Pairs = std::tuple<DormandPrince5, DormandPrince853>;
   auto stepper = make_runge_kutta<Pairs>(method, derived(), options);
+  if constexpr (kHasJacobian<Derived>) {
+    if (!stepper) stepper = make_static_implicit(method, derived(), options);
+  }
   return stepper ? std::move(stepper) : System::make_stepper(method, options);
 }
 

@@ -1,5 +1,6 @@
 #include "substep/ode/system.h"
 
+#include "substep/ode/implicit.h"
 #include "substep/ode/runge_kutta.h"
 #include "substep/ode/static_system.h"
 
@@ -7,6 +8,7 @@ namespace substep::ode {
 
 std::unique_ptr<Stepper> System::make_stepper(std::string_view method, const StepOptions& options) {
   auto stepper = make_runge_kutta<Methods>(method, *this, options);
+  if (!stepper) stepper = make_implicit(method, *this, options);
   if (!stepper) throw InputError("method: unknown name " + std::string(method));
   return stepper;
 }

@@ -1,6 +1,6 @@
-// Explicit Runge-Kutta methods as tables. A method is a struct of constants here and a place in
+// Runge-Kutta methods as tables. An explicit method is a struct of constants here and a place in
 // Methods below; the kernel (runge_kutta.h), the stability functions, the Python names and the
-// test suites read it from there.
+// test suites read it from there. Implicit ones have kernels of their own, and a table here.
 //
 //   k_1 = f(t, y),  k_i = f(t + c_i h, y + h sum_j a_ij k_j),  y_new = y + h sum_i b_i k_i
 //
@@ -8,6 +8,7 @@
 // itself, so that k_{stages+1} = f(t + h, y_new) is the next step's k_1.
 //
 // [HNW] Hairer, Norsett, Wanner, "Solving Ordinary Differential Equations I", 2nd ed., 1993.
+// [HW] Hairer, Wanner, "Solving Ordinary Differential Equations II", 2nd ed., 1996.
 #pragma once
 
 #include <string_view>
@@ -17,6 +18,7 @@ namespace substep::ode {
 
 enum class Estimate {
   doubling,  // none of its own: one step against two of half the length
+  radau,     // [HW] IV.8 (8.19)
   embedded,  // h sum e_i k_i, i up to stages + 1
   dop853,    // orders 5 and 3 combined, [HNW] II.10, as in Hairer's code
 };
@@ -201,6 +203,31 @@ struct DormandPrince853 {
       -0.39177261675615439165231486172e+2, -0.14972683625798562581422125276e+3}};
 };
 // clang-format on
+
+// Implicit Euler, [HW] IV.1 (1.8).
+struct ImplicitEuler {
+  static constexpr std::string_view name = "implicit_euler";
+  static constexpr int order = 1, stages = 1, all_stages = 1, dense_rows = 0;
+  static constexpr Estimate estimate = Estimate::doubling;
+  static constexpr double c[1] = {1}, a[1][1] = {{1}}, b[1] = {1};
+};
+
+// Radau IIA of order 5, [HW] table IV.5.6; sqrt(6) = 2.449489742783178098.
+struct RadauIIA5 {
+  static constexpr std::string_view name = "Radau";
+  static constexpr int order = 5, stages = 3, all_stages = 3, dense_rows = 0;
+  static constexpr Estimate estimate = Estimate::radau;
+  static constexpr int error_order = 3;
+  static constexpr double s6 = 2.449489742783178098197;
+  static constexpr double c[3] = {(4 - s6) / 10, (4 + s6) / 10, 1};
+  static constexpr double a[3][3] = {
+      {(88 - 7 * s6) / 360, (296 - 169 * s6) / 1800, (-2 + 3 * s6) / 225},
+      {(296 + 169 * s6) / 1800, (88 + 7 * s6) / 360, (-2 - 3 * s6) / 225},
+      {(16 - s6) / 36, (16 + s6) / 36, 1. / 9}};
+  static constexpr double b[3] = {(16 - s6) / 36, (16 + s6) / 36, 1. / 9};
+};
+
+using ImplicitMethods = std::tuple<ImplicitEuler, RadauIIA5>;
 
 using Methods = std::tuple<Euler, Midpoint, Heun, Rk4, DormandPrince5, DormandPrince853>;
 
