@@ -494,8 +494,8 @@ def test_system_is_its_equations(cls):
         np.testing.assert_allclose(system(0.3, y), fun(0.3, y), rtol=1e-11, atol=1e-12)
     t_end = min(cls().t_end, 2.0)
     for name in METHODS:
-        # Implicit Euler takes energy out of orbits until bodies collide.
-        end = min(t_end, 0.5) if name == "implicit_euler" else t_end
+        # Two of these bodies come so close that an implicit step of that length has no solution.
+        end = t_end if name in TABLES else min(t_end, 0.5)
         settings = dict(step=end / 100, t_eval=[end])
         native = substep.solve_ivp(system, (0, end), system.y0, name, **settings)
         python = substep.solve_ivp(fun, (0, end), system.y0, name, **settings)

@@ -87,10 +87,10 @@ def _factor(name: str) -> tuple[Real, Real]:
     return _without_rounding(np.poly(a - b)), _without_rounding(np.poly(a))
 
 
-def _without_rounding(coefficients: Real) -> Real:
+def _without_rounding(coefficients: NDArray[Any]) -> Real:
     """Zeros that rounding blurred are zeros: at infinity they would count."""
     exact = np.where(np.abs(coefficients) < 1e-14, 0.0, coefficients)
-    return np.trim_zeros(np.asarray(exact, float), "b")
+    return np.trim_zeros(np.asarray(exact, np.float64), "b")
 
 
 def _one_step(method: str) -> tuple[Real, Real]:
