@@ -283,3 +283,55 @@ class Collider:
     def gradient(self, x: NDArray[Any], threads: int) -> NDArray[Any]: ...
     def hessian(self, x: NDArray[Any], threads: int) -> NDArray[Any]: ...
     def surface_velocity(self, x: NDArray[Any], threads: int) -> NDArray[Any]: ...
+
+class Term: ...
+
+def spring_terms(
+    edges: NDArray[Any], stiffness: NDArray[Any], rest_lengths: NDArray[Any], damping: NDArray[Any]
+) -> list[Term]: ...
+def drag_term(rate: float, masses: NDArray[Any]) -> Term: ...
+
+class StepReport:
+    converged: bool
+    friction_converged: bool
+    iterations: int
+    factorizations: int
+    backtracks: int
+    minimisations: int
+    failed: int
+    residuals: list[float]
+
+class Deformable:
+    positions: NDArray[Any]
+    velocities: NDArray[Any]
+    forces: NDArray[Any]
+    targets: NDArray[Any]
+    pinned: NDArray[Any]
+    time: float
+    threads: int
+    report: StepReport
+
+    def __init__(
+        self,
+        positions: NDArray[Any],
+        velocities: NDArray[Any],
+        masses: NDArray[Any],
+        pinned: NDArray[Any],
+        terms: list[Term],
+        colliders: list[Collider],
+        integrator: str,
+        solver: str,
+        max_iterations: int,
+        gravity: list[float],
+        tolerance: float,
+        max_halvings: int,
+        contact_thickness: float,
+        contact_stiffness: float,
+        sticking_speed: float,
+        threads: int,
+    ) -> None: ...
+    def step(self, dt: float) -> None: ...
+    def kinetic_energy(self) -> float: ...
+    def potential_energy(self) -> float: ...
+    def closest(self) -> float: ...
+    def spectrum(self) -> tuple[float, float]: ...
