@@ -167,14 +167,11 @@ std::function<double(double, const double*)> spectral_radius(const py::object& g
   };
 }
 
-std::unique_ptr<PyIntegration> make_integration(std::shared_ptr<ode::System> system,
-                                                const std::string& method, double t, double t_bound,
-                                                const py::array& y0, double step,
-                                                std::vector<double> rtol, std::vector<double> atol,
-                                                double first_step, double max_step, int threads,
-                                                bool every_step, std::vector<double> t_eval,
-                                                bool dense, bool interpolate,
-                                                const py::object& radius) {
+std::unique_ptr<PyIntegration> make_integration(
+    std::shared_ptr<ode::System> system, const std::string& method, double t, double t_bound,
+    const py::array& y0, double step, std::vector<double> rtol, std::vector<double> atol,
+    double first_step, double max_step, int threads, bool every_step, std::vector<double> t_eval,
+    bool dense, bool interpolate, const py::object& radius) {
   const bool complex = y0.dtype().kind() == 'c';
   const py::array_t<double, py::array::c_style> y =
       complex ? py::array(y0.attr("view")("float64")) : y0;
@@ -268,8 +265,7 @@ void bind_systems(py::module_& m) {
            py::arg("a"), py::arg("b"));
   py::class_<ode::Brusselator2D, System, std::shared_ptr<ode::Brusselator2D>>(m, "Brusselator2D")
       .def(py::init<std::int64_t, double, double, double, double, double>(), py::arg("n"),
-           py::arg("alpha"), py::arg("a"), py::arg("b"), py::arg("source"),
-           py::arg("source_time"));
+           py::arg("alpha"), py::arg("a"), py::arg("b"), py::arg("source"), py::arg("source_time"));
 }
 
 void bind_integration(py::module_& m) {
