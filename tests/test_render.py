@@ -23,8 +23,8 @@ def recording(tmp_path):
     }
     with substep.Recorder(path, parts=parts) as recorder:
         for k in range(4):
-            grains = {"points": np.arange(12.0).reshape(4, 3) + k, "velocity": np.ones((4, 3))}
-            floor = {"points": [[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.0, 9.0, 0.0]]}
+            grains = {"points": np.arange(8.0).reshape(4, 2) + k, "velocity": np.ones((4, 2))}
+            floor = {"points": [[0.0, 0.0], [9.0, 0.0], [0.0, 9.0]]}
             recorder.append(0.1 * k, {"grains": grains, "floor": floor})
     return path
 

@@ -23,6 +23,7 @@ from .errors import FormatError, InputError, SolverError, SubstepError
 
 if TYPE_CHECKING:
     from ._config import RunConfig
+    from .render import Camera
     from .scenes import Outcome, Scene
 
 USAGE, FAILED, INTERRUPTED, PIPE_CLOSED, TERMINATED = 2, 1, 130, 141, 143
@@ -85,7 +86,9 @@ def _parser() -> _Parser:
     run.add_argument("--seed", metavar="N", help="seed of random numbers (0)")
     run.add_argument("--threads", metavar="N", help="threads of native loops (all cores)")
     run.add_argument("--out", metavar="DIR", help="output folder (runs/SCENE)")
-    run.add_argument("--no-picture", action="store_true", help="leave the picture out")
+    drawn = run.add_mutually_exclusive_group()
+    drawn.add_argument("--no-picture", action="store_true", help="leave the picture out")
+    drawn.add_argument("--movie", action="store_true", help="make a movie too (MP4, 25 frames/s)")
     mode = run.add_mutually_exclusive_group()
     mode.add_argument("--resume", action="store_true", help="go on with an interrupted run")
     mode.add_argument("--overwrite", action="store_true", help="replace an earlier run")
@@ -107,6 +110,12 @@ def _parser() -> _Parser:
     render.add_argument("--frame", metavar="I", help="frame of the picture, from 0; -1 is the last")
     render.add_argument("--fps", metavar="F", help="frames per second of the movie (25)")
     render.add_argument("--scene", metavar="FILE.py", help="Python file of the recording's scene")
+    render.add_argument(
+        "--camera",
+        metavar="A,E[,D]",
+        help="in 3D: azimuth and elevation [degrees], distance (1 shows everything)",
+    )
+    render.add_argument("--color", metavar="FIELD", help="in 3D: field to colour by")
     render.set_defaults(action=_render)
 
     export = command("export", "pack the journal of an unfinished run into VTKHDF")
@@ -258,21 +267,27 @@ def _run(arguments: argparse.Namespace) -> None:
         set_num_threads(values["threads"])
     out = Path(values.get("out", f"runs/{scene.name}"))
     bar = Progress(scene.name, scene.time_unit, scene.time_scale)
-    with bar as progress, _explained(values["scene"], recording_path(scene, out)):
-        outcome = run(
-            scene,
-            parameters,
-            out,
-            frames=values.get("frames"),
-            fps=values.get("fps"),
-            seed=values.get("seed"),
-            resume=arguments.resume,
-            overwrite=arguments.overwrite,
-            on_frame=progress,
-        )
+    recording = recording_path(scene, out)
+    try:
+        with bar as progress, _explained(values["scene"], recording):
+            outcome = run(
+                scene,
+                parameters,
+                out,
+                frames=values.get("frames"),
+                fps=values.get("fps"),
+                seed=values.get("seed"),
+                resume=arguments.resume,
+                overwrite=arguments.overwrite,
+                on_frame=progress,
+            )
+    except _Failure as failure:
+        if isinstance(failure.__cause__, SolverError) and not arguments.no_picture:
+            _draw(scene, recording, movie=False)  # the last state before it
+        raise
     _summarize(scene, outcome)
     if not arguments.no_picture:
-        _draw(scene, recording_path(scene, out))
+        _draw(scene, recording, movie=arguments.movie)
 
 
 @contextmanager
@@ -305,15 +320,19 @@ def _summarize(scene: Scene, outcome: Outcome) -> None:
     print(f"recording: {outcome.recording}", flush=True)
 
 
-def _draw(scene: Scene, recording: Path) -> None:
-    from .render import save_picture
+def _draw(scene: Scene, recording: Path, *, movie: bool) -> None:
+    from .render import save_movie, save_picture
 
     try:
         picture = save_picture(recording, recording.with_suffix(".png"), scene=scene)
+        print(f"picture: {picture}", flush=True)
+        if movie:
+            out = recording.with_suffix(".mp4")
+            with Progress(out.name) as progress:
+                save_movie(recording, out, scene=scene, on_frame=progress)
+            print(f"movie: {out}")
     except ImportError as error:
         print(f"no picture: {error}", file=sys.stderr)
-    else:
-        print(f"picture: {picture}")
 
 
 def _bytes(size: float) -> str:
@@ -378,20 +397,38 @@ def _render(arguments: argparse.Namespace) -> None:
     if suffix not in (".png", ".mp4"):
         raise InputError(f"--out: expected a file ending in .png or .mp4, got {str(out)[:60]!r}")
     scene = None if arguments.scene is None else load(arguments.scene)
+    look: dict[str, Any] = {"scene": scene, "color": arguments.color}
+    look["camera"] = None if arguments.camera is None else _camera(arguments.camera)
     if suffix == ".png":
         if arguments.fps is not None:
             raise InputError("--fps: a picture has no frame rate; it is for --out FILE.mp4")
         frame = Parameter("frame", -1).parse("--frame", arguments.frame or "-1")
         assert isinstance(frame, int)
-        print(f"picture: {save_picture(arguments.file, out, frame=frame, scene=scene)}")
+        print(f"picture: {save_picture(arguments.file, out, frame=frame, **look)}")
     else:
         if arguments.frame is not None:
             raise InputError("--frame: a movie shows every frame; it is for --out FILE.png")
         fps = Parameter("rate", 25.0, above=0, maximum=1000).parse("--fps", arguments.fps or "25")
         assert isinstance(fps, float)
         with Progress(out.name) as progress:
-            save_movie(arguments.file, out, fps=fps, scene=scene, on_frame=progress)
+            save_movie(arguments.file, out, fps=fps, on_frame=progress, **look)
         print(f"movie: {out}")
+
+
+def _camera(text: str) -> Camera:
+    """`azimuth,elevation` or `azimuth,elevation,distance`."""
+    from .render import Camera
+
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (2, 3):
+        raise InputError(f"--camera: expected AZIMUTH,ELEVATION[,DISTANCE], got {text[:60]!r}")
+    try:
+        return Camera(*numbers)
+    except InputError as error:
+        raise InputError(f"--camera: {error}") from None
 
 
 def _export(arguments: argparse.Namespace) -> None:

@@ -1,11 +1,12 @@
-"""Pictures (PNG) and movies (MP4) of recordings, by matplotlib.
+"""Pictures (PNG) and movies (MP4) of recordings, by matplotlib, and in three dimensions by PyVista.
 
 A recording names its scene, and the scene knows how to draw it; a recording of another origin gets
-a plain view of its parts.
+a plain view of its parts. Pictures in three dimensions are `View`s.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Callable
 from contextlib import suppress
@@ -15,6 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ._checks import check_integer, check_real
+from ._view import Camera as Camera
+from ._view import Look as Look
+from ._view import View as View
 from .errors import InputError
 
 if TYPE_CHECKING:
@@ -24,7 +28,8 @@ if TYPE_CHECKING:
     from .scenes import Scene
 
 SIZE = (9.6, 5.4)  # inches
-DPI = 100  # of movies, 960 x 540 pixels; pictures have 1.5 times as many a side
+DPI = 100  # of movies, 960 x 540 pixels
+PICTURE_DPI = 150  # 1440 x 810 pixels
 STYLE = {
     "font.size": 10,
     "axes.titlesize": 11,
@@ -48,7 +53,14 @@ def _matplotlib() -> Any:
     return matplotlib
 
 
-def draw(recording: Recording, frame: int = -1, *, scene: Scene | None = None) -> Figure:
+def draw(
+    recording: Recording,
+    frame: int = -1,
+    *,
+    scene: Scene | None = None,
+    camera: Camera | None = None,
+    color: str | None = None,
+) -> Figure:
     """Draw one frame.
 
     Parameters
@@ -59,6 +71,10 @@ def draw(recording: Recording, frame: int = -1, *, scene: Scene | None = None) -
         Frame number; negative numbers count from the end.
     scene : Scene, optional
         Whose picture to draw; the built-in scene that the recording names unless given.
+    camera : Camera, optional
+        Where a picture in three dimensions is taken from.
+    color : str, optional
+        Field that colours a picture in three dimensions, with a colour bar.
 
     Returns
     -------
@@ -68,9 +84,9 @@ def draw(recording: Recording, frame: int = -1, *, scene: Scene | None = None) -
     Raises
     ------
     InputError
-        If there is no such frame.
+        If there is no such frame or field, or the picture is not in three dimensions.
     ImportError
-        If matplotlib is missing.
+        If matplotlib is missing; in three dimensions PyVista, or the system's EGL library.
 
     Examples
     --------
@@ -85,13 +101,20 @@ def draw(recording: Recording, frame: int = -1, *, scene: Scene | None = None) -
     """
     matplotlib = _matplotlib()
     with matplotlib.rc_context(STYLE):
-        figure: Figure = matplotlib.figure.Figure(figsize=SIZE, dpi=DPI)
-        _picture_of(recording, scene)(recording, _frame_number(recording, frame), figure)
+        figure: Figure = matplotlib.figure.Figure(figsize=SIZE, dpi=PICTURE_DPI)
+        frame = _frame_number(recording, frame)
+        _picture_of(recording, scene, camera, color)(recording, frame, figure)
     return figure
 
 
 def save_picture(
-    path: str | Path, out: str | Path, *, frame: int = -1, scene: Scene | None = None
+    path: str | Path,
+    out: str | Path,
+    *,
+    frame: int = -1,
+    scene: Scene | None = None,
+    camera: Camera | None = None,
+    color: str | None = None,
 ) -> Path:
     """Draw one frame of a recording into a PNG file, replacing it if it exists.
 
@@ -105,6 +128,10 @@ def save_picture(
         Frame number; negative numbers count from the end.
     scene : Scene, optional
         Whose picture to draw; the built-in scene that the recording names unless given.
+    camera : Camera, optional
+        Where a picture in three dimensions is taken from.
+    color : str, optional
+        Field that colours a picture in three dimensions, with a colour bar.
 
     Returns
     -------
@@ -114,9 +141,9 @@ def save_picture(
     Raises
     ------
     InputError
-        If there is no such frame.
+        If there is no such frame or field, or the picture is not in three dimensions.
     ImportError
-        If matplotlib is missing.
+        If matplotlib is missing; in three dimensions PyVista, or the system's EGL library.
 
     Examples
     --------
@@ -133,9 +160,9 @@ def save_picture(
     matplotlib = _matplotlib()
     out = Path(out)
     with Recording(path) as recording, matplotlib.rc_context(STYLE):
-        figure = draw(recording, frame, scene=scene)
+        figure = draw(recording, frame, scene=scene, camera=camera, color=color)
         with _whole_file(out) as part:
-            figure.savefig(part, format="png", dpi=1.5 * DPI, metadata={"Software": "substep"})
+            figure.savefig(part, format="png", dpi="figure", metadata={"Software": "substep"})
     return out
 
 
@@ -145,6 +172,8 @@ def save_movie(
     *,
     fps: float = 25.0,
     scene: Scene | None = None,
+    camera: Camera | None = None,
+    color: str | None = None,
     on_frame: Callable[[int, int, float], None] | None = None,
 ) -> Path:
     """Draw every frame of a recording into an MP4 file (H.264), replacing it if it exists.
@@ -159,6 +188,10 @@ def save_movie(
         Frames shown per second.
     scene : Scene, optional
         Whose picture to draw; the built-in scene that the recording names unless given.
+    camera : Camera, optional
+        Where a picture in three dimensions is taken from.
+    color : str, optional
+        Field that colours a picture in three dimensions, with a colour bar.
     on_frame : callable, optional
         `on_frame(frame, frames, time)` is called after each frame.
 
@@ -170,9 +203,10 @@ def save_movie(
     Raises
     ------
     InputError
-        If the recording holds no frame.
+        If the recording holds no frame or no such field, or the picture is not in three dimensions.
     ImportError
-        If matplotlib or imageio-ffmpeg is missing.
+        If matplotlib or imageio-ffmpeg is missing; in three dimensions PyVista, or the system's EGL
+        library.
 
     Examples
     --------
@@ -196,7 +230,7 @@ def save_movie(
     with Recording(path) as recording, matplotlib.rc_context(STYLE), _whole_file(out) as part:
         frames = len(recording)
         _frame_number(recording, 0)
-        picture = _picture_of(recording, scene)
+        picture = _picture_of(recording, scene, camera, color)
         figure = matplotlib.figure.Figure(figsize=SIZE, dpi=DPI)
         canvas = FigureCanvasAgg(figure)
         size = (round(SIZE[0] * DPI), round(SIZE[1] * DPI))
@@ -247,17 +281,36 @@ def _frame_number(recording: Recording, frame: int) -> int:
 
 
 def _picture_of(
-    recording: Recording, scene: Scene | None
+    recording: Recording, scene: Scene | None, camera: Camera | None, color: str | None
 ) -> Callable[[Recording, int, Figure], None]:
     from .scenes import load, names
 
     if scene is None and recording.scene in names():
         scene = load(recording.scene)
-    return plain_picture if scene is None or scene.picture is None else scene.picture
+    picture: Callable[[Recording, int, Figure], None] | None
+    picture = None if scene is None else scene.picture
+    if picture is None:
+        picture = plain_picture if _is_flat(recording) else View()
+    changes: dict[str, Any] = {"camera": camera, "color": color}
+    for name, value in changes.items():
+        if value is not None:
+            if not isinstance(picture, View):
+                raise InputError(f"{name}: only pictures in three dimensions have one")
+            picture = dataclasses.replace(picture, **{name: value})
+    return picture
+
+
+def _is_flat(recording: Recording) -> bool:
+    """Whether the first and the last frame lie in the plane z = 0."""
+    return all(
+        points.shape[1] == 2 or not np.any(points[:, 2])
+        for frame in (0, -1)
+        for points in (part["points"] for part in recording.frame(frame).values())
+    )
 
 
 def plain_picture(recording: Recording, frame: int, figure: Figure) -> None:
-    """Draw the points of every part, coloured by the first field.
+    """Draw the points of every part in the plane, coloured by the first field.
 
     Parameters
     ----------
@@ -274,13 +327,10 @@ def plain_picture(recording: Recording, frame: int, figure: Figure) -> None:
     >>> substep.render.plain_picture(recording, 0, figure)  # doctest: +SKIP
     """
     arrays = recording.frame(frame)
-    flat = all(
-        part["points"].shape[1] == 2 or not np.any(part["points"][:, 2]) for part in arrays.values()
-    )
-    axes: Any = figure.add_subplot(projection=None if flat else "3d")
+    axes: Any = figure.add_subplot()
     for name, part in recording.parts.items():
         points = arrays[name]["points"]
-        columns = points.T[:2] if flat else points.T[:3]
+        columns = points.T[:2]
         style: dict[str, Any] = {"s": marker_area(len(points)), "linewidths": 0, "label": name}
         field = next(iter(part.fields), None)
         if field is None:

@@ -1,0 +1,341 @@
+"""Images of recordings in three dimensions, by PyVista (VTK) without a window.
+
+A `Stage` holds what the parts of a recording look like, and moves them from frame to frame. Light
+falls on both sides of a surface, from three directions that go with the camera.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ._egl import window_class
+from ._ground import Ground
+from ._surfaces import in_space, magnitude, split_at_creases, vertex_normals
+from ._view import Camera, Look
+from .errors import InputError
+from .recording import Part, Recording
+
+PALETTE = ("#c65d47", "#3f7ea6", "#d9a441", "#5d9e6e", "#8a6fb0", "#4fa3a5")
+FIXED = "#b4bac2"  # parts that never move
+BACKGROUND = (0.95, 0.96, 0.97)
+VIEW_ANGLE = np.radians(30.0)  # of the picture's height
+FILLING = 0.86  # of the picture by the scene
+MATTE = {"ambient": 0.22, "diffuse": 0.85, "specular": 0.12, "specular_power": 12}
+FRAMES_LOOKED_AT = 60  # for the region that is shown and the range of colours
+# A particle: a disc that faces the camera, shaded as a ball.
+BALL = """//VTK::Color::Impl
+float r2 = dot(offsetVCVSOutput.xy, offsetVCVSOutput.xy);
+if (r2 > 1.0) discard;
+vec3 ballNormal = vec3(offsetVCVSOutput.xy, sqrt(1.0 - r2));
+float ballLight = 0.5 + 0.55 * max(dot(ballNormal, vec3(-0.39, 0.75, 0.53)), 0.0);
+ambientColor *= ballLight;
+diffuseColor *= ballLight;
+"""
+
+
+def import_pyvista() -> Any:
+    """PyVista, or an ImportError that says what to install."""
+    try:
+        import pyvista
+    except ImportError:
+        raise ImportError(
+            'pyvista is missing: pip install "substep[viz]" for pictures in three dimensions'
+        ) from None
+    window_class()
+    return pyvista
+
+
+@contextlib.contextmanager
+def _without_window() -> Iterator[None]:
+    """VTK would look for an X server first, and complain that there is none."""
+    name, before = "VTK_DEFAULT_OPENGL_WINDOW", os.environ.get("VTK_DEFAULT_OPENGL_WINDOW")
+    if before is None:
+        os.environ[name] = window_class()
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[name]
+
+
+class Stage:
+    """The parts of a recording on a ground, in the light, before a camera.
+
+    Parameters
+    ----------
+    recording : Recording
+        Open.
+    size : tuple of int
+        Width and height of the images [pixels].
+    camera : Camera
+        Where from.
+    looks : mapping of str to Look
+        By part.
+    color : str or None
+        Field that colours the parts which have it.
+    box : ndarray, shape (2, 3)
+        Lowest and highest corner of the region shown [m].
+    ground : float or None
+        Height of the ground [m], which is drawn if the camera is above it.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        size: tuple[int, int],
+        camera: Camera,
+        looks: Mapping[str, Look],
+        color: str | None,
+        box: NDArray[np.float64],
+        ground: float | None,
+    ) -> None:
+        pyvista = import_pyvista()
+        self.range = None if color is None else range_of(recording, color)
+        first = recording.frame(0)
+        with _without_window():
+            self._plotter = pyvista.Plotter(off_screen=True, window_size=size, lighting="none")
+            self._plotter.set_background(BACKGROUND)
+            self._bodies: dict[str, _Body] = {}
+            for k, (name, part) in enumerate(recording.parts.items()):
+                look = looks.get(name, Look())
+                if not look.hidden:
+                    tone = FIXED if part.points is not None else PALETTE[k % len(PALETTE)]
+                    field = color if color in part.fields else None
+                    body = _Body(pyvista, part, first[name], look, look.color or tone, field)
+                    body.add_to(self._plotter, self.range)
+                    self._bodies[name] = body
+            self._place_camera(camera, box, size)
+            self._ground: Ground | None = None
+            if ground is not None and self._plotter.camera.position[2] > ground:
+                self._ground = Ground(pyvista, self._plotter, box, ground, self._bodies.values())
+            self._add_lights(pyvista, camera)
+            self._plotter.enable_anti_aliasing("msaa", multi_samples=8)
+
+    def _place_camera(self, camera: Camera, box: NDArray[Any], size: tuple[int, int]) -> None:
+        """As near as all corners of the box are seen, and these in the middle."""
+        axes = camera.axes()
+        center = box.mean(axis=0)
+        tangents = np.tan(VIEW_ANGLE / 2) * np.array([size[0] / size[1], 1.0])
+        for _ in range(5):
+            corners = np.array(np.meshgrid(*(box - center).T)).reshape(3, -1).T @ axes.T
+            needed = (np.abs(corners[:, :2]) / tangents).max(axis=1) / FILLING + corners[:, 2]
+            distance = max(needed.max(), 1e-9)
+            seen = corners[:, :2] / (distance - corners[:, 2:])
+            center = center + 0.5 * distance * (seen.min(axis=0) + seen.max(axis=0)) @ axes[:2]
+        distance *= camera.distance
+        view = self._plotter.camera
+        view.view_angle = np.degrees(VIEW_ANGLE)
+        view.focal_point = center
+        view.position = center + distance * axes[2]
+        view.up = axes[1]
+        view.clipping_range = (0.02 * distance, 40 * distance)
+
+    def _add_lights(self, pyvista: Any, camera: Camera) -> None:
+        """A key light from above on the left, a fill from the right, and one along the view."""
+        right, up, back = camera.axes()
+        z = np.array([0.0, 0.0, 1.0])
+        for direction, intensity in (
+            (0.9 * z - 0.55 * right + 0.45 * back, 0.62),
+            (0.25 * z + 0.9 * right + 0.35 * back, 0.22),
+            (0.2 * up + back, 0.25),
+        ):
+            light = pyvista.Light(position=tuple(direction), light_type="scene light")
+            light.positional = False
+            light.focal_point = (0, 0, 0)
+            light.intensity = intensity
+            self._plotter.add_light(light)
+
+    def image(self, recording: Recording, frame: int) -> NDArray[np.uint8]:
+        """One frame of the recording as pixels, shape (height, width, 3)."""
+        arrays = recording.frame(frame)
+        for name, body in self._bodies.items():
+            body.update(arrays[name])
+        with _without_window():
+            if self._ground is not None:
+                self._ground.cast_shadow()
+            self._plotter.render()
+            pixels: NDArray[np.uint8] = self._plotter.screenshot(None, return_img=True)
+        return pixels
+
+    def __del__(self) -> None:
+        with contextlib.suppress(Exception):  # not made, or the interpreter ends
+            self._plotter.close()
+
+
+class _Body:
+    """One part: its data set, and how a frame changes it."""
+
+    def __init__(
+        self,
+        pyvista: Any,
+        part: Part,
+        arrays: Mapping[str, Any],
+        look: Look,
+        tone: str,
+        field: str | None,
+    ) -> None:
+        self._pyvista, self._look, self._tone, self._field = pyvista, look, tone, field
+        self._fixed = part.points is not None
+        self._vertices: NDArray[np.int64] | None = None  # recorded numbers of those shown
+        points = in_space(arrays["points"])
+        triangles = _triangles_of(part, points)
+        if triangles is not None:
+            self.kind = "surface"
+            self._vertices, self._faces = split_at_creases(points, triangles)
+            self._open = not _is_closed(triangles)
+            self.data = pyvista.PolyData.from_regular_faces(points[self._vertices], self._faces)
+            self._set_normals()
+        elif part.edges is not None:
+            self.kind = "lines"
+            edges = np.asarray(part.edges)
+            rows = np.hstack([np.full((len(edges), 1), 2), edges])
+            self.data = pyvista.PolyData(points, lines=rows.ravel())
+        else:
+            self.kind = "points"
+            self.data = pyvista.PolyData(points)
+            self._radius = look.radius or radius_of(points)
+        if field is not None:
+            self.data.point_data[field] = np.zeros(self.data.n_points)
+
+    def add_to(self, plotter: Any, limits: tuple[float, float] | None) -> None:
+        """Put it before the camera."""
+        options: dict[str, Any] = {"opacity": self._look.opacity, **MATTE, "color": self._tone}
+        if self._field is not None:
+            options |= {"scalars": self._field, "clim": limits, "cmap": "viridis", "color": None}
+            options["show_scalar_bar"] = False
+        if self.kind == "surface":
+            options |= {"interpolation": "Phong", "show_edges": self._look.edges}
+            options |= {"edge_opacity": 0.25, "line_width": 1}
+            if self._open and self._field is None:
+                back = self._look.back or _lighter(self._tone)
+                options["backface_params"] = {"color": back, "ambient": 0.4, "diffuse": 0.7}
+        elif self.kind == "lines":
+            options |= {"render_lines_as_tubes": True, "line_width": 4}
+        else:
+            options |= {"style": "points_gaussian", "emissive": False}
+            options["render_points_as_spheres"] = True
+        actor = plotter.add_mesh(self.data, reset_camera=False, **options)
+        if self.kind == "points":
+            actor.mapper.scale_factor = self._radius
+            actor.mapper.SetSplatShaderCode(BALL)
+
+    def add_shadow_to(self, plotter: Any, flatten: NDArray[np.float64]) -> None:
+        """Put it, black and flattened, before the camera that sees the shadow."""
+        options: dict[str, Any] = {"color": "black", "lighting": False, "reset_camera": False}
+        if self.kind == "lines":
+            options["line_width"] = 2
+        elif self.kind == "points":
+            options |= {"style": "points_gaussian", "emissive": False, "point_size": 1}
+            options["render_points_as_spheres"] = True
+        actor = plotter.add_mesh(self.data, **options)
+        actor.mapper.scalar_visibility = False
+        if self.kind == "points":
+            actor.mapper.scale_factor = self._radius
+        actor.user_matrix = flatten
+
+    def update(self, arrays: Mapping[str, Any]) -> None:
+        """Take the points and the colours of a frame."""
+        if self._fixed:
+            return
+        points = in_space(arrays["points"])
+        if self._vertices is not None:
+            points = points[self._vertices]
+        if len(points) != self.data.n_points:  # of particles
+            self.data.copy_from(self._pyvista.PolyData(points))
+        self.data.points = points
+        if self._vertices is not None:
+            self._set_normals()
+        if self._field is not None:
+            values = magnitude(arrays[self._field])
+            shown = values if self._vertices is None else values[self._vertices]
+            self.data.point_data.set_scalars(shown, self._field)
+
+    def _set_normals(self) -> None:
+        normals = vertex_normals(np.asarray(self.data.points), self._faces)
+        self.data.point_data.set_array(normals, "Normals")
+        self.data.point_data.active_normals_name = "Normals"
+
+
+def _triangles_of(part: Part, points: NDArray[Any]) -> NDArray[np.int64] | None:
+    """Triangles of a part, or of the surface of its tetrahedra."""
+    if part.triangles is not None:
+        return np.asarray(part.triangles)
+    if part.tetrahedra is not None:
+        from .geometry import TetMesh
+
+        return TetMesh(points, part.tetrahedra).surface_faces
+    return None
+
+
+def _is_closed(triangles: NDArray[np.int64]) -> bool:
+    """Every edge is between two faces, so that no back is seen."""
+    sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    return bool(np.all(np.unique(sides, axis=0, return_counts=True)[1] == 2))
+
+
+def _lighter(color: str) -> tuple[float, ...]:
+    from matplotlib.colors import to_rgb
+
+    return tuple(0.55 * c + 0.45 for c in to_rgb(color))
+
+
+def radius_of(points: NDArray[np.float32]) -> float:
+    """Half the median distance to the nearest point, of a sample."""
+    if len(points) < 2:
+        return 0.05
+    some = points[:: max(1, len(points) // 20_000)]
+    near = [
+        np.partition(np.linalg.norm(some - point, axis=1), 1)[1]
+        for point in some[:: max(1, len(some) // 100)]
+    ]
+    scale = (len(some) / len(points)) ** (1 / 3)  # the sample is sparser
+    return 0.5 * float(np.median(near)) * scale or 1e-3
+
+
+def _frames_looked_at(recording: Recording) -> list[int]:
+    count = min(len(recording), FRAMES_LOOKED_AT)
+    return np.unique(np.linspace(0, len(recording) - 1, count).astype(int)).tolist()
+
+
+def box_of(recording: Recording, looks: Mapping[str, Look]) -> NDArray[np.float64]:
+    """Lowest and highest corner of what the parts reach in all frames [m]."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for name, part in recording.parts.items():
+        look = looks.get(name, Look())
+        if look.hidden:
+            continue
+        for frame in _frames_looked_at(recording) if part.points is None else [0]:
+            points = in_space(recording[name].points(frame))
+            radius = 0.0
+            if part.kind != "mesh" and len(points):
+                radius = look.radius or radius_of(points)
+            low = np.minimum(low, points.min(axis=0, initial=np.inf) - radius)
+            high = np.maximum(high, points.max(axis=0, initial=-np.inf) + radius)
+    if not np.all(low <= high):
+        return np.array([[-1.0, -1, -1], [1, 1, 1]])
+    half = np.maximum((high - low) / 2, 1e-3 * max(float(np.max(high - low)), 1e-3))
+    return np.array([(low + high) / 2 - half, (low + high) / 2 + half])
+
+
+def range_of(recording: Recording, color: str) -> tuple[float, float]:
+    """Least and greatest value of a field in all frames."""
+    owners = [name for name, part in recording.parts.items() if color in part.fields]
+    if not owners:
+        known = sorted({field for part in recording.parts.values() for field in part.fields})
+        raise InputError(f"color: no part has a field {color!r}; known: {', '.join(known)}")
+    low, high = np.inf, -np.inf
+    for name in owners:
+        for frame in _frames_looked_at(recording):
+            values = magnitude(recording[name].field(color, frame))
+            values = values[np.isfinite(values)]
+            low, high = min(low, values.min(initial=low)), max(high, values.max(initial=high))
+    if low < high:
+        return float(low), float(high)
+    middle = float(low) if low == high else 0.0
+    return middle - 0.5, middle + 0.5

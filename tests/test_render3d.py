@@ -1,0 +1,275 @@
+"""Pictures in three dimensions: what is in front of the camera is seen where it should be."""
+
+import gc
+import itertools
+import sys
+
+import numpy as np
+import pytest
+import substep
+from substep import _egl, render
+from substep.cli import main
+from substep.render import Camera, Look, View
+
+pyvista = pytest.importorskip("pyvista", reason="PyVista is not installed")
+if _egl._why_not_egl():
+    pytest.skip(f"no OpenGL: {_egl._why_not_egl()}", allow_module_level=True)
+
+SIZE = (320, 240)
+RED, BLUE = "#ff0000", "#0000ff"
+SQUARE = np.array([[-1.0, 0, 0], [1, 0, 0], [1, 0, 2], [-1, 0, 2]])  # faces -y
+FACES = [[0, 1, 2], [0, 2, 3]]
+FRONT = Camera(-90, 0)
+
+
+def record(path, parts, frames):
+    with substep.Recorder(path, parts=parts) as recorder:
+        for k, frame in enumerate(frames):
+            recorder.append(0.1 * k, frame)
+    return substep.Recording(path)
+
+
+def square(tmp_path, fields=()):
+    parts = {"cloth": substep.Part("mesh", dict.fromkeys(fields, "m"), FACES)}
+    values = {name: np.arange(4.0) for name in fields}
+    return record(tmp_path / "a.vtkhdf", parts, [{"cloth": {"points": SQUARE, **values}}])
+
+
+def reddish(image):
+    return (image[..., 0] > 90) & (image[..., 1] < 90) & (image[..., 2] < 90)
+
+
+def bluish(image):
+    return (image[..., 2] > 60) & (image[..., 0] < image[..., 2] / 1.5)
+
+
+def test_a_surface_is_where_it_should_be_and_has_two_sides(tmp_path):
+    recording = square(tmp_path)
+    looks = {"cloth": Look(RED, back=BLUE)}
+    front = View(FRONT, looks, ground=lambda r: None).image(recording, size=SIZE)
+    assert front.shape == (240, 320, 3) and front.dtype == np.uint8
+    seen = reddish(front)
+    rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+    assert np.ptp(rows) == pytest.approx(np.ptp(columns), abs=3)  # a square is a square
+    assert np.ptp(rows) == pytest.approx(0.86 * 240, abs=6)  # and fills the picture
+    assert rows.mean() == pytest.approx(119.5, abs=2) and columns.mean() == pytest.approx(
+        159.5, abs=2
+    )
+    assert seen[rows[0] + 2 : rows[-1] - 1, columns[0] + 2 : columns[-1] - 1].all()
+    assert not bluish(front).any()
+    back = View(Camera(90, 0), looks, ground=lambda r: None).image(recording, size=SIZE)
+    assert bluish(back).sum() == pytest.approx(seen.sum(), rel=0.03) and not reddish(back).any()
+
+
+@pytest.mark.parametrize(
+    ("azimuth", "elevation"), [(-150, -30), (-60, 18), (0, 0), (45, 60), (0, 90)]
+)
+def test_the_camera_sees_all_of_it(tmp_path, azimuth, elevation):
+    points = np.random.default_rng(0).uniform([-3, 1, 10], [5, 2, 12], (300, 3))
+    recording = record(tmp_path / "a.vtkhdf", {"p": substep.Part()}, [{"p": {"points": points}}])
+    view = View(Camera(azimuth, elevation), {"p": Look(RED, radius=0.05)})
+    seen = reddish(view.image(recording, size=SIZE))
+    rows, columns = np.flatnonzero(seen.any(axis=1)), np.flatnonzero(seen.any(axis=0))
+    assert rows[0] > 3 and rows[-1] < 236 and columns[0] > 3 and columns[-1] < 316
+    assert max(np.ptp(rows) / 240, np.ptp(columns) / 320) > 0.6
+    near = View(Camera(azimuth, elevation, 0.5), view.looks).image(recording, size=SIZE)
+    assert reddish(near).sum() > 1.5 * seen.sum()
+
+
+def test_every_kind_of_part_is_drawn(tmp_path):
+    tetrahedron = np.array([[-1.0, -1, 0], [1, -1, 0], [0, 1, 0], [0, 0, 1.5]])
+    orientation = [[1.0, 0, 0, 0]] * 4
+    kinds = {
+        "surface": (substep.Part("mesh", triangles=[[0, 1, 3]]), {}),
+        "lines": (substep.Part("mesh", edges=[[0, 1], [1, 3], [3, 0]]), {}),
+        "solid": (substep.Part("mesh", tetrahedra=[[0, 1, 2, 3]]), {}),
+        "particles": (substep.Part(), {}),
+        "bodies": (
+            substep.Part("bodies", {"orientation": "1"}),
+            {"orientation": orientation},
+        ),
+    }
+    parts = {name: part for name, (part, _) in kinds.items()}
+    frame = {name: {"points": tetrahedron, **extra} for name, (_, extra) in kinds.items()}
+    recording = record(tmp_path / "a.vtkhdf", parts, [frame])
+    area = {}
+    for name in kinds:
+        looks = {other: Look(hidden=other != name, color=RED, radius=0.2) for other in kinds}
+        image = View(FRONT, looks, ground=lambda r: None).image(recording, size=SIZE)
+        area[name] = reddish(image).sum()
+    assert 50 < area["lines"] < 0.3 * area["surface"]
+    assert area["solid"] == pytest.approx(area["surface"], rel=0.1)  # seen from the front
+    assert area["particles"] == area["bodies"] > 1000
+
+
+def test_the_surface_of_tetrahedra_has_no_inner_faces(tmp_path):
+    """Three colours of light at most on a box: its sharp edges are not smoothed."""
+    box = substep.geometry.box_tetrahedra((1, 1, 1), (4, 4, 4))
+    recording = record(
+        tmp_path / "a.vtkhdf",
+        {"box": substep.Part("mesh", tetrahedra=box.tetrahedra)},
+        [{"box": {"points": box.vertices}}],
+    )
+    view = View(Camera(-60, 30), {"box": Look(RED)}, ground=lambda r: None)
+    image = view.image(recording, size=SIZE)
+    _, counts = np.unique(image[reddish(image)] // 4, axis=0, return_counts=True)
+    assert counts[counts > 200].sum() > 0.9 * counts.sum() and (counts > 200).sum() <= 8
+    assert view._stage(recording, SIZE)._bodies["box"].data.n_cells == 6 * 4 * 4 * 2
+
+
+def test_what_lies_above_the_ground_has_a_shadow(tmp_path):
+    ball = substep.geometry.sphere_mesh(1.0, (0, 0, 1.5), 2)
+    parts = {"ball": substep.Part("mesh", triangles=ball.faces)}
+    frames = [{"ball": {"points": ball.vertices + np.array([0, 0, z])}} for z in (0, 4)]
+    recording = record(tmp_path / "a.vtkhdf", parts, frames)
+    shadow = View(Camera(-90, 35), {"ball": Look(RED)})
+    none = View(shadow.camera, shadow.looks, ground=lambda r: None)
+    for frame in (0, 1):
+        image, bare = (v.image(recording, frame, SIZE).astype(int) for v in (shadow, none))
+        assert np.array_equal(reddish(image), reddish(bare))
+        ground = np.all(bare == bare[0, 0], axis=2)  # neither the ball nor its smooth border
+        darkest = image[ground].sum(axis=1).min()
+        assert darkest < bare[0, 0].sum() - 150
+        place = np.argwhere(ground & (image.sum(axis=2) == darkest)).mean(axis=0)
+        ball_at = np.argwhere(reddish(image)).mean(axis=0)
+        assert place[0] > ball_at[0] and place[1] > ball_at[1]  # below, and away from the light
+
+
+def test_particles_may_come_and_go(tmp_path):
+    frames = [{"p": {"points": np.arange(3.0 * n).reshape(n, 3)}} for n in (5, 0, 9)]
+    recording = record(tmp_path / "a.vtkhdf", {"p": substep.Part()}, frames)
+    view = View(looks={"p": Look(RED, radius=0.8)})
+    areas = [reddish(view.image(recording, k, SIZE)).sum() for k in range(3)]
+    assert areas[1] == 0 < areas[0] < areas[2]
+
+
+def test_colours_of_a_field_and_its_range_over_all_frames(tmp_path):
+    parts = {"cloth": substep.Part("mesh", {"height": "m", "force": "N"}, FACES)}
+    force = np.zeros((4, 3))
+    force[:, 0], force[2, 1] = 3.0, 4.0
+    frames = [
+        {"cloth": {"points": SQUARE, "height": np.full(4, float(k)), "force": force}}
+        for k in range(3)
+    ]
+    recording = record(tmp_path / "a.vtkhdf", parts, frames)
+    view = View(FRONT, color="height", ground=lambda r: None)
+    low, middle, high = (view.image(recording, k, SIZE)[120, 160].astype(int) for k in range(3))
+    assert low[2] > low[1] and high[0] > 1.5 * high[2] and middle[1] > middle[0]  # viridis
+    assert view._stage(recording, SIZE).range == (0.0, 2.0)
+    assert View(color="force")._stage(recording, SIZE).range == (3.0, 5.0)  # norms
+    figure = render.draw(recording, color="height")
+    assert [a.get_ylabel() for a in figure.axes] == ["", "height [m]"]
+    assert [t.get_text() for t in figure.texts] == ["recording, t = 0.200 s"]
+    with pytest.raises(
+        substep.InputError, match="no part has a field 'heat'; known: force, height"
+    ):
+        render.draw(recording, color="heat")
+
+
+def test_the_same_pixels_every_time(tmp_path):
+    recording = square(tmp_path)
+    images = [View(camera=Camera()).image(recording, size=SIZE) for _ in range(2)]
+    images.append(View().image(substep.Recording(tmp_path / "a.vtkhdf"), size=SIZE))
+    assert np.array_equal(images[0], images[1]) and np.array_equal(images[0], images[2])
+
+
+def test_the_region_shown_can_be_given(tmp_path):
+    """A vertex that flies away would make the rest a dot."""
+    parts = {"cloth": substep.Part("mesh", triangles=FACES)}
+    frames = [{"cloth": {"points": SQUARE * [1, 1, s]}} for s in (1.0, 1e6)]
+    recording = record(tmp_path / "a.vtkhdf", parts, frames)
+    looks = {"cloth": Look(RED)}
+    lost = View(FRONT, looks).image(recording, 0, SIZE)
+    kept = View(FRONT, looks, box=lambda r: [[-1, 0, 0], [1, 0, 2]]).image(recording, 0, SIZE)
+    assert reddish(lost).sum() < 30 and reddish(kept).sum() > 20_000
+
+
+@pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")  # imageio-ffmpeg's pipes
+def test_command_line(tmp_path, capsys):
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    parts = {"cloth": substep.Part("mesh", {"height": "m"}, FACES)}
+    frames = [
+        {"cloth": {"points": SQUARE + np.array([0, 0, 0.2 * k]), "height": np.arange(4.0)}}
+        for k in range(3)
+    ]
+    path = str(tmp_path / "a.vtkhdf")
+    record(path, parts, frames).close()
+    picture, movie = str(tmp_path / "x.png"), str(tmp_path / "x.mp4")
+    options = ("--camera=30,10,0.8", "--color", "height")
+    assert main(["render", path, "--out", picture, *options]) == 0
+    assert capsys.readouterr().out == f"picture: {picture}\n"
+    from matplotlib.image import imread
+
+    assert imread(picture).shape[:2] == (810, 1440)
+    assert main(["render", path, "--out", movie, *options]) == 0
+    reader = imageio_ffmpeg.read_frames(movie)
+    meta = next(reader)
+    assert meta["size"] == (960, 540) and meta["codec"] == "h264"
+    pictures = [np.frombuffer(frame, np.uint8) for frame in reader]
+    assert len(pictures) == 3
+    assert all(np.any(a != b) for a, b in itertools.pairwise(pictures))
+    del reader
+    gc.collect()
+    capsys.readouterr()
+    for option, words in (
+        ("--camera=1", "--camera: expected AZIMUTH,ELEVATION[,DISTANCE], got '1'"),
+        ("--camera=a,b", "--camera: expected"),
+        ("--camera=0,91", "--camera: elevation: expected -90 to 90"),
+        ("--camera=0,0,0", "--camera: distance: expected"),
+        ("--camera=nan,0", "--camera: azimuth"),
+        ("--color=heat", "color: no part has a field 'heat'"),
+    ):
+        assert main(["render", path, "--out", str(tmp_path / "y.png"), option]) == 2
+        err = capsys.readouterr().err
+        assert err.startswith(f"substep: {words}") and err.count("\n") == 1, err
+    assert not (tmp_path / "y.png").exists()
+
+
+def test_a_picture_of_the_plane_has_no_camera(tmp_path, capsys):
+    frames = [{"p": {"points": [[0.0, 0.0]]}}]
+    record(tmp_path / "a.vtkhdf", {"p": substep.Part()}, frames).close()
+    assert main(["render", str(tmp_path / "a.vtkhdf"), "--camera=0,0"]) == 2
+    assert "camera: only pictures in three dimensions have one" in capsys.readouterr().err
+
+
+def test_what_is_missing_is_named(tmp_path, capsys, monkeypatch):
+    square(tmp_path).close()
+    path = str(tmp_path / "a.vtkhdf")
+    cases = [
+        ('pip install "substep[viz]"', lambda m: m.setitem(sys.modules, "pyvista", None)),
+        ("apt install libegl1", lambda m: m.setattr(_egl, "_why_not_egl", lambda: "EGL is not")),
+    ]
+    for words, take_away in cases:
+        with monkeypatch.context() as changed:
+            take_away(changed)
+            changed.setattr(_egl.ctypes, "CDLL", _no_library)
+            _egl.window_class.cache_clear()
+            assert main(["render", path]) == 1
+        _egl.window_class.cache_clear()
+        err = capsys.readouterr().err
+        assert words in err and err.count("\n") == 1
+    assert not (tmp_path / "a.png").exists()
+
+
+def _no_library(name, *arguments):
+    raise OSError(name)
+
+
+def test_nothing_stays_of_a_recording_that_is_gone(tmp_path):
+    from pyvista.plotting.plotter import _ALL_PLOTTERS
+
+    gc.collect()
+    before = len(_ALL_PLOTTERS)
+    recording = square(tmp_path)
+    View().image(recording, size=SIZE)
+    assert len(_ALL_PLOTTERS) == before + 2  # the picture and its shadow
+    recording.close()
+    del recording
+    gc.collect()
+    assert len(_ALL_PLOTTERS) == before
+
+
+@pytest.mark.parametrize("arguments", [(0, 91), (0, 0, 0), (0, 0, -1), (np.nan, 0), (0, np.inf)])
+def test_cameras_are_checked(arguments):
+    with pytest.raises(substep.InputError):
+        Camera(*arguments)
