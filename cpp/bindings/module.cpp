@@ -11,4 +11,5 @@ PYBIND11_MODULE(_core, m) {
   bind_linalg(m);
   bind_ode(m);
   bind_second_order(m);
+  bind_springs(m);
 }

@@ -3,9 +3,12 @@
 
 #include "bindings.h"
 #include "python_system.h"
+#include "substep/ode/brusselator.h"
 #include "substep/ode/integration.h"
 #include "substep/ode/jacobian.h"
 #include "substep/ode/methods.h"
+#include "substep/ode/rkc_formula.h"
+#include "substep/ode/stiff_systems.h"
 #include "substep/ode/systems.h"
 #include "substep/ode/tableau.h"
 
@@ -67,6 +70,21 @@ py::dict method_dict(const std::string& name) {
   throw py::key_error(name);
 }
 
+py::dict rkc_formula(int stages) {
+  const ode::RkcFormula formula(stages);
+  py::dict constants;
+  constants["w0"] = formula.w0();
+  constants["w1"] = formula.w1();
+  constants["a"] = formula.a();
+  constants["b"] = formula.b();
+  constants["c"] = [&] {
+    py::array_t<double> c(stages);
+    for (int j = 0; j < stages; ++j) c.mutable_data()[j] = formula.stage(j).c;
+    return c;
+  }();
+  return constants;
+}
+
 // Moves rows of n doubles into an array (rows, n), or (rows, n / 2) of complex numbers.
 py::array rows_array(std::vector<double>&& values, std::int64_t rows, std::int64_t n,
                      bool complex) {
@@ -93,11 +111,12 @@ py::array evaluate_at(const py::array_t<double, py::array::c_style>& t, std::int
 struct PyIntegration {
   ode::Integration integration;
   bool complex;
+  bool calls_python;  // beside the system's own function
 
   std::int64_t size() { return integration.stepper().size(); }
   template <class Call>
   auto without_gil(Call&& call) {
-    if (!integration.system().native()) return call();
+    if (calls_python || !integration.system().native()) return call();
     const ReleaseGil release;
     return call();
   }
@@ -134,13 +153,25 @@ py::object jacobian(ode::System& system, double t,
   return columns.attr("T").attr("copy")();
 }
 
-std::unique_ptr<PyIntegration> make_integration(std::shared_ptr<ode::System> system,
-                                                const std::string& method, double t, double t_bound,
-                                                const py::array& y0, double step,
-                                                std::vector<double> rtol, std::vector<double> atol,
-                                                double first_step, double max_step, int threads,
-                                                bool every_step, std::vector<double> t_eval,
-                                                bool dense, bool interpolate) {
+// A number or a function of (t, y) as what RKC2 asks for; None: nothing.
+std::function<double(double, const double*)> spectral_radius(const py::object& given,
+                                                             std::int64_t size, bool complex) {
+  if (given.is_none()) return {};
+  if (PyFloat_Check(given.ptr())) {
+    return [value = given.cast<double>()](double, const double*) { return value; };
+  }
+  return [given, size, complex](double t, const double* y) {
+    py::array state = rows_array(std::vector<double>(y, y + size), 1, size, complex)
+                          .reshape({complex ? size / 2 : size});
+    return given(t, state).cast<double>();
+  };
+}
+
+std::unique_ptr<PyIntegration> make_integration(
+    std::shared_ptr<ode::System> system, const std::string& method, double t, double t_bound,
+    const py::array& y0, double step, std::vector<double> rtol, std::vector<double> atol,
+    double first_step, double max_step, int threads, bool every_step, std::vector<double> t_eval,
+    bool dense, bool interpolate, const py::object& radius) {
   const bool complex = y0.dtype().kind() == 'c';
   const py::array_t<double, py::array::c_style> y =
       complex ? py::array(y0.attr("view")("float64")) : y0;
@@ -156,9 +187,12 @@ std::unique_ptr<PyIntegration> make_integration(std::shared_ptr<ode::System> sys
   options.max_step = max_step;
   options.complex_pairs = complex;
   options.threads = threads;
+  options.spectral_radius = spectral_radius(radius, system->size(), complex);
   ode::Output output{every_step, std::move(t_eval), dense, interpolate};
-  return std::unique_ptr<PyIntegration>(new PyIntegration{
-      ode::Integration(std::move(system), method, options, std::move(output)), complex});
+  const bool calls_python = !radius.is_none() && !PyFloat_Check(radius.ptr());
+  return std::unique_ptr<PyIntegration>(
+      new PyIntegration{ode::Integration(std::move(system), method, options, std::move(output)),
+                        complex, calls_python});
 }
 
 void bind_systems(py::module_& m) {
@@ -209,7 +243,7 @@ void bind_systems(py::module_& m) {
   py::class_<ode::HenonHeiles, System, std::shared_ptr<ode::HenonHeiles>>(m, "HenonHeiles")
       .def(py::init<double>(), py::arg("lambda_"));
   py::class_<ode::VanDerPol, System, std::shared_ptr<ode::VanDerPol>>(m, "VanDerPol")
-      .def(py::init<double>(), py::arg("mu"));
+      .def(py::init<double, double>(), py::arg("damping"), py::arg("stiffness"));
   py::class_<ode::Pendulum, System, std::shared_ptr<ode::Pendulum>>(m, "Pendulum")
       .def(py::init<double, double, double>(), py::arg("length"), py::arg("gravity"),
            py::arg("damping"));
@@ -221,6 +255,17 @@ void bind_systems(py::module_& m) {
              return std::make_shared<ode::Pleiades>(masses.data());
            }),
            py::arg("masses"));
+  py::class_<ode::Robertson, System, std::shared_ptr<ode::Robertson>>(m, "Robertson")
+      .def(py::init<double, double, double>(), py::arg("k1"), py::arg("k2"), py::arg("k3"));
+  py::class_<ode::Orego, System, std::shared_ptr<ode::Orego>>(m, "Orego")
+      .def(py::init<double, double, double>(), py::arg("s"), py::arg("q"), py::arg("w"));
+  py::class_<ode::Hires, System, std::shared_ptr<ode::Hires>>(m, "Hires").def(py::init<>());
+  py::class_<ode::Brusselator1D, System, std::shared_ptr<ode::Brusselator1D>>(m, "Brusselator1D")
+      .def(py::init<std::int64_t, double, double, double>(), py::arg("n"), py::arg("alpha"),
+           py::arg("a"), py::arg("b"));
+  py::class_<ode::Brusselator2D, System, std::shared_ptr<ode::Brusselator2D>>(m, "Brusselator2D")
+      .def(py::init<std::int64_t, double, double, double, double, double>(), py::arg("n"),
+           py::arg("alpha"), py::arg("a"), py::arg("b"), py::arg("source"), py::arg("source_time"));
 }
 
 void bind_integration(py::module_& m) {
@@ -239,7 +284,8 @@ void bind_integration(py::module_& m) {
       .def(py::init(&make_integration), py::kw_only(), py::arg("system"), py::arg("method"),
            py::arg("t"), py::arg("t_bound"), py::arg("y0"), py::arg("step"), py::arg("rtol"),
            py::arg("atol"), py::arg("first_step"), py::arg("max_step"), py::arg("threads"),
-           py::arg("every_step"), py::arg("t_eval"), py::arg("dense"), py::arg("interpolate"))
+           py::arg("every_step"), py::arg("t_eval"), py::arg("dense"), py::arg("interpolate"),
+           py::arg("spectral_radius") = py::none())
       .def("start",
            [](PyIntegration& i) { i.without_gil([&] { return i.integration.start(), 0; }); })
       .def(
@@ -304,6 +350,7 @@ void bind_ode(py::module_& m) {
     for (const ode::Method& method : ode::methods()) names.append(std::string(method.name));
     return names;
   });
+  m.def("rkc_formula", &rkc_formula, py::arg("stages"));
   m.def("ode_method", &method_dict, py::arg("name"));
   m.def("tableau", &tableau, py::arg("method"));
   bind_systems(m);

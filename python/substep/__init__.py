@@ -41,6 +41,7 @@ _EXPORTS = {
     ),
     "geometry": ("Box", "Plane", "SignedDistanceField", "Sphere"),
     "second_order": ("SecondOrderResult", "solve_second_order"),
+    "springs": ("MassSpring",),
     "scipy_solvers": ("DOP853", "RK4", "RK45", "Euler", "Heun", "Midpoint"),
 }
 _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
@@ -57,6 +58,7 @@ _SUBMODULES = (
     "render",
     "scenes",
     "second_order",
+    "springs",
     "stability",
     "systems",
 )
@@ -97,6 +99,7 @@ if TYPE_CHECKING:
     from .recording import Part, Recorder, Recording
     from .scipy_solvers import DOP853, RK4, RK45, Euler, Heun, Midpoint
     from .second_order import SecondOrderResult, solve_second_order
+    from .springs import MassSpring
 
 
 def __getattr__(name: str) -> Any:

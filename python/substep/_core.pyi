@@ -14,6 +14,7 @@ def library_versions() -> dict[str, Any]: ...
 def ode_methods() -> list[str]: ...
 def ode_method(name: str) -> dict[str, Any]: ...
 def tableau(method: str) -> dict[str, Any]: ...
+def rkc_formula(stages: int) -> dict[str, Any]: ...
 
 advection_methods: dict[str, tuple[list[list[float]], list[float], list[float], float]]
 
@@ -126,7 +127,7 @@ class HenonHeiles(System):
     def __init__(self, lambda_: float) -> None: ...
 
 class VanDerPol(System):
-    def __init__(self, mu: float) -> None: ...
+    def __init__(self, damping: float, stiffness: float) -> None: ...
 
 class Pendulum(System):
     def __init__(self, length: float, gravity: float, damping: float) -> None: ...
@@ -136,6 +137,23 @@ class HarmonicOscillator(System):
 
 class Pleiades(System):
     def __init__(self, masses: list[float]) -> None: ...
+
+class Robertson(System):
+    def __init__(self, k1: float, k2: float, k3: float) -> None: ...
+
+class Orego(System):
+    def __init__(self, s: float, q: float, w: float) -> None: ...
+
+class Hires(System):
+    def __init__(self) -> None: ...
+
+class Brusselator1D(System):
+    def __init__(self, n: int, alpha: float, a: float, b: float) -> None: ...
+
+class Brusselator2D(System):
+    def __init__(
+        self, n: int, alpha: float, a: float, b: float, source: float, source_time: float
+    ) -> None: ...
 
 class DenseSolution:
     @property
@@ -161,6 +179,7 @@ class Integration:
         t_eval: list[float],
         dense: bool,
         interpolate: bool,
+        spectral_radius: Any = ...,
     ) -> None: ...
     def start(self) -> None: ...
     def run(self, steps: int) -> int: ...
@@ -283,3 +302,55 @@ class Collider:
     def gradient(self, x: NDArray[Any], threads: int) -> NDArray[Any]: ...
     def hessian(self, x: NDArray[Any], threads: int) -> NDArray[Any]: ...
     def surface_velocity(self, x: NDArray[Any], threads: int) -> NDArray[Any]: ...
+
+class Term: ...
+
+def spring_terms(
+    edges: NDArray[Any], stiffness: NDArray[Any], rest_lengths: NDArray[Any], damping: NDArray[Any]
+) -> list[Term]: ...
+def drag_term(rate: float, masses: NDArray[Any]) -> Term: ...
+
+class StepReport:
+    converged: bool
+    friction_converged: bool
+    iterations: int
+    factorizations: int
+    backtracks: int
+    minimisations: int
+    failed: int
+    residuals: list[float]
+
+class Deformable:
+    positions: NDArray[Any]
+    velocities: NDArray[Any]
+    forces: NDArray[Any]
+    targets: NDArray[Any]
+    pinned: NDArray[Any]
+    time: float
+    threads: int
+    report: StepReport
+
+    def __init__(
+        self,
+        positions: NDArray[Any],
+        velocities: NDArray[Any],
+        masses: NDArray[Any],
+        pinned: NDArray[Any],
+        terms: list[Term],
+        colliders: list[Collider],
+        integrator: str,
+        solver: str,
+        max_iterations: int,
+        gravity: list[float],
+        tolerance: float,
+        max_halvings: int,
+        contact_thickness: float,
+        contact_stiffness: float,
+        sticking_speed: float,
+        threads: int,
+    ) -> None: ...
+    def step(self, dt: float) -> None: ...
+    def kinetic_energy(self) -> float: ...
+    def potential_energy(self) -> float: ...
+    def closest(self) -> float: ...
+    def spectrum(self) -> tuple[float, float]: ...

@@ -17,6 +17,29 @@ Complex = NDArray[np.complex128]
 _CANCELLED = 1e-13  # a sum this small beside its terms is a zero that rounding blurred
 
 
+class RationalFactor:
+    """R = P / Q of a method with a tableau."""
+
+    def __init__(self, numerator: Real, denominator: Real) -> None:
+        self.numerator = numerator
+        self.denominator = denominator
+
+    def evaluate(self, z: Complex) -> Complex:
+        """R(z) elementwise; infinite at a pole."""
+        return evaluate(self.numerator, self.denominator, z)
+
+    def ray_limit(self, direction: complex) -> float:
+        """Largest r with |R(s u)| <= 1 for all s in [0, r]; u = direction has modulus 1."""
+        return ray_limit(self.numerator, self.denominator, direction)
+
+    def roots(self, phi: float) -> Complex:
+        """All z with R(z) = exp(i phi)."""
+        size = max(len(self.numerator), len(self.denominator))
+        top = np.pad(self.numerator, (0, size - len(self.numerator)))[::-1]
+        bottom = np.pad(self.denominator, (0, size - len(self.denominator)))[::-1]
+        return np.asarray(np.roots(top - np.exp(1j * phi) * bottom), complex)
+
+
 def evaluate(numerator: Real, denominator: Real, z: Complex) -> Complex:
     """R(z) elementwise; infinite at a pole."""
     top = np.polynomial.polynomial.polyval(z, numerator.astype(complex))
@@ -74,19 +97,12 @@ def _newton(polynomial: np.polynomial.Polynomial, r: float) -> float:
     return r
 
 
-def outline(numerator: Real, denominator: Real, points: int = 256) -> list[Complex]:
+def outline(roots: Callable[[float], Complex], points: int = 256) -> list[Complex]:
     """The closed curves |R(z)| = 1, by root locus: R(z) = exp(i phi) for phi from 0 to 2 pi.
 
-    The roots of P(z) - exp(i phi) Q(z) are followed in phi; after 2 pi they return permuted, and
-    each cycle of the permutation is one closed curve (Hairer & Wanner II, section IV.2).
+    The roots at phi are followed; after 2 pi they return permuted, and each cycle of the
+    permutation is one closed curve (Hairer & Wanner II, section IV.2).
     """
-    size = max(len(numerator), len(denominator))
-    top = np.pad(numerator, (0, size - len(numerator)))[::-1]
-    bottom = np.pad(denominator, (0, size - len(denominator)))[::-1]
-
-    def roots(phi: float) -> Complex:
-        return np.asarray(np.roots(top - np.exp(1j * phi) * bottom), complex)
-
     tracks = [roots(0.0)]
     angles = np.linspace(0, 2 * np.pi, points + 1)
     for start, end in itertools.pairwise(angles):

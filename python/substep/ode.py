@@ -35,7 +35,7 @@ def methods() -> list[str]:
     --------
     >>> import substep
     >>> substep.ode.methods()
-    ['euler', 'midpoint', 'heun', 'rk4', 'RK45', 'DOP853', 'implicit_euler', 'Radau']
+    ['euler', 'midpoint', 'heun', 'rk4', 'RK45', 'DOP853', 'implicit_euler', 'Radau', 'RKC2']
     """
     return _core.ode_methods()
 
@@ -174,6 +174,7 @@ def solve_ivp(
     event_samples: int = 4,
     callback: Callable[[float, np.ndarray[Any, Any]], Any] | None = None,
     threads: int | None = None,
+    spectral_radius: float | Callable[[float, np.ndarray[Any, Any]], float] | None = None,
 ) -> OdeResult:
     """Solve y' = f(t, y), y(t0) = y0, by an explicit Runge-Kutta method.
 
@@ -192,8 +193,8 @@ def solve_ivp(
     y0 : array_like, shape (n,)
         Initial state, real or complex.
     method : str
-        'euler', 'midpoint', 'heun', 'rk4' (orders 1, 2, 2, 4), 'RK45' (Dormand and Prince 5(4)) or
-        'DOP853'; upper or lower case.
+        'euler', 'midpoint', 'heun', 'rk4' (orders 1, 2, 2, 4), 'RK45' (Dormand and Prince 5(4)),
+        'DOP853', or 'RKC2' (stabilised, order 2: for diffusion); upper or lower case.
     t_eval : array_like, shape (m,), optional
         Times to return, within `t_span` and in its direction; without it every step is returned.
     dense_output : bool
@@ -224,6 +225,9 @@ def solve_ivp(
         ``callback(t, y)`` is called after every step.
     threads : int, optional
         For systems with many components; results do not depend on it.
+    spectral_radius : float or callable, optional
+        For 'RKC2': an upper bound of the greatest |eigenvalue| of df/dy [1/s], or a function
+        (t, y) of it. By default the system's own, or else estimated by a power method.
 
     Returns
     -------
@@ -246,6 +250,8 @@ def solve_ivp(
        Nonstiff Problems", 2nd ed., Springer, 1993, sections II.1, II.4, II.5, II.6, II.10.
     .. [2] J. R. Dormand, P. J. Prince, "A family of embedded Runge-Kutta formulae", J. Comput.
        Appl. Math. 6 (1980), 19-26.
+    .. [3] B. P. Sommeijer, L. F. Shampine, J. G. Verwer, "RKC: an explicit solver for parabolic
+       PDEs", J. Comput. Appl. Math. 88 (1998), 315-326.
 
     Examples
     --------
@@ -287,6 +293,7 @@ def solve_ivp(
         t_eval=[] if times is None else times.tolist(),
         dense=bool(dense_output),
         interpolate=log is not None,
+        spectral_radius=_check_spectral_radius(spectral_radius, name),
         **control,
     )
     end = None
@@ -362,6 +369,21 @@ def _check_control(
         "first_step": 0.0 if first_step is None else first_step,
         "max_step": check_real("max_step", max_step, positive=True, finite=False),
     }
+
+
+def _check_spectral_radius(value: Any, method: str) -> Any:
+    """None, a float or a callable, as the core takes it."""
+    if value is None:
+        return None
+    if method != "RKC2":
+        raise InputError(f"spectral_radius: only RKC2 uses it, the method is {method}")
+    if not callable(value):
+        return check_real("spectral_radius", value, nonnegative=True)
+
+    def bound(t: float, y: np.ndarray[Any, Any]) -> float:
+        return check_real("spectral_radius", value(t, y), nonnegative=True)
+
+    return bound
 
 
 def _run_step_by_step(

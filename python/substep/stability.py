@@ -1,6 +1,7 @@
 """Linear stability: how a method multiplies the solution of a linear equation in one step.
 
-One-step methods on y' = lambda y give y_{n+1} = R(z) y_n, z = h lambda. Methods for x'' = a give
+One-step methods on y' = lambda y give y_{n+1} = R(z) y_n, z = h lambda. R of the stabilised method
+depends on its stages: "RKC2(s)" has s of them, "RKC2" alone ten. Methods for x'' = a give
 (x, v / omega)_{n+1} = M (x, v / omega)_n on x'' = -omega^2 x - 2 zeta omega v. Where |R(z)|, or the
 largest |eigenvalue| of M, exceeds 1, the numbers grow although the solution does not.
 
@@ -13,6 +14,7 @@ References
 from __future__ import annotations
 
 import functools
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core, _oscillator, _rational
+from ._chebyshev import ChebyshevFactor
 from ._checks import check_array, check_choice, check_integer, check_real
 from ._oscillator import (
     amplification_eigenvalues,
@@ -27,6 +30,7 @@ from ._oscillator import (
     second_order_methods,
     stability_limit,
 )
+from ._rational import RationalFactor
 from .errors import InputError
 
 __all__ = [
@@ -58,7 +62,8 @@ def one_step_methods() -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        The methods of `solve_ivp`.
+        The methods of `solve_ivp`. "RKC2" stands for ten stages; any number s from 2 to 1000 may be
+        asked for by "RKC2(s)".
 
     Examples
     --------
@@ -69,8 +74,26 @@ def one_step_methods() -> tuple[str, ...]:
     return tuple(_core.ode_methods())
 
 
+def _check_method(method: Any, others: tuple[str, ...] = ()) -> str:
+    """The name as listed, with the number of stages in brackets where one was given."""
+    given = (
+        re.fullmatch(r"rkc2\((\d+)\)", method, re.IGNORECASE) if isinstance(method, str) else None
+    )
+    if given:
+        stages = check_integer("method: stages of RKC2", int(given[1]), minimum=2, maximum=1000)
+        return f"RKC2({stages})"
+    return check_choice("method", method, (*one_step_methods(), *others))
+
+
 @functools.cache
-def _factor(name: str) -> tuple[Real, Real]:
+def _factor(name: str) -> RationalFactor | ChebyshevFactor:
+    """R of a method by its checked name."""
+    if name.startswith("RKC2"):
+        return ChebyshevFactor(int(name[5:-1] or 10))
+    return RationalFactor(*_quotient(name))
+
+
+def _quotient(name: str) -> tuple[Real, Real]:
     """Ascending coefficients of P and Q with R = P / Q, from the tableau.
 
     [HW] proposition IV.3.2: R(z) = det(I - z A + z 1 b^T) / det(I - z A). Explicit: Q = 1 and
@@ -93,8 +116,8 @@ def _without_rounding(coefficients: NDArray[Any]) -> Real:
     return np.trim_zeros(np.asarray(exact, np.float64), "b")
 
 
-def _one_step(method: str) -> tuple[Real, Real]:
-    return _factor(check_choice("method", method, one_step_methods()))
+def _one_step(method: str) -> RationalFactor | ChebyshevFactor:
+    return _factor(_check_method(method))
 
 
 def amplification(method: str, z: ArrayLike) -> Any:
@@ -106,7 +129,7 @@ def amplification(method: str, z: ArrayLike) -> Any:
     Parameters
     ----------
     method : str
-        One of `one_step_methods()`, in upper or lower case.
+        One of `one_step_methods()`, in upper or lower case, or "RKC2(s)" for s stages.
     z : array_like of complex, any shape
         Step times eigenvalue [1].
 
@@ -132,9 +155,9 @@ def amplification(method: str, z: ArrayLike) -> Any:
     >>> abs(substep.stability.amplification("euler", 0.75j))
     1.25
     """
-    numerator, denominator = _one_step(method)
+    factor = _one_step(method)
     points = check_array("z", z, complex_ok=True).astype(complex)
-    values = _rational.evaluate(numerator, denominator, points)
+    values = factor.evaluate(points)
     return values if points.ndim else complex(values[()])
 
 
@@ -166,12 +189,14 @@ def amplification_polynomial(method: str) -> Real:
     >>> substep.stability.amplification_polynomial("heun")
     array([1. , 1. , 0.5])
     """
-    numerator, denominator = _one_step(method)
-    if len(denominator) > 1:
+    factor = _one_step(method)
+    if isinstance(factor, ChebyshevFactor):
+        return factor.polynomial()
+    if len(factor.denominator) > 1:
         raise InputError(
             f"method: {method} is implicit, its R(z) is no polynomial; see amplification"
         )
-    return numerator.copy()
+    return factor.numerator.copy()
 
 
 def real_limit(method: str) -> float:
@@ -202,7 +227,7 @@ def real_limit(method: str) -> float:
     >>> round(substep.stability.real_limit("rk4"), 10)
     2.7852935634
     """
-    return _rational.ray_limit(*_one_step(method), -1.0)
+    return _one_step(method).ray_limit(-1.0)
 
 
 def imaginary_limit(method: str) -> float:
@@ -235,7 +260,7 @@ def imaginary_limit(method: str) -> float:
     >>> substep.stability.imaginary_limit("euler")
     0.0
     """
-    return _rational.ray_limit(*_one_step(method), 1j)
+    return _one_step(method).ray_limit(1j)
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,7 +330,7 @@ def region(
            [0, 0, 1, 0, 0],
            [0, 0, 0, 0, 0]])
     """
-    name = check_choice("method", method, one_step_methods())
+    name = _check_method(method)
     count = check_integer("resolution", resolution, minimum=2, maximum=10_000)
     curves = _outline(name)
     if bounds is None:
@@ -319,14 +344,14 @@ def region(
                 f"bounds: expected real from < real to and imaginary from < to, got {box.tolist()}"
             )
     real, imag = np.linspace(box[0], box[1], count), np.linspace(box[2], box[3], count)
-    modulus = np.abs(_rational.evaluate(*_factor(name), real + 1j * imag[:, None]))
+    modulus = np.abs(_factor(name).evaluate(real + 1j * imag[:, None]))
     stable = modulus <= 1
     return Region(name, real, imag, modulus, stable, [curve.copy() for curve in curves])
 
 
 @functools.cache
 def _outline(name: str) -> tuple[Complex, ...]:
-    curves = _rational.outline(*_factor(name))
+    curves = _rational.outline(_factor(name).roots)
     return tuple(sorted(curves, key=lambda curve: float(np.min(abs(curve)))))
 
 
@@ -383,7 +408,7 @@ def max_stable_step(method: str, eigenvalues: ArrayLike) -> float:
     >>> substep.stability.max_stable_step("velocity_verlet", [[0.0, 1.0], [-25.0, 0.0]])
     0.4
     """
-    name = check_choice("method", method, (*one_step_methods(), *second_order_methods()))
+    name = _check_method(method, second_order_methods())
     spectrum = _spectrum(eigenvalues)
     size = float(np.max(np.abs(spectrum), initial=0.0))
     spectrum = spectrum[np.abs(spectrum) > _SAME * size]
@@ -397,7 +422,7 @@ def max_stable_step(method: str, eigenvalues: ArrayLike) -> float:
     fastest = np.zeros(len(directions))
     np.maximum.at(fastest, which, moduli)
     if name not in second_order_methods():
-        limits = np.array([_rational.ray_limit(*_factor(name), complex(u)) for u in directions])
+        limits = np.array([_factor(name).ray_limit(complex(u)) for u in directions])
     elif np.any(directions.imag == 0):
         raise InputError(
             "eigenvalues: a real one belongs to an overdamped mode, whose partner the spectrum "

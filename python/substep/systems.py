@@ -15,19 +15,25 @@ from numpy.typing import ArrayLike
 from . import _core
 from ._checks import check_array, check_real
 from ._large_systems import NBody, Oscillators, SpringChain
+from ._stiff_systems import Brusselator1D, Brusselator2D, Hires, Orego, Robertson
 from ._system import System
 from .errors import InputError
 
 __all__ = [
     "Arenstorf",
+    "Brusselator1D",
+    "Brusselator2D",
     "HarmonicOscillator",
     "HenonHeiles",
+    "Hires",
     "Kepler",
     "Lorenz",
     "NBody",
+    "Orego",
     "Oscillators",
     "Pendulum",
     "Pleiades",
+    "Robertson",
     "SpringChain",
     "System",
     "VanDerPol",
@@ -246,28 +252,44 @@ class VanDerPol(System):
 
     .. math:: x'' = \mu (1 - x^2) x' - x
 
+    or, `scaled` to time in units of :math:`\mu`, so that a period stays near 1.6 for great
+    :math:`\mu`:
+
+    .. math:: \frac{1}{\mu^2} x'' = (1 - x^2) x' - x
+
     The state is (x, x').
 
     Parameters
     ----------
     mu : float
         Strength of the nonlinear damping.
+    scaled : bool
+        Whether time is in units of mu.
 
     References
     ----------
     .. [1] E. Hairer, S. P. Norsett, G. Wanner, "Solving Ordinary Differential Equations I", 2nd
        ed., 1993, section I.16, equation (16.2).
+    .. [2] E. Hairer, G. Wanner, "Solving Ordinary Differential Equations II", 2nd ed., 1996,
+       section IV.1, equation (1.5'), with epsilon = 1 / mu^2.
 
     Examples
     --------
     >>> import substep
     >>> substep.systems.VanDerPol(2.0)(0.0, [2.0, 1.0])
     array([ 1., -8.])
+    >>> substep.systems.VanDerPol(2.0, scaled=True).jacobian(0.0, [2.0, 1.0])
+    array([[  0.,   1.],
+           [-20., -12.]])
     """
 
-    def __init__(self, mu: float = 1.0) -> None:
+    def __init__(self, mu: float = 1.0, scaled: bool = False) -> None:
         self.mu = check_real("mu", mu)
-        super().__init__(_core.VanDerPol(self.mu), y0=[2.0, 0.0], t_end=20.0)
+        self.scaled = bool(scaled)
+        damping, stiffness = (self.mu**2, self.mu**2) if self.scaled else (self.mu, 1.0)
+        super().__init__(
+            _core.VanDerPol(damping, stiffness), y0=[2.0, 0.0], t_end=2.0 if scaled else 20.0
+        )
 
 
 class Pendulum(System):

@@ -63,7 +63,8 @@ struct Oscillator {
   std::unique_ptr<Deformable> body(Integrator integrator, double drag = 0.0) {
     const std::vector<Vec3> x = {Vec3::Zero(), {0.0, 0.0, 1.25}}, v(2, Vec3::Zero());
     const std::vector<double> masses = {1.0, kMass};
-    std::vector<std::shared_ptr<Term>> terms = {std::make_shared<SpringTerm>(springs)};
+    std::vector<std::shared_ptr<Term>> terms = {
+        std::make_shared<SpringTerm>(std::make_shared<const Springs>(springs))};
     if (drag > 0.0) terms.push_back(std::make_shared<DragTerm>(drag, masses));
     return std::make_unique<Deformable>(
         x, v, masses, std::vector<std::uint8_t>{1, 0}, terms, Contacts{},
@@ -119,7 +120,8 @@ TEST(Deformable, SpectrumOfAChain) {
   const std::vector<double> masses(kMasses + 2, 0.5);
   IncrementalPotential potential(
       masses, pinned,
-      {std::make_shared<SpringTerm>(springs), std::make_shared<SpringDampingTerm>(springs)});
+      {std::make_shared<SpringTerm>(std::make_shared<const Springs>(springs)),
+       std::make_shared<SpringDampingTerm>(std::make_shared<const Springs>(springs))});
   const Spectrum found = largest_eigenvalues(potential, x);
   const double shape = 2 * std::sin(std::numbers::pi * kMasses / (2.0 * (kMasses + 1)));
   EXPECT_NEAR(found.frequency, shape * std::sqrt(50.0 / 0.5), 1e-6 * found.frequency);
@@ -143,7 +145,8 @@ TEST(Deformable, AFailedStepIsHalvedAndThenLeavesTheBodyAsItWas) {
   const auto body = [&](double tolerance) {
     return std::make_unique<Deformable>(
         x, v, std::vector<double>{1.0, 2.0}, std::vector<std::uint8_t>{1, 0},
-        std::vector<std::shared_ptr<Term>>{std::make_shared<SpringTerm>(oscillator.springs)},
+        std::vector<std::shared_ptr<Term>>{
+            std::make_shared<SpringTerm>(std::make_shared<const Springs>(oscillator.springs))},
         Contacts{}, std::make_unique<DenseNewton>(1),
         DeformableOptions{.tolerance = tolerance, .max_halvings = 6});
   };
@@ -176,7 +179,8 @@ TEST(Deformable, SlipsAtTheAngleOfFriction) {
                           .rest_lengths = {0.1, 0.1 * std::numbers::sqrt2, 0.1},
                           .damping = {}};
     Deformable body(x, std::vector<Vec3>(3, Vec3::Zero()), std::vector<double>(3, kMass),
-                    std::vector<std::uint8_t>(3, 0), {std::make_shared<SpringTerm>(springs)},
+                    std::vector<std::uint8_t>(3, 0),
+                    {std::make_shared<SpringTerm>(std::make_shared<const Springs>(springs))},
                     Contacts{.colliders = {plane}, .stiffness = {}},
                     std::make_unique<DenseNewton>(),
                     DeformableOptions{.tolerance = 1e-7 * kMass * kGravity});

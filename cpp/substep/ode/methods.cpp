@@ -1,5 +1,6 @@
 #include "substep/ode/methods.h"
 
+#include "substep/ode/rkc.h"
 #include "substep/ode/runge_kutta.h"
 #include "substep/ode/tableau.h"
 
@@ -15,6 +16,7 @@ std::vector<Method> list() {
   };
   std::apply([&](const auto&... t) { (add(t, Family::explicit_table), ...); }, Methods{});
   std::apply([&](const auto&... t) { (add(t, Family::implicit), ...); }, ImplicitMethods{});
+  all.push_back({kRkc2, Family::stabilized, 2, 2});
   return all;
 }
 

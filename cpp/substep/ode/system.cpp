@@ -1,12 +1,14 @@
 #include "substep/ode/system.h"
 
 #include "substep/ode/implicit.h"
+#include "substep/ode/rkc.h"
 #include "substep/ode/runge_kutta.h"
 #include "substep/ode/static_system.h"
 
 namespace substep::ode {
 
 std::unique_ptr<Stepper> System::make_stepper(std::string_view method, const StepOptions& options) {
+  if (method == kRkc2) return make_rkc2(*this, options);
   auto stepper = make_runge_kutta<Methods>(method, *this, options);
   if (!stepper) stepper = make_implicit(method, *this, options);
   if (!stepper) throw InputError("method: unknown name " + std::string(method));

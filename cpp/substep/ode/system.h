@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <string_view>
@@ -14,6 +15,7 @@ namespace substep::ode {
 
 class Jacobian;
 struct MassMatrix;
+struct RkcStage;
 struct SparsityPattern;
 class Stepper;
 
@@ -31,6 +33,9 @@ struct StepOptions {
   double max_step = std::numeric_limits<double>::infinity();
   bool complex_pairs = false;  // y holds (real, imaginary) pairs: norms take the modulus
   int threads = 0;             // for systems with a kernel of their own; 0: default
+
+  // RKC2 only: a bound of the spectral radius of df/dy; none: the system's, else an estimate.
+  std::function<double(double t, const double* y)> spectral_radius;
 
   // Implicit methods only.
   std::shared_ptr<Jacobian> jacobian;      // null: the system's own, else finite differences
@@ -88,6 +93,12 @@ class System {
   // Runs the steps with a kernel of the system's own (force and stages fused) and returns true, or
   // returns false and leaves y alone. What is not finite may stay in y: the caller looks.
   virtual bool fixed_steps(const FixedRun& /*run*/) { return false; }
+
+  // An upper bound of the spectral radius of df/dy, below 0 where the system knows none.
+  virtual double spectral_radius(double /*t*/, const double* /*y*/) { return -1.0; }
+
+  // A stage of RKC2 with a kernel of the system's own (f and the sum in one pass), or false.
+  virtual bool rkc_stage(const RkcStage& /*stage*/) { return false; }
 
   // True where fixed_steps polls for Ctrl-C itself, so that runs may be long.
   virtual bool polls() const { return false; }

@@ -99,15 +99,19 @@ class HenonHeiles final : public StaticSecondOrder<HenonHeiles, 4> {
 
 class VanDerPol final : public StaticSecondOrder<VanDerPol, 2> {
  public:
-  explicit VanDerPol(double mu) : mu_(mu) {}
+  VanDerPol(double damping, double stiffness) : damping_(damping), stiffness_(stiffness) {}
 
   [[gnu::always_inline]] void accelerate(double, const double* x, const double* v,
                                          double* a) const {
-    a[0] = mu_ * (1.0 - x[0] * x[0]) * v[0] - x[0];
+    a[0] = damping_ * (1.0 - x[0] * x[0]) * v[0] - stiffness_ * x[0];
+  }
+  [[gnu::always_inline]] void eval_jacobian(double, const double* y, double* J) const {
+    J[0] = 0.0, J[2] = 1.0;
+    J[1] = -2.0 * damping_ * y[0] * y[1] - stiffness_, J[3] = damping_ * (1.0 - y[0] * y[0]);
   }
 
  private:
-  double mu_;
+  double damping_, stiffness_;
 };
 
 class Pendulum final : public StaticSecondOrder<Pendulum, 2> {

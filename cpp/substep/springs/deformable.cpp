@@ -55,12 +55,17 @@ void Deformable::set_pinned(std::span<const std::uint8_t> pinned) {
   targets = positions;
 }
 
+void Deformable::set_threads(int threads) {
+  options.threads = threads;
+  potential_->set_threads(threads);
+}
+
 void Deformable::refuse_penetration() const {
-  const Closest closest = closest_vertex(contacts, positions);
-  if (!barrier_ || closest.distance > 0.0) return;
+  const Closest found = closest();
+  if (!barrier_ || found.distance > 0.0) return;
   std::ostringstream message;
-  message << "positions: vertex " << closest.vertex << " is inside of collider " << closest.collider
-          << ", at a distance of " << closest.distance << " m; it has to start outside";
+  message << "positions: vertex " << found.vertex << " is inside of collider " << found.collider
+          << ", at a distance of " << found.distance << " m; it has to start outside";
   throw InputError(message.str());
 }
 
@@ -162,12 +167,13 @@ void Deformable::implicit_steps(double h, int halvings) {
   if (halvings == options.max_halvings) {
     std::ostringstream message;
     message << "implicit Euler did not converge in the step from t = " << time << " s, even in "
-            << (std::int64_t{1} << halvings) << " parts; the largest component of the gradient, ["
-            << "N], was";
-    for (const double residual : report_.residuals) message << ' ' << residual;
-    message << "; it has to come to " << options.tolerance
-            << ". Use a smaller step, a larger tolerance or more iterations";
-    throw ConvergenceError(message.str(), time);
+            << (std::int64_t{1} << halvings) << " parts: after " << report_.iterations
+            << " iterations the largest component of the gradient was " << report_.residuals.back()
+            << " N, and it has to come to " << options.tolerance
+            << " N. Use a smaller step, a larger tolerance or more iterations";
+    ConvergenceError error(message.str(), time);
+    error.residuals = report_.residuals;
+    throw error;
   }
   positions = x;
   velocities = v;
@@ -198,7 +204,7 @@ bool Deformable::implicit_step(double h) {
   potential_->begin_step(x_n, y, h);
   if (!minimise(x)) return false;
   for (std::size_t i = 0; i < x.size(); ++i) velocities[i] = (x[i] - x_n[i]) / h;
-  positions = std::move(x);
+  positions = x;  // in place: others look at it
   if (barrier_) {
     set_exchanges(contacts, *barrier_, *friction_, positions, velocities, h, options.threads);
   }

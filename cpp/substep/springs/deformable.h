@@ -64,10 +64,12 @@ class Deformable {
   std::span<const double> masses() const { return potential_->masses(); }
   std::span<const std::uint8_t> pinned() const { return potential_->pinned(); }
   void set_pinned(std::span<const std::uint8_t> pinned);
+  void set_threads(int threads);
   const StepReport& report() const { return report_; }
 
   double kinetic_energy() const;
   double potential_energy() const;  // of all terms (contact too), without gravity
+  Closest closest() const { return closest_vertex(contacts, positions); }
   Spectrum spectrum() const { return largest_eigenvalues(*potential_, positions); }
 
  private:

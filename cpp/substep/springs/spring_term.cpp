@@ -16,8 +16,8 @@ Vec3 between(const Springs& springs, Positions x, std::int64_t s) {
 double SpringTerm::energy(Positions x, std::int64_t begin, std::int64_t end) const {
   double sum = 0.0;
   for (std::int64_t s = begin; s < end; ++s) {
-    const double stretch = between(springs_, x, s).norm() - springs_.rest_lengths[s];
-    sum += 0.5 * springs_.stiffness[s] * stretch * stretch;
+    const double stretch = between(*springs_, x, s).norm() - springs_->rest_lengths[s];
+    sum += 0.5 * springs_->stiffness[s] * stretch * stretch;
   }
   return sum;
 }
@@ -25,8 +25,8 @@ double SpringTerm::energy(Positions x, std::int64_t begin, std::int64_t end) con
 void SpringTerm::derivatives(Positions x, std::int64_t begin, std::int64_t end, double kept,
                              Vec3* gradient, Mat3* hessian) const {
   for (std::int64_t s = begin; s < end; ++s) {
-    const Vec3 e = between(springs_, x, s);
-    const double k = springs_.stiffness[s], r = springs_.rest_lengths[s];
+    const Vec3 e = between(*springs_, x, s);
+    const double k = springs_->stiffness[s], r = springs_->rest_lengths[s];
     const double length = e.norm();
     const double inverse = length > 0.0 ? 1.0 / length : 0.0;
     const Vec3 u = inverse * e;
@@ -40,9 +40,9 @@ void SpringTerm::derivatives(Positions x, std::int64_t begin, std::int64_t end, 
 }
 
 void SpringDampingTerm::lag(Positions x) {
-  directions_.resize(springs_.stiffness.size());
+  directions_.resize(springs_->stiffness.size());
   for (std::size_t s = 0; s < directions_.size(); ++s) {
-    const Vec3 e = between(springs_, x, static_cast<std::int64_t>(s));
+    const Vec3 e = between(*springs_, x, static_cast<std::int64_t>(s));
     const double length = e.norm();
     directions_[s] = length > 0.0 ? Vec3(e / length) : Vec3(Vec3::Zero());
   }
@@ -51,8 +51,8 @@ void SpringDampingTerm::lag(Positions x) {
 double SpringDampingTerm::energy(Positions v, std::int64_t begin, std::int64_t end) const {
   double sum = 0.0;
   for (std::int64_t s = begin; s < end; ++s) {
-    const double rate = directions_[s].dot(between(springs_, v, s));
-    sum += 0.5 * springs_.damping[s] * rate * rate;
+    const double rate = directions_[s].dot(between(*springs_, v, s));
+    sum += 0.5 * springs_->damping[s] * rate * rate;
   }
   return sum;
 }
@@ -61,8 +61,8 @@ void SpringDampingTerm::derivatives(Positions v, std::int64_t begin, std::int64_
                                     double /*kept*/, Vec3* gradient, Mat3* hessian) const {
   for (std::int64_t s = begin; s < end; ++s) {
     const Vec3& u = directions_[s];
-    const double c = springs_.damping[s];
-    gradient[s - begin] = c * u.dot(between(springs_, v, s)) * u;
+    const double c = springs_->damping[s];
+    gradient[s - begin] = c * u.dot(between(*springs_, v, s)) * u;
     if (hessian != nullptr) hessian[s - begin] = c * u * u.transpose();
   }
 }

@@ -9,6 +9,8 @@
 //   D = c/2 (u . (v_i - v_j))^2,   g_i = c (u . (v_i - v_j)) u,   H_ii = c u u^T.
 #pragma once
 
+#include <memory>
+#include <utility>
 #include <vector>
 
 #include "substep/springs/term.h"
@@ -24,23 +26,24 @@ struct Springs {
 
 class SpringTerm : public Term {
  public:
-  explicit SpringTerm(const Springs& springs) : springs_(springs) {}
+  explicit SpringTerm(std::shared_ptr<const Springs> springs) : springs_(std::move(springs)) {}
   int arity() const override { return 2; }
-  std::span<const std::int32_t> vertices() const override { return springs_.vertices; }
+  std::span<const std::int32_t> vertices() const override { return springs_->vertices; }
   bool difference() const override { return true; }
   double energy(Positions x, std::int64_t begin, std::int64_t end) const override;
   void derivatives(Positions x, std::int64_t begin, std::int64_t end, double kept, Vec3* gradient,
                    Mat3* hessian) const override;
 
  private:
-  const Springs& springs_;
+  std::shared_ptr<const Springs> springs_;
 };
 
 class SpringDampingTerm : public Term {
  public:
-  explicit SpringDampingTerm(const Springs& springs) : springs_(springs) {}
+  explicit SpringDampingTerm(std::shared_ptr<const Springs> springs)
+      : springs_(std::move(springs)) {}
   int arity() const override { return 2; }
-  std::span<const std::int32_t> vertices() const override { return springs_.vertices; }
+  std::span<const std::int32_t> vertices() const override { return springs_->vertices; }
   bool difference() const override { return true; }
   bool dissipative() const override { return true; }
   void lag(Positions x) override;
@@ -49,7 +52,7 @@ class SpringDampingTerm : public Term {
                    Mat3* hessian) const override;
 
  private:
-  const Springs& springs_;
+  std::shared_ptr<const Springs> springs_;
   std::vector<Vec3> directions_;
 };
 

@@ -1,0 +1,166 @@
+#include <pybind11/stl.h>
+
+#include "bindings.h"
+#include "substep/core/errors.h"
+#include "substep/springs/deformable.h"
+#include "substep/springs/drag_term.h"
+#include "substep/springs/newton_minimiser.h"
+#include "substep/springs/spring_term.h"
+
+namespace {
+
+using namespace substep::springs;
+using substep::geometry::Collider;
+
+using Reals = py::array_t<double, py::array::c_style>;
+using Flags = py::array_t<std::uint8_t, py::array::c_style>;
+using Indices = py::array_t<std::int32_t, py::array::c_style>;
+
+static_assert(sizeof(Vec3) == 3 * sizeof(double));
+
+template <class T>
+std::vector<T> list(const py::array_t<T, py::array::c_style>& a) {
+  return {a.data(), a.data() + a.size()};
+}
+Positions rows(const Reals& a) {
+  return {reinterpret_cast<const Vec3*>(a.data()), static_cast<std::size_t>(a.shape(0))};
+}
+
+// The body, and the colliders of Python that it moves and that are read before each step.
+struct Body {
+  Deformable body;
+  std::vector<std::shared_ptr<Collider>> colliders;
+
+  void step(double h) {
+    for (std::size_t c = 0; c < colliders.size(); ++c) body.contacts.colliders[c] = *colliders[c];
+    body.step(h);
+    for (std::size_t c = 0; c < colliders.size(); ++c) *colliders[c] = body.contacts.colliders[c];
+  }
+};
+
+Integrator integrator(const std::string& name) {
+  if (name == "explicit_euler") return Integrator::explicit_euler;
+  if (name == "semi_implicit_euler") return Integrator::semi_implicit_euler;
+  if (name == "rk4") return Integrator::rk4;
+  if (name == "velocity_verlet") return Integrator::velocity_verlet;
+  if (name == "implicit_euler") return Integrator::implicit_euler;
+  throw substep::InputError("integrator: unknown name " + name);
+}
+
+std::unique_ptr<Minimiser> minimiser(const std::string& solver, int max_iterations) {
+  if (solver == "newton") return std::make_unique<NewtonMinimiser>(max_iterations);
+  throw substep::InputError("solver: unknown name " + solver);
+}
+
+// A view of one vector per vertex that keeps the body alive.
+template <class Get>
+auto view(Get get) {
+  return [get](const py::object& self) {
+    std::vector<Vec3>& values = get(self.cast<Body&>().body);
+    return py::array_t<double>({static_cast<py::ssize_t>(values.size()), py::ssize_t{3}},
+                               reinterpret_cast<double*>(values.data()), self);
+  };
+}
+
+void bind_terms(py::module_& m) {
+  py::class_<Term, std::shared_ptr<Term>>(m, "Term");
+  m.def(
+      "spring_terms",
+      [](const Indices& edges, const Reals& stiffness, const Reals& rest_lengths,
+         const Reals& damping) {
+        auto springs = std::make_shared<Springs>(
+            Springs{list(edges), list(stiffness), list(rest_lengths), list(damping)});
+        std::vector<std::shared_ptr<Term>> terms = {std::make_shared<SpringTerm>(springs)};
+        if (damping.size() > 0) terms.push_back(std::make_shared<SpringDampingTerm>(springs));
+        return terms;
+      },
+      py::arg("edges").noconvert(), py::arg("stiffness").noconvert(),
+      py::arg("rest_lengths").noconvert(), py::arg("damping").noconvert());
+  m.def(
+      "drag_term",
+      [](double rate, const Reals& masses) -> std::shared_ptr<Term> {
+        return std::make_shared<DragTerm>(rate, std::span(masses.data(), masses.size()));
+      },
+      py::arg("rate"), py::arg("masses").noconvert());
+}
+
+void bind_deformable(py::module_& m) {
+  py::class_<StepReport>(m, "StepReport")
+      .def_readonly("converged", &StepReport::converged)
+      .def_readonly("friction_converged", &StepReport::friction_converged)
+      .def_readonly("iterations", &StepReport::iterations)
+      .def_readonly("factorizations", &StepReport::factorizations)
+      .def_readonly("backtracks", &StepReport::backtracks)
+      .def_readonly("minimisations", &StepReport::minimisations)
+      .def_readonly("failed", &StepReport::failed)
+      .def_readonly("residuals", &StepReport::residuals);
+  py::class_<Body>(m, "Deformable")
+      .def(py::init([](const Reals& positions, const Reals& velocities, const Reals& masses,
+                       const Flags& pinned, const std::vector<std::shared_ptr<Term>>& terms,
+                       const std::vector<std::shared_ptr<Collider>>& colliders,
+                       const std::string& integrator_name, const std::string& solver,
+                       int max_iterations, const std::array<double, 3>& gravity, double tolerance,
+                       int max_halvings, double contact_thickness, double contact_stiffness,
+                       double sticking_speed, int threads) {
+             Contacts contacts;
+             for (const auto& collider : colliders) contacts.colliders.push_back(*collider);
+             contacts.thickness = contact_thickness;
+             contacts.sticking_speed = sticking_speed;
+             const DeformableOptions options{.integrator = integrator(integrator_name),
+                                             .gravity = {gravity[0], gravity[1], gravity[2]},
+                                             .tolerance = tolerance,
+                                             .max_halvings = max_halvings,
+                                             .contact_stiffness = contact_stiffness,
+                                             .threads = threads};
+             return new Body{
+                 {rows(positions), rows(velocities), std::span(masses.data(), masses.size()),
+                  std::span(pinned.data(), pinned.size()), terms, contacts,
+                  minimiser(solver, max_iterations), options},
+                 colliders};
+           }),
+           py::arg("positions").noconvert(), py::arg("velocities").noconvert(),
+           py::arg("masses").noconvert(), py::arg("pinned").noconvert(), py::arg("terms"),
+           py::arg("colliders"), py::arg("integrator"), py::arg("solver"),
+           py::arg("max_iterations"), py::arg("gravity"), py::arg("tolerance"),
+           py::arg("max_halvings"), py::arg("contact_thickness"), py::arg("contact_stiffness"),
+           py::arg("sticking_speed"), py::arg("threads"))
+      .def_property_readonly("positions", view([](Deformable& d) -> auto& { return d.positions; }))
+      .def_property_readonly("velocities",
+                             view([](Deformable& d) -> auto& { return d.velocities; }))
+      .def_property_readonly("forces", view([](Deformable& d) -> auto& { return d.forces; }))
+      .def_property_readonly("targets", view([](Deformable& d) -> auto& { return d.targets; }))
+      .def_property(
+          "pinned",
+          [](const Body& self) {
+            return Flags(static_cast<py::ssize_t>(self.body.pinned().size()),
+                         self.body.pinned().data());
+          },
+          [](Body& self, const Flags& pinned) {
+            self.body.set_pinned(std::span(pinned.data(), pinned.size()));
+          })
+      .def_property(
+          "time", [](const Body& self) { return self.body.time; },
+          [](Body& self, double time) { self.body.time = time; })
+      .def_property(
+          "threads", [](const Body& self) { return self.body.options.threads; },
+          [](Body& self, int threads) { self.body.set_threads(threads); })
+      .def_property_readonly("report", [](const Body& self) { return self.body.report(); })
+      .def("step", &Body::step, py::arg("dt"), py::call_guard<ReleaseGil>())
+      .def("kinetic_energy", [](const Body& self) { return self.body.kinetic_energy(); })
+      .def("potential_energy", [](const Body& self) { return self.body.potential_energy(); })
+      .def("closest", [](const Body& self) { return self.body.closest().distance; })
+      .def(
+          "spectrum",
+          [](const Body& self) {
+            const Spectrum spectrum = self.body.spectrum();
+            return std::pair(spectrum.frequency, spectrum.damping_rate);
+          },
+          py::call_guard<ReleaseGil>());
+}
+
+}  // namespace
+
+void bind_springs(py::module_& m) {
+  bind_terms(m);
+  bind_deformable(m);
+}
