@@ -3,12 +3,15 @@
 #include "bindings.h"
 #include "substep/core/parallel.h"
 #include "substep/geometry/collider.h"
+#include "substep/geometry/isosurface_stuffing.h"
+#include "substep/geometry/mesh_sampling.h"
 
 namespace {
 
 using namespace substep::geometry;
 
 using Rows = py::array_t<double, py::array::c_style>;
+using Indices = py::array_t<std::int64_t, py::array::c_style>;
 using Triple = std::array<double, 3>;
 
 Vec3 vector(const Triple& a) { return {a[0], a[1], a[2]}; }
@@ -160,9 +163,78 @@ void bind_collider(py::module_& m) {
       [](Collider& self, const Vec3& value) { self.angular_velocity = value; });
 }
 
+void bind_triangle_tree(py::module_& m) {
+  py::class_<TriangleTree>(m, "TriangleTree")
+      .def(py::init([](const Rows& vertices, const Indices& faces) {
+             const double* x = vertices.data();
+             const std::int64_t* f = faces.data();
+             const auto count = faces.shape(0);
+             const ReleaseGil nogil;
+             return std::make_unique<TriangleTree>(x, f, count);
+           }),
+           py::arg("vertices").noconvert(), py::arg("faces").noconvert())
+      .def_property_readonly("closed", &TriangleTree::closed)
+      // Rows of distance, nearest point, face.
+      .def(
+          "nearest",
+          [](const TriangleTree& self, const Rows& x, int threads) {
+            return for_points(x, {5}, threads, [&](const Vec3& point, double* out) {
+              const TriangleTree::Nearest near = self.nearest(point);
+              out[0] = near.distance;
+              Eigen::Map<Vec3>{out + 1} = near.point;
+              out[4] = static_cast<double>(near.face);
+            });
+          },
+          py::arg("x").noconvert(), py::arg("threads"))
+      .def(
+          "winding_number",
+          [](const TriangleTree& self, const Rows& x, int threads) {
+            return for_points(x, {}, threads, [&](const Vec3& point, double* out) {
+              *out = self.winding_number(point);
+            });
+          },
+          py::arg("x").noconvert(), py::arg("threads"))
+      .def(
+          "signed_distance",
+          [](const TriangleTree& self, const Rows& x, int threads) {
+            return for_points(x, {}, threads, [&](const Vec3& point, double* out) {
+              *out = self.signed_distance(point);
+            });
+          },
+          py::arg("x").noconvert(), py::arg("threads"))
+      .def(
+          "sample",
+          [](const TriangleTree& self, const std::array<std::int64_t, 3>& shape,
+             const Triple& origin, double spacing, int threads) {
+            Rows values({shape[0], shape[1], shape[2]});
+            double* out = values.mutable_data();
+            const ReleaseGil nogil;
+            sample_signed_distance(self, shape, vector(origin), spacing, out, threads);
+            return values;
+          },
+          py::arg("shape"), py::arg("origin"), py::arg("spacing"), py::arg("threads"))
+      .def(
+          "stuff",
+          [](const TriangleTree& self, double spacing, int threads) {
+            const auto filled = [&] {
+              const ReleaseGil nogil;
+              return stuff_isosurface(self, spacing, threads);
+            }();
+            Rows vertices({static_cast<py::ssize_t>(filled.vertices.size()), py::ssize_t{3}});
+            Indices cells({static_cast<py::ssize_t>(filled.cells.size()), py::ssize_t{4}});
+            double* x = vertices.mutable_data();
+            for (const Vec3& v : filled.vertices) x = std::copy_n(v.data(), 3, x);
+            std::int64_t* c = cells.mutable_data();
+            for (const auto& cell : filled.cells) c = std::copy_n(cell.data(), 4, c);
+            return py::make_tuple(vertices, cells);
+          },
+          py::arg("spacing"), py::arg("threads"));
+}
+
 }  // namespace
 
 void bind_geometry(py::module_& m) {
+  bind_triangle_tree(m);
   bind_sampled_distance(m);
   bind_collider(m);
 }

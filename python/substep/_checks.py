@@ -139,3 +139,8 @@ def check_callable(name: str, value: Any) -> Any:
     if not callable(value):
         raise TypeError(f"{name}: expected a callable, got {describe(value)}")
     return value
+
+
+def check_threads(threads: Any) -> int:
+    """A number of threads for the native core; None is the default, 0."""
+    return 0 if threads is None else check_integer("threads", threads, minimum=1)

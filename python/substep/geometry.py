@@ -2,6 +2,8 @@
 
 - Obstacles (`Plane`, `Sphere`, `Box`, `SignedDistanceField`): a signed distance, a motion, friction
   and restitution, and the impulse and torque that a step exerted on them.
+- `tetrahedralize` fills a surface and `SignedDistanceField.from_mesh` makes an obstacle of it,
+  whatever it lacks.
 - Meshes (`TriangleMesh`, `TetMesh`), read by `read_mesh` or made by `grid_mesh`, `box_mesh`,
   `sphere_mesh` and `box_tetrahedra`; `TriangleMesh.report` says plainly what a mesh lacks.
 """
@@ -9,6 +11,7 @@
 from __future__ import annotations
 
 from ._colliders import Box, Collider, Plane, SignedDistanceField, Sphere
+from ._filling import tetrahedralize
 from ._mesh import MeshReport, TetMesh, TriangleMesh
 from ._mesh_io import read_mesh
 from ._primitives import box_mesh, box_tetrahedra, grid_mesh, sphere_mesh
@@ -27,4 +30,5 @@ __all__ = [
     "grid_mesh",
     "read_mesh",
     "sphere_mesh",
+    "tetrahedralize",
 ]

@@ -11,7 +11,8 @@
 //   - df/dx is a weighted mean of the difference quotients along x, which bounds |grad f|
 //     (lipschitz()): a point may move by |f| / lipschitz() without passing f = 0.
 // Outside the grid, with c the nearest point of the grid's box, f(x)^2 = |x - c|^2 + f(c)^2. As the
-// box is convex and the surface inside of it, the true distance is at least that.
+// box is convex and the surface inside of it, the true distance is at least that, and at most
+// f(c) + |x - c|, sqrt(2) times as much.
 #pragma once
 
 #include <array>
