@@ -136,7 +136,7 @@ void Deformable::explicit_step(double h) {
     case Integrator::velocity_verlet:
       move(v, h / 2, a);
       move(x, h, v);
-      accelerations(x, v, a);
+      accelerations(x, moved(v, h / 2, a), a);  // at the velocity predicted with the old one
       move(v, h / 2, a);
       break;
     default: {  // rk4, on (x, v)' = (v, a)
