@@ -334,15 +334,18 @@ class Deformable:
             `time`, `positions`, `velocities`, `forces`, `targets` and `colliders`; for `restore`.
         """
         native = self._native
-        moving = [collider._native.state for collider in self.colliders]
         return {
             "time": self.time,
             "positions": native.positions.copy(),
             "velocities": native.velocities.copy(),
             "forces": native.forces.copy(),
             "targets": native.targets.copy(),
-            "colliders": np.array(moving, float).reshape(len(moving), -1),
+            "colliders": self._collider_states(),
         }
+
+    def _collider_states(self) -> Array:
+        rows = [collider._native.state for collider in self.colliders]
+        return np.array(rows) if rows else np.zeros((0, 0))
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a state, bit for bit.
@@ -366,8 +369,7 @@ class Deformable:
             name: check_array(f"state[{name!r}]", state[name], (n, 3), finite=False)
             for name in _STATE[1:5]
         }
-        width = len(self.colliders[0]._native.state) if self.colliders else 0
-        shape = (len(self.colliders), width)
+        shape = self._collider_states().shape
         moving = check_array("state['colliders']", state["colliders"], shape)
         with self._own():
             self._native.time = time

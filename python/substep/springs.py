@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
-from ._checks import check_array, check_integer
+from ._checks import check_array, check_integer, check_real
 from ._deformable import Array, Deformable, check_positive
 from ._mesh import TriangleMesh, check_indices
 
-__all__ = ["MassSpring", "grid_springs"]
+__all__ = ["MassSpring", "SpringInfo", "grid_springs"]
+
+
+@dataclass(frozen=True)
+class SpringInfo:
+    """What is out of the ordinary in a mass-spring system.
+
+    Attributes
+    ----------
+    degenerate : ndarray of int64, shape (k,)
+        Springs whose ends coincide, so that they have no direction and pull nowhere.
+    """
+
+    degenerate: NDArray[np.int64]
 
 
 class MassSpring(Deformable):
@@ -153,7 +167,8 @@ class MassSpring(Deformable):
         mesh : TriangleMesh
             The surface at rest.
         density : float
-            Mass per area [kg/m^2]; a vertex has a third of that of its triangles.
+            Mass per area [kg/m^2]; a vertex has a third of that of its triangles, or, where these
+            are flat, what a mean vertex has.
         stiffness : float
             Of the springs along edges [N/m].
         bending : float
@@ -178,19 +193,21 @@ class MassSpring(Deformable):
         (96, True)
         """
         pairs = np.concatenate([mesh.edges, mesh.hinges[:, 2:]])
-        k = np.full(len(pairs), float(stiffness))
-        k[len(mesh.edges) :] *= bending
+        k = np.full(len(pairs), check_real("stiffness", stiffness, nonnegative=True))
+        k[len(mesh.edges) :] *= check_real("bending", bending, nonnegative=True)
         keep = pairs[:, 0] != pairs[:, 1]
-        masses = density * mesh.vertex_areas
-        return cls(
-            mesh.vertices,
-            pairs[keep],
-            k[keep],
-            masses,
-            damping=damping * k[keep],
-            faces=mesh.faces,
-            **options,
-        )
+        pairs, k = pairs[keep], k[keep]
+        areas = mesh.vertex_areas.copy()
+        areas[areas == 0] = areas[areas > 0].mean() if areas.any() else 1.0
+        masses = check_real("density", density, positive=True) * areas
+        time = check_real("damping", damping, nonnegative=True)
+        return cls(mesh.vertices, pairs, k, masses, damping=time * k, faces=mesh.faces, **options)
+
+    @property
+    def info(self) -> SpringInfo:
+        """What is out of the ordinary at the present positions."""
+        ends = self.positions[self.edges]
+        return SpringInfo(np.flatnonzero((ends[:, 0] == ends[:, 1]).all(axis=1)))
 
 
 def grid_springs(
