@@ -203,6 +203,19 @@ void bind_triangle_tree(py::module_& m) {
           },
           py::arg("x").noconvert(), py::arg("threads"))
       .def(
+          "count_pierced",
+          [](const TriangleTree& self, const Rows& vertices, const Indices& faces,
+             const Indices& edges, int threads) {
+            const double* x = vertices.data();
+            const std::int64_t* f = faces.data();
+            const std::int64_t* e = edges.data();
+            const auto count = edges.shape(0);
+            const ReleaseGil nogil;
+            return self.count_pierced(x, f, e, count, threads);
+          },
+          py::arg("vertices").noconvert(), py::arg("faces").noconvert(),
+          py::arg("edges").noconvert(), py::arg("threads"))
+      .def(
           "sample",
           [](const TriangleTree& self, const std::array<std::int64_t, 3>& shape,
              const Triple& origin, double spacing, int threads) {

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _core
 from ._checks import check_array, check_real, check_threads, describe
-from ._mesh import TriangleMesh
+from ._triangle_mesh import TriangleMesh
 from .errors import InputError
 
 Array = NDArray[np.float64]
@@ -494,7 +494,7 @@ class SignedDistanceField(Collider):
             raise InputError(f"spacing: {h} gives a grid of {np.prod(cells + 1):.1e} nodes")
         origin = 0.5 * (low + high - cells * h)
         shape = [int(n) + 1 for n in cells]
-        values = mesh.tree.sample(shape, origin.tolist(), h, check_threads(threads)) - grown
+        values = mesh._tree.sample(shape, origin.tolist(), h, check_threads(threads)) - grown
         if not (values < 0).any():
             lacks = "; ".join(mesh.report().lacks) or "parts thinner than the spacing"
             raise InputError(

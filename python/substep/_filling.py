@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ._checks import check_real, check_threads
-from ._mesh import Array, Indices, TetMesh, TriangleMesh, components
+from ._mesh import TetMesh
+from ._topology import Array, Indices, components
+from ._triangle_mesh import TriangleMesh
 from .errors import InputError
 
 _CRUMB = 1e-3  # of the largest piece's volume: smaller ones are left out
@@ -60,7 +62,7 @@ def tetrahedralize(
     points = 2 * np.prod(sides / h + 4)
     if not points <= 1e8:
         raise InputError(f"spacing: {h} gives a lattice of {points:.1e} points")
-    vertices, cells = mesh.tree.stuff(h, check_threads(threads))
+    vertices, cells = mesh._tree.stuff(h, check_threads(threads))
     report = mesh.report()
     if len(cells) == 0:
         lacks = "; ".join(report.lacks) or "parts thinner than the spacing"

@@ -1,409 +1,20 @@
-"""Triangle and tetrahedral meshes: what is next to what, measures, and what a mesh lacks."""
+"""Tetrahedral meshes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from . import _core
-from ._checks import check_array, check_threads, describe, first_bad_index
+from ._checks import check_array
+from ._tet_locate import barycentric, locate
+from ._topology import Array, Indices, check_indices, frozen
+from ._triangle_mesh import TriangleMesh
 from .errors import InputError
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
-
-def check_indices(name: str, value: Any, columns: int, count: int) -> Indices:
-    """Rows of `columns` different integers in [0, count), as a new array; at least one row."""
-    array = np.asarray(value)
-    if array.ndim != 2 or array.shape[1] != columns or array.shape[0] == 0:
-        raise InputError(
-            f"{name}: expected at least one row of {columns} indices, got {describe(array)}"
-        )
-    if array.dtype.kind not in "iu":
-        raise InputError(f"{name}: expected integers, got dtype {array.dtype}")
-    wrong = (array < 0) | (array >= count)
-    if wrong.any():
-        raise InputError(
-            f"{name}{first_bad_index(wrong)}: expected an index from 0 to {count - 1}, "
-            f"got {array[wrong][0]}"
-        )
-    indices: Indices = array.astype(np.int64, order="C")
-    ordered = np.sort(indices, axis=1)
-    repeated = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
-    if repeated.any():
-        row = int(np.argmax(repeated))
-        raise InputError(f"{name}[{row}]: expected different indices, got {indices[row].tolist()}")
-    return indices
-
-
-def components(count: int, pairs: Indices) -> Indices:
-    """Number of the connected component of each of `count` nodes, rising with the lowest node."""
-    label = np.arange(count)
-    while True:
-        low = np.minimum(label[pairs[:, 0]], label[pairs[:, 1]])
-        new = label.copy()
-        for side in (0, 1):
-            np.minimum.at(new, pairs[:, side], low)
-            np.minimum.at(new, label[pairs[:, side]], low)
-        new = new[new]
-        if (new == label).all():
-            return np.unique(label, return_inverse=True)[1].astype(np.int64)
-        label = new
-
-
-def _frozen(array: NDArray[Any]) -> NDArray[Any]:
-    array.flags.writeable = False
-    return array
-
-
-class TriangleMesh:
-    """A surface of triangles.
-
-    Any set of triangles is accepted: open, not manifold, with duplicated or flat faces. `report`
-    says which of that a mesh is.
-
-    Parameters
-    ----------
-    vertices : array_like, shape (n, 3)
-        Positions [m].
-    faces : array_like of int, shape (m, 3)
-        Vertices of the triangles, counter-clockwise seen from outside; at least one triangle.
-
-    Attributes
-    ----------
-    vertices : ndarray, shape (n, 3)
-        Positions [m], read-only.
-    faces : ndarray of int64, shape (m, 3)
-        Triangles, read-only.
-    dropped : int
-        Faces with a corner twice that were left out when the mesh was read or cleaned.
-
-    Raises
-    ------
-    InputError
-        If a position is not finite, an index is out of range, or a triangle has a vertex twice.
-
-    Examples
-    --------
-    >>> import substep
-    >>> mesh = substep.geometry.TriangleMesh(
-    ...     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]]
-    ... )
-    >>> mesh.edges.tolist()
-    [[0, 1], [0, 2], [0, 3], [1, 2], [2, 3]]
-    >>> mesh.hinges.tolist()
-    [[0, 2, 3, 1]]
-    >>> float(mesh.area)
-    1.0
-    """
-
-    def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
-        self.vertices: Array = _frozen(check_array("vertices", vertices, (None, 3)).copy())
-        self.faces: Indices = _frozen(check_indices("faces", faces, 3, len(self.vertices)))
-
-        self.dropped = 0
-
-    def __repr__(self) -> str:
-        return f"TriangleMesh({len(self.vertices)} vertices, {len(self.faces)} faces)"
-
-    @cached_property
-    def _sides(self) -> tuple[Indices, Indices, Indices]:
-        """Sides of the faces, three per face: edge numbers; and edges; and faces per edge."""
-        start, end = self.faces.ravel(), np.roll(self.faces, -1, axis=1).ravel()
-        low, high = np.minimum(start, end), np.maximum(start, end)
-        keys, edge, uses = np.unique(
-            low * len(self.vertices) + high, return_inverse=True, return_counts=True
-        )
-        edges = np.stack(np.divmod(keys, len(self.vertices)), axis=1)
-        return edge, _frozen(edges), uses
-
-    @property
-    def edges(self) -> Indices:
-        """Each edge once, (lower, higher vertex), sorted; shape (k, 2)."""
-        return self._sides[1]
-
-    @property
-    def edge_uses(self) -> Indices:
-        """Number of faces at each edge: 1 on the border, 2 inside, more where not manifold."""
-        return self._sides[2]
-
-    @cached_property
-    def hinges(self) -> Indices:
-        """Pairs of faces about an edge, shape (h, 4): the edge (a, b), then the two other corners.
-
-        The first of the two faces runs from a to b: with consistent orientation they are
-        (a, b, c) and (b, a, d). An edge with n > 2 faces gives n - 1 hinges, each face with the
-        next in the order of `faces`.
-        """
-        order = np.argsort(self._sides[0], kind="stable")
-        edge = self._sides[0][order]
-        first = np.flatnonzero(edge[1:] == edge[:-1])
-        corners = np.stack([self.faces, *(np.roll(self.faces, -k, axis=1) for k in (1, 2))], -1)
-        corners = corners.reshape(-1, 3)[order]  # start, end, opposite of each side
-        one, two = corners[first], corners[first + 1]
-        low_first = (one[:, 0] < one[:, 1]) | (two[:, 0] < two[:, 1]) & (one[:, 0] == two[:, 0])
-        swap = ~low_first[:, None]
-        return _frozen(
-            np.hstack(
-                [
-                    np.sort(one[:, :2], axis=1),
-                    np.where(swap, two[:, 2:], one[:, 2:]),
-                    np.where(swap, one[:, 2:], two[:, 2:]),
-                ]
-            )
-        )
-
-    @cached_property
-    def face_normals(self) -> Array:
-        """Unit normals, shape (m, 3); zero for faces without area."""
-        cross = self._crosses
-        length = np.linalg.norm(cross, axis=1, keepdims=True)
-        return _frozen(np.divide(cross, length, out=np.zeros_like(cross), where=length > 0))
-
-    @cached_property
-    def _crosses(self) -> Array:
-        a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
-        return np.cross(b - a, c - a)
-
-    @cached_property
-    def face_areas(self) -> Array:
-        """Areas [m^2], shape (m,)."""
-        return _frozen(0.5 * np.linalg.norm(self._crosses, axis=1))
-
-    @cached_property
-    def vertex_areas(self) -> Array:
-        """A third of the areas of the faces at each vertex [m^2], shape (n,)."""
-        thirds = np.repeat(self.face_areas / 3, 3)
-        return _frozen(np.bincount(self.faces.ravel(), thirds, len(self.vertices)))
-
-    @property
-    def area(self) -> float:
-        """Sum of the areas [m^2]."""
-        return float(self.face_areas.sum())
-
-    @property
-    def volume(self) -> float:
-        """Enclosed volume [m^3], negative if the faces look inward; of closed meshes only.
-
-        An open mesh gets the volume of the cones from the middle of its bounding box.
-        """
-        middle = 0.5 * (self.vertices.min(axis=0) + self.vertices.max(axis=0))
-        return float(
-            np.einsum("ij,ij->", self.vertices[self.faces[:, 0]] - middle, self._crosses) / 6
-        )
-
-    @cached_property
-    def boundary_loops(self) -> list[Indices]:
-        """Vertices along each border, in the direction of the faces."""
-        edge, _, uses = self._sides
-        border = uses[edge] == 1
-        start = self.faces.ravel()[border]
-        end = np.roll(self.faces, -1, axis=1).ravel()[border]
-        following: dict[int, list[int]] = {}
-        for a, b in zip(start[::-1].tolist(), end[::-1].tolist(), strict=True):
-            following.setdefault(a, []).append(b)
-        loops = []
-        for first in sorted(following):
-            while following.get(first):
-                loop, vertex = [first], following[first].pop()
-                while vertex != first and following.get(vertex):
-                    loop.append(vertex)
-                    vertex = following[vertex].pop()
-                loops.append(np.array(loop))
-        return loops
-
-    @cached_property
-    def tree(self) -> Any:
-        """The bounding boxes of the triangles, in the native core."""
-        return _core.TriangleTree(self.vertices, self.faces)
-
-    def nearest(self, x: ArrayLike, threads: int | None = None) -> tuple[Array, Array, Indices]:
-        """Nearest points of the surface.
-
-        Parameters
-        ----------
-        x : array_like, shape (n, 3)
-            Points [m].
-        threads : int, optional
-            Threads to use.
-
-        Returns
-        -------
-        distance : ndarray, shape (n,)
-            Distances, never below 0 [m].
-        points : ndarray, shape (n, 3)
-            The nearest points [m].
-        faces : ndarray of int64, shape (n,)
-            The faces they lie on.
-        """
-        found = self.tree.nearest(check_array("x", x, (None, 3)), check_threads(threads))
-        return found[:, 0].copy(), found[:, 1:4].copy(), found[:, 4].astype(np.int64)
-
-    def winding_number(self, x: ArrayLike, threads: int | None = None) -> Array:
-        """Generalized winding number: 1 inside of a closed mesh, 0 outside, between near holes.
-
-        It tells inside from outside also where a mesh is open, not manifold or cuts itself. Far
-        triangles are taken together: the error is below about 0.04.
-
-        Parameters
-        ----------
-        x : array_like, shape (n, 3)
-            Points [m].
-        threads : int, optional
-            Threads to use.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Winding numbers.
-
-        References
-        ----------
-        Jacobson, Kavan, Sorkine-Hornung (2013), ACM Trans. Graph. 32, 33, eq. (5); Barill et al.
-        (2018), ACM Trans. Graph. 37, 43, section 3.2.
-        """
-        points = check_array("x", x, (None, 3))
-        return np.asarray(self.tree.winding_number(points, check_threads(threads)))
-
-    def signed_distance(self, x: ArrayLike, threads: int | None = None) -> Array:
-        """Distance to the surface, below 0 where the winding number is above 1/2.
-
-        A mesh whose faces look inward as a whole is turned for this.
-
-        Parameters
-        ----------
-        x : array_like, shape (n, 3)
-            Points [m].
-        threads : int, optional
-            Threads to use.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Signed distances [m].
-        """
-        points = check_array("x", x, (None, 3))
-        return np.asarray(self.tree.signed_distance(points, check_threads(threads)))
-
-    def cleaned(self) -> TriangleMesh:
-        """The mesh with vertices at the same place joined, and without what is then superfluous.
-
-        Left out are unused vertices, faces that have a corner twice after the joining, and faces
-        that have the corners of an earlier one.
-        """
-        points, joined = np.unique(self.vertices, axis=0, return_inverse=True)
-        faces = joined.ravel()[self.faces]
-        kept = faces[(faces != np.roll(faces, -1, axis=1)).all(axis=1)]
-        if len(kept) == 0:
-            raise InputError("faces: every face has a corner twice once the vertices are joined")
-        first = np.unique(np.sort(kept, axis=1), axis=0, return_index=True)[1]
-        used, faces = np.unique(kept[np.sort(first)], return_inverse=True)
-        mesh = TriangleMesh(points[used], faces.reshape(-1, 3))
-        mesh.dropped = self.dropped + len(self.faces) - len(mesh.faces)
-        return mesh
-
-    def report(self) -> MeshReport:
-        """What the mesh lacks, as a `MeshReport`; `print` it for plain words."""
-        edge, edges, uses = self._sides
-        forward = self.faces.ravel() < np.roll(self.faces, -1, axis=1).ravel()
-        balance = np.bincount(edge, np.where(forward, 1, -1), len(edges))
-        used = np.zeros(len(self.vertices), bool)
-        used[self.faces] = True
-        corners = self.vertices[self.faces]
-        longest = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
-        label = components(len(self.vertices), edges)
-        return MeshReport(
-            vertices=len(self.vertices),
-            faces=len(self.faces),
-            components=len(np.unique(label[used])),
-            area=self.area,
-            volume=self.volume,
-            boundary_edges=int((uses == 1).sum()),
-            holes=len(self.boundary_loops),
-            non_manifold_edges=int((uses > 2).sum()),
-            flipped_edges=int(((uses == 2) & (balance != 0)).sum()),
-            duplicate_faces=len(self.faces) - len(np.unique(np.sort(self.faces, axis=1), axis=0)),
-            flat_faces=int((2 * self.face_areas <= 1e-10 * longest**2).sum()),
-            duplicate_vertices=len(self.vertices) - len(np.unique(self.vertices, axis=0)),
-            unused_vertices=int((~used).sum()),
-            dropped_faces=self.dropped,
-        )
-
-
-@dataclass(frozen=True)
-class MeshReport:
-    """What a triangle mesh is and lacks; `str` says it in plain words.
-
-    Attributes
-    ----------
-    vertices, faces : int
-        Numbers.
-    components : int
-        Connected parts, by shared edges.
-    area, volume : float
-        Area [m^2]; volume [m^3], which means something for closed meshes.
-    boundary_edges, holes : int
-        Edges with one face, and the loops they form.
-    non_manifold_edges : int
-        Edges with more than two faces.
-    flipped_edges : int
-        Edges whose two faces look to different sides.
-    duplicate_faces : int
-        Faces that have the corners of another one.
-    flat_faces : int
-        Faces without area (height below 1e-10 of the longest edge).
-    duplicate_vertices : int
-        Vertices at the place of another one.
-    unused_vertices : int
-        Vertices of no face.
-    dropped_faces : int
-        Faces that were left out when the mesh was read or cleaned.
-    """
-
-    vertices: int
-    faces: int
-    components: int
-    area: float
-    volume: float
-    boundary_edges: int
-    holes: int
-    non_manifold_edges: int
-    flipped_edges: int
-    duplicate_faces: int
-    flat_faces: int
-    duplicate_vertices: int
-    unused_vertices: int
-    dropped_faces: int
-
-    @property
-    def closed(self) -> bool:
-        """Every edge has two faces, which look to the same side: the mesh bounds a solid."""
-        return not (self.boundary_edges or self.non_manifold_edges or self.flipped_edges)
-
-    @property
-    def lacks(self) -> list[str]:
-        """Each defect as a phrase; empty for a mesh without any."""
-        named = [
-            (self.boundary_edges, f"open: {self.boundary_edges} border edges, {self.holes} holes"),
-            (self.non_manifold_edges, f"{self.non_manifold_edges} edges with more than two faces"),
-            (self.flipped_edges, f"{self.flipped_edges} edges whose faces look to different sides"),
-            (self.closed and self.volume < 0, "inside out"),
-            (self.duplicate_faces, f"{self.duplicate_faces} duplicated faces"),
-            (self.flat_faces, f"{self.flat_faces} faces without area"),
-            (self.duplicate_vertices, f"{self.duplicate_vertices} duplicated vertices"),
-            (self.unused_vertices, f"{self.unused_vertices} unused vertices"),
-            (self.dropped_faces, f"{self.dropped_faces} faces were left out"),
-        ]
-        return [phrase for count, phrase in named if count]
-
-    def __str__(self) -> str:
-        head = f"{self.vertices} vertices, {self.faces} faces, {self.components} components"
-        return "\n".join([head, *(self.lacks or ["closed, manifold, oriented"])])
+_SIDES = [(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)]  # of a tetrahedron, looking outward
+_EDGES = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
 
 
 class TetMesh:
@@ -443,7 +54,7 @@ class TetMesh:
     """
 
     def __init__(self, vertices: ArrayLike, tetrahedra: ArrayLike) -> None:
-        self.vertices: Array = _frozen(check_array("vertices", vertices, (None, 3)).copy())
+        self.vertices: Array = frozen(check_array("vertices", vertices, (None, 3)).copy())
         tets = check_indices("tetrahedra", tetrahedra, 4, len(self.vertices))
         volumes = self._signed_volumes(tets)
         bad = volumes == 0
@@ -454,7 +65,7 @@ class TetMesh:
         tets[inverted] = tets[inverted][:, [0, 1, 3, 2]]
         self.flipped = int(inverted.sum())
         self.lacks: list[str] = []
-        self.tetrahedra: Indices = _frozen(tets)
+        self.tetrahedra: Indices = frozen(tets)
 
     def __repr__(self) -> str:
         return f"TetMesh({len(self.vertices)} vertices, {len(self.tetrahedra)} tetrahedra)"
@@ -467,7 +78,7 @@ class TetMesh:
     @cached_property
     def volumes(self) -> Array:
         """Volumes [m^3], shape (m,)."""
-        return _frozen(self._signed_volumes(self.tetrahedra))
+        return frozen(self._signed_volumes(self.tetrahedra))
 
     @cached_property
     def dihedral_angles(self) -> Array:
@@ -476,14 +87,12 @@ class TetMesh:
         Slivers have angles near 0 or pi; the best there is has all at arccos(1/3) = 1.23.
         """
         x = self.vertices[self.tetrahedra]
-        sides = [(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)]
         normals = np.stack(
-            [np.cross(x[:, b] - x[:, a], x[:, c] - x[:, a]) for a, b, c in sides], axis=1
+            [np.cross(x[:, b] - x[:, a], x[:, c] - x[:, a]) for a, b, c in _SIDES], axis=1
         )
         normals /= np.linalg.norm(normals, axis=2, keepdims=True)
-        pairs = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
-        cosines = [-np.einsum("ij,ij->i", normals[:, a], normals[:, b]) for a, b in pairs]
-        return _frozen(np.arccos(np.clip(np.stack(cosines, axis=1), -1, 1)))
+        cosines = [-np.einsum("ij,ij->i", normals[:, a], normals[:, b]) for a, b in _EDGES]
+        return frozen(np.arccos(np.clip(np.stack(cosines, axis=1), -1, 1)))
 
     @property
     def volume(self) -> float:
@@ -494,25 +103,58 @@ class TetMesh:
     def vertex_volumes(self) -> Array:
         """A quarter of the volumes of the tetrahedra at each vertex [m^3], shape (n,)."""
         quarters = np.repeat(self.volumes / 4, 4)
-        return _frozen(np.bincount(self.tetrahedra.ravel(), quarters, len(self.vertices)))
+        return frozen(np.bincount(self.tetrahedra.ravel(), quarters, len(self.vertices)))
 
     @cached_property
     def edges(self) -> Indices:
         """Each edge once, (lower, higher vertex), sorted; shape (k, 2)."""
-        pairs = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
-        ends = np.sort(self.tetrahedra[:, pairs].reshape(-1, 2), axis=1)
+        ends = np.sort(self.tetrahedra[:, _EDGES].reshape(-1, 2), axis=1)
         keys = np.unique(ends[:, 0] * len(self.vertices) + ends[:, 1])
-        return _frozen(np.stack(np.divmod(keys, len(self.vertices)), axis=1))
+        return frozen(np.stack(np.divmod(keys, len(self.vertices)), axis=1))
 
     @cached_property
     def surface_faces(self) -> Indices:
         """Faces of one tetrahedron only, looking outward, as vertex numbers; shape (k, 3)."""
-        sides = [(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)]
-        faces = self.tetrahedra[:, sides].reshape(-1, 3)
+        faces = self.tetrahedra[:, _SIDES].reshape(-1, 3)
         _, first, count = np.unique(
             np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
         )
-        return _frozen(faces[np.sort(first[count == 1])])
+        return frozen(faces[np.sort(first[count == 1])])
+
+    def embed(self, points: ArrayLike) -> tuple[Indices, Array]:
+        """Tie points to tetrahedra, so that they follow when these are deformed.
+
+        The points of deformed vertices x are ``(weights[..., None] * x[cells]).sum(axis=1)``: so a
+        fine surface follows a coarse solid.
+
+        Parameters
+        ----------
+        points : array_like, shape (n, 3)
+            Points [m]; those outside are tied to the tetrahedron of the nearest surface point.
+
+        Returns
+        -------
+        cells : ndarray of int64, shape (n, 4)
+            Vertices of the tetrahedron of each point.
+        weights : ndarray, shape (n, 4)
+            Barycentric coordinates: they sum to 1 and are above 0 inside.
+        """
+        x = check_array("points", points, (None, 3))
+        cell = locate(self, x)
+        lost = cell < 0
+        if lost.any():
+            sides = np.sort(self.tetrahedra[:, _SIDES], axis=2)
+            shell = TriangleMesh(self.vertices, self.surface_faces)
+            faces = np.sort(shell.faces[shell.nearest(x[lost])[2]], axis=1)
+            every, number = np.unique(
+                np.concatenate([sides.reshape(-1, 3), faces]), axis=0, return_inverse=True
+            )
+            owner = np.empty(len(every), np.int64)
+            owner[number.ravel()[: 4 * len(self.tetrahedra)]] = np.repeat(
+                np.arange(len(self.tetrahedra)), 4
+            )
+            cell[lost] = owner[number.ravel()[4 * len(self.tetrahedra) :]]
+        return self.tetrahedra[cell], barycentric(self, cell, x)
 
     def surface(self) -> tuple[TriangleMesh, Indices]:
         """The surface as a mesh of its own, and the number of each of its vertices in this one."""

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ._mesh import TetMesh, TriangleMesh
+from ._mesh import TetMesh
+from ._triangle_mesh import TriangleMesh
 from .errors import FormatError, SubstepError
 
 

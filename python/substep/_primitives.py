@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ._checks import check_array, check_integer, check_real
-from ._mesh import Indices, TetMesh, TriangleMesh
+from ._mesh import TetMesh
+from ._topology import Indices
+from ._triangle_mesh import TriangleMesh
 from .errors import InputError
 
 

@@ -12,9 +12,11 @@ from __future__ import annotations
 
 from ._colliders import Box, Collider, Plane, SignedDistanceField, Sphere
 from ._filling import tetrahedralize
-from ._mesh import MeshReport, TetMesh, TriangleMesh
+from ._mesh import TetMesh
 from ._mesh_io import read_mesh
+from ._mesh_report import MeshReport
 from ._primitives import box_mesh, box_tetrahedra, grid_mesh, sphere_mesh
+from ._triangle_mesh import TriangleMesh
 
 __all__ = [
     "Box",

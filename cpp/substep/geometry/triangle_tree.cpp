@@ -3,7 +3,10 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <utility>
+
+#include "substep/core/parallel.h"
 
 namespace substep::geometry {
 
@@ -42,6 +45,20 @@ double solid_angle(const Vec3& x, const Vec3& a, const Vec3& b, const Vec3& c) {
 
 double box_distance2(const Vec3& x, const Vec3& low, const Vec3& high) {
   return (low - x).cwiseMax(x - high).cwiseMax(0.0).squaredNorm();
+}
+
+// Both ends strictly on different sides of the face, and the line strictly inside of its edges.
+bool pierces(const Vec3& p, const Vec3& q, const Vec3& a, const Vec3& b, const Vec3& c) {
+  const Vec3 normal = (b - a).cross(c - a), along = q - p;
+  const double size = std::sqrt(std::max(
+      {(b - a).squaredNorm(), (c - a).squaredNorm(), (c - b).squaredNorm(), along.squaredNorm()}));
+  const double flat = 1e-9 * size * normal.norm();
+  const double above = normal.dot(p - a), below = normal.dot(q - a);
+  if (!((above > flat && below < -flat) || (above < -flat && below > flat))) return false;
+  const double side = 1e-9 * size * size * size;
+  const double u = along.dot((a - p).cross(b - p)), v = along.dot((b - p).cross(c - p)),
+               w = along.dot((c - p).cross(a - p));
+  return (u > side && v > side && w > side) || (u < -side && v < -side && w < -side);
 }
 
 bool directed_edges_cancel(const std::int64_t* faces, std::int64_t face_count) {
@@ -210,6 +227,46 @@ double TriangleTree::winding_number(const Vec3& x) const {
     stack[top++] = index + 1;
   }
   return sum / (4 * std::numbers::pi);
+}
+
+std::int64_t TriangleTree::count_pierced(const double* vertices, const std::int64_t* faces,
+                                         const std::int64_t* edges, std::int64_t edge_count,
+                                         int threads) const {
+  const auto pierced = [&](std::int64_t i, std::int64_t j) {
+    const Vec3 p = Eigen::Map<const Vec3>(vertices + 3 * i);
+    const Vec3 q = Eigen::Map<const Vec3>(vertices + 3 * j);
+    const Vec3 low = p.cwiseMin(q), high = p.cwiseMax(q);
+    std::int32_t stack[64];
+    int top = 0;
+    stack[top++] = 0;
+    while (top > 0) {
+      const std::int32_t index = stack[--top];
+      const Node& node = nodes_[static_cast<std::size_t>(index)];
+      if ((node.low.array() > high.array()).any() || (node.high.array() < low.array()).any())
+        continue;
+      for (std::int32_t k = node.first; k < node.first + node.count; ++k) {
+        const Triangle& t = triangles_[static_cast<std::size_t>(k)];
+        const std::int64_t* f = faces + 3 * t.face;
+        const bool shares = std::any_of(f, f + 3, [&](auto v) { return v == i || v == j; });
+        if (!shares && pierces(p, q, t.a, t.b, t.c)) return true;
+      }
+      if (node.count > 0) continue;
+      stack[top++] = node.right;
+      stack[top++] = index + 1;
+    }
+    return false;
+  };
+  constexpr std::int64_t kGrain = 1024;
+  std::vector<std::int64_t> found(static_cast<std::size_t>(edge_count / kGrain + 1), 0);
+  parallel_for(
+      edge_count, kGrain,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t e = begin; e < end; ++e)
+          found[static_cast<std::size_t>(begin / kGrain)] +=
+              pierced(edges[2 * e], edges[2 * e + 1]) ? 1 : 0;
+      },
+      threads);
+  return std::accumulate(found.begin(), found.end(), std::int64_t{0});
 }
 
 }  // namespace substep::geometry

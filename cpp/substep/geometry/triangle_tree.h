@@ -43,6 +43,11 @@ class TriangleTree {
     return inside(x) ? -d : d;
   }
 
+  // How many of the edges (pairs of vertices) pass through a face that has none of their ends. What
+  // only touches, within 1e-9 of the size of the face, does not count. Same arrays as constructed.
+  std::int64_t count_pierced(const double* vertices, const std::int64_t* faces,
+                             const std::int64_t* edges, std::int64_t edge_count, int threads) const;
+
   // The directed edges cancel: w is then a whole number and changes at the surface only.
   bool closed() const { return closed_; }
   Vec3 lower() const { return nodes_.front().low; }
