@@ -53,6 +53,7 @@ _SUBMODULES = (
     "export",
     "fields",
     "geometry",
+    "linalg",
     "ode",
     "recording",
     "render",

@@ -1,6 +1,7 @@
 #include "substep/linalg/sparse.h"
 
 #include <algorithm>
+#include <cmath>
 #include <complex>
 #include <limits>
 
@@ -127,6 +128,39 @@ bool is_lower(const SparsePattern& pattern) {
     }
   }
   return true;
+}
+
+SparsePattern lower_triangle(const SparsePattern& pattern, std::vector<std::int32_t>* entry) {
+  SparsePattern result{pattern.rows, pattern.cols, {0}, {}};
+  if (entry) entry->clear();
+  for (std::int32_t j = 0; j < pattern.cols; ++j) {
+    for (auto k = pattern.start[static_cast<std::size_t>(j)];
+         k < pattern.start[static_cast<std::size_t>(j) + 1]; ++k) {
+      if (pattern.row[static_cast<std::size_t>(k)] < j) continue;
+      result.row.push_back(pattern.row[static_cast<std::size_t>(k)]);
+      if (entry) entry->push_back(k);
+    }
+    result.start.push_back(static_cast<std::int32_t>(result.row.size()));
+  }
+  return result;
+}
+
+std::int32_t find_asymmetry(const SparsePattern& pattern, std::span<const double> values,
+                            double tolerance) {
+  double largest = 0, worst = 0;
+  for (const double value : values) largest = std::max(largest, std::abs(value));
+  std::int32_t found = -1;
+  for (std::int32_t j = 0; j < pattern.cols; ++j) {
+    for (auto k = pattern.start[static_cast<std::size_t>(j)];
+         k < pattern.start[static_cast<std::size_t>(j) + 1]; ++k) {
+      const std::int32_t mirror = pattern.find(j, pattern.row[static_cast<std::size_t>(k)]);
+      const double difference =
+          std::abs(values[static_cast<std::size_t>(k)] -
+                   (mirror < 0 ? 0 : values[static_cast<std::size_t>(mirror)]));
+      if (difference > worst && difference > tolerance * largest) worst = difference, found = k;
+    }
+  }
+  return found;
 }
 
 template <class T>

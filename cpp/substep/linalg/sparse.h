@@ -39,6 +39,16 @@ SparsePattern transposed(const SparsePattern& pattern, std::vector<std::int32_t>
 // Whether every column holds rows on or below the diagonal only.
 bool is_lower(const SparsePattern& pattern);
 
+// The entries on and below the diagonal. With `entry`, entry k of the result is entry (*entry)[k]
+// of `pattern`.
+SparsePattern lower_triangle(const SparsePattern& pattern,
+                             std::vector<std::int32_t>* entry = nullptr);
+
+// The entry that differs most from its mirror image, an absent one being zero; -1 where none does
+// by more than `tolerance` times the largest entry.
+std::int32_t find_asymmetry(const SparsePattern& pattern, std::span<const double> values,
+                            double tolerance);
+
 // y = A^T x: each y_j is a sum over column j in the order of its entries, whatever `threads`. For a
 // symmetric matrix with both triangles stored it is A x.
 template <class T>
