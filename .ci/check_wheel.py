@@ -1,5 +1,6 @@
 """Exercises an installed substep that has its required dependencies only."""
 
+import importlib.metadata
 import importlib.util
 import subprocess
 import sys
@@ -26,7 +27,20 @@ with tempfile.TemporaryDirectory() as folder:
     assert HERE not in Path(substep.__file__).parents or "site-packages" in substep.__file__
     for extra in ("matplotlib", "scipy", "vtk"):
         assert importlib.util.find_spec(extra) is None, f"{extra} must not be needed"
-    substep.show_config()
+    config = substep.show_config()
+    assert config["suitesparse"].endswith("with supernodal CHOLMOD and UMFPACK"), config
+    versions = substep._core.library_versions()
+    assert versions["blas_is_serial"] and versions["blas_is_reentrant"], versions
+    libraries = {
+        line.split()[-1]
+        for line in Path("/proc/self/maps").read_text().splitlines()
+        if any(name in line for name in ("libblas", "liblapack", "libopenblas", "libcholmod"))
+    }
+    ours = Path(substep.__file__).parents[1] / "substep.libs"
+    assert len(libraries) == 4, libraries  # no second BLAS
+    assert all(Path(library).parent == ours for library in libraries), libraries
+    licences = importlib.metadata.files("substep") or []
+    assert any(str(path).endswith("licenses/SuiteSparse.txt") for path in licences), licences
     seconds = import_seconds(folder)
     print(f"import substep: {seconds * 1e3:.1f} ms")
     assert seconds < 0.15

@@ -31,6 +31,9 @@ def test_show_config_prints_what_it_returns(capsys):
     assert entries["level"] in _native.LEVELS
     assert entries["threads"] == str(substep.num_threads())
     assert entries["numpy"] == np.__version__
+    versions = substep._core.library_versions()
+    assert entries["suitesparse"].startswith(versions["suitesparse"])
+    assert versions["blas"] in entries["blas"]
 
 
 def test_every_installed_level_can_be_chosen():

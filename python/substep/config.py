@@ -75,7 +75,7 @@ def show_config() -> dict[str, str]:
     --------
     >>> import substep
     >>> config = substep.show_config()  # doctest: +ELLIPSIS
-    substep    ...
+    substep     ...
     >>> config["substep"] == substep.__version__
     True
     """
@@ -88,13 +88,19 @@ def show_config() -> dict[str, str]:
         "compiler": _core.compiler,
         "eigen": _core.eigen,
     }
+    versions = _core.library_versions()
+    modules = "with" if versions["gpl"] else "without"
+    entries["suitesparse"] = f"{versions['suitesparse']}, {modules} supernodal CHOLMOD and UMFPACK"
+    entries["blas"] = versions["blas"]
+    if not versions["blas_is_serial"]:
+        entries["blas"] += " (not the serial OpenBLAS: bits may depend on its number of threads)"
     for name in ("h5py", "tqdm", "matplotlib", "scipy", "vtk"):
         try:
             entries[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             entries[name] = "not installed"
     for name, value in entries.items():
-        print(f"{name:<11}{value}")
+        print(f"{name:<12}{value}")
     return entries
 
 
