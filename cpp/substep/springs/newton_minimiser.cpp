@@ -11,6 +11,7 @@ namespace {
 constexpr double kArmijo = 1e-4;     // of the slope: the fall that a step has to bring
 constexpr double kRounding = 1e-13;  // of the energy: what its sum is good to
 constexpr int kMaxBacktracks = 40;
+constexpr double kLeastKept = 0.2;  // of the negative curvature; below that none is kept
 
 double largest_component(std::span<const Vec3> g) {
   double largest = 0.0;
@@ -29,8 +30,20 @@ double dot(std::span<const Vec3> a, std::span<const Vec3> b) {
 
 }  // namespace
 
-bool NewtonMinimiser::factor(std::span<const double> values) {
-  return cholesky_->factor(values).factorized;
+// Factorizes the Hessian with as much of its negative curvature as leaves it positive definite.
+// What was kept is a guess for the next time: in most steps all of it can be kept in the end, and
+// then the convergence is quadratic.
+bool NewtonMinimiser::factorize(IncrementalPotential& energy, std::span<const Vec3> x,
+                                MinimiserReport& report) {
+  for (;;) {
+    energy.assemble(x, kept_, g_, values_);
+    ++report.factorizations;
+    if (cholesky_->factorize(values_, energy.threads()) < 0) break;
+    if (kept_ == 0.0) return false;
+    kept_ = kept_ > kLeastKept ? kept_ / 2 : 0.0;
+  }
+  kept_ = std::min(1.0, std::max(1.5 * kept_, kLeastKept));
+  return true;
 }
 
 MinimiserReport NewtonMinimiser::minimise(IncrementalPotential& energy, std::span<Vec3> x,
@@ -39,36 +52,41 @@ MinimiserReport NewtonMinimiser::minimise(IncrementalPotential& energy, std::spa
   const BlockPattern& pattern = energy.pattern();
   if (!cholesky_) {
     const auto size = static_cast<std::int32_t>(3 * n);
-    cholesky_.emplace(SparsePattern{size, size, pattern.columns, pattern.rows},
-                      CholeskyOptions{.block = 3});
+    cholesky_ = std::make_unique<SupernodalCholesky>(
+        SparsePattern{size, size, pattern.columns, pattern.rows}, 3);
+    values_.resize(pattern.rows.size());
   }
+  g_.resize(n);
+  dx_.resize(n);
+  trial_.resize(n);
+  kept_ = 1.0;
   MinimiserReport report;
-  std::vector<Vec3> g(n), dx(n), trial(n);
-  std::vector<double> values(pattern.rows.size());
+  double level = energy.energy(x);
   for (;; ++report.iterations) {
     poll_interrupt();
-    energy.assemble(x, 0.0, g, values);
-    report.residuals.push_back(largest_component(g));
+    energy.gradient(x, g_);
+    report.residuals.push_back(largest_component(g_));
     report.converged = report.residuals.back() <= tolerance;
     if (report.converged || report.iterations == max_iterations_ ||
-        !std::isfinite(report.residuals.back())) {
+        !std::isfinite(report.residuals.back()) || !factorize(energy, x, report)) {
       return report;
     }
-    ++report.factorizations;
-    if (!factor(values)) return report;
-    for (std::size_t i = 0; i < n; ++i) dx[i] = -g[i];
-    const std::span<double> flat(dx[0].data(), 3 * n);
-    cholesky_->solve(flat, flat);
+    for (std::size_t i = 0; i < n; ++i) dx_[i] = -g_[i];
+    cholesky_->solve(std::span(dx_[0].data(), 3 * n), energy.threads());
 
-    const double start = energy.energy(x), slope = dot(g, dx);
-    double s = energy.step_bound(x, dx);
+    const double slope = dot(g_, dx_);
+    double s = energy.step_bound(x, dx_);
     for (int tried = 0;; ++tried, s /= 2) {
-      for (std::size_t i = 0; i < n; ++i) trial[i] = x[i] + s * dx[i];
-      if (energy.energy(trial) <= start + kArmijo * s * slope + kRounding * std::abs(start)) break;
+      for (std::size_t i = 0; i < n; ++i) trial_[i] = x[i] + s * dx_[i];
+      const double next = energy.energy(trial_);
+      if (next <= level + kArmijo * s * slope + kRounding * std::abs(level)) {
+        level = next;
+        break;
+      }
       if (tried == kMaxBacktracks) return report;
       ++report.backtracks;
     }
-    std::copy(trial.begin(), trial.end(), x.begin());
+    std::copy(trial_.begin(), trial_.end(), x.begin());
   }
 }
 

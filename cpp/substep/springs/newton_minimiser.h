@@ -1,11 +1,14 @@
 // Newton's method on the energy of a step (Nocedal and Wright, "Numerical Optimization", 2nd ed.,
-// algorithm 3.2), with a sparse Cholesky factorization of a positive definite Hessian, steps that
-// stop before anything penetrates, and backtracking until the energy falls.
+// algorithm 3.2), with a sparse Cholesky factorization of the Hessian, steps that stop before
+// anything penetrates, and backtracking until the energy falls. Where the Hessian is not positive
+// definite (compressed springs), the factorization says so and less of its negative curvature is
+// kept (Term::derivatives). A Hessian without any, the usual projection, converges slowly.
 #pragma once
 
-#include <optional>
+#include <memory>
+#include <vector>
 
-#include "substep/linalg/cholesky.h"
+#include "substep/linalg/supernodal_cholesky.h"
 #include "substep/springs/minimiser.h"
 
 namespace substep::springs {
@@ -17,10 +20,13 @@ class NewtonMinimiser : public Minimiser {
                            double tolerance) override;
 
  private:
-  bool factor(std::span<const double> values);
+  bool factorize(IncrementalPotential& energy, std::span<const Vec3> x, MinimiserReport& report);
 
   int max_iterations_;
-  std::optional<Cholesky> cholesky_;  // of the pattern, which is that of every step
+  std::unique_ptr<SupernodalCholesky> cholesky_;  // of the pattern, which is that of every step
+  std::vector<double> values_;
+  std::vector<Vec3> g_, dx_, trial_;
+  double kept_ = 1.0;
 };
 
 }  // namespace substep::springs
