@@ -99,7 +99,7 @@ auto SampledDistance::locate(const Vec3& x) const -> Stencil {
   for (int d = 0; d < 3; ++d) {
     const double q = (x[d] - origin_[d]) / spacing_;
     const double top = static_cast<double>(shape_[static_cast<std::size_t>(d)]) - 1.5;
-    const double inside = std::clamp(q, 0.5, top);
+    const double inside = q >= 0.5 ? std::min(q, top) : 0.5;  // also where q is NaN
     const double center = std::min(std::floor(inside + 0.5), top - 0.5);
     const double s = inside - center;
     stencil.outside[d] = inside != q;
