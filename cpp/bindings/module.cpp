@@ -12,4 +12,5 @@ PYBIND11_MODULE(_core, m) {
   bind_ode(m);
   bind_second_order(m);
   bind_springs(m);
+  bind_soft_body(m);
 }

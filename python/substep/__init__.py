@@ -41,7 +41,7 @@ _EXPORTS = {
     ),
     "geometry": ("Box", "Plane", "SignedDistanceField", "Sphere"),
     "second_order": ("SecondOrderResult", "solve_second_order"),
-    "springs": ("MassSpring",),
+    "springs": ("MassSpring", "SoftBody"),
     "scipy_solvers": ("DOP853", "RK4", "RK45", "Euler", "Heun", "Midpoint"),
 }
 _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
@@ -100,7 +100,7 @@ if TYPE_CHECKING:
     from .recording import Part, Recorder, Recording
     from .scipy_solvers import DOP853, RK4, RK45, Euler, Heun, Midpoint
     from .second_order import SecondOrderResult, solve_second_order
-    from .springs import MassSpring
+    from .springs import MassSpring, SoftBody
 
 
 def __getattr__(name: str) -> Any:

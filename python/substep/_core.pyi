@@ -358,6 +358,17 @@ class Term: ...
 def spring_terms(
     edges: NDArray[Any], stiffness: NDArray[Any], rest_lengths: NDArray[Any], damping: NDArray[Any]
 ) -> list[Term]: ...
+
+elastic_models: list[str]
+
+def tetrahedra_terms(
+    rest: NDArray[Any],
+    tetrahedra: NDArray[Any],
+    young_modulus: NDArray[Any],
+    poisson_ratio: NDArray[Any],
+    model: str,
+    relaxation_time: float,
+) -> list[Term]: ...
 def drag_term(rate: float, masses: NDArray[Any]) -> Term: ...
 
 class StepReport:

@@ -1,4 +1,4 @@
-"""Mass-spring systems: cloth, nets, chains and ropes."""
+"""Mass-spring systems (cloth, nets, chains and ropes) and soft bodies."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from . import _core
 from ._checks import check_array, check_integer, check_real
 from ._deformable import Array, Deformable, check_positive
 from ._mesh import TriangleMesh, check_indices
+from ._soft_body import SoftBody
 
-__all__ = ["MassSpring", "SpringInfo", "grid_springs"]
+__all__ = ["MassSpring", "SoftBody", "SpringInfo", "grid_springs"]
 
 
 @dataclass(frozen=True)

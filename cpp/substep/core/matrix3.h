@@ -180,7 +180,11 @@ SUBSTEP_INLINE bool any_lane(const Mask& mask) {
 }
 
 inline constexpr int kPairs[3][2] = {{0, 1}, {0, 2}, {1, 2}};
-inline constexpr int kMaxSweeps = 16;  // four are typical
+inline constexpr int kMaxSweeps = 16;  // three or four are typical
+
+// Jacobi's method converges cubically: a lane is done after the sweep that starts with all angles
+// below kCoarse, and rotations below kFine are left out (squares of sines).
+inline constexpr double kCoarse = 1e-12, kFine = 1e-31;
 
 // A unit vector perpendicular to the unit vector a.
 template <class T>
@@ -201,20 +205,29 @@ template <class T>
 SUBSTEP_INLINE Svd3<T> svd3(const Matrix3<T>& A) {
   const T zero{};
   Matrix3<T> B = A, V = Matrix3<T>::identity();
+  auto finished = zero != zero;
   for (int sweep = 0; sweep < detail::kMaxSweeps; ++sweep) {
-    bool rotated = false;
+    auto fine = zero == zero, coarse = fine;
+#pragma GCC unroll 3
+    for (const auto& [p, q] : detail::kPairs) {
+      const Vector3<T> x = B.column(p), y = B.column(q);
+      const T g = dot(x, y), size = dot(x, x) * dot(y, y);
+      fine &= !(g * g > detail::kFine * size);
+      coarse &= !(g * g > detail::kCoarse * size);
+    }
+    finished |= fine;
+    if (!detail::any_lane(!finished)) break;
 #pragma GCC unroll 3
     for (const auto& [p, q] : detail::kPairs) {
       const Vector3<T> x = B.column(p), y = B.column(q);
       const T a = dot(x, x), b = dot(y, y), g = dot(x, y);
-      const auto done = !(g * g > 1e-31 * (a * b));
-      rotated |= detail::any_lane(!done);
+      const auto done = finished | !(g * g > detail::kFine * (a * b));
       const T t = detail::jacobi_tangent(a, b, g, done);
       const T c = 1.0 / square_root(1.0 + t * t), s = t * c;
       detail::rotate_columns(B, p, q, c, s);
       detail::rotate_columns(V, p, q, c, s);
     }
-    if (!rotated) break;
+    finished |= coarse;
   }
 #pragma GCC unroll 3
   for (const auto& [p, q] : detail::kPairs) {
@@ -255,22 +268,31 @@ SUBSTEP_INLINE Matrix3<T> positive_part(const Matrix3<T>& A) {
   const T det = A(0, 0) * cof(0, 0) + A(0, 1) * cof(0, 1) + A(0, 2) * cof(0, 2);
   const auto positive = (A(0, 0) > zero) & (minor > zero) & (det > zero);  // Sylvester
   if (!detail::any_lane(!positive)) return A;
-  Matrix3<T> D = A, W = Matrix3<T>::identity();
+  // One rotation in the plane of p and q, r being the third: D_pq becomes 0.
+  T d[3] = {A(0, 0), A(1, 1), A(2, 2)}, off[3] = {A(1, 2), A(0, 2), A(0, 1)};  // off[r]: D_pq
+  Matrix3<T> W = Matrix3<T>::identity();
+  auto finished = positive;
   for (int sweep = 0; sweep < detail::kMaxSweeps; ++sweep) {
-    bool rotated = false;
+    const T size = inner(A, A), rest = off[0] * off[0] + off[1] * off[1] + off[2] * off[2];
+    finished |= !(rest > detail::kFine * size);
+    if (!detail::any_lane(!finished)) break;
+    const auto coarse = !(rest > detail::kCoarse * size);
 #pragma GCC unroll 3
     for (const auto& [p, q] : detail::kPairs) {
-      const T g = D(p, q), scale = inner(D, D);
-      const auto done = !(g * g > 1e-32 * scale);
-      rotated |= detail::any_lane(!done);
-      const T t = detail::jacobi_tangent(D(p, p), D(q, q), g, done);
+      const int r = 3 - p - q;
+      const T g = off[r];
+      const auto done = finished | !(g * g > detail::kFine * size);
+      const T t = detail::jacobi_tangent(d[p], d[q], g, done);
       const T c = 1.0 / square_root(1.0 + t * t), s = t * c;
-      detail::rotate_columns(D, p, q, c, s);
-      D = transpose(D);
-      detail::rotate_columns(D, p, q, c, s);
+      d[p] -= t * g;
+      d[q] += t * g;
+      off[r] = select(done, g, zero);
+      const T rp = off[q], rq = off[p];  // D_rp, D_rq
+      off[q] = c * rp - s * rq;
+      off[p] = s * rp + c * rq;
       detail::rotate_columns(W, p, q, c, s);
     }
-    if (!rotated) break;
+    finished |= coarse;
   }
   Matrix3<T> P;
 #pragma GCC unroll 3
@@ -280,7 +302,7 @@ SUBSTEP_INLINE Matrix3<T> positive_part(const Matrix3<T>& A) {
       T sum{};
 #pragma GCC unroll 3
       for (int k = 0; k < 3; ++k) {
-        sum += select(D(k, k) > zero, D(k, k), zero) * W(i, k) * W(j, k);
+        sum += select(d[k] > zero, d[k], zero) * W(i, k) * W(j, k);
       }
       P(i, j) = select(positive, A(i, j), sum);
     }

@@ -30,15 +30,22 @@ struct Lame {
   T mu, lambda;
 };
 
+// log(1 + a)
 template <class T>
-SUBSTEP_INLINE T natural_log(const T& a) {
+SUBSTEP_INLINE T log_one_plus(const T& a) {
   if constexpr (std::is_floating_point_v<T>) {
-    return std::log(a);
+    return std::log1p(a);
   } else {
     T r;
-    for (unsigned lane = 0; lane < sizeof(T) / sizeof(a[0]); ++lane) r[lane] = std::log(a[lane]);
+    for (unsigned lane = 0; lane < sizeof(T) / sizeof(a[0]); ++lane) r[lane] = std::log1p(a[lane]);
     return r;
   }
+}
+
+// E = (F^T F - 1) / 2
+template <class T>
+SUBSTEP_INLINE Matrix3<T> green_strain(const Matrix3<T>& F) {
+  return combine<T>(T{} + 0.5, transpose(F) * F, T{} - 0.5, Matrix3<T>::identity());
 }
 
 // Stable neo-Hookean (Smith, de Goes, Kim, "Stable neo-Hookean flesh simulation", ACM TOG 37(2),
@@ -55,7 +62,12 @@ SUBSTEP_INLINE T natural_log(const T& a) {
 //   A_ii = k + 2 dk/dI s_i^2 + l (s_j s_k)^2
 //   A_ij = 2 dk/dI s_i s_j + l (s_j s_k)(s_i s_k) + d s_k
 //   flip_k = k - d s_k,   twist_k = k + d s_k
-// Psi is measured from the rest state: the constant Psi(I) is subtracted.
+
+// Psi is measured from the rest state, and so that rounding does not hide small strains from the
+// line search: with Green's strain E, its trace t and j = J - 1,
+//   Psi - Psi(1) = m (3/4 (t - j) + t/4 - 1/2 log(1 + t/2)) + l/2 j^2,
+// where both differences are of second order. J^2 = det(1 + 2 E) = 1 + 2 t + r gives, for J > 0,
+//   j = (2 t + r) / (J + 1),   t - j = (t j - r) / (J + 1),   r = 4 tr(cof E) + 8 det E.
 struct StableNeoHookean {
   static constexpr const char* kName = "neo_hookean";
 
@@ -69,10 +81,16 @@ struct StableNeoHookean {
   template <class T>
   static SUBSTEP_INLINE T energy(const Matrix3<T>& F, const Lame<T>& lame) {
     const Constants<T> c(lame);
-    const T I = inner(F, F), J = dot(F.column(0), cross(F.column(1), F.column(2)));
-    // (J - a)^2 - (1 - a)^2 = (J - 1) (J + 1 - 2 a)
-    return 0.5 * c.m * (I - 3.0 - natural_log<T>(0.25 * (I + 1.0))) +
-           0.5 * c.l * (J - 1.0) * (J + 1.0 - 2.0 * c.a);
+    const Matrix3<T> E = green_strain(F), cof = cofactor(E);
+    const T t = E(0, 0) + E(1, 1) + E(2, 2);
+    const T J = dot(F.column(0), cross(F.column(1), F.column(2)));
+    const T rest =
+        4.0 * (cof(0, 0) + cof(1, 1) + cof(2, 2)) + 8.0 * dot(E.column(0), cof.column(0));
+    const auto upright = J > T{} + 0.5;
+    const T sum = select(upright, J + 1.0, T{} + 1.0);
+    const T j = select(upright, (2.0 * t + rest) / sum, J - 1.0);
+    const T t_minus_j = select(upright, (t * j - rest) / sum, t - j);
+    return c.m * (0.75 * t_minus_j + 0.25 * t - 0.5 * log_one_plus<T>(0.5 * t)) + 0.5 * c.l * j * j;
   }
 
   template <class T>
@@ -118,11 +136,6 @@ struct StVenantKirchhoff {
   static constexpr const char* kName = "st_venant_kirchhoff";
 
   template <class T>
-  static SUBSTEP_INLINE Matrix3<T> green_strain(const Matrix3<T>& F) {
-    return combine<T>(T{} + 0.5, transpose(F) * F, T{} - 0.5, Matrix3<T>::identity());
-  }
-
-  template <class T>
   static SUBSTEP_INLINE T energy(const Matrix3<T>& F, const Lame<T>& c) {
     const Matrix3<T> E = green_strain(F);
     const T trace = E(0, 0) + E(1, 1) + E(2, 2);
@@ -152,6 +165,13 @@ struct StVenantKirchhoff {
     return H;
   }
 };
+
+// The list of models: function(name, model) for each, until one returns true.
+template <class Function>
+bool any_model(Function&& function) {
+  return function(StableNeoHookean::kName, StableNeoHookean{}) ||
+         function(StVenantKirchhoff::kName, StVenantKirchhoff{});
+}
 
 // P + kept (H - P), where P is the positive semidefinite part of the curvature H.
 template <class T>

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 
+#include "substep/core/errors.h"
 #include "substep/springs/elastic_energy.h"
 
 namespace substep::springs {
@@ -250,12 +251,24 @@ Tetrahedra::Tetrahedra(Positions rest, std::vector<std::int32_t> corners,
   }
 }
 
+std::vector<std::string> elastic_models() {
+  std::vector<std::string> names;
+  any_model([&](const char* name, auto) {
+    names.emplace_back(name);
+    return false;
+  });
+  return names;
+}
+
 std::shared_ptr<Term> make_elastic_term(const std::string& model,
                                         std::shared_ptr<const Tetrahedra> tetrahedra) {
-  if (model == StVenantKirchhoff::kName) {
-    return std::make_shared<ElasticTerm<StVenantKirchhoff>>(std::move(tetrahedra));
-  }
-  return std::make_shared<ElasticTerm<StableNeoHookean>>(std::move(tetrahedra));
+  std::shared_ptr<Term> term;
+  any_model([&]<class Model>(const char* name, Model) {
+    if (model == name) term = std::make_shared<ElasticTerm<Model>>(tetrahedra);
+    return term != nullptr;
+  });
+  if (!term) throw InputError("model: unknown name " + model);
+  return term;
 }
 
 std::shared_ptr<Term> make_viscous_term(std::shared_ptr<const Tetrahedra> tetrahedra,

@@ -31,9 +31,11 @@ struct Tetrahedra {
   std::vector<double> volume, mu, lambda;  // V [m^3] and Lame's constants [Pa]
 };
 
-// W(x) = sum V Psi(F) for the model of that name: "neo_hookean" or "st_venant_kirchhoff".
+// W(x) = sum V Psi(F) for the model of that name, one of elastic_models() (elastic_energy.h).
 std::shared_ptr<Term> make_elastic_term(const std::string& model,
                                         std::shared_ptr<const Tetrahedra> tetrahedra);
+
+std::vector<std::string> elastic_models();
 
 // D(v) of a Kelvin-Voigt solid, stresses in proportion to the rate of the Green strain:
 //   D = sum V tau (mu |R|^2 + lambda/2 (tr R)^2),   R = sym(F^T dF/dt)

@@ -1,0 +1,41 @@
+#include <pybind11/stl.h>
+
+#include "bindings.h"
+#include "substep/springs/tetrahedra.h"
+
+namespace {
+
+using namespace substep::springs;
+
+using Reals = py::array_t<double, py::array::c_style>;
+using Indices = py::array_t<std::int32_t, py::array::c_style>;
+
+std::span<const double> numbers(const Reals& a) {
+  return {a.data(), static_cast<std::size_t>(a.size())};
+}
+
+// Elastic and, unless the relaxation time is 0, viscous.
+std::vector<std::shared_ptr<Term>> tetrahedra_terms(const Reals& rest, const Indices& tetrahedra,
+                                                    const Reals& young_modulus,
+                                                    const Reals& poisson_ratio,
+                                                    const std::string& model,
+                                                    double relaxation_time) {
+  const Positions positions(reinterpret_cast<const Vec3*>(rest.data()),
+                            static_cast<std::size_t>(rest.shape(0)));
+  const auto mesh = std::make_shared<Tetrahedra>(
+      positions,
+      std::vector<std::int32_t>(tetrahedra.data(), tetrahedra.data() + tetrahedra.size()),
+      numbers(young_modulus), numbers(poisson_ratio));
+  std::vector<std::shared_ptr<Term>> terms = {make_elastic_term(model, mesh)};
+  if (relaxation_time > 0) terms.push_back(make_viscous_term(mesh, relaxation_time));
+  return terms;
+}
+
+}  // namespace
+
+void bind_soft_body(py::module_& m) {
+  m.attr("elastic_models") = elastic_models();
+  m.def("tetrahedra_terms", &tetrahedra_terms, py::arg("rest").noconvert(),
+        py::arg("tetrahedra").noconvert(), py::arg("young_modulus").noconvert(),
+        py::arg("poisson_ratio").noconvert(), py::arg("model"), py::arg("relaxation_time"));
+}
