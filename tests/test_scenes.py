@@ -1,5 +1,7 @@
 """The scenes: each of them runs, records, resumes to the same bits, and shows what it should."""
 
+import importlib.util
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,8 @@ from substep.scenes import Parameter, Scene
 DATA = Path(__file__).parents[2] / "shared" / "data" / "globcurrent"
 
 SMALL = {
+    "cloth-drape": {"duration": 0.2, "vertices": 12},
+    "cloth-hang": {"duration": 0.2, "vertices": 8},
     "double-gyre": {"duration": 2.0, "particles": 300},
     "kepler": {"duration": 2.0},
     "ocean-drift": {"duration": 2.0, "particles": 500},
@@ -145,6 +149,146 @@ def test_picture(name, tmp_path, capsys):
     assert err == "" and out.endswith(f"picture: {tmp_path / name}.png\n")
     assert out.startswith(f"{name}: 5 frames, ")
     assert (tmp_path / f"{name}.png").stat().st_size > 20_000
+
+
+class TestClothHang:
+    def test_it_hangs_where_implicit_euler_takes_long_steps(self, tmp_path):
+        run = scenes.run(
+            scenes.load("cloth-hang"),
+            {"vertices": 12, "duration": 4.0, "drag": 3.0},
+            tmp_path,
+            frames=5,
+        )
+        assert "144 vertices, at rest (0.00" in run.summary
+        (_, first), *_, (_, last) = frames_of(run.recording)
+        start, end = (frame["cloth"]["points"].reshape(12, 12, 3) for frame in (first, last))
+        np.testing.assert_array_equal(start[[0, -1], 0], end[[0, -1], 0])  # the pins
+        np.testing.assert_allclose(start[0, 0, 0] - start[-1, 0, 0], -0.8, rtol=1e-12)
+        along = np.linalg.norm(np.diff(start, axis=0), axis=2)
+        np.testing.assert_allclose(along, 1 / 11, rtol=0.02)  # sags without a strain
+        assert start[..., 1].max() == pytest.approx(0.5) and end[:, -1, 2].max() < -0.9
+        stretch = np.linalg.norm(np.diff(end, axis=1), axis=2) * 11
+        assert 1 < stretch[0, 0] < 1.2 and stretch.max() < 1.2
+
+    @pytest.mark.parametrize("integrator", ["semi_implicit_euler", "velocity_verlet", "rk4"])
+    def test_it_explodes_where_predicted(self, integrator):
+        scene = scenes.load("cloth-hang")
+        given = {"vertices": 8, "integrator": integrator, "damping": 0.0, "drag": 0.0}
+        cloth = scene.build(scene.complete(scene.check(given)), 0)
+        limit, _ = cloth.step_limit()
+        for factor in (0.95, 1.05):
+            step = factor * limit
+            cloth = scene.build(scene.complete(scene.check({**given, "step": step})), 0)
+            if factor < 1:
+                cloth.advance(250 * step)
+                continue
+            message = (
+                f"exploded at time .* the step, {step:.3g} s, is above its limit, {limit:.3g} s"
+            )
+            with pytest.raises(substep.SolverError, match=message):
+                cloth.advance(250 * step)
+
+    def test_the_explosion_is_told_and_the_last_good_state_drawn(self, tmp_path, capsys):
+        sets = (
+            "--set",
+            "vertices=8",
+            "--set",
+            "integrator=semi_implicit_euler",
+            "--set",
+            "damping=0",
+        )
+        command = ["run", "cloth-hang", *sets, "--fps", "500", "--out", str(tmp_path)]
+        assert main([*command, "--set", "step=0.002"]) == 1
+        out, err = capsys.readouterr()
+        assert re.match(r"substep: semi_implicit_euler exploded at time 0\.\d+ s: ", err)
+        assert "take a shorter step, or implicit_euler; the frames before are in" in err
+        assert err.count("\n") == 1
+        with substep.Recording(tmp_path / "cloth-hang.vtkhdf") as recording:
+            assert 1 < len(recording) < 20
+            assert np.abs(recording["cloth"].points(-1)).max() < 2
+        if importlib.util.find_spec("pyvista"):
+            assert out == f"picture: {tmp_path / 'cloth-hang'}.png\n"
+
+    def test_the_state_is_that_before_the_explosion(self):
+        scene = scenes.load("cloth-hang")
+        given = {"vertices": 8, "integrator": "rk4", "step": 0.01}
+        cloth = scene.build(scene.complete(scene.check(given)), 0)
+        before = substep.state_hash(cloth.time, cloth.positions, cloth.velocities)
+        with pytest.raises(substep.SolverError, match="rk4 exploded at time") as caught:
+            cloth.advance(1.0)
+        assert 0 < caught.value.time <= 1
+        assert substep.state_hash(cloth.time, cloth.positions, cloth.velocities) == before
+
+
+MESHES = Path(__file__).parents[2] / "shared" / "data" / "meshes"
+
+
+class TestClothDrape:
+    def run(self, tmp_path, **parameters):
+        scene = scenes.load("cloth-drape")
+        return scenes.run(scene, parameters, tmp_path, frames=6)
+
+    def test_over_a_ball(self, tmp_path):
+        run = self.run(tmp_path, vertices=16, duration=2.0)
+        frames = frames_of(run.recording)
+        with substep.Recording(run.recording) as recording:
+            ball = np.asarray(recording.parts["obstacle"].points)
+        np.testing.assert_allclose(np.linalg.norm(ball - [0, 0, 0.5], axis=1), 0.5)
+        for _, frame in frames:
+            points = frame["cloth"]["points"]
+            assert (np.linalg.norm(points - [0, 0, 0.5], axis=1) > 0.5).all()
+            assert (points[:, 2] > 0).all()
+        last = frames[-1][1]["cloth"]["points"]
+        assert last[:, 2].max() > 1.0 and np.ptp(last[:, 2]) > 0.5  # over it, and down its sides
+
+    @pytest.mark.slow
+    @pytest.mark.parametrize(
+        ("name", "words"),
+        [
+            ("spot", "2930 vertices, 5856 faces; closed, manifold, oriented"),
+            ("stanford-bunny", "5 holes"),
+            ("teapot", "21 holes"),
+        ],
+    )
+    def test_over_a_mesh(self, tmp_path, name, words):
+        path = MESHES / f"{name}.obj"
+        if not path.exists():
+            pytest.skip("the meshes are not at hand")
+        run = self.run(tmp_path, vertices=20, cells=48, duration=1.0, mesh=str(path))
+        assert words in run.summary
+        with substep.Recording(run.recording) as recording:
+            assert words in recording.parameters["notes"]["mesh"]
+            part = recording.parts["obstacle"]
+            obstacle = substep.SignedDistanceField.from_mesh(
+                substep.geometry.TriangleMesh(part.points, part.triangles), 1 / 48
+            )
+            assert np.ptp(np.asarray(part.points), axis=0).max() == pytest.approx(1, rel=0.1)
+            for k in range(len(recording)):
+                points = recording["cloth"].points(k)
+                assert obstacle.distance(points).min() > 0 and points[:, 2].min() > 0
+            assert points[:, 2].max() < 0.2 + np.asarray(part.points)[:, 2].max()
+
+    def test_what_cannot_be_draped(self, tmp_path, capsys):
+        for name, text in (
+            ("none.obj", None),
+            ("empty.obj", ""),
+            ("flat.obj", "v 0 0 0\nf 1 1 1\n"),
+        ):
+            path = tmp_path / name
+            if text is not None:
+                path.write_text(text)
+            command = [
+                "run",
+                "cloth-drape",
+                "--out",
+                str(tmp_path / "run"),
+                "--set",
+                f"mesh={path}",
+            ]
+            assert main(command) == 2
+            err = capsys.readouterr().err
+            assert name in err and err.count("\n") == 1
+            assert not (tmp_path / "run").exists()
 
 
 def test_kepler_keeps_energy_where_it_should(tmp_path):

@@ -26,7 +26,7 @@ FIXED = "#b4bac2"  # parts that never move
 BACKGROUND = (0.95, 0.96, 0.97)
 VIEW_ANGLE = np.radians(30.0)  # of the picture's height
 FILLING = 0.86  # of the picture by the scene
-MATTE = {"ambient": 0.22, "diffuse": 0.85, "specular": 0.12, "specular_power": 12}
+MATTE = {"ambient": 0.26, "diffuse": 0.85, "specular": 0.12, "specular_power": 12}
 FRAMES_LOOKED_AT = 60  # for the region that is shown and the range of colours
 # A particle: a disc that faces the camera, shaded as a ball.
 BALL = """//VTK::Color::Impl
@@ -143,7 +143,7 @@ class Stage:
         for direction, intensity in (
             (0.9 * z - 0.55 * right + 0.45 * back, 0.62),
             (0.25 * z + 0.9 * right + 0.35 * back, 0.22),
-            (0.2 * up + back, 0.25),
+            (0.2 * up + back, 0.32),
         ):
             light = pyvista.Light(position=tuple(direction), light_type="scene light")
             light.positional = False

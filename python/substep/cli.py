@@ -317,6 +317,8 @@ def _summarize(scene: Scene, outcome: Outcome) -> None:
         f"{scene.name}: {outcome.frames} frames, {outcome.simulated / scene.time_scale:g} "
         f"{scene.time_unit}, in {outcome.seconds:.1f} s, {_bytes(size)}"
     )
+    if outcome.summary:
+        print(outcome.summary)
     print(f"recording: {outcome.recording}", flush=True)
 
 

@@ -11,7 +11,14 @@ from pathlib import Path
 from ..errors import InputError
 from .declaration import Scene, closest
 
-BUILT_IN = ("double-gyre", "kepler", "ocean-drift", "oscillator")
+BUILT_IN = (
+    "cloth-drape",
+    "cloth-hang",
+    "double-gyre",
+    "kepler",
+    "ocean-drift",
+    "oscillator",
+)
 
 
 class SceneFileError(InputError):

@@ -219,6 +219,11 @@ def no_notes(simulation: Simulation) -> dict[str, str]:
     return {}
 
 
+def no_summary(simulation: Simulation) -> str:
+    """Nothing about the `simulation` besides what every run says."""
+    return ""
+
+
 def _columns(simulation: Simulation) -> dict[str, tuple[Any, str]]:
     return {name: (values, unit or "1") for name, (values, unit) in simulation.fields().items()}
 
@@ -245,9 +250,11 @@ class Scene:
     notes : callable
         `notes(simulation)` returns what else the recording shall know, as texts by name; they are
         its `parameters["notes"]`. Nothing by default.
+    summary : callable
+        `summary(simulation)` says in one line how the run ended; nothing by default.
     picture : callable, optional
-        `picture(recording, frame, figure)` draws one frame on a matplotlib figure; a plain view
-        of all parts unless given.
+        `picture(recording, frame, figure)` draws one frame on a matplotlib figure, a
+        `substep.render.View` for example; a plain view of all parts unless given.
     frames : int
         Number of frames unless the run says otherwise, the first state included.
     time_unit : str
@@ -269,6 +276,7 @@ class Scene:
     parts: Callable[[Any], dict[str, Part]] = particle_parts
     frame: Callable[[Any], dict[str, dict[str, Any]]] = particle_frame
     notes: Callable[[Any], dict[str, str]] = no_notes
+    summary: Callable[[Any], str] = no_summary
     picture: Callable[[Recording, int, Figure], None] | None = None
     frames: int = 101
     time_unit: str = "s"

@@ -125,12 +125,15 @@ class Outcome:
         Time between the first and the last [s].
     seconds : float
         Wall-clock time spent [s]; 0 where there was nothing left to do.
+    summary : str
+        How it ended, if the scene has words for it.
     """
 
     recording: Path
     frames: int
     simulated: float
     seconds: float
+    summary: str = ""
 
 
 def recording_path(scene: Scene, out: str | Path) -> Path:
@@ -282,7 +285,8 @@ def run(
             ) from None
     checkpoint.remove()
     seconds = time.monotonic() - begun
-    return Outcome(path, plan.frames, (plan.frames - 1) * plan.interval, seconds)
+    simulated = (plan.frames - 1) * plan.interval
+    return Outcome(path, plan.frames, simulated, seconds, scene.summary(simulation))
 
 
 def _continued(
