@@ -5,6 +5,7 @@
 #include "substep/springs/deformable.h"
 #include "substep/springs/drag_term.h"
 #include "substep/springs/newton_minimiser.h"
+#include "substep/springs/projective_minimiser.h"
 #include "substep/springs/spring_term.h"
 
 namespace {
@@ -49,6 +50,7 @@ Integrator integrator(const std::string& name) {
 
 std::unique_ptr<Minimiser> minimiser(const std::string& solver, int max_iterations) {
   if (solver == "newton") return std::make_unique<NewtonMinimiser>(max_iterations);
+  if (solver == "projective") return std::make_unique<ProjectiveMinimiser>(max_iterations);
   throw substep::InputError("solver: unknown name " + solver);
 }
 

@@ -22,7 +22,7 @@ from .stability import max_stable_step, stability_limit
 Array = NDArray[np.float64]
 
 INTEGRATORS = ("explicit_euler", "semi_implicit_euler", "rk4", "velocity_verlet", "implicit_euler")
-SOLVERS = ("newton",)
+SOLVERS = {"newton": 100, "projective": 10}  # and their iterations
 ON_FAIL = ("substep", "raise")
 _STATE = ("time", "positions", "velocities", "forces", "targets", "colliders")
 
@@ -78,7 +78,7 @@ class Deformable:
         step: float | None = None,
         solver: str = "newton",
         tolerance: float | None = None,
-        max_iterations: int = 100,
+        max_iterations: int | None = None,
         on_fail: str = "substep",
         contact_thickness: float = 1e-3,
         contact_stiffness: float | None = None,
@@ -103,6 +103,9 @@ class Deformable:
         start = np.zeros((n, 3))
         if velocities is not None:
             start = check_array("velocities", velocities, (n, 3))
+        name = check_choice("solver", solver, SOLVERS)
+        if name == "projective" and self.colliders:
+            raise InputError("solver: 'projective' has no contact; use 'newton' with colliders")
         self._native = _core.Deformable(
             positions,
             start,
@@ -111,8 +114,10 @@ class Deformable:
             terms,
             [collider._native for collider in self.colliders],
             integrator=self.integrator,
-            solver=check_choice("solver", solver, SOLVERS),
-            max_iterations=check_integer("max_iterations", max_iterations, minimum=1),
+            solver=name,
+            max_iterations=SOLVERS[name]
+            if max_iterations is None
+            else check_integer("max_iterations", max_iterations, minimum=1),
             gravity=check_array("gravity", gravity, (3,)).tolist(),
             tolerance=check_real("tolerance", tolerance, positive=True),
             max_halvings=8 if check_choice("on_fail", on_fail, ON_FAIL) == "substep" else 0,

@@ -70,12 +70,13 @@ class MassSpring(Deformable):
             Size of the steps of `advance` [s]; unless given 1/60, or 0.9 times `step_limit()`
             where that is less.
         `solver`
-            How implicit Euler finds its minimum: 'newton'.
+            How implicit Euler finds its minimum: 'newton', to the tolerance, or 'projective': a
+            fixed number of cheap iterations, which do not reach it; for springs without colliders.
         `tolerance`
             Largest component of the gradient that is left, a force [N]; unless given a thousandth
             of the weight of a mean vertex.
         `max_iterations`
-            Of one minimisation, 100.
+            Of one minimisation: 100 for 'newton'; exactly so many, 10, for 'projective'.
         `on_fail`
             'substep': a step that does not converge is done again in halves, up to 2^8; or
             'raise'.

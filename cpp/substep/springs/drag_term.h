@@ -31,6 +31,7 @@ class DragTerm : public Term {
       if (hessian != nullptr) hessian[i - begin] = drag_[i] * Mat3::Identity();
     }
   }
+  double curvature_bound(std::int64_t e) const override { return drag_[e]; }
 
  private:
   std::vector<double> drag_;  // a m

@@ -44,6 +44,9 @@ class IncrementalPotential {
   const BlockPattern& pattern() const { return pattern_; }
   std::span<const double> masses() const { return masses_; }
   std::span<const std::uint8_t> pinned() const { return pinned_; }
+  std::span<const std::shared_ptr<Term>> terms() const { return terms_; }
+  Positions target() const { return y_; }  // y of the present step
+  double step() const { return h_; }       // h
   void set_pinned(std::span<const std::uint8_t> pinned);
   void set_threads(int threads) { threads_ = threads; }
   int threads() const { return threads_; }

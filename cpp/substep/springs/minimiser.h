@@ -1,6 +1,7 @@
 // What a step of implicit Euler asks for: a point where the gradient of the energy is small.
 #pragma once
 
+#include <cmath>
 #include <vector>
 
 #include "substep/springs/incremental_potential.h"
@@ -12,6 +13,16 @@ struct MinimiserReport {
   std::int64_t iterations = 0, factorizations = 0, backtracks = 0;
   std::vector<double> residuals;  // |g|_inf [N] at the start and after each iteration
 };
+
+// |g|_inf; infinite where a component is NaN.
+inline double largest_component(std::span<const Vec3> g) {
+  double largest = 0.0;
+  for (const Vec3& part : g) {
+    const double size = part.cwiseAbs().maxCoeff<Eigen::PropagateNaN>();
+    if (!(size <= largest)) largest = std::isnan(size) ? INFINITY : size;
+  }
+  return largest;
+}
 
 class Minimiser {
  public:

@@ -13,15 +13,6 @@ constexpr double kRounding = 1e-13;  // of the energy: what its sum is good to
 constexpr int kMaxBacktracks = 40;
 constexpr double kLeastKept = 0.2;  // of the negative curvature; below that none is kept
 
-double largest_component(std::span<const Vec3> g) {
-  double largest = 0.0;
-  for (const Vec3& part : g) {
-    // Written so that NaN counts as infinite.
-    if (!(part.cwiseAbs().maxCoeff() <= largest)) largest = part.cwiseAbs().maxCoeff();
-  }
-  return largest;
-}
-
 double dot(std::span<const Vec3> a, std::span<const Vec3> b) {
   double sum = 0.0;
   for (std::size_t i = 0; i < a.size(); ++i) sum += a[i].dot(b[i]);

@@ -33,6 +33,7 @@ class SpringTerm : public Term {
   double energy(Positions x, std::int64_t begin, std::int64_t end) const override;
   void derivatives(Positions x, std::int64_t begin, std::int64_t end, double kept, Vec3* gradient,
                    Mat3* hessian) const override;
+  double curvature_bound(std::int64_t e) const override { return springs_->stiffness[e]; }
 
  private:
   std::shared_ptr<const Springs> springs_;
@@ -50,6 +51,7 @@ class SpringDampingTerm : public Term {
   double energy(Positions v, std::int64_t begin, std::int64_t end) const override;
   void derivatives(Positions v, std::int64_t begin, std::int64_t end, double kept, Vec3* gradient,
                    Mat3* hessian) const override;
+  double curvature_bound(std::int64_t e) const override { return springs_->damping[e]; }
 
  private:
   std::shared_ptr<const Springs> springs_;

@@ -7,6 +7,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <limits>
 #include <span>
 
 namespace substep::springs {
@@ -40,6 +41,12 @@ class Term {
   // projection P, and between them H = P + kept (H_true - P). Both arrays start at element `begin`.
   virtual void derivatives(Positions x, std::int64_t begin, std::int64_t end, double kept,
                            Vec3* gradient, Mat3* hessian) const = 0;
+
+  // A number b that bounds the curvature of element e everywhere: H <= b I for the block of a
+  // difference() or of a single vertex. Infinity: none is known.
+  virtual double curvature_bound(std::int64_t /*e*/) const {
+    return std::numeric_limits<double>::infinity();
+  }
 
   // The largest step s in (0, 1] for which x + s dx is allowed (nothing penetrates or inverts).
   virtual double step_bound(Positions /*x*/, Positions /*dx*/, std::int64_t /*begin*/,
