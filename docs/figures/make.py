@@ -30,6 +30,7 @@ COLOUR = {
     "position_verlet": "#56b4e9",
     "velocity_verlet": "#009e73",
     "yoshida4": "#000000",
+    "RKC2": "#56b4e9",
 }
 NAME = {
     "euler": "explicit Euler",
@@ -308,6 +309,33 @@ def hero():
     return fig
 
 
+def stabilised():
+    """Regions of RKC2 for several numbers of stages, and R on the real axis for ten."""
+    fig, (top, bottom) = plt.subplots(
+        2, 1, figsize=(8.6, 4.6), height_ratios=(1, 1.15), sharex=True
+    )
+    for stages, colour in ((10, "#0072b2"), (6, "#009e73"), (3, "#d55e00")):
+        curve = stability.region(f"RKC2({stages})").boundary[0]
+        top.fill(curve.real, curve.imag, color=colour, alpha=0.12)
+        top.plot(curve.real, curve.imag, color=colour, label=f"{stages} stages")
+    curve = stability.region("rk4").boundary[0]
+    top.plot(curve.real, curve.imag, color="#000000", linestyle=":", label="RK4")
+    top.set(title="RKC2 is stable inside: |R(hλ)| ≤ 1", ylabel="Im hλ", ylim=(-8.5, 12))
+    top.legend(loc="upper left", ncols=4, fontsize=8)
+    x = np.linspace(-67.5, 1, 4001)
+    bottom.plot(x, stability.amplification("RKC2(10)", x).real, color="#0072b2", label="RKC2(10)")
+    bottom.plot(x, np.exp(x), color="#777777", linestyle="--", label="exp(hλ)")
+    bottom.axhspan(-1, 1, color="#009e73", alpha=0.08)
+    bottom.axhline(1 - 2 / 13 / 3, color="0.6", linewidth=0.8, linestyle=":")
+    bottom.set(xlim=(-68, 3), ylim=(-0.2, 1.2), xlabel="Re hλ", ylabel="R")
+    bottom.legend(loc="upper left", fontsize=8, bbox_to_anchor=(0.28, 0.32), ncols=2)
+    bottom.set_title("Ten stages on the real axis: below 1 - ε/3 (dotted) down to -64.6")
+    for ax in (top, bottom):
+        ax.axhline(0, color="0.8", linewidth=0.8, zorder=0)
+        ax.axvline(0, color="0.8", linewidth=0.8, zorder=0)
+    return fig
+
+
 FIGURES = {
     function.__name__: function
     for function in (
@@ -317,6 +345,7 @@ FIGURES = {
         damping,
         energy,
         work_precision,
+        stabilised,
         hero,
     )
 }
