@@ -125,7 +125,7 @@ def test_a_step_is_the_stability_function(z):
 
 
 def test_nodes():
-    """c_j = (j^2 - 1) / (s^2 - 1) but for the damping, [SSV] (2.5)."""
+    """c_j = (j^2 - 1) / (s^2 - 1) but for the damping."""
     c, s = _core.rkc_formula(20)["c"], 20
     assert c[0] == 0 and c[1] == pytest.approx(c[2] / 4, rel=0.01)
     np.testing.assert_allclose(c[2:], (np.arange(2, s) ** 2 - 1) / (s**2 - 1), rtol=0.025)

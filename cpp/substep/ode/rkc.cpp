@@ -18,7 +18,7 @@
 namespace substep::ode {
 namespace {
 
-// Step control as in [SSV] section 3.2 (rkc_formula.h).
+// Step control as in [SSV] (rkc_formula.h) and their code, rkc.f of netlib/ode, named by routine.
 constexpr double kSafe = 0.8, kShrink = 0.1, kGrow = 10.0;
 constexpr int kMaxStages = 1000;
 constexpr double kHopelessSteps = 1e5;  // so many steps of all stages are not begun
@@ -35,13 +35,13 @@ class Rkc2 final : public OneStep {
                 options.step > 0.0 ? 1 : 25),
         spare_(y_),
         f_new_(f_) {
-    // Rounding errors grow as s^2, [SSV] section 3.3.
+    // Rounding errors grow as s^2: [SSV], rkc.
     const double rtol = *std::min_element(options.rtol.begin(), options.rtol.end());
     const double rounding = std::sqrt(rtol / (10.0 * std::numeric_limits<double>::epsilon()));
     max_stages_ = static_cast<int>(std::clamp(rounding, 2.0, 1.0 * kMaxStages));
   }
 
-  // The cubic Hermite polynomial, as in [SSV].
+  // The cubic Hermite polynomial: [SSV], rkcint.
   int dense_rows() const override { return 3; }
   void dense(double* F) override {
     const double h = t_ - t_old_;
@@ -93,7 +93,7 @@ class Rkc2 final : public OneStep {
     }
   }
 
-  // [SSV] section 3.2: h = 1 / rho; one step of Euler's method with it tells what the error of a
+  // [SSV], rkclow: h = 1 / rho; one step of Euler's method with it tells what the error of a
   // step would be.
   double first_step() override {
     const double span = std::min(std::fabs(t_bound_ - t_), max_step_);
@@ -138,7 +138,7 @@ class Rkc2 final : public OneStep {
                        t_, -1, steps_);
   }
 
-  // [SSV] section 3.2: the predictive controller.
+  // The predictive controller: [SSV], rkclow.
   double growth(double h, double error) const {
     if (error == 0.0) return kGrow;
     double factor = kSafe / std::cbrt(error);
@@ -190,7 +190,7 @@ class Rkc2 final : public OneStep {
             .threads = threads_};
   }
 
-  // The norm of 0.8 (y - y_new) + 0.4 h (f + f_new), [SSV] (3.2); NaN if something is not finite.
+  // The norm of 0.8 (y - y_new) + 0.4 h (f + f_new): [SSV], rkclow; NaN if something is not finite.
   double local_error(double h) {
     evaluate(t_ + h, y_new_.data(), f_new_.data());
     const double *y = y_.data(), *y_new = y_new_.data(), *f = f_.data(), *f_new = f_new_.data();

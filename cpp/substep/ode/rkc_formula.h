@@ -4,8 +4,8 @@
 //   y_j = (1 - mu_j - nu_j) y_0 + mu_j y_{j-1} + nu_j y_{j-2} + mu~_j h f_{j-1} + gamma~_j h f_0
 //
 // with f_j = f(t + c_j h, y_j), j = 2 .. s; y_s is the result. [SSV] Sommeijer, Shampine, Verwer,
-// "RKC: an explicit solver for parabolic PDEs", J. Comput. Appl. Math. 88 (1998) 315-326, (2.3),
-// (2.4) and (2.5). Its stability function is that of a damped Chebyshev polynomial,
+// "RKC: an explicit solver for parabolic PDEs", J. Comput. Appl. Math. 88 (1998) 315-326, section
+// 2; c_j follows from y' = 1. Its stability function is that of a damped Chebyshev polynomial,
 //
 //   R_s(z) = a_s + b_s T_s(w_0 + w_1 z),    |R_s| <= 1 - epsilon / 3 on [-beta(s), 0] but near 0,
 //   beta(s) = (w_0 + 1) T_s''(w_0) / T_s'(w_0) ~ 2/3 (s^2 - 1) (1 - 2/15 epsilon).
@@ -59,7 +59,7 @@ class RkcFormula {
   double a() const { return a_; }  // a_s
   double b() const { return b_; }  // b_s
 
-  // Stages for h lambda in [-x, 0], and the x that s stages reach: [SSV] (3.1), from beta(s) at
+  // Stages for h lambda in [-x, 0], and the x that s stages reach: [SSV], rkclow, from beta(s) at
   // epsilon = 2/13.
   static double stages_for(double x) { return 1.0 + std::floor(std::sqrt(1.0 + kPerReach * x)); }
   static double reach(double stages) { return (stages * stages - 1.0) / kPerReach; }

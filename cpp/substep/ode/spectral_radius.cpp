@@ -48,7 +48,7 @@ double SpectralRadius::at(double t, const double* y, const double* f, std::int64
 }
 
 // The direction to begin with: the last one, or else that of f, which is rich in fast modes after a
-// step, [SSV] section 3.1. Beyond [SSV], random signs are mixed in: f may lie among the slow modes
+// step, [SSV], rkcrho. Beyond [SSV], random signs are mixed in: f may lie among the slow modes
 // (a smooth solution of the heat equation), and another mode may have become the fastest.
 void SpectralRadius::choose_direction(const double* f) {
   const std::int64_t n = system_.size();
@@ -67,7 +67,7 @@ void SpectralRadius::choose_direction(const double* f) {
   ++estimates_;
 }
 
-// The nonlinear power method, [SSV] section 3.1: v <- y + d (f(v) - f(y)) / |f(v) - f(y)|, d the
+// The nonlinear power method of [SSV], rkcrho: v <- y + d (f(v) - f(y)) / |f(v) - f(y)|, d the
 // length of v - y, and sigma = |f(v) - f(y)| / d until it changes by less than 1 %; 1.2 sigma is
 // taken for the bound. Where sigma does not settle, because complex eigenvalues lead, its product
 // over k iterations still grows as rho^k, so that the greatest of many is not below rho.
