@@ -114,9 +114,9 @@ class Collider:
 
     @property
     def lipschitz(self) -> float:
-        """Bound L on the length of the gradient.
+        """Bound L on the length of the gradient outside of the obstacle.
 
-        A point may move by |distance| / L in any direction and not pass the surface. 1 for planes,
+        A point outside may move by distance / L in any direction and does not enter. 1 for planes,
         spheres and boxes.
         """
         return float(self._native.lipschitz)

@@ -54,7 +54,7 @@ class Collider {
 
   // Signed distance of the world point x [m], below 0 inside the obstacle, and its exact gradient:
   // of length 1 for planes, spheres and boxes, about 1 for sampled distances (normalise it for a
-  // normal). A point may move by |value| / lipschitz() without passing the surface.
+  // normal). A point outside may move by value / lipschitz() and does not enter the obstacle.
   SignedDistance signed_distance(const Vec3& x) const {
     const Vec3 local = rotation_.transpose() * (x - position_);
     const SignedDistance d =
@@ -67,7 +67,7 @@ class Collider {
     return sign_ * (rotation_ * h * rotation_.transpose());
   }
   double lipschitz() const {
-    return visit_shape(shape_, [](const auto& s) { return s.lipschitz(); });
+    return visit_shape(shape_, [&](const auto& s) { return s.lipschitz(hollow()); });
   }
   // v + omega x (x - position) [m/s].
   Vec3 surface_velocity(const Vec3& x) const {

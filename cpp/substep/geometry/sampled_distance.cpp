@@ -57,41 +57,48 @@ void SampledDistance::check_border() const {
   }
 }
 
-// |grad f| <= sqrt(sum_d max |D_d|^2) with the maxima over the difference quotients D of a stencil.
+// The quadratic B-spline is the linear one convolved with a box, so |grad f| nowhere exceeds the
+// largest |grad g| of the trilinear interpolation g within half a cell. In a cell |grad g|^2 is
+// convex along each axis, so largest in a corner, where it is the sum of the squared differences
+// to the three neighbours. Where f > 0 a node among the 27 about the point is above 0, and the
+// others differ from it by six steps at most.
 void SampledDistance::bound_gradient(int threads) {
-  std::vector<double> largest(static_cast<std::size_t>(shape_[0]), 1.0);
-  parallel_chunks(
-      shape_[0] - 2,
-      [&](std::int64_t chunk) {
-        const std::int64_t i0 = chunk;
-        double bound = 1;
-        for (std::int64_t j0 = 0; j0 + 2 < shape_[1]; ++j0) {
-          for (std::int64_t k0 = 0; k0 + 2 < shape_[2]; ++k0) {
-            double step[3] = {0, 0, 0};
-            for (int a = 0; a < 3; ++a) {
-              for (int b = 0; b < 3; ++b) {
-                for (int c = 0; c < 2; ++c) {
-                  step[0] = std::max(step[0], std::abs(node(i0 + c + 1, j0 + a, k0 + b) -
-                                                       node(i0 + c, j0 + a, k0 + b)));
-                  step[1] = std::max(step[1], std::abs(node(i0 + a, j0 + c + 1, k0 + b) -
-                                                       node(i0 + a, j0 + c, k0 + b)));
-                  step[2] = std::max(step[2], std::abs(node(i0 + a, j0 + b, k0 + c + 1) -
-                                                       node(i0 + a, j0 + b, k0 + c)));
-                }
-              }
-            }
-            if (std::max({step[0], step[1], step[2]}) > 2 * spacing_)
-              throw InputError("values" + index_text(i0, j0, k0) +
-                               ": neighbours differ by more than twice the spacing; this is no "
-                               "distance");
-            bound = std::max(bound, (step[0] * step[0] + step[1] * step[1] + step[2] * step[2]) /
-                                        (spacing_ * spacing_));
-          }
-        }
-        largest[static_cast<std::size_t>(chunk)] = bound;
-      },
-      threads);
-  lipschitz_ = std::sqrt(*std::max_element(largest.begin(), largest.end()));
+  struct Largest {
+    double outside = 1, inside = 1;
+  };
+  std::vector<Largest> largest(static_cast<std::size_t>(shape_[0]));
+  const double near = 12 * spacing_;
+  const auto [nx, ny, nz] = shape_;
+  const auto plane = [&](std::int64_t i) {
+    auto& [outside, inside] = largest[static_cast<std::size_t>(i)];
+    for (std::int64_t j = 0; j < ny; ++j) {
+      for (std::int64_t k = 0; k < nz; ++k) {
+        const double here = node(i, j, k);
+        const auto step2 = [&](bool there, std::int64_t a, std::int64_t b, std::int64_t c) {
+          if (!there) return 0.0;
+          const double slope = (node(a, b, c) - here) / spacing_;
+          if (std::abs(slope) > 2)
+            throw InputError("values" + index_text(i, j, k) +
+                             ": a neighbour differs by more than twice the spacing; this is no "
+                             "distance");
+          return slope * slope;
+        };
+        const double bound = std::max(step2(i > 0, i - 1, j, k), step2(i + 1 < nx, i + 1, j, k)) +
+                             std::max(step2(j > 0, i, j - 1, k), step2(j + 1 < ny, i, j + 1, k)) +
+                             std::max(step2(k > 0, i, j, k - 1), step2(k + 1 < nz, i, j, k + 1));
+        if (here > -near) outside = std::max(outside, bound);
+        if (here < near) inside = std::max(inside, bound);
+      }
+    }
+  };
+  parallel_chunks(nx, plane, threads);
+  Largest all;
+  for (const Largest& part : largest) {
+    all.outside = std::max(all.outside, part.outside);
+    all.inside = std::max(all.inside, part.inside);
+  }
+  lipschitz_outside_ = std::sqrt(all.outside);
+  lipschitz_inside_ = std::sqrt(all.inside);
 }
 
 auto SampledDistance::locate(const Vec3& x) const -> Stencil {

@@ -8,8 +8,7 @@
 //   - f never differs from a true distance (1-Lipschitz) by more than
 //     sum_i B |x - x_i| <= sqrt(3 var B) h = sqrt(3)/2 h (error_bound());
 //   - where d is smooth f = d + h^2/8 lap d + O(h^3): a sphere of radius R loses h^2/(4 R);
-//   - df/dx is a weighted mean of the difference quotients along x, which bounds |grad f|
-//     (lipschitz()): a point may move by |f| / lipschitz() without passing f = 0.
+//   - grad f is a weighted mean of difference quotients, which bounds its length (lipschitz()).
 // Outside the grid, with c the nearest point of the grid's box, f(x)^2 = |x - c|^2 + f(c)^2. As the
 // box is convex and the surface inside of it, the true distance is at least that, and at most
 // f(c) + |x - c|, sqrt(2) times as much.
@@ -33,7 +32,8 @@ class SampledDistance {
 
   SignedDistance signed_distance(const Vec3& x) const;
   Mat3 hessian(const Vec3& x) const;
-  double lipschitz() const { return lipschitz_; }
+  // Bound of |grad f| where f > 0, or for `inside` where f < 0.
+  double lipschitz(bool inside) const { return inside ? lipschitz_inside_ : lipschitz_outside_; }
   double error_bound() const { return 0.8660254037844387 * spacing_; }
 
   const std::array<std::int64_t, 3>& shape() const { return shape_; }
@@ -54,7 +54,7 @@ class SampledDistance {
   Vec3 origin_;
   double spacing_;
   std::vector<double> values_;
-  double lipschitz_ = 1;
+  double lipschitz_outside_ = 1, lipschitz_inside_ = 1;
 };
 
 }  // namespace substep::geometry

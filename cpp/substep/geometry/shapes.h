@@ -21,7 +21,7 @@ struct Plane {
 
   SignedDistance signed_distance(const Vec3& x) const { return {normal.dot(x), normal}; }
   Mat3 hessian(const Vec3&) const { return Mat3::Zero(); }
-  double lipschitz() const { return 1; }
+  double lipschitz(bool) const { return 1; }
 };
 
 // d = |x| - r, grad d = x / |x|, H = (1 - n n^T) / |x|
@@ -38,7 +38,7 @@ struct Sphere {
     const Vec3 n = x / length;
     return (Mat3::Identity() - n * n.transpose()) / length;
   }
-  double lipschitz() const { return 1; }
+  double lipschitz(bool) const { return 1; }
 };
 
 // The box |x_i| <= a_i. With q = |x| - a, outside: d = |max(q, 0)|, whose Hessian is that of a
@@ -65,7 +65,7 @@ struct Box {
     const Vec3 active = (q.array() > 0).cast<double>();
     return (Mat3(active.asDiagonal()) - n * n.transpose()) / d;
   }
-  double lipschitz() const { return 1; }
+  double lipschitz(bool) const { return 1; }
 };
 
 }  // namespace substep::geometry
