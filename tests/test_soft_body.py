@@ -241,14 +241,15 @@ def test_an_inverted_tetrahedron_recovers(how, poisson_ratio):
 @pytest.mark.parametrize("how", ["scrambled", "flattened", "crushed"])
 def test_a_scrambled_jelly_recovers(how):
     rng = np.random.default_rng(7)
-    body = box((1, 1, 1), (4, 4, 4), damping=0.02, tolerance=1e-2, **FREE)
+    body = box((1, 1, 1), (5, 5, 5), damping=2e-3, tolerance=1e-1, **FREE)
     rest = body.positions.copy()
     body.positions[:] = {
         "scrambled": rng.uniform(-0.5, 0.5, rest.shape),
         "flattened": rest * [1, 1, 0],
         "crushed": 1e-3 * rng.normal(size=rest.shape),
     }[how]
-    body.advance(3.0)
+    assert inverted(body) > 200
+    body.advance(1.5)
     assert inverted(body) == 0
     left = body.diagnostics()["potential_energy"]
     assert left < 0.1 * energy(body, rest * 1.01)  # of one per cent of strain

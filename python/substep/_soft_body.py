@@ -39,7 +39,7 @@ class SoftBody(Deformable):
         nu, above -1 and below 0.5.
     model : {'neo_hookean', 'st_venant_kirchhoff'}
         The elastic energy; both are Hooke's law at small strains. The first returns from inversion
-        and resists compression, the second does neither.
+        and resists compression, the second does neither (docs/soft_body.md).
     damping : float
         Relaxation time tau [s], at least 0: the viscous stress is that of tau times the strain
         rate, and a mode of angular frequency omega has the damping ratio tau omega / 2.
