@@ -1,5 +1,8 @@
 """Obstacles: closed forms, derivatives by finite differences, motion, bounds, bad input."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 import substep
@@ -211,6 +214,21 @@ def test_a_refused_assignment_changes_nothing():
     with pytest.raises(InputError, match=r"x\[0, 1\]"):
         ball.distance([[0, np.nan, 0]])
     assert ball._native.state == before
+
+
+@pytest.mark.parametrize(
+    "copied", [copy.copy, copy.deepcopy, lambda c: pickle.loads(pickle.dumps(c))]
+)
+def test_copies_are_exact_and_independent(collider, copied):
+    collider.velocity, collider.friction = (1, 2, 3), 0.25
+    other = copied(collider)
+    assert type(other) is type(collider)
+    assert other._native.state == collider._native.state
+    np.testing.assert_array_equal(other.distance(points), collider.distance(points))
+    other.advance(1.0)
+    other.friction = 0.75
+    assert collider.friction == 0.25
+    assert collider._native.state != other._native.state
 
 
 def test_native_state_round_trip():

@@ -1,6 +1,8 @@
 """Meshes: topology, measures, reports, reading, primitives, bad input."""
 
+import copy
 import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -300,6 +302,20 @@ def test_without_meshio_the_extra_is_named(tmp_path):
         [sys.executable, "-c", code], capture_output=True, text=True, env=os.environ, timeout=60
     )
     assert "pip install substep[mesh]" in done.stderr.splitlines()[-1]
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda m: pickle.loads(pickle.dumps(m))])
+def test_copies(copied):
+    mesh = sphere_mesh(subdivisions=1)
+    mesh.nearest([[0, 0, 0]])
+    mesh.dropped = 2
+    other = copied(mesh)
+    assert str(other.report()) == str(mesh.report()) and other.dropped == 2
+    np.testing.assert_array_equal(other.vertices, mesh.vertices)
+    solid = box_tetrahedra((1, 1, 1), (1, 1, 1))
+    solid.lacks = ["something"]
+    again = copied(solid)
+    assert again.lacks == ["something"] and not again.vertices.flags.writeable
 
 
 V = np.eye(4, 3)

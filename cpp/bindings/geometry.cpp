@@ -58,10 +58,49 @@ void bind_sampled_distance(py::module_& m) {
                                const auto& [nx, ny, nz] = self.shape();
                                return Rows({nx, ny, nz}, self.values().data());
                              })
+      .def(py::pickle(
+          [](const SampledDistance& self) {
+            const auto& [nx, ny, nz] = self.shape();
+            return py::make_tuple(Rows({nx, ny, nz}, self.values().data()), triple(self.origin()),
+                                  self.spacing());
+          },
+          [](const py::tuple& state) {
+            const auto values = state[0].cast<Rows>();
+            return std::make_shared<SampledDistance>(
+                std::array<std::int64_t, 3>{values.shape(0), values.shape(1), values.shape(2)},
+                vector(state[1].cast<Triple>()), state[2].cast<double>(),
+                std::vector<double>(values.data(), values.data() + values.size()));
+          }))
       .def_property_readonly("origin",
                              [](const SampledDistance& self) { return triple(self.origin()); })
       .def_property_readonly("spacing", &SampledDistance::spacing)
       .def_property_readonly("error_bound", &SampledDistance::error_bound);
+}
+
+// A shape as its number in Shape and what it is made of, and back.
+py::tuple pack_shape(const Shape& shape) {
+  struct Parts {
+    py::object operator()(const Plane& s) const { return py::cast(triple(s.normal)); }
+    py::object operator()(const Sphere& s) const { return py::cast(s.radius); }
+    py::object operator()(const Box& s) const { return py::cast(triple(s.half_lengths)); }
+    py::object operator()(const std::shared_ptr<const SampledDistance>& s) const {
+      return py::cast(std::const_pointer_cast<SampledDistance>(s));
+    }
+  };
+  return py::make_tuple(shape.index(), std::visit(Parts{}, shape));
+}
+Shape unpack_shape(const py::tuple& packed) {
+  switch (packed[0].cast<int>()) {
+    case 0:
+      return Plane{vector(packed[1].cast<Triple>())};
+    case 1:
+      return Sphere{packed[1].cast<double>()};
+    case 2:
+      return Box{vector(packed[1].cast<Triple>())};
+    default:
+      return std::shared_ptr<const SampledDistance>(
+          packed[1].cast<std::shared_ptr<SampledDistance>>());
+  }
 }
 
 // A vector of a collider, read and written as three numbers.
@@ -119,6 +158,17 @@ void bind_collider(py::module_& m) {
             self.set_orientation(Quaternion(q[0], q[1], q[2], q[3]));
           })
       .def_property("state", &Collider::state, &Collider::restore)
+      .def("copy", [](const Collider& self) { return std::make_shared<Collider>(self); })
+      .def(py::pickle(
+          [](const Collider& self) {
+            return py::make_tuple(pack_shape(self.shape()), self.hollow(), self.state());
+          },
+          [](const py::tuple& packed) {
+            auto made = std::make_shared<Collider>(unpack_shape(packed[0].cast<py::tuple>()),
+                                                   Vec3::Zero(), packed[1].cast<bool>());
+            made->restore(packed[2].cast<std::array<double, Collider::kStateSize>>());
+            return made;
+          }))
       .def("advance", &Collider::advance, py::arg("dt"))
       .def(
           "distance",

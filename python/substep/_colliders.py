@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +12,9 @@ from . import _core
 from ._checks import check_array, check_real, check_threads, describe
 from ._triangle_mesh import TriangleMesh
 from .errors import InputError
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 Array = NDArray[np.float64]
 
@@ -189,6 +192,18 @@ class Collider:
         """
         points = check_array("x", x, (None, 3))
         return np.asarray(self._native.surface_velocity(points, *_to(threads)))
+
+    def copy(self) -> Self:
+        """Copy exactly; the values of a sampled distance are shared."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        other._native = self._native.copy()
+        return other
+
+    __copy__ = copy
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self.copy()
 
     def advance(self, dt: float) -> None:
         """Move the obstacle as its velocities say; simulations do this in every step.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -66,6 +67,10 @@ class TetMesh:
         self.flipped = int(inverted.sum())
         self.lacks: list[str] = []
         self.tetrahedra: Indices = frozen(tets)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        state = {"flipped": self.flipped, "lacks": self.lacks}
+        return TetMesh, (self.vertices, self.tetrahedra), state
 
     def __repr__(self) -> str:
         return f"TetMesh({len(self.vertices)} vertices, {len(self.tetrahedra)} tetrahedra)"

@@ -62,6 +62,9 @@ class TriangleMesh:
 
         self.dropped = 0
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return TriangleMesh, (self.vertices, self.faces), {"dropped": self.dropped}
+
     def __repr__(self) -> str:
         return f"TriangleMesh({len(self.vertices)} vertices, {len(self.faces)} faces)"
 
