@@ -66,6 +66,29 @@ def test_lu_solves(kind, factor, b):
     assert relative_residual(A.T, lu.solve(b, transpose=True), b) < 1e-12
 
 
+@pytest.mark.skipif(not GPL, reason="this build has KLU only")
+def test_lu_takes_klu_for_chains_and_umfpack_for_meshes():
+    assert LU(unsymmetric(8)).report.kind == "klu"
+    assert LU(laplacian(500, dimensions=1)).report.kind == "klu"
+    assert LU(laplacian(12, dimensions=3)).report.kind == "umfpack"
+    assert LU(np.zeros((0, 0))).report.kind == "klu"
+
+
+@pytest.mark.skipif(GPL, reason="this build has all parts")
+def test_what_this_build_lacks_is_said():
+    with pytest.raises(substep.InputError, match="no UMFPACK"):
+        LU(unsymmetric(8), kind="umfpack")
+    with pytest.raises(substep.InputError, match="no supernodal"):
+        Cholesky(laplacian(8), kind="supernodal")
+
+
+def test_a_block_of_coordinates_is_ordered_by_vertices(b):
+    A = sp.csc_array(sp.kron(laplacian(20), sp.eye_array(3)) + 0.1 * sp.eye_array(1200))
+    right = np.resize(b, 1200)
+    x = Cholesky(A, block=3).solve(right)
+    assert relative_residual(A, x, right) < 1e-13
+
+
 @pytest.mark.parametrize("solver", [Cholesky, LU])
 def test_analysis_is_kept_for_the_same_pattern(solver, b):
     A = laplacian(30)
@@ -349,6 +372,7 @@ print(os.waitpid(child, 0)[1])
     assert done.stdout == "0\n", done.stderr
 
 
+@pytest.mark.skipif("libasan" in os.environ.get("LD_PRELOAD", ""), reason="ASan reserves terabytes")
 @pytest.mark.parametrize("solver", ["Cholesky", "LU"])
 def test_little_memory_raises_memory_error_and_can_go_on(solver):
     # L has some 300 MB.

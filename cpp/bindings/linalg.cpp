@@ -155,7 +155,7 @@ LinearOperator<T> python_operator(const py::function& function) {
   };
 }
 
-// A is a callable, or the columns of its transpose; M is a callable or a name.
+// A is a callable or its columns; M is a callable or a name.
 template <class T>
 py::tuple solve_krylov(bool symmetric, const py::object& a, const py::object& preconditioner,
                        const Array<T>& b, const Array<T>& guess, const KrylovOptions& options) {
@@ -168,6 +168,15 @@ py::tuple solve_krylov(bool symmetric, const py::object& a, const py::object& pr
     const auto [start, row, data] = a.cast<std::tuple<Indices, Indices, Array<T>>>();
     pattern = make_pattern(start, row);
     values.assign(data.data(), data.data() + data.size());
+    if (!symmetric) {  // products run along the rows
+      std::vector<std::int32_t> entry;
+      pattern = transposed(pattern, &entry);
+      std::vector<T> flipped(values.size());
+      for (std::size_t k = 0; k < entry.size(); ++k) {
+        flipped[k] = values[static_cast<std::size_t>(entry[k])];
+      }
+      values = std::move(flipped);
+    }
     product = [&](std::span<const T> x, std::span<T> y) {
       multiply_transposed<T>(pattern, values, x, y, options.threads);
     };

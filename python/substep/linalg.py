@@ -514,10 +514,7 @@ def _solve(
         native = _operator("A(x)", A, n, dtype)
     else:
         _check_finite(columns)
-        column = np.repeat(np.arange(n, dtype=np.int32), np.diff(columns.start))
-        order = np.lexsort((column, columns.row))  # the columns of the transpose
-        start = np.searchsorted(columns.row[order], np.arange(n + 1)).astype(np.int32)
-        native = (start, column[order], columns.values[order].astype(dtype, copy=False))
+        native = (columns.start, columns.row, columns.values.astype(dtype, copy=False))
     if callable(preconditioner):
         chosen: Any = _operator("preconditioner(r)", preconditioner, n, dtype)
     else:
