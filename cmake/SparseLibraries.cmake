@@ -43,6 +43,6 @@ target_compile_definitions(substep_sparse INTERFACE SUBSTEP_GPL=$<BOOL:${SUBSTEP
 target_link_libraries(substep_sparse INTERFACE
   -Wl,--push-state,--no-as-needed ${SUBSTEP_BLAS} ${SUBSTEP_LAPACK} -Wl,--pop-state
   ${sparse_libraries} gomp ${CMAKE_DL_LIBS})
-# In a program, too, OpenBLAS finds our work space first (linalg/blas_buffers.h).
+# In a program, too, OpenBLAS and METIS find our definitions first (linalg/blas_buffers.h).
 target_link_options(substep_sparse INTERFACE $<$<STREQUAL:$<TARGET_PROPERTY:TYPE>,EXECUTABLE>:
-  LINKER:--export-dynamic-symbol=blas_memory_alloc,--export-dynamic-symbol=blas_memory_free>)
+  LINKER:--export-dynamic-symbol=blas_memory_*,--export-dynamic-symbol=gk_rand*>)

@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <complex>
+#include <cstdlib>
 #include <limits>
 #include <thread>
 #include <vector>
@@ -15,6 +16,7 @@
 #include "substep/linalg/cholesky.h"
 #include "substep/linalg/library_calls.h"
 #include "substep/linalg/lu.h"
+#include "substep/linalg/ordering.h"
 
 namespace substep {
 namespace {
@@ -115,6 +117,27 @@ TEST(Cholesky, ThreadsAtOnceGetTheBitsOfOneAlone) {
   for (std::size_t t = 0; t < wrong.size(); ++t) {
     threads.emplace_back([&, t] {
       for (int repeat = 0; repeat < 5; ++repeat) wrong[t] += solved() != alone;
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(wrong, std::vector<int>(3, 0));
+}
+
+TEST(Ordering, MetisLeavesTheProcessAloneAndIsTheSameInEveryThread) {
+  const auto lower = mesh<double>(40, true, 0.5, 0);
+  std::srand(7);
+  const int undisturbed = std::rand();
+  std::srand(7);
+  const auto alone = elimination_order(lower.pattern, Ordering::metis, 3);
+  EXPECT_EQ(std::rand(), undisturbed);
+  std::vector<std::thread> threads;
+  std::vector<int> wrong(3, 0);
+  for (std::size_t t = 0; t < wrong.size(); ++t) {
+    threads.emplace_back([&, t] {
+      for (int repeat = 0; repeat < 3; ++repeat) {
+        wrong[t] += elimination_order(lower.pattern, Ordering::metis, 3) != alone;
+        std::rand();
+      }
     });
   }
   for (std::thread& thread : threads) thread.join();

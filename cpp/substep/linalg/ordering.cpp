@@ -1,5 +1,6 @@
 #include "substep/linalg/ordering.h"
 
+#include <mutex>
 #include <numeric>
 
 #include "substep/linalg/cholmod_common.h"
@@ -42,6 +43,9 @@ std::vector<std::int32_t> elimination_order(const SparsePattern& lower, Ordering
     cholmod_sparse a = cholmod_lower(graph, nullptr);
     a.sorted = 0;
     if (ordering == Ordering::metis) {
+      // It catches SIGABRT and SIGTERM while it runs, for the process: one at a time.
+      static std::mutex one_at_a_time;
+      const std::scoped_lock lock(one_at_a_time);
       cholmod_metis(&a, nullptr, 0, 1, order.data(), &common);
     } else {
       cholmod_amd(&a, nullptr, 0, order.data(), &common);
@@ -58,3 +62,30 @@ std::vector<std::int32_t> elimination_order(const SparsePattern& lower, Ordering
 }
 
 }  // namespace substep
+
+// METIS draws its random numbers from rand() of the C library and seeds it: the state of the whole
+// process, so that the order of elimination, and with it the bits of a factor, would depend on who
+// else draws. These three functions are all that METIS (GKlib) takes them from; the loader prefers
+// our definitions to those of the library (see blas_buffers.h), and each thread has its own
+// numbers.
+namespace {
+
+thread_local std::uint64_t state = 0;
+
+// SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number generators", OOPSLA 2014).
+std::uint64_t next() {
+  std::uint64_t z = (state += 0x9E3779B97F4A7C15u);
+  z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
+  z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
+  return z ^ (z >> 31);
+}
+
+}  // namespace
+
+extern "C" {
+__attribute__((visibility("default"))) void gk_randinit(std::uint64_t seed) { state = seed; }
+__attribute__((visibility("default"))) std::uint32_t gk_randint32() {
+  return static_cast<std::uint32_t>(next() >> 33);  // 31 bits, as rand() has them
+}
+__attribute__((visibility("default"))) std::uint64_t gk_randint64() { return next() >> 1; }
+}
