@@ -2,6 +2,7 @@
 #include <pybind11/stl.h>
 
 #include "bindings.h"
+#include "python_jacobian.h"
 #include "python_system.h"
 #include "substep/ode/brusselator.h"
 #include "substep/ode/integration.h"
@@ -110,13 +111,12 @@ py::array evaluate_at(const py::array_t<double, py::array::c_style>& t, std::int
 // What Python holds of an integration; `complex` says how the doubles are to be read.
 struct PyIntegration {
   ode::Integration integration;
-  bool complex;
-  bool calls_python;  // beside the system's own function
+  bool complex, native;
 
   std::int64_t size() { return integration.stepper().size(); }
   template <class Call>
   auto without_gil(Call&& call) {
-    if (calls_python || !integration.system().native()) return call();
+    if (!native) return call();
     const ReleaseGil release;
     return call();
   }
@@ -142,8 +142,8 @@ py::object jacobian(ode::System& system, double t,
                     const py::array_t<double, py::array::c_style>& y) {
   check_size("y", y.size(), system);
   const std::int64_t n = system.size();
-  if (const ode::SparsityPattern* pattern = system.jacobian_pattern()) {
-    py::array_t<double> values(pattern->nonzeros());
+  if (const substep::SparsePattern* pattern = system.jacobian_pattern()) {
+    py::array_t<double> values(pattern->entries());
     system.jacobian(t, y.data(), values.mutable_data());
     return py::make_tuple(py::array(py::cast(pattern->start)), py::array(py::cast(pattern->row)),
                           values);
@@ -171,7 +171,8 @@ std::unique_ptr<PyIntegration> make_integration(
     std::shared_ptr<ode::System> system, const std::string& method, double t, double t_bound,
     const py::array& y0, double step, std::vector<double> rtol, std::vector<double> atol,
     double first_step, double max_step, int threads, bool every_step, std::vector<double> t_eval,
-    bool dense, bool interpolate, const py::object& radius) {
+    bool dense, bool interpolate, const py::object& radius, std::shared_ptr<ode::Jacobian> jacobian,
+    std::shared_ptr<ode::MassMatrix> mass, bool krylov) {
   const bool complex = y0.dtype().kind() == 'c';
   const py::array_t<double, py::array::c_style> y =
       complex ? py::array(y0.attr("view")("float64")) : y0;
@@ -188,11 +189,14 @@ std::unique_ptr<PyIntegration> make_integration(
   options.complex_pairs = complex;
   options.threads = threads;
   options.spectral_radius = spectral_radius(radius, system->size(), complex);
+  options.jacobian = std::move(jacobian);
+  options.mass = std::move(mass);
+  options.linear_solver = krylov ? ode::LinearSolver::krylov : ode::LinearSolver::direct;
+  const bool native = system->native() && (!options.jacobian || options.jacobian->native()) &&
+                      (radius.is_none() || PyFloat_Check(radius.ptr()));
   ode::Output output{every_step, std::move(t_eval), dense, interpolate};
-  const bool calls_python = !radius.is_none() && !PyFloat_Check(radius.ptr());
-  return std::unique_ptr<PyIntegration>(
-      new PyIntegration{ode::Integration(std::move(system), method, options, std::move(output)),
-                        complex, calls_python});
+  return std::unique_ptr<PyIntegration>(new PyIntegration{
+      ode::Integration(std::move(system), method, options, std::move(output)), complex, native});
 }
 
 void bind_systems(py::module_& m) {
@@ -285,7 +289,8 @@ void bind_integration(py::module_& m) {
            py::arg("t"), py::arg("t_bound"), py::arg("y0"), py::arg("step"), py::arg("rtol"),
            py::arg("atol"), py::arg("first_step"), py::arg("max_step"), py::arg("threads"),
            py::arg("every_step"), py::arg("t_eval"), py::arg("dense"), py::arg("interpolate"),
-           py::arg("spectral_radius") = py::none())
+           py::arg("spectral_radius") = py::none(), py::arg("jacobian") = py::none(),
+           py::arg("mass") = py::none(), py::arg("krylov") = false)
       .def("start",
            [](PyIntegration& i) { i.without_gil([&] { return i.integration.start(), 0; }); })
       .def(
@@ -354,5 +359,6 @@ void bind_ode(py::module_& m) {
   m.def("ode_method", &method_dict, py::arg("name"));
   m.def("tableau", &tableau, py::arg("method"));
   bind_systems(m);
+  bind_jacobians(m);
   bind_integration(m);
 }

@@ -42,7 +42,16 @@ _EXPORTS = {
     "geometry": ("Box", "Plane", "SignedDistanceField", "Sphere"),
     "second_order": ("SecondOrderResult", "solve_second_order"),
     "springs": ("MassSpring", "SoftBody"),
-    "scipy_solvers": ("DOP853", "RK4", "RK45", "Euler", "Heun", "Midpoint"),
+    "scipy_solvers": (
+        "DOP853",
+        "RK4",
+        "RK45",
+        "Euler",
+        "Heun",
+        "ImplicitEuler",
+        "Midpoint",
+        "Radau",
+    ),
 }
 _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names}
 _SUBMODULES = (
@@ -98,7 +107,16 @@ if TYPE_CHECKING:
     from .geometry import Box, Plane, SignedDistanceField, Sphere
     from .ode import OdeResult, OdeSolution, solve_ivp
     from .recording import Part, Recorder, Recording
-    from .scipy_solvers import DOP853, RK4, RK45, Euler, Heun, Midpoint
+    from .scipy_solvers import (
+        DOP853,
+        RK4,
+        RK45,
+        Euler,
+        Heun,
+        ImplicitEuler,
+        Midpoint,
+        Radau,
+    )
     from .second_order import SecondOrderResult, solve_second_order
     from .springs import MassSpring, SoftBody
 

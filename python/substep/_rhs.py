@@ -28,7 +28,7 @@ def make_system(
     address, user_data = find_address("fun", fun, RHS)
     if address is not None:
         _refuse_complex(complex_y)
-        parameters = _parameters(args) if args is not None else user_data
+        parameters = pointer_parameters(args) if args is not None else user_data
         return _core.PointerSystem(address, components, parameters)
     if not callable(fun):
         raise TypeError(
@@ -55,7 +55,7 @@ def _refuse_complex(complex_y: bool) -> None:
         raise TypeError("y0: compiled systems have real states, got complex numbers")
 
 
-def _parameters(args: Any) -> np.ndarray[Any, Any]:
+def pointer_parameters(args: Any) -> np.ndarray[Any, Any]:
     if isinstance(args, tuple) and len(args) == 1 and np.ndim(args[0]) == 1:
         args = args[0]
     return check_array("args", args, (None,), finite=False)

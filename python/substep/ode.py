@@ -1,4 +1,4 @@
-"""Initial value problems y' = f(t, y): explicit Runge-Kutta methods with one entry point."""
+"""Initial value problems y' = f(t, y): explicit and implicit methods with one entry point."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from . import _core
 from ._checks import check_array, check_callable, check_choice, check_integer, check_real
 from ._events import EventLog
+from ._jacobian import check_consistent, make_jacobian, make_mass
 from ._rhs import make_system, unpack_args
 from .errors import InputError, SolverError
 
@@ -175,8 +176,13 @@ def solve_ivp(
     callback: Callable[[float, np.ndarray[Any, Any]], Any] | None = None,
     threads: int | None = None,
     spectral_radius: float | Callable[[float, np.ndarray[Any, Any]], float] | None = None,
+    jac: Any = None,
+    jac_sparsity: Any = None,
+    mass: Any = None,
+    linear_solver: str = "direct",
+    check_jacobian: bool = False,
 ) -> OdeResult:
-    """Solve y' = f(t, y), y(t0) = y0, by an explicit Runge-Kutta method.
+    """Solve y' = f(t, y), y(t0) = y0, or M y' = f(t, y) by an implicit method.
 
     Takes what `scipy.integrate.solve_ivp` takes and returns the same fields. What failed raises;
     the exception's `result` holds the part solved.
@@ -193,8 +199,9 @@ def solve_ivp(
     y0 : array_like, shape (n,)
         Initial state, real or complex.
     method : str
-        'euler', 'midpoint', 'heun', 'rk4' (orders 1, 2, 2, 4), 'RK45' (Dormand and Prince 5(4)),
-        'DOP853', or 'RKC2' (stabilised, order 2: for diffusion); upper or lower case.
+        'euler', 'midpoint', 'heun', 'rk4' (orders 1, 2, 2, 4), 'RK45' (Dormand and Prince 5(4)) or
+        'DOP853'; for stiff problems 'implicit_euler' (order 1), 'Radau' (Radau IIA of order 5) or,
+        for diffusion, 'RKC2' (stabilised explicit, order 2). Upper or lower case.
     t_eval : array_like, shape (m,), optional
         Times to return, within `t_span` and in its direction; without it every step is returned.
     dense_output : bool
@@ -228,6 +235,22 @@ def solve_ivp(
     spectral_radius : float or callable, optional
         For 'RKC2': an upper bound of the greatest |eigenvalue| of df/dy [1/s], or a function
         (t, y) of it. By default the system's own, or else estimated by a power method.
+    jac : array_like, sparse matrix, callable or compiled function, optional
+        df/dy of shape (n, n), for implicit methods: constant, or as ``jac(t, y)`` that returns an
+        array or a sparse matrix, or compiled with the signature of `fun`: it writes
+        ``J[i * n + j]``, or the nonzeros of `jac_sparsity` column by column. Without it the
+        system's own is used, else finite differences.
+    jac_sparsity : array_like or sparse matrix, shape (n, n), optional
+        Nonzero where df/dy may be. Finite differences then take as many evaluations as there are
+        groups of columns that share no row, and the linear systems are solved sparse.
+    mass : array_like or sparse matrix, shape (n, n) or (n,), optional
+        M, constant. It may be singular: a differential-algebraic system of index 1, whose
+        algebraic equations y0 must satisfy.
+    linear_solver : {'direct', 'krylov'}
+        LU decompositions, or BiCGSTAB on products with df/dy, preconditioned by its diagonal
+        blocks.
+    check_jacobian : bool
+        Compare `jac` with finite differences at the start.
 
     Returns
     -------
@@ -243,6 +266,10 @@ def solve_ivp(
     SolverError
         The step fell below the spacing of t (a singularity, or tolerances out of reach), or
         `max_steps` were not enough.
+    ConvergenceError
+        Newton's iteration of an implicit method failed however short the step was made.
+    SingularMatrixError
+        So did its linear systems; `index` is the row.
 
     References
     ----------
@@ -252,9 +279,12 @@ def solve_ivp(
        Appl. Math. 6 (1980), 19-26.
     .. [3] B. P. Sommeijer, L. F. Shampine, J. G. Verwer, "RKC: an explicit solver for parabolic
        PDEs", J. Comput. Appl. Math. 88 (1998), 315-326.
+    .. [4] E. Hairer, G. Wanner, "Solving Ordinary Differential Equations II: Stiff and
+       Differential-Algebraic Problems", 2nd ed., Springer, 1996, sections IV.8 and VI.1.
 
     Examples
     --------
+    >>> import numpy as np
     >>> import substep
     >>> result = substep.solve_ivp(lambda t, y: [y[1], -y[0]], (0, 3), [1, 0], rtol=1e-8, atol=1e-8)
     >>> result.y[:, -1].round(6)
@@ -262,6 +292,9 @@ def solve_ivp(
     >>> substep.solve_ivp(substep.systems.Lorenz(), (0, 1), [1, 1, 1], "rk4", t_eval=[1.0],
     ...                   step=1e-3).y.ravel().round(5)
     array([-9.37857, -8.35703, 29.36233])
+    >>> stiff = substep.solve_ivp(lambda t, y: -1e6 * (y - np.cos(t)), (0, 3), [0.0], "Radau")
+    >>> stiff.y[0, -1].round(4), stiff.t.size < 100
+    (np.float64(-0.99), True)
     """
     name = _method_name(method)
     t0, t_bound = _check_span(t_span)
@@ -282,6 +315,9 @@ def solve_ivp(
         log.start(t0, y.copy())
     if y.size == 0 or t0 == t_bound:
         return _nothing_to_do(t0, t_bound, y, times, bool(dense_output), log)
+    implicit = _implicit_options(
+        name, jac, jac_sparsity, mass, linear_solver, check_jacobian, system, t0, y, args, control
+    )
     integration = _core.Integration(
         system=system,
         method=name,
@@ -294,6 +330,7 @@ def solve_ivp(
         dense=bool(dense_output),
         interpolate=log is not None,
         spectral_radius=_check_spectral_radius(spectral_radius, name),
+        **implicit,
         **control,
     )
     end = None
@@ -384,6 +421,47 @@ def _check_spectral_radius(value: Any, method: str) -> Any:
         return check_real("spectral_radius", value(t, y), nonnegative=True)
 
     return bound
+
+
+def _implicit_options(
+    method: str,
+    jac: Any,
+    jac_sparsity: Any,
+    mass: Any,
+    linear_solver: Any,
+    check_jacobian: Any,
+    system: _core.System,
+    t0: float,
+    y0: np.ndarray[Any, Any],
+    args: Any,
+    control: dict[str, Any],
+) -> dict[str, Any]:
+    """What an implicit method is told; nothing may be given to the others."""
+    solver = check_choice("linear_solver", linear_solver, ("direct", "krylov"))
+    if _core.ode_method(method)["family"] != "implicit":
+        given = {
+            "jac": jac is not None,
+            "jac_sparsity": jac_sparsity is not None,
+            "mass": mass is not None,
+            "linear_solver": solver != "direct",
+            "check_jacobian": bool(check_jacobian),
+        }
+        for name, present in given.items():
+            if present:
+                raise InputError(
+                    f"{name}: has no meaning for {method!r}; implicit methods take it, as 'Radau'"
+                )
+        return {}
+    native_mass = make_mass(mass, y0.size, y0.dtype.kind == "c")
+    if mass is not None:
+        check_consistent(mass, system, t0, y0, control["rtol"], control["atol"])
+    return {
+        "jacobian": make_jacobian(
+            jac, jac_sparsity, system, t0, y0, args, check=bool(check_jacobian)
+        ),
+        "mass": native_mass,
+        "krylov": solver == "krylov",
+    }
 
 
 def _run_step_by_step(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from . import _core
+from ._jacobian import make_jacobian
 from ._rhs import make_system
 from .errors import SolverError
 
@@ -20,6 +21,8 @@ METHOD_OF_CLASS = {
     "RK4": "rk4",
     "RK45": "RK45",
     "DOP853": "DOP853",
+    "ImplicitEuler": "implicit_euler",
+    "Radau": "Radau",
 }
 _classes: dict[str, type] = {}
 
@@ -110,12 +113,13 @@ def _make_classes() -> None:
             system = make_system(
                 self.fun, self.n, complex_y=self.y.dtype.kind == "c", args=None, vectorized=False
             )
+            y = np.ascontiguousarray(self.y)
             self._integration = _core.Integration(
                 system=system,
                 method=self.method_name,
                 t=float(t0),
                 t_bound=float(t_bound),
-                y0=np.ascontiguousarray(self.y),
+                y0=y,
                 step=0.0 if step is None else float(step),
                 rtol=np.atleast_1d(self.rtol).tolist(),
                 atol=np.atleast_1d(self.atol).tolist(),
@@ -126,8 +130,12 @@ def _make_classes() -> None:
                 t_eval=[],
                 dense=False,
                 interpolate=True,
+                jacobian=self._jacobian(system, t0, y),
             )
             self._integration.start()
+
+        def _jacobian(self, system: _core.System, t0: float, y: Any) -> _core.Jacobian | None:
+            return None
 
         def _step_impl(self) -> tuple[bool, str | None]:
             try:
@@ -135,23 +143,86 @@ def _make_classes() -> None:
             except SolverError as error:
                 return False, f"{self.TOO_SMALL_STEP} {error}"
             self.t, self.y = self._integration.t, self._integration.y
+            self.njev = self._integration.jacobians
+            self.nlu = self._integration.factorizations
             return True, None
 
         def _dense_output_impl(self) -> StepPolynomial:
             return StepPolynomial(self._integration.step_dense(), self.t_old, self.t)
 
+    class ImplicitSolver(ExplicitSolver):
+        """Implicit Runge-Kutta solver with SciPy's `OdeSolver` interface.
+
+        Parameters
+        ----------
+        fun : callable
+            ``fun(t, y)``.
+        t0, t_bound : float
+            Start and end.
+        y0 : array_like, shape (n,)
+            Initial state, real or complex.
+        max_step, rtol, atol, jac, jac_sparsity, vectorized, first_step
+            As in `scipy.integrate.Radau`.
+        step : float, optional
+            Fixes the step.
+        **extraneous
+            Options without effect; they are warned of.
+
+        Examples
+        --------
+        >>> import scipy.integrate, substep
+        >>> scipy.integrate.solve_ivp(lambda t, y: -1e4 * y, (0, 1), [1.0], method=substep.Radau,
+        ...                           jac=[[-1e4]]).success
+        True
+        """
+
+        def __init__(
+            self,
+            fun: Any,
+            t0: float,
+            y0: Any,
+            t_bound: float,
+            max_step: float = np.inf,
+            rtol: Any = 1e-3,
+            atol: Any = 1e-6,
+            jac: Any = None,
+            jac_sparsity: Any = None,
+            vectorized: bool = False,
+            first_step: float | None = None,
+            step: float | None = None,
+            **extraneous: Any,
+        ) -> None:
+            self._given = jac, jac_sparsity
+            super().__init__(
+                fun,
+                t0,
+                y0,
+                t_bound,
+                max_step,
+                rtol,
+                atol,
+                vectorized,
+                first_step,
+                step,
+                **extraneous,
+            )
+
+        def _jacobian(self, system: _core.System, t0: float, y: Any) -> _core.Jacobian | None:
+            jac, jac_sparsity = self._given
+            return make_jacobian(jac, jac_sparsity, system, t0, y, None, check=False)
+
     for name, method in METHOD_OF_CLASS.items():
-        table = _core.tableau(method)
-        order = table["order"]
+        table, properties = _core.tableau(method), _core.ode_method(method)
+        base = ImplicitSolver if properties["family"] == "implicit" else ExplicitSolver
         _classes[name] = type(
             name,
-            (ExplicitSolver,),
+            (base,),
             {
                 "__module__": "substep",
-                "__doc__": ExplicitSolver.__doc__,
+                "__doc__": base.__doc__,
                 "method_name": method,
-                "order": order,
-                "error_estimator_order": table.get("error_order", order),
+                "order": properties["order"],
+                "error_estimator_order": properties["error_order"],
                 "n_stages": table["stages"],
             },
         )

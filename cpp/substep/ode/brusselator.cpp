@@ -13,12 +13,11 @@ constexpr std::int64_t kGrain = 4096;  // cells per chunk
 
 }  // namespace
 
-const SparsityPattern* Brusselator::jacobian_pattern() const {
+const SparsePattern* Brusselator::jacobian_pattern() const {
   std::call_once(once_, [&] {
-    auto pattern = std::make_unique<SparsityPattern>();
+    auto pattern = std::make_unique<SparsePattern>();
     const auto cells = static_cast<std::int32_t>(cells_);
-    pattern->size = 2 * cells;
-    pattern->start.push_back(0);
+    pattern->rows = pattern->cols = 2 * cells;
     std::int32_t around[8];
     for (int field = 0; field < 2; ++field) {
       for (std::int32_t cell = 0; cell < cells; ++cell) {
@@ -35,7 +34,7 @@ const SparsityPattern* Brusselator::jacobian_pattern() const {
 }
 
 void Brusselator::jacobian(double, const double* y, double* values) {
-  const SparsityPattern& pattern = *jacobian_pattern();
+  const SparsePattern& pattern = *jacobian_pattern();
   const double *u = y, *v = y + cells_;
   const double from_centre = -neighbours_ * c_;
   parallel_for(2 * cells_, kGrain, [&](std::int64_t begin, std::int64_t end) {

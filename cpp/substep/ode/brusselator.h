@@ -30,7 +30,7 @@ class Brusselator : public System {
  public:
   std::int64_t size() const final { return 2 * cells_; }
   bool has_jacobian() const final { return true; }
-  const SparsityPattern* jacobian_pattern() const final;
+  const SparsePattern* jacobian_pattern() const final;
   void jacobian(double t, const double* y, double* values) final;
   bool has_jacobian_product() const final { return true; }
   double spectral_radius(double t, const double* y) final;
@@ -51,7 +51,7 @@ class Brusselator : public System {
 
  private:
   mutable std::once_flag once_;
-  mutable std::unique_ptr<SparsityPattern> pattern_;
+  mutable std::unique_ptr<SparsePattern> pattern_;
 };
 
 class Brusselator1D final : public Brusselator {

@@ -46,7 +46,7 @@ class ImplicitEulerStepper final : public ImplicitStep<Sys, Matrices> {
 
   void factor(int slot, double h) override {
     matrices_->factor(slot, 1.0 / h);
-    ++this->factorizations_;
+    this->factorizations_ += matrices_->factorizes();
   }
 
   // Newton for z = y_new - y: (M/h - J) dz = f(t + h, y + z) - M z/h, begun with z = h slope.
@@ -104,8 +104,8 @@ class ImplicitEulerStepper final : public ImplicitStep<Sys, Matrices> {
         continue;
       }
       const double factor = grow_factor(error, exponent, rejected);
-      // The factors are kept where the step would hardly change, [HW] after (8.22).
-      const bool same = factor >= 1.0 && factor <= 1.2 && !this->jacobian_is_old();
+      // The factors are kept where the step would hardly grow, as in Radau.
+      const bool same = factor < 1.2 && !this->jacobian_is_old();
       h_abs_ = same ? h_abs : h_abs * factor;
       set_slope(y_half_.data(), y_new_.data(), 0.5 * (t_new - t_));
       last_slope_ = slope_;

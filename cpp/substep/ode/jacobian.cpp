@@ -12,12 +12,12 @@ class SystemJacobian final : public Jacobian {
  public:
   explicit SystemJacobian(System& system) : system_(system) {}
 
-  const SparsityPattern* pattern() const override { return system_.jacobian_pattern(); }
+  const SparsePattern* pattern() const override { return system_.jacobian_pattern(); }
   bool native() const override { return system_.native(); }
   std::int64_t evaluate(const JacobianPoint& at, std::vector<double>& values) override {
-    const SparsityPattern* sparse = pattern();
+    const SparsePattern* sparse = pattern();
     const auto n = static_cast<std::size_t>(system_.size());
-    values.resize(sparse ? static_cast<std::size_t>(sparse->nonzeros()) : n * n);
+    values.resize(sparse ? static_cast<std::size_t>(sparse->entries()) : n * n);
     system_.jacobian(at.t, at.y, values.data());
     return 0;
   }
@@ -30,8 +30,8 @@ class SystemJacobian final : public Jacobian {
 // 363, section 2.1): sigma_j = max(sqrt(u) |y_j|, sigma_0 scale_j), sigma_0 = 1000 n u |h| |f|.
 class FiniteDifferences final : public Jacobian {
  public:
-  FiniteDifferences(System& system, std::unique_ptr<const SparsityPattern> own,
-                    const SparsityPattern* pattern)
+  FiniteDifferences(System& system, std::unique_ptr<const SparsePattern> own,
+                    const SparsePattern* pattern)
       : system_(system), own_(std::move(own)), pattern_(pattern) {
     const auto n = static_cast<std::size_t>(system.size());
     y_.resize(n), f_.resize(n), increment_.resize(n);
@@ -44,12 +44,12 @@ class FiniteDifferences final : public Jacobian {
     }
   }
 
-  const SparsityPattern* pattern() const override { return pattern_; }
+  const SparsePattern* pattern() const override { return pattern_; }
   bool native() const override { return system_.native(); }
 
   std::int64_t evaluate(const JacobianPoint& at, std::vector<double>& values) override {
     const auto n = static_cast<std::size_t>(system_.size());
-    values.resize(pattern_ ? static_cast<std::size_t>(pattern_->nonzeros()) : n * n);
+    values.resize(pattern_ ? static_cast<std::size_t>(pattern_->entries()) : n * n);
     set_increments(at);
     std::copy_n(at.y, n, y_.begin());
     const std::size_t groups = pattern_ ? columns_.size() : n;
@@ -80,8 +80,14 @@ class FiniteDifferences final : public Jacobian {
     const double norm = std::sqrt(squares / static_cast<double>(n));
     double sigma0 = 1000.0 * static_cast<double>(n) * u * std::fabs(at.h) * norm;
     if (!(sigma0 > 0.0 && std::isfinite(sigma0))) sigma0 = 1.0;
+    // Of algebraic equations: what survives a sum with the other components.
+    double least = 0.0;
+    if (at.algebraic) {
+      for (std::size_t i = 0; i < n; ++i) least = std::max(least, 1e-11 * std::fabs(at.y[i]));
+    }
     for (std::size_t j = 0; j < n; ++j) {
-      const double sigma = std::max(std::sqrt(u) * std::fabs(at.y[j]), sigma0 * at.scale[j]);
+      const double sigma =
+          std::max({std::sqrt(u) * std::fabs(at.y[j]), sigma0 * at.scale[j], least});
       // Towards where the solution goes, by a number that y_j + sigma - y_j is exactly.
       const double signed_sigma = at.f[j] * at.h < 0.0 ? -sigma : sigma;
       const volatile double there = at.y[j] + signed_sigma;
@@ -115,16 +121,32 @@ class FiniteDifferences final : public Jacobian {
   }
 
   System& system_;
-  std::unique_ptr<const SparsityPattern> own_;
-  const SparsityPattern* pattern_;
+  std::unique_ptr<const SparsePattern> own_;
+  const SparsePattern* pattern_;
   std::vector<std::vector<std::int32_t>> columns_;  // of each group
   std::vector<double> y_, f_, increment_;
 };
 
 }  // namespace
 
-std::vector<std::int32_t> group_columns(const SparsityPattern& pattern) {
-  const auto n = static_cast<std::size_t>(pattern.size);
+void MassMatrix::multiply(std::int64_t n, const double* x, double* out) const {
+  std::fill(out, out + n, 0.0);
+  for (std::int64_t j = 0; j < n; ++j) {
+    if (!pattern) {
+      const double* column = values.data() + j * n;
+      for (std::int64_t i = 0; i < n; ++i) out[i] += column[i] * x[j];
+      continue;
+    }
+    const auto at = static_cast<std::size_t>(j);
+    for (std::int32_t k = pattern->start[at]; k < pattern->start[at + 1]; ++k) {
+      const auto entry = static_cast<std::size_t>(k);
+      out[pattern->row[entry]] += values[entry] * x[j];
+    }
+  }
+}
+
+std::vector<std::int32_t> group_columns(const SparsePattern& pattern) {
+  const auto n = static_cast<std::size_t>(pattern.cols);
   // Columns with a nonzero in each row.
   std::vector<std::int32_t> begin(n + 1, 0), column(pattern.row.size());
   for (const std::int32_t i : pattern.row) ++begin[static_cast<std::size_t>(i) + 1];
@@ -162,8 +184,8 @@ std::shared_ptr<Jacobian> make_jacobian(System& system) {
 }
 
 std::shared_ptr<Jacobian> make_finite_differences(System& system,
-                                                  std::unique_ptr<const SparsityPattern> pattern) {
-  const SparsityPattern* shared = pattern.get();
+                                                  std::unique_ptr<const SparsePattern> pattern) {
+  const SparsePattern* shared = pattern.get();
   return std::make_shared<FiniteDifferences>(system, std::move(pattern), shared);
 }
 

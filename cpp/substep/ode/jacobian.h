@@ -5,23 +5,17 @@
 #include <memory>
 #include <vector>
 
+#include "substep/linalg/sparse.h"
 #include "substep/ode/system.h"
 
 namespace substep::ode {
 
-// The nonzeros of a square matrix column by column: rows row[start[j]] .. row[start[j + 1] - 1] of
-// column j, rising.
-struct SparsityPattern {
-  std::int32_t size = 0;
-  std::vector<std::int32_t> start, row;
-
-  std::int32_t nonzeros() const { return start.empty() ? 0 : start.back(); }
-};
-
 // The constant matrix M of M y' = f(t, y): n^2 values column by column, or those of a pattern.
 struct MassMatrix {
-  std::unique_ptr<const SparsityPattern> pattern;  // null: dense
+  std::unique_ptr<const SparsePattern> pattern;  // null: dense
   std::vector<double> values;
+
+  void multiply(std::int64_t n, const double* x, double* out) const;  // out = M x
 };
 
 // Where df/dy is wanted.
@@ -31,6 +25,7 @@ struct JacobianPoint {
   const double* y = nullptr;
   const double* f = nullptr;      // f(t, y)
   const double* scale = nullptr;  // atol + rtol |y|
+  bool algebraic = false;         // M y' = f: the step says nothing about how y changes
 };
 
 class Jacobian {
@@ -41,7 +36,7 @@ class Jacobian {
   virtual ~Jacobian() = default;
 
   // Null where dense. evaluate() may replace it by another one that holds it.
-  virtual const SparsityPattern* pattern() const = 0;
+  virtual const SparsePattern* pattern() const = 0;
   virtual bool constant() const { return false; }
   virtual bool native() const { return true; }  // runs without the interpreter
 
@@ -53,10 +48,10 @@ class Jacobian {
 // groups of columns that share no row.
 std::shared_ptr<Jacobian> make_jacobian(System& system);
 std::shared_ptr<Jacobian> make_finite_differences(System& system,
-                                                  std::unique_ptr<const SparsityPattern> pattern);
+                                                  std::unique_ptr<const SparsePattern> pattern);
 
 // Group of each column so that no two columns of a group have a nonzero in the same row, by the
 // first-fit of Curtis, Powell and Reid, J. Inst. Maths Applics 13 (1974) 117-119.
-std::vector<std::int32_t> group_columns(const SparsityPattern& pattern);
+std::vector<std::int32_t> group_columns(const SparsePattern& pattern);
 
 }  // namespace substep::ode

@@ -1,167 +1,14 @@
-// GCC 12 takes its own vector intrinsics for uninitialized.
-#pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
-
 #include "substep/ode/newton_matrices.h"
 
-#include <Eigen/LU>
 #include <algorithm>
-#include <complex>
+#include <cmath>
 #include <string>
 
+#include "substep/ode/combine.h"
+#include "substep/ode/matrix_kinds.h"
 #include "substep/ode/step_control.h"
 
 namespace substep::ode {
-namespace {
-
-// J and M as full matrices. Few rows are factorized by small_lu.h, more by Eigen's blocked LU.
-class DenseNewtonMatrices final : public NewtonMatrices {
- public:
-  DenseNewtonMatrices(System& system, std::shared_ptr<Jacobian> jacobian,
-                      std::shared_ptr<const MassMatrix> mass)
-      : n_(system.size()), jacobian_(std::move(jacobian)), b_(static_cast<std::size_t>(n_)) {
-    if (mass) set_mass(*mass);
-    const auto n = static_cast<std::size_t>(n_);
-    J_.resize(n * n);
-    if (n_ > kSmall) return;
-    for (auto& a : real_) a.resize(n * n);
-    complex_.resize(n * n);
-  }
-
-  bool constant() const override { return jacobian_->constant(); }
-  bool has_mass() const override { return !M_.empty(); }
-
-  std::int64_t evaluate(const JacobianPoint& at) override {
-    const std::int64_t evaluations = jacobian_->evaluate(at, values_);
-    spread(jacobian_->pattern(), values_, J_);
-    for (std::int64_t k = 0; k < n_ * n_; ++k) {
-      if (!std::isfinite(J_[static_cast<std::size_t>(k)])) {
-        throw jacobian_not_finite(at.t, k % n_, k / n_);
-      }
-    }
-    return evaluations;
-  }
-
-  void factor(int slot, double s) override {
-    if (n_ <= kSmall) {
-      auto& a = real_[slot];
-      fill(s, [&](std::size_t k, double value) { a[k] = value; });
-      const std::int64_t row = lu_factor(n_, a.data(), pivot_[slot]);
-      if (row >= 0) throw singular_matrix(row);
-      return;
-    }
-    big_.resize(n_, n_);
-    fill(s, [&](std::size_t k, double value) { big_.data()[k] = value; });
-    lu_[slot].compute(big_);
-    check(lu_[slot]);
-  }
-
-  void factor(Complex s) override {
-    const auto put = [&](auto&& set) {
-      fill(s.re,
-           [&](std::size_t k, double value) { set(k, value, M_.empty() ? 0.0 : s.im * M_[k]); });
-    };
-    if (n_ <= kSmall) {
-      put([&](std::size_t k, double re, double im) { complex_[k] = {re, im}; });
-      if (M_.empty()) {
-        for (std::size_t i = 0; i < b_.size(); ++i) complex_[i * b_.size() + i].im = s.im;
-      }
-      const std::int64_t row = lu_factor(n_, complex_.data(), complex_pivot_);
-      if (row >= 0) throw singular_matrix(row);
-      return;
-    }
-    big_complex_.resize(n_, n_);
-    put([&](std::size_t k, double re, double im) { big_complex_.data()[k] = {re, im}; });
-    if (M_.empty()) big_complex_.diagonal().array() += std::complex<double>(0.0, s.im);
-    complex_lu_.compute(big_complex_);
-    check(complex_lu_);
-  }
-
-  void solve(int slot, double* b) override {
-    if (n_ <= kSmall) return lu_solve(n_, real_[slot].data(), pivot_[slot], b);
-    Eigen::Map<Eigen::VectorXd> x(b, n_);
-    x = lu_[slot].solve(x).eval();
-  }
-
-  void solve(double* re, double* im) override {
-    if (n_ <= kSmall) {
-      for (std::size_t i = 0; i < b_.size(); ++i) b_[i] = {re[i], im[i]};
-      lu_solve(n_, complex_.data(), complex_pivot_, b_.data());
-      for (std::size_t i = 0; i < b_.size(); ++i) re[i] = b_[i].re, im[i] = b_[i].im;
-      return;
-    }
-    Eigen::Map<Eigen::VectorXd> x(re, n_), y(im, n_);
-    Eigen::VectorXcd z(n_);
-    z.real() = x;
-    z.imag() = y;
-    z = complex_lu_.solve(z).eval();
-    x = z.real();
-    y = z.imag();
-  }
-
-  void multiply_mass(const double* x, double* out) const override {
-    Eigen::Map<Eigen::VectorXd>(out, n_).noalias() =
-        Eigen::Map<const Eigen::MatrixXd>(M_.data(), n_, n_) *
-        Eigen::Map<const Eigen::VectorXd>(x, n_);
-  }
-
- private:
-  static constexpr std::int64_t kSmall = 24;
-
-  void set_mass(const MassMatrix& mass) {
-    M_.resize(static_cast<std::size_t>(n_ * n_));
-    spread(mass.pattern.get(), mass.values, M_);
-  }
-
-  void spread(const SparsityPattern* pattern, const std::vector<double>& values,
-              std::vector<double>& full) const {
-    if (!pattern) {
-      std::copy(values.begin(), values.end(), full.begin());
-      return;
-    }
-    std::fill(full.begin(), full.end(), 0.0);
-    for (std::int64_t j = 0; j < n_; ++j) {
-      const auto begin = static_cast<std::size_t>(pattern->start[static_cast<std::size_t>(j)]);
-      const auto end = static_cast<std::size_t>(pattern->start[static_cast<std::size_t>(j) + 1]);
-      for (std::size_t k = begin; k < end; ++k) {
-        full[static_cast<std::size_t>(j * n_ + pattern->row[k])] = values[k];
-      }
-    }
-  }
-
-  // put(k, s M_k - J_k)
-  template <class Put>
-  void fill(double s, Put&& put) const {
-    const std::size_t n = b_.size();
-    if (M_.empty()) {
-      for (std::size_t k = 0; k < n * n; ++k) put(k, -J_[k]);
-      for (std::size_t i = 0; i < n; ++i) put(i * n + i, s - J_[i * n + i]);
-    } else {
-      for (std::size_t k = 0; k < n * n; ++k) put(k, s * M_[k] - J_[k]);
-    }
-  }
-
-  template <class Factors>
-  static void check(const Factors& lu) {
-    const auto& U = lu.matrixLU();
-    for (Eigen::Index i = 0; i < U.rows(); ++i) {
-      const double size = std::abs(U(i, i));
-      if (!(size > 0.0 && size < HUGE_VAL)) throw singular_matrix(i);
-    }
-  }
-
-  std::int64_t n_;
-  std::shared_ptr<Jacobian> jacobian_;
-  std::vector<double> values_, J_, M_;
-  std::vector<double> real_[kSlots];
-  std::vector<Complex> complex_, b_;
-  std::int32_t pivot_[kSlots][kSmall] = {}, complex_pivot_[kSmall] = {};
-  Eigen::MatrixXd big_;
-  Eigen::MatrixXcd big_complex_;
-  Eigen::PartialPivLU<Eigen::MatrixXd> lu_[kSlots];
-  Eigen::PartialPivLU<Eigen::MatrixXcd> complex_lu_;
-};
-
-}  // namespace
 
 NonFiniteError jacobian_not_finite(double t, std::int64_t row, std::int64_t column) {
   return NonFiniteError("the Jacobian is NaN or infinite at t = " + format(t) + ", row " +
@@ -173,9 +20,37 @@ SingularMatrixError singular_matrix(std::int64_t row) {
   return SingularMatrixError("no pivot in row " + std::to_string(row), std::nan(""), row);
 }
 
+void check_jacobian(double t, std::int64_t n, const SparsePattern* pattern,
+                    const std::vector<double>& values) {
+  if (all_finite(values.data(), static_cast<std::int64_t>(values.size()))) return;
+  std::size_t k = 0;
+  while (std::isfinite(values[k])) ++k;
+  const auto entry = static_cast<std::int64_t>(k);
+  if (!pattern) throw jacobian_not_finite(t, entry % n, entry / n);
+  const auto after = std::upper_bound(pattern->start.begin(), pattern->start.end(), entry);
+  throw jacobian_not_finite(t, pattern->row[k], after - pattern->start.begin() - 1);
+}
+
+SparsePattern full_pattern(std::int64_t n) {
+  SparsePattern pattern;
+  pattern.rows = pattern.cols = static_cast<std::int32_t>(n);
+  for (std::int32_t j = 0; j < pattern.cols; ++j) {
+    for (std::int32_t i = 0; i < pattern.rows; ++i) pattern.row.push_back(i);
+    pattern.start.push_back(static_cast<std::int32_t>(pattern.row.size()));
+  }
+  return pattern;
+}
+
 std::unique_ptr<NewtonMatrices> make_newton_matrices(System& system, const StepOptions& options) {
   auto jacobian = options.jacobian ? options.jacobian : make_jacobian(system);
-  return std::make_unique<DenseNewtonMatrices>(system, std::move(jacobian), options.mass);
+  if (options.linear_solver == LinearSolver::krylov) {
+    return make_krylov_matrices(system, std::move(jacobian), options);
+  }
+  const bool sparse_mass = !options.mass || options.mass->pattern;
+  if (jacobian->pattern() && sparse_mass) {
+    return make_sparse_matrices(system, std::move(jacobian), options.mass);
+  }
+  return make_dense_matrices(system, std::move(jacobian), options.mass);
 }
 
 }  // namespace substep::ode

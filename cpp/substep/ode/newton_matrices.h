@@ -27,6 +27,8 @@ class NewtonMatrices {
   virtual std::int64_t evaluate(const JacobianPoint& at) = 0;
   virtual bool constant() const = 0;  // J is the same everywhere
 
+  virtual bool factorizes() const { return true; }  // or solves by iteration
+
   // Makes s M - J ready. Throws SingularMatrixError with the row.
   virtual void factor(int slot, double s) = 0;
   virtual void factor(Complex s) = 0;

@@ -92,7 +92,7 @@ class Radau final : public ImplicitStep<Sys, Matrices> {
   void factor(int, double h) override {
     matrices_->factor(0, Transform::gamma / h);
     matrices_->factor(Complex{Transform::alpha / h, Transform::beta / h});
-    this->factorizations_ += 2;
+    if (matrices_->factorizes()) this->factorizations_ += 2;
   }
 
   bool iterate(int, double t, double h, const double* y, double* y_new) override {
@@ -203,9 +203,9 @@ class Radau final : public ImplicitStep<Sys, Matrices> {
 
   void adaptive_step() override {
     const double smallest = smallest_step(t_, direction_);
-    double h_abs = std::max(h_abs_, smallest);
+    double h_abs = h_abs_ > max_step_ ? max_step_ : std::max(h_abs_, smallest);
     bool rejected = false;
-    if (h_abs > max_step_) h_abs = max_step_, error_last_ = 0.0;
+    if (h_abs != h_abs_) error_last_ = 0.0;
     for (;;) {
       if (h_abs < smallest) this->fail(t_);
       const double t_new = this->end_of_step(h_abs), h = t_new - t_;
@@ -232,8 +232,8 @@ class Radau final : public ImplicitStep<Sys, Matrices> {
 
   void accept_step(double t_new, double h_abs, double error, double factor) {
     const double h = t_new - t_;
-    // The factors are kept where the step would hardly change ([HW] after (8.22)).
-    const bool same = factor >= 1.0 && factor <= 1.2 && !this->jacobian_is_old();
+    // The factors are kept where the step would hardly grow ([HW] after (8.22), SciPy's bound).
+    const bool same = factor < 1.2 && !this->jacobian_is_old();
     h_last_abs_ = h_abs;
     error_last_ = std::max(1e-2, error);
     h_abs_ = same ? h_abs : h_abs * std::min(kMaxFactor, factor);
@@ -257,6 +257,7 @@ class Radau final : public ImplicitStep<Sys, Matrices> {
       std::copy_n(error, n, ZE);
     }
     for (std::int64_t i = 0; i < n; ++i) error[i] = f_[u(i)] + ZE[i];
+    this->set_estimate_accuracy();
     matrices_->solve(0, error);
     const double norm = this->error_norm(error);
     if (norm < 1.0 || !again) return norm;

@@ -10,13 +10,13 @@
 #include <vector>
 
 #include "substep/core/errors.h"
+#include "substep/linalg/sparse.h"
 
 namespace substep::ode {
 
 class Jacobian;
 struct MassMatrix;
 struct RkcStage;
-struct SparsityPattern;
 class Stepper;
 
 enum class LinearSolver { direct, krylov };
@@ -78,7 +78,7 @@ class System {
   // df/dy, where the system has it: n^2 values column by column or, if there is a pattern, its
   // nonzeros in order. A pattern without has_jacobian() serves finite differences.
   virtual bool has_jacobian() const { return false; }
-  virtual const SparsityPattern* jacobian_pattern() const { return nullptr; }
+  virtual const SparsePattern* jacobian_pattern() const { return nullptr; }
   virtual void jacobian(double /*t*/, const double* /*y*/, double* /*values*/) {
     throw InputError("this system has no Jacobian of its own");
   }

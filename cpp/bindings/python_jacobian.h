@@ -1,0 +1,8 @@
+// df/dy and M as Python gives them.
+#pragma once
+
+#include "bindings.h"
+#include "substep/ode/jacobian.h"
+
+// The option `jacobian` or `mass` of an integration, for bind_ode.
+void bind_jacobians(py::module_& m);
