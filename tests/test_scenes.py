@@ -17,6 +17,7 @@ SMALL = {
     "cloth-drape": {"duration": 0.2, "vertices": 12},
     "cloth-hang": {"duration": 0.2, "vertices": 8},
     "double-gyre": {"duration": 2.0, "particles": 300},
+    "jelly": {"duration": 0.2, "cells": 3},
     "kepler": {"duration": 2.0},
     "ocean-drift": {"duration": 2.0, "particles": 500},
     "oscillator": {"duration": 1.0},
@@ -289,6 +290,67 @@ class TestClothDrape:
             err = capsys.readouterr().err
             assert name in err and err.count("\n") == 1
             assert not (tmp_path / "run").exists()
+
+
+class TestJelly:
+    def run(self, tmp_path, frames=6, **parameters):
+        outcome = scenes.run(scenes.load("jelly"), parameters, tmp_path, frames=frames)
+        with substep.Recording(outcome.recording) as recording:
+            solid = np.asarray(recording.parts["jelly"].tetrahedra)
+            slope = recording.parts.get("slope")
+        return (
+            outcome,
+            solid,
+            slope,
+            [f["jelly"]["points"] for _, f in frames_of(outcome.recording)],
+        )
+
+    @pytest.mark.parametrize("shape", ["box", "ball"])
+    def test_it_falls_and_stays_above_the_ground(self, tmp_path, shape):
+        outcome, solid, slope, points = self.run(tmp_path, duration=0.3, cells=4, shape=shape)
+        assert slope is None and f"{len(solid)} tetrahedra" in outcome.summary
+        assert points[0][:, 2].min() == pytest.approx(0.1)
+        a, b, c, d = (points[0][solid[:, k]] for k in range(4))
+        volume = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a).sum() / 6
+        exact = 0.2**3 * (1 if shape == "box" else np.pi / 6)
+        assert volume == pytest.approx(exact, rel=1e-9 if shape == "box" else 0.1)
+        lowest = [p[:, 2].min() for p in points]
+        assert min(lowest) > 0 and lowest[-1] < 2e-3
+        # free fall until then, but for the drag of 0.1/s: the frames are 0.06 s apart
+        assert points[0][:, 2].mean() - points[1][:, 2].mean() == pytest.approx(
+            0.5 * 9.81 * 0.06**2, rel=0.2
+        )
+
+    @pytest.mark.parametrize(("friction", "stays"), [(0.5, True), (0.1, False)])
+    def test_it_slips_on_an_incline_that_is_too_steep(self, tmp_path, friction, stays):
+        _, _, slope, points = self.run(
+            tmp_path, duration=0.6, cells=2, tilt=0.0, height=0.02, incline=20.0, friction=friction
+        )
+        down = np.array([np.cos(np.radians(20)), 0, -np.sin(np.radians(20))])
+        normal = np.array([np.sin(np.radians(20)), 0, np.cos(np.radians(20))])
+        np.testing.assert_allclose(np.asarray(slope.points) @ normal, 0, atol=1e-12)
+        assert all((p @ normal).min() > 0 for p in points)
+        way = (points[-1] - points[2]).mean(axis=0) @ down
+        t = 0.36
+        if stays:
+            assert abs(way) < 0.01
+        else:  # from rest it would be a t^2 / 2; it has slid a little before
+            a = 9.81 * (np.sin(np.radians(20)) - 0.1 * np.cos(np.radians(20)))
+            assert 0.8 * a * t**2 / 2 < way < 3 * a * t**2 / 2
+
+    @pytest.mark.slow
+    @pytest.mark.parametrize(
+        ("name", "words"),
+        [("spot", "closed, manifold"), ("stanford-bunny", "5 holes"), ("teapot", "21 holes")],
+    )
+    def test_of_a_mesh(self, tmp_path, name, words):
+        path = MESHES / f"{name}.obj"
+        if not path.exists():
+            pytest.skip("the meshes are not at hand")
+        outcome, _, _, points = self.run(tmp_path, mesh=str(path), cells=8, duration=0.3)
+        assert words in outcome.summary and "filled with tetrahedra" in outcome.summary
+        assert all(p[:, 2].min() > 0 for p in points)
+        assert points[-1][:, 2].mean() < points[0][:, 2].mean() - 0.05
 
 
 def test_kepler_keeps_energy_where_it_should(tmp_path):

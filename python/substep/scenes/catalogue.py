@@ -15,6 +15,7 @@ BUILT_IN = (
     "cloth-drape",
     "cloth-hang",
     "double-gyre",
+    "jelly",
     "kepler",
     "ocean-drift",
     "oscillator",

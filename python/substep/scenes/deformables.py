@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError, SolverError
 from ..geometry import TriangleMesh, read_mesh
@@ -196,8 +195,3 @@ def read_obstacle(path: str, up: str, size: float) -> tuple[TriangleMesh, str]:
     foot = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     placed = TriangleMesh((turned - foot) * scale, mesh.faces)
     return placed, f"{Path(path).name}: {report.vertices} vertices, {report.faces} faces; {lacks}"
-
-
-def quad(corners: NDArray[np.float64]) -> TriangleMesh:
-    """Two triangles between four corners in order."""
-    return TriangleMesh(corners, [[0, 1, 2], [0, 2, 3]])
