@@ -34,7 +34,7 @@ def check_solid(solid):
 
 
 def test_a_sphere_converges_at_second_order():
-    mesh = sphere_mesh(1.0, (0.1, 0.2, 0.3), 5)
+    mesh = sphere_mesh(1.0, (0.1, 0.2, 0.3), 4)
     errors = []
     for h in (0.28, 0.14, 0.07):
         solid = tetrahedralize(mesh, h)

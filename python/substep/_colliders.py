@@ -490,7 +490,7 @@ class SignedDistanceField(Collider):
         Raises
         ------
         InputError
-            If no node lies inside, or the grid would have more than 5e8 nodes.
+            If no node lies inside, or the grid would have more than 1e8 nodes.
 
         Examples
         --------
@@ -505,7 +505,7 @@ class SignedDistanceField(Collider):
         grown = check_real("offset", offset, nonnegative=True)
         pad = grown + 3 * h
         cells = np.ceil((high - low + 2 * pad) / h)
-        if not np.prod(cells + 1) <= 5e8:
+        if not np.prod(cells + 1) <= 1e8:
             raise InputError(f"spacing: {h} gives a grid of {np.prod(cells + 1):.1e} nodes")
         origin = 0.5 * (low + high - cells * h)
         shape = [int(n) + 1 for n in cells]

@@ -42,7 +42,7 @@ def tetrahedralize(
     Raises
     ------
     InputError
-        If no lattice point lies inside, or the lattice would have more than 1e8 points.
+        If no lattice point lies inside, or the lattice would have more than 2e7 points.
 
     References
     ----------
@@ -60,7 +60,7 @@ def tetrahedralize(
     sides = corners.max((0, 1)) - corners.min((0, 1))
     h = check_real("spacing", sides.max() / 20 if spacing is None else spacing, positive=True)
     points = 2 * np.prod(sides / h + 4)
-    if not points <= 1e8:
+    if not points <= 2e7:
         raise InputError(f"spacing: {h} gives a lattice of {points:.1e} points")
     vertices, cells = mesh._tree.stuff(h, check_threads(threads))
     report = mesh.report()
