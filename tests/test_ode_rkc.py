@@ -247,6 +247,14 @@ def test_the_callable_sees_states(backward):
     )
     assert [t for t, _ in seen] == result.t[:-1].tolist()
     np.testing.assert_array_equal(np.array([y for _, y in seen]).T, result.y[:, :-1])
+    complex_states = []
+
+    def radius_of_complex(t, y):
+        complex_states.append(y.dtype)
+        return 100.0
+
+    solve_ivp(lambda t, y: -100 * y, (0, 1), [1j], "RKC2", spectral_radius=radius_of_complex)
+    assert set(complex_states) == {np.dtype(complex)}
     native = solve_ivp(
         Robertson(), (0, 1e-2), Robertson().y0, "RKC2", spectral_radius=lambda t, y: 3000.0
     )
