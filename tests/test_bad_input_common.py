@@ -187,6 +187,18 @@ ENTRIES = [
         rising=True,
         optional=True,
     ),
+    *(
+        Entry(
+            f"{solve.__name__} x0",
+            lambda x, solve=solve: solve([[2.0, 1.0], [1.0, 3.0]], [1.0, 2.0], x0=x).x,
+            np.array([0.5, 0.25]),
+            "x0",
+            any_length=False,
+            complex_ok=solve is substep.linalg.bicgstab,
+            optional=True,
+        )
+        for solve in (substep.linalg.cg, substep.linalg.bicgstab)
+    ),
 ]
 
 

@@ -506,7 +506,7 @@ def _solve(
     columns = None if callable(A) else _symmetric(A) if symmetric else _columns(A)
     n = len(np.atleast_1d(np.asarray(b))) if columns is None else columns.n
     right = _vector("b", b, n, complex_ok=not symmetric)
-    guess = _vector("x0", np.zeros(n) if x0 is None else x0, n, complex_ok=not symmetric)
+    guess = check_array("x0", np.zeros(n) if x0 is None else x0, (n,), complex_ok=not symmetric)
     parts = [right, guess, *([] if columns is None else [columns.values])]
     dtype: Any = np.complex128 if any(p.dtype.kind == "c" for p in parts) else np.float64
     native: Any
