@@ -134,7 +134,7 @@ class KrylovNewtonMatrices final : public NewtonMatrices {
  private:
   // A solve ends where the residual is this fraction of the right-hand side, or leaves an error of
   // this fraction of what Newton's iteration may leave.
-  static constexpr double kRelative = 0.03, kOfTolerance = 0.03;
+  static constexpr double kRelative = 0.01, kOfTolerance = 0.03;
   static constexpr int kMostIterations = 300;
 
   struct Shift {
