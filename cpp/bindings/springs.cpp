@@ -148,6 +148,25 @@ void bind_deformable(py::module_& m) {
           [](Body& self, int threads) { self.body.set_threads(threads); })
       .def_property_readonly("report", [](const Body& self) { return self.body.report(); })
       .def("step", &Body::step, py::arg("dt"), py::call_guard<ReleaseGil>())
+      .def("pattern",
+           [](const Body& self) {
+             const BlockPattern& lower = self.body.pattern();
+             return std::pair(
+                 Indices(static_cast<py::ssize_t>(lower.columns.size()), lower.columns.data()),
+                 Indices(static_cast<py::ssize_t>(lower.rows.size()), lower.rows.data()));
+           })
+      .def(
+          "assemble",
+          [](Body& self, double dt, Reals values) {
+            const auto size = static_cast<std::size_t>(values.size());
+            if (size != self.body.pattern().rows.size()) {
+              throw substep::InputError("values: expected one for each entry of pattern()");
+            }
+            const std::span<double> out(values.mutable_data(), size);
+            const ReleaseGil released;
+            self.body.assemble(dt, out);
+          },
+          py::arg("dt"), py::arg("values").noconvert())
       .def("kinetic_energy", [](const Body& self) { return self.body.kinetic_energy(); })
       .def("potential_energy", [](const Body& self) { return self.body.potential_energy(); })
       .def("closest", [](const Body& self) { return self.body.closest().distance; })
@@ -160,9 +179,40 @@ void bind_deformable(py::module_& m) {
           py::call_guard<ReleaseGil>());
 }
 
+// The factorization that implicit steps use.
+void bind_factor(py::module_& m) {
+  using substep::SupernodalCholesky;
+  py::class_<SupernodalCholesky>(m, "SupernodalCholesky")
+      .def(py::init([](const Indices& start, const Indices& row, int block) {
+             const auto n = static_cast<std::int32_t>(start.size() - 1);
+             return new SupernodalCholesky({n, n, list(start), list(row)}, block);
+           }),
+           py::arg("start").noconvert(), py::arg("row").noconvert(), py::arg("block"))
+      .def(
+          "factorize",
+          [](SupernodalCholesky& self, const Reals& values, int threads) {
+            const auto size = static_cast<std::size_t>(values.size());
+            const std::span<const double> held(values.data(), size);
+            const ReleaseGil released;
+            return self.factorize(held, threads);
+          },
+          py::arg("values").noconvert(), py::arg("threads"))
+      .def(
+          "solve",
+          [](SupernodalCholesky& self, Reals x, int threads) {
+            const std::span<double> out(x.mutable_data(), static_cast<std::size_t>(x.size()));
+            const ReleaseGil released;
+            self.solve(out, threads);
+          },
+          py::arg("x").noconvert(), py::arg("threads"))
+      .def_property_readonly("nonzeros", &SupernodalCholesky::nonzeros)
+      .def_property_readonly("flops", &SupernodalCholesky::flops);
+}
+
 }  // namespace
 
 void bind_springs(py::module_& m) {
+  bind_factor(m);
   bind_terms(m);
   bind_deformable(m);
 }

@@ -316,6 +316,9 @@ std::int64_t SupernodalCholesky::run_task(std::int64_t task, std::span<const dou
 }
 
 std::int64_t SupernodalCholesky::factorize(std::span<const double> values, int threads) {
+  if (values.size() != value_sources_.size()) {
+    throw InputError("values: expected one for each entry of the pattern");
+  }
   const auto tasks = static_cast<std::int64_t>(task_roots_.size());
   std::vector<std::int64_t> failed(static_cast<std::size_t>(tasks), -1);
   std::atomic<bool> stop{false};

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <type_traits>
 
+#include "substep/core/errors.h"
 #include "substep/core/parallel.h"
 #include "substep/linalg/panel_kernels.h"
 #include "substep/linalg/supernodal_front.h"
@@ -217,6 +218,7 @@ void SupernodalCholesky::solve_sides(int threads) {
 
 void SupernodalCholesky::solve(std::span<double> x, int threads) {
   const std::size_t n = tree_.order.size();
+  if (x.size() != 3 * n) throw InputError("x: expected three numbers for each vertex");
   for (std::size_t k = 0; k < n; ++k) {
     for (std::size_t q = 0; q < 3; ++q) solution_[3 * k + q] = x[3 * tree_.order[k] + q];
   }

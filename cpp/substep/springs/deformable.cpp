@@ -55,6 +55,12 @@ void Deformable::set_pinned(std::span<const std::uint8_t> pinned) {
   targets = positions;
 }
 
+void Deformable::assemble(double h, std::span<double> values) {
+  std::vector<Vec3> g(positions.size());
+  potential_->begin_step(positions, positions, h);
+  potential_->assemble(positions, 1.0, g, values);
+}
+
 void Deformable::set_threads(int threads) {
   options.threads = threads;
   potential_->set_threads(threads);

@@ -65,6 +65,10 @@ class Deformable {
   std::span<const std::uint8_t> pinned() const { return potential_->pinned(); }
   void set_pinned(std::span<const std::uint8_t> pinned);
   void set_threads(int threads);
+  // The Hessian that a step of length h starts with, all negative curvature kept, as the values of
+  // pattern(): for measurements and for analyses of modes.
+  const BlockPattern& pattern() const { return potential_->pattern(); }
+  void assemble(double h, std::span<double> values);
   const StepReport& report() const { return report_; }
 
   double kinetic_energy() const;
