@@ -472,6 +472,7 @@ GOOD = {
         ({"damping": math.nan}, "damping"),
         ({"model": "rubber"}, "model"),
         ({"integrator": "euler"}, "integrator"),
+        ({"solver": "projective"}, "solver"),
         ({"tetrahedra": [[0, 1, 2, 4]]}, r"tetrahedra\[0, 3\]"),
         ({"tetrahedra": [[0, 1, 2, -1]]}, r"tetrahedra\[0, 3\]"),
         ({"tetrahedra": [[0, 1, 2, 2**31]]}, r"tetrahedra\[0, 3\]"),

@@ -46,9 +46,9 @@ class SoftBody(Deformable):
     rest_positions : array_like, shape (n, 3), optional
         Where nothing is strained [m]; the initial positions unless given.
     **options
-        As for `MassSpring`: velocities, pinned, drag, gravity, colliders, integrator, step, solver,
-        tolerance, max_iterations, on_fail, contact_thickness, contact_stiffness, sticking_speed,
-        time, threads.
+        As for `MassSpring`: velocities, pinned, drag, gravity, colliders, integrator, step, solver
+        ('newton' only), tolerance, max_iterations, on_fail, contact_thickness, contact_stiffness,
+        sticking_speed, time, threads.
 
     Attributes
     ----------
@@ -111,6 +111,8 @@ class SoftBody(Deformable):
         self.damping = check_real("damping", damping, nonnegative=True)
         for constant in (self.density, self.young_modulus, self.poisson_ratio):
             constant.flags.writeable = False
+        if str(options.get("solver")).lower() == "projective":
+            raise InputError("solver: 'projective' is for springs; a soft body takes 'newton'")
         quarters = np.repeat(self.density * self.mesh.volumes / 4, 4)
         masses: Array = np.bincount(self.mesh.tetrahedra.ravel(), quarters, len(x)).astype(float)
         if (masses == 0).any():
