@@ -60,6 +60,23 @@ def solved(y0, **options):
     return decay.y
 
 
+CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+
+
+def sagged(positions):
+    """A tetrahedron after a step."""
+    body = substep.SoftBody(
+        positions,
+        [[0, 1, 2, 3]],
+        rest_positions=CORNERS,
+        density=1.0,
+        young_modulus=8.0,
+        poisson_ratio=0.25,
+    )
+    body.step(0.25)
+    return body.positions
+
+
 ENTRIES = [
     Entry("solve_ivp y0", solved, np.array([0.5, 0.25]), "y0", empty=(0,), complex_ok=True),
     Entry(
@@ -67,6 +84,13 @@ ENTRIES = [
         lambda y0: substep.solve_ivp(substep.systems.Lorenz(), (0.0, 0.1), y0).y,
         np.array([0.5, 0.25, 1.0]),
         "y0",
+        any_length=False,
+    ),
+    Entry(
+        "SoftBody positions",
+        sagged,
+        CORNERS,
+        "positions",
         any_length=False,
     ),
     Entry(
