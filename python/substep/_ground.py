@@ -61,7 +61,7 @@ class Ground:
         flatten[:2, 3] = -height * SLOPE
         flatten[2] = (0, 0, 0, height)
         for body in bodies:
-            body.add_shadow_to(self._from_above, flatten)
+            body.add_shadow_to(self._from_above, flatten, 2 * half / PIXELS)
         camera = self._from_above.camera
         camera.parallel_projection = True
         camera.focal_point = (*center, height)
@@ -70,13 +70,15 @@ class Ground:
         camera.parallel_scale = half
         camera.clipping_range = (half, 100 * half)
         k2 = np.fft.fftfreq(PIXELS)[:, None] ** 2 + np.fft.rfftfreq(PIXELS) ** 2
+        across = np.minimum(1, 8 * (1 - np.abs(np.linspace(-1, 1, PIXELS))))
+        self._fading = across[:, None] * across  # what flies out of the picture has no edge
         self._blur = sum(weight * np.exp(-2 * (np.pi * sigma) ** 2 * k2) for weight, sigma in BLUR)
 
     def cast_shadow(self) -> None:
         """Draw the shadow of what is there now."""
         self._from_above.render()
         dark = 1 - self._from_above.screenshot(None, return_img=True)[..., 0] / 255.0
-        soft = np.fft.irfft2(np.fft.rfft2(dark) * self._blur, dark.shape)
+        soft = self._fading * np.fft.irfft2(np.fft.rfft2(dark) * self._blur, dark.shape)
         image = self._shadow.to_image()
         # Rows of an image begin at the bottom.
         image.active_scalars[:, 3] = np.clip(255 * DARKNESS * soft[::-1].ravel(), 0, 255)

@@ -225,18 +225,15 @@ class _Body:
             actor.mapper.scale_factor = self._radius
             actor.mapper.SetSplatShaderCode(BALL)
 
-    def add_shadow_to(self, plotter: Any, flatten: NDArray[np.float64]) -> None:
-        """Put it, black and flattened, before the camera that sees the shadow."""
+    def add_shadow_to(self, plotter: Any, flatten: NDArray[np.float64], pixel: float) -> None:
+        """Put it, black and flattened, before the camera that sees the shadow, a pixel so wide."""
         options: dict[str, Any] = {"color": "black", "lighting": False, "reset_camera": False}
         if self.kind == "lines":
             options["line_width"] = 2
         elif self.kind == "points":
-            options |= {"style": "points_gaussian", "emissive": False, "point_size": 1}
-            options["render_points_as_spheres"] = True
+            options |= {"style": "points", "point_size": max(2.0, 2 * self._radius / pixel)}
         actor = plotter.add_mesh(self.data, **options)
         actor.mapper.scalar_visibility = False
-        if self.kind == "points":
-            actor.mapper.scale_factor = self._radius
         actor.user_matrix = flatten
 
     def update(self, arrays: Mapping[str, Any]) -> None:

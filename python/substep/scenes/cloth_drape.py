@@ -96,7 +96,7 @@ def _summary(cloth: DrapedCloth) -> str:
 def _box(recording: Recording) -> NDArray[np.float64]:
     obstacle = np.asarray(recording.parts["obstacle"].points)
     low, high = obstacle.min(axis=0), obstacle.max(axis=0)
-    margin = 0.3 * recording.parameters["size"]
+    margin = 0.18 * recording.parameters["size"]
     return np.array(
         [[low[0] - margin, low[1] - margin, 0], [*high[:2] + margin, high[2] + 0.1 * margin]]
     )
@@ -112,7 +112,7 @@ SCENE = Scene(
         "size": Parameter("longest side of the obstacle", 1.0, unit="m", above=0),
         "cells": Parameter("cells of the distance field along it", 96, minimum=8, maximum=600),
         "vertices": Parameter("vertices along a side of the cloth", 64, minimum=2, maximum=2000),
-        "side": Parameter("length of a side, over the obstacle's size", 1.6, above=0),
+        "side": Parameter("length of a side, over the obstacle's size", 1.3, above=0),
         "height": Parameter("of the cloth above it at the start, likewise", 0.05, above=0.01),
         "turn": Parameter("of the cloth about the vertical", 20.0, unit="degrees"),
         "density": Parameter("mass per area", 0.3, unit="kg/m^2", above=0),
