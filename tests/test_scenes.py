@@ -125,7 +125,9 @@ def test_resumes_to_the_same_bits(name, tmp_path):
     assert [p.name for p in (tmp_path / "cut").iterdir()] == [f"{name}.vtkhdf"]
 
 
-@pytest.mark.parametrize("name", ["double-gyre", "ocean-drift"])
+@pytest.mark.parametrize(
+    "name", ["cloth-drape", "cloth-hang", "double-gyre", "jelly", "ocean-drift"]
+)
 def test_threads_do_not_change_the_bits(name, tmp_path):
     scene, parameters = small(name)
     before = substep.num_threads()
