@@ -225,6 +225,17 @@ def test_command_line(tmp_path, capsys):
     assert not (tmp_path / "y.png").exists()
 
 
+@pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")  # imageio-ffmpeg's pipes
+def test_a_run_may_make_a_movie(tmp_path, capsys):
+    pytest.importorskip("imageio_ffmpeg")
+    command = ["run", "cloth-hang", "--set", "vertices=6", "--set", "duration=0.1", "--frames", "3"]
+    assert main([*command, "--movie", "--out", str(tmp_path)]) == 0
+    assert capsys.readouterr().out.endswith(f"movie: {tmp_path / 'cloth-hang.mp4'}\n")
+    assert (tmp_path / "cloth-hang.mp4").stat().st_size > 5000
+    gc.collect()
+    assert main([*command, "--movie", "--no-picture"]) == 2
+
+
 def test_a_picture_of_the_plane_has_no_camera(tmp_path, capsys):
     frames = [{"p": {"points": [[0.0, 0.0]]}}]
     record(tmp_path / "a.vtkhdf", {"p": substep.Part()}, frames).close()
