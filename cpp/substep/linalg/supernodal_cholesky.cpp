@@ -218,8 +218,8 @@ std::int64_t SupernodalCholesky::eliminate(std::int64_t s, double* update, int t
   // Panels [p, p + count) of columns [8 b, 8 b + 8): minus the columns before, then L_bb^-T.
   const auto reduce = [&](std::int64_t p, int count, std::int64_t b) {
     const std::int64_t width = std::min(kPanel, f.columns - kPanel * b);
-    const double* a[kGroup];
-    double* c[kGroup];
+    const double* a[kGroup] = {};
+    double* c[kGroup] = {};
     for (int q = 0; q < count; ++q) {
       a[q] = panel(p + q);
       c[q] = panel(p + q) + 8 * kPanel * b;
@@ -262,8 +262,8 @@ std::int64_t SupernodalCholesky::eliminate(std::int64_t s, double* update, int t
     const std::int64_t p0 = kGroup * (groups - 1 - index);     // long rows first
     const std::int64_t p1 = std::min(p0 + kGroup, f.below);
     for (std::int64_t b = 0; b < p1; ++b) {
-      const double* a[kGroup];
-      double* c[kGroup];
+      const double* a[kGroup] = {};
+      double* c[kGroup] = {};
       const std::int64_t first = std::max(p0, b);
       const int count = static_cast<int>(p1 - first);
       for (int q = 0; q < count; ++q) {
