@@ -103,11 +103,11 @@ def build(name: str, folder: str) -> Path | None:
     return None
 
 
-def peers(sizes: list[int], frames: int, folder: str) -> None:
+def peers(sizes: list[int], folder: str) -> None:
     newton, projective = build("implicit_ref", folder), build("pd_ref", folder)
     for n in sizes:
-        if newton:
-            command = [str(newton), str(n), "cu", str(3 if n > 64 else frames), "40", "2"]
+        if newton and n <= 128:  # 34 and more factorizations a step
+            command = [str(newton), str(n), "cu", str(2 if n > 64 else 4), "40", "2"]
             out = json.loads(subprocess.run(command, capture_output=True, text=True).stdout)
             for key in ("assembly_ms", "factor_ms", "solve_ms", "ms_per_step"):
                 emit(n, "CHOLMOD called directly", key, out[key], 2)
@@ -131,9 +131,9 @@ def main() -> None:
             parts(n, threads, 5)
             steps(n, threads, "projective", frames)
         if n <= 128:
-            steps(n, 2, "newton", 3 if n == 128 else frames)
+            steps(n, 2, "newton", frames)
     with tempfile.TemporaryDirectory() as folder:
-        peers(sizes, frames, folder)
+        peers(sizes, folder)
 
 
 if __name__ == "__main__":
