@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from . import _core
-from ._checkpoint import read_checkpoint, write_checkpoint
+from ._checkpoint import restore_checkpoint, write_checkpoint
 from ._checks import check_array, check_choice, check_integer, check_real
 from ._flows import CallableField, Field, Moved, Particles, Steps
-from .errors import CorruptError, InputError, NonFiniteError, SolverError
+from .errors import InputError, NonFiniteError, SolverError
 
 ACTIVE, LANDED, ESCAPED = 0, 1, 2
 _CHUNK = 2048  # particles of a native task: between two of them Ctrl-C is seen
@@ -377,11 +377,7 @@ class Advection:
         OSError
             If it cannot be read.
         """
-        state = read_checkpoint(path, _KIND)
-        try:
-            self.restore(state)
-        except (InputError, TypeError) as error:
-            raise CorruptError(f"{os.fspath(path)}: does not fit: {error}") from error
+        restore_checkpoint(path, _KIND, self.restore)
 
     def copy(self) -> Advection:
         """Copy exactly, with the same field."""

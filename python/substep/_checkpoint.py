@@ -14,12 +14,13 @@ import os
 import struct
 import tempfile
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from .errors import CorruptError, FormatError, TruncatedError, VersionError
+from .errors import CorruptError, FormatError, InputError, TruncatedError, VersionError
 
 _MAGIC = b"SUBSTEPC"
 _VERSION = 1
@@ -101,3 +102,14 @@ def read_checkpoint(path: str | os.PathLike[str], kind: str) -> dict[str, Any]:
             raise
         raise CorruptError(f"{path}: the header at byte {_HEAD.size} is not as written") from error
     return state
+
+
+def restore_checkpoint(
+    path: str | os.PathLike[str], kind: str, restore: Callable[[dict[str, Any]], None]
+) -> None:
+    """Hand what is in a file to `restore`; what that refuses makes the file a corrupt one."""
+    state = read_checkpoint(path, kind)
+    try:
+        restore(state)
+    except (InputError, TypeError) as error:
+        raise CorruptError(f"{os.fspath(path)}: does not fit: {error}") from error

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
-from ._checkpoint import read_checkpoint, write_checkpoint
+from ._checkpoint import restore_checkpoint, write_checkpoint
 from ._checks import check_array, check_choice, check_integer, check_real
 from ._colliders import Collider, check_threads
-from .errors import CorruptError, InputError
+from .errors import InputError
 from .stability import max_stable_step, stability_limit
 
 Array = NDArray[np.float64]
@@ -414,11 +414,7 @@ class Deformable:
         OSError
             If it cannot be read.
         """
-        state = read_checkpoint(path, type(self).__name__)
-        try:
-            self.restore(state)
-        except (InputError, TypeError) as error:
-            raise CorruptError(f"{os.fspath(path)}: does not fit: {error}") from error
+        restore_checkpoint(path, type(self).__name__, self.restore)
 
     @contextlib.contextmanager
     def _own(self) -> Iterator[None]:
