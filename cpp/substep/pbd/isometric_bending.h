@@ -1,0 +1,42 @@
+// Bending of a surface that hardly stretches, quadratic in the positions.
+//
+// Points as in dihedral_bending.h: the edge (a, b), then the corners c and d. Bergou, Wardetzky,
+// Harmon, Zorin, Grinspun, "A quadratic bending model for inextensible surfaces", SGP 2006, eq.
+// 2-4: the energy k/2 x^T Q x of a hinge has Q = 3 / (A_1 + A_2) K^T K, where K holds sums of
+// cotangents of the rest shape. With L = sqrt(3 / (A_1 + A_2)) sum_i K_i x_i (|e| theta n for small
+// angles):
+//
+//   C = |L| - L_0,   dC/dx_i = k_i L / |L|,   k_i = sqrt(3 / (A_1 + A_2)) K_i
+//
+// so that the XPBD energy C^2 / (2 alpha) is Bergou's, alpha = 1 / k with the bending rigidity k
+// [J]; L_0 is |L| at rest, 0 when flat. (Bender et al., "Position-based simulation methods in
+// computer graphics", 2015, take C = 1/2 x^T Q x itself: stiffer for large and softer for small
+// angles than the energy.) Flat points have L = 0: no direction, gradient 0.
+#pragma once
+
+#include <array>
+
+#include "substep/pbd/lanes3.h"
+
+namespace substep::pbd {
+
+struct IsometricBending {
+  static constexpr int kPoints = 4;
+  static constexpr int kParameters = 4;  // k_b, k_c, k_d, L_0; k_a is minus the sum of these
+  static constexpr bool kInequality = false;
+
+  template <class V>
+  static SUBSTEP_INLINE void evaluate(const std::array<Lanes3<V>, 4>& x, const std::array<V, 4>& p,
+                                      V& c, std::array<Lanes3<V>, 4>& gradient) {
+    const Lanes3<V> L = p[0] * (x[1] - x[0]) + p[1] * (x[2] - x[0]) + p[2] * (x[3] - x[0]);
+    const V length = square_root(dot(L, L));
+    c = length - p[3];
+    const Lanes3<V> direction = quotient(V{} + 1, length, V{}) * L;
+    gradient[1] = p[0] * direction;
+    gradient[2] = p[1] * direction;
+    gradient[3] = p[2] * direction;
+    gradient[0] = -(p[0] + p[1] + p[2]) * direction;
+  }
+};
+
+}  // namespace substep::pbd
