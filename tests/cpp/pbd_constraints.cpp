@@ -1,5 +1,5 @@
 // Every constraint of the list, from its formulas alone: gradient, momentum, invariance,
-// projection, degenerate points. A new constraint is enrolled by its place in pbd/constraints.h.
+// projection, degenerate points. A new constraint is enrolled by its place in pbd/constraint_list.h.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -7,7 +7,7 @@
 
 #include "substep/core/atan2.h"
 #include "substep/core/random.h"
-#include "substep/pbd/constraints.h"
+#include "substep/pbd/constraint_list.h"
 
 namespace {
 

@@ -13,6 +13,7 @@
 namespace substep::pbd {
 
 struct Attachment {
+  static constexpr const char* kName = "attachment";
   static constexpr int kPoints = 1;
   static constexpr int kParameters = 3;  // t
   static constexpr bool kInequality = false;

@@ -26,6 +26,7 @@
 namespace substep::pbd {
 
 struct DihedralBending {
+  static constexpr const char* kName = "dihedral_bending";
   static constexpr int kPoints = 4;
   static constexpr int kParameters = 1;  // theta_0
   static constexpr bool kInequality = false;

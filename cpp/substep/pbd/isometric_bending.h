@@ -21,6 +21,7 @@
 namespace substep::pbd {
 
 struct IsometricBending {
+  static constexpr const char* kName = "isometric_bending";
   static constexpr int kPoints = 4;
   static constexpr int kParameters = 4;  // k_b, k_c, k_d, L_0; k_a is minus the sum of these
   static constexpr bool kInequality = false;

@@ -27,6 +27,7 @@
 namespace substep::pbd {
 
 struct NeoHookeanDeviatoric {
+  static constexpr const char* kName = "neo_hookean_deviatoric";
   static constexpr int kPoints = 4;
   static constexpr int kParameters = 9;  // D_m^-1 row by row
   static constexpr bool kInequality = false;
@@ -51,6 +52,7 @@ struct NeoHookeanDeviatoric {
 };
 
 struct NeoHookeanHydrostatic {
+  static constexpr const char* kName = "neo_hookean_hydrostatic";
   static constexpr int kPoints = 4;
   static constexpr int kParameters = 2;  // 1 / V_0, gamma
   static constexpr bool kInequality = false;

@@ -14,6 +14,7 @@
 namespace substep::pbd {
 
 struct Tether {
+  static constexpr const char* kName = "tether";
   static constexpr int kPoints = 2;
   static constexpr int kParameters = 1;  // l
   static constexpr bool kInequality = true;

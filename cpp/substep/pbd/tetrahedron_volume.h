@@ -13,6 +13,7 @@
 namespace substep::pbd {
 
 struct TetrahedronVolume {
+  static constexpr const char* kName = "tetrahedron_volume";
   static constexpr int kPoints = 4;
   static constexpr int kParameters = 1;  // V_0
   static constexpr bool kInequality = false;

@@ -13,6 +13,7 @@
 namespace substep::pbd {
 
 struct TriangleArea {
+  static constexpr const char* kName = "triangle_area";
   static constexpr int kPoints = 3;
   static constexpr int kParameters = 1;  // A_0
   static constexpr bool kInequality = false;

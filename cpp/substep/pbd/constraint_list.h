@@ -1,5 +1,5 @@
-// The list of constraints whose formulas run over lanes: function(name, constraint) for each. The
-// binding and the shared tests read it.
+// The constraints that are formulas (constraint.h): a new one is a header, its name here, and a
+// documented class in Python. The solver and the shared tests read the list.
 #pragma once
 
 #include "substep/pbd/attachment.h"
