@@ -56,10 +56,14 @@ class Collider {
   // of length 1 for planes, spheres and boxes, about 1 for sampled distances (normalise it for a
   // normal). A point outside may move by value / lipschitz() and does not enter the obstacle.
   SignedDistance signed_distance(const Vec3& x) const {
-    const Vec3 local = rotation_.transpose() * (x - position_);
+    const SignedDistance d = local_distance(rotation_.transpose() * (x - position_));
+    return {d.value, rotation_ * d.gradient};
+  }
+  // The same in the frame of the collider, whose origin is position().
+  SignedDistance local_distance(const Vec3& x) const {
     const SignedDistance d =
-        visit_shape(shape_, [&](const auto& s) { return s.signed_distance(local); });
-    return {sign_ * d.value, sign_ * (rotation_ * d.gradient)};
+        visit_shape(shape_, [&](const auto& s) { return s.signed_distance(x); });
+    return {sign_ * d.value, sign_ * d.gradient};
   }
   Mat3 hessian(const Vec3& x) const {
     const Vec3 local = rotation_.transpose() * (x - position_);
@@ -80,6 +84,7 @@ class Collider {
   const Vec3& position() const { return position_; }
   void set_position(const Vec3& position) { position_ = position; }
   const Quaternion& orientation() const { return orientation_; }  // body to world
+  const Mat3& rotation() const { return rotation_; }              // of orientation()
   void set_orientation(const Quaternion& orientation);            // normalised here
   bool hollow() const { return sign_ < 0; }
   const Shape& shape() const { return shape_; }

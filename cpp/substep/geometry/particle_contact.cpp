@@ -1,0 +1,396 @@
+#include "substep/geometry/particle_contact.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "substep/core/lanes.h"
+#include "substep/core/parallel.h"
+#include "substep/geometry/conservative_advancement.h"
+
+namespace substep::geometry {
+namespace {
+
+template <class Real>
+Vec3 vector(const Point<Real>& p) {
+  return {p.x, p.y, p.z};
+}
+template <class Real>
+void assign(Point<Real>& p, const Vec3& v) {
+  p.x = static_cast<Real>(v[0]), p.y = static_cast<Real>(v[1]), p.z = static_cast<Real>(v[2]);
+}
+template <class Real>
+double of(std::span<const Real> mass, std::int64_t i) {
+  return mass[mass.size() == 1 ? 0 : static_cast<std::size_t>(i)];
+}
+
+// The number next to `value` that is on its `low` or high side.
+template <class Real>
+Real round_up(double value) {
+  const Real near = static_cast<Real>(value);
+  constexpr Real kInfinity = std::numeric_limits<Real>::infinity();
+  return static_cast<double>(near) < value ? std::nextafter(near, kInfinity) : near;
+}
+
+// Whether the straight way between two free points is free.
+bool convex(const Collider& collider) {
+  if (std::holds_alternative<Plane>(collider.shape())) return true;
+  const bool closed_form = std::holds_alternative<Box>(collider.shape()) ||
+                           std::holds_alternative<Sphere>(collider.shape());
+  return closed_form && collider.hollow();
+}
+
+// Ball about all positions of a range.
+struct Ball {
+  Vec3 center;
+  double radius;
+};
+template <class Real>
+Ball ball(std::span<const Point<Real>> points) {
+  using V = Vector<Real, 4 * sizeof(Real)>;
+  V low = load<V>(&points[0].x), high = low;
+  for (const Point<Real>& point : points) {
+    const V p = load<V>(&point.x);
+    low = p < low ? p : low;
+    high = p > high ? p : high;
+  }
+  const Vec3 a(low[0], low[1], low[2]), b(high[0], high[1], high[2]);
+  return {0.5 * (a + b), 0.5 * (b - a).norm()};
+}
+
+}  // namespace
+
+template <class Real>
+ParticleContact<Real>::ParticleContact(std::vector<Collider> obstacles, const Vec3& origin,
+                                       double margin, int dimension)
+    : colliders(std::move(obstacles)), origin_(origin), margin_(margin), planar_(dimension == 2) {}
+
+template <class Real>
+auto ParticleContact<Real>::pose(const Collider& collider) const -> Pose {
+  return {collider.rotation(), origin_ - collider.position()};
+}
+
+// Free space as bounds of the coordinates: planes and hollow boxes along the axes.
+template <class Real>
+void ParticleContact<Real>::set_bounds(std::size_t c) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  const Collider& collider = colliders[c];
+  Obstacle& obstacle = obstacles_[c];
+  Vec3 low = Vec3::Constant(-kInfinity), high = Vec3::Constant(kInfinity);
+  const Vec3 at = collider.position() - origin_;
+  obstacle.aligned = false;
+  if (const auto* plane = std::get_if<Plane>(&collider.shape())) {
+    const Vec3 normal = collider.rotation() * plane->normal;
+    int axis;
+    if (normal.cwiseAbs().maxCoeff(&axis) != 1 || normal.cwiseAbs().sum() != 1) return;
+    (normal[axis] > 0 ? low : high)[axis] = at[axis] + normal[axis] * margin_;
+  } else if (const auto* box = std::get_if<Box>(&collider.shape());
+             box != nullptr && collider.hollow() && collider.rotation() == Mat3::Identity()) {
+    const Vec3 room = (box->half_lengths.array() - margin_).max(0.0);
+    low = at - room, high = at + room;
+  } else {
+    return;
+  }
+  if (planar_) low[2] = -kInfinity, high[2] = kInfinity;
+  obstacle.aligned = true;
+  const auto up = [](double v) { return round_up<Real>(v); };
+  obstacle.low = {up(low[0]), up(low[1]), up(low[2]), static_cast<Real>(-kInfinity)};
+  obstacle.high = {-up(-high[0]), -up(-high[1]), -up(-high[2]), static_cast<Real>(kInfinity)};
+}
+
+template <class Real>
+void ParticleContact<Real>::begin_step(std::int64_t n) {
+  obstacles_.resize(colliders.size());
+  keep_reached_ = false;
+  for (std::size_t c = 0; c < colliders.size(); ++c) {
+    Obstacle& obstacle = obstacles_[c];
+    obstacle.parts.assign(static_cast<std::size_t>((n + kGrain - 1) / kGrain), Exchange{});
+    obstacle.tracked = colliders[c].friction > 0 || colliders[c].restitution > 0;
+    const std::size_t kept = obstacle.tracked ? static_cast<std::size_t>(n) : 0;
+    obstacle.normal.assign(kept, Point<Real>{});
+    obstacle.tangential.assign(kept, Point<Real>{});
+    obstacle.from = obstacle.to = pose(colliders[c]);
+    keep_reached_ |= !convex(colliders[c]);
+    set_bounds(c);
+  }
+  reached_.resize(keep_reached_ ? static_cast<std::size_t>(n) : 0);
+}
+
+template <class Real>
+void ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real> mass) {
+  constexpr std::int64_t kBlock = 16;
+  for (std::size_t c = 0; c < colliders.size(); ++c) {
+    const Collider& collider = colliders[c];
+    const Pose& at = obstacles_[c].to;
+    const auto free_block = [&](std::int64_t begin, std::int64_t end) {
+      const auto points = x.subspan(begin, end - begin);
+      const Ball around = ball(std::span<const Point<Real>>(points));
+      const Vec3 center = at.to_local(around.center);
+      if (collider.local_distance(center).value > collider.lipschitz() * around.radius + margin_)
+        return;
+      for (std::int64_t i = begin; i < end; ++i) {
+        const Vec3 local = at.to_local(vector(x[i]));
+        if (of(mass, i) == 0 || !(collider.local_distance(local).value < margin_)) continue;
+        // In an aligned box every wall, else the nearest part of the surface.
+        const Vec3 out = convex(collider) ? advance_freely(collider, local, local, margin_)
+                                          : push_out(collider, local, margin_);
+        const auto z = x[i].z;
+        assign(x[i], at.to_world(out));
+        if (planar_) x[i].z = z;
+      }
+    };
+    parallel_for(
+        static_cast<std::int64_t>(x.size()), kGrain,
+        [&](std::int64_t begin, std::int64_t end) {
+          for (std::int64_t i = begin; i < end; i += kBlock) {
+            free_block(i, std::min(i + kBlock, end));
+          }
+        },
+        threads);
+  }
+}
+
+template <class Real>
+void ParticleContact<Real>::begin_substep(double h) {
+  h_ = h;
+  first_ = true;
+  for (std::size_t c = 0; c < colliders.size(); ++c) {
+    Obstacle& obstacle = obstacles_[c];
+    obstacle.from = pose(colliders[c]);
+    colliders[c].advance(h);
+    obstacle.to = pose(colliders[c]);
+    set_bounds(c);
+    std::fill(obstacle.normal.begin(), obstacle.normal.end(), Point<Real>{});
+    std::fill(obstacle.tangential.begin(), obstacle.tangential.end(), Point<Real>{});
+  }
+}
+
+template <class Real>
+void ParticleContact<Real>::project(std::span<const Point<Real>> start, std::span<Point<Real>> x,
+                                    std::span<const Real> mass) {
+  if (colliders.empty()) return;
+  parallel_for(
+      static_cast<std::int64_t>(x.size()), kGrain,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::size_t c = 0; c < colliders.size(); ++c) {
+          if (obstacles_[c].aligned) clamp(c, start, x, mass, begin, end);
+        }
+        for (std::size_t c = 0; c < colliders.size(); ++c) {
+          if (!obstacles_[c].aligned) settle_near(c, start, x, mass, begin, end);
+        }
+        if (keep_reached_) {
+          std::copy(x.begin() + begin, x.begin() + end, reached_.begin() + begin);
+        }
+      },
+      threads);
+  first_ = false;
+}
+
+// An aligned collider: whole rows of points are compared with the bounds.
+template <class Real>
+void ParticleContact<Real>::clamp(std::size_t c, std::span<const Point<Real>> start,
+                                  std::span<Point<Real>> x, std::span<const Real> mass,
+                                  std::int64_t begin, std::int64_t end) {
+  constexpr int kBytes = std::max<int>(kVectorBytes, sizeof(Point<Real>));
+  constexpr std::int64_t kPoints = kBytes / static_cast<int>(sizeof(Point<Real>));
+  using V = Vector<Real, kBytes>;
+  Obstacle& obstacle = obstacles_[c];
+  Point<Real> lows[kPoints], highs[kPoints];
+  std::fill_n(lows, kPoints, obstacle.low);
+  std::fill_n(highs, kPoints, obstacle.high);
+  const V low = load<V>(&lows[0].x), high = load<V>(&highs[0].x);
+  Exchange& part = obstacle.parts[static_cast<std::size_t>(begin / kGrain)];
+
+  const auto touch = [&](std::int64_t i) {
+    const double m = of(mass, i);
+    if (m == 0) return;
+    if (obstacle.tracked) {
+      settle(start, x, m, i);
+      return;
+    }
+    const Point<Real> before = x[i];
+    Point<Real>& p = x[i];
+    p.x = std::min(std::max(p.x, obstacle.low.x), obstacle.high.x);
+    p.y = std::min(std::max(p.y, obstacle.low.y), obstacle.high.y);
+    p.z = std::min(std::max(p.z, obstacle.low.z), obstacle.high.z);
+    const Vec3 push = vector(p) - vector(before);
+    if (push.isZero(0)) return;
+    part.add(vector(p) + obstacle.to.shift, -m / h_ * push);
+  };
+  const auto pushed = [&](std::int64_t i) {
+    const Point<Real>& n = obstacle.normal[static_cast<std::size_t>(i)];
+    return n.x != 0 || n.y != 0 || n.z != 0;
+  };
+  std::int64_t i = begin;
+  for (; i + kPoints <= end; i += kPoints) {
+    const V p = load<V>(&x[i].x);
+    bool near = any((p < low) | (p > high));
+    if (obstacle.tracked) {
+      for (std::int64_t k = i; k < i + kPoints && !near; ++k) near = pushed(k);
+    }
+    if (!near) continue;
+    for (std::int64_t k = i; k < i + kPoints; ++k) touch(k);
+  }
+  for (; i < end; ++i) touch(i);
+}
+
+// Any other collider: a ball about a range of particles and their ways that keeps clear of it
+// spares them all; else quarters of the range are looked at.
+template <class Real>
+void ParticleContact<Real>::settle_near(std::size_t c, std::span<const Point<Real>> start,
+                                        std::span<Point<Real>> x, std::span<const Real> mass,
+                                        std::int64_t begin, std::int64_t end) {
+  constexpr std::int64_t kSingles = 8;
+  const Collider& collider = colliders[c];
+  const Obstacle& obstacle = obstacles_[c];
+  const auto count = static_cast<std::size_t>(end - begin);
+  const std::span<const Point<Real>> from(&free_before(start, begin), count);
+  const Ball before = ball(from), after = ball(std::span<const Point<Real>>(&x[begin], count));
+  const Vec3 center = obstacle.to.to_local(after.center);
+  const Vec3 came = pose_before(obstacle).to_local(before.center);
+  const double radius = std::max(after.radius, before.radius + (came - center).norm());
+  const double reach = collider.lipschitz() * radius + margin_;
+  if (collider.local_distance(center).value > reach) {
+    // Beyond the margin friction has to do with those only that add_push() was told of.
+    const auto pushed = [&](std::int64_t i) {
+      const Point<Real>& n = obstacle.normal[static_cast<std::size_t>(i)];
+      return n.x != 0 || n.y != 0 || n.z != 0;
+    };
+    bool any_pushed = false;
+    for (std::int64_t i = begin; obstacle.tracked && i < end; ++i) any_pushed |= pushed(i);
+    if (!any_pushed) return;
+  }
+  if (end - begin > kSingles) {
+    const std::int64_t quarter = (end - begin + 3) / 4;
+    for (std::int64_t b = begin; b < end; b += quarter) {
+      settle_near(c, start, x, mass, b, std::min(b + quarter, end));
+    }
+    return;
+  }
+  for (std::int64_t i = begin; i < end; ++i) {
+    const double m = of(mass, i);
+    if (m != 0) settle(start, x, m, i);
+  }
+}
+
+// One particle and all colliders, in turn until none moves it any more.
+template <class Real>
+void ParticleContact<Real>::settle(std::span<const Point<Real>> start, std::span<Point<Real>> x,
+                                   double mass, std::int64_t i) {
+  constexpr int kRounds = 4;
+  const double negligible = 1e-18 * margin_ * margin_;
+  const Vec3 began = vector(start[i]), from = vector(free_before(start, i));
+  Vec3 at = vector(x[i]);
+  if (!at.allFinite()) return;  // the method's own check finds it
+  bool moved = false;
+  for (int round = 0; round < kRounds; ++round) {
+    bool changed = false;
+    for (std::size_t c = 0; c < colliders.size(); ++c) {
+      Obstacle& obstacle = obstacles_[c];
+      const Vec3 target = obstacle.to.to_local(at);
+      const Vec3 came = pose_before(obstacle).to_local(from);
+      Vec3 p = advance_freely(colliders[c], came, target, margin_);
+      if (obstacle.tracked) {
+        p = rub(c, i, obstacle.from.to_local(began), p, p - target);
+      }
+      Vec3 push = obstacle.to.rotation * (p - target);
+      if (planar_) push[2] = 0;
+      if (!(push.squaredNorm() > negligible)) continue;
+      changed = true;
+      at += push;
+      obstacle.parts[static_cast<std::size_t>(i / kGrain)].add(at + obstacle.to.shift,
+                                                               -mass / h_ * push);
+    }
+    if (!changed) break;
+    moved = true;
+  }
+  if (moved) assign(x[i], at);
+}
+
+// Friction on a particle that came from `start` to p, `push` of which the normal did; all in the
+// frame of collider c. Returns where it ends.
+template <class Real>
+Vec3 ParticleContact<Real>::rub(std::size_t c, std::int64_t i, const Vec3& start, const Vec3& p,
+                                const Vec3& push) {
+  Obstacle& obstacle = obstacles_[c];
+  Point<Real>& kept_normal = obstacle.normal[static_cast<std::size_t>(i)];
+  Point<Real>& kept_tangential = obstacle.tangential[static_cast<std::size_t>(i)];
+  const Vec3 N = vector(kept_normal) + push, T = vector(kept_tangential);
+  const double size = N.norm(), friction = colliders[c].friction;
+  assign(kept_normal, N);
+  if (size == 0 || friction == 0) return p;
+  const Vec3 n = N / size, way = p - start;
+  Vec3 wanted = T - (way - n.dot(way) * n);
+  wanted -= n.dot(wanted) * n;
+  if (const double length = wanted.norm(); length > friction * size) {
+    wanted *= friction * size / length;
+  }
+  const Vec3 target = p + (wanted - T);
+  assign(kept_tangential, wanted);
+  return advance_freely(colliders[c], p, target, margin_);
+}
+
+template <class Real>
+void ParticleContact<Real>::bounce(std::span<const Point<Real>> start,
+                                   std::span<const Point<Real>> v_start, std::span<Point<Real>> v,
+                                   std::span<const Real> mass) {
+  for (std::size_t c = 0; c < colliders.size(); ++c) {
+    const Collider& collider = colliders[c];
+    Obstacle& obstacle = obstacles_[c];
+    if (collider.restitution == 0) continue;
+    const auto strike = [&](std::int64_t i) {
+      const Vec3 N = vector(obstacle.normal[static_cast<std::size_t>(i)]);
+      const double size = N.norm();
+      if (size == 0) return;
+      const Vec3 n = obstacle.to.rotation * (N / size);
+      const Vec3 local = obstacle.from.to_local(vector(start[i]));
+      const Vec3 arm = obstacle.to.rotation * local;
+      const Vec3 surface = collider.velocity + collider.angular_velocity.cross(arm);
+      const double gap = std::max(collider.local_distance(local).value - margin_, 0.0);
+      const double before = -n.dot(vector(v_start[i]) - surface);
+      const double unhindered = (gap + size) / h_;  // the approach, had there been no obstacle
+      const double gained = unhindered - before;    // by the acceleration during the substep
+      if (before <= 2 * std::abs(gained)) return;   // pressed on rather than hit
+      // Semi-implicit Euler keeps (v - a h / 2)^2 / 2 - a x: that is the energy which the gap adds
+      // to, and of which restitution^2 remains.
+      const double middle = before + 0.5 * gained;
+      const double impact = std::sqrt(std::max(middle * middle + 2 * gained * gap / h_, 0.0));
+      const double lacking =
+          collider.restitution * impact + 0.5 * gained - n.dot(vector(v[i]) - surface);
+      if (!(lacking > 0)) return;
+      assign(v[i], vector(v[i]) + lacking * n);
+      obstacle.parts[static_cast<std::size_t>(i / kGrain)].add(arm, -of(mass, i) * lacking * n);
+    };
+    parallel_for(
+        static_cast<std::int64_t>(v.size()), kGrain,
+        [&](std::int64_t begin, std::int64_t end) {
+          for (std::int64_t i = begin; i < end; ++i) strike(i);
+        },
+        threads);
+  }
+}
+
+template <class Real>
+void ParticleContact<Real>::end_step() {
+  for (std::size_t c = 0; c < colliders.size(); ++c) {
+    Exchange sum;
+    for (const Exchange& part : obstacles_[c].parts) sum += part;
+    colliders[c].set_exchange(sum);
+  }
+}
+
+template <class Real>
+void ParticleContact<Real>::add_push(std::size_t c, std::int64_t i, const Point<Real>& x,
+                                     const Vec3& push, double mass) {
+  Obstacle& obstacle = obstacles_[c];
+  obstacle.parts[static_cast<std::size_t>(i / kGrain)].add(vector(x) + obstacle.to.shift,
+                                                           -mass / h_ * push);
+  if (!obstacle.tracked) return;
+  Point<Real>& normal = obstacle.normal[static_cast<std::size_t>(i)];
+  assign(normal, vector(normal) + obstacle.to.rotation.transpose() * push);
+}
+
+template class ParticleContact<float>;
+template class ParticleContact<double>;
+
+}  // namespace substep::geometry
