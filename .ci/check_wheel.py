@@ -25,7 +25,7 @@ with tempfile.TemporaryDirectory() as folder:
     import substep
 
     assert HERE not in Path(substep.__file__).parents or "site-packages" in substep.__file__
-    for extra in ("matplotlib", "scipy", "vtk"):
+    for extra in ("matplotlib", "pysplashsurf", "scipy", "vtk"):
         assert importlib.util.find_spec(extra) is None, f"{extra} must not be needed"
     config = substep.show_config()
     assert config["suitesparse"].endswith("with supernodal CHOLMOD and UMFPACK"), config

@@ -243,6 +243,93 @@ def test_a_picture_of_the_plane_has_no_camera(tmp_path, capsys):
     assert "camera: only pictures in three dimensions have one" in capsys.readouterr().err
 
 
+def liquid(tmp_path, *, n=14, fields=(), frames=1):
+    """A cube of liquid, 1 m wide, in front of a red square, and a blue one in front of it."""
+    pytest.importorskip("pysplashsurf", reason="pysplashsurf is not installed")
+    points = (np.stack(np.meshgrid(*3 * [np.arange(n) + 0.5]), -1).reshape(-1, 3) / n).round(4)
+    square = np.array([[-1.0, 0, -0.5], [2, 0, -0.5], [2, 0, 1.5], [-1, 0, 1.5]])
+    parts = {
+        "water": substep.Part("particles", dict.fromkeys(fields, "m")),
+        "behind": substep.Part("mesh", triangles=FACES, points=square + np.array([0, 1.5, 0])),
+        "front": substep.Part(
+            "mesh", triangles=FACES, points=[0.6, -0.5, 0.6] + square * [0.1, 1, 0.1]
+        ),
+    }
+    moving = [points[: len(points) * k // frames] for k in range(frames, 0, -1)]
+    values = [dict.fromkeys(fields, p[:, 2]) for p in moving]
+    return record(
+        tmp_path / "w.vtkhdf",
+        parts,
+        [{"water": {"points": p, **v}} for p, v in zip(moving, values, strict=True)],
+    )
+
+
+LOOKS = {"water": Look("#2060ff", liquid=True), "behind": Look(RED), "front": Look("#00c000")}
+ALONG_Y = View(FRONT, LOOKS, box=lambda r: [[0, 0, 0], [1, 1, 1]], ground=lambda r: None)
+
+
+def test_a_liquid_is_clear_and_hides_nothing_in_front_of_it(tmp_path):
+    recording = liquid(tmp_path, frames=14)  # thinner by one layer of y in each frame
+    image = ALONG_Y.image(recording, 0, SIZE).astype(int)
+    dry = View(FRONT, LOOKS | {"water": Look(hidden=True)}, box=ALONG_Y.box, ground=ALONG_Y.ground)
+    without = dry.image(recording, 0, SIZE).astype(int)
+    middle = (slice(120, 170), slice(120, 200))  # through the whole cube
+    assert bluish(image[middle]).all() and reddish(without[middle]).all()
+    outside = (slice(5, 235), slice(5, 60))
+    np.testing.assert_array_equal(image[outside], without[outside])
+    green = without[..., 1] > without[..., 0] + 60
+    assert green.sum() > 1000
+    np.testing.assert_allclose(image[green], without[green], atol=1)
+    thin = ALONG_Y.image(recording, 13, SIZE).astype(int)
+    assert (thin[middle][..., 0] > image[middle][..., 0] + 40).all()  # red shines through
+
+
+def test_more_of_a_liquid_lets_less_light_through(tmp_path):
+    """Layers along z seen from above: a red square shines through, the less the deeper."""
+    pytest.importorskip("pysplashsurf", reason="pysplashsurf is not installed")
+    grid = np.stack(np.meshgrid(*3 * [np.arange(14) + 0.5]), -1).reshape(-1, 3) / 14
+    floor = np.array([[-1.0, -1, -0.01], [2, -1, -0.01], [2, 2, -0.01], [-1, 2, -0.01]])
+    parts = {
+        "water": substep.Part(),
+        "floor": substep.Part("mesh", triangles=FACES, points=floor),
+    }
+    frames = [{"water": {"points": grid[grid[:, 2] < z]}} for z in (0.15, 0.3, 0.6, 1.0)]
+    recording = record(tmp_path / "w.vtkhdf", parts, frames)
+    looks = {"water": LOOKS["water"], "floor": Look(RED)}
+    view = View(Camera(0, 90), looks, box=lambda r: [[0, 0, 0], [1, 1, 1]])
+    pixels = np.array([view.image(recording, k, SIZE)[110:130, 150:170] for k in range(4)])
+    red, blue = (pixels[..., c].mean(axis=(1, 2)) for c in (0, 2))
+    assert (np.diff(red)[:2] < -3).all() and (np.diff(blue) > 0).all()
+    assert red[0] - red[1] > 3 * (red[2] - red[3])  # exponentially
+
+
+def test_a_liquid_that_comes_and_goes(tmp_path):
+    pytest.importorskip("pysplashsurf", reason="pysplashsurf is not installed")
+    points = np.stack(np.meshgrid(*3 * [np.arange(5.0)]), -1).reshape(-1, 3)
+    frames = [{"water": {"points": points[:n]}} for n in (0, 60, 125, 0)]
+    recording = record(tmp_path / "w.vtkhdf", {"water": substep.Part()}, frames)
+    view = View(looks={"water": Look("#2060ff", liquid=True)}, ground=lambda r: None)
+    areas = [bluish(view.image(recording, k, SIZE)).sum() for k in range(4)]
+    assert areas[0] == areas[3] == 0 < areas[1] < areas[2]
+    again = View(looks=view.looks, ground=view.ground).image(recording, 2, SIZE)
+    np.testing.assert_array_equal(again, view.image(recording, 2, SIZE))
+
+
+def test_a_field_colours_the_particles_of_a_liquid(tmp_path):
+    recording = liquid(tmp_path, fields=("height",))
+    view = View(FRONT, LOOKS, color="height", ground=lambda r: None)
+    stage = view._stage(recording, SIZE)
+    assert not stage._liquids and stage._bodies["water"].kind == "points"
+
+
+def test_the_radius_may_come_from_the_recording(tmp_path):
+    recording = liquid(tmp_path, n=5)
+    looks = {"water": Look(liquid=True, radius=lambda r: 0.1)}
+    assert View(looks=looks)._stage(recording, SIZE)._liquids["water"].radius == 0.1
+    guessed = View(looks={"water": Look(liquid=True)})._stage(recording, SIZE)._liquids["water"]
+    assert guessed.radius == pytest.approx(0.1)
+
+
 def test_what_is_missing_is_named(tmp_path, capsys, monkeypatch):
     square(tmp_path).close()
     path = str(tmp_path / "a.vtkhdf")

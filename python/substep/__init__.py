@@ -39,7 +39,7 @@ _EXPORTS = {
         "advect",
         "open_field",
     ),
-    "geometry": ("Box", "Plane", "SignedDistanceField", "Sphere"),
+    "geometry": ("Box", "Plane", "SignedDistanceField", "Sphere", "liquid_surface"),
     "second_order": ("SecondOrderResult", "solve_second_order"),
     "springs": ("MassSpring", "SoftBody"),
     "scipy_solvers": (
@@ -104,7 +104,7 @@ if TYPE_CHECKING:
         advect,
         open_field,
     )
-    from .geometry import Box, Plane, SignedDistanceField, Sphere
+    from .geometry import Box, Plane, SignedDistanceField, Sphere, liquid_surface
     from .ode import OdeResult, OdeSolution, solve_ivp
     from .recording import Part, Recorder, Recording
     from .scipy_solvers import (

@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 
 from ._egl import window_class
 from ._ground import Ground
+from ._liquid import LiquidBody, LiquidLayer, distances
 from ._surfaces import in_space, magnitude, split_at_creases, vertex_normals
 from ._view import Camera, Look
 from .errors import InputError
 from .recording import Part, Recording
 
 PALETTE = ("#c65d47", "#3f7ea6", "#d9a441", "#5d9e6e", "#8a6fb0", "#4fa3a5")
+WATER = "#2f86bd"
 FIXED = "#b4bac2"  # parts that never move
 BACKGROUND = (0.95, 0.96, 0.97)
 VIEW_ANGLE = np.radians(30.0)  # of the picture's height
@@ -102,20 +104,42 @@ class Stage:
             self._plotter = pyvista.Plotter(off_screen=True, window_size=size, lighting="none")
             self._plotter.set_background(BACKGROUND)
             self._bodies: dict[str, _Body] = {}
+            self._liquids: dict[str, LiquidBody] = {}
             for k, (name, part) in enumerate(recording.parts.items()):
                 look = looks.get(name, Look())
                 if not look.hidden:
                     tone = FIXED if part.points is not None else PALETTE[k % len(PALETTE)]
                     field = color if color in part.fields else None
-                    body = _Body(pyvista, part, first[name], look, look.color or tone, field)
+                    radius = radius_in(recording, name, look)
+                    if look.liquid and field is None:
+                        self._liquids[name] = LiquidBody(pyvista, look.color or WATER, radius)
+                        continue
+                    body = _Body(
+                        pyvista, part, first[name], look, look.color or tone, field, radius
+                    )
                     body.add_to(self._plotter, self.range)
                     self._bodies[name] = body
             self._place_camera(camera, box, size)
             self._ground: Ground | None = None
             if ground is not None and self._plotter.camera.position[2] > ground:
-                self._ground = Ground(pyvista, self._plotter, box, ground, self._bodies.values())
-            self._add_lights(pyvista, camera)
+                # What is drawn last has the darker shadow.
+                casting = [*self._liquids.values(), *self._bodies.values()]
+                self._ground = Ground(pyvista, self._plotter, box, ground, casting)
+            lights = _lights(camera)
+            self._add_lights(pyvista, lights)
             self._plotter.enable_anti_aliasing("msaa", multi_samples=8)
+            self._layers = [
+                LiquidLayer(
+                    pyvista,
+                    self._plotter,
+                    liquid,
+                    self._bodies.values(),
+                    camera.axes(),
+                    lights[0][0],
+                    float(np.linalg.norm(box[1] - box[0])),
+                )
+                for liquid in self._liquids.values()
+            ]
 
     def _place_camera(self, camera: Camera, box: NDArray[Any], size: tuple[int, int]) -> None:
         """As near as all corners of the box are seen, and these in the middle."""
@@ -136,15 +160,8 @@ class Stage:
         view.up = axes[1]
         view.clipping_range = (0.02 * distance, 40 * distance)
 
-    def _add_lights(self, pyvista: Any, camera: Camera) -> None:
-        """A key light from above on the left, a fill from the right, and one along the view."""
-        right, up, back = camera.axes()
-        z = np.array([0.0, 0.0, 1.0])
-        for direction, intensity in (
-            (0.9 * z - 0.55 * right + 0.45 * back, 0.62),
-            (0.25 * z + 0.9 * right + 0.35 * back, 0.22),
-            (0.2 * up + back, 0.32),
-        ):
+    def _add_lights(self, pyvista: Any, lights: list[tuple[NDArray[np.float64], float]]) -> None:
+        for direction, intensity in lights:
             light = pyvista.Light(position=tuple(direction), light_type="scene light")
             light.positional = False
             light.focal_point = (0, 0, 0)
@@ -154,18 +171,33 @@ class Stage:
     def image(self, recording: Recording, frame: int) -> NDArray[np.uint8]:
         """One frame of the recording as pixels, shape (height, width, 3)."""
         arrays = recording.frame(frame)
-        for name, body in self._bodies.items():
+        for name, body in {**self._bodies, **self._liquids}.items():
             body.update(arrays[name])
         with _without_window():
             if self._ground is not None:
                 self._ground.cast_shadow()
             self._plotter.render()
             pixels: NDArray[np.uint8] = self._plotter.screenshot(None, return_img=True)
+            if self._layers:
+                behind = distances(self._plotter)
+            for layer in self._layers:
+                pixels = layer.compose(pixels, behind)
         return pixels
 
     def __del__(self) -> None:
         with contextlib.suppress(Exception):  # not made, or the interpreter ends
             self._plotter.close()
+
+
+def _lights(camera: Camera) -> list[tuple[NDArray[np.float64], float]]:
+    """A key light from above on the left, a fill from the right, and one along the view."""
+    right, up, back = camera.axes()
+    z = np.array([0.0, 0.0, 1.0])
+    return [
+        (0.9 * z - 0.55 * right + 0.45 * back, 0.62),
+        (0.25 * z + 0.9 * right + 0.35 * back, 0.22),
+        (0.2 * up + back, 0.32),
+    ]
 
 
 class _Body:
@@ -179,6 +211,7 @@ class _Body:
         look: Look,
         tone: str,
         field: str | None,
+        radius: float,
     ) -> None:
         self._pyvista, self._look, self._tone, self._field = pyvista, look, tone, field
         self._fixed = part.points is not None
@@ -199,12 +232,12 @@ class _Body:
         else:
             self.kind = "points"
             self.data = pyvista.PolyData(points)
-            self._radius = look.radius or radius_of(points)
+            self._radius = radius
         if field is not None:
             self.data.point_data[field] = np.zeros(self.data.n_points)
 
-    def add_to(self, plotter: Any, limits: tuple[float, float] | None) -> None:
-        """Put it before the camera."""
+    def add_to(self, plotter: Any, limits: tuple[float, float] | None) -> Any:
+        """Put it before the camera; returns the actor."""
         options: dict[str, Any] = {"opacity": self._look.opacity, **MATTE, "color": self._tone}
         if self._field is not None:
             options |= {"scalars": self._field, "clim": limits, "cmap": "viridis", "color": None}
@@ -224,6 +257,7 @@ class _Body:
         if self.kind == "points":
             actor.mapper.scale_factor = self._radius
             actor.mapper.SetSplatShaderCode(BALL)
+        return actor
 
     def add_shadow_to(self, plotter: Any, flatten: NDArray[np.float64], pixel: float) -> None:
         """Put it, black and flattened, before the camera that sees the shadow, a pixel so wide."""
@@ -295,6 +329,21 @@ def radius_of(points: NDArray[np.float32]) -> float:
     return 0.5 * float(np.median(near)) * scale or 1e-3
 
 
+def radius_in(recording: Recording, name: str, look: Look) -> float:
+    """Radius of a part's particles [m]."""
+    if callable(look.radius):
+        return float(look.radius(recording))
+    if look.radius is not None:
+        return look.radius
+    if recording.parts[name].kind == "mesh":
+        return 0.0
+    for frame in _frames_looked_at(recording):
+        points = in_space(recording[name].points(frame))
+        if len(points):
+            return radius_of(points)
+    return 0.05
+
+
 def _frames_looked_at(recording: Recording) -> list[int]:
     count = min(len(recording), FRAMES_LOOKED_AT)
     return np.unique(np.linspace(0, len(recording) - 1, count).astype(int)).tolist()
@@ -307,11 +356,9 @@ def box_of(recording: Recording, looks: Mapping[str, Look]) -> NDArray[np.float6
         look = looks.get(name, Look())
         if look.hidden:
             continue
+        radius = radius_in(recording, name, look)
         for frame in _frames_looked_at(recording) if part.points is None else [0]:
             points = in_space(recording[name].points(frame))
-            radius = 0.0
-            if part.kind != "mesh" and len(points):
-                radius = look.radius or radius_of(points)
             low = np.minimum(low, points.min(axis=0, initial=np.inf) - radius)
             high = np.maximum(high, points.max(axis=0, initial=-np.inf) + radius)
     if not np.all(low <= high):

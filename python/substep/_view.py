@@ -83,8 +83,12 @@ class Look:
         1 is opaque.
     edges : bool
         Draw the edges of a surface.
-    radius : float, optional
-        Of particles [m]; half the distance to the next one unless given.
+    radius : float or callable, optional
+        Of particles [m], or `radius(recording)` which returns it; half the distance to the next
+        one unless given.
+    liquid : bool
+        Draw the surface of a liquid instead of its particles, unless a field colours these; needs
+        `pip install "substep[surface]"`.
     hidden : bool
         Leave it out.
 
@@ -99,7 +103,8 @@ class Look:
     back: str | None = None
     opacity: float = 1.0
     edges: bool = False
-    radius: float | None = None
+    radius: float | Callable[[Recording], float] | None = None
+    liquid: bool = False
     hidden: bool = False
 
 

@@ -4,6 +4,7 @@
   and restitution, and the impulse and torque that a step exerted on them.
 - `tetrahedralize` fills a surface and `SignedDistanceField.from_mesh` makes an obstacle of it,
   whatever it lacks.
+- `liquid_surface` wraps the particles of a liquid in triangles.
 - Meshes (`TriangleMesh`, `TetMesh`), read by `read_mesh` or made by `grid_mesh`, `box_mesh`,
   `sphere_mesh` and `box_tetrahedra`; `TriangleMesh.report` says plainly what a mesh lacks.
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 from ._colliders import Box, Collider, Plane, SignedDistanceField, Sphere
 from ._filling import tetrahedralize
+from ._liquid_surface import LiquidSurface, liquid_surface
 from ._mesh import TetMesh
 from ._mesh_io import read_mesh
 from ._mesh_report import MeshReport
@@ -21,6 +23,7 @@ from ._triangle_mesh import TriangleMesh
 __all__ = [
     "Box",
     "Collider",
+    "LiquidSurface",
     "MeshReport",
     "Plane",
     "SignedDistanceField",
@@ -30,6 +33,7 @@ __all__ = [
     "box_mesh",
     "box_tetrahedra",
     "grid_mesh",
+    "liquid_surface",
     "read_mesh",
     "sphere_mesh",
     "tetrahedralize",
