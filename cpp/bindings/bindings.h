@@ -33,6 +33,7 @@ void bind_fields(py::module_& m);
 void bind_geometry(py::module_& m);
 void bind_linalg(py::module_& m);
 void bind_ode(py::module_& m);
+void bind_pbf(py::module_& m);
 void bind_second_order(py::module_& m);
 void bind_soft_body(py::module_& m);
 void bind_springs(py::module_& m);

@@ -40,6 +40,7 @@ _EXPORTS = {
         "open_field",
     ),
     "geometry": ("Box", "Plane", "SignedDistanceField", "Sphere", "liquid_surface"),
+    "pbf": ("PositionBasedFluid",),
     "second_order": ("SecondOrderResult", "solve_second_order"),
     "springs": ("MassSpring", "SoftBody"),
     "scipy_solvers": (
@@ -64,6 +65,7 @@ _SUBMODULES = (
     "geometry",
     "linalg",
     "ode",
+    "pbf",
     "recording",
     "render",
     "scenes",
@@ -106,6 +108,7 @@ if TYPE_CHECKING:
     )
     from .geometry import Box, Plane, SignedDistanceField, Sphere, liquid_surface
     from .ode import OdeResult, OdeSolution, solve_ivp
+    from .pbf import PositionBasedFluid
     from .recording import Part, Recorder, Recording
     from .scipy_solvers import (
         DOP853,

@@ -28,6 +28,12 @@ void check() {
     total += got.x[k];
   }
   EXPECT_EQ(sum_lanes<V>(got.x), total);
+  Point<Real> sums{};
+  store_quad(sums, sum_points<V>(got));
+  EXPECT_EQ(sums.x, total);
+  EXPECT_EQ(sums.y, total + 100 * kLanes);
+  EXPECT_EQ(sums.z, total + 200 * kLanes);
+  EXPECT_EQ(sums.w, total + 300 * kLanes);
   const V inverse = inverse_sqrt<V>(got.y);
   for (int k = 0; k < kLanes; ++k) {
     const double want = 1 / std::sqrt(static_cast<double>(got.y[k]));

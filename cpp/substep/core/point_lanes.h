@@ -126,6 +126,47 @@ SUBSTEP_INLINE Lane<V> sum_lanes(const V& a) {
   return part[0];
 }
 
+// The four numbers of a point as lanes.
+template <class Real>
+using Quad = Vector<Real, 4 * sizeof(Real)>;
+
+template <class Real>
+SUBSTEP_INLINE Quad<Real> load_quad(const Point<Real>& point) {
+  return std::bit_cast<Quad<Real>>(point);
+}
+template <class Real>
+SUBSTEP_INLINE void store_quad(Point<Real>& point, const Quad<Real>& quad) {
+  point = std::bit_cast<Point<Real>>(quad);
+}
+
+// The sums over the lanes of x, y, z and w: cheaper than four of sum_lanes.
+template <class V>
+SUBSTEP_INLINE Quad<Lane<V>> sum_points(const PointLanes<V>& p) {
+  using Real = Lane<V>;
+  constexpr int kLanes = sizeof(V) / sizeof(Real);
+  if constexpr (kLanes > 4) {
+    using Half = Vector<Real, sizeof(V) / 2>;
+    struct Halves {
+      Half low, high;
+    };
+    const auto fold = [](const V& a) {
+      const Halves halves = std::bit_cast<Halves>(a);
+      return halves.low + halves.high;
+    };
+    return sum_points<Half>({fold(p.x), fold(p.y), fold(p.z), fold(p.w)});
+  } else if constexpr (kLanes == 4) {
+    const V xy = __builtin_shufflevector(p.x, p.y, 0, 4, 1, 5) +
+                 __builtin_shufflevector(p.x, p.y, 2, 6, 3, 7);
+    const V zw = __builtin_shufflevector(p.z, p.w, 0, 4, 1, 5) +
+                 __builtin_shufflevector(p.z, p.w, 2, 6, 3, 7);
+    return __builtin_shufflevector(xy, zw, 0, 1, 4, 5) +
+           __builtin_shufflevector(xy, zw, 2, 3, 6, 7);
+  } else {
+    static_assert(kLanes == 2);
+    return Quad<Real>{p.x[0] + p.x[1], p.y[0] + p.y[1], p.z[0] + p.z[1], p.w[0] + p.w[1]};
+  }
+}
+
 // 1 / sqrt(a) for a > 0: float32 by the machine's estimate and a step of Newton's method (relative
 // error below 4e-7), float64 by square root and division.
 template <class V>

@@ -1,0 +1,319 @@
+#include "substep/pbf/fluid.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include "substep/core/errors.h"
+#include "substep/core/interrupt.h"
+#include "substep/core/parallel.h"
+
+namespace substep::pbf {
+namespace {
+
+constexpr std::int64_t kGrain = 4096;  // particles in a chunk
+
+template <class Real>
+Vec3 vector(const Point<Real>& p) {
+  return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
+}
+
+// The lowest i in [0, n) with test(i), or -1.
+template <class Test>
+std::int64_t first_where(std::int64_t n, int threads, const Test& test) {
+  std::vector<std::int64_t> found(static_cast<std::size_t>((n + kGrain - 1) / kGrain), -1);
+  parallel_for(
+      n, kGrain,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t i = begin; i < end; ++i) {
+          if (test(i)) {
+            found[begin / kGrain] = i;
+            return;
+          }
+        }
+      },
+      threads);
+  for (const std::int64_t i : found) {
+    if (i >= 0) return i;
+  }
+  return -1;
+}
+
+// Cells are numbered by integers that Real holds exactly; a margin is left for one step's sweeps.
+template <class Real>
+double reach(double radius) {
+  return (std::is_same_v<Real, float> ? 0x1p23 : 0x1p52) * radius;
+}
+
+}  // namespace
+
+template <class Real>
+Fluid<Real>::Fluid(const Vec3& origin_, std::vector<geometry::Collider> colliders,
+                   const FluidOptions& options_)
+    : options(options_),
+      origin(origin_),
+      density(options.density),
+      boundary(std::move(colliders), density, origin),
+      neighbours_(options.density.dimension) {}
+
+template <class Real>
+Real Fluid<Real>::inverse_mass(std::int32_t fluid) const {
+  return static_cast<Real>(options.masses[0] / options.masses[static_cast<std::size_t>(fluid)]);
+}
+
+template <class Real>
+Point<Real> Fluid<Real>::local(const Vec3& x, Real w) const {
+  const Vec3 from = x - origin;
+  return {static_cast<Real>(from.x()), static_cast<Real>(from.y()), static_cast<Real>(from.z()), w};
+}
+
+template <class Real>
+void Fluid<Real>::check_reach(std::span<const Vec3> x) const {
+  const double limit = reach<Real>(density.radius());
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    if (!((x[i] - origin).cwiseAbs().maxCoeff() <= limit)) {
+      throw InputError("positions[" + std::to_string(i) + "]: expected a point within " +
+                       std::to_string(limit) + " m (2^23 supports, 2^52 in float64) of the first");
+    }
+  }
+}
+
+template <class Real>
+std::int64_t Fluid<Real>::add(std::span<const Vec3> x, std::span<const Vec3> v,
+                              std::span<const std::int32_t> fluid) {
+  check_reach(x);
+  const std::int64_t first = next_id, old = particles.size();
+  particles.resize(old + static_cast<std::int64_t>(x.size()), !particles.f.empty());
+  for (std::size_t k = 0; k < x.size(); ++k) {
+    const auto i = static_cast<std::size_t>(old) + k;
+    particles.x[i] = local(x[k], inverse_mass(fluid[k]));
+    particles.v[i] = {static_cast<Real>(v[k].x()), static_cast<Real>(v[k].y()),
+                      static_cast<Real>(v[k].z()), 0};
+    if (!particles.f.empty()) particles.f[i] = {0, 0, 0, 0};
+    particles.id[i] = next_id++;
+    particles.fluid[i] = fluid[k];
+  }
+  return first;
+}
+
+template <class Real>
+void Fluid<Real>::remove(std::span<const std::uint8_t> flags) {
+  particles.erase({flags.begin(), flags.end()});
+}
+
+template <class Real>
+void Fluid<Real>::step(double dt) {
+  const std::vector<geometry::Collider> colliders = boundary.colliders;
+  new_report_ = {};
+  try {
+    predict(dt);
+    keep_in_reach();
+    sort();
+    solve();
+    finish(dt);
+    keep_in_bounds();
+  } catch (...) {
+    boundary.colliders = colliders;
+    throw;
+  }
+  commit(dt);
+}
+
+// x* = x + dt v, v += dt (g + f / m).
+template <class Real>
+void Fluid<Real>::predict(double dt) {
+  const std::int64_t n = particles.size();
+  predicted_.resize(static_cast<std::size_t>(n));
+  const double m0 = options.masses[0];
+  parallel_for(
+      n, kGrain,
+      [&](std::int64_t begin, std::int64_t end) {
+        const auto h = static_cast<Real>(dt);
+        const Point<Real> g = {static_cast<Real>(options.gravity.x()),
+                               static_cast<Real>(options.gravity.y()),
+                               static_cast<Real>(options.gravity.z()), 0};
+        for (std::int64_t i = begin; i < end; ++i) {
+          const Point<Real>&x = particles.x[i], &v = particles.v[i];
+          Point<Real> a = g;
+          if (!particles.f.empty()) {
+            const Point<Real>& f = particles.f[i];
+            const Real w = x.w / static_cast<Real>(m0);
+            a = {g.x + w * f.x, g.y + w * f.y, g.z + w * f.z, 0};
+          }
+          predicted_[i] = {x.x + h * (v.x + h * a.x), x.y + h * (v.y + h * a.y),
+                           x.z + h * (v.z + h * a.z), x.w};
+        }
+      },
+      options.threads);
+}
+
+// Refuses positions that the search cannot number.
+template <class Real>
+void Fluid<Real>::keep_in_reach() {
+  const auto limit = static_cast<Real>(reach<Real>(density.radius()));
+  const std::int64_t bad = first_where(particles.size(), options.threads, [&](std::int64_t i) {
+    const Point<Real>& x = predicted_[i];
+    return !(std::abs(x.x) <= limit && std::abs(x.y) <= limit && std::abs(x.z) <= limit);
+  });
+  if (bad >= 0) {
+    throw NonFiniteError(
+        "particle " + std::to_string(particles.id[bad]) +
+            " leaves what positions can be numbered in; is the step too long, or a "
+            "particle falling for ever? (bounds=, on_escape=\"remove\")",
+        time, particles.id[bad]);
+  }
+}
+
+// Brings the particles into the order of the cells of their predicted positions; lists neighbours.
+template <class Real>
+void Fluid<Real>::sort() {
+  const auto h = static_cast<Real>(density.radius());
+  neighbours_.sort(predicted_, h, options.threads);
+  const std::int64_t n = particles.size();
+  const auto rows = static_cast<std::size_t>(n) + 1;
+  next_.resize(n, false);
+  next_.x.resize(rows);
+  old_x_.resize(static_cast<std::size_t>(n));
+  multipliers_.resize(rows);
+  const std::span<const std::int32_t> order = neighbours_.order();
+  parallel_for(
+      n, kGrain,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t k = begin; k < end; ++k) {
+          const std::int32_t i = order[k];
+          next_.x[k] = predicted_[i];
+          old_x_[k] = particles.x[i];
+          next_.id[k] = particles.id[i];
+          next_.fluid[k] = particles.fluid[i];
+        }
+      },
+      options.threads);
+  next_.x[rows - 1] = density.far_point();
+  multipliers_[rows - 1] = density.far_point();
+  poll_interrupt();
+  neighbours_.find(std::span<const Point<Real>>(next_.x).first(rows - 1), h, geometry::Pairs::kFull,
+                   options.threads);
+}
+
+// Sweeps until the density error is below its bounds or the iterations are used up.
+template <class Real>
+void Fluid<Real>::solve() {
+  const std::span<Point<Real>> rows(next_.x), x = rows.first(rows.size() - 1);
+  boundary.find_near(x, options.threads);
+  boundary.push_out(x, options.threads);
+  FluidReport& r = new_report_;
+  for (r.converged = false; !r.converged && r.iterations < options.max_iterations;) {
+    poll_interrupt();
+    const auto walls = boundary.contributions(x, options.threads);
+    r.density_error = density.multipliers(rows, neighbours_, walls, multipliers_, options.threads);
+    r.converged =
+        r.density_error.mean <= options.tolerance && r.density_error.max <= options.max_tolerance;
+    if (r.converged) break;
+    r.limited += density.correct(multipliers_, neighbours_, walls, rows, options.threads);
+    boundary.push_out(x, options.threads);
+    ++r.iterations;
+  }
+}
+
+// v = (x* - x) / dt.
+template <class Real>
+void Fluid<Real>::finish(double dt) {
+  const std::int64_t n = next_.size();
+  const auto rate = static_cast<Real>(1 / dt);
+  const std::int64_t bad = first_where(n, options.threads, [&](std::int64_t i) {
+    const Point<Real>&x = next_.x[i], &old = old_x_[i];
+    Point<Real>& v = next_.v[i];
+    v = {(x.x - old.x) * rate, (x.y - old.y) * rate, (x.z - old.z) * rate, 0};
+    return !std::isfinite(v.x + v.y + v.z);
+  });
+  if (bad >= 0) {
+    throw NonFiniteError("the velocity of particle " + std::to_string(next_.id[bad]) +
+                             " is not finite; take a shorter step",
+                         time, next_.id[bad]);
+  }
+}
+
+template <class Real>
+void Fluid<Real>::keep_in_bounds() {
+  next_.x.resize(static_cast<std::size_t>(next_.size()));
+  if (!options.bounds) return;
+  const auto& [low, high] = *options.bounds;
+  std::vector<std::uint8_t> outside(static_cast<std::size_t>(next_.size()));
+  for (std::int64_t i = 0; i < next_.size(); ++i) {
+    const Vec3 at = world(next_.x[i]), held = at.cwiseMax(low).cwiseMin(high);
+    if (at == held) continue;
+    if (options.on_escape == OnEscape::kRaise) {
+      throw SolverError("particle " + std::to_string(next_.id[i]) + " leaves the bounds", time,
+                        next_.id[i]);
+    }
+    outside[i] = 1;
+    if (options.on_escape == OnEscape::kClamp) {
+      next_.x[i] = local(held, next_.x[i].w);
+      next_.v[i] = {0, 0, 0, 0};
+      ++new_report_.clamped;
+    } else {
+      ++new_report_.removed;
+    }
+  }
+  if (new_report_.removed > 0) next_.erase(outside);
+}
+
+template <class Real>
+void Fluid<Real>::commit(double dt) {
+  std::swap(particles, next_);
+  report = new_report_;
+  for (geometry::Collider& collider : boundary.colliders) collider.advance(dt);
+  time += dt;
+}
+
+template <class Real>
+double Fluid<Real>::fastest() const {
+  const double none = -std::numeric_limits<double>::infinity();
+  double lowest = none, energy = none;  // largest g . x, largest v^2 - 2 g . x
+  for (std::int64_t i = 0; i < particles.size(); ++i) {
+    const double depth = options.gravity.dot(vector(particles.x[i]));
+    lowest = std::max(lowest, depth);
+    energy = std::max(energy, vector(particles.v[i]).squaredNorm() - 2 * depth);
+  }
+  return particles.size() == 0 ? 0 : std::sqrt(std::max(0.0, energy + 2 * lowest));
+}
+
+template <class Real>
+Energies Fluid<Real>::energies() const {
+  Energies sum;
+  for (std::int64_t i = 0; i < particles.size(); ++i) {
+    const Vec3 x = world(particles.x[i]), v = vector(particles.v[i]);
+    const double m = mass(i);
+    sum.kinetic += 0.5 * m * v.squaredNorm();
+    sum.potential -= m * options.gravity.dot(x);
+    sum.momentum += m * v;
+    sum.angular_momentum += m * x.cross(v);
+  }
+  return sum;
+}
+
+template <class Real>
+std::vector<Real> Fluid<Real>::densities() const {
+  geometry::Neighbours<Real> neighbours(options.density.dimension);
+  const auto h = static_cast<Real>(density.radius());
+  neighbours.sort(particles.x, h, options.threads);
+  const std::span<const std::int32_t> order = neighbours.order();
+  std::vector<Point<Real>> x;
+  x.reserve(order.size() + 1);
+  for (const std::int32_t i : order) x.push_back(particles.x[i]);
+  neighbours.find(x, h, geometry::Pairs::kFull, options.threads);
+  Boundary<Real> walls(boundary.colliders, density, origin);
+  walls.find_near(x, options.threads);
+  std::vector<Real> sorted(order.size()), result(order.size());
+  const auto contributions = walls.contributions(x, options.threads);
+  x.push_back(density.far_point());
+  density.densities(x, neighbours, contributions, sorted, options.threads);
+  for (std::size_t k = 0; k < order.size(); ++k) result[order[k]] = sorted[k];
+  return result;
+}
+
+template class Fluid<float>;
+template class Fluid<double>;
+
+}  // namespace substep::pbf

@@ -1,0 +1,104 @@
+// A position-based fluid in time (Macklin and Mueller, "Position based fluids", 2013, algorithm 1).
+#pragma once
+
+#include <array>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "substep/geometry/neighbours.h"
+#include "substep/pbf/boundary.h"
+#include "substep/pbf/density.h"
+#include "substep/pbf/particles.h"
+
+namespace substep::pbf {
+
+enum class OnEscape { kRaise, kRemove, kClamp };
+
+struct FluidOptions {
+  DensityOptions density;
+  std::vector<double> masses;  // of a particle of each fluid [kg]
+  Vec3 gravity = {0, 0, -9.81};
+  double tolerance = 1e-3;   // of the mean density error
+  double max_tolerance = 1;  // of the largest one
+  int max_iterations = 5;
+  OnEscape on_escape = OnEscape::kRaise;
+  std::optional<std::array<Vec3, 2>> bounds;  // lowest and highest corner, world [m]
+  int threads = 0;
+};
+
+// Of the last step.
+struct FluidReport {
+  int iterations = 0;
+  bool converged = true;
+  DensityError density_error;             // before the last correction, if there was one
+  std::int64_t limited = 0;               // corrections that reached the limit
+  std::int64_t removed = 0, clamped = 0;  // particles that left the bounds
+};
+
+struct Energies {
+  double kinetic = 0, potential = 0;                              // [J]
+  Vec3 momentum = Vec3::Zero(), angular_momentum = Vec3::Zero();  // the latter about 0
+};
+
+template <class Real>
+class Fluid {
+ public:
+  // Positions are stored from `origin` on.
+  Fluid(const Vec3& origin, std::vector<geometry::Collider> colliders, const FluidOptions& options);
+
+  // Puts particles at the end, at rest or with velocities; returns the id of the first.
+  std::int64_t add(std::span<const Vec3> x, std::span<const Vec3> v,
+                   std::span<const std::int32_t> fluid);
+  void remove(std::span<const std::uint8_t> flags);  // by row
+  // Throws InputError with the index of a point too far from the origin for cells to be numbered.
+  void check_reach(std::span<const Vec3> x) const;
+
+  // One step, or an exception and nothing has changed.
+  void step(double dt);
+
+  // The largest speed that a particle has, or gains by falling to the lowest one's height [m/s]:
+  // u^2 = max_i (v_i^2 + 2 g . (x_lowest - x_i)).
+  double fastest() const;
+  Energies energies() const;
+  // v sum_j W + b of each row, now.
+  std::vector<Real> densities() const;
+
+  double mass(std::int64_t row) const { return options.masses[particles.fluid[row]]; }
+  Vec3 world(const Point<Real>& x) const {
+    return origin +
+           Vec3(static_cast<double>(x.x), static_cast<double>(x.y), static_cast<double>(x.z));
+  }
+  Point<Real> local(const Vec3& x, Real w) const;
+
+  FluidOptions options;
+  Vec3 origin;
+  DensityConstraint<Real> density;
+  Boundary<Real> boundary;
+  Particles<Real> particles;
+  FluidReport report;
+  double time = 0;
+  std::int64_t next_id = 0;
+
+ private:
+  void predict(double dt);
+  void keep_in_reach();
+  void sort();
+  void solve();
+  void finish(double dt);
+  void keep_in_bounds();
+  void commit(double dt);
+
+  Real inverse_mass(std::int32_t fluid) const;
+
+  // During a step: the particles as it began and, in the order of their cells, as it ends.
+  Particles<Real> now_, next_;
+  std::vector<Point<Real>> predicted_, old_x_, multipliers_;
+  geometry::Neighbours<Real> neighbours_;
+  FluidReport new_report_;
+};
+
+extern template class Fluid<float>;
+extern template class Fluid<double>;
+
+}  // namespace substep::pbf

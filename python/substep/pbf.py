@@ -1,0 +1,530 @@
+"""Position-based fluids: liquids of particles that keep their density."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from . import _core
+from ._checks import check_array, check_choice, check_integer, check_real
+from ._colliders import Collider
+from ._deformable import check_positive
+from ._simulation import Simulation
+from .errors import InputError
+
+__all__ = ["PositionBasedFluid"]
+
+Array = NDArray[np.float64]
+
+KERNELS = ("cubic_spline", "poly6_spiky")
+ON_ESCAPE = ("raise", "remove", "clamp")
+_LARGEST_STEP = 1 / 60  # [s], where nothing moves
+_STATE = ("time", "next_id", "positions", "velocities", "forces", "ids", "fluids", "colliders")
+
+
+class PositionBasedFluid(Simulation):
+    """A liquid of particles whose density is kept by corrections of their positions.
+
+    Every particle is `spacing` cubed (in 2D squared) of liquid. A step predicts the positions,
+    moves them until the density is nowhere above that of the liquid at rest, and takes the
+    velocities from how far the particles came. docs/pbf.md has the equations, and what this is not.
+
+    Parameters
+    ----------
+    positions : array_like, shape (n, 3) or (n, 2)
+        Initial positions [m]. In 2D the particles lie at z = 0, where colliders are cut.
+    spacing : float
+        Distance of neighbours in the lattice of rest density [m], above 0.
+    velocities : array_like, shape of positions, optional
+        Initial velocities [m/s]; at rest unless given.
+    density : float or sequence of float
+        Rest density [kg/m^3], above 0; one for each of several fluids. In 2D the layer is taken as
+        1 m thick.
+    fluid : array_like of int, shape (n,), optional
+        Which of the densities each particle has; the first unless given.
+    gravity : array_like, shape (3,) or (2,), optional
+        Acceleration [m/s^2]; 9.81 downward (along the last axis) unless given.
+    colliders : sequence of Collider
+        Obstacles and containers (a tank is a `Box` with `hollow`).
+    kernel : {'cubic_spline', 'poly6_spiky'}
+        Smoothing kernel. The second is the pair of Macklin and Mueller: poly6 for the density, the
+        gradient of the spiky kernel for the corrections.
+    support : float
+        Radius of the kernel in spacings, from 1.2 to 4.
+    tolerance : float
+        Mean density error, relative, at which a step stops to iterate.
+    max_tolerance : float
+        Largest density error, relative, at which it does.
+    max_iterations : int
+        Limit of iterations of a step, at least 1.
+    relaxation : float
+        Compliance of the density constraint, relative to the sum of squared gradients in the rest
+        lattice; at least 0.
+    artificial_pressure : float
+        Repulsion of close particles against clumps, as the density error that pushes as hard.
+    one_sided : bool
+        Only compression is corrected. False also pulls particles of low density together, as at a
+        free surface.
+    on_escape : {'raise', 'remove', 'clamp'}
+        What happens to particles that leave the bounds: SolverError, they are taken out, or they
+        are held at the bounds.
+    bounds : array_like, shape (2, 3) or (2, 2), optional
+        Lowest and highest corner [m] of where particles may be; anywhere unless given.
+    cfl : float
+        Spacings that the fastest particle may move in a step of `advance`.
+    step : float, optional
+        Step of `advance` [s]; by `step_limit` unless given.
+    dtype : {'float32', 'float64'}
+        Of the numbers that it computes with; positions are stored from a float64 origin on.
+    threads : int, optional
+        Threads of the native loops; results do not depend on it.
+    time : float
+        Time of the initial state [s].
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong, with its name and the first bad index.
+
+    References
+    ----------
+    Macklin and Mueller, "Position based fluids", ACM Trans. Graph. 32(4), 2013, algorithm 1.
+    Solenthaler and Pajarola, "Density contrast SPH interfaces", 2008, eq. 3 (several fluids).
+
+    Examples
+    --------
+    A column of water of 8 x 8 x 8 particles collapses in a tank.
+
+    >>> import numpy as np
+    >>> import substep
+    >>> axis = 0.05 * (np.arange(8) + 0.5)
+    >>> water = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    >>> tank = substep.Box((0.8, 0.2, 0.5), (1.6, 0.4, 1.0), hollow=True)
+    >>> liquid = substep.PositionBasedFluid(water, 0.05, colliders=[tank])
+    >>> liquid.advance(0.3)
+    >>> bool(liquid.positions[:, 0].max() > 0.6)
+    True
+    >>> bool(tank.distance(liquid.positions).min() > 0)
+    True
+    """
+
+    def __init__(
+        self,
+        positions: ArrayLike,
+        spacing: float,
+        *,
+        velocities: ArrayLike | None = None,
+        density: float | Sequence[float] = 1000.0,
+        fluid: ArrayLike | None = None,
+        gravity: ArrayLike | None = None,
+        colliders: Sequence[Collider] = (),
+        kernel: str = "cubic_spline",
+        support: float = 2.0,
+        tolerance: float = 1e-3,
+        max_tolerance: float = 0.05,
+        max_iterations: int = 10,
+        relaxation: float = 1e-3,
+        artificial_pressure: float = 0.0,
+        one_sided: bool = True,
+        on_escape: str = "raise",
+        bounds: ArrayLike | None = None,
+        cfl: float = 0.4,
+        step: float | None = None,
+        dtype: DTypeLike = "float32",
+        threads: int | None = None,
+        time: float = 0.0,
+    ) -> None:
+        x = check_array("positions", positions)
+        d = 2 if x.ndim == 2 and x.shape[1] == 2 else 3
+        x = check_array("positions", x, (None, d))
+        self.spacing = check_real("spacing", spacing, positive=True)
+        self.density = check_positive("density", np.atleast_1d(density), np.size(density))
+        self.colliders = tuple(colliders)
+        for k, collider in enumerate(self.colliders):
+            if not isinstance(collider, Collider):
+                raise TypeError(f"colliders[{k}]: expected a Collider, got {collider!r}")
+        self.gravity = check_array(
+            "gravity", [0.0, 0.0, -9.81][3 - d :] if gravity is None else gravity, (d,)
+        ).copy()
+        self.support = check_real("support", support)
+        if not 1.2 <= self.support <= 4:
+            raise InputError(f"support: expected a number from 1.2 to 4, got {self.support}")
+        self.cfl = check_real("cfl", cfl, positive=True)
+        self.step_size = None if step is None else check_real("step", step, positive=True)
+        self._options = {
+            "dimension": d,
+            "spacing": self.spacing,
+            "support": self.support,
+            "kernel": check_choice("kernel", kernel, KERNELS),
+            "masses": (self.density * self.spacing**d).tolist(),
+            "gravity": [*self.gravity, 0.0][:3],
+            "tolerance": check_real("tolerance", tolerance, nonnegative=True),
+            "max_tolerance": check_real("max_tolerance", max_tolerance, nonnegative=True),
+            "max_iterations": check_integer("max_iterations", max_iterations, minimum=1),
+            "relaxation": check_real("relaxation", relaxation, nonnegative=True),
+            "artificial_pressure": check_real(
+                "artificial_pressure", artificial_pressure, nonnegative=True
+            ),
+            "one_sided": bool(one_sided),
+            "on_escape": check_choice("on_escape", on_escape, ON_ESCAPE),
+            "bounds": _check_bounds(bounds, d),
+        }
+        for name in ("masses", "spacing"):
+            if not np.all(np.isfinite(1 / np.float32(np.array(self._options[name]) ** 3))):
+                raise InputError(f"spacing: the mass of a particle is out of range at {spacing} m")
+        self._dimension = d
+        self.dtype = _check_dtype(dtype)
+        self._origin = [0.0, 0.0, 0.0]
+        if len(x):
+            self._origin[:d] = ((x.min(axis=0) + x.max(axis=0)) / 2).tolist()
+        super().__init__(self._make(), time, threads)
+        self.add(x, velocities=velocities, fluid=fluid)
+
+    def _make(self) -> Any:
+        native = {
+            "float32": _core.PositionBasedFluid32,
+            "float64": _core.PositionBasedFluid64,
+        }[self.dtype.name]
+        return native(self._origin, [c._native for c in self.colliders], self._options)
+
+    def __len__(self) -> int:
+        return len(self._native)
+
+    @property
+    def ids(self) -> NDArray[np.int64]:
+        """Numbers of the particles, ascending, shape (n,): the order of all arrays; a copy."""
+        ids: NDArray[np.int64] = self._native.ids()
+        return ids
+
+    @property
+    def fluid(self) -> NDArray[np.int32]:
+        """Which of the fluids each particle is, shape (n,); a copy."""
+        fluids: NDArray[np.int32] = self._native.fluids()
+        return fluids
+
+    @property
+    def positions(self) -> Array:
+        """Positions [m], shape (n, 3) or (n, 2), in the order of `ids`; a copy."""
+        rows: Array = self._native.positions()
+        return rows
+
+    @property
+    def velocities(self) -> Array:
+        """Velocities [m/s], shape of positions, in the order of `ids`; a copy."""
+        rows: Array = self._native.velocities()
+        return rows
+
+    @property
+    def masses(self) -> Array:
+        """Masses [kg] (in 2D of a layer of 1 m), shape (n,); a copy."""
+        masses: Array = np.array(self._options["masses"])[self.fluid]
+        return masses
+
+    @property
+    def densities(self) -> Array:
+        """Densities where the particles are, walls included, over the rest density, shape (n,)."""
+        values: Array = self._native.densities()
+        return values
+
+    @property
+    def report(self) -> Any:
+        """What the last step took.
+
+        `iterations`, `converged`, `mean_error` and `max_error` of the density (relative, as
+        measured before the last correction), `limited` (corrections cut to a quarter of the
+        kernel's radius), `removed` and `clamped` (particles that left the bounds).
+        """
+        return self._native.report
+
+    def add(
+        self, positions: ArrayLike, *, velocities: ArrayLike | None = None, fluid: Any = None
+    ) -> NDArray[np.int64]:
+        """Put in particles.
+
+        Parameters
+        ----------
+        positions : array_like, shape (m, 3) or (m, 2)
+            Where [m].
+        velocities : array_like, same shape, optional
+            Their velocities [m/s]; at rest unless given.
+        fluid : int or array_like of int, shape (m,), optional
+            Which of the fluids they are; the first unless given.
+
+        Returns
+        -------
+        ndarray of int64, shape (m,)
+            Their ids, which no other particle had or will have.
+
+        Raises
+        ------
+        InputError
+            If an argument is wrong; nothing is changed then.
+        """
+        x = check_array("positions", positions, (None, self._dimension))
+        m = len(x)
+        v = np.zeros_like(x) if velocities is None else velocities
+        v = check_array("velocities", v, x.shape)
+        which = self._check_fluid(0 if fluid is None else fluid, m)
+        with self._own():
+            first = self._native.add(x, v, which)
+        return np.arange(first, first + m, dtype=np.int64)
+
+    def remove(self, ids: ArrayLike) -> None:
+        """Take out particles.
+
+        Parameters
+        ----------
+        ids : array_like of int, shape (m,)
+            Their ids.
+
+        Raises
+        ------
+        IndexError
+            If there is no such particle.
+        """
+        with self._own():
+            self._native.remove(self._places(ids))
+
+    def set_positions(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
+        """Move particles.
+
+        Parameters
+        ----------
+        values : array_like, shape (m, 3) or (m, 2)
+            Their positions [m].
+        ids : array_like of int, shape (m,), optional
+            Which; all unless given.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+        """
+        self._set("set_positions", values, ids)
+
+    def set_velocities(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
+        """Give particles velocities.
+
+        Parameters
+        ----------
+        values : array_like, shape (m, 3) or (m, 2)
+            Their velocities [m/s].
+        ids : array_like of int, shape (m,), optional
+            Which; all unless given.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+        """
+        self._set("set_velocities", values, ids)
+
+    def set_forces(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
+        """Push particles during the next step, which uses the forces up.
+
+        Parameters
+        ----------
+        values : array_like, shape (m, 3) or (m, 2)
+            External forces [N].
+        ids : array_like of int, shape (m,), optional
+            On which; on all unless given.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+        """
+        self._set("set_forces", values, ids)
+
+    def _set(self, method: str, values: ArrayLike, ids: ArrayLike | None) -> None:
+        with self._own():
+            places = np.arange(len(self)) if ids is None else self._places(ids)
+            rows = check_array("values", values, (len(places), self._dimension))
+            getattr(self._native, method)(rows, places)
+
+    def _places(self, ids: ArrayLike) -> NDArray[np.int64]:
+        """Places of particles in the order of all arrays."""
+        wanted = np.asarray(ids)
+        if wanted.size == 0:
+            wanted = wanted.astype(np.int64)
+        if wanted.ndim != 1 or wanted.dtype.kind not in "iu":
+            raise InputError("ids: expected integers, shape (m,)")
+        own = self.ids
+        places = np.searchsorted(own, wanted.astype(np.int64))
+        wrong = places >= len(own)
+        wrong[~wrong] = own[places[~wrong]] != wanted[~wrong]
+        if wrong.any():
+            k = int(np.argmax(wrong))
+            raise IndexError(f"ids[{k}]: there is no particle {wanted[k]}")
+        return places.astype(np.int64)
+
+    def _check_fluid(self, fluid: Any, m: int) -> NDArray[np.int32]:
+        array = np.asarray(fluid)
+        if array.size == 0:
+            array = array.astype(np.int64)
+        if array.dtype.kind not in "iu" or array.shape not in ((), (m,)):
+            raise InputError(f"fluid: expected integers, shape ({m},)")
+        array = np.broadcast_to(array, (m,))
+        wrong = (array < 0) | (array >= len(self.density))
+        if wrong.any():
+            k, last = int(np.argmax(wrong)), len(self.density) - 1
+            raise InputError(f"fluid[{k}]: expected a number from 0 to {last}, got {array[k]}")
+        return np.ascontiguousarray(array, np.int32)
+
+    def _next_step(self) -> float:
+        return self.step_limit()[0] if self.step_size is None else self.step_size
+
+    def step_limit(self) -> tuple[float, str]:
+        """Largest step that the CFL condition allows now, and why.
+
+        Returns
+        -------
+        float
+            The step [s]: `cfl` spacings at the speed of the fastest particle, where each counts as
+            fast as it would be after falling to the height of the lowest one; at most 1/60 s.
+        str
+            The reason.
+        """
+        speed = self._native.fastest
+        limit = self.cfl * self.spacing / speed if speed > 0 else math.inf
+        if limit >= _LARGEST_STEP:
+            return _LARGEST_STEP, "nothing moves fast enough to need a shorter one"
+        return limit, f"CFL {self.cfl:g} at a speed of {speed:.4g} m/s"
+
+    def diagnostics(self) -> dict[str, float]:
+        """Energies, momenta and the density errors of the last step.
+
+        Returns
+        -------
+        dict of str to float
+            `count`; `kinetic_energy` and `potential_energy` [J]; `momentum_x`, `_y`, `_z` [N s];
+            `angular_momentum_x`, `_y`, `_z` about 0 [N m s]; of the last step `iterations`,
+            `mean_density_error` and `max_density_error` (relative, before the last correction).
+        """
+        energies, report = self._native.energies, self.report
+        values = {
+            "count": float(len(self)),
+            "kinetic_energy": energies.kinetic,
+            "potential_energy": energies.potential,
+        }
+        for name in ("momentum", "angular_momentum"):
+            vector = getattr(energies, name)
+            values |= {f"{name}_{axis}": vector[k] for k, axis in enumerate("xyz")}
+        return values | {
+            "iterations": float(report.iterations),
+            "mean_density_error": report.mean_error,
+            "max_density_error": report.max_error,
+        }
+
+    def fields(self) -> dict[str, tuple[NDArray[Any], str]]:
+        """Arrays for recording, with their units.
+
+        Returns
+        -------
+        dict of str to (ndarray, str)
+            `position` and `velocity`, shape of positions; `id` and `fluid`, shape (n,).
+        """
+        return {
+            "position": (self.positions, "m"),
+            "velocity": (self.velocities, "m/s"),
+            "id": (self.ids, "1"),
+            "fluid": (self.fluid, "1"),
+        }
+
+    def copy(self) -> PositionBasedFluid:
+        """Copy exactly, with copies of the colliders.
+
+        Returns
+        -------
+        PositionBasedFluid
+            It takes the same steps.
+        """
+        other = object.__new__(type(self))
+        with self._own():
+            other.__dict__.update({k: v for k, v in self.__dict__.items() if k != "_busy"})
+            other.colliders = tuple(collider.copy() for collider in self.colliders)
+            Simulation.__init__(other, other._make(), self.time, self.threads)
+            other.restore(self.state())
+        return other
+
+    __copy__ = copy
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> PositionBasedFluid:
+        return self.copy()
+
+    def state(self) -> dict[str, Any]:
+        """Copy the whole state, that of the colliders too.
+
+        Returns
+        -------
+        dict
+            For `restore`; the particles are in the order of storage, of which bits depend.
+        """
+        rows = [collider._native.state for collider in self.colliders]
+        state: dict[str, Any] = self._native.state()
+        return state | {"colliders": np.array(rows) if rows else np.zeros((0, 0))}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go back to a state, bit for bit.
+
+        Parameters
+        ----------
+        state : dict
+            From `state()` of an object made in the same way.
+
+        Raises
+        ------
+        InputError
+            If it is not such a state; nothing is changed then.
+        """
+        missing = set(_STATE) - set(state)
+        if missing:
+            raise InputError(f"state: {', '.join(sorted(missing))} missing")
+        time = check_real("state['time']", state["time"])
+        next_id = check_integer("state['next_id']", state["next_id"], minimum=0)
+        ids = np.asarray(state["ids"])
+        n = ids.size
+        if ids.shape != (n,) or ids.dtype != np.int64 or len(np.unique(ids)) != n:
+            raise InputError("state['ids']: expected different int64 numbers")
+        if n and not (ids.min() >= 0 and ids.max() < next_id):
+            raise InputError("state['ids']: expected numbers from 0 to below next_id")
+        rows = {}
+        for name in ("positions", "velocities", "forces"):
+            rows[name] = np.asarray(state[name])
+            if rows[name].dtype != self.dtype:
+                raise InputError(f"state[{name!r}]: expected dtype {self.dtype}")
+            shape = (0 if name == "forces" and len(rows[name]) == 0 else n, 4)
+            rows[name] = check_array(f"state[{name!r}]", rows[name], shape, dtype=self.dtype)
+        fluids = self._check_fluid(state["fluids"], n)
+        moving = check_array(
+            "state['colliders']",
+            state["colliders"],
+            (len(self.colliders), 21) if self.colliders else (0, 0),
+        )
+        with self._own():
+            self._native.restore(time, next_id, *rows.values(), ids, fluids)
+            for collider, values in zip(self.colliders, moving, strict=True):
+                collider._native.state = values.tolist()
+
+
+def _check_dtype(dtype: DTypeLike) -> np.dtype[Any]:
+    found = np.dtype(dtype)
+    if found not in (np.float32, np.float64):
+        raise InputError(f"dtype: expected float32 or float64, got {found}")
+    return found
+
+
+def _check_bounds(bounds: ArrayLike | None, d: int) -> list[list[float]] | None:
+    if bounds is None:
+        return None
+    corners = check_array("bounds", bounds, (2, d), finite=False)
+    if not (corners[0] < corners[1]).all():
+        raise InputError("bounds: expected the lowest corner, then the highest")
+    whole = np.array([[-math.inf] * 3, [math.inf] * 3])
+    whole[:, :d] = corners
+    rows: list[list[float]] = whole.tolist()
+    return rows
