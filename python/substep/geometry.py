@@ -7,6 +7,7 @@
 - `liquid_surface` wraps the particles of a liquid in triangles.
 - Meshes (`TriangleMesh`, `TetMesh`), read by `read_mesh` or made by `grid_mesh`, `box_mesh`,
   `sphere_mesh` and `box_tetrahedra`; `TriangleMesh.report` says plainly what a mesh lacks.
+- `neighbour_lists`: which points are closer to each other than a radius.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from ._liquid_surface import LiquidSurface, liquid_surface
 from ._mesh import TetMesh
 from ._mesh_io import read_mesh
 from ._mesh_report import MeshReport
+from ._neighbours import neighbour_lists
 from ._primitives import box_mesh, box_tetrahedra, grid_mesh, sphere_mesh
 from ._triangle_mesh import TriangleMesh
 
@@ -34,6 +36,7 @@ __all__ = [
     "box_tetrahedra",
     "grid_mesh",
     "liquid_surface",
+    "neighbour_lists",
     "read_mesh",
     "sphere_mesh",
     "tetrahedralize",
