@@ -117,7 +117,8 @@ void ParticleContact<Real>::begin_step(std::int64_t n) {
 }
 
 template <class Real>
-void ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real> mass) {
+void ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real> mass,
+                                  std::span<Point<Real>> along) {
   constexpr std::int64_t kBlock = 16;
   for (std::size_t c = 0; c < colliders.size(); ++c) {
     const Collider& collider = colliders[c];
@@ -134,9 +135,10 @@ void ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real
         // In an aligned box every wall, else the nearest part of the surface.
         const Vec3 out = convex(collider) ? advance_freely(collider, local, local, margin_)
                                           : push_out(collider, local, margin_);
-        const auto z = x[i].z;
-        assign(x[i], at.to_world(out));
-        if (planar_) x[i].z = z;
+        Vec3 moved = at.rotation * (out - local);
+        if (planar_) moved[2] = 0;
+        assign(x[i], vector(x[i]) + moved);
+        if (!along.empty()) assign(along[i], vector(along[i]) + moved);
       }
     };
     parallel_for(

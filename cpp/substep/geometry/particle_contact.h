@@ -45,8 +45,10 @@ class ParticleContact {
   // and pass through.
   void begin_step(std::int64_t n);
 
-  // Takes out particles that lie nearer than the margin, as where a collider was put upon them.
-  void clear(std::span<Point<Real>> x, std::span<const Real> mass);
+  // Takes out particles that lie nearer than the margin, as where a collider was put upon them;
+  // the points of `along`, if there are any, move by the same.
+  void clear(std::span<Point<Real>> x, std::span<const Real> mass,
+             std::span<Point<Real>> along = {});
 
   // Colliders advance by h.
   void begin_substep(double h);

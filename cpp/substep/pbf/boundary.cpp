@@ -2,149 +2,222 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
+#include <limits>
 
 #include "substep/core/parallel.h"
 
 namespace substep::pbf {
 namespace {
 
+using geometry::Box;
 using geometry::Collider;
+using geometry::Plane;
+using geometry::SampledDistance;
+using geometry::Sphere;
 
-constexpr int kCells = 512;            // of the table
-constexpr std::int64_t kGrain = 1024;  // particles in a chunk
+constexpr double kMargin = 0.1;  // of the spacing, that particles keep from obstacles
+
+template <class Real>
+Vec3 vector(const Point<Real>& p) {
+  return {p.x, p.y, p.z};
+}
 
 }  // namespace
 
 template <class Real>
 Boundary<Real>::Boundary(std::vector<Collider> obstacles, const DensityConstraint<Real>& density,
-                         const Vec3& origin)
-    : colliders(std::move(obstacles)),
-      origin_(origin),
+                         const Vec3& origin, int threads)
+    : contact_(std::move(obstacles), origin, kMargin * density.options().spacing,
+               density.options().dimension),
       radius_(density.radius()),
-      clearance_(0.05 * density.options().spacing),
-      table_(kCells + 2, Wall{0, 0}) {
-  // a(z): the integral of W over the plane (in 2D the line) at distance z; b(s) that of a from s.
-  constexpr int kRings = 400;
-  const auto across = [&](double z) {
-    const double reach = std::sqrt(std::max(0.0, radius_ * radius_ - z * z));
-    double sum = 0;
-    for (int k = 0; k < kRings; ++k) {
-      const double r = reach * (k + 0.5) / kRings;
-      sum += density.value(std::hypot(z, r)) *
-             (density.options().dimension == 2 ? 2 : 2 * std::numbers::pi * r);
-    }
-    return sum * reach / kRings;
+      dimension_(density.options().dimension) {
+  const KernelFunction kernel = [&](double r) { return density.value(r); };
+  const auto table = [&](double radius) {
+    return std::make_shared<const DistanceTable>(kernel, radius_, dimension_, radius);
   };
-  for (int k = kCells - 1; k >= 0; --k) {
-    const double z = radius_ * k / kCells, step = radius_ / kCells;
-    const double here = across(z), middle = across(z + step / 2), next = across(z + step);
-    table_[k] = {table_[k + 1].value + step / 6 * (here + 4 * middle + next), -here};
-  }
-}
-
-template <class Real>
-typename Boundary<Real>::Wall Boundary<Real>::wall(double s) const {
-  if (s >= radius_) return {0, 0};
-  const double at = std::max(s, 0.0) / radius_ * kCells;
-  const int k = static_cast<int>(at);
-  const double f = at - k;
-  return {table_[k].value + f * (table_[k + 1].value - table_[k].value),
-          table_[k].slope + f * (table_[k + 1].slope - table_[k].slope)};
-}
-
-template <class Real>
-template <class Visit>
-void Boundary<Real>::for_walls(const Collider& collider, const Vec3& x, Visit&& visit) const {
-  const auto* box = std::get_if<geometry::Box>(&collider.shape());
-  if (box && collider.hollow()) {
-    const geometry::Mat3 rotation = collider.orientation().toRotationMatrix();
-    const Vec3 local = rotation.transpose() * (x - collider.position());
-    for (int axis = 0; axis < 3; ++axis) {
-      const Vec3 n = rotation.col(axis);
-      visit(box->half_lengths[axis] + local[axis], n);
-      visit(box->half_lengths[axis] - local[axis], Vec3(-n));
+  if (!colliders().empty()) plane_ = table(std::numeric_limits<double>::infinity());
+  const auto add = [&](const Collider& collider) -> Wall {
+    if (const auto* sphere = std::get_if<Sphere>(&collider.shape())) return table(sphere->radius);
+    if (std::holds_alternative<Box>(collider.shape())) {
+      if (!corner_) corner_ = std::make_shared<const CornerTable>(kernel, radius_, dimension_);
+      if (collider.hollow()) return Tank{};
+      return Block{};
     }
-  } else {
-    const geometry::SignedDistance d = collider.signed_distance(x);
-    visit(d.value, Vec3(d.gradient.normalized()));
+    if (std::holds_alternative<Plane>(collider.shape()) || dimension_ == 2) return plane_;
+    const auto& field = *std::get<std::shared_ptr<const SampledDistance>>(collider.shape());
+    return std::make_shared<const DensityMap>(field, collider.hollow(), kernel, radius_, threads);
+  };
+  for (const Collider& collider : colliders()) walls_.push_back(add(collider));
+}
+
+// Planes at distances s, less what lies beyond two of them, plus what beyond three.
+template <class Real>
+WallDensity Boundary<Real>::in_tank(const Vec3& half_lengths, const Vec3& x) const {
+  const Vec3 s = half_lengths - x.cwiseAbs();  // from the nearer wall of each axis
+  const int axes = dimension_;
+  WallDensity result;
+  int near = 0;
+  bool is_near[3] = {};
+  for (int axis = 0; axis < axes; ++axis) {
+    if (s[axis] >= radius_) continue;
+    if (2 * half_lengths[axis] - s[axis] < radius_) {  // the opposite wall, too
+      WallDensity box = corner_->box(-half_lengths - x, half_lengths - x);
+      return {1 - box.value, -box.gradient};
+    }
+    const auto [value, slope] = (*plane_)(s[axis]);
+    result.value += value;
+    result.gradient[axis] += x[axis] > 0 ? -slope : slope;
+    is_near[axis] = true;
+    ++near;
   }
+  if (near < 2) return result;
+  const auto add = [&](double sign, const Vec3& from) {
+    const CornerTable::Octant o = corner_->octant(from.cwiseMax(0.0));
+    result.value += sign * o[0];
+    for (int axis = 0; axis < axes; ++axis) {
+      const double slope = sign * o[static_cast<std::size_t>(axis) + 1];
+      if (from[axis] > 0) result.gradient[axis] += x[axis] > 0 ? -slope : slope;
+    }
+  };
+  for (int axis = 0; axis < 3; ++axis) {  // pairs of the two other axes
+    const int a = (axis + 1) % 3, b = (axis + 2) % 3;
+    if (!is_near[a] || !is_near[b]) continue;
+    Vec3 from = s;
+    from[axis] = 0;
+    add(-2, from);
+  }
+  if (near == 3) add(1, s);
+  return result;
+}
+
+// Of collider c at a point of its frame.
+template <class Real>
+WallDensity Boundary<Real>::wall_density(std::size_t c, const Vec3& local) const {
+  const Collider& collider = colliders()[c];
+  const Wall& wall = walls_[c];
+  if (const auto* table = std::get_if<std::shared_ptr<const DistanceTable>>(&wall)) {
+    const auto [d, gradient] = collider.local_distance(local);
+    // What is outside of a ball is all but the ball, from the other side.
+    const bool outside = collider.hollow() && std::holds_alternative<Sphere>(collider.shape());
+    const auto [value, slope] = (**table)(outside ? -d : d);
+    return {outside ? 1 - value : value, slope * gradient.normalized()};
+  }
+  if (const auto* map = std::get_if<std::shared_ptr<const DensityMap>>(&wall))
+    return (**map)(local);
+  const Vec3& half_lengths = std::get<Box>(collider.shape()).half_lengths;
+  if (std::holds_alternative<Tank>(wall)) return in_tank(half_lengths, local);
+  return corner_->box(-half_lengths - local, half_lengths - local);
 }
 
 template <class Real>
-Vec3 Boundary<Real>::world(const Point<Real>& x) const {
-  return origin_ +
-         Vec3(static_cast<double>(x.x), static_cast<double>(x.y), static_cast<double>(x.z));
+void Boundary<Real>::begin_step(double dt, std::span<Point<Real>> start, std::span<Point<Real>> x,
+                                std::span<const Real> mass, int threads) {
+  contact_.threads = threads;
+  contact_.begin_step(static_cast<std::int64_t>(x.size()));
+  contact_.clear(start, mass, x);
+  contact_.begin_substep(dt);
+  contact_.project(start, x, mass);
+  find_near(x, threads);
 }
 
 template <class Real>
 void Boundary<Real>::find_near(std::span<const Point<Real>> x, int threads) {
-  contributions_.assign(x.size(), Point<Real>{0, 0, 0, 0});
-  near_.clear();
-  if (colliders.empty()) return;
+  constexpr std::int64_t kGrain = geometry::ParticleContact<Real>::kGrain, kBlock = 16;
   const auto n = static_cast<std::int64_t>(x.size());
-  std::vector<std::vector<std::int32_t>> found(static_cast<std::size_t>((n + kGrain - 1) / kGrain));
+  contributions_.assign(x.size(), Point<Real>{});
+  near_.resize(static_cast<std::size_t>((n + kGrain - 1) / kGrain));
+  if (colliders().empty()) return;
+  // Sweeps move particles, by less than half of the radius as a rule; who comes near by more than
+  // that is seen in the next step.
+  const double reach = 1.5 * radius_;
+  const auto find = [&](std::int64_t begin, std::int64_t end, std::vector<Near>& found) {
+    Vec3 low = vector(x[begin]), high = low;
+    for (std::int64_t i = begin + 1; i < end; ++i) {
+      low = low.cwiseMin(vector(x[i])), high = high.cwiseMax(vector(x[i]));
+    }
+    const Vec3 center = contact_.origin() + 0.5 * (low + high);
+    const double radius = 0.5 * (high - low).norm();
+    std::vector<std::int32_t> candidates;
+    for (std::size_t c = 0; c < colliders().size(); ++c) {
+      const Collider& collider = colliders()[c];
+      const double d = collider.signed_distance(center).value;
+      if (d <= collider.lipschitz() * (radius + reach)) {
+        candidates.push_back(static_cast<std::int32_t>(c));
+      }
+    }
+    if (candidates.empty()) return;
+    for (std::int64_t i = begin; i < end; ++i) {
+      for (const std::int32_t c : candidates) {
+        const Collider& collider = colliders()[static_cast<std::size_t>(c)];
+        if (collider.signed_distance(contact_.origin() + vector(x[i])).value <
+            collider.lipschitz() * reach) {
+          found.push_back({static_cast<std::int32_t>(i), c, {}});
+        }
+      }
+    }
+  };
   parallel_for(
       n, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
-        for (std::int64_t i = begin; i < end; ++i) {
-          const Vec3 at = world(x[i]);
-          if (std::any_of(colliders.begin(), colliders.end(), [&](const Collider& c) {
-                return c.signed_distance(at).value < 2 * radius_;
-              })) {
-            found[begin / kGrain].push_back(static_cast<std::int32_t>(i));
-          }
+        std::vector<Near>& found = near_[static_cast<std::size_t>(begin / kGrain)];
+        found.clear();
+        for (std::int64_t i = begin; i < end; i += kBlock) {
+          find(i, std::min(i + kBlock, end), found);
         }
       },
       threads);
-  for (const auto& some : found) near_.insert(near_.end(), some.begin(), some.end());
 }
 
 template <class Real>
 std::span<const Point<Real>> Boundary<Real>::contributions(std::span<const Point<Real>> x,
                                                            int threads) {
-  parallel_for(
-      static_cast<std::int64_t>(near_.size()), kGrain,
-      [&](std::int64_t begin, std::int64_t end) {
-        for (std::int64_t k = begin; k < end; ++k) {
-          const std::int32_t i = near_[k];
-          const Vec3 at = world(x[i]);
-          double b = 0;
-          Vec3 gradient = Vec3::Zero();
-          for (const Collider& collider : colliders) {
-            for_walls(collider, at, [&](double s, const Vec3& n) {
-              const Wall w = wall(s);
-              b += w.value;
-              gradient += w.slope * n;
-            });
-          }
-          contributions_[i] = {static_cast<Real>(gradient.x()), static_cast<Real>(gradient.y()),
-                               static_cast<Real>(gradient.z()), static_cast<Real>(b)};
-        }
-      },
-      threads);
+  const auto chunk = [&](std::int64_t k) {
+    std::vector<Near>& near = near_[static_cast<std::size_t>(k)];
+    for (const Near& entry : near) {
+      contributions_[static_cast<std::size_t>(entry.particle)] = Point<Real>{};
+    }
+    for (Near& entry : near) {
+      const auto c = static_cast<std::size_t>(entry.collider);
+      const Collider& collider = colliders()[c];
+      const Vec3 from = vector(x[entry.particle]) + (contact_.origin() - collider.position());
+      const WallDensity wall = wall_density(c, collider.rotation().transpose() * from);
+      const Vec3 g = collider.rotation() * wall.gradient;
+      entry.gradient = {static_cast<Real>(g[0]), static_cast<Real>(g[1]),
+                        dimension_ == 2 ? Real(0) : static_cast<Real>(g[2]),
+                        static_cast<Real>(wall.value)};
+      Point<Real>& sum = contributions_[static_cast<std::size_t>(entry.particle)];
+      sum.x += entry.gradient.x, sum.y += entry.gradient.y, sum.z += entry.gradient.z;
+      sum.w += entry.gradient.w;
+    }
+  };
+  parallel_chunks(static_cast<std::int64_t>(near_.size()), chunk, threads);
   return contributions_;
 }
 
 template <class Real>
-void Boundary<Real>::push_out(std::span<Point<Real>> x, int threads) const {
-  parallel_for(
-      static_cast<std::int64_t>(near_.size()), kGrain,
-      [&](std::int64_t begin, std::int64_t end) {
-        for (std::int64_t k = begin; k < end; ++k) {
-          Point<Real>& p = x[near_[k]];
-          Vec3 moved = Vec3::Zero();
-          for (const Collider& collider : colliders) {
-            for_walls(collider, world(p), [&](double s, const Vec3& n) {
-              if (s < clearance_) moved += (clearance_ - s) * n;
-            });
-          }
-          p.x += static_cast<Real>(moved.x());
-          p.y += static_cast<Real>(moved.y());
-          p.z += static_cast<Real>(moved.z());
-        }
-      },
-      threads);
+void Boundary<Real>::project(std::span<const Point<Real>> multipliers,
+                             std::span<const Point<Real>> start, std::span<Point<Real>> x,
+                             std::span<const Real> mass, int threads) {
+  const auto chunk = [&](std::int64_t k) {
+    for (const Near& entry : near_[static_cast<std::size_t>(k)]) {
+      const auto i = static_cast<std::size_t>(entry.particle);
+      const Real scale = x[i].w * multipliers[i].w;
+      if (scale == 0 || entry.gradient.w == 0) continue;
+      const Vec3 push = static_cast<double>(scale) * vector(entry.gradient);
+      contact_.add_push(static_cast<std::size_t>(entry.collider), entry.particle, x[i], push,
+                        mass[mass.size() == 1 ? 0 : i]);
+    }
+  };
+  parallel_chunks(static_cast<std::int64_t>(near_.size()), chunk, threads);
+  contact_.project(start, x, mass);
+}
+
+template <class Real>
+void Boundary<Real>::end_step(std::span<const Point<Real>> start,
+                              std::span<const Point<Real>> v_start, std::span<Point<Real>> v,
+                              std::span<const Real> mass) {
+  contact_.bounce(start, v_start, v, mass);
+  contact_.end_step();
 }
 
 template class Boundary<float>;

@@ -1,50 +1,72 @@
-// What obstacles do to a fluid: a share of the density near them, and no way through.
+// What obstacles do to a fluid: a share of the density near them (wall_integrals.h, density_map.h),
+// and no way through (geometry/particle_contact.h).
 //
-// An obstacle is taken as filled with the fluid at rest. For a plane wall at distance s that adds
-//   b(s) = integral of W over the half space beyond the wall,   grad b = b'(s) n,
-// which a table holds; a curved wall counts as the plane at its nearest point, and a hollow box as
-// its six planes (so in a corner what lies beyond two of them is counted twice).
+// An obstacle is taken as filled with the fluid at rest. The density constraint pushes a particle
+// off it by w_i lambda_i grad b_i; that, and what the contact adds, is what the obstacle is given.
+// Deviation: in two dimensions boxes are taken as long along z, balls as discs of their radius, and
+// sampled distances as planes at their nearest points.
 #pragma once
 
+#include <cstdint>
+#include <memory>
 #include <span>
+#include <variant>
 #include <vector>
 
-#include "substep/geometry/collider.h"
+#include "substep/geometry/particle_contact.h"
 #include "substep/pbf/density.h"
+#include "substep/pbf/density_map.h"
+#include "substep/pbf/wall_integrals.h"
 
 namespace substep::pbf {
-
-using geometry::Vec3;
 
 template <class Real>
 class Boundary {
  public:
   Boundary(std::vector<geometry::Collider> obstacles, const DensityConstraint<Real>& density,
-           const Vec3& origin);
+           const Vec3& origin, int threads);
 
-  // Before the sweeps of a step, with the predicted positions: who may come near an obstacle.
+  // A step of length dt from `start` to the predicted x: obstacles move, particles they cover are
+  // set free, and who may come near one is noted. mass [kg]: of each particle, or one for all.
+  void begin_step(double dt, std::span<Point<Real>> start, std::span<Point<Real>> x,
+                  std::span<const Real> mass, int threads);
+  // Who is near an obstacle at x, where nothing moves.
   void find_near(std::span<const Point<Real>> x, int threads);
   // Rows (grad b_i, b_i) at x, one for each particle, 0 away from all obstacles.
   std::span<const Point<Real>> contributions(std::span<const Point<Real>> x, int threads);
-  // Moves particles out of the obstacles, after each sweep.
-  void push_out(std::span<Point<Real>> x, int threads) const;
+  // After a sweep that moved particles by w_i lambda_i grad b_i, with lambda_i in the w of
+  // `multipliers`: counts that as pushed, and moves them so that none is in an obstacle.
+  void project(std::span<const Point<Real>> multipliers, std::span<const Point<Real>> start,
+               std::span<Point<Real>> x, std::span<const Real> mass, int threads);
+  // Restitution on the velocities v, and what the obstacles were given.
+  void end_step(std::span<const Point<Real>> start, std::span<const Point<Real>> v_start,
+                std::span<Point<Real>> v, std::span<const Real> mass);
 
-  std::vector<geometry::Collider> colliders;
+  std::vector<geometry::Collider>& colliders() { return contact_.colliders; }
+  const std::vector<geometry::Collider>& colliders() const { return contact_.colliders; }
 
  private:
-  struct Wall {
-    double value, slope;
+  // How b is found, one for each collider.
+  struct Tank {};   // the inside of a box
+  struct Block {};  // a solid box
+  using Wall = std::variant<std::shared_ptr<const DistanceTable>, Tank, Block,
+                            std::shared_ptr<const DensityMap>>;
+  // A particle near collider c, and the part of c in grad b.
+  struct Near {
+    std::int32_t particle, collider;
+    Point<Real> gradient;
   };
-  Wall wall(double s) const;
-  // visit(distance, normal) for each plane wall that the collider is to a particle at world x.
-  template <class Visit>
-  void for_walls(const geometry::Collider& collider, const Vec3& x, Visit&& visit) const;
-  Vec3 world(const Point<Real>& x) const;
 
-  Vec3 origin_;
-  double radius_, clearance_;
-  std::vector<Wall> table_;  // at s = 0, h / 512, ... h, and once more
-  std::vector<std::int32_t> near_;
+  WallDensity wall_density(std::size_t c, const Vec3& local) const;
+  WallDensity in_tank(const Vec3& half_lengths, const Vec3& x) const;
+
+  geometry::ParticleContact<Real> contact_;
+  double radius_;
+  int dimension_;
+  std::vector<Wall> walls_;
+  std::shared_ptr<const DistanceTable> plane_;
+  std::shared_ptr<const CornerTable> corner_;
+  std::vector<std::vector<Near>> near_;  // by chunks of particles, ascending
   std::vector<Point<Real>> contributions_;
 };
 
