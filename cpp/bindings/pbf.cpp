@@ -25,12 +25,14 @@ struct Liquid {
   std::vector<std::shared_ptr<Collider>> colliders;
 
   void read_colliders() {
-    for (std::size_t c = 0; c < colliders.size(); ++c) fluid.boundary.colliders[c] = *colliders[c];
+    for (std::size_t c = 0; c < colliders.size(); ++c)
+      fluid.boundary.colliders()[c] = *colliders[c];
   }
   void step(double dt) {
     read_colliders();
     fluid.step(dt);
-    for (std::size_t c = 0; c < colliders.size(); ++c) *colliders[c] = fluid.boundary.colliders[c];
+    for (std::size_t c = 0; c < colliders.size(); ++c)
+      *colliders[c] = fluid.boundary.colliders()[c];
   }
   int dimension() const { return fluid.options.density.dimension; }
 

@@ -54,7 +54,7 @@ Fluid<Real>::Fluid(const Vec3& origin_, std::vector<geometry::Collider> collider
     : options(options_),
       origin(origin_),
       density(options.density),
-      boundary(std::move(colliders), density, origin),
+      boundary(std::move(colliders), density, origin, options.threads),
       neighbours_(options.density.dimension) {}
 
 template <class Real>
@@ -104,17 +104,17 @@ void Fluid<Real>::remove(std::span<const std::uint8_t> flags) {
 
 template <class Real>
 void Fluid<Real>::step(double dt) {
-  const std::vector<geometry::Collider> colliders = boundary.colliders;
+  const std::vector<geometry::Collider> colliders = boundary.colliders();
   new_report_ = {};
   try {
     predict(dt);
     keep_in_reach();
     sort();
-    solve();
+    solve(dt);
     finish(dt);
     keep_in_bounds();
   } catch (...) {
-    boundary.colliders = colliders;
+    boundary.colliders() = colliders;
     throw;
   }
   commit(dt);
@@ -175,6 +175,9 @@ void Fluid<Real>::sort() {
   next_.resize(n, false);
   next_.x.resize(rows);
   old_x_.resize(static_cast<std::size_t>(n));
+  old_v_.resize(static_cast<std::size_t>(n));
+  mass_.assign(options.masses.size() > 1 ? static_cast<std::size_t>(n) : 1,
+               static_cast<Real>(options.masses[0]));
   multipliers_.resize(rows);
   const std::span<const std::int32_t> order = neighbours_.order();
   parallel_for(
@@ -184,6 +187,8 @@ void Fluid<Real>::sort() {
           const std::int32_t i = order[k];
           next_.x[k] = predicted_[i];
           old_x_[k] = particles.x[i];
+          old_v_[k] = particles.v[i];
+          if (mass_.size() > 1) mass_[k] = static_cast<Real>(mass(i));
           next_.id[k] = particles.id[i];
           next_.fluid[k] = particles.fluid[i];
         }
@@ -198,10 +203,9 @@ void Fluid<Real>::sort() {
 
 // Sweeps until the density error is below its bounds or the iterations are used up.
 template <class Real>
-void Fluid<Real>::solve() {
+void Fluid<Real>::solve(double dt) {
   const std::span<Point<Real>> rows(next_.x), x = rows.first(rows.size() - 1);
-  boundary.find_near(x, options.threads);
-  boundary.push_out(x, options.threads);
+  boundary.begin_step(dt, old_x_, x, mass_, options.threads);
   FluidReport& r = new_report_;
   for (r.converged = false; !r.converged && r.iterations < options.max_iterations;) {
     poll_interrupt();
@@ -211,7 +215,7 @@ void Fluid<Real>::solve() {
         r.density_error.mean <= options.tolerance && r.density_error.max <= options.max_tolerance;
     if (r.converged) break;
     r.limited += density.correct(multipliers_, neighbours_, walls, rows, options.threads);
-    boundary.push_out(x, options.threads);
+    boundary.project(multipliers_, old_x_, x, mass_, options.threads);
     ++r.iterations;
   }
 }
@@ -232,6 +236,7 @@ void Fluid<Real>::finish(double dt) {
                              " is not finite; take a shorter step",
                          time, next_.id[bad]);
   }
+  boundary.end_step(old_x_, old_v_, next_.v, mass_);
 }
 
 template <class Real>
@@ -263,7 +268,6 @@ template <class Real>
 void Fluid<Real>::commit(double dt) {
   std::swap(particles, next_);
   report = new_report_;
-  for (geometry::Collider& collider : boundary.colliders) collider.advance(dt);
   time += dt;
 }
 
@@ -303,7 +307,7 @@ std::vector<Real> Fluid<Real>::densities() const {
   x.reserve(order.size() + 1);
   for (const std::int32_t i : order) x.push_back(particles.x[i]);
   neighbours.find(x, h, geometry::Pairs::kFull, options.threads);
-  Boundary<Real> walls(boundary.colliders, density, origin);
+  Boundary<Real> walls = boundary;
   walls.find_near(x, options.threads);
   std::vector<Real> sorted(order.size()), result(order.size());
   const auto contributions = walls.contributions(x, options.threads);

@@ -84,7 +84,7 @@ class Fluid {
   void predict(double dt);
   void keep_in_reach();
   void sort();
-  void solve();
+  void solve(double dt);
   void finish(double dt);
   void keep_in_bounds();
   void commit(double dt);
@@ -93,7 +93,8 @@ class Fluid {
 
   // During a step: the particles as it began and, in the order of their cells, as it ends.
   Particles<Real> now_, next_;
-  std::vector<Point<Real>> predicted_, old_x_, multipliers_;
+  std::vector<Point<Real>> predicted_, old_x_, old_v_, multipliers_;
+  std::vector<Real> mass_;  // of each particle, or one for all [kg]
   geometry::Neighbours<Real> neighbours_;
   FluidReport new_report_;
 };
