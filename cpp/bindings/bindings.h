@@ -35,6 +35,7 @@ void bind_linalg(py::module_& m);
 void bind_neighbours(py::module_& m);
 void bind_ode(py::module_& m);
 void bind_pbf(py::module_& m);
+void bind_pbd(py::module_& m);
 void bind_second_order(py::module_& m);
 void bind_soft_body(py::module_& m);
 void bind_springs(py::module_& m);

@@ -11,6 +11,7 @@ PYBIND11_MODULE(_core, m) {
   bind_linalg(m);
   bind_neighbours(m);
   bind_ode(m);
+  bind_pbd(m);
   bind_second_order(m);
   bind_pbf(m);
   bind_springs(m);

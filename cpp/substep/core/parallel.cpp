@@ -32,32 +32,41 @@ inline void pause_cpu() {
 #endif
 }
 
-// One parallel call: shared by the caller and the workers that join it.
+template <class Condition>
+void spin_until(const Condition& condition) {
+  for (int i = 0; i < kSpins && !condition(); ++i) pause_cpu();
+}
+
+// One parallel call: shared by the caller and the workers that join it. Nobody waits for a thread
+// that has not come; a phase ends when its chunks have run, whoever ran them.
 class Job {
  public:
-  Job(const std::function<void(std::int64_t)>& task, std::int64_t chunks, int threads)
-      : threads_(threads), task_(task), ranges_(static_cast<std::size_t>(threads)) {
-    for (int i = 0; i < threads; ++i) {
-      ranges_[static_cast<std::size_t>(i)].next = begin_of(chunks, i);
-      ranges_[static_cast<std::size_t>(i)].end = begin_of(chunks, i + 1);
+  using Task = std::function<void(std::int64_t, std::int64_t)>;
+
+  Job(const Task& task, std::span<const std::int64_t> chunks, int threads)
+      : threads_(threads),
+        task_(task),
+        chunks_(chunks),
+        ranges_(chunks.size() * static_cast<std::size_t>(threads)),
+        done_(chunks.size()) {
+    for (std::size_t phase = 0; phase < chunks.size(); ++phase) {
+      for (int i = 0; i < threads; ++i) {
+        range(phase, i).next = begin_of(chunks[phase], i);
+        range(phase, i).end = begin_of(chunks[phase], i + 1);
+      }
     }
     std::fegetenv(&floating_point_);
   }
 
   int threads() const { return threads_; }
-  void stop() { stop_.store(true, std::memory_order_relaxed); }
 
-  // The share of one thread: its own range, then what is left of the others'.
+  // The share of one thread: of each phase its own range, then what is left of the others'.
   void run(int thread) {
     inside_task = true;
-    for (int k = 0; k < threads_; ++k) {
-      Range& range = ranges_[static_cast<std::size_t>((thread + k) % threads_)];
-      for (;;) {
-        const std::int64_t chunk = range.next.fetch_add(1, std::memory_order_relaxed);
-        if (chunk >= range.end || stop_.load(std::memory_order_relaxed)) break;
-        if (chunk < lowest_failed_.load(std::memory_order_relaxed)) run_chunk(chunk);
-        if (thread == 0) poll();
-      }
+    for (std::size_t phase = 0; phase < chunks_.size() && !stopped(); ++phase) {
+      for (int k = 0; k < threads_; ++k)
+        run_range(phase, range(phase, (thread + k) % threads_), thread == 0);
+      if (phase + 1 < chunks_.size()) wait_for(phase, thread);
     }
     inside_task = false;
   }
@@ -78,7 +87,7 @@ class Job {
       poll_interrupt();
     } catch (...) {
       interrupt_ = std::current_exception();
-      stop();
+      stop_.store(true, std::memory_order_relaxed);
     }
   }
 
@@ -92,14 +101,32 @@ class Job {
     std::atomic<std::int64_t> next{0};
     std::int64_t end = 0;
   };
+  struct alignas(64) Counter {
+    std::atomic<std::int64_t> value{0};
+  };
 
+  Range& range(std::size_t phase, int thread) {
+    return ranges_[phase * static_cast<std::size_t>(threads_) + static_cast<std::size_t>(thread)];
+  }
   std::int64_t begin_of(std::int64_t chunks, int thread) const {
     return chunks / threads_ * thread + std::min<std::int64_t>(thread, chunks % threads_);
   }
+  bool stopped() const { return stop_.load(std::memory_order_relaxed); }
 
-  void run_chunk(std::int64_t chunk) {
+  void run_range(std::size_t phase, Range& range, bool polls) {
+    for (;;) {
+      if (range.next.load(std::memory_order_relaxed) >= range.end) return;
+      const std::int64_t chunk = range.next.fetch_add(1, std::memory_order_relaxed);
+      if (chunk >= range.end || stopped()) return;
+      if (chunk < lowest_failed_.load(std::memory_order_relaxed)) run_chunk(phase, chunk);
+      done_[phase].value.fetch_add(1, std::memory_order_acq_rel);
+      if (polls) poll();
+    }
+  }
+
+  void run_chunk(std::size_t phase, std::int64_t chunk) {
     try {
-      task_(chunk);
+      task_(static_cast<std::int64_t>(phase), chunk);
     } catch (...) {
       const std::lock_guard lock(error_mutex_);
       if (chunk < lowest_failed_.load(std::memory_order_relaxed)) {
@@ -109,12 +136,30 @@ class Job {
     }
   }
 
+  // Until all chunks of the phase have run; no further phase follows one that failed.
+  void wait_for(std::size_t phase, int thread) {
+    const auto over = [&] {
+      return done_[phase].value.load(std::memory_order_acquire) == chunks_[phase] || stopped();
+    };
+    for (spin_until(over); !over(); spin_until(over)) {
+      if (thread == 0) poll();
+      std::this_thread::yield();
+    }
+    if (lowest_failed_.load(std::memory_order_relaxed) != kNone) {
+      stop_.store(true, std::memory_order_relaxed);
+    }
+  }
+
+  static constexpr std::int64_t kNone = std::numeric_limits<std::int64_t>::max();
+
   const int threads_;
-  const std::function<void(std::int64_t)>& task_;
+  const Task& task_;
+  const std::span<const std::int64_t> chunks_;
   std::vector<Range> ranges_;
+  std::vector<Counter> done_;
   std::fenv_t floating_point_;
   std::atomic<bool> stop_{false};
-  std::atomic<std::int64_t> lowest_failed_{std::numeric_limits<std::int64_t>::max()};
+  std::atomic<std::int64_t> lowest_failed_{kNone};
   std::mutex error_mutex_;
   std::exception_ptr error_, interrupt_;
 };
@@ -184,11 +229,6 @@ class Pool {
     }
   }
 
-  template <class Condition>
-  static void spin_until(const Condition& condition) {
-    for (int i = 0; i < kSpins && !condition(); ++i) pause_cpu();
-  }
-
   std::mutex mutex_;  // guards all below; the atomics are also read by spinning threads
   std::condition_variable start_, done_;
   Job* job_ = nullptr;
@@ -216,18 +256,21 @@ Pool& the_pool() {
   return *current;
 }
 
-void run_serially(std::int64_t chunks, const std::function<void(std::int64_t)>& task) {
-  for (std::int64_t chunk = 0; chunk < chunks; ++chunk) {
-    task(chunk);
-    poll_interrupt();
+void run_serially(std::span<const std::int64_t> chunks, const Job::Task& task) {
+  for (std::size_t phase = 0; phase < chunks.size(); ++phase) {
+    for (std::int64_t chunk = 0; chunk < chunks[phase]; ++chunk) {
+      task(static_cast<std::int64_t>(phase), chunk);
+      poll_interrupt();
+    }
   }
 }
 
 }  // namespace
 
-void parallel_chunks(std::int64_t chunks, const std::function<void(std::int64_t)>& task,
-                     int threads) {
-  const std::int64_t wanted = std::min<std::int64_t>(threads > 0 ? threads : num_threads(), chunks);
+void parallel_phases(std::span<const std::int64_t> chunks, const Job::Task& task, int threads) {
+  std::int64_t widest = 0;
+  for (const std::int64_t n : chunks) widest = std::max(widest, n);
+  const std::int64_t wanted = std::min<std::int64_t>(threads > 0 ? threads : num_threads(), widest);
   if (wanted <= 1 || inside_task) return run_serially(chunks, task);
   Pool& p = the_pool();
   const std::unique_lock busy(p.busy, std::try_to_lock);
@@ -235,6 +278,12 @@ void parallel_chunks(std::int64_t chunks, const std::function<void(std::int64_t)
   Job job(task, chunks, static_cast<int>(wanted));
   p.run(job);
   job.rethrow();
+}
+
+void parallel_chunks(std::int64_t chunks, const std::function<void(std::int64_t)>& task,
+                     int threads) {
+  parallel_phases(
+      std::span(&chunks, 1), [&](std::int64_t, std::int64_t chunk) { task(chunk); }, threads);
 }
 
 }  // namespace substep

@@ -6,6 +6,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <span>
 
 namespace substep {
 
@@ -21,6 +22,13 @@ void set_num_threads(int threads);
 // If tasks throw, all chunks below the lowest failed one have run and its exception is thrown.
 void parallel_chunks(std::int64_t chunks, const std::function<void(std::int64_t)>& task,
                      int threads = 0);
+
+// Several such loops one after the other, for less than they cost one by one: task(phase, chunk)
+// for each chunk in [0, chunks[phase]); a phase begins when all of the one before has run. If tasks
+// throw, the exception is that of the lowest failed chunk of the first phase with one, and later
+// phases do not run.
+void parallel_phases(std::span<const std::int64_t> chunks,
+                     const std::function<void(std::int64_t, std::int64_t)>& task, int threads = 0);
 
 // The same over [0, n) in chunks of `grain` items: task(begin, end).
 template <class Task>

@@ -4,6 +4,7 @@
 
 #include "substep/pbd/attachment.h"
 #include "substep/pbd/dihedral_bending.h"
+#include "substep/pbd/distance.h"
 #include "substep/pbd/isometric_bending.h"
 #include "substep/pbd/neo_hookean.h"
 #include "substep/pbd/tether.h"
@@ -16,7 +17,7 @@ template <class... Constraints>
 struct ConstraintList {};
 
 using AllConstraints =
-    ConstraintList<DihedralBending, IsometricBending, TriangleArea, TetrahedronVolume, Tether,
-                   Attachment, NeoHookeanDeviatoric, NeoHookeanHydrostatic>;
+    ConstraintList<Distance, DihedralBending, IsometricBending, TriangleArea, TetrahedronVolume,
+                   Tether, Attachment, NeoHookeanDeviatoric, NeoHookeanHydrostatic>;
 
 }  // namespace substep::pbd
