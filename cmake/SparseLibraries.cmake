@@ -38,7 +38,6 @@ endif()
 
 add_library(substep_sparse INTERFACE)
 target_include_directories(substep_sparse SYSTEM INTERFACE ${SUITESPARSE_INCLUDE})
-target_compile_definitions(substep_sparse INTERFACE SUBSTEP_GPL=$<BOOL:${SUBSTEP_GPL}>)
 # gomp is libcholmod's; we link it to keep its parallel regions serial (linalg/library_calls.h).
 target_link_libraries(substep_sparse INTERFACE
   -Wl,--push-state,--no-as-needed ${SUBSTEP_BLAS} ${SUBSTEP_LAPACK} -Wl,--pop-state
