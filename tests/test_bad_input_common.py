@@ -77,7 +77,54 @@ def sagged(positions):
     return body.positions
 
 
+ROWS = np.array([[0.5, 0.25, 1.0], [1.0, 2.0, 3.0]])
+
+
+def dropped(make):
+    """Positions after a step."""
+    simulation = make()
+    simulation.step(0.25)
+    return simulation.positions
+
+
 ENTRIES = [
+    Entry(
+        "PositionBasedDynamics positions",
+        lambda x: dropped(lambda: substep.PositionBasedDynamics(x, 1.0)),
+        ROWS,
+        "positions",
+        empty=(0, 3),
+    ),
+    Entry(
+        "PositionBasedDynamics velocities",
+        lambda v: dropped(lambda: substep.PositionBasedDynamics(ROWS, 1.0, velocities=v)),
+        ROWS,
+        "velocities",
+        any_length=False,
+        optional=True,
+    ),
+    Entry(
+        "PositionBasedFluid positions",
+        lambda x: dropped(lambda: substep.PositionBasedFluid(x, 0.5)),
+        ROWS,
+        "positions",
+        empty=(0, 3),
+    ),
+    Entry(
+        "PositionBasedFluid velocities",
+        lambda v: dropped(lambda: substep.PositionBasedFluid(ROWS, 0.5, velocities=v)),
+        ROWS,
+        "velocities",
+        any_length=False,
+        optional=True,
+    ),
+    Entry(
+        "neighbour_lists points",
+        lambda x: np.concatenate(substep.geometry.neighbour_lists(x, 4.0)),
+        ROWS,
+        "points",
+        empty=(0, 3),
+    ),
     Entry("solve_ivp y0", solved, np.array([0.5, 0.25]), "y0", empty=(0,), complex_ok=True),
     Entry(
         "solve_ivp y0 of a compiled system",
