@@ -172,7 +172,8 @@ class PositionBasedDynamics(Simulation):
         time: float = 0.0,
     ) -> None:
         self.dtype = _check_dtype(dtype)
-        columns = 2 if np.ndim(positions) == 2 and np.shape(positions)[1] == 2 else 3
+        shape = check_array("positions", positions).shape
+        columns = 2 if len(shape) == 2 and shape[1] == 2 else 3
         self.dimension = columns
         x = self._rows("positions", positions)
         n = len(x)
