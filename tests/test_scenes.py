@@ -16,6 +16,8 @@ DATA = Path(__file__).parents[2] / "shared" / "data" / "globcurrent"
 SMALL = {
     "cloth-drape": {"duration": 0.2, "vertices": 12},
     "cloth-hang": {"duration": 0.2, "vertices": 8},
+    "dam-break": {"duration": 0.1, "particles": 400},
+    "double-dam": {"duration": 0.1, "particles": 400},
     "double-gyre": {"duration": 2.0, "particles": 300},
     "jelly": {"duration": 0.2, "cells": 3},
     "kepler": {"duration": 2.0},
@@ -125,15 +127,19 @@ def test_resumes_to_the_same_bits(name, tmp_path):
     assert [p.name for p in (tmp_path / "cut").iterdir()] == [f"{name}.vtkhdf"]
 
 
+POSITION_BASED = ["dam-break", "double-dam"]
+
+
 @pytest.mark.parametrize(
-    "name", ["cloth-drape", "cloth-hang", "double-gyre", "jelly", "ocean-drift"]
+    "name",
+    ["cloth-drape", "cloth-hang", "double-gyre", "jelly", "ocean-drift", *POSITION_BASED],
 )
 def test_threads_do_not_change_the_bits(name, tmp_path):
     scene, parameters = small(name)
     before = substep.num_threads()
     hashes = set()
     try:
-        for threads in (1, 2, 3):
+        for threads in (1, 2, 3, 4):
             substep.set_num_threads(threads)
             run = scenes.run(scene, parameters, tmp_path / str(threads), frames=3)
             hashes.add(hash_of(run.recording))
@@ -152,6 +158,21 @@ def test_picture(name, tmp_path, capsys):
     assert err == "" and out.endswith(f"picture: {tmp_path / name}.png\n")
     assert out.startswith(f"{name}: 5 frames, ")
     assert (tmp_path / f"{name}.png").stat().st_size > 20_000
+
+
+@pytest.mark.parametrize("name", POSITION_BASED)
+def test_nothing_leaves_at_ten_times_the_usual_speed_and_step(name):
+    scene, parameters = small(name)
+    simulation = scene.build(scene.complete(scene.check(parameters)), 0)
+    usual = simulation._next_step()
+    fall = np.sqrt(2 * 9.81 * np.ptp(simulation.positions, axis=0).max())
+    directions = np.random.default_rng(1).normal(size=(len(simulation), 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    simulation.set_velocities(10 * fall * directions)
+    for _ in range(8):
+        simulation.step(10 * usual)
+        x = simulation.positions
+        assert min(collider.distance(x).min() for collider in simulation.colliders) >= 0
 
 
 class TestClothHang:
@@ -353,6 +374,77 @@ class TestJelly:
         assert words in outcome.summary and "filled with tetrahedra" in outcome.summary
         assert all(p[:, 2].min() > 0 for p in points)
         assert points[-1][:, 2].mean() < points[0][:, 2].mean() - 0.05
+
+
+class TestLiquids:
+    def test_a_column_collapses_and_stays_in_the_tank(self, tmp_path):
+        scene = scenes.load("dam-break")
+        run = scenes.run(scene, {"duration": 0.4, "particles": 1500}, tmp_path, frames=5)
+        assert ", 0 of them outside" in run.summary and "99 % of it are nearer than" in run.summary
+        with substep.Recording(run.recording) as recording:
+            spacing = float(recording.parameters["notes"]["spacing"])
+            tank = np.asarray(recording.parts["tank"].points)
+            pillar = np.asarray(recording.parts["pillar"].points)
+            assert recording.parts["tank"].edges.shape == (12, 2)
+            assert set(recording.parts["liquid"].fields) == {"velocity", "id"}
+            first, last = (recording["liquid"].points(k).astype(float) for k in (0, -1))
+        np.testing.assert_allclose(tank.max(axis=0)[[0, 2]], [3.0, 1.5])
+        assert len(first) == pytest.approx(1500, rel=0.1)
+        assert spacing**3 * len(first) == pytest.approx(1.0 * 1.2 * tank[:, 1].max(), rel=0.1)
+        assert first[:, 0].max() < 1 and last[:, 0].max() > 1.5
+        assert last[:, 2].max() < first[:, 2].max() + 0.1
+        for x in (first, last):
+            assert (x >= 0).all() and (x[:, :2] <= tank.max(axis=0)[:2]).all()
+            assert not ((x > pillar.min(axis=0)) & (x < pillar.max(axis=0))).all(axis=1).any()
+
+    def test_the_heavier_of_two_liquids_goes_below(self, tmp_path):
+        parameters = {"duration": 2.5, "particles": 800, "ratio": 3.0, "second": 1.0}
+        run = scenes.run(scenes.load("double-dam"), parameters, tmp_path, frames=3)
+        frames = frames_of(run.recording)
+        heights = [
+            [frame[part]["points"][:, 2].mean() for part in ("left", "right")]
+            for _, frame in frames
+        ]
+        assert heights[0][0] == pytest.approx(heights[0][1], rel=1e-3)
+        assert heights[-1][1] < 0.9 * heights[-1][0]
+        ids = [np.concatenate([frame[p]["id"] for p in ("left", "right")]) for _, frame in frames]
+        np.testing.assert_array_equal(ids[0], ids[-1])
+
+    @pytest.mark.slow
+    def test_a_mesh_filled_with_water(self, tmp_path):
+        path = MESHES / "stanford-bunny.obj"
+        if not path.exists():
+            pytest.skip("the meshes are not at hand")
+        parameters = {"mesh": str(path), "particles": 3000, "duration": 0.3}
+        run = scenes.run(scenes.load("dam-break"), parameters, tmp_path, frames=3)
+        assert "5 holes" in run.summary and ", 0 of them outside" in run.summary
+        (_, first), *_, (_, last) = frames_of(run.recording)
+        first, last = (frame["liquid"]["points"].astype(float) for frame in (first, last))
+        assert len(first) == pytest.approx(3000, rel=0.05)
+        bunny = substep.geometry.read_mesh(path)
+        turned = np.roll(bunny.vertices, 1, axis=1)  # y is up
+        sides = np.ptp(turned[bunny.faces].reshape(-1, 3), axis=0)
+        np.testing.assert_allclose(np.ptp(first, axis=0) / sides, 0.8 / sides[1], rtol=0.12)
+        assert last[:, 2].mean() < 0.7 * first[:, 2].mean()
+
+    @pytest.mark.parametrize(
+        ("scene", "settings", "words"),
+        [
+            ("dam-break", ["particles=0"], "particles: expected an integer from 1"),
+            ("dam-break", ["width=4"], "width: a column of 4 m does not fit into a tank of 3 m"),
+            ("dam-break", ["width=2.5"], "pillar: it would stand in the column"),
+            ("dam-break", ["mesh=none.obj"], "none.obj"),
+            ("dam-break", ["speed=1"], "speed: dam-break has no such parameter"),
+            ("double-dam", ["width=2"], "width: two columns of 2 m do not fit into 3 m"),
+            ("double-dam", ["ratio=0"], "ratio: expected a finite number above 0"),
+        ],
+    )
+    def test_what_cannot_be_run(self, tmp_path, capsys, scene, settings, words):
+        sets = [word for setting in settings for word in ("--set", setting)]
+        assert main(["run", scene, *sets, "--out", str(tmp_path / "run")]) == 2
+        out, err = capsys.readouterr()
+        assert out == "" and words in err and err.count("\n") == 1, err
+        assert not (tmp_path / "run").exists()
 
 
 def test_kepler_keeps_energy_where_it_should(tmp_path):

@@ -37,7 +37,7 @@ vec3 v = normalize(vertexVC.xyz);
 vec3 r = reflect(v, n);
 float F = {reflectance} + (1.0 - {reflectance}) * pow(1.0 - clamp(-dot(n, v), 0.0, 1.0), 5.0);
 float height = dot(r, vec3{up});
-float sky = mix(0.62, 0.97, smoothstep(-0.25, 0.35, height));
+float sky = mix(0.66, 1.0, smoothstep(-0.45, 0.25, height));
 float toKey = max(dot(r, vec3{key}), 0.0);
 float light = F * sky + 0.75 * pow(toKey, 220.0) + 0.10 * pow(toKey, 18.0);
 fragOutput0 = vec4(min(light, 1.0), 0.5 + 0.5 * n.x, 0.5 + 0.5 * n.y, 1.0);
@@ -152,12 +152,16 @@ class LiquidLayer:
         self._plotter.enable_anti_aliasing("msaa", multi_samples=8)
         self._plotter.screenshot(None, return_img=True)  # from now on it renders when asked to
 
-    def compose(self, image: NDArray[np.uint8], behind: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """Put the liquid into an image of the solids, with the distances to them [m]."""
-        if not self._liquid.data.n_cells:
-            return image
-        front, depth, buffer = self._look(behind)
-        rows, columns = np.nonzero((buffer[..., 3] > 0) & np.isfinite(front))
+    def paint(
+        self,
+        image: NDArray[np.uint8],
+        behind: NDArray[np.float32],
+        seen: tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.uint8]],
+        where: NDArray[np.bool_],
+    ) -> NDArray[np.uint8]:
+        """Put the liquid, as `look` saw it, into an image of what is behind, at some pixels."""
+        front, depth, buffer = seen
+        rows, columns = np.nonzero(where & (buffer[..., 3] > 0) & np.isfinite(front))
         coverage = buffer[rows, columns, 3:] / 255.0
         reflected, nx, ny = (buffer[rows, columns, :3] / (255.0 * coverage)).T
         nx, ny = 2 * nx - 1, 2 * ny - 1
@@ -168,10 +172,10 @@ class LiquidLayer:
         mirror = REFLECTANCE + (1 - REFLECTANCE) * (1 - facing) ** 5
         front, depth = front[rows, columns], depth[rows, columns]
         shift = REFRACTION * np.minimum(depth, 2 * self._clarity) * self._focal / front
-        seen = _sample(image, behind, front, rows, columns, shift * ny, -shift * nx)
+        background = _sample(image, behind, front, rows, columns, shift * ny, -shift * nx)
         lit = 0.62 + 0.38 * np.clip(nx * self._key[0] + ny * self._key[1] + nz * self._key[2], 0, 1)
         through = np.exp(-np.outer(depth / self._clarity, 1.2 - self._liquid.color))
-        body = seen * through + 255 * self._liquid.color * lit[:, None] * (1 - through)
+        body = background * through + 255 * self._liquid.color * lit[:, None] * (1 - through)
         shine = 255 * np.outer(reflected, SKY)
         color = np.clip((1 - mirror[:, None]) * body + shine, 0, 255)
         result = image.copy()
@@ -179,10 +183,13 @@ class LiquidLayer:
         result[rows, columns] = np.rint(old + coverage * (color - old)).astype(np.uint8)
         return result
 
-    def _look(
+    def look(
         self, behind: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.uint8]]:
-        """Distance to the front, depth of the liquid, and the image of what is reflected."""
+        """Distance to the front, depth of the liquid, and the image of what is reflected.
+
+        `behind` are the distances to the solids.
+        """
         plotter, property_ = self._plotter, self._actor.prop
         property_.culling = "front"
         for actor in self._hiding:
@@ -194,7 +201,7 @@ class LiquidLayer:
             actor.visibility = True
         plotter.render()
         buffer = plotter.screenshot(None, return_img=True, transparent_background=True)
-        front = distances(plotter)
+        front = _to_the_border(distances(plotter))
         with np.errstate(invalid="ignore"):
             first = np.minimum(np.where(np.isfinite(back), back, front), behind) - front
         return front, np.fmax(first, self._depth(behind)), buffer
@@ -228,6 +235,18 @@ class LiquidLayer:
             self._plotter.close()
 
 
+def compose(
+    layers: list[LiquidLayer], image: NDArray[np.uint8], behind: NDArray[np.float32]
+) -> NDArray[np.uint8]:
+    """All liquids before an image of the solids, with the distances to these; far ones first."""
+    seen = [layer.look(behind) for layer in layers]
+    order = np.argsort([-front for front, _, _ in seen], axis=0, kind="stable")
+    for rank in order:
+        for k, layer in enumerate(layers):
+            image = layer.paint(image, behind, seen[k], rank == k)
+    return image
+
+
 def distances(plotter: Any) -> NDArray[np.float32]:
     """Along the view, from the camera to what each pixel shows [m]; infinite for nothing."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
@@ -243,6 +262,14 @@ def distances(plotter: Any) -> NDArray[np.float32]:
             z < 1, near * far / (far - z * (far - near)), np.inf
         ).astype(np.float32)
     return distance
+
+
+def _to_the_border(front: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Distances also in the pixels at the border, of which the surface covers a part only."""
+    wide = np.pad(front, 1, constant_values=np.inf)
+    around = [np.roll(wide, shift, axis) for axis in (0, 1) for shift in (-1, 1)]
+    near: NDArray[np.float32] = np.minimum.reduce(around)[1:-1, 1:-1]
+    return np.where(np.isfinite(front), front, near)
 
 
 def _shade(actor: Any, code: str) -> None:

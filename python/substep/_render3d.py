@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ._egl import window_class
 from ._ground import Ground
-from ._liquid import LiquidBody, LiquidLayer, distances
+from ._liquid import LiquidBody, LiquidLayer, compose, distances
 from ._surfaces import in_space, magnitude, split_at_creases, vertex_normals
 from ._view import Camera, Look
 from .errors import InputError
@@ -171,17 +171,17 @@ class Stage:
     def image(self, recording: Recording, frame: int) -> NDArray[np.uint8]:
         """One frame of the recording as pixels, shape (height, width, 3)."""
         arrays = recording.frame(frame)
-        for name, body in {**self._bodies, **self._liquids}.items():
+        for name, body in self._bodies.items():
             body.update(arrays[name])
+        for name, liquid in self._liquids.items():
+            liquid.update(arrays[name])
         with _without_window():
             if self._ground is not None:
                 self._ground.cast_shadow()
             self._plotter.render()
             pixels: NDArray[np.uint8] = self._plotter.screenshot(None, return_img=True)
             if self._layers:
-                behind = distances(self._plotter)
-            for layer in self._layers:
-                pixels = layer.compose(pixels, behind)
+                pixels = compose(self._layers, pixels, distances(self._plotter))
         return pixels
 
     def __del__(self) -> None:
@@ -229,12 +229,19 @@ class _Body:
             edges = np.asarray(part.edges)
             rows = np.hstack([np.full((len(edges), 1), 2), edges])
             self.data = pyvista.PolyData(points, lines=rows.ravel())
+            if radius > 0 and len(edges):
+                self.kind, self._wire, self._radius = "tubes", self.data, radius
+                self.data = self._tubes()
         else:
             self.kind = "points"
             self.data = pyvista.PolyData(points)
             self._radius = radius
         if field is not None:
             self.data.point_data[field] = np.zeros(self.data.n_points)
+
+    def _tubes(self) -> Any:
+        """Tubes along the lines, which are joined to as few as they can be."""
+        return self._wire.strip(join=True).tube(radius=self._radius, n_sides=16)
 
     def add_to(self, plotter: Any, limits: tuple[float, float] | None) -> Any:
         """Put it before the camera; returns the actor."""
@@ -250,6 +257,8 @@ class _Body:
                 options["backface_params"] = {"color": back, "ambient": 0.4, "diffuse": 0.7}
         elif self.kind == "lines":
             options |= {"render_lines_as_tubes": True, "line_width": 4}
+        elif self.kind == "tubes":
+            options["interpolation"] = "Phong"
         else:
             options |= {"style": "points_gaussian", "emissive": False}
             options["render_points_as_spheres"] = True
@@ -277,6 +286,12 @@ class _Body:
         points = in_space(arrays["points"])
         if self._vertices is not None:
             points = points[self._vertices]
+        if self.kind == "tubes":
+            self._wire.points = points
+            if self._field is not None:
+                self._wire.point_data.set_scalars(magnitude(arrays[self._field]), self._field)
+            self.data.copy_from(self._tubes())
+            return
         if len(points) != self.data.n_points:  # of particles
             self.data.copy_from(self._pyvista.PolyData(points))
         self.data.points = points

@@ -85,7 +85,7 @@ class Look:
         Draw the edges of a surface.
     radius : float or callable, optional
         Of particles [m], or `radius(recording)` which returns it; half the distance to the next
-        one unless given.
+        one unless given. Of lines, which are four pixels wide unless given.
     liquid : bool
         Draw the surface of a liquid instead of its particles, unless a field colours these; needs
         `pip install "substep[surface]"`.

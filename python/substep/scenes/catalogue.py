@@ -14,6 +14,8 @@ from .declaration import Scene, closest
 BUILT_IN = (
     "cloth-drape",
     "cloth-hang",
+    "dam-break",
+    "double-dam",
     "double-gyre",
     "jelly",
     "kepler",
