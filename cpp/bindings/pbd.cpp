@@ -5,6 +5,7 @@
 #include "substep/core/errors.h"
 #include "substep/pbd/constraints.h"
 #include "substep/pbd/dynamics.h"
+#include "substep/pbd/multilevel.h"
 
 namespace {
 
@@ -30,6 +31,16 @@ Reals vectors(std::int64_t count, Fill&& fill) {
   Reals out({static_cast<py::ssize_t>(count), py::ssize_t{3}});
   fill(std::span(reinterpret_cast<Triple*>(out.mutable_data()), static_cast<std::size_t>(count)));
   return out;
+}
+
+std::vector<DistanceGraph::Edge> distance_edges(const std::vector<std::int32_t>& pairs,
+                                                const std::vector<double>& lengths) {
+  std::vector<DistanceGraph::Edge> edges;
+  edges.reserve(lengths.size());
+  for (std::size_t k = 0; k < lengths.size(); ++k) {
+    edges.push_back({pairs[2 * k], pairs[2 * k + 1], lengths[k]});
+  }
+  return edges;
 }
 
 // With the colliders of Python, which it moves and which are read before each step.
@@ -105,6 +116,22 @@ void bind_dynamics(py::module_& m, const char* group_name, const char* name) {
             return new Dynamics(colliders, self);
           },
           py::arg("colliders"))
+      .def(
+          "use_multilevel",
+          [](Dynamics& self, const Indices& pairs, const Reals& lengths, const Reals& rest) {
+            const auto at = rows(rest);
+            auto solver = std::make_unique<Multilevel<Real>>(
+                distance_edges(list(pairs), list(lengths)), std::vector(at.begin(), at.end()));
+            solver->attach({}, self.partition());
+            self.projector = std::move(solver);
+          },
+          py::arg("pairs").noconvert(), py::arg("lengths").noconvert(), py::arg("rest").noconvert())
+      .def_property_readonly("level_sizes",
+                             [](const Dynamics& self) {
+                               const auto* solver =
+                                   dynamic_cast<const Multilevel<Real>*>(self.projector.get());
+                               return solver ? solver->level_sizes() : std::vector<std::int64_t>{};
+                             })
       .def_readwrite("time", &Dynamics::time)
       .def_property(
           "threads", [](const Dynamics& self) { return self.options.threads; },

@@ -14,12 +14,13 @@ from ._checks import check_array, check_choice, check_integer, check_real
 from ._colliders import Collider
 from ._deformable import check_pinned, check_positive
 from ._pbd_group import Array, Constraint, check_each
+from ._pbd_multilevel import use_multilevel
 from ._simulation import Simulation
 from .errors import InputError
 
 __all__ = ["Distance", "PositionBasedDynamics"]
 
-SOLVERS = ("gauss_seidel", "jacobi")
+SOLVERS = ("gauss_seidel", "jacobi", "multilevel")
 DTYPES = {"float32": "32", "float64": "64"}
 
 
@@ -113,6 +114,11 @@ class PositionBasedDynamics(Simulation):
     solver : str
         'gauss_seidel', constraint after constraint in an order of colours, or 'jacobi', all at once
         with the mass of each particle split among its constraints: symmetric, but slow to converge.
+        'multilevel' is 'gauss_seidel' after corrections on coarser and coarser levels, for large
+        cloth: what is left of the error does not grow with the number of particles.
+    rest_positions : array_like, like `positions`, optional
+        Of 'multilevel': where the particles lie when rigid distances hold and nothing is folded,
+        such as cloth laid flat; `positions` unless given.
     relaxation : float
         Scales the corrections of 'jacobi', above 0 and below 2; above 1 is over-relaxation.
     damping : float
@@ -164,6 +170,7 @@ class PositionBasedDynamics(Simulation):
         substeps: int = 10,
         iterations: int = 1,
         solver: str = "gauss_seidel",
+        rest_positions: ArrayLike | None = None,
         relaxation: float = 1.0,
         damping: float = 0.0,
         step: float = 1 / 60,
@@ -217,6 +224,11 @@ class PositionBasedDynamics(Simulation):
             margin=check_real("margin", margin, positive=True),
             dimension=columns,
         )
+        if rest_positions is not None and self.solver != "multilevel":
+            raise InputError("rest_positions: only the solver 'multilevel' has a use for them")
+        if self.solver == "multilevel":
+            rest = x if rest_positions is None else self._rows("rest_positions", rest_positions, n)
+            use_multilevel(native, self.constraints, x, rest)
         super().__init__(native, time, threads)
 
     def _rows(self, name: str, values: ArrayLike, count: int | None = None) -> Array:
