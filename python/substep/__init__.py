@@ -40,7 +40,7 @@ _EXPORTS = {
         "open_field",
     ),
     "geometry": ("Box", "Plane", "SignedDistanceField", "Sphere", "liquid_surface"),
-    "pbd": ("PositionBasedDynamics",),
+    "pbd": ("Distance", "PositionBasedDynamics"),
     "pbf": ("PositionBasedFluid",),
     "second_order": ("SecondOrderResult", "solve_second_order"),
     "springs": ("MassSpring", "SoftBody"),
@@ -110,7 +110,7 @@ if TYPE_CHECKING:
     )
     from .geometry import Box, Plane, SignedDistanceField, Sphere, liquid_surface
     from .ode import OdeResult, OdeSolution, solve_ivp
-    from .pbd import PositionBasedDynamics
+    from .pbd import Distance, PositionBasedDynamics
     from .pbf import PositionBasedFluid
     from .recording import Part, Recorder, Recording
     from .scipy_solvers import (
