@@ -136,6 +136,10 @@ FluidOptions options(const py::dict& given) {
                .relaxation = given["relaxation"].cast<double>(),
                .artificial_pressure = given["artificial_pressure"].cast<double>(),
                .one_sided = given["one_sided"].cast<bool>()};
+  o.forces = {.xsph = given["xsph"].cast<double>(),
+              .viscosity = given["viscosity"].cast<std::vector<double>>(),
+              .vorticity_confinement = given["vorticity_confinement"].cast<double>(),
+              .surface_tension = given["surface_tension"].cast<double>()};
   o.masses = given["masses"].cast<std::vector<double>>();
   o.gravity = vector(given["gravity"].cast<Triple>());
   o.tolerance = given["tolerance"].cast<double>();
@@ -182,6 +186,9 @@ void bind_liquid(py::module_& m, const char* name) {
             self.fluid.remove(flags);
           },
           py::arg("places").noconvert())
+      .def(
+          "absorb", [](L& self, const Collider& region) { return self.fluid.absorb(region); },
+          py::arg("region"), py::call_guard<ReleaseGil>())
       .def("step", &L::step, py::arg("dt"), py::call_guard<ReleaseGil>())
       .def("__len__", [](const L& self) { return self.fluid.particles.size(); })
       .def_property(
@@ -266,6 +273,10 @@ void bind_pbf(py::module_& m) {
       .def_readonly("iterations", &FluidReport::iterations)
       .def_readonly("converged", &FluidReport::converged)
       .def_readonly("limited", &FluidReport::limited)
+      .def_property_readonly("viscosity_iterations",
+                             [](const FluidReport& r) { return r.viscosity.iterations; })
+      .def_property_readonly("viscosity_converged",
+                             [](const FluidReport& r) { return r.viscosity.converged; })
       .def_readonly("removed", &FluidReport::removed)
       .def_readonly("clamped", &FluidReport::clamped)
       .def_property_readonly("mean_error",

@@ -41,7 +41,7 @@ _EXPORTS = {
     ),
     "geometry": ("Box", "Plane", "SignedDistanceField", "Sphere", "liquid_surface"),
     "pbd": ("Distance", "PositionBasedDynamics"),
-    "pbf": ("PositionBasedFluid",),
+    "pbf": ("Emitter", "PositionBasedFluid", "Sink", "fill_box", "fill_mesh", "relax"),
     "second_order": ("SecondOrderResult", "solve_second_order"),
     "springs": ("MassSpring", "SoftBody"),
     "scipy_solvers": (
@@ -111,7 +111,7 @@ if TYPE_CHECKING:
     from .geometry import Box, Plane, SignedDistanceField, Sphere, liquid_surface
     from .ode import OdeResult, OdeSolution, solve_ivp
     from .pbd import Distance, PositionBasedDynamics
-    from .pbf import PositionBasedFluid
+    from .pbf import Emitter, PositionBasedFluid, Sink, fill_box, fill_mesh, relax
     from .recording import Part, Recorder, Recording
     from .scipy_solvers import (
         DOP853,

@@ -46,6 +46,9 @@ class Simulation:
         """Size of the step that `advance` takes now [s]."""
         raise NotImplementedError
 
+    def _take_step(self, dt: float) -> None:
+        self._native.step(dt)
+
     def state(self) -> dict[str, Any]:
         """Copy the whole state, for `restore`."""
         raise NotImplementedError
@@ -70,7 +73,7 @@ class Simulation:
             With the time and the index of what went wrong; the state is then unchanged.
         """
         with self._own():
-            self._native.step(
+            self._take_step(
                 self._next_step() if dt is None else check_real("dt", dt, positive=True)
             )
 
@@ -98,10 +101,10 @@ class Simulation:
             while self.time < end:
                 h, left = self._next_step(), end - self.time
                 if left <= h * (1 + 1e-9):
-                    self._native.step(left)
+                    self._take_step(left)
                     self._native.time = end
                 elif self.time + h > self.time:
-                    self._native.step(h)
+                    self._take_step(h)
                 else:
                     raise InputError(f"step: {h} s is below the spacing of the time {self.time}")
 

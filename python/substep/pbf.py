@@ -13,17 +13,30 @@ from . import _core
 from ._checks import check_array, check_choice, check_integer, check_real
 from ._colliders import Collider
 from ._deformable import check_positive
+from ._pbf_emitters import Emitter, Sink, check_all
+from ._pbf_seeding import fill_box, fill_mesh, relax
 from ._simulation import Simulation
 from .errors import InputError
 
-__all__ = ["PositionBasedFluid"]
+__all__ = ["Emitter", "PositionBasedFluid", "Sink", "fill_box", "fill_mesh", "relax"]
 
 Array = NDArray[np.float64]
 
 KERNELS = ("cubic_spline", "poly6_spiky")
 ON_ESCAPE = ("raise", "remove", "clamp")
 _LARGEST_STEP = 1 / 60  # [s], where nothing moves
-_STATE = ("time", "next_id", "positions", "velocities", "forces", "ids", "fluids", "colliders")
+_STATE = (
+    "time",
+    "next_id",
+    "positions",
+    "velocities",
+    "forces",
+    "ids",
+    "fluids",
+    "colliders",
+    "layers",
+    "absorbed",
+)
 
 
 class PositionBasedFluid(Simulation):
@@ -66,6 +79,19 @@ class PositionBasedFluid(Simulation):
         lattice; at least 0.
     artificial_pressure : float
         Repulsion of close particles against clumps, as the density error that pushes as hard.
+    xsph : float
+        Part, from 0 to 1, of the difference to the mean velocity around that each step takes away
+        (XSPH); smooths the motion, conserves linear momentum only.
+    viscosity : float or sequence of float
+        Kinematic viscosity [m^2/s], at least 0, implicit, so stable with any; one for each fluid.
+    vorticity_confinement : float
+        Strength [m/s], at least 0, of the force that spins up eddies.
+    surface_tension : float
+        Surface tension [N/m], at least 0. docs/pbf_forces.md has the equations of these four.
+    emitters : sequence of Emitter
+        Nozzles.
+    sinks : sequence of Sink
+        Regions that swallow particles.
     one_sided : bool
         Only compression is corrected. False also pulls particles of low density together, as at a
         free surface.
@@ -129,6 +155,12 @@ class PositionBasedFluid(Simulation):
         max_iterations: int = 10,
         relaxation: float = 1e-3,
         artificial_pressure: float = 0.0,
+        xsph: float = 0.0,
+        viscosity: float | Sequence[float] = 0.0,
+        vorticity_confinement: float = 0.0,
+        surface_tension: float = 0.0,
+        emitters: Sequence[Emitter] = (),
+        sinks: Sequence[Sink] = (),
         one_sided: bool = True,
         on_escape: str = "raise",
         bounds: ArrayLike | None = None,
@@ -170,6 +202,8 @@ class PositionBasedFluid(Simulation):
                 "artificial_pressure", artificial_pressure, nonnegative=True
             ),
             "one_sided": bool(one_sided),
+            "viscosity": _check_viscosity(viscosity, len(self.density)),
+            **_check_forces(xsph, vorticity_confinement, surface_tension),
             "on_escape": check_choice("on_escape", on_escape, ON_ESCAPE),
             "bounds": _check_bounds(bounds, d),
         }
@@ -181,6 +215,15 @@ class PositionBasedFluid(Simulation):
         self._origin = [0.0, 0.0, 0.0]
         if len(x):
             self._origin[:d] = ((x.min(axis=0) + x.max(axis=0)) / 2).tolist()
+        self.emitters = check_all("emitters", emitters, Emitter)
+        for k, emitter in enumerate(self.emitters):
+            if emitter.dimension != d:
+                raise InputError(f"emitters[{k}]: expected one in {d}D")
+            if emitter.fluid >= len(self.density):
+                raise InputError(f"emitters[{k}]: there is no fluid {emitter.fluid}")
+        self.sinks = check_all("sinks", sinks, Sink)
+        self._layers = np.zeros(len(self.emitters), np.int64)
+        self._absorbed = np.zeros(len(self.sinks), np.int64)
         super().__init__(self._make(), time, threads)
         self.add(x, velocities=velocities, fluid=fluid)
 
@@ -375,6 +418,27 @@ class PositionBasedFluid(Simulation):
             raise InputError(f"fluid[{k}]: expected a number from 0 to {last}, got {array[k]}")
         return np.ascontiguousarray(array, np.int32)
 
+    @property
+    def emitted(self) -> NDArray[np.int64]:
+        """Particles that each emitter has let out, shape (emitters,); a copy."""
+        points = [len(emitter._layer(self.spacing)[0]) for emitter in self.emitters]
+        return self._layers * np.array(points, np.int64)
+
+    @property
+    def absorbed(self) -> NDArray[np.int64]:
+        """Particles that each sink has swallowed, shape (sinks,); a copy."""
+        return self._absorbed.copy()
+
+    def _take_step(self, dt: float) -> None:
+        """Step; let out what came meanwhile; take out what lies in a sink."""
+        self._native.step(dt)
+        for k, emitter in enumerate(self.emitters):
+            x, self._layers[k] = emitter._emit(self.spacing, int(self._layers[k]), self.time)
+            v = np.broadcast_to(emitter.speed * emitter.direction, x.shape)
+            self._native.add(x, np.ascontiguousarray(v), np.full(len(x), emitter.fluid, np.int32))
+        for k, sink in enumerate(self.sinks):
+            self._absorbed[k] += self._native.absorb(sink.shape._native)
+
     def _next_step(self) -> float:
         return self.step_limit()[0] if self.step_size is None else self.step_size
 
@@ -389,11 +453,25 @@ class PositionBasedFluid(Simulation):
         str
             The reason.
         """
-        speed = self._native.fastest
+        speed = max([self._native.fastest, *(emitter.speed for emitter in self.emitters)])
         limit = self.cfl * self.spacing / speed if speed > 0 else math.inf
+        waves = self._capillary_step()
+        if waves < min(limit, _LARGEST_STEP):
+            return waves, "capillary waves of the length of a spacing"
         if limit >= _LARGEST_STEP:
             return _LARGEST_STEP, "nothing moves fast enough to need a shorter one"
         return limit, f"CFL {self.cfl:g} at a speed of {speed:.4g} m/s"
+
+    def _capillary_step(self) -> float:
+        """Step that resolves the shortest capillary waves [s].
+
+        Brackbill, Kothe and Zemach (1992), eq. 61: sqrt(rho d^3 / (2 pi sigma)), of the lightest
+        fluid.
+        """
+        sigma: float = self._options["surface_tension"]
+        if sigma == 0:
+            return math.inf
+        return math.sqrt(float(self.density.min()) * self.spacing**3 / (2 * math.pi * sigma))
 
     def diagnostics(self) -> dict[str, float]:
         """Energies, momenta and the density errors of the last step.
@@ -466,7 +544,12 @@ class PositionBasedFluid(Simulation):
         """
         rows = [collider._native.state for collider in self.colliders]
         state: dict[str, Any] = self._native.state()
-        return state | {"colliders": np.array(rows) if rows else np.zeros((0, 0))}
+        moving = np.array(rows) if rows else np.zeros((0, 0))
+        return state | {
+            "colliders": moving,
+            "layers": self._layers.copy(),
+            "absorbed": self._absorbed.copy(),
+        }
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a state, bit for bit.
@@ -505,7 +588,15 @@ class PositionBasedFluid(Simulation):
             state["colliders"],
             (len(self.colliders), 21) if self.colliders else (0, 0),
         )
+        counts = {}
+        for name, m in (("layers", len(self.emitters)), ("absorbed", len(self.sinks))):
+            counts[name] = np.array(state[name])
+            if counts[name].shape != (m,) or counts[name].dtype != np.int64:
+                raise InputError(f"state[{name!r}]: expected int64 numbers of shape ({m},)")
+            if (counts[name] < 0).any():
+                raise InputError(f"state[{name!r}]: expected numbers of at least 0")
         with self._own():
+            self._layers, self._absorbed = counts["layers"], counts["absorbed"]
             self._native.restore(time, next_id, *rows.values(), ids, fluids)
             for collider, values in zip(self.colliders, moving, strict=True):
                 collider._native.state = values.tolist()
@@ -516,6 +607,29 @@ def _check_dtype(dtype: DTypeLike) -> np.dtype[Any]:
     if found not in (np.float32, np.float64):
         raise InputError(f"dtype: expected float32 or float64, got {found}")
     return found
+
+
+def _check_viscosity(viscosity: Any, fluids: int) -> list[float]:
+    """Of each fluid; nothing if there is none."""
+    values = check_array("viscosity", np.atleast_1d(viscosity))
+    if values.shape not in ((1,), (fluids,)):
+        raise InputError(f"viscosity: expected 1 or {fluids} numbers, got shape {values.shape}")
+    if (values < 0).any():
+        k = int(np.argmax(values < 0))
+        raise InputError(f"viscosity[{k}]: expected at least 0, got {values[k]}")
+    rows: list[float] = np.broadcast_to(values, fluids).tolist() if values.any() else []
+    return rows
+
+
+def _check_forces(xsph: Any, confinement: Any, tension: Any) -> dict[str, float]:
+    options = {
+        "xsph": check_real("xsph", xsph, nonnegative=True),
+        "vorticity_confinement": check_real("vorticity_confinement", confinement, nonnegative=True),
+        "surface_tension": check_real("surface_tension", tension, nonnegative=True),
+    }
+    if options["xsph"] > 1:
+        raise InputError(f"xsph: expected a number from 0 to 1, got {options['xsph']}")
+    return options
 
 
 def _check_bounds(bounds: ArrayLike | None, d: int) -> list[list[float]] | None:

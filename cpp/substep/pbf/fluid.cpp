@@ -103,6 +103,22 @@ void Fluid<Real>::remove(std::span<const std::uint8_t> flags) {
 }
 
 template <class Real>
+std::int64_t Fluid<Real>::absorb(const geometry::Collider& region) {
+  const std::int64_t n = particles.size();
+  std::vector<std::uint8_t> inside(static_cast<std::size_t>(n));
+  parallel_for(
+      n, kGrain,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t i = begin; i < end; ++i) {
+          inside[i] = region.signed_distance(world(particles.x[i])).value < 0 ? 1 : 0;
+        }
+      },
+      options.threads);
+  if (std::find(inside.begin(), inside.end(), 1) != inside.end()) remove(inside);
+  return n - particles.size();
+}
+
+template <class Real>
 void Fluid<Real>::step(double dt) {
   const std::vector<geometry::Collider> colliders = boundary.colliders();
   new_report_ = {};
@@ -110,8 +126,10 @@ void Fluid<Real>::step(double dt) {
     predict(dt);
     keep_in_reach();
     sort();
+    act_on_positions(dt);
     solve(dt);
     finish(dt);
+    act_on_velocities(dt);
     keep_in_bounds();
   } catch (...) {
     boundary.colliders() = colliders;
@@ -220,15 +238,46 @@ void Fluid<Real>::solve(double dt) {
   }
 }
 
+template <class Real>
+typename Forces<Real>::Rows Fluid<Real>::rows() const {
+  return {neighbours_,
+          next_.fluid,
+          static_cast<Real>(density.radius()),
+          static_cast<Real>(density.volume()),
+          options.density.dimension,
+          options.threads};
+}
+
+template <class Real>
+void Fluid<Real>::act_on_positions(double dt) {
+  forces_.act_on_positions(options.forces, rows(), options.masses[0], dt, next_.x);
+}
+
+template <class Real>
+void Fluid<Real>::act_on_velocities(double dt) {
+  if (!options.forces.any_on_velocities()) return;
+  next_.v.push_back({0, 0, 0, 0});
+  new_report_.viscosity = forces_.act_on_velocities(options.forces, rows(), next_.x, dt, next_.v);
+  next_.v.pop_back();
+  refuse_bad_velocity([&](std::int64_t i) { return next_.v[i]; });
+}
+
 // v = (x* - x) / dt.
 template <class Real>
 void Fluid<Real>::finish(double dt) {
-  const std::int64_t n = next_.size();
   const auto rate = static_cast<Real>(1 / dt);
-  const std::int64_t bad = first_where(n, options.threads, [&](std::int64_t i) {
+  refuse_bad_velocity([&](std::int64_t i) {
     const Point<Real>&x = next_.x[i], &old = old_x_[i];
-    Point<Real>& v = next_.v[i];
-    v = {(x.x - old.x) * rate, (x.y - old.y) * rate, (x.z - old.z) * rate, 0};
+    return next_.v[i] = {(x.x - old.x) * rate, (x.y - old.y) * rate, (x.z - old.z) * rate, 0};
+  });
+  boundary.end_step(old_x_, old_v_, next_.v, mass_);
+}
+
+template <class Real>
+template <class Velocity>
+void Fluid<Real>::refuse_bad_velocity(const Velocity& velocity) const {
+  const std::int64_t bad = first_where(next_.size(), options.threads, [&](std::int64_t i) {
+    const Point<Real> v = velocity(i);
     return !std::isfinite(v.x + v.y + v.z);
   });
   if (bad >= 0) {
@@ -236,7 +285,6 @@ void Fluid<Real>::finish(double dt) {
                              " is not finite; take a shorter step",
                          time, next_.id[bad]);
   }
-  boundary.end_step(old_x_, old_v_, next_.v, mass_);
 }
 
 template <class Real>

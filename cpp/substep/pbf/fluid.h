@@ -9,6 +9,7 @@
 #include "substep/geometry/neighbours.h"
 #include "substep/pbf/boundary.h"
 #include "substep/pbf/density.h"
+#include "substep/pbf/forces.h"
 #include "substep/pbf/particles.h"
 
 namespace substep::pbf {
@@ -17,6 +18,7 @@ enum class OnEscape { kRaise, kRemove, kClamp };
 
 struct FluidOptions {
   DensityOptions density;
+  ForceOptions forces;
   std::vector<double> masses;  // of a particle of each fluid [kg]
   Vec3 gravity = {0, 0, -9.81};
   double tolerance = 1e-3;   // of the mean density error
@@ -31,8 +33,9 @@ struct FluidOptions {
 struct FluidReport {
   int iterations = 0;
   bool converged = true;
-  DensityError density_error;             // before the last correction, if there was one
-  std::int64_t limited = 0;               // corrections that reached the limit
+  DensityError density_error;  // before the last correction, if there was one
+  std::int64_t limited = 0;    // corrections that reached the limit
+  ViscosityReport viscosity;
   std::int64_t removed = 0, clamped = 0;  // particles that left the bounds
 };
 
@@ -51,6 +54,8 @@ class Fluid {
   std::int64_t add(std::span<const Vec3> x, std::span<const Vec3> v,
                    std::span<const std::int32_t> fluid);
   void remove(std::span<const std::uint8_t> flags);  // by row
+  // Takes out what lies inside; returns how many.
+  std::int64_t absorb(const geometry::Collider& region);
   // Throws InputError with the index of a point too far from the origin for cells to be numbered.
   void check_reach(std::span<const Vec3> x) const;
 
@@ -83,6 +88,8 @@ class Fluid {
  private:
   void predict(double dt);
   void keep_in_reach();
+  void act_on_positions(double dt);
+  void act_on_velocities(double dt);
   void sort();
   void solve(double dt);
   void finish(double dt);
@@ -90,12 +97,16 @@ class Fluid {
   void commit(double dt);
 
   Real inverse_mass(std::int32_t fluid) const;
+  typename Forces<Real>::Rows rows() const;
+  template <class Velocity>
+  void refuse_bad_velocity(const Velocity& velocity) const;
 
   // During a step: the particles as it began and, in the order of their cells, as it ends.
   Particles<Real> now_, next_;
   std::vector<Point<Real>> predicted_, old_x_, old_v_, multipliers_;
   std::vector<Real> mass_;  // of each particle, or one for all [kg]
   geometry::Neighbours<Real> neighbours_;
+  Forces<Real> forces_;
   FluidReport new_report_;
 };
 

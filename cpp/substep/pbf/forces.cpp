@@ -1,0 +1,50 @@
+#include "substep/pbf/forces.h"
+
+#include "substep/pbf/xsph.h"
+
+namespace substep::pbf {
+
+template <class Real>
+void Forces<Real>::act_on_positions(const ForceOptions& options, const Rows& rows,
+                                    double reference_mass, double dt, std::vector<Point<Real>>& x) {
+  if (!(options.surface_tension > 0)) return;
+  other_ = x;
+  surface_tension_.displace(
+      {other_, {}, rows.lists, rows.h, rows.volume, rows.dimension, rows.threads},
+      options.surface_tension, reference_mass, static_cast<Real>(dt), x);
+}
+
+template <class Real>
+ViscosityReport Forces<Real>::act_on_velocities(const ForceOptions& options, const Rows& rows,
+                                                std::span<const Point<Real>> x, double dt,
+                                                std::vector<Point<Real>>& v) {
+  ViscosityReport report;
+  const auto near = [&] {
+    return Neighbourhood<Real>{x, v, rows.lists, rows.h, rows.volume, rows.dimension, rows.threads};
+  };
+  other_.resize(v.size());
+  if (!options.viscosity.empty()) {
+    nu_.resize(rows.fluid.size());
+    for (std::size_t i = 0; i < nu_.size(); ++i) {
+      nu_[i] = static_cast<Real>(options.viscosity[static_cast<std::size_t>(rows.fluid[i])]);
+    }
+    report = viscosity_.solve(near(), nu_, static_cast<Real>(dt),
+                              static_cast<Real>(options.viscosity_tolerance),
+                              options.viscosity_iterations, other_);
+    v.swap(other_);
+  }
+  if (options.xsph > 0) {
+    xsph<Real>(near(), static_cast<Real>(options.xsph), other_);
+    v.swap(other_);
+  }
+  if (options.vorticity_confinement > 0) {
+    confinement_.apply(near(), static_cast<Real>(options.vorticity_confinement),
+                       static_cast<Real>(dt), v);
+  }
+  return report;
+}
+
+template class Forces<float>;
+template class Forces<double>;
+
+}  // namespace substep::pbf
