@@ -35,7 +35,11 @@ Boundary<Real>::Boundary(std::vector<Collider> obstacles, const DensityConstrain
   const auto table = [&](double radius) {
     return std::make_shared<const DistanceTable>(kernel, radius_, dimension_, radius);
   };
-  if (!colliders().empty()) plane_ = table(std::numeric_limits<double>::infinity());
+  if (!colliders().empty()) {
+    mirror_ = std::make_shared<const Mirror>(
+        DistanceTable(kernel, radius_, dimension_, std::numeric_limits<double>::infinity()),
+        radius_, density.options().spacing, density.half_lattice());
+  }
   const auto add = [&](const Collider& collider) -> Wall {
     if (const auto* sphere = std::get_if<Sphere>(&collider.shape())) return table(sphere->radius);
     if (std::holds_alternative<Box>(collider.shape())) {
@@ -43,51 +47,36 @@ Boundary<Real>::Boundary(std::vector<Collider> obstacles, const DensityConstrain
       if (collider.hollow()) return Tank{};
       return Block{};
     }
-    if (std::holds_alternative<Plane>(collider.shape()) || dimension_ == 2) return plane_;
+    if (std::holds_alternative<Plane>(collider.shape()) || dimension_ == 2) return Flat{};
     const auto& field = *std::get<std::shared_ptr<const SampledDistance>>(collider.shape());
     return std::make_shared<const DensityMap>(field, collider.hollow(), kernel, radius_, threads);
   };
   for (const Collider& collider : colliders()) walls_.push_back(add(collider));
 }
 
-// Planes at distances s, less what lies beyond two of them, plus what beyond three.
+// One wall as a plane; where more meet, all but the box of those that the mirror makes of them.
 template <class Real>
 WallDensity Boundary<Real>::in_tank(const Vec3& half_lengths, const Vec3& x) const {
-  const Vec3 s = half_lengths - x.cwiseAbs();  // from the nearer wall of each axis
-  const int axes = dimension_;
   WallDensity result;
+  Vec3 low = Vec3::Constant(-radius_), high = -low, low_stretch = Vec3::Zero(),
+       high_stretch = low_stretch;
   int near = 0;
-  bool is_near[3] = {};
-  for (int axis = 0; axis < axes; ++axis) {
-    if (s[axis] >= radius_) continue;
-    if (2 * half_lengths[axis] - s[axis] < radius_) {  // the opposite wall, too
-      WallDensity box = corner_->box(-half_lengths - x, half_lengths - x);
-      return {1 - box.value, -box.gradient};
-    }
-    const auto [value, slope] = (*plane_)(s[axis]);
-    result.value += value;
-    result.gradient[axis] += x[axis] > 0 ? -slope : slope;
-    is_near[axis] = true;
-    ++near;
+  for (int axis = 0; axis < dimension_; ++axis) {
+    const auto add = [&](double s, double sign, double& side, double& stretch) {
+      if (s >= mirror_->reach()) return;
+      const Mirror::Entry wall = (*mirror_)(s);
+      side = sign * wall.distance;
+      stretch = wall.stretch;
+      result.value += wall.value;
+      result.gradient[axis] -= sign * wall.slope;
+      ++near;
+    };
+    add(half_lengths[axis] + x[axis], -1, low[axis], low_stretch[axis]);
+    add(half_lengths[axis] - x[axis], 1, high[axis], high_stretch[axis]);
   }
   if (near < 2) return result;
-  const auto add = [&](double sign, const Vec3& from) {
-    const CornerTable::Octant o = corner_->octant(from.cwiseMax(0.0));
-    result.value += sign * o[0];
-    for (int axis = 0; axis < axes; ++axis) {
-      const double slope = sign * o[static_cast<std::size_t>(axis) + 1];
-      if (from[axis] > 0) result.gradient[axis] += x[axis] > 0 ? -slope : slope;
-    }
-  };
-  for (int axis = 0; axis < 3; ++axis) {  // pairs of the two other axes
-    const int a = (axis + 1) % 3, b = (axis + 2) % 3;
-    if (!is_near[a] || !is_near[b]) continue;
-    Vec3 from = s;
-    from[axis] = 0;
-    add(-2, from);
-  }
-  if (near == 3) add(1, s);
-  return result;
+  const auto [value, by_low, by_high] = corner_->box(low, high);
+  return {1 - value, by_low.cwiseProduct(low_stretch) + by_high.cwiseProduct(high_stretch)};
 }
 
 // Of collider c at a point of its frame.
@@ -95,18 +84,32 @@ template <class Real>
 WallDensity Boundary<Real>::wall_density(std::size_t c, const Vec3& local) const {
   const Collider& collider = colliders()[c];
   const Wall& wall = walls_[c];
-  if (const auto* table = std::get_if<std::shared_ptr<const DistanceTable>>(&wall)) {
-    const auto [d, gradient] = collider.local_distance(local);
-    // What is outside of a ball is all but the ball, from the other side.
-    const bool outside = collider.hollow() && std::holds_alternative<Sphere>(collider.shape());
-    const auto [value, slope] = (**table)(outside ? -d : d);
-    return {outside ? 1 - value : value, slope * gradient.normalized()};
+  if (std::holds_alternative<Tank>(wall)) {
+    return in_tank(std::get<Box>(collider.shape()).half_lengths, local);
   }
-  if (const auto* map = std::get_if<std::shared_ptr<const DensityMap>>(&wall))
-    return (**map)(local);
-  const Vec3& half_lengths = std::get<Box>(collider.shape()).half_lengths;
-  if (std::holds_alternative<Tank>(wall)) return in_tank(half_lengths, local);
-  return corner_->box(-half_lengths - local, half_lengths - local);
+  const auto [d, slope] = collider.local_distance(local);
+  const Vec3 n = slope.normalized();
+  const Mirror::Entry mirrored = (*mirror_)(d);
+  if (mirrored.value == 0) return {};
+  if (std::holds_alternative<Flat>(wall)) return {mirrored.value, mirrored.slope * n};
+  if (const auto* table = std::get_if<std::shared_ptr<const DistanceTable>>(&wall)) {
+    // What is outside of a ball is all but the ball, from the other side.
+    const double side = collider.hollow() ? -1 : 1;
+    const auto [value, change] = (**table)(side * mirrored.distance);
+    return {collider.hollow() ? 1 - value : value, change * mirrored.stretch * n};
+  }
+  // The particle as if at the distance that the mirror says.
+  const Vec3 at = local + (mirrored.distance - d) * n;
+  WallDensity result;
+  if (const auto* map = std::get_if<std::shared_ptr<const DensityMap>>(&wall)) {
+    result = (**map)(at);
+  } else {
+    const Vec3& half_lengths = std::get<Box>(collider.shape()).half_lengths;
+    const auto [value, by_low, by_high] = corner_->box(-half_lengths - at, half_lengths - at);
+    result = {value, -by_low - by_high};
+  }
+  result.gradient += (mirrored.stretch - 1) * n.dot(result.gradient) * n;
+  return result;
 }
 
 template <class Real>
@@ -129,7 +132,7 @@ void Boundary<Real>::find_near(std::span<const Point<Real>> x, int threads) {
   if (colliders().empty()) return;
   // Sweeps move particles, by less than half of the radius as a rule; who comes near by more than
   // that is seen in the next step.
-  const double reach = 1.5 * radius_;
+  const double reach = mirror_->reach() + 0.5 * radius_;
   const auto find = [&](std::int64_t begin, std::int64_t end, std::vector<Near>& found) {
     Vec3 low = vector(x[begin]), high = low;
     for (std::int64_t i = begin + 1; i < end; ++i) {

@@ -1,8 +1,10 @@
 // What obstacles do to a fluid: a share of the density near them (wall_integrals.h, density_map.h),
 // and no way through (geometry/particle_contact.h).
 //
-// An obstacle is taken as filled with the fluid at rest. The density constraint pushes a particle
-// off it by w_i lambda_i grad b_i; that, and what the contact adds, is what the obstacle is given.
+// An obstacle is taken as filled with the liquid, in layers that begin as far behind its surface as
+// the particle is before it (Mirror): so a lattice half a spacing from plane walls is at rest, and
+// liquid that settled fills its volume. The density constraint pushes a particle off an obstacle by
+// w_i lambda_i grad b_i; that, and what the contact adds, is what the obstacle is given.
 // Deviation: in two dimensions boxes are taken as long along z, balls as discs of their radius, and
 // sampled distances as planes at their nearest points.
 #pragma once
@@ -47,9 +49,10 @@ class Boundary {
 
  private:
   // How b is found, one for each collider.
+  struct Flat {};
   struct Tank {};   // the inside of a box
   struct Block {};  // a solid box
-  using Wall = std::variant<std::shared_ptr<const DistanceTable>, Tank, Block,
+  using Wall = std::variant<Flat, std::shared_ptr<const DistanceTable>, Tank, Block,
                             std::shared_ptr<const DensityMap>>;
   // A particle near collider c, and the part of c in grad b.
   struct Near {
@@ -64,7 +67,7 @@ class Boundary {
   double radius_;
   int dimension_;
   std::vector<Wall> walls_;
-  std::shared_ptr<const DistanceTable> plane_;
+  std::shared_ptr<const Mirror> mirror_;
   std::shared_ptr<const CornerTable> corner_;
   std::vector<std::vector<Near>> near_;  // by chunks of particles, ascending
   std::vector<Point<Real>> contributions_;

@@ -208,21 +208,27 @@ void DensityConstraint<Real>::for_kernel(Visit&& visit) const {
 
 template <class Real>
 DensityConstraint<Real>::DensityConstraint(const DensityOptions& options)
-    : options_(options), radius_(options.support * options.spacing), volume_(1), gradient_sum_(0) {
+    : options_(options),
+      radius_(options.support * options.spacing),
+      volume_(1),
+      gradient_sum_(0),
+      half_lattice_(0) {
   // Sums over the lattice; those of the gradients themselves vanish by symmetry.
   const int reach = static_cast<int>(options.support) + 1,
             deep = options.dimension == 2 ? 0 : reach;
-  double density = 0;
+  double density = 0, half = 0;
   for (int a = -reach; a <= reach; ++a) {
     for (int b = -reach; b <= reach; ++b) {
       for (int c = -deep; c <= deep; ++c) {
         const double r = options.spacing * std::sqrt(a * a + b * b + c * c);
         density += value(r);
+        if (a > 0) half += value(r);
         if (r > 0) gradient_sum_ += slope(r) * slope(r);
       }
     }
   }
   volume_ = 1 / density;
+  half_lattice_ = volume_ * half;
   gradient_sum_ *= volume_ * volume_;
 }
 

@@ -53,8 +53,12 @@ class DensityConstraint {
  public:
   explicit DensityConstraint(const DensityOptions& options);
 
-  double radius() const { return radius_; }              // h
-  double volume() const { return volume_; }              // v
+  double radius() const { return radius_; }  // h
+  double volume() const { return volume_; }  // v
+  double half_lattice() const {
+    return half_lattice_;
+  }  // density that a lattice adds from beyond
+     // a plane half a spacing away
   double gradient_sum() const { return gradient_sum_; }  // S
   const DensityOptions& options() const { return options_; }
   // W(r) / W'(r), normalised.
@@ -81,7 +85,7 @@ class DensityConstraint {
   void for_kernel(Visit&& visit) const;
 
   DensityOptions options_;
-  double radius_, volume_, gradient_sum_;
+  double radius_, volume_, gradient_sum_, half_lattice_;
 };
 
 extern template class DensityConstraint<float>;

@@ -9,9 +9,10 @@ namespace {
 
 using std::numbers::pi;
 
-constexpr int kDistances = 1024;    // cells of a table over [-h, h]
-constexpr std::size_t kCells = 32;  // of the corners' table along an axis
-constexpr std::size_t kHalves = 2;  // cells of integration in one of the table
+constexpr int kDistances = 1024;        // cells of a table over [-h, h]
+constexpr std::size_t kMirrored = 512;  // cells of the mirror's table
+constexpr std::size_t kCells = 32;      // of the corners' table along an axis
+constexpr std::size_t kHalves = 2;      // cells of integration in one of the table
 constexpr std::size_t kNodes = kCells + 1;
 
 // f of the file's comment.
@@ -64,6 +65,48 @@ auto DistanceTable::operator()(double d) const -> Entry {
   const double t = at - static_cast<double>(k);
   const Entry &a = entries_[k], &b = entries_[k + 1];
   return {a.value + t * (b.value - a.value), a.slope + t * (b.slope - a.slope)};
+}
+
+Mirror::Mirror(const DistanceTable& plane, double h, double spacing, double half_lattice)
+    : reach_(h / 2), h_(h), entries_(kMirrored + 1) {
+  const double step = reach_ / kMirrored;
+  const auto layers = [&](double s) {
+    double sum = 0;
+    for (double z = 2 * s; z < h; z += spacing) sum -= spacing * plane(z).slope;
+    return sum;
+  };
+  const double scale = half_lattice / layers(spacing / 2);
+  // b falls from 1 to 0: where it is m is found by halving.
+  const auto distance = [&](double value) {
+    double low = -h, high = h;
+    for (int halving = 0; halving < 60; ++halving) {
+      const double middle = 0.5 * (low + high);
+      (plane(middle).value > value ? low : high) = middle;
+    }
+    return high;
+  };
+  for (std::size_t k = 0; k <= kMirrored; ++k) {
+    const double m = std::min(scale * layers(step * static_cast<double>(k)), 1.0);
+    entries_[k].value = m;
+    entries_[k].distance = m > 0 ? distance(m) : h;
+  }
+  for (std::size_t k = 0; k <= kMirrored; ++k) {
+    const std::size_t low = k > 0 ? k - 1 : 0, high = std::min<std::size_t>(k + 1, kMirrored);
+    const double width = step * static_cast<double>(high - low);
+    entries_[k].slope = (entries_[high].value - entries_[low].value) / width;
+    entries_[k].stretch = (entries_[high].distance - entries_[low].distance) / width;
+  }
+}
+
+auto Mirror::operator()(double s) const -> Entry {
+  if (!(s < reach_)) return {0, 0, h_, 0};
+  const double at = std::max(s, 0.0) / reach_ * kMirrored;
+  const std::size_t k = std::min<std::size_t>(static_cast<std::size_t>(at), kMirrored - 1);
+  const double t = at - static_cast<double>(k);
+  const Entry &a = entries_[k], &b = entries_[k + 1];
+  const auto between = [&](double low, double high) { return low + t * (high - low); };
+  return {between(a.value, b.value), between(a.slope, b.slope), between(a.distance, b.distance),
+          between(a.stretch, b.stretch)};
 }
 
 // Sums over cells of W at their centres, from the far end on; derivatives are sums over a plane.
@@ -144,51 +187,52 @@ auto CornerTable::octant(const Vec3& from) const -> Octant {
   return sum;
 }
 
-WallDensity CornerTable::box(const Vec3& low, const Vec3& high) const {
+auto CornerTable::box(const Vec3& low, const Vec3& high) const -> BoxIntegral {
   // Each side as a sum of octants beyond coordinates >= 0: factor, coordinate, and the derivative
   // of that by the coordinate of the side (0 where the octant begins at -inf).
   struct Term {
     double factor, from, derivative;
+    bool upper;
   };
   struct Terms {
     std::array<Term, 4> list;
-    int count = 0;
+    std::size_t count = 0;
 
-    void add(double sign, double side, double h) {
+    void add(bool upper, double side, double h) {
+      const double sign = upper ? -1 : 1;
       if (side >= h) return;
-      if (side < 0) list[static_cast<std::size_t>(count++)] = {2 * sign, 0, 0};
-      if (side > 0 && side < h) list[static_cast<std::size_t>(count++)] = {sign, side, 1};
-      if (side < 0 && side > -h) list[static_cast<std::size_t>(count++)] = {-sign, -side, -1};
-      if (side == 0) list[static_cast<std::size_t>(count++)] = {sign, 0, 1};
+      if (side < 0) list[count++] = {2 * sign, 0, 0, upper};
+      if (side >= 0) list[count++] = {sign, side, 1, upper};
+      if (side < 0 && side > -h) list[count++] = {-sign, -side, -1, upper};
     }
   };
   std::array<Terms, 3> terms;
   for (int axis = 0; axis < 3; ++axis) {
     Terms& of = terms[static_cast<std::size_t>(axis)];
     if (axis == 2 && dimension_ == 2) {
-      of.list[0] = {2, 0, 0};
-      of.count = 1;
+      of.list[of.count++] = {2, 0, 0, false};
       continue;
     }
-    of.add(1, low[axis], h_);
-    of.add(-1, high[axis], h_);
+    of.add(false, low[axis], h_);
+    of.add(true, high[axis], h_);
   }
-  WallDensity result;
-  const auto each = [](const Terms& of, auto&& visit) {
-    for (int t = 0; t < of.count; ++t) visit(of.list[static_cast<std::size_t>(t)]);
-  };
-  each(terms[0], [&](const Term& x) {
-    each(terms[1], [&](const Term& y) {
-      each(terms[2], [&](const Term& z) {
-        const double factor = x.factor * y.factor * z.factor;
-        const Octant o = octant({x.from, y.from, z.from});
+  BoxIntegral result;
+  for (std::size_t i = 0; i < terms[0].count; ++i) {
+    for (std::size_t j = 0; j < terms[1].count; ++j) {
+      for (std::size_t k = 0; k < terms[2].count; ++k) {
+        const std::array<const Term*, 3> of = {&terms[0].list[i], &terms[1].list[j],
+                                               &terms[2].list[k]};
+        const double factor = of[0]->factor * of[1]->factor * of[2]->factor;
+        const Octant o = octant({of[0]->from, of[1]->from, of[2]->from});
         result.value += factor * o[0];
-        // Sides move by minus the particle.
-        result.gradient -=
-            factor * Vec3(x.derivative * o[1], y.derivative * o[2], z.derivative * o[3]);
-      });
-    });
-  });
+        for (int axis = 0; axis < 3; ++axis) {
+          const Term& term = *of[static_cast<std::size_t>(axis)];
+          const double change = factor * term.derivative * o[static_cast<std::size_t>(axis) + 1];
+          (term.upper ? result.by_high : result.by_low)[axis] += change;
+        }
+      }
+    }
+  }
   return result;
 }
 
