@@ -239,6 +239,13 @@ void Dynamics<Real>::run_substep(int substep, std::uint8_t& pending) {
       contact->project({x_old_.data(), n}, {x_.data(), n}, contact_mass_);
     }
   }
+  if (prepares) {
+    flush();
+    for (auto& group : groups_) {
+      const Sweep<Real> last = sweep(substep, options.iterations - 1);
+      if (group->prepares()) group->complete(last, options.threads);
+    }
+  }
   pending = kFinish;
   if (!contact) return;
   patches.work = kFinish;

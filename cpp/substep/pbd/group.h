@@ -51,6 +51,8 @@ class Group {
   // predicted positions (new contacts).
   virtual bool prepares() const { return false; }
   virtual void prepare(const Sweep<Real>&, int /*threads*/) {}
+  // The same after the last iteration and the colliders: has the last word on where particles go.
+  virtual void complete(const Sweep<Real>&, int /*threads*/) {}
 
   // Gauss-Seidel. Each returns how many constraints were skipped because their gradients vanish.
   virtual std::int64_t project_patch(std::int64_t /*patch*/, const Sweep<Real>&) { return 0; }
