@@ -122,7 +122,7 @@ void ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real
   constexpr std::int64_t kBlock = 16;
   for (std::size_t c = 0; c < colliders.size(); ++c) {
     const Collider& collider = colliders[c];
-    const Pose& at = obstacles_[c].to;
+    const Pose& at = obstacles_[c].from;
     const auto free_block = [&](std::int64_t begin, std::int64_t end) {
       const auto points = x.subspan(begin, end - begin);
       const Ball around = ball(std::span<const Point<Real>>(points));

@@ -16,7 +16,7 @@
 // Restitution (Mueller et al. 2020, eq. 34) acts on the velocities, once: bounce().
 //
 // Order of the calls, for a method with any number of substeps and iterations:
-//   begin_step, clear; (begin_substep, project ..., bounce) ...; end_step.
+//   begin_step; (begin_substep, clear at the first one, project ..., bounce) ...; end_step.
 #pragma once
 
 #include <cstdint>
@@ -45,8 +45,9 @@ class ParticleContact {
   // and pass through.
   void begin_step(std::int64_t n);
 
-  // Takes out particles that lie nearer than the margin, as where a collider was put upon them;
-  // the points of `along`, if there are any, move by the same.
+  // Takes out particles that lie nearer than the margin as the substep begins, as where a collider
+  // was put upon them; the points of `along`, if there are any, move by the same. So they do not
+  // fly off: that is no impulse.
   void clear(std::span<Point<Real>> x, std::span<const Real> mass,
              std::span<Point<Real>> along = {});
 

@@ -236,6 +236,9 @@ void Dynamics<Real>::run_substep(int substep, std::uint8_t& pending) {
     if (contact) {
       flush();
       const auto n = static_cast<std::size_t>(count_);
+      if (substep == 0 && iteration == 0) {
+        contact->clear({x_old_.data(), n}, contact_mass_, {x_.data(), n});
+      }
       contact->project({x_old_.data(), n}, {x_.data(), n}, contact_mass_);
     }
   }
