@@ -13,6 +13,7 @@ PYBIND11_MODULE(_core, m) {
   bind_ode(m);
   bind_pbd(m);
   bind_pbd_collision(m);
+  bind_pbd_constraints(m);
   bind_second_order(m);
   bind_pbf(m);
   bind_springs(m);

@@ -543,6 +543,36 @@ class ConstraintGroup32:
 
 ConstraintGroup64 = ConstraintGroup32
 
+def shape_matching32(
+    start: NDArray[Any],
+    particles: NDArray[Any],
+    rest: NDArray[Any],
+    compliance: NDArray[Any],
+    damping: NDArray[Any],
+    stiffness: NDArray[Any],
+    linear: float,
+) -> ConstraintGroup32: ...
+
+shape_matching64 = shape_matching32
+
+def user_constraints32(
+    fun: Any,
+    address: int | None,
+    parameters: NDArray[Any],
+    particles: NDArray[Any],
+    origin: NDArray[Any],
+    compliance: NDArray[Any],
+    damping: NDArray[Any],
+    stiffness: NDArray[Any],
+    inequality: bool,
+) -> ConstraintGroup32: ...
+
+user_constraints64 = user_constraints32
+
+def call_constraint(
+    address: int, parameters: NDArray[Any], x: NDArray[Any]
+) -> tuple[NDArray[Any], NDArray[Any]]: ...
+
 class PositionBasedDynamics32:
     time: float
     threads: int

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -51,6 +52,16 @@ def check_each(
     return array
 
 
+@dataclass(frozen=True)
+class Formula:
+    """Constraints of one compiled formula."""
+
+    kind: str
+    parameters: Array
+    compliance: Array
+    damping: Array
+
+
 class Constraint:
     """A group of constraints of one kind.
 
@@ -76,7 +87,15 @@ class Constraint:
         points = _core.constraint_kinds()[self._kind]["points"]
         self._name = name  # of the argument that holds the particles
         self.particles = check_particles(name, particles, points)
-        count = len(self.particles)
+        self._set_softness(len(self.particles), compliance, damping, stiffness)
+
+    def _set_softness(
+        self,
+        count: int,
+        compliance: ArrayLike,
+        damping: ArrayLike,
+        stiffness: ArrayLike | None,
+    ) -> None:
         self.compliance = check_each("compliance", compliance, count)
         self.damping = check_each("damping", damping, count)
         self.stiffness = None
@@ -94,19 +113,63 @@ class Constraint:
         """Numbers of each constraint, shape (m, parameters)."""
         raise NotImplementedError
 
-    def _group(self, positions: Array, suffix: str) -> Any:
-        """Make the native group: suffix '32' or '64'."""
-        wrong = self.particles >= len(positions)
+    def _formulas(self, positions: Array) -> list[Formula]:
+        """What native groups are made of, with rest values of the initial positions."""
+        return [Formula(self._kind, self._parameters(positions), self.compliance, self.damping)]
+
+    def _groups(self, positions: Array, suffix: str) -> list[Any]:
+        """Make the native groups: suffix '32' or '64'."""
+        self._check_count(len(positions))
+        return [
+            getattr(_core, f"ConstraintGroup{suffix}")(
+                f.kind,
+                self.particles,
+                np.ascontiguousarray(f.parameters),
+                f.compliance,
+                f.damping,
+                np.zeros(0) if self.stiffness is None else self.stiffness,
+            )
+            for f in self._formulas(positions)
+        ]
+
+    def _check_count(self, count: int) -> None:
+        wrong = self.particles >= count
         if wrong.any():
             raise InputError(
                 f"{self._name}{first_bad_index(wrong)}: expected an index from 0 to "
-                f"{len(positions) - 1}, got {self.particles[wrong][0]}"
+                f"{count - 1}, got {self.particles[wrong][0]}"
             )
-        return getattr(_core, f"ConstraintGroup{suffix}")(
-            self._kind,
-            self.particles,
-            np.ascontiguousarray(self._parameters(positions)),
-            self.compliance,
-            self.damping,
-            np.zeros(0) if self.stiffness is None else self.stiffness,
-        )
+
+    def evaluate(self, positions: ArrayLike) -> tuple[Array, Array]:
+        """Evaluate all constraints at positions of the particles.
+
+        Parameters
+        ----------
+        positions : array_like, shape (n, 3)
+            Of all particles [m]; rest values that were not given are those of these positions.
+
+        Returns
+        -------
+        values : ndarray, shape (m,)
+            C of each constraint.
+        gradient : ndarray, shape (m, k, 3)
+            Its gradient with respect to each of its particles; 0 where there is none.
+
+        Raises
+        ------
+        InputError
+            If `positions` is wrong or has too few rows.
+        """
+        x = check_array("positions", positions, (None, 3))
+        self._check_count(len(x))
+        return self._evaluate(x)
+
+    def _evaluate(self, x: Array) -> tuple[Array, Array]:
+        parts = [
+            _core.evaluate_constraints(
+                f.kind, x[self.particles], np.ascontiguousarray(f.parameters)
+            )
+            for f in self._formulas(x)
+        ]
+        values, gradients = zip(*parts, strict=True)
+        return np.concatenate(values), np.concatenate(gradients)

@@ -26,7 +26,7 @@ def find_address(name: str, fun: Any, signature: str) -> tuple[int | None, Any]:
     if isinstance(getattr(fun, "address", None), int) and hasattr(fun, "ctypes"):  # numba.cfunc
         given = getattr(fun, "_sig", None)
         if given is not None:
-            wanted = ["float64", *["float64*"] * pointers]
+            wanted = ["float64"] * _numbers(signature) + ["float64*"] * pointers
             if [str(a) for a in given.args] != wanted or str(given.return_type) not in (
                 "void",
                 "none",
@@ -36,13 +36,19 @@ def find_address(name: str, fun: Any, signature: str) -> tuple[int | None, Any]:
     return None, nothing
 
 
+def _numbers(signature: str) -> int:
+    """How many of its arguments come before the pointers: the time, or nothing."""
+    return int("double t" in signature)
+
+
 def _check_ctypes(name: str, fun: Any, signature: str) -> None:
     types = fun.argtypes
     pointers = (ctypes.c_void_p, ctypes.POINTER(ctypes.c_double))
+    first = _numbers(signature)
     if types is not None and not (
-        len(types) == 1 + signature.count("*")
-        and types[0] is ctypes.c_double
-        and all(t in pointers for t in types[1:])
+        len(types) == first + signature.count("*")
+        and all(t is ctypes.c_double for t in types[:first])
+        and all(t in pointers for t in types[first:])
     ):
         names = ", ".join(t.__name__ for t in types)
         raise InputError(f"{name}: expected a ctypes function {signature}, got ({names})")
@@ -52,10 +58,11 @@ def _low_level_callable(name: str, fun: Any, signature: str) -> tuple[int, Any]:
     """Address of a scipy.LowLevelCallable; its user_data is the parameters p."""
     given = fun.signature.replace(" ", "").replace("const", "")
     # SciPy hands user_data to a last void *, which may stand for double * p.
-    pointers = given.removeprefix("void(double,").removesuffix(")").split(",")
+    start = "void(" + "double," * _numbers(signature)
+    pointers = given.removeprefix(start).removesuffix(")").split(",")
     doubles, last = pointers[:-1], pointers[-1]
     if (
-        not given.startswith("void(double,")
+        not given.startswith(start)
         or len(pointers) != signature.count("*")
         or any(p != "double*" for p in doubles)
         or last not in ("double*", "void*")

@@ -13,74 +13,48 @@ from . import _core
 from ._checks import check_array, check_choice, check_integer, check_real
 from ._colliders import Collider
 from ._deformable import check_pinned, check_positive
+from ._pbd_bodies import cloth, rope, soft_body, tethers
+from ._pbd_clusters import ShapeMatching, vertex_clusters
 from ._pbd_collision import ParticleCollision, SelfCollision
-from ._pbd_group import Array, Constraint, check_each
+from ._pbd_constraints import (
+    Attachment,
+    Bending,
+    Distance,
+    IsometricBending,
+    NeoHookean,
+    Tether,
+    TetrahedronVolume,
+    TriangleArea,
+)
+from ._pbd_custom import CustomConstraint
+from ._pbd_group import Array, Constraint
 from ._pbd_multilevel import use_multilevel
 from ._simulation import Simulation
 from .errors import InputError
 
-__all__ = ["Distance", "ParticleCollision", "PositionBasedDynamics", "SelfCollision"]
+__all__ = [
+    "Attachment",
+    "Bending",
+    "CustomConstraint",
+    "Distance",
+    "IsometricBending",
+    "NeoHookean",
+    "ParticleCollision",
+    "PositionBasedDynamics",
+    "SelfCollision",
+    "ShapeMatching",
+    "Tether",
+    "TetrahedronVolume",
+    "TriangleArea",
+    "cloth",
+    "rope",
+    "soft_body",
+    "tethers",
+    "vertex_clusters",
+]
 
 SOLVERS = ("gauss_seidel", "jacobi", "multilevel")
 DTYPES = {"float32": "32", "float64": "64"}
-
-
-class Distance(Constraint):
-    """Pairs of particles that keep their distance: C = |x_0 - x_1| - r.
-
-    Parameters
-    ----------
-    pairs : array_like of int, shape (m, 2)
-        The particles of each constraint.
-    rest_lengths : float or array_like, shape (m,), optional
-        r [m], at least 0; the distances at the start of the simulation unless given.
-    compliance : float or array_like, shape (m,)
-        alpha [m/N], the inverse of a spring's stiffness, at least 0: XPBD. 0 is inextensible.
-    damping : float or array_like, shape (m,)
-        beta [N s/m], at least 0: of a damper beside the spring.
-    stiffness : float or array_like, shape (m,), optional
-        k from 0 to 1, instead of a compliance: the part of the error that a step takes away in
-        plain PBD. What that is in N/m depends on the step, the masses and the mesh.
-
-    Raises
-    ------
-    InputError
-        If an argument is wrong, with its name.
-
-    References
-    ----------
-    Mueller et al., "Position based dynamics", 2007, section 3.3; Macklin, Mueller, Chentanez,
-    "XPBD", 2016, eq. 18 and 26.
-
-    Examples
-    --------
-    >>> import substep
-    >>> rope = substep.Distance([[0, 1], [1, 2]])
-    >>> len(rope)
-    2
-    """
-
-    _kind = "distance"
-
-    def __init__(
-        self,
-        pairs: ArrayLike,
-        rest_lengths: ArrayLike | None = None,
-        *,
-        compliance: ArrayLike = 0.0,
-        damping: ArrayLike = 0.0,
-        stiffness: ArrayLike | None = None,
-    ) -> None:
-        self._set_up("pairs", pairs, compliance, damping, stiffness)
-        self.rest_lengths = (
-            None if rest_lengths is None else check_each("rest_lengths", rest_lengths, len(self))
-        )
-
-    def _parameters(self, positions: Array) -> Array:
-        if self.rest_lengths is not None:
-            return np.broadcast_to(self.rest_lengths, (len(self),))[:, None]
-        ends = positions[self.particles]
-        return np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)[:, None]
 
 
 class PositionBasedDynamics(Simulation):
@@ -214,7 +188,7 @@ class PositionBasedDynamics(Simulation):
             v,
             self._masses,
             check_pinned(pinned, n),
-            [constraint._group(x, suffix) for constraint in self.constraints],
+            [g for constraint in self.constraints for g in constraint._groups(x, suffix)],
             substeps=self.substeps,
             iterations=self.iterations,
             solver=self.solver,

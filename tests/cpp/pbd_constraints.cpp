@@ -1,5 +1,6 @@
 // Every constraint of the list, from its formulas alone: gradient, momentum, invariance,
-// projection, degenerate points. A new constraint is enrolled by its place in pbd/constraint_list.h.
+// projection, degenerate points. A new constraint is enrolled by its place in
+// pbd/constraint_list.h.
 #include <gtest/gtest.h>
 
 #include <cmath>

@@ -3,15 +3,17 @@
 // Points as in dihedral_bending.h: the edge (a, b), then the corners c and d. Bergou, Wardetzky,
 // Harmon, Zorin, Grinspun, "A quadratic bending model for inextensible surfaces", SGP 2006, eq.
 // 2-4: the energy k/2 x^T Q x of a hinge has Q = 3 / (A_1 + A_2) K^T K, where K holds sums of
-// cotangents of the rest shape. With L = sqrt(3 / (A_1 + A_2)) sum_i K_i x_i (|e| theta n for small
-// angles):
+// cotangents of the rest shape. With L = sum_i k_i x_i, k_i = K_i / sqrt(A_1 + A_2), which is |e|
+// theta / sqrt(A_1 + A_2) along the normal for small angles:
 //
-//   C = |L| - L_0,   dC/dx_i = k_i L / |L|,   k_i = sqrt(3 / (A_1 + A_2)) K_i
+//   C = |L| - L_0,   dC/dx_i = k_i L / |L|
 //
-// so that the XPBD energy C^2 / (2 alpha) is Bergou's, alpha = 1 / k with the bending rigidity k
-// [J]; L_0 is |L| at rest, 0 when flat. (Bender et al., "Position-based simulation methods in
-// computer graphics", 2015, take C = 1/2 x^T Q x itself: stiffer for large and softer for small
-// angles than the energy.) Flat points have L = 0: no direction, gradient 0.
+// so that the XPBD energy C^2 / (2 alpha) is a third of Bergou's; L_0 is |L| at rest, 0 when flat.
+// On equilateral triangles 1 / alpha is then the rigidity D [J] of a bend into a cylinder, D/2
+// kappa^2 per area in every direction (Seung, Nelson, Phys. Rev. A 38, 1988, 1005: a plate of
+// Poisson's ratio -1/3); with the factor 3, spheres are exact instead. (Bender et al., "A survey
+// on position based dynamics", 2017, section 5, take C = 1/2 x^T Q x itself: an energy of the
+// fourth power of the angle.) Flat points have L = 0: no direction, gradient 0.
 #pragma once
 
 #include <array>

@@ -289,7 +289,7 @@ class ConstraintGroup final : public Group<Real> {
       weight += alpha;
     }
     auto active = (squares > 0) & (weight > 0);
-    auto flat = squares == 0;
+    auto flat = (squares == 0) & (e.c != 0);  // without a gradient, but not satisfied
     if constexpr (Constraint::kInequality) {
       const auto violated = e.c < 0;
       active &= violated;
