@@ -105,16 +105,16 @@ template <class Real>
 py::dict state(const Liquid<Real>& self) {
   const Particles<Real>& p = self.fluid.particles;
   const auto n = static_cast<py::ssize_t>(p.size());
-  return py::dict(py::arg("time") = self.fluid.time, py::arg("next_id") = self.fluid.next_id,
-                  py::arg("positions") = raw(p.x), py::arg("velocities") = raw(p.v),
-                  py::arg("forces") = raw(p.f),
+  return py::dict(py::arg("time") = self.fluid.time, py::arg("last_dt") = self.fluid.last_dt,
+                  py::arg("next_id") = self.fluid.next_id, py::arg("positions") = raw(p.x),
+                  py::arg("velocities") = raw(p.v), py::arg("forces") = raw(p.f),
                   py::arg("ids") = Array<std::int64_t>(n, p.id.data()),
                   py::arg("fluids") = Array<std::int32_t>(n, p.fluid.data()));
 }
 
 template <class Real>
-void restore(Liquid<Real>& self, double time, std::int64_t next_id, const Array<Real>& positions,
-             const Array<Real>& velocities, const Array<Real>& forces,
+void restore(Liquid<Real>& self, double time, double last_dt, std::int64_t next_id,
+             const Array<Real>& positions, const Array<Real>& velocities, const Array<Real>& forces,
              const Array<std::int64_t>& ids, const Array<std::int32_t>& fluids) {
   self.fluid.particles = {.x = points(positions),
                           .v = points(velocities),
@@ -122,6 +122,7 @@ void restore(Liquid<Real>& self, double time, std::int64_t next_id, const Array<
                           .id = {ids.data(), ids.data() + ids.size()},
                           .fluid = {fluids.data(), fluids.data() + fluids.size()}};
   self.fluid.time = time;
+  self.fluid.last_dt = last_dt;
   self.fluid.next_id = next_id;
   self.fluid.report = {};
 }
@@ -145,6 +146,7 @@ FluidOptions options(const py::dict& given) {
   o.tolerance = given["tolerance"].cast<double>();
   o.max_tolerance = given["max_tolerance"].cast<double>();
   o.max_iterations = given["max_iterations"].cast<int>();
+  o.warm_start = given["warm_start"].cast<bool>();
   const auto escape = given["on_escape"].cast<std::string>();
   o.on_escape = escape == "raise"    ? OnEscape::kRaise
                 : escape == "remove" ? OnEscape::kRemove
@@ -260,7 +262,7 @@ void bind_liquid(py::module_& m, const char* name) {
           },
           py::arg("values").noconvert(), py::arg("places").noconvert())
       .def("state", &state<Real>)
-      .def("restore", &restore<Real>, py::arg("time"), py::arg("next_id"),
+      .def("restore", &restore<Real>, py::arg("time"), py::arg("last_dt"), py::arg("next_id"),
            py::arg("positions").noconvert(), py::arg("velocities").noconvert(),
            py::arg("forces").noconvert(), py::arg("ids").noconvert(),
            py::arg("fluids").noconvert());

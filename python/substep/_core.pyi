@@ -519,6 +519,7 @@ class _PositionBasedFluid:
     def restore(
         self,
         time: float,
+        last_dt: float,
         next_id: int,
         positions: NDArray[Any],
         velocities: NDArray[Any],

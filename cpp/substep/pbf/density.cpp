@@ -146,8 +146,8 @@ DensityError sweep_multipliers(std::span<const Point<Real>> x, const Neighbours<
 template <class K, bool kArtificialPressure, class Real>
 std::int64_t sweep_corrections(std::span<const Point<Real>> y, const Neighbours<Real>& neighbours,
                                std::span<const Point<Real>> walls, std::span<Point<Real>> x,
-                               const Scales<Real>& scales, Real artificial_pressure, Real limit,
-                               int threads) {
+                               std::span<Point<Real>> sums, const Scales<Real>& scales,
+                               Real artificial_pressure, Real limit, int threads) {
   using V = Vector<Real>;
   constexpr int kLanes = sizeof(V) / sizeof(Real);
   const std::int64_t n = neighbours.size();
@@ -185,6 +185,7 @@ std::int64_t sweep_corrections(std::span<const Point<Real>> y, const Neighbours<
           Quad<Real> moved = load_quad(y[i]) + dx;
           moved[3] = w;
           store_quad(x[i], moved);
+          if (!sums.empty()) sums[i].w += at.w;
         }
         limited[begin / kGrain] = count;
       },
@@ -300,7 +301,8 @@ template <class Real>
 std::int64_t DensityConstraint<Real>::correct(std::span<const Point<Real>> y,
                                               const Neighbours<Real>& neighbours,
                                               std::span<const Point<Real>> walls,
-                                              std::span<Point<Real>> x, int threads) const {
+                                              std::span<Point<Real>> x, std::span<Point<Real>> sums,
+                                              int threads) const {
   std::int64_t limited = 0;
   for_kernel([&]<class K>(K) {
     const auto scales = scales_of<K, Real>(options_, radius_, volume_);
@@ -308,10 +310,10 @@ std::int64_t DensityConstraint<Real>::correct(std::span<const Point<Real>> y,
     const double reference = std::pow(unit_value<K>(0.2), 4);
     const auto pressure =
         static_cast<Real>(options_.artificial_pressure / gradient_sum_ / reference);
-    limited = pressure > 0 ? sweep_corrections<K, true>(y, neighbours, walls, x, scales, pressure,
-                                                        limit, threads)
-                           : sweep_corrections<K, false>(y, neighbours, walls, x, scales, pressure,
-                                                         limit, threads);
+    limited = pressure > 0 ? sweep_corrections<K, true>(y, neighbours, walls, x, sums, scales,
+                                                        pressure, limit, threads)
+                           : sweep_corrections<K, false>(y, neighbours, walls, x, sums, scales,
+                                                         pressure, limit, threads);
   });
   return limited;
 }

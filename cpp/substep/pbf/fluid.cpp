@@ -127,7 +127,8 @@ void Fluid<Real>::step(double dt) {
     keep_in_reach();
     sort();
     act_on_positions(dt);
-    solve(dt);
+    warm_start(dt);
+    solve();
     finish(dt);
     act_on_velocities(dt);
     keep_in_bounds();
@@ -206,6 +207,7 @@ void Fluid<Real>::sort() {
           next_.x[k] = predicted_[i];
           old_x_[k] = particles.x[i];
           old_v_[k] = particles.v[i];
+          next_.v[k] = {0, 0, 0, 0};
           if (mass_.size() > 1) mass_[k] = static_cast<Real>(mass(i));
           next_.id[k] = particles.id[i];
           next_.fluid[k] = particles.fluid[i];
@@ -219,11 +221,32 @@ void Fluid<Real>::sort() {
                    options.threads);
 }
 
-// Sweeps until the density error is below its bounds or the iterations are used up.
+// Repeats the corrections that the sweeps of the last step added up to: where pressure changes
+// little from step to step, half of what there is to do is then done.
 template <class Real>
-void Fluid<Real>::solve(double dt) {
+void Fluid<Real>::warm_start(double dt) {
   const std::span<Point<Real>> rows(next_.x), x = rows.first(rows.size() - 1);
   boundary.begin_step(dt, old_x_, x, mass_, options.threads);
+  if (!options.warm_start || last_dt == 0) return;
+  const auto scale = static_cast<Real>(dt / last_dt * (dt / last_dt));  // lambda ~ pressure dt^2
+  parallel_for(
+      next_.size(), kGrain,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t i = begin; i < end; ++i) {
+          multipliers_[i] = {x[i].x, x[i].y, x[i].z, scale * old_v_[i].w};
+        }
+      },
+      options.threads);
+  const auto walls = boundary.contributions(x, options.threads);
+  new_report_.limited +=
+      density.correct(multipliers_, neighbours_, walls, rows, {}, options.threads);
+  boundary.project(multipliers_, old_x_, x, mass_, options.threads);
+}
+
+// Sweeps until the density error is below its bounds or the iterations are used up.
+template <class Real>
+void Fluid<Real>::solve() {
+  const std::span<Point<Real>> rows(next_.x), x = rows.first(rows.size() - 1);
   FluidReport& r = new_report_;
   for (r.converged = false; !r.converged && r.iterations < options.max_iterations;) {
     poll_interrupt();
@@ -232,7 +255,7 @@ void Fluid<Real>::solve(double dt) {
     r.converged =
         r.density_error.mean <= options.tolerance && r.density_error.max <= options.max_tolerance;
     if (r.converged) break;
-    r.limited += density.correct(multipliers_, neighbours_, walls, rows, options.threads);
+    r.limited += density.correct(multipliers_, neighbours_, walls, rows, next_.v, options.threads);
     boundary.project(multipliers_, old_x_, x, mass_, options.threads);
     ++r.iterations;
   }
@@ -268,7 +291,8 @@ void Fluid<Real>::finish(double dt) {
   const auto rate = static_cast<Real>(1 / dt);
   refuse_bad_velocity([&](std::int64_t i) {
     const Point<Real>&x = next_.x[i], &old = old_x_[i];
-    return next_.v[i] = {(x.x - old.x) * rate, (x.y - old.y) * rate, (x.z - old.z) * rate, 0};
+    Point<Real>& v = next_.v[i];
+    return v = {(x.x - old.x) * rate, (x.y - old.y) * rate, (x.z - old.z) * rate, v.w};
   });
   boundary.end_step(old_x_, old_v_, next_.v, mass_);
 }
@@ -317,6 +341,7 @@ void Fluid<Real>::commit(double dt) {
   std::swap(particles, next_);
   report = new_report_;
   time += dt;
+  last_dt = dt;
 }
 
 template <class Real>

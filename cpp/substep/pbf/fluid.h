@@ -24,6 +24,7 @@ struct FluidOptions {
   double tolerance = 1e-3;   // of the mean density error
   double max_tolerance = 1;  // of the largest one
   int max_iterations = 5;
+  bool warm_start = true;  // with the corrections of the last step
   OnEscape on_escape = OnEscape::kRaise;
   std::optional<std::array<Vec3, 2>> bounds;  // lowest and highest corner, world [m]
   int threads = 0;
@@ -83,6 +84,7 @@ class Fluid {
   Particles<Real> particles;
   FluidReport report;
   double time = 0;
+  double last_dt = 0;  // 0 before the first step
   std::int64_t next_id = 0;
 
  private:
@@ -91,7 +93,8 @@ class Fluid {
   void act_on_positions(double dt);
   void act_on_velocities(double dt);
   void sort();
-  void solve(double dt);
+  void warm_start(double dt);
+  void solve();
   void finish(double dt);
   void keep_in_bounds();
   void commit(double dt);
@@ -101,8 +104,8 @@ class Fluid {
   template <class Velocity>
   void refuse_bad_velocity(const Velocity& velocity) const;
 
-  // During a step: the particles as it began and, in the order of their cells, as it ends.
-  Particles<Real> now_, next_;
+  // During a step: the particles in the order of their cells.
+  Particles<Real> next_;
   std::vector<Point<Real>> predicted_, old_x_, old_v_, multipliers_;
   std::vector<Real> mass_;  // of each particle, or one for all [kg]
   geometry::Neighbours<Real> neighbours_;
