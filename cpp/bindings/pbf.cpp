@@ -236,6 +236,7 @@ void bind_liquid(py::module_& m, const char* name) {
       .def(
           "set_positions",
           [](L& self, const Array<double>& values, const Array<std::int64_t>& places) {
+            self.fluid.check_reach(embed(values));
             write(self, values, places, [&](std::int64_t i, const Vec3& x) {
               self.fluid.particles.x[i] = self.fluid.local(x, self.fluid.particles.x[i].w);
             });

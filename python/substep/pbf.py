@@ -213,9 +213,8 @@ class PositionBasedFluid(Simulation):
             "on_escape": check_choice("on_escape", on_escape, ON_ESCAPE),
             "bounds": _check_bounds(bounds, d),
         }
-        for name in ("masses", "spacing"):
-            if not np.all(np.isfinite(1 / np.float32(np.array(self._options[name]) ** 3))):
-                raise InputError(f"spacing: the mass of a particle is out of range at {spacing} m")
+        if not all(1e-30 < m < 1e30 for m in [self.spacing**d, *self._options["masses"]]):
+            raise InputError(f"spacing: the mass of a particle is out of range at {spacing} m")
         self._dimension = d
         self.dtype = _check_dtype(dtype)
         self._origin = [0.0, 0.0, 0.0]

@@ -10,7 +10,9 @@
 // With w = m_0 / m the inverse masses in units of a mass m_0 (eq. 11 of the paper has w = 1):
 //   lambda_i = -C_i / (sum_k w_k |grad_k C_i|^2 + e S),
 //   dx_i = w_i [v sum_j (lambda_i + lambda_j + s_ij) W' n_ij + lambda_i grad b_i]    (eq. 14).
-// m_i dx_i is antisymmetric in i and j: without walls momentum and angular momentum are kept.
+// m_i dx_i is antisymmetric in i and j: without walls momentum is kept. Angular momentum is up to
+// terms of the order of the step: dx lies along the lines between the particles at the end of the
+// step, and becomes velocity where they were at its start.
 //
 // One-sided (the default), max(C_i, 0) takes the place of C_i: a free surface, where C < 0 for want
 // of neighbours, is not pulled together.
