@@ -22,6 +22,12 @@ class _Contacts(Constraint):
         self.stiffness = None
         self.friction = check_real("friction", friction, nonnegative=True)
 
+    def _group(self, positions: Array, suffix: str) -> Any:
+        raise NotImplementedError
+
+    def _groups(self, positions: Array, suffix: str) -> list[Any]:
+        return [self._group(positions, suffix)]
+
 
 class ParticleCollision(_Contacts):
     """Particles as balls that do not overlap: C = |x_0 - x_1| - (r_0 + r_1) >= 0.
