@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <tuple>
+#include <utility>
 
 namespace substep::pbd {
 namespace {
@@ -147,11 +148,16 @@ void join(const DistanceGraph& fine, const Rows& rows, const std::vector<std::in
   for (std::size_t k = 0; k < candidates.size(); ++k) {
     const Candidate& best = candidates[k];
     if (k > 0 && best.i == candidates[k - 1].i && best.j == candidates[k - 1].j) continue;
-    const auto& middle = fine.edges[static_cast<std::size_t>(best.edge)];
-    const Parent& a = parent[static_cast<std::size_t>(middle.i)];
-    const Parent& b = parent[static_cast<std::size_t>(middle.j)];
+    std::int32_t from = fine.edges[static_cast<std::size_t>(best.edge)].i;
+    std::int32_t to = fine.edges[static_cast<std::size_t>(best.edge)].j;
+    const auto end = [&](std::int32_t v) {
+      return number[static_cast<std::size_t>(parent[static_cast<std::size_t>(v)].particle)];
+    };
+    if (end(from) != best.i) std::swap(from, to);
+    const Parent& a = parent[static_cast<std::size_t>(from)];
+    const Parent& b = parent[static_cast<std::size_t>(to)];
     // How long the path is in the rest shape: there may be some strain in it.
-    const std::array<std::int32_t, 4> points{a.particle, middle.i, middle.j, b.particle};
+    const std::array<std::int32_t, 4> points{a.particle, from, to, b.particle};
     double strained = 0;
     for (std::size_t p = 0; p < 3; ++p) {
       strained += distance(fine.rest[static_cast<std::size_t>(points[p])],
