@@ -22,12 +22,6 @@ class _Contacts(Constraint):
         self.stiffness = None
         self.friction = check_real("friction", friction, nonnegative=True)
 
-    def _group(self, positions: Array, suffix: str) -> Any:
-        raise NotImplementedError
-
-    def _groups(self, positions: Array, suffix: str) -> list[Any]:
-        return [self._group(positions, suffix)]
-
 
 class ParticleCollision(_Contacts):
     """Particles as balls that do not overlap: C = |x_0 - x_1| - (r_0 + r_1) >= 0.
@@ -75,13 +69,13 @@ class ParticleCollision(_Contacts):
         count = 1 if np.ndim(np.asarray(radii)) == 0 else len(np.asarray(radii))
         self.radii = check_each("radii", radii, count)
 
-    def _group(self, positions: Array, suffix: str) -> Any:
+    def _groups(self, positions: Array, suffix: str) -> list[Any]:
         n = len(positions)
         if len(self.radii) not in (1, n):
             raise InputError(f"radii: expected one number or {n}, got {len(self.radii)}")
         radii = np.ascontiguousarray(np.broadcast_to(self.radii, (n,)))
         make = getattr(_core, f"particle_collision{suffix}")
-        return make(radii, np.ascontiguousarray(positions), self.friction)
+        return [make(radii, np.ascontiguousarray(positions), self.friction)]
 
 
 class SelfCollision(_Contacts):
@@ -128,7 +122,7 @@ class SelfCollision(_Contacts):
         self.faces = check_particles("faces", faces, 3)
         self.thickness = check_real("thickness", thickness, positive=True)
 
-    def _group(self, positions: Array, suffix: str) -> Any:
+    def _groups(self, positions: Array, suffix: str) -> list[Any]:
         wrong = self.faces >= len(positions)
         if wrong.any():
             k = int(np.argmax(wrong.any(axis=1)))
@@ -137,4 +131,4 @@ class SelfCollision(_Contacts):
                 f"got {self.faces[k].tolist()}"
             )
         make = getattr(_core, f"self_collision{suffix}")
-        return make(self.faces, np.ascontiguousarray(positions), self.thickness, self.friction)
+        return [make(self.faces, np.ascontiguousarray(positions), self.thickness, self.friction)]
