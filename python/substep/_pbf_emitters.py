@@ -100,24 +100,23 @@ class Emitter:
     def _layer(self, spacing: float) -> tuple[Array, float]:
         """Points of a layer [m] and its thickness, of which together the density is that of rest.
 
-        A grid in a rectangle, the sunflower of Vogel (1979) in a disc: each point has the same
-        share of the nozzle's area A, and the thickness is m spacing^d / A for m points.
+        Both are a grid, stretched so that each point has the same share of the nozzle's area A; the
+        thickness is m spacing^d / A for m points.
         """
         if self.size is not None:
             counts = np.maximum(1, np.rint(self.size / spacing)).astype(int)
-            a, b = (
-                w * ((np.arange(m) + 0.5) / m - 0.5) for w, m in zip(self.size, counts, strict=True)
-            )
-            flat = np.stack(np.meshgrid(a, b, indexing="ij"), -1).reshape(-1, 2)
+            flat = _grid([w * _middles(m) / m for w, m in zip(self.size, counts, strict=True)])
         elif self.dimension == 2:
             m = max(1, round(self.area / spacing))
-            flat = (self.area * ((np.arange(m) + 0.5) / m - 0.5))[:, None]
+            flat = self.area * _middles(m)[:, None] / m
         else:
             assert self.radius is not None
-            k = np.arange(max(1, round(self.area / spacing**2)))
-            r = self.radius * np.sqrt((k + 0.5) / len(k)) if len(k) > 1 else np.zeros(1)
-            turn = k * (math.pi * (3 - math.sqrt(5)))
-            flat = np.stack([r * np.cos(turn), r * np.sin(turn)], -1)
+            m = round(2 * self.radius / spacing)
+            grids = [spacing * _grid([_middles(k), _middles(k)]) for k in (m, m + 1)]
+            discs = [grid[(grid**2).sum(axis=1) <= self.radius**2] for grid in grids]
+            flat = min(discs, key=lambda disc: abs(len(disc) - self.area / spacing**2))
+            flat = flat if len(flat) else np.zeros((1, 2))
+            flat = flat * math.sqrt(self.area / len(flat)) / spacing
         offsets = flat @ self._across()
         return offsets, len(flat) * spacing**self.dimension / self.area
 
@@ -144,6 +143,15 @@ class Emitter:
         travelled = (time - self.start) * self.speed - thickness * np.arange(layers, due)
         middles = self.position + travelled[:, None] * self.direction
         return (middles[:, None] + offsets).reshape(-1, self.dimension), due
+
+
+def _middles(m: int) -> Array:
+    """Of m cells of length 1 about 0."""
+    return np.arange(m) - 0.5 * (m - 1)
+
+
+def _grid(axes: list[Array]) -> Array:
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
 class Sink:

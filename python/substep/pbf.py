@@ -470,13 +470,13 @@ class PositionBasedFluid(Simulation):
     def _capillary_step(self) -> float:
         """Step that resolves the shortest capillary waves [s].
 
-        Brackbill, Kothe and Zemach (1992), eq. 61: sqrt(rho d^3 / (2 pi sigma)), of the lightest
-        fluid.
+        Half of what Brackbill, Kothe and Zemach (1992), eq. 61, have: sqrt(rho d^3 / (2 pi sigma)),
+        of the lightest fluid.
         """
         sigma: float = self._options["surface_tension"]
         if sigma == 0:
             return math.inf
-        return math.sqrt(float(self.density.min()) * self.spacing**3 / (2 * math.pi * sigma))
+        return math.sqrt(float(self.density.min()) * self.spacing**3 / (8 * math.pi * sigma))
 
     def diagnostics(self) -> dict[str, float]:
         """Energies, momenta and the density errors of the last step.

@@ -35,7 +35,7 @@ void SurfaceTension<Real>::displace(const Neighbourhood<Real>& near, double sigm
   normals_.resize(near.x.size());
   find_normals<Real>(near, normals_);
   const int d = near.dimension;
-  const double tension = sigma / std::pow(double(near.h), d + 2);
+  const double tension = sigma / (structure(d) * std::pow(double(near.h), d + 2));
   const Real s = Real((1 - kAreaShare) * tension / cohesion_tension(d));
   const Real a = Real(kAreaShare * tension / area_tension(d));
   const Real k = -2 * dt * dt * near.volume * near.volume / Real(reference_mass);

@@ -24,12 +24,14 @@ namespace substep::pbf {
 // x along, z across. Where nothing but the half space z < 0 is filled, evenly, that is
 //   sigma = C_s s h^(d + 2) + C_a a h^(d + 2)
 // with the numbers below (by quadrature; without K the first is (pi / 8) (21 / 28160) in 3D, the
-// formula of Fowler 1937). kAreaShare of the tension is given to the second. Particles do not fill
-// space evenly: docs/pbf_forces.md says what drops then show.
+// formula of Fowler 1937). Each is given half of the tension: with less to the second, cohesion
+// alone keeps the particles boiling. Particles do not fill space evenly: bars and strips contract
+// with structure() times that tension (measured, docs/pbf_forces.md), which is divided out.
 template <class Real>
 class SurfaceTension {
  public:
-  static constexpr double kAreaShare = 0.2;
+  static constexpr double kAreaShare = 0.5;
+  static constexpr double structure(int dimension) { return dimension == 2 ? 1.40 : 1.55; }
   static constexpr double cohesion_tension(int dimension) {
     return dimension == 2 ? 4.653e-4 : 3.599e-4;
   }

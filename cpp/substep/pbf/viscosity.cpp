@@ -20,12 +20,37 @@ Point<Real> add_scaled(const Point<Real>& a, Real s, const Point<Real>& b) {
   return {a.x + s * b.x, a.y + s * b.y, a.z + s * b.z, a.w};
 }
 
+// G without its scale.
+template <class V>
+SUBSTEP_INLINE V weight(const V& q) {
+  const V a = positive_part<V>(1 - q);
+  return a + a * a;
+}
+
 }  // namespace
+
+// d / sum_j G(r_j) (r_j / h)^2 over the lattice of volumes V.
+template <class Real>
+double Viscosity<Real>::weight_scale(const Neighbourhood<Real>& near) {
+  const int d = near.dimension;
+  const double spacing = std::pow(double(near.volume), 1.0 / d), h = double(near.h) / spacing;
+  const int m = static_cast<int>(h), m_z = d == 2 ? 0 : m;
+  double sum = 0;
+  for (int a = -m; a <= m; ++a) {
+    for (int b = -m; b <= m; ++b) {
+      for (int c = -m_z; c <= m_z; ++c) {
+        const double q = std::sqrt(double(a * a + b * b + c * c)) / h;
+        sum += weight(q) * q * q;
+      }
+    }
+  }
+  return d / sum;
+}
 
 template <class Real>
 double Viscosity<Real>::multiply(const Neighbourhood<Real>& near, Real dt) {
   using V = Vector<Real>;
-  const Real k = 2 * Real(near.dimension + 2) * dt * near.volume * kernel_scale(near) / near.h;
+  const Real k = Real(2 * (near.dimension + 2) * weight_scale(near)) * dt / (near.h * near.h);
   return ordered_sum(
       near.size(),
       [&](std::int64_t i) {
@@ -36,13 +61,12 @@ double Viscosity<Real>::multiply(const Neighbourhood<Real>& near, Real dt) {
           const PointLanes<V> pj = load_points<V>(p_.data(), pair.index);
           const V mu = 2 * pi.w * pj.w / (pi.w + pj.w);
           const V along = (pi.x - pj.x) * pair.x + (pi.y - pj.y) * pair.y + (pi.z - pj.z) * pair.z;
-          const V inverse_r3 = pair.inverse_r * pair.inverse_r * pair.inverse_r;
-          const V c = mu * CubicSpline::slope<V>(pair.q) * inverse_r3 * along;
+          const V c = mu * weight(pair.q) * pair.inverse_r * pair.inverse_r * along;
           x = fma<V>(c, pair.x, x);
           y = fma<V>(c, pair.y, y);
           z = fma<V>(c, pair.z, z);
         });
-        const Real s = -k * w;
+        const Real s = k * w;
         f_[i] = {pi.x + s * sum_lanes(x), pi.y + s * sum_lanes(y), pi.z + s * sum_lanes(z), 0};
         return dot(pi, f_[i]) / double(w);
       },

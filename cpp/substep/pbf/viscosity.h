@@ -14,16 +14,23 @@ struct ViscosityReport {
 };
 
 // Implicit viscosity after Weiler, Koschier, Brand and Bender (2018), "A physically consistent
-// implicit viscosity solver for SPH fluids", eq. 7-9: with d dimensions,
-//   F_i = sum_j 2 (d + 2) mu_ij V^2 (v_ij . x_ij) / |x_ij|^2 grad W_ij,
+// implicit viscosity solver for SPH fluids", eq. 7-9: with d dimensions and u = x_ij / |x_ij|,
+//   F_i = -sum_j 2 (d + 2) mu_ij V^2 G_ij (v_ij . u) u,
 //   m_i (v_i' - v_i) = dt F_i(v').
-// Deviations: V is the rest volume (see Neighbourhood); no 0.01 h^2 is added to |x_ij|^2, as grad W
-// vanishes with x_ij (it would lose 4 % of the viscosity); mu_ij = 2 mu_i mu_j / (mu_i + mu_j) with
-// mu = nu rho_0: one stress on both sides where fluids meet; and the conjugate gradients are
-// preconditioned by the masses alone, not by 3 x 3 blocks. So every direction M^-1 F has, pair by
-// pair, no linear and no angular momentum, and both are conserved whatever the tolerance. The
-// matrix is never stored: I + dt M^-1 L is symmetric positive definite in the product <a, b> = sum
-// m a . b, with any nu, and its condition is about 1 + 20 nu dt / spacing^2. Where the sum reaches
+// Deviations:
+// - There, G = -W' / r. But these forces are central, and with the 30 neighbours of a support of
+// two
+//   spacings -W' leaves most to the six nearest, which do not resist shear along the axes of their
+//   lattice: 0.66 of nu there, 1.2 in other directions. Here G ~ (1 - q) + (1 - q)^2, q = r / h,
+//   with which the lattice's tensor sum_j G r^2 u u u u is isotropic within a few percent, scaled
+//   to sum_j V G r^2 = d in the lattice.
+// - V is the volume at rest (see Neighbourhood).
+// - mu_ij = 2 mu_i mu_j / (mu_i + mu_j), mu = nu rho_0: one stress on both sides where fluids meet.
+// - The conjugate gradients are preconditioned by the masses alone, not by 3 x 3 blocks. So every
+//   direction M^-1 F has, pair by pair, no linear and no angular momentum, and both are conserved
+//   whatever the tolerance.
+// The matrix is never stored: I + dt M^-1 L is symmetric positive definite in the product <a, b> =
+// sum m a . b with any nu; its condition is about 1 + 20 nu dt / spacing^2. Where the sum reaches
 // beyond the surface nothing pulls: a free surface, and a wall, has no traction from this term.
 template <class Real>
 class Viscosity {
@@ -36,6 +43,8 @@ class Viscosity {
                         Real tolerance, int max_iterations, std::span<Point<Real>> v);
 
  private:
+  // Scale of G, times V h^2.
+  static double weight_scale(const Neighbourhood<Real>& near);
   // f = M^-1 A p, A = M + dt L; returns <p, f>.
   double multiply(const Neighbourhood<Real>& near, Real dt);
 
