@@ -51,10 +51,10 @@ class Emitter:
     >>> import substep
     >>> tap = substep.Emitter((0.0, 0.0, 1.0), (0.0, 0.0, -1.0), 2.0, radius=0.05)
     >>> liquid = substep.PositionBasedFluid(np.zeros((0, 3)), 0.02, emitters=[tap])
-    >>> liquid.advance(0.1)
+    >>> liquid.advance(0.5)
     >>> bool(len(liquid) == liquid.emitted[0] > 0)
     True
-    >>> round(len(liquid) * 0.02**3 / (tap.area * 0.1 * 2.0), 1)
+    >>> round(len(liquid) * 0.02**3 / (tap.area * 2.0 * 0.5), 1)
     1.0
     """
 
@@ -147,7 +147,7 @@ class Emitter:
 
 def _middles(m: int) -> Array:
     """Of m cells of length 1 about 0."""
-    return np.arange(m) - 0.5 * (m - 1)
+    return np.arange(m, dtype=np.float64) - 0.5 * (m - 1)
 
 
 def _grid(axes: list[Array]) -> Array:

@@ -132,8 +132,8 @@ def relax(
 ) -> Array:
     """Move particles until the liquid is at rest and nowhere denser than `tolerance` allows.
 
-    A lattice is too dense at the edges of a tank and too thin at its own surface, so it would pop
-    and sink. Here the steps of `PositionBasedFluid` lose most of their velocity: the liquid creeps
+    A lattice fits a box; along curved walls it is too dense here and leaves gaps there, so it pops
+    and sinks. Here the steps of `PositionBasedFluid` lose most of their velocity: the liquid creeps
     to where it stays. Without gravity, particles only move apart.
 
     Parameters
