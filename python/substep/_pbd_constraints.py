@@ -450,10 +450,10 @@ class Attachment(Constraint):
 class NeoHookean(Constraint):
     """Elastic tetrahedra of Young's modulus and Poisson's ratio.
 
-    Two constraints each, |F| and det F, whose energies add up to the stable neo-Hookean one. What
-    the material does at small strains is Hooke's law; at large ones it stays finite, and inverted
-    tetrahedra turn back. Iterations or substeps must be enough for the two to find their balance:
-    see docs/pbd_constraints.md for what is left at how many.
+    Two constraints each, of |F| and det F, whose energies add up to the stable neo-Hookean one,
+    the same as that of `SoftBody`. It obeys Hooke's law at small strains and stays finite at large
+    ones, and inverted tetrahedra turn back. Iterations or substeps must be enough for the two to
+    find their balance: docs/pbd_constraints.md says what is left at how many.
 
     Parameters
     ----------
@@ -476,9 +476,9 @@ class NeoHookean(Constraint):
 
     References
     ----------
-    Macklin and Mueller, "A constraint-based formulation of stable neo-Hookean materials", MIG 2021;
     Smith, de Goes and Kim, "Stable neo-Hookean flesh simulation", ACM Trans. Graph. 37 (2018) 12,
-    eq. 13.
+    eq. 14; Macklin and Mueller, "A constraint-based formulation of stable neo-Hookean materials",
+    MIG 2021 (the two constraints, of an energy without the logarithm).
 
     Examples
     --------
@@ -525,11 +525,12 @@ class NeoHookean(Constraint):
         size = np.where(solid, np.abs(volumes), 1)
         per_volume = np.where(solid, 1 / np.where(solid, volumes, 1), 0)
         e, nu, tau = self.young_modulus, self.poisson_ratio, self.relaxation_time
-        mu = e / (2 * (1 + nu))
-        # Lame's second coefficient plus mu, with which small strains obey Hooke's law.
-        bulk = e * nu / ((1 + nu) * (1 - 2 * nu)) + mu
-        of_volume = np.stack([per_volume, np.broadcast_to(1 + mu / bulk, len(self))], axis=1)
-        stiff = mu * size, bulk * size
+        # m, l and a of neo_hookean.h.
+        shear = 4 / 3 * e / (2 * (1 + nu))
+        bulk = e * nu / ((1 + nu) * (1 - 2 * nu)) + 5 / 8 * shear
+        balance = np.broadcast_to(1 + 0.75 * shear / bulk, len(self))
+        of_volume = np.stack([per_volume, balance], axis=1)
+        stiff = shear * size, bulk * size
         return [
             Formula("neo_hookean_deviatoric", inverse, 1 / stiff[0], tau * stiff[0]),
             Formula("neo_hookean_hydrostatic", of_volume, 1 / stiff[1], tau * stiff[1]),
