@@ -58,6 +58,38 @@ Ball ball(std::span<const Point<Real>> points) {
   return {0.5 * (a + b), 0.5 * (b - a).norm()};
 }
 
+// Bounds of the coordinates, `further` inside of low and high, for whole rows of points at once.
+template <class Real>
+class Bounds {
+ public:
+  Bounds(const Point<Real>& low, const Point<Real>& high, Real further) {
+    Point<Real> lows[kPoints], highs[kPoints];
+    std::fill_n(lows, kPoints, low);
+    std::fill_n(highs, kPoints, high);
+    low_ = load<V>(&lows[0].x) + further;
+    high_ = load<V>(&highs[0].x) - further;
+  }
+
+  // visit(i) for the points of [begin, end) that are not within, and some others.
+  template <class Visit>
+  void for_outside(std::span<const Point<Real>> x, std::int64_t begin, std::int64_t end,
+                   Visit&& visit) const {
+    std::int64_t i = begin;
+    for (; i + kPoints <= end; i += kPoints) {
+      const V p = load<V>(&x[i].x);
+      if (!any((p < low_) | (p > high_))) continue;
+      for (std::int64_t k = i; k < i + kPoints; ++k) visit(k);
+    }
+    for (; i < end; ++i) visit(i);
+  }
+
+ private:
+  static constexpr int kBytes = std::max<int>(kVectorBytes, sizeof(Point<Real>));
+  static constexpr std::int64_t kPoints = kBytes / static_cast<int>(sizeof(Point<Real>));
+  using V = Vector<Real, kBytes>;
+  V low_, high_;
+};
+
 }  // namespace
 
 template <class Real>
@@ -99,8 +131,17 @@ void ParticleContact<Real>::set_bounds(std::size_t c) {
 }
 
 template <class Real>
-void ParticleContact<Real>::begin_step(std::int64_t n) {
+void ParticleContact<Real>::place() {
   obstacles_.resize(colliders.size());
+  for (std::size_t c = 0; c < colliders.size(); ++c) {
+    obstacles_[c].from = obstacles_[c].to = pose(colliders[c]);
+    set_bounds(c);
+  }
+}
+
+template <class Real>
+void ParticleContact<Real>::begin_step(std::int64_t n) {
+  place();
   keep_reached_ = false;
   for (std::size_t c = 0; c < colliders.size(); ++c) {
     Obstacle& obstacle = obstacles_[c];
@@ -109,47 +150,86 @@ void ParticleContact<Real>::begin_step(std::int64_t n) {
     const std::size_t kept = obstacle.tracked ? static_cast<std::size_t>(n) : 0;
     obstacle.normal.assign(kept, Point<Real>{});
     obstacle.tangential.assign(kept, Point<Real>{});
-    obstacle.from = obstacle.to = pose(colliders[c]);
     keep_reached_ |= !convex(colliders[c]);
-    set_bounds(c);
   }
   reached_.resize(keep_reached_ ? static_cast<std::size_t>(n) : 0);
+}
+
+// An aligned collider: rows of points are compared with its bounds.
+template <class Real>
+void ParticleContact<Real>::find_near(std::size_t c, std::span<const Point<Real>> x,
+                                      std::int64_t begin, std::int64_t end, double reach,
+                                      std::vector<std::int32_t>& found) const {
+  const Obstacle& obstacle = obstacles_[c];
+  if (!obstacle.aligned) {
+    find_in_ball(c, obstacle.to, x, begin, end, reach, found);
+    return;
+  }
+  const Real further = static_cast<Real>(reach - margin_);
+  const Bounds<Real> bounds(obstacle.low, obstacle.high, further);
+  bounds.for_outside(x, begin, end,
+                     [&](std::int64_t i) { found.push_back(static_cast<std::int32_t>(i)); });
+}
+
+// A ball about a range of particles that keeps clear of the collider spares them all; else parts of
+// the range are looked at.
+template <class Real>
+void ParticleContact<Real>::find_in_ball(std::size_t c, const Pose& at,
+                                         std::span<const Point<Real>> x, std::int64_t begin,
+                                         std::int64_t end, double reach,
+                                         std::vector<std::int32_t>& found) const {
+  constexpr std::int64_t kSingles = 8;
+  const Collider& collider = colliders[c];
+  const double lipschitz = collider.lipschitz();
+  const Ball around = ball(x.subspan(begin, end - begin));
+  if (collider.local_distance(at.to_local(around.center)).value >
+      lipschitz * (around.radius + reach)) {
+    return;
+  }
+  if (end - begin > kSingles) {
+    const std::int64_t part = std::max<std::int64_t>((end - begin + 7) / 8, kSingles);
+    for (std::int64_t b = begin; b < end; b += part) {
+      find_in_ball(c, at, x, b, std::min(b + part, end), reach, found);
+    }
+    return;
+  }
+  for (std::int64_t i = begin; i < end; ++i) {
+    if (collider.local_distance(at.to_local(vector(x[i]))).value < lipschitz * reach) {
+      found.push_back(static_cast<std::int32_t>(i));
+    }
+  }
 }
 
 template <class Real>
 void ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real> mass,
                                   std::span<Point<Real>> along) {
-  constexpr std::int64_t kBlock = 16;
-  for (std::size_t c = 0; c < colliders.size(); ++c) {
+  const auto clear_range = [&](std::size_t c, std::int64_t begin, std::int64_t end) {
     const Collider& collider = colliders[c];
-    const Pose& at = obstacles_[c].from;
-    const auto free_block = [&](std::int64_t begin, std::int64_t end) {
-      const auto points = x.subspan(begin, end - begin);
-      const Ball around = ball(std::span<const Point<Real>>(points));
-      const Vec3 center = at.to_local(around.center);
-      if (collider.local_distance(center).value > collider.lipschitz() * around.radius + margin_)
-        return;
-      for (std::int64_t i = begin; i < end; ++i) {
-        const Vec3 local = at.to_local(vector(x[i]));
-        if (of(mass, i) == 0 || !(collider.local_distance(local).value < margin_)) continue;
-        // In an aligned box every wall, else the nearest part of the surface.
-        const Vec3 out = convex(collider) ? advance_freely(collider, local, local, margin_)
-                                          : push_out(collider, local, margin_);
-        Vec3 moved = at.rotation * (out - local);
-        if (planar_) moved[2] = 0;
-        assign(x[i], vector(x[i]) + moved);
-        if (!along.empty()) assign(along[i], vector(along[i]) + moved);
-      }
-    };
-    parallel_for(
-        static_cast<std::int64_t>(x.size()), kGrain,
-        [&](std::int64_t begin, std::int64_t end) {
-          for (std::int64_t i = begin; i < end; i += kBlock) {
-            free_block(i, std::min(i + kBlock, end));
-          }
-        },
-        threads);
-  }
+    const Pose &at = obstacles_[c].from, &to = obstacles_[c].to;
+    std::vector<std::int32_t> found;
+    if (at.shift == to.shift && at.rotation == to.rotation) {
+      find_near(c, x, begin, end, margin_, found);
+    } else {
+      find_in_ball(c, at, x, begin, end, margin_, found);
+    }
+    for (const std::int32_t i : found) {
+      const Vec3 local = at.to_local(vector(x[i]));
+      if (of(mass, i) == 0 || !(collider.local_distance(local).value < margin_)) continue;
+      // Out of every wall of a tank, else to the nearest part of the surface.
+      const Vec3 out = convex(collider) ? advance_freely(collider, local, local, margin_)
+                                        : push_out(collider, local, margin_);
+      Vec3 moved = at.rotation * (out - local);
+      if (planar_) moved[2] = 0;
+      assign(x[i], vector(x[i]) + moved);
+      if (!along.empty()) assign(along[i], vector(along[i]) + moved);
+    }
+  };
+  parallel_for(
+      static_cast<std::int64_t>(x.size()), kGrain,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::size_t c = 0; c < colliders.size(); ++c) clear_range(c, begin, end);
+      },
+      threads);
 }
 
 template <class Real>
@@ -188,19 +268,12 @@ void ParticleContact<Real>::project(std::span<const Point<Real>> start, std::spa
   first_ = false;
 }
 
-// An aligned collider: whole rows of points are compared with the bounds.
+// An aligned collider.
 template <class Real>
 void ParticleContact<Real>::clamp(std::size_t c, std::span<const Point<Real>> start,
                                   std::span<Point<Real>> x, std::span<const Real> mass,
                                   std::int64_t begin, std::int64_t end) {
-  constexpr int kBytes = std::max<int>(kVectorBytes, sizeof(Point<Real>));
-  constexpr std::int64_t kPoints = kBytes / static_cast<int>(sizeof(Point<Real>));
-  using V = Vector<Real, kBytes>;
   Obstacle& obstacle = obstacles_[c];
-  Point<Real> lows[kPoints], highs[kPoints];
-  std::fill_n(lows, kPoints, obstacle.low);
-  std::fill_n(highs, kPoints, obstacle.high);
-  const V low = load<V>(&lows[0].x), high = load<V>(&highs[0].x);
   Exchange& part = obstacle.parts[static_cast<std::size_t>(begin / kGrain)];
 
   const auto touch = [&](std::int64_t i) {
@@ -219,21 +292,18 @@ void ParticleContact<Real>::clamp(std::size_t c, std::span<const Point<Real>> st
     if (push.isZero(0)) return;
     part.add(vector(p) + obstacle.to.shift, -m / h_ * push);
   };
-  const auto pushed = [&](std::int64_t i) {
-    const Point<Real>& n = obstacle.normal[static_cast<std::size_t>(i)];
-    return n.x != 0 || n.y != 0 || n.z != 0;
-  };
-  std::int64_t i = begin;
-  for (; i + kPoints <= end; i += kPoints) {
-    const V p = load<V>(&x[i].x);
-    bool near = any((p < low) | (p > high));
-    if (obstacle.tracked) {
-      for (std::int64_t k = i; k < i + kPoints && !near; ++k) near = pushed(k);
+  if (obstacle.tracked) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      const Point<Real>&p = x[i], &n = obstacle.normal[static_cast<std::size_t>(i)];
+      const Point<Real>&low = obstacle.low, &high = obstacle.high;
+      if (n.x != 0 || n.y != 0 || n.z != 0 || p.x < low.x || p.y < low.y || p.z < low.z ||
+          p.x > high.x || p.y > high.y || p.z > high.z) {
+        touch(i);
+      }
     }
-    if (!near) continue;
-    for (std::int64_t k = i; k < i + kPoints; ++k) touch(k);
+    return;
   }
-  for (; i < end; ++i) touch(i);
+  Bounds<Real>(obstacle.low, obstacle.high, 0).for_outside(x, begin, end, touch);
 }
 
 // Any other collider: a ball about a range of particles and their ways that keeps clear of it

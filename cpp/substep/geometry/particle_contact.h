@@ -73,6 +73,13 @@ class ParticleContact {
   // of kGrain particles.
   void add_push(std::size_t c, std::int64_t i, const Point<Real>& x, const Vec3& push, double mass);
 
+  // Appends the particles of [begin, end) that may be nearer than `reach` >= margin to collider c:
+  // all that are, and few others.
+  void find_near(std::size_t c, std::span<const Point<Real>> x, std::int64_t begin,
+                 std::int64_t end, double reach, std::vector<std::int32_t>& found) const;
+  // The pose of the colliders for find_near() outside of a step.
+  void place();
+
   double margin() const { return margin_; }
   const Vec3& origin() const { return origin_; }
   static constexpr std::int64_t kGrain = 1024;  // particles per task
@@ -96,6 +103,9 @@ class ParticleContact {
   };
 
   Pose pose(const Collider& collider) const;
+  void find_in_ball(std::size_t c, const Pose& at, std::span<const Point<Real>> x,
+                    std::int64_t begin, std::int64_t end, double reach,
+                    std::vector<std::int32_t>& found) const;
   void set_bounds(std::size_t c);
   void clamp(std::size_t c, std::span<const Point<Real>> start, std::span<Point<Real>> x,
              std::span<const Real> mass, std::int64_t begin, std::int64_t end);

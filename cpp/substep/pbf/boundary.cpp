@@ -120,52 +120,35 @@ void Boundary<Real>::begin_step(double dt, std::span<Point<Real>> start, std::sp
   contact_.clear(start, mass, x);
   contact_.begin_substep(dt);
   contact_.project(start, x, mass);
-  find_near(x, threads);
+  note_near(x, threads);
 }
 
 template <class Real>
 void Boundary<Real>::find_near(std::span<const Point<Real>> x, int threads) {
-  constexpr std::int64_t kGrain = geometry::ParticleContact<Real>::kGrain, kBlock = 16;
+  contact_.place();
+  note_near(x, threads);
+}
+
+template <class Real>
+void Boundary<Real>::note_near(std::span<const Point<Real>> x, int threads) {
+  constexpr std::int64_t kGrain = geometry::ParticleContact<Real>::kGrain;
   const auto n = static_cast<std::int64_t>(x.size());
   contributions_.assign(x.size(), Point<Real>{});
   near_.resize(static_cast<std::size_t>((n + kGrain - 1) / kGrain));
   if (colliders().empty()) return;
-  // Sweeps move particles, by less than half of the radius as a rule; who comes near by more than
-  // that is seen in the next step.
-  const double reach = mirror_->reach() + 0.5 * radius_;
-  const auto find = [&](std::int64_t begin, std::int64_t end, std::vector<Near>& found) {
-    Vec3 low = vector(x[begin]), high = low;
-    for (std::int64_t i = begin + 1; i < end; ++i) {
-      low = low.cwiseMin(vector(x[i])), high = high.cwiseMax(vector(x[i]));
-    }
-    const Vec3 center = contact_.origin() + 0.5 * (low + high);
-    const double radius = 0.5 * (high - low).norm();
-    std::vector<std::int32_t> candidates;
-    for (std::size_t c = 0; c < colliders().size(); ++c) {
-      const Collider& collider = colliders()[c];
-      const double d = collider.signed_distance(center).value;
-      if (d <= collider.lipschitz() * (radius + reach)) {
-        candidates.push_back(static_cast<std::int32_t>(c));
-      }
-    }
-    if (candidates.empty()) return;
-    for (std::int64_t i = begin; i < end; ++i) {
-      for (const std::int32_t c : candidates) {
-        const Collider& collider = colliders()[static_cast<std::size_t>(c)];
-        if (collider.signed_distance(contact_.origin() + vector(x[i])).value <
-            collider.lipschitz() * reach) {
-          found.push_back({static_cast<std::int32_t>(i), c, {}});
-        }
-      }
-    }
-  };
+  // Sweeps move particles, by less than a quarter of the radius as a rule; who comes near by more
+  // than that is seen in the next step.
+  const double reach = mirror_->reach() + 0.25 * radius_;
   parallel_for(
       n, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
-        std::vector<Near>& found = near_[static_cast<std::size_t>(begin / kGrain)];
-        found.clear();
-        for (std::int64_t i = begin; i < end; i += kBlock) {
-          find(i, std::min(i + kBlock, end), found);
+        std::vector<Near>& near = near_[static_cast<std::size_t>(begin / kGrain)];
+        near.clear();
+        std::vector<std::int32_t> found;
+        for (std::size_t c = 0; c < colliders().size(); ++c) {
+          found.clear();
+          contact_.find_near(c, x, begin, end, reach, found);
+          for (const std::int32_t i : found) near.push_back({i, static_cast<std::int32_t>(c), {}});
         }
       },
       threads);

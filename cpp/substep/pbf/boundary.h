@@ -60,6 +60,7 @@ class Boundary {
     Point<Real> gradient;
   };
 
+  void note_near(std::span<const Point<Real>> x, int threads);
   WallDensity wall_density(std::size_t c, const Vec3& local) const;
   WallDensity in_tank(const Vec3& half_lengths, const Vec3& x) const;
 
