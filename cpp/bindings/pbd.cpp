@@ -26,6 +26,14 @@ std::vector<T> list(const py::array_t<T, py::array::c_style>& a) {
 std::span<const Triple> rows(const Reals& a) {
   return {reinterpret_cast<const Triple*>(a.data()), static_cast<std::size_t>(a.size()) / 3};
 }
+template <class T>
+std::span<const T> readable(const py::array_t<T, py::array::c_style>& a) {
+  return {a.data(), static_cast<std::size_t>(a.size())};
+}
+template <class T>
+std::span<T> writable(py::array_t<T, py::array::c_style>& a) {
+  return {a.mutable_data(), static_cast<std::size_t>(a.size())};
+}
 template <class Fill>
 Reals vectors(std::int64_t count, Fill&& fill) {
   Reals out({static_cast<py::ssize_t>(count), py::ssize_t{3}});
@@ -137,6 +145,7 @@ void bind_dynamics(py::module_& m, const char* group_name, const char* name) {
           "threads", [](const Dynamics& self) { return self.options.threads; },
           [](Dynamics& self, int threads) { self.options.threads = threads; })
       .def_property_readonly("origin", &Dynamics::origin)
+      .def_property_readonly("groups", &Dynamics::groups)
       .def_property_readonly("skipped", &Dynamics::skipped)
       .def_property_readonly("last_substep", &Dynamics::last_substep)
       .def_property_readonly("elastic_energy", &Dynamics::elastic_energy)
@@ -169,41 +178,39 @@ void bind_dynamics(py::module_& m, const char* group_name, const char* name) {
             const auto flags = self.pinned();
             return Flags(static_cast<py::ssize_t>(flags.size()), flags.data());
           },
-          [](Dynamics& self, const Flags& pinned) {
-            self.set_pinned({pinned.data(), static_cast<std::size_t>(pinned.size())});
-          })
+          [](Dynamics& self, const Flags& pinned) { self.set_pinned(readable(pinned)); })
       .def(
           "set_positions",
           [](Dynamics& self, const Ids& ids, const Reals& values) {
-            self.set_positions({ids.data(), static_cast<std::size_t>(ids.size())}, rows(values));
+            self.set_positions(readable(ids), rows(values));
           },
           py::arg("ids").noconvert(), py::arg("values").noconvert())
       .def(
           "set_velocities",
           [](Dynamics& self, const Ids& ids, const Reals& values) {
-            self.set_velocities({ids.data(), static_cast<std::size_t>(ids.size())}, rows(values));
+            self.set_velocities(readable(ids), rows(values));
           },
           py::arg("ids").noconvert(), py::arg("values").noconvert())
       .def("raw",
            [](const Dynamics& self) {
-             Raw x({static_cast<py::ssize_t>(self.size()), py::ssize_t{3}});
-             Raw v({static_cast<py::ssize_t>(self.size()), py::ssize_t{3}});
-             self.raw({x.mutable_data(), static_cast<std::size_t>(x.size())},
-                      {v.mutable_data(), static_cast<std::size_t>(v.size())});
-             return std::pair(x, v);
+             const auto n = static_cast<py::ssize_t>(self.size());
+             Raw x({n, py::ssize_t{3}}), v({n, py::ssize_t{3}});
+             Raw targets({self.has_targets() ? n : 0, py::ssize_t{3}});
+             self.raw(writable(x), writable(v), writable(targets));
+             return std::tuple(x, v, targets);
            })
       .def(
           "set_raw",
-          [](Dynamics& self, const Raw& x, const Raw& v) {
-            self.set_raw({x.data(), static_cast<std::size_t>(x.size())},
-                         {v.data(), static_cast<std::size_t>(v.size())});
+          [](Dynamics& self, const Raw& x, const Raw& v, const Raw& targets) {
+            self.set_raw(readable(x), readable(v), readable(targets));
           },
-          py::arg("positions").noconvert(), py::arg("velocities").noconvert())
+          py::arg("positions").noconvert(), py::arg("velocities").noconvert(),
+          py::arg("targets").noconvert())
       .def(
           "values",
           [](Dynamics& self, std::size_t group) {
             Reals c(static_cast<py::ssize_t>(self.group(group).size()));
-            self.values(group, {c.mutable_data(), static_cast<std::size_t>(c.size())});
+            self.values(group, writable(c));
             return c;
           },
           py::arg("group"))
@@ -211,7 +218,7 @@ void bind_dynamics(py::module_& m, const char* group_name, const char* name) {
           "multipliers",
           [](Dynamics& self, std::size_t group) {
             Reals c(static_cast<py::ssize_t>(self.group(group).size()));
-            self.multipliers(group, {c.mutable_data(), static_cast<std::size_t>(c.size())});
+            self.multipliers(group, writable(c));
             return c;
           },
           py::arg("group"))
@@ -225,7 +232,7 @@ void bind_dynamics(py::module_& m, const char* group_name, const char* name) {
       .def(
           "set_group_state",
           [](Dynamics& self, std::size_t group, const Reals& state) {
-            self.group(group).restore({state.data(), static_cast<std::size_t>(state.size())});
+            self.group(group).restore(readable(state));
           },
           py::arg("group"), py::arg("state").noconvert());
 }

@@ -183,12 +183,15 @@ class PositionBasedDynamics(Simulation):
         self.damping = check_real("damping", damping, nonnegative=True)
         self.step_size = check_real("step", step, positive=True)
         suffix = DTYPES[self.dtype]
+        groups = [constraint._groups(x, suffix) for constraint in self.constraints]
+        ends = np.cumsum([len(own) for own in groups]).tolist()
+        self._group_ranges = [range(end - len(g), end) for end, g in zip(ends, groups, strict=True)]
         native = getattr(_core, f"PositionBasedDynamics{suffix}")(
             x,
             v,
             self._masses,
             check_pinned(pinned, n),
-            [g for constraint in self.constraints for g in constraint._groups(x, suffix)],
+            [group for own in groups for group in own],
             substeps=self.substeps,
             iterations=self.iterations,
             solver=self.solver,
@@ -199,6 +202,11 @@ class PositionBasedDynamics(Simulation):
             margin=check_real("margin", margin, positive=True),
             dimension=columns,
         )
+        self._rest_lengths = {
+            k: constraint._parameters(x)[:, 0]
+            for k, constraint in enumerate(self.constraints)
+            if isinstance(constraint, Distance)
+        }
         if rest_positions is not None and self.solver != "multilevel":
             raise InputError("rest_positions: only the solver 'multilevel' has a use for them")
         if self.solver == "multilevel":
@@ -371,6 +379,57 @@ class PositionBasedDynamics(Simulation):
         """
         return math.inf, "projections are stable at any step"
 
+    def _of_groups(self, get: Any, constraint: int) -> Array:
+        """get(group) of all groups of constraints[constraint]."""
+        last = len(self.constraints) - 1
+        index = check_integer("constraint", constraint, minimum=0, maximum=last)
+        return np.concatenate([get(group) for group in self._group_ranges[index]])
+
+    def values(self, constraint: int = 0) -> Array:
+        """C of each constraint, at the present positions.
+
+        Parameters
+        ----------
+        constraint : int
+            Which of `constraints`.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            C, in the unit of the constraint ([m] for `Distance`). Where one class makes two kinds
+            (`NeoHookean`), one kind comes after the other.
+
+        Raises
+        ------
+        InputError
+            If there is no such entry.
+        """
+        return self._of_groups(self._native.values, constraint)
+
+    def multipliers(self, constraint: int = 0) -> Array:
+        """What each constraint pulled with in the last substep: lambda / h^2.
+
+        Constraint j pulled its particle i with the force lambda_j / h^2 grad_i C_j, so a stretched
+        `Distance` has a negative one, minus its tension [N].
+
+        Parameters
+        ----------
+        constraint : int
+            Which of `constraints`.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            In [J] over the unit of C; 0 before the first step. In the order of `values`.
+
+        Raises
+        ------
+        InputError
+            If there is no such entry.
+        """
+        h = self._native.last_substep
+        return self._of_groups(self._native.multipliers, constraint) / (h * h if h > 0 else 1.0)
+
     def diagnostics(self) -> dict[str, float]:
         """Energies, momentum, and what is left of the constraints.
 
@@ -379,11 +438,16 @@ class PositionBasedDynamics(Simulation):
         dict of str to float
             `kinetic_energy`, `elastic_energy` (of constraints with compliance) and
             `gravitational_energy` [J]; `momentum_x`, `_y`, `_z` [N s]; `speed`, the largest [m/s];
-            `skipped`, projections of the last step that had no gradient.
+            `strain` and `max_strain`, root mean square and largest of |C| / r over all `Distance`
+            of rest length r above 0; `residual`, the same root mean square of |C + alpha lambda /
+            h^2| / r, which is 0 where the equations of the last substep are solved; `skipped`,
+            projections of the last step that had no gradient.
         """
-        momentum = self._masses @ self._native.velocities
-        speeds = np.linalg.norm(self._native.velocities, axis=1)
+        velocities = self._native.velocities
+        momentum = self._masses @ velocities
+        speeds = np.linalg.norm(velocities, axis=1)
         heights = self._native.positions @ self.gravity
+        strain, residual = self._strains()
         return {
             "kinetic_energy": 0.5 * float(self._masses @ speeds**2),
             "elastic_energy": float(self._native.elastic_energy),
@@ -392,8 +456,22 @@ class PositionBasedDynamics(Simulation):
             "momentum_y": float(momentum[1]),
             "momentum_z": float(momentum[2]),
             "speed": float(speeds.max(initial=0.0)),
+            "strain": math.sqrt(float(strain @ strain) / max(1, len(strain))),
+            "max_strain": float(np.abs(strain).max(initial=0.0)),
+            "residual": math.sqrt(float(residual @ residual) / max(1, len(residual))),
             "skipped": float(self._native.skipped),
         }
+
+    def _strains(self) -> tuple[Array, Array]:
+        """C / r and (C + alpha lambda / h^2) / r of all distances with r above 0."""
+        strains, residuals = [np.zeros(0)], [np.zeros(0)]
+        for k, constraint in enumerate(self.constraints):
+            if isinstance(constraint, Distance):
+                c, rest = self.values(k), self._rest_lengths[k]
+                left = c + constraint.compliance * self.multipliers(k)
+                strains.append(c[rest > 0] / rest[rest > 0])
+                residuals.append(left[rest > 0] / rest[rest > 0])
+        return np.concatenate(strains), np.concatenate(residuals)
 
     def fields(self) -> dict[str, tuple[NDArray[Any], str]]:
         """Arrays for recording, with their units.
@@ -414,15 +492,18 @@ class PositionBasedDynamics(Simulation):
             For `restore`; positions in it are relative to an origin.
         """
         native = self._native
-        x, v = native.raw()
+        x, v, targets = native.raw()
+        groups = [native.group_state(k) for k in range(native.groups)]
         return {
             "time": self.time,
             "origin": np.array(native.origin),
             "positions": x,
             "velocities": v,
             "forces": native.forces,
-            "targets": native.targets,
+            "targets": targets,
             "pinned": native.pinned,
+            "groups": np.concatenate([np.zeros(0), *groups]),
+            "group_sizes": np.array([len(g) for g in groups], np.int64),
             "colliders": self._collider_states(),
         }
 
@@ -448,22 +529,27 @@ class PositionBasedDynamics(Simulation):
         if missing:
             raise InputError(f"state: {', '.join(sorted(missing))} missing")
         time = check_real("state['time']", state["time"])
-        arrays = {
-            name: check_array(
-                f"state[{name!r}]", state[name], own[name].shape, dtype=own[name].dtype
+        arrays = {}
+        for name in set(own) - {"time"}:
+            shape = own[name].shape
+            if name == "groups":
+                shape = (int(np.sum(state["group_sizes"])),)
+            elif name == "targets" and len(state[name]) in (0, len(self)):
+                shape = (len(state[name]), 3)
+            arrays[name] = check_array(
+                f"state[{name!r}]", state[name], shape, dtype=own[name].dtype
             )
-            for name in own
-            if name != "time"
-        }
         if not np.array_equal(arrays["origin"], own["origin"]):
             raise InputError("state['origin']: of a simulation with other initial positions")
+        groups = np.split(arrays["groups"], np.cumsum(arrays["group_sizes"])[:-1])
         with self._own():
             native = self._native
             native.time = time
             native.pinned = arrays["pinned"]
-            native.set_raw(arrays["positions"], arrays["velocities"])
+            native.set_raw(arrays["positions"], arrays["velocities"], arrays["targets"])
             native.forces = arrays["forces"]
-            native.targets = arrays["targets"]
+            for k in range(native.groups):
+                native.set_group_state(k, groups[k])
             for collider, values in zip(self.colliders, arrays["colliders"], strict=True):
                 collider._native.state = values.tolist()
 

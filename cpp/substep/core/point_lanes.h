@@ -70,14 +70,14 @@ SUBSTEP_INLINE V pick_pair(const V& first, const V& second) {
 }  // namespace detail
 #endif
 
-// points[index[0]], points[index[1]], ... by lane.
-template <class V>
-SUBSTEP_INLINE PointLanes<V> load_points(const Point<Lane<V>>* points, const std::int32_t* index) {
+// The rows *at(0), *at(1), ... by lane.
+template <class V, class At>
+SUBSTEP_INLINE PointLanes<V> load_rows(const At& at) {
   using Real = Lane<V>;
 #if defined(__x86_64__)
   if constexpr (sizeof(Real) == 4) {
-    const auto row = [&](int k) {
-      return detail::join_quarters<V>([&](int part) { return &points[index[k + 4 * part]].x; });
+    const auto row = [&](int k) __attribute__((always_inline)) {
+      return detail::join_quarters<V>([&](int part) { return &at(k + 4 * part)->x; });
     };
     const V r0 = row(0), r1 = row(1), r2 = row(2), r3 = row(3);
     const V xy01 = detail::pick<0, 1, 0, 1>(r0, r1), xy23 = detail::pick<0, 1, 0, 1>(r2, r3);
@@ -85,9 +85,9 @@ SUBSTEP_INLINE PointLanes<V> load_points(const Point<Lane<V>>* points, const std
     return {detail::pick<0, 2, 0, 2>(xy01, xy23), detail::pick<1, 3, 1, 3>(xy01, xy23),
             detail::pick<0, 2, 0, 2>(zw01, zw23), detail::pick<1, 3, 1, 3>(zw01, zw23)};
   } else {
-    const auto half = [&](int k, int offset) {  // xy (0) or zw (2) of every second row
-      return detail::join_quarters<V>([&](int part) {
-        return reinterpret_cast<const float*>(&points[index[k + 2 * part]].x + offset);
+    const auto half = [&](int k, int offset) __attribute__((always_inline)) {
+      return detail::join_quarters<V>([&](int part) {  // xy (0) or zw (2) of every second row
+        return reinterpret_cast<const float*>(&at(k + 2 * part)->x + offset);
       });
     };
     const V xy0 = half(0, 0), xy1 = half(1, 0), zw0 = half(0, 2), zw1 = half(1, 2);
@@ -97,11 +97,17 @@ SUBSTEP_INLINE PointLanes<V> load_points(const Point<Lane<V>>* points, const std
 #else
   PointLanes<V> lanes;
   for (unsigned k = 0; k < sizeof(V) / sizeof(Real); ++k) {
-    const Point<Real>& p = points[index[k]];
+    const Point<Real>& p = *at(static_cast<int>(k));
     lanes.x[k] = p.x, lanes.y[k] = p.y, lanes.z[k] = p.z, lanes.w[k] = p.w;
   }
   return lanes;
 #endif
+}
+
+// points[index[0]], points[index[1]], ... by lane.
+template <class V>
+SUBSTEP_INLINE PointLanes<V> load_points(const Point<Lane<V>>* points, const std::int32_t* index) {
+  return load_rows<V>([&](int lane) { return points + index[lane]; });
 }
 
 // The sum over the lanes, in pairs, so always in the same order.

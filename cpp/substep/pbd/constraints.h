@@ -5,8 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "substep/pbd/group.h"
-#include "substep/pbd/project.h"
+#include "substep/pbd/constraint_group.h"
 
 namespace substep::pbd {
 

@@ -6,7 +6,9 @@
 #pragma once
 
 #include <array>
+#include <limits>
 
+#include "substep/core/point_lanes.h"
 #include "substep/pbd/lanes3.h"
 
 namespace substep::pbd {
@@ -21,9 +23,10 @@ struct Distance {
   static SUBSTEP_INLINE void evaluate(const std::array<Lanes3<V>, 2>& x, const std::array<V, 1>& p,
                                       V& c, std::array<Lanes3<V>, 2>& gradient) {
     const Lanes3<V> d = x[0] - x[1];
-    const V length = square_root(dot(d, d));
-    c = length - p[0];
-    gradient[0] = quotient(V{} + 1, length, V{}) * d;
+    const V square = dot(d, d);
+    const V inverse = square > std::numeric_limits<Lane<V>>::min() ? inverse_sqrt(square) : V{};
+    c = fma(square, inverse, -p[0]);
+    gradient[0] = inverse * d;
     gradient[1] = -gradient[0];
   }
 };

@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <cstring>
 #include <string>
 
 #include "substep/core/errors.h"
-#include "substep/core/interrupt.h"
+#include "substep/core/lanes.h"
 #include "substep/core/parallel.h"
 
 namespace substep::pbd {
@@ -34,6 +34,44 @@ std::vector<std::unique_ptr<T>> clones(const std::vector<std::unique_ptr<T>>& li
   std::vector<std::unique_ptr<T>> copies;
   for (const auto& item : list) copies.push_back(item->clone());
   return copies;
+}
+
+// Whole rows in vectors R: as many as fit.
+template <class R>
+SUBSTEP_INLINE R rows(const std::vector<Point<Lane<R>>>& list, std::size_t i) {
+  return load<R>(&list[i].x);
+}
+template <class R>
+SUBSTEP_INLINE void set_rows(std::vector<Point<Lane<R>>>& list, std::size_t i, const R& values) {
+  std::memcpy(&list[i], &values, sizeof values);
+}
+template <class R>
+SUBSTEP_INLINE R repeated(const Point<Lane<R>>& row) {
+  R v;
+  for (unsigned k = 0; k < sizeof(R) / sizeof(row); ++k) {
+    v[4 * k] = row.x, v[4 * k + 1] = row.y, v[4 * k + 2] = row.z, v[4 * k + 3] = row.w;
+  }
+  return v;
+}
+// The w of each row, four times.
+template <class R>
+SUBSTEP_INLINE R masses(const R& v) {
+  if constexpr (sizeof(R) == 4 * sizeof(Point<Lane<R>>)) {
+    return __builtin_shufflevector(v, v, 3, 3, 3, 3, 7, 7, 7, 7, 11, 11, 11, 11, 15, 15, 15, 15);
+  } else if constexpr (sizeof(R) == 2 * sizeof(Point<Lane<R>>)) {
+    return __builtin_shufflevector(v, v, 3, 3, 3, 3, 7, 7, 7, 7);
+  } else {
+    return __builtin_shufflevector(v, v, 3, 3, 3, 3);
+  }
+}
+// body(begin, end, R) for the rows that fill vectors R, and for those that are left.
+template <class Real, class Body>
+SUBSTEP_INLINE void for_rows(std::size_t begin, std::size_t end, const Body& body) {
+  using Row = Vector<Real, 4 * sizeof(Real)>;
+  using R = Vector<Real, std::max<int>(kVectorBytes, sizeof(Row))>;
+  const std::size_t middle = end - (end - begin) % (sizeof(R) / sizeof(Row));
+  body(begin, middle, R{});
+  body(middle, end, Row{});
 }
 
 template <class Real>
@@ -118,11 +156,14 @@ void Dynamics<Real>::prepare_jacobi() {
   const auto n = static_cast<std::size_t>(count_);
   splits_.assign(n + 1, 0);
   correction_start_.assign(1, 0);
+  std::vector<std::int32_t> holders;  // of the rows of all groups
   for (const auto& group : groups_) {
-    for (const std::int32_t slot : group->holders()) {
-      if (slot >= 0) ++splits_[static_cast<std::size_t>(slot)];
-    }
-    correction_start_.push_back(correction_start_.back() + group->holders().size());
+    const std::vector<std::int32_t> own = group->holders();
+    holders.insert(holders.end(), own.begin(), own.end());
+    correction_start_.push_back(holders.size());
+  }
+  for (const std::int32_t slot : holders) {
+    if (slot >= 0) ++splits_[static_cast<std::size_t>(slot)];
   }
   corrections_.assign(correction_start_.back(), {});
   held_start_.assign(n + 1, 0);
@@ -131,12 +172,10 @@ void Dynamics<Real>::prepare_jacobi() {
   }
   held_.resize(static_cast<std::size_t>(held_start_[n]));
   std::vector<std::int64_t> next(held_start_.begin(), held_start_.end() - 1);
-  std::int64_t at = 0;
-  for (const auto& group : groups_) {
-    for (const std::int32_t slot : group->holders()) {
-      if (slot >= 0) held_[static_cast<std::size_t>(next[static_cast<std::size_t>(slot)]++)] = at;
-      ++at;
-    }
+  for (std::size_t row = 0; row < holders.size(); ++row) {
+    if (holders[row] < 0) continue;
+    const auto at = static_cast<std::size_t>(next[static_cast<std::size_t>(holders[row])]++);
+    held_[at] = static_cast<std::int64_t>(row);
   }
 }
 
@@ -169,9 +208,11 @@ void Dynamics<Real>::step(double dt) {
   } catch (...) {
     phases_.clear();
     restore_saved();
+    for (auto& group : groups_) group->end_step(false);
     if (contact) contact->colliders = colliders;
     throw;
   }
+  for (auto& group : groups_) group->end_step(true);
   end_pins();
   force_.clear();
   skipped_ = skips_;
@@ -263,7 +304,7 @@ template <class Real>
 void Dynamics<Real>::sweep_groups(int substep, int iteration) {
   for (std::size_t g = 0; g < groups_.size(); ++g) {
     Group<Real>& group = *groups_[g];
-    if (options.jacobi && !group.holders().empty()) continue;
+    if (options.jacobi && group.correction_chunks() > 0) continue;
     if (projector && projector->claimed(g)) continue;
     Phase phase{
         .kind = Kind::group, .group = g, .substep = substep, .iteration = iteration, .chunks = 0};
@@ -359,54 +400,56 @@ void Dynamics<Real>::work_on_patch(const Phase& phase, std::int64_t patch) {
 template <class Real>
 void Dynamics<Real>::predict(std::int64_t patch, std::int64_t begin, std::int64_t end,
                              int substep) {
-  const auto h = static_cast<Real>(h_);
-  const auto dt = static_cast<Real>(dt_);
-  const auto gx = static_cast<Real>(h_ * options.gravity[0]);
-  const auto gy = static_cast<Real>(h_ * options.gravity[1]);
-  const auto gz = static_cast<Real>(h_ * options.gravity[2]);
+  const auto first = static_cast<std::size_t>(begin), last = static_cast<std::size_t>(end);
   if (substep == 0) {
-    std::copy(x_.begin() + begin, x_.begin() + end, saved_x_.begin() + begin);
-    std::copy(v_.begin() + begin, v_.begin() + end, saved_v_.begin() + begin);
-    saved_[static_cast<std::size_t>(patch)] = 1;
-    for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
+    save(patch);
+    const auto dt = static_cast<Real>(dt_);
+    for (std::size_t i = first; i < last; ++i) {
       if (x_[i].w != 0) continue;
       const Point<Real> to = target_.empty() ? x_[i] : target_[i];
       v_[i] = {(to.x - x_[i].x) / dt, (to.y - x_[i].y) / dt, (to.z - x_[i].z) / dt, v_[i].w};
     }
   }
-  for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
-    Point<Real> x = x_[i], v = v_[i];
-    x_old_[i] = x;
-    const Real free = x.w > 0 ? Real{1} : Real{0};
-    v.x += free * gx;
-    v.y += free * gy;
-    v.z += free * gz;
-    if (!force_.empty()) {
-      const Real scale = h * x.w;
-      v.x += scale * force_[i].x;
-      v.y += scale * force_[i].y;
-      v.z += scale * force_[i].z;
+  const auto h = static_cast<Real>(h_);
+  const Point<Real> fall{static_cast<Real>(h_ * options.gravity[0]),
+                         static_cast<Real>(h_ * options.gravity[1]),
+                         static_cast<Real>(h_ * options.gravity[2]), 0};
+  for_rows<Real>(first, last, [&]<class R>(std::size_t i, std::size_t to, R) {
+    const R gravity = repeated<R>(fall), way = repeated<R>({h, h, h, 0});
+    for (; i < to; i += sizeof(R) / sizeof(Point<Real>)) {
+      const R x = rows<R>(x_, i), w = masses<R>(x);
+      R v = rows<R>(v_, i) + (w > 0 ? gravity : R{});
+      if (!force_.empty()) v += way * w * rows<R>(force_, i);
+      set_rows(x_old_, i, x);
+      set_rows(v_, i, v);
+      set_rows(x_, i, R(x + way * v));
     }
-    v_[i] = v;
-    x_[i] = {x.x + h * v.x, x.y + h * v.y, x.z + h * v.z, x.w};
-  }
+  });
 }
 
-// v = (x - x_old) / h, damped; throws where that is not finite.
+// v = (x - x_old) / h, damped; throws where that is not finite. Written as the predicted velocity
+// and what the corrections add to it, which rounding does not spoil where they are small.
 template <class Real>
 void Dynamics<Real>::finish(std::int64_t begin, std::int64_t end, int substep) {
-  const auto inverse = static_cast<Real>(std::exp(-options.damping * h_) / h_);
-  const auto inverse_pinned = static_cast<Real>(1 / h_);
-  Real check = 0;
-  for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
-    const Point<Real> x = x_[i], old = x_old_[i];
-    const Real scale = x.w > 0 ? inverse : inverse_pinned;
-    const Real vx = (x.x - old.x) * scale, vy = (x.y - old.y) * scale, vz = (x.z - old.z) * scale;
-    v_[i] = {vx, vy, vz, v_[i].w};
-    check += (vx + vy + vz) * 0;  // 0 or NaN
-  }
-  if (check == 0) return;
-  for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
+  const auto first = static_cast<std::size_t>(begin), last = static_cast<std::size_t>(end);
+  const auto h = static_cast<Real>(h_), inverse = static_cast<Real>(1 / h_);
+  const auto decay = static_cast<Real>(std::exp(-options.damping * h_));
+  bool wrong = false;
+  for_rows<Real>(first, last, [&]<class R>(std::size_t i, std::size_t to, R) {
+    const R way = repeated<R>({h, h, h, 0}), rate = repeated<R>({inverse, inverse, inverse, 0});
+    const R free = repeated<R>({decay, decay, decay, 1}), pinned = repeated<R>({1, 1, 1, 1});
+    R check{};
+    for (; i < to; i += sizeof(R) / sizeof(Point<Real>)) {
+      const R x = rows<R>(x_, i), v = rows<R>(v_, i);
+      const R correction = x - (rows<R>(x_old_, i) + way * v);
+      const R after = (v + rate * correction) * (masses<R>(x) > 0 ? free : pinned);
+      set_rows(v_, i, after);
+      check += after * 0;  // 0, or NaN
+    }
+    wrong |= any(check != 0);
+  });
+  if (!wrong) return;
+  for (std::size_t i = first; i < last; ++i) {
     if (finite(v_[i])) continue;
     const double at = time + (substep + 1) * h_;
     const std::int32_t id = partition_.id[i];
@@ -443,6 +486,16 @@ void Dynamics<Real>::end_pins() {
     const Point<Real>& to = target_.empty() ? saved_x_[i] : target_[i];
     x_[i] = {to.x, to.y, to.z, 0};
   }
+}
+
+// The state that a failed step goes back to, patch by patch.
+template <class Real>
+void Dynamics<Real>::save(std::int64_t patch) {
+  const auto p = static_cast<std::size_t>(patch);
+  const std::int64_t begin = partition_.patch_start[p], end = partition_.patch_start[p + 1];
+  std::copy(x_.begin() + begin, x_.begin() + end, saved_x_.begin() + begin);
+  std::copy(v_.begin() + begin, v_.begin() + end, saved_v_.begin() + begin);
+  saved_[p] = 1;
 }
 
 template <class Real>
@@ -506,6 +559,10 @@ void Dynamics<Real>::set_velocities(std::span<const std::int64_t> ids,
 
 template <class Real>
 void Dynamics<Real>::set_forces(std::span<const Triple> values) {
+  force_.clear();
+  if (std::all_of(values.begin(), values.end(), [](const Triple& f) { return f == Triple{}; })) {
+    return;
+  }
   force_.assign(values.size(), {});
   for (std::size_t id = 0; id < values.size(); ++id) {
     force_[row(static_cast<std::int64_t>(id))] = {static_cast<Real>(values[id][0]),
@@ -555,22 +612,42 @@ std::vector<std::uint8_t> Dynamics<Real>::pinned() const {
   return flags;
 }
 
+namespace {
+
 template <class Real>
-void Dynamics<Real>::raw(std::span<Real> positions, std::span<Real> velocities) const {
-  for (std::size_t i = 0; i < static_cast<std::size_t>(count_); ++i) {
-    const std::size_t to = 3 * static_cast<std::size_t>(partition_.id[i]);
-    positions[to] = x_[i].x, positions[to + 1] = x_[i].y, positions[to + 2] = x_[i].z;
-    velocities[to] = v_[i].x, velocities[to + 1] = v_[i].y, velocities[to + 2] = v_[i].z;
+void write_raw(const std::vector<Point<Real>>& rows, const Partition& partition,
+               std::span<Real> out) {
+  for (std::size_t i = 0; i < out.size() / 3; ++i) {
+    const std::size_t to = 3 * static_cast<std::size_t>(partition.id[i]);
+    out[to] = rows[i].x, out[to + 1] = rows[i].y, out[to + 2] = rows[i].z;
+  }
+}
+template <class Real>
+void read_raw(std::span<const Real> values, const Partition& partition,
+              std::vector<Point<Real>>& rows) {
+  for (std::size_t i = 0; i < values.size() / 3; ++i) {
+    const std::size_t at = 3 * static_cast<std::size_t>(partition.id[i]);
+    rows[i] = {values[at], values[at + 1], values[at + 2], rows[i].w};
   }
 }
 
+}  // namespace
+
 template <class Real>
-void Dynamics<Real>::set_raw(std::span<const Real> positions, std::span<const Real> velocities) {
-  for (std::size_t i = 0; i < static_cast<std::size_t>(count_); ++i) {
-    const std::size_t at = 3 * static_cast<std::size_t>(partition_.id[i]);
-    x_[i] = {positions[at], positions[at + 1], positions[at + 2], x_[i].w};
-    v_[i] = {velocities[at], velocities[at + 1], velocities[at + 2], v_[i].w};
-  }
+void Dynamics<Real>::raw(std::span<Real> positions, std::span<Real> velocities,
+                         std::span<Real> targets) const {
+  write_raw(x_, partition_, positions);
+  write_raw(v_, partition_, velocities);
+  write_raw(target_, partition_, targets);
+}
+
+template <class Real>
+void Dynamics<Real>::set_raw(std::span<const Real> positions, std::span<const Real> velocities,
+                             std::span<const Real> targets) {
+  target_.assign(targets.size() / 3, {});
+  read_raw(positions, partition_, x_);
+  read_raw(velocities, partition_, v_);
+  read_raw(targets, partition_, target_);
 }
 
 template <class Real>
@@ -585,7 +662,16 @@ void Dynamics<Real>::multipliers(std::size_t group, std::span<double> lambda) co
 template <class Real>
 double Dynamics<Real>::elastic_energy() const {
   double sum = 0;
-  for (const auto& group : groups_) sum += group->energy(sweep(0, 0));
+  for (std::size_t g = 0; g < groups_.size(); ++g) {
+    const std::span<const double> alpha = groups_[g]->compliance();
+    if (alpha.empty()) continue;
+    std::vector<double> c(static_cast<std::size_t>(groups_[g]->size()));
+    values(g, c);
+    for (std::size_t j = 0; j < c.size(); ++j) {
+      const double a = alpha[alpha.size() > 1 ? j : 0];
+      if (a > 0 && (!groups_[g]->inequality() || c[j] < 0)) sum += c[j] * c[j] / (2 * a);
+    }
+  }
   return sum;
 }
 

@@ -64,13 +64,16 @@ class Dynamics {
   void set_pinned(std::span<const std::uint8_t> pinned);
   std::vector<std::uint8_t> pinned() const;
 
-  // Positions relative to the origin and velocities, as they are stored: for checkpoints.
-  void raw(std::span<Real> positions, std::span<Real> velocities) const;
-  void set_raw(std::span<const Real> positions, std::span<const Real> velocities);
+  // As they are stored, positions and targets relative to the origin: for checkpoints. There are
+  // targets if they were set since the particles were made.
+  bool has_targets() const { return !target_.empty(); }
+  void raw(std::span<Real> positions, std::span<Real> velocities, std::span<Real> targets) const;
+  void set_raw(std::span<const Real> positions, std::span<const Real> velocities,
+               std::span<const Real> targets);
 
   void values(std::size_t group, std::span<double> c) const;
   void multipliers(std::size_t group, std::span<double> lambda) const;
-  double elastic_energy() const;
+  double elastic_energy() const;  // the sum of C^2 / (2 alpha) [J]
   // Constraints that the last step skipped because their gradients vanish, in all its projections.
   std::int64_t skipped() const { return skipped_; }
   double last_substep() const { return last_h_; }
@@ -106,7 +109,7 @@ class Dynamics {
   void finish(std::int64_t begin, std::int64_t end, int substep);
   void gather(std::int64_t begin, std::int64_t end);
   void end_pins();
-  void collide();
+  void save(std::int64_t patch);
   void restore_saved();
   void prepare_jacobi();
   Sweep<Real> sweep(int substep, int iteration) const;
@@ -127,7 +130,7 @@ class Dynamics {
   std::vector<Point<Real>> v_old_;   // at the start of the substep; the same
   std::vector<std::unique_ptr<Group<Real>>> groups_;
 
-  std::vector<std::size_t> correction_start_;  // of each group, in corrections_
+  std::vector<std::size_t> correction_start_;  // of each group, in corrections_; Jacobi
   std::vector<Point<Real>> corrections_;
   std::vector<std::int64_t> held_start_;  // corrections of each slot
   std::vector<std::int64_t> held_;

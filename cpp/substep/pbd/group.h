@@ -1,4 +1,4 @@
-// Constraints of one kind: what the solver sweeps over. ConstraintGroup (project.h) makes
+// Constraints of one kind: what the solver sweeps over. ConstraintGroup (constraint_group.h) makes
 // one of any struct of formulas (constraint.h); constraints that do not fit such a struct (clusters
 // of many particles, functions of the user, contacts that come and go) derive from Group
 // themselves.
@@ -47,6 +47,8 @@ class Group {
 
   // Once per step, on the calling thread: throw InputError or SolverError here to refuse it.
   virtual void begin_step(double /*h*/, int /*substeps*/, int /*iterations*/) {}
+  // The step is done, or it failed: then what the group remembers is as before begin_step().
+  virtual void end_step(bool /*done*/) {}
   // Where prepares(): once per substep, on the calling thread outside of parallel loops, at the
   // predicted positions (new contacts).
   virtual bool prepares() const { return false; }
@@ -67,7 +69,7 @@ class Group {
   // Jacobi: corrections are evaluated at the same positions, one row for each particle of each
   // constraint, and the solver adds up those of a particle in the order of the rows. holders()[row]
   // is the particle (a slot, or -1: no one's). Groups without rows are swept after that.
-  virtual std::span<const std::int32_t> holders() const { return {}; }
+  virtual std::vector<std::int32_t> holders() const { return {}; }
   virtual std::int64_t correction_chunks() const { return 0; }
   virtual std::int64_t correct(std::int64_t /*chunk*/, const Sweep<Real>&, Point<Real>* /*rows*/) {
     return 0;
@@ -77,8 +79,9 @@ class Group {
   // positions, and lambda of the last substep (what the constraint pulled with is lambda / h^2).
   virtual void values(const Sweep<Real>&, std::span<double> /*c*/) const {}
   virtual void multipliers(std::span<double> /*lambda*/) const {}
-  // Elastic energy [J] of constraints with compliance: C^2 / (2 alpha).
-  virtual double energy(const Sweep<Real>&) const { return 0; }
+  // alpha of each constraint, or one number for all; empty where there is none.
+  virtual std::span<const double> compliance() const { return {}; }
+  virtual bool inequality() const { return false; }  // C >= 0 is satisfied
 
   // What a group remembers from one step to the next, for checkpoints.
   virtual std::vector<double> state() const { return {}; }

@@ -1,4 +1,4 @@
-// The way back from lanes to rows of points: the inverse of load_points (core/point_lanes.h).
+// The way back from lanes to rows of points: the inverse of load_rows (core/point_lanes.h).
 #pragma once
 
 #include <cstdint>
@@ -47,7 +47,7 @@ SUBSTEP_INLINE void store_rows(const PointLanes<V>& p, const At& at) {
   if constexpr (sizeof(Real) == 4) {
     const V xy01 = pick<0, 1, 0, 1>(p.x, p.y), xy23 = pick<2, 3, 2, 3>(p.x, p.y);
     const V zw01 = pick<0, 1, 0, 1>(p.z, p.w), zw23 = pick<2, 3, 2, 3>(p.z, p.w);
-    const auto row = [&](const V& v, int k) {
+    const auto row = [&](const V& v, int k) __attribute__((always_inline)) {
       detail::split_quarters(v, [&](int part) { return &at(k + 4 * part)->x; });
     };
     row(pick<0, 2, 0, 2>(xy01, zw01), 0);
@@ -55,7 +55,7 @@ SUBSTEP_INLINE void store_rows(const PointLanes<V>& p, const At& at) {
     row(pick<0, 2, 0, 2>(xy23, zw23), 2);
     row(pick<1, 3, 1, 3>(xy23, zw23), 3);
   } else {
-    const auto half = [&](const V& v, int k, int offset) {
+    const auto half = [&](const V& v, int k, int offset) __attribute__((always_inline)) {
       detail::split_quarters(
           v, [&](int part) { return reinterpret_cast<float*>(&at(k + 2 * part)->x + offset); });
     };
