@@ -133,8 +133,17 @@ class ConstraintGroup final : public Group<Real> {
       });
     }
   }
-  std::span<const double> compliance() const override { return softness_.compliance; }
-  bool inequality() const override { return Constraint::kInequality; }
+  double energy(const Sweep<Real>& s) const override {
+    if (softening_ == Softening::rigid) return 0;
+    std::vector<double> c(static_cast<std::size_t>(size_));
+    values(s, c);
+    double sum = 0;
+    for (std::size_t j = 0; j < c.size(); ++j) {
+      const double alpha = softness_.compliance[softness_.compliance.size() > 1 ? j : 0];
+      if (alpha > 0 && (!Constraint::kInequality || c[j] < 0)) sum += c[j] * c[j] / (2 * alpha);
+    }
+    return sum;
+  }
 
  private:
   std::vector<Lanes> in_blocks(const std::vector<double>& values) const {

@@ -662,16 +662,7 @@ void Dynamics<Real>::multipliers(std::size_t group, std::span<double> lambda) co
 template <class Real>
 double Dynamics<Real>::elastic_energy() const {
   double sum = 0;
-  for (std::size_t g = 0; g < groups_.size(); ++g) {
-    const std::span<const double> alpha = groups_[g]->compliance();
-    if (alpha.empty()) continue;
-    std::vector<double> c(static_cast<std::size_t>(groups_[g]->size()));
-    values(g, c);
-    for (std::size_t j = 0; j < c.size(); ++j) {
-      const double a = alpha[alpha.size() > 1 ? j : 0];
-      if (a > 0 && (!groups_[g]->inequality() || c[j] < 0)) sum += c[j] * c[j] / (2 * a);
-    }
-  }
+  for (const auto& group : groups_) sum += group->energy(sweep(0, 0));
   return sum;
 }
 

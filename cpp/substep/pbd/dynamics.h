@@ -73,7 +73,7 @@ class Dynamics {
 
   void values(std::size_t group, std::span<double> c) const;
   void multipliers(std::size_t group, std::span<double> lambda) const;
-  double elastic_energy() const;  // the sum of C^2 / (2 alpha) [J]
+  double elastic_energy() const;  // [J]
   // Constraints that the last step skipped because their gradients vanish, in all its projections.
   std::int64_t skipped() const { return skipped_; }
   double last_substep() const { return last_h_; }

@@ -79,9 +79,8 @@ class Group {
   // positions, and lambda of the last substep (what the constraint pulled with is lambda / h^2).
   virtual void values(const Sweep<Real>&, std::span<double> /*c*/) const {}
   virtual void multipliers(std::span<double> /*lambda*/) const {}
-  // alpha of each constraint, or one number for all; empty where there is none.
-  virtual std::span<const double> compliance() const { return {}; }
-  virtual bool inequality() const { return false; }  // C >= 0 is satisfied
+  // Elastic energy [J] of what has a compliance: C^2 / (2 alpha).
+  virtual double energy(const Sweep<Real>&) const { return 0; }
 
   // What a group remembers from one step to the next, for checkpoints.
   virtual std::vector<double> state() const { return {}; }
