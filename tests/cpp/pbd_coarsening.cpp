@@ -43,6 +43,7 @@ DistanceGraph sheet(int n) {
   }
   graph.rest.push_back({0, 0, 9});
   graph.mass.push_back(1);
+  find_directions(graph);
   return graph;
 }
 
@@ -136,6 +137,43 @@ TEST_F(Coarsened, FreeCoarseParticlesAreNoNeighbours) {
     const std::int32_t a = own[static_cast<std::size_t>(e.i)],
                        b = own[static_cast<std::size_t>(e.j)];
     EXPECT_FALSE(a >= 0 && b >= 0) << e.i << " " << e.j;
+  }
+}
+
+// The same sheet bent about a cylinder: edges are as long as if it lay flat, level after level.
+TEST(Coarsening, BentSheetsAreLaidFlat) {
+  const DistanceGraph flat = sheet(24);
+  DistanceGraph bent = flat;
+  constexpr double kRadius = 12;  // the sheet goes around by two radians
+  for (std::size_t i = 0; i < 24 * 24; ++i) {
+    auto& p = bent.rest[i];
+    p = {kRadius * std::sin(p[0] / kRadius), p[1], kRadius * std::cos(p[0] / kRadius)};
+  }
+  find_directions(bent);
+  Coarsening of_flat = coarsen(flat), of_bent = coarsen(bent);
+  for (int level = 0; level < 2; ++level) {
+    ASSERT_EQ(of_bent.coarse.edges.size(), of_flat.coarse.edges.size());
+    for (std::size_t k = 0; k < of_flat.coarse.edges.size(); ++k) {
+      const double expected = of_flat.coarse.edges[k].length;
+      EXPECT_NEAR(of_bent.coarse.edges[k].length, expected, 0.02 * expected) << level << " " << k;
+    }
+    of_flat = coarsen(of_flat.coarse);
+    of_bent = coarsen(of_bent.coarse);
+  }
+}
+
+TEST(Coarsening, NothingIsJoinedAcrossACrease) {
+  DistanceGraph graph = sheet(24);
+  for (std::size_t i = 0; i < 24 * 24; ++i) {
+    auto& p = graph.rest[i];
+    if (p[0] > 12) p = {12, p[1], p[0] - 12};
+  }
+  find_directions(graph);
+  const Coarsening once = coarsen(graph), twice = coarsen(once.coarse);
+  for (const auto& e : twice.coarse.edges) {
+    const auto &a = twice.coarse.rest[static_cast<std::size_t>(e.i)],
+               &b = twice.coarse.rest[static_cast<std::size_t>(e.j)];
+    EXPECT_FALSE((a[0] < 10 && b[2] > 2) || (b[0] < 10 && a[2] > 2)) << e.i << " " << e.j;
   }
 }
 

@@ -1,5 +1,6 @@
 #include "substep/pbd/coarsening.h"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -8,6 +9,8 @@
 
 namespace substep::pbd {
 namespace {
+
+using geometry::Mat3;
 
 double distance(const std::array<double, 3>& a, const std::array<double, 3>& b) {
   return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
@@ -93,15 +96,37 @@ void centre_masses(const DistanceGraph& fine, const std::vector<std::int32_t>& n
     for (const auto& part : parts[at]) sum += part.second;
     if (c.coarse.mass[at] > 0) c.coarse.mass[at] = sum;
     c.coarse.rest[at] = {0, 0, 0};
+    c.coarse.directions.push_back(Mat3::Zero());
     for (const auto& [v, mass] : parts[at]) {
       c.members.index.push_back(v);
       c.member_weight.push_back(mass / sum);
+      c.coarse.directions[at] += mass / sum * fine.directions[static_cast<std::size_t>(v)];
       for (std::size_t k = 0; k < 3; ++k) {
         c.coarse.rest[at][k] += mass / sum * fine.rest[static_cast<std::size_t>(v)][k];
       }
     }
     c.members.start.push_back(static_cast<std::int32_t>(c.members.index.size()));
   }
+}
+
+// How much longer a chord between coarse particles is when the rest shape is laid flat; 0 where it
+// turns too much. On an arc that turns by t between them the chord is sin(t / 2) / (t / 2) of the
+// way, and centres of mass of weights that fall off linearly over t lie at the square of that part
+// of the radius.
+double unrolled(const Mat3& a, const Mat3& b) {
+  constexpr double kHeld = 0.5, kEven = 0.85, kMostTurn = 0.5;  // cos(60 degrees)
+  if (a.trace() < kHeld || b.trace() < kHeld) return 1;
+  Eigen::SelfAdjointEigenSolver<Mat3> of_a, of_b;
+  of_a.computeDirect(a);
+  of_b.computeDirect(b);
+  if (of_a.eigenvalues()[2] < kEven * a.trace() || of_b.eigenvalues()[2] < kEven * b.trace()) {
+    return 0;
+  }
+  const double cosine = std::abs(of_a.eigenvectors().col(2).dot(of_b.eigenvectors().col(2)));
+  if (cosine < kMostTurn) return 0;
+  const double half = 0.5 * std::acos(std::min(cosine, 1.0));
+  const double part = half > 1e-4 ? std::sin(half) / half : 1;
+  return 1 / (part * part * part);
 }
 
 // Coarse particles are joined where the fine ones next to them are, along the shortest such path.
@@ -166,12 +191,10 @@ void join(const DistanceGraph& fine, const Rows& rows, const std::vector<std::in
     const double chord = distance(c.coarse.rest[static_cast<std::size_t>(best.i)],
                                   c.coarse.rest[static_cast<std::size_t>(best.j)]);
     if (!(chord > 0) || !(strained > 0)) continue;
-    // Ends that are much nearer than the way between them lie on two sides of a fold.
-    constexpr double kStraightest = 1.6;  // paths along edges of equilateral triangles: 2/sqrt(3)
-    const double end_to_end = distance(fine.rest[static_cast<std::size_t>(a.particle)],
-                                       fine.rest[static_cast<std::size_t>(b.particle)]);
-    if (strained > kStraightest * end_to_end) continue;
-    c.coarse.edges.push_back({best.i, best.j, chord * best.length / strained});
+    const double longer = unrolled(c.coarse.directions[static_cast<std::size_t>(best.i)],
+                                   c.coarse.directions[static_cast<std::size_t>(best.j)]);
+    if (longer == 0) continue;
+    c.coarse.edges.push_back({best.i, best.j, longer * chord * best.length / strained});
     c.path.push_back({a.edge, best.edge, b.edge});
     c.path_points.push_back(points);
   }
@@ -181,6 +204,29 @@ void join(const DistanceGraph& fine, const Rows& rows, const std::vector<std::in
 
 std::int64_t DistanceGraph::free() const {
   return std::count_if(mass.begin(), mass.end(), [](double m) { return m > 0; });
+}
+
+void find_directions(DistanceGraph& graph) {
+  // By the spread of the edges at a particle: eigenvalues of sum u u^T in rising order.
+  constexpr double kRope = 0.05, kSheet = 0.25;
+  const Rows rows = edges_of(graph);
+  graph.directions.assign(graph.rest.size(), Mat3::Zero());
+  for (std::size_t v = 0; v < graph.rest.size(); ++v) {
+    Mat3 spread = Mat3::Zero();
+    for_neighbours(graph, rows, v, [&](std::int32_t, std::int32_t u) {
+      const auto &p = graph.rest[v], &q = graph.rest[static_cast<std::size_t>(u)];
+      const geometry::Vec3 d(p[0] - q[0], p[1] - q[1], p[2] - q[2]);
+      if (d.squaredNorm() > 0) spread += d * d.transpose() / d.squaredNorm();
+    });
+    if (!(spread.trace() > 0)) continue;
+    Eigen::SelfAdjointEigenSolver<Mat3> axes;
+    axes.computeDirect(spread);
+    const geometry::Vec3 size = axes.eigenvalues();
+    const bool rope = size[1] < kRope * size[2], sheet = size[0] < kSheet * size[1];
+    if (!rope && !sheet) continue;
+    const geometry::Vec3 d = axes.eigenvectors().col(rope ? 2 : 0);
+    graph.directions[v] = d * d.transpose();
+  }
 }
 
 Coarsening coarsen(const DistanceGraph& fine) {

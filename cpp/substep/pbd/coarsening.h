@@ -6,6 +6,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "substep/geometry/vectors.h"
+
 namespace substep::pbd {
 
 // Particles joined by constraints of distance.
@@ -17,6 +19,9 @@ struct DistanceGraph {
   std::vector<std::array<double, 3>> rest;  // where particles are when no distance is violated
   std::vector<double> mass;                 // [kg]; 0: pinned
   std::vector<Edge> edges;
+  // Of each particle: d d^T of the normal d of the sheet or the tangent d of the rope that it is of
+  // in the rest shape, 0 in a solid; of a coarse one their mean.
+  std::vector<geometry::Mat3> directions;
 
   std::int64_t size() const { return static_cast<std::int64_t>(rest.size()); }
   // Particles that move.
@@ -45,6 +50,11 @@ struct Coarsening {
   std::vector<std::array<std::int32_t, kSteps + 1>> path_points;
 };
 
+// Sets graph.directions from the rest shape.
+void find_directions(DistanceGraph& graph);
+
+// Coarse edges have the length that they would have if the rest shape were laid flat, and there are
+// none where it turns by more than 60 degrees between their ends.
 Coarsening coarsen(const DistanceGraph& fine);
 
 }  // namespace substep::pbd

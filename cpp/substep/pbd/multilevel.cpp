@@ -91,6 +91,7 @@ void Multilevel<Real>::build(const Sweep<Real>& s) {
     graph.mass[static_cast<std::size_t>(partition_.id[slot])] =
         w > 0 ? 1 / static_cast<double>(w) : 0;
   }
+  find_directions(graph);
   levels_.clear();
   Partition fine = partition_;
   std::vector<std::int32_t> place;  // of each fine edge: where its strain is
