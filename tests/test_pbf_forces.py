@@ -105,10 +105,10 @@ def test_a_rotating_drop_keeps_its_angular_momentum():
         velocities=np.cross([0, 0, omega], x),
         gravity=(0, 0, 0),
         surface_tension=0.05,
-        viscosity=1e-5,
-        tolerance=1e-4,
-        max_tolerance=5e-3,
-        max_iterations=20,
+        viscosity=1e-4,
+        tolerance=5e-5,
+        max_tolerance=2.5e-3,
+        max_iterations=30,
     )
     before = momenta(drop)[1]
     for _ in range(1000):
