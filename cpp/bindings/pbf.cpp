@@ -145,6 +145,7 @@ FluidOptions options(const py::dict& given) {
   o.gravity = vector(given["gravity"].cast<Triple>());
   o.tolerance = given["tolerance"].cast<double>();
   o.max_tolerance = given["max_tolerance"].cast<double>();
+  o.min_iterations = given["min_iterations"].cast<int>();
   o.max_iterations = given["max_iterations"].cast<int>();
   o.warm_start = given["warm_start"].cast<bool>();
   const auto escape = given["on_escape"].cast<std::string>();

@@ -11,7 +11,7 @@ from typing import Any
 
 from ._checkpoint import restore_checkpoint, write_checkpoint
 from ._checks import check_real, check_threads
-from .errors import InputError
+from .errors import InputError, SolverError
 
 
 class Simulation:
@@ -106,7 +106,11 @@ class Simulation:
                 elif self.time + h > self.time:
                     self._take_step(h)
                 else:
-                    raise InputError(f"step: {h} s is below the spacing of the time {self.time}")
+                    raise SolverError(
+                        f"the step, {h:.3g} s, is below the spacing of the time {self.time} s: "
+                        "the speeds have grown without bound",
+                        time=self.time,
+                    )
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the state to a file, atomically; what the object was made of is not in it.

@@ -73,6 +73,9 @@ class PositionBasedFluid(Simulation):
         Mean density error, relative, at which a step stops to iterate.
     max_tolerance : float
         Largest density error, relative, at which it does.
+    min_iterations : int
+        Iterations that a step takes at least. Errors that short steps leave because they are below
+        the tolerance add up, and give the liquid energy when a later step corrects them.
     max_iterations : int
         Limit of iterations of a step, at least 1.
     warm_start : bool
@@ -156,6 +159,7 @@ class PositionBasedFluid(Simulation):
         support: float = 2.0,
         tolerance: float = 1e-3,
         max_tolerance: float = 0.05,
+        min_iterations: int = 2,
         max_iterations: int = 10,
         warm_start: bool = True,
         relaxation: float = 1e-3,
@@ -201,6 +205,7 @@ class PositionBasedFluid(Simulation):
             "gravity": [*self.gravity, 0.0][:3],
             "tolerance": check_real("tolerance", tolerance, nonnegative=True),
             "max_tolerance": check_real("max_tolerance", max_tolerance, nonnegative=True),
+            "min_iterations": check_integer("min_iterations", min_iterations, minimum=0),
             "max_iterations": check_integer("max_iterations", max_iterations, minimum=1),
             "warm_start": bool(warm_start),
             "relaxation": check_real("relaxation", relaxation, nonnegative=True),

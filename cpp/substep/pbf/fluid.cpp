@@ -248,16 +248,15 @@ template <class Real>
 void Fluid<Real>::solve() {
   const std::span<Point<Real>> rows(next_.x), x = rows.first(rows.size() - 1);
   FluidReport& r = new_report_;
-  for (r.converged = false; !r.converged && r.iterations < options.max_iterations;) {
+  for (r.converged = false; r.iterations < options.max_iterations; ++r.iterations) {
     poll_interrupt();
     const auto walls = boundary.contributions(x, options.threads);
     r.density_error = density.multipliers(rows, neighbours_, walls, multipliers_, options.threads);
     r.converged =
         r.density_error.mean <= options.tolerance && r.density_error.max <= options.max_tolerance;
-    if (r.converged) break;
+    if (r.converged && r.iterations >= options.min_iterations) break;
     r.limited += density.correct(multipliers_, neighbours_, walls, rows, next_.v, options.threads);
     boundary.project(multipliers_, old_x_, x, mass_, options.threads);
-    ++r.iterations;
   }
 }
 

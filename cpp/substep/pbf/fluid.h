@@ -23,7 +23,7 @@ struct FluidOptions {
   Vec3 gravity = {0, 0, -9.81};
   double tolerance = 1e-3;   // of the mean density error
   double max_tolerance = 1;  // of the largest one
-  int max_iterations = 5;
+  int min_iterations = 2, max_iterations = 5;
   bool warm_start = true;  // with the corrections of the last step
   OnEscape on_escape = OnEscape::kRaise;
   std::optional<std::array<Vec3, 2>> bounds;  // lowest and highest corner, world [m]
