@@ -762,3 +762,68 @@ def test_overlapping_clusters_bend_and_come_back(linear):
         sim.set_forces(np.outer(1000 * bar.vertex_volumes, [0, 0, 9.81]))
         sim.step()
     assert np.abs(sim.positions - bar.vertices).max() < 0.02 * fall
+
+
+@pytest.mark.parametrize("name", sorted(CLASSES))
+def test_jacobi_lets_the_residual_fall(name):
+    constraint, number = make(name, overlap=True)
+    rest = np.random.default_rng(1).uniform(-1, 1, (number, 3))
+    sim = substep.PositionBasedDynamics(
+        rest, 1.0, [constraint], gravity=(0, 0, 0), solver="jacobi", substeps=1, iterations=60
+    )
+    sim.set_positions(rest + np.random.default_rng(2).uniform(-0.1, 0.1, rest.shape))
+    before = residual(sim)
+    sim.step(0.01)
+    assert residual(sim) < (0.999 if name == "NeoHookean" else 0.5) * before
+
+
+def test_plain_pbd_leaves_one_minus_its_stiffness():
+    """After a step, whatever the number of iterations."""
+    for name in ("Attachment", "Tether", "ShapeMatching", "CustomConstraint"):
+        for iterations in (1, 7):
+            sim = scene(name, iterations=iterations, stiffness=0.6)
+            before = residual(sim)
+            sim.step(0.01)
+            # Those of three particles are not linear.
+            loose = 0.05 if name == "CustomConstraint" else 1e-9
+            assert residual(sim) == pytest.approx(0.4 * before, rel=loose)
+
+
+def test_a_function_that_steps_its_simulation_is_refused():
+    sims = []
+
+    def fun(x):
+        sims[0].step(0.01)
+        return np.zeros(1), np.zeros(x.shape)
+
+    sims.append(free_fall(fun))
+    with pytest.raises(substep.errors.InputError, match="in use"):
+        sims[0].step(0.01)
+
+
+def test_copies_and_checkpoints_go_on_with_the_same_bits(tmp_path):
+    sheet = substep.geometry.grid_mesh(6, 6)
+
+    def build():
+        return substep.PositionBasedDynamics(
+            sheet.vertices,
+            0.2 * sheet.vertex_areas,
+            [
+                *pbd.cloth(sheet, rigidity=1e-4, compliance=1e-6),
+                pbd.ShapeMatching([range(9)], compliance=1e-4),
+                pbd.Attachment([35], compliance=1e-2),
+                pbd.CustomConstraint([[0, 7, 14]], equal_lengths, compliance=1e-3),
+            ],
+            pinned=[0, 5],
+        )
+
+    sim = build()
+    sim.advance(0.1)
+    sim.save(tmp_path / "state")
+    other, loaded = sim.copy(), build()
+    loaded.load(tmp_path / "state")
+    hashes = set()
+    for each in (sim, other, loaded):
+        each.advance(0.1)
+        hashes.add(substep.state_hash(each.positions, each.velocities))
+    assert len(hashes) == 1

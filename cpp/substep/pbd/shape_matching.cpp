@@ -15,7 +15,9 @@ constexpr double kFlat = 1e-9;  // det / (trace / 3)^3 of sum m q q^T of a flat 
 
 template <class Real>
 ShapeMatching<Real>::ShapeMatching(Clusters clusters)
-    : clusters_(std::move(clusters)), lambda_(clusters_.compliance.size(), 0.0) {}
+    : clusters_(std::move(clusters)),
+      lambda_(clusters_.compliance.size(), 0.0),
+      share_(clusters_.stiffness) {}
 
 // Clusters take the first of 64 colours that none of their particles has yet; those that are left
 // take the next 64.
@@ -58,6 +60,16 @@ void ShapeMatching<Real>::attach(const Partition& partition) {
       phase_start_.push_back(static_cast<std::int64_t>(order_.size()));
     }
     waiting.swap(left);
+  }
+}
+
+// Plain PBD: 1 - k of the error is left after all projections of a step.
+template <class Real>
+void ShapeMatching<Real>::begin_step(double /*h*/, int substeps, int iterations) {
+  const double n = static_cast<double>(substeps) * iterations;
+  for (std::size_t k = 0; k < share_.size(); ++k) {
+    const double stiffness = clusters_.stiffness[k];
+    share_[k] = stiffness < 1 ? -std::expm1(std::log1p(-stiffness) / n) : 1;
   }
 }
 
@@ -198,8 +210,8 @@ std::int64_t ShapeMatching<Real>::project_cluster(const Sweep<Real>& sweep, cons
   const double alpha = clusters_.compliance[cluster] / (sweep.h * sweep.h);
   const double gamma = clusters_.compliance[cluster] * clusters_.damping[cluster] / sweep.h;
   double& lambda = lambda_[cluster];
-  const double change = clusters_.stiffness[cluster] * -(C + alpha * lambda + gamma * (rate / C)) /
-                        ((1 + gamma) * weight + alpha);
+  const double change =
+      share_[cluster] * -(C + alpha * lambda + gamma * (rate / C)) / ((1 + gamma) * weight + alpha);
   lambda += change;
   const double share = change / C;
   for_members(sweep, batch, lane,

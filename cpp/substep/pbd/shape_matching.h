@@ -35,7 +35,7 @@ struct Clusters {
   std::vector<std::array<double, 3>> rest;  // position of each member [m]
   std::vector<double> compliance;           // alpha of each cluster [s^2]
   std::vector<double> damping;              // of each cluster [s]: as that of all constraints
-  std::vector<double> stiffness;            // share of a correction that is carried out, at most 1
+  std::vector<double> stiffness;            // of each cluster; below 1 for plain PBD
   double linear = 0;                        // beta
 };
 
@@ -49,6 +49,7 @@ class ShapeMatching final : public Group<Real> {
   }
   std::int64_t size() const override { return static_cast<std::int64_t>(lambda_.size()); }
   void attach(const Partition& partition) override;
+  void begin_step(double h, int substeps, int iterations) override;
   int phases() const override { return static_cast<int>(phase_start_.size()) - 1; }
   std::int64_t chunks(int phase) const override;
   std::int64_t project(int phase, std::int64_t chunk, const Sweep<Real>& sweep) override;
@@ -80,7 +81,7 @@ class ShapeMatching final : public Group<Real> {
   std::vector<std::int32_t> slot_;            // of each member
   std::vector<std::int32_t> order_;           // clusters, colour by colour
   std::vector<std::int64_t> phase_start_{0};  // of the colours in order_
-  std::vector<double> lambda_;
+  std::vector<double> lambda_, share_;        // share_: of a correction that is carried out
 };
 
 extern template class ShapeMatching<float>;
