@@ -155,6 +155,9 @@ def test_emitters_and_sinks_that_do_not_fit_are_refused():
     with pytest.raises(InputError, match=r"emitters\[0\]"):
         other = Emitter((0, 0, 0), (1, 0, 0), 1.0, radius=0.1, fluid=1)
         PositionBasedFluid(np.zeros((0, 3)), 0.1, emitters=[other])
+    with pytest.raises(InputError, match=r"emitters\[0\]: too far"):
+        far = Emitter((1e30, 0, 0), (1, 0, 0), 1.0, radius=0.1)
+        PositionBasedFluid(np.zeros((0, 3)), 0.1, emitters=[far])
     with pytest.raises(TypeError, match=r"sinks\[0\]"):
         PositionBasedFluid(np.zeros((0, 3)), 0.1, sinks=[substep.Sphere()])
     with pytest.raises(TypeError, match="shape"):

@@ -27,7 +27,9 @@ def draw_drop(axes):
         x = 1e3 * drop.positions
         x = x[x[:, 1] > -0.2]
         x = x[np.argsort(-x[:, 1])]
-        ax.scatter(x[:, 0], x[:, 2], s=26, c=-x[:, 1], cmap="Blues", vmin=-8, vmax=2, lw=0.2, ec="w")
+        ax.scatter(
+            x[:, 0], x[:, 2], s=26, c=-x[:, 1], cmap="Blues", vmin=-8, vmax=2, lw=0.2, ec="w"
+        )
         ax.set(xlim=(-8, 8), ylim=(-8, 8), aspect="equal", title=f"{1e3 * time:.0f} ms")
         ax.set_xlabel("x [mm]")
     axes[0].set_ylabel("z [mm]")

@@ -231,6 +231,9 @@ class PositionBasedFluid(Simulation):
                 raise InputError(f"emitters[{k}]: expected one in {d}D")
             if emitter.fluid >= len(self.density):
                 raise InputError(f"emitters[{k}]: there is no fluid {emitter.fluid}")
+            away = np.abs(emitter.position - self._origin[:d]).max()
+            if not away <= 2.0**22 * self.support * self.spacing:
+                raise InputError(f"emitters[{k}]: too far from the first particle for float32")
         self.sinks = check_all("sinks", sinks, Sink)
         self._layers = np.zeros(len(self.emitters), np.int64)
         self._absorbed = np.zeros(len(self.sinks), np.int64)
