@@ -17,7 +17,7 @@ FOLDER = Path(__file__).resolve().parent
 BY_SIZE = {
     ("gauss_seidel", "1x10"): ("ten sweeps in one step", "#e69f00", "s-"),
     ("gauss_seidel", "10x1"): ("a sweep in each of ten substeps", "#d55e00", "o-"),
-    ("multilevel", "5x1"): ("multilevel, five substeps", "#0072b2", "o-"),
+    ("multilevel", "4x1"): ("multilevel, four substeps", "#0072b2", "o-"),
 }
 
 
@@ -110,7 +110,7 @@ def main():
     for k, (solver, substeps, title) in enumerate(
         (
             ("gauss_seidel", 10, "sweeps, ten substeps"),
-            ("multilevel", 5, "multilevel, five substeps"),
+            ("multilevel", 4, "multilevel, four substeps"),
         )
     ):
         axes = figure.add_subplot(grid[0, k])
