@@ -14,15 +14,19 @@ from substep.scenes import Parameter, Scene
 DATA = Path(__file__).parents[2] / "shared" / "data" / "globcurrent"
 
 SMALL = {
+    "cloth-ball": {"duration": 0.2, "vertices": 10, "substeps": 5},
     "cloth-drape": {"duration": 0.2, "vertices": 12},
     "cloth-hang": {"duration": 0.2, "vertices": 8},
     "dam-break": {"duration": 0.1, "particles": 400},
     "double-dam": {"duration": 0.1, "particles": 400},
     "double-gyre": {"duration": 2.0, "particles": 300},
+    "fountain": {"duration": 0.2, "spacing": 0.08, "nozzle": 0.06},
     "jelly": {"duration": 0.2, "cells": 3},
     "kepler": {"duration": 2.0},
     "ocean-drift": {"duration": 2.0, "particles": 500},
     "oscillator": {"duration": 1.0},
+    "rope": {"duration": 0.2, "ropes": 3, "segments": 12, "substeps": 5},
+    "soft-bunny": {"duration": 0.2, "cells": 3, "substeps": 5},
 }
 
 
@@ -127,7 +131,7 @@ def test_resumes_to_the_same_bits(name, tmp_path):
     assert [p.name for p in (tmp_path / "cut").iterdir()] == [f"{name}.vtkhdf"]
 
 
-POSITION_BASED = ["dam-break", "double-dam"]
+POSITION_BASED = ["cloth-ball", "dam-break", "double-dam", "fountain", "rope", "soft-bunny"]
 
 
 @pytest.mark.parametrize(
@@ -420,11 +424,12 @@ class TestLiquids:
         assert "5 holes" in run.summary and ", 0 of them outside" in run.summary
         (_, first), *_, (_, last) = frames_of(run.recording)
         first, last = (frame["liquid"]["points"].astype(float) for frame in (first, last))
-        assert len(first) == pytest.approx(3000, rel=0.05)
+        assert 2000 < len(first) < 3000
         bunny = substep.geometry.read_mesh(path)
         turned = np.roll(bunny.vertices, 1, axis=1)  # y is up
         sides = np.ptp(turned[bunny.faces].reshape(-1, 3), axis=0)
-        np.testing.assert_allclose(np.ptp(first, axis=0) / sides, 0.8 / sides[1], rtol=0.12)
+        share = np.ptp(first, axis=0) / sides / (0.8 / sides[1])
+        assert (share > 0.65).all() and (share < 1).all()  # ears are thin
         assert last[:, 2].mean() < 0.7 * first[:, 2].mean()
 
     @pytest.mark.parametrize(

@@ -24,6 +24,7 @@ from ._liquid_surface import liquid_surface
 from ._surfaces import in_space
 
 REFLECTANCE = 0.02  # of water, seen along the normal
+GRAZING = 0.6  # and across it, where it is 1, but the rims of drops would be white lines
 CLARITY = 0.07  # depth into which light gets, over the diagonal of what is shown
 REFRACTION = 0.25  # of the thickness, by which what is behind is displaced, for a normal across
 SHADOW = 0.45  # brightness of a shadow before it is softened; 0 is that of solids
@@ -35,7 +36,7 @@ SURFACE = """
 vec3 n = normalize(normalVCVSOutput);
 vec3 v = normalize(vertexVC.xyz);
 vec3 r = reflect(v, n);
-float F = {reflectance} + (1.0 - {reflectance}) * pow(1.0 - clamp(-dot(n, v), 0.0, 1.0), 5.0);
+float F = {reflectance} + ({grazing} - {reflectance}) * pow(1.0 - clamp(-dot(n, v), 0.0, 1.0), 5.0);
 float height = dot(r, vec3{up});
 float sky = mix(0.66, 1.0, smoothstep(-0.45, 0.25, height));
 float toKey = max(dot(r, vec3{key}), 0.0);
@@ -145,6 +146,7 @@ class LiquidLayer:
         )
         text = SURFACE.format(
             reflectance=REFLECTANCE,
+            grazing=GRAZING,
             up=tuple(map(float, axes[:, 2])),
             key=tuple(map(float, self._key)),
         )
@@ -169,7 +171,7 @@ class LiquidLayer:
         x = (columns + 0.5 - 0.5 * image.shape[1]) / self._focal  # of the ray, with z = -1
         y = (0.5 * image.shape[0] - rows - 0.5) / self._focal
         facing = np.clip((nz - nx * x - ny * y) / np.sqrt(x**2 + y**2 + 1), 0, 1)
-        mirror = REFLECTANCE + (1 - REFLECTANCE) * (1 - facing) ** 5
+        mirror = REFLECTANCE + (GRAZING - REFLECTANCE) * (1 - facing) ** 5
         front, depth = front[rows, columns], depth[rows, columns]
         shift = REFRACTION * np.minimum(depth, 2 * self._clarity) * self._focal / front
         background = _sample(image, behind, front, rows, columns, shift * ny, -shift * nx)

@@ -12,15 +12,19 @@ from ..errors import InputError
 from .declaration import Scene, closest
 
 BUILT_IN = (
+    "cloth-ball",
     "cloth-drape",
     "cloth-hang",
     "dam-break",
     "double-dam",
     "double-gyre",
+    "fountain",
     "jelly",
     "kepler",
     "ocean-drift",
     "oscillator",
+    "rope",
+    "soft-bunny",
 )
 
 

@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from .._view import Camera, Look
 from ..errors import InputError
-from ..geometry import Box, SignedDistanceField, TriangleMesh, box_mesh
+from ..geometry import Box, TriangleMesh, box_mesh
+from ..pbf import fill_mesh
 from .declaration import Parameter, Scene
 from .deformables import read_obstacle
 from .liquids import (
     Liquid,
-    lattice,
+    column,
     liquid_frame,
     liquid_notes,
     liquid_parameters,
@@ -39,7 +40,7 @@ def _build(parameters: dict[str, Any], seed: int) -> Liquid:
     else:
         spacing = (width * height * depth / parameters["particles"]) ** (1 / 3)
         depth = spacing * max(1, round(depth / spacing))  # whole particles between the walls
-        positions, lacks = lattice((0, 0, 0), (width, depth, height), spacing), {}
+        positions, lacks = column((0, 0, 0), (width, depth, height), spacing), {}
     tank = np.array([length, depth, parameters["rim"]])
     obstacles = {}
     if parameters["pillar"]:
@@ -61,14 +62,10 @@ def _filled(
     scale = float(np.min(room / sides))
     mesh = TriangleMesh(scale * mesh.vertices + [room[0] / 2, room[1] / 2, 0], mesh.faces)
     longest = scale * float(sides.max())
-    field = SignedDistanceField.from_mesh(mesh, longest / 64)
-    low = mesh.vertices.min(axis=0)
-    high = mesh.vertices.max(axis=0)
-    probe = lattice(low, high, longest / 64)
-    volume = float(np.mean(field.distance(probe) < 0)) * (longest / 64) ** 3 * len(probe)
+    coarse = longest / 64
+    volume = coarse**3 * len(fill_mesh(mesh, coarse, margin=0.0))
     spacing = (volume / parameters["particles"]) ** (1 / 3)
-    cells = lattice(low, high, spacing)
-    return cells[field.distance(cells) < 0], spacing, text
+    return fill_mesh(mesh, spacing), spacing, text
 
 
 def _summary(liquid: Liquid) -> str:

@@ -11,7 +11,7 @@ from ..errors import InputError
 from .declaration import Parameter, Scene
 from .liquids import (
     Liquid,
-    lattice,
+    column,
     liquid_frame,
     liquid_notes,
     liquid_parameters,
@@ -28,8 +28,8 @@ def _build(parameters: dict[str, Any], seed: int) -> Liquid:
     volume = width * height * depth * (1 + second)
     spacing = (volume / parameters["particles"]) ** (1 / 3)
     depth = spacing * max(1, round(depth / spacing))  # whole particles between the walls
-    left = lattice((0, 0, 0), (width, depth, height), spacing)
-    right = lattice((0, 0, 0), (width, depth, second * height), spacing)
+    left = column((0, 0, 0), (width, depth, height), spacing)
+    right = column((0, 0, 0), (width, depth, second * height), spacing)
     right[:, 0] = length - right[:, 0]
     return Liquid(
         np.vstack([left, right]),

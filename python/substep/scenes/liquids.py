@@ -1,4 +1,4 @@
-"""What the scenes of liquids share: the tank, the lattice at the start, recording and picture."""
+"""What the scenes of liquids share: the tank, columns, recording and picture."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._view import Camera, Look, View
 from ..geometry import Box, Collider, TriangleMesh
-from ..pbf import PositionBasedFluid
+from ..pbf import PositionBasedFluid, fill_box
 from .declaration import Parameter
 
 if TYPE_CHECKING:
@@ -34,6 +34,8 @@ def liquid_parameters() -> dict[str, Parameter]:
     """
     return {
         "friction": Parameter("coefficient of friction of the walls", 0.0, minimum=0),
+        "viscosity": Parameter("kinematic viscosity", 0.0, unit="m^2/s", minimum=0),
+        "xsph": Parameter("smoothing of the velocities in a step", 0.1, minimum=0, maximum=1),
         "tolerance": Parameter("mean density error at which a step is done", 1e-3, above=0),
         "iterations": Parameter("at most, of a step", 8, minimum=1),
         "cfl": Parameter("spacings that the fastest particle may move in a step", 0.4, above=0),
@@ -89,6 +91,8 @@ class Liquid(PositionBasedFluid):
             tolerance=parameters["tolerance"],
             max_iterations=parameters["iterations"],
             cfl=parameters["cfl"],
+            viscosity=parameters["viscosity"],
+            xsph=parameters["xsph"],
             **options,
         )
 
@@ -108,8 +112,8 @@ class Liquid(PositionBasedFluid):
         )
 
 
-def lattice(low: ArrayLike, high: ArrayLike, spacing: float) -> Array:
-    """Particles that fill a box: as many as fit, at the lowest corner, half a spacing from it.
+def column(low: ArrayLike, high: ArrayLike, spacing: float) -> Array:
+    """Particles that fill a box, whose sides are rounded to whole particles.
 
     Parameters
     ----------
@@ -123,10 +127,9 @@ def lattice(low: ArrayLike, high: ArrayLike, spacing: float) -> Array:
     ndarray, shape (n, 3)
         Positions [m].
     """
-    low, high = np.asarray(low, float), np.asarray(high, float)
-    counts = np.maximum(1, np.rint((high - low) / spacing)).astype(int)
-    axes = [a + spacing * (np.arange(n) + 0.5) for a, n in zip(low, counts, strict=True)]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    low = np.asarray(low, float)
+    counts = np.maximum(1, np.rint((np.asarray(high, float) - low) / spacing))
+    return fill_box(low, low + counts * spacing, spacing)
 
 
 def liquid_parts(liquid: Liquid) -> dict[str, Part]:
