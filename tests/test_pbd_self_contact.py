@@ -318,6 +318,16 @@ def test_coincident_balls_are_skipped():
     assert sim.diagnostics()["skipped"] == 10
 
 
+def test_balls_beyond_the_numbers():
+    sim = PositionBasedDynamics(
+        [[0, 0, 0], [1, 0, 0]], 1.0, [ParticleCollision(0.1)], velocities=[[1e30, 0, 0], [0, 0, 0]]
+    )
+    before = sim.positions
+    with pytest.raises(substep.SolverError, match="too far"):
+        sim.step()
+    assert (sim.positions == before).all() and sim.time == 0
+
+
 def test_bad_input():
     x = np.zeros((4, 3)) + np.arange(4)[:, None]
     for bad in (-0.1, np.nan, np.inf, [0.1, 0.1], [0.1, -0.1, 0.1, 0.1]):

@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <string>
 
+#include "substep/core/errors.h"
 #include "substep/core/parallel.h"
 
 namespace substep::pbd {
@@ -57,7 +59,12 @@ void ParticleCollision<Real>::prepare(const Sweep<Real>& s, int threads) {
   }
   if (points_.empty()) return;
   const Real within = static_cast<Real>(2 + kMargin) * largest_;
-  near_.sort(points_, within, threads);
+  try {
+    near_.sort(points_, within, threads);
+  } catch (const InputError& error) {
+    throw SolverError("collisions of particles that have gone too far away: " +
+                      std::string(error.what()));
+  }
   const auto order = near_.order();
   for (std::size_t k = 0; k < order.size(); ++k) {
     sorted_[k] = points_[static_cast<std::size_t>(order[k])];
