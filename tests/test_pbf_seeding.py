@@ -183,6 +183,7 @@ def test_the_jet_is_the_same_whatever_the_steps(name):
             d,
             gravity=np.zeros(dimension),
             emitters=[nozzle],
+            min_iterations=0,
             dtype="float64",
         )
         for dt in steps:

@@ -197,6 +197,7 @@ def relax(
             support=support,
             tolerance=0.1 * limit,
             max_tolerance=limit,
+            min_iterations=0,
             max_iterations=_SWEEPS,
             relaxation=0.0,
             dtype="float64",
