@@ -21,7 +21,7 @@ BY_SIZE = {
 }
 
 
-def value(records, workload, metric, threads=2):
+def value(records, workload, metric, threads=1):
     found = [
         r["value"]
         for r in records
@@ -62,7 +62,7 @@ def by_cost(axes, records, n):
         axes.loglog(cost, strain, "o-", color=color, label=f"{label}, by number of substeps")
         for x, y, k in points:
             axes.annotate(str(k), (x, y), (4, 4), textcoords="offset points", fontsize=7)
-    axes.set(xlabel="time of a frame [ms], two threads", ylabel="rms strain", ylim=(1e-3, 3))
+    axes.set(xlabel="time of a frame [ms], one thread", ylabel="rms strain", ylim=(1e-3, 3))
     axes.set_xticks([3, 10, 30, 100], ["3", "10", "30", "100"])
     axes.minorticks_off()
     axes.set_title(f"{n} x {n} particles", fontsize=10)
@@ -104,7 +104,8 @@ def hang(n, solver, substeps):
 
 
 def main():
-    records = [json.loads(line) for line in Path(sys.argv[1]).read_text().splitlines()]
+    lines = Path(sys.argv[1]).read_text().splitlines()
+    records = [r for r in map(json.loads, lines) if "workload" in r]
     figure = plt.figure(figsize=(9, 7.6), layout="constrained")
     grid = figure.add_gridspec(2, 2, height_ratios=(1.25, 1))
     for k, (solver, substeps, title) in enumerate(
