@@ -414,6 +414,26 @@ class TestLiquids:
         ids = [np.concatenate([frame[p]["id"] for p in ("left", "right")]) for _, frame in frames]
         np.testing.assert_array_equal(ids[0], ids[-1])
 
+    def test_particles_of_a_fountain_come_and_go_with_ids_that_stay(self, tmp_path):
+        parameters = {"spacing": 0.09, "nozzle": 0.07, "duration": 0.5}
+        run = scenes.run(scenes.load("fountain"), parameters, tmp_path, frames=4)
+        came, went = (int(word) for word in re.findall(r"^(\d+).* and (\d+) went", run.summary)[0])
+        frames = [frame["liquid"] for _, frame in frames_of(run.recording)]
+        assert len(frames[-1]["id"]) == len(frames[0]["id"]) + came - went
+        assert came > 0 and len({len(frame["id"]) for frame in frames}) > 1
+        for frame in frames:
+            assert len(np.unique(frame["id"])) == len(frame["id"]) == len(frame["points"])
+        pytest.importorskip("vtkmodules.vtkIOHDF", reason="VTK is not installed")
+        from test_recording import read_by_vtk
+        from vtkmodules.util.numpy_support import vtk_to_numpy
+
+        for (_, blocks), frame in zip(read_by_vtk(run.recording), frames, strict=True):
+            assert set(blocks) == {"liquid", "tank", "ball"}
+            points = vtk_to_numpy(blocks["liquid"].GetPoints().GetData())
+            np.testing.assert_array_equal(points, frame["points"])
+            ids = vtk_to_numpy(blocks["liquid"].GetPointData().GetArray("id"))
+            np.testing.assert_array_equal(ids, frame["id"])
+
     @pytest.mark.slow
     def test_a_mesh_filled_with_water(self, tmp_path):
         path = MESHES / "stanford-bunny.obj"
@@ -442,6 +462,13 @@ class TestLiquids:
             ("dam-break", ["speed=1"], "speed: dam-break has no such parameter"),
             ("double-dam", ["width=2"], "width: two columns of 2 m do not fit into 3 m"),
             ("double-dam", ["ratio=0"], "ratio: expected a finite number above 0"),
+            ("fountain", ["nozzle=-1"], "nozzle: expected a finite number above 0"),
+            ("fountain", ["jet=3"], "jet: fountain has no such parameter; did you mean jets?"),
+            ("rope", ["segments=0"], "segments: expected an integer from 1"),
+            ("cloth-ball", ["compliance=-1"], "compliance: expected a finite number of at least 0"),
+            ("cloth-ball", ["mesh=none.obj"], "none.obj"),
+            ("soft-bunny", ["poisson=0.5"], "poisson: expected a finite number from 0 to 0.49"),
+            ("soft-bunny", ["mesh=none.obj"], "none.obj"),
         ],
     )
     def test_what_cannot_be_run(self, tmp_path, capsys, scene, settings, words):
@@ -450,6 +477,70 @@ class TestLiquids:
         out, err = capsys.readouterr()
         assert out == "" and words in err and err.count("\n") == 1, err
         assert not (tmp_path / "run").exists()
+
+
+class TestPositionBased:
+    def test_a_ball_bounces_down_the_steps_and_keeps_its_volume(self, tmp_path):
+        parameters = {"cells": 5, "duration": 1.0}
+        run = scenes.run(scenes.load("soft-bunny"), parameters, tmp_path, frames=6)
+        volume = float(re.search(r"volume ([\d.]+) times", run.summary)[1])
+        assert 0.9 < volume < 1.1
+        points = [frame["body"]["points"] for _, frame in frames_of(run.recording)]
+        assert points[-1][:, 0].mean() > points[0][:, 0].mean() + 0.3
+        assert points[-1][:, 2].mean() < points[0][:, 2].mean() - 0.15
+        assert min(p[:, 2].min() for p in points) > 0
+
+    def test_ropes_keep_their_length_and_their_pins(self, tmp_path):
+        parameters = {"ropes": 3, "segments": 20, "duration": 1.0}
+        run = scenes.run(scenes.load("rope"), parameters, tmp_path, frames=3)
+        assert float(re.search(r"strain ([\d.e-]+) %", run.summary)[1]) < 3
+        points = [
+            frame["rope"]["points"].reshape(3, 21, 3) for _, frame in frames_of(run.recording)
+        ]
+        np.testing.assert_array_equal(points[0][:, 0], points[-1][:, 0])
+        assert points[-1][..., 2].min() > 0 and points[-1][:, -1, 2].max() < 1.0
+        ball = np.linalg.norm(points[-1] - [0, 0, 0.56], axis=2)
+        assert ball.min() > 0.56 + 0.014  # the thickness lies between
+
+    def test_a_cloth_turns_with_the_ball(self, tmp_path):
+        parameters = {"vertices": 16, "duration": 1.0, "spin": 2.0}
+        run = scenes.run(scenes.load("cloth-ball"), parameters, tmp_path, frames=3)
+        first, *_, last = (frame["cloth"]["points"] for _, frame in frames_of(run.recording))
+        middle = slice(16 * 7 + 7, 16 * 7 + 9)
+        turned = np.arctan2(*np.diff(last[middle], axis=0)[0, 1::-1]) - np.arctan2(
+            *np.diff(first[middle], axis=0)[0, 1::-1]
+        )
+        assert 0.5 < turned < 2.2
+        assert last[:, 2].max() > 1.0 and last[:, 2].min() < 0.6
+
+    @pytest.mark.slow
+    @pytest.mark.parametrize("name", ["spot", "cow"])
+    def test_a_cloth_over_a_mesh(self, tmp_path, name):
+        path = MESHES / f"{name}.obj"
+        if not path.exists():
+            pytest.skip("the meshes are not at hand")
+        parameters = {"vertices": 24, "cells": 40, "duration": 0.6, "mesh": str(path), "spin": 1.0}
+        run = scenes.run(scenes.load("cloth-ball"), parameters, tmp_path, frames=3)
+        assert "vertices, " in run.summary
+        clearance = float(re.search(r"nearer than ([-\d.e]+) mm", run.summary)[1])
+        assert clearance > 0
+        with substep.Recording(run.recording) as recording:
+            turning = [recording["obstacle"].points(k) for k in (0, -1)]
+        radii = [np.hypot(*points[:, :2].T) for points in turning]
+        np.testing.assert_allclose(radii[0], radii[1], atol=1e-5)
+        assert np.abs(turning[0] - turning[1]).max() > 0.1
+
+    @pytest.mark.slow
+    @pytest.mark.parametrize("name", ["spot", "stanford-bunny"])
+    def test_a_soft_mesh(self, tmp_path, name):
+        path = MESHES / f"{name}.obj"
+        if not path.exists():
+            pytest.skip("the meshes are not at hand")
+        parameters = {"mesh": str(path), "cells": 8, "duration": 0.5}
+        run = scenes.run(scenes.load("soft-bunny"), parameters, tmp_path, frames=3)
+        assert "filled with tetrahedra" in run.summary
+        assert float(re.search(r"nearer than ([-\d.e]+) mm", run.summary)[1]) > 0
+        assert 0.85 < float(re.search(r"volume ([\d.]+) times", run.summary)[1]) < 1.15
 
 
 def test_kepler_keeps_energy_where_it_should(tmp_path):
