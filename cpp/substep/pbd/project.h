@@ -59,6 +59,7 @@ struct Projection {
     std::uint32_t place[kPoints][kLanes];
     Real parameter[kParameters > 0 ? kParameters : 1][kLanes];
   };
+  static constexpr std::size_t kAhead = 12;  // blocks between fetching and use
   struct alignas(kVectorBytes) Lanes {
     Real values[kLanes];
   };
@@ -144,6 +145,9 @@ struct Projection {
                               const Sweep<Real>& s, const Softness& soft) {
     std::int64_t skipped = 0;
     for (std::size_t b = begin; b < end; ++b) {
+      for (std::size_t line = 0; line < sizeof(Block); line += 64) {
+        __builtin_prefetch(reinterpret_cast<const char*>(blocks + b + kAhead) + line);
+      }
       if (full(blocks[b], s)) [[likely]] {
         Evaluation e;
         move<kSoftening>(blocks, b, s, soft, e, skipped);
