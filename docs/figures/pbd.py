@@ -87,7 +87,9 @@ def speed(path):
         ("substep", "float32", 2, "substep", "o-", BLUE),
         ("substep", "float32", 1, "substep, one thread", "o--", BLUE),
         ("substep", "float64", 2, "substep, float64", "s-", GREEN),
-        ("xpbd_ref", "float32", 2, "written by hand for this cloth", "D:", GREY),
+        ("substep", "float64", 1, "substep, float64, one thread", "s--", GREEN),
+        ("xpbd_ref", "float32", 2, "written by hand for this cloth", "D-", GREY),
+        ("xpbd_ref", "float32", 1, "written by hand for this cloth, one thread", "D--", GREY),
         ("pyPBD", "float32", 2, "pyPBD", "^-", ORANGE),
         ("Taichi", "float32", 2, "Taichi", "v-", YELLOW),
     ):
@@ -99,8 +101,10 @@ def speed(path):
                 n = int(r["workload"].split()[2].removesuffix("^2"))
                 points[n * n] = min(r["value"], points.get(n * n, np.inf))
         if points:
-            axes.loglog(*zip(*sorted(points.items()), strict=True), style, color=color, label=label)
-    axes.set(xlabel="particles", ylabel="whole frame / projections [ns]")
+            axes.semilogx(
+                *zip(*sorted(points.items()), strict=True), style, color=color, label=label
+            )
+    axes.set(ylim=(0, None), xlabel="particles", ylabel="whole frame / projections [ns]")
     axes.grid(alpha=0.3, which="both")
     axes.legend(frameon=False, fontsize=8)
     figure.savefig(FOLDER / "pbd_speed.png", dpi=110)

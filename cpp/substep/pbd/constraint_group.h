@@ -59,8 +59,8 @@ class ConstraintGroup final : public Group<Real> {
         block.parameter[i][lane] = static_cast<Real>(parameters_[c * kParameters + i]);
       }
     }
-    particles_ = {};
-    parameters_ = {};
+    std::vector<std::int32_t>().swap(particles_);
+    std::vector<double>().swap(parameters_);
     compliance_ = in_blocks(softness_.compliance);
     damping_ = in_blocks(softness_.damping);
     stiffness_ = in_blocks({1.0});
