@@ -55,15 +55,14 @@ def best_step(liquids: list[substep.PositionBasedFluid], repeats: int) -> list[f
 
 
 def run(side: int, threads: int, repeats: int) -> None:
-    iterations = 5
     liquids = [
         fluid(side, threads),
-        fluid(side, threads, tolerance=0.0, max_tolerance=0.0, max_iterations=iterations),
+        fluid(side, threads, tolerance=0.0, max_tolerance=0.0, max_iterations=10),
         *(fluid(side, threads, **options) for options in TERMS.values()),
     ]
     n = len(liquids[0])
     base, dense, *terms = best_step(liquids, repeats)
-    density = (dense - base) / iterations
+    density = (dense - base) / (liquids[1].report.iterations - liquids[0].report.iterations)
     emit(n, "density_iteration", 1e9 * density / n, "ns/particle", threads)
     for name, seconds, liquid in zip(TERMS, terms, liquids[2:], strict=True):
         cost = seconds - base

@@ -217,7 +217,7 @@ def relax(
     for _ in range(rounds):
         resting.step(1.0)
         resting.set_velocities(np.zeros_like(resting.positions))
-        if resting.report.converged and resting.report.iterations == 0:  # with new neighbours
+        if resting.densities.max(initial=0.0) <= 1 + limit:
             return resting.positions
     error = 100 * resting.report.max_error
     raise ConvergenceError(
