@@ -234,4 +234,44 @@ TEST(Threads, SetAndRefused) {
   substep::set_num_threads(before);
 }
 
+TEST(Phases, BeginWhenAllOfTheOneBeforeHasRun) {
+  const std::vector<std::int64_t> chunks{7, 0, 40, 1, 13};
+  for (const int threads : {1, 2, 4}) {
+    std::vector<std::atomic<std::int64_t>> done(chunks.size());
+    std::atomic<int> early{0};
+    substep::parallel_phases(
+        chunks,
+        [&](std::int64_t phase, std::int64_t) {
+          for (std::int64_t p = 0; p < phase; ++p) {
+            early += done[static_cast<std::size_t>(p)] != chunks[static_cast<std::size_t>(p)];
+          }
+          ++done[static_cast<std::size_t>(phase)];
+        },
+        threads);
+    EXPECT_EQ(early, 0);
+    for (std::size_t p = 0; p < chunks.size(); ++p) EXPECT_EQ(done[p], chunks[p]);
+  }
+}
+
+TEST(Phases, EndWithTheFirstThatFails) {
+  const std::vector<std::int64_t> chunks{5, 20, 5};
+  for (const int threads : {1, 2, 4}) {
+    std::atomic<int> later{0};
+    std::string what;
+    try {
+      substep::parallel_phases(
+          chunks,
+          [&](std::int64_t phase, std::int64_t chunk) {
+            if (phase == 2) ++later;
+            if (phase == 1 && chunk >= 3) throw std::runtime_error(std::to_string(chunk));
+          },
+          threads);
+    } catch (const std::runtime_error& error) {
+      what = error.what();
+    }
+    EXPECT_EQ(what, "3");
+    EXPECT_EQ(later, 0);
+  }
+}
+
 }  // namespace
