@@ -218,7 +218,7 @@ def test_sweeps_stop_at_the_tolerance():
 
 def test_warm_start_leaves_less_error():
     errors = []
-    for warm in (False, True):
+    for warm in (0.0, 0.5):
         liquid = dam(14, warm_start=warm, tolerance=0, max_iterations=4)
         total = 0.0
         for _ in range(100):
@@ -359,6 +359,8 @@ BAD = [
     ({"tolerance": -1}, "tolerance: expected a number of at least 0"),
     ({"max_tolerance": math.nan}, "max_tolerance: expected a finite number"),
     ({"max_iterations": 0}, "max_iterations: expected an integer of at least 1|at least 1"),
+    ({"warm_start": -0.1}, "warm_start: expected a number of at least 0"),
+    ({"warm_start": 1}, "warm_start: expected a number from 0 to below 1"),
     ({"relaxation": -1e-3}, "relaxation: expected a number of at least 0"),
     ({"artificial_pressure": -1}, "artificial_pressure: expected a number of at least 0"),
     ({"on_escape": "ignore"}, "on_escape: expected one of"),

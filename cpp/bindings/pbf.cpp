@@ -147,7 +147,7 @@ FluidOptions options(const py::dict& given) {
   o.max_tolerance = given["max_tolerance"].cast<double>();
   o.min_iterations = given["min_iterations"].cast<int>();
   o.max_iterations = given["max_iterations"].cast<int>();
-  o.warm_start = given["warm_start"].cast<bool>();
+  o.warm_start = given["warm_start"].cast<double>();
   const auto escape = given["on_escape"].cast<std::string>();
   o.on_escape = escape == "raise"    ? OnEscape::kRaise
                 : escape == "remove" ? OnEscape::kRemove

@@ -78,9 +78,8 @@ class PositionBasedFluid(Simulation):
         the tolerance add up, and give the liquid energy when a later step corrects them.
     max_iterations : int
         Limit of iterations of a step, at least 1.
-    warm_start : bool
-        A step begins with the corrections that the last one took: of a dam break with 5 iterations
-        that leaves a quarter of the density error, at a tenth of the cost.
+    warm_start : float
+        Share of the corrections of the last step that a step begins with, from 0 to below 1.
     relaxation : float
         Compliance of the density constraint, relative to the sum of squared gradients in the rest
         lattice; at least 0.
@@ -158,10 +157,10 @@ class PositionBasedFluid(Simulation):
         kernel: str = "cubic_spline",
         support: float = 2.0,
         tolerance: float = 1e-3,
-        max_tolerance: float = 0.05,
+        max_tolerance: float = 0.01,
         min_iterations: int = 2,
         max_iterations: int = 10,
-        warm_start: bool = True,
+        warm_start: float = 0.5,
         relaxation: float = 1e-3,
         artificial_pressure: float = 0.0,
         xsph: float = 0.0,
@@ -207,7 +206,7 @@ class PositionBasedFluid(Simulation):
             "max_tolerance": check_real("max_tolerance", max_tolerance, nonnegative=True),
             "min_iterations": check_integer("min_iterations", min_iterations, minimum=0),
             "max_iterations": check_integer("max_iterations", max_iterations, minimum=1),
-            "warm_start": bool(warm_start),
+            "warm_start": _check_warm_start(warm_start),
             "relaxation": check_real("relaxation", relaxation, nonnegative=True),
             "artificial_pressure": check_real(
                 "artificial_pressure", artificial_pressure, nonnegative=True
@@ -644,6 +643,13 @@ def _check_forces(xsph: Any, confinement: Any, tension: Any) -> dict[str, float]
     if options["xsph"] > 1:
         raise InputError(f"xsph: expected a number from 0 to 1, got {options['xsph']}")
     return options
+
+
+def _check_warm_start(warm_start: float) -> float:
+    share = check_real("warm_start", warm_start, nonnegative=True)
+    if share >= 1:
+        raise InputError(f"warm_start: expected a number from 0 to below 1, got {share}")
+    return share
 
 
 def _check_bounds(bounds: ArrayLike | None, d: int) -> list[list[float]] | None:

@@ -38,13 +38,26 @@ struct Pairs {
   V x, y, z, w, inverse, q;
 };
 
-template <class V, class Real = Lane<V>>
+// 1 / sqrt(a); for corrections the estimate of AVX-512 (to 6e-5) will do: both of a pair get the
+// same.
+enum class Root { kExact, kEstimate };
+template <Root root, class V>
+SUBSTEP_INLINE V inverse_root(const V& a) {
+#ifdef __AVX512F__
+  if constexpr (root == Root::kEstimate && sizeof(V) == 64 && sizeof(Lane<V>) == 4) {
+    return reinterpret_cast<V>(_mm512_rsqrt14_ps(reinterpret_cast<__m512>(a)));
+  }
+#endif
+  return inverse_sqrt<V>(a);
+}
+
+template <class V, Root root = Root::kExact, class Real = Lane<V>>
 SUBSTEP_INLINE Pairs<V> load_pairs(const Point<Real>& at, const Point<Real>* points,
                                    const std::int32_t* indices, const Scales<Real>& scales) {
   const PointLanes<V> p = load_points<V>(points, indices);
   const V x = at.x - p.x, y = at.y - p.y, z = at.z - p.z;
   const V r2 = fma(x, x, fma(y, y, fma<V>(z, z, scales.tiny)));
-  const V inverse = inverse_sqrt<V>(r2);
+  const V inverse = inverse_root<root, V>(r2);
   return {x, y, z, p.w, inverse, r2 * inverse * scales.inverse_radius};
 }
 
@@ -122,10 +135,11 @@ DensityError sweep_multipliers(std::span<const Point<Real>> x, const Neighbours<
           for (int k = 0; k < m; ++k) {
             const Point<Real>& from = x[block + k];
             y[block + k] = {from.x, from.y, from.z, lambda[k]};
-            const Real error = std::abs(c[k]);
-            total[k] += error;
-            worst[k] = std::max(worst[k], error);
           }
+          for (int k = m; k < kLanes; ++k) c[k] = 0;
+          const V error = c < 0 ? -c : c;
+          total += error;
+          worst = error > worst ? error : worst;
         }
         DensityError& error = errors[begin / kGrain];
         for (int k = 0; k < kLanes; ++k) {
@@ -161,7 +175,8 @@ std::int64_t sweep_corrections(std::span<const Point<Real>> y, const Neighbours<
           const NeighbourList list = neighbours[i];
           PointLanes<V> s{};
           for (std::int32_t from = 0; from < list.count; from += kLanes) {
-            const auto p = load_pairs<V>(at, y.data(), list.indices + from, scales);
+            const auto p =
+                load_pairs<V, Root::kEstimate>(at, y.data(), list.indices + from, scales);
             V pressure = at.w + p.w;
             if constexpr (kArtificialPressure) {
               const V u = K::value(p.q), u2 = u * u;
@@ -185,7 +200,7 @@ std::int64_t sweep_corrections(std::span<const Point<Real>> y, const Neighbours<
           Quad<Real> moved = load_quad(y[i]) + dx;
           moved[3] = w;
           store_quad(x[i], moved);
-          if (!sums.empty()) sums[i].w += at.w;
+          sums[i].w += at.w;
         }
         limited[begin / kGrain] = count;
       },

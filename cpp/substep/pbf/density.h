@@ -77,8 +77,8 @@ class DensityConstraint {
                            const geometry::Neighbours<Real>& neighbours,
                            std::span<const Point<Real>> walls, std::span<Point<Real>> y,
                            int threads) const;
-  // x_i = y_i + dx_i, where w of x is read and kept; the w of sums_i, unless there are none, gets
-  // lambda_i more. Returns how many reached the limit of |dx|.
+  // x_i = y_i + dx_i, where w of x is read and kept; the w of sums_i gets lambda_i more. Returns
+  // how many reached the limit of |dx|.
   std::int64_t correct(std::span<const Point<Real>> y, const geometry::Neighbours<Real>& neighbours,
                        std::span<const Point<Real>> walls, std::span<Point<Real>> x,
                        std::span<Point<Real>> sums, int threads) const;

@@ -8,11 +8,12 @@
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
 #include "substep/core/parallel.h"
+#include "substep/pbf/sums.h"
 
 namespace substep::pbf {
 namespace {
 
-constexpr std::int64_t kGrain = 4096;  // particles in a chunk
+constexpr std::int64_t kRows = 4096;  // that a task works on
 
 template <class Real>
 Vec3 vector(const Point<Real>& p) {
@@ -22,13 +23,13 @@ Vec3 vector(const Point<Real>& p) {
 // The lowest i in [0, n) with test(i), or -1.
 template <class Test>
 std::int64_t first_where(std::int64_t n, int threads, const Test& test) {
-  std::vector<std::int64_t> found(static_cast<std::size_t>((n + kGrain - 1) / kGrain), -1);
+  std::vector<std::int64_t> found(static_cast<std::size_t>((n + kRows - 1) / kRows), -1);
   parallel_for(
-      n, kGrain,
+      n, kRows,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t i = begin; i < end; ++i) {
           if (test(i)) {
-            found[begin / kGrain] = i;
+            found[begin / kRows] = i;
             return;
           }
         }
@@ -107,7 +108,7 @@ std::int64_t Fluid<Real>::absorb(const geometry::Collider& region) {
   const std::int64_t n = particles.size();
   std::vector<std::uint8_t> inside(static_cast<std::size_t>(n));
   parallel_for(
-      n, kGrain,
+      n, kRows,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t i = begin; i < end; ++i) {
           inside[i] = region.signed_distance(world(particles.x[i])).value < 0 ? 1 : 0;
@@ -146,7 +147,7 @@ void Fluid<Real>::predict(double dt) {
   predicted_.resize(static_cast<std::size_t>(n));
   const double m0 = options.masses[0];
   parallel_for(
-      n, kGrain,
+      n, kRows,
       [&](std::int64_t begin, std::int64_t end) {
         const auto h = static_cast<Real>(dt);
         const Point<Real> g = {static_cast<Real>(options.gravity.x()),
@@ -200,7 +201,7 @@ void Fluid<Real>::sort() {
   multipliers_.resize(rows);
   const std::span<const std::int32_t> order = neighbours_.order();
   parallel_for(
-      n, kGrain,
+      n, kRows,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t k = begin; k < end; ++k) {
           const std::int32_t i = order[k];
@@ -221,16 +222,19 @@ void Fluid<Real>::sort() {
                    options.threads);
 }
 
-// Repeats the corrections that the sweeps of the last step added up to: where pressure changes
-// little from step to step, half of what there is to do is then done.
+// Begins with a share of the multipliers that the last step added up to, as Ihmsen et al.
+// ("Implicit incompressible SPH", 2014) do with pressures: what slowly changing pressure takes is
+// then partly done. A share of all, not all that the sweeps did: then no step answers to the one
+// before it, and the share left to the sweeps is the same in each.
 template <class Real>
 void Fluid<Real>::warm_start(double dt) {
   const std::span<Point<Real>> rows(next_.x), x = rows.first(rows.size() - 1);
   boundary.begin_step(dt, old_x_, x, mass_, options.threads);
-  if (!options.warm_start || last_dt == 0) return;
-  const auto scale = static_cast<Real>(dt / last_dt * (dt / last_dt));  // lambda ~ pressure dt^2
+  if (options.warm_start == 0 || last_dt == 0) return;
+  const double ratio = dt / last_dt;  // lambda is as pressure times dt^2
+  const auto scale = static_cast<Real>(options.warm_start * ratio * ratio);
   parallel_for(
-      next_.size(), kGrain,
+      next_.size(), kRows,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t i = begin; i < end; ++i) {
           multipliers_[i] = {x[i].x, x[i].y, x[i].z, scale * old_v_[i].w};
@@ -239,7 +243,7 @@ void Fluid<Real>::warm_start(double dt) {
       options.threads);
   const auto walls = boundary.contributions(x, options.threads);
   new_report_.limited +=
-      density.correct(multipliers_, neighbours_, walls, rows, {}, options.threads);
+      density.correct(multipliers_, neighbours_, walls, rows, next_.v, options.threads);
   boundary.project(multipliers_, old_x_, x, mass_, options.threads);
 }
 
@@ -345,28 +349,33 @@ void Fluid<Real>::commit(double dt) {
 
 template <class Real>
 double Fluid<Real>::fastest() const {
-  const double none = -std::numeric_limits<double>::infinity();
-  double lowest = none, energy = none;  // largest g . x, largest v^2 - 2 g . x
-  for (std::int64_t i = 0; i < particles.size(); ++i) {
+  // The largest g . x and v^2 - 2 g . x.
+  struct Largest {
+    double depth = -std::numeric_limits<double>::infinity(), energy = depth;
+    void operator+=(const Largest& other) {
+      depth = std::max(depth, other.depth);
+      energy = std::max(energy, other.energy);
+    }
+  };
+  const auto of = [&](std::int64_t i) {
     const double depth = options.gravity.dot(vector(particles.x[i]));
-    lowest = std::max(lowest, depth);
-    energy = std::max(energy, vector(particles.v[i]).squaredNorm() - 2 * depth);
-  }
-  return particles.size() == 0 ? 0 : std::sqrt(std::max(0.0, energy + 2 * lowest));
+    return Largest{depth, vector(particles.v[i]).squaredNorm() - 2 * depth};
+  };
+  const auto [depth, energy] = ordered_sum(particles.size(), of, options.threads);
+  return particles.size() == 0 ? 0 : std::sqrt(std::max(0.0, energy + 2 * depth));
 }
 
 template <class Real>
 Energies Fluid<Real>::energies() const {
-  Energies sum;
-  for (std::int64_t i = 0; i < particles.size(); ++i) {
+  const auto of = [&](std::int64_t i) {
     const Vec3 x = world(particles.x[i]), v = vector(particles.v[i]);
     const double m = mass(i);
-    sum.kinetic += 0.5 * m * v.squaredNorm();
-    sum.potential -= m * options.gravity.dot(x);
-    sum.momentum += m * v;
-    sum.angular_momentum += m * x.cross(v);
-  }
-  return sum;
+    return Energies{.kinetic = 0.5 * m * v.squaredNorm(),
+                    .potential = -m * options.gravity.dot(x),
+                    .momentum = m * v,
+                    .angular_momentum = m * x.cross(v)};
+  };
+  return ordered_sum(particles.size(), of, options.threads);
 }
 
 template <class Real>

@@ -24,7 +24,7 @@ struct FluidOptions {
   double tolerance = 1e-3;   // of the mean density error
   double max_tolerance = 1;  // of the largest one
   int min_iterations = 2, max_iterations = 5;
-  bool warm_start = true;  // with the corrections of the last step
+  double warm_start = 0.5;  // share of the last step's multipliers that the next begins with
   OnEscape on_escape = OnEscape::kRaise;
   std::optional<std::array<Vec3, 2>> bounds;  // lowest and highest corner, world [m]
   int threads = 0;
@@ -43,6 +43,13 @@ struct FluidReport {
 struct Energies {
   double kinetic = 0, potential = 0;                              // [J]
   Vec3 momentum = Vec3::Zero(), angular_momentum = Vec3::Zero();  // the latter about 0
+
+  void operator+=(const Energies& other) {
+    kinetic += other.kinetic;
+    potential += other.potential;
+    momentum += other.momentum;
+    angular_momentum += other.angular_momentum;
+  }
 };
 
 template <class Real>
