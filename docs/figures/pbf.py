@@ -1,7 +1,7 @@
 """The figure of docs/pbf.md: a dam break, its front and the experiment, and the time of a step.
 
-python docs/figures/pbf.py bench/results/FILE.jsonl FRONT.json; the latter has the rows "a_2.25_in" of
-the experiment: [t sqrt(2 g / a), z / a].
+python docs/figures/pbf.py bench/results/FILE.jsonl FRONT.json; the latter has the rows of the
+experiment, "a_2.25_in" of "martin_moyce_1952_front": [t sqrt(2 g / a), z / a].
 """
 
 import json
@@ -64,7 +64,7 @@ def collapse(n, axes):
 
 def main():
     records = [json.loads(line) for line in Path(sys.argv[1]).read_text().splitlines()]
-    rows = json.loads(Path(sys.argv[2]).read_text())["a_2.25_in"]
+    rows = json.loads(Path(sys.argv[2]).read_text())["martin_moyce_1952_front"]["a_2.25_in"]
     t, z = np.array([row for row in rows if row[0] <= 3.4]).T
     figure, panels = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
     time, front = collapse(N, panels[0])
