@@ -157,7 +157,7 @@ class PositionBasedFluid(Simulation):
         kernel: str = "cubic_spline",
         support: float = 2.0,
         tolerance: float = 1e-3,
-        max_tolerance: float = 0.01,
+        max_tolerance: float = 0.05,
         min_iterations: int = 2,
         max_iterations: int = 10,
         warm_start: float = 0.5,
