@@ -74,12 +74,12 @@ class PositionBasedFluid(Simulation):
     max_tolerance : float
         Largest density error, relative, at which it does.
     min_iterations : int
-        Iterations that a step takes at least. Errors that short steps leave because they are below
-        the tolerance add up, and give the liquid energy when a later step corrects them.
+        Iterations that a step takes at least.
     max_iterations : int
         Limit of iterations of a step, at least 1.
     warm_start : float
-        Share of the corrections of the last step that a step begins with, from 0 to below 1.
+        Share of the corrections of the last step that a step begins with, from 0 to below 1. For
+        fixed steps (`step`); where their size changes it can give a splash energy.
     relaxation : float
         Compliance of the density constraint, relative to the sum of squared gradients in the rest
         lattice; at least 0.
@@ -158,9 +158,9 @@ class PositionBasedFluid(Simulation):
         support: float = 2.0,
         tolerance: float = 1e-3,
         max_tolerance: float = 0.05,
-        min_iterations: int = 2,
+        min_iterations: int = 0,
         max_iterations: int = 10,
-        warm_start: float = 0.5,
+        warm_start: float = 0.0,
         relaxation: float = 1e-3,
         artificial_pressure: float = 0.0,
         xsph: float = 0.0,
