@@ -30,7 +30,7 @@ def column(width, height, spacing, *, dimension=3, **options):
 @pytest.mark.slow
 def test_a_column_rests_at_its_height_with_its_weight_on_the_tank():
     d, height = 0.05, 32
-    liquid = column(7, height, d, max_iterations=60, max_tolerance=0.01)
+    liquid = column(7, height, d, max_iterations=100, max_tolerance=0.01)
     weight = G * liquid.masses.sum()
     heights, impulse, elapsed = [], 0.0, 0.0
     for step in range(int(10 / 4e-3)):
