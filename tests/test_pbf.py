@@ -528,15 +528,17 @@ def test_dam_break_front():
     assert abs(slope) < 0.06
 
 
-def test_short_steps_give_a_splash_no_energy():
-    # An error that a long step left and a short one corrects becomes velocity, the velocity makes
-    # the steps shorter: min_iterations=2 or warm_start=0.5 end above the energy of the start.
-    liquid = dam(10, step=None)
+@pytest.mark.parametrize("cfl", [0.4, 0.1])
+def test_short_steps_give_a_splash_no_energy(cfl):
+    # An error that is left to a later step, and corrected in a short one, becomes a large velocity:
+    # with min_iterations=0 the second ends above the energy of the start, and so do both if the
+    # last step before an output is as short as it comes.
+    liquid = dam(10, step=None, cfl=cfl)
     energies = []
     while liquid.time < 1.2:
         liquid.advance(0.05)
         values = liquid.diagnostics()
         energies.append(values["kinetic_energy"] + values["potential_energy"])
     risen = np.array(energies) - np.minimum.accumulate(energies)
-    assert risen.max() < 0.04 * energies[0]
+    assert risen.max() < 0.02 * energies[0]
     assert 0.5 * energies[0] < energies[-1] < 0.95 * energies[0]

@@ -74,7 +74,8 @@ class PositionBasedFluid(Simulation):
     max_tolerance : float
         Largest density error, relative, at which it does.
     min_iterations : int
-        Iterations that a step takes at least.
+        Iterations that a step takes at least. With none, errors below the tolerance add up over
+        short steps, and give a splash energy when a later step corrects them.
     max_iterations : int
         Limit of iterations of a step, at least 1.
     warm_start : float
@@ -158,7 +159,7 @@ class PositionBasedFluid(Simulation):
         support: float = 2.0,
         tolerance: float = 1e-3,
         max_tolerance: float = 0.05,
-        min_iterations: int = 0,
+        min_iterations: int = 2,
         max_iterations: int = 10,
         warm_start: float = 0.0,
         relaxation: float = 1e-3,
