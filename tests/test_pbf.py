@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import substep
+from scipy.optimize import curve_fit
 from substep.errors import InputError, NonFiniteError, SolverError
 
 REFERENCE = Path(__file__).resolve().parents[2] / "shared/reference/fluid.json"
@@ -542,3 +543,31 @@ def test_short_steps_give_a_splash_no_energy(cfl):
     risen = np.array(energies) - np.minimum.accumulate(energies)
     assert risen.max() < 0.02 * energies[0]
     assert 0.5 * energies[0] < energies[-1] < 0.95 * energies[0]
+
+
+def test_sloshing_is_a_little_fast():
+    """Linear waves: omega^2 = g k tanh(k h). The period comes out 4 % short (docs/pbf.md)."""
+    n, length, height, amplitude = 40, 1.0, 0.5, 0.01
+    k = math.pi / length
+    omega = math.sqrt(9.81 * k * math.tanh(k * height))
+    x = block((n, n // 2), length / n)
+    speed = amplitude * omega / math.sinh(k * height)
+    start = speed * np.stack(
+        [np.sin(k * x[:, 0]) * np.cosh(k * x[:, 1]), -np.cos(k * x[:, 0]) * np.sinh(k * x[:, 1])],
+        axis=1,
+    )
+    tank = substep.Box((0.5, 1, 0), (1, 2, 1), hollow=True)
+    liquid = substep.PositionBasedFluid(x, length / n, velocities=start, colliders=[tank])
+    times, centres = [], []
+    while liquid.time < 3.6:
+        liquid.step()
+        times.append(liquid.time)
+        centres.append(liquid.positions[:, 0].mean() - 0.5)
+
+    def wave(t, a, w, phase, decay, mean):
+        return a * np.exp(-decay * t) * np.sin(w * t + phase) + mean
+
+    fit, _ = curve_fit(wave, times, centres, p0=[0.004, omega, 0, 0.1, 0])
+    # The centre of the wave a cos(k x) is at 2 a / (pi^2 h) of the length.
+    assert fit[0] == pytest.approx(2 * amplitude / math.pi**2 / height, rel=0.1)
+    assert -0.06 < omega / fit[1] - 1 < 0
