@@ -289,8 +289,11 @@ def test_forces_act_for_one_step():
     assert liquid.velocities == pytest.approx(np.array([[0, 0, 0], [0.5, 0, 0]]), abs=1e-6)
 
 
-def test_a_particle_alone_falls_freely_and_none_is_legal():
-    one = substep.PositionBasedFluid([[1.0, 2, 3]], 0.1, step=0.01, dtype="float64")
+@pytest.mark.parametrize("relaxation", [0, 1e-3])
+def test_a_particle_alone_falls_freely_and_none_is_legal(relaxation):
+    one = substep.PositionBasedFluid(
+        [[1.0, 2, 3]], 0.1, step=0.01, dtype="float64", relaxation=relaxation
+    )
     one.advance(1.0)
     assert one.velocities[0] == pytest.approx([0, 0, -9.81])
     # Symplectic Euler falls g h t / 2 too far.

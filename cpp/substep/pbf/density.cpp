@@ -10,6 +10,8 @@
 namespace substep::pbf {
 namespace {
 
+constexpr double kLeastRelaxation = 1e-9;  // a particle alone has no gradient to divide by
+
 using geometry::NeighbourList;
 using geometry::Neighbours;
 
@@ -307,7 +309,8 @@ DensityError DensityConstraint<Real>::multipliers(std::span<const Point<Real>> x
   for_kernel([&]<class K>(K) {
     error = sweep_multipliers<K>(
         x, neighbours, walls, y, scales_of<K, Real>(options_, radius_, volume_),
-        static_cast<Real>(options_.relaxation * gradient_sum_), options_.one_sided, threads);
+        static_cast<Real>(std::max(options_.relaxation, kLeastRelaxation) * gradient_sum_),
+        options_.one_sided, threads);
   });
   return error;
 }

@@ -24,7 +24,7 @@ struct FluidOptions {
   double tolerance = 1e-3;   // of the mean density error
   double max_tolerance = 1;  // of the largest one
   int min_iterations = 2, max_iterations = 5;
-  double warm_start = 0.5;  // share of the last step's multipliers that the next begins with
+  double warm_start = 0;  // share of the last step's multipliers that the next begins with
   OnEscape on_escape = OnEscape::kRaise;
   std::optional<std::array<Vec3, 2>> bounds;  // lowest and highest corner, world [m]
   int threads = 0;
