@@ -130,7 +130,7 @@ void bind_dynamics(py::module_& m, const char* group_name, const char* name) {
             const auto at = rows(rest);
             auto solver = std::make_unique<Multilevel<Real>>(
                 distance_edges(list(pairs), list(lengths)), std::vector(at.begin(), at.end()));
-            solver->attach({}, self.partition());
+            solver->attach(self.partition());
             self.projector = std::move(solver);
           },
           py::arg("pairs").noconvert(), py::arg("lengths").noconvert(), py::arg("rest").noconvert())

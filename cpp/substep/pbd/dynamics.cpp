@@ -298,14 +298,12 @@ void Dynamics<Real>::run_substep(int substep, std::uint8_t& pending) {
   pending = 0;
 }
 
-// What project_patch() leaves: constraints between patches, and all of groups that neither Jacobi
-// nor the projector does.
+// What project_patch() leaves: constraints between patches, and all of groups that Jacobi does not.
 template <class Real>
 void Dynamics<Real>::sweep_groups(int substep, int iteration) {
   for (std::size_t g = 0; g < groups_.size(); ++g) {
     Group<Real>& group = *groups_[g];
     if (options.jacobi && group.correction_chunks() > 0) continue;
-    if (projector && projector->claimed(g)) continue;
     Phase phase{
         .kind = Kind::group, .group = g, .substep = substep, .iteration = iteration, .chunks = 0};
     if (options.jacobi || projector) {

@@ -80,7 +80,7 @@ class Dynamics {
 
   Options options;
   double time = 0;
-  std::unique_ptr<Projector<Real>> projector;  // does the iterations, where there is one
+  std::unique_ptr<Projector<Real>> projector;  // begins each iteration, where there is one
   std::optional<geometry::ParticleContact<Real>> contact;  // where there are colliders
 
  private:

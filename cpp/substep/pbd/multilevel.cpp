@@ -48,8 +48,7 @@ Multilevel<Real>::Multilevel(std::vector<DistanceGraph::Edge> edges,
 }
 
 template <class Real>
-void Multilevel<Real>::attach(std::span<const std::unique_ptr<Group<Real>>>,
-                              const Partition& partition) {
+void Multilevel<Real>::attach(const Partition& partition) {
   partition_ = partition;
 }
 

@@ -47,9 +47,7 @@ class Multilevel final : public Projector<Real> {
   std::unique_ptr<Projector<Real>> clone() const override {
     return std::make_unique<Multilevel>(*this);
   }
-  void attach(std::span<const std::unique_ptr<Group<Real>>> groups,
-              const Partition& partition) override;
-  bool claimed(std::size_t) const override { return false; }
+  void attach(const Partition& partition) override;
   // One pass from the coarsest level to the finest; the sweep over the constraints comes after it.
   std::int64_t project(const Sweep<Real>& s, int threads) override;
 

@@ -1,9 +1,8 @@
-// Takes the place of the sweeps over all groups in an iteration: solvers that see a whole system at
-// once, as against constraint by constraint.
+// Comes before the sweeps over all groups in an iteration: what sees a whole system at once, as
+// against constraint by constraint.
 #pragma once
 
 #include <memory>
-#include <span>
 
 #include "substep/pbd/group.h"
 
@@ -15,11 +14,8 @@ class Projector {
   virtual ~Projector() = default;
   virtual std::unique_ptr<Projector> clone() const = 0;
 
-  // Once, when all groups are attached. Groups that claimed() names are left to the projector; the
-  // others are swept after it.
-  virtual void attach(std::span<const std::unique_ptr<Group<Real>>> groups,
-                      const Partition& partition) = 0;
-  virtual bool claimed(std::size_t group) const = 0;
+  // Once. The groups are swept after the projector.
+  virtual void attach(const Partition& partition) = 0;
   virtual void begin_step(double /*h*/, int /*substeps*/, int /*iterations*/) {}
   // One iteration, on the calling thread outside of parallel loops. Returns how many constraints
   // were skipped because their gradients vanish.
