@@ -101,10 +101,10 @@ def speed(path):
                 n = int(r["workload"].split()[2].removesuffix("^2"))
                 points[n * n] = min(r["value"], points.get(n * n, np.inf))
         if points:
-            axes.semilogx(
+            axes.loglog(
                 *zip(*sorted(points.items()), strict=True), style, color=color, label=label
             )
-    axes.set(ylim=(0, None), xlabel="particles", ylabel="whole frame / projections [ns]")
+    axes.set(xlabel="particles", ylabel="whole frame / projections [ns]")
     axes.grid(alpha=0.3, which="both")
     axes.legend(frameon=False, fontsize=8)
     figure.savefig(FOLDER / "pbd_speed.png", dpi=110)
