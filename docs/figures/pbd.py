@@ -101,9 +101,7 @@ def speed(path):
                 n = int(r["workload"].split()[2].removesuffix("^2"))
                 points[n * n] = min(r["value"], points.get(n * n, np.inf))
         if points:
-            axes.loglog(
-                *zip(*sorted(points.items()), strict=True), style, color=color, label=label
-            )
+            axes.loglog(*zip(*sorted(points.items()), strict=True), style, color=color, label=label)
     axes.set(xlabel="particles", ylabel="whole frame / projections [ns]")
     axes.grid(alpha=0.3, which="both")
     axes.legend(frameon=False, fontsize=8)
