@@ -92,14 +92,17 @@ def test_every_kind_of_part_is_drawn(tmp_path):
     parts = {name: part for name, (part, _) in kinds.items()}
     frame = {name: {"points": tetrahedron, **extra} for name, (_, extra) in kinds.items()}
     recording = record(tmp_path / "a.vtkhdf", parts, [frame])
-    area = {}
-    for name in kinds:
-        looks = {other: Look(hidden=other != name, color=RED, radius=0.2) for other in kinds}
+
+    def area(name, radius):
+        looks = {other: Look(hidden=other != name, color=RED, radius=radius) for other in kinds}
         image = View(FRONT, looks, ground=lambda r: None).image(recording, size=SIZE)
-        area[name] = reddish(image).sum()
-    assert 50 < area["lines"] < 0.3 * area["surface"]
-    assert area["solid"] == pytest.approx(area["surface"], rel=0.1)  # seen from the front
-    assert area["particles"] == area["bodies"] > 1000
+        return reddish(image).sum()
+
+    areas = {name: area(name, 0.2) for name in kinds} | {"thin lines": area("lines", 0.02)}
+    assert 50 < areas["thin lines"] < 0.3 * areas["surface"]
+    assert areas["lines"] > 4 * areas["thin lines"]  # lines are tubes of that radius
+    assert areas["solid"] == pytest.approx(areas["surface"], rel=0.1)  # seen from the front
+    assert areas["particles"] == areas["bodies"] > 1000
 
 
 def test_the_surface_of_tetrahedra_has_no_inner_faces(tmp_path):
