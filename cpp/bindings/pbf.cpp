@@ -96,9 +96,7 @@ Array<Real> raw(const std::vector<Point<Real>>& points) {
 template <class Real>
 std::vector<Point<Real>> points(const Array<Real>& rows) {
   const auto* from = reinterpret_cast<const Point<Real>*>(rows.data());
-  std::vector<Point<Real>> out(static_cast<std::size_t>(rows.shape(0)));
-  std::memcpy(static_cast<void*>(out.data()), from, out.size() * sizeof(Point<Real>));
-  return out;
+  return {from, from + rows.shape(0)};
 }
 
 template <class Real>
