@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -548,3 +549,18 @@ class SignedDistanceField(Collider):
     def error_bound(self) -> float:
         """sqrt(3)/2 spacing [m]: the most by which a true distance on the nodes is missed."""
         return float(self._field.error_bound)
+
+
+def check_colliders(colliders: Iterable[Collider]) -> tuple[Collider, ...]:
+    """Obstacles of a simulation."""
+    checked = tuple(colliders)
+    for k, collider in enumerate(checked):
+        if not isinstance(collider, Collider):
+            raise TypeError(f"colliders[{k}]: expected a Collider, got {collider!r}")
+    return checked
+
+
+def collider_states(colliders: Sequence[Collider]) -> NDArray[np.float64]:
+    """All that changes of them, one row each."""
+    rows = [collider._native.state for collider in colliders]
+    return np.array(rows) if rows else np.zeros((0, 0))

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-import os
-import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
-from ._checkpoint import restore_checkpoint, write_checkpoint
 from ._checks import check_array, check_choice, check_integer, check_real
-from ._colliders import Collider, check_threads
+from ._colliders import Collider, check_colliders, check_threads, collider_states
+from ._simulation import Simulation
 from .errors import InputError
 from .stability import max_stable_step, stability_limit
 
@@ -58,7 +55,7 @@ def check_pinned(pinned: ArrayLike, count: int) -> NDArray[np.uint8]:
     return flags
 
 
-class Deformable:
+class Deformable(Simulation):
     """Vertices with masses that forces act on; make a `MassSpring` or a `SoftBody`."""
 
     _native: Any
@@ -90,10 +87,7 @@ class Deformable:
         rate = check_real("drag", drag, nonnegative=True)
         if rate > 0:
             terms = [*terms, _core.drag_term(rate, masses)]
-        self.colliders = tuple(colliders)
-        for k, collider in enumerate(self.colliders):
-            if not isinstance(collider, Collider):
-                raise TypeError(f"colliders[{k}]: expected a Collider, got {collider!r}")
+        self.colliders = check_colliders(colliders)
         self.integrator = check_choice("integrator", integrator, INTEGRATORS)
         self._masses = masses
         self._masses.flags.writeable = False
@@ -129,8 +123,7 @@ class Deformable:
             threads=check_threads(threads),
         )
         self._gravity = check_array("gravity", gravity, (3,))
-        self._native.time = check_real("time", time)
-        self._busy = threading.Lock()
+        super().__init__(self._native, time, threads)
         if step is None:
             limit = self.step_limit()[0] if self.integrator != "implicit_euler" else math.inf
             step = min(1 / 60, 0.9 * limit) if limit > 0 else 1e-3 / 60
@@ -138,20 +131,6 @@ class Deformable:
 
     def __len__(self) -> int:
         return len(self._masses)
-
-    @property
-    def time(self) -> float:
-        """Time of the state [s]."""
-        return float(self._native.time)
-
-    @property
-    def threads(self) -> int | None:
-        """Threads of the native loops, None for the default; results do not depend on it."""
-        return self._native.threads or None
-
-    @threads.setter
-    def threads(self, threads: int | None) -> None:
-        self._native.threads = check_threads(threads)
 
     @property
     def positions(self) -> Array:
@@ -345,12 +324,8 @@ class Deformable:
             "velocities": native.velocities.copy(),
             "forces": native.forces.copy(),
             "targets": native.targets.copy(),
-            "colliders": self._collider_states(),
+            "colliders": collider_states(self.colliders),
         }
-
-    def _collider_states(self) -> Array:
-        rows = [collider._native.state for collider in self.colliders]
-        return np.array(rows) if rows else np.zeros((0, 0))
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a state, bit for bit.
@@ -374,7 +349,7 @@ class Deformable:
             name: check_array(f"state[{name!r}]", state[name], (n, 3), finite=False)
             for name in _STATE[1:5]
         }
-        shape = self._collider_states().shape
+        shape = collider_states(self.colliders).shape
         moving = check_array("state['colliders']", state["colliders"], shape)
         with self._own():
             self._native.time = time
@@ -382,45 +357,3 @@ class Deformable:
                 getattr(self._native, name)[:] = values
             for collider, values in zip(self.colliders, moving, strict=True):
                 collider._native.state = values.tolist()
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the state to a file, atomically; what the object was made of is not in it.
-
-        Parameters
-        ----------
-        path : path-like
-            Where to; an existing file is replaced.
-
-        Raises
-        ------
-        OSError
-            If it cannot be written.
-        """
-        write_checkpoint(path, type(self).__name__, self.state())
-
-    def load(self, path: str | os.PathLike[str]) -> None:
-        """Go back to the state in a file, bit for bit, also in another process.
-
-        Parameters
-        ----------
-        path : path-like
-            A file written by `save`.
-
-        Raises
-        ------
-        FormatError
-            If the file is cut off (TruncatedError), spoiled (CorruptError) or of another version
-            (VersionError); nothing is changed then.
-        OSError
-            If it cannot be read.
-        """
-        restore_checkpoint(path, type(self).__name__, self.restore)
-
-    @contextlib.contextmanager
-    def _own(self) -> Iterator[None]:
-        if not self._busy.acquire(blocking=False):
-            raise InputError(f"this {type(self).__name__} is in use by another thread")
-        try:
-            yield
-        finally:
-            self._busy.release()

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _core
 from ._checks import check_array, check_choice, check_integer, check_real
-from ._colliders import Collider
+from ._colliders import Collider, check_colliders, collider_states
 from ._deformable import check_pinned, check_positive
 from ._pbd_bodies import cloth, rope, soft_body, tethers
 from ._pbd_clusters import ShapeMatching, vertex_clusters
@@ -170,10 +170,7 @@ class PositionBasedDynamics(Simulation):
         for k, constraint in enumerate(self.constraints):
             if not isinstance(constraint, Constraint):
                 raise TypeError(f"constraints[{k}]: expected constraints, got {constraint!r}")
-        self.colliders = tuple(colliders)
-        for k, collider in enumerate(self.colliders):
-            if not isinstance(collider, Collider):
-                raise TypeError(f"colliders[{k}]: expected a Collider, got {collider!r}")
+        self.colliders = check_colliders(colliders)
         self.substeps = check_integer("substeps", substeps, minimum=1, maximum=10**6)
         self.iterations = check_integer("iterations", iterations, minimum=1, maximum=10**6)
         self.solver = check_choice("solver", solver, SOLVERS)
@@ -504,12 +501,8 @@ class PositionBasedDynamics(Simulation):
             "pinned": native.pinned,
             "groups": np.concatenate([np.zeros(0), *groups]),
             "group_sizes": np.array([len(g) for g in groups], np.int64),
-            "colliders": self._collider_states(),
+            "colliders": collider_states(self.colliders),
         }
-
-    def _collider_states(self) -> Array:
-        rows = [collider._native.state for collider in self.colliders]
-        return np.array(rows) if rows else np.zeros((0, 0))
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a state, bit for bit.

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from . import _core
 from ._checks import check_array, check_choice, check_integer, check_real
-from ._colliders import Collider
+from ._colliders import Collider, check_colliders, collider_states
 from ._deformable import check_positive
 from ._pbf_emitters import Emitter, Sink, check_all
 from ._pbf_seeding import fill_box, fill_mesh, relax
@@ -184,10 +184,7 @@ class PositionBasedFluid(Simulation):
         x = check_array("positions", x, (None, d))
         self.spacing = check_real("spacing", spacing, positive=True)
         self.density = check_positive("density", np.atleast_1d(density), np.size(density))
-        self.colliders = tuple(colliders)
-        for k, collider in enumerate(self.colliders):
-            if not isinstance(collider, Collider):
-                raise TypeError(f"colliders[{k}]: expected a Collider, got {collider!r}")
+        self.colliders = check_colliders(colliders)
         self.gravity = check_array(
             "gravity", [0.0, 0.0, -9.81][3 - d :] if gravity is None else gravity, (d,)
         ).copy()
@@ -555,9 +552,8 @@ class PositionBasedFluid(Simulation):
         dict
             For `restore`; the particles are in the order of storage, of which bits depend.
         """
-        rows = [collider._native.state for collider in self.colliders]
         state: dict[str, Any] = self._native.state()
-        moving = np.array(rows) if rows else np.zeros((0, 0))
+        moving = collider_states(self.colliders)
         return state | {
             "colliders": moving,
             "layers": self._layers.copy(),
