@@ -183,17 +183,21 @@ TEST(Parallel, ForkAfterALoop) {
   EXPECT_EQ(sum_in_parallel(), 45);
 }
 
+#if !defined(__SANITIZE_ADDRESS__)  // ASan's allocator keeps the locks that other threads held
 TEST(Parallel, ForkWhileAnotherThreadIsInALoop) {
   std::atomic<bool> stop{false};
   std::thread other([&stop] {
     while (!stop) sum_in_parallel();
   });
   for (int repeat = 0; repeat < 50; ++repeat) {
-    ASSERT_EQ(run_in_child([] { return sum_in_parallel(); }), 45);
+    const int sum = run_in_child([] { return sum_in_parallel(); });
+    EXPECT_EQ(sum, 45);
+    if (sum != 45) break;
   }
   stop = true;
   other.join();
 }
+#endif
 
 // A child that was forked off by a task has lost the workers and their share: with one thread it
 // goes on, with more it raises, and its next loop works.
