@@ -17,13 +17,13 @@
 #include <vector>
 
 #include "substep/geometry/collider.h"
+#include "substep/mpm/boundary.h"
 #include "substep/mpm/materials.h"
 
 namespace substep::mpm {
 
 enum class Transfer { kPic, kFlip, kApic };
 enum class Form { kMls, kTextbook };  // gradients: C of the affine fit, or those of the spline
-enum class Boundary { kSticky, kSlip, kSeparate };  // of a collider; friction is the collider's
 
 struct Options {
   double cell = 1;  // dx [m]

@@ -1,0 +1,51 @@
+// Signed distances and normals of the colliders at the nodes near to them, kept until a collider or
+// the blocks change: so a collider at rest costs a comparison per node block, and 16 bytes per node
+// that it holds.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "substep/geometry/collider.h"
+#include "substep/transfer/blocks.h"
+
+namespace substep::mpm {
+
+template <class Real, int D>
+class NodeDistances {
+ public:
+  static constexpr int kNodes = transfer::NodeBlocks<Real, D>::kNodes;
+  // Of one node block: per node the outward normal n (in 2D: n_z = 0) and the distance [m] below
+  // which the node takes the condition, so at most 0 where it does.
+  struct alignas(64) Patch {
+    Real values[kNodes * 4];
+  };
+
+  // Nodes take the condition of a collider below distance `reach` [m] from it.
+  NodeDistances(double cell, double reach) : cell_(cell), reach_(reach) {}
+
+  // After every sort, and then for all colliders; else for those that moved since.
+  void update(const transfer::BlockLayout<D>& layout, bool layout_changed,
+              std::span<const geometry::Collider> colliders, int threads);
+
+  // The patch of collider c on a node block, nullptr where none of its nodes takes the condition.
+  const Patch* patch(std::size_t c, std::int32_t node_block) const {
+    const Field& field = fields_[c];
+    const std::int32_t p = field.of_block[static_cast<std::size_t>(node_block)];
+    return p < 0 ? nullptr : &field.patches[static_cast<std::size_t>(p)];
+  }
+
+ private:
+  struct Field {
+    std::array<double, 7> pose{};     // position and orientation it was computed for
+    std::vector<std::uint64_t> keys;  // of the node blocks with a patch, ascending
+    std::vector<Patch> patches;
+    std::vector<std::int32_t> of_block;  // -1: none
+  };
+  double cell_, reach_;
+  std::vector<Field> fields_;  // of each collider
+};
+
+}  // namespace substep::mpm
