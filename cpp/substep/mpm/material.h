@@ -24,7 +24,8 @@ namespace substep::mpm {
 //   template <class V, int D>
 //   void advance(V* fields, const Tensor<V, D>& G, Lane<V> dt) const;
 //   // Return map, then Kirchhoff stress tau = P F^T [Pa]: of kPackets packets at once, since the
-//   // eigenvalues of one alone wait for their own results. Viscous materials read G. A field that
+//   // eigenvalues of one alone wait for their own results. Viscous materials read G, for tau
+//   // alone: fields after the return map depend on fields and dt only. A field that
 //   // is not finite, or det F <= 0 where the model has no answer, gives a tau that is NaN.
 //   template <class V, int D, int kPackets>
 //   void stress(V* const (&fields)[kPackets], const Tensor<V, D> (&G)[kPackets], Lane<V> dt,

@@ -2,16 +2,18 @@
 //
 // Nodes are numbered by integers; block b holds the nodes 4 b to 4 b + 3 along each axis. Particles
 // belong to cells of blocks too: particle block b holds the particles whose stencil begins at node
-// 4 b + 1 to 4 b + 4, and so reaches, with one node to spare on either side for a quadratic spline,
-// the nodes 4 b to 4 b + 7: its arena, which is the 2^D node blocks b to b + 1. Arenas of blocks of
-// the same parity do not meet, so 2^D colours of particle blocks scatter in parallel, in a fixed
-// order, without atomics.
+// 4 b + 1 to 4 b + 4 (of a quadratic spline: 1.5 <= x < 5.5 cells from node 4 b), and so reaches,
+// with one node to spare on either side, the nodes 4 b to 4 b + 7: its arena, which is the 2^D node
+// blocks b to b + 1. Arenas of blocks of the same parity do not meet, so 2^D colours of particle
+// blocks scatter in parallel, in a fixed order, without atomics.
 #pragma once
 
 #include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
+
+#include "substep/core/aligned_buffer.h"
 
 namespace substep::transfer {
 
@@ -68,7 +70,12 @@ template <class Real, int D>
 struct NodeBlocks {
   static constexpr int kNodes = D == 3 ? 64 : 16;
   static constexpr int kReals = kNodes * kNodeReals;
-  std::vector<Real> values;  // aligned to 64 bytes by its owner
+  AlignedBuffer<Real> values;
+
+  std::int64_t blocks() const { return static_cast<std::int64_t>(values.size()) / kReals; }
+  Real* block(std::int64_t b) { return values.data() + b * kReals; }
+  const Real* block(std::int64_t b) const { return values.data() + b * kReals; }
+  void set_zero(std::int64_t blocks, int threads);
 };
 
 }  // namespace substep::transfer
