@@ -17,8 +17,8 @@ template <class Real, int D>
 class NodeDistances {
  public:
   static constexpr int kNodes = transfer::NodeBlocks<Real, D>::kNodes;
-  // Of one node block: per node the outward normal n (in 2D: n_z = 0) and the distance [m] below
-  // which the node takes the condition, so at most 0 where it does.
+  // Of one node block: per node the outward normal n (in 2D: n_z = 0), and the signed distance less
+  // the reach [m]: the node takes the condition where that is at most 0.
   struct alignas(64) Patch {
     Real values[kNodes * 4];
   };
@@ -38,12 +38,17 @@ class NodeDistances {
   }
 
  private:
+  static constexpr std::size_t kPose = 7;  // position and orientation: Collider::state() begins so
   struct Field {
-    std::array<double, 7> pose{};     // position and orientation it was computed for
-    std::vector<std::uint64_t> keys;  // of the node blocks with a patch, ascending
+    std::array<double, kPose> pose{};  // that it was computed for
+    std::vector<std::uint64_t> keys;   // of the node blocks with a patch, ascending
     std::vector<Patch> patches;
     std::vector<std::int32_t> of_block;  // -1: none
   };
+  // keep: the patches that there are hold for this pose too.
+  void fill(Field& field, const geometry::Collider& collider, std::span<const std::uint64_t> keys,
+            bool keep, int threads);
+
   double cell_, reach_;
   std::vector<Field> fields_;  // of each collider
 };

@@ -34,9 +34,10 @@ class ParticleBoundary {
     return !slots_.empty() && slots_[static_cast<std::size_t>(block)] >= 0;
   }
 
-  // One packet of a near block, after its velocity is gathered and x advanced: number d of lane l
-  // at [d * kLanes<Real> + l], x in cells from the arena's first node. `before`: x before the step.
-  // volume: V_0 of each lane, density: rho_0. Lanes from `count` on follow none and are left alone.
+  // One packet of a near block, after its velocity v is gathered and x advanced, both of which may
+  // change: number d of lane l at [d * kLanes<Real> + l], x in cells from the arena's first node.
+  // `before`: x before the step. volume: V_0 of each lane, density: rho_0. Lanes from `count` on
+  // repeat the last particle: they move with it and exchange nothing. C and F stay as they are.
   // Safe from tasks that each have blocks of their own.
   void settle(std::int32_t block, const Real* before, Real* x, Real* v, const Real* volume,
               double density, int count);

@@ -62,6 +62,9 @@ struct ParticleGroup {
 };
 
 template <class Real, int D>
+class ParticleBoundary;
+
+template <class Real, int D>
 struct Particles {
   double cell = 1;  // dx [m]
   std::vector<AnyMaterial> materials;
@@ -69,6 +72,9 @@ struct Particles {
   transfer::BlockLayout<D> layout;             // of all groups
   bool motion = true;                          // at rest: `other` holds v and C
   bool trial = true;                           // the return map of the step before is still to come
+  // Keeps them out of obstacles, where there are any: whoever moves particles (g2p, g2p2g) calls
+  // settle() for the packets of blocks that are near(), once x has advanced and before v is used.
+  ParticleBoundary<Real, D>* walls = nullptr;
 
   // What rewind() needs besides `other`.
   bool moved = false;           // `other` is in the order before the last sort
