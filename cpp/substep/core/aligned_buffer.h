@@ -38,14 +38,15 @@ class AlignedBuffer {
     if (n > capacity_) {
       memory_.reset();
       capacity_ = size_ = 0;
+      const std::size_t room = n + n / 16;  // the next one may be a little larger
       const std::size_t alignment = n * sizeof(T) >= 4 * kPage ? kPage : kLine;
-      const std::size_t bytes = (n * sizeof(T) + alignment - 1) / alignment * alignment;
+      const std::size_t bytes = (room * sizeof(T) + alignment - 1) / alignment * alignment;
       memory_.reset(static_cast<T*>(std::aligned_alloc(alignment, bytes)));
       if (!memory_) throw std::bad_alloc();
 #ifdef __linux__
       if (alignment == kPage) madvise(memory_.get(), bytes, MADV_HUGEPAGE);
 #endif
-      capacity_ = n;
+      capacity_ = room;
     }
     size_ = n;
   }

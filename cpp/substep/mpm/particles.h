@@ -71,14 +71,18 @@ struct Particles {
   std::vector<ParticleGroup<Real, D>> groups;  // one per material
   transfer::BlockLayout<D> layout;             // of all groups
   bool motion = true;                          // at rest: `other` holds v and C
-  bool trial = true;                           // the return map of the step before is still to come
+  bool trial = true;                           // the return map of the last step is still to come
+  double before = 0;                           // dt of that step [s]
   // Keeps them out of obstacles, where there are any: whoever moves particles (g2p, g2p2g) calls
   // settle() for the packets of blocks that are near(), once x has advanced and before v is used.
   ParticleBoundary<Real, D>* walls = nullptr;
 
   // What rewind() needs besides `other`.
-  bool moved = false;           // `other` is in the order before the last sort
-  bool snapshot_trial = false;  // and in this state
+  struct Snapshot {
+    bool sorted = false;  // particles were sorted since: `other` is in the order before
+    bool trial = false;
+    double before = 0;
+  } snapshot;
 };
 
 // Particles of one material as rows, in any order.

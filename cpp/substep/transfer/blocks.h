@@ -31,6 +31,10 @@ struct BlockKey {
   static constexpr int kBits = D == 3 ? 21 : 32;
   static constexpr std::int64_t kLimit = std::int64_t{1} << (kBits - 1);
 
+  // What a key grows by from one block to the next along an axis: keys of neighbours differ by the
+  // same number everywhere, so lists of keys stay ascending when all are shifted.
+  static constexpr std::uint64_t unit(int d) { return std::uint64_t{1} << kBits * (D - 1 - d); }
+
   static std::uint64_t pack(const Index<D>& block) {
     std::uint64_t key = 0;
     for (int d = 0; d < D; ++d) {
@@ -48,6 +52,16 @@ struct BlockKey {
   }
 };
 
+// Calls found(i, j) for all i, j with keys[i] + offset = others[j]; both lists ascend.
+template <class Found>
+void match(std::span<const std::uint64_t> keys, std::uint64_t offset,
+           std::span<const std::uint64_t> others, Found&& found) {
+  for (std::size_t i = 0, j = 0; i < keys.size(); ++i) {
+    while (j < others.size() && others[j] < keys[i] + offset) ++j;
+    if (j < others.size() && others[j] == keys[i] + offset) found(i, j);
+  }
+}
+
 // Which blocks there are: particle blocks in ascending order of their keys, the node blocks that
 // their arenas need, and the particle blocks of each colour.
 template <int D>
@@ -61,8 +75,11 @@ struct BlockLayout {
   std::vector<std::array<std::int32_t, kCorners>> arenas;
   std::array<std::vector<std::int32_t>, kCorners> colours;  // particle blocks, ascending
 
+  std::int64_t blocks() const { return static_cast<std::int64_t>(particle_keys.size()); }
+  std::int64_t node_blocks() const { return static_cast<std::int64_t>(node_keys.size()); }
+
   // From ascending particle keys.
-  void assign(std::span<const std::uint64_t> keys, int threads);
+  void assign(std::vector<std::uint64_t> keys);
 };
 
 // Numbers at the nodes of a layout's node blocks: kBlock^D nodes each, the last axis fastest.
