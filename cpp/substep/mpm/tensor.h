@@ -103,4 +103,25 @@ SUBSTEP_INLINE SymmetricTensor<V, 2> left_cauchy_green(const Tensor<V, 2>& F) {
   return {{row(0, 0), row(1, 1), F.m[4] * F.m[4], row(0, 1)}};
 }
 
+// A F.
+template <class V>
+SUBSTEP_INLINE Tensor<V, 3> operator*(const SymmetricTensor<V, 3>& A, const Tensor<V, 3>& F) {
+  Tensor<V, 3> AF;
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) {
+      AF(i, j) = fma<V>(A(i, 0), F(0, j), fma<V>(A(i, 1), F(1, j), A(i, 2) * F(2, j)));
+    }
+  }
+  return AF;
+}
+template <class V>
+SUBSTEP_INLINE Tensor<V, 2> operator*(const SymmetricTensor<V, 2>& A, const Tensor<V, 2>& F) {
+  Tensor<V, 2> AF;
+  for (int i = 0; i < 2; ++i) {
+    for (int j = 0; j < 2; ++j) AF(i, j) = fma<V>(A(i, 0), F(0, j), A(i, 1) * F(1, j));
+  }
+  AF.m[4] = A.m[2] * F.m[4];
+  return AF;
+}
+
 }  // namespace substep::mpm

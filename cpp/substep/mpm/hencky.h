@@ -1,0 +1,69 @@
+// What plastic materials of Hencky elasticity share: psi = mu tr(eps^2) + lambda/2 (tr eps)^2 of
+// the logarithmic strain, eps_i = ln sigma_i in principal axes, so tau_i = 2 mu eps_i + lambda tr
+// eps: Klar et al., "Drucker-Prager elastoplasticity for sand animation", 2016, eqs. 25, 26. A
+// return map along the deviator scales eps, so F_E only changes along its axes: F_E <- U exp(eps -
+// eps_tr) U^T F_E.
+#pragma once
+
+#include "substep/core/exp.h"
+#include "substep/core/log.h"
+#include "substep/mpm/material.h"
+#include "substep/mpm/principal.h"
+
+namespace substep::mpm {
+
+// Principal strains of F and its axes. NaN unless det F > 0 and the stretches are from 1e-3 to 1e3.
+template <class V, int D>
+struct HenckyStrain {
+  Principal<V, D> axes;
+  V eps[3];  // trial strain, before the return map
+
+  template <int kPackets>
+  static SUBSTEP_INLINE void of(const Tensor<V, D> (&F)[kPackets],
+                                HenckyStrain (&strain)[kPackets]) {
+    SymmetricTensor<V, D> b[kPackets];
+    Principal<V, D> all[kPackets];
+    for (int k = 0; k < kPackets; ++k) b[k] = left_cauchy_green(F[k]);
+    principal_axes(b, all);
+    for (int k = 0; k < kPackets; ++k) {
+      const V(&d)[3] = all[k].d;
+      const V low = smaller<V>(smaller<V>(d[0], d[1]), d[2]);
+      const V high = larger<V>(larger<V>(d[0], d[1]), d[2]);
+      const V valid =
+          nan_unless<V>((determinant(F[k]) > 0) & (low >= Lane<V>(1e-6)) & (high <= Lane<V>(1e6)));
+      for (int i = 0; i < 3; ++i) {
+        strain[k].eps[i] = fma(Lane<V>(0.5), log<V>(d[i]), valid);
+      }
+      strain[k].axes = all[k];
+    }
+  }
+
+  SUBSTEP_INLINE V trace() const { return eps[0] + eps[1] + eps[2]; }
+
+  // F of the strain eps + change.
+  SUBSTEP_INLINE Tensor<V, D> moved(const Tensor<V, D>& F, const V (&change)[3]) const {
+    V ratio[3];
+    for (int i = 0; i < 3; ++i) ratio[i] = exp<V>(change[i]);
+    return in_axes(axes, ratio) * F;
+  }
+
+  SUBSTEP_INLINE SymmetricTensor<V, D> stress(const V (&strain)[3], Lane<V> lambda,
+                                              Lane<V> mu) const {
+    const V spherical = lambda * (strain[0] + strain[1] + strain[2]);
+    V t[3];
+    for (int i = 0; i < 3; ++i) t[i] = fma(2 * mu, strain[i], spherical);
+    return in_axes(axes, t);
+  }
+};
+
+template <class V, int D>
+SUBSTEP_INLINE V hencky_energy(const Tensor<V, D>& F, Lane<V> lambda, Lane<V> mu) {
+  const Tensor<V, D> one[1] = {F};
+  HenckyStrain<V, D> strain[1];
+  HenckyStrain<V, D>::of(one, strain);
+  const V(&e)[3] = strain[0].eps;
+  const V trace = strain[0].trace();
+  return mu * (e[0] * e[0] + e[1] * e[1] + e[2] * e[2]) + lambda / 2 * (trace * trace);
+}
+
+}  // namespace substep::mpm
