@@ -36,7 +36,7 @@ struct Sand {
   double density, mu, lambda;                    // [kg/m^3], Lame's parameters [Pa]
   double friction_angle = std::numbers::pi / 6;  // phi_0 [rad]
   FrictionMatch match = FrictionMatch::kCompression;
-  double hardening_slope = 0, hardening_rate = 0, initial_softening = 0;  // h_1 [rad], h_2, h_3 [rad]
+  double hardening_slope = 0, hardening_rate = 0, initial_softening = 0;  // h_1, h_2, h_3
 
   template <class V, int D>
   SUBSTEP_INLINE void advance(V* fields, const Tensor<V, D>& G, Lane<V> dt) const {
