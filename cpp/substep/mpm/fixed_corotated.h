@@ -33,14 +33,14 @@ SUBSTEP_INLINE void signed_stretches(const V (&d)[3], const V& J, V (&sigma)[3],
 }
 
 template <class V>
-SUBSTEP_INLINE void corotated_stress(const V (&sigma)[3], const V& J, const V& lambda, const V& mu,
+SUBSTEP_INLINE void corotated_stress(const V (&sigma)[3], const V& J, const V& mu, const V& lambda,
                                      V (&t)[3]) {
   const V pressure = lambda * (J - 1) * J, twice = mu + mu;
   for (int i = 0; i < 3; ++i) t[i] = fma<V>(twice * sigma[i], sigma[i] - 1, pressure);
 }
 
 template <class V, int D>
-SUBSTEP_INLINE V corotated_energy(const Tensor<V, D>& F, Lane<V> lambda, Lane<V> mu) {
+SUBSTEP_INLINE V corotated_energy(const Tensor<V, D>& F, Lane<V> mu, Lane<V> lambda) {
   const SymmetricTensor<V, D> b[1] = {left_cauchy_green(F)};
   Principal<V, D> axes[1];
   principal_axes(b, axes);
@@ -53,7 +53,7 @@ SUBSTEP_INLINE V corotated_energy(const Tensor<V, D>& F, Lane<V> lambda, Lane<V>
 
 // d tau_i / d ln sigma_j = 2 mu (2 sigma_i^2 - sigma_i) delta_ij + lambda (2 J^2 - J).
 template <class V, int D>
-SUBSTEP_INLINE V corotated_modulus(const Tensor<V, D>& F, Lane<V> lambda, Lane<V> mu) {
+SUBSTEP_INLINE V corotated_modulus(const Tensor<V, D>& F, Lane<V> mu, Lane<V> lambda) {
   const V square = largest_row(left_cauchy_green(F)), J = determinant(F);
   return 2 * mu * larger<V>(2 * square - sqrt<V>(square), V{}) +
          lambda * larger<V>(2 * J * J - J, V{});
@@ -83,19 +83,19 @@ struct FixedCorotated {
       const V J = determinant(Tensor<V, D>::load(fields[k]));
       V sigma[3], inverse[3], t[3];
       signed_stretches(axes[k].d, J, sigma, inverse);
-      corotated_stress<V>(sigma, J, splat<V>(Lane<V>(lambda)), splat<V>(Lane<V>(mu)), t);
+      corotated_stress<V>(sigma, J, splat<V>(Lane<V>(mu)), splat<V>(Lane<V>(lambda)), t);
       tau[k] = in_axes(axes[k], t);
     }
   }
 
   template <class V, int D>
   SUBSTEP_INLINE V energy_density(const V* fields) const {
-    return corotated_energy(Tensor<V, D>::load(fields), Lane<V>(lambda), Lane<V>(mu));
+    return corotated_energy(Tensor<V, D>::load(fields), Lane<V>(mu), Lane<V>(lambda));
   }
 
   template <class V, int D>
   SUBSTEP_INLINE V wave_modulus(const V* fields) const {
-    return corotated_modulus(Tensor<V, D>::load(fields), Lane<V>(lambda), Lane<V>(mu));
+    return corotated_modulus(Tensor<V, D>::load(fields), Lane<V>(mu), Lane<V>(lambda));
   }
 
   double kinematic_viscosity() const { return 0; }

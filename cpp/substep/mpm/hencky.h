@@ -40,6 +40,13 @@ struct HenckyStrain {
 
   SUBSTEP_INLINE V trace() const { return eps[0] + eps[1] + eps[2]; }
 
+  // |eps - tr eps / 3|.
+  SUBSTEP_INLINE V deviator_norm() const {
+    const V mean = trace() * Lane<V>(1.0 / 3);
+    const V e[3] = {eps[0] - mean, eps[1] - mean, eps[2] - mean};
+    return sqrt<V>(fma<V>(e[0], e[0], fma<V>(e[1], e[1], e[2] * e[2])));
+  }
+
   // F of the strain eps + change.
   SUBSTEP_INLINE Tensor<V, D> moved(const Tensor<V, D>& F, const V (&change)[3]) const {
     V ratio[3];
@@ -47,17 +54,36 @@ struct HenckyStrain {
     return in_axes(axes, ratio) * F;
   }
 
-  SUBSTEP_INLINE SymmetricTensor<V, D> stress(const V (&strain)[3], Lane<V> lambda,
-                                              Lane<V> mu) const {
+  SUBSTEP_INLINE SymmetricTensor<V, D> stress(const V (&strain)[3], Lane<V> mu,
+                                              Lane<V> lambda) const {
     const V spherical = lambda * (strain[0] + strain[1] + strain[2]);
     V t[3];
     for (int i = 0; i < 3; ++i) t[i] = fma(2 * mu, strain[i], spherical);
     return in_axes(axes, t);
   }
+
+  // A radial return: tau with the deviator of eps times `scale`; F goes there in the lanes that
+  // yield.
+  template <class Mask>
+  SUBSTEP_INLINE SymmetricTensor<V, D> with_deviator_scaled(V* fields, const Tensor<V, D>& F,
+                                                            const V& scale, const Mask& yields,
+                                                            Lane<V> mu, Lane<V> lambda) const {
+    const V mean = trace() * Lane<V>(1.0 / 3);
+    V strain[3], change[3];
+    for (int i = 0; i < 3; ++i) {
+      change[i] = (scale - 1) * (eps[i] - mean);
+      strain[i] = eps[i] + change[i];
+    }
+    if (any(yields)) {
+      const auto returned = moved(F, change);
+      for (int i = 0; i < F.kEntries; ++i) fields[i] = yields ? returned.m[i] : F.m[i];
+    }
+    return stress(strain, mu, lambda);
+  }
 };
 
 template <class V, int D>
-SUBSTEP_INLINE V hencky_energy(const Tensor<V, D>& F, Lane<V> lambda, Lane<V> mu) {
+SUBSTEP_INLINE V hencky_energy(const Tensor<V, D>& F, Lane<V> mu, Lane<V> lambda) {
   const Tensor<V, D> one[1] = {F};
   HenckyStrain<V, D> strain[1];
   HenckyStrain<V, D>::of(one, strain);

@@ -7,6 +7,7 @@
 
 #include <array>
 #include <concepts>
+#include <cstddef>
 #include <limits>
 
 #include "substep/mpm/tensor.h"

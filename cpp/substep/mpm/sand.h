@@ -15,6 +15,7 @@
 //   phi = phi_0 + (h_1 q - h_3) exp(-h_2 q); h_1 = h_3 = 0 is without. (h_0 = phi_0.)
 #pragma once
 
+#include <cmath>
 #include <numbers>
 
 #include "substep/mpm/hencky.h"
@@ -79,13 +80,13 @@ struct Sand {
         q += apex ? sqrt<V>(fma<V>(lost * T(1.0 / 3), lost, square))
                   : (shears ? norm - surface : V{});
       }
-      tau[k] = trial[k].stress(eps, T(lambda), T(mu));
+      tau[k] = trial[k].stress(eps, T(mu), T(lambda));
     }
   }
 
   template <class V, int D>
   SUBSTEP_INLINE V energy_density(const V* fields) const {
-    return hencky_energy(Tensor<V, D>::load(fields), Lane<V>(lambda), Lane<V>(mu));
+    return hencky_energy(Tensor<V, D>::load(fields), Lane<V>(mu), Lane<V>(lambda));
   }
 
   template <class V, int D>

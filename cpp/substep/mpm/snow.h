@@ -71,7 +71,7 @@ struct Snow {
         J_P = yields ? product : J_P;
       }
       const V h = hardening_factor<V>(J_P), J = sigma[0] * sigma[1] * sigma[2];
-      corotated_stress(sigma, J, h * Lane<V>(lambda), h * Lane<V>(mu), t);
+      corotated_stress(sigma, J, h * Lane<V>(mu), h * Lane<V>(lambda), t);
       tau[k] = in_axes(axes[k], t);
     }
   }
@@ -79,13 +79,13 @@ struct Snow {
   template <class V, int D>
   SUBSTEP_INLINE V energy_density(const V* fields) const {
     return hardening_factor<V>(fields[Tensor<V, D>::kEntries]) *
-           corotated_energy(Tensor<V, D>::load(fields), Lane<V>(lambda), Lane<V>(mu));
+           corotated_energy(Tensor<V, D>::load(fields), Lane<V>(mu), Lane<V>(lambda));
   }
 
   template <class V, int D>
   SUBSTEP_INLINE V wave_modulus(const V* fields) const {
     return hardening_factor<V>(fields[Tensor<V, D>::kEntries]) *
-           corotated_modulus(Tensor<V, D>::load(fields), Lane<V>(lambda), Lane<V>(mu));
+           corotated_modulus(Tensor<V, D>::load(fields), Lane<V>(mu), Lane<V>(lambda));
   }
 
   double kinematic_viscosity() const { return 0; }

@@ -43,6 +43,9 @@ struct SymmetricTensor {
   V m[kEntries];
 
   // Entry (i, j) with i, j < kDimension.
+  SUBSTEP_INLINE V& operator()(int i, int j) {
+    return m[i == j ? i : (kDimension == 3 ? i + j + 2 : 3)];
+  }
   SUBSTEP_INLINE const V& operator()(int i, int j) const {
     return m[i == j ? i : (kDimension == 3 ? i + j + 2 : 3)];
   }
