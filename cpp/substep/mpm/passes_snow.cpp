@@ -1,0 +1,11 @@
+#include "substep/mpm/snow.h"
+#include "substep/mpm/packet_passes.h"
+
+namespace substep::mpm {
+
+template struct Passes<Snow, float, 2>;
+template struct Passes<Snow, float, 3>;
+template struct Passes<Snow, double, 2>;
+template struct Passes<Snow, double, 3>;
+
+}  // namespace substep::mpm
