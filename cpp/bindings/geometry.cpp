@@ -5,6 +5,7 @@
 #include "substep/geometry/collider.h"
 #include "substep/geometry/isosurface_stuffing.h"
 #include "substep/geometry/mesh_sampling.h"
+#include "substep/geometry/poisson_disk.h"
 
 namespace {
 
@@ -294,9 +295,32 @@ void bind_triangle_tree(py::module_& m) {
           py::arg("spacing"), py::arg("threads"));
 }
 
+template <int D>
+Rows poisson_disk_rows(const std::vector<double>& size, double radius, int trials,
+                       std::uint64_t seed, int threads) {
+  std::array<double, D> sides;
+  std::copy_n(size.begin(), D, sides.begin());
+  const auto points = [&] {
+    const ReleaseGil nogil;
+    return poisson_disk<D>(sides, radius, trials, seed, threads);
+  }();
+  Rows rows({static_cast<py::ssize_t>(points.size()), py::ssize_t{D}});
+  double* out = rows.mutable_data();
+  for (const auto& x : points) out = std::copy_n(x.data(), D, out);
+  return rows;
+}
+
 }  // namespace
 
 void bind_geometry(py::module_& m) {
+  m.def(
+      "poisson_disk",
+      [](const std::vector<double>& size, double radius, int trials, std::uint64_t seed,
+         int threads) {
+        return size.size() == 2 ? poisson_disk_rows<2>(size, radius, trials, seed, threads)
+                                : poisson_disk_rows<3>(size, radius, trials, seed, threads);
+      },
+      py::arg("size"), py::arg("radius"), py::arg("trials"), py::arg("seed"), py::arg("threads"));
   bind_triangle_tree(m);
   bind_sampled_distance(m);
   bind_collider(m);

@@ -338,6 +338,10 @@ def neighbour_lists(
     points: NDArray[Any], radius: float, half: bool, threads: int
 ) -> tuple[NDArray[Any], NDArray[Any]]: ...
 
+def poisson_disk(
+    size: list[float], radius: float, trials: int, seed: int, threads: int
+) -> NDArray[Any]: ...
+
 class SampledDistance:
     def __init__(
         self, values: NDArray[Any], origin: list[float], spacing: float, threads: int

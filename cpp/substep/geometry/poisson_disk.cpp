@@ -12,6 +12,8 @@ namespace {
 constexpr float kEmpty = -1;
 constexpr int kReach = 2;  // cells at which a point can be closer than sqrt(D) cells: ceil(sqrt(D))
 constexpr int kApart = kReach + 1;
+constexpr int kRounds = 8;                     // of the first trial
+constexpr std::uint64_t kOrders = 1ull << 32;  // streams of random numbers that no dart has
 // What rounding to float can hide of a squared distance, in cells.
 constexpr float kSlack = 1e-5f;
 
@@ -35,20 +37,9 @@ class Darts {
   }
 
   void throw_darts(int trials, int threads) {
-    std::vector<std::int64_t> chunks;  // of each phase: all cells of its residues but the last axis
-    for (int phase = 0; phase < kPhases; ++phase) {
-      const Cell first = residues(phase);
-      std::int64_t rows = 1;
-      for (int d = 0; d + 1 < D; ++d) rows *= count(d, first[d]);
-      chunks.push_back(rows);
-    }
-    for (int trial = 0; trial < trials; ++trial) {
-      parallel_phases(
-          chunks,
-          [&](std::int64_t phase, std::int64_t row) {
-            throw_at_row(residues(static_cast<int>(phase)), row, trial);
-          },
-          threads);
+    for (Turn turn{}; turn.trial < trials; ++turn.trial) {
+      turn.rounds = turn.trial < 3 ? kRounds >> turn.trial : 1;
+      for (turn.round = 0; turn.round < turn.rounds; ++turn.round) throw_round(turn, threads);
     }
   }
 
@@ -70,6 +61,9 @@ class Darts {
  private:
   using Cell = std::array<std::int64_t, D>;
   using Fraction = std::array<float, D>;
+  struct Turn {
+    int trial, round, rounds;
+  };
   struct Neighbour {
     Cell offset;
     std::int64_t stride;
@@ -102,7 +96,9 @@ class Darts {
     for (bool more = true; more;) {
       n.stride = 0;
       for (int d = 0; d < D; ++d) n.stride += n.offset[d] * strides_[d];
-      if (n.stride != 0 || distance(n) != 0) neighbours_.push_back(n);
+      std::int64_t gap = 0;  // squared, between the cells
+      for (const std::int64_t k : n.offset) gap += k * k == kReach * kReach ? 1 : 0;
+      if (distance(n) != 0 && gap < D) neighbours_.push_back(n);
       int d = D - 1;
       while (d >= 0 && ++n.offset[d] > kReach) n.offset[d--] = -kReach;
       more = d >= 0;
@@ -112,38 +108,74 @@ class Darts {
         [&](const Neighbour& a, const Neighbour& b) { return distance(a) < distance(b); });
   }
 
-  void throw_at_row(Cell cell, std::int64_t row, int trial) {
+  void throw_round(const Turn& turn, int threads) {
+    std::array<int, kPhases> order{};
+    std::array<std::int64_t, kPhases> rows;  // all cells of a phase but the last axis
+    for (int k = 0; k < kPhases; ++k) {      // a random order (Fisher and Yates)
+      const double u =
+          uniform2(seed_, static_cast<std::uint64_t>(kRounds * turn.trial + turn.round),
+                   kOrders + static_cast<std::uint64_t>(k))[0];
+      const int j = static_cast<int>(u * (k + 1));
+      order[k] = order[j];
+      order[j] = k;
+    }
+    for (int k = 0; k < kPhases; ++k) {
+      const Cell first = residues(order[k]);
+      rows[k] = 1;
+      for (int d = 0; d + 1 < D; ++d) rows[k] *= count(d, first[d]);
+    }
+    parallel_phases(
+        rows,
+        [&](std::int64_t phase, std::int64_t row) {
+          throw_at_row(residues(order[static_cast<std::size_t>(phase)]), row, turn);
+        },
+        threads);
+  }
+
+  void throw_at_row(Cell cell, std::int64_t row, const Turn& turn) {
     for (int d = D - 2; d >= 0; --d) {
       const std::int64_t n = count(d, cell[d]);
       cell[d] += kApart * (row % n);
       row /= n;
     }
-    for (; cell[D - 1] < counts_[D - 1]; cell[D - 1] += kApart) throw_at(cell, trial);
+    for (; cell[D - 1] < counts_[D - 1]; cell[D - 1] += kApart) throw_at(cell, turn);
   }
 
-  void throw_at(const Cell& cell, int trial) {
+  void throw_at(const Cell& cell, const Turn& turn) {
     std::int64_t index = 0;
     for (int d = 0; d < D; ++d) index += cell[d] * strides_[d];
     Fraction& own = points_[static_cast<std::size_t>(index)];
     if (own[0] != kEmpty) return;
+    const auto draw = [&](std::uint64_t k) {
+      return uniform2(seed_, static_cast<std::uint64_t>(index),
+                      2 * static_cast<std::uint64_t>(turn.trial) + k);
+    };
+    const auto later = draw(1);  // the third coordinate and the cell's round
+    if (static_cast<int>(later[1] * turn.rounds) != turn.round) return;
+    const auto u = draw(0);
     Fraction dart;
-    for (int d = 0; d < D; d += 2) {
-      const auto u = uniform2(seed_, static_cast<std::uint64_t>(index),
-                              static_cast<std::uint64_t>(2 * trial + d / 2));
-      for (int k = d; k < std::min(d + 2, D); ++k) dart[k] = static_cast<float>(u[k - d]);
-    }
+    for (int d = 0; d < D; ++d) dart[d] = static_cast<float>(d < 2 ? u[d] : later[0]);
     for (int d = 0; d < D; ++d) {
       if (static_cast<float>(cell[d]) + dart[d] > extent_[d]) return;
     }
+    bool interior = true;
+    for (int d = 0; d < D; ++d) {
+      interior = interior && cell[d] >= kReach && cell[d] < counts_[d] - kReach;
+    }
+    const Fraction* const here = &own;
     for (const Neighbour& n : neighbours_) {
-      bool inside = true;
-      for (int d = 0; d < D; ++d) {
-        const std::int64_t at = cell[d] + n.offset[d];
-        inside = inside && at >= 0 && at < counts_[d];
-      }
-      if (inside && near(dart, n, points_[static_cast<std::size_t>(index + n.stride)])) return;
+      if ((interior || exists(cell, n)) && near(dart, n, here[n.stride])) return;
     }
     own = dart;
+  }
+
+  bool exists(const Cell& cell, const Neighbour& n) const {
+    bool inside = true;
+    for (int d = 0; d < D; ++d) {
+      const std::int64_t at = cell[d] + n.offset[d];
+      inside = inside && at >= 0 && at < counts_[d];
+    }
+    return inside;
   }
 
   static bool near(const Fraction& dart, const Neighbour& n, const Fraction& other) {
