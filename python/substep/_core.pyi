@@ -337,7 +337,6 @@ class NeighbourSearch64:
 def neighbour_lists(
     points: NDArray[Any], radius: float, half: bool, threads: int
 ) -> tuple[NDArray[Any], NDArray[Any]]: ...
-
 def poisson_disk(
     size: list[float], radius: float, trials: int, seed: int, threads: int
 ) -> NDArray[Any]: ...

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from . import _core
 from ._checks import check_array, check_choice, check_integer, check_real
-from ._colliders import Collider, check_colliders, collider_states
+from ._colliders import Collider, check_colliders
 from ._deformable import check_positive
-from ._pbf_emitters import Emitter, Sink, check_all
+from ._emitters import Emitter, Sink
+from ._particles import ON_ESCAPE, Particles, check_bounds, check_dtype, check_kinds
 from ._pbf_seeding import fill_box, fill_mesh, relax
-from ._simulation import Simulation
 from .errors import InputError
 
 __all__ = ["Emitter", "PositionBasedFluid", "Sink", "fill_box", "fill_mesh", "relax"]
@@ -23,7 +23,6 @@ __all__ = ["Emitter", "PositionBasedFluid", "Sink", "fill_box", "fill_mesh", "re
 Array = NDArray[np.float64]
 
 KERNELS = ("cubic_spline", "poly6_spiky")
-ON_ESCAPE = ("raise", "remove", "clamp")
 _LARGEST_STEP = 1 / 60  # [s], where nothing moves
 _STATE = (
     "time",
@@ -40,7 +39,7 @@ _STATE = (
 )
 
 
-class PositionBasedFluid(Simulation):
+class PositionBasedFluid(Particles):
     """A liquid of particles whose density is kept by corrections of their positions.
 
     Every particle is `spacing` cubed (in 2D squared) of liquid. A step predicts the positions,
@@ -213,27 +212,20 @@ class PositionBasedFluid(Simulation):
             "viscosity": _check_viscosity(viscosity, len(self.density)),
             **_check_forces(xsph, vorticity_confinement, surface_tension),
             "on_escape": check_choice("on_escape", on_escape, ON_ESCAPE),
-            "bounds": _check_bounds(bounds, d),
+            "bounds": check_bounds(bounds, d),
         }
         if not all(1e-30 < m < 1e30 for m in [self.spacing**d, *self._options["masses"]]):
             raise InputError(f"spacing: the mass of a particle is out of range at {spacing} m")
         self._dimension = d
-        self.dtype = _check_dtype(dtype)
+        self.dtype = check_dtype(dtype)
         self._origin = [0.0, 0.0, 0.0]
         if len(x):
             self._origin[:d] = ((x.min(axis=0) + x.max(axis=0)) / 2).tolist()
-        self.emitters = check_all("emitters", emitters, Emitter)
+        self._set_flow(emitters, sinks, len(self.density), self.spacing, "fluid")
         for k, emitter in enumerate(self.emitters):
-            if emitter.dimension != d:
-                raise InputError(f"emitters[{k}]: expected one in {d}D")
-            if emitter.fluid >= len(self.density):
-                raise InputError(f"emitters[{k}]: there is no fluid {emitter.fluid}")
             away = np.abs(emitter.position - self._origin[:d]).max()
             if not away <= 2.0**22 * self.support * self.spacing:
                 raise InputError(f"emitters[{k}]: too far from the first particle for float32")
-        self.sinks = check_all("sinks", sinks, Sink)
-        self._layers = np.zeros(len(self.emitters), np.int64)
-        self._absorbed = np.zeros(len(self.sinks), np.int64)
         super().__init__(self._make(), time, threads)
         self.add(x, velocities=velocities, fluid=fluid)
 
@@ -244,32 +236,11 @@ class PositionBasedFluid(Simulation):
         }[self.dtype.name]
         return native(self._origin, [c._native for c in self.colliders], self._options)
 
-    def __len__(self) -> int:
-        return len(self._native)
-
-    @property
-    def ids(self) -> NDArray[np.int64]:
-        """Numbers of the particles, ascending, shape (n,): the order of all arrays; a copy."""
-        ids: NDArray[np.int64] = self._native.ids()
-        return ids
-
     @property
     def fluid(self) -> NDArray[np.int32]:
         """Which of the fluids each particle is, shape (n,); a copy."""
         fluids: NDArray[np.int32] = self._native.fluids()
         return fluids
-
-    @property
-    def positions(self) -> Array:
-        """Positions [m], shape (n, 3) or (n, 2), in the order of `ids`; a copy."""
-        rows: Array = self._native.positions()
-        return rows
-
-    @property
-    def velocities(self) -> Array:
-        """Velocities [m/s], shape of positions, in the order of `ids`; a copy."""
-        rows: Array = self._native.velocities()
-        return rows
 
     @property
     def masses(self) -> Array:
@@ -321,133 +292,17 @@ class PositionBasedFluid(Simulation):
         m = len(x)
         v = np.zeros_like(x) if velocities is None else velocities
         v = check_array("velocities", v, x.shape)
-        which = self._check_fluid(0 if fluid is None else fluid, m)
+        which = check_kinds("fluid", 0 if fluid is None else fluid, m, len(self.density))
         with self._own():
             first = self._native.add(x, v, which)
         return np.arange(first, first + m, dtype=np.int64)
 
-    def remove(self, ids: ArrayLike) -> None:
-        """Take out particles.
-
-        Parameters
-        ----------
-        ids : array_like of int, shape (m,)
-            Their ids.
-
-        Raises
-        ------
-        IndexError
-            If there is no such particle.
-        """
-        with self._own():
-            self._native.remove(self._places(ids))
-
-    def set_positions(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
-        """Move particles.
-
-        Parameters
-        ----------
-        values : array_like, shape (m, 3) or (m, 2)
-            Their positions [m].
-        ids : array_like of int, shape (m,), optional
-            Which; all unless given.
-
-        Raises
-        ------
-        InputError, IndexError
-            If an argument is wrong; nothing is changed then.
-        """
-        self._set("set_positions", values, ids)
-
-    def set_velocities(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
-        """Give particles velocities.
-
-        Parameters
-        ----------
-        values : array_like, shape (m, 3) or (m, 2)
-            Their velocities [m/s].
-        ids : array_like of int, shape (m,), optional
-            Which; all unless given.
-
-        Raises
-        ------
-        InputError, IndexError
-            If an argument is wrong; nothing is changed then.
-        """
-        self._set("set_velocities", values, ids)
-
-    def set_forces(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
-        """Push particles during the next step, which uses the forces up.
-
-        Parameters
-        ----------
-        values : array_like, shape (m, 3) or (m, 2)
-            External forces [N].
-        ids : array_like of int, shape (m,), optional
-            On which; on all unless given.
-
-        Raises
-        ------
-        InputError, IndexError
-            If an argument is wrong; nothing is changed then.
-        """
-        self._set("set_forces", values, ids)
-
-    def _set(self, method: str, values: ArrayLike, ids: ArrayLike | None) -> None:
-        with self._own():
-            places = np.arange(len(self)) if ids is None else self._places(ids)
-            rows = check_array("values", values, (len(places), self._dimension))
-            getattr(self._native, method)(rows, places)
-
-    def _places(self, ids: ArrayLike) -> NDArray[np.int64]:
-        """Places of particles in the order of all arrays."""
-        wanted = np.asarray(ids)
-        if wanted.size == 0:
-            wanted = wanted.astype(np.int64)
-        if wanted.ndim != 1 or wanted.dtype.kind not in "iu":
-            raise InputError("ids: expected integers, shape (m,)")
-        own = self.ids
-        places = np.searchsorted(own, wanted.astype(np.int64))
-        wrong = places >= len(own)
-        wrong[~wrong] = own[places[~wrong]] != wanted[~wrong]
-        if wrong.any():
-            k = int(np.argmax(wrong))
-            raise IndexError(f"ids[{k}]: there is no particle {wanted[k]}")
-        return places.astype(np.int64)
-
-    def _check_fluid(self, fluid: Any, m: int) -> NDArray[np.int32]:
-        array = np.asarray(fluid)
-        if array.size == 0:
-            array = array.astype(np.int64)
-        if array.dtype.kind not in "iu" or array.shape not in ((), (m,)):
-            raise InputError(f"fluid: expected integers, shape ({m},)")
-        array = np.broadcast_to(array, (m,))
-        wrong = (array < 0) | (array >= len(self.density))
-        if wrong.any():
-            k, last = int(np.argmax(wrong)), len(self.density) - 1
-            raise InputError(f"fluid[{k}]: expected a number from 0 to {last}, got {array[k]}")
-        return np.ascontiguousarray(array, np.int32)
-
-    @property
-    def emitted(self) -> NDArray[np.int64]:
-        """Particles that each emitter has let out, shape (emitters,); a copy."""
-        points = [len(emitter._layer(self.spacing)[0]) for emitter in self.emitters]
-        return self._layers * np.array(points, np.int64)
-
-    @property
-    def absorbed(self) -> NDArray[np.int64]:
-        """Particles that each sink has swallowed, shape (sinks,); a copy."""
-        return self._absorbed.copy()
+    def _put_in(self, x: Array, v: Array, kind: NDArray[np.int32]) -> None:
+        self._native.add(x, v, kind)
 
     def _take_step(self, dt: float) -> None:
-        """Step; let out what came meanwhile; take out what lies in a sink."""
         self._native.step(dt)
-        for k, emitter in enumerate(self.emitters):
-            x, self._layers[k] = emitter._emit(self.spacing, int(self._layers[k]), self.time)
-            v = np.broadcast_to(emitter.speed * emitter.direction, x.shape)
-            self._native.add(x, np.ascontiguousarray(v), np.full(len(x), emitter.fluid, np.int32))
-        for k, sink in enumerate(self.sinks):
-            self._absorbed[k] += self._native.absorb(sink.shape._native)
+        self._flow()
 
     def _next_step(self) -> float:
         return self.step_limit()[0] if self.step_size is None else self.step_size
@@ -523,27 +378,6 @@ class PositionBasedFluid(Simulation):
             "fluid": (self.fluid, "1"),
         }
 
-    def copy(self) -> PositionBasedFluid:
-        """Copy exactly, with copies of the colliders.
-
-        Returns
-        -------
-        PositionBasedFluid
-            It takes the same steps.
-        """
-        other = object.__new__(type(self))
-        with self._own():
-            other.__dict__.update({k: v for k, v in self.__dict__.items() if k != "_busy"})
-            other.colliders = tuple(collider.copy() for collider in self.colliders)
-            Simulation.__init__(other, other._make(), self.time, self.threads)
-            other.restore(self.state())
-        return other
-
-    __copy__ = copy
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> PositionBasedFluid:
-        return self.copy()
-
     def state(self) -> dict[str, Any]:
         """Copy the whole state, that of the colliders too.
 
@@ -553,12 +387,7 @@ class PositionBasedFluid(Simulation):
             For `restore`; the particles are in the order of storage, of which bits depend.
         """
         state: dict[str, Any] = self._native.state()
-        moving = collider_states(self.colliders)
-        return state | {
-            "colliders": moving,
-            "layers": self._layers.copy(),
-            "absorbed": self._absorbed.copy(),
-        }
+        return state | self._flow_state()
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a state, bit for bit.
@@ -592,31 +421,11 @@ class PositionBasedFluid(Simulation):
                 raise InputError(f"state[{name!r}]: expected dtype {self.dtype}")
             shape = (0 if name == "forces" and len(rows[name]) == 0 else n, 4)
             rows[name] = check_array(f"state[{name!r}]", rows[name], shape, dtype=self.dtype)
-        fluids = self._check_fluid(state["fluids"], n)
-        moving = check_array(
-            "state['colliders']",
-            state["colliders"],
-            (len(self.colliders), 21) if self.colliders else (0, 0),
-        )
-        counts = {}
-        for name, m in (("layers", len(self.emitters)), ("absorbed", len(self.sinks))):
-            counts[name] = np.array(state[name])
-            if counts[name].shape != (m,) or counts[name].dtype != np.int64:
-                raise InputError(f"state[{name!r}]: expected int64 numbers of shape ({m},)")
-            if (counts[name] < 0).any():
-                raise InputError(f"state[{name!r}]: expected numbers of at least 0")
+        fluids = check_kinds("fluid", state["fluids"], n, len(self.density))
+        flow = self._check_flow_state(state)
         with self._own():
-            self._layers, self._absorbed = counts["layers"], counts["absorbed"]
             self._native.restore(time, last_dt, next_id, *rows.values(), ids, fluids)
-            for collider, values in zip(self.colliders, moving, strict=True):
-                collider._native.state = values.tolist()
-
-
-def _check_dtype(dtype: DTypeLike) -> np.dtype[Any]:
-    found = np.dtype(dtype)
-    if found not in (np.float32, np.float64):
-        raise InputError(f"dtype: expected float32 or float64, got {found}")
-    return found
+            self._restore_flow(flow)
 
 
 def _check_viscosity(viscosity: Any, fluids: int) -> list[float]:
@@ -647,15 +456,3 @@ def _check_warm_start(warm_start: float) -> float:
     if share >= 1:
         raise InputError(f"warm_start: expected a number from 0 to below 1, got {share}")
     return share
-
-
-def _check_bounds(bounds: ArrayLike | None, d: int) -> list[list[float]] | None:
-    if bounds is None:
-        return None
-    corners = check_array("bounds", bounds, (2, d), finite=False)
-    if not (corners[0] < corners[1]).all():
-        raise InputError("bounds: expected the lowest corner, then the highest")
-    whole = np.array([[-math.inf] * 3, [math.inf] * 3])
-    whole[:, :d] = corners
-    rows: list[list[float]] = whole.tolist()
-    return rows

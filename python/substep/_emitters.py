@@ -1,4 +1,4 @@
-"""Where particles of a liquid come from, and where they go."""
+"""Where particles come from, and where they go."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Emitter:
         Width and height of a rectangular nozzle [m], in place of a radius; not in 2D. The width
         is horizontal, or along x where the jet is vertical.
     fluid : int
-        Which of the fluids comes out.
+        Which of the fluids comes out; of a `MaterialPointMethod`, which of the materials.
     start, stop : float
         When it is open [s].
 
@@ -131,13 +131,25 @@ class Emitter:
         wide /= np.linalg.norm(wide)
         return np.stack([wide, np.cross(n, wide)])
 
+    def _due(self, thickness: float, time: float) -> int:
+        """Layers that have left the nozzle at a time, with that which leaves just then."""
+        gone = (min(time, self.stop) - self.start) * self.speed / thickness
+        return max(0, math.floor(gone + 1e-9) + 1) if time >= self.start else 0
+
+    def _next(self, spacing: float, layers: int, time: float) -> float:
+        """When the first layer after `layers` layers leaves that has not yet at a time."""
+        thickness = self._layer(spacing)[1]
+        k = max(layers, self._due(thickness, time))
+        leaves = self.start + k * thickness / self.speed
+        return leaves if leaves <= self.stop else math.inf
+
     def _emit(self, spacing: float, layers: int, time: float) -> tuple[Array, int]:
         """Positions at `time` of what came since `layers` layers, and how many have come then.
 
         Layer k leaves the nozzle at start + k thickness / speed.
         """
         offsets, thickness = self._layer(spacing)
-        due = math.floor((min(time, self.stop) - self.start) * self.speed / thickness) + 1
+        due = self._due(thickness, time)
         if due <= layers:
             return np.zeros((0, self.dimension)), layers
         travelled = (time - self.start) * self.speed - thickness * np.arange(layers, due)
