@@ -1,0 +1,11 @@
+#include "substep/mpm/fluid.h"
+#include "substep/mpm/packet_passes.h"
+
+namespace substep::mpm {
+
+template struct Passes<Fluid, float, 2>;
+template struct Passes<Fluid, float, 3>;
+template struct Passes<Fluid, double, 2>;
+template struct Passes<Fluid, double, 3>;
+
+}  // namespace substep::mpm

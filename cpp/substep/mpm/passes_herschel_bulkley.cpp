@@ -1,0 +1,11 @@
+#include "substep/mpm/herschel_bulkley.h"
+#include "substep/mpm/packet_passes.h"
+
+namespace substep::mpm {
+
+template struct Passes<HerschelBulkley, float, 2>;
+template struct Passes<HerschelBulkley, float, 3>;
+template struct Passes<HerschelBulkley, double, 2>;
+template struct Passes<HerschelBulkley, double, 3>;
+
+}  // namespace substep::mpm
