@@ -71,9 +71,20 @@ class GridUpdate {
   double finish();
 
  private:
-  double cell_, reach_, dt_ = 0;
+  static constexpr std::int64_t kGrain = 32;  // node blocks per chunk
+
+  // A collider that holds nodes of a block.
+  struct Holder {
+    std::size_t collider;
+    const typename NodeDistances<Real, D>::Patch* patch;
+  };
+  void hold(std::int32_t node_block, std::span<const Holder> holders, Real* nodes,
+            geometry::Exchange* parts) const;
+
+  double cell_, dt_ = 0;
   std::vector<Boundary> boundaries_;
   const transfer::BlockLayout<D>* layout_ = nullptr;
+  bool layout_changed_ = false;
   NodeDistances<Real, D> distances_;
   ParticleBoundary<Real, D> particles_;
   std::vector<geometry::Exchange> parts_;  // of chunk k and collider c at k * colliders + c

@@ -63,8 +63,7 @@ void NodeDistances<Real, D>::fill(Field& field, const geometry::Collider& collid
   constexpr std::int64_t kGrain = 64;
   const auto blocks = static_cast<std::int64_t>(keys.size());
   const double half = 0.5 * (kBlock - 1) * cell_;
-  const double bound =
-      collider.lipschitz() * half * std::sqrt(D) + reach_ + kTolerance * cell_;
+  const double bound = collider.lipschitz() * half * std::sqrt(D) + reach_ + kTolerance * cell_;
   Vec3 middle = Vec3::Zero();
   middle.head<D>().setConstant(half);
   auto& of_block = field.of_block;

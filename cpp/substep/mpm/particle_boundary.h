@@ -8,12 +8,15 @@
 // that was inside already, as where a collider was put upon it, is pushed out by up to kPush cells
 // a step, without an impulse.
 //
-// Only particle blocks that a collider comes near to are looked at (near()), and there only packets
-// whose lower bound of the distance does not clear them.
+// Only particle blocks that a collider comes near to are looked at (near()), and there only the
+// particles that are not surely free: on the free side of the tangent plane of a convex solid,
+// between the walls of a tank, within a ball that keeps clear.
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "substep/geometry/collider.h"
@@ -29,9 +32,18 @@ class ParticleBoundary {
   static constexpr double kMargin = 1e-3;  // cells that particles keep from a surface
   static constexpr double kPush = 0.02;    // cells
 
+  ParticleBoundary(double cell, std::vector<Boundary> boundaries)
+      : cell_(cell), boundaries_(std::move(boundaries)) {}
+
+  // For a step of dt that begins with the colliders as they are here.
+  void begin_step(const transfer::BlockLayout<D>& layout, bool layout_changed,
+                  std::span<const geometry::Collider> colliders, double dt, int threads);
+  // How far along an axis a particle may go in this step, kPush aside [cells].
+  void set_reach(double reach) { reach_ = reach; }
+
   // Whether particles of particle block b may touch a collider in this step.
   bool near(std::int32_t block) const {
-    return !slots_.empty() && slots_[static_cast<std::size_t>(block)] >= 0;
+    return !near_.empty() && slots_[static_cast<std::size_t>(block)] >= 0;
   }
 
   // One packet of a near block, after its velocity v is gathered and x advanced, both of which may
@@ -42,8 +54,53 @@ class ParticleBoundary {
   void settle(std::int32_t block, const Real* before, Real* x, Real* v, const Real* volume,
               double density, int count);
 
+  // After all packets: what collider c was given, and by how much some particle went beyond the
+  // reach [cells].
+  geometry::Exchange exchange(std::size_t c) const;
+  double excess() const;
+  // The greatest surface speed of a moving collider near to particles [m/s].
+  double collider_speed() const { return collider_speed_; }
+
  private:
-  std::vector<std::int32_t> slots_;  // of each particle block: which near block it is, or -1
+  static constexpr double kHalf = 3.5;  // cells from the middle of an arena to its last nodes
+
+  // Space where a collider surely is not, in cells from the first node of an arena.
+  struct Free {
+    enum Kind { kNowhere, kHalfSpace, kSlabs, kBall } kind = kNowhere;
+    // kHalfSpace: row 0.(x, 1) >= 0; kSlabs: |row.(x, 1)| <= size for all three; kBall:
+    // |x - row 0|^2 <= size 0.
+    Real rows[3][4] = {};
+    Real size[3] = {};
+  };
+  struct Wall {
+    std::size_t collider = 0;
+    Free free;
+    geometry::Exchange part;
+  };
+  struct Near {
+    std::int32_t block = 0;
+    geometry::Vec3 first;  // node of the arena, in the world
+    std::vector<Wall> walls;
+    double excess = 0;
+  };
+
+  using V = Vector<Real>;
+  using Mask = Vector<IntOf<Real>>;
+  using SampledPointer = std::shared_ptr<const geometry::SampledDistance>;
+
+  geometry::Vec3 first_node(std::uint64_t key) const;
+  bool comes_near(const geometry::Collider& to, const geometry::Vec3& first, Free& free) const;
+  double surface_speed(const geometry::Collider& collider, const geometry::Vec3& centre,
+                       double radius) const;
+  static Mask outside(const Free& free, const Real* x);
+  bool settle_one(Near& near, const geometry::Vec3& before, geometry::Vec3& x, geometry::Vec3& v,
+                  double mass) const;
+
+  double cell_, reach_ = 0, collider_speed_ = 0, dt_ = 0;
+  std::vector<Boundary> boundaries_;
+  std::vector<geometry::Collider> from_, to_;  // as the step begins and as it ends
+  std::vector<std::int32_t> slots_;            // of each particle block: place in near_, or -1
+  std::vector<Near> near_;                     // ascending blocks
 };
 
 }  // namespace substep::mpm
