@@ -374,3 +374,35 @@ def test_nothing_stays_of_a_recording_that_is_gone(tmp_path):
 def test_cameras_are_checked(arguments):
     with pytest.raises(substep.InputError):
         Camera(*arguments)
+
+
+def test_a_heap_is_lit_by_its_surface(tmp_path):
+    from substep._heap_light import heap_light, heap_normals
+
+    axis = 0.05 * (np.arange(40) + 0.5) - 1
+    x = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
+    away = np.linalg.norm(x, axis=1)
+    ball, away = x[away < 1].astype(np.float32), away[away < 1]
+    outer = away > 0.93
+    normals, weight = heap_normals(ball, 0.025)
+    outward = np.einsum("ij,ij->i", normals, ball / away[:, None])
+    assert outward[outer].min() > 0.9 and weight[outer].min() > 0.5
+    assert weight[away < 0.5].max() < 0.05
+    light = heap_light(ball, 0.025, [(np.array([0, 0, 1.0]), 1.0)])
+    up = normals[:, 2]
+    assert light[outer & (up > 0.9)].min() > 1.5 * light[outer & (up < -0.9)].max()
+    for few in (ball[:0], ball[:1]):  # nothing to be lit, and no surface
+        assert np.isfinite(heap_light(few, 0.025, [(np.ones(3), 1.0)])).all()
+
+    parts = {"ball": substep.Part("particles", {"height": "m"})}
+    with substep.Recorder(tmp_path / "ball.vtkhdf", parts=parts) as recorder:
+        recorder.append(0.0, {"ball": {"points": ball, "height": ball[:, 2]}})
+    recording = substep.Recording(tmp_path / "ball.vtkhdf")
+    looks = {"ball": Look(RED, heap=True, radius=0.03)}
+    plain = View(FRONT, looks, ground=lambda r: None).image(recording, size=SIZE)
+    rows = np.flatnonzero((plain[:, SIZE[0] // 2].astype(int) @ [1, -1, 0]) > 60)
+    top, bottom = plain[rows[len(rows) // 6], SIZE[0] // 2], plain[rows[-3], SIZE[0] // 2]
+    assert top[0] > 1.2 * bottom[0]
+    view = View(FRONT, looks, color="height", palette="gray", limits=(-9.0, 1.0))
+    gray = view.image(recording, size=SIZE)[SIZE[1] // 2, SIZE[0] // 2].astype(int)
+    assert np.ptp(gray) < 3 and view._stage(recording, SIZE).range == (-9.0, 1.0)

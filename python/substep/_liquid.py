@@ -138,7 +138,7 @@ class LiquidLayer:
         self._plotter.camera = plotter.camera
         self._hiding = []
         for body in solids:
-            actor = body.add_to(self._plotter, None)
+            actor = body.add_to(self._plotter)
             _shade(actor, CUT_OUT)
             self._hiding.append(actor)
         self._actor = self._plotter.add_mesh(

@@ -9,17 +9,19 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ._egl import window_class
+from ._extent import radius_in, range_of
 from ._ground import Ground
+from ._heap_light import heap_light
 from ._liquid import LiquidBody, LiquidLayer, compose, distances
 from ._surfaces import in_space, magnitude, split_at_creases, vertex_normals
 from ._view import Camera, Look
-from .errors import InputError
 from .recording import Part, Recording
 
 PALETTE = ("#c65d47", "#3f7ea6", "#d9a441", "#5d9e6e", "#8a6fb0", "#4fa3a5")
@@ -29,7 +31,7 @@ BACKGROUND = (0.95, 0.96, 0.97)
 VIEW_ANGLE = np.radians(30.0)  # of the picture's height
 FILLING = 0.86  # of the picture by the scene
 MATTE = {"ambient": 0.26, "diffuse": 0.85, "specular": 0.12, "specular_power": 12}
-FRAMES_LOOKED_AT = 60  # for the region that is shown and the range of colours
+LIT = "lit"  # name of the colours of the particles of a heap
 # A particle: a disc that faces the camera, shaded as a ball.
 BALL = """//VTK::Color::Impl
 float r2 = dot(offsetVCVSOutput.xy, offsetVCVSOutput.xy);
@@ -66,6 +68,15 @@ def _without_window() -> Iterator[None]:
             del os.environ[name]
 
 
+@dataclass(frozen=True)
+class Coloring:
+    """A field that colours parts, matplotlib's name of the colours, and the range of its values."""
+
+    field: str
+    palette: str = "viridis"
+    range: tuple[float, float] | None = None
+
+
 class Stage:
     """The parts of a recording on a ground, in the light, before a camera.
 
@@ -79,8 +90,8 @@ class Stage:
         Where from.
     looks : mapping of str to Look
         By part.
-    color : str or None
-        Field that colours the parts which have it.
+    coloring : Coloring or None
+        Field that colours the parts which have it; its range that of all frames unless given.
     box : ndarray, shape (2, 3)
         Lowest and highest corner of the region shown [m].
     ground : float or None
@@ -93,12 +104,16 @@ class Stage:
         size: tuple[int, int],
         camera: Camera,
         looks: Mapping[str, Look],
-        color: str | None,
+        coloring: Coloring | None,
         box: NDArray[np.float64],
         ground: float | None,
     ) -> None:
         pyvista = import_pyvista()
-        self.range = None if color is None else range_of(recording, color)
+        self.range = None if coloring is None else coloring.range
+        if coloring is not None:
+            self.range = self.range or range_of(recording, coloring.field)
+            coloring = Coloring(coloring.field, coloring.palette, self.range)
+        lights = _lights(camera)
         first = recording.frame(0)
         with _without_window():
             self._plotter = pyvista.Plotter(off_screen=True, window_size=size, lighting="none")
@@ -109,15 +124,15 @@ class Stage:
                 look = looks.get(name, Look())
                 if not look.hidden:
                     tone = FIXED if part.points is not None else PALETTE[k % len(PALETTE)]
-                    field = color if color in part.fields else None
+                    own = coloring if coloring and coloring.field in part.fields else None
                     radius = radius_in(recording, name, look)
-                    if look.liquid and field is None:
+                    if look.liquid and own is None:
                         self._liquids[name] = LiquidBody(pyvista, look.color or WATER, radius)
                         continue
                     body = _Body(
-                        pyvista, part, first[name], look, look.color or tone, field, radius
+                        pyvista, part, first[name], look, look.color or tone, own, radius, lights
                     )
-                    body.add_to(self._plotter, self.range)
+                    body.add_to(self._plotter)
                     self._bodies[name] = body
             self._place_camera(camera, box, size)
             self._ground: Ground | None = None
@@ -125,7 +140,6 @@ class Stage:
                 # What is drawn last has the darker shadow.
                 casting = [*self._liquids.values(), *self._bodies.values()]
                 self._ground = Ground(pyvista, self._plotter, box, ground, casting)
-            lights = _lights(camera)
             self._add_lights(pyvista, lights)
             self._plotter.enable_anti_aliasing("msaa", multi_samples=8)
             self._layers = [
@@ -210,10 +224,13 @@ class _Body:
         arrays: Mapping[str, Any],
         look: Look,
         tone: str,
-        field: str | None,
+        coloring: Coloring | None,
         radius: float,
+        lights: list[tuple[NDArray[np.float64], float]],
     ) -> None:
-        self._pyvista, self._look, self._tone, self._field = pyvista, look, tone, field
+        self._pyvista, self._look, self._tone, self._coloring = pyvista, look, tone, coloring
+        field = self._field = None if coloring is None else coloring.field
+        self._lights = lights
         self._fixed = part.points is not None
         self._vertices: NDArray[np.int64] | None = None  # recorded numbers of those shown
         points = in_space(arrays["points"])
@@ -236,19 +253,24 @@ class _Body:
             self.kind = "points"
             self.data = pyvista.PolyData(points)
             self._radius = radius
-        if field is not None:
+            if look.heap:
+                self.kind = "heap"
+                self.data.point_data[LIT] = np.zeros((len(points), 3), np.uint8)
+        if field is not None and self.kind != "heap":
             self.data.point_data[field] = np.zeros(self.data.n_points)
 
     def _tubes(self) -> Any:
         """Tubes along the lines, which are joined to as few as they can be."""
         return self._wire.strip(join=True).tube(radius=self._radius, n_sides=16)
 
-    def add_to(self, plotter: Any, limits: tuple[float, float] | None) -> Any:
+    def add_to(self, plotter: Any) -> Any:
         """Put it before the camera; returns the actor."""
         options: dict[str, Any] = {"opacity": self._look.opacity, **MATTE, "color": self._tone}
-        if self._field is not None:
-            options |= {"scalars": self._field, "clim": limits, "cmap": "viridis", "color": None}
-            options["show_scalar_bar"] = False
+        if self.kind == "heap":
+            options |= {"scalars": LIT, "rgb": True, "color": None}
+        elif self._coloring is not None:
+            options |= {"scalars": self._field, "clim": self._coloring.range, "color": None}
+            options |= {"cmap": self._coloring.palette, "show_scalar_bar": False}
         if self.kind == "surface":
             options |= {"interpolation": "Phong", "show_edges": self._look.edges}
             options |= {"edge_opacity": 0.25, "line_width": 1}
@@ -263,7 +285,7 @@ class _Body:
             options |= {"style": "points_gaussian", "emissive": False}
             options["render_points_as_spheres"] = True
         actor = plotter.add_mesh(self.data, reset_camera=False, **options)
-        if self.kind == "points":
+        if self.kind in ("points", "heap"):
             actor.mapper.scale_factor = self._radius
             actor.mapper.SetSplatShaderCode(BALL)
         return actor
@@ -273,7 +295,7 @@ class _Body:
         options: dict[str, Any] = {"color": "black", "lighting": False, "reset_camera": False}
         if self.kind == "lines":
             options["line_width"] = 2
-        elif self.kind == "points":
+        elif self.kind in ("points", "heap"):
             options |= {"style": "points", "point_size": max(2.0, 2 * self._radius / pixel)}
         actor = plotter.add_mesh(self.data, **options)
         actor.mapper.scalar_visibility = False
@@ -297,10 +319,24 @@ class _Body:
         self.data.points = points
         if self._vertices is not None:
             self._set_normals()
-        if self._field is not None:
+        if self.kind == "heap":
+            light = heap_light(points, self._radius, self._lights)
+            colors = self._colors(arrays, len(points)) * light[:, None]
+            self.data.point_data.set_scalars((255 * np.clip(colors, 0, 1)).astype(np.uint8), LIT)
+        elif self._field is not None:
             values = magnitude(arrays[self._field])
             shown = values if self._vertices is None else values[self._vertices]
             self.data.point_data.set_scalars(shown, self._field)
+
+    def _colors(self, arrays: Mapping[str, Any], n: int) -> NDArray[np.float32]:
+        """Red, green and blue of each point."""
+        from matplotlib import colormaps
+        from matplotlib.colors import Normalize, to_rgb
+
+        if self._coloring is None or self._coloring.range is None:
+            return np.tile(np.array(to_rgb(self._tone), np.float32), (n, 1))
+        values = Normalize(*self._coloring.range)(magnitude(arrays[self._coloring.field]))
+        return colormaps[self._coloring.palette](values)[:, :3].astype(np.float32)
 
     def _set_normals(self) -> None:
         normals = vertex_normals(np.asarray(self.data.points), self._faces)
@@ -329,72 +365,3 @@ def _lighter(color: str) -> tuple[float, ...]:
     from matplotlib.colors import to_rgb
 
     return tuple(0.55 * c + 0.45 for c in to_rgb(color))
-
-
-def radius_of(points: NDArray[np.float32]) -> float:
-    """Half the median distance to the nearest point, of a sample."""
-    if len(points) < 2:
-        return 0.05
-    some = points[:: max(1, len(points) // 20_000)]
-    near = [
-        np.partition(np.linalg.norm(some - point, axis=1), 1)[1]
-        for point in some[:: max(1, len(some) // 100)]
-    ]
-    scale = (len(some) / len(points)) ** (1 / 3)  # the sample is sparser
-    return 0.5 * float(np.median(near)) * scale or 1e-3
-
-
-def radius_in(recording: Recording, name: str, look: Look) -> float:
-    """Radius of a part's particles [m]."""
-    if callable(look.radius):
-        return float(look.radius(recording))
-    if look.radius is not None:
-        return look.radius
-    if recording.parts[name].kind == "mesh":
-        return 0.0
-    for frame in _frames_looked_at(recording):
-        points = in_space(recording[name].points(frame))
-        if len(points):
-            return radius_of(points)
-    return 0.05
-
-
-def _frames_looked_at(recording: Recording) -> list[int]:
-    count = min(len(recording), FRAMES_LOOKED_AT)
-    return np.unique(np.linspace(0, len(recording) - 1, count).astype(int)).tolist()
-
-
-def box_of(recording: Recording, looks: Mapping[str, Look]) -> NDArray[np.float64]:
-    """Lowest and highest corner of what the parts reach in all frames [m]."""
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for name, part in recording.parts.items():
-        look = looks.get(name, Look())
-        if look.hidden:
-            continue
-        radius = radius_in(recording, name, look)
-        for frame in _frames_looked_at(recording) if part.points is None else [0]:
-            points = in_space(recording[name].points(frame))
-            low = np.minimum(low, points.min(axis=0, initial=np.inf) - radius)
-            high = np.maximum(high, points.max(axis=0, initial=-np.inf) + radius)
-    if not np.all(low <= high):
-        return np.array([[-1.0, -1, -1], [1, 1, 1]])
-    half = np.maximum((high - low) / 2, 1e-3 * max(float(np.max(high - low)), 1e-3))
-    return np.array([(low + high) / 2 - half, (low + high) / 2 + half])
-
-
-def range_of(recording: Recording, color: str) -> tuple[float, float]:
-    """Least and greatest value of a field in all frames."""
-    owners = [name for name, part in recording.parts.items() if color in part.fields]
-    if not owners:
-        known = sorted({field for part in recording.parts.values() for field in part.fields})
-        raise InputError(f"color: no part has a field {color!r}; known: {', '.join(known)}")
-    low, high = np.inf, -np.inf
-    for name in owners:
-        for frame in _frames_looked_at(recording):
-            values = magnitude(recording[name].field(color, frame))
-            values = values[np.isfinite(values)]
-            low, high = min(low, values.min(initial=low)), max(high, values.max(initial=high))
-    if low < high:
-        return float(low), float(high)
-    middle = float(low) if low == high else 0.0
-    return middle - 0.5, middle + 0.5

@@ -89,6 +89,8 @@ class Look:
     liquid : bool
         Draw the surface of a liquid instead of its particles, unless a field colours these; needs
         `pip install "substep[surface]"`.
+    heap : bool
+        Light particles by the surface of the heap that they make, not each for itself.
     hidden : bool
         Leave it out.
 
@@ -105,6 +107,7 @@ class Look:
     edges: bool = False
     radius: float | Callable[[Recording], float] | None = None
     liquid: bool = False
+    heap: bool = False
     hidden: bool = False
 
 
@@ -120,6 +123,11 @@ class View:
         By part; parts that are not named look as they do by default.
     color : str, optional
         Field that colours the parts which have it, with a colour bar; of vectors the norm.
+    palette : str
+        Name of the colours of that field, as matplotlib has them.
+    limits : tuple of float, optional
+        Its values at the ends of the palette; the least and the greatest in all frames unless
+        given.
     box : callable, optional
         `box(recording)` returns the lowest and highest corner of the region shown, shape (2, 3)
         [m]; what the parts reach in all frames unless given.
@@ -140,6 +148,8 @@ class View:
     camera: Camera = Camera()
     looks: Mapping[str, Look] = field(default_factory=dict)
     color: str | None = None
+    palette: str = "viridis"
+    limits: tuple[float, float] | None = None
     box: Callable[[Recording], ArrayLike] | None = None
     ground: Callable[[Recording], float | None] | None = None
     title: Callable[[Recording, int], str] | None = None
@@ -155,7 +165,8 @@ class View:
         title = self.title or default_title
         figure.text(0.02, 0.965, title(recording, frame), va="top", fontsize=11)
         if self.color is not None and stage.range is not None:
-            _add_color_bar(figure, self.color, _unit(recording, self.color), stage.range)
+            unit = _unit(recording, self.color)
+            _add_color_bar(figure, self.color, unit, stage.range, self.palette)
 
     def image(
         self, recording: Recording, frame: int = -1, size: tuple[int, int] = (960, 540)
@@ -185,7 +196,8 @@ class View:
 
     def _stage(self, recording: Recording, size: tuple[int, int]) -> Stage:
         """The stage of this view, kept as long as the recording is there."""
-        from ._render3d import Stage, box_of
+        from ._extent import box_of
+        from ._render3d import Coloring, Stage
 
         stages = _STAGES.setdefault(recording, {})
         key = (self, size)
@@ -193,7 +205,10 @@ class View:
             box = box_of(recording, self.looks) if self.box is None else self.box(recording)
             box = np.asarray(box, float)
             ground = float(box[0, 2]) if self.ground is None else self.ground(recording)
-            stages[key] = Stage(recording, size, self.camera, self.looks, self.color, box, ground)
+            coloring = None
+            if self.color is not None:
+                coloring = Coloring(self.color, self.palette, self.limits)
+            stages[key] = Stage(recording, size, self.camera, self.looks, coloring, box, ground)
         return stages[key]
 
 
@@ -211,11 +226,13 @@ def _unit(recording: Recording, name: str) -> str:
     return next(p.fields[name] for p in recording.parts.values() if name in p.fields)
 
 
-def _add_color_bar(figure: Figure, name: str, unit: str, limits: tuple[float, float]) -> None:
+def _add_color_bar(
+    figure: Figure, name: str, unit: str, limits: tuple[float, float], palette: str
+) -> None:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
-    shown = ScalarMappable(Normalize(*limits), cmap="viridis")
+    shown = ScalarMappable(Normalize(*limits), cmap=palette)
     axes = figure.add_axes((0.915, 0.2, 0.014, 0.6))
     label = name if unit in ("", "1") else f"{name} [{unit}]"
     figure.colorbar(shown, cax=axes, label=label)
