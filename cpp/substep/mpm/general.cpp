@@ -1,10 +1,14 @@
 #include "substep/mpm/general.h"
 
+#include <algorithm>
 #include <cmath>
+#include <cstring>
+#include <functional>
 
 #include "substep/core/parallel.h"
 #include "substep/mpm/general_materials.h"
 #include "substep/mpm/general_stencil.h"
+#include "substep/mpm/particle_boundary.h"
 #include "substep/transfer/weights.h"
 
 namespace substep::mpm {
@@ -21,7 +25,7 @@ double inverse_moment(int order) {  // D^-1 [1/cell^2]
 // task(particle block) for all that scatter, colour by colour.
 template <int D>
 void for_coloured_blocks(const transfer::BlockLayout<D>& layout,
-                         const std::function<void(std::int32_t)>& task, int threads) {
+                         const std::function<void(std::size_t)>& task, int threads) {
   std::array<std::int64_t, 1 << D> chunks;
   for (std::size_t c = 0; c < chunks.size(); ++c) {
     chunks[c] = static_cast<std::int64_t>(layout.colours[c].size());
@@ -29,20 +33,30 @@ void for_coloured_blocks(const transfer::BlockLayout<D>& layout,
   parallel_phases(
       chunks,
       [&](std::int64_t colour, std::int64_t i) {
-        task(layout.colours[static_cast<std::size_t>(colour)][static_cast<std::size_t>(i)]);
+        const auto& blocks = layout.colours[static_cast<std::size_t>(colour)];
+        task(static_cast<std::size_t>(blocks[static_cast<std::size_t>(i)]));
       },
       threads);
 }
 
 // visit(group, packet, particles in it) for the packets of a block.
 template <class Groups, class Visit>
-void for_packets(Groups& groups, std::int32_t block, int lanes, Visit&& visit) {
+void for_packets(Groups& groups, std::size_t block, int lanes, Visit&& visit) {
   for (std::size_t g = 0; g < groups.size(); ++g) {
-    const Run& run = groups[g].runs[static_cast<std::size_t>(block)];
+    const Run& run = groups[g].runs[block];
     for (std::int32_t p = 0; p < run.packets; ++p) {
       visit(g, run.first + p, std::min(lanes, run.count - p * lanes));
     }
   }
+}
+
+template <class V>
+void store(Lane<V>* lanes, const V& value) {
+  std::memcpy(lanes, &value, sizeof value);
+}
+
+double density(const AnyMaterial& material) {
+  return std::visit([](const auto& m) { return m.density; }, material);
 }
 
 // The velocity gradient of a packet from `rows`, entry (i, j) of all lanes together.
@@ -60,20 +74,19 @@ void packet_momenta(const Scheme& scheme, const Particles<Real, D>& particles, s
   using V = Vector<Real>;
   const ParticleGroup<Real, D>& group = particles.groups[g];
   const AnyMaterial& material = particles.materials[g];
-  const double rho = std::visit([](const auto& m) { return double(m.density); }, material);
   const double dx = particles.cell;
   const Real* v = group.motion(packet);
   const auto C = load_gradient<Real, D>(v + D * kLanes<Real>);
   SymmetricTensor<V, D> tau;
-  packet_stress<Real, D>(material, group.packet(packet) + D * kLanes<Real>, C, Real(dt), tau);
+  packet_stress<Real, D>(material, group.packet(packet) + D * kLanes<Real>, C,
+                         Real(particles.before), tau);
 
   const V volume = load<V>(group.volume.data() + packet * kLanes<Real>);
-  const V mass = volume * Real(rho);
+  const V mass = volume * Real(density(material));
   const bool apic = scheme.transfer == Transfer::kApic;
   const V mass_dx = mass * Real(apic ? dx : 0);  // arms are in cells
   const V impulse = volume * Real(-dt / dx);     // and so are gradients
   const V mls = textbook(scheme) ? V{} : V(impulse * Real(inverse_moment(scheme.order)));
-  const auto store = [](Real* lanes, const V& value) { std::memcpy(lanes, &value, sizeof value); };
   store(to.p[D], mass);
   for (int i = 0; i < D; ++i) {
     store(to.p[i], mass * load<V>(v + i * kLanes<Real>));
@@ -86,9 +99,8 @@ void packet_momenta(const Scheme& scheme, const Particles<Real, D>& particles, s
 
 // v_i^before: momentum becomes velocity.
 template <class Real, int D>
-void divide_by_mass(transfer::Arena<Real, D>& arena) {
-  for (int n = 0; n < arena.kNodes; ++n) {
-    Real* node = arena.node(n);
+void divide_by_mass(Arena<Real, D>& arena) {
+  for (Real* node = arena.nodes; node < arena.nodes + arena.kReals; node += transfer::kNodeReals) {
     const Real inverse = node[D] > 0 ? 1 / node[D] : 0;
     for (int d = 0; d < D; ++d) node[d] *= inverse;
   }
@@ -107,33 +119,39 @@ void repeat_last(int count, PacketVelocities<Real, D>& packet) {
   }
 }
 
-// New v, C, x and fields of one packet; `before` is the old velocity of the grid for FLIP.
+// New v, C, x and fields of one packet of a block; `old` is what the grid was before for FLIP.
 template <class Real, int D>
-void advance_packet(const Scheme& scheme, Particles<Real, D>& particles, std::size_t g,
-                    std::int64_t packet, double dt, const PacketVelocities<Real, D>& from,
-                    const PacketVelocities<Real, D>* before) {
+void advance_packet(const Scheme& scheme, Particles<Real, D>& particles, std::size_t block,
+                    std::size_t g, std::int64_t packet, int count, double dt,
+                    const PacketVelocities<Real, D>& from, const PacketVelocities<Real, D>* old) {
   using V = Vector<Real>;
+  constexpr int kWidth = kLanes<Real>;
   ParticleGroup<Real, D>& group = particles.groups[g];
+  const AnyMaterial& material = particles.materials[g];
   const Real per_cell = Real(1 / particles.cell), alpha = Real(std::exp(-scheme.flip_rate * dt));
-  Real *x = group.packet(packet), *v = group.motion(packet), *C = v + D * kLanes<Real>;
-  const auto store = [](Real* lanes, const V& value) { std::memcpy(lanes, &value, sizeof value); };
+  Real *x = group.packet(packet), *v = group.motion(packet), *C = v + D * kWidth;
+  alignas(64) Real before[D * kWidth];
+  std::memcpy(before, x, sizeof before);
   const auto& G = textbook(scheme) ? from.G : from.C;
   const auto& stored = scheme.transfer == Transfer::kApic ? from.C : G;
   Tensor<V, D> gradient{};
   for (int i = 0; i < D; ++i) {
-    const int row = i * kLanes<Real>;
     const V moved = load<V>(from.v[i]);
     V velocity = moved;
-    if (before) velocity += (load<V>(v + row) - load<V>(before->v[i])) * alpha;
-    store(v + row, velocity);
-    store(x + row, fma(moved, splat<V>(Real(dt) * per_cell), load<V>(x + row)));
+    if (old) velocity += (load<V>(v + i * kWidth) - load<V>(old->v[i])) * alpha;
+    store(v + i * kWidth, velocity);
+    store(x + i * kWidth, fma(Real(dt) * per_cell, moved, load<V>(before + i * kWidth)));
     for (int j = 0; j < D; ++j) {
-      store(C + (i * D + j) * kLanes<Real>, load<V>(stored[i][j]) * per_cell);
+      store(C + (i * D + j) * kWidth, V(load<V>(stored[i][j]) * per_cell));
       gradient(i, j) = load<V>(G[i][j]) * per_cell;
     }
   }
-  packet_advance<Real, D>(particles.materials[g], x + D * kLanes<Real>, particles.trial, gradient,
-                          Real(dt));
+  if (particles.walls && particles.walls->near(static_cast<std::int32_t>(block))) {
+    particles.walls->settle(static_cast<std::int32_t>(block), before, x, v,
+                            group.volume.data() + packet * kWidth, density(material), count);
+  }
+  packet_advance<Real, D>(material, x + D * kWidth, particles.trial, Real(particles.before),
+                          gradient, Real(dt));
 }
 
 }  // namespace
@@ -143,18 +161,17 @@ void p2g(const Scheme& scheme, const Particles<Real, D>& particles, double dt,
          Nodes<Real, D>& nodes, Nodes<Real, D>& before, int threads) {
   const auto& layout = particles.layout;
   const bool flip = scheme.transfer == Transfer::kFlip;
-  const auto blocks = static_cast<std::int64_t>(layout.node_keys.size());
   const Stencils<Real, D> stencil = stencils<Real, D>(scheme.order, textbook(scheme));
-  nodes.set_zero(blocks, threads);
-  if (flip) before.set_zero(blocks, threads);
+  nodes.set_zero(layout.node_blocks(), threads);
+  if (flip) before.set_zero(layout.node_blocks(), threads);
   for_coloured_blocks<D>(
       layout,
-      [&](std::int32_t block) {
-        transfer::Arena<Real, D> arena, plain;
+      [&](std::size_t b) {
+        Arena<Real, D> arena, plain;
         PacketMomenta<Real, D> momenta;
-        arena.clear();
-        if (flip) plain.clear();
-        for_packets(particles.groups, block, kLanes<Real>,
+        arena.set_zero();
+        if (flip) plain.set_zero();
+        for_packets(particles.groups, b, kLanes<Real>,
                     [&](std::size_t g, std::int64_t packet, int count) {
                       const Real* x = particles.groups[g].packet(packet);
                       packet_momenta(scheme, particles, g, packet, dt, momenta);
@@ -164,9 +181,8 @@ void p2g(const Scheme& scheme, const Particles<Real, D>& particles, double dt,
                       std::memset(momenta.T, 0, sizeof momenta.T);
                       stencil.scatter(x, count, momenta, plain);
                     });
-        const auto& corners = layout.arenas[static_cast<std::size_t>(block)];
-        arena.add_to(nodes, corners);
-        if (flip) plain.add_to(before, corners);
+        arena.add_to(nodes, layout, b);
+        if (flip) plain.add_to(before, layout, b);
       },
       threads);
 }
@@ -178,17 +194,17 @@ void g2p(const Scheme& scheme, Particles<Real, D>& particles, double dt,
   const bool flip = scheme.transfer == Transfer::kFlip;
   const Stencils<Real, D> stencil = stencils<Real, D>(scheme.order, textbook(scheme));
   parallel_chunks(
-      static_cast<std::int64_t>(layout.particle_keys.size()),
-      [&](std::int64_t b) {
-        transfer::Arena<Real, D> arena, plain;
+      layout.blocks(),
+      [&](std::int64_t block) {
+        Arena<Real, D> arena, plain;
         PacketVelocities<Real, D> velocities, old;
-        const auto& corners = layout.arenas[static_cast<std::size_t>(b)];
-        arena.gather(nodes, corners);
+        const auto b = static_cast<std::size_t>(block);
+        arena.copy(nodes, layout, b);
         if (flip) {
-          plain.gather(before, corners);
+          plain.copy(before, layout, b);
           divide_by_mass<Real, D>(plain);
         }
-        for_packets(particles.groups, static_cast<std::int32_t>(b), kLanes<Real>,
+        for_packets(particles.groups, b, kLanes<Real>,
                     [&](std::size_t g, std::int64_t packet, int count) {
                       const Real* x = particles.groups[g].packet(packet);
                       stencil.gather(x, count, arena, velocities);
@@ -197,12 +213,13 @@ void g2p(const Scheme& scheme, Particles<Real, D>& particles, double dt,
                         stencil.gather(x, count, plain, old);
                         repeat_last<Real, D>(count, old);
                       }
-                      advance_packet(scheme, particles, g, packet, dt, velocities,
+                      advance_packet(scheme, particles, b, g, packet, count, dt, velocities,
                                      flip ? &old : nullptr);
                     });
       },
       threads);
   particles.trial = true;
+  particles.before = dt;
 }
 
 #define SUBSTEP_INSTANTIATE(Real, D)                                                   \

@@ -33,24 +33,24 @@ void packet_stress(const AnyMaterial& material, const Real* fields,
 }
 
 template <class Real, int D>
-void packet_advance(const AnyMaterial& material, Real* fields, bool trial,
+void packet_advance(const AnyMaterial& material, Real* fields, bool trial, Real before,
                     const Tensor<Vector<Real>, D>& G, Real dt) {
   std::visit(
       [&]<class M>(const M& m) {
         Vector<Real> f[M::template kFields<D>];
         std::memcpy(f, fields, sizeof f);
-        if (trial) stress<Real, D>(m, f, G, dt);
+        if (trial) stress<Real, D>(m, f, Tensor<Vector<Real>, D>{}, before);
         m.template advance<Vector<Real>, D>(f, G, dt);
         std::memcpy(fields, f, sizeof f);
       },
       material);
 }
 
-#define SUBSTEP_INSTANTIATE(Real, D)                                                            \
-  template void packet_stress(const AnyMaterial&, const Real*, const Tensor<Vector<Real>, D>&,  \
-                              Real, SymmetricTensor<Vector<Real>, D>&);                         \
-  template void packet_advance(const AnyMaterial&, Real*, bool, const Tensor<Vector<Real>, D>&, \
-                               Real);
+#define SUBSTEP_INSTANTIATE(Real, D)                                                           \
+  template void packet_stress(const AnyMaterial&, const Real*, const Tensor<Vector<Real>, D>&, \
+                              Real, SymmetricTensor<Vector<Real>, D>&);                        \
+  template void packet_advance(const AnyMaterial&, Real*, bool, Real,                          \
+                               const Tensor<Vector<Real>, D>&, Real);
 SUBSTEP_INSTANTIATE(float, 2)
 SUBSTEP_INSTANTIATE(float, 3)
 SUBSTEP_INSTANTIATE(double, 2)

@@ -6,15 +6,16 @@
 
 namespace substep::mpm {
 
-// tau [Pa] from the fields of a packet (kLanes numbers each), after their return map.
+// tau [Pa] from the fields of a packet (kLanes numbers each), after the return map of a step of dt.
 template <class Real, int D>
 void packet_stress(const AnyMaterial& material, const Real* fields,
                    const Tensor<Vector<Real>, D>& G, Real dt,
                    SymmetricTensor<Vector<Real>, D>& tau);
 
-// Return map where the fields are those of a trial state, then F <- (I + dt G) F.
+// Where the fields are those of a trial state, the return map of the step before, which took
+// `before`; then F <- (I + dt G) F.
 template <class Real, int D>
-void packet_advance(const AnyMaterial& material, Real* fields, bool trial,
+void packet_advance(const AnyMaterial& material, Real* fields, bool trial, Real before,
                     const Tensor<Vector<Real>, D>& G, Real dt);
 
 }  // namespace substep::mpm

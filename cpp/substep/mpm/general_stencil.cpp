@@ -9,7 +9,8 @@ namespace {
 template <class Real>
 using NodeVector = Vector<Real, transfer::kNodeReals* static_cast<int>(sizeof(Real))>;
 
-// Splines around a particle of an arena. Sums over its nodes are taken row by row: rows of nodes
+// Splines around a particle of an arena, whose node (i, j) has the number 8 i + j and node (i, j,
+// k) the number 64 i + 8 j + k. Sums over its nodes are taken row by row: rows of nodes
 // run along the last axis, where the weights of the axes before are the same.
 template <class Real, int D, int kOrder>
 struct Stencil {
@@ -62,8 +63,7 @@ SUBSTEP_INLINE NodeVector<Real> column(const Real (&M)[D][D][kLanes<Real>], int 
 }
 
 template <class Real, int D, int kOrder, bool kGradients>
-void scatter(const Real* x, int count, const PacketMomenta<Real, D>& from,
-             transfer::Arena<Real, D>& to) {
+void scatter(const Real* x, int count, const PacketMomenta<Real, D>& from, Arena<Real, D>& to) {
   using N = NodeVector<Real>;
   for (int lane = 0; lane < count; ++lane) {
     const Stencil<Real, D, kOrder> s(x, lane);
@@ -91,16 +91,16 @@ void scatter(const Real* x, int count, const PacketMomenta<Real, D>& from,
       for (int k = 0; k <= kOrder; ++k) {
         N n = (constant + linear * Real(k)) * last.w[k];
         if constexpr (kGradients) n += slope * last.g[k];
-        n += load<N>(to.node(node + k));
-        std::memcpy(to.node(node + k), &n, sizeof n);
+        Real* const sum = to.nodes + (node + k) * transfer::kNodeReals;
+        n += load<N>(sum);
+        std::memcpy(sum, &n, sizeof n);
       }
     });
   }
 }
 
 template <class Real, int D, int kOrder, bool kGradients>
-void gather(const Real* x, int count, const transfer::Arena<Real, D>& from,
-            PacketVelocities<Real, D>& to) {
+void gather(const Real* x, int count, const Arena<Real, D>& from, PacketVelocities<Real, D>& to) {
   using N = NodeVector<Real>;
   for (int lane = 0; lane < count; ++lane) {
     const Stencil<Real, D, kOrder> s(x, lane);
@@ -112,7 +112,7 @@ void gather(const Real* x, int count, const transfer::Arena<Real, D>& from,
     s.for_rows([&](int node, const auto& row) {
       N sum{}, along{}, slope{};
       for (int k = 0; k <= kOrder; ++k) {
-        const N n = load<N>(from.node(node + k));
+        const N n = load<N>(from.nodes + (node + k) * transfer::kNodeReals);
         sum += n * s.axis[s.kLast].w[k];
         along += n * affine[s.kLast][k];
         if constexpr (kGradients) slope += n * s.axis[s.kLast].g[k];

@@ -2,8 +2,7 @@
 // of a node (momentum or velocity, then mass) at a time.
 #pragma once
 
-#include "substep/mpm/particles.h"
-#include "substep/transfer/arena.h"
+#include "substep/mpm/arena.h"
 
 namespace substep::mpm {
 
@@ -29,9 +28,8 @@ struct PacketVelocities {
 // are particles.
 template <class Real, int D>
 struct Stencils {
-  void (*scatter)(const Real* x, int count, const PacketMomenta<Real, D>& from,
-                  transfer::Arena<Real, D>& to);
-  void (*gather)(const Real* x, int count, const transfer::Arena<Real, D>& from,
+  void (*scatter)(const Real* x, int count, const PacketMomenta<Real, D>& from, Arena<Real, D>& to);
+  void (*gather)(const Real* x, int count, const Arena<Real, D>& from,
                  PacketVelocities<Real, D>& to);
 };
 template <class Real, int D>
