@@ -13,12 +13,14 @@
 
 namespace substep::mpm {
 
-// sigma_i and their inverses, of the eigenvalues d of b and J = det F. NaN where F is singular.
+// sigma_i and their inverses, of the eigenvalues d of b and J = det F. Eigenvalues below 1e-30,
+// which rounding can make of 0, count as 1e-30.
 template <class V>
 SUBSTEP_INLINE void signed_stretches(const V (&d)[3], const V& J, V (&sigma)[3], V (&inverse)[3]) {
   for (int i = 0; i < 3; ++i) {
-    inverse[i] = inverse_root<V>(d[i]);
-    sigma[i] = d[i] * inverse[i];
+    const V square = d[i] < Lane<V>(1e-30) ? splat<V>(Lane<V>(1e-30)) : d[i];
+    inverse[i] = inverse_root<V>(square);
+    sigma[i] = square * inverse[i];
   }
   const auto inverted = J < 0;
   if (any(inverted)) {

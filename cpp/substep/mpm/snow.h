@@ -6,6 +6,8 @@
 // Of F_P only its determinant matters. Singular values of F_E are the roots of the eigenvalues of
 // b = F_E F_E^T, the smallest one with the sign of det F_E, as in fixed_corotated.h.
 //
+// No answer where a singular value is below 1e-3, since F_E has then lost its axis.
+//
 // Deviation: h is bounded by largest_hardening, so that xi (1 - J_P) cannot overflow, and J_P stays
 // between 1e-6 and 1e6.
 #pragma once
@@ -70,7 +72,9 @@ struct Snow {
         product = product > Lane<V>(1e6) ? splat<V>(Lane<V>(1e6)) : product;
         J_P = yields ? product : J_P;
       }
-      const V h = hardening_factor<V>(J_P), J = sigma[0] * sigma[1] * sigma[2];
+      const V(&d)[3] = axes[k].d;
+      const V valid = nan_unless<V>(smaller<V>(smaller<V>(d[0], d[1]), d[2]) >= Lane<V>(1e-6));
+      const V h = hardening_factor<V>(J_P) + valid, J = sigma[0] * sigma[1] * sigma[2];
       corotated_stress(sigma, J, h * Lane<V>(mu), h * Lane<V>(lambda), t);
       tau[k] = in_axes(axes[k], t);
     }
