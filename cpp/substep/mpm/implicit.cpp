@@ -12,7 +12,7 @@
 namespace substep::mpm {
 namespace {
 
-constexpr double kForcing = 0.1;          // of the first linear system of a solve
+constexpr double kForcing = 0.1;            // of the first linear system of a solve
 constexpr double kContactTolerance = 0.01;  // of an impulse: changes of friction that still count
 
 // The inverse of B, D x D rows of kNodeLanes<D>, in its place; where B is not positive definite,
@@ -67,8 +67,8 @@ struct ImplicitStep<Real, D>::Problem {
   // sum |r_i|^2 / m_i
   double squares(std::span<const double> r) const {
     return sum_terms<double>(
-        static_cast<std::int64_t>(r.size()),
-        [&](std::size_t k) { return r[k] * r[k] / mass(k); }, threads);
+        static_cast<std::int64_t>(r.size()), [&](std::size_t k) { return r[k] * r[k] / mass(k); },
+        threads);
   }
 
   double merit(std::span<const double> v) {
@@ -158,16 +158,19 @@ struct ImplicitStep<Real, D>::Problem {
 };
 
 template <class Real, int D>
-const ImplicitReport& ImplicitStep<Real, D>::solve(
-    const Particles<Real, D>& particles, std::span<Real> nodes, double dt,
-    const geometry::Vec3& gravity, int order, Form form, const NodeDistances<Real, D>& distances,
-    std::span<const geometry::Collider> colliders, std::span<const Boundary> boundaries,
-    int threads) {
+const ImplicitReport& ImplicitStep<Real, D>::solve(const Particles<Real, D>& particles,
+                                                   std::span<Real> nodes, double dt,
+                                                   const geometry::Vec3& gravity, int order,
+                                                   Form form,
+                                                   std::span<const geometry::Collider> colliders,
+                                                   std::span<const Boundary> boundaries,
+                                                   int threads) {
   constexpr std::size_t kL = kNodeLanes<D>;
   report_ = {};
   nodes_.template assign<Real>(particles.layout, nodes);
   particles_.assign(particles, nodes_, order, form, dt, threads);
-  contacts_.assign(nodes_, distances, colliders, boundaries, particles.cell);
+  distances_.update(particles.layout, true, colliders, threads);
+  contacts_.assign(nodes_, distances_, colliders, boundaries, particles.cell);
 
   // Momentum to velocity; the first guess is the better one of v^n and v^n + dt g.
   const std::size_t n = nodes_.unknowns();
@@ -229,7 +232,9 @@ const ImplicitReport& ImplicitStep<Real, D>::solve(
   for (std::size_t i = 0; i < nodes_.count(); ++i) {
     Real* const node =
         nodes.data() + static_cast<std::size_t>(nodes_.slots[i]) * transfer::kNodeReals;
-    for (std::size_t d = 0; d < D; ++d) node[d] = static_cast<Real>(v[i * kL + d]);
+    for (std::size_t d = 0; d < D; ++d) {
+      node[d] = static_cast<Real>(nodes_.mass[i] * v[i * kL + d]);
+    }
   }
   return report_;
 }

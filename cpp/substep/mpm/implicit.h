@@ -41,8 +41,8 @@ struct ImplicitOptions {
 
 // Of one step.
 struct ImplicitReport {
-  bool converged = false;      // Newton's method reached the tolerance
-  bool settled = false;        // the states of the contacts are consistent too
+  bool converged = false;  // Newton's method reached the tolerance
+  bool settled = false;    // the states of the contacts are consistent too
   std::int64_t newton = 0, krylov = 0, halvings = 0, rounds = 0;
   std::int64_t indefinite = 0;    // linear systems with a direction of negative curvature
   double scale = 0;               // of the tolerance [m/s]
@@ -53,15 +53,17 @@ struct ImplicitReport {
 template <class Real, int D>
 class ImplicitStep {
  public:
-  explicit ImplicitStep(const ImplicitOptions& options = {}) : options_(options) {}
+  explicit ImplicitStep(double cell, const ImplicitOptions& options = {})
+      : options_(options), distances_(cell, 0) {}
 
-  // nodes: momentum and mass as p2g(particles, 0, ...) leaves them. They become the velocities at
-  // the end of a step of dt where the report says converged, and do not change where not.
+  // nodes: momentum and mass as p2g(particles, 0, ...) leaves them. Where the report says
+  // converged, they hold the momentum at the end of a step of dt, gravity and obstacles included;
+  // else they are as they were.
   const ImplicitReport& solve(const Particles<Real, D>& particles, std::span<Real> nodes, double dt,
                               const geometry::Vec3& gravity, int order, Form form,
-                              const NodeDistances<Real, D>& distances,
                               std::span<const geometry::Collider> colliders,
                               std::span<const Boundary> boundaries, int threads);
+  const ImplicitReport& report() const { return report_; }
 
   // What the last solve gave to each collider.
   const std::vector<geometry::Exchange>& exchanges() const { return exchanges_; }
@@ -70,6 +72,7 @@ class ImplicitStep {
   struct Problem;
 
   ImplicitOptions options_;
+  NodeDistances<Real, D> distances_;
   ImplicitNodes<D> nodes_;
   ImplicitParticles<D> particles_;
   ImplicitContacts<D> contacts_;

@@ -101,9 +101,8 @@ void ImplicitContacts<D>::assign(const ImplicitNodes<D>& nodes,
       if (!(length > 0)) continue;
       Vec3 u = colliders[c].surface_velocity(x);
       if (D == 2) u[2] = 0;
-      contacts_.push_back({static_cast<std::int32_t>(c), n / length, u,
-                           x - colliders[c].position(), colliders[c].friction, boundaries[c],
-                           false});
+      contacts_.push_back({static_cast<std::int32_t>(c), n / length, u, x - colliders[c].position(),
+                           colliders[c].friction, boundaries[c], false});
     }
     if (contacts_.size() > first) {
       nodes_in_contact_.push_back(
@@ -298,10 +297,10 @@ std::vector<geometry::Exchange> ImplicitContacts<D>::exchanges(std::span<const d
 
 template class ImplicitContacts<2>;
 template class ImplicitContacts<3>;
-#define SUBSTEP_ASSIGN(Real, D)                                                             \
-  template void ImplicitContacts<D>::assign(                                                \
-      const ImplicitNodes<D>&, const NodeDistances<Real, D>&,                               \
-      std::span<const geometry::Collider>, std::span<const Boundary>, double);
+#define SUBSTEP_ASSIGN(Real, D)                                                                    \
+  template void ImplicitContacts<D>::assign(                                                       \
+      const ImplicitNodes<D>&, const NodeDistances<Real, D>&, std::span<const geometry::Collider>, \
+      std::span<const Boundary>, double);
 SUBSTEP_ASSIGN(float, 2)
 SUBSTEP_ASSIGN(float, 3)
 SUBSTEP_ASSIGN(double, 2)

@@ -66,10 +66,10 @@ class ImplicitContacts {
   };
   struct ContactNode {
     std::size_t node;
-    std::size_t first, count;         // contacts
+    std::size_t first, count;  // contacts
     double mass;
-    bool held = false;                // sticks: all components are given
-    Vec3 friction = Vec3::Zero();     // rubbing impulse of a node that slides
+    bool held = false;                                   // sticks: all components are given
+    Vec3 friction = Vec3::Zero();                        // rubbing impulse of a node that slides
     Eigen::Matrix3d free = Eigen::Matrix3d::Identity();  // P
     Vec3 given = Vec3::Zero();
   };

@@ -6,9 +6,15 @@
 namespace substep::mpm {
 namespace {
 
-// The materials whose stress is that of an energy alone: neither viscous nor plastic.
+// Whether the stress is that of an energy alone: neither viscous nor plastic.
 template <class M>
-constexpr bool kHyperelastic = std::is_same_v<M, NeoHookean> || std::is_same_v<M, FixedCorotated>;
+bool is_hyperelastic(const M& material) {
+  if constexpr (std::is_same_v<M, Fluid>) {
+    return material.viscosity == 0;
+  } else {
+    return std::is_same_v<M, NeoHookean> || std::is_same_v<M, FixedCorotated>;
+  }
+}
 
 template <class V>
 void transposed_inverse(const V (&M)[4], const V& scale, V (&T)[4]) {
@@ -36,7 +42,7 @@ class Adapter final : public ImplicitMaterial<D> {
   static constexpr int kFields = M::template kFields<D>;
 
   explicit Adapter(const M& material) : material_(material) {}
-  bool hyperelastic() const override { return kHyperelastic<M>; }
+  bool hyperelastic() const override { return is_hyperelastic(material_); }
   int fields() const override { return kFields; }
 
   void admit(V* fields, double dt) const override {
@@ -71,8 +77,7 @@ class Adapter final : public ImplicitMaterial<D> {
           A[p][D * i + j] = sum;
         }
       }
-      psi[p] = V{};
-      if constexpr (kHyperelastic<M>) psi[p] = material_.template energy_density<V, D>(trial[p]);
+      psi[p] = hyperelastic() ? material_.template energy_density<V, D>(trial[p]) : V{};
     }
   }
 

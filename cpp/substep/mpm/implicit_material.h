@@ -29,8 +29,8 @@ class ImplicitMaterial {
   //   A = tau (I + H)^-T,    which is P F_n^T,
   // the derivative of the energy per undeformed volume by H. Two H at once; psi is 0 where the
   // material is not hyperelastic.
-  virtual void stress(const V* fields, const V (&H)[2][kGradient], double dt,
-                      V (&A)[2][kGradient], V (&psi)[2]) const = 0;
+  virtual void stress(const V* fields, const V (&H)[2][kGradient], double dt, V (&A)[2][kGradient],
+                      V (&psi)[2]) const = 0;
 };
 
 template <int D>

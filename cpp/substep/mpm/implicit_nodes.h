@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -24,7 +25,7 @@ struct ImplicitNodes {
   std::size_t count() const { return slots.size(); }
   std::size_t unknowns() const { return count() * kLanesPerNode; }
 
-  // From nodes (p or v (D), then mass). Keeps those with mass > 0.
+  // From nodes (p or v (D), then mass). Keeps those whose mass carries digits.
   template <class Real>
   void assign(const transfer::BlockLayout<D>& blocks, std::span<const Real> nodes) {
     layout = &blocks;
@@ -32,11 +33,11 @@ struct ImplicitNodes {
     slots.clear();
     mass.clear();
     for (std::size_t n = 0; n < index.size(); ++n) {
-      const double m = static_cast<double>(nodes[n * transfer::kNodeReals + D]);
-      if (!(m > 0)) continue;
+      const Real m = nodes[n * transfer::kNodeReals + D];
+      if (!(m >= std::numeric_limits<Real>::min())) continue;
       index[n] = static_cast<std::int32_t>(slots.size());
       slots.push_back(static_cast<std::int64_t>(n));
-      mass.push_back(m);
+      mass.push_back(static_cast<double>(m));
     }
   }
 

@@ -27,8 +27,7 @@ void load_arena(const ImplicitNodes<D>& nodes, std::size_t block, const double* 
 }
 
 template <int D>
-void add_arena(const ImplicitNodes<D>& nodes, std::size_t block, const Arena<D>& arena,
-               double* y) {
+void add_arena(const ImplicitNodes<D>& nodes, std::size_t block, const Arena<D>& arena, double* y) {
   nodes.for_arena(block, [&](int at, std::size_t i) {
     double* const to = y + i * kNodeLanes<D>;
     const Node<D> sum = load<Node<D>>(to) + arena.nodes[at];
@@ -110,8 +109,8 @@ bool ImplicitParticles<D>::hyperelastic() const {
 template <int D>
 template <class Real>
 void ImplicitParticles<D>::assign(const Particles<Real, D>& particles,
-                                  const ImplicitNodes<D>& nodes, int order, Form form,
-                                  double dt, int threads) {
+                                  const ImplicitNodes<D>& nodes, int order, Form form, double dt,
+                                  int threads) {
   nodes_ = &nodes;
   order_ = order;
   threads_ = threads;
@@ -151,16 +150,16 @@ void ImplicitParticles<D>::assign(const Particles<Real, D>& particles,
         const auto value = [&](int f) {
           return static_cast<double>(from.packet(packet)[f * kLanes<Real> + at]);
         };
-        const std::size_t into = static_cast<std::size_t>(to.first[b]) +
-                                 static_cast<std::size_t>(q / kLanesD);
+        const std::size_t into =
+            static_cast<std::size_t>(to.first[b]) + static_cast<std::size_t>(q / kLanesD);
         const int lane = q % kLanesD;
         double x[D];
         for (int d = 0; d < D; ++d) x[d] = value(d);
         const Real volume = from.volume[static_cast<std::size_t>(packet * kLanes<Real> + at)];
         to.volume[into][lane] = q < count ? static_cast<double>(volume) : 0;
         for (int f = 0; f < to.fields; ++f) {
-          to.state[into * static_cast<std::size_t>(to.fields) + static_cast<std::size_t>(f)]
-                  [lane] = value(D + f);
+          to.state[into * static_cast<std::size_t>(to.fields) + static_cast<std::size_t>(f)][lane] =
+              value(D + f);
         }
         ImplicitStencil<D>& s = to.stencils[into * kLanesD + static_cast<std::size_t>(lane)];
         s = order == 1   ? implicit_stencil<D, 1>(x, form)
@@ -170,7 +169,7 @@ void ImplicitParticles<D>::assign(const Particles<Real, D>& particles,
       for (int p = 0; p < packets_here && particles.trial; ++p) {
         to.material->admit(to.state.data() + static_cast<std::size_t>(to.first[b] + p) *
                                                  static_cast<std::size_t>(to.fields),
-                           dt);
+                           particles.before);
       }
     });
   }
@@ -197,8 +196,7 @@ double ImplicitParticles<D>::evaluate(std::span<const double> v) {
           }
           for (int k = 0; k < kGradient; ++k) H[1][k] = H[0][k];
           group.material->stress(
-              group.state.data() + packet * static_cast<std::size_t>(group.fields), H, dt_, A,
-              psi);
+              group.state.data() + packet * static_cast<std::size_t>(group.fields), H, dt_, A, psi);
           for (int k = 0; k < kGradient; ++k) {
             group.H[packet * kGradient + static_cast<std::size_t>(k)] = H[0][k];
             group.A[packet * kGradient + static_cast<std::size_t>(k)] = A[0][k];
@@ -230,8 +228,8 @@ void ImplicitParticles<D>::add_gradient(std::span<double> r) {
           const double volume = scale_ * group.volume[packet][lane];
           Node<D> columns[D] = {};
           for (int k = 0; k < kGradient; ++k) columns[k % D][k / D] = volume * A[k][lane];
-          scatter<K>(arena.nodes,
-                     group.stencils[packet * kLanesD + static_cast<std::size_t>(lane)], columns);
+          scatter<K>(arena.nodes, group.stencils[packet * kLanesD + static_cast<std::size_t>(lane)],
+                     columns);
         }
       }
       add_arena(*nodes_, b, arena, r.data());
@@ -257,21 +255,19 @@ void ImplicitParticles<D>::linearise() {
           H[0][c] += kIncrement;
           H[1][c] -= kIncrement;
           group.material->stress(
-              group.state.data() + packet * static_cast<std::size_t>(group.fields), H, dt_, A,
-              psi);
+              group.state.data() + packet * static_cast<std::size_t>(group.fields), H, dt_, A, psi);
           for (int k = 0; k < kGradient; ++k) C[c][k] = scale * (A[0][k] - A[1][k]);
         }
         for (int c = 0; c < kGradient && symmetric; ++c) {
           for (int k = 0; k < c; ++k) C[c][k] = C[k][c] = 0.5 * (C[c][k] + C[k][c]);
         }
         for (int lane = 0; lane < kLanesD; ++lane) {
-          float* const to = group.tangent.data() +
-                            (packet * kLanesD + static_cast<std::size_t>(lane)) * kTangent;
+          float* const to =
+              group.tangent.data() + (packet * kLanesD + static_cast<std::size_t>(lane)) * kTangent;
           for (int c = 0; c < kGradient; ++c) {
             const int column = c % D * D + c / D;  // H_ja as a D + j
             for (int k = 0; k < kGradient; ++k) {
-              to[(column * D + k % D) * kNodeLanes<D> + k / D] =
-                  static_cast<float>(C[c][k][lane]);
+              to[(column * D + k % D) * kNodeLanes<D> + k / D] = static_cast<float>(C[c][k][lane]);
             }
           }
         }
@@ -355,9 +351,9 @@ void ImplicitParticles<D>::add_diagonal(std::span<double> blocks) {
 
 template class ImplicitParticles<2>;
 template class ImplicitParticles<3>;
-#define SUBSTEP_ASSIGN(Real, D)                                                            \
-  template void ImplicitParticles<D>::assign(const Particles<Real, D>&,                    \
-                                             const ImplicitNodes<D>&, int, Form, double, int);
+#define SUBSTEP_ASSIGN(Real, D)                                                                  \
+  template void ImplicitParticles<D>::assign(const Particles<Real, D>&, const ImplicitNodes<D>&, \
+                                             int, Form, double, int);
 SUBSTEP_ASSIGN(float, 2)
 SUBSTEP_ASSIGN(float, 3)
 SUBSTEP_ASSIGN(double, 2)
