@@ -27,8 +27,12 @@ struct alignas(64) Arena {
 
   void add_to(Nodes<Real, D>& to, const transfer::BlockLayout<D>& layout, std::size_t block) {
     for_each_half(layout.arenas[block], [&](std::int64_t b, int offset, const Real* half) {
-      Real* const sum = to.block(b) + offset;
-      for (int i = 0; i < kHalf; ++i) sum[i] += half[i];
+      using V = Vector<Real>;
+      Real* const node = to.block(b) + offset;
+      for (int i = 0; i < kHalf; i += kLanes<Real>) {
+        const V sum = load<V>(node + i) + load<V>(half + i);
+        std::memcpy(node + i, &sum, sizeof sum);
+      }
     });
   }
 
