@@ -39,18 +39,18 @@ struct Row {
   }
   // The four numbers at every node.
   static SUBSTEP_INLINE Row repeated(const Real* numbers) {
-    const auto quad = load<Quad<Real>>(numbers);
     Row row;
-    row.part[0] = [&]<int... I>(std::integer_sequence<int, I...>) {
-      return __builtin_shufflevector(quad, quad, (I % 4)...);
-    }(std::make_integer_sequence<int, kWidth>());
+    row.part[0] = repeated_vector(numbers);
     for (int p = 1; p < kParts; ++p) row.part[p] = row.part[0];
     return row;
   }
   // Number k at all four places of node k.
   static SUBSTEP_INLINE Row spread(const Real* numbers) {
-    const auto quad = load<Quad<Real>>(numbers);
-    return spread(quad, std::make_integer_sequence<int, kParts>());
+    if constexpr (kPerVector == 1) {
+      return {{splat<N>(numbers[0]), splat<N>(numbers[1]), splat<N>(numbers[2])}};
+    } else {
+      return spread(repeated_vector(numbers), std::make_integer_sequence<int, kParts>());
+    }
   }
   // 0, 1, 2, 3: the node's place in the row.
   static SUBSTEP_INLINE Row places() {
@@ -59,15 +59,29 @@ struct Row {
   }
 
  private:
+  static SUBSTEP_INLINE N repeated_vector(const Real* numbers) {
+#ifdef __AVX512F__
+    if constexpr (kPerVector == 4) {
+      return reinterpret_cast<N>(_mm512_broadcast_f32x4(_mm_loadu_ps(numbers)));
+    } else if constexpr (sizeof(N) == 64) {
+      return reinterpret_cast<N>(_mm512_broadcast_f64x4(_mm256_loadu_pd(numbers)));
+    }
+#elif defined(__AVX__)
+    if constexpr (kPerVector == 2) {
+      return reinterpret_cast<N>(_mm256_broadcast_ps(reinterpret_cast<const __m128*>(numbers)));
+    }
+#endif
+    return load<N>(numbers);
+  }
   template <int kPart>
-  static SUBSTEP_INLINE N spread_part(const Quad<Real>& quad) {
+  static SUBSTEP_INLINE N spread_part(const N& repeated) {
     return [&]<int... I>(std::integer_sequence<int, I...>) {
-      return __builtin_shufflevector(quad, quad, (kPart * kPerVector + I / 4)...);
+      return __builtin_shufflevector(repeated, repeated, (kPart * kPerVector + I / 4)...);
     }(std::make_integer_sequence<int, kWidth>());
   }
   template <int... kPart>
-  static SUBSTEP_INLINE Row spread(const Quad<Real>& quad, std::integer_sequence<int, kPart...>) {
-    return {{spread_part<kPart>(quad)...}};
+  static SUBSTEP_INLINE Row spread(const N& repeated, std::integer_sequence<int, kPart...>) {
+    return {{spread_part<kPart>(repeated)...}};
   }
 };
 
