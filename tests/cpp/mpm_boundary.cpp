@@ -300,4 +300,144 @@ TYPED_TEST(MpmBoundary, ABlockSlidesBeyondTheAngleOfFriction) {
   }
 }
 
+// A belt takes a block along: what slides gains friction g until it moves with the belt, and a
+// sticky one takes it at once.
+TYPED_TEST(MpmBoundary, AMovingFloorTakesABlockAlong) {
+  constexpr int D = TypeParam::D;
+  const double cell = 0.1, dt = 5e-4, friction = 0.3, speed = 0.5;
+  for (const Boundary boundary : {Boundary::kSticky, Boundary::kSeparate}) {
+    Collider floor(Plane{kUp<D>}, {0, 0, 0});
+    floor.friction = friction;
+    floor.velocity = {speed, 0, 0};
+    Simulation<typename TypeParam::Real, D> run(cell, 2, {floor}, {boundary});
+    run.gravity = -9.81 * kUp<D>;
+    run.mu = run.lambda = 1e6;
+    fill(run, cell, {6, 2, 2});
+    const auto moved = [&](int steps) {
+      for (int step = 0; step < steps; ++step) run.step(dt);
+      return momentum(run)[0] / run.mass() / static_cast<double>(run.particles.size());
+    };
+    const double early = moved(160), expected = friction * 9.81 * 160 * dt;
+    if (boundary == Boundary::kSeparate) {
+      EXPECT_NEAR(early, expected, 0.1 * expected);
+    } else {
+      EXPECT_GT(early, 1.5 * expected);
+    }
+    EXPECT_NEAR(moved(640), speed, 0.05 * speed);
+  }
+}
+
+// Material may leave a wall that separates, not one where it slips or sticks.
+TYPED_TEST(MpmBoundary, OnlyASeparatingWallLetsGo) {
+  constexpr int D = TypeParam::D;
+  for (const Boundary boundary : kBoundaries) {
+    Simulation<typename TypeParam::Real, D> run(0.1, 2, {Collider(Plane{kUp<D>}, {0, 0, 0})},
+                                                {boundary});
+    fill(run, 0.1, {2, 2, 2}, 0.1 * kUp<D>);
+    run.step(1e-3);
+    const double given = run.grid.colliders[0].exchange().impulse.dot(kUp<D>);
+    if (boundary == Boundary::kSeparate) {
+      EXPECT_EQ(given, 0);
+    } else {
+      EXPECT_GT(given, 0.02 * run.mass());
+    }
+  }
+}
+
+// Nodes take the condition from the surface on, or from `reach` before it, and no further.
+TYPED_TEST(MpmBoundary, NodesWithinReachTakeTheCondition) {
+  constexpr int D = TypeParam::D;
+  const double cell = 0.1;
+  for (const double reach : {0.0, 0.25}) {
+    Simulation<typename TypeParam::Real, D> run(cell, 2, {Collider(Sphere{0.33}, {0, 0, 0})},
+                                                {Boundary::kSticky}, reach);
+    fill(run, cell, {6, 6, 6}, Vec3(1, 0, 0));
+    run.step(1e-9);
+    int held = 0;
+    run.for_nodes([&](const Vec3& x, const Vec3& v) {
+      const bool within = x.norm() < 0.33 + reach;
+      held += within;
+      EXPECT_NEAR(v[0], within ? 0 : 1, 1e-5) << x.transpose();
+    });
+    EXPECT_GT(held, 10);
+  }
+}
+
+// In the narrow edge between two walls a node moves along both, or not at all.
+TYPED_TEST(MpmBoundary, ANodeInAnEdgeEntersNeitherWall) {
+  constexpr int D = TypeParam::D;
+  const double narrow = std::numbers::pi / 6;
+  const Vec3 n(std::sin(narrow), -std::cos(narrow), 0), up = Vec3::UnitY();
+  Simulation<typename TypeParam::Real, D> run(
+      0.1, 2, {Collider(Plane{up}, {0, 0.15, 0}), Collider(Plane{n}, {0, -0.15, 0})},
+      {Boundary::kSeparate, Boundary::kSeparate});
+  fill(run, 0.1, {4, 2, 2}, Vec3(-1, -2, D == 3 ? 0.5 : 0));
+  run.step(1e-9);
+  int held = 0;
+  run.for_nodes([&](const Vec3& x, const Vec3& v) {
+    if (x[1] > 0.15 || n.dot(x + 0.15 * up) > 0) return;
+    ++held;
+    EXPECT_GT(v[1], -1e-3);
+    EXPECT_GT(v.dot(n), -1e-3);
+    EXPECT_NEAR(v[2], D == 3 ? 0.5 : 0, 1e-6);
+  });
+  EXPECT_GT(held, 3);
+}
+
+// The check of the nodes: the greatest speed, and the first that is not finite or too fast.
+TYPED_TEST(MpmBoundary, TheFirstBadNodeIsFound) {
+  constexpr int D = TypeParam::D;
+  const double cell = 0.1, dt = 1e-3;
+  const auto check = [&](Boundary boundary, const Vec3& v, double bound) {
+    Simulation<typename TypeParam::Real, D> run(cell, 2, {Collider(Plane{kUp<D>}, {0, 0, 0})},
+                                                {boundary});
+    fill(run, cell, {4, 4, 4}, Vec3(1, 0, 0));
+    run.particles[5].v = v;
+    return run.step(dt, bound);
+  };
+  const NodeCheck good = check(Boundary::kSeparate, {1, 0, 0}, 1e3);
+  EXPECT_TRUE(good.good());
+  EXPECT_NEAR(good.speed, 1, 1e-6);
+  EXPECT_NEAR(good.reach, dt / cell, 1e-8);
+  EXPECT_FALSE(check(Boundary::kSeparate, {1, 0, 0}, 0.5).good());
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  for (const Boundary boundary : kBoundaries) {  // also where a condition would hide it
+    EXPECT_FALSE(check(boundary, {1, nan, 0}, 1e3).good());
+    EXPECT_FALSE(check(boundary, {nan, 0, 0}, 1e3).good());
+    EXPECT_FALSE(check(boundary, {std::numeric_limits<double>::infinity(), 0, 0}, 1e30).good());
+  }
+}
+
+// The same bits for any number of threads.
+TYPED_TEST(MpmBoundary, ThreadsDoNotChangeABit) {
+  constexpr int D = TypeParam::D;
+  const double cell = 0.1;
+  std::vector<double> first;
+  for (const int threads : {1, 2, 3}) {
+    std::vector<Collider> colliders;
+    for (auto& [name, collider] : cases<D>()) {
+      if (collider.hollow() || std::string(name) == "block") continue;
+      collider.friction = 0.3;
+      collider.angular_velocity = {0, 0, 1};
+      colliders.push_back(collider);
+    }
+    Simulation<typename TypeParam::Real, D> run(
+        cell, 5, colliders, std::vector<Boundary>(colliders.size(), Boundary::kSeparate));
+    run.threads = threads;
+    run.volume = std::pow(cell, D) / 8;
+    for (std::uint64_t i = 0; i < 300; ++i) {
+      run.particles.push_back({random_vector<D>(i, 0), 4 * random_vector<D>(i, 1)});
+    }
+    for (int step = 0; step < 8; ++step) run.step(2e-3);
+    std::vector<double> state;
+    for (const Collider& collider : run.grid.colliders) {
+      const auto numbers = collider.state();
+      state.insert(state.end(), numbers.begin(), numbers.end());
+    }
+    for (const Particle& p : run.particles) state.insert(state.end(), p.x.data(), p.x.data() + 3);
+    if (first.empty()) first = state;
+    ASSERT_EQ(std::memcmp(first.data(), state.data(), first.size() * sizeof(double)), 0);
+  }
+}
+
 }  // namespace

@@ -63,7 +63,21 @@ class Simulation {
   int threads = 1;
 
   double mass() const { return density * volume; }
-  const std::vector<Real>& nodes() const { return nodes_; }
+  // visit(x, v) for the nodes that have mass.
+  template <class Visit>
+  void for_nodes(Visit&& visit) const {
+    for (std::size_t i = 0; i < nodes_.size(); i += 4) {
+      if (nodes_[i + D] == 0) continue;
+      const std::size_t nodes = transfer::NodeBlocks<Real, D>::kNodes;
+      const auto block = transfer::BlockKey<D>::unpack(layout_.node_keys[i / 4 / nodes]);
+      Vec3 x = Vec3::Zero(), v = Vec3::Zero();
+      for (int d = D - 1, rest = static_cast<int>(i / 4 % nodes); d >= 0; --d, rest /= 4) {
+        x[d] = cell_ * (4 * block[static_cast<std::size_t>(d)] + rest % 4);
+        v[d] = static_cast<double>(nodes_[i + static_cast<std::size_t>(d)]);
+      }
+      visit(x, v);
+    }
+  }
 
   mpm::NodeCheck step(double dt, double bound = 1e30) {
     p2g(dt);

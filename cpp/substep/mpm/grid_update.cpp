@@ -179,7 +179,7 @@ NodeCheck GridUpdate<Real, D>::update(std::span<Real> nodes, const Vec3& gravity
 template <class Real, int D>
 void GridUpdate<Real, D>::hold(std::int32_t node_block, std::span<const Holder> holders,
                                Real* nodes, Exchange* parts) const {
-  constexpr int kSweeps = 8;
+  constexpr int kSweeps = 32;
   constexpr double kUnchanged = 1e-14;  // of the squared velocity
   const auto key = layout_->node_keys[static_cast<std::size_t>(node_block)];
   const auto block = transfer::BlockKey<D>::unpack(key);

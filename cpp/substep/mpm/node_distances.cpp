@@ -24,19 +24,36 @@ Vec3 corner(std::uint64_t key, double cell) {
   return x;
 }
 
+// Groups of 2^D nodes that are surely free are not looked at one by one: about half of them.
 template <class Real, int D>
 void sample(const geometry::Collider& collider, std::uint64_t key, double cell, double reach,
             Real* values) {
+  constexpr int kHalf = kBlock / 2;
+  const double near = reach + kTolerance * cell;
+  const double clear = collider.lipschitz() * 0.5 * std::sqrt(D) * cell + near;
   const Vec3 first = corner<D>(key, cell);
-  for (int node = 0; node < NodeDistances<Real, D>::kNodes; ++node, values += 4) {
-    Vec3 x = first;
-    for (int d = D - 1, rest = node; d >= 0; --d, rest /= kBlock) x[d] += cell * (rest % kBlock);
-    auto [distance, n] = collider.signed_distance(x);
-    if constexpr (D == 2) n[2] = 0;
-    const double length = n.norm();
-    if (length > 0) n /= length;
-    for (int d = 0; d < 3; ++d) values[d] = static_cast<Real>(n[d]);
-    values[3] = static_cast<Real>(distance - reach - kTolerance * cell);
+  for (int group = 0; group < 1 << D; ++group) {
+    Vec3 centre = first;
+    for (int d = 0; d < D; ++d) centre[d] += cell * (kHalf * (group >> d & 1) + 0.5);
+    const bool free = collider.signed_distance(centre).value > clear;
+    for (int member = 0; member < 1 << D; ++member) {
+      Vec3 x = first;
+      int node = 0;
+      for (int d = 0; d < D; ++d) {
+        const int i = kHalf * (group >> d & 1) + (member >> d & 1);
+        x[d] += cell * i;
+        node = node * kBlock + i;
+      }
+      Real* const value = values + 4 * node;
+      std::fill_n(value, 4, static_cast<Real>(cell));
+      if (free) continue;
+      auto [distance, n] = collider.signed_distance(x);
+      if constexpr (D == 2) n[2] = 0;
+      const double length = n.norm();
+      if (length > 0) n /= length;
+      for (int d = 0; d < 3; ++d) value[d] = static_cast<Real>(n[d]);
+      value[3] = static_cast<Real>(distance - near);
+    }
   }
 }
 

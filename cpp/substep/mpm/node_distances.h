@@ -18,7 +18,8 @@ class NodeDistances {
  public:
   static constexpr int kNodes = transfer::NodeBlocks<Real, D>::kNodes;
   // Of one node block: per node the outward normal n (in 2D: n_z = 0), and the signed distance less
-  // the reach [m]: the node takes the condition where that is at most 0.
+  // the reach [m]: the node takes the condition where that is at most 0. (Nodes that surely do not
+  // may have any positive number instead, and no normal.)
   struct alignas(64) Patch {
     Real values[kNodes * 4];
   };
