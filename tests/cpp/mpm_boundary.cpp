@@ -384,6 +384,31 @@ TYPED_TEST(MpmBoundary, ANodeInAnEdgeEntersNeitherWall) {
   EXPECT_GT(held, 3);
 }
 
+// The walls of a tank act one by one: in its corner, too, material only comes away from them.
+TYPED_TEST(MpmBoundary, ACornerOfATankHoldsBothWays) {
+  constexpr int D = TypeParam::D;
+  const double cell = 0.1;
+  Collider tank(Box{{0.4, 0.4, 0.4}}, {0.2, 0.2, D == 3 ? 0.2 : 0}, true);
+  Simulation<typename TypeParam::Real, D> run(cell, 2, {tank}, {Boundary::kSeparate});
+  run.volume = std::pow(0.5 * cell, D);
+  for (int i = 0; i < 64; ++i) {
+    const Vec3 x = 0.05 * Vec3(i % 4 + 0.5, i / 4 % 4 + 0.5, D == 3 ? i / 16 + 0.5 : 0);
+    run.particles.push_back({x - Vec3(0.2, 0.2, 0), Vec3(-3, -2, 0)});
+  }
+  for (int step = 0; step < 20; ++step) {
+    run.step(1e-3);
+    int held = 0;
+    run.for_nodes([&](const Vec3& x, const Vec3& v) {
+      if (x[0] > -0.2 + 1e-9 || x[1] > -0.2 + 1e-9) return;
+      ++held;
+      EXPECT_GT(v[0], -1e-6);
+      EXPECT_GT(v[1], -1e-6);
+    });
+    EXPECT_GT(held, 0);
+  }
+  for (const Particle& p : run.particles) EXPECT_GT(tank.signed_distance(p.x).value, 0);
+}
+
 // The check of the nodes: the greatest speed, and the first that is not finite or too fast.
 TYPED_TEST(MpmBoundary, TheFirstBadNodeIsFound) {
   constexpr int D = TypeParam::D;

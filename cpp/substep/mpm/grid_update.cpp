@@ -140,9 +140,9 @@ NodeCheck GridUpdate<Real, D>::update(std::span<Real> nodes, const Vec3& gravity
           Real* block = nodes.data() + b * kNodes * kNodeReals;
           to_velocity<Real, D>(gravity * dt, block);
           holders.clear();
-          for (std::size_t c = 0; c < many; ++c) {
-            const auto* patch = distances_.patch(c, static_cast<std::int32_t>(b));
-            if (patch != nullptr) holders.push_back({c, patch});
+          for (std::size_t s = 0; s < distances_.all().size(); ++s) {
+            const auto* patch = distances_.patch(s, static_cast<std::int32_t>(b));
+            if (patch != nullptr) holders.push_back({distances_.all()[s].collider, patch});
           }
           Real limit = bound;
           if (!holders.empty()) {
@@ -174,7 +174,7 @@ NodeCheck GridUpdate<Real, D>::update(std::span<Real> nodes, const Vec3& gravity
   return check;
 }
 
-// Nodes in several obstacles take their conditions in turn, until none changes anything: at an edge
+// Nodes at several surfaces take their conditions in turn, until none changes anything: at an edge
 // between two walls that is a node that moves along both.
 template <class Real, int D>
 void GridUpdate<Real, D>::hold(std::int32_t node_block, std::span<const Holder> holders,

@@ -73,7 +73,7 @@ class GridUpdate {
  private:
   static constexpr std::int64_t kGrain = 32;  // node blocks per chunk
 
-  // A collider that holds nodes of a block.
+  // A surface that holds nodes of a block.
   struct Holder {
     std::size_t collider;
     const typename NodeDistances<Real, D>::Patch* patch;

@@ -86,8 +86,9 @@ void ImplicitContacts<D>::assign(const ImplicitNodes<D>& nodes,
     const auto block = static_cast<std::int32_t>(slot / ImplicitNodes<D>::kPerBlock);
     const std::size_t local = slot % ImplicitNodes<D>::kPerBlock;
     const std::size_t first = contacts_.size();
-    for (std::size_t c = 0; c < colliders.size(); ++c) {
-      const auto* const patch = distances.patch(c, block);
+    for (std::size_t s = 0; s < distances.all().size(); ++s) {
+      const auto* const patch = distances.patch(s, block);
+      const std::size_t c = distances.all()[s].collider;
       if (patch == nullptr) continue;
       const Real* const value = patch->values + 4 * local;
       if (!(value[3] <= 0)) continue;

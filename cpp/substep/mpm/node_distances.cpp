@@ -26,16 +26,16 @@ Vec3 corner(std::uint64_t key, double cell) {
 
 // Groups of 2^D nodes that are surely free are not looked at one by one: about half of them.
 template <class Real, int D>
-void sample(const geometry::Collider& collider, std::uint64_t key, double cell, double reach,
-            Real* values) {
+void sample(const geometry::Collider& collider, int axis, std::uint64_t key, double cell,
+            double reach, Real* values) {
   constexpr int kHalf = kBlock / 2;
   const double near = reach + kTolerance * cell;
-  const double clear = collider.lipschitz() * 0.5 * std::sqrt(D) * cell + near;
+  const double clear = lipschitz(collider, axis) * 0.5 * std::sqrt(D) * cell + near;
   const Vec3 first = corner<D>(key, cell);
   for (int group = 0; group < 1 << D; ++group) {
     Vec3 centre = first;
     for (int d = 0; d < D; ++d) centre[d] += cell * (kHalf * (group >> d & 1) + 0.5);
-    const bool free = collider.signed_distance(centre).value > clear;
+    const bool free = signed_distance(collider, axis, centre).value > clear;
     for (int member = 0; member < 1 << D; ++member) {
       Vec3 x = first;
       int node = 0;
@@ -47,7 +47,7 @@ void sample(const geometry::Collider& collider, std::uint64_t key, double cell, 
       Real* const value = values + 4 * node;
       std::fill_n(value, 4, static_cast<Real>(cell));
       if (free) continue;
-      auto [distance, n] = collider.signed_distance(x);
+      auto [distance, n] = signed_distance(collider, axis, x);
       if constexpr (D == 2) n[2] = 0;
       const double length = n.norm();
       if (length > 0) n /= length;
@@ -62,25 +62,28 @@ void sample(const geometry::Collider& collider, std::uint64_t key, double cell, 
 template <class Real, int D>
 void NodeDistances<Real, D>::update(const transfer::BlockLayout<D>& layout, bool layout_changed,
                                     std::span<const geometry::Collider> colliders, int threads) {
-  fields_.resize(colliders.size());
-  for (std::size_t c = 0; c < colliders.size(); ++c) {
-    const auto state = colliders[c].state();
+  surfaces_ = surfaces(colliders);
+  fields_.resize(surfaces_.size());
+  for (std::size_t s = 0; s < surfaces_.size(); ++s) {
+    const geometry::Collider& collider = colliders[surfaces_[s].collider];
+    const auto state = collider.state();
     std::array<double, kPose> pose;
     std::copy_n(state.begin(), kPose, pose.begin());
-    const bool moved = pose != fields_[c].pose;
+    const bool moved = pose != fields_[s].pose;
     if (!moved && !layout_changed) continue;
-    fields_[c].pose = pose;
-    fill(fields_[c], colliders[c], layout.node_keys, !moved, threads);
+    fields_[s].pose = pose;
+    fill(fields_[s], collider, surfaces_[s].axis, layout.node_keys, !moved, threads);
   }
 }
 
 template <class Real, int D>
-void NodeDistances<Real, D>::fill(Field& field, const geometry::Collider& collider,
+void NodeDistances<Real, D>::fill(Field& field, const geometry::Collider& collider, int axis,
                                   std::span<const std::uint64_t> keys, bool keep, int threads) {
   constexpr std::int64_t kGrain = 64;
   const auto blocks = static_cast<std::int64_t>(keys.size());
   const double half = 0.5 * (kBlock - 1) * cell_;
-  const double bound = collider.lipschitz() * half * std::sqrt(D) + reach_ + kTolerance * cell_;
+  const double bound =
+      lipschitz(collider, axis) * half * std::sqrt(D) + reach_ + kTolerance * cell_;
   Vec3 middle = Vec3::Zero();
   middle.head<D>().setConstant(half);
   auto& of_block = field.of_block;
@@ -91,7 +94,7 @@ void NodeDistances<Real, D>::fill(Field& field, const geometry::Collider& collid
         for (std::int64_t b = begin; b < end; ++b) {
           const auto i = static_cast<std::size_t>(b);
           const Vec3 centre = corner<D>(keys[i], cell_) + middle;
-          of_block[i] = collider.signed_distance(centre).value <= bound ? 0 : -1;
+          of_block[i] = signed_distance(collider, axis, centre).value <= bound ? 0 : -1;
         }
       },
       threads);
@@ -113,7 +116,7 @@ void NodeDistances<Real, D>::fill(Field& field, const geometry::Collider& collid
           if (keep && old != old_keys.end() && *old == field.keys[i]) {
             field.patches[i] = old_patches[static_cast<std::size_t>(old - old_keys.begin())];
           } else {
-            sample<Real, D>(collider, field.keys[i], cell_, reach_, field.patches[i].values);
+            sample<Real, D>(collider, axis, field.keys[i], cell_, reach_, field.patches[i].values);
           }
         }
       },

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "substep/geometry/collider.h"
+#include "substep/mpm/surfaces.h"
 #include "substep/transfer/blocks.h"
 
 namespace substep::mpm {
@@ -31,12 +32,14 @@ class NodeDistances {
   void update(const transfer::BlockLayout<D>& layout, bool layout_changed,
               std::span<const geometry::Collider> colliders, int threads);
 
-  // The patch of collider c on a node block, nullptr where none of its nodes takes the condition.
-  const Patch* patch(std::size_t c, std::int32_t node_block) const {
-    const Field& field = fields_[c];
+  // The patch of a surface on a node block, nullptr where none of its nodes takes the condition.
+  const Patch* patch(std::size_t surface, std::int32_t node_block) const {
+    const Field& field = fields_[surface];
     const std::int32_t p = field.of_block[static_cast<std::size_t>(node_block)];
     return p < 0 ? nullptr : &field.patches[static_cast<std::size_t>(p)];
   }
+  // All surfaces, ascending by their colliders.
+  std::span<const Surface> all() const { return surfaces_; }
 
  private:
   static constexpr std::size_t kPose = 7;  // position and orientation: Collider::state() begins so
@@ -47,11 +50,12 @@ class NodeDistances {
     std::vector<std::int32_t> of_block;  // -1: none
   };
   // keep: the patches that there are hold for this pose too.
-  void fill(Field& field, const geometry::Collider& collider, std::span<const std::uint64_t> keys,
-            bool keep, int threads);
+  void fill(Field& field, const geometry::Collider& collider, int axis,
+            std::span<const std::uint64_t> keys, bool keep, int threads);
 
   double cell_, reach_;
-  std::vector<Field> fields_;  // of each collider
+  std::vector<Surface> surfaces_;
+  std::vector<Field> fields_;  // of each surface
 };
 
 }  // namespace substep::mpm

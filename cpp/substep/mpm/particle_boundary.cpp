@@ -5,16 +5,12 @@
 
 #include "substep/core/lanes.h"
 #include "substep/core/parallel.h"
-#include "substep/geometry/conservative_advancement.h"
 
 namespace substep::mpm {
 namespace {
 
-using geometry::Box;
 using geometry::Collider;
 using geometry::Exchange;
-using geometry::Mat3;
-using geometry::Plane;
 using geometry::Sphere;
 using geometry::Vec3;
 
@@ -43,60 +39,54 @@ Vec3 ParticleBoundary<Real, D>::first_node(std::uint64_t key) const {
   return x;
 }
 
-// Whether a collider may be met in the arena, and where in it surely not.
+// Whether a surface may be met in the arena, and where in it surely not.
 //
 // Convex solids: their distance is a convex function, so it is at least that of its tangent.
 // Sampled distances: at least d(middle) - lipschitz |x - middle|. Each less the margin and the way
 // of the collider in this step, since x and the collider both move.
 template <class Real, int D>
-bool ParticleBoundary<Real, D>::comes_near(const Collider& to, const Vec3& first,
+bool ParticleBoundary<Real, D>::comes_near(const Collider& to, int axis, const Vec3& first,
                                            Free& free) const {
   Vec3 middle = first;
   middle.template head<D>().array() += kHalf * cell_;
   const double radius = kHalf * std::sqrt(D) * cell_;
   const double way = surface_speed(to, middle, radius) * dt_;
   const double keep = kMargin * cell_ + way;
-  const auto row = [&](int r, const Vec3& direction, double offset) {  // offset at the first node
-    for (int d = 0; d < D; ++d) free.rows[r][d] = static_cast<Real>(direction[d]);
-    free.rows[r][D] = static_cast<Real>(offset / cell_);
-    double middle_value = offset / cell_, spread = 0;
+  // A linear function by its gradient and its value in the middle, and how far it goes from there.
+  const auto linear = [&](const Vec3& gradient, double value) {
+    double at_first = value / cell_, spread = 0;
     for (int d = 0; d < D; ++d) {
-      middle_value += kHalf * direction[d];
-      spread += kHalf * std::abs(direction[d]);
+      free.row[d] = static_cast<Real>(gradient[d]);
+      at_first -= kHalf * gradient[d];
+      spread += kHalf * std::abs(gradient[d]);
     }
-    return std::pair(middle_value, spread);
+    free.row[D] = static_cast<Real>(at_first);
+    return spread * cell_;
   };
   const auto ball = [&](const Vec3& centre, double size) {
     free.kind = size > 0 ? Free::kBall : Free::kNowhere;
     const Vec3 from = (centre - first) / cell_;
-    for (int d = 0; d < D; ++d) free.rows[0][d] = static_cast<Real>(from[d]);
+    for (int d = 0; d < D; ++d) free.row[d] = static_cast<Real>(from[d]);
     double flat = size / cell_ * (size / cell_);
     if constexpr (D == 2) flat -= from[2] * from[2];
-    free.size[0] = static_cast<Real>(flat);
+    free.size = static_cast<Real>(flat);
     return size <= 0 || !((centre - middle).norm() + radius < size);
   };
-  const auto* box = std::get_if<Box>(&to.shape());
-  const auto* sphere = std::get_if<Sphere>(&to.shape());
-  if (to.hollow() && box != nullptr) {
-    free.kind = Free::kSlabs;
-    bool near = false;
-    for (int r = 0; r < 3; ++r) {
-      const Vec3 axis = to.rotation().col(r);
-      const double size = (box->half_lengths[r] - keep) / cell_;
-      const auto [value, spread] = row(r, axis, axis.dot(first - to.position()));
-      free.size[r] = static_cast<Real>(size);
-      near = near || !(std::abs(value) + spread < size);
-    }
-    return near;
+  if (axis >= 0) {
+    free.kind = Free::kSlab;
+    const Vec3 direction = to.rotation().col(axis);
+    const double value = direction.dot(middle - to.position());
+    const double size = half_length(to, axis) - keep;
+    free.size = static_cast<Real>(size / cell_);
+    return !(std::abs(value) + linear(direction, value) < size);
   }
-  if (to.hollow() && sphere != nullptr) return ball(to.position(), sphere->radius - keep);
+  if (const auto* sphere = std::get_if<Sphere>(&to.shape()); sphere && to.hollow()) {
+    return ball(to.position(), sphere->radius - keep);
+  }
   const auto [distance, gradient] = to.signed_distance(middle);
   if (!to.hollow() && !std::holds_alternative<SampledPointer>(to.shape())) {
     free.kind = Free::kHalfSpace;
-    Vec3 flat = gradient;
-    if constexpr (D == 2) flat[2] = 0;
-    const auto [value, spread] = row(0, flat, distance - keep - flat.dot(middle - first));
-    return !(value - spread > 0);
+    return !(distance - keep - linear(gradient, distance - keep) > 0);
   }
   return ball(middle, (distance - kMargin * cell_) / to.lipschitz() - way);
 }
@@ -138,6 +128,7 @@ void ParticleBoundary<Real, D>::begin_step(const transfer::BlockLayout<D>& layou
 
   const auto blocks = static_cast<std::int64_t>(layout.particle_keys.size());
   constexpr std::int64_t kGrain = 64;
+  const std::vector<Surface> all = surfaces(to_);
   slots_.resize(layout.particle_keys.size());
   std::vector<std::vector<Near>> found(static_cast<std::size_t>((blocks + kGrain - 1) / kGrain));
   parallel_for(
@@ -146,10 +137,11 @@ void ParticleBoundary<Real, D>::begin_step(const transfer::BlockLayout<D>& layou
         for (std::int64_t b = begin; b < end; ++b) {
           Near near;
           near.first = first_node(layout.particle_keys[static_cast<std::size_t>(b)]);
-          for (std::size_t c = 0; c < to_.size(); ++c) {
-            Wall wall;
-            wall.collider = c;
-            if (comes_near(to_[c], near.first, wall.free)) near.walls.push_back(wall);
+          for (const Surface& surface : all) {
+            Wall wall{surface, {}, {}};
+            if (comes_near(to_[surface.collider], surface.axis, near.first, wall.free)) {
+              near.walls.push_back(wall);
+            }
           }
           slots_[static_cast<std::size_t>(b)] = near.walls.empty() ? -1 : 0;
           if (near.walls.empty()) continue;
@@ -165,7 +157,7 @@ void ParticleBoundary<Real, D>::begin_step(const transfer::BlockLayout<D>& layou
       middle.template head<D>().array() += kHalf * cell_;
       for (const Wall& wall : near.walls) {
         collider_speed_ =
-            std::max(collider_speed_, surface_speed(from_[wall.collider], middle, radius));
+            std::max(collider_speed_, surface_speed(from_[wall.surface.collider], middle, radius));
       }
       slots_[static_cast<std::size_t>(near.block)] = static_cast<std::int32_t>(near_.size());
       near_.push_back(std::move(near));
@@ -178,27 +170,24 @@ template <class Real, int D>
 auto ParticleBoundary<Real, D>::outside(const Free& free, const Real* x) -> Mask {
   V at[D];
   for (int d = 0; d < D; ++d) at[d] = load<V>(x + d * kLanes<Real>);
-  const auto value = [&](int r) {
-    V sum = splat<V>(free.rows[r][D]);
-    for (int d = 0; d < D; ++d) sum = fma<V>(free.rows[r][d], at[d], sum);
+  const auto value = [&] {
+    V sum = splat<V>(free.row[D]);
+    for (int d = 0; d < D; ++d) sum = fma<V>(free.row[d], at[d], sum);
     return sum;
   };
   Mask out = at[0] == at[0];
   if (free.kind == Free::kHalfSpace) {
-    out = ~(value(0) >= 0);
-  } else if (free.kind == Free::kSlabs) {
-    out = ~out;
-    for (int r = 0; r < 3; ++r) {
-      const V v = value(r);
-      out |= ~((v <= free.size[r]) & (v >= -free.size[r]));
-    }
+    out = ~(value() >= 0);
+  } else if (free.kind == Free::kSlab) {
+    const V v = value();
+    out = ~((v <= free.size) & (v >= -free.size));
   } else if (free.kind == Free::kBall) {
     V squared{};
     for (int d = 0; d < D; ++d) {
-      const V way = at[d] - free.rows[0][d];
+      const V way = at[d] - free.row[d];
       squared = fma<V>(way, way, squared);
     }
-    out = ~(squared <= free.size[0]);
+    out = ~(squared <= free.size);
   }
   return out;
 }
@@ -251,16 +240,14 @@ bool ParticleBoundary<Real, D>::settle_one(Near& near, const Vec3& before, Vec3&
   for (int round = 0; round < kRounds; ++round) {
     bool changed = false;
     for (Wall& wall : near.walls) {
-      const Collider &from = from_[wall.collider], &to = to_[wall.collider];
+      const auto [c, axis] = wall.surface;
+      const Collider &from = from_[c], &to = to_[c];
       const Vec3 came = to_local(from, before), target = to_local(to, x);
-      const bool inside = !(from.local_distance(came).value > 0);
-      Vec3 p;
+      const bool inside = !(local_distance(from, axis, came).value > 0);
+      Vec3 p = held_off(from, axis, came, target, margin, inside);
       if (inside) {
-        p = geometry::push_out(from, target, margin);
         const double way = (p - target).norm(), most = kPush * cell_;
         if (way > most) p = target + most / way * (p - target);
-      } else {
-        p = geometry::advance_freely(from, came, target, margin);
       }
       Vec3 push = to.rotation() * (p - target);
       if constexpr (D == 2) push[2] = 0;
@@ -268,13 +255,13 @@ bool ParticleBoundary<Real, D>::settle_one(Near& near, const Vec3& before, Vec3&
       x += push;
       changed = true;
       if (inside) continue;
-      Vec3 n = to.rotation() * from.local_distance(p).gradient;
+      Vec3 n = to.rotation() * local_distance(from, axis, p).gradient;
       Vec3 surface = to.surface_velocity(x);
       if constexpr (D == 2) n[2] = surface[2] = 0;
       const double length = n.norm();
       if (length > 0) n /= length;
       if ((v - surface).dot(n) >= 0) continue;
-      const Vec3 after = conditioned(v, surface, n, boundaries_[wall.collider], to.friction);
+      const Vec3 after = conditioned(v, surface, n, boundaries_[c], to.friction);
       wall.part.add(x - to.position(), mass * (v - after));
       v = after;
     }
@@ -289,7 +276,7 @@ Exchange ParticleBoundary<Real, D>::exchange(std::size_t c) const {
   Exchange sum;
   for (const Near& near : near_) {
     for (const Wall& wall : near.walls) {
-      if (wall.collider == c) sum += wall.part;
+      if (wall.surface.collider == c) sum += wall.part;
     }
   }
   return sum;

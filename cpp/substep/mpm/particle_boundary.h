@@ -10,7 +10,7 @@
 //
 // Only particle blocks that a collider comes near to are looked at (near()), and there only the
 // particles that are not surely free: on the free side of the tangent plane of a convex solid,
-// between the walls of a tank, within a ball that keeps clear.
+// between two walls of a tank, within a ball that keeps clear.
 #pragma once
 
 #include <cstdint>
@@ -22,6 +22,7 @@
 #include "substep/geometry/collider.h"
 #include "substep/mpm/boundary.h"
 #include "substep/mpm/particles.h"
+#include "substep/mpm/surfaces.h"
 #include "substep/transfer/blocks.h"
 
 namespace substep::mpm {
@@ -64,16 +65,15 @@ class ParticleBoundary {
  private:
   static constexpr double kHalf = 3.5;  // cells from the middle of an arena to its last nodes
 
-  // Space where a collider surely is not, in cells from the first node of an arena.
+  // Space where a surface surely is not, in cells from the first node of an arena.
   struct Free {
-    enum Kind { kNowhere, kHalfSpace, kSlabs, kBall } kind = kNowhere;
-    // kHalfSpace: row 0.(x, 1) >= 0; kSlabs: |row.(x, 1)| <= size for all three; kBall:
-    // |x - row 0|^2 <= size 0.
-    Real rows[3][4] = {};
-    Real size[3] = {};
+    enum Kind { kNowhere, kHalfSpace, kSlab, kBall } kind = kNowhere;
+    // kHalfSpace: row.(x, 1) >= 0; kSlab: |row.(x, 1)| <= size; kBall: |x - row|^2 <= size.
+    Real row[4] = {};
+    Real size = 0;
   };
   struct Wall {
-    std::size_t collider = 0;
+    Surface surface;
     Free free;
     geometry::Exchange part;
   };
@@ -89,7 +89,8 @@ class ParticleBoundary {
   using SampledPointer = std::shared_ptr<const geometry::SampledDistance>;
 
   geometry::Vec3 first_node(std::uint64_t key) const;
-  bool comes_near(const geometry::Collider& to, const geometry::Vec3& first, Free& free) const;
+  bool comes_near(const geometry::Collider& to, int axis, const geometry::Vec3& first,
+                  Free& free) const;
   double surface_speed(const geometry::Collider& collider, const geometry::Vec3& centre,
                        double radius) const;
   static Mask outside(const Free& free, const Real* x);
