@@ -1,7 +1,7 @@
 // Fixed-corotated elasticity: psi = mu |F - R|^2 + lambda/2 (J - 1)^2 = mu sum (sigma_i - 1)^2 +
 // lambda/2 (J - 1)^2, so tau = 2 mu (F - R) F^T + lambda (J - 1) J I, whose principal values are
 // 2 mu (sigma_i - 1) sigma_i + lambda (J - 1) J. Stomakhin, Howes, Schroeder, Teran, "Energetically
-// consistent invertible elasticity", 2012, section 3.4.
+// consistent invertible elasticity", 2012.
 //
 // No singular value decomposition: the axes of tau are those of b = F F^T, |sigma_i| the roots of
 // its eigenvalues. Where det F < 0 the smallest takes the sign, as in Irving, Teran, Fedkiw,

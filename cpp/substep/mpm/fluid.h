@@ -1,7 +1,7 @@
 // Weakly compressible Newtonian fluid. Its shape is forgotten, so J = rho_0 / rho stands for F:
 //   J <- (1 + dt tr G) J,  p = K/gamma (J^-gamma - 1),  tau = -J p I + 2 eta J dev sym G.
 // Equation of state: Tait's in the form of Cole, "Underwater explosions", 1948 (gamma = 7 for
-// water; Monaghan, "Simulating free surface flows with SPH", 1994, eq. 4.1); gamma = 1 is p = c^2
+// water; Monaghan, "Simulating free surface flows with SPH", 1994); gamma = 1 is p = c^2
 // (rho - rho_0), with K = rho_0 c^2. Without tension, p >= 0: J still grows where fluid separates,
 // and pressure comes back when the gap has closed. J <= 0: no answer.
 //

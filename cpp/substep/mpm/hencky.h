@@ -1,8 +1,8 @@
 // What plastic materials of Hencky elasticity share: psi = mu tr(eps^2) + lambda/2 (tr eps)^2 of
 // the logarithmic strain, eps_i = ln sigma_i in principal axes, so tau_i = 2 mu eps_i + lambda tr
-// eps: Klar et al., "Drucker-Prager elastoplasticity for sand animation", 2016, eqs. 25, 26. A
-// return map along the deviator scales eps, so F_E only changes along its axes: F_E <- U exp(eps -
-// eps_tr) U^T F_E.
+// eps (Hencky, 1928; as in Klar et al., "Drucker-Prager elastoplasticity for sand animation",
+// 2016). A return map scales the deviator of eps, so F_E only changes along its axes: F_E <- U
+// exp(eps - eps_tr) U^T F_E.
 #pragma once
 
 #include "substep/core/exp.h"

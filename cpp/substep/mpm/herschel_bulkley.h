@@ -3,10 +3,10 @@
 //   s <= tau_y: no flow;   s > tau_y: s = tau_y + K g^n,
 // Herschel and Bulkley, 1926 (n = 1: Bingham), in three dimensions as in Oldroyd, 1947. As in Yue,
 // Smith, Batty, Zheng, Grinspun, "Continuum foam: a material point method for shear-dependent
-// flows", 2015, section 4, flow relaxes the elastic strain; there the strain is b, so that the
-// shear modulus depends on its trace; here it is ln sigma, whose deviator simply shrinks:
-//   s = s_tr - mu dt g.                                     (dev tau = 2 mu dev eps, implicit
-//   Euler)
+// flows", 2015, flow relaxes the elastic strain; there the strain is b, so that the shear modulus
+// depends on its trace; here it is ln sigma, whose deviator simply shrinks (dev tau = 2 mu dev eps,
+// implicit Euler):
+//   s = s_tr - mu dt g.
 // So steady simple shear has g = the shear rate and s = tau_y + K g^n, whatever dt is, up to
 // (s / mu)^2. Volume is elastic.
 //

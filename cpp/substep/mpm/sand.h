@@ -1,18 +1,20 @@
 // Dry sand: Hencky elasticity with the yield surface of Drucker and Prager and plastic flow along
 // the deviator (no dilatancy). Klar, Gast, Pradhana, Fu, Schroeder, Jiang, Teran, "Drucker-Prager
-// elastoplasticity for sand animation", 2016. With eps = strain, e = dev eps, t = tr eps:
-//   |e| + alpha (3 lambda + 2 mu) / (2 mu) t <= 0                                       (eq. 27)
-// that is |dev tau| <= 3 alpha p, and the return map (section 7 of its supplement)
-//   t >= 0 or e = 0:        no stress, eps = 0 (tensile apex);
+// elastoplasticity for sand animation", 2016, and its technical document. With eps = strain, e =
+// dev eps, t = tr eps:
+//   |e| + alpha (3 lambda + 2 mu) / (2 mu) t <= 0, that is |dev tau| <= 3 alpha p,
+// and the return map
+//   t >= 0:                 no stress, eps = 0 (tensile apex);
 //   |e| above the surface:  |e| goes to the surface, t stays.
 //
 // Volume correction, Tampubolon et al., "Multi-species simulation of porous sand and water
-// mixtures", 2017, section 4.3.4: what the apex takes off t is kept as v_c, log of the volume
-// gained, and added to the next trial strain (v_c / 3 each), so that grains that come together
-// again do not resist before the gap has closed.
+// mixtures", 2017: what the apex takes off t is kept as v_c, log of the volume gained, and added to
+// the next trial strain (v_c / 3 each), so that grains that come together again do not resist
+// before the gap has closed.
 //
-// Hardening of the friction angle, Klar et al., section 7.3: with q, the plastic strain so far,
+// Hardening of the friction angle (Klar et al., "Hardening"): with q, the plastic strain so far,
 //   phi = phi_0 + (h_1 q - h_3) exp(-h_2 q); h_1 = h_3 = 0 is without. (h_0 = phi_0.)
+// phi is kept between 0 and pi/2.
 #pragma once
 
 #include <cmath>
@@ -23,7 +25,7 @@
 namespace substep::mpm {
 
 // alpha of a friction angle [rad]: the cone that touches Mohr and Coulomb's pyramid in triaxial
-// compression (its outer edges; Klar et al., eq. 29), or meets it in plane strain at constant
+// compression (its outer edges, as Klar et al. do), or meets it in plane strain at constant
 // volume, where |dev tau| = sqrt(2) p sin phi.
 enum class FrictionMatch { kCompression, kPlaneStrain };
 

@@ -1,7 +1,7 @@
 // Snow: fixed-corotated elasticity of F_E, which hardens with plastic compression; the singular
 // values of F_E stay between 1 - theta_c and 1 + theta_s. Stomakhin, Schroeder, Chai, Teran,
 // Selle, "A material point method for snow simulation", 2013, section 5:
-//   psi = h (mu |F_E - R_E|^2 + lambda/2 (J_E - 1)^2), h = exp(xi (1 - J_P))       (eqs. 1 to 3)
+//   psi = h (mu |F_E - R_E|^2 + lambda/2 (J_E - 1)^2), h = exp(xi (1 - J_P))       (eqs. 1, 2)
 //   F = F_E F_P, J_P = det F_P: what the clamp takes off F_E goes to F_P           (section 7)
 // Of F_P only its determinant matters. Singular values of F_E are the roots of the eigenvalues of
 // b = F_E F_E^T, the smallest one with the sign of det F_E, as in fixed_corotated.h.

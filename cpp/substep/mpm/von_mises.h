@@ -1,7 +1,7 @@
 // Metal-like and clay-like plasticity: Hencky elasticity with the yield surface of von Mises,
 //   |dev tau| <= sqrt(2/3) (sigma_y + H a),
 // a the equivalent plastic strain, and radial return (Simo and Hughes, "Computational
-// Inelasticity", 1998, box 3.1 with K' = H, H' = 0, in logarithmic strains as in chapter 9):
+// Inelasticity", 1998, section 3.3, with K' = H, H' = 0, in logarithmic strains):
 //   dg = (|dev tau_tr| - sqrt(2/3) (sigma_y + H a)) / (2 mu + 2/3 H),  a += sqrt(2/3) dg.
 // sigma_y is what a tension test shows; pure shear yields at sigma_y / sqrt(3). Volume is elastic.
 #pragma once
