@@ -47,11 +47,13 @@ struct HenckyStrain {
     return sqrt<V>(fma<V>(e[0], e[0], fma<V>(e[1], e[1], e[2] * e[2])));
   }
 
-  // F of the strain eps + change.
+  // F of the strain eps + change. What is added is small, so the rounding of the axes is too.
   SUBSTEP_INLINE Tensor<V, D> moved(const Tensor<V, D>& F, const V (&change)[3]) const {
-    V ratio[3];
-    for (int i = 0; i < 3; ++i) ratio[i] = exp<V>(change[i]);
-    return in_axes(axes, ratio) * F;
+    V relative[3];
+    for (int i = 0; i < 3; ++i) relative[i] = exp<V>(change[i]) - 1;
+    Tensor<V, D> sum = in_axes(axes, relative) * F;
+    for (int i = 0; i < F.kEntries; ++i) sum.m[i] += F.m[i];
+    return sum;
   }
 
   SUBSTEP_INLINE SymmetricTensor<V, D> stress(const V (&strain)[3], Lane<V> mu,

@@ -87,8 +87,8 @@ struct HerschelBulkley {
     const V viscous = T(std::log(consistency)) - ln_A, relaxed = T(std::log(elastic)) - ln_A;
     V u = smaller<V>(-viscous * T(1 / flow_index), -relaxed);
     V share{};
-    constexpr int kSteps = sizeof(T) == 8 ? 8 : 6;
-    for (int step = 0; step <= kSteps; ++step) {
+    constexpr int kSteps = sizeof(T) == 8 ? 6 : 5;  // to rounding, for n from 0.1 to 2
+    for (int step = 0; step < kSteps; ++step) {
       const V a = exp<V>(fma(n, u, viscous)), b = exp<V>(u + relaxed), sum = a + b;
       share = a / sum;
       u -= log<V>(sum) / fma(n - 1, share, splat<V>(1));  // f' = n share + (1 - share)

@@ -49,7 +49,7 @@ struct Snow {
     }
     principal_axes(b, axes);
     for (int k = 0; k < kPackets; ++k) {
-      V inverse[3], sigma[3], ratio[3], t[3];
+      V inverse[3], sigma[3], change[3], t[3];
       signed_stretches(axes[k].d, determinant(F[k]), sigma, inverse);
       const V J_trial = sigma[0] * sigma[1] * sigma[2];
       const auto yields = (smaller<V>(smaller<V>(sigma[0], sigma[1]), sigma[2]) < low) |
@@ -60,12 +60,12 @@ struct Snow {
           // NaN stays: comparisons with it are false.
           V clamped = sigma[i] < low ? low : sigma[i];
           clamped = clamped > high ? high : clamped;
-          ratio[i] = clamped * inverse[i];
+          change[i] = (clamped - sigma[i]) * inverse[i];
           sigma[i] = clamped;
         }
-        const auto to_surface = in_axes(axes[k], ratio) * F[k];
+        const auto change_of_F = in_axes(axes[k], change) * F[k];
         for (int i = 0; i < Tensor<V, D>::kEntries; ++i) {
-          fields[k][i] = yields ? to_surface.m[i] : F[k].m[i];
+          fields[k][i] = yields ? F[k].m[i] + change_of_F.m[i] : F[k].m[i];
         }
         V product = J_P * (J_trial / (sigma[0] * sigma[1] * sigma[2]));
         product = product < Lane<V>(1e-6) ? splat<V>(Lane<V>(1e-6)) : product;
