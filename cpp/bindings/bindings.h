@@ -32,6 +32,7 @@ void bind_core(py::module_& m);
 void bind_fields(py::module_& m);
 void bind_geometry(py::module_& m);
 void bind_linalg(py::module_& m);
+void bind_mpm(py::module_& m);
 void bind_neighbours(py::module_& m);
 void bind_ode(py::module_& m);
 void bind_pbf(py::module_& m);

@@ -10,4 +10,14 @@ void set_interrupt_hook(InterruptHook hook);
 // Cheap enough for every step (a clock read); runs the hook at most every 20 ms.
 void poll_interrupt();
 
+// While one lives, polls of its thread do nothing: for what must not end half-way, as a pass that
+// changes particles in place. Keep it short.
+class DeferInterrupts {
+ public:
+  DeferInterrupts();
+  DeferInterrupts(const DeferInterrupts&) = delete;
+  DeferInterrupts& operator=(const DeferInterrupts&) = delete;
+  ~DeferInterrupts();
+};
+
 }  // namespace substep

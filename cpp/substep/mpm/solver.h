@@ -9,94 +9,34 @@
 // or writes particles does so in ascending order of their ids; the order of storage is private.
 #pragma once
 
-#include <array>
 #include <cstdint>
-#include <memory>
-#include <optional>
 #include <span>
+#include <string>
 #include <vector>
 
-#include "substep/geometry/collider.h"
-#include "substep/mpm/boundary.h"
-#include "substep/mpm/materials.h"
-#include "substep/mpm/particles.h"
+#include "substep/mpm/grid_update.h"
+#include "substep/mpm/measures.h"
+#include "substep/mpm/options.h"
+#include "substep/mpm/transfers.h"
 
 namespace substep::mpm {
 
-using geometry::Vec3;
+struct Scheme;
 
-enum class Transfer { kPic, kFlip, kApic };
-enum class Form { kMls, kTextbook };  // gradients: C of the affine fit, or those of the spline
-enum class Integrator { kExplicit, kImplicit };
-enum class OnLargeStep { kRaise, kSubdivide };
-enum class OnEscape { kRaise, kRemove, kClamp };
-
-struct Options {
-  double cell = 1;  // dx [m]
-  int order = 2;    // of the B-spline: 1, 2, 3
-  Transfer transfer = Transfer::kApic;
-  Form form = Form::kMls;
-  Integrator integrator = Integrator::kExplicit;
-  double flip_rate = 0;  // share of PIC per unit time: alpha = exp(-flip_rate dt) [1/s]
-  Vec3 gravity{0, 0, -9.81};
-  double cfl = 0.5;       // of the elastic wave and of particle speed
-  double largest = 1e-2;  // step where nothing limits it [s]
-  double step = 0;        // of advance [s]; 0: the largest that the limits allow
-  OnLargeStep on_large_step = OnLargeStep::kRaise;
-  std::vector<AnyMaterial> materials;
-  std::vector<Boundary> boundaries;           // one per collider
-  std::optional<std::array<Vec3, 2>> bounds;  // lowest and highest corner, world [m]
-  OnEscape on_escape = OnEscape::kRaise;
-  int threads = 0;
-};
-
-// The largest step that the conditions allow [s], and which of them it is.
-struct StepLimit {
-  double dt = 0;
-  const char* reason = "";  // "elastic wave", "viscosity", "particle speed", "nothing moves"
-};
-
-// Of the last call of step or advance.
-struct Report {
-  std::int64_t steps = 0, sorts = 0;
-  std::int64_t subdivided = 0;  // steps that were shorter than asked for, or taken again
-  double dt = 0;                // of the last step [s]
-  const char* limit = "";       // what limited it: a reason of StepLimit, "given" or "end"
-  std::int64_t removed = 0, clamped = 0;  // particles that left the bounds
-};
-
-// Sums over all particles. In 2D of a layer of 1 m.
-struct Diagnostics {
-  double mass = 0;                                 // [kg]
-  double kinetic = 0, potential = 0, elastic = 0;  // [J]
-  Vec3 momentum = Vec3::Zero();                    // [N s]
-  Vec3 angular_momentum = Vec3::Zero();            // about 0, affine part included [N m s]
-  double supplied = 0;  // energy that particles brought in and that forces and obstacles did [J]
-  double dissipated() const { return supplied - kinetic - potential - elastic; }
-};
-
-// Particles in the order of storage, of all materials one after the other: what a checkpoint holds.
-// The numbers of a particle: x (D, in cells from its arena's first node), V_0, the material's
-// fields, v (D), C (D x D); rows of materials with fewer fields are shorter.
-template <class Real>
-struct StoredParticles {
-  std::vector<std::int64_t> counts;  // of each material
-  std::vector<std::int32_t> ids;     // (n)
-  std::vector<std::int32_t> blocks;  // (n, D)
-  std::vector<Real> values;          // rows one after the other
-};
+// What a state holds besides particles.
 struct Clock {
-  double time = 0, supplied = 0;
-  double drift = 0;  // how far particles may have moved since they were sorted [cells]
+  double time = 0;      // [s]
+  double supplied = 0;  // energy that particles brought in and that forces and obstacles did [J]
+  double drift = 0;     // how far particles may have moved since they were sorted [cells]
   std::int64_t next_id = 0;
+  bool trial = true;  // the return map of the last step is still to come
+  double before = 0;  // dt of that step [s]
 };
 
 template <class Real, int D>
 class Solver {
  public:
   Solver(Options options, std::vector<geometry::Collider> colliders);
-  Solver(Solver&&) noexcept;
-  ~Solver();
 
   // Particles at x [m] with v [m/s], of these materials and volumes at rest [m^3; in 2D m^2], in
   // their materials' state of rest; returns the first id. InputError: too far away for blocks to
@@ -117,7 +57,8 @@ class Solver {
   // The numbers of the particles of one material, (m, kFields<D>): F (3D: row by row; 2D: xx xy yx
   // yy zz) where there is an F, then its own.
   std::vector<double> material_fields(int material) const;
-  // Cauchy stress times J: Kirchhoff stress tau of the admissible state, (n, 6): xx yy zz xy xz yz.
+  int field_count(int material) const;
+  // Kirchhoff stress tau of the admissible state [Pa], (n, 6): xx yy zz xy xz yz.
   std::vector<double> stresses() const;
   std::vector<double> elastic_energies() const;  // (n) [J]
 
@@ -127,7 +68,6 @@ class Solver {
   // Of particles of one material, counted among them.
   void set_material_fields(int material, std::span<const double> fields,
                            std::span<const std::int64_t> places);
-  void set_volumes(std::span<const double> volumes, std::span<const std::int64_t> places);
   // External forces [N] of the next step, which uses them up.
   void set_forces(std::span<const Vec3> forces, std::span<const std::int64_t> places);
 
@@ -140,24 +80,97 @@ class Solver {
   StepLimit step_limit() const;
 
   Diagnostics diagnostics() const;
-  const Report& report() const;
-  const Options& options() const;
-  std::vector<geometry::Collider>& colliders();  // to be set and read between steps
-  void set_threads(int threads);
+  const Report& report() const { return report_; }
+  const Options& options() const { return options_; }
+  std::vector<geometry::Collider>& colliders() { return grid_.colliders; }  // between steps
+  int threads() const { return options_.threads; }
+  void set_threads(int threads) { options_.threads = threads; }
 
-  Clock clock;  // time may be set between steps
-  StoredParticles<Real> stored() const;
+  double time() const { return clock_.time; }
+  void set_time(double time) { clock_.time = time; }
+  // The state: a clock, and the particles of each material in the order of storage.
+  Clock clock() const;
+  std::vector<ParticleRows<Real, D>> rows() const;
+  const std::vector<Vec3>& forces() const { return forces_; }  // in the order of ids, or none
   // InputError if that is no such state; nothing has changed then.
-  void restore(const Clock& at, const StoredParticles<Real>& particles);
+  void restore(const Clock& at, const std::vector<ParticleRows<Real, D>>& rows,
+               const std::vector<Vec3>& forces);
 
  private:
-  struct Parts;
-  std::unique_ptr<Parts> parts_;
-};
+  // A step that is to be taken.
+  struct NextStep {
+    double dt = 0, end = 0;  // [s], time after it
+    double reach = 0;        // no particle moves further along an axis [cells]
+    const char* limit = "";  // what limited it
+    std::string refused;     // why it must not be taken
+  };
 
-extern template class Solver<float, 2>;
-extern template class Solver<float, 3>;
-extern template class Solver<double, 2>;
-extern template class Solver<double, 3>;
+  // Steps.
+  void run(double end, double given);
+  void steps_until_rest(double end, double given);
+  NextStep choose(double now, double end, double given, const StepLimit& limit);
+  StepLimit limit(double speed, double wave) const;  // [m/s], c^2 [m^2/s^2]
+  StepLimit limit_now(double speed);
+  NodeCheck begin_step(double dt);
+  void end_step(double dt);
+  // Whether steps are those of transfers.h, fused; else those of general.h.
+  bool fast() const {
+    return options_.order == 2 && options_.transfer == Transfer::kApic &&
+           options_.form == Form::kMls && options_.integrator == Integrator::kExplicit;
+  }
+  Scheme scheme() const;
+  void sort_resting();
+  void shrink(NextStep& step, const NodeCheck& check, double given);
+  void make_room(const NextStep& step);
+  void rest(const NextStep& step);
+  void commit(const NextStep& step);
+  void return_to_good_step();
+  bool passes(const NodeCheck& check) const;
+  // How far particles may be from where they were sorted [cells].
+  double room() const { return drift_limit(options_.order) - ParticleBoundary<Real, D>::kPush; }
+  NodeCheck update(double dt);
+  double push(double dt);
+  std::int32_t culprit(std::int64_t node) const;
+  [[noreturn]] void raise(const std::string& message, std::int32_t id) const;
+
+  // Particles.
+  void layout_changed();
+  bool escapes(const Vec3& x) const;
+  std::int32_t first_escaped() const;
+  void hold_escaped();
+  std::vector<std::int32_t> places_of_ids() const;
+  template <class Row>
+  std::vector<double> column(std::size_t width, const Row& row) const;
+  template <class Write>
+  void write(std::span<const std::int64_t> places, const Write& write);
+  void check_rows(const Clock& at, const std::vector<ParticleRows<Real, D>>& rows) const;
+  void sort_again(std::vector<ParticleRows<Real, D>>& rows);
+  Diagnostics sums() const;
+
+  Clock clock_;
+  Options options_;
+  Particles<Real, D> particles_;
+  GridUpdate<Real, D> grid_;
+  Report report_;
+  std::vector<Vec3> forces_;  // [N], in the order of ids; empty: none
+  double work_ = 0;           // of the forces, in the step to come [J]
+  std::array<Vec3, 2> bounds_;
+  bool near_bounds_ = false;  // whether a particle may leave them in the next step
+
+  // Scratch of a run of steps. `before_` is general.h's. `base_` holds the velocities of the first step since the particles
+  // were at rest or sorted, `good_` the steps since then: from these the state after them can be
+  // reached again.
+  Nodes<Real, D> nodes_, next_, base_, before_;
+  struct Begin {
+    GridUpdate<Real, D> grid;
+    Clock clock;
+    Report report;
+  };
+  std::vector<Begin> begin_;  // of the first of `good_`; one or none
+  std::vector<NextStep> good_;
+  double wave_ = 0;            // c^2 of the elastic wave [m^2/s^2]
+  std::int64_t wave_age_ = 0;  // steps since it was measured
+  int shrinks_ = 0;            // of the step that is being tried
+};
 
 }  // namespace substep::mpm

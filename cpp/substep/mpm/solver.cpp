@@ -1,0 +1,443 @@
+// Steps in time; solver_particles.cpp has what reads and writes particles.
+#include "substep/mpm/solver.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <exception>
+#include <limits>
+
+#include "substep/core/errors.h"
+#include "substep/core/interrupt.h"
+#include "substep/mpm/general.h"
+#include "substep/mpm/particle_loop.h"
+#include "substep/transfer/weights.h"
+
+namespace substep::mpm {
+namespace {
+
+constexpr int kShrinks = 20;             // times that a step is halved
+constexpr std::int64_t kWaveSteps = 16;  // between two looks at the speed of elastic waves
+constexpr double kSame = 1e-9;           // relative: steps that differ by less are the same
+
+std::string text(const char* format, double a, double b = 0) {
+  char buffer[160];
+  std::snprintf(buffer, sizeof buffer, format, a, b);
+  return buffer;
+}
+
+}  // namespace
+
+template <class Real, int D>
+void Solver<Real, D>::step(double dt) {
+  const double end = clock_.time + dt;
+  if (!(end > clock_.time) || !std::isfinite(end)) {
+    throw InputError("dt: expected a step above the spacing of the time, " + text("%g s", dt));
+  }
+  if (options_.on_large_step == OnLargeStep::kRaise) return run(end, dt);
+  // Several steps that must all be taken or none.
+  const auto particles = particles_;
+  const Begin begin{grid_, clock_, report_};
+  try {
+    run(end, dt);
+  } catch (...) {
+    particles_ = particles;
+    grid_ = begin.grid;
+    clock_ = begin.clock;
+    report_ = begin.report;
+    layout_changed();
+    throw;
+  }
+}
+
+template <class Real, int D>
+void Solver<Real, D>::advance(double duration) {
+  run(clock_.time + duration, options_.step);
+}
+
+template <class Real, int D>
+void Solver<Real, D>::run(double end, double given) {
+  const std::vector<geometry::Collider> colliders = grid_.colliders;
+  const Report before = report_;
+  report_ = {};
+  grid_.clear_exchange();
+  wave_age_ = kWaveSteps;
+  try {
+    while (clock_.time < end) steps_until_rest(end, given);
+  } catch (...) {
+    if (report_.steps == 0) {
+      grid_.colliders = colliders;
+      report_ = before;
+    }
+    throw;
+  }
+}
+
+// p2g; grid; then g2p fused with the next p2g, grid; ...; g2p. What fails leaves the state after
+// the last good step.
+template <class Real, int D>
+void Solver<Real, D>::steps_until_rest(double end, double given) {
+  poll_interrupt();
+  NextStep step =
+      choose(clock_.time, end, given, limit_now(largest_speed(particles_, options_.threads)));
+  if (!step.refused.empty()) raise(step.refused, -1);
+  NodeCheck check = begin_step(step.dt);
+  for (shrinks_ = 0; !passes(check); check = begin_step(step.dt)) shrink(step, check, given);
+  if (!fast() && clock_.drift + check.reach > room()) {
+    sort_resting();
+    check = begin_step(step.dt);
+  }
+  good_.clear();
+  begin_.clear();
+  for (;;) {
+    step.reach = check.reach;
+    make_room(step);
+    std::exception_ptr stop;
+    try {
+      poll_interrupt();
+    } catch (...) {
+      stop = std::current_exception();
+    }
+    NextStep after;
+    const bool last = stop || near_bounds_ || !fast() || !(step.end < end);
+    if (!last) after = choose(step.end, end, given, limit_now(check.speed));
+    if (last || !after.refused.empty()) {
+      rest(step);
+      if (stop) std::rethrow_exception(stop);
+      return;
+    }
+    if (begin_.empty()) begin_.push_back({grid_, clock_, report_});
+    good_.push_back(step);
+    {
+      const DeferInterrupts whole;
+      g2p2g(particles_, step.dt, after.dt, nodes_, next_, options_.threads);
+      commit(step);
+    }
+    if (good_.size() == 1) base_.values.swap(nodes_.values);
+    nodes_.values.swap(next_.values);
+    check = update(after.dt);
+    if (!passes(check)) return return_to_good_step();  // and tried again from there
+    step = after;
+  }
+}
+
+template <class Real, int D>
+StepLimit Solver<Real, D>::step_limit() const {
+  return limit(largest_speed(particles_, options_.threads),
+               wave_speed_squared(particles_, options_.threads));
+}
+
+// The limits of a step from a state whose wave speed is looked at now and then.
+template <class Real, int D>
+StepLimit Solver<Real, D>::limit_now(double speed) {
+  if (wave_age_ >= kWaveSteps && options_.integrator == Integrator::kExplicit) {
+    wave_ = wave_speed_squared(particles_, options_.threads);
+    wave_age_ = 0;
+  }
+  return limit(speed, wave_);
+}
+
+template <class Real, int D>
+StepLimit Solver<Real, D>::limit(double speed, double wave) const {
+  const double dx = options_.cell, cfl = options_.cfl;
+  StepLimit limit{options_.largest, "nothing moves"};
+  const auto lower = [&](double dt, const char* reason) {
+    if (dt < limit.dt) limit = {dt, reason};
+  };
+  if (options_.integrator == Integrator::kExplicit) {
+    if (wave > 0) lower(cfl * dx / std::sqrt(wave), "elastic wave");
+    for (std::size_t m = 0; m < options_.materials.size(); ++m) {
+      if (particles_.groups[m].count == 0) continue;
+      const double nu =
+          std::visit([](const auto& a) { return a.kinematic_viscosity(); }, options_.materials[m]);
+      if (nu > 0) lower(cfl * dx * dx / (2 * D * nu), "viscosity");
+    }
+  }
+  if (speed > 0) lower(cfl * dx / speed, "particle speed");
+  return limit;
+}
+
+// The last two steps before the end are equal: a very short one would be a waste.
+template <class Real, int D>
+typename Solver<Real, D>::NextStep Solver<Real, D>::choose(double now, double end, double given,
+                                                           const StepLimit& limit) {
+  double h = given > 0 ? given : limit.dt;
+  NextStep step;
+  step.limit = given > 0 ? "given" : limit.reason;
+  if (given > limit.dt * (1 + kSame)) {
+    if (options_.on_large_step == OnLargeStep::kRaise) {
+      step.refused =
+          text("a step of %.4g s is too large: %.4g s is the limit of the ", given, limit.dt) +
+          limit.reason + " (on_large_step=\"subdivide\" would take shorter ones)";
+    }
+    h = limit.dt;
+    step.limit = limit.reason;
+    ++report_.subdivided;
+  }
+  const double left = end - now;
+  if (left <= h * (1 + kSame)) {
+    if (left < h * (1 - kSame)) step.limit = "end";
+    step.dt = left < h * (1 - kSame) ? left : h;
+    step.end = end;
+    return step;
+  }
+  step.dt = left < 2 * h * (1 - kSame) ? left / 2 : h;
+  step.end = now + step.dt;
+  if (!(step.end > now) && step.refused.empty()) {
+    step.refused = text(
+        "the step, %.3g s, is below the spacing of the time %.6g s: speeds or "
+        "stiffness have grown without bound",
+        step.dt, now);
+  }
+  return step;
+}
+
+// From rest. Particles do not change.
+template <class Real, int D>
+NodeCheck Solver<Real, D>::begin_step(double dt) {
+  if (fast()) {
+    p2g(particles_, dt, nodes_, options_.threads);
+  } else {
+    p2g(scheme(), particles_, dt, nodes_, before_, options_.threads);
+  }
+  work_ = forces_.empty() ? 0 : push(dt);
+  return update(dt);
+}
+
+template <class Real, int D>
+NodeCheck Solver<Real, D>::update(double dt) {
+  ++wave_age_;
+  return grid_.update({nodes_.values.data(), nodes_.values.size()}, options_.gravity, dt,
+                      room() * options_.cell / dt, options_.threads);
+}
+
+template <class Real, int D>
+Scheme Solver<Real, D>::scheme() const {
+  return {options_.order, options_.transfer, options_.form, options_.flip_rate};
+}
+
+template <class Real, int D>
+bool Solver<Real, D>::passes(const NodeCheck& check) const {
+  return check.good() && check.reach <= room();
+}
+
+// A shorter step in place of one in which particles would move too far.
+template <class Real, int D>
+void Solver<Real, D>::shrink(NextStep& step, const NodeCheck& check, double given) {
+  double speed = check.speed;
+  if (!check.good()) {
+    const Real* v = nodes_.values.data() + check.bad_node * transfer::kNodeReals;
+    for (int d = 0; d < D; ++d) speed = std::max(speed, std::abs(static_cast<double>(v[d])));
+    for (int d = 0; d < D; ++d) {
+      if (std::isfinite(v[d])) continue;
+      const std::int32_t id = culprit(check.bad_node);
+      throw NonFiniteError(
+          "the velocity of particle " + std::to_string(id) +
+              " is not finite after the next step: its deformation is inverted or too large; "
+              "start again with shorter steps (cfl=, step=)",
+          clock_.time, id, report_.steps + 1);
+    }
+  }
+  const std::int32_t id = check.good() ? -1 : culprit(check.bad_node);
+  const std::string moves = text("at %.3g m/s material would move by %.3g cells in the next step",
+                                 speed, speed * step.dt / options_.cell);
+  if (given > 0 && options_.on_large_step == OnLargeStep::kRaise) {
+    raise(moves + "; take a shorter one, or on_large_step=\"subdivide\"", id);
+  }
+  if (++shrinks_ > kShrinks || !(clock_.time + step.dt / 2 > clock_.time)) {
+    raise(moves + ", however short it is: speeds grow without bound", id);
+  }
+  step.dt /= 2;
+  step.end = clock_.time + step.dt;
+  step.limit = "particle speed";
+  ++report_.subdivided;
+}
+
+template <class Real, int D>
+void Solver<Real, D>::end_step(double dt) {
+  if (fast()) {
+    g2p(particles_, dt, nodes_, options_.threads);
+  } else {
+    g2p(scheme(), particles_, dt, nodes_, before_, options_.threads);
+  }
+}
+
+template <class Real, int D>
+void Solver<Real, D>::sort_resting() {
+  const DeferInterrupts whole;
+  sort_at_rest(particles_, options_.threads);
+  clock_.drift = 0;
+  ++report_.sorts;
+  layout_changed();
+}
+
+// Sorts where particles could leave the arenas of their blocks.
+template <class Real, int D>
+void Solver<Real, D>::make_room(const NextStep& step) {
+  if (!fast() || clock_.drift + step.reach <= room()) return;
+  const DeferInterrupts whole;
+  sort(particles_, nodes_, options_.threads);
+  clock_.drift = 0;
+  ++report_.sorts;
+  good_.clear();
+  begin_.clear();
+  layout_changed();
+}
+
+template <class Real, int D>
+void Solver<Real, D>::rest(const NextStep& step) {
+  const DeferInterrupts whole;
+  if (!near_bounds_) {
+    end_step(step.dt);
+    return commit(step);
+  }
+  const auto before = particles_;
+  end_step(step.dt);
+  const std::int32_t escaped = first_escaped();
+  if (escaped >= 0 && options_.on_escape == OnEscape::kRaise) {
+    particles_ = before;
+    raise("particle " + std::to_string(escaped) +
+              " leaves the bounds (on_escape=\"remove\" or \"clamp\" would go on)",
+          escaped);
+  }
+  commit(step);
+  if (escaped >= 0) hold_escaped();
+}
+
+// What a step that was taken leaves behind, particles aside.
+template <class Real, int D>
+void Solver<Real, D>::commit(const NextStep& step) {
+  std::vector<geometry::Exchange> given;
+  for (const auto& collider : grid_.colliders) given.push_back(collider.exchange());
+  const std::vector<geometry::Collider> moving = grid_.colliders;
+  clock_.drift += step.reach + grid_.finish();
+  for (std::size_t c = 0; c < moving.size(); ++c) {
+    const geometry::Exchange& now = grid_.colliders[c].exchange();
+    clock_.supplied -= (now.impulse - given[c].impulse).dot(moving[c].velocity) +
+                       (now.torque - given[c].torque).dot(moving[c].angular_velocity);
+  }
+  clock_.supplied += work_;
+  work_ = 0;
+  forces_.clear();
+  clock_.time = step.end;
+  ++report_.steps;
+  report_.dt = step.dt;
+  report_.limit = step.limit;
+}
+
+// The step after the last of `good_` has failed.
+template <class Real, int D>
+void Solver<Real, D>::return_to_good_step() {
+  const DeferInterrupts whole;
+  rewind(particles_, options_.threads);
+  grid_ = begin_[0].grid;
+  clock_ = begin_[0].clock;
+  report_ = begin_[0].report;
+  nodes_.values.swap(base_.values);
+  for (std::size_t k = 0; k + 1 < good_.size(); ++k) {
+    g2p2g(particles_, good_[k].dt, good_[k + 1].dt, nodes_, next_, options_.threads);
+    commit(good_[k]);
+    nodes_.values.swap(next_.values);
+    update(good_[k + 1].dt);
+  }
+  g2p(particles_, good_.back().dt, nodes_, options_.threads);
+  commit(good_.back());
+}
+
+// Adds the momentum of the forces on the particles to the nodes; returns their work [J].
+template <class Real, int D>
+double Solver<Real, D>::push(double dt) {
+  constexpr int kNodes = 3;
+  const std::vector<std::int32_t> places = places_of_ids();
+  double work = 0;
+  for (std::size_t b = 0; b < particles_.layout.particle_keys.size(); ++b) {
+    for_packets_of_block(
+        particles_, static_cast<std::int32_t>(b),
+        [&](std::size_t g, std::int64_t p, std::int32_t block, int count) {
+          for (int lane = 0; lane < count; ++lane) {
+            const Slot s{g, p, lane, block};
+            const Vec3 f = forces_[static_cast<std::size_t>(
+                places[static_cast<std::size_t>(id_of(particles_, s))])];
+            if (f.isZero(0)) continue;
+            const double m =
+                density(options_.materials[g]) *
+                static_cast<double>(particles_.groups[g].volume[s.template id_index<Real>()]);
+            work += dt * f.dot(velocity_of(particles_, s) + dt / (2 * m) * f);
+            transfer::Spline<double, 2> axis[3] = {};
+            for (int d = 0; d < D; ++d) {
+              axis[d] = transfer::spline<2>(static_cast<double>(state_of(particles_, s, d)));
+            }
+            const auto& arena = particles_.layout.arenas[b];
+            for (int i = 0; i < kNodes; ++i) {
+              for (int j = 0; j < kNodes; ++j) {
+                for (int k = 0; k < (D == 3 ? kNodes : 1); ++k) {
+                  const int at[3] = {axis[0].first + i, axis[1].first + j, axis[2].first + k};
+                  double w = axis[0].w[i] * axis[1].w[j] * dt;
+                  if (D == 3) w *= axis[2].w[k];
+                  std::size_t corner = 0, node = 0;
+                  for (int d = 0; d < D; ++d) {
+                    corner = corner * 2 + static_cast<std::size_t>(at[d] / transfer::kBlock);
+                    node = node * transfer::kBlock +
+                           static_cast<std::size_t>(at[d] % transfer::kBlock);
+                  }
+                  Real* to = nodes_.block(arena[corner]) + node * transfer::kNodeReals;
+                  for (int d = 0; d < D; ++d) to[d] += static_cast<Real>(w * f[d]);
+                }
+              }
+            }
+          }
+        });
+  }
+  return work;
+}
+
+// The id of the particle at rest that most likely spoiled a node: of those that reach it, one with
+// a stress that is none, else the fastest one.
+template <class Real, int D>
+std::int32_t Solver<Real, D>::culprit(std::int64_t node) const {
+  constexpr std::int64_t kNodes = transfer::NodeBlocks<Real, D>::kNodes;
+  const auto block = transfer::BlockKey<D>::unpack(
+      particles_.layout.node_keys[static_cast<std::size_t>(node / kNodes)]);
+  Vec3 at = Vec3::Zero();
+  for (std::int64_t d = D - 1, rest = node % kNodes; d >= 0; --d, rest /= transfer::kBlock) {
+    at[d] = options_.cell *
+            (static_cast<double>(transfer::kBlock) * block[static_cast<std::size_t>(d)] +
+             static_cast<double>(rest % transfer::kBlock));
+  }
+  const double reach = 0.5 * (options_.order + 1) * options_.cell;
+  double worst = -1;
+  std::int32_t found = -1;
+  for (std::size_t b = 0; b < particles_.layout.particle_keys.size(); ++b) {
+    for_packets_of_block(
+        particles_, static_cast<std::int32_t>(b),
+        [&](std::size_t g, std::int64_t p, std::int32_t in, int count) {
+          alignas(64) Real tau[6 * kLanes<Real>];
+          packet_stress_at_rest(particles_, g, p, tau);
+          for (int lane = 0; lane < count; ++lane) {
+            const Slot s{g, p, lane, in};
+            if (!((position_of(particles_, s) - at).cwiseAbs().maxCoeff() <= reach)) continue;
+            double score = velocity_of(particles_, s).norm();
+            for (int k = 0; k < (D == 3 ? 6 : 4); ++k) {
+              if (!std::isfinite(tau[k * kLanes<Real> + lane])) score = HUGE_VAL;
+            }
+            if (score > worst) {
+              worst = score;
+              found = id_of(particles_, s);
+            }
+          }
+        });
+  }
+  return found;
+}
+
+template <class Real, int D>
+void Solver<Real, D>::raise(const std::string& message, std::int32_t id) const {
+  throw SolverError(message, clock_.time, id, report_.steps + 1);
+}
+
+template class Solver<float, 2>;
+template class Solver<float, 3>;
+template class Solver<double, 2>;
+template class Solver<double, 3>;
+
+}  // namespace substep::mpm
