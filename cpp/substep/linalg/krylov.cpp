@@ -44,6 +44,10 @@ struct Iteration {
   bool done() const { return report.converged || report.iterations >= limit; }
 
   void refresh(std::span<const T> b) {  // r = b - A x
+    if (std::all_of(x.begin(), x.end(), [](const T& value) { return value == T{}; })) {
+      std::copy(b.begin(), b.end(), r.begin());  // the usual first guess costs no product
+      return;
+    }
     a(x, r);
     for_each_index(r.size(), threads(), [&](std::size_t i) { r[i] = b[i] - r[i]; });
   }

@@ -23,6 +23,8 @@ namespace substep {
 //                                  returns the slope of the merit along d, which is to be negative:
 //                                  g . d for a minimum, -2 merit for a root
 //   step_limit(x, d)               optional: no step beyond this fraction of d, at most 1 is tried
+//   rounding()                     optional: what the merit is good to, where that is more than its
+//                                  own rounding
 template <class P>
 concept NewtonProblem = requires(P p, std::span<const double> in, std::span<double> out) {
   { p.merit(in) } -> std::convertible_to<double>;
@@ -81,7 +83,10 @@ NewtonReport newton(P&& problem, std::span<double> x, const NewtonOptions& optio
       step = std::min(step, static_cast<double>(problem.step_limit(x, d)));
     }
     // Differences below the rounding of the merit decide nothing.
-    const double rounding = 1e-14 * std::abs(merit);
+    double rounding = 1e-14 * std::abs(merit);
+    if constexpr (requires { problem.rounding(); }) {
+      rounding = std::max(rounding, static_cast<double>(problem.rounding()));
+    }
     for (std::int32_t halving = 0;; ++halving) {
       for (std::size_t i = 0; i < n; ++i) trial[i] = x[i] + step * d[i];
       const double next = problem.merit(trial);

@@ -12,8 +12,9 @@
 namespace substep::mpm {
 namespace {
 
+constexpr double kRounding = 1e-15;         // of energies against moduli: a few units
 constexpr double kForcing = 0.1;            // of the first linear system of a solve
-constexpr double kContactTolerance = 0.01;  // of an impulse: changes of friction that still count
+constexpr double kContactTolerance = 0.01;  // of the obstacles' impulses
 
 // The inverse of B, D x D rows of kNodeLanes<D>, in its place; where B is not positive definite,
 // that of its diagonal's absolute values. `mass` is a part of the diagonal.
@@ -85,21 +86,24 @@ struct ImplicitStep<Real, D>::Problem {
           return 0.5 * mass(k) * change * change;
         },
         threads);
-    return kinetic + energy - step.contacts_.friction_work(v);
+    return kinetic + energy + step.contacts_.energy(v);
   }
 
   void gradient(std::span<const double> v, std::span<double> g) {
     evaluate(v);
     std::copy(raw.begin(), raw.end(), g.begin());
-    step.contacts_.subtract_friction(g);
+    step.contacts_.add_gradient(v, g);
     step.contacts_.project(g);
   }
+
+  double rounding() const { return potential ? kRounding * step.particles_.stiffness() : 0; }
 
   double residual(std::span<const double> g) const { return std::sqrt(squares(g)) / unit; }
 
   void product(std::span<const double> x, std::span<double> y) {
     for_each_index(x.size(), threads, [&](std::size_t k) { y[k] = mass(k) * x[k]; });
     step.particles_.add_product(x, y);
+    step.contacts_.add_product(x, y);
     step.contacts_.project(y);
   }
 
@@ -114,10 +118,12 @@ struct ImplicitStep<Real, D>::Problem {
     step.contacts_.project(z);
   }
 
-  void linearise() {
+  void linearise(std::span<const double> v) {
     step.particles_.linearise();
+    step.contacts_.linearise(v);
     blocks.assign(step.nodes_.count() * D * kL, 0);
     step.particles_.add_diagonal(blocks);
+    step.contacts_.add_diagonal(blocks);
     for_each_index(step.nodes_.count(), threads, [&](std::size_t i) {
       const double m = step.nodes_.mass[i];
       for (std::size_t d = 0; d < D; ++d) blocks[i * D * kL + d * kL + d] += m;
@@ -128,7 +134,7 @@ struct ImplicitStep<Real, D>::Problem {
   double direction(std::span<const double> v, std::span<const double> g, double forcing,
                    std::span<double> d) {
     evaluate(v);
-    linearise();
+    linearise(v);
     std::vector<double> b(g.size());
     for (std::size_t k = 0; k < g.size(); ++k) b[k] = -g[k];
     std::fill(d.begin(), d.end(), 0.0);
@@ -194,7 +200,7 @@ const ImplicitReport& ImplicitStep<Real, D>::solve(const Particles<Real, D>& par
   }
   report_.scale = std::max(gravity.norm() * dt, std::sqrt(squares / total));
   if (!(report_.scale > 0)) report_.scale = particles.cell / dt;
-  contacts_.predict(target);
+  contacts_.predict(target, options_.slip * report_.scale);
 
   Problem problem{.step = *this,
                   .target = target,

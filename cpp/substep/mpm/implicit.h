@@ -34,6 +34,7 @@ struct ImplicitOptions {
   // max(|g| dt, rms velocity of the nodes): the share of the velocity change by gravity (or of the
   // motion) in one step that stays unexplained.
   double tolerance = 1e-3;
+  double slip = 1e-2;     // of the same scale: the speed below which friction holds
   int max_newton = 40;    // iterations of one solve
   int max_krylov = 2000;  // iterations of one linear system
   int max_rounds = 12;    // of contact states

@@ -23,6 +23,10 @@ void set_vector(std::span<double> x, std::size_t node, const Vec3& v) {
   }
 }
 
+// Friction begins smooth and becomes sharp from round to round: so Newton's method knows by and by
+// what slides, and where to.
+constexpr double kFirstSlip = 100, kSharper = 10;
+
 constexpr double kParallel = 1e-6;  // sine of the angle below which normals are the same
 
 }  // namespace
@@ -105,27 +109,33 @@ void ImplicitContacts<D>::assign(const ImplicitNodes<D>& nodes,
       contacts_.push_back({static_cast<std::int32_t>(c), n / length, u, x - colliders[c].position(),
                            colliders[c].friction, boundaries[c], false});
     }
-    if (contacts_.size() > first) {
-      nodes_in_contact_.push_back(
-          {.node = i, .first = first, .count = contacts_.size() - first, .mass = nodes.mass[i]});
+    if (contacts_.size() == first) continue;
+    nodes_in_contact_.push_back({.node = i,
+                                 .first = first,
+                                 .count = contacts_.size() - first,
+                                 .mass = nodes.mass[i],
+                                 .sticky = false});
+    for (std::size_t k = first; k < contacts_.size(); ++k) {
+      nodes_in_contact_.back().sticky |= contacts_[k].boundary == Boundary::kSticky;
     }
   }
 }
 
-// P and the given components for the states there are.
+// P and the given components of what touches.
 template <int D>
 void ImplicitContacts<D>::rebuild(ContactNode& node) {
-  if (node.held) {
-    const auto begin = contacts_.begin() + static_cast<std::ptrdiff_t>(node.first);
-    const auto end = begin + static_cast<std::ptrdiff_t>(node.count);
-    const auto by = std::find_if(begin, end, [](const Contact& c) { return c.active; });
+  const auto begin = contacts_.begin() + static_cast<std::ptrdiff_t>(node.first);
+  const auto end = begin + static_cast<std::ptrdiff_t>(node.count);
+  if (node.sticky) {
+    const auto holds = [](const Contact& c) { return c.boundary == Boundary::kSticky; };
     node.free.setZero();
-    node.given = by->surface_velocity;
+    node.given = std::find_if(begin, end, holds)->surface_velocity;
     return;
   }
   const Frame f = frame(node);
   node.free.setIdentity();
   node.given.setZero();
+  node.surface = f.size > 0 ? contacts_[f.contact[0]].surface_velocity : Vec3(Vec3::Zero());
   for (int l = 0; l < f.size; ++l) {
     // n_l . v = n_l . u_l, where v has q_m . v = q_m . given for m < l already.
     const Contact& contact = contacts_[f.contact[l]];
@@ -137,19 +147,18 @@ void ImplicitContacts<D>::rebuild(ContactNode& node) {
 }
 
 template <int D>
-void ImplicitContacts<D>::predict(std::span<const double> v) {
+void ImplicitContacts<D>::predict(std::span<const double> v, double slip_speed) {
+  least_slip_speed_ = slip_speed;
+  slip_speed_ = kFirstSlip * slip_speed;
   for (ContactNode& node : nodes_in_contact_) {
     const Vec3 velocity = vector_at<D>(v, node.node);
-    node.held = false;
+    node.bound = 0;
     for (std::size_t k = node.first; k < node.first + node.count; ++k) {
       Contact& contact = contacts_[k];
       const double approach = contact.normal.dot(velocity - contact.surface_velocity);
       contact.active = contact.boundary != Boundary::kSeparate || approach < 0;
-      if (contact.boundary == Boundary::kSticky) node.held = true;
-      // Rubbing material begins as held.
-      if (contact.active && contact.friction > 0 && approach < 0) node.held = true;
+      node.bound += contact.friction * node.mass * std::max(-approach, 0.0);
     }
-    node.friction.setZero();
     rebuild(node);
   }
 }
@@ -157,74 +166,110 @@ void ImplicitContacts<D>::predict(std::span<const double> v) {
 template <int D>
 bool ImplicitContacts<D>::update(std::span<const double> v, std::span<const double> r,
                                  double tolerance) {
-  bool changed = false;
+  bool switched = false, rubs = false;
+  double squares = 0, changes = 0;
+  for (const ContactNode& node : nodes_in_contact_) {
+    squares += vector_at<D>(r, node.node).squaredNorm();
+  }
+  // What a node alone may be off by.
+  const double noise =
+      tolerance * std::sqrt(squares / static_cast<double>(nodes_in_contact_.size()));
   for (ContactNode& node : nodes_in_contact_) {
-    const Vec3 velocity = vector_at<D>(v, node.node), impulse = vector_at<D>(r, node.node);
-    bool sticky = false, rubs = false;
-    for (std::size_t k = node.first; k < node.first + node.count; ++k) {
-      sticky = sticky || contacts_[k].boundary == Boundary::kSticky;
-      rubs = rubs || contacts_[k].friction > 0;
-    }
-    if (sticky) continue;
-
+    if (node.sticky) continue;
+    const Vec3 velocity = vector_at<D>(v, node.node);
     const Frame f = frame(node);
-    double lambda[3] = {0, 0, 0};
-    f.coefficients(impulse, lambda);
-    const double noise = tolerance * (impulse.norm() + node.friction.norm());
-    double bound = 0;
-    bool switched = false;
-    Vec3 surface = Vec3::Zero();
+    double lambda[3] = {0, 0, 0}, bound = 0;
+    f.coefficients(vector_at<D>(r, node.node), lambda);
+    bool changed = false;
     for (int l = 0; l < f.size; ++l) {
       Contact& contact = contacts_[f.contact[l]];
-      if (l == 0) surface = contact.surface_velocity;
       bound += contact.friction * std::max(lambda[l], 0.0);
       if (contact.boundary == Boundary::kSeparate && lambda[l] < -noise) {
         contact.active = false;
-        switched = true;
+        changed = true;
       }
     }
     for (std::size_t k = node.first; k < node.first + node.count; ++k) {
       Contact& contact = contacts_[k];
       const double approach = contact.normal.dot(velocity - contact.surface_velocity);
-      const double size = velocity.norm() + contact.surface_velocity.norm();
-      if (!contact.active && approach < -1e-9 * size) {
-        contact.active = true;
-        switched = true;
-      }
+      if (!contact.active && approach < -least_slip_speed_) contact.active = changed = true;
     }
-    if (rubs && !switched && f.size > 0) {
-      const Vec3 slip = f.across(velocity - surface);
-      if (node.held) {
-        const Vec3 holding = f.across(impulse);
-        if (holding.norm() > bound + noise) {
-          node.held = false;
-          node.friction = bound / holding.norm() * holding;
-          switched = true;
-        }
-      } else if (slip.dot(node.friction) > 0 || (node.friction.isZero() && bound > noise)) {
-        node.held = true;
-        node.friction.setZero();
-        switched = true;
-      } else if (slip.norm() > 0) {
-        const Vec3 friction = -bound / slip.norm() * slip;
-        if ((friction - node.friction).norm() > tolerance * impulse.norm()) changed = true;
-        node.friction = friction;
+    changes += (bound - node.bound) * (bound - node.bound);
+    node.bound = bound;
+    rubs = rubs || bound > noise;
+    if (changed) rebuild(node);
+    switched = switched || changed;
+  }
+  const bool sharp = !(slip_speed_ > least_slip_speed_) || !rubs;
+  slip_speed_ = std::max(slip_speed_ / kSharper, least_slip_speed_);
+  return switched || !sharp || changes > tolerance * tolerance * squares;
+}
+
+// u_t
+template <int D>
+Vec3 ImplicitContacts<D>::slip(const ContactNode& node, std::span<const double> v) const {
+  return node.free * (vector_at<D>(v, node.node) - node.surface);
+}
+
+template <int D>
+double ImplicitContacts<D>::energy(std::span<const double> v) const {
+  const double e = slip_speed_;
+  double sum = 0;
+  for (const ContactNode& node : nodes_in_contact_) {
+    if (!(node.bound > 0)) continue;
+    const double y = slip(node, v).norm();
+    sum += node.bound * (y < e ? y * y / e - y * y * y / (3 * e * e) + e / 3 : y);
+  }
+  return sum;
+}
+
+template <int D>
+void ImplicitContacts<D>::add_gradient(std::span<const double> v, std::span<double> r) const {
+  const double e = slip_speed_;
+  for (const ContactNode& node : nodes_in_contact_) {
+    if (!(node.bound > 0)) continue;
+    const Vec3 u = slip(node, v);
+    const double y = u.norm();
+    const double over_y = y < e ? (2 - y / e) / e : 1 / y;  // f_1 / y
+    set_vector<D>(r, node.node, vector_at<D>(r, node.node) + node.bound * over_y * u);
+  }
+}
+
+// d(f_1 u / y)/du = f_1 / y (1 - t t^T) + f_1' t t^T with t = u / y, in the tangent plane.
+template <int D>
+void ImplicitContacts<D>::linearise(std::span<const double> v) {
+  const double e = slip_speed_;
+  for (ContactNode& node : nodes_in_contact_) {
+    node.curvature.setZero();
+    if (!(node.bound > 0)) continue;
+    const Vec3 u = slip(node, v);
+    const double y = u.norm();
+    const double over_y = y < e ? (2 - y / e) / e : 1 / y;
+    const double slope = y < e ? 2 * (1 - y / e) / e : 0;  // f_1'
+    node.curvature = node.bound * over_y * node.free;
+    if (y > 0) node.curvature += node.bound * (slope - over_y) / (y * y) * u * u.transpose();
+  }
+}
+
+template <int D>
+void ImplicitContacts<D>::add_product(std::span<const double> x, std::span<double> y) const {
+  for (const ContactNode& node : nodes_in_contact_) {
+    if (!(node.bound > 0)) continue;
+    set_vector<D>(y, node.node,
+                  vector_at<D>(y, node.node) + node.curvature * vector_at<D>(x, node.node));
+  }
+}
+
+template <int D>
+void ImplicitContacts<D>::add_diagonal(std::span<double> blocks) const {
+  for (const ContactNode& node : nodes_in_contact_) {
+    for (int l = 0; l < D; ++l) {
+      for (int j = 0; j < D; ++j) {
+        blocks[(node.node * D + static_cast<std::size_t>(l)) * kNodeLanes<D> +
+               static_cast<std::size_t>(j)] += node.curvature(l, j);
       }
-    }
-    if (switched) {
-      bool any = false;
-      for (std::size_t k = node.first; k < node.first + node.count; ++k) {
-        any = any || contacts_[k].active;
-      }
-      if (!any) {
-        node.held = false;
-        node.friction.setZero();
-      }
-      rebuild(node);
-      changed = true;
     }
   }
-  return changed;
 }
 
 template <int D>
@@ -251,22 +296,6 @@ void ImplicitContacts<D>::keep_out(std::span<double> v) const {
       if (approach < 0) set_vector<D>(v, node.node, velocity - approach * contact.normal);
     }
   }
-}
-
-template <int D>
-void ImplicitContacts<D>::subtract_friction(std::span<double> r) const {
-  for (const ContactNode& node : nodes_in_contact_) {
-    set_vector<D>(r, node.node, vector_at<D>(r, node.node) - node.friction);
-  }
-}
-
-template <int D>
-double ImplicitContacts<D>::friction_work(std::span<const double> v) const {
-  double sum = 0;
-  for (const ContactNode& node : nodes_in_contact_) {
-    sum += node.friction.dot(vector_at<D>(v, node.node));
-  }
-  return sum;
 }
 
 template <int D>

@@ -6,12 +6,16 @@
 //   sticky    u = 0
 //   slip      u.n = 0
 //   separate  u.n >= 0,  r.n >= 0,  (u.n) (r.n) = 0                    (Signorini)
-// and along the surface Coulomb's law, |r_t| <= mu max(r.n, 0), with r_t against u_t where it is
-// less than that does not suffice to hold the node. The solver solves for given states (free,
-// sliding with a given rubbing impulse, held) and update() then compares: a node that is pulled
-// lets go, one that would enter is taken, friction follows the pressure. Repeated until nothing
-// changes, this is an active set method for Signorini's conditions (Nocedal, Wright, "Numerical
-// Optimization", 2nd ed., section 16.5) with friction lagged by one round.
+// The solver solves for a given set of nodes that touch, and update() then compares: a node that is
+// pulled lets go, one that would enter is taken. Repeated until nothing changes, this is an active
+// set method (Nocedal, Wright, "Numerical Optimization", 2nd ed., section 16.5).
+//
+// Friction is Coulomb's with the pressing impulse of the round before (mu sum max(r.n, 0) =: b),
+// made smooth where the node hardly slips (Li et al., "Incremental potential contact", ACM TOG 39
+// (2020) 49, section 5.4): with y = |u_t| the potential of the impulse -b f_1(y) u_t / y is b f_0,
+//   f_1 = 2 y / e - y^2 / e^2,  f_0 = y^2 / e - y^3 / (3 e^2) + e / 3   for y < e, the slip speed,
+//   f_1 = 1,                    f_0 = y                                 else.
+// So what sticks creeps at less than e.
 #pragma once
 
 #include <cstdint>
@@ -35,26 +39,30 @@ class ImplicitContacts {
               std::span<const geometry::Collider> colliders, std::span<const Boundary> boundaries,
               double cell);
 
-  // States from what velocities v would do without other forces.
-  void predict(std::span<const double> v);
-  // States from the solution v and the impulses r that the given components took [N s]; whether
-  // they changed by more than `tolerance` of the impulse.
+  // Which nodes touch, and how they are pressed, by what velocities v would do without other
+  // forces. slip_speed: e [m/s].
+  void predict(std::span<const double> v, double slip_speed);
+  // The same from the solution v and the impulses r that hold the nodes there [N s]; whether it
+  // changed: an impulse by more than `tolerance` of all, or a velocity by more than the slip speed.
   bool update(std::span<const double> v, std::span<const double> r, double tolerance);
 
   // x <- P x: the free components.
   void project(std::span<double> x) const;
   // v <- P v + the given components.
   void impose(std::span<double> v) const;
-  // Makes v admissible, whatever the states: nothing enters.
+  // Makes v admissible, whatever touches: nothing enters.
   void keep_out(std::span<double> v) const;
-  // r -= the rubbing impulses on the nodes.
-  void subtract_friction(std::span<double> r) const;
-  // Sum of rubbing impulse . v: their potential is its negative.
-  double friction_work(std::span<const double> v) const;
+
+  // Friction's potential, its gradient, its Hessian at the last linearise (symmetric, positive
+  // semidefinite).
+  double energy(std::span<const double> v) const;
+  void add_gradient(std::span<const double> v, std::span<double> r) const;
+  void linearise(std::span<const double> v);
+  void add_product(std::span<const double> x, std::span<double> y) const;
+  void add_diagonal(std::span<double> blocks) const;
 
   // What each collider was given, from the impulses r on the nodes.
   std::vector<geometry::Exchange> exchanges(std::span<const double> r) const;
-  bool empty() const { return nodes_in_contact_.empty(); }
 
  private:
   struct Contact {
@@ -62,26 +70,30 @@ class ImplicitContacts {
     Vec3 normal, surface_velocity, arm;  // arm: from the collider's position to the node
     double friction;
     Boundary boundary;
-    bool active;
+    bool active;  // touches
   };
   struct ContactNode {
     std::size_t node;
     std::size_t first, count;  // contacts
     double mass;
-    bool held = false;                                   // sticks: all components are given
-    Vec3 friction = Vec3::Zero();                        // rubbing impulse of a node that slides
+    bool sticky;
+    double bound = 0;                                    // b
     Eigen::Matrix3d free = Eigen::Matrix3d::Identity();  // P
-    Vec3 given = Vec3::Zero();
+    Vec3 given = Vec3::Zero();                           // components
+    Vec3 surface = Vec3::Zero();                         // velocity that u_t is relative to
+    Eigen::Matrix3d curvature = Eigen::Matrix3d::Zero();
   };
   // The active normals of a node, made orthogonal, and what is along them.
   struct Frame;
 
   void rebuild(ContactNode& node);
   Frame frame(const ContactNode& node) const;
+  Vec3 slip(const ContactNode& node, std::span<const double> v) const;
 
   std::vector<Contact> contacts_;
   std::vector<ContactNode> nodes_in_contact_;
   std::size_t colliders_ = 0;
+  double slip_speed_ = 0, least_slip_speed_ = 0;
 };
 
 }  // namespace substep::mpm

@@ -1,6 +1,7 @@
 #include "substep/mpm/implicit_particles.h"
 
 #include <array>
+#include <cmath>
 
 #include "substep/core/parallel.h"
 
@@ -209,6 +210,11 @@ double ImplicitParticles<D>::evaluate(std::span<const double> v) {
       energies_[b] = sum;
     });
   });
+  return sum_of_blocks();
+}
+
+template <int D>
+double ImplicitParticles<D>::sum_of_blocks() const {
   double sum = 0;
   for (const double energy : energies_) sum += energy;
   return sum;
@@ -240,6 +246,7 @@ void ImplicitParticles<D>::add_gradient(std::span<double> r) {
 template <int D>
 void ImplicitParticles<D>::linearise() {
   for_blocks([&](std::size_t b) {
+    double stiffness = 0;
     for (Group& group : groups_) {
       const bool symmetric = group.material->hyperelastic();
       const auto first = static_cast<std::size_t>(group.first[b]);
@@ -262,6 +269,7 @@ void ImplicitParticles<D>::linearise() {
           for (int k = 0; k < c; ++k) C[c][k] = C[k][c] = 0.5 * (C[c][k] + C[k][c]);
         }
         for (int lane = 0; lane < kLanesD; ++lane) {
+          stiffness += std::abs(C[0][0][lane]) / (scale_ * scale_);
           float* const to =
               group.tangent.data() + (packet * kLanesD + static_cast<std::size_t>(lane)) * kTangent;
           for (int c = 0; c < kGradient; ++c) {
@@ -273,7 +281,9 @@ void ImplicitParticles<D>::linearise() {
         }
       }
     }
+    energies_[b] = stiffness;
   });
+  stiffness_ = sum_of_blocks();
 }
 
 template <int D>

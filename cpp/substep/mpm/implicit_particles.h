@@ -41,6 +41,8 @@ class ImplicitParticles {
   void add_gradient(std::span<double> r);
   // C at the last evaluate.
   void linearise();
+  // Sum of the volumes times a modulus there [J]: the energy is good to the rounding of this.
+  double stiffness() const { return stiffness_; }
   // y += K x; and the diagonal D x D blocks of K, row by row (D x kNodeLanes<D> each).
   void add_product(std::span<const double> x, std::span<double> y);
   void add_diagonal(std::span<double> blocks);
@@ -66,12 +68,13 @@ class ImplicitParticles {
   void for_colours(const Body& body);  // body(block): no two at once whose arenas meet
   template <class Pass>
   void with_order(const Pass& pass);  // pass.template operator()<order + 1>()
+  double sum_of_blocks() const;
 
   const ImplicitNodes<D>* nodes_ = nullptr;
   int order_ = 2, threads_ = 0;
-  double dt_ = 0, scale_ = 0;
+  double dt_ = 0, scale_ = 0, stiffness_ = 0;
   std::vector<Group> groups_;
-  std::vector<double> energies_;  // of each particle block
+  std::vector<double> energies_;  // of each particle block; or stiffness
 };
 
 }  // namespace substep::mpm
