@@ -114,6 +114,9 @@ void g2p2g(Particles<Real, D>& particles, double dt, double next_dt, const Nodes
 template <class Real, int D>
 void g2p(Particles<Real, D>& particles, double dt, const Nodes<Real, D>& nodes, int threads) {
   const auto options = options_of(particles, dt, 0);
+  if (!options.rest) {  // the snapshot may have had fewer packets
+    for (auto& group : particles.groups) group.other.reset(group.state.size());
+  }
   parallel_for(
       particles.layout.blocks(), kGrain,
       [&](std::int64_t begin, std::int64_t end) {
