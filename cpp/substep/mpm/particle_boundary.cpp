@@ -192,6 +192,31 @@ auto ParticleBoundary<Real, D>::outside(const Free& free, const Real* x) -> Mask
   return out;
 }
 
+// Whether a ball about the ways of all lanes keeps clear of a sampled distance, which is slow to
+// ask for each lane. (Particles of a packet are from neighbouring cells.)
+template <class Real, int D>
+bool ParticleBoundary<Real, D>::clears(const Near& near, const Wall& wall, const Real* before,
+                                       const Real* x) const {
+  const Collider& to = to_[wall.surface.collider];
+  if (!std::holds_alternative<SampledPointer>(to.shape())) return false;
+  Vec3 low = Vec3::Zero(), high = Vec3::Zero();
+  for (int d = 0; d < D; ++d) {
+    const V a = load<V>(before + d * kLanes<Real>), b = load<V>(x + d * kLanes<Real>);
+    const V less = a < b ? a : b, more = a < b ? b : a;
+    Real least = less[0], most = more[0];
+    for (int l = 1; l < kLanes<Real>; ++l) {
+      least = std::min(least, less[l]);
+      most = std::max(most, more[l]);
+    }
+    low[d] = cell_ * static_cast<double>(least);
+    high[d] = cell_ * static_cast<double>(most);
+  }
+  const Vec3 centre = near.first + 0.5 * (low + high);
+  const double radius = 0.5 * (high - low).norm();
+  const double way = surface_speed(to, centre, radius) * dt_;
+  return to.signed_distance(centre).value > to.lipschitz() * (radius + way) + kMargin * cell_;
+}
+
 template <class Real, int D>
 void ParticleBoundary<Real, D>::settle(std::int32_t block, const Real* before, Real* x, Real* v,
                                        const Real* volume, double density, int count) {
@@ -199,7 +224,8 @@ void ParticleBoundary<Real, D>::settle(std::int32_t block, const Real* before, R
   Near& near = near_[static_cast<std::size_t>(slots_[static_cast<std::size_t>(block)])];
   Mask mask{};
   for (const Wall& wall : near.walls) {
-    mask |= outside(wall.free, before) | outside(wall.free, x);
+    const Mask met = outside(wall.free, before) | outside(wall.free, x);
+    if (any(met) && !clears(near, wall, before, x)) mask |= met;
   }
   if (!any(mask)) return;
   const double most = reach_ + kPush;

@@ -94,6 +94,7 @@ class ParticleBoundary {
   double surface_speed(const geometry::Collider& collider, const geometry::Vec3& centre,
                        double radius) const;
   static Mask outside(const Free& free, const Real* x);
+  bool clears(const Near& near, const Wall& wall, const Real* before, const Real* x) const;
   bool settle_one(Near& near, const geometry::Vec3& before, geometry::Vec3& x, geometry::Vec3& v,
                   double mass) const;
 
