@@ -395,7 +395,9 @@ void bind_mpm(py::module_& m) {
       .def_readonly("dt", &Report::dt)
       .def_readonly("limit", &Report::limit)
       .def_readonly("removed", &Report::removed)
-      .def_readonly("clamped", &Report::clamped);
+      .def_readonly("clamped", &Report::clamped)
+      .def_readonly("newton", &Report::newton)
+      .def_readonly("krylov", &Report::krylov);
   py::class_<Diagnostics>(m, "MaterialPointSums")
       .def_readonly("mass", &Diagnostics::mass)
       .def_readonly("kinetic", &Diagnostics::kinetic)

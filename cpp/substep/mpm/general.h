@@ -27,8 +27,8 @@
 // it is G. Textbook with APIC gives viscous materials the affine fit C, not the spline's gradient.
 #pragma once
 
+#include "substep/mpm/options.h"
 #include "substep/mpm/particles.h"
-#include "substep/mpm/solver.h"
 #include "substep/mpm/transfers.h"
 
 namespace substep::mpm {

@@ -6,7 +6,7 @@
 #pragma once
 
 #include "substep/core/lanes.h"
-#include "substep/mpm/solver.h"
+#include "substep/mpm/options.h"
 #include "substep/transfer/weights.h"
 
 namespace substep::mpm {

@@ -52,6 +52,7 @@ struct Report {
   double dt = 0;                // of the last step [s]
   const char* limit = "";       // what limited it: a reason of StepLimit, "given" or "end"
   std::int64_t removed = 0, clamped = 0;  // particles that left the bounds
+  std::int64_t newton = 0, krylov = 0;    // iterations of implicit steps, of all together
 };
 
 }  // namespace substep::mpm

@@ -81,8 +81,9 @@ void Solver<Real, D>::steps_until_rest(double end, double given) {
   NextStep step =
       choose(clock_.time, end, given, limit_now(largest_speed(particles_, options_.threads)));
   if (!step.refused.empty()) raise(step.refused, -1);
+  shrinks_ = 0;
   NodeCheck check = begin_step(step.dt);
-  for (shrinks_ = 0; !passes(check); check = begin_step(step.dt)) shrink(step, check, given);
+  for (; !passes(check); check = begin_step(step.dt)) shrink(step, check, given);
   if (!fast() && clock_.drift + check.reach > room()) {
     sort_resting();
     check = begin_step(step.dt);
@@ -195,13 +196,29 @@ typename Solver<Real, D>::NextStep Solver<Real, D>::choose(double now, double en
 // From rest. Particles do not change.
 template <class Real, int D>
 NodeCheck Solver<Real, D>::begin_step(double dt) {
+  const bool implicit = options_.integrator == Integrator::kImplicit;
   if (fast()) {
     p2g(particles_, dt, nodes_, options_.threads);
   } else {
-    p2g(scheme(), particles_, dt, nodes_, before_, options_.threads);
+    p2g(scheme(), particles_, implicit ? 0 : dt, nodes_, before_, options_.threads);
   }
   work_ = forces_.empty() ? 0 : push(dt);
-  return update(dt);
+  return implicit ? solve(dt) : update(dt);
+}
+
+// The momentum at the end of an implicit step, gravity and obstacles included.
+template <class Real, int D>
+NodeCheck Solver<Real, D>::solve(double dt) {
+  const ImplicitReport& found = implicit_.solve(
+      particles_, {nodes_.values.data(), nodes_.values.size()}, dt, options_.gravity,
+      options_.order, options_.form, grid_.colliders, options_.boundaries, options_.threads);
+  if (!found.converged) {
+    NodeCheck failed;
+    failed.reach = HUGE_VAL;
+    return failed;
+  }
+  return grid_.update({nodes_.values.data(), nodes_.values.size()}, Vec3::Zero(), dt,
+                      room() * options_.cell / dt, options_.threads);
 }
 
 template <class Real, int D>
@@ -224,6 +241,7 @@ bool Solver<Real, D>::passes(const NodeCheck& check) const {
 // A shorter step in place of one in which particles would move too far.
 template <class Real, int D>
 void Solver<Real, D>::shrink(NextStep& step, const NodeCheck& check, double given) {
+  if (check.reach == HUGE_VAL) return shrink_implicit(step, given);
   double speed = check.speed;
   if (!check.good()) {
     const Real* v = nodes_.values.data() + check.bad_node * transfer::kNodeReals;
@@ -247,10 +265,7 @@ void Solver<Real, D>::shrink(NextStep& step, const NodeCheck& check, double give
   if (++shrinks_ > kShrinks || !(clock_.time + step.dt / 2 > clock_.time)) {
     raise(moves + ", however short it is: speeds grow without bound", id);
   }
-  step.dt /= 2;
-  step.end = clock_.time + step.dt;
-  step.limit = "particle speed";
-  ++report_.subdivided;
+  halve(step, "particle speed");
 }
 
 template <class Real, int D>
@@ -269,6 +284,28 @@ void Solver<Real, D>::sort_resting() {
   clock_.drift = 0;
   ++report_.sorts;
   layout_changed();
+}
+
+// A shorter implicit step in place of one that did not converge.
+template <class Real, int D>
+void Solver<Real, D>::shrink_implicit(NextStep& step, double given) {
+  const bool raises = given > 0 && options_.on_large_step == OnLargeStep::kRaise;
+  if (raises || ++shrinks_ > kShrinks || !(clock_.time + step.dt / 2 > clock_.time)) {
+    ConvergenceError error(
+        text("the implicit step of %.4g s did not converge; ", step.dt) + implicit_.report().remedy,
+        clock_.time, -1, report_.steps + 1);
+    error.residuals = implicit_.report().residuals;
+    throw error;
+  }
+  halve(step, "convergence");
+}
+
+template <class Real, int D>
+void Solver<Real, D>::halve(NextStep& step, const char* reason) {
+  step.dt /= 2;
+  step.end = clock_.time + step.dt;
+  step.limit = reason;
+  ++report_.subdivided;
 }
 
 // Sorts where particles could leave the arenas of their blocks.
@@ -311,6 +348,15 @@ void Solver<Real, D>::commit(const NextStep& step) {
   for (const auto& collider : grid_.colliders) given.push_back(collider.exchange());
   const std::vector<geometry::Collider> moving = grid_.colliders;
   clock_.drift += step.reach + grid_.finish();
+  if (options_.integrator == Integrator::kImplicit) {
+    for (std::size_t c = 0; c < moving.size(); ++c) {
+      geometry::Exchange sum = grid_.colliders[c].exchange();
+      sum += implicit_.exchanges()[c];
+      grid_.colliders[c].set_exchange(sum);
+    }
+    report_.newton += implicit_.report().newton;
+    report_.krylov += implicit_.report().krylov;
+  }
   for (std::size_t c = 0; c < moving.size(); ++c) {
     const geometry::Exchange& now = grid_.colliders[c].exchange();
     clock_.supplied -= (now.impulse - given[c].impulse).dot(moving[c].velocity) +

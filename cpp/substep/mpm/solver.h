@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "substep/mpm/grid_update.h"
+#include "substep/mpm/implicit.h"
 #include "substep/mpm/measures.h"
 #include "substep/mpm/options.h"
 #include "substep/mpm/transfers.h"
@@ -37,6 +38,8 @@ template <class Real, int D>
 class Solver {
  public:
   Solver(Options options, std::vector<geometry::Collider> colliders);
+  Solver(const Solver&) = delete;
+  Solver& operator=(const Solver&) = delete;
 
   // Particles at x [m] with v [m/s], of these materials and volumes at rest [m^3; in 2D m^2], in
   // their materials' state of rest; returns the first id. InputError: too far away for blocks to
@@ -112,6 +115,7 @@ class Solver {
   StepLimit limit(double speed, double wave) const;  // [m/s], c^2 [m^2/s^2]
   StepLimit limit_now(double speed);
   NodeCheck begin_step(double dt);
+  NodeCheck solve(double dt);
   void end_step(double dt);
   // Whether steps are those of transfers.h, fused; else those of general.h.
   bool fast() const {
@@ -121,6 +125,8 @@ class Solver {
   Scheme scheme() const;
   void sort_resting();
   void shrink(NextStep& step, const NodeCheck& check, double given);
+  void shrink_implicit(NextStep& step, double given);
+  void halve(NextStep& step, const char* reason);
   void make_room(const NextStep& step);
   void rest(const NextStep& step);
   void commit(const NextStep& step);
@@ -151,15 +157,16 @@ class Solver {
   Options options_;
   Particles<Real, D> particles_;
   GridUpdate<Real, D> grid_;
+  ImplicitStep<Real, D> implicit_;
   Report report_;
   std::vector<Vec3> forces_;  // [N], in the order of ids; empty: none
   double work_ = 0;           // of the forces, in the step to come [J]
   std::array<Vec3, 2> bounds_;
   bool near_bounds_ = false;  // whether a particle may leave them in the next step
 
-  // Scratch of a run of steps. `before_` is general.h's. `base_` holds the velocities of the first step since the particles
-  // were at rest or sorted, `good_` the steps since then: from these the state after them can be
-  // reached again.
+  // Scratch of a run of steps. `before_` is general.h's. `base_` holds the velocities of the first
+  // step since the particles were at rest or sorted, `good_` the steps since then: from these the
+  // state after them can be reached again.
   Nodes<Real, D> nodes_, next_, base_, before_;
   struct Begin {
     GridUpdate<Real, D> grid;

@@ -33,7 +33,8 @@ double reach(double cell) {
 template <class Real, int D>
 Solver<Real, D>::Solver(Options options, std::vector<geometry::Collider> colliders)
     : options_(std::move(options)),
-      grid_(options_.cell, std::move(colliders), options_.boundaries) {
+      grid_(options_.cell, std::move(colliders), options_.boundaries),
+      implicit_(options_.cell) {
   const double far = reach<D>(options_.cell);
   bounds_ = {Vec3::Constant(-far), Vec3::Constant(far)};
   if (options_.bounds) {
