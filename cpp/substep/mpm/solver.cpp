@@ -134,6 +134,7 @@ StepLimit Solver<Real, D>::limit_now(double speed) {
   if (wave_age_ >= kWaveSteps && options_.integrator == Integrator::kExplicit) {
     wave_ = wave_speed_squared(particles_, options_.threads);
     wave_age_ = 0;
+    if (!std::isfinite(wave_)) wave_ = 0;  // the step itself tells which particle is spoiled
   }
   return limit(speed, wave_);
 }
@@ -466,7 +467,7 @@ std::int32_t Solver<Real, D>::culprit(std::int64_t node) const {
             for (int k = 0; k < (D == 3 ? 6 : 4); ++k) {
               if (!std::isfinite(tau[k * kLanes<Real> + lane])) score = HUGE_VAL;
             }
-            if (score > worst) {
+            if (score > worst || (score == worst && id_of(particles_, s) < found)) {
               worst = score;
               found = id_of(particles_, s);
             }
