@@ -442,6 +442,16 @@ std::int64_t Solver<Real, D>::add(std::span<const Vec3> x, std::span<const Vec3>
         },
         m));
   }
+  std::vector<std::size_t> counts(all.size(), 0);
+  for (const std::int32_t m : material) ++counts[static_cast<std::size_t>(m)];
+  for (std::size_t g = 0; g < all.size(); ++g) {
+    const std::size_t n = all[g].ids.size() + counts[g];
+    all[g].blocks.reserve(n);
+    all[g].ids.reserve(n);
+    all[g].volume.reserve(n);
+    all[g].state.reserve(n * (D + initial[g].size()));
+    all[g].motion.reserve(n * static_cast<std::size_t>(ParticleGroup<Real, D>::kMotion));
+  }
   for (std::size_t i = 0; i < x.size(); ++i) {
     const auto g = static_cast<std::size_t>(material[i]);
     ParticleRows<Real, D>& to = all[g];
