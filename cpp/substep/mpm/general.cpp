@@ -132,7 +132,8 @@ void advance_packet(const Scheme& scheme, Particles<Real, D>& particles, std::si
   Real *x = group.packet(packet), *v = group.motion(packet), *C = v + D * kWidth;
   alignas(64) Real before[D * kWidth];
   std::memcpy(before, x, sizeof before);
-  const auto& G = textbook(scheme) ? from.G : from.C;
+  const bool gradients = scheme.form == Form::kTextbook && scheme.order != 1;
+  const auto& G = gradients ? from.G : from.C;
   const auto& stored = scheme.transfer == Transfer::kApic ? from.C : G;
   Tensor<V, D> gradient{};
   for (int i = 0; i < D; ++i) {
@@ -176,10 +177,7 @@ void p2g(const Scheme& scheme, const Particles<Real, D>& particles, double dt,
                       const Real* x = particles.groups[g].packet(packet);
                       packet_momenta(scheme, particles, g, packet, dt, momenta);
                       stencil.scatter(x, count, momenta, arena);
-                      if (!flip) return;
-                      std::memset(momenta.A, 0, sizeof momenta.A);
-                      std::memset(momenta.T, 0, sizeof momenta.T);
-                      stencil.scatter(x, count, momenta, plain);
+                      if (flip) stencil.scatter_values(x, count, momenta, plain);
                     });
         arena.add_to(nodes, layout, b);
         if (flip) plain.add_to(before, layout, b);
@@ -210,7 +208,7 @@ void g2p(const Scheme& scheme, Particles<Real, D>& particles, double dt,
                       stencil.gather(x, count, arena, velocities);
                       repeat_last<Real, D>(count, velocities);
                       if (flip) {
-                        stencil.gather(x, count, plain, old);
+                        stencil.gather_values(x, count, plain, old);
                         repeat_last<Real, D>(count, old);
                       }
                       advance_packet(scheme, particles, b, g, packet, count, dt, velocities,

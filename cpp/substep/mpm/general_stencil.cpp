@@ -137,16 +137,56 @@ void gather(const Real* x, int count, const Arena<Real, D>& from, PacketVelociti
   }
 }
 
+template <class Real, int D, int kOrder>
+void scatter_values(const Real* x, int count, const PacketMomenta<Real, D>& from,
+                    Arena<Real, D>& to) {
+  using N = NodeVector<Real>;
+  for (int lane = 0; lane < count; ++lane) {
+    const Stencil<Real, D, kOrder> s(x, lane);
+    const N p = column<Real>(from.p, lane);
+    s.for_rows([&](int node, const auto& row) {
+      const N of_row = p * s.weight(row);
+      for (int k = 0; k <= kOrder; ++k) {
+        Real* const sum = to.nodes + (node + k) * transfer::kNodeReals;
+        const N n = load<N>(sum) + of_row * s.axis[s.kLast].w[k];
+        std::memcpy(sum, &n, sizeof n);
+      }
+    });
+  }
+}
+
+template <class Real, int D, int kOrder>
+void gather_values(const Real* x, int count, const Arena<Real, D>& from,
+                   PacketVelocities<Real, D>& to) {
+  using N = NodeVector<Real>;
+  for (int lane = 0; lane < count; ++lane) {
+    const Stencil<Real, D, kOrder> s(x, lane);
+    N v{};
+    s.for_rows([&](int node, const auto& row) {
+      N sum{};
+      for (int k = 0; k <= kOrder; ++k) {
+        sum += load<N>(from.nodes + (node + k) * transfer::kNodeReals) * s.axis[s.kLast].w[k];
+      }
+      v += sum * s.weight(row);
+    });
+    for (int i = 0; i < D; ++i) to.v[i][lane] = v[i];
+  }
+}
+
+template <class Real, int D, int kOrder, bool kT, bool kG>
+constexpr Stencils<Real, D> kStencils{scatter<Real, D, kOrder, kT>, gather<Real, D, kOrder, kG>,
+                                      scatter_values<Real, D, kOrder>,
+                                      gather_values<Real, D, kOrder>};
+
 }  // namespace
 
 template <class Real, int D>
 Stencils<Real, D> stencils(int order, bool gradients) {
-  // Gradients of order 1 are its affine weights.
-  if (order == 1) return {scatter<Real, D, 1, true>, gather<Real, D, 1, true>};
-  if (order == 2 && gradients) return {scatter<Real, D, 2, true>, gather<Real, D, 2, true>};
-  if (order == 2) return {scatter<Real, D, 2, false>, gather<Real, D, 2, false>};
-  if (gradients) return {scatter<Real, D, 3, true>, gather<Real, D, 3, true>};
-  return {scatter<Real, D, 3, false>, gather<Real, D, 3, false>};
+  if (order == 1) return kStencils<Real, D, 1, true, false>;
+  if (order == 2) {
+    return gradients ? kStencils<Real, D, 2, true, true> : kStencils<Real, D, 2, false, false>;
+  }
+  return gradients ? kStencils<Real, D, 3, true, true> : kStencils<Real, D, 3, false, false>;
 }
 
 template Stencils<float, 2> stencils(int, bool);

@@ -24,13 +24,17 @@ struct PacketVelocities {
   alignas(64) Real G[D][D][kLanes<Real>];
 };
 
-// For one order of the spline, with T and G or without. x as in the packet; the first `count` lanes
-// are particles.
+// For one order of the spline, with T and G or without (order 1 always has T, and never G: its C is
+// the same). x as in the packet; the first `count` lanes are particles.
 template <class Real, int D>
 struct Stencils {
-  void (*scatter)(const Real* x, int count, const PacketMomenta<Real, D>& from, Arena<Real, D>& to);
-  void (*gather)(const Real* x, int count, const Arena<Real, D>& from,
-                 PacketVelocities<Real, D>& to);
+  using Momenta = PacketMomenta<Real, D>;
+  using Velocities = PacketVelocities<Real, D>;
+  void (*scatter)(const Real* x, int count, const Momenta& from, Arena<Real, D>& to);
+  void (*gather)(const Real* x, int count, const Arena<Real, D>& from, Velocities& to);
+  // The same for p and v alone.
+  void (*scatter_values)(const Real* x, int count, const Momenta& from, Arena<Real, D>& to);
+  void (*gather_values)(const Real* x, int count, const Arena<Real, D>& from, Velocities& to);
 };
 template <class Real, int D>
 Stencils<Real, D> stencils(int order, bool gradients);
