@@ -421,8 +421,8 @@ TEST(MpmImplicit, WhatDoesNotConvergeChangesNothing) {
 
 TEST(MpmImplicit, SameBitsForAnyNumberOfThreads) {
   Nodes<float, 3> first;
-  for (const int threads : {1, 2, 3, 4}) {
-    World<float, 3> world(block<3>({9, 6, 6}, 0.1), 0.1, usual<NeoHookean>(), {});
+  for (const int threads : {1, 2, 3}) {
+    World<float, 3> world(block<3>({6, 5, 4}, 0.1), 0.1, usual<NeoHookean>(), {});
     world.threads = threads;
     world.gravity = Vec3(0, 0, -9.81);
     world.floor(Boundary::kSeparate, 0.3);

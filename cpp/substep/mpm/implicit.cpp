@@ -12,6 +12,8 @@
 namespace substep::mpm {
 namespace {
 
+// Friction is sharp at once; where that does not converge, it begins smooth.
+constexpr double kSmoothings[] = {1, 100};
 constexpr double kRounding = 1e-15;         // of energies against moduli: a few units
 constexpr double kForcing = 0.1;            // of the first linear system of a solve
 constexpr double kContactTolerance = 0.01;  // of the obstacles' impulses
@@ -200,8 +202,6 @@ const ImplicitReport& ImplicitStep<Real, D>::solve(const Particles<Real, D>& par
   }
   report_.scale = std::max(gravity.norm() * dt, std::sqrt(squares / total));
   if (!(report_.scale > 0)) report_.scale = particles.cell / dt;
-  contacts_.predict(target, options_.slip * report_.scale);
-
   Problem problem{.step = *this,
                   .target = target,
                   .unit = options_.tolerance * report_.scale * std::sqrt(total),
@@ -210,39 +210,53 @@ const ImplicitReport& ImplicitStep<Real, D>::solve(const Particles<Real, D>& par
                   .at = {},
                   .raw = {},
                   .blocks = {}};
-  contacts_.impose(before);
-  std::vector<double> v = target;
-  contacts_.impose(v);
-  const double after = problem.merit(v);
-  if (!(after <= problem.merit(before))) v = before;
+  for (const double smoothing : kSmoothings) {
+    contacts_.predict(target, options_.slip * report_.scale, smoothing);
+    contacts_.impose(before);
+    std::vector<double> v = target;
+    contacts_.impose(v);
+    const double fallen = problem.merit(v);
+    if (!(fallen <= problem.merit(before))) {
+      v = before;
+      problem.evaluate(v);
+      contacts_.press(problem.raw);
+    }
+    if (!solve_rounds(problem, v)) continue;
+    for (std::size_t i = 0; i < nodes_.count(); ++i) {
+      Real* const node =
+          nodes.data() + static_cast<std::size_t>(nodes_.slots[i]) * transfer::kNodeReals;
+      for (std::size_t d = 0; d < D; ++d) {
+        node[d] = static_cast<Real>(nodes_.mass[i] * v[i * kL + d]);
+      }
+    }
+    break;
+  }
+  return report_;
+}
 
+// Newton's method, and again where that changes what touches or how it is pressed.
+template <class Real, int D>
+bool ImplicitStep<Real, D>::solve_rounds(Problem& problem, std::span<double> v) {
   const NewtonOptions newton_options{.max_iterations = options_.max_newton,
                                      .max_forcing = kForcing};
-  while (report_.rounds < options_.max_rounds && !report_.settled) {
+  report_.settled = false;
+  for (int round = 0; round < options_.max_rounds && !report_.settled; ++round) {
     ++report_.rounds;
     contacts_.impose(v);
-    const NewtonReport newton_report = newton(problem, v, newton_options);
-    report_.newton += newton_report.iterations;
-    report_.halvings += newton_report.halvings;
-    report_.residuals.insert(report_.residuals.end(), newton_report.residuals.begin(),
-                             newton_report.residuals.end());
-    report_.converged = newton_report.converged;
-    report_.remedy = newton_report.remedy;
-    if (!report_.converged) return report_;
+    const NewtonReport found = newton(problem, v, newton_options);
+    report_.newton += found.iterations;
+    report_.halvings += found.halvings;
+    report_.residuals.insert(report_.residuals.end(), found.residuals.begin(),
+                             found.residuals.end());
+    report_.converged = found.converged;
+    report_.remedy = found.remedy;
+    if (!report_.converged) return false;
     problem.evaluate(v);
     exchanges_ = contacts_.exchanges(problem.raw);
     report_.settled = !contacts_.update(v, problem.raw, kContactTolerance);
   }
-
   if (!report_.settled) contacts_.keep_out(v);
-  for (std::size_t i = 0; i < nodes_.count(); ++i) {
-    Real* const node =
-        nodes.data() + static_cast<std::size_t>(nodes_.slots[i]) * transfer::kNodeReals;
-    for (std::size_t d = 0; d < D; ++d) {
-      node[d] = static_cast<Real>(nodes_.mass[i] * v[i * kL + d]);
-    }
-  }
-  return report_;
+  return true;
 }
 
 template class ImplicitStep<float, 2>;

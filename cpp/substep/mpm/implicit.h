@@ -35,7 +35,7 @@ struct ImplicitOptions {
   // motion) in one step that stays unexplained.
   double tolerance = 1e-3;
   double slip = 1e-2;     // of the same scale: the speed below which friction holds
-  int max_newton = 40;    // iterations of one solve
+  int max_newton = 50;    // iterations of one solve
   int max_krylov = 2000;  // iterations of one linear system
   int max_rounds = 12;    // of contact states
 };
@@ -71,6 +71,7 @@ class ImplicitStep {
 
  private:
   struct Problem;
+  bool solve_rounds(Problem& problem, std::span<double> v);
 
   ImplicitOptions options_;
   NodeDistances<Real, D> distances_;

@@ -23,9 +23,7 @@ void set_vector(std::span<double> x, std::size_t node, const Vec3& v) {
   }
 }
 
-// Friction begins smooth and becomes sharp from round to round: so Newton's method knows by and by
-// what slides, and where to.
-constexpr double kFirstSlip = 100, kSharper = 10;
+constexpr double kSharper = 10;  // smooth friction becomes sharp from round to round
 
 constexpr double kParallel = 1e-6;  // sine of the angle below which normals are the same
 
@@ -147,9 +145,9 @@ void ImplicitContacts<D>::rebuild(ContactNode& node) {
 }
 
 template <int D>
-void ImplicitContacts<D>::predict(std::span<const double> v, double slip_speed) {
+void ImplicitContacts<D>::predict(std::span<const double> v, double slip_speed, double smoothing) {
   least_slip_speed_ = slip_speed;
-  slip_speed_ = kFirstSlip * slip_speed;
+  slip_speed_ = smoothing * slip_speed;
   for (ContactNode& node : nodes_in_contact_) {
     const Vec3 velocity = vector_at<D>(v, node.node);
     node.bound = 0;
@@ -160,6 +158,20 @@ void ImplicitContacts<D>::predict(std::span<const double> v, double slip_speed) 
       node.bound += contact.friction * node.mass * std::max(-approach, 0.0);
     }
     rebuild(node);
+  }
+}
+
+template <int D>
+void ImplicitContacts<D>::press(std::span<const double> r) {
+  for (ContactNode& node : nodes_in_contact_) {
+    if (node.sticky) continue;
+    const Frame f = frame(node);
+    double lambda[3] = {0, 0, 0};
+    f.coefficients(vector_at<D>(r, node.node), lambda);
+    node.bound = 0;
+    for (int l = 0; l < f.size; ++l) {
+      node.bound += contacts_[f.contact[l]].friction * std::max(lambda[l], 0.0);
+    }
   }
 }
 

@@ -40,8 +40,11 @@ class ImplicitContacts {
               double cell);
 
   // Which nodes touch, and how they are pressed, by what velocities v would do without other
-  // forces. slip_speed: e [m/s].
-  void predict(std::span<const double> v, double slip_speed);
+  // forces. slip_speed: e [m/s], which begins `smoothing` times that and comes down from round to
+  // round.
+  void predict(std::span<const double> v, double slip_speed, double smoothing);
+  // How they are pressed by impulses r.
+  void press(std::span<const double> r);
   // The same from the solution v and the impulses r that hold the nodes there [N s]; whether it
   // changed: an impulse by more than `tolerance` of all, or a velocity by more than the slip speed.
   bool update(std::span<const double> v, std::span<const double> r, double tolerance);
