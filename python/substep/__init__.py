@@ -40,6 +40,7 @@ _EXPORTS = {
         "open_field",
     ),
     "geometry": ("Box", "Plane", "SignedDistanceField", "Sphere", "liquid_surface"),
+    "mpm": ("MaterialPointMethod",),
     "pbd": ("Distance", "PositionBasedDynamics"),
     "pbf": ("Emitter", "PositionBasedFluid", "Sink", "fill_box", "fill_mesh", "relax"),
     "second_order": ("SecondOrderResult", "solve_second_order"),
@@ -65,6 +66,7 @@ _SUBMODULES = (
     "fields",
     "geometry",
     "linalg",
+    "mpm",
     "ode",
     "pbd",
     "pbf",
@@ -109,6 +111,7 @@ if TYPE_CHECKING:
         open_field,
     )
     from .geometry import Box, Plane, SignedDistanceField, Sphere, liquid_surface
+    from .mpm import MaterialPointMethod
     from .ode import OdeResult, OdeSolution, solve_ivp
     from .pbd import Distance, PositionBasedDynamics
     from .pbf import Emitter, PositionBasedFluid, Sink, fill_box, fill_mesh, relax
