@@ -226,12 +226,21 @@ class Particles(Simulation):
             A simulation of the same class that takes the same steps.
         """
         other = object.__new__(type(self))
-        with self._own():
-            other.__dict__.update({k: v for k, v in self.__dict__.items() if k != "_busy"})
-            other.colliders = tuple(collider.copy() for collider in self.colliders)
-            Simulation.__init__(other, other._make(), self.time, self.threads)
-            other.restore(self.state())
+        made, state = self.__getstate__()
+        made["colliders"] = tuple(collider.copy() for collider in self.colliders)
+        other.__setstate__((made, state))
         return other
+
+    def __getstate__(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        with self._own():
+            made = {k: v for k, v in self.__dict__.items() if k not in ("_native", "_busy")}
+            return {**made, "_threads": self.threads}, self.state()
+
+    def __setstate__(self, given: tuple[dict[str, Any], dict[str, Any]]) -> None:
+        made, state = given
+        self.__dict__.update({k: v for k, v in made.items() if k != "_threads"})
+        Simulation.__init__(self, self._make(), state["time"], made["_threads"])
+        self.restore(state)
 
     __copy__ = copy
 
