@@ -25,7 +25,8 @@ AnyMaterial material(const std::string& kind, const py::dict& constants) {
     return Fluid{.density = c("density"),
                  .bulk_modulus = c("bulk_modulus"),
                  .viscosity = c("viscosity"),
-                 .exponent = c("exponent")};
+                 .exponent = c("exponent"),
+                 .tension = constants["tension"].cast<bool>()};
   }
   if (kind == Snow::kName) {
     return Snow{.density = c("density"),
@@ -41,6 +42,9 @@ AnyMaterial material(const std::string& kind, const py::dict& constants) {
                 .mu = c("mu"),
                 .lambda = c("lambda"),
                 .friction_angle = c("friction_angle"),
+                .match = constants["match"].cast<std::string>() == "compression"
+                             ? FrictionMatch::kCompression
+                             : FrictionMatch::kPlaneStrain,
                 .hardening_slope = c("hardening_slope"),
                 .hardening_rate = c("hardening_rate"),
                 .initial_softening = c("initial_softening")};

@@ -542,6 +542,8 @@ class MaterialPointReport:
     limit: str
     removed: int
     clamped: int
+    newton: int
+    krylov: int
 
 class MaterialPointSums:
     mass: float

@@ -52,6 +52,7 @@ FORMS = ("mls", "textbook")
 INTEGRATORS = ("explicit", "implicit")
 ON_LARGE_STEP = ("raise", "subdivide")
 BOUNDARIES = ("separate", "slip", "sticky")
+_COUNTS = ("steps", "sorts", "subdivided", "removed", "clamped", "newton", "krylov")
 _LOOKS = 4  # steps after which sinks look again
 _FAR = 2.0**20  # cells from 0 at which emitters may be
 
@@ -72,6 +73,8 @@ class StepReport:
         What limited it: a reason of `step_limit`, "given", or "end" (of the duration).
     removed, clamped : int
         Particles that left the bounds.
+    newton, krylov : int
+        Iterations of implicit steps, of all together.
     """
 
     steps: int = 0
@@ -81,9 +84,11 @@ class StepReport:
     limit: str = ""
     removed: int = 0
     clamped: int = 0
+    newton: int = 0
+    krylov: int = 0
 
     def _add(self, native: Any) -> None:
-        for name in ("steps", "sorts", "subdivided", "removed", "clamped"):
+        for name in _COUNTS:
             setattr(self, name, getattr(self, name) + getattr(native, name))
         if native.steps:
             self.dt, self.limit = native.dt, native.limit
