@@ -51,6 +51,7 @@ inline HerschelBulkley usual() {
 }
 
 using Matrix3d = Eigen::Matrix3d;
+using Vector3d = Eigen::Vector3d;
 
 // Uniform in [-1, 1].
 template <class Random>
@@ -100,6 +101,32 @@ Matrix3d get(const SymmetricTensor<V, D>& A, int lane) {
   }
   values(2, 2) = A.m[2][lane];
   return values;
+}
+
+inline Matrix3d deviator(const Matrix3d& A) { return A - A.trace() / 3 * Matrix3d::Identity(); }
+inline double pressure(const Matrix3d& A) { return -A.trace() / 3; }
+inline Matrix3d diagonal(double x, double y, double z) { return Vector3d(x, y, z).asDiagonal(); }
+inline Matrix3d shear_rate(double rate) {
+  Matrix3d G = Matrix3d::Zero();
+  G(0, 1) = rate;
+  return G;
+}
+
+// tau and F of principal stretches sigma and principal stresses, for F = U diag(trial) V^T.
+struct Decomposed {
+  Eigen::JacobiSVD<Matrix3d> svd;
+  explicit Decomposed(const Matrix3d& F) : svd(F, Eigen::ComputeFullU | Eigen::ComputeFullV) {}
+  Vector3d sigma() const { return svd.singularValues(); }
+  Matrix3d tensor(const Vector3d& t) const {
+    return svd.matrixU() * t.asDiagonal() * svd.matrixU().transpose();
+  }
+  Matrix3d deformation(const Vector3d& s) const {
+    return svd.matrixU() * s.asDiagonal() * svd.matrixV().transpose();
+  }
+};
+
+inline Vector3d hencky_stress(const Vector3d& eps) {
+  return 2 * kMu * eps + Vector3d::Constant(kLambda * eps.sum());
 }
 
 // One packet of a material.
