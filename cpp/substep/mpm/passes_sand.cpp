@@ -1,5 +1,5 @@
-#include "substep/mpm/sand.h"
 #include "substep/mpm/packet_passes.h"
+#include "substep/mpm/sand.h"
 
 namespace substep::mpm {
 

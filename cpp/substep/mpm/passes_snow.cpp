@@ -1,5 +1,5 @@
-#include "substep/mpm/snow.h"
 #include "substep/mpm/packet_passes.h"
+#include "substep/mpm/snow.h"
 
 namespace substep::mpm {
 

@@ -1,5 +1,5 @@
-#include "substep/mpm/von_mises.h"
 #include "substep/mpm/packet_passes.h"
+#include "substep/mpm/von_mises.h"
 
 namespace substep::mpm {
 
