@@ -103,6 +103,9 @@ TYPED_TEST(Flow, fluid_equation_of_state) {
         EXPECT_NEAR(pressure(tau), J * expected, TestFixture::kTolerance * K);
         EXPECT_NEAR(tau(0, 1), J * fluid.material.viscosity * 3, 1e-4);
         EXPECT_NEAR(tau(0, 1), tau(1, 0), 0);
+        fluid.stress(1e-3, 100 * Matrix3d::Identity());  // no viscosity of volume
+        EXPECT_LT((fluid.stress_of() + J * expected * Matrix3d::Identity()).norm(),
+                  2 * TestFixture::kTolerance * K);
         Matrix3d turn = shear_rate(3);
         turn(1, 0) = -3;
         fluid.stress(1e-3, turn);
