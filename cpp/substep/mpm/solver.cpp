@@ -78,8 +78,8 @@ void Solver<Real, D>::run(double end, double given) {
 template <class Real, int D>
 void Solver<Real, D>::steps_until_rest(double end, double given) {
   poll_interrupt();
-  NextStep step =
-      choose(clock_.time, end, given, limit_now(largest_speed(particles_, options_.threads)));
+  NextStep step = choose(clock_.time, end, given,
+                         limit_now(largest_speed(particles_, options_.threads), given));
   if (!step.refused.empty()) raise(step.refused, -1);
   shrinks_ = 0;
   NodeCheck check = begin_step(step.dt);
@@ -101,7 +101,7 @@ void Solver<Real, D>::steps_until_rest(double end, double given) {
     }
     NextStep after;
     const bool last = stop || near_bounds_ || !fast() || !(step.end < end);
-    if (!last) after = choose(step.end, end, given, limit_now(check.speed));
+    if (!last) after = choose(step.end, end, given, limit_now(check.speed, given));
     if (last || !after.refused.empty()) {
       rest(step);
       if (stop) std::rethrow_exception(stop);
@@ -130,13 +130,15 @@ StepLimit Solver<Real, D>::step_limit() const {
 
 // The limits of a step from a state whose wave speed is looked at now and then.
 template <class Real, int D>
-StepLimit Solver<Real, D>::limit_now(double speed) {
+StepLimit Solver<Real, D>::limit_now(double speed, double given) {
   if (wave_age_ >= kWaveSteps && options_.integrator == Integrator::kExplicit) {
     wave_ = wave_speed_squared(particles_, options_.threads);
     wave_age_ = 0;
     if (!std::isfinite(wave_)) wave_ = 0;  // the step itself tells which particle is spoiled
   }
-  return limit(speed, wave_);
+  StepLimit now = limit(speed, wave_);
+  if (given > 0 && now.dt == options_.largest) now.dt = HUGE_VAL;  // that is for chosen steps
+  return now;
 }
 
 template <class Real, int D>

@@ -113,7 +113,7 @@ class Solver {
   void steps_until_rest(double end, double given);
   NextStep choose(double now, double end, double given, const StepLimit& limit);
   StepLimit limit(double speed, double wave) const;  // [m/s], c^2 [m^2/s^2]
-  StepLimit limit_now(double speed);
+  StepLimit limit_now(double speed, double given);
   NodeCheck begin_step(double dt);
   NodeCheck solve(double dt);
   void end_step(double dt);
