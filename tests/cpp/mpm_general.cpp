@@ -262,6 +262,32 @@ TEST(MpmGeneral, FlipBlendsPerUnitOfTime) {
   EXPECT_NEAR(after(40, 1) / after(20, 1), 1, 0.02);
 }
 
+// Nodes at the rim run away by textbook forces; particles do not, and their speed is known before
+// they move.
+TEST(MpmGeneral, SpeedOfParticlesIsKnownBeforeTheyMove) {
+  const Cloud<3> cloud = random_cloud<3>(300, kCell);
+  for (int order = 1; order <= 3; ++order) {
+    const Scheme scheme{order, Transfer::kApic, Form::kTextbook, 0};
+    auto particles = make_particles<double, 3>(cloud, kCell);
+    Nodes<double, 3> nodes, before;
+    p2g(scheme, particles, kDt, nodes, before, 2);
+    double fastest_node = 0, fastest = 0;
+    update_nodes(particles, nodes, {}, [&](const auto&, const double* node) {
+      for (int d = 0; d < 3; ++d) fastest_node = std::max(fastest_node, std::abs(node[d]));
+    });
+    const double speed = greatest_speed(scheme, particles, nodes, 2);
+    g2p(scheme, particles, kDt, nodes, before, 2);
+    const Cloud<3> after = make_cloud(particles);
+    for (std::size_t k = 0; k < cloud.size(); ++k) {
+      for (std::size_t d = 0; d < 3; ++d) {
+        fastest = std::max(fastest, std::abs(after[k].X[d] - cloud[k].X[d]) * kCell / kDt);
+      }
+    }
+    EXPECT_NEAR(speed / fastest, 1, 1e-9);
+    EXPECT_GT(fastest_node, 2 * fastest);
+  }
+}
+
 // The same bits for any number of threads, in 2D and 3D, for each scheme.
 template <class Real, int D>
 void expect_same_bits() {

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstring>
 #include <functional>
+#include <vector>
 
 #include "substep/core/parallel.h"
 #include "substep/mpm/general_materials.h"
@@ -14,9 +15,6 @@
 namespace substep::mpm {
 
 namespace {
-
-// MLS forces need D^-1, which order 1 has only together with its weights: as gradients.
-bool textbook(const Scheme& scheme) { return scheme.form == Form::kTextbook || scheme.order == 1; }
 
 double inverse_moment(int order) {  // D^-1 [1/cell^2]
   return 1 / (order == 2 ? transfer::kSecondMoment<2> : transfer::kSecondMoment<3>);
@@ -86,7 +84,7 @@ void packet_momenta(const Scheme& scheme, const Particles<Real, D>& particles, s
   const bool apic = scheme.transfer == Transfer::kApic;
   const V mass_dx = mass * Real(apic ? dx : 0);  // arms are in cells
   const V impulse = volume * Real(-dt / dx);     // and so are gradients
-  const V mls = textbook(scheme) ? V{} : V(impulse * Real(inverse_moment(scheme.order)));
+  const V mls = uses_gradients(scheme) ? V{} : V(impulse * Real(inverse_moment(scheme.order)));
   store(to.p[D], mass);
   for (int i = 0; i < D; ++i) {
     store(to.p[i], mass * load<V>(v + i * kLanes<Real>));
@@ -162,7 +160,7 @@ void p2g(const Scheme& scheme, const Particles<Real, D>& particles, double dt,
          Nodes<Real, D>& nodes, Nodes<Real, D>& before, int threads) {
   const auto& layout = particles.layout;
   const bool flip = scheme.transfer == Transfer::kFlip;
-  const Stencils<Real, D> stencil = stencils<Real, D>(scheme.order, textbook(scheme));
+  const Stencils<Real, D> stencil = stencils<Real, D>(scheme.order, uses_gradients(scheme));
   nodes.set_zero(layout.node_blocks(), threads);
   if (flip) before.set_zero(layout.node_blocks(), threads);
   for_coloured_blocks<D>(
@@ -186,11 +184,40 @@ void p2g(const Scheme& scheme, const Particles<Real, D>& particles, double dt,
 }
 
 template <class Real, int D>
+double greatest_speed(const Scheme& scheme, const Particles<Real, D>& particles,
+                      const Nodes<Real, D>& nodes, int threads) {
+  const auto& layout = particles.layout;
+  const Stencils<Real, D> stencil = stencils<Real, D>(scheme.order, false);
+  std::vector<Real> greatest(static_cast<std::size_t>(layout.blocks()));
+  parallel_chunks(
+      layout.blocks(),
+      [&](std::int64_t block) {
+        Arena<Real, D> arena;
+        PacketVelocities<Real, D> velocities;
+        const auto b = static_cast<std::size_t>(block);
+        arena.copy(nodes, layout, b);
+        Real most = 0;
+        for_packets(
+            particles.groups, b, kLanes<Real>, [&](std::size_t g, std::int64_t packet, int count) {
+              stencil.gather_values(particles.groups[g].packet(packet), count, arena, velocities);
+              for (const auto& row : velocities.v) {
+                for (int lane = 0; lane < count; ++lane) {
+                  most = std::max(most, std::abs(row[lane]));
+                }
+              }
+            });
+        greatest[b] = most;
+      },
+      threads);
+  return greatest.empty() ? 0 : double(*std::max_element(greatest.begin(), greatest.end()));
+}
+
+template <class Real, int D>
 void g2p(const Scheme& scheme, Particles<Real, D>& particles, double dt,
          const Nodes<Real, D>& nodes, const Nodes<Real, D>& before, int threads) {
   const auto& layout = particles.layout;
   const bool flip = scheme.transfer == Transfer::kFlip;
-  const Stencils<Real, D> stencil = stencils<Real, D>(scheme.order, textbook(scheme));
+  const Stencils<Real, D> stencil = stencils<Real, D>(scheme.order, uses_gradients(scheme));
   parallel_chunks(
       layout.blocks(),
       [&](std::int64_t block) {
@@ -220,10 +247,12 @@ void g2p(const Scheme& scheme, Particles<Real, D>& particles, double dt,
   particles.before = dt;
 }
 
-#define SUBSTEP_INSTANTIATE(Real, D)                                                   \
-  template void p2g(const Scheme&, const Particles<Real, D>&, double, Nodes<Real, D>&, \
-                    Nodes<Real, D>&, int);                                             \
-  template void g2p(const Scheme&, Particles<Real, D>&, double, const Nodes<Real, D>&, \
+#define SUBSTEP_INSTANTIATE(Real, D)                                                              \
+  template void p2g(const Scheme&, const Particles<Real, D>&, double, Nodes<Real, D>&,            \
+                    Nodes<Real, D>&, int);                                                        \
+  template double greatest_speed(const Scheme&, const Particles<Real, D>&, const Nodes<Real, D>&, \
+                                 int);                                                            \
+  template void g2p(const Scheme&, Particles<Real, D>&, double, const Nodes<Real, D>&,            \
                     const Nodes<Real, D>&, int);
 SUBSTEP_INSTANTIATE(float, 2)
 SUBSTEP_INSTANTIATE(float, 3)

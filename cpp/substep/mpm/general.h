@@ -48,6 +48,17 @@ template <class Real, int D>
 void p2g(const Scheme& scheme, const Particles<Real, D>& particles, double dt,
          Nodes<Real, D>& nodes, Nodes<Real, D>& before, int threads);
 
+// Whether forces go with grad w: textbook, and order 1 in either form. Then nodes that particles
+// hardly reach, whose mass goes with w, may be much faster than any particle, which sees w v_i.
+inline bool uses_gradients(const Scheme& scheme) {
+  return scheme.form == Form::kTextbook || scheme.order == 1;
+}
+
+// The greatest component of the velocities by which g2p would move particles [m/s].
+template <class Real, int D>
+double greatest_speed(const Scheme& scheme, const Particles<Real, D>& particles,
+                      const Nodes<Real, D>& nodes, int threads);
+
 // Takes velocities, moves and deforms particles by dt, and leaves them at rest. `before` is what
 // p2g set.
 template <class Real, int D>

@@ -227,8 +227,18 @@ NodeCheck Solver<Real, D>::solve(double dt) {
 template <class Real, int D>
 NodeCheck Solver<Real, D>::update(double dt) {
   ++wave_age_;
-  return grid_.update({nodes_.values.data(), nodes_.values.size()}, options_.gravity, dt,
-                      room() * options_.cell / dt, options_.threads);
+  const bool by_particles = !fast() && uses_gradients(scheme());
+  const double bound =
+      by_particles ? std::numeric_limits<Real>::max() : room() * options_.cell / dt;
+  NodeCheck check = grid_.update({nodes_.values.data(), nodes_.values.size()}, options_.gravity, dt,
+                                 bound, options_.threads);
+  if (by_particles && check.good()) {
+    const double push = check.reach - check.speed * dt / options_.cell;
+    check.speed = greatest_speed(scheme(), particles_, nodes_, options_.threads);
+    check.reach = check.speed * dt / options_.cell + push;
+    grid_.particles().set_reach(check.reach);
+  }
+  return check;
 }
 
 template <class Real, int D>
