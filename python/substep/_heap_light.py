@@ -46,7 +46,7 @@ def heap_normals(points: Array, radius: float) -> tuple[Array, Array]:
         for axis in range(3):
             density += 0.5 * (np.roll(density, 1, axis) + np.roll(density, -1, axis))
             density *= 0.5
-    slopes = [-_sampled(slope, at - np.float32(0.5)) for slope in np.gradient(density)]
+    slopes = [-_sampled(np.asarray(slope), at - np.float32(0.5)) for slope in np.gradient(density)]
     gradient = np.stack(slopes, axis=1)
     length = np.linalg.norm(gradient, axis=1)
     full = max(float(np.quantile(length, 0.9)), 1e-30)
