@@ -28,3 +28,21 @@ def chain(n=100000, steps=20, threads=None):
         threads=threads,
     )
     return substep.state_hash(result.y)
+
+
+def grains(n=2000, steps=20, threads=None):
+    """Hash of about n grains of sand after some steps, on a grid that they are sorted into."""
+    side = 0.1 * (n / 4) ** (1 / 3)
+    x, volume = substep.mpm.sample_box((0, 0, 0.05), (2 * side, side, 0.05 + 2 * side), 0.1)
+    sand = substep.MaterialPointMethod(
+        x,
+        substep.mpm.Sand(young_modulus=1e5),
+        cell=0.2,
+        volume=volume,
+        velocities=np.tile([1.0, 0.5, -2.0], (len(x), 1)),
+        colliders=[substep.Plane(friction=0.5)],
+        step=2.0**-8,
+        threads=threads,
+    )
+    sand.advance(steps * 2.0**-8)
+    return substep.state_hash(*sand.state().values())

@@ -87,6 +87,19 @@ def dropped(make):
     return simulation.positions
 
 
+def points_of_jelly(positions, **options):
+    jelly = substep.mpm.FixedCorotated(1000, 1.0, 0.3)
+    return substep.MaterialPointMethod(
+        positions, jelly, cell=8.0, volume=1.0, largest_step=1.0, **options
+    )
+
+
+def deformed(values):
+    simulation = points_of_jelly(ROWS)
+    simulation.set_deformation_gradients(values)
+    return simulation.deformation_gradients
+
+
 ENTRIES = [
     Entry(
         "PositionBasedDynamics positions",
@@ -117,6 +130,28 @@ ENTRIES = [
         "velocities",
         any_length=False,
         optional=True,
+    ),
+    Entry(
+        "MaterialPointMethod positions",
+        lambda x: dropped(lambda: points_of_jelly(x)),
+        ROWS,
+        "positions",
+        empty=(0, 3),
+    ),
+    Entry(
+        "MaterialPointMethod velocities",
+        lambda v: dropped(lambda: points_of_jelly(ROWS, velocities=v)),
+        ROWS,
+        "velocities",
+        any_length=False,
+        optional=True,
+    ),
+    Entry(
+        "MaterialPointMethod.set_deformation_gradients",
+        deformed,
+        np.array([[[1.0, 2, 0], [0, 1, 0], [0, 0, 1]], [[2, 0, 1], [0, 1, 0], [0, 0, 1]]]),
+        "values",
+        any_length=False,
     ),
     Entry(
         "neighbour_lists points",
