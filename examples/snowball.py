@@ -18,7 +18,6 @@ snow = substep.MaterialPointMethod(
     volume=volume,
     velocities=np.tile([8.0, 0.0, 0.0], (len(x), 1)),
     colliders=[substep.Plane(friction=0.5), wall],
-    boundary=["separate", "separate"],
 )
 
 fields = {"velocity": "m/s", "plastic_volume_ratio": "1"}
@@ -34,7 +33,8 @@ with substep.Recorder("snowball.vtkhdf", parts=parts, overwrite=True) as recorde
         recorder.append(snow.time, {"snow": {"points": now["position"][0], **frame}})
         kept = [f"{name} {energy[f'{name}_energy']:.1f} J" for name in ("kinetic", "dissipated")]
         print(f"{snow.time:.2f} s: {', '.join(kept)}; {snow.report.steps} steps")
-view = View(Camera(-130.0, 15.0), {"wall": Look("#8b97a3")}, color="plastic_volume_ratio", limits=(0.7, 1.2))
+look = {"color": "plastic_volume_ratio", "limits": (0.7, 1.2)}
+view = View(Camera(-130.0, 15.0), {"wall": Look("#8b97a3")}, **look)
 with substep.Recording("snowball.vtkhdf") as recording:
     imsave("snowball.png", view.image(recording, frame=2))
 print("snowball.png")

@@ -276,8 +276,10 @@ INVERTED = {
     "all inverted": (-1.0, -1.0, -1.0),
     "singular": (0.0, 1.0, 1.0),
     "nothing": (0.0, 0.0, 0.0),
+}
+HUGE = {
     "flattened": (1e-6, 1.0, 1.0),
-    "huge": (1e12, 1.0, 1.0),
+    "stretched": (1e12, 1.0, 1.0),
     "beyond float32": (1e30, 1e30, 1e30),
 }
 
@@ -297,8 +299,22 @@ def test_impossible_deformations(name, kind, dtype):
         assert error.time == pytest.approx(simulation.time, abs=1e-3)
     else:
         assert is_finite(simulation)
-        x = simulation.positions
-        assert np.abs(x).max() < 10
+        assert np.abs(simulation.positions).max() < 10
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("kind", HUGE)
+@each_material
+def test_huge_deformations(name, kind, dtype):
+    """The waves are faster than any step, or the numbers have no end: refused."""
+    simulation = changed(name, HUGE[kind], dtype=dtype)
+    before = state_hash(simulation)
+    try:
+        simulation.step(1e-4)
+    except SolverError:
+        assert state_hash(simulation) == before
+    else:  # sand and snow yield at once, a fluid has no pressure
+        assert is_finite(simulation)
 
 
 def test_inverted_rubber_is_named_and_inverted_corotated_goes_on():
@@ -325,7 +341,7 @@ def test_a_failure_in_the_middle_leaves_the_last_good_step(name):
     twin = simulation.copy()
     with pytest.raises(SolverError, match="bounds") as caught:
         simulation.advance(1.0)
-    good = caught.value.step
+    good = caught.value.step - 1
     assert good > 10
     assert simulation.time == pytest.approx(good * 1e-3)
     for _ in range(good):

@@ -70,7 +70,7 @@ def sample_box(
     --------
     >>> import substep
     >>> x, volumes = substep.mpm.sample_box((0, 0, 0), (1, 1, 0.5), 0.1)
-    >>> len(x), round(volumes.sum(), 12)
+    >>> len(x), round(float(volumes.sum()), 12)
     (500, 0.5)
     """
     first = check_array("low", low)
@@ -181,7 +181,7 @@ def sample_mesh(
     >>> import substep
     >>> ball = substep.geometry.sphere_mesh(subdivisions=3)
     >>> x, volumes = substep.mpm.sample_mesh(ball, 0.1)
-    >>> round(volumes.sum() / ball.volume, 12), round(volumes[0] / 0.1**3, 2)
+    >>> round(float(volumes.sum() / ball.volume), 12), round(float(volumes[0] / 0.1**3), 2)
     (1.0, 1.0)
     """
     if not isinstance(mesh, TriangleMesh):
