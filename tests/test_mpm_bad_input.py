@@ -619,7 +619,7 @@ def test_signals_stop_a_million_particles(threads):
     waits = []
     before = signal.signal(signal.SIGALRM, ring)
     try:
-        for _ in range(2):
+        for _ in range(4):
             begin = time.perf_counter()
             signal.setitimer(signal.ITIMER_REAL, 0.5)
             with pytest.raises(Alarm):
