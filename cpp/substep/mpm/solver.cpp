@@ -90,15 +90,21 @@ void Solver<Real, D>::steps_until_rest(double end, double given) {
   }
   good_.clear();
   begin_.clear();
+  if (fast() && step.end < end) {  // what memory a run needs is there before it begins
+    next_.values.reset(nodes_.values.size());
+    base_.values.reset(nodes_.values.size());
+  }
   for (;;) {
-    step.reach = check.reach;
-    make_room(step);
     std::exception_ptr stop;
     try {
       poll_interrupt();
     } catch (...) {
       stop = std::current_exception();
     }
+    // From here to the next turn particles may be between two steps.
+    const DeferInterrupts whole;
+    step.reach = check.reach;
+    make_room(step);
     NextStep after;
     const bool last = stop || near_bounds_ || !fast() || !(step.end < end);
     if (!last) after = choose(step.end, end, given, limit_now(check.speed, given));
@@ -109,11 +115,8 @@ void Solver<Real, D>::steps_until_rest(double end, double given) {
     }
     if (begin_.empty()) begin_.push_back({grid_, clock_, report_});
     good_.push_back(step);
-    {
-      const DeferInterrupts whole;
-      g2p2g(particles_, step.dt, after.dt, nodes_, next_, options_.threads);
-      commit(step);
-    }
+    g2p2g(particles_, step.dt, after.dt, nodes_, next_, options_.threads);
+    commit(step);
     if (good_.size() == 1) base_.values.swap(nodes_.values);
     nodes_.values.swap(next_.values);
     check = update(after.dt);
@@ -325,7 +328,6 @@ void Solver<Real, D>::halve(NextStep& step, const char* reason) {
 template <class Real, int D>
 void Solver<Real, D>::make_room(const NextStep& step) {
   if (!fast() || clock_.drift + step.reach <= room()) return;
-  const DeferInterrupts whole;
   sort(particles_, nodes_, options_.threads);
   clock_.drift = 0;
   ++report_.sorts;
@@ -336,7 +338,6 @@ void Solver<Real, D>::make_room(const NextStep& step) {
 
 template <class Real, int D>
 void Solver<Real, D>::rest(const NextStep& step) {
-  const DeferInterrupts whole;
   if (!near_bounds_) {
     end_step(step.dt);
     return commit(step);
@@ -387,7 +388,6 @@ void Solver<Real, D>::commit(const NextStep& step) {
 // The step after the last of `good_` has failed.
 template <class Real, int D>
 void Solver<Real, D>::return_to_good_step() {
-  const DeferInterrupts whole;
   rewind(particles_, options_.threads);
   grid_ = begin_[0].grid;
   clock_ = begin_[0].clock;
