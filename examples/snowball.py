@@ -13,10 +13,10 @@ slab = substep.geometry.box_mesh((0.2, 1.2, 0.7))
 slab = substep.geometry.TriangleMesh(slab.vertices + np.array([0.4, 0, 0.35]), slab.faces)
 snow = substep.MaterialPointMethod(
     x,
-    mpm.Snow(young_modulus=5e4, critical_compression=0.02),
+    mpm.Snow(young_modulus=1.4e5, critical_compression=0.02),
     cell=cell,
     volume=volume,
-    velocities=np.tile([8.0, 0.0, 0.0], (len(x), 1)),
+    velocities=np.tile([2.5, 0.0, 0.0], (len(x), 1)),
     colliders=[substep.Plane(friction=0.5), wall],
 )
 
@@ -27,14 +27,14 @@ parts = {
 }
 with substep.Recorder("snowball.vtkhdf", parts=parts, overwrite=True) as recorder:
     for k in range(5):
-        snow.advance(0.03 * k - snow.time)
+        snow.advance(0.05 * k - snow.time)
         now, energy = snow.fields(), snow.diagnostics()
         frame = {name: now[name][0] for name in fields}
         recorder.append(snow.time, {"snow": {"points": now["position"][0], **frame}})
         kept = [f"{name} {energy[f'{name}_energy']:.1f} J" for name in ("kinetic", "dissipated")]
         print(f"{snow.time:.2f} s: {', '.join(kept)}; {snow.report.steps} steps")
-look = {"color": "plastic_volume_ratio", "limits": (0.7, 1.2)}
-view = View(Camera(-130.0, 15.0), {"wall": Look("#8b97a3")}, **look)
+look = {"color": "plastic_volume_ratio", "limits": (0.7, 1.0)}
+view = View(Camera(-92.0, 8.0), {"snow": Look(heap=True)}, **look)
 with substep.Recording("snowball.vtkhdf") as recording:
-    imsave("snowball.png", view.image(recording, frame=2))
+    imsave("snowball.png", view.image(recording, frame=-1))
 print("snowball.png")
