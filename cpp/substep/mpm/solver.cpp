@@ -82,6 +82,8 @@ void Solver<Real, D>::steps_until_rest(double end, double given) {
                          limit_now(largest_speed(particles_, options_.threads), given));
   if (!step.refused.empty()) raise(step.refused, -1);
   shrinks_ = 0;
+  // An implicit step is dear: it is not solved twice for want of room.
+  if (options_.integrator == Integrator::kImplicit && clock_.drift > 0) sort_resting();
   NodeCheck check = begin_step(step.dt);
   for (; !passes(check); check = begin_step(step.dt)) shrink(step, check, given);
   if (!fast() && clock_.drift + check.reach > room()) {
