@@ -240,6 +240,7 @@ bool ImplicitStep<Real, D>::solve_rounds(Problem& problem, std::span<double> v) 
   const NewtonOptions newton_options{.max_iterations = options_.max_newton,
                                      .max_forcing = kForcing};
   report_.settled = false;
+  std::vector<double> last;  // of the rounds that converged
   for (int round = 0; round < options_.max_rounds && !report_.settled; ++round) {
     ++report_.rounds;
     contacts_.impose(v);
@@ -248,9 +249,14 @@ bool ImplicitStep<Real, D>::solve_rounds(Problem& problem, std::span<double> v) 
     report_.halvings += found.halvings;
     report_.residuals.insert(report_.residuals.end(), found.residuals.begin(),
                              found.residuals.end());
-    report_.converged = found.converged;
-    report_.remedy = found.remedy;
+    report_.converged = round > 0 || found.converged;
+    report_.remedy = found.converged ? "" : found.remedy;
     if (!report_.converged) return false;
+    if (!found.converged) {  // that of the round before, which does not settle
+      std::copy(last.begin(), last.end(), v.begin());
+      break;
+    }
+    last.assign(v.begin(), v.end());
     problem.evaluate(v);
     exchanges_ = contacts_.exchanges(problem.raw);
     report_.settled = !contacts_.update(v, problem.raw, kContactTolerance);
