@@ -113,9 +113,7 @@ def test_momentum_is_kept_and_energy_never_grows(dtype):
         energies.append(now["kinetic_energy"] + now["elastic_energy"])
     for axis in "xyz":
         size = abs(before["momentum_y"])
-        assert now[f"momentum_{axis}"] == pytest.approx(
-            before[f"momentum_{axis}"], abs=1e-4 * size
-        )
+        assert now[f"momentum_{axis}"] == pytest.approx(before[f"momentum_{axis}"], abs=1e-4 * size)
     assert (np.diff(energies) < 1e-3 * energies[0]).all()  # the tolerance of a step
     assert energies[-1] < energies[0]
 
