@@ -13,7 +13,10 @@ from substep.scenes import Parameter, Scene
 
 DATA = Path(__file__).parents[2] / "shared" / "data" / "globcurrent"
 
+MESHES = Path(__file__).parents[2] / "shared" / "data" / "meshes"
+
 SMALL = {
+    "bunny-snow": {"duration": 0.1, "resolution": 12},
     "cloth-ball": {"duration": 0.2, "vertices": 10, "substeps": 5},
     "cloth-drape": {"duration": 0.2, "vertices": 12},
     "cloth-hang": {"duration": 0.2, "vertices": 8},
@@ -22,10 +25,14 @@ SMALL = {
     "double-gyre": {"duration": 2.0, "particles": 300},
     "fountain": {"duration": 0.2, "spacing": 0.08, "nozzle": 0.06},
     "jelly": {"duration": 0.2, "cells": 3},
+    "jelly-cubes": {"duration": 0.1, "particles": 1000, "cubes": 3},
     "kepler": {"duration": 2.0},
+    "mud-slump": {"duration": 0.05, "particles": 800},
     "ocean-drift": {"duration": 2.0, "particles": 500},
     "oscillator": {"duration": 1.0},
     "rope": {"duration": 0.2, "ropes": 3, "segments": 12, "substeps": 5},
+    "sand-column": {"duration": 0.1, "particles": 800},
+    "snowball": {"duration": 0.05, "particles": 800},
     "soft-bunny": {"duration": 0.2, "cells": 3, "substeps": 5},
 }
 
@@ -37,6 +44,10 @@ def small(name):
         if not DATA.is_dir():
             pytest.skip("the ocean currents are not at hand")
         parameters["data"] = str(DATA)
+    if name == "bunny-snow":
+        parameters["mesh"] = str(MESHES / "spot.obj")
+        if not MESHES.is_dir():
+            pytest.skip("the meshes are not at hand")
     return scenes.load(name), parameters
 
 
@@ -131,12 +142,21 @@ def test_resumes_to_the_same_bits(name, tmp_path):
     assert [p.name for p in (tmp_path / "cut").iterdir()] == [f"{name}.vtkhdf"]
 
 
+MATERIAL_POINTS = ["bunny-snow", "jelly-cubes", "mud-slump", "sand-column", "snowball"]
 POSITION_BASED = ["cloth-ball", "dam-break", "double-dam", "fountain", "rope", "soft-bunny"]
 
 
 @pytest.mark.parametrize(
     "name",
-    ["cloth-drape", "cloth-hang", "double-gyre", "jelly", "ocean-drift", *POSITION_BASED],
+    [
+        "cloth-drape",
+        "cloth-hang",
+        "double-gyre",
+        "jelly",
+        "ocean-drift",
+        *MATERIAL_POINTS,
+        *POSITION_BASED,
+    ],
 )
 def test_threads_do_not_change_the_bits(name, tmp_path):
     scene, parameters = small(name)
@@ -246,9 +266,6 @@ class TestClothHang:
             cloth.advance(1.0)
         assert 0 < caught.value.time <= 1
         assert substep.state_hash(cloth.time, cloth.positions, cloth.velocities) == before
-
-
-MESHES = Path(__file__).parents[2] / "shared" / "data" / "meshes"
 
 
 class TestClothDrape:
@@ -541,6 +558,60 @@ class TestPositionBased:
         assert "filled with tetrahedra" in run.summary
         assert float(re.search(r"nearer than ([-\d.e]+) mm", run.summary)[1]) > 0
         assert 0.85 < float(re.search(r"volume ([\d.]+) times", run.summary)[1]) < 1.15
+
+
+class TestMaterialPoints:
+    def run(self, tmp_path, name, frames=4, **parameters):
+        scene, small_ones = small(name)
+        return scenes.run(scene, small_ones | parameters, tmp_path, frames=frames)
+
+    def test_a_column_of_sand_spreads_and_comes_to_rest(self, tmp_path):
+        run = self.run(tmp_path, "sand-column", particles=4000, duration=1.6)
+        assert "0 of them outside, at rest" in run.summary
+        assert 1.2 < float(re.search(r"run-out ([\d.]+) radii", run.summary)[1]) < 3.0
+        (_, first), *_, (_, last) = frames_of(run.recording)
+        np.testing.assert_array_equal(first["sand"]["dye"], last["sand"]["dye"])
+        assert first["sand"]["points"][:, 2].max() > 0.7 > 0.5 > last["sand"]["points"][:, 2].max()
+
+    def test_a_snowball_is_flattened_by_the_wall(self, tmp_path):
+        run = self.run(tmp_path, "snowball", particles=2000, duration=0.1)
+        assert "0 of them outside" in run.summary
+        (_, first), *_, (_, last) = frames_of(run.recording)
+        before, after = (f["snow"]["points"] for f in (first, last))
+        assert after[:, 0].mean() > before[:, 0].mean() and after[:, 0].max() < 0
+        assert np.ptp(after[:, 0]) < 0.93 * np.ptp(before[:, 0])
+
+    def test_mud_slumps_by_its_yield_stress(self, tmp_path):
+        slumps = []
+        for stress in (2000.0, 300.0):
+            given = {"particles": 1500, "duration": 0.6, "posts": False, "yield": stress}
+            run = self.run(tmp_path / f"{stress}", "mud-slump", **given)
+            assert "0 of them outside, at rest" in run.summary
+            slumps.append(float(re.search(r"slumped by ([\d.]+)", run.summary)[1]))
+        assert 0 <= slumps[0] < 0.1 and 0.4 < slumps[1] < 0.9
+
+    def test_cubes_fall_and_keep_their_shape(self, tmp_path):
+        run = self.run(tmp_path, "jelly-cubes", particles=1500, duration=0.5, turned=False)
+        assert "0 of them outside" in run.summary
+        (_, first), *_, (_, last) = frames_of(run.recording)
+        for k in range(3):
+            x, y = (f["cubes"]["points"][first["cubes"]["dye"] == k] for f in (first, last))
+            sides = np.ptp(y, axis=0)
+            assert 0.08 < sides.min() and sides.max() < 0.1 * 3**0.5
+            assert 0.04 < y[:, 2].mean() < x[:, 2].mean() + 0.05
+
+    def test_a_mesh_of_snow(self, tmp_path):
+        run = self.run(tmp_path, "bunny-snow", resolution=20, duration=0.4)
+        assert "2930 vertices, 5856 faces" in run.summary and "0 of them outside" in run.summary
+        (_, first), *_, (_, last) = frames_of(run.recording)
+        wide = [np.ptp(f["snow"]["points"], axis=0) for f in (first, last)]
+        assert wide[1][0] > 1.1 * wide[0][0] and wide[1][2] < wide[0][2]
+
+    def test_a_mesh_must_be_given(self, tmp_path, capsys):
+        assert main(["run", "bunny-snow", "--out", str(tmp_path / "run")]) == 2
+        err = capsys.readouterr().err
+        assert "mesh: bunny-snow needs it" in err and err.count("\n") == 1
+        assert not (tmp_path / "run").exists()
 
 
 def test_kepler_keeps_energy_where_it_should(tmp_path):

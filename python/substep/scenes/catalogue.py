@@ -12,6 +12,7 @@ from ..errors import InputError
 from .declaration import Scene, closest
 
 BUILT_IN = (
+    "bunny-snow",
     "cloth-ball",
     "cloth-drape",
     "cloth-hang",
@@ -20,10 +21,14 @@ BUILT_IN = (
     "double-gyre",
     "fountain",
     "jelly",
+    "jelly-cubes",
     "kepler",
+    "mud-slump",
     "ocean-drift",
     "oscillator",
     "rope",
+    "sand-column",
+    "snowball",
     "soft-bunny",
 )
 
