@@ -325,6 +325,17 @@ def test_a_field_colours_the_particles_of_a_liquid(tmp_path):
     assert not stage._liquids and stage._bodies["water"].kind == "points"
 
 
+def test_particles_have_the_colours_of_a_field(tmp_path):
+    points = np.array([[0.0, 0, 0], [1, 0, 0]])
+    parts = {"dust": substep.Part("particles", {"heat": "K"})}
+    frames = [{"dust": {"points": points, "heat": np.array([0.0, k])}} for k in (0.0, 1.0)]
+    recording = record(tmp_path / "a.vtkhdf", parts, frames)
+    looks = {"dust": Look(radius=0.5)}
+    image = View(FRONT, looks, color="heat").image(recording, 1, SIZE).reshape(-1, 3).astype(int)
+    assert ((image[:, 0] > 1.5 * image[:, 2]) & (image[:, 0] > 60)).any()  # viridis: yellow
+    assert ((image[:, 2] > 1.5 * image[:, 1]) & (image[:, 2] > 30)).any()  # and purple
+
+
 def test_the_radius_may_come_from_the_recording(tmp_path):
     recording = liquid(tmp_path, n=5)
     looks = {"water": Look(liquid=True, radius=lambda r: 0.1)}

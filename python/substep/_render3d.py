@@ -255,8 +255,10 @@ class _Body:
             self._radius = radius
             if look.heap:
                 self.kind = "heap"
-                self.data.point_data[LIT] = np.zeros((len(points), 3), np.uint8)
-        if field is not None and self.kind != "heap":
+        self._by_particle = self.kind == "heap" or (self.kind == "points" and field is not None)
+        if self._by_particle:  # the mapper of discs does not look colours up again
+            self.data.point_data[LIT] = np.zeros((len(points), 3), np.uint8)
+        elif field is not None:
             self.data.point_data[field] = np.zeros(self.data.n_points)
 
     def _tubes(self) -> Any:
@@ -266,7 +268,7 @@ class _Body:
     def add_to(self, plotter: Any) -> Any:
         """Put it before the camera; returns the actor."""
         options: dict[str, Any] = {"opacity": self._look.opacity, **MATTE, "color": self._tone}
-        if self.kind == "heap":
+        if self._by_particle:
             options |= {"scalars": LIT, "rgb": True, "color": None}
         elif self._coloring is not None:
             options |= {"scalars": self._field, "clim": self._coloring.range, "color": None}
@@ -319,9 +321,10 @@ class _Body:
         self.data.points = points
         if self._vertices is not None:
             self._set_normals()
-        if self.kind == "heap":
-            light = heap_light(points, self._radius, self._lights)
-            colors = self._colors(arrays, len(points)) * light[:, None]
+        if self._by_particle:
+            colors = self._colors(arrays, len(points))
+            if self.kind == "heap":
+                colors = colors * heap_light(points, self._radius, self._lights)[:, None]
             self.data.point_data.set_scalars((255 * np.clip(colors, 0, 1)).astype(np.uint8), LIT)
         elif self._field is not None:
             values = magnitude(arrays[self._field])
