@@ -658,3 +658,14 @@ def test_one_object_from_two_threads_is_refused():
     assert sorted(outcome == "done" for outcome in outcomes) == [False, True]
     assert any("in use" in outcome for outcome in outcomes)
     assert simulation.time == 200 * 2.0**-12
+
+
+def test_a_plane_along_the_particles_of_2d_is_refused():
+    x, volume = mpm.sample_box((0, 0), (1, 1), 0.5)
+    jelly = mpm.NeoHookean(1000.0, 1e4, 0.3)
+    with pytest.raises(InputError, match=r"colliders\[0\]: .* in 2D the normal of a ground"):
+        substep.MaterialPointMethod(x, jelly, cell=1, volume=volume, colliders=[substep.Plane()])
+    with pytest.raises(InputError, match=r"colliders\[0\]"):
+        substep.PositionBasedFluid(x, 0.5, colliders=[substep.Plane()])
+    ground = substep.Plane(normal=(0, 1, 0))
+    substep.MaterialPointMethod(x, jelly, cell=1, volume=volume, colliders=[ground])

@@ -551,12 +551,18 @@ class SignedDistanceField(Collider):
         return float(self._field.error_bound)
 
 
-def check_colliders(colliders: Iterable[Collider]) -> tuple[Collider, ...]:
-    """Obstacles of a simulation."""
+def check_colliders(colliders: Iterable[Collider], dimension: int = 3) -> tuple[Collider, ...]:
+    """Obstacles of a simulation; in 2D they are cut at z = 0."""
     checked = tuple(colliders)
     for k, collider in enumerate(checked):
         if not isinstance(collider, Collider):
             raise TypeError(f"colliders[{k}]: expected a Collider, got {collider!r}")
+        if dimension == 2 and isinstance(collider, Plane):
+            if np.ptp(collider.distance([(0, 0, 0), (1, 0, 0), (0, 1, 0)])) < 1e-9:
+                raise InputError(
+                    f"colliders[{k}]: the particles lie at z = 0, along this plane; in 2D the "
+                    "normal of a ground is (0, 1, 0)"
+                )
     return checked
 
 

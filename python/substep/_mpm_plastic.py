@@ -93,7 +93,7 @@ class Sand(Elastic):
         phi [rad], from 0 (no friction) to below pi / 2.
     match : {'compression', 'plane_strain'}
         Where the cone meets Mohr and Coulomb's pyramid of this angle: at its outer edges (Klar et
-        al., eq. 29), or in plane strain at constant volume.
+        al.), or in plane strain at constant volume.
     hardening_slope, hardening_rate, initial_softening : float
         h_1 [rad], h_2 and h_3 [rad], at least 0, of the friction angle after the plastic strain q:
         phi + (h_1 q - h_3) exp(-h_2 q).
@@ -107,7 +107,7 @@ class Sand(Elastic):
     ----------
     Klar, Gast, Pradhana, Fu, Schroeder, Jiang and Teran, "Drucker-Prager elastoplasticity for sand
     animation", ACM Trans. Graph. 35(4), 2016; Tampubolon et al., "Multi-species simulation of
-    porous sand and water mixtures", 2017, section 4.3.4 (volume correction).
+    porous sand and water mixtures", 2017 (volume correction).
 
     Examples
     --------
@@ -172,7 +172,7 @@ class VonMises(Elastic):
 
     References
     ----------
-    Simo and Hughes, "Computational Inelasticity", 1998, box 3.1 and chapter 9.
+    Simo and Hughes, "Computational Inelasticity", 1998 (radial return, logarithmic strains).
 
     Examples
     --------
@@ -228,7 +228,7 @@ class HerschelBulkley(Elastic):
     References
     ----------
     Herschel and Bulkley, Kolloid-Zeitschrift 39, 1926; Yue, Smith, Batty, Zheng and Grinspun,
-    "Continuum foam", ACM Trans. Graph. 34(5), 2015, section 4.
+    "Continuum foam", ACM Trans. Graph. 34(5), 2015.
 
     Examples
     --------

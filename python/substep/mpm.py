@@ -234,7 +234,7 @@ class MaterialPointMethod(Particles):
         self.cell = check_real("cell", cell, positive=True)
         if not all(1e-30 < m.density * self.cell**d < 1e30 for m in self.materials):
             raise InputError(f"cell: the mass of a cell is out of range at {cell} m")
-        self.colliders = check_colliders(colliders)
+        self.colliders = check_colliders(colliders, d)
         self.gravity = check_array(
             "gravity", [0.0, 0.0, -9.81][3 - d :] if gravity is None else gravity, (d,)
         ).copy()

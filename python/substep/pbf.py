@@ -183,7 +183,7 @@ class PositionBasedFluid(Particles):
         x = check_array("positions", x, (None, d))
         self.spacing = check_real("spacing", spacing, positive=True)
         self.density = check_positive("density", np.atleast_1d(density), np.size(density))
-        self.colliders = check_colliders(colliders)
+        self.colliders = check_colliders(colliders, d)
         self.gravity = check_array(
             "gravity", [0.0, 0.0, -9.81][3 - d :] if gravity is None else gravity, (d,)
         ).copy()

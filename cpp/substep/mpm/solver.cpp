@@ -271,7 +271,7 @@ void Solver<Real, D>::shrink(NextStep& step, const NodeCheck& check, double give
           "the velocity of particle " + std::to_string(id) +
               " is not finite after the next step: its deformation is inverted or too large; "
               "start again with shorter steps (cfl=, step=)",
-          clock_.time, id, report_.steps + 1);
+          clock_.time, id, report_.steps);
     }
   }
   const std::int32_t id = check.good() ? -1 : culprit(check.bad_node);
