@@ -63,6 +63,7 @@ SUBSTEP_INLINE V corotated_modulus(const Tensor<V, D>& F, Lane<V> mu, Lane<V> la
 
 struct FixedCorotated {
   static constexpr const char* kName = "fixed_corotated";
+  static constexpr int kTogether = kSideBySide;
   static constexpr bool kHasF = true;
   static constexpr std::array<StateField, 0> kState{};
   template <int D>

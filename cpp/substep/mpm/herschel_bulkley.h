@@ -26,6 +26,7 @@ namespace substep::mpm {
 
 struct HerschelBulkley {
   static constexpr const char* kName = "herschel_bulkley";
+  static constexpr int kTogether = kSideBySide;
   static constexpr bool kHasF = true;  // F_E
   // The integral of g.
   static constexpr std::array<StateField, 1> kState{{{"plastic_strain", "1", 0.0}}};

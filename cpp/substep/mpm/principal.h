@@ -75,6 +75,10 @@ SUBSTEP_INLINE void rotate(V& p, V& q, const V& c, const V& s) {
 
 }  // namespace detail
 
+// Packets whose axes are found side by side: those of one wait for their own results, those of two
+// need the registers of AVX-512.
+inline constexpr int kSideBySide = kVectorBytes == 64 ? 2 : 1;
+
 // Rotations after which the rest is below rounding: of 2.6e6 random tensors b of deformations up to
 // twice the size, U diag(d) U^T is within 1.6e-6 of the largest d (float; 2e-5 after 9) or 4e-15
 // (double; 2e-10 after 12).

@@ -31,6 +31,7 @@ enum class FrictionMatch { kCompression, kPlaneStrain };
 
 struct Sand {
   static constexpr const char* kName = "sand";
+  static constexpr int kTogether = kSideBySide;
   static constexpr bool kHasF = true;  // F_E
   static constexpr std::array<StateField, 2> kState{
       {{"volume_correction", "1", 0.0}, {"plastic_strain", "1", 0.0}}};  // v_c, q

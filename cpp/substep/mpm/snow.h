@@ -21,6 +21,7 @@ namespace substep::mpm {
 
 struct Snow {
   static constexpr const char* kName = "snow";
+  static constexpr int kTogether = kSideBySide;
   static constexpr bool kHasF = true;                                                       // F_E
   static constexpr std::array<StateField, 1> kState{{{"plastic_volume_ratio", "1", 1.0}}};  // J_P
   template <int D>

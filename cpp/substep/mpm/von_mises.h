@@ -14,6 +14,7 @@ namespace substep::mpm {
 
 struct VonMises {
   static constexpr const char* kName = "von_mises";
+  static constexpr int kTogether = kSideBySide;
   static constexpr bool kHasF = true;                                                 // F_E
   static constexpr std::array<StateField, 1> kState{{{"plastic_strain", "1", 0.0}}};  // a
   template <int D>
