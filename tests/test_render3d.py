@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 import substep
-from substep import _egl, render
+from substep import _egl, render, scenes
 from substep.cli import main
 from substep.render import Camera, Look, View
 
@@ -417,3 +417,17 @@ def test_a_heap_is_lit_by_its_surface(tmp_path):
     view = View(FRONT, looks, color="height", palette="gray", limits=(-9.0, 1.0))
     gray = view.image(recording, size=SIZE)[SIZE[1] // 2, SIZE[0] // 2].astype(int)
     assert np.ptp(gray) < 3 and view._stage(recording, SIZE).range == (-9.0, 1.0)
+
+
+def test_a_bar_beside_the_picture_only_where_it_is_asked_for(tmp_path):
+    recording = square(tmp_path, ["height", "dye"])
+    scene = scenes.Scene(
+        name="toy",
+        doc="Never built.",
+        parameters={"duration": scenes.Parameter("time", 1.0, above=0)},
+        build=lambda parameters, seed: None,
+        picture=View(FRONT, color="dye", limits=(-9.0, 1.0), bar=False),
+    )
+    assert len(render.draw(recording, scene=scene).axes) == 1
+    _, bar = render.draw(recording, scene=scene, color="height").axes  # and its own range
+    assert bar.get_ylabel() == "height [m]" and bar.get_ylim() == (0.0, 3.0)

@@ -573,8 +573,18 @@ class TestMaterialPoints:
         np.testing.assert_array_equal(first["sand"]["dye"], last["sand"]["dye"])
         assert first["sand"]["points"][:, 2].max() > 0.7 > 0.5 > last["sand"]["points"][:, 2].max()
 
-    def test_a_snowball_is_flattened_by_the_wall(self, tmp_path):
-        run = self.run(tmp_path, "snowball", particles=2000, duration=0.1)
+    def test_a_snowball_bursts_and_sticks_to_the_wall(self, tmp_path):
+        run = self.run(tmp_path, "snowball", particles=3000, duration=0.1)
+        assert "0 of them outside" in run.summary
+        (_, first), *_, (_, last) = frames_of(run.recording)
+        before, after = (f["snow"]["points"] for f in (first, last))
+        assert np.ptp(after[:, 1]) > 2.3 * np.ptp(before[:, 1])
+        stuck = (last["snow"]["speed"] < 0.1) & (after[:, 0] > -0.03)
+        assert 0.04 < stuck.mean() < 0.5
+
+    def test_firm_snow_is_flattened_by_the_wall(self, tmp_path):
+        firm = {"stretch": 0.0075, "wall": "separate", "speed": 10.0}
+        run = self.run(tmp_path, "snowball", particles=2000, duration=0.1, **firm)
         assert "0 of them outside" in run.summary
         (_, first), *_, (_, last) = frames_of(run.recording)
         before, after = (f["snow"]["points"] for f in (first, last))

@@ -122,12 +122,14 @@ class View:
     looks : mapping of str to Look
         By part; parts that are not named look as they do by default.
     color : str, optional
-        Field that colours the parts which have it, with a colour bar; of vectors the norm.
+        Field that colours the parts which have it; of vectors the norm.
     palette : str
         Name of the colours of that field, as matplotlib has them.
     limits : tuple of float, optional
         Its values at the ends of the palette; the least and the greatest in all frames unless
         given.
+    bar : bool
+        Draw the bar of these colours, with the name of the field and its unit.
     box : callable, optional
         `box(recording)` returns the lowest and highest corner of the region shown, shape (2, 3)
         [m]; what the parts reach in all frames unless given.
@@ -150,6 +152,7 @@ class View:
     color: str | None = None
     palette: str = "viridis"
     limits: tuple[float, float] | None = None
+    bar: bool = True
     box: Callable[[Recording], ArrayLike] | None = None
     ground: Callable[[Recording], float | None] | None = None
     title: Callable[[Recording, int], str] | None = None
@@ -164,7 +167,7 @@ class View:
         axes.imshow(stage.image(recording, frame), aspect="auto", interpolation="none")
         title = self.title or default_title
         figure.text(0.02, 0.965, title(recording, frame), va="top", fontsize=11)
-        if self.color is not None and stage.range is not None:
+        if self.bar and self.color is not None and stage.range is not None:
             unit = _unit(recording, self.color)
             _add_color_bar(figure, self.color, unit, stage.range, self.palette)
 

@@ -297,6 +297,8 @@ def _picture_of(
             if not isinstance(picture, View):
                 raise InputError(f"{name}: only pictures in three dimensions have one")
             picture = dataclasses.replace(picture, **{name: value})
+            if name == "color":  # what suits the values of the scene's own field may not suit these
+                picture = dataclasses.replace(picture, limits=None, bar=True)
     return picture
 
 

@@ -95,7 +95,7 @@ SCENE = Scene(
     notes=points_notes,
     summary=_summary,
     picture=points_view(
-        Camera(-65.0, 16.0),
+        Camera(-65.0, 16.0, 0.9),
         "snow",
         "Blues_r",
         limits=(-1.0, 1.0),

@@ -1,4 +1,4 @@
-"""Cubes of jelly, each stiffer than the last, fall on a heap."""
+"""Cubes of jelly, each stiffer than the last, fall into a pen."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._view import Camera
+from .._view import Camera, Look
+from ..geometry import Plane, TriangleMesh
 from ..mpm import NeoHookean, sample_box
 from .declaration import Parameter, Scene
 from .material_points import (
@@ -22,6 +23,8 @@ from .material_points import (
 if TYPE_CHECKING:
     from ..recording import Recording
 
+PEN, RIM = 2.6, 1.8  # width of the pen, and height of its walls as drawn, in sides of a cube
+
 
 def _rotation(random: np.random.Generator) -> NDArray[np.float64]:
     """One of all rotations, each as likely (Shoemake, Graphics Gems III, 1992)."""
@@ -30,6 +33,14 @@ def _rotation(random: np.random.Generator) -> NDArray[np.float64]:
     q[:, 0] *= np.linalg.det(q)
     rotation: NDArray[np.float64] = q
     return rotation
+
+
+def _pane(side: float, normal: NDArray[np.int64]) -> TriangleMesh:
+    """What is drawn of a wall that stands about the pen, and whose plane goes on above its rim."""
+    across = np.array([-normal[1], normal[0], 0])
+    ends = [-normal - across, -normal + across]
+    corners = [PEN / 2 * end + [0, 0, z] for z in (0.0, RIM) for end in ends]
+    return TriangleMesh(side * np.array(corners), [[0, 1, 3], [0, 3, 2]])
 
 
 def _build(parameters: dict[str, Any], seed: int) -> Points:
@@ -47,6 +58,10 @@ def _build(parameters: dict[str, Any], seed: int) -> Points:
         placed.append(x @ (_rotation(random) if parameters["turned"] else np.eye(3)).T + center)
         stiffness = parameters["young"] * parameters["ratio"] ** (k / max(1, cubes - 1))
         materials.append(NeoHookean(parameters["density"], stiffness, parameters["poisson"]))
+    walls = {}
+    for k, normal in enumerate(((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))):
+        wall = Plane(-PEN / 2 * side * np.array(normal), normal, friction=parameters["friction"])
+        walls[f"wall{k}"] = (wall, _pane(side, np.array(normal)))
     which = np.repeat(np.arange(cubes), len(x))
     return Points(
         np.vstack(placed),
@@ -57,6 +72,7 @@ def _build(parameters: dict[str, Any], seed: int) -> Points:
         part="cubes",
         dye=which,
         material=which,
+        obstacles=walls,
     )
 
 
@@ -67,12 +83,12 @@ def _summary(points: Points) -> str:
 
 def _box(recording: Recording) -> NDArray[np.float64]:
     side = recording.parameters["side"]
-    return side * np.array([[-2.4, -2.4, 0], [2.4, 2.4, 3.8]])
+    return side * np.array([[-PEN / 2, -PEN / 2, 0], [PEN / 2, PEN / 2, 2.8]])
 
 
 SCENE = Scene(
     name="jelly-cubes",
-    doc="Cubes of jelly, each stiffer than the last, fall on a heap.",
+    doc="Cubes of jelly, each stiffer than the last, fall into a pen.",
     parameters={
         "duration": Parameter("time simulated", 1.5, unit="s", above=0),
         "particles": Parameter("about how many", 120_000, minimum=1, maximum=50_000_000),
@@ -90,6 +106,12 @@ SCENE = Scene(
     frame=points_frame,
     notes=points_notes,
     summary=_summary,
-    picture=points_view(Camera(-60.0, 20.0), "cubes", "rainbow", box=_box),
+    picture=points_view(
+        Camera(-60.0, 24.0),
+        "cubes",
+        "rainbow",
+        looks={f"wall{k}": Look("#8fa3b0", opacity=0.18) for k in range(4)},
+        box=_box,
+    ),
     frames=76,
 )

@@ -171,12 +171,11 @@ def points_view(
     part: str,
     palette: str,
     *,
-    color: str = "dye",
     limits: tuple[float, float] | None = None,
     looks: Mapping[str, Look] | None = None,
     box: Callable[[Recording], ArrayLike] | None = None,
 ) -> View:
-    """A heap on the ground, coloured by a field.
+    """A heap on the ground in the colours of its dye, whose numbers say nothing: without a bar.
 
     Parameters
     ----------
@@ -185,11 +184,9 @@ def points_view(
     part : str
         The particles.
     palette : str
-        Colours of the field.
-    color : str
-        The field.
+        Colours of the dye.
     limits : tuple of float, optional
-        Its values at the ends of the palette; those that occur unless given.
+        Values at the ends of the palette; those that occur unless given.
     looks : mapping of str to Look, optional
         Of the obstacles.
     box : callable, optional
@@ -203,9 +200,10 @@ def points_view(
     return View(
         camera,
         {part: Look(radius=radius, heap=True), **(looks or {})},
-        color=color,
+        color="dye",
         palette=palette,
         limits=limits,
+        bar=False,
         box=box,
         ground=lambda recording: 0.0,
     )

@@ -88,6 +88,6 @@ SCENE = Scene(
     frame=points_frame,
     notes=points_notes,
     summary=_summary,
-    picture=points_view(Camera(-60.0, 20.0), "sand", "YlOrBr", limits=(-0.4, 1.9), box=_box),
+    picture=points_view(Camera(-60.0, 26.0, 0.88), "sand", "copper", limits=(-0.8, 1.1), box=_box),
     frames=71,
 )

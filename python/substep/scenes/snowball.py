@@ -1,4 +1,4 @@
-"""A snowball is thrown against a wall."""
+"""A snowball is thrown against a wall, and bursts."""
 
 from __future__ import annotations
 
@@ -27,8 +27,13 @@ WALL = np.array([0.4, 6.0, 5.0])  # thickness, width and height, in radii of the
 AWAY, ABOVE = 2.0, 3.0  # of the ball at the start: from the wall, and from the ground
 
 
-def snow_parameters() -> dict[str, Parameter]:
+def snow_parameters(stretch: float = 0.0075) -> dict[str, Parameter]:
     """Constants of snow (Stomakhin et al., 2013, table 2).
+
+    Parameters
+    ----------
+    stretch : float
+        Default of the one at which it breaks; the table's unless given.
 
     Returns
     -------
@@ -39,7 +44,7 @@ def snow_parameters() -> dict[str, Parameter]:
         "density": Parameter("mass per volume", 400.0, unit="kg/m^3", above=0),
         "young": Parameter("Young's modulus", 1.4e5, unit="Pa", above=0),
         "compression": Parameter("at which it yields", 0.025, above=0, maximum=0.5),
-        "stretch": Parameter("at which it breaks", 0.0075, above=0, maximum=0.5),
+        "stretch": Parameter("at which it breaks", stretch, above=0, maximum=0.5),
         "hardening": Parameter("of compressed snow", 10.0, minimum=0),
     }
 
@@ -92,24 +97,26 @@ def _build(parameters: dict[str, Any], seed: int) -> Points:
         part="snow",
         dye=shells(x),
         obstacles={"wall": (wall, TriangleMesh(mesh.vertices + shift, mesh.faces))},
-        velocities=np.tile([parameters["speed"], 0.0, 0.4 * parameters["speed"]], (len(x), 1)),
+        boundary=("separate", parameters["wall"]),
+        velocities=np.tile([parameters["speed"], 0.0, 0.1 * parameters["speed"]], (len(x), 1)),
     )
 
 
 def _box(recording: Recording) -> NDArray[np.float64]:
     r = recording.parameters["radius"]
-    return r * np.array([[-2 * (AWAY + 1), -3.2, 0], [0.4, 3.2, 6.5]])
+    return r * np.array([[-4.2, -3.7, 0], [0.4, 3.7, 6.5]])
 
 
 SCENE = Scene(
     name="snowball",
-    doc="A snowball is thrown against a wall.",
+    doc="A snowball is thrown against a wall, and bursts.",
     parameters={
-        "duration": Parameter("time simulated", 0.8, unit="s", above=0),
+        "duration": Parameter("time simulated", 0.12, unit="s", above=0),
         "particles": Parameter("about how many", 100_000, minimum=1, maximum=50_000_000),
         "radius": Parameter("of the ball", 0.1, unit="m", above=0),
-        "speed": Parameter("of the throw along the ground", 10.0, unit="m/s", minimum=0),
-        **snow_parameters(),
+        "speed": Parameter("of the throw along the ground", 12.0, unit="m/s", minimum=0),
+        "wall": Parameter("what the snow does there", "sticky", choices=("sticky", "separate")),
+        **snow_parameters(stretch=0.002),
         **mpm_parameters(0.5),
     },
     build=_build,
@@ -118,12 +125,12 @@ SCENE = Scene(
     notes=points_notes,
     summary=Points.words,
     picture=points_view(
-        Camera(-118.0, 14.0),
+        Camera(-140.0, 14.0),
         "snow",
         "Blues_r",
         limits=(-1.0, 1.0),
         looks={"wall": Look("#8a7f76")},
         box=_box,
     ),
-    frames=81,
+    frames=61,
 )
