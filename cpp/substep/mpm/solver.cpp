@@ -493,7 +493,7 @@ std::int32_t Solver<Real, D>::culprit(std::int64_t node) const {
 
 template <class Real, int D>
 void Solver<Real, D>::raise(const std::string& message, std::int32_t id) const {
-  throw SolverError(message, clock_.time, id, report_.steps + 1);
+  throw SolverError(message, clock_.time, id, report_.steps);
 }
 
 template class Solver<float, 2>;
