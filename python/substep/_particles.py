@@ -25,8 +25,8 @@ ON_ESCAPE = ("raise", "remove", "clamp")
 class Particles(Simulation):
     """Particles whose arrays are copies in the order of their ids; a subclass makes `_native`.
 
-    `_native` has the methods of `Simulation`'s, `ids`, `positions`, `velocities`, `remove`,
-    `absorb`, `set_positions`, `set_velocities` and `set_forces`.
+    `_native` has the methods of `Simulation`'s, `state`, `ids`, `positions`, `velocities`,
+    `remove`, `absorb`, `set_positions`, `set_velocities` and `set_forces`.
     """
 
     colliders: tuple[Collider, ...]
@@ -189,9 +189,16 @@ class Particles(Simulation):
         for k, sink in enumerate(self.sinks):
             self._absorbed[k] += self._native.absorb(sink.shape._native)
 
-    def _flow_state(self) -> dict[str, NDArray[Any]]:
-        """What of the state is not the native simulation's."""
-        return {
+    def state(self) -> dict[str, Any]:
+        """Copy the whole state, that of the colliders too.
+
+        Returns
+        -------
+        dict
+            For `restore`; the particles are in the order of storage, of which bits depend.
+        """
+        state: dict[str, Any] = self._native.state()
+        return state | {
             "colliders": collider_states(self.colliders),
             "layers": self._layers.copy(),
             "absorbed": self._absorbed.copy(),

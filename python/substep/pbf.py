@@ -378,17 +378,6 @@ class PositionBasedFluid(Particles):
             "fluid": (self.fluid, "1"),
         }
 
-    def state(self) -> dict[str, Any]:
-        """Copy the whole state, that of the colliders too.
-
-        Returns
-        -------
-        dict
-            For `restore`; the particles are in the order of storage, of which bits depend.
-        """
-        state: dict[str, Any] = self._native.state()
-        return state | self._flow_state()
-
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a state, bit for bit.
 
