@@ -19,7 +19,9 @@ import argparse
 import gc
 import json
 import math
+import multiprocessing
 import os
+import resource
 import subprocess
 import tempfile
 import time
@@ -95,8 +97,20 @@ def measure(
     workload = name_of(material, n, dimension)
     emit(workload, "substep", "substep_ns", 1e9 * min(times) / n, "ns", threads)
     emit(workload, "substep", "sorts", sorts, "1", threads)
-    if n >= 1_000_000:  # smaller ones reuse what others gave back
-        emit(workload, "substep", "memory", (resident() - before) / n, "B", threads)
+    emit(workload, "substep", "memory", (resident() - before) / n, "B", threads)
+    peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    emit(workload, "substep", "peak", (peak - before) / n, "B", threads)
+
+
+def in_fresh_process(*case: object, **options: object) -> None:
+    """measure(), where no memory is left over from a case before."""
+    process = multiprocessing.get_context("spawn").Process(
+        target=measure, args=case, kwargs=options
+    )
+    process.start()
+    process.join()
+    if process.exitcode:
+        raise SystemExit(f"{case}: failed")
 
 
 def reference(sizes: list[int], folder: str, steps: int, sources: Path) -> None:
@@ -164,13 +178,13 @@ def main() -> None:
     for material in MATERIALS:
         for n in large:
             for threads in (1, 2):
-                measure(n, material, threads, steps)
+                in_fresh_process(n, material, threads, steps)
     for threads in (1, 2):
-        measure(100_000, "elastic", threads, 200, dimension=2)
+        in_fresh_process(100_000, "elastic", threads, 200, dimension=2)
     if not quick:
         for n in (10_000, 100_000, 400_000, 2_000_000, 8_000_000):
-            measure(n, "elastic", 2, 10_000_000 // n + 20)
-        measure(10_000_000, "sand", 2, 20, calls=1)
+            in_fresh_process(n, "elastic", 2, 10_000_000 // n + 20)
+        in_fresh_process(10_000_000, "sand", 2, 20, calls=1)
     with tempfile.TemporaryDirectory() as folder:
         reference(large, folder, 20, sources)
     cases = [(material, n, 3) for material in MATERIALS for n in large[:1]]

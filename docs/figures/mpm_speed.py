@@ -40,16 +40,17 @@ def main():
                     *zip(*points, strict=True), line, color=colour, label=label, markersize=4
                 )
     left.set(xlabel="particles", ylabel="ns per particle and step", title="elastic, 3D")
-    left.legend(fontsize="x-small")
+    left.set_ylim(5, 2000)
+    left.legend(fontsize="x-small", ncols=2, loc="upper center")
 
     materials = ("elastic", "snow", "sand")
     for k, (peer, colour) in enumerate(PEERS.items()):
         heights = [found.get((peer, "3D", m, 1_000_000, 2), 0) for m in materials]
         bars = right.bar([i + 0.2 * k for i in range(3)], heights, 0.18, color=colour, label=peer)
         right.bar_label(bars, [f"{h:.3g}" if h else "" for h in heights], fontsize="x-small")
-    right.set(yscale="log", title="a million particles, two threads")
+    right.set(yscale="log", ylim=(1, 6000), title="a million particles, two threads")
     right.set_xticks([0.3, 1.3, 2.3], materials)
-    right.legend(fontsize="x-small")
+    right.legend(fontsize="x-small", ncols=2, loc="upper center")
     figure.savefig(FOLDER / "mpm_speed.png", dpi=120)
 
 
