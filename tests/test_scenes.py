@@ -623,6 +623,21 @@ class TestMaterialPoints:
         assert "mesh: bunny-snow needs it" in err and err.count("\n") == 1
         assert not (tmp_path / "run").exists()
 
+    @pytest.mark.parametrize(
+        ("name", "given", "reason"),
+        [
+            ("sand-column", "particles=1", "particles: 1 cannot fill a cylinder of 0.4 m radius"),
+            ("mud-slump", "height=1e-6", "particles: 100000 cannot fill a cylinder"),
+            ("snowball", "particles=1", "radius: no point lies inside"),
+            ("jelly-cubes", "cfl=2", "--set cfl: expected a finite number above 0 of at most 1"),
+        ],
+    )
+    def test_what_cannot_be_is_refused(self, name, given, reason, tmp_path, capsys):
+        assert main(["run", name, "--set", given, "--out", str(tmp_path / "run")]) == 2
+        err = capsys.readouterr().err
+        assert reason in err and err.count("\n") == 1
+        assert not (tmp_path / "run").exists()
+
 
 def test_kepler_keeps_energy_where_it_should(tmp_path):
     run = scenes.run(scenes.load("kepler"), {"duration": 20, "steps": 500}, tmp_path, frames=101)

@@ -31,13 +31,14 @@ BACKGROUND = (0.95, 0.96, 0.97)
 VIEW_ANGLE = np.radians(30.0)  # of the picture's height
 FILLING = 0.86  # of the picture by the scene
 MATTE = {"ambient": 0.26, "diffuse": 0.85, "specular": 0.12, "specular_power": 12}
+RELIEF = {"points": (0.5, 0.55), "heap": (0.67, 0.37)}  # a heap has its own light and shade
 LIT = "lit"  # name of the colours of the particles of a heap
-# A particle: a disc that faces the camera, shaded as a ball.
+# A particle: a disc that faces the camera, shaded as a ball of so much light and shade.
 BALL = """//VTK::Color::Impl
 float r2 = dot(offsetVCVSOutput.xy, offsetVCVSOutput.xy);
 if (r2 > 1.0) discard;
 vec3 ballNormal = vec3(offsetVCVSOutput.xy, sqrt(1.0 - r2));
-float ballLight = 0.5 + 0.55 * max(dot(ballNormal, vec3(-0.39, 0.75, 0.53)), 0.0);
+float ballLight = %g + %g * max(dot(ballNormal, vec3(-0.39, 0.75, 0.53)), 0.0);
 ambientColor *= ballLight;
 diffuseColor *= ballLight;
 """
@@ -287,9 +288,9 @@ class _Body:
             options |= {"style": "points_gaussian", "emissive": False}
             options["render_points_as_spheres"] = True
         actor = plotter.add_mesh(self.data, reset_camera=False, **options)
-        if self.kind in ("points", "heap"):
+        if self.kind in RELIEF:
             actor.mapper.scale_factor = self._radius
-            actor.mapper.SetSplatShaderCode(BALL)
+            actor.mapper.SetSplatShaderCode(BALL % RELIEF[self.kind])
         return actor
 
     def add_shadow_to(self, plotter: Any, flatten: NDArray[np.float64], pixel: float) -> None:

@@ -98,7 +98,7 @@ SCENE = Scene(
         Camera(-65.0, 16.0, 0.9),
         "snow",
         "Blues_r",
-        limits=(-1.0, 1.0),
+        limits=(-2.0, 1.0),
         looks={"wedge": Look("#8a7f76")},
         box=_box,
     ),

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._view import Camera, Look, View
+from ..errors import InputError
 from ..geometry import Collider, Plane, TriangleMesh
-from ..mpm import MaterialPointMethod
+from ..mpm import MaterialPointMethod, sample_box
 from .declaration import Parameter
 
 if TYPE_CHECKING:
@@ -37,8 +38,50 @@ def mpm_parameters(friction: float) -> dict[str, Parameter]:
     """
     return {
         "friction": Parameter("coefficient of friction of all obstacles", friction, minimum=0),
-        "cfl": Parameter("cells that waves and particles may pass in a step", 0.4, above=0),
+        "cfl": Parameter(
+            "cells that waves and particles may pass in a step", 0.4, above=0, maximum=1
+        ),
     }
+
+
+def fill_cylinder(
+    parameters: Mapping[str, Any], seed: int, *, jitter: float = 0.5
+) -> tuple[Array, Array, float]:
+    """Particles in an upright cylinder on the ground.
+
+    Parameters
+    ----------
+    parameters : dict
+        Of the scene, with `radius`, `height` and `particles`, about how many there will be.
+    seed : int
+        Of the random numbers.
+    jitter : float
+        As of `sample_box`.
+
+    Returns
+    -------
+    positions : ndarray, shape (n, 3)
+        Where they are [m].
+    volumes : ndarray, shape (n,)
+        Of each [m^3].
+    spacing : float
+        Distance between them [m].
+
+    Raises
+    ------
+    InputError
+        If so few do not make a cylinder.
+    """
+    r, height, particles = (parameters[key] for key in ("radius", "height", "particles"))
+    spacing = float(np.pi * r**2 * height / particles) ** (1 / 3)
+    if spacing > min(r, height):
+        raise InputError(
+            f"particles: {particles} cannot fill a cylinder of {r:g} m radius and {height:g} m "
+            "height"
+        )
+    x, volumes = sample_box((-r, -r, 0), (r, r, height), spacing, jitter=jitter, seed=seed)
+    inside = np.hypot(x[:, 0], x[:, 1]) < r
+    return x[inside], volumes[inside], spacing
 
 
 class Points(MaterialPointMethod):

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from .._view import Camera, Look
 from ..geometry import Box, TriangleMesh, box_mesh
-from ..mpm import HerschelBulkley, sample_box
+from ..mpm import HerschelBulkley
 from .declaration import Parameter, Scene
 from .material_points import (
     Points,
+    fill_cylinder,
     mpm_parameters,
     points_frame,
     points_notes,
@@ -32,10 +33,7 @@ class MudSlump(Points):
 
     def __init__(self, parameters: dict[str, Any], seed: int) -> None:
         r, self.height = parameters["radius"], parameters["height"]
-        spacing = float(np.pi * r * r * self.height / parameters["particles"]) ** (1 / 3)
-        x, volumes = sample_box((-r, -r, 0), (r, r, self.height), spacing, seed=seed)
-        away = np.hypot(x[:, 0], x[:, 1])
-        inside = away < r
+        x, volumes, spacing = fill_cylinder(parameters, seed)
         mud = HerschelBulkley(
             density=parameters["density"],
             young_modulus=parameters["young"],
@@ -53,13 +51,13 @@ class MudSlump(Points):
             post = Box(middle, sides, friction=parameters["friction"])
             posts[f"post{k}"] = (post, TriangleMesh(mesh.vertices + shift, mesh.faces))
         super().__init__(
-            x[inside],
-            volumes[inside],
+            x,
+            volumes,
             mud,
             parameters,
             spacing=spacing,
             part="mud",
-            dye=away[inside] / r,
+            dye=np.hypot(x[:, 0], x[:, 1]) / r,
             obstacles=posts,
             boundary="sticky",
         )
@@ -103,7 +101,7 @@ SCENE = Scene(
         Camera(-60.0, 28.0),
         "mud",
         "copper",
-        limits=(-0.5, 2.2),
+        limits=(-0.4, 3.0),
         looks={f"post{k}": Look("#9fb3a1") for k in range(len(POSTS))},
         box=_box,
     ),

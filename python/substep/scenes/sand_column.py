@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._view import Camera
-from ..mpm import Sand, sample_box
+from ..mpm import Sand
 from .declaration import Parameter, Scene
 from .material_points import (
     Points,
+    fill_cylinder,
     mpm_parameters,
     points_frame,
     points_notes,
@@ -27,14 +28,8 @@ class SandColumn(Points):
     """A cylinder of sand whose layers are dyed by their height."""
 
     def __init__(self, parameters: dict[str, Any], seed: int) -> None:
-        self.radius, height = parameters["radius"], parameters["height"]
-        volume = np.pi * self.radius**2 * height
-        spacing = float(volume / parameters["particles"]) ** (1 / 3)
-        low = np.array([-self.radius, -self.radius, 0.0])
-        x, volumes = sample_box(
-            low, (self.radius, self.radius, height), spacing, jitter=1.0, seed=seed
-        )
-        inside = np.hypot(x[:, 0], x[:, 1]) < self.radius
+        self.radius = parameters["radius"]
+        x, volumes, spacing = fill_cylinder(parameters, seed, jitter=1.0)
         sand = Sand(
             density=parameters["density"],
             young_modulus=parameters["young"],
@@ -42,13 +37,13 @@ class SandColumn(Points):
             match="plane_strain",
         )
         super().__init__(
-            x[inside],
-            volumes[inside],
+            x,
+            volumes,
             sand,
             parameters,
             spacing=spacing,
             part="sand",
-            dye=x[inside, 2] / height,
+            dye=x[:, 2] / parameters["height"],
         )
 
     def run_out(self) -> float:

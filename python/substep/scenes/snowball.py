@@ -128,7 +128,7 @@ SCENE = Scene(
         Camera(-140.0, 14.0),
         "snow",
         "Blues_r",
-        limits=(-1.0, 1.0),
+        limits=(-2.0, 1.0),
         looks={"wall": Look("#8a7f76")},
         box=_box,
     ),
