@@ -426,8 +426,9 @@ def test_a_bar_beside_the_picture_only_where_it_is_asked_for(tmp_path):
         doc="Never built.",
         parameters={"duration": scenes.Parameter("time", 1.0, above=0)},
         build=lambda parameters, seed: None,
-        picture=View(FRONT, color="dye", limits=(-9.0, 1.0), bar=False),
+        picture=View(FRONT, color="dye", palette="copper", limits=(-9.0, 1.0), bar=False),
     )
     assert len(render.draw(recording, scene=scene).axes) == 1
     _, bar = render.draw(recording, scene=scene, color="height").axes  # and its own range
+    assert bar.collections[0].get_cmap().name == "viridis"
     assert bar.get_ylabel() == "height [m]" and bar.get_ylim() == (0.0, 3.0)

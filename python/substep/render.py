@@ -298,7 +298,7 @@ def _picture_of(
                 raise InputError(f"{name}: only pictures in three dimensions have one")
             picture = dataclasses.replace(picture, **{name: value})
             if name == "color":  # what suits the values of the scene's own field may not suit these
-                picture = dataclasses.replace(picture, limits=None, bar=True)
+                picture = dataclasses.replace(picture, palette=View.palette, limits=None, bar=True)
     return picture
 
 

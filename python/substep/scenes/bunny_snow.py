@@ -78,7 +78,7 @@ SCENE = Scene(
     name="bunny-snow",
     doc="A mesh of yours, filled with snow, falls on the edge of a wedge.",
     parameters={
-        "duration": Parameter("time simulated", 0.8, unit="s", above=0),
+        "duration": Parameter("time simulated", 0.5, unit="s", above=0),
         "mesh": Parameter("file of a surface to be filled with snow", kind=str),
         "up": Parameter("axis of the file that points upwards", "y", choices=("x", "y", "z")),
         "size": Parameter("longest side", 0.5, unit="m", above=0),
@@ -95,12 +95,12 @@ SCENE = Scene(
     notes=points_notes,
     summary=_summary,
     picture=points_view(
-        Camera(-65.0, 16.0, 0.9),
+        Camera(-65.0, 16.0, 0.95),
         "snow",
         "Blues_r",
         limits=(-2.0, 1.0),
         looks={"wedge": Look("#8a7f76")},
         box=_box,
     ),
-    frames=81,
+    frames=51,
 )

@@ -104,7 +104,7 @@ def _build(parameters: dict[str, Any], seed: int) -> Points:
 
 def _box(recording: Recording) -> NDArray[np.float64]:
     r = recording.parameters["radius"]
-    return r * np.array([[-4.2, -3.7, 0], [0.4, 3.7, 6.5]])
+    return r * np.array([[-3.2, -3.4, 0], [0.4, 3.4, 5.8]])
 
 
 SCENE = Scene(
@@ -112,11 +112,11 @@ SCENE = Scene(
     doc="A snowball is thrown against a wall, and bursts.",
     parameters={
         "duration": Parameter("time simulated", 0.12, unit="s", above=0),
-        "particles": Parameter("about how many", 100_000, minimum=1, maximum=50_000_000),
+        "particles": Parameter("about how many", 80_000, minimum=1, maximum=50_000_000),
         "radius": Parameter("of the ball", 0.1, unit="m", above=0),
         "speed": Parameter("of the throw along the ground", 12.0, unit="m/s", minimum=0),
         "wall": Parameter("what the snow does there", "sticky", choices=("sticky", "separate")),
-        **snow_parameters(stretch=0.002),
+        **snow_parameters(stretch=0.005),
         **mpm_parameters(0.5),
     },
     build=_build,
