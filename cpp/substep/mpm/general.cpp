@@ -3,13 +3,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <functional>
 #include <vector>
 
 #include "substep/core/parallel.h"
 #include "substep/mpm/general_materials.h"
 #include "substep/mpm/general_stencil.h"
 #include "substep/mpm/particle_boundary.h"
+#include "substep/mpm/particle_loop.h"
+#include "substep/mpm/scatter_blocks.h"
 #include "substep/transfer/weights.h"
 
 namespace substep::mpm {
@@ -20,41 +21,9 @@ double inverse_moment(int order) {  // D^-1 [1/cell^2]
   return 1 / (order == 2 ? transfer::kSecondMoment<2> : transfer::kSecondMoment<3>);
 }
 
-// task(particle block) for all that scatter, colour by colour.
-template <int D>
-void for_coloured_blocks(const transfer::BlockLayout<D>& layout,
-                         const std::function<void(std::size_t)>& task, int threads) {
-  std::array<std::int64_t, 1 << D> chunks;
-  for (std::size_t c = 0; c < chunks.size(); ++c) {
-    chunks[c] = static_cast<std::int64_t>(layout.colours[c].size());
-  }
-  parallel_phases(
-      chunks,
-      [&](std::int64_t colour, std::int64_t i) {
-        const auto& blocks = layout.colours[static_cast<std::size_t>(colour)];
-        task(static_cast<std::size_t>(blocks[static_cast<std::size_t>(i)]));
-      },
-      threads);
-}
-
-// visit(group, packet, particles in it) for the packets of a block.
-template <class Groups, class Visit>
-void for_packets(Groups& groups, std::size_t block, int lanes, Visit&& visit) {
-  for (std::size_t g = 0; g < groups.size(); ++g) {
-    const Run& run = groups[g].runs[block];
-    for (std::int32_t p = 0; p < run.packets; ++p) {
-      visit(g, run.first + p, std::min(lanes, run.count - p * lanes));
-    }
-  }
-}
-
 template <class V>
 void store(Lane<V>* lanes, const V& value) {
   std::memcpy(lanes, &value, sizeof value);
-}
-
-double density(const AnyMaterial& material) {
-  return std::visit([](const auto& m) { return m.density; }, material);
 }
 
 // The velocity gradient of a packet from `rows`, entry (i, j) of all lanes together.
@@ -119,7 +88,7 @@ void repeat_last(int count, PacketVelocities<Real, D>& packet) {
 
 // New v, C, x and fields of one packet of a block; `old` is what the grid was before for FLIP.
 template <class Real, int D>
-void advance_packet(const Scheme& scheme, Particles<Real, D>& particles, std::size_t block,
+void advance_packet(const Scheme& scheme, Particles<Real, D>& particles, std::int32_t block,
                     std::size_t g, std::int64_t packet, int count, double dt,
                     const PacketVelocities<Real, D>& from, const PacketVelocities<Real, D>* old) {
   using V = Vector<Real>;
@@ -145,9 +114,9 @@ void advance_packet(const Scheme& scheme, Particles<Real, D>& particles, std::si
       gradient(i, j) = load<V>(G[i][j]) * per_cell;
     }
   }
-  if (particles.walls && particles.walls->near(static_cast<std::int32_t>(block))) {
-    particles.walls->settle(static_cast<std::int32_t>(block), before, x, v,
-                            group.volume.data() + packet * kWidth, density(material), count);
+  if (particles.walls && particles.walls->near(block)) {
+    particles.walls->settle(block, before, x, v, group.volume.data() + packet * kWidth,
+                            density(material), count);
   }
   packet_advance<Real, D>(material, x + D * kWidth, particles.trial, Real(particles.before),
                           gradient, Real(dt));
@@ -161,26 +130,20 @@ void p2g(const Scheme& scheme, const Particles<Real, D>& particles, double dt,
   const auto& layout = particles.layout;
   const bool flip = scheme.transfer == Transfer::kFlip;
   const Stencils<Real, D> stencil = stencils<Real, D>(scheme.order, uses_gradients(scheme));
-  nodes.set_zero(layout.node_blocks(), threads);
   if (flip) before.set_zero(layout.node_blocks(), threads);
-  for_coloured_blocks<D>(
-      layout,
-      [&](std::size_t b) {
-        Arena<Real, D> arena, plain;
-        PacketMomenta<Real, D> momenta;
-        arena.set_zero();
-        if (flip) plain.set_zero();
-        for_packets(particles.groups, b, kLanes<Real>,
-                    [&](std::size_t g, std::int64_t packet, int count) {
-                      const Real* x = particles.groups[g].packet(packet);
-                      packet_momenta(scheme, particles, g, packet, dt, momenta);
-                      stencil.scatter(x, count, momenta, arena);
-                      if (flip) stencil.scatter_values(x, count, momenta, plain);
-                    });
-        arena.add_to(nodes, layout, b);
-        if (flip) plain.add_to(before, layout, b);
-      },
-      threads);
+  scatter_blocks<Real, D>(layout, nodes, threads, [&](std::size_t block, Arena<Real, D>& arena) {
+    Arena<Real, D> plain;
+    PacketMomenta<Real, D> momenta;
+    if (flip) plain.set_zero();
+    for_packets_of_block(particles, static_cast<std::int32_t>(block),
+                         [&](std::size_t g, std::int64_t packet, std::int32_t, int count) {
+                           const Real* x = particles.groups[g].packet(packet);
+                           packet_momenta(scheme, particles, g, packet, dt, momenta);
+                           stencil.scatter(x, count, momenta, arena);
+                           if (flip) stencil.scatter_values(x, count, momenta, plain);
+                         });
+    if (flip) plain.add_to(before, layout, block);
+  });
 }
 
 template <class Real, int D>
@@ -197,15 +160,16 @@ double greatest_speed(const Scheme& scheme, const Particles<Real, D>& particles,
         const auto b = static_cast<std::size_t>(block);
         arena.copy(nodes, layout, b);
         Real most = 0;
-        for_packets(
-            particles.groups, b, kLanes<Real>, [&](std::size_t g, std::int64_t packet, int count) {
-              stencil.gather_values(particles.groups[g].packet(packet), count, arena, velocities);
-              for (const auto& row : velocities.v) {
-                for (int lane = 0; lane < count; ++lane) {
-                  most = std::max(most, std::abs(row[lane]));
-                }
-              }
-            });
+        for_packets_of_block(particles, static_cast<std::int32_t>(block),
+                             [&](std::size_t g, std::int64_t packet, std::int32_t, int count) {
+                               stencil.gather_values(particles.groups[g].packet(packet), count,
+                                                     arena, velocities);
+                               for (const auto& row : velocities.v) {
+                                 for (int lane = 0; lane < count; ++lane) {
+                                   most = std::max(most, std::abs(row[lane]));
+                                 }
+                               }
+                             });
         greatest[b] = most;
       },
       threads);
@@ -229,18 +193,18 @@ void g2p(const Scheme& scheme, Particles<Real, D>& particles, double dt,
           plain.copy(before, layout, b);
           divide_by_mass<Real, D>(plain);
         }
-        for_packets(particles.groups, b, kLanes<Real>,
-                    [&](std::size_t g, std::int64_t packet, int count) {
-                      const Real* x = particles.groups[g].packet(packet);
-                      stencil.gather(x, count, arena, velocities);
-                      repeat_last<Real, D>(count, velocities);
-                      if (flip) {
-                        stencil.gather_values(x, count, plain, old);
-                        repeat_last<Real, D>(count, old);
-                      }
-                      advance_packet(scheme, particles, b, g, packet, count, dt, velocities,
-                                     flip ? &old : nullptr);
-                    });
+        for_packets_of_block(particles, static_cast<std::int32_t>(block),
+                             [&](std::size_t g, std::int64_t packet, std::int32_t at, int count) {
+                               const Real* x = particles.groups[g].packet(packet);
+                               stencil.gather(x, count, arena, velocities);
+                               repeat_last<Real, D>(count, velocities);
+                               if (flip) {
+                                 stencil.gather_values(x, count, plain, old);
+                                 repeat_last<Real, D>(count, old);
+                               }
+                               advance_packet(scheme, particles, at, g, packet, count, dt,
+                                              velocities, flip ? &old : nullptr);
+                             });
       },
       threads);
   particles.trial = true;

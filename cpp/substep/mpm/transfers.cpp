@@ -1,51 +1,12 @@
 #include "substep/mpm/transfers.h"
 
-#include <array>
-
 #include "substep/core/parallel.h"
 #include "substep/mpm/particle_boundary.h"
 #include "substep/mpm/passes.h"
+#include "substep/mpm/scatter_blocks.h"
 
 namespace substep::mpm {
 namespace {
-
-constexpr std::int64_t kGrain = 4;  // particle blocks per task
-
-// Sets nodes to zero and calls scatter(block, arena) for every particle block, with an arena of
-// zeros that is then added to the nodes: colour by colour, so that no two write to the same ones.
-template <class Real, int D, class ScatterBlock>
-void scatter_blocks(const transfer::BlockLayout<D>& layout, Nodes<Real, D>& nodes, int threads,
-                    ScatterBlock&& scatter) {
-  constexpr std::int64_t kZeroGrain = 256;
-  nodes.values.reset(static_cast<std::size_t>(layout.node_blocks()) * Nodes<Real, D>::kReals);
-  std::array<std::int64_t, transfer::BlockLayout<D>::kCorners + 1> chunks;
-  chunks[0] = (layout.node_blocks() + kZeroGrain - 1) / kZeroGrain;
-  for (std::size_t colour = 0; colour < layout.colours.size(); ++colour) {
-    const auto blocks = static_cast<std::int64_t>(layout.colours[colour].size());
-    chunks[colour + 1] = (blocks + kGrain - 1) / kGrain;
-  }
-  parallel_phases(
-      chunks,
-      [&](std::int64_t phase, std::int64_t chunk) {
-        if (phase == 0) {
-          const std::int64_t first = chunk * kZeroGrain;
-          const std::int64_t blocks = std::min(kZeroGrain, layout.node_blocks() - first);
-          std::memset(nodes.block(first), 0,
-                      static_cast<std::size_t>(blocks) * Nodes<Real, D>::kReals * sizeof(Real));
-          return;
-        }
-        const auto& colour = layout.colours[static_cast<std::size_t>(phase - 1)];
-        const auto end = std::min(static_cast<std::size_t>((chunk + 1) * kGrain), colour.size());
-        for (auto i = static_cast<std::size_t>(chunk * kGrain); i < end; ++i) {
-          const auto block = static_cast<std::size_t>(colour[i]);
-          Arena<Real, D> arena;
-          arena.set_zero();
-          scatter(block, arena);
-          arena.add_to(nodes, layout, block);
-        }
-      },
-      threads);
-}
 
 // Calls pass(its passes, material, group, run) for every group that has particles in the block.
 template <class Real, int D, class Groups, class Pass>
@@ -118,7 +79,7 @@ void g2p(Particles<Real, D>& particles, double dt, const Nodes<Real, D>& nodes, 
     for (auto& group : particles.groups) group.other.reset(group.state.size());
   }
   parallel_for(
-      particles.layout.blocks(), kGrain,
+      particles.layout.blocks(), kBlocksOfScatter,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t b = begin; b < end; ++b) {
           const auto block = static_cast<std::size_t>(b);
