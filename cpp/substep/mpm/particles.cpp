@@ -6,6 +6,7 @@
 #include "substep/core/parallel.h"
 #include "substep/core/radix_sort.h"
 #include "substep/mpm/packing.h"
+#include "substep/mpm/particle_rows.h"
 
 namespace substep::mpm {
 namespace {
@@ -120,16 +121,19 @@ void assign(Particles<Real, D>& particles, std::span<const ParticleRows<Real, D>
             int threads) {
   std::vector<Entries> entries;
   for (const auto& group : rows) entries.push_back(by_block(group, threads));
-  particles.layout.assign(keys_of(entries));
-  particles.groups.resize(rows.size());
+  transfer::BlockLayout<D> layout;
+  layout.assign(keys_of(entries));
+  std::vector<ParticleGroup<Real, D>> groups(rows.size());
   for (std::size_t g = 0; g < rows.size(); ++g) {
-    particles.groups[g].fields = std::visit(
+    groups[g].fields = std::visit(
         [](const auto& material) {
           return std::remove_cvref_t<decltype(material)>::template kFields<D>;
         },
         particles.materials[g]);
-    fill(particles.groups[g], rows[g], entries[g], particles.layout.particle_keys, order, threads);
+    fill(groups[g], rows[g], entries[g], layout.particle_keys, order, threads);
   }
+  particles.layout = std::move(layout);
+  particles.groups = std::move(groups);
   particles.motion = true;
   particles.snapshot = {};
 }
@@ -139,12 +143,7 @@ ParticleRows<Real, D> rows(const Particles<Real, D>& particles, std::size_t inde
   constexpr int kWidth = kLanes<Real>;
   const ParticleGroup<Real, D>& group = particles.groups[index];
   ParticleRows<Real, D> rows;
-  const auto n = static_cast<std::size_t>(group.count);
-  rows.blocks.reserve(n);
-  rows.state.reserve(n * static_cast<std::size_t>(D + group.fields));
-  rows.motion.reserve(n * ParticleGroup<Real, D>::kMotion);
-  rows.volume.reserve(n);
-  rows.ids.reserve(n);
+  reserve(rows, static_cast<std::size_t>(group.count), static_cast<std::size_t>(D + group.fields));
   for (std::size_t b = 0; b < group.runs.size(); ++b) {
     const auto block = transfer::BlockKey<D>::unpack(particles.layout.particle_keys[b]);
     for (std::int32_t i = 0; i < group.runs[b].count; ++i) {

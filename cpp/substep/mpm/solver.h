@@ -50,7 +50,8 @@ class Solver {
   // Takes out what lies inside; returns how many.
   std::int64_t absorb(const geometry::Collider& region);
 
-  std::int64_t size() const;
+  static constexpr int kAll = -1;  // instead of a material
+  std::int64_t size(int material = kAll) const;
   std::vector<std::int64_t> ids() const;
   std::vector<std::int32_t> materials() const;
   std::vector<double> positions() const;   // (n, D) [m]
@@ -131,12 +132,15 @@ class Solver {
   void rest(const NextStep& step);
   void commit(const NextStep& step);
   void return_to_good_step();
+  void recover(const NextStep& step);
   bool passes(const NodeCheck& check) const;
   // How far particles may be from where they were sorted [cells].
   double room() const { return drift_limit(options_.order) - ParticleBoundary<Real, D>::kPush; }
   NodeCheck update(double dt);
   double push(double dt);
   std::int32_t culprit(std::int64_t node) const;
+  std::int32_t limiting(const std::string& limit) const;
+  [[noreturn]] void raise_not_finite(std::int64_t node) const;
   [[noreturn]] void raise(const std::string& message, std::int32_t id) const;
 
   // Particles.
@@ -144,11 +148,14 @@ class Solver {
   bool escapes(const Vec3& x) const;
   std::int32_t first_escaped() const;
   void hold_escaped();
-  std::vector<std::int32_t> places_of_ids() const;
+  std::vector<std::int32_t> places_of_ids(int material = kAll) const;
   template <class Row>
-  std::vector<double> column(std::size_t width, const Row& row) const;
+  std::vector<double> column(std::size_t width, const Row& row, int material = kAll) const;
+  template <class Change>
+  void supply(const Change& change);
+  std::vector<std::int64_t> given_of_ids(std::span<const std::int64_t> places, int material) const;
   template <class Write>
-  void write(std::span<const std::int64_t> places, const Write& write);
+  void write(std::span<const std::int64_t> places, const Write& write, int material = kAll);
   void check_rows(const Clock& at, const std::vector<ParticleRows<Real, D>>& rows) const;
   void sort_again(std::vector<ParticleRows<Real, D>>& rows);
   Diagnostics sums() const;
