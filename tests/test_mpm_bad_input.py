@@ -2,9 +2,12 @@
 
 import copy
 import math
+import os
 import pickle
 import signal
 import struct
+import subprocess
+import sys
 import threading
 import time
 import zlib
@@ -351,6 +354,86 @@ def test_a_failure_in_the_middle_leaves_the_last_good_step(name):
     assert simulation.report.steps == good
     simulation.set_velocities(np.zeros_like(a))
     simulation.advance(0.01)
+
+
+def test_steps_below_the_spacing_of_times_are_refused():
+    """At time 0 every step is above it: but the end would never come."""
+
+    def ring(*_):
+        raise TimeoutError
+
+    simulation = body(gravity=(0, 0, 0))
+    v = np.zeros((len(simulation), 3))
+    v[5, 0] = 1e30
+    simulation.set_velocities(v)
+    old = signal.signal(signal.SIGALRM, ring)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 10)
+        error = refused(
+            simulation, SolverError, "particle speed, is below the spacing", lambda s: s.advance(1)
+        )
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, old)
+    assert (error.index, error.step, error.time) == (5, 0, 0.0)
+    assert "start again with shorter steps" in str(error)
+
+
+def test_stiffness_without_bound_names_the_particle():
+    simulation = changed("neo_hookean", (1e20, 1e20, 1e20), dtype="float64")
+    error = refused(
+        simulation, SolverError, "elastic wave, is below the spacing", lambda s: s.advance(1)
+    )
+    assert error.index == 7
+
+
+@pytest.mark.skipif("libasan" in os.environ.get("LD_PRELOAD", ""), reason="ASan reserves terabytes")
+def test_memory_that_runs_out_leaves_the_last_good_step():
+    """However much there is: the sort in the middle of a run fails, or what comes after it."""
+    code = """
+import resource
+import numpy as np
+import substep
+from substep import mpm
+
+def used():
+    return int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+
+def limit(bytes):
+    resource.setrlimit(resource.RLIMIT_AS, (bytes, resource.RLIM_INFINITY))
+
+dt = 2e-3
+x, volume = mpm.sample_box((0, 0, 0), (1, 1, 1), 1 / 48, jitter=0.2)
+start = substep.MaterialPointMethod(
+    x, mpm.NeoHookean(density=1000.0, young_modulus=1e3, poisson_ratio=0.3), cell=1 / 24,
+    volume=volume, velocities=np.sin(5 * x[:, ::-1]), step=dt, threads=1, gravity=(3, 0, 0),
+)
+failed = set()
+for extra in range(0, 16):
+    sim = start.copy()
+    sim.advance(3 * dt)
+    limit(used() + extra * 500_000)
+    try:
+        sim.advance(60 * dt)
+    except MemoryError:
+        failed.add(round(sim.time / dt) > 3)
+        limit(resource.RLIM_INFINITY)
+        twin = start.copy()
+        for _ in range(round(sim.time / dt)):
+            twin.step(dt)
+        assert abs(twin.time - sim.time) < 1e-9
+        for name in ("positions", "velocities", "deformation_gradients"):
+            assert np.abs(getattr(sim, name) - getattr(twin, name)).max() < 1e-4, name
+        sim.advance(5 * dt)
+        assert np.isfinite(sim.positions).all()
+    limit(resource.RLIM_INFINITY)
+print(True in failed)
+"""
+    environment = {**os.environ, "MALLOC_MMAP_THRESHOLD_": "65536"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.stdout == "True\n", done.stderr
 
 
 @pytest.mark.parametrize("how", ["raise", "remove", "clamp"])

@@ -177,14 +177,17 @@ def test_what_moves_too_far_is_refused_or_subdivided():
     assert body.time == 0.05
 
 
-def test_deformation_without_an_answer_is_refused():
-    body = cube()
+@pytest.mark.parametrize("kernel", ["linear", "quadratic", "cubic"])
+def test_deformation_without_an_answer_is_refused(kernel):
+    """Newton's method meets numbers that are none; the particle whose they are is named."""
+    body = cube(kernel=kernel)
     F = np.tile(np.eye(3), (216, 1, 1))
     F[17] = np.diag([1.0, 1.0, -1.0])
     body.set_deformation_gradients(F)
     before = state_hash(body)
-    with pytest.raises(NonFiniteError):
+    with pytest.raises(NonFiniteError, match="particle 17 is not finite") as caught:
         body.step(0.01)
+    assert (caught.value.index, caught.value.step, caught.value.time) == (17, 0, 0.0)
     assert state_hash(body) == before
 
 

@@ -87,23 +87,31 @@ Diagnostics measure(const Particles<Real, D>& particles, const Vec3& gravity, bo
 }
 
 template <class Real, int D>
-double wave_speed_squared(const Particles<Real, D>& particles, int threads) {
+void packet_wave_speeds(const Particles<Real, D>& particles, std::size_t group, std::int64_t packet,
+                        double* squares) {
   using V = Vector<Real>;
+  std::visit(
+      [&]<class M>(const M& material) {
+        V fields[M::template kFields<D>];
+        const V modulus =
+            material.template wave_modulus<V, D>(fields_of(particles, group, packet, fields));
+        for (int lane = 0; lane < kLanes<Real>; ++lane) {
+          squares[lane] = static_cast<double>(modulus[lane]) / material.density;
+        }
+      },
+      particles.materials[group]);
+}
+
+template <class Real, int D>
+double wave_speed_squared(const Particles<Real, D>& particles, int threads) {
   return sum_of_packets(
              particles,
              [&](std::size_t g, std::int64_t p, std::int32_t, int) {
-               return std::visit(
-                   [&]<class M>(const M& material) {
-                     V fields[M::template kFields<D>];
-                     const V modulus =
-                         material.template wave_modulus<V, D>(fields_of(particles, g, p, fields));
-                     Largest largest;
-                     for (int lane = 0; lane < kLanes<Real>; ++lane) {
-                       largest += {static_cast<double>(modulus[lane]) / material.density};
-                     }
-                     return largest;
-                   },
-                   particles.materials[g]);
+               double squares[kLanes<Real>];
+               packet_wave_speeds(particles, g, p, squares);
+               Largest largest;
+               for (const double square : squares) largest += {square};
+               return largest;
              },
              threads)
       .value;
@@ -154,11 +162,12 @@ void packet_stress_at_rest(const Particles<Real, D>& particles, std::size_t grou
       particles.materials[group]);
 }
 
-#define SUBSTEP_MEASURES(Real, D)                                                           \
-  template Diagnostics measure(const Particles<Real, D>&, const Vec3&, bool, double, int);  \
-  template double wave_speed_squared(const Particles<Real, D>&, int);                       \
-  template double largest_speed(const Particles<Real, D>&, int);                            \
-  template void packet_energy(const Particles<Real, D>&, std::size_t, std::int64_t, Real*); \
+#define SUBSTEP_MEASURES(Real, D)                                                                  \
+  template Diagnostics measure(const Particles<Real, D>&, const Vec3&, bool, double, int);         \
+  template double wave_speed_squared(const Particles<Real, D>&, int);                              \
+  template double largest_speed(const Particles<Real, D>&, int);                                   \
+  template void packet_wave_speeds(const Particles<Real, D>&, std::size_t, std::int64_t, double*); \
+  template void packet_energy(const Particles<Real, D>&, std::size_t, std::int64_t, Real*);        \
   template void packet_stress_at_rest(const Particles<Real, D>&, std::size_t, std::int64_t, Real*);
 SUBSTEP_MEASURES(float, 2)
 SUBSTEP_MEASURES(float, 3)

@@ -42,8 +42,11 @@ double wave_speed_squared(const Particles<Real, D>& particles, int threads);
 template <class Real, int D>
 double largest_speed(const Particles<Real, D>& particles, int threads);
 
-// Of one packet: energy density [J/m^3]; Kirchhoff stress of the admissible state [Pa], symmetric
-// entries first to last, kLanes each.
+// Of one packet: c^2 as above; energy density [J/m^3]; Kirchhoff stress of the admissible state
+// [Pa], symmetric entries first to last, kLanes each.
+template <class Real, int D>
+void packet_wave_speeds(const Particles<Real, D>& particles, std::size_t group, std::int64_t packet,
+                        double* squares);
 template <class Real, int D>
 void packet_energy(const Particles<Real, D>& particles, std::size_t group, std::int64_t packet,
                    Real* energy);

@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <exception>
 #include <limits>
+#include <new>
 
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
@@ -80,7 +81,7 @@ void Solver<Real, D>::steps_until_rest(double end, double given) {
   poll_interrupt();
   NextStep step = choose(clock_.time, end, given,
                          limit_now(largest_speed(particles_, options_.threads), given));
-  if (!step.refused.empty()) raise(step.refused, -1);
+  if (!step.refused.empty()) raise(step.refused, limiting(step.limit));
   shrinks_ = 0;
   // An implicit step is dear: it is not solved twice for want of room.
   if (options_.integrator == Integrator::kImplicit && clock_.drift > 0) sort_resting();
@@ -106,22 +107,36 @@ void Solver<Real, D>::steps_until_rest(double end, double given) {
     // From here to the next turn particles may be between two steps.
     const DeferInterrupts whole;
     step.reach = check.reach;
-    make_room(step);
     NextStep after;
-    const bool last = stop || near_bounds_ || !fast() || !(step.end < end);
-    if (!last) after = choose(step.end, end, given, limit_now(check.speed, given));
-    if (last || !after.refused.empty()) {
+    bool last = true;
+    try {
+      make_room(step);
+      last = stop || near_bounds_ || !fast() || !(step.end < end);
+      if (!last) {
+        after = choose(step.end, end, given, limit_now(check.speed, given));
+        last = !after.refused.empty();
+      }
+      if (!last && begin_.empty()) begin_.push_back({grid_, clock_, report_});
+      if (!last) good_.push_back(step);
+    } catch (const std::bad_alloc&) {
+      recover(step);
+      throw;
+    }
+    if (last) {
       rest(step);
       if (stop) std::rethrow_exception(stop);
       return;
     }
-    if (begin_.empty()) begin_.push_back({grid_, clock_, report_});
-    good_.push_back(step);
     g2p2g(particles_, step.dt, after.dt, nodes_, next_, options_.threads);
     commit(step);
     if (good_.size() == 1) base_.values.swap(nodes_.values);
     nodes_.values.swap(next_.values);
-    check = update(after.dt);
+    try {
+      check = update(after.dt);
+    } catch (const std::bad_alloc&) {
+      recover(after);
+      throw;
+    }
     if (!passes(check)) return return_to_good_step();  // and tried again from there
     step = after;
   }
@@ -192,11 +207,12 @@ typename Solver<Real, D>::NextStep Solver<Real, D>::choose(double now, double en
   }
   step.dt = left < 2 * h * (1 - kSame) ? left / 2 : h;
   step.end = now + step.dt;
-  if (!(step.end > now) && step.refused.empty()) {
-    step.refused = text(
-        "the step, %.3g s, is below the spacing of the time %.6g s: speeds or "
-        "stiffness have grown without bound",
-        step.dt, now);
+  if (!(step.end > now && end + step.dt > end) && step.refused.empty()) {
+    step.refused = text("a step of %.3g s, the limit of the ", step.dt) + step.limit +
+                   text(
+                       ", is below the spacing of times up to %.6g s: speeds or stiffness have "
+                       "grown without bound; start again with shorter steps (cfl=, step=)",
+                       end);
   }
   return step;
 }
@@ -217,16 +233,23 @@ NodeCheck Solver<Real, D>::begin_step(double dt) {
 // The momentum at the end of an implicit step, gravity and obstacles included.
 template <class Real, int D>
 NodeCheck Solver<Real, D>::solve(double dt) {
-  const ImplicitReport& found = implicit_.solve(
-      particles_, {nodes_.values.data(), nodes_.values.size()}, dt, options_.gravity,
-      options_.order, options_.form, grid_.colliders, options_.boundaries, options_.threads);
-  if (!found.converged) {
+  const std::span<Real> nodes = {nodes_.values.data(), nodes_.values.size()};
+  try {
+    implicit_.solve(particles_, nodes, dt, options_.gravity, options_.order, options_.form,
+                    grid_.colliders, options_.boundaries, options_.threads);
+  } catch (const NonFiniteError& error) {
+    // Stress that is none shows at nodes in an explicit step, and there whose it is.
+    p2g(scheme(), particles_, dt, nodes_, before_, options_.threads);
+    const NodeCheck check = grid_.update(nodes, options_.gravity, dt, HUGE_VAL, options_.threads);
+    if (!check.good()) raise_not_finite(check.bad_node);
+    throw NonFiniteError(error.what(), clock_.time, -1, report_.steps);
+  }
+  if (!implicit_.report().converged) {
     NodeCheck failed;
     failed.reach = HUGE_VAL;
     return failed;
   }
-  return grid_.update({nodes_.values.data(), nodes_.values.size()}, Vec3::Zero(), dt,
-                      room() * options_.cell / dt, options_.threads);
+  return grid_.update(nodes, Vec3::Zero(), dt, room() * options_.cell / dt, options_.threads);
 }
 
 template <class Real, int D>
@@ -265,13 +288,7 @@ void Solver<Real, D>::shrink(NextStep& step, const NodeCheck& check, double give
     const Real* v = nodes_.values.data() + check.bad_node * transfer::kNodeReals;
     for (int d = 0; d < D; ++d) speed = std::max(speed, std::abs(static_cast<double>(v[d])));
     for (int d = 0; d < D; ++d) {
-      if (std::isfinite(v[d])) continue;
-      const std::int32_t id = culprit(check.bad_node);
-      throw NonFiniteError(
-          "the velocity of particle " + std::to_string(id) +
-              " is not finite after the next step: its deformation is inverted or too large; "
-              "start again with shorter steps (cfl=, step=)",
-          clock_.time, id, report_.steps);
+      if (!std::isfinite(v[d])) raise_not_finite(check.bad_node);
     }
   }
   const std::int32_t id = check.good() ? -1 : culprit(check.bad_node);
@@ -311,7 +328,7 @@ void Solver<Real, D>::shrink_implicit(NextStep& step, double given) {
   if (raises || ++shrinks_ > kShrinks || !(clock_.time + step.dt / 2 > clock_.time)) {
     ConvergenceError error(
         text("the implicit step of %.4g s did not converge; ", step.dt) + implicit_.report().remedy,
-        clock_.time, -1, report_.steps + 1);
+        clock_.time, -1, report_.steps);
     error.residuals = implicit_.report().residuals;
     throw error;
   }
@@ -336,6 +353,8 @@ void Solver<Real, D>::make_room(const NextStep& step) {
   good_.clear();
   begin_.clear();
   layout_changed();
+  next_.values.reset(nodes_.values.size());
+  base_.values.reset(nodes_.values.size());
 }
 
 template <class Real, int D>
@@ -344,7 +363,13 @@ void Solver<Real, D>::rest(const NextStep& step) {
     end_step(step.dt);
     return commit(step);
   }
-  const auto before = particles_;
+  Particles<Real, D> before;
+  try {
+    before = particles_;
+  } catch (const std::bad_alloc&) {
+    recover(step);
+    throw;
+  }
   end_step(step.dt);
   const std::int32_t escaped = first_escaped();
   if (escaped >= 0 && options_.on_escape == OnEscape::kRaise) {
@@ -403,6 +428,16 @@ void Solver<Real, D>::return_to_good_step() {
   }
   g2p(particles_, good_.back().dt, nodes_, options_.threads);
   commit(good_.back());
+}
+
+// Memory has run out before particles moved by `step`: they are to be between two steps. What that
+// needs is there.
+template <class Real, int D>
+void Solver<Real, D>::recover(const NextStep& step) {
+  if (!good_.empty()) return return_to_good_step();
+  if (particles_.motion) return;  // at rest
+  end_step(step.dt);              // sorted: the way back is lost, the step itself is good
+  commit(step);
 }
 
 // Adds the momentum of the forces on the particles to the nodes; returns their work [J].
@@ -489,6 +524,43 @@ std::int32_t Solver<Real, D>::culprit(std::int64_t node) const {
         });
   }
   return found;
+}
+
+// The id of the particle at rest from which a step's limit comes, or -1.
+template <class Real, int D>
+std::int32_t Solver<Real, D>::limiting(const std::string& limit) const {
+  const bool by_wave = limit == "elastic wave";
+  double most = -1;
+  std::int32_t found = -1;
+  if (!by_wave && limit != "particle speed") return found;
+  for (std::size_t b = 0; b < particles_.layout.particle_keys.size(); ++b) {
+    for_packets_of_block(particles_, static_cast<std::int32_t>(b),
+                         [&](std::size_t g, std::int64_t p, std::int32_t in, int count) {
+                           double squares[kLanes<Real>];
+                           packet_wave_speeds(particles_, g, p, squares);
+                           for (int lane = 0; lane < count; ++lane) {
+                             const Slot s{g, p, lane, in};
+                             const double value =
+                                 by_wave ? squares[lane]
+                                         : velocity_of(particles_, s).cwiseAbs().maxCoeff();
+                             if (value > most || (value == most && id_of(particles_, s) < found)) {
+                               most = value;
+                               found = id_of(particles_, s);
+                             }
+                           }
+                         });
+  }
+  return found;
+}
+
+template <class Real, int D>
+void Solver<Real, D>::raise_not_finite(std::int64_t node) const {
+  const std::int32_t id = culprit(node);
+  throw NonFiniteError(
+      "the velocity of particle " + std::to_string(id) +
+          " is not finite after the next step: its deformation is inverted or too large; "
+          "start again with shorter steps (cfl=, step=)",
+      clock_.time, id, report_.steps);
 }
 
 template <class Real, int D>

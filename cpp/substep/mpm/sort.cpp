@@ -79,11 +79,12 @@ std::vector<std::uint64_t> occupied(const std::vector<std::uint64_t>& keys,
   return all;
 }
 
-// Sets from, runs, ids and volume for the new layout; the packets' numbers stay where they are.
+// The group in the new layout: from, runs, ids and volume, not yet the packets' numbers.
 template <class Real, int D>
-void reorder(ParticleGroup<Real, D>& group, std::vector<Counts<D>>& counts,
-             const std::vector<std::uint64_t>& before, const std::vector<std::uint64_t>& after,
-             int threads) {
+ParticleGroup<Real, D> reordered(const ParticleGroup<Real, D>& group,
+                                 std::vector<Counts<D>>& counts,
+                                 const std::vector<std::uint64_t>& before,
+                                 const std::vector<std::uint64_t>& after, int threads) {
   // Counts become places: of a new block's particles, those of the lowest old block come first.
   std::vector<std::int32_t> filled(after.size(), 0);
   for (int n = Cells<D>::kNeighbours - 1; n >= 0; --n) {
@@ -92,57 +93,72 @@ void reorder(ParticleGroup<Real, D>& group, std::vector<Counts<D>>& counts,
       filled[a] += std::exchange(place, filled[a]);
     });
   }
-  const std::vector<Run> old_runs = std::exchange(group.runs, {});
-  set_runs(group, filled);
+  ParticleGroup<Real, D> sorted;
+  sorted.fields = group.fields;
+  set_runs(sorted, filled);
 
-  const auto slots = static_cast<std::size_t>(group.packets) * kLanes<Real>;
-  group.from.reset(slots);
+  const auto slots = static_cast<std::size_t>(sorted.packets) * kLanes<Real>;
+  sorted.from.reset(slots);
+  sorted.ids.reset(slots);
+  sorted.volume.reset(slots);
   AlignedBuffer<std::int16_t> cells;
   cells.reset(slots);
   for (int n = 0; n < Cells<D>::kNeighbours; ++n) {
     transfer::match(before, Cells<D>::offset(n), after, [&](std::size_t b, std::size_t a) {
       counts[b][static_cast<std::size_t>(n)] +=
-          static_cast<std::int32_t>(group.runs[a].first * kLanes<Real>);
+          static_cast<std::int32_t>(sorted.runs[a].first * kLanes<Real>);
     });
   }
   parallel_for(
-      static_cast<std::int64_t>(old_runs.size()), kGrain,
+      static_cast<std::int64_t>(group.runs.size()), kGrain,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t b = begin; b < end; ++b) {
           const auto block = static_cast<std::size_t>(b);
-          for_each_particle(group, old_runs[block], [&](std::int32_t slot, auto where) {
+          for_each_particle(group, group.runs[block], [&](std::int32_t slot, auto where) {
             const auto place = static_cast<std::size_t>(
                 counts[block][static_cast<std::size_t>(where.neighbour)]++);
-            group.from[place] = slot;
+            sorted.from[place] = slot;
             cells[place] = where.cell;
           });
         }
       },
       threads);
 
-  AlignedBuffer<std::int32_t> ids;
-  AlignedBuffer<Real> volume;
-  ids.reset(slots);
-  volume.reset(slots);
   parallel_for(
-      static_cast<std::int64_t>(group.runs.size()), kGrain,
+      static_cast<std::int64_t>(sorted.runs.size()), kGrain,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t b = begin; b < end; ++b) {
-          const Run& run = group.runs[static_cast<std::size_t>(b)];
+          const Run& run = sorted.runs[static_cast<std::size_t>(b)];
           if (run.count == 0) continue;
           const auto first = static_cast<std::size_t>(run.first) * kLanes<Real>;
-          sort_by_cell<D>(&group.from[first], &cells[first], run.count);
-          fill_lanes<Real>(run, group.from.data());
+          sort_by_cell<D>(&sorted.from[first], &cells[first], run.count);
+          fill_lanes<Real>(run, sorted.from.data());
           for (std::size_t slot = first; slot < first + lanes<Real>(run); ++slot) {
-            const auto source = static_cast<std::size_t>(group.from[slot]);
-            ids[slot] = slot < first + static_cast<std::size_t>(run.count) ? group.ids[source] : -1;
-            volume[slot] = group.volume[source];
+            const auto source = static_cast<std::size_t>(sorted.from[slot]);
+            const bool repeats = slot >= first + static_cast<std::size_t>(run.count);
+            sorted.ids[slot] = repeats ? -1 : group.ids[source];
+            sorted.volume[slot] = group.volume[source];
           }
         }
       },
       threads);
-  group.ids = std::move(ids);
-  group.volume = std::move(volume);
+  return sorted;
+}
+
+template <class Real, int D>
+std::size_t numbers(const ParticleGroup<Real, D>& group) {
+  return static_cast<std::size_t>(group.packets * group.stride() * kLanes<Real>);
+}
+
+// Room for n numbers. Those that there are stay, also where it throws.
+template <class T>
+void reserve(AlignedBuffer<T>& buffer, std::size_t n) {
+  if (n * sizeof(T) <= buffer.bytes()) return;
+  AlignedBuffer<T> larger;
+  larger.reset(n);
+  if (buffer.size() > 0) std::memcpy(larger.data(), buffer.data(), buffer.size() * sizeof(T));
+  larger.reset(buffer.size());
+  buffer.swap(larger);
 }
 
 // Packets of source, in the order of group.from, into target; positions (unless they are none) are
@@ -153,7 +169,7 @@ void gather(const ParticleGroup<Real, D>& group, const AlignedBuffer<Real>& sour
   constexpr int kWidth = kLanes<Real>;
   const int fields = positions ? D + group.fields : ParticleGroup<Real, D>::kMotion;
   const std::int64_t packet = group.stride() * kWidth;
-  target.reset(static_cast<std::size_t>(group.packets * packet));
+  target.reset(numbers(group));
   parallel_for(
       group.packets, 64,
       [&](std::int64_t begin, std::int64_t end) {
@@ -177,51 +193,71 @@ void gather(const ParticleGroup<Real, D>& group, const AlignedBuffer<Real>& sour
       threads);
 }
 
-// Brings layout, runs, ids and volumes up to date.
+// What particles become. They themselves do not change until all the memory for it is there.
 template <class Real, int D>
-void reorder(Particles<Real, D>& particles, int threads) {
+struct Sorted {
+  transfer::BlockLayout<D> layout;
+  std::vector<ParticleGroup<Real, D>> groups;
+
+  Sorted(const Particles<Real, D>& particles, int threads);
+  void replace(Particles<Real, D>& particles) {
+    particles.layout = std::move(layout);
+    particles.groups = std::move(groups);
+  }
+};
+
+template <class Real, int D>
+Sorted<Real, D>::Sorted(const Particles<Real, D>& particles, int threads) {
   std::vector<std::vector<Counts<D>>> counts;
   for (const auto& group : particles.groups) counts.push_back(count(group, threads));
-  const std::vector<std::uint64_t> before = particles.layout.particle_keys;
-  particles.layout.assign(occupied<D>(before, counts));
+  const std::vector<std::uint64_t>& before = particles.layout.particle_keys;
+  layout.assign(occupied<D>(before, counts));
   for (std::size_t g = 0; g < particles.groups.size(); ++g) {
-    reorder(particles.groups[g], counts[g], before, particles.layout.particle_keys, threads);
+    groups.push_back(
+        reordered(particles.groups[g], counts[g], before, layout.particle_keys, threads));
   }
 }
 
 }  // namespace
 
+// All memory is taken first: std::bad_alloc leaves particles and nodes as they were. g2p and rewind
+// need none afterwards.
 template <class Real, int D>
 void sort(Particles<Real, D>& particles, Nodes<Real, D>& nodes, int threads) {
-  const std::vector<std::uint64_t> before = particles.layout.node_keys;
-  reorder(particles, threads);
-  for (auto& group : particles.groups) {
-    gather(group, group.state, group.other, true, threads);
-    group.state.swap(group.other);
+  Sorted<Real, D> sorted(particles, threads);
+  Nodes<Real, D> moved;
+  moved.set_zero(sorted.layout.node_blocks(), threads);
+  transfer::match(particles.layout.node_keys, 0, sorted.layout.node_keys,
+                  [&](std::size_t b, std::size_t a) {
+                    std::memcpy(moved.block(static_cast<std::int64_t>(a)),
+                                nodes.block(static_cast<std::int64_t>(b)),
+                                Nodes<Real, D>::kReals * sizeof(Real));
+                  });
+  for (std::size_t g = 0; g < sorted.groups.size(); ++g) {  // both: g2p, too, needs the other one
+    reserve(particles.groups[g].state, numbers(sorted.groups[g]));
+    reserve(particles.groups[g].other, numbers(sorted.groups[g]));
   }
+  for (std::size_t g = 0; g < sorted.groups.size(); ++g) {
+    ParticleGroup<Real, D>&from = particles.groups[g], &to = sorted.groups[g];
+    gather(to, from.state, from.other, true, threads);
+    to.state.swap(from.other);
+    to.other.swap(from.state);
+  }
+  sorted.replace(particles);
+  nodes = std::move(moved);
   particles.motion = false;
   particles.snapshot = {true, particles.trial, particles.before};
-
-  Nodes<Real, D> moved;
-  moved.set_zero(particles.layout.node_blocks(), threads);
-  transfer::match(before, 0, particles.layout.node_keys, [&](std::size_t b, std::size_t a) {
-    std::memcpy(moved.block(static_cast<std::int64_t>(a)),
-                nodes.block(static_cast<std::int64_t>(b)), Nodes<Real, D>::kReals * sizeof(Real));
-  });
-  nodes = std::move(moved);
 }
 
 template <class Real, int D>
 void sort_at_rest(Particles<Real, D>& particles, int threads) {
-  reorder(particles, threads);
-  for (auto& group : particles.groups) {
-    AlignedBuffer<Real> sorted;
-    gather(group, group.state, sorted, true, threads);
-    group.state = std::move(sorted);
-    AlignedBuffer<Real> motion;
-    gather(group, group.other, motion, false, threads);
-    group.other = std::move(motion);
+  Sorted<Real, D> sorted(particles, threads);
+  for (std::size_t g = 0; g < sorted.groups.size(); ++g) {
+    ParticleGroup<Real, D>& to = sorted.groups[g];
+    gather(to, particles.groups[g].state, to.state, true, threads);
+    gather(to, particles.groups[g].other, to.other, false, threads);
   }
+  sorted.replace(particles);
 }
 
 template <class Real, int D>
