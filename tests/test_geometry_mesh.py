@@ -286,6 +286,13 @@ def test_broken_files_of_other_formats(tmp_path, name):
         read_mesh(path)
 
 
+def test_a_ply_file_cut_in_its_header(tmp_path):
+    pytest.importorskip("meshio")
+    path = write(tmp_path / "x.ply", "ply\nformat ascii 1.0\nelement vertex 3\n")
+    with pytest.raises(FormatError, match="end_header"):
+        read_mesh(path)
+
+
 def test_missing_file():
     for name in ("nowhere.obj", "nowhere.ply"):
         with pytest.raises(FileNotFoundError):

@@ -107,6 +107,10 @@ def _read_with_meshio(path: Path) -> TriangleMesh | TetMesh:
         raise ModuleNotFoundError(
             f"{path}: reading {path.suffix} files needs meshio: pip install substep[mesh]"
         ) from None
+    if path.suffix.lower() == ".ply":
+        with path.open("rb") as file:
+            if b"end_header" not in file.read(2**20):  # meshio would look for it for ever
+                raise FormatError(f"{path}: the header of a .ply file ends with end_header")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # overflows while it tries what a file may be
