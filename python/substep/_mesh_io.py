@@ -118,8 +118,8 @@ def _read_with_meshio(path: Path) -> TriangleMesh | TetMesh:
     except MemoryError:
         raise
     except (Exception, SystemExit) as error:
-        reason = str(error) or type(error).__name__
-        raise FormatError(f"{path}: {reason}") from error
+        reason = f"{type(error).__name__}: {error}"
+        raise FormatError(f"{path}: meshio cannot read it ({reason})") from error
     points = np.asarray(data.points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] not in (2, 3):
         raise FormatError(f"{path}: expected points of 3 coordinates, got shape {points.shape}")
