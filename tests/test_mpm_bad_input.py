@@ -389,7 +389,7 @@ def test_stiffness_without_bound_names_the_particle():
 
 @pytest.mark.skipif("libasan" in os.environ.get("LD_PRELOAD", ""), reason="ASan reserves terabytes")
 def test_memory_that_runs_out_leaves_the_last_good_step():
-    """However much there is: the sort in the middle of a run fails, or what comes after it."""
+    """However much there is: the sort in a run fails, or what comes after it, or new particles."""
     code = """
 import resource
 import numpy as np
@@ -427,13 +427,30 @@ for extra in range(0, 16):
         sim.advance(5 * dt)
         assert np.isfinite(sim.positions).all()
     limit(resource.RLIM_INFINITY)
-print(True in failed)
+def state_hash(sim):
+    return substep.state_hash(*(v for v in sim.state().values() if not isinstance(v, str)))
+
+sim.set_forces(x)
+refused = 0
+for extra in range(0, 40, 4):
+    before = state_hash(sim)
+    limit(used() + extra * 1_000_000)
+    try:
+        sim.add(x[:1000], volume[:1000])
+        break
+    except MemoryError:
+        refused += 1
+    finally:
+        limit(resource.RLIM_INFINITY)
+    assert state_hash(sim) == before
+sim.advance(5 * dt)
+print(True in failed, refused > 3)
 """
     environment = {**os.environ, "MALLOC_MMAP_THRESHOLD_": "65536"}
     done = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
     )
-    assert done.stdout == "True\n", done.stderr
+    assert done.stdout == "True True\n", done.stderr
 
 
 @pytest.mark.parametrize("how", ["raise", "remove", "clamp"])

@@ -94,14 +94,17 @@ std::int64_t Solver<Real, D>::add(std::span<const Vec3> x, std::span<const Vec3>
       const auto g = static_cast<std::size_t>(material[i]);
       ParticleRows<Real, D>& row = fresh[g];
       set_position(row, 0, options_.cell, x[i]);
-      for (int d = 0; d < D; ++d)
+      for (int d = 0; d < D; ++d) {
         row.motion[static_cast<std::size_t>(d)] = static_cast<Real>(v[i][d]);
+      }
       row.volume[0] = static_cast<Real>(volume[i]);
       row.ids[0] = static_cast<std::int32_t>(first + static_cast<std::int64_t>(i));
       append(all[g], row, 0);
     }
-    if (!forces_.empty()) forces_.resize(forces_.size() + x.size(), Vec3::Zero());
+    std::vector<Vec3> forces = forces_;
+    if (!forces.empty()) forces.resize(forces.size() + x.size(), Vec3::Zero());
     sort_again(all);
+    forces_.swap(forces);
     clock_.next_id = first + static_cast<std::int64_t>(x.size());
   });
   return first;
@@ -123,8 +126,8 @@ void Solver<Real, D>::remove(std::span<const std::uint8_t> flags) {
     for (std::size_t i = 0; i < forces_.size(); ++i) {
       if (flags[i] == 0) left.push_back(forces_[i]);
     }
-    forces_ = left;
     sort_again(all);
+    forces_.swap(left);
   });
 }
 
