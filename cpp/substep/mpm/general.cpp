@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <limits>
 #include <vector>
 
 #include "substep/core/parallel.h"
@@ -73,6 +74,38 @@ void divide_by_mass(Arena<Real, D>& arena) {
   }
 }
 
+// m v and m C of one packet, and 1 in the place of the mass: m_i is known, the share s_i is not.
+template <class Real, int D>
+void new_momenta(const Particles<Real, D>& particles, std::size_t g, std::int64_t packet,
+                 PacketMomenta<Real, D>& to) {
+  using V = Vector<Real>;
+  const ParticleGroup<Real, D>& group = particles.groups[g];
+  const Real* v = group.motion(packet);
+  const auto C = load_gradient<Real, D>(v + D * kLanes<Real>);
+  const V mass =
+      load<V>(group.volume.data() + packet * kLanes<Real>) * Real(density(particles.materials[g]));
+  store(to.p[D], splat<V>(Real(1)));
+  for (int i = 0; i < D; ++i) {
+    store(to.p[i], mass * load<V>(v + i * kLanes<Real>));
+    for (int j = 0; j < D; ++j) store(to.A[i][j], V(mass * Real(particles.cell) * C(i, j)));
+  }
+}
+
+// v'' of a node block, from v and m_i, and m_i v' and the sum of the weights.
+template <class Real, int D>
+void mix(bool apic, const Real* nodes, Real* after) {
+  const Real* const end = nodes + transfer::NodeBlocks<Real, D>::kReals;
+  for (; nodes < end; nodes += transfer::kNodeReals, after += transfer::kNodeReals) {
+    const Real mass = nodes[D], share = apic ? std::min(Real(1), after[D]) : 0;
+    const bool empty = mass < std::numeric_limits<Real>::min();
+    for (int d = 0; d < D; ++d) {
+      const Real v = empty ? 0 : after[d] / mass;
+      after[d] = v + share * (nodes[d] - v);
+    }
+    after[D] = mass;
+  }
+}
+
 // The lanes after the last particle of a packet repeat it.
 template <class Real, int D>
 void repeat_last(int count, PacketVelocities<Real, D>& packet) {
@@ -86,16 +119,30 @@ void repeat_last(int count, PacketVelocities<Real, D>& packet) {
   }
 }
 
-// New v, C, x and fields of one packet of a block; `old` is what the grid was before for FLIP.
+// New v of a packet: `moved` as the grid is now, for FLIP with what v was above that of the grid
+// before.
+template <class Real, int D>
+void set_velocity(const Scheme& scheme, double dt, const PacketVelocities<Real, D>& moved,
+                  const PacketVelocities<Real, D>& old, Real* v) {
+  using V = Vector<Real>;
+  const Real alpha = Real(std::exp(-scheme.flip_rate * dt));
+  for (int i = 0; i < D; ++i, v += kLanes<Real>) {
+    V velocity = load<V>(moved.v[i]);
+    if (scheme.transfer == Transfer::kFlip) velocity += (load<V>(v) - load<V>(old.v[i])) * alpha;
+    store(v, velocity);
+  }
+}
+
+// New C, x and fields of one packet of a block, whose v is new.
 template <class Real, int D>
 void advance_packet(const Scheme& scheme, Particles<Real, D>& particles, std::int32_t block,
                     std::size_t g, std::int64_t packet, int count, double dt,
-                    const PacketVelocities<Real, D>& from, const PacketVelocities<Real, D>* old) {
+                    const PacketVelocities<Real, D>& from) {
   using V = Vector<Real>;
   constexpr int kWidth = kLanes<Real>;
   ParticleGroup<Real, D>& group = particles.groups[g];
   const AnyMaterial& material = particles.materials[g];
-  const Real per_cell = Real(1 / particles.cell), alpha = Real(std::exp(-scheme.flip_rate * dt));
+  const Real per_cell = Real(1 / particles.cell);
   Real *x = group.packet(packet), *v = group.motion(packet), *C = v + D * kWidth;
   alignas(64) Real before[D * kWidth];
   std::memcpy(before, x, sizeof before);
@@ -104,11 +151,8 @@ void advance_packet(const Scheme& scheme, Particles<Real, D>& particles, std::in
   const auto& stored = scheme.transfer == Transfer::kApic ? from.C : G;
   Tensor<V, D> gradient{};
   for (int i = 0; i < D; ++i) {
-    const V moved = load<V>(from.v[i]);
-    V velocity = moved;
-    if (old) velocity += (load<V>(v + i * kWidth) - load<V>(old->v[i])) * alpha;
-    store(v + i * kWidth, velocity);
-    store(x + i * kWidth, fma(Real(dt) * per_cell, moved, load<V>(before + i * kWidth)));
+    store(x + i * kWidth,
+          fma(Real(dt) * per_cell, load<V>(from.v[i]), load<V>(before + i * kWidth)));
     for (int j = 0; j < D; ++j) {
       store(C + (i * D + j) * kWidth, V(load<V>(stored[i][j]) * per_cell));
       gradient(i, j) = load<V>(G[i][j]) * per_cell;
@@ -177,10 +221,49 @@ double greatest_speed(const Scheme& scheme, const Particles<Real, D>& particles,
 }
 
 template <class Real, int D>
+void remap(const Scheme& scheme, Particles<Real, D>& particles, double dt,
+           const Nodes<Real, D>& nodes, const Nodes<Real, D>& before, Nodes<Real, D>& after,
+           int threads) {
+  const auto& layout = particles.layout;
+  const bool flip = scheme.transfer == Transfer::kFlip, apic = scheme.transfer == Transfer::kApic;
+  const Stencils<Real, D> stencil = stencils<Real, D>(scheme.order, uses_gradients(scheme));
+  scatter_blocks<Real, D>(layout, after, threads, [&](std::size_t b, Arena<Real, D>& sum) {
+    Arena<Real, D> arena, plain;
+    PacketVelocities<Real, D> moved, old;
+    PacketMomenta<Real, D> momenta{};
+    arena.copy(nodes, layout, b);
+    if (flip) {
+      plain.copy(before, layout, b);
+      divide_by_mass<Real, D>(plain);
+    }
+    for_packets_of_block(particles, static_cast<std::int32_t>(b),
+                         [&](std::size_t g, std::int64_t packet, std::int32_t, int count) {
+                           const Real* x = particles.groups[g].packet(packet);
+                           Real* v = particles.groups[g].motion(packet);
+                           stencil.gather_values(x, count, arena, moved);
+                           repeat_last<Real, D>(count, moved);
+                           if (flip) {
+                             stencil.gather_values(x, count, plain, old);
+                             repeat_last<Real, D>(count, old);
+                           }
+                           set_velocity<Real, D>(scheme, dt, moved, old, v);
+                           new_momenta(particles, g, packet, momenta);
+                           (apic ? stencil.scatter : stencil.scatter_values)(x, count, momenta,
+                                                                             sum);
+                           // g2p finds in C by what velocity they move.
+                           std::memcpy(v + D * kLanes<Real>, moved.v, sizeof moved.v);
+                         });
+  });
+  parallel_chunks(
+      layout.node_blocks(),
+      [&](std::int64_t b) { mix<Real, D>(apic, nodes.block(b), after.block(b)); }, threads);
+}
+
+template <class Real, int D>
 void g2p(const Scheme& scheme, Particles<Real, D>& particles, double dt,
          const Nodes<Real, D>& nodes, const Nodes<Real, D>& before, int threads) {
   const auto& layout = particles.layout;
-  const bool flip = scheme.transfer == Transfer::kFlip;
+  const bool flip = scheme.transfer == Transfer::kFlip && !scheme.musl;
   const Stencils<Real, D> stencil = stencils<Real, D>(scheme.order, uses_gradients(scheme));
   parallel_chunks(
       layout.blocks(),
@@ -193,18 +276,24 @@ void g2p(const Scheme& scheme, Particles<Real, D>& particles, double dt,
           plain.copy(before, layout, b);
           divide_by_mass<Real, D>(plain);
         }
-        for_packets_of_block(particles, static_cast<std::int32_t>(block),
-                             [&](std::size_t g, std::int64_t packet, std::int32_t at, int count) {
-                               const Real* x = particles.groups[g].packet(packet);
-                               stencil.gather(x, count, arena, velocities);
-                               repeat_last<Real, D>(count, velocities);
-                               if (flip) {
-                                 stencil.gather_values(x, count, plain, old);
-                                 repeat_last<Real, D>(count, old);
-                               }
-                               advance_packet(scheme, particles, at, g, packet, count, dt,
-                                              velocities, flip ? &old : nullptr);
-                             });
+        for_packets_of_block(
+            particles, static_cast<std::int32_t>(block),
+            [&](std::size_t g, std::int64_t packet, std::int32_t at, int count) {
+              const Real* x = particles.groups[g].packet(packet);
+              Real* v = particles.groups[g].motion(packet);
+              stencil.gather(x, count, arena, velocities);
+              repeat_last<Real, D>(count, velocities);
+              if (flip) {
+                stencil.gather_values(x, count, plain, old);
+                repeat_last<Real, D>(count, old);
+              }
+              if (scheme.musl) {
+                std::memcpy(velocities.v, v + D * kLanes<Real>, sizeof velocities.v);
+              } else {
+                set_velocity<Real, D>(scheme, dt, velocities, old, v);
+              }
+              advance_packet(scheme, particles, at, g, packet, count, dt, velocities);
+            });
       },
       threads);
   particles.trial = true;
@@ -216,6 +305,8 @@ void g2p(const Scheme& scheme, Particles<Real, D>& particles, double dt,
                     Nodes<Real, D>&, int);                                                        \
   template double greatest_speed(const Scheme&, const Particles<Real, D>&, const Nodes<Real, D>&, \
                                  int);                                                            \
+  template void remap(const Scheme&, Particles<Real, D>&, double, const Nodes<Real, D>&,          \
+                      const Nodes<Real, D>&, Nodes<Real, D>&, int);                               \
   template void g2p(const Scheme&, Particles<Real, D>&, double, const Nodes<Real, D>&,            \
                     const Nodes<Real, D>&, int);
 SUBSTEP_INSTANTIATE(float, 2)

@@ -23,6 +23,15 @@
 // textbook are the same there, and the angular momentum of APIC's affine part is kept by each
 // transfer, not by the motion of the particle between two (order 2 and 3 keep it by both).
 //
+// Modified update of stress last (MUSL). Where grad w does not vanish with w (order 1), nodes that
+// particles hardly reach get f_i / m_i, and G and C with it, without bound. So, for G and C alone,
+// light nodes take the velocity of what is there once particles have theirs:
+//   v''_i = s_i v_i + (1 - s_i) v'_i, m_i v'_i = sum_p w_ip m (v + C (x_i - x_p))
+// with v new, C (APIC only) and x old. Sulsky, Zhou, Schreyer, "Application of a particle-in-cell
+// method to solid mechanics", 1995: s_i = 0, as here for PIC and FLIP. That smooths strain rates,
+// and with them the C of APIC, in each step: there s_i = min(1, sum_p w_ip), 1 where at least one
+// particle's worth lies. So no force moves v'' by more than it would a particle.
+//
 // C is stored for PIC and FLIP too, where viscous materials read it and nothing else does; there
 // it is G. Textbook with APIC gives viscous materials the affine fit C, not the spline's gradient.
 #pragma once
@@ -39,6 +48,7 @@ struct Scheme {
   Transfer transfer = Transfer::kApic;
   Form form = Form::kMls;
   double flip_rate = 0;  // [1/s]
+  bool musl = false;     // light nodes deform particles by what remap() gives them
 };
 
 // Sets nodes (of particles.layout; sized here) from particles at rest, which do not change, for a
@@ -58,6 +68,13 @@ inline bool uses_gradients(const Scheme& scheme) {
 template <class Real, int D>
 double greatest_speed(const Scheme& scheme, const Particles<Real, D>& particles,
                       const Nodes<Real, D>& nodes, int threads);
+
+// For MUSL, between the update of the grid and g2p: particles take their new v, and `after` (sized
+// here) receives v''. g2p of `after` must follow.
+template <class Real, int D>
+void remap(const Scheme& scheme, Particles<Real, D>& particles, double dt,
+           const Nodes<Real, D>& nodes, const Nodes<Real, D>& before, Nodes<Real, D>& after,
+           int threads);
 
 // Takes velocities, moves and deforms particles by dt, and leaves them at rest. `before` is what
 // p2g set.

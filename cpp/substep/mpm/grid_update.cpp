@@ -139,11 +139,7 @@ NodeCheck GridUpdate<Real, D>::update(std::span<Real> nodes, const Vec3& gravity
         for (std::int64_t b = begin; b < end; ++b) {
           Real* block = nodes.data() + b * kNodes * kNodeReals;
           to_velocity<Real, D>(gravity * dt, block);
-          holders.clear();
-          for (std::size_t s = 0; s < distances_.all().size(); ++s) {
-            const auto* patch = distances_.patch(s, static_cast<std::int32_t>(b));
-            if (patch != nullptr) holders.push_back({distances_.all()[s].collider, patch});
-          }
+          find_holders(static_cast<std::int32_t>(b), holders);
           Real limit = bound;
           if (!holders.empty()) {
             // What is not finite must be seen before a condition hides it.
@@ -172,6 +168,32 @@ NodeCheck GridUpdate<Real, D>::update(std::span<Real> nodes, const Vec3& gravity
   check.reach = (check.speed + particles_.collider_speed()) * dt / cell_;
   particles_.set_reach(check.reach);
   return check;
+}
+
+template <class Real, int D>
+void GridUpdate<Real, D>::hold(std::span<Real> nodes, int threads) const {
+  parallel_for(
+      static_cast<std::int64_t>(layout_->node_keys.size()), kGrain,
+      [&](std::int64_t begin, std::int64_t end) {
+        std::vector<Holder> holders;
+        std::vector<Exchange> unused(colliders.size());
+        for (std::int64_t b = begin; b < end; ++b) {
+          Real* block = nodes.data() + b * transfer::NodeBlocks<Real, D>::kReals;
+          find_holders(static_cast<std::int32_t>(b), holders);
+          if (!holders.empty()) hold(static_cast<std::int32_t>(b), holders, block, unused.data());
+        }
+      },
+      threads);
+}
+
+template <class Real, int D>
+void GridUpdate<Real, D>::find_holders(std::int32_t node_block,
+                                       std::vector<Holder>& holders) const {
+  holders.clear();
+  for (std::size_t s = 0; s < distances_.all().size(); ++s) {
+    const auto* patch = distances_.patch(s, node_block);
+    if (patch != nullptr) holders.push_back({distances_.all()[s].collider, patch});
+  }
 }
 
 // Nodes at several surfaces take their conditions in turn, until none changes anything: at an edge

@@ -55,6 +55,10 @@ class GridUpdate {
   NodeCheck update(std::span<Real> nodes, const geometry::Vec3& gravity, double dt,
                    double speed_bound, int threads);
 
+  // Velocities of nodes that are not the material's own take the conditions of the last update(),
+  // which gives nothing to the colliders.
+  void hold(std::span<Real> nodes, int threads) const;
+
   // Which nodes take which collider's condition, for methods that find v by other means (implicit
   // integration).
   const NodeDistances<Real, D>& distances() const { return distances_; }
@@ -78,6 +82,7 @@ class GridUpdate {
     std::size_t collider;
     const typename NodeDistances<Real, D>::Patch* patch;
   };
+  void find_holders(std::int32_t node_block, std::vector<Holder>& holders) const;
   void hold(std::int32_t node_block, std::span<const Holder> holders, Real* nodes,
             geometry::Exchange* parts) const;
 

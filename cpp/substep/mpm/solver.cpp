@@ -271,7 +271,8 @@ NodeCheck Solver<Real, D>::update(double dt) {
 
 template <class Real, int D>
 Scheme Solver<Real, D>::scheme() const {
-  return {options_.order, options_.transfer, options_.form, options_.flip_rate};
+  const bool musl = options_.order == 1 && options_.integrator == Integrator::kExplicit;
+  return {options_.order, options_.transfer, options_.form, options_.flip_rate, musl};
 }
 
 template <class Real, int D>
@@ -307,6 +308,10 @@ template <class Real, int D>
 void Solver<Real, D>::end_step(double dt) {
   if (fast()) {
     g2p(particles_, dt, nodes_, options_.threads);
+  } else if (scheme().musl) {
+    remap(scheme(), particles_, dt, nodes_, before_, next_, options_.threads);
+    grid_.hold({next_.values.data(), next_.values.size()}, options_.threads);
+    g2p(scheme(), particles_, dt, next_, before_, options_.threads);
   } else {
     g2p(scheme(), particles_, dt, nodes_, before_, options_.threads);
   }
