@@ -182,9 +182,10 @@ class Solver {
   };
   std::vector<Begin> begin_;  // of the first of `good_`; one or none
   std::vector<NextStep> good_;
-  double wave_ = 0;            // c^2 of the elastic wave [m^2/s^2]
-  std::int64_t wave_age_ = 0;  // steps since it was measured
-  int shrinks_ = 0;            // of the step that is being tried
+  static constexpr std::int64_t kWaveSteps = 16;  // between two looks at c
+  double wave_ = 0;                               // c^2 of the elastic wave [m^2/s^2]
+  std::int64_t wave_age_ = 0;                     // steps since it was measured
+  int shrinks_ = 0;                               // of the step that is being tried
 };
 
 }  // namespace substep::mpm
