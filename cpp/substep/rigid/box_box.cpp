@@ -1,0 +1,133 @@
+#include "substep/rigid/box_box.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "substep/rigid/contact_patch.h"
+
+namespace substep::rigid {
+namespace {
+
+// Fractions of the smallest half length: what a side lets pass, so that the corners of aligned
+// boxes stay corners, and by how much a later kind of axis must be better than an earlier one
+// (faces of a, faces of b, crossings of edges), so that flat contact stays flat.
+constexpr double kSlack = 1e-4, kPreference = 1e-3;
+
+// b as seen from the frame of a.
+struct Relative {
+  Vec3 t;         // centre
+  Mat3 R, abs_R;  // axes in columns
+};
+
+// Points where a face of `reference` (its axis `i`, outward along `sign`) meets the face of
+// `incident` that looks against it. M: axes of the incident box in columns, c: its centre, both in
+// the frame of the reference box.
+void clip_faces(const Box& reference, const Pose& pose, int i, double sign, const Box& incident,
+                const Mat3& M, const Vec3& c, double margin, double size, bool flipped,
+                Manifold& manifold) {
+  int j;
+  M.row(i).cwiseAbs().maxCoeff(&j);
+  const int j1 = (j + 1) % 3, j2 = (j + 2) % 3, u = (i + 1) % 3, v = (i + 2) % 3;
+  const Vec3 &h = reference.half_lengths, &g = incident.half_lengths;
+  const bool positive = sign * M(i, j) < 0;
+  const Vec3 centre = c + (positive ? g[j] : -g[j]) * M.col(j);
+  const Vec3 e1 = g[j1] * M.col(j1), e2 = g[j2] * M.col(j2);
+  Patch patch;
+  patch.count = 4;
+  for (std::uint32_t k = 0; k < 4; ++k) {
+    const double s1 = k == 1 || k == 2 ? 1 : -1, s2 = k >= 2 ? 1 : -1;
+    const Vec3 p = centre + s1 * e1 + s2 * e2;
+    patch.corners[k] = {p[u], p[v], sign * p[i] - h[i], k};
+  }
+  const double slack = kSlack * size;
+  clip(patch, {1, 0, h[u], 4}, slack);
+  clip(patch, {-1, 0, h[u], 5}, slack);
+  clip(patch, {0, 1, h[v], 6}, slack);
+  clip(patch, {0, -1, h[v], 7}, slack);
+  const Reduced reduced = reduce(patch, margin, kPreference * size);
+  const Vec3 n = sign * pose.rotation.col(i);
+  manifold.normal = flipped ? Vec3(-n) : n;
+  const std::uint32_t faces =
+      static_cast<std::uint32_t>(((2 * i + (sign > 0)) * 6 + 2 * j + positive) * 2 + flipped);
+  for (int k = 0; k < reduced.count; ++k) {
+    const PatchCorner& corner = patch.corners[reduced.index[k]];
+    Vec3 p;
+    p[i] = sign * (corner.height + h[i]), p[u] = corner.u, p[v] = corner.v;
+    const Vec3 on_incident = pose.to_world(p);
+    const Vec3 on_reference = on_incident - corner.height * n;
+    manifold.add({flipped ? on_incident : on_reference, flipped ? on_reference : on_incident,
+                  corner.height, corner_feature(patch, reduced.index[k], faces)});
+  }
+}
+
+// Where the edges along axis i of a and j of b that face each other along n (frame of a) cross.
+void cross_edges(const Box& a, const Pose& pose_a, const Box& b, const Relative& rel, int i, int j,
+                 const Vec3& n, double separation, Manifold& manifold) {
+  // Midpoints of the edges.
+  const Vec3 along_b = rel.R.transpose() * n;
+  Vec3 p = Vec3::Zero(), q_local = Vec3::Zero();
+  std::uint32_t feature = static_cast<std::uint32_t>(1 << 24 | i << 20 | j << 16);
+  for (int k = 0; k < 3; ++k) {
+    if (k != i) p[k] = n[k] > 0 ? a.half_lengths[k] : -a.half_lengths[k];
+    if (k != j) q_local[k] = along_b[k] > 0 ? -b.half_lengths[k] : b.half_lengths[k];
+    feature |= (p[k] > 0 ? 1u : 0u) << k | (q_local[k] > 0 ? 8u : 0u) << k;
+  }
+  const Vec3 q = rel.R * q_local + rel.t, d = rel.R.col(j), w = q - p;
+  // p + s e_i and q + r d closest: with c = e_i . d, s (1 - c^2) = w_i - c w.d.
+  const double c = d[i], wd = w.dot(d), s = (w[i] - c * wd) / std::max(1 - c * c, 1e-300);
+  p[i] = std::clamp(s, -a.half_lengths[i], a.half_lengths[i]);
+  const Vec3 on_a = pose_a.to_world(p);
+  manifold.normal = pose_a.rotation * n;
+  manifold.add({on_a, on_a + separation * manifold.normal, separation, feature});
+}
+
+}  // namespace
+
+void box_box(const Box& a, const Pose& pose_a, const Box& b, const Pose& pose_b, double margin,
+             Manifold& manifold, Cache&) {
+  const Vec3 &h = a.half_lengths, &g = b.half_lengths;
+  Relative rel;
+  rel.t = pose_a.to_local(pose_b.position);
+  rel.R = pose_a.rotation.transpose() * pose_b.rotation;
+  rel.abs_R = rel.R.cwiseAbs();
+
+  const Vec3 on_a = rel.t.cwiseAbs() - h - rel.abs_R * g;
+  const Vec3 t_b = rel.R.transpose() * rel.t;
+  const Vec3 on_b = t_b.cwiseAbs() - g - rel.abs_R.transpose() * h;
+  int i, j;
+  const double best_a = on_a.maxCoeff(&i), best_b = on_b.maxCoeff(&j);
+  if (!(std::max(best_a, best_b) <= margin)) return;
+  const double size = std::min(h.minCoeff(), g.minCoeff());
+  const bool face_of_b = best_b > best_a + kPreference * size;
+  const double face = face_of_b ? best_b : best_a;
+
+  // Axes e_i x R_j, of length l; |l s| = |t . axis| - h . |axis| - g . |axis in b|.
+  double edge = face + kPreference * size;
+  int edge_i = -1, edge_j = -1;
+  for (int p = 0; p < 3; ++p) {
+    const int p1 = (p + 1) % 3, p2 = (p + 2) % 3;
+    for (int q = 0; q < 3; ++q) {
+      const int q1 = (q + 1) % 3, q2 = (q + 2) % 3;
+      const double y = rel.R(p2, q), z = rel.R(p1, q), square = y * y + z * z;
+      if (square < 1e-14) continue;  // parallel: the faces' axes have said it
+      const double l = std::sqrt(square);
+      const double s = std::abs(rel.t[p2] * z - rel.t[p1] * y) - h[p1] * rel.abs_R(p2, q) -
+                       h[p2] * rel.abs_R(p1, q) - g[q1] * rel.abs_R(p, q2) -
+                       g[q2] * rel.abs_R(p, q1);
+      if (s > margin * l) return;
+      if (s > edge * l) edge = s / l, edge_i = p, edge_j = q;
+    }
+  }
+  if (edge_i >= 0) {
+    Vec3 n = Vec3::Unit(edge_i).cross(rel.R.col(edge_j)).normalized();
+    if (n.dot(rel.t) < 0) n = -n;
+    cross_edges(a, pose_a, b, rel, edge_i, edge_j, n, edge, manifold);
+  } else if (!face_of_b) {
+    clip_faces(a, pose_a, i, rel.t[i] < 0 ? -1 : 1, b, rel.R, rel.t, margin, size, false, manifold);
+  } else {
+    clip_faces(b, pose_b, j, t_b[j] < 0 ? 1 : -1, a, rel.R.transpose(), -t_b, margin, size, true,
+               manifold);
+  }
+}
+
+}  // namespace substep::rigid

@@ -1,0 +1,91 @@
+#include "substep/rigid/contact_patch.h"
+
+#include <algorithm>
+
+namespace substep::rigid {
+
+void clip(Patch& patch, const PatchSide& side, double slack) {
+  const int n = patch.count;
+  double beyond[2 * kMaxCorners];
+  bool cut = false;
+  for (int k = 0; k < n; ++k) {
+    const PatchCorner& c = patch.corners[k];
+    beyond[k] = side.n_u * c.u + side.n_v * c.v - side.offset;
+    cut |= beyond[k] > slack;
+  }
+  if (!cut) return;
+  // A convex polygon leaves by one edge and comes back by another; what lies between goes. Walking
+  // from the first corner kept after a cut one, the corners kept are one run.
+  int first = 0;
+  while (first < n && !(beyond[first] <= 0 && beyond[first == 0 ? n - 1 : first - 1] > 0)) ++first;
+  if (first == n) {  // all of it
+    patch.count = 0;
+    return;
+  }
+  const auto crossing = [&](int i, int j, std::uint32_t edge) -> PatchCorner {
+    const PatchCorner &a = patch.corners[i], &b = patch.corners[j];
+    const double t = beyond[i] / (beyond[i] - beyond[j]);
+    return {a.u + t * (b.u - a.u), a.v + t * (b.v - a.v), a.height + t * (b.height - a.height),
+            edge};
+  };
+  PatchCorner kept[2 * kMaxCorners];
+  int count = 0;
+  const int outside = first == 0 ? n - 1 : first - 1;
+  kept[count++] = crossing(outside, first, patch.corners[outside].edge);
+  int k = first;
+  for (int seen = 0; seen < n && beyond[k] <= 0; ++seen) {
+    kept[count++] = patch.corners[k];
+    k = k + 1 == n ? 0 : k + 1;
+  }
+  kept[count++] = crossing(k == 0 ? n - 1 : k - 1, k, side.edge);
+  patch.count = count;
+  std::copy(kept, kept + count, patch.corners);
+}
+
+Reduced reduce(const Patch& patch, double margin, double tie) {
+  Reduced all;
+  int candidates[2 * kMaxCorners], count = 0;
+  for (int k = 0; k < patch.count; ++k) {
+    if (patch.corners[k].height <= margin) candidates[count++] = k;
+  }
+  if (count <= 4) {
+    all.count = count;
+    std::copy(candidates, candidates + count, all.index);
+    return all;
+  }
+  const PatchCorner* c = patch.corners;
+  // Of the deepest the one farthest in a direction that no box is likely to be aligned with, so
+  // that rounding does not choose.
+  double deepest = margin;
+  for (int i = 0; i < count; ++i) deepest = std::min(deepest, c[candidates[i]].height);
+  int first = -1;
+  const auto along = [&](int k) { return c[k].u + 0.37 * c[k].v; };
+  for (int i = 0; i < count; ++i) {
+    const int k = candidates[i];
+    if (c[k].height <= deepest + tie && (first < 0 || along(k) > along(first))) first = k;
+  }
+  // The farthest from it, then on either side of the line through both the farthest from that.
+  int second = first;
+  double far = -1;
+  for (int i = 0; i < count; ++i) {
+    const int k = candidates[i];
+    const double du = c[k].u - c[first].u, dv = c[k].v - c[first].v, d = du * du + dv * dv;
+    if (d > far * (1 + 1e-6)) far = d, second = k;
+  }
+  int left = -1, right = -1;
+  double most = 0, least = 0;
+  for (int i = 0; i < count; ++i) {
+    const int k = candidates[i];
+    const double area = (c[second].u - c[first].u) * (c[k].v - c[first].v) -
+                        (c[second].v - c[first].v) * (c[k].u - c[first].u);
+    if (area > most * (1 + 1e-6)) most = area, left = k;
+    if (area < least * (1 + 1e-6)) least = area, right = k;
+  }
+  all.index[all.count++] = first;
+  if (left >= 0) all.index[all.count++] = left;
+  if (second != first) all.index[all.count++] = second;
+  if (right >= 0) all.index[all.count++] = right;
+  return all;
+}
+
+}  // namespace substep::rigid

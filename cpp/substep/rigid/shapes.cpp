@@ -1,0 +1,31 @@
+#include "substep/rigid/shapes.h"
+
+#include <limits>
+
+namespace substep::rigid {
+namespace {
+
+// Half the extent along the axes of the world of what `half` is in the frame of the shape.
+Vec3 half_extent(const Sphere& s, const Mat3&) { return Vec3::Constant(s.radius); }
+Vec3 half_extent(const Box& b, const Mat3& R) { return R.cwiseAbs() * b.half_lengths; }
+Vec3 half_extent(const Capsule& c, const Mat3& R) {
+  return c.half_length * R.col(2).cwiseAbs() + Vec3::Constant(c.radius);
+}
+// The disc reaches r sqrt(1 - u_i^2) along the axis i, u being its normal.
+Vec3 half_extent(const Cylinder& c, const Mat3& R) {
+  const Vec3 u = R.col(2).cwiseAbs();
+  return c.half_length * u + c.radius * R.leftCols<2>().rowwise().norm();
+}
+Vec3 half_extent(const Plane&, const Mat3&) {
+  return Vec3::Constant(std::numeric_limits<double>::infinity());
+}
+
+}  // namespace
+
+Bounds bounds(const Shape& shape, const Pose& pose) {
+  const Vec3 half =
+      std::visit([&](const auto& s) { return Vec3(half_extent(s, pose.rotation)); }, shape);
+  return {pose.position - half, pose.position + half};
+}
+
+}  // namespace substep::rigid

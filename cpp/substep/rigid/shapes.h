@@ -1,0 +1,69 @@
+// The shapes of rigid bodies, each in a frame of its own: the axis of capsule and cylinder is z,
+// the centre of sphere, box, capsule and cylinder is the origin. All but the plane can move; that
+// is ground.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <variant>
+
+#include "substep/rigid/pose.h"
+
+namespace substep::rigid {
+
+struct Sphere {
+  double radius;
+};
+struct Box {
+  Vec3 half_lengths;
+};
+// The points within `radius` of the segment from (0, 0, -half_length) to (0, 0, half_length).
+struct Capsule {
+  double radius, half_length;
+};
+struct Cylinder {
+  double radius, half_length;
+};
+// The half space normal . x <= offset.
+struct Plane {
+  Vec3 normal;  // of length 1
+  double offset;
+};
+
+using Shape = std::variant<Sphere, Box, Capsule, Cylinder, Plane>;
+
+// What a body is made of: a shape in the frame of the body. A compound has several.
+struct Fixture {
+  Shape shape;
+  Pose local;
+  double friction = 0.5, restitution = 0;
+  double density = 1000;                       // [kg/m^3]
+  std::uint32_t group = 1, mask = 0xffffffff;  // a meets b: a.group & b.mask and b.group & a.mask
+};
+
+// The point of a convex shape that is farthest along a direction of any length (not 0); along a
+// face or an edge: one of its corners (of its ends).
+inline Vec3 support(const Sphere& s, const Vec3& d) { return d * (s.radius / d.norm()); }
+inline Vec3 support(const Box& b, const Vec3& d) {
+  const auto sign = [](double a, double h) { return a < 0 ? -h : h; };
+  return {sign(d.x(), b.half_lengths.x()), sign(d.y(), b.half_lengths.y()),
+          sign(d.z(), b.half_lengths.z())};
+}
+inline Vec3 support(const Capsule& c, const Vec3& d) {
+  return d * (c.radius / d.norm()) + Vec3(0, 0, d.z() < 0 ? -c.half_length : c.half_length);
+}
+inline Vec3 support(const Cylinder& c, const Vec3& d) {
+  const double radial = std::hypot(d.x(), d.y()), scale = radial > 0 ? c.radius / radial : 0;
+  return {scale * d.x(), scale * d.y(), d.z() < 0 ? -c.half_length : c.half_length};
+}
+
+// The smallest box along the axes that holds the shape; a plane reaches to infinity.
+struct Bounds {
+  Vec3 low, high;
+};
+Bounds bounds(const Shape& shape, const Pose& pose);
+
+// Whether only a body that never moves may have it.
+inline bool is_ground(const Shape& shape) { return std::holds_alternative<Plane>(shape); }
+
+}  // namespace substep::rigid
