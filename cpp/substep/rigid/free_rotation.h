@@ -1,0 +1,55 @@
+// The rotation of a rigid body on which no torque acts, over a time dt.
+//
+// State: the unit quaternion q that takes the body's principal frame into the world, and the
+// angular momentum L in the world, which stays what it is, bit by bit. In the body frame m = R^T L
+// obeys Euler's equations m' = m x (m / I); energy T = m . (m / I) / 2.
+//
+// |q| = 1 within rounding before and after; the sign of q is free.
+#pragma once
+
+#include <cstdint>
+
+#include "substep/core/quaternion.h"
+
+namespace substep::rigid {
+
+using Vec3 = Eigen::Vector3d;
+using Mat3 = Eigen::Matrix3d;
+using Quaternion = Eigen::Quaterniond;
+
+enum class FreeRotation {
+  kExact,       // in closed form: error of rounding only, for any dt
+  kSplitting,   // symplectic, second order: energy off by O(dt^2), without drift
+  kQuaternion,  // first order, the textbook's: energy drifts
+  kMatrix       // the same of a rotation matrix
+};
+
+// Jacobi's solution. The attitude is the frame made of L and the axis that m circles, which is
+// algebraic in sn, cn and dn, after the precession of that axis about L, an integral of the third
+// kind. van Zon and Schofield 2007, "Numerical implementation of the exact dynamics of free rigid
+// bodies", J. Comput. Phys. 225, section 3; Celledoni, Fasso, Saefstroem and Zanna 2008, "The exact
+// computation of the free rigid body motion and its use in splitting methods", SIAM J. Sci. Comput.
+// 30, section 2. Both take constants of the motion from T and |L|; here all differences are taken
+// between components of m and between moments, where nothing cancels, and the addition theorems
+// lead from m at any time to m after dt.
+Quaternion exact_rotation(const Quaternion& q, const Vec3& L, const Vec3& inertia, double dt);
+
+// T = |m|^2 / (2 I_2) + sum over i = 1, 3 of (1 / I_i - 1 / I_2) m_i^2 / 2, where I_2 is the moment
+// between the others. The first term turns the body about L and commutes with the rest; the other
+// two turn it about its own axes: Strang's splitting of the latter (Touma and Wisdom 1994, "Lie-
+// Poisson integrators for rigid body dynamics in the solar system", Astron. J. 107, section 3;
+// Dullweber, Leimkuhler and McLachlan 1997, "Symplectic splitting methods for rigid body molecular
+// dynamics", J. Chem. Phys. 107, split off three axes). Exact for symmetric bodies.
+Quaternion splitting_rotation(const Quaternion& q, const Vec3& L, const Vec3& inertia, double dt);
+
+// q + dt / 2 w q, normalised; w = R (m / I).
+Quaternion quaternion_rotation(const Quaternion& q, const Vec3& L, const Vec3& inertia, double dt);
+
+// R + dt [w]x R, then Gram and Schmidt's orthogonal columns.
+Mat3 matrix_rotation(const Mat3& R, const Vec3& L, const Vec3& inertia, double dt);
+
+// n bodies: rows of q (w, x, y, z), L and inertia.
+void rotate_freely(FreeRotation method, std::int64_t n, double* q, const double* L,
+                   const double* inertia, double dt, int threads = 0);
+
+}  // namespace substep::rigid
