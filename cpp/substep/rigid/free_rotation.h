@@ -10,12 +10,9 @@
 #include <cstdint>
 
 #include "substep/core/quaternion.h"
+#include "substep/rigid/pose.h"
 
 namespace substep::rigid {
-
-using Vec3 = Eigen::Vector3d;
-using Mat3 = Eigen::Matrix3d;
-using Quaternion = Eigen::Quaterniond;
 
 enum class FreeRotation {
   kExact,       // in closed form: error of rounding only, for any dt
