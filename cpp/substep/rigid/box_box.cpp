@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "substep/rigid/contact_patch.h"
+#include "substep/rigid/convex_contacts.h"
 
 namespace substep::rigid {
 namespace {
@@ -21,10 +22,11 @@ struct Relative {
 
 // Points where a face of `reference` (its axis `i`, outward along `sign`) meets the face of
 // `incident` that looks against it. M: axes of the incident box in columns, c: its centre, both in
-// the frame of the reference box.
-void clip_faces(const Box& reference, const Pose& pose, int i, double sign, const Box& incident,
+// the frame of the reference box. False where none is as low as the separation of the axis, so that
+// other features are closest.
+bool clip_faces(const Box& reference, const Pose& pose, int i, double sign, const Box& incident,
                 const Mat3& M, const Vec3& c, double margin, double size, bool flipped,
-                Manifold& manifold) {
+                double separation, Manifold& manifold) {
   int j;
   M.row(i).cwiseAbs().maxCoeff(&j);
   const int j1 = (j + 1) % 3, j2 = (j + 2) % 3, u = (i + 1) % 3, v = (i + 2) % 3;
@@ -37,13 +39,16 @@ void clip_faces(const Box& reference, const Pose& pose, int i, double sign, cons
   for (std::uint32_t k = 0; k < 4; ++k) {
     const double s1 = k == 1 || k == 2 ? 1 : -1, s2 = k >= 2 ? 1 : -1;
     const Vec3 p = centre + s1 * e1 + s2 * e2;
-    patch.corners[k] = {p[u], p[v], sign * p[i] - h[i], k};
+    patch.corners[k] = {p[u], p[v], sign * p[i] - h[i], (k + 3) % 4, k};
   }
   const double slack = kSlack * size;
   clip(patch, {1, 0, h[u], 4}, slack);
   clip(patch, {-1, 0, h[u], 5}, slack);
   clip(patch, {0, 1, h[v], 6}, slack);
   clip(patch, {0, -1, h[v], 7}, slack);
+  double lowest = 1e300;
+  for (int k = 0; k < patch.count; ++k) lowest = std::min(lowest, patch.corners[k].height);
+  if (lowest > separation + 2 * kPreference * size) return false;
   const Reduced reduced = reduce(patch, margin, kPreference * size);
   const Vec3 n = sign * pose.rotation.col(i);
   manifold.normal = flipped ? Vec3(-n) : n;
@@ -56,12 +61,14 @@ void clip_faces(const Box& reference, const Pose& pose, int i, double sign, cons
     const Vec3 on_incident = pose.to_world(p);
     const Vec3 on_reference = on_incident - corner.height * n;
     manifold.add({flipped ? on_incident : on_reference, flipped ? on_reference : on_incident,
-                  corner.height, corner_feature(patch, reduced.index[k], faces)});
+                  corner.height, corner_feature(corner, faces)});
   }
+  return true;
 }
 
 // Where the edges along axis i of a and j of b that face each other along n (frame of a) cross.
-void cross_edges(const Box& a, const Pose& pose_a, const Box& b, const Relative& rel, int i, int j,
+// False where their lines do beyond their ends.
+bool cross_edges(const Box& a, const Pose& pose_a, const Box& b, const Relative& rel, int i, int j,
                  const Vec3& n, double separation, Manifold& manifold) {
   // Midpoints of the edges.
   const Vec3 along_b = rel.R.transpose() * n;
@@ -75,16 +82,20 @@ void cross_edges(const Box& a, const Pose& pose_a, const Box& b, const Relative&
   const Vec3 q = rel.R * q_local + rel.t, d = rel.R.col(j), w = q - p;
   // p + s e_i and q + r d closest: with c = e_i . d, s (1 - c^2) = w_i - c w.d.
   const double c = d[i], wd = w.dot(d), s = (w[i] - c * wd) / std::max(1 - c * c, 1e-300);
+  const double r = c * s - wd;
+  const double beyond = std::max(std::abs(s) - a.half_lengths[i], std::abs(r) - b.half_lengths[j]);
+  if (beyond > kSlack * a.half_lengths[i] && separation > 0) return false;
   p[i] = std::clamp(s, -a.half_lengths[i], a.half_lengths[i]);
   const Vec3 on_a = pose_a.to_world(p);
   manifold.normal = pose_a.rotation * n;
   manifold.add({on_a, on_a + separation * manifold.normal, separation, feature});
+  return true;
 }
 
 }  // namespace
 
 void box_box(const Box& a, const Pose& pose_a, const Box& b, const Pose& pose_b, double margin,
-             Manifold& manifold, Cache&) {
+             Manifold& manifold, Cache& cache) {
   const Vec3 &h = a.half_lengths, &g = b.half_lengths;
   Relative rel;
   rel.t = pose_a.to_local(pose_b.position);
@@ -118,16 +129,22 @@ void box_box(const Box& a, const Pose& pose_a, const Box& b, const Pose& pose_b,
       if (s > edge * l) edge = s / l, edge_i = p, edge_j = q;
     }
   }
+  bool found;
   if (edge_i >= 0) {
     Vec3 n = Vec3::Unit(edge_i).cross(rel.R.col(edge_j)).normalized();
     if (n.dot(rel.t) < 0) n = -n;
-    cross_edges(a, pose_a, b, rel, edge_i, edge_j, n, edge, manifold);
+    found = cross_edges(a, pose_a, b, rel, edge_i, edge_j, n, edge, manifold);
   } else if (!face_of_b) {
-    clip_faces(a, pose_a, i, rel.t[i] < 0 ? -1 : 1, b, rel.R, rel.t, margin, size, false, manifold);
+    found = clip_faces(a, pose_a, i, rel.t[i] < 0 ? -1 : 1, b, rel.R, rel.t, margin, size, false,
+                       face, manifold);
   } else {
-    clip_faces(b, pose_b, j, t_b[j] < 0 ? 1 : -1, a, rel.R.transpose(), -t_b, margin, size, true,
-               manifold);
+    found = clip_faces(b, pose_b, j, t_b[j] < 0 ? 1 : -1, a, rel.R.transpose(), -t_b, margin, size,
+                       true, face, manifold);
   }
+  if (found) return;
+  // Apart, and closest at a corner: no axis of the fifteen is the direction of the distance.
+  const BoxPolytope box_a(h), box_b(g);
+  convex_convex(convex(a, box_a), pose_a, convex(b, box_b), pose_b, margin, manifold, cache);
 }
 
 }  // namespace substep::rigid

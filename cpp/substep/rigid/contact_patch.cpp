@@ -14,30 +14,40 @@ void clip(Patch& patch, const PatchSide& side, double slack) {
     cut |= beyond[k] > slack;
   }
   if (!cut) return;
-  // A convex polygon leaves by one edge and comes back by another; what lies between goes. Walking
-  // from the first corner kept after a cut one, the corners kept are one run.
+  const auto crossing = [&](int i, int j, std::uint32_t before,
+                            std::uint32_t after) -> PatchCorner {
+    const PatchCorner &a = patch.corners[i], &b = patch.corners[j];
+    const double t = beyond[i] / (beyond[i] - beyond[j]);
+    return {a.u + t * (b.u - a.u), a.v + t * (b.v - a.v), a.height + t * (b.height - a.height),
+            before, after};
+  };
+  if (n <= 2) {  // a segment keeps the end that is inside
+    const int out = beyond[0] > 0 ? 0 : 1;
+    if (n == 1 || beyond[1 - out] > 0) {
+      patch.count = 0;
+    } else {
+      patch.corners[out] = crossing(out, 1 - out, patch.corners[out].before, side.edge);
+    }
+    return;
+  }
+  // A convex polygon leaves by one edge and comes back by another: the corners kept are one run,
+  // from the first one after a cut one.
   int first = 0;
   while (first < n && !(beyond[first] <= 0 && beyond[first == 0 ? n - 1 : first - 1] > 0)) ++first;
   if (first == n) {  // all of it
     patch.count = 0;
     return;
   }
-  const auto crossing = [&](int i, int j, std::uint32_t edge) -> PatchCorner {
-    const PatchCorner &a = patch.corners[i], &b = patch.corners[j];
-    const double t = beyond[i] / (beyond[i] - beyond[j]);
-    return {a.u + t * (b.u - a.u), a.v + t * (b.v - a.v), a.height + t * (b.height - a.height),
-            edge};
-  };
   PatchCorner kept[2 * kMaxCorners];
-  int count = 0;
+  int count = 0, k = first;
   const int outside = first == 0 ? n - 1 : first - 1;
-  kept[count++] = crossing(outside, first, patch.corners[outside].edge);
-  int k = first;
-  for (int seen = 0; seen < n && beyond[k] <= 0; ++seen) {
+  kept[count++] = crossing(outside, first, side.edge, patch.corners[outside].after);
+  while (beyond[k] <= 0) {
     kept[count++] = patch.corners[k];
     k = k + 1 == n ? 0 : k + 1;
   }
-  kept[count++] = crossing(k == 0 ? n - 1 : k - 1, k, side.edge);
+  const int last = k == 0 ? n - 1 : k - 1;
+  kept[count++] = crossing(last, k, patch.corners[last].after, side.edge);
   patch.count = count;
   std::copy(kept, kept + count, patch.corners);
 }

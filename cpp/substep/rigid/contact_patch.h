@@ -11,10 +11,10 @@
 
 namespace substep::rigid {
 
-// A corner of a polygon; `edge` names the edge to the next one.
+// A corner of a polygon, and the names of the edges before and after it.
 struct PatchCorner {
   double u, v, height;
-  std::uint32_t edge;
+  std::uint32_t before, after;
 };
 
 // A side: n_u u + n_v v <= offset; `edge` names what it cuts.
@@ -23,7 +23,8 @@ struct PatchSide {
   std::uint32_t edge;
 };
 
-// Room for the corners of a polygon of at most kMaxCorners cut by as many sides.
+// A polygon of at most kMaxCorners corners, with room for those that as many sides add; a segment
+// (two corners) or a point (one).
 inline constexpr int kMaxCorners = 32;
 struct Patch {
   int count = 0;
@@ -42,10 +43,11 @@ struct Reduced {
 };
 Reduced reduce(const Patch& patch, double margin, double tie);
 
-// The name of a corner: of the edges before and after it, each below 256, and of the pair of faces.
-inline std::uint32_t corner_feature(const Patch& patch, int k, std::uint32_t faces) {
-  const std::uint32_t before = patch.corners[k == 0 ? patch.count - 1 : k - 1].edge;
-  return faces << 16 | before << 8 | patch.corners[k].edge;
+// The name of a corner between a pair of faces.
+inline std::uint32_t corner_feature(const PatchCorner& corner, std::uint32_t faces) {
+  std::uint32_t h = faces * 0x9e3779b1u ^ (corner.before << 16 | corner.after);
+  h = (h ^ h >> 16) * 0x85ebca6bu;  // a bijection of Murmur3's finalizer
+  return h ^ h >> 13;
 }
 
 }  // namespace substep::rigid

@@ -1,12 +1,32 @@
 #include "substep/rigid/narrow_phase.h"
 
 #include "substep/rigid/box_box.h"
+#include "substep/rigid/convex_contacts.h"
 #include "substep/rigid/plane_contacts.h"
 #include "substep/rigid/sphere_contacts.h"
 
 namespace substep::rigid {
 namespace {
 
+// The view of a shape as a convex one, and what it stands on.
+template <class S>
+struct View {
+  explicit View(const S& shape) : convex(rigid::convex(shape)) {}
+  Convex convex;
+};
+template <>
+struct View<Box> {
+  explicit View(const Box& box) : arrays(box.half_lengths), convex(rigid::convex(box, arrays)) {}
+  BoxPolytope arrays;
+  Convex convex;
+};
+template <>
+struct View<std::shared_ptr<const ConvexHull>> {
+  explicit View(const std::shared_ptr<const ConvexHull>& hull) : convex(rigid::convex(*hull)) {}
+  Convex convex;
+};
+
+// Pairs with a form of their own come first; the others are convex shapes or planes.
 struct Pair {
   const Pose &pose_a, &pose_b;
   double margin;
@@ -16,14 +36,27 @@ struct Pair {
   void operator()(const Sphere& a, const Sphere& b) const {
     sphere_sphere(a, pose_a, b, pose_b, margin, manifold);
   }
+  void operator()(const Box& a, const Box& b) const {
+    box_box(a, pose_a, b, pose_b, margin, manifold, cache);
+  }
   void operator()(const Sphere& a, const Plane& b) const {
     sphere_plane(a, pose_a, b, pose_b, margin, manifold);
   }
   void operator()(const Box& a, const Plane& b) const {
     box_plane(a, pose_a, b, pose_b, margin, manifold);
   }
-  void operator()(const Box& a, const Box& b) const {
-    box_box(a, pose_a, b, pose_b, margin, manifold, cache);
+  void operator()(const Plane&, const Plane&) const {}
+  template <class B>
+  void operator()(const Plane&, const B&) const {}  // never: the plane comes second
+  template <class A>
+  void operator()(const A& a, const Plane& b) const {
+    convex_plane(View<A>(a).convex, pose_a, b, pose_b, margin, manifold);
+  }
+  template <class A, class B>
+  void operator()(const A& a, const B& b) const {
+    const View<A> view_a(a);
+    const View<B> view_b(b);
+    convex_convex(view_a.convex, pose_a, view_b.convex, pose_b, margin, manifold, cache);
   }
 };
 
@@ -32,15 +65,13 @@ struct Pair {
 bool collide(const Shape& a, const Pose& pose_a, const Shape& b, const Pose& pose_b, double margin,
              Manifold& manifold, Cache& cache) {
   manifold.count = 0;
-  const auto pair = [&](const auto& first, const auto& second) {
-    if constexpr (std::is_invocable_v<const Pair&, decltype(first), decltype(second)>) {
-      Pair{pose_a, pose_b, margin, manifold, cache}(first, second);
-    } else if constexpr (std::is_invocable_v<const Pair&, decltype(second), decltype(first)>) {
-      Pair{pose_b, pose_a, margin, manifold, cache}(second, first);
-      manifold.flip();
-    }
-  };
-  std::visit(pair, a, b);
+  const Pair pair{pose_a, pose_b, margin, manifold, cache};
+  if (std::holds_alternative<Plane>(a)) {
+    std::visit(Pair{pose_b, pose_a, margin, manifold, cache}, b, a);
+    manifold.flip();
+  } else {
+    std::visit(pair, a, b);
+  }
   return manifold.count > 0;
 }
 

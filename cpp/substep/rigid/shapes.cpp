@@ -20,12 +20,28 @@ Vec3 half_extent(const Plane&, const Mat3&) {
   return Vec3::Constant(std::numeric_limits<double>::infinity());
 }
 
+Bounds bounds_of(const ConvexHull& hull, const Pose& pose) {
+  Vec3 low = pose.to_world(hull.vertices()[0]), high = low;
+  for (const Vec3& v : hull.vertices()) {
+    const Vec3 x = pose.to_world(v);
+    low = low.cwiseMin(x), high = high.cwiseMax(x);
+  }
+  return {low, high};
+}
+
+template <class S>
+Bounds bounds_of(const S& shape, const Pose& pose) {
+  const Vec3 half = half_extent(shape, pose.rotation);
+  return {pose.position - half, pose.position + half};
+}
+Bounds bounds_of(const std::shared_ptr<const ConvexHull>& hull, const Pose& pose) {
+  return bounds_of(*hull, pose);
+}
+
 }  // namespace
 
 Bounds bounds(const Shape& shape, const Pose& pose) {
-  const Vec3 half =
-      std::visit([&](const auto& s) { return Vec3(half_extent(s, pose.rotation)); }, shape);
-  return {pose.position - half, pose.position + half};
+  return std::visit([&](const auto& s) { return bounds_of(s, pose); }, shape);
 }
 
 }  // namespace substep::rigid

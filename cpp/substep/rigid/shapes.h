@@ -5,8 +5,10 @@
 
 #include <cmath>
 #include <cstdint>
+#include <memory>
 #include <variant>
 
+#include "substep/rigid/convex_hull.h"
 #include "substep/rigid/pose.h"
 
 namespace substep::rigid {
@@ -30,7 +32,8 @@ struct Plane {
   double offset;
 };
 
-using Shape = std::variant<Sphere, Box, Capsule, Cylinder, Plane>;
+using Shape =
+    std::variant<Sphere, Box, Capsule, Cylinder, Plane, std::shared_ptr<const ConvexHull>>;
 
 // What a body is made of: a shape in the frame of the body. A compound has several.
 struct Fixture {
@@ -55,6 +58,9 @@ inline Vec3 support(const Capsule& c, const Vec3& d) {
 inline Vec3 support(const Cylinder& c, const Vec3& d) {
   const double radial = std::hypot(d.x(), d.y()), scale = radial > 0 ? c.radius / radial : 0;
   return {scale * d.x(), scale * d.y(), d.z() < 0 ? -c.half_length : c.half_length};
+}
+inline Vec3 support(const std::shared_ptr<const ConvexHull>& hull, const Vec3& d) {
+  return hull->vertices()[hull->polytope().support_vertex(d)];
 }
 
 // The smallest box along the axes that holds the shape; a plane reaches to infinity.
