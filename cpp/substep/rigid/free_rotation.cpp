@@ -123,9 +123,11 @@ Quaternion circling_rotation(const Vec3& m, const Vec3& I, double excess, double
 }  // namespace
 
 Quaternion exact_rotation(const Quaternion& q, const Vec3& L, const Vec3& inertia, double dt) {
-  const double length = L.stableNorm();
-  if (length == 0 || dt == 0) return q;
-  const Vec3 m = (q.conjugate() * (L / length)).normalized();
+  const double largest = L.cwiseAbs().maxCoeff();  // or squares would underflow or overflow
+  if (largest == 0 || dt == 0) return q;
+  const Vec3 direction = (L / largest).normalized();
+  const double length = largest * (L / largest).norm();
+  const Vec3 m = (q.conjugate() * direction).normalized();
   const Vec3 rate = inertia.cwiseInverse();
   const Vec3 w = m.cwiseProduct(rate);
   const Vec3 torque(m[1] * m[2] * (rate[2] - rate[1]), m[2] * m[0] * (rate[0] - rate[2]),
@@ -165,6 +167,7 @@ void turn_about(int i, double angle, double* q, double* m) {
 }  // namespace
 
 Quaternion splitting_rotation(const Quaternion& q, const Vec3& L, const Vec3& inertia, double dt) {
+  if (L.isZero(0)) return q;
   const auto [low, middle, high] = ascending(inertia);
   const double common = 1 / inertia[middle];
   const double b_low = 1 / inertia[low] - common, b_high = 1 / inertia[high] - common;
