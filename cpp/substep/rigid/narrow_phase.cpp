@@ -1,6 +1,7 @@
 #include "substep/rigid/narrow_phase.h"
 
 #include "substep/rigid/box_box.h"
+#include "substep/rigid/capsule_contacts.h"
 #include "substep/rigid/convex_contacts.h"
 #include "substep/rigid/plane_contacts.h"
 #include "substep/rigid/sphere_contacts.h"
@@ -36,6 +37,21 @@ struct Pair {
   void operator()(const Sphere& a, const Sphere& b) const {
     sphere_sphere(a, pose_a, b, pose_b, margin, manifold);
   }
+  void operator()(const Sphere& a, const Capsule& b) const {
+    sphere_capsule(a, pose_a, b, pose_b, margin, manifold);
+  }
+  void operator()(const Sphere& a, const Box& b) const {
+    sphere_box(a, pose_a, b, pose_b, margin, manifold);
+  }
+  void operator()(const Capsule& a, const Capsule& b) const {
+    if (!capsule_capsule(a, pose_a, b, pose_b, margin, manifold)) any(a, b);
+  }
+  void operator()(const Capsule& a, const Box& b) const {
+    if (!capsule_box(a, pose_a, b, pose_b, margin, manifold)) any(a, b);
+  }
+  void operator()(const Capsule& a, const Sphere& b) const { flip(a, b); }
+  void operator()(const Box& a, const Sphere& b) const { flip(a, b); }
+  void operator()(const Box& a, const Capsule& b) const { flip(a, b); }
   void operator()(const Box& a, const Box& b) const {
     box_box(a, pose_a, b, pose_b, margin, manifold, cache);
   }
@@ -54,9 +70,19 @@ struct Pair {
   }
   template <class A, class B>
   void operator()(const A& a, const B& b) const {
+    any(a, b);
+  }
+
+  template <class A, class B>
+  void any(const A& a, const B& b) const {
     const View<A> view_a(a);
     const View<B> view_b(b);
     convex_convex(view_a.convex, pose_a, view_b.convex, pose_b, margin, manifold, cache);
+  }
+  template <class A, class B>
+  void flip(const A& a, const B& b) const {
+    Pair{pose_b, pose_a, margin, manifold, cache}(b, a);
+    manifold.flip();
   }
 };
 

@@ -1,15 +1,58 @@
 #include "substep/rigid/sphere_contacts.h"
 
+#include <algorithm>
+
 namespace substep::rigid {
+namespace {
+
+// Balls about x and y; `fallback` is the normal where the centres meet.
+void balls(const Vec3& x, double radius_x, const Vec3& y, double radius_y, const Vec3& fallback,
+           double margin, Manifold& manifold) {
+  const Vec3 d = y - x;
+  const double distance = d.norm(), separation = distance - radius_x - radius_y;
+  if (!(separation <= margin)) return;
+  const Vec3 n = distance > 0 ? Vec3(d / distance) : fallback;
+  manifold.normal = n;
+  manifold.add({x + radius_x * n, y - radius_y * n, separation, 1});
+}
+
+}  // namespace
 
 void sphere_sphere(const Sphere& a, const Pose& pose_a, const Sphere& b, const Pose& pose_b,
                    double margin, Manifold& manifold) {
-  const Vec3 d = pose_b.position - pose_a.position;
-  const double distance = d.norm(), separation = distance - a.radius - b.radius;
+  balls(pose_a.position, a.radius, pose_b.position, b.radius, Vec3::UnitZ(), margin, manifold);
+}
+
+void sphere_capsule(const Sphere& a, const Pose& pose_a, const Capsule& b, const Pose& pose_b,
+                    double margin, Manifold& manifold) {
+  const Vec3 axis = pose_b.rotation.col(2);
+  const double t =
+      std::clamp(axis.dot(pose_a.position - pose_b.position), -b.half_length, b.half_length);
+  balls(pose_a.position, a.radius, pose_b.position + t * axis, b.radius, pose_b.rotation.col(0),
+        margin, manifold);
+}
+
+void sphere_box(const Sphere& a, const Pose& pose_a, const Box& b, const Pose& pose_b,
+                double margin, Manifold& manifold) {
+  const Vec3 p = pose_b.to_local(pose_a.position), &h = b.half_lengths;
+  const Vec3 q = p.cwiseMax(-h).cwiseMin(h), d = p - q;
+  const double square = d.squaredNorm();
+  Vec3 n, foot = q;  // out of the box
+  double distance;
+  if (square > 0) {
+    distance = std::sqrt(square);
+    n = d / distance;
+  } else {  // inside: out by the nearest face
+    int axis;
+    distance = (p.cwiseAbs() - h).maxCoeff(&axis);
+    n = (p[axis] < 0 ? -1.0 : 1.0) * Vec3::Unit(axis);
+    foot[axis] = n[axis] * h[axis];
+  }
+  const double separation = distance - a.radius;
   if (!(separation <= margin)) return;
-  const Vec3 n = distance > 0 ? Vec3(d / distance) : Vec3::UnitZ();
-  manifold.normal = n;
-  manifold.add({pose_a.position + a.radius * n, pose_b.position - b.radius * n, separation, 0});
+  manifold.normal = -(pose_b.rotation * n);
+  const Vec3 on_b = pose_b.to_world(foot);
+  manifold.add({on_b - separation * manifold.normal, on_b, separation, 1});
 }
 
 }  // namespace substep::rigid

@@ -8,5 +8,9 @@ namespace substep::rigid {
 
 void sphere_sphere(const Sphere& a, const Pose& pose_a, const Sphere& b, const Pose& pose_b,
                    double margin, Manifold& manifold);
+void sphere_capsule(const Sphere& a, const Pose& pose_a, const Capsule& b, const Pose& pose_b,
+                    double margin, Manifold& manifold);
+void sphere_box(const Sphere& a, const Pose& pose_a, const Box& b, const Pose& pose_b,
+                double margin, Manifold& manifold);
 
 }  // namespace substep::rigid
