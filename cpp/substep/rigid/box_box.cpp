@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "substep/core/matrix3.h"
 #include "substep/rigid/contact_patch.h"
 #include "substep/rigid/convex_contacts.h"
 
@@ -92,6 +93,36 @@ bool cross_edges(const Box& a, const Pose& pose_a, const Box& b, const Relative&
   return true;
 }
 
+// Axes e_i x R_j, of length l, the three j of one i at a time: l s = |t . axis| - h . |axis| - g .
+// |axis in b|. False where one separates by more than the margin; else the best one above `best`.
+bool best_edges(const Relative& rel, const Vec3& h, const Vec3& g, double margin, double& best,
+                int& best_i, int& best_j) {
+  using V = Vector<double, 32>;
+  const V g1 = {g[1], g[2], g[0], 0}, g2 = {g[2], g[0], g[1], 0};
+  V row[3], size[3];
+  for (int i = 0; i < 3; ++i) {
+    row[i] = V{rel.R(i, 0), rel.R(i, 1), rel.R(i, 2), 0};
+    size[i] = V{rel.abs_R(i, 0), rel.abs_R(i, 1), rel.abs_R(i, 2), 0};
+  }
+  for (int i = 0; i < 3; ++i) {
+    const int i1 = (i + 1) % 3, i2 = (i + 2) % 3;
+    const V square = row[i1] * row[i1] + row[i2] * row[i2];
+    const V along = rel.t[i2] * row[i1] - rel.t[i1] * row[i2];
+    const V other1 = __builtin_shufflevector(size[i], size[i], 1, 2, 0, 3);
+    const V other2 = __builtin_shufflevector(size[i], size[i], 2, 0, 1, 3);
+    const V s = (along < 0 ? -along : along) - h[i1] * size[i2] - h[i2] * size[i1] - g1 * other2 -
+                g2 * other1;
+    const V l = square_root(square);
+    const auto crossing = square > 1e-14;  // of parallel edges the axes of faces have said all
+    if (any(crossing & (s > margin * l))) return false;
+    if (!any(crossing & (s > best * l))) continue;
+    for (int j = 0; j < 3; ++j) {
+      if (crossing[j] && s[j] > best * l[j]) best = s[j] / l[j], best_i = i, best_j = j;
+    }
+  }
+  return true;
+}
+
 }  // namespace
 
 void box_box(const Box& a, const Pose& pose_a, const Box& b, const Pose& pose_b, double margin,
@@ -112,23 +143,9 @@ void box_box(const Box& a, const Pose& pose_a, const Box& b, const Pose& pose_b,
   const bool face_of_b = best_b > best_a + kPreference * size;
   const double face = face_of_b ? best_b : best_a;
 
-  // Axes e_i x R_j, of length l; |l s| = |t . axis| - h . |axis| - g . |axis in b|.
   double edge = face + kPreference * size;
   int edge_i = -1, edge_j = -1;
-  for (int p = 0; p < 3; ++p) {
-    const int p1 = (p + 1) % 3, p2 = (p + 2) % 3;
-    for (int q = 0; q < 3; ++q) {
-      const int q1 = (q + 1) % 3, q2 = (q + 2) % 3;
-      const double y = rel.R(p2, q), z = rel.R(p1, q), square = y * y + z * z;
-      if (square < 1e-14) continue;  // parallel: the faces' axes have said it
-      const double l = std::sqrt(square);
-      const double s = std::abs(rel.t[p2] * z - rel.t[p1] * y) - h[p1] * rel.abs_R(p2, q) -
-                       h[p2] * rel.abs_R(p1, q) - g[q1] * rel.abs_R(p, q2) -
-                       g[q2] * rel.abs_R(p, q1);
-      if (s > margin * l) return;
-      if (s > edge * l) edge = s / l, edge_i = p, edge_j = q;
-    }
-  }
+  if (!best_edges(rel, h, g, margin, edge, edge_i, edge_j)) return;
   bool found;
   if (edge_i >= 0) {
     Vec3 n = Vec3::Unit(edge_i).cross(rel.R.col(edge_j)).normalized();
