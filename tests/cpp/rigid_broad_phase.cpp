@@ -179,7 +179,9 @@ void expect_complete(const Scene& scene, std::span<const FixturePair> pairs, boo
     EXPECT_TRUE(scene.plausible(pair.a, pair.b));
   }
   const Ids found = ids_of(pairs), touching = scene.touching(awake);
-  EXPECT_TRUE(std::includes(found.begin(), found.end(), touching.begin(), touching.end()));
+  for (const auto& [a, b] : touching) {
+    EXPECT_EQ(found.count({a, b}), 1u) << "of " << a << " and " << b;
+  }
 }
 
 TEST(BroadPhase, AllPairsOfRandomScenes) {
@@ -188,8 +190,8 @@ TEST(BroadPhase, AllPairsOfRandomScenes) {
     std::map<std::pair<std::int32_t, std::int32_t>, std::int32_t> slot;
     std::size_t seen = 0;
     for (int step = 0; step < 60; ++step) {
-      if (step > 0) scene.move();
       if (step % 3 == 2) scene.change();
+      if (step > 0) scene.move();
       if (step == 20) {
         scene.excluded = {{-1, 3}, {4, 6}, {1, 2}};
         scene.broad_phase.exclude({{3, -1}, {4, 6}, {1, 2}, {2, 1}});
@@ -199,6 +201,7 @@ TEST(BroadPhase, AllPairsOfRandomScenes) {
         scene.broad_phase.exclude({{2, 1}});
       }
       scene.update();
+      SCOPED_TRACE(step);
       const BroadPhase& broad = scene.broad_phase;
       expect_complete(scene, broad.pairs(), true);
       expect_complete(scene, broad.sleeping_pairs(), false);
@@ -223,7 +226,9 @@ TEST(BroadPhase, AllPairsOfRandomScenes) {
       }
       EXPECT_EQ(now, slot);
     }
-    EXPECT_GT(seen, count == 300 ? 10000u : 0u);
+    if (count == 300) {
+      EXPECT_GT(seen, 10000u);
+    }
   }
 }
 
@@ -233,8 +238,8 @@ TEST(BroadPhase, TheSameForAnyThreads) {
     Scene scene(2000, 5);
     std::vector<FixturePair> pairs;
     for (int step = 0; step < 12; ++step) {
-      if (step > 0) scene.move();
       if (step % 4 == 3) scene.change();
+      if (step > 0) scene.move();
       scene.update(threads);
       for (const auto list :
            {scene.broad_phase.pairs(), scene.broad_phase.begun(), scene.broad_phase.ended()}) {
