@@ -22,13 +22,11 @@
 #include <vector>
 
 #include "substep/rigid/aabb_tree.h"
+#include "substep/rigid/bodies.h"
 #include "substep/rigid/body_pair.h"
 #include "substep/rigid/shapes.h"
 
 namespace substep::rigid {
-
-// Static bodies stay, kinematic ones move as they are told, dynamic ones as forces want.
-enum class Motion : std::uint8_t { kStatic, kKinematic, kDynamic };
 
 struct FixturePair {
   std::int32_t a, b;  // a < b
