@@ -100,7 +100,46 @@ def deformed(values):
     return simulation.deformation_gradients
 
 
+TURNED = np.array([[1.0, 2, 0.5, 0.25], [2.0, 1, 0, 0]])
+MOMENTS = np.array([[2.0, 2.5, 3.0], [1.5, 1.5, 1.25]])
+
 ENTRIES = [
+    Entry(
+        "rigid.free_rotation rotations",
+        lambda q: substep.rigid.free_rotation(q, ROWS, MOMENTS, 0.5),
+        TURNED,
+        "rotations",
+        any_length=False,
+    ),
+    Entry(
+        "rigid.free_rotation angular_momenta",
+        lambda L: substep.rigid.free_rotation(TURNED, L, MOMENTS, 0.5),
+        ROWS,
+        "angular_momenta",
+        any_length=False,
+    ),
+    Entry(
+        "rigid.free_rotation inertia",
+        lambda inertia: substep.rigid.free_rotation(TURNED, ROWS, inertia, 0.5),
+        MOMENTS,
+        "inertia",
+        any_length=False,
+    ),
+    Entry("rigid.ConvexHull points", lambda x: substep.rigid.ConvexHull(x).points, ROWS, "points"),
+    Entry(
+        "rigid.MassProperties centre",
+        lambda x: substep.rigid.MassProperties(1.0, x, np.eye(3)).centre,
+        np.array([1.0, 0.5, 2]),
+        "centre",
+        any_length=False,
+    ),
+    Entry(
+        "rigid.MassProperties.moved position",
+        lambda x: substep.rigid.MassProperties(1.0, [0, 0, 0], np.eye(3)).moved(x).centre,
+        np.array([1.0, 0.5, 2]),
+        "position",
+        any_length=False,
+    ),
     Entry(
         "PositionBasedDynamics positions",
         lambda x: dropped(lambda: substep.PositionBasedDynamics(x, 1.0)),

@@ -17,6 +17,7 @@ PYBIND11_MODULE(_core, m) {
   bind_pbd_constraints(m);
   bind_second_order(m);
   bind_pbf(m);
+  bind_rigid(m);
   bind_springs(m);
   bind_soft_body(m);
 }

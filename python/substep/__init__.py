@@ -72,6 +72,7 @@ _SUBMODULES = (
     "pbf",
     "recording",
     "render",
+    "rigid",
     "scenes",
     "second_order",
     "springs",

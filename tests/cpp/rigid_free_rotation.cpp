@@ -230,7 +230,7 @@ TEST(FreeRotation, ConvergesWithItsOrder) {
   const auto error = [&](FreeRotation method, int steps) {
     double row[4];
     store_quaternion(q, row);
-    for (int k = 0; k < steps; ++k) rotate_freely(method, 1, row, L.data(), I.data(), 1.0 / steps);
+    rotate_freely(method, 1, row, L.data(), I.data(), 1.0 / steps, steps);
     return distance(load_quaternion(row), exact);
   };
   EXPECT_NEAR(std::log2(error(FreeRotation::kSplitting, 40) / error(FreeRotation::kSplitting, 80)),
@@ -251,8 +251,8 @@ TEST(FreeRotation, HasTheSameBitsForAnyNumberOfThreads) {
   for (const auto method : {FreeRotation::kExact, FreeRotation::kSplitting,
                             FreeRotation::kQuaternion, FreeRotation::kMatrix}) {
     std::vector<double> q1 = start, q3 = start;
-    rotate_freely(method, 5000, q1.data(), L.data(), I.data(), 0.01, 1);
-    rotate_freely(method, 5000, q3.data(), L.data(), I.data(), 0.01, 3);
+    rotate_freely(method, 5000, q1.data(), L.data(), I.data(), 0.01, 2, 1);
+    rotate_freely(method, 5000, q3.data(), L.data(), I.data(), 0.01, 2, 3);
     EXPECT_EQ(q1, q3);
     EXPECT_NE(q1, start);
   }

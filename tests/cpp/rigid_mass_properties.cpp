@@ -77,6 +77,16 @@ TEST(MassProperties, OfABoxAreThoseOfItsMesh) {
   expect_near(moments(box(shape.half_lengths, far), 700), moved(closed, far), 1e-8);
 }
 
+TEST(MassProperties, OfAConvexHullAreThoseOfItsCorners) {
+  const Box shape{{0.5, 0.25, 0.1}};
+  const Mesh mesh = box(shape.half_lengths, kElsewhere);
+  std::vector<Vec3> corners;
+  for (std::size_t k = 0; k < 24; k += 3) corners.emplace_back(&mesh.vertices[k]);
+  corners.push_back(kElsewhere.to_world({0.1, 0.1, 0}));  // inside
+  expect_near(rigid::moments(std::make_shared<const ConvexHull>(corners), 700),
+              moved(rigid::moments(shape, 700), kElsewhere), 1e-14);
+}
+
 TEST(MassProperties, OfRoundShapesAreTheLimitsOfTheirMeshes) {
   // A polygon of n corners has the area and the second moment of a circle but for O(1 / n^2).
   for (const int n : {40, 80}) {

@@ -153,7 +153,7 @@ std::int64_t Bodies::drift(double dt, FreeRotation method, int threads) {
       size(), kGrain,
       [&](std::int64_t begin, std::int64_t end) {
         rotate_freely(method, end - begin, &q[4 * at(begin)], &L[3 * at(begin)],
-                      &inertia[3 * at(begin)], dt, 1);
+                      &inertia[3 * at(begin)], dt, 1, 1);
         for (std::int64_t i = begin; i < end; ++i) {
           row(x, i) += dt / mass[at(i)] * row(P, i);
           // Not finite as soon as one of them is not.

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 
+#include "substep/core/interrupt.h"
 #include "substep/core/parallel.h"
 #include "substep/rigid/elliptic.h"
 
@@ -197,17 +198,18 @@ Mat3 matrix_rotation(const Mat3& R, const Vec3& L, const Vec3& inertia, double d
 }
 
 void rotate_freely(FreeRotation method, std::int64_t n, double* q, const double* L,
-                   const double* inertia, double dt, int threads) {
+                   const double* inertia, double dt, std::int64_t steps, int threads) {
   const auto each = [&](auto&& rotate) {
-    parallel_for(
-        n, 1024,
-        [&](std::int64_t begin, std::int64_t end) {
-          for (std::int64_t i = begin; i < end; ++i) {
-            const Eigen::Map<const Vec3> momentum(L + 3 * i), moments(inertia + 3 * i);
-            store_quaternion(rotate(load_quaternion(q + 4 * i), momentum, moments, dt), q + 4 * i);
-          }
-        },
-        threads);
+    const auto turn = [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t i = begin; i < end; ++i) {
+        const Eigen::Map<const Vec3> momentum(L + 3 * i), moments(inertia + 3 * i);
+        store_quaternion(rotate(load_quaternion(q + 4 * i), momentum, moments, dt), q + 4 * i);
+      }
+    };
+    for (std::int64_t step = 0; step < steps; ++step) {
+      poll_interrupt();
+      parallel_for(n, 1024, turn, threads);
+    }
   };
   switch (method) {
     case FreeRotation::kExact:

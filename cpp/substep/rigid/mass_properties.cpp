@@ -86,6 +86,18 @@ MassMoments SolidIntegrals::moments(double density) const {
           density * (about.trace() * Mat3::Identity() - about)};
 }
 
+MassMoments moments(const std::shared_ptr<const ConvexHull>& hull, double density) {
+  check_positive("density", density);
+  const std::vector<Vec3>& x = hull->vertices();
+  SolidIntegrals solid(x[0]);
+  for (int f = 0; f < hull->face_count(); ++f) {
+    const auto corners = hull->corners(f);
+    const auto corner = [&](std::size_t k) { return x[static_cast<std::size_t>(corners[k])]; };
+    for (std::size_t k = 2; k < corners.size(); ++k) solid.add(corner(0), corner(k - 1), corner(k));
+  }
+  return solid.moments(density);
+}
+
 namespace {
 
 // Every edge must be run through as often forward as backward: then the mesh has no border.

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <span>
 
 #include "substep/core/quaternion.h"
@@ -31,6 +32,7 @@ MassMoments moments(const Sphere& sphere, double density);
 MassMoments moments(const Box& box, double density);
 MassMoments moments(const Capsule& capsule, double density);
 MassMoments moments(const Cylinder& cylinder, double density);
+MassMoments moments(const std::shared_ptr<const ConvexHull>& hull, double density);
 
 // Integrals over the solid that triangles bound, counter-clockwise seen from outside: signed sums
 // over the tetrahedra between them and one point. Exact for polyhedra. Mirtich 1996, "Fast and

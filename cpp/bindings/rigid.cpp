@@ -1,0 +1,119 @@
+#include <pybind11/stl.h>
+
+#include <algorithm>
+
+#include "bindings.h"
+#include "substep/rigid/free_rotation.h"
+#include "substep/rigid/mass_properties.h"
+
+namespace {
+
+using namespace substep;
+using namespace substep::rigid;
+
+using Rows = py::array_t<double, py::array::c_style>;
+using Indices = py::array_t<std::int64_t, py::array::c_style>;
+using Array3 = std::array<double, 3>;
+using Array4 = std::array<double, 4>;  // (w, x, y, z)
+using Array9 = std::array<double, 9>;  // row by row
+
+Vec3 vector(const Array3& v) { return Vec3(v.data()); }
+Array3 array(const Vec3& v) { return {v[0], v[1], v[2]}; }
+
+void bind_free_rotation(py::module_& m) {
+  m.def(
+      "rotate_freely",
+      [](const std::string& name, const Rows& q, const Rows& L, const Rows& inertia, double dt,
+         std::int64_t steps, int threads) {
+        const char* const names[] = {"exact", "splitting", "quaternion", "matrix"};
+        const auto method = static_cast<FreeRotation>(
+            std::find(std::begin(names), std::end(names), name) - std::begin(names));
+        Rows turned({q.shape(0), q.shape(1)});
+        const auto n = q.shape(0);
+        const double *from = q.data(), *momenta = L.data(), *moments = inertia.data();
+        double* out = turned.mutable_data();
+        const ReleaseGil nogil;
+        std::copy(from, from + 4 * n, out);
+        rotate_freely(method, n, out, momenta, moments, dt, steps, threads);
+        return turned;
+      },
+      py::arg("method"), py::arg("rotations"), py::arg("angular_momenta"), py::arg("inertia"),
+      py::arg("dt"), py::arg("steps"), py::arg("threads"));
+}
+
+void bind_mass_moments(py::module_& m) {
+  py::class_<MassMoments>(m, "MassMoments")
+      .def(py::init([](double mass, const Array3& centre, const Array9& inertia) {
+             return MassMoments{mass, vector(centre), Mat3(inertia.data()).transpose()};
+           }),
+           py::arg("mass"), py::arg("centre"), py::arg("inertia"))
+      .def_readonly("mass", &MassMoments::mass)
+      .def_property_readonly("centre", [](const MassMoments& self) { return array(self.centre); })
+      .def_property_readonly("inertia",
+                             [](const MassMoments& self) {
+                               Array9 rows;
+                               Mat3::Map(rows.data()) = self.inertia.transpose();
+                               return rows;
+                             })
+      .def(
+          "moved",
+          [](const MassMoments& self, const Array3& position, const Array4& q) {
+            return moved(self, {vector(position), load_quaternion(q.data())});
+          },
+          py::arg("position"), py::arg("rotation"))
+      .def("principal", [](const MassMoments& self) {
+        const MassProperties p = principal(self);
+        Array4 axes;
+        store_quaternion(p.axes, axes.data());
+        return py::make_tuple(axes, array(p.inertia));
+      });
+  m.def(
+      "sphere_moments",
+      [](double radius, double density) { return moments(Sphere{radius}, density); },
+      py::arg("radius"), py::arg("density"));
+  m.def(
+      "box_moments",
+      [](const Array3& half, double density) { return moments(Box{vector(half)}, density); },
+      py::arg("half_lengths"), py::arg("density"));
+  m.def(
+      "capsule_moments",
+      [](double radius, double half, double density) {
+        return moments(Capsule{radius, half}, density);
+      },
+      py::arg("radius"), py::arg("half_length"), py::arg("density"));
+  m.def(
+      "cylinder_moments",
+      [](double radius, double half, double density) {
+        return moments(Cylinder{radius, half}, density);
+      },
+      py::arg("radius"), py::arg("half_length"), py::arg("density"));
+  m.def(
+      "mesh_moments",
+      [](const Rows& vertices, const Indices& faces, double density) {
+        const std::span<const double> x(vertices.data(), static_cast<std::size_t>(vertices.size()));
+        const std::span<const std::int64_t> f(faces.data(), static_cast<std::size_t>(faces.size()));
+        const ReleaseGil nogil;
+        return moments(x, f, density);
+      },
+      py::arg("vertices"), py::arg("faces"), py::arg("density"));
+  m.def(
+      "hull_moments",
+      [](const Rows& points, double density) {
+        const auto n = static_cast<std::size_t>(points.shape(0));
+        std::vector<Vec3> rows;
+        for (std::size_t i = 0; i < n; ++i) rows.emplace_back(points.data() + 3 * i);
+        const ReleaseGil nogil;
+        return moments(std::make_shared<const ConvexHull>(rows), density);
+      },
+      py::arg("points"), py::arg("density"));
+  m.def(
+      "sum_moments", [](const std::vector<MassMoments>& parts) { return sum(parts); },
+      py::arg("parts"));
+}
+
+}  // namespace
+
+void bind_rigid(py::module_& m) {
+  bind_free_rotation(m);
+  bind_mass_moments(m);
+}
