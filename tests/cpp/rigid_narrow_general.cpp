@@ -1,47 +1,13 @@
 // All pairs of convex shapes at random poses against the definition: s(n), sampled and refined.
 #include <gtest/gtest.h>
 
-#include <random>
+#include <cmath>
 
-#include "substep/rigid/narrow_phase.h"
+#include "rigid_narrow_shapes.h"
+#include "substep/core/errors.h"
 
 namespace substep::rigid {
 namespace {
-
-using Random = std::mt19937_64;
-
-double uniform(Random& random, double low, double high) {
-  return low + (high - low) * static_cast<double>(random() >> 11) * 0x1p-53;
-}
-Vec3 direction(Random& random) {
-  while (true) {
-    const Vec3 d(uniform(random, -1, 1), uniform(random, -1, 1), uniform(random, -1, 1));
-    if (d.squaredNorm() < 1 && d.squaredNorm() > 0.01) return d.normalized();
-  }
-}
-Quaternion rotation(Random& random) {
-  return Quaternion(Eigen::AngleAxisd(uniform(random, 0, 3.1), direction(random)));
-}
-
-Vec3 support_of(const Shape& shape, const Vec3& d) {
-  return std::visit(
-      [&](const auto& s) -> Vec3 {
-        if constexpr (std::is_same_v<decltype(s), const Plane&>) {
-          return Vec3::Zero();
-        } else {
-          return support(s, d);
-        }
-      },
-      shape);
-}
-
-// s(n) by the definition.
-double separation(const Shape& a, const Pose& pose_a, const Shape& b, const Pose& pose_b,
-                  const Vec3& n) {
-  const Vec3 x = pose_a.to_world(support_of(a, pose_a.rotation.transpose() * n));
-  const Vec3 y = pose_b.to_world(support_of(b, -(pose_b.rotation.transpose() * n)));
-  return n.dot(y - x);
-}
 
 // The largest s(n): from many directions the best few, each refined by shrinking random steps.
 double largest_separation(const Shape& a, const Pose& pose_a, const Shape& b, const Pose& pose_b,
@@ -69,34 +35,6 @@ double largest_separation(const Shape& a, const Pose& pose_a, const Shape& b, co
   return most;
 }
 
-std::shared_ptr<const ConvexHull> random_hull(Random& random, int points) {
-  std::vector<Vec3> p(points);
-  for (Vec3& x : p) x = 0.5 * direction(random).cwiseProduct(Vec3(1.2, 1, 0.7));
-  return std::make_shared<const ConvexHull>(p);
-}
-
-std::vector<std::pair<const char*, Shape>> shapes(Random& random) {
-  return {{"sphere", Sphere{0.45}},
-          {"capsule", Capsule{0.3, 0.4}},
-          {"box", Box{{0.5, 0.3, 0.4}}},
-          {"cylinder", Cylinder{0.4, 0.35}},
-          {"tetrahedron", random_hull(random, 4)},
-          {"hull", random_hull(random, 30)}};
-}
-
-struct Case {
-  Pose pose_a, pose_b;
-};
-
-// Random poses whose shapes are at a distance of about `gap` along a random direction.
-Case random_case(const Shape& a, const Shape& b, double gap, Random& random) {
-  Case c{Pose(direction(random), rotation(random)), Pose(Vec3::Zero(), rotation(random))};
-  const Vec3 d = direction(random);
-  c.pose_b.position = c.pose_a.position;
-  c.pose_b.position += (gap - separation(a, c.pose_a, b, c.pose_b, d)) * d;
-  return c;
-}
-
 bool rounded(const Shape& shape) { return shape.index() == 0 || shape.index() == 2; }
 
 // By how much a face may be worse than the best normal and still be taken.
@@ -113,7 +51,8 @@ TEST_F(NarrowGeneral, SeparationIsTheLargestAlongAnyNormal) {
     for (const auto& [name_b, b] : all) {
       for (const double gap : {0.2, 0.01, 1e-5, -1e-5, -0.01, -0.1, -0.3}) {
         SCOPED_TRACE(testing::Message() << name_a << ' ' << name_b << ' ' << gap);
-        const auto [pose_a, pose_b] = random_case(a, b, gap, random_);
+        const Pose pose_a(direction(random_), rotation(random_));
+        const Pose pose_b = placed_at_distance(a, pose_a, b, gap, random_);
         const double want = largest_separation(a, pose_a, b, pose_b, random_);
         Manifold manifold;
         Cache cache;
@@ -130,6 +69,159 @@ TEST_F(NarrowGeneral, SeparationIsTheLargestAlongAnyNormal) {
           EXPECT_GE(p.separation, s - 1e-9);
         }
         EXPECT_NEAR(least, s, 1e-9 + 1e-3 * (manifold.count > 1));
+      }
+    }
+  }
+}
+
+// The same contact whichever shape comes first, wherever both are, and whatever the cache holds.
+TEST_F(NarrowGeneral, SwappedMovedAndCached) {
+  const auto all = shapes(random_);
+  for (const auto& [name_a, a] : all) {
+    for (const auto& [name_b, b] : all) {
+      Cache cache;
+      for (int k = 0; k < 40; ++k) {
+        SCOPED_TRACE(testing::Message() << name_a << ' ' << name_b << ' ' << k);
+        const Pose pose_a(direction(random_), rotation(random_));
+        const Pose pose_b =
+            placed_at_distance(a, pose_a, b, uniform(random_, -0.05, 0.05), random_);
+        Manifold manifold, swapped, moved, cached;
+        Cache fresh, fresh_too, fresh_three;
+        const double margin = 0.02;
+        const bool touch = collide(a, pose_a, b, pose_b, margin, manifold, fresh);
+        ASSERT_EQ(collide(b, pose_b, a, pose_a, margin, swapped, fresh_too), touch);
+        const Pose motion(10 * direction(random_), rotation(random_));
+        ASSERT_EQ(collide(a, motion * pose_a, b, motion * pose_b, margin, moved, fresh_three),
+                  touch);
+        ASSERT_EQ(collide(a, pose_a, b, pose_b, margin, cached, cache), touch);
+        if (!touch) continue;
+        EXPECT_NEAR(deepest(swapped), deepest(manifold), 1.2 * preference(a, b) + 1e-9);
+        EXPECT_NEAR(deepest(moved), deepest(manifold), 1e-9);
+        if (manifold.count == moved.count &&
+            manifold.points[0].feature == moved.points[0].feature) {
+          EXPECT_LT((motion.rotation * manifold.normal - moved.normal).norm(), 1e-5);
+          EXPECT_LT((motion.to_world(manifold.points[0].on_a) - moved.points[0].on_a).norm(), 1e-5);
+        }
+        ASSERT_EQ(cached.count, manifold.count);
+        for (int j = 0; j < cached.count; ++j) {
+          EXPECT_EQ(cached.points[j].on_a, manifold.points[j].on_a);
+          EXPECT_EQ(cached.points[j].on_b, manifold.points[j].on_b);
+          EXPECT_EQ(cached.points[j].feature, manifold.points[j].feature);
+        }
+      }
+    }
+  }
+}
+
+// Scales from a tenth of a millimetre to ten kilometres.
+TEST_F(NarrowGeneral, ScalesWithTheShapes) {
+  for (const double scale : {1e-4, 1e-2, 1e2, 1e4}) {
+    const std::vector<Shape> unit = {Sphere{0.45}, Capsule{0.3, 0.4}, Box{{0.5, 0.3, 0.4}},
+                                     Cylinder{0.4, 0.35}};
+    const std::vector<Shape> scaled = {Sphere{0.45 * scale}, Capsule{0.3 * scale, 0.4 * scale},
+                                       Box{scale * Vec3(0.5, 0.3, 0.4)},
+                                       Cylinder{0.4 * scale, 0.35 * scale}};
+    for (std::size_t i = 0; i < unit.size(); ++i) {
+      for (std::size_t j = 0; j < unit.size(); ++j) {
+        for (int k = 0; k < 20; ++k) {
+          const Pose pose_a(Vec3::Zero(), rotation(random_));
+          const Pose pose_b =
+              placed_at_distance(unit[i], pose_a, unit[j], uniform(random_, -0.1, 0.1), random_);
+          Manifold want, got;
+          Cache cache, cache_too;
+          collide(unit[i], pose_a, unit[j], pose_b, 1, want, cache);
+          collide(scaled[i], pose_a, scaled[j], Pose(scale * pose_b.position, pose_b.rotation),
+                  scale, got, cache_too);
+          EXPECT_NEAR(deepest(got) / scale, deepest(want), 1e-9) << i << ' ' << j << ' ' << k;
+        }
+      }
+    }
+  }
+}
+
+// A coin against a hall: 1 mm beside 1 km.
+TEST_F(NarrowGeneral, TinyOnHuge) {
+  const Shape floor = Box{{1000, 1000, 1}};
+  for (const auto& [shape, half] :
+       std::vector<std::pair<Shape, double>>{{Sphere{1e-3}, 1e-3},
+                                             {Box{{1e-3, 2e-3, 1e-3}}, 1e-3},
+                                             {Cylinder{1e-2, 1e-3}, 1e-3},
+                                             {Capsule{1e-3, 0}, 1e-3}}) {
+    Manifold manifold;
+    Cache cache;
+    const Pose pose({300, -700, 1 + half - 1e-6}, Quaternion::Identity());
+    ASSERT_TRUE(collide(shape, pose, floor, Pose(), 1e-4, manifold, cache));
+    EXPECT_LT((manifold.normal - Vec3(0, 0, -1)).norm(), 1e-12);
+    for (int k = 0; k < manifold.count; ++k) {
+      EXPECT_NEAR(manifold.points[k].separation, -1e-6, 1e-12);
+    }
+    EXPECT_EQ(manifold.count, shape.index() == 1 || shape.index() == 3 ? 4 : 1);
+  }
+}
+
+// The same place, the same turn: some direction out of a hundred coincident ones, and no NaN.
+TEST_F(NarrowGeneral, CoincidentAndInside) {
+  for (const auto& [name_a, a] : shapes(random_)) {
+    for (const auto& [name_b, b] : shapes(random_)) {
+      SCOPED_TRACE(testing::Message() << name_a << ' ' << name_b);
+      const Pose pose({1, 2, 3}, rotation(random_));
+      for (const Pose& other : {pose, Pose(pose.position + Vec3(1e-12, 0, 0), pose.rotation),
+                                Pose(pose.position, rotation(random_))}) {
+        Manifold manifold;
+        Cache cache;
+        ASSERT_TRUE(collide(a, pose, b, other, 0.01, manifold, cache));
+        EXPECT_NEAR(manifold.normal.norm(), 1, 1e-12);
+        EXPECT_NEAR(deepest(manifold), separation(a, pose, b, other, manifold.normal), 1e-3);
+        EXPECT_LT(deepest(manifold), -0.05);
+      }
+    }
+  }
+  // A small box inside a large one leaves by the nearest face.
+  Manifold manifold;
+  Cache cache;
+  ASSERT_TRUE(collide(Box{{0.1, 0.1, 0.1}}, Pose({0.3, 0.7, 0.2}, Quaternion::Identity()),
+                      Box{{1, 1, 1}}, Pose(), 0, manifold, cache));
+  EXPECT_EQ(manifold.normal, Vec3(0, -1, 0));
+  EXPECT_NEAR(deepest(manifold), -0.4, 1e-12);
+  EXPECT_THROW(
+      collide(Plane{{0, 0, 1}, 0}, Pose(), Plane{{0, 0, 1}, 0}, Pose(), 0, manifold, cache),
+      InputError);
+}
+
+// Under a small motion corners keep their names, so that impulses are carried over.
+TEST_F(NarrowGeneral, FeaturesPersistAtRest) {
+  const auto hull = [] {
+    std::vector<Vec3> p;
+    for (int k = 0; k < 6; ++k) {
+      const double angle = 1.0471975511965976 * k;
+      for (const double z : {-0.4, 0.4})
+        p.emplace_back(0.5 * std::cos(angle), 0.5 * std::sin(angle), z);
+    }
+    return std::make_shared<const ConvexHull>(p);
+  }();
+  const std::vector<std::pair<Shape, double>> all = {
+      {Box{{0.5, 0.5, 0.4}}, 0.4}, {Cylinder{0.5, 0.4}, 0.4}, {hull, 0.4}};
+  for (const auto& [a, half_a] : all) {
+    for (const auto& [b, half_b] : all) {
+      SCOPED_TRACE(testing::Message() << a.index() << ' ' << b.index());
+      for (const double yaw : {0.0, 0.3}) {
+        std::vector<std::uint32_t> names;
+        for (int k = 0; k < 200; ++k) {  // trembles as a stack at rest does
+          const auto small = [&] { return uniform(random_, -1e-7, 1e-7); };
+          const Vec3 turn(small(), small(), yaw + small());
+          const Pose pose(
+              Vec3(0.0031 + small(), 0.0017 + small(), half_a + half_b - 1e-4 + small()),
+              Quaternion(Eigen::AngleAxisd(turn.norm(), turn.normalized())));
+          Manifold manifold;
+          Cache cache;
+          ASSERT_TRUE(collide(a, Pose(), b, pose, 0.01, manifold, cache));
+          ASSERT_EQ(manifold.count, 4);
+          std::vector<std::uint32_t> now;
+          for (int j = 0; j < 4; ++j) now.push_back(manifold.points[j].feature);
+          std::sort(now.begin(), now.end());
+          if (k == 0) names = now;
+          ASSERT_EQ(now, names) << yaw << ' ' << k;
+        }
       }
     }
   }

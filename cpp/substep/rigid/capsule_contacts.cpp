@@ -91,7 +91,7 @@ bool capsule_box(const Capsule& a, const Pose& pose_a, const Box& b, const Pose&
   }
   const auto height = [&](double t) { return n[i] * (p[i] + t * d[i]) - h[i]; };
   const std::uint32_t face = static_cast<std::uint32_t>(2 * i + (n[i] > 0)) << 8;
-  if (!(high - low > 1e-6)) {
+  if (!((high - low) * a.half_length > 1e-6 * a.radius)) {
     add(x, distance - a.radius, 1);
     return true;
   }

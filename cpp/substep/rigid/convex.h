@@ -13,6 +13,7 @@ struct Convex {
   Core core;
   double radius = 0, half_length = 0;  // of segment and cylinder
   Polytope polytope;
+  Vec3 centre = Vec3::Zero();  // a point inside
   double rounding = 0;
   double size;    // the smallest half length: the scale of tolerances
   double extent;  // the largest distance from the origin of the frame
@@ -59,6 +60,7 @@ inline Convex convex(const Cylinder& c) {
 inline Convex convex(const ConvexHull& hull) {
   return {.core = Convex::Core::polytope,
           .polytope = hull.polytope(),
+          .centre = hull.centre(),
           .size = hull.thickness(),
           .extent = hull.radius()};
 }

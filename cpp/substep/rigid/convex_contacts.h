@@ -2,8 +2,8 @@
 // look at each other along it.
 #pragma once
 
-#include "substep/rigid/contact_patch.h"
 #include "substep/rigid/gjk.h"
+#include "substep/rigid/manifold.h"
 
 namespace substep::rigid {
 
@@ -13,13 +13,24 @@ void convex_convex(const Convex& a, const Pose& pose_a, const Convex& b, const P
 void convex_plane(const Convex& a, const Pose& pose_a, const Plane& b, const Pose& pose_b,
                   double margin, Manifold& manifold);
 
-// What a core turns to a direction, in its frame: a face (count >= 3), a segment or a point.
-struct Outline {
-  int count = 0;
-  std::uint32_t name = 0;  // of the face
-  Vec3 corners[kMaxCorners];
-  std::uint32_t names[kMaxCorners];  // of the corners
+// The direction along which the cores are farthest apart or least deep in each other, in the frame
+// of a. A separation above `enough` is no more than a proof of that.
+struct Axis {
+  Vec3 normal;  // from a to b
+  double separation;
+  Vec3 on_a;  // where b's core is closest or deepest
 };
-Outline outline(const Convex& shape, const Vec3& direction);
+Axis best_axis(const Difference& difference, double enough);
+
+// The flat face that a core turns to d, in its frame.
+struct FlatFace {
+  bool exists = false;
+  Vec3 normal;
+};
+FlatFace flat_face(const Convex& shape, const Vec3& d);
+
+// By how much less than the best axis a face may separate and still be taken [m]: flat contact
+// keeps its points. Rounded shapes, whose normal turns at an edge, have a smaller one.
+double face_preference(const Convex& a, const Convex& b);
 
 }  // namespace substep::rigid

@@ -271,7 +271,10 @@ ConvexHull::ConvexHull(std::span<const Vec3> points) {
   first_corner_ = std::move(faces.first_corner);
   corners_ = std::move(faces.corners);
   thickness_ = 0.5 * (high - low).minCoeff();
-  for (const Vec3& v : vertices_) radius_ = std::max(radius_, v.norm());
+  for (const Vec3& v : vertices_) {
+    centre_ += v / static_cast<double>(vertices_.size());
+    radius_ = std::max(radius_, v.norm());
+  }
 }
 
 }  // namespace substep::rigid

@@ -28,6 +28,7 @@ class ConvexHull {
     return {corners_.data() + first_corner_[face],
             static_cast<std::size_t>(first_corner_[face + 1] - first_corner_[face])};
   }
+  const Vec3& centre() const { return centre_; }   // the mean of the vertices
   double radius() const { return radius_; }        // of the sphere about the origin around it
   double thickness() const { return thickness_; }  // half the least extent along an axis
 
@@ -43,6 +44,7 @@ class ConvexHull {
   std::vector<Vec3> vertices_;
   std::vector<FacePlane> planes_;
   std::vector<std::int32_t> first_corner_, corners_;
+  Vec3 centre_ = Vec3::Zero();
   double radius_ = 0, thickness_ = 0;
 };
 

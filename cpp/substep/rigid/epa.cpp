@@ -6,8 +6,8 @@ namespace substep::rigid {
 namespace {
 
 constexpr int kMaxVertices = 160, kMaxFaces = 1024;
-constexpr double kConverged = 1e-11;  // of the scale
-constexpr double kFlat = 1e-9;
+constexpr double kConverged = 1e-11;             // of the scale
+constexpr double kFlat = 1e-9, kShared = 1e-10;  // of the scale
 
 struct Face {
   int v[3], across[3];  // across[k]: over the edge v[k], v[k + 1]
@@ -28,19 +28,19 @@ class Expansion {
 
   Penetration run() {
     if (!make_tetrahedron()) return flat();
+    int closest = -1;
     while (true) {
-      int closest = -1;
+      closest = -1;
       for (int f = 0; f < faces_; ++f) {
         if (face_[f].alive && (closest < 0 || face_[f].offset < face_[closest].offset)) closest = f;
       }
       const Face& face = face_[closest];
-      best_ = closest;
       if (vertices_ == kMaxVertices || faces_ + 32 > kMaxFaces) break;
       add_vertex(face.normal);
       const double progress = face.normal.dot(w_[vertices_ - 1]) - face.offset;
       if (progress <= kConverged * scale_ || !expand(closest)) break;
     }
-    return result(face_[best_]);
+    return result(face_[closest]);
   }
 
  private:
@@ -170,27 +170,40 @@ class Expansion {
     return {n, n.dot(y - x), x};
   }
 
-  // The face is opposite to the normal of the contact: it is where -n supports b - a.
-  Penetration result(const Face& face) const {
+  // Weights of the corners of a face for the point of its plane closest to the origin.
+  Vec3 weights(const Face& face) const {
     const Vec3 &a = w_[face.v[0]], &b = w_[face.v[1]], &c = w_[face.v[2]];
     const Vec3 o = face.offset * face.normal, n = (b - a).cross(c - a);
-    const double area = n.squaredNorm();
-    double wa = 1, wb = 0, wc = 0;
-    if (area > 0) {
-      wb = std::max(0.0, n.dot((o - a).cross(c - a)) / area);
-      wc = std::max(0.0, n.dot((b - a).cross(o - a)) / area);
-      wa = std::max(0.0, 1 - wb - wc);
+    const double square = n.squaredNorm();
+    const double wb = n.dot((o - a).cross(c - a)) / square,
+                 wc = n.dot((b - a).cross(o - a)) / square;
+    return {1 - wb - wc, wb, wc};
+  }
+
+  // The normal of the contact is opposite to that of the face: it is where b - a ends along -n. Of
+  // the triangles that share the face of b - a, as good as equally close, the one under the origin
+  // has the point of contact.
+  Penetration result(const Face& closest) const {
+    const Face* under = &closest;
+    Vec3 best = weights(closest);
+    for (int f = 0; f < faces_; ++f) {
+      const Face& face = face_[f];
+      if (!face.alive || face.offset > closest.offset + kShared * scale_) continue;
+      const Vec3 w = weights(face);
+      if (w.minCoeff() > best.minCoeff()) best = w, under = &face;
     }
-    const double sum = wa + wb + wc;
-    const Vec3 on_a = (wa * x_[face.v[0]] + wb * x_[face.v[1]] + wc * x_[face.v[2]]) / sum;
+    best = best.cwiseMax(0.0);
+    best /= best.sum();
+    const Vec3 on_a =
+        best[0] * x_[under->v[0]] + best[1] * x_[under->v[1]] + best[2] * x_[under->v[2]];
     Vec3 x, y;
-    const double depth = face.normal.dot(difference_.support(face.normal, x, y));
-    return {-face.normal, -depth, on_a};
+    const double depth = closest.normal.dot(difference_.support(closest.normal, x, y));
+    return {-closest.normal, -depth, on_a};
   }
 
   const Difference& difference_;
   double scale_;
-  int vertices_ = 0, faces_ = 0, horizon_ = 0, best_ = 0;
+  int vertices_ = 0, faces_ = 0, horizon_ = 0;
   Vec3 w_[kMaxVertices], x_[kMaxVertices];
   Vec3 plane_;
   Face face_[kMaxFaces];

@@ -16,7 +16,7 @@ struct ContactPoint {
 };
 
 struct Manifold {
-  Vec3 normal;  // of length 1, from a to b
+  Vec3 normal = Vec3::Zero();  // of length 1, from a to b
   int count = 0;
   ContactPoint points[4];
 

@@ -1,31 +1,15 @@
 #include "substep/rigid/narrow_phase.h"
 
+#include "substep/core/errors.h"
 #include "substep/rigid/box_box.h"
 #include "substep/rigid/capsule_contacts.h"
 #include "substep/rigid/convex_contacts.h"
 #include "substep/rigid/plane_contacts.h"
 #include "substep/rigid/sphere_contacts.h"
+#include "substep/rigid/view.h"
 
 namespace substep::rigid {
 namespace {
-
-// The view of a shape as a convex one, and what it stands on.
-template <class S>
-struct View {
-  explicit View(const S& shape) : convex(rigid::convex(shape)) {}
-  Convex convex;
-};
-template <>
-struct View<Box> {
-  explicit View(const Box& box) : arrays(box.half_lengths), convex(rigid::convex(box, arrays)) {}
-  BoxPolytope arrays;
-  Convex convex;
-};
-template <>
-struct View<std::shared_ptr<const ConvexHull>> {
-  explicit View(const std::shared_ptr<const ConvexHull>& hull) : convex(rigid::convex(*hull)) {}
-  Convex convex;
-};
 
 // Pairs with a form of their own come first; the others are convex shapes or planes.
 struct Pair {
@@ -61,16 +45,17 @@ struct Pair {
   void operator()(const Box& a, const Plane& b) const {
     box_plane(a, pose_a, b, pose_b, margin, manifold);
   }
-  void operator()(const Plane&, const Plane&) const {}
-  template <class B>
-  void operator()(const Plane&, const B&) const {}  // never: the plane comes second
-  template <class A>
-  void operator()(const A& a, const Plane& b) const {
-    convex_plane(View<A>(a).convex, pose_a, b, pose_b, margin, manifold);
-  }
   template <class A, class B>
   void operator()(const A& a, const B& b) const {
-    any(a, b);
+    if constexpr (kConvex<A> && kConvex<B>) {
+      any(a, b);
+    } else if constexpr (kConvex<A> && std::is_same_v<B, Plane>) {
+      convex_plane(View<A>(a).convex, pose_a, b, pose_b, margin, manifold);
+    } else if constexpr (kConvex<B> && std::is_same_v<A, Plane>) {
+      flip(a, b);
+    } else {
+      throw InputError("collide() takes convex shapes, or one and a plane");
+    }
   }
 
   template <class A, class B>
@@ -91,13 +76,7 @@ struct Pair {
 bool collide(const Shape& a, const Pose& pose_a, const Shape& b, const Pose& pose_b, double margin,
              Manifold& manifold, Cache& cache) {
   manifold.count = 0;
-  const Pair pair{pose_a, pose_b, margin, manifold, cache};
-  if (std::holds_alternative<Plane>(a)) {
-    std::visit(Pair{pose_b, pose_a, margin, manifold, cache}, b, a);
-    manifold.flip();
-  } else {
-    std::visit(pair, a, b);
-  }
+  std::visit(Pair{pose_a, pose_b, margin, manifold, cache}, a, b);
   return manifold.count > 0;
 }
 

@@ -13,7 +13,9 @@
 namespace substep::rigid {
 
 // The contact of a convex shape with a convex one or a plane, either way round. Points are reported
-// up to a separation of `margin` [m] (>= 0). False, and no points: there are none.
+// up to a separation of `margin` [m] (>= 0). False, and no points: there are none. Meshes, which
+// may touch in several planes, are collide_mesh()'s (mesh_contacts.h); InputError for them and for
+// two planes.
 bool collide(const Shape& a, const Pose& pose_a, const Shape& b, const Pose& pose_b, double margin,
              Manifold& manifold, Cache& cache);
 

@@ -3,7 +3,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "substep/rigid/convex_contacts.h"
+#include "substep/rigid/face_patch.h"
 
 namespace substep::rigid {
 namespace {
@@ -23,9 +23,11 @@ Outline outline_of(const Polytope& p, const Vec3& d) {
 }
 
 // A cap as the polygon of kAround points that are fixed in the body, so that they stay the same
-// while it rests, and the lowest point of the rim; or the line on the side.
+// while it rests, and, where it is tilted by more than kTilted, the lowest point of the rim; or the
+// line on the side.
 Outline outline_of_cylinder(const Convex& c, const Vec3& d) {
   constexpr std::uint32_t kAround = 8;
+  constexpr double kTilted = 1e-5;
   const double radial = std::hypot(d.x(), d.y());
   Outline out;
   if (std::abs(d.z()) < radial) {
@@ -39,7 +41,7 @@ Outline outline_of_cylinder(const Convex& c, const Vec3& d) {
     return out;
   }
   const double z = d.z() < 0 ? -c.half_length : c.half_length, pi = std::numbers::pi;
-  const double lowest = radial > 0 ? std::atan2(d.y(), d.x()) : -1e9;
+  const double lowest = radial > kTilted * std::abs(d.z()) ? std::atan2(d.y(), d.x()) : -1e9;
   out.name = d.z() < 0 ? 0 : 1;
   const auto add = [&](double x, double y, std::uint32_t name) {
     out.corners[out.count] = {x, y, z};
@@ -49,7 +51,7 @@ Outline outline_of_cylinder(const Convex& c, const Vec3& d) {
     const double angle = -pi + k * (2 * pi / kAround), next = angle + 2 * pi / kAround;
     add(c.radius * std::cos(angle), c.radius * std::sin(angle), k);
     if (angle + 1e-6 < lowest && lowest + 1e-6 < next) {
-      add(c.radius * (d.x() / radial), c.radius * (d.y() / radial), kAround);
+      add(c.radius * (d.x() / radial), c.radius * (d.y() / radial), k);  // on the edge k
     }
   }
   if (d.z() < 0) {  // counter-clockwise seen from outside

@@ -38,6 +38,14 @@ Bounds bounds_of(const std::shared_ptr<const ConvexHull>& hull, const Pose& pose
   return bounds_of(*hull, pose);
 }
 
+// The box of the mesh, turned.
+Bounds bounds_of(const std::shared_ptr<const TriangleMesh>& mesh, const Pose& pose) {
+  const Vec3 low = mesh->low(), high = mesh->high();
+  const Vec3 centre = pose.to_world((low + high) / 2);
+  const Vec3 half = pose.rotation.cwiseAbs() * ((high - low) / 2);
+  return {centre - half, centre + half};
+}
+
 }  // namespace
 
 Bounds bounds(const Shape& shape, const Pose& pose) {

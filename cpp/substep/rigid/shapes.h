@@ -10,6 +10,7 @@
 
 #include "substep/rigid/convex_hull.h"
 #include "substep/rigid/pose.h"
+#include "substep/rigid/triangle_mesh.h"
 
 namespace substep::rigid {
 
@@ -32,8 +33,8 @@ struct Plane {
   double offset;
 };
 
-using Shape =
-    std::variant<Sphere, Box, Capsule, Cylinder, Plane, std::shared_ptr<const ConvexHull>>;
+using Shape = std::variant<Sphere, Box, Capsule, Cylinder, Plane, std::shared_ptr<const ConvexHull>,
+                           std::shared_ptr<const TriangleMesh>>;
 
 // What a body is made of: a shape in the frame of the body. A compound has several.
 struct Fixture {
@@ -70,6 +71,9 @@ struct Bounds {
 Bounds bounds(const Shape& shape, const Pose& pose);
 
 // Whether only a body that never moves may have it.
-inline bool is_ground(const Shape& shape) { return std::holds_alternative<Plane>(shape); }
+inline bool is_ground(const Shape& shape) {
+  return std::holds_alternative<Plane>(shape) ||
+         std::holds_alternative<std::shared_ptr<const TriangleMesh>>(shape);
+}
 
 }  // namespace substep::rigid

@@ -1,0 +1,161 @@
+#include "substep/rigid/mesh_contacts.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "substep/rigid/convex_contacts.h"
+#include "substep/rigid/face_patch.h"
+#include "substep/rigid/view.h"
+
+namespace substep::rigid {
+namespace {
+
+constexpr double kSameNormal = 1e-4;  // [rad]
+constexpr double kSamePoint = 1e-3;   // of the shape's size
+
+// Points with one normal from several triangles, in the frame of the mesh.
+struct Group {
+  Vec3 normal;
+  int count = 0;
+  ContactPoint points[kMaxCorners];
+};
+
+class OnMesh {
+ public:
+  OnMesh(const Convex& shape, const Pose& pose, const TriangleMesh& mesh, double margin,
+         std::vector<Group>& groups)
+      : shape_(shape), pose_(pose), mesh_(mesh), margin_(margin), groups_(groups) {}
+
+  void add(int triangle) {
+    const auto& f = mesh_.face(triangle);
+    const std::vector<Vec3>& v = mesh_.vertices();
+    const Vec3& n = mesh_.normal(triangle);
+    if (n.dot(pose_.to_world(shape_.centre) - v[f[0]]) < 0) return;  // behind it
+    const TrianglePolytope arrays(v[f[0]], v[f[1]], v[f[2]]);
+    const Convex flat{.core = Convex::Core::polytope,
+                      .polytope = arrays.polytope(),
+                      .size = shape_.size,
+                      .extent = std::max({v[f[0]].norm(), v[f[1]].norm(), v[f[2]].norm()})};
+    const Difference difference{flat, shape_, pose_};
+    const double enough = margin_ + shape_.rounding;
+    if (difference.separation(n) > enough) return;
+    const Axis best = best_axis(difference, enough);
+    if (best.separation > enough) return;
+
+    Manifold manifold;
+    const auto salt = static_cast<std::uint32_t>(triangle) + 1;
+    const bool supported = mesh_.supports(triangle, best.normal);
+    const double preference = face_preference(flat, shape_);
+    const auto patch = [&](const Vec3& normal, bool of_shape, double expected) {
+      return face_patch(difference, normal, of_shape, expected, margin_, shape_.size, salt,
+                        manifold);
+    };
+    const double s = difference.separation(n);
+    if (!supported || s >= best.separation - preference) {
+      if (patch(n, false, supported ? s + 2 * preference : 1e300) || !supported) {
+        return append(manifold);
+      }
+    }
+    const FlatFace face = flat_face(shape_, -(pose_.rotation.transpose() * best.normal));
+    const Vec3 down = face.exists ? Vec3(-(pose_.rotation * face.normal)) : best.normal;
+    if (face.exists && mesh_.supports(triangle, down)) {
+      const double t = difference.separation(down);
+      if (t >= best.separation - preference && patch(down, true, t + 2 * preference)) {
+        return append(manifold);
+      }
+    }
+    manifold.normal = best.normal;
+    manifold.add({best.on_a, best.on_a + (best.separation - shape_.rounding) * best.normal,
+                  best.separation - shape_.rounding, salt});
+    append(manifold);
+  }
+
+ private:
+  void append(const Manifold& manifold) {
+    if (manifold.count == 0) return;
+    Group* group = nullptr;
+    for (Group& g : groups_) {
+      if ((g.normal - manifold.normal).squaredNorm() < kSameNormal * kSameNormal) group = &g;
+    }
+    if (!group) {
+      groups_.emplace_back();
+      group = &groups_.back();
+      group->normal = manifold.normal;
+    }
+    for (int k = 0; k < manifold.count; ++k) {
+      const ContactPoint& point = manifold.points[k];
+      ContactPoint* known = nullptr;
+      for (int j = 0; j < group->count && !known; ++j) {
+        const bool same = (group->points[j].on_b - point.on_b).norm() < kSamePoint * shape_.size;
+        if (same) known = &group->points[j];
+      }
+      if (known) {
+        if (point.separation < known->separation) *known = point;
+        continue;
+      }
+      if (group->count == kMaxCorners) reduce_group(*group);
+      group->points[group->count++] = point;
+    }
+  }
+
+ public:
+  void reduce_group(Group& group) const {
+    const Vec3& n = group.normal;
+    const PlaneFrame frame(group.points[0].on_a, n,
+                           std::abs(n.x()) < 0.7 ? Vec3::UnitX() : Vec3::UnitY());
+    Patch patch;
+    patch.count = group.count;
+    for (int k = 0; k < group.count; ++k) {
+      patch.corners[k] = frame.corner(group.points[k].on_a, 0, 0);
+      patch.corners[k].height = group.points[k].separation;
+    }
+    const Reduced reduced = reduce(patch, margin_, kTie * shape_.size);
+    ContactPoint kept[4];
+    for (int k = 0; k < reduced.count; ++k) kept[k] = group.points[reduced.index[k]];
+    std::copy(kept, kept + reduced.count, group.points);
+    group.count = reduced.count;
+  }
+
+ private:
+  const Convex& shape_;
+  const Pose& pose_;
+  const TriangleMesh& mesh_;
+  double margin_;
+  std::vector<Group>& groups_;
+};
+
+// The normals found are from the mesh to the shape, those of the manifolds the other way.
+void convex_mesh(const Convex& shape, const Shape& a, const Pose& pose_a, const TriangleMesh& mesh,
+                 const Pose& pose_b, double margin, std::vector<Manifold>& manifolds) {
+  const Pose pose = pose_a.relative_to(pose_b);
+  const Bounds box = bounds(a, pose);
+  const Vec3 around = Vec3::Constant(margin);
+  std::vector<Group> groups;
+  OnMesh on_mesh(shape, pose, mesh, margin, groups);
+  mesh.for_each_in(box.low - around, box.high + around, [&](int t) { on_mesh.add(t); });
+  for (Group& group : groups) {
+    on_mesh.reduce_group(group);
+    Manifold& manifold = manifolds.emplace_back();
+    manifold.normal = -(pose_b.rotation * group.normal);
+    for (int k = 0; k < group.count; ++k) {
+      const ContactPoint& p = group.points[k];
+      manifold.add({pose_b.to_world(p.on_b), pose_b.to_world(p.on_a), p.separation, p.feature});
+    }
+  }
+}
+
+}  // namespace
+
+void collide_mesh(const Shape& a, const Pose& pose_a, const TriangleMesh& mesh, const Pose& pose_b,
+                  double margin, std::vector<Manifold>& manifolds) {
+  std::visit(
+      [&](const auto& shape) {
+        if constexpr (kConvex<decltype(shape)>) {
+          const View view(shape);
+          convex_mesh(view.convex, a, pose_a, mesh, pose_b, margin, manifolds);
+        }
+      },
+      a);
+}
+
+}  // namespace substep::rigid
