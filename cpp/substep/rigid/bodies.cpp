@@ -5,6 +5,7 @@
 #include <string>
 
 #include "substep/core/errors.h"
+#include "substep/core/interrupt.h"
 #include "substep/core/parallel.h"
 #include "substep/rigid/mass_properties.h"
 
@@ -130,6 +131,7 @@ void Bodies::apply_impulse(std::int64_t i, const Vec3& J, const Vec3& point) {
 }
 
 void Bodies::kick(double dt, const Vec3& gravity, int threads) {
+  const DeferInterrupts whole;
   parallel_for(
       size(), kGrain,
       [&](std::int64_t begin, std::int64_t end) {
@@ -148,12 +150,13 @@ void Bodies::clear_forces() {
 }
 
 std::int64_t Bodies::drift(double dt, FreeRotation method, int threads) {
+  const DeferInterrupts whole;
   std::vector<std::int64_t> bad(at((size() + kGrain - 1) / kGrain), -1);
   parallel_for(
       size(), kGrain,
       [&](std::int64_t begin, std::int64_t end) {
-        rotate_freely(method, end - begin, &q[4 * at(begin)], &L[3 * at(begin)],
-                      &inertia[3 * at(begin)], dt, 1, 1);
+        rotate_rows(method, end - begin, &q[4 * at(begin)], &L[3 * at(begin)],
+                    &inertia[3 * at(begin)], dt);
         for (std::int64_t i = begin; i < end; ++i) {
           row(x, i) += dt / mass[at(i)] * row(P, i);
           // Not finite as soon as one of them is not.

@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 
-#include "substep/core/interrupt.h"
 #include "substep/core/parallel.h"
 #include "substep/rigid/elliptic.h"
 
@@ -197,18 +196,12 @@ Mat3 matrix_rotation(const Mat3& R, const Vec3& L, const Vec3& inertia, double d
   return next;
 }
 
-void rotate_freely(FreeRotation method, std::int64_t n, double* q, const double* L,
-                   const double* inertia, double dt, std::int64_t steps, int threads) {
+void rotate_rows(FreeRotation method, std::int64_t n, double* q, const double* L,
+                 const double* inertia, double dt) {
   const auto each = [&](auto&& rotate) {
-    const auto turn = [&](std::int64_t begin, std::int64_t end) {
-      for (std::int64_t i = begin; i < end; ++i) {
-        const Eigen::Map<const Vec3> momentum(L + 3 * i), moments(inertia + 3 * i);
-        store_quaternion(rotate(load_quaternion(q + 4 * i), momentum, moments, dt), q + 4 * i);
-      }
-    };
-    for (std::int64_t step = 0; step < steps; ++step) {
-      poll_interrupt();
-      parallel_for(n, 1024, turn, threads);
+    for (std::int64_t i = 0; i < n; ++i) {
+      const Eigen::Map<const Vec3> momentum(L + 3 * i), moments(inertia + 3 * i);
+      store_quaternion(rotate(load_quaternion(q + 4 * i), momentum, moments, dt), q + 4 * i);
     }
   };
   switch (method) {
@@ -223,6 +216,17 @@ void rotate_freely(FreeRotation method, std::int64_t n, double* q, const double*
         return Quaternion(matrix_rotation(q0.toRotationMatrix(), L0, I, h)).normalized();
       });
   }
+}
+
+void rotate_freely(FreeRotation method, std::int64_t n, double* q, const double* L,
+                   const double* inertia, double dt, std::int64_t steps, int threads) {
+  for (std::int64_t step = 0; step < steps; ++step)
+    parallel_for(
+        n, 1024,
+        [&](std::int64_t begin, std::int64_t end) {
+          rotate_rows(method, end - begin, q + 4 * begin, L + 3 * begin, inertia + 3 * begin, dt);
+        },
+        threads);
 }
 
 }  // namespace substep::rigid

@@ -45,7 +45,10 @@ Quaternion quaternion_rotation(const Quaternion& q, const Vec3& L, const Vec3& i
 // R + dt [w]x R, then Gram and Schmidt's orthogonal columns.
 Mat3 matrix_rotation(const Mat3& R, const Vec3& L, const Vec3& inertia, double dt);
 
-// n bodies, rows of q (w, x, y, z), L and inertia, by `steps` steps of dt.
+// n bodies, rows of q (w, x, y, z), L and inertia, on the calling thread.
+void rotate_rows(FreeRotation method, std::int64_t n, double* q, const double* L,
+                 const double* inertia, double dt);
+// The same by `steps` steps of dt.
 void rotate_freely(FreeRotation method, std::int64_t n, double* q, const double* L,
                    const double* inertia, double dt, std::int64_t steps = 1, int threads = 0);
 
