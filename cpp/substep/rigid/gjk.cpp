@@ -5,7 +5,7 @@
 namespace substep::rigid {
 namespace {
 
-constexpr double kTouching = 1e-10, kConverged = 1e-14;
+constexpr double kTouching = 1e-10, kConverged = 1e-14, kFlat = 1e-14;
 constexpr int kMaxIterations = 100;
 
 // Keeps the corners k with weights; all indices ascending.
@@ -94,16 +94,19 @@ void reduce_simplex(Simplex& s) {
   } else if (s.count == 3) {
     keep_triangle(s, 0, 1, 2, closest_of_triangle(s.w[0], s.w[1], s.w[2]));
   } else {
-    // Each face and the corner opposite to it: 0 is outside where they are on different sides.
+    // Each face and the corner opposite to it: 0 is outside where they are on different sides. Of a
+    // tetrahedron so flat that the sides are not known, all faces count.
     static constexpr int kFaces[4][4] = {{0, 1, 2, 3}, {0, 1, 3, 2}, {0, 2, 3, 1}, {1, 2, 3, 0}};
-    double least = 1e300;
+    double largest = 0, least = 1e300;
+    for (const Vec3& w : s.w) largest = std::max(largest, w.norm());
+    const double flat = kFlat * largest * largest * largest;
     int best = -1;
     Weights best_weights;
     for (int f = 0; f < 4; ++f) {
       const Vec3 &a = s.w[kFaces[f][0]], &b = s.w[kFaces[f][1]], &c = s.w[kFaces[f][2]];
       const Vec3 n = (b - a).cross(c - a);
       const double inner = n.dot(s.w[kFaces[f][3]] - a), origin = -n.dot(a);
-      if (inner * origin > 0) continue;  // (a flat tetrahedron has inner = 0: all faces count)
+      if (inner * origin > 0 && std::abs(inner) > flat) continue;
       const Weights t = closest_of_triangle(a, b, c);
       const double square = (t.a * a + t.b * b + t.c * c).squaredNorm();
       if (square < least) least = square, best = f, best_weights = t;
