@@ -296,6 +296,90 @@ TEST(BroadPhase, StaticThatIsMovedIntoASleepingBody) {
   EXPECT_TRUE(broad.sleeping_pairs().empty());
 }
 
+// The same scene twice, with and without new numbers after fixtures were removed.
+TEST(BroadPhase, NewNumbers) {
+  std::mt19937 generator(2);
+  const auto draw = [&](double low, double high) { return Draw(low, high)(generator); };
+  const std::int32_t n = 300;
+  std::vector<Vec3> centre, velocity;
+  BroadPhase plain, compact;
+  std::vector<std::int32_t> number(static_cast<std::size_t>(n));  // in `compact`; -1: removed
+  std::vector<Bounds> bounds(static_cast<std::size_t>(n));
+  const auto bounds_at = [&](std::size_t f) {
+    return Bounds{centre[f] - Vec3::Constant(0.3), centre[f] + Vec3::Constant(0.3)};
+  };
+  for (std::int32_t f = 0; f < n; ++f) {
+    const auto i = static_cast<std::size_t>(f);
+    centre.push_back({draw(-2, 2), draw(-2, 2), draw(-2, 2)});
+    velocity.push_back(0.1 * Vec3(draw(-1, 1), draw(-1, 1), draw(-1, 1)));
+    number[i] = f;
+    if (f == 7) {
+      for (BroadPhase* broad : {&plain, &compact}) {
+        broad->add_plane(f, {-1, Motion::kStatic}, Vec3::UnitZ(), 0);
+      }
+      continue;
+    }
+    bounds[i] = bounds_at(i);
+    const Motion motion = f % 4 == 0 ? Motion::kStatic : Motion::kDynamic;
+    for (BroadPhase* broad : {&plain, &compact}) broad->add(f, {f, motion}, bounds[i]);
+  }
+  const std::vector<BodyPair> excluded{{5, 6}, {-1, 9}, {40, 41}, {20, 250}};
+  plain.exclude(excluded);
+  compact.exclude(excluded);
+  std::size_t seen = 0;
+  for (int step = 0; step < 15; ++step) {
+    if (step > 0) {
+      const std::int32_t old_count = 1 + *std::max_element(number.begin(), number.end());
+      std::vector<std::int32_t> to(static_cast<std::size_t>(old_count), -1);
+      std::int32_t next = 0;
+      for (std::int32_t f = 0; f < n; ++f) {
+        const auto i = static_cast<std::size_t>(f);
+        if (number[i] < 0) continue;
+        if (f != 7 && draw(0, 1) < 0.03) {
+          plain.remove(f);
+          compact.remove(number[i]);
+          number[i] = -1;
+        } else {
+          to[static_cast<std::size_t>(number[i])] = next;
+          number[i] = next++;
+        }
+      }
+      compact.renumber(to, to);  // bodies and fixtures have the same numbers here
+    }
+    std::vector<std::int32_t> moving, moving_compact;
+    std::vector<Bounds> bounds_compact(bounds.size());
+    for (std::int32_t f = 0; f < n; ++f) {
+      const auto i = static_cast<std::size_t>(f);
+      if (number[i] < 0 || f == 7) continue;
+      if (f % 4 != 0) centre[i] += velocity[i];
+      bounds[i] = bounds_compact[static_cast<std::size_t>(number[i])] = bounds_at(i);
+      moving.push_back(f);
+      moving_compact.push_back(number[i]);
+    }
+    plain.update(moving, bounds);
+    compact.update(moving_compact, bounds_compact);
+    Ids expected;
+    for (const FixturePair& pair : plain.pairs()) {
+      expected.insert(
+          {number[static_cast<std::size_t>(pair.a)], number[static_cast<std::size_t>(pair.b)]});
+    }
+    EXPECT_EQ(ids_of(compact.pairs()), expected) << step;
+    EXPECT_TRUE(std::is_sorted(compact.pairs().begin(), compact.pairs().end(),
+                               [](const FixturePair& p, const FixturePair& q) {
+                                 return std::pair(p.a, p.b) < std::pair(q.a, q.b);
+                               }));
+    std::set<std::int32_t> slots;
+    for (const FixturePair& pair : compact.pairs()) slots.insert(pair.slot);
+    EXPECT_EQ(slots.size(), compact.pairs().size());
+    seen += expected.size();
+  }
+  EXPECT_GT(seen, 3000u);
+  const std::vector<std::int32_t> none(static_cast<std::size_t>(n), -1);
+  EXPECT_THROW(compact.renumber(none, none), substep::InputError);
+  const std::vector<std::int32_t> same(static_cast<std::size_t>(n), 0);
+  EXPECT_THROW(compact.renumber(same, same), substep::InputError);
+}
+
 TEST(BroadPhase, CoincidentAndFarAway) {
   BroadPhase broad;
   std::vector<Bounds> bounds(210);

@@ -154,6 +154,20 @@ TEST(Islands, RemovedBodies) {
   EXPECT_EQ(list(islands.awake()), List{1});
 }
 
+TEST(Islands, NewNumbers) {
+  Islands islands = bodies(6);
+  const std::vector<BodyPair> pairs{{2, 5}, {3, 4}};
+  const std::vector<double> speed{1, 0, 0, 0, 0, 0};
+  for (int step = 0; step < 4; ++step) islands.update(kStep, kSleep, speed, pairs);
+  islands.remove(1);
+  islands.renumber(List{0, -1, 1, 2, 3, 4});
+  EXPECT_EQ(list(islands.island()), (List{Islands::kAwake, 1, 2, 2, 1}));
+  EXPECT_EQ(list(islands.awake()), List{0});
+  EXPECT_TRUE(islands.woken().empty());
+  islands.wake(4);
+  EXPECT_EQ(list(islands.woken()), (List{1, 4}));
+}
+
 // Random graphs: who sleeps are the islands of label_islands() with all bodies slow; a restored
 // copy goes the same way.
 TEST(Islands, RandomGraphsAndRestoring) {

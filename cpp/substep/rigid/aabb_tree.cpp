@@ -128,6 +128,20 @@ void AabbTree::remove(std::int32_t id) {
   ++changes_;
 }
 
+void AabbTree::renumber(std::span<const std::int32_t> numbers) {
+  std::vector<std::int32_t> places;
+  for (std::size_t id = 0; id < place_.size(); ++id) {
+    const std::int32_t place = place_[id], number = place < 0 ? -1 : numbers[id];
+    if (number < 0) continue;
+    if (static_cast<std::size_t>(number) >= places.size()) {
+      places.resize(static_cast<std::size_t>(number) + 1, -1);
+    }
+    places[static_cast<std::size_t>(number)] = place;
+    nodes_[static_cast<std::size_t>(place / kWide)].child[place % kWide] = ~number;
+  }
+  place_.swap(places);
+}
+
 void AabbTree::set(std::int32_t id, const TreeBox& box) {
   std::int32_t place = place_[static_cast<std::size_t>(id)];
   put(place, box);

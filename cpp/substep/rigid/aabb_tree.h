@@ -10,6 +10,7 @@
 
 #include <bit>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "substep/core/lanes.h"
@@ -52,6 +53,8 @@ class AabbTree {
   void add(std::int32_t id, const TreeBox& box);
   void set(std::int32_t id, const TreeBox& box);
   void remove(std::int32_t id);
+  // numbers[id]: what the box is called from now on.
+  void renumber(std::span<const std::int32_t> numbers);
 
   // Builds the tree anew where that pays. Call it before many queries.
   void tidy();

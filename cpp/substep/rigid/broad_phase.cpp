@@ -297,12 +297,89 @@ void BroadPhase::sort_by_sleep() {
   sleep_changed_ = false;
 }
 
+void BroadPhase::recycle(const std::vector<FixturePair>& pairs) {
+  for (auto pair = pairs.rbegin(); pair != pairs.rend(); ++pair) free_slots_.push_back(pair->slot);
+}
+
+void BroadPhase::renumber(std::span<const std::int32_t> fixtures,
+                          std::span<const std::int32_t> bodies) {
+  std::int32_t count = 0;  // of fixture numbers
+  for (std::size_t f = 0; f < fixtures.size(); ++f) {
+    if (fixtures[f] >= 0 && fixtures[f] < count) throw InputError("numbers must ascend");
+    count = std::max(count, fixtures[f] + 1);
+  }
+  const auto number = [&](std::int32_t f) {
+    return static_cast<std::size_t>(f) < fixtures.size() ? fixtures[static_cast<std::size_t>(f)]
+                                                         : -1;
+  };
+  for (std::size_t f = 0; f < entries_.size(); ++f) {
+    if (entries_[f].kind != Kind::kNone && number(static_cast<std::int32_t>(f)) < 0) {
+      throw InputError("a fixture without a new number must have been removed");
+    }
+  }
+  const auto body = [&](std::int32_t b) { return b < 0 ? b : bodies[static_cast<std::size_t>(b)]; };
+
+  std::vector<Entry> entries(static_cast<std::size_t>(count));
+  std::vector<TreeBox> box(entries.size(), empty_tree_box()), old_box = box;
+  std::vector<std::uint8_t> change(entries.size(), kSame);
+  for (std::size_t f = 0; f < entries_.size(); ++f) {
+    if (entries_[f].kind == Kind::kNone) continue;
+    const auto to = static_cast<std::size_t>(fixtures[f]);
+    entries[to] = entries_[f];
+    entries[to].proxy.body = body(entries_[f].proxy.body);
+    box[to] = box_[f];
+    old_box[to] = old_box_[f];
+    change[to] = change_[f];
+  }
+  ground_.renumber(fixtures);
+  movable_.renumber(fixtures);
+  recycle(ended_);
+  ended_.clear();
+  begun_.clear();
+  const auto keep = [&](std::vector<FixturePair>& pairs) {
+    merged_.clear();
+    std::size_t kept = 0;
+    for (FixturePair pair : pairs) {
+      const bool gone = entries_[static_cast<std::size_t>(pair.a)].kind == Kind::kNone ||
+                        entries_[static_cast<std::size_t>(pair.b)].kind == Kind::kNone;
+      if (gone) {
+        merged_.push_back(pair);
+      } else {
+        pairs[kept++] = {number(pair.a), number(pair.b), pair.slot};
+      }
+    }
+    pairs.resize(kept);
+    recycle(merged_);
+  };
+  keep(awake_);
+  keep(asleep_);
+  const auto keep_numbers = [&](std::vector<std::int32_t>& list) {
+    std::erase_if(list, [&](std::int32_t f) {
+      return entries_[static_cast<std::size_t>(f)].kind == Kind::kNone;
+    });
+    for (std::int32_t& f : list) f = number(f);
+  };
+  keep_numbers(planes_);
+  keep_numbers(changed_);
+  std::vector<std::uint64_t> excluded;
+  for (const std::uint64_t k : excluded_) {
+    const auto old_a = static_cast<std::int32_t>(k >> 32);
+    const auto old_b = static_cast<std::int32_t>(static_cast<std::uint32_t>(k));
+    const std::int32_t a = body(old_a), b = body(old_b);
+    if ((old_a < 0 || a >= 0) && (old_b < 0 || b >= 0)) excluded.push_back(key(a, b));
+  }
+  std::sort(excluded.begin(), excluded.end());
+  excluded_.swap(excluded);
+  entries_.swap(entries);
+  box_.swap(box);
+  old_box_.swap(old_box);
+  change_.swap(change);
+}
+
 void BroadPhase::update(std::span<const std::int32_t> moving, std::span<const Bounds> bounds,
                         int threads) {
   find_left(moving, bounds, threads);
-  for (auto pair = ended_.rbegin(); pair != ended_.rend(); ++pair) {
-    free_slots_.push_back(pair->slot);
-  }
+  recycle(ended_);
   ended_.clear();
   begun_.clear();
   move_boxes(bounds);

@@ -56,6 +56,12 @@ class BroadPhase {
   // Bodies (e.g. those of a joint) whose fixtures shall not be pairs; replaces the last ones.
   void exclude(std::vector<BodyPair> pairs);
 
+  // fixtures[f] and bodies[b]: the new numbers of fixture f and body b, ascending, -1 for removed
+  // ones (see Bodies::remove). Pairs of removed fixtures are gone at once and their slots free, the
+  // others keep theirs; begun() and ended() are empty. InputError, and nothing changed: a fixture
+  // that was not removed has no number, or numbers do not ascend.
+  void renumber(std::span<const std::int32_t> fixtures, std::span<const std::int32_t> bodies);
+
   // Takes the bounds of the fixtures that are listed; bounds[f] is that of fixture f. Pairs must be
   // complete for the bounds, so make them larger by half the distance at which contacts begin and,
   // for continuous collision, by the way of the step. Throws NonFiniteError (index: the fixture),
@@ -111,6 +117,7 @@ class BroadPhase {
   void find_begun(int threads);
   void apply(std::vector<FixturePair>& pairs, bool awake);
   void sort_by_sleep();
+  void recycle(const std::vector<FixturePair>& pairs);
 
   AabbTree ground_, movable_;  // static fixtures; all others
   std::vector<std::int32_t> planes_;

@@ -58,6 +58,20 @@ void Islands::remove(std::int32_t body) {
   awake_.erase(std::lower_bound(awake_.begin(), awake_.end(), body));
 }
 
+void Islands::renumber(std::span<const std::int32_t> bodies) {
+  std::vector<double> slow_time;
+  std::vector<std::int32_t> island;
+  for (std::size_t i = 0; i < island_.size(); ++i) {
+    if (island_[i] == kNoBody) continue;
+    const auto to = static_cast<std::size_t>(bodies[i]);
+    slow_time.resize(to + 1, 0);
+    island.resize(to + 1, kNoBody);
+    slow_time[to] = slow_time_[i];
+    island[to] = island_[i] < 0 ? island_[i] : bodies[static_cast<std::size_t>(island_[i])];
+  }
+  restore(slow_time, island);
+}
+
 void Islands::wake(std::int32_t body) {
   const auto first = static_cast<std::size_t>(body);
   slow_time_[first] = 0;

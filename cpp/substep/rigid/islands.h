@@ -36,6 +36,10 @@ class Islands {
   // Wakes its island first.
   void remove(std::int32_t body);
 
+  // bodies[i]: the new number of body i, ascending, -1 for removed ones (see Bodies::remove).
+  // slept() and woken() are then empty.
+  void renumber(std::span<const std::int32_t> bodies);
+
   // After a step of dt [s]. speed [m/s] of every body number (of its fastest point, say): infinity
   // keeps the island awake, for one that touches a moving kinematic body. constraints: joints and
   // contacts that touch, in any order; those between sleeping bodies may be left out.
