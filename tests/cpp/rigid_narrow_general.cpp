@@ -40,6 +40,11 @@ bool rounded(const Shape& shape) { return shape.index() == 0 || shape.index() ==
 // By how much a face may be worse than the best normal and still be taken.
 double preference(const Shape& a, const Shape& b) { return rounded(a) || rounded(b) ? 1e-6 : 6e-4; }
 
+// How far a shape reaches along n.
+double reach(const Shape& shape, const Pose& pose, const Vec3& n) {
+  return n.dot(pose.to_world(support_of(shape, pose.rotation.transpose() * n)));
+}
+
 class NarrowGeneral : public testing::Test {
  protected:
   Random random_{7};
@@ -67,6 +72,12 @@ TEST_F(NarrowGeneral, SeparationIsTheLargestAlongAnyNormal) {
           least = std::min(least, p.separation);
           EXPECT_LT((p.on_b - p.on_a - p.separation * manifold.normal).norm(), 1e-12);
           EXPECT_GE(p.separation, s - 1e-9);
+          // Both points are of the shapes: no plane parts them.
+          for (int j = 0; j < 50; ++j) {
+            const Vec3 n = j == 0 ? manifold.normal : direction(random_);
+            EXPECT_LT(n.dot(p.on_a), reach(a, pose_a, n) + 2e-5);
+            EXPECT_LT(n.dot(p.on_b), reach(b, pose_b, n) + 2e-5);
+          }
         }
         EXPECT_NEAR(least, s, 1e-9 + 1e-3 * (manifold.count > 1));
       }

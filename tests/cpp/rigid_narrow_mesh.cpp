@@ -120,6 +120,25 @@ TEST(NarrowMesh, NothingCatchesOnInnerEdges) {
   }
 }
 
+// Corners keep their names from triangle to triangle.
+TEST(NarrowMesh, FeaturesPersistAcrossTriangles) {
+  const TriangleMesh mesh = grid(16, [](double, double) { return 0.0; });
+  std::vector<std::uint32_t> names;
+  for (int k = 0; k < 1000; ++k) {
+    std::vector<Manifold> got;
+    collide_mesh(Box{{0.3, 0.2, 0.1}},
+                 Pose({-1 + 2e-3 * k, 0.7 - 1e-3 * k, 0.099}, Mat3::Identity()), mesh, Pose(), 0.01,
+                 got);
+    ASSERT_EQ(got.size(), 1u);
+    ASSERT_EQ(got[0].count, 4);
+    std::vector<std::uint32_t> now;
+    for (const ContactPoint& p : got[0].points) now.push_back(p.feature);
+    std::sort(now.begin(), now.end());
+    if (k == 0) names = now;
+    ASSERT_EQ(now, names) << k;
+  }
+}
+
 TEST(NarrowMesh, ABallInAValleyTouchesBothSides) {
   const TriangleMesh mesh = grid(8, [](double x, double) { return std::abs(x); });
   const double radius = 0.2;

@@ -72,10 +72,11 @@ bool face_patch(const Difference& difference, const Vec3& n, bool b_is_reference
     const PatchCorner& corner = patch.corners[reduced.index[k]];
     const Vec3 p = frame.point(corner), foot = p - corner.height * frame.n;
     const bool cut = corner.before >= kSide || corner.after >= kSide;
-    manifold.add(
-        {(b_is_reference ? p : foot) + rounding_a * n, (b_is_reference ? foot : p) - rounding_b * n,
-         corner.height - rounding,
-         corner_feature(corner, faces + (cut || b_is_reference ? salt * 2654435761u : 0))});
+    const std::uint32_t own = faces + (cut || b_is_reference ? salt * 2654435761u : 0);
+    const std::uint32_t feature = corner_feature(corner, own) & ~kCutCorner;
+    manifold.add({(b_is_reference ? p : foot) + rounding_a * n,
+                  (b_is_reference ? foot : p) - rounding_b * n, corner.height - rounding,
+                  cut ? feature | kCutCorner : feature});
   }
   return true;
 }

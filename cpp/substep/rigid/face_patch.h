@@ -37,6 +37,9 @@ struct PlaneFrame {
   Vec3 o, n, u, v;
 };
 
+// Set in the features of corners that a side has cut, not in those of the outline's own.
+inline constexpr std::uint32_t kCutCorner = 1u << 31;
+
 // Fills the manifold, in the frame of a, with normal n (from a to b). The reference is what a (or
 // b) turns to the other along n: a face with that normal, or a line across it. False, and nothing
 // added, where the part of the other's outline over it is nowhere as low as `expected` (separation

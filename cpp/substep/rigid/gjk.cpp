@@ -1,11 +1,12 @@
 #include "substep/rigid/gjk.h"
 
 #include <algorithm>
+#include <limits>
 
 namespace substep::rigid {
 namespace {
 
-constexpr double kTouching = 1e-10, kConverged = 1e-14, kFlat = 1e-14;
+constexpr double kTouching = 1e-10, kConverged = 1e-14, kFlat = 1e-8, kRounding = 1e-14;
 constexpr int kMaxIterations = 100;
 
 // Keeps the corners k with weights; all indices ascending.
@@ -99,14 +100,16 @@ void reduce_simplex(Simplex& s) {
     static constexpr int kFaces[4][4] = {{0, 1, 2, 3}, {0, 1, 3, 2}, {0, 2, 3, 1}, {1, 2, 3, 0}};
     double largest = 0, least = 1e300;
     for (const Vec3& w : s.w) largest = std::max(largest, w.norm());
-    const double flat = kFlat * largest * largest * largest;
+    const double rounding = kRounding * largest * largest * largest;
     int best = -1;
     Weights best_weights;
     for (int f = 0; f < 4; ++f) {
       const Vec3 &a = s.w[kFaces[f][0]], &b = s.w[kFaces[f][1]], &c = s.w[kFaces[f][2]];
       const Vec3 n = (b - a).cross(c - a);
-      const double inner = n.dot(s.w[kFaces[f][3]] - a), origin = -n.dot(a);
-      if (inner * origin > 0 && std::abs(inner) > flat) continue;
+      const Vec3 d = s.w[kFaces[f][3]] - a;
+      const double inner = n.dot(d), origin = -n.dot(a);
+      const bool flat = std::abs(inner) <= std::max(rounding, kFlat * n.norm() * d.norm());
+      if (!flat && inner * origin > 0) continue;
       const Weights t = closest_of_triangle(a, b, c);
       const double square = (t.a * a + t.b * b + t.c * c).squaredNorm();
       if (square < least) least = square, best = f, best_weights = t;
@@ -139,6 +142,10 @@ Distance distance(const Difference& difference, const Vec3& start, double enough
   simplex.count = 1;
   Vec3 v = simplex.w[0];
   double square = v.squaredNorm();
+  if (!(square < 1e300)) {  // farther apart than there are numbers for, or nowhere
+    result.value = std::numeric_limits<double>::infinity();
+    return result;
+  }
   for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
     if (square <= touching * touching) return result;
     const double length = std::sqrt(square);

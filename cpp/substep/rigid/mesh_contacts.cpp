@@ -90,7 +90,10 @@ class OnMesh {
         if (same) known = &group->points[j];
       }
       if (known) {
-        if (point.separation < known->separation) *known = point;
+        // The deeper one; of equals a corner of the shape rather than of the triangle.
+        const double tie = kTie * shape_.size, deeper = known->separation - point.separation;
+        if (deeper > ((point.feature & kCutCorner) < (known->feature & kCutCorner) ? -tie : tie))
+          *known = point;
         continue;
       }
       if (group->count == kMaxCorners) reduce_group(*group);
