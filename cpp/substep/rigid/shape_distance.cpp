@@ -29,8 +29,9 @@ ShapeDistance mesh_distance(const Convex& a, const Pose& pose_a, const Bounds& b
     });
     if (nearest.value <= reach) return nearest;
     if (reach >= enough || reach > whole) {
-      // All others are further than `reach`.
-      return nearest.value < kInfinity ? nearest : ShapeDistance{reach, Vec3::Zero()};
+      // All others are further than `reach`, which may be 0.
+      return nearest.value < kInfinity ? nearest
+                                       : ShapeDistance{std::max(reach, 1e-300), Vec3::Zero()};
     }
   }
 }
