@@ -222,6 +222,26 @@ TEST(SplittingRotation, KeepsTheEnergyWithinABoundAndReverses) {
   EXPECT_LT(distance(splitting_rotation(there, kSpin, kBox, -0.1), q), 1e-15);
 }
 
+TEST(SplittingRotation, OfABodyDependsOnNoOther) {
+  const std::vector<Case> all = cases(53);  // whole packets and a rest
+  std::vector<double> q, L, I;
+  for (const Case& one : all) {
+    q.insert(q.end(), {one.q.w(), one.q.x(), one.q.y(), one.q.z()});
+    L.insert(L.end(), one.L.begin(), one.L.end());
+    I.insert(I.end(), one.I.begin(), one.I.end());
+  }
+  splitting_rows(53, q.data(), L.data(), I.data(), 0.05);
+  for (std::size_t i = 0; i < all.size(); ++i)
+    EXPECT_EQ(splitting_rotation(all[i].q, all[i].L, all[i].I, 0.05).coeffs(),
+              load_quaternion(&q[4 * i]).coeffs());
+  // At rest nothing changes; NaN stays in its row.
+  const Vec3 zero = Vec3::Zero();
+  EXPECT_EQ(splitting_rotation(all[0].q, zero, kBox, 0.05).coeffs(), all[0].q.coeffs());
+  L[3 * 17] = std::nan("");
+  splitting_rows(53, q.data(), L.data(), I.data(), 0.05);
+  for (std::size_t i = 0; i < all.size(); ++i) EXPECT_EQ(std::isnan(q[4 * i]), i == 17);
+}
+
 // The order at which the four choices converge to the exact one.
 TEST(FreeRotation, ConvergesWithItsOrder) {
   const Quaternion q = rotation_by({0.1, 0.2, 0.3});

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "substep/fields/sincos.h"
+#include "substep/core/sincos.h"
 
 namespace substep::fields {
 

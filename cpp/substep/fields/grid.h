@@ -14,7 +14,7 @@
 #include <span>
 #include <vector>
 
-#include "substep/fields/sincos.h"
+#include "substep/core/sincos.h"
 
 namespace substep::fields {
 

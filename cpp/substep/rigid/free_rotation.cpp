@@ -147,39 +147,6 @@ Quaternion exact_rotation(const Quaternion& q, const Vec3& L, const Vec3& inerti
   return next;
 }
 
-namespace {
-
-// Turns the body by `angle` about its axis i; m, seen from the body, turns back.
-void turn_about(int i, double angle, double* q, double* m) {
-  const int j = i == 2 ? 0 : i + 1, k = i == 0 ? 2 : i - 1;
-  const double c = std::cos(0.5 * angle), s = std::sin(0.5 * angle);
-  double* v = q + 1;
-  const double w = q[0], vi = v[i], vj = v[j], vk = v[k];
-  q[0] = c * w - s * vi;
-  v[i] = c * vi + s * w;
-  v[j] = c * vj + s * vk;
-  v[k] = c * vk - s * vj;
-  const double C = 1 - 2 * s * s, S = 2 * s * c, mj = m[j];
-  m[j] = C * mj + S * m[k];
-  m[k] = C * m[k] - S * mj;
-}
-
-}  // namespace
-
-Quaternion splitting_rotation(const Quaternion& q, const Vec3& L, const Vec3& inertia, double dt) {
-  if (L.isZero(0)) return q;
-  const auto [low, middle, high] = ascending(inertia);
-  const double common = 1 / inertia[middle];
-  const double b_low = 1 / inertia[low] - common, b_high = 1 / inertia[high] - common;
-  double next[4];
-  store_quaternion(rotation_by(dt * common * L) * q, next);
-  Vec3 m = q.conjugate() * L;
-  turn_about(low, 0.5 * dt * b_low * m[low], next, m.data());
-  turn_about(high, dt * b_high * m[high], next, m.data());
-  turn_about(low, 0.5 * dt * b_low * m[low], next, m.data());
-  return load_quaternion(next).normalized();
-}
-
 Quaternion quaternion_rotation(const Quaternion& q, const Vec3& L, const Vec3& inertia, double dt) {
   const Vec3 w = q * (q.conjugate() * L).cwiseQuotient(inertia);
   const Quaternion rate = Quaternion(0, w[0], w[1], w[2]) * q;
@@ -208,7 +175,7 @@ void rotate_rows(FreeRotation method, std::int64_t n, double* q, const double* L
     case FreeRotation::kExact:
       return each(exact_rotation);
     case FreeRotation::kSplitting:
-      return each(splitting_rotation);
+      return splitting_rows(n, q, L, inertia, dt);
     case FreeRotation::kQuaternion:
       return each(quaternion_rotation);
     case FreeRotation::kMatrix:

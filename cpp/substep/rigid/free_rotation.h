@@ -31,12 +31,7 @@ enum class FreeRotation {
 // lead from m at any time to m after dt.
 Quaternion exact_rotation(const Quaternion& q, const Vec3& L, const Vec3& inertia, double dt);
 
-// T = |m|^2 / (2 I_2) + sum over i = 1, 3 of (1 / I_i - 1 / I_2) m_i^2 / 2, where I_2 is the moment
-// between the others. The first term turns the body about L and commutes with the rest; the other
-// two turn it about its own axes: Strang's splitting of the latter (Touma and Wisdom 1994, "Lie-
-// Poisson integrators for rigid body dynamics in the solar system", Astron. J. 107, section 3;
-// Dullweber, Leimkuhler and McLachlan 1997, "Symplectic splitting methods for rigid body molecular
-// dynamics", J. Chem. Phys. 107, split off three axes). Exact for symmetric bodies.
+// Touma and Wisdom's symplectic splitting (splitting_rotation.h). Exact for symmetric bodies.
 Quaternion splitting_rotation(const Quaternion& q, const Vec3& L, const Vec3& inertia, double dt);
 
 // q + dt / 2 w q, normalised; w = R (m / I).
@@ -45,9 +40,11 @@ Quaternion quaternion_rotation(const Quaternion& q, const Vec3& L, const Vec3& i
 // R + dt [w]x R, then Gram and Schmidt's orthogonal columns.
 Mat3 matrix_rotation(const Mat3& R, const Vec3& L, const Vec3& inertia, double dt);
 
-// n bodies, rows of q (w, x, y, z), L and inertia, on the calling thread.
+// n bodies, rows of q (w, x, y, z), L and inertia, on the calling thread. A body's bits do not
+// depend on the others.
 void rotate_rows(FreeRotation method, std::int64_t n, double* q, const double* L,
                  const double* inertia, double dt);
+void splitting_rows(std::int64_t n, double* q, const double* L, const double* inertia, double dt);
 // The same by `steps` steps of dt.
 void rotate_freely(FreeRotation method, std::int64_t n, double* q, const double* L,
                    const double* inertia, double dt, std::int64_t steps = 1, int threads = 0);

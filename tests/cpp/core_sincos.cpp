@@ -4,11 +4,10 @@
 #include <limits>
 
 #include "substep/core/random.h"
-#include "substep/fields/sincos.h"
+#include "substep/core/sincos.h"
 
 namespace {
 
-using namespace substep::fields;
 using namespace substep;
 
 // Distance of a from the exact value in units in the last place of the exact value.

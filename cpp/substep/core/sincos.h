@@ -1,5 +1,5 @@
 // sin and cos together, without branches, for vectors of lanes. Error at most, in units in the last
-// place (tests/cpp/fields_sincos.cpp): double 2 for |x| <= 100, 2.5 to the limit of 1e6 (4 next to
+// place (tests/cpp/core_sincos.cpp): double 2 for |x| <= 100, 2.5 to the limit of 1e6 (4 next to
 // multiples of pi/2); float 2 for |x| <= 100, 2.5 to the limit of 8192, and without FMA 2^-24
 // absolute there. A lane beyond the limit is handed to the C library.
 //
@@ -12,7 +12,7 @@
 
 #include "substep/core/lanes.h"
 
-namespace substep::fields {
+namespace substep {
 
 template <class T>
 inline constexpr T kSincosLimit = sizeof(T) == 8 ? T(1e6) : T(8192);
@@ -99,4 +99,4 @@ struct FastSincos {
   SUBSTEP_INLINE bool was_beyond() const { return any(largest > kSincosLimit<Lane<V>>); }
 };
 
-}  // namespace substep::fields
+}  // namespace substep
