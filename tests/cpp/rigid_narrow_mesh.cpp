@@ -139,6 +139,23 @@ TEST(NarrowMesh, FeaturesPersistAcrossTriangles) {
   }
 }
 
+// Ten kilometres out on large triangles it is as on a plane.
+TEST(NarrowMesh, FarOutOnLargeGround) {
+  const double far = 1e4;
+  const std::vector<Vec3> corners = {
+      {-far, -far, 0}, {far, -far, 0}, {far, far, 0}, {-far, far, 0}};
+  const TriangleMesh mesh(corners, Faces{{0, 1, 2}, {0, 2, 3}});
+  for (const Shape& shape :
+       {Shape(Box{{0.2, 0.2, 0.1}}), Shape(Cylinder{0.2, 0.1}), Shape(Sphere{0.1})}) {
+    std::vector<Manifold> got;
+    collide_mesh(shape, Pose({9000.1, 8999.9, 0.0995}, Mat3::Identity()), mesh, Pose(), 0.01, got);
+    ASSERT_EQ(got.size(), 1u);
+    EXPECT_LT((got[0].normal - Vec3(0, 0, -1)).norm(), 1e-12);
+    EXPECT_EQ(got[0].count, shape.index() == 0 ? 1 : 4);
+    EXPECT_NEAR(deepest(got[0]), -5e-4, 1e-9);
+  }
+}
+
 TEST(NarrowMesh, ABallInAValleyTouchesBothSides) {
   const TriangleMesh mesh = grid(8, [](double x, double) { return std::abs(x); });
   const double radius = 0.2;

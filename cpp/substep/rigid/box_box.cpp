@@ -37,16 +37,18 @@ bool clip_faces(const Box& reference, const Pose& pose, int i, double sign, cons
   const Vec3 e1 = g[j1] * M.col(j1), e2 = g[j2] * M.col(j2);
   Patch patch;
   patch.count = 4;
+  double far_u = 0, far_v = 0;
   for (std::uint32_t k = 0; k < 4; ++k) {
     const double s1 = k == 1 || k == 2 ? 1 : -1, s2 = k >= 2 ? 1 : -1;
     const Vec3 p = centre + s1 * e1 + s2 * e2;
     patch.corners[k] = {p[u], p[v], sign * p[i] - h[i], (k + 3) % 4, k};
+    far_u = std::max(far_u, std::abs(p[u])), far_v = std::max(far_v, std::abs(p[v]));
   }
   const double slack = kSlack * size;
-  clip(patch, {1, 0, h[u], 4}, slack);
-  clip(patch, {-1, 0, h[u], 5}, slack);
-  clip(patch, {0, 1, h[v], 6}, slack);
-  clip(patch, {0, -1, h[v], 7}, slack);
+  if (far_u > h[u] + slack)
+    clip(patch, {1, 0, h[u], 4}, slack), clip(patch, {-1, 0, h[u], 5}, slack);
+  if (far_v > h[v] + slack)
+    clip(patch, {0, 1, h[v], 6}, slack), clip(patch, {0, -1, h[v], 7}, slack);
   double lowest = 1e300;
   for (int k = 0; k < patch.count; ++k) lowest = std::min(lowest, patch.corners[k].height);
   if (lowest > separation + 2 * kPreference * size) return false;

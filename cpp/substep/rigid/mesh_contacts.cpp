@@ -13,7 +13,8 @@ namespace {
 constexpr double kSameNormal = 1e-4;  // [rad]
 constexpr double kSamePoint = 1e-3;   // of the shape's size
 
-// Points with one normal from several triangles, in the frame of the mesh.
+// Points with one normal from several triangles, in the frame of the mesh about the shape's origin,
+// so that a shape far out on large ground is met as precisely.
 struct Group {
   Vec3 normal;
   int count = 0;
@@ -24,18 +25,25 @@ class OnMesh {
  public:
   OnMesh(const Convex& shape, const Pose& pose, const TriangleMesh& mesh, double margin,
          std::vector<Group>& groups)
-      : shape_(shape), pose_(pose), mesh_(mesh), margin_(margin), groups_(groups) {}
+      : shape_(shape),
+        origin_(pose.position),
+        pose_(Vec3::Zero(), pose.rotation),
+        mesh_(mesh),
+        margin_(margin),
+        groups_(groups) {}
 
   void add(int triangle) {
     const auto& f = mesh_.face(triangle);
     const std::vector<Vec3>& v = mesh_.vertices();
-    const Vec3& n = mesh_.normal(triangle);
-    if (n.dot(pose_.to_world(shape_.centre) - v[f[0]]) < 0) return;  // behind it
-    const TrianglePolytope arrays(v[f[0]], v[f[1]], v[f[2]]);
-    const Convex flat{.core = Convex::Core::polytope,
-                      .polytope = arrays.polytope(),
-                      .size = shape_.size,
-                      .extent = std::max({v[f[0]].norm(), v[f[1]].norm(), v[f[2]].norm()})};
+    const Vec3 &n = mesh_.normal(triangle), &o = origin_;
+    const TrianglePolytope arrays(v[f[0]] - o, v[f[1]] - o, v[f[2]] - o);
+    const Vec3* corners = arrays.vertices;
+    if (n.dot(pose_.to_world(shape_.centre) - corners[0]) < 0) return;  // behind it
+    const Convex flat{
+        .core = Convex::Core::polytope,
+        .polytope = arrays.polytope(),
+        .size = shape_.size,
+        .extent = std::max({corners[0].norm(), corners[1].norm(), corners[2].norm()})};
     const Difference difference{flat, shape_, pose_};
     const double enough = margin_ + shape_.rounding;
     if (difference.separation(n) > enough) return;
@@ -121,7 +129,8 @@ class OnMesh {
 
  private:
   const Convex& shape_;
-  const Pose& pose_;
+  Vec3 origin_;
+  Pose pose_;
   const TriangleMesh& mesh_;
   double margin_;
   std::vector<Group>& groups_;
@@ -142,7 +151,8 @@ void convex_mesh(const Convex& shape, const Shape& a, const Pose& pose_a, const 
     manifold.normal = -(pose_b.rotation * group.normal);
     for (int k = 0; k < group.count; ++k) {
       const ContactPoint& p = group.points[k];
-      manifold.add({pose_b.to_world(p.on_b), pose_b.to_world(p.on_a), p.separation, p.feature});
+      manifold.add({pose_b.to_world(p.on_b + pose.position),
+                    pose_b.to_world(p.on_a + pose.position), p.separation, p.feature});
     }
   }
 }
