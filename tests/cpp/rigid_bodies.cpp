@@ -105,6 +105,36 @@ TEST(Bodies, TurnByForcesAndImpulsesAtPoints) {
   EXPECT_EQ(pushed.momentum(), momentum);
 }
 
+TEST(Bodies, PrecessUnderATorqueAsAGyroscope) {
+  // Steady precession of a top about its fixed point: I1 cos(theta) O^2 - I3 w3 O + m g r = 0.
+  const double I1 = 0.05, I3 = 0.02, w3 = 60, weight = 9.81, r = 0.1, theta = 0.5, h = 1. / 240;
+  const double a = I1 * std::cos(theta), b = I3 * w3;
+  const double rate = (b - std::sqrt(b * b - 4 * a * weight * r)) / (2 * a);
+  const Vec3 axis(std::sin(theta), 0, std::cos(theta));
+  for (const auto method : {FreeRotation::kExact, FreeRotation::kSplitting}) {
+    Bodies top;
+    top.add({.rotation = rotation_by({0, theta, 0}),
+             .angular_velocity = Vec3(0, 0, rate) + (w3 - rate * std::cos(theta)) * axis,
+             .inertia = {I1, I1, I3}});
+    const auto kick = [&] {
+      const Vec3 arm = top.rotation(0) * Vec3(0, 0, r);
+      top.clear_forces();
+      top.apply_force(0, {0, 0, -weight}, top.position(0) + arm);
+      top.P.assign(3, 0);  // the fixed point takes the force
+      top.force.assign(3, 0);
+      top.kick(h / 2, Vec3::Zero());
+    };
+    for (int k = 0; k < 240; ++k) {
+      kick();
+      top.drift(h, method);
+      kick();
+    }
+    const Vec3 now = top.rotation(0) * Vec3::UnitZ();
+    EXPECT_NEAR(std::atan2(now.y(), now.x()), rate, 1e-4 * rate);  // after a second
+    EXPECT_NEAR(std::acos(now.z()), theta, 5e-5);                  // a nutation of O(h^2)
+  }
+}
+
 TEST(Bodies, KinematicOnesFollowTheirVelocitiesAndStaticOnesStay) {
   Bodies bodies;
   const Quaternion q = rotation_by({0.3, 0.2, 0.1});
