@@ -108,10 +108,11 @@ TEST_F(NarrowGeneral, SwappedMovedAndCached) {
         if (!touch) continue;
         EXPECT_NEAR(deepest(swapped), deepest(manifold), 1.2 * preference(a, b) + 1e-9);
         EXPECT_NEAR(deepest(moved), deepest(manifold), 1e-9);
+        // (Where curved sides meet the normal is good to the root of the error of the separation.)
         if (manifold.count == moved.count &&
             manifold.points[0].feature == moved.points[0].feature) {
-          EXPECT_LT((motion.rotation * manifold.normal - moved.normal).norm(), 1e-5);
-          EXPECT_LT((motion.to_world(manifold.points[0].on_a) - moved.points[0].on_a).norm(), 1e-5);
+          EXPECT_LT((motion.rotation * manifold.normal - moved.normal).norm(), 1e-4);
+          EXPECT_LT((motion.to_world(manifold.points[0].on_a) - moved.points[0].on_a).norm(), 1e-4);
         }
         ASSERT_EQ(cached.count, manifold.count);
         for (int j = 0; j < cached.count; ++j) {
