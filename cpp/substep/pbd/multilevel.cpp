@@ -6,7 +6,7 @@
 #include "substep/core/matrix3.h"
 #include "substep/core/parallel.h"
 #include "substep/core/point_lanes.h"
-#include "substep/pbd/scatter.h"
+#include "substep/core/point_scatter.h"
 
 namespace substep::pbd {
 namespace {

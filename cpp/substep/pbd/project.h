@@ -22,7 +22,7 @@
 #include "substep/core/matrix3.h"
 #include "substep/pbd/constraint.h"
 #include "substep/pbd/group.h"
-#include "substep/pbd/scatter.h"
+#include "substep/core/point_scatter.h"
 
 namespace substep::pbd {
 

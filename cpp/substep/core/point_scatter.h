@@ -1,11 +1,11 @@
-// The way back from lanes to rows of points: the inverse of load_rows (core/point_lanes.h).
+// The way back from lanes to rows of points: the inverse of load_rows (point_lanes.h).
 #pragma once
 
 #include <cstdint>
 
 #include "substep/core/point_lanes.h"
 
-namespace substep::pbd {
+namespace substep {
 
 #if defined(__x86_64__)
 namespace detail {
@@ -42,8 +42,8 @@ template <class V, class At>
 SUBSTEP_INLINE void store_rows(const PointLanes<V>& p, const At& at) {
   using Real = Lane<V>;
 #if defined(__x86_64__)
-  using substep::detail::pick;
-  using substep::detail::pick_pair;
+  using detail::pick;
+  using detail::pick_pair;
   if constexpr (sizeof(Real) == 4) {
     const V xy01 = pick<0, 1, 0, 1>(p.x, p.y), xy23 = pick<2, 3, 2, 3>(p.x, p.y);
     const V zw01 = pick<0, 1, 0, 1>(p.z, p.w), zw23 = pick<2, 3, 2, 3>(p.z, p.w);
@@ -78,4 +78,4 @@ SUBSTEP_INLINE void store_points(const PointLanes<V>& p, Point<Lane<V>>* points,
   store_rows(p, [&](int lane) { return points + index[lane]; });
 }
 
-}  // namespace substep::pbd
+}  // namespace substep

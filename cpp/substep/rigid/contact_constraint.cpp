@@ -1,0 +1,53 @@
+#include "substep/rigid/contact_constraint.h"
+
+#include <algorithm>
+#include <limits>
+
+namespace substep::rigid {
+
+ContactConstraint make_contact(const Manifold& manifold, std::int32_t a, const Pose& pose_a,
+                               std::int32_t b, const Pose& pose_b) {
+  ContactConstraint contact;
+  contact.a = a, contact.b = b;
+  contact.normal = manifold.normal;
+  contact.tangent = manifold.normal.unitOrthogonal();
+  contact.count = manifold.count;
+  for (int k = 0; k < manifold.count; ++k) {
+    const ContactPoint& from = manifold.points[k];
+    ContactConstraint::Point& point = contact.points[k];
+    point.position = 0.5 * (from.on_a + from.on_b);
+    point.separation = from.separation;
+    point.in_a = pose_a.to_local(point.position);
+    point.in_b = pose_b.to_local(point.position);
+  }
+  return contact;
+}
+
+void carry_impulses(const ContactConstraint& last, ContactConstraint& now) {
+  const Vec3 tangent = last.tangent - now.normal * now.normal.dot(last.tangent);
+  if (last.count == 0 || now.count == 0 || !(tangent.squaredNorm() > 0.25)) return;
+  now.tangent = tangent.normalized();
+  for (int i = 0; i < 2; ++i) now.friction_impulse[i] = last.friction_impulse[i];
+  now.twist_impulse = last.twist_impulse;
+
+  // Half the distance to the middle, squared; a single point is always the same.
+  double near = now.count == 1 && last.count == 1 ? std::numeric_limits<double>::infinity() : 0;
+  const Vec3 middle = now.middle();
+  for (int k = 0; k < now.count; ++k)
+    near = std::max(near, 0.25 * (now.points[k].position - middle).squaredNorm());
+  bool taken[4] = {};
+  for (int k = 0; k < now.count; ++k) {
+    int best = -1;
+    double least = near;
+    for (int l = 0; l < last.count; ++l) {
+      const double distance = std::min((now.points[k].in_a - last.points[l].in_a).squaredNorm(),
+                                       (now.points[k].in_b - last.points[l].in_b).squaredNorm());
+      if (!taken[l] && distance <= least) least = distance, best = l;
+    }
+    if (best < 0) continue;
+    taken[best] = true;
+    now.points[k].impulse = last.points[best].impulse;
+  }
+}
+
+}  // namespace substep::rigid

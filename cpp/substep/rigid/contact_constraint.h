@@ -1,0 +1,56 @@
+// A contact as the solvers see it: a manifold, what its surfaces are like, and the impulses.
+//
+// With the relative velocity at a point, u = v_b + w_b x r_b - v_a - w_a x r_a, u_n = n . u and u_t
+// its part along the surfaces, and impulses l_n along n and l_t across it, b receiving them and a
+// their opposite:
+//   0 <= l_n  _|_  C >= 0                    non-penetration, C the separation (Signorini)
+//   |l_t| <= mu l_n, and l_t = -mu l_n u_t / |u_t| where it slides            (Coulomb's cone)
+//   u_n after = -e u_n before, of an impact                                  (Newton)
+// Friction acts on a manifold as one force at the middle of its points and one torque about n: what
+// four forces in a plane add up to. mu sum(l_n) bounds the force, the torque is bounded by
+//   mu sum(l_n d) + spinning sum(l_n),
+// d the distances of the points from their middle: exact for slip alone and for spin alone.
+#pragma once
+
+#include <cstdint>
+
+#include "substep/rigid/manifold.h"
+
+namespace substep::rigid {
+
+struct ContactConstraint {
+  struct Point {
+    Vec3 position = Vec3::Zero();  // in the world, midway between the surfaces
+    double separation = 0.0;       // C at the begin of the step [m]
+    double impulse = 0.0;          // l_n of the last sub-step [N s]
+    Vec3 in_a = Vec3::Zero(), in_b = Vec3::Zero();  // in the frames of the bodies
+  };
+
+  std::int32_t a = 0, b = 0;      // numbers of bodies; one of them is dynamic
+  Vec3 normal = Vec3::UnitZ();    // of length 1, from a to b
+  Vec3 tangent = Vec3::UnitX();   // of length 1, across it: first direction of friction
+  int count = 0;
+  Point points[4];
+  double friction = 0.5, restitution = 0.0;
+  double spinning = 0.0;                  // [m], lever of the friction that resists spin about n
+  double friction_impulse[2] = {0., 0.};  // of the last sub-step, along the tangent and n x tangent
+  double twist_impulse = 0.0;             // of the last sub-step [N m s]
+
+  Vec3 middle() const {
+    Vec3 sum = Vec3::Zero();
+    for (int k = 0; k < count; ++k) sum += points[k].position;
+    return sum / count;
+  }
+};
+
+// The contact of bodies a and b at these poses, without impulses.
+ContactConstraint make_contact(const Manifold& manifold, std::int32_t a, const Pose& pose_a,
+                               std::int32_t b, const Pose& pose_b);
+
+// Gives a contact the impulses that the same two shapes had a step before. Points are the same if
+// they are near in the frame of one of the bodies: the names of features are not enough, as those
+// of equal boxes on one another change with every rounding, and a stack that loses impulses with
+// them shakes.
+void carry_impulses(const ContactConstraint& last, ContactConstraint& now);
+
+}  // namespace substep::rigid

@@ -1,0 +1,150 @@
+#include "substep/rigid/contact_solver.h"
+
+#include <algorithm>
+#include <functional>
+
+#include "substep/core/parallel.h"
+
+namespace substep::rigid {
+namespace {
+
+constexpr int kLanes = ContactPacket::kLanes;
+constexpr std::int64_t kBodies = 512;   // per chunk
+constexpr std::int64_t kPackets = 16;   // per chunk, where they are independent
+constexpr double kFarAway = 1e6;        // [m]
+
+// Loops over chunks, one after the other, for one call of parallel_phases.
+class Phases {
+ public:
+  using Task = std::function<void(std::int64_t)>;
+
+  void add(std::int64_t chunks, const Task& task) {
+    chunks_.push_back(chunks);
+    tasks_.push_back(task);
+  }
+  void add_range(std::int64_t n, std::int64_t grain,
+                 const std::function<void(std::int64_t, std::int64_t)>& task) {
+    add((n + grain - 1) / grain, [=](std::int64_t chunk) {
+      task(chunk * grain, std::min(n, (chunk + 1) * grain));
+    });
+  }
+  // Of each colour the packets, colour after colour.
+  void add_sweep(const Sweep& sweep, const std::function<void(std::int64_t)>& packet) {
+    for (std::size_t f = 0; f < sweep.chunks_of_phase.size(); ++f) {
+      const std::int64_t first = sweep.phase_start[f];
+      add(sweep.chunks_of_phase[f], [&sweep, first, packet](std::int64_t chunk) {
+        const auto c = static_cast<std::size_t>(first + chunk);
+        for (auto k = sweep.chunk_start[c]; k < sweep.chunk_start[c + 1]; ++k) packet(k);
+      });
+    }
+  }
+  void run(int threads) const {
+    parallel_phases(
+        chunks_,
+        [this](std::int64_t phase, std::int64_t chunk) {
+          tasks_[static_cast<std::size_t>(phase)](chunk);
+        },
+        threads);
+  }
+
+ private:
+  std::vector<std::int64_t> chunks_;
+  std::vector<Task> tasks_;
+};
+
+}  // namespace
+
+// Colours from the top down, the ground last.
+void ContactSolver::order(const Bodies& bodies, const Vec3& gravity,
+                          std::span<const ContactConstraint> contacts) {
+  depth_.clear();
+  for (const ContactConstraint& c : contacts)
+    depth_.emplace_back(c.count > 0 ? gravity.dot(c.points[0].position) : 0,
+                        static_cast<std::int32_t>(depth_.size()));
+  std::sort(depth_.begin(), depth_.end());
+  pairs_.clear();
+  for (const auto& [depth, k] : depth_) {
+    const ContactConstraint& c = contacts[static_cast<std::size_t>(k)];
+    pairs_.push_back({bodies.dynamic(c.a) ? c.a : -1, bodies.dynamic(c.b) ? c.b : -1});
+  }
+  colours_.assign(contacts.size(), GraphColouring::kNoColour);
+  const auto n = static_cast<std::int32_t>(bodies.size());
+  colouring_.colour(pairs_, n, colours_);
+  colouring_.make_sweep(pairs_, n, colours_, kLanes, sweep_);
+  place_.resize(contacts.size());
+  for (std::size_t k = 0; k < sweep_.constraint.size(); ++k) {
+    auto& c = sweep_.constraint[k];
+    if (c < 0) continue;
+    c = depth_[static_cast<std::size_t>(c)].second;
+    place_[static_cast<std::size_t>(c)] = static_cast<std::int32_t>(k);
+  }
+}
+
+void ContactSolver::pack(const Bodies& bodies, std::span<const ContactConstraint> contacts,
+                         int threads) {
+  packets_.reset(static_cast<std::size_t>(sweep_.packets()));
+  parallel_for(
+      sweep_.packets(), kPackets,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t k = begin; k < end; ++k) {
+          ContactPacket& packet = packets_[static_cast<std::size_t>(k)];
+          for (int lane = 0; lane < kLanes; ++lane) {
+            const auto c = sweep_.constraint[static_cast<std::size_t>(k * kLanes + lane)];
+            packet.set(lane, c < 0 ? nullptr : &contacts[static_cast<std::size_t>(c)], bodies);
+          }
+          packet.prepare(rows_);
+        }
+      },
+      threads);
+}
+
+// Contacts in flight are none of this sub-step.
+void ContactSolver::bounce(double h, double slop) {
+  impacts_.advance(rows_, h, slop);
+  for (std::int64_t k = 0; k < impacts_.count(); ++k) {
+    const auto place = place_[static_cast<std::size_t>(impacts_.contact(k))];
+    packets_[static_cast<std::size_t>(place / kLanes)].away[place % kLanes] =
+        impacts_.flying(k) ? kFarAway : 0;
+  }
+}
+
+void ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
+                         std::span<ContactConstraint> contacts, const ContactOptions& options,
+                         int threads) {
+  const double h = dt / options.substeps;
+  const ContactPacket::Settings settings{1 / h, options.correction, options.slop,
+                                         options.push_speed * h};
+  rows_.load(bodies, gravity, threads);
+  order(bodies, gravity, contacts);
+  pack(bodies, contacts, threads);
+  impacts_.begin_step(contacts, rows_, bodies);
+
+  const auto packet = [&](std::int64_t k) -> ContactPacket& {
+    return packets_[static_cast<std::size_t>(k)];
+  };
+  Phases phases;
+  phases.add_sweep(sweep_, [&](std::int64_t k) { packet(k).warm_start(rows_); });
+  for (int substep = 0; substep < options.substeps; ++substep) {
+    if (!impacts_.empty()) phases.add(1, [&](std::int64_t) { bounce(h, options.slop); });
+    phases.add_range(bodies.size(), kBodies, [&](std::int64_t begin, std::int64_t end) {
+      rows_.accelerate(begin, end, h);
+    });
+    for (int sweep = 0; sweep < options.sweeps; ++sweep) {
+      phases.add_sweep(sweep_, [&, sweep](std::int64_t k) {
+        packet(k).solve_velocities(rows_, settings, sweep == 0);
+      });
+    }
+    phases.add_range(bodies.size(), kBodies, [&](std::int64_t begin, std::int64_t end) {
+      rows_.move(begin, end, h);
+    });
+    phases.add_sweep(sweep_, [&](std::int64_t k) { packet(k).solve_positions(rows_, settings); });
+  }
+  phases.run(threads);
+
+  rows_.store(bodies, dt, options.rotation, threads);
+  for (std::size_t c = 0; c < contacts.size(); ++c) {
+    packet(place_[c] / kLanes).get(place_[c] % kLanes, contacts[c]);
+  }
+}
+
+}  // namespace substep::rigid

@@ -1,0 +1,73 @@
+// The step of bodies in contact: sub-steps, each with a sweep or two of exact blocks.
+//
+// A step dt is n sub-steps h = dt / n (Macklin et al. 2019, "Small steps in physics simulation",
+// SCA, section 3: n sub-steps of one iteration converge better than one step of n), and a sub-step
+//   1. impacts with restitution, each at its time                         impacts.h
+//   2. v += h (g + F / m) + what the contacts gave in the last sub-step   (warm start)
+//   3. m sweeps over the contacts: friction and normal impulses until
+//        u_n + max(C, 0) / h >= 0,                                        contact_packet.h
+//      without any term that pushes apart what overlaps
+//   4. x += h v
+//   5. a sweep that moves apart what overlaps by more than the slop, by the part beta of it,
+//      without velocity (pseudo-velocities from none, in every sub-step)
+// 5 is apart from 3 because impulses that push positions, kept for the warm start, are an integral
+// action on what sweeps have not converged: of the slowest modes, l' = -c (u + b x) - k l with
+// m u' = l, so s^3 + (k / m) s^2 + (c / m) (s + b) = 0, stable (Routh) only if k > m b. A soft
+// constraint (Catto 2024, "Solver2D", box2d.org, "Soft Step") buys that with the leak k, and sinks
+// under load by what the leak loses: 106 mm in a stack of 20. Displacements that are not kept have
+// no such mode, so the contact needs no leak and carries any load without sinking; docs/
+// rigid_contact.md has the table.
+//
+// World inertias and the points of contact stay those of the begin of the step. Packets of one
+// colour run on several threads; the order of the sweep is fixed, so bits do not depend on them.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "substep/rigid/contact_packet.h"
+#include "substep/rigid/graph_colouring.h"
+#include "substep/rigid/impacts.h"
+
+namespace substep::rigid {
+
+struct ContactOptions {
+  int substeps = 8;
+  int sweeps = 2;           // of the velocities in a sub-step
+  double correction = 0.5;  // beta, of a sub-step
+  double slop = 1e-4;       // overlap that is left, so that contacts last [m]
+  double push_speed = 3.0;  // most that overlapping bodies are moved apart [m/s]
+  FreeRotation rotation = FreeRotation::kSplitting;
+};
+
+class ContactSolver {
+ public:
+  // One step of dt for all bodies: forces, contacts, free motion. The impulses of the contacts are
+  // those of the last sub-step before, and are so after. Contacts must have been looked for as far
+  // as bodies approach within dt.
+  void step(Bodies& bodies, const Vec3& gravity, double dt,
+            std::span<ContactConstraint> contacts, const ContactOptions& options,
+            int threads = 0);
+
+  std::int64_t impacts() const { return impacts_.happened(); }  // of the last step
+
+ private:
+  void order(const Bodies& bodies, const Vec3& gravity,
+             std::span<const ContactConstraint> contacts);
+  void pack(const Bodies& bodies, std::span<const ContactConstraint> contacts, int threads);
+  void bounce(double h, double slop);
+
+  BodyRows rows_;
+  GraphColouring colouring_;
+  Sweep sweep_;
+  Impacts impacts_;
+  std::vector<std::pair<double, std::int32_t>> depth_;  // along gravity, contact
+  std::vector<BodyPair> pairs_;
+  std::vector<std::uint8_t> colours_;
+  std::vector<std::int32_t> place_;  // lane of each contact in packets_, counted through
+  AlignedBuffer<ContactPacket> packets_;
+};
+
+}  // namespace substep::rigid
