@@ -1,8 +1,8 @@
 // Impacts with restitution, against closed forms.
 #include <gtest/gtest.h>
 
-#include "substep/core/random.h"
 #include "rigid_contact_scene.h"
+#include "substep/core/random.h"
 
 namespace {
 

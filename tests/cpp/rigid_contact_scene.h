@@ -58,11 +58,12 @@ struct ContactScene {
       for (std::int32_t b = a + 1; b < n; ++b) {
         if (!bodies.dynamic(a) && !bodies.dynamic(b)) continue;
         const Pose pose_a = bodies.pose(a), pose_b = bodies.pose(b);
-        const double margin = 0.02 + dt * (bodies.velocity(a) - bodies.velocity(b)).norm() +
-                              dt * dt * gravity.norm();
+        const double margin =
+            0.02 + dt * (bodies.velocity(a) - bodies.velocity(b)).norm() + dt * dt * gravity.norm();
         Manifold manifold;
         Cache cache;
-        if (!collide(shapes[at(a)], pose_a, shapes[at(b)], pose_b, margin, manifold, cache)) continue;
+        if (!collide(shapes[at(a)], pose_a, shapes[at(b)], pose_b, margin, manifold, cache))
+          continue;
         ContactConstraint contact = make_contact(manifold, a, pose_a, b, pose_b);
         contact.friction = std::sqrt(friction[at(a)] * friction[at(b)]);
         contact.restitution = std::max(restitution[at(a)], restitution[at(b)]);

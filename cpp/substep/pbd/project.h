@@ -20,9 +20,9 @@
 #include <utility>
 
 #include "substep/core/matrix3.h"
+#include "substep/core/point_scatter.h"
 #include "substep/pbd/constraint.h"
 #include "substep/pbd/group.h"
-#include "substep/core/point_scatter.h"
 
 namespace substep::pbd {
 

@@ -18,8 +18,8 @@ Mat3 conjugated(const Mat3& R, const Vec3& D) { return R * D.asDiagonal() * R.tr
 
 void BodyRows::load(const Bodies& bodies, const Vec3& gravity, int threads) {
   const auto n = static_cast<std::size_t>(bodies.size());
-  for (Rows* rows : {&v, &w, &free_v, &free_w, &push_v, &push_w, &a, &alpha, &x, &r, &root,
-                     &root_mixed})
+  for (Rows* rows :
+       {&v, &w, &free_v, &free_w, &push_v, &push_w, &a, &alpha, &x, &r, &root, &root_mixed})
     rows->reset(n);
   first_w.reset(3 * n);
   parallel_for(
@@ -37,8 +37,7 @@ void BodyRows::load(const Bodies& bodies, const Vec3& gravity, int threads) {
           v[k] = to_row(Vec3(&bodies.P[3 * k]) * inverse_root);
           w[k] = to_row(spin);
           Vec3::Map(&first_w[3 * k]) = spin;
-          const Vec3 force =
-              bodies.mass[k] * gravity + Vec3(&bodies.force[3 * k]);
+          const Vec3 force = bodies.mass[k] * gravity + Vec3(&bodies.force[3 * k]);
           a[k] = to_row(dynamic ? Vec3(force * inverse_root) : Vec3::Zero());
           alpha[k] = to_row(dynamic ? Vec3(W * Vec3(&bodies.torque[3 * k])) : Vec3::Zero());
           push_v[k] = push_w[k] = x[k] = r[k] = {};

@@ -20,15 +20,15 @@ namespace substep::rigid {
 
 struct ContactConstraint {
   struct Point {
-    Vec3 position = Vec3::Zero();  // in the world, midway between the surfaces
-    double separation = 0.0;       // C at the begin of the step [m]
-    double impulse = 0.0;          // l_n of the last sub-step [N s]
+    Vec3 position = Vec3::Zero();                   // in the world, midway between the surfaces
+    double separation = 0.0;                        // C at the begin of the step [m]
+    double impulse = 0.0;                           // l_n of the last sub-step [N s]
     Vec3 in_a = Vec3::Zero(), in_b = Vec3::Zero();  // in the frames of the bodies
   };
 
-  std::int32_t a = 0, b = 0;      // numbers of bodies; one of them is dynamic
-  Vec3 normal = Vec3::UnitZ();    // of length 1, from a to b
-  Vec3 tangent = Vec3::UnitX();   // of length 1, across it: first direction of friction
+  std::int32_t a = 0, b = 0;     // numbers of bodies; one of them is dynamic
+  Vec3 normal = Vec3::UnitZ();   // of length 1, from a to b
+  Vec3 tangent = Vec3::UnitX();  // of length 1, across it: first direction of friction
   int count = 0;
   Point points[4];
   double friction = 0.5, restitution = 0.0;

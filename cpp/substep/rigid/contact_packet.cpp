@@ -47,12 +47,11 @@ SUBSTEP_INLINE Motion6 load_motion(const BodyRows::Rows& linear, const BodyRows:
 SUBSTEP_INLINE void store3(const V3& v, BodyRows::Rows& rows, const std::int32_t* index,
                            const bool* moves) {
   Point<double> nowhere[kLanes];
-  store_rows<V>({v[0], v[1], v[2], V{}}, [&](int lane) {
-    return moves[lane] ? rows.data() + index[lane] : nowhere + lane;
-  });
+  store_rows<V>({v[0], v[1], v[2], V{}},
+                [&](int lane) { return moves[lane] ? rows.data() + index[lane] : nowhere + lane; });
 }
-SUBSTEP_INLINE void store_motion(const Motion6& m, BodyRows::Rows& linear,
-                                 BodyRows::Rows& angular, const ContactPacket& c) {
+SUBSTEP_INLINE void store_motion(const Motion6& m, BodyRows::Rows& linear, BodyRows::Rows& angular,
+                                 const ContactPacket& c) {
   store3(m.linear_a, linear, c.a, c.moves_a), store3(m.angular_a, angular, c.a, c.moves_a);
   store3(m.linear_b, linear, c.b, c.moves_b), store3(m.angular_b, angular, c.b, c.moves_b);
 }
@@ -130,8 +129,7 @@ SUBSTEP_INLINE void solve_friction(ContactPacket& c, Motion6& m) {
            (fused_dot(c.slide_b[i], m.angular_b) - fused_dot(c.slide_a[i], m.angular_a));
   }
   for (int i = 0; i < 2; ++i) {
-    stick[i] = c.slide_impulse[i] -
-               (c.slide_inverse[i] * u[0] + c.slide_inverse[i + 1] * u[1]);
+    stick[i] = c.slide_impulse[i] - (c.slide_inverse[i] * u[0] + c.slide_inverse[i + 1] * u[1]);
     slide[i] = c.slide_impulse[i] - u[i] * c.slide_bound;
   }
   const V limit = c.friction * pressure;
@@ -158,8 +156,8 @@ struct Root {
     xy = m.x, xz = m.y, yz = m.z, moves = m.w;
   }
   SUBSTEP_INLINE V3 operator*(const V3& v) const {
-    return {{fused_dot({{xx, xy, xz}}, v), fused_dot({{xy, yy, yz}}, v),
-             fused_dot({{xz, yz, zz}}, v)}};
+    return {
+        {fused_dot({{xx, xy, xz}}, v), fused_dot({{xy, yy, yz}}, v), fused_dot({{xz, yz, zz}}, v)}};
   }
 };
 
@@ -183,8 +181,8 @@ SUBSTEP_INLINE void invert(const V (&m)[10], V (&inverse)[10]) {
   const auto column = [&](int i, int j) __attribute__((always_inline)) {
     return b[0][i] * x[0][j] + b[1][i] * x[1][j];
   };
-  const Pair S = inverted({m[at(2, 2)] - column(0, 0), m[at(3, 2)] - column(0, 1),
-                           m[at(3, 3)] - column(1, 1)});
+  const Pair S = inverted(
+      {m[at(2, 2)] - column(0, 0), m[at(3, 2)] - column(0, 1), m[at(3, 3)] - column(1, 1)});
   for (int i = 0; i < 2; ++i) {
     y[i][0] = x[i][0] * S.x + x[i][1] * S.y;
     y[i][1] = x[i][0] * S.y + x[i][1] * S.z;

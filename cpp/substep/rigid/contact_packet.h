@@ -5,10 +5,11 @@
 // and the points of a manifold act on one another by A_kl = j_k . j_l. The four normal impulses of
 // a manifold are solved for together: where all of them press,
 //   (A + eps max_k(A_kk) 1) d = -(j . v + target),   l <- l + d,
-// else by projected Gauss and Seidel sweeps over the block. eps makes the block regular (four points
-// in a plane have rank 3) and chooses the impulses that change least; as it acts on the change d it
-// leaves the solution what it is (a proximal point step, Rockafellar 1976, SIAM J. Control Optim.
-// 14, (1.7)). Points one by one would tilt the boxes of a stack, which is what makes it drift.
+// else by projected Gauss and Seidel sweeps over the block. eps makes the block regular (four
+// points in a plane have rank 3) and chooses the impulses that change least; as it acts on the
+// change d it leaves the solution what it is (a proximal point step, Rockafellar 1976, SIAM J.
+// Control Optim. 14, (1.7)). Points one by one would tilt the boxes of a stack, which is what makes
+// it drift.
 #pragma once
 
 #include <cstdint>
@@ -45,19 +46,19 @@ struct ContactPacket {
 
   void get(int lane, ContactConstraint& contact) const;
 
-  std::int32_t a[kLanes], b[kLanes];        // rows
-  bool moves_a[kLanes], moves_b[kLanes];    // whether impulses move them
-  V separation[4], impulse[4], target[4];   // C at the begin of the step, l_n, least -u_n
-  V away;                                   // added to C: a contact in flight does nothing
+  std::int32_t a[kLanes], b[kLanes];       // rows
+  bool moves_a[kLanes], moves_b[kLanes];   // whether impulses move them
+  V separation[4], impulse[4], target[4];  // C at the begin of the step, l_n, least -u_n
+  V away;                                  // added to C: a contact in flight does nothing
   V3 normal, tangent[2];
-  V scale_a, scale_b;                       // s_a, s_b
-  V3 arm_a[4], arm_b[4];                    // W^(1/2) (r x n); before prepare(): r
-  V3 slide_a[2], slide_b[2];                // W^(1/2) (r x t), r to the middle
-  V3 twist_a, twist_b;                      // W^(1/2) n
-  V used[4];                                // 1 or 0
-  V block[10], inverse[10], diagonal[4];    // A + eps, its inverse, 1 / its diagonal
+  V scale_a, scale_b;                     // s_a, s_b
+  V3 arm_a[4], arm_b[4];                  // W^(1/2) (r x n); before prepare(): r
+  V3 slide_a[2], slide_b[2];              // W^(1/2) (r x t), r to the middle
+  V3 twist_a, twist_b;                    // W^(1/2) n
+  V used[4];                              // 1 or 0
+  V block[10], inverse[10], diagonal[4];  // A + eps, its inverse, 1 / its diagonal
   V slide_inverse[3], slide_bound, twist_inverse;
-  V friction, spinning, lever[4];           // lever: d
+  V friction, spinning, lever[4];  // lever: d
   V slide_impulse[2], twist_impulse;
 };
 

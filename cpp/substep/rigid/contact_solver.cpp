@@ -9,9 +9,9 @@ namespace substep::rigid {
 namespace {
 
 constexpr int kLanes = ContactPacket::kLanes;
-constexpr std::int64_t kBodies = 512;   // per chunk
-constexpr std::int64_t kPackets = 16;   // per chunk, where they are independent
-constexpr double kFarAway = 1e6;        // [m]
+constexpr std::int64_t kBodies = 512;  // per chunk
+constexpr std::int64_t kPackets = 16;  // per chunk, where they are independent
+constexpr double kFarAway = 1e6;       // [m]
 
 // Loops over chunks, one after the other, for one call of parallel_phases.
 class Phases {
@@ -24,9 +24,8 @@ class Phases {
   }
   void add_range(std::int64_t n, std::int64_t grain,
                  const std::function<void(std::int64_t, std::int64_t)>& task) {
-    add((n + grain - 1) / grain, [=](std::int64_t chunk) {
-      task(chunk * grain, std::min(n, (chunk + 1) * grain));
-    });
+    add((n + grain - 1) / grain,
+        [=](std::int64_t chunk) { task(chunk * grain, std::min(n, (chunk + 1) * grain)); });
   }
   // Of each colour the packets, colour after colour.
   void add_sweep(const Sweep& sweep, const std::function<void(std::int64_t)>& packet) {
@@ -134,9 +133,8 @@ void ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
         packet(k).solve_velocities(rows_, settings, sweep == 0);
       });
     }
-    phases.add_range(bodies.size(), kBodies, [&](std::int64_t begin, std::int64_t end) {
-      rows_.move(begin, end, h);
-    });
+    phases.add_range(bodies.size(), kBodies,
+                     [&](std::int64_t begin, std::int64_t end) { rows_.move(begin, end, h); });
     phases.add_sweep(sweep_, [&](std::int64_t k) { packet(k).solve_positions(rows_, settings); });
   }
   phases.run(threads);

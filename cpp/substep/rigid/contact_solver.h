@@ -47,9 +47,8 @@ class ContactSolver {
   // One step of dt for all bodies: forces, contacts, free motion. The impulses of the contacts are
   // those of the last sub-step before, and are so after. Contacts must have been looked for as far
   // as bodies approach within dt.
-  void step(Bodies& bodies, const Vec3& gravity, double dt,
-            std::span<ContactConstraint> contacts, const ContactOptions& options,
-            int threads = 0);
+  void step(Bodies& bodies, const Vec3& gravity, double dt, std::span<ContactConstraint> contacts,
+            const ContactOptions& options, int threads = 0);
 
   std::int64_t impacts() const { return impacts_.happened(); }  // of the last step
 

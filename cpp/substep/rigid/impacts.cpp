@@ -7,7 +7,7 @@
 namespace substep::rigid {
 namespace {
 
-constexpr int kBlockSweeps = 64;             // of the impulses of one manifold, at most
+constexpr int kBlockSweeps = 64;                // of the impulses of one manifold, at most
 constexpr std::int64_t kEventsPerContact = 32;  // in one sub-step, on the average, at most
 
 std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
@@ -50,10 +50,9 @@ void Impacts::begin_step(std::span<const ContactConstraint> contacts, const Body
                           (row.moves_b ? row.scale_b * row.scale_b : 0);
     for (int k = 0; k < c.count; ++k) {
       for (int l = 0; l < c.count; ++l) {
-        row.block[k][l] =
-            linear +
-            (row.moves_a ? row.points[k].angular_a.dot(row.points[l].angular_a) : 0) +
-            (row.moves_b ? row.points[k].angular_b.dot(row.points[l].angular_b) : 0);
+        row.block[k][l] = linear +
+                          (row.moves_a ? row.points[k].angular_a.dot(row.points[l].angular_a) : 0) +
+                          (row.moves_b ? row.points[k].angular_b.dot(row.points[l].angular_b) : 0);
       }
     }
     contacts_.push_back(row);
@@ -94,8 +93,8 @@ Impacts::Fate Impacts::fate(const Row& row, const BodyRows& rows, double h, doub
   Fate fate = Fate::kResting;
   time = h;
   for (int k = 0; k < row.count; ++k) {
-    const double C = std::max(
-        row.separation[k] + along(row, row.normal, row.points[k], rows.x, rows.r), 0.0);
+    const double C =
+        std::max(row.separation[k] + along(row, row.normal, row.points[k], rows.x, rows.r), 0.0);
     const double u = along(row, row.normal, row.points[k], rows.v, rows.w);
     const double square = u * u - 2 * g * C;
     if (!(square > 0) || (u >= 0 && (g >= 0 || C == 0))) continue;
@@ -170,10 +169,9 @@ void Impacts::collide(const Row& row, BodyRows& rows, double h, double time) con
         const auto part = [&](bool moves, double scale, const Vec3& p, const Vec3& q) {
           return moves ? (i == j ? scale * scale : 0) + p.dot(q) : 0;
         };
-        mobility(i, j) = part(row.moves_a, row.scale_a, row.slide[i].angular_a,
-                              row.slide[j].angular_a) +
-                         part(row.moves_b, row.scale_b, row.slide[i].angular_b,
-                              row.slide[j].angular_b);
+        mobility(i, j) =
+            part(row.moves_a, row.scale_a, row.slide[i].angular_a, row.slide[j].angular_a) +
+            part(row.moves_b, row.scale_b, row.slide[i].angular_b, row.slide[j].angular_b);
       }
     }
     Eigen::Vector2d impulse = -(mobility.inverse() * slip);

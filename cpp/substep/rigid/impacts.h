@@ -36,7 +36,9 @@ class Impacts {
   // is no contact of this sub-step: it bounced, or comes near so fast that it will.
   void advance(BodyRows& rows, double h, double slop);
   std::int64_t count() const { return static_cast<std::int64_t>(contacts_.size()); }
-  std::int32_t contact(std::int64_t k) const { return contacts_[static_cast<std::size_t>(k)].index; }
+  std::int32_t contact(std::int64_t k) const {
+    return contacts_[static_cast<std::size_t>(k)].index;
+  }
   bool flying(std::int64_t k) const { return flying_[static_cast<std::size_t>(k)] != 0; }
   std::int64_t happened() const { return happened_; }  // in this step
 
