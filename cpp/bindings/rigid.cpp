@@ -19,6 +19,11 @@ using Array9 = std::array<double, 9>;  // row by row
 
 Vec3 vector(const Array3& v) { return Vec3(v.data()); }
 Array3 array(const Vec3& v) { return {v[0], v[1], v[2]}; }
+std::vector<Vec3> rows_of(const Rows& points) {
+  std::vector<Vec3> rows;
+  for (py::ssize_t i = 0; i < points.shape(0); ++i) rows.emplace_back(points.data(i, 0));
+  return rows;
+}
 
 void bind_free_rotation(py::module_& m) {
   m.def(
@@ -99,13 +104,27 @@ void bind_mass_moments(py::module_& m) {
   m.def(
       "hull_moments",
       [](const Rows& points, double density) {
-        const auto n = static_cast<std::size_t>(points.shape(0));
-        std::vector<Vec3> rows;
-        for (std::size_t i = 0; i < n; ++i) rows.emplace_back(points.data() + 3 * i);
+        const std::vector<Vec3> rows = rows_of(points);
         const ReleaseGil nogil;
         return moments(std::make_shared<const ConvexHull>(rows), density);
       },
       py::arg("points"), py::arg("density"));
+  m.def(
+      "hull_faces",
+      [](const Rows& points) {
+        const ConvexHull hull(rows_of(points));
+        Rows vertices({py::ssize_t{hull.vertex_count()}, py::ssize_t{3}});
+        for (int i = 0; i < hull.vertex_count(); ++i)
+          Vec3::Map(vertices.mutable_data(i, 0)) = hull.vertices()[i];
+        std::vector<std::array<std::int64_t, 3>> faces;  // fans of the flat faces
+        for (int f = 0; f < hull.face_count(); ++f) {
+          const auto corners = hull.corners(f);
+          for (std::size_t k = 2; k < corners.size(); ++k)
+            faces.push_back({corners[0], corners[k - 1], corners[k]});
+        }
+        return py::make_tuple(vertices, faces);
+      },
+      py::arg("points"));
   m.def(
       "sum_moments", [](const std::vector<MassMoments>& parts) { return sum(parts); },
       py::arg("parts"));

@@ -10,6 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._checks import check_array, check_real
+from ._primitives import box_mesh
+from ._rigid_meshes import capsule_mesh, cylinder_mesh, hull_mesh
+from ._triangle_mesh import TriangleMesh
 from .errors import InputError
 
 
@@ -44,6 +47,21 @@ class Sphere:
     def __post_init__(self) -> None:
         _check_lengths(self, "radius")
 
+    def mesh(self, segments: int = 32) -> TriangleMesh:
+        """The surface as triangles.
+
+        Parameters
+        ----------
+        segments : int, optional
+            Edges around the axis, at least 3.
+
+        Returns
+        -------
+        TriangleMesh
+            Closed; its vertices lie on the surface.
+        """
+        return capsule_mesh(self.radius, 0.0, segments)
+
 
 @dataclass(frozen=True)
 class Box:
@@ -73,6 +91,16 @@ class Box:
         if not (h > 0).all():
             raise InputError(f"half_lengths: expected numbers above 0, got {h.min()}")
         object.__setattr__(self, "half_lengths", tuple(h.tolist()))
+
+    def mesh(self) -> TriangleMesh:
+        """The surface as triangles.
+
+        Returns
+        -------
+        TriangleMesh
+            Closed.
+        """
+        return box_mesh([2 * h for h in self.half_lengths])
 
 
 @dataclass(frozen=True)
@@ -104,6 +132,21 @@ class Capsule:
     def __post_init__(self) -> None:
         _check_lengths(self, "radius", "half_length")
 
+    def mesh(self, segments: int = 32) -> TriangleMesh:
+        """The surface as triangles.
+
+        Parameters
+        ----------
+        segments : int, optional
+            Edges around the axis, at least 3.
+
+        Returns
+        -------
+        TriangleMesh
+            Closed; its vertices lie on the surface.
+        """
+        return capsule_mesh(self.radius, self.half_length, segments)
+
 
 @dataclass(frozen=True)
 class Cylinder:
@@ -134,6 +177,21 @@ class Cylinder:
     def __post_init__(self) -> None:
         _check_lengths(self, "radius", "half_length")
 
+    def mesh(self, segments: int = 32) -> TriangleMesh:
+        """The surface as triangles.
+
+        Parameters
+        ----------
+        segments : int, optional
+            Edges around the axis, at least 3.
+
+        Returns
+        -------
+        TriangleMesh
+            Closed; its vertices lie on the surface.
+        """
+        return cylinder_mesh(self.radius, self.half_length, segments)
+
 
 class ConvexHull:
     """The smallest convex solid that holds all of some points.
@@ -161,6 +219,16 @@ class ConvexHull:
     def __init__(self, points: ArrayLike) -> None:
         self.points = check_array("points", points, (None, 3)).copy()
         self.points.flags.writeable = False
+
+    def mesh(self) -> TriangleMesh:
+        """The surface as triangles: its faces, cut into them.
+
+        Returns
+        -------
+        TriangleMesh
+            Closed.
+        """
+        return hull_mesh(self.points)
 
     def __repr__(self) -> str:
         return f"ConvexHull({len(self.points)} points)"
