@@ -19,7 +19,9 @@ struct ContactScene {
   ContactSolver solver;
   ContactOptions options;
   Vec3 gravity{0, 0, -9.81};
-  double spinning = 0;
+  double spinning = 0, rolling = 0;
+  std::vector<std::uint8_t> asleep;
+  SweptConstraints* joints = nullptr;
   int threads = 1;
 
   std::int32_t add(const Shape& shape, const BodyState& body) {
@@ -67,7 +69,7 @@ struct ContactScene {
         ContactConstraint contact = make_contact(manifold, a, pose_a, b, pose_b);
         contact.friction = std::sqrt(friction[at(a)] * friction[at(b)]);
         contact.restitution = std::max(restitution[at(a)], restitution[at(b)]);
-        contact.spinning = spinning;
+        contact.spinning = spinning, contact.rolling = rolling;
         if (const auto old = last.find({a, b}); old != last.end()) {
           carry_impulses(old->second, contact);
         }
@@ -77,7 +79,7 @@ struct ContactScene {
   }
   void step(double dt) {
     find_contacts(dt);
-    solver.step(bodies, gravity, dt, contacts, options, threads);
+    solver.step(bodies, gravity, dt, contacts, options, asleep, joints, threads);
   }
   void advance(double duration, double dt = 1. / 60) {
     for (int k = 0; k < std::lround(duration / dt); ++k) step(dt);

@@ -122,6 +122,119 @@ TEST(ContactSolver, SpinIsBraked) {
   EXPECT_NEAR(scene.bodies.angular_velocity(2).z(), std::max(0., 9 - 0.5 * box), 1e-6);
 }
 
+// m a = -F, I a / r = F r - rolling m g, with I = 2 m r^2 / 5: a = -5/7 g rolling / r.
+TEST(ContactSolver, RollingIsBraked) {
+  const double r = 0.5, rolling = 0.01;
+  ContactScene scene;
+  scene.rolling = rolling;
+  scene.add_ground();
+  scene.add_sphere(r, {0, 0, r}, 2);
+  scene.advance(0.5);
+  scene.bodies.set_velocity(1, {3, 1, 0}, {-1 / r, 3 / r, 0});
+  scene.advance(0.5);  // the warm start has turned to the new direction
+  const Vec3 before = scene.bodies.velocity(1);
+  scene.advance(1);
+  const Vec3 v = scene.bodies.velocity(1);
+  EXPECT_NEAR(before.norm() - v.norm(), 5. / 7 * g * rolling / r, 1e-6);
+  EXPECT_LT(before.normalized().cross(v.normalized()).norm(), 1e-6);
+  // On a slope it rolls above the angle of tan = rolling / r, and stays below.
+  for (const double part : {0.9, 1.1}) {
+    scene.bodies.set_velocity(1, Vec3::Zero(), Vec3::Zero());
+    scene.gravity = along_slope(std::atan(part * rolling / r));
+    scene.advance(0.5);
+    const double start = scene.bodies.position(1).x();
+    scene.advance(1);
+    EXPECT_EQ(scene.bodies.position(1).x() - start > 1e-9, part > 1);
+  }
+}
+
+// Those asleep carry others as static ones do, and are not touched.
+TEST(ContactSolver, SleepingBodiesAreAsStatic) {
+  ContactScene scene;
+  scene.add_ground();
+  for (int k = 0; k < 3; ++k) scene.add_box(Vec3::Constant(0.5), {0, 0, 0.5 + k});
+  scene.advance(1);
+  scene.find_contacts(kDt);
+  scene.asleep = {0, 1, 1, 0};
+  const Bodies before = scene.bodies;
+  const double impulse = scene.contacts[0].points[0].impulse;
+  scene.bodies.apply_impulse(3, {0.5, 0, 3}, scene.bodies.position(3));
+  scene.advance(1);
+  for (const int body : {1, 2}) {
+    EXPECT_EQ(scene.bodies.position(body), before.position(body));
+    EXPECT_EQ(scene.bodies.rotation(body).coeffs(), before.rotation(body).coeffs());
+    EXPECT_EQ(scene.bodies.velocity(body), before.velocity(body));
+  }
+  EXPECT_EQ(scene.contacts[0].points[0].impulse, impulse);
+  EXPECT_GT(scene.bodies.position(3).x(), 0.1);
+  EXPECT_NEAR(scene.bodies.position(3).z(), 2.5, 1e-3);
+}
+
+TEST(ContactSolver, TellsWhatIsNotFinite) {
+  ContactScene scene;
+  scene.add_ground();
+  scene.add_sphere(0.5, {0, 0, 0.49});
+  scene.add_sphere(0.5, {5, 0, 0.49});
+  scene.find_contacts(kDt);
+  scene.bodies.force[3 * 2] = 1e300;
+  const Bodies before = scene.bodies;
+  EXPECT_EQ(scene.solver.step(scene.bodies, scene.gravity, kDt, scene.contacts, scene.options), 2);
+  EXPECT_EQ(scene.bodies.x, before.x);
+  EXPECT_EQ(scene.bodies.P, before.P);
+  EXPECT_EQ(scene.contacts[0].points[0].impulse, 0);
+}
+
+// A rope: a body hangs at its height.
+class Rope : public SweptConstraints {
+ public:
+  explicit Rope(std::int32_t body) : body_(body) {}
+
+  void begin_step(const Bodies&, const BodyRows& rows, double, int) override {
+    row_ = static_cast<std::size_t>(rows.row(body_));
+    GraphColouring colouring;
+    const BodyPair pairs[1] = {{rows.row(body_), -1}};
+    std::uint8_t colours[1] = {GraphColouring::kNoColour};
+    const auto n = static_cast<std::int32_t>(rows.size());
+    colouring.colour(pairs, n, colours);
+    colouring.make_sweep(pairs, n, colours, 1, sweep_);
+  }
+  const Sweep& sweep() const override { return sweep_; }
+  void warm_start(std::int64_t, BodyRows& rows) override { rows.push[row_].linear.z += impulse; }
+  void solve_velocities(std::int64_t, BodyRows& rows, bool) override {
+    double& v = rows.velocity[row_].linear.z;
+    impulse -= v;
+    v = 0;
+  }
+  void solve_positions(std::int64_t, BodyRows& rows) override {
+    displacement = rows.displacement[row_].linear.z;
+  }
+  void end_step(const BodyRows&) override { ++steps; }
+
+  double impulse = 0, displacement = 1;
+  int steps = 0;
+
+ private:
+  std::int32_t body_;
+  std::size_t row_ = 0;
+  Sweep sweep_;
+};
+
+TEST(ContactSolver, SolvesOtherConstraintsInItsSweeps) {
+  ContactScene scene;
+  scene.add_ground();
+  scene.add_box(Vec3::Constant(0.5), {0, 0, 2}, 4);
+  scene.add_box(Vec3::Constant(0.5), {0, 0, 3}, 4);
+  Rope rope(1);
+  scene.joints = &rope;
+  scene.advance(1);
+  EXPECT_NEAR(scene.bodies.position(1).z(), 2, 1e-4);
+  EXPECT_NEAR(scene.bodies.position(2).z(), 3, 1e-4);
+  const double h = kDt / scene.options.substeps;
+  EXPECT_NEAR(rope.impulse, 8 * g * h / std::sqrt(4.), 1e-9);  // both hang
+  EXPECT_LT(std::abs(rope.displacement), 1e-9);
+  EXPECT_EQ(rope.steps, 60);
+}
+
 TEST(ContactSolver, KeepsMomentum) {
   ContactScene scene;
   scene.gravity = Vec3::Zero();

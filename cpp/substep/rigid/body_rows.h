@@ -5,9 +5,14 @@
 //
 // The world inertia is that of the begin of the step throughout. The angular momentum gets the
 // impulses; the rotation is the free one of the whole step, turned by what the impulses added.
+//
+// Only bodies that may move have a row. All static and sleeping ones share row 0, which is at rest
+// and has W^(1/2) = 0 and 1 / sqrt(m) = 0, so that impulses do nothing to it.
 #pragma once
 
 #include <cstdint>
+#include <span>
+#include <vector>
 
 #include "substep/core/aligned_buffer.h"
 #include "substep/core/point.h"
@@ -15,26 +20,49 @@
 
 namespace substep::rigid {
 
+// Six numbers of a body, one cache line.
+struct alignas(64) BodyRow {
+  Point<double> linear, angular;
+};
+
 struct BodyRows {
-  using Rows = AlignedBuffer<Point<double>>;
+  using Rows = AlignedBuffer<BodyRow>;
 
-  Rows v, w;            // velocities
-  Rows free_v, free_w;  // what they would be without the contacts of this sub-step
-  Rows push_v, push_w;  // what the contacts of the last sub-step changed
-  Rows a, alpha;        // accelerations by gravity, forces and torques
-  Rows x, r;            // displacement and rotation since the begin of the step
-  // W^(1/2): (xx, yy, zz, 1 / sqrt(m)) and (xy, xz, yz, 1 if impulses move it, else 0).
-  Rows root, root_mixed;
-  AlignedBuffer<double> first_w;  // w' at the begin, (n, 3)
+  Rows velocity;
+  Rows free;          // what it would be without the contacts and joints of this sub-step
+  Rows push;          // what those of the last sub-step changed
+  Rows acceleration;  // by gravity, forces and torques
+  Rows displacement;  // since the begin of the step, rotation as a vector
+  // W^(1/2): linear (xx, yy, zz, 1 / sqrt(m)), angular (xy, xz, yz, 1 if impulses move it, else 0).
+  // A kinematic body has 1 for its mass and moments, so that its velocity is read as it is.
+  Rows root;
+  std::vector<std::int32_t> row_of, body_of;  // row_of[body], body_of[row]; body_of[0] is -1
 
-  void load(const Bodies& bodies, const Vec3& gravity, int threads);
+  std::int64_t size() const { return static_cast<std::int64_t>(body_of.size()); }
+  // Of the body, or of the world where it is below 0.
+  std::int32_t row(std::int32_t body) const {
+    return body < 0 ? 0 : row_of[static_cast<std::size_t>(body)];
+  }
+  bool moves(std::int32_t row) const { return root[static_cast<std::size_t>(row)].angular.w != 0; }
+  Mat3 root_of(std::int32_t row) const;  // W^(1/2)
+  double scale_of(std::int32_t row) const { return root[static_cast<std::size_t>(row)].linear.w; }
+
+  // asleep: not 0 where a body is, or empty.
+  void load(const Bodies& bodies, const Vec3& gravity, std::span<const std::uint8_t> asleep,
+            int threads);
   // v += h a + push: the contacts push as they did in the last sub-step.
   void accelerate(std::int64_t begin, std::int64_t end, double h);
-  // x += h v, and notes the push. A body that no contact touched is on its parabola:
+  // x += h v, and notes the push. A body that nothing touched is on its parabola:
   // x += h v - h^2 a / 2, exactly.
   void move(std::int64_t begin, std::int64_t end, double h);
-  // To bodies, after a step of dt.
-  void store(Bodies& bodies, double dt, FreeRotation method, int threads) const;
+  // To bodies, after a step of dt. Returns the first body whose motion is not finite, or -1; then
+  // nothing was stored.
+  std::int64_t store(Bodies& bodies, double dt, FreeRotation method, int threads) const;
+
+ private:
+  std::int64_t first_not_finite(const Bodies& bodies) const;
+
+  AlignedBuffer<double> first_spin_;  // w' at the begin, (rows, 3)
 };
 
 }  // namespace substep::rigid

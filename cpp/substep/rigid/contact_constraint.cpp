@@ -27,7 +27,10 @@ void carry_impulses(const ContactConstraint& last, ContactConstraint& now) {
   const Vec3 tangent = last.tangent - now.normal * now.normal.dot(last.tangent);
   if (last.count == 0 || now.count == 0 || !(tangent.squaredNorm() > 0.25)) return;
   now.tangent = tangent.normalized();
-  for (int i = 0; i < 2; ++i) now.friction_impulse[i] = last.friction_impulse[i];
+  for (int i = 0; i < 2; ++i) {
+    now.friction_impulse[i] = last.friction_impulse[i];
+    now.roll_impulse[i] = last.roll_impulse[i];
+  }
   now.twist_impulse = last.twist_impulse;
 
   // Half the distance to the middle, squared; a single point is always the same.

@@ -9,7 +9,9 @@
 // Friction acts on a manifold as one force at the middle of its points and one torque about n: what
 // four forces in a plane add up to. mu sum(l_n) bounds the force, the torque is bounded by
 //   mu sum(l_n d) + spinning sum(l_n),
-// d the distances of the points from their middle: exact for slip alone and for spin alone.
+// d the distances of the points from their middle: exact for slip alone and for spin alone. Rolling
+// friction is a torque along the surfaces against their relative angular velocity w_t there,
+//   |l_r| <= rolling sum(l_n), and l_r = -rolling sum(l_n) w_t / |w_t| where they roll.
 #pragma once
 
 #include <cstdint>
@@ -33,8 +35,10 @@ struct ContactConstraint {
   Point points[4];
   double friction = 0.5, restitution = 0.0;
   double spinning = 0.0;                  // [m], lever of the friction that resists spin about n
+  double rolling = 0.0;                   // [m], of that which resists rolling
   double friction_impulse[2] = {0., 0.};  // of the last sub-step, along the tangent and n x tangent
   double twist_impulse = 0.0;             // of the last sub-step [N m s]
+  double roll_impulse[2] = {0., 0.};      // the same along the tangent and n x tangent
 
   Vec3 middle() const {
     Vec3 sum = Vec3::Zero();

@@ -30,30 +30,40 @@ SUBSTEP_INLINE V root_of(const V& a) {
   return positive * inverse_sqrt(positive);
 }
 
+// Eigenvalue of [xx xy; xy yy].
+SUBSTEP_INLINE V largest_of(const V& xx, const V& xy, const V& yy) {
+  const V half = 0.5 * (xx - yy);
+  return 0.5 * (xx + yy) + root_of(half * half + xy * xy);
+}
+
 // What a constraint sees of both bodies: velocities, or displacements.
 struct Motion6 {
   V3 linear_a, angular_a, linear_b, angular_b;
 };
 
-SUBSTEP_INLINE V3 load3(const BodyRows::Rows& rows, const std::int32_t* index) {
-  const PointLanes<V> p = load_points<V>(rows.data(), index);
-  return {{p.x, p.y, p.z}};
+SUBSTEP_INLINE void load_row(const BodyRow* rows, const std::int32_t* index, V3& linear,
+                             V3& angular) {
+  const auto p = load_rows<V>([&](int lane) { return &rows[index[lane]].linear; });
+  const auto q = load_rows<V>([&](int lane) { return &rows[index[lane]].angular; });
+  linear = {{p.x, p.y, p.z}}, angular = {{q.x, q.y, q.z}};
 }
-SUBSTEP_INLINE Motion6 load_motion(const BodyRows::Rows& linear, const BodyRows::Rows& angular,
-                                   const ContactPacket& c) {
-  return {load3(linear, c.a), load3(angular, c.a), load3(linear, c.b), load3(angular, c.b)};
+SUBSTEP_INLINE Motion6 load_motion(const BodyRows::Rows& rows, const ContactPacket& c) {
+  Motion6 m;
+  load_row(rows.data(), c.a, m.linear_a, m.angular_a);
+  load_row(rows.data(), c.b, m.linear_b, m.angular_b);
+  return m;
 }
 // Rows of bodies that impulses do not move stay untouched: several packets may read them at once.
-SUBSTEP_INLINE void store3(const V3& v, BodyRows::Rows& rows, const std::int32_t* index,
-                           const bool* moves) {
-  Point<double> nowhere[kLanes];
-  store_rows<V>({v[0], v[1], v[2], V{}},
-                [&](int lane) { return moves[lane] ? rows.data() + index[lane] : nowhere + lane; });
+SUBSTEP_INLINE void store_row(const V3& linear, const V3& angular, BodyRow* rows,
+                              const std::int32_t* index, const bool* moves) {
+  BodyRow nowhere[kLanes];
+  const auto row = [&](int lane) { return moves[lane] ? rows + index[lane] : nowhere + lane; };
+  store_rows<V>({linear[0], linear[1], linear[2], V{}}, [&](int k) { return &row(k)->linear; });
+  store_rows<V>({angular[0], angular[1], angular[2], V{}}, [&](int k) { return &row(k)->angular; });
 }
-SUBSTEP_INLINE void store_motion(const Motion6& m, BodyRows::Rows& linear, BodyRows::Rows& angular,
-                                 const ContactPacket& c) {
-  store3(m.linear_a, linear, c.a, c.moves_a), store3(m.angular_a, angular, c.a, c.moves_a);
-  store3(m.linear_b, linear, c.b, c.moves_b), store3(m.angular_b, angular, c.b, c.moves_b);
+SUBSTEP_INLINE void store_motion(const Motion6& m, BodyRows::Rows& rows, const ContactPacket& c) {
+  store_row(m.linear_a, m.angular_a, rows.data(), c.a, c.moves_a);
+  store_row(m.linear_b, m.angular_b, rows.data(), c.b, c.moves_b);
 }
 
 // (j_0 . m, ..., j_3 . m)
@@ -145,13 +155,37 @@ SUBSTEP_INLINE void solve_friction(ContactPacket& c, Motion6& m) {
   c.twist_impulse = twist;
 }
 
+SUBSTEP_INLINE void apply_rolling(const ContactPacket& c, const V (&d)[2], Motion6& m) {
+  for (int i = 0; i < 2; ++i) {
+    add(m.angular_a, -d[i], c.roll_a[i]);
+    add(m.angular_b, d[i], c.roll_b[i]);
+  }
+}
+
+// The step with the largest mobility, projected onto the disc.
+SUBSTEP_INLINE void solve_rolling(ContactPacket& c, Motion6& m) {
+  const V limit = c.rolling * ((c.impulse[0] + c.impulse[1]) + (c.impulse[2] + c.impulse[3]));
+  V l[2], d[2];
+  for (int i = 0; i < 2; ++i) {
+    const V w = fused_dot(c.roll_b[i], m.angular_b) - fused_dot(c.roll_a[i], m.angular_a);
+    l[i] = fma(-w, c.roll_inverse, c.roll_impulse[i]);
+  }
+  const V length = root_of(l[0] * l[0] + l[1] * l[1]);
+  const V factor = length > limit ? limit / length : splat<V>(1);
+  for (int i = 0; i < 2; ++i) {
+    d[i] = l[i] * factor - c.roll_impulse[i];
+    c.roll_impulse[i] = l[i] * factor;
+  }
+  apply_rolling(c, d, m);
+}
+
 // W^(1/2) v
 struct Root {
   V xx, yy, zz, xy, xz, yz, scale, moves;
 
   SUBSTEP_INLINE Root(const BodyRows& rows, const std::int32_t* index) {
-    const PointLanes<V> d = load_points<V>(rows.root.data(), index);
-    const PointLanes<V> m = load_points<V>(rows.root_mixed.data(), index);
+    const auto d = load_rows<V>([&](int lane) { return &rows.root.data()[index[lane]].linear; });
+    const auto m = load_rows<V>([&](int lane) { return &rows.root.data()[index[lane]].angular; });
     xx = d.x, yy = d.y, zz = d.z, scale = d.w;
     xy = m.x, xz = m.y, yz = m.z, moves = m.w;
   }
@@ -202,14 +236,15 @@ void set3(V3& v, int lane, const Vec3& value) {
 
 }  // namespace
 
-void ContactPacket::set(int lane, const ContactConstraint* contact, const Bodies& bodies) {
+void ContactPacket::set(int lane, const ContactConstraint* contact, const Bodies& bodies,
+                        const BodyRows& rows) {
   static const ContactConstraint kNone{};
   const ContactConstraint& c = contact != nullptr ? *contact : kNone;
   const Vec3 middle = c.count > 0 ? c.middle() : bodies.position(c.a);
   const Vec3 xa = bodies.position(c.a), xb = bodies.position(c.b);
-  a[lane] = c.a, b[lane] = c.b;
-  moves_a[lane] = contact != nullptr && bodies.dynamic(c.a);
-  moves_b[lane] = contact != nullptr && bodies.dynamic(c.b);
+  a[lane] = contact != nullptr ? rows.row(c.a) : 0;
+  b[lane] = contact != nullptr ? rows.row(c.b) : 0;
+  moves_a[lane] = rows.moves(a[lane]), moves_b[lane] = rows.moves(b[lane]);
   set3(normal, lane, c.normal);
   set3(tangent[0], lane, c.tangent);
   set3(slide_a[0], lane, middle - xa);
@@ -227,6 +262,9 @@ void ContactPacket::set(int lane, const ContactConstraint* contact, const Bodies
   friction[lane] = c.friction, spinning[lane] = c.spinning, away[lane] = 0;
   slide_impulse[0][lane] = c.friction_impulse[0], slide_impulse[1][lane] = c.friction_impulse[1];
   twist_impulse[lane] = c.twist_impulse;
+  rolls = (lane > 0 && rolls) || c.rolling > 0;
+  rolling[lane] = c.rolling;
+  for (int i = 0; i < 2; ++i) roll_impulse[i][lane] = c.roll_impulse[i];
 }
 
 void ContactPacket::get(int lane, ContactConstraint& contact) const {
@@ -234,6 +272,7 @@ void ContactPacket::get(int lane, ContactConstraint& contact) const {
   contact.friction_impulse[0] = slide_impulse[0][lane];
   contact.friction_impulse[1] = slide_impulse[1][lane];
   contact.twist_impulse = twist_impulse[lane];
+  for (int i = 0; i < 2; ++i) contact.roll_impulse[i] = rolls ? roll_impulse[i][lane] : 0;
 }
 
 void ContactPacket::prepare(const BodyRows& rows) {
@@ -241,6 +280,9 @@ void ContactPacket::prepare(const BodyRows& rows) {
   scale_a = A.scale, scale_b = B.scale;
   tangent[1] = cross(normal, tangent[0]);
   const V3 ra = slide_a[0], rb = slide_b[0];
+  if (rolls) {
+    for (int i = 0; i < 2; ++i) roll_a[i] = A * tangent[i], roll_b[i] = B * tangent[i];
+  }
   for (int i = 0; i < 2; ++i) {
     slide_a[i] = A * cross(ra, tangent[i]);
     slide_b[i] = B * cross(rb, tangent[i]);
@@ -274,40 +316,47 @@ void ContactPacket::prepare(const BodyRows& rows) {
   };
   const V some = max(linear, splat<V>(1e-300));  // lanes without a contact
   const V xx = some + mobility(0, 0), xy = mobility(0, 1), yy = some + mobility(1, 1);
-  const V scale = 1 / (xx * yy - xy * xy), half = 0.5 * (xx - yy);
+  const V scale = 1 / (xx * yy - xy * xy);
   slide_inverse[0] = scale * yy, slide_inverse[1] = -scale * xy, slide_inverse[2] = scale * xx;
-  slide_bound = 1 / (0.5 * (xx + yy) + root_of(half * half + xy * xy));
+  slide_bound = 1 / largest_of(xx, xy, yy);
   const V spin = A.moves * fused_dot(twist_a, twist_a) + B.moves * fused_dot(twist_b, twist_b);
   twist_inverse = 1 / max(spin, splat<V>(1e-300));
+  if (!rolls) return;
+  const auto turning = [&](int i, int j) __attribute__((always_inline)) {
+    return A.moves * fused_dot(roll_a[i], roll_a[j]) + B.moves * fused_dot(roll_b[i], roll_b[j]);
+  };
+  roll_inverse = 1 / max(largest_of(turning(0, 0), turning(0, 1), turning(1, 1)), splat<V>(1e-300));
 }
 
 void ContactPacket::warm_start(BodyRows& rows) const {
-  Motion6 m = load_motion(rows.push_v, rows.push_w, *this);
+  Motion6 m = load_motion(rows.push, *this);
   apply_normal(*this, impulse, m);
   apply_friction(*this, slide_impulse, twist_impulse, m);
-  store_motion(m, rows.push_v, rows.push_w, *this);
+  if (rolls) apply_rolling(*this, roll_impulse, m);
+  store_motion(m, rows.push, *this);
 }
 
 void ContactPacket::solve_velocities(BodyRows& rows, const Settings& settings, bool first) {
   V u[4], d[4];
   if (first) {
-    approach(*this, load_motion(rows.x, rows.r, *this), u);
+    approach(*this, load_motion(rows.displacement, *this), u);
     for (int k = 0; k < 4; ++k) {
       target[k] = max(separation[k] + u[k] + away, V{}) * settings.inverse_h;
     }
   }
-  Motion6 m = load_motion(rows.v, rows.w, *this);
+  Motion6 m = load_motion(rows.velocity, *this);
+  if (rolls) solve_rolling(*this, m);
   solve_friction(*this, m);
   approach(*this, m, u);
   for (int k = 0; k < 4; ++k) u[k] = (u[k] + target[k]) * used[k];
   solve_block(*this, u, impulse, d);
   for (int k = 0; k < 4; ++k) impulse[k] = impulse[k] + d[k];
   apply_normal(*this, d, m);
-  store_motion(m, rows.v, rows.w, *this);
+  store_motion(m, rows.velocity, *this);
 }
 
 void ContactPacket::solve_positions(BodyRows& rows, const Settings& settings) const {
-  Motion6 m = load_motion(rows.x, rows.r, *this);
+  Motion6 m = load_motion(rows.displacement, *this);
   V u[4], d[4];
   const V none[4] = {};
   approach(*this, m, u);
@@ -321,7 +370,7 @@ void ContactPacket::solve_positions(BodyRows& rows, const Settings& settings) co
   if (!any(deep)) return;
   solve_block(*this, u, none, d);
   apply_normal(*this, d, m);
-  store_motion(m, rows.x, rows.r, *this);
+  store_motion(m, rows.displacement, *this);
 }
 
 }  // namespace substep::rigid

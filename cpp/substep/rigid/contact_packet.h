@@ -33,7 +33,7 @@ struct ContactPacket {
   };
 
   // Lane `lane` is the contact, or none.
-  void set(int lane, const ContactConstraint* contact, const Bodies& bodies);
+  void set(int lane, const ContactConstraint* contact, const Bodies& bodies, const BodyRows& rows);
   // Everything below but the impulses, once per step.
   void prepare(const BodyRows& rows);
 
@@ -60,6 +60,10 @@ struct ContactPacket {
   V slide_inverse[3], slide_bound, twist_inverse;
   V friction, spinning, lever[4];  // lever: d
   V slide_impulse[2], twist_impulse;
+  // Of rolling friction, where a lane has any: W^(1/2) t, 1 / its largest mobility.
+  bool rolls;
+  V rolling, roll_inverse, roll_impulse[2];
+  V3 roll_a[2], roll_b[2];
 };
 
 }  // namespace substep::rigid

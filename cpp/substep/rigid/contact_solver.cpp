@@ -54,23 +54,28 @@ class Phases {
 }  // namespace
 
 // Colours from the top down, the ground last.
-void ContactSolver::order(const Bodies& bodies, const Vec3& gravity,
-                          std::span<const ContactConstraint> contacts) {
+void ContactSolver::order(const Vec3& gravity, std::span<const ContactConstraint> contacts) {
+  const auto mover = [&](std::int32_t body) {
+    const std::int32_t row = rows_.row(body);
+    return rows_.moves(row) ? row : -1;
+  };
   depth_.clear();
-  for (const ContactConstraint& c : contacts)
-    depth_.emplace_back(c.count > 0 ? gravity.dot(c.points[0].position) : 0,
-                        static_cast<std::int32_t>(depth_.size()));
+  for (std::size_t k = 0; k < contacts.size(); ++k) {
+    const ContactConstraint& c = contacts[k];
+    if (c.count == 0 || (mover(c.a) < 0 && mover(c.b) < 0)) continue;
+    depth_.emplace_back(gravity.dot(c.points[0].position), static_cast<std::int32_t>(k));
+  }
   std::sort(depth_.begin(), depth_.end());
   pairs_.clear();
   for (const auto& [depth, k] : depth_) {
     const ContactConstraint& c = contacts[static_cast<std::size_t>(k)];
-    pairs_.push_back({bodies.dynamic(c.a) ? c.a : -1, bodies.dynamic(c.b) ? c.b : -1});
+    pairs_.push_back({mover(c.a), mover(c.b)});
   }
-  colours_.assign(contacts.size(), GraphColouring::kNoColour);
-  const auto n = static_cast<std::int32_t>(bodies.size());
+  colours_.assign(pairs_.size(), GraphColouring::kNoColour);
+  const auto n = static_cast<std::int32_t>(rows_.size());
   colouring_.colour(pairs_, n, colours_);
   colouring_.make_sweep(pairs_, n, colours_, kLanes, sweep_);
-  place_.resize(contacts.size());
+  place_.assign(contacts.size(), -1);
   for (std::size_t k = 0; k < sweep_.constraint.size(); ++k) {
     auto& c = sweep_.constraint[k];
     if (c < 0) continue;
@@ -89,7 +94,8 @@ void ContactSolver::pack(const Bodies& bodies, std::span<const ContactConstraint
           ContactPacket& packet = packets_[static_cast<std::size_t>(k)];
           for (int lane = 0; lane < kLanes; ++lane) {
             const auto c = sweep_.constraint[static_cast<std::size_t>(k * kLanes + lane)];
-            packet.set(lane, c < 0 ? nullptr : &contacts[static_cast<std::size_t>(c)], bodies);
+            packet.set(lane, c < 0 ? nullptr : &contacts[static_cast<std::size_t>(c)], bodies,
+                       rows_);
           }
           packet.prepare(rows_);
         }
@@ -107,14 +113,17 @@ void ContactSolver::bounce(double h, double slop) {
   }
 }
 
-void ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
-                         std::span<ContactConstraint> contacts, const ContactOptions& options,
-                         int threads) {
+std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
+                                 std::span<ContactConstraint> contacts,
+                                 const ContactOptions& options,
+                                 std::span<const std::uint8_t> asleep, SweptConstraints* joints,
+                                 int threads) {
   const double h = dt / options.substeps;
   const ContactPacket::Settings settings{1 / h, options.correction, options.slop,
                                          options.push_speed * h};
-  rows_.load(bodies, gravity, threads);
-  order(bodies, gravity, contacts);
+  rows_.load(bodies, gravity, asleep, threads);
+  if (joints != nullptr) joints->begin_step(bodies, rows_, h, threads);
+  order(gravity, contacts);
   pack(bodies, contacts, threads);
   impacts_.begin_step(contacts, rows_, bodies);
 
@@ -122,27 +131,36 @@ void ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
     return packets_[static_cast<std::size_t>(k)];
   };
   Phases phases;
+  const auto add_joints = [&](const std::function<void(std::int64_t)>& task) {
+    if (joints != nullptr) phases.add_sweep(joints->sweep(), task);
+  };
+  add_joints([&](std::int64_t k) { joints->warm_start(k, rows_); });
   phases.add_sweep(sweep_, [&](std::int64_t k) { packet(k).warm_start(rows_); });
   for (int substep = 0; substep < options.substeps; ++substep) {
     if (!impacts_.empty()) phases.add(1, [&](std::int64_t) { bounce(h, options.slop); });
-    phases.add_range(bodies.size(), kBodies, [&](std::int64_t begin, std::int64_t end) {
+    phases.add_range(rows_.size(), kBodies, [&](std::int64_t begin, std::int64_t end) {
       rows_.accelerate(begin, end, h);
     });
     for (int sweep = 0; sweep < options.sweeps; ++sweep) {
+      add_joints([&, sweep](std::int64_t k) { joints->solve_velocities(k, rows_, sweep == 0); });
       phases.add_sweep(sweep_, [&, sweep](std::int64_t k) {
         packet(k).solve_velocities(rows_, settings, sweep == 0);
       });
     }
-    phases.add_range(bodies.size(), kBodies,
+    phases.add_range(rows_.size(), kBodies,
                      [&](std::int64_t begin, std::int64_t end) { rows_.move(begin, end, h); });
+    add_joints([&](std::int64_t k) { joints->solve_positions(k, rows_); });
     phases.add_sweep(sweep_, [&](std::int64_t k) { packet(k).solve_positions(rows_, settings); });
   }
   phases.run(threads);
 
-  rows_.store(bodies, dt, options.rotation, threads);
+  const std::int64_t bad = rows_.store(bodies, dt, options.rotation, threads);
+  if (bad >= 0) return bad;
   for (std::size_t c = 0; c < contacts.size(); ++c) {
-    packet(place_[c] / kLanes).get(place_[c] % kLanes, contacts[c]);
+    if (place_[c] >= 0) packet(place_[c] / kLanes).get(place_[c] % kLanes, contacts[c]);
   }
+  if (joints != nullptr) joints->end_step(rows_);
+  return -1;
 }
 
 }  // namespace substep::rigid

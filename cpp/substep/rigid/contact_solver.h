@@ -4,7 +4,7 @@
 // SCA, section 3: n sub-steps of one iteration converge better than one step of n), and a sub-step
 //   1. impacts with restitution, each at its time                         impacts.h
 //   2. v += h (g + F / m) + what the contacts gave in the last sub-step   (warm start)
-//   3. m sweeps over the contacts: friction and normal impulses until
+//   3. m sweeps over the joints, then over the contacts: friction and normal impulses until
 //        u_n + max(C, 0) / h >= 0,                                        contact_packet.h
 //      without any term that pushes apart what overlaps
 //   4. x += h v
@@ -30,6 +30,7 @@
 #include "substep/rigid/contact_packet.h"
 #include "substep/rigid/graph_colouring.h"
 #include "substep/rigid/impacts.h"
+#include "substep/rigid/swept_constraints.h"
 
 namespace substep::rigid {
 
@@ -44,17 +45,21 @@ struct ContactOptions {
 
 class ContactSolver {
  public:
-  // One step of dt for all bodies: forces, contacts, free motion. The impulses of the contacts are
-  // those of the last sub-step before, and are so after. Contacts must have been looked for as far
-  // as bodies approach within dt.
-  void step(Bodies& bodies, const Vec3& gravity, double dt, std::span<ContactConstraint> contacts,
-            const ContactOptions& options, int threads = 0);
+  // One step of dt for all bodies: forces, contacts, joints, free motion. The impulses of the
+  // contacts are those of the last sub-step before, and are so after. Contacts must have been
+  // looked for as far as bodies approach within dt. asleep: not 0 where a body is, or empty; those
+  // are as static ones, and contacts between two that do not move stay as they are, at no cost.
+  // joints may be null. Returns the first body whose motion is not finite at the end, or -1: then
+  // bodies and contacts are still what they were before.
+  std::int64_t step(Bodies& bodies, const Vec3& gravity, double dt,
+                    std::span<ContactConstraint> contacts, const ContactOptions& options,
+                    std::span<const std::uint8_t> asleep = {}, SweptConstraints* joints = nullptr,
+                    int threads = 0);
 
   std::int64_t impacts() const { return impacts_.happened(); }  // of the last step
 
  private:
-  void order(const Bodies& bodies, const Vec3& gravity,
-             std::span<const ContactConstraint> contacts);
+  void order(const Vec3& gravity, std::span<const ContactConstraint> contacts);
   void pack(const Bodies& bodies, std::span<const ContactConstraint> contacts, int threads);
   void bounce(double h, double slop);
 
@@ -65,7 +70,7 @@ class ContactSolver {
   std::vector<std::pair<double, std::int32_t>> depth_;  // along gravity, contact
   std::vector<BodyPair> pairs_;
   std::vector<std::uint8_t> colours_;
-  std::vector<std::int32_t> place_;  // lane of each contact in packets_, counted through
+  std::vector<std::int32_t> place_;  // lane of each contact in packets_, counted through; or -1
   AlignedBuffer<ContactPacket> packets_;
 };
 

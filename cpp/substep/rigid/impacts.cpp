@@ -14,13 +14,6 @@ std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
 Vec3 from_row(const Point<double>& p) { return {p.x, p.y, p.z}; }
 void add(Point<double>& p, const Vec3& v) { p.x += v.x(), p.y += v.y(), p.z += v.z(); }
 
-Mat3 root_of(const BodyRows& rows, std::int32_t i) {
-  const auto &d = rows.root[at(i)], &m = rows.root_mixed[at(i)];
-  Mat3 W;
-  W << d.x, m.x, m.y, m.x, d.y, m.z, m.y, m.z, d.z;
-  return W;
-}
-
 }  // namespace
 
 void Impacts::begin_step(std::span<const ContactConstraint> contacts, const BodyRows& rows,
@@ -31,12 +24,14 @@ void Impacts::begin_step(std::span<const ContactConstraint> contacts, const Body
     const ContactConstraint& c = contacts[index];
     if (!(c.restitution > 0) || c.count == 0) continue;
     Row row{};
-    row.index = static_cast<std::int32_t>(index), row.a = c.a, row.b = c.b, row.count = c.count;
-    row.moves_a = bodies.dynamic(c.a), row.moves_b = bodies.dynamic(c.b);
-    row.scale_a = rows.root[at(c.a)].w, row.scale_b = rows.root[at(c.b)].w;
+    row.index = static_cast<std::int32_t>(index), row.count = c.count;
+    row.a = rows.row(c.a), row.b = rows.row(c.b);
+    row.moves_a = rows.moves(row.a), row.moves_b = rows.moves(row.b);
+    if (!row.moves_a && !row.moves_b) continue;
+    row.scale_a = rows.scale_of(row.a), row.scale_b = rows.scale_of(row.b);
     row.restitution = c.restitution, row.friction = c.friction;
     row.normal = c.normal, row.tangent[0] = c.tangent, row.tangent[1] = c.normal.cross(c.tangent);
-    const Mat3 A = root_of(rows, c.a), B = root_of(rows, c.b);
+    const Mat3 A = rows.root_of(row.a), B = rows.root_of(row.b);
     const auto gradient = [&](const Vec3& point, const Vec3& direction) {
       return Gradient{A * (point - bodies.position(c.a)).cross(direction),
                       B * (point - bodies.position(c.b)).cross(direction)};
@@ -58,7 +53,7 @@ void Impacts::begin_step(std::span<const ContactConstraint> contacts, const Body
     contacts_.push_back(row);
   }
   if (contacts_.empty()) return;
-  start_.assign(static_cast<std::size_t>(bodies.size()) + 1, 0);
+  start_.assign(static_cast<std::size_t>(rows.size()) + 1, 0);
   const auto each = [&](const auto& visit) {
     for (std::size_t k = 0; k < contacts_.size(); ++k) {
       if (contacts_[k].moves_a) visit(contacts_[k].a, static_cast<std::int32_t>(k));
@@ -74,16 +69,16 @@ void Impacts::begin_step(std::span<const ContactConstraint> contacts, const Body
 
 // gradient . (linear, angular)
 double Impacts::along(const Row& row, const Vec3& direction, const Gradient& gradient,
-                      const BodyRows::Rows& linear, const BodyRows::Rows& angular) const {
-  return direction.dot(row.scale_b * from_row(linear[at(row.b)]) -
-                       row.scale_a * from_row(linear[at(row.a)])) +
-         (gradient.angular_b.dot(from_row(angular[at(row.b)])) -
-          gradient.angular_a.dot(from_row(angular[at(row.a)])));
+                      const BodyRows::Rows& rows) const {
+  const BodyRow &a = rows[at(row.a)], &b = rows[at(row.b)];
+  return direction.dot(row.scale_b * from_row(b.linear) - row.scale_a * from_row(a.linear)) +
+         (gradient.angular_b.dot(from_row(b.angular)) -
+          gradient.angular_a.dot(from_row(a.angular)));
 }
 
 double Impacts::acceleration(const Row& row, const BodyRows& rows, double h) const {
   const auto of = [&](std::int32_t i) {
-    return Vec3(from_row(rows.a[at(i)]) + from_row(rows.push_v[at(i)]) / h);
+    return Vec3(from_row(rows.acceleration[at(i)].linear) + from_row(rows.push[at(i)].linear) / h);
   };
   return row.normal.dot(row.scale_b * of(row.b) - row.scale_a * of(row.a));
 }
@@ -94,8 +89,8 @@ Impacts::Fate Impacts::fate(const Row& row, const BodyRows& rows, double h, doub
   time = h;
   for (int k = 0; k < row.count; ++k) {
     const double C =
-        std::max(row.separation[k] + along(row, row.normal, row.points[k], rows.x, rows.r), 0.0);
-    const double u = along(row, row.normal, row.points[k], rows.v, rows.w);
+        std::max(row.separation[k] + along(row, row.normal, row.points[k], rows.displacement), 0.0);
+    const double u = along(row, row.normal, row.points[k], rows.velocity);
     const double square = u * u - 2 * g * C;
     if (!(square > 0) || (u >= 0 && (g >= 0 || C == 0))) continue;
     const double speed = std::sqrt(square);
@@ -115,8 +110,8 @@ Impacts::Fate Impacts::fate(const Row& row, const BodyRows& rows, double h, doub
 bool Impacts::rests(const Row& row, const BodyRows& rows, double h, double slop) const {
   const double g = std::abs(acceleration(row, rows, h));
   for (int k = 0; k < row.count; ++k) {
-    const double C = row.separation[k] + along(row, row.normal, row.points[k], rows.x, rows.r);
-    const double u = along(row, row.normal, row.points[k], rows.v, rows.w);
+    const double C = row.separation[k] + along(row, row.normal, row.points[k], rows.displacement);
+    const double u = along(row, row.normal, row.points[k], rows.velocity);
     if (C <= slop && std::abs(u) <= 2 * g * h + 1e-9) return true;
   }
   return false;
@@ -127,8 +122,8 @@ void Impacts::collide(const Row& row, BodyRows& rows, double h, double time) con
   double before[4], l[4] = {};
   bool meets[4];
   for (int k = 0; k < row.count; ++k) {
-    const double C = row.separation[k] + along(row, row.normal, row.points[k], rows.x, rows.r);
-    before[k] = along(row, row.normal, row.points[k], rows.v, rows.w) + g * time;
+    const double C = row.separation[k] + along(row, row.normal, row.points[k], rows.displacement);
+    before[k] = along(row, row.normal, row.points[k], rows.velocity) + g * time;
     meets[k] = C <= 0 || C + before[k] * h <= 0;
   }
   for (int sweep = 0; sweep < kBlockSweeps; ++sweep) {
@@ -143,16 +138,18 @@ void Impacts::collide(const Row& row, BodyRows& rows, double h, double time) con
     }
     if (change <= 1e-15 * most) break;
   }
-  const Vec3 va = from_row(rows.v[at(row.a)]), wa = from_row(rows.w[at(row.a)]),
-             vb = from_row(rows.v[at(row.b)]), wb = from_row(rows.w[at(row.b)]);
+  const Vec3 va = from_row(rows.velocity[at(row.a)].linear),
+             wa = from_row(rows.velocity[at(row.a)].angular),
+             vb = from_row(rows.velocity[at(row.b)].linear),
+             wb = from_row(rows.velocity[at(row.b)].angular);
   const auto apply = [&](const Vec3& direction, const Gradient& gradient, double impulse) {
     if (row.moves_a) {
-      add(rows.v[at(row.a)], -impulse * row.scale_a * direction);
-      add(rows.w[at(row.a)], -impulse * gradient.angular_a);
+      add(rows.velocity[at(row.a)].linear, -impulse * row.scale_a * direction);
+      add(rows.velocity[at(row.a)].angular, -impulse * gradient.angular_a);
     }
     if (row.moves_b) {
-      add(rows.v[at(row.b)], impulse * row.scale_b * direction);
-      add(rows.w[at(row.b)], impulse * gradient.angular_b);
+      add(rows.velocity[at(row.b)].linear, impulse * row.scale_b * direction);
+      add(rows.velocity[at(row.b)].angular, impulse * gradient.angular_b);
     }
   };
   double pressure = 0;
@@ -164,7 +161,7 @@ void Impacts::collide(const Row& row, BodyRows& rows, double h, double time) con
     Eigen::Matrix2d mobility;
     Eigen::Vector2d slip;
     for (int i = 0; i < 2; ++i) {
-      slip[i] = along(row, row.tangent[i], row.slide[i], rows.v, rows.w);
+      slip[i] = along(row, row.tangent[i], row.slide[i], rows.velocity);
       for (int j = 0; j < 2; ++j) {
         const auto part = [&](bool moves, double scale, const Vec3& p, const Vec3& q) {
           return moves ? (i == j ? scale * scale : 0) + p.dot(q) : 0;
@@ -180,8 +177,9 @@ void Impacts::collide(const Row& row, BodyRows& rows, double h, double time) con
     for (int i = 0; i < 2; ++i) apply(row.tangent[i], row.slide[i], impulse[i]);
   }
   const auto shift = [&](std::int32_t i, const Vec3& v, const Vec3& w) {
-    add(rows.x[at(i)], -time * (from_row(rows.v[at(i)]) - v));
-    add(rows.r[at(i)], -time * (from_row(rows.w[at(i)]) - w));
+    const BodyRow& now = rows.velocity[at(i)];
+    add(rows.displacement[at(i)].linear, -time * (from_row(now.linear) - v));
+    add(rows.displacement[at(i)].angular, -time * (from_row(now.angular) - w));
   };
   if (row.moves_a) shift(row.a, va, wa);
   if (row.moves_b) shift(row.b, vb, wb);

@@ -48,7 +48,7 @@ class Impacts {
   };
   // A contact in the coordinates of BodyRows.
   struct Row {
-    std::int32_t index, a, b;
+    std::int32_t index, a, b;  // a, b: rows
     int count;
     bool moves_a, moves_b;
     double scale_a, scale_b, restitution, friction;
@@ -67,7 +67,7 @@ class Impacts {
   enum class Fate { kResting, kFlying, kImpact };
 
   double along(const Row& row, const Vec3& direction, const Gradient& gradient,
-               const BodyRows::Rows& linear, const BodyRows::Rows& angular) const;
+               const BodyRows::Rows& rows) const;
   double acceleration(const Row& row, const BodyRows& rows, double h) const;
   Fate fate(const Row& row, const BodyRows& rows, double h, double& time) const;
   bool rests(const Row& row, const BodyRows& rows, double h, double slop) const;
