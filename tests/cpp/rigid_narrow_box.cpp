@@ -122,6 +122,27 @@ TEST(NarrowBox, ReductionKeepsDepthAndArea) {
   }
 }
 
+// An edge over the edge of a face, tilted by `slope` down and beyond it: the axis across both edges
+// separates by 0, that of the face by the depth of the end outside. Up to 1/50 of the half length
+// the face is taken, and the edge lies on it with two points.
+TEST(NarrowBox, FacesArePreferredWhereEdgesAreLittleBetter) {
+  const Shape box = Box{{0.5, 0.5, 0.5}};
+  for (const double slope : {0.003, 0.01, 0.019, 0.021, 0.05}) {
+    const Vec3 d(std::cos(slope), 0, -std::sin(slope)), n(std::sin(slope), 0, std::cos(slope));
+    const Vec3 e = std::sqrt(0.5) * (n + Vec3::UnitY());
+    Mat3 R;
+    R << d, e, d.cross(e);
+    Manifold manifold;
+    Cache cache;
+    const Pose pose(Vec3(0.5, 0, 0.5) + std::sqrt(0.5) * n, R);
+    ASSERT_TRUE(collide(box, Pose(), box, pose, 0.02, manifold, cache));
+    const bool face = 0.5 * std::sin(slope) < 0.5 / 50;
+    EXPECT_EQ(manifold.count, face ? 2 : 1);
+    EXPECT_LT((manifold.normal - (face ? Vec3::UnitZ() : n)).norm(), 1e-12);
+    EXPECT_NEAR(deepest(manifold), 0, 1e-12);
+  }
+}
+
 // While a box slides over another its corners keep their names; those cut change at most at events.
 TEST(NarrowBox, FeaturesPersistWhileSliding) {
   const Shape box = Box{{0.5, 0.5, 0.5}}, slab = Box{{5, 5, 0.5}};

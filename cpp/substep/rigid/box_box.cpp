@@ -13,7 +13,7 @@ namespace {
 // Fractions of the smallest half length: what a side lets pass, so that the corners of aligned
 // boxes stay corners, and by how much a later kind of axis must be better than an earlier one
 // (faces of a, faces of b, crossings of edges), so that flat contact stays flat.
-constexpr double kSlack = 1e-4, kPreference = 1e-3;
+constexpr double kSlack = 1e-4, kPreference = 2e-2;
 
 // b as seen from the frame of a.
 struct Relative {

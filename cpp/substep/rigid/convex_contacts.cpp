@@ -10,7 +10,7 @@
 namespace substep::rigid {
 namespace {
 
-constexpr double kPreference = 1e-3, kRounded = 1e-6;  // of the smaller shape's size
+constexpr double kPreference = 2e-2, kRounded = 1e-6;  // of the smaller shape's size
 constexpr double kLevel = 1e-5;                        // [rad], how far from level a line may be
 constexpr double kNone = -std::numeric_limits<double>::infinity();
 
