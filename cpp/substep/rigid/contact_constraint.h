@@ -28,7 +28,8 @@ struct ContactConstraint {
     Vec3 in_a = Vec3::Zero(), in_b = Vec3::Zero();  // in the frames of the bodies
   };
 
-  std::int32_t a = 0, b = 0;     // numbers of bodies; one of them is dynamic
+  std::int32_t a = 0, b = 0;  // numbers of bodies; one of them is dynamic
+  std::int32_t fixture_a = 0, fixture_b = 0;
   Vec3 normal = Vec3::UnitZ();   // of length 1, from a to b
   Vec3 tangent = Vec3::UnitX();  // of length 1, across it: first direction of friction
   int count = 0;

@@ -42,6 +42,7 @@ struct Fixture {
   Pose local;
   double friction = 0.5, restitution = 0;
   double density = 1000;                       // [kg/m^3]
+  double rolling = 0, spinning = 0;            // levers of friction that resists them [m]
   std::uint32_t group = 1, mask = 0xffffffff;  // a meets b: a.group & b.mask and b.group & a.mask
 };
 

@@ -1,0 +1,38 @@
+// The contacts of a step: the narrow phase over all pairs that may touch.
+//
+// How far a pair is looked at depends on how far it may approach in the step. What is slow for its
+// size meets along the normal that the shapes have now. What is fast is followed to where it will
+// meet (time_of_impact.h): normal and points are those of that time, the separation is what the
+// motion along the normal takes until then, so that the solver has the impact happen there and then
+// whatever the speed, and what merely passes by is not met at all.
+//
+// Contacts are in the order of the fixtures' numbers, and those of a pair that was in contact a
+// step before begin with the impulses of then. They depend on poses, velocities and the last
+// contacts alone.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "substep/rigid/broad_phase.h"
+#include "substep/rigid/contact_constraint.h"
+#include "substep/rigid/fixtures.h"
+#include "substep/rigid/manifold.h"
+
+namespace substep::rigid {
+
+class ContactFinder {
+ public:
+  // ways[b]: of body b in this step. `slots`: BroadPhase::slots(). `last`: contacts in the order of
+  // their fixtures, to take impulses from.
+  void find(std::span<const FixturePair> pairs, std::int32_t slots, const Fixtures& fixtures,
+            std::span<const Way> ways, std::span<const ContactConstraint> last,
+            std::vector<ContactConstraint>& contacts, int threads);
+
+ private:
+  std::vector<Cache> caches_;                          // of each slot
+  std::vector<std::vector<ContactConstraint>> found_;  // of each chunk
+};
+
+}  // namespace substep::rigid
