@@ -17,8 +17,10 @@ ContactConstraint make_contact(const Manifold& manifold, std::int32_t a, const P
     ContactConstraint::Point& point = contact.points[k];
     point.position = 0.5 * (from.on_a + from.on_b);
     point.separation = from.separation;
-    point.in_a = pose_a.to_local(point.position);
-    point.in_b = pose_b.to_local(point.position);
+    point.arm_a = point.position - pose_a.position;
+    point.arm_b = point.position - pose_b.position;
+    point.in_a = pose_a.rotation.transpose() * point.arm_a;
+    point.in_b = pose_b.rotation.transpose() * point.arm_b;
   }
   return contact;
 }
@@ -35,7 +37,7 @@ void carry_impulses(const ContactConstraint& last, ContactConstraint& now) {
 
   // Half the distance to the middle, squared; a single point is always the same.
   double near = now.count == 1 && last.count == 1 ? std::numeric_limits<double>::infinity() : 0;
-  const Vec3 middle = now.middle();
+  const Vec3 middle = now.middle(&ContactConstraint::Point::position);
   for (int k = 0; k < now.count; ++k)
     near = std::max(near, 0.25 * (now.points[k].position - middle).squaredNorm());
   bool taken[4] = {};

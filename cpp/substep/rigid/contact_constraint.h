@@ -26,6 +26,9 @@ struct ContactConstraint {
     double separation = 0.0;                        // C at the begin of the step [m]
     double impulse = 0.0;                           // l_n of the last sub-step [N s]
     Vec3 in_a = Vec3::Zero(), in_b = Vec3::Zero();  // in the frames of the bodies
+    // From the centres of the bodies, in the world: where impulses act. Of bodies that meet later
+    // in the step as they are then, when neither is where it is now.
+    Vec3 arm_a = Vec3::Zero(), arm_b = Vec3::Zero();
   };
 
   std::int32_t a = 0, b = 0;  // numbers of bodies; one of them is dynamic
@@ -41,10 +44,11 @@ struct ContactConstraint {
   double twist_impulse = 0.0;             // of the last sub-step [N m s]
   double roll_impulse[2] = {0., 0.};      // the same along the tangent and n x tangent
 
-  Vec3 middle() const {
+  // Of the points: of their positions, of their arms.
+  Vec3 middle(Vec3 Point::* which) const {
     Vec3 sum = Vec3::Zero();
-    for (int k = 0; k < count; ++k) sum += points[k].position;
-    return sum / count;
+    for (int k = 0; k < count; ++k) sum += points[k].*which;
+    return count > 0 ? Vec3(sum / count) : sum;
   }
 };
 

@@ -74,6 +74,7 @@ class Search {
     contact.friction = std::sqrt(f.friction * g.friction);
     contact.restitution = std::max(f.restitution, g.restitution);
     contact.spinning = std::max(f.spinning, g.spinning);
+    contact.rolling = std::max(f.rolling, g.rolling);
   }
 
   // Of several contacts of one pair (on a mesh) each takes the impulses of the one with the nearest

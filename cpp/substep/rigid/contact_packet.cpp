@@ -236,28 +236,26 @@ void set3(V3& v, int lane, const Vec3& value) {
 
 }  // namespace
 
-void ContactPacket::set(int lane, const ContactConstraint* contact, const Bodies& bodies,
-                        const BodyRows& rows) {
+void ContactPacket::set(int lane, const ContactConstraint* contact, const BodyRows& rows) {
   static const ContactConstraint kNone{};
   const ContactConstraint& c = contact != nullptr ? *contact : kNone;
-  const Vec3 middle = c.count > 0 ? c.middle() : bodies.position(c.a);
-  const Vec3 xa = bodies.position(c.a), xb = bodies.position(c.b);
+  const Vec3 middle_a = c.middle(&ContactConstraint::Point::arm_a),
+             middle_b = c.middle(&ContactConstraint::Point::arm_b);
   a[lane] = contact != nullptr ? rows.row(c.a) : 0;
   b[lane] = contact != nullptr ? rows.row(c.b) : 0;
   moves_a[lane] = rows.moves(a[lane]), moves_b[lane] = rows.moves(b[lane]);
   set3(normal, lane, c.normal);
   set3(tangent[0], lane, c.tangent);
-  set3(slide_a[0], lane, middle - xa);
-  set3(slide_b[0], lane, middle - xb);
+  set3(slide_a[0], lane, middle_a);
+  set3(slide_b[0], lane, middle_b);
   for (int k = 0; k < 4; ++k) {
     const bool is = k < c.count;
-    const Vec3 p = is ? c.points[k].position : middle;
-    set3(arm_a[k], lane, p - xa);
-    set3(arm_b[k], lane, p - xb);
+    set3(arm_a[k], lane, is ? c.points[k].arm_a : middle_a);
+    set3(arm_b[k], lane, is ? c.points[k].arm_b : middle_b);
     used[k][lane] = is ? 1 : 0;
     separation[k][lane] = is ? c.points[k].separation : 0;
     impulse[k][lane] = is ? c.points[k].impulse : 0;
-    lever[k][lane] = is ? (p - middle).norm() : 0;
+    lever[k][lane] = is ? (c.points[k].arm_a - middle_a).norm() : 0;
   }
   friction[lane] = c.friction, spinning[lane] = c.spinning, away[lane] = 0;
   slide_impulse[0][lane] = c.friction_impulse[0], slide_impulse[1][lane] = c.friction_impulse[1];

@@ -33,7 +33,7 @@ struct ContactPacket {
   };
 
   // Lane `lane` is the contact, or none.
-  void set(int lane, const ContactConstraint* contact, const Bodies& bodies, const BodyRows& rows);
+  void set(int lane, const ContactConstraint* contact, const BodyRows& rows);
   // Everything below but the impulses, once per step.
   void prepare(const BodyRows& rows);
 

@@ -84,8 +84,7 @@ void ContactSolver::order(const Vec3& gravity, std::span<const ContactConstraint
   }
 }
 
-void ContactSolver::pack(const Bodies& bodies, std::span<const ContactConstraint> contacts,
-                         int threads) {
+void ContactSolver::pack(std::span<const ContactConstraint> contacts, int threads) {
   packets_.reset(static_cast<std::size_t>(sweep_.packets()));
   parallel_for(
       sweep_.packets(), kPackets,
@@ -94,8 +93,7 @@ void ContactSolver::pack(const Bodies& bodies, std::span<const ContactConstraint
           ContactPacket& packet = packets_[static_cast<std::size_t>(k)];
           for (int lane = 0; lane < kLanes; ++lane) {
             const auto c = sweep_.constraint[static_cast<std::size_t>(k * kLanes + lane)];
-            packet.set(lane, c < 0 ? nullptr : &contacts[static_cast<std::size_t>(c)], bodies,
-                       rows_);
+            packet.set(lane, c < 0 ? nullptr : &contacts[static_cast<std::size_t>(c)], rows_);
           }
           packet.prepare(rows_);
         }
@@ -124,8 +122,8 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   rows_.load(bodies, gravity, asleep, threads);
   if (joints != nullptr) joints->begin_step(bodies, rows_, h, threads);
   order(gravity, contacts);
-  pack(bodies, contacts, threads);
-  impacts_.begin_step(contacts, rows_, bodies);
+  pack(contacts, threads);
+  impacts_.begin_step(contacts, rows_);
 
   const auto packet = [&](std::int64_t k) -> ContactPacket& {
     return packets_[static_cast<std::size_t>(k)];

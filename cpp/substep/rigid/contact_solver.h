@@ -60,7 +60,7 @@ class ContactSolver {
 
  private:
   void order(const Vec3& gravity, std::span<const ContactConstraint> contacts);
-  void pack(const Bodies& bodies, std::span<const ContactConstraint> contacts, int threads);
+  void pack(std::span<const ContactConstraint> contacts, int threads);
   void bounce(double h, double slop);
 
   BodyRows rows_;

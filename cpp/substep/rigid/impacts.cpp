@@ -16,8 +16,7 @@ void add(Point<double>& p, const Vec3& v) { p.x += v.x(), p.y += v.y(), p.z += v
 
 }  // namespace
 
-void Impacts::begin_step(std::span<const ContactConstraint> contacts, const BodyRows& rows,
-                         const Bodies& bodies) {
+void Impacts::begin_step(std::span<const ContactConstraint> contacts, const BodyRows& rows) {
   contacts_.clear();
   happened_ = 0;
   for (std::size_t index = 0; index < contacts.size(); ++index) {
@@ -32,15 +31,16 @@ void Impacts::begin_step(std::span<const ContactConstraint> contacts, const Body
     row.restitution = c.restitution, row.friction = c.friction;
     row.normal = c.normal, row.tangent[0] = c.tangent, row.tangent[1] = c.normal.cross(c.tangent);
     const Mat3 A = rows.root_of(row.a), B = rows.root_of(row.b);
-    const auto gradient = [&](const Vec3& point, const Vec3& direction) {
-      return Gradient{A * (point - bodies.position(c.a)).cross(direction),
-                      B * (point - bodies.position(c.b)).cross(direction)};
+    const auto gradient = [&](const Vec3& arm_a, const Vec3& arm_b, const Vec3& direction) {
+      return Gradient{A * arm_a.cross(direction), B * arm_b.cross(direction)};
     };
     for (int k = 0; k < c.count; ++k) {
       row.separation[k] = c.points[k].separation;
-      row.points[k] = gradient(c.points[k].position, c.normal);
+      row.points[k] = gradient(c.points[k].arm_a, c.points[k].arm_b, c.normal);
     }
-    for (int i = 0; i < 2; ++i) row.slide[i] = gradient(c.middle(), row.tangent[i]);
+    const Vec3 middle_a = c.middle(&ContactConstraint::Point::arm_a),
+               middle_b = c.middle(&ContactConstraint::Point::arm_b);
+    for (int i = 0; i < 2; ++i) row.slide[i] = gradient(middle_a, middle_b, row.tangent[i]);
     const double linear = (row.moves_a ? row.scale_a * row.scale_a : 0) +
                           (row.moves_b ? row.scale_b * row.scale_b : 0);
     for (int k = 0; k < c.count; ++k) {

@@ -28,8 +28,7 @@ namespace substep::rigid {
 class Impacts {
  public:
   // Takes the contacts with restitution.
-  void begin_step(std::span<const ContactConstraint> contacts, const BodyRows& rows,
-                  const Bodies& bodies);
+  void begin_step(std::span<const ContactConstraint> contacts, const BodyRows& rows);
   bool empty() const { return contacts_.empty(); }
 
   // All impacts of the next h. Afterwards flying() tells, for the k-th of contact(k), whether it

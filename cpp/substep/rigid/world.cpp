@@ -116,7 +116,12 @@ void World::step(double dt) {
   last_contacts_.swap(contacts_);
   finder_.find(broad_phase_.pairs(), broad_phase_.slots(), fixtures_, ways_, last_contacts_,
                contacts_, threads);
-  solver_.step(bodies_, options.gravity, dt, contacts_, options.contact, threads);
+  const std::int64_t bad =
+      solver_.step(bodies_, options.gravity, dt, contacts_, options.contact, {}, nullptr, threads);
+  if (bad >= 0) {
+    contacts_.swap(last_contacts_);
+    throw NonFiniteError("body " + std::to_string(bad) + " is not finite", time, bad, steps);
+  }
   bodies_.clear_forces();
   time += dt;
   ++steps;
