@@ -21,7 +21,7 @@ struct ContactScene {
   Vec3 gravity{0, 0, -9.81};
   double spinning = 0, rolling = 0;
   std::vector<std::uint8_t> asleep;
-  SweptConstraints* joints = nullptr;
+  std::vector<Joint> joints;
   int threads = 1;
 
   std::int32_t add(const Shape& shape, const BodyState& body) {

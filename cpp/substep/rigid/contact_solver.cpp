@@ -114,13 +114,13 @@ void ContactSolver::bounce(double h, double slop) {
 std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
                                  std::span<ContactConstraint> contacts,
                                  const ContactOptions& options,
-                                 std::span<const std::uint8_t> asleep, SweptConstraints* joints,
+                                 std::span<const std::uint8_t> asleep, std::span<Joint> joints,
                                  int threads) {
   const double h = dt / options.substeps;
   const ContactPacket::Settings settings{1 / h, options.correction, options.slop,
                                          options.push_speed * h};
   rows_.load(bodies, gravity, asleep, threads);
-  if (joints != nullptr) joints->begin_step(bodies, rows_, h, threads);
+  joints_.begin_step(bodies, joints, contacts, {h, settings.push, options.rotation}, rows_);
   order(gravity, contacts);
   pack(contacts, threads);
   impacts_.begin_step(contacts, rows_);
@@ -129,10 +129,11 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
     return packets_[static_cast<std::size_t>(k)];
   };
   Phases phases;
-  const auto add_joints = [&](const std::function<void(std::int64_t)>& task) {
-    if (joints != nullptr) phases.add_sweep(joints->sweep(), task);
+  const auto add_joints = [&](const std::function<void(JointGroup&)>& task) {
+    if (joints_.groups() > 0) {
+      phases.add(joints_.groups(), [this, task](std::int64_t k) { task(joints_.group(k)); });
+    }
   };
-  add_joints([&](std::int64_t k) { joints->warm_start(k, rows_); });
   phases.add_sweep(sweep_, [&](std::int64_t k) { packet(k).warm_start(rows_); });
   for (int substep = 0; substep < options.substeps; ++substep) {
     if (!impacts_.empty()) phases.add(1, [&](std::int64_t) { bounce(h, options.slop); });
@@ -140,16 +141,18 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
       rows_.accelerate(begin, end, h);
     });
     for (int sweep = 0; sweep < options.sweeps; ++sweep) {
-      add_joints([&, sweep](std::int64_t k) { joints->solve_velocities(k, rows_, sweep == 0); });
+      add_joints([&, sweep](JointGroup& group) { group.solve_velocities(rows_, sweep == 0); });
       phases.add_sweep(sweep_, [&, sweep](std::int64_t k) {
         packet(k).solve_velocities(rows_, settings, sweep == 0);
       });
     }
     phases.add_range(rows_.size(), kBodies,
                      [&](std::int64_t begin, std::int64_t end) { rows_.move(begin, end, h); });
-    add_joints([&](std::int64_t k) { joints->solve_positions(k, rows_); });
+    add_joints([&](JointGroup& group) { group.move(rows_); });
     phases.add_sweep(sweep_, [&](std::int64_t k) { packet(k).solve_positions(rows_, settings); });
+    add_joints([&](JointGroup& group) { group.solve_positions(rows_); });
   }
+  add_joints([&](JointGroup& group) { group.end_step(rows_); });
   phases.run(threads);
 
   const std::int64_t bad = rows_.store(bodies, dt, options.rotation, threads);
@@ -157,7 +160,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   for (std::size_t c = 0; c < contacts.size(); ++c) {
     if (place_[c] >= 0) packet(place_[c] / kLanes).get(place_[c] % kLanes, contacts[c]);
   }
-  if (joints != nullptr) joints->end_step(rows_);
+  joints_.store(bodies, joints, dt);
   return -1;
 }
 

@@ -30,7 +30,7 @@
 #include "substep/rigid/contact_packet.h"
 #include "substep/rigid/graph_colouring.h"
 #include "substep/rigid/impacts.h"
-#include "substep/rigid/swept_constraints.h"
+#include "substep/rigid/joints.h"
 
 namespace substep::rigid {
 
@@ -49,11 +49,11 @@ class ContactSolver {
   // contacts are those of the last sub-step before, and are so after. Contacts must have been
   // looked for as far as bodies approach within dt. asleep: not 0 where a body is, or empty; those
   // are as static ones, and contacts between two that do not move stay as they are, at no cost.
-  // joints may be null. Returns the first body whose motion is not finite at the end, or -1: then
-  // bodies and contacts are still what they were before.
+  // Returns the first body whose motion is not finite at the end, or -1: then bodies, contacts and
+  // joints are still what they were before.
   std::int64_t step(Bodies& bodies, const Vec3& gravity, double dt,
                     std::span<ContactConstraint> contacts, const ContactOptions& options,
-                    std::span<const std::uint8_t> asleep = {}, SweptConstraints* joints = nullptr,
+                    std::span<const std::uint8_t> asleep = {}, std::span<Joint> joints = {},
                     int threads = 0);
 
   std::int64_t impacts() const { return impacts_.happened(); }  // of the last step
@@ -67,6 +67,7 @@ class ContactSolver {
   GraphColouring colouring_;
   Sweep sweep_;
   Impacts impacts_;
+  JointSolver joints_;
   std::vector<std::pair<double, std::int32_t>> depth_;  // along gravity, contact
   std::vector<BodyPair> pairs_;
   std::vector<std::uint8_t> colours_;

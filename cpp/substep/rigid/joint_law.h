@@ -1,0 +1,59 @@
+// What rules a coordinate of a joint during a sub-step: limits, and a motor or a spring.
+//
+// The impulse l that acts along a coordinate is a decreasing function of its rate u, with vertical
+// and horizontal pieces, the modes: where u would pass a limit, what holds it there; between them
+// the motor's, that is within +- most what keeps the line u + compliance l = rate:
+//   speed   rate is the target, compliance 0;
+//   spring  l = -h (k (y - y0) + c u_0) - D (u - u_0), D = h^2 k / 4 + h c / 2, where y and u_0 are
+//           the coordinate and its rate before: Newmark's method, beta 1/4, gamma 1/2 (Newmark
+//           1959, J. Eng. Mech. 85), in the form of leapfrog: no step is too long for it, and
+//           without c it keeps the energy. compliance is 1 / D.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <limits>
+
+namespace substep::rigid {
+
+struct JointLaw {
+  enum class Mode : std::uint8_t { kFree, kLower, kUpper, kLine, kMost, kLeast };
+
+  static constexpr double kInfinite = std::numeric_limits<double>::infinity();
+  double slowest = -kInfinite, fastest = kInfinite;  // rates that lead to the limits
+  bool driven = false;
+  double rate = 0, compliance = 0, most = 0;  // most: an impulse
+
+  static bool fixes_impulse(Mode mode) {
+    return mode == Mode::kFree || mode == Mode::kMost || mode == Mode::kLeast;
+  }
+  double fixed_impulse(Mode mode) const {
+    return mode == Mode::kMost ? most : mode == Mode::kLeast ? -most : 0;
+  }
+  // What must vanish in the other modes; l's coefficient there is softness().
+  double residual(Mode mode, double u, double l) const {
+    if (mode == Mode::kLine) return u - rate + compliance * l;
+    return u - (mode == Mode::kLower ? slowest : fastest);
+  }
+  double softness(Mode mode) const { return mode == Mode::kLine ? compliance : 0; }
+
+  // The mode of the piece nearest to (u, l), 1 / K the change of l for one of u: a step of the
+  // semismooth Newton method (Hintermueller, Ito and Kunisch 2002, SIAM J. Optim. 13).
+  Mode mode(double u, double l, double K) const {
+    if (slowest == fastest || l - (u - slowest) / K > motor(slowest, 1)) return Mode::kLower;
+    if (l - (u - fastest) / K < motor(fastest, -1)) return Mode::kUpper;
+    if (!driven) return Mode::kFree;
+    const double on_line = l - (u - rate + compliance * l) / (K + compliance);
+    return on_line > most ? Mode::kMost : on_line < -most ? Mode::kLeast : Mode::kLine;
+  }
+
+ private:
+  // Of the motor at the rate u; side: which, where it is of both.
+  double motor(double u, double side) const {
+    if (!driven) return 0;
+    if (compliance > 0) return std::clamp((rate - u) / compliance, -most, most);
+    return u == rate ? side * most : u < rate ? most : -most;
+  }
+};
+
+}  // namespace substep::rigid
