@@ -117,7 +117,7 @@ void World::step(double dt) {
   finder_.find(broad_phase_.pairs(), broad_phase_.slots(), fixtures_, ways_, last_contacts_,
                contacts_, threads);
   const std::int64_t bad =
-      solver_.step(bodies_, options.gravity, dt, contacts_, options.contact, {}, nullptr, threads);
+      solver_.step(bodies_, options.gravity, dt, contacts_, options.contact, {}, {}, threads);
   if (bad >= 0) {
     contacts_.swap(last_contacts_);
     throw NonFiniteError("body " + std::to_string(bad) + " is not finite", time, bad, steps);
