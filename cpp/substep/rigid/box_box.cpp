@@ -15,10 +15,38 @@ namespace {
 // (faces of a, faces of b, crossings of edges), so that flat contact stays flat.
 constexpr double kSlack = 1e-4, kPreference = 2e-2;
 
-// b as seen from the frame of a.
+using V = Vector<double, 32>;  // three lanes of use, 0 in the last
+
+SUBSTEP_INLINE V lanes(const Vec3& v) { return V{v.x(), v.y(), v.z(), 0}; }
+SUBSTEP_INLINE Vec3 vec3(const V& v) { return {v[0], v[1], v[2]}; }
+SUBSTEP_INLINE V magnitude(const V& v) { return v < 0 ? -v : v; }
+
+// The rows of a rotation. along(x): x in the frame that it turns to the world.
+struct Rows {
+  explicit Rows(const Mat3& M)
+      : r{V{M(0, 0), M(0, 1), M(0, 2), 0}, V{M(1, 0), M(1, 1), M(1, 2), 0},
+          V{M(2, 0), M(2, 1), M(2, 2), 0}} {}
+  SUBSTEP_INLINE V along(double x, double y, double z) const {
+    return fma(z, r[2], fma(y, r[1], x * r[0]));
+  }
+  V r[3];
+};
+
+// Each box as seen from the frame of the other.
 struct Relative {
-  Vec3 t;         // centre
-  Mat3 R, abs_R;  // axes in columns
+  Relative(const Pose& pose_a, const Pose& pose_b) {
+    const Rows a(pose_a.rotation), b(pose_b.rotation);
+    const Mat3 &A = pose_a.rotation, &B = pose_b.rotation;
+    const Vec3 d = pose_b.position - pose_a.position;
+    t_a = a.along(d.x(), d.y(), d.z());
+    t_b = b.along(d.x(), d.y(), d.z());
+    for (int i = 0; i < 3; ++i) {
+      b_in_a[i] = a.along(B(0, i), B(1, i), B(2, i));
+      a_in_b[i] = b.along(A(0, i), A(1, i), A(2, i));
+    }
+  }
+  V t_a, t_b;              // from the centre of a to that of b, in the frames of a and b
+  V b_in_a[3], a_in_b[3];  // axes
 };
 
 // Points where a face of `reference` (its axis `i`, outward along `sign`) meets the face of
@@ -71,10 +99,10 @@ bool clip_faces(const Box& reference, const Pose& pose, int i, double sign, cons
 
 // Where the edges along axis i of a and j of b that face each other along n (frame of a) cross.
 // False where their lines do beyond their ends.
-bool cross_edges(const Box& a, const Pose& pose_a, const Box& b, const Relative& rel, int i, int j,
-                 const Vec3& n, double separation, Manifold& manifold) {
+bool cross_edges(const Box& a, const Pose& pose_a, const Box& b, const Mat3& R, const Vec3& t,
+                 int i, int j, const Vec3& n, double separation, Manifold& manifold) {
   // Midpoints of the edges.
-  const Vec3 along_b = rel.R.transpose() * n;
+  const Vec3 along_b = R.transpose() * n;
   Vec3 p = Vec3::Zero(), q_local = Vec3::Zero();
   std::uint32_t feature = static_cast<std::uint32_t>(1 << 24 | i << 20 | j << 16);
   for (int k = 0; k < 3; ++k) {
@@ -82,7 +110,7 @@ bool cross_edges(const Box& a, const Pose& pose_a, const Box& b, const Relative&
     if (k != j) q_local[k] = along_b[k] > 0 ? -b.half_lengths[k] : b.half_lengths[k];
     feature |= (p[k] > 0 ? 1u : 0u) << k | (q_local[k] > 0 ? 8u : 0u) << k;
   }
-  const Vec3 q = rel.R * q_local + rel.t, d = rel.R.col(j), w = q - p;
+  const Vec3 q = R * q_local + t, d = R.col(j), w = q - p;
   // p + s e_i and q + r d closest: with c = e_i . d, s (1 - c^2) = w_i - c w.d.
   const double c = d[i], wd = w.dot(d), s = (w[i] - c * wd) / std::max(1 - c * c, 1e-300);
   const double r = c * s - wd;
@@ -95,34 +123,63 @@ bool cross_edges(const Box& a, const Pose& pose_a, const Box& b, const Relative&
   return true;
 }
 
-// Axes e_i x R_j, of length l, the three j of one i at a time: l s = |t . axis| - h . |axis| - g .
-// |axis in b|. False where one separates by more than the margin; else the best one above `best`.
-bool best_edges(const Relative& rel, const Vec3& h, const Vec3& g, double margin, double& best,
-                int& best_i, int& best_j) {
-  using V = Vector<double, 32>;
-  const V g1 = {g[1], g[2], g[0], 0}, g2 = {g[2], g[0], g[1], 0};
-  V row[3], size[3];
-  for (int i = 0; i < 3; ++i) {
-    row[i] = V{rel.R(i, 0), rel.R(i, 1), rel.R(i, 2), 0};
-    size[i] = V{rel.abs_R(i, 0), rel.abs_R(i, 1), rel.abs_R(i, 2), 0};
+// How far the planes across the axes of faces are apart: lanes of a's axes, and of b's. The last
+// lane is below all.
+struct FaceAxes {
+  FaceAxes(const Relative& rel, const Vec3& h, const Vec3& g) {
+    const V below{0, 0, 0, 1e300};
+    V reach_a = lanes(h), reach_b = lanes(g);
+    for (int i = 0; i < 3; ++i) {
+      reach_a = fma(g[i], magnitude(rel.b_in_a[i]), reach_a);
+      reach_b = fma(h[i], magnitude(rel.a_in_b[i]), reach_b);
+    }
+    a = magnitude(rel.t_a) - reach_a - below, b = magnitude(rel.t_b) - reach_b - below;
   }
+  V a, b;
+};
+
+int largest(const V& v) {
+  const int i = v[1] > v[0] ? 1 : 0;
+  return v[2] > v[i] ? 2 : i;
+}
+
+// Axes a_i x b_j, of length l, the three j of one i at a time: l s = |t . axis| - h . |axis| - g .
+// |axis in b|. Of those above `best` the largest s.
+struct EdgeAxes {
+  bool apart = false;  // one separates by more than the margin
+  int i = -1, j = -1;
+  double best;
+};
+EdgeAxes edge_axes(const Relative& rel, const Vec3& h, const Vec3& g, double margin, double best) {
+  EdgeAxes found;
+  found.best = best;
+  const V g1 = {g[1], g[2], g[0], 0}, g2 = {g[2], g[0], g[1], 0};
+  V size[3], square[3];
+  for (int i = 0; i < 3; ++i) {
+    size[i] = magnitude(rel.a_in_b[i]), square[i] = rel.a_in_b[i] * rel.a_in_b[i];
+  }
+  const double margin2 = margin * margin;
   for (int i = 0; i < 3; ++i) {
     const int i1 = (i + 1) % 3, i2 = (i + 2) % 3;
-    const V square = row[i1] * row[i1] + row[i2] * row[i2];
-    const V along = rel.t[i2] * row[i1] - rel.t[i1] * row[i2];
+    const V l2 = square[i1] + square[i2];
+    const V along = rel.t_a[i2] * rel.a_in_b[i1] - rel.t_a[i1] * rel.a_in_b[i2];
     const V other1 = __builtin_shufflevector(size[i], size[i], 1, 2, 0, 3);
     const V other2 = __builtin_shufflevector(size[i], size[i], 2, 0, 1, 3);
-    const V s = (along < 0 ? -along : along) - h[i1] * size[i2] - h[i2] * size[i1] - g1 * other2 -
-                g2 * other1;
-    const V l = square_root(square);
-    const auto crossing = square > 1e-14;  // of parallel edges the axes of faces have said all
-    if (any(crossing & (s > margin * l))) return false;
-    if (!any(crossing & (s > best * l))) continue;
+    const V s = magnitude(along) - h[i1] * size[i2] - h[i2] * size[i1] - g1 * other2 - g2 * other1;
+    const auto crossing = l2 > 1e-14;  // of parallel edges the axes of faces have said all
+    if (any(crossing & (s > 0) & (s * s > margin2 * l2))) {
+      found.apart = true;
+      return found;
+    }
+    // s / l > best, without the root
+    const double b = found.best;
+    if (!any(crossing & (magnitude(s) * s > std::abs(b) * b * l2))) continue;
     for (int j = 0; j < 3; ++j) {
-      if (crossing[j] && s[j] > best * l[j]) best = s[j] / l[j], best_i = i, best_j = j;
+      const double value = s[j] / std::sqrt(l2[j]);
+      if (crossing[j] && value > found.best) found.best = value, found.i = i, found.j = j;
     }
   }
-  return true;
+  return found;
 }
 
 }  // namespace
@@ -130,35 +187,30 @@ bool best_edges(const Relative& rel, const Vec3& h, const Vec3& g, double margin
 void box_box(const Box& a, const Pose& pose_a, const Box& b, const Pose& pose_b, double margin,
              Manifold& manifold, Cache& cache) {
   const Vec3 &h = a.half_lengths, &g = b.half_lengths;
-  Relative rel;
-  rel.t = pose_a.to_local(pose_b.position);
-  rel.R = pose_a.rotation.transpose() * pose_b.rotation;
-  rel.abs_R = rel.R.cwiseAbs();
-
-  const Vec3 on_a = rel.t.cwiseAbs() - h - rel.abs_R * g;
-  const Vec3 t_b = rel.R.transpose() * rel.t;
-  const Vec3 on_b = t_b.cwiseAbs() - g - rel.abs_R.transpose() * h;
-  int i, j;
-  const double best_a = on_a.maxCoeff(&i), best_b = on_b.maxCoeff(&j);
-  if (!(std::max(best_a, best_b) <= margin)) return;
+  const Relative rel(pose_a, pose_b);
+  const FaceAxes faces(rel, h, g);
+  if (any(~((faces.a <= margin) & (faces.b <= margin)))) return;
+  const int i = largest(faces.a), j = largest(faces.b);
   const double size = std::min(h.minCoeff(), g.minCoeff());
-  const bool face_of_b = best_b > best_a + kPreference * size;
-  const double face = face_of_b ? best_b : best_a;
+  const bool face_of_b = faces.b[j] > faces.a[i] + kPreference * size;
+  const double face = face_of_b ? faces.b[j] : faces.a[i];
+  const EdgeAxes edges = edge_axes(rel, h, g, margin, face + kPreference * size);
+  if (edges.apart) return;
 
-  double edge = face + kPreference * size;
-  int edge_i = -1, edge_j = -1;
-  if (!best_edges(rel, h, g, margin, edge, edge_i, edge_j)) return;
+  Mat3 R;  // b's axes in the frame of a, in columns
+  R << vec3(rel.b_in_a[0]), vec3(rel.b_in_a[1]), vec3(rel.b_in_a[2]);
+  const Vec3 t = vec3(rel.t_a);
   bool found;
-  if (edge_i >= 0) {
-    Vec3 n = Vec3::Unit(edge_i).cross(rel.R.col(edge_j)).normalized();
-    if (n.dot(rel.t) < 0) n = -n;
-    found = cross_edges(a, pose_a, b, rel, edge_i, edge_j, n, edge, manifold);
+  if (edges.i >= 0) {
+    Vec3 n = Vec3::Unit(edges.i).cross(R.col(edges.j)).normalized();
+    if (n.dot(t) < 0) n = -n;
+    found = cross_edges(a, pose_a, b, R, t, edges.i, edges.j, n, edges.best, manifold);
   } else if (!face_of_b) {
-    found = clip_faces(a, pose_a, i, rel.t[i] < 0 ? -1 : 1, b, rel.R, rel.t, margin, size, false,
-                       face, manifold);
+    found =
+        clip_faces(a, pose_a, i, t[i] < 0 ? -1 : 1, b, R, t, margin, size, false, face, manifold);
   } else {
-    found = clip_faces(b, pose_b, j, t_b[j] < 0 ? 1 : -1, a, rel.R.transpose(), -t_b, margin, size,
-                       true, face, manifold);
+    found = clip_faces(b, pose_b, j, rel.t_b[j] < 0 ? 1 : -1, a, R.transpose(), -vec3(rel.t_b),
+                       margin, size, true, face, manifold);
   }
   if (found) return;
   // Apart, and closest at a corner: no axis of the fifteen is the direction of the distance.
