@@ -75,8 +75,8 @@ TEST_F(NarrowGeneral, SeparationIsTheLargestAlongAnyNormal) {
           // Both points are of the shapes: no plane parts them.
           for (int j = 0; j < 50; ++j) {
             const Vec3 n = j == 0 ? manifold.normal : direction(random_);
-            EXPECT_LT(n.dot(p.on_a), reach(a, pose_a, n) + 2e-5);
-            EXPECT_LT(n.dot(p.on_b), reach(b, pose_b, n) + 2e-5);
+            EXPECT_LT(n.dot(p.on_a), reach(a, pose_a, n) + 1e-9);
+            EXPECT_LT(n.dot(p.on_b), reach(b, pose_b, n) + 1e-9);
           }
         }
         EXPECT_NEAR(least, s, 1e-9 + 2 * preference(a, b) * (manifold.count > 1));
@@ -108,11 +108,10 @@ TEST_F(NarrowGeneral, SwappedMovedAndCached) {
         if (!touch) continue;
         EXPECT_NEAR(deepest(swapped), deepest(manifold), 1.2 * preference(a, b) + 1e-9);
         EXPECT_NEAR(deepest(moved), deepest(manifold), 1e-9);
-        // (Where curved sides meet the normal is good to the root of the error of the separation.)
         if (manifold.count == moved.count &&
             manifold.points[0].feature == moved.points[0].feature) {
-          EXPECT_LT((motion.rotation * manifold.normal - moved.normal).norm(), 1e-4);
-          EXPECT_LT((motion.to_world(manifold.points[0].on_a) - moved.points[0].on_a).norm(), 1e-4);
+          EXPECT_LT((motion.rotation * manifold.normal - moved.normal).norm(), 1e-9);
+          EXPECT_LT((motion.to_world(manifold.points[0].on_a) - moved.points[0].on_a).norm(), 1e-9);
         }
         ASSERT_EQ(cached.count, manifold.count);
         for (int j = 0; j < cached.count; ++j) {
@@ -184,7 +183,7 @@ TEST_F(NarrowGeneral, CoincidentAndInside) {
         ASSERT_TRUE(collide(a, pose, b, other, 0.01, manifold, cache));
         EXPECT_NEAR(manifold.normal.norm(), 1, 1e-12);
         EXPECT_NEAR(deepest(manifold), separation(a, pose, b, other, manifold.normal),
-                    2 * preference(a, b) + 1e-4);
+                    2 * preference(a, b) + 1e-9);
         EXPECT_LT(deepest(manifold), -0.05);
       }
     }

@@ -16,12 +16,14 @@ struct World {
   std::vector<std::array<Vec3, 3>> triangles;
 };
 
-World place(const ConvexHull& hull, const Pose& pose) {
+World place(const Polytope& polytope, const Pose& pose) {
   World world;
-  for (const Vec3& v : hull.vertices()) world.vertices.push_back(pose.to_world(v));
-  for (int f = 0; f < hull.face_count(); ++f) {
-    world.normals.push_back(pose.rotation * hull.plane(f).normal);
-    const auto loop = hull.corners(f);
+  for (const Vec3& v : polytope.vertices) world.vertices.push_back(pose.to_world(v));
+  for (std::size_t f = 0; f < polytope.planes.size(); ++f) {
+    world.normals.push_back(pose.rotation * polytope.planes[f].normal);
+    const auto first = static_cast<std::size_t>(polytope.first_corner[f]);
+    const auto end = static_cast<std::size_t>(polytope.first_corner[f + 1]);
+    const auto loop = polytope.corners.subspan(first, end - first);
     for (std::size_t k = 0; k < loop.size(); ++k) {
       const std::size_t next = (k + 1) % loop.size();
       const Vec3 &a = world.vertices[loop[k]], &b = world.vertices[loop[next]];
@@ -47,8 +49,8 @@ double exact_separation(const World& a, const World& b) {
   for (const Vec3& n : b.normals) most = std::max(most, gap(a, b, -n));
   for (const auto& [p, q] : a.edges) {
     for (const auto& [r, s] : b.edges) {
-      const Vec3 n = (q - p).cross(s - r);
-      if (n.norm() < 1e-9) continue;
+      const Vec3 n = (q - p).normalized().cross((s - r).normalized());
+      if (n.norm() < 1e-7) continue;
       most = std::max({most, gap(a, b, n.normalized()), gap(a, b, -n.normalized())});
     }
   }
@@ -95,12 +97,53 @@ TEST(NarrowPolytopes, AxisIsTheBestOfAllFeatures) {
         }
         const Convex a = convex(*first), b = convex(*second);
         const Axis axis = best_axis({a, b, pose_b.relative_to(pose_a)}, 1e9);
-        const double want = exact_separation(place(*first, pose_a), place(*second, pose_b));
+        const double want = exact_separation(place(a.polytope, pose_a), place(b.polytope, pose_b));
         ASSERT_NEAR(axis.separation, want, 1e-9)
             << first->vertex_count() << ' ' << second->vertex_count() << ' ' << k << ' ' << far;
         const Vec3 n = pose_a.rotation * axis.normal;
         ASSERT_NEAR(separation(first, pose_a, second, pose_b, n), want, 1e-9);
       }
+    }
+  }
+}
+
+// Plates of 1 : 1000, sizes 1 : 10^4, a million metres out, and boxes turned alike to 1e-9:
+// touching, apart and overlapping by 1e-9 of the size and more.
+TEST(NarrowPolytopes, ThinUnequalAndFarOut) {
+  Random random(21);
+  const auto half = [&] { return uniform(random, 0.1, 1); };
+  for (int k = 0; k < 4000; ++k) {
+    Vec3 h(half(), half(), half()), g(half(), half(), half());
+    const int kind = k % 4;
+    if (kind == 0) h[k / 4 % 3] *= 1e-3, g[k / 12 % 3] *= k % 8 ? 1e-3 : 1;
+    if (kind == 1) g *= std::pow(10.0, uniform(random, -4, 4));
+    const Box box_a{h}, box_b{g};
+    const double size = std::min(h.minCoeff(), g.minCoeff());
+    const double large = std::max(h.maxCoeff(), g.maxCoeff());
+    const double gap = size * std::pow(10.0, uniform(random, -9, -0.3)) * (k % 3 ? 1 : -1);
+    const Pose pose_a((kind == 2 ? 1e6 : 1) * direction(random), rotation(random));
+    Pose pose_b = placed_at_distance(box_a, pose_a, box_b, gap, random);
+    if (kind == 3) {
+      const Mat3 small = Eigen::AngleAxisd(k % 8 == 3 ? 0 : 1e-9, direction(random)).matrix();
+      pose_b = Pose(pose_a.position, Mat3(pose_a.rotation * small));
+      const Vec3 d = k % 5 ? direction(random) : Vec3(pose_a.rotation.col(k % 3));
+      pose_b.position += (gap - separation(box_a, pose_a, box_b, pose_b, d)) * d;
+    }
+    const BoxPolytope arrays_a(h), arrays_b(g);
+    const Convex a = convex(box_a, arrays_a), b = convex(box_b, arrays_b);
+    const Pose relative = pose_b.relative_to(pose_a);
+    const double want = exact_separation(place(a.polytope, Pose()), place(b.polytope, relative));
+    const Axis axis = best_axis({a, b, relative}, 1e9);
+    ASSERT_NEAR(axis.separation, want, (kind == 3 ? 3e-9 : 1e-14) * large) << k;
+    ASSERT_NEAR(axis.normal.norm(), 1, 1e-12);
+    // The manifold: its face may be worse by 1/50 of the size.
+    Manifold manifold;
+    Cache cache;
+    const double margin = 0.5 * size, tolerance = 0.05 * size + (kind == 2 ? 1e-9 : 1e-12 * large);
+    const bool touch = collide(box_a, pose_a, box_b, pose_b, margin, manifold, cache);
+    ASSERT_TRUE(touch == (want <= margin) || std::abs(want - margin) < tolerance) << k;
+    if (touch) {
+      ASSERT_NEAR(deepest(manifold), want, tolerance) << k;
     }
   }
 }

@@ -52,8 +52,16 @@ bool capsule_capsule(const Capsule& a, const Pose& pose_a, const Capsule& b, con
   const Vec3 p = x + (2 * s - 1) * d_a, q = y + (2 * t - 1) * d_b, d = q - p;
   const double distance = d.norm(), separation = distance - a.radius - b.radius;
   if (!(separation <= margin)) return true;
-  if (!(distance > 1e-9 * a.radius) || cross.squaredNorm() < kParallel * kParallel) return false;
-  const Vec3 n = d / distance;
+  if (cross.squaredNorm() < kParallel * kParallel) return false;
+  Vec3 n;
+  if (0 < s && s < 1 && 0 < t && t < 1) {  // they cross, also where the axes meet
+    n = cross.normalized();
+    if (n.dot(d) < 0) n = -n;
+  } else if (distance > 1e-9 * a.radius) {
+    n = d / distance;
+  } else {
+    return false;
+  }
   manifold.normal = n;
   manifold.add({p + a.radius * n, q - b.radius * n, separation, 1});
   return true;

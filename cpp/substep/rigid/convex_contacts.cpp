@@ -6,6 +6,7 @@
 
 #include "substep/rigid/epa.h"
 #include "substep/rigid/face_patch.h"
+#include "substep/rigid/refine.h"
 
 namespace substep::rigid {
 namespace {
@@ -64,9 +65,12 @@ Axis best_axis(const Difference& difference, double enough) {
   const Vec3& centre = difference.pose_b.position;
   const Distance gap = distance(difference, centre.isZero() ? Vec3(Vec3::UnitZ()) : centre, enough);
   if (gap.value > enough) return {gap.normal, gap.value, Vec3::Zero()};
-  if (gap.value > 0) return {gap.normal, gap.value, gap.simplex.on_a()};
-  const Penetration deep = penetration(difference, gap.simplex);
-  return {deep.normal, deep.separation, deep.on_a};
+  Axis axis{gap.normal, gap.value, gap.simplex.on_a()};
+  if (!(gap.value > 0)) {
+    const Penetration deep = penetration(difference, gap.simplex);
+    axis = {deep.normal, deep.separation, deep.on_a};
+  }
+  return is_curved(difference) ? refine(difference, axis) : axis;
 }
 
 FlatFace flat_face(const Convex& shape, const Vec3& d) {

@@ -6,7 +6,8 @@ namespace substep::rigid {
 namespace {
 
 constexpr int kMaxVertices = 160, kMaxFaces = 1024;
-constexpr double kConverged = 1e-11;             // of the scale
+// Fractions of the scale: of polytopes it ends exactly, what is curved is refined afterwards.
+constexpr double kConverged = 1e-13, kConvergedCurved = 1e-10;
 constexpr double kFlat = 1e-9, kShared = 1e-10;  // of the scale
 
 struct Face {
@@ -19,7 +20,9 @@ struct Face {
 class Expansion {
  public:
   Expansion(const Difference& difference, const Simplex& simplex)
-      : difference_(difference), scale_(difference.scale()) {
+      : difference_(difference),
+        scale_(difference.scale()),
+        converged_(scale_ * (is_curved(difference) ? kConvergedCurved : kConverged)) {
     for (int k = 0; k < simplex.count; ++k) {
       w_[k] = simplex.w[k], x_[k] = simplex.x[k];
       ++vertices_;
@@ -38,7 +41,7 @@ class Expansion {
       if (vertices_ == kMaxVertices || faces_ + 32 > kMaxFaces) break;
       add_vertex(face.normal);
       const double progress = face.normal.dot(w_[vertices_ - 1]) - face.offset;
-      if (progress <= kConverged * scale_ || !expand(closest)) break;
+      if (progress <= converged_ || !expand(closest)) break;
     }
     return result(face_[closest]);
   }
@@ -202,7 +205,7 @@ class Expansion {
   }
 
   const Difference& difference_;
-  double scale_;
+  double scale_, converged_;
   int vertices_ = 0, faces_ = 0, horizon_ = 0;
   Vec3 w_[kMaxVertices], x_[kMaxVertices];
   Vec3 plane_;

@@ -37,6 +37,11 @@ struct Difference {
   double scale() const { return a.extent + b.extent + pose_b.position.norm(); }
 };
 
+// Whether what the cores turn to each other may be curved.
+inline bool is_curved(const Difference& d) {
+  return d.a.core == Convex::Core::cylinder || d.b.core == Convex::Core::cylinder;
+}
+
 // The distance of the cores, or no more than a proof that it is above `enough`. Overlap: 0, and the
 // simplex holds the origin or comes within 1e-10 of the scale of it.
 struct Distance {

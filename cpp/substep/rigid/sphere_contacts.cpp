@@ -5,10 +5,9 @@
 namespace substep::rigid {
 namespace {
 
-// Balls about x and y; `fallback` is the normal where the centres meet.
-void balls(const Vec3& x, double radius_x, const Vec3& y, double radius_y, const Vec3& fallback,
-           double margin, Manifold& manifold) {
-  const Vec3 d = y - x;
+// Balls about x and y = x + d; `fallback` is the normal where the centres meet.
+void balls(const Vec3& x, double radius_x, const Vec3& y, double radius_y, const Vec3& d,
+           const Vec3& fallback, double margin, Manifold& manifold) {
   const double distance = d.norm(), separation = distance - radius_x - radius_y;
   if (!(separation <= margin)) return;
   const Vec3 n = distance > 0 ? Vec3(d / distance) : fallback;
@@ -20,15 +19,18 @@ void balls(const Vec3& x, double radius_x, const Vec3& y, double radius_y, const
 
 void sphere_sphere(const Sphere& a, const Pose& pose_a, const Sphere& b, const Pose& pose_b,
                    double margin, Manifold& manifold) {
-  balls(pose_a.position, a.radius, pose_b.position, b.radius, Vec3::UnitZ(), margin, manifold);
+  balls(pose_a.position, a.radius, pose_b.position, b.radius, pose_b.position - pose_a.position,
+        Vec3::UnitZ(), margin, manifold);
 }
 
 void sphere_capsule(const Sphere& a, const Pose& pose_a, const Capsule& b, const Pose& pose_b,
                     double margin, Manifold& manifold) {
-  const Vec3 axis = pose_b.rotation.col(2);
-  const double t =
-      std::clamp(axis.dot(pose_a.position - pose_b.position), -b.half_length, b.half_length);
-  balls(pose_a.position, a.radius, pose_b.position + t * axis, b.radius, pose_b.rotation.col(0),
+  const Vec3 axis = pose_b.rotation.col(2), between = pose_b.position - pose_a.position;
+  const double along = -axis.dot(between);
+  const double t = std::clamp(along, -b.half_length, b.half_length);
+  Vec3 d = between + t * axis;
+  if (t == along) d -= axis.dot(d) * axis;  // across the axis also where it is but rounding
+  balls(pose_a.position, a.radius, pose_b.position + t * axis, b.radius, d, pose_b.rotation.col(0),
         margin, manifold);
 }
 
