@@ -93,6 +93,9 @@ class BroadPhase {
     }
   }
 
+  // Whether two fixtures may be a pair, wherever they are.
+  bool may_touch(std::int32_t a, std::int32_t b) const;
+
   std::size_t bytes() const;
 
  private:
@@ -110,7 +113,6 @@ class BroadPhase {
   Entry& enter(std::int32_t fixture, const Proxy& proxy, Kind kind);
   void replace(std::int32_t fixture);
   AabbTree& tree(std::int32_t fixture);
-  bool may_touch(std::int32_t a, std::int32_t b) const;
   bool near(std::int32_t a, std::int32_t b, const std::vector<TreeBox>& boxes) const;
 
   void find_left(std::span<const std::int32_t> moving, std::span<const Bounds> bounds, int threads);

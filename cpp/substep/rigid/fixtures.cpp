@@ -158,11 +158,18 @@ void Fixtures::add(std::span<const Fixture> fixtures, double margin) {
     if (size > rows.capacity()) rows.reserve(2 * size);
   };
   make_room(entries_, n), make_room(pose_, n), make_room(bounds_, n);
-  make_room(first_, first_.size() + 1), make_room(body_pose_, first_.size());
+  make_room(first_, first_.size() + 1), make_room(body_pose_, first_.size()), make_room(sizes_, first_.size());
   entries_.insert(entries_.end(), entries.begin(), entries.end());
   pose_.resize(n);
   bounds_.resize(n, Bounds{Vec3::Zero(), Vec3::Zero()});
   body_pose_.emplace_back();
+  Size& size = sizes_.emplace_back();
+  for (const Entry& entry : entries) {
+    size.outer = std::max(size.outer, entry.outer);
+    size.inner = std::min(size.inner, entry.core.radius);
+    size.off_centre =
+        std::max(size.off_centre, entry.fixture.local.to_world(entry.core.centre).norm());
+  }
   first_.push_back(static_cast<std::int32_t>(n));
 }
 
@@ -179,10 +186,12 @@ std::vector<std::int32_t> Fixtures::renumber(std::span<const std::int64_t> bodie
       bounds_[at(next)] = bounds_[at(f)];
     }
     body_pose_[static_cast<std::size_t>(bodies[b])] = body_pose_[b];
+    sizes_[static_cast<std::size_t>(bodies[b])] = sizes_[b];
     first.push_back(next);
   }
   entries_.erase(entries_.begin() + next, entries_.end());
   body_pose_.resize(first.size() - 1);
+  sizes_.resize(first.size() - 1);
   pose_.resize(at(next));
   bounds_.resize(at(next));
   first_.swap(first);
@@ -191,7 +200,6 @@ std::vector<std::int32_t> Fixtures::renumber(std::span<const std::int64_t> bodie
 
 // The bounds of a body that turns far are those of a ball.
 void Fixtures::place(std::int64_t b, const Pose& pose, const Way& way) {
-  const double turn = way.turn.norm();
   body_pose_[static_cast<std::size_t>(b)] = pose;
   for (std::int32_t f = first(b); f < first(b + 1); ++f) {
     const Entry& entry = entries_[at(f)];
@@ -202,9 +210,9 @@ void Fixtures::place(std::int64_t b, const Pose& pose, const Way& way) {
       bounds_[at(f)] = box;
       continue;
     }
-    const double sweep = entry.margin + turn * entry.outer;
+    const double sweep = entry.margin + way.angle * entry.outer;
     box.low.array() -= sweep, box.high.array() += sweep;
-    if (turn > 0.5) {
+    if (way.angle > 0.5) {
       const double around = entry.margin + entry.outer;
       box.low = box.low.cwiseMax((pose.position.array() - around).matrix());
       box.high = box.high.cwiseMin((pose.position.array() + around).matrix());

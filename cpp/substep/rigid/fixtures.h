@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -37,6 +38,7 @@ double outer_radius(const Shape& shape, const Pose& local);
 struct Way {
   Vec3 travel = Vec3::Zero();  // of its centre [m]
   Vec3 turn = Vec3::Zero();    // rotation vector [rad]
+  double angle = 0;            // its length
 };
 
 class Fixtures {
@@ -53,6 +55,11 @@ class Fixtures {
   const Entry& operator[](std::int32_t f) const { return entries_[at(f)]; }
   // Fixtures of body b: numbers from first(b) to first(b + 1).
   std::int32_t first(std::int64_t b) const { return first_[static_cast<std::size_t>(b)]; }
+  // The largest distance of a point of the body from its centre [m].
+  double outer(std::int64_t b) const { return sizes_[static_cast<std::size_t>(b)].outer; }
+  // The least radius of its cores, and the largest distance of one from its centre [m].
+  double inner(std::int64_t b) const { return sizes_[static_cast<std::size_t>(b)].inner; }
+  double off_centre(std::int64_t b) const { return sizes_[static_cast<std::size_t>(b)].off_centre; }
 
   // Appends a body with these fixtures; contacts begin at `margin` or a tenth of the inner radius.
   void add(std::span<const Fixture> fixtures, double margin);
@@ -66,10 +73,15 @@ class Fixtures {
   std::span<const Bounds> bounds() const { return bounds_; }
 
  private:
+  struct Size {
+    double outer = 0, inner = std::numeric_limits<double>::infinity(), off_centre = 0;
+  };
+
   static std::size_t at(std::int32_t f) { return static_cast<std::size_t>(f); }
 
   std::vector<Entry> entries_;
   std::vector<std::int32_t> first_{0};
+  std::vector<Size> sizes_;  // of each body
   std::vector<Pose> pose_, body_pose_;  // in the world
   std::vector<Bounds> bounds_;
 };
