@@ -1,5 +1,6 @@
 // World: who sleeps and who wakes.
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 
 #include "substep/rigid/world.h"
@@ -132,8 +133,10 @@ bool World::left_its_place(std::int64_t body) {
   const Quaternion q = bodies_.rotation(body), rest = load_quaternion(&rest_q_[4 * b]);
   const double chord = std::min((q.coeffs() - rest.coeffs()).norm(),  // 2 sin(angle / 4)
                                 (q.coeffs() + rest.coeffs()).norm());
+  const double gyration =
+      std::sqrt(Vec3(&bodies_.inertia[3 * b]).maxCoeff() / bodies_.mass[b]);  // of no fixtures
   const double way = (bodies_.position(body) - Vec3(&rest_x_[3 * b])).norm() +
-                     2 * chord * fixtures_.outer(body);
+                     2 * chord * std::max(fixtures_.outer(body), gyration);
   if (way <= options_.sleep.distance) return false;
   std::copy_n(&bodies_.x[3 * b], 3, &rest_x_[3 * b]);
   std::copy_n(&bodies_.q[4 * b], 4, &rest_q_[4 * b]);
