@@ -58,8 +58,7 @@ inline double penetration(const World& world) {
 }
 
 inline double energy(const World& world) {
-  return world.bodies().kinetic_energy() +
-         world.bodies().potential_energy(world.options().gravity);
+  return world.bodies().kinetic_energy() + world.bodies().potential_energy(world.options().gravity);
 }
 
 // The gravity that a slope of this angle [rad] sees, along x.

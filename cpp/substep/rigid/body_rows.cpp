@@ -9,6 +9,7 @@ namespace substep::rigid {
 namespace {
 
 constexpr std::int64_t kGrain = 256;  // bodies per task
+constexpr double kFar = 0.5;          // [rad]
 
 std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
 Point<double> to_row(const Vec3& v, double w = 0) { return {v.x(), v.y(), v.z(), w}; }
@@ -108,6 +109,12 @@ std::int64_t BodyRows::first_not_finite(const Bodies& bodies) const {
   return -1;
 }
 
+bool BodyRows::turns_anew(std::int64_t row, double dt) const {
+  const std::size_t k = at(row);
+  const Vec3 spin = from_row(velocity[k].angular) - Vec3(&first_spin_[3 * k]);
+  return (root_of(static_cast<std::int32_t>(row)) * spin).norm() * dt > kFar;
+}
+
 std::int64_t BodyRows::store(Bodies& bodies, double dt, FreeRotation method, int threads) const {
   if (const std::int64_t bad = first_not_finite(bodies); bad >= 0) return bad;
   parallel_for(
@@ -116,7 +123,14 @@ std::int64_t BodyRows::store(Bodies& bodies, double dt, FreeRotation method, int
         for (std::int64_t row = begin + 1; row <= end;) {  // runs of bodies without a gap
           const std::size_t body = at(body_of[at(row)]);
           std::int64_t n = 1;
-          while (row + n <= end && body_of[at(row + n)] == body_of[at(row)] + n) ++n;
+          if (turns_anew(row, dt)) {
+            Vec3::Map(&bodies.L[3 * body]) = root_of(static_cast<std::int32_t>(row)).inverse() *
+                                             from_row(velocity[at(row)].angular);
+          } else {
+            while (row + n <= end && body_of[at(row + n)] == body_of[at(row)] + n &&
+                   !turns_anew(row + n, dt))
+              ++n;
+          }
           rotate_rows(method, n, &bodies.q[4 * body], &bodies.L[3 * body],
                       &bodies.inertia[3 * body], dt);
           row += n;
@@ -131,6 +145,7 @@ std::int64_t BodyRows::store(Bodies& bodies, double dt, FreeRotation method, int
           const Vec3 first(&first_spin_[3 * k]);
           const Vec3 turn = from_row(x.angular) - dt * first, spin = from_row(v.angular) - first;
           Vec3::Map(&bodies.P[3 * i]) = from_row(v.linear) / scale;
+          if (turns_anew(row, dt)) continue;
           if (!turn.isZero(0)) {
             store_quaternion((rotation_by(W * turn) * bodies.rotation(body_of[k])).normalized(),
                              &bodies.q[4 * i]);

@@ -4,7 +4,9 @@
 // l j and reads them by j . (v', w'): one vector serves both, and a mass is 1 / (j . j).
 //
 // The world inertia is that of the begin of the step throughout. The angular momentum gets the
-// impulses; the rotation is the free one of the whole step, turned by what the impulses added.
+// impulses; the rotation is the free one of the whole step, turned by what the impulses added. A
+// body that they would turn far, by more than half a radian, turns freely with the new momentum
+// instead, as if it had had it from the begin, where its energy is what the impulses made it.
 //
 // Only bodies that may move have a row. All static and sleeping ones share row 0, which is at rest
 // and has W^(1/2) = 0 and 1 / sqrt(m) = 0, so that impulses do nothing to it.
@@ -61,6 +63,7 @@ struct BodyRows {
 
  private:
   std::int64_t first_not_finite(const Bodies& bodies) const;
+  bool turns_anew(std::int64_t row, double dt) const;
 
   AlignedBuffer<double> first_spin_;  // w' at the begin, (rows, 3)
 };

@@ -46,8 +46,8 @@ class Search {
     if (apart(fixtures_.bounds()[at(pair.a)], fixtures_.bounds()[at(pair.b)])) return;
     const Fixtures::Entry &a = fixtures_[pair.a], &b = fixtures_[pair.b];
     const Way &way_a = ways_[at(a.body)], &way_b = ways_[at(b.body)];
-    const double approach = (way_a.travel - way_b.travel).norm() + way_a.angle * a.outer +
-                            way_b.angle * b.outer;
+    const double approach =
+        (way_a.travel - way_b.travel).norm() + way_a.angle * a.outer + way_b.angle * b.outer;
     const bool bounces = a.fixture.restitution > 0 || b.fixture.restitution > 0;
     const double slow = (bounces ? kSlowBouncing : kSlow) * std::min(a.core.radius, b.core.radius);
     const double margin = std::min(a.margin, b.margin);

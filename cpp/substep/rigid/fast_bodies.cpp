@@ -10,8 +10,9 @@
 namespace substep::rigid {
 namespace {
 
-constexpr double kBall = 0.5;        // of the inner radius
-constexpr double kTolerance = 1e-3;  // of the ball
+// Balls, of the inner radius: the first that does not begin inside of what it might meet.
+constexpr double kBalls[] = {0.5, 0.25, 0.125};
+constexpr double kAway = 0.1;  // of the ball: how far it stays away, at least, and at most twice
 
 Course course_of(std::int32_t body, const Fixtures& fixtures, const Bodies& bodies) {
   Course course;
@@ -23,33 +24,40 @@ Course course_of(std::int32_t body, const Fixtures& fixtures, const Bodies& bodi
   return course;
 }
 
-// The part of its way that the middle of the fixture can go.
-double free_part(std::int32_t f, Course course, const Fixtures& fixtures,
-                 const BroadPhase& broad_phase, const Bodies& bodies) {
+struct Stop {
+  std::int32_t body;
+  Course course;
+  double part = 1;             // of its way that it can go
+  Vec3 normal = Vec3::Zero();  // towards what stops it, unless that is free to move
+};
+
+// To what the middle of the fixture can go.
+void shorten(std::int32_t f, const Fixtures& fixtures, const BroadPhase& broad_phase,
+             const Bodies& bodies, Stop& stop) {
+  Course course = stop.course;
   const Fixtures::Entry& entry = fixtures[f];
   course.local = entry.fixture.local;
   course.local.position = entry.fixture.local.to_world(entry.core.centre);
-  const double radius = kBall * entry.core.radius;
+  const double radius = kBalls[0] * entry.core.radius;
   const Vec3 from = course.at(0).position, to = course.at(1).position;
-  if (!((to - from).norm() > radius)) return 1;
-  double part = 1;
-  const Bounds box{from.cwiseMin(to).array() - radius, from.cwiseMax(to).array() + radius};
+  if (!((to - from).norm() > radius)) return;
+  const Bounds box{from.cwiseMin(to).array() - 2 * radius, from.cwiseMax(to).array() + 2 * radius};
   for (const std::int32_t other : broad_phase.overlapping(box)) {
     if (!broad_phase.may_touch(f, other)) continue;
     Course others = course_of(fixtures[other].body, fixtures, bodies);
     others.local = fixtures[other].fixture.local;
-    const Impact impact = time_of_impact(Sphere{radius}, course, fixtures[other].fixture.shape,
-                                         others, 0, kTolerance * radius);
-    if (impact.state == Impact::State::kTouching) part = std::min(part, impact.time);
+    for (const double size : kBalls) {
+      const double r = size * entry.core.radius;
+      const Impact impact = time_of_impact(Sphere{r}, course, fixtures[other].fixture.shape, others,
+                                           kAway * r, kAway * r);
+      if (impact.state == Impact::State::kTouching && impact.time < stop.part) {
+        stop.part = impact.time;
+        stop.normal = bodies.dynamic(fixtures[other].body) ? Vec3::Zero() : impact.normal;
+      }
+      if (impact.state != Impact::State::kOverlap) break;
+    }
   }
-  return part;
 }
-
-struct Stop {
-  std::int32_t body;
-  Course course;
-  double part;
-};
 
 }  // namespace
 
@@ -61,21 +69,25 @@ void stop_fast_bodies(std::span<const std::int32_t> moved, const Fixtures& fixtu
     // No middle of a fixture goes further than this.
     const double way = (bodies.position(body) - fixtures.body_pose(body).position).norm() +
                        2 * fixtures.off_centre(body);
-    if (!(way > kBall * fixtures.inner(body))) continue;
-    Stop stop{body, course_of(body, fixtures, bodies), 1};
+    if (!(way > kBalls[0] * fixtures.inner(body))) continue;
+    Stop stop{body, course_of(body, fixtures, bodies)};
     for (std::int32_t f = fixtures.first(body); f < fixtures.first(body + 1); ++f)
-      stop.part = std::min(stop.part, free_part(f, stop.course, fixtures, broad_phase, bodies));
+      shorten(f, fixtures, broad_phase, bodies, stop);
     if (stop.part < 1) stops.push_back(stop);
   }
-  for (const auto& [body, course, part] : stops) {
+  for (const auto& [body, course, part, normal] : stops) {
     const auto b = static_cast<std::size_t>(body);
     const Vec3 back = (part - 1) * course.travel;
     Vec3::Map(&bodies.x[3 * b]) += back;
     store_quaternion((rotation_by((part - 1) * course.turn) * bodies.rotation(body)).normalized(),
                      &bodies.q[4 * b]);
+    // One that stands there from the begin, as its contacts did not turn it back.
+    const double into = bodies.velocity(body).dot(normal);
+    if (part == 0 && into > 0) Vec3::Map(&bodies.P[3 * b]) -= bodies.mass[b] * into * normal;
     // v^2 / 2 - g . x may not become more.
     const double square = bodies.velocity(body).squaredNorm(), gain = -2 * gravity.dot(back);
-    if (gain > 0) Vec3::Map(&bodies.P[3 * b]) *= std::sqrt(std::max(0.0, 1 - gain / square));
+    if (gain > 0 && square > 0)
+      Vec3::Map(&bodies.P[3 * b]) *= std::sqrt(std::max(0.0, 1 - gain / square));
   }
 }
 

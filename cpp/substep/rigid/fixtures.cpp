@@ -158,7 +158,8 @@ void Fixtures::add(std::span<const Fixture> fixtures, double margin) {
     if (size > rows.capacity()) rows.reserve(2 * size);
   };
   make_room(entries_, n), make_room(pose_, n), make_room(bounds_, n);
-  make_room(first_, first_.size() + 1), make_room(body_pose_, first_.size()), make_room(sizes_, first_.size());
+  make_room(first_, first_.size() + 1), make_room(body_pose_, first_.size()),
+      make_room(sizes_, first_.size());
   entries_.insert(entries_.end(), entries.begin(), entries.end());
   pose_.resize(n);
   bounds_.resize(n, Bounds{Vec3::Zero(), Vec3::Zero()});

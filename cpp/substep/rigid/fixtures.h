@@ -81,7 +81,7 @@ class Fixtures {
 
   std::vector<Entry> entries_;
   std::vector<std::int32_t> first_{0};
-  std::vector<Size> sizes_;  // of each body
+  std::vector<Size> sizes_;             // of each body
   std::vector<Pose> pose_, body_pose_;  // in the world
   std::vector<Bounds> bounds_;
 };

@@ -18,8 +18,8 @@ bool touches(const ContactConstraint& contact) {
 bool meets(const ContactConstraint& contact, const Way& a, const Way& b) {
   for (int k = 0; k < contact.count; ++k) {
     const ContactConstraint::Point& p = contact.points[k];
-    const double approach = contact.normal.dot((b.travel + b.turn.cross(p.arm_b)) -
-                                               (a.travel + a.turn.cross(p.arm_a)));
+    const double approach =
+        contact.normal.dot((b.travel + b.turn.cross(p.arm_b)) - (a.travel + a.turn.cross(p.arm_a)));
     if (p.separation + std::min(approach, 0.0) <= 0) return true;
   }
   return false;

@@ -63,12 +63,11 @@ WorldState World::state() const {
   state.excluded = excluded_;
   state.joints = joints_;
   state.contacts.resize(contacts_.size() + sleeping_contacts_.size());
-  std::merge(contacts_.begin(), contacts_.end(), sleeping_contacts_.begin(),
-             sleeping_contacts_.end(), state.contacts.begin(),
-             [](const ContactConstraint& c, const ContactConstraint& d) {
-               return c.fixture_a != d.fixture_a ? c.fixture_a < d.fixture_a
-                                                 : c.fixture_b < d.fixture_b;
-             });
+  std::merge(
+      contacts_.begin(), contacts_.end(), sleeping_contacts_.begin(), sleeping_contacts_.end(),
+      state.contacts.begin(), [](const ContactConstraint& c, const ContactConstraint& d) {
+        return c.fixture_a != d.fixture_a ? c.fixture_a < d.fixture_a : c.fixture_b < d.fixture_b;
+      });
   state.slow_time.assign(islands_.slow_time().begin(), islands_.slow_time().end());
   state.slow_time.resize(at(bodies_.size()), 0);
   state.island.assign(islands_.island().begin(), islands_.island().end());
