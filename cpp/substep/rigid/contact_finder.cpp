@@ -13,6 +13,7 @@ namespace {
 constexpr std::int64_t kPairs = 64;  // per chunk
 // Slow is what approaches by less than this part of the smaller inner radius in a step.
 constexpr double kSlow = 0.5, kSlowBouncing = 0.1;
+constexpr double kMeeting = 1e-3;  // how near fast bodies are followed to each other, of the margin
 
 bool apart(const Bounds& p, const Bounds& q) {
   return (p.low.array() > q.high.array()).any() || (q.low.array() > p.high.array()).any();
@@ -99,7 +100,7 @@ class Search {
   void follow(const FixturePair& pair, double margin) {
     const Course a = course(pair.a), b = course(pair.b);
     const Impact impact = time_of_impact(fixtures_[pair.a].fixture.shape, a,
-                                         fixtures_[pair.b].fixture.shape, b, 0, 0.1 * margin);
+                                         fixtures_[pair.b].fixture.shape, b, 0, kMeeting * margin);
     if (impact.state != Impact::State::kTouching) return;
     const double t = impact.time;
     collide_pair(pair, a.at(t), b.at(t), margin);

@@ -109,6 +109,12 @@ bool World::wake_touched(double dt) {
     const auto was_displaced = [&](std::int32_t body) {
       return std::find(displaced_.begin(), displaced_.end(), body) != displaced_.end();
     };
+    for (const auto* list : {&last_contacts_, &sleeping_contacts_}) {
+      for (const ContactConstraint& c : *list) {
+        if (was_displaced(c.a)) wake(c.b);
+        if (was_displaced(c.b)) wake(c.a);
+      }
+    }
     for (const auto pairs : {broad_phase_.sleeping_pairs(), broad_phase_.pairs()}) {
       for (const FixturePair& pair : pairs) {
         const std::int32_t a = fixtures_[pair.a].body, b = fixtures_[pair.b].body;
