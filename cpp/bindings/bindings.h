@@ -40,6 +40,7 @@ void bind_pbd(py::module_& m);
 void bind_pbd_collision(py::module_& m);
 void bind_pbd_constraints(py::module_& m);
 void bind_rigid(py::module_& m);
+void bind_rigid_world(py::module_& m);
 void bind_second_order(py::module_& m);
 void bind_soft_body(py::module_& m);
 void bind_springs(py::module_& m);

@@ -141,6 +141,13 @@ def check_callable(name: str, value: Any) -> Any:
     return value
 
 
+def check_flag(name: str, value: Any) -> bool:
+    """A bool, of Python or of NumPy."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name}: expected a bool, got {describe(value)}")
+    return bool(value)
+
+
 def check_threads(threads: Any) -> int:
     """A number of threads for the native core; None is the default, 0."""
     return 0 if threads is None else check_integer("threads", threads, minimum=1)

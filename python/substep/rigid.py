@@ -1,355 +1,373 @@
-"""Rigid bodies: mass properties of solids and free rotation.
+"""Rigid bodies: shapes and mass, contact with friction, joints, queries.
 
 Rotations are unit quaternions (w, x, y, z) that take the frame of the body into the world.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
-from ._checks import (
-    check_array,
-    check_choice,
-    check_integer,
-    check_real,
-    check_threads,
-    describe,
-    first_bad_index,
+from ._checks import check_array, check_choice, check_flag, check_integer, check_real
+from ._rigid_fixtures import (
+    EVERYTHING,
+    MOTIONS,
+    STILL,
+    Fixture,
+    Made,
+    Plane,
+    Shape,
+    add_native,
+    check_fixtures,
+    check_mass,
 )
+from ._rigid_joint import Joint, SpeedMotor, SpringMotor
+from ._rigid_mass import MassProperties, compound, mass_properties
+from ._rigid_queries import Contacts, Hits
+from ._rigid_rotation import free_rotation
+from ._rigid_rows import principal_frames
+from ._rigid_run import Runs
 from ._rigid_shapes import Box, Capsule, ConvexHull, Cylinder, Sphere
-from ._triangle_mesh import TriangleMesh
-from .errors import InputError, NonFiniteError
+from ._rigid_state import States
+from .errors import InputError
 
 __all__ = [
     "Box",
     "Capsule",
+    "Contacts",
     "ConvexHull",
     "Cylinder",
+    "Fixture",
+    "Hits",
+    "Joint",
     "MassProperties",
+    "Plane",
+    "RigidBodies",
+    "SpeedMotor",
     "Sphere",
+    "SpringMotor",
     "compound",
     "free_rotation",
     "mass_properties",
 ]
 
 Array = NDArray[np.float64]
+Ids = NDArray[np.int64]
+
+ROTATIONS = ("splitting", "exact", "quaternion")
 
 
-def _unit_quaternions(name: str, value: Any, shape: tuple[int | None, ...]) -> Array:
-    """Quaternions as new unit rows; those of length 1 within rounding keep their bits."""
-    q = check_array(name, value, shape)
-    largest = np.abs(q).max(axis=-1, keepdims=True, initial=0.0)
-    if not largest.all():
-        where = first_bad_index(largest[..., 0] == 0) if q.ndim > 1 else ""
-        raise InputError(f"{name}{where}: expected a quaternion that is not 0")
-    scaled = q / largest
-    length = np.linalg.norm(scaled, axis=-1, keepdims=True)
-    with np.errstate(over="ignore"):
-        off = np.abs(largest * length - 1) > 4e-16
-    unit: Array = np.where(off, scaled / length, q)
-    return unit
+class RigidBodies(Runs, States):
+    """Rigid bodies that fall, collide, rub, roll, and hang together by joints.
 
-
-class MassProperties:
-    """Mass, centre of mass and inertia of a body.
+    A body has one or several shapes; `add` puts bodies in. Its state is the position of its centre
+    of mass, the unit quaternion of its principal axes, momentum and angular momentum: arrays that
+    are views, with one row for each body. Where its shapes are is given by `origins` and
+    `orientations`. docs/rigid.md has how to use it, docs/rigid_contact.md what a step does.
 
     Parameters
     ----------
-    mass : float
-        Mass [kg].
-    centre : array_like, shape (3,)
-        Centre of mass [m].
-    inertia : array_like, shape (3, 3)
-        Inertia about the centre of mass, along the axes of the frame [kg m^2].
-
-    Attributes
-    ----------
-    mass : float
-        Mass [kg].
-    centre : ndarray, shape (3,)
-        Centre of mass [m].
-    inertia : ndarray, shape (3, 3)
-        Inertia about the centre of mass, along the axes of the frame [kg m^2].
-    principal_inertia : ndarray, shape (3,)
-        Inertia about the principal axes [kg m^2].
-    axes : ndarray, shape (4,)
-        Quaternion that takes the principal axes into the frame. Of all frames of principal axes it
-        is the one nearest to the frame itself; moments that differ by rounding count as equal.
+    gravity : array_like, shape (3,), optional
+        Acceleration [m/s^2].
+    step : float, optional
+        Step of `advance` [s].
+    substeps : int, optional
+        Parts that the solver of contacts and joints cuts a step into.
+    rotation : {'splitting', 'exact', 'quaternion'}, optional
+        How bodies turn: symplectic, in closed form, or as in textbooks (`free_rotation`).
+    sleeping : bool, optional
+        Bodies that have come to rest cost nothing until something moves them.
+    continuous : bool, optional
+        Bodies that are fast for their size never pass through others.
+    contact_margin : float, optional
+        Distance at which contacts begin to be looked at [m].
+    time : float, optional
+        Time of the initial state [s].
+    threads : int, optional
+        Threads of the native loops; results do not depend on it.
 
     Raises
     ------
     InputError
-        If the mass or a principal moment is not above 0, one of the moments is greater than the sum
-        of the other two, or the inertia is not symmetric.
+        If an argument is wrong, with its name.
 
     See Also
     --------
-    mass_properties : Those of a shape.
-    compound : Those of several bodies together.
+    free_rotation : The rotation of bodies on which nothing acts.
+
+    References
+    ----------
+    Macklin et al., "Small steps in physics simulation", SCA 2019; Moreau, "Unilateral contact and
+    dry friction in finite freedom dynamics", 1988; Smith et al., "Reflections on simultaneous
+    impact", ACM Trans. Graph. 31(4), 2012; Touma and Wisdom, Astron. J. 107, 1994.
 
     Examples
     --------
+    Three boxes on one another, and a ball that bounces:
+
     >>> import substep
-    >>> body = substep.rigid.MassProperties(
-    ...     2.0, [0, 0, 0], [[3, 1, 0], [1, 3, 0], [0, 0, 5]]
-    ... )
-    >>> body.principal_inertia.round(12)
-    array([2., 4., 5.])
+    >>> rigid = substep.rigid
+    >>> bodies = substep.RigidBodies()
+    >>> ground = bodies.add(rigid.Plane(), (0, 0, 0), motion="static")
+    >>> stack = bodies.add(
+    ...     rigid.Box((0.5, 0.5, 0.5)), [[0, 0, 0.5], [0, 0, 1.5], [0, 0, 2.5]])
+    >>> ball = bodies.add(rigid.Sphere(0.1), (3, 0, 1.1), restitution=0.8)
+    >>> bodies.advance(1.0)
+    >>> bodies.origins[stack, 2].round(2).tolist()
+    [0.5, 1.5, 2.5]
+    >>> bool(bodies.positions[ball, 2] > 0.4)
+    True
     """
 
-    mass: float
-    centre: Array
-    inertia: Array
-    principal_inertia: Array
-    axes: Array
+    def __init__(
+        self,
+        *,
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        step: float = 1 / 60,
+        substeps: int = 8,
+        rotation: str = "splitting",
+        sleeping: bool = True,
+        continuous: bool = True,
+        contact_margin: float = 0.02,
+        time: float = 0.0,
+        threads: int | None = None,
+    ) -> None:
+        self._options = {
+            "gravity": check_array("gravity", gravity, (3,)).tolist(),
+            "substeps": check_integer("substeps", substeps, minimum=1, maximum=1000),
+            "rotation": check_choice("rotation", rotation, ROTATIONS),
+            "sleeping": check_flag("sleeping", sleeping),
+            "continuous": check_flag("continuous", continuous),
+            "contact_margin": check_real("contact_margin", contact_margin, positive=True),
+        }
+        self.step_size = check_real("step", step, positive=True)
+        self._ids = np.zeros(0, np.int64)
+        self._next_id = 0
+        self._centres, self._axes = np.zeros((0, 3)), np.zeros((0, 4))
+        self._weights = np.zeros((0, 4))
+        self._made: list[Made] = []
+        self._joint_ids, self._next_joint = np.zeros(0, np.int64), 0
+        self._callback_of: int | None = None
+        super().__init__(_core.RigidWorld(self._options), time, threads)
 
-    def __init__(self, mass: float, centre: ArrayLike, inertia: ArrayLike) -> None:
-        rows = check_array("inertia", inertia, (3, 3))
-        self._set(
-            _core.MassMoments(
-                check_real("mass", mass), check_array("centre", centre, (3,)), rows.ravel()
-            )
-        )
+    @property
+    def gravity(self) -> Array:
+        """Acceleration [m/s^2], shape (3,); a copy."""
+        return np.array(self._options["gravity"])
 
-    @classmethod
-    def _of(cls, moments: _core.MassMoments) -> MassProperties:
-        properties = cls.__new__(cls)
-        properties._set(moments)
-        return properties
-
-    def _set(self, moments: _core.MassMoments) -> None:
-        axes, principal = moments.principal()
-        self._moments = moments
-        self.mass = moments.mass
-        self.centre = np.array(moments.centre)
-        self.inertia = np.array(moments.inertia).reshape(3, 3)
-        self.principal_inertia = np.array(principal)
-        self.axes = np.array(axes)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return MassProperties, (self.mass, self.centre, self.inertia)
-
-    def __repr__(self) -> str:
-        return (
-            f"MassProperties(mass={self.mass:g}, centre={self.centre.tolist()}, "
-            f"principal_inertia={self.principal_inertia.tolist()})"
-        )
-
-    def moved(self, position: ArrayLike, rotation: ArrayLike = (1, 0, 0, 0)) -> MassProperties:
-        """The properties of the same body placed in another frame.
+    def add(
+        self,
+        shape: Shape | Fixture | Sequence[Shape | Fixture],
+        positions: ArrayLike,
+        rotations: ArrayLike = (1.0, 0.0, 0.0, 0.0),
+        velocities: ArrayLike = (0.0, 0.0, 0.0),
+        angular_velocities: ArrayLike = (0.0, 0.0, 0.0),
+        *,
+        motion: str = "dynamic",
+        density: float = 1000.0,
+        mass: float | MassProperties | None = None,
+        inertia: ArrayLike | None = None,
+        friction: float = 0.5,
+        restitution: float = 0.0,
+        rolling_friction: float = 0.0,
+        spinning_friction: float = 0.0,
+        group: int = 1,
+        mask: int = EVERYTHING,
+    ) -> Any:
+        """Put in one body, or several alike.
 
         Parameters
         ----------
-        position : array_like, shape (3,)
-            Where the origin of the body's frame comes to lie [m].
-        rotation : array_like, shape (4,), optional
-            Quaternion (w, x, y, z) that turns the body's frame; is normalised.
+        shape : Sphere, Box, Capsule, Cylinder, ConvexHull, Plane, TriangleMesh, Fixture or list
+            The shape in the frame of the body, or those of a compound. Planes and meshes
+            (`geometry.TriangleMesh`, which may be open) are ground, of static bodies only.
+        positions : array_like, shape (3,) or (n, 3)
+            Where the frames of the bodies are [m].
+        rotations : array_like, shape (4,) for all or (n, 4), optional
+            Quaternions (w, x, y, z) that turn the frames; are normalised.
+        velocities : array_like, shape (3,) for all or (n, 3), optional
+            Of the centres of mass [m/s].
+        angular_velocities : array_like, shape (3,) for all or (n, 3), optional
+            In the world [rad/s].
+        motion : {'dynamic', 'kinematic', 'static'}, optional
+            Moved by forces and impulses; at the velocities given, whatever it meets; not at all.
+        density : float, optional
+            [kg/m^3]; gives a dynamic body its mass, centre and inertia.
+        mass : float or MassProperties, optional
+            Of each body [kg], instead of that by `density`, or all that it weighs, in the frame of
+            the body.
+        inertia : array_like, shape (3,) or (3, 3), optional
+            About the centre of mass along the axes of the frame [kg m^2], instead of that by
+            `density` and `mass`.
+        friction : float, optional
+            Coefficient of Coulomb friction; of two surfaces the root of the product holds.
+        restitution : float, optional
+            Normal velocity after an impact over that before it, from 0 to 1; of two surfaces the
+            greater one holds.
+        rolling_friction, spinning_friction : float, optional
+            Levers of the torques that resist rolling and spinning on the spot [m]; of two surfaces
+            the greater ones hold.
+        group, mask : int, optional
+            32 bits each: shapes touch where `group` of either has a bit of `mask` of the other.
 
         Returns
         -------
-        MassProperties
-            In the other frame.
+        int or ndarray of int64, shape (n,)
+            Their ids, which no other body had or will have.
+
+        Raises
+        ------
+        InputError
+            If an argument is wrong; nothing is changed then.
+
+        Examples
+        --------
+        >>> import substep
+        >>> bodies = substep.RigidBodies(gravity=(0, 0, 0))
+        >>> bodies.add(substep.rigid.Sphere(0.5), [[0, 0, 0], [2, 0, 0]], mass=3.0)
+        array([0, 1])
+        >>> bodies.masses.tolist()
+        [3.0, 3.0]
         """
-        return MassProperties._of(
-            self._moments.moved(
-                check_array("position", position, (3,)),
-                _unit_quaternions("rotation", rotation, (4,)),
-            )
-        )
+        way = check_choice("motion", motion, MOTIONS)
+        defaults = {
+            "density": density,
+            "friction": friction,
+            "restitution": restitution,
+            "rolling_friction": rolling_friction,
+            "spinning_friction": spinning_friction,
+            "group": group,
+            "mask": mask,
+        }
+        fixtures = check_fixtures(shape, defaults, way)
+        weight = None
+        if way == "dynamic":
+            weight = check_mass(fixtures, mass, inertia)
+        elif mass is not None or inertia is not None:
+            raise InputError(f"mass, inertia: a {way} body has none")
+        single = np.ndim(np.asarray(positions)) == 1
+        x = check_array("positions", positions, (3,) if single else (None, 3))
+        n = 1 if single else len(x)
+        every = np.arange(n)
+        x = self._vectors("positions", x, every, None)
+        q = self._vectors("rotations", rotations, every, None)
+        v = self._vectors("velocities", velocities, every, None)
+        w = self._vectors("angular_velocities", angular_velocities, every, None)
+        if way == "static" and (v.any() or w.any()):
+            raise InputError("velocities: a static body has none")
+        frame = STILL if weight is None else weight
+        body: Made = (fixtures, way, weight)
+        with self._own():
+            poses = principal_frames(x, q, frame.centre, frame.axes)
+            add_native(self._native, {}, body, *poses, v, w)
+            ids = np.arange(self._next_id, self._next_id + n, dtype=np.int64)
+            self._next_id += n
+            self._ids = np.concatenate([self._ids, ids])
+            self._centres = np.concatenate([self._centres, np.tile(frame.centre, (n, 1))])
+            self._axes = np.concatenate([self._axes, np.tile(frame.axes, (n, 1))])
+            own = [np.nan] * 4 if weight is None else [frame.mass, *frame.principal_inertia]
+            self._weights = np.concatenate([self._weights, np.tile(own, (n, 1))])
+            self._made += [body] * n
+        return int(ids[0]) if single else ids
 
+    def remove(self, ids: ArrayLike) -> None:
+        """Take out bodies, and the joints that hold them. What they touch wakes.
 
-def mass_properties(
-    shape: Sphere | Box | Capsule | Cylinder | ConvexHull | TriangleMesh, density: float = 1000.0
-) -> MassProperties:
-    """Mass, centre of mass and inertia of a solid of uniform density.
+        Parameters
+        ----------
+        ids : int or array_like of int, shape (m,)
+            Which.
 
-    Parameters
-    ----------
-    shape : Sphere, Box, Capsule, Cylinder, ConvexHull or geometry.TriangleMesh
-        The solid. A mesh must be closed, look outward, and not cut itself; it may be hollow or
-        consist of several parts.
-    density : float, optional
-        Density [kg/m^3].
+        Raises
+        ------
+        IndexError
+            If there is no such body; nothing is changed then.
+        """
+        with self._own():
+            rows = np.unique(self._rows(ids))
+            self._remove_joints_of(rows)
+            self._native.remove(rows)
+            keep = np.ones(len(self), bool)
+            keep[rows] = False
+            self._ids, self._weights = self._ids[keep], self._weights[keep]
+            self._centres, self._axes = self._centres[keep], self._axes[keep]
+            self._made = [made for made, kept in zip(self._made, keep, strict=True) if kept]
 
-    Returns
-    -------
-    MassProperties
-        In the frame of the shape; exact up to rounding, for meshes too.
+    def exclude(self, a: int, b: int, excluded: bool = True) -> None:
+        """Let two bodies go through each other, or no more.
 
-    Raises
-    ------
-    InputError
-        If the density is not above 0, or a mesh bounds no solid.
+        Parameters
+        ----------
+        a, b : int
+            Their ids.
+        excluded : bool, optional
+            Whether they do.
 
-    References
-    ----------
-    Mirtich (1996), "Fast and accurate computation of polyhedral mass properties", J. Graph. Tools
-    1(2); Eberly (2002), "Polyhedral mass properties (revisited)".
+        Raises
+        ------
+        InputError, IndexError
+            If there are no two such bodies.
+        """
+        with self._own():
+            first, second = self._row("a", a), self._row("b", b)
+            if first == second:
+                raise InputError(f"b: expected another body than {a}")
+            self._native.exclude(first, second, check_flag("excluded", excluded))
 
-    Examples
-    --------
-    A flat box, and two of it as a cross:
+    def fixtures(self, body: int) -> tuple[Fixture, ...]:
+        """What a body is made of.
 
-    >>> import substep
-    >>> plate = substep.rigid.mass_properties(substep.rigid.Box((0.5, 0.25, 0.1)), 10.0)
-    >>> round(plate.mass, 12)
-    1.0
-    >>> plate.principal_inertia.round(6)
-    array([0.024167, 0.086667, 0.104167])
-    >>> cross = substep.rigid.compound([plate, plate.moved([0, 0, 0.2], [1, 0, 0, 1])])
-    >>> cross.centre.round(12)
-    array([0. , 0. , 0.1])
-    """
-    rho = check_real("density", density, positive=True)
-    match shape:
-        case Sphere():
-            moments = _core.sphere_moments(shape.radius, rho)
-        case Box():
-            moments = _core.box_moments(shape.half_lengths, rho)
-        case Capsule():
-            moments = _core.capsule_moments(shape.radius, shape.half_length, rho)
-        case Cylinder():
-            moments = _core.cylinder_moments(shape.radius, shape.half_length, rho)
-        case ConvexHull():
-            moments = _core.hull_moments(shape.points, rho)
-        case TriangleMesh():
-            moments = _core.mesh_moments(shape.vertices, shape.faces, rho)
-            pierced = shape.report().pierced
-            if pierced:
-                raise InputError(
-                    f"shape: the mesh cuts itself: {pierced} edges pass through a face"
-                )
-        case _:
-            raise TypeError(f"shape: expected a shape or a TriangleMesh, got {describe(shape)}")
-    return MassProperties._of(moments)
+        Parameters
+        ----------
+        body : int
+            Its id.
 
+        Returns
+        -------
+        tuple of Fixture
+            In the frame that is at `origins` and turned by `orientations`.
 
-def compound(parts: Iterable[MassProperties]) -> MassProperties:
-    """Mass, centre of mass and inertia of several bodies that are one.
+        Raises
+        ------
+        IndexError
+            If there is no such body.
+        """
+        return self._made[self._row("body", body)][0]
 
-    Parameters
-    ----------
-    parts : iterable of MassProperties
-        The parts, each where it is (`MassProperties.moved`) in the frame that they share.
+    def diagnostics(self) -> dict[str, float]:
+        """Energies and momenta of the dynamic bodies, and what the last step met.
 
-    Returns
-    -------
-    MassProperties
-        In that frame, by the theorem of parallel axes.
+        Returns
+        -------
+        dict of str to float
+            `count`, of bodies; `kinetic_energy` and `potential_energy` (0 at the origin) [J];
+            `momentum_x`, `_y`, `_z` [N s]; `angular_momentum_x`, `_y`, `_z` about the origin
+            [N m s]; of the last step `contacts`, `penetration`, the deepest [m], `impacts` with
+            restitution; `awake`, the dynamic bodies that do not sleep; `joint_error`, the greatest
+            distance or angle by which a joint is off [m or rad].
+        """
+        with self._own():
+            values: dict[str, float] = self._native.diagnostics()
+        return values
 
-    Raises
-    ------
-    InputError
-        If there is no part.
+    def fields(self) -> dict[str, tuple[NDArray[Any], str]]:
+        """Arrays for recording, with their units.
 
-    Examples
-    --------
-    >>> import substep
-    >>> ball = substep.rigid.mass_properties(substep.rigid.Sphere(0.1))
-    >>> dumbbell = substep.rigid.compound([ball.moved([0, 0, -1]), ball.moved([0, 0, 1])])
-    >>> dumbbell.principal_inertia.round(3)
-    array([8.411, 8.411, 0.034])
-    """
-    listed = list(parts)
-    for part in listed:
-        if not isinstance(part, MassProperties):
-            raise TypeError(f"parts: expected MassProperties, got {describe(part)}")
-    if not listed:
-        raise InputError("parts: expected at least one body")
-    return MassProperties._of(_core.sum_moments([part._moments for part in listed]))
-
-
-def free_rotation(
-    rotations: ArrayLike,
-    angular_momenta: ArrayLike,
-    inertia: ArrayLike,
-    duration: float,
-    *,
-    method: str = "exact",
-    steps: int = 1,
-    threads: int | None = None,
-) -> Array:
-    """Rotations of bodies on which no torque acts, after a time.
-
-    Parameters
-    ----------
-    rotations : array_like, shape (n, 4)
-        Quaternions (w, x, y, z) that take the principal axes of each body into the world; are
-        normalised.
-    angular_momenta : array_like, shape (n, 3)
-        Angular momenta in the world [kg m^2/s]. They stay what they are.
-    inertia : array_like, shape (n, 3)
-        Principal moments of inertia [kg m^2].
-    duration : float
-        Time, forward or backward [s].
-    method : {"exact", "splitting", "quaternion", "matrix"}, optional
-        "exact" is the solution by Jacobi's elliptic functions: one step is enough. "splitting" is
-        symplectic and of second order; its energy does not drift. "quaternion" and "matrix" are the
-        first-order updates of textbooks, for comparison: their energy drifts.
-    steps : int, optional
-        Number of equal steps.
-    threads : int, optional
-        Threads to use.
-
-    Returns
-    -------
-    ndarray, shape (n, 4)
-        Unit quaternions after `duration`.
-
-    Raises
-    ------
-    InputError
-        If a quaternion is 0, a moment is not above 0 or greater than the sum of the other two, or
-        the numbers of rows differ.
-    NonFiniteError
-        If a rotation is beyond the range of float64.
-
-    References
-    ----------
-    van Zon and Schofield (2007), J. Comput. Phys. 225, 145 ("exact"); Touma and Wisdom (1994),
-    Astron. J. 107, 1189, and Dullweber, Leimkuhler and McLachlan (1997), J. Chem. Phys. 107, 5840
-    ("splitting").
-
-    Examples
-    --------
-    A box that spins about its middle axis turns over, within 4.5 s:
-
-    >>> import numpy as np
-    >>> import substep
-    >>> inertia = np.array([[0.0241666667, 0.0866666667, 0.1041666667]])
-    >>> momentum = inertia * [0.01, 5.0, 0.0]
-    >>> q = substep.rigid.free_rotation([[1, 0, 0, 0]], momentum, inertia, 4.538872)
-    >>> w, x, y, z = q[0]
-    >>> round(float(1 - 2 * (x * x + z * z)), 3)  # the y axis of the body along that of the world
-    -1.0
-    """
-    q = _unit_quaternions("rotations", rotations, (None, 4))
-    L = check_array("angular_momenta", angular_momenta, (len(q), 3))
-    moments = check_array("inertia", inertia, (len(q), 3))
-    wrong = ~(moments > 0)
-    if wrong.any():
-        raise InputError(
-            f"inertia{first_bad_index(wrong)}: expected a number above 0, got {moments[wrong][0]}"
-        )
-    wrong = 2 * moments.max(axis=1, initial=0) > moments.sum(axis=1) * (1 + 1e-9)
-    if wrong.any():
-        raise InputError(
-            f"inertia{first_bad_index(wrong)}: expected moments none of which is greater than the "
-            f"sum of the other two, got {moments[wrong][0].tolist()}"
-        )
-    count = check_integer("steps", steps, minimum=1, maximum=2**62)
-    dt = check_real("duration", duration) / count
-    name = check_choice("method", method, ("exact", "splitting", "quaternion", "matrix"))
-    turned: Array = _core.rotate_freely(name, q, L, moments, dt, count, check_threads(threads))
-    finite = np.isfinite(turned).all(axis=1)
-    if not finite.all():
-        i = int(np.argmin(finite))
-        raise NonFiniteError(
-            f"rotations[{i}] is not finite after {duration} s: the angle is beyond float64", index=i
-        )
-    return turned
+        Returns
+        -------
+        dict of str to (ndarray, str)
+            `position` and `orientation`, the frames of the shapes (`origins`, `orientations`);
+            `velocity` of the centres of mass, `angular_velocity`, `id` and `asleep`; copies.
+        """
+        return {
+            "position": (self.origins, "m"),
+            "orientation": (self.orientations, "1"),
+            "velocity": (self.velocities, "m/s"),
+            "angular_velocity": (self.angular_velocities, "rad/s"),
+            "id": (self.ids, "1"),
+            "asleep": (self._native.asleep(), "1"),
+        }

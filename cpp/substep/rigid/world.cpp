@@ -282,9 +282,9 @@ void World::remember() {
   last_contacts_.swap(contacts_);
 }
 
+// The rows of bodies stay where they are in memory: others may look at them.
 void World::go_back() {
-  bodies_.x.swap(before_.x), bodies_.q.swap(before_.q);
-  bodies_.P.swap(before_.P), bodies_.L.swap(before_.L);
+  bodies_.x = before_.x, bodies_.q = before_.q, bodies_.P = before_.P, bodies_.L = before_.L;
   rest_x_.swap(before_.rest_x), rest_q_.swap(before_.rest_q);
   joints_.swap(before_.joints);
   std::swap(islands_, before_.islands);

@@ -89,6 +89,7 @@ class World {
   // Of the last step, in the order of the fixtures: those of bodies that are awake, and of others.
   std::span<const ContactConstraint> contacts() const { return contacts_; }
   std::span<const ContactConstraint> sleeping_contacts() const { return sleeping_contacts_; }
+  std::int64_t impacts() const { return solver_.impacts(); }  // with restitution, of the last step
 
   // For queries, where all bodies are now; valid until something changes.
   Scene scene();

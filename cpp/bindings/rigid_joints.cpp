@@ -1,0 +1,107 @@
+#include <pybind11/stl.h>
+
+#include <tuple>
+
+#include "rigid_world.h"
+#include "substep/core/errors.h"
+#include "substep/rigid/joint.h"
+
+namespace rigid_binding {
+namespace {
+
+using Array3 = std::array<double, 3>;
+// (type, target, stiffness, damping, most)
+using MotorTuple = std::tuple<int, double, double, double, double>;
+
+Joint::Motor motor(const MotorTuple& t) {
+  return {static_cast<MotorType>(std::get<0>(t)), std::get<1>(t), std::get<2>(t), std::get<3>(t),
+          std::get<4>(t)};
+}
+MotorTuple tuple(const Joint::Motor& m) {
+  return {static_cast<int>(m.type), m.target, m.stiffness, m.damping, m.most};
+}
+
+// Between bodies as they are; `axis` of a distance is its point of b.
+Joint make_joint(JointType type, const Bodies& bodies, std::int32_t a, std::int32_t b,
+                 const Vec3& anchor, const Vec3& axis) {
+  switch (type) {
+    case JointType::kBall:
+      return make_ball(bodies, a, b, anchor, axis);
+    case JointType::kHinge:
+      return make_hinge(bodies, a, b, anchor, axis);
+    case JointType::kSlider:
+      return make_slider(bodies, a, b, anchor, axis);
+    case JointType::kFixed:
+      return make_fixed(bodies, a, b, anchor);
+    case JointType::kDistance:
+      return make_distance(bodies, a, b, anchor, axis);
+  }
+  throw substep::InputError("kind: unknown");
+}
+
+const Joint& joint_of(const PyWorld& self, std::int64_t row) {
+  return self.world.joints()[static_cast<std::size_t>(row)];
+}
+
+py::dict told(const PyWorld& self, std::int64_t row) {
+  const Joint& joint = joint_of(self, row);
+  const Bodies& bodies = self.world.bodies();
+  const auto anchor = [&](std::int32_t body, const Joint::Frame& frame) {
+    return triple(body < 0 ? frame.anchor : bodies.pose(body).to_world(frame.anchor));
+  };
+  py::dict values;
+  values["kind"] = static_cast<int>(joint.type);
+  values["a"] = joint.a;
+  values["b"] = joint.b;
+  values["coordinate"] = joint.coordinate;
+  values["limits"] = std::pair(joint.lower, joint.upper);
+  values["motor"] = tuple(joint.motor);
+  values["force"] = triple(joint.force);
+  values["torque"] = triple(joint.torque);
+  values["error"] = std::pair(joint.length_error, joint.angle_error);
+  values["anchors"] = std::pair(anchor(joint.a, joint.in_a), anchor(joint.b, joint.in_b));
+  return values;
+}
+
+}  // namespace
+
+void bind_joints(py::class_<PyWorld>& world) {
+  world
+      .def(
+          "add_joint",
+          [](PyWorld& self, int kind, std::int32_t a, std::int32_t b, const Array3& anchor,
+             const Array3& axis, double lower, double upper, double cone, const MotorTuple& drive,
+             bool collide) {
+            Joint joint = make_joint(static_cast<JointType>(kind), self.world.bodies(), a, b,
+                                     Vec3(anchor.data()), Vec3(axis.data()));
+            joint.lower = lower, joint.upper = upper, joint.cone = cone;
+            joint.motor = motor(drive);
+            joint.collide = collide;
+            self.world.add_joint(joint);
+          },
+          py::arg("kind"), py::arg("a"), py::arg("b"), py::arg("anchor"), py::arg("axis"),
+          py::arg("lower"), py::arg("upper"), py::arg("cone"), py::arg("motor"), py::arg("collide"))
+      .def(
+          "set_joint",
+          [](PyWorld& self, std::int64_t row, double lower, double upper, const MotorTuple& drive) {
+            Joint joint = joint_of(self, row);
+            joint.lower = lower, joint.upper = upper;
+            joint.motor = motor(drive);
+            self.world.set_joint(row, joint);
+          },
+          py::arg("row"), py::arg("lower"), py::arg("upper"), py::arg("motor"))
+      .def(
+          "remove_joints",
+          [](PyWorld& self, const Numbers& rows) { self.world.remove_joints(numbers(rows)); },
+          py::arg("rows"))
+      .def("joint", &told, py::arg("row"))
+      .def("joint_bodies", [](const PyWorld& self) {
+        const auto joints = self.world.joints();
+        Numbers bodies({static_cast<py::ssize_t>(joints.size()), py::ssize_t{2}});
+        std::int64_t* out = bodies.mutable_data();
+        for (const Joint& joint : joints) *out++ = joint.a, *out++ = joint.b;
+        return bodies;
+      });
+}
+
+}  // namespace rigid_binding

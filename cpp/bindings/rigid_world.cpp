@@ -1,0 +1,301 @@
+#include "rigid_world.h"
+
+#include <pybind11/stl.h>
+
+#include <algorithm>
+#include <limits>
+#include <string>
+
+#include "substep/core/errors.h"
+
+namespace rigid_binding {
+
+RowArrays PyWorld::take_arrays() {
+  const auto now = arrays(world.bodies());
+  RowArrays copies, taken;
+  for (std::size_t k = 0; k < now.size(); ++k) copies[k] = *now[k];
+  for (std::size_t k = 0; k < now.size(); ++k) {
+    taken[k] = std::move(*now[k]);
+    *now[k] = std::move(copies[k]);
+  }
+  return taken;
+}
+
+void PyWorld::put_arrays(RowArrays&& taken) {
+  const auto now = arrays(world.bodies());
+  for (std::size_t k = 0; k < now.size(); ++k) *now[k] = std::move(taken[k]);
+}
+
+namespace {
+
+using Array3 = std::array<double, 3>;
+using Array4 = std::array<double, 4>;
+
+Vec3 vector(const Array3& v) { return Vec3(v.data()); }
+
+// (shape, position, rotation, density, friction, restitution, rolling, spinning, group, mask)
+using FixtureTuple = std::tuple<RigidShape, Array3, Array4, double, double, double, double, double,
+                                std::uint32_t, std::uint32_t>;
+
+Fixture fixture(const FixtureTuple& t) {
+  return {.shape = std::get<0>(t).shape,
+          .local = {vector(std::get<1>(t)), substep::load_quaternion(std::get<2>(t).data())},
+          .friction = std::get<4>(t),
+          .restitution = std::get<5>(t),
+          .density = std::get<3>(t),
+          .rolling = std::get<6>(t),
+          .spinning = std::get<7>(t),
+          .group = std::get<8>(t),
+          .mask = std::get<9>(t)};
+}
+
+WorldOptions world_options(const py::dict& given) {
+  const char* const rotations[] = {"exact", "splitting", "quaternion"};
+  WorldOptions options;
+  options.gravity = vector(given["gravity"].cast<Array3>());
+  options.contact.substeps = given["substeps"].cast<int>();
+  options.contact.rotation = static_cast<FreeRotation>(
+      std::find(std::begin(rotations), std::end(rotations), given["rotation"].cast<std::string>()) -
+      std::begin(rotations));
+  options.contact_margin = given["contact_margin"].cast<double>();
+  options.sleeping = given["sleeping"].cast<bool>();
+  options.continuous = given["continuous"].cast<bool>();
+  return options;
+}
+
+void bind_shapes(py::module_& m) {
+  py::class_<RigidShape>(m, "RigidShape")
+      .def_static(
+          "sphere", [](double radius) { return RigidShape{Sphere{radius}}; }, py::arg("radius"))
+      .def_static(
+          "box", [](const Array3& half) { return RigidShape{Box{vector(half)}}; },
+          py::arg("half_lengths"))
+      .def_static(
+          "capsule", [](double r, double half) { return RigidShape{Capsule{r, half}}; },
+          py::arg("radius"), py::arg("half_length"))
+      .def_static(
+          "cylinder", [](double r, double half) { return RigidShape{Cylinder{r, half}}; },
+          py::arg("radius"), py::arg("half_length"))
+      .def_static(
+          "plane",
+          [](const Array3& normal, double offset) {
+            return RigidShape{Plane{vector(normal), offset}};
+          },
+          py::arg("normal"), py::arg("offset"))
+      .def_static(
+          "hull",
+          [](const Rows& points) {
+            std::vector<Vec3> rows;
+            for (py::ssize_t i = 0; i < points.shape(0); ++i) rows.emplace_back(points.data(i, 0));
+            const ReleaseGil nogil;
+            return RigidShape{std::make_shared<const ConvexHull>(rows)};
+          },
+          py::arg("points"))
+      .def_static(
+          "mesh",
+          [](const Rows& vertices, const Integers& faces) {
+            std::vector<Vec3> corners;
+            for (py::ssize_t i = 0; i < vertices.shape(0); ++i)
+              corners.emplace_back(vertices.data(i, 0));
+            std::vector<std::array<std::int32_t, 3>> triangles;
+            for (py::ssize_t i = 0; i < faces.shape(0); ++i)
+              triangles.push_back({faces.at(i, 0), faces.at(i, 1), faces.at(i, 2)});
+            const ReleaseGil nogil;
+            return RigidShape{std::make_shared<const TriangleMesh>(corners, triangles)};
+          },
+          py::arg("vertices"), py::arg("faces"));
+}
+
+// Bodies alike at poses of their principal frames: all of them or none.
+void add(PyWorld& self, const std::vector<FixtureTuple>& parts, int motion, double mass,
+         const Rows& inertia, const Rows& x, const Rows& q, const Rows& v, const Rows& w) {
+  std::vector<Fixture> fixtures;
+  for (const FixtureTuple& part : parts) fixtures.push_back(fixture(part));
+  const std::int64_t before = self.world.bodies().size(), n = x.shape(0);
+  if (before + n > std::numeric_limits<std::int32_t>::max())
+    throw substep::InputError("positions: expected less than 2**31 bodies");
+  self.with_other_bodies([&] {
+    try {
+      for (py::ssize_t i = 0; i < n; ++i) {
+        BodyState body{.position = Vec3(x.data(i, 0)),
+                       .rotation = substep::load_quaternion(q.data(i, 0)),
+                       .velocity = Vec3(v.data(i, 0)),
+                       .angular_velocity = Vec3(w.data(i, 0)),
+                       .motion = static_cast<Motion>(motion)};
+        if (body.motion == Motion::kDynamic) body.mass = mass, body.inertia = Vec3(inertia.data());
+        self.world.add(body, fixtures);
+      }
+    } catch (...) {
+      std::vector<std::int64_t> added;
+      for (auto i = before; i < self.world.bodies().size(); ++i) added.push_back(i);
+      if (!added.empty()) self.world.remove(added);
+      throw;
+    }
+  });
+}
+
+// A view of the k-th of the arrays.
+auto view(std::size_t k, py::ssize_t columns) {
+  return [=](const py::object& self) {
+    auto& w = self.cast<PyWorld&>();
+    auto owner = w.views.lock();
+    if (!owner) {
+      owner = std::make_shared<ViewOwner>(ViewOwner{self, {}});
+      w.views = owner;
+    }
+    Bodies& bodies = w.world.bodies();
+    return Rows({static_cast<py::ssize_t>(bodies.size()), columns},
+                PyWorld::arrays(bodies)[k]->data(), py::cast(owner));
+  };
+}
+
+// One vector for each body.
+template <class Get>
+auto each_body(Get get) {
+  return [get](const PyWorld& self) {
+    const Bodies& bodies = self.world.bodies();
+    Rows rows({static_cast<py::ssize_t>(bodies.size()), py::ssize_t{3}});
+    for (std::int64_t i = 0; i < bodies.size(); ++i)
+      Vec3::Map(rows.mutable_data(i, 0)) = get(bodies, i);
+    return rows;
+  };
+}
+
+constexpr double kInfinite = std::numeric_limits<double>::infinity();
+
+void bind_rows(py::class_<PyWorld>& world) {
+  world.def_property_readonly("positions", view(0, 3))
+      .def_property_readonly("rotations", view(1, 4))
+      .def_property_readonly("momenta", view(2, 3))
+      .def_property_readonly("angular_momenta", view(3, 3))
+      .def_property_readonly("forces", view(4, 3))
+      .def_property_readonly("torques", view(5, 3))
+      .def("velocities",
+           each_body([](const Bodies& bodies, std::int64_t i) { return bodies.velocity(i); }))
+      .def("angular_velocities", each_body([](const Bodies& bodies, std::int64_t i) {
+             return bodies.angular_velocity(i);
+           }))
+      .def("inertia", each_body([](const Bodies& bodies, std::int64_t i) -> Vec3 {
+             if (!bodies.dynamic(i)) return Vec3::Constant(kInfinite);
+             return Vec3(&bodies.inertia[3 * static_cast<std::size_t>(i)]);
+           }))
+      .def("masses",
+           [](const PyWorld& self) {
+             const Bodies& bodies = self.world.bodies();
+             py::array_t<double> masses(static_cast<py::ssize_t>(bodies.size()));
+             for (std::int64_t i = 0; i < bodies.size(); ++i)
+               masses.mutable_at(i) =
+                   bodies.dynamic(i) ? bodies.mass[static_cast<std::size_t>(i)] : kInfinite;
+             return masses;
+           })
+      .def("motions", [](const PyWorld& self) { return motions_of(self.world.bodies()); })
+      .def("asleep", [](const PyWorld& self) {
+        const std::int64_t n = self.world.bodies().size();
+        py::array_t<std::uint8_t> flags(static_cast<py::ssize_t>(n));
+        for (std::int64_t i = 0; i < n; ++i) flags.mutable_at(i) = self.world.asleep(i);
+        return flags;
+      });
+}
+
+void bind_changes(py::class_<PyWorld>& world) {
+  world
+      .def("add", &add, py::arg("fixtures"), py::arg("motion"), py::arg("mass"), py::arg("inertia"),
+           py::arg("positions"), py::arg("rotations"), py::arg("velocities"),
+           py::arg("angular_velocities"))
+      .def(
+          "remove",
+          [](PyWorld& self, const Numbers& bodies) {
+            self.with_other_bodies([&] { self.world.remove(numbers(bodies)); });
+          },
+          py::arg("rows"))
+      .def(
+          "exclude",
+          [](PyWorld& self, std::int32_t a, std::int32_t b, bool excluded) {
+            self.world.exclude(a, b, excluded);
+          },
+          py::arg("a"), py::arg("b"), py::arg("excluded"))
+      .def(
+          "set_motion",
+          [](PyWorld& self, const Numbers& rows, int motion, const Rows& weights) {
+            for (py::ssize_t k = 0; k < rows.size(); ++k)
+              self.world.set_motion(rows.at(k), static_cast<Motion>(motion), weights.at(k, 0),
+                                    Vec3(weights.data(k, 1)));
+          },
+          py::arg("rows"), py::arg("motion"), py::arg("weights"))
+      .def(
+          "set_velocities",
+          [](PyWorld& self, const Numbers& rows, const Rows& v, const Rows& w) {
+            Bodies& bodies = self.world.bodies();
+            for (py::ssize_t k = 0; k < rows.size(); ++k) {
+              if (bodies.motion[static_cast<std::size_t>(rows.at(k))] == Motion::kStatic)
+                throw substep::InputError("ids[" + std::to_string(k) +
+                                          "]: a static body has no velocity");
+            }
+            for (py::ssize_t k = 0; k < rows.size(); ++k)
+              bodies.set_velocity(rows.at(k), Vec3(v.data(k, 0)), Vec3(w.data(k, 0)));
+          },
+          py::arg("rows"), py::arg("velocities"), py::arg("angular_velocities"))
+      .def(
+          "set_poses",
+          [](PyWorld& self, const Numbers& rows, const Rows& x, const Rows& q) {
+            Bodies& bodies = self.world.bodies();
+            for (py::ssize_t k = 0; k < rows.size(); ++k) {
+              const auto i = static_cast<std::size_t>(rows.at(k));
+              std::copy_n(x.data(k, 0), 3, &bodies.x[3 * i]);
+              std::copy_n(q.data(k, 0), 4, &bodies.q[4 * i]);
+            }
+          },
+          py::arg("rows"), py::arg("positions"), py::arg("rotations"))
+      .def(
+          "apply_forces",
+          [](PyWorld& self, const Numbers& rows, const Rows& F, const Rows& points) {
+            for (py::ssize_t k = 0; k < rows.size(); ++k)
+              self.world.bodies().apply_force(rows.at(k), Vec3(F.data(k, 0)),
+                                              Vec3(points.data(k, 0)));
+          },
+          py::arg("rows"), py::arg("forces"), py::arg("points"))
+      .def(
+          "apply_impulses",
+          [](PyWorld& self, const Numbers& rows, const Rows& J, const Rows& points) {
+            for (py::ssize_t k = 0; k < rows.size(); ++k)
+              self.world.bodies().apply_impulse(rows.at(k), Vec3(J.data(k, 0)),
+                                                Vec3(points.data(k, 0)));
+          },
+          py::arg("rows"), py::arg("impulses"), py::arg("points"))
+      .def(
+          "wake",
+          [](PyWorld& self, const Numbers& rows) {
+            for (const std::int64_t row : numbers(rows)) self.world.wake(row);
+          },
+          py::arg("rows"));
+}
+
+}  // namespace
+}  // namespace rigid_binding
+
+void bind_rigid_world(py::module_& m) {
+  using namespace rigid_binding;
+  bind_shapes(m);
+  py::class_<ViewOwner, std::shared_ptr<ViewOwner>>(m, "RigidViewOwner");
+  py::class_<PyWorld> world(m, "RigidWorld");
+  world
+      .def(py::init([](const py::dict& options) {
+             return std::make_unique<PyWorld>(PyWorld{World(world_options(options)), {}});
+           }),
+           py::arg("options"))
+      .def_property(
+          "time", [](const PyWorld& self) { return self.world.time; },
+          [](PyWorld& self, double time) { self.world.time = time; })
+      .def_property(
+          "threads", [](const PyWorld& self) { return self.world.threads; },
+          [](PyWorld& self, int threads) { self.world.threads = threads; })
+      .def(
+          "step", [](PyWorld& self, double dt) { self.world.step(dt); }, py::arg("dt"),
+          py::call_guard<ReleaseGil>())
+      .def("state", [](const PyWorld& self) { return state_of(self.world); })
+      .def("restore", &restore_state, py::arg("state"));
+  bind_rows(world);
+  bind_changes(world);
+  bind_joints(world);
+  bind_queries(world);
+}

@@ -1,0 +1,604 @@
+"""Rigid bodies from Python: arrays and frames, motion, contact, joints, queries, checkpoints."""
+
+import gc
+import math
+import pickle
+
+import numpy as np
+import pytest
+import substep
+from substep import InputError, rigid
+
+G = 9.81
+UNIT = (1.0, 0, 0, 0)
+BOX = rigid.Box((0.5, 0.5, 0.5))
+BALL = rigid.Sphere(0.25)
+CORNER = [[0, 0, 0], [0.6, 0, 0], [0, 0.4, 0], [0, 0, 0.3]]
+SHAPES = {
+    "sphere": BALL,
+    "box": rigid.Box((0.3, 0.2, 0.1)),
+    "capsule": rigid.Capsule(0.1, 0.3),
+    "cylinder": rigid.Cylinder(0.2, 0.3),
+    "hull": rigid.ConvexHull(CORNER),
+}
+
+
+def world(**options):
+    return substep.RigidBodies(**options)
+
+
+def on_ground(**options):
+    bodies = world(**options)
+    bodies.add(rigid.Plane(), (0, 0, 0), motion="static")
+    return bodies
+
+
+def space(**options):
+    return world(gravity=(0, 0, 0), **options)
+
+
+def about(axis, angle):
+    """Quaternion of a turn."""
+    n = np.asarray(axis, float) / np.linalg.norm(axis)
+    return [math.cos(angle / 2), *(math.sin(angle / 2) * n)]
+
+
+def turned(q, v):
+    """Vectors turned by unit quaternions, by the definition q v q*."""
+    w, u = q[..., :1], q[..., 1:]
+    return (w**2 - (u**2).sum(-1, keepdims=True)) * v + 2 * (
+        (u * v).sum(-1, keepdims=True) * u + w * np.cross(u, v)
+    )
+
+
+def state_hash(bodies):
+    return substep.state_hash(*bodies.state().values())
+
+
+def same_turn(p, q):
+    return np.abs((np.asarray(p) * q).sum(axis=-1)) == pytest.approx(1, abs=1e-12)
+
+
+def pile(n=27, seed=3, **options):
+    """Boxes, balls, hulls and hammers above the ground."""
+    rng = np.random.default_rng(seed)
+    bodies = on_ground(**options)
+    hammer = [
+        rigid.Fixture(rigid.Box((0.1, 0.05, 0.05)), (0, 0, 0.2)),
+        rigid.Fixture(rigid.Capsule(0.03, 0.15)),
+    ]
+    kinds = [rigid.Box((0.1, 0.1, 0.1)), rigid.Sphere(0.1), rigid.ConvexHull(CORNER), hammer]
+    for k in range(n):
+        x = 0.4 * np.array([k % 3, k // 3 % 3, 1 + k // 9]) + rng.uniform(-0.05, 0.05, 3)
+        bodies.add(kinds[k % 4], x, rng.normal(size=4), friction=0.6, restitution=0.2 * (k % 2))
+    return bodies
+
+
+# Arrays and frames.
+@pytest.mark.parametrize("name", SHAPES)
+def test_frames_of_shapes_come_back(name):
+    rng = np.random.default_rng(1)
+    x, q = rng.normal(size=(5, 3)), rng.normal(size=(5, 4))
+    bodies = space()
+    ids = bodies.add(SHAPES[name], x, q, mass=2.0)
+    unit = q / np.linalg.norm(q, axis=1, keepdims=True)
+    assert ids.tolist() == [0, 1, 2, 3, 4] == bodies.ids.tolist()
+    assert bodies.origins == pytest.approx(x, abs=1e-14)
+    assert same_turn(bodies.orientations, unit)
+    weight = rigid.mass_properties(SHAPES[name])
+    assert bodies.positions == pytest.approx(x + turned(unit, weight.centre), abs=1e-14)
+    assert bodies.masses == pytest.approx(2.0)
+    assert bodies.inertia == pytest.approx(
+        np.tile(weight.principal_inertia * 2 / weight.mass, (5, 1))
+    )
+
+
+def test_velocities_are_those_of_the_centre_and_momenta_follow():
+    bodies = space()
+    hull = bodies.add(rigid.ConvexHull(CORNER), (1, 2, 3), velocities=(1, 0, 2), mass=3.0,
+                      angular_velocities=(0.5, -1, 2))  # fmt: skip
+    assert bodies.velocities[hull] == pytest.approx([1, 0, 2])
+    assert bodies.angular_velocities[hull] == pytest.approx([0.5, -1, 2])
+    assert bodies.momenta[hull] == pytest.approx([3, 0, 6])
+    weight = rigid.mass_properties(rigid.ConvexHull(CORNER))
+    L = weight.inertia * (3 / weight.mass) @ [0.5, -1, 2]
+    assert bodies.angular_momenta[hull] == pytest.approx(L, rel=1e-12)
+    assert bodies.diagnostics()["kinetic_energy"] == pytest.approx(
+        0.5 * 3 * 5 + 0.5 * L @ [0.5, -1, 2]
+    )
+
+
+def test_compounds_weigh_what_their_parts_do():
+    bodies = space()
+    bar = [rigid.Fixture(BALL, (0, 0, z), density=d) for z, d in ((0, 1000), (2, 3000))]
+    k = bodies.add(bar, (0, 0, 0))
+    m = 4 / 3 * math.pi * 0.25**3 * 1000
+    assert bodies.masses[k] == pytest.approx(4 * m)
+    assert bodies.positions[k] == pytest.approx([0, 0, 1.5])
+    own = 0.4 * 0.25**2
+    assert sorted(bodies.inertia[k]) == pytest.approx(
+        sorted([4 * m * own, *[4 * m * own + m * 1.5**2 + 3 * m * 0.5**2] * 2])
+    )
+    assert [f.position for f in bodies.fixtures(k)] == [(0, 0, 0), (0, 0, 2)]
+
+
+def test_mass_and_inertia_can_be_given():
+    bodies = space()
+    tetrahedron = rigid.mass_properties(rigid.ConvexHull(CORNER), 500)
+    for given, mass, moments in [
+        ({"density": 2.0}, 2.0, [1 / 3] * 3),
+        ({"mass": 6.0}, 6.0, [1.0] * 3),
+        ({"mass": 6.0, "inertia": [1, 2, 2.5]}, 6.0, [1, 2, 2.5]),
+        ({"inertia": [[2, 1, 0], [1, 2, 0], [0, 0, 3]]}, 1000.0, [1, 3, 3]),
+        ({"mass": tetrahedron}, tetrahedron.mass, tetrahedron.principal_inertia),
+    ]:
+        k = bodies.add(BOX, (0, 0, 0), **given)
+        assert bodies.masses[k] == pytest.approx(mass)
+        assert sorted(bodies.inertia[k]) == pytest.approx(sorted(moments))
+    assert bodies.positions[k] == pytest.approx(tetrahedron.centre)
+
+
+def test_one_or_many_and_none():
+    bodies = space()
+    assert bodies.add(BALL, (0, 0, 0)) == 0 and len(bodies) == 1
+    assert bodies.add(BALL, [[1, 0, 0]]).tolist() == [1]
+    assert bodies.add(BALL, np.zeros((0, 3))).tolist() == []
+    q = [UNIT, about((0, 0, 1), 1.0)]
+    assert bodies.add(BALL, [[2, 0, 0], [3, 0, 0]], q, (1, 0, 0)).tolist() == [2, 3]
+    assert bodies.velocities[2:].tolist() == [[1, 0, 0]] * 2
+    empty = world()
+    empty.advance(0.5)
+    assert empty.time == 0.5 and empty.positions.shape == (0, 3)
+    assert empty.diagnostics()["kinetic_energy"] == 0 and len(empty.contacts()) == 0
+
+
+def test_views_are_the_state():
+    bodies = space()
+    bodies.add(BALL, [[0, 0, 0], [5, 0, 0]], mass=2.0)
+    views = [bodies.positions, bodies.momenta, bodies.rotations, bodies.angular_momenta]
+    x, P, q, L = views
+    P[1] = [2, 0, 0]
+    L[0] = [0, 0, 0.01]
+    q[1] = [0, 3, 0, 0]  # not of length 1
+    bodies.step(0.5)
+    assert x[1] == pytest.approx([5.5, 0, 0]) and q[1].tolist() == [0, 1, 0, 0]
+    assert q[0] == pytest.approx(about((0, 0, 1), 0.5 * 0.01 / bodies.inertia[0, 0]))
+    for view, now in zip(views, (bodies.positions, P, bodies.rotations, L), strict=True):
+        assert view.ctypes.data == now.ctypes.data and not view.flags.owndata
+    before = state_hash(bodies)
+    state = bodies.state()
+    bodies.step(0.5)
+    bodies.restore(state)
+    assert state_hash(bodies) == before
+    assert x.ctypes.data == bodies.positions.ctypes.data and x[1, 0] == 5.5
+
+
+def test_views_live_as_long_as_they_are_held():
+    bodies = space()
+    bodies.add(BALL, [[k, 0.0, 0] for k in range(1000)])
+    x, q = bodies.positions, bodies.rotations
+    bodies.add(BALL, (-1, 0, 0))
+    bodies.remove([0, 500])
+    bodies.positions[:] += 1
+    assert x[:, 0].tolist() == list(range(1000))  # what they were of, not what came later
+    assert q.shape == (1000, 4) and (q == UNIT).all()
+    assert bodies.positions.shape == (999, 3)
+    last = bodies.positions
+    del bodies
+    gc.collect()
+    last[:, 1] = 7.0
+    assert last[0].tolist() == [2, 7, 1]
+
+
+def test_ids_stay_while_bodies_come_and_go():
+    bodies = space()
+    ids = bodies.add(BALL, [[k, 0.0, 0] for k in range(5)])
+    bodies.remove(ids[[1, 3]])
+    assert bodies.ids.tolist() == [0, 2, 4]
+    assert bodies.positions[:, 0].tolist() == [0, 2, 4]
+    assert bodies.add(BALL, (9, 0, 0)) == 5
+    bodies.set_velocities((0, 0, 1), ids=4)
+    assert bodies.velocities[:, 2].tolist() == [0, 0, 1, 0]
+    bodies.remove(bodies.ids)
+    assert len(bodies) == 0 and bodies.add(BALL, (0, 0, 0)) == 6
+
+
+def test_setters():
+    bodies = space()
+    hull = rigid.ConvexHull(CORNER)
+    ids = bodies.add(hull, [[k, 0.0, 0] for k in range(3)])
+    q = about((1, 2, 3), 0.7)
+    bodies.set_poses([0, 5, 0], q, ids=[0, 2])
+    assert bodies.origins[[0, 2]] == pytest.approx(np.array([[0, 5, 0]] * 2), abs=1e-14)
+    assert same_turn(bodies.orientations[[0, 2]], q)
+    bodies.set_poses([[1, 1, 1]], ids=ids[:1])
+    assert bodies.origins[0] == pytest.approx([1, 1, 1]) and same_turn(bodies.orientations[0], q)
+    bodies.set_velocities(angular_velocities=(0, 0, 2))
+    assert bodies.angular_velocities == pytest.approx(np.array([[0, 0, 2.0]] * 3), abs=1e-12)
+    assert not bodies.velocities.any()
+
+
+# Motion.
+def test_free_fall_is_a_parabola():
+    bodies = world()
+    k = bodies.add(BOX, (0, 0, 100), velocities=(3, 0, 1))
+    bodies.advance(2.0)
+    assert bodies.time == 2.0
+    assert bodies.positions[k] == pytest.approx([6, 0, 102 - G * 2], rel=1e-12)
+    assert bodies.velocities[k] == pytest.approx([3, 0, 1 - 2 * G], rel=1e-12)
+
+
+@pytest.mark.parametrize(("rotation", "bound"), [("exact", 1e-10), ("splitting", 1e-4)])
+def test_free_rotation_keeps_the_energy(rotation, bound):
+    bodies = space(rotation=rotation, step=1 / 240)
+    plate = rigid.Box((0.5, 0.25, 0.1))
+    bodies.add(plate, (0, 0, 0), mass=1.0, angular_velocities=(0.01, 5, 0))
+    L = bodies.angular_momenta.copy()
+    energy = bodies.diagnostics()["kinetic_energy"]
+    bodies.advance(10.0)
+    assert bodies.diagnostics()["kinetic_energy"] == pytest.approx(energy, rel=bound)
+    assert bodies.angular_momenta.tolist() == L.tolist()
+
+
+def test_forces_act_for_one_step():
+    bodies = space()
+    ids = bodies.add(BALL, [[0, 0, 0], [2, 0, 0], [4, 0, 0]], mass=2.0)
+    bodies.forces[0] = [4, 0, 0]
+    bodies.torques[1] = [0, 0, 1]
+    bodies.apply_force(ids[2], (0, 3, 0), (5, 0, 0))
+    bodies.step(0.5)
+    assert not bodies.forces.any() and not bodies.torques.any()
+    assert bodies.momenta == pytest.approx(np.array([[2, 0, 0], [0, 0, 0], [0, 1.5, 0]]))
+    assert bodies.angular_momenta[:, 2] == pytest.approx([0, 0.5, 1.5])
+    bodies.step(0.5)
+    assert bodies.momenta[0] == pytest.approx([2, 0, 0])
+
+
+def test_impulses_act_at_once():
+    bodies = space()
+    ids = bodies.add(BALL, [[0, 0, 0], [2, 0, 0]], mass=2.0)
+    bodies.apply_impulse(ids, (0, 4, 0), [[0, 0, 0], [3, 0, 0]])
+    assert bodies.velocities.tolist() == [[0, 2, 0]] * 2
+    assert bodies.angular_momenta.tolist() == [[0, 0, 0], [0, 0, 4]]
+    ground = bodies.add(BALL, (9, 9, 9), motion="static")
+    bodies.apply_impulse(ground, (0, 0, 1))
+    bodies.apply_force(ground, (0, 0, 1))
+    bodies.step()
+    assert bodies.positions[2].tolist() == [9, 9, 9]
+
+
+def test_kinematic_bodies_go_their_way_and_push():
+    bodies = space()
+    plate = bodies.add(rigid.Box((0.1, 1, 1)), (0, 0, 0), velocities=(1, 0, 0), motion="kinematic")
+    ball = bodies.add(BALL, (1, 0, 0), mass=1e6)
+    bodies.advance(2.0)
+    assert bodies.positions[plate] == pytest.approx([2, 0, 0])
+    assert bodies.positions[ball, 0] == pytest.approx(2 + 0.1 + 0.25, abs=2e-3)
+    assert bodies.momenta[plate].tolist() == [1, 0, 0]
+    assert bodies.motions.tolist() == ["kinematic", "dynamic"]
+    assert bodies.masses.tolist() == [math.inf, 1e6]
+    bodies.set_velocities((0, 0, 0), (0, 0, 1), ids=plate)
+    bodies.advance(0.5)
+    assert same_turn(bodies.orientations[plate], about((0, 0, 1), 0.5))
+
+
+# Contact.
+def test_boxes_rest_on_one_another():
+    bodies = on_ground()
+    stack = bodies.add(BOX, [[0, 0, 0.5], [0, 0, 1.5], [0, 0, 2.5]], mass=2.0)
+    bodies.advance(0.4)
+    assert bodies.origins[stack] == pytest.approx(
+        np.array([[0, 0, 0.5], [0, 0, 1.5], [0, 0, 2.5]]), abs=1e-3
+    )
+    report = bodies.contacts()
+    assert report.bodies.tolist() == [[0, 1], [1, 2], [2, 3]]
+    assert report.normals == pytest.approx(np.array([[0, 0, 1.0]] * 3))
+    weights = 2 * G * np.array([3, 2, 1]) * bodies.step_size
+    assert report.impulses == pytest.approx(weights, rel=1e-6)
+    assert report.friction_impulses == pytest.approx(0, abs=1e-9)
+    assert np.bincount(report.contact).tolist() == [4, 4, 4]
+    sums = np.bincount(report.contact, report.point_impulses)
+    assert sums == pytest.approx(report.impulses)
+    assert (np.abs(report.separations) < 1e-3).all()
+    assert np.unique(report.points[:, 2].round(2)).tolist() == [0, 1, 2]
+    told = bodies.diagnostics()
+    assert told["contacts"] == 3 and 0 <= told["penetration"] < 1e-3
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 0.8])
+def test_bounces_follow_restitution(restitution):
+    bodies = on_ground()
+    ball = bodies.add(BALL, (0, 0, 0.25 + 1), restitution=restitution)
+    heights = []
+    bodies.advance(
+        1.1, lambda b: heights.append((b.positions[ball, 2], b.velocities[ball, 2], b.time))
+    )
+    z = np.array(heights)
+    after = z[z[:, 2] > math.sqrt(2 / G) + 0.05]
+    energy = G * (after[:, 0] - 0.25) + after[:, 1] ** 2 / 2  # over the mass
+    until = math.sqrt(2 / G) * (1 + 2 * restitution) - 0.05 if restitution else 9
+    flight = after[:, 2] < until
+    assert flight.sum() > 5
+    assert energy[flight] == pytest.approx(restitution**2 * G, rel=1e-3, abs=2e-3)
+
+
+@pytest.mark.parametrize(("friction", "slides"), [(0.3, True), (0.6, False)])
+def test_boxes_on_an_incline(friction, slides):
+    angle = math.atan(0.5)
+    bodies = world()
+    q = about((0, 1, 0), angle)
+    up = turned(np.array(q), np.array([0.0, 0, 1]))
+    bodies.add(rigid.Plane(up), (0, 0, 0), motion="static", friction=friction)
+    box = bodies.add(rigid.Box((0.2, 0.2, 0.2)), 0.2 * up, q, friction=friction)
+    bodies.advance(0.25)
+    first = np.linalg.norm(bodies.velocities[box])
+    bodies.advance(1.0)
+    if slides:
+        a = G * (math.sin(angle) - friction * math.cos(angle))
+        assert np.linalg.norm(bodies.velocities[box]) - first == pytest.approx(a, rel=1e-4)
+    else:
+        assert np.linalg.norm(bodies.positions[box] - 0.2 * up) < 5e-5
+
+
+def test_rolling_and_spinning_friction_stop():
+    for option, w in (("rolling_friction", (0, 4, 0)), ("spinning_friction", (0, 0, 4))):
+        for lever in (0.0, 0.01):
+            bodies = on_ground()
+            v = (4 * 0.25, 0, 0) if option == "rolling_friction" else (0, 0, 0)
+            ball = bodies.add(
+                BALL, (0, 0, 0.25), velocities=v, angular_velocities=w, **{option: lever}
+            )
+            bodies.advance(1.5)
+            speed = np.linalg.norm(bodies.angular_velocities[ball])
+            assert speed == pytest.approx(4, rel=0.02) if lever == 0 else speed < 3.2
+
+
+def test_groups_and_masks_and_excluded_pairs():
+    bodies = on_ground()
+    sieve = bodies.add(rigid.Box((5, 5, 0.1)), (0, 0, 1), motion="static", group=2)
+    held = bodies.add(BALL, (0, 0, 1.5))
+    falls = bodies.add(BALL, (1, 0, 1.5), mask=1)
+    excluded = bodies.add(BALL, (2, 0, 1.5))
+    bodies.exclude(sieve, excluded)
+    bodies.advance(1.0)
+    z = bodies.positions[:, 2]
+    assert z[held] == pytest.approx(1.35, abs=1e-3)
+    assert z[falls] == pytest.approx(0.25, abs=1e-3)
+    assert z[excluded] == pytest.approx(0.25, abs=1e-3)
+
+
+def test_open_meshes_are_ground():
+    bodies = world()
+    x, y = np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 9))
+    vertices = np.stack([x.ravel(), y.ravel(), 0.2 * (x**2 + y**2).ravel()], axis=1)
+    faces = []
+    for i in range(8):
+        for j in range(8):
+            a = 9 * i + j
+            faces += [[a, a + 1, a + 10], [a, a + 10, a + 9]]
+    bowl = substep.geometry.TriangleMesh(vertices, faces)
+    bodies.add(bowl, (0, 0, 0), motion="static")
+    ball = bodies.add(rigid.Sphere(0.1), (0.4, 0.1, 0.5), rolling_friction=0.005)
+    bodies.advance(6.0)
+    assert np.linalg.norm(bodies.positions[ball, :2]) < 0.3
+    assert bodies.positions[ball, 2] == pytest.approx(0.1, abs=0.03)
+
+
+def test_a_bullet_does_not_pass_a_plate():
+    for speed in (10.0, 1000.0):
+        bodies = space()
+        bodies.add(rigid.Box((0.005, 1, 1)), (0, 0, 0), motion="static")
+        bullet = bodies.add(rigid.Sphere(0.01), (-1, 0.1, 0.2), velocities=(speed, 0, 0))
+        bodies.advance(0.5)
+        assert bodies.positions[bullet, 0] < 0
+
+
+# Runs.
+def test_callbacks_run_after_every_step_and_may_do_everything():
+    bodies = on_ground()
+    times = []
+
+    def callback(given):
+        assert given is bodies
+        times.append(bodies.time)
+        if len(times) == 3:
+            bodies.add(BALL, (0, 0, 5))
+        if len(times) == 6:
+            bodies.remove(1)
+
+    bodies.advance(0.125, callback)
+    assert times == pytest.approx([k / 60 for k in range(1, 8)] + [0.125])
+    assert len(bodies) == 1 and bodies.ids.tolist() == [0]
+
+
+def test_what_a_callback_raises_passes_and_leaves_a_good_state():
+    bodies = on_ground()
+    ball = bodies.add(BALL, (0, 0, 5))
+    error = RuntimeError("enough")
+
+    def callback(given):
+        if bodies.time > 0.05:
+            raise error
+
+    with pytest.raises(RuntimeError) as caught:
+        bodies.advance(1.0, callback)
+    assert caught.value is error
+    assert bodies.time == pytest.approx(4 / 60)
+    assert bodies.velocities[ball, 2] == pytest.approx(-G * bodies.time)
+    bodies.advance(0.5)  # and it goes on
+    with pytest.raises(InputError, match="step: called by the callback"):
+        bodies.advance(0.5, lambda b: b.step())
+    with pytest.raises(InputError, match="advance: called by the callback"):
+        bodies.advance(0.5, lambda b: b.advance(0.1))
+
+
+def test_advance_takes_whole_steps_and_ends_in_time():
+    bodies, twin = world(), world()
+    for one in (bodies, twin):
+        one.add(BOX, (0, 0, 0), angular_velocities=(1, 2, 3))
+    bodies.advance(0.5)
+    for _ in range(30):
+        twin.step()
+    assert bodies.positions.tolist() == twin.positions.tolist()
+    assert bodies.rotations.tolist() == twin.rotations.tolist()
+    assert bodies.time == 0.5
+    bodies.advance(0.0)
+    bodies.advance(0.01)
+    assert bodies.time == 0.51
+    assert bodies.positions[0, 2] == pytest.approx(-G / 2 * 0.51**2)
+
+
+def test_the_same_bits_for_any_number_of_threads():
+    hashes = set()
+    for threads in (1, 2, 3):
+        bodies = pile(threads=threads)
+        bodies.advance(1.0)
+        hashes.add(state_hash(bodies))
+    assert len(hashes) == 1
+
+
+@pytest.mark.parametrize(
+    "copied",
+    [
+        lambda b, folder: b.copy(),
+        lambda b, folder: pickle.loads(pickle.dumps(b)),
+        lambda b, folder: restored(b, folder),
+    ],
+    ids=["copy", "pickle", "file"],
+)
+def test_copies_and_checkpoints_go_on_with_the_same_bits(copied, tmp_path):
+    bodies = pile()
+    bodies.remove([3, 7])
+    bodies.exclude(1, 2)
+    bodies.advance(0.7)
+    bodies.forces[:] = 0.5
+    twin = copied(bodies, tmp_path)
+    assert state_hash(twin) == state_hash(bodies)
+    before = state_hash(bodies)
+    twin.advance(0.5)
+    assert state_hash(bodies) == before
+    bodies.advance(0.5)
+    assert state_hash(twin) == state_hash(bodies)
+    assert twin.add(BALL, (0, 0, 9)) == bodies.add(BALL, (0, 0, 9)) == 28
+
+
+def restored(bodies, folder):
+    bodies.save(folder / "checkpoint")
+    twin = pile()
+    twin.remove([3, 7])
+    twin.load(folder / "checkpoint")
+    return twin
+
+
+def test_islands_fall_asleep_and_wake():
+    bodies = on_ground()
+    stack = bodies.add(BOX, [[0, 0, 0.5], [0, 0, 1.5]])
+    other = bodies.add(BOX, (5, 0, 0.5))
+    bodies.advance(2.0)
+    assert bodies.asleep.tolist() == [False, True, True, True]
+    assert bodies.diagnostics()["awake"] == 0
+    x = bodies.positions.copy()
+    bodies.advance(1.0)
+    assert (bodies.positions == x).all()
+    for wake in (
+        lambda: bodies.wake(stack[0]),
+        lambda: bodies.apply_force(stack[1], (0, 0, 1)),
+        lambda: bodies.apply_impulse(stack[1], (1e-3, 0, 0)),
+        lambda: bodies.set_velocities((0, 0, 0.01), ids=stack[1]),
+        lambda: bodies.set_poses((0, 0, 1.5001), ids=stack[1]),
+        lambda: bodies.forces.__setitem__(2, 1.0),
+        lambda: bodies.momenta.__setitem__(2, 1e-3),
+        lambda: bodies.positions.__setitem__((2, 2), 1.5002),
+    ):
+        wake()
+        bodies.step()
+        assert not bodies.asleep[stack].any() and bodies.asleep[other]
+        bodies.advance(2.0)
+        assert bodies.asleep[stack].all()
+    bodies.remove(stack[0])
+    bodies.advance(1.0)
+    assert bodies.origins[1] == pytest.approx([0, 0, 0.5], abs=1e-2)
+    awake = on_ground(sleeping=False)
+    awake.add(BOX, (0, 0, 0.5))
+    awake.advance(2.0)
+    assert not awake.asleep.any()
+
+
+def test_recordings_hold_the_frames_of_shapes(tmp_path):
+    bodies = on_ground()
+    hull = bodies.add(rigid.ConvexHull(CORNER), (1, 2, 3), about((1, 0, 0), 0.3))
+    units = {name: unit for name, (_, unit) in bodies.fields().items() if name != "position"}
+    part = substep.Part("bodies", units)
+    with substep.Recorder(tmp_path / "run", parts={"bodies": part}) as recorder:
+        for _ in range(3):
+            arrays = {name: values for name, (values, _) in bodies.fields().items()}
+            recorder.append(bodies.time, {"bodies": {"points": arrays.pop("position"), **arrays}})
+            bodies.advance(0.1)
+    with substep.Recording(tmp_path / "run") as recording:
+        assert recording["bodies"].points(0)[hull] == pytest.approx([1, 2, 3])
+        assert same_turn(recording["bodies"].field("orientation", 0)[hull], about((1, 0, 0), 0.3))
+
+
+def test_step_limit_is_that_of_the_fastest_turning_body_in_contact():
+    bodies = on_ground()
+    bodies.add(BALL, (5, 0, 5), angular_velocities=(0, 0, 100))
+    assert bodies.step_limit() == (math.inf, "no body is in contact or has a joint")
+    ball = bodies.add(BALL, (0, 0, 0.25), angular_velocities=(0, 0, 8))
+    bodies.step()
+    limit, reason = bodies.step_limit()
+    assert limit == pytest.approx(1 / 8, rel=1e-3) and reason == f"body {ball} turns by 1 rad"
+
+
+# Queries.
+def test_rays():
+    bodies = on_ground()
+    box = bodies.add(BOX, (0, 0, 2))
+    ball = bodies.add(BALL, (0, 0, 4), group=4)
+    origins = [[0.1, 0, 10], [0, 0, 10], [7, 0, 1], [7, 0, 1], [0, 0, 2]]
+    directions = [[0, 0, -2], [0, 0, -1], [0, 0, -1], [0, 0, 3], [1, 0, 0]]
+    hits = bodies.ray_cast(origins, directions)
+    assert hits.bodies.tolist() == [ball, ball, 0, -1, -1]
+    assert hits.distances[[1, 2]] == pytest.approx([5.75, 1])
+    assert hits.distances[3] == math.inf and np.isnan(hits.points[3]).all()
+    assert hits.points[1] == pytest.approx([0, 0, 4.25])
+    assert hits.normals[2] == pytest.approx([0, 0, 1])
+    below = bodies.ray_cast([0, 0, 10], [0, 0, -1], mask=1)
+    assert below.bodies.tolist() == [box] and below.distances == pytest.approx([7.5])
+    assert bodies.ray_cast([0, 0, 10], [0, 0, -1], 5.0).bodies.tolist() == [-1]
+    through = bodies.ray_cast_all([0, 0, 10], [0, 0, -1])
+    assert through.bodies.tolist() == [ball, box, 0]
+    assert through.distances == pytest.approx([5.75, 7.5, 10])
+
+
+def test_shapes_are_cast_and_overlap():
+    bodies = on_ground()
+    first, second = bodies.add(BOX, [[0, 0, 2], [3, 0, 2]])
+    hit = bodies.shape_cast(BALL, (-5, 0, 2), (1, 0, 0), 100)
+    assert hit.bodies.tolist() == [first]
+    assert hit.distances == pytest.approx([4.25], abs=1e-6)
+    assert hit.normals[0] == pytest.approx([-1, 0, 0], abs=1e-6)
+    assert bodies.shape_cast(BALL, (-5, 0, 2), (1, 0, 0), 4).bodies.tolist() == [-1]
+    assert bodies.overlapping(rigid.Box((2, 0.1, 0.1)), (1.5, 0, 2)).tolist() == [first, second]
+    turn = about((0, 1, 0), math.pi / 2)
+    assert bodies.overlapping(rigid.Box((2, 0.1, 0.1)), (1.5, 0, 2), rotation=turn).tolist() == [0]
+    assert bodies.overlapping(BALL, (0, 0, 0.1), mask=2).tolist() == []
+
+
+def test_queries_see_what_was_moved_added_and_removed():
+    bodies = space()
+    box = bodies.add(BOX, (0, 0, 0))
+
+    def down():
+        return bodies.ray_cast([0, 0, 10], [0, 0, -1])
+
+    assert down().distances == pytest.approx([9.5])
+    bodies.set_poses((0, 0, 3), ids=box)
+    assert down().distances == pytest.approx([6.5])
+    bodies.positions[0, 2] = 5
+    assert down().distances == pytest.approx([4.5])
+    ball = bodies.add(BALL, (0, 0, 8))
+    assert down().bodies.tolist() == [ball]
+    bodies.remove(ball)
+    bodies.positions[0, 0] = 50
+    assert down().bodies.tolist() == [-1]
+    assert bodies.overlapping(BALL, (50, 0, 5)).tolist() == [box]
