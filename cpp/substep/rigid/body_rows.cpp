@@ -112,7 +112,9 @@ std::int64_t BodyRows::first_not_finite(const Bodies& bodies) const {
 bool BodyRows::turns_anew(std::int64_t row, double dt) const {
   const std::size_t k = at(row);
   const Vec3 spin = from_row(velocity[k].angular) - Vec3(&first_spin_[3 * k]);
-  return (root_of(static_cast<std::int32_t>(row)) * spin).norm() * dt > kFar;
+  const double trace = root[k].linear.x + root[k].linear.y + root[k].linear.z;  // of W^(1/2)
+  return trace * spin.norm() * dt > kFar &&
+         (root_of(static_cast<std::int32_t>(row)) * spin).norm() * dt > kFar;
 }
 
 std::int64_t BodyRows::store(Bodies& bodies, double dt, FreeRotation method, int threads) const {

@@ -40,14 +40,21 @@ void carry_impulses(const ContactConstraint& last, ContactConstraint& now) {
   const Vec3 middle = now.middle(&ContactConstraint::Point::position);
   for (int k = 0; k < now.count; ++k)
     near = std::max(near, 0.25 * (now.points[k].position - middle).squaredNorm());
+  const auto distance = [&](int k, int l) {
+    return std::min((now.points[k].in_a - last.points[l].in_a).squaredNorm(),
+                    (now.points[k].in_b - last.points[l].in_b).squaredNorm());
+  };
   bool taken[4] = {};
   for (int k = 0; k < now.count; ++k) {
     int best = -1;
-    double least = near;
-    for (int l = 0; l < last.count; ++l) {
-      const double distance = std::min((now.points[k].in_a - last.points[l].in_a).squaredNorm(),
-                                       (now.points[k].in_b - last.points[l].in_b).squaredNorm());
-      if (!taken[l] && distance <= least) least = distance, best = l;
+    if (k < last.count && !taken[k] && distance(k, k) <= 0.01 * near) {
+      best = k;  // as almost always
+    } else {
+      double least = near;
+      for (int l = 0; l < last.count; ++l) {
+        const double d = taken[l] ? near : distance(k, l);
+        if (!taken[l] && d <= least) least = d, best = l;
+      }
     }
     if (best < 0) continue;
     taken[best] = true;

@@ -19,8 +19,8 @@ bool apart(const Bounds& p, const Bounds& q) {
   return (p.low.array() > q.high.array()).any() || (q.low.array() > p.high.array()).any();
 }
 
-bool precedes(const ContactConstraint& c, const FixturePair& pair) {
-  return c.fixture_a != pair.a ? c.fixture_a < pair.a : c.fixture_b < pair.b;
+bool precedes(const ContactConstraint& c, const ContactConstraint& d) {
+  return c.fixture_a != d.fixture_a ? c.fixture_a < d.fixture_a : c.fixture_b < d.fixture_b;
 }
 
 const TriangleMesh* mesh_of(const Shape& shape) {
@@ -28,20 +28,19 @@ const TriangleMesh* mesh_of(const Shape& shape) {
   return mesh ? mesh->get() : nullptr;
 }
 
-// The contacts of one chunk of pairs.
-class Search {
+Pose body_at(Course course, double time) {
+  course.local = {};
+  return course.at(time);
+}
+
+}  // namespace
+
+// Of a chunk of pairs.
+class ContactFinder::Search {
  public:
-  Search(const Fixtures& fixtures, std::span<const Way> ways, std::vector<Cache>& caches,
-         std::span<const ContactConstraint> last, bool continuous,
-         std::vector<ContactConstraint>& found)
-      : fixtures_(fixtures),
-        ways_(ways),
-        caches_(caches),
-        last_(last),
-        continuous_(continuous),
-        found_(found) {
-    found.clear();
-  }
+  Search(const Fixtures& fixtures, std::span<const Way> ways, bool continuous,
+         std::vector<Cache>& caches, std::vector<Touch>& found)
+      : fixtures_(fixtures), ways_(ways), continuous_(continuous), caches_(caches), found_(found) {}
 
   void look_at(const FixturePair& pair) {
     if (apart(fixtures_.bounds()[at(pair.a)], fixtures_.bounds()[at(pair.b)])) return;
@@ -52,71 +51,72 @@ class Search {
     const bool bounces = a.fixture.restitution > 0 || b.fixture.restitution > 0;
     const double slow = (bounces ? kSlowBouncing : kSlow) * std::min(a.core.radius, b.core.radius);
     const double margin = std::min(a.margin, b.margin);
-    const std::size_t first = found_.size();
-    collide_pair(pair, fixtures_.pose(pair.a), fixtures_.pose(pair.b),
-                 margin + std::min(approach, slow));
-    for (const Manifold& manifold : manifolds_)
-      append(pair, manifold, fixtures_.body_pose(a.body), fixtures_.body_pose(b.body));
-    if (continuous_ && approach > slow && manifolds_.empty()) follow(pair, margin);
-    carry(pair, first);
+    const std::size_t before = found_.size();
+    collide_at(pair, fixtures_.pose(pair.a), fixtures_.pose(pair.b),
+               margin + std::min(approach, slow), 0);
+    if (continuous_ && approach > slow && found_.size() == before) follow(pair, margin);
   }
 
- private:
-  static std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
-
-  void collide_pair(const FixturePair& pair, const Pose& pose_a, const Pose& pose_b,
-                    double margin) {
-    const Shape &a = fixtures_[pair.a].fixture.shape, &b = fixtures_[pair.b].fixture.shape;
-    manifolds_.clear();
-    if (const TriangleMesh* mesh = mesh_of(b)) {
-      collide_mesh(a, pose_a, *mesh, pose_b, margin, manifolds_);
-    } else if (const TriangleMesh* ground = mesh_of(a)) {
-      collide_mesh(b, pose_b, *ground, pose_a, margin, manifolds_);
-      for (Manifold& manifold : manifolds_) manifold.flip();
-    } else {
-      manifolds_.emplace_back();
-      if (!collide(a, pose_a, b, pose_b, margin, manifolds_.back(), caches_[at(pair.slot)]))
-        manifolds_.pop_back();
-    }
-  }
-
-  // The bodies are at these poses when they meet.
-  void append(const FixturePair& pair, const Manifold& manifold, const Pose& pose_a,
-              const Pose& pose_b) {
-    const Fixtures::Entry &a = fixtures_[pair.a], &b = fixtures_[pair.b];
-    found_.push_back(make_contact(manifold, a.body, pose_a, b.body, pose_b));
-    ContactConstraint& contact = found_.back();
-    contact.fixture_a = pair.a, contact.fixture_b = pair.b;
+  ContactConstraint contact(const Touch& touch) const {
+    const Fixtures::Entry &a = fixtures_[touch.pair.a], &b = fixtures_[touch.pair.b];
+    ContactConstraint contact =
+        touch.time > 0 ? later(touch)
+                       : make_contact(touch.manifold, a.body, fixtures_.body_pose(a.body), b.body,
+                                      fixtures_.body_pose(b.body));
+    contact.fixture_a = touch.pair.a, contact.fixture_b = touch.pair.b;
     const Fixture &f = a.fixture, &g = b.fixture;
     contact.friction = std::sqrt(f.friction * g.friction);
     contact.restitution = std::max(f.restitution, g.restitution);
     contact.spinning = std::max(f.spinning, g.spinning);
     contact.rolling = std::max(f.rolling, g.rolling);
+    return contact;
   }
 
-  // The contact of two that will meet in this step, if they do. With displacements x and rotation
-  // vectors w until then, C at the begin is
-  //   C then - n . (x_b + w_b x r_b - x_a - w_a x r_a).
+ private:
+  static std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
+
+  void collide_at(const FixturePair& pair, const Pose& pose_a, const Pose& pose_b, double margin,
+                  double time) {
+    const Shape &a = fixtures_[pair.a].fixture.shape, &b = fixtures_[pair.b].fixture.shape;
+    const TriangleMesh *mesh_a = mesh_of(a), *mesh_b = mesh_of(b);
+    if (!mesh_a && !mesh_b) {
+      found_.push_back({pair, time, {}});
+      if (!collide(a, pose_a, b, pose_b, margin, found_.back().manifold, caches_[at(pair.slot)]))
+        found_.pop_back();
+      return;
+    }
+    manifolds_.clear();
+    if (mesh_b) {
+      collide_mesh(a, pose_a, *mesh_b, pose_b, margin, manifolds_);
+    } else {
+      collide_mesh(b, pose_b, *mesh_a, pose_a, margin, manifolds_);
+      for (Manifold& manifold : manifolds_) manifold.flip();
+    }
+    for (const Manifold& manifold : manifolds_) found_.push_back({pair, time, manifold});
+  }
+
+  // Where two will meet in this step, if they do.
   void follow(const FixturePair& pair, double margin) {
     const Course a = course(pair.a), b = course(pair.b);
     const Impact impact = time_of_impact(fixtures_[pair.a].fixture.shape, a,
                                          fixtures_[pair.b].fixture.shape, b, 0, kMeeting * margin);
-    if (impact.state != Impact::State::kTouching) return;
-    const double t = impact.time;
-    collide_pair(pair, a.at(t), b.at(t), margin);
-    const auto body_at = [t](Course of) {
-      of.local = {};
-      return of.at(t);
-    };
-    const std::size_t first = found_.size();
-    for (const Manifold& manifold : manifolds_) append(pair, manifold, body_at(a), body_at(b));
-    for (std::size_t c = first; c < found_.size(); ++c) {
-      for (int k = 0; k < found_[c].count; ++k) {
-        ContactConstraint::Point& p = found_[c].points[k];
-        p.separation -= t * found_[c].normal.dot((b.travel + b.turn.cross(p.arm_b)) -
-                                                 (a.travel + a.turn.cross(p.arm_a)));
-      }
+    if (impact.state == Impact::State::kTouching)
+      collide_at(pair, a.at(impact.time), b.at(impact.time), margin, impact.time);
+  }
+
+  // With displacements x and rotation vectors w until then, C at the begin is
+  //   C then - n . (x_b + w_b x r_b - x_a - w_a x r_a).
+  ContactConstraint later(const Touch& touch) const {
+    const Course a = course(touch.pair.a), b = course(touch.pair.b);
+    ContactConstraint contact =
+        make_contact(touch.manifold, fixtures_[touch.pair.a].body, body_at(a, touch.time),
+                     fixtures_[touch.pair.b].body, body_at(b, touch.time));
+    for (int k = 0; k < contact.count; ++k) {
+      ContactConstraint::Point& p = contact.points[k];
+      p.separation -= touch.time * contact.normal.dot((b.travel + b.turn.cross(p.arm_b)) -
+                                                      (a.travel + a.turn.cross(p.arm_a)));
     }
+    return contact;
   }
 
   Course course(std::int32_t f) const {
@@ -125,29 +125,34 @@ class Search {
     return {fixtures_.body_pose(body), way.travel, way.turn, fixtures_[f].fixture.local};
   }
 
-  // Of several contacts of one pair (on a mesh) each takes the impulses of the one with the nearest
-  // normal.
-  void carry(const FixturePair& pair, std::size_t first) {
-    const auto begin = std::lower_bound(last_.begin(), last_.end(), pair, precedes);
-    const auto end = std::find_if(begin, last_.end(), [&](const ContactConstraint& c) {
-      return c.fixture_a != pair.a || c.fixture_b != pair.b;
-    });
-    last_ = last_.subspan(static_cast<std::size_t>(begin - last_.begin()));
-    for (std::size_t k = first; begin != end && k < found_.size(); ++k) {
-      const auto nearest = std::max_element(begin, end, [&](const auto& c, const auto& d) {
-        return c.normal.dot(found_[k].normal) < d.normal.dot(found_[k].normal);
-      });
-      carry_impulses(*nearest, found_[k]);
-    }
-  }
-
   const Fixtures& fixtures_;
   std::span<const Way> ways_;
-  std::vector<Cache>& caches_;
-  std::span<const ContactConstraint> last_;  // from this pair on
   bool continuous_;
-  std::vector<ContactConstraint>& found_;
+  std::vector<Cache>& caches_;
+  std::vector<Touch>& found_;
   std::vector<Manifold> manifolds_;
+};
+
+namespace {
+
+// Goes through the contacts of the last step along with those of this one.
+class Carry {
+ public:
+  Carry(std::span<const ContactConstraint> last, const ContactConstraint& first)
+      : next_(std::lower_bound(last.begin(), last.end(), first, precedes)), end_(last.end()) {}
+
+  // Of several contacts of one pair (on a mesh) each takes the impulses of the one with the nearest
+  // normal.
+  void operator()(ContactConstraint& contact) {
+    while (next_ != end_ && precedes(*next_, contact)) ++next_;
+    auto nearest = next_;
+    for (auto c = next_; c != end_ && !precedes(contact, *c); ++c)
+      if (c->normal.dot(contact.normal) > nearest->normal.dot(contact.normal)) nearest = c;
+    if (nearest != end_ && !precedes(contact, *nearest)) carry_impulses(*nearest, contact);
+  }
+
+ private:
+  std::span<const ContactConstraint>::iterator next_, end_;
 };
 
 }  // namespace
@@ -158,21 +163,36 @@ void ContactFinder::find(std::span<const FixturePair> pairs, std::int32_t slots,
                          std::vector<ContactConstraint>& contacts, int threads) {
   caches_.resize(static_cast<std::size_t>(slots));
   const auto n = static_cast<std::int64_t>(pairs.size());
-  found_.resize(static_cast<std::size_t>((n + kPairs - 1) / kPairs));
+  const auto chunks = static_cast<std::size_t>((n + kPairs - 1) / kPairs);
+  touches_.resize(chunks);
   parallel_for(
       n, kPairs,
       [&](std::int64_t begin, std::int64_t end) {
-        Search search(fixtures, ways, caches_, last, continuous,
-                      found_[static_cast<std::size_t>(begin / kPairs)]);
+        auto& found = touches_[static_cast<std::size_t>(begin / kPairs)];
+        found.clear();
+        Search search(fixtures, ways, continuous, caches_, found);
         for (std::int64_t k = begin; k < end; ++k)
           search.look_at(pairs[static_cast<std::size_t>(k)]);
       },
       threads);
-  std::size_t count = 0;
-  for (const auto& found : found_) count += found.size();
-  contacts.clear();
-  contacts.reserve(count);
-  for (const auto& found : found_) contacts.insert(contacts.end(), found.begin(), found.end());
+  first_.assign(1, 0);
+  for (const auto& found : touches_) first_.push_back(first_.back() + found.size());
+  contacts.resize(first_.back());
+  parallel_chunks(
+      static_cast<std::int64_t>(chunks),
+      [&](std::int64_t chunk) {
+        const auto c = static_cast<std::size_t>(chunk);
+        if (touches_[c].empty()) return;
+        const Search search(fixtures, ways, continuous, caches_, touches_[c]);
+        ContactConstraint* contact = &contacts[first_[c]];
+        contact->fixture_a = touches_[c][0].pair.a, contact->fixture_b = touches_[c][0].pair.b;
+        Carry carry(last, *contact);
+        for (const Touch& touch : touches_[c]) {
+          *contact = search.contact(touch);
+          carry(*contact++);
+        }
+      },
+      threads);
 }
 
 }  // namespace substep::rigid

@@ -31,8 +31,17 @@ class ContactFinder {
             std::vector<ContactConstraint>& contacts, int threads);
 
  private:
-  std::vector<Cache> caches_;                          // of each slot
-  std::vector<std::vector<ContactConstraint>> found_;  // of each chunk
+  class Search;
+  // A pair at a time [part of the step] when it touches.
+  struct Touch {
+    FixturePair pair;
+    double time;
+    Manifold manifold;
+  };
+
+  std::vector<Cache> caches_;                // of each slot
+  std::vector<std::vector<Touch>> touches_;  // of each chunk
+  std::vector<std::size_t> first_;           // contact of each chunk
 };
 
 }  // namespace substep::rigid
