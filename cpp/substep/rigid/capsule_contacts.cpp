@@ -2,14 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "substep/geometry/closest_points.h"
 
 namespace substep::rigid {
 namespace {
 
-constexpr double kParallel =
-    1e-2;  // sine of the angle below which lines may touch along each other
+constexpr double kParallel = 1e-2;  // [rad], within which lines touch along faces and each other
+constexpr double kSlack = 1e-4;     // of the radius, by which an axis may be beyond a face
 
 // The t in [-1, 1] at which p + t d is closest to the box |x_i| <= h_i. The derivative of half the
 // squared distance, sum_i d_i e_i with e_i the excess of coordinate i over the box, grows with t
@@ -75,36 +76,55 @@ bool capsule_box(const Capsule& a, const Pose& pose_a, const Box& b, const Pose&
   const double distance = e.norm();
   if (!(distance - a.radius <= margin)) return true;
   if (!(distance > 1e-9 * a.radius)) return false;
-  const Vec3 n = e / distance;  // out of the box
-  manifold.normal = -(pose_b.rotation * n);
-  const auto add = [&](const Vec3& at, double separation, std::uint32_t feature) {
-    if (!(separation <= margin)) return;
-    const Vec3 on_a = pose_b.to_world(at - a.radius * n);
-    manifold.add({on_a, on_a + separation * manifold.normal, separation, feature});
-  };
-  int i;
-  if (!(n.cwiseAbs().maxCoeff(&i) == 1)) {  // an edge or a corner of the box
-    add(x, distance - a.radius, 1);
-    return true;
-  }
-  // A face: the part of the axis that is above it, by its ends.
+  Vec3 n = e / distance;  // out of the box
+  // The part of the axis that is above a face, or beside an edge, by its ends.
   double low = -1, high = 1;
-  std::uint32_t low_name = 2, high_name = 3;
-  for (int k = 0; k < 3; ++k) {
-    if (k == i || d[k] == 0) continue;
+  std::uint32_t low_name = 2, high_name = 3, along = 0;  // 0: a point
+  const auto keep_within = [&](int k) {
+    if (std::abs(p[k]) + std::abs(d[k]) <= h[k] + kSlack * a.radius) return;
+    if (d[k] == 0) high = low;  // beyond
     const double t0 = (-h[k] - p[k]) / d[k], t1 = (h[k] - p[k]) / d[k];
     const auto name = static_cast<std::uint32_t>(4 + 4 * k);
     if (std::min(t0, t1) > low) low = std::min(t0, t1), low_name = t0 < t1 ? name : name + 1;
     if (std::max(t0, t1) < high) high = std::max(t0, t1), high_name = t0 < t1 ? name + 3 : name + 2;
+  };
+  const auto is_long = [&] { return (high - low) * a.half_length > 1e-6 * a.radius; };
+  int i, j;
+  if (n.cwiseAbs().maxCoeff(&i) > 1 - 0.5 * kParallel * kParallel) {
+    keep_within((i + 1) % 3), keep_within((i + 2) % 3);
+    if (is_long()) {
+      n = Vec3::Unit(i) * (n[i] < 0 ? -1 : 1);
+      along = 1 + static_cast<std::uint32_t>(i);
+    } else {
+      low = -1, high = 1, low_name = 2, high_name = 3;
+    }
   }
-  const auto height = [&](double t) { return n[i] * (p[i] + t * d[i]) - h[i]; };
-  const std::uint32_t face = static_cast<std::uint32_t>(2 * i + (n[i] > 0)) << 8;
-  if (!((high - low) * a.half_length > 1e-6 * a.radius)) {
-    add(x, distance - a.radius, 1);
+  d.cwiseAbs().maxCoeff(&j);
+  if (along == 0 && std::abs(n[j]) < kParallel &&
+      std::abs(d[j]) > (1 - 0.5 * kParallel * kParallel) * a.half_length) {
+    keep_within(j);
+    if (is_long()) {
+      n[j] = 0, n.normalize();
+      along = 4 + static_cast<std::uint32_t>(j);
+    }
+  }
+
+  manifold.normal = -(pose_b.rotation * n);
+  const auto add = [&](const Vec3& at, double height, std::uint32_t feature) {
+    const double separation = height - a.radius;
+    if (!(separation <= margin)) return;
+    const Vec3 on_a = pose_b.to_world(at - a.radius * n);
+    manifold.add({on_a, on_a + separation * manifold.normal, separation, feature});
+  };
+  if (along == 0) {  // a corner, an edge across, or little of a face
+    add(x, distance, 1);
     return true;
   }
-  add(p + low * d, height(low) - a.radius, face | low_name);
-  add(p + high * d, height(high) - a.radius, face | high_name);
+  const std::uint32_t name = along << 8 | (n.sum() > 0 ? 16 : 0);
+  for (const auto& [t, end] : {std::pair(low, low_name), std::pair(high, high_name)}) {
+    const Vec3 at = p + t * d;
+    add(at, n.dot(at - q), name | end);
+  }
   return true;
 }
 

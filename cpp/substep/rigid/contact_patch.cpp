@@ -3,6 +3,14 @@
 #include <algorithm>
 
 namespace substep::rigid {
+namespace {
+
+// By what fraction a later corner must be better than an earlier one, so that rounding does not
+// choose; how far off a line, as a fraction of its length, a corner is not of it; and which part of
+// `level` is no difference in depth.
+constexpr double kEqual = 1e-6, kOffLine = 1e-9, kSameDepth = 1e-3;
+
+}  // namespace
 
 void clip(Patch& patch, const PatchSide& side, double slack) {
   const int n = patch.count;
@@ -52,7 +60,7 @@ void clip(Patch& patch, const PatchSide& side, double slack) {
   std::copy(kept, kept + count, patch.corners);
 }
 
-Reduced reduce(const Patch& patch, double margin, double tie) {
+Reduced reduce(const Patch& patch, double margin, double level) {
   Reduced all;
   int candidates[2 * kMaxCorners], count = 0;
   for (int k = 0; k < patch.count; ++k) {
@@ -66,13 +74,17 @@ Reduced reduce(const Patch& patch, double margin, double tie) {
   const PatchCorner* c = patch.corners;
   // Of the deepest the one farthest in a direction that no box is likely to be aligned with, so
   // that rounding does not choose.
-  double deepest = margin;
-  for (int i = 0; i < count; ++i) deepest = std::min(deepest, c[candidates[i]].height);
+  double deepest = margin, highest = c[candidates[0]].height;
+  for (int i = 0; i < count; ++i) {
+    deepest = std::min(deepest, c[candidates[i]].height);
+    highest = std::max(highest, c[candidates[i]].height);
+  }
+  const double as_deep = highest - deepest <= level ? level : kSameDepth * level;
   int first = -1;
   const auto along = [&](int k) { return c[k].u + 0.37 * c[k].v; };
   for (int i = 0; i < count; ++i) {
     const int k = candidates[i];
-    if (c[k].height <= deepest + tie && (first < 0 || along(k) > along(first))) first = k;
+    if (c[k].height <= deepest + as_deep && (first < 0 || along(k) > along(first))) first = k;
   }
   // The farthest from it, then on either side of the line through both the farthest from that.
   int second = first;
@@ -80,16 +92,16 @@ Reduced reduce(const Patch& patch, double margin, double tie) {
   for (int i = 0; i < count; ++i) {
     const int k = candidates[i];
     const double du = c[k].u - c[first].u, dv = c[k].v - c[first].v, d = du * du + dv * dv;
-    if (d > far * (1 + 1e-6)) far = d, second = k;
+    if (d > far * (1 + kEqual)) far = d, second = k;
   }
   int left = -1, right = -1;
-  double most = 0, least = 0;
+  double most = kOffLine * far, least = -kOffLine * far;
   for (int i = 0; i < count; ++i) {
     const int k = candidates[i];
     const double area = (c[second].u - c[first].u) * (c[k].v - c[first].v) -
                         (c[second].v - c[first].v) * (c[k].u - c[first].u);
-    if (area > most * (1 + 1e-6)) most = area, left = k;
-    if (area < least * (1 + 1e-6)) least = area, right = k;
+    if (area > most * (1 + kEqual)) most = area, left = k;
+    if (area < least * (1 + kEqual)) least = area, right = k;
   }
   all.index[all.count++] = first;
   if (left >= 0) all.index[all.count++] = left;

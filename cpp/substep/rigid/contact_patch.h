@@ -36,12 +36,13 @@ struct Patch {
 void clip(Patch& patch, const PatchSide& side, double slack);
 
 // The corners no higher than `margin`, four of them where there are more: the deepest one, and
-// those that with it span much area. Corners within `tie` [m] of the deepest are as deep.
+// those that with it span much area. Where all are within `level` [m] none is the deepest, so that
+// the same four are kept while shapes lie on each other and tremble.
 struct Reduced {
   int count = 0;
   int index[4];
 };
-Reduced reduce(const Patch& patch, double margin, double tie);
+Reduced reduce(const Patch& patch, double margin, double level);
 
 // The name of a corner between a pair of faces.
 inline std::uint32_t corner_feature(const PatchCorner& corner, std::uint32_t faces) {

@@ -12,7 +12,7 @@ namespace substep::rigid {
 namespace {
 
 constexpr double kPreference = 2e-2, kRounded = 1e-6;  // of the smaller shape's size
-constexpr double kLevel = 1e-5;                        // [rad], how far from level a line may be
+constexpr double kLevel = 1e-2;                        // [rad], how far from level a line may be
 constexpr double kNone = -std::numeric_limits<double>::infinity();
 
 void to_world(Manifold& manifold, const Pose& pose) {
@@ -48,10 +48,13 @@ void contact(const Difference& difference, const Axis& best, double margin, Mani
       return;
     }
   }
-  if (is_line(a, best.normal) && is_line(b, R.transpose() * best.normal) &&
-      face_patch(difference, best.normal, false, best.separation + preference, margin, size, 0,
-                 manifold)) {
-    return;  // lines along each other
+  if (is_line(a, best.normal) && is_line(b, R.transpose() * best.normal)) {
+    // Lines along each other.
+    const Vec3 n = Vec3(best.normal.x(), best.normal.y(), 0).normalized();
+    if (face_patch(difference, n, false, best.separation + kPreference * size, margin, size, 0,
+                   manifold)) {
+      return;
+    }
   }
   const Vec3& n = best.normal;
   manifold.normal = n;
@@ -114,7 +117,7 @@ void convex_plane(const Convex& a, const Pose& pose_a, const Plane& b, const Pos
   const Outline low = outline(a, -n);
   const PlaneFrame frame(n * offset, n, std::abs(n.x()) < 0.7 ? Vec3::UnitX() : Vec3::UnitY());
   const Patch patch = frame.patch(low);
-  const Reduced reduced = reduce(patch, margin + a.rounding, kTie * a.size);
+  const Reduced reduced = reduce(patch, margin + a.rounding, level(a) * a.size);
   manifold.normal = -n;
   for (int k = 0; k < reduced.count; ++k) {
     const PatchCorner& corner = patch.corners[reduced.index[k]];

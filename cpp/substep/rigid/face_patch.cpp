@@ -65,7 +65,8 @@ bool face_patch(const Difference& difference, const Vec3& n, bool b_is_reference
 
   const double rounding_a = difference.a.rounding, rounding_b = difference.b.rounding;
   const double rounding = rounding_a + rounding_b;
-  const Reduced reduced = reduce(patch, margin + rounding, kTie * size);
+  const Reduced reduced =
+      reduce(patch, margin + rounding, std::min(level(difference.a), level(difference.b)) * size);
   const std::uint32_t faces = reference.name * 65599u + incident.name * 2 + b_is_reference;
   manifold.normal = n;
   for (int k = 0; k < reduced.count; ++k) {

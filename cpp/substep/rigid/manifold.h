@@ -11,8 +11,7 @@ namespace substep::rigid {
 struct ContactPoint {
   Vec3 on_a, on_b;        // on the surfaces, in the world: on_b - on_a = separation * normal
   double separation;      // [m], below 0 where they penetrate
-  std::uint32_t feature;  // names the corners, edges and faces that meet: as long as they do, the
-                          // number stays, so that the impulses of the last step are found again
+  std::uint32_t feature;  // names the corners, edges and faces that meet, as long as they do
 };
 
 struct Manifold {

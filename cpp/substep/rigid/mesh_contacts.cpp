@@ -10,8 +10,8 @@
 namespace substep::rigid {
 namespace {
 
-constexpr double kSameNormal = 1e-4;  // [rad]
-constexpr double kSamePoint = 1e-3;   // of the shape's size
+constexpr double kSameNormal = 1e-4;                    // [rad]
+constexpr double kSamePoint = 1e-3, kSameDepth = 1e-5;  // of the shape's size
 
 // Points with one normal from several triangles, in the frame of the mesh about the shape's origin,
 // so that a shape far out on large ground is met as precisely.
@@ -99,7 +99,7 @@ class OnMesh {
       }
       if (known) {
         // The deeper one; of equals a corner of the shape rather than of the triangle.
-        const double tie = kTie * shape_.size, deeper = known->separation - point.separation;
+        const double tie = kSameDepth * shape_.size, deeper = known->separation - point.separation;
         if (deeper > ((point.feature & kCutCorner) < (known->feature & kCutCorner) ? -tie : tie))
           *known = point;
         continue;
@@ -120,7 +120,7 @@ class OnMesh {
       patch.corners[k] = frame.corner(group.points[k].on_a, 0, 0);
       patch.corners[k].height = group.points[k].separation;
     }
-    const Reduced reduced = reduce(patch, margin_, kTie * shape_.size);
+    const Reduced reduced = reduce(patch, margin_, level(shape_) * shape_.size);
     ContactPoint kept[4];
     for (int k = 0; k < reduced.count; ++k) kept[k] = group.points[reduced.index[k]];
     std::copy(kept, kept + reduced.count, group.points);

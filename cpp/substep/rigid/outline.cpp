@@ -23,11 +23,11 @@ Outline outline_of(const Polytope& p, const Vec3& d) {
 }
 
 // A cap as the polygon of kAround points that are fixed in the body, so that they stay the same
-// while it rests, and, where it is tilted by more than kTilted, the lowest point of the rim; or the
-// line on the side.
+// while it rests, and, where it is tilted by more than kTilted, the lowest point of the rim in
+// place of a fixed one within kNear or between two; or the line on the side.
 Outline outline_of_cylinder(const Convex& c, const Vec3& d) {
   constexpr std::uint32_t kAround = 8;
-  constexpr double kTilted = 1e-5;
+  constexpr double kTilted = 1e-3, kNear = 0.1;  // [rad]
   const double radial = std::hypot(d.x(), d.y());
   Outline out;
   if (std::abs(d.z()) < radial) {
@@ -49,9 +49,11 @@ Outline outline_of_cylinder(const Convex& c, const Vec3& d) {
   };
   for (std::uint32_t k = 0; k < kAround; ++k) {
     const double angle = -pi + k * (2 * pi / kAround), next = angle + 2 * pi / kAround;
-    add(c.radius * std::cos(angle), c.radius * std::sin(angle), k);
-    if (angle + 1e-6 < lowest && lowest + 1e-6 < next) {
-      add(c.radius * (d.x() / radial), c.radius * (d.y() / radial), k);  // on the edge k
+    const double past = lowest > pi - kNear ? lowest - 2 * pi : lowest;  // (-pi is a fixed one)
+    const bool here = std::abs(past - angle) < kNear;
+    if (!here) add(c.radius * std::cos(angle), c.radius * std::sin(angle), k);
+    if (here || (angle < past - kNear && past + kNear < next)) {
+      add(c.radius * (d.x() / radial), c.radius * (d.y() / radial), k);  // or on the edge k
     }
   }
   if (d.z() < 0) {  // counter-clockwise seen from outside
