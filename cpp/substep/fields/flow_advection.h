@@ -1,170 +1,21 @@
 // Advection in a closed-form flow: tiles of particles as structure of arrays take many steps while
-// they are in the first-level cache.
+// they are in the first-level cache. Instantiated for the flows of flows.h and the methods of
+// methods.h.
 #pragma once
 
-#include <atomic>
-#include <limits>
-
-#include "substep/core/parallel.h"
 #include "substep/fields/flows.h"
 #include "substep/fields/methods.h"
 
 namespace substep::fields {
 
-inline constexpr std::int64_t kChunk = 2048;  // particles of a parallel task
-inline constexpr int kTile = 256;             // particles that step together
-
-// One step of one vector of particles.
-template <class Method, class V, class Flow, class Time, class Trig>
-SUBSTEP_INLINE void step_flow(const Flow& flow, const Time* at, Lane<V> h, V* x, Trig& trig) {
-  constexpr int kDim = Flow::kDimension, kStages = Method::kStages;
-  using T = Lane<V>;
-  V sum[kDim], k[kStages][kDim];
-#pragma GCC unroll 4
-  for (int i = 0; i < kStages; ++i) {
-    V y[kDim];
-#pragma GCC unroll 3
-    for (int d = 0; d < kDim; ++d) {
-      y[d] = x[d];
-#pragma GCC unroll 4
-      for (int j = 0; j < i; ++j) {
-        if (Method::a[i][j] != 0) y[d] = fma(h * T(Method::a[i][j]), k[j][d], y[d]);
-      }
-    }
-    flow.velocity(at[i], y, k[i], trig);
-#pragma GCC unroll 3
-    for (int d = 0; d < kDim; ++d) {
-      const T b = T(Method::b[i]);
-      sum[d] = i == 0 ? b * k[i][d] : fma(b, k[i][d], sum[d]);
-    }
-  }
-#pragma GCC unroll 3
-  for (int d = 0; d < kDim; ++d) x[d] = fma(h / T(Method::divisor), sum[d], x[d]);
-}
-
-// The same for arguments of any size.
-template <class Method, class V, class Flow, class Time>
-[[gnu::noinline]] void step_flow_far(const Flow& flow, const Time* at, Lane<V> h, V* x) {
-  Sincos<V> trig;
-  step_flow<Method, V>(flow, at, h, x, trig);
-}
-
-template <class T, int kDim>
-struct FlowTile {
-  alignas(64) T x[kDim][kTile] = {};
-
-  Vector<T>& at(int d, std::int64_t i) { return *reinterpret_cast<Vector<T>*>(&x[d][i]); }
-
-  void load(const T* rows, std::int64_t count) {
-    for (std::int64_t i = 0; i < count; ++i) {
-      for (int d = 0; d < kDim; ++d) x[d][i] = rows[i * kDim + d];
-    }
-  }
-  void store(T* rows, std::int64_t count) const {
-    for (std::int64_t i = 0; i < count; ++i) {
-      for (int d = 0; d < kDim; ++d) rows[i * kDim + d] = x[d][i];
-    }
-  }
-  // Number of the first particle that is not finite, or `count`.
-  std::int64_t first_bad(std::int64_t count) const {
-    for (std::int64_t i = 0; i < count; ++i) {
-      for (int d = 0; d < kDim; ++d) {
-        if (!std::isfinite(x[d][i])) return i;
-      }
-    }
-    return count;
-  }
-};
-
-template <class Method, class T, class Flow>
-void step_tile(const Flow& flow, double t, double h, FlowTile<T, Flow::kDimension>& tile,
-               int count) {
-  using V = Vector<T>;
-  constexpr int kLanes = sizeof(V) / sizeof(T);
-  decltype(flow.at(t)) at[Method::kStages];
-  for (int i = 0; i < Method::kStages; ++i) at[i] = flow.at(t + Method::c[i] * h);
-  const T step = static_cast<T>(h);
-  for (int i = 0; i < count; i += kLanes) {
-    V x[Flow::kDimension];
-    for (int d = 0; d < Flow::kDimension; ++d) x[d] = tile.at(d, i);
-    FastSincos<V> trig;
-    step_flow<Method, V>(flow, at, step, x, trig);
-    if (__builtin_expect(trig.was_beyond(), 0)) {
-      V far[Flow::kDimension];
-      for (int d = 0; d < Flow::kDimension; ++d) far[d] = tile.at(d, i);
-      step_flow_far<Method, V>(flow, at, step, far);
-      for (int d = 0; d < Flow::kDimension; ++d) x[d] = far[d];
-    }
-    for (int d = 0; d < Flow::kDimension; ++d) tile.at(d, i) = x[d];
-  }
-}
-
 // Moves `count` particles (rows of x) by the steps; x_new may not overlap x. Throws NonFiniteError
 // with the first step that fails, and in it the first particle.
 template <class Method, class T, class Flow>
 void advect_flow(const Flow& flow, const T* x, T* x_new, std::int64_t count, const Steps& steps,
-                 int threads) {
-  constexpr int kDim = Flow::kDimension;
-  std::atomic<bool> failed{false};
-  const auto run = [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t first = begin; first < end; first += kTile) {
-      const int n = static_cast<int>(end - first < kTile ? end - first : kTile);
-      FlowTile<T, kDim> tile;
-      tile.load(x + first * kDim, n);
-      for (std::int64_t s = 0; s < steps.count; ++s) {
-        step_tile<Method>(flow, steps.time(s), steps.h, tile, n);
-      }
-      tile.store(x_new + first * kDim, n);
-      if (tile.first_bad(n) < n) failed.store(true, std::memory_order_relaxed);
-    }
-  };
-  parallel_for(count, kChunk, run, threads);
-  if (!failed) return;
-
-  // Rare: find the first bad step by going through it again, one particle set after the other.
-  std::int64_t worst_step = std::numeric_limits<std::int64_t>::max(), worst = -1;
-  for (std::int64_t first = 0; first < count; first += kTile) {
-    const int n = static_cast<int>(count - first < kTile ? count - first : kTile);
-    FlowTile<T, kDim> tile;
-    tile.load(x + first * kDim, n);
-    for (std::int64_t s = 0; s < steps.count && s < worst_step; ++s) {
-      step_tile<Method>(flow, steps.time(s), steps.h, tile, n);
-      if (const std::int64_t bad = tile.first_bad(n); bad < n) {
-        worst_step = s;
-        worst = first + bad;
-      }
-    }
-  }
-  throw NonFiniteError("position of particle " + std::to_string(worst) +
-                           " is no longer finite in step " + std::to_string(worst_step) +
-                           "; take a smaller step",
-                       steps.time(worst_step), worst, worst_step);
-}
+                 int threads);
 
 // velocities u of the rows x at time t.
 template <class T, class Flow>
-void sample_flow(const Flow& flow, double t, const T* x, T* u, std::int64_t count, int threads) {
-  using V = Vector<T>;
-  constexpr int kDim = Flow::kDimension, kLanes = sizeof(V) / sizeof(T);
-  const auto at = flow.at(t);
-  parallel_for(
-      count, kChunk,
-      [&](std::int64_t begin, std::int64_t end) {
-        for (std::int64_t first = begin; first < end; first += kTile) {
-          const std::int64_t n = end - first < kTile ? end - first : kTile;
-          FlowTile<T, kDim> tile;
-          tile.load(x + first * kDim, n);
-          for (std::int64_t i = 0; i < n; i += kLanes) {
-            V position[kDim], velocity[kDim];
-            for (int d = 0; d < kDim; ++d) position[d] = tile.at(d, i);
-            Sincos<V> trig;
-            flow.velocity(at, position, velocity, trig);
-            for (int d = 0; d < kDim; ++d) tile.at(d, i) = velocity[d];
-          }
-          tile.store(u + first * kDim, n);
-        }
-      },
-      threads);
-}
+void sample_flow(const Flow& flow, double t, const T* x, T* u, std::int64_t count, int threads);
 
 }  // namespace substep::fields

@@ -65,9 +65,11 @@ void packet_momenta(const Scheme& scheme, const Particles<Real, D>& particles, s
   }
 }
 
-// v_i^before: momentum becomes velocity.
+// v_i^before of the nodes of a block: momentum becomes velocity.
 template <class Real, int D>
-void divide_by_mass(Arena<Real, D>& arena) {
+void copy_before(const Nodes<Real, D>& before, const transfer::BlockLayout<D>& layout,
+                 std::size_t block, Arena<Real, D>& arena) {
+  arena.copy(before, layout, block);
   for (Real* node = arena.nodes; node < arena.nodes + arena.kReals; node += transfer::kNodeReals) {
     const Real inverse = node[D] > 0 ? 1 / node[D] : 0;
     for (int d = 0; d < D; ++d) node[d] *= inverse;
@@ -119,16 +121,21 @@ void repeat_last(int count, PacketVelocities<Real, D>& packet) {
   }
 }
 
-// New v of a packet: `moved` as the grid is now, for FLIP with what v was above that of the grid
-// before.
+// The share of FLIP in a step of dt.
+template <class Real>
+Real flip_share(const Scheme& scheme, double dt) {
+  return Real(std::exp(-scheme.flip_rate * dt));
+}
+
+// New v of a packet: `moved` as the grid is now, for FLIP with a share of what v was above that of
+// the grid before.
 template <class Real, int D>
-void set_velocity(const Scheme& scheme, double dt, const PacketVelocities<Real, D>& moved,
+void set_velocity(const Scheme& scheme, Real share, const PacketVelocities<Real, D>& moved,
                   const PacketVelocities<Real, D>& old, Real* v) {
   using V = Vector<Real>;
-  const Real alpha = Real(std::exp(-scheme.flip_rate * dt));
   for (int i = 0; i < D; ++i, v += kLanes<Real>) {
     V velocity = load<V>(moved.v[i]);
-    if (scheme.transfer == Transfer::kFlip) velocity += (load<V>(v) - load<V>(old.v[i])) * alpha;
+    if (scheme.transfer == Transfer::kFlip) velocity += (load<V>(v) - load<V>(old.v[i])) * share;
     store(v, velocity);
   }
 }
@@ -226,16 +233,14 @@ void remap(const Scheme& scheme, Particles<Real, D>& particles, double dt,
            int threads) {
   const auto& layout = particles.layout;
   const bool flip = scheme.transfer == Transfer::kFlip, apic = scheme.transfer == Transfer::kApic;
+  const Real share = flip_share<Real>(scheme, dt);
   const Stencils<Real, D> stencil = stencils<Real, D>(scheme.order, uses_gradients(scheme));
   scatter_blocks<Real, D>(layout, after, threads, [&](std::size_t b, Arena<Real, D>& sum) {
     Arena<Real, D> arena, plain;
     PacketVelocities<Real, D> moved, old;
     PacketMomenta<Real, D> momenta{};
     arena.copy(nodes, layout, b);
-    if (flip) {
-      plain.copy(before, layout, b);
-      divide_by_mass<Real, D>(plain);
-    }
+    if (flip) copy_before(before, layout, b, plain);
     for_packets_of_block(particles, static_cast<std::int32_t>(b),
                          [&](std::size_t g, std::int64_t packet, std::int32_t, int count) {
                            const Real* x = particles.groups[g].packet(packet);
@@ -246,7 +251,7 @@ void remap(const Scheme& scheme, Particles<Real, D>& particles, double dt,
                              stencil.gather_values(x, count, plain, old);
                              repeat_last<Real, D>(count, old);
                            }
-                           set_velocity<Real, D>(scheme, dt, moved, old, v);
+                           set_velocity(scheme, share, moved, old, v);
                            new_momenta(particles, g, packet, momenta);
                            (apic ? stencil.scatter : stencil.scatter_values)(x, count, momenta,
                                                                              sum);
@@ -264,6 +269,7 @@ void g2p(const Scheme& scheme, Particles<Real, D>& particles, double dt,
          const Nodes<Real, D>& nodes, const Nodes<Real, D>& before, int threads) {
   const auto& layout = particles.layout;
   const bool flip = scheme.transfer == Transfer::kFlip && !scheme.musl;
+  const Real share = flip_share<Real>(scheme, dt);
   const Stencils<Real, D> stencil = stencils<Real, D>(scheme.order, uses_gradients(scheme));
   parallel_chunks(
       layout.blocks(),
@@ -272,10 +278,7 @@ void g2p(const Scheme& scheme, Particles<Real, D>& particles, double dt,
         PacketVelocities<Real, D> velocities, old;
         const auto b = static_cast<std::size_t>(block);
         arena.copy(nodes, layout, b);
-        if (flip) {
-          plain.copy(before, layout, b);
-          divide_by_mass<Real, D>(plain);
-        }
+        if (flip) copy_before(before, layout, b, plain);
         for_packets_of_block(
             particles, static_cast<std::int32_t>(block),
             [&](std::size_t g, std::int64_t packet, std::int32_t at, int count) {
@@ -290,7 +293,7 @@ void g2p(const Scheme& scheme, Particles<Real, D>& particles, double dt,
               if (scheme.musl) {
                 std::memcpy(velocities.v, v + D * kLanes<Real>, sizeof velocities.v);
               } else {
-                set_velocity<Real, D>(scheme, dt, velocities, old, v);
+                set_velocity(scheme, share, velocities, old, v);
               }
               advance_packet(scheme, particles, at, g, packet, count, dt, velocities);
             });

@@ -106,6 +106,31 @@ std::int32_t id_of(const Particles<Real, D>& particles, const Slot& s) {
   return particles.groups[s.group].ids[s.id_index<Real>()];
 }
 
+// The id of the particle of the greatest score, the lowest of equal ones; -1 where all scores are
+// -1. score(group, packet, particle block, particles in it, scores) sets those of a packet, 0 or
+// more.
+template <class Real, int D, class Score>
+std::int32_t id_of_greatest(const Particles<Real, D>& particles, const Score& score) {
+  double greatest = -1;
+  std::int32_t found = -1;
+  for (std::size_t b = 0; b < particles.layout.particle_keys.size(); ++b) {
+    for_packets_of_block(
+        particles, static_cast<std::int32_t>(b),
+        [&](std::size_t g, std::int64_t p, std::int32_t block, int count) {
+          double scores[kLanes<Real>];
+          score(g, p, block, count, scores);
+          for (int lane = 0; lane < count; ++lane) {
+            const std::int32_t id = id_of(particles, Slot{g, p, lane, block});
+            if (scores[lane] > greatest || (scores[lane] == greatest && id < found)) {
+              greatest = scores[lane];
+              found = id;
+            }
+          }
+        });
+  }
+  return found;
+}
+
 // World position [m]; in 2D z = 0.
 template <class Real, int D>
 geometry::Vec3 position_of(const Particles<Real, D>& particles, const Slot& s) {

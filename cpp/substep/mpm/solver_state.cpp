@@ -148,19 +148,12 @@ bool Solver<Real, D>::escapes(const Vec3& x) const {
 // The lowest id outside of the bounds, or -1.
 template <class Real, int D>
 std::int32_t Solver<Real, D>::first_escaped() const {
-  std::int32_t first = -1;
-  for (std::size_t b = 0; b < particles_.layout.particle_keys.size(); ++b) {
-    for_packets_of_block(particles_, static_cast<std::int32_t>(b),
-                         [&](std::size_t g, std::int64_t p, std::int32_t block, int count) {
-                           for (int lane = 0; lane < count; ++lane) {
-                             const Slot s{g, p, lane, block};
-                             if (!escapes(position_of(particles_, s))) continue;
-                             const std::int32_t id = id_of(particles_, s);
-                             if (first < 0 || id < first) first = id;
-                           }
-                         });
-  }
-  return first;
+  return id_of_greatest(particles_, [&](std::size_t g, std::int64_t p, std::int32_t block,
+                                        int count, double* scores) {
+    for (int lane = 0; lane < count; ++lane) {
+      scores[lane] = escapes(position_of(particles_, Slot{g, p, lane, block})) ? 0 : -1;
+    }
+  });
 }
 
 template class Solver<float, 2>;

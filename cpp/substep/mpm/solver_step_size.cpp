@@ -156,56 +156,33 @@ std::int32_t Solver<Real, D>::culprit(std::int64_t node) const {
              static_cast<double>(rest % transfer::kBlock));
   }
   const double reach = 0.5 * (options_.order + 1) * options_.cell;
-  double worst = -1;
-  std::int32_t found = -1;
-  for (std::size_t b = 0; b < particles_.layout.particle_keys.size(); ++b) {
-    for_packets_of_block(
-        particles_, static_cast<std::int32_t>(b),
-        [&](std::size_t g, std::int64_t p, std::int32_t in, int count) {
-          alignas(64) Real tau[6 * kLanes<Real>];
-          packet_stress_at_rest(particles_, g, p, tau);
-          for (int lane = 0; lane < count; ++lane) {
-            const Slot s{g, p, lane, in};
-            if (!((position_of(particles_, s) - at).cwiseAbs().maxCoeff() <= reach)) continue;
-            double score = velocity_of(particles_, s).norm();
-            for (int k = 0; k < (D == 3 ? 6 : 4); ++k) {
-              if (!std::isfinite(tau[k * kLanes<Real> + lane])) score = HUGE_VAL;
-            }
-            if (score > worst || (score == worst && id_of(particles_, s) < found)) {
-              worst = score;
-              found = id_of(particles_, s);
-            }
+  return id_of_greatest(
+      particles_, [&](std::size_t g, std::int64_t p, std::int32_t in, int count, double* scores) {
+        alignas(64) Real tau[6 * kLanes<Real>];
+        packet_stress_at_rest(particles_, g, p, tau);
+        for (int lane = 0; lane < count; ++lane) {
+          const Slot s{g, p, lane, in};
+          const bool near = (position_of(particles_, s) - at).cwiseAbs().maxCoeff() <= reach;
+          scores[lane] = near ? velocity_of(particles_, s).norm() : -1;
+          for (int k = 0; near && k < (D == 3 ? 6 : 4); ++k) {
+            if (!std::isfinite(tau[k * kLanes<Real> + lane])) scores[lane] = HUGE_VAL;
           }
-        });
-  }
-  return found;
+        }
+      });
 }
 
 // The id of the particle at rest from which a step's limit comes, or -1.
 template <class Real, int D>
 std::int32_t Solver<Real, D>::limiting(const std::string& limit) const {
   const bool by_wave = limit == "elastic wave";
-  double most = -1;
-  std::int32_t found = -1;
-  if (!by_wave && limit != "particle speed") return found;
-  for (std::size_t b = 0; b < particles_.layout.particle_keys.size(); ++b) {
-    for_packets_of_block(particles_, static_cast<std::int32_t>(b),
-                         [&](std::size_t g, std::int64_t p, std::int32_t in, int count) {
-                           double squares[kLanes<Real>];
-                           packet_wave_speeds(particles_, g, p, squares);
-                           for (int lane = 0; lane < count; ++lane) {
-                             const Slot s{g, p, lane, in};
-                             const double value =
-                                 by_wave ? squares[lane]
-                                         : velocity_of(particles_, s).cwiseAbs().maxCoeff();
-                             if (value > most || (value == most && id_of(particles_, s) < found)) {
-                               most = value;
-                               found = id_of(particles_, s);
-                             }
-                           }
-                         });
-  }
-  return found;
+  if (!by_wave && limit != "particle speed") return -1;
+  return id_of_greatest(
+      particles_, [&](std::size_t g, std::int64_t p, std::int32_t in, int count, double* scores) {
+        if (by_wave) return packet_wave_speeds(particles_, g, p, scores);
+        for (int lane = 0; lane < count; ++lane) {
+          scores[lane] = velocity_of(particles_, Slot{g, p, lane, in}).cwiseAbs().maxCoeff();
+        }
+      });
 }
 
 template <class Real, int D>
