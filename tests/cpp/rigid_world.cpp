@@ -8,6 +8,7 @@
 
 #include "rigid_world_scene.h"
 #include "substep/core/errors.h"
+#include "substep/core/interrupt.h"
 #include "substep/core/quaternion.h"
 
 namespace {
@@ -297,6 +298,42 @@ TEST(RigidWorld, FailedStepsChangeNothing) {
   EXPECT_EQ(world.bodies().x, copy.bodies().x);
 }
 
+// An interrupt anywhere in a step leaves the state after the last whole step.
+TEST(RigidWorld, InterruptsChangeNothing) {
+  struct Stop {};
+  World world;
+  add_ground(world);
+  for (int k = 0; k < 500; ++k)
+    add_box(world, Vec3::Constant(0.1), {0.25 * (k % 10), 0.25 * (k / 10 % 10), 0.15 * (k / 100)});
+  advance(world, 0.2);
+  static int polls;
+  for (int let = 0; let < 3; ++let) {
+    polls = let;
+    set_interrupt_hook([] {
+      if (polls-- == 0) throw Stop{};
+    });
+    WorldState last = world.state();
+    bool stopped = false;
+    for (int k = 0; k < 1000 && !stopped; ++k) {
+      try {
+        world.step(1. / 60);
+        last = world.state();
+      } catch (const Stop&) {
+        stopped = true;
+      }
+    }
+    set_interrupt_hook(nullptr);
+    ASSERT_TRUE(stopped);
+    EXPECT_EQ(world.time, last.time);
+    EXPECT_EQ(world.bodies().x, last.bodies.x);
+    EXPECT_EQ(world.bodies().L, last.bodies.L);
+    World copy;
+    copy.restore(last);
+    world.step(1. / 60), copy.step(1. / 60);
+    EXPECT_EQ(world.bodies().x, copy.bodies().x);
+  }
+}
+
 TEST(RigidWorld, HugeSpeedsAreFiniteOrRefused) {
   for (const double speed : {1e3, 1e6, 1e12, 1e100, 1e200}) {
     World world;
@@ -310,6 +347,18 @@ TEST(RigidWorld, HugeSpeedsAreFiniteOrRefused) {
     }
     for (const double x : world.bodies().x) EXPECT_TRUE(std::isfinite(x)) << speed;
     for (const double L : world.bodies().L) EXPECT_TRUE(std::isfinite(L)) << speed;
+  }
+  for (const double dt : {1e-300, 10., 1e6, 1e300}) {
+    World world;
+    add_ground(world);
+    add_box(world, Vec3::Constant(0.5), {0, 0, 2});
+    try {
+      for (int k = 0; k < 3; ++k) world.step(dt);
+    } catch (const NonFiniteError& error) {
+      EXPECT_EQ(error.index, 1);
+    }
+    for (const double x : world.bodies().x) EXPECT_TRUE(std::isfinite(x)) << dt;
+    EXPECT_GT(world.bodies().position(1).z(), 0) << dt;
   }
 }
 
