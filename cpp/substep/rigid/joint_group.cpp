@@ -10,9 +10,13 @@ namespace {
 using Mode = JointLaw::Mode;
 
 constexpr int kIterations = 12;
-constexpr double kTolerance = 1e-12;      // of C [m], [rad]
-constexpr double kPositions = 1e-10;      // C that is not worth taking back
-constexpr double kRegularisation = 1e-9;  // E, relative to the diagonal
+constexpr double kTolerance = 1e-12;  // of C [m], [rad]
+constexpr double kEnough = 1e-6;      // the same where it does not get better
+constexpr double kPositions = 1e-10;  // C that is not worth taking back
+// E, relative to the diagonal, where loops may have more equations than motions, and in trees. It
+// acts on all of l, which so is as small as can be; joints yield by this part of what they hold,
+// and take it back.
+constexpr double kLoops = 1e-8, kTrees = 1e-14;
 
 std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
 Vec3 from_row(const Point<double>& p) { return {p.x, p.y, p.z}; }
@@ -36,7 +40,7 @@ JointGroup::JointGroup(std::vector<std::int32_t> numbers, std::span<const Joint>
     link.a = member_of(joint.a, rows);
     link.b = member_of(joint.b, rows);
     link.equations = joint_equations(joint.type);
-    link.rows = link.equations + joint_coordinates(joint.type);
+    link.rows = joint_rows(joint);
     links_.push_back(link);
     sizes.push_back(link.rows);
   }
@@ -46,6 +50,11 @@ JointGroup::JointGroup(std::vector<std::int32_t> numbers, std::span<const Joint>
     if (members_[k].moves) place[k] = moving++;
   for (const Link& link : links_) pairs.push_back({place[at(link.a)], place[at(link.b)]});
   matrix_.analyse(moving, pairs, sizes);
+  // A tree has one node, of bodies or the ground, more than joints.
+  const bool grounded = std::any_of(pairs.begin(), pairs.end(),
+                                    [](const BodyPair& pair) { return pair.a < 0 || pair.b < 0; });
+  const bool tree = links_.size() + 1 == at(moving) + (grounded ? 1 : 0);
+  regularisation_ = tree ? kTrees : kLoops;
   pieces_.resize(links_.size());
   q_.resize(4 * members_.size());
   L_.resize(3 * members_.size());
@@ -258,7 +267,13 @@ void JointGroup::set_laws(Link& link, Stage stage) {
     if (motor.type == MotorType::kSpeed) {
       law.rate = motor.target;
     } else {
-      const double D = 0.25 * h * h * motor.stiffness + 0.5 * h * motor.damping;
+      // The half kick that begins a step damps what the last one left, u, as long as that does not
+      // turn it back: then both together are of second order.
+      const double mass = 1 / link.mobility[at(row)], half = 0.5 * h * motor.damping;
+      const bool begins = stage == Stage::kMotion && weight_ < 1;
+      const double D =
+          std::max(0.25 * h * h * motor.stiffness + (begins ? std::max(half - mass, 0.) : half),
+                   1e-6 * mass);
       const double u = rate_before(link, row);
       const double impulse =
           -weight_ * h * (motor.stiffness * (y - motor.target) + motor.damping * u);
@@ -319,6 +334,7 @@ double JointGroup::find_residuals(Stage stage, const BodyRows& rows) {
         const std::size_t k = at(row - link.equations);
         u = link.law[k].residual(link.mode[k], u, link.impulse[at(row)]);
       }
+      u += regularisation_ * link.mobility[at(row)] * link.impulse[at(row)];
       pieces_[j][at(row)] = u;
       worst = std::max(worst, settings_.h * std::abs(u));
     }
@@ -338,7 +354,7 @@ void JointGroup::factor() {
     };
     for (int row = 0; row < link.rows; ++row) {
       if (!link.active(row)) continue;
-      double E = kRegularisation * link.mobility[at(row)];
+      double E = regularisation_ * link.mobility[at(row)];
       if (row >= link.equations) {
         const std::size_t k = at(row - link.equations);
         E += link.law[k].softness(link.mode[k]);
@@ -352,8 +368,8 @@ void JointGroup::factor() {
   factored_ = true;
 }
 
-// Newton's method; ends where rounding does.
-void JointGroup::iterate(Stage stage, BodyRows& rows) {
+// Newton's method; ends where rounding does. Returns whether it has found the solution.
+bool JointGroup::iterate(Stage stage, BodyRows& rows) {
   double last = Joint::kInfinite;
   for (int k = 0; k < kIterations; ++k) {
     bool changed = false, applied = false;
@@ -361,7 +377,8 @@ void JointGroup::iterate(Stage stage, BodyRows& rows) {
     choose_modes(stage, rows, changed, applied);
     if (applied && stage == Stage::kMotion) find_trial(rows);
     const double worst = find_residuals(stage, rows);
-    if (!changed && (worst < kTolerance || (k > 2 && worst > 0.5 * last))) return;
+    if (!changed && (worst < kTolerance || (k > 2 && worst > 0.5 * last && worst < kEnough)))
+      return true;
     last = worst;
     if (changed || !factored_) factor();
     matrix_.solve(pieces_);
@@ -372,6 +389,19 @@ void JointGroup::iterate(Stage stage, BodyRows& rows) {
     }
     write_momenta(rows);
   }
+  return last < kEnough;
+}
+
+// Where no motion that fulfils the constraints is near (a chain that snaps taut), the velocities
+// do, which takes energy and so is stable.
+void JointGroup::solve_motion(BodyRows& rows) {
+  if (iterate(Stage::kMotion, rows)) return;
+  for (Link& link : links_) {
+    for (int row = 0; row < link.rows; ++row) apply(link, row, -link.impulse[at(row)], rows);
+    link.impulse.fill(0);
+  }
+  write_momenta(rows);
+  iterate(Stage::kVelocity, rows);
 }
 
 void JointGroup::solve_velocities(BodyRows& rows, bool first) {
@@ -380,7 +410,7 @@ void JointGroup::solve_velocities(BodyRows& rows, bool first) {
   } else {
     read_momenta(rows);
   }
-  iterate(Stage::kMotion, rows);
+  solve_motion(rows);
 }
 
 void JointGroup::sum_impulses(Link& link) const {
@@ -458,12 +488,20 @@ void JointGroup::solve_positions(BodyRows& rows) {
         turn[at(link.b)] -= l * link.G.angular_b[row];
       }
     }
+    double largest = settings_.push;
+    for (std::size_t k = 0; k < members_.size(); ++k) {
+      const Member& m = members_[k];
+      shift[k] *= m.scale;
+      turn[k] = m.W * turn[k];
+      if (m.moves) largest = std::max({largest, m.scale * shift[k].norm(), turn[k].norm()});
+    }
+    const double part = settings_.push / largest;
     for (std::size_t k = 0; k < members_.size(); ++k) {
       Member& m = members_[k];
       if (!m.moves) continue;
       BodyRow& x = rows.displacement[at(m.row)];
-      const Vec3 angle = m.W * turn[k];
-      add(x.linear, m.scale * shift[k]);
+      const Vec3 angle = part * turn[k];
+      add(x.linear, part * shift[k]);
       add(x.angular, m.unroot * angle);
       m.now.x = m.origin + m.scale * from_row(x.linear);
       m.now.q = (rotation_by(angle) * m.now.q).normalized();

@@ -21,7 +21,7 @@ class JointGroup {
  public:
   struct Settings {
     double h = 0;     // sub-step [s]
-    double push = 0;  // most of C that a sub-step takes back [m], [rad]
+    double push = 0;  // most that a sub-step moves bodies to take back C [m], [rad]
     FreeRotation method = FreeRotation::kSplitting;
   };
 
@@ -92,12 +92,14 @@ class JointGroup {
   void find_trial(const BodyRows& rows);
   void choose_modes(Stage stage, BodyRows& rows, bool& changed, bool& applied);
   double find_residuals(Stage stage, const BodyRows& rows);
-  void iterate(Stage stage, BodyRows& rows);
+  bool iterate(Stage stage, BodyRows& rows);
+  void solve_motion(BodyRows& rows);
   void factor();
   void apply(Link& link, int row, double impulse, BodyRows& rows);
   void sum_impulses(Link& link) const;
 
   Settings settings_;
+  double regularisation_ = 0;
   bool smooth_ = false, factored_ = false;
   double weight_ = 1;  // of the impulses of this sub-step: half of one, or a whole
   std::vector<Member> members_;

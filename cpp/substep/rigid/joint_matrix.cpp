@@ -45,22 +45,24 @@ void JointMatrix::analyse(std::int32_t bodies, std::span<const BodyPair> joints,
   const std::size_t nodes = at(bodies) + joints.size();
   size_.assign(nodes, kSize);
   std::vector<std::vector<std::int32_t>> near(nodes);
-  std::vector<std::uint8_t> ready(nodes, 1);
+  std::vector<int> waits(nodes, 0);  // a joint, for so many bodies
   for (std::size_t j = 0; j < joints.size(); ++j) {
     const auto id = static_cast<std::int32_t>(at(bodies) + j);
     size_[at(id)] = rows[j];
-    ready[at(id)] = 0;
     for (const std::int32_t body : {joints[j].a, joints[j].b}) {
       if (body < 0) continue;
       near[at(id)].push_back(body);
       near[at(body)].push_back(id);
+      ++waits[at(id)];
     }
   }
   for (auto& list : near) std::sort(list.begin(), list.end());
+  const auto joints_of = near;
+  std::vector<std::uint8_t> done(nodes, 0);
 
   std::set<std::pair<std::size_t, std::int32_t>> queue;  // degree, node
   const auto enter = [&](std::int32_t id) {
-    if (ready[at(id)]) queue.emplace(near[at(id)].size(), id);
+    if (waits[at(id)] == 0) queue.emplace(near[at(id)].size(), id);
   };
   for (std::size_t id = 0; id < nodes; ++id) enter(static_cast<std::int32_t>(id));
   order_.clear();
@@ -69,7 +71,14 @@ void JointMatrix::analyse(std::int32_t bodies, std::span<const BodyPair> joints,
   while (!queue.empty()) {
     const std::int32_t id = queue.begin()->second;
     queue.erase(queue.begin());
+    done[at(id)] = 1;
     const auto later = std::move(near[at(id)]);
+    if (id < bodies) {
+      const auto& own = joints_of[at(id)];
+      const auto left =
+          std::count_if(own.begin(), own.end(), [&](std::int32_t j) { return done[at(j)] == 0; });
+      for (const std::int32_t j : own) waits[at(j)] = left == 1 ? 0 : std::max(waits[at(j)] - 1, 0);
+    }
     order_.push_back({id, size_[at(id)], static_cast<std::int32_t>(below_.size()),
                       static_cast<std::int32_t>(later.size())});
     for (const std::int32_t other : later) {
@@ -81,7 +90,6 @@ void JointMatrix::analyse(std::int32_t bodies, std::span<const BodyPair> joints,
                      std::back_inserter(merged));
       std::erase_if(merged, [&](std::int32_t k) { return k == id || k == other; });
       list = merged;
-      if (id < bodies) ready[at(other)] = 1;
       enter(other);
     }
   }

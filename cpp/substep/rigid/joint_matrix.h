@@ -5,12 +5,14 @@
 //   [ 1   G^T ] [ dv ]   [  0 ]
 //   [ G   -E  ] [ -l ] = [ -c ]
 // a symmetric matrix of blocks: a node for each body and each joint. It is factored as A = L S L^T,
-// S a sign for each node, + of bodies, - of joints (signed Cholesky): a joint that comes after one
-// of its bodies has a definite block then. Of all such orders that of least fill is sought (minimum
-// degree): leaves first, so a tree has no fill, and its cost is linear (Baraff 1996, "Linear-time
-// dynamics using Lagrange multipliers", SIGGRAPH, section 6); loops fill as they must. E > 0 (of
-// springs, else tiny) makes loops with more equations than motions regular (quasidefinite:
-// Vanderbei 1995, SIAM J. Optim. 5).
+// S a sign for each node, + of bodies, - of joints (signed Cholesky). A joint comes after all of
+// its bodies, or after one that no other joint was left at: then what it holds is that body's to
+// give, and its block is as definite as it can be. (Any order would do for E > 0, quasidefinite:
+// Vanderbei 1995, SIAM J. Optim. 5; but with pivots as small as E.) Of all such orders that of
+// least fill is sought (minimum degree): leaves first, so a tree has no fill, and its cost is
+// linear (Baraff 1996, "Linear-time dynamics using Lagrange multipliers", SIGGRAPH, section 6);
+// loops fill as they must. E > 0, tiny but for springs, is for loops with more equations than
+// motions.
 #pragma once
 
 #include <array>

@@ -46,12 +46,16 @@ int joint_equations(JointType type) {
   return 0;
 }
 
-int joint_coordinates(JointType type) {
-  return type == JointType::kBall ? 2 : type == JointType::kFixed ? 0 : 1;
+int joint_rows(const Joint& joint) {
+  const bool ruled = joint.lower > -Joint::kInfinite || joint.upper < Joint::kInfinite ||
+                     joint.motor.type != MotorType::kNone;
+  if (ruled) return coordinate_row(joint.type) + 1;
+  return joint_equations(joint.type) + (joint.cone < Joint::kInfinite ? 1 : 0);
 }
 
 int coordinate_row(JointType type) {
-  return type == JointType::kFixed ? -1 : joint_equations(type) + joint_coordinates(type) - 1;
+  if (type == JointType::kFixed) return -1;
+  return type == JointType::kBall ? 4 : joint_equations(type);
 }
 
 std::array<double, kJointRows> joint_values(JointType type, const JointSide& a, const JointSide& b,

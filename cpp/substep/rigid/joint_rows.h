@@ -27,7 +27,8 @@ namespace substep::rigid {
 inline constexpr int kJointRows = 6;  // at most
 
 int joint_equations(JointType type);
-int joint_coordinates(JointType type);
+// With the coordinates that its limits and its motor rule.
+int joint_rows(const Joint& joint);
 // The row of Joint::coordinate, or -1.
 int coordinate_row(JointType type);
 

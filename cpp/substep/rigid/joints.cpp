@@ -17,8 +17,8 @@ void JointSolver::begin_step(const Bodies& bodies, std::span<const Joint> joints
     const Joint& joint = joints[k];
     const bool moves_a = rows.moves(rows.row(joint.a)), moves_b = rows.moves(rows.row(joint.b));
     if (!moves_a && !moves_b) continue;
-    found_.push_back(
-        {static_cast<std::int32_t>(k), joint.a, joint.b, joint.type, moves_a, moves_b});
+    found_.push_back({static_cast<std::int32_t>(k), joint.a, joint.b, joint.type, joint_rows(joint),
+                      moves_a, moves_b});
   }
   if (found_ != keys_) find_groups(bodies, joints, rows);
   if (groups_.empty()) return;

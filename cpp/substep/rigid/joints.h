@@ -46,6 +46,7 @@ class JointSolver {
   struct Key {
     std::int32_t number, a, b;
     JointType type;
+    int rows;
     bool moves_a, moves_b;
     bool operator==(const Key&) const = default;
   };
