@@ -99,22 +99,26 @@ void World::add_to_broad_phase(std::int32_t f) {
   }
 }
 
-// Wakes what it touches and takes it out.
-void World::leave(std::int64_t body) {
+// Wakes what the bodies touch and takes them out.
+void World::leave(std::span<const std::int64_t> bodies) {
+  std::vector<std::uint8_t> leaves(at(bodies_.size()), 0);
+  for (const std::int64_t body : bodies) leaves[at(body)] = 1;
   for (const auto* list : {&contacts_, &sleeping_contacts_}) {
     for (const ContactConstraint& c : *list) {
-      if (c.a == body) wake(c.b);
-      if (c.b == body) wake(c.a);
+      if (leaves[at(c.a)] != 0) wake(c.b);
+      if (leaves[at(c.b)] != 0) wake(c.a);
     }
   }
   for (const Joint& joint : joints_)
-    if (joint.a == body || joint.b == body) wake_joined(joint);
-  if (bodies_.dynamic(body)) {
-    wake(body);
-    islands_.remove(static_cast<std::int32_t>(body));
+    if (leaves[at(joint.a)] != 0 || (joint.b >= 0 && leaves[at(joint.b)] != 0)) wake_joined(joint);
+  for (const std::int64_t body : bodies) {
+    if (bodies_.dynamic(body)) {
+      wake(body);
+      islands_.remove(static_cast<std::int32_t>(body));
+    }
+    for (std::int32_t f = fixtures_.first(body); f < fixtures_.first(body + 1); ++f)
+      broad_phase_.remove(f);
   }
-  for (std::int32_t f = fixtures_.first(body); f < fixtures_.first(body + 1); ++f)
-    broad_phase_.remove(f);
 }
 
 std::vector<std::int64_t> World::remove(std::span<const std::int64_t> removed) {
@@ -122,7 +126,7 @@ std::vector<std::int64_t> World::remove(std::span<const std::int64_t> removed) {
   std::vector<std::int64_t> once(removed.begin(), removed.end());
   std::sort(once.begin(), once.end());
   once.erase(std::unique(once.begin(), once.end()), once.end());
-  for (const std::int64_t body : once) leave(body);
+  leave(once);
 
   const std::vector<std::int64_t> numbers = bodies_.remove(once);
   const std::vector<std::int32_t> fixtures = fixtures_.renumber(numbers);
@@ -155,7 +159,7 @@ std::vector<std::int64_t> World::remove(std::span<const std::int64_t> removed) {
     number(joint.b);
     return joint.a < 0 || joint.b < 0;
   });
-  show_excluded();
+  excluded_changed_ = true;
   for (std::int32_t& body : displaced_) number(body);
   std::erase(displaced_, -1);
   return numbers;
@@ -173,7 +177,7 @@ void World::set_motion(std::int64_t body, Motion motion, double mass, const Vec3
       throw InputError("motion: only a static body may have a plane or a mesh");
   const Vec3 v = bodies_.velocity(body), w = bodies_.angular_velocity(body);
   const bool still = motion == Motion::kStatic;
-  leave(body);
+  leave({&body, 1});
   bodies_.motion[at(body)] = motion;
   bodies_.mass[at(body)] = dynamic ? mass : 1;
   Vec3::Map(&bodies_.inertia[3 * at(body)]) = dynamic ? inertia : Vec3::Ones();
@@ -193,14 +197,16 @@ void World::exclude(std::int32_t a, std::int32_t b, bool excluded) {
     return std::minmax(pair.a, pair.b) == std::minmax(a, b);
   });
   if (excluded) excluded_.push_back({a, b});
-  show_excluded();
+  excluded_changed_ = true;
 }
 
 void World::show_excluded() {
+  if (!excluded_changed_) return;
   std::vector<BodyPair> pairs = excluded_;
   for (const Joint& joint : joints_)
     if (!joint.collide && joint.b >= 0) pairs.push_back({joint.a, joint.b});
   broad_phase_.exclude(std::move(pairs));
+  excluded_changed_ = false;
 }
 
 void World::wake_joined(const Joint& joint) {
@@ -219,7 +225,7 @@ std::int32_t World::add_joint(const Joint& joint) {
   check_joint(joint, bodies_);
   joints_.push_back(joint);
   wake_joined(joint);
-  show_excluded();
+  excluded_changed_ = true;
   return static_cast<std::int32_t>(joints_.size()) - 1;
 }
 
@@ -229,7 +235,7 @@ void World::set_joint(std::int64_t number, const Joint& joint) {
   wake_joined(joints_[at(number)]);
   joints_[at(number)] = joint;
   wake_joined(joint);
-  show_excluded();
+  excluded_changed_ = true;
 }
 
 void World::remove_joints(std::span<const std::int64_t> numbers) {
@@ -247,7 +253,7 @@ void World::remove_joints(std::span<const std::int64_t> numbers) {
     }
   }
   joints_.resize(kept);
-  show_excluded();
+  excluded_changed_ = true;
 }
 
 void World::step(double dt) {

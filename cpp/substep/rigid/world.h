@@ -119,7 +119,7 @@ class World {
   void wake_joined(const Joint& joint);
   void show_excluded();
   void enter(std::int64_t body);
-  void leave(std::int64_t body);
+  void leave(std::span<const std::int64_t> bodies);
   void add_to_broad_phase(std::int32_t fixture);
 
   void remember();
@@ -150,6 +150,7 @@ class World {
   Islands islands_;
   std::vector<BodyPair> excluded_;
   std::vector<Joint> joints_;
+  bool excluded_changed_ = false;
   std::vector<ContactConstraint> contacts_, last_contacts_, sleeping_contacts_;
   std::vector<double> rest_x_, rest_q_;      // (n, 3), (n, 4): see fall_asleep()
   std::vector<double> placed_x_, placed_q_;  // where fixtures_ has the bodies

@@ -68,6 +68,7 @@ void World::show_sleep(std::int64_t body) {
 
 // What was done to bodies that are at rest.
 void World::note_changes() {
+  show_excluded();
   const auto zero = [](const std::vector<double>& rows, std::size_t b) {
     return Vec3(&rows[3 * b]).isZero(0);
   };

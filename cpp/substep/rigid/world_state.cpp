@@ -96,7 +96,7 @@ void World::restore(const WorldState& state) {
   }
   other.excluded_ = state.excluded;
   other.joints_ = state.joints;
-  other.show_excluded();
+  other.excluded_changed_ = true;
   other.rest_x_ = state.rest_x;
   other.rest_q_ = state.rest_q;
   other.contacts_ = state.contacts;
