@@ -30,6 +30,18 @@ def chain(n=100000, steps=20, threads=None):
     return substep.state_hash(result.y)
 
 
+def boxes(n=64, steps=20, threads=None):
+    """Hash of n boxes that fall on one another, after some steps."""
+    bodies = substep.RigidBodies(threads=threads, sleeping=False)
+    bodies.add(substep.rigid.Plane(), (0, 0, 0), motion="static")
+    k = np.arange(n)
+    x = np.stack([0.25 * (k % 4), 0.25 * (k // 4 % 4), 0.15 + 0.22 * (k // 16)], axis=1)
+    x += np.random.default_rng(2).uniform(-0.02, 0.02, x.shape)
+    bodies.add(substep.rigid.Box((0.1, 0.1, 0.1)), x, restitution=0.2)
+    bodies.advance(steps / 60)
+    return substep.state_hash(*bodies.state().values())
+
+
 def grains(n=2000, steps=20, threads=None):
     """Hash of about n grains of sand after some steps, on a grid that they are sorted into."""
     side = 0.1 * (n / 4) ** (1 / 3)

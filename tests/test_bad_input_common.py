@@ -100,6 +100,17 @@ def deformed(values):
     return simulation.deformation_gradients
 
 
+def after_a_step(shift=(), **arguments):
+    """Poses of two bodies of an odd shape after a step."""
+    bodies = substep.RigidBodies()
+    hull = substep.rigid.ConvexHull(CORNERS)
+    bodies.add(hull, **{"positions": 9 * ROWS, **arguments})
+    for name, values in shift:
+        getattr(bodies, name)(**values)
+    bodies.step(0.25)
+    return np.hstack([bodies.positions, bodies.rotations])
+
+
 TURNED = np.array([[1.0, 2, 0.5, 0.25], [2.0, 1, 0, 0]])
 MOMENTS = np.array([[2.0, 2.5, 3.0], [1.5, 1.5, 1.25]])
 
@@ -126,6 +137,75 @@ ENTRIES = [
         any_length=False,
     ),
     Entry("rigid.ConvexHull points", lambda x: substep.rigid.ConvexHull(x).points, ROWS, "points"),
+    Entry(
+        "RigidBodies.add positions",
+        lambda x: after_a_step(positions=x),
+        9 * ROWS,
+        "positions",
+        empty=(0, 3),
+    ),
+    Entry(
+        "RigidBodies.add rotations",
+        lambda q: after_a_step(rotations=q),
+        TURNED,
+        "rotations",
+        any_length=False,
+    ),
+    Entry(
+        "RigidBodies.add velocities",
+        lambda v: after_a_step(velocities=v),
+        ROWS,
+        "velocities",
+        any_length=False,
+    ),
+    Entry(
+        "RigidBodies.add angular_velocities",
+        lambda w: after_a_step(angular_velocities=w),
+        ROWS,
+        "angular_velocities",
+        any_length=False,
+    ),
+    Entry(
+        "RigidBodies.set_velocities",
+        lambda v: after_a_step([("set_velocities", {"velocities": v})]),
+        ROWS,
+        "velocities",
+        any_length=False,
+        optional=True,
+    ),
+    Entry(
+        "RigidBodies.set_poses positions",
+        lambda x: after_a_step([("set_poses", {"positions": x})]),
+        9 * ROWS,
+        "positions",
+        any_length=False,
+        optional=True,
+    ),
+    Entry(
+        "RigidBodies.set_poses rotations",
+        lambda q: after_a_step([("set_poses", {"rotations": q})]),
+        TURNED,
+        "rotations",
+        any_length=False,
+        optional=True,
+    ),
+    Entry(
+        "RigidBodies.apply_force",
+        lambda F: after_a_step([("apply_force", {"ids": [0, 1], "force": F})]),
+        ROWS,
+        "force",
+        any_length=False,
+    ),
+    Entry(
+        "RigidBodies.apply_impulse point",
+        lambda x: after_a_step(
+            [("apply_impulse", {"ids": [0, 1], "impulse": (4, 0, 2), "point": x})]
+        ),
+        ROWS,
+        "point",
+        any_length=False,
+        optional=True,
+    ),
     Entry(
         "rigid.MassProperties centre",
         lambda x: substep.rigid.MassProperties(1.0, x, np.eye(3)).centre,

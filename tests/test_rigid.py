@@ -393,6 +393,145 @@ def test_a_bullet_does_not_pass_a_plate():
         assert bodies.positions[bullet, 0] < 0
 
 
+# Joints.
+def swings(bodies, joint, bob, duration):
+    """Times at which the coordinate rises through 0."""
+    seen = []
+    bodies.advance(duration, lambda b: seen.append((b.time, b.positions[bob, 0])))
+    t, x = np.array(seen).T
+    k = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))
+    return t[k] - x[k] * (t[k + 1] - t[k]) / (x[k + 1] - x[k])
+
+
+@pytest.mark.parametrize("kind", ["ball", "hinge", "distance"])
+def test_pendulums_swing_in_time(kind):
+    bodies = world()
+    bob = bodies.add(BALL, (0.1, 0, -math.sqrt(1 - 0.01)), mass=2.0)
+    if kind == "ball":
+        joint = bodies.ball(bob, None, (0, 0, 0))
+    elif kind == "hinge":
+        joint = bodies.hinge(bob, None, (0, 0, 0), (0, 1, 0))
+    else:
+        joint = bodies.distance(bob, None, bodies.positions[bob], (0, 0, 0))
+    times = swings(bodies, joint, bob, 9.0)
+    moment = 1.0 if kind == "distance" else 1.0 + 0.4 * 0.25**2  # over the mass: the ball turns
+    period = 2 * math.pi * math.sqrt(moment / G) * (1 + 0.1**2 / 16)
+    assert np.diff(times).mean() == pytest.approx(period, rel=1e-3)
+    assert max(joint.error) < 1e-4 and bodies.diagnostics()["joint_error"] < 1e-4
+    assert joint.kind == kind and joint.bodies == (bob, None)
+    assert np.linalg.norm(joint.force) == pytest.approx(2 * G, rel=0.05)
+
+
+def test_a_fixed_joint_carries_force_and_torque():
+    bodies = world()
+    wall = bodies.add(BOX, (-1, 0, 0), motion="static")
+    beam = bodies.add(rigid.Box((0.5, 0.1, 0.1)), (0, 0, 0), mass=3.0)
+    joint = bodies.fixed(beam, wall, (-0.5, 0, 0))
+    bodies.advance(1.0)
+    assert bodies.positions[beam] == pytest.approx([0, 0, 0], abs=1e-4)
+    assert joint.force == pytest.approx([0, 0, 3 * G], rel=1e-3, abs=1e-3)
+    assert joint.torque == pytest.approx([0, -3 * G * 0.5, 0], rel=1e-3, abs=1e-3)
+    assert joint.anchors == pytest.approx(np.array([[-0.5, 0, 0]] * 2), abs=1e-4)
+
+
+def test_limits_hold():
+    bodies = world()
+    flap = bodies.add(rigid.Box((0.5, 0.2, 0.05)), (0.5, 0, 0), mass=2.0)
+    hinge = bodies.hinge(flap, None, (0, 0, 0), (0, 1, 0), limits=(-0.3, 0.3))
+    ring = bodies.add(BALL, (5, 0, 0))
+    slider = bodies.slider(ring, None, (5, 0, 0), (0, 0, 1), limits=(-0.4, 0.1))
+    rope = bodies.distance(bodies.add(BALL, (9, 0, 0)), None, (9, 0, 0), (9, 0, 1), limits=(0, 2))
+    bodies.advance(3.0)
+    assert hinge.coordinate == pytest.approx(0.3, abs=1e-3)
+    assert slider.coordinate == pytest.approx(-0.4, abs=1e-3)
+    assert rope.coordinate == pytest.approx(2.0, abs=1e-3)
+    assert bodies.positions[ring] == pytest.approx([5, 0, -0.4], abs=1e-3)
+    slider.limits = (-1.0, 0.0)
+    assert slider.limits == (-1.0, 0.0)
+    bodies.advance(2.0)
+    assert slider.coordinate == pytest.approx(-1.0, abs=1e-3)
+
+
+def test_motors():
+    bodies = space()
+    wheel = bodies.add(rigid.Cylinder(0.5, 0.1), (0, 0, 0), mass=2.0)
+    hinge = bodies.hinge(wheel, None, (0, 0, 0), (0, 0, 1), motor=rigid.SpeedMotor(3.0, 0.1))
+    moment = 0.5 * 2.0 * 0.25
+    bodies.advance(1.0)
+    assert bodies.angular_velocities[wheel, 2] == pytest.approx(0.1 / moment, rel=1e-2)
+    assert hinge.motor == rigid.SpeedMotor(3.0, 0.1)
+    hinge.motor = rigid.SpeedMotor(3.0)
+    bodies.advance(0.1)
+    assert bodies.angular_velocities[wheel, 2] == pytest.approx(3.0, rel=1e-6)
+    before = hinge.coordinate
+    bodies.advance(5.0)
+    assert hinge.coordinate - before == pytest.approx(15.0, rel=1e-3)  # over turns
+    hinge.motor = None
+    assert hinge.motor is None
+    hung = world()
+    ball = hung.add(BALL, (0, 0, 0), mass=2.0)
+    spring = rigid.SpringMotor(0.0, stiffness=200.0, damping=30.0)
+    slider = hung.slider(ball, None, (0, 0, 0), (0, 0, 1), motor=spring)
+    hung.advance(5.0)
+    assert slider.coordinate == pytest.approx(-2 * G / 200, rel=1e-3)
+    assert slider.motor == spring
+
+
+def test_joined_bodies_touch_only_if_asked():
+    for collide in (False, True):
+        bodies = space()
+        a, b = bodies.add(BOX, [[0, 0, 0], [0.9, 0, 0]])
+        bodies.ball(a, b, (0.45, 0, 0), collide=collide)
+        bodies.step()
+        assert (len(bodies.contacts()) > 0) == collide
+
+
+def test_joints_follow_their_bodies():
+    bodies = space()
+    ids = bodies.add(BALL, [[k, 0.0, 0] for k in range(4)])
+    first = bodies.ball(ids[0], ids[1], (0.5, 0, 0))
+    second = bodies.ball(ids[2], ids[3], (2.5, 0, 0))
+    bodies.remove(ids[0])
+    assert [joint.number for joint in bodies.joints] == [second.number] == [1]
+    assert second.bodies == (2, 3)
+    assert second.anchors == pytest.approx(np.array([[2.5, 0, 0]] * 2))
+    with pytest.raises(IndexError, match="there is no joint 0"):
+        _ = first.kind
+    state = bodies.state()
+    third = bodies.hinge(ids[1], None, (1, 0, 0), (0, 0, 1))
+    assert third.number == 2 and len(bodies.joints) == 2
+    bodies.restore(state)  # joints are part of it
+    assert [joint.number for joint in bodies.joints] == [1]
+    twin = pickle.loads(pickle.dumps(bodies))
+    assert twin.joints[0].bodies == (2, 3)
+
+
+def test_set_motion():
+    bodies = world()
+    ball = bodies.add(BALL, (0, 0, 5), velocities=(1, 0, 0))
+    bodies.set_motion("kinematic", ball)
+    bodies.advance(1.0)
+    assert bodies.positions[ball] == pytest.approx([1, 0, 5])
+    twin = bodies.copy()
+    for one in (bodies, twin):
+        one.set_motion("dynamic", ball)
+        one.advance(0.5)
+        assert one.positions[ball] == pytest.approx([1.5, 0, 5 - G / 8])
+        one.set_motion("static", ball)
+        one.advance(0.5)
+        assert one.positions[ball] == pytest.approx([1.5, 0, 5 - G / 8])
+    ground = bodies.add(rigid.Plane(), (0, 0, 0), motion="static")
+    post = bodies.add(BOX, (9, 0, 0), motion="static")
+    for body, way, message in (
+        (ground, "kinematic", "has a plane or a mesh"),
+        (post, "dynamic", "has no mass"),
+        (post, "flying", "motion: expected one of"),
+    ):
+        with pytest.raises(InputError, match=message):
+            bodies.set_motion(way, [ball, body])
+        assert bodies.motions.tolist() == ["static"] * 3
+
+
 # Runs.
 def test_callbacks_run_after_every_step_and_may_do_everything():
     bodies = on_ground()

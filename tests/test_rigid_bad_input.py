@@ -639,14 +639,14 @@ def state_hash(bodies):
     return substep.state_hash(*bodies.state().values())
 
 x = np.stack(np.meshgrid(*[np.arange(14.0)] * 3), -1).reshape(-1, 3) * 0.19 + [0, 0, 0.1]
-failed = {"step": 0}
+failed = {"step": 0, "add": 0}
 for extra in range(0, 12):
     bodies = substep.RigidBodies(threads=1)
     bodies.add(rigid.Plane(), (0, 0, 0), motion="static")
     bodies.add(rigid.Box((0.1, 0.1, 0.1)), x[: len(x) // 2])
     view = bodies.positions
     before = state_hash(bodies)
-    for name, act in (("step", bodies.step),):
+    for name, act in (("step", bodies.step), ("add", lambda: bodies.add(rigid.Sphere(0.1), x))):
         limit(used() + extra * 400_000)
         try:
             act()
@@ -659,10 +659,10 @@ for extra in range(0, 12):
         before = state_hash(bodies)
     bodies.advance(0.1)
     assert np.isfinite(bodies.positions).all()
-print(failed["step"] > 0)
+print(failed["step"] > 0, failed["add"] > 0)
 """
     environment = {**os.environ, "MALLOC_MMAP_THRESHOLD_": "65536"}
     done = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
     )
-    assert done.stdout == "True\n", done.stderr
+    assert done.stdout == "True True\n", done.stderr

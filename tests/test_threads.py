@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 import substep
-from native_loops import chain, drift, grains, start
+from native_loops import boxes, chain, drift, grains, start
 
 HERE = Path(__file__).parent
-LOOPS = {"advect": drift, "solve_ivp": chain, "mpm": grains}
+LOOPS = {"advect": drift, "solve_ivp": chain, "mpm": grains, "rigid": boxes}
 each_loop = pytest.mark.parametrize("loop", LOOPS)
 
 
@@ -105,7 +105,7 @@ def seconds_to_stop(work, after):
         signal.signal(signal.SIGALRM, before)
 
 
-@pytest.mark.parametrize("loop", ["advect", "solve_ivp"])  # MPM: test_mpm_bad_input.py
+@pytest.mark.parametrize("loop", ["advect", "solve_ivp"])  # others: their own tests
 @pytest.mark.parametrize("threads", [1, 2, 4])
 def test_signals_stop_a_native_loop(loop, threads):
     size = {"advect": 1_000_000, "solve_ivp": 1_000_000}[loop]

@@ -112,9 +112,8 @@ void add(PyWorld& self, const std::vector<FixtureTuple>& parts, int motion, doub
   std::vector<Fixture> fixtures;
   for (const FixtureTuple& part : parts) fixtures.push_back(fixture(part));
   const std::int64_t before = self.world.bodies().size(), n = x.shape(0);
-  if (before + n > std::numeric_limits<std::int32_t>::max())
-    throw substep::InputError("positions: expected less than 2**31 bodies");
   self.with_other_bodies([&] {
+    self.world.make_room(n, n * static_cast<std::int64_t>(fixtures.size()));
     try {
       for (py::ssize_t i = 0; i < n; ++i) {
         BodyState body{.position = Vec3(x.data(i, 0)),

@@ -206,8 +206,8 @@ def check_mass(
             check_range(m, found.inertia * (m / found.mass))
             found = MassProperties(m, found.centre, found.inertia * (m / found.mass))
         if inertia is not None:
-            rows = np.asarray(inertia)
-            given = check_array("inertia", rows, (3,) if rows.ndim == 1 else (3, 3))
+            given = check_array("inertia", inertia)
+            given = check_array("inertia", given, (3,) if given.ndim == 1 else (3, 3))
             found = MassProperties(
                 found.mass, found.centre, np.diag(given) if given.ndim == 1 else given
             )

@@ -299,13 +299,18 @@ class BodyRows(Simulation):
             kept: Array = np.ascontiguousarray(present()[rows])
             return kept
         columns = 4 if name == "rotations" else 3
-        shape = (columns,) if np.ndim(np.asarray(value)) == 1 else (len(rows), columns)
+        shape = (columns,) if is_one(value) else (len(rows), columns)
         check: Any = unit_quaternions if columns == 4 else check_array
         return np.array(np.broadcast_to(check(name, value, shape), (len(rows), columns)))
 
     def _rows(self, ids: ArrayLike) -> Ids:
         """Rows of bodies, from one id or several."""
-        wanted = np.asarray(ids)
+        try:
+            wanted = np.asarray(ids)
+        except ValueError:
+            if not isinstance(ids, (list, tuple)):
+                raise
+            raise InputError("ids: expected integers, shape (m,)") from None
         if wanted.size == 0:
             wanted = wanted.astype(np.int64)
         if wanted.ndim > 1 or wanted.dtype.kind not in "iu":
@@ -324,6 +329,16 @@ class BodyRows(Simulation):
         if np.ndim(np.asarray(body)) != 0 or np.asarray(body).dtype.kind not in "iu":
             raise InputError(f"{name}: expected the id of a body, got {body!r}")
         return int(self._rows(body)[0])
+
+
+def is_one(value: Any) -> bool:
+    """Whether it is one vector for all, rather than rows."""
+    try:
+        return np.ndim(np.asarray(value)) == 1
+    except ValueError:
+        if not isinstance(value, (list, tuple)):  # the caller's own __array__ raised it
+            raise
+        return False  # rows of unequal length: check_array says so
 
 
 def principal_frames(x: Array, q: Array, centres: Array, axes: Array) -> tuple[Array, Array]:

@@ -29,7 +29,7 @@ from ._rigid_joint import Joint, SpeedMotor, SpringMotor
 from ._rigid_mass import MassProperties, compound, mass_properties
 from ._rigid_queries import Contacts, Hits
 from ._rigid_rotation import free_rotation
-from ._rigid_rows import principal_frames
+from ._rigid_rows import is_one, principal_frames
 from ._rigid_run import Runs
 from ._rigid_shapes import Box, Capsule, ConvexHull, Cylinder, Sphere
 from ._rigid_state import States
@@ -249,7 +249,7 @@ class RigidBodies(Runs, States):
             weight = check_mass(fixtures, mass, inertia)
         elif mass is not None or inertia is not None:
             raise InputError(f"mass, inertia: a {way} body has none")
-        single = np.ndim(np.asarray(positions)) == 1
+        single = is_one(positions)
         x = check_array("positions", positions, (3,) if single else (None, 3))
         n = 1 if single else len(x)
         every = np.arange(n)

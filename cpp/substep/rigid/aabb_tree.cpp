@@ -6,6 +6,8 @@
 #include <cmath>
 #include <limits>
 
+#include "substep/core/reserve.h"
+
 namespace substep::rigid {
 namespace {
 
@@ -102,6 +104,13 @@ TreeBox AabbTree::box_at(std::int32_t place) const {
     box.high[i] = node.high[i][place % kWide];
   }
   return box;
+}
+
+void AabbTree::make_room(std::int32_t end, std::int32_t count) {
+  const auto nodes = static_cast<std::size_t>(count / kWide + 2);
+  reserve_amortised(place_, static_cast<std::size_t>(end));
+  reserve_amortised(nodes_, nodes_.size() + nodes);
+  reserve_amortised(loose_, loose_.size() + nodes);
 }
 
 void AabbTree::add(std::int32_t id, const TreeBox& box) {

@@ -58,6 +58,8 @@ class AabbTree {
 
   // Builds the tree anew where that pays. Call it before many queries.
   void tidy();
+  // So that adding so many boxes with ids below `end` does not take memory.
+  void make_room(std::int32_t end, std::int32_t count);
 
   // Calls visit(id) for the boxes that overlap with `box`.
   template <class Visit>

@@ -7,6 +7,7 @@
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
 #include "substep/core/parallel.h"
+#include "substep/core/reserve.h"
 #include "substep/rigid/mass_properties.h"
 
 namespace substep::rigid {
@@ -20,12 +21,6 @@ Eigen::Map<Vec3> row(std::vector<double>& rows, std::int64_t i) {
 }
 Eigen::Map<const Vec3> row(const std::vector<double>& rows, std::int64_t i) {
   return Eigen::Map<const Vec3>(rows.data() + 3 * i);
-}
-
-// Room for more rows, so that appending them cannot fail.
-template <class Rows>
-void make_room(Rows& rows, std::size_t more) {
-  if (rows.size() + more > rows.capacity()) rows.reserve(2 * rows.size() + more);
 }
 
 void append(std::vector<double>& rows, const Vec3& row) {
@@ -63,8 +58,7 @@ std::int64_t Bodies::add(const BodyState& body) {
     throw InputError("velocity: a static body has none");
   }
   const Quaternion scaled(body.rotation.coeffs() / largest);
-  for (auto* rows : {&x, &P, &L, &inertia, &force, &torque, &q, &mass}) make_room(*rows, 4);
-  make_room(motion, 1);
+  make_room(1);
   append(x, body.position);
   q.resize(q.size() + 4);
   store_quaternion(scaled.normalized(), &q[q.size() - 4]);
@@ -77,6 +71,12 @@ std::int64_t Bodies::add(const BodyState& body) {
   motion.push_back(body.motion);
   set_velocity(size() - 1, body.velocity, body.angular_velocity);
   return size() - 1;
+}
+
+void Bodies::make_room(std::size_t more) {
+  for (auto* rows : {&x, &P, &L, &inertia, &force, &torque, &q, &mass})
+    reserve_amortised(*rows, rows->size() + 4 * more);
+  reserve_amortised(motion, motion.size() + more);
 }
 
 std::vector<std::int64_t> Bodies::remove(std::span<const std::int64_t> removed) {

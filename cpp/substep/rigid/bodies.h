@@ -40,6 +40,7 @@ class Bodies {
   // Returns the number of the new body. InputError: something is not finite, the quaternion is 0,
   // the mass or the moments are none of a body, a static body moves; nothing was added then.
   std::int64_t add(const BodyState& body);
+  void make_room(std::size_t more);  // so that adding so many does not take memory
   // The numbers that bodies have from now on, -1 for the removed: those behind move up. InputError:
   // a number is out of range.
   std::vector<std::int64_t> remove(std::span<const std::int64_t> removed);

@@ -5,6 +5,7 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/parallel.h"
+#include "substep/core/reserve.h"
 
 namespace substep::rigid {
 namespace {
@@ -76,6 +77,15 @@ BroadPhase::Entry& BroadPhase::enter(std::int32_t fixture, const Proxy& proxy, K
   entry.step = step_;
   replace(fixture);
   return entry;
+}
+
+void BroadPhase::make_room(std::int32_t end, std::int32_t count) {
+  const auto n = static_cast<std::size_t>(end), more = static_cast<std::size_t>(count);
+  reserve_amortised(entries_, n), reserve_amortised(change_, n);
+  reserve_amortised(box_, n), reserve_amortised(old_box_, n);
+  reserve_amortised(changed_, changed_.size() + more);
+  reserve_amortised(planes_, planes_.size() + more);
+  ground_.make_room(end, count), movable_.make_room(end, count);
 }
 
 void BroadPhase::add(std::int32_t fixture, const Proxy& proxy, const Bounds& bounds) {

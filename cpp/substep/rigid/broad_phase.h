@@ -51,6 +51,8 @@ class BroadPhase {
   void add(std::int32_t fixture, const Proxy& proxy, const Bounds& bounds);
   void add_plane(std::int32_t fixture, const Proxy& proxy, const Vec3& normal, double offset);
   void remove(std::int32_t fixture);
+  // So that adding so many fixtures with numbers below `end` does not take memory.
+  void make_room(std::int32_t end, std::int32_t count);
 
   // A pair is among pairs() while one of its fixtures is awake; others cost nothing.
   void set_awake(std::int32_t fixture, bool awake);

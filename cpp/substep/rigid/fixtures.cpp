@@ -6,6 +6,7 @@
 #include <string>
 
 #include "substep/core/errors.h"
+#include "substep/core/reserve.h"
 #include "substep/rigid/mass_properties.h"
 
 namespace substep::rigid {
@@ -154,12 +155,7 @@ void Fixtures::add(std::span<const Fixture> fixtures, double margin) {
                        outer_radius(fixture.shape, fixture.local),
                        std::min(margin, kMarginOfInner * core.radius)});
   }
-  const auto make_room = [](auto& rows, std::size_t size) {
-    if (size > rows.capacity()) rows.reserve(2 * size);
-  };
-  make_room(entries_, n), make_room(pose_, n), make_room(bounds_, n);
-  make_room(first_, first_.size() + 1), make_room(body_pose_, first_.size()),
-      make_room(sizes_, first_.size());
+  make_room(1, fixtures.size());
   entries_.insert(entries_.end(), entries.begin(), entries.end());
   pose_.resize(n);
   bounds_.resize(n, Bounds{Vec3::Zero(), Vec3::Zero()});
@@ -172,6 +168,19 @@ void Fixtures::add(std::span<const Fixture> fixtures, double margin) {
         std::max(size.off_centre, entry.fixture.local.to_world(entry.core.centre).norm());
   }
   first_.push_back(static_cast<std::int32_t>(n));
+}
+
+void Fixtures::make_room(std::size_t bodies, std::size_t fixtures) {
+  const std::size_t b = sizes_.size() + bodies, f = entries_.size() + fixtures;
+  reserve_amortised(entries_, f), reserve_amortised(pose_, f), reserve_amortised(bounds_, f);
+  reserve_amortised(first_, b + 1), reserve_amortised(body_pose_, b), reserve_amortised(sizes_, b);
+}
+
+void Fixtures::remove_last_body() {
+  first_.pop_back(), body_pose_.pop_back(), sizes_.pop_back();
+  const auto n = static_cast<std::size_t>(first_.back());
+  entries_.erase(entries_.begin() + first_.back(), entries_.end());
+  pose_.resize(n), bounds_.resize(n);
 }
 
 std::vector<std::int32_t> Fixtures::renumber(std::span<const std::int64_t> bodies) {

@@ -63,6 +63,8 @@ class Fixtures {
 
   // Appends a body with these fixtures; contacts begin at `margin` or a tenth of the inner radius.
   void add(std::span<const Fixture> fixtures, double margin);
+  void remove_last_body();
+  void make_room(std::size_t bodies, std::size_t fixtures);  // so that adding takes no memory
   // bodies[b]: the new number of body b, ascending, -1 if removed. Returns those of the fixtures.
   std::vector<std::int32_t> renumber(std::span<const std::int64_t> bodies);
 

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "substep/core/errors.h"
+#include "substep/core/reserve.h"
 
 namespace substep::rigid {
 
@@ -31,6 +32,12 @@ void Islands::gather_awake() {
   for (std::size_t i = 0; i < island_.size(); ++i) {
     if (island_[i] == kAwake) awake_.push_back(static_cast<std::int32_t>(i));
   }
+}
+
+void Islands::make_room(std::int32_t end, std::int32_t count) {
+  const auto n = static_cast<std::size_t>(end);
+  reserve_amortised(slow_time_, n), reserve_amortised(island_, n), reserve_amortised(next_, n);
+  reserve_amortised(awake_, awake_.size() + static_cast<std::size_t>(count));
 }
 
 void Islands::add(std::int32_t body) {

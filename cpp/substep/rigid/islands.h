@@ -33,6 +33,8 @@ class Islands {
 
   // A dynamic body, by its number: awake. Only these can sleep.
   void add(std::int32_t body);
+  // So that adding so many, below `end`, does not take memory.
+  void make_room(std::int32_t end, std::int32_t count);
   // Wakes its island first.
   void remove(std::int32_t body);
 

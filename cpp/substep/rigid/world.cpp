@@ -8,13 +8,15 @@
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
 #include "substep/core/parallel.h"
+#include "substep/core/reserve.h"
 #include "substep/rigid/fast_bodies.h"
 #include "substep/rigid/mass_properties.h"
 
 namespace substep::rigid {
 namespace {
 
-constexpr std::int64_t kPlaced = 128;  // bodies of a chunk
+constexpr std::int64_t kPlaced = 128;                                     // bodies of a chunk
+constexpr std::int64_t kMost = std::numeric_limits<std::int32_t>::max();  // bodies, fixtures
 
 void check_number(const char* name, double value, double least, bool above) {
   if (std::isfinite(value) && (above ? value > least : value >= least)) return;
@@ -34,11 +36,6 @@ void check_options(const WorldOptions& options) {
   check_number("sleep.time", options.sleep.time, 0, true);
 }
 
-template <class Rows>
-void reserve_more(Rows& rows, std::size_t more) {
-  if (rows.size() + more > rows.capacity()) rows.reserve(2 * rows.size() + more);
-}
-
 }  // namespace
 
 World::World(const WorldOptions& options) : options_(options) { check_options(options); }
@@ -54,20 +51,33 @@ void World::check_body(std::int64_t body) const {
                    ", got " + std::to_string(body));
 }
 
+void World::make_room(std::int64_t bodies, std::int64_t fixtures) {
+  if (bodies_.size() + bodies > kMost || fixtures_.size() + fixtures > kMost)
+    throw InputError("a world holds no more bodies");
+  const std::size_t n = at(bodies_.size() + bodies);
+  bodies_.make_room(at(bodies));
+  fixtures_.make_room(at(bodies), at(fixtures));
+  for (auto* rows : {&rest_x_, &rest_q_, &placed_x_, &placed_q_}) reserve_amortised(*rows, 4 * n);
+  reserve_amortised(asleep_, n), reserve_amortised(ways_, n);
+  islands_.make_room(static_cast<std::int32_t>(n), static_cast<std::int32_t>(bodies));
+  broad_phase_.make_room(static_cast<std::int32_t>(fixtures_.size() + fixtures),
+                         static_cast<std::int32_t>(fixtures));
+}
+
 std::int32_t World::add(const BodyState& body, std::span<const Fixture> fixtures) {
   check_fixtures(fixtures, body.motion);
-  if (bodies_.size() >= std::numeric_limits<std::int32_t>::max())
-    throw InputError("a world holds no more bodies");
-  for (auto* rows : {&rest_x_, &rest_q_, &placed_x_, &placed_q_}) reserve_more(*rows, 4);
-  reserve_more(asleep_, 1), reserve_more(ways_, 1);
-  const std::int64_t number = bodies_.add(body);
+  if (!std::isfinite(body.position.squaredNorm()))
+    throw InputError("position: expected finite numbers below 1e154");
+  make_room(1, static_cast<std::int64_t>(fixtures.size()));
+  fixtures_.add(fixtures, options_.contact_margin);
+  std::int64_t number = 0;
   try {
-    fixtures_.add(fixtures, options_.contact_margin);
+    number = bodies_.add(body);
   } catch (...) {
-    const std::int64_t removed[] = {number};
-    bodies_.remove(removed);
+    fixtures_.remove_last_body();
     throw;
   }
+  // Nothing fails from here on.
   rest_x_.resize(bodies_.x.size()), placed_x_.resize(bodies_.x.size());
   rest_q_.resize(bodies_.q.size()), placed_q_.resize(bodies_.q.size());
   asleep_.push_back(0);

@@ -54,6 +54,9 @@ class World {
   // The number of the new body. InputError: something is out of range (Bodies::add,
   // check_fixtures); nothing changed then. A body may have no fixture: it touches nothing.
   std::int32_t add(const BodyState& body, std::span<const Fixture> fixtures);
+  // So that adding so many bodies with so many fixtures in all takes hardly any more memory, and so
+  // fails now or not at all. InputError: they are more than there are numbers.
+  void make_room(std::int64_t bodies, std::int64_t fixtures);
   // The new numbers of bodies, -1 for those removed. InputError: no such body.
   std::vector<std::int64_t> remove(std::span<const std::int64_t> bodies);
   // Makes the body static, kinematic or dynamic; mass and moments are those of a dynamic one.
