@@ -24,7 +24,9 @@ Ids = NDArray[np.int64]
 class Contacts:
     """Where bodies touch, of `RigidBodies.contacts`: m contacts with k points.
 
-    A contact is two shapes that touch in one plane, at up to four points.
+    A contact is two shapes that touch in one plane, at up to four points. Impulses are those that
+    the end of the last step had per time, times the step: divided by the step, the forces then.
+    Blows within a step, of bodies that bounce, are not among them.
 
     Attributes
     ----------
@@ -35,10 +37,9 @@ class Contacts:
     normals : ndarray, shape (m, 3)
         Unit vectors from the first body to the second.
     impulses : ndarray, shape (m,)
-        Along the normal, on the second body, of the last step [N s]; the first receives the
-        opposite.
+        Along the normal, on the second body [N s]; the first receives the opposite.
     friction_impulses : ndarray, shape (m, 3)
-        Across the normal, on the second body, of the last step [N s].
+        Across the normal, on the second body [N s].
     contact : ndarray of int64, shape (k,)
         Which contact a point belongs to.
     points : ndarray, shape (k, 3)
