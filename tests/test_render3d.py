@@ -1,5 +1,6 @@
 """Pictures in three dimensions: what is in front of the camera is seen where it should be."""
 
+import dataclasses
 import gc
 import itertools
 import sys
@@ -118,6 +119,28 @@ def test_the_surface_of_tetrahedra_has_no_inner_faces(tmp_path):
     _, counts = np.unique(image[reddish(image)] // 4, axis=0, return_counts=True)
     assert counts[counts > 200].sum() > 0.9 * counts.sum() and (counts > 200).sum() <= 8
     assert view._stage(recording, SIZE)._bodies["box"].data.n_cells == 6 * 4 * 4 * 2
+
+
+def test_nooks_are_darker(tmp_path):
+    parts = {"dot": substep.Part("particles")}
+    for name, lengths, z in (("floor", [2.0, 2, 0.1], -0.05), ("wall", [0.1, 2, 1.5], 0.75)):
+        mesh = substep.geometry.box_mesh(lengths)
+        place = [-0.6 if name == "wall" else 0.0, 0, z]
+        parts[name] = substep.Part("mesh", triangles=mesh.faces, points=mesh.vertices + place)
+    recording = record(tmp_path / "a.vtkhdf", parts, [{"dot": {"points": [[0.0, 0, -0.05]]}}])
+    view = View(
+        Camera(0, 60),
+        {"floor": Look("#909090"), "wall": Look(BLUE), "dot": Look(hidden=True)},
+        box=lambda recording: [[-1, -1, 0], [1, 1, 0.1]],
+        ground=lambda recording: None,
+    )
+    shaded = dataclasses.replace(view, nooks=lambda recording: 0.4)
+    before, after = (v.image(recording, size=SIZE).astype(int)[:, 140:180] for v in (view, shaded))
+    grey = np.ptp(before, axis=2).max(axis=1) < 20  # rows of the floor alone
+    floor = np.flatnonzero(grey & (np.abs(before[..., 0].mean(axis=1) - before[120, 20, 0]) < 15))
+    change = (after - before)[floor].mean(axis=(1, 2))
+    assert len(floor) > 100 and np.abs(change[len(floor) // 2 :]).max() < 4  # far from the wall
+    assert change[:10].mean() < -25
 
 
 def test_what_lies_above_the_ground_has_a_shadow(tmp_path):

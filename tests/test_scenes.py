@@ -16,11 +16,14 @@ DATA = Path(__file__).parents[2] / "shared" / "data" / "globcurrent"
 MESHES = Path(__file__).parents[2] / "shared" / "data" / "meshes"
 
 SMALL = {
+    "box-stack": {"duration": 0.2, "boxes": 3},
     "bunny-snow": {"duration": 0.1, "resolution": 12},
     "cloth-ball": {"duration": 0.2, "vertices": 10, "substeps": 5},
     "cloth-drape": {"duration": 0.2, "vertices": 12},
     "cloth-hang": {"duration": 0.2, "vertices": 8},
+    "cradle": {"duration": 0.2, "balls": 3},
     "dam-break": {"duration": 0.1, "particles": 400},
+    "dominoes": {"duration": 0.2, "dominoes": 6},
     "double-dam": {"duration": 0.1, "particles": 400},
     "double-gyre": {"duration": 2.0, "particles": 300},
     "fountain": {"duration": 0.2, "spacing": 0.08, "nozzle": 0.06},
@@ -30,10 +33,13 @@ SMALL = {
     "mud-slump": {"duration": 0.05, "particles": 800},
     "ocean-drift": {"duration": 2.0, "particles": 500},
     "oscillator": {"duration": 1.0},
+    "pile": {"duration": 0.2, "bodies": 30},
+    "pyramid": {"duration": 0.2, "rows": 4},
     "rope": {"duration": 0.2, "ropes": 3, "segments": 12, "substeps": 5},
     "sand-column": {"duration": 0.1, "particles": 800},
     "snowball": {"duration": 0.05, "particles": 800},
     "soft-bunny": {"duration": 0.2, "cells": 3, "substeps": 5},
+    "tumbling-top": {"duration": 0.5},
 }
 
 
@@ -143,6 +149,7 @@ def test_resumes_to_the_same_bits(name, tmp_path):
 
 
 MATERIAL_POINTS = ["bunny-snow", "jelly-cubes", "mud-slump", "sand-column", "snowball"]
+RIGID = ["box-stack", "cradle", "dominoes", "pile", "pyramid", "tumbling-top"]
 POSITION_BASED = ["cloth-ball", "dam-break", "double-dam", "fountain", "rope", "soft-bunny"]
 
 
@@ -156,6 +163,7 @@ POSITION_BASED = ["cloth-ball", "dam-break", "double-dam", "fountain", "rope", "
         "ocean-drift",
         *MATERIAL_POINTS,
         *POSITION_BASED,
+        *RIGID,
     ],
 )
 def test_threads_do_not_change_the_bits(name, tmp_path):

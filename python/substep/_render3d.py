@@ -31,6 +31,7 @@ BACKGROUND = (0.95, 0.96, 0.97)
 VIEW_ANGLE = np.radians(30.0)  # of the picture's height
 FILLING = 0.86  # of the picture by the scene
 MATTE = {"ambient": 0.26, "diffuse": 0.85, "specular": 0.12, "specular_power": 12}
+NOOK_BIAS = 0.04  # how far, in their reach, a surface is in front of itself
 RELIEF = {"points": (0.5, 0.55), "heap": (0.67, 0.37)}  # a heap has its own light and shade
 LIT = "lit"  # name of the colours of the particles of a heap
 # A particle: a disc that faces the camera, shaded as a ball of so much light and shade.
@@ -97,6 +98,8 @@ class Stage:
         Lowest and highest corner of the region shown [m].
     ground : float or None
         Height of the ground [m], which is drawn if the camera is above it.
+    nooks : float or None
+        How near surfaces shade each other [m].
     """
 
     def __init__(
@@ -108,6 +111,7 @@ class Stage:
         coloring: Coloring | None,
         box: NDArray[np.float64],
         ground: float | None,
+        nooks: float | None = None,
     ) -> None:
         pyvista = import_pyvista()
         self.range = None if coloring is None else coloring.range
@@ -142,7 +146,11 @@ class Stage:
                 casting = [*self._liquids.values(), *self._bodies.values()]
                 self._ground = Ground(pyvista, self._plotter, box, ground, casting)
             self._add_lights(pyvista, lights)
-            self._plotter.enable_anti_aliasing("msaa", multi_samples=8)
+            if nooks is None:
+                self._plotter.enable_anti_aliasing("msaa", multi_samples=8)
+            else:  # whose passes know no multiple samples
+                self._plotter.enable_ssao(radius=nooks, bias=NOOK_BIAS * nooks, kernel_size=64)
+                self._plotter.enable_anti_aliasing("ssaa")
             self._layers = [
                 LiquidLayer(
                     pyvista,

@@ -138,6 +138,9 @@ class View:
         bottom of the box unless given.
     title : callable, optional
         `title(recording, frame)` returns the text above the picture; scene and time unless given.
+    nooks : float or callable, optional
+        Surfaces nearer to each other than this [m], or than `nooks(recording)`, keep the light of
+        the sky from each other: heaps of solids get depth.
 
     Examples
     --------
@@ -156,6 +159,7 @@ class View:
     box: Callable[[Recording], ArrayLike] | None = None
     ground: Callable[[Recording], float | None] | None = None
     title: Callable[[Recording, int], str] | None = None
+    nooks: float | Callable[[Recording], float] | None = None
 
     def __call__(self, recording: Recording, frame: int, figure: Figure) -> None:
         """Draw one frame on a matplotlib figure."""
@@ -211,7 +215,10 @@ class View:
             coloring = None
             if self.color is not None:
                 coloring = Coloring(self.color, self.palette, self.limits)
-            stages[key] = Stage(recording, size, self.camera, self.looks, coloring, box, ground)
+            nooks = self.nooks(recording) if callable(self.nooks) else self.nooks
+            stages[key] = Stage(
+                recording, size, self.camera, self.looks, coloring, box, ground, nooks
+            )
         return stages[key]
 
 

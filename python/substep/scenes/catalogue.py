@@ -12,11 +12,14 @@ from ..errors import InputError
 from .declaration import Scene, closest
 
 BUILT_IN = (
+    "box-stack",
     "bunny-snow",
     "cloth-ball",
     "cloth-drape",
     "cloth-hang",
+    "cradle",
     "dam-break",
+    "dominoes",
     "double-dam",
     "double-gyre",
     "fountain",
@@ -26,10 +29,13 @@ BUILT_IN = (
     "mud-slump",
     "ocean-drift",
     "oscillator",
+    "pile",
+    "pyramid",
     "rope",
     "sand-column",
     "snowball",
     "soft-bunny",
+    "tumbling-top",
 )
 
 
