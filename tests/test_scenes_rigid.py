@@ -51,15 +51,15 @@ class TestBoxStack:
 
     def test_the_ball_is_thrown_and_hits(self):
         stack = built("box-stack", boxes=6, side=0.5, stand=0.5, speed=12.0, radius=0.4)
-        start = stack.origins[stack.ball[0]]
+        start = stack.origins[stack.thrown[0]]
         stack.advance(0.5)
-        np.testing.assert_array_equal(stack.origins[stack.ball[0]], start)
+        np.testing.assert_array_equal(stack.origins[stack.thrown[0]], start)
         measured = {name: values.copy() for name, values in stack.measured.items()}
         assert measured["drift"][0] < 1e-6
         stack.advance(1.1)
         np.testing.assert_allclose(stack.origins[stack.boxes], stack.start, atol=5e-3)
         np.testing.assert_allclose(
-            stack.origins[stack.ball[0]], [-1.2, 0, 2.1 + 0.5 * 9.81 * 1.1 * 0.1], atol=0.03
+            stack.origins[stack.thrown[0]], [-1.2, 0, 2.1 + 0.5 * 9.81 * 1.1 * 0.1], atol=0.03
         )
         stack.advance(1.5)
         assert np.abs(stack.origins[stack.boxes] - stack.start).max() > 0.5

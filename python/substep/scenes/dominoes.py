@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._rigid_fixtures import multiply, rotate
 from .._view import Camera
 from ..rigid import Box
 from .declaration import Parameter, Scene
-from .rigid_bodies import Solids, rigid_parameters, solids_frame, solids_parts, solids_view, turned
+from .rigid_bodies import Solids, rigid_parameters, solids_frame, solids_parts, solids_view
 
 if TYPE_CHECKING:
     from ..recording import Recording
@@ -63,10 +64,10 @@ class Dominoes(Solids):
         q[:, 0], q[:, 3] = np.cos(heading / 2), np.sin(heading / 2)
         # The first leans over its front foot.
         lean = parameters["lean"]
-        foot = np.array([[t / 2, 0, -h / 2]])
+        foot = np.array([t / 2, 0, -h / 2])
         tilt = np.array([np.cos(lean / 2), 0, np.sin(lean / 2), 0])
-        x[0] += turned(foot - turned(foot, tilt), q[0])[0]
-        q[0] = q[0, 0] * tilt + q[0, 3] * np.array([0, -tilt[2], 0, tilt[0]])
+        x[0] += rotate(q[0], foot - rotate(tilt, foot))
+        q[0] = multiply(q[0], tilt)
         dye = np.linspace(0, 1, n)
         self.dominoes = self.put("dominoes", Box((t / 2, w / 2, h / 2)), x, q, dye=dye)
         self.measured = {"fell": np.full(n, np.inf)}  # when [s]

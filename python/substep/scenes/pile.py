@@ -96,8 +96,8 @@ class Pile(Solids):
             self.obstacles[f"wall{k}"] = _pane(width, side)
         apart = 3.5 * size  # the diagonal of a box
         across = max(1, int(COLUMN * width / apart))
-        k = np.arange(n)
-        place = np.stack([k % across, k // across % across, k // across**2], axis=-1)
+        number = np.arange(n)
+        place = np.stack([number % across, number // across % across, number // across**2], axis=-1)
         x = apart * (place - [(across - 1) / 2, (across - 1) / 2, -0.6])
         x[:, :2] += random.uniform(-0.1, 0.1, (n, 2)) * size
         q = random.normal(size=(n, 4))  # each rotation as likely

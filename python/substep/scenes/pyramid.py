@@ -37,7 +37,7 @@ def _build(parameters: dict[str, Any], seed: int) -> Target:
 def _box(recording: Recording) -> NDArray[np.float64]:
     rows, side = recording.parameters["rows"], recording.parameters["side"]
     high = rows * side
-    return np.array([[-0.52 * high, -0.2 * high, 0], [0.52 * high, 0.3 * high, 1.02 * high]])
+    return np.array([[-0.52 * high, -0.2 * high, 0], [0.52 * high, 0.3 * high, 1.08 * high]])
 
 
 SCENE = Scene(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._checks import check_array
+from .._rigid_fixtures import rotate
 from .._triangle_mesh import TriangleMesh
 from .._view import Camera, Look, View
 from ..rigid import Box, Capsule, ConvexHull, Cylinder, Plane, RigidBodies, Sphere
@@ -97,8 +98,10 @@ class Solids(RigidBodies):
         """
         options = {"friction": self.friction, **options}
         ids = np.atleast_1d(self.add(shape, positions, rotations, **options))
-        flat = isinstance(shape, (Box, ConvexHull))
-        mesh = shape.mesh() if flat else shape.mesh(segments)
+        if isinstance(shape, (Box, ConvexHull)):
+            mesh = shape.mesh()
+        else:
+            mesh = shape.mesh(segments)
         self.surfaces.setdefault(part, Surfaces()).add(ids, mesh, dye)
         return ids
 
@@ -165,30 +168,9 @@ class Surfaces:
         """Where the bodies are now."""
         rows = np.searchsorted(bodies.ids, np.concatenate(self._ids))
         x, q = bodies.origins[rows], bodies.orientations[rows]
-        points = x + turned(np.concatenate(self._vertices), q)
+        points = x + rotate(q, np.concatenate(self._vertices))
         dye = {"dye": np.concatenate(self._dyes)} if self._dyes else {}
         return {"points": points.astype(np.float32), **dye}
-
-
-def turned(x: ArrayLike, q: ArrayLike) -> Array:
-    """Turn vectors by unit quaternions: one for all, or one for each.
-
-    Parameters
-    ----------
-    x : array_like, shape (n, 3)
-        Vectors.
-    q : array_like, shape (4,) or (n, 4)
-        Unit quaternions (w, x, y, z).
-
-    Returns
-    -------
-    ndarray, shape (n, 3)
-        Turned vectors.
-    """
-    x, q = np.asarray(x, float), np.asarray(q, float)
-    w, u = q[..., :1], q[..., 1:]
-    result: Array = x + 2 * np.cross(u, np.cross(u, x) + w * x)
-    return result
 
 
 def joined(meshes: list[TriangleMesh]) -> TriangleMesh:
@@ -226,7 +208,8 @@ def shifted(mesh: TriangleMesh, x: ArrayLike, q: ArrayLike = (1, 0, 0, 0)) -> Tr
     TriangleMesh
         Elsewhere.
     """
-    return TriangleMesh(turned(mesh.vertices, q) + np.asarray(x, float), mesh.faces)
+    turned = rotate(np.asarray(q, float), mesh.vertices)
+    return TriangleMesh(turned + np.asarray(x, float), mesh.faces)
 
 
 def solids_parts(solids: Solids) -> dict[str, Part]:

@@ -67,34 +67,34 @@ class Target(Solids):
         self.boxes = boxes
         self.direction: Array = np.asarray(direction, float) / np.linalg.norm(direction)
         self.start = self.origins[boxes]
-        self.ball: NDArray[np.int64] | None = None
+        self.thrown: NDArray[np.int64] | None = None
         if self.speed > 0:
             x = [0, 0, height] - FLIGHT * self.speed * self.direction
-            self.ball = self.put("ball", Sphere(self.radius), x, segments=64, density=2000.0)
-            self.set_motion("kinematic", self.ball)
+            self.thrown = self.put("ball", Sphere(self.radius), x, segments=64, density=2000.0)
+            self.set_motion("kinematic", self.thrown)
 
     def after_step(self) -> None:
         """Measure how far boxes have moved, until the ball is thrown."""
-        if self.ball is not None and not self._is_held():
+        if self.thrown is not None and not self._is_held():
             return
         moved = self.origins[self.boxes] - self.start
         self.measured["drift"][0] = np.hypot(moved[:, 0], moved[:, 1]).max()
         self.measured["sinking"][0] = -moved[:, 2].min()
-        if self.ball is not None and self.time >= self.stand:
+        if self.thrown is not None and self.time >= self.stand:
             up = -0.5 * FLIGHT * self.gravity  # as high as now when it hits
-            self.set_motion("dynamic", self.ball)
-            self.set_velocities(self.speed * self.direction + up, ids=self.ball)
+            self.set_motion("dynamic", self.thrown)
+            self.set_velocities(self.speed * self.direction + up, ids=self.thrown)
 
     def _is_held(self) -> bool:
-        assert self.ball is not None
-        return bool(self.motions[np.searchsorted(self.ids, self.ball[0])] == "kinematic")
+        assert self.thrown is not None
+        return bool(self.motions[np.searchsorted(self.ids, self.thrown[0])] == "kinematic")
 
     def words(self) -> str:
         """How the boxes stood."""
         drift, sinking = (float(self.measured[name][0]) for name in ("drift", "sinking"))
-        time = self.time if self.ball is None else min(self.time, self.stand)
+        time = self.time if self.thrown is None else min(self.time, self.stand)
         text = f"after {time:g} s, drift of the boxes {drift:.2g} m, sinking {1e3 * sinking:.2g} mm"
-        if self.ball is not None and self.time > self.stand:
+        if self.thrown is not None and self.time > self.stand:
             fallen = self.start[:, 2] - self.origins[self.boxes, 2] > self.start[0, 2]
             text += f"; the ball brought {int(fallen.sum())} of {len(self.boxes)} down"
         return text

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._checks import check_array, check_real
+from .._rigid_fixtures import rotate
 from .._simulation import Simulation
 from .._triangle_mesh import TriangleMesh
 from .._view import Camera, Look, View, default_title
 from ..rigid import Box, Cylinder, MassProperties, compound, free_rotation, mass_properties
 from .declaration import Parameter, Scene
-from .rigid_bodies import turned
+from .rigid_bodies import joined, shifted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,13 +39,8 @@ def _handle() -> tuple[MassProperties, TriangleMesh]:
         (Cylinder(0.055, 0.24), np.array([0, 0.26, 0]), np.array([1.0, -1, 0, 0]) / np.sqrt(2)),
     ]
     body = compound(mass_properties(solid).moved(x, q) for solid, x, q in placed)
-    bar, shaft = (solid.mesh(48) for solid, _, _ in placed)
-    vertices = [
-        turned(mesh.vertices, q) + x - body.centre
-        for mesh, (_, x, q) in zip((bar, shaft), placed, strict=True)
-    ]
-    faces = [bar.faces, len(bar.vertices) + shaft.faces]
-    return body, TriangleMesh(np.vstack(vertices), np.vstack(faces))
+    meshes = [shifted(solid.mesh(48), x - body.centre, q) for solid, x, q in placed]
+    return body, joined(meshes)
 
 
 def _plate() -> tuple[MassProperties, TriangleMesh]:
@@ -67,7 +63,7 @@ class Tops(Simulation):
         self.inertia: Array = body.principal_inertia
         n = len(self.methods)
         rates = parameters["spin"] * np.array([parameters["tilt"], 1.0, 0.0])
-        self.momenta: Array = np.tile(turned(self.inertia * rates, UPRIGHT), (n, 1))
+        self.momenta: Array = np.tile(rotate(UPRIGHT, self.inertia * rates), (n, 1))
         self.rotations: Array = np.tile(UPRIGHT, (n, 1))
         self.flips = np.zeros(n, np.int64)
         self.first, self.last = np.zeros(n), np.zeros(n)  # times of the flips [s]
@@ -76,7 +72,7 @@ class Tops(Simulation):
 
     def rates(self) -> Array:
         """Angular velocities along the axes of each body [rad/s], shape (methods, 3)."""
-        return turned(self.momenta, self.rotations * [1, -1, -1, -1]) / self.inertia
+        return rotate(self.rotations * [1, -1, -1, -1], self.momenta) / self.inertia
 
     def energies(self) -> Array:
         """Of rotation [J], shape (methods,)."""
@@ -117,7 +113,7 @@ class Tops(Simulation):
         return {
             "position": (x, "m"),
             "orientation": (self.rotations.copy(), "1"),
-            "angular_velocity": (turned(self.rates(), self.rotations), "rad/s"),
+            "angular_velocity": (rotate(self.rotations, self.rates()), "rad/s"),
             "energy": (self.energies(), "J"),
         }
 
@@ -153,22 +149,22 @@ _MEASURED = ("flips", "first", "last")
 
 
 def _parts(tops: Tops) -> dict[str, Part]:
-    """The bodies with what is known of them, and the surface of each, named after its method."""
+    """The surface of each body, named after its method, and what is known of all of them."""
     from ..recording import Part
 
     units = {name: unit for name, (_, unit) in tops.fields().items() if name != "position"}
     surfaces = {method: Part("mesh", triangles=tops.mesh.faces) for method in tops.methods}
-    return {"tops": Part("bodies", units), **surfaces}
+    return {**surfaces, "tops": Part("bodies", units)}
 
 
 def _frame(tops: Tops) -> dict[str, dict[str, Any]]:
     columns = {name: values for name, (values, _) in tops.fields().items()}
     x = columns.pop("position")
     surfaces = {
-        method: {"points": (turned(tops.mesh.vertices, q) + p).astype(np.float32)}
+        method: {"points": (rotate(q, tops.mesh.vertices) + p).astype(np.float32)}
         for method, q, p in zip(tops.methods, tops.rotations, x, strict=True)
     }
-    return {"tops": {"points": x, **columns}, **surfaces}
+    return {**surfaces, "tops": {"points": x, **columns}}
 
 
 def _box(recording: Recording) -> Array:
