@@ -183,9 +183,7 @@ def bounce() -> None:
 
 
 def emit_bounce(peer: str, heights: list[float]) -> None:
-    worst = max(
-        (abs(b / a / 0.64 - 1) for a, b in itertools.pairwise(heights)), default=1.0
-    )
+    worst = max((abs(b / a / 0.64 - 1) for a, b in itertools.pairwise(heights)), default=1.0)
     emit("bounce", peer, "height_error", worst, "1")
 
 
