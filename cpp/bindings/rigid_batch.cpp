@@ -3,26 +3,19 @@
 #include <algorithm>
 #include <limits>
 
-#include "bindings.h"
+#include "rigid_world.h"
 #include "substep/rigid/batch.h"
 
 namespace {
 
-using namespace substep;
-using namespace substep::rigid;
-
-using Reals = py::array_t<double, py::array::c_style>;
-using Numbers = py::array_t<std::int64_t, py::array::c_style>;
-
-std::span<const std::int64_t> list(const Numbers& a) {
-  return {a.data(), static_cast<std::size_t>(a.size())};
-}
+using namespace rigid_binding;
+using substep::rigid::Batch;
 
 // Rows of every body of every world, NaN where a world has fewer bodies: row(bodies, i, out).
 template <class Row>
-Reals gather(const Batch& batch, py::ssize_t columns, const Row& row) {
+Rows gather(const Batch& batch, py::ssize_t columns, const Row& row) {
   const std::int64_t most = batch.most_bodies();
-  Reals values({py::ssize_t{batch.size()}, py::ssize_t{most}, columns});
+  Rows values({py::ssize_t{batch.size()}, py::ssize_t{most}, columns});
   double* out = values.mutable_data();
   const ReleaseGil nogil;
   std::fill_n(out, values.size(), std::numeric_limits<double>::quiet_NaN());
@@ -45,8 +38,8 @@ auto rows(std::vector<double> Bodies::* member, std::int64_t columns) {
 template <class Write>
 void scatter(Batch& batch, const Numbers& worlds, const Numbers& bodies, const Write& write) {
   std::size_t k = 0;
-  for (const std::int64_t w : list(worlds)) {
-    for (const std::int64_t i : list(bodies)) {
+  for (const std::int64_t w : numbers(worlds)) {
+    for (const std::int64_t i : numbers(bodies)) {
       if (i < batch.world(w).bodies().size()) write(batch.world(w), i, k);
       ++k;
     }
@@ -54,7 +47,7 @@ void scatter(Batch& batch, const Numbers& worlds, const Numbers& bodies, const W
 }
 
 auto set_rows(std::vector<double> Bodies::* member) {
-  return [=](Batch& batch, const Numbers& worlds, const Numbers& bodies, const Reals& values) {
+  return [=](Batch& batch, const Numbers& worlds, const Numbers& bodies, const Rows& values) {
     scatter(batch, worlds, bodies, [&](World& world, std::int64_t i, std::size_t k) {
       std::copy_n(values.data() + 3 * k, 3,
                   &(world.bodies().*member)[static_cast<std::size_t>(3 * i)]);
@@ -74,22 +67,29 @@ Batch::Steps steps_of(double dt, std::int64_t count, bool hold_forces) {
 
 void bind_rigid_batch(py::module_& m) {
   py::class_<Batch>(m, "RigidBatch")
-      .def(py::init([](const std::vector<const World*>& worlds) {
-             return new Batch(std::span(worlds));
+      .def(py::init([](const std::vector<const PyWorld*>& templates) {
+             std::vector<const World*> worlds;
+             for (const PyWorld* one : templates) {
+               one->world.bodies().check_rows();
+               worlds.push_back(&one->world);
+             }
+             return new Batch(worlds);
            }),
-           py::arg("worlds"))
+           py::arg("templates"))
       .def_readwrite("time", &Batch::time)
       .def_readwrite("threads", &Batch::threads)
       .def_readwrite("mask", &Batch::mask)
-      .def("world", py::overload_cast<std::int64_t>(&Batch::world), py::arg("number"),
-           py::return_value_policy::reference_internal)
-      .def_property_readonly("failures",
-                             [](const Batch& self) {
-                               std::vector<std::string> failures;
-                               for (std::int64_t w = 0; w < self.size(); ++w)
-                                 failures.push_back(self.failure(w));
-                               return failures;
-                             })
+      .def_property(
+          "failures",
+          [](const Batch& self) {
+            std::vector<std::string> failures;
+            for (std::int64_t w = 0; w < self.size(); ++w) failures.push_back(self.failure(w));
+            return failures;
+          },
+          [](Batch& self, const std::vector<std::string>& failures) {
+            for (std::int64_t w = 0; w < self.size(); ++w)
+              self.set_failure(w, failures[static_cast<std::size_t>(w)]);
+          })
       .def(
           "step",
           [](Batch& self, double dt, std::int64_t count, bool hold_forces) {
@@ -99,7 +99,7 @@ void bind_rigid_batch(py::module_& m) {
           py::arg("dt"), py::arg("count") = 1, py::arg("hold_forces") = false)
       .def(
           "rollout",
-          [](Batch& self, double dt, std::int64_t every, bool hold_forces, Reals& frames) {
+          [](Batch& self, double dt, std::int64_t every, bool hold_forces, Rows& frames) {
             Batch::Steps steps = steps_of(dt, every * frames.shape(1), hold_forces);
             steps.frames = {{frames.mutable_data(), static_cast<std::size_t>(frames.size())},
                             frames.shape(1),
@@ -110,22 +110,67 @@ void bind_rigid_batch(py::module_& m) {
             self.step(steps);
           },
           py::arg("dt"), py::arg("every"), py::arg("hold_forces"), py::arg("frames").noconvert())
+      .def("keep_initial", &Batch::keep_initial, py::call_guard<ReleaseGil>())
       .def(
           "reset",
-          [](Batch& self, const Numbers& worlds, const std::vector<const World*>& sources) {
+          [](Batch& self, const Numbers& worlds) {
+            const ReleaseGil nogil;
+            self.reset(numbers(worlds));
+          },
+          py::arg("worlds"))
+      .def(
+          "put",
+          [](Batch& self, const Numbers& worlds, const std::vector<const PyWorld*>& sources) {
             const ReleaseGil nogil;
             std::vector<WorldState> states;
-            for (const World* source : sources) states.push_back(source->state());
-            self.restore(list(worlds), states);
+            for (const PyWorld* source : sources) {
+              source->world.bodies().check_rows();
+              states.push_back(source->world.state());
+            }
+            std::vector<const WorldState*> pointers;
+            for (const WorldState& state : states) pointers.push_back(&state);
+            self.restore(numbers(worlds), pointers);
           },
-          py::arg("worlds").noconvert(), py::arg("sources"))
-      .def("times",
+          py::arg("worlds"), py::arg("sources"))
+      .def(
+          "copy_out",
+          [](const Batch& self, std::int64_t w, PyWorld& to) {
+            const WorldState state = self.world(w).state();
+            to.with_same_bodies([&] { to.world.restore(state); });
+          },
+          py::arg("world"), py::arg("to"))
+      .def(
+          "state", [](const Batch& self, std::int64_t w) { return state_of(self.world(w)); },
+          py::arg("world"))
+      .def("diagnostics",
            [](const Batch& self) {
-             Reals times(self.size());
-             for (std::int64_t w = 0; w < self.size(); ++w)
-               times.mutable_at(w) = self.world(w).time;
-             return times;
+             double kinetic = 0, potential = 0;
+             std::int64_t failed = 0, contacts = 0;
+             for (std::int64_t w = 0; w < self.size(); ++w) {
+               const World& world = self.world(w);
+               kinetic += world.bodies().kinetic_energy();
+               potential += world.bodies().potential_energy(world.options.gravity);
+               contacts += static_cast<std::int64_t>(world.contacts().size());
+               failed += !self.failure(w).empty();
+             }
+             py::dict values;
+             values["worlds"] = static_cast<double>(self.size());
+             values["failed"] = static_cast<double>(failed);
+             values["kinetic_energy"] = kinetic;
+             values["potential_energy"] = potential;
+             values["contacts"] = static_cast<double>(contacts);
+             return values;
            })
+      .def_property(
+          "times",
+          [](const Batch& self) {
+            Rows times(self.size());
+            for (std::int64_t w = 0; w < self.size(); ++w) times.mutable_at(w) = self.world(w).time;
+            return times;
+          },
+          [](Batch& self, const Rows& times) {
+            for (std::int64_t w = 0; w < self.size(); ++w) self.world(w).time = times.at(w);
+          })
       .def("counts",
            [](const Batch& self) {
              Numbers counts(self.size());
@@ -160,8 +205,8 @@ void bind_rigid_batch(py::module_& m) {
            })
       .def(
           "set_poses",
-          [](Batch& self, const Numbers& worlds, const Numbers& bodies, const Reals& positions,
-             const Reals& rotations) {
+          [](Batch& self, const Numbers& worlds, const Numbers& bodies, const Rows& positions,
+             const Rows& rotations) {
             scatter(self, worlds, bodies, [&](World& world, std::int64_t i, std::size_t k) {
               const auto row = static_cast<std::size_t>(i);
               std::copy_n(positions.data() + 3 * k, 3, &world.bodies().x[3 * row]);
@@ -172,8 +217,8 @@ void bind_rigid_batch(py::module_& m) {
           py::arg("positions").noconvert(), py::arg("rotations").noconvert())
       .def(
           "set_velocities",
-          [](Batch& self, const Numbers& worlds, const Numbers& bodies, const Reals& velocities,
-             const Reals& angular) {
+          [](Batch& self, const Numbers& worlds, const Numbers& bodies, const Rows& velocities,
+             const Rows& angular) {
             scatter(self, worlds, bodies, [&](World& world, std::int64_t i, std::size_t k) {
               if (world.bodies().motion[static_cast<std::size_t>(i)] == Motion::kStatic) return;
               world.bodies().set_velocity(i, Vec3(velocities.data() + 3 * k),

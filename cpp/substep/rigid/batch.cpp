@@ -15,6 +15,13 @@ Batch::Batch(std::span<const World* const> worlds) : failures_(worlds.size()) {
   for (const World* world : worlds) {
     worlds_.emplace_back(world->options).restore(world->state());
   }
+  keep_initial();
+}
+
+void Batch::keep_initial() {
+  std::vector<WorldState> states;
+  for (const World& world : worlds_) states.push_back(world.state());
+  initial_ = std::move(states);
 }
 
 std::int64_t Batch::most_bodies() const {
@@ -113,18 +120,25 @@ void Batch::record(std::int64_t w, std::int64_t frame, const Frames& frames) con
   }
 }
 
-void Batch::restore(std::span<const std::int64_t> worlds, std::span<const WorldState> states) {
+void Batch::restore(std::span<const std::int64_t> worlds,
+                    std::span<const WorldState* const> states) {
   std::vector<WorldState> before;
   for (const std::int64_t w : worlds) before.push_back(world(w).state());
   for (std::size_t k = 0; k < worlds.size(); ++k) {
     try {
-      world(worlds[k]).restore(states[k]);
+      world(worlds[k]).restore(*states[k]);
     } catch (...) {
       while (k-- > 0) world(worlds[k]).restore(before[k]);
       throw;
     }
   }
   for (const std::int64_t w : worlds) failures_[at(w)].clear();
+}
+
+void Batch::reset(std::span<const std::int64_t> worlds) {
+  std::vector<const WorldState*> states;
+  for (const std::int64_t w : worlds) states.push_back(&initial_[at(w)]);
+  restore(worlds, states);
 }
 
 }  // namespace substep::rigid

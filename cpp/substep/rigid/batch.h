@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "substep/rigid/world.h"
@@ -47,11 +48,16 @@ class Batch {
   // done. With `mask`, a world that fails stays after its own last good step, and the others go on.
   void step(const Steps& steps);
 
-  // Why a world takes no part any more; empty if it does.
+  // Why a world takes no part any more, empty if it does.
   const std::string& failure(std::int64_t w) const { return failures_[at(w)]; }
+  void set_failure(std::int64_t w, std::string reason) { failures_[at(w)] = std::move(reason); }
+
   // From now on these states; a world that had failed takes part again. InputError, and nothing
   // changed: a state is none.
-  void restore(std::span<const std::int64_t> worlds, std::span<const WorldState> states);
+  void restore(std::span<const std::int64_t> worlds, std::span<const WorldState* const> states);
+  // To the state that they had when keep_initial() was called, or at first.
+  void reset(std::span<const std::int64_t> worlds);
+  void keep_initial();
 
   bool mask = false;
   double time = 0;  // [s] that the batch was stepped; a world's own changes with its state
@@ -68,6 +74,7 @@ class Batch {
 
   std::vector<World> worlds_;
   std::vector<std::string> failures_;
+  std::vector<WorldState> initial_;
   std::vector<WorldState> kept_;                     // at the begin of the block
   std::vector<std::int64_t> reached_;                // steps of this call that each world has done
   std::vector<std::vector<double>> force_, torque_;  // that are held
