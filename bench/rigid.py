@@ -65,7 +65,7 @@ def world_of(
 
 def overlap(world: substep.RigidBodies) -> float:
     """The deepest contact [m]."""
-    return max(0.0, -float(world.contacts()["separation"].min(initial=0.0)))
+    return max(0.0, -float(world.contacts().separations.min(initial=0.0)))
 
 
 def run(workload: str, bodies: Any, walls: Any, seconds: float, threads: int) -> None:

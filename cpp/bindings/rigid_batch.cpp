@@ -6,10 +6,8 @@
 #include "rigid_world.h"
 #include "substep/rigid/batch.h"
 
+namespace rigid_binding {
 namespace {
-
-using namespace rigid_binding;
-using substep::rigid::Batch;
 
 // Rows of every body of every world, NaN where a world has fewer bodies: row(bodies, i, out).
 template <class Row>
@@ -55,6 +53,10 @@ auto set_rows(std::vector<double> Bodies::* member) {
   };
 }
 
+std::int64_t contact_count(const World& world) {
+  return static_cast<std::int64_t>(world.contacts().size() + world.sleeping_contacts().size());
+}
+
 Batch::Steps steps_of(double dt, std::int64_t count, bool hold_forces) {
   Batch::Steps steps;
   steps.dt = dt;
@@ -65,12 +67,11 @@ Batch::Steps steps_of(double dt, std::int64_t count, bool hold_forces) {
 
 }  // namespace
 
-void bind_rigid_batch(py::module_& m) {
+void bind_batch(py::module_& m) {
   py::class_<Batch>(m, "RigidBatch")
       .def(py::init([](const std::vector<const PyWorld*>& templates) {
              std::vector<const World*> worlds;
              for (const PyWorld* one : templates) {
-               one->world.bodies().check_rows();
                worlds.push_back(&one->world);
              }
              return new Batch(worlds);
@@ -124,7 +125,6 @@ void bind_rigid_batch(py::module_& m) {
             const ReleaseGil nogil;
             std::vector<WorldState> states;
             for (const PyWorld* source : sources) {
-              source->world.bodies().check_rows();
               states.push_back(source->world.state());
             }
             std::vector<const WorldState*> pointers;
@@ -149,8 +149,8 @@ void bind_rigid_batch(py::module_& m) {
              for (std::int64_t w = 0; w < self.size(); ++w) {
                const World& world = self.world(w);
                kinetic += world.bodies().kinetic_energy();
-               potential += world.bodies().potential_energy(world.options.gravity);
-               contacts += static_cast<std::int64_t>(world.contacts().size());
+               potential += world.bodies().potential_energy(world.options().gravity);
+               contacts += contact_count(world);
                failed += !self.failure(w).empty();
              }
              py::dict values;
@@ -182,9 +182,34 @@ void bind_rigid_batch(py::module_& m) {
            [](const Batch& self) {
              Numbers counts(self.size());
              for (std::int64_t w = 0; w < self.size(); ++w)
-               counts.mutable_at(w) = static_cast<std::int64_t>(self.world(w).contacts().size());
+               counts.mutable_at(w) = contact_count(self.world(w));
              return counts;
            })
+      .def("joint_coordinates",
+           [](const Batch& self) {
+             std::size_t most = 0;
+             for (std::int64_t w = 0; w < self.size(); ++w)
+               most = std::max(most, self.world(w).joints().size());
+             Rows values({py::ssize_t{self.size()}, static_cast<py::ssize_t>(most)});
+             double* out = values.mutable_data();
+             std::fill_n(out, values.size(), std::numeric_limits<double>::quiet_NaN());
+             for (std::int64_t w = 0; w < self.size(); ++w, out += most) {
+               const auto joints = self.world(w).joints();
+               for (std::size_t j = 0; j < joints.size(); ++j) out[j] = joints[j].coordinate;
+             }
+             return values;
+           })
+      .def(
+          "set_motor_targets",
+          [](Batch& self, const Numbers& worlds, std::int64_t joint, const Rows& targets) {
+            for (py::ssize_t k = 0; k < worlds.size(); ++k) {
+              World& world = self.world(worlds.at(k));
+              Joint changed = world.joints()[static_cast<std::size_t>(joint)];
+              changed.motor.target = targets.at(k);
+              world.set_joint(joint, changed);
+            }
+          },
+          py::arg("worlds"), py::arg("joint"), py::arg("targets"))
       .def("positions", rows(&Bodies::x, 3))
       .def("rotations", rows(&Bodies::q, 4))
       .def("momenta", rows(&Bodies::P, 3))
@@ -232,3 +257,5 @@ void bind_rigid_batch(py::module_& m) {
       .def("set_torques", set_rows(&Bodies::torque), py::arg("worlds").noconvert(),
            py::arg("bodies").noconvert(), py::arg("values").noconvert());
 }
+
+}  // namespace rigid_binding

@@ -43,7 +43,7 @@ _EXPORTS = {
     "mpm": ("MaterialPointMethod",),
     "pbd": ("Distance", "PositionBasedDynamics"),
     "pbf": ("Emitter", "PositionBasedFluid", "Sink", "fill_box", "fill_mesh", "relax"),
-    "rigid": ("RigidBodies",),
+    "rigid": ("RigidBatch", "RigidBodies"),
     "second_order": ("SecondOrderResult", "solve_second_order"),
     "springs": ("MassSpring", "SoftBody"),
     "scipy_solvers": (
@@ -118,7 +118,7 @@ if TYPE_CHECKING:
     from .pbd import Distance, PositionBasedDynamics
     from .pbf import Emitter, PositionBasedFluid, Sink, fill_box, fill_mesh, relax
     from .recording import Part, Recorder, Recording
-    from .rigid import RigidBodies
+    from .rigid import RigidBatch, RigidBodies
     from .scipy_solvers import (
         DOP853,
         RK4,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,11 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from . import _core
 from ._checks import check_array, check_choice, check_integer, check_real, describe
 from ._rigid_fixtures import multiply, rotate
+from ._rigid_joints import Joint
 from ._rigid_mass import unit_quaternions
-from ._rigid_rows import principal_frames
+from ._rigid_rows import BodyRows, principal_frames
 from ._simulation import Simulation
 from .errors import InputError, NonFiniteError
-from .rigid import RigidBodies
+
+if TYPE_CHECKING:
+    from .rigid import RigidBodies
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
@@ -91,7 +94,7 @@ class RigidBatch(Simulation):
         on_fail: str = "raise",
         threads: int | None = None,
     ) -> None:
-        if isinstance(template, RigidBodies):
+        if isinstance(template, BodyRows):
             if worlds is None:
                 raise InputError("worlds: expected how many")
             count = check_integer("worlds", worlds, minimum=0, maximum=2**31 - 1)
@@ -317,6 +320,50 @@ class RigidBatch(Simulation):
             where = self._where(worlds, bodies)
             self._native.set_torques(*where, self._rows_of("torques", torques, where))
 
+    @property
+    def joint_coordinates(self) -> Array:
+        """Angles or lengths of the joints [rad or m], shape (w, j), in the order of making; a copy.
+
+        0 for joints that have none, NaN where a world has fewer joints.
+        """
+        values: Array = self._native.joint_coordinates()
+        return values
+
+    def set_motor_targets(
+        self, joint: Joint, targets: ArrayLike, worlds: ArrayLike | None = None
+    ) -> None:
+        """Give the motor of a joint another target in each world.
+
+        Parameters
+        ----------
+        joint : Joint
+            Of the template, with a motor.
+        targets : float or array_like, shape (k,)
+            Speeds of a `SpeedMotor` [rad/s or m/s], coordinates of a `SpringMotor` [rad or m].
+        worlds : int or array_like of int, shape (k,), optional
+            As of `set_poses`.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+        """
+        if not isinstance(joint, Joint):
+            raise TypeError(f"joint: expected a Joint, got {describe(joint)}")
+        with self._own():
+            chosen, _ = self._where(worlds, None)
+            values = np.asarray(targets)
+            values = check_array("targets", values, (len(chosen),) if values.ndim else ())
+            rows = {made: made._joint_ids for made in {*(self._made[w] for w in chosen)}}
+            row = joint._row()
+            for ids in rows.values():
+                if row >= len(ids) or ids[row] != joint.number:
+                    raise IndexError(f"joint: there is no joint {joint.number} in all worlds")
+            if joint.motor is None:
+                raise InputError("joint: expected one with a motor")
+            spread = np.ascontiguousarray(np.broadcast_to(values, len(chosen)))
+            self._native.set_motor_targets(chosen, row, spread)
+
     def _next_step(self) -> float:
         return self.step_size
 
@@ -472,7 +519,7 @@ class RigidBatch(Simulation):
                 self._native.reset(chosen)
                 self._remember(chosen, [self._first[w] for w in chosen])
                 return
-            sources = [to] * len(chosen) if isinstance(to, RigidBodies) else list(to)
+            sources = [to] * len(chosen) if isinstance(to, BodyRows) else list(to)
             if len(sources) != len(chosen):
                 raise InputError(f"to: expected {len(chosen)}, one for each world")
             counts = self.counts
@@ -663,7 +710,7 @@ class RigidBatch(Simulation):
 
 
 def _check_bodies(name: str, value: Any) -> None:
-    if not isinstance(value, RigidBodies):
+    if not isinstance(value, BodyRows):
         raise TypeError(f"{name}: expected RigidBodies, got {describe(value)}")
 
 

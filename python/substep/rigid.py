@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _core
 from ._checks import check_array, check_choice, check_flag, check_integer, check_real
+from ._rigid_batch import RigidBatch
 from ._rigid_fixtures import (
     EVERYTHING,
     MOTIONS,
@@ -46,6 +47,7 @@ __all__ = [
     "Joint",
     "MassProperties",
     "Plane",
+    "RigidBatch",
     "RigidBodies",
     "SpeedMotor",
     "Sphere",

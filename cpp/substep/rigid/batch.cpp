@@ -13,7 +13,7 @@ constexpr std::int64_t kBlock = 16;  // steps of a world in a row: what keeping 
 
 Batch::Batch(std::span<const World* const> worlds) : failures_(worlds.size()) {
   for (const World* world : worlds) {
-    worlds_.emplace_back(world->options).restore(world->state());
+    worlds_.emplace_back(world->options()).restore(world->state());
   }
   keep_initial();
 }
