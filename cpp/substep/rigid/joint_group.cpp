@@ -126,15 +126,20 @@ void JointGroup::kick(double time, BodyRows& rows) {
   }
 }
 
-void JointGroup::read_momenta(const BodyRows& rows) {
+// Returns whether the velocities are others than those of the trial.
+bool JointGroup::read_momenta(const BodyRows& rows) {
+  bool changed = false;
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
     if (!m.moves) continue;
+    if (from_row(rows.velocity[at(m.row)].linear) != m.seen_velocity) changed = true;
     const Vec3 spin = from_row(rows.velocity[at(m.row)].angular);
     if (spin == m.seen_spin) continue;
     Vec3::Map(&L_[3 * k]) += m.unroot * (spin - m.seen_spin);
     m.seen_spin = spin;
+    changed = true;
   }
+  return changed;
 }
 
 void JointGroup::write_momenta(BodyRows& rows) {
@@ -152,6 +157,7 @@ void JointGroup::write_momenta(BodyRows& rows) {
 // Call write_momenta() afterwards.
 void JointGroup::apply(Link& link, int row, double impulse, BodyRows& rows) {
   link.impulse[at(row)] += impulse;
+  tried_ = false;
   const auto give = [&](std::int32_t member, double l, const Vec3& angular) {
     Member& m = members_[at(member)];
     if (!m.moves) return;
@@ -165,6 +171,7 @@ void JointGroup::apply(Link& link, int row, double impulse, BodyRows& rows) {
 }
 
 void JointGroup::begin_substep(BodyRows& rows) {
+  tried_ = false;
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
     const BodyRow &x = rows.displacement[at(m.row)], &free = rows.free[at(m.row)];
@@ -204,7 +211,7 @@ std::array<double, kJointRows> JointGroup::values(const Link& link, bool trial) 
     return JointSide(frame, place.x, place.q);
   };
   return joint_values(link.joint.type, side(link.joint.in_a, link.a), side(link.joint.in_b, link.b),
-                      link.joint.coordinate);
+                      link.joint.coordinate, !trial || link.rows > link.equations);
 }
 
 void JointGroup::set_gradients() {
@@ -286,14 +293,15 @@ void JointGroup::set_laws(Link& link, Stage stage) {
 // Where the velocities lead to.
 void JointGroup::find_trial(const BodyRows& rows) {
   for (std::size_t k = 0; k < members_.size(); ++k) {
-    const Member& m = members_[k];
-    const Vec3 v = from_row(rows.velocity[at(m.row)].linear);
-    trial_[k].x = m.origin + m.scale * (m.start + settings_.h * v);
+    Member& m = members_[k];
+    m.seen_velocity = from_row(rows.velocity[at(m.row)].linear);
+    trial_[k].x = m.origin + m.scale * (m.start + settings_.h * m.seen_velocity);
     store_quaternion(m.now.q, &q_[4 * k]);
   }
   rotate_rows(settings_.method, static_cast<std::int64_t>(members_.size()), q_.data(), L_.data(),
               inertia_.data(), settings_.h);
   for (std::size_t k = 0; k < members_.size(); ++k) trial_[k].q = load_quaternion(&q_[4 * k]);
+  tried_ = true;
 }
 
 void JointGroup::choose_modes(Stage stage, BodyRows& rows, bool& changed, bool& applied) {
@@ -407,8 +415,8 @@ void JointGroup::solve_motion(BodyRows& rows) {
 void JointGroup::solve_velocities(BodyRows& rows, bool first) {
   if (first) {
     begin_substep(rows);
-  } else {
-    read_momenta(rows);
+  } else if (!read_momenta(rows) && tried_) {
+    return;
   }
   solve_motion(rows);
 }
@@ -423,8 +431,7 @@ void JointGroup::sum_impulses(Link& link) const {
 }
 
 void JointGroup::move(BodyRows& rows) {
-  read_momenta(rows);
-  find_trial(rows);
+  if (read_momenta(rows) || !tried_) find_trial(rows);
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
     if (m.moves) {

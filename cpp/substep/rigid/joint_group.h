@@ -53,6 +53,7 @@ class JointGroup {
     Mat3 W, W_root;             // of the begin of the sub-step, W^(1/2)
     Place now;                  // at the begin of the sub-step
     Vec3 seen_spin, seen_turn;  // velocity and displacement of the row that L and now agree with
+    Vec3 seen_velocity;         // of the row, by the trial
     Vec3 v_before, w_before;    // velocities before the sub-step
     Vec3 start, start_turn;     // displacement at the begin of the sub-step
     Vec3 given_v, given_w;      // what joints changed of the row's velocity in the sub-step
@@ -80,10 +81,10 @@ class JointGroup {
   Vec3 momentum(std::size_t member) const { return Vec3(&L_[3 * member]); }
   double rate(const Link& link, int row, const BodyRows& rows) const;
   double rate_before(const Link& link, int row) const;
-  std::array<double, kJointRows> values(const Link& link, bool trial) const;
+  std::array<double, kJointRows> values(const Link& link, bool trial) const;  // else: now
 
   void refresh(std::size_t member, BodyRows& rows);
-  void read_momenta(const BodyRows& rows);
+  bool read_momenta(const BodyRows& rows);
   void write_momenta(BodyRows& rows);
   void kick(double time, BodyRows& rows);
   void begin_substep(BodyRows& rows);
@@ -101,7 +102,8 @@ class JointGroup {
   Settings settings_;
   double regularisation_ = 0;
   bool smooth_ = false, factored_ = false;
-  double weight_ = 1;  // of the impulses of this sub-step: half of one, or a whole
+  bool tried_ = false;  // whether the trial is that of the velocities
+  double weight_ = 1;   // of the impulses of this sub-step: half of one, or a whole
   std::vector<Member> members_;
   std::vector<Link> links_;
   std::vector<double> q_, L_, inertia_;  // rows of members: trial rotations, momenta

@@ -10,13 +10,13 @@ namespace {
 
 constexpr int kSize = JointMatrix::kSize;
 
-// C of D = s C C^T in the lower triangle of D.
+// C of D = s C C^T in the lower triangle of D, with the inverse of its diagonal.
 void cholesky(double* D, int n, double s) {
   for (int j = 0; j < n; ++j) {
     double sum = s * D[j * kSize + j];
     for (int k = 0; k < j; ++k) sum -= D[j * kSize + k] * D[j * kSize + k];
-    const double root = std::sqrt(sum), inverse = 1 / root;
-    D[j * kSize + j] = root;
+    const double inverse = 1 / std::sqrt(sum);
+    D[j * kSize + j] = inverse;
     for (int i = j + 1; i < n; ++i) {
       double entry = s * D[i * kSize + j];
       for (int k = 0; k < j; ++k) entry -= D[i * kSize + k] * D[j * kSize + k];
@@ -32,7 +32,7 @@ void solve_rows(const double* C, int n, double s, double* b, int rows) {
     for (int j = 0; j < n; ++j) {
       double sum = s * x[j];
       for (int k = 0; k < j; ++k) sum -= x[k] * C[j * kSize + k];
-      x[j] = sum / C[j * kSize + j];
+      x[j] = sum * C[j * kSize + j];
     }
   }
 }
@@ -227,7 +227,7 @@ void JointMatrix::solve(std::span<Piece> joints) {
     for (int k = node->size - 1; k >= 0; --k) {
       double sum = x[at(k)];
       for (int i = k + 1; i < node->size; ++i) sum -= C[i * kSize + k] * x[at(i)];
-      x[at(k)] = sum / C[k * kSize + k];
+      x[at(k)] = sum * C[k * kSize + k];
     }
   }
   for (std::size_t j = 0; j < joints.size(); ++j) {

@@ -59,7 +59,7 @@ int coordinate_row(JointType type) {
 }
 
 std::array<double, kJointRows> joint_values(JointType type, const JointSide& a, const JointSide& b,
-                                            double near) {
+                                            double near, bool coordinates) {
   std::array<double, kJointRows> C{};
   const Vec3 d = (a.centre - b.centre) + (a.arm - b.arm);
   if (type == JointType::kDistance) {
@@ -86,8 +86,8 @@ std::array<double, kJointRows> joint_values(JointType type, const JointSide& a, 
   if (type == JointType::kHinge) {
     const Vec3 e = turn * Vec3::UnitY();
     C[3] = -n.z(), C[4] = n.y();
-    C[5] = nearest(std::atan2(e.z(), e.y()), near);
-  } else {
+    if (coordinates) C[5] = nearest(std::atan2(e.z(), e.y()), near);
+  } else if (coordinates) {
     C[3] = std::atan2(std::hypot(n.y(), n.z()), n.x());
     C[4] = nearest(2 * std::atan2(turn.x(), turn.w()), near);
   }

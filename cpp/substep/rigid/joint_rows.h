@@ -41,9 +41,9 @@ struct JointSide {
       : centre(x), arm(q * frame.anchor), axes(q * frame.axes) {}
 };
 
-// Angles of a turn are those nearest to `near`.
+// Angles of a turn are those nearest to `near`; coordinates: whether those are asked for.
 std::array<double, kJointRows> joint_values(JointType type, const JointSide& a, const JointSide& b,
-                                            double near);
+                                            double near, bool coordinates = true);
 
 struct JointGradients {
   Vec3 linear[kJointRows], angular_a[kJointRows], angular_b[kJointRows];
