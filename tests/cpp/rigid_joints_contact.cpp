@@ -1,0 +1,90 @@
+// Joints and contacts together.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "rigid_world_scene.h"
+
+namespace {
+
+using namespace substep;
+using namespace substep::rigid;
+
+constexpr double g = 9.81;
+
+double joint_error(const World& world) {
+  double worst = 0;
+  for (const Joint& joint : world.joints())
+    worst = std::max({worst, joint.length_error, joint.angle_error});
+  return worst;
+}
+
+// A chain of hinges. (Of balls, a link that touches nothing may spin for ever about its two ends.)
+TEST(Joints, LetAChainFallAndRest) {
+  World world;
+  add_ground(world);
+  std::vector<std::int32_t> links;
+  for (int k = 0; k < 12; ++k) {
+    links.push_back(add_body(world, fixture_of(Box{{0.1, 0.05, 0.05}}), {0.2 * k, 0, 0.4 + 0.1 * k},
+                             1, rotation_by({0, -0.3, 0})));
+    if (k > 0)
+      world.add_joint(make_hinge(world.bodies(), links[static_cast<std::size_t>(k)],
+                                 links[static_cast<std::size_t>(k) - 1],
+                                 {0.2 * k - 0.1, 0, 0.35 + 0.1 * k}, Vec3::UnitY()));
+  }
+  double worst = 0;
+  for (int k = 0; k < 480; ++k) {
+    world.step(1. / 60);
+    worst = std::max(worst, joint_error(world));
+  }
+  EXPECT_LT(worst, 1e-4);
+  EXPECT_LT(penetration(world), 1e-3);
+  for (const std::int32_t link : links) {
+    EXPECT_TRUE(world.asleep(link));
+    EXPECT_LT(world.bodies().position(link).z(), 0.3);
+  }
+}
+
+TEST(Joints, DriveACart) {
+  World world;
+  add_ground(world, 1);
+  const std::int32_t body = add_box(world, {1, 0.4, 0.2}, {0, 0, 0.7}, 20);
+  for (const double y : {-0.6, 0.6}) {
+    for (const double x : {-0.8, 0.8}) {
+      const std::int32_t wheel = add_body(world, fixture_of(Sphere{0.4}, 1), {x, y, 0.4}, 2);
+      Joint joint = make_hinge(world.bodies(), wheel, body, {x, y, 0.4}, Vec3::UnitY());
+      joint.motor = {.type = MotorType::kSpeed, .target = 5, .most = 10};
+      world.add_joint(joint);
+    }
+  }
+  double worst = 0;
+  for (int k = 0; k < 300; ++k) {
+    world.step(1. / 60);
+    worst = std::max(worst, joint_error(world));
+  }
+  EXPECT_LT(worst, 1e-6);
+  EXPECT_NEAR(world.bodies().velocity(body).x(), 2, 1e-3);
+  // 4 x 10 N m at 0.4 m start 28 kg and the wheels' own moments, 3.2 kg, in 0.624 s.
+  EXPECT_NEAR(world.joints()[3].coordinate, 5 * (5 - 0.624 / 2), 0.02);
+}
+
+TEST(Joints, CarryALoadThatIsLaidOnThem) {
+  // A beam fixed at its end, of a fiftieth of the mass.
+  World world;
+  const std::int32_t beam = add_box(world, {0.5, 0.1, 0.05}, {0.5, 0, 1}, 1);
+  world.add_joint(make_fixed(world.bodies(), beam, Joint::kWorld, {0, 0, 1}));
+  const std::int32_t load = add_box(world, Vec3::Constant(0.1), {0.8, 0, 1.15}, 50);
+  double worst = 0, deepest = 0;
+  for (int k = 0; k < 240; ++k) {
+    world.step(1. / 60);
+    worst = std::max(worst, joint_error(world));
+    deepest = std::max(deepest, penetration(world));
+  }
+  EXPECT_LT(worst, 1e-4);
+  EXPECT_LT(deepest, 0.02);
+  EXPECT_NEAR(world.bodies().position(load).z(), 1.15, 1e-3);
+  EXPECT_NEAR(world.joints()[0].force.z(), 51 * g, 0.01 * 51 * g);
+  EXPECT_NEAR(world.joints()[0].torque.y(), -(0.5 + 50 * 0.8) * g, 0.01 * 40 * g);
+}
+
+}  // namespace
