@@ -314,7 +314,7 @@ TEST(RigidWorld, InterruptsChangeNothing) {
     });
     WorldState last = world.state();
     bool stopped = false;
-    for (int k = 0; k < 1000 && !stopped; ++k) {
+    for (int k = 0; k < 1000000 && !stopped; ++k) {  // one poll in so many milliseconds
       try {
         world.step(1. / 60);
         last = world.state();
