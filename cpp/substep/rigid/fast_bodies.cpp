@@ -50,11 +50,16 @@ void shorten(std::int32_t f, const Fixtures& fixtures, const BroadPhase& broad_p
       const double r = size * entry.core.radius;
       const Impact impact = time_of_impact(Sphere{r}, course, fixtures[other].fixture.shape, others,
                                            kAway * r, kAway * r);
-      if (impact.state == Impact::State::kTouching && impact.time < stop.part) {
+      const bool touching = impact.state == Impact::State::kTouching;
+      const bool free = bodies.dynamic(fixtures[other].body);
+      // Two free ones that are in each other already must be able to part.
+      if (impact.state == Impact::State::kOverlap || (touching && free && impact.time == 0))
+        continue;
+      if (touching && impact.time < stop.part) {
         stop.part = impact.time;
-        stop.normal = bodies.dynamic(fixtures[other].body) ? Vec3::Zero() : impact.normal;
+        stop.normal = free ? Vec3::Zero() : impact.normal;
       }
-      if (impact.state != Impact::State::kOverlap) break;
+      break;
     }
   }
 }
