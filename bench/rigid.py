@@ -15,6 +15,7 @@ python bench/rigid.py [--quick]
 from __future__ import annotations
 
 import argparse
+import functools
 import itertools
 import json
 import math
@@ -41,8 +42,17 @@ SHAPES = {
 BULLET, BULLET_MAXC, MUJOCO = "PyBullet", "PyBullet maxc", "MuJoCo"
 
 
-def emit(workload: str, peer: str, metric: str, value: float, unit: str, threads: int = 1) -> None:
-    record = dict(workload=workload, peer=peer, metric=metric, value=float(f"{value:.4g}"))
+def emit(
+    workload: str,
+    peer: str,
+    metric: str,
+    value: float,
+    unit: str,
+    threads: int = 1,
+    digits: int = 4,
+) -> None:
+    shown = float(f"{value:.{digits}g}")
+    record = dict(workload=workload, peer=peer, metric=metric, value=shown)
     isa = _core.level if peer.startswith("substep") else "native"
     print(json.dumps({**record, "unit": unit, "threads": threads, "isa": isa}), flush=True)
 
@@ -154,10 +164,10 @@ def way(angle: float) -> float:
 def incline() -> None:
     exact = math.atan(0.5)
     low, high = exact - 0.15, exact + 0.15
-    for _ in range(14):
+    for _ in range(20):
         middle = (low + high) / 2
-        low, high = (low, middle) if way(middle) > 0.05 else (middle, high)
-    emit("incline", "substep", "critical_angle", math.degrees(low), "deg")
+        low, high = (low, middle) if way(middle) > 1e-4 else (middle, high)
+    emit("incline", "substep", "critical_angle", math.degrees(low), "deg", digits=6)
     emit("incline", "substep", "creep", abs(way(0.8 * exact)), "m")
     steep = exact + 0.1
     world = on_incline(steep)
@@ -246,7 +256,7 @@ def of_standing(record: dict[str, Any], say: Callable[..., None]) -> None:
 
 
 def of_incline(record: dict[str, Any], say: Callable[..., None]) -> None:
-    say("critical_angle", record["value"], "deg")
+    say("critical_angle", record["value"], "deg", digits=6)
     say("creep", abs(record["creep_m_in_4s_at_0p8_crit"]), "m")
     say("slide_error", abs(record["slide_accel"] / record["slide_accel_exact"] - 1), "1")
 
@@ -314,7 +324,7 @@ def peers(quick: bool) -> None:
         for peer, options in engines.items():
             record = scene_record(python, peer, scene, options + (" T=1" if quick else ""))
             if record:
-                read(record, lambda *figure, name=name, peer=peer: emit(name, peer, *figure))
+                read(record, functools.partial(emit, name, peer))
     if not quick:
         peer_impacts(python)
     peer_sizes(python, quick)
