@@ -154,27 +154,26 @@ def on_incline(angle: float) -> substep.RigidBodies:
     return world
 
 
-def way(angle: float) -> float:
+def slide(angle: float, seconds: float) -> tuple[float, float]:
+    """How far the box slides, and by how much its speed changes."""
     world = on_incline(angle)
-    x = world.positions[1, 0]
-    world.advance(4)
-    return float(world.positions[1, 0] - x)
+    x, v = world.positions[1, 0], world.velocities[1, 0]
+    world.advance(seconds)
+    return float(world.positions[1, 0] - x), float(world.velocities[1, 0] - v)
 
 
 def incline() -> None:
+    """The critical angle is that above which what slides becomes faster."""
     exact = math.atan(0.5)
     low, high = exact - 0.15, exact + 0.15
     for _ in range(20):
         middle = (low + high) / 2
-        low, high = (low, middle) if way(middle) > 1e-4 else (middle, high)
+        low, high = (low, middle) if slide(middle, 4)[1] > 0 else (middle, high)
     emit("incline", "substep", "critical_angle", math.degrees(low), "deg", digits=6)
-    emit("incline", "substep", "creep", abs(way(0.8 * exact)), "m")
+    emit("incline", "substep", "creep", abs(slide(0.8 * exact, 4)[0]), "m")
     steep = exact + 0.1
-    world = on_incline(steep)
-    v = world.velocities[1, 0]
-    world.advance(1)
     a = 9.81 * (math.sin(steep) - 0.5 * math.cos(steep))
-    emit("incline", "substep", "slide_error", abs((world.velocities[1, 0] - v) / a - 1), "1")
+    emit("incline", "substep", "slide_error", abs(slide(steep, 1)[1] / a - 1), "1")
 
 
 def bounce() -> None:

@@ -111,6 +111,16 @@ def after_a_step(shift=(), **arguments):
     return np.hstack([bodies.positions, bodies.rotations])
 
 
+def batch_after_a_step(setter, values):
+    """Poses of two worlds of two bodies after a step."""
+    bodies = substep.RigidBodies()
+    bodies.add(substep.rigid.Box((0.1, 0.2, 0.3)), 9 * ROWS)
+    batch = substep.RigidBatch(bodies, 2)
+    getattr(batch, setter)(**values)
+    batch.step(0.25)
+    return np.concatenate([batch.positions, batch.rotations], axis=2)
+
+
 TURNED = np.array([[1.0, 2, 0.5, 0.25], [2.0, 1, 0, 0]])
 MOMENTS = np.array([[2.0, 2.5, 3.0], [1.5, 1.5, 1.25]])
 
@@ -205,6 +215,37 @@ ENTRIES = [
         "point",
         any_length=False,
         optional=True,
+    ),
+    Entry(
+        "RigidBatch.set_poses positions",
+        lambda x: batch_after_a_step("set_poses", {"positions": x}),
+        9 * ROWS,
+        "positions",
+        any_length=False,
+        optional=True,
+    ),
+    Entry(
+        "RigidBatch.set_poses rotations",
+        lambda q: batch_after_a_step("set_poses", {"rotations": q}),
+        np.stack([TURNED, TURNED]),
+        "rotations",
+        any_length=False,
+        optional=True,
+    ),
+    Entry(
+        "RigidBatch.set_velocities",
+        lambda v: batch_after_a_step("set_velocities", {"velocities": v}),
+        ROWS,
+        "velocities",
+        any_length=False,
+        optional=True,
+    ),
+    Entry(
+        "RigidBatch.set_torques",
+        lambda T: batch_after_a_step("set_torques", {"torques": T}),
+        np.stack([ROWS, ROWS]),
+        "torques",
+        any_length=False,
     ),
     Entry(
         "rigid.MassProperties centre",

@@ -312,15 +312,15 @@ class BatchRows(Simulation):
         """One row for each of these worlds and bodies, as given or as they are."""
         there = where[1] < self.counts[where[0]][:, None]
         columns = 4 if name == "rotations" else 3
-        rest = (1.0, 0.0, 0.0, 0.0)[: columns if columns == 4 else 0] or 0.0
         if value is None and present is not None:
             rows = present()[np.ix_(*where)]
+        elif check_array(name, value, finite=False).ndim == 3:
+            rows = np.array(check_array(name, value, (*there.shape, columns), finite=False))
         else:
-            shape = there.shape if np.ndim(np.asarray(value)) == 3 else there.shape[1:]
-            rows = check_array(name, value, (*shape, columns), finite=False)
+            rows = check_array(name, value, (there.shape[1], columns))
             rows = np.array(np.broadcast_to(rows, (*there.shape, columns)))
-        rows[~there] = rest
+        rows[~there] = (1.0, 0.0, 0.0, 0.0)[:columns]  # of no body
         rows = check_array(name, rows)
         if columns == 4 and value is not None:
-            return unit_quaternions(name, rows.reshape(-1, 4), (None, 4)).reshape(rows.shape)
+            return unit_quaternions(name, rows, rows.shape)
         return np.ascontiguousarray(rows)
