@@ -134,6 +134,9 @@ class World {
   void list_fixtures(std::int64_t body);
   void find_contacts();
   void solve(double dt);
+  std::int64_t solve_once(double dt);
+  bool starts_at_rest() const;
+  std::int64_t solve_from_rest(double dt);
 
   bool is_awake(std::int64_t body) const;   // and dynamic
   bool moves_now(std::int64_t body) const;  // or kinematic with a velocity
