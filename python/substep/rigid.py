@@ -265,15 +265,19 @@ class RigidBodies(Runs, States):
         body: Made = (fixtures, way, weight)
         with self._own():
             poses = principal_frames(x, q, frame.centre, frame.axes)
-            add_native(self._native, {}, body, *poses, v, w)
             ids = np.arange(self._next_id, self._next_id + n, dtype=np.int64)
-            self._next_id += n
-            self._ids = np.concatenate([self._ids, ids])
-            self._centres = np.concatenate([self._centres, np.tile(frame.centre, (n, 1))])
-            self._axes = np.concatenate([self._axes, np.tile(frame.axes, (n, 1))])
             own = [np.nan] * 4 if weight is None else [frame.mass, *frame.principal_inertia]
-            self._weights = np.concatenate([self._weights, np.tile(own, (n, 1))])
-            self._made += [body] * n
+            # All that needs memory comes before what changes.
+            grown = (
+                np.concatenate([self._ids, ids]),
+                np.concatenate([self._centres, np.tile(frame.centre, (n, 1))]),
+                np.concatenate([self._axes, np.tile(frame.axes, (n, 1))]),
+                np.concatenate([self._weights, np.tile(own, (n, 1))]),
+                self._made + [body] * n,
+            )
+            add_native(self._native, {}, body, *poses, v, w)
+            self._ids, self._centres, self._axes, self._weights, self._made = grown
+            self._next_id += n
         return int(ids[0]) if single else ids
 
     def remove(self, ids: ArrayLike) -> None:
