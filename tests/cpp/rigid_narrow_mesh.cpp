@@ -196,6 +196,43 @@ TEST(NarrowMesh, AClosedMeshIsTheSolid) {
   }
 }
 
+// On a finely curved surface a box has few normals, and is held where it is deepest: at the top of
+// a dome, and on the rim of a bowl at four sides.
+TEST(NarrowMesh, FinelyCurvedGroundGivesFewManifolds) {
+  for (const double curvature : {-0.2, 0.2}) {
+    constexpr int n = 200;
+    std::vector<Vec3> vertices;
+    Faces faces;
+    for (int k = 0; k < (n + 1) * (n + 1); ++k) {
+      const double x = 0.01 * (k % (n + 1)) - 1, y = 0.01 * (k / (n + 1)) - 1;
+      vertices.emplace_back(x, y, curvature * (x * x + y * y));
+    }
+    for (int k = 0; k < n * n; ++k) {
+      const int a = k / n * (n + 1) + k % n, b = a + 1, c = b + n + 1, d = c - 1;
+      faces.push_back({a, b, c}), faces.push_back({a, c, d});
+    }
+    const TriangleMesh mesh(vertices, faces);
+    // Its bottom touches the top of the dome, or its corners the bowl, 5 mm deep.
+    const double bottom = curvature > 0 ? curvature * 0.5 : 0;
+    const Pose pose({0.0031, 0.0017, bottom + 0.5 - 0.005}, Mat3::Identity());
+    std::vector<Manifold> got;
+    collide_mesh(Box{{0.5, 0.5, 0.5}}, pose, mesh, Pose(), 0.02, got);
+    ASSERT_GE(got.size(), 1u);
+    EXPECT_LE(got.size(), 8u);
+    double least = 1;
+    for (const Manifold& m : got) {
+      least = std::min(least, deepest(m));
+      EXPECT_GE(m.count, 1);
+      EXPECT_LT(m.normal.z(), -0.9);
+      for (int k = 0; k < m.count; ++k) {
+        const ContactPoint& p = m.points[k];
+        EXPECT_LT((p.on_b - p.on_a - p.separation * m.normal).norm(), 1e-12);
+      }
+    }
+    EXPECT_NEAR(least, -0.005, curvature > 0 ? 1e-3 : 2e-5);  // (the corners are not quite alike)
+  }
+}
+
 TEST(NarrowMesh, OneSidedAndRefused) {
   const TriangleMesh mesh = grid(4, [](double, double) { return 0.0; });
   std::vector<Manifold> got;

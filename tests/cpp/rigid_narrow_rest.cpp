@@ -76,6 +76,8 @@ std::vector<Rest> rests() {
       {"capsule on a slab", slab, capsule, {0, 0, 0.7}, lying, 2},
       {"capsule over the edge", slab, capsule, {0, 3, 0.7}, lying, 2},
       {"capsule beside an edge", cube, capsule, {0.6, 0, 0.5 + std::sqrt(0.03)}, lying, 2},
+      {"capsule on mesh", mesh, capsule, {0.13, 0.17, 0.2}, lying, 2},
+      {"capsule on prism", hexagon, capsule, {0.02, 0.01, 0.6}, lying, 2},
       {"capsule on capsule", capsule, capsule, {0, 0.1, 0.4}, lying, 2, lying},
       {"capsule across capsule", capsule, capsule, {0, 0.1, 0.4}, across, 1, lying},
       {"cylinder on plane", plane, drum, {0, 0, 0.4}, yaw, 4},

@@ -42,9 +42,10 @@ void contact(const Difference& difference, const Axis& best, double margin, Mani
                        face_b.exists ? difference.separation(normals[1]) : kNone};
   const bool b_first = s[1] > s[0] + preference;
   for (const bool use_b : {b_first, !b_first}) {
-    if (s[use_b] == kNone || s[use_b] < best.separation - preference) continue;
-    if (face_patch(difference, normals[use_b], use_b, s[use_b] + 2 * preference, margin, size, 0,
-                   manifold)) {
+    if (s[use_b] == kNone) continue;
+    const double expected = expected_over_face(difference, best, normals[use_b], s[use_b]);
+    if (expected > kNone &&
+        face_patch(difference, normals[use_b], use_b, expected, margin, size, 0, manifold)) {
       return;
     }
   }
@@ -89,6 +90,18 @@ FlatFace flat_face(const Convex& shape, const Vec3& d) {
 
 double face_preference(const Convex& a, const Convex& b) {
   return (a.rounding + b.rounding > 0 ? kRounded : kPreference) * std::min(a.size, b.size);
+}
+
+// Of a rounded shape, its core apart, whose normal is turned by an angle t from that of the face,
+// the point at distance d is at the height d cos t, or, where that is beyond the face, t^2 d
+// higher.
+double expected_over_face(const Difference& difference, const Axis& best, const Vec3& n, double s) {
+  const double preference = face_preference(difference.a, difference.b);
+  const double rounding = difference.a.rounding + difference.b.rounding;
+  if (s >= best.separation - preference) return s + 2 * preference;
+  const bool along =
+      rounding > 0 && best.separation > 0 && n.dot(best.normal) > 1 - 0.5 * kLevel * kLevel;
+  return along ? best.separation + 2 * kLevel * kLevel * rounding : kNone;
 }
 
 void convex_convex(const Convex& a, const Pose& pose_a, const Convex& b, const Pose& pose_b,

@@ -33,4 +33,9 @@ FlatFace flat_face(const Convex& shape, const Vec3& d);
 // keeps its points. Rounded shapes, whose normal turns at an edge, have a smaller one.
 double face_preference(const Convex& a, const Convex& b);
 
+// The height over a face with normal n, along which the cores are s apart, at which something of
+// the other shape is expected if the face is to be taken: because it separates nearly as well as
+// the best axis, or because a rounded shape lies along it within 1/100 rad. -infinity: not to be.
+double expected_over_face(const Difference& difference, const Axis& best, const Vec3& n, double s);
+
 }  // namespace substep::rigid

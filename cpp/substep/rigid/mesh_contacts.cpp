@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
+#include <vector>
 
 #include "substep/rigid/convex_contacts.h"
 #include "substep/rigid/face_patch.h"
@@ -10,13 +12,21 @@
 namespace substep::rigid {
 namespace {
 
-constexpr double kSameNormal = 1e-4;                    // [rad]
-constexpr double kSamePoint = 1e-3, kSameDepth = 1e-5;  // of the shape's size
+constexpr double kSameNormal = 1e-4;  // [rad]
+// Of the shape's size. Where triangles of one normal differ in height by less than kLevel none is
+// the deepest; where a curved surface was joined to one normal there is no such play.
+constexpr double kSamePoint = 1e-3, kSameDepth = 1e-5, kLevel = 2e-3;
+
+// A body that meets more normals than kMany, on a finely curved surface, has those within the first
+// of these angles [rad] together that leaves no more.
+constexpr std::size_t kMany = 8;
+constexpr double kTogether[] = {0.05, 0.1, 0.2, 0.4};
 
 // Points with one normal from several triangles, in the frame of the mesh about the shape's origin,
 // so that a shape far out on large ground is met as precisely.
 struct Group {
   Vec3 normal;
+  bool joined = false;  // several normals
   int count = 0;
   ContactPoint points[kMaxCorners];
 };
@@ -59,11 +69,8 @@ class OnMesh {
                         manifold);
     };
     const double s = difference.separation(n);
-    if (!supported || s >= best.separation - preference) {
-      if (patch(n, false, supported ? s + 2 * preference : 1e300) || !supported) {
-        return append(manifold);
-      }
-    }
+    const double expected = supported ? expected_over_face(difference, best, n, s) : 1e300;
+    if (patch(n, false, expected) || !supported) return append(manifold);
     const FlatFace face = flat_face(shape_, -(pose_.rotation.transpose() * best.normal));
     const Vec3 down = face.exists ? Vec3(-(pose_.rotation * face.normal)) : best.normal;
     if (face.exists && mesh_.supports(triangle, down)) {
@@ -90,26 +97,61 @@ class OnMesh {
       group = &groups_.back();
       group->normal = manifold.normal;
     }
-    for (int k = 0; k < manifold.count; ++k) {
-      const ContactPoint& point = manifold.points[k];
-      ContactPoint* known = nullptr;
-      for (int j = 0; j < group->count && !known; ++j) {
-        const bool same = (group->points[j].on_b - point.on_b).norm() < kSamePoint * shape_.size;
-        if (same) known = &group->points[j];
-      }
-      if (known) {
-        // The deeper one; of equals a corner of the shape rather than of the triangle.
-        const double tie = kSameDepth * shape_.size, deeper = known->separation - point.separation;
-        if (deeper > ((point.feature & kCutCorner) < (known->feature & kCutCorner) ? -tie : tie))
-          *known = point;
+    for (int k = 0; k < manifold.count; ++k) add_point(*group, manifold.points[k]);
+  }
+
+  void add_point(Group& group, const ContactPoint& point) const {
+    for (int j = 0; j < group.count; ++j) {
+      ContactPoint& known = group.points[j];
+      if (!((known.on_b - point.on_b).norm() < kSamePoint * shape_.size)) continue;
+      // The deeper one; of equals a corner of the shape rather than of the triangle.
+      const double tie = kSameDepth * shape_.size, deeper = known.separation - point.separation;
+      if (deeper > ((point.feature & kCutCorner) < (known.feature & kCutCorner) ? -tie : tie))
+        known = point;
+      return;
+    }
+    if (group.count == kMaxCorners) reduce_group(group);
+    group.points[group.count++] = point;
+  }
+
+  // Groups whose normals are within an angle of that of a deeper one join it; their points keep
+  // their separations.
+  void join_groups(double angle) {
+    for (Group& group : groups_) {
+      std::swap(group.points[0], *std::min_element(group.points, group.points + group.count,
+                                                   [](const auto& p, const auto& q) {
+                                                     return p.separation < q.separation;
+                                                   }));
+    }
+    std::stable_sort(groups_.begin(), groups_.end(), [](const Group& g, const Group& h) {
+      return g.points[0].separation < h.points[0].separation;
+    });
+    std::vector<Group> joined;
+    for (const Group& group : groups_) {
+      const auto deeper = std::find_if(joined.begin(), joined.end(), [&](const Group& g) {
+        return (g.normal - group.normal).squaredNorm() < angle * angle;
+      });
+      if (deeper == joined.end()) {
+        joined.push_back(group);
         continue;
       }
-      if (group->count == kMaxCorners) reduce_group(*group);
-      group->points[group->count++] = point;
+      deeper->joined = true;
+      for (int k = 0; k < group.count; ++k) {
+        ContactPoint point = group.points[k];
+        point.on_a = point.on_b - point.separation * deeper->normal;
+        add_point(*deeper, point);
+      }
     }
+    groups_ = std::move(joined);
   }
 
  public:
+  void join_groups() {
+    for (const double angle : kTogether) {
+      if (groups_.size() > kMany) join_groups(angle);
+    }
+  }
+
   void reduce_group(Group& group) const {
     const Vec3& n = group.normal;
     const PlaneFrame frame(group.points[0].on_a, n,
@@ -120,7 +162,8 @@ class OnMesh {
       patch.corners[k] = frame.corner(group.points[k].on_a, 0, 0);
       patch.corners[k].height = group.points[k].separation;
     }
-    const Reduced reduced = reduce(patch, margin_, level(shape_) * shape_.size);
+    const Reduced reduced =
+        reduce(patch, margin_, (group.joined ? kSameDepth : kLevel) * shape_.size);
     ContactPoint kept[4];
     for (int k = 0; k < reduced.count; ++k) kept[k] = group.points[reduced.index[k]];
     std::copy(kept, kept + reduced.count, group.points);
@@ -145,6 +188,7 @@ void convex_mesh(const Convex& shape, const Shape& a, const Pose& pose_a, const 
   std::vector<Group> groups;
   OnMesh on_mesh(shape, pose, mesh, margin, groups);
   mesh.for_each_in(box.low - around, box.high + around, [&](int t) { on_mesh.add(t); });
+  on_mesh.join_groups();
   for (Group& group : groups) {
     on_mesh.reduce_group(group);
     Manifold& manifold = manifolds.emplace_back();

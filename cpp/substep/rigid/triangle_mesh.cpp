@@ -1,8 +1,8 @@
 #include "substep/rigid/triangle_mesh.h"
 
 #include <algorithm>
-#include <map>
 #include <string>
+#include <tuple>
 #include <utility>
 
 #include "substep/core/errors.h"
@@ -26,8 +26,8 @@ TriangleMesh::TriangleMesh(std::span<const Vec3> vertices,
       throw InputError("vertex " + std::to_string(k) + " of the mesh is not finite");
     }
   }
-  std::map<std::pair<std::int32_t, std::int32_t>, std::int32_t>
-      across;  // directed edge: third corner
+  // Directed edges, and the number of each: 3 triangle + corner.
+  std::vector<std::tuple<std::int32_t, std::int32_t, std::int64_t>> sides;
   std::vector<std::pair<std::int32_t, std::int32_t>> joined;
   for (std::size_t f = 0; f < faces.size(); ++f) {
     const auto& v = faces[f];
@@ -45,16 +45,21 @@ TriangleMesh::TriangleMesh(std::span<const Vec3> vertices,
     normals_.push_back(n.normalized());
     for (int k = 0; k < 3; ++k) {
       const std::int32_t a = v[k], b = v[(k + 1) % 3];
-      across.emplace(std::pair(a, b), v[(k + 2) % 3]);
+      sides.emplace_back(a, b, static_cast<std::int64_t>(3 * f) + k);
       joined.emplace_back(a, b);
       joined.emplace_back(b, a);
     }
   }
+  std::sort(sides.begin(), sides.end());
   for (const auto& v : faces_) {
     std::array<std::int32_t, 3> third;
     for (int k = 0; k < 3; ++k) {
-      const auto found = across.find({v[(k + 1) % 3], v[k]});
-      third[k] = found == across.end() ? -1 : found->second;
+      const std::int32_t a = v[(k + 1) % 3], b = v[k];
+      const auto found = std::lower_bound(sides.begin(), sides.end(), std::tuple(a, b, 0));
+      const bool is_there =
+          found != sides.end() && std::get<0>(*found) == a && std::get<1>(*found) == b;
+      const std::int64_t side = is_there ? std::get<2>(*found) : 0;
+      third[k] = is_there ? faces_[static_cast<std::size_t>(side / 3)][(side + 2) % 3] : -1;
     }
     opposite_.push_back(third);
   }
