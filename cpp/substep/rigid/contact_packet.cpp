@@ -1,182 +1,226 @@
 #include "substep/rigid/contact_packet.h"
 
-#include "substep/core/point_lanes.h"
-#include "substep/core/point_scatter.h"
-
 namespace substep::rigid {
 namespace {
 
 using V = ContactPacket::V;
 using V3 = ContactPacket::V3;
+using F = ContactPacket::F;
+using F3 = ContactPacket::F3;
 constexpr int kLanes = ContactPacket::kLanes;
 
 constexpr double kRegularisation = 0.02;  // eps
-constexpr int kBlockSweeps = 2;           // where not all points press
 
 // Where A_kl of a symmetric block is.
 constexpr int at(int k, int l) { return k < l ? at(l, k) : k * (k + 1) / 2 + l; }
 
+// The compiler's own conversion goes by halves.
+SUBSTEP_INLINE V wide(const F& x) {
+#if defined(__AVX512F__)
+  return reinterpret_cast<V>(_mm512_cvtps_pd(reinterpret_cast<__m256>(x)));
+#else
+  return __builtin_convertvector(x, V);
+#endif
+}
+SUBSTEP_INLINE V3 wide(const F3& x) { return {{wide(x[0]), wide(x[1]), wide(x[2])}}; }
+SUBSTEP_INLINE F narrow(const V& x) { return __builtin_convertvector(x, F); }
+SUBSTEP_INLINE F3 narrow(const V3& x) { return {{narrow(x[0]), narrow(x[1]), narrow(x[2])}}; }
 SUBSTEP_INLINE V max(const V& x, const V& y) { return x > y ? x : y; }
 SUBSTEP_INLINE V min(const V& x, const V& y) { return x < y ? x : y; }
+SUBSTEP_INLINE V inverse_of(const V& x) { return x > 0 ? 1 / x : V{}; }
 SUBSTEP_INLINE V fused_dot(const V3& x, const V3& y) {
   return fma(x[0], y[0], fma(x[1], y[1], x[2] * y[2]));
+}
+SUBSTEP_INLINE V3 fused_cross(const V3& x, const V3& y) {
+  return {{fma(x[1], y[2], -(x[2] * y[1])), fma(x[2], y[0], -(x[0] * y[2])),
+           fma(x[0], y[1], -(x[1] * y[0]))}};
 }
 SUBSTEP_INLINE void add(V3& x, const V& s, const V3& y) {
   for (int i = 0; i < 3; ++i) x[i] = fma(s, y[i], x[i]);
 }
-// sqrt(a) for a >= 0, one instruction.
-SUBSTEP_INLINE V root_of(const V& a) {
-  const V positive = max(a, splat<V>(1e-300));
-  return positive * inverse_sqrt(positive);
+// x, y, z along axes: components to a vector.
+SUBSTEP_INLINE V3 combine(const V3& c, const V3& x, const V3& y, const V3& z) {
+  V3 sum;
+  for (int i = 0; i < 3; ++i) sum[i] = fma(c[0], x[i], fma(c[1], y[i], c[2] * z[i]));
+  return sum;
 }
 
 // Eigenvalue of [xx xy; xy yy].
 SUBSTEP_INLINE V largest_of(const V& xx, const V& xy, const V& yy) {
-  const V half = 0.5 * (xx - yy);
-  return 0.5 * (xx + yy) + root_of(half * half + xy * xy);
+  const V half = 0.5 * (xx - yy), square = half * half + xy * xy;
+  return 0.5 * (xx + yy) + square * inverse_sqrt(max(square, splat<V>(1e-300)));
 }
 
-// What a constraint sees of both bodies: velocities, or displacements.
-struct Motion6 {
-  V3 linear_a, angular_a, linear_b, angular_b;
+// The bodies of a packet: velocities, or displacements.
+struct Both {
+  BodyLanes a, b;
 };
-
-SUBSTEP_INLINE void load_row(const BodyRow* rows, const std::int32_t* index, V3& linear,
-                             V3& angular) {
-  const auto p = load_rows<V>([&](int lane) { return &rows[index[lane]].linear; });
-  const auto q = load_rows<V>([&](int lane) { return &rows[index[lane]].angular; });
-  linear = {{p.x, p.y, p.z}}, angular = {{q.x, q.y, q.z}};
-}
-SUBSTEP_INLINE Motion6 load_motion(const BodyRows::Rows& rows, const ContactPacket& c) {
-  Motion6 m;
-  load_row(rows.data(), c.a, m.linear_a, m.angular_a);
-  load_row(rows.data(), c.b, m.linear_b, m.angular_b);
-  return m;
+SUBSTEP_INLINE Both load_both(const BodyRows::Rows& rows, const ContactPacket& c) {
+  const BodyRow* first = rows.data();
+  return {load_bodies([&](int lane) { return first + c.a[lane]; }),
+          load_bodies([&](int lane) { return first + c.b[lane]; })};
 }
 // Rows of bodies that impulses do not move stay untouched: several packets may read them at once.
-SUBSTEP_INLINE void store_row(const V3& linear, const V3& angular, BodyRow* rows,
-                              const std::int32_t* index, const bool* moves) {
+SUBSTEP_INLINE void store_both(const Both& m, BodyRows::Rows& rows, const ContactPacket& c) {
   BodyRow nowhere[kLanes];
-  const auto row = [&](int lane) { return moves[lane] ? rows + index[lane] : nowhere + lane; };
-  store_rows<V>({linear[0], linear[1], linear[2], V{}}, [&](int k) { return &row(k)->linear; });
-  store_rows<V>({angular[0], angular[1], angular[2], V{}}, [&](int k) { return &row(k)->angular; });
-}
-SUBSTEP_INLINE void store_motion(const Motion6& m, BodyRows::Rows& rows, const ContactPacket& c) {
-  store_row(m.linear_a, m.angular_a, rows.data(), c.a, c.moves_a);
-  store_row(m.linear_b, m.angular_b, rows.data(), c.b, c.moves_b);
+  BodyRow* first = rows.data();
+  store_bodies(m.a, [&](int k) { return c.moves_a[k] ? first + c.a[k] : nowhere + k; });
+  store_bodies(m.b, [&](int k) { return c.moves_b[k] ? first + c.b[k] : nowhere + k; });
 }
 
-// (j_0 . m, ..., j_3 . m)
-SUBSTEP_INLINE void approach(const ContactPacket& c, const Motion6& m, V (&u)[4]) {
-  const V linear = fma(c.scale_b, fused_dot(c.normal, m.linear_b),
-                       -(c.scale_a * fused_dot(c.normal, m.linear_a)));
-  for (int k = 0; k < 4; ++k) {
-    u[k] = linear + (fused_dot(c.arm_b[k], m.angular_b) - fused_dot(c.arm_a[k], m.angular_a));
-  }
+// How b moves relative to a at the contact, in its axes; or a force and a torque there.
+struct Twist {
+  V3 linear, angular;
+};
+
+SUBSTEP_INLINE V3 turn(const F3 (&axis)[3], const V3& w) {
+  return {{fused_dot(wide(axis[0]), w), fused_dot(wide(axis[1]), w), fused_dot(wide(axis[2]), w)}};
 }
-SUBSTEP_INLINE void apply_normal(const ContactPacket& c, const V (&d)[4], Motion6& m) {
-  const V sum = (d[0] + d[1]) + (d[2] + d[3]);
-  add(m.linear_a, -(c.scale_a * sum), c.normal);
-  add(m.linear_b, c.scale_b * sum, c.normal);
-  for (int k = 0; k < 4; ++k) {
-    add(m.angular_a, -d[k], c.arm_a[k]);
-    add(m.angular_b, d[k], c.arm_b[k]);
+SUBSTEP_INLINE Twist relative(const ContactPacket& c, const Both& m) {
+  const V3 w_a = turn(c.axis_a, m.a.angular), w_b = turn(c.axis_b, m.b.angular);
+  const V3 second = fused_cross(c.normal, c.tangent);
+  V3 v;
+  for (int i = 0; i < 3; ++i) v[i] = fma(c.scale_b, m.b.linear[i], -(c.scale_a * m.a.linear[i]));
+  const V3 a = fused_cross(w_a, wide(c.arm_a)), b = fused_cross(w_b, wide(c.arm_b));
+  Twist u{{{fused_dot(c.tangent, v), fused_dot(second, v), fused_dot(c.normal, v)}}, {}};
+  for (int i = 0; i < 3; ++i) {
+    u.linear[i] = u.linear[i] + (b[i] - a[i]);
+    u.angular[i] = w_b[i] - w_a[i];
   }
+  return u;
 }
-SUBSTEP_INLINE void apply_friction(const ContactPacket& c, const V (&d)[2], const V& twist,
-                                   Motion6& m) {
-  for (int i = 0; i < 2; ++i) {
-    add(m.linear_a, -(c.scale_a * d[i]), c.tangent[i]);
-    add(m.linear_b, c.scale_b * d[i], c.tangent[i]);
-    add(m.angular_a, -d[i], c.slide_a[i]);
-    add(m.angular_b, d[i], c.slide_b[i]);
+SUBSTEP_INLINE void apply(const ContactPacket& c, const Twist& impulse, Both& m) {
+  const V3 second = fused_cross(c.normal, c.tangent);
+  const V3 force = combine(impulse.linear, c.tangent, second, c.normal);
+  add(m.a.linear, -c.scale_a, force);
+  add(m.b.linear, c.scale_b, force);
+  V3 a = fused_cross(wide(c.arm_a), impulse.linear), b = fused_cross(wide(c.arm_b), impulse.linear);
+  for (int i = 0; i < 3; ++i) {
+    const V ta = a[i] + impulse.angular[i], tb = b[i] + impulse.angular[i];
+    add(m.a.angular, -ta, wide(c.axis_a[i]));
+    add(m.b.angular, tb, wide(c.axis_b[i]));
   }
-  add(m.angular_a, -twist, c.twist_a);
-  add(m.angular_b, twist, c.twist_b);
 }
 
-// The change d of impulses l >= 0 that makes residual + block d as near 0 as they allow. Where not
-// all points press: as far towards the unrestricted solution as all of them can go together, which
-// keeps the symmetry of a box that lifts off, and from there sweeps. Each lowers the energy.
+// Force and torque of the normal impulses.
+SUBSTEP_INLINE void add_normal(const ContactPacket& c, const V (&d)[4], Twist& impulse) {
+  impulse.linear[2] = impulse.linear[2] + ((d[0] + d[1]) + (d[2] + d[3]));
+  for (int k = 0; k < 4; ++k) {
+    impulse.angular[0] = fma(wide(c.q[k]), d[k], impulse.angular[0]);
+    impulse.angular[1] = fma(-wide(c.p[k]), d[k], impulse.angular[1]);
+  }
+}
+// Normal velocities of the points.
+SUBSTEP_INLINE void approach(const ContactPacket& c, const Twist& u, V (&result)[4]) {
+  for (int k = 0; k < 4; ++k) {
+    result[k] = fma(wide(c.q[k]), u.angular[0], fma(-wide(c.p[k]), u.angular[1], u.linear[2]));
+  }
+}
+
+// The change d of impulses l >= 0, in units of 1 / mobility, that makes residual + block d as near
+// 0 as they allow. Where not all points press: as far towards the unrestricted solution as all of
+// them can go together, which keeps the symmetry of a box that lifts off, and from there sweeps.
+// Each lowers the energy.
 SUBSTEP_INLINE void solve_block(const ContactPacket& c, const V (&residual)[4], const V (&l)[4],
                                 V (&d)[4]) {
   auto pulls = l[0] < l[0];
   V part = splat<V>(1);
+#pragma GCC unroll 4
   for (int k = 0; k < 4; ++k) {
-    V sum = c.inverse[at(k, 0)] * residual[0];
-    for (int j = 1; j < 4; ++j) sum = fma(c.inverse[at(k, j)], residual[j], sum);
+    V sum = wide(c.inverse[at(k, 0)]) * residual[0];
+#pragma GCC unroll 4
+    for (int j = 1; j < 4; ++j) sum = fma(wide(c.inverse[at(k, j)]), residual[j], sum);
     d[k] = -sum;
-    const auto negative = l[k] + d[k] < 0;
-    part = negative ? min(part, l[k] / (negative ? sum : splat<V>(1))) : part;
-    pulls = pulls | negative;
+    pulls = pulls | (l[k] + d[k] < 0);
   }
   if (!any(pulls)) return;
-  V e[4];
-  for (int k = 0; k < 4; ++k) e[k] = part * d[k];
-  for (int sweep = 0; sweep < kBlockSweeps; ++sweep) {
-    for (int q = 0; q < 4; ++q) {
-      const int k = sweep % 2 == 0 ? q : 3 - q;
-      V r = residual[k];
-      for (int j = 0; j < 4; ++j) r = fma(c.block[at(k, j)], e[j], r);
-      e[k] = max(fma(-r, c.diagonal[k], l[k] + e[k]), V{}) - l[k];
-    }
+#pragma GCC unroll 4
+  for (int k = 0; k < 4; ++k) {
+    const auto negative = l[k] + d[k] < 0;
+    part = negative ? min(part, l[k] / (negative ? -d[k] : splat<V>(1))) : part;
   }
+  V e[4];
+#pragma GCC unroll 4
+  for (int k = 0; k < 4; ++k) e[k] = part * d[k];
+  const auto solve_point = [&](int k) __attribute__((always_inline)) {
+    V r = residual[k];
+#pragma GCC unroll 4
+    for (int i = 0; i < 4; ++i) r = fma(wide(c.block[at(k, i)]), e[i], r);
+    e[k] = max(fma(-r, wide(c.diagonal[k]), l[k] + e[k]), V{}) - l[k];
+  };
+#pragma GCC unroll 4
+  for (int k = 0; k < 4; ++k) solve_point(k);
+#pragma GCC unroll 4
+  for (int k = 3; k >= 0; --k) solve_point(k);
+#pragma GCC unroll 4
   for (int k = 0; k < 4; ++k) d[k] = pulls ? e[k] : d[k];
 }
 
-// Friction cannot be projected onto the disc along A^-1, which would turn it: where it slides the
-// scalar step with the largest mobility has its fixed point where l_t is opposite to u_t.
-SUBSTEP_INLINE void solve_friction(ContactPacket& c, Motion6& m) {
-  const V pressure = (c.impulse[0] + c.impulse[1]) + (c.impulse[2] + c.impulse[3]);
-  V lever = c.spinning * pressure;
-  for (int k = 0; k < 4; ++k) lever = fma(c.friction * c.lever[k], c.impulse[k], lever);
-  const V spin = fused_dot(c.twist_b, m.angular_b) - fused_dot(c.twist_a, m.angular_a);
-  const V twist = max(-lever, min(lever, fma(-spin, c.twist_inverse, c.twist_impulse)));
-  V u[2], stick[2], slide[2], d[2];
-  for (int i = 0; i < 2; ++i) {
-    u[i] = fma(c.scale_b, fused_dot(c.tangent[i], m.linear_b),
-               -(c.scale_a * fused_dot(c.tangent[i], m.linear_a))) +
-           (fused_dot(c.slide_b[i], m.angular_b) - fused_dot(c.slide_a[i], m.angular_a));
-  }
-  for (int i = 0; i < 2; ++i) {
-    stick[i] = c.slide_impulse[i] - (c.slide_inverse[i] * u[0] + c.slide_inverse[i + 1] * u[1]);
-    slide[i] = c.slide_impulse[i] - u[i] * c.slide_bound;
-  }
-  const V limit = c.friction * pressure;
-  const auto sticks = stick[0] * stick[0] + stick[1] * stick[1] <= limit * limit;
-  const V length = root_of(slide[0] * slide[0] + slide[1] * slide[1]);
-  const V factor = length > limit ? limit / length : splat<V>(1);
-  for (int i = 0; i < 2; ++i) {
-    const V l = sticks ? stick[i] : slide[i] * factor;
-    d[i] = l - c.slide_impulse[i];
-    c.slide_impulse[i] = l;
-  }
-  apply_friction(c, d, twist - c.twist_impulse, m);
-  c.twist_impulse = twist;
+// x, or what of it is within the disc.
+SUBSTEP_INLINE void limit_to(const V& radius, V (&x)[2]) {
+  const V square = x[0] * x[0] + x[1] * x[1];
+  const auto beyond = square > radius * radius;
+  const V factor = beyond ? radius * inverse_sqrt(beyond ? square : splat<V>(1)) : splat<V>(1);
+  for (int i = 0; i < 2; ++i) x[i] = x[i] * factor;
 }
 
-SUBSTEP_INLINE void apply_rolling(const ContactPacket& c, const V (&d)[2], Motion6& m) {
-  for (int i = 0; i < 2; ++i) {
-    add(m.angular_a, -d[i], c.roll_a[i]);
-    add(m.angular_b, d[i], c.roll_b[i]);
-  }
+SUBSTEP_INLINE V pressure(const ContactPacket& c) {
+  return (c.impulse[0] + c.impulse[1]) + (c.impulse[2] + c.impulse[3]);
 }
 
-// The step with the largest mobility, projected onto the disc.
-SUBSTEP_INLINE void solve_rolling(ContactPacket& c, Motion6& m) {
-  const V limit = c.rolling * ((c.impulse[0] + c.impulse[1]) + (c.impulse[2] + c.impulse[3]));
-  V l[2], d[2];
-  for (int i = 0; i < 2; ++i) {
-    const V w = fused_dot(c.roll_b[i], m.angular_b) - fused_dot(c.roll_a[i], m.angular_a);
-    l[i] = fma(-w, c.roll_inverse, c.roll_impulse[i]);
+// Adds to the impulse, and to u what the normal impulses see of it. Friction cannot be projected
+// onto the disc along A^-1, which would turn it: where it slides the scalar step with the largest
+// mobility has its fixed point where l_t is opposite to u_t.
+SUBSTEP_INLINE void solve_friction(ContactPacket& c, Twist& u, Twist& impulse) {
+  const V inverse = inverse_of(c.mobility), friction = wide(c.friction), press = pressure(c);
+  V lever = wide(c.spinning) * press;
+  for (int k = 0; k < 4; ++k) lever = fma(friction * wide(c.lever[k]), c.impulse[k], lever);
+  const V step = -u.angular[2] * (wide(c.twist_inverse) * inverse);
+  const V twist = max(-lever, min(lever, c.twist_impulse + step));
+  V stick[2], slide[2];
+  const V x = u.linear[0] * inverse, y = u.linear[1] * inverse;
+  stick[0] = c.slide_impulse[0] - fma(wide(c.slide_inverse[0]), x, wide(c.slide_inverse[1]) * y);
+  stick[1] = c.slide_impulse[1] - fma(wide(c.slide_inverse[1]), x, wide(c.slide_inverse[2]) * y);
+  const V limit = friction * press;
+  const auto slides = stick[0] * stick[0] + stick[1] * stick[1] > limit * limit;
+  if (any(slides)) {
+    slide[0] = fma(-x, wide(c.slide_bound), c.slide_impulse[0]);
+    slide[1] = fma(-y, wide(c.slide_bound), c.slide_impulse[1]);
+    limit_to(limit, slide);
+    for (int i = 0; i < 2; ++i) stick[i] = slides ? slide[i] : stick[i];
   }
-  const V length = root_of(l[0] * l[0] + l[1] * l[1]);
-  const V factor = length > limit ? limit / length : splat<V>(1);
-  for (int i = 0; i < 2; ++i) {
-    d[i] = l[i] * factor - c.roll_impulse[i];
-    c.roll_impulse[i] = l[i] * factor;
+  const V d[3] = {stick[0] - c.slide_impulse[0], stick[1] - c.slide_impulse[1],
+                  twist - c.twist_impulse};
+  c.slide_impulse[0] = stick[0], c.slide_impulse[1] = stick[1], c.twist_impulse = twist;
+  impulse.linear[0] = d[0], impulse.linear[1] = d[1], impulse.angular[2] = d[2];
+  const V e[3] = {d[0] * c.mobility, d[1] * c.mobility, d[2] * c.mobility};
+  V change[3];
+  for (int i = 0; i < 3; ++i) {
+    change[i] = fma(wide(c.coupling[i][0]), e[0],
+                    fma(wide(c.coupling[i][1]), e[1], wide(c.coupling[i][2]) * e[2]));
   }
-  apply_rolling(c, d, m);
+  u.linear[2] = u.linear[2] + change[0];
+  for (int i = 0; i < 2; ++i) u.angular[i] = u.angular[i] + change[i + 1];
+}
+
+// The step with the largest mobility, projected onto the disc; u is that before the normal
+// impulses.
+SUBSTEP_INLINE void solve_rolling(ContactPacket& c, const Twist& u, Twist& impulse) {
+  const V inverse = inverse_of(c.mobility);
+  const auto& M = c.roll_mobility;  // from (t_1, t_1), (t_1, t_2), (t_2, t_2), l_n to both
+  const V &f = impulse.linear[2], &s = impulse.angular[0], &t = impulse.angular[1];
+  const V change[2] = {fma(wide(M[3]), f, fma(wide(M[0]), s, wide(M[1]) * t)),
+                       fma(wide(M[4]), f, fma(wide(M[1]), s, wide(M[2]) * t))};
+  V l[2];
+  for (int i = 0; i < 2; ++i) {
+    const V w = fma(u.angular[i], inverse, change[i]);
+    l[i] = fma(-w, wide(c.roll_inverse), c.roll_impulse[i]);
+  }
+  limit_to(wide(c.rolling) * pressure(c), l);
+  for (int i = 0; i < 2; ++i) {
+    impulse.angular[i] = impulse.angular[i] + (l[i] - c.roll_impulse[i]);
+    c.roll_impulse[i] = l[i];
+  }
 }
 
 // W^(1/2) v
@@ -192,6 +236,34 @@ struct Root {
   SUBSTEP_INLINE V3 operator*(const V3& v) const {
     return {
         {fused_dot({{xx, xy, xz}}, v), fused_dot({{xy, yy, yz}}, v), fused_dot({{xz, yz, zz}}, v)}};
+  }
+};
+
+// M, a symmetric 6 x 6 matrix, of both bodies: from forces (0, 1, 2) and torques (3, 4, 5) along
+// the axes to linear and angular velocities.
+struct Mobility {
+  V m[6][6];
+
+  SUBSTEP_INLINE void add(const Root& root, const V3 (&axis)[3], const V3& r) {
+    V N[3][3];  // of torques
+    for (int i = 0; i < 3; ++i) {
+      for (int j = 0; j < 3; ++j) N[i][j] = root.moves * fused_dot(axis[i], axis[j]);
+    }
+    const V zero{};
+    const V lever[6][3] = {
+        {zero, r[2], -r[1]},       {-r[2], zero, r[0]},
+        {r[1], -r[0], zero},       {splat<V>(1), zero, zero},
+        {zero, splat<V>(1), zero}, {zero, zero, splat<V>(1)}};  // r x force, or the torque
+    const V linear = root.moves * root.scale * root.scale;
+    for (int j = 0; j < 6; ++j) {
+      V w[3];
+      for (int i = 0; i < 3; ++i)
+        w[i] = fma(N[i][0], lever[j][0], fma(N[i][1], lever[j][1], N[i][2] * lever[j][2]));
+      for (int i = 0; i < 6; ++i) {
+        m[i][j] = m[i][j] + fma(lever[i][0], w[0], fma(lever[i][1], w[1], lever[i][2] * w[2]));
+      }
+      if (j < 3) m[j][j] = m[j][j] + linear;
+    }
   }
 };
 
@@ -230,8 +302,9 @@ SUBSTEP_INLINE void invert(const V (&m)[10], V (&inverse)[10]) {
   inverse[at(2, 2)] = S.x, inverse[at(3, 2)] = S.y, inverse[at(3, 3)] = S.z;
 }
 
-void set3(V3& v, int lane, const Vec3& value) {
-  for (int i = 0; i < 3; ++i) v[i][lane] = value[i];
+template <class T>
+void set3(T& v, int lane, const Vec3& value) {
+  for (int i = 0; i < 3; ++i) v[i][lane] = static_cast<Lane<decltype(v[0] + v[0])>>(value[i]);
 }
 
 }  // namespace
@@ -239,29 +312,33 @@ void set3(V3& v, int lane, const Vec3& value) {
 void ContactPacket::set(int lane, const ContactConstraint* contact, const BodyRows& rows) {
   static const ContactConstraint kNone{};
   const ContactConstraint& c = contact != nullptr ? *contact : kNone;
-  const Vec3 middle_a = c.middle(&ContactConstraint::Point::arm_a),
-             middle_b = c.middle(&ContactConstraint::Point::arm_b);
+  const Vec3 second = c.normal.cross(c.tangent);
+  const auto along_axes = [&](const Vec3& r) {
+    return Vec3(r.dot(c.tangent), r.dot(second), r.dot(c.normal));
+  };
+  const Vec3 middle_a = along_axes(c.middle(&ContactConstraint::Point::arm_a));
   a[lane] = contact != nullptr ? rows.row(c.a) : 0;
   b[lane] = contact != nullptr ? rows.row(c.b) : 0;
   moves_a[lane] = rows.moves(a[lane]), moves_b[lane] = rows.moves(b[lane]);
   set3(normal, lane, c.normal);
-  set3(tangent[0], lane, c.tangent);
-  set3(slide_a[0], lane, middle_a);
-  set3(slide_b[0], lane, middle_b);
+  set3(tangent, lane, c.tangent);
+  set3(arm_a, lane, middle_a);
+  set3(arm_b, lane, along_axes(c.middle(&ContactConstraint::Point::arm_b)));
   for (int k = 0; k < 4; ++k) {
     const bool is = k < c.count;
-    set3(arm_a[k], lane, is ? c.points[k].arm_a : middle_a);
-    set3(arm_b[k], lane, is ? c.points[k].arm_b : middle_b);
+    const Vec3 r = is ? Vec3(along_axes(c.points[k].arm_a) - middle_a) : Vec3::Zero();
+    p[k][lane] = static_cast<float>(r.x()), q[k][lane] = static_cast<float>(r.y());
+    lever[k][lane] = static_cast<float>(r.head<2>().norm());
     used[k][lane] = is ? 1 : 0;
-    separation[k][lane] = is ? c.points[k].separation : 0;
+    separation[k][lane] = is ? static_cast<float>(c.points[k].separation) : 0;
     impulse[k][lane] = is ? c.points[k].impulse : 0;
-    lever[k][lane] = is ? (c.points[k].arm_a - middle_a).norm() : 0;
   }
-  friction[lane] = c.friction, spinning[lane] = c.spinning, away[lane] = 0;
+  friction[lane] = static_cast<float>(c.friction), spinning[lane] = static_cast<float>(c.spinning);
+  away[lane] = 0;
   slide_impulse[0][lane] = c.friction_impulse[0], slide_impulse[1][lane] = c.friction_impulse[1];
   twist_impulse[lane] = c.twist_impulse;
   rolls = (lane > 0 && rolls) || c.rolling > 0;
-  rolling[lane] = c.rolling;
+  rolling[lane] = static_cast<float>(c.rolling);
   for (int i = 0; i < 2; ++i) roll_impulse[i][lane] = c.roll_impulse[i];
 }
 
@@ -274,101 +351,111 @@ void ContactPacket::get(int lane, ContactConstraint& contact) const {
 }
 
 void ContactPacket::prepare(const BodyRows& rows) {
-  const Root A(rows, a), B(rows, b);
-  scale_a = A.scale, scale_b = B.scale;
-  tangent[1] = cross(normal, tangent[0]);
-  const V3 ra = slide_a[0], rb = slide_b[0];
-  if (rolls) {
-    for (int i = 0; i < 2; ++i) roll_a[i] = A * tangent[i], roll_b[i] = B * tangent[i];
-  }
-  for (int i = 0; i < 2; ++i) {
-    slide_a[i] = A * cross(ra, tangent[i]);
-    slide_b[i] = B * cross(rb, tangent[i]);
-  }
-  twist_a = A * normal, twist_b = B * normal;
-  for (int k = 0; k < 4; ++k) {
-    arm_a[k] = A * cross(arm_a[k], normal);
-    arm_b[k] = B * cross(arm_b[k], normal);
-  }
-  const V mass_a = A.moves * A.scale * A.scale, mass_b = B.moves * B.scale * B.scale;
-  const V linear = mass_a + mass_b;
+  const V3 axes[3] = {tangent, fused_cross(normal, tangent), normal};
+  Mobility M{};
+  const auto add_body = [&](const std::int32_t* index, V& scale, F3(&axis)[3], const F3& arm) {
+    const Root root(rows, index);
+    scale = root.scale;
+    V3 turned[3];
+    for (int i = 0; i < 3; ++i) {
+      turned[i] = root * axes[i];
+      axis[i] = narrow(turned[i]);
+    }
+    M.add(root, turned, wide(arm));
+  };
+  add_body(a, scale_a, axis_a, arm_a);
+  add_body(b, scale_b, axis_b, arm_b);
+
+  V A[10], regular[10];
   V largest{};
   for (int k = 0; k < 4; ++k) {
+    const V pk = wide(p[k]), qk = wide(q[k]);
+    const V column[3] = {fma(qk, M.m[2][3], fma(-pk, M.m[2][4], M.m[2][2])),
+                         fma(qk, M.m[3][3], fma(-pk, M.m[3][4], M.m[3][2])),
+                         fma(qk, M.m[4][3], fma(-pk, M.m[4][4], M.m[4][2]))};
     for (int l = 0; l <= k; ++l) {
-      block[at(k, l)] = used[k] * used[l] *
-                        (linear + (A.moves * fused_dot(arm_a[k], arm_a[l]) +
-                                   B.moves * fused_dot(arm_b[k], arm_b[l])));
+      A[at(k, l)] = wide(used[k]) * wide(used[l]) *
+                    fma(wide(q[l]), column[1], fma(-wide(p[l]), column[2], column[0]));
     }
-    largest = max(largest, block[at(k, k)]);
+    largest = max(largest, A[at(k, k)]);
   }
+  mobility = largest;
+  const V unit = inverse_of(largest);
+  for (int k = 0; k < 10; ++k) A[k] = A[k] * unit;
   for (int k = 0; k < 4; ++k) {
-    V& entry = block[at(k, k)];
-    entry = used[k] > 0 ? entry + kRegularisation * largest : splat<V>(1);
-    diagonal[k] = 1 / entry;
+    const auto is = wide(used[k]) > 0;
+    V& entry = A[at(k, k)];
+    entry = is ? entry + kRegularisation : splat<V>(1);
+    diagonal[k] = narrow(is ? 1 / entry : V{});
   }
-  invert(block, inverse);
+  invert(A, regular);
+  for (int k = 0; k < 10; ++k) block[k] = narrow(A[k]), inverse[k] = narrow(regular[k]);
 
-  const auto mobility = [&](int i, int j) __attribute__((always_inline)) {
-    return A.moves * fused_dot(slide_a[i], slide_a[j]) +
-           B.moves * fused_dot(slide_b[i], slide_b[j]);
-  };
-  const V some = max(linear, splat<V>(1e-300));  // lanes without a contact
-  const V xx = some + mobility(0, 0), xy = mobility(0, 1), yy = some + mobility(1, 1);
-  const V scale = 1 / (xx * yy - xy * xy);
-  slide_inverse[0] = scale * yy, slide_inverse[1] = -scale * xy, slide_inverse[2] = scale * xx;
-  slide_bound = 1 / largest_of(xx, xy, yy);
-  const V spin = A.moves * fused_dot(twist_a, twist_a) + B.moves * fused_dot(twist_b, twist_b);
-  twist_inverse = 1 / max(spin, splat<V>(1e-300));
+  const auto of = [&](int i, int j) __attribute__((always_inline)) { return M.m[i][j] * unit; };
+  const V xx = of(0, 0), xy = of(0, 1), yy = of(1, 1), scale = inverse_of(xx * yy - xy * xy);
+  slide_inverse[0] = narrow(scale * yy);
+  slide_inverse[1] = narrow(-scale * xy);
+  slide_inverse[2] = narrow(scale * xx);
+  slide_bound = narrow(inverse_of(largest_of(xx, xy, yy)));
+  twist_inverse = narrow(inverse_of(of(5, 5)));
+  constexpr int kFrom[3] = {0, 1, 5};
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) coupling[i][j] = narrow(of(2 + i, kFrom[j]));
+  }
   if (!rolls) return;
-  const auto turning = [&](int i, int j) __attribute__((always_inline)) {
-    return A.moves * fused_dot(roll_a[i], roll_a[j]) + B.moves * fused_dot(roll_b[i], roll_b[j]);
-  };
-  roll_inverse = 1 / max(largest_of(turning(0, 0), turning(0, 1), turning(1, 1)), splat<V>(1e-300));
+  roll_inverse = narrow(inverse_of(largest_of(of(3, 3), of(3, 4), of(4, 4))));
+  constexpr int kRolls[5][2] = {{3, 3}, {3, 4}, {4, 4}, {3, 2}, {4, 2}};
+  for (int k = 0; k < 5; ++k) roll_mobility[k] = narrow(of(kRolls[k][0], kRolls[k][1]));
 }
 
 void ContactPacket::warm_start(BodyRows& rows) const {
-  Motion6 m = load_motion(rows.push, *this);
-  apply_normal(*this, impulse, m);
-  apply_friction(*this, slide_impulse, twist_impulse, m);
-  if (rolls) apply_rolling(*this, roll_impulse, m);
-  store_motion(m, rows.push, *this);
+  Both m = load_both(rows.push, *this);
+  Twist l{{{slide_impulse[0], slide_impulse[1], V{}}}, {{V{}, V{}, twist_impulse}}};
+  if (rolls) l.angular[0] = roll_impulse[0], l.angular[1] = roll_impulse[1];
+  add_normal(*this, impulse, l);
+  apply(*this, l, m);
+  store_both(m, rows.push, *this);
 }
 
-void ContactPacket::solve_velocities(BodyRows& rows, const Settings& settings, bool first) {
-  V u[4], d[4];
-  if (first) {
-    approach(*this, load_motion(rows.displacement, *this), u);
-    for (int k = 0; k < 4; ++k) {
-      target[k] = max(separation[k] + u[k] + away, V{}) * settings.inverse_h;
-    }
-  }
-  Motion6 m = load_motion(rows.velocity, *this);
-  if (rolls) solve_rolling(*this, m);
-  solve_friction(*this, m);
-  approach(*this, m, u);
-  for (int k = 0; k < 4; ++k) u[k] = (u[k] + target[k]) * used[k];
-  solve_block(*this, u, impulse, d);
-  for (int k = 0; k < 4; ++k) impulse[k] = impulse[k] + d[k];
-  apply_normal(*this, d, m);
-  store_motion(m, rows.velocity, *this);
-}
-
-void ContactPacket::solve_positions(BodyRows& rows, const Settings& settings) const {
-  Motion6 m = load_motion(rows.displacement, *this);
-  V u[4], d[4];
+void ContactPacket::solve_positions(BodyRows& rows, const Settings& settings) {
+  Both m = load_both(rows.displacement, *this);
+  const V unit = inverse_of(mobility);
+  V C[4], d[4];
   const V none[4] = {};
-  approach(*this, m, u);
-  auto deep = u[0] < u[0];
+  approach(*this, relative(*this, m), C);
+  auto deep = C[0] < C[0];
   for (int k = 0; k < 4; ++k) {
-    const V C = separation[k] + u[k] + away + settings.slop;
-    const auto is = (C < 0) & (used[k] > 0);
+    C[k] = C[k] + wide(separation[k] + away);
+    target[k] = narrow(max(C[k], V{}) * settings.inverse_h);
+    const V overlap = C[k] + settings.slop;
+    const auto is = (overlap < 0) & (wide(used[k]) > 0);
     deep = deep | is;
-    u[k] = used[k] * (is ? max(settings.correction * C, splat<V>(-settings.push)) : C);
+    C[k] = wide(used[k]) * unit *
+           (is ? max(settings.correction * overlap, splat<V>(-settings.push)) : overlap);
   }
   if (!any(deep)) return;
-  solve_block(*this, u, none, d);
-  apply_normal(*this, d, m);
-  store_motion(m, rows.displacement, *this);
+  solve_block(*this, C, none, d);
+  Twist l{};
+  add_normal(*this, d, l);
+  apply(*this, l, m);
+  store_both(m, rows.displacement, *this);
+}
+
+void ContactPacket::solve_velocities(BodyRows& rows) {
+  Both m = load_both(rows.velocity, *this);
+  Twist u = relative(*this, m), l{};
+  solve_friction(*this, u, l);
+  V residual[4], d[4];
+  approach(*this, u, residual);
+  const V unit = inverse_of(mobility);
+  for (int k = 0; k < 4; ++k)
+    residual[k] = (residual[k] + wide(target[k])) * (wide(used[k]) * unit);
+  solve_block(*this, residual, impulse, d);
+  for (int k = 0; k < 4; ++k) impulse[k] = impulse[k] + d[k];
+  add_normal(*this, d, l);
+  if (rolls) solve_rolling(*this, u, l);
+  apply(*this, l, m);
+  store_both(m, rows.velocity, *this);
 }
 
 }  // namespace substep::rigid

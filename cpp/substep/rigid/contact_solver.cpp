@@ -11,7 +11,7 @@ namespace {
 constexpr int kLanes = ContactPacket::kLanes;
 constexpr std::int64_t kBodies = 512;  // per chunk
 constexpr std::int64_t kPackets = 16;  // per chunk, where they are independent
-constexpr double kFarAway = 1e6;       // [m]
+constexpr float kFarAway = 1e6F;       // [m]
 
 // Loops over chunks, one after the other, for one call of parallel_phases.
 class Phases {
@@ -146,13 +146,13 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
     for (int sweep = 0; sweep < options.sweeps; ++sweep) {
       add_joints([&, sweep](JointGroup& group) { group.solve_velocities(rows_, sweep == 0); });
       phases.add_sweep(sweep_, [&, sweep](std::int64_t k) {
-        packet(k).solve_velocities(rows_, settings, sweep == 0);
+        if (sweep == 0) packet(k).solve_positions(rows_, settings);
+        packet(k).solve_velocities(rows_);
       });
     }
     phases.add_range(rows_.size(), kBodies,
                      [&](std::int64_t begin, std::int64_t end) { rows_.move(begin, end, h); });
     add_joints([&](JointGroup& group) { group.move(rows_); });
-    phases.add_sweep(sweep_, [&](std::int64_t k) { packet(k).solve_positions(rows_, settings); });
     add_joints([&](JointGroup& group) { group.solve_positions(rows_); });
   }
   add_joints([&](JointGroup& group) { group.end_step(rows_); });
