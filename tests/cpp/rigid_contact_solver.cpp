@@ -40,6 +40,37 @@ TEST(ContactSolver, StacksNeitherDriftNorSink) {
   }
 }
 
+TEST(ContactSolver, WhatStandsComesToRest) {
+  ContactScene scene;
+  scene.add_ground();
+  for (int row = 0; row < 8; ++row) {
+    for (int k = 0; k < 8 - row; ++k)
+      scene.add_box(Vec3::Constant(0.5), {1.05 * (k + 0.5 * row), 0, 0.5 + row});
+  }
+  scene.advance(1);
+  const Vec3 mean(0, 1e-3 / 36, 0);
+  for (int k = 1; k <= 36; ++k) scene.bodies.apply_impulse(k, mean * k, scene.bodies.position(k));
+  scene.advance(2);
+  for (int k = 1; k <= 36; ++k) EXPECT_LT(scene.bodies.velocity(k).norm(), 1e-6);
+}
+
+// Settling takes nothing from what moves: a box that is pushed up from where it stands.
+TEST(ContactSolver, WhatIsPushedOffKeepsItsSpeed) {
+  ContactScene scene;
+  scene.add_ground();
+  scene.add_box(Vec3::Constant(0.5), {0, 0, 0.5}, 2);
+  scene.advance(1);
+  scene.bodies.apply_impulse(1, {0, 0, 2}, scene.bodies.position(1));
+  scene.step(kDt);
+  EXPECT_NEAR(scene.bodies.velocity(1).z(), 1 - g * kDt, 1e-12);
+  // Without friction nothing stands.
+  scene.friction[0] = 0;
+  scene.advance(1);
+  scene.bodies.set_velocity(1, {1e-3, 0, 0}, Vec3::Zero());
+  scene.advance(1);
+  EXPECT_NEAR(scene.bodies.velocity(1).x(), 1e-3, 1e-12);
+}
+
 TEST(ContactSolver, HoldsAThousandfoldMass) {
   ContactScene scene;
   scene.add_ground();

@@ -41,6 +41,8 @@ void BodyRows::load(const Bodies& bodies, const Vec3& gravity, std::span<const s
     rows->reset(body_of.size());
     (*rows)[0] = {};
   }
+  stands.assign(body_of.size(), 0);
+  stands[0] = 1;
   first_spin_.reset(3 * body_of.size());
   Vec3::Map(first_spin_.data()).setZero();
   parallel_for(
@@ -66,7 +68,17 @@ void BodyRows::load(const Bodies& bodies, const Vec3& gravity, std::span<const s
       threads);
 }
 
-void BodyRows::accelerate(std::int64_t begin, std::int64_t end, double h) {
+void BodyRows::accelerate(std::int64_t begin, std::int64_t end, double h, double slow,
+                          double lost) {
+  const auto settle = [&](std::size_t i) {
+    const auto v = load_quad(velocity[i].linear), w = load_quad(velocity[i].angular);
+    const auto square = v * v + w * w;
+    const double energy = (square[0] + square[1] + square[2]) * root[i].linear.w * root[i].linear.w;
+    if (!(energy < slow * slow)) return;
+    const double kept = 1 - lost * (1 - energy / (slow * slow));
+    store_quad(velocity[i].linear, kept * v);
+    store_quad(velocity[i].angular, kept * w);
+  };
   const auto advance = [h](const Point<double>& a, const Point<double>& p, Point<double>& v,
                            Point<double>& without) {
     const auto unpushed = load_quad(v) + h * load_quad(a);
@@ -74,6 +86,7 @@ void BodyRows::accelerate(std::int64_t begin, std::int64_t end, double h) {
     store_quad(v, unpushed + load_quad(p));
   };
   for (auto i = at(begin); i < at(end); ++i) {
+    if (stands[i] != 0) settle(i);
     advance(acceleration[i].linear, push[i].linear, velocity[i].linear, free[i].linear);
     advance(acceleration[i].angular, push[i].angular, velocity[i].angular, free[i].angular);
   }

@@ -38,6 +38,7 @@ struct BodyRows {
   // W^(1/2): linear (xx, yy, zz, 1 / sqrt(m)), angular (xy, xz, yz, 1 if impulses move it, else 0).
   // A kinematic body has 1 for its mass and moments, so that its velocity is read as it is.
   Rows root;
+  std::vector<std::uint8_t> stands;           // of rows; row 0 does
   std::vector<std::int32_t> row_of, body_of;  // row_of[body], body_of[row]; body_of[0] is -1
 
   std::int64_t size() const { return static_cast<std::int64_t>(body_of.size()); }
@@ -52,8 +53,9 @@ struct BodyRows {
   // asleep: not 0 where a body is, or empty.
   void load(const Bodies& bodies, const Vec3& gravity, std::span<const std::uint8_t> asleep,
             int threads);
-  // v += h a + push: the contacts push as they did in the last sub-step.
-  void accelerate(std::int64_t begin, std::int64_t end, double h);
+  // v += h a + push: the contacts push as they did in the last sub-step. Bodies that stand and are
+  // slower than `slow` [m/s] first lose up to the part `lost` of their velocity.
+  void accelerate(std::int64_t begin, std::int64_t end, double h, double slow, double lost);
   // x += h v, and notes the push. A body that nothing touched is on its parabola:
   // x += h v - h^2 a / 2, exactly.
   void move(std::int64_t begin, std::int64_t end, double h);

@@ -1,6 +1,7 @@
 #include "substep/rigid/contact_constraint.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 namespace substep::rigid {
@@ -23,6 +24,23 @@ ContactConstraint make_contact(const Manifold& manifold, std::int32_t a, const P
     point.in_b = pose_b.rotation.transpose() * point.arm_b;
   }
   return contact;
+}
+
+bool holds(const ContactConstraint& contact) {
+  constexpr double kPart = 0.9;
+  const Vec3 middle = contact.middle(&ContactConstraint::Point::position);
+  int pressing = 0;
+  double pressure = 0, lever = 0;
+  for (int k = 0; k < contact.count; ++k) {
+    const ContactConstraint::Point& point = contact.points[k];
+    pressing += point.impulse > 0;
+    pressure += point.impulse;
+    lever += point.impulse * (point.position - middle).norm();
+  }
+  const double friction = std::hypot(contact.friction_impulse[0], contact.friction_impulse[1]);
+  const double torque = contact.friction * lever + contact.spinning * pressure;
+  return pressing >= 3 && friction < kPart * contact.friction * pressure &&
+         std::abs(contact.twist_impulse) < kPart * torque;
 }
 
 void carry_impulses(const ContactConstraint& last, ContactConstraint& now) {

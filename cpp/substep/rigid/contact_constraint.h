@@ -52,6 +52,10 @@ struct ContactConstraint {
   }
 };
 
+// Whether the last impulses press on at least three points, with friction and the torque about the
+// normal below 0.9 of their bounds: neither body moves relative to the other.
+bool holds(const ContactConstraint& contact);
+
 // The contact of bodies a and b at these poses, without impulses.
 ContactConstraint make_contact(const Manifold& manifold, std::int32_t a, const Pose& pose_a,
                                std::int32_t b, const Pose& pose_b);

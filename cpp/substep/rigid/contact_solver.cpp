@@ -84,6 +84,19 @@ void ContactSolver::order(const Vec3& gravity, std::span<const ContactConstraint
   }
 }
 
+// From the bottom up.
+void ContactSolver::mark_standing(std::span<const ContactConstraint> contacts) {
+  for (auto it = depth_.rbegin(); it != depth_.rend(); ++it) {
+    const ContactConstraint& c = contacts[static_cast<std::size_t>(it->second)];
+    const std::int32_t a = rows_.row(c.a), b = rows_.row(c.b);
+    auto &stands_a = rows_.stands[static_cast<std::size_t>(a)],
+         &stands_b = rows_.stands[static_cast<std::size_t>(b)];
+    if (stands_a == stands_b || !holds(c)) continue;
+    if (rows_.moves(a)) stands_a = 1;
+    if (rows_.moves(b)) stands_b = 1;
+  }
+}
+
 void ContactSolver::pack(std::span<const ContactConstraint> contacts, int threads) {
   packets_.reset(static_cast<std::size_t>(sweep_.packets()));
   parallel_for(
@@ -125,8 +138,12 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   joints_.begin_step(bodies, joints, contacts, {h, options.push_speed * dt, options.rotation},
                      rows_);
   order(gravity, contacts);
+  mark_standing(contacts);
   pack(contacts, threads);
   impacts_.begin_step(contacts, rows_);
+
+  const double slow = 0.5 * h * gravity.norm();
+  const double lost = std::min(1.0, h * options.settling);
 
   const auto packet = [&](std::int64_t k) -> ContactPacket& {
     return packets_[static_cast<std::size_t>(k)];
@@ -141,7 +158,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   for (int substep = 0; substep < options.substeps; ++substep) {
     if (!impacts_.empty()) phases.add(1, [&](std::int64_t) { bounce(h, options.slop); });
     phases.add_range(rows_.size(), kBodies, [&](std::int64_t begin, std::int64_t end) {
-      rows_.accelerate(begin, end, h);
+      rows_.accelerate(begin, end, h, slow, lost);
     });
     for (int sweep = 0; sweep < options.sweeps; ++sweep) {
       add_joints([&, sweep](JointGroup& group) { group.solve_velocities(rows_, sweep == 0); });

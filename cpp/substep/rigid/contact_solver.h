@@ -8,15 +8,24 @@
 //        u_n + max(C, 0) / h >= 0,                                        contact_packet.h
 //      without any term that pushes apart what overlaps
 //   4. x += h v
-//   5. a sweep that moves apart what overlaps by more than the slop, by the part beta of it,
-//      without velocity (pseudo-velocities from none, in every sub-step)
-// 5 is apart from 3 because impulses that push positions, kept for the warm start, are an integral
-// action on what sweeps have not converged: of the slowest modes, l' = -c (u + b x) - k l with
-// m u' = l, so s^3 + (k / m) s^2 + (c / m) (s + b) = 0, stable (Routh) only if k > m b. A soft
-// constraint (Catto 2024, "Solver2D", box2d.org, "Soft Step") buys that with the leak k, and sinks
-// under load by what the leak loses: 106 mm in a stack of 20. Displacements that are not kept have
-// no such mode, so the contact needs no leak and carries any load without sinking; docs/
-// rigid_contact.md has the table.
+// and what overlaps by more than the slop is moved apart by the part beta of it, without velocity
+// (pseudo-velocities from none, in every sub-step), as the first sweep of the next sub-step comes
+// to the contact. That is apart from 3 because impulses that push positions, kept for the warm
+// start, are an integral action on what sweeps have not converged: of the slowest modes, l' = -c (u
+// + b x) - k l with m u' = l, so s^3 + (k / m) s^2 + (c / m) (s + b) = 0, stable (Routh) only if k
+// > m b. A soft constraint (Catto 2024, "Solver2D", box2d.org, "Soft Step") buys that with the leak
+// k, and sinks under load by what the leak loses: 106 mm in a stack of 20. Displacements that are
+// not kept have no such mode, so the contact needs no leak and carries any load without sinking;
+// docs/ rigid_contact.md has the table.
+//
+// What sweeps have not converged of the velocities swings: a mode with the part c of its error
+// taken by a sub-step has e = l + f and u (its impulse less the load, its velocity) go by
+//   u' = (1 - c) (u + e / m),  e' = e - c m (u + e / m),
+// of determinant 1 - c: it loses c / 2 a sub-step, so a stack of 20 sways for a minute. As bodies
+// that stand have no velocity in the end, they lose what little they have at the rate
+// `settling`: those that rest with a face, by friction well within the cone, on a body that stands,
+// at first on a static one, and are slower than half of what gravity gives in a sub-step, which
+// friction would stop at once.
 //
 // World inertias and the points of contact stay those of the begin of the step. Packets of one
 // colour run on several threads; the order of the sweep is fixed, so bits do not depend on them.
@@ -40,6 +49,7 @@ struct ContactOptions {
   double correction = 0.5;  // beta, of a sub-step
   double slop = 1e-4;       // overlap that is left, so that contacts last [m]
   double push_speed = 3.0;  // most that overlapping bodies are moved apart [m/s]
+  double settling = 10.0;  // rate at which bodies that stand lose what little speed they have [1/s]
   FreeRotation rotation = FreeRotation::kSplitting;
 };
 
@@ -60,6 +70,7 @@ class ContactSolver {
 
  private:
   void order(const Vec3& gravity, std::span<const ContactConstraint> contacts);
+  void mark_standing(std::span<const ContactConstraint> contacts);
   void pack(std::span<const ContactConstraint> contacts, int threads);
   void bounce(double h, double slop);
 

@@ -37,6 +37,7 @@ void check_options(const WorldOptions& options) {
   check_number("contact_margin", options.contact_margin, 0, true);
   check_number("slop", options.contact.slop, 0, false);
   check_number("push_speed", options.contact.push_speed, 0, true);
+  check_number("settling", options.contact.settling, 0, true);
   check_number("sleep.distance", options.sleep.distance, 0, false);
   check_number("sleep.time", options.sleep.time, 0, true);
 }
