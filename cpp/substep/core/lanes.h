@@ -13,7 +13,11 @@
 #if defined(__GNUC__) && !defined(__clang__)
 #pragma GCC diagnostic ignored "-Wpsabi"  // all functions on vectors are inlined
 #endif
+#ifdef __SANITIZE_ADDRESS__  // with its checks, a copy in each kernel takes minutes to compile
+#define SUBSTEP_INLINE inline
+#else
 #define SUBSTEP_INLINE inline __attribute__((always_inline))
+#endif
 
 namespace substep {
 

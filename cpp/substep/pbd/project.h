@@ -84,12 +84,7 @@ struct Projection {
     std::array<Lanes3<V>, kPoints> gradient;
     V c;
   };
-#ifdef __SANITIZE_ADDRESS__  // with its checks, a copy in each kernel takes minutes to compile
-  [[gnu::noinline]]
-#else
-  SUBSTEP_INLINE
-#endif
-  static void evaluate(const Block& block, const Point<Real>* x, Evaluation& e) {
+  SUBSTEP_INLINE static void evaluate(const Block& block, const Point<Real>* x, Evaluation& e) {
     std::array<Lanes3<V>, kPoints> at;
     unrolled<kPoints>([&](auto i) __attribute__((always_inline)) {
       e.p[i] = load_rows<V>([&](int lane) { return row(x, block.place[i][lane]); });
