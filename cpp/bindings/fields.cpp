@@ -37,8 +37,7 @@ void define(py::class_<Flow>& flow) {
         const ReleaseGil nogil;
         for_each_method([&]<class Method>(Method) {
           if (method == Method::kName) {
-            advect_flow<Method, T, Flow>(self, in, out, particles, {origin, h, first, count},
-                                         threads);
+            advect_flow<Method>(self, in, out, particles, {origin, h, first, count}, threads);
           }
         });
         return x_new;

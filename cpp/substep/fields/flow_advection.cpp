@@ -1,8 +1,11 @@
 #include "substep/fields/flow_advection.h"
 
 #include <atomic>
+#include <cmath>
 #include <limits>
+#include <string>
 
+#include "substep/core/errors.h"
 #include "substep/core/parallel.h"
 
 namespace substep::fields {
@@ -73,6 +76,7 @@ struct FlowTile {
   }
 };
 
+// One step of a tile; called for all steps and, rarely, to find the one that failed.
 template <class Method, class T, class Flow>
 [[gnu::noinline]] void step_tile(const Flow& flow, double t, double h,
                                  FlowTile<T, Flow::kDimension>& tile, int count) {

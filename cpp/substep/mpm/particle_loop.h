@@ -106,9 +106,9 @@ std::int32_t id_of(const Particles<Real, D>& particles, const Slot& s) {
   return particles.groups[s.group].ids[s.id_index<Real>()];
 }
 
-// The id of the particle of the greatest score, the lowest of equal ones; -1 where all scores are
-// -1. score(group, packet, particle block, particles in it, scores) sets those of a packet, 0 or
-// more.
+// The id of the particle of the greatest score, the lowest of equal ones; -1 if there is none.
+// score(group, packet, particle block, particles in it, scores) sets those of a packet: 0 or more,
+// or -1 for a particle that does not count.
 template <class Real, int D, class Score>
 std::int32_t id_of_greatest(const Particles<Real, D>& particles, const Score& score) {
   double greatest = -1;
