@@ -311,7 +311,7 @@ def test_reported_impulses_are_all_that_contact_did(restitution, slip):
     """Of a ball that lands, bounces, slips and rolls: they are what its momentum changes by."""
     bodies = on_ground(sleeping=False)
     ball = bodies.add(BALL, (0, 0, 0.6), velocities=(slip, 0, 0), mass=2.0, restitution=restitution)
-    weight = np.array([0, 0, -2 * G])
+    weight, pressed = np.array([0, 0, -2 * G]), 0
     for _ in range(60):
         before = bodies.momenta[ball].copy()
         bodies.step(1 / 60)
@@ -319,7 +319,8 @@ def test_reported_impulses_are_all_that_contact_did(restitution, slip):
         given = (report.impulses[:, None] * report.normals + report.friction_impulses).sum(axis=0)
         change = bodies.momenta[ball] - before
         assert given == pytest.approx(change - weight / 60, abs=1e-9)
-    assert len(report) == 1
+        pressed += given[2] > 0
+    assert pressed > 2
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 0.8])
