@@ -305,6 +305,24 @@ def test_boxes_rest_on_one_another():
     assert told["contacts"] == 3 and 0 <= told["penetration"] < 1e-3
 
 
+@pytest.mark.parametrize("restitution", [0.0, 0.7])
+@pytest.mark.parametrize("slip", [0.0, 3.0])
+def test_reported_impulses_are_all_that_contact_did(restitution, slip):
+    """Of a ball that lands, bounces, slips and rolls: they are what its momentum changes by."""
+    bodies = on_ground(sleeping=False)
+    ball = bodies.add(BALL, (0, 0, 0.6), velocities=(slip, 0, 0), mass=2.0, restitution=restitution)
+    weight, pressed = np.array([0, 0, -2 * G]), 0
+    for _ in range(60):
+        before = bodies.momenta[ball].copy()
+        bodies.step(1 / 60)
+        report = bodies.contacts()
+        given = (report.impulses[:, None] * report.normals + report.friction_impulses).sum(axis=0)
+        change = bodies.momenta[ball] - before
+        assert given == pytest.approx(change - weight / 60, abs=1e-9)
+        pressed += given[2] > 0
+    assert pressed > 2
+
+
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 0.8])
 def test_bounces_follow_restitution(restitution):
     bodies = on_ground()

@@ -48,7 +48,6 @@ py::tuple contacts(const PyWorld& self) {
   Numbers bodies({m, py::ssize_t{2}}), fixtures({m, py::ssize_t{2}}), contact(k);
   Rows normals({m, py::ssize_t{3}}), friction({m, py::ssize_t{3}}), points({k, py::ssize_t{3}});
   py::array_t<double> impulses(m), separations(k), point_impulses(k);
-  const double substeps = self.world.options().contact.substeps;
   k = 0;
   for (py::ssize_t i = 0; i < m; ++i) {
     const ContactConstraint& c = all[static_cast<std::size_t>(i)];
@@ -61,13 +60,12 @@ py::tuple contacts(const PyWorld& self) {
       contact.mutable_at(k) = i;
       Vec3::Map(points.mutable_data(k, 0)) = c.points[p].position;
       separations.mutable_at(k) = c.points[p].separation;
-      point_impulses.mutable_at(k) = substeps * c.points[p].impulse;
-      sum += substeps * c.points[p].impulse;
+      point_impulses.mutable_at(k) = c.points[p].total;
+      sum += c.points[p].total;
     }
     impulses.mutable_at(i) = sum;
     Vec3::Map(friction.mutable_data(i, 0)) =
-        substeps *
-        (c.friction_impulse[0] * c.tangent + c.friction_impulse[1] * c.normal.cross(c.tangent));
+        c.friction_total[0] * c.tangent + c.friction_total[1] * c.normal.cross(c.tangent);
   }
   return py::make_tuple(bodies, fixtures, normals, impulses, friction, contact, points, separations,
                         point_impulses);

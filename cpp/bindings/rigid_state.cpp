@@ -19,11 +19,12 @@ void for_each_real(Contact& c, Visit&& visit) {
   for (auto& point : c.points) {
     vector(point.position), vector(point.in_a), vector(point.in_b);
     vector(point.arm_a), vector(point.arm_b);
-    visit(point.separation), visit(point.impulse);
+    visit(point.separation), visit(point.impulse), visit(point.total);
   }
   visit(c.friction), visit(c.restitution), visit(c.spinning), visit(c.rolling);
   visit(c.friction_impulse[0]), visit(c.friction_impulse[1]), visit(c.twist_impulse);
   visit(c.roll_impulse[0]), visit(c.roll_impulse[1]);
+  visit(c.friction_total[0]), visit(c.friction_total[1]);
 }
 template <class Contact, class Visit>
 void for_each_integer(Contact& c, Visit&& visit) {

@@ -24,9 +24,8 @@ Ids = NDArray[np.int64]
 class Contacts:
     """Where bodies touch, of `RigidBodies.contacts`: m contacts with k points.
 
-    A contact is two shapes that touch in one plane, at up to four points. Impulses are those that
-    the end of the last step had per time, times the step: divided by the step, the forces then.
-    Blows within a step, of bodies that bounce, are not among them.
+    A contact is two shapes that touch in one plane, at up to four points. Impulses are those of the
+    whole last step, bounces included: divided by the step, mean forces.
 
     Attributes
     ----------

@@ -25,6 +25,7 @@ struct ContactConstraint {
     Vec3 position = Vec3::Zero();                   // in the world, midway between the surfaces
     double separation = 0.0;                        // C at the begin of the step [m]
     double impulse = 0.0;                           // l_n of the last sub-step [N s]
+    double total = 0.0;                             // of the last step, with its impacts
     Vec3 in_a = Vec3::Zero(), in_b = Vec3::Zero();  // in the frames of the bodies
     // From the centres of the bodies, in the world: where impulses act. Of bodies that meet later
     // in the step as they are then, when neither is where it is now.
@@ -43,6 +44,7 @@ struct ContactConstraint {
   double friction_impulse[2] = {0., 0.};  // of the last sub-step, along the tangent and n x tangent
   double twist_impulse = 0.0;             // of the last sub-step [N m s]
   double roll_impulse[2] = {0., 0.};      // the same along the tangent and n x tangent
+  double friction_total[2] = {0., 0.};    // of the last step, with its impacts
 
   // Of the points: of their positions, of their arms.
   Vec3 middle(Vec3 Point::* which) const {

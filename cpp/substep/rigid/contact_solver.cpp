@@ -99,6 +99,7 @@ void ContactSolver::mark_standing(std::span<const ContactConstraint> contacts) {
 
 void ContactSolver::pack(std::span<const ContactConstraint> contacts, int threads) {
   packets_.reset(static_cast<std::size_t>(sweep_.packets()));
+  given_.reset(static_cast<std::size_t>(sweep_.packets()));
   parallel_for(
       sweep_.packets(), kPackets,
       [&](std::int64_t begin, std::int64_t end) {
@@ -109,9 +110,20 @@ void ContactSolver::pack(std::span<const ContactConstraint> contacts, int thread
             packet.set(lane, c < 0 ? nullptr : &contacts[static_cast<std::size_t>(c)], rows_);
           }
           packet.prepare(rows_);
+          given_[static_cast<std::size_t>(k)] = {};
         }
       },
       threads);
+}
+
+void ContactSolver::Given::add(const ContactPacket& packet) {
+  for (int k = 0; k < 4; ++k) normal[k] = normal[k] + packet.impulse[k];
+  for (int i = 0; i < 2; ++i) friction[i] = friction[i] + packet.slide_impulse[i];
+}
+
+void ContactSolver::Given::report(int lane, ContactConstraint& contact) const {
+  for (int k = 0; k < contact.count; ++k) contact.points[k].total = normal[k][lane];
+  for (int i = 0; i < 2; ++i) contact.friction_total[i] = friction[i][lane];
 }
 
 // Contacts in flight are none of this sub-step.
@@ -165,6 +177,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
       phases.add_sweep(sweep_, [&, sweep](std::int64_t k) {
         if (sweep == 0) packet(k).solve_positions(rows_, settings);
         packet(k).solve_velocities(rows_);
+        if (sweep + 1 == options.sweeps) given_[static_cast<std::size_t>(k)].add(packet(k));
       });
     }
     phases.add_range(rows_.size(), kBodies,
@@ -178,8 +191,12 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   const std::int64_t bad = rows_.store(bodies, dt, options.rotation, threads);
   if (bad >= 0) return bad;
   for (std::size_t c = 0; c < contacts.size(); ++c) {
-    if (place_[c] >= 0) packet(place_[c] / kLanes).get(place_[c] % kLanes, contacts[c]);
+    if (place_[c] < 0) continue;
+    const std::int64_t k = place_[c] / kLanes;
+    packet(k).get(place_[c] % kLanes, contacts[c]);
+    given_[static_cast<std::size_t>(k)].report(place_[c] % kLanes, contacts[c]);
   }
+  impacts_.report(contacts);
   joints_.store(bodies, joints, dt);
   return -1;
 }

@@ -69,6 +69,13 @@ class ContactSolver {
   std::int64_t impacts() const { return impacts_.happened(); }  // of the last step
 
  private:
+  // Impulses of all sub-steps so far.
+  struct Given {
+    ContactPacket::V normal[4], friction[2];
+    void add(const ContactPacket& packet);
+    void report(int lane, ContactConstraint& contact) const;
+  };
+
   void order(const Vec3& gravity, std::span<const ContactConstraint> contacts);
   void mark_standing(std::span<const ContactConstraint> contacts);
   void pack(std::span<const ContactConstraint> contacts, int threads);
@@ -84,6 +91,7 @@ class ContactSolver {
   std::vector<std::uint8_t> colours_;
   std::vector<std::int32_t> place_;  // lane of each contact in packets_, counted through; or -1
   AlignedBuffer<ContactPacket> packets_;
+  AlignedBuffer<Given> given_;  // by each packet
 };
 
 }  // namespace substep::rigid

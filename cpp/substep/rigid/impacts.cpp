@@ -117,7 +117,7 @@ bool Impacts::rests(const Row& row, const BodyRows& rows, double h, double slop)
   return false;
 }
 
-void Impacts::collide(const Row& row, BodyRows& rows, double h, double time) const {
+void Impacts::collide(Row& row, BodyRows& rows, double h, double time) const {
   const double g = acceleration(row, rows, h);
   double before[4], l[4] = {};
   bool meets[4];
@@ -155,6 +155,7 @@ void Impacts::collide(const Row& row, BodyRows& rows, double h, double time) con
   double pressure = 0;
   for (int k = 0; k < row.count; ++k) {
     apply(row.normal, row.points[k], l[k]);
+    row.given[k] += l[k];
     pressure += l[k];
   }
   if (row.friction > 0 && pressure > 0) {
@@ -174,7 +175,10 @@ void Impacts::collide(const Row& row, BodyRows& rows, double h, double time) con
     Eigen::Vector2d impulse = -(mobility.inverse() * slip);
     const double limit = row.friction * pressure, length = impulse.norm();
     if (length > limit) impulse *= limit / length;
-    for (int i = 0; i < 2; ++i) apply(row.tangent[i], row.slide[i], impulse[i]);
+    for (int i = 0; i < 2; ++i) {
+      apply(row.tangent[i], row.slide[i], impulse[i]);
+      row.friction_given[i] += impulse[i];
+    }
   }
   const auto shift = [&](std::int32_t i, const Vec3& v, const Vec3& w) {
     const BodyRow& now = rows.velocity[at(i)];
@@ -200,7 +204,7 @@ void Impacts::advance(BodyRows& rows, double h, double slop) {
     std::pop_heap(queue_.begin(), queue_.end(), std::greater<>());
     const Event event = queue_.back();
     queue_.pop_back();
-    const Row& row = contacts_[at(event.row)];
+    Row& row = contacts_[at(event.row)];
     const bool impact = fate(row, rows, h, time) == Fate::kImpact;
     if (!impact || time != event.time) continue;  // another impact changed it, and pushed it anew
     collide(row, rows, h, time);
@@ -215,6 +219,14 @@ void Impacts::advance(BodyRows& rows, double h, double slop) {
     const Row& row = contacts_[k];
     const bool flies = flying_[k] != 0 || fate(row, rows, h, time) == Fate::kFlying;
     flying_[k] = flies && !rests(row, rows, h, slop);
+  }
+}
+
+void Impacts::report(std::span<ContactConstraint> contacts) const {
+  for (const Row& row : contacts_) {
+    ContactConstraint& contact = contacts[at(row.index)];
+    for (int k = 0; k < row.count; ++k) contact.points[k].total += row.given[k];
+    for (int i = 0; i < 2; ++i) contact.friction_total[i] += row.friction_given[i];
   }
 }
 

@@ -40,6 +40,8 @@ class Impacts {
   }
   bool flying(std::int64_t k) const { return flying_[static_cast<std::size_t>(k)] != 0; }
   std::int64_t happened() const { return happened_; }  // in this step
+  // Adds the impulses of this step to the totals of the contacts.
+  void report(std::span<ContactConstraint> contacts) const;
 
  private:
   struct Gradient {
@@ -55,6 +57,7 @@ class Impacts {
     double separation[4];
     Gradient points[4], slide[2];
     double block[4][4];
+    double given[4], friction_given[2];  // in this step
   };
   struct Event {
     double time;
@@ -70,7 +73,7 @@ class Impacts {
   double acceleration(const Row& row, const BodyRows& rows, double h) const;
   Fate fate(const Row& row, const BodyRows& rows, double h, double& time) const;
   bool rests(const Row& row, const BodyRows& rows, double h, double slop) const;
-  void collide(const Row& row, BodyRows& rows, double h, double time) const;
+  void collide(Row& row, BodyRows& rows, double h, double time) const;
 
   std::vector<Row> contacts_;
   std::vector<std::int32_t> start_, of_body_;  // contacts of each body
