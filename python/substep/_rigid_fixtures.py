@@ -255,7 +255,8 @@ def add_native(native: Any, shapes: dict[int, Any], body: Made, *rows: Array) ->
         MOTIONS.index(motion),
         frame.mass,
         frame.principal_inertia,
-        *rows,
+        # Where memory is short this says so; the conversion of the call would not.
+        *map(np.ascontiguousarray, rows),
     )
 
 
