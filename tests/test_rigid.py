@@ -486,12 +486,12 @@ def test_motors():
     assert hinge.coordinate - before == pytest.approx(15.0, rel=1e-3)  # over turns
     hinge.motor = None
     assert hinge.motor is None
-    hung = world(sleeping=False)  # which ends within 0.1 mm
+    hung = world(sleeping=False)
     ball = hung.add(BALL, (0, 0, 0), mass=2.0)
     spring = rigid.SpringMotor(0.0, stiffness=200.0, damping=30.0)
     slider = hung.slider(ball, None, (0, 0, 0), (0, 0, 1), motor=spring)
     hung.advance(5.0)
-    assert slider.coordinate == pytest.approx(-2 * G / 200, rel=1e-3)
+    assert slider.coordinate == pytest.approx(-2 * G / 200, rel=1e-6)
     assert slider.motor == spring
 
 

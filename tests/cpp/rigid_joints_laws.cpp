@@ -175,6 +175,23 @@ TEST(Joints, TurnToATargetByADampedSpring) {
   EXPECT_NEAR(weak.joints[0].coordinate, 0.2 / kMoment / 2, 1e-9);
 }
 
+TEST(Joints, HangAndTwistOnDampedSpringsAsFarAsTheLoadSays) {
+  JointScene scene = turntable();
+  scene.add_box(kHalf, {5, 0, 0}, kMass);
+  scene.add(make_slider(scene.bodies, 1, -1, {5, 0, 0}, Vec3::UnitZ()));
+  const double k = 100 * kMass, c = 15 * kMass, torque = 0.3;
+  for (Joint& joint : scene.joints)
+    joint.motor = {.type = MotorType::kSpring, .stiffness = k, .damping = c};
+  for (int n = 0; n < 300; ++n) {
+    Vec3::Map(scene.bodies.torque.data()) = torque * Vec3::UnitZ();
+    scene.step(1. / 60);
+  }
+  EXPECT_NEAR(scene.joints[0].coordinate, torque / k, 1e-10);
+  EXPECT_NEAR(scene.joints[1].coordinate, -kMass * g / k, 1e-10);
+  EXPECT_NEAR(scene.bodies.angular_velocity(0).norm(), 0, 1e-10);
+  EXPECT_NEAR(scene.bodies.velocity(1).norm(), 0, 1e-10);
+}
+
 TEST(Joints, SwingOnASpringWithItsFrequency) {
   JointScene scene;
   scene.add_box(kHalf, {0, 0, -1.2}, kMass);

@@ -176,8 +176,10 @@ void JointGroup::begin_substep(BodyRows& rows) {
     Member& m = members_[k];
     const BodyRow &x = rows.displacement[at(m.row)], &free = rows.free[at(m.row)];
     const BodyRow& a = rows.acceleration[at(m.row)];
-    m.v_before = m.scale * (from_row(free.linear) - settings_.h * from_row(a.linear));
-    m.w_before = m.W * momentum(k);
+    // The half kick back that begins a step is none of what was before it.
+    const double kicked = settings_.h - weight_ * settings_.h;
+    m.v_before = m.scale * (from_row(free.linear) - weight_ * settings_.h * from_row(a.linear));
+    m.w_before = m.W * (momentum(k) + kicked * (m.unroot * from_row(a.angular)));
     m.start = from_row(x.linear);
     m.start_turn = from_row(x.angular);
     if (!m.moves) continue;
