@@ -1,6 +1,7 @@
 #include "substep/rigid/contact_solver.h"
 
 #include <algorithm>
+#include <bit>
 #include <functional>
 
 #include "substep/core/parallel.h"
@@ -51,10 +52,17 @@ class Phases {
   std::vector<Task> tasks_;
 };
 
+// In the order of the numbers.
+std::uint32_t sort_key(float x) {
+  const auto bits = std::bit_cast<std::uint32_t>(x), sign = std::uint32_t{1} << 31;
+  return (bits & sign) != 0 ? ~bits : bits | sign;
+}
+
 }  // namespace
 
 // Colours from the top down, the ground last.
-void ContactSolver::order(const Vec3& gravity, std::span<const ContactConstraint> contacts) {
+void ContactSolver::order(const Vec3& gravity, std::span<const ContactConstraint> contacts,
+                          int threads) {
   const auto mover = [&](std::int32_t body) {
     const std::int32_t row = rows_.row(body);
     return rows_.moves(row) ? row : -1;
@@ -63,12 +71,13 @@ void ContactSolver::order(const Vec3& gravity, std::span<const ContactConstraint
   for (std::size_t k = 0; k < contacts.size(); ++k) {
     const ContactConstraint& c = contacts[k];
     if (c.count == 0 || (mover(c.a) < 0 && mover(c.b) < 0)) continue;
-    depth_.emplace_back(gravity.dot(c.points[0].position), static_cast<std::int32_t>(k));
+    const auto depth = static_cast<float>(gravity.dot(c.points[0].position));
+    depth_.push_back({sort_key(depth), static_cast<std::int32_t>(k)});
   }
-  std::sort(depth_.begin(), depth_.end());
+  sort_(depth_, 32, threads);
   pairs_.clear();
-  for (const auto& [depth, k] : depth_) {
-    const ContactConstraint& c = contacts[static_cast<std::size_t>(k)];
+  for (const auto& entry : depth_) {
+    const ContactConstraint& c = contacts[static_cast<std::size_t>(entry.index)];
     pairs_.push_back({mover(c.a), mover(c.b)});
   }
   colours_.assign(pairs_.size(), GraphColouring::kNoColour);
@@ -79,7 +88,7 @@ void ContactSolver::order(const Vec3& gravity, std::span<const ContactConstraint
   for (std::size_t k = 0; k < sweep_.constraint.size(); ++k) {
     auto& c = sweep_.constraint[k];
     if (c < 0) continue;
-    c = depth_[static_cast<std::size_t>(c)].second;
+    c = depth_[static_cast<std::size_t>(c)].index;
     place_[static_cast<std::size_t>(c)] = static_cast<std::int32_t>(k);
   }
 }
@@ -87,7 +96,7 @@ void ContactSolver::order(const Vec3& gravity, std::span<const ContactConstraint
 // From the bottom up.
 void ContactSolver::mark_standing(std::span<const ContactConstraint> contacts) {
   for (auto it = depth_.rbegin(); it != depth_.rend(); ++it) {
-    const ContactConstraint& c = contacts[static_cast<std::size_t>(it->second)];
+    const ContactConstraint& c = contacts[static_cast<std::size_t>(it->index)];
     const std::int32_t a = rows_.row(c.a), b = rows_.row(c.b);
     auto &stands_a = rows_.stands[static_cast<std::size_t>(a)],
          &stands_b = rows_.stands[static_cast<std::size_t>(b)];
@@ -149,7 +158,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   // step.
   joints_.begin_step(bodies, joints, contacts, {h, options.push_speed * dt, options.rotation},
                      rows_);
-  order(gravity, contacts);
+  order(gravity, contacts, threads);
   mark_standing(contacts);
   pack(contacts, threads);
   impacts_.begin_step(contacts, rows_);

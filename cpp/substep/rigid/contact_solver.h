@@ -33,9 +33,9 @@
 
 #include <cstdint>
 #include <span>
-#include <utility>
 #include <vector>
 
+#include "substep/core/radix_sort.h"
 #include "substep/rigid/contact_packet.h"
 #include "substep/rigid/graph_colouring.h"
 #include "substep/rigid/impacts.h"
@@ -76,7 +76,7 @@ class ContactSolver {
     void report(int lane, ContactConstraint& contact) const;
   };
 
-  void order(const Vec3& gravity, std::span<const ContactConstraint> contacts);
+  void order(const Vec3& gravity, std::span<const ContactConstraint> contacts, int threads);
   void mark_standing(std::span<const ContactConstraint> contacts);
   void pack(std::span<const ContactConstraint> contacts, int threads);
   void bounce(double h, double slop);
@@ -86,7 +86,8 @@ class ContactSolver {
   Sweep sweep_;
   Impacts impacts_;
   JointSolver joints_;
-  std::vector<std::pair<double, std::int32_t>> depth_;  // along gravity, contact
+  std::vector<KeyedIndex<std::uint32_t>> depth_;  // along gravity, contact
+  RadixSort<std::uint32_t> sort_;
   std::vector<BodyPair> pairs_;
   std::vector<std::uint8_t> colours_;
   std::vector<std::int32_t> place_;  // lane of each contact in packets_, counted through; or -1
