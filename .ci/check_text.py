@@ -28,8 +28,6 @@ def complaints(name: str) -> list[str]:
             found.append(f"{name}:{number}: a path of one machine: {line.strip()}")
         if OPEN_END.search(line):
             found.append(f"{name}:{number}: an open end: {line.strip()}")
-        if re.match(r"cpp/bindings/.*\.cpp", name) and "gil_scoped_release" in line:
-            found.append(f"{name}:{number}: use ReleaseGil of bindings.h")
     return found
 
 

@@ -321,6 +321,41 @@ time.sleep({delay})
         assert (done.returncode, done.stderr) == (0, "")
 
 
+# The main thread ends where the other one lets it: at the first array that C++ gets, where NumPy is
+# looked up, or while Python functions run.
+@pytest.mark.parametrize(
+    ("before", "call"),
+    [
+        ("", "_core.hull_moments(np.eye(4, 3), 1.0)"),
+        ("cg(np.eye(3), np.ones(3))", "cg(slow, np.ones(3))"),
+        ("chain()", "solve_ivp(lambda t, y: slow(y), (0.0, 1.0), [1.0], method='rk4', step=0.1)"),
+    ],
+    ids=["first-array", "cg", "solve_ivp"],
+)
+def test_interpreter_exit_where_a_daemon_thread_lets_it(before, call):
+    code = f"""
+import numpy as np
+from substep import _core, solve_ivp
+from substep.linalg import cg
+def slow(x):
+    time.sleep(0.01)
+    return x
+def last():
+    time.sleep(0.1)
+    sys.setswitchinterval(1000.0)
+    end = time.monotonic() + 0.5
+    while time.monotonic() < end:
+        pass
+    while True:
+        {call}
+{before}
+threading.Thread(target=last, daemon=True).start()
+time.sleep(0.3)
+"""
+    done = run_python(code)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_exit_while_workers_wait():
     done = run_python("drift(threads=4); print('end')")
     assert (done.returncode, done.stdout, done.stderr) == (0, "end\n", "")

@@ -3,30 +3,8 @@
 
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
-#include <unistd.h>
 
 namespace py = pybind11;
-
-// Gives the GIL back for a native loop, as py::gil_scoped_release does (also as a call_guard). The
-// difference: where the interpreter ends meanwhile, CPython below 3.14 unwinds a daemon thread that
-// wants the GIL again, and unwinding out of a destructor aborts the process. Here the thread is
-// parked until the process ends, as CPython 3.14 does.
-class ReleaseGil {
- public:
-  ReleaseGil() : state_(PyEval_SaveThread()) {}
-  ReleaseGil(const ReleaseGil&) = delete;
-  ReleaseGil& operator=(const ReleaseGil&) = delete;
-  ~ReleaseGil() {
-    try {
-      PyEval_RestoreThread(state_);
-    } catch (...) {  // the unwinding of pthread_exit, nothing else
-      for (;;) pause();
-    }
-  }
-
- private:
-  PyThreadState* state_;
-};
 
 void bind_core(py::module_& m);
 void bind_fields(py::module_& m);

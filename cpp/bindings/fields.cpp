@@ -21,7 +21,7 @@ void define(py::class_<Flow>& flow) {
         const T* in = x.data();
         T* out = u.mutable_data();
         const auto count = x.shape(0);
-        const ReleaseGil nogil;
+        const py::gil_scoped_release nogil;
         sample_flow(self, t, in, out, count, threads);
         return u;
       },
@@ -34,7 +34,7 @@ void define(py::class_<Flow>& flow) {
         const T* in = x.data();
         T* out = x_new.mutable_data();
         const auto particles = x.shape(0);
-        const ReleaseGil nogil;
+        const py::gil_scoped_release nogil;
         for_each_method([&]<class Method>(Method) {
           if (method == Method::kName) {
             advect_flow<Method>(self, in, out, particles, {origin, h, first, count}, threads);
@@ -83,7 +83,7 @@ void bind_grid(py::module_& m, const std::string& name) {
       "pack",
       [](const G& self, const Rows<double>& values, int threads) {
         const double* in = values.data();
-        const ReleaseGil nogil;
+        const py::gil_scoped_release nogil;
         return std::make_unique<Level<T>>(self.pack(in, threads));
       },
       py::arg("values").noconvert(), py::arg("threads"));
@@ -97,7 +97,7 @@ void bind_grid(py::module_& m, const std::string& name) {
         const T* in = x.data();
         std::int32_t* out = order.mutable_data();
         const auto count = x.shape(0);
-        const ReleaseGil nogil;
+        const py::gil_scoped_release nogil;
         sort_by_cell(self, in, count, out, threads);
         return order;
       },
@@ -111,7 +111,7 @@ void bind_grid(py::module_& m, const std::string& name) {
         const T* in = x.data();
         T* out = u.mutable_data();
         const auto count = x.shape(0);
-        const ReleaseGil nogil;
+        const py::gil_scoped_release nogil;
         sample_grid(self, series.at(t), in, out, count, threads);
         return u;
       },
@@ -130,7 +130,7 @@ void bind_grid(py::module_& m, const std::string& name) {
                                      x.shape(0)};
         Events events;
         {
-          const ReleaseGil nogil;
+          const py::gil_scoped_release nogil;
           for_each_method([&]<class Method>(Method) {
             if (method == Method::kName) {
               events =

@@ -31,7 +31,7 @@ Rows for_points(const Rows& points, std::vector<py::ssize_t> columns, int thread
   const double* in = points.data();
   double* out = result.mutable_data();
   const auto count = points.shape(0);
-  const ReleaseGil nogil;
+  const py::gil_scoped_release nogil;
   substep::parallel_for(
       count, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
@@ -49,7 +49,7 @@ void bind_sampled_distance(py::module_& m) {
              std::vector<double> copy(values.data(), values.data() + values.size());
              const std::array<std::int64_t, 3> shape{values.shape(0), values.shape(1),
                                                      values.shape(2)};
-             const ReleaseGil nogil;
+             const py::gil_scoped_release nogil;
              return std::make_shared<SampledDistance>(shape, vector(origin), spacing,
                                                       std::move(copy), threads);
            }),
@@ -220,7 +220,7 @@ void bind_triangle_tree(py::module_& m) {
              const double* x = vertices.data();
              const std::int64_t* f = faces.data();
              const auto count = faces.shape(0);
-             const ReleaseGil nogil;
+             const py::gil_scoped_release nogil;
              return std::make_unique<TriangleTree>(x, f, count);
            }),
            py::arg("vertices").noconvert(), py::arg("faces").noconvert())
@@ -261,7 +261,7 @@ void bind_triangle_tree(py::module_& m) {
             const std::int64_t* f = faces.data();
             const std::int64_t* e = edges.data();
             const auto count = edges.shape(0);
-            const ReleaseGil nogil;
+            const py::gil_scoped_release nogil;
             return self.count_pierced(x, f, e, count, threads);
           },
           py::arg("vertices").noconvert(), py::arg("faces").noconvert(),
@@ -272,7 +272,7 @@ void bind_triangle_tree(py::module_& m) {
              const Triple& origin, double spacing, int threads) {
             Rows values({shape[0], shape[1], shape[2]});
             double* out = values.mutable_data();
-            const ReleaseGil nogil;
+            const py::gil_scoped_release nogil;
             sample_signed_distance(self, shape, vector(origin), spacing, out, threads);
             return values;
           },
@@ -281,7 +281,7 @@ void bind_triangle_tree(py::module_& m) {
           "stuff",
           [](const TriangleTree& self, double spacing, int threads) {
             const auto filled = [&] {
-              const ReleaseGil nogil;
+              const py::gil_scoped_release nogil;
               return stuff_isosurface(self, spacing, threads);
             }();
             Rows vertices({static_cast<py::ssize_t>(filled.vertices.size()), py::ssize_t{3}});
@@ -301,7 +301,7 @@ Rows poisson_disk_rows(const std::vector<double>& size, double radius, int trial
   std::array<double, D> sides;
   std::copy_n(size.begin(), D, sides.begin());
   const auto points = [&] {
-    const ReleaseGil nogil;
+    const py::gil_scoped_release nogil;
     return poisson_disk<D>(sides, radius, trials, seed, threads);
   }();
   Rows rows({static_cast<py::ssize_t>(points.size()), py::ssize_t{D}});

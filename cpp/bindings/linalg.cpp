@@ -63,7 +63,7 @@ Array<T> solve_rows(const Array<T>& b, const Factor& solve) {
   Array<T> x(std::vector<py::ssize_t>(b.shape(), b.shape() + b.ndim()));
   const std::span<T> out{x.mutable_data(), static_cast<std::size_t>(x.size())};
   const auto columns = static_cast<std::int32_t>(b.ndim() == 2 ? b.shape(0) : 1);
-  const ReleaseGil release;
+  const py::gil_scoped_release release;
   solve(view(b), out, columns);
   return x;
 }
@@ -75,14 +75,14 @@ void bind_cholesky(py::module_& m) {
              const SparsePattern pattern = make_pattern(start, row);
              const CholeskyOptions options{value_of(kOrderings, ordering),
                                            value_of(kCholeskyKinds, kind), block};
-             const ReleaseGil release;
+             const py::gil_scoped_release release;
              return Cholesky(lower_triangle(pattern), options);
            }),
            py::arg("start"), py::arg("row"), py::arg("ordering"), py::arg("kind"), py::arg("block"))
       .def(
           "factor",
           [](Cholesky& self, const Array<double>& values) {
-            const ReleaseGil release;
+            const py::gil_scoped_release release;
             return self.factor(view(values)).factorized;
           },
           py::arg("values"))
@@ -113,14 +113,14 @@ void bind_lu(py::module_& m, const char* name) {
       .def(py::init([](const Indices& start, const Indices& row, const std::string& kind) {
              SparsePattern pattern = make_pattern(start, row);
              const LUKind chosen = value_of(kLUKinds, kind);
-             const ReleaseGil release;
+             const py::gil_scoped_release release;
              return LU<T>(std::move(pattern), chosen);
            }),
            py::arg("start"), py::arg("row"), py::arg("kind"))
       .def(
           "factor",
           [](LU<T>& self, const Array<T>& values) {
-            const ReleaseGil release;
+            const py::gil_scoped_release release;
             self.factor(view(values));
           },
           py::arg("values"))
@@ -204,7 +204,7 @@ py::tuple solve_krylov(bool symmetric, const py::object& a, const py::object& pr
   const std::span<T> out{x.mutable_data(), static_cast<std::size_t>(x.size())};
   KrylovReport report;
   {
-    const ReleaseGil release;
+    const py::gil_scoped_release release;
     if constexpr (std::is_same_v<T, double>) {
       report = symmetric ? cg(product, view(b), out, options, m)
                          : bicgstab<T>(product, view(b), out, options, m);

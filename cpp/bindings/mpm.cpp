@@ -132,7 +132,7 @@ py::dict state(const Method<Real, D>& self) {
   const Clock clock = self.solver.clock();
   std::vector<ParticleRows<Real, D>> groups;
   {
-    const ReleaseGil released;
+    const py::gil_scoped_release released;
     groups = self.solver.rows();
   }
   py::ssize_t n = 0, numbers = 0;
@@ -280,7 +280,7 @@ void bind_method(py::module_& m, const char* name) {
           [](M& self, const Array<double>& positions, const Array<double>& velocities,
              const Array<std::int32_t>& materials, const Array<double>& volumes) {
             const auto x = embed(positions), v = embed(velocities);
-            const ReleaseGil released;
+            const py::gil_scoped_release released;
             return self.solver.add(x, v, span(materials), span(volumes));
           },
           py::arg("positions").noconvert(), py::arg("velocities").noconvert(),
@@ -291,25 +291,25 @@ void bind_method(py::module_& m, const char* name) {
             std::vector<std::uint8_t> flags(static_cast<std::size_t>(self.solver.size()));
             for (const std::int64_t place : span(places))
               flags[static_cast<std::size_t>(place)] = 1;
-            const ReleaseGil released;
+            const py::gil_scoped_release released;
             self.solver.remove(flags);
           },
           py::arg("places").noconvert())
       .def(
           "absorb", [](M& self, const Collider& region) { return self.solver.absorb(region); },
-          py::arg("region"), py::call_guard<ReleaseGil>())
+          py::arg("region"), py::call_guard<py::gil_scoped_release>())
       .def(
           "step", [](M& self, double dt) { self.run([&] { self.solver.step(dt); }); },
-          py::arg("dt"), py::call_guard<ReleaseGil>())
+          py::arg("dt"), py::call_guard<py::gil_scoped_release>())
       .def(
           "advance",
           [](M& self, double duration) { self.run([&] { self.solver.advance(duration); }); },
-          py::arg("duration"), py::call_guard<ReleaseGil>())
+          py::arg("duration"), py::call_guard<py::gil_scoped_release>())
       .def("step_limit",
            [](const M& self) {
              StepLimit limit;
              {
-               const ReleaseGil released;
+               const py::gil_scoped_release released;
                limit = self.solver.step_limit();
              }
              return py::make_tuple(limit.dt, limit.reason);
@@ -324,7 +324,7 @@ void bind_method(py::module_& m, const char* name) {
       .def_property_readonly("report", [](const M& self) { return self.solver.report(); })
       .def(
           "diagnostics", [](const M& self) { return self.solver.diagnostics(); },
-          py::call_guard<ReleaseGil>())
+          py::call_guard<py::gil_scoped_release>())
       .def("ids", [](const M& self) { return column(self.solver.ids()); })
       .def("materials", [](const M& self) { return column(self.solver.materials()); })
       .def("positions", [=](const M& self) { return per_particle(self.solver.positions(), {D}); })

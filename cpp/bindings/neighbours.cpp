@@ -55,14 +55,14 @@ py::tuple neighbour_lists(const typename NeighbourSearch<Real>::Rows& points, Re
   std::int64_t* const first = offsets.mutable_data();
   NeighbourSearch<Real> search(points);
   {
-    const ReleaseGil nogil;
+    const py::gil_scoped_release nogil;
     search.search(radius, threads);
     count_rows(search.near(), pairs, first, threads);
   }
   py::array_t<std::int32_t> indices(first[points.shape(0)]);
   std::int32_t* const out = indices.mutable_data();
   {
-    const ReleaseGil nogil;
+    const py::gil_scoped_release nogil;
     write_rows(search.near(), pairs, first, out, threads);
   }
   return py::make_tuple(offsets, indices);
@@ -74,7 +74,7 @@ void bind(py::module_& m, const char* name) {
   py::class_<Search>(m, name)
       .def(py::init<const typename Search::Rows&>(), py::arg("points").noconvert())
       .def("search", &Search::search, py::arg("radius"), py::arg("threads"),
-           py::call_guard<ReleaseGil>())
+           py::call_guard<py::gil_scoped_release>())
       .def_property_readonly("bytes", [](const Search& self) { return self.near().bytes(); })
       .def_property_readonly("pair_count",
                              [](const Search& self) { return self.near().pair_count(); });

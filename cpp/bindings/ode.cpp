@@ -117,7 +117,7 @@ struct PyIntegration {
   template <class Call>
   auto without_gil(Call&& call) {
     if (!native) return call();
-    const ReleaseGil release;
+    const py::gil_scoped_release release;
     return call();
   }
   py::array state(const double* y) {

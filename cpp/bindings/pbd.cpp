@@ -109,7 +109,7 @@ void bind_dynamics(py::module_& m, const char* group_name, const char* name) {
              const auto x = rows(positions), v = rows(velocities);
              const std::span mass(masses.data(), static_cast<std::size_t>(masses.size()));
              const std::span pins(pinned.data(), static_cast<std::size_t>(pinned.size()));
-             const ReleaseGil released;
+             const py::gil_scoped_release released;
              return new Dynamics(colliders, x, v, mass, pins, std::move(groups),
                                  std::move(obstacles), options);
            }),
@@ -149,7 +149,7 @@ void bind_dynamics(py::module_& m, const char* group_name, const char* name) {
       .def_property_readonly("skipped", &Dynamics::skipped)
       .def_property_readonly("last_substep", &Dynamics::last_substep)
       .def_property_readonly("elastic_energy", &Dynamics::elastic_energy)
-      .def("step", &Dynamics::step, py::arg("dt"), py::call_guard<ReleaseGil>())
+      .def("step", &Dynamics::step, py::arg("dt"), py::call_guard<py::gil_scoped_release>())
       .def_property_readonly("positions",
                              [](const Dynamics& self) {
                                return vectors(self.size(),

@@ -189,8 +189,8 @@ void bind_liquid(py::module_& m, const char* name) {
           py::arg("places").noconvert())
       .def(
           "absorb", [](L& self, const Collider& region) { return self.fluid.absorb(region); },
-          py::arg("region"), py::call_guard<ReleaseGil>())
-      .def("step", &L::step, py::arg("dt"), py::call_guard<ReleaseGil>())
+          py::arg("region"), py::call_guard<py::gil_scoped_release>())
+      .def("step", &L::step, py::arg("dt"), py::call_guard<py::gil_scoped_release>())
       .def("__len__", [](const L& self) { return self.fluid.particles.size(); })
       .def_property(
           "time", [](const L& self) { return self.fluid.time; },
@@ -217,7 +217,7 @@ void bind_liquid(py::module_& m, const char* name) {
              self.read_colliders();
              std::vector<Real> values;
              {
-               const ReleaseGil released;
+               const py::gil_scoped_release released;
                values = self.fluid.densities();
              }
              return column<double>(self.rows(), [&](std::int64_t i) { return values[i]; });

@@ -37,7 +37,7 @@ void bind_free_rotation(py::module_& m) {
         const auto n = q.shape(0);
         const double *from = q.data(), *momenta = L.data(), *moments = inertia.data();
         double* out = turned.mutable_data();
-        const ReleaseGil nogil;
+        const py::gil_scoped_release nogil;
         std::copy(from, from + 4 * n, out);
         rotate_freely(method, n, out, momenta, moments, dt, steps, threads);
         return turned;
@@ -97,7 +97,7 @@ void bind_mass_moments(py::module_& m) {
       [](const Rows& vertices, const Indices& faces, double density) {
         const std::span<const double> x(vertices.data(), static_cast<std::size_t>(vertices.size()));
         const std::span<const std::int64_t> f(faces.data(), static_cast<std::size_t>(faces.size()));
-        const ReleaseGil nogil;
+        const py::gil_scoped_release nogil;
         return moments(x, f, density);
       },
       py::arg("vertices"), py::arg("faces"), py::arg("density"));
@@ -105,7 +105,7 @@ void bind_mass_moments(py::module_& m) {
       "hull_moments",
       [](const Rows& points, double density) {
         const std::vector<Vec3> rows = rows_of(points);
-        const ReleaseGil nogil;
+        const py::gil_scoped_release nogil;
         return moments(std::make_shared<const ConvexHull>(rows), density);
       },
       py::arg("points"), py::arg("density"));

@@ -15,7 +15,7 @@ Rows gather(const Batch& batch, py::ssize_t columns, const Row& row) {
   const std::int64_t most = batch.most_bodies();
   Rows values({py::ssize_t{batch.size()}, py::ssize_t{most}, columns});
   double* out = values.mutable_data();
-  const ReleaseGil nogil;
+  const py::gil_scoped_release nogil;
   std::fill_n(out, values.size(), std::numeric_limits<double>::quiet_NaN());
   for (std::int64_t w = 0; w < batch.size(); ++w) {
     const Bodies& bodies = batch.world(w).bodies();
@@ -94,7 +94,7 @@ void bind_batch(py::module_& m) {
       .def(
           "step",
           [](Batch& self, double dt, std::int64_t count, bool hold_forces) {
-            const ReleaseGil nogil;
+            const py::gil_scoped_release nogil;
             self.step(steps_of(dt, count, hold_forces));
           },
           py::arg("dt"), py::arg("count") = 1, py::arg("hold_forces") = false)
@@ -107,22 +107,22 @@ void bind_batch(py::module_& m) {
                             frames.shape(2),
                             frames.shape(3),
                             every};
-            const ReleaseGil nogil;
+            const py::gil_scoped_release nogil;
             self.step(steps);
           },
           py::arg("dt"), py::arg("every"), py::arg("hold_forces"), py::arg("frames").noconvert())
-      .def("keep_initial", &Batch::keep_initial, py::call_guard<ReleaseGil>())
+      .def("keep_initial", &Batch::keep_initial, py::call_guard<py::gil_scoped_release>())
       .def(
           "reset",
           [](Batch& self, const Numbers& worlds) {
-            const ReleaseGil nogil;
+            const py::gil_scoped_release nogil;
             self.reset(numbers(worlds));
           },
           py::arg("worlds"))
       .def(
           "put",
           [](Batch& self, const Numbers& worlds, const std::vector<const PyWorld*>& sources) {
-            const ReleaseGil nogil;
+            const py::gil_scoped_release nogil;
             std::vector<WorldState> states;
             for (const PyWorld* source : sources) {
               states.push_back(source->world.state());

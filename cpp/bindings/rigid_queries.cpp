@@ -83,7 +83,7 @@ void bind_queries(py::class_<PyWorld>& world) {
               rays.push_back({Vec3(x.data(k, 0)), Vec3(d.data(k, 0)), length});
             std::vector<FixtureHit> hits(rays.size());
             {
-              const ReleaseGil nogil;
+              const py::gil_scoped_release nogil;
               cast_rays(self.world.scene(), rays, mask, hits, self.world.threads);
             }
             return tuple_of(self.world, hits);

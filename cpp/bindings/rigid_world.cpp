@@ -87,7 +87,7 @@ void bind_shapes(py::module_& m) {
           [](const Rows& points) {
             std::vector<Vec3> rows;
             for (py::ssize_t i = 0; i < points.shape(0); ++i) rows.emplace_back(points.data(i, 0));
-            const ReleaseGil nogil;
+            const py::gil_scoped_release nogil;
             return RigidShape{std::make_shared<const ConvexHull>(rows)};
           },
           py::arg("points"))
@@ -100,7 +100,7 @@ void bind_shapes(py::module_& m) {
             std::vector<std::array<std::int32_t, 3>> triangles;
             for (py::ssize_t i = 0; i < faces.shape(0); ++i)
               triangles.push_back({faces.at(i, 0), faces.at(i, 1), faces.at(i, 2)});
-            const ReleaseGil nogil;
+            const py::gil_scoped_release nogil;
             return RigidShape{std::make_shared<const TriangleMesh>(corners, triangles)};
           },
           py::arg("vertices"), py::arg("faces"));
@@ -290,7 +290,7 @@ void bind_rigid_world(py::module_& m) {
           [](PyWorld& self, int threads) { self.world.threads = threads; })
       .def(
           "step", [](PyWorld& self, double dt) { self.world.step(dt); }, py::arg("dt"),
-          py::call_guard<ReleaseGil>())
+          py::call_guard<py::gil_scoped_release>())
       .def("state", [](const PyWorld& self) { return state_of(self.world); })
       .def("restore", &restore_state, py::arg("state"));
   bind_rows(world);

@@ -169,7 +169,7 @@ py::dict solve(std::shared_ptr<ode::System> system, const std::string& method, d
   }
   ode::SecondOrderSolution solution;
   if (system->native()) {
-    const ReleaseGil release;
+    const py::gil_scoped_release release;
     solution = ode::solve_second_order(*system, problem);
   } else {
     solution = ode::solve_second_order(*system, problem);
@@ -228,7 +228,7 @@ py::tuple solve_ensemble(const std::vector<std::shared_ptr<ode::System>>& system
   std::vector<ode::Member> members;
   {
     double* out = y.mutable_data();
-    const ReleaseGil release;
+    const py::gil_scoped_release release;
     members = ode::solve_ensemble(ensemble, system, out);
   }
   py::list reports;

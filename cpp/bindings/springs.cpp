@@ -147,7 +147,7 @@ void bind_deformable(py::module_& m) {
           "threads", [](const Body& self) { return self.body.options.threads; },
           [](Body& self, int threads) { self.body.set_threads(threads); })
       .def_property_readonly("report", [](const Body& self) { return self.body.report(); })
-      .def("step", &Body::step, py::arg("dt"), py::call_guard<ReleaseGil>())
+      .def("step", &Body::step, py::arg("dt"), py::call_guard<py::gil_scoped_release>())
       .def("pattern",
            [](const Body& self) {
              const BlockPattern& lower = self.body.pattern();
@@ -163,7 +163,7 @@ void bind_deformable(py::module_& m) {
               throw substep::InputError("values: expected one for each entry of pattern()");
             }
             const std::span<double> out(values.mutable_data(), size);
-            const ReleaseGil released;
+            const py::gil_scoped_release released;
             self.body.assemble(dt, out);
           },
           py::arg("dt"), py::arg("values").noconvert())
@@ -176,7 +176,7 @@ void bind_deformable(py::module_& m) {
             const Spectrum spectrum = self.body.spectrum();
             return std::pair(spectrum.frequency, spectrum.damping_rate);
           },
-          py::call_guard<ReleaseGil>());
+          py::call_guard<py::gil_scoped_release>());
 }
 
 // The factorization that implicit steps use.
@@ -193,7 +193,7 @@ void bind_factor(py::module_& m) {
           [](SupernodalCholesky& self, const Reals& values, int threads) {
             const auto size = static_cast<std::size_t>(values.size());
             const std::span<const double> held(values.data(), size);
-            const ReleaseGil released;
+            const py::gil_scoped_release released;
             return self.factorize(held, threads);
           },
           py::arg("values").noconvert(), py::arg("threads"))
@@ -201,7 +201,7 @@ void bind_factor(py::module_& m) {
           "solve",
           [](SupernodalCholesky& self, Reals x, int threads) {
             const std::span<double> out(x.mutable_data(), static_cast<std::size_t>(x.size()));
-            const ReleaseGil released;
+            const py::gil_scoped_release released;
             self.solve(out, threads);
           },
           py::arg("x").noconvert(), py::arg("threads"))
