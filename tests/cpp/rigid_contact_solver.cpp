@@ -301,6 +301,23 @@ TEST(ContactConstraint, CarriesImpulsesToTheSamePoints) {
   EXPECT_EQ(now.friction_impulse[0], 7);
   EXPECT_EQ(now.twist_impulse, 8);
   EXPECT_LT((now.tangent - last.tangent).norm(), 1e-15);
+
+  // The upper body rolls, by more than the distance of its points, which so are others of both.
+  const Vec3 roll(3, 0, 0);
+  Manifold line, rolled;
+  line.normal = rolled.normal = Vec3::UnitZ();
+  for (const int k : {0, 3}) {
+    line.add({corners[k], corners[k], 0, 0});
+    rolled.add({corners[k] + roll, corners[k] + roll, 0, 0});
+  }
+  ContactConstraint before = make_contact(line, 0, {}, 1, Pose(Vec3(1, 0, 5), Mat3::Identity()));
+  ContactConstraint after =
+      make_contact(rolled, 0, {}, 1,
+                   Pose(Vec3(4, 0, 5), Eigen::AngleAxisd(0.6, Vec3::UnitY()).toRotationMatrix()));
+  for (int k = 0; k < 2; ++k) before.points[k].impulse = k + 1;
+  carry_impulses(before, after);
+  EXPECT_EQ(after.points[0].impulse, 1);
+  EXPECT_EQ(after.points[1].impulse, 2);
 }
 
 }  // namespace

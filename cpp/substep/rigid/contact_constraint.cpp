@@ -56,11 +56,13 @@ void carry_impulses(const ContactConstraint& last, ContactConstraint& now) {
   // Half the distance to the middle, squared; a single point is always the same.
   double near = now.count == 1 && last.count == 1 ? std::numeric_limits<double>::infinity() : 0;
   const Vec3 middle = now.middle(&ContactConstraint::Point::position);
+  const Vec3 moved = middle - last.middle(&ContactConstraint::Point::position);
   for (int k = 0; k < now.count; ++k)
     near = std::max(near, 0.25 * (now.points[k].position - middle).squaredNorm());
   const auto distance = [&](int k, int l) {
-    return std::min((now.points[k].in_a - last.points[l].in_a).squaredNorm(),
-                    (now.points[k].in_b - last.points[l].in_b).squaredNorm());
+    const ContactConstraint::Point &x = now.points[k], &y = last.points[l];
+    return std::min({(x.in_a - y.in_a).squaredNorm(), (x.in_b - y.in_b).squaredNorm(),
+                     (x.position - y.position - moved).squaredNorm()});
   };
   bool taken[4] = {};
   for (int k = 0; k < now.count; ++k) {

@@ -63,9 +63,9 @@ ContactConstraint make_contact(const Manifold& manifold, std::int32_t a, const P
                                std::int32_t b, const Pose& pose_b);
 
 // Gives a contact the impulses that the same two shapes had a step before. Points are the same if
-// they are near in the frame of one of the bodies: the names of features are not enough, as those
-// of equal boxes on one another change with every rounding, and a stack that loses impulses with
-// them shakes.
+// they are near in the frame of one of the bodies or, of what rolls, around the middle of all: the
+// names of features are not enough, as those of equal boxes on one another change with every
+// rounding, and a stack that loses impulses with them shakes.
 void carry_impulses(const ContactConstraint& last, ContactConstraint& now);
 
 }  // namespace substep::rigid
