@@ -7,7 +7,7 @@
 namespace substep::rigid {
 
 ContactConstraint make_contact(const Manifold& manifold, std::int32_t a, const Pose& pose_a,
-                               std::int32_t b, const Pose& pose_b) {
+                               std::int32_t b, const Pose& pose_b, double part) {
   ContactConstraint contact;
   contact.a = a, contact.b = b;
   contact.normal = manifold.normal;
@@ -18,10 +18,11 @@ ContactConstraint make_contact(const Manifold& manifold, std::int32_t a, const P
     ContactConstraint::Point& point = contact.points[k];
     point.position = 0.5 * (from.on_a + from.on_b);
     point.separation = from.separation;
-    point.arm_a = point.position - pose_a.position;
-    point.arm_b = point.position - pose_b.position;
-    point.in_a = pose_a.rotation.transpose() * point.arm_a;
-    point.in_b = pose_b.rotation.transpose() * point.arm_b;
+    point.in_a = pose_a.to_local(point.position);
+    point.in_b = pose_b.to_local(point.position);
+    const Vec3 acts = from.on_a + part * (from.on_b - from.on_a);
+    point.arm_a = acts - pose_a.position;
+    point.arm_b = acts - pose_b.position;
   }
   return contact;
 }

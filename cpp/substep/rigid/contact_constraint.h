@@ -58,9 +58,10 @@ struct ContactConstraint {
 // normal below 0.9 of their bounds: neither body moves relative to the other.
 bool holds(const ContactConstraint& contact);
 
-// The contact of bodies a and b at these poses, without impulses.
+// The contact of bodies a and b at these poses, without impulses, which will act at this part of
+// the way from the surface of a to that of b.
 ContactConstraint make_contact(const Manifold& manifold, std::int32_t a, const Pose& pose_a,
-                               std::int32_t b, const Pose& pose_b);
+                               std::int32_t b, const Pose& pose_b, double part = 0.5);
 
 // Gives a contact the impulses that the same two shapes had a step before. Points are the same if
 // they are near in the frame of one of the bodies or, of what rolls, around the middle of all: the

@@ -38,9 +38,14 @@ Pose body_at(Course course, double time) {
 // Of a chunk of pairs.
 class ContactFinder::Search {
  public:
-  Search(const Fixtures& fixtures, std::span<const Way> ways, bool continuous,
-         std::vector<Cache>& caches, std::vector<Touch>& found)
-      : fixtures_(fixtures), ways_(ways), continuous_(continuous), caches_(caches), found_(found) {}
+  Search(const Fixtures& fixtures, std::span<const Motion> motion, std::span<const Way> ways,
+         bool continuous, std::vector<Cache>& caches, std::vector<Touch>& found)
+      : fixtures_(fixtures),
+        motion_(motion),
+        ways_(ways),
+        continuous_(continuous),
+        caches_(caches),
+        found_(found) {}
 
   void look_at(const FixturePair& pair) {
     if (apart(fixtures_.bounds()[at(pair.a)], fixtures_.bounds()[at(pair.b)])) return;
@@ -62,7 +67,7 @@ class ContactFinder::Search {
     ContactConstraint contact =
         touch.time > 0 ? later(touch)
                        : make_contact(touch.manifold, a.body, fixtures_.body_pose(a.body), b.body,
-                                      fixtures_.body_pose(b.body));
+                                      fixtures_.body_pose(b.body), acts_at(a.body, b.body));
     contact.fixture_a = touch.pair.a, contact.fixture_b = touch.pair.b;
     const Fixture &f = a.fixture, &g = b.fixture;
     contact.friction = std::sqrt(f.friction * g.friction);
@@ -119,6 +124,13 @@ class ContactFinder::Search {
     return contact;
   }
 
+  // Between two that move midway; else on the surface of the one that does, which so rolls by its
+  // radius however deep it is.
+  double acts_at(std::int32_t a, std::int32_t b) const {
+    if (motion_[at(a)] != Motion::kDynamic) return 1;
+    return motion_[at(b)] != Motion::kDynamic ? 0 : 0.5;
+  }
+
   Course course(std::int32_t f) const {
     const std::int32_t body = fixtures_[f].body;
     const Way& way = ways_[at(body)];
@@ -126,6 +138,7 @@ class ContactFinder::Search {
   }
 
   const Fixtures& fixtures_;
+  std::span<const Motion> motion_;
   std::span<const Way> ways_;
   bool continuous_;
   std::vector<Cache>& caches_;
@@ -158,9 +171,9 @@ class Carry {
 }  // namespace
 
 void ContactFinder::find(std::span<const FixturePair> pairs, std::int32_t slots,
-                         const Fixtures& fixtures, std::span<const Way> ways,
-                         std::span<const ContactConstraint> last, bool continuous,
-                         std::vector<ContactConstraint>& contacts, int threads) {
+                         const Fixtures& fixtures, std::span<const Motion> motion,
+                         std::span<const Way> ways, std::span<const ContactConstraint> last,
+                         bool continuous, std::vector<ContactConstraint>& contacts, int threads) {
   caches_.resize(static_cast<std::size_t>(slots));
   const auto n = static_cast<std::int64_t>(pairs.size());
   const auto chunks = static_cast<std::size_t>((n + kPairs - 1) / kPairs);
@@ -170,7 +183,7 @@ void ContactFinder::find(std::span<const FixturePair> pairs, std::int32_t slots,
       [&](std::int64_t begin, std::int64_t end) {
         auto& found = touches_[static_cast<std::size_t>(begin / kPairs)];
         found.clear();
-        Search search(fixtures, ways, continuous, caches_, found);
+        Search search(fixtures, motion, ways, continuous, caches_, found);
         for (std::int64_t k = begin; k < end; ++k)
           search.look_at(pairs[static_cast<std::size_t>(k)]);
       },
@@ -183,7 +196,7 @@ void ContactFinder::find(std::span<const FixturePair> pairs, std::int32_t slots,
       [&](std::int64_t chunk) {
         const auto c = static_cast<std::size_t>(chunk);
         if (touches_[c].empty()) return;
-        const Search search(fixtures, ways, continuous, caches_, touches_[c]);
+        const Search search(fixtures, motion, ways, continuous, caches_, touches_[c]);
         ContactConstraint* contact = &contacts[first_[c]];
         contact->fixture_a = touches_[c][0].pair.a, contact->fixture_b = touches_[c][0].pair.b;
         Carry carry(last, *contact);

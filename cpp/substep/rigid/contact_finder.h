@@ -24,10 +24,12 @@ namespace substep::rigid {
 
 class ContactFinder {
  public:
-  // ways[b]: of body b in this step. `slots`: BroadPhase::slots(). `last`: contacts in the order of
-  // their fixtures, to take impulses from. Unless continuous, fast bodies meet only what is near.
+  // motion[b], ways[b]: of body b, in this step. `slots`: BroadPhase::slots(). `last`: contacts in
+  // the order of their fixtures, to take impulses from. Unless continuous, fast bodies meet only
+  // what is near.
   void find(std::span<const FixturePair> pairs, std::int32_t slots, const Fixtures& fixtures,
-            std::span<const Way> ways, std::span<const ContactConstraint> last, bool continuous,
+            std::span<const Motion> motion, std::span<const Way> ways,
+            std::span<const ContactConstraint> last, bool continuous,
             std::vector<ContactConstraint>& contacts, int threads);
 
  private:

@@ -383,8 +383,8 @@ void World::check_row(std::int64_t body) {
 void World::find_contacts() {
   broad_phase_.update(moving_, fixtures_.bounds(), threads);
   moving_.clear();
-  finder_.find(broad_phase_.pairs(), broad_phase_.slots(), fixtures_, ways_, last_contacts_,
-               options_.continuous, contacts_, threads);
+  finder_.find(broad_phase_.pairs(), broad_phase_.slots(), fixtures_, bodies_.motion, ways_,
+               last_contacts_, options_.continuous, contacts_, threads);
 }
 
 void World::solve(double dt) {
