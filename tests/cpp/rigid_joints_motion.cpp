@@ -244,7 +244,7 @@ TEST(Joints, KeepMomentaOfFreePairs) {
     const double energy = scene.energy();
     const Vec3 momentum = b.momentum(), angular = b.angular_momentum();
     scene.advance(type == 2 ? 1 : 10);
-    EXPECT_LT((b.momentum() - momentum).norm(), 1e-13) << type;
+    EXPECT_LT((b.momentum() - momentum).norm(), 1e-12) << type;  // rounding of 4800 sub-steps
     EXPECT_LT((b.angular_momentum() - angular).norm(), 1e-9) << type;
     EXPECT_NEAR(scene.energy() / energy, 1, 2e-3) << type;
     EXPECT_LT(scene.length_error, 1e-9) << type;
