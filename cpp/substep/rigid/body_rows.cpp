@@ -4,6 +4,7 @@
 
 #include "substep/core/parallel.h"
 #include "substep/core/point_lanes.h"
+#include "substep/rigid/row_vectors.h"
 
 namespace substep::rigid {
 namespace {
@@ -13,7 +14,6 @@ constexpr double kFar = 0.5;          // [rad]
 
 std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
 Point<double> to_row(const Vec3& v, double w = 0) { return {v.x(), v.y(), v.z(), w}; }
-Vec3 from_row(const Point<double>& p) { return {p.x, p.y, p.z}; }
 
 // R D R^T.
 Mat3 conjugated(const Mat3& R, const Vec3& D) { return R * D.asDiagonal() * R.transpose(); }

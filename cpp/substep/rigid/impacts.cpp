@@ -4,6 +4,8 @@
 #include <cmath>
 #include <functional>
 
+#include "substep/rigid/row_vectors.h"
+
 namespace substep::rigid {
 namespace {
 
@@ -11,8 +13,6 @@ constexpr int kBlockSweeps = 64;                // of the impulses of one manifo
 constexpr std::int64_t kEventsPerContact = 32;  // in one sub-step, on the average, at most
 
 std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
-Vec3 from_row(const Point<double>& p) { return {p.x, p.y, p.z}; }
-void add(Point<double>& p, const Vec3& v) { p.x += v.x(), p.y += v.y(), p.z += v.z(); }
 
 }  // namespace
 

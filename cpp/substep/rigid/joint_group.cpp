@@ -2,26 +2,18 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
+
+#include "substep/rigid/row_vectors.h"
 
 namespace substep::rigid {
 namespace {
 
-using Mode = JointLaw::Mode;
-
-constexpr int kIterations = 12;
-constexpr double kTolerance = 1e-12;  // of C [m], [rad]
-constexpr double kEnough = 1e-6;      // the same where it does not get better
-constexpr double kPositions = 1e-10;  // C that is not worth taking back
 // E, relative to the diagonal, where loops may have more equations than motions, and in trees. It
 // acts on all of l, which so is as small as can be; joints yield by this part of what they hold,
 // and take it back.
 constexpr double kLoops = 1e-8, kTrees = 1e-14;
 
 std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
-Vec3 from_row(const Point<double>& p) { return {p.x, p.y, p.z}; }
-void add(Point<double>& p, const Vec3& v) { p.x += v.x(), p.y += v.y(), p.z += v.z(); }
-void assign(Point<double>& p, const Vec3& v) { p.x = v.x(), p.y = v.y(), p.z = v.z(); }
 Mat3 conjugated(const Quaternion& q, const Vec3& D) {
   const Mat3 R = q.toRotationMatrix();
   return R * D.asDiagonal() * R.transpose();
@@ -96,7 +88,7 @@ void JointGroup::begin_step(std::span<const Joint> joints, std::span<const std::
   }
   for (Link& link : links_) {
     link.joint = joints[at(link.number)];
-    link.mode.fill(Mode::kFree);
+    link.mode.fill(JointLaw::Mode::kFree);
     link.force = link.torque = Vec3::Zero();
   }
   weight_ = smooth_ ? 0.5 : 1;
@@ -170,6 +162,59 @@ void JointGroup::apply(Link& link, int row, double impulse, BodyRows& rows) {
   give(link.b, -impulse, link.G.angular_b[row]);
 }
 
+std::array<double, kJointRows> JointGroup::values(const Link& link, bool trial) const {
+  const auto side = [&](const Joint::Frame& frame, std::int32_t member) {
+    const Place& place = trial ? trial_[at(member)] : members_[at(member)].now;
+    return JointSide(frame, place.x, place.q);
+  };
+  return joint_values(link.joint.type, side(link.joint.in_a, link.a), side(link.joint.in_b, link.b),
+                      link.joint.coordinate, !trial || link.rows > link.equations);
+}
+
+void JointGroup::set_gradients() {
+  for (Link& link : links_) {
+    const Member &a = members_[at(link.a)], &b = members_[at(link.b)];
+    link.G = joint_gradients(link.joint.type, JointSide(link.joint.in_a, a.now.x, a.now.q),
+                             JointSide(link.joint.in_b, b.now.x, b.now.q));
+    link.begin = values(link, false);
+    for (int row = 0; row < link.rows; ++row) {
+      const auto of = [&](const Member& m, const Vec3& angular) {
+        return m.moves ? m.scale * m.scale * link.G.linear[row].squaredNorm() +
+                             angular.dot(m.W * angular)
+                       : 0;
+      };
+      link.mobility[at(row)] = of(a, link.G.angular_a[row]) + of(b, link.G.angular_b[row]);
+    }
+  }
+  factored_ = false;
+}
+
+void JointGroup::factor() {
+  matrix_.clear();
+  for (std::size_t j = 0; j < links_.size(); ++j) {
+    const Link& link = links_[j];
+    const auto piece = [&](const Member& m, double sign, int row, const Vec3& angular) {
+      JointMatrix::Piece p;
+      Vec3::Map(p.data()) = sign * m.scale * link.G.linear[row];
+      Vec3::Map(p.data() + 3) = sign * (m.W_root * angular);
+      return p;
+    };
+    for (int row = 0; row < link.rows; ++row) {
+      if (!link.active(row)) continue;
+      double E = regularisation_ * link.mobility[at(row)];
+      if (row >= link.equations) {
+        const std::size_t k = at(row - link.equations);
+        E += link.law[k].softness(link.mode[k]);
+      }
+      matrix_.set(static_cast<std::int32_t>(j), row,
+                  piece(members_[at(link.a)], 1, row, link.G.angular_a[row]),
+                  piece(members_[at(link.b)], -1, row, link.G.angular_b[row]), E);
+    }
+  }
+  matrix_.factor();
+  factored_ = true;
+}
+
 void JointGroup::begin_substep(BodyRows& rows) {
   tried_ = false;
   for (std::size_t k = 0; k < members_.size(); ++k) {
@@ -207,222 +252,6 @@ void JointGroup::begin_substep(BodyRows& rows) {
   write_momenta(rows);
 }
 
-std::array<double, kJointRows> JointGroup::values(const Link& link, bool trial) const {
-  const auto side = [&](const Joint::Frame& frame, std::int32_t member) {
-    const Place& place = trial ? trial_[at(member)] : members_[at(member)].now;
-    return JointSide(frame, place.x, place.q);
-  };
-  return joint_values(link.joint.type, side(link.joint.in_a, link.a), side(link.joint.in_b, link.b),
-                      link.joint.coordinate, !trial || link.rows > link.equations);
-}
-
-void JointGroup::set_gradients() {
-  for (Link& link : links_) {
-    const Member &a = members_[at(link.a)], &b = members_[at(link.b)];
-    link.G = joint_gradients(link.joint.type, JointSide(link.joint.in_a, a.now.x, a.now.q),
-                             JointSide(link.joint.in_b, b.now.x, b.now.q));
-    link.begin = values(link, false);
-    for (int row = 0; row < link.rows; ++row) {
-      const auto of = [&](const Member& m, const Vec3& angular) {
-        return m.moves ? m.scale * m.scale * link.G.linear[row].squaredNorm() +
-                             angular.dot(m.W * angular)
-                       : 0;
-      };
-      link.mobility[at(row)] = of(a, link.G.angular_a[row]) + of(b, link.G.angular_b[row]);
-    }
-  }
-  factored_ = false;
-}
-
-double JointGroup::rate(const Link& link, int row, const BodyRows& rows) const {
-  const Member &a = members_[at(link.a)], &b = members_[at(link.b)];
-  const Vec3 v = a.scale * from_row(rows.velocity[at(a.row)].linear) -
-                 b.scale * from_row(rows.velocity[at(b.row)].linear);
-  return link.G.linear[row].dot(v) + link.G.angular_a[row].dot(a.W * momentum(at(link.a))) -
-         link.G.angular_b[row].dot(b.W * momentum(at(link.b)));
-}
-
-double JointGroup::rate_before(const Link& link, int row) const {
-  const Member &a = members_[at(link.a)], &b = members_[at(link.b)];
-  return link.G.linear[row].dot(a.v_before - b.v_before) + link.G.angular_a[row].dot(a.w_before) -
-         link.G.angular_b[row].dot(b.w_before);
-}
-
-// Limits that are passed already are no bias: they are for solve_positions().
-void JointGroup::set_laws(Link& link, Stage stage) {
-  const double h = settings_.h;
-  const Joint& joint = link.joint;
-  for (int row = link.equations; row < link.rows; ++row) {
-    const std::size_t k = at(row - link.equations);
-    const double y = link.begin[at(row)];
-    const bool own = row == coordinate_row(joint.type);
-    const double lower = own ? joint.lower : -Joint::kInfinite;
-    const double upper = own ? joint.upper : joint.cone;
-    JointLaw& law = link.law[k];
-    law = {};
-    if (lower == upper) {
-      law.slowest = law.fastest = 0;
-    } else if (stage == Stage::kMotion) {
-      law.slowest = std::min(lower - y, 0.) / h;
-      law.fastest = std::max(upper - y, 0.) / h;
-    } else {
-      if (link.mode[k] == Mode::kLower) law.slowest = 0;
-      if (link.mode[k] == Mode::kUpper) law.fastest = 0;
-    }
-    const Joint::Motor& motor = joint.motor;
-    if (motor.type == MotorType::kNone || !own) continue;
-    law.driven = true;
-    law.most = weight_ * h * motor.most;
-    if (motor.type == MotorType::kSpeed) {
-      law.rate = motor.target;
-    } else {
-      // The half kick that begins a step damps what the last one left, u, as long as that does not
-      // turn it back: then both together are of second order.
-      const double mass = 1 / link.mobility[at(row)], half = 0.5 * h * motor.damping;
-      const bool begins = stage == Stage::kMotion && weight_ < 1;
-      const double D =
-          std::max(0.25 * h * h * motor.stiffness + (begins ? std::max(half - mass, 0.) : half),
-                   1e-6 * mass);
-      const double u = rate_before(link, row);
-      const double impulse =
-          -weight_ * h * (motor.stiffness * (y - motor.target) + motor.damping * u);
-      law.rate = u + impulse / D;
-      law.compliance = 1 / D;
-    }
-  }
-}
-
-// Where the velocities lead to.
-void JointGroup::find_trial(const BodyRows& rows) {
-  for (std::size_t k = 0; k < members_.size(); ++k) {
-    Member& m = members_[k];
-    m.seen_velocity = from_row(rows.velocity[at(m.row)].linear);
-    trial_[k].x = m.origin + m.scale * (m.start + settings_.h * m.seen_velocity);
-    store_quaternion(m.now.q, &q_[4 * k]);
-  }
-  rotate_rows(settings_.method, static_cast<std::int64_t>(members_.size()), q_.data(), L_.data(),
-              inertia_.data(), settings_.h);
-  for (std::size_t k = 0; k < members_.size(); ++k) trial_[k].q = load_quaternion(&q_[4 * k]);
-  tried_ = true;
-}
-
-void JointGroup::choose_modes(Stage stage, BodyRows& rows, bool& changed, bool& applied) {
-  for (Link& link : links_) {
-    if (link.rows == link.equations) continue;
-    std::array<double, kJointRows> C{};
-    if (stage == Stage::kMotion) C = values(link, true);
-    for (int row = link.equations; row < link.rows; ++row) {
-      const std::size_t k = at(row - link.equations);
-      const double u = stage == Stage::kMotion ? (C[at(row)] - link.begin[at(row)]) / settings_.h
-                                               : rate(link, row, rows);
-      const Mode mode = link.law[k].mode(u, link.impulse[at(row)], link.mobility[at(row)]);
-      if (mode != link.mode[k]) changed = true;
-      link.mode[k] = mode;
-      if (!JointLaw::fixes_impulse(mode)) continue;
-      const double change = link.law[k].fixed_impulse(mode) - link.impulse[at(row)];
-      if (change == 0) continue;
-      apply(link, row, change, rows);
-      applied = true;
-    }
-  }
-  if (applied) write_momenta(rows);
-}
-
-// The largest error of C at the end of the sub-step.
-double JointGroup::find_residuals(Stage stage, const BodyRows& rows) {
-  double worst = 0;
-  for (std::size_t j = 0; j < links_.size(); ++j) {
-    const Link& link = links_[j];
-    std::array<double, kJointRows> C{};
-    if (stage == Stage::kMotion) C = values(link, true);
-    pieces_[j].fill(0);
-    for (int row = 0; row < link.rows; ++row) {
-      if (!link.active(row)) continue;
-      double u = stage == Stage::kMotion ? (C[at(row)] - link.begin[at(row)]) / settings_.h
-                                         : rate(link, row, rows);
-      if (row >= link.equations) {
-        const std::size_t k = at(row - link.equations);
-        u = link.law[k].residual(link.mode[k], u, link.impulse[at(row)]);
-      }
-      u += regularisation_ * link.mobility[at(row)] * link.impulse[at(row)];
-      pieces_[j][at(row)] = u;
-      worst = std::max(worst, settings_.h * std::abs(u));
-    }
-  }
-  return worst;
-}
-
-void JointGroup::factor() {
-  matrix_.clear();
-  for (std::size_t j = 0; j < links_.size(); ++j) {
-    const Link& link = links_[j];
-    const auto piece = [&](const Member& m, double sign, int row, const Vec3& angular) {
-      JointMatrix::Piece p;
-      Vec3::Map(p.data()) = sign * m.scale * link.G.linear[row];
-      Vec3::Map(p.data() + 3) = sign * (m.W_root * angular);
-      return p;
-    };
-    for (int row = 0; row < link.rows; ++row) {
-      if (!link.active(row)) continue;
-      double E = regularisation_ * link.mobility[at(row)];
-      if (row >= link.equations) {
-        const std::size_t k = at(row - link.equations);
-        E += link.law[k].softness(link.mode[k]);
-      }
-      matrix_.set(static_cast<std::int32_t>(j), row,
-                  piece(members_[at(link.a)], 1, row, link.G.angular_a[row]),
-                  piece(members_[at(link.b)], -1, row, link.G.angular_b[row]), E);
-    }
-  }
-  matrix_.factor();
-  factored_ = true;
-}
-
-// Newton's method; ends where rounding does. Returns whether it has found the solution.
-bool JointGroup::iterate(Stage stage, BodyRows& rows) {
-  double last = Joint::kInfinite;
-  for (int k = 0; k < kIterations; ++k) {
-    bool changed = false, applied = false;
-    if (stage == Stage::kMotion) find_trial(rows);
-    choose_modes(stage, rows, changed, applied);
-    if (applied && stage == Stage::kMotion) find_trial(rows);
-    const double worst = find_residuals(stage, rows);
-    if (!changed && (worst < kTolerance || (k > 2 && worst > 0.5 * last && worst < kEnough)))
-      return true;
-    last = worst;
-    if (changed || !factored_) factor();
-    matrix_.solve(pieces_);
-    for (std::size_t j = 0; j < links_.size(); ++j) {
-      for (int row = 0; row < links_[j].rows; ++row) {
-        if (links_[j].active(row)) apply(links_[j], row, pieces_[j][at(row)], rows);
-      }
-    }
-    write_momenta(rows);
-  }
-  return last < kEnough;
-}
-
-// Where no motion that fulfils the constraints is near (a chain that snaps taut), the velocities
-// do, which takes energy and so is stable.
-void JointGroup::solve_motion(BodyRows& rows) {
-  if (iterate(Stage::kMotion, rows)) return;
-  for (Link& link : links_) {
-    for (int row = 0; row < link.rows; ++row) apply(link, row, -link.impulse[at(row)], rows);
-    link.impulse.fill(0);
-  }
-  write_momenta(rows);
-  iterate(Stage::kVelocity, rows);
-}
-
-void JointGroup::solve_velocities(BodyRows& rows, bool first) {
-  if (first) {
-    begin_substep(rows);
-  } else if (!read_momenta(rows) && tried_) {
-    return;
-  }
-  solve_motion(rows);
-}
-
 void JointGroup::sum_impulses(Link& link) const {
   const Vec3 arm = members_[at(link.a)].now.q * link.joint.in_a.anchor;
   for (int row = 0; row < link.rows; ++row) {
@@ -451,76 +280,6 @@ void JointGroup::move(BodyRows& rows) {
   }
   for (std::size_t k = 0; k < members_.size(); ++k) members_[k].now = trial_[k];
   weight_ = 1;
-}
-
-void JointGroup::solve_positions(BodyRows& rows) {
-  for (Member& m : members_) {
-    const BodyRow& x = rows.displacement[at(m.row)];
-    m.now.x = m.origin + m.scale * from_row(x.linear);
-    if (!m.moves) continue;
-    const Vec3 turn = from_row(x.angular);
-    if (turn != m.seen_turn) {  // by contacts
-      m.now.q = (rotation_by(m.root * (turn - m.seen_turn)) * m.now.q).normalized();
-    }
-  }
-  double worst = 0;
-  for (std::size_t j = 0; j < links_.size(); ++j) {
-    Link& link = links_[j];
-    const auto C = values(link, false);
-    const int own = coordinate_row(link.joint.type);
-    if (own >= 0) link.joint.coordinate = C[at(own)];
-    pieces_[j].fill(0);
-    for (int row = 0; row < link.rows; ++row) {
-      double c = C[at(row)];
-      if (row >= link.equations) {
-        const Mode mode = link.mode[at(row - link.equations)];
-        if (mode != Mode::kLower && mode != Mode::kUpper) continue;
-        const double upper = row == own ? link.joint.upper : link.joint.cone;
-        c -= mode == Mode::kLower ? link.joint.lower : upper;
-      }
-      pieces_[j][at(row)] = std::clamp(c, -settings_.push, settings_.push);
-      worst = std::max(worst, std::abs(c));
-    }
-  }
-  if (worst > kPositions) {
-    if (!factored_) factor();
-    matrix_.solve(pieces_);
-    std::vector<Vec3> shift(members_.size(), Vec3::Zero()), turn = shift;
-    for (std::size_t j = 0; j < links_.size(); ++j) {
-      const Link& link = links_[j];
-      for (int row = 0; row < link.rows; ++row) {
-        if (!link.active(row)) continue;
-        const double l = pieces_[j][at(row)];
-        shift[at(link.a)] += l * link.G.linear[row];
-        turn[at(link.a)] += l * link.G.angular_a[row];
-        shift[at(link.b)] -= l * link.G.linear[row];
-        turn[at(link.b)] -= l * link.G.angular_b[row];
-      }
-    }
-    double largest = settings_.push;
-    for (std::size_t k = 0; k < members_.size(); ++k) {
-      const Member& m = members_[k];
-      shift[k] *= m.scale;
-      turn[k] = m.W * turn[k];
-      if (m.moves) largest = std::max({largest, m.scale * shift[k].norm(), turn[k].norm()});
-    }
-    const double part = settings_.push / largest;
-    for (std::size_t k = 0; k < members_.size(); ++k) {
-      Member& m = members_[k];
-      if (!m.moves) continue;
-      BodyRow& x = rows.displacement[at(m.row)];
-      const Vec3 angle = part * turn[k];
-      add(x.linear, part * shift[k]);
-      add(x.angular, m.unroot * angle);
-      m.now.x = m.origin + m.scale * from_row(x.linear);
-      m.now.q = (rotation_by(angle) * m.now.q).normalized();
-    }
-  }
-  for (std::size_t k = 0; k < members_.size(); ++k) {
-    Member& m = members_[k];
-    m.seen_turn = from_row(rows.displacement[at(m.row)].angular);
-    refresh(k, rows);
-  }
 }
 
 void JointGroup::end_step(BodyRows& rows) {
