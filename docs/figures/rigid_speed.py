@@ -85,7 +85,11 @@ def main():
         ]
         bars = left.bar([i + 0.2 * k for i in range(len(names))], heights, 0.18, color=colour)
         bars.set_label(peer)
-        left.bar_label(bars, [f"{h:.3g}" if h else "" for h in heights], fontsize="xx-small")
+        left.bar_label(
+            bars,
+            [f"{h:.0f}" if h > 5 else f"{h:.1f}" if h else "" for h in heights],
+            fontsize="xx-small",
+        )
     left.set(yscale="log", ylabel="ms per simulated second", title="one thread")
     left.set_xticks([i + 0.3 for i in range(len(names))], [n.replace(" ", "\n") for n in names])
     left.tick_params("x", labelsize="small")
