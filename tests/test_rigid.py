@@ -452,6 +452,27 @@ def test_a_fixed_joint_carries_force_and_torque():
     assert joint.anchors == pytest.approx(np.array([[-0.5, 0, 0]] * 2), abs=1e-4)
 
 
+@pytest.mark.parametrize("kind", ["ball", "hinge", "slider", "fixed", "distance"])
+def test_joints_of_a_chain_that_swings_hold_for_a_minute(kind):
+    bodies, last = world(), None
+    for k in range(3):
+        x = np.array([0.7 * k, 0, 0])
+        link = bodies.add(rigid.Box((0.1, 0.2, 0.3)), x, mass=1.0 + k)
+        middle = x - (0.35, 0, 0)
+        if kind == "hinge":
+            bodies.hinge(link, last, middle, (0, 1, 0.3 * k))
+        elif kind == "slider":
+            bodies.slider(link, last, middle, (1, 0.1 * k, 0.2), limits=(-1, 1))
+        elif kind == "distance":
+            bodies.distance(link, last, x, x - (0.7, 0, 0))
+        else:
+            getattr(bodies, kind)(link, last, middle)
+        last = link
+    errors = []
+    bodies.advance(60.0, lambda b: errors.append(b.diagnostics()["joint_error"]))
+    assert max(errors) < 1e-4
+
+
 def test_limits_hold():
     bodies = world()
     flap = bodies.add(rigid.Box((0.5, 0.2, 0.05)), (0.5, 0, 0), mass=2.0)
