@@ -85,23 +85,6 @@ TEST(Joints, DriveACart) {
   }
 }
 
-void expect_same(const World& p, const World& q) {
-  EXPECT_EQ(p.time, q.time);
-  EXPECT_EQ(p.bodies().x, q.bodies().x);
-  EXPECT_EQ(p.bodies().q, q.bodies().q);
-  EXPECT_EQ(p.bodies().P, q.bodies().P);
-  EXPECT_EQ(p.bodies().L, q.bodies().L);
-  ASSERT_EQ(p.joints().size(), q.joints().size());
-  for (std::size_t k = 0; k < p.joints().size(); ++k) {
-    const Joint &a = p.joints()[k], &b = q.joints()[k];
-    EXPECT_EQ(a.impulse, b.impulse);
-    EXPECT_EQ(a.coordinate, b.coordinate);
-    EXPECT_EQ(a.force, b.force);
-    EXPECT_EQ(a.torque, b.torque);
-    EXPECT_EQ(a.length_error, b.length_error);
-  }
-}
-
 // A cart that drives, a body that swings on a spring, and one by itself, of number 7.
 World cart_and_swing() {
   World world = cart(Sphere{0.4}, Quaternion::Identity());

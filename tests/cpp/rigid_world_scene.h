@@ -1,6 +1,8 @@
 // Worlds for tests.
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <cmath>
 #include <cstdint>
 #include <string>
@@ -55,6 +57,35 @@ inline double penetration(const World& world) {
   for (const ContactConstraint& c : world.contacts())
     for (int k = 0; k < c.count; ++k) deepest = std::max(deepest, -c.points[k].separation);
   return deepest;
+}
+
+// That two worlds are the same to the last bit.
+inline void expect_same(const World& p, const World& q) {
+  EXPECT_EQ(p.time, q.time);
+  EXPECT_EQ(p.bodies().x, q.bodies().x);
+  EXPECT_EQ(p.bodies().q, q.bodies().q);
+  EXPECT_EQ(p.bodies().P, q.bodies().P);
+  EXPECT_EQ(p.bodies().L, q.bodies().L);
+  const WorldState a = p.state(), b = q.state();
+  EXPECT_EQ(a.slow_time, b.slow_time);
+  EXPECT_EQ(a.island, b.island);
+  EXPECT_EQ(a.rest_x, b.rest_x);
+  ASSERT_EQ(a.contacts.size(), b.contacts.size());
+  for (std::size_t k = 0; k < a.contacts.size(); ++k) {
+    const ContactConstraint &c = a.contacts[k], &d = b.contacts[k];
+    EXPECT_EQ(c.fixture_a, d.fixture_a);
+    EXPECT_EQ(c.fixture_b, d.fixture_b);
+    EXPECT_EQ(c.points[0].impulse, d.points[0].impulse);
+  }
+  ASSERT_EQ(a.joints.size(), b.joints.size());
+  for (std::size_t k = 0; k < a.joints.size(); ++k) {
+    const Joint &c = a.joints[k], &d = b.joints[k];
+    EXPECT_EQ(c.impulse, d.impulse);
+    EXPECT_EQ(c.coordinate, d.coordinate);
+    EXPECT_EQ(c.force, d.force);
+    EXPECT_EQ(c.torque, d.torque);
+    EXPECT_EQ(c.length_error, d.length_error);
+  }
 }
 
 inline double energy(const World& world) {

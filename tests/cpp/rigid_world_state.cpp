@@ -13,24 +13,6 @@ namespace {
 using namespace substep;
 using namespace substep::rigid;
 
-void expect_same(const World& p, const World& q) {
-  EXPECT_EQ(p.time, q.time);
-  EXPECT_EQ(p.bodies().x, q.bodies().x);
-  EXPECT_EQ(p.bodies().q, q.bodies().q);
-  EXPECT_EQ(p.bodies().P, q.bodies().P);
-  EXPECT_EQ(p.bodies().L, q.bodies().L);
-  const WorldState a = p.state(), b = q.state();
-  EXPECT_EQ(a.slow_time, b.slow_time);
-  EXPECT_EQ(a.island, b.island);
-  EXPECT_EQ(a.rest_x, b.rest_x);
-  ASSERT_EQ(a.contacts.size(), b.contacts.size());
-  for (std::size_t k = 0; k < a.contacts.size(); ++k) {
-    EXPECT_EQ(a.contacts[k].fixture_a, b.contacts[k].fixture_a);
-    EXPECT_EQ(a.contacts[k].fixture_b, b.contacts[k].fixture_b);
-    EXPECT_EQ(a.contacts[k].points[0].impulse, b.contacts[k].points[0].impulse);
-  }
-}
-
 // Bodies of all shapes fall onto a mesh between walls; some bounce, some are compounds.
 World pile(int n) {
   World world;

@@ -11,12 +11,12 @@
 // and what overlaps by more than the slop is moved apart by the part beta of it, without velocity
 // (pseudo-velocities from none, in every sub-step), as the first sweep of the next sub-step comes
 // to the contact. That is apart from 3 because impulses that push positions, kept for the warm
-// start, are an integral action on what sweeps have not converged: of the slowest modes, l' = -c (u
-// + b x) - k l with m u' = l, so s^3 + (k / m) s^2 + (c / m) (s + b) = 0, stable (Routh) only if k
-// > m b. A soft constraint (Catto 2024, "Solver2D", box2d.org, "Soft Step") buys that with the leak
-// k, and sinks under load by what the leak loses: 106 mm in a stack of 20. Displacements that are
-// not kept have no such mode, so the contact needs no leak and carries any load without sinking;
-// docs/ rigid_contact.md has the table.
+// start, are an integral action on what sweeps have not converged: of the slowest modes,
+//   l' = -c (u + b x) - k l,  m u' = l,  so  s^3 + (k / m) s^2 + (c / m) (s + b) = 0,
+// stable (Routh) only if k > m b. A soft constraint (Catto 2024, "Solver2D", box2d.org, "Soft
+// Step") buys that with the leak k, and sinks under load by what the leak loses: 106 mm in a stack
+// of 20. Displacements that are not kept have no such mode, so the contact needs no leak and
+// carries any load without sinking; docs/rigid_contact.md has the table.
 //
 // What sweeps have not converged of the velocities swings: a mode with the part c of its error
 // taken by a sub-step has e = l + f and u (its impulse less the load, its velocity) go by
