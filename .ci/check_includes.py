@@ -1,10 +1,21 @@
 """Checks that the arrows between the folders of cpp/substep run one way (docs/architecture.md)."""
 
+import graphlib
 import re
 import sys
 from pathlib import Path
 
 SHARED = {"linalg", "geometry", "transfer"}  # the floor between core and the method folders
+
+# Inside a folder: each sub-folder includes itself and those before it. "." are the files beside
+# the sub-folders. A folder that is not here has none.
+INSIDE = {
+    "linalg": [".", "direct"],
+    "mpm": ["materials", "particles", "boundary", "passes", "general", "implicit", "solver"],
+    "ode": ["stepping", "explicit", "implicit", "symplectic", "systems", "solve"],
+    "pbd": ["constraints", "groups", "contact", "solver"],
+    "rigid": ["shapes", "distance", "motion", "collision", "solver", "world"],
+}
 
 
 def allowed(folder: str) -> set[str]:
@@ -16,27 +27,54 @@ def allowed(folder: str) -> set[str]:
     return {"core", folder} | SHARED
 
 
+def complaint(folder: str, inside: str, target: str, target_inside: str) -> str | None:
+    """Why a file of `folder`/`inside` may not include one of `target`/`target_inside`."""
+    if target not in allowed(folder):
+        return "the arrow points the wrong way"
+    order = INSIDE.get(target, ["."])
+    if target_inside not in order:
+        return f"{target} has no folder {target_inside}"
+    if target == folder and order.index(inside) < order.index(target_inside):
+        return f"{inside} comes before {target_inside}"
+    return None
+
+
 def wrong_includes(root: Path) -> list[str]:
-    """One line for each include that points the wrong way."""
+    """One line for each include that points the wrong way, or that closes a circle of headers."""
     found = []
-    for path in sorted((root / "substep").glob("*/*")):
+    headers: dict[str, set[str]] = {}
+    files = [path for path in (root / "substep").rglob("*") if path.is_file()]
+    for path in sorted(files):
+        name = path.relative_to(root).as_posix()
+        folder, *between = path.relative_to(root / "substep").parts[:-1]
+        inside = "/".join(between) or "."
+        if inside not in INSIDE.get(folder, ["."]):
+            found.append(f"{path}: .ci/check_includes.py does not know the folder {inside}")
+            continue
         for number, line in enumerate(path.read_text().splitlines(), 1):
             include = re.match(r'\s*#\s*include\s*[<"]([^>"]+)[>"]', line)
             if not include:
                 continue
-            name = include[1]
-            where = f"{path}:{number}: {path.parent.name} includes {name}"
-            target = re.match(r"substep/([^/]+)/", name)
-            if target and target[1] not in allowed(path.parent.name):
-                found.append(where)
-            elif line.count('"') == 2 and not target:
+            where = f"{path}:{number}: includes {include[1]}"
+            target = re.fullmatch(r"substep/([^/]+)/(?:(.+)/)?[^/]+", include[1])
+            if target:
+                why = complaint(folder, inside, target[1], target[2] or ".")
+                if why:
+                    found.append(f"{where}: {why}")
+                if path.suffix == ".h":
+                    headers.setdefault(name, set()).add(include[1])
+            elif line.count('"') == 2:
                 found.append(f"{where}: write the path from cpp/")
-            elif re.match(r"pybind11|Python\.h|bindings", name):
+            elif re.match(r"pybind11|Python\.h|bindings", include[1]):
                 found.append(f"{where}: only cpp/bindings knows Python")
+    try:
+        graphlib.TopologicalSorter(headers).prepare()
+    except graphlib.CycleError as circle:
+        found.append("a circle of headers: " + " <- ".join(circle.args[1]))
     return found
 
 
 if __name__ == "__main__":
     lines = wrong_includes(Path(__file__).parents[1] / "cpp")
-    print("\n".join(lines) or "includes: the arrows run one way")
+    print("\n".join(lines) or "includes: the arrows run one way, inside folders too")
     sys.exit(bool(lines))

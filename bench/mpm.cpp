@@ -7,8 +7,8 @@
 #include <cmath>
 #include <vector>
 
-#include "substep/mpm/grid_update.h"
-#include "substep/mpm/transfers.h"
+#include "substep/mpm/passes/grid_update.h"
+#include "substep/mpm/passes/transfers.h"
 
 namespace {
 

@@ -11,9 +11,9 @@
 #include <random>
 #include <vector>
 
-#include "substep/rigid/graph_colouring.h"
-#include "substep/rigid/islands.h"
-#include "substep/rigid/queries.h"
+#include "substep/rigid/solver/graph_colouring.h"
+#include "substep/rigid/solver/islands.h"
+#include "substep/rigid/world/queries.h"
 
 namespace {
 

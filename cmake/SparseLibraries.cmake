@@ -38,10 +38,11 @@ endif()
 
 add_library(substep_sparse INTERFACE)
 target_include_directories(substep_sparse SYSTEM INTERFACE ${SUITESPARSE_INCLUDE})
-# gomp is libcholmod's; we link it to keep its parallel regions serial (linalg/library_calls.h).
+# gomp is libcholmod's; we link it to keep its parallel regions serial
+# (linalg/direct/library_calls.h).
 target_link_libraries(substep_sparse INTERFACE
   -Wl,--push-state,--no-as-needed ${SUBSTEP_BLAS} ${SUBSTEP_LAPACK} -Wl,--pop-state
   ${sparse_libraries} gomp ${CMAKE_DL_LIBS})
-# In a program, too, OpenBLAS and METIS find our definitions first (linalg/blas_buffers.h).
+# In a program, too, OpenBLAS and METIS find our definitions first (linalg/direct/blas_buffers.h).
 target_link_options(substep_sparse INTERFACE $<$<STREQUAL:$<TARGET_PROPERTY:TYPE>,EXECUTABLE>:
   LINKER:--export-dynamic-symbol=blas_memory_*,--export-dynamic-symbol=gk_rand*>)

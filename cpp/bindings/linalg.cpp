@@ -3,10 +3,10 @@
 
 #include "bindings.h"
 #include "substep/core/errors.h"
-#include "substep/linalg/cholesky.h"
+#include "substep/linalg/direct/cholesky.h"
+#include "substep/linalg/direct/library_calls.h"
+#include "substep/linalg/direct/lu.h"
 #include "substep/linalg/krylov.h"
-#include "substep/linalg/library_calls.h"
-#include "substep/linalg/lu.h"
 #include "substep/linalg/preconditioners.h"
 
 namespace {

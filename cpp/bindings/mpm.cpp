@@ -2,7 +2,7 @@
 
 #include "bindings.h"
 #include "substep/core/errors.h"
-#include "substep/mpm/solver.h"
+#include "substep/mpm/solver/solver.h"
 
 namespace {
 

@@ -4,14 +4,14 @@
 #include "bindings.h"
 #include "python_jacobian.h"
 #include "python_system.h"
-#include "substep/ode/brusselator.h"
-#include "substep/ode/integration.h"
-#include "substep/ode/jacobian.h"
-#include "substep/ode/methods.h"
-#include "substep/ode/rkc_formula.h"
-#include "substep/ode/stiff_systems.h"
-#include "substep/ode/systems.h"
-#include "substep/ode/tableau.h"
+#include "substep/ode/explicit/rkc_formula.h"
+#include "substep/ode/explicit/tableau.h"
+#include "substep/ode/implicit/jacobian.h"
+#include "substep/ode/solve/integration.h"
+#include "substep/ode/solve/methods.h"
+#include "substep/ode/systems/brusselator.h"
+#include "substep/ode/systems/stiff_systems.h"
+#include "substep/ode/systems/systems.h"
 
 namespace {
 

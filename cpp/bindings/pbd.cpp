@@ -3,9 +3,9 @@
 #include "bindings.h"
 #include "pbd_groups.h"
 #include "substep/core/errors.h"
-#include "substep/pbd/constraints.h"
-#include "substep/pbd/dynamics.h"
-#include "substep/pbd/multilevel.h"
+#include "substep/pbd/groups/constraints.h"
+#include "substep/pbd/solver/dynamics.h"
+#include "substep/pbd/solver/multilevel.h"
 
 namespace {
 

@@ -1,7 +1,7 @@
 #include "bindings.h"
 #include "pbd_groups.h"
-#include "substep/pbd/particle_collision.h"
-#include "substep/pbd/self_contact.h"
+#include "substep/pbd/contact/particle_collision.h"
+#include "substep/pbd/contact/self_contact.h"
 
 namespace {
 

@@ -6,8 +6,8 @@
 #include "bindings.h"
 #include "pbd_groups.h"
 #include "substep/core/errors.h"
-#include "substep/pbd/shape_matching.h"
-#include "substep/pbd/user_constraints.h"
+#include "substep/pbd/groups/shape_matching.h"
+#include "substep/pbd/groups/user_constraints.h"
 
 namespace {
 

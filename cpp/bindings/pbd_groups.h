@@ -4,7 +4,7 @@
 
 #include <memory>
 
-#include "substep/pbd/group.h"
+#include "substep/pbd/groups/group.h"
 
 template <class Real>
 struct GroupHandle {

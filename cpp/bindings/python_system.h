@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "bindings.h"
-#include "substep/ode/system.h"
+#include "substep/ode/stepping/system.h"
 
 class PythonSystem final : public substep::ode::System {
  public:

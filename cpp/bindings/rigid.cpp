@@ -3,8 +3,8 @@
 #include <algorithm>
 
 #include "bindings.h"
-#include "substep/rigid/free_rotation.h"
-#include "substep/rigid/mass_properties.h"
+#include "substep/rigid/motion/free_rotation.h"
+#include "substep/rigid/shapes/mass_properties.h"
 
 namespace {
 

@@ -4,7 +4,7 @@
 #include <limits>
 
 #include "rigid_world.h"
-#include "substep/rigid/batch.h"
+#include "substep/rigid/world/batch.h"
 
 namespace rigid_binding {
 namespace {

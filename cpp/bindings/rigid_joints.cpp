@@ -4,7 +4,7 @@
 
 #include "rigid_world.h"
 #include "substep/core/errors.h"
-#include "substep/rigid/joint.h"
+#include "substep/rigid/solver/joint.h"
 
 namespace rigid_binding {
 namespace {

@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "rigid_world.h"
-#include "substep/rigid/queries.h"
+#include "substep/rigid/world/queries.h"
 
 namespace rigid_binding {
 namespace {

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "bindings.h"
-#include "substep/rigid/world.h"
+#include "substep/rigid/world/world.h"
 
 namespace rigid_binding {
 

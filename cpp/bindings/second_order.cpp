@@ -5,12 +5,12 @@
 #include <optional>
 
 #include "bindings.h"
-#include "substep/ode/chain.h"
-#include "substep/ode/ensemble.h"
-#include "substep/ode/nbody.h"
-#include "substep/ode/oscillators.h"
-#include "substep/ode/static_system.h"
-#include "substep/ode/symplectic_solve.h"
+#include "substep/ode/solve/ensemble.h"
+#include "substep/ode/symplectic/symplectic_solve.h"
+#include "substep/ode/systems/chain.h"
+#include "substep/ode/systems/nbody.h"
+#include "substep/ode/systems/oscillators.h"
+#include "substep/ode/systems/static_system.h"
 
 namespace {
 

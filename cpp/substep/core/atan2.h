@@ -1,6 +1,6 @@
 // The angle of a vector, without branches, for vectors of lanes: atan2(y, x) in [-pi, pi], 0 where
 // both are 0, with the sign of y. Error at most 3 units in the last place
-// (tests/cpp/pbd_constraints.cpp).
+// (tests/cpp/pbd/constraints.cpp).
 //
 // With 0 <= t = low / high <= 1 of |x| and |y|, atan t = pi/4 + atan((t - 1) / (t + 1)) where t is
 // above tan(pi/8); on the rest the polynomials of Cephes atanf.c (float) and atan.c (double).

@@ -1,6 +1,6 @@
 // The exponential function, without branches, for vectors of lanes. Error at most 2 units in the
 // last place; beyond +-87 (float) or +-708 (double) it is that of the bound, so that the result is
-// always a normal number; NaN stays NaN (tests/cpp/mpm_materials.cpp).
+// always a normal number; NaN stays NaN (tests/cpp/mpm/materials.cpp).
 //
 // exp(x) = 2^n exp(r), n the nearest integer to x / log 2, |r| <= log(2) / 2, log 2 being split so
 // that n times its first part is exact; exp(r) by the approximations of Cephes expf.c (float, a

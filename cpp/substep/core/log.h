@@ -1,5 +1,5 @@
 // The natural logarithm of normal numbers above 0, without branches, for vectors of lanes. Error at
-// most 3 units in the last place, of the result or of 1/4 (tests/cpp/pbd_constraints.cpp).
+// most 3 units in the last place, of the result or of 1/4 (tests/cpp/pbd/constraints.cpp).
 //
 // x = 2^e (1 + f) with 1 + f from 1/sqrt(2) to sqrt(2); log(1 + f) = f - f^2/2 + f^3 P(f) by the
 // polynomials of Cephes logf.c (float) and log.c (double); log 2 is split so that e times its first

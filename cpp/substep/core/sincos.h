@@ -1,5 +1,5 @@
 // sin and cos together, without branches, for vectors of lanes. Error at most, in units in the last
-// place (tests/cpp/core_sincos.cpp): double 2 for |x| <= 100, 2.5 to the limit of 1e6 (4 next to
+// place (tests/cpp/core/sincos.cpp): double 2 for |x| <= 100, 2.5 to the limit of 1e6 (4 next to
 // multiples of pi/2); float 2 for |x| <= 100, 2.5 to the limit of 8192, and without FMA 2^-24
 // absolute there. A lane beyond the limit is handed to the C library.
 //

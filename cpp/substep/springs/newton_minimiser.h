@@ -8,7 +8,7 @@
 #include <memory>
 #include <vector>
 
-#include "substep/linalg/supernodal_cholesky.h"
+#include "substep/linalg/direct/supernodal_cholesky.h"
 #include "substep/springs/minimiser.h"
 
 namespace substep::springs {

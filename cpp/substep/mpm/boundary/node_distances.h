@@ -1,0 +1,61 @@
+// Signed distances and normals of the colliders at the nodes near to them, kept until a collider or
+// the blocks change: so a collider at rest costs a comparison per node block, and 16 bytes per node
+// that it holds.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "substep/geometry/collider.h"
+#include "substep/mpm/boundary/surfaces.h"
+#include "substep/transfer/blocks.h"
+
+namespace substep::mpm {
+
+template <class Real, int D>
+class NodeDistances {
+ public:
+  static constexpr int kNodes = transfer::NodeBlocks<Real, D>::kNodes;
+  // Of one node block: per node the outward normal n (in 2D: n_z = 0), and the signed distance less
+  // the reach [m]: the node takes the condition where that is at most 0. (Nodes that surely do not
+  // may have any positive number instead, and no normal.)
+  struct alignas(64) Patch {
+    Real values[kNodes * 4];
+  };
+
+  // Nodes take the condition of a collider below distance `reach` [m] from it.
+  NodeDistances(double cell, double reach) : cell_(cell), reach_(reach) {}
+
+  // After every sort, and then for all colliders; else for those that moved since.
+  void update(const transfer::BlockLayout<D>& layout, bool layout_changed,
+              std::span<const geometry::Collider> colliders, int threads);
+
+  // The patch of a surface on a node block, nullptr where none of its nodes takes the condition.
+  const Patch* patch(std::size_t surface, std::int32_t node_block) const {
+    const Field& field = fields_[surface];
+    const std::int32_t p = field.of_block[static_cast<std::size_t>(node_block)];
+    return p < 0 ? nullptr : &field.patches[static_cast<std::size_t>(p)];
+  }
+  // All surfaces, ascending by their colliders.
+  std::span<const Surface> all() const { return surfaces_; }
+
+ private:
+  static constexpr std::size_t kPose = 7;  // position and orientation: Collider::state() begins so
+  struct Field {
+    std::array<double, kPose> pose{};  // that it was computed for
+    std::vector<std::uint64_t> keys;   // of the node blocks with a patch, ascending
+    std::vector<Patch> patches;
+    std::vector<std::int32_t> of_block;  // -1: none
+  };
+  // keep: the patches that there are hold for this pose too.
+  void fill(Field& field, const geometry::Collider& collider, int axis,
+            std::span<const std::uint64_t> keys, bool keep, int threads);
+
+  double cell_, reach_;
+  std::vector<Surface> surfaces_;
+  std::vector<Field> fields_;  // of each surface
+};
+
+}  // namespace substep::mpm

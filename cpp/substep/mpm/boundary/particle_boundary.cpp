@@ -1,0 +1,323 @@
+#include "substep/mpm/boundary/particle_boundary.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "substep/core/lanes.h"
+#include "substep/core/parallel.h"
+
+namespace substep::mpm {
+namespace {
+
+using geometry::Collider;
+using geometry::Exchange;
+using geometry::Sphere;
+using geometry::Vec3;
+
+Vec3 to_local(const Collider& collider, const Vec3& x) {
+  return collider.rotation().transpose() * (x - collider.position());
+}
+bool moves(const Collider& collider) {
+  return !collider.velocity.isZero(0) || !collider.angular_velocity.isZero(0);
+}
+// All that begin_step depends on: position, orientation, velocity, angular velocity.
+bool same_motion(const Collider& a, const Collider& b) {
+  constexpr std::size_t kMotion = 13;
+  const auto p = a.state(), q = b.state();
+  return std::equal(p.begin(), p.begin() + kMotion, q.begin());
+}
+
+}  // namespace
+
+template <class Real, int D>
+Vec3 ParticleBoundary<Real, D>::first_node(std::uint64_t key) const {
+  const auto block = transfer::BlockKey<D>::unpack(key);
+  Vec3 x = Vec3::Zero();
+  for (int d = 0; d < D; ++d) {
+    x[d] = cell_ * (static_cast<double>(transfer::kBlock) * block[static_cast<std::size_t>(d)]);
+  }
+  return x;
+}
+
+// Whether a surface may be met in the arena, and where in it surely not.
+//
+// Convex solids: their distance is a convex function, so it is at least that of its tangent.
+// Sampled distances: at least d(middle) - lipschitz |x - middle|. Each less the margin and the way
+// of the collider in this step, since x and the collider both move.
+template <class Real, int D>
+bool ParticleBoundary<Real, D>::comes_near(const Collider& to, int axis, const Vec3& first,
+                                           Free& free) const {
+  Vec3 middle = first;
+  middle.template head<D>().array() += kHalf * cell_;
+  const double radius = kHalf * std::sqrt(D) * cell_;
+  const double way = surface_speed(to, middle, radius) * dt_;
+  const double keep = kMargin * cell_ + way;
+  // A linear function by its gradient and its value in the middle, and how far it goes from there.
+  const auto linear = [&](const Vec3& gradient, double value) {
+    double at_first = value / cell_, spread = 0;
+    for (int d = 0; d < D; ++d) {
+      free.row[d] = static_cast<Real>(gradient[d]);
+      at_first -= kHalf * gradient[d];
+      spread += kHalf * std::abs(gradient[d]);
+    }
+    free.row[D] = static_cast<Real>(at_first);
+    return spread * cell_;
+  };
+  const auto ball = [&](const Vec3& centre, double size) {
+    free.kind = size > 0 ? Free::kBall : Free::kNowhere;
+    const Vec3 from = (centre - first) / cell_;
+    for (int d = 0; d < D; ++d) free.row[d] = static_cast<Real>(from[d]);
+    double flat = size / cell_ * (size / cell_);
+    if constexpr (D == 2) flat -= from[2] * from[2];
+    free.size = static_cast<Real>(flat);
+    return size <= 0 || !((centre - middle).norm() + radius < size);
+  };
+  if (axis >= 0) {
+    free.kind = Free::kSlab;
+    const Vec3 direction = to.rotation().col(axis);
+    const double value = direction.dot(middle - to.position());
+    const double size = half_length(to, axis) - keep;
+    free.size = static_cast<Real>(size / cell_);
+    return !(std::abs(value) + linear(direction, value) < size);
+  }
+  if (const auto* sphere = std::get_if<Sphere>(&to.shape()); sphere && to.hollow()) {
+    return ball(to.position(), sphere->radius - keep);
+  }
+  const auto [distance, gradient] = to.signed_distance(middle);
+  if (!to.hollow() && !std::holds_alternative<SampledPointer>(to.shape())) {
+    free.kind = Free::kHalfSpace;
+    return !(distance - keep - linear(gradient, distance - keep) > 0);
+  }
+  return ball(middle, (distance - kMargin * cell_) / to.lipschitz() - way);
+}
+
+template <class Real, int D>
+double ParticleBoundary<Real, D>::surface_speed(const Collider& collider, const Vec3& centre,
+                                                double radius) const {
+  if (!moves(collider)) return 0;
+  const double speed = collider.velocity.norm();
+  const double arm = (centre - collider.position()).norm() + radius + speed * dt_;
+  return speed + collider.angular_velocity.norm() * arm;
+}
+
+template <class Real, int D>
+void ParticleBoundary<Real, D>::begin_step(const transfer::BlockLayout<D>& layout,
+                                           bool layout_changed, std::span<const Collider> colliders,
+                                           double dt, int threads) {
+  const bool same = !layout_changed && std::equal(colliders.begin(), colliders.end(), from_.begin(),
+                                                  from_.end(), same_motion);
+  const bool still = std::none_of(colliders.begin(), colliders.end(), moves);
+  if (same && (still || dt == dt_)) {
+    for (Near& near : near_) {
+      near.excess = 0;
+      for (Wall& wall : near.walls) wall.part = {};
+    }
+    for (std::size_t c = 0; c < colliders.size(); ++c) {
+      from_[c].friction = to_[c].friction = colliders[c].friction;
+    }
+    dt_ = dt;
+    return;
+  }
+  dt_ = dt;
+  from_.assign(colliders.begin(), colliders.end());
+  to_ = from_;
+  for (Collider& collider : to_) collider.advance(dt);
+  collider_speed_ = 0;
+  near_.clear();
+  if (colliders.empty()) return;
+
+  const auto blocks = static_cast<std::int64_t>(layout.particle_keys.size());
+  constexpr std::int64_t kGrain = 64;
+  const std::vector<Surface> all = surfaces(to_);
+  slots_.resize(layout.particle_keys.size());
+  std::vector<std::vector<Near>> found(static_cast<std::size_t>((blocks + kGrain - 1) / kGrain));
+  parallel_for(
+      blocks, kGrain,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t b = begin; b < end; ++b) {
+          Near near;
+          near.first = first_node(layout.particle_keys[static_cast<std::size_t>(b)]);
+          for (const Surface& surface : all) {
+            Wall wall{surface, {}, {}};
+            if (comes_near(to_[surface.collider], surface.axis, near.first, wall.free)) {
+              near.walls.push_back(wall);
+            }
+          }
+          slots_[static_cast<std::size_t>(b)] = near.walls.empty() ? -1 : 0;
+          if (near.walls.empty()) continue;
+          near.block = static_cast<std::int32_t>(b);
+          found[static_cast<std::size_t>(begin / kGrain)].push_back(std::move(near));
+        }
+      },
+      threads);
+  const double radius = kHalf * std::sqrt(D) * cell_;
+  for (std::vector<Near>& part : found) {
+    for (Near& near : part) {
+      Vec3 middle = near.first;
+      middle.template head<D>().array() += kHalf * cell_;
+      for (const Wall& wall : near.walls) {
+        collider_speed_ =
+            std::max(collider_speed_, surface_speed(from_[wall.surface.collider], middle, radius));
+      }
+      slots_[static_cast<std::size_t>(near.block)] = static_cast<std::int32_t>(near_.size());
+      near_.push_back(std::move(near));
+    }
+  }
+}
+
+// Which of the lanes are not surely within `free`.
+template <class Real, int D>
+auto ParticleBoundary<Real, D>::outside(const Free& free, const Real* x) -> Mask {
+  V at[D];
+  for (int d = 0; d < D; ++d) at[d] = load<V>(x + d * kLanes<Real>);
+  const auto value = [&] {
+    V sum = splat<V>(free.row[D]);
+    for (int d = 0; d < D; ++d) sum = fma<V>(free.row[d], at[d], sum);
+    return sum;
+  };
+  Mask out = at[0] == at[0];
+  if (free.kind == Free::kHalfSpace) {
+    out = ~(value() >= 0);
+  } else if (free.kind == Free::kSlab) {
+    const V v = value();
+    out = ~((v <= free.size) & (v >= -free.size));
+  } else if (free.kind == Free::kBall) {
+    V squared{};
+    for (int d = 0; d < D; ++d) {
+      const V way = at[d] - free.row[d];
+      squared = fma<V>(way, way, squared);
+    }
+    out = ~(squared <= free.size);
+  }
+  return out;
+}
+
+// Whether a ball about the ways of all lanes keeps clear of a sampled distance, which is slow to
+// ask for each lane. (Particles of a packet are from neighbouring cells.)
+template <class Real, int D>
+bool ParticleBoundary<Real, D>::clears(const Near& near, const Wall& wall, const Real* before,
+                                       const Real* x) const {
+  const Collider& to = to_[wall.surface.collider];
+  if (!std::holds_alternative<SampledPointer>(to.shape())) return false;
+  Vec3 low = Vec3::Zero(), high = Vec3::Zero();
+  for (int d = 0; d < D; ++d) {
+    const V a = load<V>(before + d * kLanes<Real>), b = load<V>(x + d * kLanes<Real>);
+    const V less = a < b ? a : b, more = a < b ? b : a;
+    Real least = less[0], most = more[0];
+    for (int l = 1; l < kLanes<Real>; ++l) {
+      least = std::min(least, less[l]);
+      most = std::max(most, more[l]);
+    }
+    low[d] = cell_ * static_cast<double>(least);
+    high[d] = cell_ * static_cast<double>(most);
+  }
+  const Vec3 centre = near.first + 0.5 * (low + high);
+  const double radius = 0.5 * (high - low).norm();
+  const double way = surface_speed(to, centre, radius) * dt_;
+  return to.signed_distance(centre).value > to.lipschitz() * (radius + way) + kMargin * cell_;
+}
+
+template <class Real, int D>
+void ParticleBoundary<Real, D>::settle(std::int32_t block, const Real* before, Real* x, Real* v,
+                                       const Real* volume, double density, int count) {
+  constexpr int kWidth = kLanes<Real>;
+  Near& near = near_[static_cast<std::size_t>(slots_[static_cast<std::size_t>(block)])];
+  Mask mask{};
+  for (const Wall& wall : near.walls) {
+    const Mask met = outside(wall.free, before) | outside(wall.free, x);
+    if (any(met) && !clears(near, wall, before, x)) mask |= met;
+  }
+  if (!any(mask)) return;
+  const double most = reach_ + kPush;
+  for (int l = 0; l < count; ++l) {
+    if (mask[l] == 0) continue;
+    Vec3 came = near.first, at = near.first, velocity = Vec3::Zero();
+    for (int d = 0; d < D; ++d) {
+      came[d] += cell_ * static_cast<double>(before[d * kWidth + l]);
+      at[d] += cell_ * static_cast<double>(x[d * kWidth + l]);
+      velocity[d] = static_cast<double>(v[d * kWidth + l]);
+    }
+    if (!settle_one(near, came, at, velocity, density * static_cast<double>(volume[l]))) continue;
+    for (int d = 0; d < D; ++d) {
+      const auto start = static_cast<double>(before[d * kWidth + l]);
+      const double way = std::clamp((at[d] - near.first[d]) / cell_ - start, -most, most);
+      near.excess = std::max(near.excess, std::abs(way) - reach_);
+      x[d * kWidth + l] = static_cast<Real>(start + way);
+      v[d * kWidth + l] = static_cast<Real>(velocity[d]);
+    }
+  }
+  for (int l = count; l < kWidth; ++l) {
+    for (int d = 0; d < D; ++d) {
+      x[d * kWidth + l] = x[d * kWidth + count - 1];
+      v[d * kWidth + l] = v[d * kWidth + count - 1];
+    }
+  }
+}
+
+// One particle and all colliders near to it, in turn until none moves it any more. Returns whether
+// any did.
+template <class Real, int D>
+bool ParticleBoundary<Real, D>::settle_one(Near& near, const Vec3& before, Vec3& x, Vec3& v,
+                                           double mass) const {
+  constexpr int kRounds = 4;
+  const double margin = kMargin * cell_, negligible = 1e-12 * margin * margin;
+  if (!x.allFinite()) return false;  // the check of the next grid finds it
+  bool moved = false;
+  for (int round = 0; round < kRounds; ++round) {
+    bool changed = false;
+    for (Wall& wall : near.walls) {
+      const auto [c, axis] = wall.surface;
+      const Collider &from = from_[c], &to = to_[c];
+      const Vec3 came = to_local(from, before), target = to_local(to, x);
+      const bool inside = !(local_distance(from, axis, came).value > 0);
+      Vec3 p = held_off(from, axis, came, target, margin, inside);
+      if (inside) {
+        const double way = (p - target).norm(), most = kPush * cell_;
+        if (way > most) p = target + most / way * (p - target);
+      }
+      Vec3 push = to.rotation() * (p - target);
+      if constexpr (D == 2) push[2] = 0;
+      if (!(push.squaredNorm() > negligible)) continue;
+      x += push;
+      changed = true;
+      if (inside) continue;
+      Vec3 n = to.rotation() * local_distance(from, axis, p).gradient;
+      Vec3 surface = to.surface_velocity(x);
+      if constexpr (D == 2) n[2] = surface[2] = 0;
+      const double length = n.norm();
+      if (length > 0) n /= length;
+      if ((v - surface).dot(n) >= 0) continue;
+      const Vec3 after = conditioned(v, surface, n, boundaries_[c], to.friction);
+      wall.part.add(x - to.position(), mass * (v - after));
+      v = after;
+    }
+    if (!changed) break;
+    moved = true;
+  }
+  return moved;
+}
+
+template <class Real, int D>
+Exchange ParticleBoundary<Real, D>::exchange(std::size_t c) const {
+  Exchange sum;
+  for (const Near& near : near_) {
+    for (const Wall& wall : near.walls) {
+      if (wall.surface.collider == c) sum += wall.part;
+    }
+  }
+  return sum;
+}
+
+template <class Real, int D>
+double ParticleBoundary<Real, D>::excess() const {
+  double most = 0;
+  for (const Near& near : near_) most = std::max(most, near.excess);
+  return most;
+}
+
+template class ParticleBoundary<float, 2>;
+template class ParticleBoundary<float, 3>;
+template class ParticleBoundary<double, 2>;
+template class ParticleBoundary<double, 3>;
+
+}  // namespace substep::mpm

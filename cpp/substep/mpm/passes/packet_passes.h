@@ -1,0 +1,236 @@
+// The passes, packet by packet: for the translation units passes_<material>.cpp alone.
+//
+// P2G by moving least squares (Hu et al. 2018, eq. 16 with D_p = dx^2 / 4): node i gets the
+// momentum w_i (m v + Q (i - f)), with Q = dx (m C - dt V_0 4 / dx^2 tau) and i - f in cells; mass
+// w_i m. G2P: v = sum_i w_i v_i, C = 4 / dx sum_i w_i v_i (i - f)^T; then x += dt v, F <- (I + dt
+// C) F.
+#pragma once
+
+#include <algorithm>
+
+#include "substep/mpm/boundary/particle_boundary.h"
+#include "substep/mpm/passes/passes.h"
+#include "substep/mpm/passes/stencil.h"
+
+namespace substep::mpm {
+
+// Packets whose return map runs at a time: a material with long chains of operations has 2.
+template <class M>
+constexpr int together() {
+  if constexpr (requires { M::kTogether; }) {
+    return M::kTogether;
+  } else {
+    return 1;
+  }
+}
+
+// v and C of a packet.
+template <class Real, int D>
+struct Motion {
+  using V = Vector<Real>;
+  V v[D];
+  Tensor<V, D> C;
+};
+
+template <class Real, int D>
+SUBSTEP_INLINE Motion<Real, D> gather(const Real* x, const Arena<Real, D>& from, Real cell) {
+  using V = Vector<Real>;
+  const Stencil<Real, D> stencil(x);
+  alignas(64) V sums[16];
+  stencil.gather(from, sums);
+  Motion<Real, D> motion{};
+  const Real scale = 4 / cell;
+  for (int c = 0; c < D; ++c) {
+    motion.v[c] = sums[c];
+    for (int d = 0; d < D; ++d) {
+      motion.C(c, d) = scale * (sums[4 * (1 + d) + c] - stencil.f[d] * sums[c]);
+    }
+  }
+  return motion;
+}
+
+template <class Real, int D>
+SUBSTEP_INLINE void scatter(const Real* x, const Motion<Real, D>& motion,
+                            const Vector<Real>& volume, const SymmetricTensor<Vector<Real>, D>& tau,
+                            Real density, Real dt, Real cell, int count, Scatter<Real, D>& to) {
+  using V = Vector<Real>;
+  const Stencil<Real, D> stencil(x);
+  const V m = density * volume, mass = m * cell, impulse = volume * (-4 * dt / cell);
+  alignas(64) V affine[16] = {};
+  for (int c = 0; c < D; ++c) {
+    V momentum = m * motion.v[c];
+    for (int d = 0; d < D; ++d) {
+      const V q = fma(impulse, tau(c, d), mass * motion.C(c, d));
+      affine[4 * (1 + d) + c] = q;
+      momentum -= q * stencil.f[d];
+    }
+    affine[c] = momentum;
+  }
+  affine[D] = m;
+  to.add(stencil, affine, count);
+}
+
+// The packets of a run, kTogether at a time; those missing in the last set are spare copies of its
+// first.
+template <class M, class Real, int D>
+struct PacketSet {
+  using V = Vector<Real>;
+  static constexpr int kWidth = kLanes<Real>, kSize = together<M>();
+  static constexpr int kFields = M::template kFields<D>;
+
+  alignas(64) V spare[kSize][kFields];
+  V* fields[kSize];
+  Tensor<V, D> G[kSize];
+  SymmetricTensor<V, D> tau[kSize];
+
+  static V* fields_of(Real* packet) { return reinterpret_cast<V*>(packet + D * kWidth); }
+  // Spare copies for k >= active.
+  SUBSTEP_INLINE void complete(int active) {
+    for (int k = active; k < kSize; ++k) {
+      for (int f = 0; f < kFields; ++f) spare[k][f] = fields[0][f];
+      fields[k] = spare[k];
+      G[k] = G[0];
+    }
+  }
+  SUBSTEP_INLINE void stress(const M& material, Real dt) {
+    material.template stress<V, D, kSize>(fields, G, dt, tau);
+  }
+};
+
+template <class Real>
+int lanes_in(const Run& run, int packet) {
+  return std::min(kLanes<Real>, run.count - packet * kLanes<Real>);
+}
+
+template <class M, class Real, int D>
+void Passes<M, Real, D>::p2g(const M& material, const Group& group, const Run& run,
+                             const PassOptions<Real>& options, Arena<Real, D>& to) {
+  using Set = PacketSet<M, Real, D>;
+  using V = typename Set::V;
+  Scatter<Real, D> nodes(to);
+  for (int first = 0; first < run.packets; first += Set::kSize) {
+    const int active = std::min(Set::kSize, run.packets - first);
+    Set set;
+    Motion<Real, D> motion[Set::kSize];
+    for (int k = 0; k < active; ++k) {
+      const Real* const state = group.packet(run.first + first + k) + D * Set::kWidth;
+      for (int f = 0; f < Set::kFields; ++f) set.spare[k][f] = load<V>(state + f * Set::kWidth);
+      set.fields[k] = set.spare[k];
+      const Real* const at_rest = group.motion(run.first + first + k);
+      for (int c = 0; c < D; ++c) {
+        motion[k].v[c] = load<V>(at_rest + c * Set::kWidth);
+        for (int d = 0; d < D; ++d) {
+          motion[k].C(c, d) = load<V>(at_rest + (D + c * D + d) * Set::kWidth);
+        }
+      }
+      if constexpr (D == 2) motion[k].C.m[4] = V{};
+      set.G[k] = motion[k].C;
+    }
+    set.complete(active);
+    set.stress(material, options.before);
+    for (int k = 0; k < active; ++k) {
+      const std::int64_t packet = run.first + first + k;
+      scatter(group.packet(packet), motion[k], load<V>(&group.volume[0] + packet * Set::kWidth),
+              set.tau[k], static_cast<Real>(material.density), options.next_dt, options.cell,
+              lanes_in<Real>(run, first + k), nodes);
+    }
+  }
+  nodes.flush();
+}
+
+// What both that read nodes do: fields, x and motion of a set of packets after the step.
+template <class M, class Real, int D>
+SUBSTEP_INLINE void advance(const M& material, ParticleGroup<Real, D>& group, const Run& run,
+                            const PassOptions<Real>& options, std::int32_t block,
+                            ParticleBoundary<Real, D>* walls, const Arena<Real, D>& from, int first,
+                            int active, Real* const* packets, PacketSet<M, Real, D>& set,
+                            Motion<Real, D>* motion) {
+  using Set = PacketSet<M, Real, D>;
+  using V = typename Set::V;
+  for (int k = 0; k < active; ++k) set.fields[k] = Set::fields_of(packets[k]);
+  if (options.trial) {
+    for (int k = 0; k < active; ++k) set.G[k] = Tensor<V, D>{};
+    set.complete(active);
+    set.stress(material, options.before);
+  }
+  for (int k = 0; k < active; ++k) {
+    Real* const x = packets[k];
+    motion[k] = gather<Real, D>(x, from, options.cell);
+    set.G[k] = motion[k].C;
+    material.template advance<V, D>(set.fields[k], motion[k].C, options.dt);
+    const Real scale = options.dt / options.cell;
+    alignas(64) V before[D], after[D];
+    for (int d = 0; d < D; ++d) {
+      before[d] = load<V>(x + d * Set::kWidth);
+      after[d] = fma<V>(scale, motion[k].v[d], before[d]);
+    }
+    if (walls) {
+      walls->settle(block, reinterpret_cast<const Real*>(before), reinterpret_cast<Real*>(after),
+                    reinterpret_cast<Real*>(motion[k].v),
+                    group.volume.data() + (run.first + first + k) * Set::kWidth, material.density,
+                    lanes_in<Real>(run, first + k));
+    }
+    std::memcpy(x, after, sizeof after);
+  }
+}
+
+template <class M, class Real, int D>
+void Passes<M, Real, D>::g2p2g(const M& material, Group& group, const Run& run,
+                               const PassOptions<Real>& options, std::int32_t block, Walls* walls,
+                               const Arena<Real, D>& from, Arena<Real, D>& to) {
+  using Set = PacketSet<M, Real, D>;
+  using V = typename Set::V;
+  Scatter<Real, D> nodes(to);
+  for (int first = 0; first < run.packets; first += Set::kSize) {
+    const int active = std::min(Set::kSize, run.packets - first);
+    Real* packets[Set::kSize];
+    for (int k = 0; k < active; ++k) {
+      const std::int64_t packet = run.first + first + k;
+      packets[k] = options.rest ? group.motion(packet) : group.packet(packet);
+      if (options.rest) {
+        std::memcpy(packets[k], group.packet(packet), sizeof(V) * (D + Set::kFields));
+      }
+    }
+    Set set;
+    Motion<Real, D> motion[Set::kSize];
+    advance<M, Real, D>(material, group, run, options, block, walls, from, first, active, packets,
+                        set, motion);
+    set.complete(active);
+    set.stress(material, options.dt);
+    for (int k = 0; k < active; ++k) {
+      scatter(packets[k], motion[k],
+              load<V>(&group.volume[0] + (run.first + first + k) * Set::kWidth), set.tau[k],
+              static_cast<Real>(material.density), options.next_dt, options.cell,
+              lanes_in<Real>(run, first + k), nodes);
+    }
+  }
+  nodes.flush();
+}
+
+template <class M, class Real, int D>
+void Passes<M, Real, D>::g2p(const M& material, Group& group, const Run& run,
+                             const PassOptions<Real>& options, std::int32_t block, Walls* walls,
+                             const Arena<Real, D>& from) {
+  using Set = PacketSet<M, Real, D>;
+  for (int first = 0; first < run.packets; first += Set::kSize) {
+    const int active = std::min(Set::kSize, run.packets - first);
+    Real* packets[Set::kSize];
+    for (int k = 0; k < active; ++k) packets[k] = group.packet(run.first + first + k);
+    Set set;
+    Motion<Real, D> motion[Set::kSize];
+    advance<M, Real, D>(material, group, run, options, block, walls, from, first, active, packets,
+                        set, motion);
+    for (int k = 0; k < active; ++k) {
+      Real* const at_rest = group.motion(run.first + first + k);
+      std::memcpy(at_rest, motion[k].v, sizeof motion[k].v);
+      for (int c = 0; c < D; ++c) {
+        for (int d = 0; d < D; ++d) {
+          const auto entry = motion[k].C(c, d);
+          std::memcpy(at_rest + (D + c * D + d) * Set::kWidth, &entry, sizeof entry);
+        }
+      }
+    }
+  }
+}
+
+}  // namespace substep::mpm

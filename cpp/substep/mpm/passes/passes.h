@@ -1,0 +1,33 @@
+// What the passes do with the particles of one block and one material. Each material has its own
+// translation unit with them: passes_<material>.cpp.
+#pragma once
+
+#include "substep/mpm/passes/arena.h"
+
+namespace substep::mpm {
+
+template <class Real>
+struct PassOptions {
+  Real cell;     // dx [m]
+  Real dt;       // of the step to which the nodes' velocities belong [s]
+  Real next_dt;  // of the step for which particles scatter [s]
+  Real before;   // dt of the step before dt's, whose return map is to come if `trial` [s]
+  bool trial;
+  bool rest;  // state and motion are at rest
+};
+
+template <class M, class Real, int D>
+struct Passes {
+  using Group = ParticleGroup<Real, D>;
+  using Walls = ParticleBoundary<Real, D>;
+
+  static void p2g(const M& material, const Group& group, const Run& run,
+                  const PassOptions<Real>& options, Arena<Real, D>& to);
+  static void g2p2g(const M& material, Group& group, const Run& run,
+                    const PassOptions<Real>& options, std::int32_t block, Walls* walls,
+                    const Arena<Real, D>& from, Arena<Real, D>& to);
+  static void g2p(const M& material, Group& group, const Run& run, const PassOptions<Real>& options,
+                  std::int32_t block, Walls* walls, const Arena<Real, D>& from);
+};
+
+}  // namespace substep::mpm

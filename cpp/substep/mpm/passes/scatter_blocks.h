@@ -1,0 +1,53 @@
+// Particle blocks that add to shared nodes, in parallel and always with the same sums.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+
+#include "substep/core/parallel.h"
+#include "substep/mpm/passes/arena.h"
+
+namespace substep::mpm {
+
+inline constexpr std::int64_t kBlocksOfScatter = 4;  // particle blocks per task
+
+// Sets nodes to zero and calls scatter(block, arena) for every particle block, with an arena of
+// zeros that is then added to the nodes: colour by colour, so that no two that run at the same time
+// write to the same nodes (of these, or of others that scatter adds to itself).
+template <class Real, int D, class ScatterBlock>
+void scatter_blocks(const transfer::BlockLayout<D>& layout, Nodes<Real, D>& nodes, int threads,
+                    ScatterBlock&& scatter) {
+  constexpr std::int64_t kZeroGrain = 256;
+  nodes.values.reset(static_cast<std::size_t>(layout.node_blocks()) * Nodes<Real, D>::kReals);
+  std::array<std::int64_t, transfer::BlockLayout<D>::kCorners + 1> chunks;
+  chunks[0] = (layout.node_blocks() + kZeroGrain - 1) / kZeroGrain;
+  for (std::size_t colour = 0; colour < layout.colours.size(); ++colour) {
+    const auto blocks = static_cast<std::int64_t>(layout.colours[colour].size());
+    chunks[colour + 1] = (blocks + kBlocksOfScatter - 1) / kBlocksOfScatter;
+  }
+  parallel_phases(
+      chunks,
+      [&](std::int64_t phase, std::int64_t chunk) {
+        if (phase == 0) {
+          const std::int64_t first = chunk * kZeroGrain;
+          const std::int64_t blocks = std::min(kZeroGrain, layout.node_blocks() - first);
+          std::memset(nodes.block(first), 0,
+                      static_cast<std::size_t>(blocks) * Nodes<Real, D>::kReals * sizeof(Real));
+          return;
+        }
+        const auto& colour = layout.colours[static_cast<std::size_t>(phase - 1)];
+        const auto end =
+            std::min(static_cast<std::size_t>((chunk + 1) * kBlocksOfScatter), colour.size());
+        for (auto i = static_cast<std::size_t>(chunk * kBlocksOfScatter); i < end; ++i) {
+          const auto block = static_cast<std::size_t>(colour[i]);
+          Arena<Real, D> arena;
+          arena.set_zero();
+          scatter(block, arena);
+          arena.add_to(nodes, layout, block);
+        }
+      },
+      threads);
+}
+
+}  // namespace substep::mpm

@@ -1,0 +1,112 @@
+#include "substep/mpm/passes/transfers.h"
+
+#include "substep/core/parallel.h"
+#include "substep/mpm/boundary/particle_boundary.h"
+#include "substep/mpm/passes/passes.h"
+#include "substep/mpm/passes/scatter_blocks.h"
+
+namespace substep::mpm {
+namespace {
+
+// Calls pass(its passes, material, group, run) for every group that has particles in the block.
+template <class Real, int D, class Groups, class Pass>
+void for_each_group(const std::vector<AnyMaterial>& materials, Groups& groups, std::size_t block,
+                    Pass&& pass) {
+  for (std::size_t g = 0; g < groups.size(); ++g) {
+    const Run& run = groups[g].runs[block];
+    if (run.count == 0) continue;
+    std::visit(
+        [&](const auto& material) {
+          using M = std::remove_cvref_t<decltype(material)>;
+          pass(Passes<M, Real, D>(), material, groups[g], run);
+        },
+        materials[g]);
+  }
+}
+
+template <class Real, int D>
+ParticleBoundary<Real, D>* walls_near(const Particles<Real, D>& particles, std::size_t block) {
+  ParticleBoundary<Real, D>* const walls = particles.walls;
+  return walls && walls->near(static_cast<std::int32_t>(block)) ? walls : nullptr;
+}
+
+template <class Real, int D>
+PassOptions<Real> options_of(const Particles<Real, D>& particles, double dt, double next_dt) {
+  return {static_cast<Real>(particles.cell),   static_cast<Real>(dt), static_cast<Real>(next_dt),
+          static_cast<Real>(particles.before), particles.trial,       particles.motion};
+}
+
+}  // namespace
+
+template <class Real, int D>
+void p2g(const Particles<Real, D>& particles, double dt, Nodes<Real, D>& nodes, int threads) {
+  const auto options = options_of(particles, 0, dt);
+  scatter_blocks<Real, D>(particles.layout, nodes, threads, [&](std::size_t block, auto& arena) {
+    for_each_group<Real, D>(
+        particles.materials, particles.groups, block,
+        [&](auto passes, const auto& material, const auto& group, const Run& run) {
+          passes.p2g(material, group, run, options, arena);
+        });
+  });
+}
+
+template <class Real, int D>
+void g2p2g(Particles<Real, D>& particles, double dt, double next_dt, const Nodes<Real, D>& from,
+           Nodes<Real, D>& to, int threads) {
+  const auto options = options_of(particles, dt, next_dt);
+  if (options.rest) particles.snapshot = {false, particles.trial, particles.before};
+  scatter_blocks<Real, D>(particles.layout, to, threads, [&](std::size_t block, auto& arena) {
+    Arena<Real, D> velocities;
+    velocities.copy(from, particles.layout, block);
+    for_each_group<Real, D>(particles.materials, particles.groups, block,
+                            [&](auto passes, const auto& material, auto& group, const Run& run) {
+                              passes.g2p2g(material, group, run, options,
+                                           static_cast<std::int32_t>(block),
+                                           walls_near(particles, block), velocities, arena);
+                            });
+  });
+  if (options.rest) {
+    for (auto& group : particles.groups) group.state.swap(group.other);
+  }
+  particles.motion = particles.trial = false;
+  particles.before = dt;
+}
+
+template <class Real, int D>
+void g2p(Particles<Real, D>& particles, double dt, const Nodes<Real, D>& nodes, int threads) {
+  const auto options = options_of(particles, dt, 0);
+  if (!options.rest) {  // the snapshot may have had fewer packets
+    for (auto& group : particles.groups) group.other.reset(group.state.size());
+  }
+  parallel_for(
+      particles.layout.blocks(), kBlocksOfScatter,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t b = begin; b < end; ++b) {
+          const auto block = static_cast<std::size_t>(b);
+          Arena<Real, D> velocities;
+          velocities.copy(nodes, particles.layout, block);
+          for_each_group<Real, D>(
+              particles.materials, particles.groups, block,
+              [&](auto passes, const auto& material, auto& group, const Run& run) {
+                passes.g2p(material, group, run, options, static_cast<std::int32_t>(block),
+                           walls_near(particles, block), velocities);
+              });
+        }
+      },
+      threads);
+  particles.motion = particles.trial = true;
+  particles.before = dt;
+}
+
+#define SUBSTEP_INSTANTIATE(Real, D)                                                       \
+  template void p2g<Real, D>(const Particles<Real, D>&, double, Nodes<Real, D>&, int);     \
+  template void g2p2g<Real, D>(Particles<Real, D>&, double, double, const Nodes<Real, D>&, \
+                               Nodes<Real, D>&, int);                                      \
+  template void g2p<Real, D>(Particles<Real, D>&, double, const Nodes<Real, D>&, int);
+SUBSTEP_INSTANTIATE(float, 2)
+SUBSTEP_INSTANTIATE(float, 3)
+SUBSTEP_INSTANTIATE(double, 2)
+SUBSTEP_INSTANTIATE(double, 3)
+#undef SUBSTEP_INSTANTIATE
+
+}  // namespace substep::mpm

@@ -1,0 +1,362 @@
+// Steps in time. solver_step_size.cpp chooses how large they are; solver_particles.cpp,
+// solver_edits.cpp and solver_state.cpp have what reads and writes particles.
+#include "substep/mpm/solver/solver.h"
+
+#include <algorithm>
+#include <cmath>
+#include <exception>
+#include <limits>
+#include <new>
+
+#include "substep/core/errors.h"
+#include "substep/core/interrupt.h"
+#include "substep/mpm/general/general.h"
+#include "substep/mpm/particles/particle_loop.h"
+#include "substep/mpm/solver/text.h"
+#include "substep/transfer/weights.h"
+
+namespace substep::mpm {
+
+template <class Real, int D>
+void Solver<Real, D>::step(double dt) {
+  const double end = clock_.time + dt;
+  if (!(end > clock_.time) || !std::isfinite(end)) {
+    throw InputError(text("dt: expected a step above the spacing of the time, got %g s", dt));
+  }
+  if (options_.on_large_step == OnLargeStep::kRaise) return run(end, dt);
+  // Several steps that must all be taken or none.
+  const auto particles = particles_;
+  const Begin begin{grid_, clock_, report_};
+  try {
+    run(end, dt);
+  } catch (...) {
+    particles_ = particles;
+    grid_ = begin.grid;
+    clock_ = begin.clock;
+    report_ = begin.report;
+    layout_changed();
+    throw;
+  }
+}
+
+template <class Real, int D>
+void Solver<Real, D>::advance(double duration) {
+  run(clock_.time + duration, options_.step);
+}
+
+template <class Real, int D>
+void Solver<Real, D>::run(double end, double given) {
+  const std::vector<geometry::Collider> colliders = grid_.colliders;
+  const Report before = report_;
+  report_ = {};
+  grid_.clear_exchange();
+  wave_age_ = kWaveSteps;
+  try {
+    while (clock_.time < end) steps_until_rest(end, given);
+  } catch (...) {
+    if (report_.steps == 0) {
+      grid_.colliders = colliders;
+      report_ = before;
+    }
+    throw;
+  }
+}
+
+// p2g; grid; then g2p fused with the next p2g, grid; ...; g2p. What fails leaves the state after
+// the last good step.
+template <class Real, int D>
+void Solver<Real, D>::steps_until_rest(double end, double given) {
+  poll_interrupt();
+  NextStep step = choose(clock_.time, end, given,
+                         limit_now(largest_speed(particles_, options_.threads), given));
+  if (!step.refused.empty()) raise(step.refused, limiting(step.limit));
+  shrinks_ = 0;
+  // An implicit step is dear: it is not solved twice for want of room.
+  if (options_.integrator == Integrator::kImplicit && clock_.drift > 0) sort_resting();
+  NodeCheck check = begin_step(step.dt);
+  for (; !passes(check); check = begin_step(step.dt)) shrink(step, check, given);
+  if (!fast() && clock_.drift + check.reach > room()) {
+    sort_resting();
+    check = begin_step(step.dt);
+  }
+  good_.clear();
+  begin_.clear();
+  if (fast() && step.end < end) {  // what memory a run needs is there before it begins
+    next_.values.reset(nodes_.values.size());
+    base_.values.reset(nodes_.values.size());
+  }
+  for (;;) {
+    std::exception_ptr stop;
+    try {
+      poll_interrupt();
+    } catch (...) {
+      stop = std::current_exception();
+    }
+    // From here to the next turn particles may be between two steps.
+    const DeferInterrupts whole;
+    step.reach = check.reach;
+    NextStep after;
+    bool last = true;
+    try {
+      make_room(step);
+      last = stop || near_bounds_ || !fast() || !(step.end < end);
+      if (!last) {
+        after = choose(step.end, end, given, limit_now(check.speed, given));
+        last = !after.refused.empty();
+      }
+      if (!last && begin_.empty()) begin_.push_back({grid_, clock_, report_});
+      if (!last) good_.push_back(step);
+    } catch (const std::bad_alloc&) {
+      recover(step);
+      throw;
+    }
+    if (last) {
+      rest(step);
+      if (stop) std::rethrow_exception(stop);
+      return;
+    }
+    g2p2g(particles_, step.dt, after.dt, nodes_, next_, options_.threads);
+    commit(step);
+    if (good_.size() == 1) base_.values.swap(nodes_.values);
+    nodes_.values.swap(next_.values);
+    try {
+      check = update(after.dt);
+    } catch (const std::bad_alloc&) {
+      recover(after);
+      throw;
+    }
+    if (!passes(check)) return return_to_good_step();  // and tried again from there
+    step = after;
+  }
+}
+
+// From rest. Particles do not change.
+template <class Real, int D>
+NodeCheck Solver<Real, D>::begin_step(double dt) {
+  const bool implicit = options_.integrator == Integrator::kImplicit;
+  if (fast()) {
+    p2g(particles_, dt, nodes_, options_.threads);
+  } else {
+    p2g(scheme(), particles_, implicit ? 0 : dt, nodes_, before_, options_.threads);
+  }
+  work_ = forces_.empty() ? 0 : push(dt);
+  return implicit ? solve(dt) : update(dt);
+}
+
+// The momentum at the end of an implicit step, gravity and obstacles included.
+template <class Real, int D>
+NodeCheck Solver<Real, D>::solve(double dt) {
+  const std::span<Real> nodes = {nodes_.values.data(), nodes_.values.size()};
+  try {
+    implicit_.solve(particles_, nodes, dt, options_.gravity, options_.order, options_.form,
+                    grid_.colliders, options_.boundaries, options_.threads);
+  } catch (const NonFiniteError& error) {
+    // Stress that is none shows at nodes in an explicit step, and there whose it is.
+    p2g(scheme(), particles_, dt, nodes_, before_, options_.threads);
+    const NodeCheck check = grid_.update(nodes, options_.gravity, dt, HUGE_VAL, options_.threads);
+    if (!check.good()) raise_not_finite(check.bad_node);
+    throw NonFiniteError(error.what(), clock_.time, -1, report_.steps);
+  }
+  if (!implicit_.report().converged) {
+    NodeCheck failed;
+    failed.reach = HUGE_VAL;
+    return failed;
+  }
+  return grid_.update(nodes, Vec3::Zero(), dt, room() * options_.cell / dt, options_.threads);
+}
+
+template <class Real, int D>
+NodeCheck Solver<Real, D>::update(double dt) {
+  ++wave_age_;
+  const bool by_particles = !fast() && uses_gradients(scheme());
+  const double bound =
+      by_particles ? std::numeric_limits<Real>::max() : room() * options_.cell / dt;
+  NodeCheck check = grid_.update({nodes_.values.data(), nodes_.values.size()}, options_.gravity, dt,
+                                 bound, options_.threads);
+  if (by_particles && check.good()) {
+    const double push = check.reach - check.speed * dt / options_.cell;
+    check.speed = greatest_speed(scheme(), particles_, nodes_, options_.threads);
+    check.reach = check.speed * dt / options_.cell + push;
+    grid_.particles().set_reach(check.reach);
+  }
+  return check;
+}
+
+template <class Real, int D>
+Scheme Solver<Real, D>::scheme() const {
+  const bool musl = options_.order == 1 && options_.integrator == Integrator::kExplicit;
+  return {options_.order, options_.transfer, options_.form, options_.flip_rate, musl};
+}
+
+template <class Real, int D>
+void Solver<Real, D>::end_step(double dt) {
+  if (fast()) {
+    g2p(particles_, dt, nodes_, options_.threads);
+  } else if (scheme().musl) {
+    remap(scheme(), particles_, dt, nodes_, before_, next_, options_.threads);
+    grid_.hold({next_.values.data(), next_.values.size()}, options_.threads);
+    g2p(scheme(), particles_, dt, next_, before_, options_.threads);
+  } else {
+    g2p(scheme(), particles_, dt, nodes_, before_, options_.threads);
+  }
+}
+
+template <class Real, int D>
+void Solver<Real, D>::sort_resting() {
+  const DeferInterrupts whole;
+  sort_at_rest(particles_, options_.threads);
+  clock_.drift = 0;
+  ++report_.sorts;
+  layout_changed();
+}
+
+// Sorts where particles could leave the arenas of their blocks.
+template <class Real, int D>
+void Solver<Real, D>::make_room(const NextStep& step) {
+  if (!fast() || clock_.drift + step.reach <= room()) return;
+  sort(particles_, nodes_, options_.threads);
+  clock_.drift = 0;
+  ++report_.sorts;
+  good_.clear();
+  begin_.clear();
+  layout_changed();
+  next_.values.reset(nodes_.values.size());
+  base_.values.reset(nodes_.values.size());
+}
+
+template <class Real, int D>
+void Solver<Real, D>::rest(const NextStep& step) {
+  if (!near_bounds_) {
+    end_step(step.dt);
+    return commit(step);
+  }
+  Particles<Real, D> before;
+  try {
+    before = particles_;
+  } catch (const std::bad_alloc&) {
+    recover(step);
+    throw;
+  }
+  end_step(step.dt);
+  const std::int32_t escaped = first_escaped();
+  if (escaped >= 0 && options_.on_escape == OnEscape::kRaise) {
+    particles_ = before;
+    raise("particle " + std::to_string(escaped) +
+              " leaves the bounds (on_escape=\"remove\" or \"clamp\" would go on)",
+          escaped);
+  }
+  commit(step);
+  if (escaped >= 0) hold_escaped();
+}
+
+// What a step that was taken leaves behind, particles aside.
+template <class Real, int D>
+void Solver<Real, D>::commit(const NextStep& step) {
+  std::vector<geometry::Exchange> given;
+  for (const auto& collider : grid_.colliders) given.push_back(collider.exchange());
+  const std::vector<geometry::Collider> moving = grid_.colliders;
+  clock_.drift += step.reach + grid_.finish();
+  if (options_.integrator == Integrator::kImplicit) {
+    for (std::size_t c = 0; c < moving.size(); ++c) {
+      geometry::Exchange sum = grid_.colliders[c].exchange();
+      sum += implicit_.exchanges()[c];
+      grid_.colliders[c].set_exchange(sum);
+    }
+    report_.newton += implicit_.report().newton;
+    report_.krylov += implicit_.report().krylov;
+  }
+  for (std::size_t c = 0; c < moving.size(); ++c) {
+    const geometry::Exchange& now = grid_.colliders[c].exchange();
+    clock_.supplied -= (now.impulse - given[c].impulse).dot(moving[c].velocity) +
+                       (now.torque - given[c].torque).dot(moving[c].angular_velocity);
+  }
+  clock_.supplied += work_;
+  work_ = 0;
+  forces_.clear();
+  clock_.time = step.end;
+  ++report_.steps;
+  report_.dt = step.dt;
+  report_.limit = step.limit;
+}
+
+// The step after the last of `good_` has failed.
+template <class Real, int D>
+void Solver<Real, D>::return_to_good_step() {
+  rewind(particles_, options_.threads);
+  grid_ = begin_[0].grid;
+  clock_ = begin_[0].clock;
+  report_ = begin_[0].report;
+  nodes_.values.swap(base_.values);
+  for (std::size_t k = 0; k + 1 < good_.size(); ++k) {
+    g2p2g(particles_, good_[k].dt, good_[k + 1].dt, nodes_, next_, options_.threads);
+    commit(good_[k]);
+    nodes_.values.swap(next_.values);
+    update(good_[k + 1].dt);
+  }
+  g2p(particles_, good_.back().dt, nodes_, options_.threads);
+  commit(good_.back());
+}
+
+// Memory has run out before particles moved by `step`: they are to be between two steps. What that
+// needs is there.
+template <class Real, int D>
+void Solver<Real, D>::recover(const NextStep& step) {
+  if (!good_.empty()) return return_to_good_step();
+  if (particles_.motion) return;  // at rest
+  end_step(step.dt);              // sorted: the way back is lost, the step itself is good
+  commit(step);
+}
+
+// Adds the momentum of the forces on the particles to the nodes; returns their work [J].
+template <class Real, int D>
+double Solver<Real, D>::push(double dt) {
+  constexpr int kNodes = 3;
+  const std::vector<std::int32_t> places = places_of_ids();
+  double work = 0;
+  for (std::size_t b = 0; b < particles_.layout.particle_keys.size(); ++b) {
+    for_packets_of_block(
+        particles_, static_cast<std::int32_t>(b),
+        [&](std::size_t g, std::int64_t p, std::int32_t block, int count) {
+          for (int lane = 0; lane < count; ++lane) {
+            const Slot s{g, p, lane, block};
+            const Vec3 f = forces_[static_cast<std::size_t>(
+                places[static_cast<std::size_t>(id_of(particles_, s))])];
+            if (f.isZero(0)) continue;
+            const double m =
+                density(options_.materials[g]) *
+                static_cast<double>(particles_.groups[g].volume[s.template id_index<Real>()]);
+            work += dt * f.dot(velocity_of(particles_, s) + dt / (2 * m) * f);
+            transfer::Spline<double, 2> axis[3] = {};
+            for (int d = 0; d < D; ++d) {
+              axis[d] = transfer::spline<2>(static_cast<double>(state_of(particles_, s, d)));
+            }
+            const auto& arena = particles_.layout.arenas[b];
+            for (int i = 0; i < kNodes; ++i) {
+              for (int j = 0; j < kNodes; ++j) {
+                for (int k = 0; k < (D == 3 ? kNodes : 1); ++k) {
+                  const int at[3] = {axis[0].first + i, axis[1].first + j, axis[2].first + k};
+                  double w = axis[0].w[i] * axis[1].w[j] * dt;
+                  if (D == 3) w *= axis[2].w[k];
+                  std::size_t corner = 0, node = 0;
+                  for (int d = 0; d < D; ++d) {
+                    corner = corner * 2 + static_cast<std::size_t>(at[d] / transfer::kBlock);
+                    node = node * transfer::kBlock +
+                           static_cast<std::size_t>(at[d] % transfer::kBlock);
+                  }
+                  Real* to = nodes_.block(arena[corner]) + node * transfer::kNodeReals;
+                  for (int d = 0; d < D; ++d) to[d] += static_cast<Real>(w * f[d]);
+                }
+              }
+            }
+          }
+        });
+  }
+  return work;
+}
+
+template class Solver<float, 2>;
+template class Solver<float, 3>;
+template class Solver<double, 2>;
+template class Solver<double, 3>;
+
+}  // namespace substep::mpm

@@ -1,0 +1,191 @@
+// The material point method: particles carry mass, velocity and deformation; each step passes them
+// through a grid, where forces and obstacles act.
+//
+// Sulsky, Chen, Schreyer, "A particle method for history-dependent materials", 1994; Jiang et al.,
+// "The material point method for simulating continuum materials", SIGGRAPH course, 2016; Hu et al.,
+// "A moving least squares material point method", 2018 (MLS: the fused form).
+//
+// Between public calls the state is that of the particles alone; grids are scratch. All that reads
+// or writes particles does so in ascending order of their ids; the order of storage is private.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "substep/mpm/implicit/implicit.h"
+#include "substep/mpm/particles/measures.h"
+#include "substep/mpm/passes/grid_update.h"
+#include "substep/mpm/passes/options.h"
+#include "substep/mpm/passes/transfers.h"
+
+namespace substep::mpm {
+
+struct Scheme;
+
+// What a state holds besides particles.
+struct Clock {
+  double time = 0;      // [s]
+  double supplied = 0;  // energy that particles brought in and that forces and obstacles did [J]
+  double drift = 0;     // how far particles may have moved since they were sorted [cells]
+  std::int64_t next_id = 0;
+  bool trial = true;  // the return map of the last step is still to come
+  double before = 0;  // dt of that step [s]
+};
+
+template <class Real, int D>
+class Solver {
+ public:
+  Solver(Options options, std::vector<geometry::Collider> colliders);
+  Solver(const Solver&) = delete;
+  Solver& operator=(const Solver&) = delete;
+
+  // Particles at x [m] with v [m/s], of these materials and volumes at rest [m^3; in 2D m^2], in
+  // their materials' state of rest; returns the first id. InputError: too far away for blocks to
+  // be numbered, and nothing has changed.
+  std::int64_t add(std::span<const Vec3> x, std::span<const Vec3> v,
+                   std::span<const std::int32_t> material, std::span<const double> volume);
+  void remove(std::span<const std::uint8_t> flags);  // in the order of ids, as all below
+  // Takes out what lies inside; returns how many.
+  std::int64_t absorb(const geometry::Collider& region);
+
+  static constexpr int kAll = -1;  // instead of a material
+  std::int64_t size(int material = kAll) const;
+  std::vector<std::int64_t> ids() const;
+  std::vector<std::int32_t> materials() const;
+  std::vector<double> positions() const;   // (n, D) [m]
+  std::vector<double> velocities() const;  // (n, D) [m/s]
+  std::vector<double> affine() const;      // C, (n, D, D) [1/s]
+  std::vector<double> volumes() const;     // V_0, (n)
+  // The numbers of the particles of one material, (m, kFields<D>): F (3D: row by row; 2D: xx xy yx
+  // yy zz) where there is an F, then its own.
+  std::vector<double> material_fields(int material) const;
+  int field_count(int material) const;
+  // Kirchhoff stress tau of the admissible state [Pa], (n, 6): xx yy zz xy xz yz.
+  std::vector<double> stresses() const;
+  std::vector<double> elastic_energies() const;  // (n) [J]
+
+  void set_positions(std::span<const Vec3> x, std::span<const std::int64_t> places);
+  void set_velocities(std::span<const Vec3> v, std::span<const std::int64_t> places);
+  void set_affine(std::span<const double> C, std::span<const std::int64_t> places);  // (m, D, D)
+  // Of particles of one material, counted among them.
+  void set_material_fields(int material, std::span<const double> fields,
+                           std::span<const std::int64_t> places);
+  // External forces [N] of the next step, which uses them up.
+  void set_forces(std::span<const Vec3> forces, std::span<const std::int64_t> places);
+
+  // One step of dt (or several, where it is too large and on_large_step says so). Where it throws,
+  // nothing has changed.
+  void step(double dt);
+  // As many steps as a duration needs. Where it throws, the state is that after the last good step,
+  // which the exception numbers.
+  void advance(double duration);
+  StepLimit step_limit() const;
+
+  Diagnostics diagnostics() const;
+  const Report& report() const { return report_; }
+  const Options& options() const { return options_; }
+  std::vector<geometry::Collider>& colliders() { return grid_.colliders; }  // between steps
+  int threads() const { return options_.threads; }
+  void set_threads(int threads) { options_.threads = threads; }
+
+  double time() const { return clock_.time; }
+  void set_time(double time) { clock_.time = time; }
+  // The state: a clock, and the particles of each material in the order of storage.
+  Clock clock() const;
+  std::vector<ParticleRows<Real, D>> rows() const;
+  const std::vector<Vec3>& forces() const { return forces_; }  // in the order of ids, or none
+  // InputError if that is no such state; nothing has changed then.
+  void restore(const Clock& at, const std::vector<ParticleRows<Real, D>>& rows,
+               const std::vector<Vec3>& forces);
+
+ private:
+  // A step that is to be taken.
+  struct NextStep {
+    double dt = 0, end = 0;  // [s], time after it
+    double reach = 0;        // no particle moves further along an axis [cells]
+    const char* limit = "";  // what limited it
+    std::string refused;     // why it must not be taken
+  };
+
+  // Steps.
+  void run(double end, double given);
+  void steps_until_rest(double end, double given);
+  NextStep choose(double now, double end, double given, const StepLimit& limit);
+  StepLimit limit(double speed, double wave) const;  // [m/s], c^2 [m^2/s^2]
+  StepLimit limit_now(double speed, double given);
+  NodeCheck begin_step(double dt);
+  NodeCheck solve(double dt);
+  void end_step(double dt);
+  // Whether steps are those of transfers.h, fused; else those of general.h.
+  bool fast() const {
+    return options_.order == 2 && options_.transfer == Transfer::kApic &&
+           options_.form == Form::kMls && options_.integrator == Integrator::kExplicit;
+  }
+  Scheme scheme() const;
+  void sort_resting();
+  void shrink(NextStep& step, const NodeCheck& check, double given);
+  void shrink_implicit(NextStep& step, double given);
+  void halve(NextStep& step, const char* reason);
+  void make_room(const NextStep& step);
+  void rest(const NextStep& step);
+  void commit(const NextStep& step);
+  void return_to_good_step();
+  void recover(const NextStep& step);
+  bool passes(const NodeCheck& check) const;
+  // How far particles may be from where they were sorted [cells].
+  double room() const { return drift_limit(options_.order) - ParticleBoundary<Real, D>::kPush; }
+  NodeCheck update(double dt);
+  double push(double dt);
+  std::int32_t culprit(std::int64_t node) const;
+  std::int32_t limiting(const std::string& limit) const;
+  [[noreturn]] void raise_not_finite(std::int64_t node) const;
+  [[noreturn]] void raise(const std::string& message, std::int32_t id) const;
+
+  // Particles.
+  void layout_changed();
+  bool escapes(const Vec3& x) const;
+  std::int32_t first_escaped() const;
+  void hold_escaped();
+  std::vector<std::int32_t> places_of_ids(int material = kAll) const;
+  template <class Row>
+  std::vector<double> column(std::size_t width, const Row& row, int material = kAll) const;
+  template <class Change>
+  void supply(const Change& change);
+  std::vector<std::int64_t> given_of_ids(std::span<const std::int64_t> places, int material) const;
+  template <class Write>
+  void write(std::span<const std::int64_t> places, const Write& write, int material = kAll);
+  void check_rows(const Clock& at, const std::vector<ParticleRows<Real, D>>& rows) const;
+  void sort_again(std::vector<ParticleRows<Real, D>>& rows);
+  Diagnostics sums() const;
+
+  Clock clock_;
+  Options options_;
+  Particles<Real, D> particles_;
+  GridUpdate<Real, D> grid_;
+  ImplicitStep<Real, D> implicit_;
+  Report report_;
+  std::vector<Vec3> forces_;  // [N], in the order of ids; empty: none
+  double work_ = 0;           // of the forces, in the step to come [J]
+  std::array<Vec3, 2> bounds_;
+  bool near_bounds_ = false;  // whether a particle may leave them in the next step
+
+  // Scratch of a run of steps. `before_` is general.h's. `base_` holds the velocities of the first
+  // step since the particles were at rest or sorted, `good_` the steps since then: from these the
+  // state after them can be reached again.
+  Nodes<Real, D> nodes_, next_, base_, before_;
+  struct Begin {
+    GridUpdate<Real, D> grid;
+    Clock clock;
+    Report report;
+  };
+  std::vector<Begin> begin_;  // of the first of `good_`; one or none
+  std::vector<NextStep> good_;
+  static constexpr std::int64_t kWaveSteps = 16;  // between two looks at c
+  double wave_ = 0;                               // c^2 of the elastic wave [m^2/s^2]
+  std::int64_t wave_age_ = 0;                     // steps since it was measured
+  int shrinks_ = 0;                               // of the step that is being tried
+};
+
+}  // namespace substep::mpm

@@ -1,9 +1,0 @@
-#include "substep/ode/stiff_systems.h"
-
-namespace substep::ode {
-
-template class StaticSystem<Robertson, 3>;
-template class StaticSystem<Orego, 3>;
-template class StaticSystem<Hires, 8>;
-
-}  // namespace substep::ode

@@ -1,0 +1,175 @@
+#include "substep/rigid/motion/body_rows.h"
+
+#include <cmath>
+
+#include "substep/core/parallel.h"
+#include "substep/core/point_lanes.h"
+#include "substep/rigid/motion/row_vectors.h"
+
+namespace substep::rigid {
+namespace {
+
+constexpr std::int64_t kGrain = 256;  // bodies per task
+constexpr double kFar = 0.5;          // [rad]
+
+std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
+Point<double> to_row(const Vec3& v, double w = 0) { return {v.x(), v.y(), v.z(), w}; }
+
+// R D R^T.
+Mat3 conjugated(const Mat3& R, const Vec3& D) { return R * D.asDiagonal() * R.transpose(); }
+
+}  // namespace
+
+Mat3 BodyRows::root_of(std::int32_t row) const {
+  const auto& [d, m] = root[at(row)];
+  Mat3 W;
+  W << d.x, m.x, m.y, m.x, d.y, m.z, m.y, m.z, d.z;
+  return W;
+}
+
+void BodyRows::load(const Bodies& bodies, const Vec3& gravity, std::span<const std::uint8_t> asleep,
+                    int threads) {
+  row_of.assign(at(bodies.size()), 0);
+  body_of.assign(1, -1);
+  for (std::int64_t i = 0; i < bodies.size(); ++i) {
+    if (bodies.motion[at(i)] == Motion::kStatic || (!asleep.empty() && asleep[at(i)] != 0))
+      continue;
+    row_of[at(i)] = static_cast<std::int32_t>(body_of.size());
+    body_of.push_back(static_cast<std::int32_t>(i));
+  }
+  for (Rows* rows : {&velocity, &free, &push, &acceleration, &displacement, &root}) {
+    rows->reset(body_of.size());
+    (*rows)[0] = {};
+  }
+  stands.assign(body_of.size(), 0);
+  stands[0] = 1;
+  first_spin_.reset(3 * body_of.size());
+  Vec3::Map(first_spin_.data()).setZero();
+  parallel_for(
+      size() - 1, kGrain,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t row = begin + 1; row <= end; ++row) {
+          const std::size_t k = at(row), i = at(body_of[k]);
+          const bool dynamic = bodies.dynamic(body_of[k]);
+          const double inverse_root = 1 / std::sqrt(bodies.mass[i]);
+          const Mat3 W = conjugated(bodies.rotation(body_of[k]).toRotationMatrix(),
+                                    Vec3(&bodies.inertia[3 * i]).cwiseSqrt().cwiseInverse());
+          root[k] = {to_row(W.diagonal(), inverse_root),
+                     {W(0, 1), W(0, 2), W(1, 2), dynamic ? 1. : 0.}};
+          const Vec3 spin = W * Vec3(&bodies.L[3 * i]);
+          velocity[k] = {to_row(Vec3(&bodies.P[3 * i]) * inverse_root), to_row(spin)};
+          Vec3::Map(&first_spin_[3 * k]) = spin;
+          acceleration[k] = push[k] = displacement[k] = {};
+          if (!dynamic) continue;
+          const Vec3 force = bodies.mass[i] * gravity + Vec3(&bodies.force[3 * i]);
+          acceleration[k] = {to_row(force * inverse_root), to_row(W * Vec3(&bodies.torque[3 * i]))};
+        }
+      },
+      threads);
+}
+
+void BodyRows::accelerate(std::int64_t begin, std::int64_t end, double h, double slow,
+                          double lost) {
+  const auto settle = [&](std::size_t i) {
+    const auto v = load_quad(velocity[i].linear), w = load_quad(velocity[i].angular);
+    const auto square = v * v + w * w;
+    const double energy = (square[0] + square[1] + square[2]) * root[i].linear.w * root[i].linear.w;
+    if (!(energy < slow * slow)) return;
+    const double kept = 1 - lost * (1 - energy / (slow * slow));
+    store_quad(velocity[i].linear, kept * v);
+    store_quad(velocity[i].angular, kept * w);
+  };
+  const auto advance = [h](const Point<double>& a, const Point<double>& p, Point<double>& v,
+                           Point<double>& without) {
+    const auto unpushed = load_quad(v) + h * load_quad(a);
+    store_quad(without, unpushed);
+    store_quad(v, unpushed + load_quad(p));
+  };
+  for (auto i = at(begin); i < at(end); ++i) {
+    if (stands[i] != 0) settle(i);
+    advance(acceleration[i].linear, push[i].linear, velocity[i].linear, free[i].linear);
+    advance(acceleration[i].angular, push[i].angular, velocity[i].angular, free[i].angular);
+  }
+}
+
+void BodyRows::move(std::int64_t begin, std::int64_t end, double h) {
+  // A push below a millionth of what its acceleration gives is none.
+  const auto none = [h](const auto& p, const auto& a) {
+    const auto pp = p * p, aa = a * a;
+    return pp[0] + pp[1] + pp[2] <= 1e-12 * h * h * (aa[0] + aa[1] + aa[2]);
+  };
+  for (auto i = at(begin); i < at(end); ++i) {
+    const auto v = load_quad(velocity[i].linear), w = load_quad(velocity[i].angular);
+    const auto kick = v - load_quad(free[i].linear), turn = w - load_quad(free[i].angular);
+    const auto a = load_quad(acceleration[i].linear), alpha = load_quad(acceleration[i].angular);
+    const double parabola = none(kick, a) && none(turn, alpha) ? 0.5 * h * h : 0;
+    BodyRow& x = displacement[i];
+    store_quad(push[i].linear, kick);
+    store_quad(push[i].angular, turn);
+    store_quad(x.linear, load_quad(x.linear) + (h * v - parabola * a));
+    store_quad(x.angular, load_quad(x.angular) + (h * w - parabola * alpha));
+  }
+}
+
+std::int64_t BodyRows::first_not_finite(const Bodies& bodies) const {
+  for (std::size_t k = 1; k < body_of.size(); ++k) {
+    const auto square = [](const Point<double>& p) { return from_row(p).squaredNorm(); };
+    const double sum = square(velocity[k].linear) + square(velocity[k].angular) +
+                       square(displacement[k].linear) + square(displacement[k].angular) +
+                       bodies.position(body_of[k]).squaredNorm();
+    if (!std::isfinite(sum)) return body_of[k];
+  }
+  return -1;
+}
+
+bool BodyRows::turns_anew(std::int64_t row, double dt) const {
+  const std::size_t k = at(row);
+  const Vec3 spin = from_row(velocity[k].angular) - Vec3(&first_spin_[3 * k]);
+  const double trace = root[k].linear.x + root[k].linear.y + root[k].linear.z;  // of W^(1/2)
+  return trace * spin.norm() * dt > kFar &&
+         (root_of(static_cast<std::int32_t>(row)) * spin).norm() * dt > kFar;
+}
+
+std::int64_t BodyRows::store(Bodies& bodies, double dt, FreeRotation method, int threads) const {
+  if (const std::int64_t bad = first_not_finite(bodies); bad >= 0) return bad;
+  parallel_for(
+      size() - 1, kGrain,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t row = begin + 1; row <= end;) {  // runs of bodies without a gap
+          const std::size_t body = at(body_of[at(row)]);
+          std::int64_t n = 1;
+          if (turns_anew(row, dt)) {
+            Vec3::Map(&bodies.L[3 * body]) = root_of(static_cast<std::int32_t>(row)).inverse() *
+                                             from_row(velocity[at(row)].angular);
+          } else {
+            while (row + n <= end && body_of[at(row + n)] == body_of[at(row)] + n &&
+                   !turns_anew(row + n, dt))
+              ++n;
+          }
+          rotate_rows(method, n, &bodies.q[4 * body], &bodies.L[3 * body],
+                      &bodies.inertia[3 * body], dt);
+          row += n;
+        }
+        for (std::int64_t row = begin + 1; row <= end; ++row) {
+          const std::size_t k = at(row), i = at(body_of[k]);
+          const BodyRow &x = displacement[k], &v = velocity[k];
+          const double scale = root[k].linear.w;
+          Vec3::Map(&bodies.x[3 * i]) += from_row(x.linear) * scale;
+          if (!bodies.dynamic(body_of[k])) continue;
+          const Mat3 W = root_of(static_cast<std::int32_t>(row));
+          const Vec3 first(&first_spin_[3 * k]);
+          const Vec3 turn = from_row(x.angular) - dt * first, spin = from_row(v.angular) - first;
+          Vec3::Map(&bodies.P[3 * i]) = from_row(v.linear) / scale;
+          if (turns_anew(row, dt)) continue;
+          if (!turn.isZero(0)) {
+            store_quaternion((rotation_by(W * turn) * bodies.rotation(body_of[k])).normalized(),
+                             &bodies.q[4 * i]);
+          }
+          if (!spin.isZero(0)) Vec3::Map(&bodies.L[3 * i]) += W.inverse() * spin;
+        }
+      },
+      threads);
+  return -1;
+}
+
+}  // namespace substep::rigid

@@ -1,0 +1,73 @@
+// The bodies of one step in the coordinates in which all of them have mass 1 and inertia 1:
+//   v' = sqrt(m) v,  w' = W^(-1/2) w  with  W = R I^-1 R^T,  W^(1/2) = R I^(-1/2) R^T.
+// An impulse l with the gradient j of its constraint in these coordinates changes velocities by
+// l j and reads them by j . (v', w'): one vector serves both, and a mass is 1 / (j . j).
+//
+// The world inertia is that of the begin of the step throughout. The angular momentum gets the
+// impulses; the rotation is the free one of the whole step, turned by what the impulses added. A
+// body that they would turn far, by more than half a radian, turns freely with the new momentum
+// instead, as if it had had it from the begin, where its energy is what the impulses made it.
+//
+// Only bodies that may move have a row. All static and sleeping ones share row 0, which is at rest
+// and has W^(1/2) = 0 and 1 / sqrt(m) = 0, so that impulses do nothing to it.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "substep/core/aligned_buffer.h"
+#include "substep/core/point.h"
+#include "substep/rigid/motion/bodies.h"
+
+namespace substep::rigid {
+
+// Six numbers of a body, one cache line.
+struct alignas(64) BodyRow {
+  Point<double> linear, angular;
+};
+
+struct BodyRows {
+  using Rows = AlignedBuffer<BodyRow>;
+
+  Rows velocity;
+  Rows free;          // what it would be without the contacts and joints of this sub-step
+  Rows push;          // what those of the last sub-step changed
+  Rows acceleration;  // by gravity, forces and torques
+  Rows displacement;  // since the begin of the step, rotation as a vector
+  // W^(1/2): linear (xx, yy, zz, 1 / sqrt(m)), angular (xy, xz, yz, 1 if impulses move it, else 0).
+  // A kinematic body has 1 for its mass and moments, so that its velocity is read as it is.
+  Rows root;
+  std::vector<std::uint8_t> stands;           // of rows; row 0 does
+  std::vector<std::int32_t> row_of, body_of;  // row_of[body], body_of[row]; body_of[0] is -1
+
+  std::int64_t size() const { return static_cast<std::int64_t>(body_of.size()); }
+  // Of the body, or of the world where it is below 0.
+  std::int32_t row(std::int32_t body) const {
+    return body < 0 ? 0 : row_of[static_cast<std::size_t>(body)];
+  }
+  bool moves(std::int32_t row) const { return root[static_cast<std::size_t>(row)].angular.w != 0; }
+  Mat3 root_of(std::int32_t row) const;  // W^(1/2)
+  double scale_of(std::int32_t row) const { return root[static_cast<std::size_t>(row)].linear.w; }
+
+  // asleep: not 0 where a body is, or empty.
+  void load(const Bodies& bodies, const Vec3& gravity, std::span<const std::uint8_t> asleep,
+            int threads);
+  // v += h a + push: the contacts push as they did in the last sub-step. Bodies that stand and are
+  // slower than `slow` [m/s] first lose up to the part `lost` of their velocity.
+  void accelerate(std::int64_t begin, std::int64_t end, double h, double slow, double lost);
+  // x += h v, and notes the push. A body that nothing touched is on its parabola:
+  // x += h v - h^2 a / 2, exactly.
+  void move(std::int64_t begin, std::int64_t end, double h);
+  // To bodies, after a step of dt. Returns the first body whose motion is not finite, or -1; then
+  // nothing was stored.
+  std::int64_t store(Bodies& bodies, double dt, FreeRotation method, int threads) const;
+
+ private:
+  std::int64_t first_not_finite(const Bodies& bodies) const;
+  bool turns_anew(std::int64_t row, double dt) const;
+
+  AlignedBuffer<double> first_spin_;  // w' at the begin, (rows, 3)
+};
+
+}  // namespace substep::rigid

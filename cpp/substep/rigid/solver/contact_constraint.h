@@ -1,0 +1,72 @@
+// A contact as the solvers see it: a manifold, what its surfaces are like, and the impulses.
+//
+// With the relative velocity at a point, u = v_b + w_b x r_b - v_a - w_a x r_a, u_n = n . u and u_t
+// its part along the surfaces, and impulses l_n along n and l_t across it, b receiving them and a
+// their opposite:
+//   0 <= l_n  _|_  C >= 0                    non-penetration, C the separation (Signorini)
+//   |l_t| <= mu l_n, and l_t = -mu l_n u_t / |u_t| where it slides            (Coulomb's cone)
+//   u_n after = -e u_n before, of an impact                                  (Newton)
+// Friction acts on a manifold as one force at the middle of its points and one torque about n: what
+// four forces in a plane add up to. mu sum(l_n) bounds the force, the torque is bounded by
+//   mu sum(l_n d) + spinning sum(l_n),
+// d the distances of the points from their middle: exact for slip alone and for spin alone. Rolling
+// friction is a torque along the surfaces against their relative angular velocity w_t there,
+//   |l_r| <= rolling sum(l_n), and l_r = -rolling sum(l_n) w_t / |w_t| where they roll.
+#pragma once
+
+#include <cstdint>
+
+#include "substep/rigid/collision/manifold.h"
+
+namespace substep::rigid {
+
+struct ContactConstraint {
+  struct Point {
+    Vec3 position = Vec3::Zero();                   // in the world, midway between the surfaces
+    double separation = 0.0;                        // C at the begin of the step [m]
+    double impulse = 0.0;                           // l_n of the last sub-step [N s]
+    double total = 0.0;                             // of the last step, with its impacts
+    Vec3 in_a = Vec3::Zero(), in_b = Vec3::Zero();  // in the frames of the bodies
+    // From the centres of the bodies, in the world: where impulses act. Of bodies that meet later
+    // in the step as they are then, when neither is where it is now.
+    Vec3 arm_a = Vec3::Zero(), arm_b = Vec3::Zero();
+  };
+
+  std::int32_t a = 0, b = 0;  // numbers of bodies; one of them is dynamic
+  std::int32_t fixture_a = 0, fixture_b = 0;
+  Vec3 normal = Vec3::UnitZ();   // of length 1, from a to b
+  Vec3 tangent = Vec3::UnitX();  // of length 1, across it: first direction of friction
+  int count = 0;
+  Point points[4];
+  double friction = 0.5, restitution = 0.0;
+  double spinning = 0.0;                  // [m], lever of the friction that resists spin about n
+  double rolling = 0.0;                   // [m], of that which resists rolling
+  double friction_impulse[2] = {0., 0.};  // of the last sub-step, along the tangent and n x tangent
+  double twist_impulse = 0.0;             // of the last sub-step [N m s]
+  double roll_impulse[2] = {0., 0.};      // the same along the tangent and n x tangent
+  double friction_total[2] = {0., 0.};    // of the last step, with its impacts
+
+  // Of the points: of their positions, of their arms.
+  Vec3 middle(Vec3 Point::* which) const {
+    Vec3 sum = Vec3::Zero();
+    for (int k = 0; k < count; ++k) sum += points[k].*which;
+    return count > 0 ? Vec3(sum / count) : sum;
+  }
+};
+
+// Whether the last impulses press on at least three points, with friction and the torque about the
+// normal below 0.9 of their bounds: neither body moves relative to the other.
+bool holds(const ContactConstraint& contact);
+
+// The contact of bodies a and b at these poses, without impulses, which will act at this part of
+// the way from the surface of a to that of b.
+ContactConstraint make_contact(const Manifold& manifold, std::int32_t a, const Pose& pose_a,
+                               std::int32_t b, const Pose& pose_b, double part = 0.5);
+
+// Gives a contact the impulses that the same two shapes had a step before. Points are the same if
+// they are near in the frame of one of the bodies or, of what rolls, around the middle of all: the
+// names of features are not enough, as those of equal boxes on one another change with every
+// rounding, and a stack that loses impulses with them shakes.
+void carry_impulses(const ContactConstraint& last, ContactConstraint& now);
+
+}  // namespace substep::rigid

@@ -1,0 +1,461 @@
+#include "substep/rigid/solver/contact_packet.h"
+
+namespace substep::rigid {
+namespace {
+
+using V = ContactPacket::V;
+using V3 = ContactPacket::V3;
+using F = ContactPacket::F;
+using F3 = ContactPacket::F3;
+constexpr int kLanes = ContactPacket::kLanes;
+
+constexpr double kRegularisation = 0.02;  // eps
+
+// Where A_kl of a symmetric block is.
+constexpr int at(int k, int l) { return k < l ? at(l, k) : k * (k + 1) / 2 + l; }
+
+// The compiler's own conversion goes by halves.
+SUBSTEP_INLINE V wide(const F& x) {
+#if defined(__AVX512F__)
+  return reinterpret_cast<V>(_mm512_cvtps_pd(reinterpret_cast<__m256>(x)));
+#else
+  return __builtin_convertvector(x, V);
+#endif
+}
+SUBSTEP_INLINE V3 wide(const F3& x) { return {{wide(x[0]), wide(x[1]), wide(x[2])}}; }
+SUBSTEP_INLINE F narrow(const V& x) { return __builtin_convertvector(x, F); }
+SUBSTEP_INLINE F3 narrow(const V3& x) { return {{narrow(x[0]), narrow(x[1]), narrow(x[2])}}; }
+SUBSTEP_INLINE V max(const V& x, const V& y) { return x > y ? x : y; }
+SUBSTEP_INLINE V min(const V& x, const V& y) { return x < y ? x : y; }
+SUBSTEP_INLINE V inverse_of(const V& x) { return x > 0 ? 1 / x : V{}; }
+SUBSTEP_INLINE V fused_dot(const V3& x, const V3& y) {
+  return fma(x[0], y[0], fma(x[1], y[1], x[2] * y[2]));
+}
+SUBSTEP_INLINE V3 fused_cross(const V3& x, const V3& y) {
+  return {{fma(x[1], y[2], -(x[2] * y[1])), fma(x[2], y[0], -(x[0] * y[2])),
+           fma(x[0], y[1], -(x[1] * y[0]))}};
+}
+SUBSTEP_INLINE void add(V3& x, const V& s, const V3& y) {
+  for (int i = 0; i < 3; ++i) x[i] = fma(s, y[i], x[i]);
+}
+// x, y, z along axes: components to a vector.
+SUBSTEP_INLINE V3 combine(const V3& c, const V3& x, const V3& y, const V3& z) {
+  V3 sum;
+  for (int i = 0; i < 3; ++i) sum[i] = fma(c[0], x[i], fma(c[1], y[i], c[2] * z[i]));
+  return sum;
+}
+
+// Eigenvalue of [xx xy; xy yy].
+SUBSTEP_INLINE V largest_of(const V& xx, const V& xy, const V& yy) {
+  const V half = 0.5 * (xx - yy), square = half * half + xy * xy;
+  return 0.5 * (xx + yy) + square * inverse_sqrt(max(square, splat<V>(1e-300)));
+}
+
+// The bodies of a packet: velocities, or displacements.
+struct Both {
+  BodyLanes a, b;
+};
+SUBSTEP_INLINE Both load_both(const BodyRows::Rows& rows, const ContactPacket& c) {
+  const BodyRow* first = rows.data();
+  return {load_bodies([&](int lane) { return first + c.a[lane]; }),
+          load_bodies([&](int lane) { return first + c.b[lane]; })};
+}
+// Rows of bodies that impulses do not move stay untouched: several packets may read them at once.
+SUBSTEP_INLINE void store_both(const Both& m, BodyRows::Rows& rows, const ContactPacket& c) {
+  BodyRow nowhere[kLanes];
+  BodyRow* first = rows.data();
+  store_bodies(m.a, [&](int k) { return c.moves_a[k] ? first + c.a[k] : nowhere + k; });
+  store_bodies(m.b, [&](int k) { return c.moves_b[k] ? first + c.b[k] : nowhere + k; });
+}
+
+// How b moves relative to a at the contact, in its axes; or a force and a torque there.
+struct Twist {
+  V3 linear, angular;
+};
+
+SUBSTEP_INLINE V3 turn(const F3 (&axis)[3], const V3& w) {
+  return {{fused_dot(wide(axis[0]), w), fused_dot(wide(axis[1]), w), fused_dot(wide(axis[2]), w)}};
+}
+SUBSTEP_INLINE Twist relative(const ContactPacket& c, const Both& m) {
+  const V3 w_a = turn(c.axis_a, m.a.angular), w_b = turn(c.axis_b, m.b.angular);
+  const V3 second = fused_cross(c.normal, c.tangent);
+  V3 v;
+  for (int i = 0; i < 3; ++i) v[i] = fma(c.scale_b, m.b.linear[i], -(c.scale_a * m.a.linear[i]));
+  const V3 a = fused_cross(w_a, wide(c.arm_a)), b = fused_cross(w_b, wide(c.arm_b));
+  Twist u{{{fused_dot(c.tangent, v), fused_dot(second, v), fused_dot(c.normal, v)}}, {}};
+  for (int i = 0; i < 3; ++i) {
+    u.linear[i] = u.linear[i] + (b[i] - a[i]);
+    u.angular[i] = w_b[i] - w_a[i];
+  }
+  return u;
+}
+SUBSTEP_INLINE void apply(const ContactPacket& c, const Twist& impulse, Both& m) {
+  const V3 second = fused_cross(c.normal, c.tangent);
+  const V3 force = combine(impulse.linear, c.tangent, second, c.normal);
+  add(m.a.linear, -c.scale_a, force);
+  add(m.b.linear, c.scale_b, force);
+  V3 a = fused_cross(wide(c.arm_a), impulse.linear), b = fused_cross(wide(c.arm_b), impulse.linear);
+  for (int i = 0; i < 3; ++i) {
+    const V ta = a[i] + impulse.angular[i], tb = b[i] + impulse.angular[i];
+    add(m.a.angular, -ta, wide(c.axis_a[i]));
+    add(m.b.angular, tb, wide(c.axis_b[i]));
+  }
+}
+
+// Force and torque of the normal impulses.
+SUBSTEP_INLINE void add_normal(const ContactPacket& c, const V (&d)[4], Twist& impulse) {
+  impulse.linear[2] = impulse.linear[2] + ((d[0] + d[1]) + (d[2] + d[3]));
+  for (int k = 0; k < 4; ++k) {
+    impulse.angular[0] = fma(wide(c.q[k]), d[k], impulse.angular[0]);
+    impulse.angular[1] = fma(-wide(c.p[k]), d[k], impulse.angular[1]);
+  }
+}
+// Normal velocities of the points.
+SUBSTEP_INLINE void approach(const ContactPacket& c, const Twist& u, V (&result)[4]) {
+  for (int k = 0; k < 4; ++k) {
+    result[k] = fma(wide(c.q[k]), u.angular[0], fma(-wide(c.p[k]), u.angular[1], u.linear[2]));
+  }
+}
+
+// The change d of impulses l >= 0, in units of 1 / mobility, that makes residual + block d as near
+// 0 as they allow. Where not all points press: as far towards the unrestricted solution as all of
+// them can go together, which keeps the symmetry of a box that lifts off, and from there sweeps.
+// Each lowers the energy.
+SUBSTEP_INLINE void solve_block(const ContactPacket& c, const V (&residual)[4], const V (&l)[4],
+                                V (&d)[4]) {
+  auto pulls = l[0] < l[0];
+  V part = splat<V>(1);
+#pragma GCC unroll 4
+  for (int k = 0; k < 4; ++k) {
+    V sum = wide(c.inverse[at(k, 0)]) * residual[0];
+#pragma GCC unroll 4
+    for (int j = 1; j < 4; ++j) sum = fma(wide(c.inverse[at(k, j)]), residual[j], sum);
+    d[k] = -sum;
+    pulls = pulls | (l[k] + d[k] < 0);
+  }
+  if (!any(pulls)) return;
+#pragma GCC unroll 4
+  for (int k = 0; k < 4; ++k) {
+    const auto negative = l[k] + d[k] < 0;
+    part = negative ? min(part, l[k] / (negative ? -d[k] : splat<V>(1))) : part;
+  }
+  V e[4];
+#pragma GCC unroll 4
+  for (int k = 0; k < 4; ++k) e[k] = part * d[k];
+  const auto solve_point = [&](int k) __attribute__((always_inline)) {
+    V r = residual[k];
+#pragma GCC unroll 4
+    for (int i = 0; i < 4; ++i) r = fma(wide(c.block[at(k, i)]), e[i], r);
+    e[k] = max(fma(-r, wide(c.diagonal[k]), l[k] + e[k]), V{}) - l[k];
+  };
+#pragma GCC unroll 4
+  for (int k = 0; k < 4; ++k) solve_point(k);
+#pragma GCC unroll 4
+  for (int k = 3; k >= 0; --k) solve_point(k);
+#pragma GCC unroll 4
+  for (int k = 0; k < 4; ++k) d[k] = pulls ? e[k] : d[k];
+}
+
+// x, or what of it is within the disc.
+SUBSTEP_INLINE void limit_to(const V& radius, V (&x)[2]) {
+  const V square = x[0] * x[0] + x[1] * x[1];
+  const auto beyond = square > radius * radius;
+  const V factor = beyond ? radius * inverse_sqrt(beyond ? square : splat<V>(1)) : splat<V>(1);
+  for (int i = 0; i < 2; ++i) x[i] = x[i] * factor;
+}
+
+SUBSTEP_INLINE V pressure(const ContactPacket& c) {
+  return (c.impulse[0] + c.impulse[1]) + (c.impulse[2] + c.impulse[3]);
+}
+
+// Adds to the impulse, and to u what the normal impulses see of it. Friction cannot be projected
+// onto the disc along A^-1, which would turn it: where it slides the scalar step with the largest
+// mobility has its fixed point where l_t is opposite to u_t.
+SUBSTEP_INLINE void solve_friction(ContactPacket& c, Twist& u, Twist& impulse) {
+  const V inverse = inverse_of(c.mobility), friction = wide(c.friction), press = pressure(c);
+  V lever = wide(c.spinning) * press;
+  for (int k = 0; k < 4; ++k) lever = fma(friction * wide(c.lever[k]), c.impulse[k], lever);
+  const V step = -u.angular[2] * (wide(c.twist_inverse) * inverse);
+  const V twist = max(-lever, min(lever, c.twist_impulse + step));
+  V stick[2], slide[2];
+  const V x = u.linear[0] * inverse, y = u.linear[1] * inverse;
+  stick[0] = c.slide_impulse[0] - fma(wide(c.slide_inverse[0]), x, wide(c.slide_inverse[1]) * y);
+  stick[1] = c.slide_impulse[1] - fma(wide(c.slide_inverse[1]), x, wide(c.slide_inverse[2]) * y);
+  const V limit = friction * press;
+  const auto slides = stick[0] * stick[0] + stick[1] * stick[1] > limit * limit;
+  if (any(slides)) {
+    slide[0] = fma(-x, wide(c.slide_bound), c.slide_impulse[0]);
+    slide[1] = fma(-y, wide(c.slide_bound), c.slide_impulse[1]);
+    limit_to(limit, slide);
+    for (int i = 0; i < 2; ++i) stick[i] = slides ? slide[i] : stick[i];
+  }
+  const V d[3] = {stick[0] - c.slide_impulse[0], stick[1] - c.slide_impulse[1],
+                  twist - c.twist_impulse};
+  c.slide_impulse[0] = stick[0], c.slide_impulse[1] = stick[1], c.twist_impulse = twist;
+  impulse.linear[0] = d[0], impulse.linear[1] = d[1], impulse.angular[2] = d[2];
+  const V e[3] = {d[0] * c.mobility, d[1] * c.mobility, d[2] * c.mobility};
+  V change[3];
+  for (int i = 0; i < 3; ++i) {
+    change[i] = fma(wide(c.coupling[i][0]), e[0],
+                    fma(wide(c.coupling[i][1]), e[1], wide(c.coupling[i][2]) * e[2]));
+  }
+  u.linear[2] = u.linear[2] + change[0];
+  for (int i = 0; i < 2; ++i) u.angular[i] = u.angular[i] + change[i + 1];
+}
+
+// The step with the largest mobility, projected onto the disc; u is that before the normal
+// impulses.
+SUBSTEP_INLINE void solve_rolling(ContactPacket& c, const Twist& u, Twist& impulse) {
+  const V inverse = inverse_of(c.mobility);
+  const auto& M = c.roll_mobility;  // from (t_1, t_1), (t_1, t_2), (t_2, t_2), l_n to both
+  const V &f = impulse.linear[2], &s = impulse.angular[0], &t = impulse.angular[1];
+  const V change[2] = {fma(wide(M[3]), f, fma(wide(M[0]), s, wide(M[1]) * t)),
+                       fma(wide(M[4]), f, fma(wide(M[1]), s, wide(M[2]) * t))};
+  V l[2];
+  for (int i = 0; i < 2; ++i) {
+    const V w = fma(u.angular[i], inverse, change[i]);
+    l[i] = fma(-w, wide(c.roll_inverse), c.roll_impulse[i]);
+  }
+  limit_to(wide(c.rolling) * pressure(c), l);
+  for (int i = 0; i < 2; ++i) {
+    impulse.angular[i] = impulse.angular[i] + (l[i] - c.roll_impulse[i]);
+    c.roll_impulse[i] = l[i];
+  }
+}
+
+// W^(1/2) v
+struct Root {
+  V xx, yy, zz, xy, xz, yz, scale, moves;
+
+  SUBSTEP_INLINE Root(const BodyRows& rows, const std::int32_t* index) {
+    const auto d = load_rows<V>([&](int lane) { return &rows.root.data()[index[lane]].linear; });
+    const auto m = load_rows<V>([&](int lane) { return &rows.root.data()[index[lane]].angular; });
+    xx = d.x, yy = d.y, zz = d.z, scale = d.w;
+    xy = m.x, xz = m.y, yz = m.z, moves = m.w;
+  }
+  SUBSTEP_INLINE V3 operator*(const V3& v) const {
+    return {
+        {fused_dot({{xx, xy, xz}}, v), fused_dot({{xy, yy, yz}}, v), fused_dot({{xz, yz, zz}}, v)}};
+  }
+};
+
+// M, a symmetric 6 x 6 matrix, of both bodies: from forces (0, 1, 2) and torques (3, 4, 5) along
+// the axes to linear and angular velocities.
+struct Mobility {
+  V m[6][6];
+
+  SUBSTEP_INLINE void add(const Root& root, const V3 (&axis)[3], const V3& r) {
+    V N[3][3];  // of torques
+    for (int i = 0; i < 3; ++i) {
+      for (int j = 0; j < 3; ++j) N[i][j] = root.moves * fused_dot(axis[i], axis[j]);
+    }
+    const V zero{};
+    const V lever[6][3] = {
+        {zero, r[2], -r[1]},       {-r[2], zero, r[0]},
+        {r[1], -r[0], zero},       {splat<V>(1), zero, zero},
+        {zero, splat<V>(1), zero}, {zero, zero, splat<V>(1)}};  // r x force, or the torque
+    const V linear = root.moves * root.scale * root.scale;
+    for (int j = 0; j < 6; ++j) {
+      V w[3];
+      for (int i = 0; i < 3; ++i)
+        w[i] = fma(N[i][0], lever[j][0], fma(N[i][1], lever[j][1], N[i][2] * lever[j][2]));
+      for (int i = 0; i < 6; ++i) {
+        m[i][j] = m[i][j] + fma(lever[i][0], w[0], fma(lever[i][1], w[1], lever[i][2] * w[2]));
+      }
+      if (j < 3) m[j][j] = m[j][j] + linear;
+    }
+  }
+};
+
+// The inverse of a symmetric positive 4 x 4 matrix by blocks of 2 x 2: with [A B; B^T D],
+// X = A^-1 B and S = D - B^T X it is [A^-1 + X S^-1 X^T, -X S^-1; ., S^-1].
+SUBSTEP_INLINE void invert(const V (&m)[10], V (&inverse)[10]) {
+  struct Pair {
+    V x, y, z;  // [x y; y z]
+  };
+  const auto inverted = [](const Pair& p) __attribute__((always_inline)) {
+    const V scale = 1 / (p.x * p.z - p.y * p.y);
+    return Pair{scale * p.z, -scale * p.y, scale * p.x};
+  };
+  const Pair A = inverted({m[0], m[1], m[2]});
+  const V b[2][2] = {{m[at(2, 0)], m[at(3, 0)]}, {m[at(2, 1)], m[at(3, 1)]}};
+  V x[2][2], y[2][2];
+  for (int j = 0; j < 2; ++j) {
+    x[0][j] = A.x * b[0][j] + A.y * b[1][j];
+    x[1][j] = A.y * b[0][j] + A.z * b[1][j];
+  }
+  const auto column = [&](int i, int j) __attribute__((always_inline)) {
+    return b[0][i] * x[0][j] + b[1][i] * x[1][j];
+  };
+  const Pair S = inverted(
+      {m[at(2, 2)] - column(0, 0), m[at(3, 2)] - column(0, 1), m[at(3, 3)] - column(1, 1)});
+  for (int i = 0; i < 2; ++i) {
+    y[i][0] = x[i][0] * S.x + x[i][1] * S.y;
+    y[i][1] = x[i][0] * S.y + x[i][1] * S.z;
+  }
+  inverse[at(0, 0)] = A.x + (y[0][0] * x[0][0] + y[0][1] * x[0][1]);
+  inverse[at(1, 0)] = A.y + (y[0][0] * x[1][0] + y[0][1] * x[1][1]);
+  inverse[at(1, 1)] = A.z + (y[1][0] * x[1][0] + y[1][1] * x[1][1]);
+  for (int i = 0; i < 2; ++i) {
+    for (int j = 0; j < 2; ++j) inverse[at(2 + j, i)] = -y[i][j];
+  }
+  inverse[at(2, 2)] = S.x, inverse[at(3, 2)] = S.y, inverse[at(3, 3)] = S.z;
+}
+
+template <class T>
+void set3(T& v, int lane, const Vec3& value) {
+  for (int i = 0; i < 3; ++i) v[i][lane] = static_cast<Lane<decltype(v[0] + v[0])>>(value[i]);
+}
+
+}  // namespace
+
+void ContactPacket::set(int lane, const ContactConstraint* contact, const BodyRows& rows) {
+  static const ContactConstraint kNone{};
+  const ContactConstraint& c = contact != nullptr ? *contact : kNone;
+  const Vec3 second = c.normal.cross(c.tangent);
+  const auto along_axes = [&](const Vec3& r) {
+    return Vec3(r.dot(c.tangent), r.dot(second), r.dot(c.normal));
+  };
+  const Vec3 middle_a = along_axes(c.middle(&ContactConstraint::Point::arm_a));
+  a[lane] = contact != nullptr ? rows.row(c.a) : 0;
+  b[lane] = contact != nullptr ? rows.row(c.b) : 0;
+  moves_a[lane] = rows.moves(a[lane]), moves_b[lane] = rows.moves(b[lane]);
+  set3(normal, lane, c.normal);
+  set3(tangent, lane, c.tangent);
+  set3(arm_a, lane, middle_a);
+  set3(arm_b, lane, along_axes(c.middle(&ContactConstraint::Point::arm_b)));
+  for (int k = 0; k < 4; ++k) {
+    const bool is = k < c.count;
+    const Vec3 r = is ? Vec3(along_axes(c.points[k].arm_a) - middle_a) : Vec3::Zero();
+    p[k][lane] = static_cast<float>(r.x()), q[k][lane] = static_cast<float>(r.y());
+    lever[k][lane] = static_cast<float>(r.head<2>().norm());
+    used[k][lane] = is ? 1 : 0;
+    separation[k][lane] = is ? static_cast<float>(c.points[k].separation) : 0;
+    impulse[k][lane] = is ? c.points[k].impulse : 0;
+  }
+  friction[lane] = static_cast<float>(c.friction), spinning[lane] = static_cast<float>(c.spinning);
+  away[lane] = 0;
+  slide_impulse[0][lane] = c.friction_impulse[0], slide_impulse[1][lane] = c.friction_impulse[1];
+  twist_impulse[lane] = c.twist_impulse;
+  rolls = (lane > 0 && rolls) || c.rolling > 0;
+  rolling[lane] = static_cast<float>(c.rolling);
+  for (int i = 0; i < 2; ++i) roll_impulse[i][lane] = c.roll_impulse[i];
+}
+
+void ContactPacket::get(int lane, ContactConstraint& contact) const {
+  for (int k = 0; k < contact.count; ++k) contact.points[k].impulse = impulse[k][lane];
+  contact.friction_impulse[0] = slide_impulse[0][lane];
+  contact.friction_impulse[1] = slide_impulse[1][lane];
+  contact.twist_impulse = twist_impulse[lane];
+  for (int i = 0; i < 2; ++i) contact.roll_impulse[i] = rolls ? roll_impulse[i][lane] : 0;
+}
+
+void ContactPacket::prepare(const BodyRows& rows) {
+  const V3 axes[3] = {tangent, fused_cross(normal, tangent), normal};
+  Mobility M{};
+  const auto add_body = [&](const std::int32_t* index, V& scale, F3(&axis)[3], const F3& arm) {
+    const Root root(rows, index);
+    scale = root.scale;
+    V3 turned[3];
+    for (int i = 0; i < 3; ++i) {
+      turned[i] = root * axes[i];
+      axis[i] = narrow(turned[i]);
+    }
+    M.add(root, turned, wide(arm));
+  };
+  add_body(a, scale_a, axis_a, arm_a);
+  add_body(b, scale_b, axis_b, arm_b);
+
+  V A[10], regular[10];
+  V largest{};
+  for (int k = 0; k < 4; ++k) {
+    const V pk = wide(p[k]), qk = wide(q[k]);
+    const V column[3] = {fma(qk, M.m[2][3], fma(-pk, M.m[2][4], M.m[2][2])),
+                         fma(qk, M.m[3][3], fma(-pk, M.m[3][4], M.m[3][2])),
+                         fma(qk, M.m[4][3], fma(-pk, M.m[4][4], M.m[4][2]))};
+    for (int l = 0; l <= k; ++l) {
+      A[at(k, l)] = wide(used[k]) * wide(used[l]) *
+                    fma(wide(q[l]), column[1], fma(-wide(p[l]), column[2], column[0]));
+    }
+    largest = max(largest, A[at(k, k)]);
+  }
+  mobility = largest;
+  const V unit = inverse_of(largest);
+  for (int k = 0; k < 10; ++k) A[k] = A[k] * unit;
+  for (int k = 0; k < 4; ++k) {
+    const auto is = wide(used[k]) > 0;
+    V& entry = A[at(k, k)];
+    entry = is ? entry + kRegularisation : splat<V>(1);
+    diagonal[k] = narrow(is ? 1 / entry : V{});
+  }
+  invert(A, regular);
+  for (int k = 0; k < 10; ++k) block[k] = narrow(A[k]), inverse[k] = narrow(regular[k]);
+
+  const auto of = [&](int i, int j) __attribute__((always_inline)) { return M.m[i][j] * unit; };
+  const V xx = of(0, 0), xy = of(0, 1), yy = of(1, 1), scale = inverse_of(xx * yy - xy * xy);
+  slide_inverse[0] = narrow(scale * yy);
+  slide_inverse[1] = narrow(-scale * xy);
+  slide_inverse[2] = narrow(scale * xx);
+  slide_bound = narrow(inverse_of(largest_of(xx, xy, yy)));
+  twist_inverse = narrow(inverse_of(of(5, 5)));
+  constexpr int kFrom[3] = {0, 1, 5};
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) coupling[i][j] = narrow(of(2 + i, kFrom[j]));
+  }
+  if (!rolls) return;
+  roll_inverse = narrow(inverse_of(largest_of(of(3, 3), of(3, 4), of(4, 4))));
+  constexpr int kRolls[5][2] = {{3, 3}, {3, 4}, {4, 4}, {3, 2}, {4, 2}};
+  for (int k = 0; k < 5; ++k) roll_mobility[k] = narrow(of(kRolls[k][0], kRolls[k][1]));
+}
+
+void ContactPacket::warm_start(BodyRows& rows) const {
+  Both m = load_both(rows.push, *this);
+  Twist l{{{slide_impulse[0], slide_impulse[1], V{}}}, {{V{}, V{}, twist_impulse}}};
+  if (rolls) l.angular[0] = roll_impulse[0], l.angular[1] = roll_impulse[1];
+  add_normal(*this, impulse, l);
+  apply(*this, l, m);
+  store_both(m, rows.push, *this);
+}
+
+void ContactPacket::solve_positions(BodyRows& rows, const Settings& settings) {
+  Both m = load_both(rows.displacement, *this);
+  const V unit = inverse_of(mobility);
+  V C[4], d[4];
+  const V none[4] = {};
+  approach(*this, relative(*this, m), C);
+  auto deep = C[0] < C[0];
+  for (int k = 0; k < 4; ++k) {
+    C[k] = C[k] + wide(separation[k] + away);
+    target[k] = narrow(max(C[k], V{}) * settings.inverse_h);
+    const V overlap = C[k] + settings.slop;
+    const auto is = (overlap < 0) & (wide(used[k]) > 0);
+    deep = deep | is;
+    C[k] = wide(used[k]) * unit *
+           (is ? max(settings.correction * overlap, splat<V>(-settings.push)) : overlap);
+  }
+  if (!any(deep)) return;
+  solve_block(*this, C, none, d);
+  Twist l{};
+  add_normal(*this, d, l);
+  apply(*this, l, m);
+  store_both(m, rows.displacement, *this);
+}
+
+void ContactPacket::solve_velocities(BodyRows& rows) {
+  Both m = load_both(rows.velocity, *this);
+  Twist u = relative(*this, m), l{};
+  solve_friction(*this, u, l);
+  V residual[4], d[4];
+  approach(*this, u, residual);
+  const V unit = inverse_of(mobility);
+  for (int k = 0; k < 4; ++k)
+    residual[k] = (residual[k] + wide(target[k])) * (wide(used[k]) * unit);
+  solve_block(*this, residual, impulse, d);
+  for (int k = 0; k < 4; ++k) impulse[k] = impulse[k] + d[k];
+  add_normal(*this, d, l);
+  if (rolls) solve_rolling(*this, u, l);
+  apply(*this, l, m);
+  store_both(m, rows.velocity, *this);
+}
+
+}  // namespace substep::rigid

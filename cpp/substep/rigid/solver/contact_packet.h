@@ -1,0 +1,75 @@
+// As many contacts as a vector has lanes, of which no two share a body that impulses move.
+//
+// A contact is seen in its own frame: axes t_1, t_2, n and the middle of its points, from which
+// point k is at (p_k, q_k) along t_1 and t_2. There the bodies move relative to one another by
+//   u = s_b v_b - s_a v_a + w_b x r_b - w_a x r_a,  w = W_b^(1/2) w_b' - W_a^(1/2) w_a',
+// with s = 1 / sqrt(m) and the coordinates of body_rows.h, point k towards n by
+// g_k . (u_n, w_1, w_2), g_k = (1, q_k, -p_k), and a force with a torque changes that by the
+// symmetric mobility M (6 x 6). Normal impulses l_k act on one another by A_kl = g_k^T M g_l; all
+// of a manifold are solved for together. Where all of them press,
+//   (A + eps max_k(A_kk) 1) d = -(g_k . u + target),   l <- l + d,
+// else by projected Gauss and Seidel sweeps over the block. eps makes the block regular (four
+// points in a plane have rank 3) and chooses the impulses that change least; as it acts on the
+// change d it leaves the solution what it is (a proximal point step, Rockafellar 1976, SIAM J.
+// Control Optim. 14, (1.7)). Points one by one would tilt the boxes of a stack, which is what makes
+// it drift.
+//
+// A sweep is as fast as packets come from memory, so what only shapes a step towards the solution
+// (levers, mobilities) is float32; velocities and impulses are float64.
+#pragma once
+
+#include <cstdint>
+
+#include "substep/rigid/motion/body_lanes.h"
+#include "substep/rigid/solver/contact_constraint.h"
+
+namespace substep::rigid {
+
+struct ContactPacket {
+  using V = LanesOfBodies;
+  using V3 = Vector3<V>;
+  static constexpr int kLanes = sizeof(V) / sizeof(double);
+  using F = Vector<float, sizeof(V) / 2>;
+  using F3 = Vector3<F>;
+
+  struct Settings {
+    double inverse_h;   // of the sub-step
+    double correction;  // part of the penetration that one sub-step takes back
+    double slop;        // penetration that is left [m]
+    double push;        // most that one sub-step takes back [m]
+  };
+
+  // Lane `lane` is the contact, or none.
+  void set(int lane, const ContactConstraint* contact, const BodyRows& rows);
+  // Everything below but the impulses, once per step.
+  void prepare(const BodyRows& rows);
+
+  // The impulses of the last sub-step, to rows.push.
+  void warm_start(BodyRows& rows) const;
+  // At the begin of a sub-step: moves bodies apart, without velocity, and notes the targets.
+  void solve_positions(BodyRows& rows, const Settings& settings);
+  // Friction, then the normal impulses.
+  void solve_velocities(BodyRows& rows);
+
+  void get(int lane, ContactConstraint& contact) const;
+
+  std::int32_t a[kLanes], b[kLanes];  // rows
+  bool moves_a[kLanes], moves_b[kLanes], rolls;
+  V3 normal, tangent;
+  V scale_a, scale_b;                              // s
+  V mobility;                                      // max_k(A_kk), the unit of M below
+  V impulse[4], slide_impulse[2], twist_impulse;   // l_n, l_t
+  F3 axis_a[3], axis_b[3];                         // W^(1/2) (t_1, t_2, n)
+  F3 arm_a, arm_b;                                 // r
+  F p[4], q[4], used[4];                           // used: 1 or 0
+  F separation[4], away, target[4];                // C at the begin of the step; least -u_n
+  F block[10], inverse[10], diagonal[4];           // A + eps, its inverse, 1 / its diagonal
+  F slide_inverse[3], slide_bound, twist_inverse;  // of M between l_t, and torques about n
+  F coupling[3][3];                                // M from (l_t, torque) to (u_n, w_1, w_2)
+  F friction, spinning, lever[4];                  // lever: |(p, q)|
+  // Of rolling friction, where a lane has any: M from torques to w_1, w_2 and from l_n.
+  F rolling, roll_inverse, roll_mobility[5];
+  V roll_impulse[2];
+};
+
+}  // namespace substep::rigid

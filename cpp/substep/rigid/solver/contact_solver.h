@@ -1,0 +1,98 @@
+// The step of bodies in contact: sub-steps, each with a sweep or two of exact blocks.
+//
+// A step dt is n sub-steps h = dt / n (Macklin et al. 2019, "Small steps in physics simulation",
+// SCA, section 3: n sub-steps of one iteration converge better than one step of n), and a sub-step
+//   1. impacts with restitution, each at its time                         impacts.h
+//   2. v += h (g + F / m) + what the contacts gave in the last sub-step   (warm start)
+//   3. m sweeps over the joints, then over the contacts: friction and normal impulses until
+//        u_n + max(C, 0) / h >= 0,                                        contact_packet.h
+//      without any term that pushes apart what overlaps
+//   4. x += h v
+// and what overlaps by more than the slop is moved apart by the part beta of it, without velocity
+// (pseudo-velocities from none, in every sub-step), as the first sweep of the next sub-step comes
+// to the contact. That is apart from 3 because impulses that push positions, kept for the warm
+// start, are an integral action on what sweeps have not converged: of the slowest modes,
+//   l' = -c (u + b x) - k l,  m u' = l,  so  s^3 + (k / m) s^2 + (c / m) (s + b) = 0,
+// stable (Routh) only if k > m b. A soft constraint (Catto 2024, "Solver2D", box2d.org, "Soft
+// Step") buys that with the leak k, and sinks under load by what the leak loses: 106 mm in a stack
+// of 20. Displacements that are not kept have no such mode, so the contact needs no leak and
+// carries any load without sinking; docs/rigid_contact.md has the table.
+//
+// What sweeps have not converged of the velocities swings: a mode with the part c of its error
+// taken by a sub-step has e = l + f and u (its impulse less the load, its velocity) go by
+//   u' = (1 - c) (u + e / m),  e' = e - c m (u + e / m),
+// of determinant 1 - c: it loses c / 2 a sub-step, so a stack of 20 sways for a minute. As bodies
+// that stand have no velocity in the end, they lose what little they have at the rate
+// `settling`: those that rest with a face, by friction well within the cone, on a body that stands,
+// at first on a static one, and are slower than half of what gravity gives in a sub-step, which
+// friction would stop at once.
+//
+// World inertias and the points of contact stay those of the begin of the step. Packets of one
+// colour run on several threads; the order of the sweep is fixed, so bits do not depend on them.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "substep/core/radix_sort.h"
+#include "substep/rigid/solver/contact_packet.h"
+#include "substep/rigid/solver/graph_colouring.h"
+#include "substep/rigid/solver/impacts.h"
+#include "substep/rigid/solver/joints.h"
+
+namespace substep::rigid {
+
+struct ContactOptions {
+  int substeps = 8;
+  int sweeps = 2;           // of the velocities in a sub-step
+  double correction = 0.5;  // beta, of a sub-step
+  double slop = 1e-4;       // overlap that is left, so that contacts last [m]
+  double push_speed = 3.0;  // most that overlapping bodies are moved apart [m/s]
+  double settling = 10.0;  // rate at which bodies that stand lose what little speed they have [1/s]
+  FreeRotation rotation = FreeRotation::kSplitting;
+};
+
+class ContactSolver {
+ public:
+  // One step of dt for all bodies: forces, contacts, joints, free motion. The impulses of the
+  // contacts are those of the last sub-step before, and are so after. Contacts must have been
+  // looked for as far as bodies approach within dt. asleep: not 0 where a body is, or empty; those
+  // are as static ones, and contacts between two that do not move stay as they are, at no cost.
+  // Returns the first body whose motion is not finite at the end, or -1: then bodies, contacts and
+  // joints are still what they were before.
+  std::int64_t step(Bodies& bodies, const Vec3& gravity, double dt,
+                    std::span<ContactConstraint> contacts, const ContactOptions& options,
+                    std::span<const std::uint8_t> asleep = {}, std::span<Joint> joints = {},
+                    int threads = 0);
+
+  std::int64_t impacts() const { return impacts_.happened(); }  // of the last step
+
+ private:
+  // Impulses of all sub-steps so far.
+  struct Given {
+    ContactPacket::V normal[4], friction[2];
+    void add(const ContactPacket& packet);
+    void report(int lane, ContactConstraint& contact) const;
+  };
+
+  void order(const Vec3& gravity, std::span<const ContactConstraint> contacts, int threads);
+  void mark_standing(std::span<const ContactConstraint> contacts);
+  void pack(std::span<const ContactConstraint> contacts, int threads);
+  void bounce(double h, double slop);
+
+  BodyRows rows_;
+  GraphColouring colouring_;
+  Sweep sweep_;
+  Impacts impacts_;
+  JointSolver joints_;
+  std::vector<KeyedIndex<std::uint32_t>> depth_;  // along gravity, contact
+  RadixSort<std::uint32_t> sort_;
+  std::vector<BodyPair> pairs_;
+  std::vector<std::uint8_t> colours_;
+  std::vector<std::int32_t> place_;  // lane of each contact in packets_, counted through; or -1
+  AlignedBuffer<ContactPacket> packets_;
+  AlignedBuffer<Given> given_;  // by each packet
+};
+
+}  // namespace substep::rigid

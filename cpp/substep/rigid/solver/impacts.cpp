@@ -1,0 +1,233 @@
+#include "substep/rigid/solver/impacts.h"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+
+#include "substep/rigid/motion/row_vectors.h"
+
+namespace substep::rigid {
+namespace {
+
+constexpr int kBlockSweeps = 64;                // of the impulses of one manifold, at most
+constexpr std::int64_t kEventsPerContact = 32;  // in one sub-step, on the average, at most
+
+std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
+
+}  // namespace
+
+void Impacts::begin_step(std::span<const ContactConstraint> contacts, const BodyRows& rows) {
+  contacts_.clear();
+  happened_ = 0;
+  for (std::size_t index = 0; index < contacts.size(); ++index) {
+    const ContactConstraint& c = contacts[index];
+    if (!(c.restitution > 0) || c.count == 0) continue;
+    Row row{};
+    row.index = static_cast<std::int32_t>(index), row.count = c.count;
+    row.a = rows.row(c.a), row.b = rows.row(c.b);
+    row.moves_a = rows.moves(row.a), row.moves_b = rows.moves(row.b);
+    if (!row.moves_a && !row.moves_b) continue;
+    row.scale_a = rows.scale_of(row.a), row.scale_b = rows.scale_of(row.b);
+    row.restitution = c.restitution, row.friction = c.friction;
+    row.normal = c.normal, row.tangent[0] = c.tangent, row.tangent[1] = c.normal.cross(c.tangent);
+    const Mat3 A = rows.root_of(row.a), B = rows.root_of(row.b);
+    const auto gradient = [&](const Vec3& arm_a, const Vec3& arm_b, const Vec3& direction) {
+      return Gradient{A * arm_a.cross(direction), B * arm_b.cross(direction)};
+    };
+    for (int k = 0; k < c.count; ++k) {
+      row.separation[k] = c.points[k].separation;
+      row.points[k] = gradient(c.points[k].arm_a, c.points[k].arm_b, c.normal);
+    }
+    const Vec3 middle_a = c.middle(&ContactConstraint::Point::arm_a),
+               middle_b = c.middle(&ContactConstraint::Point::arm_b);
+    for (int i = 0; i < 2; ++i) row.slide[i] = gradient(middle_a, middle_b, row.tangent[i]);
+    const double linear = (row.moves_a ? row.scale_a * row.scale_a : 0) +
+                          (row.moves_b ? row.scale_b * row.scale_b : 0);
+    for (int k = 0; k < c.count; ++k) {
+      for (int l = 0; l < c.count; ++l) {
+        row.block[k][l] = linear +
+                          (row.moves_a ? row.points[k].angular_a.dot(row.points[l].angular_a) : 0) +
+                          (row.moves_b ? row.points[k].angular_b.dot(row.points[l].angular_b) : 0);
+      }
+    }
+    contacts_.push_back(row);
+  }
+  if (contacts_.empty()) return;
+  start_.assign(static_cast<std::size_t>(rows.size()) + 1, 0);
+  const auto each = [&](const auto& visit) {
+    for (std::size_t k = 0; k < contacts_.size(); ++k) {
+      if (contacts_[k].moves_a) visit(contacts_[k].a, static_cast<std::int32_t>(k));
+      if (contacts_[k].moves_b) visit(contacts_[k].b, static_cast<std::int32_t>(k));
+    }
+  };
+  each([&](std::int32_t body, std::int32_t) { ++start_[at(body)]; });
+  std::int32_t sum = 0;
+  for (std::int32_t& start : start_) start = sum += start;
+  of_body_.resize(at(sum));
+  each([&](std::int32_t body, std::int32_t k) { of_body_[at(--start_[at(body)])] = k; });
+}
+
+// gradient . (linear, angular)
+double Impacts::along(const Row& row, const Vec3& direction, const Gradient& gradient,
+                      const BodyRows::Rows& rows) const {
+  const BodyRow &a = rows[at(row.a)], &b = rows[at(row.b)];
+  return direction.dot(row.scale_b * from_row(b.linear) - row.scale_a * from_row(a.linear)) +
+         (gradient.angular_b.dot(from_row(b.angular)) -
+          gradient.angular_a.dot(from_row(a.angular)));
+}
+
+double Impacts::acceleration(const Row& row, const BodyRows& rows, double h) const {
+  const auto of = [&](std::int32_t i) {
+    return Vec3(from_row(rows.acceleration[at(i)].linear) + from_row(rows.push[at(i)].linear) / h);
+  };
+  return row.normal.dot(row.scale_b * of(row.b) - row.scale_a * of(row.a));
+}
+
+Impacts::Fate Impacts::fate(const Row& row, const BodyRows& rows, double h, double& time) const {
+  const double g = acceleration(row, rows, h);
+  Fate fate = Fate::kResting;
+  time = h;
+  for (int k = 0; k < row.count; ++k) {
+    const double C =
+        std::max(row.separation[k] + along(row, row.normal, row.points[k], rows.displacement), 0.0);
+    const double u = along(row, row.normal, row.points[k], rows.velocity);
+    const double square = u * u - 2 * g * C;
+    if (!(square > 0) || (u >= 0 && (g >= 0 || C == 0))) continue;
+    const double speed = std::sqrt(square);
+    if (speed <= 2 * std::abs(g) * h + 1e-9) continue;
+    const double t = C == 0 ? 0 : 2 * C / (speed - u);
+    if (t > h) {
+      if (fate == Fate::kResting) fate = Fate::kFlying;
+      continue;
+    }
+    time = std::min(time, t);
+    fate = Fate::kImpact;
+  }
+  return fate;
+}
+
+// A contact that carries weight stays one, even if one of its points bounces.
+bool Impacts::rests(const Row& row, const BodyRows& rows, double h, double slop) const {
+  const double g = std::abs(acceleration(row, rows, h));
+  for (int k = 0; k < row.count; ++k) {
+    const double C = row.separation[k] + along(row, row.normal, row.points[k], rows.displacement);
+    const double u = along(row, row.normal, row.points[k], rows.velocity);
+    if (C <= slop && std::abs(u) <= 2 * g * h + 1e-9) return true;
+  }
+  return false;
+}
+
+void Impacts::collide(Row& row, BodyRows& rows, double h, double time) const {
+  const double g = acceleration(row, rows, h);
+  double before[4], l[4] = {};
+  bool meets[4];
+  for (int k = 0; k < row.count; ++k) {
+    const double C = row.separation[k] + along(row, row.normal, row.points[k], rows.displacement);
+    before[k] = along(row, row.normal, row.points[k], rows.velocity) + g * time;
+    meets[k] = C <= 0 || C + before[k] * h <= 0;
+  }
+  for (int sweep = 0; sweep < kBlockSweeps; ++sweep) {
+    double change = 0, most = 0;
+    for (int k = 0; k < row.count; ++k) {
+      if (!meets[k]) continue;
+      double residual = (1 + row.restitution) * before[k];
+      for (int j = 0; j < row.count; ++j) residual += row.block[k][j] * l[j];
+      const double next = std::max(0.0, l[k] - residual / row.block[k][k]);
+      change = std::max(change, std::abs(next - l[k]));
+      most = std::max(most, l[k] = next);
+    }
+    if (change <= 1e-15 * most) break;
+  }
+  const Vec3 va = from_row(rows.velocity[at(row.a)].linear),
+             wa = from_row(rows.velocity[at(row.a)].angular),
+             vb = from_row(rows.velocity[at(row.b)].linear),
+             wb = from_row(rows.velocity[at(row.b)].angular);
+  const auto apply = [&](const Vec3& direction, const Gradient& gradient, double impulse) {
+    if (row.moves_a) {
+      add(rows.velocity[at(row.a)].linear, -impulse * row.scale_a * direction);
+      add(rows.velocity[at(row.a)].angular, -impulse * gradient.angular_a);
+    }
+    if (row.moves_b) {
+      add(rows.velocity[at(row.b)].linear, impulse * row.scale_b * direction);
+      add(rows.velocity[at(row.b)].angular, impulse * gradient.angular_b);
+    }
+  };
+  double pressure = 0;
+  for (int k = 0; k < row.count; ++k) {
+    apply(row.normal, row.points[k], l[k]);
+    row.given[k] += l[k];
+    pressure += l[k];
+  }
+  if (row.friction > 0 && pressure > 0) {
+    Eigen::Matrix2d mobility;
+    Eigen::Vector2d slip;
+    for (int i = 0; i < 2; ++i) {
+      slip[i] = along(row, row.tangent[i], row.slide[i], rows.velocity);
+      for (int j = 0; j < 2; ++j) {
+        const auto part = [&](bool moves, double scale, const Vec3& p, const Vec3& q) {
+          return moves ? (i == j ? scale * scale : 0) + p.dot(q) : 0;
+        };
+        mobility(i, j) =
+            part(row.moves_a, row.scale_a, row.slide[i].angular_a, row.slide[j].angular_a) +
+            part(row.moves_b, row.scale_b, row.slide[i].angular_b, row.slide[j].angular_b);
+      }
+    }
+    Eigen::Vector2d impulse = -(mobility.inverse() * slip);
+    const double limit = row.friction * pressure, length = impulse.norm();
+    if (length > limit) impulse *= limit / length;
+    for (int i = 0; i < 2; ++i) {
+      apply(row.tangent[i], row.slide[i], impulse[i]);
+      row.friction_given[i] += impulse[i];
+    }
+  }
+  const auto shift = [&](std::int32_t i, const Vec3& v, const Vec3& w) {
+    const BodyRow& now = rows.velocity[at(i)];
+    add(rows.displacement[at(i)].linear, -time * (from_row(now.linear) - v));
+    add(rows.displacement[at(i)].angular, -time * (from_row(now.angular) - w));
+  };
+  if (row.moves_a) shift(row.a, va, wa);
+  if (row.moves_b) shift(row.b, vb, wb);
+}
+
+void Impacts::advance(BodyRows& rows, double h, double slop) {
+  flying_.assign(contacts_.size(), 0);
+  queue_.clear();
+  double time = 0;
+  const auto push = [&](std::int32_t k) {
+    if (fate(contacts_[at(k)], rows, h, time) != Fate::kImpact) return;
+    queue_.push_back({time, k});
+    std::push_heap(queue_.begin(), queue_.end(), std::greater<>());
+  };
+  for (std::int32_t k = 0; k < static_cast<std::int32_t>(contacts_.size()); ++k) push(k);
+  std::int64_t left = kEventsPerContact * count();
+  while (!queue_.empty() && left-- > 0) {
+    std::pop_heap(queue_.begin(), queue_.end(), std::greater<>());
+    const Event event = queue_.back();
+    queue_.pop_back();
+    Row& row = contacts_[at(event.row)];
+    const bool impact = fate(row, rows, h, time) == Fate::kImpact;
+    if (!impact || time != event.time) continue;  // another impact changed it, and pushed it anew
+    collide(row, rows, h, time);
+    flying_[at(event.row)] = 1;
+    ++happened_;
+    for (const auto& [body, moves] : {std::pair(row.a, row.moves_a), {row.b, row.moves_b}}) {
+      if (!moves) continue;
+      for (auto i = start_[at(body)]; i < start_[at(body) + 1]; ++i) push(of_body_[at(i)]);
+    }
+  }
+  for (std::size_t k = 0; k < contacts_.size(); ++k) {
+    const Row& row = contacts_[k];
+    const bool flies = flying_[k] != 0 || fate(row, rows, h, time) == Fate::kFlying;
+    flying_[k] = flies && !rests(row, rows, h, slop);
+  }
+}
+
+void Impacts::report(std::span<ContactConstraint> contacts) const {
+  for (const Row& row : contacts_) {
+    ContactConstraint& contact = contacts[at(row.index)];
+    for (int k = 0; k < row.count; ++k) contact.points[k].total += row.given[k];
+    for (int i = 0; i < 2; ++i) contact.friction_total[i] += row.friction_given[i];
+  }
+}
+
+}  // namespace substep::rigid

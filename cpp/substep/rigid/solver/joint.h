@@ -1,0 +1,87 @@
+// A joint: what it leaves free of the motion of body a as seen from body b, or from the world.
+//
+// Each side has a frame that is fixed in its body: a point (the anchor) and axes, of which the
+// first, n, is the axis of the joint. With the anchors p and their difference d = p_a - p_b:
+//   ball      d = 0                                    three turns are free
+//   hinge     d = 0, n_a = n_b                         the angle about n is free
+//   slider    d along n_b, equal axes                  the translation n . d is free
+//   fixed     d = 0, equal axes                        nothing is free
+//   distance  |d|                                      see below
+// The coordinate of a joint is the angle of a hinge (continuous over turns), the translation of a
+// slider, the twist of a ball about its axes, the distance |d|. It is kept within [lower, upper]
+// without restitution: a rod has both alike, a rope lower = 0. A motor acts along it.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <limits>
+
+#include "substep/rigid/motion/bodies.h"
+
+namespace substep::rigid {
+
+enum class JointType : std::uint8_t { kBall, kHinge, kSlider, kFixed, kDistance };
+
+enum class MotorType : std::uint8_t {
+  kNone,
+  kSpeed,  // as much of the force as brings the coordinate's rate to the target
+  kSpring  // force = stiffness (target - coordinate) - damping rate
+};
+
+struct Joint {
+  static constexpr double kInfinite = std::numeric_limits<double>::infinity();
+  static constexpr std::int32_t kWorld = -1;
+
+  struct Frame {
+    Vec3 anchor = Vec3::Zero();                // in the (principal) frame of the body [m]
+    Quaternion axes = Quaternion::Identity();  // from axes of the joint to those of the body
+    Vec3 axis() const { return axes * Vec3::UnitX(); }
+  };
+  struct Motor {
+    MotorType type = MotorType::kNone;
+    double target = 0;        // of the rate [rad/s], [m/s], or of the coordinate [rad], [m]
+    double stiffness = 0;     // of a spring [N m/rad], [N/m]
+    double damping = 0;       // of a spring [N m s/rad], [N s/m]
+    double most = kInfinite;  // torque or force [N m], [N]
+  };
+
+  JointType type = JointType::kBall;
+  std::int32_t a = 0, b = kWorld;                // numbers of bodies; one of them is dynamic
+  Frame in_a, in_b;                              // that of the world is in the world
+  double lower = -kInfinite, upper = kInfinite;  // of the coordinate
+  double cone = kInfinite;  // of a ball: largest angle between the axes n_a and n_b [rad]
+  Motor motor;              // hinge, slider, distance
+  bool collide = false;     // whether contacts between a and b remain
+
+  // State: what the next step begins with.
+  std::array<double, 6> impulse{};  // of the last sub-step, by rows (joint_rows.h)
+  double coordinate = 0;            // at the end of the last step
+
+  // Reports of the last step: what the joint does to a at its anchor, on average [N], [N m], and
+  // how far it is from what it asks for at its end.
+  Vec3 force = Vec3::Zero(), torque = Vec3::Zero();
+  double length_error = 0, angle_error = 0;  // [m], [rad]
+};
+
+// Joints between bodies as they are now; points and axes (of any length) in the world. The
+// coordinate of what turns or slides is 0 now. InputError: see check_joint.
+Joint make_ball(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& anchor,
+                const Vec3& axis = Vec3::UnitX());
+Joint make_hinge(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& anchor,
+                 const Vec3& axis);
+Joint make_slider(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& anchor,
+                  const Vec3& axis);
+Joint make_fixed(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& anchor);
+// A rod of the length between the points; set lower, upper or a motor for others.
+Joint make_distance(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& point_a,
+                    const Vec3& point_b);
+
+// InputError, naming what is wrong: numbers of bodies that do not exist or are the same, no dynamic
+// body, a frame, limit or motor that is not finite where it must be, lower > upper, a negative
+// distance, stiffness, damping or force, a cone not within (0, pi], what the type does not have.
+void check_joint(const Joint& joint, const Bodies& bodies);
+
+// The coordinate at the poses of the bodies, angles within half a turn of joint.coordinate.
+double joint_coordinate(const Joint& joint, const Bodies& bodies);
+
+}  // namespace substep::rigid

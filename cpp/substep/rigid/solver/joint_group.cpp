@@ -1,0 +1,332 @@
+#include "substep/rigid/solver/joint_group.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "substep/rigid/motion/row_vectors.h"
+
+namespace substep::rigid {
+namespace {
+
+// E, relative to the diagonal, where loops may have more equations than motions, and in trees. It
+// acts on all of l, which so is as small as can be; joints yield by this part of what they hold,
+// and take it back.
+constexpr double kLoops = 1e-8, kTrees = 1e-14;
+
+std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
+Mat3 conjugated(const Quaternion& q, const Vec3& D) {
+  const Mat3 R = q.toRotationMatrix();
+  return R * D.asDiagonal() * R.transpose();
+}
+
+}  // namespace
+
+JointGroup::JointGroup(std::vector<std::int32_t> numbers, std::span<const Joint> joints,
+                       const BodyRows& rows) {
+  std::vector<BodyPair> pairs;
+  std::vector<int> sizes;
+  for (const std::int32_t number : numbers) {
+    const Joint& joint = joints[at(number)];
+    Link link;
+    link.number = number;
+    link.a = member_of(joint.a, rows);
+    link.b = member_of(joint.b, rows);
+    link.equations = joint_equations(joint.type);
+    link.rows = joint_rows(joint);
+    links_.push_back(link);
+    sizes.push_back(link.rows);
+  }
+  std::vector<std::int32_t> place(members_.size(), -1);  // among those that impulses move
+  std::int32_t moving = 0;
+  for (std::size_t k = 0; k < members_.size(); ++k)
+    if (members_[k].moves) place[k] = moving++;
+  for (const Link& link : links_) pairs.push_back({place[at(link.a)], place[at(link.b)]});
+  matrix_.analyse(moving, pairs, sizes);
+  // A tree has one node, of bodies or the ground, more than joints.
+  const bool grounded = std::any_of(pairs.begin(), pairs.end(),
+                                    [](const BodyPair& pair) { return pair.a < 0 || pair.b < 0; });
+  const bool tree = links_.size() + 1 == at(moving) + (grounded ? 1 : 0);
+  regularisation_ = tree ? kTrees : kLoops;
+  pieces_.resize(links_.size());
+  q_.resize(4 * members_.size());
+  L_.resize(3 * members_.size());
+  inertia_.resize(3 * members_.size());
+  trial_.resize(members_.size());
+}
+
+std::int32_t JointGroup::member_of(std::int32_t body, const BodyRows& rows) {
+  const auto found = std::find_if(members_.begin(), members_.end(),
+                                  [&](const Member& m) { return m.body == body; });
+  if (found != members_.end()) return static_cast<std::int32_t>(found - members_.begin());
+  Member member;
+  member.body = body;
+  member.moves = rows.moves(rows.row(body));
+  members_.push_back(member);
+  return static_cast<std::int32_t>(members_.size()) - 1;
+}
+
+void JointGroup::begin_step(std::span<const Joint> joints, std::span<const std::uint8_t> pressed,
+                            const Bodies& bodies, const Settings& settings, BodyRows& rows) {
+  settings_ = settings;
+  smooth_ = true;
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    Member& m = members_[k];
+    m.row = rows.row(m.body);
+    m.scale = rows.scale_of(m.row);
+    m.root = rows.root_of(m.row);
+    m.origin = m.body < 0 ? Vec3::Zero() : bodies.position(m.body);
+    m.now = {m.origin, m.body < 0 ? Quaternion::Identity() : bodies.rotation(m.body)};
+    const bool still = m.row == 0;
+    const Vec3 I = still ? Vec3::Ones() : Vec3(&bodies.inertia[3 * at(m.body)]);
+    m.unroot = conjugated(m.now.q, I.cwiseSqrt());
+    Vec3::Map(&inertia_[3 * k]) = I;
+    Vec3::Map(&L_[3 * k]) = still ? Vec3::Zero() : Vec3(&bodies.L[3 * at(m.body)]);
+    m.seen_spin = from_row(rows.velocity[at(m.row)].angular);
+    m.seen_turn = m.given_v = m.given_w = m.start = m.start_turn = Vec3::Zero();
+    refresh(k, rows);
+    if (m.moves && pressed[at(m.body)] != 0) smooth_ = false;
+  }
+  for (Link& link : links_) {
+    link.joint = joints[at(link.number)];
+    link.mode.fill(JointLaw::Mode::kFree);
+    link.force = link.torque = Vec3::Zero();
+  }
+  weight_ = smooth_ ? 0.5 : 1;
+  if (smooth_) kick(-0.5 * settings_.h, rows);
+}
+
+// What is due to the rotation of a member.
+void JointGroup::refresh(std::size_t member, BodyRows& rows) {
+  Member& m = members_[member];
+  const Vec3 I(&inertia_[3 * member]);
+  m.W_root = m.row == 0 ? Mat3::Zero().eval() : conjugated(m.now.q, I.cwiseSqrt().cwiseInverse());
+  m.W = m.W_root * m.W_root;
+  if (!m.moves) return;
+  m.seen_spin = m.unroot * (m.W * momentum(member));
+  assign(rows.velocity[at(m.row)].angular, m.seen_spin);
+}
+
+// Forces alone, for a time that may be negative.
+void JointGroup::kick(double time, BodyRows& rows) {
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const Member& m = members_[k];
+    if (!m.moves) continue;
+    const BodyRow& a = rows.acceleration[at(m.row)];
+    add(rows.velocity[at(m.row)].linear, time * from_row(a.linear));
+    Vec3::Map(&L_[3 * k]) += time * (m.unroot * from_row(a.angular));
+    refresh(k, rows);
+  }
+}
+
+// Returns whether the velocities are others than those of the trial.
+bool JointGroup::read_momenta(const BodyRows& rows) {
+  bool changed = false;
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    Member& m = members_[k];
+    if (!m.moves) continue;
+    if (from_row(rows.velocity[at(m.row)].linear) != m.seen_velocity) changed = true;
+    const Vec3 spin = from_row(rows.velocity[at(m.row)].angular);
+    if (spin == m.seen_spin) continue;
+    Vec3::Map(&L_[3 * k]) += m.unroot * (spin - m.seen_spin);
+    m.seen_spin = spin;
+    changed = true;
+  }
+  return changed;
+}
+
+void JointGroup::write_momenta(BodyRows& rows) {
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    Member& m = members_[k];
+    if (!m.moves) continue;
+    const Vec3 spin = m.unroot * (m.W * momentum(k));
+    Point<double>& row = rows.velocity[at(m.row)].angular;
+    m.given_w += spin - from_row(row);
+    assign(row, spin);
+    m.seen_spin = spin;
+  }
+}
+
+// Call write_momenta() afterwards.
+void JointGroup::apply(Link& link, int row, double impulse, BodyRows& rows) {
+  link.impulse[at(row)] += impulse;
+  tried_ = false;
+  const auto give = [&](std::int32_t member, double l, const Vec3& angular) {
+    Member& m = members_[at(member)];
+    if (!m.moves) return;
+    const Vec3 v = l * m.scale * link.G.linear[row];
+    add(rows.velocity[at(m.row)].linear, v);
+    m.given_v += v;
+    Vec3::Map(&L_[3 * at(member)]) += l * angular;
+  };
+  give(link.a, impulse, link.G.angular_a[row]);
+  give(link.b, -impulse, link.G.angular_b[row]);
+}
+
+std::array<double, kJointRows> JointGroup::values(const Link& link, bool trial) const {
+  const auto side = [&](const Joint::Frame& frame, std::int32_t member) {
+    const Place& place = trial ? trial_[at(member)] : members_[at(member)].now;
+    return JointSide(frame, place.x, place.q);
+  };
+  return joint_values(link.joint.type, side(link.joint.in_a, link.a), side(link.joint.in_b, link.b),
+                      link.joint.coordinate, !trial || link.rows > link.equations);
+}
+
+void JointGroup::set_gradients() {
+  for (Link& link : links_) {
+    const Member &a = members_[at(link.a)], &b = members_[at(link.b)];
+    link.G = joint_gradients(link.joint.type, JointSide(link.joint.in_a, a.now.x, a.now.q),
+                             JointSide(link.joint.in_b, b.now.x, b.now.q));
+    link.begin = values(link, false);
+    for (int row = 0; row < link.rows; ++row) {
+      const auto of = [&](const Member& m, const Vec3& angular) {
+        return m.moves ? m.scale * m.scale * link.G.linear[row].squaredNorm() +
+                             angular.dot(m.W * angular)
+                       : 0;
+      };
+      link.mobility[at(row)] = of(a, link.G.angular_a[row]) + of(b, link.G.angular_b[row]);
+    }
+  }
+  factored_ = false;
+}
+
+void JointGroup::factor() {
+  matrix_.clear();
+  for (std::size_t j = 0; j < links_.size(); ++j) {
+    const Link& link = links_[j];
+    const auto piece = [&](const Member& m, double sign, int row, const Vec3& angular) {
+      JointMatrix::Piece p;
+      Vec3::Map(p.data()) = sign * m.scale * link.G.linear[row];
+      Vec3::Map(p.data() + 3) = sign * (m.W_root * angular);
+      return p;
+    };
+    for (int row = 0; row < link.rows; ++row) {
+      if (!link.active(row)) continue;
+      double E = regularisation_ * link.mobility[at(row)];
+      if (row >= link.equations) {
+        const std::size_t k = at(row - link.equations);
+        E += link.law[k].softness(link.mode[k]);
+      }
+      matrix_.set(static_cast<std::int32_t>(j), row,
+                  piece(members_[at(link.a)], 1, row, link.G.angular_a[row]),
+                  piece(members_[at(link.b)], -1, row, link.G.angular_b[row]), E);
+    }
+  }
+  matrix_.factor();
+  factored_ = true;
+}
+
+void JointGroup::begin_substep(BodyRows& rows) {
+  tried_ = false;
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    Member& m = members_[k];
+    const BodyRow &x = rows.displacement[at(m.row)], &free = rows.free[at(m.row)];
+    const BodyRow& a = rows.acceleration[at(m.row)];
+    // The half kick back that begins a step is none of what was before it.
+    const double kicked = settings_.h - weight_ * settings_.h;
+    m.v_before = m.scale * (from_row(free.linear) - weight_ * settings_.h * from_row(a.linear));
+    m.w_before = m.W * (momentum(k) + kicked * (m.unroot * from_row(a.angular)));
+    m.start = from_row(x.linear);
+    m.start_turn = from_row(x.angular);
+    if (!m.moves) continue;
+    BodyRow& v = rows.velocity[at(m.row)];
+    add(v.linear, -m.given_v);
+    add(v.angular, -m.given_w);
+    m.given_v = m.given_w = Vec3::Zero();
+  }
+  read_momenta(rows);
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    Member& m = members_[k];
+    m.now.x = m.origin + m.scale * m.start;
+    if (!m.moves || m.start_turn == m.seen_turn) continue;  // else by an impact
+    m.now.q = (rotation_by(m.root * (m.start_turn - m.seen_turn)) * m.now.q).normalized();
+    m.seen_turn = m.start_turn;
+    refresh(k, rows);
+  }
+  set_gradients();
+  for (Link& link : links_) {
+    set_laws(link, Stage::kMotion);
+    link.impulse.fill(0);
+    for (int row = 0; row < link.rows; ++row)
+      apply(link, row, weight_ * link.joint.impulse[at(row)], rows);
+  }
+  write_momenta(rows);
+}
+
+void JointGroup::sum_impulses(Link& link) const {
+  const Vec3 arm = members_[at(link.a)].now.q * link.joint.in_a.anchor;
+  for (int row = 0; row < link.rows; ++row) {
+    const Vec3 l = link.impulse[at(row)] * link.G.linear[row];
+    link.force += l;
+    link.torque += link.impulse[at(row)] * link.G.angular_a[row] - arm.cross(l);
+  }
+}
+
+void JointGroup::move(BodyRows& rows) {
+  if (read_momenta(rows) || !tried_) find_trial(rows);
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    Member& m = members_[k];
+    if (m.moves) {
+      const BodyRow& v = rows.velocity[at(m.row)];
+      BodyRow& x = rows.displacement[at(m.row)];
+      assign(x.linear, m.start + settings_.h * from_row(v.linear));
+      m.seen_turn = m.start_turn + settings_.h * from_row(v.angular);
+      assign(x.angular, m.seen_turn);
+    }
+  }
+  for (Link& link : links_) {
+    sum_impulses(link);
+    for (int row = 0; row < link.rows; ++row)
+      link.joint.impulse[at(row)] = link.impulse[at(row)] / weight_;
+  }
+  for (std::size_t k = 0; k < members_.size(); ++k) members_[k].now = trial_[k];
+  weight_ = 1;
+}
+
+void JointGroup::end_step(BodyRows& rows) {
+  if (smooth_) {
+    for (std::size_t k = 0; k < members_.size(); ++k) {
+      Member& m = members_[k];
+      m.v_before = m.scale * from_row(rows.velocity[at(m.row)].linear);
+      m.w_before = m.W * momentum(k);
+    }
+    kick(0.5 * settings_.h, rows);
+    weight_ = 0.5;
+    set_gradients();
+    for (Link& link : links_) {
+      set_laws(link, Stage::kVelocity);
+      link.impulse.fill(0);
+    }
+    iterate(Stage::kVelocity, rows);
+    for (Link& link : links_) sum_impulses(link);
+  }
+}
+
+void JointGroup::store(Bodies& bodies, std::span<Joint> joints, double dt) const {
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const Member& m = members_[k];
+    if (!m.moves) continue;
+    store_quaternion(m.now.q, &bodies.q[4 * at(m.body)]);
+    Vec3::Map(&bodies.L[3 * at(m.body)]) = momentum(k);
+  }
+  for (const Link& link : links_) {
+    Joint& joint = joints[at(link.number)];
+    const auto C = values(link, false);
+    joint.impulse = link.joint.impulse;
+    joint.coordinate = link.joint.coordinate;
+    joint.force = link.force / dt;
+    joint.torque = link.torque / dt;
+    joint.length_error = joint.angle_error = 0;
+    for (int row = 0; row < link.rows; ++row) {
+      double error = C[at(row)];
+      if (row >= link.equations) {
+        const bool own = row == coordinate_row(joint.type);
+        const double upper = own ? joint.upper : joint.cone;
+        error = std::max({0., error - upper, own ? joint.lower - error : 0.});
+      }
+      double& sum = link.G.linear[row].isZero(0) ? joint.angle_error : joint.length_error;
+      sum = std::hypot(sum, error);
+    }
+  }
+}
+
+}  // namespace substep::rigid

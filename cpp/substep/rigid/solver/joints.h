@@ -1,0 +1,59 @@
+// The joints of a step, within the sub-steps of the contact solver.
+//
+// Bodies that joints connect are solved for together, exactly, by a sparse factorization that
+// takes time linear in the links of a chain or tree (joint_matrix.h), so neither long chains nor
+// heavy ends need iterations. In a sub-step h the impulses l along the gradients G of the
+// constraints C at its begin are those with which the motion ends where C is what it was,
+//   v += M^-1 G^T l + h a,   C(x + h v, rotation of (q, L) in h) = C(x, q),
+// the rotation being the free one, by Newton's method: SHAKE (Ryckaert, Ciccotti and Berendsen
+// 1977, J. Comput. Phys. 23), symplectic and of second order, so that a pendulum keeps its energy.
+// A constraint on velocities at the begin alone, G v = 0, would take the part h w^2 / 2 of the
+// speed of all that turns at w in unit time. What is left of C is taken back apart, by
+// displacements without velocity, as contacts do (contact_solver.h).
+//
+// Velocities of SHAKE are those between the steps. Where no contact presses on bodies of a group, a
+// step begins with half a kick back and ends with half a kick and a projection on G v = 0 (RATTLE:
+// Andersen 1983, J. Comput. Phys. 52), so that its velocities are those of its time. Elsewhere, as
+// for contacts, the velocities of the last sub-step are taken for it.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "substep/rigid/solver/contact_constraint.h"
+#include "substep/rigid/solver/joint_group.h"
+
+namespace substep::rigid {
+
+class JointSolver {
+ public:
+  // Joints of which neither body moves by impulses rest. Changes rows.velocity.
+  void begin_step(const Bodies& bodies, std::span<const Joint> joints,
+                  std::span<const ContactConstraint> contacts, const JointGroup::Settings& settings,
+                  BodyRows& rows);
+
+  // Share no body that impulses move.
+  std::int64_t groups() const { return static_cast<std::int64_t>(groups_.size()); }
+  JointGroup& group(std::int64_t k) { return groups_[static_cast<std::size_t>(k)]; }
+
+  // After rows.store: rotations, angular momenta, and the state and reports of joints.
+  void store(Bodies& bodies, std::span<Joint> joints, double dt) const;
+
+ private:
+  void find_groups(const Bodies& bodies, std::span<const Joint> joints, const BodyRows& rows);
+
+  struct Key {
+    std::int32_t number, a, b;
+    JointType type;
+    int rows;
+    bool moves_a, moves_b;
+    bool operator==(const Key&) const = default;
+  };
+  std::vector<Key> keys_, found_;
+  std::vector<JointGroup> groups_;
+  std::vector<std::uint8_t> pressed_;
+  std::vector<std::int32_t> label_;
+};
+
+}  // namespace substep::rigid

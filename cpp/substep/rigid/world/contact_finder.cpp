@@ -1,0 +1,211 @@
+#include "substep/rigid/world/contact_finder.h"
+
+#include <algorithm>
+
+#include "substep/core/parallel.h"
+#include "substep/rigid/collision/mesh_contacts.h"
+#include "substep/rigid/collision/narrow_phase.h"
+#include "substep/rigid/distance/time_of_impact.h"
+
+namespace substep::rigid {
+namespace {
+
+constexpr std::int64_t kPairs = 64;  // per chunk
+// Slow is what approaches by less than this part of the smaller inner radius in a step.
+constexpr double kSlow = 0.5, kSlowBouncing = 0.1;
+constexpr double kMeeting = 1e-3;  // how near fast bodies are followed to each other, of the margin
+
+bool apart(const Bounds& p, const Bounds& q) {
+  return (p.low.array() > q.high.array()).any() || (q.low.array() > p.high.array()).any();
+}
+
+bool precedes(const ContactConstraint& c, const ContactConstraint& d) {
+  return c.fixture_a != d.fixture_a ? c.fixture_a < d.fixture_a : c.fixture_b < d.fixture_b;
+}
+
+const TriangleMesh* mesh_of(const Shape& shape) {
+  const auto* mesh = std::get_if<std::shared_ptr<const TriangleMesh>>(&shape);
+  return mesh ? mesh->get() : nullptr;
+}
+
+Pose body_at(Course course, double time) {
+  course.local = {};
+  return course.at(time);
+}
+
+}  // namespace
+
+// Of a chunk of pairs.
+class ContactFinder::Search {
+ public:
+  Search(const Fixtures& fixtures, std::span<const Motion> motion, std::span<const Way> ways,
+         bool continuous, std::vector<Cache>& caches, std::vector<Touch>& found)
+      : fixtures_(fixtures),
+        motion_(motion),
+        ways_(ways),
+        continuous_(continuous),
+        caches_(caches),
+        found_(found) {}
+
+  void look_at(const FixturePair& pair) {
+    if (apart(fixtures_.bounds()[at(pair.a)], fixtures_.bounds()[at(pair.b)])) return;
+    const Fixtures::Entry &a = fixtures_[pair.a], &b = fixtures_[pair.b];
+    const Way &way_a = ways_[at(a.body)], &way_b = ways_[at(b.body)];
+    const double approach =
+        (way_a.travel - way_b.travel).norm() + way_a.angle * a.outer + way_b.angle * b.outer;
+    const bool bounces = a.fixture.restitution > 0 || b.fixture.restitution > 0;
+    const double slow = (bounces ? kSlowBouncing : kSlow) * std::min(a.core.radius, b.core.radius);
+    const double margin = std::min(a.margin, b.margin);
+    const std::size_t before = found_.size();
+    collide_at(pair, fixtures_.pose(pair.a), fixtures_.pose(pair.b),
+               margin + std::min(approach, slow), 0);
+    if (continuous_ && approach > slow && found_.size() == before) follow(pair, margin);
+  }
+
+  ContactConstraint contact(const Touch& touch) const {
+    const Fixtures::Entry &a = fixtures_[touch.pair.a], &b = fixtures_[touch.pair.b];
+    ContactConstraint contact =
+        touch.time > 0 ? later(touch)
+                       : make_contact(touch.manifold, a.body, fixtures_.body_pose(a.body), b.body,
+                                      fixtures_.body_pose(b.body), acts_at(a.body, b.body));
+    contact.fixture_a = touch.pair.a, contact.fixture_b = touch.pair.b;
+    const Fixture &f = a.fixture, &g = b.fixture;
+    contact.friction = std::sqrt(f.friction * g.friction);
+    contact.restitution = std::max(f.restitution, g.restitution);
+    contact.spinning = std::max(f.spinning, g.spinning);
+    contact.rolling = std::max(f.rolling, g.rolling);
+    return contact;
+  }
+
+ private:
+  static std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
+
+  void collide_at(const FixturePair& pair, const Pose& pose_a, const Pose& pose_b, double margin,
+                  double time) {
+    const Shape &a = fixtures_[pair.a].fixture.shape, &b = fixtures_[pair.b].fixture.shape;
+    const TriangleMesh *mesh_a = mesh_of(a), *mesh_b = mesh_of(b);
+    if (!mesh_a && !mesh_b) {
+      found_.push_back({pair, time, {}});
+      if (!collide(a, pose_a, b, pose_b, margin, found_.back().manifold, caches_[at(pair.slot)]))
+        found_.pop_back();
+      return;
+    }
+    manifolds_.clear();
+    if (mesh_b) {
+      collide_mesh(a, pose_a, *mesh_b, pose_b, margin, manifolds_);
+    } else {
+      collide_mesh(b, pose_b, *mesh_a, pose_a, margin, manifolds_);
+      for (Manifold& manifold : manifolds_) manifold.flip();
+    }
+    for (const Manifold& manifold : manifolds_) found_.push_back({pair, time, manifold});
+  }
+
+  // Where two will meet in this step, if they do.
+  void follow(const FixturePair& pair, double margin) {
+    const Course a = course(pair.a), b = course(pair.b);
+    const Impact impact = time_of_impact(fixtures_[pair.a].fixture.shape, a,
+                                         fixtures_[pair.b].fixture.shape, b, 0, kMeeting * margin);
+    if (impact.state == Impact::State::kTouching)
+      collide_at(pair, a.at(impact.time), b.at(impact.time), margin, impact.time);
+  }
+
+  // With displacements x and rotation vectors w until then, C at the begin is
+  //   C then - n . (x_b + w_b x r_b - x_a - w_a x r_a).
+  ContactConstraint later(const Touch& touch) const {
+    const Course a = course(touch.pair.a), b = course(touch.pair.b);
+    ContactConstraint contact =
+        make_contact(touch.manifold, fixtures_[touch.pair.a].body, body_at(a, touch.time),
+                     fixtures_[touch.pair.b].body, body_at(b, touch.time));
+    for (int k = 0; k < contact.count; ++k) {
+      ContactConstraint::Point& p = contact.points[k];
+      p.separation -= touch.time * contact.normal.dot((b.travel + b.turn.cross(p.arm_b)) -
+                                                      (a.travel + a.turn.cross(p.arm_a)));
+    }
+    return contact;
+  }
+
+  // Between two that move midway; else on the surface of the one that does, which so rolls by its
+  // radius however deep it is.
+  double acts_at(std::int32_t a, std::int32_t b) const {
+    if (motion_[at(a)] != Motion::kDynamic) return 1;
+    return motion_[at(b)] != Motion::kDynamic ? 0 : 0.5;
+  }
+
+  Course course(std::int32_t f) const {
+    const std::int32_t body = fixtures_[f].body;
+    const Way& way = ways_[at(body)];
+    return {fixtures_.body_pose(body), way.travel, way.turn, fixtures_[f].fixture.local};
+  }
+
+  const Fixtures& fixtures_;
+  std::span<const Motion> motion_;
+  std::span<const Way> ways_;
+  bool continuous_;
+  std::vector<Cache>& caches_;
+  std::vector<Touch>& found_;
+  std::vector<Manifold> manifolds_;
+};
+
+namespace {
+
+// Goes through the contacts of the last step along with those of this one.
+class Carry {
+ public:
+  Carry(std::span<const ContactConstraint> last, const ContactConstraint& first)
+      : next_(std::lower_bound(last.begin(), last.end(), first, precedes)), end_(last.end()) {}
+
+  // Of several contacts of one pair (on a mesh) each takes the impulses of the one with the nearest
+  // normal.
+  void operator()(ContactConstraint& contact) {
+    while (next_ != end_ && precedes(*next_, contact)) ++next_;
+    auto nearest = next_;
+    for (auto c = next_; c != end_ && !precedes(contact, *c); ++c)
+      if (c->normal.dot(contact.normal) > nearest->normal.dot(contact.normal)) nearest = c;
+    if (nearest != end_ && !precedes(contact, *nearest)) carry_impulses(*nearest, contact);
+  }
+
+ private:
+  std::span<const ContactConstraint>::iterator next_, end_;
+};
+
+}  // namespace
+
+void ContactFinder::find(std::span<const FixturePair> pairs, std::int32_t slots,
+                         const Fixtures& fixtures, std::span<const Motion> motion,
+                         std::span<const Way> ways, std::span<const ContactConstraint> last,
+                         bool continuous, std::vector<ContactConstraint>& contacts, int threads) {
+  caches_.resize(static_cast<std::size_t>(slots));
+  const auto n = static_cast<std::int64_t>(pairs.size());
+  const auto chunks = static_cast<std::size_t>((n + kPairs - 1) / kPairs);
+  touches_.resize(chunks);
+  parallel_for(
+      n, kPairs,
+      [&](std::int64_t begin, std::int64_t end) {
+        auto& found = touches_[static_cast<std::size_t>(begin / kPairs)];
+        found.clear();
+        Search search(fixtures, motion, ways, continuous, caches_, found);
+        for (std::int64_t k = begin; k < end; ++k)
+          search.look_at(pairs[static_cast<std::size_t>(k)]);
+      },
+      threads);
+  first_.assign(1, 0);
+  for (const auto& found : touches_) first_.push_back(first_.back() + found.size());
+  contacts.resize(first_.back());
+  parallel_chunks(
+      static_cast<std::int64_t>(chunks),
+      [&](std::int64_t chunk) {
+        const auto c = static_cast<std::size_t>(chunk);
+        if (touches_[c].empty()) return;
+        const Search search(fixtures, motion, ways, continuous, caches_, touches_[c]);
+        ContactConstraint* contact = &contacts[first_[c]];
+        contact->fixture_a = touches_[c][0].pair.a, contact->fixture_b = touches_[c][0].pair.b;
+        Carry carry(last, *contact);
+        for (const Touch& touch : touches_[c]) {
+          *contact = search.contact(touch);
+          carry(*contact++);
+        }
+      },
+      threads);
+}
+
+}  // namespace substep::rigid

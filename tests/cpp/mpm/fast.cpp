@@ -1,0 +1,144 @@
+// The fast path against the general one, which is tested against its formulas: each material on
+// random states, over steps that flow and yield.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+#include <vector>
+
+#include "cloud.h"
+#include "substep/mpm/general/general.h"
+
+namespace substep::mpm {
+namespace {
+
+constexpr double kCell = 0.1;
+
+// One of each, with the strains of the states below far beyond where those that yield do.
+const std::vector<AnyMaterial>& samples() {
+  static const std::vector<AnyMaterial> materials{
+      NeoHookean{.density = 1000, .mu = 400, .lambda = 600},
+      FixedCorotated{.density = 1000, .mu = 400, .lambda = 600},
+      Fluid{.density = 1000, .bulk_modulus = 2000, .viscosity = 2},
+      Snow{.density = 400, .mu = 400, .lambda = 300},
+      Sand{.density = 1500, .mu = 500, .lambda = 500},
+      VonMises{.density = 1800, .mu = 500, .lambda = 800, .yield_stress = 20},
+      HerschelBulkley{
+          .density = 1800, .mu = 500, .lambda = 800, .yield_stress = 20, .consistency = 5}};
+  return materials;
+}
+
+// Particles of all materials at random places of a box, in random states.
+template <class Real, int D>
+Particles<Real, D> random_particles(const std::vector<AnyMaterial>& materials, int of_each) {
+  std::mt19937 random(11);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  Particles<Real, D> particles;
+  particles.cell = kCell;
+  particles.materials = materials;
+  std::vector<ParticleRows<Real, D>> all;
+  std::int32_t id = 0;
+  for (const AnyMaterial& material : materials) {
+    ParticleRows<Real, D> rows;
+    for (int k = 0; k < of_each; ++k) {
+      transfer::Index<D> block;
+      for (int& b : block) {
+        const Place at = place(4 * uniform(random));
+        b = at.block;
+        rows.state.push_back(Real(at.x));
+      }
+      rows.blocks.push_back(block);
+      std::visit(
+          [&]<class M>(const M&) {
+            const auto fields = initial_fields<M, D>();
+            const std::size_t own = fields.size() - M::kState.size();
+            for (std::size_t f = 0; f < fields.size(); ++f) {
+              // F: any; the material's own numbers grow from where they begin.
+              const double change = f < own ? 0.15 * uniform(random) : 0.05 * (1 + uniform(random));
+              rows.state.push_back(Real(fields[f] + change));
+            }
+          },
+          material);
+      for (int m = 0; m < D + D * D; ++m) {
+        rows.motion.push_back(Real(uniform(random) / (m < D ? 1 : kCell)));
+      }
+      rows.volume.push_back(Real(std::pow(kCell, D) / 8 * (1 + 0.3 * uniform(random))));
+      rows.ids.push_back(id++);
+    }
+    all.push_back(rows);
+  }
+  assign<Real, D>(particles, all, Order::kCells, 2);
+  return particles;
+}
+
+// The largest difference between numbers of a kind, relative to the largest number of that kind.
+template <class Real>
+double difference(const std::vector<Real>& a, const std::vector<Real>& b, std::size_t kinds) {
+  double result = a.size() == b.size() && !a.empty() ? 0 : 1;
+  for (std::size_t kind = 0; kind < kinds; ++kind) {
+    double largest = 0, apart = 0;
+    for (std::size_t k = kind; k < b.size(); k += kinds) {
+      largest = std::max(largest, std::abs(double(b[k])));
+      const double d = std::abs(double(a[k]) - double(b[k]));
+      if (!(d <= apart)) apart = d;  // also where it is NaN
+    }
+    if (largest > 0 && !(apart / largest <= result)) result = apart / largest;
+  }
+  return result;
+}
+
+template <class Real, int D>
+void expect_equal(const std::vector<AnyMaterial>& materials, int of_each) {
+  const double tolerance = std::is_same_v<Real, float> ? 2e-5 : 1e-12;
+  const double steps[] = {4e-3, 3e-3, 5e-3};  // c = 1 m/s or so
+  std::array<double, D> g_dt{};
+  g_dt[D - 1] = -0.04;
+  auto fast = random_particles<Real, D>(materials, of_each);
+  auto general = random_particles<Real, D>(materials, of_each);
+
+  Nodes<Real, D> nodes, next, before;
+  p2g(fast, steps[0], nodes, 2);
+  update_nodes(fast, nodes, g_dt);
+  for (int k = 1; k < 3; ++k) {
+    g2p2g(fast, steps[k - 1], steps[k], nodes, next, 2);
+    update_nodes(fast, next, g_dt);
+    std::swap(nodes, next);
+  }
+  g2p(fast, steps[2], nodes, 2);
+
+  for (const double dt : steps) {
+    p2g(Scheme{}, general, dt, nodes, before, 2);
+    update_nodes(general, nodes, g_dt);
+    g2p(Scheme{}, general, dt, nodes, before, 2);
+  }
+  for (std::size_t g = 0; g < materials.size(); ++g) {
+    const auto a = rows(fast, g), b = rows(general, g);
+    const auto n = a.ids.size();
+    EXPECT_EQ(a.ids, b.ids);
+    EXPECT_EQ(n, std::size_t(of_each));
+    EXPECT_LT(difference(a.state, b.state, a.state.size() / n), tolerance) << g;
+    EXPECT_LT(difference(a.motion, b.motion, a.motion.size() / n), tolerance) << g;
+  }
+}
+
+template <class Real, int D>
+void expect_equal_for_each_material() {
+  ASSERT_EQ(samples().size(), std::variant_size_v<AnyMaterial>);
+  for (std::size_t k = 0; k < samples().size(); ++k) {
+    ASSERT_EQ(samples()[k].index(), k);
+    SCOPED_TRACE(std::visit([](const auto& m) { return m.kName; }, samples()[k]));
+    expect_equal<Real, D>({samples()[k]}, D == 3 ? 2000 : 300);
+  }
+}
+
+TEST(MpmFast, IsTheGeneralPath3dFloat) { expect_equal_for_each_material<float, 3>(); }
+TEST(MpmFast, IsTheGeneralPath3dDouble) { expect_equal_for_each_material<double, 3>(); }
+TEST(MpmFast, IsTheGeneralPath2dFloat) { expect_equal_for_each_material<float, 2>(); }
+TEST(MpmFast, IsTheGeneralPath2dDouble) { expect_equal_for_each_material<double, 2>(); }
+TEST(MpmFast, IsTheGeneralPathForAllMaterialsTogether) {
+  expect_equal<double, 3>(samples(), 300);
+  expect_equal<double, 2>(samples(), 50);
+}
+
+}  // namespace
+}  // namespace substep::mpm
