@@ -13,7 +13,7 @@
 #include "substep/mpm/general/general.h"
 #include "substep/mpm/particles/particle_loop.h"
 #include "substep/mpm/solver/text.h"
-#include "substep/transfer/weights.h"
+#include "substep/transfer/scatter.h"
 
 namespace substep::mpm {
 
@@ -310,7 +310,6 @@ void Solver<Real, D>::recover(const NextStep& step) {
 // Adds the momentum of the forces on the particles to the nodes; returns their work [J].
 template <class Real, int D>
 double Solver<Real, D>::push(double dt) {
-  constexpr int kNodes = 3;
   const std::vector<std::int32_t> places = places_of_ids();
   double work = 0;
   for (std::size_t b = 0; b < particles_.layout.particle_keys.size(); ++b) {
@@ -326,28 +325,13 @@ double Solver<Real, D>::push(double dt) {
                 density(options_.materials[g]) *
                 static_cast<double>(particles_.groups[g].volume[s.template id_index<Real>()]);
             work += dt * f.dot(velocity_of(particles_, s) + dt / (2 * m) * f);
-            transfer::Spline<double, 2> axis[3] = {};
+            std::array<double, D> x, along;
             for (int d = 0; d < D; ++d) {
-              axis[d] = transfer::spline<2>(static_cast<double>(state_of(particles_, s, d)));
+              x[static_cast<std::size_t>(d)] = static_cast<double>(state_of(particles_, s, d));
+              along[static_cast<std::size_t>(d)] = f[d];
             }
-            const auto& arena = particles_.layout.arenas[b];
-            for (int i = 0; i < kNodes; ++i) {
-              for (int j = 0; j < kNodes; ++j) {
-                for (int k = 0; k < (D == 3 ? kNodes : 1); ++k) {
-                  const int at[3] = {axis[0].first + i, axis[1].first + j, axis[2].first + k};
-                  double w = axis[0].w[i] * axis[1].w[j] * dt;
-                  if (D == 3) w *= axis[2].w[k];
-                  std::size_t corner = 0, node = 0;
-                  for (int d = 0; d < D; ++d) {
-                    corner = corner * 2 + static_cast<std::size_t>(at[d] / transfer::kBlock);
-                    node = node * transfer::kBlock +
-                           static_cast<std::size_t>(at[d] % transfer::kBlock);
-                  }
-                  Real* to = nodes_.block(arena[corner]) + node * transfer::kNodeReals;
-                  for (int d = 0; d < D; ++d) to[d] += static_cast<Real>(w * f[d]);
-                }
-              }
-            }
+            transfer::scatter<Real, D>(options_.order, x, along, dt, particles_.layout.arenas[b],
+                                       nodes_);
           }
         });
   }
