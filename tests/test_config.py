@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 import substep
-from substep import _native
+from substep.base import native
 
 
 def run_python(code, **env):
@@ -19,7 +19,7 @@ def run_python(code, **env):
 
 
 def installed_levels():
-    folder = os.path.join(os.path.dirname(_native.__file__), "_isa")
+    folder = os.path.join(os.path.dirname(substep.__file__), "_isa")
     return sorted(os.listdir(folder))
 
 
@@ -28,7 +28,7 @@ def test_show_config_prints_what_it_returns(capsys):
     printed = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
     assert printed == entries
     assert entries["substep"] == substep.__version__
-    assert entries["level"] in _native.LEVELS
+    assert entries["level"] in native.LEVELS
     assert entries["threads"] == str(substep.num_threads())
     assert entries["numpy"] == np.__version__
     versions = substep._core.library_versions()
@@ -37,10 +37,10 @@ def test_show_config_prints_what_it_returns(capsys):
 
 
 def test_every_installed_level_can_be_chosen():
-    usable = _native.LEVELS.index(substep._cpu.level())
+    usable = native.LEVELS.index(substep._cpu.level())
     for level in installed_levels():
         done = run_python("import substep; print(substep._core.level)", SUBSTEP_ISA=level)
-        if _native.LEVELS.index(level) <= usable:
+        if native.LEVELS.index(level) <= usable:
             assert done.stdout.strip() == level, done.stderr
         else:
             assert done.returncode != 0 and "ImportError" in done.stderr
@@ -78,7 +78,7 @@ except ImportError as error:
 
 
 def test_loading_twice_gives_the_same_module():
-    assert _native.load() is substep._core is _native.load()
+    assert native.load() is substep._core is native.load()
 
 
 def test_import_is_lazy_and_quick():
