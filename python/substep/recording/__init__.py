@@ -1,4 +1,4 @@
-"""Recordings read back as arrays, whether packed or still a journal."""
+"""Recordings: frames appended to a journal, packed into VTKHDF, read back as arrays."""
 
 from .parts import Part
 from .reader import RecordedPart, Recording
