@@ -1,3 +1,4 @@
+import inspect
 import os
 import subprocess
 import sys
@@ -89,9 +90,12 @@ def test_import_is_lazy_and_quick():
 def test_unknown_names_and_dir():
     with pytest.raises(AttributeError, match="no attribute 'solve_pvi'"):
         substep.solve_pvi  # noqa: B018
-    assert set(substep.__all__) <= set(dir(substep))
+    assert set(dir(substep)) == {*substep.__all__, "__version__"}
     for name in substep.__all__:
-        assert getattr(substep, name) is not None
+        value = getattr(substep, name)
+        assert value is not None
+        if inspect.ismodule(value):
+            assert dir(value) == sorted(value.__all__)
 
 
 def test_state_hash_sees_every_bit():

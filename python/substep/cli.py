@@ -148,6 +148,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         The exit code.
 
+    Raises
+    ------
+    Exception
+        What went wrong, where `--traceback` is given; the exit code tells otherwise.
+
     Examples
     --------
     >>> from substep.cli import main
