@@ -20,7 +20,7 @@ import pytest
 import substep
 from substep.cli import main
 
-TOY = Path(__file__).with_name("toy_scene.py")
+TOY = Path(__file__).parent / "scenes/toy_scene.py"
 
 
 @pytest.fixture(autouse=True)

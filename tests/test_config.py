@@ -1,3 +1,4 @@
+import inspect
 import os
 import subprocess
 import sys
@@ -5,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 import substep
-from substep import _native
+from substep.base import native
 
 
 def run_python(code, **env):
@@ -19,7 +20,7 @@ def run_python(code, **env):
 
 
 def installed_levels():
-    folder = os.path.join(os.path.dirname(_native.__file__), "_isa")
+    folder = os.path.join(os.path.dirname(substep.__file__), "_isa")
     return sorted(os.listdir(folder))
 
 
@@ -28,7 +29,7 @@ def test_show_config_prints_what_it_returns(capsys):
     printed = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
     assert printed == entries
     assert entries["substep"] == substep.__version__
-    assert entries["level"] in _native.LEVELS
+    assert entries["level"] in native.LEVELS
     assert entries["threads"] == str(substep.num_threads())
     assert entries["numpy"] == np.__version__
     versions = substep._core.library_versions()
@@ -37,10 +38,10 @@ def test_show_config_prints_what_it_returns(capsys):
 
 
 def test_every_installed_level_can_be_chosen():
-    usable = _native.LEVELS.index(substep._cpu.level())
+    usable = native.LEVELS.index(substep._cpu.level())
     for level in installed_levels():
         done = run_python("import substep; print(substep._core.level)", SUBSTEP_ISA=level)
-        if _native.LEVELS.index(level) <= usable:
+        if native.LEVELS.index(level) <= usable:
             assert done.stdout.strip() == level, done.stderr
         else:
             assert done.returncode != 0 and "ImportError" in done.stderr
@@ -78,7 +79,7 @@ except ImportError as error:
 
 
 def test_loading_twice_gives_the_same_module():
-    assert _native.load() is substep._core is _native.load()
+    assert native.load() is substep._core is native.load()
 
 
 def test_import_is_lazy_and_quick():
@@ -89,9 +90,12 @@ def test_import_is_lazy_and_quick():
 def test_unknown_names_and_dir():
     with pytest.raises(AttributeError, match="no attribute 'solve_pvi'"):
         substep.solve_pvi  # noqa: B018
-    assert set(substep.__all__) <= set(dir(substep))
+    assert set(dir(substep)) == {*substep.__all__, "__version__"}
     for name in substep.__all__:
-        assert getattr(substep, name) is not None
+        value = getattr(substep, name)
+        assert value is not None
+        if inspect.ismodule(value):
+            assert dir(value) == sorted(value.__all__)
 
 
 def test_state_hash_sees_every_bit():

@@ -119,3 +119,40 @@ def test_stub_comparison_sees_a_renamed_parameter():
     after = surface(ast.parse("def f(b: int) -> int: ...\nclass A:\n    def g(self): ...").body)
     assert before == {"f": "(a)", "A": "class", "A.g": "()"}
     assert before != after
+
+
+def test_the_tree_in_the_docs_is_what_the_command_prints():
+    house = load_check("print_house")
+    assert house.MARKS[0] + house.tree() + house.MARKS[1] in house.PAGE.read_text()
+
+
+@pytest.mark.parametrize(
+    ("file", "line", "broken"),
+    [
+        ("errors.py", "", None),
+        ("base/checks.py", "def f():\n    from ..recording import Recording\n", "one way"),
+        ("pbd/rest.py", "from ..pbf import fluid\n", "one way"),
+        ("springs/soft_body.py", "def f():\n    import substep.cli\n", "one way"),
+        ("view/look.py", "if TYPE_CHECKING:\n    from .view import View\n", "no circles"),
+    ],
+)
+def test_wrong_imports_are_found(tmp_path, file, line, broken):
+    pytest.importorskip("importlinter", reason="import-linter is a tool of .ci/run")
+    source = ROOT / "python/substep"
+    for path in source.rglob("*.py"):
+        copied = tmp_path / "substep" / path.relative_to(source)
+        copied.parent.mkdir(parents=True, exist_ok=True)
+        copied.write_text(path.read_text())
+    with open(tmp_path / "substep" / file, "a") as changed:
+        changed.write(line)
+    code = "import importlinter.cli; importlinter.cli.lint_imports_command()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "--no-cache", "--config", str(ROOT / "pyproject.toml")],
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert (done.returncode == 0) == (broken is None), done.stdout + done.stderr
+    assert broken is None or f"{broken} BROKEN" in done.stdout

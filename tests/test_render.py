@@ -110,7 +110,7 @@ def test_a_missing_extra_is_named(recording, tmp_path, capsys, monkeypatch, modu
 
 def test_run_without_matplotlib_still_records(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    toy = Path(__file__).with_name("toy_scene.py")
+    toy = Path(__file__).parent / "scenes/toy_scene.py"
     assert main(["run", str(toy), "--out", str(tmp_path / "run")]) == 0
     out, err = capsys.readouterr()
     assert "recording: " in out and "no picture: matplotlib is missing" in err
@@ -125,7 +125,7 @@ def test_a_picture_that_cannot_be_written(recording, tmp_path, capsys):
 
 
 def test_a_recording_of_a_scene_file_is_drawn_by_it(tmp_path, capsys):
-    toy = Path(__file__).with_name("toy_scene.py")
+    toy = Path(__file__).parent / "scenes/toy_scene.py"
     scene = tmp_path / "scene.py"
     picture = (
         "\ndef picture(recording, frame, figure):\n    figure.set_facecolor((1.0, 0.0, 0.0))\n"

@@ -34,7 +34,7 @@ py::tuple tuple_of(const World& world, const std::optional<FixtureHit>& hit) {
   return tuple_of(world, std::span(&one, 1));
 }
 
-// The fields of Contacts in python/substep/_rigid_queries.py.
+// The fields of Contacts in python/substep/rigid/queries.py.
 py::tuple contacts(const PyWorld& self) {
   const auto awake = self.world.contacts(), asleep = self.world.sleeping_contacts();
   std::vector<ContactConstraint> all(awake.begin(), awake.end());

@@ -1,14 +1,14 @@
 """The figure of docs/mpm.md: run-out of columns of sand, a collapse, and two disks that collide.
 
-python docs/figures/mpm.py, with tests/ on PYTHONPATH, whose problems these are.
+python docs/figures/mpm.py, with tests/mpm/ on PYTHONPATH, whose problems these are.
 """
 
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from test_mpm_granular import column, run_out
-from test_mpm_physics import Disks
+from test_granular import column, run_out
+from test_physics import Disks
 
 FOLDER = Path(__file__).resolve().parent
 # Okabe and Ito's colours.

@@ -23,9 +23,16 @@ _EXPORTS = {
         "TruncatedError",
         "VersionError",
     ),
-    "ensemble": ("EnsembleResult", "solve_ensemble"),
     "export": ("pack",),
-    "ode": ("OdeResult", "OdeSolution", "solve_ivp"),
+    "ode": (
+        "EnsembleResult",
+        "OdeResult",
+        "OdeSolution",
+        "SecondOrderResult",
+        "solve_ensemble",
+        "solve_ivp",
+        "solve_second_order",
+    ),
     "recording": ("Part", "Recorder", "Recording"),
     "fields": (
         "ABC",
@@ -44,9 +51,8 @@ _EXPORTS = {
     "pbd": ("Distance", "PositionBasedDynamics"),
     "pbf": ("Emitter", "PositionBasedFluid", "Sink", "fill_box", "fill_mesh", "relax"),
     "rigid": ("RigidBatch", "RigidBodies"),
-    "second_order": ("SecondOrderResult", "solve_second_order"),
     "springs": ("MassSpring", "SoftBody"),
-    "scipy_solvers": (
+    "ode.scipy_solvers": (
         "DOP853",
         "RK4",
         "RK45",
@@ -86,7 +92,6 @@ __all__ = sorted([*_MODULE_OF, *_SUBMODULES])
 if TYPE_CHECKING:
     from . import _core as _core
     from .config import num_threads, set_num_threads, show_config, state_hash
-    from .ensemble import EnsembleResult, solve_ensemble
     from .errors import (
         ConvergenceError,
         CorruptError,
@@ -114,12 +119,16 @@ if TYPE_CHECKING:
     )
     from .geometry import Box, Plane, SignedDistanceField, Sphere, liquid_surface
     from .mpm import MaterialPointMethod
-    from .ode import OdeResult, OdeSolution, solve_ivp
-    from .pbd import Distance, PositionBasedDynamics
-    from .pbf import Emitter, PositionBasedFluid, Sink, fill_box, fill_mesh, relax
-    from .recording import Part, Recorder, Recording
-    from .rigid import RigidBatch, RigidBodies
-    from .scipy_solvers import (
+    from .ode import (
+        EnsembleResult,
+        OdeResult,
+        OdeSolution,
+        SecondOrderResult,
+        solve_ensemble,
+        solve_ivp,
+        solve_second_order,
+    )
+    from .ode.scipy_solvers import (
         DOP853,
         RK4,
         RK45,
@@ -129,13 +138,16 @@ if TYPE_CHECKING:
         Midpoint,
         Radau,
     )
-    from .second_order import SecondOrderResult, solve_second_order
+    from .pbd import Distance, PositionBasedDynamics
+    from .pbf import Emitter, PositionBasedFluid, Sink, fill_box, fill_mesh, relax
+    from .recording import Part, Recorder, Recording
+    from .rigid import RigidBatch, RigidBodies
     from .springs import MassSpring, SoftBody
 
 
 def __getattr__(name: str) -> Any:
     if name == "_core":
-        from ._native import load
+        from .base.native import load
 
         value: Any = load()
     elif name in _MODULE_OF:
@@ -149,4 +161,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *__all__])
+    return [*__all__, "__version__"]

@@ -18,13 +18,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from . import __version__
-from ._progress import Progress
 from .errors import FormatError, InputError, SolverError, SubstepError
+from .scenes.progress import Progress
 
 if TYPE_CHECKING:
-    from ._config import RunConfig
-    from .render import Camera
     from .scenes import Outcome, Scene
+    from .scenes.run_config import RunConfig
+    from .view import Camera
+
+__all__ = ["main"]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
 
 USAGE, FAILED, INTERRUPTED, PIPE_CLOSED, TERMINATED = 2, 1, 130, 141, 143
 
@@ -141,6 +148,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         The exit code.
 
+    Raises
+    ------
+    Exception
+        What went wrong, where `--traceback` is given; the exit code tells otherwise.
+
     Examples
     --------
     >>> from substep.cli import main
@@ -215,14 +227,14 @@ def _describe_os_error(error: OSError) -> str:
 
 def _given(name: str, text: str | None) -> Any:
     """An option that is also a key of the configuration, checked by the same rule."""
-    from ._config import KEYS
+    from .scenes.run_config import KEYS
 
     return None if text is None else KEYS[name].parse(f"--{name}", text)
 
 
 def _settings(arguments: argparse.Namespace) -> tuple[dict[str, Any], RunConfig | None]:
     """Options over configuration: what is typed wins."""
-    from ._config import read_config
+    from .scenes.run_config import read_config
 
     config = read_config(arguments.config) if arguments.config is not None else None
     values = dict(config.values) if config is not None else {}
@@ -391,8 +403,7 @@ def _info(arguments: argparse.Namespace) -> None:
 
 def _render(arguments: argparse.Namespace) -> None:
     from .render import save_movie, save_picture
-    from .scenes import load
-    from .scenes.declaration import Parameter
+    from .scenes import Parameter, load
 
     out = arguments.out or arguments.file.with_suffix(".png")
     suffix = out.suffix.lower()
@@ -419,7 +430,7 @@ def _render(arguments: argparse.Namespace) -> None:
 
 def _camera(text: str) -> Camera:
     """`azimuth,elevation` or `azimuth,elevation,distance`."""
-    from .render import Camera
+    from .view import Camera
 
     try:
         numbers = [float(word) for word in text.split(",")]

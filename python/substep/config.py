@@ -10,7 +10,13 @@ from typing import Any
 import numpy as np
 
 from . import __version__, _core
-from ._checks import check_integer
+from .base.checks import check_integer
+
+__all__ = ["num_threads", "set_num_threads", "show_config", "state_hash"]
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 def num_threads() -> int:

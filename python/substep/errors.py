@@ -5,6 +5,23 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+__all__ = [
+    "ConvergenceError",
+    "CorruptError",
+    "FormatError",
+    "InputError",
+    "NonFiniteError",
+    "SingularMatrixError",
+    "SolverError",
+    "SubstepError",
+    "TruncatedError",
+    "VersionError",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
 
 class SubstepError(Exception):
     """Root of every exception that substep raises on its own account."""

@@ -15,10 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
-from ._checks import check_array, check_choice, check_integer, check_real
+from .base.checks import check_array, check_choice, check_integer, check_real
 from .errors import ConvergenceError, InputError, NonFiniteError
 
 __all__ = ["LU", "Cholesky", "CholeskyReport", "KrylovResult", "LUReport", "bicgstab", "cg"]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
 
 _SYMMETRY = 1e-10  # of the largest entry: how far a matrix called symmetric may be from it
 

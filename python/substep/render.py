@@ -15,17 +15,30 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ._checks import check_integer, check_real
-from ._view import Camera as Camera
-from ._view import Look as Look
-from ._view import View as View
+from .base.checks import check_integer, check_real
 from .errors import InputError
+from .recording import Recording
+from .scenes import Scene, load, names
+from .view import Camera, Look, View, marker_area, plain_picture
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from .recording import Recording
-    from .scenes import Scene
+__all__ = [
+    "Camera",
+    "Look",
+    "View",
+    "draw",
+    "marker_area",
+    "plain_picture",
+    "save_movie",
+    "save_picture",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__
+
 
 SIZE = (9.6, 5.4)  # inches
 DPI = 100  # of movies, 960 x 540 pixels
@@ -155,8 +168,6 @@ def save_picture(
     >>> picture.name
     'gyre.png'
     """
-    from .recording import Recording
-
     matplotlib = _matplotlib()
     out = Path(out)
     with Recording(path) as recording, matplotlib.rc_context(STYLE):
@@ -214,8 +225,6 @@ def save_movie(
     >>> substep.render.save_movie("kepler.vtkhdf", "kepler.mp4", fps=12)  # doctest: +SKIP
     PosixPath('kepler.mp4')
     """
-    from .recording import Recording
-
     matplotlib = _matplotlib()
     try:
         import imageio_ffmpeg
@@ -283,8 +292,6 @@ def _frame_number(recording: Recording, frame: int) -> int:
 def _picture_of(
     recording: Recording, scene: Scene | None, camera: Camera | None, color: str | None
 ) -> Callable[[Recording, int, Figure], None]:
-    from .scenes import load, names
-
     if scene is None and recording.scene in names():
         scene = load(recording.scene)
     picture: Callable[[Recording, int, Figure], None] | None
@@ -309,65 +316,3 @@ def _is_flat(recording: Recording) -> bool:
         for frame in (0, -1)
         for points in (part["points"] for part in recording.frame(frame).values())
     )
-
-
-def plain_picture(recording: Recording, frame: int, figure: Figure) -> None:
-    """Draw the points of every part in the plane, coloured by the first field.
-
-    Parameters
-    ----------
-    recording : Recording
-        The recording.
-    frame : int
-        Frame number from 0.
-    figure : matplotlib.figure.Figure
-        Drawn on.
-
-    Examples
-    --------
-    >>> import substep
-    >>> substep.render.plain_picture(recording, 0, figure)  # doctest: +SKIP
-    """
-    arrays = recording.frame(frame)
-    axes: Any = figure.add_subplot()
-    for name, part in recording.parts.items():
-        points = arrays[name]["points"]
-        columns = points.T[:2]
-        style: dict[str, Any] = {"s": marker_area(len(points)), "linewidths": 0, "label": name}
-        field = next(iter(part.fields), None)
-        if field is None:
-            axes.scatter(*columns, **style)
-            continue
-        values = arrays[name][field]
-        values = np.linalg.norm(values, axis=1) if values.ndim == 2 else values
-        shown = axes.scatter(*columns, c=values, **style)
-        unit = part.fields[field]
-        figure.colorbar(shown, ax=axes, label=f"{name}: {field}" + (f" [{unit}]" if unit else ""))
-    axes.set_aspect("equal")
-    axes.set_xlabel("x")
-    axes.set_ylabel("y")
-    axes.set_title(
-        f"{recording.scene or 'recording'}, t = {recording.times[frame]:.4g} s", loc="left"
-    )
-
-
-def marker_area(points: int) -> float:
-    """Area of a marker [points^2] with which so many fill a figure without hiding each other.
-
-    Parameters
-    ----------
-    points : int
-        How many markers there are.
-
-    Returns
-    -------
-    float
-        The area.
-
-    Examples
-    --------
-    >>> import substep
-    >>> substep.render.marker_area(10)
-    30.0
-    """
-    return float(np.clip(2e5 / max(points, 1), 0.2, 30.0))

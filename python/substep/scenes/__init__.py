@@ -5,3 +5,7 @@ from .declaration import Parameter, Scene
 from .run import Outcome, Plan, run
 
 __all__ = ["Outcome", "Parameter", "Plan", "Scene", "load", "names", "run"]
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -11,32 +11,32 @@ from pathlib import Path
 from ..errors import InputError
 from .declaration import Scene, closest
 
-BUILT_IN = (
-    "box-stack",
-    "bunny-snow",
-    "cloth-ball",
-    "cloth-drape",
-    "cloth-hang",
-    "cradle",
-    "dam-break",
-    "dominoes",
-    "double-dam",
-    "double-gyre",
-    "fountain",
-    "jelly",
-    "jelly-cubes",
-    "kepler",
-    "mud-slump",
-    "ocean-drift",
-    "oscillator",
-    "pile",
-    "pyramid",
-    "rope",
-    "sand-column",
-    "snowball",
-    "soft-bunny",
-    "tumbling-top",
-)
+BUILT_IN = {  # and the folder that each is in
+    "box-stack": "rigid",
+    "bunny-snow": "mpm",
+    "cloth-ball": "pbd",
+    "cloth-drape": "springs",
+    "cloth-hang": "springs",
+    "cradle": "rigid",
+    "dam-break": "pbf",
+    "dominoes": "rigid",
+    "double-dam": "pbf",
+    "double-gyre": "fields",
+    "fountain": "pbf",
+    "jelly": "springs",
+    "jelly-cubes": "mpm",
+    "kepler": "ode",
+    "mud-slump": "mpm",
+    "ocean-drift": "fields",
+    "oscillator": "ode",
+    "pile": "rigid",
+    "pyramid": "rigid",
+    "rope": "pbd",
+    "sand-column": "mpm",
+    "snowball": "mpm",
+    "soft-bunny": "pbd",
+    "tumbling-top": "rigid",
+}
 
 
 class SceneFileError(InputError):
@@ -57,7 +57,7 @@ def names() -> tuple[str, ...]:
     >>> "kepler" in substep.scenes.names()
     True
     """
-    return BUILT_IN
+    return tuple(BUILT_IN)
 
 
 def load(scene: str | Path) -> Scene:
@@ -90,7 +90,7 @@ def load(scene: str | Path) -> Scene:
     """
     text = str(scene)
     if text in BUILT_IN:
-        module = importlib.import_module(f".{text.replace('-', '_')}", __package__)
+        module = importlib.import_module(f".{BUILT_IN[text]}.{text.replace('-', '_')}", __package__)
         found: Scene = module.SCENE
         return found
     if text.endswith(".py"):

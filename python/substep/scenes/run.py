@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._checks import check_integer
+from ..base.checks import check_integer
 from ..errors import InputError
 from .declaration import Scene, Simulation
 

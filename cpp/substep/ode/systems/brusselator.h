@@ -1,5 +1,5 @@
 // The Brusselator with diffusion on a line and on a periodic square, by second differences.
-// Equations, symbols and sources stand in python/substep/_stiff_systems.py. The state is planar:
+// Equations, symbols, sources: python/substep/ode/systems/stiff.py. The state is planar:
 // all u, then all v.
 #pragma once
 

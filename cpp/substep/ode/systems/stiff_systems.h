@@ -1,5 +1,5 @@
 // The small classical stiff systems, with their Jacobians (J[j * N + i] = df_i/dy_j). Equations,
-// symbols and sources stand in python/substep/_stiff_systems.py.
+// symbols and sources stand in python/substep/ode/systems/stiff.py.
 #pragma once
 
 #include "substep/ode/systems/static_system.h"

@@ -1,0 +1,1 @@
+"""What every simulation stands on: the protocol, checks, checkpoints, and the compiled core."""

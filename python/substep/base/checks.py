@@ -1,0 +1,186 @@
+"""Argument checks at the boundary: they name the argument, what was required and what came."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from ..errors import InputError
+
+
+def describe(value: Any) -> str:
+    """What came, short enough for one line."""
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape} and dtype {value.dtype}"
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def first_bad_index(bad: NDArray[np.bool_]) -> str:
+    """Index of the first True, as `[i, j]`."""
+    return str([int(i) for i in np.unravel_index(int(np.argmax(bad)), bad.shape)])
+
+
+def check_array(
+    name: str,
+    value: Any,
+    shape: tuple[int | None, ...] | None = None,
+    *,
+    dtype: DTypeLike = np.float64,
+    complex_ok: bool = False,
+    finite: bool = True,
+) -> NDArray[Any]:
+    """Convert to a new or shared C-contiguous, aligned array; None in `shape` is any length.
+
+    Integers below 2**53, booleans and narrower floats are widened. Complex numbers (unless
+    `complex_ok`), objects, strings and records raise TypeError; masked values, other shapes and, if
+    `finite`, NaN or infinity raise InputError. What an object's own `__array__` raises passes.
+    """
+    if isinstance(value, np.ma.MaskedArray) and np.ma.getmaskarray(value).any():
+        raise InputError(f"{name}: masked values are not accepted; fill or drop them")
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        if not isinstance(value, (list, tuple)):  # the caller's own __array__ raised it
+            raise
+        raise InputError(f"{name}: expected rows of equal length; {error}") from None
+    if array.dtype.kind not in ("fiubc" if complex_ok else "fiub"):
+        wanted = "real or complex numbers" if complex_ok else "real numbers"
+        raise TypeError(f"{name}: expected {wanted}, got dtype {array.dtype}")
+    if shape is not None and (
+        array.ndim != len(shape)
+        or any(
+            want is not None and want != got for want, got in zip(shape, array.shape, strict=True)
+        )
+    ):
+        wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape)
+        wanted += ",)" if len(shape) == 1 else ")"
+        raise InputError(f"{name}: expected shape {wanted}, got {array.shape}")
+    target = np.complex128 if array.dtype.kind == "c" else dtype
+    with np.errstate(over="ignore"):
+        result = np.require(array, target, ["C", "ALIGNED"])
+    if array.dtype.kind in "iu" and array.dtype.itemsize == 8 and result.dtype.kind == "f":
+        inexact = np.abs(result) >= 2.0**53
+        if inexact.any():
+            where = first_bad_index(inexact) if result.ndim else ""
+            raise InputError(
+                f"{name}{where}: expected integers below 2**53, got {array[inexact].flat[0]}"
+            )
+    if finite and result.dtype.kind in "fc":
+        bad = ~np.isfinite(result)
+        if bad.any():
+            where = first_bad_index(bad) if result.ndim else ""
+            raise InputError(f"{name}{where}: expected finite numbers, got {result[bad].flat[0]}")
+    return result
+
+
+def check_real(
+    name: str,
+    value: Any,
+    *,
+    positive: bool = False,
+    nonnegative: bool = False,
+    finite: bool = True,
+) -> float:
+    """A real number as float; NaN never passes."""
+    if isinstance(value, (bool, np.bool_, str, bytes)) or getattr(value, "ndim", None):
+        raise TypeError(f"{name}: expected a real number, got {describe(value)}")
+    try:
+        number = (
+            float(operator.index(value)) if isinstance(value, (int, np.integer)) else float(value)
+        )
+    except OverflowError:
+        raise InputError(
+            f"{name}: expected a finite number, got an integer beyond float64"
+        ) from None
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: expected a real number, got {describe(value)}") from None
+    if number != number or (finite and abs(number) == float("inf")):
+        raise InputError(f"{name}: expected a finite number, got {number}")
+    if positive and number <= 0:
+        raise InputError(f"{name}: expected a number above 0, got {number}")
+    if nonnegative and number < 0:
+        raise InputError(f"{name}: expected a number of at least 0, got {number}")
+    return number
+
+
+def check_integer(
+    name: str, value: Any, *, minimum: int | None = None, maximum: int | None = None
+) -> int:
+    """An integer (booleans and 1.5 are none) within its bounds."""
+    try:
+        if isinstance(value, (bool, np.bool_)):
+            raise TypeError
+        number = operator.index(value)
+    except TypeError:
+        raise InputError(f"{name}: expected an integer, got {describe(value)}") from None
+    if (minimum is not None and number < minimum) or (maximum is not None and number > maximum):
+        bounds = f"at least {minimum}" if maximum is None else f"from {minimum} to {maximum}"
+        raise InputError(f"{name}: expected an integer {bounds}, got {number}")
+    return number
+
+
+def check_choice(name: str, value: Any, choices: Iterable[str]) -> str:
+    """One of the names, whatever its case; returned as listed."""
+    listed = list(choices)
+    if isinstance(value, str):
+        for choice in listed:
+            if choice.lower() == value.lower():
+                return choice
+    raise InputError(f"{name}: expected one of {', '.join(listed)}; got {describe(value)}")
+
+
+def check_callable(name: str, value: Any) -> Any:
+    """Something that can be called."""
+    if not callable(value):
+        raise TypeError(f"{name}: expected a callable, got {describe(value)}")
+    return value
+
+
+def check_flag(name: str, value: Any) -> bool:
+    """A bool, of Python or of NumPy."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name}: expected a bool, got {describe(value)}")
+    return bool(value)
+
+
+def check_threads(threads: Any) -> int:
+    """A number of threads for the native core; None is the default, 0."""
+    return 0 if threads is None else check_integer("threads", threads, minimum=1)
+
+
+def check_positive(
+    name: str, value: ArrayLike, count: int, *, zero: bool = False
+) -> NDArray[np.float64]:
+    """One number for all of `count` items or one each: finite, above 0 (or, with `zero`, 0)."""
+    if np.ndim(np.asarray(value)) == 0:
+        value = np.repeat(np.asarray(value), count)
+    array = check_array(name, value, (count,)).copy()
+    wrong = array < 0 if zero else array <= 0
+    if wrong.any():
+        index, wanted = int(np.argmax(wrong)), "at least 0" if zero else "above 0"
+        raise InputError(f"{name}[{index}]: expected a number {wanted}, got {array[index]}")
+    return array
+
+
+def check_pinned(pinned: ArrayLike, count: int) -> NDArray[np.uint8]:
+    """One flag for each of `count` vertices, from their indices or from flags."""
+    array = np.asarray(pinned)
+    flags = np.zeros(count, np.uint8)
+    if array.dtype == bool:
+        flags[:] = check_array("pinned", array, (count,), dtype=np.uint8)
+    elif array.size:
+        if array.dtype.kind not in "iu" or array.ndim != 1:
+            raise InputError("pinned: expected indices of vertices, or one boolean for each")
+        wrong = (array < 0) | (array >= count)
+        if wrong.any():
+            k = int(np.argmax(wrong))
+            raise InputError(
+                f"pinned[{k}]: expected an index from 0 to {count - 1}, got {array[k]}"
+            )
+        flags[array] = 1
+    return flags

@@ -1,0 +1,63 @@
+"""Chooses the extension module of this machine's instruction level and loads it as substep._core.
+
+The wheel carries one module per x86-64 level, all with the same name; `_cpu`, compiled for the
+baseline, says which level the machine runs, and SUBSTEP_ISA overrides it. A process holds one level
+for good: `_cpu` keeps which.
+"""
+
+from __future__ import annotations
+
+import importlib.machinery
+import importlib.util
+import os
+import sys
+from pathlib import Path
+from types import ModuleType
+
+LEVELS = ("baseline", "v2", "v3", "v4")  # in rising order
+
+
+def _module_path(folder: Path) -> Path | None:
+    for suffix in importlib.machinery.EXTENSION_SUFFIXES:
+        path = folder / f"_core{suffix}"
+        if path.exists():
+            return path
+    return None
+
+
+def load() -> ModuleType:
+    """Load the best module that is installed and that this machine can run."""
+    if "substep._core" in sys.modules:
+        return sys.modules["substep._core"]
+    from .. import _cpu
+
+    machine = LEVELS.index(_cpu.level())
+    installed = {
+        level: path
+        for level in LEVELS
+        if (path := _module_path(Path(__file__).parents[1] / "_isa" / level)) is not None
+    }
+    usable = [level for level in installed if LEVELS.index(level) <= machine]
+    wanted = os.environ.get("SUBSTEP_ISA")
+    if wanted and wanted not in usable:
+        raise ImportError(
+            f"SUBSTEP_ISA={wanted}: this machine and installation offer {', '.join(usable)}"
+        )
+    if not usable:
+        raise ImportError(
+            f"substep needs x86-64-{min(installed, key=LEVELS.index, default='v2')} or better; "
+            f"this machine has {_cpu.level()}"
+        )
+    level = _cpu.claim(wanted or usable[-1])
+    if wanted and wanted != level:
+        raise ImportError(f"SUBSTEP_ISA={wanted}: this process already holds level {level}")
+    spec = importlib.util.spec_from_file_location("substep._core", installed[level])
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["substep._core"] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules["substep._core"]
+        raise
+    return module

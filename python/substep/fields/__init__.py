@@ -1,0 +1,32 @@
+"""Particles in velocity fields: fields in closed form, on grids and from files, and advection.
+
+See docs/fields.md for the equations, for what is modelled and what is not.
+"""
+
+from .advection import ACTIVE, ESCAPED, LANDED, Advection
+from .files import open_field
+from .flows import ABC, DoubleGyre, Field, RigidRotation, Shear, TaylorGreen
+from .grid import EARTH_RADIUS, GridField
+from .paths import AdvectionResult, advect
+
+__all__ = [
+    "ABC",
+    "ACTIVE",
+    "EARTH_RADIUS",
+    "ESCAPED",
+    "LANDED",
+    "Advection",
+    "AdvectionResult",
+    "DoubleGyre",
+    "Field",
+    "GridField",
+    "RigidRotation",
+    "Shear",
+    "TaylorGreen",
+    "advect",
+    "open_field",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,45 @@
+"""Obstacles and meshes that every method shares.
+
+- Obstacles (`Plane`, `Sphere`, `Box`, `SignedDistanceField`): a signed distance, a motion, friction
+  and restitution, and the impulse and torque that a step exerted on them.
+- `tetrahedralize` fills a surface and `SignedDistanceField.from_mesh` makes an obstacle of it,
+  whatever it lacks.
+- `liquid_surface` wraps the particles of a liquid in triangles.
+- Meshes (`TriangleMesh`, `TetMesh`), read by `read_mesh` or made by `grid_mesh`, `box_mesh`,
+  `sphere_mesh` and `box_tetrahedra`; `TriangleMesh.report` says plainly what a mesh lacks.
+- `neighbour_lists`: which points are closer to each other than a radius.
+"""
+
+from .colliders import Box, Collider, Plane, SignedDistanceField, Sphere
+from .filling import tetrahedralize
+from .isosurface import LiquidSurface, liquid_surface
+from .mesh_io import read_mesh
+from .mesh_report import MeshReport
+from .neighbours import neighbour_lists
+from .primitives import box_mesh, box_tetrahedra, grid_mesh, sphere_mesh
+from .tet_mesh import TetMesh
+from .triangle_mesh import TriangleMesh
+
+__all__ = [
+    "Box",
+    "Collider",
+    "LiquidSurface",
+    "MeshReport",
+    "Plane",
+    "SignedDistanceField",
+    "Sphere",
+    "TetMesh",
+    "TriangleMesh",
+    "box_mesh",
+    "box_tetrahedra",
+    "grid_mesh",
+    "liquid_surface",
+    "neighbour_lists",
+    "read_mesh",
+    "sphere_mesh",
+    "tetrahedralize",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__

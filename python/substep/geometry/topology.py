@@ -1,0 +1,68 @@
+"""What every mesh needs: checked indices, connected components."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.checks import describe, first_bad_index
+from ..errors import InputError
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+def check_indices(name: str, value: Any, columns: int, count: int) -> Indices:
+    """Rows of `columns` different integers in [0, count), as a new array; at least one row."""
+    if isinstance(value, np.ma.MaskedArray) and np.ma.getmaskarray(value).any():
+        raise InputError(f"{name}: masked values are not accepted; fill or drop them")
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        if not isinstance(value, (list, tuple)):  # the caller's own __array__ raised it
+            raise
+        raise InputError(f"{name}: expected rows of {columns} indices; {error}") from None
+    if array.dtype.kind not in "iufb":
+        raise TypeError(f"{name}: expected integers, got dtype {array.dtype}")
+    if array.ndim != 2 or array.shape[1] != columns or array.shape[0] == 0:
+        raise InputError(
+            f"{name}: expected at least one row of {columns} indices, got {describe(array)}"
+        )
+    if array.dtype.kind not in "iu":
+        raise InputError(f"{name}: expected integers, got dtype {array.dtype}")
+    wrong = (array < 0) | (array >= count)
+    if wrong.any():
+        raise InputError(
+            f"{name}{first_bad_index(wrong)}: expected an index from 0 to {count - 1}, "
+            f"got {array[wrong][0]}"
+        )
+    indices: Indices = array.astype(np.int64, order="C")
+    ordered = np.sort(indices, axis=1)
+    repeated = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
+    if repeated.any():
+        row = int(np.argmax(repeated))
+        raise InputError(f"{name}[{row}]: expected different indices, got {indices[row].tolist()}")
+    return indices
+
+
+def components(count: int, pairs: Indices) -> Indices:
+    """Number of the connected component of each of `count` nodes, rising with the lowest node."""
+    label = np.arange(count)
+    while True:
+        low = np.minimum(label[pairs[:, 0]], label[pairs[:, 1]])
+        new = label.copy()
+        for side in (0, 1):
+            np.minimum.at(new, pairs[:, side], low)
+            np.minimum.at(new, label[pairs[:, side]], low)
+        new = new[new]
+        if (new == label).all():
+            return np.unique(label, return_inverse=True)[1].astype(np.int64)
+        label = new
+
+
+def frozen(array: NDArray[Any]) -> NDArray[Any]:
+    """The array, read-only."""
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,535 @@
+"""The material point method: solids, liquids, snow, sand and mud as particles on a grid."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from .. import _core
+from ..base.checks import check_array, check_choice, check_positive, check_real
+from ..errors import InputError, SolverError
+from ..geometry import Collider
+from ..geometry.colliders import check_colliders
+from ..particles.emitters import Emitter, Sink
+from ..particles.state import ON_ESCAPE, Particles, check_bounds, check_dtype, check_kinds
+from .materials import Material
+from .particle_fields import cauchy, check_state, gradients, own_fields, ratios, set_gradients
+
+Array = NDArray[np.float64]
+
+TRANSFERS = ("apic", "flip", "pic")
+KERNELS = ("linear", "quadratic", "cubic")
+FORMS = ("mls", "textbook")
+INTEGRATORS = ("explicit", "implicit")
+ON_LARGE_STEP = ("raise", "subdivide")
+BOUNDARIES = ("separate", "slip", "sticky")
+_COUNTS = ("steps", "sorts", "subdivided", "removed", "clamped", "newton", "krylov")
+_LOOKS = 4  # steps after which sinks look again
+_FAR = 2.0**20  # cells from 0 at which emitters may be
+
+
+@dataclass
+class StepReport:
+    """What the last call of `step` or `advance` took.
+
+    Attributes
+    ----------
+    steps, sorts : int
+        Steps that were taken, and sorts of the particles.
+    subdivided : int
+        Steps that were shorter than asked for.
+    dt : float
+        The last step [s].
+    limit : str
+        What limited it: a reason of `step_limit`, "given", or "end" (of the duration).
+    removed, clamped : int
+        Particles that left the bounds.
+    newton, krylov : int
+        Iterations of implicit steps, of all together.
+    """
+
+    steps: int = 0
+    sorts: int = 0
+    subdivided: int = 0
+    dt: float = 0.0
+    limit: str = ""
+    removed: int = 0
+    clamped: int = 0
+    newton: int = 0
+    krylov: int = 0
+
+    def _add(self, native: Any) -> None:
+        for name in _COUNTS:
+            setattr(self, name, getattr(self, name) + getattr(native, name))
+        if native.steps:
+            self.dt, self.limit = native.dt, native.limit
+
+
+class MaterialPointMethod(Particles):
+    """Particles of any material that move through a grid, where forces and obstacles act.
+
+    A particle carries mass, velocity, its affine part, and the deformation of its material. A step
+    passes momentum to the nodes of a grid, moves it on there, and brings it back. The grid exists
+    only about the particles, wherever they are. docs/mpm.md has the equations, and what this is
+    not; docs/mpm_materials.md those of the materials.
+
+    Parameters
+    ----------
+    positions : array_like, shape (n, 3) or (n, 2)
+        Initial positions [m]. In 2D all is as in a layer of 1 m that cannot get thicker (plane
+        strain); the particles lie at z = 0, where colliders are cut.
+    materials : Material or sequence of Material
+        One or several of `substep.mpm`: `NeoHookean`, `FixedCorotated`, `Fluid`, `Snow`, `Sand`,
+        `VonMises`, `HerschelBulkley`.
+    cell : float
+        Distance of nodes [m], above 0. 8 particles a cell (in 2D 4) are usual.
+    volume : float or array_like, shape (n,)
+        What a particle fills at rest [m^3; in 2D m^2], above 0; `sample_box` and others give it.
+    material : int or array_like of int, shape (n,), optional
+        Which of the materials each particle is; the first unless given.
+    velocities : array_like, shape of positions, optional
+        Initial velocities [m/s]; at rest unless given.
+    gravity : array_like, shape (3,) or (2,), optional
+        Acceleration [m/s^2]; 9.81 downward (along the last axis) unless given.
+    colliders : sequence of Collider
+        Obstacles and containers, with their friction. What they are given is their `impulse`.
+    boundary : {'separate', 'slip', 'sticky'} or sequence of these
+        What colliders do to material at their surface: it slides with friction and can leave; it
+        slides and cannot leave; it stays. One for all, or one each.
+    transfer : {'apic', 'flip', 'pic'}
+        What particles take from the grid: velocity and its affine part (keeps angular momentum),
+        the change of velocity, or velocity alone (damps).
+    flip_rate : float
+        For 'flip': the share of PIC per time [1/s], at least 0; after t only exp(-flip_rate t) of
+        what the grid does not see is left, whatever the steps.
+    kernel : {'linear', 'quadratic', 'cubic'}
+        B-spline between particles and nodes.
+    form : {'mls', 'textbook'}
+        Gradients by moving least squares, or those of the spline.
+    integrator : {'explicit', 'implicit'}
+        Implicit Euler (on the grid) takes steps that elastic waves do not limit.
+    cfl : float
+        Cells that elastic waves and particles may pass in a step, above 0 and at most 1.
+    step : float, optional
+        Step of `advance` [s]; by `step_limit` unless given.
+    largest_step : float
+        Longest step of `step_limit` [s], where nothing limits it.
+    on_large_step : {'raise', 'subdivide'}
+        Steps above the limit are refused with a SolverError, or taken in several.
+    emitters : sequence of Emitter
+        Nozzles; `Emitter.fluid` is the number of the material.
+    emitter_spacing : float, optional
+        Distance of particles that come out [m]; half a cell unless given.
+    sinks : sequence of Sink
+        Regions that swallow particles; `advance` looks every four steps.
+    on_escape : {'raise', 'remove', 'clamp'}
+        What happens to particles that leave the bounds: SolverError, they are taken out, or they
+        are held at the bounds.
+    bounds : array_like, shape (2, 3) or (2, 2), optional
+        Lowest and highest corner [m] of where particles may be; anywhere unless given.
+    dtype : {'float32', 'float64'}
+        Of the numbers that it computes with. Positions are stored from nodes nearby, so their
+        precision is the same everywhere.
+    threads : int, optional
+        Threads of the native loops; results do not depend on it.
+    time : float
+        Time of the initial state [s].
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong, with its name and the first bad index.
+
+    References
+    ----------
+    Jiang, Schroeder, Teran, Stomakhin and Selle, "The material point method for simulating
+    continuum materials", SIGGRAPH courses, 2016; Hu et al., "A moving least squares material point
+    method with displacement discontinuity and two-way rigid body coupling", ACM Trans. Graph.
+    37(4), 2018; Jiang, Schroeder and Teran, "An angular momentum conserving affine-particle-in-cell
+    method", J. Comput. Phys. 338, 2017.
+
+    Examples
+    --------
+    A jelly falls on the ground and stays above it.
+
+    >>> import substep
+    >>> x, volume = substep.mpm.sample_box((0, 0, 0.05), (0.2, 0.2, 0.25), 0.02)
+    >>> jelly = substep.mpm.NeoHookean(density=1000, young_modulus=2e4, poisson_ratio=0.3)
+    >>> ground = substep.Plane(friction=0.5)
+    >>> body = substep.MaterialPointMethod(
+    ...     x, jelly, cell=0.04, volume=volume, colliders=[ground])
+    >>> body.step_limit()[1]
+    'elastic wave'
+    >>> body.advance(0.2)
+    >>> bool(ground.distance(body.positions).min() > 0)
+    True
+    >>> round(body.diagnostics()["mass"], 6)
+    8.0
+    """
+
+    def __init__(
+        self,
+        positions: ArrayLike,
+        materials: Material | Sequence[Material],
+        *,
+        cell: float,
+        volume: ArrayLike,
+        material: ArrayLike | None = None,
+        velocities: ArrayLike | None = None,
+        gravity: ArrayLike | None = None,
+        colliders: Sequence[Collider] = (),
+        boundary: str | Sequence[str] = "separate",
+        transfer: str = "apic",
+        flip_rate: float = 0.0,
+        kernel: str = "quadratic",
+        form: str = "mls",
+        integrator: str = "explicit",
+        cfl: float = 0.5,
+        step: float | None = None,
+        largest_step: float = 1e-2,
+        on_large_step: str = "raise",
+        emitters: Sequence[Emitter] = (),
+        emitter_spacing: float | None = None,
+        sinks: Sequence[Sink] = (),
+        on_escape: str = "raise",
+        bounds: ArrayLike | None = None,
+        dtype: DTypeLike = "float32",
+        threads: int | None = None,
+        time: float = 0.0,
+    ) -> None:
+        x = check_array("positions", positions)
+        d = 2 if x.ndim == 2 and x.shape[1] == 2 else 3
+        x = check_array("positions", x, (None, d))
+        self._dimension = d
+        self.materials = _check_materials(materials)
+        self.cell = check_real("cell", cell, positive=True)
+        if not all(1e-30 < m.density * self.cell**d < 1e30 for m in self.materials):
+            raise InputError(f"cell: the mass of a cell is out of range at {cell} m")
+        self.colliders = check_colliders(colliders, d)
+        self.gravity = check_array(
+            "gravity", [0.0, 0.0, -9.81][3 - d :] if gravity is None else gravity, (d,)
+        ).copy()
+        self.cfl = check_real("cfl", cfl, positive=True)
+        if self.cfl > 1:
+            raise InputError(f"cfl: expected a number above 0 and at most 1, got {self.cfl}")
+        self.step_size = None if step is None else check_real("step", step, positive=True)
+        inside = check_bounds(bounds, d)
+        self._options = {
+            "cell": self.cell,
+            "order": 1 + KERNELS.index(check_choice("kernel", kernel, KERNELS)),
+            "transfer": check_choice("transfer", transfer, TRANSFERS),
+            "form": check_choice("form", form, FORMS),
+            "integrator": check_choice("integrator", integrator, INTEGRATORS),
+            "flip_rate": check_real("flip_rate", flip_rate, nonnegative=True),
+            "gravity": [*self.gravity, 0.0][:3],
+            "cfl": self.cfl,
+            "largest_step": check_real("largest_step", largest_step, positive=True),
+            "step": self.step_size or 0.0,
+            "on_large_step": check_choice("on_large_step", on_large_step, ON_LARGE_STEP),
+            "materials": [(m._kind, m._constants()) for m in self.materials],
+            "boundaries": _check_boundaries(boundary, len(self.colliders)),
+            "on_escape": check_choice("on_escape", on_escape, ON_ESCAPE),
+            "bounds": inside,
+        }
+        self.dtype = check_dtype(dtype)
+        spacing = self.cell / 2 if emitter_spacing is None else emitter_spacing
+        spacing = check_real("emitter_spacing", spacing, positive=True)
+        self._set_flow(emitters, sinks, len(self.materials), spacing, "material")
+        self._check_nozzles(inside)
+        self._report = StepReport()
+        super().__init__(self._make(), time, threads)
+        self.add(x, volume, velocities=velocities, material=material)
+
+    def _check_nozzles(self, bounds: list[list[float]] | None) -> None:
+        d = self._dimension
+        limit = np.full(d, _FAR * self.cell)
+        low, high = -limit, limit
+        if bounds is not None:
+            low, high = np.maximum(low, bounds[0][:d]), np.minimum(high, bounds[1][:d])
+        for k, emitter in enumerate(self.emitters):
+            x = emitter.position + emitter._layer(self._emitter_spacing)[0]
+            if not ((x >= low) & (x <= high)).all():
+                raise InputError(f"emitters[{k}]: expected one within the bounds, {low} to {high}")
+
+    def _make(self) -> Any:
+        bits = self.dtype.itemsize * 8
+        native = getattr(_core, f"MaterialPointMethod{self._dimension}D{bits}")
+        return native(self._options, [c._native for c in self.colliders])
+
+    @property
+    def material(self) -> NDArray[np.int32]:
+        """Which of the materials each particle is, shape (n,); a copy."""
+        kinds: NDArray[np.int32] = self._native.materials()
+        return kinds
+
+    @property
+    def volumes(self) -> Array:
+        """Volumes at rest [m^3; in 2D m^2], shape (n,); a copy."""
+        values: Array = self._native.volumes()
+        return values
+
+    @property
+    def masses(self) -> Array:
+        """Masses [kg] (in 2D of a layer of 1 m), shape (n,); a copy."""
+        masses: Array = np.array([m.density for m in self.materials])[self.material]
+        return masses * self.volumes
+
+    @property
+    def affine(self) -> Array:
+        """Affine part C of v(x) = v + C (x - x_p) [1/s], shape (n, d, d); a copy."""
+        rows: Array = self._native.affine()
+        return rows
+
+    @property
+    def deformation_gradients(self) -> Array:
+        """Elastic deformation gradients F, shape (n, d, d); a copy.
+
+        Those of the trial state: the return map of plastic materials belongs to the next step.
+        Materials that keep the volume ratio J alone (`Fluid`) have J^(1/d) I.
+        """
+        return gradients(self._native, self.material, self.materials, self._dimension)
+
+    @property
+    def volume_ratios(self) -> Array:
+        """Determinants J of the elastic deformation, shape (n,); a copy."""
+        return ratios(self._native, self.material, self.materials, self._dimension)
+
+    @property
+    def stresses(self) -> Array:
+        """Cauchy stresses [Pa], shape (n, 3, 3), in 2D with the normal stress across; a copy."""
+        return cauchy(self._native, self.volume_ratios)
+
+    @property
+    def report(self) -> StepReport:
+        """What the last call of `step` or `advance` took."""
+        return self._report
+
+    def add(
+        self,
+        positions: ArrayLike,
+        volume: ArrayLike,
+        *,
+        velocities: ArrayLike | None = None,
+        material: ArrayLike | None = None,
+    ) -> NDArray[np.int64]:
+        """Put in particles, undeformed.
+
+        Parameters
+        ----------
+        positions : array_like, shape (m, 3) or (m, 2)
+            Where [m].
+        volume : float or array_like, shape (m,)
+            What they fill at rest [m^3; in 2D m^2], above 0.
+        velocities : array_like, same shape as positions, optional
+            Their velocities [m/s]; at rest unless given.
+        material : int or array_like of int, shape (m,), optional
+            Which of the materials they are; the first unless given.
+
+        Returns
+        -------
+        ndarray of int64, shape (m,)
+            Their ids, which no other particle had or will have.
+
+        Raises
+        ------
+        InputError
+            If an argument is wrong; nothing is changed then.
+        """
+        x = check_array("positions", positions, (None, self._dimension))
+        m = len(x)
+        v = np.zeros_like(x) if velocities is None else velocities
+        v = check_array("velocities", v, x.shape)
+        kinds = check_kinds("material", 0 if material is None else material, m, len(self.materials))
+        volumes = check_positive("volume", volume, m)
+        masses = np.array([material.density for material in self.materials])[kinds] * volumes
+        wrong = ~((masses > 1e-30) & (masses < 1e30))
+        if wrong.any():
+            k = int(np.argmax(wrong))
+            raise InputError(f"volume[{k}]: a mass of {masses[k]} kg is out of range")
+        with self._own():
+            first = self._native.add(x, v, kinds, volumes)
+        return np.arange(first, first + m, dtype=np.int64)
+
+    def _put_in(self, x: Array, v: Array, kind: NDArray[np.int32]) -> None:
+        volume = self._emitter_spacing**self._dimension
+        self._native.add(x, v, kind, np.full(len(x), volume))
+
+    def _take_step(self, dt: float) -> None:
+        self._native.step(dt)
+        self._report = StepReport()
+        self._report._add(self._native.report)
+        self._flow()
+
+    def advance(self, duration: float) -> None:
+        """Take as many steps as a duration needs; the last two are shortened to end there.
+
+        Parameters
+        ----------
+        duration : float
+            How long [s], at least 0.
+
+        Raises
+        ------
+        InputError
+            If `duration` is wrong.
+        SolverError
+            As `step`; the state is then the last good step, and the exception's `step` its number.
+        """
+        duration = check_real("duration", duration, nonnegative=True)
+        end = self.time + duration
+        if not math.isfinite(end):
+            raise InputError(f"duration: the time {self.time} + {duration} is not finite")
+        with self._own():
+            self._report = StepReport()
+            while self.time < end:
+                until = min([end, *self._events()])
+                try:
+                    self._native.advance(until - self.time)
+                    self._native.time = until
+                except SolverError as error:
+                    if error.step is not None:
+                        error.step += self._report.steps
+                    raise
+                finally:
+                    self._report._add(self._native.report)
+                self._flow()
+
+    def _events(self) -> list[float]:
+        """Times at which emitters and sinks want to be asked next."""
+        layers = zip(self.emitters, self._layers, strict=True)
+        times = [e._next(self._emitter_spacing, int(k), self.time) for e, k in layers]
+        if self.sinks:
+            times.append(self.time + _LOOKS * self._next_step())
+        return [t for t in times if t > self.time]
+
+    def _next_step(self) -> float:
+        return self.step_limit()[0] if self.step_size is None else self.step_size
+
+    def step_limit(self) -> tuple[float, str]:
+        """Largest step that the CFL conditions allow now, and which of them it is.
+
+        Returns
+        -------
+        float
+            The step [s]: `cfl` cells by the fastest elastic wave at the state of the particles
+            (explicit steps only) or by the fastest particle, the bound of explicit viscosity, or
+            `largest_step`.
+        str
+            'elastic wave', 'particle speed', 'viscosity' or 'nothing moves'.
+        """
+        dt, reason = self._native.step_limit()
+        return float(dt), str(reason)
+
+    def set_deformation_gradients(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
+        """Deform particles; what they fill at rest and their other numbers stay.
+
+        Parameters
+        ----------
+        values : array_like, shape (m, d, d)
+            Elastic deformation gradients F. Materials that keep J alone take its determinant.
+        ids : array_like of int, shape (m,), optional
+            Which; all unless given.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+        """
+        d = self._dimension
+        with self._own():
+            places = np.arange(len(self)) if ids is None else self._places(ids)
+            rows = check_array("values", values, (len(places), d, d))
+            set_gradients(self._native, rows, places, self.material, self.materials)
+
+    def diagnostics(self) -> dict[str, float]:
+        """Sums over all particles; in 2D of a layer of 1 m.
+
+        Returns
+        -------
+        dict of str to float
+            `count`; `mass` [kg]; `kinetic_energy`, `potential_energy`, `elastic_energy` and
+            `dissipated_energy` [J], whose sum changes by the work of forces, moving obstacles and
+            what is put in or taken out; `momentum_x`, `_y`, `_z` [N s]; `angular_momentum_x`, `_y`,
+            `_z` about 0, with the affine part [N m s].
+        """
+        sums = self._native.diagnostics()
+        values = {
+            "count": float(len(self)),
+            "mass": sums.mass,
+            "kinetic_energy": sums.kinetic,
+            "potential_energy": sums.potential,
+            "elastic_energy": sums.elastic,
+            "dissipated_energy": sums.dissipated,
+        }
+        for name in ("momentum", "angular_momentum"):
+            vector = getattr(sums, name)
+            values |= {f"{name}_{axis}": vector[k] for k, axis in enumerate("xyz")}
+        return values
+
+    def fields(self) -> dict[str, tuple[NDArray[Any], str]]:
+        """Arrays for recording, with their units.
+
+        Returns
+        -------
+        dict of str to (ndarray, str)
+            `position` and `velocity`, shape of positions; `id`, `material`, `pressure` and
+            `von_mises_stress`, shape (n,); then what the materials keep: `plastic_strain`,
+            `plastic_volume_ratio`, `volume_correction`, `volume_ratio`; particles of materials
+            without it have it as at rest.
+        """
+        kinds, stress = self.material, self.stresses
+        mean = np.trace(stress, axis1=1, axis2=2) / 3
+        deviator = stress - mean[:, None, None] * np.eye(3)
+        own = own_fields(self._native, kinds, self.materials, self._dimension)
+        return {
+            "position": (self.positions, "m"),
+            "velocity": (self.velocities, "m/s"),
+            "id": (self.ids, "1"),
+            "material": (kinds, "1"),
+            "pressure": (-mean, "Pa"),
+            "von_mises_stress": (np.sqrt(1.5 * (deviator**2).sum(axis=(1, 2))), "Pa"),
+            **own,
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go back to a state, bit for bit.
+
+        Parameters
+        ----------
+        state : dict
+            From `state()` of an object made in the same way.
+
+        Raises
+        ------
+        InputError
+            If it is not such a state; nothing is changed then.
+        """
+        checked = check_state(state, self.dtype)
+        flow = self._check_flow_state(state)
+        with self._own():
+            self._native.restore(checked)
+            self._restore_flow(flow)
+
+
+def _check_materials(materials: Any) -> tuple[Material, ...]:
+    found = (materials,) if isinstance(materials, Material) else tuple(materials)
+    for k, material in enumerate(found):
+        if not isinstance(material, Material):
+            raise TypeError(f"materials[{k}]: expected a Material, got {material!r}")
+    if not found:
+        raise InputError("materials: expected at least one")
+    return found
+
+
+def _check_boundaries(boundary: Any, colliders: int) -> list[str]:
+    if isinstance(boundary, str):
+        return [check_choice("boundary", boundary, BOUNDARIES)] * colliders
+    found = [check_choice(f"boundary[{k}]", b, BOUNDARIES) for k, b in enumerate(boundary)]
+    if len(found) != colliders:
+        raise InputError(f"boundary: expected one or {colliders}, got {len(found)}")
+    return found

@@ -1,0 +1,128 @@
+"""The base of the compiled systems."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ... import _core
+from ...base.checks import check_array
+
+
+class System:
+    """A compiled system y' = f(t, y).
+
+    Parameters
+    ----------
+    native : _core.System
+        The compiled part.
+    y0 : array_like, shape (n,), optional
+        The classical initial state.
+    t_end : float, optional
+        The classical end, for a start at 0.
+
+    Attributes
+    ----------
+    size : int
+        Number n of components.
+    y0 : ndarray, shape (n,), or None
+        The classical initial state.
+    t_end : float or None
+        The classical end, for a start at 0.
+
+    Examples
+    --------
+    >>> import substep
+    >>> substep.systems.Kepler().size
+    4
+    """
+
+    def __init__(
+        self, native: _core.System, y0: ArrayLike | None = None, t_end: float | None = None
+    ) -> None:
+        self.native_system = native
+        self.y0 = None if y0 is None else np.array(y0, dtype=float)
+        self.t_end = t_end
+
+    @property
+    def size(self) -> int:
+        """Number of components."""
+        return self.native_system.size
+
+    def __call__(self, t: float, y: ArrayLike) -> np.ndarray[Any, Any]:
+        """Evaluate f(t, y).
+
+        Parameters
+        ----------
+        t : float
+            Time.
+        y : array_like, shape (n,)
+            State.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Derivative.
+        """
+        return self.native_system.rhs(t, check_array("y", y, (self.size,), finite=False))
+
+    def jacobian(self, t: float, y: ArrayLike) -> Any:
+        """Evaluate df/dy, where the system has it.
+
+        Parameters
+        ----------
+        t : float
+            Time.
+        y : array_like, shape (n,)
+            State.
+
+        Returns
+        -------
+        ndarray or scipy.sparse.csc_array, shape (n, n)
+            Entry [i, j] is df_i/dy_j; sparse for systems with diffusion on a grid.
+
+        Raises
+        ------
+        InputError
+            The system has no Jacobian of its own.
+        """
+        state = check_array("y", y, (self.size,), finite=False)
+        found = self.native_system.jacobian(t, state)
+        if isinstance(found, np.ndarray):
+            return found
+        try:
+            from scipy.sparse import csc_array
+        except ImportError:
+            raise ImportError("a sparse Jacobian needs SciPy: pip install scipy") from None
+        start, row, values = found
+        return csc_array((values, row, start), shape=(self.size, self.size))
+
+    def jacobian_product(self, t: float, y: ArrayLike, v: ArrayLike) -> np.ndarray[Any, Any]:
+        """Evaluate df/dy v; on grids without the matrix.
+
+        Parameters
+        ----------
+        t : float
+            Time.
+        y, v : array_like, shape (n,)
+            State and vector.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            Product of the Jacobian and v.
+
+        Raises
+        ------
+        InputError
+            The system has no Jacobian of its own.
+        """
+        state, vector = (
+            check_array(name, value, (self.size,), finite=False)
+            for name, value in (("y", y), ("v", v))
+        )
+        if self.native_system.has_jacobian_product:
+            return np.asarray(self.native_system.jacobian_product(t, state, vector))
+        return np.asarray(self.jacobian(t, state) @ vector)

@@ -1,0 +1,1 @@
+"""What the methods of particles share: their state, emitters and sinks."""

@@ -1,0 +1,205 @@
+"""Where particles come from, and where they go."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..base.checks import check_array, check_integer, check_real
+from ..errors import InputError
+from ..geometry import Collider
+
+Array = NDArray[np.float64]
+
+
+class Emitter:
+    """A nozzle that lets out liquid at a given speed.
+
+    Particles leave in layers across the nozzle, one each time that the jet has moved on by the
+    layer's thickness, whatever the steps of the simulation: so the flow is `area` times `speed`,
+    without gaps and overlaps. Nothing holds the liquid behind the nozzle: what meets it pushes.
+
+    Parameters
+    ----------
+    position : array_like, shape (3,) or (2,)
+        Middle of the nozzle [m].
+    direction : array_like, same shape
+        Where the jet goes, of any length above 0.
+    speed : float
+        Of the jet [m/s], above 0.
+    radius : float, optional
+        Of a round nozzle [m]; in 2D half the width of the slit.
+    size : array_like, shape (2,), optional
+        Width and height of a rectangular nozzle [m], in place of a radius; not in 2D. The width
+        is horizontal, or along x where the jet is vertical.
+    fluid : int
+        Which of the fluids comes out; of a `MaterialPointMethod`, which of the materials.
+    start, stop : float
+        When it is open [s].
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong, with its name.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import substep
+    >>> tap = substep.Emitter((0.0, 0.0, 1.0), (0.0, 0.0, -1.0), 2.0, radius=0.05)
+    >>> liquid = substep.PositionBasedFluid(np.zeros((0, 3)), 0.02, emitters=[tap])
+    >>> liquid.advance(0.5)
+    >>> bool(len(liquid) == liquid.emitted[0] > 0)
+    True
+    >>> round(len(liquid) * 0.02**3 / (tap.area * 2.0 * 0.5), 1)
+    1.0
+    """
+
+    def __init__(
+        self,
+        position: ArrayLike,
+        direction: ArrayLike,
+        speed: float,
+        *,
+        radius: float | None = None,
+        size: ArrayLike | None = None,
+        fluid: int = 0,
+        start: float = 0.0,
+        stop: float = math.inf,
+    ) -> None:
+        x = check_array("position", position)
+        self.dimension = 2 if x.shape == (2,) else 3
+        self.position = check_array("position", x, (self.dimension,)).copy()
+        along = check_array("direction", direction, (self.dimension,))
+        length = float(np.linalg.norm(along))
+        if not (length > 0 and math.isfinite(length)):
+            raise InputError(f"direction: expected a vector of a length above 0, got {along}")
+        self.direction = along / length
+        self.speed = check_real("speed", speed, positive=True)
+        if (radius is None) == (size is None) or (size is not None and self.dimension == 2):
+            raise InputError("radius, size: expected one of them (in 2D radius)")
+        self.radius = None if radius is None else check_real("radius", radius, positive=True)
+        self.size = None if size is None else check_array("size", size, (2,)).copy()
+        if self.size is not None and not (self.size > 0).all():
+            raise InputError(f"size: expected numbers above 0, got {self.size}")
+        self.fluid = check_integer("fluid", fluid, minimum=0)
+        self.start = check_real("start", start)
+        self.stop = check_real("stop", stop, finite=False)
+
+    @property
+    def area(self) -> float:
+        """Of the nozzle [m^2]; in 2D its width [m]."""
+        if self.size is not None:
+            return float(np.prod(self.size))
+        assert self.radius is not None
+        return 2 * self.radius if self.dimension == 2 else math.pi * self.radius**2
+
+    def _layer(self, spacing: float) -> tuple[Array, float]:
+        """Points of a layer [m] and its thickness, of which together the density is that of rest.
+
+        Both are a grid, stretched so that each point has the same share of the nozzle's area A; the
+        thickness is m spacing^d / A for m points.
+        """
+        if self.size is not None:
+            counts = np.maximum(1, np.rint(self.size / spacing)).astype(int)
+            flat = _grid([w * _middles(m) / m for w, m in zip(self.size, counts, strict=True)])
+        elif self.dimension == 2:
+            m = max(1, round(self.area / spacing))
+            flat = self.area * _middles(m)[:, None] / m
+        else:
+            assert self.radius is not None
+            m = round(2 * self.radius / spacing)
+            grids = [spacing * _grid([_middles(k), _middles(k)]) for k in (m, m + 1)]
+            discs = [grid[(grid**2).sum(axis=1) <= self.radius**2] for grid in grids]
+            flat = min(discs, key=lambda disc: abs(len(disc) - self.area / spacing**2))
+            flat = flat if len(flat) else np.zeros((1, 2))
+            flat = flat * math.sqrt(self.area / len(flat)) / spacing
+        offsets = flat @ self._across()
+        return offsets, len(flat) * spacing**self.dimension / self.area
+
+    def _across(self) -> Array:
+        """Rows: unit vectors across the jet, the first horizontal."""
+        n = self.direction
+        if self.dimension == 2:
+            return np.array([[-n[1], n[0]]])
+        wide = np.cross([0.0, 0.0, 1.0], n)
+        wide = np.array([1.0, 0.0, 0.0]) if np.linalg.norm(wide) < 1e-9 else wide
+        wide = wide - (wide @ n) * n
+        wide /= np.linalg.norm(wide)
+        return np.stack([wide, np.cross(n, wide)])
+
+    def _due(self, thickness: float, time: float) -> int:
+        """Layers that have left the nozzle at a time, with that which leaves just then."""
+        gone = (min(time, self.stop) - self.start) * self.speed / thickness
+        return max(0, math.floor(gone + 1e-9) + 1) if time >= self.start else 0
+
+    def _next(self, spacing: float, layers: int, time: float) -> float:
+        """When the first layer after `layers` layers leaves that has not yet at a time."""
+        thickness = self._layer(spacing)[1]
+        k = max(layers, self._due(thickness, time))
+        leaves = self.start + k * thickness / self.speed
+        return leaves if leaves <= self.stop else math.inf
+
+    def _emit(self, spacing: float, layers: int, time: float) -> tuple[Array, int]:
+        """Positions at `time` of what came since `layers` layers, and how many have come then.
+
+        Layer k leaves the nozzle at start + k thickness / speed.
+        """
+        offsets, thickness = self._layer(spacing)
+        due = self._due(thickness, time)
+        if due <= layers:
+            return np.zeros((0, self.dimension)), layers
+        travelled = (time - self.start) * self.speed - thickness * np.arange(layers, due)
+        middles = self.position + travelled[:, None] * self.direction
+        return (middles[:, None] + offsets).reshape(-1, self.dimension), due
+
+
+def _middles(m: int) -> Array:
+    """Of m cells of length 1 about 0."""
+    return np.arange(m, dtype=np.float64) - 0.5 * (m - 1)
+
+
+def _grid(axes: list[Array]) -> Array:
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
+
+
+class Sink:
+    """A region that swallows particles.
+
+    Parameters
+    ----------
+    shape : Collider
+        Particles inside of it are taken out at the end of each step: a `Box`, a `Plane` (what is
+        below it), a hollow one (what is outside). It stays where it is.
+
+    Raises
+    ------
+    TypeError
+        If it is no Collider.
+
+    Examples
+    --------
+    >>> import substep
+    >>> drain = substep.Sink(substep.Plane((0.0, 0.0, -1.0), (0.0, 0.0, 1.0)))
+    >>> drop = substep.PositionBasedFluid([[0.0, 0.0, 0.0]], 0.1, sinks=[drain])
+    >>> drop.advance(1.0)
+    >>> len(drop), drop.absorbed
+    (0, array([1]))
+    """
+
+    def __init__(self, shape: Collider) -> None:
+        if not isinstance(shape, Collider):
+            raise TypeError(f"shape: expected a Collider, got {shape!r}")
+        self.shape = shape
+
+
+def check_all(name: str, values: Any, kind: type) -> tuple[Any, ...]:
+    """A sequence of emitters or sinks."""
+    found = tuple(values)
+    for k, value in enumerate(found):
+        if not isinstance(value, kind):
+            raise TypeError(f"{name}[{k}]: expected {kind.__name__}, got {value!r}")
+    return found

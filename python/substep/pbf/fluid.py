@@ -1,0 +1,444 @@
+"""Position-based fluids: liquids of particles that keep their density."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from .. import _core
+from ..base.checks import check_array, check_choice, check_integer, check_positive, check_real
+from ..errors import InputError
+from ..geometry import Collider
+from ..geometry.colliders import check_colliders
+from ..particles.emitters import Emitter, Sink
+from ..particles.state import ON_ESCAPE, Particles, check_bounds, check_dtype, check_kinds
+
+Array = NDArray[np.float64]
+
+KERNELS = ("cubic_spline", "poly6_spiky")
+_LARGEST_STEP = 1 / 60  # [s], where nothing moves
+_STATE = (
+    "time",
+    "last_dt",
+    "next_id",
+    "positions",
+    "velocities",
+    "forces",
+    "ids",
+    "fluids",
+    "colliders",
+    "layers",
+    "absorbed",
+)
+
+
+class PositionBasedFluid(Particles):
+    """A liquid of particles whose density is kept by corrections of their positions.
+
+    Every particle is `spacing` cubed (in 2D squared) of liquid. A step predicts the positions,
+    moves them until the density is nowhere above that of the liquid at rest, and takes the
+    velocities from how far the particles came. docs/pbf.md has the equations, and what this is not.
+
+    Parameters
+    ----------
+    positions : array_like, shape (n, 3) or (n, 2)
+        Initial positions [m]. In 2D the particles lie at z = 0, where colliders are cut.
+    spacing : float
+        Distance of neighbours in the lattice of rest density [m], above 0.
+    velocities : array_like, shape of positions, optional
+        Initial velocities [m/s]; at rest unless given.
+    density : float or sequence of float
+        Rest density [kg/m^3], above 0; one for each of several fluids. In 2D the layer is taken as
+        1 m thick.
+    fluid : array_like of int, shape (n,), optional
+        Which of the densities each particle has; the first unless given.
+    gravity : array_like, shape (3,) or (2,), optional
+        Acceleration [m/s^2]; 9.81 downward (along the last axis) unless given.
+    colliders : sequence of Collider
+        Obstacles and containers (a tank is a `Box` with `hollow`).
+    kernel : {'cubic_spline', 'poly6_spiky'}
+        Smoothing kernel. The second is the pair of Macklin and Mueller: poly6 for the density, the
+        gradient of the spiky kernel for the corrections.
+    support : float
+        Radius of the kernel in spacings, from 1.2 to 4.
+    tolerance : float
+        Mean density error, relative, at which a step stops to iterate.
+    max_tolerance : float
+        Largest density error, relative, at which it does.
+    min_iterations : int
+        Iterations that a step takes at least. With none, errors below the tolerance add up over
+        short steps, and give a splash energy when a later step corrects them.
+    max_iterations : int
+        Limit of iterations of a step, at least 1.
+    warm_start : float
+        Share of the corrections of the last step that a step begins with, from 0 to below 1. For
+        fixed steps (`step`); where their size changes it can give a splash energy.
+    relaxation : float
+        Compliance of the density constraint, relative to the sum of squared gradients in the rest
+        lattice; at least 0.
+    artificial_pressure : float
+        Repulsion of close particles against clumps, as the density error that pushes as hard.
+    xsph : float
+        Part, from 0 to 1, of the difference to the mean velocity around that each step takes away
+        (XSPH); smooths the motion, conserves linear momentum only.
+    viscosity : float or sequence of float
+        Kinematic viscosity [m^2/s], at least 0, implicit, so stable with any; one for each fluid.
+    vorticity_confinement : float
+        Strength [m/s], at least 0, of the force that spins up eddies.
+    surface_tension : float
+        Surface tension [N/m], at least 0. docs/pbf_forces.md has the equations of these four.
+    emitters : sequence of Emitter
+        Nozzles.
+    sinks : sequence of Sink
+        Regions that swallow particles.
+    one_sided : bool
+        Only compression is corrected. False also pulls particles of low density together, as at a
+        free surface.
+    on_escape : {'raise', 'remove', 'clamp'}
+        What happens to particles that leave the bounds: SolverError, they are taken out, or they
+        are held at the bounds.
+    bounds : array_like, shape (2, 3) or (2, 2), optional
+        Lowest and highest corner [m] of where particles may be; anywhere unless given.
+    cfl : float
+        Spacings that the fastest particle may move in a step of `advance`.
+    step : float, optional
+        Step of `advance` [s]; by `step_limit` unless given.
+    dtype : {'float32', 'float64'}
+        Of the numbers that it computes with; positions are stored from a float64 origin on.
+    threads : int, optional
+        Threads of the native loops; results do not depend on it.
+    time : float
+        Time of the initial state [s].
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong, with its name and the first bad index.
+
+    References
+    ----------
+    Macklin and Mueller, "Position based fluids", ACM Trans. Graph. 32(4), 2013, algorithm 1.
+    Solenthaler and Pajarola, "Density contrast SPH interfaces", 2008, eq. 3 (several fluids).
+
+    Examples
+    --------
+    A column of water of 8 x 8 x 8 particles collapses in a tank.
+
+    >>> import numpy as np
+    >>> import substep
+    >>> axis = 0.05 * (np.arange(8) + 0.5)
+    >>> water = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    >>> tank = substep.Box((0.8, 0.2, 0.5), (1.6, 0.4, 1.0), hollow=True)
+    >>> liquid = substep.PositionBasedFluid(water, 0.05, colliders=[tank])
+    >>> liquid.advance(0.3)
+    >>> bool(liquid.positions[:, 0].max() > 0.6)
+    True
+    >>> bool(tank.distance(liquid.positions).min() > 0)
+    True
+    """
+
+    def __init__(
+        self,
+        positions: ArrayLike,
+        spacing: float,
+        *,
+        velocities: ArrayLike | None = None,
+        density: float | Sequence[float] = 1000.0,
+        fluid: ArrayLike | None = None,
+        gravity: ArrayLike | None = None,
+        colliders: Sequence[Collider] = (),
+        kernel: str = "cubic_spline",
+        support: float = 2.0,
+        tolerance: float = 1e-3,
+        max_tolerance: float = 0.05,
+        min_iterations: int = 2,
+        max_iterations: int = 10,
+        warm_start: float = 0.0,
+        relaxation: float = 1e-3,
+        artificial_pressure: float = 0.0,
+        xsph: float = 0.0,
+        viscosity: float | Sequence[float] = 0.0,
+        vorticity_confinement: float = 0.0,
+        surface_tension: float = 0.0,
+        emitters: Sequence[Emitter] = (),
+        sinks: Sequence[Sink] = (),
+        one_sided: bool = True,
+        on_escape: str = "raise",
+        bounds: ArrayLike | None = None,
+        cfl: float = 0.4,
+        step: float | None = None,
+        dtype: DTypeLike = "float32",
+        threads: int | None = None,
+        time: float = 0.0,
+    ) -> None:
+        x = check_array("positions", positions)
+        d = 2 if x.ndim == 2 and x.shape[1] == 2 else 3
+        x = check_array("positions", x, (None, d))
+        self.spacing = check_real("spacing", spacing, positive=True)
+        self.density = check_positive("density", np.atleast_1d(density), np.size(density))
+        self.colliders = check_colliders(colliders, d)
+        self.gravity = check_array(
+            "gravity", [0.0, 0.0, -9.81][3 - d :] if gravity is None else gravity, (d,)
+        ).copy()
+        self.support = check_real("support", support)
+        if not 1.2 <= self.support <= 4:
+            raise InputError(f"support: expected a number from 1.2 to 4, got {self.support}")
+        self.cfl = check_real("cfl", cfl, positive=True)
+        self.step_size = None if step is None else check_real("step", step, positive=True)
+        self._options = {
+            "dimension": d,
+            "spacing": self.spacing,
+            "support": self.support,
+            "kernel": check_choice("kernel", kernel, KERNELS),
+            "masses": (self.density * self.spacing**d).tolist(),
+            "gravity": [*self.gravity, 0.0][:3],
+            "tolerance": check_real("tolerance", tolerance, nonnegative=True),
+            "max_tolerance": check_real("max_tolerance", max_tolerance, nonnegative=True),
+            "min_iterations": check_integer("min_iterations", min_iterations, minimum=0),
+            "max_iterations": check_integer("max_iterations", max_iterations, minimum=1),
+            "warm_start": _check_warm_start(warm_start),
+            "relaxation": check_real("relaxation", relaxation, nonnegative=True),
+            "artificial_pressure": check_real(
+                "artificial_pressure", artificial_pressure, nonnegative=True
+            ),
+            "one_sided": bool(one_sided),
+            "viscosity": _check_viscosity(viscosity, len(self.density)),
+            **_check_forces(xsph, vorticity_confinement, surface_tension),
+            "on_escape": check_choice("on_escape", on_escape, ON_ESCAPE),
+            "bounds": check_bounds(bounds, d),
+        }
+        if not all(1e-30 < m < 1e30 for m in [self.spacing**d, *self._options["masses"]]):
+            raise InputError(f"spacing: the mass of a particle is out of range at {spacing} m")
+        self._dimension = d
+        self.dtype = check_dtype(dtype)
+        self._origin = [0.0, 0.0, 0.0]
+        if len(x):
+            self._origin[:d] = ((x.min(axis=0) + x.max(axis=0)) / 2).tolist()
+        self._set_flow(emitters, sinks, len(self.density), self.spacing, "fluid")
+        for k, emitter in enumerate(self.emitters):
+            away = np.abs(emitter.position - self._origin[:d]).max()
+            if not away <= 2.0**22 * self.support * self.spacing:
+                raise InputError(f"emitters[{k}]: too far from the first particle for float32")
+        super().__init__(self._make(), time, threads)
+        self.add(x, velocities=velocities, fluid=fluid)
+
+    def _make(self) -> Any:
+        native = {
+            "float32": _core.PositionBasedFluid32,
+            "float64": _core.PositionBasedFluid64,
+        }[self.dtype.name]
+        return native(self._origin, [c._native for c in self.colliders], self._options)
+
+    @property
+    def fluid(self) -> NDArray[np.int32]:
+        """Which of the fluids each particle is, shape (n,); a copy."""
+        fluids: NDArray[np.int32] = self._native.fluids()
+        return fluids
+
+    @property
+    def masses(self) -> Array:
+        """Masses [kg] (in 2D of a layer of 1 m), shape (n,); a copy."""
+        masses: Array = np.array(self._options["masses"])[self.fluid]
+        return masses
+
+    @property
+    def densities(self) -> Array:
+        """Densities where the particles are, walls included, over the rest density, shape (n,)."""
+        values: Array = self._native.densities()
+        return values
+
+    @property
+    def report(self) -> Any:
+        """What the last step took.
+
+        `iterations`, `converged`, `mean_error` and `max_error` of the density (relative, as
+        measured before the last correction), `limited` (corrections cut to a quarter of the
+        kernel's radius), `removed` and `clamped` (particles that left the bounds).
+        """
+        return self._native.report
+
+    def add(
+        self, positions: ArrayLike, *, velocities: ArrayLike | None = None, fluid: Any = None
+    ) -> NDArray[np.int64]:
+        """Put in particles.
+
+        Parameters
+        ----------
+        positions : array_like, shape (m, 3) or (m, 2)
+            Where [m].
+        velocities : array_like, same shape, optional
+            Their velocities [m/s]; at rest unless given.
+        fluid : int or array_like of int, shape (m,), optional
+            Which of the fluids they are; the first unless given.
+
+        Returns
+        -------
+        ndarray of int64, shape (m,)
+            Their ids, which no other particle had or will have.
+
+        Raises
+        ------
+        InputError
+            If an argument is wrong; nothing is changed then.
+        """
+        x = check_array("positions", positions, (None, self._dimension))
+        m = len(x)
+        v = np.zeros_like(x) if velocities is None else velocities
+        v = check_array("velocities", v, x.shape)
+        which = check_kinds("fluid", 0 if fluid is None else fluid, m, len(self.density))
+        with self._own():
+            first = self._native.add(x, v, which)
+        return np.arange(first, first + m, dtype=np.int64)
+
+    def _put_in(self, x: Array, v: Array, kind: NDArray[np.int32]) -> None:
+        self._native.add(x, v, kind)
+
+    def _take_step(self, dt: float) -> None:
+        self._native.step(dt)
+        self._flow()
+
+    def _next_step(self) -> float:
+        return self.step_limit()[0] if self.step_size is None else self.step_size
+
+    def step_limit(self) -> tuple[float, str]:
+        """Largest step that the CFL condition allows now, and why.
+
+        Returns
+        -------
+        float
+            The step [s]: `cfl` spacings at the speed of the fastest particle, where each counts as
+            fast as it would be after falling to the height of the lowest one; at most 1/60 s.
+        str
+            The reason.
+        """
+        speed = max([self._native.fastest, *(emitter.speed for emitter in self.emitters)])
+        limit = self.cfl * self.spacing / speed if speed > 0 else math.inf
+        waves = self._capillary_step()
+        if waves < min(limit, _LARGEST_STEP):
+            return waves, "capillary waves of the length of a spacing"
+        if limit >= _LARGEST_STEP:
+            return _LARGEST_STEP, "nothing moves fast enough to need a shorter one"
+        return limit, f"CFL {self.cfl:g} at a speed of {speed:.4g} m/s"
+
+    def _capillary_step(self) -> float:
+        """Step that resolves the shortest capillary waves [s].
+
+        Half of what Brackbill, Kothe and Zemach (1992), eq. 61, have: sqrt(rho d^3 / (2 pi sigma)),
+        of the lightest fluid.
+        """
+        sigma: float = self._options["surface_tension"]
+        if sigma == 0:
+            return math.inf
+        return math.sqrt(float(self.density.min()) * self.spacing**3 / (8 * math.pi * sigma))
+
+    def diagnostics(self) -> dict[str, float]:
+        """Energies, momenta and the density errors of the last step.
+
+        Returns
+        -------
+        dict of str to float
+            `count`; `kinetic_energy` and `potential_energy` [J]; `momentum_x`, `_y`, `_z` [N s];
+            `angular_momentum_x`, `_y`, `_z` about 0 [N m s]; of the last step `iterations`,
+            `mean_density_error` and `max_density_error` (relative, before the last correction).
+        """
+        energies, report = self._native.energies, self.report
+        values = {
+            "count": float(len(self)),
+            "kinetic_energy": energies.kinetic,
+            "potential_energy": energies.potential,
+        }
+        for name in ("momentum", "angular_momentum"):
+            vector = getattr(energies, name)
+            values |= {f"{name}_{axis}": vector[k] for k, axis in enumerate("xyz")}
+        return values | {
+            "iterations": float(report.iterations),
+            "mean_density_error": report.mean_error,
+            "max_density_error": report.max_error,
+        }
+
+    def fields(self) -> dict[str, tuple[NDArray[Any], str]]:
+        """Arrays for recording, with their units.
+
+        Returns
+        -------
+        dict of str to (ndarray, str)
+            `position` and `velocity`, shape of positions; `id` and `fluid`, shape (n,).
+        """
+        return {
+            "position": (self.positions, "m"),
+            "velocity": (self.velocities, "m/s"),
+            "id": (self.ids, "1"),
+            "fluid": (self.fluid, "1"),
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go back to a state, bit for bit.
+
+        Parameters
+        ----------
+        state : dict
+            From `state()` of an object made in the same way.
+
+        Raises
+        ------
+        InputError
+            If it is not such a state; nothing is changed then.
+        """
+        missing = set(_STATE) - set(state)
+        if missing:
+            raise InputError(f"state: {', '.join(sorted(missing))} missing")
+        time = check_real("state['time']", state["time"])
+        last_dt = check_real("state['last_dt']", state["last_dt"], nonnegative=True)
+        next_id = check_integer("state['next_id']", state["next_id"], minimum=0)
+        ids = np.asarray(state["ids"])
+        n = ids.size
+        if ids.shape != (n,) or ids.dtype != np.int64 or len(np.unique(ids)) != n:
+            raise InputError("state['ids']: expected different int64 numbers")
+        if n and not (ids.min() >= 0 and ids.max() < next_id):
+            raise InputError("state['ids']: expected numbers from 0 to below next_id")
+        rows = {}
+        for name in ("positions", "velocities", "forces"):
+            rows[name] = np.asarray(state[name])
+            if rows[name].dtype != self.dtype:
+                raise InputError(f"state[{name!r}]: expected dtype {self.dtype}")
+            shape = (0 if name == "forces" and len(rows[name]) == 0 else n, 4)
+            rows[name] = check_array(f"state[{name!r}]", rows[name], shape, dtype=self.dtype)
+        fluids = check_kinds("fluid", state["fluids"], n, len(self.density))
+        flow = self._check_flow_state(state)
+        with self._own():
+            self._native.restore(time, last_dt, next_id, *rows.values(), ids, fluids)
+            self._restore_flow(flow)
+
+
+def _check_viscosity(viscosity: Any, fluids: int) -> list[float]:
+    """Of each fluid; nothing if there is none."""
+    values = check_array("viscosity", np.atleast_1d(viscosity))
+    if values.shape not in ((1,), (fluids,)):
+        raise InputError(f"viscosity: expected 1 or {fluids} numbers, got shape {values.shape}")
+    if (values < 0).any():
+        k = int(np.argmax(values < 0))
+        raise InputError(f"viscosity[{k}]: expected at least 0, got {values[k]}")
+    rows: list[float] = np.broadcast_to(values, fluids).tolist() if values.any() else []
+    return rows
+
+
+def _check_forces(xsph: Any, confinement: Any, tension: Any) -> dict[str, float]:
+    options = {
+        "xsph": check_real("xsph", xsph, nonnegative=True),
+        "vorticity_confinement": check_real("vorticity_confinement", confinement, nonnegative=True),
+        "surface_tension": check_real("surface_tension", tension, nonnegative=True),
+    }
+    if options["xsph"] > 1:
+        raise InputError(f"xsph: expected a number from 0 to 1, got {options['xsph']}")
+    return options
+
+
+def _check_warm_start(warm_start: float) -> float:
+    share = check_real("warm_start", warm_start, nonnegative=True)
+    if share >= 1:
+        raise InputError(f"warm_start: expected a number from 0 to below 1, got {share}")
+    return share

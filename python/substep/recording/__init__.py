@@ -1,0 +1,16 @@
+"""Recordings: frames appended to a journal, packed into VTKHDF, read back as arrays."""
+
+from .parts import Part
+from .reader import RecordedPart, Recording
+from .recorder import Recorder
+
+__all__ = [
+    "Part",
+    "RecordedPart",
+    "Recorder",
+    "Recording",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__

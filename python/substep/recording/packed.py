@@ -1,0 +1,253 @@
+"""Reads packed recordings, which anyone may have written, and trusts nothing in them."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import CorruptError, FormatError, TruncatedError, VersionError
+from .frames import (
+    CONSTANTS,
+    DTYPES,
+    READABLE_VERSIONS,
+    Constants,
+    Spec,
+    arrays_per_frame,
+    constant_rows,
+    frame_names,
+    load_json,
+)
+from .vtkhdf import CHUNK_BYTES, PLACES, index_crc, stored_dtype, stored_shape
+
+LARGEST_CHUNK = 1 << 26
+ALLOWED_FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
+# Deflate shrinks no more than this: https://zlib.net/zlib_tech.html, Maximum Compression Factor.
+DEFLATE_LIMIT = 1032
+
+
+@contextlib.contextmanager
+def _damage_to_errors(path: str) -> Iterator[None]:
+    """What h5py raises on a damaged file becomes CorruptError."""
+    try:
+        yield
+    except (FormatError, MemoryError):
+        raise
+    except (
+        OSError,
+        RuntimeError,
+        KeyError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        IndexError,
+    ) as e:
+        text = str(e).splitlines()[0] if str(e) else type(e).__name__
+        raise CorruptError(f"{path}: {text}") from None
+
+
+class Packed:
+    """The frames of a packed recording; the attributes are those of `Source`.
+
+    Only what `write` makes is read: hard links, chunked or contiguous data within the file, gzip,
+    shuffle and Fletcher-32 filters. Sizes are compared with the file before anything is allocated.
+    """
+
+    def __init__(self, path: str, max_bytes: int) -> None:
+        self.path = path
+        self._max_bytes = max_bytes
+        self.problem: FormatError | None = None
+        self.size = os.path.getsize(path)
+        self._check_superblock()
+        with _damage_to_errors(path):
+            self._file = h5py.File(path, "r", locking=False)
+        try:
+            with _damage_to_errors(path):
+                self._read_index()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file."""
+        with contextlib.suppress(RuntimeError, OSError):
+            self._file.close()
+
+    def _check_superblock(self) -> None:
+        """The length in superblocks 2 and 3 (HDF5 File Format Specification 3.0, II.A)."""
+        with open(self.path, "rb") as file:
+            head = file.read(48)
+        if len(head) < 48:
+            raise TruncatedError(
+                f"{self.path}: the file ends at byte {len(head)}", offset=len(head)
+            )
+        end = struct.unpack_from("<Q", head, 28)[0]
+        if head[8] in (2, 3) and head[9] == 8 and end > self.size:
+            raise TruncatedError(
+                f"{self.path}: the file ends at byte {self.size} of {end}", offset=self.size
+            )
+
+    def _dataset(
+        self, name: str, dtype: str, columns: tuple[int, ...], rows: int | None = None
+    ) -> h5py.Dataset:
+        """A dataset that is safe to read, with the dtype and the shape it must have."""
+        where = f"{self.path}: {name}"
+        node: Any = self._file
+        for step in name.split("/"):
+            link = node.get(step, getlink=True)
+            if not isinstance(link, h5py.HardLink):
+                raise CorruptError(f"{where}: only hard links are followed")
+            node = node[step]
+        if not isinstance(node, h5py.Dataset):
+            raise CorruptError(f"{where}: not a dataset")
+        _check_storage(node, where, self.size)
+        found, wanted = node.dtype, np.dtype(dtype)
+        if found != wanted:
+            if found.kind == wanted.kind:
+                raise VersionError(f"{where}: stored as {found.str}, expected {wanted.str}")
+            raise CorruptError(f"{where}: stored as {found.str}, expected {wanted.str}")
+        if node.shape[1:] != columns or rows not in (None, node.shape[0]):
+            raise CorruptError(f"{where}: its shape is {node.shape}")
+        return node
+
+    def _load(
+        self, name: str, dtype: str, columns: tuple[int, ...], rows: int | None = None
+    ) -> NDArray[Any]:
+        """A whole dataset."""
+        dataset = self._dataset(name, dtype, columns, rows)
+        if dataset.size * dataset.dtype.itemsize > self._max_bytes:
+            raise FormatError(f"{self.path}: {name}: larger than max_bytes, {self._max_bytes}")
+        return dataset[...]
+
+    def _read_index(self) -> None:
+        name = "substep/metadata"
+        if "substep" not in self._file:
+            raise CorruptError(f"{self.path}: an HDF5 file, but not a recording of substep")
+        self._check_version()
+        raw = self._load(name, "|u1", ()).tobytes()
+        if len(raw) < 4 or zlib.crc32(raw[:-4]) != struct.unpack("<I", raw[-4:])[0]:
+            raise CorruptError(f"{self.path}: the checksum of the metadata differs")
+        self.metadata = load_json(raw[:-4], self.path)
+        self.specs = [Spec(p, n, d, tuple(s)) for p, n, d, s in self.metadata["arrays"]]
+        self._check_specs()
+        frames, arrays = self.metadata["frames"], arrays_per_frame(self.metadata)
+        prefix = self._prefix(self.metadata["parts"][0]["name"])
+        times = self._load(f"{prefix}/Steps/Values", "<f8", (), frames)
+        counts = self._load("substep/counts", "<i8", (arrays,), frames)
+        crcs = self._load("substep/crc32", "<u4", (arrays,), frames)
+        self.times: list[float] = times.tolist()
+        self.counts: list[tuple[int, ...]] = [tuple(row) for row in counts.tolist()]
+        self.crcs: list[tuple[int, ...]] = [tuple(row) for row in crcs.tolist()]
+        if index_crc(self) != self.metadata["index_crc32"]:
+            raise CorruptError(f"{self.path}: the checksum of the index differs")
+        self._offsets = (np.cumsum(counts, axis=0) - counts).tolist()
+        self._rows = counts.sum(axis=0).tolist() if frames else [0] * arrays
+        self._datasets: dict[int, h5py.Dataset] = {}
+        self._chunks: dict[int, tuple[int, NDArray[Any]]] = {}
+        self._read_constants()
+
+    def _check_version(self) -> None:
+        version = self._file["substep"].attrs["format_version"]
+        if int(version) not in READABLE_VERSIONS:
+            raise VersionError(
+                f"{self.path}: format version {version}; this substep reads {READABLE_VERSIONS}"
+            )
+
+    def _check_specs(self) -> None:
+        wanted = [(p["name"], n) for p in self.metadata["parts"] for n in frame_names(p)]
+        if self.specs and [(s.part, s.name) for s in self.specs] != wanted:
+            raise CorruptError(f"{self.path}: the arrays are not those of the parts")
+        for spec in self.specs:
+            if spec.dtype not in DTYPES or len(spec.shape) > 2 or min(spec.shape, default=1) < 1:
+                raise CorruptError(f"{self.path}: {spec.part}/{spec.name}: unknown kind of array")
+
+    def _prefix(self, part: str) -> str:
+        return "VTKHDF" if len(self.metadata["parts"]) == 1 else f"VTKHDF/{part}"
+
+    def _read_constants(self) -> None:
+        self.constants: list[Constants] = []
+        only_triangles = "triangles_crc32" in self.metadata  # version 1
+        crcs = iter(self.metadata["triangles_crc32" if only_triangles else "constants_crc32"])
+        for part in self.metadata["parts"]:
+            of_part: Constants = {}
+            for name, rows in constant_rows(part).items():
+                dtype, columns = CONSTANTS[name]
+                place = f"{self._prefix(part['name'])}/{PLACES[name]}"
+                if name == "points":
+                    data = self._load(place, dtype, (columns,), rows)
+                else:
+                    data = self._load(place, dtype, (), rows * columns).reshape(rows, columns)
+                if zlib.crc32(data.tobytes()) != next(crcs):
+                    raise CorruptError(f"{self.path}: {place}: the checksum differs")
+                of_part[name] = data
+            self.constants.append(of_part)
+
+    def forget(self, frames: int) -> None:
+        """Keep the first `frames` frames only."""
+        for column in (self.times, self.counts, self.crcs):
+            del column[frames:]  # type: ignore[attr-defined]
+
+    def read(self, index: int, array: int) -> NDArray[Any]:
+        """One array of one frame, unchecked."""
+        spec = self.specs[array]
+        with _damage_to_errors(self.path):
+            if array not in self._datasets:
+                dimension = next(s.shape[0] for s in self.specs if s.part == spec.part)
+                leaf = "Points" if spec.name == "points" else f"PointData/{spec.name}"
+                self._datasets[array] = self._dataset(
+                    f"{self._prefix(spec.part)}/{leaf}",
+                    stored_dtype(spec),
+                    stored_shape(spec, dimension),
+                    self._rows[array],
+                )
+            start, count = self._offsets[index][array], self.counts[index][array]
+            rows = self._read_rows(array, start, start + count)
+            flat = rows.reshape(count, math.prod(rows.shape[1:]))[:, : math.prod(spec.shape)]
+            return np.ascontiguousarray(flat).view(spec.dtype).reshape(count, *spec.shape)
+
+    def _read_rows(self, array: int, start: int, stop: int) -> NDArray[Any]:
+        """Rows of a dataset. Of small frames the whole chunks are read, and kept for the next."""
+        dataset = self._datasets[array]
+        row_bytes = dataset.dtype.itemsize * math.prod(dataset.shape[1:])
+        if dataset.chunks is None or (stop - start) * row_bytes >= CHUNK_BYTES:
+            return dataset[start:stop]
+        first, rows = self._chunks.get(array, (0, dataset[:0]))
+        if start < first or stop > first + len(rows):
+            step = dataset.chunks[0]
+            first = start // step * step
+            rows = dataset[first : -(-stop // step) * step]
+            self._chunks[array] = (first, rows)
+        return rows[start - first : stop - first].copy()
+
+
+def _check_storage(dataset: h5py.Dataset, where: str, file_size: int) -> None:
+    """Refuse data elsewhere, foreign filters, and more data than the file can hold."""
+    if dataset.id.get_type().get_class() not in (h5py.h5t.INTEGER, h5py.h5t.FLOAT):
+        raise CorruptError(f"{where}: not an array of numbers")
+    if dataset.external or dataset.is_virtual:
+        raise CorruptError(f"{where}: data in another file are refused")
+    properties = dataset.id.get_create_plist()
+    filters = {properties.get_filter(k)[0] for k in range(properties.get_nfilters())}
+    if not filters <= ALLOWED_FILTERS:
+        raise CorruptError(f"{where}: filter {min(filters - ALLOWED_FILTERS)} is refused")
+    if dataset.shape is None or len(dataset.shape) < 1:
+        raise CorruptError(f"{where}: not an array of rows")
+    declared = dataset.dtype.itemsize * math.prod(dataset.shape)
+    stored = dataset.id.get_storage_size()
+    limit = stored * (DEFLATE_LIMIT if h5py.h5z.FILTER_DEFLATE in filters else 1)
+    if stored > file_size or declared > limit:
+        raise CorruptError(f"{where}: declares {declared} bytes, the file holds {stored}")
+    if dataset.chunks is not None:
+        if dataset.dtype.itemsize * math.prod(dataset.chunks) > LARGEST_CHUNK:
+            raise CorruptError(f"{where}: its chunks are larger than {LARGEST_CHUNK} bytes")
+        wanted = math.prod(-(-n // c) for n, c in zip(dataset.shape, dataset.chunks, strict=True))
+        if declared and dataset.id.get_num_chunks() != wanted:
+            raise CorruptError(f"{where}: chunks are missing")

@@ -1,0 +1,308 @@
+"""Recordings read back as arrays, whether packed or still a journal."""
+
+from __future__ import annotations
+
+import contextlib
+import operator
+import os
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.checks import check_integer
+from ..errors import CorruptError, FormatError, InputError, TruncatedError, VersionError
+from .files import JOURNAL_SUFFIX, check_path
+from .frames import Source, read_checked
+from .journal import MAX_BYTES, Journal, open_source
+from .parts import Part, check_parameters, check_parts, check_text
+
+Frame = dict[str, dict[str, NDArray[Any]]]
+
+
+class Recording:
+    """A recording as arrays, whether packed or still a journal.
+
+    While a journal lies beside the packed file, the journal is read: it is never older. Iterating
+    gives (time, frame) pairs.
+
+    Parameters
+    ----------
+    path : path-like
+        The recording, or its journal.
+    recover : bool
+        Check every frame now, and keep those before the first damaged one.
+    max_bytes : int
+        The largest frame that may be read, and the largest index.
+
+    Attributes
+    ----------
+    times : ndarray of float64, shape (frames,)
+        [s]
+    parts : dict of str to Part
+        Kind, fields with their units, and topology of every part.
+    scene : str
+        Name of the scene.
+    parameters : dict
+        Of the scene.
+    seed : int
+        Of the random numbers.
+    version : str
+        Of the substep that wrote it.
+    packed : bool
+        Whether it is VTKHDF; else a journal.
+
+    Raises
+    ------
+    CorruptError, TruncatedError, VersionError
+        If the file is damaged or of another version; `offset` says where, if that is known. A
+        journal that ends within a frame is not damaged: it has the frames before.
+    OSError
+        If it cannot be opened.
+
+    Examples
+    --------
+    >>> import os, tempfile
+    >>> import substep
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = os.path.join(folder.name, "run.vtkhdf")
+    >>> recorder = substep.Recorder(path, parts={"p": substep.Part()}, parameters={"n": 1})
+    >>> recorder.append(0.0, {"p": {"points": [[1.0, 2.0]]}})
+    >>> with substep.Recording(path) as recording:  # while the run goes on
+    ...     print(recording.parameters, recording.frame(0)["p"]["points"])
+    {'n': 1} [[1. 2.]]
+    >>> recorder.close()
+    >>> folder.cleanup()
+    """
+
+    def __init__(
+        self, path: str | os.PathLike[str], *, recover: bool = False, max_bytes: int = MAX_BYTES
+    ) -> None:
+        self._max_bytes = check_integer("max_bytes", max_bytes, minimum=1)
+        name = check_path(path)
+        if not name.endswith(JOURNAL_SUFFIX) and os.path.lexists(name + JOURNAL_SUFFIX):
+            name += JOURNAL_SUFFIX
+        self._adopt(open_source(name, self._max_bytes), recover)
+
+    @classmethod
+    def _of(cls, source: Source) -> Recording:
+        """A recording of what is open already."""
+        recording = cls.__new__(cls)
+        recording._max_bytes = MAX_BYTES
+        recording._adopt(source, recover=False)
+        return recording
+
+    def _adopt(self, source: Source, recover: bool) -> None:
+        self.source = source
+        self.path = source.path
+        self.packed = not isinstance(source, Journal)
+        try:
+            self._check_metadata(source.metadata)
+            if recover:
+                self._keep_valid_frames()
+            elif self.source.problem is not None:
+                raise self.source.problem
+        except BaseException:
+            self.close()
+            raise
+
+    def _check_metadata(self, metadata: dict[str, Any]) -> None:
+        """Names and units come from a file that anyone may have written: check them as input."""
+        try:
+            self.parts = check_parts(
+                {
+                    part["name"]: Part(part["kind"], dict(part["fields"]), **constants)
+                    for part, constants in zip(
+                        metadata["parts"], self.source.constants, strict=True
+                    )
+                }
+            )
+            self.scene: str = check_text("scene", metadata["scene"], 1000)
+            self.parameters: dict[str, Any] = check_parameters(metadata["parameters"])
+            self.seed: int = check_integer("seed", metadata["seed"], minimum=0)
+            self.version: str = check_text("substep", metadata["substep"], 64)
+        except (InputError, TypeError, KeyError, ValueError) as error:
+            raise CorruptError(f"{self.path}: metadata: {error}") from None
+
+    def _keep_valid_frames(self) -> None:
+        for i in range(len(self)):
+            try:
+                self.frame(i)
+            except (CorruptError, TruncatedError, VersionError):
+                self.source.forget(i)
+                return
+
+    def __len__(self) -> int:
+        return len(self.source.times)
+
+    @property
+    def times(self) -> NDArray[np.float64]:
+        """Times of the frames, shape (frames,) [s]."""
+        return np.array(self.source.times, np.float64)
+
+    def _index(self, index: int) -> int:
+        number = operator.index(index)
+        if not -len(self) <= number < len(self):
+            raise IndexError(f"frame {number}: the recording has {len(self)} frames")
+        return number % len(self)
+
+    def _read_arrays(self, index: int, wanted: list[int]) -> list[NDArray[Any]]:
+        counts, specs = self.source.counts[index], self.source.specs
+        needed = sum(counts[k] * specs[k].row_bytes for k in wanted)
+        if needed > self._max_bytes:
+            raise FormatError(
+                f"{self.path}: frame {index} needs {needed} bytes, max_bytes is {self._max_bytes}"
+            )
+        return [read_checked(self.source, index, k) for k in wanted]
+
+    def frame(self, index: int) -> Frame:
+        """All arrays of one frame.
+
+        Parameters
+        ----------
+        index : int
+            From 0; negative ones count from the end.
+
+        Returns
+        -------
+        dict of str to dict of str to ndarray
+            For every part its `points` and its fields, as they were recorded. Constant points are
+            read-only.
+
+        Raises
+        ------
+        IndexError
+            If there is no such frame.
+        CorruptError
+            If a checksum differs.
+        FormatError
+            If the frame is larger than `max_bytes`.
+        """
+        number = self._index(index)
+        specs = self.source.specs
+        result: Frame = {
+            name: {} if part.points is None else {"points": np.asarray(part.points)}
+            for name, part in self.parts.items()
+        }
+        for spec, array in zip(specs, self._read_arrays(number, [*range(len(specs))]), strict=True):
+            result[spec.part][spec.name] = array
+        return result
+
+    def __iter__(self) -> Iterator[tuple[float, Frame]]:
+        for i in range(len(self)):
+            yield self.source.times[i], self.frame(i)
+
+    def __getitem__(self, name: str) -> RecordedPart:
+        """The part of that name; KeyError if there is none."""
+        if name not in self.parts:
+            raise KeyError(f"{name!r}; the recording has {', '.join(self.parts)}")
+        return RecordedPart(self, name)
+
+    def close(self) -> None:
+        """Close the file."""
+        self.source.close()
+
+    def __enter__(self) -> Recording:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __del__(self) -> None:
+        with contextlib.suppress(Exception):  # not opened, or the interpreter ends
+            self.source.close()
+
+
+class RecordedPart:
+    """One part of a `Recording`, as `recording[name]` gives it: its arrays, one at a time.
+
+    Parameters
+    ----------
+    recording : Recording
+        Open.
+    name : str
+        Of the part.
+
+    Attributes
+    ----------
+    name : str
+        Of the part.
+    info : Part
+        Kind, fields with their units, topology.
+
+    Examples
+    --------
+    >>> import os, tempfile
+    >>> import substep
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = os.path.join(folder.name, "run.vtkhdf")
+    >>> parts = {"p": substep.Part("particles", {"speed": "m/s"})}
+    >>> with substep.Recorder(path, parts=parts) as recorder:
+    ...     recorder.append(0.0, {"p": {"points": [[1.0, 2.0]], "speed": [3.0]}})
+    >>> with substep.Recording(path) as recording:
+    ...     print(recording["p"].points(0), recording["p"].field("speed", 0))
+    [[1. 2.]] [3.]
+    >>> folder.cleanup()
+    """
+
+    def __init__(self, recording: Recording, name: str) -> None:
+        self._recording = recording
+        self.name = name
+        self.info = recording.parts[name]
+
+    def points(self, index: int) -> NDArray[Any]:
+        """Positions at one frame.
+
+        Parameters
+        ----------
+        index : int
+            Of the frame, from 0; negative ones count from the end.
+
+        Returns
+        -------
+        ndarray, shape (n, 2) or (n, 3)
+            As recorded [m].
+
+        Raises
+        ------
+        IndexError
+            If there is no such frame.
+        CorruptError
+            If its checksum differs.
+        """
+        return self.field("points", index)
+
+    def field(self, name: str, index: int) -> NDArray[Any]:
+        """A field at one frame.
+
+        Parameters
+        ----------
+        name : str
+            Of the field.
+        index : int
+            Of the frame, from 0; negative ones count from the end.
+
+        Returns
+        -------
+        ndarray, one row per point
+            As recorded, in the unit `info.fields[name]`.
+
+        Raises
+        ------
+        KeyError
+            If there is no such field.
+        IndexError
+            If there is no such frame.
+        CorruptError
+            If its checksum differs.
+        """
+        names = ("points", *self.info.fields)
+        if name not in names:
+            raise KeyError(f"{name!r}; the part has {', '.join(names)}")
+        number = self._recording._index(index)
+        if name == "points" and self.info.points is not None:
+            return np.asarray(self.info.points)
+        specs = self._recording.source.specs
+        wanted = [k for k, s in enumerate(specs) if (s.part, s.name) == (self.name, name)]
+        return self._recording._read_arrays(number, wanted)[0]

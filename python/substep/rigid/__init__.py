@@ -1,0 +1,38 @@
+"""Rigid bodies: shapes and mass, contact with friction, joints, queries.
+
+Rotations are unit quaternions (w, x, y, z) that take the frame of the body into the world.
+"""
+
+from .batch import RigidBatch
+from .bodies import RigidBodies
+from .fixtures import Fixture, Plane
+from .joint import Joint, SpeedMotor, SpringMotor
+from .mass import MassProperties, compound, mass_properties
+from .queries import Contacts, Hits
+from .rotation import free_rotation
+from .shapes import Box, Capsule, ConvexHull, Cylinder, Sphere
+
+__all__ = [
+    "Box",
+    "Capsule",
+    "Contacts",
+    "ConvexHull",
+    "Cylinder",
+    "Fixture",
+    "Hits",
+    "Joint",
+    "MassProperties",
+    "Plane",
+    "RigidBatch",
+    "RigidBodies",
+    "SpeedMotor",
+    "Sphere",
+    "SpringMotor",
+    "compound",
+    "free_rotation",
+    "mass_properties",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__

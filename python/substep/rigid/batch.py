@@ -1,0 +1,407 @@
+"""Many worlds of rigid bodies in one call."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _core
+from ..base.checks import check_choice, check_integer, check_real, describe
+from ..errors import InputError, NonFiniteError
+from .batch_rows import BatchRows
+from .batch_state import check_head, join_states, state_of_world
+from .bodies import RigidBodies
+from .rows import BodyRows
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.int64]
+
+
+class RigidBatch(BatchRows):
+    """Many worlds of rigid bodies that know nothing of each other, stepped in one call.
+
+    For data, for learning, for what depends on chance: each world has the bits of the same
+    `RigidBodies` alone, whatever the number of worlds and threads. Arrays are copies, one row for
+    each world and, in it, for each body in the order of `RigidBodies.ids`; rows that a world with
+    fewer bodies does not have are NaN. They are written by `set_poses`, `set_velocities`,
+    `set_forces` and `set_torques`.
+
+    Parameters
+    ----------
+    template : RigidBodies or sequence of RigidBodies
+        What the worlds are copies of, in its present state: one for all, or one each, with any
+        contents. It is not changed, and may be used on.
+    worlds : int, optional
+        How many worlds; only for a single template.
+    positions, rotations, velocities, angular_velocities : array_like, optional
+        Where the bodies are and how they move, instead of as in the template: as of `set_poses` and
+        `set_velocities`.
+    on_fail : {'raise', 'mask'}, optional
+        Where a world fails: all worlds stop at the last step that all have done and NonFiniteError
+        names world and body; or that world alone stops, at its last good step, see `failures`.
+    threads : int, optional
+        Threads, which share out the worlds; results do not depend on it.
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong, with its name.
+
+    See Also
+    --------
+    RigidBodies : One world.
+
+    Examples
+    --------
+    A hundred balls thrown at different speeds, each in a world of its own; ten frames of each:
+
+    >>> import numpy as np
+    >>> import substep
+    >>> rigid = substep.rigid
+    >>> world = substep.RigidBodies()
+    >>> ground = world.add(rigid.Plane(), (0, 0, 0), motion="static")
+    >>> ball = world.add(rigid.Sphere(0.1), (0, 0, 0.1), restitution=0.5)
+    >>> batch = substep.RigidBatch(world, 100)
+    >>> throw = np.zeros((100, 1, 3))
+    >>> throw[:, 0, 2] = np.linspace(1, 5, 100)
+    >>> batch.set_velocities(throw, bodies=[ball])
+    >>> frames = batch.rollout(60, every=6)
+    >>> frames.shape
+    (100, 10, 2, 7)
+    >>> height = frames[:, :, ball, 2].max(axis=1)
+    >>> bool(height[0] < 0.2), bool(height[-1] > 1.3)
+    (True, True)
+    """
+
+    def __init__(
+        self,
+        template: RigidBodies | Sequence[RigidBodies],
+        worlds: int | None = None,
+        *,
+        positions: ArrayLike | None = None,
+        rotations: ArrayLike | None = None,
+        velocities: ArrayLike | None = None,
+        angular_velocities: ArrayLike | None = None,
+        on_fail: str = "raise",
+        threads: int | None = None,
+    ) -> None:
+        if isinstance(template, BodyRows):
+            if worlds is None:
+                raise InputError("worlds: expected how many")
+            count = check_integer("worlds", worlds, minimum=0, maximum=2**31 - 1)
+            self._made = [template.copy()] * count
+        else:
+            if worlds is not None:
+                raise InputError("worlds: is for a single template; a list has one for each world")
+            copies: dict[int, RigidBodies] = {}
+            for k, one in enumerate(template):
+                _check_bodies(f"template[{k}]", one)
+                copies.setdefault(id(one), one.copy())
+            self._made = [copies[id(one)] for one in template]
+        self.step_size = self._made[0].step_size if self._made else 1 / 60
+        if any(one.step_size != self.step_size for one in self._made):
+            raise InputError("template: expected one step for all worlds")
+        super().__init__(_core.RigidBatch([one._native for one in self._made]), 0.0, threads)
+        self._native.mask = check_choice("on_fail", on_fail, ("raise", "mask")) == "mask"
+        self._frames = self._gather_frames()
+        if positions is not None or rotations is not None:
+            self.set_poses(positions, rotations)
+        if velocities is not None or angular_velocities is not None:
+            self.set_velocities(velocities, angular_velocities)
+        self._first = list(self._made)
+        self._native.keep_initial()
+
+    def _next_step(self) -> float:
+        return self.step_size
+
+    def step(self, dt: float | None = None, steps: int = 1, *, hold_forces: bool = False) -> None:
+        """Take steps in all worlds that have not failed.
+
+        Parameters
+        ----------
+        dt : float, optional
+            The size of each [s], above 0; `step_size` unless given.
+        steps : int, optional
+            How many, at least 0.
+        hold_forces : bool, optional
+            Whether forces and torques act in all of the steps, or in the first only.
+
+        Raises
+        ------
+        InputError
+            If an argument is wrong.
+        NonFiniteError
+            With the time, `index` (the world) and `step` (how many steps of this call all worlds
+            have done); the message names the body.
+        """
+        dt = self.step_size if dt is None else check_real("dt", dt, positive=True)
+        steps = check_integer("steps", steps, minimum=0, maximum=2**62)
+        with self._own():
+            self._native.step(dt, steps, bool(hold_forces))
+
+    def advance(self, duration: float, *, hold_forces: bool = False) -> None:
+        """Take steps of `step_size` over a duration; the last is shortened to end there.
+
+        Parameters
+        ----------
+        duration : float
+            How long [s], at least 0.
+        hold_forces : bool, optional
+            As of `step`.
+
+        Raises
+        ------
+        InputError
+            If `duration` is wrong.
+        NonFiniteError
+            As `step`.
+        """
+        duration = check_real("duration", duration, nonnegative=True)
+        end = self.time + duration
+        if not math.isfinite(end):
+            raise InputError(f"duration: the time {self.time} + {duration} is not finite")
+        ratio = duration / self.step_size
+        whole = abs(ratio - round(ratio)) <= 1e-9 * max(1.0, ratio)
+        count = round(ratio) if whole else math.floor(ratio)
+        with self._own():
+            held, starts = (self._native.forces(), self._native.torques()), self.times
+            self._native.step(self.step_size, count, bool(hold_forces))
+            if not whole:
+                if hold_forces:
+                    everywhere = self._where(None, None)
+                    self._native.set_forces(*everywhere, held[0])
+                    self._native.set_torques(*everywhere, held[1])
+                self._native.step(end - self.time)
+            going = np.array([not reason for reason in self.failures], bool)
+            self._native.times = np.where(going, starts + duration, self.times)
+            self._native.time = end
+
+    def rollout(
+        self,
+        steps: int,
+        every: int = 1,
+        *,
+        dt: float | None = None,
+        velocities: bool = False,
+        hold_forces: bool = False,
+    ) -> Array:
+        """Take steps and record poses in one native call.
+
+        Parameters
+        ----------
+        steps : int
+            How many, a multiple of `every`.
+        every : int, optional
+            Steps from frame to frame; the first frame is after so many.
+        dt : float, optional
+            The size of a step [s], above 0; `step_size` unless given.
+        velocities : bool, optional
+            Whether to record them too.
+        hold_forces : bool, optional
+            As of `step`.
+
+        Returns
+        -------
+        ndarray, shape (w, t, n, 7) or (w, t, n, 13)
+            Of each world, frame and body `positions` and `rotations`, then with `velocities` also
+            `velocities` and `angular_velocities`. NaN where a world has no such body, or has failed
+            before (`on_fail` 'mask').
+
+        Raises
+        ------
+        InputError
+            If an argument is wrong.
+        NonFiniteError
+            As `step`; `result` has the frames up to there.
+        """
+        every = check_integer("every", every, minimum=1)
+        steps = check_integer("steps", steps, minimum=0, maximum=2**62)
+        if steps % every != 0:
+            raise InputError(f"steps: expected a multiple of every ({every}), got {steps}")
+        dt = self.step_size if dt is None else check_real("dt", dt, positive=True)
+        with self._own():
+            n = int(self.counts.max(initial=0))
+            frames = np.full((len(self), steps // every, n, 13 if velocities else 7), np.nan)
+            try:
+                self._native.rollout(dt, every, bool(hold_forces), frames)
+            except NonFiniteError as error:
+                error.result = frames[:, : (error.step or 0) // every].copy()
+                raise
+        return frames
+
+    def reset(
+        self,
+        worlds: ArrayLike | None = None,
+        to: RigidBodies | Sequence[RigidBodies] | None = None,
+    ) -> None:
+        """Put worlds into another state; those that had failed take part again.
+
+        Parameters
+        ----------
+        worlds : int or array_like of int, shape (k,), optional
+            Which; all unless given.
+        to : RigidBodies or sequence of k RigidBodies, optional
+            The state that they take over, with as many bodies as the world; that at the begin of
+            the batch unless given.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+
+        Examples
+        --------
+        >>> import substep
+        >>> world = substep.RigidBodies()
+        >>> ball = world.add(substep.rigid.Sphere(0.1), (0, 0, 1))
+        >>> batch = substep.RigidBatch(world, 3)
+        >>> batch.step(steps=5)
+        >>> batch.reset([1])
+        >>> batch.positions[:, ball, 2].round(3).tolist()
+        [0.966, 1.0, 0.966]
+        """
+        with self._own():
+            chosen = self._numbers("worlds", worlds, len(self))
+            if to is None:
+                self._native.reset(chosen)
+                self._remember(chosen, [self._first[w] for w in chosen])
+                return
+            sources = [to] * len(chosen) if isinstance(to, BodyRows) else list(to)
+            if len(sources) != len(chosen):
+                raise InputError(f"to: expected {len(chosen)}, one for each world")
+            counts = self.counts
+            for k, (w, source) in enumerate(zip(chosen, sources, strict=True)):
+                _check_bodies(f"to[{k}]", source)
+                if len(source) != counts[w]:
+                    raise InputError(f"to[{k}]: expected {counts[w]} bodies, got {len(source)}")
+            copies = {id(source): source.copy() for source in sources}
+            self._native.put(chosen, [copies[id(source)]._native for source in sources])
+            self._remember(chosen, [copies[id(source)] for source in sources])
+
+    def copy_world(self, world: int) -> RigidBodies:
+        """Copy one world out: for queries, contacts, joints, pictures, or to go on alone.
+
+        Parameters
+        ----------
+        world : int
+            Its number.
+
+        Returns
+        -------
+        RigidBodies
+            In the state of that world; `reset` puts it back.
+
+        Raises
+        ------
+        IndexError
+            If there is no such world.
+        """
+        with self._own():
+            w = int(self._numbers("world", world, len(self))[0])
+            bodies = self._made[w].copy()
+            self._native.copy_out(w, bodies._native)
+        return bodies
+
+    def diagnostics(self) -> dict[str, float]:
+        """Sums over all worlds.
+
+        Returns
+        -------
+        dict of str to float
+            `worlds`; `failed`, how many of them; `kinetic_energy` and `potential_energy` [J] and
+            `contacts` of all together.
+        """
+        with self._own():
+            values: dict[str, float] = self._native.diagnostics()
+        return values
+
+    def step_limit(self) -> tuple[float, str]:
+        """Longest step that keeps contacts and joints accurate in all worlds, and why.
+
+        Returns
+        -------
+        float
+            The shortest of all worlds' [s]; see `RigidBodies.step_limit`.
+        str
+            The reason, with the number of the world.
+        """
+        limits = [self.copy_world(w).step_limit() for w in range(len(self))]
+        if not limits:
+            return math.inf, "there is no world"
+        first = min(range(len(limits)), key=lambda w: limits[w][0])
+        return limits[first][0], f"world {first}: {limits[first][1]}"
+
+    def fields(self) -> dict[str, tuple[NDArray[Any], str]]:
+        """Arrays for recording, with their units: the bodies of all worlds, one after the other.
+
+        Returns
+        -------
+        dict of str to (ndarray, str)
+            `position` and `orientation`, the frames of the shapes (`origins`, `orientations`);
+            `velocity`, `angular_velocity` and `world`; copies.
+        """
+        present = np.arange(self._frames[0].shape[1]) < self.counts[:, None]
+        return {
+            "position": (self.origins[present], "m"),
+            "orientation": (self.orientations[present], "1"),
+            "velocity": (self.velocities[present], "m/s"),
+            "angular_velocity": (self.angular_velocities[present], "rad/s"),
+            "world": (np.nonzero(present)[0], "1"),
+        }
+
+    def state(self) -> dict[str, Any]:
+        """Copy the state of all worlds, for `restore`.
+
+        Returns
+        -------
+        dict
+            Arrays and numbers: those of `RigidBodies.state`, one world after the other.
+        """
+        with self._own():
+            states = [
+                {**made.state(), **self._native.state(w)} for w, made in enumerate(self._made)
+            ]
+        head = {"time": self.time, "failures": json.dumps(self.failures)}
+        return {**head, **join_states(states)}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go back to a state, bit for bit.
+
+        Parameters
+        ----------
+        state : dict
+            From `state()` of a batch made in the same way.
+
+        Raises
+        ------
+        InputError
+            If it is not such a state; nothing is changed then.
+        """
+        with self._own():
+            time, failures = check_head(state, len(self))
+            copies = []
+            for w, made in enumerate(self._made):
+                copies.append(made.copy())
+                try:
+                    copies[-1].restore(state_of_world(state, w, len(self)))
+                except InputError as error:
+                    raise InputError(f"world {w}: {error}") from None
+            self._native.put(np.arange(len(self)), [one._native for one in copies])
+            self._native.time, self._native.failures = time, failures
+
+    def _remember(self, worlds: Ids, made: list[RigidBodies]) -> None:
+        if all(self._made[w] is one for w, one in zip(worlds, made, strict=True)):
+            return
+        for w, one in zip(worlds, made, strict=True):
+            self._made[w] = one
+        self._frames = self._gather_frames()
+
+
+def _check_bodies(name: str, value: Any) -> None:
+    if not isinstance(value, BodyRows):
+        raise TypeError(f"{name}: expected RigidBodies, got {describe(value)}")

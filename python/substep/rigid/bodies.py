@@ -1,0 +1,352 @@
+"""Rigid bodies: shapes and mass, contact with friction, joints, queries.
+
+Rotations are unit quaternions (w, x, y, z) that take the frame of the body into the world.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _core
+from ..base.checks import check_array, check_choice, check_flag, check_integer, check_real
+from ..errors import InputError
+from .fixtures import (
+    EVERYTHING,
+    MOTIONS,
+    STILL,
+    Fixture,
+    Made,
+    Shape,
+    add_native,
+    check_fixtures,
+    check_mass,
+)
+from .mass import MassProperties
+from .rows import is_one, principal_frames
+from .run import Runs
+from .state import States
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.int64]
+
+ROTATIONS = ("splitting", "exact", "quaternion")
+
+
+class RigidBodies(Runs, States):
+    """Rigid bodies that fall, collide, rub, roll, and hang together by joints.
+
+    A body has one or several shapes; `add` puts bodies in. Its state is the position of its centre
+    of mass, the unit quaternion of its principal axes, momentum and angular momentum: arrays that
+    are views, with one row for each body. Where its shapes are is given by `origins` and
+    `orientations`. docs/rigid.md has how to use it, docs/rigid_contact.md what a step does.
+
+    Parameters
+    ----------
+    gravity : array_like, shape (3,), optional
+        Acceleration [m/s^2].
+    step : float, optional
+        Step of `advance` [s].
+    substeps : int, optional
+        Parts that the solver of contacts and joints cuts a step into.
+    rotation : {'splitting', 'exact', 'quaternion'}, optional
+        How bodies turn: symplectic, in closed form, or as in textbooks (`free_rotation`).
+    sleeping : bool, optional
+        Bodies that have come to rest cost nothing until something moves them.
+    continuous : bool, optional
+        Bodies that are fast for their size never pass through others.
+    contact_margin : float, optional
+        Distance at which contacts begin to be looked at [m].
+    time : float, optional
+        Time of the initial state [s].
+    threads : int, optional
+        Threads of the native loops; results do not depend on it.
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong, with its name.
+
+    See Also
+    --------
+    free_rotation : The rotation of bodies on which nothing acts.
+
+    References
+    ----------
+    Macklin et al., "Small steps in physics simulation", SCA 2019; Moreau, "Unilateral contact and
+    dry friction in finite freedom dynamics", 1988; Smith et al., "Reflections on simultaneous
+    impact", ACM Trans. Graph. 31(4), 2012; Touma and Wisdom, Astron. J. 107, 1994.
+
+    Examples
+    --------
+    Three boxes on one another, and a ball that bounces:
+
+    >>> import substep
+    >>> rigid = substep.rigid
+    >>> bodies = substep.RigidBodies()
+    >>> ground = bodies.add(rigid.Plane(), (0, 0, 0), motion="static")
+    >>> stack = bodies.add(
+    ...     rigid.Box((0.5, 0.5, 0.5)), [[0, 0, 0.5], [0, 0, 1.5], [0, 0, 2.5]])
+    >>> ball = bodies.add(rigid.Sphere(0.1), (3, 0, 1.1), restitution=0.8)
+    >>> bodies.advance(1.0)
+    >>> bodies.origins[stack, 2].round(2).tolist()
+    [0.5, 1.5, 2.5]
+    >>> bool(bodies.positions[ball, 2] > 0.4)
+    True
+    """
+
+    def __init__(
+        self,
+        *,
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        step: float = 1 / 60,
+        substeps: int = 8,
+        rotation: str = "splitting",
+        sleeping: bool = True,
+        continuous: bool = True,
+        contact_margin: float = 0.02,
+        time: float = 0.0,
+        threads: int | None = None,
+    ) -> None:
+        self._options = {
+            "gravity": check_array("gravity", gravity, (3,)).tolist(),
+            "substeps": check_integer("substeps", substeps, minimum=1, maximum=1000),
+            "rotation": check_choice("rotation", rotation, ROTATIONS),
+            "sleeping": check_flag("sleeping", sleeping),
+            "continuous": check_flag("continuous", continuous),
+            "contact_margin": check_real("contact_margin", contact_margin, positive=True),
+        }
+        self.step_size = check_real("step", step, positive=True)
+        self._ids = np.zeros(0, np.int64)
+        self._next_id = 0
+        self._centres, self._axes = np.zeros((0, 3)), np.zeros((0, 4))
+        self._weights = np.zeros((0, 4))
+        self._made: list[Made] = []
+        self._joint_ids, self._next_joint = np.zeros(0, np.int64), 0
+        self._callback_of: int | None = None
+        super().__init__(_core.RigidWorld(self._options), time, threads)
+
+    @property
+    def gravity(self) -> Array:
+        """Acceleration [m/s^2], shape (3,); a copy."""
+        return np.array(self._options["gravity"])
+
+    def add(
+        self,
+        shape: Shape | Fixture | Sequence[Shape | Fixture],
+        positions: ArrayLike,
+        rotations: ArrayLike = (1.0, 0.0, 0.0, 0.0),
+        velocities: ArrayLike = (0.0, 0.0, 0.0),
+        angular_velocities: ArrayLike = (0.0, 0.0, 0.0),
+        *,
+        motion: str = "dynamic",
+        density: float = 1000.0,
+        mass: float | MassProperties | None = None,
+        inertia: ArrayLike | None = None,
+        friction: float = 0.5,
+        restitution: float = 0.0,
+        rolling_friction: float = 0.0,
+        spinning_friction: float = 0.0,
+        group: int = 1,
+        mask: int = EVERYTHING,
+    ) -> Any:
+        """Put in one body, or several alike.
+
+        Parameters
+        ----------
+        shape : Sphere, Box, Capsule, Cylinder, ConvexHull, Plane, TriangleMesh, Fixture or list
+            The shape in the frame of the body, or those of a compound. Planes and meshes
+            (`geometry.TriangleMesh`, which may be open) are ground, of static bodies only.
+        positions : array_like, shape (3,) or (n, 3)
+            Where the frames of the bodies are [m].
+        rotations : array_like, shape (4,) for all or (n, 4), optional
+            Quaternions (w, x, y, z) that turn the frames; are normalised.
+        velocities : array_like, shape (3,) for all or (n, 3), optional
+            Of the centres of mass [m/s].
+        angular_velocities : array_like, shape (3,) for all or (n, 3), optional
+            In the world [rad/s].
+        motion : {'dynamic', 'kinematic', 'static'}, optional
+            Moved by forces and impulses; at the velocities given, whatever it meets; not at all.
+        density : float, optional
+            [kg/m^3]; gives a dynamic body its mass, centre and inertia.
+        mass : float or MassProperties, optional
+            Of each body [kg], instead of that by `density`, or all that it weighs, in the frame of
+            the body.
+        inertia : array_like, shape (3,) or (3, 3), optional
+            About the centre of mass along the axes of the frame [kg m^2], instead of that by
+            `density` and `mass`.
+        friction : float, optional
+            Coefficient of Coulomb friction; of two surfaces the root of the product holds.
+        restitution : float, optional
+            Normal velocity after an impact over that before it, from 0 to 1; of two surfaces the
+            greater one holds.
+        rolling_friction, spinning_friction : float, optional
+            Levers of the torques that resist rolling and spinning on the spot [m]; of two surfaces
+            the greater ones hold.
+        group, mask : int, optional
+            32 bits each: shapes touch where `group` of either has a bit of `mask` of the other.
+
+        Returns
+        -------
+        int or ndarray of int64, shape (n,)
+            Their ids, which no other body had or will have.
+
+        Raises
+        ------
+        InputError
+            If an argument is wrong; nothing is changed then.
+
+        Examples
+        --------
+        >>> import substep
+        >>> bodies = substep.RigidBodies(gravity=(0, 0, 0))
+        >>> bodies.add(substep.rigid.Sphere(0.5), [[0, 0, 0], [2, 0, 0]], mass=3.0)
+        array([0, 1])
+        >>> bodies.masses.tolist()
+        [3.0, 3.0]
+        """
+        way = check_choice("motion", motion, MOTIONS)
+        defaults = {
+            "density": density,
+            "friction": friction,
+            "restitution": restitution,
+            "rolling_friction": rolling_friction,
+            "spinning_friction": spinning_friction,
+            "group": group,
+            "mask": mask,
+        }
+        fixtures = check_fixtures(shape, defaults, way)
+        weight = None
+        if way == "dynamic":
+            weight = check_mass(fixtures, mass, inertia)
+        elif mass is not None or inertia is not None:
+            raise InputError(f"mass, inertia: a {way} body has none")
+        single = is_one(positions)
+        x = check_array("positions", positions, (3,) if single else (None, 3))
+        n = 1 if single else len(x)
+        every = np.arange(n)
+        x = self._vectors("positions", x, every, None)
+        q = self._vectors("rotations", rotations, every, None)
+        v = self._vectors("velocities", velocities, every, None)
+        w = self._vectors("angular_velocities", angular_velocities, every, None)
+        if way == "static" and (v.any() or w.any()):
+            raise InputError("velocities: a static body has none")
+        frame = STILL if weight is None else weight
+        body: Made = (fixtures, way, weight)
+        with self._own():
+            poses = principal_frames(x, q, frame.centre, frame.axes)
+            ids = np.arange(self._next_id, self._next_id + n, dtype=np.int64)
+            own = [np.nan] * 4 if weight is None else [frame.mass, *frame.principal_inertia]
+            # All that needs memory comes before what changes.
+            grown = (
+                np.concatenate([self._ids, ids]),
+                np.concatenate([self._centres, np.tile(frame.centre, (n, 1))]),
+                np.concatenate([self._axes, np.tile(frame.axes, (n, 1))]),
+                np.concatenate([self._weights, np.tile(own, (n, 1))]),
+                self._made + [body] * n,
+            )
+            add_native(self._native, {}, body, *poses, v, w)
+            self._ids, self._centres, self._axes, self._weights, self._made = grown
+            self._next_id += n
+        return int(ids[0]) if single else ids
+
+    def remove(self, ids: ArrayLike) -> None:
+        """Take out bodies, and the joints that hold them. What they touch wakes.
+
+        Parameters
+        ----------
+        ids : int or array_like of int, shape (m,)
+            Which.
+
+        Raises
+        ------
+        IndexError
+            If there is no such body; nothing is changed then.
+        """
+        with self._own():
+            rows = np.unique(self._rows(ids))
+            self._remove_joints_of(rows)
+            self._native.remove(rows)
+            keep = np.ones(len(self), bool)
+            keep[rows] = False
+            self._ids, self._weights = self._ids[keep], self._weights[keep]
+            self._centres, self._axes = self._centres[keep], self._axes[keep]
+            self._made = [made for made, kept in zip(self._made, keep, strict=True) if kept]
+
+    def exclude(self, a: int, b: int, excluded: bool = True) -> None:
+        """Let two bodies go through each other, or no more.
+
+        Parameters
+        ----------
+        a, b : int
+            Their ids.
+        excluded : bool, optional
+            Whether they do.
+
+        Raises
+        ------
+        InputError, IndexError
+            If there are no two such bodies.
+        """
+        with self._own():
+            first, second = self._row("a", a), self._row("b", b)
+            if first == second:
+                raise InputError(f"b: expected another body than {a}")
+            self._native.exclude(first, second, check_flag("excluded", excluded))
+
+    def fixtures(self, body: int) -> tuple[Fixture, ...]:
+        """What a body is made of.
+
+        Parameters
+        ----------
+        body : int
+            Its id.
+
+        Returns
+        -------
+        tuple of Fixture
+            In the frame that is at `origins` and turned by `orientations`.
+
+        Raises
+        ------
+        IndexError
+            If there is no such body.
+        """
+        return self._made[self._row("body", body)][0]
+
+    def diagnostics(self) -> dict[str, float]:
+        """Energies and momenta of the dynamic bodies, and what the last step met.
+
+        Returns
+        -------
+        dict of str to float
+            `count`, of bodies; `kinetic_energy` and `potential_energy` (0 at the origin) [J];
+            `momentum_x`, `_y`, `_z` [N s]; `angular_momentum_x`, `_y`, `_z` about the origin
+            [N m s]; of the last step `contacts`, `penetration`, the deepest [m], `impacts` with
+            restitution; `awake`, the dynamic bodies that do not sleep; `joint_error`, the greatest
+            distance or angle by which a joint is off [m or rad].
+        """
+        with self._own():
+            values: dict[str, float] = self._native.diagnostics()
+        return values
+
+    def fields(self) -> dict[str, tuple[NDArray[Any], str]]:
+        """Arrays for recording, with their units.
+
+        Returns
+        -------
+        dict of str to (ndarray, str)
+            `position` and `orientation`, the frames of the shapes (`origins`, `orientations`);
+            `velocity` of the centres of mass, `angular_velocity`, `id` and `asleep`; copies.
+        """
+        return {
+            "position": (self.origins, "m"),
+            "orientation": (self.orientations, "1"),
+            "velocity": (self.velocities, "m/s"),
+            "angular_velocity": (self.angular_velocities, "rad/s"),
+            "id": (self.ids, "1"),
+            "asleep": (self._native.asleep(), "1"),
+        }

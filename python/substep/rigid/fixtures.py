@@ -1,0 +1,283 @@
+"""What rigid bodies are made of: shapes with a place, a surface and a weight."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .. import _core
+from ..base.checks import check_array, check_integer, check_real, describe
+from ..errors import InputError
+from ..geometry import TriangleMesh
+from .mass import MassProperties, compound, mass_properties, unit_quaternions
+from .shapes import Box, Capsule, ConvexHull, Cylinder, Sphere
+
+Array = NDArray[np.float64]
+
+MOTIONS = ("dynamic", "kinematic", "static")
+EVERYTHING = 2**32 - 1  # all groups
+_LEVERS = ("rolling_friction", "spinning_friction")
+_IDENTITY = (1.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Ground without end: the points x with normal . x <= offset.
+
+    Parameters
+    ----------
+    normal : array_like, shape (3,), optional
+        Away from the ground; is normalised.
+    offset : float, optional
+        Distance of the surface from the origin along the normal [m].
+
+    Raises
+    ------
+    InputError
+        If the normal is 0 or a number is not finite.
+
+    Examples
+    --------
+    >>> import substep
+    >>> substep.rigid.Plane((0, 0, 2), 1.0)
+    Plane(normal=(0.0, 0.0, 1.0), offset=1.0)
+    """
+
+    normal: Sequence[float] = (0.0, 0.0, 1.0)
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        n = check_array("normal", self.normal, (3,))
+        largest = float(np.abs(n).max())
+        if largest == 0:
+            raise InputError("normal: expected a vector that is not 0")
+        length = math.hypot(*(n / largest).tolist())
+        object.__setattr__(self, "normal", tuple((n / largest / length).tolist()))
+        object.__setattr__(self, "offset", check_real("offset", self.offset))
+
+
+Shape = Sphere | Box | Capsule | Cylinder | Plane | ConvexHull | TriangleMesh
+
+
+@dataclass(frozen=True, eq=False)
+class Fixture:
+    """A shape of a body: where it is, how its surface rubs, and what it weighs.
+
+    What is None is taken from the call that adds the body.
+
+    Parameters
+    ----------
+    shape : Sphere, Box, Capsule, Cylinder, ConvexHull, Plane or geometry.TriangleMesh
+        The shape. Planes and meshes are ground: of static bodies only.
+    position : array_like, shape (3,), optional
+        Of the origin of the shape, in the frame of the body [m].
+    rotation : array_like, shape (4,), optional
+        Quaternion (w, x, y, z) that turns the shape in the frame of the body; is normalised.
+    density : float, optional
+        [kg/m^3], above 0.
+    friction, restitution, rolling_friction, spinning_friction : float, optional
+        As of `RigidBodies.add`.
+    group, mask : int, optional
+        As of `RigidBodies.add`.
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong, with its name.
+
+    Examples
+    --------
+    A hammer, of steel and wood:
+
+    >>> import substep
+    >>> rigid = substep.rigid
+    >>> head = rigid.Fixture(rigid.Box((0.05, 0.02, 0.02)), (0, 0, 0.15), density=7800)
+    >>> handle = rigid.Fixture(rigid.Cylinder(0.015, 0.15), density=700)
+    >>> bodies = substep.RigidBodies()
+    >>> hammer = bodies.add([head, handle], (0, 0, 1))
+    >>> bodies.positions[hammer].round(3).tolist()  # the centre of mass
+    [0.0, 0.0, 1.134]
+    """
+
+    shape: Shape
+    position: ArrayLike = (0.0, 0.0, 0.0)
+    rotation: ArrayLike = _IDENTITY
+    density: float | None = None
+    friction: float | None = None
+    restitution: float | None = None
+    rolling_friction: float | None = None
+    spinning_friction: float | None = None
+    group: int | None = None
+    mask: int | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.shape, Shape):
+            raise TypeError(f"shape: expected a shape, got {describe(self.shape)}")
+        place = check_array("position", self.position, (3,))
+        turn = unit_quaternions("rotation", self.rotation, (4,))
+        checked = {"position": tuple(place.tolist()), "rotation": tuple(turn.tolist())}
+        for name, value in {**check_surface(self._given()), **checked}.items():
+            object.__setattr__(self, name, value)
+
+    def _given(self) -> dict[str, Any]:
+        return {name: v for name in _SURFACE if (v := getattr(self, name)) is not None}
+
+    def _native(self, shapes: dict[int, Any], frame: MassProperties | None) -> tuple[Any, ...]:
+        """For the native world, in the principal frame of its body."""
+        key = id(self.shape)
+        if key not in shapes:
+            shapes[key] = native_shape(self.shape)
+        x, q = np.array(self.position), np.array(self.rotation)
+        if frame is not None:
+            back = frame.axes * (1, -1, -1, -1)
+            x, q = rotate(back, x - frame.centre), multiply(back, q)
+        return (shapes[key], x.tolist(), q.tolist(), *(getattr(self, name) for name in _SURFACE))
+
+
+Made = tuple[tuple[Fixture, ...], str, MassProperties | None]  # shapes, motion, weight
+STILL = MassProperties(1.0, (0, 0, 0), np.eye(3))  # the frame of bodies without mass
+_SURFACE = ("density", "friction", "restitution", *_LEVERS, "group", "mask")
+
+
+def check_surface(given: dict[str, Any]) -> dict[str, Any]:
+    """What fixtures have besides a shape and a place."""
+    checked: dict[str, Any] = {}
+    for name, value in given.items():
+        if name in ("group", "mask"):
+            checked[name] = check_integer(name, value, minimum=0, maximum=EVERYTHING)
+        else:
+            checked[name] = check_real(name, value, nonnegative=True, positive=name == "density")
+    if checked.get("restitution", 0.0) > 1:
+        raise InputError(
+            f"restitution: expected a number from 0 to 1, got {checked['restitution']}"
+        )
+    return checked
+
+
+def check_fixtures(shape: Any, defaults: dict[str, Any], motion: str) -> tuple[Fixture, ...]:
+    """The fixtures of a body, with everything that they leave to the call that adds it."""
+    defaults = check_surface(defaults)
+    listed = [shape] if isinstance(shape, (Shape, Fixture)) else shape
+    if not isinstance(listed, (list, tuple)):
+        raise TypeError(f"shape: expected a shape or a list of Fixture, got {describe(shape)}")
+    if not listed:
+        raise InputError("shape: expected at least one")
+    fixtures = []
+    for k, one in enumerate(listed):
+        if not isinstance(one, (Shape, Fixture)):
+            raise TypeError(f"shape[{k}]: expected a shape or a Fixture, got {describe(one)}")
+        fixture = one if isinstance(one, Fixture) else Fixture(one)
+        if motion != "static" and is_ground(fixture.shape):
+            kind = type(fixture.shape).__name__
+            raise InputError(
+                f"shape: a {kind} is ground, of static bodies only; a body that moves is made of "
+                "convex shapes, such as rigid.ConvexHull"
+            )
+        fixtures.append(replace(fixture, **{**defaults, **fixture._given()}))
+    return tuple(fixtures)
+
+
+def is_ground(shape: Shape) -> bool:
+    """Whether only static bodies may have it."""
+    return isinstance(shape, (Plane, TriangleMesh))
+
+
+def check_mass(
+    fixtures: Sequence[Fixture], mass: float | MassProperties | None, inertia: ArrayLike | None
+) -> MassProperties:
+    """Of a dynamic body in the frame of its fixtures."""
+    if isinstance(mass, MassProperties):
+        if inertia is not None:
+            raise InputError("inertia: is given by mass already")
+        found = mass
+    else:
+        parts = [
+            mass_properties(f.shape, f.density).moved(f.position, f.rotation)  # type: ignore[arg-type]
+            for f in fixtures
+        ]
+        found = parts[0] if len(parts) == 1 else compound(parts)
+        if mass is not None:
+            m = check_real("mass", mass, positive=True)
+            check_range(m, found.inertia * (m / found.mass))
+            found = MassProperties(m, found.centre, found.inertia * (m / found.mass))
+        if inertia is not None:
+            given = check_array("inertia", inertia)
+            given = check_array("inertia", given, (3,) if given.ndim == 1 else (3, 3))
+            found = MassProperties(
+                found.mass, found.centre, np.diag(given) if given.ndim == 1 else given
+            )
+    check_range(found.mass, found.inertia)
+    return found
+
+
+def check_range(mass: float, inertia: Array) -> None:
+    """Masses and moments whose inverses and products are numbers."""
+    if not 1e-30 < mass < 1e30:
+        raise InputError(f"mass: {mass} kg is out of range")
+    if not (1e-60 < np.diag(inertia)).all() or not (np.abs(inertia) < 1e60).all():
+        raise InputError("inertia: out of range")
+
+
+def native_shape(shape: Shape) -> Any:
+    """The shape of the native core."""
+    make = _core.RigidShape
+    match shape:
+        case Sphere():
+            return make.sphere(shape.radius)
+        case Box():
+            return make.box(shape.half_lengths)
+        case Capsule():
+            return make.capsule(shape.radius, shape.half_length)
+        case Cylinder():
+            return make.cylinder(shape.radius, shape.half_length)
+        case Plane():
+            return make.plane(shape.normal, shape.offset)
+        case ConvexHull():
+            return make.hull(shape.points)
+        case TriangleMesh():
+            if len(shape.vertices) > 2**31 - 1:
+                raise InputError("shape: a mesh has at most 2**31 - 1 vertices")
+            return make.mesh(shape.vertices, shape.faces.astype(np.int32))
+    raise TypeError(f"shape: expected a shape, got {describe(shape)}")
+
+
+def add_native(native: Any, shapes: dict[int, Any], body: Made, *rows: Array) -> None:
+    """Bodies alike, at poses of their principal frames, with velocities."""
+    fixtures, motion, weight = body
+    frame = STILL if weight is None else weight
+    native.add(
+        [fixture._native(shapes, weight) for fixture in fixtures],
+        MOTIONS.index(motion),
+        frame.mass,
+        frame.principal_inertia,
+        # Where memory is short this says so; the conversion of the call would not.
+        *map(np.ascontiguousarray, rows),
+    )
+
+
+def multiply(p: Array, q: Array) -> Array:
+    """The products p q of quaternions (w, x, y, z), row by row; first q turns, then p."""
+    w, x, y, z = np.moveaxis(p, -1, 0)
+    a, b, c, d = np.moveaxis(q, -1, 0)
+    return np.stack(
+        [
+            w * a - x * b - y * c - z * d,
+            w * b + x * a + y * d - z * c,
+            w * c - x * d + y * a + z * b,
+            w * d + x * c - y * b + z * a,
+        ],
+        axis=-1,
+    )
+
+
+def rotate(q: Array, v: Array) -> Array:
+    """Vectors turned by unit quaternions, row by row: v + w t + u x t with t = 2 u x v."""
+    u = q[..., 1:]
+    t = 2 * np.cross(u, v)
+    turned: Array = v + q[..., :1] * t + np.cross(u, t)
+    return turned

@@ -1,0 +1,268 @@
+"""A joint of rigid bodies, its limits and its motor."""
+
+from __future__ import annotations
+
+import math
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..base.checks import check_array, check_real, describe
+from ..errors import InputError
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.int64]
+
+KINDS = ("ball", "hinge", "slider", "fixed", "distance")
+_FREE = (-math.inf, math.inf)
+
+
+@dataclass(frozen=True)
+class SpeedMotor:
+    """Turns or shifts a joint at a speed, as far as its strength allows.
+
+    Parameters
+    ----------
+    speed : float
+        Of the coordinate of the joint [rad/s] or [m/s].
+    strength : float, optional
+        Largest torque [N m] or force [N]; without bound unless given.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite, or the strength is below 0.
+
+    Examples
+    --------
+    >>> import substep
+    >>> substep.rigid.SpeedMotor(2.0, strength=50.0)
+    SpeedMotor(speed=2.0, strength=50.0)
+    """
+
+    speed: float
+    strength: float = math.inf
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "speed", check_real("speed", self.speed))
+        object.__setattr__(self, "strength", _check_strength(self.strength))
+
+    def _native(self) -> tuple[int, float, float, float, float]:
+        return 1, self.speed, 0.0, 0.0, self.strength
+
+
+@dataclass(frozen=True)
+class SpringMotor:
+    """Pulls a joint to a target: the force is stiffness (target - coordinate) - damping rate.
+
+    Parameters
+    ----------
+    target : float
+        Of the coordinate of the joint [rad] or [m].
+    stiffness : float
+        At least 0 [N m/rad] or [N/m].
+    damping : float, optional
+        At least 0 [N m s/rad] or [N s/m].
+    strength : float, optional
+        Largest torque [N m] or force [N]; without bound unless given.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite, or below 0 where it must not be.
+
+    Examples
+    --------
+    >>> import substep
+    >>> substep.rigid.SpringMotor(0.5, stiffness=100.0, damping=5.0).target
+    0.5
+    """
+
+    target: float
+    stiffness: float
+    damping: float = 0.0
+    strength: float = math.inf
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "target", check_real("target", self.target))
+        for name in ("stiffness", "damping"):
+            object.__setattr__(self, name, check_real(name, getattr(self, name), nonnegative=True))
+        object.__setattr__(self, "strength", _check_strength(self.strength))
+
+    def _native(self) -> tuple[int, float, float, float, float]:
+        return 2, self.target, self.stiffness, self.damping, self.strength
+
+
+Motor = SpeedMotor | SpringMotor
+
+
+class _World(Protocol):
+    """What a joint needs of the `RigidBodies` that it is in."""
+
+    _native: Any
+    _ids: Ids
+    _joint_ids: Ids
+
+    def _own(self) -> AbstractContextManager[None]: ...
+
+    def _remove_joints(self, rows: Ids) -> None: ...
+
+
+class Joint:
+    """A joint of `RigidBodies`, as its methods `ball`, `hinge`, ... give it.
+
+    Parameters
+    ----------
+    world : RigidBodies
+        Whose joint it is.
+    number : int
+        Its number, which no other joint has or will have.
+
+    Attributes
+    ----------
+    number : int
+        Its number.
+
+    Examples
+    --------
+    >>> import substep
+    >>> bodies = substep.RigidBodies()
+    >>> bob = bodies.add(substep.rigid.Sphere(0.1), (1, 0, 0))
+    >>> hinge = bodies.hinge(bob, None, anchor=(0, 0, 0), axis=(0, 1, 0))
+    >>> bodies.advance(0.1)
+    >>> bool(hinge.coordinate > 0), hinge.bodies
+    (True, (0, None))
+    """
+
+    number: int
+
+    def __init__(self, world: _World, number: int) -> None:
+        self._world = world
+        self.number = number
+
+    def __repr__(self) -> str:
+        return f"Joint({self.number})"
+
+    def _row(self) -> int:
+        ids = self._world._joint_ids
+        row = int(np.searchsorted(ids, self.number))
+        if row == len(ids) or ids[row] != self.number:
+            raise IndexError(f"there is no joint {self.number}: it was removed")
+        return row
+
+    def _told(self) -> dict[str, Any]:
+        with self._world._own():
+            told: dict[str, Any] = self._world._native.joint(self._row())
+        return told
+
+    @property
+    def kind(self) -> str:
+        """'ball', 'hinge', 'slider', 'fixed' or 'distance'."""
+        return KINDS[self._told()["kind"]]
+
+    @property
+    def bodies(self) -> tuple[int, int | None]:
+        """Ids of the two bodies; None is the world."""
+        told = self._told()
+        ids = self._world._ids
+        return int(ids[told["a"]]), None if told["b"] < 0 else int(ids[told["b"]])
+
+    @property
+    def coordinate(self) -> float:
+        """Where the joint is in its freedom, at the end of the last step.
+
+        The angle of a hinge, over all turns, and the twist of a ball [rad], the translation of a
+        slider and the length of a distance [m]; 0 when the joint was made, but for lengths.
+        """
+        return float(self._told()["coordinate"])
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Least and greatest coordinate; assign to change them, which wakes the bodies."""
+        lower, upper = self._told()["limits"]
+        return float(lower), float(upper)
+
+    @limits.setter
+    def limits(self, value: ArrayLike | None) -> None:
+        lower, upper = check_limits("limits", value)
+        self._set(lower=lower, upper=upper)
+
+    @property
+    def motor(self) -> Motor | None:
+        """The motor of a hinge, slider or distance; assign to change it, which wakes the bodies."""
+        kind, target, stiffness, damping, strength = self._told()["motor"]
+        if kind == 0:
+            return None
+        if kind == 1:
+            return SpeedMotor(target, strength)
+        return SpringMotor(target, stiffness, damping, strength)
+
+    @motor.setter
+    def motor(self, value: Motor | None) -> None:
+        self._set(motor=check_motor(value))
+
+    def _set(self, **changes: Any) -> None:
+        with self._world._own():
+            row = self._row()
+            told = self._world._native.joint(row)
+            lower, upper = told["limits"]
+            given = {"lower": lower, "upper": upper, "motor": told["motor"], **changes}
+            self._world._native.set_joint(row, given["lower"], given["upper"], given["motor"])
+
+    @property
+    def force(self) -> Array:
+        """What the joint did to the first body at its anchor, mean of the last step [N]; a copy."""
+        return np.array(self._told()["force"])
+
+    @property
+    def torque(self) -> Array:
+        """Torque on the first body about its anchor, mean of the last step [N m]; a copy."""
+        return np.array(self._told()["torque"])
+
+    @property
+    def error(self) -> tuple[float, float]:
+        """How far the joint was off at the end of the last step: a length [m], an angle [rad]."""
+        length, angle = self._told()["error"]
+        return float(length), float(angle)
+
+    @property
+    def anchors(self) -> Array:
+        """The point of either body that the joint holds, in the world [m], shape (2, 3); a copy."""
+        return np.array(self._told()["anchors"]).reshape(2, 3)
+
+    def remove(self) -> None:
+        """Take the joint out; its bodies wake.
+
+        Raises
+        ------
+        IndexError
+            If it was taken out before.
+        """
+        with self._world._own():
+            self._world._remove_joints(np.array([self._row()]))
+
+
+def check_limits(name: str, limits: ArrayLike | None) -> tuple[float, float]:
+    """Least and greatest value; None is without bounds."""
+    if limits is None:
+        return _FREE
+    lower, upper = check_array(name, limits, (2,), finite=False).tolist()
+    if not lower <= upper:
+        raise InputError(f"{name}: expected the lower one first, got {lower} and {upper}")
+    return lower, upper
+
+
+def check_motor(motor: Any) -> tuple[int, float, float, float, float]:
+    """For the native core."""
+    if motor is None:
+        return 0, 0.0, 0.0, 0.0, math.inf
+    if not isinstance(motor, Motor):
+        raise TypeError(f"motor: expected a SpeedMotor or a SpringMotor, got {describe(motor)}")
+    return motor._native()
+
+
+def _check_strength(value: Any) -> float:
+    return check_real("strength", value, nonnegative=True, finite=False)

@@ -1,0 +1,285 @@
+"""Joints between rigid bodies: making them, and taking them out."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..base.checks import check_array, check_flag, check_real
+from ..errors import InputError
+from .joint import KINDS, Joint, Motor, check_limits, check_motor
+from .rows import BodyRows
+
+Ids = NDArray[np.int64]
+
+
+class Joints(BodyRows):
+    """Joints of a world of rigid bodies; make `RigidBodies`."""
+
+    _joint_ids: Ids
+    _next_joint: int
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """All joints, in the order in which they were made."""
+        return tuple(Joint(self, int(number)) for number in self._joint_ids)
+
+    def ball(
+        self,
+        a: int,
+        b: int | None,
+        anchor: ArrayLike,
+        *,
+        axis: ArrayLike = (1.0, 0.0, 0.0),
+        limits: ArrayLike | None = None,
+        cone: float = math.pi,
+        collide: bool = False,
+    ) -> Joint:
+        """Join two bodies at a point about which they turn freely.
+
+        Parameters
+        ----------
+        a, b : int
+            Ids of the bodies; b None is the world.
+        anchor : array_like, shape (3,)
+            The point, in the world, where the bodies are now [m].
+        axis : array_like, shape (3,), optional
+            About which the twist is measured, and that the cone is about.
+        limits : array_like, shape (2,), optional
+            Least and greatest twist from now on [rad].
+        cone : float, optional
+            Largest angle between the axes of both bodies, at most pi [rad].
+        collide : bool, optional
+            Whether the bodies still touch each other.
+
+        Returns
+        -------
+        Joint
+            The joint.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+        """
+        half = check_real("cone", cone, positive=True)
+        if half > math.pi:
+            raise InputError(f"cone: expected an angle above 0 and at most pi, got {half}")
+        return self._join(
+            "ball",
+            a,
+            b,
+            anchor,
+            _axis(axis),
+            limits,
+            None,
+            collide,
+            math.inf if half == math.pi else half,
+        )
+
+    def hinge(
+        self,
+        a: int,
+        b: int | None,
+        anchor: ArrayLike,
+        axis: ArrayLike,
+        *,
+        limits: ArrayLike | None = None,
+        motor: Motor | None = None,
+        collide: bool = False,
+    ) -> Joint:
+        """Join two bodies by an axis about which they turn.
+
+        Parameters
+        ----------
+        a, b : int
+            Ids of the bodies; b None is the world.
+        anchor : array_like, shape (3,)
+            A point of the axis, in the world, where the bodies are now [m].
+        axis : array_like, shape (3,)
+            Its direction, in the world; the angle is that of a seen from b.
+        limits : array_like, shape (2,), optional
+            Least and greatest angle from now on [rad].
+        motor : SpeedMotor or SpringMotor, optional
+            Acts on the angle.
+        collide : bool, optional
+            Whether the bodies still touch each other.
+
+        Returns
+        -------
+        Joint
+            The joint.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+
+        Examples
+        --------
+        A pendulum of 1 m swings back after about two seconds:
+
+        >>> import substep
+        >>> bodies = substep.RigidBodies()
+        >>> bob = bodies.add(substep.rigid.Sphere(0.01), (0.1, 0, -0.995))
+        >>> hinge = bodies.hinge(bob, None, (0, 0, 0), (0, 1, 0))
+        >>> bodies.advance(2.0)
+        >>> bool(abs(hinge.coordinate) < 0.01), max(hinge.error) < 1e-6
+        (True, True)
+        """
+        return self._join("hinge", a, b, anchor, _axis(axis), limits, motor, collide)
+
+    def slider(
+        self,
+        a: int,
+        b: int | None,
+        anchor: ArrayLike,
+        axis: ArrayLike,
+        *,
+        limits: ArrayLike | None = None,
+        motor: Motor | None = None,
+        collide: bool = False,
+    ) -> Joint:
+        """Join two bodies by a rail along which they slide without turning.
+
+        Parameters
+        ----------
+        a, b : int
+            Ids of the bodies; b None is the world.
+        anchor : array_like, shape (3,)
+            A point of the rail, in the world, where the bodies are now [m].
+        axis : array_like, shape (3,)
+            Its direction, in the world, fixed in b; the translation is that of a.
+        limits : array_like, shape (2,), optional
+            Least and greatest translation from now on [m].
+        motor : SpeedMotor or SpringMotor, optional
+            Acts on the translation.
+        collide : bool, optional
+            Whether the bodies still touch each other.
+
+        Returns
+        -------
+        Joint
+            The joint.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+        """
+        return self._join("slider", a, b, anchor, _axis(axis), limits, motor, collide)
+
+    def fixed(self, a: int, b: int | None, anchor: ArrayLike, *, collide: bool = False) -> Joint:
+        """Join two bodies as they are now.
+
+        Parameters
+        ----------
+        a, b : int
+            Ids of the bodies; b None is the world.
+        anchor : array_like, shape (3,)
+            Where, in the world, where the bodies are now [m]; `force` and `torque` are about it.
+        collide : bool, optional
+            Whether the bodies still touch each other.
+
+        Returns
+        -------
+        Joint
+            The joint.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+        """
+        return self._join("fixed", a, b, anchor, (1.0, 0.0, 0.0), None, None, collide)
+
+    def distance(
+        self,
+        a: int,
+        b: int | None,
+        point_a: ArrayLike,
+        point_b: ArrayLike,
+        *,
+        limits: ArrayLike | None = None,
+        motor: Motor | None = None,
+        collide: bool = True,
+    ) -> Joint:
+        """Join points of two bodies by a rod, a rope or a spring.
+
+        Parameters
+        ----------
+        a, b : int
+            Ids of the bodies; b None is the world.
+        point_a, point_b : array_like, shape (3,)
+            The points, in the world, where the bodies are now [m].
+        limits : array_like, shape (2,), optional
+            Least and greatest distance [m]; that of now for both unless given. A rope is
+            (0, length), and (0, inf) with a `SpringMotor` a spring.
+        motor : SpeedMotor or SpringMotor, optional
+            Acts on the distance.
+        collide : bool, optional
+            Whether the bodies still touch each other.
+
+        Returns
+        -------
+        Joint
+            The joint.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+        """
+        x, y = check_array("point_a", point_a, (3,)), check_array("point_b", point_b, (3,))
+        if limits is None:
+            length = float(np.linalg.norm(x - y))
+            limits = (length, length)
+        return self._join("distance", a, b, x, y.tolist(), limits, motor, collide)
+
+    def _join(
+        self,
+        kind: str,
+        a: int,
+        b: int | None,
+        anchor: ArrayLike,
+        axis: Any,
+        limits: ArrayLike | None,
+        motor: Motor | None,
+        collide: bool,
+        cone: float = math.inf,
+    ) -> Joint:
+        point = check_array("anchor", anchor, (3,)).tolist()
+        lower, upper = check_limits("limits", limits)
+        drive = check_motor(motor)
+        touching = check_flag("collide", collide)
+        with self._own():
+            first = self._row("a", a)
+            second = -1 if b is None else self._row("b", b)
+            self._native.add_joint(
+                KINDS.index(kind), first, second, point, axis, lower, upper, cone, drive, touching
+            )
+            number = self._next_joint
+            self._joint_ids = np.append(self._joint_ids, np.int64(number))
+            self._next_joint += 1
+        return Joint(self, number)
+
+    def _remove_joints(self, rows: Ids) -> None:
+        if len(rows):
+            self._native.remove_joints(rows)
+            self._joint_ids = np.delete(self._joint_ids, rows)
+
+    def _remove_joints_of(self, rows: Ids) -> None:
+        """Those that hold one of these bodies."""
+        if len(self._joint_ids):
+            held = self._native.joint_bodies()
+            self._remove_joints(np.flatnonzero(np.isin(held, rows).any(axis=1)))
+
+
+def _axis(axis: ArrayLike) -> list[float]:
+    n: list[float] = check_array("axis", axis, (3,)).tolist()
+    if not any(n):
+        raise InputError("axis: expected a vector that is not 0")
+    return n

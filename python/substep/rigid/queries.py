@@ -1,0 +1,321 @@
+"""What rigid bodies touch, and what rays and shapes meet."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..base.checks import check_array, check_integer, check_real, describe
+from ..errors import InputError
+from ..geometry import TriangleMesh
+from .fixtures import EVERYTHING, Plane, Shape, native_shape
+from .mass import unit_quaternions
+from .rows import BodyRows
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Where bodies touch, of `RigidBodies.contacts`: m contacts with k points.
+
+    A contact is two shapes that touch in one plane, at up to four points. Impulses are those of the
+    whole last step, bounces included: divided by the step, mean forces.
+
+    Attributes
+    ----------
+    bodies : ndarray of int64, shape (m, 2)
+        Ids of the two bodies.
+    fixtures : ndarray of int64, shape (m, 2)
+        Which of the shapes of each body.
+    normals : ndarray, shape (m, 3)
+        Unit vectors from the first body to the second.
+    impulses : ndarray, shape (m,)
+        Along the normal, on the second body [N s]; the first receives the opposite.
+    friction_impulses : ndarray, shape (m, 3)
+        Across the normal, on the second body [N s].
+    contact : ndarray of int64, shape (k,)
+        Which contact a point belongs to.
+    points : ndarray, shape (k, 3)
+        Midway between the surfaces, at the beginning of the last step [m].
+    separations : ndarray, shape (k,)
+        Distance of the surfaces along the normal then, negative where they overlap [m].
+    point_impulses : ndarray, shape (k,)
+        The part of `impulses` at each point [N s].
+    """
+
+    bodies: Ids
+    fixtures: Ids
+    normals: Array
+    impulses: Array
+    friction_impulses: Array
+    contact: Ids
+    points: Array
+    separations: Array
+    point_impulses: Array
+
+    def __len__(self) -> int:
+        return len(self.bodies)
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """What rays or shapes met, one row for each.
+
+    Attributes
+    ----------
+    bodies : ndarray of int64, shape (n,)
+        Ids of the bodies, -1 where nothing was met.
+    fixtures : ndarray of int64, shape (n,)
+        Which of the shapes of the body; -1 where nothing was met.
+    distances : ndarray, shape (n,)
+        Along the way [m], infinite where nothing was met.
+    points : ndarray, shape (n, 3)
+        Where the ray, or the origin of the shape, is then [m]; NaN where nothing was met.
+    normals : ndarray, shape (n, 3)
+        Unit normals of what was met, against the way; 0 where nothing was met or the shape
+        overlapped with it at the beginning.
+    """
+
+    bodies: Ids
+    fixtures: Ids
+    distances: Array
+    points: Array
+    normals: Array
+
+    def __len__(self) -> int:
+        return len(self.bodies)
+
+
+class Queries(BodyRows):
+    """Questions to a world of rigid bodies; make `RigidBodies`."""
+
+    def contacts(self) -> Contacts:
+        """Contacts of the last step, in an order that does not depend on threads.
+
+        Also those of shapes that are near and not yet in touch: their impulses are 0.
+
+        Returns
+        -------
+        Contacts
+            Copies.
+
+        Examples
+        --------
+        >>> import substep
+        >>> bodies = substep.RigidBodies()
+        >>> ground = bodies.add(substep.rigid.Plane(), (0, 0, 0), motion="static")
+        >>> box = bodies.add(substep.rigid.Box((0.5, 0.5, 0.5)), (0, 0, 0.5), mass=2.0)
+        >>> bodies.advance(0.25)
+        >>> report = bodies.contacts()
+        >>> report.bodies.tolist(), len(report.points)
+        ([[0, 1]], 4)
+        >>> weight = report.impulses / bodies.step_size
+        >>> weight.round(6).tolist()
+        [19.62]
+        """
+        with self._own():
+            rows, *others = self._native.contacts()
+            return Contacts(self._ids[rows], *others)
+
+    def ray_cast(
+        self,
+        origins: ArrayLike,
+        directions: ArrayLike,
+        length: float = math.inf,
+        *,
+        mask: int = EVERYTHING,
+    ) -> Hits:
+        """What rays meet first.
+
+        A ray meets a surface from outside only; one that begins within a solid does not meet it.
+
+        Parameters
+        ----------
+        origins : array_like, shape (3,) or (n, 3)
+            Where the rays begin [m].
+        directions : array_like, shape (3,) for all or (n, 3)
+            Where they go; are normalised.
+        length : float, optional
+            How far they go at most [m].
+        mask : int, optional
+            Only shapes whose group has a bit of it count.
+
+        Returns
+        -------
+        Hits
+            One row for each ray.
+
+        Raises
+        ------
+        InputError
+            If an argument is wrong.
+        """
+        x = np.atleast_2d(check_array("origins", origins))
+        x = check_array("origins", x, (None, 3))
+        d = check_array("directions", directions)
+        d = _unit("directions", check_array("directions", d, (3,) if d.ndim == 1 else (len(x), 3)))
+        d = np.ascontiguousarray(np.broadcast_to(d, x.shape))
+        reach = check_real("length", length, nonnegative=True, finite=False)
+        bits = _check_mask(mask)
+        with self._own():
+            return self._hits(x, d, *self._native.cast_rays(x, d, reach, bits))
+
+    def ray_cast_all(
+        self,
+        origin: ArrayLike,
+        direction: ArrayLike,
+        length: float = math.inf,
+        *,
+        mask: int = EVERYTHING,
+    ) -> Hits:
+        """All shapes that a ray meets, each where it meets them first.
+
+        Parameters
+        ----------
+        origin : array_like, shape (3,)
+            Where the ray begins [m].
+        direction : array_like, shape (3,)
+            Where it goes; is normalised.
+        length : float, optional
+            How far it goes at most [m].
+        mask : int, optional
+            Only shapes whose group has a bit of it count.
+
+        Returns
+        -------
+        Hits
+            From near to far.
+
+        Raises
+        ------
+        InputError
+            If an argument is wrong.
+        """
+        x = check_array("origin", origin, (3,))
+        d = _unit("direction", check_array("direction", direction, (3,)))
+        reach = check_real("length", length, nonnegative=True, finite=False)
+        bits = _check_mask(mask)
+        with self._own():
+            return self._hits(x, d, *self._native.cast_ray_through(x, d, reach, bits))
+
+    def shape_cast(
+        self,
+        shape: Shape,
+        position: ArrayLike,
+        direction: ArrayLike,
+        length: float,
+        *,
+        rotation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
+        mask: int = EVERYTHING,
+    ) -> Hits:
+        """What a shape meets first on its way, without turning.
+
+        Parameters
+        ----------
+        shape : Sphere, Box, Capsule, Cylinder or ConvexHull
+            The shape.
+        position : array_like, shape (3,)
+            Where its origin begins [m].
+        direction : array_like, shape (3,)
+            Where it goes; is normalised.
+        length : float
+            How far it goes at most [m].
+        rotation : array_like, shape (4,), optional
+            Quaternion (w, x, y, z) that turns it; is normalised.
+        mask : int, optional
+            Only shapes whose group has a bit of it count.
+
+        Returns
+        -------
+        Hits
+            One row; what it overlaps with at the beginning is met at 0.
+
+        Raises
+        ------
+        InputError
+            If an argument is wrong.
+        """
+        native = _convex(shape)
+        x = check_array("position", position, (3,))
+        q = unit_quaternions("rotation", rotation, (4,))
+        d = _unit("direction", check_array("direction", direction, (3,)))
+        way = check_real("length", length, nonnegative=True)
+        bits = _check_mask(mask)
+        with self._own():
+            return self._hits(x, d, *self._native.cast_shape(native, x, q, d, way, bits))
+
+    def overlapping(
+        self,
+        shape: Shape,
+        position: ArrayLike,
+        *,
+        rotation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
+        mask: int = EVERYTHING,
+    ) -> Ids:
+        """Which bodies a shape overlaps with or touches.
+
+        Parameters
+        ----------
+        shape : Sphere, Box, Capsule, Cylinder or ConvexHull
+            The shape.
+        position : array_like, shape (3,)
+            Where its origin is [m].
+        rotation : array_like, shape (4,), optional
+            Quaternion (w, x, y, z) that turns it; is normalised.
+        mask : int, optional
+            Only shapes whose group has a bit of it count.
+
+        Returns
+        -------
+        ndarray of int64, shape (m,)
+            Their ids, ascending.
+
+        Raises
+        ------
+        InputError
+            If an argument is wrong.
+        """
+        native = _convex(shape)
+        x = check_array("position", position, (3,))
+        q = unit_quaternions("rotation", rotation, (4,))
+        bits = _check_mask(mask)
+        with self._own():
+            rows = np.unique(self._native.overlapping(native, x, q, bits))
+            ids: Ids = self._ids[rows]
+            return ids
+
+    def _hits(self, x: Array, d: Array, rows: Ids, fixtures: Ids, t: Array, n: Array) -> Hits:
+        met = rows >= 0
+        bodies = np.full(len(rows), -1, np.int64)
+        bodies[met] = self._ids[rows[met]]
+        t = np.where(met, t, np.inf)
+        points = np.full((len(rows), 3), np.nan)
+        points[met] = (x + np.where(met, t, 0.0)[:, None] * d)[met]
+        return Hits(bodies, fixtures, t, points, n)
+
+
+def _unit(name: str, d: Array) -> Array:
+    largest = np.abs(d).max(axis=-1, keepdims=True, initial=0.0)
+    if not largest.all():
+        raise InputError(f"{name}: expected vectors that are not 0")
+    scaled = d / largest
+    unit: Array = scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
+    return unit
+
+
+def _check_mask(mask: Any) -> int:
+    return check_integer("mask", mask, minimum=0, maximum=EVERYTHING)
+
+
+def _convex(shape: Any) -> Any:
+    if not isinstance(shape, Shape):
+        raise TypeError(f"shape: expected a shape, got {describe(shape)}")
+    if isinstance(shape, (Plane, TriangleMesh)):
+        raise InputError(f"shape: expected a convex shape with an end, got {describe(shape)}")
+    return native_shape(shape)

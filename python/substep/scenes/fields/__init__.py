@@ -1,0 +1,1 @@
+"""Scenes of particles in velocity fields, and what they share."""

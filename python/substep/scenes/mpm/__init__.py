@@ -1,0 +1,1 @@
+"""Scenes of material points, and what they share."""

@@ -1,0 +1,1 @@
+"""Scenes of ordinary differential equations, and what they share."""

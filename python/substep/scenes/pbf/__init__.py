@@ -1,0 +1,1 @@
+"""Scenes of position-based fluids, and what they share."""

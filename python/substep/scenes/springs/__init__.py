@@ -1,0 +1,1 @@
+"""Scenes of springs and soft bodies, and what they share."""

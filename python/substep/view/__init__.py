@@ -1,0 +1,11 @@
+"""Recordings in three dimensions: cameras, looks, light, and the stage that PyVista draws."""
+
+from .flat import marker_area, plain_picture
+from .look import Camera, Look
+from .view import View
+
+__all__ = ["Camera", "Look", "View", "marker_area", "plain_picture"]
+
+
+def __dir__() -> list[str]:
+    return __all__

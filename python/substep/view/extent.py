@@ -1,0 +1,84 @@
+"""What a recording reaches in space and in its fields, over all frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..recording import Recording
+from .look import Look
+from .surfaces import in_space, magnitude
+
+FRAMES_LOOKED_AT = 60  # for the region that is shown and the range of colours
+
+
+def radius_of(points: NDArray[np.float32]) -> float:
+    """Half the median distance to the nearest point, of a sample."""
+    if len(points) < 2:
+        return 0.05
+    some = points[:: max(1, len(points) // 20_000)]
+    near = [
+        np.partition(np.linalg.norm(some - point, axis=1), 1)[1]
+        for point in some[:: max(1, len(some) // 100)]
+    ]
+    scale = (len(some) / len(points)) ** (1 / 3)  # the sample is sparser
+    return 0.5 * float(np.median(near)) * scale or 1e-3
+
+
+def radius_in(recording: Recording, name: str, look: Look) -> float:
+    """Radius of a part's particles [m]."""
+    if callable(look.radius):
+        return float(look.radius(recording))
+    if look.radius is not None:
+        return look.radius
+    if recording.parts[name].kind == "mesh":
+        return 0.0
+    for frame in _frames_looked_at(recording):
+        points = in_space(recording[name].points(frame))
+        if len(points):
+            return radius_of(points)
+    return 0.05
+
+
+def _frames_looked_at(recording: Recording) -> list[int]:
+    count = min(len(recording), FRAMES_LOOKED_AT)
+    return np.unique(np.linspace(0, len(recording) - 1, count).astype(int)).tolist()
+
+
+def box_of(recording: Recording, looks: Mapping[str, Look]) -> NDArray[np.float64]:
+    """Lowest and highest corner of what the parts reach in all frames [m]."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for name, part in recording.parts.items():
+        look = looks.get(name, Look())
+        if look.hidden:
+            continue
+        radius = radius_in(recording, name, look)
+        for frame in _frames_looked_at(recording) if part.points is None else [0]:
+            points = in_space(recording[name].points(frame))
+            low = np.minimum(low, points.min(axis=0, initial=np.inf) - radius)
+            high = np.maximum(high, points.max(axis=0, initial=-np.inf) + radius)
+    if not np.all(low <= high):
+        return np.array([[-1.0, -1, -1], [1, 1, 1]])
+    half = np.maximum((high - low) / 2, 1e-3 * max(float(np.max(high - low)), 1e-3))
+    return np.array([(low + high) / 2 - half, (low + high) / 2 + half])
+
+
+def range_of(recording: Recording, color: str) -> tuple[float, float]:
+    """Least and greatest value of a field in all frames."""
+    owners = [name for name, part in recording.parts.items() if color in part.fields]
+    if not owners:
+        known = sorted({field for part in recording.parts.values() for field in part.fields})
+        raise InputError(f"color: no part has a field {color!r}; known: {', '.join(known)}")
+    low, high = np.inf, -np.inf
+    for name in owners:
+        for frame in _frames_looked_at(recording):
+            values = magnitude(recording[name].field(color, frame))
+            values = values[np.isfinite(values)]
+            low, high = min(low, values.min(initial=low)), max(high, values.max(initial=high))
+    if low < high:
+        return float(low), float(high)
+    middle = float(low) if low == high else 0.0
+    return middle - 0.5, middle + 0.5

@@ -1,0 +1,74 @@
+"""Pictures of recordings in the plane, by matplotlib."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..recording import Recording
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def plain_picture(recording: Recording, frame: int, figure: Figure) -> None:
+    """Draw the points of every part in the plane, coloured by the first field.
+
+    Parameters
+    ----------
+    recording : Recording
+        The recording.
+    frame : int
+        Frame number from 0.
+    figure : matplotlib.figure.Figure
+        Drawn on.
+
+    Examples
+    --------
+    >>> import substep
+    >>> substep.render.plain_picture(recording, 0, figure)  # doctest: +SKIP
+    """
+    arrays = recording.frame(frame)
+    axes: Any = figure.add_subplot()
+    for name, part in recording.parts.items():
+        points = arrays[name]["points"]
+        columns = points.T[:2]
+        style: dict[str, Any] = {"s": marker_area(len(points)), "linewidths": 0, "label": name}
+        field = next(iter(part.fields), None)
+        if field is None:
+            axes.scatter(*columns, **style)
+            continue
+        values = arrays[name][field]
+        values = np.linalg.norm(values, axis=1) if values.ndim == 2 else values
+        shown = axes.scatter(*columns, c=values, **style)
+        unit = part.fields[field]
+        figure.colorbar(shown, ax=axes, label=f"{name}: {field}" + (f" [{unit}]" if unit else ""))
+    axes.set_aspect("equal")
+    axes.set_xlabel("x")
+    axes.set_ylabel("y")
+    axes.set_title(
+        f"{recording.scene or 'recording'}, t = {recording.times[frame]:.4g} s", loc="left"
+    )
+
+
+def marker_area(points: int) -> float:
+    """Area of a marker [points^2] with which so many fill a figure without hiding each other.
+
+    Parameters
+    ----------
+    points : int
+        How many markers there are.
+
+    Returns
+    -------
+    float
+        The area.
+
+    Examples
+    --------
+    >>> import substep
+    >>> substep.render.marker_area(10)
+    30.0
+    """
+    return float(np.clip(2e5 / max(points, 1), 0.2, 30.0))

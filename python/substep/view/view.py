@@ -1,0 +1,153 @@
+"""What a recording looks like in three dimensions: cameras, looks of parts, and views of both."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..recording import Recording
+from .extent import box_of
+from .look import Camera, Look
+from .stage import Coloring, Stage
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A recording in three dimensions: the `picture` of a scene, and of recordings without one.
+
+    Parameters
+    ----------
+    camera : Camera
+        Where from.
+    looks : mapping of str to Look
+        By part; parts that are not named look as they do by default.
+    color : str, optional
+        Field that colours the parts which have it; of vectors the norm.
+    palette : str
+        Name of the colours of that field, as matplotlib has them.
+    limits : tuple of float, optional
+        Its values at the ends of the palette; the least and the greatest in all frames unless
+        given.
+    bar : bool
+        Draw the bar of these colours, with the name of the field and its unit.
+    box : callable, optional
+        `box(recording)` returns the lowest and highest corner of the region shown, shape (2, 3)
+        [m]; what the parts reach in all frames unless given.
+    ground : callable, optional
+        `ground(recording)` returns the height of the ground [m], or None for none; it is at the
+        bottom of the box unless given.
+    title : callable, optional
+        `title(recording, frame)` returns the text above the picture; scene and time unless given.
+    nooks : float or callable, optional
+        Surfaces nearer to each other than this [m], or than `nooks(recording)`, keep the light of
+        the sky from each other: heaps of solids get depth.
+
+    Examples
+    --------
+    >>> import substep
+    >>> view = substep.render.View(substep.render.Camera(elevation=5.0), color="speed")
+    >>> view.camera.elevation
+    5.0
+    """
+
+    camera: Camera = field(default_factory=Camera)
+    looks: Mapping[str, Look] = field(default_factory=dict)
+    color: str | None = None
+    palette: str = "viridis"
+    limits: tuple[float, float] | None = None
+    bar: bool = True
+    box: Callable[[Recording], ArrayLike] | None = None
+    ground: Callable[[Recording], float | None] | None = None
+    title: Callable[[Recording, int], str] | None = None
+    nooks: float | Callable[[Recording], float] | None = None
+
+    def __call__(self, recording: Recording, frame: int, figure: Figure) -> None:
+        """Draw one frame on a matplotlib figure."""
+        width, height = np.rint(figure.get_size_inches() * figure.dpi).astype(int)
+        stage = self._stage(recording, (int(width), int(height)))
+        figure.set_layout_engine("none")
+        axes: Any = figure.add_axes((0, 0, 1, 1))
+        axes.set_axis_off()
+        axes.imshow(stage.image(recording, frame), aspect="auto", interpolation="none")
+        title = self.title or default_title
+        figure.text(0.02, 0.965, title(recording, frame), va="top", fontsize=11)
+        if self.bar and self.color is not None and stage.range is not None:
+            unit = _unit(recording, self.color)
+            _add_color_bar(figure, self.color, unit, stage.range, self.palette)
+
+    def image(
+        self, recording: Recording, frame: int = -1, size: tuple[int, int] = (960, 540)
+    ) -> NDArray[np.uint8]:
+        """One frame as pixels, without title and colour bar.
+
+        Parameters
+        ----------
+        recording : Recording
+            Open.
+        frame : int
+            Frame number; negative numbers count from the end.
+        size : tuple of int
+            Width and height [pixels].
+
+        Returns
+        -------
+        ndarray of uint8, shape (height, width, 3)
+            Red, green and blue.
+
+        Raises
+        ------
+        ImportError
+            If PyVista, or the system's EGL library, is missing.
+        """
+        return self._stage(recording, size).image(recording, frame)
+
+    def _stage(self, recording: Recording, size: tuple[int, int]) -> Stage:
+        """The stage of this view, kept as long as the recording is there."""
+        stages = _STAGES.setdefault(recording, {})
+        key = (self, size)
+        if key not in stages:
+            box = box_of(recording, self.looks) if self.box is None else self.box(recording)
+            box = np.asarray(box, float)
+            ground = float(box[0, 2]) if self.ground is None else self.ground(recording)
+            coloring = None
+            if self.color is not None:
+                coloring = Coloring(self.color, self.palette, self.limits)
+            nooks = self.nooks(recording) if callable(self.nooks) else self.nooks
+            stages[key] = Stage(
+                recording, size, self.camera, self.looks, coloring, box, ground, nooks
+            )
+        return stages[key]
+
+
+_STAGES: weakref.WeakKeyDictionary[Recording, dict[tuple[View, tuple[int, int]], Stage]] = (
+    weakref.WeakKeyDictionary()
+)
+
+
+def default_title(recording: Recording, frame: int) -> str:
+    """Scene and time."""
+    return f"{recording.scene or 'recording'}, t = {recording.times[frame]:.3f} s"
+
+
+def _unit(recording: Recording, name: str) -> str:
+    return next(p.fields[name] for p in recording.parts.values() if name in p.fields)
+
+
+def _add_color_bar(
+    figure: Figure, name: str, unit: str, limits: tuple[float, float], palette: str
+) -> None:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    shown = ScalarMappable(Normalize(*limits), cmap=palette)
+    axes = figure.add_axes((0.915, 0.2, 0.014, 0.6))
+    label = name if unit in ("", "1") else f"{name} [{unit}]"
+    figure.colorbar(shown, cax=axes, label=label)

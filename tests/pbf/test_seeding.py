@@ -1,0 +1,259 @@
+"""Filling boxes and surfaces with liquid at rest; emitters and sinks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import substep
+from scipy.spatial import cKDTree
+from substep import ConvergenceError, Emitter, InputError, PositionBasedFluid, Sink
+
+MESHES = Path(__file__).parents[3] / "shared/data/meshes"
+GRAVITY = (0.0, 0.0, -9.81)
+
+
+def speeds(fluid: PositionBasedFluid, duration: float) -> np.ndarray:
+    """Largest rms speed and largest speed of any step of a duration."""
+    worst = np.zeros(2)
+    while fluid.time < duration:
+        fluid.step()
+        v = np.linalg.norm(fluid.velocities, axis=1)
+        worst = np.maximum(worst, [np.sqrt((v**2).mean()), v.max()])
+    return worst
+
+
+def test_fill_box_counts_and_margins():
+    x = substep.fill_box((0, 0, 0), (1.0, 0.5, 0.33), 0.1)
+    assert x.shape == (10 * 5 * 3, 3)
+    np.testing.assert_allclose(x.min(axis=0), [0.05, 0.05, 0.065])
+    np.testing.assert_allclose(x.max(axis=0), [0.95, 0.45, 0.265])
+    assert substep.fill_box((0, 0), (0.05, 1), 0.1).shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "spacing", "name"),
+    [
+        ((0, 0, 0), (1, 1), 0.1, "high"),
+        ((0, 0, 0), (1, -1, 1), 0.1, "high"),
+        ((0, 0, np.nan), (1, 1, 1), 0.1, "low"),
+        ((0, 0, 0), (1, 1, 1), 0.0, "spacing"),
+        ((0, 0, 0), (1, 1, 1), 1e-6, "spacing"),
+    ],
+)
+def test_fill_box_refuses(low, high, spacing, name):
+    with pytest.raises(InputError, match=name):
+        substep.fill_box(low, high, spacing)
+
+
+def test_fill_mesh_lies_inside():
+    mesh = substep.geometry.sphere_mesh(subdivisions=3)
+    x = substep.fill_mesh(mesh, 0.1)
+    assert np.linalg.norm(x, axis=1).max() < 0.95
+    assert len(x) * 0.1**3 == pytest.approx(4 / 3 * np.pi * 0.95**3, rel=0.03)
+    with pytest.raises(InputError, match="spacing"):
+        substep.fill_mesh(mesh, 3.0)
+    with pytest.raises(TypeError, match="mesh"):
+        substep.fill_mesh(x, 0.1)
+
+
+def test_a_lattice_fits_a_tank():
+    """Both have flat walls: nothing is too dense, and the liquid only settles."""
+    d = 0.05
+    tank = substep.Box((0.5, 0.25, 0.5), (1, 0.5, 1), hollow=True)
+    liquid = PositionBasedFluid(substep.fill_box((0, 0, 0), (1, 0.5, 0.5), d), d, colliders=[tank])
+    assert liquid.densities.max() < 1.01
+    rms, largest = speeds(liquid, 0.1)
+    assert rms < 0.15
+    assert largest < 0.5
+
+
+def test_a_relaxed_liquid_in_a_round_tank_does_not_pop():
+    """Within 0.1 s the lattice moves at 1.4 m/s, rms 0.5; the relaxed liquid hardly."""
+    d, radius = 0.05, 0.4
+    tank = substep.Sphere((0, 0, 0), radius, hollow=True)
+    lattice = substep.fill_box([-radius] * 3, [radius] * 3, d)
+    lattice = lattice[tank.distance(lattice) > 0.3 * d]
+    start = PositionBasedFluid(lattice, d, colliders=[tank])
+    assert start.densities.max() > 1.03
+    assert speeds(start, 0.1)[0] > 0.3
+    tank = substep.Sphere((0, 0, 0), radius, hollow=True)
+    x = substep.relax(lattice, d, gravity=GRAVITY, colliders=[tank])
+    assert tank.distance(x).min() > 0
+    assert (tank.impulse == 0).all()  # it worked on a copy
+    liquid = PositionBasedFluid(x, d, colliders=[tank])
+    assert liquid.densities.max() < 1.011
+    rms, largest = speeds(liquid, 0.1)
+    assert rms < 0.12
+    assert largest < 0.45
+
+
+def test_relax_says_when_there_is_no_room():
+    d = 0.1
+    tank = substep.Box((0.5, 0.5, 0.5), (1, 1, 1), hollow=True)
+    x = np.random.default_rng(0).uniform(0.05, 0.95, (2000, 3))
+    with pytest.raises(ConvergenceError, match="room"):
+        substep.relax(x, d, colliders=[tank], max_iterations=60)
+    with pytest.raises(InputError, match="max_iterations"):
+        substep.relax(x, d, max_iterations=0)
+
+
+def test_relax_is_the_same_for_any_number_of_threads():
+    x = np.random.default_rng(0).uniform(0, 1, (800, 2))
+    ys = [substep.relax(x, 0.03, threads=threads) for threads in (1, 2, 3)]
+    assert len({substep.state_hash(y) for y in ys}) == 1
+
+
+@pytest.mark.slow
+def test_a_bunny_full_of_liquid_stays_full():
+    """stanford-bunny.obj has five holes; its walls are its sampled signed distance."""
+    path = MESHES / "stanford-bunny.obj"
+    if not path.exists():
+        pytest.skip("shared/data/meshes is not here")
+    mesh = substep.geometry.read_mesh(path)
+    size = np.ptp(mesh.vertices, axis=0).max()
+    d = size / 25
+    walls = substep.SignedDistanceField.from_mesh(mesh, d / 2, hollow=True)
+    lattice = substep.fill_mesh(mesh, d)
+    gravity = (0.0, -9.81, 0.0)
+    x = substep.relax(lattice, d, gravity=gravity, colliders=[walls])
+    liquid = PositionBasedFluid(x, d, gravity=gravity, colliders=[walls])
+    assert len(liquid) > 1500
+    assert liquid.densities.max() < 1.011
+    fall = np.sqrt(2 * 9.81 * size)
+    rms, _ = speeds(liquid, 0.1)
+    assert rms < 0.1 * fall
+    assert walls.distance(liquid.positions).min() > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        ({"position": (0, 0, np.nan)}, "position"),
+        ({"position": (0, 0, 0, 0)}, "position"),
+        ({"direction": (0, 0, 0)}, "direction"),
+        ({"speed": 0.0}, "speed"),
+        ({"radius": None}, "radius"),
+        ({"radius": -1.0}, "radius"),
+        ({"size": (1.0, 1.0)}, "size"),
+        ({"radius": None, "size": (1.0, 0.0)}, "size"),
+        ({"fluid": -1}, "fluid"),
+        ({"start": np.nan}, "start"),
+    ],
+)
+def test_an_emitter_refuses(arguments, name):
+    given = {"position": (0, 0, 0), "direction": (1, 0, 0), "speed": 1.0, "radius": 0.1}
+    with pytest.raises(InputError, match=name):
+        Emitter(**(given | arguments))
+
+
+def test_emitters_and_sinks_that_do_not_fit_are_refused():
+    nozzle = Emitter((0, 0), (1, 0), 1.0, radius=0.1)
+    with pytest.raises(InputError, match=r"emitters\[0\]"):
+        PositionBasedFluid(np.zeros((0, 3)), 0.1, emitters=[nozzle])
+    with pytest.raises(InputError, match=r"emitters\[0\]"):
+        other = Emitter((0, 0, 0), (1, 0, 0), 1.0, radius=0.1, fluid=1)
+        PositionBasedFluid(np.zeros((0, 3)), 0.1, emitters=[other])
+    with pytest.raises(InputError, match=r"emitters\[0\]: too far"):
+        far = Emitter((1e30, 0, 0), (1, 0, 0), 1.0, radius=0.1)
+        PositionBasedFluid(np.zeros((0, 3)), 0.1, emitters=[far])
+    with pytest.raises(TypeError, match=r"sinks\[0\]"):
+        PositionBasedFluid(np.zeros((0, 3)), 0.1, sinks=[substep.Sphere()])
+    with pytest.raises(TypeError, match="shape"):
+        Sink("drain")
+
+
+NOZZLES = {
+    "disc": Emitter((0.1, 0.2, 0.3), (1, 2, -0.5), 1.7, radius=0.11),
+    "rectangle": Emitter((0.1, 0.2, 0.3), (0, 0, 1), 1.7, size=(0.3, 0.17)),
+    "slit": Emitter((0.1, 0.2), (1, 1), 1.7, radius=0.15),
+}
+
+
+@pytest.mark.parametrize("name", NOZZLES)
+def test_the_jet_is_the_same_whatever_the_steps(name):
+    """No gaps, no overlaps: layers are one thickness apart over the borders of uneven steps."""
+    nozzle, d = NOZZLES[name], 0.03
+    dimension = nozzle.dimension
+
+    def jet(steps):
+        fluid = PositionBasedFluid(
+            np.zeros((0, dimension)),
+            d,
+            gravity=np.zeros(dimension),
+            emitters=[nozzle],
+            min_iterations=0,
+            dtype="float64",
+        )
+        for dt in steps:
+            fluid.step(dt)
+        return fluid
+
+    uneven = 0.2 * np.random.default_rng(2).dirichlet(np.ones(37))
+    one, many = jet([0.2]), jet(uneven)
+    assert len(one) == len(many) == one.emitted[0]
+    volume = len(many) * d**dimension
+    layer = len(many) / (1 + np.floor(0.2 * 1.7 / (nozzle._layer(d)[1]))) * d**dimension
+    assert abs(volume - nozzle.area * 1.7 * 0.2) <= layer
+    x, layers, time = np.zeros((0, dimension)), 0, 0.0
+    for dt in uneven:  # without the liquid's own corrections
+        time += dt
+        new, layers = nozzle._emit(d, layers, time)
+        x = np.concatenate([x + dt * nozzle.speed * nozzle.direction, new])
+    whole = nozzle._emit(d, 0, time)[0]
+    assert cKDTree(whole).query(x)[0].max() < 1e-9
+    assert cKDTree(x).query(x, 2)[0][:, 1].min() > 0.75 * d
+    assert many.densities.max() < 1.05
+
+
+def test_counts_are_exact_and_go_through_a_checkpoint(tmp_path):
+    d = 0.05
+
+    def fountain(threads=None):
+        return PositionBasedFluid(
+            substep.fill_box((0, 0, 0), (1, 1, 0.2), d),
+            d,
+            colliders=[substep.Plane()],
+            emitters=[
+                Emitter((0.5, 0.5, 1.0), (0, 0, -1), 2.0, radius=0.12),
+                Emitter((-0.2, 0.5, 0.6), (1, 0, 0), 1.0, size=(0.2, 0.1), start=0.1, stop=0.3),
+            ],
+            sinks=[
+                Sink(substep.Box((0.5, 0.5, 0.5), (1.6, 1.6, 4.0), hollow=True)),
+                Sink(substep.Sphere((0.1, 0.1, 0.0), 0.2)),
+            ],
+            threads=threads,
+        )
+
+    fluid = fountain()
+    start, ids = len(fluid), set(fluid.ids.tolist())
+    for k in range(60):
+        fluid.step(0.01)
+        assert len(fluid) == start + fluid.emitted.sum() - fluid.absorbed.sum()
+        now = set(fluid.ids.tolist())
+        assert max(now) < start + fluid.emitted.sum()  # no id is given twice
+        assert not (now - ids) & set(range(start)) or k == 0
+        ids = now
+        if k == 29:
+            fluid.save(tmp_path / "half")
+    assert (fluid.emitted > 0).all()
+    assert (fluid.absorbed > 0).all()
+    other = fountain(threads=3)
+    other.load(tmp_path / "half")
+    for _ in range(30):
+        other.step(0.01)
+    assert (other.emitted == fluid.emitted).all()
+    assert (other.absorbed == fluid.absorbed).all()
+    same = [substep.state_hash(f.positions, f.velocities, f.ids) for f in (fluid, other)]
+    assert same[0] == same[1]
+
+
+def test_an_emitter_opens_and_closes():
+    nozzle = Emitter((0, 0, 0), (1, 0, 0), 1.0, size=(0.1, 0.1), start=0.25, stop=0.5)
+    fluid = PositionBasedFluid(np.zeros((0, 3)), 0.1, gravity=(0, 0, 0), emitters=[nozzle])
+    fluid.advance(0.24)
+    assert len(fluid) == 0
+    fluid.advance(1.0)
+    assert len(fluid) == 3  # at 0.25, 0.35 and 0.45 s
+    np.testing.assert_allclose(np.sort(fluid.positions[:, 0]), [0.79, 0.89, 0.99], atol=1e-5)

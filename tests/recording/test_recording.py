@@ -1,0 +1,500 @@
+"""What is recorded comes back, from the journal, from VTKHDF, and through VTK itself."""
+
+import os
+import struct
+import subprocess
+import sys
+import zlib
+from concurrent.futures import ThreadPoolExecutor, TimeoutError
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import substep
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from substep.export import pack_here
+from substep.recording.files import lock_for_packing
+
+TRIANGLES = np.array([[0, 1, 2], [1, 2, 3]])
+EDGES = np.array([[0, 1], [2, 3], [1, 3]])
+TETRAHEDRA = np.array([[0, 1, 2, 3], [1, 2, 3, 4]])
+FLOOR = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, -0.1]])
+PARTS = {
+    "drifters": substep.Part("particles", {"velocity": "m/s", "id": "1"}),
+    "boxes": substep.Part("bodies", {"orientation": "1", "mass": "kg"}),
+    "cloth": substep.Part("mesh", {"stress": "Pa", "alive": "1"}, TRIANGLES),
+    "floor": substep.Part("mesh", triangles=TRIANGLES, points=FLOOR),
+    "net": substep.Part("mesh", {"tension": "N"}, TRIANGLES, edges=EDGES),
+    "rope": substep.Part("mesh", edges=EDGES),
+    "jelly": substep.Part("mesh", {"pressure": "Pa"}, tetrahedra=TETRAHEDRA),
+    "anvil": substep.Part("mesh", tetrahedra=TETRAHEDRA[:1], points=FLOOR + 1),
+}
+COUNTS = (10, 0, 7, 12, 3)
+
+
+def make_frame(k, n):
+    rng = np.random.default_rng(k)
+    return {
+        "drifters": {
+            "points": rng.random((n, 2)),
+            "velocity": rng.random((n, 2)),
+            "id": np.arange(n, dtype=np.int32),
+        },
+        "boxes": {
+            "points": rng.random((3, 3)),
+            "orientation": rng.random((3, 4)),
+            "mass": rng.random(3),
+        },
+        "cloth": {
+            "points": rng.random((4, 3)).astype(np.float32),
+            "stress": rng.random((4, 3, 3)).astype(np.float32),
+            "alive": np.array([1, 0, 1, 1], bool),
+        },
+        "net": {"points": rng.random((4, 3)), "tension": rng.random(4)},
+        "rope": {"points": rng.random((5, 3))},
+        "jelly": {"points": rng.random((6, 3)), "pressure": rng.random(6)},
+    }
+
+
+def only(names, frame):
+    return {name: frame[name] for name in names if name in frame}
+
+
+def with_constant_points(names, frame):
+    """A frame as it is read."""
+    fixed = {n: {"points": PARTS[n].points} for n in names if PARTS[n].points is not None}
+    return {**only(names, frame), **fixed}
+
+
+def record(path, names=tuple(PARTS), counts=COUNTS, **options):
+    recorder = substep.Recorder(
+        path, parts=only(names, PARTS), scene="test", parameters={"n": 1, "f": [0.5]}, **options
+    )
+    for k, n in enumerate(counts):
+        recorder.append(0.1 * k, only(names, make_frame(k, n)))
+    return recorder
+
+
+def assert_same(frame, expected):
+    assert frame.keys() == expected.keys()
+    for part, arrays in expected.items():
+        assert frame[part].keys() == arrays.keys()
+        for name, array in arrays.items():
+            got = frame[part][name]
+            assert got.dtype == array.dtype and got.shape == array.shape, (part, name)
+            assert got.tobytes() == array.tobytes(), (part, name)
+
+
+def assert_recorded(path, names=tuple(PARTS), counts=COUNTS):
+    with substep.Recording(path) as recording:
+        assert len(recording) == len(counts)
+        for k, (time, frame) in enumerate(recording):
+            assert time == 0.1 * k == recording.times[k]
+            assert_same(frame, with_constant_points(names, make_frame(k, counts[k])))
+
+
+ALONE = [(name,) for name in PARTS if PARTS[name].points is None]
+
+
+@pytest.mark.parametrize("names", [tuple(PARTS), *ALONE])
+def test_round_trip_through_journal_and_packed_file(tmp_path, names):
+    path = tmp_path / "a.vtkhdf"
+    recorder = record(path, names, seed=7)
+    assert os.listdir(tmp_path) == ["a.vtkhdf.journal"]
+    assert_recorded(path, names)
+    recorder.close()
+    assert os.listdir(tmp_path) == ["a.vtkhdf"]
+    assert_recorded(path, names)
+    with substep.Recording(path) as recording:
+        assert recording.packed
+        assert recording.scene == "test" and recording.seed == 7
+        assert recording.parameters == {"n": 1, "f": [0.5]}
+        assert recording.version == substep.__version__
+        assert list(recording.parts) == list(names)
+        for name in names:
+            part = recording.parts[name]
+            assert part.kind == PARTS[name].kind and part.fields == PARTS[name].fields
+            assert part.constants().keys() == PARTS[name].constants().keys()
+            for key, array in part.constants().items():
+                assert np.array_equal(array, getattr(PARTS[name], key)), (name, key)
+
+
+DTYPES = ["?", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8"]
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
+@given(
+    counts=st.lists(st.integers(0, 9), max_size=5),
+    dimension=st.sampled_from([2, 3]),
+    precision=st.sampled_from(["f4", "f8"]),
+    fields=st.lists(
+        st.tuples(
+            st.sampled_from(DTYPES), st.sampled_from([(), (1,), (2,), (3,), (7,), (2, 2), (3, 3)])
+        ),
+        max_size=4,
+    ),
+    seed=st.integers(0, 2**32),
+)
+def test_any_recording_comes_back_bit_for_bit(tmp_path, counts, dimension, precision, fields, seed):
+    rng = np.random.default_rng(seed)
+    names = {f"f{k}": field for k, field in enumerate(fields)}
+    part = substep.Part("particles", dict.fromkeys(names, "1"))
+    path = tmp_path / "a.vtkhdf"
+    recorder = substep.Recorder(path, parts={"p": part}, overwrite=True)
+    frames = []
+    for k, n in enumerate(counts):
+        arrays = {"points": rng.normal(size=(n, dimension)).astype(precision)}
+        for name, (dtype, shape) in names.items():
+            size = (n, *shape, np.dtype(dtype).itemsize)
+            bits = rng.integers(0, 2 if dtype == "?" else 256, size, np.uint8)
+            arrays[name] = bits.view(dtype)[..., 0]  # NaN and infinity too
+        frames.append({"p": arrays})
+        recorder.append(float(k), frames[-1])
+    recorder._release()
+    for packed in (False, True):
+        if packed:
+            pack_here(str(path), None, False)
+        with substep.Recording(path, recover=True) as recording:
+            assert recording.packed == packed and len(recording) == len(counts)
+            for (time, frame), (k, expected) in zip(recording, enumerate(frames), strict=True):
+                assert time == k
+                assert_same(frame, expected)
+
+
+def read_by_vtk(path):
+    """(time, {part: polydata}) of every step, in a pipeline as ParaView runs it; errors fail."""
+    pytest.importorskip("vtkmodules.vtkIOHDF", reason="VTK is not installed")
+    from vtkmodules.vtkCommonDataModel import vtkCompositeDataSet
+    from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
+    from vtkmodules.vtkFiltersCore import vtkPassThrough
+    from vtkmodules.vtkIOHDF import vtkHDFReader
+
+    errors = []
+    reader = vtkHDFReader()
+    reader.SetFileName(os.fspath(path))
+    for source in (reader, reader.GetExecutive()):
+        source.AddObserver("ErrorEvent", lambda *a: errors.append("error"))
+        source.AddObserver("WarningEvent", lambda *a: errors.append("warning"))
+    end = vtkPassThrough()
+    end.SetInputConnection(reader.GetOutputPort())
+    end.UpdateInformation()
+    times = end.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS())
+    result = []
+    for time in times or [None]:
+        if time is None:
+            end.Update()
+        else:
+            end.UpdateTimeStep(time)
+        output = end.GetOutputDataObject(0)
+        if output.IsA("vtkPointSet"):
+            blocks = {None: output}
+        else:
+            blocks = {
+                output.GetMetaData(i).Get(vtkCompositeDataSet.NAME()): output.GetBlock(i)
+                for i in range(output.GetNumberOfBlocks())
+            }
+        copies = {}
+        for name, block in blocks.items():
+            copies[name] = block.NewInstance()
+            copies[name].DeepCopy(block)
+        result.append((time, copies))
+        assert not errors
+    return result
+
+
+def assert_vtk_sees(data, part, arrays):
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    points = arrays["points"]
+    assert data.GetNumberOfPoints() == len(points)
+    if PARTS[part].kind == "mesh":
+        meshes = {key: a for key, a in PARTS[part].constants().items() if key != "points"}
+        assert data.GetNumberOfCells() == sum(len(mesh) for mesh in meshes.values())
+        for key, mesh in meshes.items():
+            method = {"triangles": "GetPolys", "edges": "GetLines", "tetrahedra": "GetCells"}[key]
+            cells = vtk_to_numpy(getattr(data, method)().GetConnectivityArray())
+            assert np.array_equal(cells.reshape(mesh.shape), mesh), key
+    else:
+        assert data.GetNumberOfVerts() == len(points) == data.GetNumberOfCells()
+        if len(points):
+            cells = vtk_to_numpy(data.GetVerts().GetConnectivityArray())
+            assert np.array_equal(cells, np.arange(len(points)))
+    if len(points) == 0:
+        return
+    assert data.GetPointData().GetNumberOfArrays() == len(arrays) - 1
+    for name, array in arrays.items():
+        got = data.GetPoints().GetData() if name == "points" else data.GetPointData().GetArray(name)
+        flat = vtk_to_numpy(got).reshape(len(array), -1)
+        expected = array.reshape(len(array), -1)
+        assert np.array_equal(flat[:, : expected.shape[1]], expected), name
+        assert not flat[:, expected.shape[1] :].any()  # z of a plane
+
+
+@pytest.mark.parametrize("counts", [COUNTS, (5,), (0, 0), (6, 6)])
+@pytest.mark.parametrize("names", [tuple(PARTS), *ALONE])
+def test_vtk_reads_every_frame_without_error(tmp_path, names, counts):
+    path = tmp_path / "a.vtkhdf"
+    record(path, names, counts).close()
+    steps = read_by_vtk(path)
+    assert len(steps) == len(counts)
+    for k, (time, blocks) in enumerate(steps):
+        assert time == (0.1 * k if len(counts) > 1 else None)
+        assert len(blocks) == len(names)
+        for name in names:
+            data = blocks[name if len(names) > 1 else None]
+            expected = with_constant_points(names, make_frame(k, counts[k]))
+            assert_vtk_sees(data, name, expected[name])
+
+
+def test_many_small_frames(tmp_path):
+    path = tmp_path / "a.vtkhdf"
+    recorder = substep.Recorder(path, parts={"p": substep.Part("particles", {"k": "1"})})
+    sizes = np.random.default_rng(0).integers(0, 200, 600)
+    for k, n in enumerate(sizes):
+        recorder.append(k, {"p": {"points": np.full((n, 3), k), "k": np.full(n, k)}})
+    recorder.close()
+    with substep.Recording(path) as recording:
+        for k in (*range(600), *np.random.default_rng(1).integers(0, 600, 300)):
+            assert np.array_equal(recording["p"].points(k), np.full((sizes[k], 3), k))
+            recording["p"].points(k)[...] = 0  # the caller's own
+            assert np.array_equal(recording["p"].field("k", k), np.full(sizes[k], k))
+    for k, (_, blocks) in zip(range(0, 600, 50), read_by_vtk(path)[::50], strict=True):
+        assert blocks[None].GetNumberOfPoints() == sizes[k]
+
+
+def test_an_empty_recording_packs_and_opens(tmp_path):
+    path = tmp_path / "a.vtkhdf"
+    record(path, counts=()).close()
+    with substep.Recording(path) as recording:
+        assert len(recording) == 0 and list(recording) == []
+        assert recording.parts["cloth"].triangles.shape == (2, 3)
+        assert recording.parts["jelly"].tetrahedra.shape == (2, 4)
+        assert np.array_equal(recording["floor"].info.points, FLOOR)
+    for _, blocks in read_by_vtk(path):
+        assert all(block.GetNumberOfPoints() == 0 for block in blocks.values())
+
+
+def test_the_file_says_what_it_holds_without_substep(tmp_path):
+    path = tmp_path / "a.vtkhdf"
+    record(path, ("drifters",), seed=3).close()
+    with h5py.File(path) as file:
+        assert file["VTKHDF/PointData/velocity"].attrs["units"] == "m/s"
+        assert file["VTKHDF/Points"].attrs["units"] == "m"
+        assert file["substep"].attrs["scene"] == "test"
+        assert file["substep"].attrs["parameters"] == '{"n":1,"f":[0.5]}'
+        assert file["substep"].attrs["seed"] == 3
+        assert file["substep"].attrs["substep_version"] == substep.__version__
+        datasets = []
+        file.visititems(lambda _, node: datasets.append(node) if hasattr(node, "chunks") else None)
+        assert datasets and all(dataset.fletcher32 for dataset in datasets)
+        k, n = 3, COUNTS[3]
+        start = file["VTKHDF/Steps/PointOffsets"][k]
+        points = file["VTKHDF/Points"][start : start + file["VTKHDF/NumberOfPoints"][k]]
+        assert np.array_equal(points[:, :2], make_frame(k, n)["drifters"]["points"])
+
+
+def test_constant_points_are_written_once(tmp_path):
+    points = np.random.default_rng(0).random((50_000, 3))
+    parts = {
+        "rock": substep.Part("mesh", triangles=[[0, 1, 2]], points=points),
+        "p": substep.Part(),
+    }
+    sizes = []
+    for frames in (2, 50):
+        path = tmp_path / f"{frames}.vtkhdf"
+        with substep.Recorder(path, parts=parts) as recorder:
+            for k in range(frames):
+                recorder.append(k, {"p": {"points": np.full((2, 3), k)}})
+            journal = os.path.getsize(recorder.journal_path)
+        sizes.append(np.array([journal, os.path.getsize(path)]))
+        with substep.Recording(path) as recording:
+            assert np.array_equal(recording["rock"].points(1), points)
+            assert np.array_equal(recording.frame(-1)["rock"]["points"], points)
+    assert np.all(sizes[1] < sizes[0] + 100_000), sizes  # 58 MB if they were in every frame
+
+
+def test_files_of_version_1_are_read(tmp_path):
+    """Their meshes have triangles only, and in HDF5 the checksums go by another name."""
+    names = ("drifters", "cloth")
+    path = tmp_path / "a.vtkhdf"
+    record(path, names)._release()
+    journal = Path(f"{path}.journal")
+    raw = bytearray(journal.read_bytes())
+    raw[12:16] = struct.pack("<I", 1)
+    raw[36:40] = struct.pack("<I", zlib.crc32(raw[:36]))
+    journal.write_bytes(raw)
+    assert_recorded(path, names)
+    substep.pack(path)
+    with h5py.File(path, "r+") as file:
+        group = file["substep"]
+        group.attrs["format_version"] = 1
+        text = group["metadata"][...].tobytes()[:-4].replace(b"constants_crc32", b"triangles_crc32")
+        group["metadata"][...] = np.frombuffer(text + struct.pack("<I", zlib.crc32(text)), "u1")
+    assert_recorded(path, names)
+
+
+def test_one_array_at_a_time(tmp_path):
+    path = tmp_path / "a.vtkhdf"
+    record(path).close()
+    with substep.Recording(path) as recording:
+        drifters = recording["drifters"]
+        expected = make_frame(4, COUNTS[4])["drifters"]
+        assert np.array_equal(drifters.points(4), expected["points"])
+        assert np.array_equal(drifters.points(-1), expected["points"])
+        assert np.array_equal(drifters.field("velocity", 4), expected["velocity"])
+        assert drifters.info.fields["velocity"] == "m/s"
+        with pytest.raises(KeyError, match="velocity"):
+            drifters.field("mass", 0)
+        with pytest.raises(KeyError, match="boxes"):
+            recording["fish"]
+        for index in (5, -6, 2**70):
+            with pytest.raises(IndexError, match="5 frames"):
+                recording.frame(index)
+        with pytest.raises(TypeError):
+            recording.frame(1.5)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("torn", [0, 1, 30, 200])
+def test_resume_goes_on_after_the_last_whole_frame(tmp_path, packed, torn):
+    path = tmp_path / "a.vtkhdf"
+    record(path, counts=COUNTS[:3])._release()
+    journal = Path(f"{path}.journal")
+    if packed:
+        substep.pack(path)
+    elif torn:
+        whole = journal.read_bytes()
+        record(tmp_path / "b.vtkhdf", counts=COUNTS[:4])._release()
+        longer = (tmp_path / "b.vtkhdf.journal").read_bytes()
+        journal.write_bytes(longer[: len(whole) + torn])
+        assert_recorded(path, counts=COUNTS[:3])
+    options = {"parts": PARTS, "scene": "test", "parameters": {"n": 1, "f": [0.5]}}
+    with substep.Recorder(path, **options, resume=True) as recorder:
+        assert len(recorder) == 3 and np.array_equal(recorder.times, 0.1 * np.arange(3))
+        for k in (3, 4):
+            recorder.append(0.1 * k, make_frame(k, COUNTS[k]))
+    assert_recorded(path)
+    assert set(os.listdir(tmp_path)) <= {"a.vtkhdf", "b.vtkhdf.journal"}
+
+
+def test_resume_of_nothing_starts(tmp_path):
+    record(tmp_path / "a.vtkhdf", resume=True).close()
+    assert_recorded(tmp_path / "a.vtkhdf")
+
+
+def test_an_exception_leaves_a_valid_journal(tmp_path):
+    path = tmp_path / "a.vtkhdf"
+    with pytest.raises(ZeroDivisionError), record(path):
+        raise ZeroDivisionError
+    assert os.listdir(tmp_path) == ["a.vtkhdf.journal"]
+    assert_recorded(path)
+    assert substep.pack(path) == str(path)
+    assert os.listdir(tmp_path) == ["a.vtkhdf"]
+    assert_recorded(path)
+
+
+def test_pack_while_recording_and_to_another_place(tmp_path):
+    path, copy = tmp_path / "a.vtkhdf", tmp_path / "copy.vtkhdf"
+    recorder = record(path, counts=COUNTS[:3])
+    substep.pack(path, copy)
+    assert_recorded(copy, counts=COUNTS[:3])
+    substep.pack(path)
+    assert sorted(os.listdir(tmp_path)) == ["a.vtkhdf", "a.vtkhdf.journal", "copy.vtkhdf"]
+    for k in (3, 4):
+        recorder.append(0.1 * k, make_frame(k, COUNTS[k]))
+    assert_recorded(path)  # the journal is newer than the packed file
+    with pytest.raises(FileExistsError):
+        substep.pack(path, copy)
+    recorder.close()
+    recorder.close()
+    substep.pack(path, copy, overwrite=True)  # of a packed file: a copy
+    assert sorted(os.listdir(tmp_path)) == ["a.vtkhdf", "copy.vtkhdf"]
+    assert_recorded(path)
+    assert_recorded(copy)
+
+
+def test_two_recorders_cannot_share_a_journal(tmp_path):
+    recorder = record(tmp_path / "a.vtkhdf")
+    with pytest.raises(BlockingIOError):
+        record(tmp_path / "a.vtkhdf", counts=(), resume=True)
+    recorder.close()
+    assert_recorded(tmp_path / "a.vtkhdf")
+
+
+def test_packers_of_one_journal_take_turns(tmp_path):
+    path = tmp_path / "a.vtkhdf"
+    record(path)._release()
+    fd = lock_for_packing(f"{path}.journal")
+    with ThreadPoolExecutor() as pool:
+        later = pool.submit(substep.pack, path)
+        with pytest.raises(TimeoutError):
+            later.result(timeout=1.0)
+        assert os.listdir(tmp_path) == ["a.vtkhdf.journal"]
+        os.close(fd)
+        assert later.result(timeout=60) == str(path)
+    assert os.listdir(tmp_path) == ["a.vtkhdf"]
+    assert lock_for_packing(f"{path}.journal") is None
+    assert substep.pack(path) == str(path)  # nothing left to do
+    with pytest.raises(FileNotFoundError):
+        substep.pack(tmp_path / "b.vtkhdf")
+
+
+def test_a_forked_process_neither_records_nor_keeps_the_journal(tmp_path):
+    path = tmp_path / "a.vtkhdf"
+    program = """
+import os, sys, time, numpy as np, substep
+recorder = substep.Recorder(sys.argv[1], parts={"p": substep.Part()})
+reader, writer = os.pipe()
+if os.fork() == 0:
+    os.close(writer)
+    try:
+        recorder.append(0, {"p": {"points": np.zeros((1, 3))}})
+    except substep.InputError as error:
+        assert "forked" in str(error)
+        recorder = None
+        os.read(reader, 1)
+        os._exit(0)
+    os._exit(1)
+time.sleep(0.2)
+recorder.append(0, {"p": {"points": np.ones((1, 3))}})
+recorder.close()
+os.close(writer)
+_, status = os.wait()
+sys.exit(status)
+"""
+    subprocess.run([sys.executable, "-c", program, str(path)], check=True)
+    assert os.listdir(tmp_path) == ["a.vtkhdf"]
+    with substep.Recording(path) as recording:
+        assert recording["p"].points(0).tolist() == [[1.0, 1.0, 1.0]]
+
+
+def test_modules_in_the_working_directory_are_not_imported(tmp_path, monkeypatch):
+    for name in ("json", "h5py", "numpy", "substep"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit(3)")
+    monkeypatch.chdir(tmp_path)
+    record("a.vtkhdf").close()
+    assert_recorded("a.vtkhdf")
+
+
+def test_fsync_records_the_same(tmp_path):
+    record(tmp_path / "a.vtkhdf", fsync=True).close()
+    assert_recorded(tmp_path / "a.vtkhdf")
+
+
+def test_long_parameters_and_large_frames(tmp_path):
+    path = tmp_path / "a.vtkhdf"
+    rng = np.random.default_rng(0)
+    frames = [rng.random((100_000, 3)) for _ in range(3)]
+    parameters = {"text": "x" * 200_000, "array": np.arange(3)}
+    with substep.Recorder(
+        path, parts={"p": substep.Part()}, parameters=parameters, scene="größer"
+    ) as recorder:
+        for k, points in enumerate(frames):
+            recorder.append(k, {"p": {"points": points}})
+    with substep.Recording(path) as recording:
+        assert recording.parameters == {"text": "x" * 200_000, "array": [0, 1, 2]}
+        assert recording.scene == "größer"
+        for k, points in enumerate(frames):
+            assert recording["p"].points(k).tobytes() == points.tobytes()
