@@ -1,6 +1,7 @@
 """Our classes in SciPy's solve_ivp: SciPy's own tests, run on them."""
 
 import inspect
+import pickle
 
 import numpy as np
 import pytest
@@ -68,6 +69,14 @@ def test_class_gives_the_solution_of_our_solve_ivp(name):
     np.testing.assert_array_equal(result.t, ours.t)
     np.testing.assert_array_equal(result.y, ours.y)
     np.testing.assert_array_equal(result.sol(0.7), ours.sol(0.7))
+
+
+def test_classes_are_plain_ones():
+    for cls in (substep.RK45, substep.ImplicitEuler):
+        assert pickle.loads(pickle.dumps(cls)) is cls
+        assert cls.__name__ in inspect.getsource(cls)
+    assert substep.RK45.order == 5 and substep.Radau.n_stages == 3
+    assert substep.Heun.__doc__.startswith("Heun's method")
 
 
 def test_fixed_step_through_scipy():
