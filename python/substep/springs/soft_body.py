@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.checks import check_array, check_choice, check_positive, check_real
@@ -81,6 +81,14 @@ class SoftBody(Deformable):
     True
     """
 
+    mesh: TetMesh
+    faces: NDArray[np.int64]
+    model: str
+    density: Array
+    young_modulus: Array
+    poisson_ratio: Array
+    damping: float
+
     def __init__(
         self,
         positions: ArrayLike,
@@ -102,10 +110,10 @@ class SoftBody(Deformable):
         self.faces = self.mesh.surface_faces
         _refuse_flat(self.mesh)
         m = len(self.mesh.tetrahedra)
-        self.model: str = check_choice("model", model, _core.elastic_models)
-        self.density: Array = check_positive("density", density, m)
-        self.young_modulus: Array = check_positive("young_modulus", young_modulus, m)
-        self.poisson_ratio: Array = _check_poisson_ratio(poisson_ratio, m)
+        self.model = check_choice("model", model, _core.elastic_models)
+        self.density = check_positive("density", density, m)
+        self.young_modulus = check_positive("young_modulus", young_modulus, m)
+        self.poisson_ratio = _check_poisson_ratio(poisson_ratio, m)
         self.damping = check_real("damping", damping, nonnegative=True)
         for constant in (self.density, self.young_modulus, self.poisson_ratio):
             constant.flags.writeable = False
@@ -118,15 +126,18 @@ class SoftBody(Deformable):
             raise InputError(
                 f"positions[{index}]: no tetrahedron has this vertex, so it has no mass"
             )
-        terms = _core.tetrahedra_terms(
-            rest,
+        self._set_up(x, masses, **options)
+
+    def _terms(self) -> list[Any]:
+        terms: list[Any] = _core.tetrahedra_terms(
+            self.mesh.vertices,
             self.mesh.tetrahedra.astype(np.int32),
             self.young_modulus,
             self.poisson_ratio,
             self.model,
             self.damping,
         )
-        self._set_up(x, masses, terms, **options)
+        return terms
 
     @classmethod
     def from_mesh(
