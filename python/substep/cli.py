@@ -17,8 +17,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from .base.progress import Progress
 from .errors import FormatError, InputError, SolverError, SubstepError
-from .scenes.progress import Progress
 
 if TYPE_CHECKING:
     from .scenes import Outcome, Scene

@@ -252,3 +252,10 @@ class ImplicitEuler(ImplicitSolver, method="implicit_euler"):
 
 class Radau(ImplicitSolver, method="Radau"):
     """Radau IIA, of order 5, with SciPy's `OdeSolver` interface."""
+
+
+METHOD_OF_CLASS = {
+    solver.__name__: solver.method_name
+    for solver in (*ExplicitSolver.__subclasses__(), *ImplicitSolver.__subclasses__())
+    if hasattr(solver, "method_name")
+}
