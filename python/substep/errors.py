@@ -80,8 +80,17 @@ class ConvergenceError(SolverError):
         The residual after each iteration, in the units of the stop rule, where there are any.
     """
 
-    def __init__(self, message: str, *, residuals: Iterable[float] = (), **where: Any) -> None:
-        super().__init__(message, **where)
+    def __init__(
+        self,
+        message: str,
+        *,
+        residuals: Iterable[float] = (),
+        time: float | None = None,
+        index: int | None = None,
+        step: int | None = None,
+        result: Any = None,
+    ) -> None:
+        super().__init__(message, time=time, index=index, step=step, result=result)
         self.residuals = tuple(residuals)
 
 

@@ -15,8 +15,8 @@ from ..errors import AttributeInputError
 class Checked:
     """An object whose public attributes are those that its class declares.
 
-    An annotation in the body of a class of substep declares an attribute that is set once, while the
-    object is made; a property with a setter is one that can be changed. In a class that a user
+    An annotation in the body of a class of substep declares an attribute that is set once, while
+    the object is made; a property with a setter is one that can be changed. In a class that a user
     derives, what the body names or annotates can be changed at any time. Names that begin with an
     underscore are free.
     """
@@ -32,10 +32,10 @@ class Checked:
 
 
 class Frozen:
-    """An object that is made once: nothing can be assigned after that, and its arrays are read-only.
+    """An object that is made once: nothing is assigned after that, and its arrays are read-only.
 
-    What a simulation was given (emitters, constraints) is read when that is made, so a change would
-    do nothing.
+    What a simulation was given (emitters, constraints) is read when that is made, so a change
+    would do nothing.
     """
 
     if not TYPE_CHECKING:
@@ -81,18 +81,15 @@ def settable(kind: type) -> tuple[str, ...]:
     for owner in kind.__mro__:
         if not _is_ours(owner):
             names |= {n for n, v in vars(owner).items() if n[:1] != "_" and not callable(v)}
-            names |= set(owner.__dict__.get("__annotations__", ()))
-    names -= {
-        n for n in names if isinstance(_static(kind, n), property) and not _has_setter(kind, n)
-    }
-    return tuple(sorted(names))
+            names |= set(inspect.get_annotations(owner))
+    return tuple(sorted(n for n in names if not _is_read_only(kind, n)))
 
 
 @functools.cache
 def _set_once(kind: type) -> frozenset[str]:
     names: set[str] = set()
     for owner in kind.__mro__:
-        names |= set(owner.__dict__.get("__annotations__", ()))
+        names |= set(inspect.get_annotations(owner))
     return frozenset(n for n in names if not isinstance(_static(kind, n), property))
 
 
@@ -100,8 +97,9 @@ def _static(kind: type, name: str) -> Any:
     return inspect.getattr_static(kind, name, None)
 
 
-def _has_setter(kind: type, name: str) -> bool:
-    return getattr(_static(kind, name), "fset", None) is not None
+def _is_read_only(kind: type, name: str) -> bool:
+    found = _static(kind, name)
+    return isinstance(found, property) and found.fset is None
 
 
 def _is_ours(owner: type) -> bool:

@@ -1,7 +1,7 @@
 """The protocol of every simulation: steps in time, callbacks, states, copies, checkpoints.
 
-A subclass makes `_native` and says what is its own: `_next_step`, `_take_step`, `_schema`, `_state`,
-`_put_state`, `_make`. What users call is here, once.
+A subclass makes `_native` and says what is its own: `_next_step`, `_take_step`, `_schema`,
+`_state`, `_put_state`, `_make`. What users call is here, once.
 """
 
 from __future__ import annotations

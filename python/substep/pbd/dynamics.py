@@ -268,7 +268,7 @@ class PositionBasedDynamics(Points):
 
     @property
     def forces(self) -> Array:
-        """External forces of the next step [N], one row per particle: read-only; see `set_forces`."""
+        """External forces of the next step [N], one row each: read-only; see `set_forces`."""
         return self._columns(self._native.forces)
 
     @property
@@ -278,7 +278,7 @@ class PositionBasedDynamics(Points):
 
     @property
     def pinned(self) -> NDArray[np.bool_]:
-        """Which particles are pinned, shape (n,): read-only; assign indices or flags to change it."""
+        """Which particles are pinned, shape (n,): read-only; assign indices or flags."""
         flags: NDArray[np.bool_] = read_only(self._native.pinned.astype(bool))
         return flags
 

@@ -81,22 +81,22 @@ class Deformable(Points):
         positions: Array,
         masses: Array,
         *,
-        velocities: ArrayLike | None = None,
-        pinned: ArrayLike = (),
-        drag: float = 0.0,
-        gravity: ArrayLike = (0.0, 0.0, -9.81),
-        colliders: Sequence[Collider] = (),
-        integrator: str = "implicit_euler",
-        step: float | None = None,
-        solver: str = "newton",
-        tolerance: float | None = None,
-        max_iterations: int | None = None,
-        on_fail: str = "substep",
-        contact_thickness: float = 1e-3,
-        contact_stiffness: float | None = None,
-        sticking_speed: float = 1e-3,
-        time: float = 0.0,
-        threads: int | None = None,
+        velocities: ArrayLike | None,
+        pinned: ArrayLike,
+        drag: float,
+        gravity: ArrayLike,
+        colliders: Sequence[Collider],
+        integrator: str,
+        step: float | None,
+        solver: str,
+        tolerance: float | None,
+        max_iterations: int | None,
+        on_fail: str,
+        contact_thickness: float,
+        contact_stiffness: float | None,
+        sticking_speed: float,
+        time: float,
+        threads: int | None,
     ) -> None:
         n = len(positions)
         self._drag = check_real("drag", drag, nonnegative=True)
@@ -174,7 +174,7 @@ class Deformable(Points):
 
     @property
     def pinned(self) -> NDArray[np.bool_]:
-        """Which vertices are pinned, shape (n,): read-only; assign indices or flags to change it."""
+        """Which vertices are pinned, shape (n,): read-only; assign indices or flags."""
         flags: NDArray[np.bool_] = read_only(self._native.pinned.astype(bool))
         return flags
 

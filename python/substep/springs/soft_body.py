@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..base.checks import check_array, check_choice, check_positive, check_real
 from ..errors import InputError
-from ..geometry import TetMesh, TriangleMesh, read_mesh, tetrahedralize
+from ..geometry import Collider, TetMesh, TriangleMesh, read_mesh, tetrahedralize
 from .deformable import Array, Deformable
 
 _FLAT = 1e-12  # of the cube of the longest edge: a volume that rounding alone can make
@@ -43,10 +43,9 @@ class SoftBody(Deformable):
         rate, and a mode of angular frequency omega has the damping ratio tau omega / 2.
     rest_positions : array_like, shape (n, 3), optional
         Where nothing is strained [m]; the initial positions unless given.
-    **options
-        As for `MassSpring`: velocities, pinned, drag, gravity, colliders, integrator, step, solver
-        ('newton' only), tolerance, max_iterations, on_fail, contact_thickness, contact_stiffness,
-        sticking_speed, time, threads.
+    velocities, pinned, drag, gravity, colliders, integrator, step, solver, tolerance,
+    max_iterations, on_fail, contact_thickness, contact_stiffness, sticking_speed, time, threads
+        As for `MassSpring`; the solver is 'newton'.
 
     Attributes
     ----------
@@ -100,7 +99,22 @@ class SoftBody(Deformable):
         model: str = "neo_hookean",
         damping: float = 0.0,
         rest_positions: ArrayLike | None = None,
-        **options: Any,
+        velocities: ArrayLike | None = None,
+        pinned: ArrayLike = (),
+        drag: float = 0.0,
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        colliders: Sequence[Collider] = (),
+        integrator: str = "implicit_euler",
+        step: float | None = None,
+        solver: str = "newton",
+        tolerance: float | None = None,
+        max_iterations: int | None = None,
+        on_fail: str = "substep",
+        contact_thickness: float = 1e-3,
+        contact_stiffness: float | None = None,
+        sticking_speed: float = 1e-3,
+        time: float = 0.0,
+        threads: int | None = None,
     ) -> None:
         x = check_array("positions", positions, (None, 3))
         rest = x if rest_positions is None else check_array("rest_positions", rest_positions)
@@ -117,7 +131,7 @@ class SoftBody(Deformable):
         self.damping = check_real("damping", damping, nonnegative=True)
         for constant in (self.density, self.young_modulus, self.poisson_ratio):
             constant.flags.writeable = False
-        if str(options.get("solver")).lower() == "projective":
+        if str(solver).lower() == "projective":
             raise InputError("solver: 'projective' is for springs; a soft body takes 'newton'")
         quarters = np.repeat(self.density * self.mesh.volumes / 4, 4)
         masses: Array = np.bincount(self.mesh.tetrahedra.ravel(), quarters, len(x)).astype(float)
@@ -126,7 +140,26 @@ class SoftBody(Deformable):
             raise InputError(
                 f"positions[{index}]: no tetrahedron has this vertex, so it has no mass"
             )
-        self._set_up(x, masses, **options)
+        self._set_up(
+            x,
+            masses,
+            velocities=velocities,
+            pinned=pinned,
+            drag=drag,
+            gravity=gravity,
+            colliders=colliders,
+            integrator=integrator,
+            step=step,
+            solver=solver,
+            tolerance=tolerance,
+            max_iterations=max_iterations,
+            on_fail=on_fail,
+            contact_thickness=contact_thickness,
+            contact_stiffness=contact_stiffness,
+            sticking_speed=sticking_speed,
+            time=time,
+            threads=threads,
+        )
 
     def _terms(self) -> list[Any]:
         terms: list[Any] = _core.tetrahedra_terms(
@@ -145,7 +178,27 @@ class SoftBody(Deformable):
         mesh: TetMesh | TriangleMesh | str | os.PathLike[str] | Sequence[ArrayLike],
         *,
         spacing: float | None = None,
-        **options: Any,
+        density: ArrayLike,
+        young_modulus: ArrayLike,
+        poisson_ratio: ArrayLike,
+        model: str = "neo_hookean",
+        damping: float = 0.0,
+        velocities: ArrayLike | None = None,
+        pinned: ArrayLike = (),
+        drag: float = 0.0,
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        colliders: Sequence[Collider] = (),
+        integrator: str = "implicit_euler",
+        step: float | None = None,
+        solver: str = "newton",
+        tolerance: float | None = None,
+        max_iterations: int | None = None,
+        on_fail: str = "substep",
+        contact_thickness: float = 1e-3,
+        contact_stiffness: float | None = None,
+        sticking_speed: float = 1e-3,
+        time: float = 0.0,
+        threads: int | None = None,
     ) -> SoftBody:
         """Make a solid of a mesh of tetrahedra, or fill a surface.
 
@@ -156,8 +209,10 @@ class SoftBody(Deformable):
         spacing : float, optional
             For surfaces: the size of the tetrahedra that fill them [m]; by default 1/20 of the
             longest side (`geometry.tetrahedralize`).
-        **options
-            As for `SoftBody`: density, young_modulus, poisson_ratio, ...
+        density, young_modulus, poisson_ratio, model, damping, velocities, pinned, drag,
+        gravity, colliders, integrator, step, solver, tolerance,
+        max_iterations, on_fail, contact_thickness, contact_stiffness, sticking_speed, time, threads
+            As for `SoftBody`.
 
         Returns
         -------
@@ -188,7 +243,31 @@ class SoftBody(Deformable):
             mesh = TriangleMesh(*mesh)
         solid = tetrahedralize(mesh, spacing) if isinstance(mesh, TriangleMesh) else mesh
         used, corners = np.unique(solid.tetrahedra, return_inverse=True)
-        body = cls(solid.vertices[used], corners.reshape(-1, 4), **options)
+        body = cls(
+            solid.vertices[used],
+            corners.reshape(-1, 4),
+            density=density,
+            young_modulus=young_modulus,
+            poisson_ratio=poisson_ratio,
+            model=model,
+            damping=damping,
+            velocities=velocities,
+            pinned=pinned,
+            drag=drag,
+            gravity=gravity,
+            colliders=colliders,
+            integrator=integrator,
+            step=step,
+            solver=solver,
+            tolerance=tolerance,
+            max_iterations=max_iterations,
+            on_fail=on_fail,
+            contact_thickness=contact_thickness,
+            contact_stiffness=contact_stiffness,
+            sticking_speed=sticking_speed,
+            time=time,
+            threads=threads,
+        )
         body.mesh.lacks = solid.lacks
         return body
 
