@@ -46,7 +46,18 @@ _EXPORTS = {
         "advect",
         "open_field",
     ),
-    "geometry": ("Box", "Plane", "SignedDistanceField", "Sphere", "liquid_surface"),
+    "geometry": (
+        "Box",
+        "Capsule",
+        "Collider",
+        "ConvexHull",
+        "Cylinder",
+        "Plane",
+        "SignedDistanceField",
+        "Sphere",
+        "TriangleMesh",
+        "liquid_surface",
+    ),
     "mpm": ("MaterialPointMethod",),
     "pbd": ("Distance", "PositionBasedDynamics"),
     "pbf": ("Emitter", "PositionBasedFluid", "Sink", "fill_box", "fill_mesh", "relax"),
@@ -117,7 +128,18 @@ if TYPE_CHECKING:
         advect,
         open_field,
     )
-    from .geometry import Box, Plane, SignedDistanceField, Sphere, liquid_surface
+    from .geometry import (
+        Box,
+        Capsule,
+        Collider,
+        ConvexHull,
+        Cylinder,
+        Plane,
+        SignedDistanceField,
+        Sphere,
+        TriangleMesh,
+        liquid_surface,
+    )
     from .mpm import MaterialPointMethod
     from .ode import (
         EnsembleResult,

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from .. import _core
 from ..base.checks import check_array, check_choice, check_positive, check_real
 from ..errors import InputError, SolverError
-from ..geometry import Collider
+from ..geometry import Collider, Shape
 from ..geometry.colliders import check_colliders
 from ..particles.emitters import Emitter, Sink
 from ..particles.state import ON_ESCAPE, Particles, check_bounds, check_dtype, check_kinds
@@ -96,7 +96,7 @@ class MaterialPointMethod(Particles):
         Initial velocities [m/s]; at rest unless given.
     gravity : array_like, shape (3,) or (2,), optional
         Acceleration [m/s^2]; 9.81 downward (along the last axis) unless given.
-    colliders : sequence of Collider
+    colliders : sequence of Collider or Shape
         Obstacles and containers, with their friction. What they are given is their `impulse`.
     boundary : {'separate', 'slip', 'sticky'} or sequence of these
         What colliders do to material at their surface: it slides with friction and can leave; it
@@ -182,7 +182,7 @@ class MaterialPointMethod(Particles):
         material: ArrayLike | None = None,
         velocities: ArrayLike | None = None,
         gravity: ArrayLike | None = None,
-        colliders: Sequence[Collider] = (),
+        colliders: Sequence[Collider | Shape] = (),
         boundary: str | Sequence[str] = "separate",
         transfer: str = "apic",
         flip_rate: float = 0.0,

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from .. import _core
 from ..base.checks import check_array, check_choice, check_integer, check_positive, check_real
 from ..errors import InputError
-from ..geometry import Collider
+from ..geometry import Collider, Shape
 from ..geometry.colliders import check_colliders
 from ..particles.emitters import Emitter, Sink
 from ..particles.state import ON_ESCAPE, Particles, check_bounds, check_dtype, check_kinds
@@ -58,7 +58,7 @@ class PositionBasedFluid(Particles):
         Which of the densities each particle has; the first unless given.
     gravity : array_like, shape (3,) or (2,), optional
         Acceleration [m/s^2]; 9.81 downward (along the last axis) unless given.
-    colliders : sequence of Collider
+    colliders : sequence of Collider or Shape
         Obstacles and containers (a tank is a `Box` with `hollow`).
     kernel : {'cubic_spline', 'poly6_spiky'}
         Smoothing kernel. The second is the pair of Macklin and Mueller: poly6 for the density, the
@@ -150,7 +150,7 @@ class PositionBasedFluid(Particles):
         density: float | Sequence[float] = 1000.0,
         fluid: ArrayLike | None = None,
         gravity: ArrayLike | None = None,
-        colliders: Sequence[Collider] = (),
+        colliders: Sequence[Collider | Shape] = (),
         kernel: str = "cubic_spline",
         support: float = 2.0,
         tolerance: float = 1e-3,

@@ -20,7 +20,7 @@ from ..base.checks import (
 )
 from ..base.simulation import Simulation
 from ..errors import InputError
-from ..geometry import Collider
+from ..geometry import Collider, Shape
 from ..geometry.colliders import check_colliders, collider_states
 from ..stability import max_stable_step, stability_limit
 
@@ -47,7 +47,7 @@ class Deformable(Simulation):
         pinned: ArrayLike = (),
         drag: float = 0.0,
         gravity: ArrayLike = (0.0, 0.0, -9.81),
-        colliders: Sequence[Collider] = (),
+        colliders: Sequence[Collider | Shape] = (),
         integrator: str = "implicit_euler",
         step: float | None = None,
         solver: str = "newton",
