@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..base.attributes import Checked
 from ..base.checks import check_array, check_flag, check_real, check_threads, describe
 from ..base.quaternions import IDENTITY, unit_quaternions
+from ..base.schema import Rows
 from ..errors import InputError
 from .shape import Shape
 from .shapes import Plane
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-class Collider:
+class Collider(Checked):
     """An obstacle: a shape with a surface, which can move and counts what it is given.
 
     An obstacle belongs to the simulation it is given to: each step of that moves the obstacle
@@ -48,8 +50,6 @@ class Collider:
     ------
     InputError
         If a number is not finite or out of range.
-    AttributeError
-        When something is assigned that does not change.
 
     Examples
     --------
@@ -76,22 +76,13 @@ class Collider:
         if not isinstance(shape, Shape):
             raise TypeError(f"shape: expected a shape, got {describe(shape)}")
         native = shape._obstacle(check_flag("hollow", hollow))
-        self.__dict__.update(_shape=shape, _native=native)
+        self._shape, self._native = shape, native
         if shape.rotation != IDENTITY:
             self.rotation = shape.rotation
         self.friction = friction
         self.restitution = restitution
         self.velocity = velocity
         self.angular_velocity = angular_velocity
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if name not in _SETTABLE:
-            known = "does not change" if hasattr(type(self), name) else "is unknown"
-            raise AttributeError(
-                f"{name}: {known}; of a Collider {', '.join(_SETTABLE)} can be set, for another "
-                "shape make another Collider"
-            )
-        object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
         return f"Collider({self.shape!r})"
@@ -277,9 +268,6 @@ def _to(threads: int | None) -> tuple[int]:
     return (check_threads(threads),)
 
 
-_SETTABLE = ("position", "rotation", "velocity", "angular_velocity", "friction", "restitution")
-
-
 def check_collider(name: str, value: Any) -> Collider:
     """An obstacle, or a shape that is made one."""
     if isinstance(value, Shape):
@@ -308,3 +296,14 @@ def collider_states(colliders: Sequence[Collider]) -> NDArray[np.float64]:
     """All that changes of them, one row each."""
     rows = [collider._native.state for collider in colliders]
     return np.array(rows) if rows else np.zeros((0, 0))
+
+
+def colliders_entry(colliders: Sequence[Collider]) -> Rows:
+    """What a state holds of them."""
+    return Rows("colliders", np.float64, collider_states(colliders).shape)
+
+
+def restore_colliders(colliders: Sequence[Collider], states: NDArray[np.float64]) -> None:
+    """Take over what `collider_states` gave."""
+    for collider, values in zip(colliders, states, strict=True):
+        collider._native.state = values.tolist()

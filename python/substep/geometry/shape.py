@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..base.attributes import Frozen
 from ..base.checks import check_array
 from ..base.quaternions import IDENTITY, unit_quaternions
 from ..errors import InputError
@@ -19,7 +20,7 @@ Array = NDArray[np.float64]
 ORIGIN = (0.0, 0.0, 0.0)
 
 
-class Shape:
+class Shape(Frozen):
     """A region of space: a `Box`, `Sphere`, `Capsule`, `Cylinder`, `Plane`, `ConvexHull`, ...
 
     Obstacles (`Collider`), sinks and rigid bodies are made of shapes. A shape is a value: it does
@@ -44,18 +45,6 @@ class Shape:
             center=tuple(check_array("center", center, (3,)).tolist()),
             rotation=tuple(unit_quaternions("rotation", rotation, (4,)).tolist()),
         )
-
-    def _refuse(self, name: str) -> NoReturn:
-        kind = type(self).__name__
-        if name in self._fields:
-            raise AttributeError(f"{name}: a {kind} does not change; make another {kind}")
-        raise AttributeError(f"{name}: a {kind} has no such attribute")
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        self._refuse(name)
-
-    def __delattr__(self, name: str) -> None:
-        self._refuse(name)
 
     def _key(self) -> tuple[Any, ...]:
         values = [getattr(self, name) for name in self._fields]

@@ -109,8 +109,8 @@ class Queries(BodyRows):
         --------
         >>> import substep
         >>> bodies = substep.RigidBodies()
-        >>> ground = bodies.add(substep.rigid.Plane(), (0, 0, 0), motion="static")
-        >>> box = bodies.add(substep.rigid.Box((0.5, 0.5, 0.5)), (0, 0, 0.5), mass=2.0)
+        >>> ground = bodies.add(substep.Plane(), (0, 0, 0), motion="static")
+        >>> box = bodies.add(substep.Box((1, 1, 1)), (0, 0, 0.5), mass=2.0)
         >>> bodies.advance(0.25)
         >>> report = bodies.contacts()
         >>> report.bodies.tolist(), len(report.points)
