@@ -43,6 +43,12 @@ SCHEMA: list[Entry] = [
     Rows("excluded", np.int32, (None, None)),
 ]
 
+
+def rename(values: dict[str, float]) -> dict[str, float]:
+    """Diagnostics of the native core under the words of the dictionary."""
+    return {{"potential_energy": "gravitational_energy"}.get(k, k): v for k, v in values.items()}
+
+
 _AT_ORIGIN = (np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), np.zeros((1, 3)), np.zeros((1, 3)))
 
 
@@ -75,7 +81,8 @@ class States(Joints):
         self._joint_ids = state["joint_ids"]
 
     def _make(self, state: Mapping[str, Any]) -> Any:
-        native, shapes = _core.RigidWorld(self._options), {}
+        native = _core.RigidWorld(self._options)
+        shapes: dict[int, Any] = {}
         for body in self._made:
             add_native(native, shapes, body, *_AT_ORIGIN)
         return native
