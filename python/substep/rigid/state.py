@@ -24,6 +24,8 @@ _VECTORS = (
 )
 SCHEMA: list[Entry] = [
     TIME,
+    Number("next_id", int),
+    Rows("ids", np.int64, ("bodies",), low=0, below="next_id", rising=True),
     Number("steps", int, low=0, high=2**62),
     Rows("island", np.int32, ("bodies",)),
     Rows("motions", np.uint8, ("bodies",), high=2),
@@ -34,8 +36,6 @@ SCHEMA: list[Entry] = [
     Rows("slow_time", np.float64, ("bodies",)),
     Rows("contacts", np.float64, ("contacts", None)),
     Rows("contact_pairs", np.int32, ("contacts", None)),
-    Number("next_id", int),
-    Rows("ids", np.int64, ("bodies",), low=0, below="next_id", rising=True),
     Number("next_joint", int),
     Rows("joint_ids", np.int64, ("joints",), low=0, below="next_joint", rising=True),
     Rows("joints", np.float64, ("joints", None), finite="no NaN"),  # limits may be infinite
