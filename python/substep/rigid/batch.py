@@ -69,10 +69,9 @@ class RigidBatch(BatchRows):
 
     >>> import numpy as np
     >>> import substep
-    >>> rigid = substep.rigid
     >>> world = substep.RigidBodies()
-    >>> ground = world.add(rigid.Plane(), (0, 0, 0), motion="static")
-    >>> ball = world.add(rigid.Sphere(0.1), (0, 0, 0.1), restitution=0.5)
+    >>> ground = world.add(substep.Plane(), (0, 0, 0), motion="static")
+    >>> ball = world.add(substep.Sphere(0.1), (0, 0, 0.1), restitution=0.5)
     >>> batch = substep.RigidBatch(world, 100)
     >>> throw = np.zeros((100, 1, 3))
     >>> throw[:, 0, 2] = np.linspace(1, 5, 100)
@@ -189,12 +188,13 @@ class RigidBatch(BatchRows):
         count, whole = whole_steps(duration, self._step_size)
         runs = [(self._step_size, count)] if callback is None else [(self._step_size, 1)] * count
         if not whole:
-            runs.append((end - self.time, 1))
+            runs.append((0.0, 1))  # what is left then
         for k, (dt, steps) in enumerate(runs):
             if hold and k > 0:
                 everywhere = self._where(None, None)
                 self._native.set_forces(*everywhere, held[0])
                 self._native.set_torques(*everywhere, held[1])
+            dt = dt or end - self.time
             self._native.step(dt, steps, hold)
             self._last.steps += steps
             self._last.dt = dt
@@ -282,7 +282,7 @@ class RigidBatch(BatchRows):
         --------
         >>> import substep
         >>> world = substep.RigidBodies()
-        >>> ball = world.add(substep.rigid.Sphere(0.1), (0, 0, 1))
+        >>> ball = world.add(substep.Sphere(0.1), (0, 0, 1))
         >>> batch = substep.RigidBatch(world, 3)
         >>> batch.step(steps=5)
         >>> batch.reset([1])

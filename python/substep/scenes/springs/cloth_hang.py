@@ -116,6 +116,7 @@ SCENE = Scene(
         ),
         **solver_parameters(0.02, 1.5),
     },
+    quick={"duration": 0.2, "vertices": 8},
     build=lambda parameters, seed: HangingCloth(parameters),
     parts=deformable_parts,
     frame=deformable_frame,
