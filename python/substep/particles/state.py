@@ -64,6 +64,28 @@ class Particles(Simulation):
         ids: NDArray[np.int64] = self._native.ids()
         return ids
 
+    def rows(self, ids: ArrayLike) -> Any:
+        """Where particles are in all arrays.
+
+        Parameters
+        ----------
+        ids : int or array_like of int, shape (m,)
+            Which.
+
+        Returns
+        -------
+        int or ndarray of int64, shape (m,)
+            Their rows, as of now.
+
+        Raises
+        ------
+        InputError, IndexError
+            If there is no such particle.
+        """
+        if isinstance(ids, (int, np.integer)):
+            return int(self._places([int(ids)])[0])
+        return self._places(ids)
+
     @property
     def positions(self) -> Array:
         """Positions [m], shape (n, 3) or (n, 2), in the order of `ids`; a copy."""
