@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 __all__ = [
+    "AttributeInputError",
     "ConvergenceError",
     "CorruptError",
     "FormatError",
@@ -29,6 +30,10 @@ class SubstepError(Exception):
 
 class InputError(SubstepError, ValueError):
     """An argument is wrong; nothing was changed."""
+
+
+class AttributeInputError(InputError, AttributeError):
+    """An attribute that is assigned does not exist, or cannot be changed."""
 
 
 class SolverError(SubstepError, RuntimeError):

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.checks import check_array, check_choice, check_flag, check_integer, check_real
+from ..base.rows import read_only
 from ..errors import InputError
 from .fixtures import (
     EVERYTHING,
@@ -26,7 +27,7 @@ from .fixtures import (
     check_mass,
 )
 from .mass import MassProperties
-from .rows import is_one, principal_frames, read_only
+from .rows import is_one, principal_frames
 from .run import Runs
 from .state import States
 
@@ -86,12 +87,11 @@ class RigidBodies(Runs, States):
     Three boxes on one another, and a ball that bounces:
 
     >>> import substep
-    >>> rigid = substep.rigid
     >>> bodies = substep.RigidBodies()
-    >>> ground = bodies.add(rigid.Plane(), (0, 0, 0), motion="static")
+    >>> ground = bodies.add(substep.Plane(), (0, 0, 0), motion="static")
     >>> stack = bodies.add(
-    ...     rigid.Box((0.5, 0.5, 0.5)), [[0, 0, 0.5], [0, 0, 1.5], [0, 0, 2.5]])
-    >>> ball = bodies.add(rigid.Sphere(0.1), (3, 0, 1.1), restitution=0.8)
+    ...     substep.Box((1, 1, 1)), [[0, 0, 0.5], [0, 0, 1.5], [0, 0, 2.5]])
+    >>> ball = bodies.add(substep.Sphere(0.1), (3, 0, 1.1), restitution=0.8)
     >>> bodies.advance(1.0)
     >>> bodies.positions[stack, 2].round(2).tolist()
     [0.5, 1.5, 2.5]
@@ -120,14 +120,13 @@ class RigidBodies(Runs, States):
             "continuous": check_flag("continuous", continuous),
             "contact_margin": check_real("contact_margin", contact_margin, positive=True),
         }
-        self.step_size = check_real("step", step, positive=True)
+        self._step_size = check_real("step", step, positive=True)
         self._ids = np.zeros(0, np.int64)
         self._next_id = 0
         self._centres, self._axes = np.zeros((0, 3)), np.zeros((0, 4))
         self._weights = np.zeros((0, 4))
         self._made: list[Made] = []
         self._joint_ids, self._next_joint = np.zeros(0, np.int64), 0
-        self._callback_of: int | None = None
         super().__init__(_core.RigidWorld(self._options), time, threads)
 
     @property
@@ -214,7 +213,7 @@ class RigidBodies(Runs, States):
         --------
         >>> import substep
         >>> bodies = substep.RigidBodies(gravity=(0, 0, 0))
-        >>> bodies.add(substep.rigid.Sphere(0.5), [[0, 0, 0], [2, 0, 0]], mass=3.0)
+        >>> bodies.add(substep.Sphere(0.5), [[0, 0, 0], [2, 0, 0]], mass=3.0)
         array([0, 1])
         >>> bodies.masses.tolist()
         [3.0, 3.0]

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import check_array, check_choice
+from ..base.quaternions import multiply, rotate, unit_quaternions
+from ..base.rows import find_rows, read_only
 from ..base.simulation import Simulation
 from ..errors import InputError
-from .fixtures import MOTIONS, Fixture, is_ground, multiply, rotate
-from .mass import unit_quaternions
+from .fixtures import MOTIONS, Fixture, is_ground
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
@@ -420,38 +421,13 @@ class BodyRows(Simulation):
 
     def _rows(self, ids: ArrayLike | None) -> Ids:
         """Rows of bodies, from one id or several; all unless given."""
-        if ids is None:
-            return np.arange(len(self))
-        try:
-            wanted = np.asarray(ids)
-        except ValueError:
-            if not isinstance(ids, (list, tuple)):
-                raise
-            raise InputError("ids: expected integers, shape (m,)") from None
-        if wanted.size == 0:
-            wanted = wanted.astype(np.int64)
-        if wanted.ndim > 1 or wanted.dtype.kind not in "iu":
-            raise InputError("ids: expected integers, shape (m,)")
-        wanted = np.atleast_1d(wanted)
-        rows = np.searchsorted(self._ids, wanted.astype(np.int64))
-        wrong = rows >= len(self._ids)
-        wrong[~wrong] = self._ids[rows[~wrong]] != wanted[~wrong]
-        if wrong.any():
-            k = int(np.argmax(wrong))
-            raise IndexError(f"ids[{k}]: there is no body {wanted[k]}")
-        return rows.astype(np.int64)
+        return find_rows(ids, self._ids, "body")
 
     def _row(self, name: str, body: Any) -> int:
         """The row of one body."""
         if np.ndim(np.asarray(body)) != 0 or np.asarray(body).dtype.kind not in "iu":
             raise InputError(f"{name}: expected the id of a body, got {body!r}")
         return int(self._rows(body)[0])
-
-
-def read_only(array: NDArray[Any]) -> Any:
-    """A copy that is handed out: writing into it would change nothing, so it is refused."""
-    array.flags.writeable = False
-    return array
 
 
 def is_one(value: Any) -> bool:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.checks import check_array, check_integer, check_positive, check_real
-from ..geometry import Collider, TriangleMesh
+from ..geometry import Collider, Shape, TriangleMesh
 from ..geometry.topology import check_indices
 from .deformable import Array, Deformable
 
@@ -110,6 +111,12 @@ class MassSpring(Deformable):
     [0.0, 0.0, -1.01]
     """
 
+    edges: NDArray[np.int64]
+    faces: NDArray[np.int64] | None
+    stiffness: Array
+    damping: Array
+    rest_lengths: Array
+
     def __init__(
         self,
         positions: ArrayLike,
@@ -124,7 +131,7 @@ class MassSpring(Deformable):
         pinned: ArrayLike = (),
         drag: float = 0.0,
         gravity: ArrayLike = (0.0, 0.0, -9.81),
-        colliders: Sequence[Collider] = (),
+        colliders: Sequence[Collider | Shape] = (),
         integrator: str = "implicit_euler",
         step: float | None = None,
         solver: str = "newton",
@@ -141,7 +148,7 @@ class MassSpring(Deformable):
         array = np.asarray(edges)
         empty = array.size == 0
         pairs = np.zeros((0, 2), np.int64) if empty else check_indices("edges", edges, 2, len(x))
-        self.edges: NDArray[np.int64] = pairs
+        self.edges = pairs
         self.faces = None if faces is None else check_indices("faces", faces, 3, len(x))
         m = len(pairs)
         self.stiffness = check_positive("stiffness", stiffness, m, zero=True)
@@ -149,19 +156,12 @@ class MassSpring(Deformable):
         lengths = np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
         if rest_lengths is not None:
             lengths = check_positive("rest_lengths", rest_lengths, m, zero=True)
-        self.rest_lengths: Array = lengths
+        self.rest_lengths = lengths
         for constant in (self.edges, self.stiffness, self.damping, self.rest_lengths):
             constant.flags.writeable = False
-        terms = _core.spring_terms(
-            pairs.astype(np.int32),
-            self.stiffness,
-            self.rest_lengths,
-            self.damping if self.damping.any() else np.zeros(0),
-        )
         self._set_up(
             x,
             check_positive("masses", masses, len(x)),
-            terms,
             velocities=velocities,
             pinned=pinned,
             drag=drag,
@@ -180,6 +180,15 @@ class MassSpring(Deformable):
             threads=threads,
         )
 
+    def _terms(self) -> list[Any]:
+        terms: list[Any] = _core.spring_terms(
+            self.edges.astype(np.int32),
+            self.stiffness,
+            self.rest_lengths,
+            self.damping if self.damping.any() else np.zeros(0),
+        )
+        return terms
+
     @classmethod
     def from_mesh(
         cls,
@@ -193,7 +202,7 @@ class MassSpring(Deformable):
         pinned: ArrayLike = (),
         drag: float = 0.0,
         gravity: ArrayLike = (0.0, 0.0, -9.81),
-        colliders: Sequence[Collider] = (),
+        colliders: Sequence[Collider | Shape] = (),
         integrator: str = "implicit_euler",
         step: float | None = None,
         solver: str = "newton",

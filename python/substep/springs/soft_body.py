@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.checks import check_array, check_choice, check_positive, check_real
 from ..errors import InputError
-from ..geometry import Collider, TetMesh, TriangleMesh, read_mesh, tetrahedralize
+from ..geometry import Collider, Shape, TetMesh, TriangleMesh, read_mesh, tetrahedralize
 from .deformable import Array, Deformable
 
 _FLAT = 1e-12  # of the cube of the longest edge: a volume that rounding alone can make
@@ -79,6 +80,14 @@ class SoftBody(Deformable):
     True
     """
 
+    mesh: TetMesh
+    faces: NDArray[np.int64]
+    model: str
+    density: Array
+    young_modulus: Array
+    poisson_ratio: Array
+    damping: float
+
     def __init__(
         self,
         positions: ArrayLike,
@@ -94,7 +103,7 @@ class SoftBody(Deformable):
         pinned: ArrayLike = (),
         drag: float = 0.0,
         gravity: ArrayLike = (0.0, 0.0, -9.81),
-        colliders: Sequence[Collider] = (),
+        colliders: Sequence[Collider | Shape] = (),
         integrator: str = "implicit_euler",
         step: float | None = None,
         solver: str = "newton",
@@ -115,10 +124,10 @@ class SoftBody(Deformable):
         self.faces = self.mesh.surface_faces
         _refuse_flat(self.mesh)
         m = len(self.mesh.tetrahedra)
-        self.model: str = check_choice("model", model, _core.elastic_models)
-        self.density: Array = check_positive("density", density, m)
-        self.young_modulus: Array = check_positive("young_modulus", young_modulus, m)
-        self.poisson_ratio: Array = _check_poisson_ratio(poisson_ratio, m)
+        self.model = check_choice("model", model, _core.elastic_models)
+        self.density = check_positive("density", density, m)
+        self.young_modulus = check_positive("young_modulus", young_modulus, m)
+        self.poisson_ratio = _check_poisson_ratio(poisson_ratio, m)
         self.damping = check_real("damping", damping, nonnegative=True)
         for constant in (self.density, self.young_modulus, self.poisson_ratio):
             constant.flags.writeable = False
@@ -131,18 +140,9 @@ class SoftBody(Deformable):
             raise InputError(
                 f"positions[{index}]: no tetrahedron has this vertex, so it has no mass"
             )
-        terms = _core.tetrahedra_terms(
-            rest,
-            self.mesh.tetrahedra.astype(np.int32),
-            self.young_modulus,
-            self.poisson_ratio,
-            self.model,
-            self.damping,
-        )
         self._set_up(
             x,
             masses,
-            terms,
             velocities=velocities,
             pinned=pinned,
             drag=drag,
@@ -161,6 +161,17 @@ class SoftBody(Deformable):
             threads=threads,
         )
 
+    def _terms(self) -> list[Any]:
+        terms: list[Any] = _core.tetrahedra_terms(
+            self.mesh.vertices,
+            self.mesh.tetrahedra.astype(np.int32),
+            self.young_modulus,
+            self.poisson_ratio,
+            self.model,
+            self.damping,
+        )
+        return terms
+
     @classmethod
     def from_mesh(
         cls,
@@ -176,7 +187,7 @@ class SoftBody(Deformable):
         pinned: ArrayLike = (),
         drag: float = 0.0,
         gravity: ArrayLike = (0.0, 0.0, -9.81),
-        colliders: Sequence[Collider] = (),
+        colliders: Sequence[Collider | Shape] = (),
         integrator: str = "implicit_euler",
         step: float | None = None,
         solver: str = "newton",

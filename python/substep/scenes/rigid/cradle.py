@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ...geometry import TriangleMesh
-from ...rigid import Box, Capsule, Sphere
+from ...geometry import Box, Capsule, Sphere, TriangleMesh
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
 from .rigid_bodies import (
@@ -80,7 +79,7 @@ class Cradle(Solids):
         """Note the speeds of the first half of a swing."""
         if self.time > 2.5 * self.quarter:
             return
-        speeds = np.linalg.norm(self.velocities[np.searchsorted(self.ids, self.balls)], axis=1)
+        speeds = np.linalg.norm(self.velocities[self.rows(self.balls)], axis=1)
         first, last, others = self.measured.values()
         first[0] = max(first[0], speeds[0])
         if speeds[-1] > last[0]:
@@ -102,11 +101,11 @@ class Cradle(Solids):
 def _frame_mesh(n: int, r: float, top: float) -> TriangleMesh:
     """A base, and two rails on posts."""
     half, broad, thick = n * r + 1.2 * r, BROAD * r, 0.16 * r
-    parts = [shifted(Box((half + r, broad + r, 0.2 * r)).mesh(), (0, 0, 0.2 * r))]
+    parts = [shifted(Box((2 * (half + r), 2 * (broad + r), 0.4 * r)).mesh(), (0, 0, 0.2 * r))]
     for y in (-broad, broad):
-        rail = Capsule(thick, half).mesh(24)
+        rail = Capsule(thick, 2 * half).mesh(24)
         parts.append(shifted(rail, (0, y, top), ALONG))
-        post = Capsule(thick, top / 2).mesh(24)
+        post = Capsule(thick, top).mesh(24)
         parts += [shifted(post, (x, y, top / 2)) for x in (-half, half)]
     return joined(parts)
 
@@ -145,6 +144,7 @@ SCENE = Scene(
         "restitution": Parameter("of their impacts", 1.0, minimum=0, maximum=1),
         **rigid_parameters(step=1 / 240),
     },
+    quick={"duration": 0.2, "balls": 3},
     build=lambda parameters, seed: Cradle(parameters),
     parts=_parts,
     frame=_frame,
