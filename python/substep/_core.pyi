@@ -53,7 +53,8 @@ def rkc_formula(stages: int) -> dict[str, Any]: ...
 
 advection_methods: dict[str, tuple[list[list[float]], list[float], list[float], float]]
 
-class _Flow:
+class Flow:
+    def __init__(self, kind: str, dimension: int, parameters: list[float]) -> None: ...
     def velocity(self, t: float, x: NDArray[Any], threads: int) -> NDArray[Any]: ...
     def advect(
         self,
@@ -66,31 +67,9 @@ class _Flow:
         threads: int,
     ) -> NDArray[Any]: ...
 
-class RigidRotation2(_Flow):
-    def __init__(self, omega: list[float], center: list[float]) -> None: ...
+class GridLevel: ...
 
-class RigidRotation3(_Flow):
-    def __init__(self, omega: list[float], center: list[float]) -> None: ...
-
-class Shear2(_Flow):
-    def __init__(self, rate: float, flow: int, gradient: int) -> None: ...
-
-class Shear3(_Flow):
-    def __init__(self, rate: float, flow: int, gradient: int) -> None: ...
-
-class TaylorGreen(_Flow):
-    def __init__(self, u: float, k: float, nu: float) -> None: ...
-
-class Abc(_Flow):
-    def __init__(self, a: float, b: float, c: float) -> None: ...
-
-class DoubleGyre(_Flow):
-    def __init__(self, a: float, epsilon: float, omega: float) -> None: ...
-
-class GridLevel64: ...
-class GridLevel32: ...
-
-class Grid2_64:
+class Grid:
     level_bytes: int
 
     def __init__(
@@ -100,6 +79,7 @@ class Grid2_64:
         closed: list[bool],
         cubic: bool,
         radius: float,
+        dtype: str,
     ) -> None: ...
     def pack(self, values: NDArray[Any], threads: int) -> Any: ...
     def order(self, x: NDArray[Any], threads: int) -> NDArray[Any]: ...
@@ -121,10 +101,6 @@ class Grid2_64:
         method: str,
         threads: int,
     ) -> tuple[Any, ...]: ...
-
-Grid2_32 = Grid2_64
-Grid3_32 = Grid2_64
-Grid3_64 = Grid2_64
 
 class System:
     @property
@@ -149,46 +125,7 @@ class PythonSystem(System):
 class PointerSystem(System):
     def __init__(self, address: int, size: int, parameters: Any) -> None: ...
 
-class Lorenz(System):
-    def __init__(self, sigma: float, rho: float, beta: float) -> None: ...
-
-class Arenstorf(System):
-    def __init__(self, mu: float) -> None: ...
-
-class Kepler(System):
-    def __init__(self, mu: float) -> None: ...
-
-class HenonHeiles(System):
-    def __init__(self, lambda_: float) -> None: ...
-
-class VanDerPol(System):
-    def __init__(self, damping: float, stiffness: float) -> None: ...
-
-class Pendulum(System):
-    def __init__(self, length: float, gravity: float, damping: float) -> None: ...
-
-class HarmonicOscillator(System):
-    def __init__(self, omega: float, damping: float) -> None: ...
-
-class Pleiades(System):
-    def __init__(self, masses: list[float]) -> None: ...
-
-class Robertson(System):
-    def __init__(self, k1: float, k2: float, k3: float) -> None: ...
-
-class Orego(System):
-    def __init__(self, s: float, q: float, w: float) -> None: ...
-
-class Hires(System):
-    def __init__(self) -> None: ...
-
-class Brusselator1D(System):
-    def __init__(self, n: int, alpha: float, a: float, b: float) -> None: ...
-
-class Brusselator2D(System):
-    def __init__(
-        self, n: int, alpha: float, a: float, b: float, source: float, source_time: float
-    ) -> None: ...
+def make_system(name: str, parameters: list[float]) -> System: ...
 
 class Jacobian: ...
 
@@ -275,15 +212,9 @@ class PythonAcceleration(System):
 class PointerAcceleration(System):
     def __init__(self, address: int, components: int, parameters: Any) -> None: ...
 
-class Oscillators(System):
-    def __init__(self, omega: Any) -> None: ...
-
-class SpringChain(System):
-    def __init__(self, n: int, k: Any, m: Any, fixed_ends: bool) -> None: ...
-
-class NBody(System):
-    def __init__(self, masses: Any, G: float, softening: float, dimension: int) -> None: ...
-
+def oscillators(omega: Any) -> System: ...
+def spring_chain(n: int, k: Any, m: Any, fixed_ends: bool) -> System: ...
+def n_body(masses: Any, G: float, softening: float, dimension: int) -> System: ...
 def second_order_methods() -> list[dict[str, Any]]: ...
 def solve_second_order(
     *,
@@ -492,7 +423,7 @@ class FluidEnergies:
     momentum: list[float]
     angular_momentum: list[float]
 
-class _PositionBasedFluid:
+class PositionBasedFluid:
     time: float
     threads: int
     report: FluidReport
@@ -501,7 +432,7 @@ class _PositionBasedFluid:
     volume: float
 
     def __init__(
-        self, origin: list[float], colliders: list[Collider], options: dict[str, Any]
+        self, origin: list[float], colliders: list[Collider], options: dict[str, Any], dtype: str
     ) -> None: ...
     def __len__(self) -> int: ...
     def add(
@@ -531,9 +462,6 @@ class _PositionBasedFluid:
         fluids: NDArray[Any],
     ) -> None: ...
 
-class PositionBasedFluid32(_PositionBasedFluid): ...
-class PositionBasedFluid64(_PositionBasedFluid): ...
-
 class MaterialPointReport:
     steps: int
     sorts: int
@@ -554,12 +482,14 @@ class MaterialPointSums:
     momentum: list[float]
     angular_momentum: list[float]
 
-class _MaterialPointMethod:
+class MaterialPointMethod:
     time: float
     threads: int
     report: MaterialPointReport
 
-    def __init__(self, options: dict[str, Any], colliders: list[Collider]) -> None: ...
+    def __init__(
+        self, options: dict[str, Any], colliders: list[Collider], dimension: int, dtype: str
+    ) -> None: ...
     def __len__(self) -> int: ...
     def add(
         self,
@@ -593,14 +523,9 @@ class _MaterialPointMethod:
     def state(self) -> dict[str, Any]: ...
     def restore(self, state: dict[str, Any]) -> None: ...
 
-class MaterialPointMethod2D32(_MaterialPointMethod): ...
-class MaterialPointMethod2D64(_MaterialPointMethod): ...
-class MaterialPointMethod3D32(_MaterialPointMethod): ...
-class MaterialPointMethod3D64(_MaterialPointMethod): ...
-
 def material_state_fields() -> dict[str, tuple[bool, list[tuple[str, str, float]]]]: ...
 
-class ConstraintGroup32:
+class ConstraintGroup:
     def __init__(
         self,
         kind: str,
@@ -611,9 +536,7 @@ class ConstraintGroup32:
         stiffness: NDArray[Any],
     ) -> None: ...
 
-ConstraintGroup64 = ConstraintGroup32
-
-def shape_matching32(
+def shape_matching(
     start: NDArray[Any],
     particles: NDArray[Any],
     rest: NDArray[Any],
@@ -621,11 +544,8 @@ def shape_matching32(
     damping: NDArray[Any],
     stiffness: NDArray[Any],
     linear: float,
-) -> ConstraintGroup32: ...
-
-shape_matching64 = shape_matching32
-
-def user_constraints32(
+) -> ConstraintGroup: ...
+def user_constraints(
     fun: Any,
     address: int | None,
     parameters: NDArray[Any],
@@ -635,15 +555,12 @@ def user_constraints32(
     damping: NDArray[Any],
     stiffness: NDArray[Any],
     inequality: bool,
-) -> ConstraintGroup32: ...
-
-user_constraints64 = user_constraints32
-
+) -> ConstraintGroup: ...
 def call_constraint(
     address: int, parameters: NDArray[Any], x: NDArray[Any]
 ) -> tuple[NDArray[Any], NDArray[Any]]: ...
 
-class PositionBasedDynamics32:
+class PositionBasedDynamics:
     time: float
     threads: int
     forces: NDArray[Any]
@@ -657,15 +574,9 @@ class PositionBasedDynamics32:
         masses: NDArray[Any],
         pinned: NDArray[Any],
         groups: list[Any],
-        substeps: int,
-        iterations: int,
-        solver: str,
-        relaxation: float,
-        gravity: list[float],
-        damping: float,
+        options: dict[str, Any],
         colliders: list[Any],
-        margin: float,
-        dimension: int,
+        dtype: str,
     ) -> None: ...
     def copy(self, colliders: list[Any]) -> Any: ...
     def use_multilevel(
@@ -699,24 +610,16 @@ class PositionBasedDynamics32:
     def group_state(self, group: int) -> NDArray[Any]: ...
     def set_group_state(self, group: int, state: NDArray[Any]) -> None: ...
 
-PositionBasedDynamics64 = PositionBasedDynamics32
-
 def constraint_kinds() -> dict[str, Any]: ...
 def evaluate_constraints(
     kind: str, x: NDArray[Any], parameters: NDArray[Any]
 ) -> tuple[NDArray[Any], NDArray[Any]]: ...
-def self_collision32(
+def self_collision(
     faces: NDArray[Any], rest: NDArray[Any], thickness: float, friction: float
-) -> ConstraintGroup32: ...
-def self_collision64(
-    faces: NDArray[Any], rest: NDArray[Any], thickness: float, friction: float
-) -> ConstraintGroup64: ...
-def particle_collision32(
+) -> ConstraintGroup: ...
+def particle_collision(
     radii: NDArray[Any], rest: NDArray[Any], friction: float
-) -> ConstraintGroup32: ...
-def particle_collision64(
-    radii: NDArray[Any], rest: NDArray[Any], friction: float
-) -> ConstraintGroup64: ...
+) -> ConstraintGroup: ...
 def rotate_freely(
     method: str,
     rotations: NDArray[Any],

@@ -6,6 +6,7 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/lanes.h"
+#include "substep/fields/steps.h"
 
 namespace substep::fields {
 
@@ -46,13 +47,5 @@ void for_each_method(Action&& action) {
   action(Heun{});
   action(Rk4{});
 }
-
-// Time after n steps, the same bits however the steps are grouped into calls.
-struct Steps {
-  double origin, h;    // [s]; h < 0 goes back in time
-  std::int64_t first;  // number of the first step since `origin`
-  std::int64_t count;
-  double time(std::int64_t step) const { return origin + static_cast<double>(first + step) * h; }
-};
 
 }  // namespace substep::fields

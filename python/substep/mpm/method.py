@@ -257,9 +257,8 @@ class MaterialPointMethod(Particles):
                 raise InputError(f"emitters[{k}]: expected one within the bounds, {low} to {high}")
 
     def _make(self) -> Any:
-        bits = self.dtype.itemsize * 8
-        native = getattr(_core, f"MaterialPointMethod{self._dimension}D{bits}")
-        return native(self._options, [c._native for c in self.colliders])
+        colliders = [c._native for c in self.colliders]
+        return _core.MaterialPointMethod(self._options, colliders, self._dimension, self.dtype.name)
 
     @property
     def material(self) -> NDArray[np.int32]:

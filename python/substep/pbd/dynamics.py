@@ -154,25 +154,28 @@ class PositionBasedDynamics(Simulation):
             raise InputError(f"relaxation: expected a number below 2, got {self.relaxation}")
         self.damping = check_real("damping", damping, nonnegative=True)
         self.step_size = check_real("step", step, positive=True)
-        suffix = DTYPES[self.dtype]
-        groups = [constraint._groups(x, suffix) for constraint in self.constraints]
+        groups = [constraint._groups(x) for constraint in self.constraints]
         ends = np.cumsum([len(own) for own in groups]).tolist()
         self._group_ranges = [range(end - len(g), end) for end, g in zip(ends, groups, strict=True)]
-        native = getattr(_core, f"PositionBasedDynamics{suffix}")(
+        options = {
+            "substeps": self.substeps,
+            "iterations": self.iterations,
+            "solver": self.solver,
+            "relaxation": self.relaxation,
+            "gravity": self.gravity.tolist(),
+            "damping": self.damping,
+            "margin": check_real("margin", margin, positive=True),
+            "dimension": columns,
+        }
+        native = _core.PositionBasedDynamics(
             x,
             v,
             self._masses,
             check_pinned(pinned, n),
             [group for own in groups for group in own],
-            substeps=self.substeps,
-            iterations=self.iterations,
-            solver=self.solver,
-            relaxation=self.relaxation,
-            gravity=self.gravity.tolist(),
-            damping=self.damping,
-            colliders=[collider._native for collider in self.colliders],
-            margin=check_real("margin", margin, positive=True),
-            dimension=columns,
+            options,
+            [collider._native for collider in self.colliders],
+            self.dtype.name,
         )
         self._rest_lengths = {
             k: constraint._parameters(x)[:, 0]
