@@ -1,11 +1,14 @@
 """Our classes in SciPy's solve_ivp: SciPy's own tests, run on them."""
 
 import inspect
+import pickle
 
 import numpy as np
 import pytest
 import scipy.integrate
 import substep
+from substep.ode import scipy_solvers
+from substep.ode.scipy_solvers import METHOD_OF_CLASS
 
 ivp = pytest.importorskip("scipy.integrate._ivp.ivp")
 theirs = pytest.importorskip(
@@ -53,12 +56,16 @@ def test_scipys_tests_pass_on_our_classes(function, values, monkeypatch):
     function(**values)
 
 
-@pytest.mark.parametrize(
-    "name", ["Euler", "Midpoint", "Heun", "RK4", "RK45", "DOP853", "ImplicitEuler", "Radau"]
-)
+def test_classes_are_named_after_methods():
+    assert METHOD_OF_CLASS["ImplicitEuler"] == "implicit_euler"
+    assert METHOD_OF_CLASS["RK4"] == "rk4"
+    assert set(METHOD_OF_CLASS) <= set(dir(substep))
+
+
+@pytest.mark.parametrize("name", METHOD_OF_CLASS)
 def test_class_gives_the_solution_of_our_solve_ivp(name):
     settings = dict(rtol=1e-5, atol=1e-7)
-    cls = getattr(substep, name)
+    cls = getattr(scipy_solvers, name)
     result = scipy.integrate.solve_ivp(
         lambda t, y: [y[1], -y[0]], (0, 2), [1, 0], method=cls, dense_output=True, **settings
     )
@@ -68,6 +75,14 @@ def test_class_gives_the_solution_of_our_solve_ivp(name):
     np.testing.assert_array_equal(result.t, ours.t)
     np.testing.assert_array_equal(result.y, ours.y)
     np.testing.assert_array_equal(result.sol(0.7), ours.sol(0.7))
+
+
+def test_classes_are_plain_ones():
+    for cls in (substep.RK45, substep.ImplicitEuler):
+        assert pickle.loads(pickle.dumps(cls)) is cls
+        assert cls.__name__ in inspect.getsource(cls)
+    assert substep.RK45.order == 5 and substep.Radau.n_stages == 3
+    assert substep.Heun.__doc__.startswith("Heun's method")
 
 
 def test_fixed_step_through_scipy():

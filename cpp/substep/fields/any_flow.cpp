@@ -22,9 +22,7 @@ class FlowOf final : public AnyFlow {
   void advect(const std::string& method, NumbersIn x, NumbersOut x_new, const Steps& steps,
               int threads) const override {
     each_precision(x, x_new, [&](auto in, auto out, std::int64_t count) {
-      for_each_method([&]<class Method>(Method) {
-        if (method == Method::kName) advect_flow<Method>(flow_, in, out, count, steps, threads);
-      });
+      advect_flow(flow_, method, in, out, count, steps, threads);
     });
   }
 
@@ -74,14 +72,16 @@ std::unique_ptr<AnyFlow> make_flow(const std::string& kind, int dimension,
 
 std::vector<MethodTable> method_tables() {
   std::vector<MethodTable> tables;
-  for_each_method([&]<class Method>(Method) {
-    MethodTable table{.name = Method::kName,
-                      .a = {},
-                      .b = {std::begin(Method::b), std::end(Method::b)},
-                      .c = {std::begin(Method::c), std::end(Method::c)},
-                      .divisor = Method::divisor};
-    for (int i = 0; i < Method::kStages; ++i)
+  tableaux::for_each_method<tableaux::FixedMethods>([&]<class Method>(const Method&) {
+    using Weights = tableaux::WholeWeights<Method>;
+    MethodTable table;
+    table.name = Method::name;
+    for (int i = 0; i < Method::stages; ++i) {
       table.a.emplace_back(Method::a[i], Method::a[i] + i);
+      table.b.push_back(static_cast<double>(Weights::b[static_cast<std::size_t>(i)]));
+      table.c.push_back(Method::c[i]);
+    }
+    table.divisor = static_cast<double>(Weights::divisor);
     tables.push_back(std::move(table));
   });
   return tables;

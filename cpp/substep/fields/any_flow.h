@@ -4,6 +4,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "substep/core/numbers.h"
 #include "substep/fields/steps.h"
@@ -22,5 +23,14 @@ class AnyFlow {
 // InputError: there is no such flow, or it has not so many parameters.
 std::unique_ptr<AnyFlow> make_flow(const std::string& kind, int dimension,
                                    std::span<const double> parameters);
+
+// The tables of the methods, for callables of the user.
+struct MethodTable {
+  std::string name;
+  std::vector<std::vector<double>> a;
+  std::vector<double> b, c;
+  double divisor;  // of b
+};
+std::vector<MethodTable> method_tables();
 
 }  // namespace substep::fields

@@ -57,12 +57,7 @@ class GridOf final : public AnyGrid {
     const Series<T> levels = series_of<T>(series);
     const Particles<T> particles{x.data(), given.status.data(), given.stop_time.data(),
                                  given.order, rows(x)};
-    Events events;
-    for_each_method([&]<class Method>(Method) {
-      if (method == Method::kName)
-        events = advect_grid<Method>(grid_, levels, particles, steps, threads);
-    });
-    return events;
+    return advect_grid(grid_, method, levels, particles, steps, threads);
   }
 
  private:

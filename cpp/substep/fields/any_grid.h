@@ -9,6 +9,7 @@
 
 #include "substep/core/numbers.h"
 #include "substep/fields/axis.h"
+#include "substep/fields/events.h"
 #include "substep/fields/steps.h"
 
 namespace substep::fields {

@@ -1,9 +1,15 @@
-// Which steps particles take, by which method, and what may happen to them.
+// Steps of one length by a method of tableaux::FixedMethods:
+//   k_i = f(t + c_i h, x + h sum_j a_ij k_j),  x(t + h) = x + h / D sum_i b_i k_i
+// with whole b_i and their sum D (WholeWeights). The loops unroll and zeros vanish, so a stage
+// costs what it needs.
 #pragma once
 
 #include <cstdint>
 #include <string>
-#include <vector>
+#include <string_view>
+
+#include "substep/core/errors.h"
+#include "substep/core/tableau.h"
 
 namespace substep::fields {
 
@@ -15,30 +21,14 @@ struct Steps {
   double time(std::int64_t step) const { return origin + static_cast<double>(first + step) * h; }
 };
 
-// The first step, and in it the first particle, at which something happened; step -1: nothing.
-struct Event {
-  std::int64_t step = -1, particle = -1;
-  void note(std::int64_t at_step, std::int64_t at_particle) {
-    if (step < 0 || at_step < step || (at_step == step && at_particle < particle)) {
-      step = at_step;
-      particle = at_particle;
-    }
-  }
-  void note(const Event& other) {
-    if (other.step >= 0) note(other.step, other.particle);
-  }
-};
-struct Events {
-  Event landed, escaped, not_finite;
-};
-
-// The table of a method (methods.h), for callables of the user.
-struct MethodTable {
-  std::string name;
-  std::vector<std::vector<double>> a;
-  std::vector<double> b, c;
-  double divisor;
-};
-std::vector<MethodTable> method_tables();
+// Calls action(table) for the method of that name.
+template <class Action>
+void with_method(std::string_view name, Action&& action) {
+  bool found = false;
+  tableaux::for_each_method<tableaux::FixedMethods>([&](const auto& table) {
+    if (table.name == name) action(table), found = true;
+  });
+  if (!found) throw InputError("method: unknown name " + std::string(name));
+}
 
 }  // namespace substep::fields

@@ -69,8 +69,9 @@ def advect(
         Initial and final time [s]; the final one may be the earlier.
     step : float
         Size of the steps [s], above 0; a step that would pass an output time ends there.
-    method : {'euler', 'midpoint', 'heun', 'rk4'}
-        Explicit Runge-Kutta method, of order 1, 2, 2 and 4.
+    method : str
+        An explicit Runge-Kutta method of fixed step: 'euler', 'midpoint', 'heun' or 'rk4', of order
+        1, 2, 2 and 4.
     t_eval : array_like, shape (m,), optional
         Times of output [s], in the order of t_span and within it; the final time unless given.
     on_land, on_escape : {'stop', 'raise'}
@@ -137,16 +138,17 @@ def advect(
         def after() -> None:
             call(drift.time, drift.positions)
 
+    step_size = drift._step_size
     kept = np.empty((len(times), *drift.positions.shape), drift.positions.dtype)
     done = 0
     try:
         with drift._own():
             for done, time in enumerate(times):
-                drift._go(float(time) - drift.time, sign * drift.step_size, after)
-                drift._time = float(time)
+                drift._go(float(time) - drift.time, sign * step_size, after)
+                drift._native.time = float(time)
                 kept[done] = drift._particles.x
             done = len(times)
-            drift._go(t1 - drift.time, sign * drift.step_size, after)
+            drift._go(t1 - drift.time, sign * step_size, after)
     except SolverError as error:
         error.result = AdvectionResult(
             np.append(times[:done], drift.time),

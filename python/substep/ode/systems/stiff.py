@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from ... import _core
 from ...base.checks import check_integer, check_real
-from .system import System
+from .system import ClassicalSystem
 
 
-class Robertson(System):
+class Robertson(ClassicalSystem):
     r"""Robertson's chemical reaction of three species, with rates nine decades apart.
 
     .. math::
@@ -51,7 +51,7 @@ class Robertson(System):
         )
 
 
-class Hires(System):
+class Hires(ClassicalSystem):
     r"""High irradiance responses of photomorphogenesis: eight species.
 
     .. math::
@@ -84,7 +84,7 @@ class Hires(System):
         )
 
 
-class Orego(System):
+class Orego(ClassicalSystem):
     r"""The Oregonator: Belousov and Zhabotinskii's reaction, an oscillator with sharp transitions.
 
     .. math::
@@ -118,7 +118,7 @@ class Orego(System):
         )
 
 
-class Brusselator1D(System):
+class Brusselator1D(ClassicalSystem):
     r"""The Brusselator with diffusion on a line, by second differences.
 
     .. math::
@@ -170,7 +170,7 @@ class Brusselator1D(System):
         return np.arange(1, self.n + 1) / (self.n + 1)
 
 
-class Brusselator2D(System):
+class Brusselator2D(ClassicalSystem):
     r"""The Brusselator with diffusion on a periodic square and a source that is switched on.
 
     .. math::
