@@ -15,10 +15,10 @@ Vec3 vector(const py::dict& options, const char* name) {
   return {v[0].cast<double>(), v[1].cast<double>(), v[2].cast<double>()};
 }
 
-Reals table(const std::vector<double>& values, const Shape& row) {
+Reals table(const std::vector<double>& values, const Sizes& row) {
   py::ssize_t width = 1;
   for (const py::ssize_t k : row) width *= k;
-  Shape shape = row;
+  Sizes shape = row;
   shape.insert(shape.begin(), static_cast<py::ssize_t>(values.size()) / width);
   return Reals(std::move(shape), values.data());
 }
@@ -56,7 +56,7 @@ substep::NumbersOut writable(py::array& values) {
 }
 
 py::array empty_like(const py::array& values) {
-  return py::array(values.dtype(), Shape(values.shape(), values.shape() + values.ndim()));
+  return py::array(values.dtype(), Sizes(values.shape(), values.shape() + values.ndim()));
 }
 
 substep::Precision precision(const std::string& dtype) {

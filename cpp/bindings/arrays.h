@@ -14,7 +14,7 @@
 template <class T>
 using Array = py::array_t<T, py::array::c_style>;
 using Reals = Array<double>;
-using Shape = std::vector<py::ssize_t>;
+using Sizes = std::vector<py::ssize_t>;
 using Triple = std::array<double, 3>;
 
 inline substep::geometry::Vec3 vector(const Triple& a) { return {a[0], a[1], a[2]}; }
@@ -49,7 +49,7 @@ template <class T>
 Array<T> table(const std::vector<T>& values, py::ssize_t columns) {
   return Array<T>({static_cast<py::ssize_t>(values.size()) / columns, columns}, values.data());
 }
-Reals table(const std::vector<double>& values, const Shape& row);
+Reals table(const std::vector<double>& values, const Sizes& row);
 
 // Numbers of either precision: rows of so many columns, or flat (0).
 py::array rows(const substep::Numbers& values, py::ssize_t columns);

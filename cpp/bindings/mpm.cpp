@@ -121,7 +121,7 @@ void restore(Method& self, const py::dict& from) {
 // Rows of D to so many powers, or of so many numbers.
 auto rows_of(std::vector<double> (Method::*get)() const, int power) {
   return [get, power](const Method& self) {
-    return table((self.*get)(), Shape(static_cast<std::size_t>(power), self.dimension()));
+    return table((self.*get)(), Sizes(static_cast<std::size_t>(power), self.dimension()));
   };
 }
 auto setter(void (Method::*set)(std::span<const Vec3>, Method::Places)) {
