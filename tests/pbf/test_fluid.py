@@ -275,10 +275,13 @@ def test_arrays_are_in_the_order_of_ids():
     liquid.set_positions([[3.0, 0.3, 1.5]], ids=[25])
     changed = np.flatnonzero((liquid.positions != before).any(axis=1))
     assert liquid.ids[changed].tolist() == [25]
+    assert liquid.rows(25) == changed[0] == 15 and liquid.rows([25, 3]).tolist() == [15, 3]
     liquid.step()
     assert liquid.ids.tolist() == [*range(10), *range(20, len(x) + 1)]
     with pytest.raises(IndexError, match=r"ids\[1\]: there is no particle 15"):
         liquid.remove([3, 15])
+    with pytest.raises(IndexError, match=r"ids\[0\]: there is no particle 15"):
+        liquid.rows(15)
 
 
 def test_forces_act_for_one_step():

@@ -79,7 +79,7 @@ class Cradle(Solids):
         """Note the speeds of the first half of a swing."""
         if self.time > 2.5 * self.quarter:
             return
-        speeds = np.linalg.norm(self.velocities[np.searchsorted(self.ids, self.balls)], axis=1)
+        speeds = np.linalg.norm(self.velocities[self.rows(self.balls)], axis=1)
         first, last, others = self.measured.values()
         first[0] = max(first[0], speeds[0])
         if speeds[-1] > last[0]:
