@@ -70,8 +70,8 @@ def tree() -> str:
         shown = "  " * len(above) + last
         left = f"{shown}.py" if name in modules else f"{shown}/" if name in python else ""
         right = f"{shown}/" if name in cpp else ""
-        lines.append(f"{left:20}{right:20}{about(name)}".rstrip())
-    return "\n".join(lines) + "\n"
+        lines.append(f"{left:20}{right:20}{about(name)}")
+    return "".join(line.rstrip() + "\n" for line in lines)
 
 
 def with_tree(text: str) -> str:

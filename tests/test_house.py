@@ -80,7 +80,7 @@ def test_arrows_run_one_way():
 @pytest.mark.parametrize(
     ("folder", "include", "complaint"),
     [
-        ("core", '"substep/ode/explicit/tableau.h"', True),
+        ("core", '"substep/core/tableau.h"', True),
         ("fields", '"substep/pbf/fluid.h"', True),
         ("linalg", '"substep/geometry/mesh.h"', True),
         ("fields", '"grid.h"', True),

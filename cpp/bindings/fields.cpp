@@ -7,6 +7,7 @@
 namespace {
 
 using namespace substep::fields;
+namespace tableaux = substep::tableaux;
 
 template <class T>
 using Rows = py::array_t<T, py::array::c_style>;
@@ -35,11 +36,7 @@ void define(py::class_<Flow>& flow) {
         T* out = x_new.mutable_data();
         const auto particles = x.shape(0);
         const py::gil_scoped_release nogil;
-        for_each_method([&]<class Method>(Method) {
-          if (method == Method::kName) {
-            advect_flow<Method>(self, in, out, particles, {origin, h, first, count}, threads);
-          }
-        });
+        advect_flow(self, method, in, out, particles, {origin, h, first, count}, threads);
         return x_new;
       },
       py::arg("x").noconvert(), py::arg("origin"), py::arg("h"), py::arg("first"), py::arg("count"),
@@ -131,12 +128,7 @@ void bind_grid(py::module_& m, const std::string& name) {
         Events events;
         {
           const py::gil_scoped_release nogil;
-          for_each_method([&]<class Method>(Method) {
-            if (method == Method::kName) {
-              events =
-                  advect_grid<Method>(self, series, particles, {origin, h, first, count}, threads);
-            }
-          });
+          events = advect_grid(self, method, series, particles, {origin, h, first, count}, threads);
         }
         return py::make_tuple(as_tuple(events.landed), as_tuple(events.escaped),
                               as_tuple(events.not_finite));
@@ -179,16 +171,17 @@ static void bind_flows(py::module_& m) {
 void bind_fields(py::module_& m) {
   // The tables of the methods, for callables of the user: name -> (a, b, c, divisor of b).
   py::dict methods;
-  for_each_method([&]<class Method>(Method) {
+  tableaux::for_each_method<tableaux::FixedMethods>([&]<class Method>(const Method&) {
+    using Weights = tableaux::WholeWeights<Method>;
     py::list a, b, c;
-    for (int i = 0; i < Method::kStages; ++i) {
+    for (int i = 0; i < Method::stages; ++i) {
       py::list row;
       for (int j = 0; j < i; ++j) row.append(Method::a[i][j]);
       a.append(row);
-      b.append(Method::b[i]);
+      b.append(Weights::b[static_cast<std::size_t>(i)]);
       c.append(Method::c[i]);
     }
-    methods[Method::kName] = py::make_tuple(a, b, c, Method::divisor);
+    methods[py::str(Method::name)] = py::make_tuple(a, b, c, double(Weights::divisor));
   });
   m.attr("advection_methods") = methods;
   bind_flows(m);

@@ -4,8 +4,8 @@
 #include "bindings.h"
 #include "python_jacobian.h"
 #include "python_system.h"
+#include "substep/core/tableau.h"
 #include "substep/ode/explicit/rkc_formula.h"
-#include "substep/ode/explicit/tableau.h"
 #include "substep/ode/implicit/jacobian.h"
 #include "substep/ode/solve/integration.h"
 #include "substep/ode/solve/methods.h"
@@ -16,6 +16,7 @@
 namespace {
 
 namespace ode = substep::ode;
+namespace tableaux = substep::tableaux;
 
 template <std::size_t Rows>
 py::array_t<double> vector(const double (&values)[Rows]) {
@@ -37,9 +38,9 @@ py::dict tableau_dict(const T&) {
   table["a"] = matrix(T::a);
   table["b"] = vector(T::b);
   table["c"] = vector(T::c);
-  if constexpr (T::estimate != ode::Estimate::doubling) table["error_order"] = T::error_order;
-  if constexpr (T::estimate == ode::Estimate::embedded) table["e"] = vector(T::e);
-  if constexpr (T::estimate == ode::Estimate::dop853) {
+  if constexpr (T::estimate != tableaux::Estimate::doubling) table["error_order"] = T::error_order;
+  if constexpr (T::estimate == tableaux::Estimate::embedded) table["e"] = vector(T::e);
+  if constexpr (T::estimate == tableaux::Estimate::dop853) {
     table["e3"] = vector(T::e3);
     table["e5"] = vector(T::e5);
   }
@@ -52,8 +53,8 @@ py::dict tableau(const std::string& method) {
   const auto look = [&](const auto&... t) {
     ((t.name == method ? (table = tableau_dict(t), 0) : 0), ...);
   };
-  std::apply(look, ode::Methods{});
-  std::apply(look, ode::ImplicitMethods{});
+  std::apply(look, tableaux::Methods{});
+  std::apply(look, tableaux::ImplicitMethods{});
   if (table.empty()) throw py::key_error(method);
   return table;
 }

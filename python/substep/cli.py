@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from . import __version__
+from .base.progress import Progress
 from .errors import FormatError, InputError, SolverError, SubstepError
-from .scenes.progress import Progress
 
 if TYPE_CHECKING:
     from .scenes import Outcome, Scene

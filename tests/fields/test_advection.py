@@ -29,7 +29,7 @@ from substep import (
 from substep.errors import CorruptError, FormatError, TruncatedError, VersionError
 
 METHODS = list(_core.advection_methods)
-ORDER = {"euler": 1, "midpoint": 2, "heun": 2, "rk4": 4}
+ORDER = {name: _core.tableau(name)["order"] for name in METHODS}
 FLOWS = {
     "rotation2": RigidRotation(1.3, (0.2, -0.4)),
     "rotation3": RigidRotation((0.3, -0.5, 0.7), (0.1, 0.2, 0.3)),
@@ -75,8 +75,16 @@ def points(n, dimension, seed=1, low=0.0, high=2.0):
     return np.random.default_rng(seed).uniform(low, high, (n, dimension))
 
 
-def test_methods_are_listed():
-    assert set(METHODS) == set(ORDER)
+def test_methods_are_those_of_solve_ivp_without_an_estimate():
+    explicit = [m for m in substep.ode.methods() if _core.ode_method(m)["family"] == "explicit"]
+    assert METHODS == [m for m in explicit if "error_order" not in _core.tableau(m)]
+    for name, (a, b, c, divisor) in _core.advection_methods.items():
+        table = _core.tableau(name)
+        np.testing.assert_array_equal(np.array(b) / divisor, table["b"])
+        np.testing.assert_array_equal(c, table["c"])
+        assert all(b_i == round(b_i) for b_i in b)
+        for i, row in enumerate(a):
+            np.testing.assert_array_equal(row, table["a"][i, :i])
 
 
 @pytest.mark.parametrize("name", FLOWS)

@@ -60,6 +60,20 @@ def test_conservation(kernel, transfer, form, dimension):
         assert turned > 1e-3 * mass
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize(("kernel", "transfer", "form"), SCHEMES)
+def test_forces_arrive(kernel, transfer, form, dimension):
+    """A force reaches the nodes that its particle reaches, so that all of its impulse stays."""
+    body = cloud(dimension, kernel=kernel, transfer=transfer, form=form, dtype="float64")
+    before = momenta(body)[0]
+    forces = np.random.default_rng(6).uniform(-1, 1, (len(body), dimension)) * body.masses[:, None]
+    body.set_forces(forces)
+    body.step(1e-3)
+    impulse = 1e-3 * forces.sum(axis=0)
+    gained = (momenta(body)[0] - before)[:dimension]
+    np.testing.assert_allclose(gained, impulse, rtol=0, atol=1e-14 * body.masses.sum())
+
+
 def turning_disk(steps, **options):
     """Angular momentum after one turn, over that before, of a free disk of 32 cells a metre."""
     h = 1 / 64

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import scipy.integrate
 import substep
+from substep.ode import scipy_solvers
+from substep.ode.scipy_solvers import METHOD_OF_CLASS
 
 ivp = pytest.importorskip("scipy.integrate._ivp.ivp")
 theirs = pytest.importorskip(
@@ -53,12 +55,17 @@ def test_scipys_tests_pass_on_our_classes(function, values, monkeypatch):
     function(**values)
 
 
-@pytest.mark.parametrize(
-    "name", ["Euler", "Midpoint", "Heun", "RK4", "RK45", "DOP853", "ImplicitEuler", "Radau"]
-)
+def test_classes_are_named_after_methods():
+    assert METHOD_OF_CLASS["ImplicitEuler"] == "implicit_euler"
+    assert METHOD_OF_CLASS["RK4"] == "rk4"
+    public = [name for name in dir(substep) if name in METHOD_OF_CLASS]
+    assert {"Euler", "Midpoint", "Heun", "RK45", "DOP853", "Radau"} < set(public)
+
+
+@pytest.mark.parametrize("name", METHOD_OF_CLASS)
 def test_class_gives_the_solution_of_our_solve_ivp(name):
     settings = dict(rtol=1e-5, atol=1e-7)
-    cls = getattr(substep, name)
+    cls = getattr(scipy_solvers, name)
     result = scipy.integrate.solve_ivp(
         lambda t, y: [y[1], -y[0]], (0, 2), [1, 0], method=cls, dense_output=True, **settings
     )

@@ -17,8 +17,9 @@ constexpr int kTile = 256;             // particles that step together
 // One step of one vector of particles.
 template <class Method, class V, class Flow, class Time, class Trig>
 SUBSTEP_INLINE void step_flow(const Flow& flow, const Time* at, Lane<V> h, V* x, Trig& trig) {
-  constexpr int kDim = Flow::kDimension, kStages = Method::kStages;
+  constexpr int kDim = Flow::kDimension, kStages = Method::stages;
   using T = Lane<V>;
+  using Weights = tableaux::WholeWeights<Method>;
   V sum[kDim], k[kStages][kDim];
 #pragma GCC unroll 4
   for (int i = 0; i < kStages; ++i) {
@@ -34,12 +35,12 @@ SUBSTEP_INLINE void step_flow(const Flow& flow, const Time* at, Lane<V> h, V* x,
     flow.velocity(at[i], y, k[i], trig);
 #pragma GCC unroll 3
     for (int d = 0; d < kDim; ++d) {
-      const T b = T(Method::b[i]);
+      const T b = T(Weights::b[static_cast<std::size_t>(i)]);
       sum[d] = i == 0 ? b * k[i][d] : fma(b, k[i][d], sum[d]);
     }
   }
 #pragma GCC unroll 3
-  for (int d = 0; d < kDim; ++d) x[d] = fma(h / T(Method::divisor), sum[d], x[d]);
+  for (int d = 0; d < kDim; ++d) x[d] = fma(h / T(Weights::divisor), sum[d], x[d]);
 }
 
 // The same for arguments of any size.
@@ -82,8 +83,8 @@ template <class Method, class T, class Flow>
                                  FlowTile<T, Flow::kDimension>& tile, int count) {
   using V = Vector<T>;
   constexpr int kLanes = sizeof(V) / sizeof(T);
-  decltype(flow.at(t)) at[Method::kStages];
-  for (int i = 0; i < Method::kStages; ++i) at[i] = flow.at(t + Method::c[i] * h);
+  decltype(flow.at(t)) at[Method::stages];
+  for (int i = 0; i < Method::stages; ++i) at[i] = flow.at(t + Method::c[i] * h);
   const T step = static_cast<T>(h);
   for (int i = 0; i < count; i += kLanes) {
     V x[Flow::kDimension];
@@ -100,11 +101,9 @@ template <class Method, class T, class Flow>
   }
 }
 
-}  // namespace
-
 template <class Method, class T, class Flow>
-void advect_flow(const Flow& flow, const T* x, T* x_new, std::int64_t count, const Steps& steps,
-                 int threads) {
+void advect(const Flow& flow, const T* x, T* x_new, std::int64_t count, const Steps& steps,
+            int threads) {
   constexpr int kDim = Flow::kDimension;
   std::atomic<bool> failed{false};
   const auto run = [&](std::int64_t begin, std::int64_t end) {
@@ -142,6 +141,16 @@ void advect_flow(const Flow& flow, const T* x, T* x_new, std::int64_t count, con
                        steps.time(worst_step), worst, worst_step);
 }
 
+}  // namespace
+
+template <class T, class Flow>
+void advect_flow(const Flow& flow, std::string_view method, const T* x, T* x_new,
+                 std::int64_t count, const Steps& steps, int threads) {
+  with_method(method, [&]<class Method>(const Method&) {
+    advect<Method>(flow, x, x_new, count, steps, threads);
+  });
+}
+
 template <class T, class Flow>
 void sample_flow(const Flow& flow, double t, const T* x, T* u, std::int64_t count, int threads) {
   using V = Vector<T>;
@@ -167,14 +176,9 @@ void sample_flow(const Flow& flow, double t, const T* x, T* u, std::int64_t coun
       threads);
 }
 
-#define SUBSTEP_ADVECT(T, Flow, Method)                                               \
-  template void advect_flow<Method, T, Flow>(const Flow&, const T*, T*, std::int64_t, \
-                                             const Steps&, int);
-#define SUBSTEP_FLOW_OF(T, Flow)    \
-  SUBSTEP_ADVECT(T, Flow, Euler)    \
-  SUBSTEP_ADVECT(T, Flow, Midpoint) \
-  SUBSTEP_ADVECT(T, Flow, Heun)     \
-  SUBSTEP_ADVECT(T, Flow, Rk4)      \
+#define SUBSTEP_FLOW_OF(T, Flow)                                                       \
+  template void advect_flow(const Flow&, std::string_view, const T*, T*, std::int64_t, \
+                            const Steps&, int);                                        \
   template void sample_flow(const Flow&, double, const T*, T*, std::int64_t, int);
 #define SUBSTEP_FLOW(Flow)      \
   SUBSTEP_FLOW_OF(double, Flow) \

@@ -28,6 +28,7 @@ template <class Method, class T, int kDim>
 class Tile {
  public:
   using V4 = typename Grid<T, kDim>::V4;
+  using Weights = tableaux::WholeWeights<Method>;
 
   Tile(const Grid<T, kDim>& grid, const Series<T>& series, const Particles<T>& particles,
        const Steps& steps, Events& events)
@@ -86,7 +87,7 @@ class Tile {
   bool empty() const { return count_ == 0; }
 
  private:
-  static constexpr int kStages = Method::kStages;
+  static constexpr int kStages = Method::stages;
 
   // Calls action(Stage<i>) for the stages i after the first, known to the compiler.
   template <int i>
@@ -109,10 +110,10 @@ class Tile {
   }
 
   SUBSTEP_INLINE V4 end(int m) const {
-    V4 sum = T(Method::b[0]) * k_[0][m];
+    V4 sum = T(Weights::b[0]) * k_[0][m];
 #pragma GCC unroll 4
-    for (int i = 1; i < kStages; ++i) sum = fma<V4>(T(Method::b[i]), k_[i][m], sum);
-    V4 x = fma<V4>(T(steps_.h) / T(Method::divisor), sum, x_[m]);
+    for (int i = 1; i < kStages; ++i) sum = fma<V4>(T(Weights::b[i]), k_[i][m], sum);
+    V4 x = fma<V4>(T(steps_.h) / T(Weights::divisor), sum, x_[m]);
     x[3] = 0;  // the lane of the mask carries no position
     return x;
   }
@@ -150,8 +151,8 @@ Slice<T> Series<T>::at(double t) const {
 }
 
 template <class Method, class T, int kDim>
-Events advect_grid(const Grid<T, kDim>& grid, const Series<T>& series,
-                   const Particles<T>& particles, const Steps& steps, int threads) {
+static std::vector<Events> advect(const Grid<T, kDim>& grid, const Series<T>& series,
+                                  const Particles<T>& particles, const Steps& steps, int threads) {
   const auto chunks = static_cast<std::size_t>((particles.count + kChunk - 1) / kChunk);
   std::vector<Events> events(chunks);
   parallel_for(
@@ -166,6 +167,16 @@ Events advect_grid(const Grid<T, kDim>& grid, const Series<T>& series,
         }
       },
       threads);
+  return events;
+}
+
+template <class T, int kDim>
+Events advect_grid(const Grid<T, kDim>& grid, std::string_view method, const Series<T>& series,
+                   const Particles<T>& particles, const Steps& steps, int threads) {
+  std::vector<Events> events;
+  with_method(method, [&]<class Method>(const Method&) {
+    events = advect<Method>(grid, series, particles, steps, threads);
+  });
   Events all;
   for (const Events& e : events) {
     all.landed.note(e.landed);
@@ -215,14 +226,9 @@ void sample_grid(const Grid<T, kDim>& grid, const Slice<T>& slice, const T* x, T
       threads);
 }
 
-#define SUBSTEP_ADVECT(T, kDim, Method)                                                \
-  template Events advect_grid<Method, T, kDim>(const Grid<T, kDim>&, const Series<T>&, \
-                                               const Particles<T>&, const Steps&, int);
 #define SUBSTEP_GRID(T, kDim)                                                                   \
-  SUBSTEP_ADVECT(T, kDim, Euler)                                                                \
-  SUBSTEP_ADVECT(T, kDim, Midpoint)                                                             \
-  SUBSTEP_ADVECT(T, kDim, Heun)                                                                 \
-  SUBSTEP_ADVECT(T, kDim, Rk4)                                                                  \
+  template Events advect_grid(const Grid<T, kDim>&, std::string_view, const Series<T>&,         \
+                              const Particles<T>&, const Steps&, int);                          \
   template void sort_by_cell(const Grid<T, kDim>&, const T*, std::int64_t, std::int32_t*, int); \
   template void sample_grid(const Grid<T, kDim>&, const Slice<T>&, const T*, T*, std::int64_t, int);
 SUBSTEP_GRID(double, 2)

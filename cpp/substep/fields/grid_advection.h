@@ -3,7 +3,7 @@
 
 #include "substep/core/parallel.h"
 #include "substep/fields/grid.h"
-#include "substep/fields/methods.h"
+#include "substep/fields/steps.h"
 
 namespace substep::fields {
 
@@ -47,8 +47,8 @@ struct Particles {
 // Moves the particles that are at sea. A step counts only if all its stages and its end are at sea
 // and inside; otherwise the particle rests where the step began. With no steps, only looks where
 // the particles are.
-template <class Method, class T, int kDim>
-Events advect_grid(const Grid<T, kDim>& grid, const Series<T>& series,
+template <class T, int kDim>
+Events advect_grid(const Grid<T, kDim>& grid, std::string_view method, const Series<T>& series,
                    const Particles<T>& particles, const Steps& steps, int threads);
 
 // Permutation that brings particles of one block of cells together.

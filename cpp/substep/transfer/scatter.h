@@ -30,9 +30,9 @@ void scatter(const std::array<double, D>& x, const std::array<double, D>& a, dou
 template <class Real, int D>
 void scatter(int order, const std::array<double, D>& x, const std::array<double, D>& a, double s,
              const std::array<std::int32_t, (1 << D)>& corners, NodeBlocks<Real, D>& to) {
-  if (order == 1) return scatter<1>(x, a, s, corners, to);
-  if (order == 2) return scatter<2>(x, a, s, corners, to);
-  return scatter<3>(x, a, s, corners, to);
+  if (order == 1) return scatter<1, Real, D>(x, a, s, corners, to);
+  if (order == 2) return scatter<2, Real, D>(x, a, s, corners, to);
+  return scatter<3, Real, D>(x, a, s, corners, to);
 }
 
 }  // namespace substep::transfer

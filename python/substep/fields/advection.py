@@ -50,8 +50,8 @@ class Advection:
         Initial time [s].
     step : float
         Size of the steps of `advance` [s].
-    method : {'euler', 'midpoint', 'heun', 'rk4'}
-        Explicit Runge-Kutta method.
+    method : str
+        An explicit Runge-Kutta method of fixed step: 'euler', 'midpoint', 'heun' or 'rk4'.
     on_land, on_escape : {'stop', 'raise'}
         What happens to a particle one of whose stages, or the end of whose step, is on land (its
         nearest node is missing) or outside the grid: it rests where the step began, with its

@@ -451,7 +451,7 @@ class CallableField(Field):
     def _move(
         self, particles: Particles, steps: Steps, method: str, threads: int, memo: dict[str, Any]
     ) -> Moved:
-        """Take the steps stage by stage; see cpp/substep/fields/methods.h for the tables."""
+        """Take the steps stage by stage; see cpp/substep/fields/steps.h."""
         a, b, c, divisor = _core.advection_methods[method]
         x = particles.x
         h = x.dtype.type(steps.h)

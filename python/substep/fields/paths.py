@@ -69,8 +69,9 @@ def advect(
         Initial and final time [s]; the final one may be the earlier.
     step : float
         Size of the steps [s], above 0; a step that would pass an output time ends there.
-    method : {'euler', 'midpoint', 'heun', 'rk4'}
-        Explicit Runge-Kutta method, of order 1, 2, 2 and 4.
+    method : str
+        An explicit Runge-Kutta method of fixed step: 'euler', 'midpoint', 'heun' or 'rk4', of order
+        1, 2, 2 and 4.
     t_eval : array_like, shape (m,), optional
         Times of output [s], in the order of t_span and within it; the final time unless given.
     on_land, on_escape : {'stop', 'raise'}

@@ -14,15 +14,17 @@ from ..errors import SolverError
 from .jacobian import make_jacobian
 from .rhs import make_system
 
+
+def _class_name(method: str) -> str:
+    """'rk4' -> 'RK4', 'implicit_euler' -> 'ImplicitEuler'; names with capitals stay."""
+    words = method.split("_")
+    return "".join(w.upper() if w.startswith("rk") else w[0].upper() + w[1:] for w in words)
+
+
 METHOD_OF_CLASS = {
-    "Euler": "euler",
-    "Midpoint": "midpoint",
-    "Heun": "heun",
-    "RK4": "rk4",
-    "RK45": "RK45",
-    "DOP853": "DOP853",
-    "ImplicitEuler": "implicit_euler",
-    "Radau": "Radau",
+    _class_name(name): name
+    for name in _core.ode_methods()
+    if _core.ode_method(name)["family"] != "stabilized"
 }
 _classes: dict[str, type] = {}
 

@@ -4,7 +4,7 @@ One part is the root PolyData; several are blocks of a MultiBlockDataSet. The la
 `Steps` group too, which the format does not ask for: without it vtkHDFReader (VTK 9.7.2) forgets in
 its second pass that the file has more than one step, and shows the first one for ever.
 The group /substep beside /VTKHDF holds metadata, and a CRC-32 for every array of every frame.
-`_packed.py` reads it back. Layout: docs/recording.md; format: https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format.
+`packed.py` reads it back. Layout: docs/recording.md; format: https://docs.vtk.org/en/latest/vtk_file_formats/vtkhdf_file_format.
 """
 
 from __future__ import annotations

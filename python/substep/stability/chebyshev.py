@@ -18,7 +18,7 @@ Complex = NDArray[np.complex128]
 
 
 class ChebyshevFactor:
-    """R(z) of so many stages: the same three methods as `_rational.RationalFactor`."""
+    """R(z) of so many stages: the same three methods as `rational.RationalFactor`."""
 
     def __init__(self, stages: int) -> None:
         self.stages = stages

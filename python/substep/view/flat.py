@@ -24,6 +24,11 @@ def plain_picture(recording: Recording, frame: int, figure: Figure) -> None:
     figure : matplotlib.figure.Figure
         Drawn on.
 
+    Raises
+    ------
+    IndexError
+        If there is no such frame.
+
     Examples
     --------
     >>> import substep
@@ -64,6 +69,11 @@ def marker_area(points: int) -> float:
     -------
     float
         The area.
+
+    Raises
+    ------
+    TypeError
+        If `points` is no number.
 
     Examples
     --------

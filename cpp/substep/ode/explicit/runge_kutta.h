@@ -11,7 +11,7 @@
 #include <utility>
 #include <vector>
 
-#include "substep/ode/explicit/tableau.h"
+#include "substep/core/tableau.h"
 #include "substep/ode/stepping/combine.h"
 #include "substep/ode/stepping/fixed_grid.h"
 #include "substep/ode/stepping/step_control.h"

@@ -4,7 +4,7 @@
 // A-stability.
 #pragma once
 
-#include "substep/ode/explicit/tableau.h"
+#include "substep/core/tableau.h"
 #include "substep/ode/implicit/implicit_step.h"
 
 namespace substep::ode {

@@ -9,7 +9,7 @@
 //   W_3)
 #pragma once
 
-#include "substep/ode/explicit/tableau.h"
+#include "substep/core/tableau.h"
 #include "substep/ode/implicit/implicit_step.h"
 
 namespace substep::ode {

@@ -1,8 +1,8 @@
 #include "substep/ode/solve/methods.h"
 
+#include "substep/core/tableau.h"
 #include "substep/ode/explicit/rkc.h"
 #include "substep/ode/explicit/runge_kutta.h"
-#include "substep/ode/explicit/tableau.h"
 
 namespace substep::ode {
 namespace {

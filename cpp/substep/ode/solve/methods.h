@@ -1,4 +1,4 @@
-// The methods of solve_ivp by name. An explicit one is a table of tableau.h; the others are
+// The methods of solve_ivp by name. An explicit one is a table of core/tableau.h; the others are
 // steppers of their own, listed in methods.cpp.
 #pragma once
 

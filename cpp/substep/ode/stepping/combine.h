@@ -5,7 +5,11 @@
 #include <cmath>
 #include <cstdint>
 
+#include "substep/core/tableau.h"
+
 namespace substep::ode {
+
+using namespace tableaux;
 
 // a b + c, with one rounding where the level has the instruction.
 [[gnu::always_inline]] inline double multiply_add(double a, double b, double c) {

@@ -2,7 +2,7 @@
 
 #include <utility>
 
-#include "substep/ode/explicit/tableau.h"
+#include "substep/core/tableau.h"
 #include "substep/ode/stepping/combine.h"
 #include "substep/ode/symplectic/symplectic.h"
 #include "substep/ode/systems/chain_tiles.h"
@@ -38,7 +38,17 @@ struct Ends {
 // The steps below do what runge_kutta.h and symplectic.cpp do, operation for operation, so they
 // give the same bits; passes over the tile are merged where the force allows.
 
-// Tableaux whose stages use the stage before only: k_i = f(y + h a_{i,i-1} k_{i-1}).
+// Whether stages use the stage before only: k_i = f(y + h a_{i,i-1} k_{i-1}).
+template <class T>
+inline constexpr bool kOneStageBack = [] {
+  for (int i = 0; i < T::stages; ++i) {
+    for (int j = 0; j + 1 < i; ++j) {
+      if (T::a[i][j] != 0) return false;
+    }
+  }
+  return true;
+}();
+
 template <class T, class Force>
 class RungeKuttaTile {
  public:
@@ -206,16 +216,16 @@ void run_tiles(std::int64_t n, const FixedRun& run, std::int64_t reach, std::int
 template <class Force>
 bool run_fixed(std::int64_t n, const FixedRun& run, Force force, Ends ends) {
   const double h = run.h;
-  const auto runge_kutta = [&]<class T>(const T&) {
-    if (run.method != T::name) return false;
-    using Kernel = RungeKuttaTile<T, Force>;
-    run_tiles(n, run, Kernel::kReach, 0, [&] { return Kernel(h, force, ends); });
-    return true;
-  };
-  if (runge_kutta(Euler{}) || runge_kutta(Midpoint{}) || runge_kutta(Heun{}) ||
-      runge_kutta(Rk4{})) {
-    return true;
-  }
+  bool done = false;
+  for_each_method<FixedMethods>([&]<class T>(const T&) {
+    if constexpr (kOneStageBack<T>) {
+      if (run.method != T::name) return;
+      using Kernel = RungeKuttaTile<T, Force>;
+      run_tiles(n, run, Kernel::kReach, 0, [&] { return Kernel(h, force, ends); });
+      done = true;
+    }
+  });
+  if (done) return true;
   const int method = symplectic_method(run.method);
   if (method < 0) return false;
   const std::span<const double> weights = verlet_weights(method);

@@ -4,7 +4,7 @@
 #include <utility>
 
 #include "substep/core/parallel.h"
-#include "substep/ode/explicit/tableau.h"
+#include "substep/core/tableau.h"
 #include "substep/ode/stepping/combine.h"
 #include "substep/ode/symplectic/symplectic.h"
 
@@ -125,33 +125,28 @@ void Oscillators::acceleration(double, const double* x, const double*, double* a
 
 bool Oscillators::fixed_steps(const FixedRun& run) {
   const double h = run.h;
-  if (run.method == Euler::name) {
-    run_steps(RungeKuttaStep<Euler>{h}, run, minus_omega2_);
-  } else if (run.method == Midpoint::name) {
-    run_steps(RungeKuttaStep<Midpoint>{h}, run, minus_omega2_);
-  } else if (run.method == Heun::name) {
-    run_steps(RungeKuttaStep<Heun>{h}, run, minus_omega2_);
-  } else if (run.method == Rk4::name) {
-    run_steps(RungeKuttaStep<Rk4>{h}, run, minus_omega2_);
-  } else {
-    switch (symplectic_method(run.method)) {
-      case kSymplecticEuler:
-        run_steps(SymplecticEulerStep{h}, run, minus_omega2_);
-        break;
-      case kPositionVerlet:
-        run_steps(PositionVerletStep{h}, run, minus_omega2_);
-        break;
-      case kVelocityVerlet:
-        run_steps(VerletStep<kVelocityVerlet>{h}, run, minus_omega2_);
-        break;
-      case kYoshida4:
-        run_steps(VerletStep<kYoshida4>{h}, run, minus_omega2_);
-        break;
-      default:
-        return false;
-    }
-    if (run.a != nullptr) acceleration(0, run.y, nullptr, run.a);
+  bool done = false;
+  for_each_method<FixedMethods>([&]<class T>(const T&) {
+    if (run.method == T::name) run_steps(RungeKuttaStep<T>{h}, run, minus_omega2_), done = true;
+  });
+  if (done) return true;
+  switch (symplectic_method(run.method)) {
+    case kSymplecticEuler:
+      run_steps(SymplecticEulerStep{h}, run, minus_omega2_);
+      break;
+    case kPositionVerlet:
+      run_steps(PositionVerletStep{h}, run, minus_omega2_);
+      break;
+    case kVelocityVerlet:
+      run_steps(VerletStep<kVelocityVerlet>{h}, run, minus_omega2_);
+      break;
+    case kYoshida4:
+      run_steps(VerletStep<kYoshida4>{h}, run, minus_omega2_);
+      break;
+    default:
+      return false;
   }
+  if (run.a != nullptr) acceleration(0, run.y, nullptr, run.a);
   return true;
 }
 

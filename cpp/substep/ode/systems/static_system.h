@@ -84,7 +84,6 @@ template <class Derived, int N>
 std::unique_ptr<Stepper> StaticSystem<Derived, N>::make_stepper(std::string_view method,
                                                                 const StepOptions& options) {
   // The pairs are worth their code; the others are fused where they are used, at fixed steps.
-  using Pairs = std::tuple<DormandPrince5, DormandPrince853>;
   auto stepper = make_runge_kutta<Pairs>(method, derived(), options);
   if constexpr (kHasJacobian<Derived>) {
     if (!stepper) stepper = make_static_implicit(method, derived(), options);

@@ -1,6 +1,7 @@
 // Runge-Kutta methods as tables. An explicit method is a struct of constants here and a place in
-// Methods below; the kernel (runge_kutta.h), the stability functions, the Python names and the
-// test suites read it from there. Implicit ones have kernels of their own, and a table here.
+// one of the lists below; the kernels of ode/ and fields/, the stability functions, the Python
+// names and the test suites read it from there. Implicit ones have kernels of their own, and a
+// table here.
 //
 //   k_1 = f(t, y),  k_i = f(t + c_i h, y + h sum_j a_ij k_j),  y_new = y + h sum_i b_i k_i
 //
@@ -11,10 +12,12 @@
 // [HW] Hairer, Wanner, "Solving Ordinary Differential Equations II", 2nd ed., 1996.
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <string_view>
 #include <tuple>
 
-namespace substep::ode {
+namespace substep::tableaux {
 
 enum class Estimate {
   doubling,  // none of its own: one step against two of half the length
@@ -227,8 +230,46 @@ struct RadauIIA5 {
   static constexpr double b[3] = {(16 - s6) / 36, (16 + s6) / 36, 1. / 9};
 };
 
+// In rising order of accuracy. Those without an estimate move particles through fields too, and are
+// fused with the large systems of ode/.
+using FixedMethods = std::tuple<Euler, Midpoint, Heun, Rk4>;
+using Pairs = std::tuple<DormandPrince5, DormandPrince853>;
+using Methods = decltype(std::tuple_cat(FixedMethods{}, Pairs{}));
+
 using ImplicitMethods = std::tuple<ImplicitEuler, RadauIIA5>;
 
-using Methods = std::tuple<Euler, Midpoint, Heun, Rk4, DormandPrince5, DormandPrince853>;
+constexpr double nearest_whole(double x) {
+  return static_cast<double>(static_cast<long>(x < 0 ? x - 0.5 : x + 0.5));
+}
 
-}  // namespace substep::ode
+// b as whole numbers over their sum: the smallest divisor up to 1000 that makes all of them whole.
+// Where there is none: b itself, over 1.
+template <class T>
+struct WholeWeights {
+  static constexpr int divisor = [] {
+    for (int n = 1; n <= 1000; ++n) {
+      bool whole = true;
+      for (const double b : T::b) {
+        const double error = b * n - nearest_whole(b * n);
+        whole = whole && error < 1e-12 && error > -1e-12;
+      }
+      if (whole) return n;
+    }
+    return 1;
+  }();
+  static constexpr std::array<double, T::stages> b = [] {
+    std::array<double, T::stages> weights{};
+    for (std::size_t i = 0; i < weights.size(); ++i) {
+      weights[i] = divisor == 1 ? T::b[i] : nearest_whole(T::b[i] * divisor);
+    }
+    return weights;
+  }();
+};
+
+// Calls action(table) for each method of a list.
+template <class List, class Action>
+void for_each_method(Action&& action) {
+  std::apply([&](const auto&... table) { (action(table), ...); }, List{});
+}
+
+}  // namespace substep::tableaux
