@@ -2,6 +2,7 @@ import inspect
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,6 +30,8 @@ def test_show_config_prints_what_it_returns(capsys):
     printed = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
     assert printed == entries
     assert entries["substep"] == substep.__version__
+    project = Path(__file__).parents[1] / "pyproject.toml"
+    assert f'\nversion = "{substep.__version__}"\n' in project.read_text()
     assert entries["level"] in native.LEVELS
     assert entries["threads"] == str(substep.num_threads())
     assert entries["numpy"] == np.__version__

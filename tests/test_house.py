@@ -1,6 +1,5 @@
 """The house itself: the build's messages and the checks of .ci."""
 
-import ast
 import importlib.util
 import os
 import shutil
@@ -112,13 +111,30 @@ def test_circles_of_headers_are_found(tmp_path):
     assert line.startswith("a circle of headers: substep/core/")
 
 
-def test_stub_comparison_sees_a_renamed_parameter():
+def test_stubs_have_the_types_that_we_pass():
     pytest.importorskip("pybind11_stubgen", reason="pybind11-stubgen is a tool of .ci/run")
-    surface = load_check("check_stubs").surface
-    before = surface(ast.parse("def f(a: int) -> int: ...\nclass A:\n    def g(self): ...").body)
-    after = surface(ast.parse("def f(b: int) -> int: ...\nclass A:\n    def g(self): ...").body)
-    assert before == {"f": "(a)", "A": "class", "A.g": "()"}
-    assert before != after
+    printed = """
+__all__: list[str] = ['A']
+class A:
+    '''What it is.'''
+    def f(self, x: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None, n:
+          typing.SupportsInt | typing.SupportsIndex = 3, other: A = None) -> dict:
+        '''What it does.'''
+    @property
+    def sizes(self) -> typing.Annotated[list[float], "FixedSize(3)"]: ...
+level: str = 'v4'
+"""
+    expected = """class A:
+    def f(
+        self, x: numpy.typing.ArrayLike | None, n: int = 3, other: A | None = None
+    ) -> dict[str, typing.Any]: ...
+    @property
+    def sizes(self) -> list[float]: ...
+
+level: str
+"""
+    module = load_check("generate_stubs")
+    assert module.stub_of(printed) == module.HEAD + expected
 
 
 def test_the_tree_in_the_docs_is_what_the_command_prints():

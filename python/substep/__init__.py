@@ -5,8 +5,6 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
-
 # Public names by module. Each module is imported when one of its names is first used, so that
 # `import substep` costs milliseconds.
 _EXPORTS = {
@@ -90,6 +88,8 @@ _SUBMODULES = (
 __all__ = sorted([*_MODULE_OF, *_SUBMODULES])
 
 if TYPE_CHECKING:
+    __version__: str
+
     from . import _core as _core
     from .config import num_threads, set_num_threads, show_config, state_hash
     from .errors import (
@@ -150,6 +150,8 @@ def __getattr__(name: str) -> Any:
         from .base.native import load
 
         value: Any = load()
+    elif name == "__version__":  # pyproject.toml has it, and the build gives it to the core
+        value = __getattr__("_core").version
     elif name in _MODULE_OF:
         value = getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)
     elif name in _SUBMODULES:

@@ -17,7 +17,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from . import __version__
 from .base.progress import Progress
 from .errors import FormatError, InputError, SolverError, SubstepError
 
@@ -62,6 +61,8 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _parser() -> _Parser:
+    from . import __version__  # loads the core
+
     parser = _Parser(
         prog="substep",
         description="Run simulations, record them and draw them.",
@@ -157,7 +158,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     --------
     >>> from substep.cli import main
     >>> main(["--version"])
-    substep 0.1.0
+    substep ...
     0
     """
     arguments = None

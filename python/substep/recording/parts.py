@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .. import __version__
 from ..base.checks import check_array, check_choice, describe
 from ..errors import InputError
 from .frames import CONSTANTS, Constants, Spec
@@ -198,6 +197,8 @@ def metadata_of(
     parts: Mapping[str, Part], scene: str, parameters: dict[str, Any], seed: int
 ) -> dict[str, Any]:
     """What a recording says of itself, as JSON."""
+    from .. import __version__  # loads the core
+
     return {
         "substep": __version__,
         "scene": scene,
