@@ -43,7 +43,7 @@ ONLY_CPP = {
 
 
 def folders(root: Path, *suffixes: str) -> set[str]:
-    """Those below `root` that have such files, also in folders of theirs, by their names from there."""
+    """Those below `root` with such files in them or further down, by their names from there."""
     return {
         folder.as_posix()
         for path in root.rglob("*")

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 import substep
-from _peers import peer_program
+from _peers import peer_module, peer_program
 from substep import _core
 
 N, H, STEPS, PERIOD = 64, 0.02, 20, 2 * math.pi
@@ -103,11 +103,12 @@ def own(x: Any, repeats: int) -> None:
 
 
 def numpy_and_scipy(x: Any, repeats: int) -> None:
-    from scipy.ndimage import map_coordinates
-
     workload = f"rk4_float64_{len(x):.0e}"
     seconds = best(lambda: rk4(abc, x, H), repeats)
     speed(f"advect_abc_{workload}", "numpy", len(x), seconds, 1)
+    ndimage = peer_module("scipy.ndimage")
+    if ndimage is None:
+        return
     axis = np.arange(N + 1) * PERIOD / N
     nodes = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
     values = abc(nodes).reshape(N + 1, N + 1, N + 1, 3)
@@ -115,7 +116,8 @@ def numpy_and_scipy(x: Any, repeats: int) -> None:
     def velocity(p: Any) -> Any:
         c = (p % PERIOD).T * (N / PERIOD)
         return np.stack(
-            [map_coordinates(values[..., d], c, order=1, mode="nearest") for d in range(3)], 1
+            [ndimage.map_coordinates(values[..., d], c, order=1, mode="nearest") for d in range(3)],
+            1,
         )
 
     seconds = best(lambda: rk4(velocity, x, H), 1)
@@ -123,9 +125,8 @@ def numpy_and_scipy(x: Any, repeats: int) -> None:
 
 
 def numba_loops(x: Any, repeats: int) -> None:
-    try:
-        import numba as nb
-    except ImportError:
+    nb = peer_module("numba")
+    if nb is None:
         return
 
     @nb.njit(inline="always")

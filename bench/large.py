@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import substep
-from _peers import peer_program
+from _peers import peer_module, peer_program
 
 N = 1_000_000
 OSCILLATOR_STEP, CHAIN_STEP, MODE = 0.01, 0.2, 1000
@@ -120,11 +120,8 @@ def bench_numpy_and_scipy(workload: Workload, repeats: int) -> None:
             y[0] = y[0] + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
         emit(workload.name, "numpy_textbook", "ms_per_step", best_ms(rk4, repeats), "ms", 1)
-        try:
-            from scipy.integrate import DOP853, RK45
-        except ImportError:
-            return
-        for solver in (RK45, DOP853):
+        scipy = peer_module("scipy.integrate")
+        for solver in (scipy.RK45, scipy.DOP853) if scipy else ():
             s = solver(
                 lambda t, y: rhs(y), 0, y[0], 1e9, max_step=h, first_step=h, rtol=1e-3, atol=1e-3
             )
@@ -151,9 +148,8 @@ def bench_numpy_and_scipy(workload: Workload, repeats: int) -> None:
 
 def bench_numba(workload: Workload, repeats: int) -> None:
     """Loops as one writes them with numba: everything of a step fused, where that can be."""
-    try:
-        import numba
-    except ImportError:
+    numba = peer_module("numba")
+    if numba is None:
         return
 
     @numba.njit(parallel=True, fastmath=True)

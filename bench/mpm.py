@@ -4,7 +4,7 @@
 0.1) of the elastic wave, float32: as the peers do it (common_mpm.py). "substep_ns" is the time per
 particle and step of the best of several calls of advance(), sorts included; "memory" what the
 process has grown by, per particle; "sorts" how many sorts there were in all calls. The split of the
-time into passes is bench/mpm.cpp's, a program of the C++ build. Prints JSON lines {workload, peer,
+time into passes is bench/cpp/mpm.cpp's, a program of the C++ build. Prints JSON lines {workload, peer,
 metric, value, unit, threads, isa}.
 
 Peers run where they are at hand: ref_mls_mpm3d.cpp, a hand-written kernel on a dense grid, and
@@ -161,6 +161,9 @@ def taichi(cases: list[tuple[str, int, int]], steps: int, sources: Path) -> None
             }
             command = [python, str(script), *(str(o) for pair in options.items() for o in pair)]
             done = subprocess.run(command, capture_output=True, text=True, cwd=sources)
+            if done.returncode != 0:
+                print("# taichi is left out: it failed")
+                return
             for line in done.stdout.splitlines():
                 record = json.loads(line) if line.startswith("{") else {"metric": ""}
                 if record["metric"] == "ns_per_particle_substep":

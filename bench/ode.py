@@ -15,16 +15,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numba
-import numbalsoda
 import numpy as np
-import scipy.integrate
 import substep
-from _peers import peer_program
+from _peers import c_function, peer_module, peer_program
 from substep import _core, systems
 
 REFERENCE = Path(__file__).resolve().parents[2] / "shared/reference/ode.json"
 H = 1e-5
+numba, numbalsoda = peer_module("numba"), peer_module("numbalsoda")
+scipy = peer_module("scipy.integrate")
 
 
 def emit(workload: str, peer: str, metric: str, value: float, unit: str) -> None:
@@ -63,19 +62,21 @@ def lorenz_list(t, y):
     return [10 * (b - a), a * (28 - c) - b, a * b - 8 / 3 * c]
 
 
-@numba.cfunc(numbalsoda.lsoda_sig)
+@c_function
 def lorenz_compiled(t, y, d, p):
     d[0] = 10 * (y[1] - y[0])
     d[1] = y[0] * (28 - y[2]) - y[1]
     d[2] = y[0] * y[1] - 8 / 3 * y[2]
 
 
-@numba.njit
 def lorenz_numba(x, y, z):
     return 10 * (y - x), x * (28 - z) - y, x * y - 8 / 3 * z
 
 
-@numba.njit
+if numba:
+    lorenz_numba = numba.njit(lorenz_numba)
+
+
 def rk4_numba(steps):
     x, y, z = 1.0, 1.0, 1.0
     for _ in range(steps):
@@ -87,6 +88,10 @@ def rk4_numba(steps):
         y += H / 6 * (b1 + 2 * b2 + 2 * b3 + b4)
         z += H / 6 * (c1 + 2 * c2 + 2 * c3 + c4)
     return x, y, z
+
+
+if numba:
+    rk4_numba = numba.njit(rk4_numba)
 
 
 def rk4_python(f, y, steps):
@@ -117,6 +122,8 @@ def bench_lorenz(quick: bool) -> None:
         "numba loop": (many, lambda: rk4_numba(many)),
         "Python loop, arrays": (few, lambda: rk4_python(lorenz, y0, few)),
     }
+    if numba is None:
+        del runs["substep C pointer"], runs["numba loop"]
     reference = None
     if REFERENCE.exists():
         reference = np.array(json.loads(REFERENCE.read_text())["lorenz63"]["y_end"], dtype=float)
@@ -167,12 +174,12 @@ def bench_calls(quick: bool) -> None:
     nothing, _ = best(empty, 0.1)
     for kind, fun in functions.items():
         own = (best(lambda fun=fun: loop(fun), seconds)[0] - nothing) / calls
-        for peer, solve, settings in (
-            ("substep", substep.solve_ivp, {"method": "rk4", "step": 1e-4, "t_eval": [1.0]}),
-            ("scipy", scipy.integrate.solve_ivp, {"method": "RK45", "max_step": 2e-3}),
-        ):
+        solvers = [("substep", substep, {"method": "rk4", "step": 1e-4, "t_eval": [1.0]})]
+        if scipy:
+            solvers.append(("scipy", scipy, {"method": "RK45", "max_step": 2e-3}))
+        for peer, module, settings in solvers:
             shortest, result = best(
-                lambda solve=solve, fun=fun, settings=settings: solve(
+                lambda module=module, fun=fun, settings=settings: module.solve_ivp(
                     fun, (0.0, 1.0), np.ones(3), **settings
                 ),
                 seconds,
@@ -184,7 +191,7 @@ def bench_calls(quick: bool) -> None:
 # Adaptive orbits.
 
 
-@numba.cfunc(numbalsoda.lsoda_sig)
+@c_function
 def arenstorf_compiled(t, u, du, p):
     mu = 0.012277471
     rest = 1 - mu
@@ -197,7 +204,7 @@ def arenstorf_compiled(t, u, du, p):
     du[3] = u[1] - 2 * u[2] - rest * u[1] / d1 - mu * u[1] / d2
 
 
-@numba.cfunc(numbalsoda.lsoda_sig)
+@c_function
 def pleiades_compiled(t, u, du, p):
     for i in range(14):
         du[i] = u[14 + i]
@@ -214,7 +221,7 @@ def pleiades_compiled(t, u, du, p):
         du[21 + i] = ay
 
 
-@numba.cfunc(numbalsoda.lsoda_sig)
+@c_function
 def kepler_compiled(t, u, du, p):
     r2 = u[0] * u[0] + u[1] * u[1]
     q = 1 / (r2 * np.sqrt(r2))
@@ -241,7 +248,7 @@ def bench_orbits(quick: bool) -> None:
         for exponent in (8, 12):
             runs = orbit_runs(system, compiled, t_end, 10.0**-exponent)
             if quick and name.startswith("kepler"):
-                del runs["scipy DOP853"]
+                runs.pop("scipy DOP853", None)
             for peer, call in runs.items():
                 shortest, y = best(call, seconds)
                 emit(f"{name}_rtol1e-{exponent}", peer, "time", 1e3 * shortest, "ms")
@@ -264,13 +271,17 @@ def orbit_runs(system, compiled, t_end, tolerance):
         states, _ = numbalsoda.dop853(compiled.address, system.y0, times, nothing, **settings)
         return states[-1]
 
-    return {
+    runs = {
         "substep RK45": run(substep.solve_ivp, system, "RK45"),
         "substep DOP853": run(substep.solve_ivp, system, "DOP853"),
-        "substep DOP853, C pointer": run(substep.solve_ivp, compiled, "DOP853"),
-        "numbalsoda dop853": numbalsoda_dop853,
-        "scipy DOP853": run(scipy.integrate.solve_ivp, system, "DOP853"),
     }
+    if compiled:
+        runs["substep DOP853, C pointer"] = run(substep.solve_ivp, compiled, "DOP853")
+    if compiled and numbalsoda:
+        runs["numbalsoda dop853"] = numbalsoda_dop853
+    if scipy:
+        runs["scipy DOP853"] = run(scipy.solve_ivp, system, "DOP853")
+    return runs
 
 
 def main() -> None:

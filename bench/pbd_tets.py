@@ -87,8 +87,10 @@ def peer(threads: int, repeats: int) -> None:
             env={**os.environ, "OMP_NUM_THREADS": str(threads)},
             capture_output=True,
             text=True,
-            check=True,
         )
+        if done.returncode != 0:
+            print("# pyPBD is left out: it failed")
+            return
         record = json.loads(done.stdout.splitlines()[-1])
         assert record["constraints"] == 6205
         best = min(best or record, record, key=lambda r: r["value"])

@@ -108,6 +108,9 @@ def peers(sizes: list[int], threads: list[int], folder: str) -> None:
                 done = subprocess.run(
                     [*start, str(n), "5", "15"], capture_output=True, text=True, env=environment
                 )
+                if done.returncode != 0:
+                    print(f"# {name} is left out: it failed")
+                    return
                 for line in done.stdout.splitlines():
                     if not line.startswith("{"):
                         continue

@@ -19,15 +19,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numba
-import numbalsoda
 import numpy as np
-import scipy.integrate
 import substep
-from _peers import peer_program
+from _peers import c_function, peer_module, peer_program
 from substep import _core, systems
 
 REFERENCE = Path(__file__).resolve().parents[2] / "shared/reference/ode.json"
+numba, numbalsoda = peer_module("numba"), peer_module("numbalsoda")
+scipy = peer_module("scipy.integrate")
 
 
 def emit(
@@ -82,7 +81,7 @@ def ours(system: Any, t_end: float, method: str, rtol: float, atol: float, **set
 def scipys(system: Any, t_end: float, method: str, rtol: float, atol: float) -> Any:
     native = system.native_system
     jacobian = native.jacobian if isinstance(native.jacobian(0.0, system.y0), np.ndarray) else None
-    result = scipy.integrate.solve_ivp(
+    result = scipy.solve_ivp(
         native.rhs, (0, t_end), system.y0, method, jac=jacobian or system.jacobian,
         rtol=rtol, atol=atol,
     )  # fmt: skip
@@ -94,13 +93,13 @@ def scipys(system: Any, t_end: float, method: str, rtol: float, atol: float) -> 
 # Two and three components.
 
 
-@numba.cfunc(numbalsoda.lsoda_sig)
+@c_function
 def van_der_pol_compiled(t, y, d, p):
     d[0] = y[1]
     d[1] = ((1 - y[0] ** 2) * y[1] - y[0]) * 1e6
 
 
-@numba.cfunc(numbalsoda.lsoda_sig)
+@c_function
 def robertson_compiled(t, y, d, p):
     slow, back, fast = 0.04 * y[0], 1e4 * y[1] * y[2], 3e7 * y[1] * y[1]
     d[0] = back - slow
@@ -160,8 +159,11 @@ def small_runs(name, system, compiled, t_end, ratio, exponent):
     if name == "vdpol" and exponent <= 6:
         runs["substep RKC2"] = native("RKC2")
     if exponent in (4, 6, 8, 10):
-        runs |= {"substep Radau, C pointer": pointer, "numbalsoda lsoda": lsoda}
-        for method in ("BDF", "Radau", "LSODA"):
+        if compiled:
+            runs["substep Radau, C pointer"] = pointer
+        if compiled and numbalsoda:
+            runs["numbalsoda lsoda"] = lsoda
+        for method in ("BDF", "Radau", "LSODA") if scipy else ():
             runs[f"scipy {method}"] = lambda m=method: scipys(system, t_end, m, rtol, atol)
     return runs
 
@@ -187,7 +189,7 @@ def line_runs(system, exponent):
         for method in ("RKC2", "Radau", "implicit_euler")
         if exponent <= 4 or method != "implicit_euler"
     }
-    for method in ("BDF", "Radau"):
+    for method in ("BDF", "Radau") if scipy else ():
         runs[f"scipy {method}"] = lambda m=method: scipys(system, 10.0, m, rtol, rtol)
     return runs
 
@@ -215,7 +217,7 @@ class Square:
         def solve(system, t0, t1, y0):
             settings = {"jac": system.jacobian, "rtol": tolerance, "atol": tolerance}
             rhs = system.native_system.rhs
-            return scipy.integrate.solve_ivp(rhs, (t0, t1), y0, method, **settings).y[:, -1]
+            return scipy.solve_ivp(rhs, (t0, t1), y0, method, **settings).y[:, -1]
 
         return lambda: self.in_two(solve)
 
@@ -240,7 +242,7 @@ def bench_square(quick: bool) -> None:
             for solver in solvers:
                 call = square.ours("Radau", linear_solver=solver, **both)
                 measure(workload, f"substep Radau, {solver}", call, square.error, 0.0)
-            if n == 64 and (text == "1e-3" or not quick):
+            if scipy and n == 64 and (text == "1e-3" or not quick):
                 for method in ("BDF",) if quick else ("BDF", "Radau"):
                     call = square.scipys(method, tolerance)
                     measure(workload, f"scipy {method}", call, square.error, 0.0)

@@ -1,5 +1,7 @@
+import importlib
 import inspect
 import os
+import pkgutil
 import subprocess
 import sys
 from pathlib import Path
@@ -94,11 +96,18 @@ def test_unknown_names_and_dir():
     with pytest.raises(AttributeError, match="no attribute 'solve_pvi'"):
         substep.solve_pvi  # noqa: B018
     assert set(dir(substep)) == {*substep.__all__, "__version__"}
-    for name in substep.__all__:
-        value = getattr(substep, name)
-        assert value is not None
-        if inspect.ismodule(value):
-            assert dir(value) == sorted(value.__all__)
+
+
+def test_public_modules_show_their_public_names():
+    found = pkgutil.walk_packages(substep.__path__, "substep.")
+    modules = [importlib.import_module(m.name) for m in found if m.name != "substep.__main__"]
+    public = [module for module in modules if hasattr(module, "__all__")]
+    shown = {value for name in substep.__all__ if inspect.ismodule(value := getattr(substep, name))}
+    assert len(shown) > 15 and shown <= set(public)
+    for module in public:
+        assert dir(module) == sorted(module.__all__), module
+        for name in module.__all__:
+            assert getattr(module, name) is not None and not name.startswith("_")
 
 
 def test_state_hash_sees_every_bit():

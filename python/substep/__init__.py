@@ -87,62 +87,119 @@ _SUBMODULES = (
 
 __all__ = sorted([*_MODULE_OF, *_SUBMODULES])
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # `as` says that a name is for users
     __version__: str
 
-    from . import _core as _core
-    from .config import num_threads, set_num_threads, show_config, state_hash
+    from . import (
+        _core as _core,
+        cli as cli,
+        config as config,
+        ensemble as ensemble,
+        errors as errors,
+        export as export,
+        fields as fields,
+        geometry as geometry,
+        linalg as linalg,
+        mpm as mpm,
+        ode as ode,
+        pbd as pbd,
+        pbf as pbf,
+        recording as recording,
+        render as render,
+        rigid as rigid,
+        scenes as scenes,
+        second_order as second_order,
+        springs as springs,
+        stability as stability,
+        systems as systems,
+    )
+    from .config import (
+        num_threads as num_threads,
+        set_num_threads as set_num_threads,
+        show_config as show_config,
+        state_hash as state_hash,
+    )
     from .errors import (
-        ConvergenceError,
-        CorruptError,
-        FormatError,
-        InputError,
-        NonFiniteError,
-        SingularMatrixError,
-        SolverError,
-        SubstepError,
-        TruncatedError,
-        VersionError,
+        ConvergenceError as ConvergenceError,
+        CorruptError as CorruptError,
+        FormatError as FormatError,
+        InputError as InputError,
+        NonFiniteError as NonFiniteError,
+        SingularMatrixError as SingularMatrixError,
+        SolverError as SolverError,
+        SubstepError as SubstepError,
+        TruncatedError as TruncatedError,
+        VersionError as VersionError,
     )
-    from .export import pack
+    from .export import (
+        pack as pack,
+    )
     from .fields import (
-        ABC,
-        Advection,
-        AdvectionResult,
-        DoubleGyre,
-        GridField,
-        RigidRotation,
-        Shear,
-        TaylorGreen,
-        advect,
-        open_field,
+        ABC as ABC,
+        Advection as Advection,
+        AdvectionResult as AdvectionResult,
+        DoubleGyre as DoubleGyre,
+        GridField as GridField,
+        RigidRotation as RigidRotation,
+        Shear as Shear,
+        TaylorGreen as TaylorGreen,
+        advect as advect,
+        open_field as open_field,
     )
-    from .geometry import Box, Plane, SignedDistanceField, Sphere, liquid_surface
-    from .mpm import MaterialPointMethod
+    from .geometry import (
+        Box as Box,
+        Plane as Plane,
+        SignedDistanceField as SignedDistanceField,
+        Sphere as Sphere,
+        liquid_surface as liquid_surface,
+    )
+    from .mpm import (
+        MaterialPointMethod as MaterialPointMethod,
+    )
     from .ode import (
-        EnsembleResult,
-        OdeResult,
-        OdeSolution,
-        SecondOrderResult,
-        solve_ensemble,
-        solve_ivp,
-        solve_second_order,
+        EnsembleResult as EnsembleResult,
+        OdeResult as OdeResult,
+        OdeSolution as OdeSolution,
+        SecondOrderResult as SecondOrderResult,
+        solve_ensemble as solve_ensemble,
+        solve_ivp as solve_ivp,
+        solve_second_order as solve_second_order,
     )
     from .ode.scipy_solvers import (
-        DOP853,
-        RK4,
-        RK45,
-        Euler,
-        Heun,
-        ImplicitEuler,
-        Midpoint,
-        Radau,
+        DOP853 as DOP853,
+        RK4 as RK4,
+        RK45 as RK45,
+        Euler as Euler,
+        Heun as Heun,
+        ImplicitEuler as ImplicitEuler,
+        Midpoint as Midpoint,
+        Radau as Radau,
     )
-    from .pbd import Distance, PositionBasedDynamics
-    from .pbf import Emitter, PositionBasedFluid, Sink, fill_box, fill_mesh, relax
-    from .recording import Part, Recorder, Recording
-    from .rigid import RigidBatch, RigidBodies
-    from .springs import MassSpring, SoftBody
+    from .pbd import (
+        Distance as Distance,
+        PositionBasedDynamics as PositionBasedDynamics,
+    )
+    from .pbf import (
+        Emitter as Emitter,
+        PositionBasedFluid as PositionBasedFluid,
+        Sink as Sink,
+        fill_box as fill_box,
+        fill_mesh as fill_mesh,
+        relax as relax,
+    )
+    from .recording import (
+        Part as Part,
+        Recorder as Recorder,
+        Recording as Recording,
+    )
+    from .rigid import (
+        RigidBatch as RigidBatch,
+        RigidBodies as RigidBodies,
+    )
+    from .springs import (
+        MassSpring as MassSpring,
+        SoftBody as SoftBody,
+    )
 
 
 def __getattr__(name: str) -> Any:

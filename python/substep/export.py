@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import sys
 
-from .recording.packing import main, pack
-from .recording.packing import pack_here as pack_here
+from .recording.packing import main, pack, pack_here as pack_here
 
 __all__ = ["pack"]
 

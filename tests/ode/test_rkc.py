@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import substep
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from substep import InputError, SolverError, _core, solve_ivp, stability
 from substep.systems import Brusselator1D, Brusselator2D, Robertson
 

@@ -14,8 +14,7 @@ import h5py
 import numpy as np
 import pytest
 import substep
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 from substep import CorruptError, FormatError, InputError, TruncatedError, VersionError
 from substep.export import pack_here
 from substep.recording.frames import (

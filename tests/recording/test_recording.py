@@ -12,8 +12,7 @@ import h5py
 import numpy as np
 import pytest
 import substep
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 from substep.export import pack_here
 from substep.recording.files import lock_for_packing
 

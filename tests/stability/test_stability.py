@@ -7,8 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import substep
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from substep import stability
 from substep.errors import InputError
 

@@ -49,6 +49,7 @@ def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh | TetMesh:
     >>> lines = ["v 0 0 0", "v 1 0 0", "v 1 1 0", "v 0 1 0", "f 1/1 2/2 3/3 4/4"]
     >>> _ = pathlib.Path("square.obj").write_text("\n".join(lines))
     >>> mesh = substep.geometry.read_mesh("square.obj")
+    >>> assert isinstance(mesh, substep.geometry.TriangleMesh)  # no tetrahedra in it
     >>> mesh.faces.tolist()
     [[0, 1, 2], [0, 2, 3]]
     """

@@ -274,8 +274,8 @@ def tethers(
     --------
     >>> import substep
     >>> held = substep.pbd.tethers([[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 1], [1, 2]], [0])
-    >>> held.particles.tolist(), held.lengths.tolist()
-    ([[0, 1], [0, 2]], [1.0, 2.0])
+    >>> held.particles.tolist(), held.lengths
+    ([[0, 1], [0, 2]], array([1., 2.]))
     """
     x = check_array("positions", positions, (None, 3))
     pairs = check_indices("edges", edges, 2, len(x))

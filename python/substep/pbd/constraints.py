@@ -357,7 +357,7 @@ class Tether(Constraint):
 
     >>> import substep
     >>> string = substep.pbd.Tether([[0, 1]], lengths=1.0)
-    >>> ball = substep.PositionBasedDynamics([[0, 0, 0], [0, 0, -0.5]], 1.0, [string], pinned=[0])
+    >>> ball = substep.PositionBasedDynamics([[0.0, 0, 0], [0, 0, -0.5]], 1.0, [string], pinned=[0])
     >>> ball.advance(1.0)
     >>> bool(abs(ball.positions[1, 2] + 1) < 1e-3)
     True

@@ -73,7 +73,7 @@ class CustomConstraint(Constraint):
     ...     gradient[:, :, 1] = 0
     ...     return radius - 1, gradient
     >>> wire = substep.pbd.CustomConstraint([[0], [1]], on_circle, check_gradient=True)
-    >>> beads = substep.PositionBasedDynamics([[1, 0, 0], [0.6, 0, -0.8]], 1.0, [wire])
+    >>> beads = substep.PositionBasedDynamics([[1.0, 0, 0], [0.6, 0, -0.8]], 1.0, [wire])
     >>> beads.advance(0.5)
     >>> np.linalg.norm(beads.positions, axis=1).round(3).tolist()
     [1.0, 1.0]

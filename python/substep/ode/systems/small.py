@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike
 from ... import _core
 from ...base.checks import check_array, check_real
 from ...errors import InputError
-from .system import System
+from .system import ClassicalSystem
 
 
-class Lorenz(System):
+class Lorenz(ClassicalSystem):
     r"""The Lorenz system of convection, chaotic at the default parameters.
 
     .. math:: x' = \sigma (y - x), \quad y' = x (\rho - z) - y, \quad z' = x y - \beta z
@@ -49,7 +49,7 @@ class Lorenz(System):
         )
 
 
-class Arenstorf(System):
+class Arenstorf(ClassicalSystem):
     r"""The restricted three-body problem in the plane, in the frame that turns with earth and moon.
 
     .. math::
@@ -89,7 +89,7 @@ class Arenstorf(System):
         )
 
 
-class Pleiades(System):
+class Pleiades(ClassicalSystem):
     r"""Seven stars in the plane that attract each other.
 
     .. math:: x_i'' = \sum_{j \ne i} m_j \frac{x_j - x_i}{r_{ij}^3}, \quad
@@ -124,7 +124,7 @@ class Pleiades(System):
         super().__init__(_core.Pleiades(self.masses.tolist()), y0=[*x, *y, *velocity], t_end=3.0)
 
 
-class Kepler(System):
+class Kepler(ClassicalSystem):
     r"""A body round a fixed centre of attraction, in the plane.
 
     .. math:: x'' = -\mu x / r^3, \quad y'' = -\mu y / r^3
@@ -178,7 +178,7 @@ class Kepler(System):
         return 0.5 * (v1**2 + v2**2) - self.mu / np.sqrt(x1**2 + x2**2)
 
 
-class HenonHeiles(System):
+class HenonHeiles(ClassicalSystem):
     r"""A star in the meridian plane of a galaxy, regular or chaotic by its energy.
 
     .. math:: x'' = -x - 2 \lambda x y, \quad y'' = -y - \lambda (x^2 - y^2)
@@ -225,7 +225,7 @@ class HenonHeiles(System):
         return 0.5 * (v1**2 + v2**2) + potential
 
 
-class VanDerPol(System):
+class VanDerPol(ClassicalSystem):
     r"""The oscillator of van der Pol; stiff for great :math:`\mu`.
 
     .. math:: x'' = \mu (1 - x^2) x' - x
@@ -270,7 +270,7 @@ class VanDerPol(System):
         )
 
 
-class Pendulum(System):
+class Pendulum(ClassicalSystem):
     r"""A mass on a rigid rod.
 
     .. math:: \theta'' = -(g / l) \sin\theta - \gamma \theta'
@@ -307,7 +307,7 @@ class Pendulum(System):
         )
 
 
-class HarmonicOscillator(System):
+class HarmonicOscillator(ClassicalSystem):
     r"""A mass on a linear spring, with damping.
 
     .. math:: x'' = -\omega^2 x - \gamma x'

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from ... import _core
 from ...base.checks import check_integer, check_real
-from .system import System
+from .system import ClassicalSystem
 
 
-class Robertson(System):
+class Robertson(ClassicalSystem):
     r"""Robertson's chemical reaction of three species, with rates nine decades apart.
 
     .. math::
@@ -47,7 +47,7 @@ class Robertson(System):
         super().__init__(_core.Robertson(self.k1, self.k2, self.k3), y0=[1.0, 0.0, 0.0], t_end=1e11)
 
 
-class Hires(System):
+class Hires(ClassicalSystem):
     r"""High irradiance responses of photomorphogenesis: eight species.
 
     .. math::
@@ -78,7 +78,7 @@ class Hires(System):
         super().__init__(_core.Hires(), y0=[1.0, 0, 0, 0, 0, 0, 0, 0.0057], t_end=321.8122)
 
 
-class Orego(System):
+class Orego(ClassicalSystem):
     r"""The Oregonator: Belousov and Zhabotinskii's reaction, an oscillator with sharp transitions.
 
     .. math::
@@ -110,7 +110,7 @@ class Orego(System):
         super().__init__(_core.Orego(self.s, self.q, self.w), y0=[1.0, 2.0, 3.0], t_end=360.0)
 
 
-class Brusselator1D(System):
+class Brusselator1D(ClassicalSystem):
     r"""The Brusselator with diffusion on a line, by second differences.
 
     .. math::
@@ -162,7 +162,7 @@ class Brusselator1D(System):
         return np.arange(1, self.n + 1) / (self.n + 1)
 
 
-class Brusselator2D(System):
+class Brusselator2D(ClassicalSystem):
     r"""The Brusselator with diffusion on a periodic square and a source that is switched on.
 
     .. math::

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ... import _core
 from ...base.checks import check_array
@@ -18,19 +18,15 @@ class System:
     ----------
     native : _core.System
         The compiled part.
-    y0 : array_like, shape (n,), optional
-        The classical initial state.
-    t_end : float, optional
-        The classical end, for a start at 0.
 
     Attributes
     ----------
     size : int
         Number n of components.
     y0 : ndarray, shape (n,), or None
-        The classical initial state.
+        The classical initial state, where there is one.
     t_end : float or None
-        The classical end, for a start at 0.
+        The classical end, for a start at 0, where there is one.
 
     Examples
     --------
@@ -39,12 +35,11 @@ class System:
     4
     """
 
-    def __init__(
-        self, native: _core.System, y0: ArrayLike | None = None, t_end: float | None = None
-    ) -> None:
+    y0: NDArray[np.float64] | None = None
+    t_end: float | None = None
+
+    def __init__(self, native: _core.System) -> None:
         self.native_system = native
-        self.y0 = None if y0 is None else np.array(y0, dtype=float)
-        self.t_end = t_end
 
     @property
     def size(self) -> int:
@@ -126,3 +121,15 @@ class System:
         if self.native_system.has_jacobian_product:
             return np.asarray(self.native_system.jacobian_product(t, state, vector))
         return np.asarray(self.jacobian(t, state) @ vector)
+
+
+class ClassicalSystem(System):
+    """A compiled system with a classical start `y0` and end `t_end`."""
+
+    y0: NDArray[np.float64]
+    t_end: float
+
+    def __init__(self, native: _core.System, y0: ArrayLike, t_end: float) -> None:
+        super().__init__(native)
+        self.y0 = np.array(y0, dtype=float)
+        self.t_end = t_end
