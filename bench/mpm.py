@@ -4,8 +4,8 @@
 0.1) of the elastic wave, float32: as the peers do it (common_mpm.py). "substep_ns" is the time per
 particle and step of the best of several calls of advance(), sorts included; "memory" what the
 process has grown by, per particle; "sorts" how many sorts there were in all calls. The split of the
-time into passes is bench/cpp/mpm.cpp's, a program of the C++ build. Prints JSON lines {workload, peer,
-metric, value, unit, threads, isa}.
+time into passes is bench/cpp/mpm.cpp's, a program of the C++ build. Prints JSON lines {workload,
+peer, metric, value, unit, threads, isa}.
 
 Peers run where they are at hand: ref_mls_mpm3d.cpp, a hand-written kernel on a dense grid, and
 bench_taichi.py, the usual kernel (atomic) and the best one (colour: sorted, eight colours), from

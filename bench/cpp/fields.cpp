@@ -30,7 +30,8 @@ void flow(benchmark::State& state) {
   const std::vector<double> x = cloud(n, 6.0);
   std::vector<double> moved(x.size());
   for (auto _ : state) {
-    advect_flow<Rk4>(Abc{}, x.data(), moved.data(), state.range(0), {0, 1e-2, 0, steps}, 1);
+    advect_flow<double>(Abc{}, "rk4", x.data(), moved.data(), state.range(0), {0, 1e-2, 0, steps},
+                        1);
   }
   bench::report(state, {.items = static_cast<double>(state.range(0) * steps),
                         .bytes = 48.0 / static_cast<double>(steps),
@@ -59,7 +60,7 @@ void grid(benchmark::State& state) {
   sort_by_cell(grid, x.data(), state.range(0), order.data(), 1);
   const Particles<double> particles{x.data(), status.data(), stop.data(), order.data(),
                                     state.range(0)};
-  for (auto _ : state) advect_grid<Rk4>(grid, series, particles, {0, 1e-3, 0, steps}, 1);
+  for (auto _ : state) advect_grid(grid, "rk4", series, particles, {0, 1e-3, 0, steps}, 1);
   const double nodes = 32.0 * kNodes * kNodes * kNodes, of_particle = 48 + 1 + 4;
   const auto items = static_cast<double>(state.range(0) * steps);
   bench::report(state, {.items = items,

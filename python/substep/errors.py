@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 __all__ = [
+    "AttributeInputError",
     "ConvergenceError",
     "CorruptError",
     "FormatError",
@@ -29,6 +30,10 @@ class SubstepError(Exception):
 
 class InputError(SubstepError, ValueError):
     """An argument is wrong; nothing was changed."""
+
+
+class AttributeInputError(InputError, AttributeError):
+    """An attribute that is assigned does not exist, or cannot be changed."""
 
 
 class SolverError(SubstepError, RuntimeError):
@@ -75,8 +80,17 @@ class ConvergenceError(SolverError):
         The residual after each iteration, in the units of the stop rule, where there are any.
     """
 
-    def __init__(self, message: str, *, residuals: Iterable[float] = (), **where: Any) -> None:
-        super().__init__(message, **where)
+    def __init__(
+        self,
+        message: str,
+        *,
+        residuals: Iterable[float] = (),
+        time: float | None = None,
+        index: int | None = None,
+        step: int | None = None,
+        result: Any = None,
+    ) -> None:
+        super().__init__(message, time=time, index=index, step=step, result=result)
         self.residuals = tuple(residuals)
 
 

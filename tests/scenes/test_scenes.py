@@ -10,42 +10,17 @@ import substep
 from substep import scenes
 from substep.cli import main
 from substep.scenes import Parameter, Scene
+from substep.scenes.catalogue import BUILT_IN
 
 DATA = Path(__file__).parents[3] / "shared" / "data" / "globcurrent"
 
 MESHES = Path(__file__).parents[3] / "shared" / "data" / "meshes"
 
-SMALL = {
-    "box-stack": {"duration": 0.2, "boxes": 3},
-    "bunny-snow": {"duration": 0.1, "resolution": 12},
-    "cloth-ball": {"duration": 0.2, "vertices": 10, "substeps": 5},
-    "cloth-drape": {"duration": 0.2, "vertices": 12},
-    "cloth-hang": {"duration": 0.2, "vertices": 8},
-    "cradle": {"duration": 0.2, "balls": 3},
-    "dam-break": {"duration": 0.1, "particles": 400},
-    "dominoes": {"duration": 0.2, "dominoes": 6},
-    "double-dam": {"duration": 0.1, "particles": 400},
-    "double-gyre": {"duration": 2.0, "particles": 300},
-    "fountain": {"duration": 0.2, "spacing": 0.08, "nozzle": 0.06},
-    "jelly": {"duration": 0.2, "cells": 3},
-    "jelly-cubes": {"duration": 0.1, "particles": 1000, "cubes": 3},
-    "kepler": {"duration": 2.0},
-    "mud-slump": {"duration": 0.05, "particles": 800},
-    "ocean-drift": {"duration": 2.0, "particles": 500},
-    "oscillator": {"duration": 1.0},
-    "pile": {"duration": 0.2, "bodies": 30},
-    "pyramid": {"duration": 0.2, "rows": 4},
-    "rope": {"duration": 0.2, "ropes": 3, "segments": 12, "substeps": 5},
-    "sand-column": {"duration": 0.1, "particles": 800},
-    "snowball": {"duration": 0.05, "particles": 800},
-    "soft-bunny": {"duration": 0.2, "cells": 3, "substeps": 5},
-    "tumbling-top": {"duration": 0.5},
-}
-
 
 def small(name):
     """The scene and parameters for a run of a second."""
-    parameters = dict(SMALL[name])
+    scene = scenes.load(name)
+    parameters = dict(scene.quick)
     if name == "ocean-drift":
         if not DATA.is_dir():
             pytest.skip("the ocean currents are not at hand")
@@ -54,7 +29,7 @@ def small(name):
         parameters["mesh"] = str(MESHES / "spot.obj")
         if not MESHES.is_dir():
             pytest.skip("the meshes are not at hand")
-    return scenes.load(name), parameters
+    return scene, parameters
 
 
 def frames_of(path):
@@ -148,24 +123,7 @@ def test_resumes_to_the_same_bits(name, tmp_path):
     assert [p.name for p in (tmp_path / "cut").iterdir()] == [f"{name}.vtkhdf"]
 
 
-MATERIAL_POINTS = ["bunny-snow", "jelly-cubes", "mud-slump", "sand-column", "snowball"]
-RIGID = ["box-stack", "cradle", "dominoes", "pile", "pyramid", "tumbling-top"]
-POSITION_BASED = ["cloth-ball", "dam-break", "double-dam", "fountain", "rope", "soft-bunny"]
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "cloth-drape",
-        "cloth-hang",
-        "double-gyre",
-        "jelly",
-        "ocean-drift",
-        *MATERIAL_POINTS,
-        *POSITION_BASED,
-        *RIGID,
-    ],
-)
+@pytest.mark.parametrize("name", scenes.names())
 def test_threads_do_not_change_the_bits(name, tmp_path):
     scene, parameters = small(name)
     before = substep.num_threads()
@@ -192,7 +150,7 @@ def test_picture(name, tmp_path, capsys):
     assert (tmp_path / f"{name}.png").stat().st_size > 20_000
 
 
-@pytest.mark.parametrize("name", POSITION_BASED)
+@pytest.mark.parametrize("name", [n for n, folder in BUILT_IN.items() if folder in ("pbd", "pbf")])
 def test_nothing_leaves_at_ten_times_the_usual_speed_and_step(name):
     scene, parameters = small(name)
     simulation = scene.build(scene.complete(scene.check(parameters)), 0)

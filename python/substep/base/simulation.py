@@ -1,32 +1,100 @@
-"""What every simulation of the native core shares: steps in time, threads, checkpoints, locks."""
+"""The protocol of every simulation: steps in time, callbacks, states, copies, checkpoints.
+
+A subclass makes `_native` and says what is its own: `_next_step`, `_take_step`, `_schema`,
+`_state`, `_put_state`, `_make`. What users call is here, once.
+"""
 
 from __future__ import annotations
 
-import contextlib
+import copy
 import math
 import os
 import threading
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..errors import InputError, SolverError
+from .attributes import Checked
 from .checkpoint import restore_checkpoint, write_checkpoint
-from .checks import check_real, check_threads
+from .checks import check_callable, check_real, check_threads
+from .schema import Entry, check
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+_TRANSIENT = ("_native", "_owner")  # what no copy takes over
 
 
-class Simulation:
-    """State in time; a subclass makes `_native`, `state`, `restore`, and the rest of the protocol.
+@dataclass
+class StepReport:
+    """What the last call of `step` or `advance` took; each class adds what its steps meet.
+
+    Attributes
+    ----------
+    steps : int
+        Steps that were taken.
+    dt : float
+        The last of them [s].
+    iterations : int
+        Of the last step, where it iterates.
+    converged : bool
+        Whether the last step met its tolerance; True where it has none.
+    """
+
+    steps: int = 0
+    dt: float = 0.0
+    iterations: int = 0
+    converged: bool = True
+
+
+class Owner:
+    """Who uses a simulation: one call at a time, and the callback of that call."""
+
+    __slots__ = ("_lock", "_name", "callback")
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._lock = threading.Lock()
+        self.callback: int | None = None  # the thread that runs a callback
+
+    def __enter__(self) -> None:
+        if self.callback is not None and self.callback == threading.get_ident():
+            return
+        if not self._lock.acquire(False):
+            raise InputError(
+                f"this {self._name} is in use by another thread, or by a function that it calls"
+            )
+
+    def __exit__(self, *error: object) -> None:
+        if self.callback is None or self.callback != threading.get_ident():
+            self._lock.release()
+
+    def refuse_callback(self, method: str) -> None:
+        """Refuse a call from the callback of another."""
+        if self.callback == threading.get_ident():
+            raise InputError(f"{method}: called by the callback of advance")
+
+
+class Simulation(Checked):
+    """State in time; a subclass makes `_native`, and the rest of the protocol.
 
     `_native` has `time`, `threads` and `step(dt)`, which takes one step or leaves all as it was.
     """
 
+    colliders: tuple[Any, ...] = ()
     _native: Any
+    _owner: Owner
+    _last: StepReport
+    _step_size: float | None
+    _fixed_step: ClassVar[bool] = False  # whether `advance` counts steps of `step_size`
 
     def __init__(self, native: Any, time: float, threads: int | None) -> None:
         self._native = native
-        self._native.time = check_real("time", time)
-        self._native.threads = check_threads(threads)
-        self._busy = threading.Lock()
+        native.time = check_real("time", time)
+        native.threads = check_threads(threads)
+        self._owner = Owner(type(self).__name__)
+        self._last = StepReport()
 
     @property
     def time(self) -> float:
@@ -42,20 +110,34 @@ class Simulation:
     def threads(self, threads: int | None) -> None:
         self._native.threads = check_threads(threads)
 
+    @property
+    def step_size(self) -> float | None:
+        """Step of `step` and `advance` [s]; None where `step_limit` gives it."""
+        return self._step_size
+
+    @step_size.setter
+    def step_size(self, step: float | None) -> None:
+        if step is not None or self._fixed_step:
+            step = check_real("step_size", step, positive=True)
+        with self._own():
+            self._set_step_size(step)
+
+    @property
+    def report(self) -> Any:
+        """What the last call of `step` or `advance` took and met."""
+        return copy.copy(self._last)
+
+    def _set_step_size(self, step: float | None) -> None:
+        self._step_size = step
+
     def _next_step(self) -> float:
         """Size of the step that `advance` takes now [s]."""
-        raise NotImplementedError
+        step = self._step_size
+        assert step is not None
+        return step
 
     def _take_step(self, dt: float) -> None:
         self._native.step(dt)
-
-    def state(self) -> dict[str, Any]:
-        """Copy the whole state, for `restore`."""
-        raise NotImplementedError
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go back to a state, bit for bit."""
-        raise NotImplementedError
 
     def step(self, dt: float | None = None) -> None:
         """Take one step.
@@ -72,47 +154,203 @@ class Simulation:
         SolverError
             With the time and the index of what went wrong; the state is then unchanged.
         """
-        with self._own():
-            self._take_step(
-                self._next_step() if dt is None else check_real("dt", dt, positive=True)
-            )
+        if dt is not None:
+            dt = check_real("dt", dt, positive=True)
+        owner = self._owner
+        if owner.callback is not None:
+            owner.refuse_callback("step")
+        with owner:
+            dt = self._next_step() if dt is None else dt
+            self._begin()
+            self._take_step(dt)
+            self._count(dt)
 
-    def advance(self, duration: float) -> None:
-        """Take as many steps as a duration needs; the last two are shortened to end there.
+    def advance(self, duration: float, callback: Callable[[Self], object] | None = None) -> None:
+        """Take as many steps as a duration needs; the last are shortened to end there.
 
         Parameters
         ----------
         duration : float
             How long [s], at least 0.
+        callback : callable, optional
+            Called with this object after every step. It may read and write everything; it must not
+            step. What it raises ends the run, and passes.
 
         Raises
         ------
         InputError
-            If `duration` is wrong.
+            If an argument is wrong.
         SolverError
-            As `step`; the state is then the last good step.
+            As `step`; the state is then the last good step, and the exception's `step` its number.
         """
         duration = check_real("duration", duration, nonnegative=True)
-        start = self.time
-        end = start + duration
-        if not math.isfinite(end):
-            raise InputError(f"duration: the time {start} + {duration} is not finite")
+        if callback is not None:
+            check_callable("callback", callback)
+        self._owner.refuse_callback("advance")
         with self._own():
-            while self.time < end:
-                h, left = self._next_step(), end - self.time
-                if left <= h * (1 + 1e-9):
-                    self._take_step(left)
-                    self._native.time = end
-                elif self.time + h > self.time:
-                    # Two equal steps at the end: a very short one would make large velocities of
-                    # what is left to correct.
-                    self._take_step(left / 2 if left < 2 * h * (1 - 1e-9) else h)
-                else:
-                    raise SolverError(
-                        f"the step, {h:.3g} s, is below the spacing of the time {self.time} s: "
-                        "the speeds have grown without bound",
-                        time=self.time,
-                    )
+            end = self._end("duration", duration)
+            self._begin()
+            self._run(duration, end, callback)
+
+    def _begin(self) -> None:
+        """Prepare for a call of `step` or `advance`."""
+        self._last.steps = 0
+
+    def _count(self, dt: float) -> None:
+        """Note a step in the report."""
+        last = self._last
+        last.steps += 1
+        last.dt = dt
+
+    def _end(self, name: str, duration: float) -> float:
+        """The time after a duration, checked."""
+        start = self.time
+        if not math.isfinite(start + duration):
+            raise InputError(f"{name}: the time {start} + {duration} is not finite")
+        return start + duration
+
+    def _run(self, duration: float, end: float, callback: Callable[[Self], object] | None) -> None:
+        """The steps of `advance`."""
+        sizes = self._even_sizes(duration, end) if self._fixed_step else self._sizes(end)
+        for dt, is_last in sizes:
+            try:
+                self._take_step(dt)
+            except SolverError as error:
+                error.step = self._last.steps
+                raise
+            if is_last:
+                self._native.time = end
+            self._count(dt)
+            if callback is not None:
+                self._call(callback)
+
+    def _sizes(self, end: float) -> Iterator[tuple[float, bool]]:
+        """Steps of `_next_step`, and whether one is the last: the last two are shortened."""
+        while self.time < end:
+            h, left = self._next_step(), end - self.time
+            if left <= h * (1 + 1e-9):
+                yield left, True
+            elif self.time + h > self.time:
+                # Two equal steps at the end: a very short one would make large velocities of
+                # what is left to correct.
+                yield (left / 2 if left < 2 * h * (1 - 1e-9) else h), False
+            else:
+                raise SolverError(
+                    f"the step, {h:.3g} s, is below the spacing of the time {self.time} s: "
+                    "the speeds have grown without bound",
+                    time=self.time,
+                )
+
+    def _even_sizes(self, duration: float, end: float) -> Iterator[tuple[float, bool]]:
+        """Steps of one size, and whether one is the last: where they do not fit, it is shorter."""
+        h = self._next_step()
+        count, whole = whole_steps(duration, h)
+        for number in range(count):
+            yield h, whole and number + 1 == count
+        if not whole:
+            yield end - self.time, True
+
+    def _call(self, callback: Callable[[Self], object]) -> None:
+        self._owner.callback = threading.get_ident()
+        try:
+            callback(self)
+        finally:
+            self._owner.callback = None
+
+    def _own(self) -> Owner:
+        """Context in which nobody else uses the simulation."""
+        return self._owner
+
+    def _make(self, state: Mapping[str, Any]) -> Any:
+        """A native simulation made as this one was, into which a state is restored."""
+        raise NotImplementedError
+
+    def _schema(self) -> tuple[list[Entry], dict[str, int], Any]:
+        """What a state holds, the sizes in it, and the dtype of the numbers."""
+        raise NotImplementedError
+
+    def _state(self) -> dict[str, Any]:
+        """Copy the whole state."""
+        raise NotImplementedError
+
+    def _fit(self, state: dict[str, Any]) -> None:
+        """Refuse what the schema cannot tell, with InputError."""
+
+    def _put_state(self, state: dict[str, Any]) -> None:
+        """Take over a state that has been checked."""
+        raise NotImplementedError
+
+    def state(self) -> dict[str, Any]:
+        """Copy the whole state, that of the colliders too.
+
+        Returns
+        -------
+        dict
+            For `restore`: arrays and numbers by name.
+        """
+        with self._own():
+            return self._state()
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go back to a state, bit for bit.
+
+        Parameters
+        ----------
+        state : dict
+            From `state()` of an object made in the same way.
+
+        Raises
+        ------
+        InputError
+            If it is not such a state, with the name of what does not fit; nothing is changed then.
+        """
+        checked = self._checked(state)
+        with self._own():
+            self._put_state(checked)
+
+    def _checked(self, state: dict[str, Any]) -> dict[str, Any]:
+        schema, sizes, own = self._schema()
+        checked = check(schema, state, sizes, own)
+        self._fit(checked)
+        return checked
+
+    def copy(self) -> Self:
+        """Copy exactly, colliders too.
+
+        Returns
+        -------
+        Simulation
+            Of the same class: it goes on as this one does, bit for bit, and shares nothing that
+            changes.
+        """
+        other = object.__new__(type(self))
+        made, threads, state = self.__getstate__()
+        if self.colliders:
+            made["colliders"] = tuple(collider.copy() for collider in self.colliders)
+        other.__setstate__((made, threads, state))
+        return other
+
+    def __copy__(self) -> Self:
+        return self.copy()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self.copy()
+
+    def _parts(self) -> dict[str, Any]:
+        """What the object is made of, without its state."""
+        made = {k: v for k, v in self.__dict__.items() if k not in _TRANSIENT}
+        return made | {"_last": copy.copy(self._last)}
+
+    def __getstate__(self) -> tuple[dict[str, Any], int | None, dict[str, Any]]:
+        with self._own():
+            return self._parts(), self.threads, self._state()
+
+    def __setstate__(self, given: tuple[dict[str, Any], int | None, dict[str, Any]]) -> None:
+        made, threads, state = given
+        self.__dict__.update(made)
+        Simulation.__init__(self, self._make(state), state["time"], threads)
+        self._last = made["_last"]
+        self.restore(state)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the state to a file, atomically; what the object was made of is not in it.
@@ -147,11 +385,9 @@ class Simulation:
         """
         restore_checkpoint(path, type(self).__name__, self.restore)
 
-    @contextlib.contextmanager
-    def _own(self) -> Iterator[None]:
-        if not self._busy.acquire(blocking=False):
-            raise InputError(f"this {type(self).__name__} is in use by another thread")
-        try:
-            yield
-        finally:
-            self._busy.release()
+
+def whole_steps(duration: float, step: float) -> tuple[int, bool]:
+    """Steps of that size that fit into a duration, and whether they fill it."""
+    ratio = duration / step
+    whole = abs(ratio - round(ratio)) <= 1e-9 * max(1.0, ratio)
+    return (round(ratio) if whole else math.floor(ratio)), whole

@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-import os
-import threading
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from .. import _core
-from ..base.checkpoint import restore_checkpoint, write_checkpoint
-from ..base.checks import check_array, check_choice, check_integer, check_real
+from ..base.checks import check_array, check_choice, check_real
+from ..base.rows import find_rows, read_only
+from ..base.schema import OWN, TIME, Entry, Number, Rows
+from ..base.simulation import Simulation, StepReport
 from ..errors import InputError, NonFiniteError, SolverError
 from .flows import CallableField, Field, Moved, Particles, Steps
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 ACTIVE, LANDED, ESCAPED = 0, 1, 2
 _CHUNK = 2048  # particles of a native task: between two of them Ctrl-C is seen
 _CHUNK_STEPS = 1 << 17  # particle-steps of such a task at most
 _BLOCK_STEPS = 1 << 24  # particle-steps after which the state moves on
 _POLICIES = ("stop", "raise")
-_KIND = "Advection"
 
 
 def _count_steps(duration: float, step: float) -> tuple[int, float, float]:
@@ -36,7 +38,28 @@ def _count_steps(duration: float, step: float) -> tuple[int, float, float]:
     return full, step, duration - full * step
 
 
-class Advection:
+class _Clock:
+    """What other simulations have in the native core."""
+
+    time: float
+    threads: int
+
+
+@dataclass
+class DriftReport(StepReport):
+    """What the last call of `step` or `advance` took and met.
+
+    Attributes
+    ----------
+    landed, escaped : int
+        Particles that have stopped, of all.
+    """
+
+    landed: int = 0
+    escaped: int = 0
+
+
+class Advection(Simulation):
     """Particles that drift in a velocity field: dx/dt = u(t, x), by steps of fixed size.
 
     Parameters
@@ -84,6 +107,13 @@ class Advection:
     (3.0, [[3.0, 2.0]])
     """
 
+    field: Field
+    method: str
+    on_land: str
+    on_escape: str
+    _step_size: float
+    _fixed_step = True
+
     def __init__(
         self,
         field: Field | Callable[[float, NDArray[Any]], ArrayLike],
@@ -102,113 +132,112 @@ class Advection:
         x = check_array("positions", positions, dtype=dtype)
         wanted = field.dimension if isinstance(field, Field) else 2 if x.shape[1:] == (2,) else 3
         x = check_array("positions", x, (None, wanted), dtype=dtype).copy()
-        self.field: Field = field if isinstance(field, Field) else CallableField(field, wanted)
-        self._time = check_real("time", time)
-        self.step_size = check_real("step", step, positive=True)
+        self.field = field if isinstance(field, Field) else CallableField(field, wanted)
+        self._step_size = check_real("step", step, positive=True)
         self.method = check_choice("method", method, _core.advection_methods)
         self.on_land = check_choice("on_land", on_land, _POLICIES)
         self.on_escape = check_choice("on_escape", on_escape, _POLICIES)
-        self.threads = threads
-        self.steps = 0
+        super().__init__(_Clock(), time, threads)
+        self._steps = 0
         self._memo: dict[str, Any] = {}
-        self._busy = threading.Lock()
-        self.field._check_time("time", self._time)
+        self.field._check_time("time", self.time)
         status, stop_time = np.zeros(len(x), np.int8), np.zeros(len(x))
         self._particles = Particles(x, status, stop_time)
-        moved = self._move(self._particles, Steps(self._time, self.step_size, 0, 0))
+        moved = self._move(self._particles, Steps(self.time, self._step_size, 0, 0))
         for policy, what, (_, index) in self._policies(moved):
             if policy == "raise" and index >= 0:
-                raise InputError(f"positions[{index}]: {what} at the time {self._time}")
+                raise InputError(f"positions[{index}]: {what} at the time {self.time}")
         self._particles = moved.particles
 
     @property
-    def threads(self) -> int | None:
-        """Threads of the native loops, None for the default."""
-        return self._threads or None
-
-    @threads.setter
-    def threads(self, threads: int | None) -> None:
-        value = 0 if threads is None else check_integer("threads", threads, minimum=1, maximum=1024)
-        self._threads = value
+    def steps(self) -> int:
+        """Steps that were taken since the beginning."""
+        return self._steps
 
     @property
-    def time(self) -> float:
-        """Time of the state [s]."""
-        return self._time
+    def ids(self) -> NDArray[np.int64]:
+        """Numbers of the particles, ascending, shape (n,): the order of all arrays; read-only."""
+        return read_only(np.arange(len(self), dtype=np.int64))  # type: ignore[no-any-return]
+
+    @property
+    def report(self) -> DriftReport:
+        """What the last call of `step` or `advance` took and met."""
+        counts = np.bincount(self._particles.status, minlength=3)
+        landed, escaped = int(counts[LANDED]), int(counts[ESCAPED])
+        return DriftReport(self._last.steps, self._last.dt, landed=landed, escaped=escaped)
 
     @property
     def positions(self) -> NDArray[Any]:
-        """Positions, shape (n, d), a copy in the order they were given."""
-        return self._particles.x.copy()
+        """Positions, shape (n, d), in the order they were given; read-only."""
+        return read_only(self._particles.x.copy())
 
     @property
     def status(self) -> NDArray[np.int8]:
-        """What became of each particle, a copy: 0 active, 1 landed, 2 escaped."""
-        return self._particles.status.copy()
+        """What became of each particle, read-only: 0 active, 1 landed, 2 escaped."""
+        return read_only(self._particles.status.copy())
 
     @property
     def stop_time(self) -> NDArray[np.float64]:
-        """Time at which each particle stopped [s], a copy; the present time where it did not."""
+        """Time at which each particle stopped [s], read-only; the present time where it did not."""
         stopped = self._particles.status != ACTIVE
-        return np.where(stopped, self._particles.stop_time, self._time)
+        return read_only(np.where(stopped, self._particles.stop_time, self.time))
 
     def __len__(self) -> int:
         return len(self._particles.x)
 
-    def step(self, dt: float | None = None) -> None:
-        """Take one step.
+    def set_positions(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
+        """Put particles somewhere; those that had stopped drift again.
 
         Parameters
         ----------
-        dt : float, optional
-            Its size [s], above 0; `step_size` unless given.
+        values : array_like, shape (m, d)
+            Positions [m, or degrees of longitude and latitude].
+        ids : array_like of int, shape (m,), optional
+            Which; all unless given.
 
         Raises
         ------
-        InputError, SolverError
-            As the class says; the state is then unchanged.
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
         """
-        dt = self.step_size if dt is None else check_real("dt", dt, positive=True)
+        with self._own():
+            rows = find_rows(ids, self.ids)
+            shape, dtype = (len(rows), self.field.dimension), self._particles.x.dtype
+            x = check_array("values", values, shape, dtype=dtype)
+            particles = self._particles.copy()
+            particles.x[rows], particles.status[rows] = x, ACTIVE
+            self._particles = particles
+            self._memo.clear()
+
+    def _take_step(self, dt: float) -> None:
         self._check_end("dt", dt)
-        with self._own():
-            self._take(1, dt)
+        self._take(1, dt)
 
-    def advance(self, duration: float) -> None:
-        """Take steps of `step_size` over a duration; the last is shortened to end there.
+    def _count(self, dt: float) -> None:
+        """`_commit` has counted."""
 
-        Parameters
-        ----------
-        duration : float
-            How long [s], at least 0.
-
-        Raises
-        ------
-        InputError, SolverError
-            As the class says; the state is then the last good step. Ctrl-C leaves the particles
-            at the end of a step that all have taken.
-        """
-        duration = check_real("duration", duration, nonnegative=True)
+    def _run(self, duration: float, end: float, callback: Callable[[Self], object] | None) -> None:
         self._check_end("duration", duration)
-        with self._own():
-            self._go(duration, self.step_size)
+        after = None if callback is None else lambda: self._call(callback)
+        self._go(duration, self._step_size, after)
 
     def _go(self, duration: float, step: float, after: Callable[[], None] | None = None) -> None:
         if duration == 0:
             return
-        end = self._time + duration
-        if abs(step) < 4 * math.ulp(max(abs(self._time), abs(end))):
+        end = self.time + duration
+        if abs(step) < 4 * math.ulp(max(abs(self.time), abs(end))):
             raise SolverError(
-                f"step {step} is below the spacing of the time {self._time}", time=self._time
+                f"step {step} is below the spacing of the time {self.time}", time=self.time
             )
         full, h, rest = _count_steps(duration, step)
         self._take(full, h, after)
         if rest:
             self._take(1, rest, after)
-        self._time = end
+        self._native.time = end
 
     def _take(self, count: int, h: float, after: Callable[[], None] | None = None) -> None:
         """Steps in blocks; after each block the state is whole."""
-        origin, first = self._time, 0
+        origin, first = self.time, 0
         n = max(1, len(self))
         block = min(_CHUNK_STEPS // min(n, _CHUNK), max(1, _BLOCK_STEPS // n))
         block = min(block, self.field.block_steps or block)
@@ -234,16 +263,18 @@ class Advection:
         if good > 0:
             before = steps._replace(number=good)
             self._commit(self._move(self._particles, before), before)
-        error.step = self.steps
+        error.step = self._steps
         return error
 
     def _move(self, particles: Particles, steps: Steps) -> Moved:
-        return self.field._move(particles, steps, self.method, self._threads, self._memo)
+        return self.field._move(particles, steps, self.method, self._native.threads, self._memo)
 
     def _commit(self, moved: Moved, steps: Steps) -> None:
         self._particles = moved.particles
-        self._time = steps.time(steps.number)
-        self.steps += steps.number
+        self._native.time = steps.time(steps.number)
+        self._steps += steps.number
+        self._last.steps += steps.number
+        self._last.dt = steps.h
 
     def _policies(self, moved: Moved) -> list[tuple[str, str, tuple[int, int]]]:
         events = [
@@ -253,22 +284,13 @@ class Advection:
         return sorted(events, key=lambda event: event[2])
 
     def _check_end(self, name: str, duration: float) -> None:
-        if not math.isfinite(self._time + duration):
-            raise InputError(f"{name}: the time {self._time} + {duration} is not finite")
-        self.field._check_time(f"{name}: end time", self._time + duration)
-
-    @contextlib.contextmanager
-    def _own(self) -> Iterator[None]:
-        if not self._busy.acquire(blocking=False):
-            raise InputError("this Advection is in use: by another thread, or by its own callback")
-        try:
-            yield
-        finally:
-            self._busy.release()
+        if not math.isfinite(self.time + duration):
+            raise InputError(f"{name}: the time {self.time} + {duration} is not finite")
+        self.field._check_time(f"{name}: end time", self.time + duration)
 
     def step_limit(self) -> tuple[float, str]:
         """Largest step that `advance` takes [s], and why."""
-        return self.step_size, "the step that was given"
+        return self._step_size, "the step that was given"
 
     def diagnostics(self) -> dict[str, float]:
         """Count the particles by what became of them.
@@ -298,96 +320,36 @@ class Advection:
             "stop_time": (self.stop_time, "s"),
         }
 
-    def state(self) -> dict[str, Any]:
-        """Copy the whole state.
+    def _schema(self) -> tuple[list[Entry], dict[str, int], Any]:
+        entries: list[Entry] = [
+            TIME,
+            Number("steps", int, low=0),
+            Rows("positions", OWN, ("n", self.field.dimension)),
+            Rows("status", np.int8, ("n",), low=ACTIVE, high=ESCAPED),
+            Rows("stop_time", np.float64, ("n",)),
+        ]
+        return entries, {}, self._particles.x.dtype
 
-        Returns
-        -------
-        dict
-            `time`, `steps`, `positions`, `status`, `stop_time`; for `restore`.
-        """
+    def _fit(self, state: dict[str, Any]) -> None:
+        self.field._check_time("state['time']", state["time"])
+
+    def _state(self) -> dict[str, Any]:
+        particles = self._particles.copy()
         return {
-            "time": self._time,
-            "steps": self.steps,
-            "positions": self.positions,
-            "status": self.status,
-            "stop_time": self._particles.stop_time.copy(),
+            "time": self.time,
+            "steps": self._steps,
+            "positions": particles.x,
+            "status": particles.status,
+            "stop_time": particles.stop_time,
         }
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go back to a state, bit for bit.
+    def _put_state(self, state: dict[str, Any]) -> None:
+        self._particles = Particles(state["positions"], state["status"], state["stop_time"])
+        self._native.time, self._steps = state["time"], state["steps"]
+        self._memo.clear()
 
-        Parameters
-        ----------
-        state : dict
-            From `state()` of an object with the same field dimension and dtype.
+    def _make(self, state: Mapping[str, Any]) -> Any:
+        return _Clock()
 
-        Raises
-        ------
-        InputError
-            If it is not such a state; nothing is changed then.
-        """
-        missing = {"time", "steps", "positions", "status", "stop_time"} - set(state)
-        if missing:
-            raise InputError(f"state: {', '.join(sorted(missing))} missing")
-        time = check_real("state['time']", state["time"])
-        self.field._check_time("state['time']", time)
-        steps = check_integer("state['steps']", state["steps"], minimum=0)
-        dtype, shape = self._particles.x.dtype, (None, self.field.dimension)
-        if np.asarray(state["positions"]).dtype != dtype:
-            raise InputError(f"state['positions']: expected dtype {dtype}")
-        x = check_array("state['positions']", state["positions"], shape, dtype=dtype).copy()
-        status = check_array("state['status']", state["status"], (len(x),), dtype=np.int8).copy()
-        if ((status < ACTIVE) | (status > ESCAPED)).any():
-            raise InputError("state['status']: expected 0, 1 or 2")
-        stop_time = check_array("state['stop_time']", state["stop_time"], (len(x),)).copy()
-        with self._own():
-            self._particles = Particles(x, status, stop_time)
-            self._time, self.steps = time, steps
-            self._memo.clear()
-
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the state to a file, atomically; the field and the settings are not in it.
-
-        Parameters
-        ----------
-        path : path-like
-            Where to; an existing file is replaced.
-
-        Raises
-        ------
-        OSError
-            If it cannot be written.
-        """
-        write_checkpoint(path, _KIND, self.state())
-
-    def load(self, path: str | os.PathLike[str]) -> None:
-        """Go back to the state in a file, bit for bit, also in another process.
-
-        Parameters
-        ----------
-        path : path-like
-            A file written by `save`.
-
-        Raises
-        ------
-        FormatError
-            If the file is cut off (TruncatedError), spoiled (CorruptError) or of another version
-            (VersionError); nothing is changed then.
-        OSError
-            If it cannot be read.
-        """
-        restore_checkpoint(path, _KIND, self.restore)
-
-    def copy(self) -> Advection:
-        """Copy exactly, with the same field."""
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__)
-        other._particles, other._memo = self._particles.copy(), {}
-        other._busy = threading.Lock()
-        return other
-
-    __copy__ = copy
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Advection:
-        return self.copy()
+    def _parts(self) -> dict[str, Any]:
+        return super()._parts() | {"_memo": {}}

@@ -138,16 +138,17 @@ def advect(
         def after() -> None:
             call(drift.time, drift.positions)
 
+    step_size = drift._step_size
     kept = np.empty((len(times), *drift.positions.shape), drift.positions.dtype)
     done = 0
     try:
         with drift._own():
             for done, time in enumerate(times):
-                drift._go(float(time) - drift.time, sign * drift.step_size, after)
-                drift._time = float(time)
+                drift._go(float(time) - drift.time, sign * step_size, after)
+                drift._native.time = float(time)
                 kept[done] = drift._particles.x
             done = len(times)
-            drift._go(t1 - drift.time, sign * drift.step_size, after)
+            drift._go(t1 - drift.time, sign * step_size, after)
     except SolverError as error:
         error.result = AdvectionResult(
             np.append(times[:done], drift.time),

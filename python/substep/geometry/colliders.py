@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.checks import check_array, check_real, check_threads, describe
+from ..base.schema import Rows
 from ..errors import InputError
 from .triangle_mesh import TriangleMesh
 
@@ -570,3 +571,14 @@ def collider_states(colliders: Sequence[Collider]) -> NDArray[np.float64]:
     """All that changes of them, one row each."""
     rows = [collider._native.state for collider in colliders]
     return np.array(rows) if rows else np.zeros((0, 0))
+
+
+def colliders_entry(colliders: Sequence[Collider]) -> Rows:
+    """What a state holds of them."""
+    return Rows("colliders", np.float64, collider_states(colliders).shape)
+
+
+def restore_colliders(colliders: Sequence[Collider], states: NDArray[np.float64]) -> None:
+    """Take over what `collider_states` gave."""
+    for collider, values in zip(colliders, states, strict=True):
+        collider._native.state = values.tolist()

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from .. import _core
 from ..base.checks import check_array, check_choice, check_positive, check_real
+from ..base.rows import read_only
+from ..base.schema import Entry
+from ..base.simulation import StepReport
 from ..errors import InputError, SolverError
 from ..geometry import Collider
 from ..geometry.colliders import check_colliders
 from ..particles.emitters import Emitter, Sink
 from ..particles.state import ON_ESCAPE, Particles, check_bounds, check_dtype, check_kinds
 from .materials import Material
-from .particle_fields import cauchy, check_state, gradients, own_fields, ratios, set_gradients
+from .particle_fields import STATE, cauchy, gradients, own_fields, ratios, set_gradients
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 Array = NDArray[np.float64]
 
@@ -34,29 +39,25 @@ _FAR = 2.0**20  # cells from 0 at which emitters may be
 
 
 @dataclass
-class StepReport:
-    """What the last call of `step` or `advance` took.
+class MaterialPointReport(StepReport):
+    """What the last call of `step` or `advance` took and met.
 
     Attributes
     ----------
-    steps, sorts : int
-        Steps that were taken, and sorts of the particles.
+    sorts : int
+        Sorts of the particles.
     subdivided : int
         Steps that were shorter than asked for.
-    dt : float
-        The last step [s].
     limit : str
-        What limited it: a reason of `step_limit`, "given", or "end" (of the duration).
+        What limited the last step: a reason of `step_limit`, "given", or "end" (of the duration).
     removed, clamped : int
         Particles that left the bounds.
     newton, krylov : int
-        Iterations of implicit steps, of all together.
+        Iterations of implicit steps, of all together; `iterations` is `newton`.
     """
 
-    steps: int = 0
     sorts: int = 0
     subdivided: int = 0
-    dt: float = 0.0
     limit: str = ""
     removed: int = 0
     clamped: int = 0
@@ -66,6 +67,7 @@ class StepReport:
     def _add(self, native: Any) -> None:
         for name in _COUNTS:
             setattr(self, name, getattr(self, name) + getattr(native, name))
+        self.iterations = self.newton
         if native.steps:
             self.dt, self.limit = native.dt, native.limit
 
@@ -172,6 +174,11 @@ class MaterialPointMethod(Particles):
     8.0
     """
 
+    materials: tuple[Material, ...]
+    cell: float
+    cfl: float
+    dtype: np.dtype[Any]
+
     def __init__(
         self,
         positions: ArrayLike,
@@ -211,13 +218,13 @@ class MaterialPointMethod(Particles):
         if not all(1e-30 < m.density * self.cell**d < 1e30 for m in self.materials):
             raise InputError(f"cell: the mass of a cell is out of range at {cell} m")
         self.colliders = check_colliders(colliders, d)
-        self.gravity = check_array(
-            "gravity", [0.0, 0.0, -9.81][3 - d :] if gravity is None else gravity, (d,)
-        ).copy()
+        down = [0.0, 0.0, -9.81][3 - d :]
+        pull = check_array("gravity", down if gravity is None else gravity, (d,)).copy()
+        self._gravity = read_only(pull)
         self.cfl = check_real("cfl", cfl, positive=True)
         if self.cfl > 1:
             raise InputError(f"cfl: expected a number above 0 and at most 1, got {self.cfl}")
-        self.step_size = None if step is None else check_real("step", step, positive=True)
+        self._step_size = None if step is None else check_real("step", step, positive=True)
         inside = check_bounds(bounds, d)
         self._options = {
             "cell": self.cell,
@@ -226,10 +233,10 @@ class MaterialPointMethod(Particles):
             "form": check_choice("form", form, FORMS),
             "integrator": check_choice("integrator", integrator, INTEGRATORS),
             "flip_rate": check_real("flip_rate", flip_rate, nonnegative=True),
-            "gravity": [*self.gravity, 0.0][:3],
+            "gravity": [*self._gravity, 0.0][:3],
             "cfl": self.cfl,
             "largest_step": check_real("largest_step", largest_step, positive=True),
-            "step": self.step_size or 0.0,
+            "step": self._step_size or 0.0,
             "on_large_step": check_choice("on_large_step", on_large_step, ON_LARGE_STEP),
             "materials": [(m._kind, m._constants()) for m in self.materials],
             "boundaries": _check_boundaries(boundary, len(self.colliders)),
@@ -241,8 +248,8 @@ class MaterialPointMethod(Particles):
         spacing = check_real("emitter_spacing", spacing, positive=True)
         self._set_flow(emitters, sinks, len(self.materials), spacing, "material")
         self._check_nozzles(inside)
-        self._report = StepReport()
-        super().__init__(self._make(), time, threads)
+        super().__init__(self._make({}), time, threads)
+        self._last: MaterialPointReport = MaterialPointReport()
         self.add(x, volume, velocities=velocities, material=material)
 
     def _check_nozzles(self, bounds: list[list[float]] | None) -> None:
@@ -256,58 +263,73 @@ class MaterialPointMethod(Particles):
             if not ((x >= low) & (x <= high)).all():
                 raise InputError(f"emitters[{k}]: expected one within the bounds, {low} to {high}")
 
-    def _make(self) -> Any:
+    def _set_step_size(self, step: float | None) -> None:
+        # The native steps know it from their making.
+        options = self._options | {"step": step or 0.0}
+        state, threads = self._native.state(), self._native.threads
+        native = self._make_with(options)
+        native.threads = threads
+        native.restore(state)
+        self._native, self._options, self._step_size = native, options, step
+
+    def _make(self, state: Mapping[str, Any]) -> Any:
+        return self._make_with(self._options)
+
+    def _make_with(self, options: dict[str, Any]) -> Any:
         bits = self.dtype.itemsize * 8
         native = getattr(_core, f"MaterialPointMethod{self._dimension}D{bits}")
-        return native(self._options, [c._native for c in self.colliders])
+        return native(options, [c._native for c in self.colliders])
 
     @property
     def material(self) -> NDArray[np.int32]:
-        """Which of the materials each particle is, shape (n,); a copy."""
-        kinds: NDArray[np.int32] = self._native.materials()
+        """Which of the materials each particle is, shape (n,); read-only."""
+        kinds: NDArray[np.int32] = read_only(self._native.materials())
         return kinds
 
     @property
     def volumes(self) -> Array:
-        """Volumes at rest [m^3; in 2D m^2], shape (n,); a copy."""
-        values: Array = self._native.volumes()
+        """Volumes at rest [m^3; in 2D m^2], shape (n,); read-only."""
+        values: Array = read_only(self._native.volumes())
         return values
 
     @property
     def masses(self) -> Array:
-        """Masses [kg] (in 2D of a layer of 1 m), shape (n,); a copy."""
+        """Masses [kg] (in 2D of a layer of 1 m), shape (n,); read-only."""
         masses: Array = np.array([m.density for m in self.materials])[self.material]
-        return masses * self.volumes
+        masses = read_only(masses * self.volumes)
+        return masses
 
     @property
     def affine(self) -> Array:
-        """Affine part C of v(x) = v + C (x - x_p) [1/s], shape (n, d, d); a copy."""
-        rows: Array = self._native.affine()
+        """Affine part C of v(x) = v + C (x - x_p) [1/s], shape (n, d, d); read-only."""
+        rows: Array = read_only(self._native.affine())
         return rows
 
     @property
     def deformation_gradients(self) -> Array:
-        """Elastic deformation gradients F, shape (n, d, d); a copy.
+        """Elastic deformation gradients F, shape (n, d, d); read-only.
 
         Those of the trial state: the return map of plastic materials belongs to the next step.
         Materials that keep the volume ratio J alone (`Fluid`) have J^(1/d) I.
         """
-        return gradients(self._native, self.material, self.materials, self._dimension)
+        rows: Array = read_only(
+            gradients(self._native, self.material, self.materials, self._dimension)
+        )
+        return rows
 
     @property
     def volume_ratios(self) -> Array:
-        """Determinants J of the elastic deformation, shape (n,); a copy."""
-        return ratios(self._native, self.material, self.materials, self._dimension)
+        """Determinants J of the elastic deformation, shape (n,); read-only."""
+        values: Array = read_only(
+            ratios(self._native, self.material, self.materials, self._dimension)
+        )
+        return values
 
     @property
     def stresses(self) -> Array:
-        """Cauchy stresses [Pa], shape (n, 3, 3), in 2D with the normal stress across; a copy."""
-        return cauchy(self._native, self.volume_ratios)
-
-    @property
-    def report(self) -> StepReport:
-        """What the last call of `step` or `advance` took."""
-        return self._report
+        """Cauchy stresses [Pa], shape (n, 3, 3), in 2D with the normal stress across; read-only."""
+        rows: Array = read_only(cauchy(self._native, self.volume_ratios))
+        return rows
 
     def add(
         self,
@@ -361,43 +383,31 @@ class MaterialPointMethod(Particles):
 
     def _take_step(self, dt: float) -> None:
         self._native.step(dt)
-        self._report = StepReport()
-        self._report._add(self._native.report)
+        self._last._add(self._native.report)
         self._flow()
 
-    def advance(self, duration: float) -> None:
-        """Take as many steps as a duration needs; the last two are shortened to end there.
+    def _begin(self) -> None:
+        self.__dict__["_last"] = MaterialPointReport()
 
-        Parameters
-        ----------
-        duration : float
-            How long [s], at least 0.
+    def _count(self, dt: float) -> None:
+        """The native report has counted."""
 
-        Raises
-        ------
-        InputError
-            If `duration` is wrong.
-        SolverError
-            As `step`; the state is then the last good step, and the exception's `step` its number.
-        """
-        duration = check_real("duration", duration, nonnegative=True)
-        end = self.time + duration
-        if not math.isfinite(end):
-            raise InputError(f"duration: the time {self.time} + {duration} is not finite")
-        with self._own():
-            self._report = StepReport()
-            while self.time < end:
-                until = min([end, *self._events()])
-                try:
-                    self._native.advance(until - self.time)
-                    self._native.time = until
-                except SolverError as error:
-                    if error.step is not None:
-                        error.step += self._report.steps
-                    raise
-                finally:
-                    self._report._add(self._native.report)
-                self._flow()
+    def _run(self, duration: float, end: float, callback: Callable[[Self], object] | None) -> None:
+        if callback is not None:
+            super()._run(duration, end, callback)
+            return
+        while self.time < end:
+            until = min([end, *self._events()])
+            try:
+                self._native.advance(until - self.time)
+                self._native.time = until
+            except SolverError as error:
+                if error.step is not None:
+                    error.step += self._last.steps
+                raise
+            finally:
+                self._last._add(self._native.report)
+            self._flow()
 
     def _events(self) -> list[float]:
         """Times at which emitters and sinks want to be asked next."""
@@ -408,7 +418,7 @@ class MaterialPointMethod(Particles):
         return [t for t in times if t > self.time]
 
     def _next_step(self) -> float:
-        return self.step_limit()[0] if self.step_size is None else self.step_size
+        return self.step_limit()[0] if self._step_size is None else self._step_size
 
     def step_limit(self) -> tuple[float, str]:
         """Largest step that the CFL conditions allow now, and which of them it is.
@@ -496,24 +506,18 @@ class MaterialPointMethod(Particles):
             **own,
         }
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go back to a state, bit for bit.
+    def _schema(self) -> tuple[list[Entry], dict[str, int], Any]:
+        return [*STATE, *self._flow_schema()], {"materials": len(self.materials)}, self.dtype
 
-        Parameters
-        ----------
-        state : dict
-            From `state()` of an object made in the same way.
+    def _restore_native(self, state: dict[str, Any]) -> None:
+        self._native.restore(state)
 
-        Raises
-        ------
-        InputError
-            If it is not such a state; nothing is changed then.
-        """
-        checked = check_state(state, self.dtype)
-        flow = self._check_flow_state(state)
-        with self._own():
-            self._native.restore(checked)
-            self._restore_flow(flow)
+    def _forces(self) -> Array:
+        forces = self._native.state()["forces"]
+        rows = np.zeros((len(self), self._dimension))
+        if len(forces):
+            rows[:] = forces[:, : self._dimension]
+        return rows
 
 
 def _check_materials(materials: Any) -> tuple[Material, ...]:

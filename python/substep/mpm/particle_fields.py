@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from ..base.checks import check_array, check_integer, check_real
-from ..errors import InputError
+from ..base.schema import OWN, TIME, Entry, Number, Rows
 from .materials import Material
 
 Array = NDArray[np.float64]
@@ -18,7 +17,23 @@ Array = NDArray[np.float64]
 _PLANE = {2: [0, 1, 2, 3], 3: list(range(9))}  # of the stored entries: 2D is xx xy yx yy zz
 _ENTRIES = {2: 5, 3: 9}
 _FULL = [0, 3, 4, 3, 1, 5, 4, 5, 2]  # of xx yy zz xy xz yz
-_NUMBERS = ("time", "supplied", "drift", "before")
+
+# What the native simulation saves; it checks that the numbers of particles agree.
+STATE: list[Entry] = [
+    TIME,
+    Number("supplied"),
+    Number("drift"),
+    Number("before"),
+    Number("next_id", int, low=0),
+    Number("trial", bool),
+    Rows("counts", np.int64, ("materials",), low=0),
+    Rows("ids", np.int32, ("n",), low=0, below="next_id", distinct=True),
+    Rows("blocks", np.int32, ("n", None)),
+    Rows("values", OWN, (None,)),
+    Rows("motion", OWN, ("n", None)),
+    Rows("volumes", OWN, ("n",)),
+    Rows("forces", np.float64, ("n", 3), optional=True),
+]
 
 
 def state_fields(material: Material) -> tuple[bool, list[tuple[str, str, float]]]:
@@ -97,36 +112,3 @@ def own_fields(
             column = found.setdefault(name, (np.full(len(kinds), float(initial)), unit))[0]
             column[kinds == k] = rows[:, first + j]
     return found
-
-
-def check_state(state: dict[str, Any], dtype: np.dtype[Any]) -> dict[str, Any]:
-    """A state of the native simulation whose numbers have their types and are finite."""
-    wanted: dict[str, np.dtype[Any]] = {
-        "counts": np.dtype(np.int64),
-        "ids": np.dtype(np.int32),
-        "blocks": np.dtype(np.int32),
-        "values": dtype,
-        "motion": dtype,
-        "volumes": dtype,
-        "forces": np.dtype(np.float64),
-    }
-    missing = {*wanted, *_NUMBERS, "next_id", "trial", "colliders", "layers", "absorbed"} - set(
-        state
-    )
-    if missing:
-        raise InputError(f"state: {', '.join(sorted(missing))} missing")
-    checked: dict[str, Any] = {
-        name: check_real(f"state[{name!r}]", state[name]) for name in _NUMBERS
-    }
-    checked["next_id"] = check_integer("state['next_id']", state["next_id"], minimum=0)
-    if not isinstance(state["trial"], bool):
-        raise InputError(f"state['trial']: expected True or False, got {state['trial']!r}")
-    checked["trial"] = state["trial"]
-    for name, kind in wanted.items():
-        array = np.asarray(state[name])
-        if array.dtype != kind:
-            raise InputError(f"state[{name!r}]: expected dtype {kind}, got {array.dtype}")
-        checked[name] = check_array(f"state[{name!r}]", array, dtype=kind)
-    if checked["forces"].ndim != 2 or checked["forces"].shape[1] != 3:
-        raise InputError("state['forces']: expected shape (n, 3)")
-    return checked

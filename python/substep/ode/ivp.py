@@ -42,11 +42,6 @@ def methods() -> list[str]:
 class OdeResult(dict):  # type: ignore[type-arg]
     """What `solve_ivp` returns: a dictionary whose entries are attributes too.
 
-    Parameters
-    ----------
-    **fields
-        The entries.
-
     Attributes
     ----------
     t : ndarray, shape (m,)
@@ -73,9 +68,6 @@ class OdeResult(dict):  # type: ignore[type-arg]
     >>> result.t, result["status"]
     (array([0. , 0.5, 1. ]), 0)
     """
-
-    def __init__(self, **fields: Any) -> None:
-        super().__init__(fields)
 
     def __getattr__(self, name: str) -> Any:
         try:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..base.attributes import Frozen
 from ..base.checks import check_array, check_integer, check_real
 from ..errors import InputError
 from ..geometry import Collider
@@ -15,7 +16,7 @@ from ..geometry import Collider
 Array = NDArray[np.float64]
 
 
-class Emitter:
+class Emitter(Frozen):
     """A nozzle that lets out liquid at a given speed.
 
     Particles leave in layers across the nozzle, one each time that the jet has moved on by the
@@ -166,7 +167,7 @@ def _grid(axes: list[Array]) -> Array:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
-class Sink:
+class Sink(Frozen):
     """A region that swallows particles.
 
     Parameters

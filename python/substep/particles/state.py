@@ -3,44 +3,38 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..base.checks import check_array
-from ..base.simulation import Simulation
+from ..base.rows import Points, read_only
+from ..base.schema import Entry, Rows
 from ..errors import InputError
 from ..geometry import Collider
-from ..geometry.colliders import collider_states
+from ..geometry.colliders import collider_states, colliders_entry, restore_colliders
 from .emitters import Emitter, Sink, check_all
-
-if TYPE_CHECKING:
-    from typing_extensions import Self
 
 Array = NDArray[np.float64]
 
 ON_ESCAPE = ("raise", "remove", "clamp")
 
 
-class Particles(Simulation):
+class Particles(Points):
     """Particles whose arrays are copies in the order of their ids; a subclass makes `_native`.
 
     `_native` has the methods of `Simulation`'s, `state`, `ids`, `positions`, `velocities`,
-    `remove`, `absorb`, `set_positions`, `set_velocities` and `set_forces`.
+    `forces`, `remove`, `absorb`, `set_positions`, `set_velocities` and `set_forces`.
     """
 
     colliders: tuple[Collider, ...]
     emitters: tuple[Emitter, ...]
     sinks: tuple[Sink, ...]
-    _dimension: int
+    _gravity: Array
     _emitter_spacing: float
     _layers: NDArray[np.int64]
     _absorbed: NDArray[np.int64]
-
-    def _make(self) -> Any:
-        """A native simulation without particles."""
-        raise NotImplementedError
 
     def _set_flow(self, emitters: Any, sinks: Any, kinds: int, spacing: float, what: str) -> None:
         """Emitters of one of so many kinds of particles, and sinks."""
@@ -60,21 +54,35 @@ class Particles(Simulation):
 
     @property
     def ids(self) -> NDArray[np.int64]:
-        """Numbers of the particles, ascending, shape (n,): the order of all arrays; a copy."""
-        ids: NDArray[np.int64] = self._native.ids()
+        """Numbers of the particles, ascending, shape (n,): the order of all arrays; read-only."""
+        ids: NDArray[np.int64] = read_only(self._native.ids())
         return ids
 
     @property
     def positions(self) -> Array:
-        """Positions [m], shape (n, 3) or (n, 2), in the order of `ids`; a copy."""
-        rows: Array = self._native.positions()
+        """Positions [m], shape (n, 3) or (n, 2), in the order of `ids`; read-only."""
+        rows: Array = read_only(self._native.positions())
         return rows
 
     @property
     def velocities(self) -> Array:
-        """Velocities [m/s], shape of positions, in the order of `ids`; a copy."""
-        rows: Array = self._native.velocities()
+        """Velocities [m/s], shape of positions, in the order of `ids`; read-only."""
+        rows: Array = read_only(self._native.velocities())
         return rows
+
+    @property
+    def forces(self) -> Array:
+        """External forces of the next step [N], shape of positions; read-only."""
+        return read_only(self._forces())
+
+    def _forces(self) -> Array:
+        """In the order of the ids, a copy."""
+        raise NotImplementedError
+
+    @property
+    def gravity(self) -> Array:
+        """Acceleration [m/s^2], shape (3,) or (2,), read-only."""
+        return self._gravity
 
     def remove(self, ids: ArrayLike) -> None:
         """Take out particles.
@@ -92,89 +100,16 @@ class Particles(Simulation):
         with self._own():
             self._native.remove(self._places(ids))
 
-    def set_positions(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
-        """Move particles.
-
-        Parameters
-        ----------
-        values : array_like, shape (m, 3) or (m, 2)
-            Their positions [m].
-        ids : array_like of int, shape (m,), optional
-            Which; all unless given.
-
-        Raises
-        ------
-        InputError, IndexError
-            If an argument is wrong; nothing is changed then.
-        """
-        self._set("set_positions", values, ids)
-
-    def set_velocities(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
-        """Give particles velocities.
-
-        Parameters
-        ----------
-        values : array_like, shape (m, 3) or (m, 2)
-            Their velocities [m/s].
-        ids : array_like of int, shape (m,), optional
-            Which; all unless given.
-
-        Raises
-        ------
-        InputError, IndexError
-            If an argument is wrong; nothing is changed then.
-        """
-        self._set("set_velocities", values, ids)
-
-    def set_forces(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
-        """Push particles during the next step, which uses the forces up.
-
-        Parameters
-        ----------
-        values : array_like, shape (m, 3) or (m, 2)
-            External forces [N].
-        ids : array_like of int, shape (m,), optional
-            On which; on all unless given.
-
-        Raises
-        ------
-        InputError, IndexError
-            If an argument is wrong; nothing is changed then.
-        """
-        self._set("set_forces", values, ids)
-
-    def _set(self, method: str, values: ArrayLike, ids: ArrayLike | None) -> None:
-        with self._own():
-            places = np.arange(len(self)) if ids is None else self._places(ids)
-            rows = check_array("values", values, (len(places), self._dimension))
-            getattr(self._native, method)(rows, places)
-
-    def _places(self, ids: ArrayLike) -> NDArray[np.int64]:
-        """Places of particles in the order of all arrays."""
-        wanted = np.asarray(ids)
-        if wanted.size == 0:
-            wanted = wanted.astype(np.int64)
-        if wanted.ndim != 1 or wanted.dtype.kind not in "iu":
-            raise InputError("ids: expected integers, shape (m,)")
-        own = self.ids
-        places = np.searchsorted(own, wanted.astype(np.int64))
-        wrong = places >= len(own)
-        wrong[~wrong] = own[places[~wrong]] != wanted[~wrong]
-        if wrong.any():
-            k = int(np.argmax(wrong))
-            raise IndexError(f"ids[{k}]: there is no particle {wanted[k]}")
-        return places.astype(np.int64)
-
     @property
     def emitted(self) -> NDArray[np.int64]:
-        """Particles that each emitter has let out, shape (emitters,); a copy."""
+        """Particles that each emitter has let out, shape (emitters,); read-only."""
         points = [len(emitter._layer(self._emitter_spacing)[0]) for emitter in self.emitters]
-        return self._layers * np.array(points, np.int64)
+        return read_only(self._layers * np.array(points, np.int64))
 
     @property
     def absorbed(self) -> NDArray[np.int64]:
-        """Particles that each sink has swallowed, shape (sinks,); a copy."""
-        return self._absorbed.copy()
+        """Particles that each sink has swallowed, shape (sinks,); read-only."""
+        return read_only(self._absorbed.copy())
 
     def _put_in(self, x: Array, v: Array, kind: NDArray[np.int32]) -> None:
         """Particles that come out of an emitter."""
@@ -190,14 +125,15 @@ class Particles(Simulation):
         for k, sink in enumerate(self.sinks):
             self._absorbed[k] += self._native.absorb(sink.shape._native)
 
-    def state(self) -> dict[str, Any]:
-        """Copy the whole state, that of the colliders too.
+    def _flow_schema(self) -> list[Entry]:
+        """What every state of particles holds beside the native one."""
+        return [
+            colliders_entry(self.colliders),
+            Rows("layers", np.int64, (len(self.emitters),), low=0),
+            Rows("absorbed", np.int64, (len(self.sinks),), low=0),
+        ]
 
-        Returns
-        -------
-        dict
-            For `restore`; the particles are in the order of storage, of which bits depend.
-        """
+    def _state(self) -> dict[str, Any]:
         state: dict[str, Any] = self._native.state()
         return state | {
             "colliders": collider_states(self.colliders),
@@ -205,55 +141,18 @@ class Particles(Simulation):
             "absorbed": self._absorbed.copy(),
         }
 
-    def _check_flow_state(self, state: dict[str, Any]) -> tuple[Array, Any, Any]:
-        moving = check_array(
-            "state['colliders']",
-            state["colliders"],
-            (len(self.colliders), 21) if self.colliders else (0, 0),
-        )
-        counts = []
-        for name, m in (("layers", len(self.emitters)), ("absorbed", len(self.sinks))):
-            counts.append(np.array(state[name]))
-            if counts[-1].shape != (m,) or counts[-1].dtype != np.int64:
-                raise InputError(f"state[{name!r}]: expected int64 numbers of shape ({m},)")
-            if (counts[-1] < 0).any():
-                raise InputError(f"state[{name!r}]: expected numbers of at least 0")
-        return moving, counts[0], counts[1]
+    def _put_state(self, state: dict[str, Any]) -> None:
+        self._restore_native(state)
+        self._layers[:], self._absorbed[:] = state["layers"], state["absorbed"]
+        restore_colliders(self.colliders, state["colliders"])
 
-    def _restore_flow(self, checked: tuple[Array, Any, Any]) -> None:
-        moving, self._layers, self._absorbed = checked
-        for collider, values in zip(self.colliders, moving, strict=True):
-            collider._native.state = values.tolist()
+    def _restore_native(self, state: dict[str, Any]) -> None:
+        """Take over the native part of a state."""
+        raise NotImplementedError
 
-    def copy(self) -> Self:
-        """Copy exactly, with copies of the colliders.
-
-        Returns
-        -------
-        Particles
-            A simulation of the same class that takes the same steps.
-        """
-        other = object.__new__(type(self))
-        made, state = self.__getstate__()
-        made["colliders"] = tuple(collider.copy() for collider in self.colliders)
-        other.__setstate__((made, state))
-        return other
-
-    def __getstate__(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        with self._own():
-            made = {k: v for k, v in self.__dict__.items() if k not in ("_native", "_busy")}
-            return {**made, "_threads": self.threads}, self.state()
-
-    def __setstate__(self, given: tuple[dict[str, Any], dict[str, Any]]) -> None:
-        made, state = given
-        self.__dict__.update({k: v for k, v in made.items() if k != "_threads"})
-        Simulation.__init__(self, self._make(), state["time"], made["_threads"])
-        self.restore(state)
-
-    __copy__ = copy
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        return self.copy()
+    def _parts(self) -> dict[str, Any]:
+        own = {"_layers": self._layers.copy(), "_absorbed": self._absorbed.copy()}
+        return super()._parts() | own
 
 
 def check_dtype(dtype: DTypeLike) -> np.dtype[Any]:

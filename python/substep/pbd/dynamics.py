@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,21 +20,44 @@ from ..base.checks import (
     check_positive,
     check_real,
 )
-from ..base.simulation import Simulation
+from ..base.rows import Points, read_only
+from ..base.schema import OWN, TIME, Entry, Rows
+from ..base.simulation import Simulation, StepReport
 from ..errors import InputError
 from ..geometry import Collider
-from ..geometry.colliders import check_colliders, collider_states
+from ..geometry.colliders import (
+    check_colliders,
+    collider_states,
+    colliders_entry,
+    restore_colliders,
+)
 from .constraints import (
     Distance,
 )
 from .group import Array, Constraint
 from .multilevel import use_multilevel
 
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
 SOLVERS = ("gauss_seidel", "jacobi", "multilevel")
 DTYPES = {"float32": "32", "float64": "64"}
 
 
-class PositionBasedDynamics(Simulation):
+@dataclass
+class ConstraintReport(StepReport):
+    """What the last call of `step` or `advance` took and met.
+
+    Attributes
+    ----------
+    skipped : int
+        Projections of the last step that had no gradient.
+    """
+
+    skipped: int = 0
+
+
+class PositionBasedDynamics(Points):
     """Particles with masses that constraints hold together.
 
     Each step is cut into substeps. In each the particles move freely, the constraints are projected
@@ -106,6 +131,16 @@ class PositionBasedDynamics(Simulation):
     1.0
     """
 
+    dtype: str
+    constraints: tuple[Constraint, ...]
+    substeps: int
+    iterations: int
+    solver: str
+    relaxation: float
+    damping: float
+    margin: float
+    _fixed_step = False  # two equal steps at the end, see `_sizes`
+
     def __init__(
         self,
         positions: ArrayLike,
@@ -131,16 +166,14 @@ class PositionBasedDynamics(Simulation):
         self.dtype = _check_dtype(dtype)
         shape = check_array("positions", positions).shape
         columns = 2 if len(shape) == 2 and shape[1] == 2 else 3
-        self.dimension = columns
+        self._dimension = columns
         x = self._rows("positions", positions)
         n = len(x)
-        self._masses = check_positive("masses", masses, n)
-        self._masses.flags.writeable = False
+        self._masses = read_only(check_positive("masses", masses, n))
         v = np.zeros((n, 3)) if velocities is None else self._rows("velocities", velocities, n)
         down = (0.0, -9.81) if columns == 2 else (0.0, 0.0, -9.81)
         pull = check_array("gravity", down if gravity is None else gravity, (columns,))
-        self.gravity: Array = np.append(pull, np.zeros(3 - columns))
-        self.gravity.flags.writeable = False
+        self._gravity = read_only(pull.copy())
         self.constraints = tuple(constraints)
         for k, constraint in enumerate(self.constraints):
             if not isinstance(constraint, Constraint):
@@ -153,52 +186,67 @@ class PositionBasedDynamics(Simulation):
         if self.relaxation >= 2:
             raise InputError(f"relaxation: expected a number below 2, got {self.relaxation}")
         self.damping = check_real("damping", damping, nonnegative=True)
-        self.step_size = check_real("step", step, positive=True)
-        suffix = DTYPES[self.dtype]
-        groups = [constraint._groups(x, suffix) for constraint in self.constraints]
-        ends = np.cumsum([len(own) for own in groups]).tolist()
-        self._group_ranges = [range(end - len(g), end) for end, g in zip(ends, groups, strict=True)]
-        native = getattr(_core, f"PositionBasedDynamics{suffix}")(
-            x,
-            v,
-            self._masses,
-            check_pinned(pinned, n),
-            [group for own in groups for group in own],
-            substeps=self.substeps,
-            iterations=self.iterations,
-            solver=self.solver,
-            relaxation=self.relaxation,
-            gravity=self.gravity.tolist(),
-            damping=self.damping,
-            colliders=[collider._native for collider in self.colliders],
-            margin=check_real("margin", margin, positive=True),
-            dimension=columns,
-        )
+        self.margin = check_real("margin", margin, positive=True)
+        self._step_size = check_real("step", step, positive=True)
+        if rest_positions is not None and self.solver != "multilevel":
+            raise InputError("rest_positions: only the solver 'multilevel' has a use for them")
+        self._start = read_only(x.copy())  # constraints take from it what they were not given
+        self._rest: Array | None = None
+        if rest_positions is not None:
+            self._rest = read_only(self._rows("rest_positions", rest_positions, n).copy())
         self._rest_lengths = {
             k: constraint._parameters(x)[:, 0]
             for k, constraint in enumerate(self.constraints)
             if isinstance(constraint, Distance)
         }
-        if rest_positions is not None and self.solver != "multilevel":
-            raise InputError("rest_positions: only the solver 'multilevel' has a use for them")
-        if self.solver == "multilevel":
-            rest = x if rest_positions is None else self._rows("rest_positions", rest_positions, n)
-            use_multilevel(native, self.constraints, x, rest)
+        native = self._make({"velocities": v, "pinned": check_pinned(pinned, n)})
         super().__init__(native, time, threads)
+
+    def _make(self, state: Mapping[str, Any]) -> Any:
+        x, suffix = self._start, DTYPES[self.dtype]
+        groups = [constraint._groups(x, suffix) for constraint in self.constraints]
+        ends = np.cumsum([len(own) for own in groups]).tolist()
+        self._group_ranges = [range(end - len(g), end) for end, g in zip(ends, groups, strict=True)]
+        native = getattr(_core, f"PositionBasedDynamics{suffix}")(
+            x,
+            np.asarray(state["velocities"], np.float64),
+            self._masses,
+            state["pinned"],
+            [group for own in groups for group in own],
+            substeps=self.substeps,
+            iterations=self.iterations,
+            solver=self.solver,
+            relaxation=self.relaxation,
+            gravity=[*self._gravity, 0.0][:3],
+            damping=self.damping,
+            colliders=[collider._native for collider in self.colliders],
+            margin=self.margin,
+            dimension=self._dimension,
+        )
+        if self.solver == "multilevel":
+            use_multilevel(native, self.constraints, x, x if self._rest is None else self._rest)
+        return native
 
     def _rows(self, name: str, values: ArrayLike, count: int | None = None) -> Array:
         """Vectors with three columns."""
-        array = check_array(name, values, (count, self.dimension))
+        array = check_array(name, values, (count, self._dimension))
         largest = float(np.finfo(self.dtype).max)
         wrong = np.abs(array) > largest
         if wrong.any():
             raise InputError(f"{name}: {array[wrong][0]} is beyond {self.dtype}")
-        if self.dimension == 2:
+        if self._dimension == 2:
             return np.concatenate([array, np.zeros((len(array), 1))], axis=1)
         return array
 
-    def _next_step(self) -> float:
-        return self.step_size
+    @property
+    def dimension(self) -> int:
+        """2 or 3."""
+        return self._dimension
+
+    @property
+    def gravity(self) -> Array:
+        """Acceleration [m/s^2], shape (3,) or (2,), read-only."""
+        return self._gravity
 
     def __len__(self) -> int:
         return len(self._masses)
@@ -210,28 +258,28 @@ class PositionBasedDynamics(Simulation):
 
     @property
     def positions(self) -> Array:
-        """Positions [m], one row per particle: a copy; see `set_positions`."""
+        """Positions [m], one row per particle: read-only; see `set_positions`."""
         return self._columns(self._native.positions)
 
     @property
     def velocities(self) -> Array:
-        """Velocities [m/s], one row per particle: a copy; see `set_velocities`."""
+        """Velocities [m/s], one row per particle: read-only; see `set_velocities`."""
         return self._columns(self._native.velocities)
 
     @property
     def forces(self) -> Array:
-        """External forces of the next step [N], one row per particle: a copy; see `set_forces`."""
+        """External forces of the next step [N], one row each: read-only; see `set_forces`."""
         return self._columns(self._native.forces)
 
     @property
     def targets(self) -> Array:
-        """Where pinned particles go in the next step [m]: a copy; see `set_targets`."""
+        """Where pinned particles go in the next step [m]: read-only; see `set_targets`."""
         return self._columns(self._native.targets)
 
     @property
     def pinned(self) -> NDArray[np.bool_]:
-        """Which particles are pinned, shape (n,): a copy; assign indices or flags to change it."""
-        flags: NDArray[np.bool_] = self._native.pinned.astype(bool)
+        """Which particles are pinned, shape (n,): read-only; assign indices or flags."""
+        flags: NDArray[np.bool_] = read_only(self._native.pinned.astype(bool))
         return flags
 
     @pinned.setter
@@ -240,83 +288,19 @@ class PositionBasedDynamics(Simulation):
             self._native.pinned = check_pinned(pinned, len(self))
 
     def _columns(self, rows: Any) -> Array:
-        return np.ascontiguousarray(rows[:, : self.dimension])
+        columns: Array = read_only(np.array(rows[:, : self._dimension], order="C"))
+        return columns
 
-    def _some(
-        self, name: str, values: ArrayLike, ids: ArrayLike | None
-    ) -> tuple[NDArray[np.int64], Array]:
-        """Particles and a row for each."""
-        if ids is None:
-            return np.arange(len(self)), self._rows(name, values, len(self))
-        array = np.asarray(ids)
-        if array.ndim != 1 or (array.size and array.dtype.kind not in "iu"):
-            raise InputError("ids: expected a list of indices")
-        wrong = (array < 0) | (array >= len(self))
-        if wrong.any():
-            k = int(np.argmax(wrong))
-            raise InputError(
-                f"ids[{k}]: expected an index from 0 to {len(self) - 1}, got {array[k]}"
-            )
-        return np.ascontiguousarray(array, np.int64), self._rows(name, values, len(array))
+    def _vectors(self, name: str, values: ArrayLike, count: int) -> Array:
+        return self._rows(name, values, count)
 
-    def set_positions(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
-        """Put particles somewhere; their velocities stay.
-
-        Parameters
-        ----------
-        values : array_like, one row per particle
-            Positions [m].
-        ids : array_like of int, optional
-            Which particles; all unless given.
-
-        Raises
-        ------
-        InputError
-            If an argument is wrong; nothing is changed then.
-        """
-        which, rows = self._some("values", values, ids)
-        with self._own():
-            self._native.set_positions(which, rows)
-
-    def set_velocities(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
-        """Give particles a velocity.
-
-        Parameters
-        ----------
-        values : array_like, one row per particle
-            Velocities [m/s].
-        ids : array_like of int, optional
-            Which particles; all unless given.
-
-        Raises
-        ------
-        InputError
-            If an argument is wrong; nothing is changed then.
-        """
-        which, rows = self._some("values", values, ids)
-        with self._own():
-            self._native.set_velocities(which, rows)
-
-    def set_forces(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
-        """Set external forces of the next step; after it they are 0 again.
-
-        Parameters
-        ----------
-        values : array_like, one row per particle
-            Forces [N].
-        ids : array_like of int, optional
-            Which particles; all unless given.
-
-        Raises
-        ------
-        InputError
-            If an argument is wrong; nothing is changed then.
-        """
-        which, rows = self._some("values", values, ids)
-        with self._own():
-            forces = self._native.forces
-            forces[which] = rows
-            self._native.forces = forces
+    def _write(self, name: str, values: Array, rows: NDArray[np.int64]) -> None:
+        if name in ("forces", "targets"):
+            array = getattr(self._native, name)
+            array[rows] = values
+            setattr(self._native, name, array)
+        else:
+            getattr(self._native, f"set_{name}")(rows, values)
 
     def set_targets(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
         """Say where pinned particles go in the next step: in a straight line at constant speed.
@@ -330,14 +314,10 @@ class PositionBasedDynamics(Simulation):
 
         Raises
         ------
-        InputError
+        InputError, IndexError
             If an argument is wrong; nothing is changed then.
         """
-        which, rows = self._some("values", values, ids)
-        with self._own():
-            targets = self._native.targets
-            targets[which] = rows
-            self._native.targets = targets
+        self._set("targets", values, ids)
 
     def step_limit(self) -> tuple[float, str]:
         """Largest stable step, and why.
@@ -418,7 +398,7 @@ class PositionBasedDynamics(Simulation):
         velocities = self._native.velocities
         momentum = self._masses @ velocities
         speeds = np.linalg.norm(velocities, axis=1)
-        heights = self._native.positions @ self.gravity
+        heights = self._native.positions @ [*self._gravity, 0.0][:3]
         strain, residual = self._strains()
         return {
             "kinetic_energy": 0.5 * float(self._masses @ speeds**2),
@@ -455,14 +435,37 @@ class PositionBasedDynamics(Simulation):
         """
         return {"position": (self.positions, "m"), "velocity": (self.velocities, "m/s")}
 
-    def state(self) -> dict[str, Any]:
-        """Copy the whole state, that of the colliders too.
+    @property
+    def report(self) -> ConstraintReport:
+        """What the last call of `step` or `advance` took and met."""
+        done = self._last
+        sweeps = self.substeps * self.iterations if done.dt > 0 else 0
+        skipped = int(self._native.skipped)
+        return ConstraintReport(done.steps, done.dt, sweeps, True, skipped=skipped)
 
-        Returns
-        -------
-        dict
-            For `restore`; positions in it are relative to an origin.
-        """
+    def _schema(self) -> tuple[list[Entry], dict[str, int], Any]:
+        entries: list[Entry] = [
+            TIME,
+            Rows("origin", np.float64, (3,)),
+            Rows("positions", OWN, ("n", 3)),
+            Rows("velocities", OWN, ("n", 3)),
+            Rows("forces", np.float64, ("n", 3)),
+            Rows("targets", OWN, ("n", 3), optional=True),
+            Rows("pinned", np.uint8, ("n",), high=1),
+            Rows("groups", np.float64, (None,)),
+            Rows("group_sizes", np.int64, (self._native.groups,), low=0),
+            colliders_entry(self.colliders),
+        ]
+        return entries, {"n": len(self)}, np.dtype(self.dtype)
+
+    def _fit(self, state: dict[str, Any]) -> None:
+        if not np.array_equal(state["origin"], self._native.origin):
+            raise InputError("state['origin']: of a simulation with other initial positions")
+        sizes = [len(self._native.group_state(k)) for k in range(self._native.groups)]
+        if state["group_sizes"].tolist() != sizes or len(state["groups"]) != sum(sizes):
+            raise InputError("state['groups']: of a simulation with other constraints")
+
+    def _state(self) -> dict[str, Any]:
         native = self._native
         x, v, targets = native.raw()
         groups = [native.group_state(k) for k in range(native.groups)]
@@ -479,49 +482,18 @@ class PositionBasedDynamics(Simulation):
             "colliders": collider_states(self.colliders),
         }
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go back to a state, bit for bit.
+    def _put_state(self, state: dict[str, Any]) -> None:
+        native = self._native
+        native.time = state["time"]
+        native.pinned = state["pinned"]
+        native.set_raw(state["positions"], state["velocities"], state["targets"])
+        native.forces = state["forces"]
+        groups = np.split(state["groups"], np.cumsum(state["group_sizes"])[:-1])
+        for k in range(native.groups):
+            native.set_group_state(k, groups[k])
+        restore_colliders(self.colliders, state["colliders"])
 
-        Parameters
-        ----------
-        state : dict
-            From `state()` of an object made in the same way.
-
-        Raises
-        ------
-        InputError
-            If it is not such a state; nothing is changed then.
-        """
-        own = self.state()
-        missing = set(own) - set(state)
-        if missing:
-            raise InputError(f"state: {', '.join(sorted(missing))} missing")
-        time = check_real("state['time']", state["time"])
-        arrays = {}
-        for name in set(own) - {"time"}:
-            shape = own[name].shape
-            if name == "groups":
-                shape = (int(np.sum(state["group_sizes"])),)
-            elif name == "targets" and len(state[name]) in (0, len(self)):
-                shape = (len(state[name]), 3)
-            arrays[name] = check_array(
-                f"state[{name!r}]", state[name], shape, dtype=own[name].dtype
-            )
-        if not np.array_equal(arrays["origin"], own["origin"]):
-            raise InputError("state['origin']: of a simulation with other initial positions")
-        groups = np.split(arrays["groups"], np.cumsum(arrays["group_sizes"])[:-1])
-        with self._own():
-            native = self._native
-            native.time = time
-            native.pinned = arrays["pinned"]
-            native.set_raw(arrays["positions"], arrays["velocities"], arrays["targets"])
-            native.forces = arrays["forces"]
-            for k in range(native.groups):
-                native.set_group_state(k, groups[k])
-            for collider, values in zip(self.colliders, arrays["colliders"], strict=True):
-                collider._native.state = values.tolist()
-
-    def copy(self) -> PositionBasedDynamics:
+    def copy(self) -> Self:
         """Copy exactly, colliders too.
 
         Returns
@@ -531,16 +503,12 @@ class PositionBasedDynamics(Simulation):
         """
         other = object.__new__(type(self))
         with self._own():
-            other.__dict__.update(self.__dict__)
-            other.colliders = tuple(collider.copy() for collider in self.colliders)
+            other.__dict__.update(self._parts())
+            other.__dict__["colliders"] = tuple(collider.copy() for collider in self.colliders)
             native = self._native.copy([collider._native for collider in other.colliders])
             Simulation.__init__(other, native, self.time, self.threads)
+            other._last = dataclasses.replace(self._last)
         return other
-
-    __copy__ = copy
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> PositionBasedDynamics:
-        return self.copy()
 
 
 def _check_dtype(dtype: Any) -> str:

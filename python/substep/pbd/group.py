@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
+from ..base.attributes import Frozen
 from ..base.checks import check_array, check_real, describe, first_bad_index
 from ..errors import InputError
 
@@ -62,7 +63,7 @@ class Formula:
     damping: Array
 
 
-class Constraint:
+class Constraint(Frozen):
     """A group of constraints of one kind.
 
     A subclass that is one of the compiled kinds sets `_kind` and calls `_set_up`; its

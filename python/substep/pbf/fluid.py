@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,9 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from .. import _core
 from ..base.checks import check_array, check_choice, check_integer, check_positive, check_real
+from ..base.rows import read_only
+from ..base.schema import OWN, TIME, Entry, Number, Rows
+from ..base.simulation import StepReport
 from ..errors import InputError
 from ..geometry import Collider
 from ..geometry.colliders import check_colliders
@@ -21,19 +25,33 @@ Array = NDArray[np.float64]
 
 KERNELS = ("cubic_spline", "poly6_spiky")
 _LARGEST_STEP = 1 / 60  # [s], where nothing moves
-_STATE = (
-    "time",
-    "last_dt",
-    "next_id",
-    "positions",
-    "velocities",
-    "forces",
-    "ids",
-    "fluids",
-    "colliders",
-    "layers",
-    "absorbed",
-)
+
+
+@dataclass
+class FluidReport(StepReport):
+    """What the last call of `step` or `advance` took and met.
+
+    Attributes
+    ----------
+    mean_error, max_error : float
+        Of the density, relative, as measured before the last correction of the last step.
+    limited : int
+        Corrections of the last step that were cut to a quarter of the kernel's radius.
+    removed, clamped : int
+        Particles that left the bounds in it.
+    viscosity_iterations : int
+        Of conjugate gradients, in the last step.
+    viscosity_converged : bool
+        Whether they met their tolerance.
+    """
+
+    mean_error: float = 0.0
+    max_error: float = 0.0
+    limited: int = 0
+    removed: int = 0
+    clamped: int = 0
+    viscosity_iterations: int = 0
+    viscosity_converged: bool = True
 
 
 class PositionBasedFluid(Particles):
@@ -141,6 +159,12 @@ class PositionBasedFluid(Particles):
     True
     """
 
+    spacing: float
+    density: Array
+    support: float
+    cfl: float
+    dtype: np.dtype[Any]
+
     def __init__(
         self,
         positions: ArrayLike,
@@ -179,23 +203,24 @@ class PositionBasedFluid(Particles):
         d = 2 if x.ndim == 2 and x.shape[1] == 2 else 3
         x = check_array("positions", x, (None, d))
         self.spacing = check_real("spacing", spacing, positive=True)
-        self.density = check_positive("density", np.atleast_1d(density), np.size(density))
+        fluids = np.atleast_1d(density)
+        self.density = read_only(check_positive("density", fluids, np.size(density)))
         self.colliders = check_colliders(colliders, d)
-        self.gravity = check_array(
-            "gravity", [0.0, 0.0, -9.81][3 - d :] if gravity is None else gravity, (d,)
-        ).copy()
+        down = [0.0, 0.0, -9.81][3 - d :]
+        pull = check_array("gravity", down if gravity is None else gravity, (d,)).copy()
+        self._gravity = read_only(pull)
         self.support = check_real("support", support)
         if not 1.2 <= self.support <= 4:
             raise InputError(f"support: expected a number from 1.2 to 4, got {self.support}")
         self.cfl = check_real("cfl", cfl, positive=True)
-        self.step_size = None if step is None else check_real("step", step, positive=True)
+        self._step_size = None if step is None else check_real("step", step, positive=True)
         self._options = {
             "dimension": d,
             "spacing": self.spacing,
             "support": self.support,
             "kernel": check_choice("kernel", kernel, KERNELS),
             "masses": (self.density * self.spacing**d).tolist(),
-            "gravity": [*self.gravity, 0.0][:3],
+            "gravity": [*self._gravity, 0.0][:3],
             "tolerance": check_real("tolerance", tolerance, nonnegative=True),
             "max_tolerance": check_real("max_tolerance", max_tolerance, nonnegative=True),
             "min_iterations": check_integer("min_iterations", min_iterations, minimum=0),
@@ -223,10 +248,10 @@ class PositionBasedFluid(Particles):
             away = np.abs(emitter.position - self._origin[:d]).max()
             if not away <= 2.0**22 * self.support * self.spacing:
                 raise InputError(f"emitters[{k}]: too far from the first particle for float32")
-        super().__init__(self._make(), time, threads)
+        super().__init__(self._make({}), time, threads)
         self.add(x, velocities=velocities, fluid=fluid)
 
-    def _make(self) -> Any:
+    def _make(self, state: Mapping[str, Any]) -> Any:
         native = {
             "float32": _core.PositionBasedFluid32,
             "float64": _core.PositionBasedFluid64,
@@ -235,31 +260,30 @@ class PositionBasedFluid(Particles):
 
     @property
     def fluid(self) -> NDArray[np.int32]:
-        """Which of the fluids each particle is, shape (n,); a copy."""
-        fluids: NDArray[np.int32] = self._native.fluids()
+        """Which of the fluids each particle is, shape (n,); read-only."""
+        fluids: NDArray[np.int32] = read_only(self._native.fluids())
         return fluids
 
     @property
     def masses(self) -> Array:
-        """Masses [kg] (in 2D of a layer of 1 m), shape (n,); a copy."""
-        masses: Array = np.array(self._options["masses"])[self.fluid]
+        """Masses [kg] (in 2D of a layer of 1 m), shape (n,); read-only."""
+        masses: Array = read_only(np.array(self._options["masses"])[self.fluid])
         return masses
 
     @property
     def densities(self) -> Array:
         """Densities where the particles are, walls included, over the rest density, shape (n,)."""
-        values: Array = self._native.densities()
+        values: Array = read_only(self._native.densities())
         return values
 
     @property
-    def report(self) -> Any:
-        """What the last step took.
-
-        `iterations`, `converged`, `mean_error` and `max_error` of the density (relative, as
-        measured before the last correction), `limited` (corrections cut to a quarter of the
-        kernel's radius), `removed` and `clamped` (particles that left the bounds).
-        """
-        return self._native.report
+    def report(self) -> FluidReport:
+        """What the last call of `step` or `advance` took and met."""
+        native = self._native.report
+        names = [field.name for field in fields(FluidReport)[2:]]
+        return FluidReport(
+            self._last.steps, self._last.dt, **{name: getattr(native, name) for name in names}
+        )
 
     def add(
         self, positions: ArrayLike, *, velocities: ArrayLike | None = None, fluid: Any = None
@@ -302,7 +326,7 @@ class PositionBasedFluid(Particles):
         self._flow()
 
     def _next_step(self) -> float:
-        return self.step_limit()[0] if self.step_size is None else self.step_size
+        return self.step_limit()[0] if self._step_size is None else self._step_size
 
     def step_limit(self) -> tuple[float, str]:
         """Largest step that the CFL condition allows now, and why.
@@ -375,43 +399,30 @@ class PositionBasedFluid(Particles):
             "fluid": (self.fluid, "1"),
         }
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go back to a state, bit for bit.
+    def _schema(self) -> tuple[list[Entry], dict[str, int], Any]:
+        kinds = len(self.density) - 1
+        entries: list[Entry] = [
+            TIME,
+            Number("last_dt", low=0),
+            Number("next_id", int, low=0),
+            Rows("ids", np.int64, ("n",), low=0, below="next_id", distinct=True),
+            Rows("positions", OWN, ("n", 4)),
+            Rows("velocities", OWN, ("n", 4)),
+            Rows("forces", OWN, ("n", 4), optional=True),
+            Rows("fluids", np.int32, ("n",), low=0, high=kinds),
+        ]
+        return [*entries, *self._flow_schema()], {}, self.dtype
 
-        Parameters
-        ----------
-        state : dict
-            From `state()` of an object made in the same way.
+    def _restore_native(self, state: dict[str, Any]) -> None:
+        names = ("time", "last_dt", "next_id", "positions", "velocities", "forces", "ids", "fluids")
+        self._native.restore(*(state[name] for name in names))
 
-        Raises
-        ------
-        InputError
-            If it is not such a state; nothing is changed then.
-        """
-        missing = set(_STATE) - set(state)
-        if missing:
-            raise InputError(f"state: {', '.join(sorted(missing))} missing")
-        time = check_real("state['time']", state["time"])
-        last_dt = check_real("state['last_dt']", state["last_dt"], nonnegative=True)
-        next_id = check_integer("state['next_id']", state["next_id"], minimum=0)
-        ids = np.asarray(state["ids"])
-        n = ids.size
-        if ids.shape != (n,) or ids.dtype != np.int64 or len(np.unique(ids)) != n:
-            raise InputError("state['ids']: expected different int64 numbers")
-        if n and not (ids.min() >= 0 and ids.max() < next_id):
-            raise InputError("state['ids']: expected numbers from 0 to below next_id")
-        rows = {}
-        for name in ("positions", "velocities", "forces"):
-            rows[name] = np.asarray(state[name])
-            if rows[name].dtype != self.dtype:
-                raise InputError(f"state[{name!r}]: expected dtype {self.dtype}")
-            shape = (0 if name == "forces" and len(rows[name]) == 0 else n, 4)
-            rows[name] = check_array(f"state[{name!r}]", rows[name], shape, dtype=self.dtype)
-        fluids = check_kinds("fluid", state["fluids"], n, len(self.density))
-        flow = self._check_flow_state(state)
-        with self._own():
-            self._native.restore(time, last_dt, next_id, *rows.values(), ids, fluids)
-            self._restore_flow(flow)
+    def _forces(self) -> Array:
+        state = self._native.state()
+        rows = np.zeros((len(self), self._dimension))
+        if len(state["forces"]):
+            rows[:] = state["forces"][np.argsort(state["ids"]), : self._dimension]
+        return rows
 
 
 def _check_viscosity(viscosity: Any, fluids: int) -> list[float]:

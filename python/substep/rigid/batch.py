@@ -4,19 +4,26 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.checks import check_choice, check_integer, check_real, describe
+from ..base.rows import read_only
+from ..base.schema import TIME, Entry, Texts
+from ..base.simulation import Simulation, whole_steps
 from ..errors import InputError, NonFiniteError
 from .batch_rows import BatchRows
-from .batch_state import check_head, join_states, state_of_world
+from .batch_state import join_states, joined_entries, state_of_world
 from .bodies import RigidBodies
 from .rows import BodyRows
+from .state import SCHEMA
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
@@ -78,6 +85,9 @@ class RigidBatch(BatchRows):
     (True, True)
     """
 
+    _step_size: float
+    _fixed_step = True
+
     def __init__(
         self,
         template: RigidBodies | Sequence[RigidBodies],
@@ -103,11 +113,12 @@ class RigidBatch(BatchRows):
                 _check_bodies(f"template[{k}]", one)
                 copies.setdefault(id(one), one.copy())
             self._made = [copies[id(one)] for one in template]
-        self.step_size = self._made[0].step_size if self._made else 1 / 60
-        if any(one.step_size != self.step_size for one in self._made):
+        self._step_size = self._made[0]._step_size if self._made else 1 / 60
+        if any(one._step_size != self._step_size for one in self._made):
             raise InputError("template: expected one step for all worlds")
         super().__init__(_core.RigidBatch([one._native for one in self._made]), 0.0, threads)
-        self._native.mask = check_choice("on_fail", on_fail, ("raise", "mask")) == "mask"
+        self._mask = check_choice("on_fail", on_fail, ("raise", "mask")) == "mask"
+        self._native.mask = self._mask
         self._frames = self._gather_frames()
         if positions is not None or rotations is not None:
             self.set_poses(positions, rotations)
@@ -115,9 +126,6 @@ class RigidBatch(BatchRows):
             self.set_velocities(velocities, angular_velocities)
         self._first = list(self._made)
         self._native.keep_initial()
-
-    def _next_step(self) -> float:
-        return self.step_size
 
     def step(self, dt: float | None = None, steps: int = 1, *, hold_forces: bool = False) -> None:
         """Take steps in all worlds that have not failed.
@@ -139,18 +147,29 @@ class RigidBatch(BatchRows):
             With the time, `index` (the world) and `step` (how many steps of this call all worlds
             have done); the message names the body.
         """
-        dt = self.step_size if dt is None else check_real("dt", dt, positive=True)
+        dt = self._step_size if dt is None else check_real("dt", dt, positive=True)
         steps = check_integer("steps", steps, minimum=0, maximum=2**62)
+        self._owner.refuse_callback("step")
         with self._own():
             self._native.step(dt, steps, bool(hold_forces))
+            self._last.steps, self._last.dt = steps, dt
 
-    def advance(self, duration: float, *, hold_forces: bool = False) -> None:
+    def advance(
+        self,
+        duration: float,
+        callback: Callable[[Self], object] | None = None,
+        *,
+        hold_forces: bool = False,
+    ) -> None:
         """Take steps of `step_size` over a duration; the last is shortened to end there.
 
         Parameters
         ----------
         duration : float
             How long [s], at least 0.
+        callback : callable, optional
+            Called with this object after every step. It may read and write everything; it must not
+            step. What it raises ends the run, and passes.
         hold_forces : bool, optional
             As of `step`.
 
@@ -161,25 +180,30 @@ class RigidBatch(BatchRows):
         NonFiniteError
             As `step`.
         """
-        duration = check_real("duration", duration, nonnegative=True)
-        end = self.time + duration
-        if not math.isfinite(end):
-            raise InputError(f"duration: the time {self.time} + {duration} is not finite")
-        ratio = duration / self.step_size
-        whole = abs(ratio - round(ratio)) <= 1e-9 * max(1.0, ratio)
-        count = round(ratio) if whole else math.floor(ratio)
-        with self._own():
-            held, starts = (self._native.forces(), self._native.torques()), self.times
-            self._native.step(self.step_size, count, bool(hold_forces))
-            if not whole:
-                if hold_forces:
-                    everywhere = self._where(None, None)
-                    self._native.set_forces(*everywhere, held[0])
-                    self._native.set_torques(*everywhere, held[1])
-                self._native.step(end - self.time)
-            going = np.array([not reason for reason in self.failures], bool)
-            self._native.times = np.where(going, starts + duration, self.times)
-            self._native.time = end
+        self._hold = bool(hold_forces)
+        super().advance(duration, callback)
+
+    def _run(self, duration: float, end: float, callback: Callable[[Self], object] | None) -> None:
+        hold = self._hold
+        held, starts = (self._native.forces(), self._native.torques()), self.times
+        count, whole = whole_steps(duration, self._step_size)
+        runs = [(self._step_size, count)] if callback is None else [(self._step_size, 1)] * count
+        if not whole:
+            runs.append((end - self.time, 1))
+        for k, (dt, steps) in enumerate(runs):
+            if hold and k > 0:
+                everywhere = self._where(None, None)
+                self._native.set_forces(*everywhere, held[0])
+                self._native.set_torques(*everywhere, held[1])
+            self._native.step(dt, steps, hold)
+            self._last.steps += steps
+            self._last.dt = dt
+            if k + 1 == len(runs):
+                going = np.array([not reason for reason in self.failures], bool)
+                self._native.times = np.where(going, starts + duration, self.times)
+                self._native.time = end
+            if callback is not None:
+                self._call(callback)
 
     def rollout(
         self,
@@ -223,7 +247,7 @@ class RigidBatch(BatchRows):
         steps = check_integer("steps", steps, minimum=0, maximum=2**62)
         if steps % every != 0:
             raise InputError(f"steps: expected a multiple of every ({every}), got {steps}")
-        dt = self.step_size if dt is None else check_real("dt", dt, positive=True)
+        dt = self._step_size if dt is None else check_real("dt", dt, positive=True)
         with self._own():
             n = int(self.counts.max(initial=0))
             frames = np.full((len(self), steps // every, n, 13 if velocities else 7), np.nan)
@@ -354,45 +378,59 @@ class RigidBatch(BatchRows):
             "world": (np.nonzero(present)[0], "1"),
         }
 
-    def state(self) -> dict[str, Any]:
-        """Copy the state of all worlds, for `restore`.
+    @property
+    def gravity(self) -> Array:
+        """Acceleration of each world [m/s^2], shape (w, 3), read-only."""
+        return read_only(np.array([made.gravity for made in self._made]).reshape(-1, 3))
 
-        Returns
-        -------
-        dict
-            Arrays and numbers: those of `RigidBodies.state`, one world after the other.
-        """
-        with self._own():
-            states = [
-                {**made.state(), **self._native.state(w)} for w, made in enumerate(self._made)
-            ]
+    def _schema(self) -> tuple[list[Entry], dict[str, int], Any]:
+        sizes = {"worlds": len(self)}
+        entries: list[Entry] = [TIME, Texts("failures", "worlds")]
+        if len(self):
+            entries += [entry for one in SCHEMA for entry in joined_entries(one)]
+        return entries, sizes, np.float64
+
+    def _state(self) -> dict[str, Any]:
+        states = [{**made.state(), **self._native.state(w)} for w, made in enumerate(self._made)]
         head = {"time": self.time, "failures": json.dumps(self.failures)}
         return {**head, **join_states(states)}
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go back to a state, bit for bit.
+    def _fit(self, state: dict[str, Any]) -> None:
+        copies = []
+        for w, made in enumerate(self._made):
+            copies.append(made.copy())
+            try:
+                copies[-1].restore(state_of_world(state, w))
+            except InputError as error:
+                raise InputError(f"world {w}: {error}") from None
+        state["copies"] = copies
 
-        Parameters
-        ----------
-        state : dict
-            From `state()` of a batch made in the same way.
+    def _put_state(self, state: dict[str, Any]) -> None:
+        self._native.put(np.arange(len(self)), [one._native for one in state["copies"]])
+        self._native.time, self._native.failures = state["time"], state["failures"]
 
-        Raises
-        ------
-        InputError
-            If it is not such a state; nothing is changed then.
-        """
-        with self._own():
-            time, failures = check_head(state, len(self))
-            copies = []
-            for w, made in enumerate(self._made):
-                copies.append(made.copy())
-                try:
-                    copies[-1].restore(state_of_world(state, w, len(self)))
-                except InputError as error:
-                    raise InputError(f"world {w}: {error}") from None
-            self._native.put(np.arange(len(self)), [one._native for one in copies])
-            self._native.time, self._native.failures = time, failures
+    def _parts(self) -> dict[str, Any]:
+        present, made = self._state(), self._made
+        try:  # where `reset` goes back to is known to the native batch alone
+            self._native.reset(np.arange(len(self)))
+            self._made = self._first
+            first = self._state()
+        finally:
+            self._made = made
+            self._put_state(self._checked(present))
+        return super()._parts() | {"_made": list(made), "_first_state": first}
+
+    def __setstate__(self, given: tuple[dict[str, Any], int | None, dict[str, Any]]) -> None:
+        parts, threads, state = given
+        self.__dict__.update(parts)
+        first, made = self.__dict__.pop("_first_state"), self._made
+        self._made = list(self._first)
+        Simulation.__init__(self, _core.RigidBatch([one._native for one in made]), 0.0, threads)
+        self._native.mask = self._mask
+        self.restore(first)
+        self._native.keep_initial()
+        self._made, self._last = made, parts["_last"]
+        self.restore(state)
 
     def _remember(self, worlds: Ids, made: list[RigidBodies]) -> None:
         if all(self._made[w] is one for w, one in zip(worlds, made, strict=True)):

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from ..base.checks import check_real
+from ..base.schema import Entry, Number, Rows
 from ..errors import InputError
 
 
@@ -25,38 +24,28 @@ def join_states(states: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return told
 
 
-def check_head(state: dict[str, Any], worlds: int) -> tuple[float, list[str]]:
-    """The time and the failures of a state; `worlds` is how many there should be."""
-    try:
-        time, failures = state["time"], json.loads(state["failures"])
-    except (KeyError, TypeError, ValueError):
-        raise InputError("state: time or failures missing") from None
-    if (
-        not isinstance(failures, list)
-        or len(failures) != worlds
-        or not all(isinstance(reason, str) for reason in failures)
-    ):
-        raise InputError(f"state['failures']: expected one string for each of {worlds} worlds")
-    return check_real("state['time']", time), failures
+def joined_entries(entry: Entry) -> list[Entry]:
+    """What a state of all worlds has of an entry of one."""
+    name = entry.name
+    if isinstance(entry, Rows):
+        shape = (None,) * len(entry.shape)
+        counts = Rows(f"count_{name}", np.int64, ("worlds",), low=0)
+        return [counts, Rows(f"all_{name}", entry.dtype, shape, finite="any")]
+    kind = np.int64 if isinstance(entry, Number) and entry.kind is int else np.float64
+    return [Rows(f"each_{name}", kind, ("worlds",))]
 
 
-def state_of_world(state: dict[str, Any], w: int, worlds: int) -> dict[str, Any]:
+def state_of_world(state: dict[str, Any], w: int) -> dict[str, Any]:
     """The state of one world, out of that of all."""
     own: dict[str, Any] = {}
     for key, values in state.items():
         kind, _, name = key.partition("_")
         if kind == "each":
-            each = np.asarray(values)
-            if each.shape != (worlds,):
-                raise InputError(f"state[{key!r}]: expected {worlds} numbers")
-            own[name] = each[w].item()
+            own[name] = values[w].item()
         elif kind == "all":
-            counts = np.asarray(state.get(f"count_{name}"))
-            if counts.shape != (worlds,) or counts.dtype.kind not in "iu" or (counts < 0).any():
-                raise InputError(f"state['count_{name}']: expected {worlds} counts")
-            rows = np.asarray(values)
-            if counts.sum() != len(rows):
+            counts = state[f"count_{name}"]
+            if counts.sum() != len(values):
                 raise InputError(f"state[{key!r}]: expected {counts.sum()} rows")
             begin = int(counts[:w].sum())
-            own[name] = rows[begin : begin + int(counts[w])]
+            own[name] = values[begin : begin + int(counts[w])]
     return own

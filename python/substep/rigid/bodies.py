@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.checks import check_array, check_choice, check_flag, check_integer, check_real
+from ..base.rows import read_only
 from ..errors import InputError
 from .fixtures import (
     EVERYTHING,
@@ -119,20 +120,20 @@ class RigidBodies(Runs, States):
             "continuous": check_flag("continuous", continuous),
             "contact_margin": check_real("contact_margin", contact_margin, positive=True),
         }
-        self.step_size = check_real("step", step, positive=True)
+        self._step_size = check_real("step", step, positive=True)
         self._ids = np.zeros(0, np.int64)
         self._next_id = 0
         self._centres, self._axes = np.zeros((0, 3)), np.zeros((0, 4))
         self._weights = np.zeros((0, 4))
         self._made: list[Made] = []
         self._joint_ids, self._next_joint = np.zeros(0, np.int64), 0
-        self._callback_of: int | None = None
         super().__init__(_core.RigidWorld(self._options), time, threads)
 
     @property
     def gravity(self) -> Array:
-        """Acceleration [m/s^2], shape (3,); a copy."""
-        return np.array(self._options["gravity"])
+        """Acceleration [m/s^2], shape (3,), read-only."""
+        gravity: Array = read_only(np.array(self._options["gravity"]))
+        return gravity
 
     def add(
         self,

@@ -2,104 +2,49 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-import threading
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..base.checks import check_callable, check_real
-from ..errors import InputError, NonFiniteError
+from ..base.simulation import StepReport
+from ..errors import NonFiniteError
 from .joints import Joints
 from .queries import Queries
 
-if TYPE_CHECKING:
-    from typing import Self
-
 _TURN = 1.0  # rad that a body in contact may turn in a step
+
+
+@dataclass
+class RigidReport(StepReport):
+    """What the last call of `step` or `advance` took and met.
+
+    Attributes
+    ----------
+    contacts : int
+        Pairs of shapes that touched in the last step.
+    penetration : float
+        The deepest of them [m].
+    impacts : int
+        Contacts with restitution in the last step.
+    awake : int
+        Dynamic bodies that do not sleep.
+    joint_error : float
+        Greatest distance or angle by which a joint is off [m or rad].
+    """
+
+    contacts: int = 0
+    penetration: float = 0.0
+    impacts: int = 0
+    awake: int = 0
+    joint_error: float = 0.0
 
 
 class Runs(Queries, Joints):
     """A world of rigid bodies in time; make `RigidBodies`."""
 
-    step_size: float
-    _callback_of: int | None = None  # the thread that runs a callback
-
-    def _next_step(self) -> float:
-        return self.step_size
-
-    def step(self, dt: float | None = None) -> None:
-        """Take one step.
-
-        Parameters
-        ----------
-        dt : float, optional
-            Its size [s], above 0; `step_size` unless given.
-
-        Raises
-        ------
-        InputError
-            If `dt` is wrong.
-        NonFiniteError
-            With the time and the id of the body, also where what was written through a view is
-            not finite; the state is then unchanged.
-        """
-        self._refuse_callback("step")
-        super().step(dt)
-
-    def advance(self, duration: float, callback: Callable[[Self], object] | None = None) -> None:
-        """Take steps of `step_size` over a duration; the last is shortened to end there.
-
-        Parameters
-        ----------
-        duration : float
-            How long [s], at least 0.
-        callback : callable, optional
-            Called with this object after every step. It may read and write everything, add and
-            remove bodies and joints; it must not step. What it raises ends the run, and passes.
-
-        Raises
-        ------
-        InputError
-            If `duration` is wrong.
-        NonFiniteError
-            As `step`; the state is then the last good step, and the exception's `step` its number.
-
-        Examples
-        --------
-        >>> import substep
-        >>> bodies = substep.RigidBodies()
-        >>> ball = bodies.add(substep.rigid.Sphere(0.1), (0, 0, 0), mass=2.0)
-        >>> bodies.advance(1.0, lambda bodies: bodies.apply_force(ball, (0, 0, 19.62)))
-        >>> bodies.velocities[ball].round(4).tolist()  # of the first step, before any force
-        [0.0, 0.0, -0.1635]
-        """
-        duration = check_real("duration", duration, nonnegative=True)
-        if callback is not None:
-            check_callable("callback", callback)
-        self._refuse_callback("advance")
-        end = self.time + duration
-        if not math.isfinite(end):
-            raise InputError(f"duration: the time {self.time} + {duration} is not finite")
-        ratio = duration / self.step_size
-        whole = abs(ratio - round(ratio)) <= 1e-9 * max(1.0, ratio)
-        count = round(ratio) if whole else math.floor(ratio)
-        with self._own():
-            for number in range(count + (not whole)):
-                self._step_of_advance(number, self.step_size if number < count else end - self.time)
-                if number + 1 == count + (not whole):
-                    self._native.time = end
-                if callback is not None:
-                    self._call(callback)
-
-    def _step_of_advance(self, number: int, dt: float) -> None:
-        try:
-            self._take_step(dt)
-        except NonFiniteError as error:
-            error.step = number
-            raise
+    _step_size: float
+    _fixed_step = True
 
     def _take_step(self, dt: float) -> None:
         try:
@@ -112,25 +57,22 @@ class Runs(Queries, Joints):
             text = str(error).replace(f"body {row}", f"body {number}")
             raise NonFiniteError(text, time=error.time, index=number, step=error.step) from None
 
-    def _call(self, callback: Callable[[Self], object]) -> None:
-        self._callback_of = threading.get_ident()
-        try:
-            callback(self)
-        finally:
-            self._callback_of = None
-
-    def _refuse_callback(self, method: str) -> None:
-        if self._callback_of == threading.get_ident():
-            raise InputError(f"{method}: called by the callback of advance")
-
-    @contextlib.contextmanager
-    def _own(self) -> Iterator[None]:
-        """As of Simulation; a callback is in the thread that owns the object already."""
-        if self._callback_of == threading.get_ident():
-            yield
-        else:
-            with super()._own():
-                yield
+    @property
+    def report(self) -> RigidReport:
+        """What the last call of `step` or `advance` took and met."""
+        with self._own():
+            told = self._native.diagnostics()
+        last = self._last
+        return RigidReport(
+            last.steps,
+            last.dt,
+            self._options["substeps"] if last.dt > 0 else 0,
+            contacts=int(told["contacts"]),
+            penetration=told["penetration"],
+            impacts=int(told["impacts"]),
+            awake=int(told["awake"]),
+            joint_error=told["joint_error"],
+        )
 
     def step_limit(self) -> tuple[float, str]:
         """Longest step that keeps contacts and joints accurate, and why.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 from ..errors import InputError
@@ -261,6 +261,9 @@ class Scene:
         Unit of `duration` and of frame rates.
     time_scale : float
         Length of that unit [s].
+    quick : mapping
+        Values of some parameters with which a run takes about a second: to try the scene, and for
+        the tests.
 
     Examples
     --------
@@ -281,6 +284,7 @@ class Scene:
     frames: int = 101
     time_unit: str = "s"
     time_scale: float = 1.0
+    quick: Mapping[str, Value] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         plain = self.name.replace("-", "").replace("_", "")
@@ -294,6 +298,7 @@ class Scene:
         for key in ("frames", "interval", "notes"):
             if key in self.parameters:
                 raise InputError(f"parameters of {self.name}: the name {key} is taken")
+        self.check(self.quick, lambda key: f"quick: {key}")
 
     def check(
         self,

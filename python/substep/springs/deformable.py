@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,17 @@ from ..base.checks import (
     check_real,
     check_threads,
 )
-from ..base.simulation import Simulation
+from ..base.rows import Points, read_only
+from ..base.schema import TIME, Entry, Rows
+from ..base.simulation import StepReport
 from ..errors import InputError
 from ..geometry import Collider
-from ..geometry.colliders import check_colliders, collider_states
+from ..geometry.colliders import (
+    check_colliders,
+    collider_states,
+    colliders_entry,
+    restore_colliders,
+)
 from ..stability import max_stable_step, stability_limit
 
 Array = NDArray[np.float64]
@@ -29,82 +37,105 @@ Array = NDArray[np.float64]
 INTEGRATORS = ("explicit_euler", "semi_implicit_euler", "rk4", "velocity_verlet", "implicit_euler")
 SOLVERS = {"newton": 100, "projective": 10}  # and their iterations
 ON_FAIL = ("substep", "raise")
-_STATE = ("time", "positions", "velocities", "forces", "targets", "colliders")
+_ARRAYS = ("positions", "velocities", "forces", "targets")
+_STATE = [TIME, *(Rows(name, np.float64, ("n", 3), finite="any") for name in _ARRAYS)]
 
 
-class Deformable(Simulation):
+@dataclass
+class DeformableReport(StepReport):
+    """What the last step of implicit Euler took.
+
+    Attributes
+    ----------
+    factorizations, backtracks : int
+        Of matrices, and shorter tries of the line search.
+    minimisations : int
+        One for each time that friction was lagged.
+    failed : int
+        Steps that were done again in halves.
+    residuals : list of float
+        Largest component of the gradient [N] at the start and after each iteration of the last
+        minimisation.
+    friction_converged : bool
+        Whether lagged friction agrees with that found.
+    """
+
+    factorizations: int = 0
+    backtracks: int = 0
+    minimisations: int = 0
+    failed: int = 0
+    residuals: Sequence[float] = ()
+    friction_converged: bool = True
+
+
+class Deformable(Points):
     """Vertices with masses that forces act on; make a `MassSpring` or a `SoftBody`."""
 
-    _native: Any
+    integrator: str
+    solver: str
+    _dimension = 3
+    _fixed_step = True
 
     def _set_up(
         self,
         positions: Array,
         masses: Array,
-        terms: list[Any],
         *,
-        velocities: ArrayLike | None = None,
-        pinned: ArrayLike = (),
-        drag: float = 0.0,
-        gravity: ArrayLike = (0.0, 0.0, -9.81),
-        colliders: Sequence[Collider] = (),
-        integrator: str = "implicit_euler",
-        step: float | None = None,
-        solver: str = "newton",
-        tolerance: float | None = None,
-        max_iterations: int | None = None,
-        on_fail: str = "substep",
-        contact_thickness: float = 1e-3,
-        contact_stiffness: float | None = None,
-        sticking_speed: float = 1e-3,
-        time: float = 0.0,
-        threads: int | None = None,
+        velocities: ArrayLike | None,
+        pinned: ArrayLike,
+        drag: float,
+        gravity: ArrayLike,
+        colliders: Sequence[Collider],
+        integrator: str,
+        step: float | None,
+        solver: str,
+        tolerance: float | None,
+        max_iterations: int | None,
+        on_fail: str,
+        contact_thickness: float,
+        contact_stiffness: float | None,
+        sticking_speed: float,
+        time: float,
+        threads: int | None,
     ) -> None:
         n = len(positions)
-        rate = check_real("drag", drag, nonnegative=True)
-        if rate > 0:
-            terms = [*terms, _core.drag_term(rate, masses)]
+        self._drag = check_real("drag", drag, nonnegative=True)
         self.colliders = check_colliders(colliders)
         self.integrator = check_choice("integrator", integrator, INTEGRATORS)
-        self._masses = masses
-        self._masses.flags.writeable = False
+        self._masses = read_only(masses)
         if tolerance is None:
             # |g|_inf below a thousandth of the weight, at standard gravity, of a mean vertex.
             tolerance = 1e-3 * 9.81 * float(masses.mean()) if n else 1.0
         start = np.zeros((n, 3))
         if velocities is not None:
             start = check_array("velocities", velocities, (n, 3))
-        name = check_choice("solver", solver, SOLVERS)
-        if name == "projective" and self.colliders:
+        self.solver = check_choice("solver", solver, SOLVERS)
+        if self.solver == "projective" and self.colliders:
             raise InputError("solver: 'projective' has no contact; use 'newton' with colliders")
-        self._native = _core.Deformable(
-            positions,
-            start,
-            masses,
-            check_pinned(pinned, n),
-            terms,
-            [collider._native for collider in self.colliders],
-            integrator=self.integrator,
-            solver=name,
-            max_iterations=SOLVERS[name]
+        self._gravity = read_only(check_array("gravity", gravity, (3,)).copy())
+        self._options = {
+            "integrator": self.integrator,
+            "solver": self.solver,
+            "max_iterations": SOLVERS[self.solver]
             if max_iterations is None
             else check_integer("max_iterations", max_iterations, minimum=1),
-            gravity=check_array("gravity", gravity, (3,)).tolist(),
-            tolerance=check_real("tolerance", tolerance, positive=True),
-            max_halvings=8 if check_choice("on_fail", on_fail, ON_FAIL) == "substep" else 0,
-            contact_thickness=check_real("contact_thickness", contact_thickness, positive=True),
-            contact_stiffness=0.0
+            "gravity": self._gravity.tolist(),
+            "tolerance": check_real("tolerance", tolerance, positive=True),
+            "max_halvings": 8 if check_choice("on_fail", on_fail, ON_FAIL) == "substep" else 0,
+            "contact_thickness": check_real("contact_thickness", contact_thickness, positive=True),
+            "contact_stiffness": 0.0
             if contact_stiffness is None
             else check_real("contact_stiffness", contact_stiffness, positive=True),
-            sticking_speed=check_real("sticking_speed", sticking_speed, positive=True),
-            threads=check_threads(threads),
-        )
-        self._gravity = check_array("gravity", gravity, (3,))
-        super().__init__(self._native, time, threads)
+            "sticking_speed": check_real("sticking_speed", sticking_speed, positive=True),
+            "threads": check_threads(threads),
+        }
+        self._pinned = check_pinned(pinned, n)
+        native = self._make({"positions": positions, "velocities": start})
+        super().__init__(native, time, threads)
         if step is None:
             limit = self.step_limit()[0] if self.integrator != "implicit_euler" else math.inf
             step = min(1 / 60, 0.9 * limit) if limit > 0 else 1e-3 / 60
-        self.step_size = check_real("step", step, positive=True)
+        self._step_size = check_real("step", step, positive=True)
 
     def __len__(self) -> int:
         return len(self._masses)
@@ -143,8 +174,8 @@ class Deformable(Simulation):
 
     @property
     def pinned(self) -> NDArray[np.bool_]:
-        """Which vertices are pinned, shape (n,): a copy; assign indices or flags to change it."""
-        flags: NDArray[np.bool_] = self._native.pinned.astype(bool)
+        """Which vertices are pinned, shape (n,): read-only; assign indices or flags."""
+        flags: NDArray[np.bool_] = read_only(self._native.pinned.astype(bool))
         return flags
 
     @pinned.setter
@@ -153,63 +184,38 @@ class Deformable(Simulation):
             self._native.pinned = check_pinned(pinned, len(self))
 
     @property
-    def report(self) -> Any:
-        """What the last step of implicit Euler took.
+    def gravity(self) -> Array:
+        """Acceleration [m/s^2], shape (3,), read-only."""
+        return self._gravity
 
-        `converged`, `iterations`, `factorizations`, `backtracks`, `minimisations` (one for each
-        time that friction was lagged), `failed` (steps done again in halves), `residuals` (the
-        largest component of the gradient [N] at the start and after each iteration of the last
-        minimisation) and `friction_converged`.
-        """
-        return self._native.report
+    @property
+    def report(self) -> DeformableReport:
+        """What the last call of `step` or `advance` took and met."""
+        native = self._native.report
+        names = [field.name for field in fields(DeformableReport)[2:]]
+        return DeformableReport(
+            self._last.steps, self._last.dt, **{name: getattr(native, name) for name in names}
+        )
 
-    def step(self, dt: float | None = None) -> None:
-        """Take one step.
-
-        Parameters
-        ----------
-        dt : float, optional
-            Its size [s], above 0; `step_size` unless given.
-
-        Raises
-        ------
-        InputError
-            If `dt` is wrong.
-        NonFiniteError, ConvergenceError
-            With the time, and the vertex or the residuals; the state is then unchanged.
-        """
-        dt = self.step_size if dt is None else check_real("dt", dt, positive=True)
-        with self._own():
-            self._native.step(dt)
-
-    def advance(self, duration: float) -> None:
-        """Take steps of `step_size` over a duration; the last is shortened to end there.
+    def set_targets(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
+        """Say where pinned vertices go in the next step: in a straight line at constant speed.
 
         Parameters
         ----------
-        duration : float
-            How long [s], at least 0.
+        values : array_like, shape (m, 3)
+            Positions [m]; rows of free vertices mean nothing.
+        ids : array_like of int, shape (m,), optional
+            Which vertices; all unless given.
 
         Raises
         ------
-        InputError
-            If `duration` is wrong.
-        NonFiniteError, ConvergenceError
-            As `step`; the state is then the last good step.
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
         """
-        duration = check_real("duration", duration, nonnegative=True)
-        end = self.time + duration
-        if not math.isfinite(end):
-            raise InputError(f"duration: the time {self.time} + {duration} is not finite")
-        ratio = duration / self.step_size
-        count = round(ratio) if abs(ratio - round(ratio)) <= 1e-9 * max(1, ratio) else ratio
-        with self._own():
-            for _ in range(math.floor(count)):
-                self._native.step(self.step_size)
-            if count != math.floor(count):
-                self._native.step(end - self.time)
-            if duration > 0:
-                self._native.time = end
+        self._set("targets", values, ids)
+
+    def _write(self, name: str, values: Array, rows: NDArray[np.int64]) -> None:
+        getattr(self._native, name)[rows] = values
 
     def step_limit(self) -> tuple[float, str]:
         """Largest stable step at the present positions, and why.
@@ -286,51 +292,39 @@ class Deformable(Simulation):
             "velocity": (self.velocities.copy(), "m/s"),
         }
 
-    def state(self) -> dict[str, Any]:
-        """Copy the whole state, that of the colliders too.
+    def _schema(self) -> tuple[list[Entry], dict[str, int], Any]:
+        sizes = {"n": len(self), "colliders": len(self.colliders)}
+        return [*_STATE, colliders_entry(self.colliders)], sizes, np.float64
 
-        Returns
-        -------
-        dict
-            `time`, `positions`, `velocities`, `forces`, `targets` and `colliders`; for `restore`.
-        """
+    def _state(self) -> dict[str, Any]:
         native = self._native
-        return {
-            "time": self.time,
-            "positions": native.positions.copy(),
-            "velocities": native.velocities.copy(),
-            "forces": native.forces.copy(),
-            "targets": native.targets.copy(),
-            "colliders": collider_states(self.colliders),
-        }
+        arrays = {name: getattr(native, name).copy() for name in _ARRAYS}
+        return {"time": self.time, **arrays, "colliders": collider_states(self.colliders)}
 
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go back to a state, bit for bit.
+    def _put_state(self, state: dict[str, Any]) -> None:
+        self._native.time = state["time"]
+        for name in _ARRAYS:
+            getattr(self._native, name)[:] = state[name]
+        restore_colliders(self.colliders, state["colliders"])
 
-        Parameters
-        ----------
-        state : dict
-            From `state()` of an object made in the same way.
+    def _parts(self) -> dict[str, Any]:
+        return super()._parts() | {"_pinned": self._native.pinned}
 
-        Raises
-        ------
-        InputError
-            If it is not such a state; nothing is changed then.
-        """
-        missing = set(_STATE) - set(state)
-        if missing:
-            raise InputError(f"state: {', '.join(sorted(missing))} missing")
-        time = check_real("state['time']", state["time"])
-        n = len(self)
-        arrays = {
-            name: check_array(f"state[{name!r}]", state[name], (n, 3), finite=False)
-            for name in _STATE[1:5]
-        }
-        shape = collider_states(self.colliders).shape
-        moving = check_array("state['colliders']", state["colliders"], shape)
-        with self._own():
-            self._native.time = time
-            for name, values in arrays.items():
-                getattr(self._native, name)[:] = values
-            for collider, values in zip(self.colliders, moving, strict=True):
-                collider._native.state = values.tolist()
+    def _make(self, state: Mapping[str, Any]) -> Any:
+        """With all terms and obstacles, at the positions of a state."""
+        terms = self._terms()
+        if self._drag > 0:
+            terms = [*terms, _core.drag_term(self._drag, self._masses)]
+        return _core.Deformable(
+            state["positions"],
+            state["velocities"],
+            self._masses,
+            self._pinned,
+            terms,
+            [collider._native for collider in self.colliders],
+            **self._options,
+        )
+
+    def _terms(self) -> list[Any]:
+        """What pulls, as native terms."""
+        raise NotImplementedError

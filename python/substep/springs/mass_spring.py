@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.checks import check_array, check_integer, check_positive, check_real
-from ..geometry import TriangleMesh
+from ..geometry import Collider, TriangleMesh
 from ..geometry.topology import check_indices
 from .deformable import Array, Deformable
 
@@ -50,42 +50,41 @@ class MassSpring(Deformable):
         r [m], at least 0; the initial lengths unless given.
     faces : array_like of int, shape (k, 3), optional
         Triangles, for pictures and recordings; without them the springs are drawn.
-    **options
-        `velocities`
-            Initial ones [m/s], shape (n, 3); 0 unless given.
-        `pinned`
-            Indices of vertices, or one boolean each; see `targets`.
-        `drag`
-            a [1/s]: a force -a m v on each vertex.
-        `gravity`
-            [m/s^2], shape (3,); (0, 0, -9.81) unless given.
-        `colliders`
-            Obstacles; they belong to this object from now on.
-        `integrator`
-            'implicit_euler' (default), 'semi_implicit_euler', 'velocity_verlet', 'rk4' or
-            'explicit_euler'.
-        `step`
-            Size of the steps of `advance` [s]; unless given 1/60, or 0.9 times `step_limit()`
-            where that is less.
-        `solver`
-            How implicit Euler finds its minimum: 'newton', to the tolerance, or 'projective': a
-            fixed number of cheap iterations, which do not reach it; for springs without colliders.
-        `tolerance`
-            Largest component of the gradient that is left, a force [N]; unless given a thousandth
-            of the weight of a mean vertex.
-        `max_iterations`
-            Of one minimisation: 100 for 'newton'; exactly so many, 10, for 'projective'.
-        `on_fail`
-            'substep': a step that does not converge is done again in halves, up to 2^8; or
-            'raise'.
-        `contact_thickness`, `contact_stiffness`, `sticking_speed`
-            For implicit Euler: the distance below which colliders push [m], the stiffness of that
-            [N/m] (m / h^2 for each vertex unless given), and the sliding speed below which
-            contact counts as sticking [m/s].
-        `time`
-            Initial time [s].
-        `threads`
-            Of the native loops; results do not depend on it.
+    velocities : array_like, shape (n, 3), optional
+        Initial ones [m/s]; 0 unless given.
+    pinned : array_like of int or bool
+        Indices of vertices, or one boolean each; see `targets`.
+    drag : float
+        a [1/s]: a force -a m v on each vertex.
+    gravity : array_like, shape (3,)
+        [m/s^2].
+    colliders : sequence of Collider
+        Obstacles; they belong to this object from now on.
+    integrator : str
+        'implicit_euler' (default), 'semi_implicit_euler', 'velocity_verlet', 'rk4' or
+        'explicit_euler'.
+    step : float, optional
+        Size of the steps of `advance` [s]; unless given 1/60, or 0.9 times `step_limit()`
+        where that is less.
+    solver : {'newton', 'projective'}
+        How implicit Euler finds its minimum: 'newton', to the tolerance, or 'projective': a
+        fixed number of cheap iterations, which do not reach it; for springs without colliders.
+    tolerance : float, optional
+        Largest component of the gradient that is left, a force [N]; unless given a thousandth
+        of the weight of a mean vertex.
+    max_iterations : int, optional
+        Of one minimisation: 100 for 'newton'; exactly so many, 10, for 'projective'.
+    on_fail : {'substep', 'raise'}
+        'substep': a step that does not converge is done again in halves, up to 2^8; or
+        'raise'.
+    contact_thickness, contact_stiffness, sticking_speed : float
+        For implicit Euler: the distance below which colliders push [m], the stiffness of that
+        [N/m] (m / h^2 for each vertex unless given), and the sliding speed below which
+        contact counts as sticking [m/s].
+    time : float
+        Initial time [s].
+    threads : int, optional
+        Of the native loops; results do not depend on it.
 
     Raises
     ------
@@ -111,6 +110,12 @@ class MassSpring(Deformable):
     [0.0, 0.0, -1.01]
     """
 
+    edges: NDArray[np.int64]
+    faces: NDArray[np.int64] | None
+    stiffness: Array
+    damping: Array
+    rest_lengths: Array
+
     def __init__(
         self,
         positions: ArrayLike,
@@ -121,13 +126,28 @@ class MassSpring(Deformable):
         damping: ArrayLike = 0.0,
         rest_lengths: ArrayLike | None = None,
         faces: ArrayLike | None = None,
-        **options: Any,
+        velocities: ArrayLike | None = None,
+        pinned: ArrayLike = (),
+        drag: float = 0.0,
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        colliders: Sequence[Collider] = (),
+        integrator: str = "implicit_euler",
+        step: float | None = None,
+        solver: str = "newton",
+        tolerance: float | None = None,
+        max_iterations: int | None = None,
+        on_fail: str = "substep",
+        contact_thickness: float = 1e-3,
+        contact_stiffness: float | None = None,
+        sticking_speed: float = 1e-3,
+        time: float = 0.0,
+        threads: int | None = None,
     ) -> None:
         x = check_array("positions", positions, (None, 3))
         array = np.asarray(edges)
         empty = array.size == 0
         pairs = np.zeros((0, 2), np.int64) if empty else check_indices("edges", edges, 2, len(x))
-        self.edges: NDArray[np.int64] = pairs
+        self.edges = pairs
         self.faces = None if faces is None else check_indices("faces", faces, 3, len(x))
         m = len(pairs)
         self.stiffness = check_positive("stiffness", stiffness, m, zero=True)
@@ -135,16 +155,38 @@ class MassSpring(Deformable):
         lengths = np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
         if rest_lengths is not None:
             lengths = check_positive("rest_lengths", rest_lengths, m, zero=True)
-        self.rest_lengths: Array = lengths
+        self.rest_lengths = lengths
         for constant in (self.edges, self.stiffness, self.damping, self.rest_lengths):
             constant.flags.writeable = False
-        terms = _core.spring_terms(
-            pairs.astype(np.int32),
+        self._set_up(
+            x,
+            check_positive("masses", masses, len(x)),
+            velocities=velocities,
+            pinned=pinned,
+            drag=drag,
+            gravity=gravity,
+            colliders=colliders,
+            integrator=integrator,
+            step=step,
+            solver=solver,
+            tolerance=tolerance,
+            max_iterations=max_iterations,
+            on_fail=on_fail,
+            contact_thickness=contact_thickness,
+            contact_stiffness=contact_stiffness,
+            sticking_speed=sticking_speed,
+            time=time,
+            threads=threads,
+        )
+
+    def _terms(self) -> list[Any]:
+        terms: list[Any] = _core.spring_terms(
+            self.edges.astype(np.int32),
             self.stiffness,
             self.rest_lengths,
             self.damping if self.damping.any() else np.zeros(0),
         )
-        self._set_up(x, check_positive("masses", masses, len(x)), terms, **options)
+        return terms
 
     @classmethod
     def from_mesh(
@@ -155,7 +197,22 @@ class MassSpring(Deformable):
         stiffness: float,
         bending: float = 0.05,
         damping: float = 0.0,
-        **options: Any,
+        velocities: ArrayLike | None = None,
+        pinned: ArrayLike = (),
+        drag: float = 0.0,
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        colliders: Sequence[Collider] = (),
+        integrator: str = "implicit_euler",
+        step: float | None = None,
+        solver: str = "newton",
+        tolerance: float | None = None,
+        max_iterations: int | None = None,
+        on_fail: str = "substep",
+        contact_thickness: float = 1e-3,
+        contact_stiffness: float | None = None,
+        sticking_speed: float = 1e-3,
+        time: float = 0.0,
+        threads: int | None = None,
     ) -> MassSpring:
         """Make a cloth of any triangle mesh.
 
@@ -175,7 +232,8 @@ class MassSpring(Deformable):
             Stiffness of the springs across edges, as a part of `stiffness`.
         damping : float
             Of all springs, as a time [s]: c = damping times k.
-        **options
+        velocities, pinned, drag, gravity, colliders, integrator, step, solver, tolerance,
+        max_iterations, on_fail, contact_thickness, contact_stiffness, sticking_speed, time, threads
             As for `MassSpring`.
 
         Returns
@@ -200,8 +258,31 @@ class MassSpring(Deformable):
         areas = mesh.vertex_areas.copy()
         areas[areas == 0] = areas[areas > 0].mean() if areas.any() else 1.0
         masses = check_real("density", density, positive=True) * areas
-        time = check_real("damping", damping, nonnegative=True)
-        return cls(mesh.vertices, pairs, k, masses, damping=time * k, faces=mesh.faces, **options)
+        lag = check_real("damping", damping, nonnegative=True)
+        return cls(
+            mesh.vertices,
+            pairs,
+            k,
+            masses,
+            damping=lag * k,
+            faces=mesh.faces,
+            velocities=velocities,
+            pinned=pinned,
+            drag=drag,
+            gravity=gravity,
+            colliders=colliders,
+            integrator=integrator,
+            step=step,
+            solver=solver,
+            tolerance=tolerance,
+            max_iterations=max_iterations,
+            on_fail=on_fail,
+            contact_thickness=contact_thickness,
+            contact_stiffness=contact_stiffness,
+            sticking_speed=sticking_speed,
+            time=time,
+            threads=threads,
+        )
 
     @property
     def info(self) -> SpringInfo:

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.checks import check_array, check_choice, check_positive, check_real
 from ..errors import InputError
-from ..geometry import TetMesh, TriangleMesh, read_mesh, tetrahedralize
+from ..geometry import Collider, TetMesh, TriangleMesh, read_mesh, tetrahedralize
 from .deformable import Array, Deformable
 
 _FLAT = 1e-12  # of the cube of the longest edge: a volume that rounding alone can make
@@ -43,10 +43,9 @@ class SoftBody(Deformable):
         rate, and a mode of angular frequency omega has the damping ratio tau omega / 2.
     rest_positions : array_like, shape (n, 3), optional
         Where nothing is strained [m]; the initial positions unless given.
-    **options
-        As for `MassSpring`: velocities, pinned, drag, gravity, colliders, integrator, step, solver
-        ('newton' only), tolerance, max_iterations, on_fail, contact_thickness, contact_stiffness,
-        sticking_speed, time, threads.
+    velocities, pinned, drag, gravity, colliders, integrator, step, solver, tolerance,
+    max_iterations, on_fail, contact_thickness, contact_stiffness, sticking_speed, time, threads
+        As for `MassSpring`; the solver is 'newton'.
 
     Attributes
     ----------
@@ -81,6 +80,14 @@ class SoftBody(Deformable):
     True
     """
 
+    mesh: TetMesh
+    faces: NDArray[np.int64]
+    model: str
+    density: Array
+    young_modulus: Array
+    poisson_ratio: Array
+    damping: float
+
     def __init__(
         self,
         positions: ArrayLike,
@@ -92,7 +99,22 @@ class SoftBody(Deformable):
         model: str = "neo_hookean",
         damping: float = 0.0,
         rest_positions: ArrayLike | None = None,
-        **options: Any,
+        velocities: ArrayLike | None = None,
+        pinned: ArrayLike = (),
+        drag: float = 0.0,
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        colliders: Sequence[Collider] = (),
+        integrator: str = "implicit_euler",
+        step: float | None = None,
+        solver: str = "newton",
+        tolerance: float | None = None,
+        max_iterations: int | None = None,
+        on_fail: str = "substep",
+        contact_thickness: float = 1e-3,
+        contact_stiffness: float | None = None,
+        sticking_speed: float = 1e-3,
+        time: float = 0.0,
+        threads: int | None = None,
     ) -> None:
         x = check_array("positions", positions, (None, 3))
         rest = x if rest_positions is None else check_array("rest_positions", rest_positions)
@@ -102,14 +124,14 @@ class SoftBody(Deformable):
         self.faces = self.mesh.surface_faces
         _refuse_flat(self.mesh)
         m = len(self.mesh.tetrahedra)
-        self.model: str = check_choice("model", model, _core.elastic_models)
-        self.density: Array = check_positive("density", density, m)
-        self.young_modulus: Array = check_positive("young_modulus", young_modulus, m)
-        self.poisson_ratio: Array = _check_poisson_ratio(poisson_ratio, m)
+        self.model = check_choice("model", model, _core.elastic_models)
+        self.density = check_positive("density", density, m)
+        self.young_modulus = check_positive("young_modulus", young_modulus, m)
+        self.poisson_ratio = _check_poisson_ratio(poisson_ratio, m)
         self.damping = check_real("damping", damping, nonnegative=True)
         for constant in (self.density, self.young_modulus, self.poisson_ratio):
             constant.flags.writeable = False
-        if str(options.get("solver")).lower() == "projective":
+        if str(solver).lower() == "projective":
             raise InputError("solver: 'projective' is for springs; a soft body takes 'newton'")
         quarters = np.repeat(self.density * self.mesh.volumes / 4, 4)
         masses: Array = np.bincount(self.mesh.tetrahedra.ravel(), quarters, len(x)).astype(float)
@@ -118,15 +140,37 @@ class SoftBody(Deformable):
             raise InputError(
                 f"positions[{index}]: no tetrahedron has this vertex, so it has no mass"
             )
-        terms = _core.tetrahedra_terms(
-            rest,
+        self._set_up(
+            x,
+            masses,
+            velocities=velocities,
+            pinned=pinned,
+            drag=drag,
+            gravity=gravity,
+            colliders=colliders,
+            integrator=integrator,
+            step=step,
+            solver=solver,
+            tolerance=tolerance,
+            max_iterations=max_iterations,
+            on_fail=on_fail,
+            contact_thickness=contact_thickness,
+            contact_stiffness=contact_stiffness,
+            sticking_speed=sticking_speed,
+            time=time,
+            threads=threads,
+        )
+
+    def _terms(self) -> list[Any]:
+        terms: list[Any] = _core.tetrahedra_terms(
+            self.mesh.vertices,
             self.mesh.tetrahedra.astype(np.int32),
             self.young_modulus,
             self.poisson_ratio,
             self.model,
             self.damping,
         )
-        self._set_up(x, masses, terms, **options)
+        return terms
 
     @classmethod
     def from_mesh(
@@ -134,7 +178,27 @@ class SoftBody(Deformable):
         mesh: TetMesh | TriangleMesh | str | os.PathLike[str] | Sequence[ArrayLike],
         *,
         spacing: float | None = None,
-        **options: Any,
+        density: ArrayLike,
+        young_modulus: ArrayLike,
+        poisson_ratio: ArrayLike,
+        model: str = "neo_hookean",
+        damping: float = 0.0,
+        velocities: ArrayLike | None = None,
+        pinned: ArrayLike = (),
+        drag: float = 0.0,
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        colliders: Sequence[Collider] = (),
+        integrator: str = "implicit_euler",
+        step: float | None = None,
+        solver: str = "newton",
+        tolerance: float | None = None,
+        max_iterations: int | None = None,
+        on_fail: str = "substep",
+        contact_thickness: float = 1e-3,
+        contact_stiffness: float | None = None,
+        sticking_speed: float = 1e-3,
+        time: float = 0.0,
+        threads: int | None = None,
     ) -> SoftBody:
         """Make a solid of a mesh of tetrahedra, or fill a surface.
 
@@ -145,8 +209,10 @@ class SoftBody(Deformable):
         spacing : float, optional
             For surfaces: the size of the tetrahedra that fill them [m]; by default 1/20 of the
             longest side (`geometry.tetrahedralize`).
-        **options
-            As for `SoftBody`: density, young_modulus, poisson_ratio, ...
+        density, young_modulus, poisson_ratio, model, damping, velocities, pinned, drag,
+        gravity, colliders, integrator, step, solver, tolerance,
+        max_iterations, on_fail, contact_thickness, contact_stiffness, sticking_speed, time, threads
+            As for `SoftBody`.
 
         Returns
         -------
@@ -177,7 +243,31 @@ class SoftBody(Deformable):
             mesh = TriangleMesh(*mesh)
         solid = tetrahedralize(mesh, spacing) if isinstance(mesh, TriangleMesh) else mesh
         used, corners = np.unique(solid.tetrahedra, return_inverse=True)
-        body = cls(solid.vertices[used], corners.reshape(-1, 4), **options)
+        body = cls(
+            solid.vertices[used],
+            corners.reshape(-1, 4),
+            density=density,
+            young_modulus=young_modulus,
+            poisson_ratio=poisson_ratio,
+            model=model,
+            damping=damping,
+            velocities=velocities,
+            pinned=pinned,
+            drag=drag,
+            gravity=gravity,
+            colliders=colliders,
+            integrator=integrator,
+            step=step,
+            solver=solver,
+            tolerance=tolerance,
+            max_iterations=max_iterations,
+            on_fail=on_fail,
+            contact_thickness=contact_thickness,
+            contact_stiffness=contact_stiffness,
+            sticking_speed=sticking_speed,
+            time=time,
+            threads=threads,
+        )
         body.mesh.lacks = solid.lacks
         return body
 

@@ -16,7 +16,7 @@
 // 1000 that settle take 32 us a step against 30. While 10,000 move at 0.3 m/s it is 2.2 ms against
 // 1.0, while they fall 4.6 against 1.0; but the sweep costs the same at rest, grows with n^(5/3)
 // and has its pairs still to sort. At rest a step is 270 instructions a fixture, for 1000 as for
-// 30,000, and also where one of them is as large as the pile (bench/rigid_broad_phase.cpp).
+// 30,000, and also where one of them is as large as the pile (bench/cpp/rigid_broad_phase.cpp).
 #pragma once
 
 #include <cstdint>

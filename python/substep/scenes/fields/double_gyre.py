@@ -76,6 +76,7 @@ SCENE = Scene(
         "epsilon": Parameter("swing of the border", 0.25, unit="m", minimum=0, maximum=0.5),
         "omega": Parameter("angular frequency of the swing", 0.6283185307179586, unit="rad/s"),
     },
+    quick={"duration": 2.0, "particles": 300},
     build=_build,
     picture=_picture,
     frames=121,

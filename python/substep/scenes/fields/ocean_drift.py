@@ -208,6 +208,7 @@ SCENE = Scene(
         "step": Parameter("time step", 3600.0, unit="s", above=0),
         "method": Parameter("integrator", "rk4", choices=("euler", "midpoint", "heun", "rk4")),
     },
+    quick={"duration": 2.0, "particles": 500},
     build=_build,
     parts=_parts,
     frame=_frame,

@@ -89,6 +89,7 @@ SCENE = Scene(
         **snow_parameters(),
         **mpm_parameters(0.5),
     },
+    quick={"duration": 0.1, "resolution": 12},
     build=_build,
     parts=points_parts,
     frame=points_frame,

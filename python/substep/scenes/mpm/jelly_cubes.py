@@ -101,6 +101,7 @@ SCENE = Scene(
         "poisson": Parameter("Poisson's ratio", 0.4, minimum=0, maximum=0.49),
         **mpm_parameters(0.4),
     },
+    quick={"duration": 0.1, "particles": 1000, "cubes": 3},
     build=_build,
     parts=points_parts,
     frame=points_frame,

@@ -92,6 +92,7 @@ SCENE = Scene(
         "exponent": Parameter("n of the shear rate", 0.8, above=0, maximum=2),
         **mpm_parameters(0.0),
     },
+    quick={"duration": 0.05, "particles": 800},
     build=MudSlump,
     parts=points_parts,
     frame=points_frame,

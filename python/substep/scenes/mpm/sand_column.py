@@ -78,6 +78,7 @@ SCENE = Scene(
         ),
         **mpm_parameters(0.577),
     },
+    quick={"duration": 0.1, "particles": 800},
     build=SandColumn,
     parts=points_parts,
     frame=points_frame,

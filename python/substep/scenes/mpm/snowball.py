@@ -119,6 +119,7 @@ SCENE = Scene(
         **snow_parameters(stretch=0.005),
         **mpm_parameters(0.5),
     },
+    quick={"duration": 0.05, "particles": 800},
     build=_build,
     parts=points_parts,
     frame=points_frame,

@@ -75,6 +75,7 @@ SCENE = Scene(
         "steps": Parameter("steps a period", 200, minimum=1, maximum=10**7),
         "methods": Parameter("methods, separated by commas", METHODS, choices=METHODS),
     },
+    quick={"duration": 2.0},
     build=_build,
     picture=_picture,
     frames=1001,

@@ -81,6 +81,7 @@ SCENE = Scene(
         "step": Parameter("time step; the angular frequency is 1 rad/s", 0.1, unit="s", above=0),
         "methods": Parameter("methods, separated by commas", METHODS, choices=METHODS),
     },
+    quick={"duration": 1.0},
     build=_build,
     parts=_parts,
     frame=_frame,

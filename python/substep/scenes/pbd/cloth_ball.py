@@ -105,6 +105,7 @@ SCENE = Scene(
         "rigidity": Parameter("flexural rigidity, 0 for none", 1e-4, unit="J", minimum=0),
         **pbd_parameters(20),
     },
+    quick={"duration": 0.2, "vertices": 10, "substeps": 5},
     build=lambda parameters, seed: Cloth(parameters),
     parts=body_parts,
     frame=body_frame,

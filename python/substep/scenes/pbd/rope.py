@@ -98,6 +98,7 @@ SCENE = Scene(
         ),
         **pbd_parameters(40),
     },
+    quick={"duration": 0.2, "ropes": 3, "segments": 12, "substeps": 5},
     build=lambda parameters, seed: Ropes(parameters),
     parts=body_parts,
     frame=body_frame,

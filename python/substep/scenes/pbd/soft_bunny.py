@@ -121,6 +121,7 @@ SCENE = Scene(
         "relaxation": Parameter("relaxation time of the viscous stress", 1e-3, unit="s", minimum=0),
         **pbd_parameters(20),
     },
+    quick={"duration": 0.2, "cells": 3, "substeps": 5},
     build=lambda parameters, seed: SoftBunny(parameters),
     parts=body_parts,
     frame=body_frame,

@@ -90,6 +90,7 @@ SCENE = Scene(
         "up": Parameter("axis of the file that points upwards", "y", choices=("x", "y", "z")),
         **liquid_parameters(),
     },
+    quick={"duration": 0.1, "particles": 400},
     build=_build,
     parts=liquid_parts,
     frame=liquid_frame,

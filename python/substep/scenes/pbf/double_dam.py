@@ -69,6 +69,7 @@ SCENE = Scene(
         "ratio": Parameter("density of the right liquid over that of the left", 1.0, above=0),
         **liquid_parameters(),
     },
+    quick={"duration": 0.1, "particles": 400},
     build=_build,
     parts=liquid_parts,
     frame=liquid_frame,

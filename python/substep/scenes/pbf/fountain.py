@@ -102,6 +102,7 @@ SCENE = Scene(
         "nozzle": Parameter("radius of a nozzle", 0.022, unit="m", above=0),
         **liquid_parameters(),
     },
+    quick={"duration": 0.2, "spacing": 0.08, "nozzle": 0.06},
     build=lambda parameters, seed: Fountain(parameters),
     parts=liquid_parts,
     frame=liquid_frame,

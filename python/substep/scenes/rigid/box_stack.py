@@ -46,6 +46,7 @@ SCENE = Scene(
         **ball_parameters(speed=15.0, radius=0.6),
         **rigid_parameters(),
     },
+    quick={"duration": 0.2, "boxes": 3},
     build=_build,
     parts=solids_parts,
     frame=solids_frame,

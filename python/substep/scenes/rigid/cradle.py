@@ -145,6 +145,7 @@ SCENE = Scene(
         "restitution": Parameter("of their impacts", 1.0, minimum=0, maximum=1),
         **rigid_parameters(step=1 / 240),
     },
+    quick={"duration": 0.2, "balls": 3},
     build=lambda parameters, seed: Cradle(parameters),
     parts=_parts,
     frame=_frame,

@@ -117,6 +117,7 @@ SCENE = Scene(
         "lean": Parameter("of the first at the start", 0.3, unit="rad", minimum=0, maximum=1),
         **rigid_parameters(step=1 / 240),
     },
+    quick={"duration": 0.2, "dominoes": 6},
     build=lambda parameters, seed: Dominoes(parameters),
     parts=solids_parts,
     frame=solids_frame,

@@ -130,6 +130,7 @@ SCENE = Scene(
         "rolling": Parameter("lever of rolling friction", 1e-3, unit="m", minimum=0),
         **rigid_parameters(),
     },
+    quick={"duration": 0.2, "bodies": 30},
     build=Pile,
     parts=solids_parts,
     frame=solids_frame,

@@ -50,6 +50,7 @@ SCENE = Scene(
         **ball_parameters(speed=30.0, radius=1.5),
         **rigid_parameters(),
     },
+    quick={"duration": 0.2, "rows": 4},
     build=_build,
     parts=solids_parts,
     frame=solids_frame,

@@ -239,6 +239,7 @@ SCENE = Scene(
         "methods": Parameter("of rotation", METHODS, choices=METHODS),
         "step": Parameter("time step", 1 / 240, unit="s", above=0),
     },
+    quick={"duration": 0.5},
     build=lambda parameters, seed: Tops(parameters),
     parts=_parts,
     frame=_frame,

@@ -123,6 +123,7 @@ SCENE = Scene(
         "friction": Parameter("coefficient of friction", 0.4, minimum=0),
         **solver_parameters(0.02, 1.0),
     },
+    quick={"duration": 0.2, "vertices": 12},
     build=lambda parameters, seed: DrapedCloth(parameters),
     parts=deformable_parts,
     frame=deformable_frame,

@@ -114,6 +114,7 @@ SCENE = Scene(
         "damping": Parameter("of the springs, over their stiffness", 1e-3, unit="s", minimum=0),
         **solver_parameters(0.02, 1.5),
     },
+    quick={"duration": 0.2, "vertices": 8},
     build=lambda parameters, seed: HangingCloth(parameters),
     parts=deformable_parts,
     frame=deformable_frame,

@@ -137,6 +137,7 @@ SCENE = Scene(
         "damping": Parameter("relaxation time of the viscous stress", 2e-3, unit="s", minimum=0),
         **solver_parameters(0.01, 0.1),
     },
+    quick={"duration": 0.2, "cells": 3},
     build=lambda parameters, seed: Jelly(parameters),
     parts=deformable_parts,
     frame=deformable_frame,

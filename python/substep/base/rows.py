@@ -1,0 +1,127 @@
+"""Simulations of points with mass: arrays with a row for each, and how they are set."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..errors import InputError
+from .checks import check_array
+from .simulation import Simulation
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.int64]
+
+
+def read_only(array: NDArray[Any]) -> Any:
+    """A copy that is handed out: writing into it would change nothing, so it is refused."""
+    array.flags.writeable = False
+    return array
+
+
+class Points(Simulation):
+    """Particles or vertices with ids; a subclass has `ids` and writes rows of its arrays."""
+
+    _dimension: int
+
+    @property
+    def ids(self) -> Ids:
+        """Numbers of the rows, ascending, shape (n,): the order of all arrays; read-only."""
+        ids: Ids = read_only(np.arange(len(self), dtype=np.int64))
+        return ids
+
+    def __len__(self) -> int:
+        raise NotImplementedError
+
+    def set_positions(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
+        """Put particles somewhere; their velocities stay.
+
+        Parameters
+        ----------
+        values : array_like, shape (m, 3) or (m, 2)
+            Their positions [m].
+        ids : array_like of int, shape (m,), optional
+            Which; all unless given.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+        """
+        self._set("positions", values, ids)
+
+    def set_velocities(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
+        """Give particles velocities.
+
+        Parameters
+        ----------
+        values : array_like, shape (m, 3) or (m, 2)
+            Their velocities [m/s].
+        ids : array_like of int, shape (m,), optional
+            Which; all unless given.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+        """
+        self._set("velocities", values, ids)
+
+    def set_forces(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
+        """Set external forces of the next step, which uses them up: after it they are 0.
+
+        Parameters
+        ----------
+        values : array_like, shape (m, 3) or (m, 2)
+            Forces [N].
+        ids : array_like of int, shape (m,), optional
+            On which; on all unless given.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+        """
+        self._set("forces", values, ids)
+
+    def _set(self, name: str, values: ArrayLike, ids: ArrayLike | None) -> None:
+        with self._own():
+            rows = find_rows(ids, self.ids)
+            self._write(name, self._vectors("values", values, len(rows)), rows)
+
+    def _vectors(self, name: str, values: ArrayLike, count: int) -> Array:
+        vectors: Array = check_array(name, values, (count, self._dimension))
+        return vectors
+
+    def _write(self, name: str, values: Array, rows: Ids) -> None:
+        """Write rows of one of the arrays."""
+        getattr(self._native, f"set_{name}")(values, rows)
+
+    def _places(self, ids: ArrayLike) -> Ids:
+        """Rows of particles in the order of all arrays."""
+        return find_rows(ids, self.ids)
+
+
+def find_rows(ids: ArrayLike | None, own: Ids) -> Ids:
+    """Where ids are among ascending ones; all unless given."""
+    if ids is None:
+        return np.arange(len(own))
+    try:
+        wanted = np.asarray(ids)
+    except ValueError:
+        if not isinstance(ids, (list, tuple)):  # the caller's own __array__ raised it
+            raise
+        raise InputError("ids: expected integers, shape (m,)") from None
+    if wanted.size == 0:
+        wanted = wanted.astype(np.int64)
+    if wanted.ndim != 1 or wanted.dtype.kind not in "iu":
+        raise InputError("ids: expected integers, shape (m,)")
+    places = np.searchsorted(own, wanted.astype(np.int64))
+    wrong = places >= len(own)
+    wrong[~wrong] = own[places[~wrong]] != wanted[~wrong]
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise IndexError(f"ids[{k}]: there is no particle {wanted[k]}")
+    return places.astype(np.int64)
