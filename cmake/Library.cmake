@@ -34,7 +34,7 @@ install(EXPORT substep NAMESPACE substep:: FILE targets.cmake DESTINATION ${pack
 configure_package_config_file(cmake/package.cmake.in ${CMAKE_BINARY_DIR}/substep-config.cmake
   INSTALL_DESTINATION ${package} NO_SET_AND_CHECK_MACRO NO_CHECK_REQUIRED_COMPONENTS_MACRO)
 write_basic_package_version_file(${CMAKE_BINARY_DIR}/substep-config-version.cmake
-  VERSION ${version} COMPATIBILITY SameMinorVersion)
+  VERSION ${PROJECT_VERSION} COMPATIBILITY SameMinorVersion)
 install(FILES ${CMAKE_BINARY_DIR}/substep-config.cmake
   ${CMAKE_BINARY_DIR}/substep-config-version.cmake cmake/SparseLibraries.cmake
   DESTINATION ${package} COMPONENT library ${apart})

@@ -114,7 +114,7 @@ def after_a_step(shift=(), **arguments):
 def batch_after_a_step(setter, values):
     """Poses of two worlds of two bodies after a step."""
     bodies = substep.RigidBodies()
-    bodies.add(substep.rigid.Box((0.1, 0.2, 0.3)), 9 * ROWS)
+    bodies.add(substep.rigid.Box((0.2, 0.4, 0.6)), 9 * ROWS)
     batch = substep.RigidBatch(bodies, 2)
     getattr(batch, setter)(**values)
     batch.step(0.25)
@@ -411,7 +411,7 @@ ENTRIES = [
     ),
     Entry(
         "Collider.distance",
-        lambda x: substep.Sphere().distance(x),
+        lambda x: substep.Collider(substep.Sphere(1.0)).distance(x),
         np.array([[0.5, 0.25, 1.0], [1.0, 2.0, 3.0]]),
         "x",
         empty=(0, 3),
@@ -432,7 +432,9 @@ ENTRIES = [
     ),
     Entry(
         "Sphere center",
-        lambda x: substep.Sphere(x, velocity=x).surface_velocity([[0, 0, 0]]),
+        lambda x: substep.Collider(substep.Sphere(1.0, x), velocity=x).surface_velocity(
+            [[0, 0, 0]]
+        ),
         np.array([0.5, 0.25, 1.0]),
         "center",
         any_length=False,

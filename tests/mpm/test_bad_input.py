@@ -34,7 +34,11 @@ def body(name="neo_hookean", dimension=3, side=0.4, **options):
     """A cube of 8 (in 2D 4) particles a cell above the ground, at rest."""
     low = np.full(dimension, 0.05)
     x, volume = mpm.sample_box(low, low + side, 0.1, jitter=0.2)
-    options = {"cell": 0.2, "volume": volume, "colliders": [substep.Plane()]} | options
+    options = {
+        "cell": 0.2,
+        "volume": volume,
+        "colliders": [substep.Collider(substep.Plane())],
+    } | options
     return substep.MaterialPointMethod(x, MATERIALS[name], **options)
 
 
@@ -190,7 +194,11 @@ def test_arguments_of_wrong_types():
         ({"materials": "snow"}, TypeError, r"materials\[0\]: expected a Material"),
         ({"materials": [MATERIALS["snow"], mpm.Snow]}, TypeError, r"materials\[1\]"),
         ({"colliders": [1]}, TypeError, r"colliders\[0\]: expected a Collider"),
-        ({"sinks": [substep.Sphere()]}, TypeError, r"sinks\[0\]: expected Sink"),
+        (
+            {"sinks": [substep.Collider(substep.Sphere(1.0))]},
+            TypeError,
+            r"sinks\[0\]: expected Sink",
+        ),
         ({"emitters": [nozzle]}, InputError, r"emitters\[0\]: expected one in 3D"),
         ({"emitters": [other]}, InputError, r"emitters\[0\]: there is no material 1"),
         ({"emitters": [far]}, InputError, r"emitters\[0\]: expected one within the bounds"),
@@ -768,5 +776,5 @@ def test_a_plane_along_the_particles_of_2d_is_refused():
         substep.MaterialPointMethod(x, jelly, cell=1, volume=volume, colliders=[substep.Plane()])
     with pytest.raises(InputError, match=r"colliders\[0\]"):
         substep.PositionBasedFluid(x, 0.5, colliders=[substep.Plane()])
-    ground = substep.Plane(normal=(0, 1, 0))
+    ground = substep.Collider(substep.Plane((0, 1, 0)))
     substep.MaterialPointMethod(x, jelly, cell=1, volume=volume, colliders=[ground])

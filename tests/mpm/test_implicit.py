@@ -18,7 +18,7 @@ def lattice(counts, spacing, low):
 def cantilever(**options):
     """A bar of 1 m by 0.4 m that is held at x = 0 and sags by its weight."""
     x = lattice((20, 8), 0.05, (0.0, 0.0))
-    wall = substep.Plane(normal=(1, 0, 0))
+    wall = substep.Collider(substep.Plane((1, 0, 0)))
     options = {
         "materials": STIFF,
         "cell": 0.1,
@@ -89,7 +89,9 @@ def test_steps_are_not_limited_by_elastic_waves():
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_floor_carries_the_weight(dimension):
-    floor = substep.Plane(normal=(0, 0, 1) if dimension == 3 else (0, 1, 0), friction=0.5)
+    floor = substep.Collider(
+        substep.Plane((0, 0, 1) if dimension == 3 else (0, 1, 0)), friction=0.5
+    )
     body = cube(dimension, colliders=[floor], step=0.02)
     body.advance(0.4)
     body.step(0.02)
@@ -146,7 +148,7 @@ def test_damping_is_that_of_backward_euler():
 
 @pytest.mark.parametrize("material", [STIFF, mpm.Sand(young_modulus=1e7)], ids=["jelly", "sand"])
 def test_same_bits_for_threads_and_through_a_checkpoint(material, tmp_path):
-    floor = substep.Plane(friction=0.5)
+    floor = substep.Collider(substep.Plane(), friction=0.5)
 
     def make(threads):
         return cube(n=8, materials=material, colliders=[floor], threads=threads)
@@ -195,7 +197,7 @@ def test_deformation_without_an_answer_is_refused(kernel):
 @pytest.mark.slow
 def test_sand_flows_in_long_steps():
     x = lattice((8, 16), 0.0125, (0.0, 0.0))
-    ground = substep.Plane(normal=(0, 1, 0), friction=0.5)
+    ground = substep.Collider(substep.Plane((0, 1, 0)), friction=0.5)
     body = substep.MaterialPointMethod(
         x, mpm.Sand(young_modulus=1e7), cell=0.025, volume=0.0125**2, colliders=[ground],
         integrator="implicit", step=0.002, on_large_step="subdivide",

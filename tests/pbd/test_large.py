@@ -288,7 +288,7 @@ def test_mesh_of_triangles_with_bending_on_a_ball():
             x,
             0.3 * sheet.vertex_areas,
             substep.pbd.cloth(sheet, rigidity=1e-6),
-            colliders=[substep.Sphere((0, 0, 0), 0.3, friction=0.5)],
+            colliders=[substep.Collider(substep.Sphere(0.3), friction=0.5)],
             solver=solver,
             substeps=substeps,
         )

@@ -22,7 +22,7 @@ def block(counts, spacing, low=(0.0, 0.0, 0.0)):
 def dam(n=12, **options):
     """A column of n x n/2 x n particles at the end of a tank."""
     d = 1 / n
-    tank = substep.Box((2, 0.25, 1), (4, 0.5, 2), hollow=True)
+    tank = substep.Collider(substep.Box((4, 0.5, 2), (2, 0.25, 1)), hollow=True)
     options = {"colliders": [tank], "step": 2e-3} | options
     return substep.PositionBasedFluid(block((n, n // 2, n), d), d, **options)
 
@@ -247,7 +247,10 @@ def test_same_bits_for_any_threads_and_through_a_checkpoint(tmp_path, dtype):
 def test_a_scene_moved_by_1000_m_is_the_same():
     shift = np.array([1000.0, -1000.0, 1000.0])
     middle = np.array([2, 0.25, 1])
-    tanks = [substep.Box(middle + at, (4, 0.5, 2), hollow=True) for at in (0 * shift, shift)]
+    tanks = [
+        substep.Collider(substep.Box((4, 0.5, 2), middle + at), hollow=True)
+        for at in (0 * shift, shift)
+    ]
     near = dam(colliders=tanks[:1])
     far = substep.PositionBasedFluid(near.positions + shift, 1 / 12, colliders=tanks[1:])
     for sim in (near, far):
@@ -429,7 +432,7 @@ def test_ten_thousand_particles_in_one_cell_spread():
 
 
 def test_support_larger_than_the_domain():
-    tank = substep.Box((0, 0, 0), (0.3, 0.3, 0.3), hollow=True)
+    tank = substep.Collider(substep.Box((0.3, 0.3, 0.3)), hollow=True)
     x = block((2, 2, 2), 0.1, (-0.1, -0.1, -0.1))
     liquid = substep.PositionBasedFluid(x, 0.1, support=4, colliders=[tank])
     liquid.advance(0.2)
@@ -493,7 +496,7 @@ def front_error(n):
     """
     d = 1 / round(n ** (1 / 3))
     wide = round(0.5 / d)
-    tank = substep.Box((2, wide * d / 2, 4), (4, wide * d, 8), hollow=True)
+    tank = substep.Collider(substep.Box((4, wide * d, 8), (2, wide * d / 2, 4)), hollow=True)
     x = block((round(1 / d), wide, round(2 / d)), d)
     liquid = substep.PositionBasedFluid(
         x, d, colliders=[tank], max_iterations=5, step=0.4 * d / math.sqrt(2 * 9.81 * 2)
@@ -559,7 +562,7 @@ def test_sloshing_is_a_little_fast():
         [np.sin(k * x[:, 0]) * np.cosh(k * x[:, 1]), -np.cos(k * x[:, 0]) * np.sinh(k * x[:, 1])],
         axis=1,
     )
-    tank = substep.Box((0.5, 1, 0), (1, 2, 1), hollow=True)
+    tank = substep.Collider(substep.Box((1, 2, 1), (0.5, 1, 0)), hollow=True)
     liquid = substep.PositionBasedFluid(x, length / n, velocities=start, colliders=[tank])
     times, centres = [], []
     while liquid.time < 3.6:

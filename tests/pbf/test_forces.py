@@ -201,7 +201,7 @@ def test_own_viscosity_of_an_eddy_in_a_box_is_below_a_spacing_times_its_speed():
         a, b = k * x.T
         return np.stack([np.sin(a) * np.cos(b), -np.cos(a) * np.sin(b)], axis=1)
 
-    tank = substep.Box((0.5, 0.5, 0), (1, 1, 10), hollow=True)
+    tank = substep.Collider(substep.Box((1, 1, 10), (0.5, 0.5, 0)), hollow=True)
     fluid = PositionBasedFluid(x, d, velocities=eddy(x), gravity=(0, 0), colliders=[tank])
     time, amplitude = [], []
     while fluid.time < 1:

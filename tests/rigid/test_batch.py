@@ -18,7 +18,7 @@ def pile(boxes=4, **options):
     world.add(rigid.Plane(), (0, 0, 0), motion="static")
     for k in range(boxes):
         world.add(
-            rigid.Box((0.5, 0.4, 0.3)), (0.05 * k, 0, 0.35 + 0.7 * k), restitution=0.1, mass=2.0
+            rigid.Box((1, 0.8, 0.6)), (0.05 * k, 0, 0.35 + 0.7 * k), restitution=0.1, mass=2.0
         )
     return world
 
@@ -156,7 +156,7 @@ def test_what_is_set_in_some_worlds_and_bodies_leaves_the_others():
 def test_poses_are_those_of_the_shapes():
     world = free()
     tool = world.add(
-        [rigid.Box((0.3, 0.1, 0.1)), rigid.Fixture(rigid.Sphere(0.2), (0.4, 0.1, 0))], (0, 0, 2)
+        [rigid.Box((0.6, 0.2, 0.2)), rigid.Sphere(0.2, center=(0.4, 0.1, 0))], (0, 0, 2)
     )
     batch = substep.RigidBatch(world, 2)
     batch.set_poses([[5.0, 0, 1]], [[1.0, 1, 0, 0]], worlds=[1], bodies=[tool])

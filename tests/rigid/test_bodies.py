@@ -11,14 +11,14 @@ from substep import InputError, rigid
 
 G = 9.81
 UNIT = (1.0, 0, 0, 0)
-BOX = rigid.Box((0.5, 0.5, 0.5))
+BOX = rigid.Box((1, 1, 1))
 BALL = rigid.Sphere(0.25)
 CORNER = [[0, 0, 0], [0.6, 0, 0], [0, 0.4, 0], [0, 0, 0.3]]
 SHAPES = {
     "sphere": BALL,
-    "box": rigid.Box((0.3, 0.2, 0.1)),
-    "capsule": rigid.Capsule(0.1, 0.3),
-    "cylinder": rigid.Cylinder(0.2, 0.3),
+    "box": rigid.Box((0.6, 0.4, 0.2)),
+    "capsule": rigid.Capsule(0.1, 0.6),
+    "cylinder": rigid.Cylinder(0.2, 0.6),
     "hull": rigid.ConvexHull(CORNER),
 }
 
@@ -64,10 +64,10 @@ def pile(n=27, seed=3, **options):
     rng = np.random.default_rng(seed)
     bodies = on_ground(**options)
     hammer = [
-        rigid.Fixture(rigid.Box((0.1, 0.05, 0.05)), (0, 0, 0.2)),
-        rigid.Fixture(rigid.Capsule(0.03, 0.15)),
+        rigid.Box((0.2, 0.1, 0.1), center=(0, 0, 0.2)),
+        rigid.Fixture(rigid.Capsule(0.03, 0.3)),
     ]
-    kinds = [rigid.Box((0.1, 0.1, 0.1)), rigid.Sphere(0.1), rigid.ConvexHull(CORNER), hammer]
+    kinds = [rigid.Box((0.2, 0.2, 0.2)), rigid.Sphere(0.1), rigid.ConvexHull(CORNER), hammer]
     for k in range(n):
         x = 0.4 * np.array([k % 3, k // 3 % 3, 1 + k // 9]) + rng.uniform(-0.05, 0.05, 3)
         bodies.add(kinds[k % 4], x, rng.normal(size=4), friction=0.6, restitution=0.2 * (k % 2))
@@ -110,7 +110,8 @@ def test_velocities_are_those_of_the_centre_and_momenta_follow():
 
 def test_compounds_weigh_what_their_parts_do():
     bodies = space()
-    bar = [rigid.Fixture(BALL, (0, 0, z), density=d) for z, d in ((0, 1000), (2, 3000))]
+    balls = [rigid.Sphere(BALL.radius, (0, 0, z)) for z in (0, 2)]
+    bar = [rigid.Fixture(ball, density=d) for ball, d in zip(balls, (1000, 3000), strict=True)]
     k = bodies.add(bar, (0, 0, 0))
     m = 4 / 3 * math.pi * 0.25**3 * 1000
     assert bodies.masses[k] == pytest.approx(4 * m)
@@ -119,7 +120,7 @@ def test_compounds_weigh_what_their_parts_do():
     assert sorted(bodies.inertia[k]) == pytest.approx(
         sorted([4 * m * own, *[4 * m * own + m * 1.5**2 + 3 * m * 0.5**2] * 2])
     )
-    assert [f.position for f in bodies.fixtures(k)] == [(0, 0, 0), (0, 0, 2)]
+    assert [f.shape.center for f in bodies.fixtures(k)] == [(0, 0, 0), (0, 0, 2)]
 
 
 def test_mass_and_inertia_can_be_given():
@@ -231,7 +232,7 @@ def test_free_fall_is_a_parabola():
 @pytest.mark.parametrize(("rotation", "bound"), [("exact", 1e-10), ("splitting", 1e-4)])
 def test_free_rotation_keeps_the_energy(rotation, bound):
     bodies = space(rotation=rotation, step=1 / 240)
-    plate = rigid.Box((0.5, 0.25, 0.1))
+    plate = rigid.Box((1, 0.5, 0.2))
     bodies.add(plate, (0, 0, 0), mass=1.0, angular_velocities=(0.01, 5, 0))
     L = bodies.angular_momenta.copy()
     energy = bodies.diagnostics()["kinetic_energy"]
@@ -269,7 +270,7 @@ def test_impulses_act_at_once():
 
 def test_kinematic_bodies_go_their_way_and_push():
     bodies = space()
-    plate = bodies.add(rigid.Box((0.1, 1, 1)), (0, 0, 0), velocities=(1, 0, 0), motion="kinematic")
+    plate = bodies.add(rigid.Box((0.2, 2, 2)), (0, 0, 0), velocities=(1, 0, 0), motion="kinematic")
     ball = bodies.add(BALL, (1, 0, 0), mass=1e6)
     bodies.advance(2.0)
     assert bodies.positions[plate] == pytest.approx([2, 0, 0])
@@ -347,7 +348,7 @@ def test_boxes_on_an_incline(friction, slides):
     q = about((0, 1, 0), angle)
     up = turned(np.array(q), np.array([0.0, 0, 1]))
     bodies.add(rigid.Plane(up), (0, 0, 0), motion="static", friction=friction)
-    box = bodies.add(rigid.Box((0.2, 0.2, 0.2)), 0.2 * up, q, friction=friction)
+    box = bodies.add(rigid.Box((0.4, 0.4, 0.4)), 0.2 * up, q, friction=friction)
     bodies.advance(0.25)
     first = np.linalg.norm(bodies.velocities[box])
     bodies.advance(1.0)
@@ -373,7 +374,7 @@ def test_rolling_and_spinning_friction_stop():
 
 def test_groups_and_masks_and_excluded_pairs():
     bodies = on_ground()
-    sieve = bodies.add(rigid.Box((5, 5, 0.1)), (0, 0, 1), motion="static", group=2)
+    sieve = bodies.add(rigid.Box((10, 10, 0.2)), (0, 0, 1), motion="static", group=2)
     held = bodies.add(BALL, (0, 0, 1.5))
     falls = bodies.add(BALL, (1, 0, 1.5), mask=1)
     excluded = bodies.add(BALL, (2, 0, 1.5))
@@ -405,7 +406,7 @@ def test_open_meshes_are_ground():
 def test_a_bullet_does_not_pass_a_plate():
     for speed in (10.0, 1000.0):
         bodies = space()
-        bodies.add(rigid.Box((0.005, 1, 1)), (0, 0, 0), motion="static")
+        bodies.add(rigid.Box((0.01, 2, 2)), (0, 0, 0), motion="static")
         bullet = bodies.add(rigid.Sphere(0.01), (-1, 0.1, 0.2), velocities=(speed, 0, 0))
         bodies.advance(0.5)
         assert bodies.positions[bullet, 0] < 0
@@ -443,7 +444,7 @@ def test_pendulums_swing_in_time(kind):
 def test_a_fixed_joint_carries_force_and_torque():
     bodies = world()
     wall = bodies.add(BOX, (-1, 0, 0), motion="static")
-    beam = bodies.add(rigid.Box((0.5, 0.1, 0.1)), (0, 0, 0), mass=3.0)
+    beam = bodies.add(rigid.Box((1, 0.2, 0.2)), (0, 0, 0), mass=3.0)
     joint = bodies.fixed(beam, wall, (-0.5, 0, 0))
     bodies.advance(1.0)
     assert bodies.positions[beam] == pytest.approx([0, 0, 0], abs=1e-4)
@@ -457,7 +458,7 @@ def test_joints_of_a_chain_that_swings_hold_for_a_minute(kind):
     bodies, last = world(), None
     for k in range(3):
         x = np.array([0.7 * k, 0, 0])
-        link = bodies.add(rigid.Box((0.1, 0.2, 0.3)), x, mass=1.0 + k)
+        link = bodies.add(rigid.Box((0.2, 0.4, 0.6)), x, mass=1.0 + k)
         middle = x - (0.35, 0, 0)
         if kind == "hinge":
             bodies.hinge(link, last, middle, (0, 1, 0.3 * k))
@@ -475,7 +476,7 @@ def test_joints_of_a_chain_that_swings_hold_for_a_minute(kind):
 
 def test_limits_hold():
     bodies = world()
-    flap = bodies.add(rigid.Box((0.5, 0.2, 0.05)), (0.5, 0, 0), mass=2.0)
+    flap = bodies.add(rigid.Box((1, 0.4, 0.1)), (0.5, 0, 0), mass=2.0)
     hinge = bodies.hinge(flap, None, (0, 0, 0), (0, 1, 0), limits=(-0.3, 0.3))
     ring = bodies.add(BALL, (5, 0, 0))
     slider = bodies.slider(ring, None, (5, 0, 0), (0, 0, 1), limits=(-0.4, 0.1))
@@ -493,7 +494,7 @@ def test_limits_hold():
 
 def test_motors():
     bodies = space()
-    wheel = bodies.add(rigid.Cylinder(0.5, 0.1), (0, 0, 0), mass=2.0)
+    wheel = bodies.add(rigid.Cylinder(0.5, 0.2), (0, 0, 0), mass=2.0)
     hinge = bodies.hinge(wheel, None, (0, 0, 0), (0, 0, 1), motor=rigid.SpeedMotor(3.0, 0.1))
     moment = 0.5 * 2.0 * 0.25
     bodies.advance(1.0)
@@ -756,9 +757,9 @@ def test_shapes_are_cast_and_overlap():
     assert hit.distances == pytest.approx([4.25], abs=1e-6)
     assert hit.normals[0] == pytest.approx([-1, 0, 0], abs=1e-6)
     assert bodies.shape_cast(BALL, (-5, 0, 2), (1, 0, 0), 4).bodies.tolist() == [-1]
-    assert bodies.overlapping(rigid.Box((2, 0.1, 0.1)), (1.5, 0, 2)).tolist() == [first, second]
+    assert bodies.overlapping(rigid.Box((4, 0.2, 0.2)), (1.5, 0, 2)).tolist() == [first, second]
     turn = about((0, 1, 0), math.pi / 2)
-    assert bodies.overlapping(rigid.Box((2, 0.1, 0.1)), (1.5, 0, 2), rotation=turn).tolist() == [0]
+    assert bodies.overlapping(rigid.Box((4, 0.2, 0.2)), (1.5, 0, 2), rotation=turn).tolist() == [0]
     assert bodies.overlapping(BALL, (0, 0, 0.1), mask=2).tolist() == []
 
 

@@ -20,7 +20,7 @@ def test_surfaces_are_where_the_bodies_are(tmp_path):
     with substep.Recording(outcome.recording) as recording:
         assert recording.parts["bodies"].kind == "bodies"
         assert {"pile", "wall0", "wall3"} <= set(recording.parts)
-        corners = rigid.Box((0.1, 0.1, 0.1)).mesh().vertices
+        corners = rigid.Box((0.2, 0.2, 0.2)).mesh().vertices
         for k in range(3):
             frame = recording.frame(k)
             x, q = frame["bodies"]["points"], frame["bodies"]["orientation"]

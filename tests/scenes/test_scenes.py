@@ -270,8 +270,10 @@ class TestClothDrape:
         with substep.Recording(run.recording) as recording:
             assert words in recording.parameters["notes"]["mesh"]
             part = recording.parts["obstacle"]
-            obstacle = substep.SignedDistanceField.from_mesh(
-                substep.geometry.TriangleMesh(part.points, part.triangles), 1 / 48
+            obstacle = substep.Collider(
+                substep.SignedDistanceField.from_mesh(
+                    substep.geometry.TriangleMesh(part.points, part.triangles), 1 / 48
+                )
             )
             assert np.ptp(np.asarray(part.points), axis=0).max() == pytest.approx(1, rel=0.1)
             for k in range(len(recording)):

@@ -60,7 +60,10 @@ def net(**changes):
         ({"time": np.nan}, "time"),
         ({"threads": 0}, "threads"),
         ({"faces": [[0, 1, 7]]}, r"faces\[0, 2\]"),
-        ({"colliders": [substep.Sphere((0, 0, 0), 0.5)]}, "vertex 0 is inside of collider 0"),
+        (
+            {"colliders": [substep.Collider(substep.Sphere(0.5))]},
+            "vertex 0 is inside of collider 0",
+        ),
     ],
 )
 def test_refused_by_name(changes, message):
@@ -93,7 +96,7 @@ def test_wrong_steps_change_nothing(dt):
 )
 @pytest.mark.parametrize("view", ["positions", "velocities", "forces", "targets"])
 def test_nan_written_through_a_view_is_found(integrator, view):
-    floor = substep.Plane((0, 0, -0.1), velocity=(0, 0, 0.01))
+    floor = substep.Collider(substep.Plane(point=(0, 0, -0.1)), velocity=(0, 0, 0.01))
     body = net(integrator=integrator, pinned=[2], colliders=[floor], step=0.01)
     body.step()
     getattr(body, view)[2 if view == "targets" else 1, 1] = np.nan

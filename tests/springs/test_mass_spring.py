@@ -321,7 +321,7 @@ def incline(degrees, mu, **options):
     mesh = substep.geometry.grid_mesh(5, 5, (0.4, 0.4))
     edges, k = grid_springs(5, 5, stiffness=500.0)
     x = mesh.vertices @ np.array([down, [0, 1, 0], normal]) + 5e-4 * normal
-    plane = substep.Plane(normal=normal, friction=mu)
+    plane = substep.Collider(substep.Plane(normal), friction=mu)
     options = {"tolerance": 1e-6, **options}
     return substep.MassSpring(x, edges, k, 0.01, colliders=[plane], **options), plane, normal, down
 
@@ -361,9 +361,9 @@ def test_resting_cloth_gives_its_weight_to_the_floor(integrator):
 def test_cloth_never_enters_what_it_falls_on():
     mesh = substep.geometry.grid_mesh(12, 12)
     edges, k = grid_springs(12, 12, stiffness=100.0)
-    ball = substep.Sphere((0, 0, 0.25), 0.25, friction=0.3)
-    box = substep.Box((0.1, 0.1, 0.1), (0.2, 0.2, 0.2), friction=0.3)
-    floor = substep.Plane(friction=0.5)
+    ball = substep.Collider(substep.Sphere(0.25, (0, 0, 0.25)), friction=0.3)
+    box = substep.Collider(substep.Box((0.2, 0.2, 0.2), (0.1, 0.1, 0.1)), friction=0.3)
+    floor = substep.Collider(substep.Plane(), friction=0.5)
     body = substep.MassSpring(
         mesh.vertices + np.array([0, 0, 0.7]),
         edges,
@@ -378,7 +378,7 @@ def test_cloth_never_enters_what_it_falls_on():
 
 
 def test_moving_colliders_push_and_pull():
-    plate = substep.Plane(velocity=(0.5, 0, 1.0), friction=1.0)
+    plate = substep.Collider(substep.Plane(), velocity=(0.5, 0, 1.0), friction=1.0)
     body = substep.MassSpring(
         [[0, 0, 0.01], [0.1, 0, 0.01], [0, 0.1, 0.01]],
         [[0, 1], [1, 2], [2, 0]],
@@ -419,7 +419,9 @@ def test_external_forces_act_for_one_step():
 def draped(threads=None, solver="newton"):
     mesh = substep.geometry.grid_mesh(24, 24)
     edges, k = grid_springs(24, 24, stiffness=300.0)
-    ball = substep.Sphere((0, 0, -0.31), 0.3, friction=0.4, angular_velocity=(0, 0, 2.0))
+    ball = substep.Collider(
+        substep.Sphere(0.3, (0, 0, -0.31)), friction=0.4, angular_velocity=(0, 0, 2.0)
+    )
     body = substep.MassSpring(
         mesh.vertices,
         edges,

@@ -291,7 +291,7 @@ def jelly_on_incline(angle_deg, friction=0.5):
         ]
     )
     mesh = box_tetrahedra((0.3, 0.3, 0.3), (3, 3, 3))
-    ground = substep.Plane(normal=R @ [0, 0, 1.0], friction=friction)
+    ground = substep.Collider(substep.Plane(R @ [0, 0, 1.0]), friction=friction)
     body = substep.SoftBody(
         (mesh.vertices + np.array([0, 0, 0.15 + 9e-4])) @ R.T,
         mesh.tetrahedra,
@@ -344,7 +344,7 @@ def falling(threads=None, **options):
         (8, 8, 8),  # 3072 tetrahedra: more than one chunk
         damping=0.01,
         young_modulus=2e4,
-        colliders=[substep.Plane((0, 0, -0.12), friction=0.3)],
+        colliders=[substep.Collider(substep.Plane(point=(0, 0, -0.12)), friction=0.3)],
         step=0.01,
         threads=threads,
         tolerance=1e-2,
@@ -486,7 +486,7 @@ GOOD = {
         ({"positions": [*CORNERS, [5, 5, 5]]}, r"positions\[4\]: no tetrahedron"),
         ({"rest_positions": CORNERS[:3]}, "rest_positions"),
         ({"pinned": [4]}, r"pinned\[0\]"),
-        ({"colliders": [substep.Plane((0, 0, 0.5))]}, "inside of collider"),
+        ({"colliders": [substep.Collider(substep.Plane(point=(0, 0, 0.5)))]}, "inside of collider"),
     ],
 )
 def test_bad_input_is_refused(change, message):

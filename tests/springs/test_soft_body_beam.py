@@ -150,7 +150,7 @@ def test_the_meshes_of_other_people_fall_and_come_to_rest(name):
     vertices = scale * surface.vertices[:, [0, 2, 1]] * [1, -1, 1]
     vertices[:, 2] -= vertices[:, 2].min() - 0.05
     surface = substep.geometry.TriangleMesh(vertices, surface.faces)
-    ground = substep.Plane(friction=0.5)
+    ground = substep.Collider(substep.Plane(), friction=0.5)
     body = substep.SoftBody.from_mesh(
         surface,
         spacing=0.2 / 12,

@@ -92,6 +92,6 @@ def test_the_bits_do_not_depend_on_threads(solver: str) -> None:
 
 
 def test_projective_refuses_contact() -> None:
-    ground = substep.geometry.Plane([0, -1, 0], [0, 1, 0])
+    ground = substep.Collider(substep.geometry.Plane([0, 1, 0], [0, -1, 0]))
     with pytest.raises(substep.InputError, match="colliders"):
         cloth(4, solver="projective", colliders=[ground])

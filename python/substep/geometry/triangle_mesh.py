@@ -12,10 +12,11 @@ from .. import _core
 from ..base.checks import check_array, check_threads
 from ..errors import InputError
 from .mesh_report import MeshReport
+from .shape import Shape
 from .topology import Array, Indices, check_indices, components, frozen
 
 
-class TriangleMesh:
+class TriangleMesh(Shape):
     """A surface of triangles.
 
     Any set of triangles is accepted: open, not manifold, with duplicated or flat faces. `report`
@@ -56,11 +57,19 @@ class TriangleMesh:
     1.0
     """
 
-    def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
-        self.vertices: Array = frozen(check_array("vertices", vertices, (None, 3)).copy())
-        self.faces: Indices = frozen(check_indices("faces", faces, 3, len(self.vertices)))
+    vertices: Array
+    faces: Indices
+    dropped: int
+    _fields = ("vertices", "faces")
 
-        self.dropped = 0
+    def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
+        points = frozen(check_array("vertices", vertices, (None, 3)).copy())
+        self._set(
+            vertices=points, faces=frozen(check_indices("faces", faces, 3, len(points))), dropped=0
+        )
+
+    __eq__ = object.__eq__
+    __hash__ = object.__hash__
 
     def __reduce__(self) -> tuple[Any, ...]:
         return TriangleMesh, (self.vertices, self.faces), {"dropped": self.dropped}
@@ -260,7 +269,7 @@ class TriangleMesh:
         first = np.unique(np.sort(kept, axis=1), axis=0, return_index=True)[1]
         used, faces = np.unique(kept[np.sort(first)], return_inverse=True)
         mesh = TriangleMesh(points[used], faces.reshape(-1, 3))
-        mesh.dropped = self.dropped + len(self.faces) - len(mesh.faces)
+        mesh._set(dropped=self.dropped + len(self.faces) - len(mesh.faces))
         return mesh
 
     def report(self) -> MeshReport:
@@ -290,3 +299,15 @@ class TriangleMesh:
             pierced=self._tree.count_pierced(self.vertices, self.faces, edges, 0),
             dropped_faces=self.dropped,
         )
+
+    def _rigid_shape(self) -> Any:
+        if len(self.vertices) > 2**31 - 1:
+            raise InputError("shape: a mesh has at most 2**31 - 1 vertices")
+        return _core.RigidShape.mesh(self.vertices, self.faces.astype(np.int32))
+
+    def _moments(self, density: float) -> Any:
+        moments = _core.mesh_moments(self.vertices, self.faces, density)
+        pierced = self.report().pierced
+        if pierced:
+            raise InputError(f"shape: the mesh cuts itself: {pierced} edges pass through a face")
+        return moments

@@ -15,7 +15,7 @@ from ..base.rows import read_only
 from ..base.schema import Entry
 from ..base.simulation import StepReport
 from ..errors import InputError, SolverError
-from ..geometry import Collider
+from ..geometry import Collider, Shape
 from ..geometry.colliders import check_colliders
 from ..particles.emitters import Emitter, Sink
 from ..particles.state import ON_ESCAPE, Particles, check_bounds, check_dtype, check_kinds
@@ -98,7 +98,7 @@ class MaterialPointMethod(Particles):
         Initial velocities [m/s]; at rest unless given.
     gravity : array_like, shape (3,) or (2,), optional
         Acceleration [m/s^2]; 9.81 downward (along the last axis) unless given.
-    colliders : sequence of Collider
+    colliders : sequence of Collider or Shape
         Obstacles and containers, with their friction. What they are given is their `impulse`.
     boundary : {'separate', 'slip', 'sticky'} or sequence of these
         What colliders do to material at their surface: it slides with friction and can leave; it
@@ -162,7 +162,7 @@ class MaterialPointMethod(Particles):
     >>> import substep
     >>> x, volume = substep.mpm.sample_box((0, 0, 0.05), (0.2, 0.2, 0.25), 0.02)
     >>> jelly = substep.mpm.NeoHookean(density=1000, young_modulus=2e4, poisson_ratio=0.3)
-    >>> ground = substep.Plane(friction=0.5)
+    >>> ground = substep.Collider(substep.Plane(), friction=0.5)
     >>> body = substep.MaterialPointMethod(
     ...     x, jelly, cell=0.04, volume=volume, colliders=[ground])
     >>> body.step_limit()[1]
@@ -189,7 +189,7 @@ class MaterialPointMethod(Particles):
         material: ArrayLike | None = None,
         velocities: ArrayLike | None = None,
         gravity: ArrayLike | None = None,
-        colliders: Sequence[Collider] = (),
+        colliders: Sequence[Collider | Shape] = (),
         boundary: str | Sequence[str] = "separate",
         transfer: str = "apic",
         flip_rate: float = 0.0,

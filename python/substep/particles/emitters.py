@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.attributes import Frozen
 from ..base.checks import check_array, check_integer, check_real
 from ..errors import InputError
-from ..geometry import Collider
+from ..geometry import Collider, Shape
+from ..geometry.colliders import check_collider
 
 Array = NDArray[np.float64]
 
@@ -172,29 +173,34 @@ class Sink(Frozen):
 
     Parameters
     ----------
-    shape : Collider
+    shape : Shape or Collider
         Particles inside of it are taken out at the end of each step: a `Box`, a `Plane` (what is
-        below it), a hollow one (what is outside). It stays where it is.
+        below it), a hollow `Collider` (what is outside). It stays where it is.
+
+    Attributes
+    ----------
+    shape : Collider
+        The region.
 
     Raises
     ------
     TypeError
-        If it is no Collider.
+        If it is neither a shape nor a Collider.
 
     Examples
     --------
     >>> import substep
-    >>> drain = substep.Sink(substep.Plane((0.0, 0.0, -1.0), (0.0, 0.0, 1.0)))
+    >>> drain = substep.Sink(substep.Plane(point=(0.0, 0.0, -1.0)))
     >>> drop = substep.PositionBasedFluid([[0.0, 0.0, 0.0]], 0.1, sinks=[drain])
     >>> drop.advance(1.0)
     >>> len(drop), drop.absorbed
     (0, array([1]))
     """
 
-    def __init__(self, shape: Collider) -> None:
-        if not isinstance(shape, Collider):
-            raise TypeError(f"shape: expected a Collider, got {shape!r}")
-        self.shape = shape
+    shape: Collider
+
+    def __init__(self, shape: Shape | Collider) -> None:
+        self.shape = check_collider("shape", shape)
 
 
 def check_all(name: str, values: Any, kind: type) -> tuple[Any, ...]:

@@ -202,7 +202,8 @@ def soft_body(
     >>> ball = substep.geometry.tetrahedralize(substep.geometry.sphere_mesh(0.1), 0.04)
     >>> body = substep.PositionBasedDynamics(
     ...     ball.vertices, 1000 * ball.vertex_volumes,
-    ...     substep.pbd.soft_body(ball, young_modulus=1e5), colliders=[substep.Plane((0, 0, -0.2))])
+    ...     substep.pbd.soft_body(ball, young_modulus=1e5),
+    ...     colliders=[substep.Plane(point=(0, 0, -0.2))])
     >>> body.advance(0.2)
     >>> bool(body.positions[:, 2].min() > -0.2)
     True

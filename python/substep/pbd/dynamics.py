@@ -24,7 +24,7 @@ from ..base.rows import Points, read_only
 from ..base.schema import OWN, TIME, Entry, Rows
 from ..base.simulation import Simulation, StepReport
 from ..errors import InputError
-from ..geometry import Collider
+from ..geometry import Collider, Shape
 from ..geometry.colliders import (
     check_colliders,
     collider_states,
@@ -77,7 +77,7 @@ class PositionBasedDynamics(Points):
         Indices of particles that do not move, or one boolean each; see `set_targets`.
     gravity : array_like, shape (3,) or (2,), optional
         [m/s^2]; 9.81 downwards unless given.
-    colliders : sequence of Collider
+    colliders : sequence of Collider or Shape
         Obstacles; they belong to this object from now on.
     margin : float
         Distance that particles keep from the obstacles [m], above 0.
@@ -150,7 +150,7 @@ class PositionBasedDynamics(Points):
         velocities: ArrayLike | None = None,
         pinned: ArrayLike = (),
         gravity: ArrayLike | None = None,
-        colliders: Sequence[Collider] = (),
+        colliders: Sequence[Collider | Shape] = (),
         margin: float = 1e-3,
         substeps: int = 10,
         iterations: int = 1,

@@ -16,7 +16,7 @@ from ..base.rows import read_only
 from ..base.schema import OWN, TIME, Entry, Number, Rows
 from ..base.simulation import StepReport
 from ..errors import InputError
-from ..geometry import Collider
+from ..geometry import Collider, Shape
 from ..geometry.colliders import check_colliders
 from ..particles.emitters import Emitter, Sink
 from ..particles.state import ON_ESCAPE, Particles, check_bounds, check_dtype, check_kinds
@@ -76,7 +76,7 @@ class PositionBasedFluid(Particles):
         Which of the densities each particle has; the first unless given.
     gravity : array_like, shape (3,) or (2,), optional
         Acceleration [m/s^2]; 9.81 downward (along the last axis) unless given.
-    colliders : sequence of Collider
+    colliders : sequence of Collider or Shape
         Obstacles and containers (a tank is a `Box` with `hollow`).
     kernel : {'cubic_spline', 'poly6_spiky'}
         Smoothing kernel. The second is the pair of Macklin and Mueller: poly6 for the density, the
@@ -150,7 +150,8 @@ class PositionBasedFluid(Particles):
     >>> import substep
     >>> axis = 0.05 * (np.arange(8) + 0.5)
     >>> water = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
-    >>> tank = substep.Box((0.8, 0.2, 0.5), (1.6, 0.4, 1.0), hollow=True)
+    >>> box = substep.Box((1.6, 0.4, 1.0), center=(0.8, 0.2, 0.5))
+    >>> tank = substep.Collider(box, hollow=True)
     >>> liquid = substep.PositionBasedFluid(water, 0.05, colliders=[tank])
     >>> liquid.advance(0.3)
     >>> bool(liquid.positions[:, 0].max() > 0.6)
@@ -174,7 +175,7 @@ class PositionBasedFluid(Particles):
         density: float | Sequence[float] = 1000.0,
         fluid: ArrayLike | None = None,
         gravity: ArrayLike | None = None,
-        colliders: Sequence[Collider] = (),
+        colliders: Sequence[Collider | Shape] = (),
         kernel: str = "cubic_spline",
         support: float = 2.0,
         tolerance: float = 1e-3,

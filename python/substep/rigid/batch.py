@@ -69,10 +69,9 @@ class RigidBatch(BatchRows):
 
     >>> import numpy as np
     >>> import substep
-    >>> rigid = substep.rigid
     >>> world = substep.RigidBodies()
-    >>> ground = world.add(rigid.Plane(), (0, 0, 0), motion="static")
-    >>> ball = world.add(rigid.Sphere(0.1), (0, 0, 0.1), restitution=0.5)
+    >>> ground = world.add(substep.Plane(), (0, 0, 0), motion="static")
+    >>> ball = world.add(substep.Sphere(0.1), (0, 0, 0.1), restitution=0.5)
     >>> batch = substep.RigidBatch(world, 100)
     >>> throw = np.zeros((100, 1, 3))
     >>> throw[:, 0, 2] = np.linspace(1, 5, 100)
@@ -282,7 +281,7 @@ class RigidBatch(BatchRows):
         --------
         >>> import substep
         >>> world = substep.RigidBodies()
-        >>> ball = world.add(substep.rigid.Sphere(0.1), (0, 0, 1))
+        >>> ball = world.add(substep.Sphere(0.1), (0, 0, 1))
         >>> batch = substep.RigidBatch(world, 3)
         >>> batch.step(steps=5)
         >>> batch.reset([1])

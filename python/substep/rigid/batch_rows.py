@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import check_array, describe
+from ..base.quaternions import multiply, rotate, unit_quaternions
 from ..base.simulation import Simulation
 from ..errors import InputError
 from .bodies import RigidBodies
-from .fixtures import multiply, rotate
 from .joint import Joint
-from .mass import unit_quaternions
 from .rows import principal_frames
 
 Array = NDArray[np.float64]

@@ -86,12 +86,11 @@ class RigidBodies(Runs, States):
     Three boxes on one another, and a ball that bounces:
 
     >>> import substep
-    >>> rigid = substep.rigid
     >>> bodies = substep.RigidBodies()
-    >>> ground = bodies.add(rigid.Plane(), (0, 0, 0), motion="static")
+    >>> ground = bodies.add(substep.Plane(), (0, 0, 0), motion="static")
     >>> stack = bodies.add(
-    ...     rigid.Box((0.5, 0.5, 0.5)), [[0, 0, 0.5], [0, 0, 1.5], [0, 0, 2.5]])
-    >>> ball = bodies.add(rigid.Sphere(0.1), (3, 0, 1.1), restitution=0.8)
+    ...     substep.Box((1, 1, 1)), [[0, 0, 0.5], [0, 0, 1.5], [0, 0, 2.5]])
+    >>> ball = bodies.add(substep.Sphere(0.1), (3, 0, 1.1), restitution=0.8)
     >>> bodies.advance(1.0)
     >>> bodies.origins[stack, 2].round(2).tolist()
     [0.5, 1.5, 2.5]
@@ -204,7 +203,7 @@ class RigidBodies(Runs, States):
         --------
         >>> import substep
         >>> bodies = substep.RigidBodies(gravity=(0, 0, 0))
-        >>> bodies.add(substep.rigid.Sphere(0.5), [[0, 0, 0], [2, 0, 0]], mass=3.0)
+        >>> bodies.add(substep.Sphere(0.5), [[0, 0, 0], [2, 0, 0]], mass=3.0)
         array([0, 1])
         >>> bodies.masses.tolist()
         [3.0, 3.0]

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import check_array, check_choice
+from ..base.quaternions import multiply, rotate, unit_quaternions
 from ..base.simulation import Simulation
 from ..errors import InputError
-from .fixtures import MOTIONS, Fixture, is_ground, multiply, rotate
-from .mass import unit_quaternions
+from .fixtures import MOTIONS, Fixture, is_ground
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]

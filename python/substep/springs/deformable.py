@@ -23,7 +23,7 @@ from ..base.rows import Points, read_only
 from ..base.schema import TIME, Entry, Rows
 from ..base.simulation import StepReport
 from ..errors import InputError
-from ..geometry import Collider
+from ..geometry import Collider, Shape
 from ..geometry.colliders import (
     check_colliders,
     collider_states,
@@ -85,7 +85,7 @@ class Deformable(Points):
         pinned: ArrayLike,
         drag: float,
         gravity: ArrayLike,
-        colliders: Sequence[Collider],
+        colliders: Sequence[Collider | Shape],
         integrator: str,
         step: float | None,
         solver: str,

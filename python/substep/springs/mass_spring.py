@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.checks import check_array, check_integer, check_positive, check_real
-from ..geometry import Collider, TriangleMesh
+from ..geometry import Collider, Shape, TriangleMesh
 from ..geometry.topology import check_indices
 from .deformable import Array, Deformable
 
@@ -130,7 +131,7 @@ class MassSpring(Deformable):
         pinned: ArrayLike = (),
         drag: float = 0.0,
         gravity: ArrayLike = (0.0, 0.0, -9.81),
-        colliders: Sequence[Collider] = (),
+        colliders: Sequence[Collider | Shape] = (),
         integrator: str = "implicit_euler",
         step: float | None = None,
         solver: str = "newton",
@@ -201,7 +202,7 @@ class MassSpring(Deformable):
         pinned: ArrayLike = (),
         drag: float = 0.0,
         gravity: ArrayLike = (0.0, 0.0, -9.81),
-        colliders: Sequence[Collider] = (),
+        colliders: Sequence[Collider | Shape] = (),
         integrator: str = "implicit_euler",
         step: float | None = None,
         solver: str = "newton",

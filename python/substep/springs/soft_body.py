@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..base.checks import check_array, check_choice, check_positive, check_real
 from ..errors import InputError
-from ..geometry import Collider, TetMesh, TriangleMesh, read_mesh, tetrahedralize
+from ..geometry import Collider, Shape, TetMesh, TriangleMesh, read_mesh, tetrahedralize
 from .deformable import Array, Deformable
 
 _FLAT = 1e-12  # of the cube of the longest edge: a volume that rounding alone can make
@@ -103,7 +103,7 @@ class SoftBody(Deformable):
         pinned: ArrayLike = (),
         drag: float = 0.0,
         gravity: ArrayLike = (0.0, 0.0, -9.81),
-        colliders: Sequence[Collider] = (),
+        colliders: Sequence[Collider | Shape] = (),
         integrator: str = "implicit_euler",
         step: float | None = None,
         solver: str = "newton",
@@ -187,7 +187,7 @@ class SoftBody(Deformable):
         pinned: ArrayLike = (),
         drag: float = 0.0,
         gravity: ArrayLike = (0.0, 0.0, -9.81),
-        colliders: Sequence[Collider] = (),
+        colliders: Sequence[Collider | Shape] = (),
         integrator: str = "implicit_euler",
         step: float | None = None,
         solver: str = "newton",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Box, TriangleMesh, box_mesh
+from ...geometry import Box, Collider, TriangleMesh, box_mesh
 from ...mpm import sample_mesh
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 RIDGE = 0.35  # sides of the wedge, over the size of the body
 
 
-def _wedge(size: float, friction: float) -> tuple[Box, TriangleMesh]:
+def _wedge(size: float, friction: float) -> tuple[Collider, TriangleMesh]:
     """A long box along y whose edge points upwards."""
     sides = size * np.array([RIDGE, 3.0, RIDGE])
     mesh = box_mesh(sides)
@@ -36,9 +36,8 @@ def _wedge(size: float, friction: float) -> tuple[Box, TriangleMesh]:
     c = np.sqrt(0.5)
     turned = x @ np.array([[c, 0, -c], [0, 1, 0], [c, 0, c]])
     turned[:, 2] = np.maximum(turned[:, 2], 0)  # what is above the ground
-    box = Box(lengths=sides, friction=friction)
-    box.orientation = (np.cos(np.pi / 8), 0.0, np.sin(np.pi / 8), 0.0)
-    return box, TriangleMesh(turned, mesh.faces)
+    box = Box(sides, rotation=(np.cos(np.pi / 8), 0.0, np.sin(np.pi / 8), 0.0))
+    return Collider(box, friction=friction), TriangleMesh(turned, mesh.faces)
 
 
 def _build(parameters: dict[str, Any], seed: int) -> Points:

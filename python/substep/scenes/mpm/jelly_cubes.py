@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Plane, TriangleMesh
+from ...geometry import Collider, Plane, TriangleMesh
 from ...mpm import NeoHookean, sample_box
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
@@ -60,7 +60,8 @@ def _build(parameters: dict[str, Any], seed: int) -> Points:
         materials.append(NeoHookean(parameters["density"], stiffness, parameters["poisson"]))
     walls = {}
     for k, normal in enumerate(((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))):
-        wall = Plane(-PEN / 2 * side * np.array(normal), normal, friction=parameters["friction"])
+        plane = Plane(normal, -PEN / 2 * side * np.array(normal))
+        wall = Collider(plane, friction=parameters["friction"])
         walls[f"wall{k}"] = (wall, _pane(side, np.array(normal)))
     which = np.repeat(np.arange(cubes), len(x))
     return Points(

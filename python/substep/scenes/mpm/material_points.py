@@ -130,7 +130,7 @@ class Points(MaterialPointMethod):
         self.dye = np.asarray(dye, np.float32)
         self.lacks = dict(lacks or {})
         self.drawn = {name: mesh for name, (_, mesh) in obstacles.items()}
-        ground = Plane((0, 0, 0), (0, 0, 1), friction=parameters["friction"])
+        ground = Collider(Plane(), friction=parameters["friction"])
         super().__init__(
             positions,
             materials,

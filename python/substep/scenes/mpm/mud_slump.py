@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Box, TriangleMesh, box_mesh
+from ...geometry import Box, Collider, TriangleMesh, box_mesh
 from ...mpm import HerschelBulkley
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
@@ -48,7 +48,7 @@ class MudSlump(Points):
             middle = np.array([*(r * np.array(at)), sides[2] / 2])
             mesh = box_mesh(sides)
             shift = middle - (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
-            post = Box(middle, sides, friction=parameters["friction"])
+            post = Collider(Box(sides, middle), friction=parameters["friction"])
             posts[f"post{k}"] = (post, TriangleMesh(mesh.vertices + shift, mesh.faces))
         super().__init__(
             x,

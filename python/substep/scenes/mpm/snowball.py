@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Box, TriangleMesh, box_mesh
+from ...geometry import Box, Collider, TriangleMesh, box_mesh
 from ...mpm import Snow, sample_sphere
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
@@ -87,7 +87,7 @@ def _build(parameters: dict[str, Any], seed: int) -> Points:
     middle = np.array([sides[0] / 2, 0.0, sides[2] / 2])
     mesh = box_mesh(sides)
     shift = middle - (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
-    wall = Box(middle, sides, friction=parameters["friction"])
+    wall = Collider(Box(sides, middle), friction=parameters["friction"])
     return Points(
         x,
         volumes,

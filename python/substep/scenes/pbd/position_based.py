@@ -153,7 +153,7 @@ def body_frame(body: Body) -> dict[str, dict[str, Any]]:
         body.part: {"points": points.astype(np.float32), "velocity": velocity.astype(np.float32)}
     }
     for name, collider in body.turning.items():
-        w, *u = collider.orientation
+        w, *u = collider.rotation
         x = body.obstacles[name].vertices
         turned = x + 2 * np.cross(u, np.cross(u, x) + w * x)  # about the origin
         frame[name] = {"points": turned.astype(np.float32)}

@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Box, Plane, TetMesh, TriangleMesh, box_mesh, sphere_mesh, tetrahedralize
+from ...geometry import (
+    Box,
+    Collider,
+    Plane,
+    TetMesh,
+    TriangleMesh,
+    box_mesh,
+    sphere_mesh,
+    tetrahedralize,
+)
 from ...pbd import soft_body
 from ...view import Camera, Look, View
 from ..declaration import Parameter, Scene
@@ -49,7 +58,7 @@ class SoftBunny(Body):
             sides = size * np.array([(k + 1) * RUN, ACROSS, RISE])
             low = size * np.array([-0.5 * RUN, -0.5 * ACROSS, (STEPS - 1 - k) * RISE])
             center = low + sides / 2
-            boxes.append(Box(center, sides, friction=friction))
+            boxes.append(Box(sides, center))
             steps[f"step{k}"] = _at(center, sides)
         velocity = np.zeros_like(x)
         velocity[:, 0] = parameters["speed"]
@@ -65,7 +74,7 @@ class SoftBunny(Body):
             parameters,
             part="body",
             topology={"tetrahedra": self.solid.tetrahedra},
-            colliders=[Plane((0, 0, 0), (0, 0, 1), friction=friction), *boxes],
+            colliders=[Collider(shape, friction=friction) for shape in (Plane(), *boxes)],
             drawn=steps,
             lacks=lacks,
             velocities=velocity,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ...geometry import Box, TriangleMesh, box_mesh
+from ...geometry import Box, Collider, TriangleMesh, box_mesh
 from ...pbf import fill_mesh
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
@@ -49,7 +49,10 @@ def _build(parameters: dict[str, Any], seed: int) -> Liquid:
         mesh = box_mesh(sides)
         middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
         placed = TriangleMesh(mesh.vertices - middle + center, mesh.faces)
-        obstacles["pillar"] = (Box(center, sides, friction=parameters["friction"]), placed)
+        obstacles["pillar"] = (
+            Collider(Box(sides, center), friction=parameters["friction"]),
+            placed,
+        )
     return Liquid(positions, spacing, parameters, tank, obstacles=obstacles, lacks=lacks)
 
 

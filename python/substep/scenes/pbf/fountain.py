@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Box, Sphere, sphere_mesh
+from ...geometry import Box, Collider, Sphere, sphere_mesh
 from ...particles.emitters import Emitter, Sink
 from ...pbf import fill_box
 from ...view import Camera, Look
@@ -41,7 +41,7 @@ class Fountain(Liquid):
         side = spacing * max(4, round(side / spacing))  # whole particles between the walls
         level = LEVEL * side
         middle = np.array([side / 2, side / 2, level])
-        ball = Sphere(middle, BALL * side, friction=parameters["friction"])
+        ball = Collider(Sphere(BALL * side, middle), friction=parameters["friction"])
         water = fill_box((0, 0, 0), (side, side, level), spacing)
         water = water[ball.distance(water) > 0.5 * spacing]
         corners = [(x, y) for x in (0, 1) for y in (0, 1)]
@@ -50,7 +50,7 @@ class Fountain(Liquid):
         sinks = []
         for corner in corners:
             low = (side - size[:2]) * np.array(corner)
-            sinks.append(Sink(Box([*(low + size[:2] / 2), level + size[2] / 2], size)))
+            sinks.append(Sink(Box(size, [*(low + size[:2] / 2), level + size[2] / 2])))
         super().__init__(
             water,
             spacing,

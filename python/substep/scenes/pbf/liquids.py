@@ -83,7 +83,7 @@ class Liquid(PositionBasedFluid):
         self.lacks = dict(lacks or {})
         self.obstacles = {name: mesh for name, (_, mesh) in (obstacles or {}).items()}
         high = self.tank * [1, 1, 50]
-        self.walls = Box(high / 2, high, hollow=True, friction=parameters["friction"])
+        self.walls = Collider(Box(high, high / 2), hollow=True, friction=parameters["friction"])
         super().__init__(
             positions,
             spacing,

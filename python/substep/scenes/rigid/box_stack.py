@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...rigid import Box
+from ...geometry import Box
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
 from .rigid_bodies import STEEL, rigid_parameters, solids_frame, solids_parts, solids_view
@@ -22,7 +22,7 @@ def _build(parameters: dict[str, Any], seed: int) -> Target:
     x = np.zeros((n, 3))
     x[:, 2] = side * (np.arange(n) + 0.5)
     stack = Target(parameters)
-    box, dye = Box((side / 2,) * 3), np.linspace(0, 1, n)
+    box, dye = Box((side,) * 3), np.linspace(0, 1, n)
     ids = [stack.put("boxes", box, x[:-1], dye=dye[:-1])] if n > 1 else []
     top = stack.put("boxes", box, x[-1:], dye=dye[-1:], density=1000.0 * parameters["ratio"])
     stack.build(np.concatenate([*ids, top]), (1, 0, 0), 0.7 * n * side)

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ...geometry import TriangleMesh
-from ...rigid import Box, Capsule, Sphere
+from ...geometry import Box, Capsule, Sphere, TriangleMesh
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
 from .rigid_bodies import (
@@ -102,11 +101,11 @@ class Cradle(Solids):
 def _frame_mesh(n: int, r: float, top: float) -> TriangleMesh:
     """A base, and two rails on posts."""
     half, broad, thick = n * r + 1.2 * r, BROAD * r, 0.16 * r
-    parts = [shifted(Box((half + r, broad + r, 0.2 * r)).mesh(), (0, 0, 0.2 * r))]
+    parts = [shifted(Box((2 * (half + r), 2 * (broad + r), 0.4 * r)).mesh(), (0, 0, 0.2 * r))]
     for y in (-broad, broad):
-        rail = Capsule(thick, half).mesh(24)
+        rail = Capsule(thick, 2 * half).mesh(24)
         parts.append(shifted(rail, (0, y, top), ALONG))
-        post = Capsule(thick, top / 2).mesh(24)
+        post = Capsule(thick, top).mesh(24)
         parts += [shifted(post, (x, y, top / 2)) for x in (-half, half)]
     return joined(parts)
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...rigid import Box
-from ...rigid.fixtures import multiply, rotate
+from ...base.quaternions import multiply, rotate
+from ...geometry import Box
 from ...view import Camera
 from ..declaration import Parameter, Scene
 from .rigid_bodies import Solids, rigid_parameters, solids_frame, solids_parts, solids_view
@@ -69,7 +69,7 @@ class Dominoes(Solids):
         x[0] += rotate(q[0], foot - rotate(tilt, foot))
         q[0] = multiply(q[0], tilt)
         dye = np.linspace(0, 1, n)
-        self.dominoes = self.put("dominoes", Box((t / 2, w / 2, h / 2)), x, q, dye=dye)
+        self.dominoes = self.put("dominoes", Box((t, w, h)), x, q, dye=dye)
         self.measured = {"fell": np.full(n, np.inf)}  # when [s]
 
     def after_step(self) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...rigid import Box
+from ...geometry import Box
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
 from .rigid_bodies import STEEL, rigid_parameters, solids_frame, solids_parts, solids_view
@@ -29,7 +29,7 @@ def _build(parameters: dict[str, Any], seed: int) -> Target:
     pyramid = Target(parameters)
     shade = np.random.default_rng(seed).uniform(-0.05, 0.05, len(row))
     dye = np.clip((row + 0.5) / rows + shade, 0, 1)
-    boxes = pyramid.put("boxes", Box((side / 2,) * 3), x, dye=dye)
+    boxes = pyramid.put("boxes", Box((side,) * 3), x, dye=dye)
     pyramid.build(boxes, CAMERA.axes()[2] * [1, 1, 0], 0.2 * rows * side)
     return pyramid
 

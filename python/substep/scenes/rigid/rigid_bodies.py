@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.checks import check_array
-from ...geometry import TriangleMesh
-from ...rigid import Box, Capsule, ConvexHull, Cylinder, Plane, RigidBodies, Sphere
-from ...rigid.fixtures import rotate
+from ...base.quaternions import rotate
+from ...geometry import Box, Capsule, ConvexHull, Cylinder, Plane, Sphere, TriangleMesh
+from ...rigid import RigidBodies
 from ...view import Camera, Look, View
 from ..declaration import Parameter
 

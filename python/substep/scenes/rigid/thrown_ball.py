@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...rigid import Sphere
+from ...geometry import Sphere
 from ..declaration import Parameter
 from .rigid_bodies import Solids
 

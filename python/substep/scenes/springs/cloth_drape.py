@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Plane, SignedDistanceField, Sphere, grid_mesh, sphere_mesh
+from ...geometry import (
+    Collider,
+    Plane,
+    SignedDistanceField,
+    Sphere,
+    grid_mesh,
+    sphere_mesh,
+)
 from ...springs import MassSpring, grid_springs
 from ...view import Camera, Look, View
 from ..declaration import Parameter, Scene
@@ -45,13 +52,13 @@ class DrapedCloth(Watched, MassSpring):
             mesh, text = read_obstacle(parameters["mesh"], parameters["up"], size)
             self.lacks["mesh"] = text
             obstacle = SignedDistanceField.from_mesh(
-                mesh, size / parameters["cells"], offset=offset, friction=friction
+                mesh, size / parameters["cells"], offset=offset
             )
             top = float(mesh.vertices[:, 2].max())
         else:
             center = (0.0, 0.0, size / 2)
             mesh = sphere_mesh(size / 2, center, 4)
-            obstacle = Sphere(center, size / 2 + offset, friction=friction)
+            obstacle = Sphere(size / 2 + offset, center)
             top = size
         self.obstacles = {"obstacle": mesh}
         grid = grid_mesh(n, n, (side, side))
@@ -74,7 +81,7 @@ class DrapedCloth(Watched, MassSpring):
             mass,
             damping=parameters["damping"] * stiffness,
             faces=grid.faces,
-            colliders=[obstacle, Plane((0, 0, 0), (0, 0, 1), friction=friction)],
+            colliders=[Collider(shape, friction=friction) for shape in (obstacle, Plane())],
             drag=parameters["drag"],
             integrator=parameters["integrator"],
             step=parameters["step"],

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Plane, TetMesh, TriangleMesh, box_tetrahedra, sphere_mesh, tetrahedralize
+from ...geometry import (
+    Collider,
+    Plane,
+    TetMesh,
+    TriangleMesh,
+    box_tetrahedra,
+    sphere_mesh,
+    tetrahedralize,
+)
 from ...springs import SoftBody
 from ...view import Camera, Look, View
 from ..declaration import Parameter, Scene
@@ -51,7 +59,7 @@ class Jelly(Watched, SoftBody):
             poisson_ratio=parameters["poisson"],
             model=parameters["model"],
             damping=parameters["damping"],
-            colliders=[Plane((0, 0, 0), incline[:, 2], friction=parameters["friction"])],
+            colliders=[Collider(Plane(incline[:, 2]), friction=parameters["friction"])],
             drag=parameters["drag"],
             integrator=parameters["integrator"],
             step=parameters["step"],
