@@ -35,6 +35,27 @@ class Points(Simulation):
     def __len__(self) -> int:
         raise NotImplementedError
 
+    def rows(self, ids: ArrayLike) -> Any:
+        """Where particles are in all arrays.
+
+        Parameters
+        ----------
+        ids : int or array_like of int, shape (m,)
+            Which.
+
+        Returns
+        -------
+        int or ndarray of int64, shape (m,)
+            Their rows, as of now.
+
+        Raises
+        ------
+        InputError, IndexError
+            If there is no such particle.
+        """
+        rows = find_rows(ids, self.ids)
+        return rows if np.ndim(ids) else int(rows[0])
+
     def set_positions(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
         """Put particles somewhere; their velocities stay.
 
@@ -42,7 +63,7 @@ class Points(Simulation):
         ----------
         values : array_like, shape (m, 3) or (m, 2)
             Their positions [m].
-        ids : array_like of int, shape (m,), optional
+        ids : int or array_like of int, shape (m,), optional
             Which; all unless given.
 
         Raises
@@ -59,7 +80,7 @@ class Points(Simulation):
         ----------
         values : array_like, shape (m, 3) or (m, 2)
             Their velocities [m/s].
-        ids : array_like of int, shape (m,), optional
+        ids : int or array_like of int, shape (m,), optional
             Which; all unless given.
 
         Raises
@@ -76,7 +97,7 @@ class Points(Simulation):
         ----------
         values : array_like, shape (m, 3) or (m, 2)
             Forces [N].
-        ids : array_like of int, shape (m,), optional
+        ids : int or array_like of int, shape (m,), optional
             On which; on all unless given.
 
         Raises
@@ -104,8 +125,8 @@ class Points(Simulation):
         return find_rows(ids, self.ids)
 
 
-def find_rows(ids: ArrayLike | None, own: Ids) -> Ids:
-    """Where ids are among ascending ones; all unless given."""
+def find_rows(ids: ArrayLike | None, own: Ids, what: str = "particle") -> Ids:
+    """Where one id or several are among ascending ones; all unless given."""
     if ids is None:
         return np.arange(len(own))
     try:
@@ -116,12 +137,13 @@ def find_rows(ids: ArrayLike | None, own: Ids) -> Ids:
         raise InputError("ids: expected integers, shape (m,)") from None
     if wanted.size == 0:
         wanted = wanted.astype(np.int64)
-    if wanted.ndim != 1 or wanted.dtype.kind not in "iu":
+    if wanted.ndim > 1 or wanted.dtype.kind not in "iu":
         raise InputError("ids: expected integers, shape (m,)")
+    wanted = np.atleast_1d(wanted)
     places = np.searchsorted(own, wanted.astype(np.int64))
     wrong = places >= len(own)
     wrong[~wrong] = own[places[~wrong]] != wanted[~wrong]
     if wrong.any():
         k = int(np.argmax(wrong))
-        raise IndexError(f"ids[{k}]: there is no particle {wanted[k]}")
+        raise IndexError(f"ids[{k}]: there is no {what} {wanted[k]}")
     return places.astype(np.int64)
