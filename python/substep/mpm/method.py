@@ -281,9 +281,8 @@ class MaterialPointMethod(Particles):
         return self._make_with(self._options)
 
     def _make_with(self, options: dict[str, Any]) -> Any:
-        bits = self.dtype.itemsize * 8
-        native = getattr(_core, f"MaterialPointMethod{self._dimension}D{bits}")
-        return native(options, [c._native for c in self.colliders])
+        colliders = [c._native for c in self.colliders]
+        return _core.MaterialPointMethod(options, colliders, self._dimension, self.dtype.name)
 
     @property
     def material(self) -> NDArray[np.int32]:
