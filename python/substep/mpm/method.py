@@ -270,19 +270,13 @@ class MaterialPointMethod(Particles):
 
     def _set_step_size(self, step: float | None) -> None:
         # The native steps know it from their making.
-        options = self._options | {"step": step or 0.0}
-        state, threads = self._native.state(), self._native.threads
-        native = self._make_with(options)
-        native.threads = threads
-        native.restore(state)
-        self._native, self._options, self._step_size = native, options, step
+        self._replace(_options=self._options | {"step": step or 0.0}, _step_size=step)
 
     def _make(self, state: Mapping[str, Any]) -> Any:
-        return self._make_with(self._options)
-
-    def _make_with(self, options: dict[str, Any]) -> Any:
         colliders = [c._native for c in self.colliders]
-        return _core.MaterialPointMethod(options, colliders, self._dimension, self.dtype.name)
+        return _core.MaterialPointMethod(
+            self._options, colliders, self._dimension, self.dtype.name
+        )
 
     @property
     def material(self) -> NDArray[np.int32]:

@@ -174,6 +174,7 @@ class PositionBasedDynamics(Points):
         down = (0.0, -9.81) if columns == 2 else (0.0, 0.0, -9.81)
         pull = check_array("gravity", down if gravity is None else gravity, (columns,))
         self._gravity = read_only(pull.copy())
+        self._options = {"gravity": [*pull.tolist(), 0.0][:3]}
         self.constraints = tuple(constraints)
         for k, constraint in enumerate(self.constraints):
             if not isinstance(constraint, Constraint):
@@ -212,7 +213,7 @@ class PositionBasedDynamics(Points):
             "iterations": self.iterations,
             "solver": self.solver,
             "relaxation": self.relaxation,
-            "gravity": [*self._gravity, 0.0][:3],
+            **self._options,
             "damping": self.drag,
             "margin": self.contact_margin,
             "dimension": self._dimension,
@@ -246,11 +247,6 @@ class PositionBasedDynamics(Points):
     def dimension(self) -> int:
         """2 or 3."""
         return self._dimension
-
-    @property
-    def gravity(self) -> Array:
-        """Acceleration [m/s^2], shape (3,) or (2,), read-only."""
-        return self._gravity
 
     def __len__(self) -> int:
         return len(self._masses)
