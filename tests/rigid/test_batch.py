@@ -452,7 +452,7 @@ def test_the_template_is_not_changed():
     assert len(batch) == 2
     assert batch.step_limit()[1].startswith("world 0: ")
     assert set(batch.diagnostics()) == {
-        "worlds", "failed", "kinetic_energy", "potential_energy", "contacts"
+        "worlds", "failed", "kinetic_energy", "gravitational_energy", "contacts", "energy"
     }  # fmt: skip
 
 

@@ -21,10 +21,10 @@ def read_only(array: NDArray[Any]) -> Any:
     return array
 
 
-class Points(Simulation):
-    """Particles or vertices with ids; a subclass has `ids` and writes rows of its arrays."""
+class Numbered(Simulation):
+    """What has ids: arrays have a row for each, in ascending order; a subclass has `__len__`."""
 
-    _dimension: int
+    _what = "particle"
 
     @property
     def ids(self) -> Ids:
@@ -36,7 +36,9 @@ class Points(Simulation):
         raise NotImplementedError
 
     def rows(self, ids: ArrayLike) -> Any:
-        """Where particles are in all arrays.
+        """Where particles or bodies are in all arrays.
+
+        Until something is removed, the row is the id.
 
         Parameters
         ----------
@@ -51,10 +53,27 @@ class Points(Simulation):
         Raises
         ------
         InputError, IndexError
-            If there is no such particle.
+            If there is no such particle or body.
+
+        Examples
+        --------
+        >>> import substep
+        >>> bodies = substep.RigidBodies()
+        >>> first, second = bodies.add(substep.Sphere(0.1), [[0, 0, 1], [0, 0, 2]])
+        >>> bodies.remove(first)
+        >>> bodies.rows(second)
+        0
+        >>> bodies.positions[bodies.rows(second)].tolist()
+        [0.0, 0.0, 2.0]
         """
-        rows = find_rows(ids, self.ids)
+        rows = find_rows(ids, self.ids, self._what)
         return rows if np.ndim(ids) else int(rows[0])
+
+
+class Points(Numbered):
+    """Particles or vertices with ids; a subclass has `ids` and writes rows of its arrays."""
+
+    _dimension: int
 
     def set_positions(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
         """Put particles somewhere; their velocities stay.

@@ -14,13 +14,13 @@ from .. import _core
 from ..base.checks import check_choice, check_integer, check_real, describe
 from ..base.rows import read_only
 from ..base.schema import TIME, Entry, Texts
-from ..base.simulation import Simulation, whole_steps
+from ..base.simulation import Simulation, whole_steps, with_energy
 from ..errors import InputError, NonFiniteError
 from .batch_rows import BatchRows
 from .batch_state import join_states, joined_entries, state_of_world
 from .bodies import RigidBodies
 from .rows import BodyRows
-from .state import SCHEMA
+from .state import SCHEMA, rename
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -200,12 +200,13 @@ class RigidBatch(BatchRows):
         count, whole = whole_steps(duration, self._step_size)
         runs = [(self._step_size, count)] if callback is None else [(self._step_size, 1)] * count
         if not whole:
-            runs.append((end - self.time, 1))
+            runs.append((0.0, 1))  # what is left then
         for k, (dt, steps) in enumerate(runs):
             if hold and k > 0:
                 everywhere = self._where(None, None)
                 self._write("set_forces", everywhere, held[0])
                 self._write("set_torques", everywhere, held[1])
+            dt = dt or end - self.time
             self._native.step(dt, steps, hold)
             self._last.steps += steps
             self._last.dt = dt
@@ -354,12 +355,12 @@ class RigidBatch(BatchRows):
         Returns
         -------
         dict of str to float
-            `worlds`; `failed`, how many of them; `kinetic_energy` and `potential_energy` [J] and
-            `contacts` of all together.
+            `worlds`; `failed`, how many of them; of all together `kinetic_energy`,
+            `gravitational_energy`, `energy`, their sum [J], and `contacts`.
         """
         with self._own():
             values: dict[str, float] = self._native.diagnostics()
-        return values
+        return with_energy(rename(values))
 
     def step_limit(self) -> tuple[float, str]:
         """Longest step that keeps contacts and joints accurate in all worlds, and why.

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..base.checks import check_array, check_choice, check_flag, check_integer, check_real
 from ..base.rows import read_only
+from ..base.simulation import with_energy
 from ..errors import InputError
 from .fixtures import (
     EVERYTHING,
@@ -29,7 +30,7 @@ from .fixtures import (
 from .mass import MassProperties
 from .rows import is_one, principal_frames
 from .run import Runs
-from .state import States
+from .state import States, rename
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
@@ -333,7 +334,8 @@ class RigidBodies(Runs, States):
         Returns
         -------
         dict of str to float
-            `count`, of bodies; `kinetic_energy` and `potential_energy` (0 at the origin) [J];
+            `count`, of bodies; `kinetic_energy`, `gravitational_energy` (0 at the origin) and
+            `energy`, their sum [J];
             `momentum_x`, `_y`, `_z` [N s]; `angular_momentum_x`, `_y`, `_z` about the origin
             [N m s]; of the last step `contacts`, `penetration`, the deepest [m], `impacts` with
             restitution; `awake`, the dynamic bodies that do not sleep; `joint_error`, the greatest
@@ -341,7 +343,7 @@ class RigidBodies(Runs, States):
         """
         with self._own():
             values: dict[str, float] = self._native.diagnostics()
-        return values
+        return with_energy(rename(values))
 
     def fields(self) -> dict[str, tuple[NDArray[Any], str]]:
         """Arrays for recording, with their units.

@@ -32,7 +32,7 @@ def pbd_parameters(substeps: int) -> dict[str, Parameter]:
     """
     return {
         "friction": Parameter("coefficient of friction of the obstacles", 0.4, minimum=0),
-        "damping": Parameter("rate at which velocities decay", 0.1, unit="1/s", minimum=0),
+        "drag": Parameter("rate at which velocities decay", 0.1, unit="1/s", minimum=0),
         "substeps": Parameter("of a step", substeps, minimum=1, maximum=10_000),
         "iterations": Parameter("projections in a substep", 1, minimum=1, maximum=10_000),
         "step": Parameter("time step", 1 / 60, unit="s", above=0),
@@ -87,7 +87,7 @@ class Body(PositionBasedDynamics):
             masses,
             constraints,
             colliders=colliders,
-            damping=parameters["damping"],
+            drag=parameters["drag"],
             substeps=parameters["substeps"],
             iterations=parameters["iterations"],
             step=parameters["step"],

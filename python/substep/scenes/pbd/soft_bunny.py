@@ -69,7 +69,7 @@ class SoftBunny(Body):
                 self.solid,
                 young_modulus=parameters["young"],
                 poisson_ratio=parameters["poisson"],
-                damping=parameters["relaxation"],
+                damping_time=parameters["damping_time"],
             ),
             parameters,
             part="body",
@@ -78,7 +78,7 @@ class SoftBunny(Body):
             drawn=steps,
             lacks=lacks,
             velocities=velocity,
-            margin=margin,
+            contact_margin=margin,
         )
 
     def volume(self) -> float:
@@ -127,7 +127,9 @@ SCENE = Scene(
         "density": Parameter("mass per volume", 1000.0, unit="kg/m^3", above=0),
         "young": Parameter("Young's modulus", 3e4, unit="Pa", above=0),
         "poisson": Parameter("Poisson's ratio", 0.4, minimum=0, maximum=0.49),
-        "relaxation": Parameter("relaxation time of the viscous stress", 1e-3, unit="s", minimum=0),
+        "damping_time": Parameter(
+            "relaxation time of the viscous stress", 1e-3, unit="s", minimum=0
+        ),
         **pbd_parameters(20),
     },
     quick={"duration": 0.2, "cells": 3, "substeps": 5},

@@ -73,7 +73,7 @@ class Cradle(Solids):
         """Above that of the balls at their lowest [J]."""
         values = self.diagnostics()
         lowest = float((self.masses[self.balls] * 9.81).sum()) * (1 + CLEARANCE) * self.radius
-        return values["kinetic_energy"] + values["potential_energy"] - lowest
+        return values["energy"] - lowest
 
     def after_step(self) -> None:
         """Note the speeds of the first half of a swing."""
