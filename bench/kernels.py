@@ -73,7 +73,7 @@ def main() -> None:
         measured = {"value": float(f"{value:.4g}"), "unit": unit, "threads": 1}
         print(json.dumps({**record, **measured, "isa": context["level"], **more}), flush=True)
 
-    print(f"# {context['compiler']}, load {context['load_avg']}")
+    made = {"compiler": context["compiler"], "load": round(context["load_avg"][0], 1)}
     bandwidth: dict[float, float] = {}  # by the size of what is gone over
     peak: dict[float, float] = {}  # by whether it is float32
     for name, run in runs.items():
@@ -82,10 +82,11 @@ def main() -> None:
         rate = run["items"] / run["seconds"]
         if name.startswith("roof/triad"):
             bandwidth[run["set"]] = rate * run["bytes/item"]
-            emit(name, "triad", "bytes_per_s", bandwidth[run["set"]] / 1e9, "GB/s", set=run["set"])
+            speed = bandwidth[run["set"]] / 1e9
+            emit(name, "triad", "bytes_per_s", speed, "GB/s", set=run["set"], **made)
         else:
             peak[run["single"]] = rate * run["flops/item"]
-            emit(name, "fma", "flops_per_s", peak[run["single"]] / 1e9, "GFlop/s")
+            emit(name, "fma", "flops_per_s", peak[run["single"]] / 1e9, "GFlop/s", **made)
     for name, run in runs.items():
         if name.startswith("roof/"):
             continue

@@ -218,7 +218,7 @@ def tumbling(rotation: str, seconds: float) -> None:
 def cradle() -> None:
     balls = [("sphere", (0.5,), (k - (k == 0), 0, 2), scenes.UPRIGHT, 1.0) for k in range(5)]
     world, ids = world_of(balls, gravity=(0, 0, 0), restitution=1.0, friction=0.0)
-    world.set_velocities([(1, 0, 0)], [(0, 0, 0)], ids[:1])
+    world.set_velocities([(1, 0, 0)], ids[:1])
     world.advance(3)
     emit_cradle("substep", world.velocities[ids, 0])
 

@@ -175,29 +175,22 @@ ENTRIES = [
         "angular_velocities",
         any_length=False,
     ),
-    Entry(
-        "RigidBodies.set_velocities",
-        lambda v: after_a_step([("set_velocities", {"velocities": v})]),
-        ROWS,
-        "velocities",
-        any_length=False,
-        optional=True,
-    ),
-    Entry(
-        "RigidBodies.set_poses positions",
-        lambda x: after_a_step([("set_poses", {"positions": x})]),
-        9 * ROWS,
-        "positions",
-        any_length=False,
-        optional=True,
-    ),
-    Entry(
-        "RigidBodies.set_poses rotations",
-        lambda q: after_a_step([("set_poses", {"rotations": q})]),
-        TURNED,
-        "rotations",
-        any_length=False,
-        optional=True,
+    *(
+        Entry(
+            f"RigidBodies.{setter}",
+            lambda values, setter=setter: after_a_step([(setter, {"values": values})]),
+            rows,
+            "values",
+            any_length=False,
+        )
+        for setter, rows in (
+            ("set_positions", 9 * ROWS),
+            ("set_rotations", TURNED),
+            ("set_velocities", ROWS),
+            ("set_angular_velocities", ROWS),
+            ("set_forces", ROWS),
+            ("set_torques", ROWS),
+        )
     ),
     Entry(
         "RigidBodies.apply_force",
@@ -216,36 +209,22 @@ ENTRIES = [
         any_length=False,
         optional=True,
     ),
-    Entry(
-        "RigidBatch.set_poses positions",
-        lambda x: batch_after_a_step("set_poses", {"positions": x}),
-        9 * ROWS,
-        "positions",
-        any_length=False,
-        optional=True,
-    ),
-    Entry(
-        "RigidBatch.set_poses rotations",
-        lambda q: batch_after_a_step("set_poses", {"rotations": q}),
-        np.stack([TURNED, TURNED]),
-        "rotations",
-        any_length=False,
-        optional=True,
-    ),
-    Entry(
-        "RigidBatch.set_velocities",
-        lambda v: batch_after_a_step("set_velocities", {"velocities": v}),
-        ROWS,
-        "velocities",
-        any_length=False,
-        optional=True,
-    ),
-    Entry(
-        "RigidBatch.set_torques",
-        lambda T: batch_after_a_step("set_torques", {"torques": T}),
-        np.stack([ROWS, ROWS]),
-        "torques",
-        any_length=False,
+    *(
+        Entry(
+            f"RigidBatch.{setter}",
+            lambda values, setter=setter: batch_after_a_step(setter, {"values": values}),
+            rows,
+            "values",
+            any_length=False,
+        )
+        for setter, rows in (
+            ("set_positions", 9 * ROWS),
+            ("set_rotations", np.stack([TURNED, TURNED])),
+            ("set_velocities", ROWS),
+            ("set_angular_velocities", ROWS),
+            ("set_forces", ROWS),
+            ("set_torques", np.stack([ROWS, ROWS])),
+        )
     ),
     Entry(
         "rigid.MassProperties centre",

@@ -25,7 +25,7 @@ def braces(x, spacing):
 def block(counts=(4, 4, 3), spacing=0.1, low=(0.0, 0.0, 0.02), **options):
     x = lattice(counts, spacing, low)
     springs = substep.Distance(braces(x, spacing))
-    options = {"margin": 0.02} | options
+    options = {"contact_margin": 0.02} | options
     return substep.PositionBasedDynamics(x, 0.1, [springs], **options)
 
 
@@ -53,7 +53,7 @@ def test_a_block_slips_at_the_angle_of_friction(friction):
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 0.9])
 def test_a_bounce_has_restitution_squared_of_the_height(restitution):
     floor = substep.Collider(substep.Plane(), restitution=restitution)
-    ball = dust([[0.0, 0.0, 1.01]], margin=0.01, colliders=[floor], dtype="float64")
+    ball = dust([[0.0, 0.0, 1.01]], contact_margin=0.01, colliders=[floor], dtype="float64")
     fall = np.sqrt(2 / G)
     heights = []
     while ball.time < fall * (1 + 2 * restitution) - 0.02:
@@ -65,7 +65,7 @@ def test_a_bounce_has_restitution_squared_of_the_height(restitution):
 
 def test_an_elastic_bounce_neither_gains_nor_loses():
     floor = substep.Collider(substep.Plane(), restitution=1.0)
-    ball = dust([[0.0, 0.0, 1.01]], margin=0.01, colliders=[floor], dtype="float64")
+    ball = dust([[0.0, 0.0, 1.01]], contact_margin=0.01, colliders=[floor], dtype="float64")
     top = 0.0
     while ball.time < 9:
         ball.step(1 / 120)
@@ -99,7 +99,7 @@ def test_nothing_tunnels_at_a_thousand_metres_per_second(name, moves):
         velocities=fast if moves == "particles" else None,
         gravity=(0, 0, 0),
         colliders=[obstacle],
-        margin=0.005,
+        contact_margin=0.005,
         substeps=2,
     )
     for _ in range(5):
@@ -125,7 +125,7 @@ def test_a_turntable_carries_a_block():
 
 def test_a_rotating_box_throws_what_it_hits():
     bat = substep.Collider(substep.Box((1.0, 0.05, 0.2)), angular_velocity=(0, 0, 30))
-    balls = dust([[0.4, 0.1, 0.0]], gravity=(0, 0, 0), colliders=[bat], margin=0.01)
+    balls = dust([[0.4, 0.1, 0.0]], gravity=(0, 0, 0), colliders=[bat], contact_margin=0.01)
     given = np.zeros(3)
     torque = 0.0
     for _ in range(12):
@@ -172,7 +172,9 @@ def test_a_block_comes_to_rest_on_a_mesh():
 
 def test_particles_placed_on_a_surface_do_not_jump():
     """They are set off to the margin, which is no motion."""
-    grains = dust([[0.1 * k, 0, 0.0] for k in range(5)], margin=0.02, colliders=[substep.Plane()])
+    grains = dust(
+        [[0.1 * k, 0, 0.0] for k in range(5)], contact_margin=0.02, colliders=[substep.Plane()]
+    )
     grains.step(1 / 60)
     assert grains.positions[:, 2] == pytest.approx(0.02, abs=1e-6)
     assert np.abs(grains.velocities).max() < 1e-3

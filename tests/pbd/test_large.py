@@ -193,7 +193,7 @@ def test_rope_hangs_in_a_catenary_from_a_folded_start():
         pinned=[0, n - 1],
         solver="multilevel",
         rest_positions=straight,
-        damping=3.0,
+        drag=3.0,
         substeps=10,
         dtype="float64",
     )

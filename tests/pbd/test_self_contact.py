@@ -159,7 +159,7 @@ def test_sheets_lie_at_their_thickness():
         1e-3,
         [*cloth_constraints(mesh), SelfCollision(faces, thickness=0.05, friction=0.3)],
         pinned=np.arange(n),
-        damping=2.0,
+        drag=2.0,
         dtype="float64",
     )
     sim.advance(2.0)

@@ -157,7 +157,7 @@ def test_the_meshes_of_other_people_fall_and_come_to_rest(name):
         density=1000.0,
         young_modulus=3e4,
         poisson_ratio=0.4,
-        damping=0.02,
+        damping_time=0.02,
         colliders=[ground],
         step=1 / 60,
     )

@@ -394,6 +394,12 @@ class Simulation(Checked):
         restore_checkpoint(path, type(self).__name__, self.restore)
 
 
+def with_energy(values: dict[str, float]) -> dict[str, float]:
+    """Diagnostics with `energy`, the sum of those kinds that can change into each other."""
+    kinds = ("kinetic_energy", "gravitational_energy", "elastic_energy")
+    return values | {"energy": sum(values[kind] for kind in kinds if kind in values)}
+
+
 def whole_steps(duration: float, step: float) -> tuple[int, bool]:
     """Steps of that size that fit into a duration, and whether they fill it."""
     ratio = duration / step

@@ -13,7 +13,7 @@ from .. import _core
 from ..base.checks import check_array, check_choice, check_positive, check_real
 from ..base.rows import read_only
 from ..base.schema import Entry
-from ..base.simulation import StepReport
+from ..base.simulation import StepReport, with_energy
 from ..errors import InputError, SolverError
 from ..geometry import Collider, Shape
 from ..geometry.colliders import check_colliders
@@ -30,7 +30,10 @@ Array = NDArray[np.float64]
 TRANSFERS = ("apic", "flip", "pic")
 KERNELS = ("linear", "quadratic", "cubic")
 FORMS = ("mls", "textbook")
-INTEGRATORS = ("explicit", "implicit")
+INTEGRATORS = {  # and their other names
+    "symplectic_euler": ("explicit", "semi_implicit_euler"),
+    "implicit_euler": ("implicit", "backward_euler"),
+}
 ON_LARGE_STEP = ("raise", "subdivide")
 BOUNDARIES = ("separate", "slip", "sticky")
 _COUNTS = ("steps", "sorts", "subdivided", "removed", "clamped", "newton", "krylov")
@@ -113,8 +116,8 @@ class MaterialPointMethod(Particles):
         B-spline between particles and nodes.
     form : {'mls', 'textbook'}
         Gradients by moving least squares, or those of the spline.
-    integrator : {'explicit', 'implicit'}
-        Implicit Euler (on the grid) takes steps that elastic waves do not limit.
+    integrator : {'symplectic_euler', 'implicit_euler'}
+        Of the grid; implicit Euler takes steps that elastic waves do not limit.
     cfl : float
         Cells that elastic waves and particles may pass in a step, above 0 and at most 1.
     step : float, optional
@@ -177,6 +180,7 @@ class MaterialPointMethod(Particles):
     materials: tuple[Material, ...]
     cell: float
     cfl: float
+    integrator: str
     dtype: np.dtype[Any]
 
     def __init__(
@@ -195,7 +199,7 @@ class MaterialPointMethod(Particles):
         flip_rate: float = 0.0,
         kernel: str = "quadratic",
         form: str = "mls",
-        integrator: str = "explicit",
+        integrator: str = "symplectic_euler",
         cfl: float = 0.5,
         step: float | None = None,
         largest_step: float = 1e-2,
@@ -225,13 +229,14 @@ class MaterialPointMethod(Particles):
         if self.cfl > 1:
             raise InputError(f"cfl: expected a number above 0 and at most 1, got {self.cfl}")
         self._step_size = None if step is None else check_real("step", step, positive=True)
+        self.integrator = check_choice("integrator", integrator, INTEGRATORS, aliases=INTEGRATORS)
         inside = check_bounds(bounds, d)
         self._options = {
             "cell": self.cell,
             "order": 1 + KERNELS.index(check_choice("kernel", kernel, KERNELS)),
             "transfer": check_choice("transfer", transfer, TRANSFERS),
             "form": check_choice("form", form, FORMS),
-            "integrator": check_choice("integrator", integrator, INTEGRATORS),
+            "integrator": "implicit" if self.integrator == "implicit_euler" else "explicit",
             "flip_rate": check_real("flip_rate", flip_rate, nonnegative=True),
             "gravity": [*self._gravity, 0.0][:3],
             "cfl": self.cfl,
@@ -265,20 +270,13 @@ class MaterialPointMethod(Particles):
 
     def _set_step_size(self, step: float | None) -> None:
         # The native steps know it from their making.
-        options = self._options | {"step": step or 0.0}
-        state, threads = self._native.state(), self._native.threads
-        native = self._make_with(options)
-        native.threads = threads
-        native.restore(state)
-        self._native, self._options, self._step_size = native, options, step
+        self._replace(_options=self._options | {"step": step or 0.0}, _step_size=step)
 
     def _make(self, state: Mapping[str, Any]) -> Any:
-        return self._make_with(self._options)
-
-    def _make_with(self, options: dict[str, Any]) -> Any:
-        bits = self.dtype.itemsize * 8
-        native = getattr(_core, f"MaterialPointMethod{self._dimension}D{bits}")
-        return native(options, [c._native for c in self.colliders])
+        colliders = [c._native for c in self.colliders]
+        return _core.MaterialPointMethod(
+            self._options, colliders, self._dimension, self.dtype.name
+        )
 
     @property
     def material(self) -> NDArray[np.int32]:
@@ -465,24 +463,25 @@ class MaterialPointMethod(Particles):
         Returns
         -------
         dict of str to float
-            `count`; `mass` [kg]; `kinetic_energy`, `potential_energy`, `elastic_energy` and
-            `dissipated_energy` [J], whose sum changes by the work of forces, moving obstacles and
-            what is put in or taken out; `momentum_x`, `_y`, `_z` [N s]; `angular_momentum_x`, `_y`,
-            `_z` about 0, with the affine part [N m s].
+            `count`; `mass` [kg]; `kinetic_energy`, `gravitational_energy` (0 at the origin),
+            `elastic_energy` and `energy`, their sum [J]; `dissipated_energy` [J], whose sum with it
+            changes by the work of forces, moving obstacles and what is put in or taken out;
+            `momentum_x`, `_y`, `_z` [N s]; `angular_momentum_x`, `_y`, `_z` about 0, with the
+            affine part [N m s].
         """
         sums = self._native.diagnostics()
         values = {
             "count": float(len(self)),
             "mass": sums.mass,
             "kinetic_energy": sums.kinetic,
-            "potential_energy": sums.potential,
+            "gravitational_energy": sums.potential,
             "elastic_energy": sums.elastic,
             "dissipated_energy": sums.dissipated,
         }
         for name in ("momentum", "angular_momentum"):
             vector = getattr(sums, name)
             values |= {f"{name}_{axis}": vector[k] for k, axis in enumerate("xyz")}
-        return values
+        return with_energy(values)
 
     def fields(self) -> dict[str, tuple[NDArray[Any], str]]:
         """Arrays for recording, with their units.

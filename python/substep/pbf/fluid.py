@@ -14,7 +14,7 @@ from .. import _core
 from ..base.checks import check_array, check_choice, check_integer, check_positive, check_real
 from ..base.rows import read_only
 from ..base.schema import OWN, TIME, Entry, Number, Rows
-from ..base.simulation import StepReport
+from ..base.simulation import StepReport, with_energy
 from ..errors import InputError
 from ..geometry import Collider, Shape
 from ..geometry.colliders import check_colliders
@@ -95,8 +95,8 @@ class PositionBasedFluid(Particles):
     warm_start : float
         Share of the corrections of the last step that a step begins with, from 0 to below 1. For
         fixed steps (`step`); where their size changes it can give a splash energy.
-    relaxation : float
-        Compliance of the density constraint, relative to the sum of squared gradients in the rest
+    compliance : float
+        Of the density constraint, relative to the sum of squared gradients in the rest
         lattice; at least 0.
     artificial_pressure : float
         Repulsion of close particles against clumps, as the density error that pushes as hard.
@@ -183,7 +183,7 @@ class PositionBasedFluid(Particles):
         min_iterations: int = 2,
         max_iterations: int = 10,
         warm_start: float = 0.0,
-        relaxation: float = 1e-3,
+        compliance: float = 1e-3,
         artificial_pressure: float = 0.0,
         xsph: float = 0.0,
         viscosity: float | Sequence[float] = 0.0,
@@ -227,7 +227,7 @@ class PositionBasedFluid(Particles):
             "min_iterations": check_integer("min_iterations", min_iterations, minimum=0),
             "max_iterations": check_integer("max_iterations", max_iterations, minimum=1),
             "warm_start": _check_warm_start(warm_start),
-            "relaxation": check_real("relaxation", relaxation, nonnegative=True),
+            "relaxation": check_real("compliance", compliance, nonnegative=True),
             "artificial_pressure": check_real(
                 "artificial_pressure", artificial_pressure, nonnegative=True
             ),
@@ -253,11 +253,8 @@ class PositionBasedFluid(Particles):
         self.add(x, velocities=velocities, fluid=fluid)
 
     def _make(self, state: Mapping[str, Any]) -> Any:
-        native = {
-            "float32": _core.PositionBasedFluid32,
-            "float64": _core.PositionBasedFluid64,
-        }[self.dtype.name]
-        return native(self._origin, [c._native for c in self.colliders], self._options)
+        colliders = [c._native for c in self.colliders]
+        return _core.PositionBasedFluid(self._origin, colliders, self._options, self.dtype.name)
 
     @property
     def fluid(self) -> NDArray[np.int32]:
@@ -366,7 +363,8 @@ class PositionBasedFluid(Particles):
         Returns
         -------
         dict of str to float
-            `count`; `kinetic_energy` and `potential_energy` [J]; `momentum_x`, `_y`, `_z` [N s];
+            `count`; `kinetic_energy`, `gravitational_energy` (0 at the origin) and `energy`, their
+            sum [J]; `momentum_x`, `_y`, `_z` [N s];
             `angular_momentum_x`, `_y`, `_z` about 0 [N m s]; of the last step `iterations`,
             `mean_density_error` and `max_density_error` (relative, before the last correction).
         """
@@ -374,12 +372,12 @@ class PositionBasedFluid(Particles):
         values = {
             "count": float(len(self)),
             "kinetic_energy": energies.kinetic,
-            "potential_energy": energies.potential,
+            "gravitational_energy": energies.potential,
         }
         for name in ("momentum", "angular_momentum"):
             vector = getattr(energies, name)
             values |= {f"{name}_{axis}": vector[k] for k, axis in enumerate("xyz")}
-        return values | {
+        return with_energy(values) | {
             "iterations": float(report.iterations),
             "mean_density_error": report.mean_error,
             "max_density_error": report.max_error,

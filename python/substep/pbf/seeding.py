@@ -199,7 +199,7 @@ def relax(
             max_tolerance=limit,
             min_iterations=0,
             max_iterations=_SWEEPS,
-            relaxation=0.0,
+            compliance=0.0,
             dtype="float64",
             threads=threads,
         )

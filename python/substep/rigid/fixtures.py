@@ -55,7 +55,7 @@ class Fixture:
     >>> handle = substep.rigid.Fixture(substep.Cylinder(0.015, 0.3), density=700)
     >>> bodies = substep.RigidBodies()
     >>> hammer = bodies.add([head, handle], (0, 0, 1))
-    >>> bodies.positions[hammer].round(3).tolist()  # the centre of mass
+    >>> bodies.centers_of_mass[hammer].round(3).tolist()
     [0.0, 0.0, 1.134]
     """
 

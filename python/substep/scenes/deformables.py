@@ -15,7 +15,7 @@ from .declaration import Parameter
 if TYPE_CHECKING:
     from ..recording import Part
 
-INTEGRATORS = ("implicit_euler", "semi_implicit_euler", "velocity_verlet", "rk4", "explicit_euler")
+INTEGRATORS = ("implicit_euler", "symplectic_euler", "velocity_verlet", "rk4", "euler")
 GRAVITY = 9.81  # m/s^2
 
 
@@ -70,16 +70,15 @@ class Watched:
 
     def energy(self: Any) -> float:
         """Sum of all energies [J]."""
-        values: dict[str, float] = self.diagnostics()
-        return sum(values[f"{kind}_energy"] for kind in ("kinetic", "potential", "gravitational"))
+        return float(self.diagnostics()["energy"])
 
-    def advance(self: Any, duration: float) -> None:
+    def advance(self: Any, duration: float, callback: Any = None) -> None:
         """Go on, or stay at the state before if the energy grows."""
         before = self.state()
         steps = max(1, math.ceil(duration / self.step_size - 1e-9))
         end = self.time + duration
         for k in range(steps):
-            super().advance((end - self.time) / (steps - k))  # type: ignore[misc]
+            super().advance((end - self.time) / (steps - k), callback)  # type: ignore[misc]
             energy = self.energy()
             if not energy <= self._start + self._room:  # NaN as well
                 time = self.time

@@ -91,24 +91,20 @@ typename Solver<Real, D>::NextStep Solver<Real, D>::choose(double now, double en
   return step;
 }
 
-template <class Real, int D>
-bool Solver<Real, D>::passes(const NodeCheck& check) const {
-  return check.good() && check.reach <= room();
-}
-
 // A shorter step in place of one in which particles would move too far.
 template <class Real, int D>
-void Solver<Real, D>::shrink(NextStep& step, const NodeCheck& check, double given) {
-  if (check.reach == HUGE_VAL) return shrink_implicit(step, given);
+void Solver<Real, D>::shrink(NextStep& step, const Trial& trial, double given) {
+  if (trial.outcome == Outcome::kNotConverged) return shrink_implicit(step, given);
+  const NodeCheck& check = trial.nodes;
   double speed = check.speed;
-  if (!check.good()) {
+  if (trial.outcome == Outcome::kBadNode) {
     const Real* v = nodes_.values.data() + check.bad_node * transfer::kNodeReals;
     for (int d = 0; d < D; ++d) speed = std::max(speed, std::abs(static_cast<double>(v[d])));
     for (int d = 0; d < D; ++d) {
       if (!std::isfinite(v[d])) raise_not_finite(check.bad_node);
     }
   }
-  const std::int32_t id = check.good() ? -1 : culprit(check.bad_node);
+  const std::int32_t id = trial.outcome == Outcome::kBadNode ? culprit(check.bad_node) : -1;
   const std::string moves = text("at %.3g m/s material would move by %.3g cells in the next step",
                                  speed, speed * step.dt / options_.cell);
   if (given > 0 && options_.on_large_step == OnLargeStep::kRaise) {

@@ -72,7 +72,7 @@ class Rkc2 final : public OneStep {
     for (;;) {
       if (h_abs < smallest) {
         if (std::isnan(error)) throw trace_not_finite(direction_ * h_abs);
-        throw step_too_small();
+        throw step_too_small(t_, steps_);
       }
       const double left = std::fabs(t_bound_ - t_);
       if (1.1 * h_abs >= left && left <= max_step_) h_abs = left;

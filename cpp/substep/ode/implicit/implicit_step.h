@@ -210,7 +210,7 @@ class ImplicitStep : public OneStep {
               "unknown (index above 1), or the Jacobian is wrong",
           t, singular_->index, steps_);
     }
-    if (failure_ == Failure::error) throw step_too_small();
+    if (failure_ == Failure::error) throw step_too_small(t_, steps_);
     throw ConvergenceError(
         "Newton's iteration does not converge at t = " + format(t) + " in steps down to " +
             format(std::fabs(tried_h_)) +

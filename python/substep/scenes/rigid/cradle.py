@@ -73,13 +73,13 @@ class Cradle(Solids):
         """Above that of the balls at their lowest [J]."""
         values = self.diagnostics()
         lowest = float((self.masses[self.balls] * 9.81).sum()) * (1 + CLEARANCE) * self.radius
-        return values["kinetic_energy"] + values["potential_energy"] - lowest
+        return values["energy"] - lowest
 
     def after_step(self) -> None:
         """Note the speeds of the first half of a swing."""
         if self.time > 2.5 * self.quarter:
             return
-        speeds = np.linalg.norm(self.velocities[np.searchsorted(self.ids, self.balls)], axis=1)
+        speeds = np.linalg.norm(self.velocities[self.rows(self.balls)], axis=1)
         first, last, others = self.measured.values()
         first[0] = max(first[0], speeds[0])
         if speeds[-1] > last[0]:

@@ -74,7 +74,7 @@ class Dominoes(Solids):
 
     def after_step(self) -> None:
         """Note the time of those that begin to fall."""
-        _, a, b, _ = self.orientations[np.searchsorted(self.ids, self.dominoes)].T
+        _, a, b, _ = self.rotations[self.rows(self.dominoes)].T
         fell = self.measured["fell"]
         fell[(1 - 2 * (a**2 + b**2) < FALLEN) & np.isinf(fell)] = self.time
 

@@ -166,8 +166,8 @@ class Surfaces:
 
     def frame(self, bodies: RigidBodies) -> dict[str, Any]:
         """Where the bodies are now."""
-        rows = np.searchsorted(bodies.ids, np.concatenate(self._ids))
-        x, q = bodies.origins[rows], bodies.orientations[rows]
+        rows = bodies.rows(np.concatenate(self._ids))
+        x, q = bodies.positions[rows], bodies.rotations[rows]
         points = x + rotate(q, np.concatenate(self._vertices))
         dye = {"dye": np.concatenate(self._dyes)} if self._dyes else {}
         return {"points": points.astype(np.float32), **dye}
@@ -250,8 +250,8 @@ def solids_frame(solids: Solids) -> dict[str, dict[str, Any]]:
     """
     moves = solids.motions != "static"
     bodies = {
-        "points": solids.origins[moves],
-        "orientation": solids.orientations[moves],
+        "points": solids.positions[moves],
+        "orientation": solids.rotations[moves],
         "velocity": solids.velocities[moves].astype(np.float32),
         "angular_velocity": solids.angular_velocities[moves].astype(np.float32),
     }

@@ -60,7 +60,7 @@ class Tops(Simulation):
 
     def __init__(self, parameters: dict[str, Any]) -> None:
         body, self.mesh = _handle() if parameters["shape"] == "handle" else _plate()
-        self.methods, self.step_size = parameters["methods"], parameters["step"]
+        self.methods, self._step_size = parameters["methods"], parameters["step"]
         self.inertia: Array = body.principal_inertia
         n = len(self.methods)
         rates = parameters["spin"] * np.array([parameters["tilt"], 1.0, 0.0])
@@ -79,9 +79,6 @@ class Tops(Simulation):
         """Of rotation [J], shape (methods,)."""
         energies: Array = 0.5 * (self.rates() ** 2 @ self.inertia)
         return energies
-
-    def _next_step(self) -> float:
-        return float(self.step_size)
 
     def _turn(self, dt: float) -> None:
         """One step of each top; it turns over where the spin about its shaft changes sign."""

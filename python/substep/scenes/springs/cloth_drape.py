@@ -79,14 +79,14 @@ class DrapedCloth(Watched, MassSpring):
             edges,
             stiffness,
             mass,
-            damping=parameters["damping"] * stiffness,
+            damping=parameters["damping_time"] * stiffness,
             faces=grid.faces,
             colliders=[Collider(shape, friction=friction) for shape in (obstacle, Plane())],
             drag=parameters["drag"],
             integrator=parameters["integrator"],
             step=parameters["step"],
             tolerance=parameters["tolerance"] * mass * GRAVITY,
-            contact_thickness=thickness,
+            contact_margin=thickness,
         )
         self.watch(room=0.5 * size)
 
@@ -126,7 +126,9 @@ SCENE = Scene(
         "stiffness": Parameter("of the springs between neighbours", 200.0, unit="N/m", above=0),
         "shear": Parameter("stiffness of the diagonals, as a part of that", 0.3, minimum=0),
         "bending": Parameter("stiffness across every second vertex, likewise", 0.02, minimum=0),
-        "damping": Parameter("of the springs, over their stiffness", 5e-3, unit="s", minimum=0),
+        "damping_time": Parameter(
+            "of the springs, over their stiffness", 5e-3, unit="s", minimum=0
+        ),
         "friction": Parameter("coefficient of friction", 0.4, minimum=0),
         **solver_parameters(0.02, 1.0),
     },

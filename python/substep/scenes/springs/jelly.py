@@ -58,13 +58,13 @@ class Jelly(Watched, SoftBody):
             young_modulus=parameters["young"],
             poisson_ratio=parameters["poisson"],
             model=parameters["model"],
-            damping=parameters["damping"],
+            damping_time=parameters["damping_time"],
             colliders=[Collider(Plane(incline[:, 2]), friction=parameters["friction"])],
             drag=parameters["drag"],
             integrator=parameters["integrator"],
             step=parameters["step"],
             tolerance=parameters["tolerance"] * mass * GRAVITY,
-            contact_thickness=2e-3 * size,
+            contact_margin=2e-3 * size,
         )
         self.watch(room=0.5 * size)
 
@@ -142,7 +142,9 @@ SCENE = Scene(
         "model": Parameter(
             "elastic energy", "neo_hookean", choices=("neo_hookean", "st_venant_kirchhoff")
         ),
-        "damping": Parameter("relaxation time of the viscous stress", 2e-3, unit="s", minimum=0),
+        "damping_time": Parameter(
+            "relaxation time of the viscous stress", 2e-3, unit="s", minimum=0
+        ),
         **solver_parameters(0.01, 0.1),
     },
     quick={"duration": 0.2, "cells": 3},
