@@ -158,7 +158,7 @@ class Collider(Checked):
 
     @property
     def impulse(self) -> Array:
-        """Impulse exerted on the obstacle in the last call of `step` or `advance` [N s], shape (3,).
+        """Impulse exerted on the obstacle in the last call of `step` or `advance` [N s]; a copy.
 
         `collider.impulse / collider.duration` is the mean force. A call that took no step changes
         nothing; `restore` makes it zero.

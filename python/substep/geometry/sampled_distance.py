@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..base.checks import check_array, check_real, check_threads
 from ..base.quaternions import IDENTITY
-from ..errors import InputError
 from .shape import ORIGIN, Shape
 from .triangle_mesh import TriangleMesh
 
