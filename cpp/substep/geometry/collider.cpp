@@ -61,6 +61,49 @@ Mat3 Box::hessian(const Vec3& x) const {
   return (Mat3(active.asDiagonal()) - n * n.transpose()) / d;
 }
 
+SignedDistance Capsule::signed_distance(const Vec3& x) const {
+  const Vec3 arm = x - Vec3(0, 0, std::clamp(x.z(), -half_length, half_length));
+  const double length = arm.norm();
+  return {length - radius, length > 0 ? Vec3(arm / length) : Vec3::UnitX()};
+}
+
+Mat3 Capsule::hessian(const Vec3& x) const {
+  const Vec3 arm = x - Vec3(0, 0, std::clamp(x.z(), -half_length, half_length));
+  const double length = arm.norm();
+  if (length == 0) return Mat3::Zero();
+  const Vec3 n = arm / length, free(1, 1, std::abs(x.z()) > half_length ? 1 : 0);
+  return (Mat3(free.asDiagonal()) - n * n.transpose()) / length;
+}
+
+SignedDistance Cylinder::signed_distance(const Vec3& x) const {
+  const Parts at = parts(x);
+  if (at.side <= 0 && at.end <= 0) {
+    return at.side > at.end ? SignedDistance{at.side, at.e} : SignedDistance{at.end, at.up};
+  }
+  const double side = std::max(at.side, 0.0), end = std::max(at.end, 0.0);
+  const double d = std::hypot(side, end);
+  return {d, (side * at.e + end * at.up) / d};
+}
+
+Mat3 Cylinder::hessian(const Vec3& x) const {
+  const Parts at = parts(x);
+  if (at.rho == 0) return Mat3::Zero();
+  const Vec3 t(-at.e.y(), at.e.x(), 0);
+  const auto [d, n] = signed_distance(x);
+  Mat3 h = n.dot(at.e) / at.rho * t * t.transpose();
+  if (at.side > 0 && at.end > 0) {
+    h += (at.e * at.e.transpose() + at.up * at.up.transpose() - n * n.transpose()) / d;
+  }
+  return h;
+}
+
+Cylinder::Parts Cylinder::parts(const Vec3& x) const {
+  const double rho = std::hypot(x.x(), x.y());
+  return {rho, rho - radius, std::abs(x.z()) - half_length,
+          rho > 0 ? Vec3(x.x() / rho, x.y() / rho, 0) : Vec3::UnitX(),
+          Vec3(0, 0, x.z() < 0 ? -1 : 1)};
+}
+
 Collider::Collider(Shape shape, const Vec3& position, bool hollow)
     : shape_(std::move(shape)), position_(position), sign_(hollow ? -1 : 1) {}
 
@@ -86,6 +129,34 @@ double Collider::lipschitz() const {
 
 Vec3 Collider::surface_velocity(const Vec3& x) const {
   return velocity + angular_velocity.cross(x - position_);
+}
+
+std::shared_ptr<const SampledDistance> sampled(const Shape& shape, int threads) {
+  constexpr double kRadius = 24, kLongest = 128, kPad = 3;
+  double radius = 0, reach = 0;
+  if (const auto* capsule = std::get_if<Capsule>(&shape)) {
+    radius = capsule->radius, reach = capsule->half_length + radius;
+  } else {
+    const Cylinder& cylinder = std::get<Cylinder>(shape);
+    radius = cylinder.radius, reach = cylinder.half_length;
+  }
+  const double h = std::max({std::min(radius, reach) / kRadius, 2 * radius / kLongest,
+                             2 * reach / kLongest});
+  const auto wide = static_cast<std::int64_t>(std::ceil(radius / h + kPad));
+  const auto high = static_cast<std::int64_t>(std::ceil(reach / h + kPad));
+  const std::array<std::int64_t, 3> nodes{2 * wide + 1, 2 * wide + 1, 2 * high + 1};
+  std::vector<double> values;
+  for (std::int64_t i = -wide; i <= wide; ++i)
+    for (std::int64_t j = -wide; j <= wide; ++j)
+      for (std::int64_t k = -high; k <= high; ++k) {
+        const Vec3 x = h * Vec3(static_cast<double>(i), static_cast<double>(j),
+                                static_cast<double>(k));
+        values.push_back(
+            visit_shape(shape, [&](const auto& s) { return s.signed_distance(x).value; }));
+      }
+  const Vec3 origin = -h * Vec3(static_cast<double>(wide), static_cast<double>(wide),
+                                static_cast<double>(high));
+  return std::make_shared<const SampledDistance>(nodes, origin, h, std::move(values), threads);
 }
 
 void Collider::set_orientation(const Quaternion& orientation) {
@@ -136,6 +207,8 @@ void Collider::restore(const std::array<double, kStateSize>& state) {
   restitution = *in++;
   take(exchange_.impulse);
   take(exchange_.torque);
+  total_ = {};
+  duration_ = 0;
 }
 
 }  // namespace substep::geometry

@@ -1,8 +1,8 @@
 // Solid shapes with closed forms of their signed distance d (below 0 inside), its gradient and its
 // Hessian, each in a frame of its own. d is exact, so |grad d| = 1 and a point may move by |d| in
 // any direction without passing the surface. Where the nearest surface point is not unique the
-// gradient is that of one of them: of the lowest axis for a box, +z at the centre of a sphere.
-// Defined in collider.cpp, whose queries they are.
+// gradient is that of one of them: of the lowest axis for a box, +z at the centre of a sphere,
+// +x on the axis of capsules and cylinders. Defined in collider.cpp, whose queries they are.
 #pragma once
 
 #include "substep/geometry/vectors.h"
@@ -40,6 +40,35 @@ struct Box {
   SignedDistance signed_distance(const Vec3& x) const;
   Mat3 hessian(const Vec3& x) const;
   double lipschitz(bool) const { return 1; }
+};
+
+// The points within r of the segment |z| <= a of the z axis. With c the nearest point of the
+// segment: d = |x - c| - r, whose Hessian is that of a sphere about an end, or of a cylinder.
+struct Capsule {
+  double radius, half_length;
+
+  SignedDistance signed_distance(const Vec3& x) const;
+  Mat3 hessian(const Vec3& x) const;
+  double lipschitz(bool) const { return 1; }
+};
+
+// The cylinder rho <= r, |z| <= a, with rho the distance from the z axis and e its gradient. With
+// q = (rho - r, |z| - a) as for a box: outside d = |max(q, 0)|, inside d = max(q_1, q_2). As
+// hess rho = t t^T / rho for t along the circle, a distance of slope d_rho has besides the Hessian
+// of a box in the plane of e and z the term d_rho t t^T / rho.
+struct Cylinder {
+  double radius, half_length;
+
+  SignedDistance signed_distance(const Vec3& x) const;
+  Mat3 hessian(const Vec3& x) const;
+  double lipschitz(bool) const { return 1; }
+
+ private:
+  struct Parts {
+    double rho, side, end;
+    Vec3 e, up;
+  };
+  Parts parts(const Vec3& x) const;
 };
 
 }  // namespace substep::geometry

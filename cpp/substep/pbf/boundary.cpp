@@ -48,8 +48,9 @@ Boundary<Real>::Boundary(std::vector<Collider> obstacles, const DensityConstrain
       return Block{};
     }
     if (std::holds_alternative<Plane>(collider.shape()) || dimension_ == 2) return Flat{};
-    const auto& field = *std::get<std::shared_ptr<const SampledDistance>>(collider.shape());
-    return std::make_shared<const DensityMap>(field, collider.hollow(), kernel, radius_, threads);
+    const auto* given = std::get_if<std::shared_ptr<const SampledDistance>>(&collider.shape());
+    const auto field = given ? *given : sampled(collider.shape(), threads);
+    return std::make_shared<const DensityMap>(*field, collider.hollow(), kernel, radius_, threads);
   };
   for (const Collider& collider : colliders()) walls_.push_back(add(collider));
 }

@@ -385,17 +385,18 @@ class MaterialPointMethod(Particles):
         self._flow()
 
     def _begin(self) -> None:
+        super()._begin()
         self.__dict__["_last"] = MaterialPointReport()
 
     def _count(self, dt: float) -> None:
-        """The native report has counted."""
+        self._sum_impulses(dt)  # the native report has counted
 
     def _run(self, duration: float, end: float, callback: Callable[[Self], object] | None) -> None:
         if callback is not None:
             super()._run(duration, end, callback)
             return
         while self.time < end:
-            until = min([end, *self._events()])
+            start, until = self.time, min([end, *self._events()])
             try:
                 self._native.advance(until - self.time)
                 self._native.time = until
@@ -405,6 +406,8 @@ class MaterialPointMethod(Particles):
                 raise
             finally:
                 self._last._add(self._native.report)
+                if self.time > start:
+                    self._sum_impulses(self.time - start)
             self._flow()
 
     def _events(self) -> list[float]:
