@@ -6,6 +6,7 @@
 #include <string>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 #include "substep/rigid/solver/joint_rows.h"
 
 namespace substep::rigid {
@@ -171,7 +172,7 @@ double joint_coordinate(const Joint& joint, const Bodies& bodies) {
   const int row = coordinate_row(joint.type);
   if (row < 0) return 0;
   return joint_values(joint.type, side(joint.in_a, joint.a), side(joint.in_b, joint.b),
-                      joint.coordinate)[static_cast<std::size_t>(row)];
+                      joint.coordinate)[usize(row)];
 }
 
 }  // namespace substep::rigid
