@@ -57,7 +57,14 @@ void triad(benchmark::State& state) {
 
 BENCHMARK(peak<double>)->Name("roof/flops/float64");
 BENCHMARK(peak<float>)->Name("roof/flops/float32");
-BENCHMARK(triad)->Name("roof/triad")->Arg(24)->Arg(512)->Arg(12 * 1024)->Arg(384 * 1024);
+BENCHMARK(triad)
+    ->Name("roof/triad")
+    ->Arg(24)
+    ->Arg(512)
+    ->Arg(2 * 1024)
+    ->Arg(12 * 1024)
+    ->Arg(24 * 1024)
+    ->Arg(384 * 1024);
 
 // The results' header names what the program was compiled for.
 const bool kContext = [] {

@@ -1,8 +1,8 @@
 #include <pybind11/stl.h>
 
-#include "bindings.h"
-#include "substep/core/parallel.h"
+#include "arrays.h"
 #include "substep/geometry/collider.h"
+#include "substep/geometry/each_point.h"
 #include "substep/geometry/isosurface_stuffing.h"
 #include "substep/geometry/mesh_sampling.h"
 #include "substep/geometry/poisson_disk.h"
@@ -11,35 +11,17 @@ namespace {
 
 using namespace substep::geometry;
 
-using Rows = py::array_t<double, py::array::c_style>;
-using Indices = py::array_t<std::int64_t, py::array::c_style>;
-using Triple = std::array<double, 3>;
-
-Vec3 vector(const Triple& a) { return {a[0], a[1], a[2]}; }
-Triple triple(const Vec3& v) { return {v[0], v[1], v[2]}; }
-
-constexpr std::int64_t kGrain = 1024;  // points per task
+using Rows = Reals;
+using Indices = Array<std::int64_t>;
 
 // evaluate(point, row of out) for each row of points; out has `columns` numbers a row.
-template <class Function>
-Rows for_points(const Rows& points, std::vector<py::ssize_t> columns, int threads,
-                Function&& evaluate) {
-  py::ssize_t width = 1;
-  for (const py::ssize_t n : columns) width *= n;
+Rows for_points(const Rows& points, Sizes columns, int threads, const EachPoint& evaluate) {
   columns.insert(columns.begin(), points.shape(0));
   Rows result(columns);
-  const double* in = points.data();
-  double* out = result.mutable_data();
-  const auto count = points.shape(0);
+  const auto in = readable(points);
+  const auto out = writable(result);
   const py::gil_scoped_release nogil;
-  substep::parallel_for(
-      count, kGrain,
-      [&](std::int64_t begin, std::int64_t end) {
-        for (std::int64_t i = begin; i < end; ++i) {
-          evaluate(Vec3(in[3 * i], in[3 * i + 1], in[3 * i + 2]), out + width * i);
-        }
-      },
-      threads);
+  for_each_point(in, out, evaluate, threads);
   return result;
 }
 

@@ -15,14 +15,9 @@
 #include <vector>
 
 #include "substep/core/sincos.h"
+#include "substep/fields/axis.h"
 
 namespace substep::fields {
-
-struct Axis {
-  std::vector<double> nodes;  // rising
-  double wrap = 0;            // period in which coordinates are reduced; 0: none
-  bool closed = false;        // the last node is followed by the first, one period on
-};
 
 template <class T>
 struct alignas(4 * sizeof(T)) Node {

@@ -1,13 +1,92 @@
 #include "substep/geometry/collider.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "substep/core/errors.h"
 
 namespace substep::geometry {
+namespace {
+
+// function(shape) for the shape that there is.
+template <class Function>
+auto visit_shape(const Shape& shape, Function&& function) {
+  return std::visit(
+      [&]<class S>(const S& s) {
+        if constexpr (std::is_same_v<S, std::shared_ptr<const SampledDistance>>) {
+          return function(*s);
+        } else {
+          return function(s);
+        }
+      },
+      shape);
+}
+
+}  // namespace
+
+SignedDistance Plane::signed_distance(const Vec3& x) const { return {normal.dot(x), normal}; }
+
+Mat3 Plane::hessian(const Vec3&) const { return Mat3::Zero(); }
+
+SignedDistance Sphere::signed_distance(const Vec3& x) const {
+  const double length = x.norm();
+  return {length - radius, length > 0 ? Vec3(x / length) : Vec3::UnitZ()};
+}
+
+Mat3 Sphere::hessian(const Vec3& x) const {
+  const double length = x.norm();
+  if (length == 0) return Mat3::Zero();
+  const Vec3 n = x / length;
+  return (Mat3::Identity() - n * n.transpose()) / length;
+}
+
+SignedDistance Box::signed_distance(const Vec3& x) const {
+  const Vec3 q = x.cwiseAbs() - half_lengths;
+  const Vec3 outward = x.array().sign();
+  if (q.maxCoeff() > 0) {
+    const Vec3 beyond = q.cwiseMax(0.0);
+    const double d = beyond.norm();
+    return {d, outward.cwiseProduct(beyond) / d};
+  }
+  int axis;
+  const double d = q.maxCoeff(&axis);
+  return {d, x[axis] < 0 ? Vec3(-Vec3::Unit(axis)) : Vec3(Vec3::Unit(axis))};
+}
+
+Mat3 Box::hessian(const Vec3& x) const {
+  const Vec3 q = x.cwiseAbs() - half_lengths;
+  if (q.maxCoeff() <= 0) return Mat3::Zero();
+  const auto [d, n] = signed_distance(x);
+  const Vec3 active = (q.array() > 0).cast<double>();
+  return (Mat3(active.asDiagonal()) - n * n.transpose()) / d;
+}
 
 Collider::Collider(Shape shape, const Vec3& position, bool hollow)
     : shape_(std::move(shape)), position_(position), sign_(hollow ? -1 : 1) {}
+
+SignedDistance Collider::signed_distance(const Vec3& x) const {
+  const SignedDistance d = local_distance(rotation_.transpose() * (x - position_));
+  return {d.value, rotation_ * d.gradient};
+}
+
+SignedDistance Collider::local_distance(const Vec3& x) const {
+  const SignedDistance d = visit_shape(shape_, [&](const auto& s) { return s.signed_distance(x); });
+  return {sign_ * d.value, sign_ * d.gradient};
+}
+
+Mat3 Collider::hessian(const Vec3& x) const {
+  const Vec3 local = rotation_.transpose() * (x - position_);
+  const Mat3 h = visit_shape(shape_, [&](const auto& s) { return s.hessian(local); });
+  return sign_ * (rotation_ * h * rotation_.transpose());
+}
+
+double Collider::lipschitz() const {
+  return visit_shape(shape_, [&](const auto& s) { return s.lipschitz(hollow()); });
+}
+
+Vec3 Collider::surface_velocity(const Vec3& x) const {
+  return velocity + angular_velocity.cross(x - position_);
+}
 
 void Collider::set_orientation(const Quaternion& orientation) {
   const double norm = orientation.norm();

@@ -273,9 +273,10 @@ class MaterialPointMethod(Particles):
         self._replace(_options=self._options | {"step": step or 0.0}, _step_size=step)
 
     def _make(self, state: Mapping[str, Any]) -> Any:
-        bits = self.dtype.itemsize * 8
-        native = getattr(_core, f"MaterialPointMethod{self._dimension}D{bits}")
-        return native(self._options, [c._native for c in self.colliders])
+        colliders = [c._native for c in self.colliders]
+        return _core.MaterialPointMethod(
+            self._options, colliders, self._dimension, self.dtype.name
+        )
 
     @property
     def material(self) -> NDArray[np.int32]:

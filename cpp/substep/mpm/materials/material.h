@@ -10,16 +10,10 @@
 #include <cstddef>
 #include <limits>
 
+#include "substep/mpm/materials/catalogue.h"
 #include "substep/mpm/materials/tensor.h"
 
 namespace substep::mpm {
-
-// A number that a material keeps for each particle besides F.
-struct StateField {
-  const char* name;
-  const char* unit;
-  double initial;
-};
 
 // Numbers per particle: F (Tensor<V, D>) where there is one, then those of kState.
 template <int D, std::size_t n>
@@ -33,6 +27,8 @@ constexpr int number_of_fields(bool has_F, const std::array<StateField, n>&) {
 //   static constexpr std::array<StateField, n> kState;  // the others
 //   template <int D> static constexpr int kFields;      // number_of_fields<D>(kHasF, kState)
 //   double density;                      // rho_0 [kg/m^3], and its other parameters
+//   template <class Constants>           // c(name), a number: from Python
+//   static M with(const Constants& c);
 //
 //   // Deformation after a step of dt in the velocity gradient G: F <- (I + dt G) F.
 //   template <class V, int D>

@@ -20,20 +20,11 @@
 #include "substep/mpm/passes/grid_update.h"
 #include "substep/mpm/passes/options.h"
 #include "substep/mpm/passes/transfers.h"
+#include "substep/mpm/solver/method.h"
 
 namespace substep::mpm {
 
 struct Scheme;
-
-// What a state holds besides particles.
-struct Clock {
-  double time = 0;      // [s]
-  double supplied = 0;  // energy that particles brought in and that forces and obstacles did [J]
-  double drift = 0;     // how far particles may have moved since they were sorted [cells]
-  std::int64_t next_id = 0;
-  bool trial = true;  // the return map of the last step is still to come
-  double before = 0;  // dt of that step [s]
-};
 
 template <class Real, int D>
 class Solver {

@@ -5,6 +5,7 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/parallel.h"
+#include "substep/rigid/collision/broad_phase.h"
 #include "substep/rigid/distance/shape_distance.h"
 #include "substep/rigid/distance/time_of_impact.h"
 

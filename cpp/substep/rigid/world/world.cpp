@@ -10,8 +10,12 @@
 #include "substep/core/interrupt.h"
 #include "substep/core/parallel.h"
 #include "substep/core/reserve.h"
+#include "substep/rigid/collision/broad_phase.h"
 #include "substep/rigid/shapes/mass_properties.h"
+#include "substep/rigid/solver/contact_solver.h"
+#include "substep/rigid/world/contact_finder.h"
 #include "substep/rigid/world/fast_bodies.h"
+#include "substep/rigid/world/queries.h"
 
 namespace substep::rigid {
 namespace {
@@ -45,6 +49,13 @@ void check_options(const WorldOptions& options) {
 }  // namespace
 
 World::World(const WorldOptions& options) : options_(options) { check_options(options); }
+World::World(const World& other) = default;
+World::World(World&& other) noexcept = default;
+World& World::operator=(const World& other) = default;
+World& World::operator=(World&& other) noexcept = default;
+World::~World() = default;
+
+std::int64_t World::impacts() const { return solver_->impacts(); }
 
 void World::set_options(const WorldOptions& options) {
   check_options(options);
@@ -66,7 +77,7 @@ void World::make_room(std::int64_t bodies, std::int64_t fixtures) {
   for (auto* rows : {&rest_x_, &rest_q_, &placed_x_, &placed_q_}) reserve_amortised(*rows, 4 * n);
   reserve_amortised(asleep_, n), reserve_amortised(ways_, n);
   islands_.make_room(static_cast<std::int32_t>(n), static_cast<std::int32_t>(bodies));
-  broad_phase_.make_room(static_cast<std::int32_t>(fixtures_.size() + fixtures),
+  broad_phase_->make_room(static_cast<std::int32_t>(fixtures_.size() + fixtures),
                          static_cast<std::int32_t>(fixtures));
 }
 
@@ -109,9 +120,9 @@ void World::add_to_broad_phase(std::int32_t f) {
   if (const auto* plane = std::get_if<Plane>(&fixture.shape)) {
     const Vec3 normal = fixtures_.pose(f).rotation * plane->normal;
     const double offset = plane->offset + normal.dot(fixtures_.pose(f).position);
-    broad_phase_.add_plane(f, proxy, normal, offset);
+    broad_phase_->add_plane(f, proxy, normal, offset);
   } else {
-    broad_phase_.add(f, proxy, fixtures_.bounds()[at(f)]);
+    broad_phase_->add(f, proxy, fixtures_.bounds()[at(f)]);
   }
 }
 
@@ -133,7 +144,7 @@ void World::leave(std::span<const std::int64_t> bodies) {
       islands_.remove(static_cast<std::int32_t>(body));
     }
     for (std::int32_t f = fixtures_.first(body); f < fixtures_.first(body + 1); ++f)
-      broad_phase_.remove(f);
+      broad_phase_->remove(f);
   }
 }
 
@@ -147,7 +158,7 @@ std::vector<std::int64_t> World::remove(std::span<const std::int64_t> removed) {
   const std::vector<std::int64_t> numbers = bodies_.remove(once);
   const std::vector<std::int32_t> fixtures = fixtures_.renumber(numbers);
   const std::vector<std::int32_t> bodies(numbers.begin(), numbers.end());
-  broad_phase_.renumber(fixtures, bodies);
+  broad_phase_->renumber(fixtures, bodies);
   islands_.renumber(bodies);
   const auto compact = [&](auto& rows, std::size_t width) {
     for (std::size_t b = 0; b < bodies.size(); ++b)
@@ -221,7 +232,7 @@ void World::show_excluded() {
   std::vector<BodyPair> pairs = excluded_;
   for (const Joint& joint : joints_)
     if (!joint.collide && joint.b >= 0) pairs.push_back({joint.a, joint.b});
-  broad_phase_.exclude(std::move(pairs));
+  broad_phase_->exclude(std::move(pairs));
   excluded_changed_ = false;
 }
 
@@ -282,7 +293,7 @@ void World::step(double dt) {
     } while (wake_touched(dt));
     solve(dt);
     if (options_.continuous)
-      stop_fast_bodies(active_, fixtures_, broad_phase_, options_.gravity, bodies_);
+      stop_fast_bodies(active_, fixtures_, *broad_phase_, options_.gravity, bodies_);
     fall_asleep(dt);
   } catch (...) {
     go_back();
@@ -323,7 +334,7 @@ void World::place(double dt) {
     active_.push_back(static_cast<std::int32_t>(b));
     if (bodies_.dynamic(b)) continue;
     for (std::int32_t f = fixtures_.first(b); f < fixtures_.first(b + 1); ++f)
-      broad_phase_.set_awake(f, moves_now(b));
+      broad_phase_->set_awake(f, moves_now(b));
   }
   parallel_for(
       static_cast<std::int64_t>(active_.size()), kPlaced,
@@ -381,9 +392,9 @@ void World::check_row(std::int64_t body) {
 }
 
 void World::find_contacts() {
-  broad_phase_.update(moving_, fixtures_.bounds(), threads);
+  broad_phase_->update(moving_, fixtures_.bounds(), threads);
   moving_.clear();
-  finder_.find(broad_phase_.pairs(), broad_phase_.slots(), fixtures_, bodies_.motion, ways_,
+  finder_->find(broad_phase_->pairs(), broad_phase_->slots(), fixtures_, bodies_.motion, ways_,
                last_contacts_, options_.continuous, contacts_, threads);
 }
 
@@ -401,7 +412,7 @@ void World::solve(double dt) {
 }
 
 std::int64_t World::solve_once(double dt) {
-  return solver_.step(bodies_, options_.gravity, dt, contacts_, options_.contact, asleep_, joints_,
+  return solver_->step(bodies_, options_.gravity, dt, contacts_, options_.contact, asleep_, joints_,
                       threads);
 }
 
@@ -443,9 +454,9 @@ Scene World::scene() {
     place_body(b, 0);
     list_fixtures(b);
   }
-  broad_phase_.update(moving_, fixtures_.bounds(), threads);
+  broad_phase_->update(moving_, fixtures_.bounds(), threads);
   moving_.clear();
-  return {broad_phase_, [this](std::int32_t f) {
+  return {*broad_phase_, [this](std::int32_t f) {
             const Fixture& fixture = fixtures_[f].fixture;
             return PlacedShape{&fixture.shape, fixtures_.pose(f), fixture.group};
           }};

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "substep/rigid/collision/broad_phase.h"
 #include "substep/rigid/world/world.h"
 
 namespace substep::rigid {
@@ -62,7 +63,7 @@ void World::show_sleep(std::int64_t body) {
   if (asleep == (asleep_[at(body)] != 0)) return;
   asleep_[at(body)] = asleep ? 1 : 0;
   for (std::int32_t f = fixtures_.first(body); f < fixtures_.first(body + 1); ++f)
-    broad_phase_.set_awake(f, !asleep);
+    broad_phase_->set_awake(f, !asleep);
   sleep_changed_ = true;
 }
 
@@ -84,7 +85,7 @@ void World::note_changes() {
       displaced_.push_back(static_cast<std::int32_t>(body));
       for (std::int32_t f = fixtures_.first(body); f < fixtures_.first(body + 1); ++f) {
         if (std::holds_alternative<Plane>(fixtures_[f].fixture.shape)) {
-          broad_phase_.remove(f);
+          broad_phase_->remove(f);
           add_to_broad_phase(f);
         } else {
           moving_.push_back(f);
@@ -116,7 +117,7 @@ bool World::wake_touched(double dt) {
         if (was_displaced(c.b)) wake(c.a);
       }
     }
-    for (const auto pairs : {broad_phase_.sleeping_pairs(), broad_phase_.pairs()}) {
+    for (const auto pairs : {broad_phase_->sleeping_pairs(), broad_phase_->pairs()}) {
       for (const FixturePair& pair : pairs) {
         const std::int32_t a = fixtures_[pair.a].body, b = fixtures_[pair.b].body;
         if (was_displaced(a)) wake(b);
