@@ -274,9 +274,7 @@ class MaterialPointMethod(Particles):
 
     def _make(self, state: Mapping[str, Any]) -> Any:
         colliders = [c._native for c in self.colliders]
-        return _core.MaterialPointMethod(
-            self._options, colliders, self._dimension, self.dtype.name
-        )
+        return _core.MaterialPointMethod(self._options, colliders, self._dimension, self.dtype.name)
 
     @property
     def material(self) -> NDArray[np.int32]:
