@@ -170,7 +170,7 @@ def liquid_frame(liquid: Liquid) -> dict[str, dict[str, Any]]:
     """
     points = liquid.positions.astype(np.float32)
     velocity = liquid.velocities.astype(np.float32)
-    ids, fluid = liquid.ids.astype(np.int32), liquid.fluid
+    ids, fluid = liquid.ids.astype(np.int32), liquid.kinds
     return {
         name: {"points": points[own], "velocity": velocity[own], "id": ids[own]}
         for k, name in enumerate(liquid.names)
