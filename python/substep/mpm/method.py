@@ -316,9 +316,7 @@ class MaterialPointMethod(Particles):
     @property
     def volume_ratios(self) -> Array:
         """Determinants J of the elastic deformation, shape (n,); read-only."""
-        values: Array = read_only(
-            ratios(self._native, self.kinds, self.materials, self._dimension)
-        )
+        values: Array = read_only(ratios(self._native, self.kinds, self.materials, self._dimension))
         return values
 
     @property
