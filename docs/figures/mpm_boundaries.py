@@ -89,7 +89,7 @@ def weight_panel(axes):
     for _ in range(60):
         heap.advance(0.02)
         times.append(heap.time)
-        forces.append(-floor.impulse[1] / 0.02 / weight)
+        forces.append(-floor.impulse[1] / floor.duration / weight)
     axes.axhline(1, color=GREY, lw=0.8)
     axes.plot(times, forces, color=BLUE)
     axes.set(xlabel="time / s", ylabel="force on the floor / weight of the heap", ylim=(0, None))

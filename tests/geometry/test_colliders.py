@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import substep
 from substep import InputError
+from substep.geometry import sphere_mesh
 
 
 def sampled_box(spacing=0.1):
@@ -22,6 +23,10 @@ SHAPES = {
     "hollow sphere": lambda: substep.Collider(substep.Sphere(0.7, (0.5, 0, 0)), hollow=True),
     "box": lambda: substep.Collider(substep.Box((1, 0.5, 1.5), (0.1, 0, 0))),
     "hollow box": lambda: substep.Collider(substep.Box((1, 0.5, 1.5), (0.1, 0, 0)), hollow=True),
+    "capsule": lambda: substep.Collider(substep.Capsule(0.6, 1.2, (0.1, 0, 0))),
+    "hollow capsule": lambda: substep.Collider(substep.Capsule(1.0, 1.2), hollow=True),
+    "cylinder": lambda: substep.Collider(substep.Cylinder(0.7, 1.1, (0, 0.1, 0))),
+    "hollow cylinder": lambda: substep.Collider(substep.Cylinder(1.0, 1.5), hollow=True),
     "field": sampled_box,
 }
 points = np.random.default_rng(3).uniform(-2, 2, (3000, 3))
@@ -252,3 +257,93 @@ def test_native_state_round_trip():
     other._native.state = state
     assert other._native.state == state
     np.testing.assert_array_equal(other.rotation, ball.rotation)
+
+
+PLACE = {"center": (0.3, -0.2, 0.1), "rotation": (0.8, 0.1, -0.5, 0.3)}
+CORNERS = np.random.default_rng(0).normal(size=(30, 3))
+PLACED = [
+    substep.Box((1, 0.5, 1.5), **PLACE),
+    substep.Sphere(0.7, PLACE["center"]),
+    substep.Capsule(0.4, 1.1, **PLACE),
+    substep.Cylinder(0.5, 0.8, **PLACE),
+    substep.ConvexHull(CORNERS, **PLACE),
+    sphere_mesh(0.7),
+]
+
+
+@pytest.mark.parametrize("shape", PLACED, ids=lambda shape: type(shape).__name__)
+def test_the_distance_of_an_obstacle_is_that_of_its_mesh(shape):
+    round_ = isinstance(shape, (substep.Sphere, substep.Capsule, substep.Cylinder))
+    mesh = shape if isinstance(shape, substep.TriangleMesh) else shape.mesh(*[256] * round_)
+    size = np.ptp(mesh.vertices, axis=0).max()
+    # Chords of a circle, or a spacing of 1/64 of the longest side in its own frame.
+    off = 2e-3 if round_ else 1e-12 if isinstance(shape, substep.Box) else 0.025 * size
+    inside = np.abs(points[:1000]).max(1) < 1.2
+    x = points[:1000][inside]
+    np.testing.assert_allclose(
+        substep.Collider(shape).distance(x), mesh.signed_distance(x), atol=off
+    )
+
+
+@pytest.mark.parametrize("shape", [*PLACED, substep.Plane((1, 2, 3))], ids=repr)
+def test_shapes_are_values(shape):
+    for name in (*shape._fields, "colour"):
+        with pytest.raises(AttributeError, match="make another"):
+            setattr(shape, name, 1)
+    again = pickle.loads(pickle.dumps(shape))
+    assert copy.deepcopy(shape) is shape
+    if not isinstance(shape, substep.TriangleMesh):
+        assert again == shape and hash(again) == hash(shape)
+        assert shape != substep.Plane((1, 0, 0))
+
+
+def test_what_does_not_change_is_refused():
+    box = substep.Collider(substep.Box((1, 1, 1)))
+    for name in ("shape", "hollow", "impulse", "duration", "frction"):
+        with pytest.raises(AttributeError, match=name):
+            setattr(box, name, 1)
+
+
+def test_a_bare_shape_is_a_still_obstacle_without_friction():
+    drop = substep.PositionBasedDynamics([[0, 0, 1]], 1.0, [], colliders=[substep.Plane()])
+    (ground,) = drop.colliders
+    assert ground.shape == substep.Plane() and ground.friction == ground.restitution == 0
+    with pytest.raises(TypeError, match=r"colliders\[0\]: expected a Collider or a shape"):
+        substep.PositionBasedDynamics([[0, 0, 1]], 1.0, [], colliders=["ground"])
+
+
+def press(method, ground):
+    """A body at rest on the ground, and its weight [N]."""
+    if method == "pbd":
+        body = substep.PositionBasedDynamics([[0, 0, 1e-3]], 2.0, [], colliders=[ground])
+    elif method == "pbf":
+        body = substep.PositionBasedFluid([[0, 0, 0.05]], 0.1, colliders=[ground])
+    elif method == "springs":
+        body = substep.MassSpring(
+            [[0, 0, 1e-3], [1, 0, 1e-3]], [[0, 1]], 100.0, 1.0, colliders=[ground], step=0.01
+        )
+    else:
+        x, volumes = substep.mpm.sample_box((-0.1, -0.1, 0), (0.1, 0.1, 0.2), 0.05, jitter=0.0)
+        jelly = substep.mpm.NeoHookean(1000, 1e5, 0.3)
+        body = substep.MaterialPointMethod(
+            x, jelly, cell=0.1, volume=volumes, colliders=[ground], transfer="pic"
+        )
+    return body, 9.81 * float(np.sum(body.masses))
+
+
+@pytest.mark.parametrize("method", ["pbd", "pbf", "springs", "mpm"])
+def test_the_mean_force_of_a_call_is_the_weight(method):
+    ground = substep.Collider(substep.Plane())
+    body, weight = press(method, ground)
+    assert ground.duration == 0
+    body.advance(0.5)
+    before = body.time
+    body.advance(0.25)
+    assert ground.duration == pytest.approx(body.time - before, abs=1e-12)
+    force = -ground.impulse[2] / ground.duration
+    assert force == pytest.approx(weight, rel=0.02)
+    body.step(0.001)
+    assert ground.duration == 0.001
+    held = ground.impulse
+    body.advance(0.0)
+    np.testing.assert_array_equal(ground.impulse, held)

@@ -74,6 +74,35 @@ class Points(Numbered):
     """Particles or vertices with ids; a subclass has `ids` and writes rows of its arrays."""
 
     _dimension: int
+    _gravity: Array
+    _options: dict[str, Any]
+
+    @property
+    def gravity(self) -> Array:
+        """Acceleration [m/s^2], shape (3,) or (2,), read-only; assign another to change it."""
+        return self._gravity
+
+    @gravity.setter
+    def gravity(self, value: ArrayLike) -> None:
+        pull: Array = read_only(check_array("gravity", value, (self._dimension,)).copy())
+        with self._own():
+            options = self._options | {"gravity": [*pull.tolist(), 0.0][:3]}
+            self._replace(_gravity=pull, _options=options)
+
+    def _replace(self, **parts: Any) -> None:
+        """Make the native simulation anew of other parts, in the same state."""
+        state, native = self._state(), self._native
+        kept = {name: self.__dict__[name] for name in parts}
+        self.__dict__.update(parts)
+        try:
+            made = self._make(state)
+            made.threads = native.threads
+            self._native = made
+            self._put_state(self._checked(state))
+        except BaseException:
+            self.__dict__.update(kept)
+            self._native = native
+            raise
 
     def set_positions(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
         """Put particles somewhere; their velocities stay.

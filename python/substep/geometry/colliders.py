@@ -32,8 +32,10 @@ class Collider(Checked):
     Parameters
     ----------
     shape : Shape
-        A `Box`, `Sphere`, `Plane` or `SignedDistanceField`. Its centre (the point of a plane) and
-        its rotation are where the obstacle is at first.
+        Any. Its centre (the point of a plane) and its rotation are where the obstacle is at first.
+        The distances of `Plane`, `Sphere`, `Box`, `Capsule` and `Cylinder` are exact; those of
+        `ConvexHull` and `TriangleMesh` are sampled at 1/64 of their longest side, which rounds
+        edges at that size: make a `SignedDistanceField` to choose the spacing.
     friction : float
         Coefficient of Coulomb friction, at least 0.
     restitution : float
@@ -156,13 +158,22 @@ class Collider(Checked):
 
     @property
     def impulse(self) -> Array:
-        """Impulse exerted on the obstacle during the last step [N s], shape (3,)."""
+        """Impulse exerted on the obstacle in the last call of `step` or `advance` [N s]; a copy.
+
+        `collider.impulse / collider.duration` is the mean force. A call that took no step changes
+        nothing; `restore` makes it zero.
+        """
         return np.array(self._native.impulse)
 
     @property
     def angular_impulse(self) -> Array:
-        """Angular impulse about `position` exerted during the last step [N m s], shape (3,)."""
-        return np.array(self._native.torque)
+        """Angular impulse about `position`, which moves, in the same time [N m s], shape (3,)."""
+        return np.array(self._native.angular_impulse)
+
+    @property
+    def duration(self) -> float:
+        """Time in which `impulse` and `angular_impulse` were exerted [s]."""
+        return float(self._native.duration)
 
     @property
     def lipschitz(self) -> float:

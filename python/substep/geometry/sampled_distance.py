@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..base.checks import check_array, check_real, check_threads
 from ..base.quaternions import IDENTITY
-from ..errors import InputError
 from .shape import ORIGIN, Shape
 from .triangle_mesh import TriangleMesh
 
@@ -136,23 +135,7 @@ class SignedDistanceField(Shape):
         >>> float(substep.Collider(ball).distance([[1.2, 0.0, 0.0]])[0].round(1))
         0.2
         """
-        low, high = mesh.vertices[mesh.faces].min((0, 1)), mesh.vertices[mesh.faces].max((0, 1))
-        h = (high - low).max() / 64 if spacing is None else spacing
-        h = check_real("spacing", h, positive=True)
-        grown = check_real("offset", offset, nonnegative=True)
-        pad = grown + 3 * h
-        cells = np.ceil((high - low + 2 * pad) / h)
-        if not np.prod(cells + 1) <= 1e8:
-            raise InputError(f"spacing: {h} gives a grid of {np.prod(cells + 1):.1e} nodes")
-        origin = 0.5 * (low + high - cells * h)
-        shape = [int(n) + 1 for n in cells]
-        values = mesh._tree.sample(shape, origin.tolist(), h, check_threads(threads)) - grown
-        if not (values < 0).any():
-            lacks = "; ".join(mesh.report().lacks) or "parts thinner than the spacing"
-            raise InputError(
-                f"mesh: no node lies inside ({lacks}); make spacing smaller than {h} or offset "
-                f"larger than {grown}"
-            )
+        values, h, origin = mesh._sampled(spacing, offset, threads)
         return cls(values, h, origin, center=center, rotation=rotation, threads=threads)
 
     @property

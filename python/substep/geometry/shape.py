@@ -69,11 +69,13 @@ class Shape(Frozen):
 
     def __repr__(self) -> str:
         default = {"center": ORIGIN, "point": ORIGIN, "rotation": IDENTITY}
-        given = [
-            f"{name}={len(value)} points" if isinstance(value, np.ndarray) else f"{name}={value}"
-            for name in self._fields
-            if (value := getattr(self, name)) != default.get(name)
-        ]
+        given = []
+        for name in self._fields:
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray):
+                given.append(f"{len(value)} {name}")
+            elif name not in default or value != default[name]:
+                given.append(f"{name}={value}")
         return f"{type(self).__name__}({', '.join(given)})"
 
     def _obstacle(self, hollow: bool) -> Any:

@@ -22,6 +22,13 @@ Array = NDArray[np.float64]
 class Solid(Shape):
     """A shape whose mesh is made about the origin."""
 
+    def _surface(self) -> TriangleMesh:
+        """The mesh about the origin, of which obstacles without a closed form are made."""
+        raise NotImplementedError
+
+    def _obstacle(self, hollow: bool) -> Any:
+        return _core.Collider.sampled(self._surface()._field, list(self.center), hollow)
+
     def _placed(self, mesh: TriangleMesh) -> TriangleMesh:
         if self.center == ORIGIN and self.rotation == IDENTITY:
             return mesh
@@ -201,6 +208,9 @@ class Capsule(Solid):
         """
         return self._placed(capsule_mesh(self.radius, self.length, segments))
 
+    def _obstacle(self, hollow: bool) -> Any:
+        return _core.Collider.capsule(list(self.center), self.radius, self.length / 2, hollow)
+
     def _rigid_shape(self) -> Any:
         return _core.RigidShape.capsule(self.radius, self.length / 2)
 
@@ -266,6 +276,9 @@ class Cylinder(Solid):
         """
         return self._placed(cylinder_mesh(self.radius, self.length, segments))
 
+    def _obstacle(self, hollow: bool) -> Any:
+        return _core.Collider.cylinder(list(self.center), self.radius, self.length / 2, hollow)
+
     def _rigid_shape(self) -> Any:
         return _core.RigidShape.cylinder(self.radius, self.length / 2)
 
@@ -326,6 +339,9 @@ class Plane(Shape):
 class ConvexHull(Solid):
     """The smallest convex solid that holds all of some points.
 
+    As an obstacle its signed distance is sampled, with the spacing that
+    `SignedDistanceField.from_mesh` chooses.
+
     Parameters
     ----------
     points : array_like, shape (n, 3)
@@ -372,7 +388,10 @@ class ConvexHull(Solid):
         TriangleMesh
             Closed.
         """
-        return self._placed(TriangleMesh(*_core.hull_faces(self.points)))
+        return self._placed(self._surface())
+
+    def _surface(self) -> TriangleMesh:
+        return TriangleMesh(*_core.hull_faces(self.points))
 
     def _rigid_shape(self) -> Any:
         return _core.RigidShape.hull(self.points)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from ..base.checks import check_array, check_threads
+from ..base.checks import check_array, check_real, check_threads
 from ..errors import InputError
 from .mesh_report import MeshReport
 from .shape import Shape
@@ -21,6 +21,9 @@ class TriangleMesh(Shape):
 
     Any set of triangles is accepted: open, not manifold, with duplicated or flat faces. `report`
     says which of that a mesh is.
+
+    A mesh is a shape too: as an obstacle its signed distance is sampled with the spacing that
+    `SignedDistanceField.from_mesh` chooses; as a rigid body it is ground.
 
     Parameters
     ----------
@@ -299,6 +302,37 @@ class TriangleMesh(Shape):
             pierced=self._tree.count_pierced(self.vertices, self.faces, edges, 0),
             dropped_faces=self.dropped,
         )
+
+    def _sampled(
+        self, spacing: float | None, offset: float, threads: int | None
+    ) -> tuple[Array, float, Array]:
+        """The signed distance at the nodes of a grid, less an offset; its spacing and origin."""
+        low, high = self.vertices[self.faces].min((0, 1)), self.vertices[self.faces].max((0, 1))
+        h = (high - low).max() / 64 if spacing is None else spacing
+        h = check_real("spacing", h, positive=True)
+        grown = check_real("offset", offset, nonnegative=True)
+        pad = grown + 3 * h
+        cells = np.ceil((high - low + 2 * pad) / h)
+        if not np.prod(cells + 1) <= 1e8:
+            raise InputError(f"spacing: {h} gives a grid of {np.prod(cells + 1):.1e} nodes")
+        origin = 0.5 * (low + high - cells * h)
+        shape = [int(n) + 1 for n in cells]
+        values = self._tree.sample(shape, origin.tolist(), h, check_threads(threads)) - grown
+        if not (values < 0).any():
+            lacks = "; ".join(self.report().lacks) or "parts thinner than the spacing"
+            raise InputError(
+                f"mesh: no node lies inside ({lacks}); make spacing smaller than {h} or offset "
+                f"larger than {grown}"
+            )
+        return values, h, origin
+
+    @cached_property
+    def _field(self) -> Any:
+        values, h, origin = self._sampled(None, 0.0, None)
+        return _core.SampledDistance(values, origin.tolist(), h, check_threads(None))
+
+    def _obstacle(self, hollow: bool) -> Any:
+        return _core.Collider.sampled(self._field, list(self.center), hollow)
 
     def _rigid_shape(self) -> Any:
         if len(self.vertices) > 2**31 - 1:

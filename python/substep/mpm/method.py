@@ -270,20 +270,11 @@ class MaterialPointMethod(Particles):
 
     def _set_step_size(self, step: float | None) -> None:
         # The native steps know it from their making.
-        options = self._options | {"step": step or 0.0}
-        state, threads = self._native.state(), self._native.threads
-        native = self._make_with(options)
-        native.threads = threads
-        native.restore(state)
-        self._native, self._options, self._step_size = native, options, step
+        self._replace(_options=self._options | {"step": step or 0.0}, _step_size=step)
 
     def _make(self, state: Mapping[str, Any]) -> Any:
-        return self._make_with(self._options)
-
-    def _make_with(self, options: dict[str, Any]) -> Any:
-        bits = self.dtype.itemsize * 8
-        native = getattr(_core, f"MaterialPointMethod{self._dimension}D{bits}")
-        return native(options, [c._native for c in self.colliders])
+        colliders = [c._native for c in self.colliders]
+        return _core.MaterialPointMethod(self._options, colliders, self._dimension, self.dtype.name)
 
     @property
     def kinds(self) -> NDArray[np.int32]:
@@ -325,9 +316,7 @@ class MaterialPointMethod(Particles):
     @property
     def volume_ratios(self) -> Array:
         """Determinants J of the elastic deformation, shape (n,); read-only."""
-        values: Array = read_only(
-            ratios(self._native, self.kinds, self.materials, self._dimension)
-        )
+        values: Array = read_only(ratios(self._native, self.kinds, self.materials, self._dimension))
         return values
 
     @property
@@ -392,17 +381,18 @@ class MaterialPointMethod(Particles):
         self._flow()
 
     def _begin(self) -> None:
+        super()._begin()
         self.__dict__["_last"] = MaterialPointReport()
 
     def _count(self, dt: float) -> None:
-        """The native report has counted."""
+        self._sum_impulses(dt)  # the native report has counted
 
     def _run(self, duration: float, end: float, callback: Callable[[Self], object] | None) -> None:
         if callback is not None:
             super()._run(duration, end, callback)
             return
         while self.time < end:
-            until = min([end, *self._events()])
+            start, until = self.time, min([end, *self._events()])
             try:
                 self._native.advance(until - self.time)
                 self._native.time = until
@@ -412,6 +402,8 @@ class MaterialPointMethod(Particles):
                 raise
             finally:
                 self._last._add(self._native.report)
+                if self.time > start:
+                    self._sum_impulses(self.time - start)
             self._flow()
 
     def _events(self) -> list[float]:

@@ -31,7 +31,6 @@ class Particles(Points):
     colliders: tuple[Collider, ...]
     emitters: tuple[Emitter, ...]
     sinks: tuple[Sink, ...]
-    _gravity: Array
     _emitter_spacing: float
     _layers: NDArray[np.int64]
     _absorbed: NDArray[np.int64]
@@ -78,11 +77,6 @@ class Particles(Points):
     def _forces(self) -> Array:
         """In the order of the ids, a copy."""
         raise NotImplementedError
-
-    @property
-    def gravity(self) -> Array:
-        """Acceleration [m/s^2], shape (3,) or (2,), read-only."""
-        return self._gravity
 
     def remove(self, ids: ArrayLike) -> None:
         """Take out particles.

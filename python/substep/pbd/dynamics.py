@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 SOLVERS = ("gauss_seidel", "jacobi", "multilevel")
-DTYPES = {"float32": "32", "float64": "64"}
+DTYPES = ("float32", "float64")
 
 
 @dataclass
@@ -174,6 +174,7 @@ class PositionBasedDynamics(Points):
         down = (0.0, -9.81) if columns == 2 else (0.0, 0.0, -9.81)
         pull = check_array("gravity", down if gravity is None else gravity, (columns,))
         self._gravity = read_only(pull.copy())
+        self._options = {"gravity": [*pull.tolist(), 0.0][:3]}
         self.constraints = tuple(constraints)
         for k, constraint in enumerate(self.constraints):
             if not isinstance(constraint, Constraint):
@@ -203,25 +204,29 @@ class PositionBasedDynamics(Points):
         super().__init__(native, time, threads)
 
     def _make(self, state: Mapping[str, Any]) -> Any:
-        x, suffix = self._start, DTYPES[self.dtype]
-        groups = [constraint._groups(x, suffix) for constraint in self.constraints]
+        x = self._start
+        groups = [constraint._groups(x) for constraint in self.constraints]
         ends = np.cumsum([len(own) for own in groups]).tolist()
         self._group_ranges = [range(end - len(g), end) for end, g in zip(ends, groups, strict=True)]
-        native = getattr(_core, f"PositionBasedDynamics{suffix}")(
+        options = {
+            "substeps": self.substeps,
+            "iterations": self.iterations,
+            "solver": self.solver,
+            "relaxation": self.relaxation,
+            **self._options,
+            "damping": self.drag,
+            "margin": self.contact_margin,
+            "dimension": self._dimension,
+        }
+        native = _core.PositionBasedDynamics(
             x,
             np.asarray(state["velocities"], np.float64),
             self._masses,
             state["pinned"],
             [group for own in groups for group in own],
-            substeps=self.substeps,
-            iterations=self.iterations,
-            solver=self.solver,
-            relaxation=self.relaxation,
-            gravity=[*self._gravity, 0.0][:3],
-            damping=self.drag,
-            colliders=[collider._native for collider in self.colliders],
-            margin=self.contact_margin,
-            dimension=self._dimension,
+            options,
+            [collider._native for collider in self.colliders],
+            self.dtype.name,
         )
         if self.solver == "multilevel":
             use_multilevel(native, self.constraints, x, x if self._rest is None else self._rest)
@@ -242,11 +247,6 @@ class PositionBasedDynamics(Points):
     def dimension(self) -> int:
         """2 or 3."""
         return self._dimension
-
-    @property
-    def gravity(self) -> Array:
-        """Acceleration [m/s^2], shape (3,) or (2,), read-only."""
-        return self._gravity
 
     def __len__(self) -> int:
         return len(self._masses)

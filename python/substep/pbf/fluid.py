@@ -253,11 +253,8 @@ class PositionBasedFluid(Particles):
         self.add(x, velocities=velocities, kinds=kinds)
 
     def _make(self, state: Mapping[str, Any]) -> Any:
-        native = {
-            "float32": _core.PositionBasedFluid32,
-            "float64": _core.PositionBasedFluid64,
-        }[self.dtype.name]
-        return native(self._origin, [c._native for c in self.colliders], self._options)
+        colliders = [c._native for c in self.colliders]
+        return _core.PositionBasedFluid(self._origin, colliders, self._options, self.dtype.name)
 
     @property
     def kinds(self) -> NDArray[np.int32]:

@@ -191,11 +191,6 @@ class Deformable(Points):
             self._native.pinned = check_pinned(pinned, len(self))
 
     @property
-    def gravity(self) -> Array:
-        """Acceleration [m/s^2], shape (3,), read-only."""
-        return self._gravity
-
-    @property
     def report(self) -> DeformableReport:
         """What the last call of `step` or `advance` took and met."""
         native = self._native.report
@@ -317,6 +312,9 @@ class Deformable(Points):
 
     def _parts(self) -> dict[str, Any]:
         return super()._parts() | {"_pinned": self._native.pinned}
+
+    def _replace(self, **parts: Any) -> None:
+        super()._replace(_pinned=self._native.pinned, **parts)
 
     def _make(self, state: Mapping[str, Any]) -> Any:
         """With all terms and obstacles, at the positions of a state."""

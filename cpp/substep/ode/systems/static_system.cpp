@@ -1,5 +1,7 @@
 #include "substep/ode/systems/static_system.h"
 
+#include "substep/ode/systems/pointer_system.h"
+
 #include "substep/ode/explicit/rkc.h"
 #include "substep/ode/explicit/runge_kutta.h"
 #include "substep/ode/implicit/implicit.h"

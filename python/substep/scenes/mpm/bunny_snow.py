@@ -12,14 +12,7 @@ from ...mpm import sample_mesh
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
 from ..deformables import read_obstacle
-from .material_points import (
-    Points,
-    mpm_parameters,
-    points_frame,
-    points_notes,
-    points_parts,
-    points_view,
-)
+from .material_points import Points, mpm_parameters, points_view
 from .snowball import shells, snow, snow_parameters
 
 if TYPE_CHECKING:
@@ -90,9 +83,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.1, "resolution": 12},
     build=_build,
-    parts=points_parts,
-    frame=points_frame,
-    notes=points_notes,
+    parts=Points.parts,
+    frame=Points.frame,
+    notes=Points.notes,
     summary=_summary,
     picture=points_view(
         Camera(-65.0, 16.0, 0.95),

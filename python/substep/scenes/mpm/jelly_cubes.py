@@ -11,14 +11,7 @@ from ...geometry import Collider, Plane, TriangleMesh
 from ...mpm import NeoHookean, sample_box
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
-from .material_points import (
-    Points,
-    mpm_parameters,
-    points_frame,
-    points_notes,
-    points_parts,
-    points_view,
-)
+from .material_points import Points, mpm_parameters, points_view
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -104,9 +97,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.1, "particles": 1000, "cubes": 3},
     build=_build,
-    parts=points_parts,
-    frame=points_frame,
-    notes=points_notes,
+    parts=Points.parts,
+    frame=Points.frame,
+    notes=Points.notes,
     summary=_summary,
     picture=points_view(
         Camera(-60.0, 24.0),

@@ -11,15 +11,7 @@ from ...geometry import Box, Collider, TriangleMesh, box_mesh
 from ...mpm import HerschelBulkley
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
-from .material_points import (
-    Points,
-    fill_cylinder,
-    mpm_parameters,
-    points_frame,
-    points_notes,
-    points_parts,
-    points_view,
-)
+from .material_points import Points, fill_cylinder, mpm_parameters, points_view
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -94,9 +86,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.05, "particles": 800},
     build=MudSlump,
-    parts=points_parts,
-    frame=points_frame,
-    notes=points_notes,
+    parts=Points.parts,
+    frame=Points.frame,
+    notes=Points.notes,
     summary=_summary,
     picture=points_view(
         Camera(-60.0, 28.0),

@@ -11,14 +11,7 @@ from ...geometry import Box, Collider, TriangleMesh, box_mesh
 from ...mpm import Snow, sample_sphere
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
-from .material_points import (
-    Points,
-    mpm_parameters,
-    points_frame,
-    points_notes,
-    points_parts,
-    points_view,
-)
+from .material_points import Points, mpm_parameters, points_view
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -121,9 +114,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.05, "particles": 800},
     build=_build,
-    parts=points_parts,
-    frame=points_frame,
-    notes=points_notes,
+    parts=Points.parts,
+    frame=Points.frame,
+    notes=Points.notes,
     summary=Points.words,
     picture=points_view(
         Camera(-140.0, 14.0),

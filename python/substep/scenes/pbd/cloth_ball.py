@@ -21,7 +21,7 @@ from ...pbd.group import Constraint
 from ...view import Camera, Look, View
 from ..declaration import Parameter, Scene
 from ..deformables import read_obstacle
-from .position_based import Body, body_frame, body_notes, body_parts, pbd_parameters
+from .position_based import Body, pbd_parameters
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -116,9 +116,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.2, "vertices": 10, "substeps": 5},
     build=lambda parameters, seed: Cloth(parameters),
-    parts=body_parts,
-    frame=body_frame,
-    notes=body_notes,
+    parts=Body.parts,
+    frame=Body.frame,
+    notes=Body.notes,
     summary=_summary,
     picture=View(
         Camera(-60.0, 22.0),

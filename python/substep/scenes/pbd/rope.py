@@ -11,7 +11,7 @@ from ...geometry import Collider, Plane, Sphere, sphere_mesh
 from ...pbd import ParticleCollision, rope
 from ...view import Camera, Look, View
 from ..declaration import Parameter, Scene
-from .position_based import Body, body_frame, body_notes, body_parts, pbd_parameters
+from .position_based import Body, pbd_parameters
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -100,9 +100,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.2, "ropes": 3, "segments": 12, "substeps": 5},
     build=lambda parameters, seed: Ropes(parameters),
-    parts=body_parts,
-    frame=body_frame,
-    notes=body_notes,
+    parts=Body.parts,
+    frame=Body.frame,
+    notes=Body.notes,
     summary=_summary,
     picture=View(
         Camera(-50.0, 16.0),

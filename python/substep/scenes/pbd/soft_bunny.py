@@ -21,7 +21,7 @@ from ...pbd import soft_body
 from ...view import Camera, Look, View
 from ..declaration import Parameter, Scene
 from ..deformables import read_obstacle
-from .position_based import Body, body_frame, body_notes, body_parts, pbd_parameters
+from .position_based import Body, pbd_parameters
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -134,9 +134,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.2, "cells": 3, "substeps": 5},
     build=lambda parameters, seed: SoftBunny(parameters),
-    parts=body_parts,
-    frame=body_frame,
-    notes=body_notes,
+    parts=Body.parts,
+    frame=Body.frame,
+    notes=Body.notes,
     summary=_summary,
     picture=View(
         Camera(-62.0, 20.0), {"body": Look("#d9566b")}, box=_box, ground=lambda recording: 0.0

@@ -13,15 +13,7 @@ from ...pbf import fill_mesh
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
 from ..deformables import read_obstacle
-from .liquids import (
-    Liquid,
-    column,
-    liquid_frame,
-    liquid_notes,
-    liquid_parameters,
-    liquid_parts,
-    liquid_view,
-)
+from .liquids import Liquid, column, liquid_parameters, liquid_view
 
 PLACE = 0.72  # of the pillar along the tank
 PILLAR = np.array([0.08, 0.22, 0.45])  # lengths, over those of the tank
@@ -95,9 +87,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.1, "particles": 400},
     build=_build,
-    parts=liquid_parts,
-    frame=liquid_frame,
-    notes=liquid_notes,
+    parts=Liquid.parts,
+    frame=Liquid.frame,
+    notes=Liquid.notes,
     summary=_summary,
     picture=liquid_view(Camera(-60.0, 18.0), {"liquid": None}, {"pillar": Look("#d98f4e")}),
     frames=76,

@@ -12,14 +12,7 @@ from ...particles.emitters import Emitter, Sink
 from ...pbf import fill_box
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
-from .liquids import (
-    Liquid,
-    liquid_frame,
-    liquid_notes,
-    liquid_parameters,
-    liquid_parts,
-    liquid_view,
-)
+from .liquids import Liquid, liquid_parameters, liquid_view
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -104,9 +97,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.2, "spacing": 0.08, "nozzle": 0.06},
     build=lambda parameters, seed: Fountain(parameters),
-    parts=liquid_parts,
-    frame=liquid_frame,
-    notes=liquid_notes,
+    parts=Liquid.parts,
+    frame=Liquid.frame,
+    notes=Liquid.notes,
     summary=_summary,
     picture=liquid_view(Camera(-60.0, 22.0), {"liquid": None}, {"ball": Look("#c9b79c")}, box=_box),
     frames=151,
