@@ -2,8 +2,8 @@
 //
 //   T = 4 sqrt(l / g) K(sin(theta_0 / 2)),   K: Legendre's complete elliptic integral.
 //
-// After T it is back where it began, and at rest. What it misses of that falls by nearly 16 when the
-// step is halved, for RK4 is of order 4; what its energy loses on the way is of order 5.
+// After T it is back where it began, and at rest. What it misses of that falls by nearly 16 when
+// the step is halved, for RK4 is of order 4; what its energy loses on the way is of order 5.
 #include <cmath>
 #include <cstdint>
 #include <cstdio>

@@ -140,8 +140,8 @@ std::shared_ptr<const SampledDistance> sampled(const Shape& shape, int threads) 
     const Cylinder& cylinder = std::get<Cylinder>(shape);
     radius = cylinder.radius, reach = cylinder.half_length;
   }
-  const double h = std::max({std::min(radius, reach) / kRadius, 2 * radius / kLongest,
-                             2 * reach / kLongest});
+  const double h =
+      std::max({std::min(radius, reach) / kRadius, 2 * radius / kLongest, 2 * reach / kLongest});
   const auto wide = static_cast<std::int64_t>(std::ceil(radius / h + kPad));
   const auto high = static_cast<std::int64_t>(std::ceil(reach / h + kPad));
   const std::array<std::int64_t, 3> nodes{2 * wide + 1, 2 * wide + 1, 2 * high + 1};
@@ -149,13 +149,13 @@ std::shared_ptr<const SampledDistance> sampled(const Shape& shape, int threads) 
   for (std::int64_t i = -wide; i <= wide; ++i)
     for (std::int64_t j = -wide; j <= wide; ++j)
       for (std::int64_t k = -high; k <= high; ++k) {
-        const Vec3 x = h * Vec3(static_cast<double>(i), static_cast<double>(j),
-                                static_cast<double>(k));
+        const Vec3 x =
+            h * Vec3(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k));
         values.push_back(
             visit_shape(shape, [&](const auto& s) { return s.signed_distance(x).value; }));
       }
-  const Vec3 origin = -h * Vec3(static_cast<double>(wide), static_cast<double>(wide),
-                                static_cast<double>(high));
+  const Vec3 origin =
+      -h * Vec3(static_cast<double>(wide), static_cast<double>(wide), static_cast<double>(high));
   return std::make_shared<const SampledDistance>(nodes, origin, h, std::move(values), threads);
 }
 

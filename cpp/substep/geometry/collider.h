@@ -31,8 +31,8 @@ struct Exchange {
   }
 };
 
-using Shape = std::variant<Plane, Sphere, Box, std::shared_ptr<const SampledDistance>, Capsule,
-                           Cylinder>;
+using Shape =
+    std::variant<Plane, Sphere, Box, std::shared_ptr<const SampledDistance>, Capsule, Cylinder>;
 
 // The distance of a capsule or a cylinder on the nodes of a grid, of which 24 span its radius, but
 // at most 128 the longest side: for what is made of sampled distances.

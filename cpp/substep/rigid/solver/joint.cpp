@@ -40,8 +40,8 @@ Joint::Frame frame_in(const Bodies& bodies, std::int32_t body, const Vec3& origi
   return {back * (origin - bodies.position(body)), (back * axes).normalized()};
 }
 
-// The shortest rotation that takes x into a direction: Eigen's FromTwoVectors, which would compile a
-// singular value decomposition for directions along -x. There it is half a turn about an axis
+// The shortest rotation that takes x into a direction: Eigen's FromTwoVectors, which would compile
+// a singular value decomposition for directions along -x. There it is half a turn about an axis
 // across.
 Quaternion turn_of_x(const Vec3& direction) {
   const Vec3 x = Vec3::UnitX(), v = direction.normalized();
