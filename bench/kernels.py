@@ -41,7 +41,10 @@ def age(path: Path) -> float:
 def measure(program: Path, quick: bool) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
     """The context of the run, and the fastest repetition of each benchmark."""
     command = [str(program), f"--benchmark_filter={KERNELS}|{MPM}", "--benchmark_format=json"]
-    command += ["--benchmark_min_time=0.05"] if quick else ["--benchmark_repetitions=5"]
+    if quick:
+        command += ["--benchmark_min_time=0.05"]
+    else:
+        command += ["--benchmark_repetitions=5", "--benchmark_enable_random_interleaving=true"]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode != 0:
         sys.exit(f"{program} failed:\n{done.stderr}")

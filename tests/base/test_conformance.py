@@ -420,6 +420,9 @@ def limits_and_ids_are_told(make):
     assert isinstance(dt, float) and dt > 0 and isinstance(reason, str)
     assert simulation.ids.dtype == np.int64
     assert (np.diff(simulation.ids, axis=-1) > 0).all()
+    own = simulation.ids if simulation.ids.ndim == 1 else simulation.ids[0]
+    assert simulation.rows(own[::-1]).tolist() == list(range(len(own)))[::-1]
+    assert simulation.rows(int(own[1])) == 1
     assert isinstance(simulation, Simulation)
 
 

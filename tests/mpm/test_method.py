@@ -39,7 +39,7 @@ def mixture(dimension=3, **options):
             mpm.Sand(young_modulus=2e4),
             JELLY,
         ],
-        "material": np.arange(len(x)) % 3,
+        "kinds": np.arange(len(x)) % 3,
         "cell": 0.1,
         "volume": 0.05**dimension,
         "velocities": v,

@@ -196,7 +196,7 @@ def drop(shift, dtype, dimension):
         materials,
         cell=0.1,
         volume=volume,
-        material=np.arange(len(x)) % len(materials),
+        kinds=np.arange(len(x)) % len(materials),
         velocities=velocities,
         colliders=[substep.Collider(substep.Plane(up, away), friction=0.4)],
         step=5e-4,

@@ -247,10 +247,10 @@ def test_what_is_satisfied_is_not_counted():
 @pytest.mark.parametrize("name", FORMULAS)
 @pytest.mark.parametrize("value", [-1.0, np.nan, np.inf, [0.0, 0.0]])
 def test_softness_is_checked(name, value):
-    argument = "damping" if name == "NeoHookean" else "compliance"
-    if argument == "damping" and isinstance(value, list):
-        with pytest.raises(TypeError, match="damping"):
-            make(name, damping=value)
+    argument = "damping_time" if name == "NeoHookean" else "compliance"
+    if name == "NeoHookean" and isinstance(value, list):
+        with pytest.raises(TypeError, match="damping_time"):
+            make(name, damping_time=value)
         return
     with pytest.raises(substep.errors.InputError, match=argument):
         make(name, **{argument: value})

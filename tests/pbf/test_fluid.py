@@ -119,7 +119,7 @@ def test_a_sweep_is_the_formula(dimension, one_sided, masses):
     x += np.random.default_rng(3).uniform(-0.01, 0.01, x.shape)
     n, rho = len(x), (1000.0, 250.0)
     fluid = np.arange(n) % 2 if masses == "unequal" else np.zeros(n, int)
-    got = corrected(x, d, density=rho, fluid=fluid, one_sided=one_sided, compliance=e)
+    got = corrected(x, d, density=rho, kinds=fluid, one_sided=one_sided, compliance=e)
     w = np.array([1.0, 4.0])[fluid]
 
     c = brute_density(x, d, "cubic_spline") - 1
@@ -173,7 +173,7 @@ def test_momenta_are_kept_without_walls(dtype):
     for dt in (4e-3, 2e-3, 1e-3):
         fluid = np.arange(343) % 2
         x = block((7, 7, 7), 0.1, (-0.35,) * 3)
-        options = {"density": (1000.0, 100.0), "fluid": fluid, "tolerance": 0, "dtype": dtype}
+        options = {"density": (1000.0, 100.0), "kinds": fluid, "tolerance": 0, "dtype": dtype}
         liquid = substep.PositionBasedFluid(x, 0.1, gravity=(0, 0, 0), **options)
         swirl = np.cross([0.0, 0.0, 3.0], x)
         liquid.set_velocities(swirl - 2 * x + 0.1)
@@ -359,9 +359,9 @@ BAD = [
     ({"density": -1}, r"density\[0\]: expected a number above 0"),
     ({"density": math.nan}, r"density\[0\]: expected finite numbers"),
     ({"density": [1000, 0]}, r"density\[1\]: expected a number above 0"),
-    ({"fluid": [0, 1]}, r"fluid\[1\]: expected a number from 0 to 0"),
-    ({"fluid": [0.0, 0.0]}, "fluid: expected integers"),
-    ({"fluid": [0]}, "fluid: expected integers"),
+    ({"kinds": [0, 1]}, r"kinds\[1\]: expected a number from 0 to 0"),
+    ({"kinds": [0.0, 0.0]}, "kinds: expected integers"),
+    ({"kinds": [0]}, "kinds: expected integers"),
     ({"velocities": [[0, 0, 0]]}, "velocities: expected shape"),
     ({"velocities": [[0, 0, 0], [0, math.inf, 0]]}, r"velocities\[1, 1\]: expected finite"),
     ({"gravity": (0, -9.81)}, "gravity: expected shape"),

@@ -138,7 +138,7 @@ def test_a_bunny_full_of_liquid_stays_full():
         ({"radius": -1.0}, "radius"),
         ({"size": (1.0, 1.0)}, "size"),
         ({"radius": None, "size": (1.0, 0.0)}, "size"),
-        ({"fluid": -1}, "fluid"),
+        ({"kind": -1}, "kind"),
         ({"start": np.nan}, "start"),
     ],
 )
@@ -153,7 +153,7 @@ def test_emitters_and_sinks_that_do_not_fit_are_refused():
     with pytest.raises(InputError, match=r"emitters\[0\]"):
         PositionBasedFluid(np.zeros((0, 3)), 0.1, emitters=[nozzle])
     with pytest.raises(InputError, match=r"emitters\[0\]"):
-        other = Emitter((0, 0, 0), (1, 0, 0), 1.0, radius=0.1, fluid=1)
+        other = Emitter((0, 0, 0), (1, 0, 0), 1.0, radius=0.1, kind=1)
         PositionBasedFluid(np.zeros((0, 3)), 0.1, emitters=[other])
     with pytest.raises(InputError, match=r"emitters\[0\]: too far"):
         far = Emitter((1e30, 0, 0), (1, 0, 0), 1.0, radius=0.1)

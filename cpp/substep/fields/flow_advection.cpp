@@ -7,6 +7,7 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::fields {
 namespace {
@@ -35,7 +36,7 @@ SUBSTEP_INLINE void step_flow(const Flow& flow, const Time* at, Lane<V> h, V* x,
     flow.velocity(at[i], y, k[i], trig);
 #pragma GCC unroll 3
     for (int d = 0; d < kDim; ++d) {
-      const T b = T(Weights::b[static_cast<std::size_t>(i)]);
+      const T b = T(Weights::b[usize(i)]);
       sum[d] = i == 0 ? b * k[i][d] : fma(b, k[i][d], sum[d]);
     }
   }

@@ -31,22 +31,8 @@ struct Exchange {
   }
 };
 
-using Shape = std::variant<Plane, Sphere, Box, std::shared_ptr<const SampledDistance>, Capsule,
-                           Cylinder>;
-
-// function(shape) for the shape that there is.
-template <class Function>
-auto visit_shape(const Shape& shape, Function&& function) {
-  return std::visit(
-      [&]<class S>(const S& s) {
-        if constexpr (std::is_same_v<S, std::shared_ptr<const SampledDistance>>) {
-          return function(*s);
-        } else {
-          return function(s);
-        }
-      },
-      shape);
-}
+using Shape =
+    std::variant<Plane, Sphere, Box, std::shared_ptr<const SampledDistance>, Capsule, Cylinder>;
 
 // The distance of a capsule or a cylinder on the nodes of a grid, of which 24 span its radius, but
 // at most 128 the longest side: for what is made of sampled distances.
@@ -58,29 +44,15 @@ class Collider {
   Collider(Shape shape, const Vec3& position, bool hollow = false);
 
   // Signed distance of the world point x [m], below 0 inside the obstacle, and its exact gradient:
-  // of length 1, but for sampled distances, where it is about 1 (normalise it for a normal). A point outside may move by value / lipschitz() and does not enter the obstacle.
-  SignedDistance signed_distance(const Vec3& x) const {
-    const SignedDistance d = local_distance(rotation_.transpose() * (x - position_));
-    return {d.value, rotation_ * d.gradient};
-  }
+  // of length 1, but for sampled distances, where it is about 1 (normalise it for a normal). A
+  // point outside may move by value / lipschitz() and does not enter the obstacle.
+  SignedDistance signed_distance(const Vec3& x) const;
   // The same in the frame of the collider, whose origin is position().
-  SignedDistance local_distance(const Vec3& x) const {
-    const SignedDistance d =
-        visit_shape(shape_, [&](const auto& s) { return s.signed_distance(x); });
-    return {sign_ * d.value, sign_ * d.gradient};
-  }
-  Mat3 hessian(const Vec3& x) const {
-    const Vec3 local = rotation_.transpose() * (x - position_);
-    const Mat3 h = visit_shape(shape_, [&](const auto& s) { return s.hessian(local); });
-    return sign_ * (rotation_ * h * rotation_.transpose());
-  }
-  double lipschitz() const {
-    return visit_shape(shape_, [&](const auto& s) { return s.lipschitz(hollow()); });
-  }
+  SignedDistance local_distance(const Vec3& x) const;
+  Mat3 hessian(const Vec3& x) const;
+  double lipschitz() const;
   // v + omega x (x - position) [m/s].
-  Vec3 surface_velocity(const Vec3& x) const {
-    return velocity + angular_velocity.cross(x - position_);
-  }
+  Vec3 surface_velocity(const Vec3& x) const;
 
   // Moves by velocity dt and rotates by exp(angular_velocity dt).
   void advance(double dt);

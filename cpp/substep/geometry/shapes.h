@@ -2,11 +2,8 @@
 // Hessian, each in a frame of its own. d is exact, so |grad d| = 1 and a point may move by |d| in
 // any direction without passing the surface. Where the nearest surface point is not unique the
 // gradient is that of one of them: of the lowest axis for a box, +z at the centre of a sphere,
-// +x on the axis of capsules and cylinders.
+// +x on the axis of capsules and cylinders. Defined in collider.cpp, whose queries they are.
 #pragma once
-
-#include <algorithm>
-#include <cmath>
 
 #include "substep/geometry/vectors.h"
 
@@ -21,8 +18,8 @@ struct SignedDistance {
 struct Plane {
   Vec3 normal;  // of length 1
 
-  SignedDistance signed_distance(const Vec3& x) const { return {normal.dot(x), normal}; }
-  Mat3 hessian(const Vec3&) const { return Mat3::Zero(); }
+  SignedDistance signed_distance(const Vec3& x) const;
+  Mat3 hessian(const Vec3& x) const;
   double lipschitz(bool) const { return 1; }
 };
 
@@ -30,16 +27,8 @@ struct Plane {
 struct Sphere {
   double radius;
 
-  SignedDistance signed_distance(const Vec3& x) const {
-    const double length = x.norm();
-    return {length - radius, length > 0 ? Vec3(x / length) : Vec3::UnitZ()};
-  }
-  Mat3 hessian(const Vec3& x) const {
-    const double length = x.norm();
-    if (length == 0) return Mat3::Zero();
-    const Vec3 n = x / length;
-    return (Mat3::Identity() - n * n.transpose()) / length;
-  }
+  SignedDistance signed_distance(const Vec3& x) const;
+  Mat3 hessian(const Vec3& x) const;
   double lipschitz(bool) const { return 1; }
 };
 
@@ -48,25 +37,8 @@ struct Sphere {
 struct Box {
   Vec3 half_lengths;
 
-  SignedDistance signed_distance(const Vec3& x) const {
-    const Vec3 q = x.cwiseAbs() - half_lengths;
-    const Vec3 outward = x.array().sign();
-    if (q.maxCoeff() > 0) {
-      const Vec3 beyond = q.cwiseMax(0.0);
-      const double d = beyond.norm();
-      return {d, outward.cwiseProduct(beyond) / d};
-    }
-    int axis;
-    const double d = q.maxCoeff(&axis);
-    return {d, x[axis] < 0 ? Vec3(-Vec3::Unit(axis)) : Vec3(Vec3::Unit(axis))};
-  }
-  Mat3 hessian(const Vec3& x) const {
-    const Vec3 q = x.cwiseAbs() - half_lengths;
-    if (q.maxCoeff() <= 0) return Mat3::Zero();
-    const auto [d, n] = signed_distance(x);
-    const Vec3 active = (q.array() > 0).cast<double>();
-    return (Mat3(active.asDiagonal()) - n * n.transpose()) / d;
-  }
+  SignedDistance signed_distance(const Vec3& x) const;
+  Mat3 hessian(const Vec3& x) const;
   double lipschitz(bool) const { return 1; }
 };
 
@@ -75,18 +47,8 @@ struct Box {
 struct Capsule {
   double radius, half_length;
 
-  SignedDistance signed_distance(const Vec3& x) const {
-    const Vec3 arm = x - Vec3(0, 0, std::clamp(x.z(), -half_length, half_length));
-    const double length = arm.norm();
-    return {length - radius, length > 0 ? Vec3(arm / length) : Vec3::UnitX()};
-  }
-  Mat3 hessian(const Vec3& x) const {
-    const Vec3 arm = x - Vec3(0, 0, std::clamp(x.z(), -half_length, half_length));
-    const double length = arm.norm();
-    if (length == 0) return Mat3::Zero();
-    const Vec3 n = arm / length, free(1, 1, std::abs(x.z()) > half_length ? 1 : 0);
-    return (Mat3(free.asDiagonal()) - n * n.transpose()) / length;
-  }
+  SignedDistance signed_distance(const Vec3& x) const;
+  Mat3 hessian(const Vec3& x) const;
   double lipschitz(bool) const { return 1; }
 };
 
@@ -97,26 +59,8 @@ struct Capsule {
 struct Cylinder {
   double radius, half_length;
 
-  SignedDistance signed_distance(const Vec3& x) const {
-    const Parts at = parts(x);
-    if (at.side <= 0 && at.end <= 0) {
-      return at.side > at.end ? SignedDistance{at.side, at.e} : SignedDistance{at.end, at.up};
-    }
-    const double side = std::max(at.side, 0.0), end = std::max(at.end, 0.0);
-    const double d = std::hypot(side, end);
-    return {d, (side * at.e + end * at.up) / d};
-  }
-  Mat3 hessian(const Vec3& x) const {
-    const Parts at = parts(x);
-    if (at.rho == 0) return Mat3::Zero();
-    const Vec3 t(-at.e.y(), at.e.x(), 0);
-    const auto [d, n] = signed_distance(x);
-    Mat3 h = n.dot(at.e) / at.rho * t * t.transpose();
-    if (at.side > 0 && at.end > 0) {
-      h += (at.e * at.e.transpose() + at.up * at.up.transpose() - n * n.transpose()) / d;
-    }
-    return h;
-  }
+  SignedDistance signed_distance(const Vec3& x) const;
+  Mat3 hessian(const Vec3& x) const;
   double lipschitz(bool) const { return 1; }
 
  private:
@@ -124,12 +68,7 @@ struct Cylinder {
     double rho, side, end;
     Vec3 e, up;
   };
-  Parts parts(const Vec3& x) const {
-    const double rho = std::hypot(x.x(), x.y());
-    return {rho, rho - radius, std::abs(x.z()) - half_length,
-            rho > 0 ? Vec3(x.x() / rho, x.y() / rho, 0) : Vec3::UnitX(),
-            Vec3(0, 0, x.z() < 0 ? -1 : 1)};
-  }
+  Parts parts(const Vec3& x) const;
 };
 
 }  // namespace substep::geometry

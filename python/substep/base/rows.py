@@ -21,7 +21,56 @@ def read_only(array: NDArray[Any]) -> Any:
     return array
 
 
-class Points(Simulation):
+class Numbered(Simulation):
+    """What has ids: arrays have a row for each, in ascending order; a subclass has `__len__`."""
+
+    _what = "particle"
+
+    @property
+    def ids(self) -> Ids:
+        """Numbers of the rows, ascending, shape (n,): the order of all arrays; read-only."""
+        ids: Ids = read_only(np.arange(len(self), dtype=np.int64))
+        return ids
+
+    def __len__(self) -> int:
+        raise NotImplementedError
+
+    def rows(self, ids: ArrayLike) -> Any:
+        """Where particles or bodies are in all arrays.
+
+        Until something is removed, the row is the id.
+
+        Parameters
+        ----------
+        ids : int or array_like of int, shape (m,)
+            Which.
+
+        Returns
+        -------
+        int or ndarray of int64, shape (m,)
+            Their rows, as of now.
+
+        Raises
+        ------
+        InputError, IndexError
+            If there is no such particle or body.
+
+        Examples
+        --------
+        >>> import substep
+        >>> bodies = substep.RigidBodies()
+        >>> first, second = bodies.add(substep.Sphere(0.1), [[0, 0, 1], [0, 0, 2]])
+        >>> bodies.remove(first)
+        >>> bodies.rows(second)
+        0
+        >>> bodies.positions[bodies.rows(second)].tolist()
+        [0.0, 0.0, 2.0]
+        """
+        rows = find_rows(ids, self.ids, self._what)
+        return rows if np.ndim(ids) else int(rows[0])
+
+
+class Points(Numbered):
     """Particles or vertices with ids; a subclass has `ids` and writes rows of its arrays."""
 
     _dimension: int
@@ -54,36 +103,6 @@ class Points(Simulation):
             self.__dict__.update(kept)
             self._native = native
             raise
-
-    @property
-    def ids(self) -> Ids:
-        """Numbers of the rows, ascending, shape (n,): the order of all arrays; read-only."""
-        ids: Ids = read_only(np.arange(len(self), dtype=np.int64))
-        return ids
-
-    def __len__(self) -> int:
-        raise NotImplementedError
-
-    def rows(self, ids: ArrayLike) -> Any:
-        """Where particles are in all arrays.
-
-        Parameters
-        ----------
-        ids : int or array_like of int, shape (m,)
-            Which.
-
-        Returns
-        -------
-        int or ndarray of int64, shape (m,)
-            Their rows, as of now.
-
-        Raises
-        ------
-        InputError, IndexError
-            If there is no such particle.
-        """
-        rows = find_rows(ids, self.ids)
-        return rows if np.ndim(ids) else int(rows[0])
 
     def set_positions(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
         """Put particles somewhere; their velocities stay.

@@ -95,7 +95,7 @@ class MaterialPointMethod(Particles):
         Distance of nodes [m], above 0. 8 particles a cell (in 2D 4) are usual.
     volume : float or array_like, shape (n,)
         What a particle fills at rest [m^3; in 2D m^2], above 0; `sample_box` and others give it.
-    material : int or array_like of int, shape (n,), optional
+    kinds : int or array_like of int, shape (n,), optional
         Which of the materials each particle is; the first unless given.
     velocities : array_like, shape of positions, optional
         Initial velocities [m/s]; at rest unless given.
@@ -127,7 +127,7 @@ class MaterialPointMethod(Particles):
     on_large_step : {'raise', 'subdivide'}
         Steps above the limit are refused with a SolverError, or taken in several.
     emitters : sequence of Emitter
-        Nozzles; `Emitter.fluid` is the number of the material.
+        Nozzles; `Emitter.kind` is the number of the material.
     emitter_spacing : float, optional
         Distance of particles that come out [m]; half a cell unless given.
     sinks : sequence of Sink
@@ -190,7 +190,7 @@ class MaterialPointMethod(Particles):
         *,
         cell: float,
         volume: ArrayLike,
-        material: ArrayLike | None = None,
+        kinds: ArrayLike | None = None,
         velocities: ArrayLike | None = None,
         gravity: ArrayLike | None = None,
         colliders: Sequence[Collider | Shape] = (),
@@ -255,7 +255,7 @@ class MaterialPointMethod(Particles):
         self._check_nozzles(inside)
         super().__init__(self._make({}), time, threads)
         self._last: MaterialPointReport = MaterialPointReport()
-        self.add(x, volume, velocities=velocities, material=material)
+        self.add(x, volume, velocities=velocities, kinds=kinds)
 
     def _check_nozzles(self, bounds: list[list[float]] | None) -> None:
         d = self._dimension
@@ -274,12 +274,10 @@ class MaterialPointMethod(Particles):
 
     def _make(self, state: Mapping[str, Any]) -> Any:
         colliders = [c._native for c in self.colliders]
-        return _core.MaterialPointMethod(
-            self._options, colliders, self._dimension, self.dtype.name
-        )
+        return _core.MaterialPointMethod(self._options, colliders, self._dimension, self.dtype.name)
 
     @property
-    def material(self) -> NDArray[np.int32]:
+    def kinds(self) -> NDArray[np.int32]:
         """Which of the materials each particle is, shape (n,); read-only."""
         kinds: NDArray[np.int32] = read_only(self._native.materials())
         return kinds
@@ -293,7 +291,7 @@ class MaterialPointMethod(Particles):
     @property
     def masses(self) -> Array:
         """Masses [kg] (in 2D of a layer of 1 m), shape (n,); read-only."""
-        masses: Array = np.array([m.density for m in self.materials])[self.material]
+        masses: Array = np.array([m.density for m in self.materials])[self.kinds]
         masses = read_only(masses * self.volumes)
         return masses
 
@@ -311,16 +309,14 @@ class MaterialPointMethod(Particles):
         Materials that keep the volume ratio J alone (`Fluid`) have J^(1/d) I.
         """
         rows: Array = read_only(
-            gradients(self._native, self.material, self.materials, self._dimension)
+            gradients(self._native, self.kinds, self.materials, self._dimension)
         )
         return rows
 
     @property
     def volume_ratios(self) -> Array:
         """Determinants J of the elastic deformation, shape (n,); read-only."""
-        values: Array = read_only(
-            ratios(self._native, self.material, self.materials, self._dimension)
-        )
+        values: Array = read_only(ratios(self._native, self.kinds, self.materials, self._dimension))
         return values
 
     @property
@@ -335,7 +331,7 @@ class MaterialPointMethod(Particles):
         volume: ArrayLike,
         *,
         velocities: ArrayLike | None = None,
-        material: ArrayLike | None = None,
+        kinds: ArrayLike | None = None,
     ) -> NDArray[np.int64]:
         """Put in particles, undeformed.
 
@@ -347,7 +343,7 @@ class MaterialPointMethod(Particles):
             What they fill at rest [m^3; in 2D m^2], above 0.
         velocities : array_like, same shape as positions, optional
             Their velocities [m/s]; at rest unless given.
-        material : int or array_like of int, shape (m,), optional
+        kinds : int or array_like of int, shape (m,), optional
             Which of the materials they are; the first unless given.
 
         Returns
@@ -364,15 +360,15 @@ class MaterialPointMethod(Particles):
         m = len(x)
         v = np.zeros_like(x) if velocities is None else velocities
         v = check_array("velocities", v, x.shape)
-        kinds = check_kinds("material", 0 if material is None else material, m, len(self.materials))
+        which = check_kinds("kinds", 0 if kinds is None else kinds, m, len(self.materials))
         volumes = check_positive("volume", volume, m)
-        masses = np.array([material.density for material in self.materials])[kinds] * volumes
+        masses = np.array([material.density for material in self.materials])[which] * volumes
         wrong = ~((masses > 1e-30) & (masses < 1e30))
         if wrong.any():
             k = int(np.argmax(wrong))
             raise InputError(f"volume[{k}]: a mass of {masses[k]} kg is out of range")
         with self._own():
-            first = self._native.add(x, v, kinds, volumes)
+            first = self._native.add(x, v, which, volumes)
         return np.arange(first, first + m, dtype=np.int64)
 
     def _put_in(self, x: Array, v: Array, kind: NDArray[np.int32]) -> None:
@@ -455,7 +451,7 @@ class MaterialPointMethod(Particles):
         with self._own():
             places = np.arange(len(self)) if ids is None else self._places(ids)
             rows = check_array("values", values, (len(places), d, d))
-            set_gradients(self._native, rows, places, self.material, self.materials)
+            set_gradients(self._native, rows, places, self.kinds, self.materials)
 
     def diagnostics(self) -> dict[str, float]:
         """Sums over all particles; in 2D of a layer of 1 m.
@@ -494,7 +490,7 @@ class MaterialPointMethod(Particles):
             `plastic_volume_ratio`, `volume_correction`, `volume_ratio`; particles of materials
             without it have it as at rest.
         """
-        kinds, stress = self.material, self.stresses
+        kinds, stress = self.kinds, self.stresses
         mean = np.trace(stress, axis1=1, axis2=2) / 3
         deviator = stress - mean[:, None, None] * np.eye(3)
         own = own_fields(self._native, kinds, self.materials, self._dimension)

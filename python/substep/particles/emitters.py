@@ -37,8 +37,8 @@ class Emitter(Frozen):
     size : array_like, shape (2,), optional
         Width and height of a rectangular nozzle [m], in place of a radius; not in 2D. The width
         is horizontal, or along x where the jet is vertical.
-    fluid : int
-        Which of the fluids comes out; of a `MaterialPointMethod`, which of the materials.
+    kind : int
+        Which of the fluids or materials of the simulation comes out, as in its `kinds`.
     start, stop : float
         When it is open [s].
 
@@ -68,7 +68,7 @@ class Emitter(Frozen):
         *,
         radius: float | None = None,
         size: ArrayLike | None = None,
-        fluid: int = 0,
+        kind: int = 0,
         start: float = 0.0,
         stop: float = math.inf,
     ) -> None:
@@ -87,7 +87,7 @@ class Emitter(Frozen):
         self.size = None if size is None else check_array("size", size, (2,)).copy()
         if self.size is not None and not (self.size > 0).all():
             raise InputError(f"size: expected numbers above 0, got {self.size}")
-        self.fluid = check_integer("fluid", fluid, minimum=0)
+        self.kind = check_integer("kind", kind, minimum=0)
         self.start = check_real("start", start)
         self.stop = check_real("stop", stop, finite=False)
 

@@ -226,7 +226,7 @@ class PositionBasedDynamics(Points):
             [group for own in groups for group in own],
             options,
             [collider._native for collider in self.colliders],
-            self.dtype.name,
+            self.dtype,
         )
         if self.solver == "multilevel":
             use_multilevel(native, self.constraints, x, x if self._rest is None else self._rest)

@@ -72,7 +72,7 @@ class PositionBasedFluid(Particles):
     density : float or sequence of float
         Rest density [kg/m^3], above 0; one for each of several fluids. In 2D the layer is taken as
         1 m thick.
-    fluid : array_like of int, shape (n,), optional
+    kinds : int or array_like of int, shape (n,), optional
         Which of the densities each particle has; the first unless given.
     gravity : array_like, shape (3,) or (2,), optional
         Acceleration [m/s^2]; 9.81 downward (along the last axis) unless given.
@@ -173,7 +173,7 @@ class PositionBasedFluid(Particles):
         *,
         velocities: ArrayLike | None = None,
         density: float | Sequence[float] = 1000.0,
-        fluid: ArrayLike | None = None,
+        kinds: ArrayLike | None = None,
         gravity: ArrayLike | None = None,
         colliders: Sequence[Collider | Shape] = (),
         kernel: str = "cubic_spline",
@@ -250,14 +250,14 @@ class PositionBasedFluid(Particles):
             if not away <= 2.0**22 * self.support * self.spacing:
                 raise InputError(f"emitters[{k}]: too far from the first particle for float32")
         super().__init__(self._make({}), time, threads)
-        self.add(x, velocities=velocities, fluid=fluid)
+        self.add(x, velocities=velocities, kinds=kinds)
 
     def _make(self, state: Mapping[str, Any]) -> Any:
         colliders = [c._native for c in self.colliders]
         return _core.PositionBasedFluid(self._origin, colliders, self._options, self.dtype.name)
 
     @property
-    def fluid(self) -> NDArray[np.int32]:
+    def kinds(self) -> NDArray[np.int32]:
         """Which of the fluids each particle is, shape (n,); read-only."""
         fluids: NDArray[np.int32] = read_only(self._native.fluids())
         return fluids
@@ -265,7 +265,7 @@ class PositionBasedFluid(Particles):
     @property
     def masses(self) -> Array:
         """Masses [kg] (in 2D of a layer of 1 m), shape (n,); read-only."""
-        masses: Array = read_only(np.array(self._options["masses"])[self.fluid])
+        masses: Array = read_only(np.array(self._options["masses"])[self.kinds])
         return masses
 
     @property
@@ -284,7 +284,7 @@ class PositionBasedFluid(Particles):
         )
 
     def add(
-        self, positions: ArrayLike, *, velocities: ArrayLike | None = None, fluid: Any = None
+        self, positions: ArrayLike, *, velocities: ArrayLike | None = None, kinds: Any = None
     ) -> NDArray[np.int64]:
         """Put in particles.
 
@@ -294,7 +294,7 @@ class PositionBasedFluid(Particles):
             Where [m].
         velocities : array_like, same shape, optional
             Their velocities [m/s]; at rest unless given.
-        fluid : int or array_like of int, shape (m,), optional
+        kinds : int or array_like of int, shape (m,), optional
             Which of the fluids they are; the first unless given.
 
         Returns
@@ -311,7 +311,7 @@ class PositionBasedFluid(Particles):
         m = len(x)
         v = np.zeros_like(x) if velocities is None else velocities
         v = check_array("velocities", v, x.shape)
-        which = check_kinds("fluid", 0 if fluid is None else fluid, m, len(self.density))
+        which = check_kinds("kinds", 0 if kinds is None else kinds, m, len(self.density))
         with self._own():
             first = self._native.add(x, v, which)
         return np.arange(first, first + m, dtype=np.int64)
@@ -395,7 +395,7 @@ class PositionBasedFluid(Particles):
             "position": (self.positions, "m"),
             "velocity": (self.velocities, "m/s"),
             "id": (self.ids, "1"),
-            "fluid": (self.fluid, "1"),
+            "fluid": (self.kinds, "1"),
         }
 
     def _schema(self) -> tuple[list[Entry], dict[str, int], Any]:

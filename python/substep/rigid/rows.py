@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import check_array, check_choice
 from ..base.quaternions import multiply, rotate, unit_quaternions
-from ..base.rows import find_rows, read_only
-from ..base.simulation import Simulation
+from ..base.rows import Numbered, find_rows, read_only
 from ..errors import InputError
 from .fixtures import MOTIONS, Fixture, is_ground
 
@@ -20,13 +19,14 @@ Ids = NDArray[np.int64]
 _DYNAMIC, _STATIC = MOTIONS.index("dynamic"), MOTIONS.index("static")
 
 
-class BodyRows(Simulation):
+class BodyRows(Numbered):
     """Bodies as rows of arrays in the order of their ids; make `RigidBodies`.
 
     `_native` has views and setters of principal frames, by row; here are ids, and the frames that
     the user has put in.
     """
 
+    _what = "body"
     _ids: Ids
     _made: list[tuple[tuple[Fixture, ...], str, Any]]
     _centres: Array  # of mass, in the frame of the body
@@ -39,41 +39,8 @@ class BodyRows(Simulation):
     @property
     def ids(self) -> Ids:
         """Numbers of the bodies, ascending, shape (n,): the order of all arrays; read-only."""
-        return read_only(self._ids.copy())
-
-    def rows(self, ids: ArrayLike) -> Any:
-        """Where bodies are in all arrays.
-
-        The row of a body is its id until a body of a lower id is removed.
-
-        Parameters
-        ----------
-        ids : int or array_like of int, shape (m,)
-            Which.
-
-        Returns
-        -------
-        int or ndarray of int64, shape (m,)
-            Their rows, as of now.
-
-        Raises
-        ------
-        InputError, IndexError
-            If there is no such body.
-
-        Examples
-        --------
-        >>> import substep
-        >>> bodies = substep.RigidBodies()
-        >>> first, second = bodies.add(substep.rigid.Sphere(0.1), [[0, 0, 1], [0, 0, 2]])
-        >>> bodies.remove(first)
-        >>> bodies.rows(second)
-        0
-        >>> bodies.positions[bodies.rows(second)].tolist()
-        [0.0, 0.0, 2.0]
-        """
-        rows = self._rows(ids)
-        return rows if np.ndim(ids) else int(rows[0])
+        ids: Ids = read_only(self._ids.copy())
+        return ids
 
     @property
     def positions(self) -> Array:
@@ -421,7 +388,7 @@ class BodyRows(Simulation):
 
     def _rows(self, ids: ArrayLike | None) -> Ids:
         """Rows of bodies, from one id or several; all unless given."""
-        return find_rows(ids, self._ids, "body")
+        return find_rows(ids, self._ids, self._what)
 
     def _row(self, name: str, body: Any) -> int:
         """The row of one body."""

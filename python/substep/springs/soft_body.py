@@ -209,7 +209,7 @@ class SoftBody(Deformable):
         spacing : float, optional
             For surfaces: the size of the tetrahedra that fill them [m]; by default 1/20 of the
             longest side (`geometry.tetrahedralize`).
-        density, young_modulus, poisson_ratio, model, damping, velocities, pinned, drag,
+        density, young_modulus, poisson_ratio, model, damping_time, velocities, pinned, drag,
         gravity, colliders, integrator, step, solver, tolerance,
         max_iterations, on_fail, contact_margin, contact_stiffness, sticking_speed, time, threads
             As for `SoftBody`.

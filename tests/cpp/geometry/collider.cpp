@@ -77,8 +77,8 @@ TEST(Capsule, HasTheDistanceOfItsSegmentAndItsDerivatives) {
   EXPECT_EQ(capsule.signed_distance({0, 3, 5}).value, 4.5);
   EXPECT_EQ(capsule.signed_distance({0, 0, -1.25}).value, -0.25);
   EXPECT_EQ(capsule.signed_distance({0, 0, 0.3}).gradient, Vec3(1, 0, 0));
-  expect_derivatives(capsule, {{0.3, 0.1, 0.2}, {0.7, -0.9, -0.5}, {0.2, 0.4, 1.3},
-                               {-0.1, 0.2, -1.1}, {1, 2, 3}});
+  expect_derivatives(
+      capsule, {{0.3, 0.1, 0.2}, {0.7, -0.9, -0.5}, {0.2, 0.4, 1.3}, {-0.1, 0.2, -1.1}, {1, 2, 3}});
 }
 
 TEST(Cylinder, HasTheDistanceOfItsSideItsEndsAndItsEdges) {
@@ -89,16 +89,21 @@ TEST(Cylinder, HasTheDistanceOfItsSideItsEndsAndItsEdges) {
   EXPECT_EQ(cylinder.signed_distance({0, 0.25, 0.2}).value, -0.25);
   EXPECT_EQ(cylinder.signed_distance({0, 0.25, 0.9}).gradient, Vec3(0, 0, 1));
   EXPECT_EQ(cylinder.signed_distance({0, 0, 0}).gradient, Vec3(1, 0, 0));
-  expect_derivatives(cylinder, {{0.3, 0.1, 0.2}, {0.2, 0.1, 0.9}, {0.7, -0.9, -0.5},
-                                {0.2, 0.4, 1.3}, {-0.1, 0.2, -1.1}, {1, 2, 3}, {-1, 0.5, -2}});
+  expect_derivatives(cylinder, {{0.3, 0.1, 0.2},
+                                {0.2, 0.1, 0.9},
+                                {0.7, -0.9, -0.5},
+                                {0.2, 0.4, 1.3},
+                                {-0.1, 0.2, -1.1},
+                                {1, 2, 3},
+                                {-1, 0.5, -2}});
 }
 
 TEST(Sampled, IsTheDistanceWithinItsBound) {
   for (const Shape& shape : {Shape(Capsule{0.5, 1}), Shape(Cylinder{0.5, 0.1})}) {
     const auto field = sampled(shape, 1);
     for (const Vec3& x : {Vec3(0.1, 0.2, 0.05), Vec3(0.45, 0, 0), Vec3(0.4, 0.4, 0.09)}) {
-      const double exact = visit_shape(shape, [&](const auto& s) { return s.signed_distance(x); })
-                               .value;
+      const double exact =
+          visit_shape(shape, [&](const auto& s) { return s.signed_distance(x); }).value;
       EXPECT_NEAR(field->signed_distance(x).value, exact, field->error_bound());
     }
   }

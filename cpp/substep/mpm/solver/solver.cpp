@@ -12,6 +12,7 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
+#include "substep/core/usize.h"
 #include "substep/mpm/general/general.h"
 #include "substep/mpm/particles/particle_loop.h"
 #include "substep/mpm/solver/text.h"
@@ -355,8 +356,7 @@ double Solver<Real, D>::push(double dt) {
         [&](std::size_t g, std::int64_t p, std::int32_t block, int count) {
           for (int lane = 0; lane < count; ++lane) {
             const Slot s{g, p, lane, block};
-            const Vec3 f = forces_[static_cast<std::size_t>(
-                places[static_cast<std::size_t>(id_of(particles_, s))])];
+            const Vec3 f = forces_[usize(places[usize(id_of(particles_, s))])];
             if (f.isZero(0)) continue;
             const double m =
                 density(options_.materials[g]) *
@@ -364,8 +364,8 @@ double Solver<Real, D>::push(double dt) {
             work += dt * f.dot(velocity_of(particles_, s) + dt / (2 * m) * f);
             std::array<double, D> x, along;
             for (int d = 0; d < D; ++d) {
-              x[static_cast<std::size_t>(d)] = static_cast<double>(state_of(particles_, s, d));
-              along[static_cast<std::size_t>(d)] = f[d];
+              x[usize(d)] = static_cast<double>(state_of(particles_, s, d));
+              along[usize(d)] = f[d];
             }
             transfer::scatter<Real, D>(options_.order, x, along, dt, particles_.layout.arenas[b],
                                        nodes_);

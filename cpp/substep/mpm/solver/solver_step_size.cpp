@@ -4,6 +4,7 @@
 #include <string>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 #include "substep/mpm/particles/particle_loop.h"
 #include "substep/mpm/solver/solver.h"
 #include "substep/mpm/solver/text.h"
@@ -143,13 +144,12 @@ void Solver<Real, D>::halve(NextStep& step, const char* reason) {
 template <class Real, int D>
 std::int32_t Solver<Real, D>::culprit(std::int64_t node) const {
   constexpr std::int64_t kNodes = transfer::NodeBlocks<Real, D>::kNodes;
-  const auto block = transfer::BlockKey<D>::unpack(
-      particles_.layout.node_keys[static_cast<std::size_t>(node / kNodes)]);
+  const auto block =
+      transfer::BlockKey<D>::unpack(particles_.layout.node_keys[usize(node / kNodes)]);
   Vec3 at = Vec3::Zero();
   for (std::int64_t d = D - 1, rest = node % kNodes; d >= 0; --d, rest /= transfer::kBlock) {
-    at[d] = options_.cell *
-            (static_cast<double>(transfer::kBlock) * block[static_cast<std::size_t>(d)] +
-             static_cast<double>(rest % transfer::kBlock));
+    at[d] = options_.cell * (static_cast<double>(transfer::kBlock) * block[usize(d)] +
+                             static_cast<double>(rest % transfer::kBlock));
   }
   const double reach = 0.5 * (options_.order + 1) * options_.cell;
   return id_of_greatest(

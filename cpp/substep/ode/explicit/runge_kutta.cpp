@@ -1,5 +1,7 @@
 #include "substep/ode/explicit/runge_kutta.h"
 
+#include "substep/core/usize.h"
+
 namespace substep::ode {
 
 NonFiniteError stage_not_finite(const FailedStages& failed, std::int64_t n, bool complex_pairs,
@@ -8,7 +10,7 @@ NonFiniteError stage_not_finite(const FailedStages& failed, std::int64_t n, bool
     return not_finite_in_step(what, at, complex_pairs ? i / 2 : i, stage, failed.method, steps, t);
   };
   for (int s = 0; s < static_cast<int>(failed.k.size()); ++s) {
-    const auto row = static_cast<std::size_t>(s);
+    const auto row = usize(s);
     for (std::int64_t i = 0; i < n; ++i) {
       if (std::isfinite(failed.k[row][i])) continue;
       return error("the derivative", t + (s < failed.stages ? failed.c[row] : 1.0) * h, i, s + 1);

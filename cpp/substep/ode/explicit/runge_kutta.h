@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "substep/core/tableau.h"
+#include "substep/core/usize.h"
 #include "substep/ode/stepping/combine.h"
 #include "substep/ode/stepping/fixed_grid.h"
 #include "substep/ode/stepping/step_control.h"
@@ -49,7 +50,7 @@ class RungeKutta final : public Stepper {
     t_bound_ = options.t_bound;
     direction_ = t_bound_ >= t_ ? 1.0 : -1.0;
     if (fixed_) grid_ = FixedGrid(t_, t_bound_, options.step);
-    const auto n = static_cast<std::size_t>(size());
+    const auto n = usize(size());
     const std::size_t rows = 4 + kRows + (kDoubling ? 3 : 0);
     // Rows that are never used cost no memory: a system's own kernel needs no stages.
     memory_.reset(static_cast<double*>(std::calloc(rows * n + 1, sizeof(double))));
@@ -167,7 +168,7 @@ class RungeKutta final : public Stepper {
                          __attribute__((always_inline)) { system_.eval(at, w, dydt); };
       unrolled_step<T>(t, h, y_here, k_here, y_next, f);
       evaluations_ += T::stages - 1;
-      for (int s = 1; s < T::stages; ++s) std::copy_n(k_here[s], n, k[static_cast<std::size_t>(s)]);
+      for (int s = 1; s < T::stages; ++s) std::copy_n(k_here[s], n, k[usize(s)]);
       std::copy_n(y_next, n, y_out);
     } else {
       stages_from<1>(t, h, y, k, y_out);

@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "substep/core/usize.h"
 #include "substep/ode/stepping/combine.h"
 
 namespace substep::ode {
@@ -24,7 +25,7 @@ OneStep::OneStep(System& system, const StepOptions& options, std::string_view na
       y_(options.y, options.y + n_),
       y_old_(y_),
       y_new_(y_),
-      f_(static_cast<std::size_t>(n_)) {
+      f_(usize(n_)) {
   t_ = t_old_ = options.t;
   t_bound_ = options.t_bound;
   if (fixed_) grid_ = FixedGrid(t_, t_bound_, options.step);

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 
 namespace substep::ode {
 
@@ -28,7 +29,7 @@ class Tolerance {
       : rtol_(std::move(rtol)), atol_(std::move(atol)) {
     uniform_ = rtol_.size() == 1 && atol_.size() == 1;
     if (uniform_) return;
-    const auto n = static_cast<std::size_t>(components);
+    const auto n = usize(components);
     if (rtol_.size() == 1) rtol_.assign(n, rtol_[0]);
     if (atol_.size() == 1) atol_.assign(n, atol_[0]);
   }

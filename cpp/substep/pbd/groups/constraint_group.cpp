@@ -5,6 +5,8 @@
 #include <cstring>
 #include <utility>
 
+#include "substep/core/usize.h"
+
 namespace substep::pbd {
 namespace {
 
@@ -38,14 +40,14 @@ std::unique_ptr<Group<Real>> ConstraintGroup<Real>::clone() const {
 template <class Real>
 void ConstraintGroup<Real>::attach(const Partition& partition) {
   const std::size_t points = kernels_.points, parameters = kernels_.parameters;
-  for (std::int32_t& p : particles_) p = partition.slot[static_cast<std::size_t>(p)];
+  for (std::int32_t& p : particles_) p = partition.slot[usize(p)];
   schedule_ = make_schedule(particles_, static_cast<int>(points), kLanes, partition);
   const auto empty = static_cast<std::int64_t>(partition.id.size());
   blocks_.resize(block_count() * lines_);
   for (std::size_t k = 0; k < schedule_.constraint.size(); ++k) {
     auto* const block = reinterpret_cast<std::byte*>(&blocks_[k / kLanes * lines_]);
     const std::size_t lane = k % kLanes;
-    const auto c = static_cast<std::size_t>(std::max(schedule_.constraint[k], 0));
+    const auto c = usize(std::max(schedule_.constraint[k], 0));
     for (std::size_t i = 0; i < points; ++i) {
       const auto slot = schedule_.constraint[k] < 0 ? empty : particles_[c * points + i];
       const auto place = static_cast<std::uint32_t>(slot * Kernels<Real>::kUnits);
@@ -80,20 +82,19 @@ void ConstraintGroup<Real>::begin_step(double /*h*/, int substeps, int iteration
 
 template <class Real>
 std::int64_t ConstraintGroup<Real>::project_patch(std::int64_t patch, const Sweep<Real>& s) {
-  const auto p = static_cast<std::size_t>(patch);
+  const auto p = usize(patch);
   return project_blocks(schedule_.patch_start[p], schedule_.patch_start[p + 1], s);
 }
 
 template <class Real>
 std::int64_t ConstraintGroup<Real>::chunks(int phase) const {
-  const auto f = static_cast<std::size_t>(phase);
+  const auto f = usize(phase);
   return schedule_.phase_start[f + 1] - schedule_.phase_start[f];
 }
 
 template <class Real>
 std::int64_t ConstraintGroup<Real>::project(int phase, std::int64_t chunk, const Sweep<Real>& s) {
-  const auto c =
-      static_cast<std::size_t>(schedule_.phase_start[static_cast<std::size_t>(phase)] + chunk);
+  const auto c = usize(schedule_.phase_start[usize(phase)] + chunk);
   return project_blocks(schedule_.chunk_start[c], schedule_.chunk_start[c + 1], s);
 }
 
@@ -124,7 +125,7 @@ std::int64_t ConstraintGroup<Real>::correction_chunks() const {
 template <class Real>
 std::int64_t ConstraintGroup<Real>::correct(std::int64_t chunk, const Sweep<Real>& s,
                                             Point<Real>* rows) {
-  const std::size_t begin = static_cast<std::size_t>(chunk) * kCorrectionBlocks;
+  const std::size_t begin = usize(chunk) * kCorrectionBlocks;
   const std::size_t end = std::min(begin + kCorrectionBlocks, block_count());
   return kernels_.correct(blocks_.data(), begin, end, s, softness(s), rows);
 }
@@ -152,7 +153,7 @@ void ConstraintGroup<Real>::multipliers(std::span<double> lambda) const {
 template <class Real>
 double ConstraintGroup<Real>::energy(const Sweep<Real>& s) const {
   if (softening_ == Softening::rigid) return 0;
-  std::vector<double> c(static_cast<std::size_t>(size_));
+  std::vector<double> c(usize(size_));
   values(s, c);
   double sum = 0;
   for (std::size_t j = 0; j < c.size(); ++j) {
@@ -170,7 +171,7 @@ std::vector<RealLanes<Real>> ConstraintGroup<Real>::in_blocks(
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       const std::size_t at = values.size() > 1 ? b * kLanes + lane : 0;
       const std::int32_t c = values.size() > 1 ? schedule_.constraint[at] : 0;
-      lanes[b].values[lane] = static_cast<Real>(values[static_cast<std::size_t>(std::max(c, 0))]);
+      lanes[b].values[lane] = static_cast<Real>(values[usize(std::max(c, 0))]);
     }
   }
   return lanes;
@@ -191,8 +192,7 @@ LaneSoftness<Real> ConstraintGroup<Real>::softness(const Sweep<Real>& s) {
 template <class Real>
 std::int64_t ConstraintGroup<Real>::project_blocks(std::int64_t begin, std::int64_t end,
                                                    const Sweep<Real>& s) {
-  return kernels_.project(blocks_.data(), static_cast<std::size_t>(begin),
-                          static_cast<std::size_t>(end), s, softness(s));
+  return kernels_.project(blocks_.data(), usize(begin), usize(end), s, softness(s));
 }
 
 template <class Real>
@@ -200,7 +200,7 @@ template <class Function>
 void ConstraintGroup<Real>::for_lanes(std::size_t b, Function&& function) const {
   for (std::size_t lane = 0; lane < kLanes; ++lane) {
     const std::int32_t c = schedule_.constraint[b * kLanes + lane];
-    if (c >= 0) function(static_cast<std::size_t>(c), lane);
+    if (c >= 0) function(usize(c), lane);
   }
 }
 

@@ -65,7 +65,7 @@ def _build(parameters: dict[str, Any], seed: int) -> Points:
         spacing=spacing,
         part="cubes",
         dye=which,
-        material=which,
+        kinds=which,
         obstacles=walls,
     )
 

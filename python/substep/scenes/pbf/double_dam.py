@@ -30,14 +30,14 @@ def _build(parameters: dict[str, Any], seed: int) -> Liquid:
         (length, depth, parameters["rim"]),
         names=("left", "right"),
         density=(1000.0, 1000.0 * parameters["ratio"]),
-        fluid=np.repeat([0, 1], [len(left), len(right)]),
+        kinds=np.repeat([0, 1], [len(left), len(right)]),
     )
 
 
 def _summary(liquid: Liquid) -> str:
     x = liquid.positions[:, 0]
     across = [
-        100 * float(np.mean(side * (x[liquid.fluid == k] - liquid.tank[0] / 2) > 0))
+        100 * float(np.mean(side * (x[liquid.kinds == k] - liquid.tank[0] / 2) > 0))
         for k, side in enumerate((1, -1))
     ]
     return (

@@ -126,7 +126,7 @@ class Liquid(PositionBasedFluid):
         """Positions and velocities as float32, which they are computed in; ids as int32."""
         points = self.positions.astype(np.float32)
         velocity = self.velocities.astype(np.float32)
-        ids, fluid = self.ids.astype(np.int32), self.fluid
+        ids, fluid = self.ids.astype(np.int32), self.kinds
         return {
             name: {"points": points[own], "velocity": velocity[own], "id": ids[own]}
             for k, name in enumerate(self.names)

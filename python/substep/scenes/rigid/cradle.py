@@ -11,15 +11,7 @@ from ...errors import InputError
 from ...geometry import Box, Capsule, Sphere, TriangleMesh
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
-from .rigid_bodies import (
-    Solids,
-    joined,
-    rigid_parameters,
-    shifted,
-    solids_frame,
-    solids_parts,
-    solids_view,
-)
+from .rigid_bodies import Solids, joined, rigid_parameters, shifted, solids_view
 
 if TYPE_CHECKING:
     from ...recording import Part, Recording
@@ -115,11 +107,11 @@ def _parts(cradle: Cradle) -> dict[str, Part]:
 
     number = np.arange(len(cradle.hooks))
     strings = np.stack([number, len(number) + number], axis=-1)
-    return {**solids_parts(cradle), "strings": Part("mesh", edges=strings)}
+    return {**Solids.parts(cradle), "strings": Part("mesh", edges=strings)}
 
 
 def _frame(cradle: Cradle) -> dict[str, dict[str, Any]]:
-    frame = solids_frame(cradle)
+    frame = Solids.frame(cradle)
     ends = np.repeat(frame["bodies"]["points"], 2, axis=0)
     points = np.vstack([cradle.hooks, ends]).astype(np.float32)
     return {**frame, "strings": {"points": points}}

@@ -11,7 +11,7 @@ from ...base.quaternions import multiply, rotate
 from ...geometry import Box
 from ...view import Camera
 from ..declaration import Parameter, Scene
-from .rigid_bodies import Solids, rigid_parameters, solids_frame, solids_parts, solids_view
+from .rigid_bodies import Solids, rigid_parameters, solids_view
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -119,8 +119,8 @@ SCENE = Scene(
     },
     quick={"duration": 0.2, "dominoes": 6},
     build=lambda parameters, seed: Dominoes(parameters),
-    parts=solids_parts,
-    frame=solids_frame,
+    parts=Solids.parts,
+    frame=Solids.frame,
     summary=Dominoes.words,
     picture=solids_view(
         Camera(-60.0, 38.0),

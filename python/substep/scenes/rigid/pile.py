@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ...geometry import Box, Capsule, ConvexHull, Cylinder, Plane, Sphere, TriangleMesh
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
-from .rigid_bodies import Solid, Solids, rigid_parameters, solids_frame, solids_parts, solids_view
+from .rigid_bodies import Solid, Solids, rigid_parameters, solids_view
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -131,8 +131,8 @@ SCENE = Scene(
     },
     quick={"duration": 0.2, "bodies": 30},
     build=Pile,
-    parts=solids_parts,
-    frame=solids_frame,
+    parts=Solids.parts,
+    frame=Solids.frame,
     summary=Pile.words,
     picture=solids_view(
         Camera(-60.0, 24.0),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ...geometry import Box
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
-from .rigid_bodies import STEEL, rigid_parameters, solids_frame, solids_parts, solids_view
+from .rigid_bodies import STEEL, rigid_parameters, solids_view
 from .thrown_ball import Target, ball_parameters
 
 if TYPE_CHECKING:
@@ -52,8 +52,8 @@ SCENE = Scene(
     },
     quick={"duration": 0.2, "rows": 4},
     build=_build,
-    parts=solids_parts,
-    frame=solids_frame,
+    parts=Target.parts,
+    frame=Target.frame,
     summary=Target.words,
     picture=solids_view(
         CAMERA,

@@ -46,6 +46,11 @@ class Target(Solids):
         Of the scene, with those of `rigid_parameters` and `ball_parameters`.
     """
 
+    boxes: NDArray[np.int64]
+    direction: Array
+    start: Array
+    thrown: NDArray[np.int64] | None
+
     def __init__(self, parameters: Mapping[str, Any]) -> None:
         super().__init__(parameters)
         self.stand, self.speed = parameters["stand"], parameters["speed"]
@@ -65,9 +70,9 @@ class Target(Solids):
             At which it will hit [m].
         """
         self.boxes = boxes
-        self.direction: Array = np.asarray(direction, float) / np.linalg.norm(direction)
+        self.direction = np.asarray(direction, float) / np.linalg.norm(direction)
         self.start = self.positions[boxes]
-        self.thrown: NDArray[np.int64] | None = None
+        self.thrown = None
         if self.speed > 0:
             x = [0, 0, height] - FLIGHT * self.speed * self.direction
             self.thrown = self.put("ball", Sphere(self.radius), x, segments=64, density=2000.0)

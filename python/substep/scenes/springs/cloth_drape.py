@@ -7,26 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import (
-    Collider,
-    Plane,
-    SignedDistanceField,
-    Sphere,
-    grid_mesh,
-    sphere_mesh,
-)
+from ...geometry import Collider, Plane, SignedDistanceField, Sphere, grid_mesh, sphere_mesh
 from ...springs import MassSpring, grid_springs
 from ...view import Camera, Look, View
 from ..declaration import Parameter, Scene
-from ..deformables import (
-    GRAVITY,
-    Watched,
-    deformable_frame,
-    deformable_parts,
-    mesh_notes,
-    read_obstacle,
-    solver_parameters,
-)
+from ..deformables import GRAVITY, Watched, read_obstacle, solver_parameters
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -134,9 +119,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.2, "vertices": 12},
     build=lambda parameters, seed: DrapedCloth(parameters),
-    parts=deformable_parts,
-    frame=deformable_frame,
-    notes=mesh_notes,
+    parts=Watched.parts,
+    frame=Watched.frame,
+    notes=Watched.notes,
     summary=_summary,
     picture=View(
         Camera(-60.0, 20.0), looks={"cloth": Look("#3f7ea6")}, box=_box, ground=lambda r: 0.0

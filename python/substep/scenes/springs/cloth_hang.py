@@ -11,14 +11,7 @@ from ...geometry import grid_mesh
 from ...springs import MassSpring, grid_springs
 from ...view import Camera, Look, View
 from ..declaration import Parameter, Scene
-from ..deformables import (
-    GRAVITY,
-    Watched,
-    deformable_frame,
-    deformable_parts,
-    mesh_notes,
-    solver_parameters,
-)
+from ..deformables import GRAVITY, Watched, solver_parameters
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -118,9 +111,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.2, "vertices": 8},
     build=lambda parameters, seed: HangingCloth(parameters),
-    parts=deformable_parts,
-    frame=deformable_frame,
-    notes=mesh_notes,
+    parts=Watched.parts,
+    frame=Watched.frame,
+    notes=Watched.notes,
     summary=_summary,
     picture=View(Camera(112.0, 14.0), looks={"cloth": Look("#c65d47")}, box=_box),
 )

@@ -19,15 +19,7 @@ from ...geometry import (
 from ...springs import SoftBody
 from ...view import Camera, Look, View
 from ..declaration import Parameter, Scene
-from ..deformables import (
-    GRAVITY,
-    Watched,
-    deformable_frame,
-    deformable_parts,
-    mesh_notes,
-    read_obstacle,
-    solver_parameters,
-)
+from ..deformables import GRAVITY, Watched, read_obstacle, solver_parameters
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -149,9 +141,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.2, "cells": 3},
     build=lambda parameters, seed: Jelly(parameters),
-    parts=deformable_parts,
-    frame=deformable_frame,
-    notes=mesh_notes,
+    parts=Watched.parts,
+    frame=Watched.frame,
+    notes=Watched.notes,
     summary=_summary,
     picture=View(Camera(-70.0, 14.0), {"jelly": Look("#d9566b")}, box=_box, ground=_ground),
 )
