@@ -10,7 +10,7 @@
 namespace substep::rigid {
 namespace {
 
-constexpr int kLanes = ContactPacket::kLanes;
+constexpr int kPacketLanes = ContactPacket::kLanes;
 constexpr std::int64_t kBodies = 512;  // per chunk
 constexpr std::int64_t kPackets = 16;  // per chunk, where they are independent
 constexpr float kFarAway = 1e6F;       // [m]
@@ -81,7 +81,7 @@ void ContactSolver::order(const Vec3& gravity, std::span<const ContactConstraint
   colours_.assign(pairs_.size(), GraphColouring::kNoColour);
   const auto n = static_cast<std::int32_t>(rows_.size());
   colouring_.colour(pairs_, n, colours_);
-  colouring_.make_sweep(pairs_, n, colours_, kLanes, sweep_);
+  colouring_.make_sweep(pairs_, n, colours_, kPacketLanes, sweep_);
   place_.assign(contacts.size(), -1);
   for (std::size_t k = 0; k < sweep_.constraint.size(); ++k) {
     auto& c = sweep_.constraint[k];
@@ -111,8 +111,8 @@ void ContactSolver::pack(std::span<const ContactConstraint> contacts, int thread
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t k = begin; k < end; ++k) {
           ContactPacket& packet = packets_[usize(k)];
-          for (int lane = 0; lane < kLanes; ++lane) {
-            const auto c = sweep_.constraint[usize(k * kLanes + lane)];
+          for (int lane = 0; lane < kPacketLanes; ++lane) {
+            const auto c = sweep_.constraint[usize(k * kPacketLanes + lane)];
             packet.set(lane, c < 0 ? nullptr : &contacts[usize(c)], rows_);
           }
           packet.prepare(rows_);
@@ -137,7 +137,8 @@ void ContactSolver::bounce(double h, double slop) {
   impacts_.advance(rows_, h, slop);
   for (std::int64_t k = 0; k < impacts_.count(); ++k) {
     const auto place = place_[usize(impacts_.contact(k))];
-    packets_[usize(place / kLanes)].away[place % kLanes] = impacts_.flying(k) ? kFarAway : 0;
+    packets_[usize(place / kPacketLanes)].away[place % kPacketLanes] =
+        impacts_.flying(k) ? kFarAway : 0;
   }
 }
 
@@ -195,9 +196,9 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   if (bad >= 0) return bad;
   for (std::size_t c = 0; c < contacts.size(); ++c) {
     if (place_[c] < 0) continue;
-    const std::int64_t k = place_[c] / kLanes;
-    packet(k).get(place_[c] % kLanes, contacts[c]);
-    given_[usize(k)].report(place_[c] % kLanes, contacts[c]);
+    const std::int64_t k = place_[c] / kPacketLanes;
+    packet(k).get(place_[c] % kPacketLanes, contacts[c]);
+    given_[usize(k)].report(place_[c] % kPacketLanes, contacts[c]);
   }
   impacts_.report(contacts);
   joints_.store(bodies, joints, dt);
