@@ -1,4 +1,7 @@
-"""Checks that the arrows between the folders of cpp/substep run one way (docs/architecture.md)."""
+"""Checks that the arrows between the folders of cpp/substep run one way (docs/architecture.md).
+
+Bindings are compiled once for all instruction levels, so they may see no header that looks at one.
+"""
 
 import graphlib
 import re
@@ -16,6 +19,10 @@ INSIDE = {
     "pbd": ["constraints", "groups", "contact", "solver"],
     "rigid": ["shapes", "distance", "motion", "collision", "solver", "world"],
 }
+
+LOOKS_AT_LEVEL = re.compile(r"__(AVX|SSE|FMA)|immintrin\.h")
+# Bindings that do, and the header through which.
+SEES_LEVEL = {"bindings/pbd.cpp": "substep/pbd/groups/constraint_group.h"}
 
 
 def allowed(folder: str) -> set[str]:
@@ -74,7 +81,30 @@ def wrong_includes(root: Path) -> list[str]:
     return found
 
 
+def levels_seen(root: Path) -> list[str]:
+    """One line for each file of the bindings that sees a header which looks at the level."""
+    text = {p.relative_to(root).as_posix(): p.read_text() for p in root.rglob("*.[hc]*")}
+    found = []
+    for name in sorted(n for n in text if n.startswith("bindings/")):
+        way: dict[str, str] = {name: ""}  # each header, and who includes it
+        open_ends = [name]
+        while open_ends:
+            last = open_ends.pop()
+            for include in re.findall(r'#\s*include "([^"]+)"', text[last]):
+                target = include if include in text else f"bindings/{include}"
+                if target in text and target not in way and target != SEES_LEVEL.get(name):
+                    way[target] = last
+                    open_ends.append(target)
+        for header in [h for h in way if h != name and LOOKS_AT_LEVEL.search(text[h])][:1]:
+            steps = [header]
+            while way[steps[-1]]:
+                steps.append(way[steps[-1]])
+            found.append(" <- ".join(steps) + ": bindings see no instruction level")
+    return found
+
+
 if __name__ == "__main__":
-    lines = wrong_includes(Path(__file__).parents[1] / "cpp")
+    cpp = Path(__file__).parents[1] / "cpp"
+    lines = wrong_includes(cpp) + levels_seen(cpp)
     print("\n".join(lines) or "includes: the arrows run one way, inside folders too")
     sys.exit(bool(lines))

@@ -57,12 +57,9 @@ def jittered(n: int) -> tuple[np.ndarray, float]:
 
 def measure(n: int, repeats: int) -> None:
     x, radius = jittered(n)
-    for make, dtype, name in (
-        (_core.NeighbourSearch, np.float32, ""),
-        (_core.NeighbourSearch64, np.float64, "_float64"),
-    ):
+    for dtype, name in ((np.float32, ""), (np.float64, "_float64")):
         points = x.astype(dtype)
-        search = make(points)
+        search = _core.NeighbourSearch(points)
         for threads in (1, 2):
             t = best(lambda s=search, k=threads: s.search(radius, k), repeats)
             emit(len(x), "substep", f"lists{name}", t / len(x), threads)

@@ -7,20 +7,14 @@ if(NOT levels EQUAL 1)
   message(FATAL_ERROR " substep: a library has one instruction level, SUBSTEP_LEVELS names ${levels}")
 endif()
 
-set(objects $<TARGET_OBJECTS:objects_${SUBSTEP_LEVELS}>)
-if(TARGET objects_once)
-  list(APPEND objects $<TARGET_OBJECTS:objects_once>)
-endif()
-add_library(substep STATIC ${objects})
+add_library(substep STATIC
+  $<TARGET_OBJECTS:objects_${SUBSTEP_LEVELS}> $<TARGET_OBJECTS:objects_once>)
 target_compile_features(substep INTERFACE cxx_std_20)
 target_link_libraries(substep INTERFACE Eigen3::Eigen Threads::Threads)
 # Headers hold vectors of the level's width and matrices aligned to it, so that a program must be
 # compiled for the same level; and the same formulas, so that it must not contract them.
 target_compile_options(substep INTERFACE -ffp-contract=off -Wno-psabi)
-get_target_property(definitions substep_flags INTERFACE_COMPILE_DEFINITIONS)
-if(definitions)
-  target_compile_definitions(substep INTERFACE ${definitions})
-endif()
+target_compile_definitions(substep INTERFACE ${eigen_layout})
 if(NOT SUBSTEP_LEVELS STREQUAL "baseline")
   target_compile_options(substep INTERFACE -march=x86-64-${SUBSTEP_LEVELS})
 endif()

@@ -4,9 +4,12 @@
 
 #include "substep/core/aligned_buffer.h"
 #include "substep/core/lanes.h"
+#include "substep/core/usize.h"
 #include "work.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep;
 
@@ -36,7 +39,7 @@ void peak(benchmark::State& state) {
 void triad(benchmark::State& state) {
   using V = Vector<double>;
   constexpr std::size_t kLanes = sizeof(V) / sizeof(double);
-  const std::size_t n = static_cast<std::size_t>(state.range(0)) * 1024 / 24 / kLanes * kLanes;
+  const std::size_t n = usize(state.range(0)) * 1024 / 24 / kLanes * kLanes;
   AlignedBuffer<double> a, b, c;
   for (AlignedBuffer<double>* array : {&a, &b, &c}) {
     array->reset(n);

@@ -15,7 +15,6 @@ void bind_neighbours(py::module_& m);
 void bind_ode(py::module_& m);
 void bind_pbf(py::module_& m);
 void bind_pbd(py::module_& m);
-void bind_pbd_collision(py::module_& m);
 void bind_pbd_constraints(py::module_& m);
 void bind_rigid(py::module_& m);
 void bind_rigid_world(py::module_& m);

@@ -1,8 +1,8 @@
 #include <pybind11/stl.h>
 
-#include "bindings.h"
-#include "substep/core/parallel.h"
+#include "arrays.h"
 #include "substep/geometry/collider.h"
+#include "substep/geometry/each_point.h"
 #include "substep/geometry/isosurface_stuffing.h"
 #include "substep/geometry/mesh_sampling.h"
 #include "substep/geometry/poisson_disk.h"
@@ -11,35 +11,17 @@ namespace {
 
 using namespace substep::geometry;
 
-using Rows = py::array_t<double, py::array::c_style>;
-using Indices = py::array_t<std::int64_t, py::array::c_style>;
-using Triple = std::array<double, 3>;
-
-Vec3 vector(const Triple& a) { return {a[0], a[1], a[2]}; }
-Triple triple(const Vec3& v) { return {v[0], v[1], v[2]}; }
-
-constexpr std::int64_t kGrain = 1024;  // points per task
+using Rows = Reals;
+using Indices = Array<std::int64_t>;
 
 // evaluate(point, row of out) for each row of points; out has `columns` numbers a row.
-template <class Function>
-Rows for_points(const Rows& points, std::vector<py::ssize_t> columns, int threads,
-                Function&& evaluate) {
-  py::ssize_t width = 1;
-  for (const py::ssize_t n : columns) width *= n;
+Rows for_points(const Rows& points, Sizes columns, int threads, const EachPoint& evaluate) {
   columns.insert(columns.begin(), points.shape(0));
   Rows result(columns);
-  const double* in = points.data();
-  double* out = result.mutable_data();
-  const auto count = points.shape(0);
+  const auto in = readable(points);
+  const auto out = writable(result);
   const py::gil_scoped_release nogil;
-  substep::parallel_for(
-      count, kGrain,
-      [&](std::int64_t begin, std::int64_t end) {
-        for (std::int64_t i = begin; i < end; ++i) {
-          evaluate(Vec3(in[3 * i], in[3 * i + 1], in[3 * i + 2]), out + width * i);
-        }
-      },
-      threads);
+  for_each_point(in, out, evaluate, threads);
   return result;
 }
 
@@ -87,6 +69,10 @@ py::tuple pack_shape(const Shape& shape) {
     py::object operator()(const std::shared_ptr<const SampledDistance>& s) const {
       return py::cast(std::const_pointer_cast<SampledDistance>(s));
     }
+    template <class Round>  // a capsule or a cylinder
+    py::object operator()(const Round& s) const {
+      return py::make_tuple(s.radius, s.half_length);
+    }
   };
   return py::make_tuple(shape.index(), std::visit(Parts{}, shape));
 }
@@ -98,9 +84,13 @@ Shape unpack_shape(const py::tuple& packed) {
       return Sphere{packed[1].cast<double>()};
     case 2:
       return Box{vector(packed[1].cast<Triple>())};
-    default:
+    case 3:
       return std::shared_ptr<const SampledDistance>(
           packed[1].cast<std::shared_ptr<SampledDistance>>());
+    default:
+      const auto [radius, half_length] = packed[1].cast<std::pair<double, double>>();
+      if (packed[0].cast<int>() == 4) return Capsule{radius, half_length};
+      return Cylinder{radius, half_length};
   }
 }
 
@@ -135,6 +125,19 @@ void bind_collider(py::module_& m) {
           },
           py::arg("center"), py::arg("half_lengths"), py::arg("hollow"))
       .def_static(
+          "capsule",
+          [](const Triple& center, double radius, double half_length, bool hollow) {
+            return std::make_shared<Collider>(Capsule{radius, half_length}, vector(center), hollow);
+          },
+          py::arg("center"), py::arg("radius"), py::arg("half_length"), py::arg("hollow"))
+      .def_static(
+          "cylinder",
+          [](const Triple& center, double radius, double half_length, bool hollow) {
+            return std::make_shared<Collider>(Cylinder{radius, half_length}, vector(center),
+                                              hollow);
+          },
+          py::arg("center"), py::arg("radius"), py::arg("half_length"), py::arg("hollow"))
+      .def_static(
           "sampled",
           [](const std::shared_ptr<SampledDistance>& field, const Triple& position, bool hollow) {
             return std::make_shared<Collider>(std::shared_ptr<const SampledDistance>(field),
@@ -146,9 +149,12 @@ void bind_collider(py::module_& m) {
       .def_property_readonly("lipschitz", &Collider::lipschitz)
       .def_property_readonly("hollow", &Collider::hollow)
       .def_property_readonly("impulse",
-                             [](const Collider& self) { return triple(self.exchange().impulse); })
-      .def_property_readonly("torque",
-                             [](const Collider& self) { return triple(self.exchange().torque); })
+                             [](const Collider& self) { return triple(self.total().impulse); })
+      .def_property_readonly("angular_impulse",
+                             [](const Collider& self) { return triple(self.total().torque); })
+      .def_property_readonly("duration", &Collider::duration)
+      .def("begin_call", &Collider::begin_call)
+      .def("end_step", &Collider::end_step, py::arg("dt"))
       .def_property(
           "orientation",
           [](const Collider& self) {

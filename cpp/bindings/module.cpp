@@ -13,8 +13,6 @@ PYBIND11_MODULE(_core, m) {
   bind_neighbours(m);
   bind_ode(m);
   bind_pbd(m);
-  bind_pbd_collision(m);
-  bind_pbd_constraints(m);
   bind_second_order(m);
   bind_pbf(m);
   bind_rigid(m);

@@ -9,24 +9,25 @@
 #include "substep/ode/implicit/jacobian.h"
 #include "substep/ode/solve/integration.h"
 #include "substep/ode/solve/methods.h"
-#include "substep/ode/systems/brusselator.h"
-#include "substep/ode/systems/stiff_systems.h"
-#include "substep/ode/systems/systems.h"
+#include "substep/ode/systems/catalogue.h"
+#include "substep/ode/systems/pointer_system.h"
 
 namespace {
 
 namespace ode = substep::ode;
 namespace tableaux = substep::tableaux;
 
-template <std::size_t Rows>
-py::array_t<double> vector(const double (&values)[Rows]) {
-  return py::array_t<double>(static_cast<py::ssize_t>(Rows), values);
+py::array_t<double> vector(std::span<const double> values) {
+  return py::array_t<double>(static_cast<py::ssize_t>(values.size()), values.data());
 }
 
+py::array_t<double> matrix(const double* values, std::size_t rows, std::size_t columns) {
+  return py::array_t<double>({static_cast<py::ssize_t>(rows), static_cast<py::ssize_t>(columns)},
+                             values);
+}
 template <std::size_t Rows, std::size_t Columns>
 py::array_t<double> matrix(const double (&values)[Rows][Columns]) {
-  return py::array_t<double>({static_cast<py::ssize_t>(Rows), static_cast<py::ssize_t>(Columns)},
-                             &values[0][0]);
+  return matrix(&values[0][0], Rows, Columns);
 }
 
 template <class T>
@@ -239,38 +240,12 @@ void bind_systems(py::module_& m) {
                  const_cast<double*>(parameters.data()));
            }),
            py::keep_alive<1, 4>(), py::arg("address"), py::arg("size"), py::arg("parameters"));
-  py::class_<ode::Lorenz, System, std::shared_ptr<ode::Lorenz>>(m, "Lorenz")
-      .def(py::init<double, double, double>(), py::arg("sigma"), py::arg("rho"), py::arg("beta"));
-  py::class_<ode::Arenstorf, System, std::shared_ptr<ode::Arenstorf>>(m, "Arenstorf")
-      .def(py::init<double>(), py::arg("mu"));
-  py::class_<ode::Kepler, System, std::shared_ptr<ode::Kepler>>(m, "Kepler")
-      .def(py::init<double>(), py::arg("mu"));
-  py::class_<ode::HenonHeiles, System, std::shared_ptr<ode::HenonHeiles>>(m, "HenonHeiles")
-      .def(py::init<double>(), py::arg("lambda_"));
-  py::class_<ode::VanDerPol, System, std::shared_ptr<ode::VanDerPol>>(m, "VanDerPol")
-      .def(py::init<double, double>(), py::arg("damping"), py::arg("stiffness"));
-  py::class_<ode::Pendulum, System, std::shared_ptr<ode::Pendulum>>(m, "Pendulum")
-      .def(py::init<double, double, double>(), py::arg("length"), py::arg("gravity"),
-           py::arg("damping"));
-  py::class_<ode::HarmonicOscillator, System, std::shared_ptr<ode::HarmonicOscillator>>(
-      m, "HarmonicOscillator")
-      .def(py::init<double, double>(), py::arg("omega"), py::arg("damping"));
-  py::class_<ode::Pleiades, System, std::shared_ptr<ode::Pleiades>>(m, "Pleiades")
-      .def(py::init([](const std::array<double, 7>& masses) {
-             return std::make_shared<ode::Pleiades>(masses.data());
-           }),
-           py::arg("masses"));
-  py::class_<ode::Robertson, System, std::shared_ptr<ode::Robertson>>(m, "Robertson")
-      .def(py::init<double, double, double>(), py::arg("k1"), py::arg("k2"), py::arg("k3"));
-  py::class_<ode::Orego, System, std::shared_ptr<ode::Orego>>(m, "Orego")
-      .def(py::init<double, double, double>(), py::arg("s"), py::arg("q"), py::arg("w"));
-  py::class_<ode::Hires, System, std::shared_ptr<ode::Hires>>(m, "Hires").def(py::init<>());
-  py::class_<ode::Brusselator1D, System, std::shared_ptr<ode::Brusselator1D>>(m, "Brusselator1D")
-      .def(py::init<std::int64_t, double, double, double>(), py::arg("n"), py::arg("alpha"),
-           py::arg("a"), py::arg("b"));
-  py::class_<ode::Brusselator2D, System, std::shared_ptr<ode::Brusselator2D>>(m, "Brusselator2D")
-      .def(py::init<std::int64_t, double, double, double, double, double>(), py::arg("n"),
-           py::arg("alpha"), py::arg("a"), py::arg("b"), py::arg("source"), py::arg("source_time"));
+  m.def(
+      "make_system",
+      [](const std::string& name, const std::vector<double>& parameters) {
+        return ode::make_system(name, parameters);
+      },
+      py::arg("name"), py::arg("parameters"));
 }
 
 void bind_integration(py::module_& m) {

@@ -1,26 +1,17 @@
-// Groups of constraints that are no formulas: clusters, and functions of the user.
+// Groups of constraints, also of functions of the user.
 #include <pybind11/stl.h>
 
 #include <algorithm>
 
-#include "bindings.h"
-#include "pbd_groups.h"
-#include "substep/core/errors.h"
-#include "substep/pbd/groups/shape_matching.h"
-#include "substep/pbd/groups/user_constraints.h"
+#include "arrays.h"
+#include "substep/pbd/solver/recipes.h"
 
 namespace {
 
 using namespace substep::pbd;
 
-using Reals = py::array_t<double, py::array::c_style>;
-using Ids = py::array_t<std::int64_t, py::array::c_style>;
-using Indices = py::array_t<std::int32_t, py::array::c_style>;
-
-template <class T>
-std::vector<T> list(const py::array_t<T, py::array::c_style>& a) {
-  return {a.data(), a.data() + a.size()};
-}
+using Ids = Array<std::int64_t>;
+using Indices = Array<std::int32_t>;
 
 // fun(x) -> (C, gradient), float64 and C-contiguous, as the Python layer has checked.
 class PythonFunction final : public UserFunction {
@@ -77,51 +68,34 @@ class CompiledFunction final : public UserFunction {
   py::object owner_;
 };
 
-template <class Real>
-void bind_groups(py::module_& m, const std::string& bits) {
-  m.def(("shape_matching" + bits).c_str(),
-        [](const Ids& start, const Indices& particles, const Reals& rest, const Reals& compliance,
-           const Reals& damping, const Reals& stiffness, double linear) {
-          Clusters k{.start = list(start),
-                     .particle = list(particles),
-                     .rest = {},
-                     .compliance = list(compliance),
-                     .damping = list(damping),
-                     .stiffness = list(stiffness),
-                     .linear = linear};
-          for (py::ssize_t i = 0; i < rest.shape(0); ++i) {
-            k.rest.push_back({rest.at(i, 0), rest.at(i, 1), rest.at(i, 2)});
-          }
-          return GroupHandle<Real>{std::make_unique<ShapeMatching<Real>>(std::move(k))};
-        },
-        py::arg("start").noconvert(), py::arg("particles").noconvert(), py::arg("rest").noconvert(),
-        py::arg("compliance").noconvert(), py::arg("damping").noconvert(),
-        py::arg("stiffness").noconvert(), py::arg("linear"));
-  m.def(("user_constraints" + bits).c_str(),
-        [](const py::object& fun, const py::object& address, const Reals& parameters,
-           const Indices& particles, const Reals& origin, const Reals& compliance,
-           const Reals& damping, const Reals& stiffness, bool inequality) {
-          UserConstraints k{.function = nullptr,
-                            .points = static_cast<int>(particles.shape(1)),
-                            .batch = address.is_none() ? particles.shape(0) : 1,
-                            .particles = list(particles),
-                            .origin = {origin.at(0), origin.at(1), origin.at(2)},
-                            .compliance = list(compliance),
-                            .damping = list(damping),
-                            .stiffness = list(stiffness),
-                            .inequality = inequality};
-          if (address.is_none()) {
-            k.function = std::make_shared<PythonFunction>(fun.cast<py::function>(), k.points);
-          } else {
-            k.function =
-                std::make_shared<CompiledFunction>(address.cast<std::uintptr_t>(), parameters, fun);
-          }
-          return GroupHandle<Real>{std::make_unique<UserGroup<Real>>(std::move(k))};
-        },
-        py::arg("fun"), py::arg("address"), py::arg("parameters").noconvert(),
-        py::arg("particles").noconvert(), py::arg("origin").noconvert(),
-        py::arg("compliance").noconvert(), py::arg("damping").noconvert(),
-        py::arg("stiffness").noconvert(), py::arg("inequality"));
+template <std::size_t Columns, class T>
+std::vector<std::array<T, Columns>> rows_of(const Array<T>& a) {
+  std::vector<std::array<T, Columns>> rows(static_cast<std::size_t>(a.size()) / Columns);
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    std::copy_n(a.data() + Columns * i, Columns, rows[i].begin());
+  return rows;
+}
+
+std::unique_ptr<Recipe> of_user(const py::object& fun, const py::object& address,
+                                const Reals& parameters, const Indices& particles,
+                                const Reals& origin, const Reals& compliance, const Reals& damping,
+                                const Reals& stiffness, bool inequality) {
+  UserConstraints k{.function = nullptr,
+                    .points = static_cast<int>(particles.shape(1)),
+                    .batch = address.is_none() ? particles.shape(0) : 1,
+                    .particles = list(particles),
+                    .origin = {origin.at(0), origin.at(1), origin.at(2)},
+                    .compliance = list(compliance),
+                    .damping = list(damping),
+                    .stiffness = list(stiffness),
+                    .inequality = inequality};
+  if (address.is_none()) {
+    k.function = std::make_shared<PythonFunction>(fun.cast<py::function>(), k.points);
+  } else {
+    k.function =
+        std::make_shared<CompiledFunction>(address.cast<std::uintptr_t>(), parameters, fun);
+  }
+  return user_recipe(std::move(k));
 }
 
 }  // namespace
@@ -141,6 +115,45 @@ void bind_pbd_constraints(py::module_& m) {
         return std::pair(c, gradient);
       },
       py::arg("address"), py::arg("parameters").noconvert(), py::arg("x").noconvert());
-  bind_groups<float>(m, "32");
-  bind_groups<double>(m, "64");
+  py::class_<Recipe>(m, "ConstraintGroup")
+      .def(py::init([](const std::string& kind, const Indices& particles, const Reals& parameters,
+                       const Reals& compliance, const Reals& damping, const Reals& stiffness) {
+             return constraint_recipe(kind, list(particles), list(parameters), list(compliance),
+                                      list(damping), list(stiffness));
+           }),
+           py::arg("kind"), py::arg("particles").noconvert(), py::arg("parameters").noconvert(),
+           py::arg("compliance").noconvert(), py::arg("damping").noconvert(),
+           py::arg("stiffness").noconvert());
+  m.def(
+      "shape_matching",
+      [](const Ids& start, const Indices& particles, const Reals& rest, const Reals& compliance,
+         const Reals& damping, const Reals& stiffness, double linear) {
+        return shape_matching_recipe({.start = list(start),
+                                      .particle = list(particles),
+                                      .rest = rows_of<3>(rest),
+                                      .compliance = list(compliance),
+                                      .damping = list(damping),
+                                      .stiffness = list(stiffness),
+                                      .linear = linear});
+      },
+      py::arg("start").noconvert(), py::arg("particles").noconvert(), py::arg("rest").noconvert(),
+      py::arg("compliance").noconvert(), py::arg("damping").noconvert(),
+      py::arg("stiffness").noconvert(), py::arg("linear"));
+  m.def("user_constraints", &of_user, py::arg("fun"), py::arg("address"),
+        py::arg("parameters").noconvert(), py::arg("particles").noconvert(),
+        py::arg("origin").noconvert(), py::arg("compliance").noconvert(),
+        py::arg("damping").noconvert(), py::arg("stiffness").noconvert(), py::arg("inequality"));
+  m.def(
+      "self_collision",
+      [](const Indices& faces, const Reals& rest, double thickness, double friction) {
+        return self_contact_recipe(rows_of<3>(faces), points(rest), thickness, friction);
+      },
+      py::arg("faces").noconvert(), py::arg("rest").noconvert(), py::arg("thickness"),
+      py::arg("friction"));
+  m.def(
+      "particle_collision",
+      [](const Reals& radii, const Reals& rest, double friction) {
+        return particle_collision_recipe(list(radii), list(rest), friction);
+      },
+      py::arg("radii").noconvert(), py::arg("rest").noconvert(), py::arg("friction"));
 }

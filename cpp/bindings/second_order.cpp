@@ -10,7 +10,7 @@
 #include "substep/ode/systems/chain.h"
 #include "substep/ode/systems/nbody.h"
 #include "substep/ode/systems/oscillators.h"
-#include "substep/ode/systems/static_system.h"
+#include "substep/ode/systems/pointer_system.h"
 
 namespace {
 
@@ -255,21 +255,26 @@ void bind_second_order(py::module_& m) {
            }),
            py::keep_alive<1, 4>(), py::arg("address"), py::arg("components"),
            py::arg("parameters"));
-  py::class_<ode::Oscillators, System, std::shared_ptr<ode::Oscillators>>(m, "Oscillators")
-      .def(py::init([](const Array& omega) {
-             return std::make_shared<ode::Oscillators>(numbers(omega));
-           }),
-           py::arg("omega"));
-  py::class_<ode::SpringChain, System, std::shared_ptr<ode::SpringChain>>(m, "SpringChain")
-      .def(py::init([](std::int64_t n, const Array& k, const Array& masses, bool fixed_ends) {
-             return std::make_shared<ode::SpringChain>(n, numbers(k), numbers(masses), fixed_ends);
-           }),
-           py::arg("n"), py::arg("k"), py::arg("m"), py::arg("fixed_ends"));
-  py::class_<ode::NBody, System, std::shared_ptr<ode::NBody>>(m, "NBody")
-      .def(py::init([](const Array& masses, double G, double softening, int dimension) {
-             return std::make_shared<ode::NBody>(numbers(masses), G, softening, dimension);
-           }),
-           py::arg("masses"), py::arg("G"), py::arg("softening"), py::arg("dimension"));
+  m.def(
+      "oscillators",
+      [](const Array& omega) -> std::shared_ptr<System> {
+        return std::make_shared<ode::Oscillators>(numbers(omega));
+      },
+      py::arg("omega"));
+  m.def(
+      "spring_chain",
+      [](std::int64_t n, const Array& k, const Array& masses,
+         bool fixed_ends) -> std::shared_ptr<System> {
+        return std::make_shared<ode::SpringChain>(n, numbers(k), numbers(masses), fixed_ends);
+      },
+      py::arg("n"), py::arg("k"), py::arg("m"), py::arg("fixed_ends"));
+  m.def(
+      "n_body",
+      [](const Array& masses, double G, double softening,
+         int dimension) -> std::shared_ptr<System> {
+        return std::make_shared<ode::NBody>(numbers(masses), G, softening, dimension);
+      },
+      py::arg("masses"), py::arg("G"), py::arg("softening"), py::arg("dimension"));
 
   m.def("second_order_methods", [] {
     py::list methods;

@@ -28,25 +28,9 @@
 #include <vector>
 
 #include "substep/geometry/neighbours.h"
+#include "substep/pbf/options.h"
 
 namespace substep::pbf {
-
-enum class Kernel { kCubicSpline, kPoly6Spiky };
-
-struct DensityOptions {
-  Kernel kernel = Kernel::kCubicSpline;
-  int dimension = 3;
-  double spacing = 1;              // of the rest lattice [m]
-  double support = 2;              // h / spacing
-  double relaxation = 0;           // e
-  double artificial_pressure = 0;  // k
-  bool one_sided = true;
-};
-
-// Of max(C, 0), or |C| where the constraint is not one-sided.
-struct DensityError {
-  double mean = 0, max = 0;
-};
 
 // Rows x hold in w the inverse mass, rows y the multiplier; both have one row more than there are
 // particles, far_point(), for the padding of the lists. `walls` are rows of (grad b_i, b_i).

@@ -1,8 +1,6 @@
 // A position-based fluid in time (Macklin and Mueller, "Position based fluids", 2013, algorithm 1).
 #pragma once
 
-#include <array>
-#include <optional>
 #include <span>
 #include <vector>
 
@@ -10,47 +8,10 @@
 #include "substep/pbf/boundary.h"
 #include "substep/pbf/density.h"
 #include "substep/pbf/forces.h"
+#include "substep/pbf/options.h"
 #include "substep/pbf/particles.h"
 
 namespace substep::pbf {
-
-enum class OnEscape { kRaise, kRemove, kClamp };
-
-struct FluidOptions {
-  DensityOptions density;
-  ForceOptions forces;
-  std::vector<double> masses;  // of a particle of each fluid [kg]
-  Vec3 gravity = {0, 0, -9.81};
-  double tolerance = 1e-3;   // of the mean density error
-  double max_tolerance = 1;  // of the largest one
-  int min_iterations = 2, max_iterations = 5;
-  double warm_start = 0;  // share of the last step's multipliers that the next begins with
-  OnEscape on_escape = OnEscape::kRaise;
-  std::optional<std::array<Vec3, 2>> bounds;  // lowest and highest corner, world [m]
-  int threads = 0;
-};
-
-// Of the last step.
-struct FluidReport {
-  int iterations = 0;
-  bool converged = true;
-  DensityError density_error;  // before the last correction, if there was one
-  std::int64_t limited = 0;    // corrections that reached the limit
-  ViscosityReport viscosity;
-  std::int64_t removed = 0, clamped = 0;  // particles that left the bounds
-};
-
-struct Energies {
-  double kinetic = 0, potential = 0;                              // [J]
-  Vec3 momentum = Vec3::Zero(), angular_momentum = Vec3::Zero();  // the latter about 0
-
-  void operator+=(const Energies& other) {
-    kinetic += other.kinetic;
-    potential += other.potential;
-    momentum += other.momentum;
-    angular_momentum += other.angular_momentum;
-  }
-};
 
 template <class Real>
 class Fluid {

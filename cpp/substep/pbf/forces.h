@@ -6,24 +6,12 @@
 #include <vector>
 
 #include "substep/pbf/neighbourhood.h"
+#include "substep/pbf/options.h"
 #include "substep/pbf/surface_tension.h"
 #include "substep/pbf/viscosity.h"
 #include "substep/pbf/vorticity.h"
 
 namespace substep::pbf {
-
-struct ForceOptions {
-  double xsph = 0;                // 0 to 1
-  std::vector<double> viscosity;  // of each fluid [m^2/s]; empty: none
-  double viscosity_tolerance = 1e-3;
-  int viscosity_iterations = 200;
-  double vorticity_confinement = 0;  // [m/s]
-  double surface_tension = 0;        // [N/m]
-
-  bool any_on_velocities() const {
-    return xsph > 0 || !viscosity.empty() || vorticity_confinement > 0;
-  }
-};
 
 template <class Real>
 class Forces {

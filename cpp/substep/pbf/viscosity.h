@@ -4,14 +4,9 @@
 #include <vector>
 
 #include "substep/pbf/neighbourhood.h"
+#include "substep/pbf/options.h"
 
 namespace substep::pbf {
-
-struct ViscosityReport {
-  int iterations = 0;
-  double residual = 0;  // |M (v - v_old) - dt F(v)| / |dt F(v_old)|, in the norm of M^-1
-  bool converged = true;
-};
 
 // Implicit viscosity after Weiler, Koschier, Brand and Bender (2018), "A physically consistent
 // implicit viscosity solver for SPH fluids", eq. 7-9: with d dimensions and u = x_ij / |x_ij|,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -124,14 +124,25 @@ def check_integer(
     return number
 
 
-def check_choice(name: str, value: Any, choices: Iterable[str]) -> str:
-    """One of the names, whatever its case; returned as listed."""
+def check_choice(
+    name: str,
+    value: Any,
+    choices: Iterable[str],
+    *,
+    aliases: Mapping[str, Sequence[str]] | None = None,
+) -> str:
+    """One of the names, whatever its case, or of their other names; returned as listed."""
     listed = list(choices)
+    others = {} if aliases is None else aliases
     if isinstance(value, str):
         for choice in listed:
-            if choice.lower() == value.lower():
+            if value.lower() in (choice.lower(), *others.get(choice, ())):
                 return choice
-    raise InputError(f"{name}: expected one of {', '.join(listed)}; got {describe(value)}")
+    told = [
+        choice + (f" (or {', '.join(others[choice])})" if others.get(choice) else "")
+        for choice in listed
+    ]
+    raise InputError(f"{name}: expected one of {', '.join(told)}; got {describe(value)}")
 
 
 def check_callable(name: str, value: Any) -> Any:

@@ -200,8 +200,8 @@ class RigidRotation(Flow):
 
     def _native(self) -> Any:
         if self.dimension == 3:
-            return _core.RigidRotation3(list(self.omega), list(self.center))
-        return _core.RigidRotation2([0.0, 0.0, self.omega], [*self.center, 0.0])
+            return _core.Flow("rigid_rotation", 3, [*self.omega, *self.center])
+        return _core.Flow("rigid_rotation", 2, [0.0, 0.0, self.omega, *self.center, 0.0])
 
 
 @dataclass(frozen=True)
@@ -245,8 +245,8 @@ class Shear(Flow):
             )
 
     def _native(self) -> Any:
-        make = _core.Shear3 if self.dimension == 3 else _core.Shear2
-        return make(self.rate, self.flow_axis, self.gradient_axis)
+        axes = [float(self.flow_axis), float(self.gradient_axis)]
+        return _core.Flow("shear", self.dimension, [self.rate, *axes])
 
 
 @dataclass(frozen=True)
@@ -314,7 +314,7 @@ class TaylorGreen(Flow):
         return f / k * np.sin(k * x[:, 0]) * np.sin(k * x[:, 1])
 
     def _native(self) -> Any:
-        return _core.TaylorGreen(self.amplitude, self.wavenumber, self.viscosity)
+        return _core.Flow("taylor_green", 2, [self.amplitude, self.wavenumber, self.viscosity])
 
 
 @dataclass(frozen=True)
@@ -354,7 +354,7 @@ class ABC(Flow):
         return (2 * math.pi,) * 3
 
     def _native(self) -> Any:
-        return _core.Abc(self.a, self.b, self.c)
+        return _core.Flow("abc", 3, [self.a, self.b, self.c])
 
 
 @dataclass(frozen=True)
@@ -414,7 +414,7 @@ class DoubleGyre(Flow):
         return self.amplitude * np.sin(np.pi * f) * np.sin(np.pi * x[:, 1])
 
     def _native(self) -> Any:
-        return _core.DoubleGyre(self.amplitude, self.epsilon, self.omega)
+        return _core.Flow("double_gyre", 2, [self.amplitude, self.epsilon, self.omega])
 
 
 class CallableField(Field):

@@ -237,11 +237,12 @@ class GridField(Field):
     def _native(self, dtype: Any) -> Any:
         bits = "64" if dtype == np.float64 else "32"
         if bits not in self._natives:
-            make = getattr(_core, f"Grid{self.dimension}_{bits}")
             nodes = [axis.tolist() for axis in self.axes]
             radius = self.radius if self.geographic else 0.0
             cubic = self.interpolation == "cubic"
-            self._natives[bits] = make(nodes, self._wrap, self._closed, cubic, radius)
+            self._natives[bits] = _core.Grid(
+                nodes, self._wrap, self._closed, cubic, radius, f"float{bits}"
+            )
         return self._natives[bits]
 
     def _level(self, number: int, dtype: Any) -> Any:

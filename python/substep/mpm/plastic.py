@@ -141,7 +141,7 @@ class Sand(Elastic):
     def _constants(self) -> dict[str, Any]:
         return super()._constants() | {
             "friction_angle": self.friction_angle,
-            "match": self.match,
+            "plane_strain": self.match == "plane_strain",
             "hardening_slope": self.hardening_slope,
             "hardening_rate": self.hardening_rate,
             "initial_softening": self.initial_softening,

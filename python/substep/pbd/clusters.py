@@ -99,12 +99,12 @@ class ShapeMatching(Constraint):
     def __len__(self) -> int:
         return len(self.starts) - 1
 
-    def _groups(self, positions: Array, suffix: str) -> list[Any]:
+    def _groups(self, positions: Array) -> list[Any]:
         self._check_count(len(positions))
         x = positions if self.rest_positions is None else self.rest_positions
         m = len(self)
         return [
-            getattr(_core, f"shape_matching{suffix}")(
+            _core.shape_matching(
                 self.starts,
                 self.members.astype(np.int32),
                 np.ascontiguousarray(x[self.members]),

@@ -69,12 +69,12 @@ class ParticleCollision(_Contacts):
         count = 1 if np.ndim(np.asarray(radii)) == 0 else len(np.asarray(radii))
         self.radii = check_each("radii", radii, count)
 
-    def _groups(self, positions: Array, suffix: str) -> list[Any]:
+    def _groups(self, positions: Array) -> list[Any]:
         n = len(positions)
         if len(self.radii) not in (1, n):
             raise InputError(f"radii: expected one number or {n}, got {len(self.radii)}")
         radii = np.ascontiguousarray(np.broadcast_to(self.radii, (n,)))
-        make = getattr(_core, f"particle_collision{suffix}")
+        make = _core.particle_collision
         return [make(radii, np.ascontiguousarray(positions), self.friction)]
 
 
@@ -122,7 +122,7 @@ class SelfCollision(_Contacts):
         self.faces = check_particles("faces", faces, 3)
         self.thickness = check_real("thickness", thickness, positive=True)
 
-    def _groups(self, positions: Array, suffix: str) -> list[Any]:
+    def _groups(self, positions: Array) -> list[Any]:
         wrong = self.faces >= len(positions)
         if wrong.any():
             k = int(np.argmax(wrong.any(axis=1)))
@@ -130,5 +130,5 @@ class SelfCollision(_Contacts):
                 f"faces[{k}]: expected indices from 0 to {len(positions) - 1}, "
                 f"got {self.faces[k].tolist()}"
             )
-        make = getattr(_core, f"self_collision{suffix}")
+        make = _core.self_collision
         return [make(self.faces, np.ascontiguousarray(positions), self.thickness, self.friction)]

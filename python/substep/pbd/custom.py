@@ -118,13 +118,13 @@ class CustomConstraint(Constraint):
             return found
         return checked(self.fun)(x)
 
-    def _groups(self, positions: Array, suffix: str) -> list[Any]:
+    def _groups(self, positions: Array) -> list[Any]:
         self._check_count(len(positions))
         if self.check_gradient:
             self._compare_gradient(positions[self.particles])
         m = len(self)
         return [
-            getattr(_core, f"user_constraints{suffix}")(
+            _core.user_constraints(
                 self.fun if self._address is not None else checked(self.fun),
                 self._address,
                 self.parameters,

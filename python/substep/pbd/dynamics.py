@@ -22,9 +22,9 @@ from ..base.checks import (
 )
 from ..base.rows import Points, read_only
 from ..base.schema import OWN, TIME, Entry, Rows
-from ..base.simulation import Simulation, StepReport
+from ..base.simulation import Simulation, StepReport, with_energy
 from ..errors import InputError
-from ..geometry import Collider
+from ..geometry import Collider, Shape
 from ..geometry.colliders import (
     check_colliders,
     collider_states,
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 SOLVERS = ("gauss_seidel", "jacobi", "multilevel")
-DTYPES = {"float32": "32", "float64": "64"}
+DTYPES = ("float32", "float64")
 
 
 @dataclass
@@ -77,9 +77,9 @@ class PositionBasedDynamics(Points):
         Indices of particles that do not move, or one boolean each; see `set_targets`.
     gravity : array_like, shape (3,) or (2,), optional
         [m/s^2]; 9.81 downwards unless given.
-    colliders : sequence of Collider
+    colliders : sequence of Collider or Shape
         Obstacles; they belong to this object from now on.
-    margin : float
+    contact_margin : float
         Distance that particles keep from the obstacles [m], above 0.
     substeps : int
         Of each step.
@@ -96,7 +96,7 @@ class PositionBasedDynamics(Points):
         such as cloth laid flat; `positions` unless given.
     relaxation : float
         Scales the corrections of 'jacobi', above 0 and below 2; above 1 is over-relaxation.
-    damping : float
+    drag : float
         Rate at which all velocities decay [1/s], at least 0.
     step : float
         Size of the steps of `advance` [s].
@@ -137,8 +137,8 @@ class PositionBasedDynamics(Points):
     iterations: int
     solver: str
     relaxation: float
-    damping: float
-    margin: float
+    drag: float
+    contact_margin: float
     _fixed_step = False  # two equal steps at the end, see `_sizes`
 
     def __init__(
@@ -150,14 +150,14 @@ class PositionBasedDynamics(Points):
         velocities: ArrayLike | None = None,
         pinned: ArrayLike = (),
         gravity: ArrayLike | None = None,
-        colliders: Sequence[Collider] = (),
-        margin: float = 1e-3,
+        colliders: Sequence[Collider | Shape] = (),
+        contact_margin: float = 1e-3,
         substeps: int = 10,
         iterations: int = 1,
         solver: str = "gauss_seidel",
         rest_positions: ArrayLike | None = None,
         relaxation: float = 1.0,
-        damping: float = 0.0,
+        drag: float = 0.0,
         step: float = 1 / 60,
         dtype: Any = "float32",
         threads: int | None = None,
@@ -174,6 +174,7 @@ class PositionBasedDynamics(Points):
         down = (0.0, -9.81) if columns == 2 else (0.0, 0.0, -9.81)
         pull = check_array("gravity", down if gravity is None else gravity, (columns,))
         self._gravity = read_only(pull.copy())
+        self._options = {"gravity": [*pull.tolist(), 0.0][:3]}
         self.constraints = tuple(constraints)
         for k, constraint in enumerate(self.constraints):
             if not isinstance(constraint, Constraint):
@@ -185,8 +186,8 @@ class PositionBasedDynamics(Points):
         self.relaxation = check_real("relaxation", relaxation, positive=True)
         if self.relaxation >= 2:
             raise InputError(f"relaxation: expected a number below 2, got {self.relaxation}")
-        self.damping = check_real("damping", damping, nonnegative=True)
-        self.margin = check_real("margin", margin, positive=True)
+        self.drag = check_real("drag", drag, nonnegative=True)
+        self.contact_margin = check_real("contact_margin", contact_margin, positive=True)
         self._step_size = check_real("step", step, positive=True)
         if rest_positions is not None and self.solver != "multilevel":
             raise InputError("rest_positions: only the solver 'multilevel' has a use for them")
@@ -194,34 +195,38 @@ class PositionBasedDynamics(Points):
         self._rest: Array | None = None
         if rest_positions is not None:
             self._rest = read_only(self._rows("rest_positions", rest_positions, n).copy())
+        native = self._make({"velocities": v, "pinned": check_pinned(pinned, n)})
         self._rest_lengths = {
             k: constraint._parameters(x)[:, 0]
             for k, constraint in enumerate(self.constraints)
             if isinstance(constraint, Distance)
         }
-        native = self._make({"velocities": v, "pinned": check_pinned(pinned, n)})
         super().__init__(native, time, threads)
 
     def _make(self, state: Mapping[str, Any]) -> Any:
-        x, suffix = self._start, DTYPES[self.dtype]
-        groups = [constraint._groups(x, suffix) for constraint in self.constraints]
+        x = self._start
+        groups = [constraint._groups(x) for constraint in self.constraints]
         ends = np.cumsum([len(own) for own in groups]).tolist()
         self._group_ranges = [range(end - len(g), end) for end, g in zip(ends, groups, strict=True)]
-        native = getattr(_core, f"PositionBasedDynamics{suffix}")(
+        options = {
+            "substeps": self.substeps,
+            "iterations": self.iterations,
+            "solver": self.solver,
+            "relaxation": self.relaxation,
+            **self._options,
+            "damping": self.drag,
+            "margin": self.contact_margin,
+            "dimension": self._dimension,
+        }
+        native = _core.PositionBasedDynamics(
             x,
             np.asarray(state["velocities"], np.float64),
             self._masses,
             state["pinned"],
             [group for own in groups for group in own],
-            substeps=self.substeps,
-            iterations=self.iterations,
-            solver=self.solver,
-            relaxation=self.relaxation,
-            gravity=[*self._gravity, 0.0][:3],
-            damping=self.damping,
-            colliders=[collider._native for collider in self.colliders],
-            margin=self.margin,
-            dimension=self._dimension,
+            options,
+            [collider._native for collider in self.colliders],
+            self.dtype,
         )
         if self.solver == "multilevel":
             use_multilevel(native, self.constraints, x, x if self._rest is None else self._rest)
@@ -242,11 +247,6 @@ class PositionBasedDynamics(Points):
     def dimension(self) -> int:
         """2 or 3."""
         return self._dimension
-
-    @property
-    def gravity(self) -> Array:
-        """Acceleration [m/s^2], shape (3,) or (2,), read-only."""
-        return self._gravity
 
     def __len__(self) -> int:
         return len(self._masses)
@@ -388,8 +388,9 @@ class PositionBasedDynamics(Points):
         Returns
         -------
         dict of str to float
-            `kinetic_energy`, `elastic_energy` (of constraints with compliance) and
-            `gravitational_energy` [J]; `momentum_x`, `_y`, `_z` [N s]; `speed`, the largest [m/s];
+            `kinetic_energy`, `elastic_energy` (of constraints with compliance),
+            `gravitational_energy` (0 at the origin) and `energy`, their sum [J]; `momentum_x`,
+            `_y`, `_z` [N s]; `speed`, the largest [m/s];
             `strain` and `max_strain`, root mean square and largest of |C| / r over all `Distance`
             of rest length r above 0; `residual`, the same root mean square of |C + alpha lambda /
             h^2| / r, which is 0 where the equations of the last substep are solved; `skipped`,
@@ -400,7 +401,7 @@ class PositionBasedDynamics(Points):
         speeds = np.linalg.norm(velocities, axis=1)
         heights = self._native.positions @ [*self._gravity, 0.0][:3]
         strain, residual = self._strains()
-        return {
+        values = {
             "kinetic_energy": 0.5 * float(self._masses @ speeds**2),
             "elastic_energy": float(self._native.elastic_energy),
             "gravitational_energy": -float(self._masses @ heights),
@@ -413,6 +414,7 @@ class PositionBasedDynamics(Points):
             "residual": math.sqrt(float(residual @ residual) / max(1, len(residual))),
             "skipped": float(self._native.skipped),
         }
+        return with_energy(values)
 
     def _strains(self) -> tuple[Array, Array]:
         """C / r and (C + alpha lambda / h^2) / r of all distances with r above 0."""

@@ -118,11 +118,11 @@ class Constraint(Frozen):
         """What native groups are made of, with rest values of the initial positions."""
         return [Formula(self._kind, self._parameters(positions), self.compliance, self.damping)]
 
-    def _groups(self, positions: Array, suffix: str) -> list[Any]:
-        """Make the native groups: suffix '32' or '64'."""
+    def _groups(self, positions: Array) -> list[Any]:
+        """Make the native groups."""
         self._check_count(len(positions))
         return [
-            getattr(_core, f"ConstraintGroup{suffix}")(
+            _core.ConstraintGroup(
                 f.kind,
                 self.particles,
                 np.ascontiguousarray(f.parameters),

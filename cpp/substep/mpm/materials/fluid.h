@@ -26,6 +26,15 @@ struct Fluid {
   double exponent = 7;           // gamma
   bool tension = false;
 
+  template <class Constants>
+  static Fluid with(const Constants& c) {
+    return {.density = c("density"),
+            .bulk_modulus = c("bulk_modulus"),
+            .viscosity = c("viscosity"),
+            .exponent = c("exponent"),
+            .tension = c("tension") != 0};
+  }
+
   template <class V, int D>
   SUBSTEP_INLINE void advance(V* fields, const Tensor<V, D>& G, Lane<V> dt) const {
     fields[0] = fma<V>(dt * trace(G), fields[0], fields[0]);

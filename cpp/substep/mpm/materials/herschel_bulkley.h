@@ -37,6 +37,16 @@ struct HerschelBulkley {
   double consistency;          // K > 0 [Pa s^n]
   double flow_index = 1;       // n, 0.1 to 2
 
+  template <class Constants>
+  static HerschelBulkley with(const Constants& c) {
+    return {.density = c("density"),
+            .mu = c("mu"),
+            .lambda = c("lambda"),
+            .yield_stress = c("yield_stress"),
+            .consistency = c("consistency"),
+            .flow_index = c("flow_index")};
+  }
+
   template <class V, int D>
   SUBSTEP_INLINE void advance(V* fields, const Tensor<V, D>& G, Lane<V> dt) const {
     advanced(Tensor<V, D>::load(fields), G, dt).store(fields);

@@ -10,16 +10,11 @@
 #include <cstddef>
 #include <limits>
 
+#include "substep/core/usize.h"
+#include "substep/mpm/materials/catalogue.h"
 #include "substep/mpm/materials/tensor.h"
 
 namespace substep::mpm {
-
-// A number that a material keeps for each particle besides F.
-struct StateField {
-  const char* name;
-  const char* unit;
-  double initial;
-};
 
 // Numbers per particle: F (Tensor<V, D>) where there is one, then those of kState.
 template <int D, std::size_t n>
@@ -33,6 +28,8 @@ constexpr int number_of_fields(bool has_F, const std::array<StateField, n>&) {
 //   static constexpr std::array<StateField, n> kState;  // the others
 //   template <int D> static constexpr int kFields;      // number_of_fields<D>(kHasF, kState)
 //   double density;                      // rho_0 [kg/m^3], and its other parameters
+//   template <class Constants>           // c(name), a number: from Python
+//   static M with(const Constants& c);
 //
 //   // Deformation after a step of dt in the velocity gradient G: F <- (I + dt G) F.
 //   template <class V, int D>
@@ -75,7 +72,7 @@ std::array<double, M::template kFields<D>> initial_fields() {
   std::array<double, M::template kFields<D>> fields{};
   if constexpr (M::kHasF) {
     for (const int k : {0, D + 1, Tensor<float, D>::kEntries - 1}) {
-      fields[static_cast<std::size_t>(k)] = 1;
+      fields[usize(k)] = 1;
     }
   }
   std::size_t k = fields.size() - M::kState.size();

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <variant>
+#include <vector>
 
+#include "substep/mpm/materials/catalogue.h"
 #include "substep/mpm/materials/fixed_corotated.h"
 #include "substep/mpm/materials/fluid.h"
 #include "substep/mpm/materials/herschel_bulkley.h"
@@ -15,5 +17,8 @@ namespace substep::mpm {
 
 using AnyMaterial =
     std::variant<NeoHookean, FixedCorotated, Fluid, Snow, Sand, VonMises, HerschelBulkley>;
+
+// InputError: there is no such kind.
+std::vector<AnyMaterial> make_materials(const std::vector<MaterialConstants>& given);
 
 }  // namespace substep::mpm

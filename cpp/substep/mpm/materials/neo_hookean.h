@@ -16,6 +16,11 @@ struct NeoHookean {
   static constexpr int kFields = number_of_fields<D>(kHasF, kState);
   double density, mu, lambda;  // [kg/m^3], Lame's parameters [Pa]
 
+  template <class Constants>
+  static NeoHookean with(const Constants& c) {
+    return {.density = c("density"), .mu = c("mu"), .lambda = c("lambda")};
+  }
+
   template <class V, int D>
   SUBSTEP_INLINE void advance(V* fields, const Tensor<V, D>& G, Lane<V> dt) const {
     advanced(Tensor<V, D>::load(fields), G, dt).store(fields);

@@ -42,6 +42,19 @@ struct Sand {
   FrictionMatch match = FrictionMatch::kCompression;
   double hardening_slope = 0, hardening_rate = 0, initial_softening = 0;  // h_1, h_2, h_3
 
+  template <class Constants>
+  static Sand with(const Constants& c) {
+    return {
+        .density = c("density"),
+        .mu = c("mu"),
+        .lambda = c("lambda"),
+        .friction_angle = c("friction_angle"),
+        .match = c("plane_strain") != 0 ? FrictionMatch::kPlaneStrain : FrictionMatch::kCompression,
+        .hardening_slope = c("hardening_slope"),
+        .hardening_rate = c("hardening_rate"),
+        .initial_softening = c("initial_softening")};
+  }
+
   template <class V, int D>
   SUBSTEP_INLINE void advance(V* fields, const Tensor<V, D>& G, Lane<V> dt) const {
     advanced(Tensor<V, D>::load(fields), G, dt).store(fields);

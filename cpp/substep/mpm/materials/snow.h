@@ -31,6 +31,17 @@ struct Snow {
   double hardening = 10;                                            // xi
   double largest_hardening = 100;                                   // bound of h
 
+  template <class Constants>
+  static Snow with(const Constants& c) {
+    return {.density = c("density"),
+            .mu = c("mu"),
+            .lambda = c("lambda"),
+            .critical_compression = c("critical_compression"),
+            .critical_stretch = c("critical_stretch"),
+            .hardening = c("hardening"),
+            .largest_hardening = c("largest_hardening")};
+  }
+
   template <class V, int D>
   SUBSTEP_INLINE void advance(V* fields, const Tensor<V, D>& G, Lane<V> dt) const {
     advanced(Tensor<V, D>::load(fields), G, dt).store(fields);

@@ -23,6 +23,15 @@ struct VonMises {
   double yield_stress;           // sigma_y [Pa]
   double hardening_modulus = 0;  // H [Pa]
 
+  template <class Constants>
+  static VonMises with(const Constants& c) {
+    return {.density = c("density"),
+            .mu = c("mu"),
+            .lambda = c("lambda"),
+            .yield_stress = c("yield_stress"),
+            .hardening_modulus = c("hardening_modulus")};
+  }
+
   template <class V, int D>
   SUBSTEP_INLINE void advance(V* fields, const Tensor<V, D>& G, Lane<V> dt) const {
     advanced(Tensor<V, D>::load(fields), G, dt).store(fields);

@@ -4,6 +4,7 @@
 #include "substep/ode/explicit/runge_kutta.h"
 #include "substep/ode/implicit/implicit.h"
 #include "substep/ode/stepping/system.h"
+#include "substep/ode/systems/pointer_system.h"
 
 namespace substep::ode {
 

@@ -91,25 +91,4 @@ std::unique_ptr<Stepper> StaticSystem<Derived, N>::make_stepper(std::string_view
   return stepper ? std::move(stepper) : System::make_stepper(method, options);
 }
 
-// A compiled function of the user's: void(double t, double* y, double* dydt, double* p), as
-// numbalsoda calls it. It must leave y alone.
-class PointerSystem final : public System {
- public:
-  using Function = void (*)(double t, double* y, double* dydt, double* p);
-
-  PointerSystem(Function function, std::int64_t size, double* parameters)
-      : function_(function), size_(size), parameters_(parameters) {}
-
-  std::int64_t size() const override { return size_; }
-  void rhs(double t, const double* y, double* dydt) override {
-    function_(t, const_cast<double*>(y), dydt, parameters_);
-  }
-  bool fixed_steps(const FixedRun& run) override;
-
- private:
-  Function function_;
-  std::int64_t size_;
-  double* parameters_;
-};
-
 }  // namespace substep::ode

@@ -11,25 +11,13 @@
 #include <span>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/geometry/particle_contact.h"
 #include "substep/pbd/groups/group.h"
+#include "substep/pbd/solver/options.h"
 #include "substep/pbd/solver/projector.h"
 
 namespace substep::pbd {
-
-using Triple = std::array<double, 3>;
-
-struct Options {
-  int substeps = 10, iterations = 1;
-  bool jacobi = false;          // else Gauss-Seidel
-  double relaxation = 1;        // of Jacobi
-  Triple gravity{0, 0, -9.81};  // [m/s^2]
-  double damping = 0;           // velocities decay with this rate [1/s]
-  double margin = 1e-3;         // distance that particles keep from colliders [m]
-  int dimension = 3;
-  std::int64_t patch_size = 4096;
-  int threads = 0;
-};
 
 // All arrays of one row per particle are in the order of their ids; positions are in the world.
 template <class Real>
@@ -113,9 +101,7 @@ class Dynamics {
   void restore_saved();
   void prepare_jacobi();
   Sweep<Real> sweep(int substep, int iteration) const;
-  std::size_t row(std::int64_t id) const {
-    return static_cast<std::size_t>(partition_.slot[static_cast<std::size_t>(id)]);
-  }
+  std::size_t row(std::int64_t id) const { return usize(partition_.slot[usize(id)]); }
   Point<Real> relative(const Triple& x) const;
 
   std::int64_t count_;

@@ -36,22 +36,13 @@
 #include <vector>
 
 #include "substep/core/radix_sort.h"
+#include "substep/rigid/solver/contact_options.h"
 #include "substep/rigid/solver/contact_packet.h"
 #include "substep/rigid/solver/graph_colouring.h"
 #include "substep/rigid/solver/impacts.h"
 #include "substep/rigid/solver/joints.h"
 
 namespace substep::rigid {
-
-struct ContactOptions {
-  int substeps = 8;
-  int sweeps = 2;           // of the velocities in a sub-step
-  double correction = 0.5;  // beta, of a sub-step
-  double slop = 1e-4;       // overlap that is left, so that contacts last [m]
-  double push_speed = 3.0;  // most that overlapping bodies are moved apart [m/s]
-  double settling = 10.0;  // rate at which bodies that stand lose what little speed they have [1/s]
-  FreeRotation rotation = FreeRotation::kSplitting;
-};
 
 class ContactSolver {
  public:

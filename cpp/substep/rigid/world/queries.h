@@ -11,10 +11,11 @@
 #include <span>
 #include <vector>
 
-#include "substep/rigid/collision/broad_phase.h"
 #include "substep/rigid/shapes/ray_cast.h"
 
 namespace substep::rigid {
+
+class BroadPhase;
 
 struct PlacedShape {
   const Shape* shape;

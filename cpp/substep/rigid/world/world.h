@@ -20,16 +20,21 @@
 #include <span>
 #include <vector>
 
-#include "substep/rigid/collision/broad_phase.h"
-#include "substep/rigid/solver/contact_solver.h"
+#include "substep/core/held.h"
+#include "substep/core/usize.h"
+#include "substep/rigid/solver/contact_constraint.h"
+#include "substep/rigid/solver/contact_options.h"
 #include "substep/rigid/solver/islands.h"
 #include "substep/rigid/solver/joint.h"
-#include "substep/rigid/world/contact_finder.h"
 #include "substep/rigid/world/fixtures.h"
-#include "substep/rigid/world/queries.h"
 #include "substep/rigid/world/world_state.h"
 
 namespace substep::rigid {
+
+class BroadPhase;
+class ContactFinder;
+class ContactSolver;
+struct Scene;  // queries.h
 
 struct WorldOptions {
   struct Sleep {
@@ -50,6 +55,11 @@ class World {
  public:
   // InputError: an option is out of range.
   explicit World(const WorldOptions& options = {});
+  World(const World& other);
+  World(World&& other) noexcept;
+  World& operator=(const World& other);
+  World& operator=(World&& other) noexcept;
+  ~World();
 
   // The number of the new body. InputError: something is out of range (Bodies::add,
   // check_fixtures); nothing changed then. A body may have no fixture: it touches nothing.
@@ -86,13 +96,13 @@ class World {
   const Bodies& bodies() const { return bodies_; }
   const Fixtures& fixtures() const { return fixtures_; }
 
-  bool asleep(std::int64_t body) const { return asleep_[static_cast<std::size_t>(body)] != 0; }
+  bool asleep(std::int64_t body) const { return asleep_[usize(body)] != 0; }
   void wake(std::int64_t body);  // with its island
 
   // Of the last step, in the order of the fixtures: those of bodies that are awake, and of others.
   std::span<const ContactConstraint> contacts() const { return contacts_; }
   std::span<const ContactConstraint> sleeping_contacts() const { return sleeping_contacts_; }
-  std::int64_t impacts() const { return solver_.impacts(); }  // with restitution, of the last step
+  std::int64_t impacts() const;  // with restitution, of the last step
 
   // For queries, where all bodies are now; valid until something changes.
   Scene scene();
@@ -116,7 +126,6 @@ class World {
     Islands islands;
   };
 
-  static std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
   void check_body(std::int64_t body) const;
   void check_joint_number(std::int64_t number) const;
   void wake_joined(const Joint& joint);
@@ -150,9 +159,9 @@ class World {
   WorldOptions options_;
   Bodies bodies_;
   Fixtures fixtures_;
-  BroadPhase broad_phase_;
-  ContactFinder finder_;
-  ContactSolver solver_;
+  Held<BroadPhase> broad_phase_;
+  Held<ContactFinder> finder_;
+  Held<ContactSolver> solver_;
   Islands islands_;
   std::vector<BodyPair> excluded_;
   std::vector<Joint> joints_;

@@ -38,7 +38,7 @@ class Oscillators(System):
 
     def __init__(self, omega: ArrayLike) -> None:
         self.omega: NDArray[np.float64] = check_array("omega", omega, (None,)).copy()
-        super().__init__(_core.Oscillators(self.omega))
+        super().__init__(_core.oscillators(self.omega))
 
     def energy(self, y: ArrayLike) -> NDArray[np.float64]:
         """Energy of all oscillators, of unit mass, in states y of shape (2 n,) or (2 n, m) [J]."""
@@ -94,7 +94,9 @@ class SpringChain(System):
             raise InputError(f"m: expected numbers above 0, got {self.m.min()}")
         self.fixed_ends = bool(fixed_ends)
         super().__init__(
-            _core.SpringChain(self.n, np.atleast_1d(self.k), np.atleast_1d(self.m), self.fixed_ends)
+            _core.spring_chain(
+                self.n, np.atleast_1d(self.k), np.atleast_1d(self.m), self.fixed_ends
+            )
         )
 
     def energy(self, y: ArrayLike) -> NDArray[np.float64]:
@@ -157,7 +159,7 @@ class NBody(System):
         self.G = check_real("G", G)
         self.softening = check_real("softening", softening, nonnegative=True)
         self.dimension = check_integer("dimension", dimension, minimum=2, maximum=3)
-        super().__init__(_core.NBody(self.masses, self.G, self.softening, self.dimension))
+        super().__init__(_core.n_body(self.masses, self.G, self.softening, self.dimension))
 
     def energy(self, y: ArrayLike) -> float:
         """Energy of one state y of shape (2 n dimension,) [J]."""

@@ -45,7 +45,9 @@ class Lorenz(ClassicalSystem):
         self.rho = check_real("rho", rho)
         self.beta = check_real("beta", beta)
         super().__init__(
-            _core.Lorenz(self.sigma, self.rho, self.beta), y0=[1.0, 1.0, 1.0], t_end=10.0
+            _core.make_system("lorenz", [self.sigma, self.rho, self.beta]),
+            y0=[1.0, 1.0, 1.0],
+            t_end=10.0,
         )
 
 
@@ -83,7 +85,7 @@ class Arenstorf(ClassicalSystem):
     def __init__(self, mu: float = 0.012277471) -> None:
         self.mu = check_real("mu", mu)
         super().__init__(
-            _core.Arenstorf(self.mu),
+            _core.make_system("arenstorf", [self.mu]),
             y0=[0.994, 0.0, 0.0, -2.00158510637908252240537862224],
             t_end=17.0652165601579625588917206249,
         )
@@ -121,7 +123,9 @@ class Pleiades(ClassicalSystem):
         x = [3, 3, -1, -3, 2, -2, 2]
         y = [3, -3, 2, 0, 0, -4, 4]
         velocity = [0, 0, 0, 0, 0, 1.75, -1.5, 0, 0, 0, -1.25, 1, 0, 0]
-        super().__init__(_core.Pleiades(self.masses.tolist()), y0=[*x, *y, *velocity], t_end=3.0)
+        super().__init__(
+            _core.make_system("pleiades", self.masses.tolist()), y0=[*x, *y, *velocity], t_end=3.0
+        )
 
 
 class Kepler(ClassicalSystem):
@@ -156,7 +160,7 @@ class Kepler(ClassicalSystem):
         if e >= 1.0:
             raise InputError(f"eccentricity: expected a number below 1, got {e}")
         super().__init__(
-            _core.Kepler(self.mu),
+            _core.make_system("kepler", [self.mu]),
             y0=[1.0 - e, 0.0, 0.0, float(np.sqrt(self.mu * (1.0 + e) / (1.0 - e)))],
             t_end=float(2.0 * np.pi / np.sqrt(self.mu)),
         )
@@ -205,7 +209,9 @@ class HenonHeiles(ClassicalSystem):
 
     def __init__(self, lambda_: float = 1.0) -> None:
         self.lambda_ = check_real("lambda_", lambda_)
-        super().__init__(_core.HenonHeiles(self.lambda_), y0=[0.0, 0.0, 0.5, 0.0], t_end=100.0)
+        super().__init__(
+            _core.make_system("henon_heiles", [self.lambda_]), y0=[0.0, 0.0, 0.5, 0.0], t_end=100.0
+        )
 
     def energy(self, y: ArrayLike) -> np.ndarray[Any, Any]:
         """Energy.
@@ -266,7 +272,9 @@ class VanDerPol(ClassicalSystem):
         self.scaled = bool(scaled)
         damping, stiffness = (self.mu**2, self.mu**2) if self.scaled else (self.mu, 1.0)
         super().__init__(
-            _core.VanDerPol(damping, stiffness), y0=[2.0, 0.0], t_end=2.0 if scaled else 20.0
+            _core.make_system("van_der_pol", [damping, stiffness]),
+            y0=[2.0, 0.0],
+            t_end=2.0 if scaled else 20.0,
         )
 
 
@@ -303,7 +311,9 @@ class Pendulum(ClassicalSystem):
         self.gravity = check_real("gravity", gravity)
         self.damping = check_real("damping", damping)
         super().__init__(
-            _core.Pendulum(self.length, self.gravity, self.damping), y0=[1.0, 0.0], t_end=10.0
+            _core.make_system("pendulum", [self.length, self.gravity, self.damping]),
+            y0=[1.0, 0.0],
+            t_end=10.0,
         )
 
 
@@ -337,7 +347,7 @@ class HarmonicOscillator(ClassicalSystem):
         self.omega = check_real("omega", omega)
         self.damping = check_real("damping", damping)
         super().__init__(
-            _core.HarmonicOscillator(self.omega, self.damping),
+            _core.make_system("harmonic_oscillator", [self.omega, self.damping]),
             y0=[1.0, 0.0],
             t_end=float(2.0 * np.pi),
         )

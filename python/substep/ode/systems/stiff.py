@@ -44,7 +44,11 @@ class Robertson(ClassicalSystem):
         self.k1 = check_real("k1", k1)
         self.k2 = check_real("k2", k2)
         self.k3 = check_real("k3", k3)
-        super().__init__(_core.Robertson(self.k1, self.k2, self.k3), y0=[1.0, 0.0, 0.0], t_end=1e11)
+        super().__init__(
+            _core.make_system("robertson", [self.k1, self.k2, self.k3]),
+            y0=[1.0, 0.0, 0.0],
+            t_end=1e11,
+        )
 
 
 class Hires(ClassicalSystem):
@@ -75,7 +79,9 @@ class Hires(ClassicalSystem):
     """
 
     def __init__(self) -> None:
-        super().__init__(_core.Hires(), y0=[1.0, 0, 0, 0, 0, 0, 0, 0.0057], t_end=321.8122)
+        super().__init__(
+            _core.make_system("hires", []), y0=[1.0, 0, 0, 0, 0, 0, 0, 0.0057], t_end=321.8122
+        )
 
 
 class Orego(ClassicalSystem):
@@ -107,7 +113,9 @@ class Orego(ClassicalSystem):
         self.s = check_real("s", s, positive=True)
         self.q = check_real("q", q)
         self.w = check_real("w", w)
-        super().__init__(_core.Orego(self.s, self.q, self.w), y0=[1.0, 2.0, 3.0], t_end=360.0)
+        super().__init__(
+            _core.make_system("orego", [self.s, self.q, self.w]), y0=[1.0, 2.0, 3.0], t_end=360.0
+        )
 
 
 class Brusselator1D(ClassicalSystem):
@@ -151,7 +159,7 @@ class Brusselator1D(ClassicalSystem):
         self.b = check_real("b", b)
         u = self.a + np.sin(2 * np.pi * self.x)
         super().__init__(
-            _core.Brusselator1D(self.n, self.alpha, self.a, self.b),
+            _core.make_system("brusselator_1d", [self.n, self.alpha, self.a, self.b]),
             y0=np.concatenate([u, np.full(self.n, self.b / self.a)]),
             t_end=10.0,
         )
@@ -228,7 +236,10 @@ class Brusselator2D(ClassicalSystem):
         u = np.repeat(22.0 * x * (1.0 - x) ** 1.5, self.n)  # of y, the same in a row
         v = np.tile(27.0 * x * (1.0 - x) ** 1.5, self.n)
         super().__init__(
-            _core.Brusselator2D(self.n, self.alpha, self.a, self.b, self.source, self.source_time),
+            _core.make_system(
+                "brusselator_2d",
+                [self.n, self.alpha, self.a, self.b, self.source, self.source_time],
+            ),
             y0=np.concatenate([u, v]),
             t_end=1.5,
         )

@@ -1,0 +1,75 @@
+#include "arrays.h"
+
+#include "substep/core/errors.h"
+
+using substep::geometry::Vec3;
+
+double number(const py::dict& options, const char* name) { return options[name].cast<double>(); }
+int integer(const py::dict& options, const char* name) { return options[name].cast<int>(); }
+bool flag(const py::dict& options, const char* name) { return options[name].cast<bool>(); }
+std::string word(const py::dict& options, const char* name) {
+  return options[name].cast<std::string>();
+}
+Vec3 vector(const py::dict& options, const char* name) {
+  const py::sequence v = options[name];
+  return {v[0].cast<double>(), v[1].cast<double>(), v[2].cast<double>()};
+}
+
+Reals table(const std::vector<double>& values, const Sizes& row) {
+  py::ssize_t width = 1;
+  for (const py::ssize_t k : row) width *= k;
+  Sizes shape = row;
+  shape.insert(shape.begin(), static_cast<py::ssize_t>(values.size()) / width);
+  return Reals(std::move(shape), values.data());
+}
+
+py::array rows(const substep::Numbers& values, py::ssize_t columns) {
+  return std::visit(
+      [&](const auto& v) -> py::array {
+        if (columns == 0) return column(v);
+        return table(v, columns);
+      },
+      values);
+}
+
+substep::Numbers numbers(const py::array& values) {
+  if (py::isinstance<Array<float>>(values)) return list(Array<float>(values));
+  if (py::isinstance<Reals>(values)) return list(Reals(values));
+  throw substep::InputError("state: expected C-contiguous float32 or float64");
+}
+
+substep::NumbersIn readable(const py::array& values) {
+  const auto n = static_cast<std::size_t>(values.size());
+  if (py::isinstance<Array<float>>(values))
+    return std::span(static_cast<const float*>(values.data()), n);
+  if (py::isinstance<Reals>(values)) return std::span(static_cast<const double*>(values.data()), n);
+  throw py::type_error("expected a C-contiguous array of float32 or float64");
+}
+
+substep::NumbersOut writable(py::array& values) {
+  const auto n = static_cast<std::size_t>(values.size());
+  if (py::isinstance<Array<float>>(values))
+    return std::span(static_cast<float*>(values.mutable_data()), n);
+  if (py::isinstance<Reals>(values))
+    return std::span(static_cast<double*>(values.mutable_data()), n);
+  throw py::type_error("expected a C-contiguous array of float32 or float64");
+}
+
+py::array empty_like(const py::array& values) {
+  return py::array(values.dtype(), Sizes(values.shape(), values.shape() + values.ndim()));
+}
+
+substep::Precision precision(const std::string& dtype) {
+  return dtype == "float32" ? substep::Precision::kSingle : substep::Precision::kDouble;
+}
+
+std::vector<Vec3> points(const Reals& rows) {
+  std::vector<Vec3> out(static_cast<std::size_t>(rows.shape(0)), Vec3::Zero());
+  const double* from = rows.data();
+  const py::ssize_t columns = rows.shape(1);
+  for (Vec3& x : out) {
+    std::copy_n(from, columns, x.data());
+    from += columns;
+  }
+  return out;
+}

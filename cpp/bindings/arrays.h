@@ -1,0 +1,64 @@
+// What crosses the border to NumPy in many files: vectors, rows and columns of numbers.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "bindings.h"
+#include "substep/core/numbers.h"
+#include "substep/geometry/vectors.h"
+
+template <class T>
+using Array = py::array_t<T, py::array::c_style>;
+using Reals = Array<double>;
+using Sizes = std::vector<py::ssize_t>;
+using Triple = std::array<double, 3>;
+
+inline substep::geometry::Vec3 vector(const Triple& a) { return {a[0], a[1], a[2]}; }
+inline Triple triple(const substep::geometry::Vec3& a) { return {a[0], a[1], a[2]}; }
+
+// Of a dictionary of options.
+double number(const py::dict& options, const char* name);
+int integer(const py::dict& options, const char* name);
+bool flag(const py::dict& options, const char* name);
+std::string word(const py::dict& options, const char* name);
+substep::geometry::Vec3 vector(const py::dict& options, const char* name);
+
+// The numbers of an array, as long as it lives.
+template <class T>
+std::span<const T> readable(const Array<T>& a) {
+  return {a.data(), static_cast<std::size_t>(a.size())};
+}
+template <class T>
+std::span<T> writable(Array<T>& a) {
+  return {a.mutable_data(), static_cast<std::size_t>(a.size())};
+}
+template <class T>
+std::vector<T> list(const Array<T>& a) {
+  return {a.data(), a.data() + a.size()};
+}
+// Arrays with copies of the numbers.
+template <class T>
+Array<T> column(const std::vector<T>& values) {
+  return Array<T>(static_cast<py::ssize_t>(values.size()), values.data());
+}
+template <class T>
+Array<T> table(const std::vector<T>& values, py::ssize_t columns) {
+  return Array<T>({static_cast<py::ssize_t>(values.size()) / columns, columns}, values.data());
+}
+Reals table(const std::vector<double>& values, const Sizes& row);
+
+// Numbers of either precision: rows of so many columns, or flat (0).
+py::array rows(const substep::Numbers& values, py::ssize_t columns);
+substep::Numbers numbers(const py::array& values);
+substep::Precision precision(const std::string& dtype);
+// The numbers of an array as long as it lives, and a new one of its shape and precision.
+substep::NumbersIn readable(const py::array& values);
+substep::NumbersOut writable(py::array& values);
+py::array empty_like(const py::array& values);
+
+// Rows of two or three numbers, in 2D with z = 0.
+std::vector<substep::geometry::Vec3> points(const Reals& rows);
