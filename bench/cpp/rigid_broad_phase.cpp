@@ -11,6 +11,7 @@
 #include <random>
 #include <vector>
 
+#include "substep/rigid/collision/broad_phase.h"
 #include "substep/rigid/solver/graph_colouring.h"
 #include "substep/rigid/solver/islands.h"
 #include "substep/rigid/world/queries.h"

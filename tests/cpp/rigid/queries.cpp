@@ -8,6 +8,7 @@
 
 #include "shapes.h"
 #include "substep/core/errors.h"
+#include "substep/rigid/collision/broad_phase.h"
 #include "substep/rigid/distance/shape_distance.h"
 #include "substep/rigid/distance/time_of_impact.h"
 
