@@ -41,7 +41,9 @@ def age(path: Path) -> float:
 def measure(program: Path, quick: bool) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
     """The context of the run, and the fastest repetition of each benchmark."""
     command = [str(program), f"--benchmark_filter={KERNELS}|{MPM}", "--benchmark_format=json"]
-    command += ["--benchmark_min_time=0.05"] if quick else ["--benchmark_repetitions=5"]
+    command += [f"--benchmark_repetitions={4 if quick else 5}"]
+    command += [f"--benchmark_min_time={0.05 if quick else 0.5}"]
+    command += ["--benchmark_enable_random_interleaving=true"]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode != 0:
         sys.exit(f"{program} failed:\n{done.stderr}")
@@ -55,7 +57,7 @@ def measure(program: Path, quick: bool) -> tuple[dict[str, Any], dict[str, dict[
         name = run["name"]
         if name not in best or run["seconds"] < best[name]["seconds"]:
             best[name] = run
-    return out["context"], best
+    return out["context"], dict(sorted(best.items()))
 
 
 def main() -> None:
@@ -73,7 +75,7 @@ def main() -> None:
         measured = {"value": float(f"{value:.4g}"), "unit": unit, "threads": 1}
         print(json.dumps({**record, **measured, "isa": context["level"], **more}), flush=True)
 
-    print(f"# {context['compiler']}, load {context['load_avg']}")
+    made = {"compiler": context["compiler"], "load": round(context["load_avg"][0], 1)}
     bandwidth: dict[float, float] = {}  # by the size of what is gone over
     peak: dict[float, float] = {}  # by whether it is float32
     for name, run in runs.items():
@@ -82,10 +84,11 @@ def main() -> None:
         rate = run["items"] / run["seconds"]
         if name.startswith("roof/triad"):
             bandwidth[run["set"]] = rate * run["bytes/item"]
-            emit(name, "triad", "bytes_per_s", bandwidth[run["set"]] / 1e9, "GB/s", set=run["set"])
+            speed = bandwidth[run["set"]] / 1e9
+            emit(name, "triad", "bytes_per_s", speed, "GB/s", set=run["set"], **made)
         else:
             peak[run["single"]] = rate * run["flops/item"]
-            emit(name, "fma", "flops_per_s", peak[run["single"]] / 1e9, "GFlop/s")
+            emit(name, "fma", "flops_per_s", peak[run["single"]] / 1e9, "GFlop/s", **made)
     for name, run in runs.items():
         if name.startswith("roof/"):
             continue

@@ -73,7 +73,7 @@ def cube(n: int, material: str, threads: int, dimension: int = 3) -> substep.Mat
         cell=CELL,
         volume=CELL**dimension / per_cell,
         velocities=v,
-        colliders=[substep.Plane(normal=(0, dimension == 2, dimension == 3))],
+        colliders=[substep.Plane((0, dimension == 2, dimension == 3))],
         boundary="sticky",
         step=(0.1 if material == "snow" else 0.3) * CELL / wave,
         threads=threads,

@@ -42,7 +42,9 @@ def dam(
     counts = (round(1 / d), round(0.5 / d), round(2 / d))
     axes = [d * (np.arange(count) + 0.5) for count in counts]
     x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    tank = substep.Box((2, counts[1] * d / 2, 4), (4, counts[1] * d, 8), hollow=True)
+    tank = substep.Collider(
+        substep.Box((4, counts[1] * d, 8), (2, counts[1] * d / 2, 4)), hollow=True
+    )
     return substep.PositionBasedFluid(
         x,
         d,

@@ -35,9 +35,9 @@ HERE = Path(__file__).resolve().parent
 SOURCES = HERE.parents[1] / "shared/peers/solids"
 H = 1 / 60
 SHAPES = {
-    "box": lambda size: rigid.Box(size),
+    "box": lambda half: rigid.Box(2 * np.array(half)),
     "sphere": lambda size: rigid.Sphere(*size),
-    "capsule": lambda size: rigid.Capsule(*size),
+    "capsule": lambda size: rigid.Capsule(size[0], 2 * size[1]),  # of a radius and half a length
 }
 BULLET, BULLET_MAXC, MUJOCO = "PyBullet", "PyBullet maxc", "MuJoCo"
 
@@ -65,7 +65,7 @@ def world_of(
     world = substep.RigidBodies(threads=threads, sleeping=False, **options)
     world.add(rigid.Plane(), (0, 0, 0), motion="static", **made)
     for half, at in walls:
-        world.add(rigid.Box(half), at, motion="static", **made)
+        world.add(rigid.Box(2 * np.array(half)), at, motion="static", **made)
     ids = [
         world.add(SHAPES[kind](size), at, q, mass=mass, **made)
         for kind, size, at, q, mass in bodies
@@ -199,7 +199,7 @@ def emit_bounce(peer: str, heights: list[float]) -> None:
 def tumbling(rotation: str, seconds: float) -> None:
     world, _ = world_of([], gravity=(0, 0, 0), rotation=rotation)
     box = world.add(
-        rigid.Box((0.5, 0.25, 0.1)), (0, 0, 100), angular_velocities=(0.01, 5.0, 0.0), mass=1.0
+        rigid.Box((1, 0.5, 0.2)), (0, 0, 100), angular_velocities=(0.01, 5.0, 0.0), mass=1.0
     )
 
     def energy() -> float:
@@ -218,7 +218,7 @@ def tumbling(rotation: str, seconds: float) -> None:
 def cradle() -> None:
     balls = [("sphere", (0.5,), (k - (k == 0), 0, 2), scenes.UPRIGHT, 1.0) for k in range(5)]
     world, ids = world_of(balls, gravity=(0, 0, 0), restitution=1.0, friction=0.0)
-    world.set_velocities([(1, 0, 0)], [(0, 0, 0)], ids[:1])
+    world.set_velocities([(1, 0, 0)], ids[:1])
     world.advance(3)
     emit_cradle("substep", world.velocities[ids, 0])
 

@@ -6,15 +6,15 @@ list(LENGTH SUBSTEP_LEVELS levels)
 if(NOT levels EQUAL 1)
   message(FATAL_ERROR " substep: a library has one instruction level, SUBSTEP_LEVELS names ${levels}")
 endif()
-file(STRINGS pyproject.toml version REGEX "^version = ")
-string(REGEX REPLACE "^version = \"(.*)\"$" "\\1" version "${version}")
 
-add_library(substep STATIC $<TARGET_OBJECTS:objects_${SUBSTEP_LEVELS}>)
+add_library(substep STATIC
+  $<TARGET_OBJECTS:objects_${SUBSTEP_LEVELS}> $<TARGET_OBJECTS:objects_once>)
 target_compile_features(substep INTERFACE cxx_std_20)
 target_link_libraries(substep INTERFACE Eigen3::Eigen Threads::Threads)
 # Headers hold vectors of the level's width and matrices aligned to it, so that a program must be
 # compiled for the same level; and the same formulas, so that it must not contract them.
 target_compile_options(substep INTERFACE -ffp-contract=off -Wno-psabi)
+target_compile_definitions(substep INTERFACE ${eigen_layout})
 if(NOT SUBSTEP_LEVELS STREQUAL "baseline")
   target_compile_options(substep INTERFACE -march=x86-64-${SUBSTEP_LEVELS})
 endif()
@@ -34,7 +34,7 @@ install(EXPORT substep NAMESPACE substep:: FILE targets.cmake DESTINATION ${pack
 configure_package_config_file(cmake/package.cmake.in ${CMAKE_BINARY_DIR}/substep-config.cmake
   INSTALL_DESTINATION ${package} NO_SET_AND_CHECK_MACRO NO_CHECK_REQUIRED_COMPONENTS_MACRO)
 write_basic_package_version_file(${CMAKE_BINARY_DIR}/substep-config-version.cmake
-  VERSION ${version} COMPATIBILITY SameMinorVersion)
+  VERSION ${PROJECT_VERSION} COMPATIBILITY SameMinorVersion)
 install(FILES ${CMAKE_BINARY_DIR}/substep-config.cmake
   ${CMAKE_BINARY_DIR}/substep-config-version.cmake cmake/SparseLibraries.cmake
   DESTINATION ${package} COMPONENT library ${apart})

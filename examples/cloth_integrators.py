@@ -5,7 +5,7 @@ import substep
 from matplotlib.figure import Figure
 from substep.render import Camera, Look, View
 
-INTEGRATORS = "explicit_euler semi_implicit_euler velocity_verlet rk4 implicit_euler".split()
+INTEGRATORS = "euler symplectic_euler velocity_verlet rk4 implicit_euler".split()
 n = 20
 mesh = substep.geometry.grid_mesh(n, n)
 edges, stiffness = substep.springs.grid_springs(n, n, stiffness=300.0)
@@ -19,7 +19,7 @@ def make_cloth(integrator, step):
         pinned=[0, n * (n - 1)], integrator=integrator, step=step)  # fmt: skip
 
 
-step = 1.2 * make_cloth("semi_implicit_euler", 1.0).step_limit()[0]
+step = 1.2 * make_cloth("symplectic_euler", 1.0).step_limit()[0]
 figure = Figure(figsize=(15, 3.6), layout="constrained")
 for integrator, axes in zip(INTEGRATORS, figure.subplots(1, 5), strict=True):
     cloth, verdict = make_cloth(integrator, step), "stands"

@@ -20,8 +20,8 @@ for substeps in (5, 20):
         0.2 * sheet.vertex_areas,
         substep.pbd.cloth(sheet, rigidity=1e-4),
         colliders=[
-            substep.Sphere((0, 0, 0.5), 0.515, friction=0.4),
-            substep.Plane((0, 0, 0), (0, 0, 1), friction=0.4),
+            substep.Collider(substep.Sphere(0.515, (0, 0, 0.5)), friction=0.4),
+            substep.Collider(substep.Plane(), friction=0.4),
         ],
         substeps=substeps,
     )

@@ -6,8 +6,10 @@ from matplotlib.image import imsave
 from substep.render import Camera, Look, View
 
 spacing, width, height, depth = 0.05, 0.5, 1.0, 0.4
-tank = substep.Box((1.0, 0.2, 5.0), (2.0, depth, 10.0), hollow=True)  # from (0, 0, 0) on
-ball = substep.Sphere((1.35, 0.2, 0.0), 0.15)
+tank = substep.Collider(
+    substep.Box((2.0, depth, 10.0), (1.0, 0.2, 5.0)), hollow=True
+)  # from (0, 0, 0) on
+ball = substep.Collider(substep.Sphere(0.15, (1.35, 0.2, 0.0)))
 shape = substep.geometry.sphere_mesh(0.15, (1.35, 0.2, 0.0), 3)
 column = substep.fill_box((0, 0, 0), (width, depth, height), spacing)
 water = substep.PositionBasedFluid(column, spacing, colliders=[tank, ball])

@@ -8,7 +8,7 @@ from substep.render import Camera, Look, View
 
 cell, radius = 0.04, 0.2
 x, volume = mpm.sample_sphere((0.0, 0.0, 0.3), radius, cell / 2, pattern="poisson")
-wall = substep.Box((0.4, 0.0, 0.5), (0.2, 2.0, 1.0), friction=0.5)
+wall = substep.Collider(substep.Box((0.2, 2.0, 1.0), (0.4, 0.0, 0.5)), friction=0.5)
 slab = substep.geometry.box_mesh((0.2, 1.2, 0.7))
 slab = substep.geometry.TriangleMesh(slab.vertices + np.array([0.4, 0, 0.35]), slab.faces)
 snow = substep.MaterialPointMethod(
@@ -17,7 +17,7 @@ snow = substep.MaterialPointMethod(
     cell=cell,
     volume=volume,
     velocities=np.tile([2.5, 0.0, 0.0], (len(x), 1)),
-    colliders=[substep.Plane(friction=0.5), wall],
+    colliders=[substep.Collider(substep.Plane(), friction=0.5), wall],
 )
 
 fields = {"velocity": "m/s", "plastic_volume_ratio": "1"}

@@ -79,7 +79,7 @@ def test_arrows_run_one_way():
 @pytest.mark.parametrize(
     ("folder", "include", "complaint"),
     [
-        ("core", '"substep/core/tableau.h"', True),
+        ("core", '"substep/ode/stepping/system.h"', True),
         ("fields", '"substep/pbf/fluid.h"', True),
         ("linalg", '"substep/geometry/mesh.h"', True),
         ("fields", '"grid.h"', True),

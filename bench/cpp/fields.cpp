@@ -9,11 +9,14 @@
 #include <vector>
 
 #include "substep/core/random.h"
+#include "substep/core/usize.h"
 #include "substep/fields/flow_advection.h"
 #include "substep/fields/grid_advection.h"
 #include "work.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep;
 using namespace substep::fields;
@@ -25,7 +28,7 @@ std::vector<double> cloud(std::size_t n, double size) {
 }
 
 void flow(benchmark::State& state) {
-  const auto n = static_cast<std::size_t>(state.range(0));
+  const auto n = usize(state.range(0));
   const std::int64_t steps = state.range(1);
   const std::vector<double> x = cloud(n, 6.0);
   std::vector<double> moved(x.size());
@@ -42,7 +45,7 @@ void flow(benchmark::State& state) {
 
 void grid(benchmark::State& state) {
   constexpr std::size_t kNodes = 64;
-  const auto n = static_cast<std::size_t>(state.range(0));
+  const auto n = usize(state.range(0));
   const std::int64_t steps = state.range(1);
   Axis axis;
   for (std::size_t i = 0; i < kNodes; ++i) axis.nodes.push_back(static_cast<double>(i));

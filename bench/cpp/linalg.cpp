@@ -8,10 +8,13 @@
 #include <vector>
 
 #include "substep/core/random.h"
+#include "substep/core/usize.h"
 #include "substep/linalg/direct/supernodal_cholesky.h"
 #include "work.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep;
 
@@ -44,8 +47,7 @@ Problem net(std::int32_t width) {
   const std::int32_t n = 3 * width * width;
   Problem p{build_pattern(n, n, pairs), {}};
   for (std::int32_t c = 0; c < n; ++c) {
-    for (auto k = static_cast<std::size_t>(p.lower.start[static_cast<std::size_t>(c)]);
-         k < static_cast<std::size_t>(p.lower.start[static_cast<std::size_t>(c) + 1]); ++k) {
+    for (auto k = usize(p.lower.start[usize(c)]); k < usize(p.lower.start[usize(c) + 1]); ++k) {
       p.values.push_back(p.lower.row[k] == c ? 27.0 : uniform2(3, k)[0]);
     }
   }
@@ -71,7 +73,7 @@ void solve_own(benchmark::State& state) {
   const Problem p = net(static_cast<std::int32_t>(state.range(0)));
   SupernodalCholesky cholesky(p.lower, 3);
   cholesky.factorize(p.values, 1);
-  std::vector<double> x(static_cast<std::size_t>(p.lower.cols), 1.0);
+  std::vector<double> x(usize(p.lower.cols), 1.0);
   for (auto _ : state) {
     std::fill(x.begin(), x.end(), 1.0);
     cholesky.solve(x, 1);
@@ -94,7 +96,7 @@ void solve_cholmod(benchmark::State& state) {
   const Problem p = net(static_cast<std::int32_t>(state.range(0)));
   Cholesky cholesky(p.lower, in_blocks());
   cholesky.factor(p.values);
-  std::vector<double> b(static_cast<std::size_t>(p.lower.cols), 1.0), x(b.size());
+  std::vector<double> b(usize(p.lower.cols), 1.0), x(b.size());
   for (auto _ : state) cholesky.solve(b, x);
   bench::report(state, substitution(cholesky.report().factor_entries));
 }
@@ -102,7 +104,7 @@ void solve_cholmod(benchmark::State& state) {
 // An item is an entry: its value and its row (12 bytes), a product and a sum.
 void product(benchmark::State& state) {
   const Problem p = net(static_cast<std::int32_t>(state.range(0)));
-  std::vector<double> x(static_cast<std::size_t>(p.lower.cols), 1.0), y(x.size());
+  std::vector<double> x(usize(p.lower.cols), 1.0), y(x.size());
   for (auto _ : state) multiply_transposed<double>(p.lower, p.values, x, y);
   const auto entries = static_cast<double>(p.values.size());
   bench::report(state,

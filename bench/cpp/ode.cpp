@@ -5,6 +5,7 @@
 // component, and 4 right-hand sides.
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/ode/stepping/stepper.h"
 #include "substep/ode/systems/chain.h"
 #include "substep/ode/systems/oscillators.h"
@@ -13,6 +14,8 @@
 #include "work.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep;
 using namespace substep::ode;
@@ -48,7 +51,7 @@ void rk45_small(benchmark::State& state) {
 // x, v and omega are read, x and v written, once for all the steps of a call; 2 right-hand sides of
 // one flop are none and one.
 void rk4_oscillators(benchmark::State& state) {
-  const auto n = static_cast<std::size_t>(state.range(0)), steps = std::size_t(state.range(1));
+  const auto n = usize(state.range(0)), steps = std::size_t(state.range(1));
   Oscillators system(std::vector<double>(n, 1.0));
   std::vector<double> y(2 * n, 1.0);
   for (auto _ : state) {
@@ -63,7 +66,7 @@ void rk4_oscillators(benchmark::State& state) {
 
 // k / m (x_{i+1} - 2 x_i + x_{i-1}): 4 flops.
 void rk4_chain(benchmark::State& state) {
-  const auto n = static_cast<std::size_t>(state.range(0)), steps = std::size_t(state.range(1));
+  const auto n = usize(state.range(0)), steps = std::size_t(state.range(1));
   SpringChain system(state.range(0), {1.0}, {1.0}, true);
   std::vector<double> y(2 * n, 0.0);
   for (std::size_t i = 0; i < n; ++i) y[i] = static_cast<double>(i % 7);

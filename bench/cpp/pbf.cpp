@@ -12,10 +12,13 @@
 #include <vector>
 
 #include "substep/core/random.h"
+#include "substep/core/usize.h"
 #include "substep/pbf/density.h"
 #include "work.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep;
 using namespace substep::pbf;
@@ -32,7 +35,7 @@ class Block {
     unsorted = x;
     lists.sort(x, radius(), 1);
     for (std::size_t i = 0; i < x.size(); ++i) {
-      x[i] = unsorted[static_cast<std::size_t>(lists.order()[i])];
+      x[i] = unsorted[usize(lists.order()[i])];
     }
     lists.find(x, radius(), geometry::Pairs::kFull, 1);
     walls.assign(x.size(), {0, 0, 0, 0});

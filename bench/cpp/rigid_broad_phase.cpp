@@ -11,12 +11,14 @@
 #include <random>
 #include <vector>
 
-#include "substep/rigid/collision/broad_phase.h"
+#include "substep/core/usize.h"
 #include "substep/rigid/solver/graph_colouring.h"
 #include "substep/rigid/solver/islands.h"
 #include "substep/rigid/world/queries.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep::rigid;
 
@@ -34,7 +36,7 @@ class Pile {
     bounds_.resize(places_.size());
     place(0);
     for (std::int32_t i = 0; i < count; ++i) {
-      broad_phase.add(i, {i, Motion::kDynamic}, bounds_[static_cast<std::size_t>(i)]);
+      broad_phase.add(i, {i, Motion::kDynamic}, bounds_[usize(i)]);
     }
     broad_phase.add_plane(count, {-1, Motion::kStatic}, Vec3::UnitZ(), 0);
     for (int step = 0; step < 30; ++step) move(1);
@@ -115,7 +117,7 @@ void islands(benchmark::State& state) {
   const auto bodies = static_cast<std::int32_t>(state.range(0));
   const auto contacts = Pile(bodies, 0.02).contacts();
   Islands all;
-  std::vector<double> speed(static_cast<std::size_t>(bodies), 0.0);
+  std::vector<double> speed(usize(bodies), 0.0);
   for (std::int32_t i = 0; i < bodies; ++i) all.add(i);
   speed.back() = 1;
   for (auto _ : state) all.update(0.02, {}, speed, contacts);
@@ -128,7 +130,7 @@ void rays(benchmark::State& state) {
   const auto plane = static_cast<std::int32_t>(state.range(0));
   const Scene scene{pile.broad_phase, [&](std::int32_t fixture) {
                       if (fixture == plane) return PlacedShape{&ground, {}};
-                      const auto i = static_cast<std::size_t>(fixture);
+                      const auto i = usize(fixture);
                       return PlacedShape{&ball, {pile.places()[i], Mat3(Mat3::Identity())}};
                     }};
   std::vector<Ray> all(1000);

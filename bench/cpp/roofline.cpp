@@ -4,9 +4,12 @@
 
 #include "substep/core/aligned_buffer.h"
 #include "substep/core/lanes.h"
+#include "substep/core/usize.h"
 #include "work.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep;
 
@@ -31,11 +34,12 @@ void peak(benchmark::State& state) {
                 {.items = double(kChains) * kTimes * kLanes, .flops = 2, .single = sizeof(T) == 4});
 }
 
-// a = b + s c (McCalpin, STREAM): 24 bytes of float64. The argument is kilobytes of all three.
+// a = b + s c (McCalpin, STREAM), of float64: 32 bytes, for a line of a is read before it is
+// written. The argument is kilobytes of all three.
 void triad(benchmark::State& state) {
   using V = Vector<double>;
   constexpr std::size_t kLanes = sizeof(V) / sizeof(double);
-  const std::size_t n = static_cast<std::size_t>(state.range(0)) * 1024 / 24 / kLanes * kLanes;
+  const std::size_t n = usize(state.range(0)) * 1024 / 24 / kLanes * kLanes;
   AlignedBuffer<double> a, b, c;
   for (AlignedBuffer<double>* array : {&a, &b, &c}) {
     array->reset(n);
@@ -52,12 +56,19 @@ void triad(benchmark::State& state) {
   }
   const auto items = static_cast<double>(n);
   bench::report(state,
-                {.items = items, .bytes = 24, .flops = 2, .set = 24 * items, .single = false});
+                {.items = items, .bytes = 32, .flops = 2, .set = 24 * items, .single = false});
 }
 
 BENCHMARK(peak<double>)->Name("roof/flops/float64");
 BENCHMARK(peak<float>)->Name("roof/flops/float32");
-BENCHMARK(triad)->Name("roof/triad")->Arg(24)->Arg(512)->Arg(12 * 1024)->Arg(384 * 1024);
+BENCHMARK(triad)
+    ->Name("roof/triad")
+    ->Arg(24)
+    ->Arg(512)
+    ->Arg(2 * 1024)
+    ->Arg(12 * 1024)
+    ->Arg(24 * 1024)
+    ->Arg(384 * 1024);
 
 // The results' header names what the program was compiled for.
 const bool kContext = [] {

@@ -8,8 +8,6 @@
 
 #include <benchmark/benchmark.h>
 
-#include <cstddef>
-
 namespace substep::bench {
 
 struct Work {
@@ -33,11 +31,6 @@ inline void report(benchmark::State& state, const Work& work) {
   state.counters["items/s"] = rate(1);
   state.counters["bytes/s"] = rate(work.bytes);
   state.counters["flops/s"] = rate(work.flops);
-}
-
-template <class T>
-double bytes_of(const T& values) {
-  return static_cast<double>(values.size() * sizeof(values[0]));
 }
 
 }  // namespace substep::bench

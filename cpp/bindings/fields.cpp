@@ -100,8 +100,8 @@ void bind_grid(py::module_& m) {
       "advect",
       [](const AnyGrid& self, const py::list& levels, const std::vector<double>& times,
          py::array& x, Array<std::int8_t>& status, Reals& stop_time, const py::object& order,
-         double origin, double h, std::int64_t first, std::int64_t count,
-         const std::string& method, int threads) {
+         double origin, double h, std::int64_t first, std::int64_t count, const std::string& method,
+         int threads) {
         const AnySeries series = series_of(levels, times);
         Array<std::int32_t> sorted;
         if (!order.is_none()) sorted = order.cast<Array<std::int32_t>>();

@@ -69,6 +69,12 @@ py::tuple pack_shape(const Shape& shape) {
     py::object operator()(const std::shared_ptr<const SampledDistance>& s) const {
       return py::cast(std::const_pointer_cast<SampledDistance>(s));
     }
+    py::object operator()(const Capsule& s) const {
+      return py::make_tuple(s.radius, s.half_length);
+    }
+    py::object operator()(const Cylinder& s) const {
+      return py::make_tuple(s.radius, s.half_length);
+    }
   };
   return py::make_tuple(shape.index(), std::visit(Parts{}, shape));
 }
@@ -80,9 +86,13 @@ Shape unpack_shape(const py::tuple& packed) {
       return Sphere{packed[1].cast<double>()};
     case 2:
       return Box{vector(packed[1].cast<Triple>())};
-    default:
+    case 3:
       return std::shared_ptr<const SampledDistance>(
           packed[1].cast<std::shared_ptr<SampledDistance>>());
+    default:
+      const auto [radius, half_length] = packed[1].cast<std::pair<double, double>>();
+      if (packed[0].cast<int>() == 4) return Capsule{radius, half_length};
+      return Cylinder{radius, half_length};
   }
 }
 
@@ -117,6 +127,19 @@ void bind_collider(py::module_& m) {
           },
           py::arg("center"), py::arg("half_lengths"), py::arg("hollow"))
       .def_static(
+          "capsule",
+          [](const Triple& center, double radius, double half_length, bool hollow) {
+            return std::make_shared<Collider>(Capsule{radius, half_length}, vector(center), hollow);
+          },
+          py::arg("center"), py::arg("radius"), py::arg("half_length"), py::arg("hollow"))
+      .def_static(
+          "cylinder",
+          [](const Triple& center, double radius, double half_length, bool hollow) {
+            return std::make_shared<Collider>(Cylinder{radius, half_length}, vector(center),
+                                              hollow);
+          },
+          py::arg("center"), py::arg("radius"), py::arg("half_length"), py::arg("hollow"))
+      .def_static(
           "sampled",
           [](const std::shared_ptr<SampledDistance>& field, const Triple& position, bool hollow) {
             return std::make_shared<Collider>(std::shared_ptr<const SampledDistance>(field),
@@ -128,9 +151,12 @@ void bind_collider(py::module_& m) {
       .def_property_readonly("lipschitz", &Collider::lipschitz)
       .def_property_readonly("hollow", &Collider::hollow)
       .def_property_readonly("impulse",
-                             [](const Collider& self) { return triple(self.exchange().impulse); })
-      .def_property_readonly("torque",
-                             [](const Collider& self) { return triple(self.exchange().torque); })
+                             [](const Collider& self) { return triple(self.total().impulse); })
+      .def_property_readonly("angular_impulse",
+                             [](const Collider& self) { return triple(self.total().torque); })
+      .def_property_readonly("duration", &Collider::duration)
+      .def("begin_call", &Collider::begin_call)
+      .def("end_step", &Collider::end_step, py::arg("dt"))
       .def_property(
           "orientation",
           [](const Collider& self) {

@@ -1,9 +1,8 @@
-#include "substep/mpm/solver/method.h"
-
 #include <pybind11/stl.h>
 
 #include "arrays.h"
 #include "substep/core/errors.h"
+#include "substep/mpm/solver/method.h"
 
 namespace {
 
@@ -26,9 +25,9 @@ Settings settings(const py::dict& given) {
       word(given, "transfer"),
       {{"pic", Transfer::kPic}, {"flip", Transfer::kFlip}, {"apic", Transfer::kApic}});
   o.form = choice<Form>(word(given, "form"), {{"mls", Form::kMls}, {"textbook", Form::kTextbook}});
-  o.integrator =
-      choice<Integrator>(word(given, "integrator"), {{"explicit", Integrator::kExplicit},
-                                                     {"implicit", Integrator::kImplicit}});
+  o.integrator = choice<Integrator>(
+      word(given, "integrator"),
+      {{"explicit", Integrator::kExplicit}, {"implicit", Integrator::kImplicit}});
   o.flip_rate = number(given, "flip_rate");
   o.gravity = vector(given, "gravity");
   o.cfl = number(given, "cfl");
@@ -41,10 +40,10 @@ Settings settings(const py::dict& given) {
       word(given, "on_escape"),
       {{"raise", OnEscape::kRaise}, {"remove", OnEscape::kRemove}, {"clamp", OnEscape::kClamp}});
   for (const py::handle name : py::list(given["boundaries"])) {
-    o.boundaries.push_back(choice<Boundary>(name.cast<std::string>(),
-                                            {{"sticky", Boundary::kSticky},
-                                             {"slip", Boundary::kSlip},
-                                             {"separate", Boundary::kSeparate}}));
+    o.boundaries.push_back(
+        choice<Boundary>(name.cast<std::string>(), {{"sticky", Boundary::kSticky},
+                                                    {"slip", Boundary::kSlip},
+                                                    {"separate", Boundary::kSeparate}}));
   }
   if (!given["bounds"].is_none()) {
     const auto bounds = given["bounds"].cast<std::array<Triple, 2>>();

@@ -1,8 +1,7 @@
-#include "substep/pbf/liquid.h"
-
 #include <pybind11/stl.h>
 
 #include "arrays.h"
+#include "substep/pbf/liquid.h"
 
 namespace {
 

@@ -288,6 +288,14 @@ void bind_rigid_world(py::module_& m) {
       .def_property(
           "threads", [](const PyWorld& self) { return self.world.threads; },
           [](PyWorld& self, int threads) { self.world.threads = threads; })
+      .def_property(
+          "gravity", [](const PyWorld& self) { return triple(self.world.options().gravity); },
+          [](PyWorld& self, const Array3& gravity) {
+            WorldOptions options = self.world.options();
+            options.gravity = vector(gravity);
+            self.world.set_options(options);
+            for (std::int64_t i = 0; i < self.world.bodies().size(); ++i) self.world.wake(i);
+          })
       .def(
           "step", [](PyWorld& self, double dt) { self.world.step(dt); }, py::arg("dt"),
           py::call_guard<py::gil_scoped_release>())

@@ -20,7 +20,7 @@ def main():
     teapot = substep.geometry.read_mesh(ROOT.parent / "shared/data/meshes/teapot.obj")
     mesh = substep.geometry.TriangleMesh(teapot.vertices @ np.array(UPRIGHT).T, teapot.faces)
     solid = substep.geometry.tetrahedralize(mesh, 0.22)
-    field = substep.SignedDistanceField.from_mesh(mesh, 0.08)
+    field = substep.Collider(substep.SignedDistanceField.from_mesh(mesh, 0.08))
 
     pyvista.OFF_SCREEN = True
     plotter = pyvista.Plotter(shape=(1, 3), window_size=(1500, 370), border=False)

@@ -16,9 +16,11 @@ G = 9.81
 
 def sand_panel(axes):
     """Sand runs past a ball and is pushed by a plate that is thinner than a cell."""
-    tank = substep.Box((0, 0.5, 0), (1.2, 1.0, 1), hollow=True, friction=0.4)
-    ball = substep.Sphere((-0.05, 0.22, 0), 0.1, friction=0.3)
-    plate = substep.Box((0.45, 0.2, 0), (0.004, 0.3, 1), velocity=(-0.3, 0, 0), friction=0.3)
+    tank = substep.Collider(substep.Box((1.2, 1.0, 1), (0, 0.5, 0)), hollow=True, friction=0.4)
+    ball = substep.Collider(substep.Sphere(0.1, (-0.05, 0.22, 0)), friction=0.3)
+    plate = substep.Collider(
+        substep.Box((0.004, 0.3, 1), (0.45, 0.2, 0)), velocity=(-0.3, 0, 0), friction=0.3
+    )
     x, volume = mpm.sample_box((-0.25, 0.36), (0.15, 0.7), 0.008, seed=1)
     sand = mpm.Sand(density=1500, young_modulus=5e5, poisson_ratio=0.3, friction_angle=0.6)
     body = substep.MaterialPointMethod(
@@ -40,7 +42,9 @@ def friction_panel(axes):
     angles = np.degrees(np.arctan(friction)) + np.array([-6, -3, -1, -0.5, 0.5, 1, 3, 6])
     measured = []
     for angle in np.radians(angles):
-        floor = substep.Plane(normal=(np.sin(angle), np.cos(angle), 0), friction=friction)
+        floor = substep.Collider(
+            substep.Plane((np.sin(angle), np.cos(angle), 0)), friction=friction
+        )
         along = np.array([np.cos(angle), -np.sin(angle)])
         normal = np.array([np.sin(angle), np.cos(angle)])
         i, j = np.meshgrid(np.arange(16), np.arange(4), indexing="ij")
@@ -76,7 +80,7 @@ def friction_panel(axes):
 
 
 def weight_panel(axes):
-    floor = substep.Plane(normal=(0, 1, 0), friction=0.6)
+    floor = substep.Collider(substep.Plane((0, 1, 0)), friction=0.6)
     x, volume = mpm.sample_box((-0.1, 0.01), (0.1, 0.31), 0.01, seed=3)
     sand = mpm.Sand(density=1500, young_modulus=1e6, poisson_ratio=0.3, friction_angle=0.6)
     heap = substep.MaterialPointMethod(x, sand, cell=0.02, volume=volume, colliders=[floor])
@@ -85,7 +89,7 @@ def weight_panel(axes):
     for _ in range(60):
         heap.advance(0.02)
         times.append(heap.time)
-        forces.append(-floor.impulse[1] / 0.02 / weight)
+        forces.append(-floor.impulse[1] / floor.duration / weight)
     axes.axhline(1, color=GREY, lw=0.8)
     axes.plot(times, forces, color=BLUE)
     axes.set(xlabel="time / s", ylabel="force on the floor / weight of the heap", ylim=(0, None))

@@ -22,7 +22,7 @@ def cloth(contact):
     constraints = [Distance(mesh.edges), Distance(mesh.hinges[:, 2:])]
     if contact:
         constraints.append(SelfCollision(mesh.faces, thickness=0.3 / N, friction=0.3))
-    floor = substep.Plane(friction=0.5)
+    floor = substep.Collider(substep.Plane(), friction=0.5)
     return PositionBasedDynamics(x, 0.3 / N**2, constraints, colliders=[floor]), mesh
 
 

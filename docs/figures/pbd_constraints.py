@@ -47,7 +47,7 @@ def strips(figure, place):
             pbd.cloth(sheet, rigidity=rigidity, bending="dihedral"),
             pinned=x[:, 0] < 0.06,
             substeps=60,
-            damping=3.0,
+            drag=3.0,
         )
         sim.advance(3.0)
         draw_faces(ax, sim.positions, sheet.faces, colour)
@@ -68,7 +68,7 @@ def bars(figure, place):
             pbd.soft_body(mesh, young_modulus=modulus, poisson_ratio=0.4),
             pinned=x[:, 0] < -0.299,
             substeps=60,
-            damping=4.0,
+            drag=4.0,
         )
         sim.advance(3.0)
         draw_faces(ax, sim.positions, mesh.surface_faces, colour)
@@ -92,7 +92,7 @@ def nets(figure, place):
             pinned=pins,
             gravity=(0, -9.81, 0),
             substeps=2,
-            damping=2.0,
+            drag=2.0,
         )
         sim.advance(2.0)
         x = sim.positions[:, :2] + np.array([1.3 * k, 0])
@@ -117,7 +117,7 @@ def clusters(figure, place):
     )
     x = np.random.default_rng(1).uniform(-0.2, 0.2, mesh.vertices.shape)
     sim = substep.PositionBasedDynamics(
-        x, 1000 * mesh.vertex_volumes, [body], gravity=(0, 0, 0), damping=20.0
+        x, 1000 * mesh.vertex_volumes, [body], gravity=(0, 0, 0), drag=20.0
     )
     left, bottom, width, height = place
     for k, frame in enumerate((0, 4, 60)):

@@ -80,7 +80,7 @@ def main():
             density=1000.0,
             young_modulus=1e5,
             poisson_ratio=0.3,
-            damping=0.002,
+            damping_time=0.002,
             gravity=(0, 0, 0),
             tolerance=0.1,
             step=1 / 60,

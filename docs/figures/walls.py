@@ -51,7 +51,12 @@ def plane_panel(axes):
     s = np.linspace(0.1, 2.0, 77)
     points = np.stack([0 * s, 0 * s, s], axis=1)
     axes.plot(s, [half_space(at) for at in s], color=ORANGE, label="integral over the half space")
-    axes.plot(s, share(substep.Plane(), points), color=BLUE, label="mirror: what is used")
+    axes.plot(
+        s,
+        share(substep.Collider(substep.Plane()), points),
+        color=BLUE,
+        label="mirror: what is used",
+    )
     axes.plot(0.5, lattice(), "o", color=RED, label="sum over the lattice, goes on")
     axes.set(xlabel="distance from a plane wall / spacing", ylabel="share of the rest density")
     axes.legend(frameon=False)
@@ -60,7 +65,7 @@ def plane_panel(axes):
 def sampled_ball(radius, step):
     x = np.arange(-radius - 4 * step, radius + 4.5 * step, step)
     values = np.sqrt(x[:, None, None] ** 2 + x[:, None] ** 2 + x**2) - radius
-    return substep.SignedDistanceField(values, step, (x[0],) * 3)
+    return substep.Collider(substep.SignedDistanceField(values, step, (x[0],) * 3))
 
 
 def ball_panel(axes, radius=4.0):
@@ -69,13 +74,15 @@ def ball_panel(axes, radius=4.0):
     normals = rng.normal(size=(len(s), 8, 3))
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     points = ((radius + s)[:, None, None] * normals).reshape(-1, 3)
-    exact = share(substep.Sphere(radius=radius), points)
+    exact = share(substep.Collider(substep.Sphere(radius)), points)
 
     def show(values, color, label):
         error = np.abs(values - exact).reshape(len(s), -1).max(1)
         axes.semilogy(s, 100 * error, color=color, label=label)
 
-    flat = share(substep.Plane(), np.repeat(np.stack([0 * s, 0 * s, s], axis=1), 8, axis=0))
+    flat = share(
+        substep.Collider(substep.Plane()), np.repeat(np.stack([0 * s, 0 * s, s], axis=1), 8, axis=0)
+    )
     show(flat, ORANGE, "a plane at the nearest point")
     for step, color in ((1.0, RED), (0.5, GREEN), (0.25, BLUE)):
         show(share(sampled_ball(radius, step), points), color, f"map, grid of {step:g} spacings")

@@ -44,7 +44,18 @@ _EXPORTS = {
         "advect",
         "open_field",
     ),
-    "geometry": ("Box", "Plane", "SignedDistanceField", "Sphere", "liquid_surface"),
+    "geometry": (
+        "Box",
+        "Capsule",
+        "Collider",
+        "ConvexHull",
+        "Cylinder",
+        "Plane",
+        "SignedDistanceField",
+        "Sphere",
+        "TriangleMesh",
+        "liquid_surface",
+    ),
     "mpm": ("MaterialPointMethod",),
     "pbd": ("Distance", "PositionBasedDynamics"),
     "pbf": ("Emitter", "PositionBasedFluid", "Sink", "fill_box", "fill_mesh", "relax"),
@@ -148,9 +159,14 @@ if TYPE_CHECKING:  # `as` says that a name is for users
     )
     from .geometry import (
         Box as Box,
+        Capsule as Capsule,
+        Collider as Collider,
+        ConvexHull as ConvexHull,
+        Cylinder as Cylinder,
         Plane as Plane,
         SignedDistanceField as SignedDistanceField,
         Sphere as Sphere,
+        TriangleMesh as TriangleMesh,
         liquid_surface as liquid_surface,
     )
     from .mpm import (

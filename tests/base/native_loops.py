@@ -37,7 +37,7 @@ def boxes(n=64, steps=20, threads=None):
     k = np.arange(n)
     x = np.stack([0.25 * (k % 4), 0.25 * (k // 4 % 4), 0.15 + 0.22 * (k // 16)], axis=1)
     x += np.random.default_rng(2).uniform(-0.02, 0.02, x.shape)
-    bodies.add(substep.rigid.Box((0.1, 0.1, 0.1)), x, restitution=0.2)
+    bodies.add(substep.rigid.Box((0.2, 0.2, 0.2)), x, restitution=0.2)
     bodies.advance(steps / 60)
     return substep.state_hash(*bodies.state().values())
 
@@ -52,7 +52,7 @@ def grains(n=2000, steps=20, threads=None):
         cell=0.2,
         volume=volume,
         velocities=np.tile([1.0, 0.5, -2.0], (len(x), 1)),
-        colliders=[substep.Plane(friction=0.5)],
+        colliders=[substep.Collider(substep.Plane(), friction=0.5)],
         step=2.0**-8,
         threads=threads,
     )

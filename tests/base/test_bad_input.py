@@ -114,7 +114,7 @@ def after_a_step(shift=(), **arguments):
 def batch_after_a_step(setter, values):
     """Poses of two worlds of two bodies after a step."""
     bodies = substep.RigidBodies()
-    bodies.add(substep.rigid.Box((0.1, 0.2, 0.3)), 9 * ROWS)
+    bodies.add(substep.rigid.Box((0.2, 0.4, 0.6)), 9 * ROWS)
     batch = substep.RigidBatch(bodies, 2)
     getattr(batch, setter)(**values)
     batch.step(0.25)
@@ -175,29 +175,22 @@ ENTRIES = [
         "angular_velocities",
         any_length=False,
     ),
-    Entry(
-        "RigidBodies.set_velocities",
-        lambda v: after_a_step([("set_velocities", {"velocities": v})]),
-        ROWS,
-        "velocities",
-        any_length=False,
-        optional=True,
-    ),
-    Entry(
-        "RigidBodies.set_poses positions",
-        lambda x: after_a_step([("set_poses", {"positions": x})]),
-        9 * ROWS,
-        "positions",
-        any_length=False,
-        optional=True,
-    ),
-    Entry(
-        "RigidBodies.set_poses rotations",
-        lambda q: after_a_step([("set_poses", {"rotations": q})]),
-        TURNED,
-        "rotations",
-        any_length=False,
-        optional=True,
+    *(
+        Entry(
+            f"RigidBodies.{setter}",
+            lambda values, setter=setter: after_a_step([(setter, {"values": values})]),
+            rows,
+            "values",
+            any_length=False,
+        )
+        for setter, rows in (
+            ("set_positions", 9 * ROWS),
+            ("set_rotations", TURNED),
+            ("set_velocities", ROWS),
+            ("set_angular_velocities", ROWS),
+            ("set_forces", ROWS),
+            ("set_torques", ROWS),
+        )
     ),
     Entry(
         "RigidBodies.apply_force",
@@ -216,47 +209,33 @@ ENTRIES = [
         any_length=False,
         optional=True,
     ),
-    Entry(
-        "RigidBatch.set_poses positions",
-        lambda x: batch_after_a_step("set_poses", {"positions": x}),
-        9 * ROWS,
-        "positions",
-        any_length=False,
-        optional=True,
+    *(
+        Entry(
+            f"RigidBatch.{setter}",
+            lambda values, setter=setter: batch_after_a_step(setter, {"values": values}),
+            rows,
+            "values",
+            any_length=False,
+        )
+        for setter, rows in (
+            ("set_positions", 9 * ROWS),
+            ("set_rotations", np.stack([TURNED, TURNED])),
+            ("set_velocities", ROWS),
+            ("set_angular_velocities", ROWS),
+            ("set_forces", ROWS),
+            ("set_torques", np.stack([ROWS, ROWS])),
+        )
     ),
     Entry(
-        "RigidBatch.set_poses rotations",
-        lambda q: batch_after_a_step("set_poses", {"rotations": q}),
-        np.stack([TURNED, TURNED]),
-        "rotations",
-        any_length=False,
-        optional=True,
-    ),
-    Entry(
-        "RigidBatch.set_velocities",
-        lambda v: batch_after_a_step("set_velocities", {"velocities": v}),
-        ROWS,
-        "velocities",
-        any_length=False,
-        optional=True,
-    ),
-    Entry(
-        "RigidBatch.set_torques",
-        lambda T: batch_after_a_step("set_torques", {"torques": T}),
-        np.stack([ROWS, ROWS]),
-        "torques",
-        any_length=False,
-    ),
-    Entry(
-        "rigid.MassProperties centre",
-        lambda x: substep.rigid.MassProperties(1.0, x, np.eye(3)).centre,
+        "rigid.MassProperties center_of_mass",
+        lambda x: substep.rigid.MassProperties(1.0, x, np.eye(3)).center_of_mass,
         np.array([1.0, 0.5, 2]),
-        "centre",
+        "center_of_mass",
         any_length=False,
     ),
     Entry(
         "rigid.MassProperties.moved position",
-        lambda x: substep.rigid.MassProperties(1.0, [0, 0, 0], np.eye(3)).moved(x).centre,
+        lambda x: substep.rigid.MassProperties(1.0, [0, 0, 0], np.eye(3)).moved(x).center_of_mass,
         np.array([1.0, 0.5, 2]),
         "position",
         any_length=False,
@@ -411,7 +390,7 @@ ENTRIES = [
     ),
     Entry(
         "Collider.distance",
-        lambda x: substep.Sphere().distance(x),
+        lambda x: substep.Collider(substep.Sphere(1.0)).distance(x),
         np.array([[0.5, 0.25, 1.0], [1.0, 2.0, 3.0]]),
         "x",
         empty=(0, 3),
@@ -432,7 +411,9 @@ ENTRIES = [
     ),
     Entry(
         "Sphere center",
-        lambda x: substep.Sphere(x, velocity=x).surface_velocity([[0, 0, 0]]),
+        lambda x: substep.Collider(substep.Sphere(1.0, x), velocity=x).surface_velocity(
+            [[0, 0, 0]]
+        ),
         np.array([0.5, 0.25, 1.0]),
         "center",
         any_length=False,

@@ -260,7 +260,8 @@ class TestProtocol:
             assert state_hash(twin.positions) == before
             twin.advance(1.0)
             assert state_hash(drift.positions) == before
-        drift.positions[:] = 7.0
+        with pytest.raises(ValueError, match="read-only"):
+            drift.positions[:] = 7.0
         assert state_hash(drift.positions) == before
 
     def test_checkpoint_is_bit_exact_also_in_a_new_process(self, tmp_path):

@@ -7,28 +7,33 @@ import numpy as np
 import pytest
 import substep
 from substep import InputError
+from substep.geometry import sphere_mesh
 
 
 def sampled_box(spacing=0.1):
     axis = np.arange(-1.6, 1.6 + spacing / 2, spacing)
     nodes = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
-    values = substep.Box(lengths=(2, 1.4, 1)).distance(nodes).reshape((len(axis),) * 3)
-    return substep.SignedDistanceField(values, spacing, (-1.6, -1.6, -1.6))
+    values = substep.Collider(substep.Box((2, 1.4, 1))).distance(nodes).reshape((len(axis),) * 3)
+    return substep.Collider(substep.SignedDistanceField(values, spacing, (-1.6, -1.6, -1.6)))
 
 
 SHAPES = {
-    "plane": lambda: substep.Plane((1, 0, 2), (1, -2, 2)),
-    "sphere": lambda: substep.Sphere((0.5, 0, 0), 0.7),
-    "hollow sphere": lambda: substep.Sphere((0.5, 0, 0), 0.7, hollow=True),
-    "box": lambda: substep.Box((0.1, 0, 0), (1, 0.5, 1.5)),
-    "hollow box": lambda: substep.Box((0.1, 0, 0), (1, 0.5, 1.5), hollow=True),
+    "plane": lambda: substep.Collider(substep.Plane((1, -2, 2), (1, 0, 2))),
+    "sphere": lambda: substep.Collider(substep.Sphere(0.7, (0.5, 0, 0))),
+    "hollow sphere": lambda: substep.Collider(substep.Sphere(0.7, (0.5, 0, 0)), hollow=True),
+    "box": lambda: substep.Collider(substep.Box((1, 0.5, 1.5), (0.1, 0, 0))),
+    "hollow box": lambda: substep.Collider(substep.Box((1, 0.5, 1.5), (0.1, 0, 0)), hollow=True),
+    "capsule": lambda: substep.Collider(substep.Capsule(0.6, 1.2, (0.1, 0, 0))),
+    "hollow capsule": lambda: substep.Collider(substep.Capsule(1.0, 1.2), hollow=True),
+    "cylinder": lambda: substep.Collider(substep.Cylinder(0.7, 1.1, (0, 0.1, 0))),
+    "hollow cylinder": lambda: substep.Collider(substep.Cylinder(1.0, 1.5), hollow=True),
     "field": sampled_box,
 }
 points = np.random.default_rng(3).uniform(-2, 2, (3000, 3))
 
 
 def turned(shape):
-    shape.orientation = (0.8, 0.1, -0.5, 0.3)
+    shape.rotation = (0.8, 0.1, -0.5, 0.3)
     return shape
 
 
@@ -79,9 +84,9 @@ def test_bound_of_a_sampled_gradient_is_sharp_where_the_distance_is_smooth():
     h = 0.05
     axis = np.arange(-1.4, 1.4 + h / 2, h)
     r = np.sqrt(axis[:, None, None] ** 2 + axis[:, None] ** 2 + axis**2)
-    ball = substep.SignedDistanceField(r - 1, h, (axis[0],) * 3)
+    ball = substep.Collider(substep.SignedDistanceField(r - 1, h, (axis[0],) * 3))
     assert 1 <= ball.lipschitz < 1.08  # the cusp at the centre lies inside and does not count
-    vessel = substep.SignedDistanceField(r - 1, h, (axis[0],) * 3, hollow=True)
+    vessel = substep.Collider(substep.SignedDistanceField(r - 1, h, (axis[0],) * 3), hollow=True)
     assert vessel.lipschitz == pytest.approx(3**0.5)
     for shape in (ball, vessel, sampled_box()):
         x = np.random.default_rng(8).uniform(-1.5, 1.5, (20000, 3))
@@ -90,20 +95,21 @@ def test_bound_of_a_sampled_gradient_is_sharp_where_the_distance_is_smooth():
 
 
 def test_closed_forms():
-    plane = substep.Plane((1, 0, 2), (0, 0, 5))
+    plane = substep.Collider(substep.Plane((0, 0, 5), (1, 0, 2)))
     np.testing.assert_allclose(plane.distance(points), points[:, 2] - 2, atol=1e-15)
-    sphere = substep.Sphere((0.5, 0, 0), 0.7)
+    sphere = substep.Collider(substep.Sphere(0.7, (0.5, 0, 0)))
     d = np.linalg.norm(points - [0.5, 0, 0], axis=1) - 0.7
     np.testing.assert_allclose(sphere.distance(points), d, atol=1e-15)
     np.testing.assert_array_equal(
-        substep.Sphere((0.5, 0, 0), 0.7, hollow=True).distance(points), -sphere.distance(points)
+        substep.Collider(substep.Sphere(0.7, (0.5, 0, 0)), hollow=True).distance(points),
+        -sphere.distance(points),
     )
-    assert substep.Sphere().gradient([[0, 0, 0]]).tolist() == [[0, 0, 1]]
+    assert substep.Collider(substep.Sphere(1.0)).gradient([[0, 0, 0]]).tolist() == [[0, 0, 1]]
 
 
 def test_box_against_its_own_surface():
     half = np.array([1, 0.7, 0.5])
-    box = substep.Box(lengths=2 * half)
+    box = substep.Collider(substep.Box(2 * half))
     nearest = points.clip(-half, half)
     outside = np.linalg.norm(points - nearest, axis=1)
     to_walls = (half - np.abs(points)).min(1)
@@ -116,38 +122,40 @@ def test_sampled_sphere_loses_what_the_spline_says():
     radius, h = 1.0, 0.05
     axis = np.arange(-1.4, 1.4 + h / 2, h)
     r = np.sqrt(axis[:, None, None] ** 2 + axis[:, None] ** 2 + axis**2)
-    field = substep.SignedDistanceField(r - radius, h, (axis[0],) * 3)
+    field = substep.Collider(substep.SignedDistanceField(r - radius, h, (axis[0],) * 3))
     on = points / np.linalg.norm(points, axis=1)[:, None]
     np.testing.assert_allclose(field.distance(on), h * h / (4 * radius), rtol=1e-2)
     np.testing.assert_allclose(field.gradient(on), on, atol=2e-3)
 
 
 def test_sampled_distance_stays_within_its_bound_inside_and_never_above_it_outside():
-    field, box = sampled_box(), substep.Box(lengths=(2, 1.4, 1))
+    field, box = sampled_box(), substep.Collider(substep.Box((2, 1.4, 1)))
     x = np.random.default_rng(1).uniform(-1.5, 1.5, (20000, 3))
     error = field.distance(x) - box.distance(x)
-    assert np.abs(error).max() < field.error_bound
-    assert np.abs(error).max() > 0.1 * field.error_bound  # the bound is not idle
+    assert np.abs(error).max() < field.shape.error_bound
+    assert np.abs(error).max() > 0.1 * field.shape.error_bound  # the bound is not idle
     far = np.random.default_rng(2).uniform(-9, 9, (20000, 3))
     below = box.distance(far) - field.distance(far)
-    assert below.min() > -field.error_bound
+    assert below.min() > -field.shape.error_bound
     assert (below < 0.5 * box.distance(far).clip(0.5)).all()
 
 
 def test_a_turned_and_moved_box_is_the_box_in_its_own_frame():
-    box = substep.Box((1, 2, 3), (1, 2, 3))
+    box = substep.Collider(substep.Box((1, 2, 3), (1, 2, 3)))
     box.velocity, box.angular_velocity = (1, 0, -1), (0, 0, np.pi / 2)
     box.advance(0.5)
     box.advance(0.5)
     np.testing.assert_allclose(box.position, [2, 2, 2], atol=1e-15)
-    np.testing.assert_allclose(box.orientation, [0.5**0.5, 0, 0, 0.5**0.5], atol=1e-15)
-    swapped = substep.Box((2, 2, 2), (2, 1, 3))
+    np.testing.assert_allclose(box.rotation, [0.5**0.5, 0, 0, 0.5**0.5], atol=1e-15)
+    swapped = substep.Collider(substep.Box((2, 1, 3), (2, 2, 2)))
     np.testing.assert_allclose(box.distance(points), swapped.distance(points), atol=1e-14)
     np.testing.assert_allclose(box.gradient(points), swapped.gradient(points), atol=1e-9)
 
 
 def test_surface_velocity_is_that_of_its_points():
-    ball = substep.Sphere((1, 0, 0), velocity=(0, 1, 0), angular_velocity=(0, 0, 2))
+    ball = substep.Collider(
+        substep.Sphere(1.0, (1, 0, 0)), velocity=(0, 1, 0), angular_velocity=(0, 0, 2)
+    )
     assert ball.surface_velocity([[2, 0, 0], [1, 1, 5]]).tolist() == [[0, 3, 0], [-2, 1, 0]]
 
 
@@ -158,29 +166,38 @@ def test_same_bits_for_any_number_of_threads(collider):
 
 
 def test_no_points():
-    ball = substep.Sphere()
+    ball = substep.Collider(substep.Sphere(1.0))
     assert ball.distance(np.empty((0, 3))).shape == (0,)
     assert ball.hessian(np.empty((0, 3))).shape == (0, 3, 3)
 
 
 BAD = [
-    (lambda: substep.Plane(normal=(0, 0, 0)), "normal"),
-    (lambda: substep.Plane(normal=(0, np.nan, 1)), r"normal\[1\]"),
-    (lambda: substep.Plane((0, 0)), "point"),
-    (lambda: substep.Plane(friction=-0.1), "friction"),
-    (lambda: substep.Plane(friction=np.nan), "friction"),
-    (lambda: substep.Plane(restitution=1.1), "restitution"),
-    (lambda: substep.Plane(velocity=(0, 0, np.inf)), r"velocity\[2\]"),
-    (lambda: substep.Sphere(radius=0), "radius"),
-    (lambda: substep.Sphere(radius=-1), "radius"),
-    (lambda: substep.Sphere(radius=np.inf), "radius"),
-    (lambda: substep.Box(lengths=(1, 0, 1)), "lengths"),
-    (lambda: substep.Box(lengths=(1, np.nan, 1)), r"lengths\[1\]"),
+    (lambda: substep.Plane((0, 0, 0)), "normal"),
+    (lambda: substep.Plane((0, np.nan, 1)), r"normal\[1\]"),
+    (lambda: substep.Plane(point=(0, 0)), "point"),
+    (lambda: substep.Collider(substep.Plane(), friction=-0.1), "friction"),
+    (lambda: substep.Collider(substep.Plane(), friction=np.nan), "friction"),
+    (lambda: substep.Collider(substep.Plane(), restitution=1.1), "restitution"),
+    (lambda: substep.Collider(substep.Plane(), velocity=(0, 0, np.inf)), r"velocity\[2\]"),
+    (lambda: substep.Sphere(0), "radius"),
+    (lambda: substep.Sphere(-1), "radius"),
+    (lambda: substep.Sphere(np.inf), "radius"),
+    (lambda: substep.Box((1, 0, 1)), "lengths"),
+    (lambda: substep.Box((1, np.nan, 1)), r"lengths\[1\]"),
     (lambda: substep.SignedDistanceField(np.ones((3, 9, 9)), 1.0), "axis 0"),
-    (lambda: substep.SignedDistanceField(np.full((9, 9, 9), -1.0), 1.0), r"\[0, 0, 0\].*border"),
+    (
+        lambda: substep.SignedDistanceField(np.full((9, 9, 9), -1.0), 1.0),
+        r"\[0, 0, 0\].*border",
+    ),
     (lambda: substep.SignedDistanceField(np.ones((9, 9, 9)), 0.0), "spacing"),
-    (lambda: substep.SignedDistanceField(np.full((9, 9, 9), np.nan), 1.0), r"\[0, 0, 0\]"),
-    (lambda: substep.SignedDistanceField(9 * np.eye(9)[..., None] * np.ones(9), 1.0), "border"),
+    (
+        lambda: substep.SignedDistanceField(np.full((9, 9, 9), np.nan), 1.0),
+        r"\[0, 0, 0\]",
+    ),
+    (
+        lambda: substep.SignedDistanceField(9 * np.eye(9)[..., None] * np.ones(9), 1.0),
+        "border",
+    ),
 ]
 
 
@@ -198,14 +215,14 @@ def test_what_is_no_distance_is_refused():
 
 
 def test_a_refused_assignment_changes_nothing():
-    ball = substep.Sphere(friction=0.25)
+    ball = substep.Collider(substep.Sphere(1.0), friction=0.25)
     before = ball._native.state
     for name, value in (
         ("friction", -1),
         ("restitution", np.nan),
         ("velocity", (0, 0)),
         ("position", (0, np.nan, 0)),
-        ("orientation", (0, 0, 0, 0)),
+        ("rotation", (0, 0, 0, 0)),
     ):
         with pytest.raises(InputError, match=name):
             setattr(ball, name, value)
@@ -232,9 +249,101 @@ def test_copies_are_exact_and_independent(collider, copied):
 
 
 def test_native_state_round_trip():
-    ball = turned(substep.Sphere((1, 2, 3), velocity=(4, 5, 6), friction=0.5))
+    ball = turned(
+        substep.Collider(substep.Sphere(1.0, (1, 2, 3)), velocity=(4, 5, 6), friction=0.5)
+    )
     state = ball._native.state
-    other = substep.Sphere()
+    other = substep.Collider(substep.Sphere(1.0))
     other._native.state = state
     assert other._native.state == state
-    np.testing.assert_array_equal(other.orientation, ball.orientation)
+    np.testing.assert_array_equal(other.rotation, ball.rotation)
+
+
+PLACE = {"center": (0.3, -0.2, 0.1), "rotation": (0.8, 0.1, -0.5, 0.3)}
+CORNERS = np.random.default_rng(0).normal(size=(30, 3))
+PLACED = [
+    substep.Box((1, 0.5, 1.5), **PLACE),
+    substep.Sphere(0.7, PLACE["center"]),
+    substep.Capsule(0.4, 1.1, **PLACE),
+    substep.Cylinder(0.5, 0.8, **PLACE),
+    substep.ConvexHull(CORNERS, **PLACE),
+    sphere_mesh(0.7),
+]
+
+
+@pytest.mark.parametrize("shape", PLACED, ids=lambda shape: type(shape).__name__)
+def test_the_distance_of_an_obstacle_is_that_of_its_mesh(shape):
+    round_ = isinstance(shape, (substep.Sphere, substep.Capsule, substep.Cylinder))
+    mesh = shape if isinstance(shape, substep.TriangleMesh) else shape.mesh(*[256] * round_)
+    size = np.ptp(mesh.vertices, axis=0).max()
+    # Chords of a circle, or a spacing of 1/64 of the longest side in its own frame.
+    off = 2e-3 if round_ else 1e-12 if isinstance(shape, substep.Box) else 0.025 * size
+    expected = mesh.signed_distance(points)
+    near = expected < 0.04 * size  # further off a sampled distance is a lower bound
+    assert near.sum() > 20
+    found = substep.Collider(shape).distance(points)
+    np.testing.assert_allclose(found[near], expected[near], atol=off)
+
+
+@pytest.mark.parametrize("shape", [*PLACED, substep.Plane((1, 2, 3))], ids=repr)
+def test_shapes_are_values(shape):
+    for name in (*shape._fields, "colour"):
+        with pytest.raises(AttributeError, match="make another"):
+            setattr(shape, name, 1)
+    again = pickle.loads(pickle.dumps(shape))
+    assert copy.deepcopy(shape) is shape
+    if not isinstance(shape, substep.TriangleMesh):
+        assert again == shape and hash(again) == hash(shape)
+        assert shape != substep.Plane((1, 0, 0))
+
+
+def test_what_does_not_change_is_refused():
+    box = substep.Collider(substep.Box((1, 1, 1)))
+    for name in ("shape", "hollow", "impulse", "duration", "frction"):
+        with pytest.raises(AttributeError, match=name):
+            setattr(box, name, 1)
+
+
+def test_a_bare_shape_is_a_still_obstacle_without_friction():
+    drop = substep.PositionBasedDynamics([[0, 0, 1]], 1.0, [], colliders=[substep.Plane()])
+    (ground,) = drop.colliders
+    assert ground.shape == substep.Plane() and ground.friction == ground.restitution == 0
+    with pytest.raises(TypeError, match=r"colliders\[0\]: expected a Collider or a shape"):
+        substep.PositionBasedDynamics([[0, 0, 1]], 1.0, [], colliders=["ground"])
+
+
+def press(method, ground):
+    """A body at rest on the ground, and its weight [N]."""
+    if method == "pbd":
+        body = substep.PositionBasedDynamics([[0, 0, 1e-3]], 2.0, [], colliders=[ground])
+    elif method == "pbf":
+        body = substep.PositionBasedFluid([[0, 0, 0.05]], 0.1, colliders=[ground])
+    elif method == "springs":
+        body = substep.MassSpring(
+            [[0, 0, 1e-3], [1, 0, 1e-3]], [[0, 1]], 100.0, 1.0, colliders=[ground], step=0.01
+        )
+    else:
+        x, volumes = substep.mpm.sample_box((-0.1, -0.1, 0), (0.1, 0.1, 0.2), 0.05, jitter=0.0)
+        jelly = substep.mpm.NeoHookean(1000, 1e5, 0.3)
+        body = substep.MaterialPointMethod(
+            x, jelly, cell=0.1, volume=volumes, colliders=[ground], transfer="pic"
+        )
+    return body, 9.81 * float(np.sum(body.masses))
+
+
+@pytest.mark.parametrize("method", ["pbd", "pbf", "springs", "mpm"])
+def test_the_mean_force_of_a_call_is_the_weight(method):
+    ground = substep.Collider(substep.Plane())
+    body, weight = press(method, ground)
+    assert ground.duration == 0
+    body.advance(0.5)
+    before = body.time
+    body.advance(0.25)
+    assert ground.duration == pytest.approx(body.time - before, abs=1e-12)
+    force = -ground.impulse[2] / ground.duration
+    assert force == pytest.approx(weight, rel=0.02)
+    body.step(0.001)
+    assert ground.duration == 0.001
+    held = ground.impulse
+    body.advance(0.0)
+    np.testing.assert_array_equal(ground.impulse, held)

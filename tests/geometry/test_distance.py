@@ -81,7 +81,7 @@ def test_winding_number_of_a_closed_mesh_is_whole():
 
 
 def test_signed_distance_of_a_box_is_that_of_the_shape():
-    mesh, shape = box_mesh((2, 1, 3)), substep.Box(lengths=(2, 1, 3))
+    mesh, shape = box_mesh((2, 1, 3)), substep.Collider(substep.Box((2, 1, 3)))
     x = around(mesh, 2000)
     np.testing.assert_allclose(mesh.signed_distance(x), shape.distance(x), atol=1e-14)
     inward = TriangleMesh(mesh.vertices, mesh.faces[:, ::-1])
@@ -126,8 +126,10 @@ def test_a_sampled_sphere_against_its_closed_form():
     r = np.linalg.norm(x - [3, 0, 0], axis=1)
     near = (r > 0.5) & (r < 1.2)
     # h^2/8 of the Laplacian 2/r, the facets of the mesh (2e-4), and third order
-    np.testing.assert_allclose(field.distance(x)[near], (r - 1)[near], atol=h * h / 2 + 5e-4)
-    assert (field.distance(x) < r - 1 + field.error_bound).all()
+    np.testing.assert_allclose(
+        substep.Collider(field).distance(x)[near], (r - 1)[near], atol=h * h / 2 + 5e-4
+    )
+    assert (substep.Collider(field).distance(x) < r - 1 + field.error_bound).all()
 
 
 @pytest.mark.parametrize("name", ["teapot.obj", "stanford-bunny.obj", "suzanne.obj"])
@@ -141,21 +143,23 @@ def test_open_meshes_become_solids_whose_field_is_a_distance(name):
     distance = mesh.nearest(x)[0].reshape(values.shape)
     assert (np.abs(values) <= distance + 1e-12).all()
     assert (np.abs(values) > distance - 1e-12).mean() > 0.3  # elsewhere a cap is nearer
-    assert field.lipschitz <= 3**0.5 + 1e-9
+    assert substep.Collider(field).lipschitz <= 3**0.5 + 1e-9
 
 
 def test_a_sheet_is_no_solid_but_becomes_a_plate():
     sheet = grid_mesh(11, 11)
     with pytest.raises(InputError, match="open: 40 border edges"):
         substep.SignedDistanceField.from_mesh(sheet, 0.05)
-    plate = substep.SignedDistanceField.from_mesh(sheet, 0.02, offset=0.1)
+    plate = substep.Collider(substep.SignedDistanceField.from_mesh(sheet, 0.02, offset=0.1))
     x = np.array([[0, 0, 0.14], [0, 0, -0.14], [0, 0, 0.08], [0.64, 0, 0]])
     np.testing.assert_allclose(plate.distance(x), [0.04, 0.04, -0.02, 0.04], atol=1e-3)
 
 
 def test_hollow_field_is_a_vessel():
     mesh = sphere_mesh(subdivisions=4)
-    vessel = substep.SignedDistanceField.from_mesh(mesh, 0.1, hollow=True, friction=0.3)
+    vessel = substep.Collider(
+        substep.SignedDistanceField.from_mesh(mesh, 0.1), hollow=True, friction=0.3
+    )
     np.testing.assert_allclose(vessel.distance([[0.5, 0, 0], [1.2, 0, 0]]), [0.5, -0.2], atol=0.01)
     np.testing.assert_allclose(vessel.gradient([[0.5, 0, 0]]), [[-1, 0, 0]], atol=0.02)
     assert vessel.friction == 0.3

@@ -34,7 +34,11 @@ def body(name="neo_hookean", dimension=3, side=0.4, **options):
     """A cube of 8 (in 2D 4) particles a cell above the ground, at rest."""
     low = np.full(dimension, 0.05)
     x, volume = mpm.sample_box(low, low + side, 0.1, jitter=0.2)
-    options = {"cell": 0.2, "volume": volume, "colliders": [substep.Plane()]} | options
+    options = {
+        "cell": 0.2,
+        "volume": volume,
+        "colliders": [substep.Collider(substep.Plane())],
+    } | options
     return substep.MaterialPointMethod(x, MATERIALS[name], **options)
 
 
@@ -143,12 +147,12 @@ GOOD |= {"cell": 0.2, "volume": 1e-3}
         ({"volume": 1e300}, r"volume\[0\]: a mass of .* is out of range"),
         ({"volume": 5e-324}, r"volume\[0\]: a mass of .* is out of range"),
         ({"materials": []}, "materials: expected at least one"),
-        ({"material": [0, 1]}, r"material\[1\]: expected a number from 0 to 0, got 1"),
-        ({"material": [-1, 0]}, r"material\[0\]: expected a number from 0 to 0, got -1"),
-        ({"material": [0, 2**31]}, r"material\[1\]: expected a number from 0 to 0"),
-        ({"material": [0, 2**63]}, "material: expected integers"),
-        ({"material": [0.0, 0.0]}, "material: expected integers"),
-        ({"material": [0]}, "material: expected integers"),
+        ({"kinds": [0, 1]}, r"kinds\[1\]: expected a number from 0 to 0, got 1"),
+        ({"kinds": [-1, 0]}, r"kinds\[0\]: expected a number from 0 to 0, got -1"),
+        ({"kinds": [0, 2**31]}, r"kinds\[1\]: expected a number from 0 to 0"),
+        ({"kinds": [0, 2**63]}, "kinds: expected integers"),
+        ({"kinds": [0.0, 0.0]}, "kinds: expected integers"),
+        ({"kinds": [0]}, "kinds: expected integers"),
         ({"velocities": [[0, 0, 0]]}, "velocities: expected shape"),
         ({"gravity": (0, -9.81)}, "gravity: expected shape"),
         ({"gravity": (0, 0, math.inf)}, r"gravity\[2\]: expected finite"),
@@ -184,13 +188,17 @@ def test_wrong_arguments(wrong, message):
 
 def test_arguments_of_wrong_types():
     nozzle = substep.Emitter((0, 0), (1, 0), 1.0, radius=0.1)
-    other = substep.Emitter((0, 0, 0), (1, 0, 0), 1.0, radius=0.1, fluid=1)
+    other = substep.Emitter((0, 0, 0), (1, 0, 0), 1.0, radius=0.1, kind=1)
     far = substep.Emitter((1e9, 0, 0), (1, 0, 0), 1.0, radius=0.1)
     for wrong, error, message in [
         ({"materials": "snow"}, TypeError, r"materials\[0\]: expected a Material"),
         ({"materials": [MATERIALS["snow"], mpm.Snow]}, TypeError, r"materials\[1\]"),
         ({"colliders": [1]}, TypeError, r"colliders\[0\]: expected a Collider"),
-        ({"sinks": [substep.Sphere()]}, TypeError, r"sinks\[0\]: expected Sink"),
+        (
+            {"sinks": [substep.Collider(substep.Sphere(1.0))]},
+            TypeError,
+            r"sinks\[0\]: expected Sink",
+        ),
         ({"emitters": [nozzle]}, InputError, r"emitters\[0\]: expected one in 3D"),
         ({"emitters": [other]}, InputError, r"emitters\[0\]: there is no material 1"),
         ({"emitters": [far]}, InputError, r"emitters\[0\]: expected one within the bounds"),
@@ -214,7 +222,7 @@ ROW = [[0.1, 0.1, 0.1]]
         (lambda s: s.add([[0, 0, math.nan]], 1e-3), InputError, r"positions\[0, 2\]"),
         (lambda s: s.add([ROW[0], [0, 1e30, 0]], 1e-3), InputError, r"positions\[1\]"),
         (lambda s: s.add(ROW, 1e-3, velocities=[[0, 0]]), InputError, "velocities"),
-        (lambda s: s.add(ROW, 1e-3, material=1), InputError, r"material\[0\]"),
+        (lambda s: s.add(ROW, 1e-3, kinds=1), InputError, r"kinds\[0\]"),
         (lambda s: s.remove([0, 10**6]), IndexError, r"ids\[1\]: there is no particle 1000000"),
         (lambda s: s.remove([-1]), IndexError, r"ids\[0\]: there is no particle -1"),
         (lambda s: s.remove([2**31]), IndexError, r"ids\[0\]"),
@@ -631,7 +639,7 @@ def two_materials(**options):
         [MATERIALS["snow"], MATERIALS["fluid"]],
         cell=0.2,
         volume=volume,
-        material=np.arange(len(x)) % 2,
+        kinds=np.arange(len(x)) % 2,
         colliders=[substep.Plane()],
         **options,
     )
@@ -677,7 +685,7 @@ def test_checkpoints_that_are_spoiled(tmp_path):
     [lambda s: s.copy(), copy.copy, copy.deepcopy, lambda s: pickle.loads(pickle.dumps(s))],
 )
 def test_copies_are_exact_and_independent(copied):
-    nozzle = substep.Emitter((0.2, 0.2, 0.6), (0, 0, -1), 1.0, radius=0.1, fluid=1)
+    nozzle = substep.Emitter((0.2, 0.2, 0.6), (0, 0, -1), 1.0, radius=0.1, kind=1)
     simulation = two_materials(emitters=[nozzle], threads=2)
     simulation.advance(0.02)
     simulation.set_forces(np.ones((len(simulation), 3)))
@@ -768,5 +776,5 @@ def test_a_plane_along_the_particles_of_2d_is_refused():
         substep.MaterialPointMethod(x, jelly, cell=1, volume=volume, colliders=[substep.Plane()])
     with pytest.raises(InputError, match=r"colliders\[0\]"):
         substep.PositionBasedFluid(x, 0.5, colliders=[substep.Plane()])
-    ground = substep.Plane(normal=(0, 1, 0))
+    ground = substep.Collider(substep.Plane((0, 1, 0)))
     substep.MaterialPointMethod(x, jelly, cell=1, volume=volume, colliders=[ground])

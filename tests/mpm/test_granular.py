@@ -27,13 +27,13 @@ def column(aspect, cells, dimension, angle_deg=30.0, base=BASE):
     x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dimension)
     x = x[np.hypot(*x[:, :2].T) < 1] if dimension == 3 else x
     up = (0, 0, 1) if dimension == 3 else (0, 1, 0)
-    walls = [substep.Plane((0, 0, 0), axis) for axis in np.eye(3)[: dimension - 1]]
+    walls = [substep.Collider(substep.Plane(axis)) for axis in np.eye(3)[: dimension - 1]]
     return substep.MaterialPointMethod(
         x,
         sand(angle_deg),
         cell=1 / cells,
         volume=h**dimension,
-        colliders=[substep.Plane((0, 0, 0), up, friction=base), *walls],
+        colliders=[substep.Collider(substep.Plane(up), friction=base), *walls],
         boundary=["separate"] + ["slip"] * len(walls),
         cfl=0.4,
     )
@@ -114,7 +114,7 @@ def sheet(height, cells=8, length=14):
         cell=cell,
         volume=cell**2 / 4,
         gravity=GRAVITY * np.array([SLOPE, -np.sqrt(1 - SLOPE**2)]),
-        colliders=[substep.Plane((0, 0, 0), (0, 1, 0))],
+        colliders=[substep.Plane((0, 1, 0))],
         boundary="sticky",
         dtype="float64",
         cfl=0.4,

@@ -18,7 +18,7 @@ def lattice(counts, spacing, low):
 def cantilever(**options):
     """A bar of 1 m by 0.4 m that is held at x = 0 and sags by its weight."""
     x = lattice((20, 8), 0.05, (0.0, 0.0))
-    wall = substep.Plane(normal=(1, 0, 0))
+    wall = substep.Collider(substep.Plane((1, 0, 0)))
     options = {
         "materials": STIFF,
         "cell": 0.1,
@@ -66,7 +66,7 @@ def seconds_to_rest(simulation, duration, interval):
 @pytest.mark.slow
 def test_rest_state_of_the_explicit_method_in_a_fifth_of_its_time():
     explicit, rest = seconds_to_rest(cantilever(threads=1), 26.0, 0.5)
-    body = cantilever(integrator="implicit", step=0.04, threads=1)
+    body = cantilever(integrator="implicit_euler", step=0.04, threads=1)
     implicit, found = seconds_to_rest(body, 2.0, 0.04)
     assert rest > 1e-3
     assert found == pytest.approx(rest, rel=0.01)
@@ -75,7 +75,7 @@ def test_rest_state_of_the_explicit_method_in_a_fifth_of_its_time():
 
 def test_steps_are_not_limited_by_elastic_waves():
     explicit = cantilever().step_limit()
-    body = cantilever(integrator="implicit", step=0.04)
+    body = cantilever(integrator="implicit_euler", step=0.04)
     assert explicit[1] == "elastic wave"
     assert body.step_limit()[1] != "elastic wave"
     assert explicit[0] < 0.04 / 50
@@ -89,7 +89,9 @@ def test_steps_are_not_limited_by_elastic_waves():
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_floor_carries_the_weight(dimension):
-    floor = substep.Plane(normal=(0, 0, 1) if dimension == 3 else (0, 1, 0), friction=0.5)
+    floor = substep.Collider(
+        substep.Plane((0, 0, 1) if dimension == 3 else (0, 1, 0)), friction=0.5
+    )
     body = cube(dimension, colliders=[floor], step=0.02)
     body.advance(0.4)
     body.step(0.02)
@@ -127,7 +129,7 @@ def test_damping_is_that_of_backward_euler():
         material = mpm.NeoHookean(density=1000.0, young_modulus=1e6, poisson_ratio=0.0)
         body = substep.MaterialPointMethod(
             x, material, cell=0.1, volume=0.05**2, velocities=v, gravity=(0, 0),
-            integrator="implicit", dtype="float64", largest_step=1.0,
+            integrator="implicit_euler", dtype="float64", largest_step=1.0,
         )  # fmt: skip
         # One step from a state without strain: v shrinks by 1 / (1 + (omega dt)^2).
         mode = np.cos(np.pi * x[:, 1])
@@ -146,7 +148,7 @@ def test_damping_is_that_of_backward_euler():
 
 @pytest.mark.parametrize("material", [STIFF, mpm.Sand(young_modulus=1e7)], ids=["jelly", "sand"])
 def test_same_bits_for_threads_and_through_a_checkpoint(material, tmp_path):
-    floor = substep.Plane(friction=0.5)
+    floor = substep.Collider(substep.Plane(), friction=0.5)
 
     def make(threads):
         return cube(n=8, materials=material, colliders=[floor], threads=threads)
@@ -195,10 +197,10 @@ def test_deformation_without_an_answer_is_refused(kernel):
 @pytest.mark.slow
 def test_sand_flows_in_long_steps():
     x = lattice((8, 16), 0.0125, (0.0, 0.0))
-    ground = substep.Plane(normal=(0, 1, 0), friction=0.5)
+    ground = substep.Collider(substep.Plane((0, 1, 0)), friction=0.5)
     body = substep.MaterialPointMethod(
         x, mpm.Sand(young_modulus=1e7), cell=0.025, volume=0.0125**2, colliders=[ground],
-        integrator="implicit", step=0.002, on_large_step="subdivide",
+        integrator="implicit_euler", step=0.002, on_large_step="subdivide",
     )  # fmt: skip
     body.advance(0.2)
     width = np.quantile(body.positions[:, 0], 0.9) - np.quantile(body.positions[:, 0], 0.1)

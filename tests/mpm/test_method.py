@@ -31,15 +31,15 @@ def mixture(dimension=3, **options):
     x += np.random.default_rng(5).uniform(-0.02, 0.02, x.shape)
     v = 0.8 * np.sin(7 * x[:, ::-1]) - 0.5
     up = np.eye(dimension)[-1]
-    slope = substep.Plane(normal=[*(0.2 * np.roll(up, 1) + up), 0.0][:3], friction=0.4)
-    ball = substep.Sphere((0.2, 0.1, 0.2), 0.15)
+    slope = substep.Collider(substep.Plane([*(0.2 * np.roll(up, 1) + up), 0.0][:3]), friction=0.4)
+    ball = substep.Collider(substep.Sphere(0.15, (0.2, 0.1, 0.2)))
     options = {
         "materials": [
             mpm.Snow(young_modulus=2e4),
             mpm.Sand(young_modulus=2e4),
             JELLY,
         ],
-        "material": np.arange(len(x)) % 3,
+        "kinds": np.arange(len(x)) % 3,
         "cell": 0.1,
         "volume": 0.05**dimension,
         "velocities": v,
@@ -127,7 +127,7 @@ def test_forces_push_for_one_step():
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_colliders_get_what_the_body_loses(dtype):
     """Impulse on the ground over a call = weight times time - what stays as momentum."""
-    ground = substep.Plane(friction=0.3)
+    ground = substep.Collider(substep.Plane(), friction=0.3)
     simulation = body(low=0.05, colliders=[ground], dtype=dtype)
     before = vector(simulation.diagnostics(), "momentum")
     simulation.advance(0.3)
@@ -141,7 +141,7 @@ def test_colliders_get_what_the_body_loses(dtype):
 
 def test_a_moving_obstacle_does_work():
     """A wall that drives into resting jelly brings in energy: little of it is lost."""
-    wall = substep.Plane(normal=(1, 0, 0))
+    wall = substep.Collider(substep.Plane((1, 0, 0)))
     wall.velocity = (0.5, 0, 0)
     simulation = body(gravity=(0, 0, 0), low=0.01, colliders=[wall], dtype="float64", cfl=0.1)
     simulation.advance(0.1)

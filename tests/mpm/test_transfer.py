@@ -187,7 +187,7 @@ def test_thin_material_that_rubs_by_linear_splines(transfer, gain, dimension):
     Without MUSL the sheet ends in a NonFiniteError within 0.15 s, and APIC throws sand 30 m high.
     """
     up = (0,) * (dimension - 1) + (1,)
-    ground = substep.Plane(normal=(0, 1, 0) if dimension == 2 else up, friction=0.5)
+    ground = substep.Collider(substep.Plane((0, 1, 0) if dimension == 2 else up), friction=0.5)
     options = {"cell": 0.05, "colliders": [ground], "kernel": "linear", "transfer": transfer}
     corner = (0,) * dimension
     x, volume = substep.mpm.sample_box(corner, (0.5, 0.3, 0.05)[3 - dimension :], 0.025)

@@ -247,10 +247,10 @@ def test_what_is_satisfied_is_not_counted():
 @pytest.mark.parametrize("name", FORMULAS)
 @pytest.mark.parametrize("value", [-1.0, np.nan, np.inf, [0.0, 0.0]])
 def test_softness_is_checked(name, value):
-    argument = "damping" if name == "NeoHookean" else "compliance"
-    if argument == "damping" and isinstance(value, list):
-        with pytest.raises(TypeError, match="damping"):
-            make(name, damping=value)
+    argument = "damping_time" if name == "NeoHookean" else "compliance"
+    if name == "NeoHookean" and isinstance(value, list):
+        with pytest.raises(TypeError, match="damping_time"):
+            make(name, damping_time=value)
         return
     with pytest.raises(substep.errors.InputError, match=argument):
         make(name, **{argument: value})
@@ -480,7 +480,7 @@ def test_many_custom_constraints_on_one_particle_stay_stable():
 
     wheel = pbd.CustomConstraint(np.stack([np.zeros(n, int), np.arange(1, n + 1)], 1), spokes)
     sim = substep.PositionBasedDynamics(
-        np.concatenate([np.zeros((1, 3)), rim]), [n, *[1] * n], [wheel], damping=5.0
+        np.concatenate([np.zeros((1, 3)), rim]), [n, *[1] * n], [wheel], drag=5.0
     )
     sim.advance(1.0)
     lengths = np.linalg.norm(sim.positions[1:] - sim.positions[0], axis=1)
@@ -573,7 +573,7 @@ def test_a_strip_comes_to_rest_in_its_minimum(bending):
         gravity=(0, 0, -gravity),
         substeps=2000,
         step=0.5,
-        damping=1.0,
+        drag=1.0,
         dtype="float64",
     )
     sim.advance(25)
@@ -632,7 +632,7 @@ def test_a_neo_hookean_bar_comes_to_rest_where_implicit_euler_does(poisson_ratio
         1000 * bar.vertex_volumes,
         pbd.soft_body(bar, **elastic),
         substeps=400,
-        damping=10.0,
+        drag=10.0,
         dtype="float64",
         **held,
     )
@@ -676,7 +676,7 @@ def test_a_neo_hookean_cube_is_hookes_law():
         [*slides, *pbd.soft_body(cube, young_modulus=modulus, poisson_ratio=nu)],
         gravity=(0, 0, 0),
         substeps=200,
-        damping=60.0,
+        drag=60.0,
         step=0.02,
         dtype="float64",
     )
@@ -700,7 +700,7 @@ def test_an_inverted_neo_hookean_tetrahedron_turns_back():
     flesh = pbd.NeoHookean([[0, 1, 2, 3]], 1e4, 0.4)
     for start in (rest * [1, 1, -1], 0.01 * rest, rest * [1, 1, 0], rest * [1, 0, 0], -rest):
         sim = substep.PositionBasedDynamics(
-            rest, 1.0, [flesh], gravity=(0, 0, 0), substeps=20, damping=10.0
+            rest, 1.0, [flesh], gravity=(0, 0, 0), substeps=20, drag=10.0
         )
         sim.set_positions(start + np.random.default_rng(0).normal(scale=1e-3, size=(4, 3)))
         sim.advance(3.0)
@@ -753,7 +753,7 @@ def test_overlapping_clusters_bend_and_come_back(linear):
             )
         ],
         pinned=bar.vertices[:, 0] < -0.29,
-        damping=5.0,
+        drag=5.0,
     )
     sim.advance(1.0)
     fall = -(sim.positions - bar.vertices)[:, 2].min()

@@ -125,7 +125,7 @@ def test_chain_carries_its_weight(substeps, iterations):
         mass,
         [Distance(chain, compliance=alpha)],
         pinned=[0],
-        damping=4.0,
+        drag=4.0,
         substeps=substeps,
         iterations=iterations,
         dtype="float64",
@@ -138,7 +138,7 @@ def test_chain_carries_its_weight(substeps, iterations):
 
 def test_pins_carry_the_weight_of_cloth():
     n = 12
-    sim = cloth(n, dtype="float64", compliance=1e-5, damping=3.0, iterations=4)
+    sim = cloth(n, dtype="float64", compliance=1e-5, drag=3.0, iterations=4)
     sim.advance(12.0)
     x, pairs, pulls = sim.positions, cloth_pairs(n), sim.multipliers()
     along = x[pairs[:, 0]] - x[pairs[:, 1]]
@@ -293,7 +293,7 @@ def test_forces_act_for_one_step():
 
 def test_damping_is_a_rate():
     sim = substep.PositionBasedDynamics(
-        [[0.0, 0, 0]], 1.0, velocities=[[1, 0, 0]], gravity=(0, 0, 0), damping=2.0
+        [[0.0, 0, 0]], 1.0, velocities=[[1, 0, 0]], gravity=(0, 0, 0), drag=2.0
     )
     sim.advance(1.0)
     assert sim.velocities[0, 0] == pytest.approx(math.exp(-2), rel=1e-4)
@@ -307,7 +307,7 @@ def test_two_dimensions():
     assert sim.positions.shape == sim.velocities.shape == (2, 2)
     assert np.linalg.norm(sim.positions[1]) == pytest.approx(1, abs=1e-9)
     assert sim.positions[1, 1] < -0.5
-    assert sim.gravity.tolist() == [0, -9.81, 0]
+    assert sim.gravity.tolist() == [0, -9.81]
 
 
 def test_none_and_one():
@@ -418,11 +418,11 @@ def small(**changes):
         ({"solver": "magic"}, "solver: expected one of"),
         ({"relaxation": 0.0}, "relaxation"),
         ({"relaxation": 2.0}, "relaxation"),
-        ({"damping": -1.0}, "damping"),
-        ({"margin": 0.0}, "margin"),
+        ({"drag": -1.0}, "drag"),
+        ({"contact_margin": 0.0}, "contact_margin"),
         ({"step": 0.0}, "step"),
-        ({"dtype": "float16"}, "dtype: expected one of"),
-        ({"dtype": "no"}, "dtype: expected one of"),
+        ({"dtype": "float16"}, "dtype: expected float32 or float64"),
+        ({"dtype": "no"}, "dtype: expected float32 or float64"),
         ({"time": np.nan}, "time"),
         ({"threads": 0}, "threads"),
     ],
@@ -497,7 +497,7 @@ def test_setters_refuse_and_change_nothing():
     for call in (sim.set_positions, sim.set_velocities, sim.set_forces, sim.set_targets):
         with pytest.raises(substep.InputError, match=r"values\[0, 2\]"):
             call([[0, 0, np.nan]], ids=[0])
-        with pytest.raises(substep.InputError, match=r"ids\[1\]"):
+        with pytest.raises(IndexError, match=r"ids\[1\]"):
             call([[0, 0, 0]] * 2, ids=[0, 3])
         with pytest.raises(substep.InputError, match="values: expected shape"):
             call([[0, 0, 0]])

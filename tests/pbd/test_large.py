@@ -193,7 +193,7 @@ def test_rope_hangs_in_a_catenary_from_a_folded_start():
         pinned=[0, n - 1],
         solver="multilevel",
         rest_positions=straight,
-        damping=3.0,
+        drag=3.0,
         substeps=10,
         dtype="float64",
     )
@@ -288,7 +288,7 @@ def test_mesh_of_triangles_with_bending_on_a_ball():
             x,
             0.3 * sheet.vertex_areas,
             substep.pbd.cloth(sheet, rigidity=1e-6),
-            colliders=[substep.Sphere((0, 0, 0), 0.3, friction=0.5)],
+            colliders=[substep.Collider(substep.Sphere(0.3), friction=0.5)],
             solver=solver,
             substeps=substeps,
         )

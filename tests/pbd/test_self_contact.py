@@ -55,7 +55,7 @@ def crumpling(n, contact=True, **options):
     constraints = cloth_constraints(mesh)
     if contact:
         constraints.append(SelfCollision(mesh.faces, thickness=0.3 / (n - 1), friction=0.3))
-    floor = substep.Plane(friction=0.5)
+    floor = substep.Collider(substep.Plane(), friction=0.5)
     sim = PositionBasedDynamics(x, 0.3 / n**2, constraints, colliders=[floor], **options)
     return sim, mesh
 
@@ -83,14 +83,14 @@ def test_a_finer_cloth_over_a_ball_never_passes_through_itself(substeps):
     n = 40
     mesh = grid_mesh(n, n)
     x = np.column_stack([mesh.vertices[:, 0], mesh.vertices[:, 1], np.full(n * n, 0.45)])
-    ball = substep.Sphere((0, 0, 0.25), 0.12, friction=0.3)
+    ball = substep.Collider(substep.Sphere(0.12, (0, 0, 0.25)), friction=0.3)
     contact = SelfCollision(mesh.faces, thickness=0.3 / (n - 1), friction=0.3)
     constraints = [*cloth_constraints(mesh), contact]
     sim = PositionBasedDynamics(
         x,
         0.3 / n**2,
         constraints,
-        colliders=[ball, substep.Plane(friction=0.3)],
+        colliders=[ball, substep.Collider(substep.Plane(), friction=0.3)],
         substeps=substeps,
     )
     for _ in range(80):
@@ -159,7 +159,7 @@ def test_sheets_lie_at_their_thickness():
         1e-3,
         [*cloth_constraints(mesh), SelfCollision(faces, thickness=0.05, friction=0.3)],
         pinned=np.arange(n),
-        damping=2.0,
+        drag=2.0,
         dtype="float64",
     )
     sim.advance(2.0)
@@ -201,7 +201,7 @@ def heap(**options):
     random = np.random.default_rng(5)
     x = random.uniform((-0.4, -0.4, 0.6), (0.4, 0.4, 1.4), (200, 3))
     radii = random.uniform(0.02, 0.06, 200)
-    box = substep.Box((0, 0, 1), (1.0, 1.0, 2.0), hollow=True)
+    box = substep.Collider(substep.Box((1.0, 1.0, 2.0), (0, 0, 1)), hollow=True)
     contact = ParticleCollision(radii, friction=0.4)
     return PositionBasedDynamics(x, radii**3, [contact], colliders=[box], **options)
 

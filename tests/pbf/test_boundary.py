@@ -22,7 +22,9 @@ def column(width, height, spacing, *, dimension=3, **options):
     size = spacing * np.array(counts)
     size[-1] *= 2
     center = np.append(size / 2, [0.0] * (3 - dimension))
-    tank = substep.Box(center, np.append(size, [1.0] * (3 - dimension)), hollow=True)
+    tank = substep.Collider(
+        substep.Box(np.append(size, [1.0] * (3 - dimension)), center), hollow=True
+    )
     positions = block(counts, spacing)
     return substep.PositionBasedFluid(positions, spacing, colliders=[tank], **options)
 
@@ -50,8 +52,10 @@ def test_a_column_rests_at_its_height_with_its_weight_on_the_tank():
 
 def test_momentum_is_what_gravity_gives_and_the_walls_take():
     d = 0.05
-    ball = substep.Sphere((0.2, 0.25, 0.3), 0.1, velocity=(0.5, 0.0, 0.0))
-    tank = substep.Box((0.25, 0.25, 0.5), (0.5, 0.5, 1.0), hollow=True, friction=0.3)
+    ball = substep.Collider(substep.Sphere(0.1, (0.2, 0.25, 0.3)), velocity=(0.5, 0.0, 0.0))
+    tank = substep.Collider(
+        substep.Box((0.5, 0.5, 1.0), (0.25, 0.25, 0.5)), hollow=True, friction=0.3
+    )
     x = block((10, 10, 8), d)
     x = x[ball.distance(x) > d / 2]
     liquid = substep.PositionBasedFluid(x, d, colliders=[tank, ball], dtype="float64")
@@ -68,7 +72,7 @@ def test_momentum_is_what_gravity_gives_and_the_walls_take():
         given += sum(c.impulse for c in liquid.colliders)
         turned += angular_momentum() - before
         for c in liquid.colliders:
-            turned += c.torque + np.cross(c.position, c.impulse)
+            turned += c.angular_impulse + np.cross(c.position, c.impulse)
         turned -= np.cross(center, [0.0, 0.0, -G * 3e-3 * liquid.masses.sum()])
     mass = liquid.masses.sum()
     momentum = liquid.masses @ liquid.velocities
@@ -84,21 +88,28 @@ def worst_clearance(liquid):
 
 
 def tank(**options):
-    return substep.Box((0.5, 0.5, 0.5), (1, 1, 1), hollow=True, **options)
+    return substep.Collider(substep.Box((1, 1, 1), (0.5, 0.5, 0.5)), hollow=True, **options)
 
 
 def paddle():
-    blade = substep.Box((0.1, 0.5, 0.5), (0.03, 0.9, 0.9), velocity=(1, 0, 0))
+    blade = substep.Collider(substep.Box((0.03, 0.9, 0.9), (0.1, 0.5, 0.5)), velocity=(1, 0, 0))
     blade.angular_velocity = (0, 0, 20)
     return [tank(), blade]
 
 
 def ball():
-    return [tank(friction=0.5), substep.Sphere((0.5, 0.5, 0.8), 0.15, velocity=(0, 0, -1.5))]
+    return [
+        tank(friction=0.5),
+        substep.Collider(substep.Sphere(0.15, (0.5, 0.5, 0.8)), velocity=(0, 0, -1.5)),
+    ]
 
 
 def bowl():
-    return [substep.Sphere((0.5, 0.5, 0.5), 0.5, hollow=True, angular_velocity=(0, 5, 0))]
+    return [
+        substep.Collider(
+            substep.Sphere(0.5, (0.5, 0.5, 0.5)), hollow=True, angular_velocity=(0, 5, 0)
+        )
+    ]
 
 
 def bunny(hollow):
@@ -108,7 +119,7 @@ def bunny(hollow):
     mesh = geometry.read_mesh(path)
     low, high = mesh.vertices.min(0), mesh.vertices.max(0)
     mesh = geometry.TriangleMesh((mesh.vertices - low) / (high - low).max(), mesh.faces)
-    return substep.SignedDistanceField.from_mesh(mesh, 1 / 40, hollow=hollow)
+    return substep.Collider(substep.SignedDistanceField.from_mesh(mesh, 1 / 40), hollow=hollow)
 
 
 def vessel():
@@ -143,7 +154,7 @@ def test_nothing_passes_at_ten_times_the_usual_speed_and_step(obstacles):
 def test_friction_drags_a_puddle_as_coulomb_says():
     d, friction, h = 0.02, 0.2, 2e-3
     for mu in (0.0, friction):
-        floor = substep.Plane(friction=mu, velocity=(2, 0, 0))
+        floor = substep.Collider(substep.Plane(), friction=mu, velocity=(2, 0, 0))
         liquid = substep.PositionBasedFluid(block((12, 12, 4), d), d, colliders=[floor])
         for _ in range(100):
             liquid.step(h)
@@ -175,7 +186,7 @@ def test_the_density_beside_walls_is_that_of_the_liquid(dimension):
 
 def test_colliders_put_upon_particles_set_them_free():
     liquid = column(6, 6, 0.05)
-    obstacle = substep.Sphere((0.15, 0.15, 5.0), 0.1)
+    obstacle = substep.Collider(substep.Sphere(0.1, (0.15, 0.15, 5.0)))
     both = substep.PositionBasedFluid(
         liquid.positions, 0.05, colliders=[liquid.colliders[0], obstacle], gravity=(0, 0, 0)
     )
@@ -189,8 +200,12 @@ def test_colliders_put_upon_particles_set_them_free():
 def test_same_bits_for_any_threads_and_through_a_checkpoint(tmp_path):
     def start(threads):
         d = 0.05
-        ball = substep.Sphere((0.2, 0.25, 0.3), 0.1, velocity=(0.5, 0, 0), friction=0.2)
-        tank = substep.Box((0.5, 0.25, 0.5), (1.0, 0.5, 1.0), hollow=True, restitution=0.5)
+        ball = substep.Collider(
+            substep.Sphere(0.1, (0.2, 0.25, 0.3)), velocity=(0.5, 0, 0), friction=0.2
+        )
+        tank = substep.Collider(
+            substep.Box((1.0, 0.5, 1.0), (0.5, 0.25, 0.5)), hollow=True, restitution=0.5
+        )
         x = block((10, 10, 8), d)
         x = x[ball.distance(x) > d / 2]
         return substep.PositionBasedFluid(x, d, colliders=[tank, ball], threads=threads)

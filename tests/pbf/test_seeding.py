@@ -61,7 +61,7 @@ def test_fill_mesh_lies_inside():
 def test_a_lattice_fits_a_tank():
     """Both have flat walls: nothing is too dense, and the liquid only settles."""
     d = 0.05
-    tank = substep.Box((0.5, 0.25, 0.5), (1, 0.5, 1), hollow=True)
+    tank = substep.Collider(substep.Box((1, 0.5, 1), (0.5, 0.25, 0.5)), hollow=True)
     liquid = PositionBasedFluid(substep.fill_box((0, 0, 0), (1, 0.5, 0.5), d), d, colliders=[tank])
     assert liquid.densities.max() < 1.01
     rms, largest = speeds(liquid, 0.1)
@@ -72,13 +72,13 @@ def test_a_lattice_fits_a_tank():
 def test_a_relaxed_liquid_in_a_round_tank_does_not_pop():
     """Within 0.1 s the lattice moves at 1.4 m/s, rms 0.5; the relaxed liquid hardly."""
     d, radius = 0.05, 0.4
-    tank = substep.Sphere((0, 0, 0), radius, hollow=True)
+    tank = substep.Collider(substep.Sphere(radius), hollow=True)
     lattice = substep.fill_box([-radius] * 3, [radius] * 3, d)
     lattice = lattice[tank.distance(lattice) > 0.3 * d]
     start = PositionBasedFluid(lattice, d, colliders=[tank])
     assert start.densities.max() > 1.03
     assert speeds(start, 0.1)[0] > 0.3
-    tank = substep.Sphere((0, 0, 0), radius, hollow=True)
+    tank = substep.Collider(substep.Sphere(radius), hollow=True)
     x = substep.relax(lattice, d, gravity=GRAVITY, colliders=[tank])
     assert tank.distance(x).min() > 0
     assert (tank.impulse == 0).all()  # it worked on a copy
@@ -91,7 +91,7 @@ def test_a_relaxed_liquid_in_a_round_tank_does_not_pop():
 
 def test_relax_says_when_there_is_no_room():
     d = 0.1
-    tank = substep.Box((0.5, 0.5, 0.5), (1, 1, 1), hollow=True)
+    tank = substep.Collider(substep.Box((1, 1, 1), (0.5, 0.5, 0.5)), hollow=True)
     x = np.random.default_rng(0).uniform(0.05, 0.95, (2000, 3))
     with pytest.raises(ConvergenceError, match="room"):
         substep.relax(x, d, colliders=[tank], max_iterations=60)
@@ -114,7 +114,7 @@ def test_a_bunny_full_of_liquid_stays_full():
     mesh = substep.geometry.read_mesh(path)
     size = np.ptp(mesh.vertices, axis=0).max()
     d = size / 25
-    walls = substep.SignedDistanceField.from_mesh(mesh, d / 2, hollow=True)
+    walls = substep.Collider(substep.SignedDistanceField.from_mesh(mesh, d / 2), hollow=True)
     lattice = substep.fill_mesh(mesh, d)
     gravity = (0.0, -9.81, 0.0)
     x = substep.relax(lattice, d, gravity=gravity, colliders=[walls])
@@ -138,7 +138,7 @@ def test_a_bunny_full_of_liquid_stays_full():
         ({"radius": -1.0}, "radius"),
         ({"size": (1.0, 1.0)}, "size"),
         ({"radius": None, "size": (1.0, 0.0)}, "size"),
-        ({"fluid": -1}, "fluid"),
+        ({"kind": -1}, "kind"),
         ({"start": np.nan}, "start"),
     ],
 )
@@ -153,13 +153,13 @@ def test_emitters_and_sinks_that_do_not_fit_are_refused():
     with pytest.raises(InputError, match=r"emitters\[0\]"):
         PositionBasedFluid(np.zeros((0, 3)), 0.1, emitters=[nozzle])
     with pytest.raises(InputError, match=r"emitters\[0\]"):
-        other = Emitter((0, 0, 0), (1, 0, 0), 1.0, radius=0.1, fluid=1)
+        other = Emitter((0, 0, 0), (1, 0, 0), 1.0, radius=0.1, kind=1)
         PositionBasedFluid(np.zeros((0, 3)), 0.1, emitters=[other])
     with pytest.raises(InputError, match=r"emitters\[0\]: too far"):
         far = Emitter((1e30, 0, 0), (1, 0, 0), 1.0, radius=0.1)
         PositionBasedFluid(np.zeros((0, 3)), 0.1, emitters=[far])
     with pytest.raises(TypeError, match=r"sinks\[0\]"):
-        PositionBasedFluid(np.zeros((0, 3)), 0.1, sinks=[substep.Sphere()])
+        PositionBasedFluid(np.zeros((0, 3)), 0.1, sinks=[substep.Collider(substep.Sphere(1.0))])
     with pytest.raises(TypeError, match="shape"):
         Sink("drain")
 
@@ -220,8 +220,8 @@ def test_counts_are_exact_and_go_through_a_checkpoint(tmp_path):
                 Emitter((-0.2, 0.5, 0.6), (1, 0, 0), 1.0, size=(0.2, 0.1), start=0.1, stop=0.3),
             ],
             sinks=[
-                Sink(substep.Box((0.5, 0.5, 0.5), (1.6, 1.6, 4.0), hollow=True)),
-                Sink(substep.Sphere((0.1, 0.1, 0.0), 0.2)),
+                Sink(substep.Collider(substep.Box((1.6, 1.6, 4.0), (0.5, 0.5, 0.5)), hollow=True)),
+                Sink(substep.Sphere(0.2, (0.1, 0.1, 0.0))),
             ],
             threads=threads,
         )

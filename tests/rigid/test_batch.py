@@ -10,7 +10,7 @@ from substep import rigid
 from substep.errors import CorruptError, InputError, NonFiniteError
 
 H = 1 / 60
-ROWS = ("positions", "rotations", "momenta", "angular_momenta")
+ROWS = ("centers_of_mass", "principal_rotations", "momenta", "angular_momenta")
 
 
 def pile(boxes=4, **options):
@@ -18,7 +18,7 @@ def pile(boxes=4, **options):
     world.add(rigid.Plane(), (0, 0, 0), motion="static")
     for k in range(boxes):
         world.add(
-            rigid.Box((0.5, 0.4, 0.3)), (0.05 * k, 0, 0.35 + 0.7 * k), restitution=0.1, mass=2.0
+            rigid.Box((1, 0.8, 0.6)), (0.05 * k, 0, 0.35 + 0.7 * k), restitution=0.1, mass=2.0
         )
     return world
 
@@ -34,7 +34,8 @@ def singles(worlds, steps, **options):
     alone = []
     for v in thrown(worlds, 5):
         world = pile(**options)
-        world.set_velocities(v[1:], v[1:], np.arange(1, 5))
+        world.set_velocities(v)
+        world.set_angular_velocities(v)
         for _ in range(steps):
             world.step(H)
         alone.append(world)
@@ -96,10 +97,10 @@ def test_worlds_of_any_contents():
     np.testing.assert_array_equal(batch.positions[2], large.positions)
     assert np.isnan(batch.positions[1, 2:]).all()
     assert np.isnan(batch.velocities[1, 2:]).all()
-    x = batch.origins
+    x = batch.positions.copy()
     x[:, 1:, 2] += 1  # NaN rows are no bodies
-    batch.set_poses(x)
-    np.testing.assert_allclose(batch.origins, x, atol=1e-15)
+    batch.set_positions(x)
+    np.testing.assert_allclose(batch.positions, x, atol=1e-15)
     assert len(batch.fields()["position"][0]) == 12
 
 
@@ -143,10 +144,10 @@ def test_forces_act_in_one_step_or_are_held():
 def test_what_is_set_in_some_worlds_and_bodies_leaves_the_others():
     batch = batch_of(3)
     before = {name: getattr(batch, name) for name in ROWS}
-    batch.set_velocities([[1.0, 2, 3]], worlds=[2, 0], bodies=4)
-    batch.set_poses([[[0, 0, 9.0]], [[0, 0, 8.0]]], worlds=[2, 0], bodies=[4])
+    batch.set_velocities([[1.0, 2, 3]], 4, worlds=[2, 0])
+    batch.set_positions([[[0, 0, 9.0]], [[0, 0, 8.0]]], [4], worlds=[2, 0])
     np.testing.assert_allclose(batch.velocities[[0, 2], 4], [[1, 2, 3]] * 2)
-    np.testing.assert_array_equal(batch.origins[[2, 0], 4, 2], [9, 8])
+    np.testing.assert_array_equal(batch.positions[[2, 0], 4, 2], [9, 8])
     for name in ROWS:
         now = getattr(batch, name)
         np.testing.assert_array_equal(now[1], before[name][1])
@@ -156,16 +157,46 @@ def test_what_is_set_in_some_worlds_and_bodies_leaves_the_others():
 def test_poses_are_those_of_the_shapes():
     world = free()
     tool = world.add(
-        [rigid.Box((0.3, 0.1, 0.1)), rigid.Fixture(rigid.Sphere(0.2), (0.4, 0.1, 0))], (0, 0, 2)
+        [rigid.Box((0.6, 0.2, 0.2)), rigid.Sphere(0.2, center=(0.4, 0.1, 0))], (0, 0, 2)
     )
     batch = substep.RigidBatch(world, 2)
-    batch.set_poses([[5.0, 0, 1]], [[1.0, 1, 0, 0]], worlds=[1], bodies=[tool])
-    world.set_poses([5.0, 0, 1], [1.0, 1, 0, 0], tool)
-    np.testing.assert_allclose(batch.positions[1], world.positions, atol=1e-15)
-    np.testing.assert_allclose(batch.rotations[1], world.rotations, atol=1e-15)
+    batch.set_positions([[5.0, 0, 1]], [tool], worlds=[1])
+    batch.set_rotations([[1.0, 1, 0, 0]], [tool], worlds=[1])
+    world.set_positions([5.0, 0, 1], tool)
+    world.set_rotations([1.0, 1, 0, 0], tool)
+    for name in (*ROWS, "positions", "rotations"):
+        np.testing.assert_allclose(getattr(batch, name)[1], getattr(world, name), atol=1e-15)
+    np.testing.assert_allclose(batch.positions[1, tool], [5, 0, 1], atol=1e-15)
     np.testing.assert_allclose(
-        batch.orientations[1, tool], np.array([1, 1, 0, 0]) / 2**0.5, atol=1e-15
+        batch.rotations[1, tool], np.array([1, 1, 0, 0]) / 2**0.5, atol=1e-15
     )
+    frames = batch.rollout(4, every=2)
+    world.step(H)
+    world.step(H)
+    np.testing.assert_allclose(frames[1, 0, :, :3], world.positions, atol=1e-15)
+    np.testing.assert_allclose(frames[1, 0, :, 3:], world.rotations, atol=1e-15)
+
+
+def test_bodies_are_named_by_their_ids():
+    first, other = pile(3), pile(4)
+    first.remove(1)
+    other.remove([0, 2])
+    alike = substep.RigidBatch(first, 2)
+    assert alike.ids.tolist() == [[0, 2, 3]] * 2
+    assert alike.rows([3, 2]).tolist() == [2, 1] and alike.rows(3) == 2
+    alike.set_forces([[1.0, 0, 0]], 3, worlds=[1])
+    assert alike.forces[:, :, 0].tolist() == [[0, 0, 0], [0, 0, 1]]
+    mixed = substep.RigidBatch([first, other, first])
+    assert mixed.ids.tolist() == [[0, 2, 3], [1, 3, 4], [0, 2, 3]]
+    mixed.set_forces(np.arange(9.0).reshape(3, 1, 3), 3)
+    np.testing.assert_array_equal(mixed.forces[0, 2], [0, 1, 2])
+    np.testing.assert_array_equal(mixed.forces[1, 1], [3, 4, 5])
+    np.testing.assert_array_equal(mixed.forces[2, 2], [6, 7, 8])
+    assert np.count_nonzero(mixed.forces) == 8
+    with pytest.raises(InputError, match="ids: the worlds have these bodies in different rows"):
+        mixed.rows(3)
+    with pytest.raises(IndexError, match=r"world 1: ids\[0\]: there is no body 2"):
+        mixed.set_forces(np.zeros((1, 3)), 2)
 
 
 def failing(worlds=20, bad=(13,), **options):
@@ -365,12 +396,13 @@ def test_failed_worlds_are_part_of_the_state():
         (lambda b: b.rollout(5, every=2), "steps: expected a multiple"),
         (lambda b: b.rollout(5, every=0), "every"),
         (lambda b: b.advance(-1), "duration"),
-        (lambda b: b.set_poses(np.zeros((2, 4, 3))), "positions: expected shape"),
-        (lambda b: b.set_poses(rotations=np.zeros((2, 5, 4))), "rotations"),
-        (lambda b: b.set_velocities(np.full((2, 5, 3), np.nan)), "velocities"),
+        (lambda b: b.set_positions(np.zeros((2, 4, 3))), "values: expected shape"),
+        (lambda b: b.set_rotations(np.zeros((2, 5, 4))), "values"),
+        (lambda b: b.set_velocities(np.full((2, 5, 3), np.nan)), "values"),
+        (lambda b: b.set_velocities(np.zeros((2, 3)), [1, 1]), "ids: .* once"),
         (lambda b: b.set_velocities(np.zeros((5, 3)), worlds=[0, 0]), "worlds: .* once"),
-        (lambda b: b.set_forces(np.full((2, 5, 3), np.inf)), "forces"),
-        (lambda b: b.set_torques(np.zeros(3)), "torques: expected shape"),
+        (lambda b: b.set_forces(np.full((2, 5, 3), np.inf)), "values"),
+        (lambda b: b.set_torques(np.zeros(3)), "values: expected shape"),
         (lambda b: b.set_forces(np.zeros((1, 5, 3)), worlds=1.5), "worlds: expected integers"),
     ],
 )
@@ -387,7 +419,7 @@ def test_numbers_out_of_range():
     batch = batch_of(2)
     for call in (
         lambda: batch.set_forces(np.zeros((5, 3)), worlds=[2]),
-        lambda: batch.set_forces(np.zeros((1, 3)), bodies=[-1]),
+        lambda: batch.set_forces(np.zeros((1, 3)), ids=[-1]),
         lambda: batch.reset([-1]),
         lambda: batch.copy_world(2),
     ):
@@ -410,7 +442,7 @@ def test_no_worlds_and_no_bodies():
 
 def test_the_template_is_not_changed():
     template = pile()
-    before = template.positions.copy()
+    before = template.positions
     batch = substep.RigidBatch(template, 2)
     batch.step(H, 10)
     np.testing.assert_array_equal(template.positions, before)
@@ -420,7 +452,7 @@ def test_the_template_is_not_changed():
     assert len(batch) == 2
     assert batch.step_limit()[1].startswith("world 0: ")
     assert set(batch.diagnostics()) == {
-        "worlds", "failed", "kinetic_energy", "potential_energy", "contacts"
+        "worlds", "failed", "kinetic_energy", "gravitational_energy", "contacts", "energy"
     }  # fmt: skip
 
 

@@ -20,7 +20,7 @@ def test_surfaces_are_where_the_bodies_are(tmp_path):
     with substep.Recording(outcome.recording) as recording:
         assert recording.parts["bodies"].kind == "bodies"
         assert {"pile", "wall0", "wall3"} <= set(recording.parts)
-        corners = rigid.Box((0.1, 0.1, 0.1)).mesh().vertices
+        corners = rigid.Box((0.2, 0.2, 0.2)).mesh().vertices
         for k in range(3):
             frame = recording.frame(k)
             x, q = frame["bodies"]["points"], frame["bodies"]["orientation"]
@@ -51,18 +51,18 @@ class TestBoxStack:
 
     def test_the_ball_is_thrown_and_hits(self):
         stack = built("box-stack", boxes=6, side=0.5, stand=0.5, speed=12.0, radius=0.4)
-        start = stack.origins[stack.thrown[0]]
+        start = stack.positions[stack.thrown[0]]
         stack.advance(0.5)
-        np.testing.assert_array_equal(stack.origins[stack.thrown[0]], start)
+        np.testing.assert_array_equal(stack.positions[stack.thrown[0]], start)
         measured = {name: values.copy() for name, values in stack.measured.items()}
         assert measured["drift"][0] < 1e-6
         stack.advance(1.1)
-        np.testing.assert_allclose(stack.origins[stack.boxes], stack.start, atol=5e-3)
+        np.testing.assert_allclose(stack.positions[stack.boxes], stack.start, atol=5e-3)
         np.testing.assert_allclose(
-            stack.origins[stack.thrown[0]], [-1.2, 0, 2.1 + 0.5 * 9.81 * 1.1 * 0.1], atol=0.03
+            stack.positions[stack.thrown[0]], [-1.2, 0, 2.1 + 0.5 * 9.81 * 1.1 * 0.1], atol=0.03
         )
         stack.advance(1.5)
-        assert np.abs(stack.origins[stack.boxes] - stack.start).max() > 0.5
+        assert np.abs(stack.positions[stack.boxes] - stack.start).max() > 0.5
         assert stack.measured == measured  # from before it was thrown
         assert "; the ball brought " in stack.words()
 
@@ -73,7 +73,7 @@ class TestPyramid:
         assert len(pyramid.boxes) == 21
         pyramid.advance(4.2)
         assert pyramid.measured["drift"][0] < 1e-3
-        away = np.abs(pyramid.origins[pyramid.boxes] - pyramid.start).max(axis=1)
+        away = np.abs(pyramid.positions[pyramid.boxes] - pyramid.start).max(axis=1)
         assert (away > 0.5).sum() > 5
 
     @pytest.mark.slow
@@ -81,9 +81,9 @@ class TestPyramid:
         """They settle within a second, as impacts of 20 rows are not solved to the end."""
         pyramid = built("pyramid", speed=0.0)
         pyramid.advance(1.0)
-        settled = pyramid.origins[pyramid.boxes]
+        settled = pyramid.positions[pyramid.boxes]
         pyramid.advance(4.0)
-        assert np.abs(pyramid.origins[pyramid.boxes] - settled).max() < 5e-4
+        assert np.abs(pyramid.positions[pyramid.boxes] - settled).max() < 5e-4
         assert pyramid.measured["drift"][0] < 9e-3  # Box3D's
         assert 0 < pyramid.measured["sinking"][0] < 5e-3
 
@@ -104,15 +104,15 @@ class TestPile:
 
     def test_the_seed_places_the_bodies(self):
         one, other, third = (built("pile", seed, bodies=20) for seed in (1, 1, 2))
-        np.testing.assert_array_equal(one.orientations, other.orientations)
-        assert not np.array_equal(one.orientations, third.orientations)
+        np.testing.assert_array_equal(one.rotations, other.rotations)
+        assert not np.array_equal(one.rotations, third.rotations)
 
 
 class TestDominoes:
     @pytest.mark.parametrize("path", ["line", "spiral"])
     def test_they_fall_one_after_the_other(self, path):
         scene = built("dominoes", dominoes=30, path=path)
-        x = scene.origins[scene.dominoes]
+        x = scene.positions[scene.dominoes]
         gaps = np.linalg.norm(np.diff(x[1:], axis=0), axis=1)
         np.testing.assert_allclose(gaps, 0.1, rtol=1e-12 if path == "line" else 5e-3)
         scene.advance(4.0)

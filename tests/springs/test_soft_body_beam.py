@@ -150,14 +150,14 @@ def test_the_meshes_of_other_people_fall_and_come_to_rest(name):
     vertices = scale * surface.vertices[:, [0, 2, 1]] * [1, -1, 1]
     vertices[:, 2] -= vertices[:, 2].min() - 0.05
     surface = substep.geometry.TriangleMesh(vertices, surface.faces)
-    ground = substep.Plane(friction=0.5)
+    ground = substep.Collider(substep.Plane(), friction=0.5)
     body = substep.SoftBody.from_mesh(
         surface,
         spacing=0.2 / 12,
         density=1000.0,
         young_modulus=3e4,
         poisson_ratio=0.4,
-        damping=0.02,
+        damping_time=0.02,
         colliders=[ground],
         step=1 / 60,
     )

@@ -10,6 +10,10 @@
 #include <immintrin.h>
 #endif
 
+#ifdef SUBSTEP_ONCE
+#error "compiled once for all levels (CMakeLists.txt), and so must not see lanes"
+#endif
+
 #if defined(__GNUC__) && !defined(__clang__)
 #pragma GCC diagnostic ignored "-Wpsabi"  // all functions on vectors are inlined
 #endif

@@ -16,6 +16,7 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
+#include "substep/core/usize.h"
 
 namespace substep {
 namespace {
@@ -47,7 +48,7 @@ class Job {
       : threads_(threads),
         task_(task),
         chunks_(chunks),
-        ranges_(chunks.size() * static_cast<std::size_t>(threads)),
+        ranges_(chunks.size() * usize(threads)),
         done_(chunks.size()) {
     for (std::size_t phase = 0; phase < chunks.size(); ++phase) {
       for (int i = 0; i < threads; ++i) {
@@ -106,7 +107,7 @@ class Job {
   };
 
   Range& range(std::size_t phase, int thread) {
-    return ranges_[phase * static_cast<std::size_t>(threads_) + static_cast<std::size_t>(thread)];
+    return ranges_[phase * usize(threads_) + usize(thread)];
   }
   std::int64_t begin_of(std::int64_t chunks, int thread) const {
     return chunks / threads_ * thread + std::min<std::int64_t>(thread, chunks % threads_);

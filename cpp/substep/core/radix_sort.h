@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep {
 
@@ -44,13 +45,13 @@ class RadixSort {
     const auto value = [=](const KeyedIndex<Key>& entry) {
       return (entry.key >> shift) & static_cast<Key>(digits - 1);
     };
-    places_.assign(static_cast<std::size_t>(((n + kGrain - 1) / kGrain) * digits), 0);
+    places_.assign(usize(((n + kGrain - 1) / kGrain) * digits), 0);
     parallel_for(
         n, kGrain,
         [&](std::int64_t begin, std::int64_t end) {
           std::int32_t* const count = places_.data() + begin / kGrain * digits;
           for (std::int64_t i = begin; i < end; ++i) {
-            ++count[value(entries[static_cast<std::size_t>(i)])];
+            ++count[value(entries[usize(i)])];
           }
         },
         threads);
@@ -61,8 +62,8 @@ class RadixSort {
         [&](std::int64_t begin, std::int64_t end) {
           std::int32_t* const place = places_.data() + begin / kGrain * digits;
           for (std::int64_t i = begin; i < end; ++i) {
-            const KeyedIndex<Key> entry = entries[static_cast<std::size_t>(i)];
-            other_[static_cast<std::size_t>(place[value(entry)]++)] = entry;
+            const KeyedIndex<Key> entry = entries[usize(i)];
+            other_[usize(place[value(entry)]++)] = entry;
           }
         },
         threads);
@@ -71,9 +72,9 @@ class RadixSort {
 
   // Where the first entry of each digit of each chunk goes. False if there is one digit only.
   bool counts_to_places(std::int64_t n, std::int64_t digits) {
-    std::vector<std::int32_t> next(static_cast<std::size_t>(digits), 0);
+    std::vector<std::int32_t> next(usize(digits), 0);
     for (std::size_t k = 0; k < places_.size(); ++k) {
-      next[k % static_cast<std::size_t>(digits)] += places_[k];
+      next[k % usize(digits)] += places_[k];
     }
     std::int32_t before = 0;
     for (std::int32_t& count : next) {
@@ -81,7 +82,7 @@ class RadixSort {
       before += std::exchange(count, before);
     }
     for (std::size_t k = 0; k < places_.size(); ++k) {
-      std::int32_t& place = next[k % static_cast<std::size_t>(digits)];
+      std::int32_t& place = next[k % usize(digits)];
       place += std::exchange(places_[k], place);
     }
     return true;

@@ -4,6 +4,7 @@
 #include <variant>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 #include "substep/fields/flow_advection.h"
 
 namespace substep::fields {
@@ -78,7 +79,7 @@ std::vector<MethodTable> method_tables() {
     table.name = Method::name;
     for (int i = 0; i < Method::stages; ++i) {
       table.a.emplace_back(Method::a[i], Method::a[i] + i);
-      table.b.push_back(static_cast<double>(Weights::b[static_cast<std::size_t>(i)]));
+      table.b.push_back(static_cast<double>(Weights::b[usize(i)]));
       table.c.push_back(Method::c[i]);
     }
     table.divisor = static_cast<double>(Weights::divisor);

@@ -48,15 +48,15 @@ class GridOf final : public AnyGrid {
   void velocity(const AnySeries& series, double t, NumbersIn x, NumbersOut u,
                 int threads) const override {
     const auto in = own<std::span<const T>>(x);
-    sample_grid(grid_, series_of<T>(series).at(t), in.data(), own<std::span<T>>(u).data(),
-                rows(in), threads);
+    sample_grid(grid_, series_of<T>(series).at(t), in.data(), own<std::span<T>>(u).data(), rows(in),
+                threads);
   }
   Events advect(const std::string& method, const AnySeries& series, const AnyParticles& given,
                 const Steps& steps, int threads) const override {
     const auto x = own<std::span<T>>(given.x);
     const Series<T> levels = series_of<T>(series);
-    const Particles<T> particles{x.data(), given.status.data(), given.stop_time.data(),
-                                 given.order, rows(x)};
+    const Particles<T> particles{x.data(), given.status.data(), given.stop_time.data(), given.order,
+                                 rows(x)};
     return advect_grid(grid_, method, levels, particles, steps, threads);
   }
 

@@ -4,9 +4,11 @@
 #include <cmath>
 #include <limits>
 #include <string>
+#include <type_traits>
 
 #include "substep/core/errors.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::fields {
 namespace {
@@ -35,7 +37,7 @@ SUBSTEP_INLINE void step_flow(const Flow& flow, const Time* at, Lane<V> h, V* x,
     flow.velocity(at[i], y, k[i], trig);
 #pragma GCC unroll 3
     for (int d = 0; d < kDim; ++d) {
-      const T b = T(Weights::b[static_cast<std::size_t>(i)]);
+      const T b = T(Weights::b[usize(i)]);
       sum[d] = i == 0 ? b * k[i][d] : fma(b, k[i][d], sum[d]);
     }
   }
@@ -43,11 +45,44 @@ SUBSTEP_INLINE void step_flow(const Flow& flow, const Time* at, Lane<V> h, V* x,
   for (int d = 0; d < kDim; ++d) x[d] = fma(h / T(Weights::divisor), sum[d], x[d]);
 }
 
-// The same for arguments of any size.
-template <class Method, class V, class Flow, class Time>
-[[gnu::noinline]] void step_flow_far(const Flow& flow, const Time* at, Lane<V> h, V* x) {
+// A method as data.
+struct Table {
+  int stages;
+  const double *a, *b;  // a: row by row, of length `row`
+  int row;
+  double divisor;
+};
+constexpr int kMostStages = 16;
+template <class Method>
+constexpr Table table_of() {
+  using Weights = tableaux::WholeWeights<Method>;
+  static_assert(Method::stages <= kMostStages);
+  return {Method::stages, &Method::a[0][0], Weights::b.data(),
+          static_cast<int>(std::extent_v<decltype(Method::a), 1>), Weights::divisor};
+}
+
+// The same for arguments of any size, which are rare: one for all methods.
+template <class V, class Flow, class Time>
+[[gnu::noinline]] void step_flow_far(const Flow& flow, const Table& table, const Time* at,
+                                     Lane<V> h, V* x) {
+  constexpr int kDim = Flow::kDimension;
+  using T = Lane<V>;
   Sincos<V> trig;
-  step_flow<Method, V>(flow, at, h, x, trig);
+  V sum[kDim], k[kMostStages][kDim];
+  for (int i = 0; i < table.stages; ++i) {
+    V y[kDim];
+    const double* const a = table.a + i * table.row;
+    const T b = T(table.b[i]);
+    for (int d = 0; d < kDim; ++d) {
+      y[d] = x[d];
+      for (int j = 0; j < i; ++j) {
+        if (a[j] != 0) y[d] = fma(h * T(a[j]), k[j][d], y[d]);
+      }
+    }
+    flow.velocity(at[i], y, k[i], trig);
+    for (int d = 0; d < kDim; ++d) sum[d] = i == 0 ? b * k[i][d] : fma(b, k[i][d], sum[d]);
+  }
+  for (int d = 0; d < kDim; ++d) x[d] = fma(h / T(table.divisor), sum[d], x[d]);
 }
 
 template <class T, int kDim>
@@ -94,16 +129,20 @@ template <class Method, class T, class Flow>
     if (__builtin_expect(trig.was_beyond(), 0)) {
       V far[Flow::kDimension];
       for (int d = 0; d < Flow::kDimension; ++d) far[d] = tile.at(d, i);
-      step_flow_far<Method, V>(flow, at, step, far);
+      step_flow_far<V>(flow, table_of<Method>(), at, step, far);
       for (int d = 0; d < Flow::kDimension; ++d) x[d] = far[d];
     }
     for (int d = 0; d < Flow::kDimension; ++d) tile.at(d, i) = x[d];
   }
 }
 
-template <class Method, class T, class Flow>
-void advect(const Flow& flow, const T* x, T* x_new, std::int64_t count, const Steps& steps,
-            int threads) {
+template <class T, class Flow>
+using StepTile = void (*)(const Flow& flow, double t, double h, FlowTile<T, Flow::kDimension>& tile,
+                          int count);
+
+template <class T, class Flow>
+void advect(const Flow& flow, StepTile<T, Flow> step_tile, const T* x, T* x_new, std::int64_t count,
+            const Steps& steps, int threads) {
   constexpr int kDim = Flow::kDimension;
   std::atomic<bool> failed{false};
   const auto run = [&](std::int64_t begin, std::int64_t end) {
@@ -112,7 +151,7 @@ void advect(const Flow& flow, const T* x, T* x_new, std::int64_t count, const St
       FlowTile<T, kDim> tile;
       tile.load(x + first * kDim, n);
       for (std::int64_t s = 0; s < steps.count; ++s) {
-        step_tile<Method>(flow, steps.time(s), steps.h, tile, n);
+        step_tile(flow, steps.time(s), steps.h, tile, n);
       }
       tile.store(x_new + first * kDim, n);
       if (tile.first_bad(n) < n) failed.store(true, std::memory_order_relaxed);
@@ -128,7 +167,7 @@ void advect(const Flow& flow, const T* x, T* x_new, std::int64_t count, const St
     FlowTile<T, kDim> tile;
     tile.load(x + first * kDim, n);
     for (std::int64_t s = 0; s < steps.count && s < worst_step; ++s) {
-      step_tile<Method>(flow, steps.time(s), steps.h, tile, n);
+      step_tile(flow, steps.time(s), steps.h, tile, n);
       if (const std::int64_t bad = tile.first_bad(n); bad < n) {
         worst_step = s;
         worst = first + bad;
@@ -146,9 +185,9 @@ void advect(const Flow& flow, const T* x, T* x_new, std::int64_t count, const St
 template <class T, class Flow>
 void advect_flow(const Flow& flow, std::string_view method, const T* x, T* x_new,
                  std::int64_t count, const Steps& steps, int threads) {
-  with_method(method, [&]<class Method>(const Method&) {
-    advect<Method>(flow, x, x_new, count, steps, threads);
-  });
+  StepTile<T, Flow> step = nullptr;
+  with_method(method, [&]<class Method>(const Method&) { step = step_tile<Method, T, Flow>; });
+  advect<T, Flow>(flow, step, x, x_new, count, steps, threads);
 }
 
 template <class T, class Flow>

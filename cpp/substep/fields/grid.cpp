@@ -6,6 +6,7 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::fields {
 namespace {
@@ -27,7 +28,7 @@ template <class T, int kDim>
 Grid<T, kDim>::Grid(const std::vector<Axis>& axes, bool cubic, double radius)
     : cubic_(cubic), degrees_(radius > 0 ? T(180 / (std::numbers::pi * radius)) : T(0)) {
   for (int d = 0; d < kDim; ++d) {
-    const Axis& axis = axes[static_cast<std::size_t>(d)];
+    const Axis& axis = axes[usize(d)];
     std::vector<double> x = axis.nodes;
     count_[d] = static_cast<std::int64_t>(x.size());
     padded_[d] = count_[d] + 3;
@@ -55,7 +56,7 @@ Grid<T, kDim>::Grid(const std::vector<Axis>& axes, bool cubic, double radius)
     const auto width = [&](std::int64_t i) {
       if (axis.closed) i = (i + cells) % cells;
       i = std::clamp<std::int64_t>(i, 0, cells - 1);
-      return x[static_cast<std::size_t>(i) + 1] - x[static_cast<std::size_t>(i)];
+      return x[usize(i) + 1] - x[usize(i)];
     };
     for (std::int64_t i = 0; i < cells; ++i) {
       const double before = width(i - 1), own = width(i), after = width(i + 1);
@@ -85,7 +86,7 @@ auto Grid<T, kDim>::unequal_coordinate(V4 x) const -> V4 {
     if (wrap_[d] > 0) p -= wrap_[d] * std::floor((p - edge.front()) / wrap_[d]);
     auto i = std::upper_bound(edge.begin(), edge.end(), p) - edge.begin() - 1;
     i = std::clamp<std::ptrdiff_t>(i, 0, static_cast<std::ptrdiff_t>(edge.size()) - 2);
-    const auto at = static_cast<std::size_t>(i);
+    const auto at = usize(i);
     q[d] = T(i) + (p - edge[at]) / (edge[at + 1] - edge[at]);
   }
   return q;
@@ -96,7 +97,7 @@ auto Grid<T, kDim>::unequal_coordinate(V4 x) const -> V4 {
 // spacing a = b = c = e = 1/2, which is Keys' eq. (15).
 template <class T, int kDim>
 void Grid<T, kDim>::cubic_weights(int axis, T s, std::int32_t index, T w[4]) const {
-  const auto [a, b, c, e] = spacing_[axis][static_cast<std::size_t>(index)];
+  const auto [a, b, c, e] = spacing_[axis][usize(index)];
   const T r = 1 - s;
   const T h00 = (1 + 2 * s) * r * r, h10 = s * r * r, h01 = s * s * (3 - 2 * s), h11 = -s * s * r;
   w[0] = -a * h10;
@@ -110,7 +111,7 @@ auto Grid<T, kDim>::cubic(const Level<T>& level, V4 fraction, I4 index, std::int
     -> V4 {
   T w[3][4];
   for (int d = 0; d < kDim; ++d) cubic_weights(d, fraction[d], index[d], w[d]);
-  const T* g = level.nodes[static_cast<std::size_t>(offset)].value;
+  const T* g = level.nodes[usize(offset)].value;
   V8 low{}, high{};  // sums over the rows, of the nodes -1, 0 and of 1, 2 along the last axis
   for (std::int64_t i = 0; i < 4; ++i) {
     for (std::int64_t j = 0; j < (kDim == 3 ? 4 : 1); ++j) {
@@ -137,14 +138,14 @@ auto Grid<T, kDim>::among_land(const Slice<T>& slice, V4 fraction, std::int64_t 
   std::int64_t nearest = offset;
   for (int d = 0; d < kDim; ++d) nearest += fraction[d] >= T(0.5) ? stride_[d] : 0;
   const Level<T>& level = slice.high && slice.weight >= T(0.5) ? *slice.high : *slice.low;
-  if (level.nodes[static_cast<std::size_t>(nearest)].value[3] == 0) return V4{};
+  if (level.nodes[usize(nearest)].value[3] == 0) return V4{};
   return sum / sum[3];
 }
 
 template <class T, int kDim>
 Level<T> Grid<T, kDim>::pack(const double* values, int threads) const {
   Level<T> level;
-  level.nodes.resize(static_cast<std::size_t>(node_count()), Node<T>{});
+  level.nodes.resize(usize(node_count()), Node<T>{});
   const std::int64_t rows = count_[0], per_row = count_[1] * count_[2];
   parallel_for(
       rows, 1,
@@ -155,7 +156,7 @@ Level<T> Grid<T, kDim>::pack(const double* values, int threads) const {
           const std::int64_t index[3] = {begin, kDim == 3 ? k / count_[2] : k, k % count_[2]};
           std::int64_t offset = 0;
           for (int d = 0; d < kDim; ++d) offset += (index[d] + 1) * stride_[d];
-          Node<T>& node = level.nodes[static_cast<std::size_t>(offset)];
+          Node<T>& node = level.nodes[usize(offset)];
           bool missing = false;
           for (int d = 0; d < kDim; ++d) {
             missing |= std::isnan(u[d]);
@@ -202,7 +203,7 @@ void Grid<T, kDim>::fill_ghosts(int axis, std::vector<Node<T>>& nodes) const {
   const std::vector<T>& x = edge_[axis];
   const auto width = [&](std::int64_t i) {
     i = std::clamp<std::int64_t>(i, 0, static_cast<std::int64_t>(x.size()) - 2);
-    const auto at = static_cast<std::size_t>(i);
+    const auto at = usize(i);
     return static_cast<double>(x[at + 1]) - static_cast<double>(x[at]);
   };
   for (std::int64_t base = 0; base < total; ++base) {
@@ -226,7 +227,7 @@ void Grid<T, kDim>::find_whole(Level<T>& level) const {
   level.whole.resize(total);
   for (std::size_t i = 0; i < total; ++i) level.whole[i] = level.nodes[i].value[3] != 0;
   for (int d = 0; d < kDim; ++d) {
-    const auto stride = static_cast<std::size_t>(stride_[d]);
+    const auto stride = usize(stride_[d]);
     std::vector<std::uint8_t> along(total, 0);
     for (std::size_t i = stride; i + 2 * stride < total; ++i) {
       along[i] = level.whole[i - stride] & level.whole[i] & level.whole[i + stride] &

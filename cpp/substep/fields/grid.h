@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "substep/core/sincos.h"
+#include "substep/core/usize.h"
 #include "substep/fields/axis.h"
 
 namespace substep::fields {
@@ -127,7 +128,7 @@ SUBSTEP_INLINE auto Grid<T, kDim>::locate(const V4& x) const -> Cell {
 template <class T, int kDim>
 SUBSTEP_INLINE auto Grid<T, kDim>::linear(const Level<T>& level, const Cell& cell) const -> V4 {
   // Two neighbours along the last axis are one load of eight numbers.
-  const T* g = level.nodes[static_cast<std::size_t>(cell.offset)].value;
+  const T* g = level.nodes[usize(cell.offset)].value;
   const auto pair = [&](std::int64_t node) -> V8 { return load<V8>(g + 4 * node); };
   const auto blend = [](const V8& s, const V8& from, const V8& to) {
     return fma<V8>(s, to - from, from);
@@ -159,7 +160,7 @@ SUBSTEP_INLINE auto Grid<T, kDim>::velocity(const Slice<T>& slice, const V4& x, 
     return V4{};
   }
   if (cubic_) {
-    const auto at = static_cast<std::size_t>(cell.offset);
+    const auto at = usize(cell.offset);
     if (slice.low->whole[at] && (!slice.high || slice.high->whole[at])) {
       const auto at_level = [&](const Level<T>& level) {
         return cubic(level, cell.fraction, cell.index, cell.offset);

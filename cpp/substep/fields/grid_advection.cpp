@@ -4,6 +4,8 @@
 #include <limits>
 #include <utility>
 
+#include "substep/core/usize.h"
+
 namespace substep::fields {
 namespace {
 
@@ -144,7 +146,7 @@ class Tile {
 template <class T>
 Slice<T> Series<T>::at(double t) const {
   const auto after = std::upper_bound(times.begin(), times.end(), t) - times.begin();
-  const auto i = static_cast<std::size_t>(after);
+  const auto i = usize(after);
   if (levels.size() == 1 || i == 0) return {levels.front(), nullptr, 0};
   if (i == times.size()) return {levels.back(), nullptr, 0};
   return {levels[i - 1], levels[i], T((t - times[i - 1]) / (times[i] - times[i - 1]))};
@@ -153,13 +155,12 @@ Slice<T> Series<T>::at(double t) const {
 template <class Method, class T, int kDim>
 static std::vector<Events> advect(const Grid<T, kDim>& grid, const Series<T>& series,
                                   const Particles<T>& particles, const Steps& steps, int threads) {
-  const auto chunks = static_cast<std::size_t>((particles.count + kChunk - 1) / kChunk);
+  const auto chunks = usize((particles.count + kChunk - 1) / kChunk);
   std::vector<Events> events(chunks);
   parallel_for(
       particles.count, kChunk,
       [&](std::int64_t begin, std::int64_t end) {
-        Tile<Method, T, kDim> tile(grid, series, particles, steps,
-                                   events[static_cast<std::size_t>(begin / kChunk)]);
+        Tile<Method, T, kDim> tile(grid, series, particles, steps, events[usize(begin / kChunk)]);
         for (std::int64_t first = begin; first < end; first += kTile) {
           tile.load(first, std::min(first + kTile, end));
           for (std::int64_t s = 0; s < steps.count && !tile.empty(); ++s) tile.step(s);
@@ -189,21 +190,20 @@ Events advect_grid(const Grid<T, kDim>& grid, std::string_view method, const Ser
 template <class T, int kDim>
 void sort_by_cell(const Grid<T, kDim>& grid, const T* x, std::int64_t count, std::int32_t* order,
                   int threads) {
-  std::vector<std::int32_t> key(static_cast<std::size_t>(count));
+  std::vector<std::int32_t> key(usize(count));
   parallel_for(
       count, kChunk,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t i = begin; i < end; ++i) {
-          key[static_cast<std::size_t>(i)] =
-              static_cast<std::int32_t>(grid.block(load_row<T, kDim>(x + i * kDim)));
+          key[usize(i)] = static_cast<std::int32_t>(grid.block(load_row<T, kDim>(x + i * kDim)));
         }
       },
       threads);
-  std::vector<std::int32_t> place(static_cast<std::size_t>(grid.block_count()) + 1, 0);
-  for (const std::int32_t k : key) ++place[static_cast<std::size_t>(k) + 1];
+  std::vector<std::int32_t> place(usize(grid.block_count()) + 1, 0);
+  for (const std::int32_t k : key) ++place[usize(k) + 1];
   for (std::size_t b = 1; b < place.size(); ++b) place[b] += place[b - 1];
   for (std::int64_t i = 0; i < count; ++i) {
-    const auto k = static_cast<std::size_t>(key[static_cast<std::size_t>(i)]);
+    const auto k = usize(key[usize(i)]);
     order[place[k]++] = static_cast<std::int32_t>(i);
   }
 }

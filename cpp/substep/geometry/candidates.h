@@ -15,6 +15,7 @@
 #endif
 
 #include "substep/core/lanes.h"
+#include "substep/core/usize.h"
 #include "substep/geometry/neighbours.h"
 
 namespace substep::geometry {
@@ -54,7 +55,7 @@ class Candidates {
   void add(std::int32_t begin, std::int32_t end) {
     const int count = end - begin;
     if (count <= 0) return;
-    const auto wanted = static_cast<std::size_t>(size_ + count + 2 * kBlock);
+    const auto wanted = usize(size_ + count + 2 * kBlock);
     if (wanted > index_.size()) {
       for (auto& c : x_) c.resize(2 * wanted);
       index_.resize(2 * wanted);
@@ -163,7 +164,7 @@ class Candidates {
   SUBSTEP_INLINE std::int32_t* append_block(const Real (&p)[3], std::int32_t i, int k,
                                             Real radius_squared, std::int32_t* out) const {
     for (int c = k; c < k + kBlock; ++c) {
-      const auto at = static_cast<std::size_t>(c);
+      const auto at = usize(c);
       const Real dx = x_[0][at] - p[0], dy = x_[1][at] - p[1], dz = x_[2][at] - p[2];
       *out = index_[at];
       const bool other = kPairs == Pairs::kHalf ? index_[at] > i : index_[at] != i;

@@ -31,21 +31,12 @@ struct Exchange {
   }
 };
 
-using Shape = std::variant<Plane, Sphere, Box, std::shared_ptr<const SampledDistance>>;
+using Shape =
+    std::variant<Plane, Sphere, Box, std::shared_ptr<const SampledDistance>, Capsule, Cylinder>;
 
-// function(shape) for the shape that there is.
-template <class Function>
-auto visit_shape(const Shape& shape, Function&& function) {
-  return std::visit(
-      [&]<class S>(const S& s) {
-        if constexpr (std::is_same_v<S, std::shared_ptr<const SampledDistance>>) {
-          return function(*s);
-        } else {
-          return function(s);
-        }
-      },
-      shape);
-}
+// The distance of a capsule or a cylinder on the nodes of a grid, of which 24 span its radius, but
+// at most 128 the longest side: for what is made of sampled distances.
+std::shared_ptr<const SampledDistance> sampled(const Shape& shape, int threads);
 
 class Collider {
  public:
@@ -53,30 +44,15 @@ class Collider {
   Collider(Shape shape, const Vec3& position, bool hollow = false);
 
   // Signed distance of the world point x [m], below 0 inside the obstacle, and its exact gradient:
-  // of length 1 for planes, spheres and boxes, about 1 for sampled distances (normalise it for a
-  // normal). A point outside may move by value / lipschitz() and does not enter the obstacle.
-  SignedDistance signed_distance(const Vec3& x) const {
-    const SignedDistance d = local_distance(rotation_.transpose() * (x - position_));
-    return {d.value, rotation_ * d.gradient};
-  }
+  // of length 1, but for sampled distances, where it is about 1 (normalise it for a normal). A
+  // point outside may move by value / lipschitz() and does not enter the obstacle.
+  SignedDistance signed_distance(const Vec3& x) const;
   // The same in the frame of the collider, whose origin is position().
-  SignedDistance local_distance(const Vec3& x) const {
-    const SignedDistance d =
-        visit_shape(shape_, [&](const auto& s) { return s.signed_distance(x); });
-    return {sign_ * d.value, sign_ * d.gradient};
-  }
-  Mat3 hessian(const Vec3& x) const {
-    const Vec3 local = rotation_.transpose() * (x - position_);
-    const Mat3 h = visit_shape(shape_, [&](const auto& s) { return s.hessian(local); });
-    return sign_ * (rotation_ * h * rotation_.transpose());
-  }
-  double lipschitz() const {
-    return visit_shape(shape_, [&](const auto& s) { return s.lipschitz(hollow()); });
-  }
+  SignedDistance local_distance(const Vec3& x) const;
+  Mat3 hessian(const Vec3& x) const;
+  double lipschitz() const;
   // v + omega x (x - position) [m/s].
-  Vec3 surface_velocity(const Vec3& x) const {
-    return velocity + angular_velocity.cross(x - position_);
-  }
+  Vec3 surface_velocity(const Vec3& x) const;
 
   // Moves by velocity dt and rotates by exp(angular_velocity dt).
   void advance(double dt);
@@ -91,6 +67,18 @@ class Collider {
 
   const Exchange& exchange() const { return exchange_; }
   void set_exchange(const Exchange& exchange) { exchange_ = exchange; }
+
+  // What it was given in the last call of a simulation that took steps, and the time [s] of those:
+  // the steps after begin_call(), each added by end_step() with its exchange(). No part of state().
+  void begin_call() { begins_ = true; }
+  void end_step(double dt) {
+    if (begins_) total_ = {}, duration_ = 0;
+    begins_ = false;
+    total_ += exchange_;
+    duration_ += dt;
+  }
+  const Exchange& total() const { return total_; }
+  double duration() const { return duration_; }
 
   // All that changes: position, orientation (w, x, y, z), velocity, angular velocity, friction,
   // restitution, impulse, torque.
@@ -109,7 +97,9 @@ class Collider {
   Quaternion orientation_ = Quaternion::Identity();
   Mat3 rotation_ = Mat3::Identity();  // of orientation_
   double sign_;
-  Exchange exchange_;
+  Exchange exchange_, total_;
+  double duration_ = 0;
+  bool begins_ = true;
 };
 
 }  // namespace substep::geometry

@@ -6,6 +6,7 @@
 
 #include "substep/core/interrupt.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/geometry/mesh_sampling.h"
 
 namespace substep::geometry {
@@ -24,14 +25,14 @@ class Lattice {
  public:
   Lattice(const TriangleTree& tree, double spacing, int threads) : spacing_(spacing) {
     for (int d = 0; d < 3; ++d)
-      cubes_[static_cast<std::size_t>(d)] =
+      cubes_[usize(d)] =
           static_cast<Index>(std::ceil((tree.upper()[d] - tree.lower()[d]) / spacing)) + 3;
     const Vec3 extent(static_cast<double>(cubes_[0]), static_cast<double>(cubes_[1]),
                       static_cast<double>(cubes_[2]));
     origin_ = 0.5 * (tree.lower() + tree.upper()) - 0.5 * spacing * extent;
     corners_ = (cubes_[0] + 1) * (cubes_[1] + 1) * (cubes_[2] + 1);
     const Index centers = cubes_[0] * cubes_[1] * cubes_[2];
-    distance.resize(static_cast<std::size_t>(corners_ + centers));
+    distance.resize(usize(corners_ + centers));
     sample_signed_distance(tree, {cubes_[0] + 1, cubes_[1] + 1, cubes_[2] + 1}, origin_, spacing,
                            distance.data(), threads);
     sample_signed_distance(tree, cubes_, origin_ + Vec3::Constant(0.5 * spacing), spacing,
@@ -52,7 +53,7 @@ class Lattice {
   void for_each_cell(Visit&& visit) const {
     for (int axis = 0; axis < 3; ++axis) {
       std::array<Index, 3> last = cubes_, step{0, 0, 0}, u{0, 0, 0}, v{0, 0, 0};
-      const auto d = static_cast<std::size_t>(axis);
+      const auto d = usize(axis);
       --last[d];
       step[d] = 1;
       u[(d + 1) % 3] = 1;
@@ -131,7 +132,7 @@ class Stuffing {
     return static_cast<std::uint64_t>(std::min(a, b)) << 32 |
            static_cast<std::uint64_t>(std::max(a, b));
   }
-  double& distance(Index v) { return lattice_.distance[static_cast<std::size_t>(v)]; }
+  double& distance(Index v) { return lattice_.distance[usize(v)]; }
   bool is_long(Index a, Index b) const { return lattice_.is_corner(a) == lattice_.is_corner(b); }
 
   void find_cuts(const TriangleTree& tree, double spacing, int threads) {
@@ -141,8 +142,8 @@ class Stuffing {
           if ((distance(cell[i]) < 0) == (distance(cell[j]) < 0)) continue;
           const Index low = std::min(cell[i], cell[j]), high = std::max(cell[i], cell[j]);
           if (!cut_of_.emplace(key(low, high), cuts_.size()).second) continue;
-          edges_from_[static_cast<std::size_t>(low)].push_back(cuts_.size());
-          edges_from_[static_cast<std::size_t>(high)].push_back(cuts_.size());
+          edges_from_[usize(low)].push_back(cuts_.size());
+          edges_from_[usize(high)].push_back(cuts_.size());
           cuts_.push_back({low, high, Vec3::Zero()});
         }
       }
@@ -151,7 +152,7 @@ class Stuffing {
         static_cast<Index>(cuts_.size()), 64,
         [&](Index begin, Index end) {
           for (Index i = begin; i < end; ++i) {
-            Cut& cut = cuts_[static_cast<std::size_t>(i)];
+            Cut& cut = cuts_[usize(i)];
             cut.point = find_cut(tree, lattice_.position(cut.low), lattice_.position(cut.high),
                                  distance(cut.low), distance(cut.high), 1e-4 * spacing);
           }
@@ -163,7 +164,7 @@ class Stuffing {
   // surface from then on; the cut points of their edges are no more.
   void warp() {
     for (Index v = 0; v < static_cast<Index>(edges_from_.size()); ++v) {
-      const auto& edges = edges_from_[static_cast<std::size_t>(v)];
+      const auto& edges = edges_from_[usize(v)];
       const Cut* nearest = nullptr;
       double least = 1;
       for (const std::size_t e : edges) {
@@ -201,7 +202,7 @@ class Stuffing {
   }
   void add(Index a, Index b, Index c, Index d) {
     const auto& x = result.vertices;
-    const auto at = [&](Index i) -> const Vec3& { return x[static_cast<std::size_t>(i)]; };
+    const auto at = [&](Index i) -> const Vec3& { return x[usize(i)]; };
     const double volume = (at(b) - at(a)).cross(at(c) - at(a)).dot(at(d) - at(a));
     if (volume > 0) result.cells.push_back({a, b, c, d});
     if (volume < 0) result.cells.push_back({a, b, d, c});

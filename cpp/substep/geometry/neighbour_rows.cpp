@@ -1,6 +1,7 @@
 #include "substep/geometry/neighbour_rows.h"
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::geometry {
 namespace {
@@ -14,7 +15,7 @@ void for_lists(const Neighbours<Real>& near, int threads, Visit&& visit) {
       near.size(), kGrain,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t k = begin; k < end; ++k) {
-          visit(near.order()[static_cast<std::size_t>(k)], near[k]);
+          visit(near.order()[usize(k)], near[k]);
         }
       },
       threads);

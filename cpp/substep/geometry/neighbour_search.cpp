@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/geometry/neighbour_rows.h"
 #include "substep/geometry/neighbours.h"
 
@@ -17,7 +18,7 @@ template <class Real>
 class SearchOf final : public NeighbourSearch {
  public:
   SearchOf(std::span<const Real> rows, int columns)
-      : near_(columns), x_(rows.size() / static_cast<std::size_t>(columns)) {
+      : near_(columns), x_(rows.size() / usize(columns)) {
     sorted_.resize(x_.size());
     const Real* row = rows.data();
     for (Point<Real>& p : x_) {
@@ -33,17 +34,15 @@ class SearchOf final : public NeighbourSearch {
     parallel_for(
         near_.size(), 16384,
         [&](std::int64_t begin, std::int64_t end) {
-          for (auto k = static_cast<std::size_t>(begin); k < static_cast<std::size_t>(end); ++k) {
-            sorted_[k] = x_[static_cast<std::size_t>(order[k])];
+          for (auto k = usize(begin); k < usize(end); ++k) {
+            sorted_[k] = x_[usize(order[k])];
           }
         },
         threads);
     near_.find(sorted_, reach, Pairs::kFull, threads);
   }
   std::int64_t bytes() const override { return static_cast<std::int64_t>(near_.bytes()); }
-  std::int64_t pair_count() const override {
-    return static_cast<std::int64_t>(near_.pair_count());
-  }
+  std::int64_t pair_count() const override { return static_cast<std::int64_t>(near_.pair_count()); }
   void count_rows(bool half, std::int64_t* offsets, int threads) const override {
     geometry::count_rows(near_, pairs(half), offsets, threads);
   }

@@ -9,6 +9,7 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/geometry/candidates.h"
 
 namespace substep::geometry {
@@ -44,7 +45,7 @@ template <class Real>
     return std::abs(p.x) <= limit && std::abs(p.y) <= limit && std::abs(p.z) <= limit;
   };
   const auto i = std::find_if_not(x.begin(), x.end(), inside) - x.begin();
-  const Point<Real>& p = x[static_cast<std::size_t>(i)];
+  const Point<Real>& p = x[usize(i)];
   throw InputError("points[" + std::to_string(i) + "]: expected finite coordinates within " +
                    std::to_string(std::numeric_limits<Real>::digits) +
                    " bits of the radius, at most " + std::to_string(limit) + ", got (" +
@@ -58,7 +59,7 @@ Box<Real> bounding_box(std::span<const Point<Real>> x, Real radius, int threads)
   const Real limit = std::min(std::ldexp(radius, std::numeric_limits<Real>::digits),
                               std::numeric_limits<Real>::max());
   const auto n = static_cast<std::int64_t>(x.size());
-  std::vector<Box<Real>> parts(static_cast<std::size_t>((n + kGrain - 1) / kGrain));
+  std::vector<Box<Real>> parts(usize((n + kGrain - 1) / kGrain));
   std::vector<char> bad(parts.size());
   parallel_for(
       n, kGrain,
@@ -69,7 +70,7 @@ Box<Real> bounding_box(std::span<const Point<Real>> x, Real radius, int threads)
         high.fill(-kInfinity);
         bool outside = false;
         for (std::int64_t i = begin; i < end; ++i) {
-          const Point<Real>& p = x[static_cast<std::size_t>(i)];
+          const Point<Real>& p = x[usize(i)];
           const std::array<Real, 4> row{p.x, p.y, p.z, Real{0}};
           for (std::size_t a = 0; a < 4; ++a) {
             low[a] = row[a] < low[a] ? row[a] : low[a];
@@ -77,7 +78,7 @@ Box<Real> bounding_box(std::span<const Point<Real>> x, Real radius, int threads)
             outside |= !(std::abs(row[a]) <= limit);
           }
         }
-        const auto part = static_cast<std::size_t>(begin / kGrain);
+        const auto part = usize(begin / kGrain);
         parts[part] = {{low[0], low[1], low[2]}, {high[0], high[1], high[2]}};
         bad[part] = outside;
       },
@@ -108,7 +109,7 @@ class Neighbours<Real>::TableRows {
 
   // The end of the cell of point k; the ranges of points about it, in rising order.
   std::int32_t next(std::int32_t k, std::vector<Range>& ranges) {
-    const std::int64_t key = owner_.entries_[static_cast<std::size_t>(k)].key;
+    const std::int64_t key = owner_.entries_[usize(k)].key;
     const std::int32_t* const begin = owner_.table_.data() + key;
     ranges.clear();
     for (const std::uint64_t offset : offsets_) {
@@ -136,13 +137,12 @@ class Neighbours<Real>::KeyRows {
 
   std::int32_t next(std::int32_t, std::vector<Range>& ranges) {
     ranges.clear();
-    const auto cell = static_cast<std::size_t>(cell_++);
+    const auto cell = usize(cell_++);
     for (std::size_t r = 0; r < offsets_.size(); ++r) {
       Cursor& cursor = cursors_[r];
       const std::uint64_t first = keys_[cell] + offsets_[r] - 1;
       if (first < cursor.key || cursor.cell == keys_.size()) {
-        cursor.cell = static_cast<std::size_t>(std::lower_bound(keys_.begin(), keys_.end(), first) -
-                                               keys_.begin());
+        cursor.cell = usize(std::lower_bound(keys_.begin(), keys_.end(), first) - keys_.begin());
       }
       cursor.key = first;
       while (cursor.cell < keys_.size() && keys_[cursor.cell] < first) ++cursor.cell;
@@ -211,7 +211,7 @@ typename Neighbours<Real>::Cells Neighbours<Real>::lay_out(std::span<const Point
   const Box<Real> box = bounding_box(x, radius, threads);
   std::array<std::uint64_t, 3> extent{1, 1, 1};
   double count = 1;
-  for (std::size_t a = 0; a < static_cast<std::size_t>(dimension_); ++a) {
+  for (std::size_t a = 0; a < usize(dimension_); ++a) {
     cells.lower[a] = cell_of(box.low[a], cells.size, 1 / cells.size) - 1;
     const std::int64_t upper = cell_of(box.high[a], cells.size, 1 / cells.size) + 1;
     extent[a] = static_cast<std::uint64_t>(upper - cells.lower[a] + 1);
@@ -259,10 +259,9 @@ void Neighbours<Real>::sort_keys(std::span<const Point<Real>> x, RadixSort<Key>&
           return static_cast<std::uint64_t>(cell) * cells.stride[a];
         };
         for (std::int64_t i = begin; i < end; ++i) {
-          const Point<Real>& p = x[static_cast<std::size_t>(i)];
+          const Point<Real>& p = x[usize(i)];
           const std::uint64_t key = part(p.x, 0) + part(p.y, 1) + part(p.z, 2);
-          entries[static_cast<std::size_t>(i)] = {static_cast<Key>(key),
-                                                  static_cast<std::int32_t>(i)};
+          entries[usize(i)] = {static_cast<Key>(key), static_cast<std::int32_t>(i)};
         }
       },
       threads);
@@ -271,7 +270,7 @@ void Neighbours<Real>::sort_keys(std::span<const Point<Real>> x, RadixSort<Key>&
       n, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t k = begin; k < end; ++k) {
-          order_[static_cast<std::size_t>(k)] = entries[static_cast<std::size_t>(k)].index;
+          order_[usize(k)] = entries[usize(k)].index;
         }
       },
       threads);
@@ -286,10 +285,10 @@ void Neighbours<Real>::fill_table(int threads) {
       n, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t k = begin; k < end; ++k) {
-          const auto at = static_cast<std::size_t>(k);
+          const auto at = usize(k);
           const std::int64_t before = k ? std::int64_t{entries_[at - 1].key} : -1;
           for (std::int64_t key = before + 1; key <= entries_[at].key; ++key) {
-            table_[static_cast<std::size_t>(key)] = static_cast<std::int32_t>(k);
+            table_[usize(key)] = static_cast<std::int32_t>(k);
           }
         }
       },
@@ -335,7 +334,7 @@ void Neighbours<Real>::find(std::span<const Point<Real>> x, Real radius, Pairs p
   parallel_for(
       static_cast<std::int64_t>(n), kGrain,
       [&](std::int64_t begin, std::int64_t end) {
-        for (auto k = static_cast<std::size_t>(begin); k < static_cast<std::size_t>(end); ++k) {
+        for (auto k = usize(begin); k < usize(end); ++k) {
           x_[k] = x[k].x;
           y_[k] = x[k].y;
           z_[k] = x[k].z;
@@ -345,7 +344,7 @@ void Neighbours<Real>::find(std::span<const Point<Real>> x, Real radius, Pairs p
   parallel_chunks(
       static_cast<std::int64_t>(chunks),
       [&](std::int64_t chunk) {
-        const auto c = static_cast<std::size_t>(chunk);
+        const auto c = usize(chunk);
         pair_counts[c] = cells_.table ? find_chunk<TableRows>(c, radius * radius, pairs)
                                       : find_chunk<KeyRows>(c, radius * radius, pairs);
       },
@@ -369,13 +368,13 @@ std::int64_t Neighbours<Real>::find_chunk(std::size_t chunk, Real radius_squared
   std::int64_t total = 0;
   for (std::size_t k = first; k < last;) {
     const auto cell = static_cast<std::int32_t>(k);
-    const std::size_t stop = std::min(last, static_cast<std::size_t>(rows.next(cell, ranges)));
+    const std::size_t stop = std::min(last, usize(rows.next(cell, ranges)));
     candidates.clear();
     for (const Range& range : ranges) {
       candidates.add(pairs == Pairs::kHalf ? std::max(range.begin, cell) : range.begin, range.end);
     }
     candidates.close();
-    const std::size_t most = static_cast<std::size_t>(candidates.size()) + 2 * kPad;
+    const std::size_t most = usize(candidates.size()) + 2 * kPad;
     for (std::size_t i = k; i < stop; ++i) {
       if (used + most > lists.capacity) {
         const std::size_t done = i - first;
@@ -394,7 +393,7 @@ std::int64_t Neighbours<Real>::find_chunk(std::size_t chunk, Real radius_squared
       begin_[i] = static_cast<std::uint32_t>(used);
       count_[i] = static_cast<std::int32_t>(end - out);
       total += end - out;
-      used += (static_cast<std::size_t>(end - out) + kPad - 1) / kPad * kPad;
+      used += (usize(end - out) + kPad - 1) / kPad * kPad;
       if (used > std::numeric_limits<std::uint32_t>::max()) throw std::bad_alloc();
     }
     k = stop;

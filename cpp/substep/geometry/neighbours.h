@@ -18,6 +18,7 @@
 
 #include "substep/core/point.h"
 #include "substep/core/radix_sort.h"
+#include "substep/core/usize.h"
 
 namespace substep::geometry {
 
@@ -49,7 +50,7 @@ class Neighbours {
   void find(std::span<const Point<Real>> x, Real radius, Pairs pairs = Pairs::kFull,
             int threads = 0);
   NeighbourList operator[](std::int64_t i) const {
-    const auto k = static_cast<std::size_t>(i);
+    const auto k = usize(i);
     return {lists_[k / kChunk].indices.get() + begin_[k], count_[k]};
   }
   std::int64_t size() const { return static_cast<std::int64_t>(order_.size()); }  // points

@@ -6,6 +6,7 @@
 
 #include "substep/core/lanes.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/geometry/conservative_advancement.h"
 
 namespace substep::geometry {
@@ -21,7 +22,7 @@ void assign(Point<Real>& p, const Vec3& v) {
 }
 template <class Real>
 double of(std::span<const Real> mass, std::int64_t i) {
-  return mass[mass.size() == 1 ? 0 : static_cast<std::size_t>(i)];
+  return mass[mass.size() == 1 ? 0 : usize(i)];
 }
 
 // The number next to `value` that is on its `low` or high side.
@@ -145,14 +146,14 @@ void ParticleContact<Real>::begin_step(std::int64_t n) {
   keep_reached_ = false;
   for (std::size_t c = 0; c < colliders.size(); ++c) {
     Obstacle& obstacle = obstacles_[c];
-    obstacle.parts.assign(static_cast<std::size_t>((n + kGrain - 1) / kGrain), Exchange{});
+    obstacle.parts.assign(usize((n + kGrain - 1) / kGrain), Exchange{});
     obstacle.tracked = colliders[c].friction > 0 || colliders[c].restitution > 0;
-    const std::size_t kept = obstacle.tracked ? static_cast<std::size_t>(n) : 0;
+    const std::size_t kept = obstacle.tracked ? usize(n) : 0;
     obstacle.normal.assign(kept, Point<Real>{});
     obstacle.tangential.assign(kept, Point<Real>{});
     keep_reached_ |= !convex(colliders[c]);
   }
-  reached_.resize(keep_reached_ ? static_cast<std::size_t>(n) : 0);
+  reached_.resize(keep_reached_ ? usize(n) : 0);
 }
 
 // An aligned collider: rows of points are compared with its bounds.
@@ -274,7 +275,7 @@ void ParticleContact<Real>::clamp(std::size_t c, std::span<const Point<Real>> st
                                   std::span<Point<Real>> x, std::span<const Real> mass,
                                   std::int64_t begin, std::int64_t end) {
   Obstacle& obstacle = obstacles_[c];
-  Exchange& part = obstacle.parts[static_cast<std::size_t>(begin / kGrain)];
+  Exchange& part = obstacle.parts[usize(begin / kGrain)];
 
   const auto touch = [&](std::int64_t i) {
     const double m = of(mass, i);
@@ -294,7 +295,7 @@ void ParticleContact<Real>::clamp(std::size_t c, std::span<const Point<Real>> st
   };
   if (obstacle.tracked) {
     for (std::int64_t i = begin; i < end; ++i) {
-      const Point<Real>&p = x[i], &n = obstacle.normal[static_cast<std::size_t>(i)];
+      const Point<Real>&p = x[i], &n = obstacle.normal[usize(i)];
       const Point<Real>&low = obstacle.low, &high = obstacle.high;
       if (n.x != 0 || n.y != 0 || n.z != 0 || p.x < low.x || p.y < low.y || p.z < low.z ||
           p.x > high.x || p.y > high.y || p.z > high.z) {
@@ -315,7 +316,7 @@ void ParticleContact<Real>::settle_near(std::size_t c, std::span<const Point<Rea
   constexpr std::int64_t kSingles = 8;
   const Collider& collider = colliders[c];
   const Obstacle& obstacle = obstacles_[c];
-  const auto count = static_cast<std::size_t>(end - begin);
+  const auto count = usize(end - begin);
   const std::span<const Point<Real>> from(&free_before(start, begin), count);
   const Ball before = ball(from), after = ball(std::span<const Point<Real>>(&x[begin], count));
   const Vec3 center = obstacle.to.to_local(after.center);
@@ -325,7 +326,7 @@ void ParticleContact<Real>::settle_near(std::size_t c, std::span<const Point<Rea
   if (collider.local_distance(center).value > reach) {
     // Beyond the margin friction has to do with those only that add_push() was told of.
     const auto pushed = [&](std::int64_t i) {
-      const Point<Real>& n = obstacle.normal[static_cast<std::size_t>(i)];
+      const Point<Real>& n = obstacle.normal[usize(i)];
       return n.x != 0 || n.y != 0 || n.z != 0;
     };
     bool any_pushed = false;
@@ -370,8 +371,7 @@ void ParticleContact<Real>::settle(std::span<const Point<Real>> start, std::span
       if (!(push.squaredNorm() > negligible)) continue;
       changed = true;
       at += push;
-      obstacle.parts[static_cast<std::size_t>(i / kGrain)].add(at + obstacle.to.shift,
-                                                               -mass / h_ * push);
+      obstacle.parts[usize(i / kGrain)].add(at + obstacle.to.shift, -mass / h_ * push);
     }
     if (!changed) break;
     moved = true;
@@ -385,8 +385,8 @@ template <class Real>
 Vec3 ParticleContact<Real>::rub(std::size_t c, std::int64_t i, const Vec3& start, const Vec3& p,
                                 const Vec3& push) {
   Obstacle& obstacle = obstacles_[c];
-  Point<Real>& kept_normal = obstacle.normal[static_cast<std::size_t>(i)];
-  Point<Real>& kept_tangential = obstacle.tangential[static_cast<std::size_t>(i)];
+  Point<Real>& kept_normal = obstacle.normal[usize(i)];
+  Point<Real>& kept_tangential = obstacle.tangential[usize(i)];
   const Vec3 N = vector(kept_normal) + push, T = vector(kept_tangential);
   const double size = N.norm(), friction = colliders[c].friction;
   assign(kept_normal, N);
@@ -411,7 +411,7 @@ void ParticleContact<Real>::bounce(std::span<const Point<Real>> start,
     Obstacle& obstacle = obstacles_[c];
     if (collider.restitution == 0) continue;
     const auto strike = [&](std::int64_t i) {
-      const Vec3 N = vector(obstacle.normal[static_cast<std::size_t>(i)]);
+      const Vec3 N = vector(obstacle.normal[usize(i)]);
       const double size = N.norm();
       if (size == 0) return;
       const Vec3 n = obstacle.to.rotation * (N / size);
@@ -431,7 +431,7 @@ void ParticleContact<Real>::bounce(std::span<const Point<Real>> start,
           collider.restitution * impact + 0.5 * gained - n.dot(vector(v[i]) - surface);
       if (!(lacking > 0)) return;
       assign(v[i], vector(v[i]) + lacking * n);
-      obstacle.parts[static_cast<std::size_t>(i / kGrain)].add(arm, -of(mass, i) * lacking * n);
+      obstacle.parts[usize(i / kGrain)].add(arm, -of(mass, i) * lacking * n);
     };
     parallel_for(
         static_cast<std::int64_t>(v.size()), kGrain,
@@ -455,10 +455,9 @@ template <class Real>
 void ParticleContact<Real>::add_push(std::size_t c, std::int64_t i, const Point<Real>& x,
                                      const Vec3& push, double mass) {
   Obstacle& obstacle = obstacles_[c];
-  obstacle.parts[static_cast<std::size_t>(i / kGrain)].add(vector(x) + obstacle.to.shift,
-                                                           -mass / h_ * push);
+  obstacle.parts[usize(i / kGrain)].add(vector(x) + obstacle.to.shift, -mass / h_ * push);
   if (!obstacle.tracked) return;
-  Point<Real>& normal = obstacle.normal[static_cast<std::size_t>(i)];
+  Point<Real>& normal = obstacle.normal[usize(i)];
   assign(normal, vector(normal) + obstacle.to.rotation.transpose() * push);
 }
 

@@ -5,6 +5,7 @@
 
 #include "substep/core/parallel.h"
 #include "substep/core/random.h"
+#include "substep/core/usize.h"
 
 namespace substep::geometry {
 namespace {
@@ -32,7 +33,7 @@ class Darts {
       strides_[d] = cells;
       cells *= counts_[d];
     }
-    points_.assign(static_cast<std::size_t>(cells), filled(kEmpty));
+    points_.assign(usize(cells), filled(kEmpty));
     list_neighbours();
   }
 
@@ -127,7 +128,7 @@ class Darts {
     parallel_phases(
         rows,
         [&](std::int64_t phase, std::int64_t row) {
-          throw_at_row(residues(order[static_cast<std::size_t>(phase)]), row, turn);
+          throw_at_row(residues(order[usize(phase)]), row, turn);
         },
         threads);
   }
@@ -144,7 +145,7 @@ class Darts {
   void throw_at(const Cell& cell, const Turn& turn) {
     std::int64_t index = 0;
     for (int d = 0; d < D; ++d) index += cell[d] * strides_[d];
-    Fraction& own = points_[static_cast<std::size_t>(index)];
+    Fraction& own = points_[usize(index)];
     if (own[0] != kEmpty) return;
     const auto draw = [&](std::uint64_t k) {
       return uniform2(seed_, static_cast<std::uint64_t>(index),

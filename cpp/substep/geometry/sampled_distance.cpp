@@ -4,6 +4,7 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::geometry {
 
@@ -29,10 +30,10 @@ SampledDistance::SampledDistance(std::array<std::int64_t, 3> shape, const Vec3& 
   if (!(spacing > 0) || !std::isfinite(spacing))
     throw InputError("spacing: expected a number above 0, got " + std::to_string(spacing));
   for (int axis = 0; axis < 3; ++axis) {
-    if (shape[static_cast<std::size_t>(axis)] < 4)
+    if (shape[usize(axis)] < 4)
       throw InputError("values: expected at least 4 nodes along axis " + std::to_string(axis));
   }
-  if (values_.size() != static_cast<std::size_t>(shape[0] * shape[1] * shape[2]))
+  if (values_.size() != usize(shape[0] * shape[1] * shape[2]))
     throw InputError("values: their number is not that of the grid's nodes");
   check_border();
   bound_gradient(threads);
@@ -40,7 +41,7 @@ SampledDistance::SampledDistance(std::array<std::int64_t, 3> shape, const Vec3& 
 
 void SampledDistance::check_border() const {
   const auto near_border = [&](std::int64_t i, int axis) {
-    return i < 2 || i >= shape_[static_cast<std::size_t>(axis)] - 2;
+    return i < 2 || i >= shape_[usize(axis)] - 2;
   };
   for (std::int64_t i = 0; i < shape_[0]; ++i) {
     for (std::int64_t j = 0; j < shape_[1]; ++j) {
@@ -66,11 +67,11 @@ void SampledDistance::bound_gradient(int threads) {
   struct Largest {
     double outside = 1, inside = 1;
   };
-  std::vector<Largest> largest(static_cast<std::size_t>(shape_[0]));
+  std::vector<Largest> largest(usize(shape_[0]));
   const double near = 12 * spacing_;
   const auto [nx, ny, nz] = shape_;
   const auto plane = [&](std::int64_t i) {
-    auto& [outside, inside] = largest[static_cast<std::size_t>(i)];
+    auto& [outside, inside] = largest[usize(i)];
     for (std::int64_t j = 0; j < ny; ++j) {
       for (std::int64_t k = 0; k < nz; ++k) {
         const double here = node(i, j, k);
@@ -105,13 +106,13 @@ auto SampledDistance::locate(const Vec3& x) const -> Stencil {
   Stencil stencil;
   for (int d = 0; d < 3; ++d) {
     const double q = (x[d] - origin_[d]) / spacing_;
-    const double top = static_cast<double>(shape_[static_cast<std::size_t>(d)]) - 1.5;
+    const double top = static_cast<double>(shape_[usize(d)]) - 1.5;
     const double inside = q >= 0.5 ? std::min(q, top) : 0.5;  // also where q is NaN
     const double center = std::min(std::floor(inside + 0.5), top - 0.5);
     const double s = inside - center;
     stencil.outside[d] = inside != q;
     stencil.beyond[d] = stencil.outside[d] ? (q - inside) * spacing_ : 0.0;
-    stencil.first[static_cast<std::size_t>(d)] = static_cast<std::int64_t>(center) - 1;
+    stencil.first[usize(d)] = static_cast<std::int64_t>(center) - 1;
     const double weight[3] = {0.5 * (0.5 - s) * (0.5 - s), 0.75 - s * s,
                               0.5 * (0.5 + s) * (0.5 + s)};
     const double slope[3] = {s - 0.5, -2 * s, s + 0.5};

@@ -18,6 +18,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/geometry/shapes.h"
 
 namespace substep::geometry {
@@ -45,7 +46,7 @@ class SampledDistance {
   struct Stencil;
   Stencil locate(const Vec3& x) const;
   double node(std::int64_t i, std::int64_t j, std::int64_t k) const {
-    return values_[static_cast<std::size_t>((i * shape_[1] + j) * shape_[2] + k)];
+    return values_[usize((i * shape_[1] + j) * shape_[2] + k)];
   }
   void check_border() const;
   void bound_gradient(int threads);

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::geometry {
 
@@ -91,7 +92,7 @@ bool directed_edges_cancel(const std::int64_t* faces, std::int64_t face_count) {
 
 TriangleTree::TriangleTree(const double* vertices, const std::int64_t* faces,
                            std::int64_t face_count) {
-  triangles_.reserve(static_cast<std::size_t>(face_count));
+  triangles_.reserve(usize(face_count));
   const auto vertex = [&](std::int64_t f, int k) -> Vec3 {
     return Eigen::Map<const Vec3>(vertices + 3 * faces[3 * f + k]);
   };
@@ -112,9 +113,9 @@ TriangleTree::TriangleTree(const double* vertices, const std::int64_t* faces,
 void TriangleTree::build(std::int32_t first, std::int32_t last) {
   const auto index = nodes_.size();
   Node node;
-  node.low = node.high = triangles_[static_cast<std::size_t>(first)].a;
+  node.low = node.high = triangles_[usize(first)].a;
   for (std::int32_t i = first; i < last; ++i) {
-    const Triangle& t = triangles_[static_cast<std::size_t>(i)];
+    const Triangle& t = triangles_[usize(i)];
     node.low = node.low.cwiseMin(t.a).cwiseMin(t.b).cwiseMin(t.c);
     node.high = node.high.cwiseMax(t.a).cwiseMax(t.b).cwiseMax(t.c);
   }
@@ -142,16 +143,16 @@ TriangleTree::Expansion TriangleTree::expand(std::int32_t first, std::int32_t la
   double area = 0;
   Vec3 weighted = Vec3::Zero();
   for (std::int32_t i = first; i < last; ++i) {
-    const auto& [a, b, c, face] = triangles_[static_cast<std::size_t>(i)];
+    const auto& [a, b, c, face] = triangles_[usize(i)];
     const double part = 0.5 * (b - a).cross(c - a).norm();
     area += part;
     weighted += part * (a + b + c) / 3;
   }
-  Expansion e{area > 0 ? Vec3(weighted / area) : triangles_[static_cast<std::size_t>(first)].a,
-              Vec3::Zero(), Mat3::Zero(), 0};
+  Expansion e{area > 0 ? Vec3(weighted / area) : triangles_[usize(first)].a, Vec3::Zero(),
+              Mat3::Zero(), 0};
   double radius2 = 0;
   for (std::int32_t i = first; i < last; ++i) {
-    const auto& [a, b, c, face] = triangles_[static_cast<std::size_t>(i)];
+    const auto& [a, b, c, face] = triangles_[usize(i)];
     const Vec3 normal = 0.5 * (b - a).cross(c - a);  // of the length of the area
     e.dipole += normal;
     e.quadrupole += normal * ((a + b + c) / 3 - e.center).transpose();
@@ -176,9 +177,9 @@ TriangleTree::Nearest TriangleTree::nearest(const Vec3& x, double bound) const {
   while (top > 0) {
     const Entry entry = stack[--top];
     if (entry.distance2 > best2) continue;
-    const Node& node = nodes_[static_cast<std::size_t>(entry.node)];
+    const Node& node = nodes_[usize(entry.node)];
     for (std::int32_t i = node.first; i < node.first + node.count; ++i) {
-      const Triangle& t = triangles_[static_cast<std::size_t>(i)];
+      const Triangle& t = triangles_[usize(i)];
       const Vec3 point = nearest_on_triangle(x, t.a, t.b, t.c);
       const double distance2 = (x - point).squaredNorm();
       if (distance2 < best2 || (best.face < 0 && distance2 == best2)) {
@@ -188,7 +189,7 @@ TriangleTree::Nearest TriangleTree::nearest(const Vec3& x, double bound) const {
     }
     if (node.count > 0) continue;
     const auto child = [&](std::int32_t i) -> Entry {
-      const Node& n = nodes_[static_cast<std::size_t>(i)];
+      const Node& n = nodes_[usize(i)];
       return {i, box_distance2(x, n.low, n.high)};
     };
     Entry near = child(entry.node + 1), far = child(node.right);
@@ -207,7 +208,7 @@ double TriangleTree::winding_number(const Vec3& x) const {
   stack[top++] = 0;
   while (top > 0) {
     const std::int32_t index = stack[--top];
-    const Expansion& e = expansions_[static_cast<std::size_t>(index)];
+    const Expansion& e = expansions_[usize(index)];
     const Vec3 r = e.center - x;
     const double r2 = r.squaredNorm();
     if (r2 > kFar * kFar * e.radius * e.radius) {
@@ -217,9 +218,9 @@ double TriangleTree::winding_number(const Vec3& x) const {
       sum += inverse * (e.dipole.dot(r) + e.quadrupole.trace() - 3 / r2 * r.dot(e.quadrupole * r));
       continue;
     }
-    const Node& node = nodes_[static_cast<std::size_t>(index)];
+    const Node& node = nodes_[usize(index)];
     for (std::int32_t i = node.first; i < node.first + node.count; ++i) {
-      const Triangle& t = triangles_[static_cast<std::size_t>(i)];
+      const Triangle& t = triangles_[usize(i)];
       sum += solid_angle(x, t.a, t.b, t.c);
     }
     if (node.count > 0) continue;
@@ -241,11 +242,11 @@ std::int64_t TriangleTree::count_pierced(const double* vertices, const std::int6
     stack[top++] = 0;
     while (top > 0) {
       const std::int32_t index = stack[--top];
-      const Node& node = nodes_[static_cast<std::size_t>(index)];
+      const Node& node = nodes_[usize(index)];
       if ((node.low.array() > high.array()).any() || (node.high.array() < low.array()).any())
         continue;
       for (std::int32_t k = node.first; k < node.first + node.count; ++k) {
-        const Triangle& t = triangles_[static_cast<std::size_t>(k)];
+        const Triangle& t = triangles_[usize(k)];
         const std::int64_t* f = faces + 3 * t.face;
         const bool shares = std::any_of(f, f + 3, [&](auto v) { return v == i || v == j; });
         if (!shares && pierces(p, q, t.a, t.b, t.c)) return true;
@@ -257,13 +258,12 @@ std::int64_t TriangleTree::count_pierced(const double* vertices, const std::int6
     return false;
   };
   constexpr std::int64_t kGrain = 1024;
-  std::vector<std::int64_t> found(static_cast<std::size_t>(edge_count / kGrain + 1), 0);
+  std::vector<std::int64_t> found(usize(edge_count / kGrain + 1), 0);
   parallel_for(
       edge_count, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t e = begin; e < end; ++e)
-          found[static_cast<std::size_t>(begin / kGrain)] +=
-              pierced(edges[2 * e], edges[2 * e + 1]) ? 1 : 0;
+          found[usize(begin / kGrain)] += pierced(edges[2 * e], edges[2 * e + 1]) ? 1 : 0;
       },
       threads);
   return std::accumulate(found.begin(), found.end(), std::int64_t{0});

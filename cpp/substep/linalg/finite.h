@@ -7,6 +7,7 @@
 #include <string>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 #include "substep/linalg/sparse.h"
 
 namespace substep {
@@ -17,9 +18,8 @@ void check_finite(const SparsePattern& pattern, std::span<const T> values) {
   T zero{};  // 0 * x is 0 for every finite x
   for (const T& value : values) zero += value * 0.0;
   if (std::abs(zero) == 0) return;
-  for (std::size_t j = 0; j < static_cast<std::size_t>(pattern.cols); ++j) {
-    for (auto k = static_cast<std::size_t>(pattern.start[j]);
-         k < static_cast<std::size_t>(pattern.start[j + 1]); ++k) {
+  for (std::size_t j = 0; j < usize(pattern.cols); ++j) {
+    for (auto k = usize(pattern.start[j]); k < usize(pattern.start[j + 1]); ++k) {
       if (!std::isfinite(std::abs(values[k]))) {
         throw NonFiniteError("the matrix is not finite at row " + std::to_string(pattern.row[k]) +
                                  ", column " + std::to_string(j),

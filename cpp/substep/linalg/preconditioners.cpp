@@ -6,22 +6,18 @@
 #include <memory>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 #include "substep/linalg/vectors.h"
 
 namespace substep {
-namespace {
-
-std::size_t index(std::int32_t i) { return static_cast<std::size_t>(i); }
-
-}  // namespace
 
 template <class T>
 LinearOperator<T> diagonal_preconditioner(const SparsePattern& pattern, std::span<const T> values,
                                           int threads) {
-  std::vector<T> inverse(index(pattern.cols), T{1});
+  std::vector<T> inverse(usize(pattern.cols), T{1});
   for (std::int32_t j = 0; j < pattern.cols; ++j) {
     const std::int32_t k = pattern.find(j, j);
-    if (k >= 0 && values[index(k)] != T{}) inverse[index(j)] = T{1} / values[index(k)];
+    if (k >= 0 && values[usize(k)] != T{}) inverse[usize(j)] = T{1} / values[usize(k)];
   }
   return [inverse = std::move(inverse), threads](std::span<const T> r, std::span<T> z) {
     for_each_index(r.size(), threads, [&](std::size_t i) { z[i] = inverse[i] * r[i]; });
@@ -34,7 +30,7 @@ LinearOperator<double> block_diagonal_preconditioner(const SparsePattern& patter
   if (block < 1 || pattern.cols % block != 0) {
     throw InputError("block: expected a divisor of the number of rows");
   }
-  const std::size_t size = index(block), blocks = index(pattern.cols / block);
+  const std::size_t size = usize(block), blocks = usize(pattern.cols / block);
   std::vector<double> inverse(blocks * size * size);
   Eigen::MatrixXd square(block, block);
   for (std::size_t v = 0; v < blocks; ++v) {
@@ -43,7 +39,7 @@ LinearOperator<double> block_diagonal_preconditioner(const SparsePattern& patter
       for (std::int32_t r = 0; r < block; ++r) {
         const bool mirrored = lower && r < c;
         const std::int32_t k = pattern.find(first + (mirrored ? c : r), first + (mirrored ? r : c));
-        square(r, c) = k < 0 ? 0 : values[index(k)];
+        square(r, c) = k < 0 ? 0 : values[usize(k)];
       }
     }
     const Eigen::FullPivLU<Eigen::MatrixXd> lu(square);
@@ -68,19 +64,19 @@ namespace {
 // Factorizes in place, column by column; the first column whose pivot is not positive, or -1.
 std::int32_t factor_ic0(const SparsePattern& lower, std::vector<double>& l) {
   for (std::int32_t j = 0; j < lower.cols; ++j) {
-    const auto begin = lower.start[index(j)], end = lower.start[index(j) + 1];
-    if (begin == end || lower.row[index(begin)] != j || !(l[index(begin)] > 0)) return j;
-    const double pivot = std::sqrt(l[index(begin)]);
-    l[index(begin)] = pivot;
-    for (auto k = begin + 1; k < end; ++k) l[index(k)] /= pivot;
+    const auto begin = lower.start[usize(j)], end = lower.start[usize(j) + 1];
+    if (begin == end || lower.row[usize(begin)] != j || !(l[usize(begin)] > 0)) return j;
+    const double pivot = std::sqrt(l[usize(begin)]);
+    l[usize(begin)] = pivot;
+    for (auto k = begin + 1; k < end; ++k) l[usize(k)] /= pivot;
     for (auto k = begin + 1; k < end; ++k) {  // column i -= l_ij column j, where A has entries
-      const std::int32_t i = lower.row[index(k)];
-      auto at = lower.start[index(i)];
-      const auto stop = lower.start[index(i) + 1];
+      const std::int32_t i = lower.row[usize(k)];
+      auto at = lower.start[usize(i)];
+      const auto stop = lower.start[usize(i) + 1];
       for (auto m = k; m < end; ++m) {
-        while (at < stop && lower.row[index(at)] < lower.row[index(m)]) ++at;
-        if (at < stop && lower.row[index(at)] == lower.row[index(m)]) {
-          l[index(at)] -= l[index(k)] * l[index(m)];
+        while (at < stop && lower.row[usize(at)] < lower.row[usize(m)]) ++at;
+        if (at < stop && lower.row[usize(at)] == lower.row[usize(m)]) {
+          l[usize(at)] -= l[usize(k)] * l[usize(m)];
         }
       }
     }
@@ -104,7 +100,7 @@ LinearOperator<double> incomplete_cholesky(const SparsePattern& lower,
     for (std::int32_t j = 0; j < lower.cols; ++j) {
       const std::int32_t k = lower.find(j, j);
       if (k < 0) throw InputError("pattern: expected every diagonal entry");
-      double& d = factor->values[index(k)];
+      double& d = factor->values[usize(k)];
       d = d == 0 ? 1 : d + shift * std::abs(d);
     }
     if (factor_ic0(lower, factor->values) < 0) break;
@@ -115,15 +111,15 @@ LinearOperator<double> incomplete_cholesky(const SparsePattern& lower,
     const auto& [p, l] = *factor;
     std::copy(r.begin(), r.end(), z.begin());
     for (std::int32_t j = 0; j < p.cols; ++j) {  // L y = r
-      const auto begin = p.start[index(j)], end = p.start[index(j) + 1];
-      const double y = z[index(j)] /= l[index(begin)];
-      for (auto k = begin + 1; k < end; ++k) z[index(p.row[index(k)])] -= l[index(k)] * y;
+      const auto begin = p.start[usize(j)], end = p.start[usize(j) + 1];
+      const double y = z[usize(j)] /= l[usize(begin)];
+      for (auto k = begin + 1; k < end; ++k) z[usize(p.row[usize(k)])] -= l[usize(k)] * y;
     }
     for (std::int32_t j = p.cols - 1; j >= 0; --j) {  // L^T z = y
-      const auto begin = p.start[index(j)], end = p.start[index(j) + 1];
-      double sum = z[index(j)];
-      for (auto k = begin + 1; k < end; ++k) sum -= l[index(k)] * z[index(p.row[index(k)])];
-      z[index(j)] = sum / l[index(begin)];
+      const auto begin = p.start[usize(j)], end = p.start[usize(j) + 1];
+      double sum = z[usize(j)];
+      for (auto k = begin + 1; k < end; ++k) sum -= l[usize(k)] * z[usize(p.row[usize(k)])];
+      z[usize(j)] = sum / l[usize(begin)];
     }
   };
 }
@@ -139,39 +135,39 @@ LinearOperator<T> incomplete_lu(const SparsePattern& pattern, std::span<const T>
   auto factor = std::make_shared<Factor>(Factor{transposed(pattern, &entry), {}, {}});
   auto& [rows, lu, diagonal] = *factor;
   lu.reserve(entry.size());
-  for (const std::int32_t k : entry) lu.push_back(values[index(k)]);
-  std::vector<std::int32_t> at(index(rows.rows), -1);  // entry of the current row in each column
+  for (const std::int32_t k : entry) lu.push_back(values[usize(k)]);
+  std::vector<std::int32_t> at(usize(rows.rows), -1);  // entry of the current row in each column
   for (std::int32_t i = 0; i < rows.cols; ++i) {
-    const auto begin = rows.start[index(i)], end = rows.start[index(i) + 1];
+    const auto begin = rows.start[usize(i)], end = rows.start[usize(i) + 1];
     diagonal.push_back(rows.find(i, i));
     if (diagonal.back() < 0) throw InputError("pattern: expected every diagonal entry");
-    for (auto k = begin; k < end; ++k) at[index(rows.row[index(k)])] = k;
-    for (auto k = begin; k < end && rows.row[index(k)] < i; ++k) {
-      const std::int32_t j = rows.row[index(k)];
-      lu[index(k)] /= lu[index(diagonal[index(j)])];
-      for (auto m = diagonal[index(j)] + 1; m < rows.start[index(j) + 1]; ++m) {
-        const std::int32_t to = at[index(rows.row[index(m)])];
-        if (to >= 0) lu[index(to)] -= lu[index(k)] * lu[index(m)];
+    for (auto k = begin; k < end; ++k) at[usize(rows.row[usize(k)])] = k;
+    for (auto k = begin; k < end && rows.row[usize(k)] < i; ++k) {
+      const std::int32_t j = rows.row[usize(k)];
+      lu[usize(k)] /= lu[usize(diagonal[usize(j)])];
+      for (auto m = diagonal[usize(j)] + 1; m < rows.start[usize(j) + 1]; ++m) {
+        const std::int32_t to = at[usize(rows.row[usize(m)])];
+        if (to >= 0) lu[usize(to)] -= lu[usize(k)] * lu[usize(m)];
       }
     }
-    for (auto k = begin; k < end; ++k) at[index(rows.row[index(k)])] = -1;
-    if (lu[index(diagonal.back())] == T{}) lu[index(diagonal.back())] = T{1};
+    for (auto k = begin; k < end; ++k) at[usize(rows.row[usize(k)])] = -1;
+    if (lu[usize(diagonal.back())] == T{}) lu[usize(diagonal.back())] = T{1};
   }
   return [factor](std::span<const T> r, std::span<T> z) {
     const auto& [p, f, d] = *factor;
     for (std::int32_t i = 0; i < p.cols; ++i) {  // L y = r
-      T sum = r[index(i)];
-      for (auto k = p.start[index(i)]; k < d[index(i)]; ++k) {
-        sum -= f[index(k)] * z[index(p.row[index(k)])];
+      T sum = r[usize(i)];
+      for (auto k = p.start[usize(i)]; k < d[usize(i)]; ++k) {
+        sum -= f[usize(k)] * z[usize(p.row[usize(k)])];
       }
-      z[index(i)] = sum;
+      z[usize(i)] = sum;
     }
     for (std::int32_t i = p.cols - 1; i >= 0; --i) {  // U z = y
-      T sum = z[index(i)];
-      for (auto k = d[index(i)] + 1; k < p.start[index(i) + 1]; ++k) {
-        sum -= f[index(k)] * z[index(p.row[index(k)])];
+      T sum = z[usize(i)];
+      for (auto k = d[usize(i)] + 1; k < p.start[usize(i) + 1]; ++k) {
+        sum -= f[usize(k)] * z[usize(p.row[usize(k)])];
       }
-      z[index(i)] = sum / f[index(d[index(i)])];
+      z[usize(i)] = sum / f[usize(d[usize(i)])];
     }
   };
 }

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep {
 
@@ -21,20 +22,20 @@ T sum_chunk(std::int64_t begin, std::int64_t end, const Term& term) {
   std::array<T, 8> lane{};
   std::int64_t i = begin;
   for (; i + 8 <= end; i += 8) {
-    for (std::size_t l = 0; l < 8; ++l) lane[l] += term(static_cast<std::size_t>(i) + l);
+    for (std::size_t l = 0; l < 8; ++l) lane[l] += term(usize(i) + l);
   }
-  for (; i < end; ++i) lane[0] += term(static_cast<std::size_t>(i));
+  for (; i < end; ++i) lane[0] += term(usize(i));
   return ((lane[0] + lane[4]) + (lane[2] + lane[6])) + ((lane[1] + lane[5]) + (lane[3] + lane[7]));
 }
 
 template <class T, class Term>
 T sum_terms(std::int64_t n, const Term& term, int threads = 1) {
   if (n <= kSumChunk) return sum_chunk<T>(0, n, term);
-  std::vector<T> part(static_cast<std::size_t>((n - 1) / kSumChunk + 1));
+  std::vector<T> part(usize((n - 1) / kSumChunk + 1));
   parallel_for(
       n, kSumChunk,
       [&](std::int64_t begin, std::int64_t end) {
-        part[static_cast<std::size_t>(begin / kSumChunk)] = sum_chunk<T>(begin, end, term);
+        part[usize(begin / kSumChunk)] = sum_chunk<T>(begin, end, term);
       },
       threads);
   T sum{};
@@ -69,7 +70,7 @@ void for_each_index(std::size_t n, int threads, const Body& body) {
   parallel_for(
       static_cast<std::int64_t>(n), kSumChunk,
       [&](std::int64_t begin, std::int64_t end) {
-        for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
+        for (auto i = usize(begin); i < usize(end); ++i) {
           body(i);
         }
       },

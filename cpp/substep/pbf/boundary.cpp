@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::pbf {
 namespace {
@@ -48,8 +49,9 @@ Boundary<Real>::Boundary(std::vector<Collider> obstacles, const DensityConstrain
       return Block{};
     }
     if (std::holds_alternative<Plane>(collider.shape()) || dimension_ == 2) return Flat{};
-    const auto& field = *std::get<std::shared_ptr<const SampledDistance>>(collider.shape());
-    return std::make_shared<const DensityMap>(field, collider.hollow(), kernel, radius_, threads);
+    const auto* given = std::get_if<std::shared_ptr<const SampledDistance>>(&collider.shape());
+    const auto field = given ? *given : sampled(collider.shape(), threads);
+    return std::make_shared<const DensityMap>(*field, collider.hollow(), kernel, radius_, threads);
   };
   for (const Collider& collider : colliders()) walls_.push_back(add(collider));
 }
@@ -134,7 +136,7 @@ void Boundary<Real>::note_near(std::span<const Point<Real>> x, int threads) {
   constexpr std::int64_t kGrain = geometry::ParticleContact<Real>::kGrain;
   const auto n = static_cast<std::int64_t>(x.size());
   contributions_.assign(x.size(), Point<Real>{});
-  near_.resize(static_cast<std::size_t>((n + kGrain - 1) / kGrain));
+  near_.resize(usize((n + kGrain - 1) / kGrain));
   if (colliders().empty()) return;
   // Sweeps move particles, by less than a quarter of the radius as a rule; who comes near by more
   // than that is seen in the next step.
@@ -142,7 +144,7 @@ void Boundary<Real>::note_near(std::span<const Point<Real>> x, int threads) {
   parallel_for(
       n, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
-        std::vector<Near>& near = near_[static_cast<std::size_t>(begin / kGrain)];
+        std::vector<Near>& near = near_[usize(begin / kGrain)];
         near.clear();
         std::vector<std::int32_t> found;
         for (std::size_t c = 0; c < colliders().size(); ++c) {
@@ -158,12 +160,12 @@ template <class Real>
 std::span<const Point<Real>> Boundary<Real>::contributions(std::span<const Point<Real>> x,
                                                            int threads) {
   const auto chunk = [&](std::int64_t k) {
-    std::vector<Near>& near = near_[static_cast<std::size_t>(k)];
+    std::vector<Near>& near = near_[usize(k)];
     for (const Near& entry : near) {
-      contributions_[static_cast<std::size_t>(entry.particle)] = Point<Real>{};
+      contributions_[usize(entry.particle)] = Point<Real>{};
     }
     for (Near& entry : near) {
-      const auto c = static_cast<std::size_t>(entry.collider);
+      const auto c = usize(entry.collider);
       const Collider& collider = colliders()[c];
       const Vec3 from = vector(x[entry.particle]) + (contact_.origin() - collider.position());
       const WallDensity wall = wall_density(c, collider.rotation().transpose() * from);
@@ -171,7 +173,7 @@ std::span<const Point<Real>> Boundary<Real>::contributions(std::span<const Point
       entry.gradient = {static_cast<Real>(g[0]), static_cast<Real>(g[1]),
                         dimension_ == 2 ? Real(0) : static_cast<Real>(g[2]),
                         static_cast<Real>(wall.value)};
-      Point<Real>& sum = contributions_[static_cast<std::size_t>(entry.particle)];
+      Point<Real>& sum = contributions_[usize(entry.particle)];
       sum.x += entry.gradient.x, sum.y += entry.gradient.y, sum.z += entry.gradient.z;
       sum.w += entry.gradient.w;
     }
@@ -185,12 +187,12 @@ void Boundary<Real>::project(std::span<const Point<Real>> multipliers,
                              std::span<const Point<Real>> start, std::span<Point<Real>> x,
                              std::span<const Real> mass, int threads) {
   const auto chunk = [&](std::int64_t k) {
-    for (const Near& entry : near_[static_cast<std::size_t>(k)]) {
-      const auto i = static_cast<std::size_t>(entry.particle);
+    for (const Near& entry : near_[usize(k)]) {
+      const auto i = usize(entry.particle);
       const Real scale = x[i].w * multipliers[i].w;
       if (scale == 0 || entry.gradient.w == 0) continue;
       const Vec3 push = static_cast<double>(scale) * vector(entry.gradient);
-      contact_.add_push(static_cast<std::size_t>(entry.collider), entry.particle, x[i], push,
+      contact_.add_push(usize(entry.collider), entry.particle, x[i], push,
                         mass[mass.size() == 1 ? 0 : i]);
     }
   };

@@ -6,7 +6,7 @@
 // liquid that settled fills its volume. The density constraint pushes a particle off an obstacle by
 // w_i lambda_i grad b_i; that, and what the contact adds, is what the obstacle is given.
 // Deviation: in two dimensions boxes are taken as long along z, balls as discs of their radius, and
-// sampled distances as planes at their nearest points.
+// all others as planes at their nearest points.
 #pragma once
 
 #include <cstdint>

@@ -5,6 +5,7 @@
 
 #include "substep/core/parallel.h"
 #include "substep/core/point_lanes.h"
+#include "substep/core/usize.h"
 #include "substep/pbf/kernels.h"
 
 namespace substep::pbf {
@@ -93,7 +94,7 @@ DensityError sweep_multipliers(std::span<const Point<Real>> x, const Neighbours<
   using V = Vector<Real>;
   constexpr int kLanes = sizeof(V) / sizeof(Real);
   const std::int64_t n = neighbours.size();
-  std::vector<DensityError> errors(static_cast<std::size_t>((n + kGrain - 1) / kGrain));
+  std::vector<DensityError> errors(usize((n + kGrain - 1) / kGrain));
   const Real own = static_cast<Real>(unit_value<K>(0));
   parallel_for(
       n, kGrain,
@@ -167,7 +168,7 @@ std::int64_t sweep_corrections(std::span<const Point<Real>> y, const Neighbours<
   using V = Vector<Real>;
   constexpr int kLanes = sizeof(V) / sizeof(Real);
   const std::int64_t n = neighbours.size();
-  std::vector<std::int64_t> limited(static_cast<std::size_t>((n + kGrain - 1) / kGrain));
+  std::vector<std::int64_t> limited(usize((n + kGrain - 1) / kGrain));
   parallel_for(
       n, kGrain,
       [&](std::int64_t begin, std::int64_t end) {

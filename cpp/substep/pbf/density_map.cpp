@@ -6,6 +6,7 @@
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::pbf {
 namespace {
@@ -22,7 +23,7 @@ std::array<Vec3, 2> inside_box(const geometry::SampledDistance& field) {
   for (std::int64_t i = 0; i < nx; ++i) {
     for (std::int64_t j = 0; j < ny; ++j) {
       for (std::int64_t k = 0; k < nz; ++k) {
-        if (field.values()[static_cast<std::size_t>((i * ny + j) * nz + k)] >= 0) continue;
+        if (field.values()[usize((i * ny + j) * nz + k)] >= 0) continue;
         const Vec3 at(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k));
         low = low.cwiseMin(at), high = high.cwiseMax(at);
       }
@@ -46,13 +47,13 @@ DensityMap::DensityMap(const geometry::SampledDistance& field, bool hollow,
   double count = 1;
   for (int axis = 0; axis < 3; ++axis) {
     const double nodes = std::ceil((high[axis] - low[axis] + 2 * border) / spacing_) + 1;
-    shape_[static_cast<std::size_t>(axis)] = static_cast<std::int64_t>(nodes);
+    shape_[usize(axis)] = static_cast<std::int64_t>(nodes);
     count *= nodes;
   }
   if (!(count <= static_cast<double>(kMaxNodes)))
     throw InputError("colliders: the map of a signed distance field would have " +
                      std::to_string(count) + " nodes; the particles are too small for it");
-  nodes_.assign(static_cast<std::size_t>(count), 0.0f);
+  nodes_.assign(usize(count), 0.0f);
   sample(field, kernel, h, threads);
   sharpen();
 }
@@ -67,7 +68,7 @@ void DensityMap::sample(const geometry::SampledDistance& field, const KernelFunc
   std::vector<float> weights(kWidth * kWidth * kWidth);
   double total = 0;
   const auto weight = [&](std::int64_t a, std::int64_t b, std::int64_t c) -> float& {
-    return weights[static_cast<std::size_t>((a * kWidth + b) * kWidth + c)];
+    return weights[usize((a * kWidth + b) * kWidth + c)];
   };
   const auto offset = [&](std::int64_t a) {
     return cell * (static_cast<double>(a - kReach) + 0.5);
@@ -91,10 +92,10 @@ void DensityMap::sample(const geometry::SampledDistance& field, const KernelFunc
   };
   const auto planes = [&, ny = ny, nz = nz](std::int64_t begin, std::int64_t end) {
     const std::int64_t width_x = kNodeCells * (end - begin - 1) + kWidth;
-    std::vector<float> shares(static_cast<std::size_t>(width_x * width_y * width_z));
+    std::vector<float> shares(usize(width_x * width_y * width_z));
     for (std::int64_t a = 0; a < width_x; ++a) {
       for (std::int64_t b = 0; b < width_y; ++b) {
-        float* row = &shares[static_cast<std::size_t>((a * width_y + b) * width_z)];
+        float* row = &shares[usize((a * width_y + b) * width_z)];
         for (std::int64_t c = 0; c < width_z;) {
           const Vec3 at(cell_at(kNodeCells * begin + a), cell_at(b), cell_at(c));
           const double d = field.signed_distance(origin_ + at).value;
@@ -112,8 +113,8 @@ void DensityMap::sample(const geometry::SampledDistance& field, const KernelFunc
       for (std::int64_t a = 0; a < kWidth; ++a) {
         for (std::int64_t b = 0; b < kWidth; ++b) {
           const std::int64_t column = (kNodeCells * (i - begin) + a) * width_y + kNodeCells * j + b;
-          const float* row = &shares[static_cast<std::size_t>(column * width_z + kNodeCells * k)];
-          const float* by = &weights[static_cast<std::size_t>((a * kWidth + b) * kWidth)];
+          const float* row = &shares[usize(column * width_z + kNodeCells * k)];
+          const float* by = &weights[usize((a * kWidth + b) * kWidth)];
           float part[kWidth];
           for (std::int64_t c = 0; c < kWidth; ++c) part[c] = by[c] * row[c];
           for (std::int64_t half = kWidth / 2; half > 0; half /= 2) {
@@ -131,8 +132,7 @@ void DensityMap::sample(const geometry::SampledDistance& field, const KernelFunc
           const Vec3 at(static_cast<double>(i), static_cast<double>(j), static_cast<double>(k));
           const double d = field.signed_distance(origin_ + spacing_ * at).value;
           const bool near = std::abs(d) < 1.1 * h * field.lipschitz(d < 0);
-          nodes_[static_cast<std::size_t>((i * ny + j) * nz + k)] =
-              near ? sum_about(i, j, k) : (d < 0 ? 1.0f : 0.0f);
+          nodes_[usize((i * ny + j) * nz + k)] = near ? sum_about(i, j, k) : (d < 0 ? 1.0f : 0.0f);
         }
       }
     }
@@ -148,8 +148,8 @@ void DensityMap::sharpen() {
     for (std::int64_t j = 1; j + 1 < shape_[1]; ++j) {
       for (std::int64_t k = 1; k + 1 < shape_[2]; ++k) {
         const std::int64_t n = i * stride_x + j * stride_y + k;
-        const auto value = [&](std::int64_t m) { return values[static_cast<std::size_t>(m)]; };
-        nodes_[static_cast<std::size_t>(n)] =
+        const auto value = [&](std::int64_t m) { return values[usize(m)]; };
+        nodes_[usize(n)] =
             value(n) - (value(n - stride_x) + value(n + stride_x) + value(n - stride_y) +
                         value(n + stride_y) + value(n - 1) + value(n + 1) - 6 * value(n)) /
                            8;
@@ -165,7 +165,7 @@ WallDensity DensityMap::operator()(const Vec3& x) const {
   double weight[3][3], slope[3][3];
   for (int axis = 0; axis < 3; ++axis) {
     const double q = (x[axis] - origin_[axis]) / spacing_;
-    const std::int64_t count = shape_[static_cast<std::size_t>(axis)];
+    const std::int64_t count = shape_[usize(axis)];
     if (!(q >= 0.5 && q < static_cast<double>(count) - 1.5)) return result;
     const double center = std::floor(q + 0.5), s = q - center;
     first[axis] = static_cast<std::int64_t>(center) - 1;

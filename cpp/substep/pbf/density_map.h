@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/geometry/sampled_distance.h"
 #include "substep/pbf/wall_integrals.h"
 
@@ -32,7 +33,7 @@ class DensityMap {
               int threads);
   void sharpen();
   float node(std::int64_t i, std::int64_t j, std::int64_t k) const {
-    return nodes_[static_cast<std::size_t>((i * shape_[1] + j) * shape_[2] + k)];
+    return nodes_[usize((i * shape_[1] + j) * shape_[2] + k)];
   }
 
   std::array<std::int64_t, 3> shape_;

@@ -8,6 +8,7 @@
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/pbf/sums.h"
 
 namespace substep::pbf {
@@ -23,7 +24,7 @@ Vec3 vector(const Point<Real>& p) {
 // The lowest i in [0, n) with test(i), or -1.
 template <class Test>
 std::int64_t first_where(std::int64_t n, int threads, const Test& test) {
-  std::vector<std::int64_t> found(static_cast<std::size_t>((n + kRows - 1) / kRows), -1);
+  std::vector<std::int64_t> found(usize((n + kRows - 1) / kRows), -1);
   parallel_for(
       n, kRows,
       [&](std::int64_t begin, std::int64_t end) {
@@ -60,7 +61,7 @@ Fluid<Real>::Fluid(const Vec3& origin_, std::vector<geometry::Collider> collider
 
 template <class Real>
 Real Fluid<Real>::inverse_mass(std::int32_t fluid) const {
-  return static_cast<Real>(options.masses[0] / options.masses[static_cast<std::size_t>(fluid)]);
+  return static_cast<Real>(options.masses[0] / options.masses[usize(fluid)]);
 }
 
 template <class Real>
@@ -87,7 +88,7 @@ std::int64_t Fluid<Real>::add(std::span<const Vec3> x, std::span<const Vec3> v,
   const std::int64_t first = next_id, old = particles.size();
   particles.resize(old + static_cast<std::int64_t>(x.size()), !particles.f.empty());
   for (std::size_t k = 0; k < x.size(); ++k) {
-    const auto i = static_cast<std::size_t>(old) + k;
+    const auto i = usize(old) + k;
     particles.x[i] = local(x[k], inverse_mass(fluid[k]));
     particles.v[i] = {static_cast<Real>(v[k].x()), static_cast<Real>(v[k].y()),
                       static_cast<Real>(v[k].z()), 0};
@@ -106,7 +107,7 @@ void Fluid<Real>::remove(std::span<const std::uint8_t> flags) {
 template <class Real>
 std::int64_t Fluid<Real>::absorb(const geometry::Collider& region) {
   const std::int64_t n = particles.size();
-  std::vector<std::uint8_t> inside(static_cast<std::size_t>(n));
+  std::vector<std::uint8_t> inside(usize(n));
   parallel_for(
       n, kRows,
       [&](std::int64_t begin, std::int64_t end) {
@@ -144,7 +145,7 @@ void Fluid<Real>::step(double dt) {
 template <class Real>
 void Fluid<Real>::predict(double dt) {
   const std::int64_t n = particles.size();
-  predicted_.resize(static_cast<std::size_t>(n));
+  predicted_.resize(usize(n));
   const double m0 = options.masses[0];
   parallel_for(
       n, kRows,
@@ -191,13 +192,12 @@ void Fluid<Real>::sort() {
   const auto h = static_cast<Real>(density.radius());
   neighbours_.sort(predicted_, h, options.threads);
   const std::int64_t n = particles.size();
-  const auto rows = static_cast<std::size_t>(n) + 1;
+  const auto rows = usize(n) + 1;
   next_.resize(n, false);
   next_.x.resize(rows);
-  old_x_.resize(static_cast<std::size_t>(n));
-  old_v_.resize(static_cast<std::size_t>(n));
-  mass_.assign(options.masses.size() > 1 ? static_cast<std::size_t>(n) : 1,
-               static_cast<Real>(options.masses[0]));
+  old_x_.resize(usize(n));
+  old_v_.resize(usize(n));
+  mass_.assign(options.masses.size() > 1 ? usize(n) : 1, static_cast<Real>(options.masses[0]));
   multipliers_.resize(rows);
   const std::span<const std::int32_t> order = neighbours_.order();
   parallel_for(
@@ -316,10 +316,10 @@ void Fluid<Real>::refuse_bad_velocity(const Velocity& velocity) const {
 
 template <class Real>
 void Fluid<Real>::keep_in_bounds() {
-  next_.x.resize(static_cast<std::size_t>(next_.size()));
+  next_.x.resize(usize(next_.size()));
   if (!options.bounds) return;
   const auto& [low, high] = *options.bounds;
-  std::vector<std::uint8_t> outside(static_cast<std::size_t>(next_.size()));
+  std::vector<std::uint8_t> outside(usize(next_.size()));
   for (std::int64_t i = 0; i < next_.size(); ++i) {
     const Vec3 at = world(next_.x[i]), held = at.cwiseMax(low).cwiseMin(high);
     if (at == held) continue;

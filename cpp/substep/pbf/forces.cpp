@@ -1,5 +1,6 @@
 #include "substep/pbf/forces.h"
 
+#include "substep/core/usize.h"
 #include "substep/pbf/xsph.h"
 
 namespace substep::pbf {
@@ -26,7 +27,7 @@ ViscosityReport Forces<Real>::act_on_velocities(const ForceOptions& options, con
   if (!options.viscosity.empty()) {
     nu_.resize(rows.fluid.size());
     for (std::size_t i = 0; i < nu_.size(); ++i) {
-      nu_[i] = static_cast<Real>(options.viscosity[static_cast<std::size_t>(rows.fluid[i])]);
+      nu_[i] = static_cast<Real>(options.viscosity[usize(rows.fluid[i])]);
     }
     report = viscosity_.solve(near(), nu_, static_cast<Real>(dt),
                               static_cast<Real>(options.viscosity_tolerance),

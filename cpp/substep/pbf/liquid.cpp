@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 #include "substep/pbf/fluid.h"
 
 namespace substep::pbf {
@@ -57,7 +58,7 @@ class LiquidOf final : public Liquid {
   void remove(Places places) override {
     const std::vector<std::size_t> rows = rows_of_ids();
     std::vector<std::uint8_t> flags(rows.size());
-    for (const std::int64_t place : places) flags[rows[static_cast<std::size_t>(place)]] = 1;
+    for (const std::int64_t place : places) flags[rows[usize(place)]] = 1;
     fluid_.remove(flags);
   }
   std::int64_t absorb(const Collider& region) override { return fluid_.absorb(region); }
@@ -147,8 +148,8 @@ class LiquidOf final : public Liquid {
   std::vector<std::size_t> rows_of_ids() const {
     constexpr std::size_t kNone = ~std::size_t{0};
     const std::vector<std::int64_t>& ids = fluid_.particles.id;
-    std::vector<std::size_t> row(static_cast<std::size_t>(fluid_.next_id), kNone);
-    for (std::size_t i = 0; i < ids.size(); ++i) row[static_cast<std::size_t>(ids[i])] = i;
+    std::vector<std::size_t> row(usize(fluid_.next_id), kNone);
+    for (std::size_t i = 0; i < ids.size(); ++i) row[usize(ids[i])] = i;
     std::erase(row, kNone);
     return row;
   }
@@ -161,7 +162,7 @@ class LiquidOf final : public Liquid {
   }
   template <class Value>
   std::vector<double> vectors(const Value& value) const {
-    std::vector<double> out(fluid_.particles.id.size() * static_cast<std::size_t>(dimension()));
+    std::vector<double> out(fluid_.particles.id.size() * usize(dimension()));
     double* to = out.data();
     for (const std::size_t row : rows_of_ids()) {
       const Vec3 v = value(row);
@@ -173,8 +174,7 @@ class LiquidOf final : public Liquid {
   template <class Put>
   void write(Places places, const Put& put) {
     const std::vector<std::size_t> rows = rows_of_ids();
-    for (std::size_t k = 0; k < places.size(); ++k)
-      put(rows[static_cast<std::size_t>(places[k])], k);
+    for (std::size_t k = 0; k < places.size(); ++k) put(rows[usize(places[k])], k);
   }
 
   Fluid<Real> fluid_;

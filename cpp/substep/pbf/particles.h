@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "substep/core/point.h"
+#include "substep/core/usize.h"
 
 namespace substep::pbf {
 
@@ -19,7 +20,7 @@ struct Particles {
   std::int64_t size() const { return static_cast<std::int64_t>(id.size()); }
 
   void resize(std::int64_t n, bool forces) {
-    const auto count = static_cast<std::size_t>(n);
+    const auto count = usize(n);
     x.resize(count);
     v.resize(count);
     f.resize(forces ? count : 0);
@@ -29,7 +30,7 @@ struct Particles {
 
   // Row `to` becomes row `from` of others.
   void copy_row(std::int64_t to, const Particles& others, std::int64_t from) {
-    const auto i = static_cast<std::size_t>(to), j = static_cast<std::size_t>(from);
+    const auto i = usize(to), j = usize(from);
     x[i] = others.x[j];
     v[i] = others.v[j];
     if (!f.empty()) f[i] = others.f[j];
@@ -41,7 +42,7 @@ struct Particles {
   void erase(const std::vector<std::uint8_t>& flags) {
     std::int64_t kept = 0;
     for (std::int64_t i = 0; i < size(); ++i) {
-      if (flags[static_cast<std::size_t>(i)] == 0) copy_row(kept++, *this, i);
+      if (flags[usize(i)] == 0) copy_row(kept++, *this, i);
     }
     resize(kept, !f.empty());
   }

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "substep/core/usize.h"
+
 namespace substep::pbf {
 namespace {
 
@@ -47,7 +49,7 @@ DistanceTable::DistanceTable(const KernelFunction& kernel, double h, int dimensi
   const double step = 2 * h / kDistances;
   for (int k = 0; k <= kDistances; ++k) {
     const double d = std::max(-h + step * k, -radius);
-    entries_[static_cast<std::size_t>(k)].value = integral(kernel, h, dimension, radius, d);
+    entries_[usize(k)].value = integral(kernel, h, dimension, radius, d);
   }
   for (std::size_t k = 0; k <= kDistances; ++k) {
     const std::size_t low = k > 0 ? k - 1 : 0, high = std::min<std::size_t>(k + 1, kDistances);
@@ -61,7 +63,7 @@ auto DistanceTable::operator()(double d) const -> Entry {
   const double at = (d / h_ + 1) * (kDistances / 2);
   if (!(at < kDistances)) return {0, 0};
   if (at <= 0) return {entries_.front().value, 0};
-  const auto k = static_cast<std::size_t>(at);
+  const auto k = usize(at);
   const double t = at - static_cast<double>(k);
   const Entry &a = entries_[k], &b = entries_[k + 1];
   return {a.value + t * (b.value - a.value), a.slope + t * (b.slope - a.slope)};
@@ -101,7 +103,7 @@ Mirror::Mirror(const DistanceTable& plane, double h, double spacing, double half
 auto Mirror::operator()(double s) const -> Entry {
   if (!(s < reach_)) return {0, 0, h_, 0};
   const double at = std::max(s, 0.0) / reach_ * kMirrored;
-  const std::size_t k = std::min<std::size_t>(static_cast<std::size_t>(at), kMirrored - 1);
+  const std::size_t k = std::min<std::size_t>(usize(at), kMirrored - 1);
   const double t = at - static_cast<double>(k);
   const Entry &a = entries_[k], &b = entries_[k + 1];
   const auto between = [&](double low, double high) { return low + t * (high - low); };
@@ -166,7 +168,7 @@ auto CornerTable::octant(const Vec3& from) const -> Octant {
   for (int axis = 0; axis < 3; ++axis) {
     const double q = from[axis] / h_ * kCells;
     if (!(q < kCells)) return {};
-    at[axis] = static_cast<std::size_t>(q);
+    at[axis] = usize(q);
     weight[axis][1] = q - static_cast<double>(at[axis]);
     weight[axis][0] = 1 - weight[axis][1];
   }
@@ -208,7 +210,7 @@ auto CornerTable::box(const Vec3& low, const Vec3& high) const -> BoxIntegral {
   };
   std::array<Terms, 3> terms;
   for (int axis = 0; axis < 3; ++axis) {
-    Terms& of = terms[static_cast<std::size_t>(axis)];
+    Terms& of = terms[usize(axis)];
     if (axis == 2 && dimension_ == 2) {
       of.list[of.count++] = {2, 0, 0, false};
       continue;
@@ -226,8 +228,8 @@ auto CornerTable::box(const Vec3& low, const Vec3& high) const -> BoxIntegral {
         const Octant o = octant({of[0]->from, of[1]->from, of[2]->from});
         result.value += factor * o[0];
         for (int axis = 0; axis < 3; ++axis) {
-          const Term& term = *of[static_cast<std::size_t>(axis)];
-          const double change = factor * term.derivative * o[static_cast<std::size_t>(axis) + 1];
+          const Term& term = *of[usize(axis)];
+          const double change = factor * term.derivative * o[usize(axis) + 1];
           (term.upper ? result.by_high : result.by_low)[axis] += change;
         }
       }

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::springs {
 namespace {
@@ -48,7 +49,7 @@ double reach(const geometry::Collider& collider, const Vec3& x, const Vec3& dx) 
 
 ContactTerm::ContactTerm(const Contacts& contacts) : contacts_(contacts) {
   const std::int64_t n = contacts.vertices();
-  vertices_.reserve(contacts.colliders.size() * static_cast<std::size_t>(n));
+  vertices_.reserve(contacts.colliders.size() * usize(n));
   for (std::size_t c = 0; c < contacts.colliders.size(); ++c) {
     for (std::int64_t i = 0; i < n; ++i) vertices_.push_back(static_cast<std::int32_t>(i));
   }
@@ -157,15 +158,15 @@ void set_exchanges(Contacts& contacts, const BarrierTerm& barrier, const Frictio
   const std::int64_t n = contacts.vertices();
   for (std::size_t c = 0; c < contacts.colliders.size(); ++c) {
     geometry::Collider& collider = contacts.colliders[c];
-    std::vector<geometry::Exchange> parts(static_cast<std::size_t>((n + kGrain - 1) / kGrain));
+    std::vector<geometry::Exchange> parts(usize((n + kGrain - 1) / kGrain));
     parallel_for(
         n, kGrain,
         [&](std::int64_t begin, std::int64_t end) {
           const std::int64_t first = static_cast<std::int64_t>(c) * n;
-          std::vector<Vec3> normal(static_cast<std::size_t>(end - begin)), sliding(normal.size());
+          std::vector<Vec3> normal(usize(end - begin)), sliding(normal.size());
           barrier.derivatives(x, first + begin, first + end, 1.0, normal.data(), nullptr);
           friction.derivatives(v, first + begin, first + end, 1.0, sliding.data(), nullptr);
-          geometry::Exchange& part = parts[static_cast<std::size_t>(begin / kGrain)];
+          geometry::Exchange& part = parts[usize(begin / kGrain)];
           for (std::int64_t i = begin; i < end; ++i) {
             part.add(x[i] - collider.position(), h * (normal[i - begin] + sliding[i - begin]));
           }

@@ -24,6 +24,7 @@
 
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/geometry/collider.h"
 #include "substep/springs/term.h"
 
@@ -47,12 +48,10 @@ class ContactTerm : public Term {
 
  protected:
   const geometry::Collider& collider(std::int64_t e) const {
-    return contacts_.colliders[static_cast<std::size_t>(e / contacts_.vertices())];
+    return contacts_.colliders[usize(e / contacts_.vertices())];
   }
   // The stiffness of the vertex of element e.
-  double stiffness(std::int64_t e) const {
-    return contacts_.stiffness[static_cast<std::size_t>(vertices_[e])];
-  }
+  double stiffness(std::int64_t e) const { return contacts_.stiffness[usize(vertices_[e])]; }
   const Contacts& contacts_;
   std::vector<std::int32_t> vertices_;
 };

@@ -5,6 +5,7 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::springs {
 namespace {
@@ -16,11 +17,11 @@ enum How : std::int64_t { kPlus = 0, kMinus = 1, kTransposed = 2 };
 
 double sum_in_order(std::int64_t n, int threads, const auto& part) {
   const std::int64_t chunks = n > 0 ? (n - 1) / kGrain + 1 : 0;
-  std::vector<double> parts(static_cast<std::size_t>(chunks));
+  std::vector<double> parts(usize(chunks));
   parallel_for(
       n, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
-        parts[static_cast<std::size_t>(begin / kGrain)] = part(begin, end);
+        parts[usize(begin / kGrain)] = part(begin, end);
       },
       threads);
   double sum = 0.0;
@@ -32,7 +33,7 @@ double sum_in_order(std::int64_t n, int threads, const auto& part) {
 void sort_by_owner(const std::vector<std::pair<std::int64_t, std::int64_t>>& pairs,
                    std::int64_t owners, std::vector<std::int64_t>& starts,
                    std::vector<std::int64_t>& sources) {
-  starts.assign(static_cast<std::size_t>(owners) + 1, 0);
+  starts.assign(usize(owners) + 1, 0);
   for (const auto& [owner, source] : pairs) ++starts[owner + 1];
   for (std::int64_t i = 0; i < owners; ++i) starts[i + 1] += starts[i];
   sources.resize(pairs.size());
@@ -59,8 +60,8 @@ IncrementalPotential::IncrementalPotential(std::span<const double> masses,
     gradients += element_count(*term) * gradient_count(*term);
     blocks += element_count(*term) * block_count(*term);
   }
-  element_gradients_.resize(static_cast<std::size_t>(gradients));
-  element_blocks_.resize(static_cast<std::size_t>(blocks));
+  element_gradients_.resize(usize(gradients));
+  element_blocks_.resize(usize(blocks));
   velocity_.resize(masses_.size());
   build_pattern();
   build_sources();
@@ -76,7 +77,7 @@ void IncrementalPotential::build_pattern() {
   for (const auto& term : terms_) {
     const int arity = term->arity();
     const auto ids = term->vertices();
-    for (std::size_t e = 0; e < ids.size(); e += static_cast<std::size_t>(arity)) {
+    for (std::size_t e = 0; e < ids.size(); e += usize(arity)) {
       for (int a = 1; a < arity; ++a) {
         for (int b = 0; b < a; ++b) {
           const std::int32_t i = ids[e + a], j = ids[e + b];
@@ -87,15 +88,15 @@ void IncrementalPotential::build_pattern() {
   }
   std::sort(edges.begin(), edges.end());
   edges.erase(std::unique(edges.begin(), edges.end()), edges.end());
-  pattern_.starts.assign(static_cast<std::size_t>(n) + 1, 0);
+  pattern_.starts.assign(usize(n) + 1, 0);
   pattern_.neighbours.reserve(edges.size());
   for (const auto& [i, j] : edges) {
     ++pattern_.starts[i + 1];
     pattern_.neighbours.push_back(j);
   }
   for (std::int64_t i = 0; i < n; ++i) pattern_.starts[i + 1] += pattern_.starts[i];
-  pattern_.columns.reserve(static_cast<std::size_t>(3 * n) + 1);
-  pattern_.rows.reserve(static_cast<std::size_t>(6 * n) + 9 * edges.size());
+  pattern_.columns.reserve(usize(3 * n) + 1);
+  pattern_.rows.reserve(usize(6 * n) + 9 * edges.size());
   for (std::int32_t i = 0; i < n; ++i) {
     for (std::int32_t c = 0; c < 3; ++c) {
       pattern_.columns.push_back(static_cast<std::int32_t>(pattern_.rows.size()));

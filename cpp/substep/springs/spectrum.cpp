@@ -7,6 +7,7 @@
 
 #include "substep/core/interrupt.h"
 #include "substep/core/random.h"
+#include "substep/core/usize.h"
 
 namespace substep::springs {
 namespace {
@@ -54,7 +55,7 @@ Spectrum largest_eigenvalues(IncrementalPotential& potential, Positions x) {
   for (std::int64_t i = 0; i < 3 * n; ++i) {
     scale[i] = pinned[i / 3] ? 0.0 : 1.0 / std::sqrt(potential.masses()[i / 3]);
   }
-  std::vector<Vec3> g(static_cast<std::size_t>(n)), v(g.size(), Vec3::Zero());
+  std::vector<Vec3> g(usize(n)), v(g.size(), Vec3::Zero());
 
   const BlockPattern& pattern = potential.pattern();
   std::vector<double> K(pattern.rows.size());

@@ -5,6 +5,7 @@
 #include <array>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 #include "substep/springs/elastic_energy.h"
 
 namespace substep::springs {
@@ -18,8 +19,7 @@ constexpr int kBlocks = 10;  // of the lower triangle of 4 x 4
 // Elements first .. first + kLanes - 1, or fewer at the end.
 struct Group {
   Group(const Tetrahedra& mesh, std::int64_t first_, std::int64_t end)
-      : first(static_cast<std::size_t>(first_)),
-        count(static_cast<int>(std::min(kLanes, end - first_))) {
+      : first(usize(first_)), count(static_cast<int>(std::min(kLanes, end - first_))) {
     for (int k = 0; k < 9; ++k) inverse(k / 3, k % 3) = load<V>(&mesh.inverse[k][first]);
     volume = load<V>(&mesh.volume[first]);
     lame = {load<V>(&mesh.mu[first]), load<V>(&mesh.lambda[first])};
@@ -31,9 +31,9 @@ struct Group {
     const std::int32_t* const vertices = &mesh.vertices[4 * first];
     for (int lane = 0; lane < kLanes; ++lane) {
       const std::int32_t* const v = vertices + 4 * std::min(lane, count - 1);
-      const double* const x0 = u[static_cast<std::size_t>(v[0])].data();
+      const double* const x0 = u[usize(v[0])].data();
       for (int a = 0; a < 3; ++a) {
-        const double* const x = u[static_cast<std::size_t>(v[a + 1])].data();
+        const double* const x = u[usize(v[a + 1])].data();
         for (int d = 0; d < 3; ++d) edges[3 * d + a][lane] = x[d] - x0[d];
       }
     }
@@ -66,25 +66,23 @@ void write_gradient(const Group& group, const Matrix& P, Vec3* out) {
     V sum{};
     for (int a = 0; a < 3; ++a) {
       const V g = group.volume * G(d, a);
-      rows[static_cast<std::size_t>(3 * (a + 1) + d)] = g;
+      rows[usize(3 * (a + 1) + d)] = g;
       sum += g;
     }
-    rows[static_cast<std::size_t>(d)] = -sum;
+    rows[usize(d)] = -sum;
   }
   write_rows<12>(rows, group.count, out->data());
 }
 
-constexpr std::size_t block_index(int a, int b) {
-  return static_cast<std::size_t>(a * (a + 1) / 2 + b);
-}
+constexpr std::size_t block_index(int a, int b) { return usize(a * (a + 1) / 2 + b); }
 
 // The ten blocks K_ab, a >= b, from block(a, b) for a >= b >= 1: rows and columns sum to zero.
 template <class Block>
 void write_blocks(const Group& group, Block&& block, Mat3* out) {
   std::array<V, 9 * kBlocks> rows;  // each block by columns
   const auto entry = [&](int a, int b, int i, int j) -> V& {
-    return a >= b ? rows[9 * block_index(a, b) + static_cast<std::size_t>(3 * j + i)]
-                  : rows[9 * block_index(b, a) + static_cast<std::size_t>(3 * i + j)];
+    return a >= b ? rows[9 * block_index(a, b) + usize(3 * j + i)]
+                  : rows[9 * block_index(b, a) + usize(3 * i + j)];
   };
   for (int a = 1; a < 4; ++a) {
     for (int b = 1; b <= a; ++b) {
@@ -230,16 +228,14 @@ class ViscousTerm final : public TetrahedraTerm {
 Tetrahedra::Tetrahedra(Positions rest, std::vector<std::int32_t> corners,
                        std::span<const double> young_modulus, std::span<const double> poisson_ratio)
     : vertices(std::move(corners)) {
-  const std::size_t n = static_cast<std::size_t>(count());
-  const std::size_t padded = n + static_cast<std::size_t>(kLanes);
+  const std::size_t n = usize(count());
+  const std::size_t padded = n + usize(kLanes);
   for (std::vector<double>& component : inverse) component.resize(padded);
   volume.resize(padded);
   mu.resize(padded);
   lambda.resize(padded);
   for (std::size_t e = 0; e < n; ++e) {
-    const auto x = [&](std::size_t a) -> const Vec3& {
-      return rest[static_cast<std::size_t>(vertices[4 * e + a])];
-    };
+    const auto x = [&](std::size_t a) -> const Vec3& { return rest[usize(vertices[4 * e + a])]; };
     Mat3 D;
     D << x(1) - x(0), x(2) - x(0), x(3) - x(0);
     const Mat3 D_inverse = D.inverse();

@@ -5,6 +5,7 @@
 #include <iterator>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::transfer {
 
@@ -31,7 +32,7 @@ void BlockLayout<D>::assign(std::vector<std::uint64_t> keys) {
       if (corner >> (D - 1 - d) & 1) offset += BlockKey<D>::unit(d);
     }
     match(particle_keys, offset, node_keys, [&](std::size_t block, std::size_t node_block) {
-      arenas[block][static_cast<std::size_t>(corner)] = static_cast<std::int32_t>(node_block);
+      arenas[block][usize(corner)] = static_cast<std::int32_t>(node_block);
     });
   }
 
@@ -39,7 +40,7 @@ void BlockLayout<D>::assign(std::vector<std::uint64_t> keys) {
   for (std::size_t block = 0; block < particle_keys.size(); ++block) {
     std::size_t colour = 0;
     for (const std::int32_t coordinate : BlockKey<D>::unpack(particle_keys[block])) {
-      colour = colour << 1 | static_cast<std::size_t>(coordinate & 1);
+      colour = colour << 1 | usize(coordinate & 1);
     }
     colours[colour].push_back(static_cast<std::int32_t>(block));
   }
@@ -47,11 +48,11 @@ void BlockLayout<D>::assign(std::vector<std::uint64_t> keys) {
 
 template <class Real, int D>
 void NodeBlocks<Real, D>::set_zero(std::int64_t blocks, int threads) {
-  values.reset(static_cast<std::size_t>(blocks) * kReals);
+  values.reset(usize(blocks) * kReals);
   parallel_for(
       blocks, 256,
       [&](std::int64_t begin, std::int64_t end) {
-        std::memset(block(begin), 0, static_cast<std::size_t>(end - begin) * kReals * sizeof(Real));
+        std::memset(block(begin), 0, usize(end - begin) * kReals * sizeof(Real));
       },
       threads);
 }

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "substep/core/aligned_buffer.h"
+#include "substep/core/usize.h"
 
 namespace substep::transfer {
 
@@ -38,14 +39,14 @@ struct BlockKey {
   static std::uint64_t pack(const Index<D>& block) {
     std::uint64_t key = 0;
     for (int d = 0; d < D; ++d) {
-      key = key << kBits | static_cast<std::uint64_t>(block[static_cast<std::size_t>(d)] + kLimit);
+      key = key << kBits | static_cast<std::uint64_t>(block[usize(d)] + kLimit);
     }
     return key;
   }
   static Index<D> unpack(std::uint64_t key) {
     Index<D> block;
     for (int d = D - 1; d >= 0; --d, key >>= kBits) {
-      block[static_cast<std::size_t>(d)] = static_cast<std::int32_t>(
+      block[usize(d)] = static_cast<std::int32_t>(
           static_cast<std::int64_t>(key & ((std::uint64_t{1} << kBits) - 1)) - kLimit);
     }
     return block;

@@ -1,6 +1,7 @@
 // A vector per particle, spread over the nodes of sparse blocks that its spline reaches.
 #pragma once
 
+#include "substep/core/usize.h"
 #include "substep/transfer/weights.h"
 
 namespace substep::transfer {
@@ -18,8 +19,8 @@ void scatter(const std::array<double, D>& x, const std::array<double, D>& a, dou
     if constexpr (D == 3) w *= stencil.axis[2].w[k[2]];
     std::size_t corner = 0, node = 0;
     for (const std::int32_t i : stencil.node(k)) {
-      corner = corner * 2 + static_cast<std::size_t>(i / kBlock);
-      node = node * kBlock + static_cast<std::size_t>(i % kBlock);
+      corner = corner * 2 + usize(i / kBlock);
+      node = node * kBlock + usize(i % kBlock);
     }
     Real* const sum = to.block(corners[corner]) + node * kNodeReals;
     for (std::size_t d = 0; d < D; ++d) sum[d] += static_cast<Real>(w * a[d]);

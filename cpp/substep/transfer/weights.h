@@ -12,6 +12,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "substep/core/usize.h"
 #include "substep/transfer/blocks.h"
 
 namespace substep::transfer {
@@ -95,7 +96,7 @@ struct Weights {
   static constexpr Offsets offsets(int node) {
     Offsets k{};
     for (int d = D - 1; d >= 0; --d, node /= kOrder + 1) {
-      k[static_cast<std::size_t>(d)] = node % (kOrder + 1);
+      k[usize(d)] = node % (kOrder + 1);
     }
     return k;
   }

@@ -13,58 +13,50 @@ from ..errors import AttributeInputError
 
 
 class Checked:
-    """An object whose public attributes are those that its class declares.
+    """An object that is made once: after that its properties with a setter can be assigned.
 
-    An annotation in the body of a class of substep declares an attribute that is set once, while
-    the object is made; a property with a setter is one that can be changed. In a class that a user
-    derives, what the body names or annotates can be changed at any time. Names that begin with an
-    underscore are free.
+    What `__init__` of a class of substep sets is fixed then. A class that a user (or a scene)
+    derives may change what its own `__init__` sets and what its body names. Names that begin with
+    an underscore are free.
     """
+
+    _is_made = False
+    _fixed: frozenset[str] = frozenset()
 
     if not TYPE_CHECKING:  # or type checkers would take every name
 
         def __setattr__(self, name: str, value: Any) -> None:
-            if name[:1] != "_" and name not in settable(type(self)):
-                made = name in _set_once(type(self)) and name not in self.__dict__
-                if not made:
-                    raise AttributeInputError(_refusal(type(self), name))
-            object.__setattr__(self, name, value)
-
-
-class Frozen:
-    """An object that is made once: nothing is assigned after that, and its arrays are read-only.
-
-    What a simulation was given (emitters, constraints) is read when that is made, so a change
-    would do nothing.
-    """
-
-    if not TYPE_CHECKING:
-
-        def __setattr__(self, name: str, value: Any) -> None:
-            if name[:1] != "_" and "_frozen" in self.__dict__:
-                raise AttributeInputError(
-                    f"{name}: cannot be assigned to a {type(self).__name__} that is made; "
-                    "what can be set: nothing, make another"
-                )
+            if self._is_made and name[:1] != "_" and name not in settable(type(self)):
+                if name in self._fixed or name not in self.__dict__:
+                    raise AttributeInputError(_refusal(self, name))
             object.__setattr__(self, name, value)
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         if "__init__" in cls.__dict__:
-            cls.__init__ = _freezing(cls.__init__)  # type: ignore[method-assign]
+            cls.__init__ = _making(cls.__init__, _is_ours(cls))  # type: ignore[method-assign]
 
 
-def _freezing(make: Any) -> Any:
+class Frozen(Checked):
+    """What a simulation is given and reads while it is made: nothing of it can be changed."""
+
+
+def _making(make: Any, ours: bool) -> Any:
+    """`__init__` that notes what it sets, and when the object is made."""
+
     @functools.wraps(make)
     def made(self: Any, *args: Any, **keywords: Any) -> None:
+        before = set(self.__dict__)
         make(self, *args, **keywords)
-        if type(self).__init__ is made:  # not that of a base
-            for name, value in self.__dict__.items():
-                if isinstance(value, np.ndarray) and name[:1] != "_":
-                    view = value.view()
-                    view.flags.writeable = False
-                    self.__dict__[name] = view
-            self.__dict__["_frozen"] = True
+        own = self.__dict__
+        if ours:
+            own["_fixed"] = self._fixed | {n for n in own if n[:1] != "_" and n not in before}
+        if type(self).__init__ is made:
+            own["_is_made"] = True
+            for name in self._fixed if isinstance(self, Frozen) else ():
+                if isinstance(own[name], np.ndarray):
+                    own[name] = own[name].view()
+                    own[name].flags.writeable = False
 
     return made
 
@@ -74,50 +66,37 @@ def settable(kind: type) -> tuple[str, ...]:
     """Names that can be assigned to at any time."""
     names = set()
     for name in dir(kind):
-        if name[:1] != "_":
-            found = inspect.getattr_static(kind, name)
-            if isinstance(found, property) and found.fset is not None:
-                names.add(name)
+        found = inspect.getattr_static(kind, name)
+        if name[:1] != "_" and isinstance(found, property) and found.fset is not None:
+            names.add(name)
     for owner in kind.__mro__:
         if not _is_ours(owner):
-            names |= {n for n, v in vars(owner).items() if n[:1] != "_" and not callable(v)}
-            names |= set(inspect.get_annotations(owner))
-    return tuple(sorted(n for n in names if not _is_read_only(kind, n)))
+            own = {**vars(owner), **inspect.get_annotations(owner)}
+            names |= {n for n, v in own.items() if n[:1] != "_" and not _is_of_class(v)}
+    return tuple(sorted(names))
 
 
-@functools.cache
-def _set_once(kind: type) -> frozenset[str]:
-    names: set[str] = set()
-    for owner in kind.__mro__:
-        names |= set(inspect.get_annotations(owner))
-    return frozenset(n for n in names if not isinstance(_static(kind, n), property))
-
-
-def _static(kind: type, name: str) -> Any:
-    return inspect.getattr_static(kind, name, None)
-
-
-def _is_read_only(kind: type, name: str) -> bool:
-    found = _static(kind, name)
-    return isinstance(found, property) and found.fset is None
+def _is_of_class(value: Any) -> bool:
+    return isinstance(value, (property, classmethod, staticmethod)) or inspect.isfunction(value)
 
 
 def _is_ours(owner: type) -> bool:
-    return owner is object or owner.__module__.split(".")[0] == __name__.split(".")[0]
+    names = owner.__module__.split(".")
+    return owner is object or (names[0] == __name__.split(".")[0] and names[1] != "scenes")
 
 
-def _refusal(kind: type, name: str) -> str:
+def _refusal(owner: Any, name: str) -> str:
     """Why an attribute cannot be assigned, and what can."""
-    can = settable(kind)
+    kind: Any = type(owner)
+    word = f"{'an' if kind.__name__[0] in 'AEIOU' else 'a'} {kind.__name__}"
     setters = [n for n in dir(kind) if n.startswith("set_")]
-    told = f"what can be set: {', '.join([*can, *(f'{n}()' for n in setters)]) or 'nothing'}"
-    if name in _set_once(kind) or _static(kind, name) is not None:
+    can = [*settable(kind), *(f"{n}()" for n in setters)]
+    told = f"what can be set: {', '.join(can) or 'nothing; make another'}"
+    arguments = inspect.signature(kind).parameters
+    known = {n for n in [*dir(kind), *owner.__dict__, *arguments] if n[:1] != "_"}
+    if name in known:
         own = f"; {kind.__name__}.set_{name}() changes it" if f"set_{name}" in setters else ""
-        return f"{name}: cannot be assigned to a {kind.__name__} that is made{own}; {told}"
-    known = [n for n in {*dir(kind), *_set_once(kind)} if n[:1] != "_"]
-    arguments = [n for n in inspect.signature(kind).parameters if n[:1] != "_"]
-    if name in arguments:
-        return f"{name}: is given when a {kind.__name__} is made, and cannot be changed; {told}"
-    near = difflib.get_close_matches(name, sorted({*known, *arguments}), 1)
-    hint = f", did you mean {near[0]}?" if near else ";"
-    return f"{name}: a {kind.__name__} has no such attribute{hint} {told}"
+        return f"{name}: cannot be changed once {word} is made{own}; {told}"
+    near = difflib.get_close_matches(name, sorted(known), 1)
+    hint = f"; did you mean {near[0]}?" if near else ";"
+    return f"{name}: {word} has no such attribute{hint} {told}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -124,14 +124,25 @@ def check_integer(
     return number
 
 
-def check_choice(name: str, value: Any, choices: Iterable[str]) -> str:
-    """One of the names, whatever its case; returned as listed."""
+def check_choice(
+    name: str,
+    value: Any,
+    choices: Iterable[str],
+    *,
+    aliases: Mapping[str, Sequence[str]] | None = None,
+) -> str:
+    """One of the names, whatever its case, or of their other names; returned as listed."""
     listed = list(choices)
+    others = {} if aliases is None else aliases
     if isinstance(value, str):
         for choice in listed:
-            if choice.lower() == value.lower():
+            if value.lower() in (choice.lower(), *others.get(choice, ())):
                 return choice
-    raise InputError(f"{name}: expected one of {', '.join(listed)}; got {describe(value)}")
+    told = [
+        choice + (f" (or {', '.join(others[choice])})" if others.get(choice) else "")
+        for choice in listed
+    ]
+    raise InputError(f"{name}: expected one of {', '.join(told)}; got {describe(value)}")
 
 
 def check_callable(name: str, value: Any) -> Any:
@@ -151,6 +162,17 @@ def check_flag(name: str, value: Any) -> bool:
 def check_threads(threads: Any) -> int:
     """A number of threads for the native core; None is the default, 0."""
     return 0 if threads is None else check_integer("threads", threads, minimum=1)
+
+
+def check_dtype(dtype: Any) -> np.dtype[Any]:
+    """Of the numbers that a simulation computes with."""
+    try:
+        found = np.dtype(dtype)
+    except TypeError:
+        found = None
+    if found not in (np.float32, np.float64):
+        raise InputError(f"dtype: expected float32 or float64, got {describe(dtype)}")
+    return found
 
 
 def check_positive(

@@ -21,10 +21,10 @@ def read_only(array: NDArray[Any]) -> Any:
     return array
 
 
-class Points(Simulation):
-    """Particles or vertices with ids; a subclass has `ids` and writes rows of its arrays."""
+class Numbered(Simulation):
+    """What has ids: arrays have a row for each, in ascending order; a subclass has `__len__`."""
 
-    _dimension: int
+    _what = "particle"
 
     @property
     def ids(self) -> Ids:
@@ -35,6 +35,75 @@ class Points(Simulation):
     def __len__(self) -> int:
         raise NotImplementedError
 
+    def rows(self, ids: ArrayLike) -> Any:
+        """Where particles or bodies are in all arrays.
+
+        Until something is removed, the row is the id.
+
+        Parameters
+        ----------
+        ids : int or array_like of int, shape (m,)
+            Which.
+
+        Returns
+        -------
+        int or ndarray of int64, shape (m,)
+            Their rows, as of now.
+
+        Raises
+        ------
+        InputError, IndexError
+            If there is no such particle or body.
+
+        Examples
+        --------
+        >>> import substep
+        >>> bodies = substep.RigidBodies()
+        >>> first, second = bodies.add(substep.Sphere(0.1), [[0, 0, 1], [0, 0, 2]])
+        >>> bodies.remove(first)
+        >>> bodies.rows(second)
+        0
+        >>> bodies.positions[bodies.rows(second)].tolist()
+        [0.0, 0.0, 2.0]
+        """
+        rows = find_rows(ids, self.ids, self._what)
+        return rows if np.ndim(ids) else int(rows[0])
+
+
+class Points(Numbered):
+    """Particles or vertices with ids; a subclass has `ids` and writes rows of its arrays."""
+
+    _dimension: int
+    _gravity: Array
+    _options: dict[str, Any]
+
+    @property
+    def gravity(self) -> Array:
+        """Acceleration [m/s^2], shape (3,) or (2,), read-only; assign another to change it."""
+        return self._gravity
+
+    @gravity.setter
+    def gravity(self, value: ArrayLike) -> None:
+        pull: Array = read_only(check_array("gravity", value, (self._dimension,)).copy())
+        with self._own():
+            options = self._options | {"gravity": [*pull.tolist(), 0.0][:3]}
+            self._replace(_gravity=pull, _options=options)
+
+    def _replace(self, **parts: Any) -> None:
+        """Make the native simulation anew of other parts, in the same state."""
+        state, native = self._state(), self._native
+        kept = {name: self.__dict__[name] for name in parts}
+        self.__dict__.update(parts)
+        try:
+            made = self._make(state)
+            made.threads = native.threads
+            self._native = made
+            self._put_state(self._checked(state))
+        except BaseException:
+            self.__dict__.update(kept)
+            self._native = native
+            raise
+
     def set_positions(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
         """Put particles somewhere; their velocities stay.
 
@@ -42,7 +111,7 @@ class Points(Simulation):
         ----------
         values : array_like, shape (m, 3) or (m, 2)
             Their positions [m].
-        ids : array_like of int, shape (m,), optional
+        ids : int or array_like of int, shape (m,), optional
             Which; all unless given.
 
         Raises
@@ -59,7 +128,7 @@ class Points(Simulation):
         ----------
         values : array_like, shape (m, 3) or (m, 2)
             Their velocities [m/s].
-        ids : array_like of int, shape (m,), optional
+        ids : int or array_like of int, shape (m,), optional
             Which; all unless given.
 
         Raises
@@ -76,7 +145,7 @@ class Points(Simulation):
         ----------
         values : array_like, shape (m, 3) or (m, 2)
             Forces [N].
-        ids : array_like of int, shape (m,), optional
+        ids : int or array_like of int, shape (m,), optional
             On which; on all unless given.
 
         Raises
@@ -104,8 +173,8 @@ class Points(Simulation):
         return find_rows(ids, self.ids)
 
 
-def find_rows(ids: ArrayLike | None, own: Ids) -> Ids:
-    """Where ids are among ascending ones; all unless given."""
+def find_rows(ids: ArrayLike | None, own: Ids, what: str = "particle") -> Ids:
+    """Where one id or several are among ascending ones; all unless given."""
     if ids is None:
         return np.arange(len(own))
     try:
@@ -116,12 +185,13 @@ def find_rows(ids: ArrayLike | None, own: Ids) -> Ids:
         raise InputError("ids: expected integers, shape (m,)") from None
     if wanted.size == 0:
         wanted = wanted.astype(np.int64)
-    if wanted.ndim != 1 or wanted.dtype.kind not in "iu":
+    if wanted.ndim > 1 or wanted.dtype.kind not in "iu":
         raise InputError("ids: expected integers, shape (m,)")
+    wanted = np.atleast_1d(wanted)
     places = np.searchsorted(own, wanted.astype(np.int64))
     wrong = places >= len(own)
     wrong[~wrong] = own[places[~wrong]] != wanted[~wrong]
     if wrong.any():
         k = int(np.argmax(wrong))
-        raise IndexError(f"ids[{k}]: there is no particle {wanted[k]}")
+        raise IndexError(f"ids[{k}]: there is no {what} {wanted[k]}")
     return places.astype(np.int64)

@@ -194,13 +194,21 @@ class Simulation(Checked):
 
     def _begin(self) -> None:
         """Prepare for a call of `step` or `advance`."""
+        for collider in self.colliders:
+            collider._native.begin_call()
         self._last.steps = 0
 
     def _count(self, dt: float) -> None:
-        """Note a step in the report."""
+        """Note a step in the report, and what it gave to the obstacles."""
+        self._sum_impulses(dt)
         last = self._last
         last.steps += 1
         last.dt = dt
+
+    def _sum_impulses(self, dt: float) -> None:
+        """Add what obstacles were given in the last native call, over a time."""
+        for collider in self.colliders:
+            collider._native.end_step(dt)
 
     def _end(self, name: str, duration: float) -> float:
         """The time after a duration, checked."""
@@ -384,6 +392,12 @@ class Simulation(Checked):
             If it cannot be read.
         """
         restore_checkpoint(path, type(self).__name__, self.restore)
+
+
+def with_energy(values: dict[str, float]) -> dict[str, float]:
+    """Diagnostics with `energy`, the sum of those kinds that can change into each other."""
+    kinds = ("kinetic_energy", "gravitational_energy", "elastic_energy")
+    return values | {"energy": sum(values[kind] for kind in kinds if kind in values)}
 
 
 def whole_steps(duration: float, step: float) -> tuple[int, bool]:

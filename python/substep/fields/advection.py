@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from .. import _core
-from ..base.checks import check_array, check_choice, check_real
-from ..base.rows import find_rows, read_only
+from ..base.checks import check_array, check_choice, check_dtype, check_real
+from ..base.rows import Numbered, find_rows, read_only
 from ..base.schema import OWN, TIME, Entry, Number, Rows
-from ..base.simulation import Simulation, StepReport
+from ..base.simulation import StepReport
 from ..errors import InputError, NonFiniteError, SolverError
 from .flows import CallableField, Field, Moved, Particles, Steps
 
@@ -59,7 +59,7 @@ class DriftReport(StepReport):
     escaped: int = 0
 
 
-class Advection(Simulation):
+class Advection(Numbered):
     """Particles that drift in a velocity field: dx/dt = u(t, x), by steps of fixed size.
 
     Parameters
@@ -127,8 +127,7 @@ class Advection(Simulation):
         threads: int | None = None,
         dtype: DTypeLike = np.float64,
     ) -> None:
-        if np.dtype(dtype) not in (np.dtype(np.float64), np.dtype(np.float32)):
-            raise InputError(f"dtype: expected float64 or float32, got {np.dtype(dtype)}")
+        dtype = check_dtype(dtype)
         x = check_array("positions", positions, dtype=dtype)
         wanted = field.dimension if isinstance(field, Field) else 2 if x.shape[1:] == (2,) else 3
         x = check_array("positions", x, (None, wanted), dtype=dtype).copy()
@@ -153,11 +152,6 @@ class Advection(Simulation):
     def steps(self) -> int:
         """Steps that were taken since the beginning."""
         return self._steps
-
-    @property
-    def ids(self) -> NDArray[np.int64]:
-        """Numbers of the particles, ascending, shape (n,): the order of all arrays; read-only."""
-        return read_only(np.arange(len(self), dtype=np.int64))  # type: ignore[no-any-return]
 
     @property
     def report(self) -> DriftReport:

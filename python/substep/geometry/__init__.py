@@ -1,7 +1,9 @@
 """Obstacles and meshes that every method shares.
 
-- Obstacles (`Plane`, `Sphere`, `Box`, `SignedDistanceField`): a signed distance, a motion, friction
-  and restitution, and the impulse and torque that a step exerted on them.
+- Shapes (`Box`, `Sphere`, `Capsule`, `Cylinder`, `Plane`, `ConvexHull`, `TriangleMesh` and
+  `SignedDistanceField`), of which obstacles and rigid bodies are made.
+- `Collider`, the obstacle of every method: a shape with a motion, friction and restitution, and the
+  impulse that was exerted on it.
 - `tetrahedralize` fills a surface and `SignedDistanceField.from_mesh` makes an obstacle of it,
   whatever it lacks.
 - `liquid_surface` wraps the particles of a liquid in triangles.
@@ -10,22 +12,29 @@
 - `neighbour_lists`: which points are closer to each other than a radius.
 """
 
-from .colliders import Box, Collider, Plane, SignedDistanceField, Sphere
+from .colliders import Collider
 from .filling import tetrahedralize
 from .isosurface import LiquidSurface, liquid_surface
 from .mesh_io import read_mesh
 from .mesh_report import MeshReport
 from .neighbours import neighbour_lists
 from .primitives import box_mesh, box_tetrahedra, grid_mesh, sphere_mesh
+from .sampled_distance import SignedDistanceField
+from .shape import Shape
+from .shapes import Box, Capsule, ConvexHull, Cylinder, Plane, Sphere
 from .tet_mesh import TetMesh
 from .triangle_mesh import TriangleMesh
 
 __all__ = [
     "Box",
+    "Capsule",
     "Collider",
+    "ConvexHull",
+    "Cylinder",
     "LiquidSurface",
     "MeshReport",
     "Plane",
+    "Shape",
     "SignedDistanceField",
     "Sphere",
     "TetMesh",

@@ -76,7 +76,7 @@ def _triangles(path: Path, points: Any, polygons: list[list[int]]) -> TriangleMe
         mesh = TriangleMesh(points, faces)
     except SubstepError as error:
         raise FormatError(f"{path}: {error}") from None
-    mesh.dropped = dropped
+    mesh._set(dropped=dropped)
     return mesh
 
 

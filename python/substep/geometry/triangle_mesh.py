@@ -9,17 +9,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from ..base.checks import check_array, check_threads
+from ..base.checks import check_array, check_real, check_threads
 from ..errors import InputError
 from .mesh_report import MeshReport
+from .shape import Shape
 from .topology import Array, Indices, check_indices, components, frozen
 
 
-class TriangleMesh:
+class TriangleMesh(Shape):
     """A surface of triangles.
 
     Any set of triangles is accepted: open, not manifold, with duplicated or flat faces. `report`
     says which of that a mesh is.
+
+    A mesh is a shape too: as an obstacle its signed distance is sampled with the spacing that
+    `SignedDistanceField.from_mesh` chooses; as a rigid body it is ground.
 
     Parameters
     ----------
@@ -56,11 +60,19 @@ class TriangleMesh:
     1.0
     """
 
-    def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
-        self.vertices: Array = frozen(check_array("vertices", vertices, (None, 3)).copy())
-        self.faces: Indices = frozen(check_indices("faces", faces, 3, len(self.vertices)))
+    vertices: Array
+    faces: Indices
+    dropped: int
+    _fields = ("vertices", "faces")
 
-        self.dropped = 0
+    def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
+        points = frozen(check_array("vertices", vertices, (None, 3)).copy())
+        self._set(
+            vertices=points, faces=frozen(check_indices("faces", faces, 3, len(points))), dropped=0
+        )
+
+    __eq__ = object.__eq__
+    __hash__ = object.__hash__
 
     def __reduce__(self) -> tuple[Any, ...]:
         return TriangleMesh, (self.vertices, self.faces), {"dropped": self.dropped}
@@ -260,7 +272,7 @@ class TriangleMesh:
         first = np.unique(np.sort(kept, axis=1), axis=0, return_index=True)[1]
         used, faces = np.unique(kept[np.sort(first)], return_inverse=True)
         mesh = TriangleMesh(points[used], faces.reshape(-1, 3))
-        mesh.dropped = self.dropped + len(self.faces) - len(mesh.faces)
+        mesh._set(dropped=self.dropped + len(self.faces) - len(mesh.faces))
         return mesh
 
     def report(self) -> MeshReport:
@@ -290,3 +302,46 @@ class TriangleMesh:
             pierced=self._tree.count_pierced(self.vertices, self.faces, edges, 0),
             dropped_faces=self.dropped,
         )
+
+    def _sampled(
+        self, spacing: float | None, offset: float, threads: int | None
+    ) -> tuple[Array, float, Array]:
+        """The signed distance at the nodes of a grid, less an offset; its spacing and origin."""
+        low, high = self.vertices[self.faces].min((0, 1)), self.vertices[self.faces].max((0, 1))
+        h = (high - low).max() / 64 if spacing is None else spacing
+        h = check_real("spacing", h, positive=True)
+        grown = check_real("offset", offset, nonnegative=True)
+        pad = grown + 3 * h
+        cells = np.ceil((high - low + 2 * pad) / h)
+        if not np.prod(cells + 1) <= 1e8:
+            raise InputError(f"spacing: {h} gives a grid of {np.prod(cells + 1):.1e} nodes")
+        origin = 0.5 * (low + high - cells * h)
+        shape = [int(n) + 1 for n in cells]
+        values = self._tree.sample(shape, origin.tolist(), h, check_threads(threads)) - grown
+        if not (values < 0).any():
+            lacks = "; ".join(self.report().lacks) or "parts thinner than the spacing"
+            raise InputError(
+                f"mesh: no node lies inside ({lacks}); make spacing smaller than {h} or offset "
+                f"larger than {grown}"
+            )
+        return values, h, origin
+
+    @cached_property
+    def _field(self) -> Any:
+        values, h, origin = self._sampled(None, 0.0, None)
+        return _core.SampledDistance(values, origin.tolist(), h, check_threads(None))
+
+    def _obstacle(self, hollow: bool) -> Any:
+        return _core.Collider.sampled(self._field, list(self.center), hollow)
+
+    def _rigid_shape(self) -> Any:
+        if len(self.vertices) > 2**31 - 1:
+            raise InputError("shape: a mesh has at most 2**31 - 1 vertices")
+        return _core.RigidShape.mesh(self.vertices, self.faces.astype(np.int32))
+
+    def _moments(self, density: float) -> Any:
+        moments = _core.mesh_moments(self.vertices, self.faces, density)
+        pierced = self.report().pierced
+        if pierced:
+            raise InputError(f"shape: the mesh cuts itself: {pierced} edges pass through a face")
+        return moments

@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from .. import _core
-from ..base.checks import check_array, check_choice, check_positive, check_real
+from ..base.checks import check_array, check_choice, check_dtype, check_positive, check_real
 from ..base.rows import read_only
 from ..base.schema import Entry
-from ..base.simulation import StepReport
+from ..base.simulation import StepReport, with_energy
 from ..errors import InputError, SolverError
-from ..geometry import Collider
+from ..geometry import Collider, Shape
 from ..geometry.colliders import check_colliders
 from ..particles.emitters import Emitter, Sink
-from ..particles.state import ON_ESCAPE, Particles, check_bounds, check_dtype, check_kinds
+from ..particles.state import ON_ESCAPE, Particles, check_bounds, check_kinds
 from .materials import Material
 from .particle_fields import STATE, cauchy, gradients, own_fields, ratios, set_gradients
 
@@ -30,7 +30,10 @@ Array = NDArray[np.float64]
 TRANSFERS = ("apic", "flip", "pic")
 KERNELS = ("linear", "quadratic", "cubic")
 FORMS = ("mls", "textbook")
-INTEGRATORS = ("explicit", "implicit")
+INTEGRATORS = {  # and their other names
+    "symplectic_euler": ("explicit", "semi_implicit_euler"),
+    "implicit_euler": ("implicit", "backward_euler"),
+}
 ON_LARGE_STEP = ("raise", "subdivide")
 BOUNDARIES = ("separate", "slip", "sticky")
 _COUNTS = ("steps", "sorts", "subdivided", "removed", "clamped", "newton", "krylov")
@@ -92,13 +95,13 @@ class MaterialPointMethod(Particles):
         Distance of nodes [m], above 0. 8 particles a cell (in 2D 4) are usual.
     volume : float or array_like, shape (n,)
         What a particle fills at rest [m^3; in 2D m^2], above 0; `sample_box` and others give it.
-    material : int or array_like of int, shape (n,), optional
+    kinds : int or array_like of int, shape (n,), optional
         Which of the materials each particle is; the first unless given.
     velocities : array_like, shape of positions, optional
         Initial velocities [m/s]; at rest unless given.
     gravity : array_like, shape (3,) or (2,), optional
         Acceleration [m/s^2]; 9.81 downward (along the last axis) unless given.
-    colliders : sequence of Collider
+    colliders : sequence of Collider or Shape
         Obstacles and containers, with their friction. What they are given is their `impulse`.
     boundary : {'separate', 'slip', 'sticky'} or sequence of these
         What colliders do to material at their surface: it slides with friction and can leave; it
@@ -113,8 +116,8 @@ class MaterialPointMethod(Particles):
         B-spline between particles and nodes.
     form : {'mls', 'textbook'}
         Gradients by moving least squares, or those of the spline.
-    integrator : {'explicit', 'implicit'}
-        Implicit Euler (on the grid) takes steps that elastic waves do not limit.
+    integrator : {'symplectic_euler', 'implicit_euler'}
+        Of the grid; implicit Euler takes steps that elastic waves do not limit.
     cfl : float
         Cells that elastic waves and particles may pass in a step, above 0 and at most 1.
     step : float, optional
@@ -124,7 +127,7 @@ class MaterialPointMethod(Particles):
     on_large_step : {'raise', 'subdivide'}
         Steps above the limit are refused with a SolverError, or taken in several.
     emitters : sequence of Emitter
-        Nozzles; `Emitter.fluid` is the number of the material.
+        Nozzles; `Emitter.kind` is the number of the material.
     emitter_spacing : float, optional
         Distance of particles that come out [m]; half a cell unless given.
     sinks : sequence of Sink
@@ -162,7 +165,7 @@ class MaterialPointMethod(Particles):
     >>> import substep
     >>> x, volume = substep.mpm.sample_box((0, 0, 0.05), (0.2, 0.2, 0.25), 0.02)
     >>> jelly = substep.mpm.NeoHookean(density=1000, young_modulus=2e4, poisson_ratio=0.3)
-    >>> ground = substep.Plane(friction=0.5)
+    >>> ground = substep.Collider(substep.Plane(), friction=0.5)
     >>> body = substep.MaterialPointMethod(
     ...     x, jelly, cell=0.04, volume=volume, colliders=[ground])
     >>> body.step_limit()[1]
@@ -177,6 +180,7 @@ class MaterialPointMethod(Particles):
     materials: tuple[Material, ...]
     cell: float
     cfl: float
+    integrator: str
     dtype: np.dtype[Any]
 
     def __init__(
@@ -186,16 +190,16 @@ class MaterialPointMethod(Particles):
         *,
         cell: float,
         volume: ArrayLike,
-        material: ArrayLike | None = None,
+        kinds: ArrayLike | None = None,
         velocities: ArrayLike | None = None,
         gravity: ArrayLike | None = None,
-        colliders: Sequence[Collider] = (),
+        colliders: Sequence[Collider | Shape] = (),
         boundary: str | Sequence[str] = "separate",
         transfer: str = "apic",
         flip_rate: float = 0.0,
         kernel: str = "quadratic",
         form: str = "mls",
-        integrator: str = "explicit",
+        integrator: str = "symplectic_euler",
         cfl: float = 0.5,
         step: float | None = None,
         largest_step: float = 1e-2,
@@ -225,13 +229,14 @@ class MaterialPointMethod(Particles):
         if self.cfl > 1:
             raise InputError(f"cfl: expected a number above 0 and at most 1, got {self.cfl}")
         self._step_size = None if step is None else check_real("step", step, positive=True)
+        self.integrator = check_choice("integrator", integrator, INTEGRATORS, aliases=INTEGRATORS)
         inside = check_bounds(bounds, d)
         self._options = {
             "cell": self.cell,
             "order": 1 + KERNELS.index(check_choice("kernel", kernel, KERNELS)),
             "transfer": check_choice("transfer", transfer, TRANSFERS),
             "form": check_choice("form", form, FORMS),
-            "integrator": check_choice("integrator", integrator, INTEGRATORS),
+            "integrator": "implicit" if self.integrator == "implicit_euler" else "explicit",
             "flip_rate": check_real("flip_rate", flip_rate, nonnegative=True),
             "gravity": [*self._gravity, 0.0][:3],
             "cfl": self.cfl,
@@ -250,7 +255,7 @@ class MaterialPointMethod(Particles):
         self._check_nozzles(inside)
         super().__init__(self._make({}), time, threads)
         self._last: MaterialPointReport = MaterialPointReport()
-        self.add(x, volume, velocities=velocities, material=material)
+        self.add(x, volume, velocities=velocities, kinds=kinds)
 
     def _check_nozzles(self, bounds: list[list[float]] | None) -> None:
         d = self._dimension
@@ -265,22 +270,14 @@ class MaterialPointMethod(Particles):
 
     def _set_step_size(self, step: float | None) -> None:
         # The native steps know it from their making.
-        options = self._options | {"step": step or 0.0}
-        state, threads = self._native.state(), self._native.threads
-        native = self._make_with(options)
-        native.threads = threads
-        native.restore(state)
-        self._native, self._options, self._step_size = native, options, step
+        self._replace(_options=self._options | {"step": step or 0.0}, _step_size=step)
 
     def _make(self, state: Mapping[str, Any]) -> Any:
-        return self._make_with(self._options)
-
-    def _make_with(self, options: dict[str, Any]) -> Any:
         colliders = [c._native for c in self.colliders]
-        return _core.MaterialPointMethod(options, colliders, self._dimension, self.dtype.name)
+        return _core.MaterialPointMethod(self._options, colliders, self._dimension, self.dtype.name)
 
     @property
-    def material(self) -> NDArray[np.int32]:
+    def kinds(self) -> NDArray[np.int32]:
         """Which of the materials each particle is, shape (n,); read-only."""
         kinds: NDArray[np.int32] = read_only(self._native.materials())
         return kinds
@@ -294,7 +291,7 @@ class MaterialPointMethod(Particles):
     @property
     def masses(self) -> Array:
         """Masses [kg] (in 2D of a layer of 1 m), shape (n,); read-only."""
-        masses: Array = np.array([m.density for m in self.materials])[self.material]
+        masses: Array = np.array([m.density for m in self.materials])[self.kinds]
         masses = read_only(masses * self.volumes)
         return masses
 
@@ -312,16 +309,14 @@ class MaterialPointMethod(Particles):
         Materials that keep the volume ratio J alone (`Fluid`) have J^(1/d) I.
         """
         rows: Array = read_only(
-            gradients(self._native, self.material, self.materials, self._dimension)
+            gradients(self._native, self.kinds, self.materials, self._dimension)
         )
         return rows
 
     @property
     def volume_ratios(self) -> Array:
         """Determinants J of the elastic deformation, shape (n,); read-only."""
-        values: Array = read_only(
-            ratios(self._native, self.material, self.materials, self._dimension)
-        )
+        values: Array = read_only(ratios(self._native, self.kinds, self.materials, self._dimension))
         return values
 
     @property
@@ -336,7 +331,7 @@ class MaterialPointMethod(Particles):
         volume: ArrayLike,
         *,
         velocities: ArrayLike | None = None,
-        material: ArrayLike | None = None,
+        kinds: ArrayLike | None = None,
     ) -> NDArray[np.int64]:
         """Put in particles, undeformed.
 
@@ -348,7 +343,7 @@ class MaterialPointMethod(Particles):
             What they fill at rest [m^3; in 2D m^2], above 0.
         velocities : array_like, same shape as positions, optional
             Their velocities [m/s]; at rest unless given.
-        material : int or array_like of int, shape (m,), optional
+        kinds : int or array_like of int, shape (m,), optional
             Which of the materials they are; the first unless given.
 
         Returns
@@ -365,15 +360,15 @@ class MaterialPointMethod(Particles):
         m = len(x)
         v = np.zeros_like(x) if velocities is None else velocities
         v = check_array("velocities", v, x.shape)
-        kinds = check_kinds("material", 0 if material is None else material, m, len(self.materials))
+        which = check_kinds("kinds", 0 if kinds is None else kinds, m, len(self.materials))
         volumes = check_positive("volume", volume, m)
-        masses = np.array([material.density for material in self.materials])[kinds] * volumes
+        masses = np.array([material.density for material in self.materials])[which] * volumes
         wrong = ~((masses > 1e-30) & (masses < 1e30))
         if wrong.any():
             k = int(np.argmax(wrong))
             raise InputError(f"volume[{k}]: a mass of {masses[k]} kg is out of range")
         with self._own():
-            first = self._native.add(x, v, kinds, volumes)
+            first = self._native.add(x, v, which, volumes)
         return np.arange(first, first + m, dtype=np.int64)
 
     def _put_in(self, x: Array, v: Array, kind: NDArray[np.int32]) -> None:
@@ -386,17 +381,18 @@ class MaterialPointMethod(Particles):
         self._flow()
 
     def _begin(self) -> None:
+        super()._begin()
         self.__dict__["_last"] = MaterialPointReport()
 
     def _count(self, dt: float) -> None:
-        """The native report has counted."""
+        self._sum_impulses(dt)  # the native report has counted
 
     def _run(self, duration: float, end: float, callback: Callable[[Self], object] | None) -> None:
         if callback is not None:
             super()._run(duration, end, callback)
             return
         while self.time < end:
-            until = min([end, *self._events()])
+            start, until = self.time, min([end, *self._events()])
             try:
                 self._native.advance(until - self.time)
                 self._native.time = until
@@ -406,6 +402,8 @@ class MaterialPointMethod(Particles):
                 raise
             finally:
                 self._last._add(self._native.report)
+                if self.time > start:
+                    self._sum_impulses(self.time - start)
             self._flow()
 
     def _events(self) -> list[float]:
@@ -453,7 +451,7 @@ class MaterialPointMethod(Particles):
         with self._own():
             places = np.arange(len(self)) if ids is None else self._places(ids)
             rows = check_array("values", values, (len(places), d, d))
-            set_gradients(self._native, rows, places, self.material, self.materials)
+            set_gradients(self._native, rows, places, self.kinds, self.materials)
 
     def diagnostics(self) -> dict[str, float]:
         """Sums over all particles; in 2D of a layer of 1 m.
@@ -461,24 +459,25 @@ class MaterialPointMethod(Particles):
         Returns
         -------
         dict of str to float
-            `count`; `mass` [kg]; `kinetic_energy`, `potential_energy`, `elastic_energy` and
-            `dissipated_energy` [J], whose sum changes by the work of forces, moving obstacles and
-            what is put in or taken out; `momentum_x`, `_y`, `_z` [N s]; `angular_momentum_x`, `_y`,
-            `_z` about 0, with the affine part [N m s].
+            `count`; `mass` [kg]; `kinetic_energy`, `gravitational_energy` (0 at the origin),
+            `elastic_energy` and `energy`, their sum [J]; `dissipated_energy` [J], whose sum with it
+            changes by the work of forces, moving obstacles and what is put in or taken out;
+            `momentum_x`, `_y`, `_z` [N s]; `angular_momentum_x`, `_y`, `_z` about 0, with the
+            affine part [N m s].
         """
         sums = self._native.diagnostics()
         values = {
             "count": float(len(self)),
             "mass": sums.mass,
             "kinetic_energy": sums.kinetic,
-            "potential_energy": sums.potential,
+            "gravitational_energy": sums.potential,
             "elastic_energy": sums.elastic,
             "dissipated_energy": sums.dissipated,
         }
         for name in ("momentum", "angular_momentum"):
             vector = getattr(sums, name)
             values |= {f"{name}_{axis}": vector[k] for k, axis in enumerate("xyz")}
-        return values
+        return with_energy(values)
 
     def fields(self) -> dict[str, tuple[NDArray[Any], str]]:
         """Arrays for recording, with their units.
@@ -491,7 +490,7 @@ class MaterialPointMethod(Particles):
             `plastic_volume_ratio`, `volume_correction`, `volume_ratio`; particles of materials
             without it have it as at rest.
         """
-        kinds, stress = self.material, self.stresses
+        kinds, stress = self.kinds, self.stresses
         mean = np.trace(stress, axis1=1, axis2=2) / 3
         deviator = stress - mean[:, None, None] * np.eye(3)
         own = own_fields(self._native, kinds, self.materials, self._dimension)

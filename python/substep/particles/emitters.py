@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.attributes import Frozen
 from ..base.checks import check_array, check_integer, check_real
 from ..errors import InputError
-from ..geometry import Collider
+from ..geometry import Collider, Shape
+from ..geometry.colliders import check_collider
 
 Array = NDArray[np.float64]
 
@@ -36,8 +37,8 @@ class Emitter(Frozen):
     size : array_like, shape (2,), optional
         Width and height of a rectangular nozzle [m], in place of a radius; not in 2D. The width
         is horizontal, or along x where the jet is vertical.
-    fluid : int
-        Which of the fluids comes out; of a `MaterialPointMethod`, which of the materials.
+    kind : int
+        Which of the fluids or materials of the simulation comes out, as in its `kinds`.
     start, stop : float
         When it is open [s].
 
@@ -67,7 +68,7 @@ class Emitter(Frozen):
         *,
         radius: float | None = None,
         size: ArrayLike | None = None,
-        fluid: int = 0,
+        kind: int = 0,
         start: float = 0.0,
         stop: float = math.inf,
     ) -> None:
@@ -86,7 +87,7 @@ class Emitter(Frozen):
         self.size = None if size is None else check_array("size", size, (2,)).copy()
         if self.size is not None and not (self.size > 0).all():
             raise InputError(f"size: expected numbers above 0, got {self.size}")
-        self.fluid = check_integer("fluid", fluid, minimum=0)
+        self.kind = check_integer("kind", kind, minimum=0)
         self.start = check_real("start", start)
         self.stop = check_real("stop", stop, finite=False)
 
@@ -172,29 +173,34 @@ class Sink(Frozen):
 
     Parameters
     ----------
-    shape : Collider
+    shape : Shape or Collider
         Particles inside of it are taken out at the end of each step: a `Box`, a `Plane` (what is
-        below it), a hollow one (what is outside). It stays where it is.
+        below it), a hollow `Collider` (what is outside). It stays where it is.
+
+    Attributes
+    ----------
+    shape : Collider
+        The region.
 
     Raises
     ------
     TypeError
-        If it is no Collider.
+        If it is neither a shape nor a Collider.
 
     Examples
     --------
     >>> import substep
-    >>> drain = substep.Sink(substep.Plane((0.0, 0.0, -1.0), (0.0, 0.0, 1.0)))
+    >>> drain = substep.Sink(substep.Plane(point=(0.0, 0.0, -1.0)))
     >>> drop = substep.PositionBasedFluid([[0.0, 0.0, 0.0]], 0.1, sinks=[drain])
     >>> drop.advance(1.0)
     >>> len(drop), drop.absorbed
     (0, array([1]))
     """
 
-    def __init__(self, shape: Collider) -> None:
-        if not isinstance(shape, Collider):
-            raise TypeError(f"shape: expected a Collider, got {shape!r}")
-        self.shape = shape
+    shape: Collider
+
+    def __init__(self, shape: Shape | Collider) -> None:
+        self.shape = check_collider("shape", shape)
 
 
 def check_all(name: str, values: Any, kind: type) -> tuple[Any, ...]:

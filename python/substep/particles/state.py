@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import check_array
 from ..base.rows import Points, read_only
@@ -31,7 +31,6 @@ class Particles(Points):
     colliders: tuple[Collider, ...]
     emitters: tuple[Emitter, ...]
     sinks: tuple[Sink, ...]
-    _gravity: Array
     _emitter_spacing: float
     _layers: NDArray[np.int64]
     _absorbed: NDArray[np.int64]
@@ -42,8 +41,8 @@ class Particles(Points):
         for k, emitter in enumerate(self.emitters):
             if emitter.dimension != self._dimension:
                 raise InputError(f"emitters[{k}]: expected one in {self._dimension}D")
-            if emitter.fluid >= kinds:
-                raise InputError(f"emitters[{k}]: there is no {what} {emitter.fluid}")
+            if emitter.kind >= kinds:
+                raise InputError(f"emitters[{k}]: there is no {what} {emitter.kind}")
         self.sinks = check_all("sinks", sinks, Sink)
         self._emitter_spacing = spacing
         self._layers = np.zeros(len(self.emitters), np.int64)
@@ -78,11 +77,6 @@ class Particles(Points):
     def _forces(self) -> Array:
         """In the order of the ids, a copy."""
         raise NotImplementedError
-
-    @property
-    def gravity(self) -> Array:
-        """Acceleration [m/s^2], shape (3,) or (2,), read-only."""
-        return self._gravity
 
     def remove(self, ids: ArrayLike) -> None:
         """Take out particles.
@@ -120,7 +114,7 @@ class Particles(Points):
         for k, emitter in enumerate(self.emitters):
             x, layers = emitter._emit(self._emitter_spacing, int(self._layers[k]), self.time)
             v = np.broadcast_to(emitter.speed * emitter.direction, x.shape)
-            self._put_in(x, np.ascontiguousarray(v), np.full(len(x), emitter.fluid, np.int32))
+            self._put_in(x, np.ascontiguousarray(v), np.full(len(x), emitter.kind, np.int32))
             self._layers[k] = layers
         for k, sink in enumerate(self.sinks):
             self._absorbed[k] += self._native.absorb(sink.shape._native)
@@ -153,14 +147,6 @@ class Particles(Points):
     def _parts(self) -> dict[str, Any]:
         own = {"_layers": self._layers.copy(), "_absorbed": self._absorbed.copy()}
         return super()._parts() | own
-
-
-def check_dtype(dtype: DTypeLike) -> np.dtype[Any]:
-    """Of the numbers that a simulation computes with."""
-    found = np.dtype(dtype)
-    if found not in (np.float32, np.float64):
-        raise InputError(f"dtype: expected float32 or float64, got {found}")
-    return found
 
 
 def check_kinds(name: str, kinds: Any, m: int, count: int) -> NDArray[np.int32]:

@@ -166,6 +166,7 @@ def soft_body(
     first: int = 0,
     compliance: float = 0.0,
     damping: float = 0.0,
+    damping_time: float = 0.0,
 ) -> list[Constraint]:
     """Constraints of a soft solid: elastic tetrahedra, or their edges and volumes.
 
@@ -184,7 +185,9 @@ def soft_body(
     compliance : float
         Of each edge [m/N], at least 0; only without `young_modulus`. Volumes have none.
     damping : float
-        With `young_modulus` the relaxation time [s], without it of the edges [N s/m]; at least 0.
+        Of the edges [N s/m], at least 0; only without `young_modulus`.
+    damping_time : float
+        Relaxation time [s], at least 0; only with `young_modulus`.
 
     Returns
     -------
@@ -202,7 +205,8 @@ def soft_body(
     >>> ball = substep.geometry.tetrahedralize(substep.geometry.sphere_mesh(0.1), 0.04)
     >>> body = substep.PositionBasedDynamics(
     ...     ball.vertices, 1000 * ball.vertex_volumes,
-    ...     substep.pbd.soft_body(ball, young_modulus=1e5), colliders=[substep.Plane((0, 0, -0.2))])
+    ...     substep.pbd.soft_body(ball, young_modulus=1e5),
+    ...     colliders=[substep.Plane(point=(0, 0, -0.2))])
     >>> body.advance(0.2)
     >>> bool(body.positions[:, 2].min() > -0.2)
     True
@@ -214,12 +218,20 @@ def soft_body(
     if young_modulus is not None:
         if compliance:
             raise InputError("compliance: it follows from young_modulus where that is given")
+        if damping:
+            raise InputError("damping: with a young_modulus it is damping_time [s]")
         padded = np.concatenate([np.zeros((start, 3)), x])
         return [
             NeoHookean(
-                start + tets, young_modulus, poisson_ratio, rest_positions=padded, damping=damping
+                start + tets,
+                young_modulus,
+                poisson_ratio,
+                rest_positions=padded,
+                damping_time=damping_time,
             )
         ]
+    if damping_time:
+        raise InputError("damping_time: expected a young_modulus with it")
     lengths = np.linalg.norm(x[mesh.edges[:, 0]] - x[mesh.edges[:, 1]], axis=1)
     return [
         Distance(

@@ -466,7 +466,7 @@ class NeoHookean(Constraint):
     rest_positions : array_like, shape (n, 3), optional
         All particles in the shape at rest [m]; the initial positions unless given. Tetrahedra
         without volume at rest are skipped, those of negative volume are at rest as they are.
-    damping : float
+    damping_time : float
         Relaxation time tau [s], at least 0: the force of tau times the rate of each constraint.
 
     Raises
@@ -486,7 +486,7 @@ class NeoHookean(Constraint):
 
     >>> import substep
     >>> cube = substep.geometry.box_tetrahedra((0.1, 0.1, 0.1), (3, 3, 3))
-    >>> flesh = substep.pbd.NeoHookean(cube.tetrahedra, 2e4, 0.3, damping=0.02)
+    >>> flesh = substep.pbd.NeoHookean(cube.tetrahedra, 2e4, 0.3, damping_time=0.02)
     >>> jelly = substep.PositionBasedDynamics(
     ...     cube.vertices, 1000 * cube.vertex_volumes, [flesh], substeps=100,
     ...     pinned=cube.vertices[:, 2] > 0.04, dtype="float64")
@@ -504,7 +504,7 @@ class NeoHookean(Constraint):
         poisson_ratio: ArrayLike,
         *,
         rest_positions: ArrayLike | None = None,
-        damping: float = 0.0,
+        damping_time: float = 0.0,
     ) -> None:
         self._set_up("tetrahedra", tetrahedra, 0.0, 0.0, None)
         m = len(self)
@@ -513,7 +513,7 @@ class NeoHookean(Constraint):
         _refuse("young_modulus", self.young_modulus, self.young_modulus <= 0, "above 0")
         wrong = (self.poisson_ratio <= -1) | (self.poisson_ratio >= 0.5)
         _refuse("poisson_ratio", self.poisson_ratio, wrong, "above -1 and below 0.5")
-        self.relaxation_time = check_real("damping", damping, nonnegative=True)
+        self.damping_time = check_real("damping_time", damping_time, nonnegative=True)
         self.rest_positions = _check_rest(rest_positions, self)
 
     def _formulas(self, positions: Array) -> list[Formula]:
@@ -524,7 +524,7 @@ class NeoHookean(Constraint):
         solid = inverse.any(axis=1)
         size = np.where(solid, np.abs(volumes), 1)
         per_volume = np.where(solid, 1 / np.where(solid, volumes, 1), 0)
-        e, nu, tau = self.young_modulus, self.poisson_ratio, self.relaxation_time
+        e, nu, tau = self.young_modulus, self.poisson_ratio, self.damping_time
         # m, l and a of neo_hookean.h.
         shear = 4 / 3 * e / (2 * (1 + nu))
         bulk = e * nu / ((1 + nu) * (1 - 2 * nu)) + 5 / 8 * shear

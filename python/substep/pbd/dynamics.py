@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from .. import _core
 from ..base.checks import (
     check_array,
     check_choice,
+    check_dtype,
     check_integer,
     check_pinned,
     check_positive,
@@ -22,9 +23,9 @@ from ..base.checks import (
 )
 from ..base.rows import Points, read_only
 from ..base.schema import OWN, TIME, Entry, Rows
-from ..base.simulation import Simulation, StepReport
+from ..base.simulation import Simulation, StepReport, with_energy
 from ..errors import InputError
-from ..geometry import Collider
+from ..geometry import Collider, Shape
 from ..geometry.colliders import (
     check_colliders,
     collider_states,
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 SOLVERS = ("gauss_seidel", "jacobi", "multilevel")
-DTYPES = ("float32", "float64")
 
 
 @dataclass
@@ -77,9 +77,9 @@ class PositionBasedDynamics(Points):
         Indices of particles that do not move, or one boolean each; see `set_targets`.
     gravity : array_like, shape (3,) or (2,), optional
         [m/s^2]; 9.81 downwards unless given.
-    colliders : sequence of Collider
+    colliders : sequence of Collider or Shape
         Obstacles; they belong to this object from now on.
-    margin : float
+    contact_margin : float
         Distance that particles keep from the obstacles [m], above 0.
     substeps : int
         Of each step.
@@ -96,12 +96,12 @@ class PositionBasedDynamics(Points):
         such as cloth laid flat; `positions` unless given.
     relaxation : float
         Scales the corrections of 'jacobi', above 0 and below 2; above 1 is over-relaxation.
-    damping : float
+    drag : float
         Rate at which all velocities decay [1/s], at least 0.
     step : float
         Size of the steps of `advance` [s].
-    dtype : str or dtype
-        'float32' or 'float64': of positions, which are stored relative to an origin in float64.
+    dtype : {'float32', 'float64'}
+        Of positions, which are stored relative to an origin in float64.
     threads : int, optional
         Of the native loops; results do not depend on it.
     time : float
@@ -131,14 +131,14 @@ class PositionBasedDynamics(Points):
     1.0
     """
 
-    dtype: str
+    dtype: np.dtype[Any]
     constraints: tuple[Constraint, ...]
     substeps: int
     iterations: int
     solver: str
     relaxation: float
-    damping: float
-    margin: float
+    drag: float
+    contact_margin: float
     _fixed_step = False  # two equal steps at the end, see `_sizes`
 
     def __init__(
@@ -150,20 +150,20 @@ class PositionBasedDynamics(Points):
         velocities: ArrayLike | None = None,
         pinned: ArrayLike = (),
         gravity: ArrayLike | None = None,
-        colliders: Sequence[Collider] = (),
-        margin: float = 1e-3,
+        colliders: Sequence[Collider | Shape] = (),
+        contact_margin: float = 1e-3,
         substeps: int = 10,
         iterations: int = 1,
         solver: str = "gauss_seidel",
         rest_positions: ArrayLike | None = None,
         relaxation: float = 1.0,
-        damping: float = 0.0,
+        drag: float = 0.0,
         step: float = 1 / 60,
-        dtype: Any = "float32",
+        dtype: DTypeLike = "float32",
         threads: int | None = None,
         time: float = 0.0,
     ) -> None:
-        self.dtype = _check_dtype(dtype)
+        self.dtype = check_dtype(dtype)
         shape = check_array("positions", positions).shape
         columns = 2 if len(shape) == 2 and shape[1] == 2 else 3
         self._dimension = columns
@@ -174,6 +174,7 @@ class PositionBasedDynamics(Points):
         down = (0.0, -9.81) if columns == 2 else (0.0, 0.0, -9.81)
         pull = check_array("gravity", down if gravity is None else gravity, (columns,))
         self._gravity = read_only(pull.copy())
+        self._options = {"gravity": [*pull.tolist(), 0.0][:3]}
         self.constraints = tuple(constraints)
         for k, constraint in enumerate(self.constraints):
             if not isinstance(constraint, Constraint):
@@ -185,8 +186,8 @@ class PositionBasedDynamics(Points):
         self.relaxation = check_real("relaxation", relaxation, positive=True)
         if self.relaxation >= 2:
             raise InputError(f"relaxation: expected a number below 2, got {self.relaxation}")
-        self.damping = check_real("damping", damping, nonnegative=True)
-        self.margin = check_real("margin", margin, positive=True)
+        self.drag = check_real("drag", drag, nonnegative=True)
+        self.contact_margin = check_real("contact_margin", contact_margin, positive=True)
         self._step_size = check_real("step", step, positive=True)
         if rest_positions is not None and self.solver != "multilevel":
             raise InputError("rest_positions: only the solver 'multilevel' has a use for them")
@@ -194,12 +195,12 @@ class PositionBasedDynamics(Points):
         self._rest: Array | None = None
         if rest_positions is not None:
             self._rest = read_only(self._rows("rest_positions", rest_positions, n).copy())
+        native = self._make({"velocities": v, "pinned": check_pinned(pinned, n)})
         self._rest_lengths = {
             k: constraint._parameters(x)[:, 0]
             for k, constraint in enumerate(self.constraints)
             if isinstance(constraint, Distance)
         }
-        native = self._make({"velocities": v, "pinned": check_pinned(pinned, n)})
         super().__init__(native, time, threads)
 
     def _make(self, state: Mapping[str, Any]) -> Any:
@@ -212,9 +213,9 @@ class PositionBasedDynamics(Points):
             "iterations": self.iterations,
             "solver": self.solver,
             "relaxation": self.relaxation,
-            "gravity": [*self._gravity, 0.0][:3],
-            "damping": self.damping,
-            "margin": self.margin,
+            **self._options,
+            "damping": self.drag,
+            "margin": self.contact_margin,
             "dimension": self._dimension,
         }
         native = _core.PositionBasedDynamics(
@@ -246,11 +247,6 @@ class PositionBasedDynamics(Points):
     def dimension(self) -> int:
         """2 or 3."""
         return self._dimension
-
-    @property
-    def gravity(self) -> Array:
-        """Acceleration [m/s^2], shape (3,) or (2,), read-only."""
-        return self._gravity
 
     def __len__(self) -> int:
         return len(self._masses)
@@ -392,8 +388,9 @@ class PositionBasedDynamics(Points):
         Returns
         -------
         dict of str to float
-            `kinetic_energy`, `elastic_energy` (of constraints with compliance) and
-            `gravitational_energy` [J]; `momentum_x`, `_y`, `_z` [N s]; `speed`, the largest [m/s];
+            `kinetic_energy`, `elastic_energy` (of constraints with compliance),
+            `gravitational_energy` (0 at the origin) and `energy`, their sum [J]; `momentum_x`,
+            `_y`, `_z` [N s]; `speed`, the largest [m/s];
             `strain` and `max_strain`, root mean square and largest of |C| / r over all `Distance`
             of rest length r above 0; `residual`, the same root mean square of |C + alpha lambda /
             h^2| / r, which is 0 where the equations of the last substep are solved; `skipped`,
@@ -404,7 +401,7 @@ class PositionBasedDynamics(Points):
         speeds = np.linalg.norm(velocities, axis=1)
         heights = self._native.positions @ [*self._gravity, 0.0][:3]
         strain, residual = self._strains()
-        return {
+        values = {
             "kinetic_energy": 0.5 * float(self._masses @ speeds**2),
             "elastic_energy": float(self._native.elastic_energy),
             "gravitational_energy": -float(self._masses @ heights),
@@ -417,6 +414,7 @@ class PositionBasedDynamics(Points):
             "residual": math.sqrt(float(residual @ residual) / max(1, len(residual))),
             "skipped": float(self._native.skipped),
         }
+        return with_energy(values)
 
     def _strains(self) -> tuple[Array, Array]:
         """C / r and (C + alpha lambda / h^2) / r of all distances with r above 0."""
@@ -460,7 +458,7 @@ class PositionBasedDynamics(Points):
             Rows("group_sizes", np.int64, (self._native.groups,), low=0),
             colliders_entry(self.colliders),
         ]
-        return entries, {"n": len(self)}, np.dtype(self.dtype)
+        return entries, {"n": len(self)}, self.dtype
 
     def _fit(self, state: dict[str, Any]) -> None:
         if not np.array_equal(state["origin"], self._native.origin):
@@ -513,11 +511,3 @@ class PositionBasedDynamics(Points):
             Simulation.__init__(other, native, self.time, self.threads)
             other._last = dataclasses.replace(self._last)
         return other
-
-
-def _check_dtype(dtype: Any) -> str:
-    try:
-        name = np.dtype(dtype).name
-    except TypeError:
-        name = str(dtype)
-    return check_choice("dtype", name, DTYPES)

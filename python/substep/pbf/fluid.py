@@ -11,15 +11,22 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from .. import _core
-from ..base.checks import check_array, check_choice, check_integer, check_positive, check_real
+from ..base.checks import (
+    check_array,
+    check_choice,
+    check_dtype,
+    check_integer,
+    check_positive,
+    check_real,
+)
 from ..base.rows import read_only
 from ..base.schema import OWN, TIME, Entry, Number, Rows
-from ..base.simulation import StepReport
+from ..base.simulation import StepReport, with_energy
 from ..errors import InputError
-from ..geometry import Collider
+from ..geometry import Collider, Shape
 from ..geometry.colliders import check_colliders
 from ..particles.emitters import Emitter, Sink
-from ..particles.state import ON_ESCAPE, Particles, check_bounds, check_dtype, check_kinds
+from ..particles.state import ON_ESCAPE, Particles, check_bounds, check_kinds
 
 Array = NDArray[np.float64]
 
@@ -72,11 +79,11 @@ class PositionBasedFluid(Particles):
     density : float or sequence of float
         Rest density [kg/m^3], above 0; one for each of several fluids. In 2D the layer is taken as
         1 m thick.
-    fluid : array_like of int, shape (n,), optional
+    kinds : int or array_like of int, shape (n,), optional
         Which of the densities each particle has; the first unless given.
     gravity : array_like, shape (3,) or (2,), optional
         Acceleration [m/s^2]; 9.81 downward (along the last axis) unless given.
-    colliders : sequence of Collider
+    colliders : sequence of Collider or Shape
         Obstacles and containers (a tank is a `Box` with `hollow`).
     kernel : {'cubic_spline', 'poly6_spiky'}
         Smoothing kernel. The second is the pair of Macklin and Mueller: poly6 for the density, the
@@ -95,8 +102,8 @@ class PositionBasedFluid(Particles):
     warm_start : float
         Share of the corrections of the last step that a step begins with, from 0 to below 1. For
         fixed steps (`step`); where their size changes it can give a splash energy.
-    relaxation : float
-        Compliance of the density constraint, relative to the sum of squared gradients in the rest
+    compliance : float
+        Of the density constraint, relative to the sum of squared gradients in the rest
         lattice; at least 0.
     artificial_pressure : float
         Repulsion of close particles against clumps, as the density error that pushes as hard.
@@ -150,7 +157,8 @@ class PositionBasedFluid(Particles):
     >>> import substep
     >>> axis = 0.05 * (np.arange(8) + 0.5)
     >>> water = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
-    >>> tank = substep.Box((0.8, 0.2, 0.5), (1.6, 0.4, 1.0), hollow=True)
+    >>> box = substep.Box((1.6, 0.4, 1.0), center=(0.8, 0.2, 0.5))
+    >>> tank = substep.Collider(box, hollow=True)
     >>> liquid = substep.PositionBasedFluid(water, 0.05, colliders=[tank])
     >>> liquid.advance(0.3)
     >>> bool(liquid.positions[:, 0].max() > 0.6)
@@ -172,9 +180,9 @@ class PositionBasedFluid(Particles):
         *,
         velocities: ArrayLike | None = None,
         density: float | Sequence[float] = 1000.0,
-        fluid: ArrayLike | None = None,
+        kinds: ArrayLike | None = None,
         gravity: ArrayLike | None = None,
-        colliders: Sequence[Collider] = (),
+        colliders: Sequence[Collider | Shape] = (),
         kernel: str = "cubic_spline",
         support: float = 2.0,
         tolerance: float = 1e-3,
@@ -182,7 +190,7 @@ class PositionBasedFluid(Particles):
         min_iterations: int = 2,
         max_iterations: int = 10,
         warm_start: float = 0.0,
-        relaxation: float = 1e-3,
+        compliance: float = 1e-3,
         artificial_pressure: float = 0.0,
         xsph: float = 0.0,
         viscosity: float | Sequence[float] = 0.0,
@@ -226,7 +234,7 @@ class PositionBasedFluid(Particles):
             "min_iterations": check_integer("min_iterations", min_iterations, minimum=0),
             "max_iterations": check_integer("max_iterations", max_iterations, minimum=1),
             "warm_start": _check_warm_start(warm_start),
-            "relaxation": check_real("relaxation", relaxation, nonnegative=True),
+            "relaxation": check_real("compliance", compliance, nonnegative=True),
             "artificial_pressure": check_real(
                 "artificial_pressure", artificial_pressure, nonnegative=True
             ),
@@ -249,14 +257,14 @@ class PositionBasedFluid(Particles):
             if not away <= 2.0**22 * self.support * self.spacing:
                 raise InputError(f"emitters[{k}]: too far from the first particle for float32")
         super().__init__(self._make({}), time, threads)
-        self.add(x, velocities=velocities, fluid=fluid)
+        self.add(x, velocities=velocities, kinds=kinds)
 
     def _make(self, state: Mapping[str, Any]) -> Any:
         colliders = [c._native for c in self.colliders]
         return _core.PositionBasedFluid(self._origin, colliders, self._options, self.dtype.name)
 
     @property
-    def fluid(self) -> NDArray[np.int32]:
+    def kinds(self) -> NDArray[np.int32]:
         """Which of the fluids each particle is, shape (n,); read-only."""
         fluids: NDArray[np.int32] = read_only(self._native.fluids())
         return fluids
@@ -264,7 +272,7 @@ class PositionBasedFluid(Particles):
     @property
     def masses(self) -> Array:
         """Masses [kg] (in 2D of a layer of 1 m), shape (n,); read-only."""
-        masses: Array = read_only(np.array(self._options["masses"])[self.fluid])
+        masses: Array = read_only(np.array(self._options["masses"])[self.kinds])
         return masses
 
     @property
@@ -283,7 +291,7 @@ class PositionBasedFluid(Particles):
         )
 
     def add(
-        self, positions: ArrayLike, *, velocities: ArrayLike | None = None, fluid: Any = None
+        self, positions: ArrayLike, *, velocities: ArrayLike | None = None, kinds: Any = None
     ) -> NDArray[np.int64]:
         """Put in particles.
 
@@ -293,7 +301,7 @@ class PositionBasedFluid(Particles):
             Where [m].
         velocities : array_like, same shape, optional
             Their velocities [m/s]; at rest unless given.
-        fluid : int or array_like of int, shape (m,), optional
+        kinds : int or array_like of int, shape (m,), optional
             Which of the fluids they are; the first unless given.
 
         Returns
@@ -310,7 +318,7 @@ class PositionBasedFluid(Particles):
         m = len(x)
         v = np.zeros_like(x) if velocities is None else velocities
         v = check_array("velocities", v, x.shape)
-        which = check_kinds("fluid", 0 if fluid is None else fluid, m, len(self.density))
+        which = check_kinds("kinds", 0 if kinds is None else kinds, m, len(self.density))
         with self._own():
             first = self._native.add(x, v, which)
         return np.arange(first, first + m, dtype=np.int64)
@@ -362,7 +370,8 @@ class PositionBasedFluid(Particles):
         Returns
         -------
         dict of str to float
-            `count`; `kinetic_energy` and `potential_energy` [J]; `momentum_x`, `_y`, `_z` [N s];
+            `count`; `kinetic_energy`, `gravitational_energy` (0 at the origin) and `energy`, their
+            sum [J]; `momentum_x`, `_y`, `_z` [N s];
             `angular_momentum_x`, `_y`, `_z` about 0 [N m s]; of the last step `iterations`,
             `mean_density_error` and `max_density_error` (relative, before the last correction).
         """
@@ -370,12 +379,12 @@ class PositionBasedFluid(Particles):
         values = {
             "count": float(len(self)),
             "kinetic_energy": energies.kinetic,
-            "potential_energy": energies.potential,
+            "gravitational_energy": energies.potential,
         }
         for name in ("momentum", "angular_momentum"):
             vector = getattr(energies, name)
             values |= {f"{name}_{axis}": vector[k] for k, axis in enumerate("xyz")}
-        return values | {
+        return with_energy(values) | {
             "iterations": float(report.iterations),
             "mean_density_error": report.mean_error,
             "max_density_error": report.max_error,
@@ -393,7 +402,7 @@ class PositionBasedFluid(Particles):
             "position": (self.positions, "m"),
             "velocity": (self.velocities, "m/s"),
             "id": (self.ids, "1"),
-            "fluid": (self.fluid, "1"),
+            "fluid": (self.kinds, "1"),
         }
 
     def _schema(self) -> tuple[list[Entry], dict[str, int], Any]:

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import check_array, check_integer, check_real
 from ..errors import ConvergenceError, InputError
-from ..geometry import Collider, TriangleMesh
+from ..geometry import Collider, Shape, TriangleMesh
+from ..geometry.colliders import check_colliders
 
 if TYPE_CHECKING:
     from .fluid import PositionBasedFluid
@@ -123,7 +124,7 @@ def relax(
     spacing: float,
     *,
     gravity: ArrayLike | None = None,
-    colliders: Sequence[Collider] = (),
+    colliders: Sequence[Collider | Shape] = (),
     support: float = 2.0,
     tolerance: float = 1e-2,
     max_iterations: int = 2000,
@@ -144,7 +145,7 @@ def relax(
     gravity : array_like, shape (3,) or (2,), optional
         Acceleration [m/s^2] under which the liquid is to rest; only of use where colliders hold it.
         None unless given.
-    colliders : sequence of Collider
+    colliders : sequence of Collider or Shape
         Walls and obstacles; they are not changed.
     support : float
         As of the `PositionBasedFluid`.
@@ -181,7 +182,7 @@ def relax(
 
     x = check_array("positions", positions)
     d = 2 if x.ndim == 2 and x.shape[1] == 2 else 3
-    still = [collider.copy() for collider in colliders]
+    still = [collider.copy() for collider in check_colliders(colliders, d)]
     for collider in still:
         collider.velocity, collider.angular_velocity = np.zeros(3), np.zeros(3)
     limit = check_real("tolerance", tolerance, positive=True)
@@ -198,7 +199,7 @@ def relax(
             max_tolerance=limit,
             min_iterations=0,
             max_iterations=_SWEEPS,
-            relaxation=0.0,
+            compliance=0.0,
             dtype="float64",
             threads=threads,
         )

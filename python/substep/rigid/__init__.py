@@ -3,14 +3,14 @@
 Rotations are unit quaternions (w, x, y, z) that take the frame of the body into the world.
 """
 
+from ..geometry import Box, Capsule, ConvexHull, Cylinder, Plane, Sphere
 from .batch import RigidBatch
 from .bodies import RigidBodies
-from .fixtures import Fixture, Plane
+from .fixtures import Fixture
 from .joint import Joint, SpeedMotor, SpringMotor
 from .mass import MassProperties, compound, mass_properties
 from .queries import Contacts, Hits
 from .rotation import free_rotation
-from .shapes import Box, Capsule, ConvexHull, Cylinder, Sphere
 
 __all__ = [
     "Box",

@@ -14,13 +14,13 @@ from .. import _core
 from ..base.checks import check_choice, check_integer, check_real, describe
 from ..base.rows import read_only
 from ..base.schema import TIME, Entry, Texts
-from ..base.simulation import Simulation, whole_steps
+from ..base.simulation import Simulation, whole_steps, with_energy
 from ..errors import InputError, NonFiniteError
 from .batch_rows import BatchRows
 from .batch_state import join_states, joined_entries, state_of_world
 from .bodies import RigidBodies
 from .rows import BodyRows
-from .state import SCHEMA
+from .state import SCHEMA, rename
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -33,9 +33,10 @@ class RigidBatch(BatchRows):
     """Many worlds of rigid bodies that know nothing of each other, stepped in one call.
 
     For data, for learning, for what depends on chance: each world has the bits of the same
-    `RigidBodies` alone, whatever the number of worlds and threads. Arrays are copies, one row for
-    each world and, in it, for each body in the order of `RigidBodies.ids`; rows that a world with
-    fewer bodies does not have are NaN. They are written by `set_poses`, `set_velocities`,
+    `RigidBodies` alone, whatever the number of worlds and threads. Arrays are read-only copies, one
+    row for each world and, in it, for each body in the order of `RigidBodies.ids`; rows that a
+    world with fewer bodies does not have are NaN. They mean what those of `RigidBodies` do, and are
+    written by `set_positions`, `set_rotations`, `set_velocities`, `set_angular_velocities`,
     `set_forces` and `set_torques`.
 
     Parameters
@@ -46,8 +47,8 @@ class RigidBatch(BatchRows):
     worlds : int, optional
         How many worlds; only for a single template.
     positions, rotations, velocities, angular_velocities : array_like, optional
-        Where the bodies are and how they move, instead of as in the template: as of `set_poses` and
-        `set_velocities`.
+        Where the bodies are and how they move, instead of as in the template: as of
+        `set_positions` and the others.
     on_fail : {'raise', 'mask'}, optional
         Where a world fails: all worlds stop at the last step that all have done and NonFiniteError
         names world and body; or that world alone stops, at its last good step, see `failures`.
@@ -69,14 +70,13 @@ class RigidBatch(BatchRows):
 
     >>> import numpy as np
     >>> import substep
-    >>> rigid = substep.rigid
     >>> world = substep.RigidBodies()
-    >>> ground = world.add(rigid.Plane(), (0, 0, 0), motion="static")
-    >>> ball = world.add(rigid.Sphere(0.1), (0, 0, 0.1), restitution=0.5)
+    >>> ground = world.add(substep.Plane(), (0, 0, 0), motion="static")
+    >>> ball = world.add(substep.Sphere(0.1), (0, 0, 0.1), restitution=0.5)
     >>> batch = substep.RigidBatch(world, 100)
     >>> throw = np.zeros((100, 1, 3))
     >>> throw[:, 0, 2] = np.linspace(1, 5, 100)
-    >>> batch.set_velocities(throw, bodies=[ball])
+    >>> batch.set_velocities(throw, ids=[ball])
     >>> frames = batch.rollout(60, every=6)
     >>> frames.shape
     (100, 10, 2, 7)
@@ -119,11 +119,22 @@ class RigidBatch(BatchRows):
         super().__init__(_core.RigidBatch([one._native for one in self._made]), 0.0, threads)
         self._mask = check_choice("on_fail", on_fail, ("raise", "mask")) == "mask"
         self._native.mask = self._mask
-        self._frames = self._gather_frames()
+        self._remember_frames()
+        everywhere = self._where(None, None)
         if positions is not None or rotations is not None:
-            self.set_poses(positions, rotations)
+            x, q = self._poses()
+            if positions is not None:
+                x = self._values("positions", positions, everywhere, 3)
+            if rotations is not None:
+                q = self._values("rotations", rotations, everywhere, 4)
+            self._set_frames(everywhere, x, q)
         if velocities is not None or angular_velocities is not None:
-            self.set_velocities(velocities, angular_velocities)
+            v, w = self._native.velocities(), self._native.angular_velocities()
+            if velocities is not None:
+                v = self._values("velocities", velocities, everywhere, 3)
+            if angular_velocities is not None:
+                w = self._values("angular_velocities", angular_velocities, everywhere, 3)
+            self._write("set_velocities", everywhere, v, w)
         self._first = list(self._made)
         self._native.keep_initial()
 
@@ -189,12 +200,13 @@ class RigidBatch(BatchRows):
         count, whole = whole_steps(duration, self._step_size)
         runs = [(self._step_size, count)] if callback is None else [(self._step_size, 1)] * count
         if not whole:
-            runs.append((end - self.time, 1))
+            runs.append((0.0, 1))  # what is left then
         for k, (dt, steps) in enumerate(runs):
             if hold and k > 0:
                 everywhere = self._where(None, None)
-                self._native.set_forces(*everywhere, held[0])
-                self._native.set_torques(*everywhere, held[1])
+                self._write("set_forces", everywhere, held[0])
+                self._write("set_torques", everywhere, held[1])
+            dt = dt or end - self.time
             self._native.step(dt, steps, hold)
             self._last.steps += steps
             self._last.dt = dt
@@ -254,8 +266,14 @@ class RigidBatch(BatchRows):
             try:
                 self._native.rollout(dt, every, bool(hold_forces), frames)
             except NonFiniteError as error:
-                error.result = frames[:, : (error.step or 0) // every].copy()
+                error.result = self._as_put_in(frames[:, : (error.step or 0) // every].copy())
                 raise
+            return self._as_put_in(frames)
+
+    def _as_put_in(self, frames: Array) -> Array:
+        """Frames of a rollout, changed to the poses of the frames of bodies."""
+        x, q = frames[..., :3], frames[..., 3:7]
+        x[:], q[:] = self._to_frames(x, q, self._centres[:, None], self._axes[:, None])
         return frames
 
     def reset(
@@ -282,7 +300,7 @@ class RigidBatch(BatchRows):
         --------
         >>> import substep
         >>> world = substep.RigidBodies()
-        >>> ball = world.add(substep.rigid.Sphere(0.1), (0, 0, 1))
+        >>> ball = world.add(substep.Sphere(0.1), (0, 0, 1))
         >>> batch = substep.RigidBatch(world, 3)
         >>> batch.step(steps=5)
         >>> batch.reset([1])
@@ -290,7 +308,7 @@ class RigidBatch(BatchRows):
         [0.966, 1.0, 0.966]
         """
         with self._own():
-            chosen = self._numbers("worlds", worlds, len(self))
+            chosen = self._worlds("worlds", worlds)
             if to is None:
                 self._native.reset(chosen)
                 self._remember(chosen, [self._first[w] for w in chosen])
@@ -326,7 +344,7 @@ class RigidBatch(BatchRows):
             If there is no such world.
         """
         with self._own():
-            w = int(self._numbers("world", world, len(self))[0])
+            w = int(self._worlds("world", world)[0])
             bodies = self._made[w].copy()
             self._native.copy_out(w, bodies._native)
         return bodies
@@ -337,12 +355,12 @@ class RigidBatch(BatchRows):
         Returns
         -------
         dict of str to float
-            `worlds`; `failed`, how many of them; `kinetic_energy` and `potential_energy` [J] and
-            `contacts` of all together.
+            `worlds`; `failed`, how many of them; of all together `kinetic_energy`,
+            `gravitational_energy`, `energy`, their sum [J], and `contacts`.
         """
         with self._own():
             values: dict[str, float] = self._native.diagnostics()
-        return values
+        return with_energy(rename(values))
 
     def step_limit(self) -> tuple[float, str]:
         """Longest step that keeps contacts and joints accurate in all worlds, and why.
@@ -366,13 +384,13 @@ class RigidBatch(BatchRows):
         Returns
         -------
         dict of str to (ndarray, str)
-            `position` and `orientation`, the frames of the shapes (`origins`, `orientations`);
-            `velocity`, `angular_velocity` and `world`; copies.
+            `position` and `orientation`, which are `positions` and `rotations`; `velocity`,
+            `angular_velocity` and `world`.
         """
-        present = np.arange(self._frames[0].shape[1]) < self.counts[:, None]
+        present = self._ids >= 0
         return {
-            "position": (self.origins[present], "m"),
-            "orientation": (self.orientations[present], "1"),
+            "position": (self.positions[present], "m"),
+            "orientation": (self.rotations[present], "1"),
             "velocity": (self.velocities[present], "m/s"),
             "angular_velocity": (self.angular_velocities[present], "rad/s"),
             "world": (np.nonzero(present)[0], "1"),
@@ -381,7 +399,7 @@ class RigidBatch(BatchRows):
     @property
     def gravity(self) -> Array:
         """Acceleration of each world [m/s^2], shape (w, 3), read-only."""
-        return read_only(np.array([made.gravity for made in self._made]).reshape(-1, 3))
+        return read_only(np.array([made.gravity for made in self._first]).reshape(-1, 3))
 
     def _schema(self) -> tuple[list[Entry], dict[str, int], Any]:
         sizes = {"worlds": len(self)}
@@ -437,7 +455,7 @@ class RigidBatch(BatchRows):
             return
         for w, one in zip(worlds, made, strict=True):
             self._made[w] = one
-        self._frames = self._gather_frames()
+        self._remember_frames()
 
 
 def _check_bodies(name: str, value: Any) -> None:

@@ -8,45 +8,46 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import check_array, describe
+from ..base.quaternions import multiply, rotate, unit_quaternions
+from ..base.rows import read_only
 from ..base.simulation import Simulation
 from ..errors import InputError
 from .bodies import RigidBodies
-from .fixtures import multiply, rotate
 from .joint import Joint
-from .mass import unit_quaternions
 from .rows import principal_frames
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
-Where = tuple[Ids, Ids]  # worlds, and rows of bodies in each
+Where = tuple[Ids, Ids]  # worlds, shape (k,), and rows of bodies in each, shape (k, m)
 
 
 class BatchRows(Simulation):
     """Bodies as rows of arrays by world; makes `RigidBatch`."""
 
     _made: list[RigidBodies]  # what each world is made of
-    _frames: tuple[Array, Array]  # see _gather_frames()
+    _ids: Ids  # this and what follows: see _remember_frames()
+    _centres: Array
+    _axes: Array
+    _alike: bool  # the ids of all worlds
+    _principal: bool  # are the frames of all bodies
 
     def __len__(self) -> int:
         return len(self._made)
 
     @property
     def times(self) -> Array:
-        """Time of each world [s], shape (w,): that of its own state; a copy."""
-        times: Array = self._native.times
-        return times
+        """Time of each world [s], shape (w,): that of its own state; read-only."""
+        return read_only(self._native.times)
 
     @property
     def counts(self) -> Ids:
-        """Bodies of each world, shape (w,)."""
-        counts: Ids = self._native.counts()
-        return counts
+        """Bodies of each world, shape (w,); read-only."""
+        return read_only(self._native.counts())
 
     @property
     def contact_counts(self) -> Ids:
-        """Contacts of each world in its last step, shape (w,): pairs of shapes."""
-        counts: Ids = self._native.contact_counts()
-        return counts
+        """Contacts of each world in its last step, shape (w,): pairs of shapes; read-only."""
+        return read_only(self._native.contact_counts())
 
     @property
     def failures(self) -> list[str]:
@@ -55,85 +56,112 @@ class BatchRows(Simulation):
         return failures
 
     @property
+    def ids(self) -> Ids:
+        """Numbers of the bodies in their world, shape (w, n); read-only.
+
+        They ascend, and are the order of all arrays; -1 where a world has fewer bodies.
+        """
+        return read_only(self._ids.copy())
+
+    def rows(self, ids: ArrayLike) -> Any:
+        """Where bodies are in all arrays, of worlds that have the same bodies.
+
+        Parameters
+        ----------
+        ids : int or array_like of int, shape (m,)
+            Which.
+
+        Returns
+        -------
+        int or ndarray of int64, shape (m,)
+            Their rows.
+
+        Raises
+        ------
+        InputError, IndexError
+            If a world has no such body, or has it in another row than others.
+
+        Examples
+        --------
+        >>> import substep
+        >>> world = substep.RigidBodies()
+        >>> first, second = world.add(substep.rigid.Sphere(0.1), [[0, 0, 1], [0, 0, 2]])
+        >>> world.remove(first)
+        >>> batch = substep.RigidBatch(world, 4)
+        >>> batch.positions[:, batch.rows(second), 2].tolist()
+        [2.0, 2.0, 2.0, 2.0]
+        """
+        _, rows = self._where(ids, None)
+        if len(rows) and (rows != rows[0]).any():
+            raise InputError("ids: the worlds have these bodies in different rows; see `ids`")
+        if not len(rows):
+            raise IndexError("ids: there is no world")
+        return rows[0] if np.ndim(ids) else int(rows[0, 0])
+
+    @property
     def positions(self) -> Array:
-        """Centres of mass [m], shape (w, n, 3); a copy."""
-        rows: Array = self._native.positions()
-        return rows
+        """Where the bodies are, as of `RigidBodies` [m], shape (w, n, 3); read-only."""
+        return read_only(self._poses()[0])
 
     @property
     def rotations(self) -> Array:
-        """Unit quaternions (w, x, y, z) that take principal axes into the world; a copy."""
-        rows: Array = self._native.rotations()
-        return rows
+        """Unit quaternions (w, x, y, z) of the bodies, as of `RigidBodies`; read-only."""
+        return read_only(self._poses()[1])
 
     @property
-    def origins(self) -> Array:
-        """Where the origins of the frames of the shapes are [m], shape (w, n, 3); a copy."""
-        centres, _ = self._frames
-        origins: Array = self.positions - rotate(self.orientations, centres)
-        return origins
+    def centers_of_mass(self) -> Array:
+        """Centres of mass [m], shape (w, n, 3); read-only."""
+        return read_only(self._native.positions())
 
     @property
-    def orientations(self) -> Array:
-        """Unit quaternions (w, x, y, z) that take frames of shapes into the world; a copy."""
-        _, axes = self._frames
-        return multiply(self.rotations, axes * (1.0, -1.0, -1.0, -1.0))
+    def principal_rotations(self) -> Array:
+        """Unit quaternions (w, x, y, z) that take principal axes into the world; read-only."""
+        return read_only(self._native.rotations())
 
     @property
     def velocities(self) -> Array:
-        """Velocities of the centres of mass [m/s], shape (w, n, 3); a copy."""
-        rows: Array = self._native.velocities()
-        return rows
+        """Velocities of the centres of mass [m/s], shape (w, n, 3); read-only."""
+        return read_only(self._native.velocities())
 
     @property
     def angular_velocities(self) -> Array:
-        """Angular velocities in the world [rad/s], shape (w, n, 3); a copy."""
-        rows: Array = self._native.angular_velocities()
-        return rows
+        """Angular velocities in the world [rad/s], shape (w, n, 3); read-only."""
+        return read_only(self._native.angular_velocities())
 
     @property
     def momenta(self) -> Array:
-        """Momenta [kg m/s], shape (w, n, 3); a copy, as of `RigidBodies.momenta`."""
-        rows: Array = self._native.momenta()
-        return rows
+        """Momenta [kg m/s], shape (w, n, 3); read-only, as of `RigidBodies.momenta`."""
+        return read_only(self._native.momenta())
 
     @property
     def angular_momenta(self) -> Array:
-        """Angular momenta about the centres of mass [kg m^2/s], shape (w, n, 3); a copy."""
-        rows: Array = self._native.angular_momenta()
-        return rows
+        """Angular momenta about the centres of mass [kg m^2/s], shape (w, n, 3); read-only."""
+        return read_only(self._native.angular_momenta())
 
     @property
     def forces(self) -> Array:
-        """External forces [N], shape (w, n, 3); a copy; see `set_forces`."""
-        rows: Array = self._native.forces()
-        return rows
+        """External forces [N], shape (w, n, 3); read-only; see `set_forces`."""
+        return read_only(self._native.forces())
 
     @property
     def torques(self) -> Array:
-        """External torques about the centres [N m], shape (w, n, 3); a copy; see `set_torques`."""
-        rows: Array = self._native.torques()
-        return rows
+        """External torques [N m], shape (w, n, 3); read-only; see `set_torques`."""
+        return read_only(self._native.torques())
 
-    def set_poses(
-        self,
-        positions: ArrayLike | None = None,
-        rotations: ArrayLike | None = None,
-        worlds: ArrayLike | None = None,
-        bodies: ArrayLike | None = None,
+    def set_positions(
+        self, values: ArrayLike, ids: ArrayLike | None = None, *, worlds: ArrayLike | None = None
     ) -> None:
-        """Put bodies elsewhere: the frames of their shapes, as `RigidBodies.set_poses` does.
+        """Put bodies elsewhere, as `RigidBodies.set_positions` does.
 
         Parameters
         ----------
-        positions : array_like, shape (k, m, 3) or (m, 3) for all worlds, optional
-            Where the origins of their shapes come [m]; stay as they are unless given.
-        rotations : array_like, shape (k, m, 4) or (m, 4) for all worlds, optional
-            Quaternions (w, x, y, z) of their shapes; are normalised. They stay unless given.
+        values : array_like, shape (k, m, 3) or (m, 3) for all worlds
+            Their positions [m].
+        ids : int or array_like of int, shape (m,), optional
+            Bodies, by their ids in the worlds; all unless given, one for each row:
+            worlds that have fewer pass over the others.
         worlds : int or array_like of int, shape (k,), optional
             Which worlds; all unless given.
-        bodies : int or array_like of int, shape (m,), optional
-            Rows of the bodies; all unless given. Worlds without a row pass over it.
 
         Raises
         ------
@@ -141,30 +169,43 @@ class BatchRows(Simulation):
             If an argument is wrong; nothing is changed then.
         """
         with self._own():
-            where = self._where(worlds, bodies)
-            x = self._rows_of("positions", positions, where, lambda: self.origins)
-            q = self._rows_of("rotations", rotations, where, lambda: self.orientations)
-            centres, axes = (values[np.ix_(*where)] for values in self._frames)
-            frames = principal_frames(x, q, centres, axes)
-            self._native.set_poses(*where, *map(np.ascontiguousarray, frames))
+            where = self._where(ids, worlds)
+            x = self._values("values", values, where, 3)
+            self._set_frames(where, x, self._pick(self._poses()[1], where))
+
+    def set_rotations(
+        self, values: ArrayLike, ids: ArrayLike | None = None, *, worlds: ArrayLike | None = None
+    ) -> None:
+        """Turn bodies about their positions, as `RigidBodies.set_rotations` does.
+
+        Parameters
+        ----------
+        values : array_like, shape (k, m, 4) or (m, 4) for all worlds
+            Their rotations (w, x, y, z); are normalised.
+        ids, worlds : int or array_like of int, optional
+            As of `set_positions`.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+        """
+        with self._own():
+            where = self._where(ids, worlds)
+            q = self._values("values", values, where, 4)
+            self._set_frames(where, self._pick(self._poses()[0], where), q)
 
     def set_velocities(
-        self,
-        velocities: ArrayLike | None = None,
-        angular_velocities: ArrayLike | None = None,
-        worlds: ArrayLike | None = None,
-        bodies: ArrayLike | None = None,
+        self, values: ArrayLike, ids: ArrayLike | None = None, *, worlds: ArrayLike | None = None
     ) -> None:
-        """Give bodies velocities; those of static bodies stay 0.
+        """Give centres of mass velocities; static bodies stand still.
 
         Parameters
         ----------
-        velocities : array_like, shape (k, m, 3) or (m, 3) for all worlds, optional
-            Of the centres of mass [m/s]; stay as they are unless given.
-        angular_velocities : array_like, shape (k, m, 3) or (m, 3) for all worlds, optional
-            In the world [rad/s]; stay as they are unless given.
-        worlds, bodies : int or array_like of int, optional
-            As of `set_poses`.
+        values : array_like, shape (k, m, 3) or (m, 3) for all worlds
+            Their velocities [m/s].
+        ids, worlds : int or array_like of int, optional
+            As of `set_positions`.
 
         Raises
         ------
@@ -172,27 +213,45 @@ class BatchRows(Simulation):
             If an argument is wrong; nothing is changed then.
         """
         with self._own():
-            where = self._where(worlds, bodies)
-            v = self._rows_of("velocities", velocities, where, lambda: self.velocities)
-            w = self._rows_of(
-                "angular_velocities", angular_velocities, where, lambda: self.angular_velocities
-            )
-            self._native.set_velocities(*where, v, w)
+            where = self._where(ids, worlds)
+            v = self._values("values", values, where, 3)
+            w = self._pick(self._native.angular_velocities(), where)
+            self._write("set_velocities", where, v, w)
+
+    def set_angular_velocities(
+        self, values: ArrayLike, ids: ArrayLike | None = None, *, worlds: ArrayLike | None = None
+    ) -> None:
+        """Let bodies turn about their centres of mass; static ones stand still.
+
+        Parameters
+        ----------
+        values : array_like, shape (k, m, 3) or (m, 3) for all worlds
+            Their angular velocities in the world [rad/s].
+        ids, worlds : int or array_like of int, optional
+            As of `set_positions`.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+        """
+        with self._own():
+            where = self._where(ids, worlds)
+            w = self._values("values", values, where, 3)
+            v = self._pick(self._native.velocities(), where)
+            self._write("set_velocities", where, v, w)
 
     def set_forces(
-        self,
-        forces: ArrayLike,
-        worlds: ArrayLike | None = None,
-        bodies: ArrayLike | None = None,
+        self, values: ArrayLike, ids: ArrayLike | None = None, *, worlds: ArrayLike | None = None
     ) -> None:
-        """Set the external forces at the centres of mass; the next step uses them up.
+        """Set external forces of the next step, which uses them up: after it they are 0.
 
         Parameters
         ----------
-        forces : array_like, shape (k, m, 3) or (m, 3) for all worlds
-            [N].
-        worlds, bodies : int or array_like of int, optional
-            As of `set_poses`.
+        values : array_like, shape (k, m, 3) or (m, 3) for all worlds
+            Forces at the centres of mass [N].
+        ids, worlds : int or array_like of int, optional
+            As of `set_positions`.
 
         Raises
         ------
@@ -200,23 +259,20 @@ class BatchRows(Simulation):
             If an argument is wrong; nothing is changed then.
         """
         with self._own():
-            where = self._where(worlds, bodies)
-            self._native.set_forces(*where, self._rows_of("forces", forces, where))
+            where = self._where(ids, worlds)
+            self._write("set_forces", where, self._values("values", values, where, 3))
 
     def set_torques(
-        self,
-        torques: ArrayLike,
-        worlds: ArrayLike | None = None,
-        bodies: ArrayLike | None = None,
+        self, values: ArrayLike, ids: ArrayLike | None = None, *, worlds: ArrayLike | None = None
     ) -> None:
-        """Set the external torques about the centres of mass; the next step uses them up.
+        """Set external torques of the next step, which uses them up: after it they are 0.
 
         Parameters
         ----------
-        torques : array_like, shape (k, m, 3) or (m, 3) for all worlds
-            [N m].
-        worlds, bodies : int or array_like of int, optional
-            As of `set_poses`.
+        values : array_like, shape (k, m, 3) or (m, 3) for all worlds
+            Torques about the centres of mass [N m].
+        ids, worlds : int or array_like of int, optional
+            As of `set_positions`.
 
         Raises
         ------
@@ -224,17 +280,16 @@ class BatchRows(Simulation):
             If an argument is wrong; nothing is changed then.
         """
         with self._own():
-            where = self._where(worlds, bodies)
-            self._native.set_torques(*where, self._rows_of("torques", torques, where))
+            where = self._where(ids, worlds)
+            self._write("set_torques", where, self._values("values", values, where, 3))
 
     @property
     def joint_coordinates(self) -> Array:
-        """Angles or lengths of the joints [rad or m], shape (w, j), in the order of making; a copy.
+        """Angles or lengths of the joints [rad or m], shape (w, j), in the order of making.
 
-        0 for joints that have none, NaN where a world has fewer joints.
+        0 for joints that have none, NaN where a world has fewer joints; read-only.
         """
-        values: Array = self._native.joint_coordinates()
-        return values
+        return read_only(self._native.joint_coordinates())
 
     def set_motor_targets(
         self, joint: Joint, targets: ArrayLike, worlds: ArrayLike | None = None
@@ -248,7 +303,7 @@ class BatchRows(Simulation):
         targets : float or array_like, shape (k,)
             Speeds of a `SpeedMotor` [rad/s or m/s], coordinates of a `SpringMotor` [rad or m].
         worlds : int or array_like of int, shape (k,), optional
-            As of `set_poses`.
+            As of `set_positions`.
 
         Raises
         ------
@@ -258,7 +313,7 @@ class BatchRows(Simulation):
         if not isinstance(joint, Joint):
             raise TypeError(f"joint: expected a Joint, got {describe(joint)}")
         with self._own():
-            chosen, _ = self._where(worlds, None)
+            chosen = self._worlds("worlds", worlds)
             values = np.asarray(targets)
             values = check_array("targets", values, (len(chosen),) if values.ndim else ())
             rows = {made: made._joint_ids for made in {*(self._made[w] for w in chosen)}}
@@ -271,54 +326,107 @@ class BatchRows(Simulation):
             spread = np.ascontiguousarray(np.broadcast_to(values, len(chosen)))
             self._native.set_motor_targets(chosen, row, spread)
 
-    def _gather_frames(self) -> tuple[Array, Array]:
-        """Centres of mass and principal axes in the frames of the shapes, by world and body."""
+    def _remember_frames(self) -> None:
+        """Ids, centres of mass and principal axes in the frames of the bodies, by world and row."""
         most = max(map(len, self._made), default=0)
-        centres, axes = np.zeros((len(self), most, 3)), np.zeros((len(self), most, 4))
-        axes[..., 0] = 1.0
+        self._ids = np.full((len(self), most), -1, np.int64)
+        self._centres, self._axes = np.zeros((len(self), most, 3)), np.zeros((len(self), most, 4))
+        self._axes[..., 0] = 1.0
         for w, made in enumerate(self._made):
-            centres[w, : len(made)], axes[w, : len(made)] = made._centres, made._axes
-        return centres, axes
+            n = len(made)
+            self._ids[w, :n], self._centres[w, :n] = made._ids, made._centres
+            self._axes[w, :n] = made._axes
+        self._alike = all(np.array_equal(made._ids, self._made[0]._ids) for made in self._made)
+        self._principal = not self._centres.any() and not self._axes[..., 1:].any()
 
-    def _where(self, worlds: ArrayLike | None, bodies: ArrayLike | None) -> tuple[Ids, Ids]:
-        most = self._frames[0].shape[1]
-        return (
-            self._numbers("worlds", worlds, len(self)),
-            self._numbers("bodies", bodies, most),
-        )
+    def _poses(self) -> tuple[Array, Array]:
+        """Positions and rotations of the bodies, as new arrays."""
+        x, q = self._native.positions(), self._native.rotations()
+        return self._to_frames(x, q, self._centres, self._axes)
 
-    def _numbers(self, name: str, given: ArrayLike | None, count: int) -> Ids:
+    def _to_frames(self, x: Array, q: Array, centres: Array, axes: Array) -> tuple[Array, Array]:
+        """Poses of the frames of bodies, from those of principal frames; may be the same arrays."""
+        if self._principal:
+            return x, q
+        q = multiply(q, axes * (1.0, -1.0, -1.0, -1.0))
+        return x - rotate(q, centres), q
+
+    def _set_frames(self, where: Where, x: Array, q: Array) -> None:
+        centres, axes = self._pick(self._centres, where), self._pick(self._axes, where)
+        self._write("set_poses", where, *principal_frames(x, q, centres, axes))
+
+    def _pick(self, rows: Array, where: Where) -> Array:
+        """Those of these worlds and bodies."""
+        worlds, places = where
+        picked: Array = rows[worlds[:, None], places]
+        return picked
+
+    def _write(self, setter: str, where: Where, *values: Array) -> None:
+        """Calls the setter, once for all worlds that have these bodies in the same rows."""
+        worlds, places = where
+        write, left = getattr(self._native, setter), np.arange(len(worlds))
+        while len(left):
+            same = (places[left] == places[left[0]]).all(axis=1)
+            group, left = left[same], left[~same]
+            parts = (np.ascontiguousarray(rows[group]) for rows in values)
+            write(worlds[group], places[group[0]], *parts)
+
+    def _where(self, ids: ArrayLike | None, worlds: ArrayLike | None) -> Where:
+        """Worlds, and the rows of these bodies in each; of all, those that a world may not have."""
+        chosen = self._worlds("worlds", worlds)
+        if ids is None:
+            every = np.arange(self._ids.shape[1])
+            return chosen, np.broadcast_to(every, (len(chosen), len(every)))
+        if not len(chosen):
+            return chosen, np.zeros((0, np.size(ids)), np.int64)
+        if self._alike:
+            rows = self._made[chosen[0]]._rows(ids)
+            _check_once("ids", rows)
+            return chosen, np.broadcast_to(rows, (len(chosen), len(rows)))
+        each = []
+        for w in chosen:
+            try:
+                each.append(self._made[w]._rows(ids))
+            except IndexError as error:
+                raise IndexError(f"world {w}: {error}") from None
+            _check_once("ids", each[-1])
+        return chosen, np.array(each, np.int64)
+
+    def _present(self, worlds: Ids) -> Ids:
+        """Bodies of each of these worlds, as a column."""
+        counts: Ids = self.counts[worlds][:, None]
+        return counts
+
+    def _worlds(self, name: str, given: ArrayLike | None) -> Ids:
         if given is None:
-            return np.arange(count)
+            return np.arange(len(self))
         numbers = np.asarray(given)
         if numbers.size == 0:
             numbers = numbers.astype(np.int64)
         if numbers.ndim > 1 or numbers.dtype.kind not in "iu":
             raise InputError(f"{name}: expected integers, shape (k,)")
         numbers = np.atleast_1d(numbers)
-        wrong = (numbers < 0) | (numbers >= count)
+        wrong = (numbers < 0) | (numbers >= len(self))
         if wrong.any():
             k = int(np.argmax(wrong))
-            raise IndexError(f"{name}[{k}]: expected a number below {count}, got {numbers[k]}")
-        if len(np.unique(numbers)) < len(numbers):
-            raise InputError(f"{name}: expected each number once")
+            raise IndexError(f"{name}[{k}]: expected a number below {len(self)}, got {numbers[k]}")
+        _check_once(name, numbers)
         return numbers.astype(np.int64)
 
-    def _rows_of(
-        self, name: str, value: ArrayLike | None, where: tuple[Ids, Ids], present: Any = None
-    ) -> Array:
-        """One row for each of these worlds and bodies, as given or as they are."""
-        there = where[1] < self.counts[where[0]][:, None]
-        columns = 4 if name == "rotations" else 3
-        if value is None and present is not None:
-            rows = present()[np.ix_(*where)]
-        elif check_array(name, value, finite=False).ndim == 3:
+    def _values(self, name: str, value: ArrayLike, where: Where, columns: int) -> Array:
+        """One row for each of these worlds and bodies."""
+        worlds, places = where
+        there = places < self._present(worlds)
+        if check_array(name, value, finite=False).ndim == 3:
             rows = np.array(check_array(name, value, (*there.shape, columns), finite=False))
         else:
             rows = check_array(name, value, (there.shape[1], columns))
             rows = np.array(np.broadcast_to(rows, (*there.shape, columns)))
         rows[~there] = (1.0, 0.0, 0.0, 0.0)[:columns]  # of no body
         rows = check_array(name, rows)
-        if columns == 4 and value is not None:
-            return unit_quaternions(name, rows, rows.shape)
-        return np.ascontiguousarray(rows)
+        return unit_quaternions(name, rows, rows.shape) if columns == 4 else rows
+
+
+def _check_once(name: str, numbers: Ids) -> None:
+    if len(np.unique(numbers)) < len(numbers):
+        raise InputError(f"{name}: expected each number once")

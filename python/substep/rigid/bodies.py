@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..base.checks import check_array, check_choice, check_flag, check_integer, check_real
 from ..base.rows import read_only
+from ..base.simulation import with_energy
 from ..errors import InputError
 from .fixtures import (
     EVERYTHING,
@@ -29,7 +30,7 @@ from .fixtures import (
 from .mass import MassProperties
 from .rows import is_one, principal_frames
 from .run import Runs
-from .state import States
+from .state import States, rename
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
@@ -40,10 +41,11 @@ ROTATIONS = ("splitting", "exact", "quaternion")
 class RigidBodies(Runs, States):
     """Rigid bodies that fall, collide, rub, roll, and hang together by joints.
 
-    A body has one or several shapes; `add` puts bodies in. Its state is the position of its centre
-    of mass, the unit quaternion of its principal axes, momentum and angular momentum: arrays that
-    are views, with one row for each body. Where its shapes are is given by `origins` and
-    `orientations`. docs/rigid.md has how to use it, docs/rigid_contact.md what a step does.
+    A body has one or several shapes; `add` puts bodies in. Where they are is in `positions` and
+    `rotations`, as they were put in: of the frame in which the shapes of a body are given. What a
+    step moves are the views `centers_of_mass`, `principal_rotations`, `momenta` and
+    `angular_momenta`. Arrays have one row for each body, in the order of `ids`. docs/rigid.md has
+    how to use it, docs/rigid_contact.md what a step does.
 
     Parameters
     ----------
@@ -86,14 +88,13 @@ class RigidBodies(Runs, States):
     Three boxes on one another, and a ball that bounces:
 
     >>> import substep
-    >>> rigid = substep.rigid
     >>> bodies = substep.RigidBodies()
-    >>> ground = bodies.add(rigid.Plane(), (0, 0, 0), motion="static")
+    >>> ground = bodies.add(substep.Plane(), (0, 0, 0), motion="static")
     >>> stack = bodies.add(
-    ...     rigid.Box((0.5, 0.5, 0.5)), [[0, 0, 0.5], [0, 0, 1.5], [0, 0, 2.5]])
-    >>> ball = bodies.add(rigid.Sphere(0.1), (3, 0, 1.1), restitution=0.8)
+    ...     substep.Box((1, 1, 1)), [[0, 0, 0.5], [0, 0, 1.5], [0, 0, 2.5]])
+    >>> ball = bodies.add(substep.Sphere(0.1), (3, 0, 1.1), restitution=0.8)
     >>> bodies.advance(1.0)
-    >>> bodies.origins[stack, 2].round(2).tolist()
+    >>> bodies.positions[stack, 2].round(2).tolist()
     [0.5, 1.5, 2.5]
     >>> bool(bodies.positions[ball, 2] > 0.4)
     True
@@ -131,9 +132,18 @@ class RigidBodies(Runs, States):
 
     @property
     def gravity(self) -> Array:
-        """Acceleration [m/s^2], shape (3,), read-only."""
-        gravity: Array = read_only(np.array(self._options["gravity"]))
-        return gravity
+        """Acceleration [m/s^2], shape (3,), read-only; assign to change it, which wakes all bodies.
+
+        It is not part of a state.
+        """
+        return read_only(np.array(self._options["gravity"]))
+
+    @gravity.setter
+    def gravity(self, value: ArrayLike) -> None:
+        g = check_array("gravity", value, (3,)).tolist()
+        with self._own():
+            self._native.gravity = g
+            self._options = {**self._options, "gravity": g}  # copies have the old one
 
     def add(
         self,
@@ -162,7 +172,7 @@ class RigidBodies(Runs, States):
             The shape in the frame of the body, or those of a compound. Planes and meshes
             (`geometry.TriangleMesh`, which may be open) are ground, of static bodies only.
         positions : array_like, shape (3,) or (n, 3)
-            Where the frames of the bodies are [m].
+            Where the frames of the bodies are, in which their shapes are given [m].
         rotations : array_like, shape (4,) for all or (n, 4), optional
             Quaternions (w, x, y, z) that turn the frames; are normalised.
         velocities : array_like, shape (3,) for all or (n, 3), optional
@@ -204,7 +214,7 @@ class RigidBodies(Runs, States):
         --------
         >>> import substep
         >>> bodies = substep.RigidBodies(gravity=(0, 0, 0))
-        >>> bodies.add(substep.rigid.Sphere(0.5), [[0, 0, 0], [2, 0, 0]], mass=3.0)
+        >>> bodies.add(substep.Sphere(0.5), [[0, 0, 0], [2, 0, 0]], mass=3.0)
         array([0, 1])
         >>> bodies.masses.tolist()
         [3.0, 3.0]
@@ -229,22 +239,22 @@ class RigidBodies(Runs, States):
         x = check_array("positions", positions, (3,) if single else (None, 3))
         n = 1 if single else len(x)
         every = np.arange(n)
-        x = self._vectors("positions", x, every, None)
-        q = self._vectors("rotations", rotations, every, None)
-        v = self._vectors("velocities", velocities, every, None)
-        w = self._vectors("angular_velocities", angular_velocities, every, None)
+        q = self._quaternions("rotations", rotations, every)
+        x = self._vectors("positions", x, every)
+        v = self._vectors("velocities", velocities, every)
+        w = self._vectors("angular_velocities", angular_velocities, every)
         if way == "static" and (v.any() or w.any()):
             raise InputError("velocities: a static body has none")
         frame = STILL if weight is None else weight
         body: Made = (fixtures, way, weight)
         with self._own():
-            poses = principal_frames(x, q, frame.centre, frame.axes)
+            poses = principal_frames(x, q, frame.center_of_mass, frame.axes)
             ids = np.arange(self._next_id, self._next_id + n, dtype=np.int64)
             own = [np.nan] * 4 if weight is None else [frame.mass, *frame.principal_inertia]
             # All that needs memory comes before what changes.
             grown = (
                 np.concatenate([self._ids, ids]),
-                np.concatenate([self._centres, np.tile(frame.centre, (n, 1))]),
+                np.concatenate([self._centres, np.tile(frame.center_of_mass, (n, 1))]),
                 np.concatenate([self._axes, np.tile(frame.axes, (n, 1))]),
                 np.concatenate([self._weights, np.tile(own, (n, 1))]),
                 self._made + [body] * n,
@@ -309,7 +319,7 @@ class RigidBodies(Runs, States):
         Returns
         -------
         tuple of Fixture
-            In the frame that is at `origins` and turned by `orientations`.
+            In the frame of the body, which is at its position and turned by its rotation.
 
         Raises
         ------
@@ -324,7 +334,8 @@ class RigidBodies(Runs, States):
         Returns
         -------
         dict of str to float
-            `count`, of bodies; `kinetic_energy` and `potential_energy` (0 at the origin) [J];
+            `count`, of bodies; `kinetic_energy`, `gravitational_energy` (0 at the origin) and
+            `energy`, their sum [J];
             `momentum_x`, `_y`, `_z` [N s]; `angular_momentum_x`, `_y`, `_z` about the origin
             [N m s]; of the last step `contacts`, `penetration`, the deepest [m], `impacts` with
             restitution; `awake`, the dynamic bodies that do not sleep; `joint_error`, the greatest
@@ -332,7 +343,7 @@ class RigidBodies(Runs, States):
         """
         with self._own():
             values: dict[str, float] = self._native.diagnostics()
-        return values
+        return with_energy(rename(values))
 
     def fields(self) -> dict[str, tuple[NDArray[Any], str]]:
         """Arrays for recording, with their units.
@@ -340,12 +351,12 @@ class RigidBodies(Runs, States):
         Returns
         -------
         dict of str to (ndarray, str)
-            `position` and `orientation`, the frames of the shapes (`origins`, `orientations`);
-            `velocity` of the centres of mass, `angular_velocity`, `id` and `asleep`; copies.
+            `position` and `orientation`, which are `positions` and `rotations`; `velocity` of the
+            centres of mass, `angular_velocity`, `id` and `asleep`; read-only.
         """
         return {
-            "position": (self.origins, "m"),
-            "orientation": (self.orientations, "1"),
+            "position": (self.positions, "m"),
+            "orientation": (self.rotations, "1"),
             "velocity": (self.velocities, "m/s"),
             "angular_velocity": (self.angular_velocities, "rad/s"),
             "id": (self.ids, "1"),

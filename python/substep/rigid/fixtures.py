@@ -1,83 +1,38 @@
-"""What rigid bodies are made of: shapes with a place, a surface and a weight."""
+"""What rigid bodies are made of: shapes with a surface and a weight."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .. import _core
 from ..base.checks import check_array, check_integer, check_real, describe
+from ..base.quaternions import multiply, rotate
 from ..errors import InputError
-from ..geometry import TriangleMesh
-from .mass import MassProperties, compound, mass_properties, unit_quaternions
-from .shapes import Box, Capsule, ConvexHull, Cylinder, Sphere
+from ..geometry import Plane, Shape, TriangleMesh
+from .mass import MassProperties, compound, mass_properties
 
 Array = NDArray[np.float64]
 
 MOTIONS = ("dynamic", "kinematic", "static")
 EVERYTHING = 2**32 - 1  # all groups
 _LEVERS = ("rolling_friction", "spinning_friction")
-_IDENTITY = (1.0, 0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class Plane:
-    """Ground without end: the points x with normal . x <= offset.
-
-    Parameters
-    ----------
-    normal : array_like, shape (3,), optional
-        Away from the ground; is normalised.
-    offset : float, optional
-        Distance of the surface from the origin along the normal [m].
-
-    Raises
-    ------
-    InputError
-        If the normal is 0 or a number is not finite.
-
-    Examples
-    --------
-    >>> import substep
-    >>> substep.rigid.Plane((0, 0, 2), 1.0)
-    Plane(normal=(0.0, 0.0, 1.0), offset=1.0)
-    """
-
-    normal: Sequence[float] = (0.0, 0.0, 1.0)
-    offset: float = 0.0
-
-    def __post_init__(self) -> None:
-        n = check_array("normal", self.normal, (3,))
-        largest = float(np.abs(n).max())
-        if largest == 0:
-            raise InputError("normal: expected a vector that is not 0")
-        length = math.hypot(*(n / largest).tolist())
-        object.__setattr__(self, "normal", tuple((n / largest / length).tolist()))
-        object.__setattr__(self, "offset", check_real("offset", self.offset))
-
-
-Shape = Sphere | Box | Capsule | Cylinder | Plane | ConvexHull | TriangleMesh
 
 
 @dataclass(frozen=True, eq=False)
 class Fixture:
-    """A shape of a body: where it is, how its surface rubs, and what it weighs.
+    """A shape of a body: how its surface rubs, and what it weighs.
 
     What is None is taken from the call that adds the body.
 
     Parameters
     ----------
-    shape : Sphere, Box, Capsule, Cylinder, ConvexHull, Plane or geometry.TriangleMesh
-        The shape. Planes and meshes are ground: of static bodies only.
-    position : array_like, shape (3,), optional
-        Of the origin of the shape, in the frame of the body [m].
-    rotation : array_like, shape (4,), optional
-        Quaternion (w, x, y, z) that turns the shape in the frame of the body; is normalised.
+    shape : Sphere, Box, Capsule, Cylinder, ConvexHull, Plane or TriangleMesh
+        The shape; its centre and rotation are its place in the frame of the body. Planes and meshes
+        are ground: of static bodies only.
     density : float, optional
         [kg/m^3], above 0.
     friction, restitution, rolling_friction, spinning_friction : float, optional
@@ -95,18 +50,17 @@ class Fixture:
     A hammer, of steel and wood:
 
     >>> import substep
-    >>> rigid = substep.rigid
-    >>> head = rigid.Fixture(rigid.Box((0.05, 0.02, 0.02)), (0, 0, 0.15), density=7800)
-    >>> handle = rigid.Fixture(rigid.Cylinder(0.015, 0.15), density=700)
+    >>> iron = substep.Box((0.1, 0.04, 0.04), center=(0, 0, 0.15))
+    >>> head = substep.rigid.Fixture(iron, density=7800)
+    >>> handle = substep.rigid.Fixture(substep.Cylinder(0.015, 0.3), density=700)
     >>> bodies = substep.RigidBodies()
     >>> hammer = bodies.add([head, handle], (0, 0, 1))
-    >>> bodies.positions[hammer].round(3).tolist()  # the centre of mass
+    >>> bodies.centers_of_mass[hammer].round(3).tolist()
     [0.0, 0.0, 1.134]
     """
 
     shape: Shape
-    position: ArrayLike = (0.0, 0.0, 0.0)
-    rotation: ArrayLike = _IDENTITY
+    _: KW_ONLY
     density: float | None = None
     friction: float | None = None
     restitution: float | None = None
@@ -118,10 +72,7 @@ class Fixture:
     def __post_init__(self) -> None:
         if not isinstance(self.shape, Shape):
             raise TypeError(f"shape: expected a shape, got {describe(self.shape)}")
-        place = check_array("position", self.position, (3,))
-        turn = unit_quaternions("rotation", self.rotation, (4,))
-        checked = {"position": tuple(place.tolist()), "rotation": tuple(turn.tolist())}
-        for name, value in {**check_surface(self._given()), **checked}.items():
+        for name, value in check_surface(self._given()).items():
             object.__setattr__(self, name, value)
 
     def _given(self) -> dict[str, Any]:
@@ -131,12 +82,12 @@ class Fixture:
         """For the native world, in the principal frame of its body."""
         key = id(self.shape)
         if key not in shapes:
-            shapes[key] = native_shape(self.shape)
-        x, q = np.array(self.position), np.array(self.rotation)
+            shapes[key] = self.shape._rigid()
+        shape, x, q = shapes[key]
         if frame is not None:
             back = frame.axes * (1, -1, -1, -1)
-            x, q = rotate(back, x - frame.centre), multiply(back, q)
-        return (shapes[key], x.tolist(), q.tolist(), *(getattr(self, name) for name in _SURFACE))
+            x, q = rotate(back, x - frame.center_of_mass), multiply(back, q)
+        return (shape, x.tolist(), q.tolist(), *(getattr(self, name) for name in _SURFACE))
 
 
 Made = tuple[tuple[Fixture, ...], str, MassProperties | None]  # shapes, motion, weight
@@ -197,19 +148,19 @@ def check_mass(
         found = mass
     else:
         parts = [
-            mass_properties(f.shape, f.density).moved(f.position, f.rotation)  # type: ignore[arg-type]
+            mass_properties(f.shape, f.density)  # type: ignore[arg-type]
             for f in fixtures
         ]
         found = parts[0] if len(parts) == 1 else compound(parts)
         if mass is not None:
             m = check_real("mass", mass, positive=True)
             check_range(m, found.inertia * (m / found.mass))
-            found = MassProperties(m, found.centre, found.inertia * (m / found.mass))
+            found = MassProperties(m, found.center_of_mass, found.inertia * (m / found.mass))
         if inertia is not None:
             given = check_array("inertia", inertia)
             given = check_array("inertia", given, (3,) if given.ndim == 1 else (3, 3))
             found = MassProperties(
-                found.mass, found.centre, np.diag(given) if given.ndim == 1 else given
+                found.mass, found.center_of_mass, np.diag(given) if given.ndim == 1 else given
             )
     check_range(found.mass, found.inertia)
     return found
@@ -221,29 +172,6 @@ def check_range(mass: float, inertia: Array) -> None:
         raise InputError(f"mass: {mass} kg is out of range")
     if not (1e-60 < np.diag(inertia)).all() or not (np.abs(inertia) < 1e60).all():
         raise InputError("inertia: out of range")
-
-
-def native_shape(shape: Shape) -> Any:
-    """The shape of the native core."""
-    make = _core.RigidShape
-    match shape:
-        case Sphere():
-            return make.sphere(shape.radius)
-        case Box():
-            return make.box(shape.half_lengths)
-        case Capsule():
-            return make.capsule(shape.radius, shape.half_length)
-        case Cylinder():
-            return make.cylinder(shape.radius, shape.half_length)
-        case Plane():
-            return make.plane(shape.normal, shape.offset)
-        case ConvexHull():
-            return make.hull(shape.points)
-        case TriangleMesh():
-            if len(shape.vertices) > 2**31 - 1:
-                raise InputError("shape: a mesh has at most 2**31 - 1 vertices")
-            return make.mesh(shape.vertices, shape.faces.astype(np.int32))
-    raise TypeError(f"shape: expected a shape, got {describe(shape)}")
 
 
 def add_native(native: Any, shapes: dict[int, Any], body: Made, *rows: Array) -> None:
@@ -258,26 +186,3 @@ def add_native(native: Any, shapes: dict[int, Any], body: Made, *rows: Array) ->
         # Where memory is short this says so; the conversion of the call would not.
         *map(np.ascontiguousarray, rows),
     )
-
-
-def multiply(p: Array, q: Array) -> Array:
-    """The products p q of quaternions (w, x, y, z), row by row; first q turns, then p."""
-    w, x, y, z = np.moveaxis(p, -1, 0)
-    a, b, c, d = np.moveaxis(q, -1, 0)
-    return np.stack(
-        [
-            w * a - x * b - y * c - z * d,
-            w * b + x * a + y * d - z * c,
-            w * c - x * d + y * a + z * b,
-            w * d + x * c - y * b + z * a,
-        ],
-        axis=-1,
-    )
-
-
-def rotate(q: Array, v: Array) -> Array:
-    """Vectors turned by unit quaternions, row by row: v + w t + u x t with t = 2 u x v."""
-    u = q[..., 1:]
-    t = 2 * np.cross(u, v)
-    turned: Array = v + q[..., :1] * t + np.cross(u, t)
-    return turned

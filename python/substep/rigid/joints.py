@@ -124,7 +124,7 @@ class Joints(BodyRows):
 
         >>> import substep
         >>> bodies = substep.RigidBodies()
-        >>> bob = bodies.add(substep.rigid.Sphere(0.01), (0.1, 0, -0.995))
+        >>> bob = bodies.add(substep.Sphere(0.01), (0.1, 0, -0.995))
         >>> hinge = bodies.hinge(bob, None, (0, 0, 0), (0, 1, 0))
         >>> bodies.advance(2.0)
         >>> bool(abs(hinge.coordinate) < 0.01), max(hinge.error) < 1e-6

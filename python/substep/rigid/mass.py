@@ -9,27 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..base.checks import check_array, check_real, describe, first_bad_index
+from ..base.checks import check_array, check_real, describe
+from ..base.quaternions import unit_quaternions
 from ..errors import InputError
-from ..geometry import TriangleMesh
-from .shapes import Box, Capsule, ConvexHull, Cylinder, Sphere
+from ..geometry import Shape
 
 Array = NDArray[np.float64]
-
-
-def unit_quaternions(name: str, value: Any, shape: tuple[int | None, ...]) -> Array:
-    """Quaternions as new unit rows; those of length 1 within rounding keep their bits."""
-    q = check_array(name, value, shape)
-    largest = np.abs(q).max(axis=-1, keepdims=True, initial=0.0)
-    if not largest.all():
-        where = first_bad_index(largest[..., 0] == 0) if q.ndim > 1 else ""
-        raise InputError(f"{name}{where}: expected a quaternion that is not 0")
-    scaled = q / largest
-    length = np.linalg.norm(scaled, axis=-1, keepdims=True)
-    with np.errstate(over="ignore"):
-        off = np.abs(largest * length - 1) > 4e-16
-    unit: Array = np.where(off, scaled / length, q)
-    return unit
 
 
 class MassProperties:
@@ -39,7 +24,7 @@ class MassProperties:
     ----------
     mass : float
         Mass [kg].
-    centre : array_like, shape (3,)
+    center_of_mass : array_like, shape (3,)
         Centre of mass [m].
     inertia : array_like, shape (3, 3)
         Inertia about the centre of mass, along the axes of the frame [kg m^2].
@@ -48,7 +33,7 @@ class MassProperties:
     ----------
     mass : float
         Mass [kg].
-    centre : ndarray, shape (3,)
+    center_of_mass : ndarray, shape (3,)
         Centre of mass [m].
     inertia : ndarray, shape (3, 3)
         Inertia about the centre of mass, along the axes of the frame [kg m^2].
@@ -80,16 +65,18 @@ class MassProperties:
     """
 
     mass: float
-    centre: Array
+    center_of_mass: Array
     inertia: Array
     principal_inertia: Array
     axes: Array
 
-    def __init__(self, mass: float, centre: ArrayLike, inertia: ArrayLike) -> None:
+    def __init__(self, mass: float, center_of_mass: ArrayLike, inertia: ArrayLike) -> None:
         rows = check_array("inertia", inertia, (3, 3))
         self._set(
             _core.MassMoments(
-                check_real("mass", mass), check_array("centre", centre, (3,)), rows.ravel()
+                check_real("mass", mass),
+                check_array("center_of_mass", center_of_mass, (3,)),
+                rows.ravel(),
             )
         )
 
@@ -103,17 +90,17 @@ class MassProperties:
         axes, principal = moments.principal()
         self._moments = moments
         self.mass = moments.mass
-        self.centre = np.array(moments.centre)
+        self.center_of_mass = np.array(moments.centre)
         self.inertia = np.array(moments.inertia).reshape(3, 3)
         self.principal_inertia = np.array(principal)
         self.axes = np.array(axes)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return MassProperties, (self.mass, self.centre, self.inertia)
+        return MassProperties, (self.mass, self.center_of_mass, self.inertia)
 
     def __repr__(self) -> str:
         return (
-            f"MassProperties(mass={self.mass:g}, centre={self.centre.tolist()}, "
+            f"MassProperties(mass={self.mass:g}, center_of_mass={self.center_of_mass.tolist()}, "
             f"principal_inertia={self.principal_inertia.tolist()})"
         )
 
@@ -140,14 +127,12 @@ class MassProperties:
         )
 
 
-def mass_properties(
-    shape: Sphere | Box | Capsule | Cylinder | ConvexHull | TriangleMesh, density: float = 1000.0
-) -> MassProperties:
+def mass_properties(shape: Shape, density: float = 1000.0) -> MassProperties:
     """Mass, centre of mass and inertia of a solid of uniform density.
 
     Parameters
     ----------
-    shape : Sphere, Box, Capsule, Cylinder, ConvexHull or geometry.TriangleMesh
+    shape : Sphere, Box, Capsule, Cylinder, ConvexHull or TriangleMesh
         The solid. A mesh must be closed, look outward, and not cut itself; it may be hollow or
         consist of several parts.
     density : float, optional
@@ -156,7 +141,8 @@ def mass_properties(
     Returns
     -------
     MassProperties
-        In the frame of the shape; exact up to rounding, for meshes too.
+        In the frame in which the shape has its centre and rotation; exact up to rounding, for
+        meshes too.
 
     Raises
     ------
@@ -173,37 +159,19 @@ def mass_properties(
     A flat box, and two of it as a cross:
 
     >>> import substep
-    >>> plate = substep.rigid.mass_properties(substep.rigid.Box((0.5, 0.25, 0.1)), 10.0)
+    >>> plate = substep.rigid.mass_properties(substep.Box((1, 0.5, 0.2)), 10.0)
     >>> round(plate.mass, 12)
     1.0
     >>> plate.principal_inertia.round(6)
     array([0.024167, 0.086667, 0.104167])
     >>> cross = substep.rigid.compound([plate, plate.moved([0, 0, 0.2], [1, 0, 0, 1])])
-    >>> cross.centre.round(12)
+    >>> cross.center_of_mass.round(12)
     array([0. , 0. , 0.1])
     """
     rho = check_real("density", density, positive=True)
-    match shape:
-        case Sphere():
-            moments = _core.sphere_moments(shape.radius, rho)
-        case Box():
-            moments = _core.box_moments(shape.half_lengths, rho)
-        case Capsule():
-            moments = _core.capsule_moments(shape.radius, shape.half_length, rho)
-        case Cylinder():
-            moments = _core.cylinder_moments(shape.radius, shape.half_length, rho)
-        case ConvexHull():
-            moments = _core.hull_moments(shape.points, rho)
-        case TriangleMesh():
-            moments = _core.mesh_moments(shape.vertices, shape.faces, rho)
-            pierced = shape.report().pierced
-            if pierced:
-                raise InputError(
-                    f"shape: the mesh cuts itself: {pierced} edges pass through a face"
-                )
-        case _:
-            raise TypeError(f"shape: expected a shape or a TriangleMesh, got {describe(shape)}")
-    return MassProperties._of(moments)
+    if not isinstance(shape, Shape):
+        raise TypeError(f"shape: expected a shape, got {describe(shape)}")
+    return MassProperties._of(shape._moments(rho)).moved(shape.center, shape.rotation)
 
 
 def compound(parts: Iterable[MassProperties]) -> MassProperties:
@@ -227,7 +195,7 @@ def compound(parts: Iterable[MassProperties]) -> MassProperties:
     Examples
     --------
     >>> import substep
-    >>> ball = substep.rigid.mass_properties(substep.rigid.Sphere(0.1))
+    >>> ball = substep.rigid.mass_properties(substep.Sphere(0.1))
     >>> dumbbell = substep.rigid.compound([ball.moved([0, 0, -1]), ball.moved([0, 0, 1])])
     >>> dumbbell.principal_inertia.round(3)
     array([8.411, 8.411, 0.034])

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import check_array, check_integer, check_real, describe
+from ..base.quaternions import multiply, rotate, unit_quaternions
 from ..errors import InputError
-from ..geometry import TriangleMesh
-from .fixtures import EVERYTHING, Plane, Shape, native_shape
-from .mass import unit_quaternions
+from ..geometry import Shape
+from .fixtures import EVERYTHING, is_ground
 from .rows import BodyRows
 
 Array = NDArray[np.float64]
@@ -109,8 +109,8 @@ class Queries(BodyRows):
         --------
         >>> import substep
         >>> bodies = substep.RigidBodies()
-        >>> ground = bodies.add(substep.rigid.Plane(), (0, 0, 0), motion="static")
-        >>> box = bodies.add(substep.rigid.Box((0.5, 0.5, 0.5)), (0, 0, 0.5), mass=2.0)
+        >>> ground = bodies.add(substep.Plane(), (0, 0, 0), motion="static")
+        >>> box = bodies.add(substep.Box((1, 1, 1)), (0, 0, 0.5), mass=2.0)
         >>> bodies.advance(0.25)
         >>> report = bodies.contacts()
         >>> report.bodies.tolist(), len(report.points)
@@ -221,13 +221,13 @@ class Queries(BodyRows):
         shape : Sphere, Box, Capsule, Cylinder or ConvexHull
             The shape.
         position : array_like, shape (3,)
-            Where its origin begins [m].
+            Where the frame begins in which the shape has its centre and rotation [m].
         direction : array_like, shape (3,)
             Where it goes; is normalised.
         length : float
             How far it goes at most [m].
         rotation : array_like, shape (4,), optional
-            Quaternion (w, x, y, z) that turns it; is normalised.
+            Quaternion (w, x, y, z) that turns that frame; is normalised.
         mask : int, optional
             Only shapes whose group has a bit of it count.
 
@@ -241,14 +241,14 @@ class Queries(BodyRows):
         InputError
             If an argument is wrong.
         """
-        native = _convex(shape)
         x = check_array("position", position, (3,))
         q = unit_quaternions("rotation", rotation, (4,))
         d = _unit("direction", check_array("direction", direction, (3,)))
         way = check_real("length", length, nonnegative=True)
         bits = _check_mask(mask)
+        native = _convex(shape, x, q)
         with self._own():
-            return self._hits(x, d, *self._native.cast_shape(native, x, q, d, way, bits))
+            return self._hits(x, d, *self._native.cast_shape(*native, d, way, bits))
 
     def overlapping(
         self,
@@ -265,9 +265,9 @@ class Queries(BodyRows):
         shape : Sphere, Box, Capsule, Cylinder or ConvexHull
             The shape.
         position : array_like, shape (3,)
-            Where its origin is [m].
+            Where the frame is in which the shape has its centre and rotation [m].
         rotation : array_like, shape (4,), optional
-            Quaternion (w, x, y, z) that turns it; is normalised.
+            Quaternion (w, x, y, z) that turns that frame; is normalised.
         mask : int, optional
             Only shapes whose group has a bit of it count.
 
@@ -281,12 +281,12 @@ class Queries(BodyRows):
         InputError
             If an argument is wrong.
         """
-        native = _convex(shape)
         x = check_array("position", position, (3,))
         q = unit_quaternions("rotation", rotation, (4,))
         bits = _check_mask(mask)
+        native = _convex(shape, x, q)
         with self._own():
-            rows = np.unique(self._native.overlapping(native, x, q, bits))
+            rows = np.unique(self._native.overlapping(*native, bits))
             ids: Ids = self._ids[rows]
             return ids
 
@@ -313,9 +313,11 @@ def _check_mask(mask: Any) -> int:
     return check_integer("mask", mask, minimum=0, maximum=EVERYTHING)
 
 
-def _convex(shape: Any) -> Any:
+def _convex(shape: Any, x: Array, q: Array) -> tuple[Any, Array, Array]:
+    """The shape of the native core, and its pose where its frame is at x, turned by q."""
     if not isinstance(shape, Shape):
         raise TypeError(f"shape: expected a shape, got {describe(shape)}")
-    if isinstance(shape, (Plane, TriangleMesh)):
+    if is_ground(shape):
         raise InputError(f"shape: expected a convex shape with an end, got {describe(shape)}")
-    return native_shape(shape)
+    native, center, turn = shape._rigid()
+    return native, x + rotate(q, center), multiply(q, turn)

@@ -14,8 +14,8 @@ from ..base.checks import (
     check_threads,
     first_bad_index,
 )
+from ..base.quaternions import unit_quaternions
 from ..errors import InputError, NonFiniteError
-from .mass import unit_quaternions
 
 Array = NDArray[np.float64]
 

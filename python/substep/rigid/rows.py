@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import check_array, check_choice
-from ..base.simulation import Simulation
+from ..base.quaternions import multiply, rotate, unit_quaternions
+from ..base.rows import Numbered, find_rows, read_only
 from ..errors import InputError
-from .fixtures import MOTIONS, Fixture, is_ground, multiply, rotate
-from .mass import unit_quaternions
+from .fixtures import MOTIONS, Fixture, is_ground
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
@@ -19,16 +19,18 @@ Ids = NDArray[np.int64]
 _DYNAMIC, _STATIC = MOTIONS.index("dynamic"), MOTIONS.index("static")
 
 
-class BodyRows(Simulation):
+class BodyRows(Numbered):
     """Bodies as rows of arrays in the order of their ids; make `RigidBodies`.
 
-    `_native` has views and setters by row; here are ids, and the frames of shapes.
+    `_native` has views and setters of principal frames, by row; here are ids, and the frames that
+    the user has put in.
     """
 
+    _what = "body"
     _ids: Ids
     _made: list[tuple[tuple[Fixture, ...], str, Any]]
-    _centres: Array  # of mass, in the frame of the shape
-    _axes: Array  # that take the principal frame into that of the shape
+    _centres: Array  # of mass, in the frame of the body
+    _axes: Array  # that take the principal frame into that of the body
     _weights: Array  # mass and principal moments, NaN for bodies that were added without
 
     def __len__(self) -> int:
@@ -36,21 +38,45 @@ class BodyRows(Simulation):
 
     @property
     def ids(self) -> Ids:
-        """Numbers of the bodies, ascending, shape (n,): the order of all arrays; a copy."""
-        return self._ids.copy()
+        """Numbers of the bodies, ascending, shape (n,): the order of all arrays; read-only."""
+        ids: Ids = read_only(self._ids.copy())
+        return ids
 
     @property
     def positions(self) -> Array:
-        """Centres of mass [m], shape (n, 3): a view, to be read and written between steps."""
+        """Where the bodies are, as `add` put them [m], shape (n, 3); read-only.
+
+        The origins of their frames, in which their shapes are given; `set_positions` moves them.
+        """
+        back = rotate(self._frame_rotations(), self._centres)
+        return read_only(self._native.positions - back)
+
+    @property
+    def rotations(self) -> Array:
+        """Unit quaternions (w, x, y, z) of the bodies, as `add` turned them; read-only.
+
+        They take the frames of the bodies into the world, shape (n, 4); `set_rotations` turns them.
+        """
+        return read_only(self._frame_rotations())
+
+    def _frame_rotations(self) -> Array:
+        return multiply(self._native.rotations, self._axes * (1.0, -1.0, -1.0, -1.0))
+
+    @property
+    def centers_of_mass(self) -> Array:
+        """Centres of mass [m], shape (n, 3): a view, to be read and written between steps.
+
+        They differ from `positions` where a body's centre of mass is not the origin of its frame.
+        """
         view: Array = self._native.positions
         return view
 
     @property
-    def rotations(self) -> Array:
+    def principal_rotations(self) -> Array:
         """Unit quaternions (w, x, y, z) that take principal axes into the world, shape (n, 4).
 
         A view, to be read and written between steps; what is written is normalised by the next
-        step.
+        step. They differ from `rotations` where principal axes are not those of the frame.
         """
         view: Array = self._native.rotations
         return view
@@ -59,7 +85,8 @@ class BodyRows(Simulation):
     def momenta(self) -> Array:
         """Momenta [kg m/s], shape (n, 3): a view, to be read and written between steps.
 
-        Of kinematic bodies, which have no mass, the velocities [m/s].
+        Of kinematic bodies, which have no mass, the velocities [m/s]. Static ones stand still: what
+        is written there moves nothing.
         """
         view: Array = self._native.momenta
         return view
@@ -75,119 +102,56 @@ class BodyRows(Simulation):
 
     @property
     def forces(self) -> Array:
-        """External forces [N], shape (n, 3): a view; the next step uses them and sets them to 0."""
+        """External forces at the centres of mass [N], shape (n, 3): a view.
+
+        The next step uses them up: after it they are 0.
+        """
         view: Array = self._native.forces
         return view
 
     @property
     def torques(self) -> Array:
-        """External torques about the centres [N m], shape (n, 3): a view as `forces`."""
+        """External torques about the centres of mass [N m], shape (n, 3): a view as `forces`."""
         view: Array = self._native.torques
         return view
 
     @property
     def velocities(self) -> Array:
-        """Velocities of the centres of mass [m/s], shape (n, 3); a copy."""
-        rows: Array = self._native.velocities()
-        return rows
+        """Velocities of the centres of mass [m/s], shape (n, 3); read-only."""
+        return read_only(self._native.velocities())
 
     @property
     def angular_velocities(self) -> Array:
-        """Angular velocities in the world [rad/s], shape (n, 3); a copy."""
-        rows: Array = self._native.angular_velocities()
-        return rows
-
-    @property
-    def orientations(self) -> Array:
-        """Unit quaternions (w, x, y, z) that take the frames of the shapes into the world; a copy.
-
-        They differ from `rotations` where principal axes are not those of the shape.
-        """
-        back = self._axes * (1.0, -1.0, -1.0, -1.0)
-        return multiply(self._native.rotations, back)
-
-    @property
-    def origins(self) -> Array:
-        """Where the origins of the frames of the shapes are [m], shape (n, 3); a copy.
-
-        They differ from `positions` where the centre of mass is not the origin of the shape.
-        """
-        origins: Array = self._native.positions - rotate(self.orientations, self._centres)
-        return origins
+        """Angular velocities in the world [rad/s], shape (n, 3); read-only."""
+        return read_only(self._native.angular_velocities())
 
     @property
     def masses(self) -> Array:
-        """Masses [kg], shape (n,), infinite unless dynamic; a copy."""
-        masses: Array = self._native.masses()
-        return masses
+        """Masses [kg], shape (n,), infinite unless dynamic; read-only."""
+        return read_only(self._native.masses())
 
     @property
     def inertia(self) -> Array:
-        """Principal moments of inertia [kg m^2], shape (n, 3), infinite unless dynamic; a copy."""
-        moments: Array = self._native.inertia()
-        return moments
+        """Principal moments [kg m^2], shape (n, 3), infinite unless dynamic; read-only."""
+        return read_only(self._native.inertia())
 
     @property
     def motions(self) -> NDArray[np.str_]:
-        """'dynamic', 'kinematic' or 'static', shape (n,); a copy."""
-        return np.array(MOTIONS)[self._native.motions()]
+        """'dynamic', 'kinematic' or 'static', shape (n,); read-only."""
+        return read_only(np.array(MOTIONS)[self._native.motions()])
 
     @property
     def asleep(self) -> NDArray[np.bool_]:
-        """Which bodies sleep, shape (n,); a copy."""
-        flags: NDArray[np.bool_] = self._native.asleep().astype(bool)
-        return flags
+        """Which bodies sleep, shape (n,); read-only."""
+        return read_only(self._native.asleep().astype(bool))
 
-    def set_velocities(
-        self,
-        velocities: ArrayLike | None = None,
-        angular_velocities: ArrayLike | None = None,
-        ids: ArrayLike | None = None,
-    ) -> None:
-        """Give bodies velocities; they wake. Static ones have none.
+    def set_positions(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
+        """Put bodies elsewhere; rotations and velocities stay. They and what they touch wake.
 
         Parameters
         ----------
-        velocities : array_like, shape (3,) for all or (m, 3), optional
-            Of the centres of mass [m/s]; stay as they are unless given.
-        angular_velocities : array_like, shape (3,) for all or (m, 3), optional
-            In the world [rad/s]; stay as they are unless given.
-        ids : int or array_like of int, shape (m,), optional
-            Which; all but static ones unless given.
-
-        Raises
-        ------
-        InputError, IndexError
-            If an argument is wrong, or a body is static; nothing is changed then.
-        """
-        with self._own():
-            rows = (
-                np.flatnonzero(self._native.motions() != _STATIC)
-                if ids is None
-                else self._rows(ids)
-            )
-            v = self._vectors("velocities", velocities, rows, self._native.velocities)
-            w = self._vectors(
-                "angular_velocities", angular_velocities, rows, self._native.angular_velocities
-            )
-            self._native.set_velocities(rows, v, w)
-
-    def set_poses(
-        self,
-        positions: ArrayLike | None = None,
-        rotations: ArrayLike | None = None,
-        ids: ArrayLike | None = None,
-    ) -> None:
-        """Put bodies elsewhere, as `add` does: the frames of their shapes; velocities stay.
-
-        They wake, and so do those that they touch.
-
-        Parameters
-        ----------
-        positions : array_like, shape (3,) for all or (m, 3), optional
-            Where the origins of their shapes come [m]; stay as they are unless given.
-        rotations : array_like, shape (4,) for all or (m, 4), optional
-            Quaternions (w, x, y, z) of their shapes; are normalised. They stay unless given.
+        values : array_like, shape (3,) for all or (m, 3)
+            Their positions, as of `add` [m].
         ids : int or array_like of int, shape (m,), optional
             Which; all unless given.
 
@@ -197,11 +161,124 @@ class BodyRows(Simulation):
             If an argument is wrong; nothing is changed then.
         """
         with self._own():
-            rows = np.arange(len(self)) if ids is None else self._rows(ids)
-            x = self._vectors("positions", positions, rows, lambda: self.origins)
-            q = self._vectors("rotations", rotations, rows, lambda: self.orientations)
-            poses = principal_frames(x, q, self._centres[rows], self._axes[rows])
-            self._native.set_poses(rows, *poses)
+            rows = self._rows(ids)
+            x = self._vectors("values", values, rows)
+            self._set_frames(rows, x, self._frame_rotations()[rows])
+
+    def set_rotations(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
+        """Turn bodies about their positions; velocities stay. They and what they touch wake.
+
+        Parameters
+        ----------
+        values : array_like, shape (4,) for all or (m, 4)
+            Their rotations (w, x, y, z), as of `add`; are normalised.
+        ids : int or array_like of int, shape (m,), optional
+            Which; all unless given.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+        """
+        with self._own():
+            rows = self._rows(ids)
+            q = self._quaternions("values", values, rows)
+            self._set_frames(rows, self.positions[rows], q)
+
+    def _set_frames(self, rows: Ids, x: Array, q: Array) -> None:
+        poses = principal_frames(x, q, self._centres[rows], self._axes[rows])
+        self._native.set_poses(rows, *poses)
+
+    def set_velocities(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
+        """Give centres of mass velocities. Bodies wake.
+
+        Parameters
+        ----------
+        values : array_like, shape (3,) for all or (m, 3)
+            Their velocities [m/s].
+        ids : int or array_like of int, shape (m,), optional
+            Which; all unless given, of whom static ones stand still.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong, or a body of `ids` is static; nothing is changed then.
+        """
+        with self._own():
+            rows, v = self._moving(values, ids)
+            spins, w = self._native.angular_momenta, self._native.angular_velocities()[rows]
+            kept = spins[rows]
+            self._native.set_velocities(rows, v, w)
+            spins[rows] = kept  # to the bit
+
+    def set_angular_velocities(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
+        """Let bodies turn about their centres of mass. They wake.
+
+        Parameters
+        ----------
+        values : array_like, shape (3,) for all or (m, 3)
+            Their angular velocities in the world [rad/s].
+        ids : int or array_like of int, shape (m,), optional
+            As of `set_velocities`.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong, or a body of `ids` is static; nothing is changed then.
+        """
+        with self._own():
+            rows, w = self._moving(values, ids)
+            momenta, v = self._native.momenta, self._native.velocities()[rows]
+            kept = momenta[rows]
+            self._native.set_velocities(rows, v, w)
+            momenta[rows] = kept  # to the bit
+
+    def _moving(self, values: ArrayLike, ids: ArrayLike | None) -> tuple[Ids, Array]:
+        """Rows that are not static unless they are asked for, and their values."""
+        rows = self._rows(ids)
+        vectors = self._vectors("values", values, rows)
+        if ids is None:
+            rows = np.flatnonzero(self._native.motions() != _STATIC)
+            vectors = vectors[rows]
+        return rows, vectors
+
+    def set_forces(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
+        """Set external forces of the next step, which uses them up: after it they are 0.
+
+        Parameters
+        ----------
+        values : array_like, shape (3,) for all or (m, 3)
+            Forces at the centres of mass [N].
+        ids : int or array_like of int, shape (m,), optional
+            Which; all unless given.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+        """
+        with self._own():
+            rows = self._rows(ids)
+            self._native.forces[rows] = self._vectors("values", values, rows)
+
+    def set_torques(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
+        """Set external torques of the next step, which uses them up: after it they are 0.
+
+        Parameters
+        ----------
+        values : array_like, shape (3,) for all or (m, 3)
+            Torques about the centres of mass [N m].
+        ids : int or array_like of int, shape (m,), optional
+            Which; all unless given.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+        """
+        with self._own():
+            rows = self._rows(ids)
+            self._native.torques[rows] = self._vectors("values", values, rows)
 
     def set_motion(self, motion: str, ids: ArrayLike) -> None:
         """Let bodies move another way; they keep their poses and velocities, but stop if static.
@@ -248,8 +325,8 @@ class BodyRows(Simulation):
         """
         with self._own():
             rows = self._rows(ids)
-            F = self._vectors("force", force, rows, None)
-            x = self._vectors("point", point, rows, lambda: self._native.positions)
+            F = self._vectors("force", force, rows)
+            x = self._points(point, rows)
             self._native.apply_forces(rows, F, x)
 
     def apply_impulse(
@@ -273,8 +350,8 @@ class BodyRows(Simulation):
         """
         with self._own():
             rows = self._rows(ids)
-            J = self._vectors("impulse", impulse, rows, None)
-            x = self._vectors("point", point, rows, lambda: self._native.positions)
+            J = self._vectors("impulse", impulse, rows)
+            x = self._points(point, rows)
             self._native.apply_impulses(rows, J, x)
 
     def wake(self, ids: ArrayLike | None = None) -> None:
@@ -291,38 +368,27 @@ class BodyRows(Simulation):
             If there is no such body.
         """
         with self._own():
-            self._native.wake(np.arange(len(self)) if ids is None else self._rows(ids))
+            self._native.wake(self._rows(ids))
 
-    def _vectors(self, name: str, value: ArrayLike | None, rows: Ids, present: Any) -> Array:
-        """A new array of one row for each body, from one for all, one each, or as they are."""
-        if value is None and present is not None:
-            kept: Array = np.ascontiguousarray(present()[rows])
-            return kept
-        columns = 4 if name == "rotations" else 3
-        shape = (columns,) if is_one(value) else (len(rows), columns)
-        check: Any = unit_quaternions if columns == 4 else check_array
-        return np.array(np.broadcast_to(check(name, value, shape), (len(rows), columns)))
+    def _points(self, point: ArrayLike | None, rows: Ids) -> Array:
+        if point is not None:
+            return self._vectors("point", point, rows)
+        centers: Array = self._native.positions[rows]
+        return centers
 
-    def _rows(self, ids: ArrayLike) -> Ids:
-        """Rows of bodies, from one id or several."""
-        try:
-            wanted = np.asarray(ids)
-        except ValueError:
-            if not isinstance(ids, (list, tuple)):
-                raise
-            raise InputError("ids: expected integers, shape (m,)") from None
-        if wanted.size == 0:
-            wanted = wanted.astype(np.int64)
-        if wanted.ndim > 1 or wanted.dtype.kind not in "iu":
-            raise InputError("ids: expected integers, shape (m,)")
-        wanted = np.atleast_1d(wanted)
-        rows = np.searchsorted(self._ids, wanted.astype(np.int64))
-        wrong = rows >= len(self._ids)
-        wrong[~wrong] = self._ids[rows[~wrong]] != wanted[~wrong]
-        if wrong.any():
-            k = int(np.argmax(wrong))
-            raise IndexError(f"ids[{k}]: there is no body {wanted[k]}")
-        return rows.astype(np.int64)
+    def _vectors(self, name: str, value: ArrayLike, rows: Ids) -> Array:
+        """A new array of one row for each body, from one for all or one each."""
+        shape = (3,) if is_one(value) else (len(rows), 3)
+        return np.array(np.broadcast_to(check_array(name, value, shape), (len(rows), 3)))
+
+    def _quaternions(self, name: str, value: ArrayLike, rows: Ids) -> Array:
+        """As `_vectors`, of length 1."""
+        shape = (4,) if is_one(value) else (len(rows), 4)
+        return np.array(np.broadcast_to(unit_quaternions(name, value, shape), (len(rows), 4)))
+
+    def _rows(self, ids: ArrayLike | None) -> Ids:
+        """Rows of bodies, from one id or several; all unless given."""
+        return find_rows(ids, self._ids, self._what)
 
     def _row(self, name: str, body: Any) -> int:
         """The row of one body."""
@@ -342,5 +408,5 @@ def is_one(value: Any) -> bool:
 
 
 def principal_frames(x: Array, q: Array, centres: Array, axes: Array) -> tuple[Array, Array]:
-    """Poses of principal frames at the centres of mass, from those of the frames of shapes."""
+    """Poses of principal frames at the centres of mass, from those of the frames of bodies."""
     return x + rotate(q, centres), multiply(q, np.broadcast_to(axes, q.shape))

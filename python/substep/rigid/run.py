@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -43,6 +44,7 @@ class RigidReport(StepReport):
 class Runs(Queries, Joints):
     """A world of rigid bodies in time; make `RigidBodies`."""
 
+    _options: dict[str, Any]
     _step_size: float
     _fixed_step = True
 

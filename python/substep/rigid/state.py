@@ -24,6 +24,8 @@ _VECTORS = (
 )
 SCHEMA: list[Entry] = [
     TIME,
+    Number("next_id", int),
+    Rows("ids", np.int64, ("bodies",), low=0, below="next_id", rising=True),
     Number("steps", int, low=0, high=2**62),
     Rows("island", np.int32, ("bodies",)),
     Rows("motions", np.uint8, ("bodies",), high=2),
@@ -34,14 +36,18 @@ SCHEMA: list[Entry] = [
     Rows("slow_time", np.float64, ("bodies",)),
     Rows("contacts", np.float64, ("contacts", None)),
     Rows("contact_pairs", np.int32, ("contacts", None)),
-    Number("next_id", int),
-    Rows("ids", np.int64, ("bodies",), low=0, below="next_id", rising=True),
     Number("next_joint", int),
     Rows("joint_ids", np.int64, ("joints",), low=0, below="next_joint", rising=True),
     Rows("joints", np.float64, ("joints", None), finite="no NaN"),  # limits may be infinite
     Rows("joint_pairs", np.int32, ("joints", None)),
     Rows("excluded", np.int32, (None, None)),
 ]
+
+
+def rename(values: dict[str, float]) -> dict[str, float]:
+    """Diagnostics of the native core under the words of the dictionary."""
+    return {{"potential_energy": "gravitational_energy"}.get(k, k): v for k, v in values.items()}
+
 
 _AT_ORIGIN = (np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), np.zeros((1, 3)), np.zeros((1, 3)))
 
@@ -75,7 +81,8 @@ class States(Joints):
         self._joint_ids = state["joint_ids"]
 
     def _make(self, state: Mapping[str, Any]) -> Any:
-        native, shapes = _core.RigidWorld(self._options), {}
+        native = _core.RigidWorld(self._options)
+        shapes: dict[int, Any] = {}
         for body in self._made:
             add_native(native, shapes, body, *_AT_ORIGIN)
         return native

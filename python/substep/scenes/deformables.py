@@ -15,7 +15,7 @@ from .declaration import Parameter
 if TYPE_CHECKING:
     from ..recording import Part
 
-INTEGRATORS = ("implicit_euler", "semi_implicit_euler", "velocity_verlet", "rk4", "explicit_euler")
+INTEGRATORS = ("implicit_euler", "symplectic_euler", "velocity_verlet", "rk4", "euler")
 GRAVITY = 9.81  # m/s^2
 
 
@@ -70,16 +70,15 @@ class Watched:
 
     def energy(self: Any) -> float:
         """Sum of all energies [J]."""
-        values: dict[str, float] = self.diagnostics()
-        return sum(values[f"{kind}_energy"] for kind in ("kinetic", "potential", "gravitational"))
+        return float(self.diagnostics()["energy"])
 
-    def advance(self: Any, duration: float) -> None:
+    def advance(self: Any, duration: float, callback: Any = None) -> None:
         """Go on, or stay at the state before if the energy grows."""
         before = self.state()
         steps = max(1, math.ceil(duration / self.step_size - 1e-9))
         end = self.time + duration
         for k in range(steps):
-            super().advance((end - self.time) / (steps - k))  # type: ignore[misc]
+            super().advance((end - self.time) / (steps - k), callback)  # type: ignore[misc]
             energy = self.energy()
             if not energy <= self._start + self._room:  # NaN as well
                 time = self.time
@@ -109,52 +108,25 @@ class Watched:
         values = self.diagnostics()
         return f"last step {values['iterations']:.0f} iterations, {values['residual']:.2g} N left"
 
+    def parts(self: Any) -> dict[str, Part]:
+        """The body as a mesh with its velocity, and the obstacles, which never move."""
+        from ..recording import Part
 
-def deformable_parts(simulation: Any) -> dict[str, Part]:
-    """The body as a mesh with its velocity, and the obstacles, which never move.
+        solid = getattr(self, "mesh", None)
+        topology = {"triangles": self.faces} if solid is None else {"tetrahedra": solid.tetrahedra}
+        parts = {self.part: Part("mesh", {"velocity": "m/s"}, **topology)}
+        for name, mesh in self.obstacles.items():
+            parts[name] = Part("mesh", triangles=mesh.faces, points=mesh.vertices)
+        return parts
 
-    Parameters
-    ----------
-    simulation : Watched
-        A cloth or a soft body.
+    def frame(self: Any) -> dict[str, dict[str, Any]]:
+        """Positions as float64, velocities as float32."""
+        velocity = self.velocities.astype(np.float32)
+        return {self.part: {"points": self.positions.copy(), "velocity": velocity}}
 
-    Returns
-    -------
-    dict of str to Part
-        By name.
-    """
-    from ..recording import Part
-
-    solid = getattr(simulation, "mesh", None)
-    topology = (
-        {"triangles": simulation.faces} if solid is None else {"tetrahedra": solid.tetrahedra}
-    )
-    parts = {simulation.part: Part("mesh", {"velocity": "m/s"}, **topology)}
-    for name, mesh in simulation.obstacles.items():
-        parts[name] = Part("mesh", triangles=mesh.faces, points=mesh.vertices)
-    return parts
-
-
-def deformable_frame(simulation: Any) -> dict[str, dict[str, Any]]:
-    """Positions as float64, velocities as float32.
-
-    Parameters
-    ----------
-    simulation : Watched
-        A cloth or a soft body.
-
-    Returns
-    -------
-    dict of str to dict of str to ndarray
-        By part.
-    """
-    velocity = simulation.velocities.astype(np.float32)
-    return {simulation.part: {"points": simulation.positions.copy(), "velocity": velocity}}
-
-
-def mesh_notes(simulation: Watched) -> dict[str, str]:
-    """What the meshes lack, for the recording."""
-    return dict(simulation.lacks)
+    def notes(self: Any) -> dict[str, str]:
+        """What the meshes lack, for the recording."""
+        return dict(self.lacks)
 
 
 def read_obstacle(path: str, up: str, size: float) -> tuple[TriangleMesh, str]:

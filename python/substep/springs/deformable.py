@@ -21,9 +21,9 @@ from ..base.checks import (
 )
 from ..base.rows import Points, read_only
 from ..base.schema import TIME, Entry, Rows
-from ..base.simulation import StepReport
+from ..base.simulation import StepReport, with_energy
 from ..errors import InputError
-from ..geometry import Collider
+from ..geometry import Collider, Shape
 from ..geometry.colliders import (
     check_colliders,
     collider_states,
@@ -34,11 +34,18 @@ from ..stability import max_stable_step, stability_limit
 
 Array = NDArray[np.float64]
 
-INTEGRATORS = ("explicit_euler", "semi_implicit_euler", "rk4", "velocity_verlet", "implicit_euler")
+INTEGRATORS = {  # and their other names
+    "euler": ("explicit_euler", "forward_euler"),
+    "symplectic_euler": ("semi_implicit_euler",),
+    "velocity_verlet": (),
+    "rk4": (),
+    "implicit_euler": ("backward_euler",),
+}
+_NATIVE = {"euler": "explicit_euler", "symplectic_euler": "semi_implicit_euler"}
 SOLVERS = {"newton": 100, "projective": 10}  # and their iterations
 ON_FAIL = ("substep", "raise")
 _ARRAYS = ("positions", "velocities", "forces", "targets")
-_STATE = [TIME, *(Rows(name, np.float64, ("n", 3), finite="any") for name in _ARRAYS)]
+_STATE: list[Entry] = [TIME, *(Rows(name, np.float64, ("n", 3), finite="any") for name in _ARRAYS)]
 
 
 @dataclass
@@ -51,7 +58,7 @@ class DeformableReport(StepReport):
         Of matrices, and shorter tries of the line search.
     minimisations : int
         One for each time that friction was lagged.
-    failed : int
+    subdivided : int
         Steps that were done again in halves.
     residuals : list of float
         Largest component of the gradient [N] at the start and after each iteration of the last
@@ -63,7 +70,7 @@ class DeformableReport(StepReport):
     factorizations: int = 0
     backtracks: int = 0
     minimisations: int = 0
-    failed: int = 0
+    subdivided: int = 0
     residuals: Sequence[float] = ()
     friction_converged: bool = True
 
@@ -85,14 +92,14 @@ class Deformable(Points):
         pinned: ArrayLike,
         drag: float,
         gravity: ArrayLike,
-        colliders: Sequence[Collider],
+        colliders: Sequence[Collider | Shape],
         integrator: str,
         step: float | None,
         solver: str,
         tolerance: float | None,
         max_iterations: int | None,
         on_fail: str,
-        contact_thickness: float,
+        contact_margin: float,
         contact_stiffness: float | None,
         sticking_speed: float,
         time: float,
@@ -101,7 +108,7 @@ class Deformable(Points):
         n = len(positions)
         self._drag = check_real("drag", drag, nonnegative=True)
         self.colliders = check_colliders(colliders)
-        self.integrator = check_choice("integrator", integrator, INTEGRATORS)
+        self.integrator = check_choice("integrator", integrator, INTEGRATORS, aliases=INTEGRATORS)
         self._masses = read_only(masses)
         if tolerance is None:
             # |g|_inf below a thousandth of the weight, at standard gravity, of a mean vertex.
@@ -114,7 +121,7 @@ class Deformable(Points):
             raise InputError("solver: 'projective' has no contact; use 'newton' with colliders")
         self._gravity = read_only(check_array("gravity", gravity, (3,)).copy())
         self._options = {
-            "integrator": self.integrator,
+            "integrator": _NATIVE.get(self.integrator, self.integrator),
             "solver": self.solver,
             "max_iterations": SOLVERS[self.solver]
             if max_iterations is None
@@ -122,7 +129,7 @@ class Deformable(Points):
             "gravity": self._gravity.tolist(),
             "tolerance": check_real("tolerance", tolerance, positive=True),
             "max_halvings": 8 if check_choice("on_fail", on_fail, ON_FAIL) == "substep" else 0,
-            "contact_thickness": check_real("contact_thickness", contact_thickness, positive=True),
+            "contact_thickness": check_real("contact_margin", contact_margin, positive=True),
             "contact_stiffness": 0.0
             if contact_stiffness is None
             else check_real("contact_stiffness", contact_stiffness, positive=True),
@@ -184,18 +191,13 @@ class Deformable(Points):
             self._native.pinned = check_pinned(pinned, len(self))
 
     @property
-    def gravity(self) -> Array:
-        """Acceleration [m/s^2], shape (3,), read-only."""
-        return self._gravity
-
-    @property
     def report(self) -> DeformableReport:
         """What the last call of `step` or `advance` took and met."""
         native = self._native.report
-        names = [field.name for field in fields(DeformableReport)[2:]]
-        return DeformableReport(
-            self._last.steps, self._last.dt, **{name: getattr(native, name) for name in names}
-        )
+        told = {field.name: field.name for field in fields(DeformableReport)[2:]}
+        told["subdivided"] = "failed"
+        values = {name: getattr(native, theirs) for name, theirs in told.items()}
+        return DeformableReport(self._last.steps, self._last.dt, **values)
 
     def set_targets(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
         """Say where pinned vertices go in the next step: in a straight line at constant speed.
@@ -239,10 +241,9 @@ class Deformable(Points):
             return math.inf, "no elastic force"
         ratio = rate / (2 * omega)
         reason = f"the fastest mode has omega = {omega:.6g} 1/s and the damping ratio {ratio:.3g}"
-        if self.integrator in ("semi_implicit_euler", "velocity_verlet"):
-            name = {"semi_implicit_euler": "symplectic_euler"}.get(self.integrator, self.integrator)
+        name = self.integrator
+        if name in ("symplectic_euler", "velocity_verlet"):
             return stability_limit(name, ratio) / omega, reason
-        name = {"explicit_euler": "euler"}.get(self.integrator, self.integrator)
         root = np.sqrt(complex(ratio**2 - 1))
         return max_stable_step(name, [omega * (-ratio - root), omega * (-ratio + root)]), reason
 
@@ -252,16 +253,17 @@ class Deformable(Points):
         Returns
         -------
         dict of str to float
-            `kinetic_energy`, `potential_energy` (of springs or elements and of contact) and
-            `gravitational_energy` [J]; `momentum_x`, `_y`, `_z` [N s]; `speed`, the largest
-            [m/s]; `iterations`, `factorizations`, `failed` and `residual` [N] of the last step of
-            implicit Euler; with colliders `distance`, the smallest of a free vertex [m].
+            `kinetic_energy`, `elastic_energy` (of springs or elements and of contact),
+            `gravitational_energy` (0 at the origin) and `energy`, their sum [J]; `momentum_x`,
+            `_y`, `_z` [N s]; `speed`, the largest [m/s]; `iterations`, `factorizations`,
+            `subdivided` and `residual` [N] of the last step of implicit Euler; with colliders
+            `distance`, the smallest of a free vertex [m].
         """
         report = self.report
         momentum = self._masses @ self.velocities
         values = {
             "kinetic_energy": self._native.kinetic_energy(),
-            "potential_energy": self._native.potential_energy(),
+            "elastic_energy": self._native.potential_energy(),
             "gravitational_energy": -float(self._masses @ (self.positions @ self._gravity)),
             "momentum_x": float(momentum[0]),
             "momentum_y": float(momentum[1]),
@@ -272,12 +274,12 @@ class Deformable(Points):
             values |= {
                 "iterations": float(report.iterations),
                 "factorizations": float(report.factorizations),
-                "failed": float(report.failed),
+                "subdivided": float(report.subdivided),
                 "residual": report.residuals[-1] if report.residuals else 0.0,
             }
         if self.colliders:
             values["distance"] = self._native.closest()
-        return values
+        return with_energy(values)
 
     def fields(self) -> dict[str, tuple[NDArray[Any], str]]:
         """Arrays for recording, with their units.
@@ -294,7 +296,8 @@ class Deformable(Points):
 
     def _schema(self) -> tuple[list[Entry], dict[str, int], Any]:
         sizes = {"n": len(self), "colliders": len(self.colliders)}
-        return [*_STATE, colliders_entry(self.colliders)], sizes, np.float64
+        entries = [*_STATE, colliders_entry(self.colliders)]
+        return entries, sizes, np.float64
 
     def _state(self) -> dict[str, Any]:
         native = self._native
@@ -309,6 +312,9 @@ class Deformable(Points):
 
     def _parts(self) -> dict[str, Any]:
         return super()._parts() | {"_pinned": self._native.pinned}
+
+    def _replace(self, **parts: Any) -> None:
+        super()._replace(_pinned=self._native.pinned, **parts)
 
     def _make(self, state: Mapping[str, Any]) -> Any:
         """With all terms and obstacles, at the positions of a state."""

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.checks import check_array, check_integer, check_positive, check_real
-from ..geometry import Collider, TriangleMesh
+from ..geometry import Collider, Shape, TriangleMesh
 from ..geometry.topology import check_indices
 from .deformable import Array, Deformable
 
@@ -61,8 +62,8 @@ class MassSpring(Deformable):
     colliders : sequence of Collider
         Obstacles; they belong to this object from now on.
     integrator : str
-        'implicit_euler' (default), 'semi_implicit_euler', 'velocity_verlet', 'rk4' or
-        'explicit_euler'.
+        'implicit_euler' (default), 'symplectic_euler', 'velocity_verlet', 'rk4' or
+        'euler'.
     step : float, optional
         Size of the steps of `advance` [s]; unless given 1/60, or 0.9 times `step_limit()`
         where that is less.
@@ -77,7 +78,7 @@ class MassSpring(Deformable):
     on_fail : {'substep', 'raise'}
         'substep': a step that does not converge is done again in halves, up to 2^8; or
         'raise'.
-    contact_thickness, contact_stiffness, sticking_speed : float
+    contact_margin, contact_stiffness, sticking_speed : float
         For implicit Euler: the distance below which colliders push [m], the stiffness of that
         [N/m] (m / h^2 for each vertex unless given), and the sliding speed below which
         contact counts as sticking [m/s].
@@ -130,14 +131,14 @@ class MassSpring(Deformable):
         pinned: ArrayLike = (),
         drag: float = 0.0,
         gravity: ArrayLike = (0.0, 0.0, -9.81),
-        colliders: Sequence[Collider] = (),
+        colliders: Sequence[Collider | Shape] = (),
         integrator: str = "implicit_euler",
         step: float | None = None,
         solver: str = "newton",
         tolerance: float | None = None,
         max_iterations: int | None = None,
         on_fail: str = "substep",
-        contact_thickness: float = 1e-3,
+        contact_margin: float = 1e-3,
         contact_stiffness: float | None = None,
         sticking_speed: float = 1e-3,
         time: float = 0.0,
@@ -172,7 +173,7 @@ class MassSpring(Deformable):
             tolerance=tolerance,
             max_iterations=max_iterations,
             on_fail=on_fail,
-            contact_thickness=contact_thickness,
+            contact_margin=contact_margin,
             contact_stiffness=contact_stiffness,
             sticking_speed=sticking_speed,
             time=time,
@@ -196,19 +197,19 @@ class MassSpring(Deformable):
         density: float,
         stiffness: float,
         bending: float = 0.05,
-        damping: float = 0.0,
+        damping_time: float = 0.0,
         velocities: ArrayLike | None = None,
         pinned: ArrayLike = (),
         drag: float = 0.0,
         gravity: ArrayLike = (0.0, 0.0, -9.81),
-        colliders: Sequence[Collider] = (),
+        colliders: Sequence[Collider | Shape] = (),
         integrator: str = "implicit_euler",
         step: float | None = None,
         solver: str = "newton",
         tolerance: float | None = None,
         max_iterations: int | None = None,
         on_fail: str = "substep",
-        contact_thickness: float = 1e-3,
+        contact_margin: float = 1e-3,
         contact_stiffness: float | None = None,
         sticking_speed: float = 1e-3,
         time: float = 0.0,
@@ -230,10 +231,10 @@ class MassSpring(Deformable):
             Of the springs along edges [N/m].
         bending : float
             Stiffness of the springs across edges, as a part of `stiffness`.
-        damping : float
-            Of all springs, as a time [s]: c = damping times k.
+        damping_time : float
+            Of all springs [s]: c = damping_time times k.
         velocities, pinned, drag, gravity, colliders, integrator, step, solver, tolerance,
-        max_iterations, on_fail, contact_thickness, contact_stiffness, sticking_speed, time, threads
+        max_iterations, on_fail, contact_margin, contact_stiffness, sticking_speed, time, threads
             As for `MassSpring`.
 
         Returns
@@ -258,7 +259,7 @@ class MassSpring(Deformable):
         areas = mesh.vertex_areas.copy()
         areas[areas == 0] = areas[areas > 0].mean() if areas.any() else 1.0
         masses = check_real("density", density, positive=True) * areas
-        lag = check_real("damping", damping, nonnegative=True)
+        lag = check_real("damping_time", damping_time, nonnegative=True)
         return cls(
             mesh.vertices,
             pairs,
@@ -277,7 +278,7 @@ class MassSpring(Deformable):
             tolerance=tolerance,
             max_iterations=max_iterations,
             on_fail=on_fail,
-            contact_thickness=contact_thickness,
+            contact_margin=contact_margin,
             contact_stiffness=contact_stiffness,
             sticking_speed=sticking_speed,
             time=time,

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..base.checks import check_array, check_choice, check_positive, check_real
 from ..errors import InputError
-from ..geometry import Collider, TetMesh, TriangleMesh, read_mesh, tetrahedralize
+from ..geometry import Collider, Shape, TetMesh, TriangleMesh, read_mesh, tetrahedralize
 from .deformable import Array, Deformable
 
 _FLAT = 1e-12  # of the cube of the longest edge: a volume that rounding alone can make
@@ -38,13 +38,13 @@ class SoftBody(Deformable):
     model : {'neo_hookean', 'st_venant_kirchhoff'}
         The elastic energy; both are Hooke's law at small strains. The first returns from inversion
         and resists compression, the second does neither (docs/soft_body.md).
-    damping : float
+    damping_time : float
         Relaxation time tau [s], at least 0: the viscous stress is that of tau times the strain
         rate, and a mode of angular frequency omega has the damping ratio tau omega / 2.
     rest_positions : array_like, shape (n, 3), optional
         Where nothing is strained [m]; the initial positions unless given.
     velocities, pinned, drag, gravity, colliders, integrator, step, solver, tolerance,
-    max_iterations, on_fail, contact_thickness, contact_stiffness, sticking_speed, time, threads
+    max_iterations, on_fail, contact_margin, contact_stiffness, sticking_speed, time, threads
         As for `MassSpring`; the solver is 'newton'.
 
     Attributes
@@ -74,7 +74,7 @@ class SoftBody(Deformable):
     >>> cube = substep.geometry.box_tetrahedra((0.1, 0.1, 0.1), (3, 3, 3))
     >>> jelly = substep.SoftBody(
     ...     cube.vertices, cube.tetrahedra, density=1000, young_modulus=2e4, poisson_ratio=0.3,
-    ...     damping=0.02, pinned=cube.vertices[:, 2] > 0.04)
+    ...     damping_time=0.02, pinned=cube.vertices[:, 2] > 0.04)
     >>> jelly.advance(0.5)
     >>> bool(-0.055 < jelly.positions[:, 2].min() < -0.051)
     True
@@ -86,7 +86,7 @@ class SoftBody(Deformable):
     density: Array
     young_modulus: Array
     poisson_ratio: Array
-    damping: float
+    damping_time: float
 
     def __init__(
         self,
@@ -97,20 +97,20 @@ class SoftBody(Deformable):
         young_modulus: ArrayLike,
         poisson_ratio: ArrayLike,
         model: str = "neo_hookean",
-        damping: float = 0.0,
+        damping_time: float = 0.0,
         rest_positions: ArrayLike | None = None,
         velocities: ArrayLike | None = None,
         pinned: ArrayLike = (),
         drag: float = 0.0,
         gravity: ArrayLike = (0.0, 0.0, -9.81),
-        colliders: Sequence[Collider] = (),
+        colliders: Sequence[Collider | Shape] = (),
         integrator: str = "implicit_euler",
         step: float | None = None,
         solver: str = "newton",
         tolerance: float | None = None,
         max_iterations: int | None = None,
         on_fail: str = "substep",
-        contact_thickness: float = 1e-3,
+        contact_margin: float = 1e-3,
         contact_stiffness: float | None = None,
         sticking_speed: float = 1e-3,
         time: float = 0.0,
@@ -128,7 +128,7 @@ class SoftBody(Deformable):
         self.density = check_positive("density", density, m)
         self.young_modulus = check_positive("young_modulus", young_modulus, m)
         self.poisson_ratio = _check_poisson_ratio(poisson_ratio, m)
-        self.damping = check_real("damping", damping, nonnegative=True)
+        self.damping_time = check_real("damping_time", damping_time, nonnegative=True)
         for constant in (self.density, self.young_modulus, self.poisson_ratio):
             constant.flags.writeable = False
         if str(solver).lower() == "projective":
@@ -154,7 +154,7 @@ class SoftBody(Deformable):
             tolerance=tolerance,
             max_iterations=max_iterations,
             on_fail=on_fail,
-            contact_thickness=contact_thickness,
+            contact_margin=contact_margin,
             contact_stiffness=contact_stiffness,
             sticking_speed=sticking_speed,
             time=time,
@@ -168,7 +168,7 @@ class SoftBody(Deformable):
             self.young_modulus,
             self.poisson_ratio,
             self.model,
-            self.damping,
+            self.damping_time,
         )
         return terms
 
@@ -182,19 +182,19 @@ class SoftBody(Deformable):
         young_modulus: ArrayLike,
         poisson_ratio: ArrayLike,
         model: str = "neo_hookean",
-        damping: float = 0.0,
+        damping_time: float = 0.0,
         velocities: ArrayLike | None = None,
         pinned: ArrayLike = (),
         drag: float = 0.0,
         gravity: ArrayLike = (0.0, 0.0, -9.81),
-        colliders: Sequence[Collider] = (),
+        colliders: Sequence[Collider | Shape] = (),
         integrator: str = "implicit_euler",
         step: float | None = None,
         solver: str = "newton",
         tolerance: float | None = None,
         max_iterations: int | None = None,
         on_fail: str = "substep",
-        contact_thickness: float = 1e-3,
+        contact_margin: float = 1e-3,
         contact_stiffness: float | None = None,
         sticking_speed: float = 1e-3,
         time: float = 0.0,
@@ -209,9 +209,9 @@ class SoftBody(Deformable):
         spacing : float, optional
             For surfaces: the size of the tetrahedra that fill them [m]; by default 1/20 of the
             longest side (`geometry.tetrahedralize`).
-        density, young_modulus, poisson_ratio, model, damping, velocities, pinned, drag,
+        density, young_modulus, poisson_ratio, model, damping_time, velocities, pinned, drag,
         gravity, colliders, integrator, step, solver, tolerance,
-        max_iterations, on_fail, contact_thickness, contact_stiffness, sticking_speed, time, threads
+        max_iterations, on_fail, contact_margin, contact_stiffness, sticking_speed, time, threads
             As for `SoftBody`.
 
         Returns
@@ -250,7 +250,7 @@ class SoftBody(Deformable):
             young_modulus=young_modulus,
             poisson_ratio=poisson_ratio,
             model=model,
-            damping=damping,
+            damping_time=damping_time,
             velocities=velocities,
             pinned=pinned,
             drag=drag,
@@ -262,7 +262,7 @@ class SoftBody(Deformable):
             tolerance=tolerance,
             max_iterations=max_iterations,
             on_fail=on_fail,
-            contact_thickness=contact_thickness,
+            contact_margin=contact_margin,
             contact_stiffness=contact_stiffness,
             sticking_speed=sticking_speed,
             time=time,

@@ -16,17 +16,19 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
+#include "substep/core/usize.h"
 
 namespace {
+
+using substep::usize;
 
 using substep::parallel_chunks;
 using substep::parallel_for;
 
 // Each chunk must run once; the counts are plain integers so that a race shows under TSan.
 void expect_each_chunk_once(std::int64_t chunks, int threads) {
-  std::vector<int> count(static_cast<std::size_t>(chunks));
-  parallel_chunks(
-      chunks, [&](std::int64_t chunk) { ++count[static_cast<std::size_t>(chunk)]; }, threads);
+  std::vector<int> count(usize(chunks));
+  parallel_chunks(chunks, [&](std::int64_t chunk) { ++count[usize(chunk)]; }, threads);
   for (const int c : count) ASSERT_EQ(c, 1);
 }
 
@@ -43,9 +45,7 @@ TEST(Parallel, BoundsDoNotDependOnThreads) {
     std::vector<std::pair<std::int64_t, std::int64_t>> found(11);
     parallel_for(
         1003, 100,
-        [&](std::int64_t begin, std::int64_t end) {
-          found[static_cast<std::size_t>(begin / 100)] = {begin, end};
-        },
+        [&](std::int64_t begin, std::int64_t end) { found[usize(begin / 100)] = {begin, end}; },
         threads);
     return found;
   };
@@ -72,8 +72,7 @@ TEST(Parallel, ManySmallLoopsFromManyThreads) {
       for (int repeat = 0; repeat < 2000; ++repeat) {
         std::vector<std::int64_t> part(7);
         parallel_chunks(
-            7, [&](std::int64_t chunk) { part[static_cast<std::size_t>(chunk)] = chunk; },
-            1 + (caller + repeat) % 4);
+            7, [&](std::int64_t chunk) { part[usize(chunk)] = chunk; }, 1 + (caller + repeat) % 4);
         total += std::accumulate(part.begin(), part.end(), std::int64_t{0});
       }
     });
@@ -87,9 +86,7 @@ TEST(Parallel, NestedLoopsRunSerially) {
   parallel_chunks(
       8,
       [&](std::int64_t outer) {
-        parallel_chunks(
-            8, [&](std::int64_t inner) { ++count[static_cast<std::size_t>(8 * outer + inner)]; },
-            4);
+        parallel_chunks(8, [&](std::int64_t inner) { ++count[usize(8 * outer + inner)]; }, 4);
       },
       4);
   for (const int c : count) EXPECT_EQ(c, 1);
@@ -120,7 +117,7 @@ TEST(Parallel, WorkersUseTheCallersRounding) {
   parallel_chunks(
       64,
       [&](std::int64_t chunk) {
-        modes[static_cast<std::size_t>(chunk)] = std::fegetround();
+        modes[usize(chunk)] = std::fegetround();
         std::this_thread::sleep_for(std::chrono::microseconds(50));
       },
       4);
@@ -248,9 +245,9 @@ TEST(Phases, BeginWhenAllOfTheOneBeforeHasRun) {
         chunks,
         [&](std::int64_t phase, std::int64_t) {
           for (std::int64_t p = 0; p < phase; ++p) {
-            early += done[static_cast<std::size_t>(p)] != chunks[static_cast<std::size_t>(p)];
+            early += done[usize(p)] != chunks[usize(p)];
           }
-          ++done[static_cast<std::size_t>(phase)];
+          ++done[usize(phase)];
         },
         threads);
     EXPECT_EQ(early, 0);

@@ -52,6 +52,83 @@ TEST(Collider, RefusesAZeroQuaternion) {
   EXPECT_EQ(plane.state(), before);
 }
 
+// Central differences of the distance and of its gradient, away from edges, ends and axes.
+template <class Shape>
+void expect_derivatives(const Shape& shape, const std::vector<Vec3>& points) {
+  constexpr double kStep = 1e-5;
+  for (const Vec3& x : points) {
+    const SignedDistance at = shape.signed_distance(x);
+    const Mat3 hessian = shape.hessian(x);
+    EXPECT_NEAR(at.gradient.norm(), 1, 1e-14);
+    for (int axis = 0; axis < 3; ++axis) {
+      const Vec3 step = kStep * Vec3::Unit(axis);
+      const SignedDistance more = shape.signed_distance(x + step);
+      const SignedDistance less = shape.signed_distance(x - step);
+      EXPECT_NEAR((more.value - less.value) / (2 * kStep), at.gradient[axis], 1e-9);
+      const Vec3 slope = (more.gradient - less.gradient) / (2 * kStep);
+      EXPECT_NEAR((slope - hessian.col(axis)).norm(), 0, 1e-8) << x.transpose();
+    }
+  }
+}
+
+TEST(Capsule, HasTheDistanceOfItsSegmentAndItsDerivatives) {
+  const Capsule capsule{0.5, 1};
+  EXPECT_EQ(capsule.signed_distance({2, 0, 0.7}).value, 1.5);
+  EXPECT_EQ(capsule.signed_distance({0, 3, 5}).value, 4.5);
+  EXPECT_EQ(capsule.signed_distance({0, 0, -1.25}).value, -0.25);
+  EXPECT_EQ(capsule.signed_distance({0, 0, 0.3}).gradient, Vec3(1, 0, 0));
+  expect_derivatives(
+      capsule, {{0.3, 0.1, 0.2}, {0.7, -0.9, -0.5}, {0.2, 0.4, 1.3}, {-0.1, 0.2, -1.1}, {1, 2, 3}});
+}
+
+TEST(Cylinder, HasTheDistanceOfItsSideItsEndsAndItsEdges) {
+  const Cylinder cylinder{0.5, 1};
+  EXPECT_EQ(cylinder.signed_distance({2, 0, 0.7}).value, 1.5);
+  EXPECT_EQ(cylinder.signed_distance({0, 0.25, -3}).value, 2);
+  EXPECT_EQ(cylinder.signed_distance({3.5, 0, 5}).value, 5);
+  EXPECT_EQ(cylinder.signed_distance({0, 0.25, 0.2}).value, -0.25);
+  EXPECT_EQ(cylinder.signed_distance({0, 0.25, 0.9}).gradient, Vec3(0, 0, 1));
+  EXPECT_EQ(cylinder.signed_distance({0, 0, 0}).gradient, Vec3(1, 0, 0));
+  expect_derivatives(cylinder, {{0.3, 0.1, 0.2},
+                                {0.2, 0.1, 0.9},
+                                {0.7, -0.9, -0.5},
+                                {0.2, 0.4, 1.3},
+                                {-0.1, 0.2, -1.1},
+                                {1, 2, 3},
+                                {-1, 0.5, -2}});
+}
+
+TEST(Sampled, IsTheDistanceWithinItsBound) {
+  for (const Shape& shape : {Shape(Capsule{0.5, 1}), Shape(Cylinder{0.5, 0.1})}) {
+    const auto field = sampled(shape, 1);
+    for (const Vec3& x : {Vec3(0.1, 0.2, 0.05), Vec3(0.45, 0, 0), Vec3(0.4, 0.4, 0.09)}) {
+      const double exact =
+          visit_shape(shape, [&](const auto& s) { return s.signed_distance(x); }).value;
+      EXPECT_NEAR(field->signed_distance(x).value, exact, field->error_bound());
+    }
+  }
+}
+
+TEST(Collider, SumsWhatItWasGivenOverACall) {
+  Collider floor(Plane{{0, 0, 1}}, {0, 0, 0});
+  Exchange given;
+  given.add({1, 0, 0}, {0, 0, -2});
+  const auto step = [&] {
+    floor.set_exchange(given);
+    floor.end_step(0.25);
+  };
+  step();
+  floor.begin_call();
+  EXPECT_EQ(floor.duration(), 0.25);  // a call that takes no step changes nothing
+  step();
+  step();
+  EXPECT_EQ(floor.total().impulse, Vec3(0, 0, -4));
+  EXPECT_EQ(floor.total().torque, Vec3(0, 4, 0));
+  EXPECT_EQ(floor.duration(), 0.5);
+  floor.restore(floor.state());
+  EXPECT_EQ(floor.duration(), 0);
+}
+
 TEST(SampledDistance, ReproducesALinearFieldExactly) {
   std::vector<double> values;
   for (int i = 0; i < 6; ++i)

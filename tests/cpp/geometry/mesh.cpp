@@ -3,10 +3,13 @@
 #include <algorithm>
 #include <map>
 
+#include "substep/core/usize.h"
 #include "substep/geometry/isosurface_stuffing.h"
 #include "substep/geometry/mesh_sampling.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep::geometry;
 
@@ -50,7 +53,7 @@ TEST(IsosurfaceStuffing, FillsACubeWithoutGapsOrOverlaps) {
   std::map<std::array<std::int64_t, 3>, int> uses;
   double volume = 0;
   for (const auto& cell : solid.cells) {
-    const auto x = [&](std::size_t i) { return solid.vertices[static_cast<std::size_t>(cell[i])]; };
+    const auto x = [&](std::size_t i) { return solid.vertices[usize(cell[i])]; };
     const double part = (x(1) - x(0)).cross(x(2) - x(0)).dot(x(3) - x(0)) / 6;
     EXPECT_GT(part, 1e-3 * 0.3 * 0.3 * 0.3);
     volume += part;
@@ -67,7 +70,7 @@ TEST(IsosurfaceStuffing, FillsACubeWithoutGapsOrOverlaps) {
     EXPECT_LE(count, 2);
     if (count == 2) continue;
     for (const auto& [i, j] : {std::pair(0, 1), std::pair(0, 2), std::pair(1, 2)})
-      ++border[{face[static_cast<std::size_t>(i)], face[static_cast<std::size_t>(j)]}];
+      ++border[{face[usize(i)], face[usize(j)]}];
   }
   for (const auto& [edge, count] : border) EXPECT_EQ(count % 2, 0);
   EXPECT_NEAR(volume, 8, 0.25);  // edges and corners are rounded

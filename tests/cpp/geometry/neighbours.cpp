@@ -8,8 +8,11 @@
 #include <string>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 
 namespace {
+
+using substep::usize;
 
 using substep::InputError;
 using substep::Point;
@@ -23,7 +26,7 @@ template <class Real>
 Points<Real> random_points(int n, Real size, int dimension, Real about = 0) {
   std::mt19937 generator(7);
   std::uniform_real_distribution<Real> draw(about - size / 2, about + size / 2);
-  Points<Real> x(static_cast<std::size_t>(n));
+  Points<Real> x(usize(n));
   for (auto& p : x) p = {draw(generator), draw(generator), dimension == 3 ? draw(generator) : 1, 0};
   return x;
 }
@@ -37,18 +40,18 @@ std::int64_t check(Neighbours<Real>& near, const Points<Real>& x, Real radius, P
   Points<Real> sorted;
   std::vector<bool> seen(x.size());
   for (const std::int32_t i : near.order()) {
-    EXPECT_FALSE(seen.at(static_cast<std::size_t>(i)));
-    seen[static_cast<std::size_t>(i)] = true;
-    sorted.push_back(x[static_cast<std::size_t>(i)]);
+    EXPECT_FALSE(seen.at(usize(i)));
+    seen[usize(i)] = true;
+    sorted.push_back(x[usize(i)]);
   }
   EXPECT_EQ(sorted.size(), x.size());
   near.find(sorted, radius, pairs, threads);
   std::int64_t count = 0;
   for (std::int32_t i = 0; i < n; ++i) {
     std::vector<std::int32_t> expected;
-    const Point<Real>& p = sorted[static_cast<std::size_t>(i)];
+    const Point<Real>& p = sorted[usize(i)];
     for (std::int32_t j = pairs == Pairs::kHalf ? i + 1 : 0; j < n; ++j) {
-      const Point<Real>& q = sorted[static_cast<std::size_t>(j)];
+      const Point<Real>& q = sorted[usize(j)];
       const double dx = double{p.x} - q.x, dy = double{p.y} - q.y, dz = double{p.z} - q.z;
       if (j != i && dx * dx + dy * dy + dz * dz < double{radius} * radius) expected.push_back(j);
     }
@@ -90,7 +93,7 @@ TYPED_TEST(NeighboursOf, PointsOfACellKeepTheirOrder) {
   for (int i = 0; i < 100; ++i) x.push_back({Real(i % 2 ? 5.5 : 0.5), 0, 0, 0});
   near.sort(x, 1);
   for (int k = 0; k < 100; ++k) {
-    EXPECT_EQ(near.order()[static_cast<std::size_t>(k)], k < 50 ? 2 * k : 2 * (k - 50) + 1);
+    EXPECT_EQ(near.order()[usize(k)], k < 50 ? 2 * k : 2 * (k - 50) + 1);
   }
 }
 
@@ -121,7 +124,7 @@ TYPED_TEST(NeighboursOf, CrowdedCell) {
   for (const auto& p : random_points<Real>(3000, 30, 3)) x.push_back(p);
   near.sort(x, 1);
   Points<Real> sorted;
-  for (const auto i : near.order()) sorted.push_back(x[static_cast<std::size_t>(i)]);
+  for (const auto i : near.order()) sorted.push_back(x[usize(i)]);
   near.find(sorted, 1, Pairs::kHalf);
   EXPECT_GE(near.pair_count(), std::int64_t{10000} * 9999 / 2);
   near.find(sorted, 1, Pairs::kFull);
@@ -214,7 +217,7 @@ TYPED_TEST(NeighboursOf, MemoryFollowsTheLists) {
   const auto search = [&](const Points<Real>& x, Real radius) {
     near.sort(x, radius);
     Points<Real> sorted;
-    for (const auto i : near.order()) sorted.push_back(x[static_cast<std::size_t>(i)]);
+    for (const auto i : near.order()) sorted.push_back(x[usize(i)]);
     near.find(sorted, radius);
     return near.bytes();
   };

@@ -12,6 +12,7 @@
 
 #include "mesh.h"
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 #include "substep/linalg/direct/blas_buffers.h"
 #include "substep/linalg/direct/cholesky.h"
 #include "substep/linalg/direct/library_calls.h"
@@ -29,7 +30,7 @@ std::vector<CholeskyKind> cholesky_kinds() {
 TEST(Cholesky, SolvesAndKeepsItsAnalysis) {
   const auto whole = mesh<double>(20, false, 0.5, 0);
   auto lower = mesh<double>(20, true, 0.5, 0);
-  const auto b = right_side<double>(static_cast<std::size_t>(whole.pattern.rows));
+  const auto b = right_side<double>(usize(whole.pattern.rows));
   for (const CholeskyKind kind : cholesky_kinds()) {
     for (const Ordering ordering : {Ordering::amd, Ordering::metis, Ordering::natural}) {
       for (const std::int32_t block : {1, 3}) {
@@ -52,7 +53,7 @@ TEST(Cholesky, AnIndefiniteMatrixIsAnAnswer) {
   auto lower = mesh<double>(20, true, 0.5, 0);
   const auto good = lower.values;
   const std::int32_t bad = 700;
-  lower.values[static_cast<std::size_t>(lower.pattern.find(bad, bad))] = -1;
+  lower.values[usize(lower.pattern.find(bad, bad))] = -1;
   for (const CholeskyKind kind : cholesky_kinds()) {
     Cholesky cholesky(lower.pattern, {Ordering::amd, kind, 1});
     const auto& report = cholesky.factor(lower.values);
@@ -102,7 +103,7 @@ TEST(Cholesky, ChildAfterForkFactorizes) {
 
 TEST(Cholesky, ThreadsAtOnceGetTheBitsOfOneAlone) {
   const auto lower = mesh<double>(40, true, 0.5, 0);
-  const auto b = right_side<double>(static_cast<std::size_t>(lower.pattern.rows));
+  const auto b = right_side<double>(usize(lower.pattern.rows));
   const auto solved = [&] {
     Cholesky cholesky(lower.pattern);
     cholesky.factor(lower.values);
@@ -162,9 +163,8 @@ TYPED_TEST(LUOf, SolvesBothWays) {
   }
   std::vector<std::int32_t> entry;
   Mesh<T> flipped{transposed(a.pattern, &entry), {}};
-  for (const std::int32_t k : entry)
-    flipped.values.push_back(a.values[static_cast<std::size_t>(k)]);
-  const auto b = right_side<T>(static_cast<std::size_t>(a.pattern.rows));
+  for (const std::int32_t k : entry) flipped.values.push_back(a.values[usize(k)]);
+  const auto b = right_side<T>(usize(a.pattern.rows));
   for (const LUKind kind : lu_kinds()) {
     LU<T> lu(a.pattern, kind);
     for (int repeat = 0; repeat < 2; ++repeat) {

@@ -7,6 +7,7 @@
 
 #include "mesh.h"
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 #include "substep/linalg/krylov.h"
 #include "substep/linalg/newton.h"
 #include "substep/linalg/preconditioners.h"
@@ -27,8 +28,8 @@ struct Problem {
     }
     std::vector<std::int32_t> entry;
     flipped.pattern = transposed(a.pattern, &entry);
-    for (const auto k : entry) flipped.values.push_back(a.values[static_cast<std::size_t>(k)]);
-    b = right_side<T>(static_cast<std::size_t>(a.pattern.rows));
+    for (const auto k : entry) flipped.values.push_back(a.values[usize(k)]);
+    b = right_side<T>(usize(a.pattern.rows));
     product = with_threads(1);
   }
 
@@ -53,7 +54,7 @@ TEST(ConjugateGradients, ConvergesWithEveryPreconditioner) {
     const KrylovReport report = cg(p.product, p.b, x, {.rtol = 1e-12}, m);
     EXPECT_TRUE(report.converged) << report.remedy;
     EXPECT_LT(residual(p.a, x, p.b), 1e-11);
-    EXPECT_EQ(report.residuals.size(), static_cast<std::size_t>(report.iterations) + 1);
+    EXPECT_EQ(report.residuals.size(), usize(report.iterations) + 1);
     iterations.push_back(report.iterations);
   }
   EXPECT_LT(iterations[3], 0.6 * iterations[1]);  // IC(0) against the diagonal

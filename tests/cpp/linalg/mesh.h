@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/linalg/sparse.h"
 
 namespace substep {
@@ -46,7 +47,7 @@ Mesh<T> mesh(int side, bool lower, double shift, double skew) {
   result.pattern = build_pattern(3 * side * side, 3 * side * side, pairs, &slots);
   result.values.resize(result.pattern.row.size());
   for (std::size_t k = 0; k < slots.size(); ++k) {
-    result.values[static_cast<std::size_t>(slots[k])] += contributions[k];
+    result.values[usize(slots[k])] += contributions[k];
   }
   return result;
 }
@@ -64,9 +65,8 @@ double residual(const Mesh<T>& a, const std::vector<T>& x, const std::vector<T>&
   std::vector<T> r(b);
   double size = 0, norm = 0;
   for (std::int32_t j = 0; j < a.pattern.cols; ++j) {
-    for (auto k = static_cast<std::size_t>(a.pattern.start[static_cast<std::size_t>(j)]);
-         k < static_cast<std::size_t>(a.pattern.start[static_cast<std::size_t>(j) + 1]); ++k) {
-      r[static_cast<std::size_t>(a.pattern.row[k])] -= a.values[k] * x[static_cast<std::size_t>(j)];
+    for (auto k = usize(a.pattern.start[usize(j)]); k < usize(a.pattern.start[usize(j) + 1]); ++k) {
+      r[usize(a.pattern.row[k])] -= a.values[k] * x[usize(j)];
       size = std::max(size, std::abs(a.values[k]));
     }
   }

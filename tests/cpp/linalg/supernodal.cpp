@@ -10,6 +10,7 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/random.h"
+#include "substep/core/usize.h"
 #include "substep/linalg/direct/supernodal_cholesky.h"
 
 namespace substep {
@@ -55,7 +56,7 @@ Problem net(std::int32_t width, std::int32_t block) {
 
 // The largest component of A x - b, for vectors that lie `stride` apart.
 double residual(const Problem& p, const double* x, const double* b, std::int64_t stride) {
-  std::vector<double> rest(static_cast<std::size_t>(p.lower.cols));
+  std::vector<double> rest(usize(p.lower.cols));
   for (std::int32_t c = 0; c < p.lower.cols; ++c) {
     rest[c] -= b[stride * c];
     for (std::int32_t k = p.lower.start[c]; k < p.lower.start[c + 1]; ++k) {
@@ -76,7 +77,7 @@ TEST_P(Supernodal, SolvesToRoundingWithTheSameBitsForAnyNumberOfThreads) {
   const auto [width, block, ordering] = GetParam();
   const Problem p = net(width, block);
   SupernodalCholesky cholesky(p.lower, block, ordering);
-  std::vector<double> b(static_cast<std::size_t>(3 * width * width)), first;
+  std::vector<double> b(usize(3 * width * width)), first;
   for (std::size_t i = 0; i < b.size(); ++i) b[i] = uniform2(4, i)[0] - 0.5;
   for (const int threads : {1, 2, 3}) {
     ASSERT_EQ(cholesky.factorize(p.values, threads), -1);

@@ -7,6 +7,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/mpm/particles/particles.h"
 #include "substep/mpm/passes/transfers.h"
 
@@ -37,7 +38,7 @@ template <int D>
 Cloud<D> random_cloud(int n, double cell, unsigned seed = 3) {
   std::mt19937 random(seed);
   std::uniform_real_distribution<double> uniform(-1, 1);
-  Cloud<D> cloud(static_cast<std::size_t>(n));
+  Cloud<D> cloud(usize(n));
   for (auto& p : cloud) {
     p.F = unit_tensor<D>();
     p.volume = std::pow(cell, D) / 4 * (1 + 0.5 * uniform(random));
@@ -95,7 +96,7 @@ Cloud<D> make_cloud(const Particles<Real, D>& particles) {
   Cloud<D> cloud(from.ids.size());
   const std::size_t stride = from.state.size() / from.ids.size();
   for (std::size_t k = 0; k < from.ids.size(); ++k) {
-    auto& p = cloud[static_cast<std::size_t>(from.ids[k])];
+    auto& p = cloud[usize(from.ids[k])];
     const Real* state = from.state.data() + k * stride;
     const Real* motion = from.motion.data() + k * (D + D * D);
     p.volume = double(from.volume[k]);
@@ -115,15 +116,13 @@ template <class Real, int D, class Use>
 void update_nodes(const Particles<Real, D>& particles, Nodes<Real, D>& nodes,
                   const std::type_identity_t<std::array<double, D>>& g_dt, Use&& use) {
   for (std::int64_t b = 0; b < nodes.blocks(); ++b) {
-    const auto block =
-        transfer::BlockKey<D>::unpack(particles.layout.node_keys[static_cast<std::size_t>(b)]);
+    const auto block = transfer::BlockKey<D>::unpack(particles.layout.node_keys[usize(b)]);
     for (int n = 0; n < nodes.kNodes; ++n) {
       Real* node = nodes.block(b) + n * transfer::kNodeReals;
       if (!(node[D] > 0)) continue;
       transfer::Index<D> index;
       for (int d = D - 1, rest = n; d >= 0; --d, rest /= transfer::kBlock) {
-        index[static_cast<std::size_t>(d)] =
-            transfer::kBlock * block[static_cast<std::size_t>(d)] + rest % transfer::kBlock;
+        index[usize(d)] = transfer::kBlock * block[usize(d)] + rest % transfer::kBlock;
       }
       for (std::size_t d = 0; d < D; ++d) node[d] = node[d] / node[D] + Real(g_dt[d]);
       use(index, node);

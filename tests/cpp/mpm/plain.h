@@ -8,9 +8,12 @@
 #include <functional>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/mpm/passes/grid_update.h"
 
 namespace plain {
+
+using substep::usize;
 
 using substep::geometry::Exchange;
 using substep::geometry::Mat3;
@@ -34,7 +37,7 @@ transfer::BlockLayout<D> box_of_blocks(int half) {
       return;
     }
     for (int i = -half; i < half; ++i) {
-      at[static_cast<std::size_t>(d)] = i;
+      at[usize(d)] = i;
       self(self, d + 1);
     }
   };
@@ -72,8 +75,8 @@ class Simulation {
       const auto block = transfer::BlockKey<D>::unpack(layout_.node_keys[i / 4 / nodes]);
       Vec3 x = Vec3::Zero(), v = Vec3::Zero();
       for (int d = D - 1, rest = static_cast<int>(i / 4 % nodes); d >= 0; --d, rest /= 4) {
-        x[d] = cell_ * (4 * block[static_cast<std::size_t>(d)] + rest % 4);
-        v[d] = static_cast<double>(nodes_[i + static_cast<std::size_t>(d)]);
+        x[d] = cell_ * (4 * block[usize(d)] + rest % 4);
+        v[d] = static_cast<double>(nodes_[i + usize(d)]);
       }
       visit(x, v);
     }
@@ -97,7 +100,7 @@ class Simulation {
     std::array<int, 3> base{};
     Vec3 off = Vec3::Zero();
     for (int d = 0; d < D; ++d) {
-      const auto u = static_cast<std::size_t>(d);
+      const auto u = usize(d);
       const double X = x[d] / cell_;
       base[u] = static_cast<int>(std::floor(X - 0.5));
       off[d] = X - base[u];
@@ -112,13 +115,12 @@ class Simulation {
           Vec3 arm = Vec3::Zero();
           std::size_t block = 0, node = 0;
           for (int d = 0; d < D; ++d) {
-            const auto u = static_cast<std::size_t>(d);
+            const auto u = usize(d);
             const int index = base[u] + step[u] + 4 * half_;
-            weight *= w[u][static_cast<std::size_t>(step[u])];
+            weight *= w[u][usize(step[u])];
             arm[d] = cell_ * (step[u] - off[d]);
-            block =
-                block * static_cast<std::size_t>(2 * half_) + static_cast<std::size_t>(index / 4);
-            node = node * 4 + static_cast<std::size_t>(index % 4);
+            block = block * usize(2 * half_) + usize(index / 4);
+            node = node * 4 + usize(index % 4);
           }
           function(&nodes_.at(block * transfer::NodeBlocks<Real, D>::kReals + node * 4), weight,
                    arm);
@@ -160,8 +162,7 @@ class Simulation {
     Vec3 first = Vec3::Zero();
     for (int d = 0; d < D; ++d) {
       const mpm::Place at = mpm::place(p.x[d] / cell_);
-      block =
-          block * static_cast<std::size_t>(2 * half_) + static_cast<std::size_t>(at.block + half_);
+      block = block * usize(2 * half_) + usize(at.block + half_);
       first[d] = cell_ * 4 * at.block;
       before[d * kWidth] = static_cast<Real>(at.x);
       x[d * kWidth] = before[d * kWidth] + static_cast<Real>(v[d] * dt / cell_);

@@ -7,6 +7,7 @@
 #include <random>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/mpm/materials/materials.h"
 
 namespace substep::mpm {
@@ -143,7 +144,7 @@ struct Packet {
   Packet() {
     const auto rest = initial_fields<M, D>();
     for (int f = 0; f < kFields; ++f) {
-      fields[f] = splat<V>(static_cast<T>(rest[static_cast<std::size_t>(f)]));
+      fields[f] = splat<V>(static_cast<T>(rest[usize(f)]));
     }
   }
   // The deformation F in one lane: J where that is all the material knows.

@@ -3,7 +3,11 @@
 
 #include <gtest/gtest.h>
 
+#include "substep/core/usize.h"
+
 namespace {
+
+using substep::usize;
 
 using namespace substep::mpm;
 
@@ -29,7 +33,7 @@ void check_force_on_one(int order, Integrator integrator) {
   const Vec3 expected = v[0] + dt / mass * f;
   const std::vector<double> after = solver.velocities();
   for (int d = 0; d < D; ++d) {
-    EXPECT_NEAR(after[static_cast<std::size_t>(d)], expected[d], 1e-12) << "order " << order;
+    EXPECT_NEAR(after[usize(d)], expected[d], 1e-12) << "order " << order;
   }
   for (const double C : solver.affine()) EXPECT_NEAR(C, 0, 1e-11) << "order " << order;
   EXPECT_NEAR(solver.clock().supplied, mass / 2 * expected.squaredNorm(), 1e-9);

@@ -11,9 +11,12 @@
 
 #include "cloud.h"
 #include "samples.h"
+#include "substep/core/usize.h"
 #include "substep/mpm/particles/cells.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep;
 using namespace substep::mpm;
@@ -78,7 +81,7 @@ std::map<std::int32_t, std::vector<double>> everything(const Particles<Real, D>&
   std::map<std::int32_t, std::vector<double>> all;
   for (std::size_t g = 0; g < particles.groups.size(); ++g) {
     const auto from = rows(particles, g);
-    const auto state = static_cast<std::size_t>(D + particles.groups[g].fields);
+    const auto state = usize(D + particles.groups[g].fields);
     constexpr std::size_t kMotion = D + D * D;
     for (std::size_t i = 0; i < from.ids.size(); ++i) {
       std::vector<double> one;
@@ -166,9 +169,8 @@ TYPED_TEST(MpmTransfers, LayoutHasAllArenasAndColoursKeepThemApart) {
     const Index<D> block = BlockKey<D>::unpack(layout.particle_keys[b]);
     for (int corner = 0; corner < layout.kCorners; ++corner) {
       Index<D> node_block = block;
-      for (int d = 0; d < D; ++d)
-        node_block[static_cast<std::size_t>(d)] += corner >> (D - 1 - d) & 1;
-      const auto at = static_cast<std::size_t>(layout.arenas[b][static_cast<std::size_t>(corner)]);
+      for (int d = 0; d < D; ++d) node_block[usize(d)] += corner >> (D - 1 - d) & 1;
+      const auto at = usize(layout.arenas[b][usize(corner)]);
       EXPECT_EQ(layout.node_keys[at], BlockKey<D>::pack(node_block));
       needed.insert(layout.node_keys[at]);
     }
@@ -178,7 +180,7 @@ TYPED_TEST(MpmTransfers, LayoutHasAllArenasAndColoursKeepThemApart) {
   for (const auto& colour : layout.colours) {
     std::set<std::int32_t> written;
     for (const std::int32_t b : colour) {
-      for (const std::int32_t n : layout.arenas[static_cast<std::size_t>(b)]) {
+      for (const std::int32_t n : layout.arenas[usize(b)]) {
         EXPECT_TRUE(written.insert(n).second);
       }
     }
@@ -199,7 +201,7 @@ TYPED_TEST(MpmTransfers, SortedByBlockAndCellAndNothingIsLost) {
     for (const Run& run : group.runs) {
       for (std::int32_t i = 0; i < run.packets * kWidth; ++i) {
         Real* x = group.packet(run.first + i / kWidth) + i % kWidth;
-        const auto id = group.ids[static_cast<std::size_t>(run.first * kWidth + i)];
+        const auto id = group.ids[usize(run.first * kWidth + i)];
         for (std::size_t d = 0; d < D; ++d) {
           const Real moved = x[d * kWidth] + static_cast<Real>(uniform(random));
           if (id >= 0)
@@ -223,7 +225,7 @@ TYPED_TEST(MpmTransfers, SortedByBlockAndCellAndNothingIsLost) {
       int last = 0;
       for (std::int32_t i = 0; i < run.packets * kWidth; ++i) {
         const Real* x = group.packet(run.first + i / kWidth) + i % kWidth;
-        const auto slot = static_cast<std::size_t>(run.first * kWidth + i);
+        const auto slot = usize(run.first * kWidth + i);
         EXPECT_EQ(group.ids[slot] < 0, i >= run.count);
         const auto where = Cells<D>::where(x, kWidth);
         bool rounded_up = false;  // to the next block's first position
@@ -273,7 +275,7 @@ TYPED_TEST(MpmTransfers, NodesHaveTheMassAndMomentaOfTheParticles) {
     const double density =
         std::visit([](const auto& m) { return m.density; }, particles.materials[g]);
     const auto from = rows(particles, g);
-    const auto state = static_cast<std::size_t>(D + particles.groups[g].fields);
+    const auto state = usize(D + particles.groups[g].fields);
     for (std::size_t i = 0; i < from.ids.size(); ++i) {
       const Real* motion = &from.motion[i * (D + D * D)];
       const double m = density * from.volume[i];
@@ -293,7 +295,7 @@ TYPED_TEST(MpmTransfers, NodesHaveTheMassAndMomentaOfTheParticles) {
   p2g(particles, kDt, nodes, 2);
   double node_mass = 0, node_p[D] = {}, node_L = 0;
   for (std::int64_t b = 0; b < nodes.blocks(); ++b) {
-    const auto block = BlockKey<D>::unpack(particles.layout.node_keys[static_cast<std::size_t>(b)]);
+    const auto block = BlockKey<D>::unpack(particles.layout.node_keys[usize(b)]);
     for (int n = 0; n < nodes.kNodes; ++n) {
       const Real* node = nodes.block(b) + n * transfer::kNodeReals;
       const int i = D == 3 ? n / 16 : n / 4, j = D == 3 ? n / 4 % 4 : n % 4;
@@ -328,7 +330,7 @@ TYPED_TEST(MpmTransfers, AffineVelocitiesArriveExactly) {
   update_nodes(particles, nodes, {}, [&](const Index<D>& index, Real* node) {
     for (int c = 0; c < D; ++c) {
       double v = 0;
-      for (int d = 0; d < D; ++d) v += A[c][d] * index[static_cast<std::size_t>(d)];
+      for (int d = 0; d < D; ++d) v += A[c][d] * index[usize(d)];
       node[c] = static_cast<Real>(v);
     }
   });
@@ -348,7 +350,7 @@ TYPED_TEST(MpmTransfers, AffineVelocitiesArriveExactly) {
         EXPECT_NEAR(motion[D + c * D + d], A[c][d] / kCell, tolerance / kCell);
       }
       EXPECT_NEAR(motion[c], v, tolerance);
-      EXPECT_NEAR(numbers[static_cast<std::size_t>(c)], X[c] + kDt / kCell * v, tolerance);
+      EXPECT_NEAR(numbers[usize(c)], X[c] + kDt / kCell * v, tolerance);
     }
   }
   EXPECT_GT(near, 400);

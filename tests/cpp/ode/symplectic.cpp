@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "substep/core/random.h"
+#include "substep/core/usize.h"
 #include "substep/ode/symplectic/symplectic_solve.h"
 #include "substep/ode/systems/chain.h"
 #include "substep/ode/systems/chain_tiles.h"
@@ -15,7 +16,7 @@ namespace substep::ode {
 namespace {
 
 std::vector<double> uniform(std::int64_t n, double low, double high, std::uint64_t stream) {
-  std::vector<double> values(static_cast<std::size_t>(n));
+  std::vector<double> values(usize(n));
   for (std::size_t i = 0; i < values.size(); ++i) {
     values[i] = low + (high - low) * uniform2(7, i, stream)[0];
   }
@@ -89,8 +90,7 @@ TEST(NBody, ForcesAreMutual) {
     for (int axis = 0; axis < dimension; ++axis) {
       double total = 0, scale = 0;
       for (std::size_t i = 0; i < masses.size(); ++i) {
-        const double force =
-            masses[i] * a[i * static_cast<std::size_t>(dimension) + static_cast<std::size_t>(axis)];
+        const double force = masses[i] * a[i * usize(dimension) + usize(axis)];
         total += force;
         scale += std::abs(force);
       }

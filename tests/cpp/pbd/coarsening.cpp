@@ -7,8 +7,11 @@
 #include <set>
 
 #include "substep/core/random.h"
+#include "substep/core/usize.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep;
 using namespace substep::pbd;
@@ -24,10 +27,9 @@ DistanceGraph sheet(int n) {
         {i % n + 0.5 * random_number(2 * i), i / n + 0.5 * random_number(2 * i + 1), 0});
     graph.mass.push_back(1 + random_number(1000 + i));
   }
-  graph.mass[0] = graph.mass[static_cast<std::size_t>(n) - 1] = 0;
+  graph.mass[0] = graph.mass[usize(n) - 1] = 0;
   const auto join = [&](std::int32_t i, std::int32_t j) {
-    const auto &a = graph.rest[static_cast<std::size_t>(i)],
-               &b = graph.rest[static_cast<std::size_t>(j)];
+    const auto &a = graph.rest[usize(i)], &b = graph.rest[usize(j)];
     graph.edges.push_back({i, j, std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2])});
   };
   for (int i = 0; i < n; ++i) {
@@ -54,8 +56,8 @@ class Coarsened : public testing::Test {
   std::vector<std::int32_t> representative() const {
     std::vector<std::int32_t> own(fine.rest.size(), -1);
     for (std::size_t k = 0; k < c.path.size(); ++k) {
-      own[static_cast<std::size_t>(c.path_points[k].front())] = c.coarse.edges[k].i;
-      own[static_cast<std::size_t>(c.path_points[k].back())] = c.coarse.edges[k].j;
+      own[usize(c.path_points[k].front())] = c.coarse.edges[k].i;
+      own[usize(c.path_points[k].back())] = c.coarse.edges[k].j;
     }
     return own;
   }
@@ -84,11 +86,10 @@ TEST_F(Coarsened, ParticlesAreCentresOfTheMassThatFollows) {
   for (std::size_t at = 0; at < c.coarse.rest.size(); ++at) {
     double sum = 0;
     std::array<double, 3> centre{};
-    for (auto k = static_cast<std::size_t>(c.members.start[at]);
-         k < static_cast<std::size_t>(c.members.start[at + 1]); ++k) {
+    for (auto k = usize(c.members.start[at]); k < usize(c.members.start[at + 1]); ++k) {
       sum += c.member_weight[k];
       for (std::size_t axis = 0; axis < 3; ++axis) {
-        const auto member = static_cast<std::size_t>(c.members.index[k]);
+        const auto member = usize(c.members.index[k]);
         centre[axis] += c.member_weight[k] * fine.rest[member][axis];
       }
     }
@@ -100,7 +101,7 @@ TEST_F(Coarsened, ParticlesAreCentresOfTheMassThatFollows) {
   }
   for (std::size_t i = 0; i < fine.rest.size(); ++i) {
     for (auto k = c.followed.start[i]; k < c.followed.start[i + 1]; ++k) {
-      const auto at = static_cast<std::size_t>(c.followed.index[static_cast<std::size_t>(k)]);
+      const auto at = usize(c.followed.index[usize(k)]);
       if (c.coarse.mass[at] > 0) {
         expected += fine.mass[i] / (c.followed.start[i + 1] - c.followed.start[i]);
       }
@@ -118,15 +119,15 @@ TEST_F(Coarsened, PathsLeadFromEndToEnd) {
     EXPECT_LT(edge.i, edge.j);
     EXPECT_TRUE(seen.insert({edge.i, edge.j}).second);
     EXPECT_GT(edge.length, 0);
-    EXPECT_EQ(own[static_cast<std::size_t>(c.path_points[k].front())], edge.i);
-    EXPECT_EQ(own[static_cast<std::size_t>(c.path_points[k].back())], edge.j);
+    EXPECT_EQ(own[usize(c.path_points[k].front())], edge.i);
+    EXPECT_EQ(own[usize(c.path_points[k].back())], edge.j);
     for (std::size_t step = 0; step < Coarsening::kSteps; ++step) {
       const std::int32_t a = c.path_points[k][step], b = c.path_points[k][step + 1];
       if (c.path[k][step] < 0) {
         EXPECT_EQ(a, b);
         continue;
       }
-      const auto& finer = fine.edges[static_cast<std::size_t>(c.path[k][step])];
+      const auto& finer = fine.edges[usize(c.path[k][step])];
       EXPECT_EQ(std::minmax(a, b), std::minmax(finer.i, finer.j));
     }
   }
@@ -135,8 +136,7 @@ TEST_F(Coarsened, PathsLeadFromEndToEnd) {
 TEST_F(Coarsened, FreeCoarseParticlesAreNoNeighbours) {
   const auto own = representative();
   for (const auto& e : fine.edges) {
-    const std::int32_t a = own[static_cast<std::size_t>(e.i)],
-                       b = own[static_cast<std::size_t>(e.j)];
+    const std::int32_t a = own[usize(e.i)], b = own[usize(e.j)];
     EXPECT_FALSE(a >= 0 && b >= 0) << e.i << " " << e.j;
   }
 }
@@ -172,8 +172,7 @@ TEST(Coarsening, NothingIsJoinedAcrossACrease) {
   find_directions(graph);
   const Coarsening once = coarsen(graph), twice = coarsen(once.coarse);
   for (const auto& e : twice.coarse.edges) {
-    const auto &a = twice.coarse.rest[static_cast<std::size_t>(e.i)],
-               &b = twice.coarse.rest[static_cast<std::size_t>(e.j)];
+    const auto &a = twice.coarse.rest[usize(e.i)], &b = twice.coarse.rest[usize(e.j)];
     EXPECT_FALSE((a[0] < 10 && b[2] > 2) || (b[0] < 10 && a[2] > 2)) << e.i << " " << e.j;
   }
 }

@@ -7,8 +7,11 @@
 #include <numeric>
 
 #include "substep/core/random.h"
+#include "substep/core/usize.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep;
 using namespace substep::pbd;
@@ -52,7 +55,7 @@ Clusters clusters(const Points& rest, const std::vector<std::vector<std::int32_t
   k.start.push_back(0);
   for (const auto& list : members) {
     for (const std::int32_t i : list) {
-      const auto& q = rest[static_cast<std::size_t>(i)];
+      const auto& q = rest[usize(i)];
       k.particle.push_back(i);
       k.rest.push_back({q.x, q.y, q.z});
     }
@@ -97,14 +100,14 @@ struct Solver {
     return skipped;
   }
   std::vector<double> values() {
-    std::vector<double> c(static_cast<std::size_t>(group.size()));
+    std::vector<double> c(usize(group.size()));
     group.values(sweep(0), c);
     return c;
   }
 };
 
 std::vector<std::int32_t> first(std::int32_t count) {
-  std::vector<std::int32_t> list(static_cast<std::size_t>(count));
+  std::vector<std::int32_t> list(usize(count));
   std::iota(list.begin(), list.end(), 0);
   return list;
 }
@@ -290,7 +293,7 @@ TEST(ShapeMatching, OverlappingClustersAreColouredAndLanesDoNotMatter) {
     Solver alone(clusters(rest, {apart[k]}), x);
     alone.project();
     for (const std::int32_t i : apart[k]) {
-      const auto s = static_cast<std::size_t>(i);
+      const auto s = usize(i);
       EXPECT_EQ(at(alone.x[s]), at(all.x[s]));
     }
   }

@@ -6,9 +6,12 @@
 #include <random>
 #include <set>
 
+#include "substep/core/usize.h"
 #include "substep/geometry/closest_points.h"
 
 namespace {
+
+using substep::usize;
 
 using substep::Point;
 using substep::geometry::closest_on_segments;
@@ -83,7 +86,7 @@ std::set<Key> all_pairs(const std::vector<std::array<std::int32_t, 3>>& faces,
   const auto consider = [&](const SurfacePair& pair) {
     std::array<Vec3, 4> at;
     for (std::size_t k = 0; k < 4; ++k) {
-      const Point<Real>& p = x[static_cast<std::size_t>(pair.v[k])];
+      const Point<Real>& p = x[usize(pair.v[k])];
       at[k] = Vec3(p.x, p.y, p.z);
     }
     if (apart(pair) && closest(pair, at).d < reach) found.insert(key(pair));

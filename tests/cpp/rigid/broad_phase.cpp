@@ -10,8 +10,11 @@
 #include <set>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep::rigid;
 using Ids = std::set<std::pair<std::int32_t, std::int32_t>>;
@@ -28,8 +31,8 @@ class Scene {
   static constexpr int kPlanes = 2;
 
   explicit Scene(int count, std::uint32_t seed = 1) : generator_(seed) {
-    bounds_.resize(static_cast<std::size_t>(count + kPlanes));
-    fixtures_.resize(static_cast<std::size_t>(count));
+    bounds_.resize(usize(count + kPlanes));
+    fixtures_.resize(usize(count));
     for (std::int32_t f = 0; f < count; ++f) add(f);
     broad_phase.add_plane(count, {-1, Motion::kStatic, 1, ~0u}, Vec3(0, 0, 1), 0.5);
     broad_phase.add_plane(count + 1, {-1, Motion::kStatic, 2, ~0u}, normal(), -1);
@@ -132,7 +135,7 @@ class Scene {
     BroadPhase::Proxy proxy;
     Vec3 centre, half, velocity;
   };
-  const Fixture_& at(std::int32_t f) const { return fixtures_[static_cast<std::size_t>(f)]; }
+  const Fixture_& at(std::int32_t f) const { return fixtures_[usize(f)]; }
   Vec3 place() { return {draw(-5, 5), draw(-5, 5), draw(-5, 5)}; }
 
   bool below(std::int32_t a, std::int32_t plane) const {
@@ -142,7 +145,7 @@ class Scene {
   }
 
   void add(std::int32_t f) {
-    Fixture_& fixture = fixtures_[static_cast<std::size_t>(f)];
+    Fixture_& fixture = fixtures_[usize(f)];
     fixture.there = true;
     fixture.centre = place();
     const double size = std::exp(draw(std::log(0.05), std::log(1.0)));
@@ -304,13 +307,13 @@ TEST(BroadPhase, NewNumbers) {
   const std::int32_t n = 300;
   std::vector<Vec3> centre, velocity;
   BroadPhase plain, compact;
-  std::vector<std::int32_t> number(static_cast<std::size_t>(n));  // in `compact`; -1: removed
-  std::vector<Bounds> bounds(static_cast<std::size_t>(n));
+  std::vector<std::int32_t> number(usize(n));  // in `compact`; -1: removed
+  std::vector<Bounds> bounds(usize(n));
   const auto bounds_at = [&](std::size_t f) {
     return Bounds{centre[f] - Vec3::Constant(0.3), centre[f] + Vec3::Constant(0.3)};
   };
   for (std::int32_t f = 0; f < n; ++f) {
-    const auto i = static_cast<std::size_t>(f);
+    const auto i = usize(f);
     centre.push_back({draw(-2, 2), draw(-2, 2), draw(-2, 2)});
     velocity.push_back(0.1 * Vec3(draw(-1, 1), draw(-1, 1), draw(-1, 1)));
     number[i] = f;
@@ -331,17 +334,17 @@ TEST(BroadPhase, NewNumbers) {
   for (int step = 0; step < 15; ++step) {
     if (step > 0) {
       const std::int32_t old_count = 1 + *std::max_element(number.begin(), number.end());
-      std::vector<std::int32_t> to(static_cast<std::size_t>(old_count), -1);
+      std::vector<std::int32_t> to(usize(old_count), -1);
       std::int32_t next = 0;
       for (std::int32_t f = 0; f < n; ++f) {
-        const auto i = static_cast<std::size_t>(f);
+        const auto i = usize(f);
         if (number[i] < 0) continue;
         if (f != 7 && draw(0, 1) < 0.03) {
           plain.remove(f);
           compact.remove(number[i]);
           number[i] = -1;
         } else {
-          to[static_cast<std::size_t>(number[i])] = next;
+          to[usize(number[i])] = next;
           number[i] = next++;
         }
       }
@@ -350,10 +353,10 @@ TEST(BroadPhase, NewNumbers) {
     std::vector<std::int32_t> moving, moving_compact;
     std::vector<Bounds> bounds_compact(bounds.size());
     for (std::int32_t f = 0; f < n; ++f) {
-      const auto i = static_cast<std::size_t>(f);
+      const auto i = usize(f);
       if (number[i] < 0 || f == 7) continue;
       if (f % 4 != 0) centre[i] += velocity[i];
-      bounds[i] = bounds_compact[static_cast<std::size_t>(number[i])] = bounds_at(i);
+      bounds[i] = bounds_compact[usize(number[i])] = bounds_at(i);
       moving.push_back(f);
       moving_compact.push_back(number[i]);
     }
@@ -361,8 +364,7 @@ TEST(BroadPhase, NewNumbers) {
     compact.update(moving_compact, bounds_compact);
     Ids expected;
     for (const FixturePair& pair : plain.pairs()) {
-      expected.insert(
-          {number[static_cast<std::size_t>(pair.a)], number[static_cast<std::size_t>(pair.b)]});
+      expected.insert({number[usize(pair.a)], number[usize(pair.b)]});
     }
     EXPECT_EQ(ids_of(compact.pairs()), expected) << step;
     EXPECT_TRUE(std::is_sorted(compact.pairs().begin(), compact.pairs().end(),
@@ -375,9 +377,9 @@ TEST(BroadPhase, NewNumbers) {
     seen += expected.size();
   }
   EXPECT_GT(seen, 3000u);
-  const std::vector<std::int32_t> none(static_cast<std::size_t>(n), -1);
+  const std::vector<std::int32_t> none(usize(n), -1);
   EXPECT_THROW(compact.renumber(none, none), substep::InputError);
-  const std::vector<std::int32_t> same(static_cast<std::size_t>(n), 0);
+  const std::vector<std::int32_t> same(usize(n), 0);
   EXPECT_THROW(compact.renumber(same, same), substep::InputError);
 }
 
@@ -387,9 +389,8 @@ TEST(BroadPhase, CoincidentAndFarAway) {
   std::vector<std::int32_t> all;
   for (std::int32_t f = 0; f < 210; ++f) {
     const double at = f < 100 ? 1e4 : f < 200 ? 1e300 : 1e7 + 8 * f;
-    bounds[static_cast<std::size_t>(f)] = {Vec3(at, at, at) - Vec3::Ones(),
-                                           Vec3(at, at, at) + Vec3::Ones()};
-    broad.add(f, {f, Motion::kDynamic}, bounds[static_cast<std::size_t>(f)]);
+    bounds[usize(f)] = {Vec3(at, at, at) - Vec3::Ones(), Vec3(at, at, at) + Vec3::Ones()};
+    broad.add(f, {f, Motion::kDynamic}, bounds[usize(f)]);
     all.push_back(f);
   }
   broad.update(all, bounds);

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/rigid/collision/narrow_phase.h"
 #include "substep/rigid/solver/contact_solver.h"
 
@@ -64,11 +65,11 @@ struct ContactScene {
             0.02 + dt * (bodies.velocity(a) - bodies.velocity(b)).norm() + dt * dt * gravity.norm();
         Manifold manifold;
         Cache cache;
-        if (!collide(shapes[at(a)], pose_a, shapes[at(b)], pose_b, margin, manifold, cache))
+        if (!collide(shapes[usize(a)], pose_a, shapes[usize(b)], pose_b, margin, manifold, cache))
           continue;
         ContactConstraint contact = make_contact(manifold, a, pose_a, b, pose_b);
-        contact.friction = std::sqrt(friction[at(a)] * friction[at(b)]);
-        contact.restitution = std::max(restitution[at(a)], restitution[at(b)]);
+        contact.friction = std::sqrt(friction[usize(a)] * friction[usize(b)]);
+        contact.restitution = std::max(restitution[usize(a)], restitution[usize(b)]);
         contact.spinning = spinning, contact.rolling = rolling;
         if (const auto old = last.find({a, b}); old != last.end()) {
           carry_impulses(old->second, contact);
@@ -94,8 +95,6 @@ struct ContactScene {
     return deepest;
   }
   double energy() const { return bodies.kinetic_energy() + bodies.potential_energy(gravity); }
-
-  static std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
 };
 
 }  // namespace substep::rigid

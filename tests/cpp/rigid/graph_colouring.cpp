@@ -8,8 +8,11 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep::rigid;
 
@@ -48,11 +51,9 @@ void expect_apart(const Sweep& sweep, const std::vector<BodyPair>& pairs, std::i
   for (std::int64_t packet = begin; packet < end; ++packet) {
     if (fresh_per_packet) bodies.clear();
     for (int lane = 0; lane < sweep.lanes; ++lane) {
-      const std::int32_t c =
-          sweep.constraint[static_cast<std::size_t>(packet * sweep.lanes + lane)];
+      const std::int32_t c = sweep.constraint[usize(packet * sweep.lanes + lane)];
       if (c < 0) continue;
-      for (const std::int32_t body :
-           {pairs[static_cast<std::size_t>(c)].a, pairs[static_cast<std::size_t>(c)].b}) {
+      for (const std::int32_t body : {pairs[usize(c)].a, pairs[usize(c)].b}) {
         if (body >= 0) {
           EXPECT_TRUE(bodies.insert(body).second) << body;
         }
@@ -79,7 +80,7 @@ void check(const Sweep& sweep, const std::vector<BodyPair>& pairs) {
     if (sweep.chunks_of_phase[f] == 1) continue;
     bodies.clear();
     const auto chunk = [&](std::size_t phase) {
-      return sweep.chunk_start[static_cast<std::size_t>(sweep.phase_start[phase])];
+      return sweep.chunk_start[usize(sweep.phase_start[phase])];
     };
     expect_apart(sweep, pairs, chunk(f), chunk(f + 1), bodies, false);
   }
@@ -199,18 +200,17 @@ TEST(GraphColouring, SweepsAreTheSameForAnyThreads) {
     substep::parallel_phases(
         sweep.chunks_of_phase,
         [&](std::int64_t phase, std::int64_t chunk) {
-          const auto c =
-              static_cast<std::size_t>(sweep.phase_start[static_cast<std::size_t>(phase)] + chunk);
+          const auto c = usize(sweep.phase_start[usize(phase)] + chunk);
           for (std::int64_t at = sweep.chunk_start[c] * 8; at < sweep.chunk_start[c + 1] * 8;
                ++at) {
-            const std::int32_t k = sweep.constraint[static_cast<std::size_t>(at)];
+            const std::int32_t k = sweep.constraint[usize(at)];
             if (k < 0) continue;
-            const auto [a, b] = pairs[static_cast<std::size_t>(k)];
-            double& u = value[static_cast<std::size_t>(a)];
+            const auto [a, b] = pairs[usize(k)];
+            double& u = value[usize(a)];
             if (b < 0) {
               u *= 0.7;
             } else {
-              double& v = value[static_cast<std::size_t>(b)];
+              double& v = value[usize(b)];
               const double mean = 0.4 * u + 0.6 * v;
               v = u;
               u = mean;

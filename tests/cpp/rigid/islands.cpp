@@ -7,8 +7,11 @@
 #include <random>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep::rigid;
 using List = std::vector<std::int32_t>;
@@ -29,19 +32,19 @@ TEST(Islands, LabelsAreConnectedComponents) {
   for (int trial = 0; trial < 50; ++trial) {
     const int n = 60;
     std::uniform_int_distribution<std::int32_t> draw(-3, n - 1);
-    std::vector<BodyPair> pairs(static_cast<std::size_t>(trial * 2));
+    std::vector<BodyPair> pairs(usize(trial * 2));
     for (BodyPair& pair : pairs) pair = {draw(generator), draw(generator)};
     List label(n);
     label_islands(pairs, label);
     // The same by spreading the least number until nothing changes.
     List expected(n);
-    for (std::int32_t i = 0; i < n; ++i) expected[static_cast<std::size_t>(i)] = i;
+    for (std::int32_t i = 0; i < n; ++i) expected[usize(i)] = i;
     for (bool changed = true; changed;) {
       changed = false;
       for (const auto [a, b] : pairs) {
         if (a < 0 || b < 0) continue;
-        std::int32_t& p = expected[static_cast<std::size_t>(a)];
-        std::int32_t& q = expected[static_cast<std::size_t>(b)];
+        std::int32_t& p = expected[usize(a)];
+        std::int32_t& q = expected[usize(b)];
         if (p != q) p = q = std::min(p, q), changed = true;
       }
     }
@@ -186,7 +189,7 @@ TEST(Islands, RandomGraphsAndRestoring) {
       if (islands.asleep(a) != islands.asleep(b)) islands.wake(islands.asleep(a) ? a : b);
     }
     woken += islands.woken().size();
-    for (const std::int32_t body : islands.woken()) slow[static_cast<std::size_t>(body)] = 0;
+    for (const std::int32_t body : islands.woken()) slow[usize(body)] = 0;
     Islands copy;
     copy.restore(islands.slow_time(), islands.island());
     EXPECT_EQ(list(copy.awake()), list(islands.awake()));
@@ -195,13 +198,13 @@ TEST(Islands, RandomGraphsAndRestoring) {
     std::vector<bool> ready(n, true);
     label_islands(pairs, label);
     for (const std::int32_t body : before) {
-      const auto i = static_cast<std::size_t>(body);
+      const auto i = usize(body);
       slow[i] = speed[i] < kSleep.speed ? slow[i] + kStep : 0;
-      if (slow[i] < kSleep.time) ready[static_cast<std::size_t>(label[i])] = false;
+      if (slow[i] < kSleep.time) ready[usize(label[i])] = false;
     }
     for (const std::int32_t body : before) {
-      const auto i = static_cast<std::size_t>(body);
-      if (ready[static_cast<std::size_t>(label[i])]) expected.push_back(body);
+      const auto i = usize(body);
+      if (ready[usize(label[i])]) expected.push_back(body);
     }
     islands.update(kStep, kSleep, speed, pairs);
     EXPECT_EQ(list(islands.slept()), expected);
@@ -214,9 +217,9 @@ TEST(Islands, RandomGraphsAndRestoring) {
     const std::int32_t poked = draw(generator);
     copy.wake(poked);
     islands.wake(poked);
-    slow[static_cast<std::size_t>(poked)] = 0;
+    slow[usize(poked)] = 0;
     EXPECT_EQ(list(copy.awake()), list(islands.awake()));
-    for (const std::int32_t body : islands.woken()) slow[static_cast<std::size_t>(body)] = 0;
+    for (const std::int32_t body : islands.woken()) slow[usize(body)] = 0;
   }
   EXPECT_GT(slept, 200u);
   EXPECT_GT(woken, 200u);

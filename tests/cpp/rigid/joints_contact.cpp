@@ -6,9 +6,12 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
+#include "substep/core/usize.h"
 #include "world_scene.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep;
 using namespace substep::rigid;
@@ -31,8 +34,7 @@ TEST(Joints, LetAChainFallAndRest) {
     links.push_back(add_body(world, fixture_of(Box{{0.1, 0.05, 0.05}}), {0.2 * k, 0, 0.4 + 0.1 * k},
                              1, rotation_by({0, -0.3, 0})));
     if (k > 0)
-      world.add_joint(make_hinge(world.bodies(), links[static_cast<std::size_t>(k)],
-                                 links[static_cast<std::size_t>(k) - 1],
+      world.add_joint(make_hinge(world.bodies(), links[usize(k)], links[usize(k) - 1],
                                  {0.2 * k - 0.1, 0, 0.35 + 0.1 * k}, Vec3::UnitY()));
   }
   double worst = 0;

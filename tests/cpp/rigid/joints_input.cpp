@@ -9,9 +9,12 @@
 
 #include "joint_scene.h"
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 #include "substep/rigid/solver/joint_matrix.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep;
 using namespace substep::rigid;
@@ -44,8 +47,7 @@ TEST(JointRows, HaveTheGradientsOfFiniteDifferences) {
                                              JointSide(in_b, b.first, b.second));
     const int rows = type == JointType::kDistance ? 1 : type == JointType::kBall ? 5 : 6;
     const auto C = values(a, b);
-    for (int row = 0; row < joint_equations(type); ++row)
-      EXPECT_NEAR(C[static_cast<std::size_t>(row)], 0, 1e-14);
+    for (int row = 0; row < joint_equations(type); ++row) EXPECT_NEAR(C[usize(row)], 0, 1e-14);
     for (int trial = 0; trial < 5; ++trial) {
       const Vec3 va = vector(), wa = vector(), vb = vector(), wb = vector();
       const double e = 1e-6;
@@ -55,7 +57,7 @@ TEST(JointRows, HaveTheGradientsOfFiniteDifferences) {
       };
       const auto plus = moved(e), minus = moved(-e);
       for (int row = 0; row < rows; ++row) {
-        const auto k = static_cast<std::size_t>(row);
+        const auto k = usize(row);
         const double rate =
             G.linear[row].dot(va - vb) + G.angular_a[row].dot(wa) - G.angular_b[row].dot(wb);
         EXPECT_NEAR((plus[k] - minus[k]) / (2 * e), rate, 1e-8) << static_cast<int>(type) << row;
@@ -99,7 +101,7 @@ TEST(JointMatrix, SolvesTreesAndLoops) {
         if (joints[j].b >= 0)
           G.row(at).segment(6 * joints[j].b, 6) = Eigen::Map<Eigen::RowVectorXd>(b.data(), 6);
         E[at] = 1e-3;
-        c[at] = x[j][static_cast<std::size_t>(r)] = normal(random);
+        c[at] = x[j][usize(r)] = normal(random);
         matrix.set(static_cast<std::int32_t>(j), r, a, b, E[at]);
       }
     }
@@ -111,7 +113,7 @@ TEST(JointMatrix, SolvesTreesAndLoops) {
     at = 0;
     for (std::size_t j = 0; j < joints.size(); ++j) {
       for (int r = 0; r < rows[j]; ++r, ++at)
-        EXPECT_NEAR(x[j][static_cast<std::size_t>(r)], l[at], 1e-9 * (1 + l.norm()));
+        EXPECT_NEAR(x[j][usize(r)], l[at], 1e-9 * (1 + l.norm()));
     }
   }
 }

@@ -4,8 +4,11 @@
 #include <random>
 
 #include "joint_scene.h"
+#include "substep/core/usize.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep;
 using namespace substep::rigid;
@@ -148,8 +151,7 @@ TEST(Joints, HoldAHeavyWeightAtALongRope) {
   }
   still.advance(0.1);
   for (int k = 0; k < n; ++k) {
-    EXPECT_LT((still.joints[static_cast<std::size_t>(k)].force - Vec3(0, 0, weight)).norm(),
-              1e-9 * weight);
+    EXPECT_LT((still.joints[usize(k)].force - Vec3(0, 0, weight)).norm(), 1e-9 * weight);
     weight -= g;
   }
 }

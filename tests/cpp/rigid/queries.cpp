@@ -8,11 +8,13 @@
 
 #include "shapes.h"
 #include "substep/core/errors.h"
-#include "substep/rigid/collision/broad_phase.h"
+#include "substep/core/usize.h"
 #include "substep/rigid/distance/shape_distance.h"
 #include "substep/rigid/distance/time_of_impact.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep::rigid;
 using test::Random;
@@ -23,7 +25,7 @@ class Queries : public testing::Test {
   static constexpr std::int32_t kCount = 202;
 
   Queries() : random_(5), scene_{broad_phase_, [this](std::int32_t f) { return placed(f); }} {
-    std::vector<Bounds> all(static_cast<std::size_t>(kCount));
+    std::vector<Bounds> all(usize(kCount));
     std::vector<std::int32_t> moving;
     for (std::int32_t f = 0; f < kCount; ++f) {
       Pose pose = random_.pose(6);
@@ -44,8 +46,8 @@ class Queries : public testing::Test {
       if (f == kPlane) {
         broad_phase_.add_plane(f, {-1, motion}, Vec3::UnitZ(), -5);
       } else {
-        all[static_cast<std::size_t>(f)] = bounds(shape, pose);
-        broad_phase_.add(f, {f, motion}, all[static_cast<std::size_t>(f)]);
+        all[usize(f)] = bounds(shape, pose);
+        broad_phase_.add(f, {f, motion}, all[usize(f)]);
       }
     }
     broad_phase_.update(moving, all);
@@ -54,7 +56,7 @@ class Queries : public testing::Test {
   static constexpr std::int32_t kPlane = 200, kMesh = 201;
 
   PlacedShape placed(std::int32_t f) const {
-    const auto i = static_cast<std::size_t>(f);
+    const auto i = usize(f);
     return {&shapes_[i], poses_[i], 1u << f % 4};
   }
 

@@ -6,8 +6,11 @@
 #include <cmath>
 
 #include "shapes.h"
+#include "substep/core/usize.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep::rigid;
 using test::Random;
@@ -127,7 +130,7 @@ TEST(RayCast, MeshesAgainstEachTriangleAndThroughNoEdge) {
     // Down to a point of the square; every other to a vertex or the middle of an edge.
     Vec3 target(random.number(1, 11), random.number(1, 11), 0.5);
     if (trial % 2 == 1) {
-      const auto v = static_cast<std::size_t>(random.number(14, 140));
+      const auto v = usize(random.number(14, 140));
       target = mesh->vertices()[v];
       if (trial % 4 == 1) target = (target + mesh->vertices()[v + 1]) / 2;
       if (target.y() < 1 || target.y() > 11) continue;
@@ -145,8 +148,7 @@ TEST(RayCast, MeshesAgainstEachTriangleAndThroughNoEdge) {
       if (rate >= 0) continue;
       Vec3 corner[3];
       for (int k = 0; k < 3; ++k) {
-        corner[k] =
-            mesh->vertices()[static_cast<std::size_t>(mesh->face(t)[static_cast<std::size_t>(k)])];
+        corner[k] = mesh->vertices()[usize(mesh->face(t)[usize(k)])];
       }
       const double distance = n.dot(corner[0] - local.origin) / rate;
       const Vec3 at = local.at(distance);

@@ -2,9 +2,12 @@
 #include <gtest/gtest.h>
 
 #include "substep/core/quaternion.h"
+#include "substep/core/usize.h"
 #include "world_scene.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep;
 using namespace substep::rigid;
@@ -131,8 +134,7 @@ TEST(RigidWorld, PyramidStandsStill) {
   advance(world, 5);
   double way = 0;
   for (std::int64_t b = 1; b < world.bodies().size(); ++b)
-    way = std::max(way,
-                   (world.bodies().position(b) - Vec3(&x[3 * static_cast<std::size_t>(b)])).norm());
+    way = std::max(way, (world.bodies().position(b) - Vec3(&x[3 * usize(b)])).norm());
   EXPECT_LT(way, 0.01);
   EXPECT_LT(penetration(world), 0.001);
   int asleep = 0;

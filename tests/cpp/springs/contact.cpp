@@ -5,6 +5,7 @@
 #include <Eigen/Eigenvalues>
 #include <cmath>
 
+#include "substep/core/usize.h"
 #include "substep/springs/incremental_potential.h"
 
 namespace substep::springs {
@@ -25,8 +26,8 @@ Contacts contacts_with(Collider collider, std::size_t vertices, double friction 
 // Central differences of energy and gradient of a term against what it says of itself.
 void expect_derivatives(const Term& term, const std::vector<Vec3>& at) {
   const std::int64_t n = element_count(term);
-  std::vector<Vec3> g(static_cast<std::size_t>(n)), up(g), down(g);
-  std::vector<Mat3> H(static_cast<std::size_t>(n));
+  std::vector<Vec3> g(usize(n)), up(g), down(g);
+  std::vector<Mat3> H(usize(n));
   term.derivatives(at, 0, n, 1.0, g.data(), H.data());
   constexpr double kStep = 1e-6;
   for (std::int64_t e = 0; e < n; ++e) {

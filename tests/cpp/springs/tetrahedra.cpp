@@ -6,8 +6,11 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/random.h"
+#include "substep/core/usize.h"
 
 namespace {
+
+using substep::usize;
 
 using namespace substep;
 using namespace substep::springs;
@@ -53,8 +56,7 @@ struct Fan {
 
 struct Derivatives {
   Derivatives(const Term& term, Positions x, std::int64_t begin, std::int64_t end, double kept)
-      : gradient(static_cast<std::size_t>(4 * (end - begin))),
-        hessian(static_cast<std::size_t>(10 * (end - begin))) {
+      : gradient(usize(4 * (end - begin))), hessian(usize(10 * (end - begin))) {
     term.derivatives(x, begin, end, kept, gradient.data(), hessian.data());
   }
   std::vector<Vec3> gradient;

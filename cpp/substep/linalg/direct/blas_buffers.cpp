@@ -6,6 +6,8 @@
 #include <cstddef>
 #include <new>
 
+#include "substep/core/usize.h"
+
 namespace substep {
 namespace {
 
@@ -25,7 +27,7 @@ struct Buffers {
   int count = 0;
   long taken = 0;  // since the thread began
   ~Buffers() {
-    while (count > 0) munmap(free[static_cast<std::size_t>(--count)], kBufferBytes);
+    while (count > 0) munmap(free[usize(--count)], kBufferBytes);
   }
 };
 thread_local Buffers buffers;
@@ -36,7 +38,7 @@ void reserve_blas_buffer() {
   if (buffers.count > 0) return;
   void* const buffer = map_buffer();
   if (!buffer) throw std::bad_alloc();
-  buffers.free[static_cast<std::size_t>(buffers.count++)] = buffer;
+  buffers.free[usize(buffers.count++)] = buffer;
 }
 
 extern "C" {
@@ -45,12 +47,12 @@ void dsyrk_(const char*, const char*, const int*, const int*, const double*, con
 
 __attribute__((visibility("default"))) void* blas_memory_alloc(int) {
   ++buffers.taken;
-  return buffers.count > 0 ? buffers.free[static_cast<std::size_t>(--buffers.count)] : map_buffer();
+  return buffers.count > 0 ? buffers.free[usize(--buffers.count)] : map_buffer();
 }
 
 __attribute__((visibility("default"))) void blas_memory_free(void* buffer) {
-  if (static_cast<std::size_t>(buffers.count) < buffers.free.size()) {
-    buffers.free[static_cast<std::size_t>(buffers.count++)] = buffer;
+  if (usize(buffers.count) < buffers.free.size()) {
+    buffers.free[usize(buffers.count++)] = buffer;
   } else {
     munmap(buffer, kBufferBytes);
   }

@@ -5,6 +5,7 @@
 #include <mutex>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 #include "substep/linalg/direct/cholmod_common.h"
 #include "substep/linalg/direct/library_calls.h"
 #include "substep/linalg/direct/ordering.h"
@@ -147,8 +148,8 @@ void Cholesky::solve(std::span<const double> b, std::span<double> x, std::int32_
                    : "the matrix is not positive definite (row " + std::to_string(column) + ")",
         std::nan(""), column);
   }
-  const auto n = static_cast<std::size_t>(my.pattern.rows);
-  const auto count = static_cast<std::size_t>(columns);
+  const auto n = usize(my.pattern.rows);
+  const auto count = usize(columns);
   if (columns < 0 || b.size() != n * count || x.size() != n * count) {
     throw InputError("b: expected " + std::to_string(n) + " numbers per right-hand side");
   }

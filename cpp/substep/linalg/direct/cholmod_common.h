@@ -7,6 +7,7 @@
 #include <new>
 #include <span>
 
+#include "substep/core/usize.h"
 #include "substep/linalg/sparse.h"
 
 namespace substep {
@@ -31,8 +32,8 @@ struct CholmodCommon : cholmod_common {
 // A view; CHOLMOD does not write to a matrix that it is given to read.
 inline cholmod_sparse cholmod_lower(const SparsePattern& pattern, const double* values) {
   cholmod_sparse a{};
-  a.nrow = static_cast<std::size_t>(pattern.rows);
-  a.ncol = static_cast<std::size_t>(pattern.cols);
+  a.nrow = usize(pattern.rows);
+  a.ncol = usize(pattern.cols);
   a.nzmax = pattern.row.size();
   a.p = const_cast<std::int32_t*>(pattern.start.data());
   a.i = const_cast<std::int32_t*>(pattern.row.data());

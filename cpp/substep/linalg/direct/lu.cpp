@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 #include "substep/linalg/direct/library_calls.h"
 #include "substep/linalg/direct/lu_library.h"
 #include "substep/linalg/finite.h"
@@ -26,7 +27,7 @@ constexpr double kKluFlopsPerEntry = 60;
 LUKind choose(const SparsePattern& pattern, LUKind kind) {
   if (kind != LUKind::automatic) return kind;
   if (pattern.rows == 0) return LUKind::klu;
-  std::vector<std::int32_t> order(static_cast<std::size_t>(pattern.rows));
+  std::vector<std::int32_t> order(usize(pattern.rows));
   double info[AMD_INFO];
   const int status = amd_order(pattern.rows, pattern.start.data(), pattern.row.data(), order.data(),
                                nullptr, info);
@@ -120,8 +121,8 @@ void LU<T>::solve(std::span<const T> b, std::span<T> x, std::int32_t columns, bo
   Impl& my = *impl_;
   const std::scoped_lock lock(my.mutex);
   if (!my.report.factorized) throw SingularMatrixError("the matrix has not been factorized");
-  const auto n = static_cast<std::size_t>(my.pattern.rows);
-  const auto count = static_cast<std::size_t>(columns);
+  const auto n = usize(my.pattern.rows);
+  const auto count = usize(columns);
   if (columns < 0 || b.size() != n * count || x.size() != n * count) {
     throw InputError("b: expected " + std::to_string(n) + " numbers per right-hand side");
   }

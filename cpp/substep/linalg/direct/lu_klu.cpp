@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 #include "substep/linalg/direct/lu_library.h"
 
 namespace substep {
@@ -91,9 +92,9 @@ class KluLU : public LULibrary<T> {
 
   // KLU stops at the column that has no pivot left. A row of zeros is named where there is one.
   std::int32_t singular_row(std::span<const T> values) const {
-    std::vector<bool> empty(static_cast<std::size_t>(pattern_.rows), true);
+    std::vector<bool> empty(usize(pattern_.rows), true);
     for (std::size_t k = 0; k < values.size(); ++k) {
-      if (values[k] != T{}) empty[static_cast<std::size_t>(pattern_.row[k])] = false;
+      if (values[k] != T{}) empty[usize(pattern_.row[k])] = false;
     }
     const auto row = std::find(empty.begin(), empty.end(), true);
     if (row != empty.end()) return static_cast<std::int32_t>(row - empty.begin());

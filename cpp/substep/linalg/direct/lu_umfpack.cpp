@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 #include "substep/linalg/direct/lu_library.h"
 
 namespace substep {
@@ -87,9 +88,7 @@ class UmfpackLU : public LULibrary<T> {
 
  public:
   explicit UmfpackLU(const SparsePattern& pattern)
-      : pattern_(pattern),
-        rows_(static_cast<std::size_t>(pattern.rows)),
-        work_(rows_.size() * Api::kWork) {
+      : pattern_(pattern), rows_(usize(pattern.rows)), work_(rows_.size() * Api::kWork) {
     Api::defaults(control_.data());
     control_[UMFPACK_PRL] = 0;
     control_[UMFPACK_IRSTEP] = 0;  // the residual is the caller's business

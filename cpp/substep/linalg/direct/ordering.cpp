@@ -3,6 +3,7 @@
 #include <mutex>
 #include <numeric>
 
+#include "substep/core/usize.h"
 #include "substep/linalg/direct/cholmod_common.h"
 #include "substep/linalg/direct/library_calls.h"
 
@@ -13,13 +14,12 @@ namespace {
 SparsePattern vertex_graph(const SparsePattern& lower, std::int32_t block) {
   const std::int32_t vertices = lower.cols / block;
   SparsePattern graph{vertices, vertices, {0}, {}};
-  std::vector<std::int32_t> seen(static_cast<std::size_t>(vertices), -1);
+  std::vector<std::int32_t> seen(usize(vertices), -1);
   for (std::int32_t v = 0; v < vertices; ++v) {
-    for (auto k = lower.start[static_cast<std::size_t>(v * block)];
-         k < lower.start[static_cast<std::size_t>((v + 1) * block)]; ++k) {
-      const std::int32_t u = lower.row[static_cast<std::size_t>(k)] / block;
-      if (seen[static_cast<std::size_t>(u)] != v) {
-        seen[static_cast<std::size_t>(u)] = v;
+    for (auto k = lower.start[usize(v * block)]; k < lower.start[usize((v + 1) * block)]; ++k) {
+      const std::int32_t u = lower.row[usize(k)] / block;
+      if (seen[usize(u)] != v) {
+        seen[usize(u)] = v;
         graph.row.push_back(u);
       }
     }
@@ -34,7 +34,7 @@ std::vector<std::int32_t> elimination_order(const SparsePattern& lower, Ordering
                                             std::int32_t block) {
   const SparsePattern vertices = block > 1 ? vertex_graph(lower, block) : SparsePattern{};
   const SparsePattern& graph = block > 1 ? vertices : lower;
-  std::vector<std::int32_t> order(static_cast<std::size_t>(graph.cols));
+  std::vector<std::int32_t> order(usize(graph.cols));
   std::iota(order.begin(), order.end(), 0);
   if (ordering != Ordering::natural && graph.cols > 1) {
     const LibraryCalls guard;
@@ -54,7 +54,7 @@ std::vector<std::int32_t> elimination_order(const SparsePattern& lower, Ordering
   }
   if (block == 1) return order;
   std::vector<std::int32_t> expanded;
-  expanded.reserve(order.size() * static_cast<std::size_t>(block));
+  expanded.reserve(order.size() * usize(block));
   for (const std::int32_t v : order) {
     for (std::int32_t c = 0; c < block; ++c) expanded.push_back(v * block + c);
   }

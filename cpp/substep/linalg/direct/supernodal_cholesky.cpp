@@ -5,6 +5,7 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/linalg/direct/panel_kernels.h"
 #include "substep/linalg/direct/supernodal_front.h"
 
@@ -50,7 +51,7 @@ SupernodalCholesky::SupernodalCholesky(const SparsePattern& lower, std::int32_t 
         "lower: expected the lower triangle of a square matrix of 1 x 1 or 3 x 3 blocks");
   }
   tree_ = find_supernodes(lower, block, ordering);
-  children_.resize(static_cast<std::size_t>(tree_.count()));
+  children_.resize(usize(tree_.count()));
   std::int64_t factor = 0, inverse = 0, update = 0;
   for (std::int64_t s = 0; s < tree_.count(); ++s) {
     Front f{};
@@ -75,10 +76,10 @@ SupernodalCholesky::SupernodalCholesky(const SparsePattern& lower, std::int32_t 
       children_[tree_.parent[s]].push_back(static_cast<std::int32_t>(s));
     }
   }
-  factor_.resize(static_cast<std::size_t>(factor));
-  inverses_.resize(static_cast<std::size_t>(inverse));
-  updates_.resize(static_cast<std::size_t>(update));
-  solution_.resize(static_cast<std::size_t>(lower.cols / block * 3));
+  factor_.resize(usize(factor));
+  inverses_.resize(usize(inverse));
+  updates_.resize(usize(update));
+  solution_.resize(usize(lower.cols / block * 3));
   map_values(lower);
   choose_tasks();
 }
@@ -94,7 +95,7 @@ void SupernodalCholesky::map_values(const SparsePattern& lower) {
     }
   }
   const auto place = [&](std::int32_t i) { return block_ * tree_.places[i / block_] + i % block_; };
-  value_starts_.assign(static_cast<std::size_t>(tree_.count()) + 1, 0);
+  value_starts_.assign(usize(tree_.count()) + 1, 0);
   for (std::int32_t c = 0; c < n; ++c) {
     for (std::int32_t k = columns[c]; k < columns[c + 1]; ++k) {
       ++value_starts_[node_of[std::min(place(c), place(rows[k])) / block_] + 1];
@@ -130,15 +131,15 @@ void SupernodalCholesky::map_values(const SparsePattern& lower) {
 
 // Subtrees of less than 1/kTasks of the work are tasks; the fronts above them come after.
 void SupernodalCholesky::choose_tasks() {
-  std::vector<double> work(static_cast<std::size_t>(tree_.count()));
-  std::vector<std::int64_t> first(static_cast<std::size_t>(tree_.count()));
+  std::vector<double> work(usize(tree_.count()));
+  std::vector<std::int64_t> first(usize(tree_.count()));
   for (std::int64_t s = 0; s < tree_.count(); ++s) {
     work[s] += fronts_[s].flops + 1e3;
     first[s] = children_[s].empty() ? s : first[children_[s].front()];
     if (tree_.parent[s] >= 0) work[tree_.parent[s]] += work[s];
   }
   const double limit = flops_ / static_cast<double>(kTasks);
-  kept_updates_.resize(static_cast<std::size_t>(tree_.count()));
+  kept_updates_.resize(usize(tree_.count()));
   for (std::int64_t s = 0; s < tree_.count(); ++s) {
     const std::int32_t p = tree_.parent[s];
     if (work[s] > limit) {
@@ -149,7 +150,7 @@ void SupernodalCholesky::choose_tasks() {
     } else {
       continue;
     }
-    kept_updates_[s].resize(static_cast<std::size_t>(fronts_[s].update_size()));
+    kept_updates_[s].resize(usize(fronts_[s].update_size()));
   }
 }
 
@@ -182,7 +183,7 @@ void SupernodalCholesky::add_child(std::int64_t child, const double* child_updat
       block_ * (std::lower_bound(relative, relative + tree_.row_count(child), own) - relative);
   const auto local = [&](std::int64_t r) { return block_ * relative[r / block_] + r % block_; };
   thread_local std::vector<std::int64_t> column_of;
-  column_of.resize(static_cast<std::size_t>(from.rows));
+  column_of.resize(usize(from.rows));
   std::int64_t* offsets = column_of.data();
   for (std::int64_t c = 0; c < from.rows; ++c) {
     offsets[c] = kPanel * (c < inner ? local(c) : local(c) - f.columns);
@@ -281,12 +282,10 @@ std::int64_t SupernodalCholesky::eliminate(std::int64_t s, double* update, int t
 std::int64_t SupernodalCholesky::run_task(std::int64_t task, std::span<const double> values) {
   thread_local std::vector<double> stacks[2];
   const std::int64_t root = task_roots_[task];
-  std::vector<std::int64_t> offsets(static_cast<std::size_t>(root - task_first_[task] + 1));
+  std::vector<std::int64_t> offsets(usize(root - task_first_[task] + 1));
   std::vector<int> parity(offsets.size());
   std::int64_t top[2] = {0, 0}, need[2] = {0, 0};
-  const auto local = [&](std::int64_t s) {
-    return static_cast<std::size_t>(s - task_first_[task]);
-  };
+  const auto local = [&](std::int64_t s) { return usize(s - task_first_[task]); };
   for (std::int64_t s = root - 1; s >= task_first_[task]; --s) {
     parity[local(s)] = 1 - parity[local(tree_.parent[s])];
   }
@@ -299,7 +298,7 @@ std::int64_t SupernodalCholesky::run_task(std::int64_t task, std::span<const dou
   }
   for (int k = 0; k < 2; ++k) {
     if (static_cast<std::int64_t>(stacks[k].size()) < need[k]) {
-      stacks[k].resize(static_cast<std::size_t>(need[k]));
+      stacks[k].resize(usize(need[k]));
     }
   }
   for (std::int64_t s = task_first_[task]; s <= root; ++s) {
@@ -320,7 +319,7 @@ std::int64_t SupernodalCholesky::factorize(std::span<const double> values, int t
     throw InputError("values: expected one for each entry of the pattern");
   }
   const auto tasks = static_cast<std::int64_t>(task_roots_.size());
-  std::vector<std::int64_t> failed(static_cast<std::size_t>(tasks), -1);
+  std::vector<std::int64_t> failed(usize(tasks), -1);
   std::atomic<bool> stop{false};
   parallel_chunks(
       tasks,

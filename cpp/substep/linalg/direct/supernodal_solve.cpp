@@ -5,6 +5,7 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/linalg/direct/panel_kernels.h"
 #include "substep/linalg/direct/supernodal_front.h"
 
@@ -107,7 +108,7 @@ void SupernodalCholesky::forward_front(std::int64_t s) {
   const std::int64_t stride = kPanel * (f.pivots + f.below), below = kPanel * f.pivots;
   constexpr std::int64_t kRows = 3 / kSides;  // rows of a vertex
   thread_local std::vector<double> scratch;
-  scratch.assign(static_cast<std::size_t>(kSides * stride), 0.0);
+  scratch.assign(usize(kSides * stride), 0.0);
   double* y = scratch.data();
   double* own = solution_.data() + 3 * tree_.first[s];
   for (std::int64_t r = 0; r < f.columns; ++r) {
@@ -158,7 +159,7 @@ void SupernodalCholesky::backward_front(std::int64_t s) {
   const std::int64_t stride = kPanel * (f.pivots + f.below), below = kPanel * f.pivots;
   constexpr std::int64_t kRows = 3 / kSides;
   thread_local std::vector<double> scratch;
-  scratch.assign(static_cast<std::size_t>(kSides * stride), 0.0);
+  scratch.assign(usize(kSides * stride), 0.0);
   double* x = scratch.data();
   double* own = solution_.data() + 3 * tree_.first[s];
   for (std::int64_t r = 0; r < f.columns; ++r) {

@@ -4,6 +4,7 @@
 #include <iterator>
 #include <utility>
 
+#include "substep/core/usize.h"
 #include "substep/linalg/direct/ordering.h"
 
 namespace substep {
@@ -108,7 +109,7 @@ Supernodes find_supernodes(const SparsePattern& lower, std::int32_t block, Order
   const std::int32_t n = lower.cols / block;
   if (ordering == Ordering::automatic) ordering = n < 5000 ? Ordering::amd : Ordering::metis;
   const std::vector<std::int32_t> unknowns = elimination_order(lower, ordering, block);
-  std::vector<std::int32_t> order(static_cast<std::size_t>(n)), places(order.size());
+  std::vector<std::int32_t> order(usize(n)), places(order.size());
   for (std::int32_t k = 0; k < n; ++k) {
     order[k] = unknowns[k * block] / block;
     places[order[k]] = k;
@@ -149,7 +150,7 @@ Supernodes find_supernodes(const SparsePattern& lower, std::int32_t block, Order
     }
     merged.push_back(std::move(node));
   }
-  std::vector<std::int32_t> node_of(static_cast<std::size_t>(n));
+  std::vector<std::int32_t> node_of(usize(n));
   for (std::size_t s = 0; s < merged.size(); ++s) {
     for (std::int32_t j = merged[s].first; j < merged[s].last; ++j) {
       node_of[j] = static_cast<std::int32_t>(s);

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::mpm {
 namespace {
@@ -19,7 +20,7 @@ Vec3 corner(std::uint64_t key, double cell) {
   Vec3 x = Vec3::Zero();
   const auto block = transfer::BlockKey<D>::unpack(key);
   for (int d = 0; d < D; ++d) {
-    x[d] = cell * (static_cast<double>(kBlock) * block[static_cast<std::size_t>(d)]);
+    x[d] = cell * (static_cast<double>(kBlock) * block[usize(d)]);
   }
   return x;
 }
@@ -92,7 +93,7 @@ void NodeDistances<Real, D>::fill(Field& field, const geometry::Collider& collid
       blocks, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t b = begin; b < end; ++b) {
-          const auto i = static_cast<std::size_t>(b);
+          const auto i = usize(b);
           const Vec3 centre = corner<D>(keys[i], cell_) + middle;
           of_block[i] = signed_distance(collider, axis, centre).value <= bound ? 0 : -1;
         }
@@ -111,10 +112,10 @@ void NodeDistances<Real, D>::fill(Field& field, const geometry::Collider& collid
       static_cast<std::int64_t>(field.keys.size()), kGrain / 8,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t p = begin; p < end; ++p) {
-          const auto i = static_cast<std::size_t>(p);
+          const auto i = usize(p);
           const auto old = std::lower_bound(old_keys.begin(), old_keys.end(), field.keys[i]);
           if (keep && old != old_keys.end() && *old == field.keys[i]) {
-            field.patches[i] = old_patches[static_cast<std::size_t>(old - old_keys.begin())];
+            field.patches[i] = old_patches[usize(old - old_keys.begin())];
           } else {
             sample<Real, D>(collider, axis, field.keys[i], cell_, reach_, field.patches[i].values);
           }

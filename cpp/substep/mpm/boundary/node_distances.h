@@ -8,6 +8,7 @@
 #include <span>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/geometry/collider.h"
 #include "substep/mpm/boundary/surfaces.h"
 #include "substep/transfer/blocks.h"
@@ -35,8 +36,8 @@ class NodeDistances {
   // The patch of a surface on a node block, nullptr where none of its nodes takes the condition.
   const Patch* patch(std::size_t surface, std::int32_t node_block) const {
     const Field& field = fields_[surface];
-    const std::int32_t p = field.of_block[static_cast<std::size_t>(node_block)];
-    return p < 0 ? nullptr : &field.patches[static_cast<std::size_t>(p)];
+    const std::int32_t p = field.of_block[usize(node_block)];
+    return p < 0 ? nullptr : &field.patches[usize(p)];
   }
   // All surfaces, ascending by their colliders.
   std::span<const Surface> all() const { return surfaces_; }

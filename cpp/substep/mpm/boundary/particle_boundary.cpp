@@ -5,6 +5,7 @@
 
 #include "substep/core/lanes.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::mpm {
 namespace {
@@ -34,7 +35,7 @@ Vec3 ParticleBoundary<Real, D>::first_node(std::uint64_t key) const {
   const auto block = transfer::BlockKey<D>::unpack(key);
   Vec3 x = Vec3::Zero();
   for (int d = 0; d < D; ++d) {
-    x[d] = cell_ * (static_cast<double>(transfer::kBlock) * block[static_cast<std::size_t>(d)]);
+    x[d] = cell_ * (static_cast<double>(transfer::kBlock) * block[usize(d)]);
   }
   return x;
 }
@@ -130,23 +131,23 @@ void ParticleBoundary<Real, D>::begin_step(const transfer::BlockLayout<D>& layou
   constexpr std::int64_t kGrain = 64;
   const std::vector<Surface> all = surfaces(to_);
   slots_.resize(layout.particle_keys.size());
-  std::vector<std::vector<Near>> found(static_cast<std::size_t>((blocks + kGrain - 1) / kGrain));
+  std::vector<std::vector<Near>> found(usize((blocks + kGrain - 1) / kGrain));
   parallel_for(
       blocks, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t b = begin; b < end; ++b) {
           Near near;
-          near.first = first_node(layout.particle_keys[static_cast<std::size_t>(b)]);
+          near.first = first_node(layout.particle_keys[usize(b)]);
           for (const Surface& surface : all) {
             Wall wall{surface, {}, {}};
             if (comes_near(to_[surface.collider], surface.axis, near.first, wall.free)) {
               near.walls.push_back(wall);
             }
           }
-          slots_[static_cast<std::size_t>(b)] = near.walls.empty() ? -1 : 0;
+          slots_[usize(b)] = near.walls.empty() ? -1 : 0;
           if (near.walls.empty()) continue;
           near.block = static_cast<std::int32_t>(b);
-          found[static_cast<std::size_t>(begin / kGrain)].push_back(std::move(near));
+          found[usize(begin / kGrain)].push_back(std::move(near));
         }
       },
       threads);
@@ -159,7 +160,7 @@ void ParticleBoundary<Real, D>::begin_step(const transfer::BlockLayout<D>& layou
         collider_speed_ =
             std::max(collider_speed_, surface_speed(from_[wall.surface.collider], middle, radius));
       }
-      slots_[static_cast<std::size_t>(near.block)] = static_cast<std::int32_t>(near_.size());
+      slots_[usize(near.block)] = static_cast<std::int32_t>(near_.size());
       near_.push_back(std::move(near));
     }
   }
@@ -221,7 +222,7 @@ template <class Real, int D>
 void ParticleBoundary<Real, D>::settle(std::int32_t block, const Real* before, Real* x, Real* v,
                                        const Real* volume, double density, int count) {
   constexpr int kWidth = kLanes<Real>;
-  Near& near = near_[static_cast<std::size_t>(slots_[static_cast<std::size_t>(block)])];
+  Near& near = near_[usize(slots_[usize(block)])];
   Mask mask{};
   for (const Wall& wall : near.walls) {
     const Mask met = outside(wall.free, before) | outside(wall.free, x);

@@ -19,6 +19,7 @@
 #include <utility>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/geometry/collider.h"
 #include "substep/mpm/boundary/boundary.h"
 #include "substep/mpm/boundary/surfaces.h"
@@ -43,9 +44,7 @@ class ParticleBoundary {
   void set_reach(double reach) { reach_ = reach; }
 
   // Whether particles of particle block b may touch a collider in this step.
-  bool near(std::int32_t block) const {
-    return !near_.empty() && slots_[static_cast<std::size_t>(block)] >= 0;
-  }
+  bool near(std::int32_t block) const { return !near_.empty() && slots_[usize(block)] >= 0; }
 
   // One packet of a near block, after its velocity v is gathered and x advanced, both of which may
   // change: number d of lane l at [d * kLanes<Real> + l], x in cells from the arena's first node.

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/mpm/boundary/particle_boundary.h"
 #include "substep/mpm/general/materials.h"
 #include "substep/mpm/general/stencil.h"
@@ -202,13 +203,13 @@ double greatest_speed(const Scheme& scheme, const Particles<Real, D>& particles,
                       const Nodes<Real, D>& nodes, int threads) {
   const auto& layout = particles.layout;
   const Stencils<Real, D> stencil = stencils<Real, D>(scheme.order, false);
-  std::vector<Real> greatest(static_cast<std::size_t>(layout.blocks()));
+  std::vector<Real> greatest(usize(layout.blocks()));
   parallel_chunks(
       layout.blocks(),
       [&](std::int64_t block) {
         Arena<Real, D> arena;
         PacketVelocities<Real, D> velocities;
-        const auto b = static_cast<std::size_t>(block);
+        const auto b = usize(block);
         arena.copy(nodes, layout, b);
         Real most = 0;
         for_packets_of_block(particles, static_cast<std::int32_t>(block),
@@ -276,7 +277,7 @@ void g2p(const Scheme& scheme, Particles<Real, D>& particles, double dt,
       [&](std::int64_t block) {
         Arena<Real, D> arena, plain;
         PacketVelocities<Real, D> velocities, old;
-        const auto b = static_cast<std::size_t>(block);
+        const auto b = usize(block);
         arena.copy(nodes, layout, b);
         if (flip) copy_before(before, layout, b, plain);
         for_packets_of_block(

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "substep/core/usize.h"
+
 namespace substep::mpm {
 namespace {
 
@@ -12,14 +14,14 @@ template <int D>
 Vec3 vector_at(std::span<const double> x, std::size_t node) {
   Vec3 v = Vec3::Zero();
   for (int d = 0; d < D; ++d) {
-    v[d] = x[node * kNodeLanes<D> + static_cast<std::size_t>(d)];
+    v[d] = x[node * kNodeLanes<D> + usize(d)];
   }
   return v;
 }
 template <int D>
 void set_vector(std::span<double> x, std::size_t node, const Vec3& v) {
   for (int d = 0; d < D; ++d) {
-    x[node * kNodeLanes<D> + static_cast<std::size_t>(d)] = v[d];
+    x[node * kNodeLanes<D> + usize(d)] = v[d];
   }
 }
 
@@ -84,7 +86,7 @@ void ImplicitContacts<D>::assign(const ImplicitNodes<D>& nodes,
   nodes_in_contact_.clear();
   colliders_ = colliders.size();
   for (std::size_t i = 0; i < nodes.count(); ++i) {
-    const auto slot = static_cast<std::size_t>(nodes.slots[i]);
+    const auto slot = usize(nodes.slots[i]);
     const auto block = static_cast<std::int32_t>(slot / ImplicitNodes<D>::kPerBlock);
     const std::size_t local = slot % ImplicitNodes<D>::kPerBlock;
     const std::size_t first = contacts_.size();
@@ -97,7 +99,7 @@ void ImplicitContacts<D>::assign(const ImplicitNodes<D>& nodes,
       const auto coordinates = nodes.coordinates(i);
       Vec3 x = Vec3::Zero(), n = Vec3::Zero();
       for (int d = 0; d < D; ++d) {
-        x[d] = cell * coordinates[static_cast<std::size_t>(d)];
+        x[d] = cell * coordinates[usize(d)];
         n[d] = static_cast<double>(value[d]);
       }
       const double length = n.norm();
@@ -277,8 +279,7 @@ void ImplicitContacts<D>::add_diagonal(std::span<double> blocks) const {
   for (const ContactNode& node : nodes_in_contact_) {
     for (int l = 0; l < D; ++l) {
       for (int j = 0; j < D; ++j) {
-        blocks[(node.node * D + static_cast<std::size_t>(l)) * kNodeLanes<D> +
-               static_cast<std::size_t>(j)] += node.curvature(l, j);
+        blocks[(node.node * D + usize(l)) * kNodeLanes<D> + usize(j)] += node.curvature(l, j);
       }
     }
   }
@@ -323,8 +324,7 @@ std::vector<geometry::Exchange> ImplicitContacts<D>::exchanges(std::span<const d
     int most = 0;
     for (int l = 0; l < f.size; ++l) {
       const Contact& contact = contacts_[f.contact[l]];
-      given[static_cast<std::size_t>(contact.collider)].add(contact.arm,
-                                                            -lambda[l] * contact.normal);
+      given[usize(contact.collider)].add(contact.arm, -lambda[l] * contact.normal);
       if (contact.boundary == Boundary::kSticky ||
           contact.friction * lambda[l] >
               contacts_[f.contact[most]].friction * std::max(lambda[most], 0.0)) {
@@ -332,7 +332,7 @@ std::vector<geometry::Exchange> ImplicitContacts<D>::exchanges(std::span<const d
       }
     }
     const Contact& holder = contacts_[f.contact[most]];
-    given[static_cast<std::size_t>(holder.collider)].add(holder.arm, -f.across(impulse));
+    given[usize(holder.collider)].add(holder.arm, -f.across(impulse));
   }
   return given;
 }

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "substep/core/interrupt.h"
+#include "substep/core/usize.h"
 #include "substep/linalg/krylov.h"
 #include "substep/linalg/newton.h"
 #include "substep/linalg/vectors.h"
@@ -185,8 +186,7 @@ const ImplicitReport& ImplicitStep<Real, D>::solve(const Particles<Real, D>& par
   std::vector<double> before(n, 0.0), target(n, 0.0);
   double total = 0, squares = 0;
   for (std::size_t i = 0; i < nodes_.count(); ++i) {
-    const Real* const node =
-        nodes.data() + static_cast<std::size_t>(nodes_.slots[i]) * transfer::kNodeReals;
+    const Real* const node = nodes.data() + usize(nodes_.slots[i]) * transfer::kNodeReals;
     total += nodes_.mass[i];
     for (std::size_t d = 0; d < D; ++d) {
       const double v = static_cast<double>(node[d]) / nodes_.mass[i];
@@ -223,8 +223,7 @@ const ImplicitReport& ImplicitStep<Real, D>::solve(const Particles<Real, D>& par
     }
     if (!solve_rounds(problem, v)) continue;
     for (std::size_t i = 0; i < nodes_.count(); ++i) {
-      Real* const node =
-          nodes.data() + static_cast<std::size_t>(nodes_.slots[i]) * transfer::kNodeReals;
+      Real* const node = nodes.data() + usize(nodes_.slots[i]) * transfer::kNodeReals;
       for (std::size_t d = 0; d < D; ++d) {
         node[d] = static_cast<Real>(nodes_.mass[i] * v[i * kL + d]);
       }

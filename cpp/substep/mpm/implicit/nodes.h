@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/mpm/implicit/stencil.h"
 #include "substep/transfer/blocks.h"
 
@@ -43,7 +44,7 @@ struct ImplicitNodes {
 
   // Coordinates of node i, integers.
   transfer::Index<D> coordinates(std::size_t i) const {
-    const auto slot = static_cast<std::size_t>(slots[i]);
+    const auto slot = usize(slots[i]);
     auto at = transfer::BlockKey<D>::unpack(layout->node_keys[slot / kPerBlock]);
     std::size_t local = slot % kPerBlock;
     for (std::size_t d = D; d-- > 0; local /= transfer::kBlock) {
@@ -57,10 +58,9 @@ struct ImplicitNodes {
   template <class Body>
   void for_arena(std::size_t particle_block, const Body& body) const {
     for (int corner = 0; corner < (1 << D); ++corner) {
-      const auto block = static_cast<std::size_t>(
-          layout->arenas[particle_block][static_cast<std::size_t>(corner)]);
+      const auto block = usize(layout->arenas[particle_block][usize(corner)]);
       for (int n = 0; n < kPerBlock; ++n) {
-        const std::int32_t i = index[block * kPerBlock + static_cast<std::size_t>(n)];
+        const std::int32_t i = index[block * kPerBlock + usize(n)];
         if (i < 0) continue;
         int at = 0;
         for (int d = 0; d < D; ++d) {
@@ -68,7 +68,7 @@ struct ImplicitNodes {
           const int along = (n >> shift & 3) + 4 * (corner >> (D - 1 - d) & 1);
           at = at * transfer::kArena + along;
         }
-        body(at, static_cast<std::size_t>(i));
+        body(at, usize(i));
       }
     }
   }

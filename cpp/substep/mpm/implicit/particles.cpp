@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::mpm {
 namespace {
@@ -67,7 +68,7 @@ template <class Body>
 void ImplicitParticles<D>::for_blocks(const Body& body) {
   parallel_chunks(
       static_cast<std::int64_t>(nodes_->layout->arenas.size()),
-      [&](std::int64_t block) { body(static_cast<std::size_t>(block)); }, threads_);
+      [&](std::int64_t block) { body(usize(block)); }, threads_);
 }
 
 template <int D>
@@ -80,10 +81,7 @@ void ImplicitParticles<D>::for_colours(const Body& body) {
   }
   parallel_phases(
       chunks,
-      [&](std::int64_t colour, std::int64_t k) {
-        body(static_cast<std::size_t>(
-            colours[static_cast<std::size_t>(colour)][static_cast<std::size_t>(k)]));
-      },
+      [&](std::int64_t colour, std::int64_t k) { body(usize(colours[usize(colour)][usize(k)])); },
       threads_);
 }
 
@@ -134,8 +132,8 @@ void ImplicitParticles<D>::assign(const Particles<Real, D>& particles,
       to.count[b] = from.runs[b].count;
       packets += (from.runs[b].count + kLanesD - 1) / kLanesD;
     }
-    const auto size = static_cast<std::size_t>(packets);
-    to.state.resize(size * static_cast<std::size_t>(to.fields));
+    const auto size = usize(packets);
+    to.state.resize(size * usize(to.fields));
     to.volume.resize(size);
     to.H.resize(size * kGradient);
     to.A.resize(size * kGradient);
@@ -151,25 +149,22 @@ void ImplicitParticles<D>::assign(const Particles<Real, D>& particles,
         const auto value = [&](int f) {
           return static_cast<double>(from.packet(packet)[f * kLanes<Real> + at]);
         };
-        const std::size_t into =
-            static_cast<std::size_t>(to.first[b]) + static_cast<std::size_t>(q / kLanesD);
+        const std::size_t into = usize(to.first[b]) + usize(q / kLanesD);
         const int lane = q % kLanesD;
         double x[D];
         for (int d = 0; d < D; ++d) x[d] = value(d);
-        const Real volume = from.volume[static_cast<std::size_t>(packet * kLanes<Real> + at)];
+        const Real volume = from.volume[usize(packet * kLanes<Real> + at)];
         to.volume[into][lane] = q < count ? static_cast<double>(volume) : 0;
         for (int f = 0; f < to.fields; ++f) {
-          to.state[into * static_cast<std::size_t>(to.fields) + static_cast<std::size_t>(f)][lane] =
-              value(D + f);
+          to.state[into * usize(to.fields) + usize(f)][lane] = value(D + f);
         }
-        ImplicitStencil<D>& s = to.stencils[into * kLanesD + static_cast<std::size_t>(lane)];
+        ImplicitStencil<D>& s = to.stencils[into * kLanesD + usize(lane)];
         s = order == 1   ? implicit_stencil<D, 1>(x, form)
             : order == 2 ? implicit_stencil<D, 2>(x, form)
                          : implicit_stencil<D, 3>(x, form);
       }
       for (int p = 0; p < packets_here && particles.trial; ++p) {
-        to.material->admit(to.state.data() + static_cast<std::size_t>(to.first[b] + p) *
-                                                 static_cast<std::size_t>(to.fields),
+        to.material->admit(to.state.data() + usize(to.first[b] + p) * usize(to.fields),
                            particles.before);
       }
     });
@@ -184,23 +179,21 @@ double ImplicitParticles<D>::evaluate(std::span<const double> v) {
       load_arena(*nodes_, b, v.data(), arena);
       V energy{};
       for (Group& group : groups_) {
-        const auto first = static_cast<std::size_t>(group.first[b]);
+        const auto first = usize(group.first[b]);
         const int packets = (group.count[b] + kLanesD - 1) / kLanesD;
         for (int p = 0; p < packets; ++p) {
-          const std::size_t packet = first + static_cast<std::size_t>(p);
+          const std::size_t packet = first + usize(p);
           V H[2][kGradient], A[2][kGradient], psi[2];
           for (int lane = 0; lane < kLanesD; ++lane) {
             Node<D> columns[D];
-            gather<K>(arena.nodes,
-                      group.stencils[packet * kLanesD + static_cast<std::size_t>(lane)], columns);
+            gather<K>(arena.nodes, group.stencils[packet * kLanesD + usize(lane)], columns);
             for (int k = 0; k < kGradient; ++k) H[0][k][lane] = scale_ * columns[k % D][k / D];
           }
           for (int k = 0; k < kGradient; ++k) H[1][k] = H[0][k];
-          group.material->stress(
-              group.state.data() + packet * static_cast<std::size_t>(group.fields), H, dt_, A, psi);
+          group.material->stress(group.state.data() + packet * usize(group.fields), H, dt_, A, psi);
           for (int k = 0; k < kGradient; ++k) {
-            group.H[packet * kGradient + static_cast<std::size_t>(k)] = H[0][k];
-            group.A[packet * kGradient + static_cast<std::size_t>(k)] = A[0][k];
+            group.H[packet * kGradient + usize(k)] = H[0][k];
+            group.A[packet * kGradient + usize(k)] = A[0][k];
           }
           energy += group.volume[packet] * psi[0];
         }
@@ -226,16 +219,15 @@ void ImplicitParticles<D>::add_gradient(std::span<double> r) {
     for_colours([&](std::size_t b) {
       Arena<D> arena;
       for (const Group& group : groups_) {
-        const auto first = static_cast<std::size_t>(group.first[b]);
+        const auto first = usize(group.first[b]);
         for (int q = 0; q < group.count[b]; ++q) {
-          const std::size_t packet = first + static_cast<std::size_t>(q / kLanesD);
+          const std::size_t packet = first + usize(q / kLanesD);
           const int lane = q % kLanesD;
           const V* const A = group.A.data() + packet * kGradient;
           const double volume = scale_ * group.volume[packet][lane];
           Node<D> columns[D] = {};
           for (int k = 0; k < kGradient; ++k) columns[k % D][k / D] = volume * A[k][lane];
-          scatter<K>(arena.nodes, group.stencils[packet * kLanesD + static_cast<std::size_t>(lane)],
-                     columns);
+          scatter<K>(arena.nodes, group.stencils[packet * kLanesD + usize(lane)], columns);
         }
       }
       add_arena(*nodes_, b, arena, r.data());
@@ -249,10 +241,10 @@ void ImplicitParticles<D>::linearise() {
     double stiffness = 0;
     for (Group& group : groups_) {
       const bool symmetric = group.material->hyperelastic();
-      const auto first = static_cast<std::size_t>(group.first[b]);
+      const auto first = usize(group.first[b]);
       const int packets = (group.count[b] + kLanesD - 1) / kLanesD;
       for (int p = 0; p < packets; ++p) {
-        const std::size_t packet = first + static_cast<std::size_t>(p);
+        const std::size_t packet = first + usize(p);
         const V* const at = group.H.data() + packet * kGradient;
         const V scale = group.volume[packet] * (scale_ * scale_ / (2 * kIncrement));
         V C[kGradient][kGradient];  // C[c][r]: dA_r / dH_c
@@ -261,8 +253,7 @@ void ImplicitParticles<D>::linearise() {
           for (int k = 0; k < kGradient; ++k) H[0][k] = H[1][k] = at[k];
           H[0][c] += kIncrement;
           H[1][c] -= kIncrement;
-          group.material->stress(
-              group.state.data() + packet * static_cast<std::size_t>(group.fields), H, dt_, A, psi);
+          group.material->stress(group.state.data() + packet * usize(group.fields), H, dt_, A, psi);
           for (int k = 0; k < kGradient; ++k) C[c][k] = scale * (A[0][k] - A[1][k]);
         }
         for (int c = 0; c < kGradient && symmetric; ++c) {
@@ -270,8 +261,7 @@ void ImplicitParticles<D>::linearise() {
         }
         for (int lane = 0; lane < kLanesD; ++lane) {
           stiffness += std::abs(C[0][0][lane]) / (scale_ * scale_);
-          float* const to =
-              group.tangent.data() + (packet * kLanesD + static_cast<std::size_t>(lane)) * kTangent;
+          float* const to = group.tangent.data() + (packet * kLanesD + usize(lane)) * kTangent;
           for (int c = 0; c < kGradient; ++c) {
             const int column = c % D * D + c / D;  // H_ja as a D + j
             for (int k = 0; k < kGradient; ++k) {
@@ -293,9 +283,9 @@ void ImplicitParticles<D>::add_product(std::span<const double> x, std::span<doub
       Arena<D> from, to;
       load_arena(*nodes_, b, x.data(), from);
       for (const Group& group : groups_) {
-        const std::size_t first = static_cast<std::size_t>(group.first[b]) * kLanesD;
+        const std::size_t first = usize(group.first[b]) * kLanesD;
         for (int q = 0; q < group.count[b]; ++q) {
-          const std::size_t particle = first + static_cast<std::size_t>(q);
+          const std::size_t particle = first + usize(q);
           const ImplicitStencil<D>& s = group.stencils[particle];
           Node<D> H[D], A[D];
           gather<K>(from.nodes, s, H);
@@ -314,11 +304,11 @@ template <int D>
 void ImplicitParticles<D>::add_diagonal(std::span<double> blocks) {
   constexpr int kArenaNodes = D == 3 ? kArena * kArena * kArena : kArena * kArena;
   for_colours([&](std::size_t b) {
-    std::vector<Node<D>> arena(static_cast<std::size_t>(kArenaNodes * D), Node<D>{});
+    std::vector<Node<D>> arena(usize(kArenaNodes * D), Node<D>{});
     for (const Group& group : groups_) {
-      const std::size_t first = static_cast<std::size_t>(group.first[b]) * kLanesD;
+      const std::size_t first = usize(group.first[b]) * kLanesD;
       for (int q = 0; q < group.count[b]; ++q) {
-        const std::size_t particle = first + static_cast<std::size_t>(q);
+        const std::size_t particle = first + usize(q);
         const ImplicitStencil<D>& s = group.stencils[particle];
         Node<D> C[D * D * D];
         for (int k = 0; k < D * D * D; ++k) {
@@ -343,7 +333,7 @@ void ImplicitParticles<D>::add_diagonal(std::span<double> blocks) {
               for (int a = 0; a < D; ++a) part += g[a] * C[(e * D + l) * D + a];
               sum += g[e] * part;
             }
-            arena[static_cast<std::size_t>(at * D + l)] += sum;
+            arena[usize(at * D + l)] += sum;
           }
         }
       }
@@ -351,8 +341,8 @@ void ImplicitParticles<D>::add_diagonal(std::span<double> blocks) {
     nodes_->for_arena(b, [&](int at, std::size_t i) {
       for (int l = 0; l < D; ++l) {
         for (int j = 0; j < D; ++j) {
-          blocks[i * D * kNodeLanes<D> + static_cast<std::size_t>(l * kNodeLanes<D> + j)] +=
-              arena[static_cast<std::size_t>(at * D + l)][j];
+          blocks[i * D * kNodeLanes<D> + usize(l * kNodeLanes<D> + j)] +=
+              arena[usize(at * D + l)][j];
         }
       }
     });

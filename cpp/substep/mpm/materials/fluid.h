@@ -28,8 +28,11 @@ struct Fluid {
 
   template <class Constants>
   static Fluid with(const Constants& c) {
-    return {.density = c("density"), .bulk_modulus = c("bulk_modulus"),
-            .viscosity = c("viscosity"), .exponent = c("exponent"), .tension = c("tension") != 0};
+    return {.density = c("density"),
+            .bulk_modulus = c("bulk_modulus"),
+            .viscosity = c("viscosity"),
+            .exponent = c("exponent"),
+            .tension = c("tension") != 0};
   }
 
   template <class V, int D>

@@ -39,8 +39,11 @@ struct HerschelBulkley {
 
   template <class Constants>
   static HerschelBulkley with(const Constants& c) {
-    return {.density = c("density"), .mu = c("mu"), .lambda = c("lambda"),
-            .yield_stress = c("yield_stress"), .consistency = c("consistency"),
+    return {.density = c("density"),
+            .mu = c("mu"),
+            .lambda = c("lambda"),
+            .yield_stress = c("yield_stress"),
+            .consistency = c("consistency"),
             .flow_index = c("flow_index")};
   }
 

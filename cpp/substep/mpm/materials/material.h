@@ -10,6 +10,7 @@
 #include <cstddef>
 #include <limits>
 
+#include "substep/core/usize.h"
 #include "substep/mpm/materials/catalogue.h"
 #include "substep/mpm/materials/tensor.h"
 
@@ -71,7 +72,7 @@ std::array<double, M::template kFields<D>> initial_fields() {
   std::array<double, M::template kFields<D>> fields{};
   if constexpr (M::kHasF) {
     for (const int k : {0, D + 1, Tensor<float, D>::kEntries - 1}) {
-      fields[static_cast<std::size_t>(k)] = 1;
+      fields[usize(k)] = 1;
     }
   }
   std::size_t k = fields.size() - M::kState.size();

@@ -44,11 +44,15 @@ struct Sand {
 
   template <class Constants>
   static Sand with(const Constants& c) {
-    return {.density = c("density"), .mu = c("mu"), .lambda = c("lambda"),
-            .friction_angle = c("friction_angle"),
-            .match = c("plane_strain") != 0 ? FrictionMatch::kPlaneStrain : FrictionMatch::kCompression,
-            .hardening_slope = c("hardening_slope"), .hardening_rate = c("hardening_rate"),
-            .initial_softening = c("initial_softening")};
+    return {
+        .density = c("density"),
+        .mu = c("mu"),
+        .lambda = c("lambda"),
+        .friction_angle = c("friction_angle"),
+        .match = c("plane_strain") != 0 ? FrictionMatch::kPlaneStrain : FrictionMatch::kCompression,
+        .hardening_slope = c("hardening_slope"),
+        .hardening_rate = c("hardening_rate"),
+        .initial_softening = c("initial_softening")};
   }
 
   template <class V, int D>

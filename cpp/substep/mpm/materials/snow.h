@@ -33,9 +33,12 @@ struct Snow {
 
   template <class Constants>
   static Snow with(const Constants& c) {
-    return {.density = c("density"), .mu = c("mu"), .lambda = c("lambda"),
+    return {.density = c("density"),
+            .mu = c("mu"),
+            .lambda = c("lambda"),
             .critical_compression = c("critical_compression"),
-            .critical_stretch = c("critical_stretch"), .hardening = c("hardening"),
+            .critical_stretch = c("critical_stretch"),
+            .hardening = c("hardening"),
             .largest_hardening = c("largest_hardening")};
   }
 

@@ -25,8 +25,11 @@ struct VonMises {
 
   template <class Constants>
   static VonMises with(const Constants& c) {
-    return {.density = c("density"), .mu = c("mu"), .lambda = c("lambda"),
-            .yield_stress = c("yield_stress"), .hardening_modulus = c("hardening_modulus")};
+    return {.density = c("density"),
+            .mu = c("mu"),
+            .lambda = c("lambda"),
+            .yield_stress = c("yield_stress"),
+            .hardening_modulus = c("hardening_modulus")};
   }
 
   template <class V, int D>

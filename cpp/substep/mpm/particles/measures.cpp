@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "substep/core/usize.h"
 #include "substep/mpm/particles/particle_loop.h"
 
 namespace substep::mpm {
@@ -23,8 +24,7 @@ template <class Real, int D>
 Vector<Real>* fields_of(const Particles<Real, D>& particles, std::size_t group, std::int64_t packet,
                         Vector<Real>* copy) {
   const ParticleGroup<Real, D>& g = particles.groups[group];
-  std::memcpy(copy, g.packet(packet) + D * kLanes<Real>,
-              static_cast<std::size_t>(g.fields) * sizeof(Vector<Real>));
+  std::memcpy(copy, g.packet(packet) + D * kLanes<Real>, usize(g.fields) * sizeof(Vector<Real>));
   return copy;
 }
 

@@ -4,6 +4,7 @@
 #include <array>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/mpm/particles/cells.h"
 
 namespace substep::mpm {
@@ -11,7 +12,7 @@ namespace substep::mpm {
 // Lanes of a run's packets, those that repeat included.
 template <class Real>
 std::size_t lanes(const Run& run) {
-  return static_cast<std::size_t>(run.packets) * kLanes<Real>;
+  return usize(run.packets) * kLanes<Real>;
 }
 
 // Runs of so many particles in each particle block, one after the other.
@@ -31,12 +32,12 @@ void set_runs(ParticleGroup<Real, D>& group, const std::vector<std::int32_t>& co
 template <int D>
 void sort_by_cell(std::int32_t* sources, const std::int16_t* cells, std::int32_t count) {
   std::array<std::int32_t, Cells<D>::kCells + 1> places{};
-  const auto cell = [&](std::int32_t i) { return static_cast<std::size_t>(cells[i]); };
+  const auto cell = [&](std::int32_t i) { return usize(cells[i]); };
   for (std::int32_t i = 0; i < count; ++i) ++places[cell(i) + 1];
   for (std::size_t c = 1; c < places.size(); ++c) places[c] += places[c - 1];
   const std::vector<std::int32_t> unsorted(sources, sources + count);
   for (std::int32_t i = 0; i < count; ++i) {
-    sources[places[cell(i)]++] = unsorted[static_cast<std::size_t>(i)];
+    sources[places[cell(i)]++] = unsorted[usize(i)];
   }
 }
 
@@ -44,7 +45,7 @@ void sort_by_cell(std::int32_t* sources, const std::int16_t* cells, std::int32_t
 template <class Real>
 void fill_lanes(const Run& run, std::int32_t* sources) {
   std::int32_t* const first = sources + run.first * kLanes<Real>;
-  for (std::size_t l = static_cast<std::size_t>(run.count); l < lanes<Real>(run); ++l) {
+  for (std::size_t l = usize(run.count); l < lanes<Real>(run); ++l) {
     first[l] = first[run.count - 1];
   }
 }

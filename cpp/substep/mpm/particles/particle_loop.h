@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/geometry/collider.h"
 #include "substep/mpm/particles/particles.h"
 
@@ -20,7 +21,7 @@ struct Slot {
 
   template <class Real>
   std::size_t id_index() const {
-    return static_cast<std::size_t>(packet * kLanes<Real> + lane);
+    return usize(packet * kLanes<Real> + lane);
   }
 };
 
@@ -30,7 +31,7 @@ void for_packets_of_block(const Particles<Real, D>& particles, std::int32_t bloc
                           const Packet& packet) {
   for (std::size_t g = 0; g < particles.groups.size(); ++g) {
     if (particles.groups[g].runs.empty()) continue;
-    const Run& run = particles.groups[g].runs[static_cast<std::size_t>(block)];
+    const Run& run = particles.groups[g].runs[usize(block)];
     for (std::int32_t p = 0; p < run.packets; ++p) {
       packet(g, run.first + p, block, std::min(run.count - p * kLanes<Real>, kLanes<Real>));
     }
@@ -65,7 +66,7 @@ template <class Real, int D, class Packet>
 auto sum_of_packets(const Particles<Real, D>& particles, const Packet& packet, int threads) {
   using Sum = decltype(packet(std::size_t{}, std::int64_t{}, std::int32_t{}, int{}));
   const auto blocks = static_cast<std::int64_t>(particles.layout.particle_keys.size());
-  std::vector<Sum> parts(static_cast<std::size_t>((blocks + kBlocksOfTask - 1) / kBlocksOfTask));
+  std::vector<Sum> parts(usize((blocks + kBlocksOfTask - 1) / kBlocksOfTask));
   parallel_for(
       blocks, kBlocksOfTask,
       [&](std::int64_t begin, std::int64_t end) {
@@ -76,7 +77,7 @@ auto sum_of_packets(const Particles<Real, D>& particles, const Packet& packet, i
                                  part += packet(g, p, block, count);
                                });
         }
-        parts[static_cast<std::size_t>(begin / kBlocksOfTask)] = part;
+        parts[usize(begin / kBlocksOfTask)] = part;
       },
       threads);
   Sum sum{};
@@ -134,13 +135,11 @@ std::int32_t id_of_greatest(const Particles<Real, D>& particles, const Score& sc
 // World position [m]; in 2D z = 0.
 template <class Real, int D>
 geometry::Vec3 position_of(const Particles<Real, D>& particles, const Slot& s) {
-  const auto block = transfer::BlockKey<D>::unpack(
-      particles.layout.particle_keys[static_cast<std::size_t>(s.block)]);
+  const auto block = transfer::BlockKey<D>::unpack(particles.layout.particle_keys[usize(s.block)]);
   geometry::Vec3 x = geometry::Vec3::Zero();
   for (int d = 0; d < D; ++d) {
-    x[d] = particles.cell *
-           (static_cast<double>(transfer::kBlock) * block[static_cast<std::size_t>(d)] +
-            static_cast<double>(state_of(particles, s, d)));
+    x[d] = particles.cell * (static_cast<double>(transfer::kBlock) * block[usize(d)] +
+                             static_cast<double>(state_of(particles, s, d)));
   }
   return x;
 }

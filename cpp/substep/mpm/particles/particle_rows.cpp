@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "substep/core/usize.h"
+
 namespace substep::mpm {
 
 template <class Real, int D>
@@ -53,7 +55,7 @@ geometry::Vec3 position(const ParticleRows<Real, D>& rows, std::size_t i, double
   const Real* const in = rows.state.data() + i * (rows.state.size() / rows.ids.size());
   geometry::Vec3 x = geometry::Vec3::Zero();
   for (int d = 0; d < D; ++d) {
-    const int block = rows.blocks[i][static_cast<std::size_t>(d)];
+    const int block = rows.blocks[i][usize(d)];
     x[d] = cell * (static_cast<double>(transfer::kBlock) * block + static_cast<double>(in[d]));
   }
   return x;
@@ -65,7 +67,7 @@ void set_position(ParticleRows<Real, D>& rows, std::size_t i, double cell,
   Real* const in = rows.state.data() + i * (rows.state.size() / rows.ids.size());
   for (int d = 0; d < D; ++d) {
     const Place at = place(x[d] / cell);
-    rows.blocks[i][static_cast<std::size_t>(d)] = at.block;
+    rows.blocks[i][usize(d)] = at.block;
     in[d] = static_cast<Real>(at.x);
   }
 }

@@ -5,6 +5,7 @@
 
 #include "substep/core/parallel.h"
 #include "substep/core/radix_sort.h"
+#include "substep/core/usize.h"
 #include "substep/mpm/particles/packing.h"
 #include "substep/mpm/particles/particle_rows.h"
 
@@ -60,34 +61,29 @@ void fill(ParticleGroup<Real, D>& group, const ParticleRows<Real, D>& rows, cons
   set_runs(group, counts);
   std::vector<std::size_t> first_entry(counts.size(), 0);
   for (std::size_t b = 1; b < counts.size(); ++b) {
-    first_entry[b] = first_entry[b - 1] + static_cast<std::size_t>(counts[b - 1]);
+    first_entry[b] = first_entry[b - 1] + usize(counts[b - 1]);
   }
 
-  const auto slots = static_cast<std::size_t>(group.packets) * kWidth;
+  const auto slots = usize(group.packets) * kWidth;
   group.from.reset(slots);
   group.ids.reset(slots);
   group.volume.reset(slots);
-  group.state.reset(slots * static_cast<std::size_t>(group.stride()));
-  group.other.reset(slots * static_cast<std::size_t>(group.stride()));
+  group.state.reset(slots * usize(group.stride()));
+  group.other.reset(slots * usize(group.stride()));
   parallel_for(
       static_cast<std::int64_t>(counts.size()), 4,
       [&](std::int64_t begin, std::int64_t end) {
         std::vector<std::int16_t> cells;
         for (std::int64_t b = begin; b < end; ++b) {
-          const Run& run = group.runs[static_cast<std::size_t>(b)];
+          const Run& run = group.runs[usize(b)];
           if (run.count == 0) continue;
-          const auto first = static_cast<std::size_t>(run.first) * kWidth;
+          const auto first = usize(run.first) * kWidth;
           cells.clear();
           for (std::int32_t i = 0; i < run.count; ++i) {
-            const std::size_t entry =
-                first_entry[static_cast<std::size_t>(b)] + static_cast<std::size_t>(i);
+            const std::size_t entry = first_entry[usize(b)] + usize(i);
             const std::int32_t row = entries[entry].index;
-            group.from[first + static_cast<std::size_t>(i)] = row;
-            cells.push_back(
-                Cells<D>::where(
-                    &rows.state[static_cast<std::size_t>(row) * static_cast<std::size_t>(numbers)],
-                    1)
-                    .cell);
+            group.from[first + usize(i)] = row;
+            cells.push_back(Cells<D>::where(&rows.state[usize(row) * usize(numbers)], 1).cell);
           }
           if (order == Order::kCells) {
             sort_by_cell<D>(&group.from[first], cells.data(), run.count);
@@ -95,18 +91,17 @@ void fill(ParticleGroup<Real, D>& group, const ParticleRows<Real, D>& rows, cons
           fill_lanes<Real>(run, group.from.data());
           for (std::size_t l = 0; l < lanes<Real>(run); ++l) {
             const auto slot = static_cast<std::int64_t>(first + l);
-            const auto row = static_cast<std::size_t>(group.from[first + l]);
-            const bool repeats = l >= static_cast<std::size_t>(run.count);
+            const auto row = usize(group.from[first + l]);
+            const bool repeats = l >= usize(run.count);
             group.ids[first + l] = repeats ? -1 : rows.ids[row];
             group.volume[first + l] = rows.volume[row];
             Real* const state = group.packet(slot / kWidth) + slot % kWidth;
             for (int f = 0; f < numbers; ++f) {
-              state[f * kWidth] =
-                  rows.state[row * static_cast<std::size_t>(numbers) + static_cast<std::size_t>(f)];
+              state[f * kWidth] = rows.state[row * usize(numbers) + usize(f)];
             }
             Real* const motion = group.motion(slot / kWidth) + slot % kWidth;
             for (int f = 0; f < kMotion; ++f) {
-              motion[f * kWidth] = rows.motion[row * kMotion + static_cast<std::size_t>(f)];
+              motion[f * kWidth] = rows.motion[row * kMotion + usize(f)];
             }
           }
         }
@@ -143,7 +138,7 @@ ParticleRows<Real, D> rows(const Particles<Real, D>& particles, std::size_t inde
   constexpr int kWidth = kLanes<Real>;
   const ParticleGroup<Real, D>& group = particles.groups[index];
   ParticleRows<Real, D> rows;
-  reserve(rows, static_cast<std::size_t>(group.count), static_cast<std::size_t>(D + group.fields));
+  reserve(rows, usize(group.count), usize(D + group.fields));
   for (std::size_t b = 0; b < group.runs.size(); ++b) {
     const auto block = transfer::BlockKey<D>::unpack(particles.layout.particle_keys[b]);
     for (std::int32_t i = 0; i < group.runs[b].count; ++i) {
@@ -153,8 +148,8 @@ ParticleRows<Real, D> rows(const Particles<Real, D>& particles, std::size_t inde
       rows.blocks.push_back(block);
       for (int f = 0; f < D + group.fields; ++f) rows.state.push_back(state[f * kWidth]);
       for (int f = 0; f < group.kMotion; ++f) rows.motion.push_back(motion[f * kWidth]);
-      rows.volume.push_back(group.volume[static_cast<std::size_t>(slot)]);
-      rows.ids.push_back(group.ids[static_cast<std::size_t>(slot)]);
+      rows.volume.push_back(group.volume[usize(slot)]);
+      rows.ids.push_back(group.ids[usize(slot)]);
     }
   }
   return rows;

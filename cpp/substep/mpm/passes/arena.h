@@ -4,6 +4,7 @@
 
 #include <cstring>
 
+#include "substep/core/usize.h"
 #include "substep/mpm/passes/transfers.h"
 
 namespace substep::mpm {
@@ -45,7 +46,7 @@ struct alignas(64) Arena {
       const int corner = (i >> 2 << 2) + (j >> 2 << 1);
       const int offset = ((i & 3) * 4 + (j & 3)) * kHalf;
       for (int k = 0; k < 2; ++k) {
-        each(blocks[static_cast<std::size_t>(corner + k)], offset, nodes + row * kRow + k * kHalf);
+        each(blocks[usize(corner + k)], offset, nodes + row * kRow + k * kHalf);
       }
     }
   }

@@ -7,6 +7,7 @@
 
 #include "substep/core/lanes.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::mpm {
 namespace {
@@ -127,14 +128,14 @@ NodeCheck GridUpdate<Real, D>::update(std::span<Real> nodes, const Vec3& gravity
 
   const std::size_t many = colliders.size();
   const auto blocks = static_cast<std::int64_t>(layout_->node_keys.size());
-  const auto chunks = static_cast<std::size_t>((blocks + kGrain - 1) / kGrain);
+  const auto chunks = usize((blocks + kGrain - 1) / kGrain);
   const auto bound = static_cast<Real>(std::min(speed_bound, static_cast<double>(kGreatest)));
   parts_.assign(chunks * many, Exchange{});
   std::vector<Found<Real>> found(chunks);
   parallel_for(
       blocks, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
-        const auto chunk = static_cast<std::size_t>(begin / kGrain);
+        const auto chunk = usize(begin / kGrain);
         std::vector<Holder> holders;
         for (std::int64_t b = begin; b < end; ++b) {
           Real* block = nodes.data() + b * kNodes * kNodeReals;
@@ -203,7 +204,7 @@ void GridUpdate<Real, D>::hold(std::int32_t node_block, std::span<const Holder> 
                                Real* nodes, Exchange* parts) const {
   constexpr int kSweeps = 32;
   constexpr double kUnchanged = 1e-14;  // of the squared velocity
-  const auto key = layout_->node_keys[static_cast<std::size_t>(node_block)];
+  const auto key = layout_->node_keys[usize(node_block)];
   const auto block = transfer::BlockKey<D>::unpack(key);
   for (int node = 0; node < transfer::NodeBlocks<Real, D>::kNodes; ++node) {
     const auto holds = [&](const Holder& holder) {
@@ -215,8 +216,7 @@ void GridUpdate<Real, D>::hold(std::int32_t node_block, std::span<const Holder> 
     Vec3 v = Vec3::Zero(), x = Vec3::Zero();
     for (int d = D - 1, rest = node; d >= 0; --d, rest /= kBlock) {
       v[d] = static_cast<double>(at[d]);
-      x[d] = cell_ *
-             (static_cast<double>(kBlock) * block[static_cast<std::size_t>(d)] + rest % kBlock);
+      x[d] = cell_ * (static_cast<double>(kBlock) * block[usize(d)] + rest % kBlock);
     }
     bool changed = true;
     for (int sweep = 0; sweep < kSweeps && changed; ++sweep) {

@@ -6,6 +6,7 @@
 #include <cstring>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/mpm/passes/arena.h"
 
 namespace substep::mpm {
@@ -19,7 +20,7 @@ template <class Real, int D, class ScatterBlock>
 void scatter_blocks(const transfer::BlockLayout<D>& layout, Nodes<Real, D>& nodes, int threads,
                     ScatterBlock&& scatter) {
   constexpr std::int64_t kZeroGrain = 256;
-  nodes.values.reset(static_cast<std::size_t>(layout.node_blocks()) * Nodes<Real, D>::kReals);
+  nodes.values.reset(usize(layout.node_blocks()) * Nodes<Real, D>::kReals);
   std::array<std::int64_t, transfer::BlockLayout<D>::kCorners + 1> chunks;
   chunks[0] = (layout.node_blocks() + kZeroGrain - 1) / kZeroGrain;
   for (std::size_t colour = 0; colour < layout.colours.size(); ++colour) {
@@ -32,15 +33,13 @@ void scatter_blocks(const transfer::BlockLayout<D>& layout, Nodes<Real, D>& node
         if (phase == 0) {
           const std::int64_t first = chunk * kZeroGrain;
           const std::int64_t blocks = std::min(kZeroGrain, layout.node_blocks() - first);
-          std::memset(nodes.block(first), 0,
-                      static_cast<std::size_t>(blocks) * Nodes<Real, D>::kReals * sizeof(Real));
+          std::memset(nodes.block(first), 0, usize(blocks) * Nodes<Real, D>::kReals * sizeof(Real));
           return;
         }
-        const auto& colour = layout.colours[static_cast<std::size_t>(phase - 1)];
-        const auto end =
-            std::min(static_cast<std::size_t>((chunk + 1) * kBlocksOfScatter), colour.size());
-        for (auto i = static_cast<std::size_t>(chunk * kBlocksOfScatter); i < end; ++i) {
-          const auto block = static_cast<std::size_t>(colour[i]);
+        const auto& colour = layout.colours[usize(phase - 1)];
+        const auto end = std::min(usize((chunk + 1) * kBlocksOfScatter), colour.size());
+        for (auto i = usize(chunk * kBlocksOfScatter); i < end; ++i) {
+          const auto block = usize(colour[i]);
           Arena<Real, D> arena;
           arena.set_zero();
           scatter(block, arena);

@@ -5,6 +5,7 @@
 #include <iterator>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/mpm/particles/cells.h"
 #include "substep/mpm/particles/packing.h"
 #include "substep/mpm/passes/transfers.h"
@@ -36,10 +37,10 @@ std::vector<Counts<D>> count(const ParticleGroup<Real, D>& group, int threads) {
       static_cast<std::int64_t>(counts.size()), kGrain,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t b = begin; b < end; ++b) {
-          const auto block = static_cast<std::size_t>(b);
+          const auto block = usize(b);
           counts[block].fill(0);
           for_each_particle(group, group.runs[block], [&](std::int32_t, auto where) {
-            ++counts[block][static_cast<std::size_t>(where.neighbour)];
+            ++counts[block][usize(where.neighbour)];
           });
         }
       },
@@ -57,7 +58,7 @@ std::vector<std::uint64_t> occupied(const std::vector<std::uint64_t>& keys,
     from.clear();
     for (std::size_t b = 0; b < keys.size(); ++b) {
       bool any = false;
-      for (const auto& group : counts) any |= group[b][static_cast<std::size_t>(n)] > 0;
+      for (const auto& group : counts) any |= group[b][usize(n)] > 0;
       if (any) from.push_back(keys[b] + Cells<D>::offset(n));
     }
     std::size_t next = 0;
@@ -89,7 +90,7 @@ ParticleGroup<Real, D> reordered(const ParticleGroup<Real, D>& group,
   std::vector<std::int32_t> filled(after.size(), 0);
   for (int n = Cells<D>::kNeighbours - 1; n >= 0; --n) {
     transfer::match(before, Cells<D>::offset(n), after, [&](std::size_t b, std::size_t a) {
-      std::int32_t& place = counts[b][static_cast<std::size_t>(n)];
+      std::int32_t& place = counts[b][usize(n)];
       filled[a] += std::exchange(place, filled[a]);
     });
   }
@@ -97,7 +98,7 @@ ParticleGroup<Real, D> reordered(const ParticleGroup<Real, D>& group,
   sorted.fields = group.fields;
   set_runs(sorted, filled);
 
-  const auto slots = static_cast<std::size_t>(sorted.packets) * kLanes<Real>;
+  const auto slots = usize(sorted.packets) * kLanes<Real>;
   sorted.from.reset(slots);
   sorted.ids.reset(slots);
   sorted.volume.reset(slots);
@@ -105,18 +106,16 @@ ParticleGroup<Real, D> reordered(const ParticleGroup<Real, D>& group,
   cells.reset(slots);
   for (int n = 0; n < Cells<D>::kNeighbours; ++n) {
     transfer::match(before, Cells<D>::offset(n), after, [&](std::size_t b, std::size_t a) {
-      counts[b][static_cast<std::size_t>(n)] +=
-          static_cast<std::int32_t>(sorted.runs[a].first * kLanes<Real>);
+      counts[b][usize(n)] += static_cast<std::int32_t>(sorted.runs[a].first * kLanes<Real>);
     });
   }
   parallel_for(
       static_cast<std::int64_t>(group.runs.size()), kGrain,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t b = begin; b < end; ++b) {
-          const auto block = static_cast<std::size_t>(b);
+          const auto block = usize(b);
           for_each_particle(group, group.runs[block], [&](std::int32_t slot, auto where) {
-            const auto place = static_cast<std::size_t>(
-                counts[block][static_cast<std::size_t>(where.neighbour)]++);
+            const auto place = usize(counts[block][usize(where.neighbour)]++);
             sorted.from[place] = slot;
             cells[place] = where.cell;
           });
@@ -128,14 +127,14 @@ ParticleGroup<Real, D> reordered(const ParticleGroup<Real, D>& group,
       static_cast<std::int64_t>(sorted.runs.size()), kGrain,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t b = begin; b < end; ++b) {
-          const Run& run = sorted.runs[static_cast<std::size_t>(b)];
+          const Run& run = sorted.runs[usize(b)];
           if (run.count == 0) continue;
-          const auto first = static_cast<std::size_t>(run.first) * kLanes<Real>;
+          const auto first = usize(run.first) * kLanes<Real>;
           sort_by_cell<D>(&sorted.from[first], &cells[first], run.count);
           fill_lanes<Real>(run, sorted.from.data());
           for (std::size_t slot = first; slot < first + lanes<Real>(run); ++slot) {
-            const auto source = static_cast<std::size_t>(sorted.from[slot]);
-            const bool repeats = slot >= first + static_cast<std::size_t>(run.count);
+            const auto source = usize(sorted.from[slot]);
+            const bool repeats = slot >= first + usize(run.count);
             sorted.ids[slot] = repeats ? -1 : group.ids[source];
             sorted.volume[slot] = group.volume[source];
           }
@@ -147,7 +146,7 @@ ParticleGroup<Real, D> reordered(const ParticleGroup<Real, D>& group,
 
 template <class Real, int D>
 std::size_t numbers(const ParticleGroup<Real, D>& group) {
-  return static_cast<std::size_t>(group.packets * group.stride() * kLanes<Real>);
+  return usize(group.packets * group.stride() * kLanes<Real>);
 }
 
 // Room for n numbers. Those that there are stay, also where it throws.
@@ -176,7 +175,7 @@ void gather(const ParticleGroup<Real, D>& group, const AlignedBuffer<Real>& sour
         for (std::int64_t p = begin; p < end; ++p) {
           const Real* lane[kWidth];
           for (int l = 0; l < kWidth; ++l) {
-            const std::int32_t slot = group.from[static_cast<std::size_t>(p * kWidth + l)];
+            const std::int32_t slot = group.from[usize(p * kWidth + l)];
             lane[l] = source.data() + slot / kWidth * packet + slot % kWidth;
           }
           Real* to = target.data() + p * packet;

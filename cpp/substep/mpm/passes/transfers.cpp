@@ -1,6 +1,7 @@
 #include "substep/mpm/passes/transfers.h"
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/mpm/boundary/particle_boundary.h"
 #include "substep/mpm/passes/passes.h"
 #include "substep/mpm/passes/scatter_blocks.h"
@@ -82,7 +83,7 @@ void g2p(Particles<Real, D>& particles, double dt, const Nodes<Real, D>& nodes, 
       particles.layout.blocks(), kBlocksOfScatter,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t b = begin; b < end; ++b) {
-          const auto block = static_cast<std::size_t>(b);
+          const auto block = usize(b);
           Arena<Real, D> velocities;
           velocities.copy(nodes, particles.layout, block);
           for_each_group<Real, D>(

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 #include "substep/mpm/solver/solver.h"
 
 namespace substep::mpm {
@@ -41,8 +42,8 @@ class MethodOf final : public Method {
     return solver_.add(x, v, material, volume);
   }
   void remove(Places places) override {
-    std::vector<std::uint8_t> flags(static_cast<std::size_t>(solver_.size()));
-    for (const std::int64_t place : places) flags[static_cast<std::size_t>(place)] = 1;
+    std::vector<std::uint8_t> flags(usize(solver_.size()));
+    for (const std::int64_t place : places) flags[usize(place)] = 1;
     solver_.remove(flags);
   }
   std::int64_t absorb(const Collider& region) override { return solver_.absorb(region); }

@@ -67,8 +67,7 @@ class Method {
   virtual void set_velocities(std::span<const Vec3> v, Places places) = 0;
   virtual void set_forces(std::span<const Vec3> forces, Places places) = 0;
   virtual void set_affine(std::span<const double> C, Places places) = 0;
-  virtual void set_material_fields(int material, std::span<const double> fields,
-                                   Places places) = 0;
+  virtual void set_material_fields(int material, std::span<const double> fields, Places places) = 0;
 
   virtual double time() const = 0;
   virtual void set_time(double time) = 0;

@@ -7,15 +7,32 @@
 #include <exception>
 #include <limits>
 #include <new>
+#include <optional>
+#include <utility>
 
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
+#include "substep/core/usize.h"
 #include "substep/mpm/general/general.h"
 #include "substep/mpm/particles/particle_loop.h"
 #include "substep/mpm/solver/text.h"
 #include "substep/transfer/scatter.h"
 
 namespace substep::mpm {
+
+namespace {
+
+// Whether the user asked to stop: an exception that waits until particles are at rest.
+std::exception_ptr asked_to_stop() {
+  try {
+    poll_interrupt();
+  } catch (...) {
+    return std::current_exception();
+  }
+  return nullptr;
+}
+
+}  // namespace
 
 template <class Real, int D>
 void Solver<Real, D>::step(double dt) {
@@ -67,72 +84,87 @@ void Solver<Real, D>::run(double end, double given) {
 template <class Real, int D>
 void Solver<Real, D>::steps_until_rest(double end, double given) {
   poll_interrupt();
+  NextStep step = first_step(end, given);
+  reserve_run(step, end);
+  for (;;) {
+    const std::exception_ptr stop = asked_to_stop();
+    // From here to the next turn particles may be between two steps.
+    const DeferInterrupts whole;
+    std::optional<NextStep> after = following(step, end, given, stop != nullptr);
+    if (!after) {
+      rest(step);
+      if (stop) std::rethrow_exception(stop);
+      return;
+    }
+    const Trial trial = go_on(step, *after);
+    if (trial.outcome != Outcome::kGood) return return_to_good_step();  // and tried from there
+    step = std::move(*after);
+  }
+}
+
+// The first step of a run, shortened until it is good. Nodes are those of it then.
+template <class Real, int D>
+typename Solver<Real, D>::NextStep Solver<Real, D>::first_step(double end, double given) {
   NextStep step = choose(clock_.time, end, given,
                          limit_now(largest_speed(particles_, options_.threads), given));
   if (!step.refused.empty()) raise(step.refused, limiting(step.limit));
   shrinks_ = 0;
   // An implicit step is dear: it is not solved twice for want of room.
   if (options_.integrator == Integrator::kImplicit && clock_.drift > 0) sort_resting();
-  NodeCheck check = begin_step(step.dt);
-  for (; !passes(check); check = begin_step(step.dt)) shrink(step, check, given);
-  if (!fast() && clock_.drift + check.reach > room()) {
+  Trial trial = begin_step(step.dt);
+  for (; trial.outcome != Outcome::kGood; trial = begin_step(step.dt)) shrink(step, trial, given);
+  if (!fast() && clock_.drift + trial.nodes.reach > room()) {
     sort_resting();
-    check = begin_step(step.dt);
+    trial = begin_step(step.dt);
   }
+  step.speed = trial.nodes.speed;
+  step.reach = trial.nodes.reach;
+  return step;
+}
+
+// What memory a run needs is there before it begins.
+template <class Real, int D>
+void Solver<Real, D>::reserve_run(const NextStep& step, double end) {
   good_.clear();
   begin_.clear();
-  if (fast() && step.end < end) {  // what memory a run needs is there before it begins
-    next_.values.reset(nodes_.values.size());
-    base_.values.reset(nodes_.values.size());
-  }
-  for (;;) {
-    std::exception_ptr stop;
-    try {
-      poll_interrupt();
-    } catch (...) {
-      stop = std::current_exception();
-    }
-    // From here to the next turn particles may be between two steps.
-    const DeferInterrupts whole;
-    step.reach = check.reach;
-    NextStep after;
-    bool last = true;
-    try {
-      make_room(step);
-      last = stop || near_bounds_ || !fast() || !(step.end < end);
-      if (!last) {
-        after = choose(step.end, end, given, limit_now(check.speed, given));
-        last = !after.refused.empty();
-      }
-      if (!last && begin_.empty()) begin_.push_back({grid_, clock_, report_});
-      if (!last) good_.push_back(step);
-    } catch (const std::bad_alloc&) {
-      recover(step);
-      throw;
-    }
-    if (last) {
-      rest(step);
-      if (stop) std::rethrow_exception(stop);
-      return;
-    }
-    g2p2g(particles_, step.dt, after.dt, nodes_, next_, options_.threads);
-    commit(step);
-    if (good_.size() == 1) base_.values.swap(nodes_.values);
-    nodes_.values.swap(next_.values);
-    try {
-      check = update(after.dt);
-    } catch (const std::bad_alloc&) {
-      recover(after);
-      throw;
-    }
-    if (!passes(check)) return return_to_good_step();  // and tried again from there
-    step = after;
-  }
+  if (!fast() || !(step.end < end)) return;
+  next_.values.reset(nodes_.values.size());
+  base_.values.reset(nodes_.values.size());
+}
+
+// The step that is to be fused with a good one; none where particles come to rest between them.
+template <class Real, int D>
+std::optional<typename Solver<Real, D>::NextStep> Solver<Real, D>::following(const NextStep& step,
+                                                                             double end,
+                                                                             double given,
+                                                                             bool stop) {
+  return or_recover(step, [&]() -> std::optional<NextStep> {
+    make_room(step);
+    if (stop || near_bounds_ || !fast() || !(step.end < end)) return {};
+    NextStep after = choose(step.end, end, given, limit_now(step.speed, given));
+    if (!after.refused.empty()) return {};
+    if (begin_.empty()) begin_.push_back({grid_, clock_, report_});
+    good_.push_back(step);
+    return after;
+  });
+}
+
+// Takes a good step and tries the next one.
+template <class Real, int D>
+typename Solver<Real, D>::Trial Solver<Real, D>::go_on(const NextStep& step, NextStep& after) {
+  g2p2g(particles_, step.dt, after.dt, nodes_, next_, options_.threads);
+  commit(step);
+  if (good_.size() == 1) base_.values.swap(nodes_.values);
+  nodes_.values.swap(next_.values);
+  const Trial trial = or_recover(after, [&] { return update(after.dt); });
+  after.speed = trial.nodes.speed;
+  after.reach = trial.nodes.reach;
+  return trial;
 }
 
 // From rest. Particles do not change.
 template <class Real, int D>
-NodeCheck Solver<Real, D>::begin_step(double dt) {
+typename Solver<Real, D>::Trial Solver<Real, D>::begin_step(double dt) {
   const bool implicit = options_.integrator == Integrator::kImplicit;
   if (fast()) {
     p2g(particles_, dt, nodes_, options_.threads);
@@ -145,7 +177,7 @@ NodeCheck Solver<Real, D>::begin_step(double dt) {
 
 // The momentum at the end of an implicit step, gravity and obstacles included.
 template <class Real, int D>
-NodeCheck Solver<Real, D>::solve(double dt) {
+typename Solver<Real, D>::Trial Solver<Real, D>::solve(double dt) {
   const std::span<Real> nodes = {nodes_.values.data(), nodes_.values.size()};
   try {
     implicit_.solve(particles_, nodes, dt, options_.gravity, options_.order, options_.form,
@@ -157,16 +189,13 @@ NodeCheck Solver<Real, D>::solve(double dt) {
     if (!check.good()) raise_not_finite(check.bad_node);
     throw NonFiniteError(error.what(), clock_.time, -1, report_.steps);
   }
-  if (!implicit_.report().converged) {
-    NodeCheck failed;
-    failed.reach = HUGE_VAL;
-    return failed;
-  }
-  return grid_.update(nodes, Vec3::Zero(), dt, room() * options_.cell / dt, options_.threads);
+  if (!implicit_.report().converged) return {Outcome::kNotConverged, {}};
+  return judged(
+      grid_.update(nodes, Vec3::Zero(), dt, room() * options_.cell / dt, options_.threads));
 }
 
 template <class Real, int D>
-NodeCheck Solver<Real, D>::update(double dt) {
+typename Solver<Real, D>::Trial Solver<Real, D>::update(double dt) {
   ++wave_age_;
   const bool by_particles = !fast() && uses_gradients(scheme());
   const double bound =
@@ -179,7 +208,13 @@ NodeCheck Solver<Real, D>::update(double dt) {
     check.reach = check.speed * dt / options_.cell + push;
     grid_.particles().set_reach(check.reach);
   }
-  return check;
+  return judged(check);
+}
+
+template <class Real, int D>
+typename Solver<Real, D>::Trial Solver<Real, D>::judged(const NodeCheck& nodes) const {
+  if (!nodes.good()) return {Outcome::kBadNode, nodes};
+  return {nodes.reach <= room() ? Outcome::kGood : Outcome::kTooFar, nodes};
 }
 
 template <class Real, int D>
@@ -230,13 +265,7 @@ void Solver<Real, D>::rest(const NextStep& step) {
     end_step(step.dt);
     return commit(step);
   }
-  Particles<Real, D> before;
-  try {
-    before = particles_;
-  } catch (const std::bad_alloc&) {
-    recover(step);
-    throw;
-  }
+  const Particles<Real, D> before = or_recover(step, [&] { return particles_; });
   end_step(step.dt);
   const std::int32_t escaped = first_escaped();
   if (escaped >= 0 && options_.on_escape == OnEscape::kRaise) {
@@ -297,14 +326,23 @@ void Solver<Real, D>::return_to_good_step() {
   commit(good_.back());
 }
 
-// Memory has run out before particles moved by `step`: they are to be between two steps. What that
-// needs is there.
+// Does what needs memory while particles are between two steps. Where there is none, the way to a
+// state after a whole step needs none: back to the last good one or, with none to go back to,
+// on through `step`.
 template <class Real, int D>
-void Solver<Real, D>::recover(const NextStep& step) {
-  if (!good_.empty()) return return_to_good_step();
-  if (particles_.motion) return;  // at rest
-  end_step(step.dt);              // sorted: the way back is lost, the step itself is good
-  commit(step);
+template <class Work>
+auto Solver<Real, D>::or_recover(const NextStep& step, const Work& work) {
+  try {
+    return work();
+  } catch (const std::bad_alloc&) {
+    if (!good_.empty()) {
+      return_to_good_step();
+    } else if (!particles_.motion) {  // sorted: the way back is lost, the step itself is good
+      end_step(step.dt);
+      commit(step);
+    }
+    throw;
+  }
 }
 
 // Adds the momentum of the forces on the particles to the nodes; returns their work [J].
@@ -318,8 +356,7 @@ double Solver<Real, D>::push(double dt) {
         [&](std::size_t g, std::int64_t p, std::int32_t block, int count) {
           for (int lane = 0; lane < count; ++lane) {
             const Slot s{g, p, lane, block};
-            const Vec3 f = forces_[static_cast<std::size_t>(
-                places[static_cast<std::size_t>(id_of(particles_, s))])];
+            const Vec3 f = forces_[usize(places[usize(id_of(particles_, s))])];
             if (f.isZero(0)) continue;
             const double m =
                 density(options_.materials[g]) *
@@ -327,8 +364,8 @@ double Solver<Real, D>::push(double dt) {
             work += dt * f.dot(velocity_of(particles_, s) + dt / (2 * m) * f);
             std::array<double, D> x, along;
             for (int d = 0; d < D; ++d) {
-              x[static_cast<std::size_t>(d)] = static_cast<double>(state_of(particles_, s, d));
-              along[static_cast<std::size_t>(d)] = f[d];
+              x[usize(d)] = static_cast<double>(state_of(particles_, s, d));
+              along[usize(d)] = f[d];
             }
             transfer::scatter<Real, D>(options_.order, x, along, dt, particles_.layout.arenas[b],
                                        nodes_);

@@ -10,6 +10,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -95,19 +96,31 @@ class Solver {
   // A step that is to be taken.
   struct NextStep {
     double dt = 0, end = 0;  // [s], time after it
+    double speed = 0;        // the largest at its nodes [m/s]
     double reach = 0;        // no particle moves further along an axis [cells]
     const char* limit = "";  // what limited it
     std::string refused;     // why it must not be taken
   };
 
+  // What became of a step whose nodes were found.
+  enum class Outcome { kGood, kTooFar, kBadNode, kNotConverged };
+  struct Trial {
+    Outcome outcome;
+    NodeCheck nodes;
+  };
+
   // Steps.
   void run(double end, double given);
   void steps_until_rest(double end, double given);
+  NextStep first_step(double end, double given);
+  void reserve_run(const NextStep& step, double end);
+  std::optional<NextStep> following(const NextStep& step, double end, double given, bool stop);
+  Trial go_on(const NextStep& step, NextStep& after);
   NextStep choose(double now, double end, double given, const StepLimit& limit);
   StepLimit limit(double speed, double wave) const;  // [m/s], c^2 [m^2/s^2]
   StepLimit limit_now(double speed, double given);
-  NodeCheck begin_step(double dt);
-  NodeCheck solve(double dt);
+  Trial begin_step(double dt);
+  Trial solve(double dt);
   void end_step(double dt);
   // Whether steps are those of transfers.h, fused; else those of general.h.
   bool fast() const {
@@ -116,18 +129,19 @@ class Solver {
   }
   Scheme scheme() const;
   void sort_resting();
-  void shrink(NextStep& step, const NodeCheck& check, double given);
+  void shrink(NextStep& step, const Trial& trial, double given);
   void shrink_implicit(NextStep& step, double given);
   void halve(NextStep& step, const char* reason);
   void make_room(const NextStep& step);
   void rest(const NextStep& step);
   void commit(const NextStep& step);
   void return_to_good_step();
-  void recover(const NextStep& step);
-  bool passes(const NodeCheck& check) const;
+  template <class Work>
+  auto or_recover(const NextStep& step, const Work& work);
+  Trial judged(const NodeCheck& nodes) const;
   // How far particles may be from where they were sorted [cells].
   double room() const { return drift_limit(options_.order) - ParticleBoundary<Real, D>::kPush; }
-  NodeCheck update(double dt);
+  Trial update(double dt);
   double push(double dt);
   std::int32_t culprit(std::int64_t node) const;
   std::int32_t limiting(const std::string& limit) const;

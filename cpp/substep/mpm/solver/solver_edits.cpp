@@ -5,6 +5,7 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/mpm/particles/particle_loop.h"
 #include "substep/mpm/particles/particle_rows.h"
 #include "substep/mpm/solver/solver.h"
@@ -86,16 +87,16 @@ std::int64_t Solver<Real, D>::add(std::span<const Vec3> x, std::span<const Vec3>
     std::vector<ParticleRows<Real, D>> all = rows(), fresh;
     for (const AnyMaterial& m : options_.materials) fresh.push_back(particle_at_rest<Real, D>(m));
     std::vector<std::size_t> counts(all.size(), 0);
-    for (const std::int32_t m : material) ++counts[static_cast<std::size_t>(m)];
+    for (const std::int32_t m : material) ++counts[usize(m)];
     for (std::size_t g = 0; g < all.size(); ++g) {
       reserve(all[g], all[g].ids.size() + counts[g], fresh[g].state.size());
     }
     for (std::size_t i = 0; i < x.size(); ++i) {
-      const auto g = static_cast<std::size_t>(material[i]);
+      const auto g = usize(material[i]);
       ParticleRows<Real, D>& row = fresh[g];
       set_position(row, 0, options_.cell, x[i]);
       for (int d = 0; d < D; ++d) {
-        row.motion[static_cast<std::size_t>(d)] = static_cast<Real>(v[i][d]);
+        row.motion[usize(d)] = static_cast<Real>(v[i][d]);
       }
       row.volume[0] = static_cast<Real>(volume[i]);
       row.ids[0] = static_cast<std::int32_t>(first + static_cast<std::int64_t>(i));
@@ -118,7 +119,7 @@ void Solver<Real, D>::remove(std::span<const std::uint8_t> flags) {
     for (ParticleRows<Real, D>& group : all) {
       std::vector<std::uint8_t> stays;
       for (const std::int32_t id : group.ids) {
-        stays.push_back(flags[static_cast<std::size_t>(places[static_cast<std::size_t>(id)])] == 0);
+        stays.push_back(flags[usize(places[usize(id)])] == 0);
       }
       keep(group, stays);
     }
@@ -134,11 +135,11 @@ void Solver<Real, D>::remove(std::span<const std::uint8_t> flags) {
 template <class Real, int D>
 std::int64_t Solver<Real, D>::absorb(const geometry::Collider& region) {
   const std::vector<double> x = positions();
-  std::vector<std::uint8_t> inside(static_cast<std::size_t>(size()));
+  std::vector<std::uint8_t> inside(usize(size()));
   parallel_for(
       size(), 1024,
       [&](std::int64_t begin, std::int64_t end) {
-        for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
+        for (auto i = usize(begin); i < usize(end); ++i) {
           Vec3 at = Vec3::Zero();
           std::copy_n(x.data() + i * D, D, at.data());
           inside[i] = region.signed_distance(at).value < 0;
@@ -155,12 +156,12 @@ std::int64_t Solver<Real, D>::absorb(const geometry::Collider& region) {
 template <class Real, int D>
 std::vector<std::int64_t> Solver<Real, D>::given_of_ids(std::span<const std::int64_t> places,
                                                         int material) const {
-  std::vector<std::int64_t> given(static_cast<std::size_t>(size(material)), -1), of_ids;
+  std::vector<std::int64_t> given(usize(size(material)), -1), of_ids;
   for (std::size_t k = 0; k < places.size(); ++k) {
-    given[static_cast<std::size_t>(places[k])] = static_cast<std::int64_t>(k);
+    given[usize(places[k])] = static_cast<std::int64_t>(k);
   }
   for (const std::int32_t place : places_of_ids(material)) {
-    of_ids.push_back(place < 0 ? -1 : given[static_cast<std::size_t>(place)]);
+    of_ids.push_back(place < 0 ? -1 : given[usize(place)]);
   }
   return of_ids;
 }
@@ -177,8 +178,8 @@ void Solver<Real, D>::write(std::span<const std::int64_t> places, const Write& w
       [&](std::size_t g, std::int64_t p, std::int32_t block, int count) {
         for (int lane = 0; lane < kLanes<Real>; ++lane) {
           const Slot owner{g, p, std::min(lane, count - 1), block};
-          const std::int64_t k = given[static_cast<std::size_t>(id_of(particles_, owner))];
-          if (k >= 0) write(Slot{g, p, lane, block}, static_cast<std::size_t>(k));
+          const std::int64_t k = given[usize(id_of(particles_, owner))];
+          if (k >= 0) write(Slot{g, p, lane, block}, usize(k));
         }
       },
       options_.threads);
@@ -196,8 +197,8 @@ void Solver<Real, D>::set_positions(std::span<const Vec3> x, std::span<const std
     std::vector<ParticleRows<Real, D>> all = rows();
     for (ParticleRows<Real, D>& group : all) {
       for (std::size_t i = 0; i < group.ids.size(); ++i) {
-        const std::int64_t k = given[static_cast<std::size_t>(group.ids[i])];
-        if (k >= 0) set_position(group, i, options_.cell, x[static_cast<std::size_t>(k)]);
+        const std::int64_t k = given[usize(group.ids[i])];
+        if (k >= 0) set_position(group, i, options_.cell, x[usize(k)]);
       }
     }
     sort_again(all);
@@ -226,7 +227,7 @@ void Solver<Real, D>::set_affine(std::span<const double> C, std::span<const std:
 template <class Real, int D>
 void Solver<Real, D>::set_material_fields(int material, std::span<const double> fields,
                                           std::span<const std::int64_t> places) {
-  const auto width = static_cast<std::size_t>(field_count(material));
+  const auto width = usize(field_count(material));
   supply([&] {
     write(
         places,
@@ -243,9 +244,9 @@ void Solver<Real, D>::set_material_fields(int material, std::span<const double> 
 template <class Real, int D>
 void Solver<Real, D>::set_forces(std::span<const Vec3> forces,
                                  std::span<const std::int64_t> places) {
-  forces_.resize(static_cast<std::size_t>(size()), Vec3::Zero());
+  forces_.resize(usize(size()), Vec3::Zero());
   for (std::size_t k = 0; k < places.size(); ++k) {
-    forces_[static_cast<std::size_t>(places[k])] = forces[k];
+    forces_[usize(places[k])] = forces[k];
   }
 }
 

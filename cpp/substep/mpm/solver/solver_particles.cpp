@@ -1,4 +1,5 @@
 // What a Solver tells of its particles.
+#include "substep/core/usize.h"
 #include "substep/mpm/particles/particle_loop.h"
 #include "substep/mpm/solver/solver.h"
 
@@ -8,8 +9,7 @@ template <class Real, int D>
 std::int64_t Solver<Real, D>::size(int material) const {
   std::int64_t n = 0;
   for (std::size_t g = 0; g < particles_.groups.size(); ++g) {
-    if (material == kAll || g == static_cast<std::size_t>(material))
-      n += particles_.groups[g].count;
+    if (material == kAll || g == usize(material)) n += particles_.groups[g].count;
   }
   return n;
 }
@@ -17,12 +17,12 @@ std::int64_t Solver<Real, D>::size(int material) const {
 // Of each id that was given: its place among the particles of a material (or of all), or -1.
 template <class Real, int D>
 std::vector<std::int32_t> Solver<Real, D>::places_of_ids(int material) const {
-  std::vector<std::int32_t> places(static_cast<std::size_t>(clock_.next_id), -1);
+  std::vector<std::int32_t> places(usize(clock_.next_id), -1);
   for_particles(
       particles_,
       [&](const Slot& s) {
-        if (material != kAll && s.group != static_cast<std::size_t>(material)) return;
-        places[static_cast<std::size_t>(id_of(particles_, s))] = 0;
+        if (material != kAll && s.group != usize(material)) return;
+        places[usize(id_of(particles_, s))] = 0;
       },
       options_.threads);
   std::int32_t next = 0;
@@ -37,12 +37,12 @@ template <class Real, int D>
 template <class Row>
 std::vector<double> Solver<Real, D>::column(std::size_t width, const Row& row, int material) const {
   const std::vector<std::int32_t> places = places_of_ids(material);
-  std::vector<double> out(static_cast<std::size_t>(size(material)) * width);
+  std::vector<double> out(usize(size(material)) * width);
   for_particles(
       particles_,
       [&](const Slot& s) {
-        const std::int32_t place = places[static_cast<std::size_t>(id_of(particles_, s))];
-        if (place >= 0) row(s, out.data() + static_cast<std::size_t>(place) * width);
+        const std::int32_t place = places[usize(id_of(particles_, s))];
+        if (place >= 0) row(s, out.data() + usize(place) * width);
       },
       options_.threads);
   return out;
@@ -52,7 +52,7 @@ template <class Real, int D>
 std::vector<std::int64_t> Solver<Real, D>::ids() const {
   const std::vector<std::int32_t> places = places_of_ids();
   std::vector<std::int64_t> out;
-  out.reserve(static_cast<std::size_t>(size()));
+  out.reserve(usize(size()));
   for (std::size_t id = 0; id < places.size(); ++id) {
     if (places[id] >= 0) out.push_back(static_cast<std::int64_t>(id));
   }
@@ -97,14 +97,14 @@ std::vector<double> Solver<Real, D>::volumes() const {
 
 template <class Real, int D>
 int Solver<Real, D>::field_count(int material) const {
-  return particles_.groups[static_cast<std::size_t>(material)].fields;
+  return particles_.groups[usize(material)].fields;
 }
 
 template <class Real, int D>
 std::vector<double> Solver<Real, D>::material_fields(int material) const {
   const int width = field_count(material);
   return column(
-      static_cast<std::size_t>(width),
+      usize(width),
       [&](const Slot& s, double* to) {
         for (int f = 0; f < width; ++f) to[f] = static_cast<double>(state_of(particles_, s, D + f));
       },
@@ -114,7 +114,7 @@ std::vector<double> Solver<Real, D>::material_fields(int material) const {
 template <class Real, int D>
 std::vector<double> Solver<Real, D>::stresses() const {
   const std::vector<std::int32_t> places = places_of_ids();
-  std::vector<double> out(static_cast<std::size_t>(size()) * 6);
+  std::vector<double> out(usize(size()) * 6);
   for_packets(
       particles_,
       [&](std::size_t g, std::int64_t p, std::int32_t block, int count) {
@@ -122,10 +122,9 @@ std::vector<double> Solver<Real, D>::stresses() const {
         packet_stress_at_rest(particles_, g, p, tau);
         for (int lane = 0; lane < count; ++lane) {
           const std::int32_t id = id_of(particles_, Slot{g, p, lane, block});
-          const auto place = static_cast<std::size_t>(places[static_cast<std::size_t>(id)]);
+          const auto place = usize(places[usize(id)]);
           for (int k = 0; k < (D == 3 ? 6 : 4); ++k) {
-            out[place * 6 + static_cast<std::size_t>(k)] =
-                static_cast<double>(tau[k * kLanes<Real> + lane]);
+            out[place * 6 + usize(k)] = static_cast<double>(tau[k * kLanes<Real> + lane]);
           }
         }
       },
@@ -136,7 +135,7 @@ std::vector<double> Solver<Real, D>::stresses() const {
 template <class Real, int D>
 std::vector<double> Solver<Real, D>::elastic_energies() const {
   const std::vector<std::int32_t> places = places_of_ids();
-  std::vector<double> out(static_cast<std::size_t>(size()));
+  std::vector<double> out(usize(size()));
   for_packets(
       particles_,
       [&](std::size_t g, std::int64_t p, std::int32_t block, int count) {
@@ -144,8 +143,7 @@ std::vector<double> Solver<Real, D>::elastic_energies() const {
         packet_energy(particles_, g, p, energy);
         for (int lane = 0; lane < count; ++lane) {
           const Slot s{g, p, lane, block};
-          const auto place =
-              static_cast<std::size_t>(places[static_cast<std::size_t>(id_of(particles_, s))]);
+          const auto place = usize(places[usize(id_of(particles_, s))]);
           out[place] =
               static_cast<double>(particles_.groups[g].volume[s.template id_index<Real>()]) *
               static_cast<double>(energy[lane]);

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 #include "substep/mpm/particles/particle_loop.h"
 #include "substep/mpm/particles/particle_rows.h"
 #include "substep/mpm/solver/solver.h"
@@ -64,13 +65,13 @@ void Solver<Real, D>::check_rows(const Clock& at,
       at.next_id > std::numeric_limits<std::int32_t>::max()) {
     throw InputError("state: expected that of an object with the same materials");
   }
-  std::vector<std::uint8_t> seen(static_cast<std::size_t>(at.next_id));
+  std::vector<std::uint8_t> seen(usize(at.next_id));
   for (std::size_t g = 0; g < rows.size(); ++g) {
     const ParticleRows<Real, D>& group = rows[g];
     const std::size_t n = group.ids.size();
-    const auto width = static_cast<std::size_t>(D + particles_.groups[g].fields);
+    const auto width = usize(D + particles_.groups[g].fields);
     if (group.blocks.size() != n || group.state.size() != n * width || group.volume.size() != n ||
-        group.motion.size() != n * static_cast<std::size_t>(ParticleGroup<Real, D>::kMotion)) {
+        group.motion.size() != n * usize(ParticleGroup<Real, D>::kMotion)) {
       throw InputError("state: expected that of an object with the same materials");
     }
     const auto finite = [](Real a) { return std::isfinite(a); };
@@ -82,7 +83,7 @@ void Solver<Real, D>::check_rows(const Clock& at,
     }
     for (std::size_t i = 0; i < n; ++i) {
       const std::int32_t id = group.ids[i];
-      if (id < 0 || id >= at.next_id || seen[static_cast<std::size_t>(id)]++ != 0) {
+      if (id < 0 || id >= at.next_id || seen[usize(id)]++ != 0) {
         throw InputError("state['ids']: expected different numbers from 0 to below next_id");
       }
       for (std::size_t d = 0; d < D; ++d) {
@@ -129,8 +130,7 @@ void Solver<Real, D>::layout_changed() {
   for (const std::uint64_t key : particles_.layout.particle_keys) {
     const auto block = transfer::BlockKey<D>::unpack(key);
     for (int d = 0; d < D; ++d) {
-      const double first =
-          static_cast<double>(transfer::kBlock) * block[static_cast<std::size_t>(d)];
+      const double first = static_cast<double>(transfer::kBlock) * block[usize(d)];
       near_bounds_ |= cell * (first + kFirstPosition - 2) < bounds_[0][d] ||
                       cell * (first + kFirstPosition + 6) > bounds_[1][d];
     }

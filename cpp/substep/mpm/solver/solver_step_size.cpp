@@ -4,6 +4,7 @@
 #include <string>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 #include "substep/mpm/particles/particle_loop.h"
 #include "substep/mpm/solver/solver.h"
 #include "substep/mpm/solver/text.h"
@@ -91,24 +92,20 @@ typename Solver<Real, D>::NextStep Solver<Real, D>::choose(double now, double en
   return step;
 }
 
-template <class Real, int D>
-bool Solver<Real, D>::passes(const NodeCheck& check) const {
-  return check.good() && check.reach <= room();
-}
-
 // A shorter step in place of one in which particles would move too far.
 template <class Real, int D>
-void Solver<Real, D>::shrink(NextStep& step, const NodeCheck& check, double given) {
-  if (check.reach == HUGE_VAL) return shrink_implicit(step, given);
+void Solver<Real, D>::shrink(NextStep& step, const Trial& trial, double given) {
+  if (trial.outcome == Outcome::kNotConverged) return shrink_implicit(step, given);
+  const NodeCheck& check = trial.nodes;
   double speed = check.speed;
-  if (!check.good()) {
+  if (trial.outcome == Outcome::kBadNode) {
     const Real* v = nodes_.values.data() + check.bad_node * transfer::kNodeReals;
     for (int d = 0; d < D; ++d) speed = std::max(speed, std::abs(static_cast<double>(v[d])));
     for (int d = 0; d < D; ++d) {
       if (!std::isfinite(v[d])) raise_not_finite(check.bad_node);
     }
   }
-  const std::int32_t id = check.good() ? -1 : culprit(check.bad_node);
+  const std::int32_t id = trial.outcome == Outcome::kBadNode ? culprit(check.bad_node) : -1;
   const std::string moves = text("at %.3g m/s material would move by %.3g cells in the next step",
                                  speed, speed * step.dt / options_.cell);
   if (given > 0 && options_.on_large_step == OnLargeStep::kRaise) {
@@ -147,13 +144,12 @@ void Solver<Real, D>::halve(NextStep& step, const char* reason) {
 template <class Real, int D>
 std::int32_t Solver<Real, D>::culprit(std::int64_t node) const {
   constexpr std::int64_t kNodes = transfer::NodeBlocks<Real, D>::kNodes;
-  const auto block = transfer::BlockKey<D>::unpack(
-      particles_.layout.node_keys[static_cast<std::size_t>(node / kNodes)]);
+  const auto block =
+      transfer::BlockKey<D>::unpack(particles_.layout.node_keys[usize(node / kNodes)]);
   Vec3 at = Vec3::Zero();
   for (std::int64_t d = D - 1, rest = node % kNodes; d >= 0; --d, rest /= transfer::kBlock) {
-    at[d] = options_.cell *
-            (static_cast<double>(transfer::kBlock) * block[static_cast<std::size_t>(d)] +
-             static_cast<double>(rest % transfer::kBlock));
+    at[d] = options_.cell * (static_cast<double>(transfer::kBlock) * block[usize(d)] +
+                             static_cast<double>(rest % transfer::kBlock));
   }
   const double reach = 0.5 * (options_.order + 1) * options_.cell;
   return id_of_greatest(

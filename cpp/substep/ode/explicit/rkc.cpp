@@ -10,6 +10,7 @@
 
 #include "substep/core/interrupt.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/ode/explicit/rkc_formula.h"
 #include "substep/ode/explicit/rkc_stage.h"
 #include "substep/ode/explicit/spectral_radius.h"
@@ -46,7 +47,7 @@ class Rkc2 final : public OneStep {
   void dense(double* F) override {
     const double h = t_ - t_old_;
     for (std::int64_t i = 0; i < n_; ++i) {
-      const auto k = static_cast<std::size_t>(i);
+      const auto k = usize(i);
       const double difference = y_[k] - y_old_[k];
       F[i] = difference;
       F[n_ + i] = h * f_new_[k] - difference;
@@ -72,7 +73,7 @@ class Rkc2 final : public OneStep {
     for (;;) {
       if (h_abs < smallest) {
         if (std::isnan(error)) throw trace_not_finite(direction_ * h_abs);
-        throw step_too_small();
+        throw step_too_small(t_, steps_);
       }
       const double left = std::fabs(t_bound_ - t_);
       if (1.1 * h_abs >= left && left <= max_step_) h_abs = left;
@@ -101,10 +102,9 @@ class Rkc2 final : public OneStep {
         std::min(span, std::max(1.0 / spectral_radius(), smallest_step(t_, direction_)));
     for (std::size_t i = 0; i < y_.size(); ++i) y_new_[i] = y_[i] + direction_ * h * f_[i];
     evaluate(t_ + direction_ * h, y_new_.data(), f_new_.data());
-    const double error =
-        h * weighted_norm(y_.data(), [&](std::int64_t i) {
-          return f_new_[static_cast<std::size_t>(i)] - f_[static_cast<std::size_t>(i)];
-        });
+    const double error = h * weighted_norm(y_.data(), [&](std::int64_t i) {
+                           return f_new_[usize(i)] - f_[usize(i)];
+                         });
     return 0.1 * h < span * std::sqrt(error) ? 0.1 * h / std::sqrt(error) : span;
   }
 
@@ -225,11 +225,11 @@ class Rkc2 final : public OneStep {
   // Chunks are summed in order.
   template <class Square>
   double root_mean(std::int64_t n, Square&& square) {
-    partial_.resize(static_cast<std::size_t>((n - 1) / kGrain + 1));
+    partial_.resize(usize((n - 1) / kGrain + 1));
     parallel_for(
         n, kGrain,
         [&](std::int64_t begin, std::int64_t end) {
-          partial_[static_cast<std::size_t>(begin / kGrain)] =
+          partial_[usize(begin / kGrain)] =
               sums<1>(end - begin, [&](std::int64_t i) { return square(begin + i); })[0];
         },
         threads_);
@@ -261,8 +261,7 @@ class Rkc2 final : public OneStep {
         return not_finite("the derivative", t, f_new_.data(), j);
       }
       const RkcStage s = stage(j, h);
-      over_components(
-          [&](std::int64_t i) { s.y2[i] = s.sum(i, f_new_[static_cast<std::size_t>(i)]); });
+      over_components([&](std::int64_t i) { s.y2[i] = s.sum(i, f_new_[usize(i)]); });
       std::swap(y_new_, spare_);
     }
   }

@@ -14,6 +14,8 @@
 #include <cmath>
 #include <vector>
 
+#include "substep/core/usize.h"
+
 namespace substep::ode {
 
 class RkcFormula {
@@ -24,7 +26,7 @@ class RkcFormula {
     double mu, nu, mu_tilde, gamma_tilde, c;
   };
 
-  explicit RkcFormula(int stages) : stages_(stages), stage_(static_cast<std::size_t>(stages) + 1) {
+  explicit RkcFormula(int stages) : stages_(stages), stage_(usize(stages) + 1) {
     w0_ = 1.0 + kEpsilon / (static_cast<double>(stages) * stages);
     Chebyshev last = at_one();
     for (int j = 2; j <= stages; ++j) last = next(last);
@@ -38,7 +40,7 @@ class RkcFormula {
     for (int j = 2; j <= stages; ++j) {
       if (j > 2) here = next(here);
       const double b_j = here.d2T / (here.dT * here.dT);
-      Stage& s = stage_[static_cast<std::size_t>(j)];
+      Stage& s = stage_[usize(j)];
       s.mu = 2.0 * b_j * w0_ / b;
       s.nu = -b_j / b_before;
       s.mu_tilde = 2.0 * b_j * w1_ / b;
@@ -53,7 +55,7 @@ class RkcFormula {
   }
 
   int stages() const { return stages_; }
-  const Stage& stage(int j) const { return stage_[static_cast<std::size_t>(j)]; }
+  const Stage& stage(int j) const { return stage_[usize(j)]; }
   double w0() const { return w0_; }
   double w1() const { return w1_; }
   double a() const { return a_; }  // a_s

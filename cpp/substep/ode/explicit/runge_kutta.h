@@ -7,17 +7,30 @@
 #include <cstdlib>
 #include <memory>
 #include <new>
-#include <string>
+#include <span>
+#include <string_view>
 #include <utility>
 #include <vector>
 
 #include "substep/core/tableau.h"
+#include "substep/core/usize.h"
 #include "substep/ode/stepping/combine.h"
 #include "substep/ode/stepping/fixed_grid.h"
 #include "substep/ode/stepping/step_control.h"
 #include "substep/ode/stepping/stepper.h"
 
 namespace substep::ode {
+
+// What stages hold of a step h from t that failed: which evaluation brought the first NaN or
+// infinity.
+struct FailedStages {
+  std::string_view method;
+  int stages;
+  std::span<const double> c;
+  std::span<double* const> k;
+};
+NonFiniteError stage_not_finite(const FailedStages& failed, std::int64_t n, bool complex_pairs,
+                                const double* y_new, double t, double h, std::int64_t steps);
 
 template <class T, class Sys>
 class RungeKutta final : public Stepper {
@@ -37,7 +50,7 @@ class RungeKutta final : public Stepper {
     t_bound_ = options.t_bound;
     direction_ = t_bound_ >= t_ ? 1.0 : -1.0;
     if (fixed_) grid_ = FixedGrid(t_, t_bound_, options.step);
-    const auto n = static_cast<std::size_t>(size());
+    const auto n = usize(size());
     const std::size_t rows = 4 + kRows + (kDoubling ? 3 : 0);
     // Rows that are never used cost no memory: a system's own kernel needs no stages.
     memory_.reset(static_cast<double*>(std::calloc(rows * n + 1, sizeof(double))));
@@ -155,7 +168,7 @@ class RungeKutta final : public Stepper {
                          __attribute__((always_inline)) { system_.eval(at, w, dydt); };
       unrolled_step<T>(t, h, y_here, k_here, y_next, f);
       evaluations_ += T::stages - 1;
-      for (int s = 1; s < T::stages; ++s) std::copy_n(k_here[s], n, k[static_cast<std::size_t>(s)]);
+      for (int s = 1; s < T::stages; ++s) std::copy_n(k_here[s], n, k[usize(s)]);
       std::copy_n(y_next, n, y_out);
     } else {
       stages_from<1>(t, h, y, k, y_out);
@@ -200,10 +213,7 @@ class RungeKutta final : public Stepper {
     for (;;) {
       if (h_abs < smallest) {
         if (std::isnan(error)) throw not_finite(direction_ * h_abs);
-        throw SolverError("step below spacing of t at t = " + format(t_) +
-                              ": the solution may end here, or max_step or the tolerances are "
-                              "too small",
-                          t_, -1, steps_);
+        throw step_too_small(t_, steps_);
       }
       double t_new = t_ + direction_ * h_abs;
       if (direction_ * (t_new - t_bound_) > 0.0) t_new = t_bound_;
@@ -264,15 +274,26 @@ class RungeKutta final : public Stepper {
     Stages k = k_;
     k[0] = k_half_;
     if (!stages(t_ + half, half, y_half_, k, y_new_)) return std::nan("");
-    constexpr double weight = 1.0 / ((1 << T::order) - 1);
-    const auto squares = error_squares<1>(
-        [&](std::int64_t i) { return std::array{weight * (y_new_[i] - y_whole_[i])}; });
-    return std::sqrt(squares[0] / static_cast<double>(complex_pairs_ ? size() / 2 : size()));
+    const double squares = scaled_squares_of_difference(
+        tolerance_, complex_pairs_, size(), y_, y_new_, y_whole_, 1.0 / ((1 << T::order) - 1));
+    return std::sqrt(squares / static_cast<double>(complex_pairs_ ? size() / 2 : size()));
   }
 
+  // Of few components the errors are made first: their sum is then the same code for all.
   template <std::size_t M, class Error>
   std::array<double, M> error_squares(Error&& error) const {
-    return scaled_squares<M>(tolerance_, complex_pairs_, size(), y_, y_new_, error);
+    if constexpr (is_small()) {
+      double e[M][Sys::kSize];
+      std::array<const double*, M> rows;
+      for (std::int64_t i = 0; i < size(); ++i) {
+        const std::array<double, M> errors = error(i);
+        for (std::size_t m = 0; m < M; ++m) e[m][i] = errors[m];
+      }
+      for (std::size_t m = 0; m < M; ++m) rows[m] = e[m];
+      return scaled_squares_of_rows<M>(tolerance_, complex_pairs_, size(), y_, y_new_, rows);
+    } else {
+      return scaled_squares<M>(tolerance_, complex_pairs_, size(), y_, y_new_, error);
+    }
   }
 
   double first_step() {
@@ -315,28 +336,10 @@ class RungeKutta final : public Stepper {
     }
   }
 
-  // Which evaluation brought the first NaN or infinity of a step h that failed.
   NonFiniteError not_finite(double h) const {
-    for (int s = 0; s < T::stages + (T::estimate == Estimate::embedded ? 1 : 0); ++s) {
-      for (std::int64_t i = 0; i < size(); ++i) {
-        if (std::isfinite(k_[static_cast<std::size_t>(s)][i])) continue;
-        const double c = s < T::stages ? T::c[s] : 1.0;
-        return describe_not_finite("the derivative", t_ + c * h, i, s + 1);
-      }
-      if (h == 0.0) break;
-    }
-    for (std::int64_t i = 0; i < size(); ++i) {
-      if (!std::isfinite(y_new_[i])) return describe_not_finite("the state", t_ + h, i, T::stages);
-    }
-    return describe_not_finite("the derivative", t_ + 0.5 * h, 0, 1);
-  }
-  NonFiniteError describe_not_finite(const char* what, double t, std::int64_t i, int stage) const {
-    const std::int64_t component = complex_pairs_ ? i / 2 : i;
-    return NonFiniteError(std::string(what) + " became NaN or infinite at t = " + format(t) +
-                              ", component " + std::to_string(component) + ", stage " +
-                              std::to_string(stage) + " of " + std::string(T::name) + ", step " +
-                              std::to_string(steps_) + "; last good t = " + format(t_),
-                          t, component, steps_);
+    constexpr int rows = T::stages + (T::estimate == Estimate::embedded ? 1 : 0);
+    return stage_not_finite({T::name, T::stages, {T::c, T::stages}, {k_.data(), rows}}, size(),
+                            complex_pairs_, y_new_, t_, h, steps_);
   }
 
   Sys& system_;

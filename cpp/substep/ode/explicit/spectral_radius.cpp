@@ -6,6 +6,7 @@
 
 #include "substep/core/interrupt.h"
 #include "substep/core/random.h"
+#include "substep/core/usize.h"
 #include "substep/ode/stepping/step_control.h"
 
 namespace substep::ode {
@@ -73,7 +74,7 @@ void SpectralRadius::choose_direction(const double* f) {
 // over k iterations still grows as rho^k, so that the greatest of many is not below rho.
 double SpectralRadius::estimate(double t, const double* y, const double* f) {
   const std::int64_t n = system_.size();
-  v_.resize(static_cast<std::size_t>(n)), f_v_.resize(static_cast<std::size_t>(n));
+  v_.resize(usize(n)), f_v_.resize(usize(n));
   choose_direction(f);
   constexpr double epsilon = std::numeric_limits<double>::epsilon();
   const double y_length = norm(n, [&](std::int64_t i) { return y[i]; });

@@ -6,6 +6,7 @@
 #include <complex>
 #include <string>
 
+#include "substep/core/usize.h"
 #include "substep/ode/implicit/matrix_kinds.h"
 #include "substep/ode/stepping/step_control.h"
 
@@ -17,11 +18,8 @@ class DenseNewtonMatrices final : public NewtonMatrices {
  public:
   DenseNewtonMatrices(System& system, std::shared_ptr<Jacobian> jacobian,
                       std::shared_ptr<const MassMatrix> mass)
-      : n_(system.size()),
-        jacobian_(std::move(jacobian)),
-        mass_(std::move(mass)),
-        b_(static_cast<std::size_t>(n_)) {
-    const auto n = static_cast<std::size_t>(n_);
+      : n_(system.size()), jacobian_(std::move(jacobian)), mass_(std::move(mass)), b_(usize(n_)) {
+    const auto n = usize(n_);
     J_.resize(n * n);
     if (mass_) {
       M_.resize(n * n);
@@ -112,10 +110,10 @@ class DenseNewtonMatrices final : public NewtonMatrices {
     }
     std::fill(full.begin(), full.end(), 0.0);
     for (std::int64_t j = 0; j < n_; ++j) {
-      const auto begin = static_cast<std::size_t>(pattern->start[static_cast<std::size_t>(j)]);
-      const auto end = static_cast<std::size_t>(pattern->start[static_cast<std::size_t>(j) + 1]);
+      const auto begin = usize(pattern->start[usize(j)]);
+      const auto end = usize(pattern->start[usize(j) + 1]);
       for (std::size_t k = begin; k < end; ++k) {
-        full[static_cast<std::size_t>(j * n_ + pattern->row[k])] = values[k];
+        full[usize(j * n_ + pattern->row[k])] = values[k];
       }
     }
   }

@@ -5,6 +5,7 @@
 #pragma once
 
 #include "substep/core/tableau.h"
+#include "substep/core/usize.h"
 #include "substep/ode/implicit/implicit_step.h"
 
 namespace substep::ode {
@@ -26,7 +27,7 @@ class ImplicitEulerStepper final : public ImplicitStep<Sys, Matrices> {
   // A straight line: as accurate as the method, and without overshoots.
   int dense_rows() const override { return 1; }
   void dense(double* F) override {
-    for (std::int64_t i = 0; i < Base::n(); ++i) F[i] = y_[u(i)] - y_old_[u(i)];
+    for (std::int64_t i = 0; i < Base::n(); ++i) F[i] = y_[usize(i)] - y_old_[usize(i)];
   }
 
  private:
@@ -40,7 +41,6 @@ class ImplicitEulerStepper final : public ImplicitStep<Sys, Matrices> {
   using Base::y_;
   using Base::y_new_;
   using Base::y_old_;
-  static constexpr std::size_t u(std::int64_t i) { return static_cast<std::size_t>(i); }
 
   bool f_is_current() const override { return this->steps_ == 0; }
 
@@ -75,7 +75,7 @@ class ImplicitEulerStepper final : public ImplicitStep<Sys, Matrices> {
 
   void set_slope(const double* from, const double* to, double h) {
     const double inverse = 1.0 / h;
-    for (std::int64_t i = 0; i < Base::n(); ++i) slope_[u(i)] = (to[i] - from[i]) * inverse;
+    for (std::int64_t i = 0; i < Base::n(); ++i) slope_[usize(i)] = (to[i] - from[i]) * inverse;
   }
 
   void fixed_step(double h) override {
@@ -126,7 +126,7 @@ class ImplicitEulerStepper final : public ImplicitStep<Sys, Matrices> {
     if (!this->solve(1, t_, half, y_.data(), middle)) return false;
     set_slope(middle, whole, half);
     if (!this->solve(1, t_ + half, half, middle, y_new)) return false;
-    for (std::int64_t i = 0; i < n; ++i) z_[u(i)] = y_new[i] - whole[i];
+    for (std::int64_t i = 0; i < n; ++i) z_[usize(i)] = y_new[i] - whole[i];
     return true;
   }
 

@@ -12,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/ode/implicit/newton_matrices.h"
 #include "substep/ode/stepping/combine.h"
 #include "substep/ode/stepping/one_step.h"
@@ -186,7 +187,7 @@ class ImplicitStep : public OneStep {
     double most = 0.0;
     for (std::int64_t i = 0; i < n(); ++i) most = std::max(most, std::fabs(y_new[i]));
     for (std::int64_t i = 0; i < n(); ++i) {
-      const auto k = static_cast<std::size_t>(i);
+      const auto k = usize(i);
       const double scale = kRounding * (std::fabs(y_new[i]) + 1e-3 * most);
       if (scale > scale_[k]) scale_[k] = scale, inverse_scale_[k] = 1.0 / scale;
     }
@@ -210,7 +211,7 @@ class ImplicitStep : public OneStep {
               "unknown (index above 1), or the Jacobian is wrong",
           t, singular_->index, steps_);
     }
-    if (failure_ == Failure::error) throw step_too_small();
+    if (failure_ == Failure::error) throw step_too_small(t_, steps_);
     throw ConvergenceError(
         "Newton's iteration does not converge at t = " + format(t) + " in steps down to " +
             format(std::fabs(tried_h_)) +

@@ -5,6 +5,8 @@
 #include <limits>
 #include <string>
 
+#include "substep/core/usize.h"
+
 namespace substep::ode {
 namespace {
 
@@ -16,8 +18,8 @@ class SystemJacobian final : public Jacobian {
   bool native() const override { return system_.native(); }
   std::int64_t evaluate(const JacobianPoint& at, std::vector<double>& values) override {
     const SparsePattern* sparse = pattern();
-    const auto n = static_cast<std::size_t>(system_.size());
-    values.resize(sparse ? static_cast<std::size_t>(sparse->entries()) : n * n);
+    const auto n = usize(system_.size());
+    values.resize(sparse ? usize(sparse->entries()) : n * n);
     system_.jacobian(at.t, at.y, values.data());
     return 0;
   }
@@ -33,12 +35,12 @@ class FiniteDifferences final : public Jacobian {
   FiniteDifferences(System& system, std::unique_ptr<const SparsePattern> own,
                     const SparsePattern* pattern)
       : system_(system), own_(std::move(own)), pattern_(pattern) {
-    const auto n = static_cast<std::size_t>(system.size());
+    const auto n = usize(system.size());
     y_.resize(n), f_.resize(n), increment_.resize(n);
     if (!pattern_) return;
     const std::vector<std::int32_t> group = group_columns(*pattern_);
     for (std::size_t j = 0; j < n; ++j) {
-      const auto g = static_cast<std::size_t>(group[j]);
+      const auto g = usize(group[j]);
       if (g >= columns_.size()) columns_.resize(g + 1);
       columns_[g].push_back(static_cast<std::int32_t>(j));
     }
@@ -48,8 +50,8 @@ class FiniteDifferences final : public Jacobian {
   bool native() const override { return system_.native(); }
 
   std::int64_t evaluate(const JacobianPoint& at, std::vector<double>& values) override {
-    const auto n = static_cast<std::size_t>(system_.size());
-    values.resize(pattern_ ? static_cast<std::size_t>(pattern_->entries()) : n * n);
+    const auto n = usize(system_.size());
+    values.resize(pattern_ ? usize(pattern_->entries()) : n * n);
     set_increments(at);
     std::copy_n(at.y, n, y_.begin());
     const std::size_t groups = pattern_ ? columns_.size() : n;
@@ -98,7 +100,7 @@ class FiniteDifferences final : public Jacobian {
   template <class Use>
   void each_column(std::size_t g, Use&& use) const {
     if (!pattern_) return use(g);
-    for (const std::int32_t j : columns_[g]) use(static_cast<std::size_t>(j));
+    for (const std::int32_t j : columns_[g]) use(usize(j));
   }
 
   void shift(const JacobianPoint& at, std::size_t g, double sign) {
@@ -114,7 +116,7 @@ class FiniteDifferences final : public Jacobian {
         return;
       }
       for (std::int32_t k = pattern_->start[j]; k < pattern_->start[j + 1]; ++k) {
-        const auto i = static_cast<std::size_t>(pattern_->row[static_cast<std::size_t>(k)]);
+        const auto i = usize(pattern_->row[usize(k)]);
         values[k] = (f_[i] - at.f[i]) * inverse;
       }
     });
@@ -137,42 +139,39 @@ void MassMatrix::multiply(std::int64_t n, const double* x, double* out) const {
       for (std::int64_t i = 0; i < n; ++i) out[i] += column[i] * x[j];
       continue;
     }
-    const auto at = static_cast<std::size_t>(j);
+    const auto at = usize(j);
     for (std::int32_t k = pattern->start[at]; k < pattern->start[at + 1]; ++k) {
-      const auto entry = static_cast<std::size_t>(k);
+      const auto entry = usize(k);
       out[pattern->row[entry]] += values[entry] * x[j];
     }
   }
 }
 
 std::vector<std::int32_t> group_columns(const SparsePattern& pattern) {
-  const auto n = static_cast<std::size_t>(pattern.cols);
+  const auto n = usize(pattern.cols);
   // Columns with a nonzero in each row.
   std::vector<std::int32_t> begin(n + 1, 0), column(pattern.row.size());
-  for (const std::int32_t i : pattern.row) ++begin[static_cast<std::size_t>(i) + 1];
+  for (const std::int32_t i : pattern.row) ++begin[usize(i) + 1];
   for (std::size_t i = 0; i < n; ++i) begin[i + 1] += begin[i];
   std::vector<std::int32_t> next(begin.begin(), begin.end() - 1);
   const auto rows_of = [&](std::size_t j, auto&& use) {
     for (std::int32_t k = pattern.start[j]; k < pattern.start[j + 1]; ++k) {
-      use(static_cast<std::size_t>(pattern.row[static_cast<std::size_t>(k)]));
+      use(usize(pattern.row[usize(k)]));
     }
   };
   for (std::size_t j = 0; j < n; ++j) {
-    rows_of(j, [&](std::size_t i) {
-      column[static_cast<std::size_t>(next[i]++)] = static_cast<std::int32_t>(j);
-    });
+    rows_of(j, [&](std::size_t i) { column[usize(next[i]++)] = static_cast<std::int32_t>(j); });
   }
   std::vector<std::int32_t> group(n, -1), taken(n + 1, -1);  // taken[g] = j: not for column j
   for (std::size_t j = 0; j < n; ++j) {
     rows_of(j, [&](std::size_t i) {
       for (std::int32_t k = begin[i]; k < begin[i + 1]; ++k) {
-        const std::int32_t other =
-            group[static_cast<std::size_t>(column[static_cast<std::size_t>(k)])];
-        if (other >= 0) taken[static_cast<std::size_t>(other)] = static_cast<std::int32_t>(j);
+        const std::int32_t other = group[usize(column[usize(k)])];
+        if (other >= 0) taken[usize(other)] = static_cast<std::int32_t>(j);
       }
     });
     std::int32_t g = 0;
-    while (taken[static_cast<std::size_t>(g)] == static_cast<std::int32_t>(j)) ++g;
+    while (taken[usize(g)] == static_cast<std::int32_t>(j)) ++g;
     group[j] = g;
   }
   return group;

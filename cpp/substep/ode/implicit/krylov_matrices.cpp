@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/ode/implicit/matrix_kinds.h"
 
 namespace substep::ode {
@@ -73,8 +74,8 @@ std::array<double, M> for_sums(std::size_t n, int threads, Body&& body) {
       size, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
         std::array<double, M> sum{};
-        for (std::int64_t i = begin; i < end; ++i) body(static_cast<std::size_t>(i), sum);
-        parts[static_cast<std::size_t>(begin / kGrain)] = sum;
+        for (std::int64_t i = begin; i < end; ++i) body(usize(i), sum);
+        parts[usize(begin / kGrain)] = sum;
       },
       threads);
   std::array<double, M> total{};
@@ -89,7 +90,7 @@ class KrylovNewtonMatrices final : public NewtonMatrices {
   KrylovNewtonMatrices(System& system, std::shared_ptr<Jacobian> jacobian,
                        const StepOptions& options)
       : system_(system),
-        n_(static_cast<std::size_t>(system.size())),
+        n_(usize(system.size())),
         threads_(options.threads),
         jacobian_(std::move(jacobian)),
         mass_(options.mass),
@@ -159,7 +160,7 @@ class KrylovNewtonMatrices final : public NewtonMatrices {
     }
     J_.resize(entry_.size());
     for (std::size_t k = 0; k < entry_.size(); ++k) {
-      J_[k] = values_[static_cast<std::size_t>(entry_[k])];
+      J_[k] = values_[usize(entry_[k])];
     }
   }
 
@@ -175,8 +176,8 @@ class KrylovNewtonMatrices final : public NewtonMatrices {
   template <class Use>
   [[gnu::always_inline]] void each_in_row(std::size_t i, Use&& use) const {
     for (std::int32_t k = rows_.start[i]; k < rows_.start[i + 1]; ++k) {
-      const auto entry = static_cast<std::size_t>(k);
-      use(static_cast<std::size_t>(rows_.row[entry]), entry < J_.size() ? J_[entry] : 0.0);
+      const auto entry = usize(k);
+      use(usize(rows_.row[entry]), entry < J_.size() ? J_[entry] : 0.0);
     }
   }
 
@@ -220,8 +221,8 @@ class KrylovNewtonMatrices final : public NewtonMatrices {
       } else {
         const auto& start = mass_->pattern->start;
         for (std::int32_t k = start[first + j]; k < start[first + j + 1]; ++k) {
-          const auto i = static_cast<std::size_t>(mass_->pattern->row[static_cast<std::size_t>(k)]);
-          if (i / b == first / b) use(i - first, j, mass_->values[static_cast<std::size_t>(k)]);
+          const auto i = usize(mass_->pattern->row[usize(k)]);
+          if (i / b == first / b) use(i - first, j, mass_->values[usize(k)]);
         }
       }
     }
@@ -234,8 +235,7 @@ class KrylovNewtonMatrices final : public NewtonMatrices {
     parallel_for(
         static_cast<std::int64_t>(n_ / b), kGrain,
         [&](std::int64_t begin, std::int64_t end) {
-          for (auto i = static_cast<std::size_t>(begin) * b; i < static_cast<std::size_t>(end) * b;
-               ++i) {
+          for (auto i = usize(begin) * b; i < usize(end) * b; ++i) {
             const std::size_t first = i / b * b;
             T sum{};
             for (std::size_t j = 0; j < b; ++j) {
@@ -268,7 +268,7 @@ class KrylovNewtonMatrices final : public NewtonMatrices {
     parallel_for(
         static_cast<std::int64_t>(n_), kGrain,
         [&](std::int64_t begin, std::int64_t end) {
-          for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
+          for (auto i = usize(begin); i < usize(end); ++i) {
             T Jx{};
             if (by_product_) {
               Jx = out.at(i);

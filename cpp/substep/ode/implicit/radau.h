@@ -10,6 +10,7 @@
 #pragma once
 
 #include "substep/core/tableau.h"
+#include "substep/core/usize.h"
 #include "substep/ode/implicit/implicit_step.h"
 
 namespace substep::ode {
@@ -61,7 +62,7 @@ class Radau final : public ImplicitStep<Sys, Matrices> {
     const double *Z0 = Z_old_[0].data(), *Z1 = Z_old_[1].data(), *Z2 = Z_old_[2].data();
     constexpr auto& P = Transform::P;
     for (std::int64_t i = 0; i < n; ++i) {
-      F[i] = y_[u(i)] - y_old_[u(i)];
+      F[i] = y_[usize(i)] - y_old_[usize(i)];
       if (this->step_was_split()) {
         F[n + i] = F[2 * n + i] = 0.0;
         continue;
@@ -85,7 +86,6 @@ class Radau final : public ImplicitStep<Sys, Matrices> {
   using Base::y_;
   using Base::y_new_;
   using Base::y_old_;
-  static constexpr std::size_t u(std::int64_t i) { return static_cast<std::size_t>(i); }
 
   bool f_is_current() const override { return f_current_; }
 
@@ -112,7 +112,7 @@ class Radau final : public ImplicitStep<Sys, Matrices> {
       matrices_->solve(F_[1].data(), F_[2].data());
       const double norm = this->increment_norm(3, [&](int r) { return F_[r].data(); });
       update();
-      for (std::int64_t i = 0; i < n; ++i) y_new[i] = y[i] + Z_[2][u(i)];
+      for (std::int64_t i = 0; i < n; ++i) y_new[i] = y[i] + Z_[2][usize(i)];
       if (progress_.count() == 0) this->widen_scale(y_new);
       const auto verdict = progress_.next(norm);
       if (verdict == NewtonProgress::Verdict::converged) return all_finite(y_new, n);
@@ -256,13 +256,13 @@ class Radau final : public ImplicitStep<Sys, Matrices> {
     } else {
       std::copy_n(error, n, ZE);
     }
-    for (std::int64_t i = 0; i < n; ++i) error[i] = f_[u(i)] + ZE[i];
+    for (std::int64_t i = 0; i < n; ++i) error[i] = f_[usize(i)] + ZE[i];
     this->set_estimate_accuracy();
     matrices_->solve(0, error);
     const double norm = this->error_norm(error);
     if (norm < 1.0 || !again) return norm;
     double *y = F_[1].data(), *f = F_[2].data();
-    for (std::int64_t i = 0; i < n; ++i) y[i] = y_[u(i)] + error[i];
+    for (std::int64_t i = 0; i < n; ++i) y[i] = y_[usize(i)] + error[i];
     this->rhs(t_, y, f);
     for (std::int64_t i = 0; i < n; ++i) error[i] = f[i] + ZE[i];
     matrices_->solve(0, error);

@@ -5,6 +5,7 @@
 #include <span>
 #include <utility>
 
+#include "substep/core/usize.h"
 #include "substep/linalg/direct/lu.h"
 #include "substep/ode/implicit/matrix_kinds.h"
 
@@ -15,9 +16,9 @@ using Pairs = std::vector<std::pair<std::int32_t, std::int32_t>>;
 
 void append(const SparsePattern& pattern, Pairs& pairs) {
   for (std::int32_t j = 0; j < pattern.cols; ++j) {
-    const auto column = static_cast<std::size_t>(j);
+    const auto column = usize(j);
     for (std::int32_t k = pattern.start[column]; k < pattern.start[column + 1]; ++k) {
-      pairs.emplace_back(pattern.row[static_cast<std::size_t>(k)], j);
+      pairs.emplace_back(pattern.row[usize(k)], j);
     }
   }
 }
@@ -26,9 +27,7 @@ class SparseNewtonMatrices final : public NewtonMatrices {
  public:
   SparseNewtonMatrices(System& system, std::shared_ptr<Jacobian> jacobian,
                        std::shared_ptr<const MassMatrix> mass)
-      : n_(static_cast<std::size_t>(system.size())),
-        jacobian_(std::move(jacobian)),
-        mass_(std::move(mass)) {}
+      : n_(usize(system.size())), jacobian_(std::move(jacobian)), mass_(std::move(mass)) {}
 
   bool constant() const override { return jacobian_->constant(); }
   bool has_mass() const override { return mass_ != nullptr; }
@@ -45,7 +44,7 @@ class SparseNewtonMatrices final : public NewtonMatrices {
   void factor(int slot, double s) override {
     values_.resize(union_.row.size());
     fill(values_, s);
-    auto& lu = real_[static_cast<std::size_t>(slot)];
+    auto& lu = real_[usize(slot)];
     if (!lu) lu.emplace(union_);
     lu->factor(std::span<const double>(values_));
   }
@@ -59,7 +58,7 @@ class SparseNewtonMatrices final : public NewtonMatrices {
 
   void solve(int slot, double* b) override {
     const std::span<double> x(b, n_);
-    real_[static_cast<std::size_t>(slot)]->solve(x, x);
+    real_[usize(slot)]->solve(x, x);
   }
 
   void solve(double* re, double* im) override {
@@ -106,10 +105,10 @@ class SparseNewtonMatrices final : public NewtonMatrices {
   void fill(std::vector<T>& values, T s) const {
     std::fill(values.begin(), values.end(), T{});
     for (std::size_t k = 0; k < J_.size(); ++k) {
-      values[static_cast<std::size_t>(jacobian_slots_[k])] -= J_[k];
+      values[usize(jacobian_slots_[k])] -= J_[k];
     }
     for (std::size_t k = 0; k < mass_values_.size(); ++k) {
-      values[static_cast<std::size_t>(mass_slots_[k])] += s * mass_values_[k];
+      values[usize(mass_slots_[k])] += s * mass_values_[k];
     }
   }
 

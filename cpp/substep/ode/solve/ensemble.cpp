@@ -4,6 +4,7 @@
 #include <numeric>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::ode {
 namespace {
@@ -65,14 +66,14 @@ std::vector<Member> solve_ensemble(
     const Ensemble& ensemble, const std::function<std::shared_ptr<System>(std::int64_t)>& system,
     double* out) {
   const std::int64_t n = ensemble.members;
-  std::vector<Member> members(static_cast<std::size_t>(n));
+  std::vector<Member> members(usize(n));
   if (n == 0) return members;
   const std::int64_t stride = scattering_stride(n);
   parallel_chunks(
       n,
       [&](std::int64_t chunk) {
         const std::int64_t i = chunk * stride % n;
-        members[static_cast<std::size_t>(i)] = solve_member(ensemble, i, system(i), out);
+        members[usize(i)] = solve_member(ensemble, i, system(i), out);
       },
       ensemble.threads);
   return members;

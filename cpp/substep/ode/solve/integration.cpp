@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "substep/core/interrupt.h"
+#include "substep/core/usize.h"
 
 namespace substep::ode {
 namespace {
@@ -54,9 +55,9 @@ void DenseSolution::evaluate(double t, double* out, std::int64_t stride) const {
   const auto at = rising ? std::lower_bound(times.begin(), times.end(), t)
                          : std::lower_bound(times.begin(), times.end(), t, std::greater<>());
   const std::int64_t step = std::clamp<std::int64_t>(at - times.begin() - 1, 0, steps() - 1);
-  const auto s = static_cast<std::size_t>(step), n = static_cast<std::size_t>(size);
+  const auto s = usize(step), n = usize(size);
   const double theta = (t - times[s]) / lengths[s];
-  const double* rows_of_step = F.data() + s * static_cast<std::size_t>(rows) * n;
+  const double* rows_of_step = F.data() + s * usize(rows) * n;
   for (std::int64_t i = 0; i < size; ++i) {
     out[i * stride] = ode::interpolate(rows, size, theta, starts.data() + s * n, rows_of_step, i);
   }
@@ -173,7 +174,7 @@ void Integration::polynomial_at(double t, double* out, std::int64_t stride) {
 
 const double* Integration::polynomial() {
   if (polynomial_step_ != stepper_->steps()) {
-    F_.resize(static_cast<std::size_t>(dense_.rows) * static_cast<std::size_t>(stepper_->size()));
+    F_.resize(usize(dense_.rows) * usize(stepper_->size()));
     stepper_->dense(F_.data());
     polynomial_step_ = stepper_->steps();
   }
@@ -188,7 +189,7 @@ void Integration::push(double t, const double* y) {
 void Integration::truncate(double t) {
   const InUse in_use(user_);
   while (!times_.empty() && direction_ * (times_.back() - t) > 0.0) times_.pop_back();
-  states_.resize(times_.size() * static_cast<std::size_t>(stepper_->size()));
+  states_.resize(times_.size() * usize(stepper_->size()));
   if (output_.dense && !dense_.times.empty()) dense_.times.back() = t;
 }
 

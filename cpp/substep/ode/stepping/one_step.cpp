@@ -5,6 +5,7 @@
 #include <string>
 #include <utility>
 
+#include "substep/core/usize.h"
 #include "substep/ode/stepping/combine.h"
 
 namespace substep::ode {
@@ -24,7 +25,7 @@ OneStep::OneStep(System& system, const StepOptions& options, std::string_view na
       y_(options.y, options.y + n_),
       y_old_(y_),
       y_new_(y_),
-      f_(static_cast<std::size_t>(n_)) {
+      f_(usize(n_)) {
   t_ = t_old_ = options.t;
   t_bound_ = options.t_bound;
   if (fixed_) grid_ = FixedGrid(t_, t_bound_, options.step);
@@ -79,28 +80,15 @@ double OneStep::end_of_step(double& h_abs) const {
 
 double OneStep::error_norm(const double* e) const {
   const auto squares =
-      scaled_squares<1>(tolerance_, complex_pairs_, n_, y_.data(), y_new_.data(),
-                        [e](std::int64_t i) { return std::array<double, 1>{e[i]}; });
+      scaled_squares_of_rows<1>(tolerance_, complex_pairs_, n_, y_.data(), y_new_.data(), {e});
   return std::sqrt(squares[0] / components());
-}
-
-SolverError OneStep::step_too_small() const {
-  return SolverError("step below spacing of t at t = " + format(t_) +
-                         ": the solution may end here, or max_step or the tolerances are too "
-                         "small",
-                     t_, -1, steps_);
 }
 
 NonFiniteError OneStep::not_finite(const char* what, double t, const double* values,
                                    int stage) const {
   std::int64_t i = 0;
   while (i + 1 < n_ && std::isfinite(values[i])) ++i;
-  const std::int64_t component = complex_pairs_ ? i / 2 : i;
-  return NonFiniteError(std::string(what) + " became NaN or infinite at t = " + format(t) +
-                            ", component " + std::to_string(component) + ", stage " +
-                            std::to_string(stage) + " of " + std::string(name_) + ", step " +
-                            std::to_string(steps_) + "; last good t = " + format(t_),
-                        t, component, steps_);
+  return not_finite_in_step(what, t, complex_pairs_ ? i / 2 : i, stage, name_, steps_, t_);
 }
 
 }  // namespace substep::ode

@@ -51,7 +51,6 @@ class OneStep : public Stepper {
 
   double components() const { return static_cast<double>(complex_pairs_ ? n_ / 2 : n_); }
 
-  SolverError step_too_small() const;
   // Names the first component of values that is not finite.
   NonFiniteError not_finite(const char* what, double t, const double* values, int stage) const;
 

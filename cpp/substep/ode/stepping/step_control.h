@@ -7,10 +7,15 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
+#include <functional>
 #include <limits>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
+
+#include "substep/core/errors.h"
+#include "substep/core/usize.h"
 
 namespace substep::ode {
 
@@ -24,7 +29,7 @@ class Tolerance {
       : rtol_(std::move(rtol)), atol_(std::move(atol)) {
     uniform_ = rtol_.size() == 1 && atol_.size() == 1;
     if (uniform_) return;
-    const auto n = static_cast<std::size_t>(components);
+    const auto n = usize(components);
     if (rtol_.size() == 1) rtol_.assign(n, rtol_[0]);
     if (atol_.size() == 1) atol_.assign(n, atol_[0]);
   }
@@ -108,36 +113,20 @@ std::array<double, M> scaled_squares(const Tolerance& tolerance, bool complex_pa
   });
 }
 
-// The root mean square of value(i) / scale, scale = atol + rtol |y|.
-template <class Value>
-double scaled_norm(const Tolerance& tolerance, bool complex_pairs, std::int64_t n, const double* y,
-                   Value&& value) {
-  const auto squares = scaled_squares<1>(tolerance, complex_pairs, n, y, y, [&](std::int64_t i) {
-    return std::array<double, 1>{value(i)};
-  });
-  return std::sqrt(squares[0] / static_cast<double>(complex_pairs ? n / 2 : n));
-}
+// The same of errors that stand in rows, M = 1 or 2, and of weight (y_new - other).
+template <std::size_t M>
+std::array<double, M> scaled_squares_of_rows(const Tolerance& tolerance, bool complex_pairs,
+                                             std::int64_t n, const double* y, const double* y_new,
+                                             const std::array<const double*, M>& e);
+double scaled_squares_of_difference(const Tolerance& tolerance, bool complex_pairs, std::int64_t n,
+                                    const double* y, const double* y_new, const double* other,
+                                    double weight);
 
 // The first step, [HNW] II.4, "Starting Step Size"; f0 = f(t, y), and f1_after(h0) returns f after
 // a step h0 of Euler's method.
-template <class Evaluate>
 double starting_step(const Tolerance& tolerance, bool complex_pairs, std::int64_t n,
                      const double* y, const double* f0, double span, double max_step,
-                     int error_order, Evaluate&& f1_after) {
-  const auto norm = [&](auto&& value) {
-    return scaled_norm(tolerance, complex_pairs, n, y, value);
-  };
-  const double d0 = norm([&](std::int64_t i) { return y[i]; });
-  const double d1 = norm([&](std::int64_t i) { return f0[i]; });
-  double h0 = d0 < 1e-5 || d1 < 1e-5 ? 1e-6 : 0.01 * d0 / d1;
-  h0 = std::min(h0, span);
-  const double* f1 = f1_after(h0);
-  const double d2 = norm([&](std::int64_t i) { return f1[i] - f0[i]; }) / h0;
-  const double h1 = d1 <= 1e-15 && d2 <= 1e-15
-                        ? std::max(1e-6, h0 * 1e-3)
-                        : std::pow(0.01 / std::max(d1, d2), 1.0 / (error_order + 1));
-  return std::min({100.0 * h0, h1, span, max_step});
-}
+                     int error_order, const std::function<const double*(double h0)>& f1_after);
 
 // Factor for the next step after an error norm below 1, [HNW] (4.13); NaN shrinks.
 inline double grow_factor(double error, double exponent, bool rejected_before) {
@@ -156,6 +145,11 @@ inline std::string format(double value) {
   std::snprintf(text, sizeof text, "%.10g", value);
   return text;
 }
+
+// How steps fail: no step is short enough; stage `stage` brought what is not finite.
+SolverError step_too_small(double t, std::int64_t steps);
+NonFiniteError not_finite_in_step(const char* what, double t, std::int64_t component, int stage,
+                                  std::string_view method, std::int64_t steps, double last_good_t);
 
 // Steps below ten spacings of t have lost their meaning.
 inline double smallest_step(double t, double direction) {

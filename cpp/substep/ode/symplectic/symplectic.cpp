@@ -5,6 +5,7 @@
 #include <string>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/ode/stepping/combine.h"
 
 namespace substep::ode {
@@ -24,7 +25,7 @@ int symplectic_method(std::string_view name) {
 SymplecticStepper::SymplecticStepper(System& system, int method, const double* x0, const double* v0,
                                      int threads)
     : system_(system), method_(method), threads_(threads), n_(system.size() / 2) {
-  const auto n = static_cast<std::size_t>(n_);
+  const auto n = usize(n_);
   state.y.resize(2 * n);
   state.a.resize(n);
   w_.resize(n);
@@ -102,7 +103,7 @@ void SymplecticStepper::step(double t, double h) {
 }
 
 bool SymplecticStepper::run(double t0, double h, std::int64_t first, std::int64_t steps) {
-  const SymplecticMethod& method = kSymplecticMethods[static_cast<std::size_t>(method_)];
+  const SymplecticMethod& method = kSymplecticMethods[usize(method_)];
   double* v = state.y.data() + n_;
   const bool increments = method_ == kPositionVerlet;
   if (increments) {

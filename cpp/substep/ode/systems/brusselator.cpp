@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/ode/explicit/rkc_stage.h"
 
 namespace substep::ode {
@@ -55,7 +56,7 @@ void Brusselator::jacobian(double, const double* y, double* values) {
 // Gershgorin's circles by rows.
 double Brusselator::spectral_radius(double, const double* y) {
   const double *u = y, *v = y + cells_;
-  std::vector<double> greatest(static_cast<std::size_t>((cells_ - 1) / kGrain + 1));
+  std::vector<double> greatest(usize((cells_ - 1) / kGrain + 1));
   parallel_for(cells_, kGrain, [&](std::int64_t begin, std::int64_t end) {
     double most = 0.0;
     for (std::int64_t i = begin; i < end; ++i) {
@@ -64,7 +65,7 @@ double Brusselator::spectral_radius(double, const double* y) {
       const double row = of_u > of_v ? of_u : of_v;
       most = row > most ? row : most;
     }
-    greatest[static_cast<std::size_t>(begin / kGrain)] = most;
+    greatest[usize(begin / kGrain)] = most;
   });
   return 2.0 * neighbours_ * c_ + *std::max_element(greatest.begin(), greatest.end());
 }
@@ -214,7 +215,7 @@ void Brusselator2D::evaluate(double t, const double* y, int threads, Store&& sto
   const bool on = t >= source_time_;
   const double *u = y, *v = y + cells_;
   for_rows(y, threads, [&](std::int64_t j, auto&& segment) {
-    const Range disc = on ? disc_[static_cast<std::size_t>(j)] : Range{0, 0};
+    const Range disc = on ? disc_[usize(j)] : Range{0, 0};
     const auto with = [&](double source) {
       return [=, r = reaction_](std::int64_t k, double diffusion_u,
                                 double diffusion_v) __attribute__((always_inline)) {

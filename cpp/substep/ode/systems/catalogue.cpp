@@ -25,8 +25,7 @@ std::shared_ptr<System> make_system(std::string_view name, std::span<const doubl
   if (is("robertson", 3)) return std::make_shared<Robertson>(p[0], p[1], p[2]);
   if (is("orego", 3)) return std::make_shared<Orego>(p[0], p[1], p[2]);
   if (is("hires", 0)) return std::make_shared<Hires>();
-  if (is("brusselator_1d", 4))
-    return std::make_shared<Brusselator1D>(cells(), p[1], p[2], p[3]);
+  if (is("brusselator_1d", 4)) return std::make_shared<Brusselator1D>(cells(), p[1], p[2], p[3]);
   if (is("brusselator_2d", 6))
     return std::make_shared<Brusselator2D>(cells(), p[1], p[2], p[3], p[4], p[5]);
   throw InputError("there is no system " + std::string(name) + " of so many parameters");

@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "substep/core/tableau.h"
+#include "substep/core/usize.h"
 #include "substep/ode/stepping/combine.h"
 #include "substep/ode/symplectic/symplectic.h"
 #include "substep/ode/systems/chain_tiles.h"
@@ -246,7 +247,7 @@ SpringChain::SpringChain(std::int64_t n, std::vector<double> k, std::vector<doub
                          bool fixed_ends)
     : n_(n), uniform_(k.size() == 1 && m.size() == 1), fixed_ends_(fixed_ends) {
   const auto expand = [](std::vector<double>& values, std::int64_t count) {
-    if (values.size() == 1) values.resize(static_cast<std::size_t>(count), values[0]);
+    if (values.size() == 1) values.resize(usize(count), values[0]);
     if (static_cast<std::int64_t>(values.size()) != count) {
       throw InputError("spring_chain: expected n + 1 springs and n masses, or one of either");
     }

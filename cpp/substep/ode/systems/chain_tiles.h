@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::ode {
 
@@ -32,7 +33,7 @@ class ChainSweep {
  public:
   ChainSweep(std::int64_t n, double* x, double* v, int threads)
       : n_(n), x_(x), v_(v), threads_(threads), chunks_((n + kChunk - 1) / kChunk) {
-    strips_.resize(static_cast<std::size_t>(std::max<std::int64_t>(chunks_ - 1, 0)));
+    strips_.resize(usize(std::max<std::int64_t>(chunks_ - 1, 0)));
   }
 
   // `steps` steps of the kernels that make_kernel() gives, one for each chunk: kernel(tile, steps)

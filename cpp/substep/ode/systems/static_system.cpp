@@ -1,11 +1,10 @@
 #include "substep/ode/systems/static_system.h"
 
-#include "substep/ode/systems/pointer_system.h"
-
 #include "substep/ode/explicit/rkc.h"
 #include "substep/ode/explicit/runge_kutta.h"
 #include "substep/ode/implicit/implicit.h"
 #include "substep/ode/stepping/system.h"
+#include "substep/ode/systems/pointer_system.h"
 
 namespace substep::ode {
 

@@ -2,6 +2,10 @@
 // documented class in Python. The solver and the shared tests read the list.
 #pragma once
 
+#include <string>
+#include <string_view>
+
+#include "substep/core/errors.h"
 #include "substep/pbd/constraints/attachment.h"
 #include "substep/pbd/constraints/dihedral_bending.h"
 #include "substep/pbd/constraints/distance.h"
@@ -19,5 +23,12 @@ struct ConstraintList {};
 using AllConstraints =
     ConstraintList<Distance, DihedralBending, IsometricBending, TriangleArea, TetrahedronVolume,
                    Tether, Attachment, NeoHookeanDeviatoric, NeoHookeanHydrostatic>;
+
+// visit(Constraint{}) for the one of that name.
+template <class Visit, class... Constraint>
+void find_constraint(std::string_view name, ConstraintList<Constraint...>, Visit&& visit) {
+  const bool found = ((name == Constraint::kName && (visit(Constraint{}), true)) || ...);
+  if (!found) throw InputError("constraint: unknown name " + std::string(name));
+}
 
 }  // namespace substep::pbd

@@ -7,6 +7,7 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::pbd {
 namespace {
@@ -38,7 +39,7 @@ void ParticleCollision<Real>::attach(const Partition& partition) {
   radius_.clear();
   start_.clear();
   for (std::size_t slot = 0; slot < partition.id.size(); ++slot) {
-    const auto id = static_cast<std::size_t>(partition.id[slot]);
+    const auto id = usize(partition.id[slot]);
     if (radii_[id] == 0) continue;
     balls_.push_back(static_cast<std::int32_t>(slot));
     radius_.push_back(static_cast<Real>(radii_[id]));
@@ -67,22 +68,21 @@ void ParticleCollision<Real>::prepare(const Sweep<Real>& s, int threads) {
   }
   const auto order = near_.order();
   for (std::size_t k = 0; k < order.size(); ++k) {
-    sorted_[k] = points_[static_cast<std::size_t>(order[k])];
+    sorted_[k] = points_[usize(order[k])];
   }
   near_.find(sorted_, within, geometry::Pairs::kHalf, threads);
   const std::int64_t n = near_.size();
-  std::vector<std::vector<Contact>> parts(static_cast<std::size_t>((n + kGrain - 1) / kGrain));
+  std::vector<std::vector<Contact>> parts(usize((n + kGrain - 1) / kGrain));
   const Real margin = static_cast<Real>(kMargin) * largest_;
   parallel_for(
       n, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
-        auto& part = parts[static_cast<std::size_t>(begin / kGrain)];
+        auto& part = parts[usize(begin / kGrain)];
         for (std::int64_t k = begin; k < end; ++k) {
-          const auto i = static_cast<std::size_t>(order[static_cast<std::size_t>(k)]);
+          const auto i = usize(order[usize(k)]);
           const geometry::NeighbourList list = near_[k];
           for (std::int32_t m = 0; m < list.count; ++m) {
-            const auto j =
-                static_cast<std::size_t>(order[static_cast<std::size_t>(list.indices[m])]);
+            const auto j = usize(order[usize(list.indices[m])]);
             const Point<Real>&p = points_[i], &q = points_[j];
             const Real sum = radius_[i] + radius_[j];
             const Real dx = p.x - q.x, dy = p.y - q.y, dz = p.z - q.z;

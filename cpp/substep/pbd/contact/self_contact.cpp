@@ -5,6 +5,7 @@
 #include <tuple>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::pbd {
 namespace {
@@ -66,14 +67,14 @@ std::unique_ptr<Group<Real>> SelfContact<Real>::clone() const {
 
 template <class Real>
 void SelfContact<Real>::attach(const Partition& partition) {
-  const auto slot = [&](std::int32_t id) { return partition.slot[static_cast<std::size_t>(id)]; };
+  const auto slot = [&](std::int32_t id) { return partition.slot[usize(id)]; };
   auto faces = faces_;
   for (auto& face : faces) {
     for (std::int32_t& v : face) v = slot(v);
   }
   std::vector<Vec3> rest(rest_.size());
   for (std::size_t id = 0; id < rest_.size(); ++id) {
-    rest[static_cast<std::size_t>(slot(static_cast<std::int32_t>(id)))] = rest_[id];
+    rest[usize(slot(static_cast<std::int32_t>(id)))] = rest_[id];
   }
   pairs_.clear();
   pairs_.emplace_back(std::move(faces), std::move(rest));
@@ -82,11 +83,11 @@ void SelfContact<Real>::attach(const Partition& partition) {
 // From the mean motion; returns the largest.
 template <class Real>
 double SelfContact<Real>::take_deviations(const Sweep<Real>& s) {
-  deviations_.resize(static_cast<std::size_t>(s.count));
+  deviations_.resize(usize(s.count));
   double most = 0;
   for (const std::int32_t v : pairs_[0].vertices()) {
     const double deviation = (vec(s.x[v]) - vec(s.x_old[v]) - mean_).norm();
-    deviations_[static_cast<std::size_t>(v)] = static_cast<Real>(deviation);
+    deviations_[usize(v)] = static_cast<Real>(deviation);
     most = std::max(most, deviation);
   }
   return most;
@@ -102,12 +103,12 @@ bool SelfContact<Real>::could_come_within(const typename SurfacePairs<Real>::Can
   std::array<Real, 2> most{};
   for (std::int32_t k = 0; k < 4; ++k) {
     Real& side = most[k < c.pair.first ? 0 : 1];
-    const auto v = static_cast<std::size_t>(c.pair.v[static_cast<std::size_t>(k)]);
+    const auto v = usize(c.pair.v[usize(k)]);
     side = std::max(side, deviations_[v]);
   }
   if (static_cast<double>(most[0] + most[1]) * (1 + 1e-5) < least) return false;
   const auto way = [&](std::int32_t k) {
-    const std::int32_t v = c.pair.v[static_cast<std::size_t>(k)];
+    const std::int32_t v = c.pair.v[usize(k)];
     return Vec3(vec(s.x[v]) - vec(s.x_old[v]));
   };
   double squared = 0;
@@ -126,13 +127,13 @@ template <class Kept, class Keep>
 void SelfContact<Real>::collect(std::vector<Kept>& kept, int threads, Keep&& keep) const {
   const auto candidates = pairs_[0].candidates();
   const auto n = static_cast<std::int64_t>(candidates.size());
-  std::vector<std::vector<Kept>> parts(static_cast<std::size_t>((n + kGrain - 1) / kGrain));
+  std::vector<std::vector<Kept>> parts(usize((n + kGrain - 1) / kGrain));
   parallel_for(
       n, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
-        auto& part = parts[static_cast<std::size_t>(begin / kGrain)];
+        auto& part = parts[usize(begin / kGrain)];
         for (std::int64_t k = begin; k < end; ++k) {
-          keep(candidates[static_cast<std::size_t>(k)], part);
+          keep(candidates[usize(k)], part);
         }
       },
       threads);
@@ -212,15 +213,13 @@ typename SelfContact<Real>::Slab SelfContact<Real>::slab(const SurfacePair& pair
                                                          const std::array<Real, 3>& n,
                                                          const Point<Real>* x) {
   const Vec3 direction = vec(n);
-  const auto height = [&](std::int32_t k) {
-    return direction.dot(vec(x[pair.v[static_cast<std::size_t>(k)]]));
-  };
-  Slab result{pair.v[0], pair.v[static_cast<std::size_t>(pair.first)], 0};
+  const auto height = [&](std::int32_t k) { return direction.dot(vec(x[pair.v[usize(k)]])); };
+  Slab result{pair.v[0], pair.v[usize(pair.first)], 0};
   double high = height(0), low = height(pair.first);
   for (std::int32_t k = 1; k < 4; ++k) {
     const double h = height(k);
-    if (k < pair.first && h < high) high = h, result.high = pair.v[static_cast<std::size_t>(k)];
-    if (k >= pair.first && h > low) low = h, result.low = pair.v[static_cast<std::size_t>(k)];
+    if (k < pair.first && h < high) high = h, result.high = pair.v[usize(k)];
+    if (k >= pair.first && h > low) low = h, result.low = pair.v[usize(k)];
   }
   result.width = high - low;
   return result;
@@ -288,11 +287,11 @@ void SelfContact<Real>::bring_back(const Sweep<Real>& s) {
     std::sort(back.begin(), back.end());
     back.erase(std::unique(back.begin(), back.end()), back.end());
     for (const std::int32_t v : back) {
-      int& halvings = halvings_[static_cast<std::size_t>(v)];
+      int& halvings = halvings_[usize(v)];
       if (s.x[v].w == 0 || halvings > kHalvings) continue;
       const double part = ++halvings > kHalvings ? 0 : std::ldexp(1.0, -halvings);
       const Vec3 start = vec(s.x_old[v]) + mean_;
-      put(s.x[v], start + part * (vec(wanted_[static_cast<std::size_t>(v)]) - start));
+      put(s.x[v], start + part * (vec(wanted_[usize(v)]) - start));
     }
   }
 }

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/geometry/closest_points.h"
 
 namespace substep::pbd {
@@ -36,7 +37,7 @@ void make_unique(std::vector<Row>& rows) {
 bool share(const SurfacePair& pair) {
   for (int a = 0; a < pair.first; ++a) {
     for (int b = pair.first; b < 4; ++b) {
-      if (pair.v[static_cast<std::size_t>(a)] == pair.v[static_cast<std::size_t>(b)]) return true;
+      if (pair.v[usize(a)] == pair.v[usize(b)]) return true;
     }
   }
   return false;
@@ -73,7 +74,7 @@ SurfacePairs<Real>::SurfacePairs(std::vector<std::array<std::int32_t, 3>> faces,
   make_unique(edges_);
   make_unique(vertices_);
   for (const auto& [a, b] : edges_) {
-    mean_edge_ += (rest_[static_cast<std::size_t>(a)] - rest_[static_cast<std::size_t>(b)]).norm();
+    mean_edge_ += (rest_[usize(a)] - rest_[usize(b)]).norm();
   }
   if (!edges_.empty()) mean_edge_ /= static_cast<double>(edges_.size());
 }
@@ -116,7 +117,7 @@ void SurfacePairs<Real>::sort_candidates(int threads) {
   sorted.reserve(entries.size());
   for (const auto& entry : entries) {
     if (!sorted.empty() && sorted.back().key == entry.key) continue;
-    sorted.push_back(candidates_[static_cast<std::size_t>(entry.index)]);
+    sorted.push_back(candidates_[usize(entry.index)]);
   }
   candidates_.swap(sorted);
 }
@@ -133,19 +134,19 @@ void SurfacePairs<Real>::search(std::vector<Point<Real>>& points, double radius,
   near_.sort(points, wide, threads);
   std::vector<Point<Real>> sorted;
   sorted.reserve(points.size());
-  for (const std::int32_t i : near_.order()) sorted.push_back(points[static_cast<std::size_t>(i)]);
+  for (const std::int32_t i : near_.order()) sorted.push_back(points[usize(i)]);
   near_.find(sorted, wide, geometry::Pairs::kHalf, threads);
   const std::int64_t n = near_.size();
-  std::vector<std::vector<Candidate>> parts(static_cast<std::size_t>((n + kGrain - 1) / kGrain));
+  std::vector<std::vector<Candidate>> parts(usize((n + kGrain - 1) / kGrain));
   parallel_for(
       n, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
-        auto& part = parts[static_cast<std::size_t>(begin / kGrain)];
+        auto& part = parts[usize(begin / kGrain)];
         for (std::int64_t k = begin; k < end; ++k) {
           const geometry::NeighbourList list = near_[k];
-          const std::int32_t i = near_.order()[static_cast<std::size_t>(k)];
+          const std::int32_t i = near_.order()[usize(k)];
           for (std::int32_t m = 0; m < list.count; ++m) {
-            const std::int32_t j = near_.order()[static_cast<std::size_t>(list.indices[m])];
+            const std::int32_t j = near_.order()[usize(list.indices[m])];
             found(std::min(i, j), std::max(i, j), part);
           }
         }
@@ -164,7 +165,7 @@ void SurfacePairs<Real>::find(const Point<Real>* x, int threads) {
     std::array<Vec3, 4> now, rest;
     for (std::size_t k = 0; k < 4; ++k) {
       now[k] = vec(x[pair.v[k]]);
-      rest[k] = rest_[static_cast<std::size_t>(pair.v[k])];
+      rest[k] = rest_[usize(pair.v[k])];
     }
     const double distance = closest(pair, now).d;
     if (distance < within) list.push_back({key, pair, distance, closest(pair, rest).d});
@@ -188,8 +189,8 @@ void SurfacePairs<Real>::find(const Point<Real>* x, int threads) {
   }
   search(points, longest + within, threads,
          [&](std::int32_t i, std::int32_t j, std::vector<Candidate>& list) {
-           const auto e = static_cast<std::size_t>(owner[static_cast<std::size_t>(i)]);
-           const auto f = static_cast<std::size_t>(owner[static_cast<std::size_t>(j)]);
+           const auto e = usize(owner[usize(i)]);
+           const auto f = usize(owner[usize(j)]);
            const auto &a = edges_[e], &b = edges_[f];
            consider(e << 31 | f, {{a[0], a[1], b[0], b[1]}, 2}, list);
          });
@@ -218,8 +219,8 @@ void SurfacePairs<Real>::find(const Point<Real>* x, int threads) {
   search(points, 2 * longest / 3 + within, threads,
          [&](std::int32_t i, std::int32_t j, std::vector<Candidate>& list) {
            if (i >= vertices || j < vertices) return;
-           const auto v = static_cast<std::size_t>(i);
-           const auto f = static_cast<std::size_t>(owner[static_cast<std::size_t>(j - vertices)]);
+           const auto v = usize(i);
+           const auto f = usize(owner[usize(j - vertices)]);
            const auto& corner = faces_[f];
            consider(std::uint64_t{1} << 62 | v << 31 | f,
                     {{vertices_[v], corner[0], corner[1], corner[2]}, 1}, list);

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <bit>
 
+#include "substep/core/usize.h"
+
 namespace substep::pbd {
 namespace {
 
@@ -24,23 +26,23 @@ class Colouring {
       const std::size_t first = colours.size();
       std::vector<std::int32_t> left;
       for (const std::int32_t c : constraints) {
-        const auto held = particles.subspan(static_cast<std::size_t>(c) * points, points);
+        const auto held = particles.subspan(usize(c) * points, points);
         std::uint64_t taken = 0;
-        for (const std::int32_t p : held) taken |= used_[static_cast<std::size_t>(p)];
+        for (const std::int32_t p : held) taken |= used_[usize(p)];
         if (taken == ~std::uint64_t{0}) {
           left.push_back(c);
           continue;
         }
-        const auto colour = static_cast<std::size_t>(std::countr_one(taken));
+        const auto colour = usize(std::countr_one(taken));
         for (const std::int32_t p : held) {
-          used_[static_cast<std::size_t>(p)] |= std::uint64_t{1} << colour;
+          used_[usize(p)] |= std::uint64_t{1} << colour;
         }
         if (colours.size() <= first + colour) colours.resize(first + colour + 1);
         colours[first + colour].push_back(c);
       }
       for (const std::int32_t c : constraints) {
         for (std::size_t k = 0; k < points; ++k) {
-          used_[static_cast<std::size_t>(particles[static_cast<std::size_t>(c) * points + k])] = 0;
+          used_[usize(particles[usize(c) * points + k])] = 0;
         }
       }
       constraints.swap(left);
@@ -56,31 +58,28 @@ class Colouring {
 
 Schedule make_schedule(std::span<const std::int32_t> particles, int points, int lanes,
                        const Partition& partition) {
-  const auto width = static_cast<std::size_t>(points);
+  const auto width = usize(points);
   const std::size_t m = particles.size() / width;
   std::vector<std::int32_t> patch_of(partition.id.size());
   for (std::int64_t p = 0; p < partition.patches(); ++p) {
-    const auto at = static_cast<std::size_t>(p);
+    const auto at = usize(p);
     std::fill(patch_of.begin() + partition.patch_start[at],
               patch_of.begin() + partition.patch_start[at + 1], static_cast<std::int32_t>(p));
   }
-  std::vector<std::vector<std::int32_t>> inside(static_cast<std::size_t>(partition.patches()));
+  std::vector<std::vector<std::int32_t>> inside(usize(partition.patches()));
   std::vector<std::int32_t> between;
   for (std::size_t c = 0; c < m; ++c) {
-    const auto patch = [&](std::size_t k) {
-      return patch_of[static_cast<std::size_t>(particles[c * width + k])];
-    };
+    const auto patch = [&](std::size_t k) { return patch_of[usize(particles[c * width + k])]; };
     bool one = true;
     for (std::size_t k = 1; k < width; ++k) one &= patch(k) == patch(0);
-    (one ? inside[static_cast<std::size_t>(patch(0))] : between)
-        .push_back(static_cast<std::int32_t>(c));
+    (one ? inside[usize(patch(0))] : between).push_back(static_cast<std::int32_t>(c));
   }
 
   Schedule s;
   const auto blocks = [&] { return static_cast<std::int64_t>(s.constraint.size()) / lanes; };
   const auto append = [&](const std::vector<std::int32_t>& colour) {
     s.constraint.insert(s.constraint.end(), colour.begin(), colour.end());
-    while (s.constraint.size() % static_cast<std::size_t>(lanes) != 0) s.constraint.push_back(-1);
+    while (s.constraint.size() % usize(lanes) != 0) s.constraint.push_back(-1);
   };
   Colouring colour(partition.id.size());
   s.patch_start.push_back(0);

@@ -1,17 +1,11 @@
 #include "substep/pbd/groups/constraints.h"
 
-#include "substep/core/errors.h"
 #include "substep/pbd/constraints/constraint_list.h"
+#include "substep/pbd/constraints/lanes3.h"
+#include "substep/pbd/groups/constraint_group.h"
 
 namespace substep::pbd {
 namespace {
-
-// visit(Constraint{}) for the one of that name.
-template <class Visit, class... Constraint>
-void find(const std::string& name, ConstraintList<Constraint...>, Visit&& visit) {
-  const bool found = ((name == Constraint::kName && (visit(Constraint{}), true)) || ...);
-  if (!found) throw InputError("constraint: unknown name " + name);
-}
 
 template <class... Constraint>
 std::vector<ConstraintKind> kinds(ConstraintList<Constraint...>) {
@@ -30,17 +24,13 @@ template <class Real>
 std::unique_ptr<Group<Real>> make_group(const std::string& name,
                                         std::vector<std::int32_t> particles,
                                         std::vector<double> parameters, const Softness& softness) {
-  std::unique_ptr<Group<Real>> group;
-  find(name, AllConstraints{}, [&]<class Constraint>(Constraint) {
-    group = std::make_unique<ConstraintGroup<Constraint, Real>>(std::move(particles),
-                                                                std::move(parameters), softness);
-  });
-  return group;
+  return std::make_unique<ConstraintGroup<Real>>(find_kernels<Real>(name), std::move(particles),
+                                                 std::move(parameters), softness);
 }
 
 void evaluate_constraints(const std::string& name, std::size_t count, const double* x,
                           const double* parameters, double* c, double* gradient) {
-  find(name, AllConstraints{}, [&]<class Constraint>(Constraint) {
+  find_constraint(name, AllConstraints{}, [&]<class Constraint>(Constraint) {
     using V = Vector<double, 16>;
     constexpr std::size_t kPoints = Constraint::kPoints, kParameters = Constraint::kParameters;
     for (std::size_t j = 0; j < count; ++j) {

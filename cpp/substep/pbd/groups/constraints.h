@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "substep/pbd/groups/constraint_group.h"
+#include "substep/pbd/groups/group.h"
 
 namespace substep::pbd {
 

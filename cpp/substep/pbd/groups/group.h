@@ -19,6 +19,14 @@
 
 namespace substep::pbd {
 
+// How hard constraints are: each list has one number for all or one for each.
+struct Softness {
+  bool physical = true;            // XPBD; else plain PBD
+  std::vector<double> compliance;  // alpha, at least 0; the inverse of a stiffness
+  std::vector<double> damping;     // beta, at least 0
+  std::vector<double> stiffness;   // k of plain PBD, 0 to 1
+};
+
 // What a projection works on.
 template <class Real>
 struct Sweep {

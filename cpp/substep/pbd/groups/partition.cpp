@@ -4,6 +4,8 @@
 #include <limits>
 #include <numeric>
 
+#include "substep/core/usize.h"
+
 namespace substep::pbd {
 namespace {
 
@@ -66,7 +68,7 @@ Partition make_partition(std::span<const Point<Real>> x, std::int64_t largest) {
   p.patch_start.assign(1, 0);
   for (const std::int64_t n : sizes) p.patch_start.push_back(p.patch_start.back() + n);
   for (std::size_t k = 0; k < p.id.size(); ++k) {
-    p.slot[static_cast<std::size_t>(p.id[k])] = static_cast<std::int32_t>(k);
+    p.slot[usize(p.id[k])] = static_cast<std::int32_t>(k);
   }
   return p;
 }

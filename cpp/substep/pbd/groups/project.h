@@ -22,7 +22,7 @@
 #include "substep/core/matrix3.h"
 #include "substep/core/point_scatter.h"
 #include "substep/pbd/constraints/constraint.h"
-#include "substep/pbd/groups/group.h"
+#include "substep/pbd/groups/kernels.h"
 
 namespace substep::pbd {
 
@@ -36,47 +36,33 @@ SUBSTEP_INLINE void unrolled(const Body& body) {
   all(std::make_index_sequence<kCount>{});
 }
 
-enum class Softening { rigid, soft, damped };  // a = g = 0; g = 0; neither
-
 template <class Constraint, class Real>
 struct Projection {
   static constexpr std::size_t kPoints = Constraint::kPoints;
   static constexpr std::size_t kParameters = Constraint::kParameters;
   using V = Vector<Real>;
-  static constexpr std::size_t kLanes = sizeof(V) / sizeof(Real);
+  using Softness = LaneSoftness<Real>;
+  static constexpr std::size_t kLanes = Kernels<Real>::kLanes;
+  static constexpr std::int64_t kUnits = Kernels<Real>::kUnits;
 
-  // Particles are named by where their row begins, in units of 8 bytes: an address is then one
-  // instruction.
-  static constexpr std::int64_t kUnits = sizeof(Point<Real>) / 8;
   static Point<Real>* row(Point<Real>* x, std::uint32_t place) {
     return reinterpret_cast<Point<Real>*>(reinterpret_cast<std::int64_t*>(x) + place);
   }
   static const Point<Real>* row(const Point<Real>* x, std::uint32_t place) {
     return reinterpret_cast<const Point<Real>*>(reinterpret_cast<const std::int64_t*>(x) + place);
   }
-  // One constraint in each lane; where there are fewer, the last ones hold the empty particle.
+  // kernels.h
   struct alignas(kVectorBytes) Block {
     std::uint32_t place[kPoints][kLanes];
     Real parameter[kParameters > 0 ? kParameters : 1][kLanes];
   };
+  static_assert(sizeof(Block) == Kernels<Real>::lines(kPoints, kParameters) * kVectorBytes);
   static constexpr std::size_t kAhead = 12;  // blocks between fetching and use
-  struct alignas(kVectorBytes) Lanes {
-    Real values[kLanes];
-  };
-  // A number for each constraint, or the same for all.
-  struct Each {
-    const Lanes* lanes;
-    std::size_t stride;
-    SUBSTEP_INLINE V operator[](std::size_t block) const {
-      return substep::load<V>(lanes[block * stride].values);
-    }
-  };
-  // How hard the constraints of a group are, and their lambda.
-  struct Softness {
-    Each compliance, damping, stiffness;  // alpha, beta, and the factor of dlambda
-    Lanes* multiplier;                    // null: not kept
-    bool resume;                          // lambda goes on from the last iteration
-  };
+
+  // As a group sees them, which knows of no constraint.
+  static constexpr Kernels<Real> kernels() {
+    return {kPoints, kParameters, Constraint::kInequality, &project, &correct, &values};
+  }
 
   // What one block comes to at the present positions.
   struct Evaluation {
@@ -140,6 +126,12 @@ struct Projection {
 
   // Gauss-Seidel: blocks [begin, end), each moving its particles. Returns how many constraints had
   // no gradient.
+  static std::int64_t project(const void* blocks, std::size_t begin, std::size_t end,
+                              const Sweep<Real>& s, const Softness& soft) {
+    return with_softening(soft, [&]<Softening kSoftening>() {
+      return project<kSoftening>(static_cast<const Block*>(blocks), begin, end, s, soft);
+    });
+  }
   template <Softening kSoftening>
   static std::int64_t project(const Block* blocks, std::size_t begin, std::size_t end,
                               const Sweep<Real>& s, const Softness& soft) {
@@ -150,18 +142,26 @@ struct Projection {
       }
       if (full(blocks[b], s)) [[likely]] {
         Evaluation e;
-        move<kSoftening>(blocks, b, s, soft, e, skipped);
+        evaluate(blocks[b], s.x, e);
+        const std::array<V, kPoints> w = inverse_masses(e);
+        move(update<kSoftening>(blocks, b, s, soft, w, Real{1}, e, skipped), w, e);
         unrolled<kPoints>([&](auto i) __attribute__((always_inline)) {
           store_rows<V>(e.p[i], [&](int lane) { return row(s.x, blocks[b].place[i][lane]); });
         });
       } else {
-        project_some<kSoftening>(blocks, b, s, soft, skipped);
+        project_some(blocks, b, s, soft, skipped);
       }
     }
     return skipped;
   }
 
   // Jacobi: rows[(kPoints b + i) kLanes + lane] is what moves particle i of a constraint.
+  static std::int64_t correct(const void* blocks, std::size_t begin, std::size_t end,
+                              const Sweep<Real>& s, const Softness& soft, Point<Real>* rows) {
+    return with_softening(soft, [&]<Softening kSoftening>() {
+      return correct<kSoftening>(static_cast<const Block*>(blocks), begin, end, s, soft, rows);
+    });
+  }
   template <Softening kSoftening>
   static std::int64_t correct(const Block* blocks, std::size_t begin, std::size_t end,
                               const Sweep<Real>& s, const Softness& soft, Point<Real>* rows) {
@@ -189,6 +189,12 @@ struct Projection {
     return skipped;
   }
 
+  // C of the lanes of a block.
+  static void values(const void* block, const Point<Real>* x, Real* c) {
+    const Evaluation e = evaluated(*static_cast<const Block*>(block), x);
+    std::memcpy(c, &e.c, sizeof e.c);
+  }
+
  private:
   // grad C . (x - x_old): how far C has come in this substep.
   SUBSTEP_INLINE static V approach(const Block& block, const Point<Real>* x_old,
@@ -210,14 +216,27 @@ struct Projection {
     return block.place[0][kLanes - 1] < s.count * kUnits;
   }
 
-  // Particles of block b where the constraints want them, in e.
-  template <Softening kSoftening>
-  SUBSTEP_INLINE static void move(const Block* blocks, std::size_t b, const Sweep<Real>& s,
-                                  const Softness& soft, Evaluation& e, std::int64_t& skipped) {
-    evaluate(blocks[b], s.x, e);
+  template <class Function>
+  SUBSTEP_INLINE static auto with_softening(const Softness& soft, const Function& function) {
+    switch (soft.softening) {
+      case Softening::rigid:
+        return function.template operator()<Softening::rigid>();
+      case Softening::soft:
+        return function.template operator()<Softening::soft>();
+      default:
+        return function.template operator()<Softening::damped>();
+    }
+  }
+
+  SUBSTEP_INLINE static std::array<V, kPoints> inverse_masses(const Evaluation& e) {
     std::array<V, kPoints> w;
     unrolled<kPoints>([&](auto i) __attribute__((always_inline)) { w[i] = e.p[i].w; });
-    const V dlambda = update<kSoftening>(blocks, b, s, soft, w, Real{1}, e, skipped);
+    return w;
+  }
+
+  // Particles of a block where the constraints want them, in e.
+  SUBSTEP_INLINE static void move(const V& dlambda, const std::array<V, kPoints>& w,
+                                  Evaluation& e) {
     unrolled<kPoints>([&](auto i) __attribute__((always_inline)) {
       const V scale = dlambda * w[i];
       e.p[i].x = fma<V>(e.gradient[i].x, scale, e.p[i].x);
@@ -227,25 +246,34 @@ struct Projection {
   }
 
   // A block that is not full: the empty particle is everyone's, and nobody writes it.
-  template <Softening kSoftening>
   [[gnu::noinline]] static void project_some(const Block* blocks, std::size_t b,
                                              const Sweep<Real>& s, const Softness& soft,
                                              std::int64_t& skipped) {
-    Evaluation e;
-    move<kSoftening>(blocks, b, s, soft, e, skipped);
+    Evaluation e = evaluated(blocks[b], s.x);
+    const std::array<V, kPoints> w = inverse_masses(e);
+    const V dlambda = with_softening(soft, [&]<Softening kSoftening>() {
+      return update<kSoftening>(blocks, b, s, soft, w, Real{1}, e, skipped);
+    });
+    move(dlambda, w, e);
     for (std::size_t lane = 0; lane < kLanes; ++lane) {
       if (blocks[b].place[0][lane] >= s.count * kUnits) break;
       for (std::size_t i = 0; i < kPoints; ++i) {
-        const auto& [x, y, z, w] = e.p[i];
-        *row(s.x, blocks[b].place[i][lane]) = {x[lane], y[lane], z[lane], w[lane]};
+        const auto& [x, y, z, w_i] = e.p[i];
+        *row(s.x, blocks[b].place[i][lane]) = {x[lane], y[lane], z[lane], w_i[lane]};
       }
     }
   }
 
+  // Where it is rarely needed.
+  [[gnu::noinline]] static Evaluation evaluated(const Block& block, const Point<Real>* x) {
+    Evaluation e;
+    evaluate(block, x, e);
+    return e;
+  }
+
   // How many constraints of a block have no gradient and are not satisfied.
   [[gnu::noinline]] static std::int64_t count_flat(const Block& block, const Sweep<Real>& s) {
-    Evaluation e;
-    evaluate(block, s.x, e);
+    const Evaluation e = evaluated(block, s.x);
     V squares{};
     for (const auto& g : e.gradient) squares += square_of(g);
     std::int64_t count = 0;

@@ -5,6 +5,8 @@
 #include <numeric>
 #include <utility>
 
+#include "substep/core/usize.h"
+
 namespace substep::pbd {
 namespace {
 
@@ -25,13 +27,12 @@ template <class Real>
 void ShapeMatching<Real>::attach(const Partition& partition) {
   slot_.resize(clusters_.particle.size());
   for (std::size_t k = 0; k < slot_.size(); ++k) {
-    slot_[k] = partition.slot[static_cast<std::size_t>(clusters_.particle[k])];
+    slot_[k] = partition.slot[usize(clusters_.particle[k])];
   }
   const auto members = [&](std::int32_t cluster) {
-    const auto k = static_cast<std::size_t>(cluster);
-    return std::span(slot_).subspan(
-        static_cast<std::size_t>(clusters_.start[k]),
-        static_cast<std::size_t>(clusters_.start[k + 1] - clusters_.start[k]));
+    const auto k = usize(cluster);
+    return std::span(slot_).subspan(usize(clusters_.start[k]),
+                                    usize(clusters_.start[k + 1] - clusters_.start[k]));
   };
   order_.clear();
   phase_start_.assign(1, 0);
@@ -43,16 +44,16 @@ void ShapeMatching<Real>::attach(const Partition& partition) {
     std::vector<std::int32_t> left;
     for (const std::int32_t cluster : waiting) {
       std::uint64_t taken = 0;
-      for (const std::int32_t s : members(cluster)) taken |= used[static_cast<std::size_t>(s)];
+      for (const std::int32_t s : members(cluster)) taken |= used[usize(s)];
       const int colour = std::countr_one(taken);
       if (colour == 64) {
         left.push_back(cluster);
         continue;
       }
       for (const std::int32_t s : members(cluster)) {
-        used[static_cast<std::size_t>(s)] |= std::uint64_t{1} << colour;
+        used[usize(s)] |= std::uint64_t{1} << colour;
       }
-      colours[static_cast<std::size_t>(colour)].push_back(cluster);
+      colours[usize(colour)].push_back(cluster);
     }
     for (const auto& list : colours) {
       if (list.empty()) continue;
@@ -75,7 +76,7 @@ void ShapeMatching<Real>::begin_step(double /*h*/, int substeps, int iterations)
 
 template <class Real>
 std::int64_t ShapeMatching<Real>::batches(int phase) const {
-  const auto f = static_cast<std::size_t>(phase);
+  const auto f = usize(phase);
   return (phase_start_[f + 1] - phase_start_[f] + kLanes - 1) / kLanes;
 }
 
@@ -91,16 +92,16 @@ void ShapeMatching<Real>::match(const Sweep<Real>& sweep, Batch& batch) const {
   Matrix3<V> A{}, Q{};
   batch.centre = batch.rest_centre = {};
   for (int lane = 0; lane < batch.count; ++lane) {
-    const auto cluster = static_cast<std::size_t>(batch.cluster[static_cast<std::size_t>(lane)]);
-    const auto begin = static_cast<std::size_t>(clusters_.start[cluster]);
-    const auto end = static_cast<std::size_t>(clusters_.start[cluster + 1]);
+    const auto cluster = usize(batch.cluster[usize(lane)]);
+    const auto begin = usize(clusters_.start[cluster]);
+    const auto end = usize(clusters_.start[cluster + 1]);
     double free_mass = 0;
     for (std::size_t k = begin; k < end; ++k) {
       const double w = sweep.x[slot_[k]].w;
       if (w > 0) free_mass += 1 / w;
     }
     const double pinned_mass = free_mass;
-    batch.pinned_mass[static_cast<std::size_t>(lane)] = pinned_mass;
+    batch.pinned_mass[usize(lane)] = pinned_mass;
     if (free_mass == 0) continue;
 
     // Sums about the first member, so that no digits are lost far from the origin.
@@ -127,7 +128,7 @@ void ShapeMatching<Real>::match(const Sweep<Real>& sweep, Batch& batch) const {
     batch.centre[1][lane] = x0.y + x_sum[1] / mass;
     batch.centre[2][lane] = x0.z + x_sum[2] / mass;
     for (int i = 0; i < 3; ++i) {
-      batch.rest_centre[i][lane] = q0[static_cast<std::size_t>(i)] + q_sum[i] / mass;
+      batch.rest_centre[i][lane] = q0[usize(i)] + q_sum[i] / mass;
       for (int j = 0; j < 3; ++j) {
         A(i, j)[lane] = a[i][j] - x_sum[i] * q_sum[j] / mass;
         Q(i, j)[lane] = b[i][j] - q_sum[i] * q_sum[j] / mass;
@@ -164,9 +165,9 @@ void ShapeMatching<Real>::for_members(const Sweep<Real>& sweep, const Batch& bat
     q0[i] = batch.rest_centre[i][lane];
     for (int j = 0; j < 3; ++j) T[i][j] = batch.T(i, j)[lane];
   }
-  const auto cluster = static_cast<std::size_t>(batch.cluster[static_cast<std::size_t>(lane)]);
-  const auto begin = static_cast<std::size_t>(clusters_.start[cluster]);
-  const auto end = static_cast<std::size_t>(clusters_.start[cluster + 1]);
+  const auto cluster = usize(batch.cluster[usize(lane)]);
+  const auto begin = usize(clusters_.start[cluster]);
+  const auto end = usize(clusters_.start[cluster + 1]);
   for (std::size_t k = begin; k < end; ++k) {
     const Point<Real>& p = sweep.x[slot_[k]];
     const std::array<double, 3>& rest = clusters_.rest[k];
@@ -177,7 +178,7 @@ void ShapeMatching<Real>::for_members(const Sweep<Real>& sweep, const Batch& bat
       d[i] = x[i] - c[i] - (T[i][0] * q[0] + T[i][1] * q[1] + T[i][2] * q[2]);
     }
     const double w = p.w;
-    visit(slot_[k], w > 0 ? 1 / w : batch.pinned_mass[static_cast<std::size_t>(lane)], d, w > 0);
+    visit(slot_[k], w > 0 ? 1 / w : batch.pinned_mass[usize(lane)], d, w > 0);
   }
 }
 
@@ -202,8 +203,8 @@ std::array<double, 3> ShapeMatching<Real>::measure(const Sweep<Real>& sweep, con
 template <class Real>
 std::int64_t ShapeMatching<Real>::project_cluster(const Sweep<Real>& sweep, const Batch& batch,
                                                   int lane) {
-  if (batch.pinned_mass[static_cast<std::size_t>(lane)] == 0) return 1;
-  const auto cluster = static_cast<std::size_t>(batch.cluster[static_cast<std::size_t>(lane)]);
+  if (batch.pinned_mass[usize(lane)] == 0) return 1;
+  const auto cluster = usize(batch.cluster[usize(lane)]);
   const auto [all, free, rate] = measure(sweep, batch, lane);
   if (!(free > 0)) return all > 0 ? 1 : 0;
   const double C = std::sqrt(all), weight = free / all;
@@ -227,16 +228,16 @@ std::int64_t ShapeMatching<Real>::project_cluster(const Sweep<Real>& sweep, cons
 
 template <class Real>
 std::int64_t ShapeMatching<Real>::project(int phase, std::int64_t chunk, const Sweep<Real>& sweep) {
-  const auto f = static_cast<std::size_t>(phase);
+  const auto f = usize(phase);
   std::int64_t at = phase_start_[f] + chunk * kBatchesPerChunk * kLanes;
   const std::int64_t end = std::min(at + kBatchesPerChunk * kLanes, phase_start_[f + 1]);
   std::int64_t skipped = 0;
   while (at < end) {
     Batch batch;
     for (; batch.count < kLanes && at < end; ++at) {
-      const std::int32_t cluster = order_[static_cast<std::size_t>(at)];
-      batch.cluster[static_cast<std::size_t>(batch.count++)] = cluster;
-      if (sweep.iteration == 0) lambda_[static_cast<std::size_t>(cluster)] = 0;
+      const std::int32_t cluster = order_[usize(at)];
+      batch.cluster[usize(batch.count++)] = cluster;
+      if (sweep.iteration == 0) lambda_[usize(cluster)] = 0;
     }
     match(sweep, batch);
     for (int lane = 0; lane < batch.count; ++lane) skipped += project_cluster(sweep, batch, lane);

@@ -7,6 +7,7 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
+#include "substep/core/usize.h"
 
 namespace substep::pbd {
 
@@ -20,7 +21,7 @@ template <class Real>
 void UserGroup<Real>::attach(const Partition& partition) {
   slot_.resize(constraints_.particles.size());
   for (std::size_t k = 0; k < slot_.size(); ++k) {
-    slot_[k] = partition.slot[static_cast<std::size_t>(constraints_.particles[k])];
+    slot_[k] = partition.slot[usize(constraints_.particles[k])];
   }
 }
 
@@ -37,9 +38,9 @@ void UserGroup<Real>::begin_step(double /*h*/, int substeps, int iterations) {
 template <class Real>
 void UserGroup<Real>::evaluate(std::int64_t first, std::int64_t count, const Sweep<Real>& sweep,
                                std::vector<double>& x, double* c, double* gradient) const {
-  const auto points = static_cast<std::size_t>(constraints_.points);
-  const std::size_t begin = static_cast<std::size_t>(first) * points;
-  x.resize(static_cast<std::size_t>(count) * points * 3);
+  const auto points = usize(constraints_.points);
+  const std::size_t begin = usize(first) * points;
+  x.resize(usize(count) * points * 3);
   for (std::size_t k = 0; k < x.size() / 3; ++k) {
     const Point<Real>& p = sweep.x[slot_[begin + k]];
     x[3 * k] = constraints_.origin[0] + p.x;
@@ -47,7 +48,7 @@ void UserGroup<Real>::evaluate(std::int64_t first, std::int64_t count, const Swe
     x[3 * k + 2] = constraints_.origin[2] + p.z;
   }
   constraints_.function->evaluate(first, count, x.data(), c, gradient);
-  for (std::size_t j = 0; j < static_cast<std::size_t>(count); ++j) {
+  for (std::size_t j = 0; j < usize(count); ++j) {
     bool finite = std::isfinite(c[j]);
     for (std::size_t k = 0; k < 3 * points; ++k) {
       finite &= std::isfinite(gradient[3 * points * j + k]);
@@ -64,7 +65,7 @@ void UserGroup<Real>::evaluate(std::int64_t first, std::int64_t count, const Swe
 template <class Real>
 bool UserGroup<Real>::project_one(std::size_t j, const Sweep<Real>& sweep, const double* x,
                                   double c, const double* gradient) {
-  const auto points = static_cast<std::size_t>(constraints_.points);
+  const auto points = usize(constraints_.points);
   double squares = 0, weight = 0, rate = 0;
   for (std::size_t i = 0; i < points; ++i) {
     const std::int32_t s = slot_[j * points + i];
@@ -102,16 +103,16 @@ template <class Real>
 std::int64_t UserGroup<Real>::project(int /*phase*/, std::int64_t /*chunk*/,
                                       const Sweep<Real>& sweep) {
   if (sweep.iteration == 0) std::fill(lambda_.begin(), lambda_.end(), 0.0);
-  const auto width = 3 * static_cast<std::size_t>(constraints_.points);
+  const auto width = 3 * usize(constraints_.points);
   const std::int64_t batch = std::min(constraints_.batch, size());
-  std::vector<double> x, c(static_cast<std::size_t>(batch)), gradient(c.size() * width);
+  std::vector<double> x, c(usize(batch)), gradient(c.size() * width);
   std::int64_t skipped = 0;
   for (std::int64_t first = 0; first < size(); first += batch) {
     if (first % 4096 == 0) poll_interrupt();
     const std::int64_t count = std::min(batch, size() - first);
     evaluate(first, count, sweep, x, c.data(), gradient.data());
-    for (std::size_t k = 0; k < static_cast<std::size_t>(count); ++k) {
-      skipped += project_one(static_cast<std::size_t>(first) + k, sweep, x.data() + width * k, c[k],
+    for (std::size_t k = 0; k < usize(count); ++k) {
+      skipped += project_one(usize(first) + k, sweep, x.data() + width * k, c[k],
                              gradient.data() + width * k);
     }
   }
@@ -120,8 +121,7 @@ std::int64_t UserGroup<Real>::project(int /*phase*/, std::int64_t /*chunk*/,
 
 template <class Real>
 void UserGroup<Real>::values(const Sweep<Real>& sweep, std::span<double> c) const {
-  std::vector<double> x, gradient(static_cast<std::size_t>(constraints_.batch) * 3 *
-                                  static_cast<std::size_t>(constraints_.points));
+  std::vector<double> x, gradient(usize(constraints_.batch) * 3 * usize(constraints_.points));
   for (std::int64_t first = 0; first < size(); first += constraints_.batch) {
     const std::int64_t count = std::min(constraints_.batch, size() - first);
     evaluate(first, count, sweep, x, c.data() + first, gradient.data());

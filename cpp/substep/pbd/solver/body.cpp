@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 #include "substep/pbd/solver/dynamics.h"
 #include "substep/pbd/solver/multilevel.h"
 
@@ -50,8 +51,8 @@ class BodyOf final : public Body {
     edges.reserve(lengths.size());
     for (std::size_t k = 0; k < lengths.size(); ++k)
       edges.push_back({pairs[2 * k], pairs[2 * k + 1], lengths[k]});
-    auto solver = std::make_unique<Multilevel<Real>>(std::move(edges),
-                                                     std::vector(rest.begin(), rest.end()));
+    auto solver =
+        std::make_unique<Multilevel<Real>>(std::move(edges), std::vector(rest.begin(), rest.end()));
     solver->attach(dynamics_.partition());
     dynamics_.projector = std::move(solver);
   }
@@ -88,7 +89,7 @@ class BodyOf final : public Body {
   void set_pinned(std::span<const std::uint8_t> pinned) override { dynamics_.set_pinned(pinned); }
 
   Raw raw() const override {
-    const auto n = 3 * static_cast<std::size_t>(dynamics_.size());
+    const auto n = 3 * usize(dynamics_.size());
     std::vector<Real> x(n), v(n), targets(dynamics_.has_targets() ? n : 0);
     dynamics_.raw(x, v, targets);
     return {std::move(x), std::move(v), std::move(targets)};
@@ -99,12 +100,12 @@ class BodyOf final : public Body {
 
   std::size_t groups() const override { return dynamics_.groups(); }
   std::vector<double> values(std::size_t group) override {
-    std::vector<double> c(static_cast<std::size_t>(dynamics_.group(group).size()));
+    std::vector<double> c(usize(dynamics_.group(group).size()));
     dynamics_.values(group, c);
     return c;
   }
   std::vector<double> multipliers(std::size_t group) override {
-    std::vector<double> lambda(static_cast<std::size_t>(dynamics_.group(group).size()));
+    std::vector<double> lambda(usize(dynamics_.group(group).size()));
     dynamics_.multipliers(group, lambda);
     return lambda;
   }
@@ -117,7 +118,7 @@ class BodyOf final : public Body {
 
  private:
   std::vector<double> rows(void (Dynamics<Real>::*get)(std::span<Triple>) const) const {
-    std::vector<Triple> rows(static_cast<std::size_t>(dynamics_.size()));
+    std::vector<Triple> rows(usize(dynamics_.size()));
     (dynamics_.*get)(rows);
     std::vector<double> out;
     out.reserve(3 * rows.size());

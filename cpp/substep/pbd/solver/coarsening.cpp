@@ -7,6 +7,8 @@
 #include <tuple>
 #include <utility>
 
+#include "substep/core/usize.h"
+
 namespace substep::pbd {
 namespace {
 
@@ -21,16 +23,15 @@ Rows edges_of(const DistanceGraph& graph) {
   Rows rows;
   rows.start.assign(graph.rest.size() + 1, 0);
   for (const auto& e : graph.edges) {
-    ++rows.start[static_cast<std::size_t>(e.i) + 1];
-    ++rows.start[static_cast<std::size_t>(e.j) + 1];
+    ++rows.start[usize(e.i) + 1];
+    ++rows.start[usize(e.j) + 1];
   }
   for (std::size_t v = 0; v < graph.rest.size(); ++v) rows.start[v + 1] += rows.start[v];
   rows.index.resize(2 * graph.edges.size());
   std::vector<std::int32_t> next(rows.start.begin(), rows.start.end() - 1);
   for (std::size_t k = 0; k < graph.edges.size(); ++k) {
     for (const std::int32_t v : {graph.edges[k].i, graph.edges[k].j}) {
-      rows.index[static_cast<std::size_t>(next[static_cast<std::size_t>(v)]++)] =
-          static_cast<std::int32_t>(k);
+      rows.index[usize(next[usize(v)]++)] = static_cast<std::int32_t>(k);
     }
   }
   return rows;
@@ -39,9 +40,9 @@ Rows edges_of(const DistanceGraph& graph) {
 template <class Visit>  // visit(edge, the particle at its other end)
 void for_neighbours(const DistanceGraph& graph, const Rows& rows, std::size_t v, Visit&& visit) {
   for (std::int32_t k = rows.start[v]; k < rows.start[v + 1]; ++k) {
-    const std::int32_t e = rows.index[static_cast<std::size_t>(k)];
-    const auto& edge = graph.edges[static_cast<std::size_t>(e)];
-    visit(e, static_cast<std::size_t>(edge.i) == v ? edge.j : edge.i);
+    const std::int32_t e = rows.index[usize(k)];
+    const auto& edge = graph.edges[usize(e)];
+    visit(e, usize(edge.i) == v ? edge.j : edge.i);
   }
 }
 
@@ -54,7 +55,7 @@ std::vector<std::int32_t> choose(const DistanceGraph& graph, const Rows& rows) {
   const auto take = [&](std::size_t v) {
     number[v] = count++;
     for_neighbours(graph, rows, v, [&](std::int32_t, std::int32_t u) {
-      std::int32_t& other = number[static_cast<std::size_t>(u)];
+      std::int32_t& other = number[usize(u)];
       if (other == kUndecided) other = -1;
     });
   };
@@ -80,13 +81,13 @@ void centre_masses(const DistanceGraph& fine, const std::vector<std::int32_t>& n
   for (std::size_t v = 0; v < fine.rest.size(); ++v) {
     if (fine.mass[v] == 0) {
       if (number[v] >= 0) {
-        parts[static_cast<std::size_t>(number[v])] = {{static_cast<std::int32_t>(v), 1.0}};
+        parts[usize(number[v])] = {{static_cast<std::int32_t>(v), 1.0}};
       }
       continue;
     }
     const std::int32_t begin = c.followed.start[v], end = c.followed.start[v + 1];
     for (std::int32_t k = begin; k < end; ++k) {
-      const auto at = static_cast<std::size_t>(c.followed.index[static_cast<std::size_t>(k)]);
+      const auto at = usize(c.followed.index[usize(k)]);
       if (c.coarse.mass[at] == 0) continue;
       parts[at].emplace_back(static_cast<std::int32_t>(v), fine.mass[v] / (end - begin));
     }
@@ -100,9 +101,9 @@ void centre_masses(const DistanceGraph& fine, const std::vector<std::int32_t>& n
     for (const auto& [v, mass] : parts[at]) {
       c.members.index.push_back(v);
       c.member_weight.push_back(mass / sum);
-      c.coarse.directions[at] += mass / sum * fine.directions[static_cast<std::size_t>(v)];
+      c.coarse.directions[at] += mass / sum * fine.directions[usize(v)];
       for (std::size_t k = 0; k < 3; ++k) {
-        c.coarse.rest[at][k] += mass / sum * fine.rest[static_cast<std::size_t>(v)][k];
+        c.coarse.rest[at][k] += mass / sum * fine.rest[usize(v)][k];
       }
     }
     c.members.start.push_back(static_cast<std::int32_t>(c.members.index.size()));
@@ -143,8 +144,8 @@ void join(const DistanceGraph& fine, const Rows& rows, const std::vector<std::in
       continue;
     }
     for_neighbours(fine, rows, v, [&](std::int32_t e, std::int32_t u) {
-      const double d = fine.edges[static_cast<std::size_t>(e)].length;
-      if (number[static_cast<std::size_t>(u)] >= 0 && d < parent[v].distance) parent[v] = {u, e, d};
+      const double d = fine.edges[usize(e)].length;
+      if (number[usize(u)] >= 0 && d < parent[v].distance) parent[v] = {u, e, d};
     });
   }
   struct Candidate {
@@ -155,13 +156,11 @@ void join(const DistanceGraph& fine, const Rows& rows, const std::vector<std::in
   std::vector<Candidate> candidates;
   for (std::size_t k = 0; k < fine.edges.size(); ++k) {
     const auto& e = fine.edges[k];
-    const Parent &a = parent[static_cast<std::size_t>(e.i)],
-                 &b = parent[static_cast<std::size_t>(e.j)];
+    const Parent &a = parent[usize(e.i)], &b = parent[usize(e.j)];
     if (a.particle == b.particle || a.particle < 0 || b.particle < 0) continue;
-    const std::int32_t i = number[static_cast<std::size_t>(a.particle)];
-    const std::int32_t j = number[static_cast<std::size_t>(b.particle)];
-    if (c.coarse.mass[static_cast<std::size_t>(i)] == 0 &&
-        c.coarse.mass[static_cast<std::size_t>(j)] == 0) {
+    const std::int32_t i = number[usize(a.particle)];
+    const std::int32_t j = number[usize(b.particle)];
+    if (c.coarse.mass[usize(i)] == 0 && c.coarse.mass[usize(j)] == 0) {
       continue;
     }
     candidates.push_back({std::min(i, j), std::max(i, j), a.distance + e.length + b.distance,
@@ -173,26 +172,22 @@ void join(const DistanceGraph& fine, const Rows& rows, const std::vector<std::in
   for (std::size_t k = 0; k < candidates.size(); ++k) {
     const Candidate& best = candidates[k];
     if (k > 0 && best.i == candidates[k - 1].i && best.j == candidates[k - 1].j) continue;
-    std::int32_t from = fine.edges[static_cast<std::size_t>(best.edge)].i;
-    std::int32_t to = fine.edges[static_cast<std::size_t>(best.edge)].j;
-    const auto end = [&](std::int32_t v) {
-      return number[static_cast<std::size_t>(parent[static_cast<std::size_t>(v)].particle)];
-    };
+    std::int32_t from = fine.edges[usize(best.edge)].i;
+    std::int32_t to = fine.edges[usize(best.edge)].j;
+    const auto end = [&](std::int32_t v) { return number[usize(parent[usize(v)].particle)]; };
     if (end(from) != best.i) std::swap(from, to);
-    const Parent& a = parent[static_cast<std::size_t>(from)];
-    const Parent& b = parent[static_cast<std::size_t>(to)];
+    const Parent& a = parent[usize(from)];
+    const Parent& b = parent[usize(to)];
     // How long the path is in the rest shape: there may be some strain in it.
     const std::array<std::int32_t, 4> points{a.particle, from, to, b.particle};
     double strained = 0;
     for (std::size_t p = 0; p < 3; ++p) {
-      strained += distance(fine.rest[static_cast<std::size_t>(points[p])],
-                           fine.rest[static_cast<std::size_t>(points[p + 1])]);
+      strained += distance(fine.rest[usize(points[p])], fine.rest[usize(points[p + 1])]);
     }
-    const double chord = distance(c.coarse.rest[static_cast<std::size_t>(best.i)],
-                                  c.coarse.rest[static_cast<std::size_t>(best.j)]);
+    const double chord = distance(c.coarse.rest[usize(best.i)], c.coarse.rest[usize(best.j)]);
     if (!(chord > 0) || !(strained > 0)) continue;
-    const double longer = unrolled(c.coarse.directions[static_cast<std::size_t>(best.i)],
-                                   c.coarse.directions[static_cast<std::size_t>(best.j)]);
+    const double longer =
+        unrolled(c.coarse.directions[usize(best.i)], c.coarse.directions[usize(best.j)]);
     if (longer == 0) continue;
     c.coarse.edges.push_back({best.i, best.j, longer * chord * best.length / strained});
     c.path.push_back({a.edge, best.edge, b.edge});
@@ -214,7 +209,7 @@ void find_directions(DistanceGraph& graph) {
   for (std::size_t v = 0; v < graph.rest.size(); ++v) {
     Mat3 spread = Mat3::Zero();
     for_neighbours(graph, rows, v, [&](std::int32_t, std::int32_t u) {
-      const auto &p = graph.rest[v], &q = graph.rest[static_cast<std::size_t>(u)];
+      const auto &p = graph.rest[v], &q = graph.rest[usize(u)];
       const geometry::Vec3 d(p[0] - q[0], p[1] - q[1], p[2] - q[2]);
       if (d.squaredNorm() > 0) spread += d * d.transpose() / d.squaredNorm();
     });
@@ -235,7 +230,7 @@ Coarsening coarsen(const DistanceGraph& fine) {
   Coarsening c;
   for (std::size_t v = 0; v < number.size(); ++v) {
     if (number[v] < 0) continue;
-    const auto at = static_cast<std::size_t>(number[v]);
+    const auto at = usize(number[v]);
     if (c.coarse.rest.size() <= at) {
       c.coarse.rest.resize(at + 1);
       c.coarse.mass.resize(at + 1);
@@ -247,7 +242,7 @@ Coarsening coarsen(const DistanceGraph& fine) {
       c.followed.index.push_back(number[v]);
     } else {
       for_neighbours(fine, rows, v, [&](std::int32_t, std::int32_t u) {
-        const std::int32_t at = number[static_cast<std::size_t>(u)];
+        const std::int32_t at = number[usize(u)];
         if (at >= 0) c.followed.index.push_back(at);
       });
     }

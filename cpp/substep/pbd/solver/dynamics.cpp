@@ -8,6 +8,7 @@
 #include "substep/core/errors.h"
 #include "substep/core/lanes.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::pbd {
 namespace {
@@ -104,9 +105,9 @@ Dynamics<Real>::Dynamics(std::span<const Triple> positions, std::span<const Trip
   v_.assign(n, {});
   saved_x_.assign(n, {});
   saved_v_.assign(n, {});
-  saved_.assign(static_cast<std::size_t>(partition_.patches()), 0);
+  saved_.assign(usize(partition_.patches()), 0);
   for (std::size_t slot = 0; slot < n; ++slot) {
-    const auto id = static_cast<std::size_t>(partition_.id[slot]);
+    const auto id = usize(partition_.id[slot]);
     const auto inverse = static_cast<Real>(1 / masses[id]);
     x_[slot] = rows[id];
     x_[slot].w = inverse;
@@ -153,7 +154,7 @@ Point<Real> Dynamics<Real>::relative(const Triple& x) const {
 // Which corrections a particle gets, and in how many constraints its mass is split.
 template <class Real>
 void Dynamics<Real>::prepare_jacobi() {
-  const auto n = static_cast<std::size_t>(count_);
+  const auto n = usize(count_);
   splits_.assign(n + 1, 0);
   correction_start_.assign(1, 0);
   std::vector<std::int32_t> holders;  // of the rows of all groups
@@ -163,18 +164,18 @@ void Dynamics<Real>::prepare_jacobi() {
     correction_start_.push_back(holders.size());
   }
   for (const std::int32_t slot : holders) {
-    if (slot >= 0) ++splits_[static_cast<std::size_t>(slot)];
+    if (slot >= 0) ++splits_[usize(slot)];
   }
   corrections_.assign(correction_start_.back(), {});
   held_start_.assign(n + 1, 0);
   for (std::size_t slot = 0; slot < n; ++slot) {
     held_start_[slot + 1] = held_start_[slot] + splits_[slot];
   }
-  held_.resize(static_cast<std::size_t>(held_start_[n]));
+  held_.resize(usize(held_start_[n]));
   std::vector<std::int64_t> next(held_start_.begin(), held_start_.end() - 1);
   for (std::size_t row = 0; row < holders.size(); ++row) {
     if (holders[row] < 0) continue;
-    const auto at = static_cast<std::size_t>(next[static_cast<std::size_t>(holders[row])]++);
+    const auto at = usize(next[usize(holders[row])]++);
     held_[at] = static_cast<std::int64_t>(row);
   }
 }
@@ -276,7 +277,7 @@ void Dynamics<Real>::run_substep(int substep, std::uint8_t& pending) {
     sweep_groups(substep, iteration);
     if (contact) {
       flush();
-      const auto n = static_cast<std::size_t>(count_);
+      const auto n = usize(count_);
       if (substep == 0 && iteration == 0) {
         contact->clear({x_old_.data(), n}, contact_mass_, {x_.data(), n});
       }
@@ -353,10 +354,7 @@ void Dynamics<Real>::flush() {
   std::vector<std::int64_t> chunks;
   for (const Phase& phase : phases_) chunks.push_back(phase.chunks);
   parallel_phases(
-      chunks,
-      [&](std::int64_t phase, std::int64_t chunk) {
-        work(phases_[static_cast<std::size_t>(phase)], chunk);
-      },
+      chunks, [&](std::int64_t phase, std::int64_t chunk) { work(phases_[usize(phase)], chunk); },
       options.threads);
   phases_.clear();
 }
@@ -380,8 +378,8 @@ void Dynamics<Real>::work(const Phase& phase, std::int64_t chunk) {
 // Finish belongs to the substep before where a new one is predicted.
 template <class Real>
 void Dynamics<Real>::work_on_patch(const Phase& phase, std::int64_t patch) {
-  const std::int64_t begin = partition_.patch_start[static_cast<std::size_t>(patch)];
-  const std::int64_t end = partition_.patch_start[static_cast<std::size_t>(patch) + 1];
+  const std::int64_t begin = partition_.patch_start[usize(patch)];
+  const std::int64_t end = partition_.patch_start[usize(patch) + 1];
   if (phase.work & kFinish) {
     finish(begin, end, phase.substep - ((phase.work & kPredict) ? 1 : 0));
   }
@@ -398,7 +396,7 @@ void Dynamics<Real>::work_on_patch(const Phase& phase, std::int64_t patch) {
 template <class Real>
 void Dynamics<Real>::predict(std::int64_t patch, std::int64_t begin, std::int64_t end,
                              int substep) {
-  const auto first = static_cast<std::size_t>(begin), last = static_cast<std::size_t>(end);
+  const auto first = usize(begin), last = usize(end);
   if (substep == 0) {
     save(patch);
     const auto dt = static_cast<Real>(dt_);
@@ -429,7 +427,7 @@ void Dynamics<Real>::predict(std::int64_t patch, std::int64_t begin, std::int64_
 // and what the corrections add to it, which rounding does not spoil where they are small.
 template <class Real>
 void Dynamics<Real>::finish(std::int64_t begin, std::int64_t end, int substep) {
-  const auto first = static_cast<std::size_t>(begin), last = static_cast<std::size_t>(end);
+  const auto first = usize(begin), last = usize(end);
   const auto h = static_cast<Real>(h_), inverse = static_cast<Real>(1 / h_);
   const auto decay = static_cast<Real>(std::exp(-options.damping * h_));
   bool wrong = false;
@@ -461,11 +459,10 @@ void Dynamics<Real>::finish(std::int64_t begin, std::int64_t end, int substep) {
 // The sum of a particle's corrections, in their order.
 template <class Real>
 void Dynamics<Real>::gather(std::int64_t begin, std::int64_t end) {
-  for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
+  for (auto i = usize(begin); i < usize(end); ++i) {
     Point<Real> sum{};
     for (std::int64_t k = held_start_[i]; k < held_start_[i + 1]; ++k) {
-      const Point<Real>& c =
-          corrections_[static_cast<std::size_t>(held_[static_cast<std::size_t>(k)])];
+      const Point<Real>& c = corrections_[usize(held_[usize(k)])];
       sum.x += c.x;
       sum.y += c.y;
       sum.z += c.z;
@@ -479,7 +476,7 @@ void Dynamics<Real>::gather(std::int64_t begin, std::int64_t end) {
 // Pinned particles arrive exactly.
 template <class Real>
 void Dynamics<Real>::end_pins() {
-  for (std::size_t i = 0; i < static_cast<std::size_t>(count_); ++i) {
+  for (std::size_t i = 0; i < usize(count_); ++i) {
     if (x_[i].w != 0) continue;
     const Point<Real>& to = target_.empty() ? saved_x_[i] : target_[i];
     x_[i] = {to.x, to.y, to.z, 0};
@@ -489,7 +486,7 @@ void Dynamics<Real>::end_pins() {
 // The state that a failed step goes back to, patch by patch.
 template <class Real>
 void Dynamics<Real>::save(std::int64_t patch) {
-  const auto p = static_cast<std::size_t>(patch);
+  const auto p = usize(patch);
   const std::int64_t begin = partition_.patch_start[p], end = partition_.patch_start[p + 1];
   std::copy(x_.begin() + begin, x_.begin() + end, saved_x_.begin() + begin);
   std::copy(v_.begin() + begin, v_.begin() + end, saved_v_.begin() + begin);
@@ -508,10 +505,10 @@ void Dynamics<Real>::restore_saved() {
 
 template <class Real>
 void Dynamics<Real>::positions(std::span<Triple> out) const {
-  for (std::size_t i = 0; i < static_cast<std::size_t>(count_); ++i) {
-    out[static_cast<std::size_t>(partition_.id[i])] = {origin_[0] + static_cast<double>(x_[i].x),
-                                                       origin_[1] + static_cast<double>(x_[i].y),
-                                                       origin_[2] + static_cast<double>(x_[i].z)};
+  for (std::size_t i = 0; i < usize(count_); ++i) {
+    out[usize(partition_.id[i])] = {origin_[0] + static_cast<double>(x_[i].x),
+                                    origin_[1] + static_cast<double>(x_[i].y),
+                                    origin_[2] + static_cast<double>(x_[i].z)};
   }
 }
 
@@ -521,7 +518,7 @@ template <class Real>
 void write_vectors(const std::vector<Point<Real>>& rows, const Partition& partition,
                    std::span<Triple> out) {
   for (std::size_t i = 0; i < out.size(); ++i) {
-    Triple& to = out[static_cast<std::size_t>(partition.id[i])];
+    Triple& to = out[usize(partition.id[i])];
     to = rows.empty() ? Triple{0, 0, 0}
                       : Triple{static_cast<double>(rows[i].x), static_cast<double>(rows[i].y),
                                static_cast<double>(rows[i].z)};
@@ -593,8 +590,8 @@ void Dynamics<Real>::targets(std::span<Triple> out) const {
 
 template <class Real>
 void Dynamics<Real>::set_pinned(std::span<const std::uint8_t> pinned) {
-  for (std::size_t i = 0; i < static_cast<std::size_t>(count_); ++i) {
-    const bool pins = pinned[static_cast<std::size_t>(partition_.id[i])] != 0;
+  for (std::size_t i = 0; i < usize(count_); ++i) {
+    const bool pins = pinned[usize(partition_.id[i])] != 0;
     if (pins && x_[i].w != 0 && !target_.empty())
       target_[i] = x_[i];  // stays, until told otherwise
     x_[i].w = pins ? 0 : v_[i].w;
@@ -603,9 +600,9 @@ void Dynamics<Real>::set_pinned(std::span<const std::uint8_t> pinned) {
 
 template <class Real>
 std::vector<std::uint8_t> Dynamics<Real>::pinned() const {
-  std::vector<std::uint8_t> flags(static_cast<std::size_t>(count_));
+  std::vector<std::uint8_t> flags(usize(count_));
   for (std::size_t i = 0; i < flags.size(); ++i) {
-    flags[static_cast<std::size_t>(partition_.id[i])] = x_[i].w == 0;
+    flags[usize(partition_.id[i])] = x_[i].w == 0;
   }
   return flags;
 }
@@ -616,7 +613,7 @@ template <class Real>
 void write_raw(const std::vector<Point<Real>>& rows, const Partition& partition,
                std::span<Real> out) {
   for (std::size_t i = 0; i < out.size() / 3; ++i) {
-    const std::size_t to = 3 * static_cast<std::size_t>(partition.id[i]);
+    const std::size_t to = 3 * usize(partition.id[i]);
     out[to] = rows[i].x, out[to + 1] = rows[i].y, out[to + 2] = rows[i].z;
   }
 }
@@ -624,7 +621,7 @@ template <class Real>
 void read_raw(std::span<const Real> values, const Partition& partition,
               std::vector<Point<Real>>& rows) {
   for (std::size_t i = 0; i < values.size() / 3; ++i) {
-    const std::size_t at = 3 * static_cast<std::size_t>(partition.id[i]);
+    const std::size_t at = 3 * usize(partition.id[i]);
     rows[i] = {values[at], values[at + 1], values[at + 2], rows[i].w};
   }
 }

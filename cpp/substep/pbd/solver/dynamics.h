@@ -11,6 +11,7 @@
 #include <span>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/geometry/particle_contact.h"
 #include "substep/pbd/groups/group.h"
 #include "substep/pbd/solver/options.h"
@@ -100,9 +101,7 @@ class Dynamics {
   void restore_saved();
   void prepare_jacobi();
   Sweep<Real> sweep(int substep, int iteration) const;
-  std::size_t row(std::int64_t id) const {
-    return static_cast<std::size_t>(partition_.slot[static_cast<std::size_t>(id)]);
-  }
+  std::size_t row(std::int64_t id) const { return usize(partition_.slot[usize(id)]); }
   Point<Real> relative(const Triple& x) const;
 
   std::int64_t count_;

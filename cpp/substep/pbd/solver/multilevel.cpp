@@ -7,6 +7,7 @@
 #include "substep/core/parallel.h"
 #include "substep/core/point_lanes.h"
 #include "substep/core/point_scatter.h"
+#include "substep/core/usize.h"
 
 namespace substep::pbd {
 namespace {
@@ -70,9 +71,7 @@ std::int64_t Multilevel<Real>::project(const Sweep<Real>& s, int threads) {
   }
   parallel_phases(
       chunks_,
-      [&](std::int64_t phase, std::int64_t chunk) {
-        work(phases_[static_cast<std::size_t>(phase)], chunk, s);
-      },
+      [&](std::int64_t phase, std::int64_t chunk) { work(phases_[usize(phase)], chunk, s); },
       threads);
   return 0;
 }
@@ -80,15 +79,14 @@ std::int64_t Multilevel<Real>::project(const Sweep<Real>& s, int threads) {
 // The hierarchy, for the masses and pins of now.
 template <class Real>
 void Multilevel<Real>::build(const Sweep<Real>& s) {
-  inverse_mass_.resize(static_cast<std::size_t>(s.count));
+  inverse_mass_.resize(usize(s.count));
   DistanceGraph graph;
   graph.rest = rest_;
   graph.edges = edges_;
   graph.mass.resize(rest_.size());
   for (std::size_t slot = 0; slot < inverse_mass_.size(); ++slot) {
     const Real w = inverse_mass_[slot] = s.x[slot].w;
-    graph.mass[static_cast<std::size_t>(partition_.id[slot])] =
-        w > 0 ? 1 / static_cast<double>(w) : 0;
+    graph.mass[usize(partition_.id[slot])] = w > 0 ? 1 / static_cast<double>(w) : 0;
   }
   find_directions(graph);
   levels_.clear();
@@ -121,16 +119,16 @@ void Multilevel<Real>::add_level(const Coarsening& c, const DistanceGraph& fine_
   Level level;
   level.size = c.coarse.size();
   level.sweeps = std::min(kFirstSweeps << levels_.size(), kMostSweeps);
-  const auto n = static_cast<std::size_t>(level.size);
+  const auto n = usize(level.size);
   level.x.assign(n + 1, {});
   level.before.assign(n + 1, {});
   const auto rows = [](const Rows& from, const Partition& order, const Partition& columns, Rows& to,
                        auto&& each) {
     for (const std::int32_t id : order.id) {
-      const auto row = static_cast<std::size_t>(id);
+      const auto row = usize(id);
       for (std::int32_t k = from.start[row]; k < from.start[row + 1]; ++k) {
-        const auto at = static_cast<std::size_t>(k);
-        to.index.push_back(columns.slot[static_cast<std::size_t>(from.index[at])]);
+        const auto at = usize(k);
+        to.index.push_back(columns.slot[usize(from.index[at])]);
         each(at);
       }
       to.start.push_back(static_cast<std::int32_t>(to.index.size()));
@@ -145,7 +143,7 @@ void Multilevel<Real>::add_level(const Coarsening& c, const DistanceGraph& fine_
     level.inverse_count.push_back(count > 0 ? 1 / static_cast<Real>(count) : 0);
   }
   for (std::size_t slot = 0; slot < n; ++slot) {
-    const double mass = c.coarse.mass[static_cast<std::size_t>(coarse.id[slot])];
+    const double mass = c.coarse.mass[usize(coarse.id[slot])];
     level.x[slot].w = mass > 0 ? static_cast<Real>(1 / mass) : 0;
   }
   add_constraints(c, fine_graph, fine, coarse, place, level);
@@ -158,8 +156,8 @@ void Multilevel<Real>::add_constraints(const Coarsening& c, const DistanceGraph&
                                        std::vector<std::int32_t>& place, Level& level) {
   std::vector<std::int32_t> ends;
   for (const auto& e : c.coarse.edges) {
-    ends.push_back(coarse.slot[static_cast<std::size_t>(e.i)]);
-    ends.push_back(coarse.slot[static_cast<std::size_t>(e.j)]);
+    ends.push_back(coarse.slot[usize(e.i)]);
+    ends.push_back(coarse.slot[usize(e.j)]);
   }
   level.schedule = make_schedule(ends, 2, kLanes, coarse);
   const std::vector<std::int32_t>& order = level.schedule.constraint;
@@ -175,23 +173,23 @@ void Multilevel<Real>::add_constraints(const Coarsening& c, const DistanceGraph&
       block.end[0][lane] = block.end[1][lane] = static_cast<std::int32_t>(level.size);
       continue;
     }
-    const auto e = static_cast<std::size_t>(order[k]);
+    const auto e = usize(order[k]);
     own_place[e] = static_cast<std::int32_t>(k);
     block.end[0][lane] = ends[2 * e];
     block.end[1][lane] = ends[2 * e + 1];
     block.rest[lane] = static_cast<Real>(c.coarse.edges[e].length);
     const auto length = [&](std::size_t step) {
       const std::int32_t edge = c.path[e][step];
-      return edge < 0 ? 0 : fine_graph.edges[static_cast<std::size_t>(edge)].length;
+      return edge < 0 ? 0 : fine_graph.edges[usize(edge)].length;
     };
     double sum = 0;
     for (std::size_t p = 0; p < kSteps; ++p) sum += length(p);
     path.inverse_length[lane] = static_cast<Real>(1 / sum);
     for (std::size_t p = 0; p < kSteps + 1; ++p) {
       if (levels_.empty()) {
-        path.index[p][lane] = fine.slot[static_cast<std::size_t>(c.path_points[e][p])];
+        path.index[p][lane] = fine.slot[usize(c.path_points[e][p])];
       } else if (p < kSteps && c.path[e][p] >= 0) {
-        path.index[p][lane] = place[static_cast<std::size_t>(c.path[e][p])];
+        path.index[p][lane] = place[usize(c.path[e][p])];
       }
       if (p < kSteps) path.weight[p][lane] = static_cast<Real>(length(p) / sum);
     }
@@ -215,7 +213,7 @@ void Multilevel<Real>::list_phases() {
       const auto patches = static_cast<std::int64_t>(schedule.patch_start.size()) - 1;
       phases_.push_back({Kind::patches, l, 0, patches});
       for (int f = 0; f < schedule.phases(); ++f) {
-        const auto at = static_cast<std::size_t>(f);
+        const auto at = usize(f);
         phases_.push_back(
             {Kind::between, l, f, schedule.phase_start[at + 1] - schedule.phase_start[at]});
       }
@@ -242,12 +240,11 @@ void Multilevel<Real>::work(const Phase& phase, std::int64_t chunk, const Sweep<
       return range(static_cast<std::int64_t>(level.blocks.size()), kBlockGrain,
                    [&](std::int64_t begin, std::int64_t end) { aim(phase.level, begin, end, s); });
     case Kind::patches: {
-      const auto p = static_cast<std::size_t>(chunk);
+      const auto p = usize(chunk);
       return sweep(level, level.schedule.patch_start[p], level.schedule.patch_start[p + 1]);
     }
     case Kind::between: {
-      const auto c = static_cast<std::size_t>(
-          level.schedule.phase_start[static_cast<std::size_t>(phase.group_phase)] + chunk);
+      const auto c = usize(level.schedule.phase_start[usize(phase.group_phase)] + chunk);
       return sweep(level, level.schedule.chunk_start[c], level.schedule.chunk_start[c + 1]);
     }
     case Kind::follow:
@@ -263,10 +260,10 @@ void Multilevel<Real>::average(std::size_t l, std::int64_t begin, std::int64_t e
                                const Sweep<Real>& s) {
   Level& level = levels_[l];
   const Point<Real>* const fine = l == 0 ? s.x : levels_[l - 1].x.data();
-  for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
+  for (auto i = usize(begin); i < usize(end); ++i) {
     Row<Real> sum{};
     for (std::int32_t k = level.members.start[i]; k < level.members.start[i + 1]; ++k) {
-      const auto at = static_cast<std::size_t>(k);
+      const auto at = usize(k);
       sum += level.member_weight[at] * load<Row<Real>>(&fine[level.members.index[at]].x);
     }
     sum[3] = level.x[i].w;
@@ -281,7 +278,7 @@ void Multilevel<Real>::aim(std::size_t l, std::int64_t begin, std::int64_t end,
                            const Sweep<Real>& s) {
   Level& level = levels_[l];
   const Real* const finer = l == 0 ? nullptr : levels_[l - 1].strain.data();
-  for (auto b = static_cast<std::size_t>(begin); b < static_cast<std::size_t>(end); ++b) {
+  for (auto b = usize(begin); b < usize(end); ++b) {
     Block& block = level.blocks[b];
     const Path& path = level.paths[b];
     V strain{};
@@ -313,7 +310,7 @@ void Multilevel<Real>::aim(std::size_t l, std::int64_t begin, std::int64_t end,
 // Gauss-Seidel on |X_I - X_J| = target (Mueller et al. 2007, section 3.3).
 template <class Real>
 void Multilevel<Real>::sweep(Level& level, std::int64_t begin, std::int64_t end) {
-  for (auto b = static_cast<std::size_t>(begin); b < static_cast<std::size_t>(end); ++b) {
+  for (auto b = usize(begin); b < usize(end); ++b) {
     const Block& block = level.blocks[b];
     PointLanes<V> p = load_points<V>(level.x.data(), block.end[0]);
     PointLanes<V> q = load_points<V>(level.x.data(), block.end[1]);
@@ -335,11 +332,11 @@ void Multilevel<Real>::follow(std::size_t l, std::int64_t begin, std::int64_t en
                               const Sweep<Real>& s) {
   const Level& level = levels_[l];
   Point<Real>* const fine = l == 0 ? s.x : levels_[l - 1].x.data();
-  for (auto i = static_cast<std::size_t>(begin); i < static_cast<std::size_t>(end); ++i) {
+  for (auto i = usize(begin); i < usize(end); ++i) {
     if (!(fine[i].w > 0)) continue;
     Row<Real> sum{};
     for (std::int32_t k = level.followed.start[i]; k < level.followed.start[i + 1]; ++k) {
-      const auto at = static_cast<std::size_t>(level.followed.index[static_cast<std::size_t>(k)]);
+      const auto at = usize(level.followed.index[usize(k)]);
       sum += load<Row<Real>>(&level.x[at].x) - load<Row<Real>>(&level.before[at].x);
     }
     sum = fma<Row<Real>>(level.inverse_count[i], sum, load<Row<Real>>(&fine[i].x));

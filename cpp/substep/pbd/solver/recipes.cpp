@@ -40,10 +40,8 @@ std::unique_ptr<Recipe> constraint_recipe(std::string kind, std::vector<std::int
   softness.damping = std::move(damping);
   softness.stiffness = std::move(stiffness);
   return recipe([kind = std::move(kind), particles = std::move(particles),
-                 parameters = std::move(parameters),
-                 softness = std::move(softness)]<class Real>(Real) {
-    return make_group<Real>(kind, particles, parameters, softness);
-  });
+                 parameters = std::move(parameters), softness = std::move(softness)]<class Real>(
+                    Real) { return make_group<Real>(kind, particles, parameters, softness); });
 }
 
 std::unique_ptr<Recipe> shape_matching_recipe(Clusters clusters) {

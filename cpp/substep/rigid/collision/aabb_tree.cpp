@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "substep/core/reserve.h"
+#include "substep/core/usize.h"
 
 namespace substep::rigid {
 namespace {
@@ -89,7 +90,7 @@ std::int32_t AabbTree::new_node(std::int32_t parent) {
 }
 
 void AabbTree::put(std::int32_t place, const TreeBox& box) {
-  Node& node = nodes_[static_cast<std::size_t>(place / kWide)];
+  Node& node = nodes_[usize(place / kWide)];
   for (int i = 0; i < 3; ++i) {
     node.low[i][place % kWide] = box.low[i];
     node.high[i][place % kWide] = box.high[i];
@@ -97,7 +98,7 @@ void AabbTree::put(std::int32_t place, const TreeBox& box) {
 }
 
 TreeBox AabbTree::box_at(std::int32_t place) const {
-  const Node& node = nodes_[static_cast<std::size_t>(place / kWide)];
+  const Node& node = nodes_[usize(place / kWide)];
   TreeBox box;
   for (int i = 0; i < 3; ++i) {
     box.low[i] = node.low[i][place % kWide];
@@ -107,15 +108,15 @@ TreeBox AabbTree::box_at(std::int32_t place) const {
 }
 
 void AabbTree::make_room(std::int32_t end, std::int32_t count) {
-  const auto nodes = static_cast<std::size_t>(count / kWide + 2);
-  reserve_amortised(place_, static_cast<std::size_t>(end));
+  const auto nodes = usize(count / kWide + 2);
+  reserve_amortised(place_, usize(end));
   reserve_amortised(nodes_, nodes_.size() + nodes);
   reserve_amortised(loose_, loose_.size() + nodes);
 }
 
 void AabbTree::add(std::int32_t id, const TreeBox& box) {
-  if (static_cast<std::size_t>(id) >= place_.size()) {
-    place_.resize(static_cast<std::size_t>(id) + 1, -1);
+  if (usize(id) >= place_.size()) {
+    place_.resize(usize(id) + 1, -1);
   }
   if (nodes_.empty()) new_node(-1);  // the root
   if (last_loose_ == kWide) {
@@ -123,16 +124,16 @@ void AabbTree::add(std::int32_t id, const TreeBox& box) {
     last_loose_ = 0;
   }
   const std::int32_t place = loose_.back() * kWide + last_loose_++;
-  place_[static_cast<std::size_t>(id)] = place;
-  nodes_[static_cast<std::size_t>(place / kWide)].child[place % kWide] = ~id;
+  place_[usize(id)] = place;
+  nodes_[usize(place / kWide)].child[place % kWide] = ~id;
   put(place, box);
   ++count_;
   ++changes_;
 }
 
 void AabbTree::remove(std::int32_t id) {
-  put(place_[static_cast<std::size_t>(id)], empty_tree_box());
-  place_[static_cast<std::size_t>(id)] = -1;
+  put(place_[usize(id)], empty_tree_box());
+  place_[usize(id)] = -1;
   --count_;
   ++changes_;
 }
@@ -142,19 +143,19 @@ void AabbTree::renumber(std::span<const std::int32_t> numbers) {
   for (std::size_t id = 0; id < place_.size(); ++id) {
     const std::int32_t place = place_[id], number = place < 0 ? -1 : numbers[id];
     if (number < 0) continue;
-    if (static_cast<std::size_t>(number) >= places.size()) {
-      places.resize(static_cast<std::size_t>(number) + 1, -1);
+    if (usize(number) >= places.size()) {
+      places.resize(usize(number) + 1, -1);
     }
-    places[static_cast<std::size_t>(number)] = place;
-    nodes_[static_cast<std::size_t>(place / kWide)].child[place % kWide] = ~number;
+    places[usize(number)] = place;
+    nodes_[usize(place / kWide)].child[place % kWide] = ~number;
   }
   place_.swap(places);
 }
 
 void AabbTree::set(std::int32_t id, const TreeBox& box) {
-  std::int32_t place = place_[static_cast<std::size_t>(id)];
+  std::int32_t place = place_[usize(id)];
   put(place, box);
-  while ((place = nodes_[static_cast<std::size_t>(place / kWide)].parent) >= 0) {
+  while ((place = nodes_[usize(place / kWide)].parent) >= 0) {
     TreeBox upper = box_at(place);
     const double before = area(upper);
     if (!grow(upper, box)) break;
@@ -192,18 +193,18 @@ std::int64_t split(Item* items, std::int64_t count) {
   high.fill(-FLT_MAX);
   for (std::int64_t k = 0; k < count; ++k) {
     for (int i = 0; i < 3; ++i) {
-      const auto at = static_cast<std::size_t>(i);
+      const auto at = usize(i);
       low[at] = std::min(low[at], centre(items[k].box, i));
       high[at] = std::max(high[at], centre(items[k].box, i));
     }
   }
   int axis = 0;
   for (int i = 1; i < 3; ++i) {
-    const auto at = static_cast<std::size_t>(i), best = static_cast<std::size_t>(axis);
+    const auto at = usize(i), best = usize(axis);
     if (high[at] - low[at] > high[best] - low[best]) axis = i;
   }
-  const float first = low[static_cast<std::size_t>(axis)];
-  const float scale = kBins / (high[static_cast<std::size_t>(axis)] - first);
+  const float first = low[usize(axis)];
+  const float scale = kBins / (high[usize(axis)] - first);
   if (!(scale > 0 && scale < FLT_MAX)) return count / 2;  // all in one place
   const auto bin = [&](const Item& item) {
     return std::min(static_cast<int>((centre(item.box, axis) - first) * scale), kBins - 1);
@@ -212,7 +213,7 @@ std::int64_t split(Item* items, std::int64_t count) {
   std::array<std::int64_t, kBins> held{};
   box.fill(empty_tree_box());
   for (std::int64_t k = 0; k < count; ++k) {
-    const auto b = static_cast<std::size_t>(bin(items[k]));
+    const auto b = usize(bin(items[k]));
     ++held[b];
     grow(box[b], items[k].box);
   }
@@ -229,11 +230,10 @@ std::int64_t split(Item* items, std::int64_t count) {
   int cut = 0;
   std::int64_t before = 0;
   for (int b = 1; b < kBins; ++b) {
-    grow(left, box[static_cast<std::size_t>(b - 1)]);
-    before += held[static_cast<std::size_t>(b - 1)];
+    grow(left, box[usize(b - 1)]);
+    before += held[usize(b - 1)];
     if (before < (count + 3) / 4 || count - before < (count + 3) / 4) continue;
-    const double cost =
-        area(left) * static_cast<double>(before) + right_cost[static_cast<std::size_t>(b)];
+    const double cost = area(left) * static_cast<double>(before) + right_cost[usize(b)];
     if (cost < least) {
       least = cost;
       cut = b;
@@ -255,13 +255,13 @@ std::int64_t split(Item* items, std::int64_t count) {
 TreeBox AabbTree::build(std::int32_t node, Item* items, std::int64_t count) {
   TreeBox all = empty_tree_box();
   const auto child = [&](int lane, std::int32_t value, const TreeBox& box) {
-    nodes_[static_cast<std::size_t>(node)].child[lane] = value;
+    nodes_[usize(node)].child[lane] = value;
     put(node * kWide + lane, box);
     grow(all, box);
   };
   if (count <= kWide) {
     for (int lane = 0; lane < count; ++lane) {
-      place_[static_cast<std::size_t>(items[lane].id)] = node * kWide + lane;
+      place_[usize(items[lane].id)] = node * kWide + lane;
       child(lane, ~items[lane].id, items[lane].box);
     }
     return all;
@@ -272,7 +272,7 @@ TreeBox AabbTree::build(std::int32_t node, Item* items, std::int64_t count) {
   std::array<std::int64_t, kWide + 1> start{0, count};
   for (int parts = 1; parts < kWide; ++parts) {
     std::size_t largest = 0;
-    for (std::size_t p = 1; p < static_cast<std::size_t>(parts); ++p) {
+    for (std::size_t p = 1; p < usize(parts); ++p) {
       if (start[p + 1] - start[p] > start[largest + 1] - start[largest]) largest = p;
     }
     const std::int64_t size = start[largest + 1] - start[largest];
@@ -282,9 +282,9 @@ TreeBox AabbTree::build(std::int32_t node, Item* items, std::int64_t count) {
                        start.begin() + parts + 1, start.begin() + parts + 2);
     start[largest + 1] = start[largest] + first;
   }
-  for (int lane = 0; lane < kWide && start[static_cast<std::size_t>(lane)] < count; ++lane) {
-    const std::int64_t begin = start[static_cast<std::size_t>(lane)];
-    const std::int64_t size = start[static_cast<std::size_t>(lane) + 1] - begin;
+  for (int lane = 0; lane < kWide && start[usize(lane)] < count; ++lane) {
+    const std::int64_t begin = start[usize(lane)];
+    const std::int64_t size = start[usize(lane) + 1] - begin;
     const std::int32_t below_it = new_node(node * kWide + lane);
     const TreeBox box = build(below_it, items + begin, size);
     child(lane, below_it, box);

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "substep/core/lanes.h"
+#include "substep/core/usize.h"
 #include "substep/rigid/shapes/shapes.h"
 
 namespace substep::rigid {
@@ -148,7 +149,7 @@ void AabbTree::query(const TreeBox& box, Visit&& visit) const {
   std::int32_t stack[kStack];
   int top = 0;
   const auto open = [&](std::int32_t index) {
-    const Node& node = nodes_[static_cast<std::size_t>(index)];
+    const Node& node = nodes_[usize(index)];
     for (unsigned lanes = overlapping(node, box); lanes != 0; lanes &= lanes - 1) {
       const std::int32_t child = node.child[std::countr_zero(lanes)];
       if (child < 0) {
@@ -172,7 +173,7 @@ void AabbTree::cast(TreeRay ray, Visit&& visit) const {
   Entry stack[kStack];
   int top = 0;
   const auto open = [&](std::int32_t index) {
-    const Node& node = nodes_[static_cast<std::size_t>(index)];
+    const Node& node = nodes_[usize(index)];
     Lanes at;
     const int first = top;
     for (unsigned lanes = met(node, ray, at); lanes != 0; lanes &= lanes - 1) {

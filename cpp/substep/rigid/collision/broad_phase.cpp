@@ -6,6 +6,7 @@
 #include "substep/core/errors.h"
 #include "substep/core/parallel.h"
 #include "substep/core/reserve.h"
+#include "substep/core/usize.h"
 
 namespace substep::rigid {
 namespace {
@@ -48,13 +49,12 @@ bool finite(const Bounds& bounds) { return bounds.low.allFinite() && bounds.high
 }  // namespace
 
 AabbTree& BroadPhase::tree(std::int32_t fixture) {
-  return entries_[static_cast<std::size_t>(fixture)].proxy.motion == Motion::kStatic ? ground_
-                                                                                     : movable_;
+  return entries_[usize(fixture)].proxy.motion == Motion::kStatic ? ground_ : movable_;
 }
 
 // All pairs of the fixture end with the next update.
 void BroadPhase::replace(std::int32_t fixture) {
-  const auto f = static_cast<std::size_t>(fixture);
+  const auto f = usize(fixture);
   if (change_[f] == kSame) changed_.push_back(fixture);
   change_[f] = kReplaced;
   old_box_[f] = empty_tree_box();
@@ -62,7 +62,7 @@ void BroadPhase::replace(std::int32_t fixture) {
 
 BroadPhase::Entry& BroadPhase::enter(std::int32_t fixture, const Proxy& proxy, Kind kind) {
   if (fixture < 0) throw InputError("the number of a fixture must not be negative");
-  const auto f = static_cast<std::size_t>(fixture);
+  const auto f = usize(fixture);
   if (f >= entries_.size()) {
     entries_.resize(f + 1);
     box_.resize(f + 1, empty_tree_box());
@@ -80,7 +80,7 @@ BroadPhase::Entry& BroadPhase::enter(std::int32_t fixture, const Proxy& proxy, K
 }
 
 void BroadPhase::make_room(std::int32_t end, std::int32_t count) {
-  const auto n = static_cast<std::size_t>(end), more = static_cast<std::size_t>(count);
+  const auto n = usize(end), more = usize(count);
   reserve_amortised(entries_, n), reserve_amortised(change_, n);
   reserve_amortised(box_, n), reserve_amortised(old_box_, n);
   reserve_amortised(changed_, changed_.size() + more);
@@ -92,7 +92,7 @@ void BroadPhase::add(std::int32_t fixture, const Proxy& proxy, const Bounds& bou
   if (!finite(bounds)) throw InputError("the bounds of a fixture must be finite");
   Entry& entry = enter(fixture, proxy, Kind::kBox);
   entry.centre = 0.5 * (bounds.low + bounds.high);
-  const auto f = static_cast<std::size_t>(fixture);
+  const auto f = usize(fixture);
   box_[f] = fat_box(bounds, entry.centre, 1);
   tree(fixture).add(fixture, box_[f]);
 }
@@ -108,7 +108,7 @@ void BroadPhase::add_plane(std::int32_t fixture, const Proxy& proxy, const Vec3&
 }
 
 void BroadPhase::remove(std::int32_t fixture) {
-  const auto f = static_cast<std::size_t>(fixture);
+  const auto f = usize(fixture);
   if (fixture < 0 || f >= entries_.size() || entries_[f].kind == Kind::kNone) {
     throw InputError("there is no such fixture");
   }
@@ -124,7 +124,7 @@ void BroadPhase::remove(std::int32_t fixture) {
 }
 
 void BroadPhase::set_awake(std::int32_t fixture, bool awake) {
-  Entry& entry = entries_[static_cast<std::size_t>(fixture)];
+  Entry& entry = entries_[usize(fixture)];
   if (entry.awake == awake || entry.proxy.motion == Motion::kStatic) return;
   entry.awake = awake;
   sleep_changed_ = true;
@@ -152,8 +152,8 @@ void BroadPhase::exclude(std::vector<BodyPair> pairs) {
 }
 
 bool BroadPhase::may_touch(std::int32_t a, std::int32_t b) const {
-  const Proxy& p = entries_[static_cast<std::size_t>(a)].proxy;
-  const Proxy& q = entries_[static_cast<std::size_t>(b)].proxy;
+  const Proxy& p = entries_[usize(a)].proxy;
+  const Proxy& q = entries_[usize(b)].proxy;
   return p.body != q.body && (p.motion == Motion::kDynamic || q.motion == Motion::kDynamic) &&
          (p.group & q.mask) != 0 && (q.group & p.mask) != 0 &&
          (excluded_.empty() ||
@@ -161,7 +161,7 @@ bool BroadPhase::may_touch(std::int32_t a, std::int32_t b) const {
 }
 
 bool BroadPhase::near(std::int32_t a, std::int32_t b, const std::vector<TreeBox>& boxes) const {
-  const auto f = static_cast<std::size_t>(a), g = static_cast<std::size_t>(b);
+  const auto f = usize(a), g = usize(b);
   const Entry &p = entries_[f], &q = entries_[g];
   if (p.kind == Kind::kPlane) return reaches(boxes[g], p.centre, p.offset);
   if (q.kind == Kind::kPlane) return reaches(boxes[f], q.centre, q.offset);
@@ -171,15 +171,15 @@ bool BroadPhase::near(std::int32_t a, std::int32_t b, const std::vector<TreeBox>
 void BroadPhase::find_left(std::span<const std::int32_t> moving, std::span<const Bounds> bounds,
                            int threads) {
   const auto n = static_cast<std::int64_t>(moving.size());
-  left_.resize(static_cast<std::size_t>((n + kCompared - 1) / kCompared));
+  left_.resize(usize((n + kCompared - 1) / kCompared));
   parallel_for(
       n, kCompared,
       [&](std::int64_t begin, std::int64_t end) {
-        auto& left = left_[static_cast<std::size_t>(begin / kCompared)];
+        auto& left = left_[usize(begin / kCompared)];
         left.clear();
         for (std::int64_t k = begin; k < end; ++k) {
-          const std::int32_t fixture = moving[static_cast<std::size_t>(k)];
-          const auto f = static_cast<std::size_t>(fixture);
+          const std::int32_t fixture = moving[usize(k)];
+          const auto f = usize(fixture);
           if (box_[f].holds(bounds[f]) || entries_[f].kind != Kind::kBox) continue;
           if (!finite(bounds[f])) {
             throw NonFiniteError("the position of a fixture is not finite", std::nan(""), fixture);
@@ -194,7 +194,7 @@ void BroadPhase::move_boxes(std::span<const Bounds> bounds) {
   ++step_;
   for (const auto& left : left_) {
     for (const std::int32_t fixture : left) {
-      const auto f = static_cast<std::size_t>(fixture);
+      const auto f = usize(fixture);
       if (change_[f] == kSame) {
         change_[f] = kMoved;
         changed_.push_back(fixture);
@@ -212,10 +212,10 @@ void BroadPhase::move_boxes(std::span<const Bounds> bounds) {
 }
 
 void BroadPhase::find_new(std::int32_t fixture, std::vector<FixturePair>& found) const {
-  const auto f = static_cast<std::size_t>(fixture);
+  const auto f = usize(fixture);
   const auto consider = [&](std::int32_t other, auto&& were_near) {
     // Of two that changed the lower one finds the pair.
-    const int change = change_[static_cast<std::size_t>(other)];
+    const int change = change_[usize(other)];
     if (other == fixture || (change != kSame && other < fixture)) return;
     if (((change | change_[f]) & kReplaced) == 0 && were_near()) return;
     if (may_touch(fixture, other)) {
@@ -223,7 +223,7 @@ void BroadPhase::find_new(std::int32_t fixture, std::vector<FixturePair>& found)
     }
   };
   const auto take = [&](std::int32_t other) {
-    const TreeBox& old = old_box_[static_cast<std::size_t>(other)];
+    const TreeBox& old = old_box_[usize(other)];
     consider(other, [&] { return old_box_[f].overlaps(old); });
   };
   const auto take_with_plane = [&](std::int32_t other) {
@@ -247,14 +247,14 @@ void BroadPhase::find_new(std::int32_t fixture, std::vector<FixturePair>& found)
 
 void BroadPhase::find_begun(int threads) {
   const auto n = static_cast<std::int64_t>(changed_.size());
-  found_.resize(static_cast<std::size_t>((n + kQueried - 1) / kQueried));
+  found_.resize(usize((n + kQueried - 1) / kQueried));
   parallel_for(
       n, kQueried,
       [&](std::int64_t begin, std::int64_t end) {
-        auto& found = found_[static_cast<std::size_t>(begin / kQueried)];
+        auto& found = found_[usize(begin / kQueried)];
         found.clear();
         for (std::int64_t k = begin; k < end; ++k) {
-          find_new(changed_[static_cast<std::size_t>(k)], found);
+          find_new(changed_[usize(k)], found);
         }
       },
       threads);
@@ -275,13 +275,11 @@ void BroadPhase::apply(std::vector<FixturePair>& pairs, bool awake) {
   merged_.clear();
   auto begun = begun_.begin();
   const auto insert = [&](const FixturePair& pair) {
-    const bool is_awake = entries_[static_cast<std::size_t>(pair.a)].awake ||
-                          entries_[static_cast<std::size_t>(pair.b)].awake;
+    const bool is_awake = entries_[usize(pair.a)].awake || entries_[usize(pair.b)].awake;
     if (is_awake == awake) merged_.push_back(pair);
   };
   for (const FixturePair& pair : pairs) {
-    const int change =
-        change_[static_cast<std::size_t>(pair.a)] | change_[static_cast<std::size_t>(pair.b)];
+    const int change = change_[usize(pair.a)] | change_[usize(pair.b)];
     if (change != kSame && ((change & kReplaced) != 0 || !near(pair.a, pair.b, box_))) {
       ended_.push_back(pair);
       continue;
@@ -300,8 +298,7 @@ void BroadPhase::sort_by_sleep() {
   awake_.clear();
   asleep_.clear();
   for (const FixturePair& pair : merged_) {
-    const bool awake = entries_[static_cast<std::size_t>(pair.a)].awake ||
-                       entries_[static_cast<std::size_t>(pair.b)].awake;
+    const bool awake = entries_[usize(pair.a)].awake || entries_[usize(pair.b)].awake;
     (awake ? awake_ : asleep_).push_back(pair);
   }
   sleep_changed_ = false;
@@ -319,22 +316,21 @@ void BroadPhase::renumber(std::span<const std::int32_t> fixtures,
     count = std::max(count, fixtures[f] + 1);
   }
   const auto number = [&](std::int32_t f) {
-    return static_cast<std::size_t>(f) < fixtures.size() ? fixtures[static_cast<std::size_t>(f)]
-                                                         : -1;
+    return usize(f) < fixtures.size() ? fixtures[usize(f)] : -1;
   };
   for (std::size_t f = 0; f < entries_.size(); ++f) {
     if (entries_[f].kind != Kind::kNone && number(static_cast<std::int32_t>(f)) < 0) {
       throw InputError("a fixture without a new number must have been removed");
     }
   }
-  const auto body = [&](std::int32_t b) { return b < 0 ? b : bodies[static_cast<std::size_t>(b)]; };
+  const auto body = [&](std::int32_t b) { return b < 0 ? b : bodies[usize(b)]; };
 
-  std::vector<Entry> entries(static_cast<std::size_t>(count));
+  std::vector<Entry> entries(usize(count));
   std::vector<TreeBox> box(entries.size(), empty_tree_box()), old_box = box;
   std::vector<std::uint8_t> change(entries.size(), kSame);
   for (std::size_t f = 0; f < entries_.size(); ++f) {
     if (entries_[f].kind == Kind::kNone) continue;
-    const auto to = static_cast<std::size_t>(fixtures[f]);
+    const auto to = usize(fixtures[f]);
     entries[to] = entries_[f];
     entries[to].proxy.body = body(entries_[f].proxy.body);
     box[to] = box_[f];
@@ -350,8 +346,8 @@ void BroadPhase::renumber(std::span<const std::int32_t> fixtures,
     merged_.clear();
     std::size_t kept = 0;
     for (FixturePair pair : pairs) {
-      const bool gone = entries_[static_cast<std::size_t>(pair.a)].kind == Kind::kNone ||
-                        entries_[static_cast<std::size_t>(pair.b)].kind == Kind::kNone;
+      const bool gone = entries_[usize(pair.a)].kind == Kind::kNone ||
+                        entries_[usize(pair.b)].kind == Kind::kNone;
       if (gone) {
         merged_.push_back(pair);
       } else {
@@ -364,9 +360,7 @@ void BroadPhase::renumber(std::span<const std::int32_t> fixtures,
   keep(awake_);
   keep(asleep_);
   const auto keep_numbers = [&](std::vector<std::int32_t>& list) {
-    std::erase_if(list, [&](std::int32_t f) {
-      return entries_[static_cast<std::size_t>(f)].kind == Kind::kNone;
-    });
+    std::erase_if(list, [&](std::int32_t f) { return entries_[usize(f)].kind == Kind::kNone; });
     for (std::int32_t& f : list) f = number(f);
   };
   keep_numbers(planes_);
@@ -398,7 +392,7 @@ void BroadPhase::update(std::span<const std::int32_t> moving, std::span<const Bo
   find_begun(threads);
   // An awake fixture that merely moved has no pair that sleeps.
   const bool only_awake = std::all_of(changed_.begin(), changed_.end(), [&](std::int32_t fixture) {
-    const auto f = static_cast<std::size_t>(fixture);
+    const auto f = usize(fixture);
     return entries_[f].awake && change_[f] == kMoved;
   });
   apply(awake_, true);
@@ -407,7 +401,7 @@ void BroadPhase::update(std::span<const std::int32_t> moving, std::span<const Bo
     std::sort(ended_.begin(), ended_.end(), precedes);
   }
   for (const std::int32_t fixture : changed_) {
-    const auto f = static_cast<std::size_t>(fixture);
+    const auto f = usize(fixture);
     change_[f] = kSame;
     old_box_[f] = box_[f];
   }
@@ -421,7 +415,7 @@ std::vector<std::int32_t> BroadPhase::overlapping(const Bounds& bounds) const {
   ground_.query(box, take);
   movable_.query(box, take);
   for (const std::int32_t plane : planes_) {
-    const Entry& entry = entries_[static_cast<std::size_t>(plane)];
+    const Entry& entry = entries_[usize(plane)];
     if (reaches(box, entry.centre, entry.offset)) take(plane);
   }
   std::sort(found.begin(), found.end());

@@ -8,6 +8,7 @@
 #include "substep/core/interrupt.h"
 #include "substep/core/parallel.h"
 #include "substep/core/reserve.h"
+#include "substep/core/usize.h"
 #include "substep/rigid/shapes/mass_properties.h"
 
 namespace substep::rigid {
@@ -80,12 +81,12 @@ void Bodies::make_room(std::size_t more) {
 }
 
 std::vector<std::int64_t> Bodies::remove(std::span<const std::int64_t> removed) {
-  std::vector<std::int64_t> number(at(size()), 0);
+  std::vector<std::int64_t> number(usize(size()), 0);
   for (const std::int64_t i : removed) {
     if (i < 0 || i >= size())
       throw InputError("bodies: expected numbers from 0 to " + std::to_string(size() - 1) +
                        ", got " + std::to_string(i));
-    number[at(i)] = -1;
+    number[usize(i)] = -1;
   }
   std::int64_t next = 0;
   for (std::int64_t& n : number)
@@ -93,8 +94,8 @@ std::vector<std::int64_t> Bodies::remove(std::span<const std::int64_t> removed) 
   const auto compact = [&](auto& rows, std::size_t width) {
     for (std::size_t i = 0; i < number.size(); ++i)
       for (std::size_t k = 0; number[i] >= 0 && k < width; ++k)
-        rows[at(number[i]) * width + k] = rows[i * width + k];
-    rows.resize(at(next) * width);
+        rows[usize(number[i]) * width + k] = rows[i * width + k];
+    rows.resize(usize(next) * width);
   };
   for (auto* rows : {&x, &P, &L, &inertia, &force, &torque}) compact(*rows, 3);
   compact(q, 4);
@@ -115,7 +116,7 @@ Mat3 Bodies::inverse_inertia(std::int64_t i) const {
 
 void Bodies::set_velocity(std::int64_t i, const Vec3& velocity, const Vec3& angular_velocity) {
   const Quaternion r = rotation(i);
-  row(P, i) = mass[at(i)] * velocity;
+  row(P, i) = mass[usize(i)] * velocity;
   row(L, i) = r * (r.conjugate() * angular_velocity).cwiseProduct(row(inertia, i));
 }
 
@@ -137,7 +138,7 @@ void Bodies::kick(double dt, const Vec3& gravity, int threads) {
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t i = begin; i < end; ++i) {
           if (!dynamic(i)) continue;
-          row(P, i) += dt * (mass[at(i)] * gravity + row(force, i));
+          row(P, i) += dt * (mass[usize(i)] * gravity + row(force, i));
           row(L, i) += dt * row(torque, i);
         }
       },
@@ -151,18 +152,18 @@ void Bodies::clear_forces() {
 
 std::int64_t Bodies::drift(double dt, FreeRotation method, int threads) {
   const DeferInterrupts whole;
-  std::vector<std::int64_t> bad(at((size() + kGrain - 1) / kGrain), -1);
+  std::vector<std::int64_t> bad(usize((size() + kGrain - 1) / kGrain), -1);
   parallel_for(
       size(), kGrain,
       [&](std::int64_t begin, std::int64_t end) {
-        rotate_rows(method, end - begin, &q[4 * at(begin)], &L[3 * at(begin)],
-                    &inertia[3 * at(begin)], dt);
+        rotate_rows(method, end - begin, &q[4 * usize(begin)], &L[3 * usize(begin)],
+                    &inertia[3 * usize(begin)], dt);
         for (std::int64_t i = begin; i < end; ++i) {
-          row(x, i) += dt / mass[at(i)] * row(P, i);
+          row(x, i) += dt / mass[usize(i)] * row(P, i);
           // Not finite as soon as one of them is not.
           const double all = position(i).sum() * 0 + rotation(i).coeffs().sum() * 0 +
                              row(P, i).sum() * 0 + row(L, i).sum() * 0;
-          if (all != 0 && bad[at(begin / kGrain)] < 0) bad[at(begin / kGrain)] = i;
+          if (all != 0 && bad[usize(begin / kGrain)] < 0) bad[usize(begin / kGrain)] = i;
         }
       },
       threads);
@@ -181,7 +182,7 @@ double Bodies::kinetic_energy() const {
 double Bodies::potential_energy(const Vec3& gravity) const {
   double sum = 0;
   for (std::int64_t i = 0; i < size(); ++i)
-    if (dynamic(i)) sum -= mass[at(i)] * gravity.dot(position(i));
+    if (dynamic(i)) sum -= mass[usize(i)] * gravity.dot(position(i));
   return sum;
 }
 

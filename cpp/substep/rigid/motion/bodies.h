@@ -11,6 +11,7 @@
 #include <span>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/rigid/motion/free_rotation.h"
 #include "substep/rigid/shapes/pose.h"
 
@@ -45,17 +46,17 @@ class Bodies {
   // a number is out of range.
   std::vector<std::int64_t> remove(std::span<const std::int64_t> removed);
 
-  Vec3 position(std::int64_t i) const { return Vec3(&x[3 * at(i)]); }
-  Quaternion rotation(std::int64_t i) const { return load_quaternion(&q[4 * at(i)]); }
+  Vec3 position(std::int64_t i) const { return Vec3(&x[3 * usize(i)]); }
+  Quaternion rotation(std::int64_t i) const { return load_quaternion(&q[4 * usize(i)]); }
   Pose pose(std::int64_t i) const { return {position(i), rotation(i)}; }
-  bool dynamic(std::int64_t i) const { return motion[at(i)] == Motion::kDynamic; }
-  Vec3 velocity(std::int64_t i) const { return Vec3(&P[3 * at(i)]) / mass[at(i)]; }
+  bool dynamic(std::int64_t i) const { return motion[usize(i)] == Motion::kDynamic; }
+  Vec3 velocity(std::int64_t i) const { return Vec3(&P[3 * usize(i)]) / mass[usize(i)]; }
   Vec3 angular_velocity(std::int64_t i) const;
   Vec3 velocity_at(std::int64_t i, const Vec3& point) const {
     return velocity(i) + angular_velocity(i).cross(point - position(i));
   }
   // What an impulse sees: 0 for bodies that none moves.
-  double inverse_mass(std::int64_t i) const { return dynamic(i) ? 1 / mass[at(i)] : 0; }
+  double inverse_mass(std::int64_t i) const { return dynamic(i) ? 1 / mass[usize(i)] : 0; }
   Mat3 inverse_inertia(std::int64_t i) const;  // in the world
 
   void set_velocity(std::int64_t i, const Vec3& velocity, const Vec3& angular_velocity);
@@ -81,9 +82,6 @@ class Bodies {
   std::vector<double> mass, inertia;  // (n), (n, 3)
   std::vector<double> force, torque;  // (n, 3), about the centre
   std::vector<Motion> motion;
-
- private:
-  static std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
 };
 
 }  // namespace substep::rigid

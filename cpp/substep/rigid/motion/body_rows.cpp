@@ -4,6 +4,7 @@
 
 #include "substep/core/parallel.h"
 #include "substep/core/point_lanes.h"
+#include "substep/core/usize.h"
 #include "substep/rigid/motion/row_vectors.h"
 
 namespace substep::rigid {
@@ -12,7 +13,6 @@ namespace {
 constexpr std::int64_t kGrain = 256;  // bodies per task
 constexpr double kFar = 0.5;          // [rad]
 
-std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
 Point<double> to_row(const Vec3& v, double w = 0) { return {v.x(), v.y(), v.z(), w}; }
 
 // R D R^T.
@@ -21,7 +21,7 @@ Mat3 conjugated(const Mat3& R, const Vec3& D) { return R * D.asDiagonal() * R.tr
 }  // namespace
 
 Mat3 BodyRows::root_of(std::int32_t row) const {
-  const auto& [d, m] = root[at(row)];
+  const auto& [d, m] = root[usize(row)];
   Mat3 W;
   W << d.x, m.x, m.y, m.x, d.y, m.z, m.y, m.z, d.z;
   return W;
@@ -29,12 +29,12 @@ Mat3 BodyRows::root_of(std::int32_t row) const {
 
 void BodyRows::load(const Bodies& bodies, const Vec3& gravity, std::span<const std::uint8_t> asleep,
                     int threads) {
-  row_of.assign(at(bodies.size()), 0);
+  row_of.assign(usize(bodies.size()), 0);
   body_of.assign(1, -1);
   for (std::int64_t i = 0; i < bodies.size(); ++i) {
-    if (bodies.motion[at(i)] == Motion::kStatic || (!asleep.empty() && asleep[at(i)] != 0))
+    if (bodies.motion[usize(i)] == Motion::kStatic || (!asleep.empty() && asleep[usize(i)] != 0))
       continue;
-    row_of[at(i)] = static_cast<std::int32_t>(body_of.size());
+    row_of[usize(i)] = static_cast<std::int32_t>(body_of.size());
     body_of.push_back(static_cast<std::int32_t>(i));
   }
   for (Rows* rows : {&velocity, &free, &push, &acceleration, &displacement, &root}) {
@@ -49,7 +49,7 @@ void BodyRows::load(const Bodies& bodies, const Vec3& gravity, std::span<const s
       size() - 1, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t row = begin + 1; row <= end; ++row) {
-          const std::size_t k = at(row), i = at(body_of[k]);
+          const std::size_t k = usize(row), i = usize(body_of[k]);
           const bool dynamic = bodies.dynamic(body_of[k]);
           const double inverse_root = 1 / std::sqrt(bodies.mass[i]);
           const Mat3 W = conjugated(bodies.rotation(body_of[k]).toRotationMatrix(),
@@ -85,7 +85,7 @@ void BodyRows::accelerate(std::int64_t begin, std::int64_t end, double h, double
     store_quad(without, unpushed);
     store_quad(v, unpushed + load_quad(p));
   };
-  for (auto i = at(begin); i < at(end); ++i) {
+  for (auto i = usize(begin); i < usize(end); ++i) {
     if (stands[i] != 0) settle(i);
     advance(acceleration[i].linear, push[i].linear, velocity[i].linear, free[i].linear);
     advance(acceleration[i].angular, push[i].angular, velocity[i].angular, free[i].angular);
@@ -98,7 +98,7 @@ void BodyRows::move(std::int64_t begin, std::int64_t end, double h) {
     const auto pp = p * p, aa = a * a;
     return pp[0] + pp[1] + pp[2] <= 1e-12 * h * h * (aa[0] + aa[1] + aa[2]);
   };
-  for (auto i = at(begin); i < at(end); ++i) {
+  for (auto i = usize(begin); i < usize(end); ++i) {
     const auto v = load_quad(velocity[i].linear), w = load_quad(velocity[i].angular);
     const auto kick = v - load_quad(free[i].linear), turn = w - load_quad(free[i].angular);
     const auto a = load_quad(acceleration[i].linear), alpha = load_quad(acceleration[i].angular);
@@ -123,7 +123,7 @@ std::int64_t BodyRows::first_not_finite(const Bodies& bodies) const {
 }
 
 bool BodyRows::turns_anew(std::int64_t row, double dt) const {
-  const std::size_t k = at(row);
+  const std::size_t k = usize(row);
   const Vec3 spin = from_row(velocity[k].angular) - Vec3(&first_spin_[3 * k]);
   const double trace = root[k].linear.x + root[k].linear.y + root[k].linear.z;  // of W^(1/2)
   return trace * spin.norm() * dt > kFar &&
@@ -136,13 +136,13 @@ std::int64_t BodyRows::store(Bodies& bodies, double dt, FreeRotation method, int
       size() - 1, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t row = begin + 1; row <= end;) {  // runs of bodies without a gap
-          const std::size_t body = at(body_of[at(row)]);
+          const std::size_t body = usize(body_of[usize(row)]);
           std::int64_t n = 1;
           if (turns_anew(row, dt)) {
             Vec3::Map(&bodies.L[3 * body]) = root_of(static_cast<std::int32_t>(row)).inverse() *
-                                             from_row(velocity[at(row)].angular);
+                                             from_row(velocity[usize(row)].angular);
           } else {
-            while (row + n <= end && body_of[at(row + n)] == body_of[at(row)] + n &&
+            while (row + n <= end && body_of[usize(row + n)] == body_of[usize(row)] + n &&
                    !turns_anew(row + n, dt))
               ++n;
           }
@@ -151,7 +151,7 @@ std::int64_t BodyRows::store(Bodies& bodies, double dt, FreeRotation method, int
           row += n;
         }
         for (std::int64_t row = begin + 1; row <= end; ++row) {
-          const std::size_t k = at(row), i = at(body_of[k]);
+          const std::size_t k = usize(row), i = usize(body_of[k]);
           const BodyRow &x = displacement[k], &v = velocity[k];
           const double scale = root[k].linear.w;
           Vec3::Map(&bodies.x[3 * i]) += from_row(x.linear) * scale;

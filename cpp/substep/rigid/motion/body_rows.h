@@ -18,6 +18,7 @@
 
 #include "substep/core/aligned_buffer.h"
 #include "substep/core/point.h"
+#include "substep/core/usize.h"
 #include "substep/rigid/motion/bodies.h"
 
 namespace substep::rigid {
@@ -43,12 +44,10 @@ struct BodyRows {
 
   std::int64_t size() const { return static_cast<std::int64_t>(body_of.size()); }
   // Of the body, or of the world where it is below 0.
-  std::int32_t row(std::int32_t body) const {
-    return body < 0 ? 0 : row_of[static_cast<std::size_t>(body)];
-  }
-  bool moves(std::int32_t row) const { return root[static_cast<std::size_t>(row)].angular.w != 0; }
+  std::int32_t row(std::int32_t body) const { return body < 0 ? 0 : row_of[usize(body)]; }
+  bool moves(std::int32_t row) const { return root[usize(row)].angular.w != 0; }
   Mat3 root_of(std::int32_t row) const;  // W^(1/2)
-  double scale_of(std::int32_t row) const { return root[static_cast<std::size_t>(row)].linear.w; }
+  double scale_of(std::int32_t row) const { return root[usize(row)].linear.w; }
 
   // asleep: not 0 where a body is, or empty.
   void load(const Bodies& bodies, const Vec3& gravity, std::span<const std::uint8_t> asleep,

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 
 namespace substep::rigid {
 namespace {
@@ -234,7 +235,7 @@ bool make_faces(const std::vector<Triangle>& triangles, std::span<const Vec3> po
       v = w;
       ++walked;
     } while (v != start && walked <= next.size());
-    const auto first = static_cast<std::size_t>(out.first_corner.back());
+    const auto first = usize(out.first_corner.back());
     if (walked != next.size() || out.corners.size() < first + 3 || !(normal.norm() > 0)) {
       return false;
     }

@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/rigid/shapes/polytope.h"
 
 namespace substep::rigid {
@@ -26,7 +27,7 @@ class ConvexHull {
   // Corners of a face, counter-clockwise seen from outside.
   std::span<const std::int32_t> corners(int face) const {
     return {corners_.data() + first_corner_[face],
-            static_cast<std::size_t>(first_corner_[face + 1] - first_corner_[face])};
+            usize(first_corner_[face + 1] - first_corner_[face])};
   }
   const Vec3& centre() const { return centre_; }   // the mean of the vertices
   double radius() const { return radius_; }        // of the sphere about the origin around it

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 
 namespace substep::rigid {
 
@@ -92,7 +93,7 @@ MassMoments moments(const std::shared_ptr<const ConvexHull>& hull, double densit
   SolidIntegrals solid(x[0]);
   for (int f = 0; f < hull->face_count(); ++f) {
     const auto corners = hull->corners(f);
-    const auto corner = [&](std::size_t k) { return x[static_cast<std::size_t>(corners[k])]; };
+    const auto corner = [&](std::size_t k) { return x[usize(corners[k])]; };
     for (std::size_t k = 2; k < corners.size(); ++k) solid.add(corner(0), corner(k - 1), corner(k));
   }
   return solid.moments(density);

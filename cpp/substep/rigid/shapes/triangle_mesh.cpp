@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 
 namespace substep::rigid {
 namespace {
@@ -59,7 +60,7 @@ TriangleMesh::TriangleMesh(std::span<const Vec3> vertices,
       const bool is_there =
           found != sides.end() && std::get<0>(*found) == a && std::get<1>(*found) == b;
       const std::int64_t side = is_there ? std::get<2>(*found) : 0;
-      third[k] = is_there ? faces_[static_cast<std::size_t>(side / 3)][(side + 2) % 3] : -1;
+      third[k] = is_there ? faces_[usize(side / 3)][(side + 2) % 3] : -1;
     }
     opposite_.push_back(third);
   }

@@ -5,11 +5,12 @@
 #include <functional>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::rigid {
 namespace {
 
-constexpr int kLanes = ContactPacket::kLanes;
+constexpr int kPacketLanes = ContactPacket::kLanes;
 constexpr std::int64_t kBodies = 512;  // per chunk
 constexpr std::int64_t kPackets = 16;  // per chunk, where they are independent
 constexpr float kFarAway = 1e6F;       // [m]
@@ -33,17 +34,14 @@ class Phases {
     for (std::size_t f = 0; f < sweep.chunks_of_phase.size(); ++f) {
       const std::int64_t first = sweep.phase_start[f];
       add(sweep.chunks_of_phase[f], [&sweep, first, packet](std::int64_t chunk) {
-        const auto c = static_cast<std::size_t>(first + chunk);
+        const auto c = usize(first + chunk);
         for (auto k = sweep.chunk_start[c]; k < sweep.chunk_start[c + 1]; ++k) packet(k);
       });
     }
   }
   void run(int threads) const {
     parallel_phases(
-        chunks_,
-        [this](std::int64_t phase, std::int64_t chunk) {
-          tasks_[static_cast<std::size_t>(phase)](chunk);
-        },
+        chunks_, [this](std::int64_t phase, std::int64_t chunk) { tasks_[usize(phase)](chunk); },
         threads);
   }
 
@@ -77,29 +75,28 @@ void ContactSolver::order(const Vec3& gravity, std::span<const ContactConstraint
   sort_(depth_, 32, threads);
   pairs_.clear();
   for (const auto& entry : depth_) {
-    const ContactConstraint& c = contacts[static_cast<std::size_t>(entry.index)];
+    const ContactConstraint& c = contacts[usize(entry.index)];
     pairs_.push_back({mover(c.a), mover(c.b)});
   }
   colours_.assign(pairs_.size(), GraphColouring::kNoColour);
   const auto n = static_cast<std::int32_t>(rows_.size());
   colouring_.colour(pairs_, n, colours_);
-  colouring_.make_sweep(pairs_, n, colours_, kLanes, sweep_);
+  colouring_.make_sweep(pairs_, n, colours_, kPacketLanes, sweep_);
   place_.assign(contacts.size(), -1);
   for (std::size_t k = 0; k < sweep_.constraint.size(); ++k) {
     auto& c = sweep_.constraint[k];
     if (c < 0) continue;
-    c = depth_[static_cast<std::size_t>(c)].index;
-    place_[static_cast<std::size_t>(c)] = static_cast<std::int32_t>(k);
+    c = depth_[usize(c)].index;
+    place_[usize(c)] = static_cast<std::int32_t>(k);
   }
 }
 
 // From the bottom up.
 void ContactSolver::mark_standing(std::span<const ContactConstraint> contacts) {
   for (auto it = depth_.rbegin(); it != depth_.rend(); ++it) {
-    const ContactConstraint& c = contacts[static_cast<std::size_t>(it->index)];
+    const ContactConstraint& c = contacts[usize(it->index)];
     const std::int32_t a = rows_.row(c.a), b = rows_.row(c.b);
-    auto &stands_a = rows_.stands[static_cast<std::size_t>(a)],
-         &stands_b = rows_.stands[static_cast<std::size_t>(b)];
+    auto &stands_a = rows_.stands[usize(a)], &stands_b = rows_.stands[usize(b)];
     if (stands_a == stands_b || !holds(c)) continue;
     if (rows_.moves(a)) stands_a = 1;
     if (rows_.moves(b)) stands_b = 1;
@@ -107,19 +104,19 @@ void ContactSolver::mark_standing(std::span<const ContactConstraint> contacts) {
 }
 
 void ContactSolver::pack(std::span<const ContactConstraint> contacts, int threads) {
-  packets_.reset(static_cast<std::size_t>(sweep_.packets()));
-  given_.reset(static_cast<std::size_t>(sweep_.packets()));
+  packets_.reset(usize(sweep_.packets()));
+  given_.reset(usize(sweep_.packets()));
   parallel_for(
       sweep_.packets(), kPackets,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t k = begin; k < end; ++k) {
-          ContactPacket& packet = packets_[static_cast<std::size_t>(k)];
-          for (int lane = 0; lane < kLanes; ++lane) {
-            const auto c = sweep_.constraint[static_cast<std::size_t>(k * kLanes + lane)];
-            packet.set(lane, c < 0 ? nullptr : &contacts[static_cast<std::size_t>(c)], rows_);
+          ContactPacket& packet = packets_[usize(k)];
+          for (int lane = 0; lane < kPacketLanes; ++lane) {
+            const auto c = sweep_.constraint[usize(k * kPacketLanes + lane)];
+            packet.set(lane, c < 0 ? nullptr : &contacts[usize(c)], rows_);
           }
           packet.prepare(rows_);
-          given_[static_cast<std::size_t>(k)] = {};
+          given_[usize(k)] = {};
         }
       },
       threads);
@@ -139,8 +136,8 @@ void ContactSolver::Given::report(int lane, ContactConstraint& contact) const {
 void ContactSolver::bounce(double h, double slop) {
   impacts_.advance(rows_, h, slop);
   for (std::int64_t k = 0; k < impacts_.count(); ++k) {
-    const auto place = place_[static_cast<std::size_t>(impacts_.contact(k))];
-    packets_[static_cast<std::size_t>(place / kLanes)].away[place % kLanes] =
+    const auto place = place_[usize(impacts_.contact(k))];
+    packets_[usize(place / kPacketLanes)].away[place % kPacketLanes] =
         impacts_.flying(k) ? kFarAway : 0;
   }
 }
@@ -166,9 +163,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   const double slow = 0.5 * h * gravity.norm();
   const double lost = std::min(1.0, h * options.settling);
 
-  const auto packet = [&](std::int64_t k) -> ContactPacket& {
-    return packets_[static_cast<std::size_t>(k)];
-  };
+  const auto packet = [&](std::int64_t k) -> ContactPacket& { return packets_[usize(k)]; };
   Phases phases;
   const auto add_joints = [&](const std::function<void(JointGroup&)>& task) {
     if (joints_.groups() > 0) {
@@ -186,7 +181,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
       phases.add_sweep(sweep_, [&, sweep](std::int64_t k) {
         if (sweep == 0) packet(k).solve_positions(rows_, settings);
         packet(k).solve_velocities(rows_);
-        if (sweep + 1 == options.sweeps) given_[static_cast<std::size_t>(k)].add(packet(k));
+        if (sweep + 1 == options.sweeps) given_[usize(k)].add(packet(k));
       });
     }
     phases.add_range(rows_.size(), kBodies,
@@ -201,9 +196,9 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   if (bad >= 0) return bad;
   for (std::size_t c = 0; c < contacts.size(); ++c) {
     if (place_[c] < 0) continue;
-    const std::int64_t k = place_[c] / kLanes;
-    packet(k).get(place_[c] % kLanes, contacts[c]);
-    given_[static_cast<std::size_t>(k)].report(place_[c] % kLanes, contacts[c]);
+    const std::int64_t k = place_[c] / kPacketLanes;
+    packet(k).get(place_[c] % kPacketLanes, contacts[c]);
+    given_[usize(k)].report(place_[c] % kPacketLanes, contacts[c]);
   }
   impacts_.report(contacts);
   joints_.store(bodies, joints, dt);

@@ -5,6 +5,7 @@
 #include <bit>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 
 namespace substep::rigid {
 namespace {
@@ -21,14 +22,13 @@ bool on_ground(const BodyPair& pair) { return pair.a < 0 || pair.b < 0; }
 
 void GraphColouring::colour(std::span<const BodyPair> constraints, std::int32_t bodies,
                             std::span<std::uint8_t> colours) {
-  for (auto& used : used_) used.assign(static_cast<std::size_t>(bodies), 0);
+  for (auto& used : used_) used.assign(usize(bodies), 0);
   const auto mask = [&](const BodyPair& pair, const std::vector<std::uint64_t>& used) {
-    return (pair.a < 0 ? 0 : used[static_cast<std::size_t>(pair.a)]) |
-           (pair.b < 0 ? 0 : used[static_cast<std::size_t>(pair.b)]);
+    return (pair.a < 0 ? 0 : used[usize(pair.a)]) | (pair.b < 0 ? 0 : used[usize(pair.b)]);
   };
   const auto take = [&](const BodyPair& pair, std::vector<std::uint64_t>& used, int bit) {
-    if (pair.a >= 0) used[static_cast<std::size_t>(pair.a)] |= std::uint64_t{1} << bit;
-    if (pair.b >= 0) used[static_cast<std::size_t>(pair.b)] |= std::uint64_t{1} << bit;
+    if (pair.a >= 0) used[usize(pair.a)] |= std::uint64_t{1} << bit;
+    if (pair.b >= 0) used[usize(pair.b)] |= std::uint64_t{1} << bit;
   };
   for (std::size_t c = 0; c < constraints.size(); ++c) {
     const BodyPair& pair = constraints[c];
@@ -55,24 +55,21 @@ void GraphColouring::colour(std::span<const BodyPair> constraints, std::int32_t 
 // Each goes into the first packet behind those of its bodies that has a lane left.
 void GraphColouring::append_uncoloured(std::span<const BodyPair> constraints, std::int32_t bodies,
                                        std::span<const std::uint8_t> colours, Sweep& sweep) {
-  last_.assign(static_cast<std::size_t>(bodies), -1);
+  last_.assign(usize(bodies), -1);
   filled_.clear();
   for (std::size_t c = 0; c < constraints.size(); ++c) {
     if (colours[c] < kColours) continue;
     const auto [a, b] = constraints[c];
-    auto k =
-        static_cast<std::size_t>(1 + std::max(a < 0 ? -1 : last_[static_cast<std::size_t>(a)],
-                                              b < 0 ? -1 : last_[static_cast<std::size_t>(b)]));
+    auto k = usize(1 + std::max(a < 0 ? -1 : last_[usize(a)], b < 0 ? -1 : last_[usize(b)]));
     while (k < filled_.size() && filled_[k] == sweep.lanes) ++k;
     if (k == filled_.size()) {
       filled_.push_back(0);
-      sweep.constraint.resize(sweep.constraint.size() + static_cast<std::size_t>(sweep.lanes), -1);
+      sweep.constraint.resize(sweep.constraint.size() + usize(sweep.lanes), -1);
     }
-    const auto lane = static_cast<std::size_t>(filled_[k]++);
-    sweep.constraint[k * static_cast<std::size_t>(sweep.lanes) + lane] =
-        static_cast<std::int32_t>(c);
-    if (a >= 0) last_[static_cast<std::size_t>(a)] = static_cast<std::int32_t>(k);
-    if (b >= 0) last_[static_cast<std::size_t>(b)] = static_cast<std::int32_t>(k);
+    const auto lane = usize(filled_[k]++);
+    sweep.constraint[k * usize(sweep.lanes) + lane] = static_cast<std::int32_t>(c);
+    if (a >= 0) last_[usize(a)] = static_cast<std::int32_t>(k);
+    if (b >= 0) last_[usize(b)] = static_cast<std::int32_t>(k);
   }
 }
 
@@ -98,10 +95,10 @@ void GraphColouring::make_sweep(std::span<const BodyPair> constraints, std::int3
     next[k] = first[k + 1] * lanes;
     first[k + 2] = first[k + 1] + (count[k] + lanes - 1) / lanes;
   }
-  sweep.constraint.resize(static_cast<std::size_t>(first.back() * lanes), -1);
+  sweep.constraint.resize(usize(first.back() * lanes), -1);
   for (std::size_t c = 0; c < colours.size(); ++c) {
     if (colours[c] >= kColours) continue;
-    sweep.constraint[static_cast<std::size_t>(next[colours[c]]++)] = static_cast<std::int32_t>(c);
+    sweep.constraint[usize(next[colours[c]]++)] = static_cast<std::int32_t>(c);
   }
 
   sweep.chunk_start.assign(1, 0);

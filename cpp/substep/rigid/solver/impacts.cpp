@@ -4,6 +4,7 @@
 #include <cmath>
 #include <functional>
 
+#include "substep/core/usize.h"
 #include "substep/rigid/motion/row_vectors.h"
 
 namespace substep::rigid {
@@ -11,8 +12,6 @@ namespace {
 
 constexpr int kBlockSweeps = 64;                // of the impulses of one manifold, at most
 constexpr std::int64_t kEventsPerContact = 32;  // in one sub-step, on the average, at most
-
-std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
 
 }  // namespace
 
@@ -53,24 +52,24 @@ void Impacts::begin_step(std::span<const ContactConstraint> contacts, const Body
     contacts_.push_back(row);
   }
   if (contacts_.empty()) return;
-  start_.assign(static_cast<std::size_t>(rows.size()) + 1, 0);
+  start_.assign(usize(rows.size()) + 1, 0);
   const auto each = [&](const auto& visit) {
     for (std::size_t k = 0; k < contacts_.size(); ++k) {
       if (contacts_[k].moves_a) visit(contacts_[k].a, static_cast<std::int32_t>(k));
       if (contacts_[k].moves_b) visit(contacts_[k].b, static_cast<std::int32_t>(k));
     }
   };
-  each([&](std::int32_t body, std::int32_t) { ++start_[at(body)]; });
+  each([&](std::int32_t body, std::int32_t) { ++start_[usize(body)]; });
   std::int32_t sum = 0;
   for (std::int32_t& start : start_) start = sum += start;
-  of_body_.resize(at(sum));
-  each([&](std::int32_t body, std::int32_t k) { of_body_[at(--start_[at(body)])] = k; });
+  of_body_.resize(usize(sum));
+  each([&](std::int32_t body, std::int32_t k) { of_body_[usize(--start_[usize(body)])] = k; });
 }
 
 // gradient . (linear, angular)
 double Impacts::along(const Row& row, const Vec3& direction, const Gradient& gradient,
                       const BodyRows::Rows& rows) const {
-  const BodyRow &a = rows[at(row.a)], &b = rows[at(row.b)];
+  const BodyRow &a = rows[usize(row.a)], &b = rows[usize(row.b)];
   return direction.dot(row.scale_b * from_row(b.linear) - row.scale_a * from_row(a.linear)) +
          (gradient.angular_b.dot(from_row(b.angular)) -
           gradient.angular_a.dot(from_row(a.angular)));
@@ -78,7 +77,8 @@ double Impacts::along(const Row& row, const Vec3& direction, const Gradient& gra
 
 double Impacts::acceleration(const Row& row, const BodyRows& rows, double h) const {
   const auto of = [&](std::int32_t i) {
-    return Vec3(from_row(rows.acceleration[at(i)].linear) + from_row(rows.push[at(i)].linear) / h);
+    return Vec3(from_row(rows.acceleration[usize(i)].linear) +
+                from_row(rows.push[usize(i)].linear) / h);
   };
   return row.normal.dot(row.scale_b * of(row.b) - row.scale_a * of(row.a));
 }
@@ -138,18 +138,18 @@ void Impacts::collide(Row& row, BodyRows& rows, double h, double time) const {
     }
     if (change <= 1e-15 * most) break;
   }
-  const Vec3 va = from_row(rows.velocity[at(row.a)].linear),
-             wa = from_row(rows.velocity[at(row.a)].angular),
-             vb = from_row(rows.velocity[at(row.b)].linear),
-             wb = from_row(rows.velocity[at(row.b)].angular);
+  const Vec3 va = from_row(rows.velocity[usize(row.a)].linear),
+             wa = from_row(rows.velocity[usize(row.a)].angular),
+             vb = from_row(rows.velocity[usize(row.b)].linear),
+             wb = from_row(rows.velocity[usize(row.b)].angular);
   const auto apply = [&](const Vec3& direction, const Gradient& gradient, double impulse) {
     if (row.moves_a) {
-      add(rows.velocity[at(row.a)].linear, -impulse * row.scale_a * direction);
-      add(rows.velocity[at(row.a)].angular, -impulse * gradient.angular_a);
+      add(rows.velocity[usize(row.a)].linear, -impulse * row.scale_a * direction);
+      add(rows.velocity[usize(row.a)].angular, -impulse * gradient.angular_a);
     }
     if (row.moves_b) {
-      add(rows.velocity[at(row.b)].linear, impulse * row.scale_b * direction);
-      add(rows.velocity[at(row.b)].angular, impulse * gradient.angular_b);
+      add(rows.velocity[usize(row.b)].linear, impulse * row.scale_b * direction);
+      add(rows.velocity[usize(row.b)].angular, impulse * gradient.angular_b);
     }
   };
   double pressure = 0;
@@ -181,9 +181,9 @@ void Impacts::collide(Row& row, BodyRows& rows, double h, double time) const {
     }
   }
   const auto shift = [&](std::int32_t i, const Vec3& v, const Vec3& w) {
-    const BodyRow& now = rows.velocity[at(i)];
-    add(rows.displacement[at(i)].linear, -time * (from_row(now.linear) - v));
-    add(rows.displacement[at(i)].angular, -time * (from_row(now.angular) - w));
+    const BodyRow& now = rows.velocity[usize(i)];
+    add(rows.displacement[usize(i)].linear, -time * (from_row(now.linear) - v));
+    add(rows.displacement[usize(i)].angular, -time * (from_row(now.angular) - w));
   };
   if (row.moves_a) shift(row.a, va, wa);
   if (row.moves_b) shift(row.b, vb, wb);
@@ -194,7 +194,7 @@ void Impacts::advance(BodyRows& rows, double h, double slop) {
   queue_.clear();
   double time = 0;
   const auto push = [&](std::int32_t k) {
-    if (fate(contacts_[at(k)], rows, h, time) != Fate::kImpact) return;
+    if (fate(contacts_[usize(k)], rows, h, time) != Fate::kImpact) return;
     queue_.push_back({time, k});
     std::push_heap(queue_.begin(), queue_.end(), std::greater<>());
   };
@@ -204,15 +204,15 @@ void Impacts::advance(BodyRows& rows, double h, double slop) {
     std::pop_heap(queue_.begin(), queue_.end(), std::greater<>());
     const Event event = queue_.back();
     queue_.pop_back();
-    Row& row = contacts_[at(event.row)];
+    Row& row = contacts_[usize(event.row)];
     const bool impact = fate(row, rows, h, time) == Fate::kImpact;
     if (!impact || time != event.time) continue;  // another impact changed it, and pushed it anew
     collide(row, rows, h, time);
-    flying_[at(event.row)] = 1;
+    flying_[usize(event.row)] = 1;
     ++happened_;
     for (const auto& [body, moves] : {std::pair(row.a, row.moves_a), {row.b, row.moves_b}}) {
       if (!moves) continue;
-      for (auto i = start_[at(body)]; i < start_[at(body) + 1]; ++i) push(of_body_[at(i)]);
+      for (auto i = start_[usize(body)]; i < start_[usize(body) + 1]; ++i) push(of_body_[usize(i)]);
     }
   }
   for (std::size_t k = 0; k < contacts_.size(); ++k) {
@@ -224,7 +224,7 @@ void Impacts::advance(BodyRows& rows, double h, double slop) {
 
 void Impacts::report(std::span<ContactConstraint> contacts) const {
   for (const Row& row : contacts_) {
-    ContactConstraint& contact = contacts[at(row.index)];
+    ContactConstraint& contact = contacts[usize(row.index)];
     for (int k = 0; k < row.count; ++k) contact.points[k].total += row.given[k];
     for (int i = 0; i < 2; ++i) contact.friction_total[i] += row.friction_given[i];
   }

@@ -20,6 +20,7 @@
 #include <span>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/rigid/motion/body_rows.h"
 #include "substep/rigid/solver/contact_constraint.h"
 
@@ -35,10 +36,8 @@ class Impacts {
   // is no contact of this sub-step: it bounced, or comes near so fast that it will.
   void advance(BodyRows& rows, double h, double slop);
   std::int64_t count() const { return static_cast<std::int64_t>(contacts_.size()); }
-  std::int32_t contact(std::int64_t k) const {
-    return contacts_[static_cast<std::size_t>(k)].index;
-  }
-  bool flying(std::int64_t k) const { return flying_[static_cast<std::size_t>(k)] != 0; }
+  std::int32_t contact(std::int64_t k) const { return contacts_[usize(k)].index; }
+  bool flying(std::int64_t k) const { return flying_[usize(k)] != 0; }
   std::int64_t happened() const { return happened_; }  // in this step
   // Adds the impulses of this step to the totals of the contacts.
   void report(std::span<ContactConstraint> contacts) const;

@@ -6,14 +6,13 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/reserve.h"
+#include "substep/core/usize.h"
 
 namespace substep::rigid {
 
 void label_islands(std::span<const BodyPair> constraints, std::span<std::int32_t> label) {
   std::iota(label.begin(), label.end(), 0);
-  const auto parent = [&](std::int32_t i) -> std::int32_t& {
-    return label[static_cast<std::size_t>(i)];
-  };
+  const auto parent = [&](std::int32_t i) -> std::int32_t& { return label[usize(i)]; };
   const auto root = [&](std::int32_t i) {
     while (parent(i) != i) i = parent(i) = parent(parent(i));
     return i;
@@ -35,14 +34,14 @@ void Islands::gather_awake() {
 }
 
 void Islands::make_room(std::int32_t end, std::int32_t count) {
-  const auto n = static_cast<std::size_t>(end);
+  const auto n = usize(end);
   reserve_amortised(slow_time_, n), reserve_amortised(island_, n), reserve_amortised(next_, n);
-  reserve_amortised(awake_, awake_.size() + static_cast<std::size_t>(count));
+  reserve_amortised(awake_, awake_.size() + usize(count));
 }
 
 void Islands::add(std::int32_t body) {
   if (body < 0) throw InputError("the number of a body must not be negative");
-  const auto i = static_cast<std::size_t>(body);
+  const auto i = usize(body);
   if (i >= island_.size()) {
     slow_time_.resize(i + 1, 0);
     island_.resize(i + 1, kNoBody);
@@ -55,7 +54,7 @@ void Islands::add(std::int32_t body) {
 }
 
 void Islands::remove(std::int32_t body) {
-  const auto i = static_cast<std::size_t>(body);
+  const auto i = usize(body);
   if (body < 0 || i >= island_.size() || island_[i] == kNoBody) {
     throw InputError("there is no such body");
   }
@@ -70,23 +69,23 @@ void Islands::renumber(std::span<const std::int32_t> bodies) {
   std::vector<std::int32_t> island;
   for (std::size_t i = 0; i < island_.size(); ++i) {
     if (island_[i] == kNoBody) continue;
-    const auto to = static_cast<std::size_t>(bodies[i]);
+    const auto to = usize(bodies[i]);
     slow_time.resize(to + 1, 0);
     island.resize(to + 1, kNoBody);
     slow_time[to] = slow_time_[i];
-    island[to] = island_[i] < 0 ? island_[i] : bodies[static_cast<std::size_t>(island_[i])];
+    island[to] = island_[i] < 0 ? island_[i] : bodies[usize(island_[i])];
   }
   restore(slow_time, island);
 }
 
 void Islands::wake(std::int32_t body) {
-  const auto first = static_cast<std::size_t>(body);
+  const auto first = usize(body);
   slow_time_[first] = 0;
   if (!asleep(body)) return;
   const auto known = static_cast<std::ptrdiff_t>(woken_.size());
   std::int32_t member = body;
   do {
-    const auto i = static_cast<std::size_t>(member);
+    const auto i = usize(member);
     woken_.push_back(member);
     slow_time_[i] = 0;
     island_[i] = kAwake;
@@ -104,7 +103,7 @@ void Islands::update(double dt, const Sleep& sleep, std::span<const double> spee
   woken_.clear();
   bool any = false;
   for (const std::int32_t body : awake_) {
-    const auto i = static_cast<std::size_t>(body);
+    const auto i = usize(body);
     slow_time_[i] = speed[i] < sleep.speed ? slow_time_[i] + dt : 0;
     any |= slow_time_[i] >= sleep.time;
   }
@@ -112,7 +111,7 @@ void Islands::update(double dt, const Sleep& sleep, std::span<const double> spee
 
   // An island whose bodies are all ready is connected by constraints between ready ones.
   const auto ready = [&](std::int32_t body) {
-    const auto i = static_cast<std::size_t>(body);
+    const auto i = usize(body);
     return island_[i] == kAwake && slow_time_[i] >= sleep.time;
   };
   ready_pairs_.clear();
@@ -125,22 +124,21 @@ void Islands::update(double dt, const Sleep& sleep, std::span<const double> spee
   for (const BodyPair& pair : constraints) {
     if (pair.a < 0 || pair.b < 0 || ready(pair.a) == ready(pair.b)) continue;
     const std::int32_t body = ready(pair.a) ? pair.a : pair.b;
-    restless_[static_cast<std::size_t>(label_[static_cast<std::size_t>(body)])] = 1;
+    restless_[usize(label_[usize(body)])] = 1;
   }
   last_.resize(island_.size());
   for (const std::int32_t body : awake_) {
-    const auto i = static_cast<std::size_t>(body);
+    const auto i = usize(body);
     const std::int32_t label = label_[i];
-    if (!ready(body) || restless_[static_cast<std::size_t>(label)] != 0) continue;
+    if (!ready(body) || restless_[usize(label)] != 0) continue;
     slept_.push_back(body);
-    if (label != body)
-      next_[static_cast<std::size_t>(last_[static_cast<std::size_t>(label)])] = body;
-    last_[static_cast<std::size_t>(label)] = body;
+    if (label != body) next_[usize(last_[usize(label)])] = body;
+    last_[usize(label)] = body;
     next_[i] = label;  // until another follows
   }
   if (slept_.empty()) return;
   for (const std::int32_t body : slept_) {
-    island_[static_cast<std::size_t>(body)] = label_[static_cast<std::size_t>(body)];
+    island_[usize(body)] = label_[usize(body)];
   }
   gather_awake();
 }
@@ -154,11 +152,11 @@ void Islands::restore(std::span<const double> slow_time, std::span<const std::in
       if (label < kNoBody) throw InputError("there is no island of that number");
       continue;
     }
-    if (label > body || island[static_cast<std::size_t>(label)] != label) {
+    if (label > body || island[usize(label)] != label) {
       throw InputError("an island must have the number of its first body");
     }
-    std::int32_t& end = last[static_cast<std::size_t>(label)];
-    if (end >= 0) next[static_cast<std::size_t>(end)] = body;
+    std::int32_t& end = last[usize(label)];
+    if (end >= 0) next[usize(end)] = body;
     end = body;
     next[i] = label;
   }

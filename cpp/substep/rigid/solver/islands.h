@@ -15,6 +15,7 @@
 #include <span>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/rigid/motion/body_pair.h"
 
 namespace substep::rigid {
@@ -53,7 +54,7 @@ class Islands {
   // if it is awake, but that its time begins anew.
   void wake(std::int32_t body);
 
-  bool asleep(std::int32_t body) const { return island_[static_cast<std::size_t>(body)] >= 0; }
+  bool asleep(std::int32_t body) const { return island_[usize(body)] >= 0; }
   std::span<const std::int32_t> slept() const { return slept_; }
   std::span<const std::int32_t> woken() const { return woken_; }
   // Dynamic bodies that are awake, in ascending order.

@@ -1,10 +1,12 @@
 #include "substep/rigid/solver/joint.h"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <string>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 #include "substep/rigid/solver/joint_rows.h"
 
 namespace substep::rigid {
@@ -38,13 +40,30 @@ Joint::Frame frame_in(const Bodies& bodies, std::int32_t body, const Vec3& origi
   return {back * (origin - bodies.position(body)), (back * axes).normalized()};
 }
 
+// The shortest rotation that takes x into a direction: Eigen's FromTwoVectors, which would compile
+// a singular value decomposition for directions along -x. There it is half a turn about an axis
+// across.
+Quaternion turn_of_x(const Vec3& direction) {
+  const Vec3 x = Vec3::UnitX(), v = direction.normalized();
+  const double c = v.dot(x);
+  if (c < -1 + 1e-12) {
+    const double square = (1 + std::max(c, -1.0)) * 0.5, size = std::hypot(v.y(), v.z());
+    const double scale = std::sqrt(1 - square) * (size > 0 ? (v.y() < 0 ? -1 : 1) / size : 1);
+    const double y = size > 0 ? -v.z() : 0, z = size > 0 ? v.y() : 1;
+    return {std::sqrt(square), 0, scale * y, scale * z};
+  }
+  const Vec3 axis = x.cross(v);
+  const double s = std::sqrt((1 + c) * 2), inverse = 1 / s;
+  return {s * 0.5, inverse * axis.x(), inverse * axis.y(), inverse * axis.z()};
+}
+
 Joint make(JointType type, const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& anchor,
            const Vec3& axis) {
   check_pair(bodies, a, b);
   check(anchor.allFinite(), "anchor: expected finite numbers");
   const double largest = axis.cwiseAbs().maxCoeff();
   check(axis.allFinite() && largest > 0, "axis: expected finite numbers that are not all 0");
-  const Quaternion axes = Quaternion::FromTwoVectors(Vec3::UnitX(), axis / largest).normalized();
+  const Quaternion axes = turn_of_x(axis / largest).normalized();
   Joint joint;
   joint.type = type;
   joint.a = a, joint.b = b;
@@ -153,7 +172,7 @@ double joint_coordinate(const Joint& joint, const Bodies& bodies) {
   const int row = coordinate_row(joint.type);
   if (row < 0) return 0;
   return joint_values(joint.type, side(joint.in_a, joint.a), side(joint.in_b, joint.b),
-                      joint.coordinate)[static_cast<std::size_t>(row)];
+                      joint.coordinate)[usize(row)];
 }
 
 }  // namespace substep::rigid

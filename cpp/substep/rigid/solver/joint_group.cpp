@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "substep/core/usize.h"
 #include "substep/rigid/motion/row_vectors.h"
 
 namespace substep::rigid {
@@ -13,7 +14,6 @@ namespace {
 // and take it back.
 constexpr double kLoops = 1e-8, kTrees = 1e-14;
 
-std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
 Mat3 conjugated(const Quaternion& q, const Vec3& D) {
   const Mat3 R = q.toRotationMatrix();
   return R * D.asDiagonal() * R.transpose();
@@ -26,7 +26,7 @@ JointGroup::JointGroup(std::vector<std::int32_t> numbers, std::span<const Joint>
   std::vector<BodyPair> pairs;
   std::vector<int> sizes;
   for (const std::int32_t number : numbers) {
-    const Joint& joint = joints[at(number)];
+    const Joint& joint = joints[usize(number)];
     Link link;
     link.number = number;
     link.a = member_of(joint.a, rows);
@@ -40,12 +40,12 @@ JointGroup::JointGroup(std::vector<std::int32_t> numbers, std::span<const Joint>
   std::int32_t moving = 0;
   for (std::size_t k = 0; k < members_.size(); ++k)
     if (members_[k].moves) place[k] = moving++;
-  for (const Link& link : links_) pairs.push_back({place[at(link.a)], place[at(link.b)]});
+  for (const Link& link : links_) pairs.push_back({place[usize(link.a)], place[usize(link.b)]});
   matrix_.analyse(moving, pairs, sizes);
   // A tree has one node, of bodies or the ground, more than joints.
   const bool grounded = std::any_of(pairs.begin(), pairs.end(),
                                     [](const BodyPair& pair) { return pair.a < 0 || pair.b < 0; });
-  const bool tree = links_.size() + 1 == at(moving) + (grounded ? 1 : 0);
+  const bool tree = links_.size() + 1 == usize(moving) + (grounded ? 1 : 0);
   regularisation_ = tree ? kTrees : kLoops;
   pieces_.resize(links_.size());
   q_.resize(4 * members_.size());
@@ -77,17 +77,17 @@ void JointGroup::begin_step(std::span<const Joint> joints, std::span<const std::
     m.origin = m.body < 0 ? Vec3::Zero() : bodies.position(m.body);
     m.now = {m.origin, m.body < 0 ? Quaternion::Identity() : bodies.rotation(m.body)};
     const bool still = m.row == 0;
-    const Vec3 I = still ? Vec3::Ones() : Vec3(&bodies.inertia[3 * at(m.body)]);
+    const Vec3 I = still ? Vec3::Ones() : Vec3(&bodies.inertia[3 * usize(m.body)]);
     m.unroot = conjugated(m.now.q, I.cwiseSqrt());
     Vec3::Map(&inertia_[3 * k]) = I;
-    Vec3::Map(&L_[3 * k]) = still ? Vec3::Zero() : Vec3(&bodies.L[3 * at(m.body)]);
-    m.seen_spin = from_row(rows.velocity[at(m.row)].angular);
+    Vec3::Map(&L_[3 * k]) = still ? Vec3::Zero() : Vec3(&bodies.L[3 * usize(m.body)]);
+    m.seen_spin = from_row(rows.velocity[usize(m.row)].angular);
     m.seen_turn = m.given_v = m.given_w = m.start = m.start_turn = Vec3::Zero();
     refresh(k, rows);
-    if (m.moves && pressed[at(m.body)] != 0) smooth_ = false;
+    if (m.moves && pressed[usize(m.body)] != 0) smooth_ = false;
   }
   for (Link& link : links_) {
-    link.joint = joints[at(link.number)];
+    link.joint = joints[usize(link.number)];
     link.mode.fill(JointLaw::Mode::kFree);
     link.force = link.torque = Vec3::Zero();
   }
@@ -103,7 +103,7 @@ void JointGroup::refresh(std::size_t member, BodyRows& rows) {
   m.W = m.W_root * m.W_root;
   if (!m.moves) return;
   m.seen_spin = m.unroot * (m.W * momentum(member));
-  assign(rows.velocity[at(m.row)].angular, m.seen_spin);
+  assign(rows.velocity[usize(m.row)].angular, m.seen_spin);
 }
 
 // Forces alone, for a time that may be negative.
@@ -111,8 +111,8 @@ void JointGroup::kick(double time, BodyRows& rows) {
   for (std::size_t k = 0; k < members_.size(); ++k) {
     const Member& m = members_[k];
     if (!m.moves) continue;
-    const BodyRow& a = rows.acceleration[at(m.row)];
-    add(rows.velocity[at(m.row)].linear, time * from_row(a.linear));
+    const BodyRow& a = rows.acceleration[usize(m.row)];
+    add(rows.velocity[usize(m.row)].linear, time * from_row(a.linear));
     Vec3::Map(&L_[3 * k]) += time * (m.unroot * from_row(a.angular));
     refresh(k, rows);
   }
@@ -124,8 +124,8 @@ bool JointGroup::read_momenta(const BodyRows& rows) {
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
     if (!m.moves) continue;
-    if (from_row(rows.velocity[at(m.row)].linear) != m.seen_velocity) changed = true;
-    const Vec3 spin = from_row(rows.velocity[at(m.row)].angular);
+    if (from_row(rows.velocity[usize(m.row)].linear) != m.seen_velocity) changed = true;
+    const Vec3 spin = from_row(rows.velocity[usize(m.row)].angular);
     if (spin == m.seen_spin) continue;
     Vec3::Map(&L_[3 * k]) += m.unroot * (spin - m.seen_spin);
     m.seen_spin = spin;
@@ -139,7 +139,7 @@ void JointGroup::write_momenta(BodyRows& rows) {
     Member& m = members_[k];
     if (!m.moves) continue;
     const Vec3 spin = m.unroot * (m.W * momentum(k));
-    Point<double>& row = rows.velocity[at(m.row)].angular;
+    Point<double>& row = rows.velocity[usize(m.row)].angular;
     m.given_w += spin - from_row(row);
     assign(row, spin);
     m.seen_spin = spin;
@@ -148,15 +148,15 @@ void JointGroup::write_momenta(BodyRows& rows) {
 
 // Call write_momenta() afterwards.
 void JointGroup::apply(Link& link, int row, double impulse, BodyRows& rows) {
-  link.impulse[at(row)] += impulse;
+  link.impulse[usize(row)] += impulse;
   tried_ = false;
   const auto give = [&](std::int32_t member, double l, const Vec3& angular) {
-    Member& m = members_[at(member)];
+    Member& m = members_[usize(member)];
     if (!m.moves) return;
     const Vec3 v = l * m.scale * link.G.linear[row];
-    add(rows.velocity[at(m.row)].linear, v);
+    add(rows.velocity[usize(m.row)].linear, v);
     m.given_v += v;
-    Vec3::Map(&L_[3 * at(member)]) += l * angular;
+    Vec3::Map(&L_[3 * usize(member)]) += l * angular;
   };
   give(link.a, impulse, link.G.angular_a[row]);
   give(link.b, -impulse, link.G.angular_b[row]);
@@ -164,7 +164,7 @@ void JointGroup::apply(Link& link, int row, double impulse, BodyRows& rows) {
 
 std::array<double, kJointRows> JointGroup::values(const Link& link, bool trial) const {
   const auto side = [&](const Joint::Frame& frame, std::int32_t member) {
-    const Place& place = trial ? trial_[at(member)] : members_[at(member)].now;
+    const Place& place = trial ? trial_[usize(member)] : members_[usize(member)].now;
     return JointSide(frame, place.x, place.q);
   };
   return joint_values(link.joint.type, side(link.joint.in_a, link.a), side(link.joint.in_b, link.b),
@@ -173,7 +173,7 @@ std::array<double, kJointRows> JointGroup::values(const Link& link, bool trial) 
 
 void JointGroup::set_gradients() {
   for (Link& link : links_) {
-    const Member &a = members_[at(link.a)], &b = members_[at(link.b)];
+    const Member &a = members_[usize(link.a)], &b = members_[usize(link.b)];
     link.G = joint_gradients(link.joint.type, JointSide(link.joint.in_a, a.now.x, a.now.q),
                              JointSide(link.joint.in_b, b.now.x, b.now.q));
     link.begin = values(link, false);
@@ -183,7 +183,7 @@ void JointGroup::set_gradients() {
                              angular.dot(m.W * angular)
                        : 0;
       };
-      link.mobility[at(row)] = of(a, link.G.angular_a[row]) + of(b, link.G.angular_b[row]);
+      link.mobility[usize(row)] = of(a, link.G.angular_a[row]) + of(b, link.G.angular_b[row]);
     }
   }
   factored_ = false;
@@ -201,14 +201,14 @@ void JointGroup::factor() {
     };
     for (int row = 0; row < link.rows; ++row) {
       if (!link.active(row)) continue;
-      double E = regularisation_ * link.mobility[at(row)];
+      double E = regularisation_ * link.mobility[usize(row)];
       if (row >= link.equations) {
-        const std::size_t k = at(row - link.equations);
+        const std::size_t k = usize(row - link.equations);
         E += link.law[k].softness(link.mode[k]);
       }
       matrix_.set(static_cast<std::int32_t>(j), row,
-                  piece(members_[at(link.a)], 1, row, link.G.angular_a[row]),
-                  piece(members_[at(link.b)], -1, row, link.G.angular_b[row]), E);
+                  piece(members_[usize(link.a)], 1, row, link.G.angular_a[row]),
+                  piece(members_[usize(link.b)], -1, row, link.G.angular_b[row]), E);
     }
   }
   matrix_.factor();
@@ -219,8 +219,8 @@ void JointGroup::begin_substep(BodyRows& rows) {
   tried_ = false;
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
-    const BodyRow &x = rows.displacement[at(m.row)], &free = rows.free[at(m.row)];
-    const BodyRow& a = rows.acceleration[at(m.row)];
+    const BodyRow &x = rows.displacement[usize(m.row)], &free = rows.free[usize(m.row)];
+    const BodyRow& a = rows.acceleration[usize(m.row)];
     // The half kick back that begins a step is none of what was before it.
     const double kicked = settings_.h - weight_ * settings_.h;
     m.v_before = m.scale * (from_row(free.linear) - weight_ * settings_.h * from_row(a.linear));
@@ -228,7 +228,7 @@ void JointGroup::begin_substep(BodyRows& rows) {
     m.start = from_row(x.linear);
     m.start_turn = from_row(x.angular);
     if (!m.moves) continue;
-    BodyRow& v = rows.velocity[at(m.row)];
+    BodyRow& v = rows.velocity[usize(m.row)];
     add(v.linear, -m.given_v);
     add(v.angular, -m.given_w);
     m.given_v = m.given_w = Vec3::Zero();
@@ -247,17 +247,17 @@ void JointGroup::begin_substep(BodyRows& rows) {
     set_laws(link, Stage::kMotion);
     link.impulse.fill(0);
     for (int row = 0; row < link.rows; ++row)
-      apply(link, row, weight_ * link.joint.impulse[at(row)], rows);
+      apply(link, row, weight_ * link.joint.impulse[usize(row)], rows);
   }
   write_momenta(rows);
 }
 
 void JointGroup::sum_impulses(Link& link) const {
-  const Vec3 arm = members_[at(link.a)].now.q * link.joint.in_a.anchor;
+  const Vec3 arm = members_[usize(link.a)].now.q * link.joint.in_a.anchor;
   for (int row = 0; row < link.rows; ++row) {
-    const Vec3 l = link.impulse[at(row)] * link.G.linear[row];
+    const Vec3 l = link.impulse[usize(row)] * link.G.linear[row];
     link.force += l;
-    link.torque += link.impulse[at(row)] * link.G.angular_a[row] - arm.cross(l);
+    link.torque += link.impulse[usize(row)] * link.G.angular_a[row] - arm.cross(l);
   }
 }
 
@@ -266,8 +266,8 @@ void JointGroup::move(BodyRows& rows) {
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
     if (m.moves) {
-      const BodyRow& v = rows.velocity[at(m.row)];
-      BodyRow& x = rows.displacement[at(m.row)];
+      const BodyRow& v = rows.velocity[usize(m.row)];
+      BodyRow& x = rows.displacement[usize(m.row)];
       assign(x.linear, m.start + settings_.h * from_row(v.linear));
       m.seen_turn = m.start_turn + settings_.h * from_row(v.angular);
       assign(x.angular, m.seen_turn);
@@ -276,7 +276,7 @@ void JointGroup::move(BodyRows& rows) {
   for (Link& link : links_) {
     sum_impulses(link);
     for (int row = 0; row < link.rows; ++row)
-      link.joint.impulse[at(row)] = link.impulse[at(row)] / weight_;
+      link.joint.impulse[usize(row)] = link.impulse[usize(row)] / weight_;
   }
   for (std::size_t k = 0; k < members_.size(); ++k) members_[k].now = trial_[k];
   weight_ = 1;
@@ -286,7 +286,7 @@ void JointGroup::end_step(BodyRows& rows) {
   if (smooth_) {
     for (std::size_t k = 0; k < members_.size(); ++k) {
       Member& m = members_[k];
-      m.v_before = m.scale * from_row(rows.velocity[at(m.row)].linear);
+      m.v_before = m.scale * from_row(rows.velocity[usize(m.row)].linear);
       m.w_before = m.W * momentum(k);
     }
     kick(0.5 * settings_.h, rows);
@@ -305,11 +305,11 @@ void JointGroup::store(Bodies& bodies, std::span<Joint> joints, double dt) const
   for (std::size_t k = 0; k < members_.size(); ++k) {
     const Member& m = members_[k];
     if (!m.moves) continue;
-    store_quaternion(m.now.q, &bodies.q[4 * at(m.body)]);
-    Vec3::Map(&bodies.L[3 * at(m.body)]) = momentum(k);
+    store_quaternion(m.now.q, &bodies.q[4 * usize(m.body)]);
+    Vec3::Map(&bodies.L[3 * usize(m.body)]) = momentum(k);
   }
   for (const Link& link : links_) {
-    Joint& joint = joints[at(link.number)];
+    Joint& joint = joints[usize(link.number)];
     const auto C = values(link, false);
     joint.impulse = link.joint.impulse;
     joint.coordinate = link.joint.coordinate;
@@ -317,7 +317,7 @@ void JointGroup::store(Bodies& bodies, std::span<Joint> joints, double dt) const
     joint.torque = link.torque / dt;
     joint.length_error = joint.angle_error = 0;
     for (int row = 0; row < link.rows; ++row) {
-      double error = C[at(row)];
+      double error = C[usize(row)];
       if (row >= link.equations) {
         const bool own = row == coordinate_row(joint.type);
         const double upper = own ? joint.upper : joint.cone;

@@ -10,6 +10,7 @@
 #include <span>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/rigid/motion/body_rows.h"
 #include "substep/rigid/solver/joint_law.h"
 #include "substep/rigid/solver/joint_matrix.h"
@@ -71,8 +72,7 @@ class JointGroup {
     Vec3 force, torque;  // impulses of the step
 
     bool active(int row) const {
-      return row < equations ||
-             !JointLaw::fixes_impulse(mode[static_cast<std::size_t>(row - equations)]);
+      return row < equations || !JointLaw::fixes_impulse(mode[usize(row - equations)]);
     }
   };
   enum class Stage { kMotion, kVelocity };  // constraints of the trial motion, or of velocities

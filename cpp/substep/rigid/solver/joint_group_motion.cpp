@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "substep/core/usize.h"
 #include "substep/rigid/motion/row_vectors.h"
 #include "substep/rigid/solver/joint_group.h"
 
@@ -14,20 +15,18 @@ constexpr int kIterations = 12;
 constexpr double kTolerance = 1e-12;  // of C [m], [rad]
 constexpr double kEnough = 1e-6;      // the same where it does not get better
 
-std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
-
 }  // namespace
 
 double JointGroup::rate(const Link& link, int row, const BodyRows& rows) const {
-  const Member &a = members_[at(link.a)], &b = members_[at(link.b)];
-  const Vec3 v = a.scale * from_row(rows.velocity[at(a.row)].linear) -
-                 b.scale * from_row(rows.velocity[at(b.row)].linear);
-  return link.G.linear[row].dot(v) + link.G.angular_a[row].dot(a.W * momentum(at(link.a))) -
-         link.G.angular_b[row].dot(b.W * momentum(at(link.b)));
+  const Member &a = members_[usize(link.a)], &b = members_[usize(link.b)];
+  const Vec3 v = a.scale * from_row(rows.velocity[usize(a.row)].linear) -
+                 b.scale * from_row(rows.velocity[usize(b.row)].linear);
+  return link.G.linear[row].dot(v) + link.G.angular_a[row].dot(a.W * momentum(usize(link.a))) -
+         link.G.angular_b[row].dot(b.W * momentum(usize(link.b)));
 }
 
 double JointGroup::rate_before(const Link& link, int row) const {
-  const Member &a = members_[at(link.a)], &b = members_[at(link.b)];
+  const Member &a = members_[usize(link.a)], &b = members_[usize(link.b)];
   return link.G.linear[row].dot(a.v_before - b.v_before) + link.G.angular_a[row].dot(a.w_before) -
          link.G.angular_b[row].dot(b.w_before);
 }
@@ -37,8 +36,8 @@ void JointGroup::set_laws(Link& link, Stage stage) {
   const double h = settings_.h;
   const Joint& joint = link.joint;
   for (int row = link.equations; row < link.rows; ++row) {
-    const std::size_t k = at(row - link.equations);
-    const double y = link.begin[at(row)];
+    const std::size_t k = usize(row - link.equations);
+    const double y = link.begin[usize(row)];
     const bool own = row == coordinate_row(joint.type);
     const double lower = own ? joint.lower : -Joint::kInfinite;
     const double upper = own ? joint.upper : joint.cone;
@@ -62,7 +61,7 @@ void JointGroup::set_laws(Link& link, Stage stage) {
     } else {
       // The half kick that begins a step damps what the last one left, u, as long as that does not
       // turn it back: then both together are of second order.
-      const double mass = 1 / link.mobility[at(row)], half = 0.5 * h * motor.damping;
+      const double mass = 1 / link.mobility[usize(row)], half = 0.5 * h * motor.damping;
       const bool begins = stage == Stage::kMotion && weight_ < 1;
       const double D =
           std::max(0.25 * h * h * motor.stiffness + (begins ? std::max(half - mass, 0.) : half),
@@ -80,7 +79,7 @@ void JointGroup::set_laws(Link& link, Stage stage) {
 void JointGroup::find_trial(const BodyRows& rows) {
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
-    m.seen_velocity = from_row(rows.velocity[at(m.row)].linear);
+    m.seen_velocity = from_row(rows.velocity[usize(m.row)].linear);
     trial_[k].x = m.origin + m.scale * (m.start + settings_.h * m.seen_velocity);
     store_quaternion(m.now.q, &q_[4 * k]);
   }
@@ -96,14 +95,15 @@ void JointGroup::choose_modes(Stage stage, BodyRows& rows, bool& changed, bool& 
     std::array<double, kJointRows> C{};
     if (stage == Stage::kMotion) C = values(link, true);
     for (int row = link.equations; row < link.rows; ++row) {
-      const std::size_t k = at(row - link.equations);
-      const double u = stage == Stage::kMotion ? (C[at(row)] - link.begin[at(row)]) / settings_.h
-                                               : rate(link, row, rows);
-      const Mode mode = link.law[k].mode(u, link.impulse[at(row)], link.mobility[at(row)]);
+      const std::size_t k = usize(row - link.equations);
+      const double u = stage == Stage::kMotion
+                           ? (C[usize(row)] - link.begin[usize(row)]) / settings_.h
+                           : rate(link, row, rows);
+      const Mode mode = link.law[k].mode(u, link.impulse[usize(row)], link.mobility[usize(row)]);
       if (mode != link.mode[k]) changed = true;
       link.mode[k] = mode;
       if (!JointLaw::fixes_impulse(mode)) continue;
-      const double change = link.law[k].fixed_impulse(mode) - link.impulse[at(row)];
+      const double change = link.law[k].fixed_impulse(mode) - link.impulse[usize(row)];
       if (change == 0) continue;
       apply(link, row, change, rows);
       applied = true;
@@ -122,14 +122,14 @@ double JointGroup::find_residuals(Stage stage, const BodyRows& rows) {
     pieces_[j].fill(0);
     for (int row = 0; row < link.rows; ++row) {
       if (!link.active(row)) continue;
-      double u = stage == Stage::kMotion ? (C[at(row)] - link.begin[at(row)]) / settings_.h
+      double u = stage == Stage::kMotion ? (C[usize(row)] - link.begin[usize(row)]) / settings_.h
                                          : rate(link, row, rows);
       if (row >= link.equations) {
-        const std::size_t k = at(row - link.equations);
-        u = link.law[k].residual(link.mode[k], u, link.impulse[at(row)]);
+        const std::size_t k = usize(row - link.equations);
+        u = link.law[k].residual(link.mode[k], u, link.impulse[usize(row)]);
       }
-      u += regularisation_ * link.mobility[at(row)] * link.impulse[at(row)];
-      pieces_[j][at(row)] = u;
+      u += regularisation_ * link.mobility[usize(row)] * link.impulse[usize(row)];
+      pieces_[j][usize(row)] = u;
       worst = std::max(worst, settings_.h * std::abs(u));
     }
   }
@@ -152,7 +152,7 @@ bool JointGroup::iterate(Stage stage, BodyRows& rows) {
     matrix_.solve(pieces_);
     for (std::size_t j = 0; j < links_.size(); ++j) {
       for (int row = 0; row < links_[j].rows; ++row) {
-        if (links_[j].active(row)) apply(links_[j], row, pieces_[j][at(row)], rows);
+        if (links_[j].active(row)) apply(links_[j], row, pieces_[j][usize(row)], rows);
       }
     }
     write_momenta(rows);
@@ -165,7 +165,7 @@ bool JointGroup::iterate(Stage stage, BodyRows& rows) {
 void JointGroup::solve_motion(BodyRows& rows) {
   if (iterate(Stage::kMotion, rows)) return;
   for (Link& link : links_) {
-    for (int row = 0; row < link.rows; ++row) apply(link, row, -link.impulse[at(row)], rows);
+    for (int row = 0; row < link.rows; ++row) apply(link, row, -link.impulse[usize(row)], rows);
     link.impulse.fill(0);
   }
   write_momenta(rows);

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/rigid/motion/row_vectors.h"
 #include "substep/rigid/solver/joint_group.h"
 
@@ -13,13 +14,11 @@ using Mode = JointLaw::Mode;
 
 constexpr double kEnough = 1e-10;  // C that is not worth taking back
 
-std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
-
 }  // namespace
 
 void JointGroup::solve_positions(BodyRows& rows) {
   for (Member& m : members_) {
-    const BodyRow& x = rows.displacement[at(m.row)];
+    const BodyRow& x = rows.displacement[usize(m.row)];
     m.now.x = m.origin + m.scale * from_row(x.linear);
     if (!m.moves) continue;
     const Vec3 turn = from_row(x.angular);
@@ -32,17 +31,17 @@ void JointGroup::solve_positions(BodyRows& rows) {
     Link& link = links_[j];
     const auto C = values(link, false);
     const int own = coordinate_row(link.joint.type);
-    if (own >= 0) link.joint.coordinate = C[at(own)];
+    if (own >= 0) link.joint.coordinate = C[usize(own)];
     pieces_[j].fill(0);
     for (int row = 0; row < link.rows; ++row) {
-      double c = C[at(row)];
+      double c = C[usize(row)];
       if (row >= link.equations) {
-        const Mode mode = link.mode[at(row - link.equations)];
+        const Mode mode = link.mode[usize(row - link.equations)];
         if (mode != Mode::kLower && mode != Mode::kUpper) continue;
         const double upper = row == own ? link.joint.upper : link.joint.cone;
         c -= mode == Mode::kLower ? link.joint.lower : upper;
       }
-      pieces_[j][at(row)] = std::clamp(c, -settings_.push, settings_.push);
+      pieces_[j][usize(row)] = std::clamp(c, -settings_.push, settings_.push);
       worst = std::max(worst, std::abs(c));
     }
   }
@@ -54,11 +53,11 @@ void JointGroup::solve_positions(BodyRows& rows) {
       const Link& link = links_[j];
       for (int row = 0; row < link.rows; ++row) {
         if (!link.active(row)) continue;
-        const double l = pieces_[j][at(row)];
-        shift[at(link.a)] += l * link.G.linear[row];
-        turn[at(link.a)] += l * link.G.angular_a[row];
-        shift[at(link.b)] -= l * link.G.linear[row];
-        turn[at(link.b)] -= l * link.G.angular_b[row];
+        const double l = pieces_[j][usize(row)];
+        shift[usize(link.a)] += l * link.G.linear[row];
+        turn[usize(link.a)] += l * link.G.angular_a[row];
+        shift[usize(link.b)] -= l * link.G.linear[row];
+        turn[usize(link.b)] -= l * link.G.angular_b[row];
       }
     }
     double largest = settings_.push;
@@ -72,7 +71,7 @@ void JointGroup::solve_positions(BodyRows& rows) {
     for (std::size_t k = 0; k < members_.size(); ++k) {
       Member& m = members_[k];
       if (!m.moves) continue;
-      BodyRow& x = rows.displacement[at(m.row)];
+      BodyRow& x = rows.displacement[usize(m.row)];
       const Vec3 angle = part * turn[k];
       add(x.linear, part * shift[k]);
       add(x.angular, m.unroot * angle);
@@ -82,7 +81,7 @@ void JointGroup::solve_positions(BodyRows& rows) {
   }
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
-    m.seen_turn = from_row(rows.displacement[at(m.row)].angular);
+    m.seen_turn = from_row(rows.displacement[usize(m.row)].angular);
     refresh(k, rows);
   }
 }

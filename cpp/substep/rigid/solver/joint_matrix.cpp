@@ -5,6 +5,8 @@
 #include <set>
 #include <utility>
 
+#include "substep/core/usize.h"
+
 namespace substep::rigid {
 namespace {
 
@@ -42,18 +44,18 @@ void solve_rows(const double* C, int n, double s, double* b, int rows) {
 void JointMatrix::analyse(std::int32_t bodies, std::span<const BodyPair> joints,
                           std::span<const int> rows) {
   bodies_ = bodies;
-  const std::size_t nodes = at(bodies) + joints.size();
+  const std::size_t nodes = usize(bodies) + joints.size();
   size_.assign(nodes, kSize);
   std::vector<std::vector<std::int32_t>> near(nodes);
   std::vector<int> waits(nodes, 0);  // a joint, for so many bodies
   for (std::size_t j = 0; j < joints.size(); ++j) {
-    const auto id = static_cast<std::int32_t>(at(bodies) + j);
-    size_[at(id)] = rows[j];
+    const auto id = static_cast<std::int32_t>(usize(bodies) + j);
+    size_[usize(id)] = rows[j];
     for (const std::int32_t body : {joints[j].a, joints[j].b}) {
       if (body < 0) continue;
-      near[at(id)].push_back(body);
-      near[at(body)].push_back(id);
-      ++waits[at(id)];
+      near[usize(id)].push_back(body);
+      near[usize(body)].push_back(id);
+      ++waits[usize(id)];
     }
   }
   for (auto& list : near) std::sort(list.begin(), list.end());
@@ -62,7 +64,7 @@ void JointMatrix::analyse(std::int32_t bodies, std::span<const BodyPair> joints,
 
   std::set<std::pair<std::size_t, std::int32_t>> queue;  // degree, node
   const auto enter = [&](std::int32_t id) {
-    if (waits[at(id)] == 0) queue.emplace(near[at(id)].size(), id);
+    if (waits[usize(id)] == 0) queue.emplace(near[usize(id)].size(), id);
   };
   for (std::size_t id = 0; id < nodes; ++id) enter(static_cast<std::int32_t>(id));
   order_.clear();
@@ -71,19 +73,20 @@ void JointMatrix::analyse(std::int32_t bodies, std::span<const BodyPair> joints,
   while (!queue.empty()) {
     const std::int32_t id = queue.begin()->second;
     queue.erase(queue.begin());
-    done[at(id)] = 1;
-    const auto later = std::move(near[at(id)]);
+    done[usize(id)] = 1;
+    const auto later = std::move(near[usize(id)]);
     if (id < bodies) {
-      const auto& own = joints_of[at(id)];
-      const auto left =
-          std::count_if(own.begin(), own.end(), [&](std::int32_t j) { return done[at(j)] == 0; });
-      for (const std::int32_t j : own) waits[at(j)] = left == 1 ? 0 : std::max(waits[at(j)] - 1, 0);
+      const auto& own = joints_of[usize(id)];
+      const auto left = std::count_if(own.begin(), own.end(),
+                                      [&](std::int32_t j) { return done[usize(j)] == 0; });
+      for (const std::int32_t j : own)
+        waits[usize(j)] = left == 1 ? 0 : std::max(waits[usize(j)] - 1, 0);
     }
-    order_.push_back({id, size_[at(id)], static_cast<std::int32_t>(below_.size()),
+    order_.push_back({id, size_[usize(id)], static_cast<std::int32_t>(below_.size()),
                       static_cast<std::int32_t>(later.size())});
     for (const std::int32_t other : later) {
       below_.push_back({other, -1});
-      auto& list = near[at(other)];
+      auto& list = near[usize(other)];
       queue.erase({list.size(), other});
       merged.clear();
       std::set_union(list.begin(), list.end(), later.begin(), later.end(),
@@ -99,12 +102,12 @@ void JointMatrix::analyse(std::int32_t bodies, std::span<const BodyPair> joints,
 void JointMatrix::place(std::span<const BodyPair> joints) {
   std::vector<std::int32_t> position(order_.size());
   for (std::size_t k = 0; k < order_.size(); ++k)
-    position[at(order_[k].id)] = static_cast<std::int32_t>(k);
+    position[usize(order_[k].id)] = static_cast<std::int32_t>(k);
   const auto sooner = [&](const Below& x, std::int32_t id) {
-    return position[at(x.id)] < position[at(id)];
+    return position[usize(x.id)] < position[usize(id)];
   };
   const auto belows = [&](const Node& node) {
-    return std::span(below_).subspan(at(node.first), at(node.count));
+    return std::span(below_).subspan(usize(node.first), usize(node.count));
   };
   auto next = static_cast<std::int32_t>(order_.size());  // blocks of the diagonal come first
   for (const Node& node : order_) {
@@ -113,10 +116,10 @@ void JointMatrix::place(std::span<const BodyPair> joints) {
               [&](const Below& x, const Below& y) { return sooner(x, y.id); });
     for (Below& below : list) below.block = next++;
   }
-  blocks_.resize(at(next));
+  blocks_.resize(usize(next));
   // The block of two nodes.
   const auto block_of = [&](std::int32_t early, std::int32_t late) {
-    const auto list = belows(order_[at(position[at(early)])]);
+    const auto list = belows(order_[usize(position[usize(early)])]);
     return std::lower_bound(list.begin(), list.end(), late, sooner)->block;
   };
   update_.clear();
@@ -130,12 +133,12 @@ void JointMatrix::place(std::span<const BodyPair> joints) {
   }
   const auto side = [&](std::int32_t body, std::int32_t id) -> Side {
     if (body < 0) return {-1, false};
-    const bool transposed = position[at(id)] < position[at(body)];
+    const bool transposed = position[usize(id)] < position[usize(body)];
     return {transposed ? block_of(id, body) : block_of(body, id), transposed};
   };
   side_a_.clear(), side_b_.clear();
   for (std::size_t j = 0; j < joints.size(); ++j) {
-    const auto id = static_cast<std::int32_t>(at(bodies_) + j);
+    const auto id = static_cast<std::int32_t>(usize(bodies_) + j);
     side_a_.push_back(side(joints[j].a, id));
     side_b_.push_back(side(joints[j].b, id));
   }
@@ -145,42 +148,43 @@ void JointMatrix::place(std::span<const BodyPair> joints) {
 void JointMatrix::clear() {
   for (Block& block : blocks_) block.fill(0);
   for (std::size_t id = 0; id < size_.size(); ++id) {
-    const double sign = id < at(bodies_) ? 1 : -1;
-    for (int k = 0; k < size_[id]; ++k) blocks_[id][at(k * kSize + k)] = sign;
+    const double sign = id < usize(bodies_) ? 1 : -1;
+    for (int k = 0; k < size_[id]; ++k) blocks_[id][usize(k * kSize + k)] = sign;
   }
 }
 
 void JointMatrix::put(const Side& side, int row, const Piece& gradient) {
   if (side.block < 0) return;
-  Block& block = blocks_[at(side.block)];
+  Block& block = blocks_[usize(side.block)];
   for (int k = 0; k < kSize; ++k)
-    block[at(side.transposed ? k * kSize + row : row * kSize + k)] = gradient[at(k)];
+    block[usize(side.transposed ? k * kSize + row : row * kSize + k)] = gradient[usize(k)];
 }
 
 void JointMatrix::set(std::int32_t joint, int row, const Piece& gradient_a, const Piece& gradient_b,
                       double E) {
-  put(side_a_[at(joint)], row, gradient_a);
-  put(side_b_[at(joint)], row, gradient_b);
-  blocks_[at(bodies_ + joint)][at(row * kSize + row)] = -E;
+  put(side_a_[usize(joint)], row, gradient_a);
+  put(side_b_[usize(joint)], row, gradient_b);
+  blocks_[usize(bodies_ + joint)][usize(row * kSize + row)] = -E;
 }
 
 void JointMatrix::factor() {
   const std::int32_t* target = update_.data();
   for (const Node& node : order_) {
     const double sign = node.id < bodies_ ? 1 : -1;
-    const double* C = blocks_[at(node.id)].data();
-    cholesky(blocks_[at(node.id)].data(), node.size, sign);
+    const double* C = blocks_[usize(node.id)].data();
+    cholesky(blocks_[usize(node.id)].data(), node.size, sign);
     const Below* below = below_.data() + node.first;
     for (int j = 0; j < node.count; ++j) {
-      solve_rows(C, node.size, sign, blocks_[at(below[j].block)].data(), size_[at(below[j].id)]);
+      solve_rows(C, node.size, sign, blocks_[usize(below[j].block)].data(),
+                 size_[usize(below[j].id)]);
     }
     for (int j = 0; j < node.count; ++j) {
-      const double* Y = blocks_[at(below[j].block)].data();
-      const int columns = size_[at(below[j].id)];
+      const double* Y = blocks_[usize(below[j].block)].data();
+      const int columns = size_[usize(below[j].id)];
       for (int i = j; i < node.count; ++i, ++target) {
-        const double* X = blocks_[at(below[i].block)].data();
-        double* A = blocks_[at(*target)].data();
-        for (int r = 0; r < size_[at(below[i].id)]; ++r) {
+        const double* X = blocks_[usize(below[i].block)].data();
+        double* A = blocks_[usize(*target)].data();
+        for (int r = 0; r < size_[usize(below[i].id)]; ++r) {
           for (int c = 0; c < (i == j ? r + 1 : columns); ++c) {
             double sum = 0;
             for (int k = 0; k < node.size; ++k) sum += X[r * kSize + k] * Y[c * kSize + k];
@@ -194,46 +198,46 @@ void JointMatrix::factor() {
 
 void JointMatrix::solve(std::span<Piece> joints) {
   for (std::size_t id = 0; id < x_.size(); ++id) {
-    if (id < at(bodies_)) {
+    if (id < usize(bodies_)) {
       x_[id].fill(0);
     } else {
-      for (std::size_t k = 0; k < kSize; ++k) x_[id][k] = -joints[id - at(bodies_)][k];
+      for (std::size_t k = 0; k < kSize; ++k) x_[id][k] = -joints[id - usize(bodies_)][k];
     }
   }
   for (const Node& node : order_) {  // L y = b
-    Piece& x = x_[at(node.id)];
-    solve_rows(blocks_[at(node.id)].data(), node.size, 1, x.data(), 1);
+    Piece& x = x_[usize(node.id)];
+    solve_rows(blocks_[usize(node.id)].data(), node.size, 1, x.data(), 1);
     for (std::int32_t j = node.first; j < node.first + node.count; ++j) {
-      const double* Y = blocks_[at(below_[at(j)].block)].data();
-      Piece& later = x_[at(below_[at(j)].id)];
-      for (int r = 0; r < size_[at(below_[at(j)].id)]; ++r) {
-        for (int k = 0; k < node.size; ++k) later[at(r)] -= Y[r * kSize + k] * x[at(k)];
+      const double* Y = blocks_[usize(below_[usize(j)].block)].data();
+      Piece& later = x_[usize(below_[usize(j)].id)];
+      for (int r = 0; r < size_[usize(below_[usize(j)].id)]; ++r) {
+        for (int k = 0; k < node.size; ++k) later[usize(r)] -= Y[r * kSize + k] * x[usize(k)];
       }
     }
   }
   for (auto node = order_.rbegin(); node != order_.rend(); ++node) {  // L^T x = S y
-    Piece& x = x_[at(node->id)];
+    Piece& x = x_[usize(node->id)];
     if (node->id >= bodies_) {
       for (double& entry : x) entry = -entry;
     }
     for (std::int32_t j = node->first; j < node->first + node->count; ++j) {
-      const double* Y = blocks_[at(below_[at(j)].block)].data();
-      const Piece& later = x_[at(below_[at(j)].id)];
-      for (int r = 0; r < size_[at(below_[at(j)].id)]; ++r) {
-        for (int k = 0; k < node->size; ++k) x[at(k)] -= Y[r * kSize + k] * later[at(r)];
+      const double* Y = blocks_[usize(below_[usize(j)].block)].data();
+      const Piece& later = x_[usize(below_[usize(j)].id)];
+      for (int r = 0; r < size_[usize(below_[usize(j)].id)]; ++r) {
+        for (int k = 0; k < node->size; ++k) x[usize(k)] -= Y[r * kSize + k] * later[usize(r)];
       }
     }
-    const double* C = blocks_[at(node->id)].data();
+    const double* C = blocks_[usize(node->id)].data();
     for (int k = node->size - 1; k >= 0; --k) {
-      double sum = x[at(k)];
-      for (int i = k + 1; i < node->size; ++i) sum -= C[i * kSize + k] * x[at(i)];
-      x[at(k)] = sum * C[k * kSize + k];
+      double sum = x[usize(k)];
+      for (int i = k + 1; i < node->size; ++i) sum -= C[i * kSize + k] * x[usize(i)];
+      x[usize(k)] = sum * C[k * kSize + k];
     }
   }
   for (std::size_t j = 0; j < joints.size(); ++j) {
     for (std::size_t k = 0; k < kSize; ++k) {
-      const bool used = k < at(size_[at(bodies_) + j]);
-      joints[j][k] = used ? -x_[at(bodies_) + j][k] : 0;
+      const bool used = k < usize(size_[usize(bodies_) + j]);
+      joints[j][k] = used ? -x_[usize(bodies_) + j][k] : 0;
     }
   }
 }

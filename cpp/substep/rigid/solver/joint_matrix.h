@@ -20,6 +20,7 @@
 #include <span>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/rigid/motion/body_pair.h"
 
 namespace substep::rigid {
@@ -56,7 +57,6 @@ class JointMatrix {
     std::int32_t block;  // -1: none
     bool transposed;     // the joint comes before the body
   };
-  static std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
   void place(std::span<const BodyPair> joints);
   void put(const Side& side, int row, const Piece& gradient);
 

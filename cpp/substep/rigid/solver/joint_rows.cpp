@@ -3,6 +3,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "substep/core/usize.h"
+
 namespace substep::rigid {
 namespace {
 
@@ -77,7 +79,7 @@ std::array<double, kJointRows> joint_values(JointType type, const JointSide& a, 
     rotation(2);
     return C;
   }
-  for (int i = 0; i < 3; ++i) C[static_cast<std::size_t>(i)] = d[i];
+  for (int i = 0; i < 3; ++i) C[usize(i)] = d[i];
   if (type == JointType::kFixed) {
     rotation(3);
     return C;

@@ -5,6 +5,7 @@
 #include <numeric>
 #include <utility>
 
+#include "substep/core/usize.h"
 #include "substep/rigid/solver/islands.h"
 
 namespace substep::rigid {
@@ -23,11 +24,11 @@ void JointSolver::begin_step(const Bodies& bodies, std::span<const Joint> joints
   if (found_ != keys_) find_groups(bodies, joints, rows);
   if (groups_.empty()) return;
 
-  pressed_.assign(static_cast<std::size_t>(bodies.size()), 0);
+  pressed_.assign(usize(bodies.size()), 0);
   for (const ContactConstraint& c : contacts) {
     for (int k = 0; k < c.count; ++k) {
       if (c.points[k].impulse <= 0 && c.points[k].separation > 0) continue;
-      pressed_[static_cast<std::size_t>(c.a)] = pressed_[static_cast<std::size_t>(c.b)] = 1;
+      pressed_[usize(c.a)] = pressed_[usize(c.b)] = 1;
     }
   }
   for (JointGroup& group : groups_) group.begin_step(joints, pressed_, bodies, settings, rows);
@@ -41,12 +42,12 @@ void JointSolver::find_groups(const Bodies& bodies, std::span<const Joint> joint
   std::vector<BodyPair> pairs;
   for (const Key& key : found_)
     pairs.push_back({key.moves_a ? key.a : -1, key.moves_b ? key.b : -1});
-  label_.resize(static_cast<std::size_t>(bodies.size()));
+  label_.resize(usize(bodies.size()));
   label_islands(pairs, label_);
   std::map<std::int32_t, std::size_t> group_of;
   std::vector<std::vector<std::int32_t>> numbers;
   for (const Key& key : found_) {
-    const std::int32_t label = label_[static_cast<std::size_t>(key.moves_a ? key.a : key.b)];
+    const std::int32_t label = label_[usize(key.moves_a ? key.a : key.b)];
     const auto group = group_of.emplace(label, numbers.size()).first->second;
     if (group == numbers.size()) numbers.emplace_back();
     numbers[group].push_back(key.number);

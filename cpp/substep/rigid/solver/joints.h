@@ -21,6 +21,7 @@
 #include <span>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/rigid/solver/contact_constraint.h"
 #include "substep/rigid/solver/joint_group.h"
 
@@ -35,7 +36,7 @@ class JointSolver {
 
   // Share no body that impulses move.
   std::int64_t groups() const { return static_cast<std::int64_t>(groups_.size()); }
-  JointGroup& group(std::int64_t k) { return groups_[static_cast<std::size_t>(k)]; }
+  JointGroup& group(std::int64_t k) { return groups_[usize(k)]; }
 
   // After rows.store: rotations, angular momenta, and the state and reports of joints.
   void store(Bodies& bodies, std::span<Joint> joints, double dt) const;

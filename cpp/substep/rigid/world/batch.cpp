@@ -5,6 +5,7 @@
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 
 namespace substep::rigid {
 namespace {
@@ -48,7 +49,7 @@ void Batch::run_block(const Steps& steps, std::int64_t begin, std::int64_t end) 
   reached_.assign(worlds_.size(), begin);
   const std::vector<std::string> failed_before = failures_;
   const auto each = [&](auto&& task) { parallel_chunks(size(), task, threads); };
-  each([&](std::int64_t w) { kept_[at(w)] = worlds_[at(w)].state(); });
+  each([&](std::int64_t w) { kept_[usize(w)] = worlds_[usize(w)].state(); });
   try {
     each([&](std::int64_t w) { run(w, steps, begin, end); });
   } catch (...) {
@@ -58,13 +59,13 @@ void Batch::run_block(const Steps& steps, std::int64_t begin, std::int64_t end) 
   }
   std::int64_t goal = end, first = -1;
   for (std::int64_t w = 0; w < size() && !mask; ++w) {
-    if (reached_[at(w)] >= goal) continue;
-    goal = reached_[at(w)];
+    if (reached_[usize(w)] >= goal) continue;
+    goal = reached_[usize(w)];
     first = w;
   }
   for (std::int64_t s = begin; s < goal; ++s) time += steps.dt;
   if (first < 0) return;
-  const std::string reason = failures_[at(first)];
+  const std::string reason = failures_[usize(first)];
   failures_ = failed_before;
   return_to(goal, steps, begin);
   throw NonFiniteError("world " + std::to_string(first) + ": " + reason, world(first).time, first,
@@ -72,23 +73,23 @@ void Batch::run_block(const Steps& steps, std::int64_t begin, std::int64_t end) 
 }
 
 void Batch::run(std::int64_t w, const Steps& steps, std::int64_t begin, std::int64_t end) {
-  World& world = worlds_[at(w)];
-  if (!failures_[at(w)].empty()) {
-    reached_[at(w)] = end;
+  World& world = worlds_[usize(w)];
+  if (!failures_[usize(w)].empty()) {
+    reached_[usize(w)] = end;
     return;
   }
   for (std::int64_t s = begin; s < end; ++s) {
     if (steps.hold_forces) {
-      world.bodies().force = force_[at(w)];
-      world.bodies().torque = torque_[at(w)];
+      world.bodies().force = force_[usize(w)];
+      world.bodies().torque = torque_[usize(w)];
     }
     try {
       world.step(steps.dt);
     } catch (const NonFiniteError& error) {
-      failures_[at(w)] = error.what();
+      failures_[usize(w)] = error.what();
       return;
     }
-    reached_[at(w)] = s + 1;
+    reached_[usize(w)] = s + 1;
     if ((s + 1) % steps.frames.every == 0)
       record(w, (s + 1) / steps.frames.every - 1, steps.frames);
   }
@@ -100,8 +101,8 @@ void Batch::return_to(std::int64_t goal, const Steps& steps, std::int64_t begin)
   parallel_chunks(
       size(),
       [&](std::int64_t w) {
-        if (reached_[at(w)] <= goal) return;
-        worlds_[at(w)].restore(kept_[at(w)]);
+        if (reached_[usize(w)] <= goal) return;
+        worlds_[usize(w)].restore(kept_[usize(w)]);
         run(w, steps, begin, goal);
       },
       threads);
@@ -109,11 +110,11 @@ void Batch::return_to(std::int64_t goal, const Steps& steps, std::int64_t begin)
 
 void Batch::record(std::int64_t w, std::int64_t frame, const Frames& frames) const {
   if (frame >= frames.frames) return;
-  const Bodies& bodies = worlds_[at(w)].bodies();
-  double* row = &frames.values[at((w * frames.frames + frame) * frames.bodies * frames.columns)];
+  const Bodies& bodies = worlds_[usize(w)].bodies();
+  double* row = &frames.values[usize((w * frames.frames + frame) * frames.bodies * frames.columns)];
   for (std::int64_t i = 0; i < bodies.size(); ++i, row += frames.columns) {
-    std::copy_n(&bodies.x[at(3 * i)], 3, row);
-    std::copy_n(&bodies.q[at(4 * i)], 4, row + 3);
+    std::copy_n(&bodies.x[usize(3 * i)], 3, row);
+    std::copy_n(&bodies.q[usize(4 * i)], 4, row + 3);
     if (frames.columns == 7) continue;
     Vec3::Map(row + 7) = bodies.velocity(i);
     Vec3::Map(row + 10) = bodies.angular_velocity(i);
@@ -132,12 +133,12 @@ void Batch::restore(std::span<const std::int64_t> worlds,
       throw;
     }
   }
-  for (const std::int64_t w : worlds) failures_[at(w)].clear();
+  for (const std::int64_t w : worlds) failures_[usize(w)].clear();
 }
 
 void Batch::reset(std::span<const std::int64_t> worlds) {
   std::vector<const WorldState*> states;
-  for (const std::int64_t w : worlds) states.push_back(&initial_[at(w)]);
+  for (const std::int64_t w : worlds) states.push_back(&initial_[usize(w)]);
   restore(worlds, states);
 }
 

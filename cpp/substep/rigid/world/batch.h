@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/rigid/world/world.h"
 
 namespace substep::rigid {
@@ -33,8 +34,8 @@ class Batch {
   explicit Batch(std::span<const World* const> worlds);
 
   std::int64_t size() const { return static_cast<std::int64_t>(worlds_.size()); }
-  World& world(std::int64_t w) { return worlds_[at(w)]; }
-  const World& world(std::int64_t w) const { return worlds_[at(w)]; }
+  World& world(std::int64_t w) { return worlds_[usize(w)]; }
+  const World& world(std::int64_t w) const { return worlds_[usize(w)]; }
   std::int64_t most_bodies() const;  // of a world
 
   struct Steps {
@@ -49,8 +50,8 @@ class Batch {
   void step(const Steps& steps);
 
   // Why a world takes no part any more, empty if it does.
-  const std::string& failure(std::int64_t w) const { return failures_[at(w)]; }
-  void set_failure(std::int64_t w, std::string reason) { failures_[at(w)] = std::move(reason); }
+  const std::string& failure(std::int64_t w) const { return failures_[usize(w)]; }
+  void set_failure(std::int64_t w, std::string reason) { failures_[usize(w)] = std::move(reason); }
 
   // From now on these states; a world that had failed takes part again. InputError, and nothing
   // changed: a state is none.
@@ -64,8 +65,6 @@ class Batch {
   int threads = 0;  // 0: num_threads()
 
  private:
-  static std::size_t at(std::int64_t w) { return static_cast<std::size_t>(w); }
-
   void keep();
   void run_block(const Steps& steps, std::int64_t begin, std::int64_t end);
   void run(std::int64_t w, const Steps& steps, std::int64_t begin, std::int64_t end);

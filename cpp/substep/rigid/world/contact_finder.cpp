@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/rigid/collision/mesh_contacts.h"
 #include "substep/rigid/collision/narrow_phase.h"
 #include "substep/rigid/distance/time_of_impact.h"
@@ -48,9 +49,9 @@ class ContactFinder::Search {
         found_(found) {}
 
   void look_at(const FixturePair& pair) {
-    if (apart(fixtures_.bounds()[at(pair.a)], fixtures_.bounds()[at(pair.b)])) return;
+    if (apart(fixtures_.bounds()[usize(pair.a)], fixtures_.bounds()[usize(pair.b)])) return;
     const Fixtures::Entry &a = fixtures_[pair.a], &b = fixtures_[pair.b];
-    const Way &way_a = ways_[at(a.body)], &way_b = ways_[at(b.body)];
+    const Way &way_a = ways_[usize(a.body)], &way_b = ways_[usize(b.body)];
     const double approach =
         (way_a.travel - way_b.travel).norm() + way_a.angle * a.outer + way_b.angle * b.outer;
     const bool bounces = a.fixture.restitution > 0 || b.fixture.restitution > 0;
@@ -78,15 +79,13 @@ class ContactFinder::Search {
   }
 
  private:
-  static std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
-
   void collide_at(const FixturePair& pair, const Pose& pose_a, const Pose& pose_b, double margin,
                   double time) {
     const Shape &a = fixtures_[pair.a].fixture.shape, &b = fixtures_[pair.b].fixture.shape;
     const TriangleMesh *mesh_a = mesh_of(a), *mesh_b = mesh_of(b);
     if (!mesh_a && !mesh_b) {
       found_.push_back({pair, time, {}});
-      if (!collide(a, pose_a, b, pose_b, margin, found_.back().manifold, caches_[at(pair.slot)]))
+      if (!collide(a, pose_a, b, pose_b, margin, found_.back().manifold, caches_[usize(pair.slot)]))
         found_.pop_back();
       return;
     }
@@ -127,13 +126,13 @@ class ContactFinder::Search {
   // Between two that move midway; else on the surface of the one that does, which so rolls by its
   // radius however deep it is.
   double acts_at(std::int32_t a, std::int32_t b) const {
-    if (motion_[at(a)] != Motion::kDynamic) return 1;
-    return motion_[at(b)] != Motion::kDynamic ? 0 : 0.5;
+    if (motion_[usize(a)] != Motion::kDynamic) return 1;
+    return motion_[usize(b)] != Motion::kDynamic ? 0 : 0.5;
   }
 
   Course course(std::int32_t f) const {
     const std::int32_t body = fixtures_[f].body;
-    const Way& way = ways_[at(body)];
+    const Way& way = ways_[usize(body)];
     return {fixtures_.body_pose(body), way.travel, way.turn, fixtures_[f].fixture.local};
   }
 
@@ -174,18 +173,17 @@ void ContactFinder::find(std::span<const FixturePair> pairs, std::int32_t slots,
                          const Fixtures& fixtures, std::span<const Motion> motion,
                          std::span<const Way> ways, std::span<const ContactConstraint> last,
                          bool continuous, std::vector<ContactConstraint>& contacts, int threads) {
-  caches_.resize(static_cast<std::size_t>(slots));
+  caches_.resize(usize(slots));
   const auto n = static_cast<std::int64_t>(pairs.size());
-  const auto chunks = static_cast<std::size_t>((n + kPairs - 1) / kPairs);
+  const auto chunks = usize((n + kPairs - 1) / kPairs);
   touches_.resize(chunks);
   parallel_for(
       n, kPairs,
       [&](std::int64_t begin, std::int64_t end) {
-        auto& found = touches_[static_cast<std::size_t>(begin / kPairs)];
+        auto& found = touches_[usize(begin / kPairs)];
         found.clear();
         Search search(fixtures, motion, ways, continuous, caches_, found);
-        for (std::int64_t k = begin; k < end; ++k)
-          search.look_at(pairs[static_cast<std::size_t>(k)]);
+        for (std::int64_t k = begin; k < end; ++k) search.look_at(pairs[usize(k)]);
       },
       threads);
   first_.assign(1, 0);
@@ -194,7 +192,7 @@ void ContactFinder::find(std::span<const FixturePair> pairs, std::int32_t slots,
   parallel_chunks(
       static_cast<std::int64_t>(chunks),
       [&](std::int64_t chunk) {
-        const auto c = static_cast<std::size_t>(chunk);
+        const auto c = usize(chunk);
         if (touches_[c].empty()) return;
         const Search search(fixtures, motion, ways, continuous, caches_, touches_[c]);
         ContactConstraint* contact = &contacts[first_[c]];

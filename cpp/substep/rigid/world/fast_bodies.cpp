@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "substep/core/quaternion.h"
+#include "substep/core/usize.h"
 #include "substep/rigid/distance/time_of_impact.h"
 
 namespace substep::rigid {
@@ -17,7 +18,7 @@ constexpr double kAway = 0.1;  // of the ball: how far it stays away, at least, 
 Course course_of(std::int32_t body, const Fixtures& fixtures, const Bodies& bodies) {
   Course course;
   course.body = fixtures.body_pose(body);
-  if (bodies.motion[static_cast<std::size_t>(body)] == Motion::kStatic) return course;
+  if (bodies.motion[usize(body)] == Motion::kStatic) return course;
   const Pose end = bodies.pose(body);
   course.travel = end.position - course.body.position;
   course.turn = rotation_vector(Quaternion(end.rotation * course.body.rotation.transpose()));
@@ -81,7 +82,7 @@ void stop_fast_bodies(std::span<const std::int32_t> moved, const Fixtures& fixtu
     if (stop.part < 1) stops.push_back(stop);
   }
   for (const auto& [body, course, part, normal] : stops) {
-    const auto b = static_cast<std::size_t>(body);
+    const auto b = usize(body);
     const Vec3 back = (part - 1) * course.travel;
     Vec3::Map(&bodies.x[3 * b]) += back;
     store_quaternion((rotation_by((part - 1) * course.turn) * bodies.rotation(body)).normalized(),

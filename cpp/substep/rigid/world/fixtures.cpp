@@ -7,6 +7,7 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/reserve.h"
+#include "substep/core/usize.h"
 #include "substep/rigid/shapes/mass_properties.h"
 
 namespace substep::rigid {
@@ -178,7 +179,7 @@ void Fixtures::make_room(std::size_t bodies, std::size_t fixtures) {
 
 void Fixtures::remove_last_body() {
   first_.pop_back(), body_pose_.pop_back(), sizes_.pop_back();
-  const auto n = static_cast<std::size_t>(first_.back());
+  const auto n = usize(first_.back());
   entries_.erase(entries_.begin() + first_.back(), entries_.end());
   pose_.resize(n), bounds_.resize(n);
 }
@@ -189,35 +190,35 @@ std::vector<std::int32_t> Fixtures::renumber(std::span<const std::int64_t> bodie
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     if (bodies[b] < 0) continue;
     for (std::int32_t f = first_[b]; f < first_[b + 1]; ++f, ++next) {
-      numbers[at(f)] = next;
-      entries_[at(next)] = entries_[at(f)];
-      entries_[at(next)].body = static_cast<std::int32_t>(bodies[b]);
-      pose_[at(next)] = pose_[at(f)];
-      bounds_[at(next)] = bounds_[at(f)];
+      numbers[usize(f)] = next;
+      entries_[usize(next)] = entries_[usize(f)];
+      entries_[usize(next)].body = static_cast<std::int32_t>(bodies[b]);
+      pose_[usize(next)] = pose_[usize(f)];
+      bounds_[usize(next)] = bounds_[usize(f)];
     }
-    body_pose_[static_cast<std::size_t>(bodies[b])] = body_pose_[b];
-    sizes_[static_cast<std::size_t>(bodies[b])] = sizes_[b];
+    body_pose_[usize(bodies[b])] = body_pose_[b];
+    sizes_[usize(bodies[b])] = sizes_[b];
     first.push_back(next);
   }
   entries_.erase(entries_.begin() + next, entries_.end());
   body_pose_.resize(first.size() - 1);
   sizes_.resize(first.size() - 1);
-  pose_.resize(at(next));
-  bounds_.resize(at(next));
+  pose_.resize(usize(next));
+  bounds_.resize(usize(next));
   first_.swap(first);
   return numbers;
 }
 
 // The bounds of a body that turns far are those of a ball.
 void Fixtures::place(std::int64_t b, const Pose& pose, const Way& way) {
-  body_pose_[static_cast<std::size_t>(b)] = pose;
+  body_pose_[usize(b)] = pose;
   for (std::int32_t f = first(b); f < first(b + 1); ++f) {
-    const Entry& entry = entries_[at(f)];
+    const Entry& entry = entries_[usize(f)];
     const Pose& local = entry.fixture.local;
-    pose_[at(f)] = pose * local;
-    Bounds box = rigid::bounds(entry.fixture.shape, pose_[at(f)]);
+    pose_[usize(f)] = pose * local;
+    Bounds box = rigid::bounds(entry.fixture.shape, pose_[usize(f)]);
     if (is_ground(entry.fixture.shape)) {
-      bounds_[at(f)] = box;
+      bounds_[usize(f)] = box;
       continue;
     }
     const double sweep = entry.margin + way.angle * entry.outer;
@@ -228,7 +229,7 @@ void Fixtures::place(std::int64_t b, const Pose& pose, const Way& way) {
       box.high = box.high.cwiseMin((pose.position.array() + around).matrix());
     }
     box.low += way.travel.cwiseMin(0.), box.high += way.travel.cwiseMax(0.);
-    bounds_[at(f)] = box;
+    bounds_[usize(f)] = box;
   }
 }
 

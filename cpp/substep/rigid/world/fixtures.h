@@ -9,6 +9,7 @@
 #include <span>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/rigid/motion/bodies.h"
 #include "substep/rigid/shapes/shapes.h"
 
@@ -52,14 +53,14 @@ class Fixtures {
   };
 
   std::int32_t size() const { return static_cast<std::int32_t>(entries_.size()); }
-  const Entry& operator[](std::int32_t f) const { return entries_[at(f)]; }
+  const Entry& operator[](std::int32_t f) const { return entries_[usize(f)]; }
   // Fixtures of body b: numbers from first(b) to first(b + 1).
-  std::int32_t first(std::int64_t b) const { return first_[static_cast<std::size_t>(b)]; }
+  std::int32_t first(std::int64_t b) const { return first_[usize(b)]; }
   // The largest distance of a point of the body from its centre [m].
-  double outer(std::int64_t b) const { return sizes_[static_cast<std::size_t>(b)].outer; }
+  double outer(std::int64_t b) const { return sizes_[usize(b)].outer; }
   // The least radius of its cores, and the largest distance of one from its centre [m].
-  double inner(std::int64_t b) const { return sizes_[static_cast<std::size_t>(b)].inner; }
-  double off_centre(std::int64_t b) const { return sizes_[static_cast<std::size_t>(b)].off_centre; }
+  double inner(std::int64_t b) const { return sizes_[usize(b)].inner; }
+  double off_centre(std::int64_t b) const { return sizes_[usize(b)].off_centre; }
 
   // Appends a body with these fixtures; contacts begin at `margin` or a tenth of the inner radius.
   void add(std::span<const Fixture> fixtures, double margin);
@@ -70,16 +71,14 @@ class Fixtures {
 
   // Puts the fixtures of the body where it is, with bounds for its way in the step.
   void place(std::int64_t b, const Pose& pose, const Way& way);
-  const Pose& pose(std::int32_t f) const { return pose_[at(f)]; }
-  const Pose& body_pose(std::int64_t b) const { return body_pose_[static_cast<std::size_t>(b)]; }
+  const Pose& pose(std::int32_t f) const { return pose_[usize(f)]; }
+  const Pose& body_pose(std::int64_t b) const { return body_pose_[usize(b)]; }
   std::span<const Bounds> bounds() const { return bounds_; }
 
  private:
   struct Size {
     double outer = 0, inner = std::numeric_limits<double>::infinity(), off_centre = 0;
   };
-
-  static std::size_t at(std::int32_t f) { return static_cast<std::size_t>(f); }
 
   std::vector<Entry> entries_;
   std::vector<std::int32_t> first_{0};

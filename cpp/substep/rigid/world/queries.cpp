@@ -5,6 +5,7 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/rigid/collision/broad_phase.h"
 #include "substep/rigid/distance/shape_distance.h"
 #include "substep/rigid/distance/time_of_impact.h"
@@ -88,7 +89,7 @@ void cast_rays(const Scene& scene, std::span<const Ray> rays, std::uint32_t mask
   parallel_for(
       static_cast<std::int64_t>(rays.size()), kRaysPerChunk,
       [&](std::int64_t begin, std::int64_t end) {
-        for (auto k = static_cast<std::size_t>(begin); k < static_cast<std::size_t>(end); ++k) {
+        for (auto k = usize(begin); k < usize(end); ++k) {
           hits[k] = cast_ray(scene, rays[k], mask).value_or(FixtureHit{});
         }
       },

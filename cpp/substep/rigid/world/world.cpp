@@ -10,6 +10,7 @@
 #include "substep/core/interrupt.h"
 #include "substep/core/parallel.h"
 #include "substep/core/reserve.h"
+#include "substep/core/usize.h"
 #include "substep/rigid/collision/broad_phase.h"
 #include "substep/rigid/shapes/mass_properties.h"
 #include "substep/rigid/solver/contact_solver.h"
@@ -71,14 +72,14 @@ void World::check_body(std::int64_t body) const {
 void World::make_room(std::int64_t bodies, std::int64_t fixtures) {
   if (bodies_.size() + bodies > kMost || fixtures_.size() + fixtures > kMost)
     throw InputError("a world holds no more bodies");
-  const std::size_t n = at(bodies_.size() + bodies);
-  bodies_.make_room(at(bodies));
-  fixtures_.make_room(at(bodies), at(fixtures));
+  const std::size_t n = usize(bodies_.size() + bodies);
+  bodies_.make_room(usize(bodies));
+  fixtures_.make_room(usize(bodies), usize(fixtures));
   for (auto* rows : {&rest_x_, &rest_q_, &placed_x_, &placed_q_}) reserve_amortised(*rows, 4 * n);
   reserve_amortised(asleep_, n), reserve_amortised(ways_, n);
   islands_.make_room(static_cast<std::int32_t>(n), static_cast<std::int32_t>(bodies));
   broad_phase_->make_room(static_cast<std::int32_t>(fixtures_.size() + fixtures),
-                         static_cast<std::int32_t>(fixtures));
+                          static_cast<std::int32_t>(fixtures));
 }
 
 std::int32_t World::add(const BodyState& body, std::span<const Fixture> fixtures) {
@@ -105,8 +106,8 @@ std::int32_t World::add(const BodyState& body, std::span<const Fixture> fixtures
 
 // Makes a body part of broad phase and islands.
 void World::enter(std::int64_t body) {
-  std::copy_n(&bodies_.x[3 * at(body)], 3, &rest_x_[3 * at(body)]);
-  std::copy_n(&bodies_.q[4 * at(body)], 4, &rest_q_[4 * at(body)]);
+  std::copy_n(&bodies_.x[3 * usize(body)], 3, &rest_x_[3 * usize(body)]);
+  std::copy_n(&bodies_.q[4 * usize(body)], 4, &rest_q_[4 * usize(body)]);
   place_body(body, 0);
   if (bodies_.dynamic(body)) islands_.add(static_cast<std::int32_t>(body));
   for (std::int32_t f = fixtures_.first(body); f < fixtures_.first(body + 1); ++f)
@@ -116,28 +117,29 @@ void World::enter(std::int64_t body) {
 void World::add_to_broad_phase(std::int32_t f) {
   const Fixture& fixture = fixtures_[f].fixture;
   const std::int32_t body = fixtures_[f].body;
-  const BroadPhase::Proxy proxy{body, bodies_.motion[at(body)], fixture.group, fixture.mask};
+  const BroadPhase::Proxy proxy{body, bodies_.motion[usize(body)], fixture.group, fixture.mask};
   if (const auto* plane = std::get_if<Plane>(&fixture.shape)) {
     const Vec3 normal = fixtures_.pose(f).rotation * plane->normal;
     const double offset = plane->offset + normal.dot(fixtures_.pose(f).position);
     broad_phase_->add_plane(f, proxy, normal, offset);
   } else {
-    broad_phase_->add(f, proxy, fixtures_.bounds()[at(f)]);
+    broad_phase_->add(f, proxy, fixtures_.bounds()[usize(f)]);
   }
 }
 
 // Wakes what the bodies touch and takes them out.
 void World::leave(std::span<const std::int64_t> bodies) {
-  std::vector<std::uint8_t> leaves(at(bodies_.size()), 0);
-  for (const std::int64_t body : bodies) leaves[at(body)] = 1;
+  std::vector<std::uint8_t> leaves(usize(bodies_.size()), 0);
+  for (const std::int64_t body : bodies) leaves[usize(body)] = 1;
   for (const auto* list : {&contacts_, &sleeping_contacts_}) {
     for (const ContactConstraint& c : *list) {
-      if (leaves[at(c.a)] != 0) wake(c.b);
-      if (leaves[at(c.b)] != 0) wake(c.a);
+      if (leaves[usize(c.a)] != 0) wake(c.b);
+      if (leaves[usize(c.b)] != 0) wake(c.a);
     }
   }
   for (const Joint& joint : joints_)
-    if (leaves[at(joint.a)] != 0 || (joint.b >= 0 && leaves[at(joint.b)] != 0)) wake_joined(joint);
+    if (leaves[usize(joint.a)] != 0 || (joint.b >= 0 && leaves[usize(joint.b)] != 0))
+      wake_joined(joint);
   for (const std::int64_t body : bodies) {
     if (bodies_.dynamic(body)) {
       wake(body);
@@ -163,16 +165,16 @@ std::vector<std::int64_t> World::remove(std::span<const std::int64_t> removed) {
   const auto compact = [&](auto& rows, std::size_t width) {
     for (std::size_t b = 0; b < bodies.size(); ++b)
       for (std::size_t k = 0; bodies[b] >= 0 && k < width; ++k)
-        rows[at(bodies[b]) * width + k] = rows[b * width + k];
-    rows.resize(at(bodies_.size()) * width);
+        rows[usize(bodies[b]) * width + k] = rows[b * width + k];
+    rows.resize(usize(bodies_.size()) * width);
   };
   compact(rest_x_, 3), compact(placed_x_, 3), compact(rest_q_, 4), compact(placed_q_, 4);
   compact(asleep_, 1), compact(ways_, 1);
-  const auto number = [&](std::int32_t& body) { body = bodies[at(body)]; };
+  const auto number = [&](std::int32_t& body) { body = bodies[usize(body)]; };
   for (auto* list : {&contacts_, &sleeping_contacts_}) {
     std::erase_if(*list, [&](ContactConstraint& c) {
       number(c.a), number(c.b);
-      c.fixture_a = fixtures[at(c.fixture_a)], c.fixture_b = fixtures[at(c.fixture_b)];
+      c.fixture_a = fixtures[usize(c.fixture_a)], c.fixture_b = fixtures[usize(c.fixture_b)];
       return c.a < 0 || c.b < 0;
     });
   }
@@ -205,9 +207,9 @@ void World::set_motion(std::int64_t body, Motion motion, double mass, const Vec3
   const Vec3 v = bodies_.velocity(body), w = bodies_.angular_velocity(body);
   const bool still = motion == Motion::kStatic;
   leave({&body, 1});
-  bodies_.motion[at(body)] = motion;
-  bodies_.mass[at(body)] = dynamic ? mass : 1;
-  Vec3::Map(&bodies_.inertia[3 * at(body)]) = dynamic ? inertia : Vec3::Ones();
+  bodies_.motion[usize(body)] = motion;
+  bodies_.mass[usize(body)] = dynamic ? mass : 1;
+  Vec3::Map(&bodies_.inertia[3 * usize(body)]) = dynamic ? inertia : Vec3::Ones();
   bodies_.set_velocity(body, still ? Vec3::Zero() : v, still ? Vec3::Zero() : w);
   enter(body);
   for (auto* list : {&contacts_, &sleeping_contacts_}) {
@@ -259,8 +261,8 @@ std::int32_t World::add_joint(const Joint& joint) {
 void World::set_joint(std::int64_t number, const Joint& joint) {
   check_joint_number(number);
   check_joint(joint, bodies_);
-  wake_joined(joints_[at(number)]);
-  joints_[at(number)] = joint;
+  wake_joined(joints_[usize(number)]);
+  joints_[usize(number)] = joint;
   wake_joined(joint);
   excluded_changed_ = true;
 }
@@ -269,7 +271,7 @@ void World::remove_joints(std::span<const std::int64_t> numbers) {
   std::vector<std::uint8_t> removed(joints_.size(), 0);
   for (const std::int64_t number : numbers) {
     check_joint_number(number);
-    removed[at(number)] = 1;
+    removed[usize(number)] = 1;
   }
   std::size_t kept = 0;
   for (std::size_t k = 0; k < joints_.size(); ++k) {
@@ -330,7 +332,7 @@ void World::place(double dt) {
   note_changes();
   active_.clear();
   for (std::int64_t b = 0; b < bodies_.size(); ++b) {
-    if (bodies_.motion[at(b)] == Motion::kStatic || asleep_[at(b)] != 0) continue;
+    if (bodies_.motion[usize(b)] == Motion::kStatic || asleep_[usize(b)] != 0) continue;
     active_.push_back(static_cast<std::int32_t>(b));
     if (bodies_.dynamic(b)) continue;
     for (std::int32_t f = fixtures_.first(b); f < fixtures_.first(b + 1); ++f)
@@ -340,8 +342,8 @@ void World::place(double dt) {
       static_cast<std::int64_t>(active_.size()), kPlaced,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t k = begin; k < end; ++k) {
-          check_row(active_[at(k)]);
-          place_body(active_[at(k)], dt);
+          check_row(active_[usize(k)]);
+          place_body(active_[usize(k)], dt);
         }
       },
       threads);
@@ -354,7 +356,7 @@ void World::list_fixtures(std::int64_t body) {
 }
 
 void World::place_body(std::int64_t body, double dt) {
-  const std::size_t b = at(body);
+  const std::size_t b = usize(body);
   Way& way = ways_[b];
   way = {};
   if (dt > 0 && bodies_.motion[b] != Motion::kStatic) {
@@ -375,7 +377,7 @@ void World::place_body(std::int64_t body, double dt) {
 
 // What was written into the rows.
 void World::check_row(std::int64_t body) {
-  const std::size_t b = at(body);
+  const std::size_t b = usize(body);
   const double all = Vec3(&bodies_.x[3 * b]).squaredNorm() + Vec3(&bodies_.P[3 * b]).squaredNorm() +
                      Vec3(&bodies_.L[3 * b]).squaredNorm() +
                      Vec3(&bodies_.force[3 * b]).squaredNorm() +
@@ -395,7 +397,7 @@ void World::find_contacts() {
   broad_phase_->update(moving_, fixtures_.bounds(), threads);
   moving_.clear();
   finder_->find(broad_phase_->pairs(), broad_phase_->slots(), fixtures_, bodies_.motion, ways_,
-               last_contacts_, options_.continuous, contacts_, threads);
+                last_contacts_, options_.continuous, contacts_, threads);
 }
 
 void World::solve(double dt) {
@@ -413,13 +415,13 @@ void World::solve(double dt) {
 
 std::int64_t World::solve_once(double dt) {
   return solver_->step(bodies_, options_.gravity, dt, contacts_, options_.contact, asleep_, joints_,
-                      threads);
+                       threads);
 }
 
 // Whether bodies were put down on each other: they press, but nobody told how much.
 bool World::starts_at_rest() const {
   const auto rests = [&](std::int32_t b) {
-    return Vec3(&bodies_.P[3 * at(b)]).isZero(0) && Vec3(&bodies_.L[3 * at(b)]).isZero(0);
+    return Vec3(&bodies_.P[3 * usize(b)]).isZero(0) && Vec3(&bodies_.L[3 * usize(b)]).isZero(0);
   };
   return last_contacts_.empty() && sleeping_contacts_.empty() && !contacts_.empty() &&
          std::all_of(contacts_.begin(), contacts_.end(),
@@ -449,7 +451,8 @@ std::int64_t World::solve_from_rest(double dt) {
 Scene World::scene() {
   note_changes();
   for (std::int64_t b = 0; b < bodies_.size(); ++b) {
-    if (!displaced(b) && ways_[at(b)].travel.isZero(0) && ways_[at(b)].turn.isZero(0)) continue;
+    if (!displaced(b) && ways_[usize(b)].travel.isZero(0) && ways_[usize(b)].turn.isZero(0))
+      continue;
     check_row(b);
     place_body(b, 0);
     list_fixtures(b);

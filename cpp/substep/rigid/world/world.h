@@ -21,6 +21,7 @@
 #include <vector>
 
 #include "substep/core/held.h"
+#include "substep/core/usize.h"
 #include "substep/rigid/solver/contact_constraint.h"
 #include "substep/rigid/solver/contact_options.h"
 #include "substep/rigid/solver/islands.h"
@@ -95,7 +96,7 @@ class World {
   const Bodies& bodies() const { return bodies_; }
   const Fixtures& fixtures() const { return fixtures_; }
 
-  bool asleep(std::int64_t body) const { return asleep_[static_cast<std::size_t>(body)] != 0; }
+  bool asleep(std::int64_t body) const { return asleep_[usize(body)] != 0; }
   void wake(std::int64_t body);  // with its island
 
   // Of the last step, in the order of the fixtures: those of bodies that are awake, and of others.
@@ -125,7 +126,6 @@ class World {
     Islands islands;
   };
 
-  static std::size_t at(std::int64_t i) { return static_cast<std::size_t>(i); }
   void check_body(std::int64_t body) const;
   void check_joint_number(std::int64_t number) const;
   void wake_joined(const Joint& joint);

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "substep/core/usize.h"
 #include "substep/rigid/collision/broad_phase.h"
 #include "substep/rigid/world/world.h"
 
@@ -33,17 +34,17 @@ bool precedes(const ContactConstraint& c, const ContactConstraint& d) {
 }  // namespace
 
 bool World::is_awake(std::int64_t body) const {
-  return bodies_.dynamic(body) && asleep_[at(body)] == 0;
+  return bodies_.dynamic(body) && asleep_[usize(body)] == 0;
 }
 
 bool World::moves_now(std::int64_t body) const {
-  if (bodies_.motion[at(body)] != Motion::kKinematic) return is_awake(body);
-  const Vec3 P(&bodies_.P[3 * at(body)]), L(&bodies_.L[3 * at(body)]);
+  if (bodies_.motion[usize(body)] != Motion::kKinematic) return is_awake(body);
+  const Vec3 P(&bodies_.P[3 * usize(body)]), L(&bodies_.L[3 * usize(body)]);
   return !P.isZero(0) || !L.isZero(0);
 }
 
 bool World::displaced(std::int64_t body) const {
-  const std::size_t b = at(body);
+  const std::size_t b = usize(body);
   return std::memcmp(&bodies_.x[3 * b], &placed_x_[3 * b], 3 * sizeof(double)) != 0 ||
          std::memcmp(&bodies_.q[4 * b], &placed_q_[4 * b], 4 * sizeof(double)) != 0;
 }
@@ -60,8 +61,8 @@ void World::wake(std::int64_t body) {
 
 void World::show_sleep(std::int64_t body) {
   const bool asleep = bodies_.dynamic(body) && islands_.asleep(static_cast<std::int32_t>(body));
-  if (asleep == (asleep_[at(body)] != 0)) return;
-  asleep_[at(body)] = asleep ? 1 : 0;
+  if (asleep == (asleep_[usize(body)] != 0)) return;
+  asleep_[usize(body)] = asleep ? 1 : 0;
   for (std::int32_t f = fixtures_.first(body); f < fixtures_.first(body + 1); ++f)
     broad_phase_->set_awake(f, !asleep);
   sleep_changed_ = true;
@@ -74,7 +75,7 @@ void World::note_changes() {
     return Vec3(&rows[3 * b]).isZero(0);
   };
   for (std::int64_t body = 0; body < bodies_.size(); ++body) {
-    const std::size_t b = at(body);
+    const std::size_t b = usize(body);
     if (asleep_[b] != 0) {
       const bool still = zero(bodies_.P, b) && zero(bodies_.L, b) && zero(bodies_.force, b) &&
                          zero(bodies_.torque, b);
@@ -99,13 +100,14 @@ void World::note_changes() {
 bool World::wake_touched(double dt) {
   woken_.clear();
   for (const ContactConstraint& c : contacts_) {
-    const bool wakes_a = asleep_[at(c.a)] != 0 && moves_now(c.b),
-               wakes_b = asleep_[at(c.b)] != 0 && moves_now(c.a);
-    if ((wakes_a || wakes_b) && meets(c, ways_[at(c.a)], ways_[at(c.b)])) wake(wakes_a ? c.a : c.b);
+    const bool wakes_a = asleep_[usize(c.a)] != 0 && moves_now(c.b),
+               wakes_b = asleep_[usize(c.b)] != 0 && moves_now(c.a);
+    if ((wakes_a || wakes_b) && meets(c, ways_[usize(c.a)], ways_[usize(c.b)]))
+      wake(wakes_a ? c.a : c.b);
   }
   for (const Joint& joint : joints_) {
-    if (asleep_[at(joint.a)] != 0 && joint.b >= 0 && moves_now(joint.b)) wake(joint.a);
-    if (joint.b >= 0 && asleep_[at(joint.b)] != 0 && moves_now(joint.a)) wake(joint.b);
+    if (asleep_[usize(joint.a)] != 0 && joint.b >= 0 && moves_now(joint.b)) wake(joint.a);
+    if (joint.b >= 0 && asleep_[usize(joint.b)] != 0 && moves_now(joint.a)) wake(joint.b);
   }
   if (!displaced_.empty()) {
     const auto was_displaced = [&](std::int32_t body) {
@@ -137,7 +139,7 @@ bool World::wake_touched(double dt) {
 
 // Whether a point of the body has moved too far from where it was when this was last so.
 bool World::left_its_place(std::int64_t body) {
-  const std::size_t b = at(body);
+  const std::size_t b = usize(body);
   const Quaternion q = bodies_.rotation(body), rest = load_quaternion(&rest_q_[4 * b]);
   const double chord = std::min((q.coeffs() - rest.coeffs()).norm(),  // 2 sin(angle / 4)
                                 (q.coeffs() + rest.coeffs()).norm());
@@ -153,15 +155,15 @@ bool World::left_its_place(std::int64_t body) {
 
 void World::fall_asleep(double dt) {
   if (!options_.sleeping) return;
-  speed_.assign(at(bodies_.size()), 0);
+  speed_.assign(usize(bodies_.size()), 0);
   for (const std::int32_t body : active_)
-    if (bodies_.dynamic(body) && left_its_place(body)) speed_[at(body)] = 1;
+    if (bodies_.dynamic(body) && left_its_place(body)) speed_[usize(body)] = 1;
   touching_.clear();
   const auto connect = [&](std::int32_t body_a, std::int32_t body_b) {
     const bool a = bodies_.dynamic(body_a), b = bodies_.dynamic(body_b);
     if (a && b) touching_.push_back({body_a, body_b});
-    if (!a && moves_now(body_a)) speed_[at(body_b)] = 1;
-    if (!b && moves_now(body_b)) speed_[at(body_a)] = 1;
+    if (!a && moves_now(body_a)) speed_[usize(body_b)] = 1;
+    if (!b && moves_now(body_b)) speed_[usize(body_a)] = 1;
   };
   for (const ContactConstraint& c : contacts_)
     if (touches(c)) connect(c.a, c.b);

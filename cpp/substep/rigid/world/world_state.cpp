@@ -3,6 +3,7 @@
 #include <string>
 
 #include "substep/core/errors.h"
+#include "substep/core/usize.h"
 #include "substep/rigid/world/world.h"
 
 namespace substep::rigid {
@@ -14,7 +15,7 @@ void require(bool holds, const char* what) {
 
 void check_state(const WorldState& state) {
   const Bodies& bodies = state.bodies;
-  const auto n = static_cast<std::size_t>(bodies.size());
+  const auto n = usize(bodies.size());
   const auto many = [](const auto& rows, std::size_t size) { return rows.size() == size; };
   require(many(bodies.x, 3 * n) && many(bodies.q, 4 * n) && many(bodies.P, 3 * n) &&
               many(bodies.L, 3 * n) && many(bodies.inertia, 3 * n) && many(bodies.force, 3 * n) &&
@@ -27,8 +28,7 @@ void check_state(const WorldState& state) {
               std::all_of(state.fixture_body.begin(), state.fixture_body.end(), is_body),
           "the bodies of the fixtures must be there, in their order");
   for (std::size_t f = 0; f < state.fixtures.size(); ++f)
-    check_fixtures(std::span(&state.fixtures[f], 1),
-                   bodies.motion[static_cast<std::size_t>(state.fixture_body[f])]);
+    check_fixtures(std::span(&state.fixtures[f], 1), bodies.motion[usize(state.fixture_body[f])]);
   for (const BodyPair& pair : state.excluded)
     require(is_body(pair.a) && is_body(pair.b), "an excluded pair has no such body");
   for (const Joint& joint : state.joints) check_joint(joint, bodies);
@@ -43,8 +43,8 @@ void check_state(const WorldState& state) {
     const bool there = c.fixture_a >= 0 && c.fixture_a < fixtures && c.fixture_b >= 0 &&
                        c.fixture_b < fixtures && c.count >= 0 && c.count <= 4;
     require(there, "a contact has no such fixtures or points");
-    require(c.a == state.fixture_body[static_cast<std::size_t>(c.fixture_a)] &&
-                c.b == state.fixture_body[static_cast<std::size_t>(c.fixture_b)],
+    require(c.a == state.fixture_body[usize(c.fixture_a)] &&
+                c.b == state.fixture_body[usize(c.fixture_b)],
             "the bodies of a contact are not those of its fixtures");
   }
 }
@@ -69,9 +69,9 @@ WorldState World::state() const {
         return c.fixture_a != d.fixture_a ? c.fixture_a < d.fixture_a : c.fixture_b < d.fixture_b;
       });
   state.slow_time.assign(islands_.slow_time().begin(), islands_.slow_time().end());
-  state.slow_time.resize(at(bodies_.size()), 0);
+  state.slow_time.resize(usize(bodies_.size()), 0);
   state.island.assign(islands_.island().begin(), islands_.island().end());
-  state.island.resize(at(bodies_.size()), Islands::kNoBody);
+  state.island.resize(usize(bodies_.size()), Islands::kNoBody);
   state.rest_x = rest_x_;
   state.rest_q = rest_q_;
   return state;
@@ -83,8 +83,8 @@ void World::restore(const WorldState& state) {
   other.bodies_ = state.bodies;
   other.rest_x_ = other.placed_x_ = state.rest_x;
   other.rest_q_ = other.placed_q_ = state.rest_q;
-  other.asleep_.assign(at(state.bodies.size()), 0);
-  other.ways_.resize(at(state.bodies.size()));
+  other.asleep_.assign(usize(state.bodies.size()), 0);
+  other.ways_.resize(usize(state.bodies.size()));
   std::size_t f = 0;
   for (std::int64_t b = 0; b < state.bodies.size(); ++b) {
     std::size_t end = f;

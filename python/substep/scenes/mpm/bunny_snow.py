@@ -7,19 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Box, TriangleMesh, box_mesh
+from ...geometry import Box, Collider, TriangleMesh, box_mesh
 from ...mpm import sample_mesh
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
 from ..deformables import read_obstacle
-from .material_points import (
-    Points,
-    mpm_parameters,
-    points_frame,
-    points_notes,
-    points_parts,
-    points_view,
-)
+from .material_points import Points, mpm_parameters, points_view
 from .snowball import shells, snow, snow_parameters
 
 if TYPE_CHECKING:
@@ -28,7 +21,7 @@ if TYPE_CHECKING:
 RIDGE = 0.35  # sides of the wedge, over the size of the body
 
 
-def _wedge(size: float, friction: float) -> tuple[Box, TriangleMesh]:
+def _wedge(size: float, friction: float) -> tuple[Collider, TriangleMesh]:
     """A long box along y whose edge points upwards."""
     sides = size * np.array([RIDGE, 3.0, RIDGE])
     mesh = box_mesh(sides)
@@ -36,9 +29,8 @@ def _wedge(size: float, friction: float) -> tuple[Box, TriangleMesh]:
     c = np.sqrt(0.5)
     turned = x @ np.array([[c, 0, -c], [0, 1, 0], [c, 0, c]])
     turned[:, 2] = np.maximum(turned[:, 2], 0)  # what is above the ground
-    box = Box(lengths=sides, friction=friction)
-    box.orientation = (np.cos(np.pi / 8), 0.0, np.sin(np.pi / 8), 0.0)
-    return box, TriangleMesh(turned, mesh.faces)
+    box = Box(sides, rotation=(np.cos(np.pi / 8), 0.0, np.sin(np.pi / 8), 0.0))
+    return Collider(box, friction=friction), TriangleMesh(turned, mesh.faces)
 
 
 def _build(parameters: dict[str, Any], seed: int) -> Points:
@@ -91,9 +83,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.1, "resolution": 12},
     build=_build,
-    parts=points_parts,
-    frame=points_frame,
-    notes=points_notes,
+    parts=Points.parts,
+    frame=Points.frame,
+    notes=Points.notes,
     summary=_summary,
     picture=points_view(
         Camera(-65.0, 16.0, 0.95),

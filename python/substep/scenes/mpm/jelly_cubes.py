@@ -7,18 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Plane, TriangleMesh
+from ...geometry import Collider, Plane, TriangleMesh
 from ...mpm import NeoHookean, sample_box
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
-from .material_points import (
-    Points,
-    mpm_parameters,
-    points_frame,
-    points_notes,
-    points_parts,
-    points_view,
-)
+from .material_points import Points, mpm_parameters, points_view
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -60,7 +53,8 @@ def _build(parameters: dict[str, Any], seed: int) -> Points:
         materials.append(NeoHookean(parameters["density"], stiffness, parameters["poisson"]))
     walls = {}
     for k, normal in enumerate(((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))):
-        wall = Plane(-PEN / 2 * side * np.array(normal), normal, friction=parameters["friction"])
+        plane = Plane(normal, -PEN / 2 * side * np.array(normal))
+        wall = Collider(plane, friction=parameters["friction"])
         walls[f"wall{k}"] = (wall, _pane(side, np.array(normal)))
     which = np.repeat(np.arange(cubes), len(x))
     return Points(
@@ -71,7 +65,7 @@ def _build(parameters: dict[str, Any], seed: int) -> Points:
         spacing=spacing,
         part="cubes",
         dye=which,
-        material=which,
+        kinds=which,
         obstacles=walls,
     )
 
@@ -103,9 +97,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.1, "particles": 1000, "cubes": 3},
     build=_build,
-    parts=points_parts,
-    frame=points_frame,
-    notes=points_notes,
+    parts=Points.parts,
+    frame=Points.frame,
+    notes=Points.notes,
     summary=_summary,
     picture=points_view(
         Camera(-60.0, 24.0),

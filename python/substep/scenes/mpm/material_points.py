@@ -130,7 +130,7 @@ class Points(MaterialPointMethod):
         self.dye = np.asarray(dye, np.float32)
         self.lacks = dict(lacks or {})
         self.drawn = {name: mesh for name, (_, mesh) in obstacles.items()}
-        ground = Plane((0, 0, 0), (0, 0, 1), friction=parameters["friction"])
+        ground = Collider(Plane(), friction=parameters["friction"])
         super().__init__(
             positions,
             materials,
@@ -159,49 +159,24 @@ class Points(MaterialPointMethod):
             f"outside, {self.still()}; last step {dt:.2g} s ({reason})"
         )
 
+    def parts(self) -> dict[str, Part]:
+        """Particles with speed and dye; obstacles, which never move."""
+        from ...recording import Part
 
-def points_parts(points: Points) -> dict[str, Part]:
-    """Particles with speed and dye; obstacles, which never move.
+        parts = {self.part: Part("particles", {"speed": "m/s", "dye": "1"})}
+        for name, mesh in self.drawn.items():
+            parts[name] = Part("mesh", triangles=mesh.faces, points=mesh.vertices)
+        return parts
 
-    Parameters
-    ----------
-    points : Points
-        The simulation.
+    def frame(self) -> dict[str, dict[str, Any]]:
+        """Positions and numbers as float32, which they are computed in."""
+        speed = np.linalg.norm(self.velocities, axis=1).astype(np.float32)
+        x = self.positions.astype(np.float32)
+        return {self.part: {"points": x, "speed": speed, "dye": self.dye}}
 
-    Returns
-    -------
-    dict of str to Part
-        By name.
-    """
-    from ...recording import Part
-
-    parts = {points.part: Part("particles", {"speed": "m/s", "dye": "1"})}
-    for name, mesh in points.drawn.items():
-        parts[name] = Part("mesh", triangles=mesh.faces, points=mesh.vertices)
-    return parts
-
-
-def points_frame(points: Points) -> dict[str, dict[str, Any]]:
-    """Positions and numbers as float32, which they are computed in.
-
-    Parameters
-    ----------
-    points : Points
-        The simulation.
-
-    Returns
-    -------
-    dict of str to dict of str to ndarray
-        By part.
-    """
-    speed = np.linalg.norm(points.velocities, axis=1).astype(np.float32)
-    x = points.positions.astype(np.float32)
-    return {points.part: {"points": x, "speed": speed, "dye": points.dye}}
-
-
-def points_notes(points: Points) -> dict[str, str]:
-    """Spacing of the particles, and what meshes lack, for the recording."""
-    return {"spacing": repr(points.spacing), **points.lacks}
+    def notes(self) -> dict[str, str]:
+        """Spacing of the particles, and what meshes lack, for the recording."""
+        return {"spacing": repr(self.spacing), **self.lacks}
 
 
 def radius(recording: Recording) -> float:

@@ -7,19 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Box, TriangleMesh, box_mesh
+from ...geometry import Box, Collider, TriangleMesh, box_mesh
 from ...mpm import HerschelBulkley
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
-from .material_points import (
-    Points,
-    fill_cylinder,
-    mpm_parameters,
-    points_frame,
-    points_notes,
-    points_parts,
-    points_view,
-)
+from .material_points import Points, fill_cylinder, mpm_parameters, points_view
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -48,7 +40,7 @@ class MudSlump(Points):
             middle = np.array([*(r * np.array(at)), sides[2] / 2])
             mesh = box_mesh(sides)
             shift = middle - (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
-            post = Box(middle, sides, friction=parameters["friction"])
+            post = Collider(Box(sides, middle), friction=parameters["friction"])
             posts[f"post{k}"] = (post, TriangleMesh(mesh.vertices + shift, mesh.faces))
         super().__init__(
             x,
@@ -94,9 +86,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.05, "particles": 800},
     build=MudSlump,
-    parts=points_parts,
-    frame=points_frame,
-    notes=points_notes,
+    parts=Points.parts,
+    frame=Points.frame,
+    notes=Points.notes,
     summary=_summary,
     picture=points_view(
         Camera(-60.0, 28.0),

@@ -10,15 +10,7 @@ from numpy.typing import NDArray
 from ...mpm import Sand
 from ...view import Camera
 from ..declaration import Parameter, Scene
-from .material_points import (
-    Points,
-    fill_cylinder,
-    mpm_parameters,
-    points_frame,
-    points_notes,
-    points_parts,
-    points_view,
-)
+from .material_points import Points, fill_cylinder, mpm_parameters, points_view
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -80,9 +72,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.1, "particles": 800},
     build=SandColumn,
-    parts=points_parts,
-    frame=points_frame,
-    notes=points_notes,
+    parts=Points.parts,
+    frame=Points.frame,
+    notes=Points.notes,
     summary=_summary,
     picture=points_view(Camera(-60.0, 26.0, 0.88), "sand", "copper", limits=(-0.8, 1.1), box=_box),
     frames=71,

@@ -7,18 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Box, TriangleMesh, box_mesh
+from ...geometry import Box, Collider, TriangleMesh, box_mesh
 from ...mpm import Snow, sample_sphere
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
-from .material_points import (
-    Points,
-    mpm_parameters,
-    points_frame,
-    points_notes,
-    points_parts,
-    points_view,
-)
+from .material_points import Points, mpm_parameters, points_view
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -87,7 +80,7 @@ def _build(parameters: dict[str, Any], seed: int) -> Points:
     middle = np.array([sides[0] / 2, 0.0, sides[2] / 2])
     mesh = box_mesh(sides)
     shift = middle - (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
-    wall = Box(middle, sides, friction=parameters["friction"])
+    wall = Collider(Box(sides, middle), friction=parameters["friction"])
     return Points(
         x,
         volumes,
@@ -121,9 +114,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.05, "particles": 800},
     build=_build,
-    parts=points_parts,
-    frame=points_frame,
-    notes=points_notes,
+    parts=Points.parts,
+    frame=Points.frame,
+    notes=Points.notes,
     summary=Points.words,
     picture=points_view(
         Camera(-140.0, 14.0),

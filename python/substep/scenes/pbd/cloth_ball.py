@@ -7,13 +7,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Plane, SignedDistanceField, Sphere, TriangleMesh, grid_mesh, sphere_mesh
+from ...geometry import (
+    Collider,
+    Plane,
+    SignedDistanceField,
+    Sphere,
+    TriangleMesh,
+    grid_mesh,
+    sphere_mesh,
+)
 from ...pbd import SelfCollision, cloth
 from ...pbd.group import Constraint
 from ...view import Camera, Look, View
 from ..declaration import Parameter, Scene
 from ..deformables import read_obstacle
-from .position_based import Body, body_frame, body_notes, body_parts, pbd_parameters
+from .position_based import Body, pbd_parameters
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -29,18 +37,19 @@ class Cloth(Body):
         size, n, friction = parameters["size"], parameters["vertices"], parameters["friction"]
         side = parameters["side"] * size
         offset = CLEARANCE * side / (n - 1)
-        how = {"friction": friction, "angular_velocity": (0.0, 0.0, parameters["spin"])}
         lacks = {}
-        obstacle: Sphere | SignedDistanceField
+        shape: Sphere | SignedDistanceField
         if parameters["mesh"]:
             mesh, lacks["mesh"] = read_obstacle(parameters["mesh"], parameters["up"], size)
             cells = parameters["cells"]
-            obstacle = SignedDistanceField.from_mesh(mesh, size / cells, offset=offset, **how)
+            shape = SignedDistanceField.from_mesh(mesh, size / cells, offset=offset)
             top = float(mesh.vertices[:, 2].max())
         else:
             center, top = (0.0, 0.0, size / 2), size
             mesh = sphere_mesh(size / 2, center, 4)
-            obstacle = Sphere(center, size / 2 + offset, **how)
+            shape = Sphere(size / 2 + offset, center)
+        spin = (0.0, 0.0, parameters["spin"])
+        obstacle = Collider(shape, friction=friction, angular_velocity=spin)
         flat = grid_mesh(n, n, (side, side))
         middle = flat.vertices.mean(axis=0)
         middle[2] -= top + offset + parameters["height"] * size
@@ -52,7 +61,7 @@ class Cloth(Body):
             parameters,
             part="cloth",
             topology={"triangles": self.sheet.faces},
-            colliders=[obstacle, Plane((0, 0, 0), (0, 0, 1), friction=friction)],
+            colliders=[obstacle, Collider(Plane(), friction=friction)],
             drawn={"obstacle": mesh},
             turning={"obstacle": obstacle} if parameters["mesh"] else {},  # a ball looks the same
             lacks=lacks,
@@ -107,9 +116,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.2, "vertices": 10, "substeps": 5},
     build=lambda parameters, seed: Cloth(parameters),
-    parts=body_parts,
-    frame=body_frame,
-    notes=body_notes,
+    parts=Body.parts,
+    frame=Body.frame,
+    notes=Body.notes,
     summary=_summary,
     picture=View(
         Camera(-60.0, 22.0),

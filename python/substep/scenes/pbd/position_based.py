@@ -32,7 +32,7 @@ def pbd_parameters(substeps: int) -> dict[str, Parameter]:
     """
     return {
         "friction": Parameter("coefficient of friction of the obstacles", 0.4, minimum=0),
-        "damping": Parameter("rate at which velocities decay", 0.1, unit="1/s", minimum=0),
+        "drag": Parameter("rate at which velocities decay", 0.1, unit="1/s", minimum=0),
         "substeps": Parameter("of a step", substeps, minimum=1, maximum=10_000),
         "iterations": Parameter("projections in a substep", 1, minimum=1, maximum=10_000),
         "step": Parameter("time step", 1 / 60, unit="s", above=0),
@@ -87,7 +87,7 @@ class Body(PositionBasedDynamics):
             masses,
             constraints,
             colliders=colliders,
-            damping=parameters["damping"],
+            drag=parameters["drag"],
             substeps=parameters["substeps"],
             iterations=parameters["iterations"],
             step=parameters["step"],
@@ -111,55 +111,33 @@ class Body(PositionBasedDynamics):
         still = f"at rest ({speed:.2g} m/s)" if speed < 0.02 else f"moving, up to {speed:.2g} m/s"
         return f"{still}, nowhere nearer than {1e3 * self.clearance():.2g} mm to an obstacle"
 
+    def parts(self) -> dict[str, Part]:
+        """The body with its velocity, and the obstacles."""
+        from ...recording import Part
 
-def body_parts(body: Body) -> dict[str, Part]:
-    """The body with its velocity, and the obstacles.
+        parts = {self.part: Part("mesh", {"velocity": "m/s"}, **self.topology)}
+        for name, mesh in self.obstacles.items():
+            moves = name in self.turning
+            points = None if moves else mesh.vertices
+            parts[name] = Part("mesh", triangles=mesh.faces, points=points)
+        return parts
 
-    Parameters
-    ----------
-    body : Body
-        The simulation.
+    def frame(self) -> dict[str, dict[str, Any]]:
+        """Positions and velocities as float32, which they are computed in."""
+        points, velocity = self.positions, self.velocities
+        frame = {
+            self.part: {
+                "points": points.astype(np.float32),
+                "velocity": velocity.astype(np.float32),
+            }
+        }
+        for name, collider in self.turning.items():
+            w, *u = collider.rotation
+            x = self.obstacles[name].vertices
+            turned = x + 2 * np.cross(u, np.cross(u, x) + w * x)  # about the origin
+            frame[name] = {"points": turned.astype(np.float32)}
+        return frame
 
-    Returns
-    -------
-    dict of str to Part
-        By name.
-    """
-    from ...recording import Part
-
-    parts = {body.part: Part("mesh", {"velocity": "m/s"}, **body.topology)}
-    for name, mesh in body.obstacles.items():
-        moves = name in body.turning
-        points = None if moves else mesh.vertices
-        parts[name] = Part("mesh", triangles=mesh.faces, points=points)
-    return parts
-
-
-def body_frame(body: Body) -> dict[str, dict[str, Any]]:
-    """Positions and velocities as float32, which they are computed in.
-
-    Parameters
-    ----------
-    body : Body
-        The simulation.
-
-    Returns
-    -------
-    dict of str to dict of str to ndarray
-        By part.
-    """
-    points, velocity = body.positions, body.velocities
-    frame = {
-        body.part: {"points": points.astype(np.float32), "velocity": velocity.astype(np.float32)}
-    }
-    for name, collider in body.turning.items():
-        w, *u = collider.orientation
-        x = body.obstacles[name].vertices
-        turned = x + 2 * np.cross(u, np.cross(u, x) + w * x)  # about the origin
-        frame[name] = {"points": turned.astype(np.float32)}
-    return frame
-
-
-def body_notes(body: Body) -> dict[str, str]:
-    """What meshes lack, for the recording."""
-    return dict(body.lacks)
+    def notes(self) -> dict[str, str]:
+        """What meshes lack, for the recording."""
+        return dict(self.lacks)

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Plane, Sphere, sphere_mesh
+from ...geometry import Collider, Plane, Sphere, sphere_mesh
 from ...pbd import ParticleCollision, rope
 from ...view import Camera, Look, View
 from ..declaration import Parameter, Scene
-from .position_based import Body, body_frame, body_notes, body_parts, pbd_parameters
+from .position_based import Body, pbd_parameters
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -41,8 +41,8 @@ class Ropes(Body):
         masses[:, [0, -1]] *= 0.5
         masses[:, -1] += parameters["weight"]
         friction = parameters["friction"]
-        ball = Sphere(BALL * length, RADIUS * length + thickness / 2, friction=friction)
-        ground = Plane((0, 0, thickness / 2), (0, 0, 1), friction=friction)
+        ball = Sphere(RADIUS * length + thickness / 2, BALL * length)
+        ground = Plane(point=(0, 0, thickness / 2))
         constraints = [
             constraint
             for k in first
@@ -61,7 +61,7 @@ class Ropes(Body):
             parameters,
             part="rope",
             topology={"edges": self.edges},
-            colliders=[ball, ground],
+            colliders=[Collider(shape, friction=friction) for shape in (ball, ground)],
             drawn={"ball": sphere_mesh(RADIUS * length, BALL * length, 4)},
             pinned=first,
         )
@@ -100,9 +100,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.2, "ropes": 3, "segments": 12, "substeps": 5},
     build=lambda parameters, seed: Ropes(parameters),
-    parts=body_parts,
-    frame=body_frame,
-    notes=body_notes,
+    parts=Body.parts,
+    frame=Body.frame,
+    notes=Body.notes,
     summary=_summary,
     picture=View(
         Camera(-50.0, 16.0),

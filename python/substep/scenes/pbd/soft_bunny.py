@@ -7,12 +7,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Box, Plane, TetMesh, TriangleMesh, box_mesh, sphere_mesh, tetrahedralize
+from ...geometry import (
+    Box,
+    Collider,
+    Plane,
+    TetMesh,
+    TriangleMesh,
+    box_mesh,
+    sphere_mesh,
+    tetrahedralize,
+)
 from ...pbd import soft_body
 from ...view import Camera, Look, View
 from ..declaration import Parameter, Scene
 from ..deformables import read_obstacle
-from .position_based import Body, body_frame, body_notes, body_parts, pbd_parameters
+from .position_based import Body, pbd_parameters
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -49,7 +58,7 @@ class SoftBunny(Body):
             sides = size * np.array([(k + 1) * RUN, ACROSS, RISE])
             low = size * np.array([-0.5 * RUN, -0.5 * ACROSS, (STEPS - 1 - k) * RISE])
             center = low + sides / 2
-            boxes.append(Box(center, sides, friction=friction))
+            boxes.append(Box(sides, center))
             steps[f"step{k}"] = _at(center, sides)
         velocity = np.zeros_like(x)
         velocity[:, 0] = parameters["speed"]
@@ -60,16 +69,16 @@ class SoftBunny(Body):
                 self.solid,
                 young_modulus=parameters["young"],
                 poisson_ratio=parameters["poisson"],
-                damping=parameters["relaxation"],
+                damping_time=parameters["damping_time"],
             ),
             parameters,
             part="body",
             topology={"tetrahedra": self.solid.tetrahedra},
-            colliders=[Plane((0, 0, 0), (0, 0, 1), friction=friction), *boxes],
+            colliders=[Collider(shape, friction=friction) for shape in (Plane(), *boxes)],
             drawn=steps,
             lacks=lacks,
             velocities=velocity,
-            margin=margin,
+            contact_margin=margin,
         )
 
     def volume(self) -> float:
@@ -118,14 +127,16 @@ SCENE = Scene(
         "density": Parameter("mass per volume", 1000.0, unit="kg/m^3", above=0),
         "young": Parameter("Young's modulus", 3e4, unit="Pa", above=0),
         "poisson": Parameter("Poisson's ratio", 0.4, minimum=0, maximum=0.49),
-        "relaxation": Parameter("relaxation time of the viscous stress", 1e-3, unit="s", minimum=0),
+        "damping_time": Parameter(
+            "relaxation time of the viscous stress", 1e-3, unit="s", minimum=0
+        ),
         **pbd_parameters(20),
     },
     quick={"duration": 0.2, "cells": 3, "substeps": 5},
     build=lambda parameters, seed: SoftBunny(parameters),
-    parts=body_parts,
-    frame=body_frame,
-    notes=body_notes,
+    parts=Body.parts,
+    frame=Body.frame,
+    notes=Body.notes,
     summary=_summary,
     picture=View(
         Camera(-62.0, 20.0), {"body": Look("#d9566b")}, box=_box, ground=lambda recording: 0.0

@@ -8,20 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ...geometry import Box, TriangleMesh, box_mesh
+from ...geometry import Box, Collider, TriangleMesh, box_mesh
 from ...pbf import fill_mesh
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
 from ..deformables import read_obstacle
-from .liquids import (
-    Liquid,
-    column,
-    liquid_frame,
-    liquid_notes,
-    liquid_parameters,
-    liquid_parts,
-    liquid_view,
-)
+from .liquids import Liquid, column, liquid_parameters, liquid_view
 
 PLACE = 0.72  # of the pillar along the tank
 PILLAR = np.array([0.08, 0.22, 0.45])  # lengths, over those of the tank
@@ -49,7 +41,10 @@ def _build(parameters: dict[str, Any], seed: int) -> Liquid:
         mesh = box_mesh(sides)
         middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
         placed = TriangleMesh(mesh.vertices - middle + center, mesh.faces)
-        obstacles["pillar"] = (Box(center, sides, friction=parameters["friction"]), placed)
+        obstacles["pillar"] = (
+            Collider(Box(sides, center), friction=parameters["friction"]),
+            placed,
+        )
     return Liquid(positions, spacing, parameters, tank, obstacles=obstacles, lacks=lacks)
 
 
@@ -92,9 +87,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.1, "particles": 400},
     build=_build,
-    parts=liquid_parts,
-    frame=liquid_frame,
-    notes=liquid_notes,
+    parts=Liquid.parts,
+    frame=Liquid.frame,
+    notes=Liquid.notes,
     summary=_summary,
     picture=liquid_view(Camera(-60.0, 18.0), {"liquid": None}, {"pillar": Look("#d98f4e")}),
     frames=76,

@@ -9,15 +9,7 @@ import numpy as np
 from ...errors import InputError
 from ...view import Camera
 from ..declaration import Parameter, Scene
-from .liquids import (
-    Liquid,
-    column,
-    liquid_frame,
-    liquid_notes,
-    liquid_parameters,
-    liquid_parts,
-    liquid_view,
-)
+from .liquids import Liquid, column, liquid_parameters, liquid_view
 
 
 def _build(parameters: dict[str, Any], seed: int) -> Liquid:
@@ -38,14 +30,14 @@ def _build(parameters: dict[str, Any], seed: int) -> Liquid:
         (length, depth, parameters["rim"]),
         names=("left", "right"),
         density=(1000.0, 1000.0 * parameters["ratio"]),
-        fluid=np.repeat([0, 1], [len(left), len(right)]),
+        kinds=np.repeat([0, 1], [len(left), len(right)]),
     )
 
 
 def _summary(liquid: Liquid) -> str:
     x = liquid.positions[:, 0]
     across = [
-        100 * float(np.mean(side * (x[liquid.fluid == k] - liquid.tank[0] / 2) > 0))
+        100 * float(np.mean(side * (x[liquid.kinds == k] - liquid.tank[0] / 2) > 0))
         for k, side in enumerate((1, -1))
     ]
     return (
@@ -71,9 +63,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.1, "particles": 400},
     build=_build,
-    parts=liquid_parts,
-    frame=liquid_frame,
-    notes=liquid_notes,
+    parts=Liquid.parts,
+    frame=Liquid.frame,
+    notes=Liquid.notes,
     summary=_summary,
     picture=liquid_view(Camera(-62.0, 18.0), {"left": "#2f86bd", "right": "#e0703c"}),
     frames=101,

@@ -7,19 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Box, Sphere, sphere_mesh
+from ...geometry import Box, Collider, Sphere, sphere_mesh
 from ...particles.emitters import Emitter, Sink
 from ...pbf import fill_box
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
-from .liquids import (
-    Liquid,
-    liquid_frame,
-    liquid_notes,
-    liquid_parameters,
-    liquid_parts,
-    liquid_view,
-)
+from .liquids import Liquid, liquid_parameters, liquid_view
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -41,7 +34,7 @@ class Fountain(Liquid):
         side = spacing * max(4, round(side / spacing))  # whole particles between the walls
         level = LEVEL * side
         middle = np.array([side / 2, side / 2, level])
-        ball = Sphere(middle, BALL * side, friction=parameters["friction"])
+        ball = Collider(Sphere(BALL * side, middle), friction=parameters["friction"])
         water = fill_box((0, 0, 0), (side, side, level), spacing)
         water = water[ball.distance(water) > 0.5 * spacing]
         corners = [(x, y) for x in (0, 1) for y in (0, 1)]
@@ -50,7 +43,7 @@ class Fountain(Liquid):
         sinks = []
         for corner in corners:
             low = (side - size[:2]) * np.array(corner)
-            sinks.append(Sink(Box([*(low + size[:2] / 2), level + size[2] / 2], size)))
+            sinks.append(Sink(Box(size, [*(low + size[:2] / 2), level + size[2] / 2])))
         super().__init__(
             water,
             spacing,
@@ -104,9 +97,9 @@ SCENE = Scene(
     },
     quick={"duration": 0.2, "spacing": 0.08, "nozzle": 0.06},
     build=lambda parameters, seed: Fountain(parameters),
-    parts=liquid_parts,
-    frame=liquid_frame,
-    notes=liquid_notes,
+    parts=Liquid.parts,
+    frame=Liquid.frame,
+    notes=Liquid.notes,
     summary=_summary,
     picture=liquid_view(Camera(-60.0, 22.0), {"liquid": None}, {"ball": Look("#c9b79c")}, box=_box),
     frames=151,

@@ -83,7 +83,7 @@ class Liquid(PositionBasedFluid):
         self.lacks = dict(lacks or {})
         self.obstacles = {name: mesh for name, (_, mesh) in (obstacles or {}).items()}
         high = self.tank * [1, 1, 50]
-        self.walls = Box(high / 2, high, hollow=True, friction=parameters["friction"])
+        self.walls = Collider(Box(high, high / 2), hollow=True, friction=parameters["friction"])
         super().__init__(
             positions,
             spacing,
@@ -111,6 +111,32 @@ class Liquid(PositionBasedFluid):
             f"{error:.2g} % in the mean"
         )
 
+    def parts(self) -> dict[str, Part]:
+        """Particles with velocities and ids, by fluid; tank and obstacles, which never move."""
+        from ...recording import Part
+
+        fields = {"velocity": "m/s", "id": "1"}
+        parts = {name: Part("particles", fields) for name in self.names}
+        parts["tank"] = Part("mesh", edges=_SIDES, points=_CORNERS * self.tank)
+        for name, mesh in self.obstacles.items():
+            parts[name] = Part("mesh", triangles=mesh.faces, points=mesh.vertices)
+        return parts
+
+    def frame(self) -> dict[str, dict[str, Any]]:
+        """Positions and velocities as float32, which they are computed in; ids as int32."""
+        points = self.positions.astype(np.float32)
+        velocity = self.velocities.astype(np.float32)
+        ids, fluid = self.ids.astype(np.int32), self.kinds
+        return {
+            name: {"points": points[own], "velocity": velocity[own], "id": ids[own]}
+            for k, name in enumerate(self.names)
+            for own in [fluid == k]
+        }
+
+    def notes(self) -> dict[str, str]:
+        """Spacing of the particles, and what meshes lack, for the recording."""
+        return {"spacing": repr(self.spacing), **self.lacks}
+
 
 def column(low: ArrayLike, high: ArrayLike, spacing: float) -> Array:
     """Particles that fill a box, whose sides are rounded to whole particles.
@@ -130,57 +156,6 @@ def column(low: ArrayLike, high: ArrayLike, spacing: float) -> Array:
     low = np.asarray(low, float)
     counts = np.maximum(1, np.rint((np.asarray(high, float) - low) / spacing))
     return fill_box(low, low + counts * spacing, spacing)
-
-
-def liquid_parts(liquid: Liquid) -> dict[str, Part]:
-    """Particles with velocities and ids, by fluid; the tank, and obstacles, which never move.
-
-    Parameters
-    ----------
-    liquid : Liquid
-        The simulation.
-
-    Returns
-    -------
-    dict of str to Part
-        By name.
-    """
-    from ...recording import Part
-
-    fields = {"velocity": "m/s", "id": "1"}
-    parts = {name: Part("particles", fields) for name in liquid.names}
-    parts["tank"] = Part("mesh", edges=_SIDES, points=_CORNERS * liquid.tank)
-    for name, mesh in liquid.obstacles.items():
-        parts[name] = Part("mesh", triangles=mesh.faces, points=mesh.vertices)
-    return parts
-
-
-def liquid_frame(liquid: Liquid) -> dict[str, dict[str, Any]]:
-    """Positions and velocities as float32, which they are computed in; ids as int32.
-
-    Parameters
-    ----------
-    liquid : Liquid
-        The simulation.
-
-    Returns
-    -------
-    dict of str to dict of str to ndarray
-        By part.
-    """
-    points = liquid.positions.astype(np.float32)
-    velocity = liquid.velocities.astype(np.float32)
-    ids, fluid = liquid.ids.astype(np.int32), liquid.fluid
-    return {
-        name: {"points": points[own], "velocity": velocity[own], "id": ids[own]}
-        for k, name in enumerate(liquid.names)
-        for own in [fluid == k]
-    }
-
-
-def liquid_notes(liquid: Liquid) -> dict[str, str]:
-    """Spacing of the particles, and what meshes lack, for the recording."""
-    return {"spacing": repr(liquid.spacing), **liquid.lacks}
 
 
 def radius(recording: Recording) -> float:

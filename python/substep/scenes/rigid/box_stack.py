@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...rigid import Box
+from ...geometry import Box
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
-from .rigid_bodies import STEEL, rigid_parameters, solids_frame, solids_parts, solids_view
+from .rigid_bodies import STEEL, rigid_parameters, solids_view
 from .thrown_ball import Target, ball_parameters
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ def _build(parameters: dict[str, Any], seed: int) -> Target:
     x = np.zeros((n, 3))
     x[:, 2] = side * (np.arange(n) + 0.5)
     stack = Target(parameters)
-    box, dye = Box((side / 2,) * 3), np.linspace(0, 1, n)
+    box, dye = Box((side,) * 3), np.linspace(0, 1, n)
     ids = [stack.put("boxes", box, x[:-1], dye=dye[:-1])] if n > 1 else []
     top = stack.put("boxes", box, x[-1:], dye=dye[-1:], density=1000.0 * parameters["ratio"])
     stack.build(np.concatenate([*ids, top]), (1, 0, 0), 0.7 * n * side)
@@ -48,8 +48,8 @@ SCENE = Scene(
     },
     quick={"duration": 0.2, "boxes": 3},
     build=_build,
-    parts=solids_parts,
-    frame=solids_frame,
+    parts=Target.parts,
+    frame=Target.frame,
     summary=Target.words,
     picture=solids_view(
         Camera(-62.0, 12.0),

@@ -8,19 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ...geometry import TriangleMesh
-from ...rigid import Box, Capsule, Sphere
+from ...geometry import Box, Capsule, Sphere, TriangleMesh
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
-from .rigid_bodies import (
-    Solids,
-    joined,
-    rigid_parameters,
-    shifted,
-    solids_frame,
-    solids_parts,
-    solids_view,
-)
+from .rigid_bodies import Solids, joined, rigid_parameters, shifted, solids_view
 
 if TYPE_CHECKING:
     from ...recording import Part, Recording
@@ -74,13 +65,13 @@ class Cradle(Solids):
         """Above that of the balls at their lowest [J]."""
         values = self.diagnostics()
         lowest = float((self.masses[self.balls] * 9.81).sum()) * (1 + CLEARANCE) * self.radius
-        return values["kinetic_energy"] + values["potential_energy"] - lowest
+        return values["energy"] - lowest
 
     def after_step(self) -> None:
         """Note the speeds of the first half of a swing."""
         if self.time > 2.5 * self.quarter:
             return
-        speeds = np.linalg.norm(self.velocities[np.searchsorted(self.ids, self.balls)], axis=1)
+        speeds = np.linalg.norm(self.velocities[self.rows(self.balls)], axis=1)
         first, last, others = self.measured.values()
         first[0] = max(first[0], speeds[0])
         if speeds[-1] > last[0]:
@@ -102,11 +93,11 @@ class Cradle(Solids):
 def _frame_mesh(n: int, r: float, top: float) -> TriangleMesh:
     """A base, and two rails on posts."""
     half, broad, thick = n * r + 1.2 * r, BROAD * r, 0.16 * r
-    parts = [shifted(Box((half + r, broad + r, 0.2 * r)).mesh(), (0, 0, 0.2 * r))]
+    parts = [shifted(Box((2 * (half + r), 2 * (broad + r), 0.4 * r)).mesh(), (0, 0, 0.2 * r))]
     for y in (-broad, broad):
-        rail = Capsule(thick, half).mesh(24)
+        rail = Capsule(thick, 2 * half).mesh(24)
         parts.append(shifted(rail, (0, y, top), ALONG))
-        post = Capsule(thick, top / 2).mesh(24)
+        post = Capsule(thick, top).mesh(24)
         parts += [shifted(post, (x, y, top / 2)) for x in (-half, half)]
     return joined(parts)
 
@@ -116,11 +107,11 @@ def _parts(cradle: Cradle) -> dict[str, Part]:
 
     number = np.arange(len(cradle.hooks))
     strings = np.stack([number, len(number) + number], axis=-1)
-    return {**solids_parts(cradle), "strings": Part("mesh", edges=strings)}
+    return {**Solids.parts(cradle), "strings": Part("mesh", edges=strings)}
 
 
 def _frame(cradle: Cradle) -> dict[str, dict[str, Any]]:
-    frame = solids_frame(cradle)
+    frame = Solids.frame(cradle)
     ends = np.repeat(frame["bodies"]["points"], 2, axis=0)
     points = np.vstack([cradle.hooks, ends]).astype(np.float32)
     return {**frame, "strings": {"points": points}}

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...rigid import Box
-from ...rigid.fixtures import multiply, rotate
+from ...base.quaternions import multiply, rotate
+from ...geometry import Box
 from ...view import Camera
 from ..declaration import Parameter, Scene
-from .rigid_bodies import Solids, rigid_parameters, solids_frame, solids_parts, solids_view
+from .rigid_bodies import Solids, rigid_parameters, solids_view
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -69,12 +69,12 @@ class Dominoes(Solids):
         x[0] += rotate(q[0], foot - rotate(tilt, foot))
         q[0] = multiply(q[0], tilt)
         dye = np.linspace(0, 1, n)
-        self.dominoes = self.put("dominoes", Box((t / 2, w / 2, h / 2)), x, q, dye=dye)
+        self.dominoes = self.put("dominoes", Box((t, w, h)), x, q, dye=dye)
         self.measured = {"fell": np.full(n, np.inf)}  # when [s]
 
     def after_step(self) -> None:
         """Note the time of those that begin to fall."""
-        _, a, b, _ = self.orientations[np.searchsorted(self.ids, self.dominoes)].T
+        _, a, b, _ = self.rotations[self.rows(self.dominoes)].T
         fell = self.measured["fell"]
         fell[(1 - 2 * (a**2 + b**2) < FALLEN) & np.isinf(fell)] = self.time
 
@@ -119,8 +119,8 @@ SCENE = Scene(
     },
     quick={"duration": 0.2, "dominoes": 6},
     build=lambda parameters, seed: Dominoes(parameters),
-    parts=solids_parts,
-    frame=solids_frame,
+    parts=Solids.parts,
+    frame=Solids.frame,
     summary=Dominoes.words,
     picture=solids_view(
         Camera(-60.0, 38.0),

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import TriangleMesh
-from ...rigid import Box, Capsule, ConvexHull, Cylinder, Plane, Sphere
+from ...geometry import Box, Capsule, ConvexHull, Cylinder, Plane, Sphere, TriangleMesh
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
-from .rigid_bodies import Solid, Solids, rigid_parameters, solids_frame, solids_parts, solids_view
+from .rigid_bodies import Solid, Solids, rigid_parameters, solids_view
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -40,15 +39,15 @@ def _stone(random: np.random.Generator, size: float) -> ConvexHull:
 def _shapes(kind: str, size: float, random: np.random.Generator) -> list[Solid]:
     """What bodies are made of by turns, about as large as a box of half the edge `size`."""
     if kind == "boxes":
-        return [Box((size, size, size))]
+        return [Box((2 * size,) * 3)]
     if kind == "hulls":
         return [_stone(random, 1.25 * size) for _ in range(24)]
     return [
-        Box((size, size, size)),
+        Box((2 * size,) * 3),
         Sphere(1.1 * size),
-        Capsule(0.75 * size, 0.85 * size),
-        Cylinder(0.9 * size, 0.9 * size),
-        Box((1.3 * size, 0.9 * size, 0.6 * size)),
+        Capsule(0.75 * size, 1.7 * size),
+        Cylinder(0.9 * size, 1.8 * size),
+        Box((2.6 * size, 1.8 * size, 1.2 * size)),
         _stone(random, 1.25 * size),
     ]
 
@@ -84,7 +83,7 @@ class Pile(Solids):
         n, size = parameters["bodies"], parameters["size"]
         width = width_of(parameters)
         for k, side in enumerate(SIDES):
-            wall = Plane((-side[0], -side[1], 0), -width / 2)
+            wall = Plane((-side[0], -side[1], 0), width / 2 * np.array([*side, 0]))
             self.add(wall, (0, 0, 0), motion="static", friction=self.friction)
             self.obstacles[f"wall{k}"] = _pane(width, side)
         apart = 3.5 * size  # the diagonal of a box
@@ -132,8 +131,8 @@ SCENE = Scene(
     },
     quick={"duration": 0.2, "bodies": 30},
     build=Pile,
-    parts=solids_parts,
-    frame=solids_frame,
+    parts=Solids.parts,
+    frame=Solids.frame,
     summary=Pile.words,
     picture=solids_view(
         Camera(-60.0, 24.0),

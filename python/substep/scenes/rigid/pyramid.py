@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...rigid import Box
+from ...geometry import Box
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
-from .rigid_bodies import STEEL, rigid_parameters, solids_frame, solids_parts, solids_view
+from .rigid_bodies import STEEL, rigid_parameters, solids_view
 from .thrown_ball import Target, ball_parameters
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def _build(parameters: dict[str, Any], seed: int) -> Target:
     pyramid = Target(parameters)
     shade = np.random.default_rng(seed).uniform(-0.05, 0.05, len(row))
     dye = np.clip((row + 0.5) / rows + shade, 0, 1)
-    boxes = pyramid.put("boxes", Box((side / 2,) * 3), x, dye=dye)
+    boxes = pyramid.put("boxes", Box((side,) * 3), x, dye=dye)
     pyramid.build(boxes, CAMERA.axes()[2] * [1, 1, 0], 0.2 * rows * side)
     return pyramid
 
@@ -52,8 +52,8 @@ SCENE = Scene(
     },
     quick={"duration": 0.2, "rows": 4},
     build=_build,
-    parts=solids_parts,
-    frame=solids_frame,
+    parts=Target.parts,
+    frame=Target.frame,
     summary=Target.words,
     picture=solids_view(
         CAMERA,

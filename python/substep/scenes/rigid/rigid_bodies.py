@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.checks import check_array
-from ...geometry import TriangleMesh
-from ...rigid import Box, Capsule, ConvexHull, Cylinder, Plane, RigidBodies, Sphere
-from ...rigid.fixtures import rotate
+from ...base.quaternions import rotate
+from ...geometry import Box, Capsule, ConvexHull, Cylinder, Plane, Sphere, TriangleMesh
+from ...rigid import RigidBodies
 from ...view import Camera, Look, View
 from ..declaration import Parameter
 
@@ -134,6 +134,29 @@ class Solids(RigidBodies):
         super().restore({k: v for k, v in state.items() if not k.startswith("measured_")})
         self.measured = {name: values.copy() for name, values in measured.items()}
 
+    def parts(self) -> dict[str, Part]:
+        """The bodies that move, their surfaces, and what never moves."""
+        from ...recording import Part
+
+        units = {"orientation": "1", "velocity": "m/s", "angular_velocity": "rad/s"}
+        parts = {"bodies": Part("bodies", units)}
+        parts |= {name: surfaces.part() for name, surfaces in self.surfaces.items()}
+        for name, mesh in self.obstacles.items():
+            parts[name] = Part("mesh", triangles=mesh.faces, points=mesh.vertices)
+        return parts
+
+    def frame(self) -> dict[str, dict[str, Any]]:
+        """Positions and orientations as float64; velocities and surfaces as float32."""
+        moves = self.motions != "static"
+        bodies = {
+            "points": self.positions[moves],
+            "orientation": self.rotations[moves],
+            "velocity": self.velocities[moves].astype(np.float32),
+            "angular_velocity": self.angular_velocities[moves].astype(np.float32),
+        }
+        surfaces = {name: part.frame(self) for name, part in self.surfaces.items()}
+        return {"bodies": bodies, **surfaces}
+
 
 class Surfaces:
     """The surfaces of bodies as one mesh, in the frames of their shapes."""
@@ -166,8 +189,8 @@ class Surfaces:
 
     def frame(self, bodies: RigidBodies) -> dict[str, Any]:
         """Where the bodies are now."""
-        rows = np.searchsorted(bodies.ids, np.concatenate(self._ids))
-        x, q = bodies.origins[rows], bodies.orientations[rows]
+        rows = bodies.rows(np.concatenate(self._ids))
+        x, q = bodies.positions[rows], bodies.rotations[rows]
         points = x + rotate(q, np.concatenate(self._vertices))
         dye = {"dye": np.concatenate(self._dyes)} if self._dyes else {}
         return {"points": points.astype(np.float32), **dye}
@@ -210,53 +233,6 @@ def shifted(mesh: TriangleMesh, x: ArrayLike, q: ArrayLike = (1, 0, 0, 0)) -> Tr
     """
     turned = rotate(np.asarray(q, float), mesh.vertices)
     return TriangleMesh(turned + np.asarray(x, float), mesh.faces)
-
-
-def solids_parts(solids: Solids) -> dict[str, Part]:
-    """The bodies that move, their surfaces, and what never moves.
-
-    Parameters
-    ----------
-    solids : Solids
-        The simulation.
-
-    Returns
-    -------
-    dict of str to Part
-        By name; `bodies` holds positions, orientations and velocities.
-    """
-    from ...recording import Part
-
-    units = {"orientation": "1", "velocity": "m/s", "angular_velocity": "rad/s"}
-    parts = {"bodies": Part("bodies", units)}
-    parts |= {name: surfaces.part() for name, surfaces in solids.surfaces.items()}
-    for name, mesh in solids.obstacles.items():
-        parts[name] = Part("mesh", triangles=mesh.faces, points=mesh.vertices)
-    return parts
-
-
-def solids_frame(solids: Solids) -> dict[str, dict[str, Any]]:
-    """Positions and orientations as float64; velocities and surfaces as float32.
-
-    Parameters
-    ----------
-    solids : Solids
-        The simulation.
-
-    Returns
-    -------
-    dict of str to dict of str to ndarray
-        By part.
-    """
-    moves = solids.motions != "static"
-    bodies = {
-        "points": solids.origins[moves],
-        "orientation": solids.orientations[moves],
-        "velocity": solids.velocities[moves].astype(np.float32),
-        "angular_velocity": solids.angular_velocities[moves].astype(np.float32),
-    }
-    surfaces = {name: part.frame(solids) for name, part in solids.surfaces.items()}
-    return {"bodies": bodies, **surfaces}
 
 
 def solids_view(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...rigid import Sphere
+from ...geometry import Sphere
 from ..declaration import Parameter
 from .rigid_bodies import Solids
 
@@ -46,6 +46,11 @@ class Target(Solids):
         Of the scene, with those of `rigid_parameters` and `ball_parameters`.
     """
 
+    boxes: NDArray[np.int64]
+    direction: Array
+    start: Array
+    thrown: NDArray[np.int64] | None
+
     def __init__(self, parameters: Mapping[str, Any]) -> None:
         super().__init__(parameters)
         self.stand, self.speed = parameters["stand"], parameters["speed"]
@@ -65,9 +70,9 @@ class Target(Solids):
             At which it will hit [m].
         """
         self.boxes = boxes
-        self.direction: Array = np.asarray(direction, float) / np.linalg.norm(direction)
-        self.start = self.origins[boxes]
-        self.thrown: NDArray[np.int64] | None = None
+        self.direction = np.asarray(direction, float) / np.linalg.norm(direction)
+        self.start = self.positions[boxes]
+        self.thrown = None
         if self.speed > 0:
             x = [0, 0, height] - FLIGHT * self.speed * self.direction
             self.thrown = self.put("ball", Sphere(self.radius), x, segments=64, density=2000.0)
@@ -77,7 +82,7 @@ class Target(Solids):
         """Measure how far boxes have moved, until the ball is thrown."""
         if self.thrown is not None and not self._is_held():
             return
-        moved = self.origins[self.boxes] - self.start
+        moved = self.positions[self.boxes] - self.start
         self.measured["drift"][0] = np.hypot(moved[:, 0], moved[:, 1]).max()
         self.measured["sinking"][0] = -moved[:, 2].min()
         if self.thrown is not None and self.time >= self.stand:
@@ -87,7 +92,7 @@ class Target(Solids):
 
     def _is_held(self) -> bool:
         assert self.thrown is not None
-        return bool(self.motions[np.searchsorted(self.ids, self.thrown[0])] == "kinematic")
+        return bool(self.motions[self.rows(self.thrown[0])] == "kinematic")
 
     def words(self) -> str:
         """How the boxes stood."""
@@ -95,6 +100,6 @@ class Target(Solids):
         time = self.time if self.thrown is None else min(self.time, self.stand)
         text = f"after {time:g} s, drift of the boxes {drift:.2g} m, sinking {1e3 * sinking:.2g} mm"
         if self.thrown is not None and self.time > self.stand:
-            fallen = self.start[:, 2] - self.origins[self.boxes, 2] > self.start[0, 2]
+            fallen = self.start[:, 2] - self.positions[self.boxes, 2] > self.start[0, 2]
             text += f"; the ball brought {int(fallen.sum())} of {len(self.boxes)} down"
         return text

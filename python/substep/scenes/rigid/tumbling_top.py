@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.checks import check_array, check_real
+from ...base.quaternions import rotate
 from ...base.simulation import Simulation
-from ...geometry import TriangleMesh
-from ...rigid import Box, Cylinder, MassProperties, compound, free_rotation, mass_properties
-from ...rigid.fixtures import rotate
+from ...geometry import Box, Cylinder, TriangleMesh
+from ...rigid import MassProperties, compound, free_rotation, mass_properties
 from ...view import Camera, Look, View
 from ...view.view import default_title
 from ..declaration import Parameter, Scene
@@ -36,16 +36,16 @@ SHOWN = 0.6  # of the picture's height, by the tops; the energy is below
 def _handle() -> tuple[MassProperties, TriangleMesh]:
     """A bar along x, and a shaft along y from its middle, the axis of intermediate inertia."""
     placed = [
-        (Cylinder(0.07, 0.5), np.zeros(3), np.array([1.0, 0, 1, 0]) / np.sqrt(2)),
-        (Cylinder(0.055, 0.24), np.array([0, 0.26, 0]), np.array([1.0, -1, 0, 0]) / np.sqrt(2)),
+        (Cylinder(0.07, 1.0), np.zeros(3), np.array([1.0, 0, 1, 0]) / np.sqrt(2)),
+        (Cylinder(0.055, 0.48), np.array([0, 0.26, 0]), np.array([1.0, -1, 0, 0]) / np.sqrt(2)),
     ]
     body = compound(mass_properties(solid).moved(x, q) for solid, x, q in placed)
-    meshes = [shifted(solid.mesh(48), x - body.centre, q) for solid, x, q in placed]
+    meshes = [shifted(solid.mesh(48), x - body.center_of_mass, q) for solid, x, q in placed]
     return body, joined(meshes)
 
 
 def _plate() -> tuple[MassProperties, TriangleMesh]:
-    box = Box((0.5, 0.25, 0.1))
+    box = Box((1.0, 0.5, 0.2))
     return mass_properties(box, 10.0), box.mesh()
 
 
@@ -60,7 +60,7 @@ class Tops(Simulation):
 
     def __init__(self, parameters: dict[str, Any]) -> None:
         body, self.mesh = _handle() if parameters["shape"] == "handle" else _plate()
-        self.methods, self.step_size = parameters["methods"], parameters["step"]
+        self.methods, self._step_size = parameters["methods"], parameters["step"]
         self.inertia: Array = body.principal_inertia
         n = len(self.methods)
         rates = parameters["spin"] * np.array([parameters["tilt"], 1.0, 0.0])
@@ -79,9 +79,6 @@ class Tops(Simulation):
         """Of rotation [J], shape (methods,)."""
         energies: Array = 0.5 * (self.rates() ** 2 @ self.inertia)
         return energies
-
-    def _next_step(self) -> float:
-        return float(self.step_size)
 
     def _turn(self, dt: float) -> None:
         """One step of each top; it turns over where the spin about its shaft changes sign."""

@@ -7,19 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Plane, SignedDistanceField, Sphere, grid_mesh, sphere_mesh
+from ...geometry import Collider, Plane, SignedDistanceField, Sphere, grid_mesh, sphere_mesh
 from ...springs import MassSpring, grid_springs
 from ...view import Camera, Look, View
 from ..declaration import Parameter, Scene
-from ..deformables import (
-    GRAVITY,
-    Watched,
-    deformable_frame,
-    deformable_parts,
-    mesh_notes,
-    read_obstacle,
-    solver_parameters,
-)
+from ..deformables import GRAVITY, Watched, read_obstacle, solver_parameters
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -45,13 +37,13 @@ class DrapedCloth(Watched, MassSpring):
             mesh, text = read_obstacle(parameters["mesh"], parameters["up"], size)
             self.lacks["mesh"] = text
             obstacle = SignedDistanceField.from_mesh(
-                mesh, size / parameters["cells"], offset=offset, friction=friction
+                mesh, size / parameters["cells"], offset=offset
             )
             top = float(mesh.vertices[:, 2].max())
         else:
             center = (0.0, 0.0, size / 2)
             mesh = sphere_mesh(size / 2, center, 4)
-            obstacle = Sphere(center, size / 2 + offset, friction=friction)
+            obstacle = Sphere(size / 2 + offset, center)
             top = size
         self.obstacles = {"obstacle": mesh}
         grid = grid_mesh(n, n, (side, side))
@@ -72,14 +64,14 @@ class DrapedCloth(Watched, MassSpring):
             edges,
             stiffness,
             mass,
-            damping=parameters["damping"] * stiffness,
+            damping=parameters["damping_time"] * stiffness,
             faces=grid.faces,
-            colliders=[obstacle, Plane((0, 0, 0), (0, 0, 1), friction=friction)],
+            colliders=[Collider(shape, friction=friction) for shape in (obstacle, Plane())],
             drag=parameters["drag"],
             integrator=parameters["integrator"],
             step=parameters["step"],
             tolerance=parameters["tolerance"] * mass * GRAVITY,
-            contact_thickness=thickness,
+            contact_margin=thickness,
         )
         self.watch(room=0.5 * size)
 
@@ -119,15 +111,17 @@ SCENE = Scene(
         "stiffness": Parameter("of the springs between neighbours", 200.0, unit="N/m", above=0),
         "shear": Parameter("stiffness of the diagonals, as a part of that", 0.3, minimum=0),
         "bending": Parameter("stiffness across every second vertex, likewise", 0.02, minimum=0),
-        "damping": Parameter("of the springs, over their stiffness", 5e-3, unit="s", minimum=0),
+        "damping_time": Parameter(
+            "of the springs, over their stiffness", 5e-3, unit="s", minimum=0
+        ),
         "friction": Parameter("coefficient of friction", 0.4, minimum=0),
         **solver_parameters(0.02, 1.0),
     },
     quick={"duration": 0.2, "vertices": 12},
     build=lambda parameters, seed: DrapedCloth(parameters),
-    parts=deformable_parts,
-    frame=deformable_frame,
-    notes=mesh_notes,
+    parts=Watched.parts,
+    frame=Watched.frame,
+    notes=Watched.notes,
     summary=_summary,
     picture=View(
         Camera(-60.0, 20.0), looks={"cloth": Look("#3f7ea6")}, box=_box, ground=lambda r: 0.0

@@ -11,14 +11,7 @@ from ...geometry import grid_mesh
 from ...springs import MassSpring, grid_springs
 from ...view import Camera, Look, View
 from ..declaration import Parameter, Scene
-from ..deformables import (
-    GRAVITY,
-    Watched,
-    deformable_frame,
-    deformable_parts,
-    mesh_notes,
-    solver_parameters,
-)
+from ..deformables import GRAVITY, Watched, solver_parameters
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -49,7 +42,7 @@ class HangingCloth(Watched, MassSpring):
             stiffness,
             mass,
             rest_lengths=np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1),
-            damping=parameters["damping"] * stiffness,
+            damping=parameters["damping_time"] * stiffness,
             faces=mesh.faces,
             pinned=[0, n * (n - 1)],
             drag=parameters["drag"],
@@ -111,14 +104,16 @@ SCENE = Scene(
         "stiffness": Parameter("of the springs between neighbours", 1e3, unit="N/m", above=0),
         "shear": Parameter("stiffness of the diagonals, as a part of that", 0.5, minimum=0),
         "bending": Parameter("stiffness across every second vertex, likewise", 0.05, minimum=0),
-        "damping": Parameter("of the springs, over their stiffness", 1e-3, unit="s", minimum=0),
+        "damping_time": Parameter(
+            "of the springs, over their stiffness", 1e-3, unit="s", minimum=0
+        ),
         **solver_parameters(0.02, 1.5),
     },
     quick={"duration": 0.2, "vertices": 8},
     build=lambda parameters, seed: HangingCloth(parameters),
-    parts=deformable_parts,
-    frame=deformable_frame,
-    notes=mesh_notes,
+    parts=Watched.parts,
+    frame=Watched.frame,
+    notes=Watched.notes,
     summary=_summary,
     picture=View(Camera(112.0, 14.0), looks={"cloth": Look("#c65d47")}, box=_box),
 )

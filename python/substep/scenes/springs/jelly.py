@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Plane, TetMesh, TriangleMesh, box_tetrahedra, sphere_mesh, tetrahedralize
+from ...geometry import (
+    Collider,
+    Plane,
+    TetMesh,
+    TriangleMesh,
+    box_tetrahedra,
+    sphere_mesh,
+    tetrahedralize,
+)
 from ...springs import SoftBody
 from ...view import Camera, Look, View
 from ..declaration import Parameter, Scene
-from ..deformables import (
-    GRAVITY,
-    Watched,
-    deformable_frame,
-    deformable_parts,
-    mesh_notes,
-    read_obstacle,
-    solver_parameters,
-)
+from ..deformables import GRAVITY, Watched, read_obstacle, solver_parameters
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -50,13 +50,13 @@ class Jelly(Watched, SoftBody):
             young_modulus=parameters["young"],
             poisson_ratio=parameters["poisson"],
             model=parameters["model"],
-            damping=parameters["damping"],
-            colliders=[Plane((0, 0, 0), incline[:, 2], friction=parameters["friction"])],
+            damping_time=parameters["damping_time"],
+            colliders=[Collider(Plane(incline[:, 2]), friction=parameters["friction"])],
             drag=parameters["drag"],
             integrator=parameters["integrator"],
             step=parameters["step"],
             tolerance=parameters["tolerance"] * mass * GRAVITY,
-            contact_thickness=2e-3 * size,
+            contact_margin=2e-3 * size,
         )
         self.watch(room=0.5 * size)
 
@@ -134,14 +134,16 @@ SCENE = Scene(
         "model": Parameter(
             "elastic energy", "neo_hookean", choices=("neo_hookean", "st_venant_kirchhoff")
         ),
-        "damping": Parameter("relaxation time of the viscous stress", 2e-3, unit="s", minimum=0),
+        "damping_time": Parameter(
+            "relaxation time of the viscous stress", 2e-3, unit="s", minimum=0
+        ),
         **solver_parameters(0.01, 0.1),
     },
     quick={"duration": 0.2, "cells": 3},
     build=lambda parameters, seed: Jelly(parameters),
-    parts=deformable_parts,
-    frame=deformable_frame,
-    notes=mesh_notes,
+    parts=Watched.parts,
+    frame=Watched.frame,
+    notes=Watched.notes,
     summary=_summary,
     picture=View(Camera(-70.0, 14.0), {"jelly": Look("#d9566b")}, box=_box, ground=_ground),
 )

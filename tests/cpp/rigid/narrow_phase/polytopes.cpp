@@ -4,6 +4,7 @@
 #include <set>
 
 #include "shapes.h"
+#include "substep/core/usize.h"
 #include "substep/geometry/closest_points.h"
 #include "substep/rigid/collision/convex_contacts.h"
 
@@ -21,8 +22,8 @@ World place(const Polytope& polytope, const Pose& pose) {
   for (const Vec3& v : polytope.vertices) world.vertices.push_back(pose.to_world(v));
   for (std::size_t f = 0; f < polytope.planes.size(); ++f) {
     world.normals.push_back(pose.rotation * polytope.planes[f].normal);
-    const auto first = static_cast<std::size_t>(polytope.first_corner[f]);
-    const auto end = static_cast<std::size_t>(polytope.first_corner[f + 1]);
+    const auto first = usize(polytope.first_corner[f]);
+    const auto end = usize(polytope.first_corner[f + 1]);
     const auto loop = polytope.corners.subspan(first, end - first);
     for (std::size_t k = 0; k < loop.size(); ++k) {
       const std::size_t next = (k + 1) % loop.size();

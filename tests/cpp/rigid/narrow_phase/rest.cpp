@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "shapes.h"
+#include "substep/core/usize.h"
 #include "substep/rigid/collision/mesh_contacts.h"
 
 namespace substep::rigid {
@@ -136,7 +137,7 @@ TEST(NarrowRest, PointsTrembleAsThePosesDo) {
       };
       const Pose still(rest.position - Vec3(0, 0, 1e-3), rest.rotation);
       const std::vector<Vec3> want = points(rest, still);
-      ASSERT_EQ(want.size(), static_cast<std::size_t>(rest.points));
+      ASSERT_EQ(want.size(), usize(rest.points));
       for (int k = 0; k < 100; ++k) {
         const Vec3 turn = tremble();
         const Pose pose(still.position + tremble(),
