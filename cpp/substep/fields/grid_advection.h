@@ -2,6 +2,7 @@
 #pragma once
 
 #include "substep/core/parallel.h"
+#include "substep/fields/events.h"
 #include "substep/fields/grid.h"
 #include "substep/fields/steps.h"
 
