@@ -21,8 +21,6 @@ INSIDE = {
 }
 
 LOOKS_AT_LEVEL = re.compile(r"__(AVX|SSE|FMA)|immintrin\.h")
-# Bindings that do, and the header through which.
-SEES_LEVEL = {"bindings/pbd.cpp": "substep/pbd/groups/constraint_group.h"}
 
 
 def allowed(folder: str) -> set[str]:
@@ -92,7 +90,7 @@ def levels_seen(root: Path) -> list[str]:
             last = open_ends.pop()
             for include in re.findall(r'#\s*include "([^"]+)"', text[last]):
                 target = include if include in text else f"bindings/{include}"
-                if target in text and target not in way and target != SEES_LEVEL.get(name):
+                if target in text and target not in way:
                     way[target] = last
                     open_ends.append(target)
         for header in [h for h in way if h != name and LOOKS_AT_LEVEL.search(text[h])][:1]:

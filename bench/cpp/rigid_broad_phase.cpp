@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "substep/core/usize.h"
+#include "substep/rigid/collision/broad_phase.h"
 #include "substep/rigid/solver/graph_colouring.h"
 #include "substep/rigid/solver/islands.h"
 #include "substep/rigid/world/queries.h"

@@ -69,8 +69,10 @@ py::tuple pack_shape(const Shape& shape) {
     py::object operator()(const std::shared_ptr<const SampledDistance>& s) const {
       return py::cast(std::const_pointer_cast<SampledDistance>(s));
     }
-    template <class Round>  // a capsule or a cylinder
-    py::object operator()(const Round& s) const {
+    py::object operator()(const Capsule& s) const {
+      return py::make_tuple(s.radius, s.half_length);
+    }
+    py::object operator()(const Cylinder& s) const {
       return py::make_tuple(s.radius, s.half_length);
     }
   };

@@ -43,7 +43,7 @@ FluidOptions options(const py::dict& given) {
 auto rows_of(std::vector<double> (Liquid::*get)() const) {
   return [get](const Liquid& self) { return table((self.*get)(), self.dimension()); };
 }
-auto setter(void (Liquid::*set)(std::span<const Vec3>, Liquid::Places)) {
+auto set_rows(void (Liquid::*set)(std::span<const Vec3>, Liquid::Places)) {
   return [set](Liquid& self, const Reals& values, const Array<std::int64_t>& places) {
     (self.*set)(points(values), readable(places));
   };
@@ -143,11 +143,11 @@ void bind_pbf(py::module_& m) {
            })
       .def("positions", rows_of(&Liquid::positions))
       .def("velocities", rows_of(&Liquid::velocities))
-      .def("set_positions", setter(&Liquid::set_positions), py::arg("values").noconvert(),
+      .def("set_positions", set_rows(&Liquid::set_positions), py::arg("values").noconvert(),
            py::arg("places").noconvert())
-      .def("set_velocities", setter(&Liquid::set_velocities), py::arg("values").noconvert(),
+      .def("set_velocities", set_rows(&Liquid::set_velocities), py::arg("values").noconvert(),
            py::arg("places").noconvert())
-      .def("set_forces", setter(&Liquid::set_forces), py::arg("values").noconvert(),
+      .def("set_forces", set_rows(&Liquid::set_forces), py::arg("values").noconvert(),
            py::arg("places").noconvert())
       .def("state", &state)
       .def("restore", &restore, py::arg("time"), py::arg("last_dt"), py::arg("next_id"),

@@ -7,252 +7,31 @@ import typing
 import numpy
 import numpy.typing
 
-class RigidRotation2:
+class Flow:
     def __init__(
         self,
-        omega: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
-        center: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
+        kind: str,
+        dimension: int,
+        parameters: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
     ) -> None: ...
-    @typing.overload
     def advect(
         self,
-        x: numpy.typing.NDArray[numpy.float64],
+        x: numpy.typing.NDArray[typing.Any],
         origin: float,
         h: float,
         first: int,
         count: int,
         method: str,
         threads: int,
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    @typing.overload
-    def advect(
-        self,
-        x: numpy.typing.NDArray[numpy.float32],
-        origin: float,
-        h: float,
-        first: int,
-        count: int,
-        method: str,
-        threads: int,
-    ) -> numpy.typing.NDArray[numpy.float32]: ...
-    @typing.overload
+    ) -> numpy.typing.NDArray[typing.Any]: ...
     def velocity(
-        self, t: float, x: numpy.typing.NDArray[numpy.float64], threads: int
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    @typing.overload
-    def velocity(
-        self, t: float, x: numpy.typing.NDArray[numpy.float32], threads: int
-    ) -> numpy.typing.NDArray[numpy.float32]: ...
+        self, t: float, x: numpy.typing.NDArray[typing.Any], threads: int
+    ) -> numpy.typing.NDArray[typing.Any]: ...
 
-class RigidRotation3:
-    def __init__(
-        self,
-        omega: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
-        center: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
-    ) -> None: ...
-    @typing.overload
-    def advect(
-        self,
-        x: numpy.typing.NDArray[numpy.float64],
-        origin: float,
-        h: float,
-        first: int,
-        count: int,
-        method: str,
-        threads: int,
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    @typing.overload
-    def advect(
-        self,
-        x: numpy.typing.NDArray[numpy.float32],
-        origin: float,
-        h: float,
-        first: int,
-        count: int,
-        method: str,
-        threads: int,
-    ) -> numpy.typing.NDArray[numpy.float32]: ...
-    @typing.overload
-    def velocity(
-        self, t: float, x: numpy.typing.NDArray[numpy.float64], threads: int
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    @typing.overload
-    def velocity(
-        self, t: float, x: numpy.typing.NDArray[numpy.float32], threads: int
-    ) -> numpy.typing.NDArray[numpy.float32]: ...
-
-class Shear2:
-    def __init__(self, rate: float, flow: int, gradient: int) -> None: ...
-    @typing.overload
-    def advect(
-        self,
-        x: numpy.typing.NDArray[numpy.float64],
-        origin: float,
-        h: float,
-        first: int,
-        count: int,
-        method: str,
-        threads: int,
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    @typing.overload
-    def advect(
-        self,
-        x: numpy.typing.NDArray[numpy.float32],
-        origin: float,
-        h: float,
-        first: int,
-        count: int,
-        method: str,
-        threads: int,
-    ) -> numpy.typing.NDArray[numpy.float32]: ...
-    @typing.overload
-    def velocity(
-        self, t: float, x: numpy.typing.NDArray[numpy.float64], threads: int
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    @typing.overload
-    def velocity(
-        self, t: float, x: numpy.typing.NDArray[numpy.float32], threads: int
-    ) -> numpy.typing.NDArray[numpy.float32]: ...
-
-class Shear3:
-    def __init__(self, rate: float, flow: int, gradient: int) -> None: ...
-    @typing.overload
-    def advect(
-        self,
-        x: numpy.typing.NDArray[numpy.float64],
-        origin: float,
-        h: float,
-        first: int,
-        count: int,
-        method: str,
-        threads: int,
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    @typing.overload
-    def advect(
-        self,
-        x: numpy.typing.NDArray[numpy.float32],
-        origin: float,
-        h: float,
-        first: int,
-        count: int,
-        method: str,
-        threads: int,
-    ) -> numpy.typing.NDArray[numpy.float32]: ...
-    @typing.overload
-    def velocity(
-        self, t: float, x: numpy.typing.NDArray[numpy.float64], threads: int
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    @typing.overload
-    def velocity(
-        self, t: float, x: numpy.typing.NDArray[numpy.float32], threads: int
-    ) -> numpy.typing.NDArray[numpy.float32]: ...
-
-class TaylorGreen:
-    def __init__(self, u: float, k: float, nu: float) -> None: ...
-    @typing.overload
-    def advect(
-        self,
-        x: numpy.typing.NDArray[numpy.float64],
-        origin: float,
-        h: float,
-        first: int,
-        count: int,
-        method: str,
-        threads: int,
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    @typing.overload
-    def advect(
-        self,
-        x: numpy.typing.NDArray[numpy.float32],
-        origin: float,
-        h: float,
-        first: int,
-        count: int,
-        method: str,
-        threads: int,
-    ) -> numpy.typing.NDArray[numpy.float32]: ...
-    @typing.overload
-    def velocity(
-        self, t: float, x: numpy.typing.NDArray[numpy.float64], threads: int
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    @typing.overload
-    def velocity(
-        self, t: float, x: numpy.typing.NDArray[numpy.float32], threads: int
-    ) -> numpy.typing.NDArray[numpy.float32]: ...
-
-class Abc:
-    def __init__(self, a: float, b: float, c: float) -> None: ...
-    @typing.overload
-    def advect(
-        self,
-        x: numpy.typing.NDArray[numpy.float64],
-        origin: float,
-        h: float,
-        first: int,
-        count: int,
-        method: str,
-        threads: int,
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    @typing.overload
-    def advect(
-        self,
-        x: numpy.typing.NDArray[numpy.float32],
-        origin: float,
-        h: float,
-        first: int,
-        count: int,
-        method: str,
-        threads: int,
-    ) -> numpy.typing.NDArray[numpy.float32]: ...
-    @typing.overload
-    def velocity(
-        self, t: float, x: numpy.typing.NDArray[numpy.float64], threads: int
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    @typing.overload
-    def velocity(
-        self, t: float, x: numpy.typing.NDArray[numpy.float32], threads: int
-    ) -> numpy.typing.NDArray[numpy.float32]: ...
-
-class DoubleGyre:
-    def __init__(self, a: float, epsilon: float, omega: float) -> None: ...
-    @typing.overload
-    def advect(
-        self,
-        x: numpy.typing.NDArray[numpy.float64],
-        origin: float,
-        h: float,
-        first: int,
-        count: int,
-        method: str,
-        threads: int,
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    @typing.overload
-    def advect(
-        self,
-        x: numpy.typing.NDArray[numpy.float32],
-        origin: float,
-        h: float,
-        first: int,
-        count: int,
-        method: str,
-        threads: int,
-    ) -> numpy.typing.NDArray[numpy.float32]: ...
-    @typing.overload
-    def velocity(
-        self, t: float, x: numpy.typing.NDArray[numpy.float64], threads: int
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    @typing.overload
-    def velocity(
-        self, t: float, x: numpy.typing.NDArray[numpy.float32], threads: int
-    ) -> numpy.typing.NDArray[numpy.float32]: ...
-
-class GridLevel64:
+class GridLevel:
     pass
 
-class GridLevel32:
-    pass
-
-class Grid2_64:
+class Grid:
     def __init__(
         self,
         nodes: collections.abc.Sequence[
@@ -262,15 +41,16 @@ class Grid2_64:
         closed: collections.abc.Sequence[bool],
         cubic: bool,
         radius: float,
+        dtype: str,
     ) -> None: ...
     def advect(
         self,
         levels: list[typing.Any],
         times: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
-        x: numpy.typing.NDArray[numpy.float64],
+        x: numpy.typing.NDArray[typing.Any],
         status: numpy.typing.NDArray[numpy.int8],
         stop_time: numpy.typing.NDArray[numpy.float64],
-        order: numpy.typing.ArrayLike | None,
+        order: typing.Any,
         origin: float,
         h: float,
         first: int,
@@ -279,140 +59,17 @@ class Grid2_64:
         threads: int,
     ) -> tuple[tuple[typing.Any, ...], tuple[typing.Any, ...], tuple[typing.Any, ...]]: ...
     def order(
-        self, x: numpy.typing.NDArray[numpy.float64], threads: int
+        self, x: numpy.typing.NDArray[typing.Any], threads: int
     ) -> numpy.typing.NDArray[numpy.int32]: ...
-    def pack(self, values: numpy.typing.NDArray[numpy.float64], threads: int) -> GridLevel64: ...
+    def pack(self, values: numpy.typing.NDArray[numpy.float64], threads: int) -> GridLevel: ...
     def velocity(
         self,
         levels: list[typing.Any],
         times: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
         t: float,
-        x: numpy.typing.NDArray[numpy.float64],
+        x: numpy.typing.NDArray[typing.Any],
         threads: int,
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    @property
-    def level_bytes(self) -> int: ...
-
-class Grid3_64:
-    def __init__(
-        self,
-        nodes: collections.abc.Sequence[
-            collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any]
-        ],
-        wrap: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
-        closed: collections.abc.Sequence[bool],
-        cubic: bool,
-        radius: float,
-    ) -> None: ...
-    def advect(
-        self,
-        levels: list[typing.Any],
-        times: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
-        x: numpy.typing.NDArray[numpy.float64],
-        status: numpy.typing.NDArray[numpy.int8],
-        stop_time: numpy.typing.NDArray[numpy.float64],
-        order: numpy.typing.ArrayLike | None,
-        origin: float,
-        h: float,
-        first: int,
-        count: int,
-        method: str,
-        threads: int,
-    ) -> tuple[tuple[typing.Any, ...], tuple[typing.Any, ...], tuple[typing.Any, ...]]: ...
-    def order(
-        self, x: numpy.typing.NDArray[numpy.float64], threads: int
-    ) -> numpy.typing.NDArray[numpy.int32]: ...
-    def pack(self, values: numpy.typing.NDArray[numpy.float64], threads: int) -> GridLevel64: ...
-    def velocity(
-        self,
-        levels: list[typing.Any],
-        times: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
-        t: float,
-        x: numpy.typing.NDArray[numpy.float64],
-        threads: int,
-    ) -> numpy.typing.NDArray[numpy.float64]: ...
-    @property
-    def level_bytes(self) -> int: ...
-
-class Grid2_32:
-    def __init__(
-        self,
-        nodes: collections.abc.Sequence[
-            collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any]
-        ],
-        wrap: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
-        closed: collections.abc.Sequence[bool],
-        cubic: bool,
-        radius: float,
-    ) -> None: ...
-    def advect(
-        self,
-        levels: list[typing.Any],
-        times: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
-        x: numpy.typing.NDArray[numpy.float32],
-        status: numpy.typing.NDArray[numpy.int8],
-        stop_time: numpy.typing.NDArray[numpy.float64],
-        order: numpy.typing.ArrayLike | None,
-        origin: float,
-        h: float,
-        first: int,
-        count: int,
-        method: str,
-        threads: int,
-    ) -> tuple[tuple[typing.Any, ...], tuple[typing.Any, ...], tuple[typing.Any, ...]]: ...
-    def order(
-        self, x: numpy.typing.NDArray[numpy.float32], threads: int
-    ) -> numpy.typing.NDArray[numpy.int32]: ...
-    def pack(self, values: numpy.typing.NDArray[numpy.float64], threads: int) -> GridLevel32: ...
-    def velocity(
-        self,
-        levels: list[typing.Any],
-        times: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
-        t: float,
-        x: numpy.typing.NDArray[numpy.float32],
-        threads: int,
-    ) -> numpy.typing.NDArray[numpy.float32]: ...
-    @property
-    def level_bytes(self) -> int: ...
-
-class Grid3_32:
-    def __init__(
-        self,
-        nodes: collections.abc.Sequence[
-            collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any]
-        ],
-        wrap: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
-        closed: collections.abc.Sequence[bool],
-        cubic: bool,
-        radius: float,
-    ) -> None: ...
-    def advect(
-        self,
-        levels: list[typing.Any],
-        times: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
-        x: numpy.typing.NDArray[numpy.float32],
-        status: numpy.typing.NDArray[numpy.int8],
-        stop_time: numpy.typing.NDArray[numpy.float64],
-        order: numpy.typing.ArrayLike | None,
-        origin: float,
-        h: float,
-        first: int,
-        count: int,
-        method: str,
-        threads: int,
-    ) -> tuple[tuple[typing.Any, ...], tuple[typing.Any, ...], tuple[typing.Any, ...]]: ...
-    def order(
-        self, x: numpy.typing.NDArray[numpy.float32], threads: int
-    ) -> numpy.typing.NDArray[numpy.int32]: ...
-    def pack(self, values: numpy.typing.NDArray[numpy.float64], threads: int) -> GridLevel32: ...
-    def velocity(
-        self,
-        levels: list[typing.Any],
-        times: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
-        t: float,
-        x: numpy.typing.NDArray[numpy.float32],
-        threads: int,
-    ) -> numpy.typing.NDArray[numpy.float32]: ...
+    ) -> numpy.typing.NDArray[typing.Any]: ...
     @property
     def level_bytes(self) -> int: ...
 
@@ -644,183 +301,13 @@ class MaterialPointSums:
     @property
     def potential(self) -> float: ...
 
-class MaterialPointMethod2D32:
+class MaterialPointMethod:
     def __init__(
-        self, options: dict[str, typing.Any], colliders: collections.abc.Sequence[Collider]
-    ) -> None: ...
-    def __len__(self) -> int: ...
-    def absorb(self, region: Collider) -> int: ...
-    def add(
         self,
-        positions: numpy.typing.NDArray[numpy.float64],
-        velocities: numpy.typing.NDArray[numpy.float64],
-        materials: numpy.typing.NDArray[numpy.int32],
-        volumes: numpy.typing.NDArray[numpy.float64],
-    ) -> int: ...
-    def advance(self, duration: float) -> None: ...
-    def affine(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    def diagnostics(self) -> MaterialPointSums: ...
-    def elastic_energies(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    def ids(self) -> numpy.typing.NDArray[numpy.int64]: ...
-    def material_fields(self, material: int) -> numpy.typing.NDArray[numpy.float64]: ...
-    def materials(self) -> numpy.typing.NDArray[numpy.int32]: ...
-    def positions(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    def remove(self, places: numpy.typing.NDArray[numpy.int64]) -> None: ...
-    def restore(self, state: dict[str, typing.Any]) -> None: ...
-    def set_affine(
-        self, values: numpy.typing.NDArray[numpy.float64], places: numpy.typing.NDArray[numpy.int64]
-    ) -> None: ...
-    def set_forces(
-        self, values: numpy.typing.NDArray[numpy.float64], places: numpy.typing.NDArray[numpy.int64]
-    ) -> None: ...
-    def set_material_fields(
-        self,
-        material: int,
-        values: numpy.typing.NDArray[numpy.float64],
-        places: numpy.typing.NDArray[numpy.int64],
-    ) -> None: ...
-    def set_positions(
-        self, values: numpy.typing.NDArray[numpy.float64], places: numpy.typing.NDArray[numpy.int64]
-    ) -> None: ...
-    def set_velocities(
-        self, values: numpy.typing.NDArray[numpy.float64], places: numpy.typing.NDArray[numpy.int64]
-    ) -> None: ...
-    def state(self) -> dict[str, typing.Any]: ...
-    def step(self, dt: float) -> None: ...
-    def step_limit(self) -> tuple[float, str]: ...
-    def stresses(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    def velocities(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    def volumes(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    @property
-    def report(self) -> MaterialPointReport: ...
-    @property
-    def threads(self) -> int: ...
-    @threads.setter
-    def threads(self, arg1: int) -> None: ...
-    @property
-    def time(self) -> float: ...
-    @time.setter
-    def time(self, arg1: float) -> None: ...
-
-class MaterialPointMethod3D32:
-    def __init__(
-        self, options: dict[str, typing.Any], colliders: collections.abc.Sequence[Collider]
-    ) -> None: ...
-    def __len__(self) -> int: ...
-    def absorb(self, region: Collider) -> int: ...
-    def add(
-        self,
-        positions: numpy.typing.NDArray[numpy.float64],
-        velocities: numpy.typing.NDArray[numpy.float64],
-        materials: numpy.typing.NDArray[numpy.int32],
-        volumes: numpy.typing.NDArray[numpy.float64],
-    ) -> int: ...
-    def advance(self, duration: float) -> None: ...
-    def affine(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    def diagnostics(self) -> MaterialPointSums: ...
-    def elastic_energies(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    def ids(self) -> numpy.typing.NDArray[numpy.int64]: ...
-    def material_fields(self, material: int) -> numpy.typing.NDArray[numpy.float64]: ...
-    def materials(self) -> numpy.typing.NDArray[numpy.int32]: ...
-    def positions(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    def remove(self, places: numpy.typing.NDArray[numpy.int64]) -> None: ...
-    def restore(self, state: dict[str, typing.Any]) -> None: ...
-    def set_affine(
-        self, values: numpy.typing.NDArray[numpy.float64], places: numpy.typing.NDArray[numpy.int64]
-    ) -> None: ...
-    def set_forces(
-        self, values: numpy.typing.NDArray[numpy.float64], places: numpy.typing.NDArray[numpy.int64]
-    ) -> None: ...
-    def set_material_fields(
-        self,
-        material: int,
-        values: numpy.typing.NDArray[numpy.float64],
-        places: numpy.typing.NDArray[numpy.int64],
-    ) -> None: ...
-    def set_positions(
-        self, values: numpy.typing.NDArray[numpy.float64], places: numpy.typing.NDArray[numpy.int64]
-    ) -> None: ...
-    def set_velocities(
-        self, values: numpy.typing.NDArray[numpy.float64], places: numpy.typing.NDArray[numpy.int64]
-    ) -> None: ...
-    def state(self) -> dict[str, typing.Any]: ...
-    def step(self, dt: float) -> None: ...
-    def step_limit(self) -> tuple[float, str]: ...
-    def stresses(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    def velocities(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    def volumes(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    @property
-    def report(self) -> MaterialPointReport: ...
-    @property
-    def threads(self) -> int: ...
-    @threads.setter
-    def threads(self, arg1: int) -> None: ...
-    @property
-    def time(self) -> float: ...
-    @time.setter
-    def time(self, arg1: float) -> None: ...
-
-class MaterialPointMethod2D64:
-    def __init__(
-        self, options: dict[str, typing.Any], colliders: collections.abc.Sequence[Collider]
-    ) -> None: ...
-    def __len__(self) -> int: ...
-    def absorb(self, region: Collider) -> int: ...
-    def add(
-        self,
-        positions: numpy.typing.NDArray[numpy.float64],
-        velocities: numpy.typing.NDArray[numpy.float64],
-        materials: numpy.typing.NDArray[numpy.int32],
-        volumes: numpy.typing.NDArray[numpy.float64],
-    ) -> int: ...
-    def advance(self, duration: float) -> None: ...
-    def affine(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    def diagnostics(self) -> MaterialPointSums: ...
-    def elastic_energies(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    def ids(self) -> numpy.typing.NDArray[numpy.int64]: ...
-    def material_fields(self, material: int) -> numpy.typing.NDArray[numpy.float64]: ...
-    def materials(self) -> numpy.typing.NDArray[numpy.int32]: ...
-    def positions(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    def remove(self, places: numpy.typing.NDArray[numpy.int64]) -> None: ...
-    def restore(self, state: dict[str, typing.Any]) -> None: ...
-    def set_affine(
-        self, values: numpy.typing.NDArray[numpy.float64], places: numpy.typing.NDArray[numpy.int64]
-    ) -> None: ...
-    def set_forces(
-        self, values: numpy.typing.NDArray[numpy.float64], places: numpy.typing.NDArray[numpy.int64]
-    ) -> None: ...
-    def set_material_fields(
-        self,
-        material: int,
-        values: numpy.typing.NDArray[numpy.float64],
-        places: numpy.typing.NDArray[numpy.int64],
-    ) -> None: ...
-    def set_positions(
-        self, values: numpy.typing.NDArray[numpy.float64], places: numpy.typing.NDArray[numpy.int64]
-    ) -> None: ...
-    def set_velocities(
-        self, values: numpy.typing.NDArray[numpy.float64], places: numpy.typing.NDArray[numpy.int64]
-    ) -> None: ...
-    def state(self) -> dict[str, typing.Any]: ...
-    def step(self, dt: float) -> None: ...
-    def step_limit(self) -> tuple[float, str]: ...
-    def stresses(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    def velocities(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    def volumes(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    @property
-    def report(self) -> MaterialPointReport: ...
-    @property
-    def threads(self) -> int: ...
-    @threads.setter
-    def threads(self, arg1: int) -> None: ...
-    @property
-    def time(self) -> float: ...
-    @time.setter
-    def time(self, arg1: float) -> None: ...
-
-class MaterialPointMethod3D64:
-    def __init__(
-        self, options: dict[str, typing.Any], colliders: collections.abc.Sequence[Collider]
+        options: dict[str, typing.Any],
+        colliders: collections.abc.Sequence[Collider],
+        dimension: int,
+        dtype: str,
     ) -> None: ...
     def __len__(self) -> int: ...
     def absorb(self, region: Collider) -> int: ...
@@ -877,15 +364,7 @@ class MaterialPointMethod3D64:
     def time(self, arg1: float) -> None: ...
 
 class NeighbourSearch:
-    def __init__(self, points: numpy.typing.NDArray[numpy.float32]) -> None: ...
-    def search(self, radius: float, threads: int) -> None: ...
-    @property
-    def bytes(self) -> int: ...
-    @property
-    def pair_count(self) -> int: ...
-
-class NeighbourSearch64:
-    def __init__(self, points: numpy.typing.NDArray[numpy.float64]) -> None: ...
+    def __init__(self, points: numpy.typing.NDArray[typing.Any]) -> None: ...
     def search(self, radius: float, threads: int) -> None: ...
     @property
     def bytes(self) -> int: ...
@@ -921,49 +400,6 @@ class PythonSystem(System):
 
 class PointerSystem(System):
     def __init__(self, address: int, size: int, parameters: numpy.typing.ArrayLike) -> None: ...
-
-class Lorenz(System):
-    def __init__(self, sigma: float, rho: float, beta: float) -> None: ...
-
-class Arenstorf(System):
-    def __init__(self, mu: float) -> None: ...
-
-class Kepler(System):
-    def __init__(self, mu: float) -> None: ...
-
-class HenonHeiles(System):
-    def __init__(self, lambda_: float) -> None: ...
-
-class VanDerPol(System):
-    def __init__(self, damping: float, stiffness: float) -> None: ...
-
-class Pendulum(System):
-    def __init__(self, length: float, gravity: float, damping: float) -> None: ...
-
-class HarmonicOscillator(System):
-    def __init__(self, omega: float, damping: float) -> None: ...
-
-class Pleiades(System):
-    def __init__(
-        self, masses: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any]
-    ) -> None: ...
-
-class Robertson(System):
-    def __init__(self, k1: float, k2: float, k3: float) -> None: ...
-
-class Orego(System):
-    def __init__(self, s: float, q: float, w: float) -> None: ...
-
-class Hires(System):
-    def __init__(self) -> None: ...
-
-class Brusselator1D(System):
-    def __init__(self, n: int, alpha: float, a: float, b: float) -> None: ...
-
-class Brusselator2D(System):
-    def __init__(
-        self, n: int, alpha: float, a: float, b: float, source: float, source_time: float
-    ) -> None: ...
 
 class Jacobian:
     pass
@@ -1040,7 +476,7 @@ class Integration:
     @property
     def y_old(self) -> numpy.typing.NDArray[typing.Any]: ...
 
-class ConstraintGroup32:
+class ConstraintGroup:
     def __init__(
         self,
         kind: str,
@@ -1051,33 +487,27 @@ class ConstraintGroup32:
         stiffness: numpy.typing.NDArray[numpy.float64],
     ) -> None: ...
 
-class PositionBasedDynamics32:
+class PositionBasedDynamics:
     def __init__(
         self,
         positions: numpy.typing.NDArray[numpy.float64],
         velocities: numpy.typing.NDArray[numpy.float64],
         masses: numpy.typing.NDArray[numpy.float64],
         pinned: numpy.typing.NDArray[numpy.uint8],
-        groups: collections.abc.Sequence[ConstraintGroup32],
-        substeps: int,
-        iterations: int,
-        solver: str,
-        relaxation: float,
-        gravity: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
-        damping: float,
+        groups: list[typing.Any],
+        options: dict[str, typing.Any],
         colliders: collections.abc.Sequence[Collider],
-        margin: float,
-        dimension: int,
+        dtype: str,
     ) -> None: ...
-    def copy(self, colliders: collections.abc.Sequence[Collider]) -> PositionBasedDynamics32: ...
+    def copy(self, colliders: collections.abc.Sequence[Collider]) -> PositionBasedDynamics: ...
     def group_state(self, group: int) -> numpy.typing.NDArray[numpy.float64]: ...
     def multipliers(self, group: int) -> numpy.typing.NDArray[numpy.float64]: ...
     def raw(
         self,
     ) -> tuple[
-        numpy.typing.NDArray[numpy.float32],
-        numpy.typing.NDArray[numpy.float32],
-        numpy.typing.NDArray[numpy.float32],
+        numpy.typing.NDArray[typing.Any],
+        numpy.typing.NDArray[typing.Any],
+        numpy.typing.NDArray[typing.Any],
     ]: ...
     def set_group_state(self, group: int, state: numpy.typing.NDArray[numpy.float64]) -> None: ...
     def set_positions(
@@ -1085,9 +515,9 @@ class PositionBasedDynamics32:
     ) -> None: ...
     def set_raw(
         self,
-        positions: numpy.typing.NDArray[numpy.float32],
-        velocities: numpy.typing.NDArray[numpy.float32],
-        targets: numpy.typing.NDArray[numpy.float32],
+        positions: numpy.typing.NDArray[typing.Any],
+        velocities: numpy.typing.NDArray[typing.Any],
+        targets: numpy.typing.NDArray[typing.Any],
     ) -> None: ...
     def set_velocities(
         self, ids: numpy.typing.NDArray[numpy.int64], values: numpy.typing.NDArray[numpy.float64]
@@ -1133,104 +563,7 @@ class PositionBasedDynamics32:
     @property
     def time(self) -> float: ...
     @time.setter
-    def time(self, arg0: float) -> None: ...
-    @property
-    def velocities(self) -> numpy.typing.NDArray[numpy.float64]: ...
-
-class ConstraintGroup64:
-    def __init__(
-        self,
-        kind: str,
-        particles: numpy.typing.NDArray[numpy.int32],
-        parameters: numpy.typing.NDArray[numpy.float64],
-        compliance: numpy.typing.NDArray[numpy.float64],
-        damping: numpy.typing.NDArray[numpy.float64],
-        stiffness: numpy.typing.NDArray[numpy.float64],
-    ) -> None: ...
-
-class PositionBasedDynamics64:
-    def __init__(
-        self,
-        positions: numpy.typing.NDArray[numpy.float64],
-        velocities: numpy.typing.NDArray[numpy.float64],
-        masses: numpy.typing.NDArray[numpy.float64],
-        pinned: numpy.typing.NDArray[numpy.uint8],
-        groups: collections.abc.Sequence[ConstraintGroup64],
-        substeps: int,
-        iterations: int,
-        solver: str,
-        relaxation: float,
-        gravity: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
-        damping: float,
-        colliders: collections.abc.Sequence[Collider],
-        margin: float,
-        dimension: int,
-    ) -> None: ...
-    def copy(self, colliders: collections.abc.Sequence[Collider]) -> PositionBasedDynamics64: ...
-    def group_state(self, group: int) -> numpy.typing.NDArray[numpy.float64]: ...
-    def multipliers(self, group: int) -> numpy.typing.NDArray[numpy.float64]: ...
-    def raw(
-        self,
-    ) -> tuple[
-        numpy.typing.NDArray[numpy.float64],
-        numpy.typing.NDArray[numpy.float64],
-        numpy.typing.NDArray[numpy.float64],
-    ]: ...
-    def set_group_state(self, group: int, state: numpy.typing.NDArray[numpy.float64]) -> None: ...
-    def set_positions(
-        self, ids: numpy.typing.NDArray[numpy.int64], values: numpy.typing.NDArray[numpy.float64]
-    ) -> None: ...
-    def set_raw(
-        self,
-        positions: numpy.typing.NDArray[numpy.float64],
-        velocities: numpy.typing.NDArray[numpy.float64],
-        targets: numpy.typing.NDArray[numpy.float64],
-    ) -> None: ...
-    def set_velocities(
-        self, ids: numpy.typing.NDArray[numpy.int64], values: numpy.typing.NDArray[numpy.float64]
-    ) -> None: ...
-    def step(self, dt: float) -> None: ...
-    def use_multilevel(
-        self,
-        pairs: numpy.typing.NDArray[numpy.int32],
-        lengths: numpy.typing.NDArray[numpy.float64],
-        rest: numpy.typing.NDArray[numpy.float64],
-    ) -> None: ...
-    def values(self, group: int) -> numpy.typing.NDArray[numpy.float64]: ...
-    @property
-    def elastic_energy(self) -> float: ...
-    @property
-    def forces(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    @forces.setter
-    def forces(self, arg1: numpy.typing.ArrayLike) -> None: ...
-    @property
-    def groups(self) -> int: ...
-    @property
-    def last_substep(self) -> float: ...
-    @property
-    def level_sizes(self) -> list[int]: ...
-    @property
-    def origin(self) -> list[float]: ...
-    @property
-    def pinned(self) -> numpy.typing.NDArray[numpy.uint8]: ...
-    @pinned.setter
-    def pinned(self, arg1: numpy.typing.ArrayLike) -> None: ...
-    @property
-    def positions(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    @property
-    def skipped(self) -> int: ...
-    @property
-    def targets(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    @targets.setter
-    def targets(self, arg1: numpy.typing.ArrayLike) -> None: ...
-    @property
-    def threads(self) -> int: ...
-    @threads.setter
-    def threads(self, arg1: int) -> None: ...
-    @property
-    def time(self) -> float: ...
-    @time.setter
-    def time(self, arg0: float) -> None: ...
+    def time(self, arg1: float) -> None: ...
     @property
     def velocities(self) -> numpy.typing.NDArray[numpy.float64]: ...
 
@@ -1246,19 +579,6 @@ class PythonAcceleration(System):
 class PointerAcceleration(System):
     def __init__(
         self, address: int, components: int, parameters: numpy.typing.ArrayLike
-    ) -> None: ...
-
-class Oscillators(System):
-    def __init__(self, omega: numpy.typing.ArrayLike) -> None: ...
-
-class SpringChain(System):
-    def __init__(
-        self, n: int, k: numpy.typing.ArrayLike, m: numpy.typing.ArrayLike, fixed_ends: bool
-    ) -> None: ...
-
-class NBody(System):
-    def __init__(
-        self, masses: numpy.typing.ArrayLike, G: float, softening: float, dimension: int
     ) -> None: ...
 
 class FluidReport:
@@ -1291,12 +611,13 @@ class FluidEnergies:
     @property
     def potential(self) -> float: ...
 
-class PositionBasedFluid32:
+class PositionBasedFluid:
     def __init__(
         self,
         origin: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
         colliders: collections.abc.Sequence[Collider],
         options: dict[str, typing.Any],
+        dtype: str,
     ) -> None: ...
     def __len__(self) -> int: ...
     def absorb(self, region: Collider) -> int: ...
@@ -1316,69 +637,9 @@ class PositionBasedFluid32:
         time: float,
         last_dt: float,
         next_id: int,
-        positions: numpy.typing.NDArray[numpy.float32],
-        velocities: numpy.typing.NDArray[numpy.float32],
-        forces: numpy.typing.NDArray[numpy.float32],
-        ids: numpy.typing.NDArray[numpy.int64],
-        fluids: numpy.typing.NDArray[numpy.int32],
-    ) -> None: ...
-    def set_forces(
-        self, values: numpy.typing.NDArray[numpy.float64], places: numpy.typing.NDArray[numpy.int64]
-    ) -> None: ...
-    def set_positions(
-        self, values: numpy.typing.NDArray[numpy.float64], places: numpy.typing.NDArray[numpy.int64]
-    ) -> None: ...
-    def set_velocities(
-        self, values: numpy.typing.NDArray[numpy.float64], places: numpy.typing.NDArray[numpy.int64]
-    ) -> None: ...
-    def state(self) -> dict[str, typing.Any]: ...
-    def step(self, dt: float) -> None: ...
-    def velocities(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    @property
-    def energies(self) -> FluidEnergies: ...
-    @property
-    def fastest(self) -> float: ...
-    @property
-    def report(self) -> FluidReport: ...
-    @property
-    def threads(self) -> int: ...
-    @threads.setter
-    def threads(self, arg1: int) -> None: ...
-    @property
-    def time(self) -> float: ...
-    @time.setter
-    def time(self, arg1: float) -> None: ...
-    @property
-    def volume(self) -> float: ...
-
-class PositionBasedFluid64:
-    def __init__(
-        self,
-        origin: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
-        colliders: collections.abc.Sequence[Collider],
-        options: dict[str, typing.Any],
-    ) -> None: ...
-    def __len__(self) -> int: ...
-    def absorb(self, region: Collider) -> int: ...
-    def add(
-        self,
-        positions: numpy.typing.NDArray[numpy.float64],
-        velocities: numpy.typing.NDArray[numpy.float64],
-        fluids: numpy.typing.NDArray[numpy.int32],
-    ) -> int: ...
-    def densities(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    def fluids(self) -> numpy.typing.NDArray[numpy.int32]: ...
-    def ids(self) -> numpy.typing.NDArray[numpy.int64]: ...
-    def positions(self) -> numpy.typing.NDArray[numpy.float64]: ...
-    def remove(self, places: numpy.typing.NDArray[numpy.int64]) -> None: ...
-    def restore(
-        self,
-        time: float,
-        last_dt: float,
-        next_id: int,
-        positions: numpy.typing.NDArray[numpy.float64],
-        velocities: numpy.typing.NDArray[numpy.float64],
-        forces: numpy.typing.NDArray[numpy.float64],
+        positions: numpy.typing.NDArray[typing.Any],
+        velocities: numpy.typing.NDArray[typing.Any],
+        forces: numpy.typing.NDArray[typing.Any],
         ids: numpy.typing.NDArray[numpy.int64],
         fluids: numpy.typing.NDArray[numpy.int32],
     ) -> None: ...
@@ -1799,31 +1060,28 @@ def krylov(
     threads: int,
 ) -> tuple[typing.Any, ...]: ...
 def library_versions() -> dict[str, typing.Any]: ...
+def make_system(
+    name: str, parameters: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any]
+) -> System: ...
 def material_state_fields() -> dict[str, typing.Any]: ...
 def mesh_moments(
     vertices: numpy.typing.ArrayLike, faces: numpy.typing.ArrayLike, density: float
 ) -> MassMoments: ...
-@typing.overload
+def n_body(
+    masses: numpy.typing.ArrayLike, G: float, softening: float, dimension: int
+) -> System: ...
 def neighbour_lists(
-    points: numpy.typing.NDArray[numpy.float32], radius: float, half: bool, threads: int
-) -> tuple[typing.Any, ...]: ...
-@typing.overload
-def neighbour_lists(
-    points: numpy.typing.NDArray[numpy.float64], radius: float, half: bool, threads: int
+    points: numpy.typing.NDArray[typing.Any], radius: float, half: bool, threads: int
 ) -> tuple[typing.Any, ...]: ...
 def num_threads() -> int: ...
 def ode_method(name: str) -> dict[str, typing.Any]: ...
 def ode_methods() -> list[typing.Any]: ...
-def particle_collision32(
+def oscillators(omega: numpy.typing.ArrayLike) -> System: ...
+def particle_collision(
     radii: numpy.typing.NDArray[numpy.float64],
     rest: numpy.typing.NDArray[numpy.float64],
     friction: float,
-) -> ConstraintGroup32: ...
-def particle_collision64(
-    radii: numpy.typing.NDArray[numpy.float64],
-    rest: numpy.typing.NDArray[numpy.float64],
-    friction: float,
-) -> ConstraintGroup64: ...
+) -> ConstraintGroup: ...
 def poisson_disk(
     size: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
     radius: float,
@@ -1842,20 +1100,14 @@ def rotate_freely(
     threads: int,
 ) -> numpy.typing.NDArray[numpy.float64]: ...
 def second_order_methods() -> list[typing.Any]: ...
-def self_collision32(
+def self_collision(
     faces: numpy.typing.NDArray[numpy.int32],
     rest: numpy.typing.NDArray[numpy.float64],
     thickness: float,
     friction: float,
-) -> ConstraintGroup32: ...
-def self_collision64(
-    faces: numpy.typing.NDArray[numpy.int32],
-    rest: numpy.typing.NDArray[numpy.float64],
-    thickness: float,
-    friction: float,
-) -> ConstraintGroup64: ...
+) -> ConstraintGroup: ...
 def set_num_threads(threads: int) -> None: ...
-def shape_matching32(
+def shape_matching(
     start: numpy.typing.NDArray[numpy.int64],
     particles: numpy.typing.NDArray[numpy.int32],
     rest: numpy.typing.NDArray[numpy.float64],
@@ -1863,16 +1115,7 @@ def shape_matching32(
     damping: numpy.typing.NDArray[numpy.float64],
     stiffness: numpy.typing.NDArray[numpy.float64],
     linear: float,
-) -> ConstraintGroup32: ...
-def shape_matching64(
-    start: numpy.typing.NDArray[numpy.int64],
-    particles: numpy.typing.NDArray[numpy.int32],
-    rest: numpy.typing.NDArray[numpy.float64],
-    compliance: numpy.typing.NDArray[numpy.float64],
-    damping: numpy.typing.NDArray[numpy.float64],
-    stiffness: numpy.typing.NDArray[numpy.float64],
-    linear: float,
-) -> ConstraintGroup64: ...
+) -> ConstraintGroup: ...
 def solve_ensemble(
     *,
     systems: collections.abc.Sequence[System],
@@ -1906,6 +1149,9 @@ def solve_second_order(
     callback: typing.Any,
 ) -> dict[str, typing.Any]: ...
 def sphere_moments(radius: float, density: float) -> MassMoments: ...
+def spring_chain(
+    n: int, k: numpy.typing.ArrayLike, m: numpy.typing.ArrayLike, fixed_ends: bool
+) -> System: ...
 def spring_terms(
     edges: numpy.typing.NDArray[numpy.int32],
     stiffness: numpy.typing.NDArray[numpy.float64],
@@ -1922,7 +1168,7 @@ def tetrahedra_terms(
     model: str,
     relaxation_time: float,
 ) -> list[Term]: ...
-def user_constraints32(
+def user_constraints(
     fun: typing.Any,
     address: typing.Any,
     parameters: numpy.typing.NDArray[numpy.float64],
@@ -1932,18 +1178,7 @@ def user_constraints32(
     damping: numpy.typing.NDArray[numpy.float64],
     stiffness: numpy.typing.NDArray[numpy.float64],
     inequality: bool,
-) -> ConstraintGroup32: ...
-def user_constraints64(
-    fun: typing.Any,
-    address: typing.Any,
-    parameters: numpy.typing.NDArray[numpy.float64],
-    particles: numpy.typing.NDArray[numpy.int32],
-    origin: numpy.typing.NDArray[numpy.float64],
-    compliance: numpy.typing.NDArray[numpy.float64],
-    damping: numpy.typing.NDArray[numpy.float64],
-    stiffness: numpy.typing.NDArray[numpy.float64],
-    inequality: bool,
-) -> ConstraintGroup64: ...
+) -> ConstraintGroup: ...
 
 advection_methods: dict[str, typing.Any]
 compiler: str

@@ -227,15 +227,15 @@ ENTRIES = [
         )
     ),
     Entry(
-        "rigid.MassProperties centre",
-        lambda x: substep.rigid.MassProperties(1.0, x, np.eye(3)).centre,
+        "rigid.MassProperties center_of_mass",
+        lambda x: substep.rigid.MassProperties(1.0, x, np.eye(3)).center_of_mass,
         np.array([1.0, 0.5, 2]),
-        "centre",
+        "center_of_mass",
         any_length=False,
     ),
     Entry(
         "rigid.MassProperties.moved position",
-        lambda x: substep.rigid.MassProperties(1.0, [0, 0, 0], np.eye(3)).moved(x).centre,
+        lambda x: substep.rigid.MassProperties(1.0, [0, 0, 0], np.eye(3)).moved(x).center_of_mass,
         np.array([1.0, 0.5, 2]),
         "position",
         any_length=False,

@@ -278,11 +278,11 @@ def test_the_distance_of_an_obstacle_is_that_of_its_mesh(shape):
     size = np.ptp(mesh.vertices, axis=0).max()
     # Chords of a circle, or a spacing of 1/64 of the longest side in its own frame.
     off = 2e-3 if round_ else 1e-12 if isinstance(shape, substep.Box) else 0.025 * size
-    inside = np.abs(points[:1000]).max(1) < 1.2
-    x = points[:1000][inside]
-    np.testing.assert_allclose(
-        substep.Collider(shape).distance(x), mesh.signed_distance(x), atol=off
-    )
+    expected = mesh.signed_distance(points)
+    near = expected < 0.04 * size  # further off a sampled distance is a lower bound
+    assert near.sum() > 20
+    found = substep.Collider(shape).distance(points)
+    np.testing.assert_allclose(found[near], expected[near], atol=off)
 
 
 @pytest.mark.parametrize("shape", [*PLACED, substep.Plane((1, 2, 3))], ids=repr)

@@ -51,7 +51,7 @@ def test_flat_faces_bound_the_same_solid(shape):
     of_mesh = rigid.mass_properties(shape.mesh(), 2.0)
     own = rigid.mass_properties(shape, 2.0)
     assert of_mesh.mass == pytest.approx(own.mass, rel=1e-12)
-    np.testing.assert_allclose(of_mesh.centre, own.centre, atol=1e-12)
+    np.testing.assert_allclose(of_mesh.center_of_mass, own.center_of_mass, atol=1e-12)
     np.testing.assert_allclose(of_mesh.inertia, own.inertia, rtol=1e-10, atol=1e-12)
 
 

@@ -211,7 +211,7 @@ def test_mass_of_shapes():
     assert ball.principal_inertia == pytest.approx(0.4 * ball.mass * 0.09, rel=1e-15)
     box = rigid.mass_properties(rigid.Box([1, 0.5, 0.2]), 10)
     assert box.principal_inertia == pytest.approx(BOX, rel=1e-15)
-    assert (box.axes == [1, 0, 0, 0]).all() and (box.centre == 0).all()
+    assert (box.axes == [1, 0, 0, 0]).all() and (box.center_of_mass == 0).all()
     rod = rigid.mass_properties(rigid.Cylinder(0.1, 1), 10)
     assert rod.principal_inertia[2] == pytest.approx(rod.mass * 0.01 / 2, rel=1e-15)
     pill = rigid.mass_properties(rigid.Capsule(0.1, 1), 10)
@@ -221,7 +221,7 @@ def test_mass_of_shapes():
 def test_moved_bodies_and_compounds():
     box = rigid.mass_properties(rigid.Box([1, 0.5, 0.2]), 10)
     turned = box.moved([1, 2, 3], [3, 0.3, -0.6, 0.9])
-    assert (turned.centre == [1, 2, 3]).all()
+    assert (turned.center_of_mass == [1, 2, 3]).all()
     assert turned.principal_inertia == pytest.approx(BOX, rel=1e-14)
     R = matrices(turned.axes[None])[0]
     assert R @ np.diag(turned.principal_inertia) @ R.T == pytest.approx(turned.inertia, abs=1e-15)
@@ -245,7 +245,7 @@ def test_mass_of_convex_hulls_is_that_of_qhull():
     corners = points[parts]
     volumes = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6
     centre = (volumes[:, None] * corners.mean(axis=1)).sum(axis=0) / volumes.sum()
-    assert body.centre == pytest.approx(centre, abs=1e-9)
+    assert body.center_of_mass == pytest.approx(centre, abs=1e-9)
     r = corners - centre
     s = r.sum(axis=1)
     C = np.einsum("t,tki,tkj->ij", volumes / 20, r, r) + np.einsum("t,ti,tj", volumes / 20, s, s)
@@ -271,8 +271,8 @@ def test_mass_of_a_real_mesh_is_what_its_inside_says():
     cell = (high - low).prod() / n**3
     assert body.mass == pytest.approx(len(inside) * cell, rel=3e-3)
     assert body.mass == pytest.approx(mesh.volume, rel=1e-12)
-    assert body.centre == pytest.approx(inside.mean(axis=0), abs=2e-3)
-    r = inside - body.centre
+    assert body.center_of_mass == pytest.approx(inside.mean(axis=0), abs=2e-3)
+    r = inside - body.center_of_mass
     C = cell * r.T @ r
     assert body.inertia == pytest.approx(np.trace(C) * np.eye(3) - C, abs=2e-3)
 

@@ -164,6 +164,17 @@ def check_threads(threads: Any) -> int:
     return 0 if threads is None else check_integer("threads", threads, minimum=1)
 
 
+def check_dtype(dtype: Any) -> np.dtype[Any]:
+    """Of the numbers that a simulation computes with."""
+    try:
+        found = np.dtype(dtype)
+    except TypeError:
+        found = None
+    if found not in (np.float32, np.float64):
+        raise InputError(f"dtype: expected float32 or float64, got {describe(dtype)}")
+    return found
+
+
 def check_positive(
     name: str, value: ArrayLike, count: int, *, zero: bool = False
 ) -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from .. import _core
-from ..base.checks import check_array, check_choice, check_real
+from ..base.checks import check_array, check_choice, check_dtype, check_real
 from ..base.rows import Numbered, find_rows, read_only
 from ..base.schema import OWN, TIME, Entry, Number, Rows
 from ..base.simulation import StepReport
@@ -127,8 +127,7 @@ class Advection(Numbered):
         threads: int | None = None,
         dtype: DTypeLike = np.float64,
     ) -> None:
-        if np.dtype(dtype) not in (np.dtype(np.float64), np.dtype(np.float32)):
-            raise InputError(f"dtype: expected float64 or float32, got {np.dtype(dtype)}")
+        dtype = check_dtype(dtype)
         x = check_array("positions", positions, dtype=dtype)
         wanted = field.dimension if isinstance(field, Field) else 2 if x.shape[1:] == (2,) else 3
         x = check_array("positions", x, (None, wanted), dtype=dtype).copy()

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from .. import _core
-from ..base.checks import check_array, check_choice, check_positive, check_real
+from ..base.checks import check_array, check_choice, check_dtype, check_positive, check_real
 from ..base.rows import read_only
 from ..base.schema import Entry
 from ..base.simulation import StepReport, with_energy
@@ -18,7 +18,7 @@ from ..errors import InputError, SolverError
 from ..geometry import Collider, Shape
 from ..geometry.colliders import check_colliders
 from ..particles.emitters import Emitter, Sink
-from ..particles.state import ON_ESCAPE, Particles, check_bounds, check_dtype, check_kinds
+from ..particles.state import ON_ESCAPE, Particles, check_bounds, check_kinds
 from .materials import Material
 from .particle_fields import STATE, cauchy, gradients, own_fields, ratios, set_gradients
 

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import check_array
 from ..base.rows import Points, read_only
@@ -147,14 +147,6 @@ class Particles(Points):
     def _parts(self) -> dict[str, Any]:
         own = {"_layers": self._layers.copy(), "_absorbed": self._absorbed.copy()}
         return super()._parts() | own
-
-
-def check_dtype(dtype: DTypeLike) -> np.dtype[Any]:
-    """Of the numbers that a simulation computes with."""
-    found = np.dtype(dtype)
-    if found not in (np.float32, np.float64):
-        raise InputError(f"dtype: expected float32 or float64, got {found}")
-    return found
 
 
 def check_kinds(name: str, kinds: Any, m: int, count: int) -> NDArray[np.int32]:

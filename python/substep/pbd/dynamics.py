@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from .. import _core
 from ..base.checks import (
     check_array,
     check_choice,
+    check_dtype,
     check_integer,
     check_pinned,
     check_positive,
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 SOLVERS = ("gauss_seidel", "jacobi", "multilevel")
-DTYPES = ("float32", "float64")
 
 
 @dataclass
@@ -100,8 +100,8 @@ class PositionBasedDynamics(Points):
         Rate at which all velocities decay [1/s], at least 0.
     step : float
         Size of the steps of `advance` [s].
-    dtype : str or dtype
-        'float32' or 'float64': of positions, which are stored relative to an origin in float64.
+    dtype : {'float32', 'float64'}
+        Of positions, which are stored relative to an origin in float64.
     threads : int, optional
         Of the native loops; results do not depend on it.
     time : float
@@ -131,7 +131,7 @@ class PositionBasedDynamics(Points):
     1.0
     """
 
-    dtype: str
+    dtype: np.dtype[Any]
     constraints: tuple[Constraint, ...]
     substeps: int
     iterations: int
@@ -159,11 +159,11 @@ class PositionBasedDynamics(Points):
         relaxation: float = 1.0,
         drag: float = 0.0,
         step: float = 1 / 60,
-        dtype: Any = "float32",
+        dtype: DTypeLike = "float32",
         threads: int | None = None,
         time: float = 0.0,
     ) -> None:
-        self.dtype = _check_dtype(dtype)
+        self.dtype = check_dtype(dtype)
         shape = check_array("positions", positions).shape
         columns = 2 if len(shape) == 2 and shape[1] == 2 else 3
         self._dimension = columns
@@ -226,7 +226,7 @@ class PositionBasedDynamics(Points):
             [group for own in groups for group in own],
             options,
             [collider._native for collider in self.colliders],
-            self.dtype,
+            self.dtype.name,
         )
         if self.solver == "multilevel":
             use_multilevel(native, self.constraints, x, x if self._rest is None else self._rest)
@@ -458,7 +458,7 @@ class PositionBasedDynamics(Points):
             Rows("group_sizes", np.int64, (self._native.groups,), low=0),
             colliders_entry(self.colliders),
         ]
-        return entries, {"n": len(self)}, np.dtype(self.dtype)
+        return entries, {"n": len(self)}, self.dtype
 
     def _fit(self, state: dict[str, Any]) -> None:
         if not np.array_equal(state["origin"], self._native.origin):
@@ -511,11 +511,3 @@ class PositionBasedDynamics(Points):
             Simulation.__init__(other, native, self.time, self.threads)
             other._last = dataclasses.replace(self._last)
         return other
-
-
-def _check_dtype(dtype: Any) -> str:
-    try:
-        name = np.dtype(dtype).name
-    except TypeError:
-        name = str(dtype)
-    return check_choice("dtype", name, DTYPES)

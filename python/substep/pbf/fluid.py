@@ -11,7 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from .. import _core
-from ..base.checks import check_array, check_choice, check_integer, check_positive, check_real
+from ..base.checks import (
+    check_array,
+    check_choice,
+    check_dtype,
+    check_integer,
+    check_positive,
+    check_real,
+)
 from ..base.rows import read_only
 from ..base.schema import OWN, TIME, Entry, Number, Rows
 from ..base.simulation import StepReport, with_energy
@@ -19,7 +26,7 @@ from ..errors import InputError
 from ..geometry import Collider, Shape
 from ..geometry.colliders import check_colliders
 from ..particles.emitters import Emitter, Sink
-from ..particles.state import ON_ESCAPE, Particles, check_bounds, check_dtype, check_kinds
+from ..particles.state import ON_ESCAPE, Particles, check_bounds, check_kinds
 
 Array = NDArray[np.float64]
 

@@ -248,13 +248,13 @@ class RigidBodies(Runs, States):
         frame = STILL if weight is None else weight
         body: Made = (fixtures, way, weight)
         with self._own():
-            poses = principal_frames(x, q, frame.centre, frame.axes)
+            poses = principal_frames(x, q, frame.center_of_mass, frame.axes)
             ids = np.arange(self._next_id, self._next_id + n, dtype=np.int64)
             own = [np.nan] * 4 if weight is None else [frame.mass, *frame.principal_inertia]
             # All that needs memory comes before what changes.
             grown = (
                 np.concatenate([self._ids, ids]),
-                np.concatenate([self._centres, np.tile(frame.centre, (n, 1))]),
+                np.concatenate([self._centres, np.tile(frame.center_of_mass, (n, 1))]),
                 np.concatenate([self._axes, np.tile(frame.axes, (n, 1))]),
                 np.concatenate([self._weights, np.tile(own, (n, 1))]),
                 self._made + [body] * n,

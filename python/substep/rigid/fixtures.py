@@ -86,7 +86,7 @@ class Fixture:
         shape, x, q = shapes[key]
         if frame is not None:
             back = frame.axes * (1, -1, -1, -1)
-            x, q = rotate(back, x - frame.centre), multiply(back, q)
+            x, q = rotate(back, x - frame.center_of_mass), multiply(back, q)
         return (shape, x.tolist(), q.tolist(), *(getattr(self, name) for name in _SURFACE))
 
 
@@ -155,12 +155,12 @@ def check_mass(
         if mass is not None:
             m = check_real("mass", mass, positive=True)
             check_range(m, found.inertia * (m / found.mass))
-            found = MassProperties(m, found.centre, found.inertia * (m / found.mass))
+            found = MassProperties(m, found.center_of_mass, found.inertia * (m / found.mass))
         if inertia is not None:
             given = check_array("inertia", inertia)
             given = check_array("inertia", given, (3,) if given.ndim == 1 else (3, 3))
             found = MassProperties(
-                found.mass, found.centre, np.diag(given) if given.ndim == 1 else given
+                found.mass, found.center_of_mass, np.diag(given) if given.ndim == 1 else given
             )
     check_range(found.mass, found.inertia)
     return found

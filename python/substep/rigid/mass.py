@@ -24,7 +24,7 @@ class MassProperties:
     ----------
     mass : float
         Mass [kg].
-    centre : array_like, shape (3,)
+    center_of_mass : array_like, shape (3,)
         Centre of mass [m].
     inertia : array_like, shape (3, 3)
         Inertia about the centre of mass, along the axes of the frame [kg m^2].
@@ -33,7 +33,7 @@ class MassProperties:
     ----------
     mass : float
         Mass [kg].
-    centre : ndarray, shape (3,)
+    center_of_mass : ndarray, shape (3,)
         Centre of mass [m].
     inertia : ndarray, shape (3, 3)
         Inertia about the centre of mass, along the axes of the frame [kg m^2].
@@ -65,16 +65,18 @@ class MassProperties:
     """
 
     mass: float
-    centre: Array
+    center_of_mass: Array
     inertia: Array
     principal_inertia: Array
     axes: Array
 
-    def __init__(self, mass: float, centre: ArrayLike, inertia: ArrayLike) -> None:
+    def __init__(self, mass: float, center_of_mass: ArrayLike, inertia: ArrayLike) -> None:
         rows = check_array("inertia", inertia, (3, 3))
         self._set(
             _core.MassMoments(
-                check_real("mass", mass), check_array("centre", centre, (3,)), rows.ravel()
+                check_real("mass", mass),
+                check_array("center_of_mass", center_of_mass, (3,)),
+                rows.ravel(),
             )
         )
 
@@ -88,17 +90,17 @@ class MassProperties:
         axes, principal = moments.principal()
         self._moments = moments
         self.mass = moments.mass
-        self.centre = np.array(moments.centre)
+        self.center_of_mass = np.array(moments.centre)
         self.inertia = np.array(moments.inertia).reshape(3, 3)
         self.principal_inertia = np.array(principal)
         self.axes = np.array(axes)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return MassProperties, (self.mass, self.centre, self.inertia)
+        return MassProperties, (self.mass, self.center_of_mass, self.inertia)
 
     def __repr__(self) -> str:
         return (
-            f"MassProperties(mass={self.mass:g}, centre={self.centre.tolist()}, "
+            f"MassProperties(mass={self.mass:g}, center_of_mass={self.center_of_mass.tolist()}, "
             f"principal_inertia={self.principal_inertia.tolist()})"
         )
 
@@ -163,7 +165,7 @@ def mass_properties(shape: Shape, density: float = 1000.0) -> MassProperties:
     >>> plate.principal_inertia.round(6)
     array([0.024167, 0.086667, 0.104167])
     >>> cross = substep.rigid.compound([plate, plate.moved([0, 0, 0.2], [1, 0, 0, 1])])
-    >>> cross.centre.round(12)
+    >>> cross.center_of_mass.round(12)
     array([0. , 0. , 0.1])
     """
     rho = check_real("density", density, positive=True)

@@ -9,6 +9,7 @@
 #include "shapes.h"
 #include "substep/core/errors.h"
 #include "substep/core/usize.h"
+#include "substep/rigid/collision/broad_phase.h"
 #include "substep/rigid/distance/shape_distance.h"
 #include "substep/rigid/distance/time_of_impact.h"
 

@@ -9,6 +9,7 @@
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
 #include "substep/core/quaternion.h"
+#include "substep/rigid/world/queries.h"
 #include "world_scene.h"
 
 namespace {

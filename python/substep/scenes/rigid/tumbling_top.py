@@ -40,7 +40,7 @@ def _handle() -> tuple[MassProperties, TriangleMesh]:
         (Cylinder(0.055, 0.48), np.array([0, 0.26, 0]), np.array([1.0, -1, 0, 0]) / np.sqrt(2)),
     ]
     body = compound(mass_properties(solid).moved(x, q) for solid, x, q in placed)
-    meshes = [shifted(solid.mesh(48), x - body.centre, q) for solid, x, q in placed]
+    meshes = [shifted(solid.mesh(48), x - body.center_of_mass, q) for solid, x, q in placed]
     return body, joined(meshes)
 
 
