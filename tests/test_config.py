@@ -34,6 +34,8 @@ def test_show_config_prints_what_it_returns(capsys):
     assert entries["substep"] == substep.__version__
     project = Path(__file__).parents[1] / "pyproject.toml"
     assert f'\nversion = "{substep.__version__}"\n' in project.read_text()
+    changes = (project.parent / "docs/changelog.md").read_text()
+    assert changes.split("\n## ")[1].startswith(f"{substep.__version__}\n")
     assert entries["level"] in native.LEVELS
     assert entries["threads"] == str(substep.num_threads())
     assert entries["numpy"] == np.__version__
