@@ -108,7 +108,7 @@ def test_one_pass_takes_more_away_than_many_sweeps():
     # Once around the loop, from the same predicted positions.
     _, left_by_levels = (pair := cloth(150, substeps=1, dtype="float64"))
     sweeps, left_by_sweeps = cloth(150, "gauss_seidel", substeps=1, iterations=30, dtype="float64")
-    x = pair[0].positions
+    x = pair[0].positions.copy()
     x[:, 2] -= 0.3 * x[:, 1]
     for sim in (pair[0], sweeps):
         sim.set_positions(np.where(sim.pinned[:, None], sim.positions, x))
