@@ -50,7 +50,7 @@ def test_links_lead_somewhere(page):
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_code_is_fenced_with_its_language(page):
     languages = {language for language, _ in FENCE.findall(page.read_text(encoding="utf-8"))}
-    assert languages <= {"python", "bash", "text", "toml", "c", "cpp", "json"}
+    assert languages <= {"python", "bash", "text", "toml", "c", "cmake", "cpp", "json"}
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ import substep
 from hypothesis import HealthCheck, given, settings, strategies as st
 from substep.export import pack_here
 from substep.recording.files import lock_for_packing
+from vtk_reading import read_by_vtk
 
 TRIANGLES = np.array([[0, 1, 2], [1, 2, 3]])
 EDGES = np.array([[0, 1], [2, 3], [1, 3]])
@@ -160,47 +161,6 @@ def test_any_recording_comes_back_bit_for_bit(tmp_path, counts, dimension, preci
             for (time, frame), (k, expected) in zip(recording, enumerate(frames), strict=True):
                 assert time == k
                 assert_same(frame, expected)
-
-
-def read_by_vtk(path):
-    """(time, {part: polydata}) of every step, in a pipeline as ParaView runs it; errors fail."""
-    pytest.importorskip("vtkmodules.vtkIOHDF", reason="VTK is not installed")
-    from vtkmodules.vtkCommonDataModel import vtkCompositeDataSet
-    from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
-    from vtkmodules.vtkFiltersCore import vtkPassThrough
-    from vtkmodules.vtkIOHDF import vtkHDFReader
-
-    errors = []
-    reader = vtkHDFReader()
-    reader.SetFileName(os.fspath(path))
-    for source in (reader, reader.GetExecutive()):
-        source.AddObserver("ErrorEvent", lambda *a: errors.append("error"))
-        source.AddObserver("WarningEvent", lambda *a: errors.append("warning"))
-    end = vtkPassThrough()
-    end.SetInputConnection(reader.GetOutputPort())
-    end.UpdateInformation()
-    times = end.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS())
-    result = []
-    for time in times or [None]:
-        if time is None:
-            end.Update()
-        else:
-            end.UpdateTimeStep(time)
-        output = end.GetOutputDataObject(0)
-        if output.IsA("vtkPointSet"):
-            blocks = {None: output}
-        else:
-            blocks = {
-                output.GetMetaData(i).Get(vtkCompositeDataSet.NAME()): output.GetBlock(i)
-                for i in range(output.GetNumberOfBlocks())
-            }
-        copies = {}
-        for name, block in blocks.items():
-            copies[name] = block.NewInstance()
-            copies[name].DeepCopy(block)
-        result.append((time, copies))
-        assert not errors
-    return result
 
 
 def assert_vtk_sees(data, part, arrays):

@@ -409,7 +409,7 @@ class TestLiquids:
         for frame in frames:
             assert len(np.unique(frame["id"])) == len(frame["id"]) == len(frame["points"])
         pytest.importorskip("vtkmodules.vtkIOHDF", reason="VTK is not installed")
-        from test_recording import read_by_vtk
+        from vtk_reading import read_by_vtk
         from vtkmodules.util.numpy_support import vtk_to_numpy
 
         for (_, blocks), frame in zip(read_by_vtk(run.recording), frames, strict=True):
@@ -722,7 +722,7 @@ class TestOceanDrift:
 
     def test_vtk_reads_every_frame(self, run):
         pytest.importorskip("vtkmodules.vtkIOHDF", reason="VTK is not installed")
-        from test_recording import read_by_vtk
+        from vtk_reading import read_by_vtk
         from vtkmodules.util.numpy_support import vtk_to_numpy
 
         steps = read_by_vtk(run)

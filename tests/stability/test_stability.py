@@ -10,6 +10,7 @@ import substep
 from hypothesis import given, settings, strategies as st
 from substep import stability
 from substep.errors import InputError
+from substep.stability.analysis import _factor
 
 ONE_STEP = stability.one_step_methods()
 FAMILY = {name: substep._core.ode_method(name)["family"] for name in ONE_STEP}
@@ -189,7 +190,7 @@ def test_outline_is_the_level_curve_and_closes(method):
         np.testing.assert_allclose(abs(stability.amplification(method, curve)), 1, atol=1e-7)
         assert abs(curve[0] - curve[-1]) <= 1e-9 * abs(curve[0]) + 1e-12
     total = sum(len(curve) - 1 for curve in area.boundary)
-    sheets = len(stability._factor(method).roots(1.0))
+    sheets = len(_factor(method).roots(1.0))
     assert total % sheets == 0  # every root of R(z) = exp(i phi) is on one of the curves, once
 
 
