@@ -315,7 +315,7 @@ def test_without_meshio_the_extra_is_named(tmp_path):
 def test_copies(copied):
     mesh = sphere_mesh(subdivisions=1)
     mesh.nearest([[0, 0, 0]])
-    mesh.dropped = 2
+    mesh._set(dropped=2)
     other = copied(mesh)
     assert str(other.report()) == str(mesh.report()) and other.dropped == 2
     np.testing.assert_array_equal(other.vertices, mesh.vertices)
