@@ -14,6 +14,8 @@
 template <class T>
 using Array = py::array_t<T, py::array::c_style>;
 using Reals = Array<double>;
+using Indices = Array<std::int32_t>;
+using LongIndices = Array<std::int64_t>;
 using Sizes = std::vector<py::ssize_t>;
 using Triple = std::array<double, 3>;
 

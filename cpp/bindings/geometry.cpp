@@ -12,7 +12,6 @@ namespace {
 using namespace substep::geometry;
 
 using Rows = Reals;
-using Indices = Array<std::int64_t>;
 
 // evaluate(point, row of out) for each row of points; out has `columns` numbers a row.
 Rows for_points(const Rows& points, Sizes columns, int threads, const EachPoint& evaluate) {
@@ -224,7 +223,7 @@ void bind_collider(py::module_& m) {
 
 void bind_triangle_tree(py::module_& m) {
   py::class_<TriangleTree>(m, "TriangleTree")
-      .def(py::init([](const Rows& vertices, const Indices& faces) {
+      .def(py::init([](const Rows& vertices, const LongIndices& faces) {
              const double* x = vertices.data();
              const std::int64_t* f = faces.data();
              const auto count = faces.shape(0);
@@ -263,8 +262,8 @@ void bind_triangle_tree(py::module_& m) {
           py::arg("x").noconvert(), py::arg("threads"))
       .def(
           "count_pierced",
-          [](const TriangleTree& self, const Rows& vertices, const Indices& faces,
-             const Indices& edges, int threads) {
+          [](const TriangleTree& self, const Rows& vertices, const LongIndices& faces,
+             const LongIndices& edges, int threads) {
             const double* x = vertices.data();
             const std::int64_t* f = faces.data();
             const std::int64_t* e = edges.data();
@@ -293,7 +292,7 @@ void bind_triangle_tree(py::module_& m) {
               return stuff_isosurface(self, spacing, threads);
             }();
             Rows vertices({static_cast<py::ssize_t>(filled.vertices.size()), py::ssize_t{3}});
-            Indices cells({static_cast<py::ssize_t>(filled.cells.size()), py::ssize_t{4}});
+            LongIndices cells({static_cast<py::ssize_t>(filled.cells.size()), py::ssize_t{4}});
             double* x = vertices.mutable_data();
             for (const Vec3& v : filled.vertices) x = std::copy_n(v.data(), 3, x);
             std::int64_t* c = cells.mutable_data();

@@ -1,7 +1,7 @@
 #include <pybind11/complex.h>
 #include <pybind11/stl.h>
 
-#include "bindings.h"
+#include "arrays.h"
 #include "substep/core/errors.h"
 #include "substep/linalg/direct/cholesky.h"
 #include "substep/linalg/direct/library_calls.h"
@@ -12,9 +12,6 @@
 namespace {
 
 using namespace substep;
-template <class T>
-using Array = py::array_t<T, py::array::c_style>;
-using Indices = Array<std::int32_t>;
 
 // The Python layer has checked the shapes.
 template <class T>

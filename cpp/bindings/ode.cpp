@@ -17,7 +17,7 @@ namespace {
 namespace ode = substep::ode;
 namespace tableaux = substep::tableaux;
 
-py::array_t<double> vector(std::span<const double> values) {
+py::array_t<double> vector_of(std::span<const double> values) {
   return py::array_t<double>(static_cast<py::ssize_t>(values.size()), values.data());
 }
 
@@ -37,13 +37,13 @@ py::dict tableau_dict(const T&) {
   table["order"] = T::order;
   table["stages"] = T::stages;
   table["a"] = matrix(T::a);
-  table["b"] = vector(T::b);
-  table["c"] = vector(T::c);
+  table["b"] = vector_of(T::b);
+  table["c"] = vector_of(T::c);
   if constexpr (T::estimate != tableaux::Estimate::doubling) table["error_order"] = T::error_order;
-  if constexpr (T::estimate == tableaux::Estimate::embedded) table["e"] = vector(T::e);
+  if constexpr (T::estimate == tableaux::Estimate::embedded) table["e"] = vector_of(T::e);
   if constexpr (T::estimate == tableaux::Estimate::dop853) {
-    table["e3"] = vector(T::e3);
-    table["e5"] = vector(T::e5);
+    table["e3"] = vector_of(T::e3);
+    table["e5"] = vector_of(T::e5);
   }
   if constexpr (T::dense_rows > 0) table["d"] = matrix(T::d);
   return table;

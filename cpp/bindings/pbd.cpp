@@ -10,7 +10,6 @@ using namespace substep::pbd;
 using substep::geometry::Collider;
 
 using Flags = Array<std::uint8_t>;
-using Indices = Array<std::int32_t>;
 using Ids = Array<std::int64_t>;
 
 static_assert(sizeof(Triple) == 3 * sizeof(double));

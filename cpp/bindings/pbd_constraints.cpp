@@ -11,7 +11,6 @@ namespace {
 using namespace substep::pbd;
 
 using Ids = Array<std::int64_t>;
-using Indices = Array<std::int32_t>;
 
 // fun(x) -> (C, gradient), float64 and C-contiguous, as the Python layer has checked.
 class PythonFunction final : public UserFunction {

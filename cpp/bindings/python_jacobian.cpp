@@ -5,13 +5,13 @@
 namespace {
 
 namespace ode = substep::ode;
-using Indices = py::array_t<std::int32_t, py::array::c_style | py::array::forcecast>;
+using CastIndices = py::array_t<std::int32_t, py::array::c_style | py::array::forcecast>;
 using Values = py::array_t<double, py::array::c_style | py::array::forcecast>;
 
 // None, or (start, row) of the columns.
 std::unique_ptr<substep::SparsePattern> make_pattern(const py::object& columns) {
   if (columns.is_none()) return nullptr;
-  const auto pair = columns.cast<std::pair<Indices, Indices>>();
+  const auto pair = columns.cast<std::pair<CastIndices, CastIndices>>();
   auto pattern = std::make_unique<substep::SparsePattern>();
   pattern->start.assign(pair.first.data(), pair.first.data() + pair.first.size());
   pattern->row.assign(pair.second.data(), pair.second.data() + pair.second.size());

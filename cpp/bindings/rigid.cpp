@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "bindings.h"
+#include "arrays.h"
 #include "substep/rigid/motion/free_rotation.h"
 #include "substep/rigid/shapes/mass_properties.h"
 
@@ -11,15 +11,10 @@ namespace {
 using namespace substep;
 using namespace substep::rigid;
 
-using Rows = py::array_t<double, py::array::c_style>;
-using Indices = py::array_t<std::int64_t, py::array::c_style>;
-using Array3 = std::array<double, 3>;
 using Array4 = std::array<double, 4>;  // (w, x, y, z)
 using Array9 = std::array<double, 9>;  // row by row
 
-Vec3 vector(const Array3& v) { return Vec3(v.data()); }
-Array3 array(const Vec3& v) { return {v[0], v[1], v[2]}; }
-std::vector<Vec3> rows_of(const Rows& points) {
+std::vector<Vec3> rows_of(const Reals& points) {
   std::vector<Vec3> rows;
   for (py::ssize_t i = 0; i < points.shape(0); ++i) rows.emplace_back(points.data(i, 0));
   return rows;
@@ -28,12 +23,12 @@ std::vector<Vec3> rows_of(const Rows& points) {
 void bind_free_rotation(py::module_& m) {
   m.def(
       "rotate_freely",
-      [](const std::string& name, const Rows& q, const Rows& L, const Rows& inertia, double dt,
+      [](const std::string& name, const Reals& q, const Reals& L, const Reals& inertia, double dt,
          std::int64_t steps, int threads) {
         const char* const names[] = {"exact", "splitting", "quaternion", "matrix"};
         const auto method = static_cast<FreeRotation>(
             std::find(std::begin(names), std::end(names), name) - std::begin(names));
-        Rows turned({q.shape(0), q.shape(1)});
+        Reals turned({q.shape(0), q.shape(1)});
         const auto n = q.shape(0);
         const double *from = q.data(), *momenta = L.data(), *moments = inertia.data();
         double* out = turned.mutable_data();
@@ -48,12 +43,12 @@ void bind_free_rotation(py::module_& m) {
 
 void bind_mass_moments(py::module_& m) {
   py::class_<MassMoments>(m, "MassMoments")
-      .def(py::init([](double mass, const Array3& centre, const Array9& inertia) {
+      .def(py::init([](double mass, const Triple& centre, const Array9& inertia) {
              return MassMoments{mass, vector(centre), Mat3(inertia.data()).transpose()};
            }),
            py::arg("mass"), py::arg("centre"), py::arg("inertia"))
       .def_readonly("mass", &MassMoments::mass)
-      .def_property_readonly("centre", [](const MassMoments& self) { return array(self.centre); })
+      .def_property_readonly("centre", [](const MassMoments& self) { return triple(self.centre); })
       .def_property_readonly("inertia",
                              [](const MassMoments& self) {
                                Array9 rows;
@@ -62,7 +57,7 @@ void bind_mass_moments(py::module_& m) {
                              })
       .def(
           "moved",
-          [](const MassMoments& self, const Array3& position, const Array4& q) {
+          [](const MassMoments& self, const Triple& position, const Array4& q) {
             return moved(self, {vector(position), load_quaternion(q.data())});
           },
           py::arg("position"), py::arg("rotation"))
@@ -70,7 +65,7 @@ void bind_mass_moments(py::module_& m) {
         const MassProperties p = principal(self);
         Array4 axes;
         store_quaternion(p.axes, axes.data());
-        return py::make_tuple(axes, array(p.inertia));
+        return py::make_tuple(axes, triple(p.inertia));
       });
   m.def(
       "sphere_moments",
@@ -78,7 +73,7 @@ void bind_mass_moments(py::module_& m) {
       py::arg("radius"), py::arg("density"));
   m.def(
       "box_moments",
-      [](const Array3& half, double density) { return moments(Box{vector(half)}, density); },
+      [](const Triple& half, double density) { return moments(Box{vector(half)}, density); },
       py::arg("half_lengths"), py::arg("density"));
   m.def(
       "capsule_moments",
@@ -94,7 +89,7 @@ void bind_mass_moments(py::module_& m) {
       py::arg("radius"), py::arg("half_length"), py::arg("density"));
   m.def(
       "mesh_moments",
-      [](const Rows& vertices, const Indices& faces, double density) {
+      [](const Reals& vertices, const LongIndices& faces, double density) {
         const std::span<const double> x(vertices.data(), static_cast<std::size_t>(vertices.size()));
         const std::span<const std::int64_t> f(faces.data(), static_cast<std::size_t>(faces.size()));
         const py::gil_scoped_release nogil;
@@ -103,7 +98,7 @@ void bind_mass_moments(py::module_& m) {
       py::arg("vertices"), py::arg("faces"), py::arg("density"));
   m.def(
       "hull_moments",
-      [](const Rows& points, double density) {
+      [](const Reals& points, double density) {
         const std::vector<Vec3> rows = rows_of(points);
         const py::gil_scoped_release nogil;
         return moments(std::make_shared<const ConvexHull>(rows), density);
@@ -111,9 +106,9 @@ void bind_mass_moments(py::module_& m) {
       py::arg("points"), py::arg("density"));
   m.def(
       "hull_faces",
-      [](const Rows& points) {
+      [](const Reals& points) {
         const ConvexHull hull(rows_of(points));
-        Rows vertices({py::ssize_t{hull.vertex_count()}, py::ssize_t{3}});
+        Reals vertices({py::ssize_t{hull.vertex_count()}, py::ssize_t{3}});
         for (int i = 0; i < hull.vertex_count(); ++i)
           Vec3::Map(vertices.mutable_data(i, 0)) = hull.vertices()[i];
         std::vector<std::array<std::int64_t, 3>> faces;  // fans of the flat faces

@@ -9,7 +9,6 @@
 namespace rigid_binding {
 namespace {
 
-using Array3 = std::array<double, 3>;
 // (type, target, stiffness, damping, most)
 using MotorTuple = std::tuple<int, double, double, double, double>;
 
@@ -69,8 +68,8 @@ void bind_joints(py::class_<PyWorld>& world) {
   world
       .def(
           "add_joint",
-          [](PyWorld& self, int kind, std::int32_t a, std::int32_t b, const Array3& anchor,
-             const Array3& axis, double lower, double upper, double cone, const MotorTuple& drive,
+          [](PyWorld& self, int kind, std::int32_t a, std::int32_t b, const Triple& anchor,
+             const Triple& axis, double lower, double upper, double cone, const MotorTuple& drive,
              bool collide) {
             Joint joint = make_joint(static_cast<JointType>(kind), self.world.bodies(), a, b,
                                      Vec3(anchor.data()), Vec3(axis.data()));

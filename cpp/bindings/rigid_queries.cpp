@@ -8,8 +8,8 @@
 namespace rigid_binding {
 namespace {
 
-Vec3 vector(const Rows& v) { return Vec3(v.data()); }
-Pose pose(const Rows& x, const Rows& q) { return {vector(x), substep::load_quaternion(q.data())}; }
+Vec3 vec(const Rows& v) { return Vec3(v.data()); }
+Pose pose(const Rows& x, const Rows& q) { return {vec(x), substep::load_quaternion(q.data())}; }
 
 // (bodies, fixtures of these, distances, normals), -1 for none.
 py::tuple tuple_of(const World& world, std::span<const FixtureHit> hits) {
@@ -92,7 +92,7 @@ void bind_queries(py::class_<PyWorld>& world) {
       .def(
           "cast_ray_through",
           [](PyWorld& self, const Rows& x, const Rows& d, double length, std::uint32_t mask) {
-            const Ray ray{vector(x), vector(d), length};
+            const Ray ray{vec(x), vec(d), length};
             return tuple_of(self.world, cast_ray_through(self.world.scene(), ray, mask));
           },
           py::arg("origin"), py::arg("direction"), py::arg("length"), py::arg("mask"))
@@ -101,7 +101,7 @@ void bind_queries(py::class_<PyWorld>& world) {
           [](PyWorld& self, const RigidShape& shape, const Rows& x, const Rows& q, const Rows& d,
              double length, std::uint32_t mask) {
             return tuple_of(self.world, cast_shape(self.world.scene(), shape.shape, pose(x, q),
-                                                   vector(d), length, mask));
+                                                   vec(d), length, mask));
           },
           py::arg("shape"), py::arg("position"), py::arg("rotation"), py::arg("direction"),
           py::arg("length"), py::arg("mask"))

@@ -93,11 +93,6 @@ const auto kPair = [](auto& pair, auto&& visit) { visit(pair.a), visit(pair.b); 
 constexpr const char* kBodyArrays[] = {"positions",       "rotations", "momenta",
                                        "angular_momenta", "forces",    "torques"};
 
-template <class T>
-py::array_t<T> list(const std::vector<T>& values) {
-  return py::array_t<T>(static_cast<py::ssize_t>(values.size()), values.data());
-}
-
 }  // namespace
 
 py::dict state_of(const World& world) {
@@ -109,13 +104,13 @@ py::dict state_of(const World& world) {
   const auto arrays = PyWorld::arrays(s.bodies);
   for (std::size_t k = 0; k < arrays.size(); ++k)
     state[kBodyArrays[k]] = Rows({n, py::ssize_t{k == 1 ? 4 : 3}}, arrays[k]->data());
-  state["masses"] = list(s.bodies.mass);
+  state["masses"] = column(s.bodies.mass);
   state["inertia"] = Rows({n, py::ssize_t{3}}, s.bodies.inertia.data());
   state["motions"] = motions_of(s.bodies);
   state["rest_positions"] = Rows({n, py::ssize_t{3}}, s.rest_x.data());
   state["rest_rotations"] = Rows({n, py::ssize_t{4}}, s.rest_q.data());
-  state["slow_time"] = list(s.slow_time);
-  state["island"] = list(s.island);
+  state["slow_time"] = column(s.slow_time);
+  state["island"] = column(s.island);
   state["excluded"] = pack<std::int32_t>(s.excluded, kPair);
   state["contacts"] = pack<double>(s.contacts, kReals);
   state["contact_pairs"] = pack<std::int32_t>(s.contacts, kIntegers);

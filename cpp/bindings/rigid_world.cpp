@@ -28,13 +28,10 @@ void PyWorld::put_arrays(RowArrays&& taken) {
 
 namespace {
 
-using Array3 = std::array<double, 3>;
 using Array4 = std::array<double, 4>;
 
-Vec3 vector(const Array3& v) { return Vec3(v.data()); }
-
 // (shape, position, rotation, density, friction, restitution, rolling, spinning, group, mask)
-using FixtureTuple = std::tuple<RigidShape, Array3, Array4, double, double, double, double, double,
+using FixtureTuple = std::tuple<RigidShape, Triple, Array4, double, double, double, double, double,
                                 std::uint32_t, std::uint32_t>;
 
 Fixture fixture(const FixtureTuple& t) {
@@ -52,7 +49,7 @@ Fixture fixture(const FixtureTuple& t) {
 WorldOptions world_options(const py::dict& given) {
   const char* const rotations[] = {"exact", "splitting", "quaternion"};
   WorldOptions options;
-  options.gravity = vector(given["gravity"].cast<Array3>());
+  options.gravity = vector(given["gravity"].cast<Triple>());
   options.contact.substeps = given["substeps"].cast<int>();
   options.contact.rotation = static_cast<FreeRotation>(
       std::find(std::begin(rotations), std::end(rotations), given["rotation"].cast<std::string>()) -
@@ -68,7 +65,7 @@ void bind_shapes(py::module_& m) {
       .def_static(
           "sphere", [](double radius) { return RigidShape{Sphere{radius}}; }, py::arg("radius"))
       .def_static(
-          "box", [](const Array3& half) { return RigidShape{Box{vector(half)}}; },
+          "box", [](const Triple& half) { return RigidShape{Box{vector(half)}}; },
           py::arg("half_lengths"))
       .def_static(
           "capsule", [](double r, double half) { return RigidShape{Capsule{r, half}}; },
@@ -78,7 +75,7 @@ void bind_shapes(py::module_& m) {
           py::arg("radius"), py::arg("half_length"))
       .def_static(
           "plane",
-          [](const Array3& normal, double offset) {
+          [](const Triple& normal, double offset) {
             return RigidShape{Plane{vector(normal), offset}};
           },
           py::arg("normal"), py::arg("offset"))
@@ -290,7 +287,7 @@ void bind_rigid_world(py::module_& m) {
           [](PyWorld& self, int threads) { self.world.threads = threads; })
       .def_property(
           "gravity", [](const PyWorld& self) { return triple(self.world.options().gravity); },
-          [](PyWorld& self, const Array3& gravity) {
+          [](PyWorld& self, const Triple& gravity) {
             WorldOptions options = self.world.options();
             options.gravity = vector(gravity);
             self.world.set_options(options);

@@ -6,7 +6,7 @@
 #include <span>
 #include <vector>
 
-#include "bindings.h"
+#include "arrays.h"
 #include "substep/rigid/world/world.h"
 
 namespace rigid_binding {
@@ -82,7 +82,6 @@ struct PyWorld {
 inline std::span<const std::int64_t> numbers(const Numbers& a) {
   return {a.data(), static_cast<std::size_t>(a.size())};
 }
-inline std::array<double, 3> triple(const Vec3& v) { return {v[0], v[1], v[2]}; }
 
 inline py::array_t<std::uint8_t> motions_of(const Bodies& bodies) {
   return py::array_t<std::uint8_t>(static_cast<py::ssize_t>(bodies.motion.size()),

@@ -4,7 +4,7 @@
 #include <memory>
 #include <optional>
 
-#include "bindings.h"
+#include "arrays.h"
 #include "substep/ode/solve/ensemble.h"
 #include "substep/ode/symplectic/symplectic_solve.h"
 #include "substep/ode/systems/chain.h"
@@ -15,8 +15,6 @@
 namespace {
 
 namespace ode = substep::ode;
-using Array = py::array_t<double, py::array::c_style>;
-using Shape = std::vector<py::ssize_t>;
 using py::detail::array_proxy;
 using py::detail::npy_api;
 
@@ -39,7 +37,7 @@ class AccelerationSystem : public ode::System {
 // function kept it.
 class LentArray {
  public:
-  explicit LentArray(Shape shape) : shape_(std::move(shape)) {}
+  explicit LentArray(Sizes shape) : shape_(std::move(shape)) {}
   PyObject* lend(const double* values) {
     if (!array_ || Py_REFCNT(array_.ptr()) != 1) {
       py::array_t<double> fresh(shape_);
@@ -52,7 +50,7 @@ class LentArray {
   }
 
  private:
-  Shape shape_;
+  Sizes shape_;
   std::size_t bytes_ = 0;
   py::object array_;
 };
@@ -61,7 +59,7 @@ class LentArray {
 // to convert(value), which returns one or raises.
 class PythonAcceleration final : public AccelerationSystem {
  public:
-  PythonAcceleration(py::object fun, const Shape& shape, const py::tuple& args, py::object convert)
+  PythonAcceleration(py::object fun, const Sizes& shape, const py::tuple& args, py::object convert)
       : AccelerationSystem(py::array_t<double>(shape).size()),
         fun_(std::move(fun)),
         convert_(std::move(convert)),
@@ -106,7 +104,7 @@ class PythonAcceleration final : public AccelerationSystem {
   py::object fun_, convert_;
   py::tuple args_;
   py::dtype dtype_ = py::dtype::of<double>();
-  Shape shape_;
+  Sizes shape_;
   LentArray x_, v_;
   std::vector<PyObject*> call_;  // a free slot, t, x, v, args...
 };
@@ -128,27 +126,23 @@ class PointerAcceleration final : public AccelerationSystem {
   double* parameters_;
 };
 
-std::vector<double> numbers(const Array& array) {
-  return std::vector<double>(array.data(), array.data() + array.size());
-}
-
 // Hands the numbers over to an array of that shape, without a copy.
-Array take(std::vector<double>&& values, const Shape& shape) {
+Reals take(std::vector<double>&& values, const Sizes& shape) {
   auto owned = std::make_unique<std::vector<double>>(std::move(values));
   const double* data = owned->data();
   const py::capsule owner(owned.release(),
                           [](void* p) { delete static_cast<std::vector<double>*>(p); });
-  return Array(shape, data, owner);
+  return Reals(shape, data, owner);
 }
 
 py::dict solve(std::shared_ptr<ode::System> system, const std::string& method, double t0, double t1,
-               const Array& x0, const Array& v0, double step, const std::optional<Array>& t_eval,
+               const Reals& x0, const Reals& v0, double step, const std::optional<Reals>& t_eval,
                std::int64_t max_steps, int threads, const py::object& callback) {
   if (x0.size() != system->size() / 2 || v0.size() != x0.size()) {
     throw substep::InputError("x0: expected " + std::to_string(system->size() / 2) +
                               " components, as many as v0; got " + std::to_string(x0.size()));
   }
-  const Shape shape(x0.shape(), x0.shape() + x0.ndim());
+  const Sizes shape(x0.shape(), x0.shape() + x0.ndim());
   ode::SecondOrderProblem problem{
       .method = ode::symplectic_method(method),
       .t0 = t0,
@@ -164,7 +158,7 @@ py::dict solve(std::shared_ptr<ode::System> system, const std::string& method, d
   if (!callback.is_none()) {
     problem.callback = [&](double t, const double* x, const double* v) {
       const py::gil_scoped_acquire gil;
-      callback(t, Array(shape, x), Array(shape, v));
+      callback(t, Reals(shape, x), Reals(shape, v));
     };
   }
   ode::SecondOrderSolution solution;
@@ -174,7 +168,7 @@ py::dict solve(std::shared_ptr<ode::System> system, const std::string& method, d
   } else {
     solution = ode::solve_second_order(*system, problem);
   }
-  Shape rows = shape;
+  Sizes rows = shape;
   rows.insert(rows.begin(), static_cast<py::ssize_t>(solution.t.size()));
   py::dict out;
   out["status"] = static_cast<int>(solution.status);
@@ -193,8 +187,8 @@ py::dict solve(std::shared_ptr<ode::System> system, const std::string& method, d
 // One right-hand side for all members, or one each; or a compiled function with one row of
 // parameters per member.
 py::tuple solve_ensemble(const std::vector<std::shared_ptr<ode::System>>& systems,
-                         std::uintptr_t address, const Array& parameters, const std::string& method,
-                         double t0, double t1, const Array& y0, double step,
+                         std::uintptr_t address, const Reals& parameters, const std::string& method,
+                         double t0, double t1, const Reals& y0, double step,
                          std::vector<double> rtol, std::vector<double> atol, double first_step,
                          double max_step, const std::vector<double>& t_eval, std::int64_t max_steps,
                          int threads) {
@@ -221,9 +215,9 @@ py::tuple solve_ensemble(const std::vector<std::shared_ptr<ode::System>>& system
     return std::make_shared<ode::PointerSystem>(
         reinterpret_cast<ode::PointerSystem::Function>(address), ensemble.size, rows + i * columns);
   };
-  Shape shape{y0.shape(0), y0.shape(1)};
+  Sizes shape{y0.shape(0), y0.shape(1)};
   if (!t_eval.empty()) shape.push_back(static_cast<py::ssize_t>(t_eval.size()));
-  Array y(shape);
+  Reals y(shape);
   std::fill_n(y.mutable_data(), y.size(), std::nan(""));
   std::vector<ode::Member> members;
   {
@@ -245,11 +239,11 @@ void bind_second_order(py::module_& m) {
   using ode::System;
   py::class_<PythonAcceleration, System, std::shared_ptr<PythonAcceleration>>(m,
                                                                               "PythonAcceleration")
-      .def(py::init<py::object, const Shape&, const py::tuple&, py::object>(), py::arg("fun"),
+      .def(py::init<py::object, const Sizes&, const py::tuple&, py::object>(), py::arg("fun"),
            py::arg("shape"), py::arg("args"), py::arg("convert"));
   py::class_<PointerAcceleration, System, std::shared_ptr<PointerAcceleration>>(
       m, "PointerAcceleration")
-      .def(py::init([](std::uintptr_t address, std::int64_t components, const Array& parameters) {
+      .def(py::init([](std::uintptr_t address, std::int64_t components, const Reals& parameters) {
              return std::make_shared<PointerAcceleration>(address, components,
                                                           const_cast<double*>(parameters.data()));
            }),
@@ -257,22 +251,22 @@ void bind_second_order(py::module_& m) {
            py::arg("parameters"));
   m.def(
       "oscillators",
-      [](const Array& omega) -> std::shared_ptr<System> {
-        return std::make_shared<ode::Oscillators>(numbers(omega));
+      [](const Reals& omega) -> std::shared_ptr<System> {
+        return std::make_shared<ode::Oscillators>(list(omega));
       },
       py::arg("omega"));
   m.def(
       "spring_chain",
-      [](std::int64_t n, const Array& k, const Array& masses,
+      [](std::int64_t n, const Reals& k, const Reals& masses,
          bool fixed_ends) -> std::shared_ptr<System> {
-        return std::make_shared<ode::SpringChain>(n, numbers(k), numbers(masses), fixed_ends);
+        return std::make_shared<ode::SpringChain>(n, list(k), list(masses), fixed_ends);
       },
       py::arg("n"), py::arg("k"), py::arg("m"), py::arg("fixed_ends"));
   m.def(
       "n_body",
-      [](const Array& masses, double G, double softening,
+      [](const Reals& masses, double G, double softening,
          int dimension) -> std::shared_ptr<System> {
-        return std::make_shared<ode::NBody>(numbers(masses), G, softening, dimension);
+        return std::make_shared<ode::NBody>(list(masses), G, softening, dimension);
       },
       py::arg("masses"), py::arg("G"), py::arg("softening"), py::arg("dimension"));
 

@@ -1,18 +1,11 @@
 #include <pybind11/stl.h>
 
-#include "bindings.h"
+#include "arrays.h"
 #include "substep/springs/tetrahedra.h"
 
 namespace {
 
 using namespace substep::springs;
-
-using Reals = py::array_t<double, py::array::c_style>;
-using Indices = py::array_t<std::int32_t, py::array::c_style>;
-
-std::span<const double> numbers(const Reals& a) {
-  return {a.data(), static_cast<std::size_t>(a.size())};
-}
 
 // Elastic and, unless the relaxation time is 0, viscous.
 std::vector<std::shared_ptr<Term>> tetrahedra_terms(const Reals& rest, const Indices& tetrahedra,
@@ -25,7 +18,7 @@ std::vector<std::shared_ptr<Term>> tetrahedra_terms(const Reals& rest, const Ind
   const auto mesh = std::make_shared<Tetrahedra>(
       positions,
       std::vector<std::int32_t>(tetrahedra.data(), tetrahedra.data() + tetrahedra.size()),
-      numbers(young_modulus), numbers(poisson_ratio));
+      readable(young_modulus), readable(poisson_ratio));
   std::vector<std::shared_ptr<Term>> terms = {make_elastic_term(model, mesh)};
   if (relaxation_time > 0) terms.push_back(make_viscous_term(mesh, relaxation_time));
   return terms;

@@ -1,6 +1,6 @@
 #include <pybind11/stl.h>
 
-#include "bindings.h"
+#include "arrays.h"
 #include "substep/core/errors.h"
 #include "substep/springs/deformable.h"
 #include "substep/springs/drag_term.h"
@@ -13,16 +13,10 @@ namespace {
 using namespace substep::springs;
 using substep::geometry::Collider;
 
-using Reals = py::array_t<double, py::array::c_style>;
 using Flags = py::array_t<std::uint8_t, py::array::c_style>;
-using Indices = py::array_t<std::int32_t, py::array::c_style>;
 
 static_assert(sizeof(Vec3) == 3 * sizeof(double));
 
-template <class T>
-std::vector<T> list(const py::array_t<T, py::array::c_style>& a) {
-  return {a.data(), a.data() + a.size()};
-}
 Positions rows(const Reals& a) {
   return {reinterpret_cast<const Vec3*>(a.data()), static_cast<std::size_t>(a.shape(0))};
 }

@@ -13,8 +13,8 @@
 namespace substep::fields {
 namespace {
 
-constexpr std::int64_t kChunk = 2048;  // particles of a parallel task
-constexpr int kTile = 256;             // particles that step together
+constexpr std::int64_t kFlowChunk = 2048;  // particles of a parallel task
+constexpr int kFlowTile = 256;             // particles that step together
 
 // One step of one vector of particles.
 template <class Method, class V, class Flow, class Time, class Trig>
@@ -87,7 +87,7 @@ template <class V, class Flow, class Time>
 
 template <class T, int kDim>
 struct FlowTile {
-  alignas(64) T x[kDim][kTile] = {};
+  alignas(64) T x[kDim][kFlowTile] = {};
 
   Vector<T>& at(int d, std::int64_t i) { return *reinterpret_cast<Vector<T>*>(&x[d][i]); }
 
@@ -146,8 +146,8 @@ void advect(const Flow& flow, StepTile<T, Flow> step_tile, const T* x, T* x_new,
   constexpr int kDim = Flow::kDimension;
   std::atomic<bool> failed{false};
   const auto run = [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t first = begin; first < end; first += kTile) {
-      const int n = static_cast<int>(end - first < kTile ? end - first : kTile);
+    for (std::int64_t first = begin; first < end; first += kFlowTile) {
+      const int n = static_cast<int>(end - first < kFlowTile ? end - first : kFlowTile);
       FlowTile<T, kDim> tile;
       tile.load(x + first * kDim, n);
       for (std::int64_t s = 0; s < steps.count; ++s) {
@@ -157,13 +157,13 @@ void advect(const Flow& flow, StepTile<T, Flow> step_tile, const T* x, T* x_new,
       if (tile.first_bad(n) < n) failed.store(true, std::memory_order_relaxed);
     }
   };
-  parallel_for(count, kChunk, run, threads);
+  parallel_for(count, kFlowChunk, run, threads);
   if (!failed) return;
 
   // Rare: find the first bad step by going through it again, one particle set after the other.
   std::int64_t worst_step = std::numeric_limits<std::int64_t>::max(), worst = -1;
-  for (std::int64_t first = 0; first < count; first += kTile) {
-    const int n = static_cast<int>(count - first < kTile ? count - first : kTile);
+  for (std::int64_t first = 0; first < count; first += kFlowTile) {
+    const int n = static_cast<int>(count - first < kFlowTile ? count - first : kFlowTile);
     FlowTile<T, kDim> tile;
     tile.load(x + first * kDim, n);
     for (std::int64_t s = 0; s < steps.count && s < worst_step; ++s) {
@@ -196,10 +196,10 @@ void sample_flow(const Flow& flow, double t, const T* x, T* u, std::int64_t coun
   constexpr int kDim = Flow::kDimension, kLanes = sizeof(V) / sizeof(T);
   const auto at = flow.at(t);
   parallel_for(
-      count, kChunk,
+      count, kFlowChunk,
       [&](std::int64_t begin, std::int64_t end) {
-        for (std::int64_t first = begin; first < end; first += kTile) {
-          const std::int64_t n = end - first < kTile ? end - first : kTile;
+        for (std::int64_t first = begin; first < end; first += kFlowTile) {
+          const std::int64_t n = end - first < kFlowTile ? end - first : kFlowTile;
           FlowTile<T, kDim> tile;
           tile.load(x + first * kDim, n);
           for (std::int64_t i = 0; i < n; i += kLanes) {

@@ -9,8 +9,8 @@
 namespace substep::fields {
 namespace {
 
-constexpr std::int64_t kChunk = 2048;  // particles of a parallel task
-constexpr std::int64_t kTile = 64;     // particles that step together
+constexpr std::int64_t kGridChunk = 2048;  // particles of a parallel task
+constexpr std::int64_t kGridTile = 64;     // particles that step together
 
 template <class T, int kDim>
 SUBSTEP_INLINE auto load_row(const T* row) {
@@ -136,9 +136,9 @@ class Tile {
   const Steps& steps_;
   Events& events_;
   int count_ = 0;
-  std::int64_t id_[kTile];
-  Place place_[kTile];
-  alignas(64) V4 x_[kTile], next_[kTile], k_[kStages][kTile];
+  std::int64_t id_[kGridTile];
+  Place place_[kGridTile];
+  alignas(64) V4 x_[kGridTile], next_[kGridTile], k_[kStages][kGridTile];
 };
 
 }  // namespace
@@ -155,14 +155,15 @@ Slice<T> Series<T>::at(double t) const {
 template <class Method, class T, int kDim>
 static std::vector<Events> advect(const Grid<T, kDim>& grid, const Series<T>& series,
                                   const Particles<T>& particles, const Steps& steps, int threads) {
-  const auto chunks = usize((particles.count + kChunk - 1) / kChunk);
+  const auto chunks = usize((particles.count + kGridChunk - 1) / kGridChunk);
   std::vector<Events> events(chunks);
   parallel_for(
-      particles.count, kChunk,
+      particles.count, kGridChunk,
       [&](std::int64_t begin, std::int64_t end) {
-        Tile<Method, T, kDim> tile(grid, series, particles, steps, events[usize(begin / kChunk)]);
-        for (std::int64_t first = begin; first < end; first += kTile) {
-          tile.load(first, std::min(first + kTile, end));
+        Tile<Method, T, kDim> tile(grid, series, particles, steps,
+                                   events[usize(begin / kGridChunk)]);
+        for (std::int64_t first = begin; first < end; first += kGridTile) {
+          tile.load(first, std::min(first + kGridTile, end));
           for (std::int64_t s = 0; s < steps.count && !tile.empty(); ++s) tile.step(s);
           tile.store();
         }
@@ -192,7 +193,7 @@ void sort_by_cell(const Grid<T, kDim>& grid, const T* x, std::int64_t count, std
                   int threads) {
   std::vector<std::int32_t> key(usize(count));
   parallel_for(
-      count, kChunk,
+      count, kGridChunk,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t i = begin; i < end; ++i) {
           key[usize(i)] = static_cast<std::int32_t>(grid.block(load_row<T, kDim>(x + i * kDim)));
@@ -212,7 +213,7 @@ template <class T, int kDim>
 void sample_grid(const Grid<T, kDim>& grid, const Slice<T>& slice, const T* x, T* u,
                  std::int64_t count, int threads) {
   parallel_for(
-      count, kChunk,
+      count, kGridChunk,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t i = begin; i < end; ++i) {
           Place place = Place::kSea;

@@ -35,7 +35,7 @@ std::int64_t cell_of(Real x, double cell_size, double inverse) {
 }
 
 template <class Real>
-struct Box {
+struct Bounds {
   std::array<Real, 3> low, high;
 };
 
@@ -55,11 +55,11 @@ template <class Real>
 
 // The box about the points. Throws InputError where a coordinate is not finite or too far.
 template <class Real>
-Box<Real> bounding_box(std::span<const Point<Real>> x, Real radius, int threads) {
+Bounds<Real> bounding_box(std::span<const Point<Real>> x, Real radius, int threads) {
   const Real limit = std::min(std::ldexp(radius, std::numeric_limits<Real>::digits),
                               std::numeric_limits<Real>::max());
   const auto n = static_cast<std::int64_t>(x.size());
-  std::vector<Box<Real>> parts(usize((n + kGrain - 1) / kGrain));
+  std::vector<Bounds<Real>> parts(usize((n + kGrain - 1) / kGrain));
   std::vector<char> bad(parts.size());
   parallel_for(
       n, kGrain,
@@ -84,8 +84,8 @@ Box<Real> bounding_box(std::span<const Point<Real>> x, Real radius, int threads)
       },
       threads);
   if (std::find(bad.begin(), bad.end(), 1) != bad.end()) refuse(x, limit);
-  Box<Real> box = parts[0];
-  for (const Box<Real>& part : parts) {
+  Bounds<Real> box = parts[0];
+  for (const Bounds<Real>& part : parts) {
     for (std::size_t a = 0; a < 3; ++a) {
       box.low[a] = std::min(box.low[a], part.low[a]);
       box.high[a] = std::max(box.high[a], part.high[a]);
@@ -208,7 +208,7 @@ typename Neighbours<Real>::Cells Neighbours<Real>::lay_out(std::span<const Point
   cells.radius = radius;
   cells.size = static_cast<double>(radius) * (1 + kMargin);
   if (x.empty()) return cells;
-  const Box<Real> box = bounding_box(x, radius, threads);
+  const Bounds<Real> box = bounding_box(x, radius, threads);
   std::array<std::uint64_t, 3> extent{1, 1, 1};
   double count = 1;
   for (std::size_t a = 0; a < usize(dimension_); ++a) {

@@ -13,10 +13,6 @@ namespace substep::geometry {
 namespace {
 
 template <class Real>
-Vec3 vector(const Point<Real>& p) {
-  return {p.x, p.y, p.z};
-}
-template <class Real>
 void assign(Point<Real>& p, const Vec3& v) {
   p.x = static_cast<Real>(v[0]), p.y = static_cast<Real>(v[1]), p.z = static_cast<Real>(v[2]);
 }
@@ -59,11 +55,11 @@ Ball ball(std::span<const Point<Real>> points) {
   return {0.5 * (a + b), 0.5 * (b - a).norm()};
 }
 
-// Bounds of the coordinates, `further` inside of low and high, for whole rows of points at once.
+// Inside of the coordinates, `further` inside of low and high, for whole rows of points at once.
 template <class Real>
-class Bounds {
+class Inside {
  public:
-  Bounds(const Point<Real>& low, const Point<Real>& high, Real further) {
+  Inside(const Point<Real>& low, const Point<Real>& high, Real further) {
     Point<Real> lows[kPoints], highs[kPoints];
     std::fill_n(lows, kPoints, low);
     std::fill_n(highs, kPoints, high);
@@ -167,7 +163,7 @@ void ParticleContact<Real>::find_near(std::size_t c, std::span<const Point<Real>
     return;
   }
   const Real further = static_cast<Real>(reach - margin_);
-  const Bounds<Real> bounds(obstacle.low, obstacle.high, further);
+  const Inside<Real> bounds(obstacle.low, obstacle.high, further);
   bounds.for_outside(x, begin, end,
                      [&](std::int64_t i) { found.push_back(static_cast<std::int32_t>(i)); });
 }
@@ -195,7 +191,7 @@ void ParticleContact<Real>::find_in_ball(std::size_t c, const Pose& at,
     return;
   }
   for (std::int64_t i = begin; i < end; ++i) {
-    if (collider.local_distance(at.to_local(vector(x[i]))).value < lipschitz * reach) {
+    if (collider.local_distance(at.to_local(xyz(x[i]))).value < lipschitz * reach) {
       found.push_back(static_cast<std::int32_t>(i));
     }
   }
@@ -214,15 +210,15 @@ void ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real
       find_in_ball(c, at, x, begin, end, margin_, found);
     }
     for (const std::int32_t i : found) {
-      const Vec3 local = at.to_local(vector(x[i]));
+      const Vec3 local = at.to_local(xyz(x[i]));
       if (of(mass, i) == 0 || !(collider.local_distance(local).value < margin_)) continue;
       // Out of every wall of a tank, else to the nearest part of the surface.
       const Vec3 out = convex(collider) ? advance_freely(collider, local, local, margin_)
                                         : push_out(collider, local, margin_);
       Vec3 moved = at.rotation * (out - local);
       if (planar_) moved[2] = 0;
-      assign(x[i], vector(x[i]) + moved);
-      if (!along.empty()) assign(along[i], vector(along[i]) + moved);
+      assign(x[i], xyz(x[i]) + moved);
+      if (!along.empty()) assign(along[i], xyz(along[i]) + moved);
     }
   };
   parallel_for(
@@ -289,9 +285,9 @@ void ParticleContact<Real>::clamp(std::size_t c, std::span<const Point<Real>> st
     p.x = std::min(std::max(p.x, obstacle.low.x), obstacle.high.x);
     p.y = std::min(std::max(p.y, obstacle.low.y), obstacle.high.y);
     p.z = std::min(std::max(p.z, obstacle.low.z), obstacle.high.z);
-    const Vec3 push = vector(p) - vector(before);
+    const Vec3 push = xyz(p) - xyz(before);
     if (push.isZero(0)) return;
-    part.add(vector(p) + obstacle.to.shift, -m / h_ * push);
+    part.add(xyz(p) + obstacle.to.shift, -m / h_ * push);
   };
   if (obstacle.tracked) {
     for (std::int64_t i = begin; i < end; ++i) {
@@ -304,7 +300,7 @@ void ParticleContact<Real>::clamp(std::size_t c, std::span<const Point<Real>> st
     }
     return;
   }
-  Bounds<Real>(obstacle.low, obstacle.high, 0).for_outside(x, begin, end, touch);
+  Inside<Real>(obstacle.low, obstacle.high, 0).for_outside(x, begin, end, touch);
 }
 
 // Any other collider: a ball about a range of particles and their ways that keeps clear of it
@@ -352,8 +348,8 @@ void ParticleContact<Real>::settle(std::span<const Point<Real>> start, std::span
                                    double mass, std::int64_t i) {
   constexpr int kRounds = 4;
   const double negligible = 1e-18 * margin_ * margin_;
-  const Vec3 began = vector(start[i]), from = vector(free_before(start, i));
-  Vec3 at = vector(x[i]);
+  const Vec3 began = xyz(start[i]), from = xyz(free_before(start, i));
+  Vec3 at = xyz(x[i]);
   if (!at.allFinite()) return;  // the method's own check finds it
   bool moved = false;
   for (int round = 0; round < kRounds; ++round) {
@@ -387,7 +383,7 @@ Vec3 ParticleContact<Real>::rub(std::size_t c, std::int64_t i, const Vec3& start
   Obstacle& obstacle = obstacles_[c];
   Point<Real>& kept_normal = obstacle.normal[usize(i)];
   Point<Real>& kept_tangential = obstacle.tangential[usize(i)];
-  const Vec3 N = vector(kept_normal) + push, T = vector(kept_tangential);
+  const Vec3 N = xyz(kept_normal) + push, T = xyz(kept_tangential);
   const double size = N.norm(), friction = colliders[c].friction;
   assign(kept_normal, N);
   if (size == 0 || friction == 0) return p;
@@ -411,15 +407,15 @@ void ParticleContact<Real>::bounce(std::span<const Point<Real>> start,
     Obstacle& obstacle = obstacles_[c];
     if (collider.restitution == 0) continue;
     const auto strike = [&](std::int64_t i) {
-      const Vec3 N = vector(obstacle.normal[usize(i)]);
+      const Vec3 N = xyz(obstacle.normal[usize(i)]);
       const double size = N.norm();
       if (size == 0) return;
       const Vec3 n = obstacle.to.rotation * (N / size);
-      const Vec3 local = obstacle.from.to_local(vector(start[i]));
+      const Vec3 local = obstacle.from.to_local(xyz(start[i]));
       const Vec3 arm = obstacle.to.rotation * local;
       const Vec3 surface = collider.velocity + collider.angular_velocity.cross(arm);
       const double gap = std::max(collider.local_distance(local).value - margin_, 0.0);
-      const double before = -n.dot(vector(v_start[i]) - surface);
+      const double before = -n.dot(xyz(v_start[i]) - surface);
       const double unhindered = (gap + size) / h_;  // the approach, had there been no obstacle
       const double gained = unhindered - before;    // by the acceleration during the substep
       if (before <= 2 * std::abs(gained)) return;   // pressed on rather than hit
@@ -428,9 +424,9 @@ void ParticleContact<Real>::bounce(std::span<const Point<Real>> start,
       const double middle = before + 0.5 * gained;
       const double impact = std::sqrt(std::max(middle * middle + 2 * gained * gap / h_, 0.0));
       const double lacking =
-          collider.restitution * impact + 0.5 * gained - n.dot(vector(v[i]) - surface);
+          collider.restitution * impact + 0.5 * gained - n.dot(xyz(v[i]) - surface);
       if (!(lacking > 0)) return;
-      assign(v[i], vector(v[i]) + lacking * n);
+      assign(v[i], xyz(v[i]) + lacking * n);
       obstacle.parts[usize(i / kGrain)].add(arm, -of(mass, i) * lacking * n);
     };
     parallel_for(
@@ -455,10 +451,10 @@ template <class Real>
 void ParticleContact<Real>::add_push(std::size_t c, std::int64_t i, const Point<Real>& x,
                                      const Vec3& push, double mass) {
   Obstacle& obstacle = obstacles_[c];
-  obstacle.parts[usize(i / kGrain)].add(vector(x) + obstacle.to.shift, -mass / h_ * push);
+  obstacle.parts[usize(i / kGrain)].add(xyz(x) + obstacle.to.shift, -mass / h_ * push);
   if (!obstacle.tracked) return;
   Point<Real>& normal = obstacle.normal[usize(i)];
-  assign(normal, vector(normal) + obstacle.to.rotation.transpose() * push);
+  assign(normal, xyz(normal) + obstacle.to.rotation.transpose() * push);
 }
 
 template class ParticleContact<float>;

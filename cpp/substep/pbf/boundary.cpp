@@ -18,11 +18,6 @@ using geometry::Sphere;
 
 constexpr double kMargin = 0.1;  // of the spacing, that particles keep from obstacles
 
-template <class Real>
-Vec3 vector(const Point<Real>& p) {
-  return {p.x, p.y, p.z};
-}
-
 }  // namespace
 
 template <class Real>
@@ -167,7 +162,7 @@ std::span<const Point<Real>> Boundary<Real>::contributions(std::span<const Point
     for (Near& entry : near) {
       const auto c = usize(entry.collider);
       const Collider& collider = colliders()[c];
-      const Vec3 from = vector(x[entry.particle]) + (contact_.origin() - collider.position());
+      const Vec3 from = xyz(x[entry.particle]) + (contact_.origin() - collider.position());
       const WallDensity wall = wall_density(c, collider.rotation().transpose() * from);
       const Vec3 g = collider.rotation() * wall.gradient;
       entry.gradient = {static_cast<Real>(g[0]), static_cast<Real>(g[1]),
@@ -191,7 +186,7 @@ void Boundary<Real>::project(std::span<const Point<Real>> multipliers,
       const auto i = usize(entry.particle);
       const Real scale = x[i].w * multipliers[i].w;
       if (scale == 0 || entry.gradient.w == 0) continue;
-      const Vec3 push = static_cast<double>(scale) * vector(entry.gradient);
+      const Vec3 push = static_cast<double>(scale) * xyz(entry.gradient);
       contact_.add_push(usize(entry.collider), entry.particle, x[i], push,
                         mass[mass.size() == 1 ? 0 : i]);
     }

@@ -16,7 +16,7 @@ constexpr double kLeastRelaxation = 1e-9;  // a particle alone has no gradient t
 using geometry::NeighbourList;
 using geometry::Neighbours;
 
-constexpr std::int64_t kGrain = 1024;  // particles in a chunk
+constexpr std::int64_t kDensityChunk = 1024;  // particles in a chunk
 
 template <class K>
 double unit_value(double q) {
@@ -71,7 +71,7 @@ void sweep_densities(std::span<const Point<Real>> x, const Neighbours<Real>& nei
   using V = Vector<Real>;
   constexpr int kLanes = sizeof(V) / sizeof(Real);
   parallel_for(
-      neighbours.size(), kGrain,
+      neighbours.size(), kDensityChunk,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t i = begin; i < end; ++i) {
           const NeighbourList list = neighbours[i];
@@ -94,10 +94,10 @@ DensityError sweep_multipliers(std::span<const Point<Real>> x, const Neighbours<
   using V = Vector<Real>;
   constexpr int kLanes = sizeof(V) / sizeof(Real);
   const std::int64_t n = neighbours.size();
-  std::vector<DensityError> errors(usize((n + kGrain - 1) / kGrain));
+  std::vector<DensityError> errors(usize((n + kDensityChunk - 1) / kDensityChunk));
   const Real own = static_cast<Real>(unit_value<K>(0));
   parallel_for(
-      n, kGrain,
+      n, kDensityChunk,
       [&](std::int64_t begin, std::int64_t end) {
         V total{}, worst{};
         for (std::int64_t block = begin; block < end; block += kLanes) {
@@ -144,7 +144,7 @@ DensityError sweep_multipliers(std::span<const Point<Real>> x, const Neighbours<
           total += error;
           worst = error > worst ? error : worst;
         }
-        DensityError& error = errors[begin / kGrain];
+        DensityError& error = errors[begin / kDensityChunk];
         for (int k = 0; k < kLanes; ++k) {
           error.mean += static_cast<double>(total[k]);
           error.max = std::max(error.max, static_cast<double>(worst[k]));
@@ -168,9 +168,9 @@ std::int64_t sweep_corrections(std::span<const Point<Real>> y, const Neighbours<
   using V = Vector<Real>;
   constexpr int kLanes = sizeof(V) / sizeof(Real);
   const std::int64_t n = neighbours.size();
-  std::vector<std::int64_t> limited(usize((n + kGrain - 1) / kGrain));
+  std::vector<std::int64_t> limited(usize((n + kDensityChunk - 1) / kDensityChunk));
   parallel_for(
-      n, kGrain,
+      n, kDensityChunk,
       [&](std::int64_t begin, std::int64_t end) {
         std::int64_t count = 0;
         for (std::int64_t i = begin; i < end; ++i) {
@@ -205,7 +205,7 @@ std::int64_t sweep_corrections(std::span<const Point<Real>> y, const Neighbours<
           store_quad(x[i], moved);
           sums[i].w += at.w;
         }
-        limited[begin / kGrain] = count;
+        limited[begin / kDensityChunk] = count;
       },
       threads);
   std::int64_t all = 0;

@@ -16,11 +16,6 @@ namespace {
 
 constexpr std::int64_t kRows = 4096;  // that a task works on
 
-template <class Real>
-Vec3 vector(const Point<Real>& p) {
-  return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
-}
-
 // The lowest i in [0, n) with test(i), or -1.
 template <class Test>
 std::int64_t first_where(std::int64_t n, int threads, const Test& test) {
@@ -358,8 +353,8 @@ double Fluid<Real>::fastest() const {
     }
   };
   const auto of = [&](std::int64_t i) {
-    const double depth = options.gravity.dot(vector(particles.x[i]));
-    return Largest{depth, vector(particles.v[i]).squaredNorm() - 2 * depth};
+    const double depth = options.gravity.dot(xyz(particles.x[i]));
+    return Largest{depth, xyz(particles.v[i]).squaredNorm() - 2 * depth};
   };
   const auto [depth, energy] = ordered_sum(particles.size(), of, options.threads);
   return particles.size() == 0 ? 0 : std::sqrt(std::max(0.0, energy + 2 * depth));
@@ -368,7 +363,7 @@ double Fluid<Real>::fastest() const {
 template <class Real>
 Energies Fluid<Real>::energies() const {
   const auto of = [&](std::int64_t i) {
-    const Vec3 x = world(particles.x[i]), v = vector(particles.v[i]);
+    const Vec3 x = world(particles.x[i]), v = xyz(particles.v[i]);
     const double m = mass(i);
     return Energies{.kinetic = 0.5 * m * v.squaredNorm(),
                     .potential = -m * options.gravity.dot(x),

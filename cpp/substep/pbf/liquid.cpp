@@ -20,10 +20,6 @@ std::vector<Collider> copies(const Colliders& colliders) {
 }
 
 template <class Real>
-Vec3 vector(const Point<Real>& p) {
-  return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
-}
-template <class Real>
 Point<Real> point(const Vec3& v, Real w) {
   return {static_cast<Real>(v.x()), static_cast<Real>(v.y()), static_cast<Real>(v.z()), w};
 }
@@ -81,7 +77,7 @@ class LiquidOf final : public Liquid {
     return vectors([&](std::size_t i) { return fluid_.world(fluid_.particles.x[i]); });
   }
   std::vector<double> velocities() const override {
-    return vectors([&](std::size_t i) { return vector(fluid_.particles.v[i]); });
+    return vectors([&](std::size_t i) { return xyz(fluid_.particles.v[i]); });
   }
   std::vector<double> densities() override {
     read_colliders();

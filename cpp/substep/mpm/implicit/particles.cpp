@@ -15,21 +15,21 @@ using transfer::kArena;
 constexpr double kIncrement = 0x1p-18;
 
 template <int D>
-struct Arena {
+struct Patch {
   alignas(64) Node<D> nodes[D == 3 ? kArena * kArena * kArena : kArena * kArena];
-  Arena() : nodes{} {}
+  Patch() : nodes{} {}
 };
 
 template <int D>
 void load_arena(const ImplicitNodes<D>& nodes, std::size_t block, const double* x,
-                Arena<D>& arena) {
+                Patch<D>& arena) {
   nodes.for_arena(block, [&](int at, std::size_t i) {
     arena.nodes[at] = load<Node<D>>(x + i * kNodeLanes<D>);
   });
 }
 
 template <int D>
-void add_arena(const ImplicitNodes<D>& nodes, std::size_t block, const Arena<D>& arena, double* y) {
+void add_arena(const ImplicitNodes<D>& nodes, std::size_t block, const Patch<D>& arena, double* y) {
   nodes.for_arena(block, [&](int at, std::size_t i) {
     double* const to = y + i * kNodeLanes<D>;
     const Node<D> sum = load<Node<D>>(to) + arena.nodes[at];
@@ -175,7 +175,7 @@ template <int D>
 double ImplicitParticles<D>::evaluate(std::span<const double> v) {
   with_order([&]<int K>() {
     for_blocks([&](std::size_t b) {
-      Arena<D> arena;
+      Patch<D> arena;
       load_arena(*nodes_, b, v.data(), arena);
       V energy{};
       for (Group& group : groups_) {
@@ -217,7 +217,7 @@ template <int D>
 void ImplicitParticles<D>::add_gradient(std::span<double> r) {
   with_order([&]<int K>() {
     for_colours([&](std::size_t b) {
-      Arena<D> arena;
+      Patch<D> arena;
       for (const Group& group : groups_) {
         const auto first = usize(group.first[b]);
         for (int q = 0; q < group.count[b]; ++q) {
@@ -280,7 +280,7 @@ template <int D>
 void ImplicitParticles<D>::add_product(std::span<const double> x, std::span<double> y) {
   with_order([&]<int K>() {
     for_colours([&](std::size_t b) {
-      Arena<D> from, to;
+      Patch<D> from, to;
       load_arena(*nodes_, b, x.data(), from);
       for (const Group& group : groups_) {
         const std::size_t first = usize(group.first[b]) * kLanesD;

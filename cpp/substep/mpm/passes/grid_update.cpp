@@ -22,7 +22,7 @@ using transfer::kNodeReals;
 template <class Real>
 inline constexpr int kBytes = std::max(kVectorBytes, kNodeReals* static_cast<int>(sizeof(Real)));
 template <class Real>
-using NodeVector = Vector<Real, kBytes<Real>>;
+using NodeRow = Vector<Real, kBytes<Real>>;
 template <class Real>
 inline constexpr int kReals = kBytes<Real> / static_cast<int>(sizeof(Real));
 
@@ -49,7 +49,7 @@ SUBSTEP_INLINE V in_velocity_lanes(const V& a, const V& b) {
 // v = p / m + g dt for the nodes of a block; 0 where there is no mass.
 template <class Real, int D>
 void to_velocity(const Vec3& gravity_dt, Real* nodes) {
-  using V = NodeVector<Real>;
+  using V = NodeRow<Real>;
   Real lanes[kReals<Real>];
   for (int l = 0; l < kReals<Real>; ++l) {
     lanes[l] = l % kNodeReals < D ? static_cast<Real>(gravity_dt[l % kNodeReals]) : 0;
@@ -68,7 +68,7 @@ void to_velocity(const Vec3& gravity_dt, Real* nodes) {
 // The greatest component of the velocities of a block, -1 if one is above the bound or not finite.
 template <class Real, int D>
 Real greatest_speed(Real bound, const Real* nodes) {
-  using V = NodeVector<Real>;
+  using V = NodeRow<Real>;
   V greatest{};
   auto bad = greatest > greatest;
   for (int i = 0; i < transfer::NodeBlocks<Real, D>::kReals; i += kReals<Real>) {

@@ -63,19 +63,19 @@ T number(double re, double im) {
   }
 }
 
-constexpr std::int64_t kGrain = 4096;
+constexpr std::int64_t kKrylovChunk = 4096;
 
 // Calls body(i, sums) for each i; the sums of the chunks are added in order.
 template <std::size_t M, class Body>
 std::array<double, M> for_sums(std::size_t n, int threads, Body&& body) {
   const auto size = static_cast<std::int64_t>(n);
-  std::vector<std::array<double, M>> parts(n / kGrain + 1);
+  std::vector<std::array<double, M>> parts(n / kKrylovChunk + 1);
   parallel_for(
-      size, kGrain,
+      size, kKrylovChunk,
       [&](std::int64_t begin, std::int64_t end) {
         std::array<double, M> sum{};
         for (std::int64_t i = begin; i < end; ++i) body(usize(i), sum);
-        parts[usize(begin / kGrain)] = sum;
+        parts[usize(begin / kKrylovChunk)] = sum;
       },
       threads);
   std::array<double, M> total{};
@@ -233,7 +233,7 @@ class KrylovNewtonMatrices final : public NewtonMatrices {
     const std::size_t b = block_;
     const Complex* inverse = shift.inverse.data();
     parallel_for(
-        static_cast<std::int64_t>(n_ / b), kGrain,
+        static_cast<std::int64_t>(n_ / b), kKrylovChunk,
         [&](std::int64_t begin, std::int64_t end) {
           for (auto i = usize(begin) * b; i < usize(end) * b; ++i) {
             const std::size_t first = i / b * b;
@@ -266,7 +266,7 @@ class KrylovNewtonMatrices final : public NewtonMatrices {
       }
     }
     parallel_for(
-        static_cast<std::int64_t>(n_), kGrain,
+        static_cast<std::int64_t>(n_), kKrylovChunk,
         [&](std::int64_t begin, std::int64_t end) {
           for (auto i = usize(begin); i < usize(end); ++i) {
             T Jx{};

@@ -10,7 +10,7 @@
 namespace substep::ode {
 namespace {
 
-constexpr std::int64_t kGrain = 4096;  // cells per chunk
+constexpr std::int64_t kCellsPerChunk = 4096;
 
 }  // namespace
 
@@ -38,7 +38,7 @@ void Brusselator::jacobian(double, const double* y, double* values) {
   const SparsePattern& pattern = *jacobian_pattern();
   const double *u = y, *v = y + cells_;
   const double from_centre = -neighbours_ * c_;
-  parallel_for(2 * cells_, kGrain, [&](std::int64_t begin, std::int64_t end) {
+  parallel_for(2 * cells_, kCellsPerChunk, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t j = begin; j < end; ++j) {
       const bool of_u = j < cells_;
       const std::int64_t cell = of_u ? j : j - cells_;
@@ -56,8 +56,8 @@ void Brusselator::jacobian(double, const double* y, double* values) {
 // Gershgorin's circles by rows.
 double Brusselator::spectral_radius(double, const double* y) {
   const double *u = y, *v = y + cells_;
-  std::vector<double> greatest(usize((cells_ - 1) / kGrain + 1));
-  parallel_for(cells_, kGrain, [&](std::int64_t begin, std::int64_t end) {
+  std::vector<double> greatest(usize((cells_ - 1) / kCellsPerChunk + 1));
+  parallel_for(cells_, kCellsPerChunk, [&](std::int64_t begin, std::int64_t end) {
     double most = 0.0;
     for (std::int64_t i = begin; i < end; ++i) {
       const double of_u = std::fabs(reaction_.uu(u[i], v[i])) + reaction_.uv(u[i]);
@@ -65,7 +65,7 @@ double Brusselator::spectral_radius(double, const double* y) {
       const double row = of_u > of_v ? of_u : of_v;
       most = row > most ? row : most;
     }
-    greatest[usize(begin / kGrain)] = most;
+    greatest[usize(begin / kCellsPerChunk)] = most;
   });
   return 2.0 * neighbours_ * c_ + *std::max_element(greatest.begin(), greatest.end());
 }
@@ -91,7 +91,7 @@ void Brusselator1D::for_cells(const double* y, double u_end, double v_end, int t
   const double *u = y, *v = y + n;
   const double c = c_;
   parallel_for(
-      n, kGrain,
+      n, kCellsPerChunk,
       [&](std::int64_t begin, std::int64_t end) {
         const auto one = [&](std::int64_t i) {
           const double u_left = i > 0 ? u[i - 1] : u_end, u_right = i < n - 1 ? u[i + 1] : u_end;
@@ -181,7 +181,7 @@ int Brusselator2D::stencil(std::int64_t cell, std::int32_t* cells) const {
 // for its cells from begin to end, k the cell.
 template <class Use>
 void Brusselator2D::for_rows(const double* y, int threads, Use&& use) const {
-  const std::int64_t n = n_, rows_of_chunk = std::max<std::int64_t>(1, kGrain / n);
+  const std::int64_t n = n_, rows_of_chunk = std::max<std::int64_t>(1, kCellsPerChunk / n);
   const double c = c_;
   parallel_for(
       n, rows_of_chunk,

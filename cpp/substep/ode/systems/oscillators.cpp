@@ -11,9 +11,9 @@
 namespace substep::ode {
 namespace {
 
-constexpr std::int64_t kGrain = 16384;  // oscillators per chunk
-constexpr std::int64_t kTile = 512;     // that stay in the first-level cache
-constexpr std::int64_t kSweep = 64;     // steps while they are there
+constexpr std::int64_t kOscillatorsPerChunk = 16384;
+constexpr std::int64_t kOscillatorsPerTile = 512;  // that stay in the first-level cache
+constexpr std::int64_t kSweep = 64;                // steps while they are there
 
 // The steps below are those of runge_kutta.h and symplectic.cpp, operation for operation, so they
 // give the same bits. Each works on one oscillator; loops over tiles make vectors of them.
@@ -90,10 +90,11 @@ void run_steps(const Step step, const FixedRun& run, const std::vector<double>& 
   for (std::int64_t done = 0; done < run.steps; done += kSweep) {
     const std::int64_t steps = std::min(kSweep, run.steps - done);
     parallel_for(
-        n, kGrain,
+        n, kOscillatorsPerChunk,
         [&](std::int64_t begin, std::int64_t end) {
-          for (std::int64_t i = begin; i < end; i += kTile) {
-            sweep(step, std::min(kTile, end - i), steps, x + i, v + i, minus_omega2.data() + i);
+          for (std::int64_t i = begin; i < end; i += kOscillatorsPerTile) {
+            sweep(step, std::min(kOscillatorsPerTile, end - i), steps, x + i, v + i,
+                  minus_omega2.data() + i);
           }
         },
         run.threads);
@@ -118,7 +119,7 @@ void Oscillators::rhs(double t, const double* y, double* dydt) {
 
 void Oscillators::acceleration(double, const double* x, const double*, double* a) {
   const double* minus_w2 = minus_omega2_.data();
-  parallel_for(size() / 2, kGrain, [=](std::int64_t begin, std::int64_t end) {
+  parallel_for(size() / 2, kOscillatorsPerChunk, [=](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) a[i] = minus_w2[i] * x[i];
   });
 }

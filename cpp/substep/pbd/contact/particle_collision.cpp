@@ -12,9 +12,10 @@
 namespace substep::pbd {
 namespace {
 
-constexpr double kMargin = 0.25;      // in largest radii: pairs that the projections bring together
-constexpr double kRest = 0.99;        // of the distance at rest, so that rounding exerts nothing
-constexpr std::int64_t kGrain = 512;  // particles per task
+constexpr double kMargin = 0.25;  // in largest radii: pairs that the projections bring together
+constexpr double kRestOfParticles =
+    0.99;  // of the distance at rest, so that rounding exerts nothing
+constexpr std::int64_t kParticlesPerTask = 512;
 
 }  // namespace
 
@@ -72,12 +73,12 @@ void ParticleCollision<Real>::prepare(const Sweep<Real>& s, int threads) {
   }
   near_.find(sorted_, within, geometry::Pairs::kHalf, threads);
   const std::int64_t n = near_.size();
-  std::vector<std::vector<Contact>> parts(usize((n + kGrain - 1) / kGrain));
+  std::vector<std::vector<Contact>> parts(usize((n + kParticlesPerTask - 1) / kParticlesPerTask));
   const Real margin = static_cast<Real>(kMargin) * largest_;
   parallel_for(
-      n, kGrain,
+      n, kParticlesPerTask,
       [&](std::int64_t begin, std::int64_t end) {
-        auto& part = parts[usize(begin / kGrain)];
+        auto& part = parts[usize(begin / kParticlesPerTask)];
         for (std::int64_t k = begin; k < end; ++k) {
           const auto i = usize(order[usize(k)]);
           const geometry::NeighbourList list = near_[k];
@@ -90,7 +91,7 @@ void ParticleCollision<Real>::prepare(const Sweep<Real>& s, int threads) {
             const double at_rest =
                 std::hypot(start_[i][0] - start_[j][0], start_[i][1] - start_[j][1],
                            start_[i][2] - start_[j][2]);
-            const auto kept = static_cast<Real>(kRest * at_rest);
+            const auto kept = static_cast<Real>(kRestOfParticles * at_rest);
             part.push_back({balls_[i], balls_[j], std::min(sum, kept)});
           }
         }

@@ -12,7 +12,7 @@ namespace {
 
 using geometry::Vec3;
 
-constexpr std::int64_t kGrain = 2048;  // pairs per task
+constexpr std::int64_t kPairsPerTask = 2048;
 constexpr double kSlack = 0.25;   // in thicknesses: what constraints may do beyond the prediction
 constexpr double kRest = 0.99;    // of the distance at rest, so that rounding exerts nothing
 constexpr double kKept = 0.1;     // of a slab's width, or of the thickness where that is less
@@ -20,11 +20,6 @@ constexpr int kPushes = 20;       // passes over the meetings
 constexpr int kPushedRounds = 5;  // of finding meetings; then nothing is pushed any more
 constexpr int kRounds = 100;      // of finding meetings; then all follows the mean motion
 constexpr int kHalvings = 6;      // of a vertex' own motion; then it has none
-
-template <class Real>
-Vec3 vec(const Point<Real>& p) {
-  return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
-}
 
 template <class Real>
 void put(Point<Real>& p, const Vec3& v) {
@@ -35,7 +30,7 @@ void put(Point<Real>& p, const Vec3& v) {
 
 template <class Real>
 std::array<Vec3, 4> corners(const SurfacePair& pair, const Point<Real>* x) {
-  return {vec(x[pair.v[0]]), vec(x[pair.v[1]]), vec(x[pair.v[2]]), vec(x[pair.v[3]])};
+  return {xyz(x[pair.v[0]]), xyz(x[pair.v[1]]), xyz(x[pair.v[2]]), xyz(x[pair.v[3]])};
 }
 
 template <class Real>
@@ -44,7 +39,7 @@ std::array<Real, 3> rounded(const Vec3& n) {
 }
 
 template <class Real>
-Vec3 vec(const std::array<Real, 3>& n) {
+Vec3 wide(const std::array<Real, 3>& n) {
   return {static_cast<double>(n[0]), static_cast<double>(n[1]), static_cast<double>(n[2])};
 }
 
@@ -86,7 +81,7 @@ double SelfContact<Real>::take_deviations(const Sweep<Real>& s) {
   deviations_.resize(usize(s.count));
   double most = 0;
   for (const std::int32_t v : pairs_[0].vertices()) {
-    const double deviation = (vec(s.x[v]) - vec(s.x_old[v]) - mean_).norm();
+    const double deviation = (xyz(s.x[v]) - xyz(s.x_old[v]) - mean_).norm();
     deviations_[usize(v)] = static_cast<Real>(deviation);
     most = std::max(most, deviation);
   }
@@ -109,7 +104,7 @@ bool SelfContact<Real>::could_come_within(const typename SurfacePairs<Real>::Can
   if (static_cast<double>(most[0] + most[1]) * (1 + 1e-5) < least) return false;
   const auto way = [&](std::int32_t k) {
     const std::int32_t v = c.pair.v[usize(k)];
-    return Vec3(vec(s.x[v]) - vec(s.x_old[v]));
+    return Vec3(xyz(s.x[v]) - xyz(s.x_old[v]));
   };
   double squared = 0;
   for (std::int32_t a = 0; a < c.pair.first; ++a) {
@@ -127,11 +122,11 @@ template <class Kept, class Keep>
 void SelfContact<Real>::collect(std::vector<Kept>& kept, int threads, Keep&& keep) const {
   const auto candidates = pairs_[0].candidates();
   const auto n = static_cast<std::int64_t>(candidates.size());
-  std::vector<std::vector<Kept>> parts(usize((n + kGrain - 1) / kGrain));
+  std::vector<std::vector<Kept>> parts(usize((n + kPairsPerTask - 1) / kPairsPerTask));
   parallel_for(
-      n, kGrain,
+      n, kPairsPerTask,
       [&](std::int64_t begin, std::int64_t end) {
-        auto& part = parts[usize(begin / kGrain)];
+        auto& part = parts[usize(begin / kPairsPerTask)];
         for (std::int64_t k = begin; k < end; ++k) {
           keep(candidates[usize(k)], part);
         }
@@ -146,7 +141,7 @@ void SelfContact<Real>::prepare(const Sweep<Real>& s, int threads) {
   passed_ = 0;
   const auto vertices = pairs_[0].vertices();
   mean_ = Vec3::Zero();
-  for (const std::int32_t v : vertices) mean_ += vec(s.x[v]) - vec(s.x_old[v]);
+  for (const std::int32_t v : vertices) mean_ += xyz(s.x[v]) - xyz(s.x_old[v]);
   if (vertices.empty() || !mean_.allFinite()) return;  // the solver will say so
   mean_ /= static_cast<double>(vertices.size());
   const double t = options_.thickness;
@@ -212,8 +207,8 @@ template <class Real>
 typename SelfContact<Real>::Slab SelfContact<Real>::slab(const SurfacePair& pair,
                                                          const std::array<Real, 3>& n,
                                                          const Point<Real>* x) {
-  const Vec3 direction = vec(n);
-  const auto height = [&](std::int32_t k) { return direction.dot(vec(x[pair.v[usize(k)]])); };
+  const Vec3 direction = wide(n);
+  const auto height = [&](std::int32_t k) { return direction.dot(xyz(x[pair.v[usize(k)]])); };
   Slab result{pair.v[0], pair.v[usize(pair.first)], 0};
   double high = height(0), low = height(pair.first);
   for (std::int32_t k = 1; k < 4; ++k) {
@@ -228,7 +223,7 @@ typename SelfContact<Real>::Slab SelfContact<Real>::slab(const SurfacePair& pair
 template <class Real>
 void SelfContact<Real>::limit(const Sweep<Real>& s, std::int32_t v) const {
   if (s.x[v].w == 0) return;
-  const Vec3 start = vec(s.x_old[v]) + mean_, own = vec(s.x[v]) - start;
+  const Vec3 start = xyz(s.x_old[v]) + mean_, own = xyz(s.x[v]) - start;
   const double length = own.norm();
   if (length > limit_) put(s.x[v], start + own * (limit_ / length));
 }
@@ -263,9 +258,9 @@ bool SelfContact<Real>::push_apart(const Sweep<Real>& s) const {
     Point<Real>& low = s.x[between.low];
     const double sum = static_cast<double>(high.w) + static_cast<double>(low.w);
     if (sum == 0) continue;
-    const Vec3 push = (2 * meeting.least - between.width) / sum * vec(meeting.n);
-    put(high, vec(high) + static_cast<double>(high.w) * push);
-    put(low, vec(low) - static_cast<double>(low.w) * push);
+    const Vec3 push = (2 * meeting.least - between.width) / sum * wide(meeting.n);
+    put(high, xyz(high) + static_cast<double>(high.w) * push);
+    put(low, xyz(low) - static_cast<double>(low.w) * push);
     limit(s, between.high);
     limit(s, between.low);
   }
@@ -290,8 +285,8 @@ void SelfContact<Real>::bring_back(const Sweep<Real>& s) {
       int& halvings = halvings_[usize(v)];
       if (s.x[v].w == 0 || halvings > kHalvings) continue;
       const double part = ++halvings > kHalvings ? 0 : std::ldexp(1.0, -halvings);
-      const Vec3 start = vec(s.x_old[v]) + mean_;
-      put(s.x[v], start + part * (vec(wanted_[usize(v)]) - start));
+      const Vec3 start = xyz(s.x_old[v]) + mean_;
+      put(s.x[v], start + part * (xyz(wanted_[usize(v)]) - start));
     }
   }
 }
@@ -300,7 +295,7 @@ template <class Real>
 void SelfContact<Real>::complete(const Sweep<Real>& s, int threads) {
   const auto vertices = pairs_[0].vertices();
   for (const std::int32_t v : vertices) {
-    if (!vec(s.x[v]).allFinite()) return;  // the solver will say so
+    if (!xyz(s.x[v]).allFinite()) return;  // the solver will say so
   }
   for (const std::int32_t v : vertices) limit(s, v);
   meetings_.clear();
@@ -315,7 +310,7 @@ void SelfContact<Real>::complete(const Sweep<Real>& s, int threads) {
     if (passed_ > 0) return;
     if (round + 1 < kRounds) continue;
     for (const std::int32_t v : vertices) {
-      if (s.x[v].w != 0) put(s.x[v], vec(s.x_old[v]) + mean_);
+      if (s.x[v].w != 0) put(s.x[v], xyz(s.x_old[v]) + mean_);
     }
   }
 }

@@ -13,15 +13,10 @@ namespace {
 
 using geometry::Vec3;
 
-constexpr double kSkin = 0.5;         // in mean edges
-constexpr double kPiece = 1.5;        // longest piece of an edge, in mean edges
-constexpr int kMostPieces = 64;       // of an edge: longer pieces make the search wider
-constexpr std::int64_t kGrain = 512;  // points per task
-
-template <class Real>
-Vec3 vec(const Point<Real>& p) {
-  return {static_cast<double>(p.x), static_cast<double>(p.y), static_cast<double>(p.z)};
-}
+constexpr double kSkin = 0.5;    // in mean edges
+constexpr double kPiece = 1.5;   // longest piece of an edge, in mean edges
+constexpr int kMostPieces = 64;  // of an edge: longer pieces make the search wider
+constexpr std::int64_t kPointsPerTask = 512;
 
 template <class Real>
 Point<Real> point(const Vec3& v) {
@@ -86,7 +81,7 @@ void SurfacePairs<Real>::update(const Point<Real>* x, double reach, int threads)
   find(x, threads);
   sort_candidates(threads);
   made_at_.clear();
-  for (const std::int32_t v : vertices_) made_at_.push_back(vec(x[v]));
+  for (const std::int32_t v : vertices_) made_at_.push_back(xyz(x[v]));
   approach_ = 0;
 }
 
@@ -95,11 +90,11 @@ template <class Real>
 bool SurfacePairs<Real>::still_holds(const Point<Real>* x, double reach) {
   if (made_at_.empty()) return false;
   Vec3 mean = Vec3::Zero();
-  for (std::size_t k = 0; k < vertices_.size(); ++k) mean += vec(x[vertices_[k]]) - made_at_[k];
+  for (std::size_t k = 0; k < vertices_.size(); ++k) mean += xyz(x[vertices_[k]]) - made_at_[k];
   mean /= static_cast<double>(vertices_.size());
   double most = 0;
   for (std::size_t k = 0; k < vertices_.size(); ++k) {
-    most = std::max(most, (vec(x[vertices_[k]]) - made_at_[k] - mean).squaredNorm());
+    most = std::max(most, (xyz(x[vertices_[k]]) - made_at_[k] - mean).squaredNorm());
   }
   approach_ = 2 * std::sqrt(most);
   return reach + approach_ <= within_;
@@ -128,7 +123,7 @@ template <class Found>
 void SurfacePairs<Real>::search(std::vector<Point<Real>>& points, double radius, int threads,
                                 Found&& found) {
   double largest = 0;
-  for (const Point<Real>& p : points) largest = std::max(largest, vec(p).cwiseAbs().maxCoeff());
+  for (const Point<Real>& p : points) largest = std::max(largest, xyz(p).cwiseAbs().maxCoeff());
   const double rounding = 8 * largest * std::numeric_limits<Real>::epsilon();
   const auto wide = static_cast<Real>((radius + rounding) * (1 + 1e-4));
   near_.sort(points, wide, threads);
@@ -137,11 +132,11 @@ void SurfacePairs<Real>::search(std::vector<Point<Real>>& points, double radius,
   for (const std::int32_t i : near_.order()) sorted.push_back(points[usize(i)]);
   near_.find(sorted, wide, geometry::Pairs::kHalf, threads);
   const std::int64_t n = near_.size();
-  std::vector<std::vector<Candidate>> parts(usize((n + kGrain - 1) / kGrain));
+  std::vector<std::vector<Candidate>> parts(usize((n + kPointsPerTask - 1) / kPointsPerTask));
   parallel_for(
-      n, kGrain,
+      n, kPointsPerTask,
       [&](std::int64_t begin, std::int64_t end) {
-        auto& part = parts[usize(begin / kGrain)];
+        auto& part = parts[usize(begin / kPointsPerTask)];
         for (std::int64_t k = begin; k < end; ++k) {
           const geometry::NeighbourList list = near_[k];
           const std::int32_t i = near_.order()[usize(k)];
@@ -164,7 +159,7 @@ void SurfacePairs<Real>::find(const Point<Real>* x, int threads) {
     if (share(pair)) return;
     std::array<Vec3, 4> now, rest;
     for (std::size_t k = 0; k < 4; ++k) {
-      now[k] = vec(x[pair.v[k]]);
+      now[k] = xyz(x[pair.v[k]]);
       rest[k] = rest_[usize(pair.v[k])];
     }
     const double distance = closest(pair, now).d;
@@ -179,7 +174,7 @@ void SurfacePairs<Real>::find(const Point<Real>* x, int threads) {
   // Edges: any point of a piece is within half its length of its middle.
   double longest = 0;
   for (std::size_t e = 0; e < edges_.size(); ++e) {
-    const Vec3 a = vec(x[edges_[e][0]]), b = vec(x[edges_[e][1]]);
+    const Vec3 a = xyz(x[edges_[e][0]]), b = xyz(x[edges_[e][1]]);
     const int count = pieces((b - a).norm());
     longest = std::max(longest, (b - a).norm() / count);
     for (int k = 0; k < count; ++k) {
@@ -202,7 +197,7 @@ void SurfacePairs<Real>::find(const Point<Real>* x, int threads) {
   for (const std::int32_t v : vertices_) points.push_back({x[v].x, x[v].y, x[v].z, 0});
   const auto vertices = static_cast<std::int32_t>(points.size());
   for (std::size_t f = 0; f < faces_.size(); ++f) {
-    const Vec3 a = vec(x[faces_[f][0]]), b = vec(x[faces_[f][1]]), c = vec(x[faces_[f][2]]);
+    const Vec3 a = xyz(x[faces_[f][0]]), b = xyz(x[faces_[f][1]]), c = xyz(x[faces_[f][2]]);
     const double side = std::max({(b - a).norm(), (c - b).norm(), (a - c).norm()});
     const int count = pieces(side);
     longest = std::max(longest, side / count);

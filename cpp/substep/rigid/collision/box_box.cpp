@@ -13,7 +13,7 @@ namespace {
 // Fractions of the smallest half length: what a side lets pass, so that the corners of aligned
 // boxes stay corners, and by how much a later kind of axis must be better than an earlier one
 // (faces of a, faces of b, crossings of edges), so that flat contact stays flat.
-constexpr double kSlack = 1e-4, kPreference = 2e-2;
+constexpr double kBoxSlack = 1e-4, kFacePreference = 2e-2;
 
 using V = Vector<double, 32>;  // three lanes of use, 0 in the last
 
@@ -72,15 +72,15 @@ bool clip_faces(const Box& reference, const Pose& pose, int i, double sign, cons
     patch.corners[k] = {p[u], p[v], sign * p[i] - h[i], (k + 3) % 4, k};
     far_u = std::max(far_u, std::abs(p[u])), far_v = std::max(far_v, std::abs(p[v]));
   }
-  const double slack = kSlack * size;
+  const double slack = kBoxSlack * size;
   if (far_u > h[u] + slack)
     clip(patch, {1, 0, h[u], 4}, slack), clip(patch, {-1, 0, h[u], 5}, slack);
   if (far_v > h[v] + slack)
     clip(patch, {0, 1, h[v], 6}, slack), clip(patch, {0, -1, h[v], 7}, slack);
   double lowest = 1e300;
   for (int k = 0; k < patch.count; ++k) lowest = std::min(lowest, patch.corners[k].height);
-  if (lowest > separation + 2 * kPreference * size) return false;
-  const Reduced reduced = reduce(patch, margin, kPreference * size);
+  if (lowest > separation + 2 * kFacePreference * size) return false;
+  const Reduced reduced = reduce(patch, margin, kFacePreference * size);
   const Vec3 n = sign * pose.rotation.col(i);
   manifold.normal = flipped ? Vec3(-n) : n;
   const std::uint32_t faces =
@@ -115,7 +115,7 @@ bool cross_edges(const Box& a, const Pose& pose_a, const Box& b, const Mat3& R, 
   const double c = d[i], wd = w.dot(d), s = (w[i] - c * wd) / std::max(1 - c * c, 1e-300);
   const double r = c * s - wd;
   const double beyond = std::max(std::abs(s) - a.half_lengths[i], std::abs(r) - b.half_lengths[j]);
-  if (beyond > kSlack * a.half_lengths[i] && separation > 0) return false;
+  if (beyond > kBoxSlack * a.half_lengths[i] && separation > 0) return false;
   p[i] = std::clamp(s, -a.half_lengths[i], a.half_lengths[i]);
   const Vec3 on_a = pose_a.to_world(p);
   manifold.normal = pose_a.rotation * n;
@@ -192,9 +192,9 @@ void box_box(const Box& a, const Pose& pose_a, const Box& b, const Pose& pose_b,
   if (any(~((faces.a <= margin) & (faces.b <= margin)))) return;
   const int i = largest(faces.a), j = largest(faces.b);
   const double size = std::min(h.minCoeff(), g.minCoeff());
-  const bool face_of_b = faces.b[j] > faces.a[i] + kPreference * size;
+  const bool face_of_b = faces.b[j] > faces.a[i] + kFacePreference * size;
   const double face = face_of_b ? faces.b[j] : faces.a[i];
-  const EdgeAxes edges = edge_axes(rel, h, g, margin, face + kPreference * size);
+  const EdgeAxes edges = edge_axes(rel, h, g, margin, face + kFacePreference * size);
   if (edges.apart) return;
 
   Mat3 R;  // b's axes in the frame of a, in columns

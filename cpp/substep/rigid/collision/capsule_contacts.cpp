@@ -9,8 +9,8 @@
 namespace substep::rigid {
 namespace {
 
-constexpr double kParallel = 1e-2;  // [rad], within which lines touch along faces and each other
-constexpr double kSlack = 1e-4;     // of the radius, by which an axis may be beyond a face
+constexpr double kParallel = 1e-2;   // [rad], within which lines touch along faces and each other
+constexpr double kAxisSlack = 1e-4;  // of the radius, by which an axis may be beyond a face
 
 // The t in [-1, 1] at which p + t d is closest to the box |x_i| <= h_i. The derivative of half the
 // squared distance, sum_i d_i e_i with e_i the excess of coordinate i over the box, grows with t
@@ -81,7 +81,7 @@ bool capsule_box(const Capsule& a, const Pose& pose_a, const Box& b, const Pose&
   double low = -1, high = 1;
   std::uint32_t low_name = 2, high_name = 3, along = 0;  // 0: a point
   const auto keep_within = [&](int k) {
-    if (std::abs(p[k]) + std::abs(d[k]) <= h[k] + kSlack * a.radius) return;
+    if (std::abs(p[k]) + std::abs(d[k]) <= h[k] + kAxisSlack * a.radius) return;
     if (d[k] == 0) high = low;  // beyond
     const double t0 = (-h[k] - p[k]) / d[k], t1 = (h[k] - p[k]) / d[k];
     const auto name = static_cast<std::uint32_t>(4 + 4 * k);

@@ -12,7 +12,7 @@ namespace substep::rigid {
 namespace {
 
 constexpr double kPreference = 2e-2, kRounded = 1e-6;  // of the smaller shape's size
-constexpr double kLevel = 1e-2;                        // [rad], how far from level a line may be
+constexpr double kLevelLine = 1e-2;                    // [rad], how far from level a line may be
 constexpr double kNone = -std::numeric_limits<double>::infinity();
 
 void to_world(Manifold& manifold, const Pose& pose) {
@@ -26,7 +26,8 @@ void to_world(Manifold& manifold, const Pose& pose) {
 
 // Whether the core turns a line to d.
 bool is_line(const Convex& shape, const Vec3& d) {
-  return shape.core != Convex::Core::polytope && shape.half_length > 0 && std::abs(d.z()) < kLevel;
+  return shape.core != Convex::Core::polytope && shape.half_length > 0 &&
+         std::abs(d.z()) < kLevelLine;
 }
 
 // The points along the best axis, or along a face that is nearly as good; in the frame of a.
@@ -100,8 +101,8 @@ double expected_over_face(const Difference& difference, const Axis& best, const 
   const double rounding = difference.a.rounding + difference.b.rounding;
   if (s >= best.separation - preference) return s + 2 * preference;
   const bool along =
-      rounding > 0 && best.separation > 0 && n.dot(best.normal) > 1 - 0.5 * kLevel * kLevel;
-  return along ? best.separation + 2 * kLevel * kLevel * rounding : kNone;
+      rounding > 0 && best.separation > 0 && n.dot(best.normal) > 1 - 0.5 * kLevelLine * kLevelLine;
+  return along ? best.separation + 2 * kLevelLine * kLevelLine * rounding : kNone;
 }
 
 void convex_convex(const Convex& a, const Pose& pose_a, const Convex& b, const Pose& pose_b,

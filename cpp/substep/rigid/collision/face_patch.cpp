@@ -7,7 +7,7 @@
 namespace substep::rigid {
 namespace {
 
-constexpr std::uint32_t kSide = 64;  // names of sides start here, those of corners are below
+constexpr std::uint32_t kFirstSide = 64;  // names of sides start here, those of corners are below
 
 Outline outline_of_b(const Difference& difference, const Vec3& d) {
   const Pose& pose = difference.pose_b;
@@ -19,8 +19,8 @@ Outline outline_of_b(const Difference& difference, const Vec3& d) {
 void clip_by(const Outline& reference, const PlaneFrame& frame, double slack, Patch& patch) {
   if (reference.count == 2) {  // a line: what is along it, between its ends
     const double length = (reference.corners[1] - reference.corners[0]).norm();
-    clip(patch, {1, 0, length, kSide}, slack);
-    clip(patch, {-1, 0, 0, kSide + 1}, slack);
+    clip(patch, {1, 0, length, kFirstSide}, slack);
+    clip(patch, {-1, 0, 0, kFirstSide + 1}, slack);
     return;
   }
   for (int k = 0; k < reference.count; ++k) {
@@ -29,7 +29,7 @@ void clip_by(const Outline& reference, const PlaneFrame& frame, double slack, Pa
     const PatchCorner e = frame.corner(reference.corners[next], 0, 0);
     const double d_u = e.u - s.u, d_v = e.v - s.v, length = std::hypot(d_u, d_v);
     const double n_u = d_v / length, n_v = -d_u / length;
-    clip(patch, {n_u, n_v, n_u * s.u + n_v * s.v, kSide + reference.names[k]}, slack);
+    clip(patch, {n_u, n_v, n_u * s.u + n_v * s.v, kFirstSide + reference.names[k]}, slack);
   }
 }
 
@@ -72,7 +72,7 @@ bool face_patch(const Difference& difference, const Vec3& n, bool b_is_reference
   for (int k = 0; k < reduced.count; ++k) {
     const PatchCorner& corner = patch.corners[reduced.index[k]];
     const Vec3 p = frame.point(corner), foot = p - corner.height * frame.n;
-    const bool cut = corner.before >= kSide || corner.after >= kSide;
+    const bool cut = corner.before >= kFirstSide || corner.after >= kFirstSide;
     const std::uint32_t own = faces + (cut || b_is_reference ? salt * 2654435761u : 0);
     const std::uint32_t feature = corner_feature(corner, own) & ~kCutCorner;
     manifold.add({(b_is_reference ? p : foot) + rounding_a * n,

@@ -13,9 +13,9 @@ namespace substep::rigid {
 namespace {
 
 constexpr double kSameNormal = 1e-4;  // [rad]
-// Of the shape's size. Where triangles of one normal differ in height by less than kLevel none is
-// the deepest; where a curved surface was joined to one normal there is no such play.
-constexpr double kSamePoint = 1e-3, kSameDepth = 1e-5, kLevel = 2e-3;
+// Of the shape's size. Where triangles of one normal differ in height by less than kLevelFaces none
+// is the deepest; where a curved surface was joined to one normal there is no such play.
+constexpr double kSamePoint = 1e-3, kSamePointDepth = 1e-5, kLevelFaces = 2e-3;
 
 // A body that meets more normals than kMany, on a finely curved surface, has those within the first
 // of these angles [rad] together that leaves no more.
@@ -105,7 +105,8 @@ class OnMesh {
       ContactPoint& known = group.points[j];
       if (!((known.on_b - point.on_b).norm() < kSamePoint * shape_.size)) continue;
       // The deeper one; of equals a corner of the shape rather than of the triangle.
-      const double tie = kSameDepth * shape_.size, deeper = known.separation - point.separation;
+      const double tie = kSamePointDepth * shape_.size,
+                   deeper = known.separation - point.separation;
       if (deeper > ((point.feature & kCutCorner) < (known.feature & kCutCorner) ? -tie : tie))
         known = point;
       return;
@@ -163,7 +164,7 @@ class OnMesh {
       patch.corners[k].height = group.points[k].separation;
     }
     const Reduced reduced =
-        reduce(patch, margin_, (group.joined ? kSameDepth : kLevel) * shape_.size);
+        reduce(patch, margin_, (group.joined ? kSamePointDepth : kLevelFaces) * shape_.size);
     ContactPoint kept[4];
     for (int k = 0; k < reduced.count; ++k) kept[k] = group.points[reduced.index[k]];
     std::copy(kept, kept + reduced.count, group.points);

@@ -7,8 +7,8 @@ namespace {
 
 constexpr int kMaxVertices = 160, kMaxFaces = 1024;
 // Fractions of the scale: of polytopes it ends exactly, what is curved is refined afterwards.
-constexpr double kConverged = 1e-13, kConvergedCurved = 1e-10;
-constexpr double kFlat = 1e-9, kShared = 1e-10;  // of the scale
+constexpr double kDepthConverged = 1e-13, kDepthConvergedCurved = 1e-10;
+constexpr double kFlatFace = 1e-9, kShared = 1e-10;  // of the scale
 
 struct Face {
   int v[3], across[3];  // across[k]: over the edge v[k], v[k + 1]
@@ -22,7 +22,7 @@ class Expansion {
   Expansion(const Difference& difference, const Simplex& simplex)
       : difference_(difference),
         scale_(difference.scale()),
-        converged_(scale_ * (is_curved(difference) ? kConvergedCurved : kConverged)) {
+        converged_(scale_ * (is_curved(difference) ? kDepthConvergedCurved : kDepthConverged)) {
     for (int k = 0; k < simplex.count; ++k) {
       w_[k] = simplex.w[k], x_[k] = simplex.x[k];
       ++vertices_;
@@ -58,7 +58,7 @@ class Expansion {
   bool add_off(const Vec3& d, Off&& off) {
     for (const double sign : {1.0, -1.0}) {
       add_vertex(sign * d);
-      if (off(w_[vertices_ - 1]) > kFlat * scale_) return true;
+      if (off(w_[vertices_ - 1]) > kFlatFace * scale_) return true;
       --vertices_;
     }
     return false;

@@ -6,7 +6,8 @@
 namespace substep::rigid {
 namespace {
 
-constexpr double kTouching = 1e-10, kConverged = 1e-14, kFlat = 1e-8, kRounding = 1e-14;
+constexpr double kTouching = 1e-10, kGapConverged = 1e-14, kFlatSimplex = 1e-8,
+                 kRoundingOfVolume = 1e-14;
 constexpr int kMaxIterations = 100;
 
 // Keeps the corners k with weights; all indices ascending.
@@ -100,7 +101,7 @@ void reduce_simplex(Simplex& s) {
     static constexpr int kFaces[4][4] = {{0, 1, 2, 3}, {0, 1, 3, 2}, {0, 2, 3, 1}, {1, 2, 3, 0}};
     double largest = 0, least = 1e300;
     for (const Vec3& w : s.w) largest = std::max(largest, w.norm());
-    const double rounding = kRounding * largest * largest * largest;
+    const double rounding = kRoundingOfVolume * largest * largest * largest;
     int best = -1;
     Weights best_weights;
     for (int f = 0; f < 4; ++f) {
@@ -108,7 +109,7 @@ void reduce_simplex(Simplex& s) {
       const Vec3 n = (b - a).cross(c - a);
       const Vec3 d = s.w[kFaces[f][3]] - a;
       const double inner = n.dot(d), origin = -n.dot(a);
-      const bool flat = std::abs(inner) <= std::max(rounding, kFlat * n.norm() * d.norm());
+      const bool flat = std::abs(inner) <= std::max(rounding, kFlatSimplex * n.norm() * d.norm());
       if (!flat && inner * origin > 0) continue;
       const Weights t = closest_of_triangle(a, b, c);
       const double square = (t.a * a + t.b * b + t.c * c).squaredNorm();
@@ -159,7 +160,7 @@ Distance distance(const Difference& difference, const Vec3& start, double enough
     }
     bool known = false;
     for (int i = 0; i < k; ++i) known |= simplex.w[i] == simplex.w[k];
-    if (known || square - lower <= kConverged * square + 1e-3 * touching * length) break;
+    if (known || square - lower <= kGapConverged * square + 1e-3 * touching * length) break;
     const Simplex before = simplex;
     ++simplex.count;
     reduce_simplex(simplex);

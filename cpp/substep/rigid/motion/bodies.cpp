@@ -15,7 +15,7 @@ namespace substep::rigid {
 
 namespace {
 
-constexpr std::int64_t kGrain = 1024;  // bodies per task
+constexpr std::int64_t kBodiesPerTask = 1024;
 
 Eigen::Map<Vec3> row(std::vector<double>& rows, std::int64_t i) {
   return Eigen::Map<Vec3>(rows.data() + 3 * i);
@@ -134,7 +134,7 @@ void Bodies::apply_impulse(std::int64_t i, const Vec3& J, const Vec3& point) {
 void Bodies::kick(double dt, const Vec3& gravity, int threads) {
   const DeferInterrupts whole;
   parallel_for(
-      size(), kGrain,
+      size(), kBodiesPerTask,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t i = begin; i < end; ++i) {
           if (!dynamic(i)) continue;
@@ -152,9 +152,9 @@ void Bodies::clear_forces() {
 
 std::int64_t Bodies::drift(double dt, FreeRotation method, int threads) {
   const DeferInterrupts whole;
-  std::vector<std::int64_t> bad(usize((size() + kGrain - 1) / kGrain), -1);
+  std::vector<std::int64_t> bad(usize((size() + kBodiesPerTask - 1) / kBodiesPerTask), -1);
   parallel_for(
-      size(), kGrain,
+      size(), kBodiesPerTask,
       [&](std::int64_t begin, std::int64_t end) {
         rotate_rows(method, end - begin, &q[4 * usize(begin)], &L[3 * usize(begin)],
                     &inertia[3 * usize(begin)], dt);
@@ -163,7 +163,8 @@ std::int64_t Bodies::drift(double dt, FreeRotation method, int threads) {
           // Not finite as soon as one of them is not.
           const double all = position(i).sum() * 0 + rotation(i).coeffs().sum() * 0 +
                              row(P, i).sum() * 0 + row(L, i).sum() * 0;
-          if (all != 0 && bad[usize(begin / kGrain)] < 0) bad[usize(begin / kGrain)] = i;
+          if (all != 0 && bad[usize(begin / kBodiesPerTask)] < 0)
+            bad[usize(begin / kBodiesPerTask)] = i;
         }
       },
       threads);

@@ -10,8 +10,8 @@
 namespace substep::rigid {
 namespace {
 
-constexpr std::int64_t kGrain = 256;  // bodies per task
-constexpr double kFar = 0.5;          // [rad]
+constexpr std::int64_t kRowsPerTask = 256;
+constexpr double kFarTurned = 0.5;  // [rad]
 
 Point<double> to_row(const Vec3& v, double w = 0) { return {v.x(), v.y(), v.z(), w}; }
 
@@ -46,7 +46,7 @@ void BodyRows::load(const Bodies& bodies, const Vec3& gravity, std::span<const s
   first_spin_.reset(3 * body_of.size());
   Vec3::Map(first_spin_.data()).setZero();
   parallel_for(
-      size() - 1, kGrain,
+      size() - 1, kRowsPerTask,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t row = begin + 1; row <= end; ++row) {
           const std::size_t k = usize(row), i = usize(body_of[k]);
@@ -126,14 +126,14 @@ bool BodyRows::turns_anew(std::int64_t row, double dt) const {
   const std::size_t k = usize(row);
   const Vec3 spin = from_row(velocity[k].angular) - Vec3(&first_spin_[3 * k]);
   const double trace = root[k].linear.x + root[k].linear.y + root[k].linear.z;  // of W^(1/2)
-  return trace * spin.norm() * dt > kFar &&
-         (root_of(static_cast<std::int32_t>(row)) * spin).norm() * dt > kFar;
+  return trace * spin.norm() * dt > kFarTurned &&
+         (root_of(static_cast<std::int32_t>(row)) * spin).norm() * dt > kFarTurned;
 }
 
 std::int64_t BodyRows::store(Bodies& bodies, double dt, FreeRotation method, int threads) const {
   if (const std::int64_t bad = first_not_finite(bodies); bad >= 0) return bad;
   parallel_for(
-      size() - 1, kGrain,
+      size() - 1, kRowsPerTask,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t row = begin + 1; row <= end;) {  // runs of bodies without a gap
           const std::size_t body = usize(body_of[usize(row)]);

@@ -54,6 +54,11 @@ struct ContactConstraint {
   }
 };
 
+// Contacts are in the order of their shapes.
+inline bool precedes(const ContactConstraint& c, const ContactConstraint& d) {
+  return c.fixture_a != d.fixture_a ? c.fixture_a < d.fixture_a : c.fixture_b < d.fixture_b;
+}
+
 // Whether the last impulses press on at least three points, with friction and the torque about the
 // normal below 0.9 of their bounds: neither body moves relative to the other.
 bool holds(const ContactConstraint& contact);

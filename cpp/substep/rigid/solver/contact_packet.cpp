@@ -7,7 +7,6 @@ using V = ContactPacket::V;
 using V3 = ContactPacket::V3;
 using F = ContactPacket::F;
 using F3 = ContactPacket::F3;
-constexpr int kLanes = ContactPacket::kLanes;
 
 constexpr double kRegularisation = 0.02;  // eps
 
@@ -62,7 +61,7 @@ SUBSTEP_INLINE Both load_both(const BodyRows::Rows& rows, const ContactPacket& c
 }
 // Rows of bodies that impulses do not move stay untouched: several packets may read them at once.
 SUBSTEP_INLINE void store_both(const Both& m, BodyRows::Rows& rows, const ContactPacket& c) {
-  BodyRow nowhere[kLanes];
+  BodyRow nowhere[ContactPacket::kLanes];
   BodyRow* first = rows.data();
   store_bodies(m.a, [&](int k) { return c.moves_a[k] ? first + c.a[k] : nowhere + k; });
   store_bodies(m.b, [&](int k) { return c.moves_b[k] ? first + c.b[k] : nowhere + k; });

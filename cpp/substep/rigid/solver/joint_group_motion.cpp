@@ -12,8 +12,8 @@ namespace {
 using Mode = JointLaw::Mode;
 
 constexpr int kIterations = 12;
-constexpr double kTolerance = 1e-12;  // of C [m], [rad]
-constexpr double kEnough = 1e-6;      // the same where it does not get better
+constexpr double kTolerance = 1e-12;    // of C [m], [rad]
+constexpr double kEnoughMotion = 1e-6;  // the same where it does not get better
 
 }  // namespace
 
@@ -145,7 +145,7 @@ bool JointGroup::iterate(Stage stage, BodyRows& rows) {
     choose_modes(stage, rows, changed, applied);
     if (applied && stage == Stage::kMotion) find_trial(rows);
     const double worst = find_residuals(stage, rows);
-    if (!changed && (worst < kTolerance || (k > 2 && worst > 0.5 * last && worst < kEnough)))
+    if (!changed && (worst < kTolerance || (k > 2 && worst > 0.5 * last && worst < kEnoughMotion)))
       return true;
     last = worst;
     if (changed || !factored_) factor();
@@ -157,7 +157,7 @@ bool JointGroup::iterate(Stage stage, BodyRows& rows) {
     }
     write_momenta(rows);
   }
-  return last < kEnough;
+  return last < kEnoughMotion;
 }
 
 // Where no motion that fulfils the constraints is near (a chain that snaps taut), the velocities

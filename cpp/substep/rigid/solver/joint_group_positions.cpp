@@ -12,7 +12,7 @@ namespace {
 
 using Mode = JointLaw::Mode;
 
-constexpr double kEnough = 1e-10;  // C that is not worth taking back
+constexpr double kEnoughPosition = 1e-10;  // C that is not worth taking back
 
 }  // namespace
 
@@ -45,7 +45,7 @@ void JointGroup::solve_positions(BodyRows& rows) {
       worst = std::max(worst, std::abs(c));
     }
   }
-  if (worst > kEnough) {
+  if (worst > kEnoughPosition) {
     if (!factored_) factor();
     matrix_.solve(pieces_);
     std::vector<Vec3> shift(members_.size(), Vec3::Zero()), turn = shift;

@@ -20,10 +20,6 @@ bool apart(const Bounds& p, const Bounds& q) {
   return (p.low.array() > q.high.array()).any() || (q.low.array() > p.high.array()).any();
 }
 
-bool precedes(const ContactConstraint& c, const ContactConstraint& d) {
-  return c.fixture_a != d.fixture_a ? c.fixture_a < d.fixture_a : c.fixture_b < d.fixture_b;
-}
-
 const TriangleMesh* mesh_of(const Shape& shape) {
   const auto* mesh = std::get_if<std::shared_ptr<const TriangleMesh>>(&shape);
   return mesh ? mesh->get() : nullptr;

@@ -16,7 +16,7 @@ namespace {
 constexpr double kPrecision = 1e-7;  // of the half lengths of a shape that is cast
 constexpr std::int64_t kRaysPerChunk = 64;
 
-bool precedes(const FixtureHit& p, const FixtureHit& q) {
+bool nearer(const FixtureHit& p, const FixtureHit& q) {
   return p.distance != q.distance ? p.distance < q.distance : p.fixture < q.fixture;
 }
 
@@ -40,7 +40,7 @@ std::optional<FixtureHit> first_met(const Scene& scene, const Vec3& origin, cons
     std::optional<FixtureHit> hit = meet(placed, length);
     if (hit) {
       hit->fixture = fixture;
-      if (!first || precedes(*hit, *first)) first = hit;
+      if (!first || nearer(*hit, *first)) first = hit;
       length = first->distance;
     }
     return length;
@@ -78,7 +78,7 @@ std::vector<FixtureHit> cast_ray_through(const Scene& scene, const Ray& ray, std
     return ray.length;
   };
   scene.broad_phase.cast(ray.origin, ray.direction, ray.length, Vec3::Zero(), take);
-  std::sort(hits.begin(), hits.end(), precedes);
+  std::sort(hits.begin(), hits.end(), nearer);
   return hits;
 }
 

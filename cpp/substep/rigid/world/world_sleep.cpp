@@ -27,10 +27,6 @@ bool meets(const ContactConstraint& contact, const Way& a, const Way& b) {
   return false;
 }
 
-bool precedes(const ContactConstraint& c, const ContactConstraint& d) {
-  return c.fixture_a != d.fixture_a ? c.fixture_a < d.fixture_a : c.fixture_b < d.fixture_b;
-}
-
 }  // namespace
 
 bool World::is_awake(std::int64_t body) const {
