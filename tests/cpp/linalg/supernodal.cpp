@@ -16,14 +16,14 @@
 namespace substep {
 namespace {
 
-struct Problem {
+struct NetProblem {
   SparsePattern lower;
   std::vector<double> values;
 };
 
 // Vertices of a width x width net, each coupled with eight neighbours, by random blocks; diagonally
 // dominant.
-Problem net(std::int32_t width, std::int32_t block) {
+NetProblem net(std::int32_t width, std::int32_t block) {
   std::vector<std::pair<std::int32_t, std::int32_t>> pairs;
   const auto couple = [&](std::int32_t i, std::int32_t j) {
     for (std::int32_t r = 0; r < block; ++r) {
@@ -44,7 +44,7 @@ Problem net(std::int32_t width, std::int32_t block) {
     }
   }
   const std::int32_t n = block * width * width;
-  Problem p{build_pattern(n, n, pairs), {}};
+  NetProblem p{build_pattern(n, n, pairs), {}};
   for (std::int32_t c = 0; c < n; ++c) {
     for (std::int32_t k = p.lower.start[c]; k < p.lower.start[c + 1]; ++k) {
       const std::int32_t r = p.lower.row[k];
@@ -55,7 +55,7 @@ Problem net(std::int32_t width, std::int32_t block) {
 }
 
 // The largest component of A x - b, for vectors that lie `stride` apart.
-double residual(const Problem& p, const double* x, const double* b, std::int64_t stride) {
+double residual(const NetProblem& p, const double* x, const double* b, std::int64_t stride) {
   std::vector<double> rest(usize(p.lower.cols));
   for (std::int32_t c = 0; c < p.lower.cols; ++c) {
     rest[c] -= b[stride * c];
@@ -75,7 +75,7 @@ class Supernodal : public testing::TestWithParam<std::tuple<std::int32_t, std::i
 
 TEST_P(Supernodal, SolvesToRoundingWithTheSameBitsForAnyNumberOfThreads) {
   const auto [width, block, ordering] = GetParam();
-  const Problem p = net(width, block);
+  const NetProblem p = net(width, block);
   SupernodalCholesky cholesky(p.lower, block, ordering);
   std::vector<double> b(usize(3 * width * width)), first;
   for (std::size_t i = 0; i < b.size(); ++i) b[i] = uniform2(4, i)[0] - 0.5;
@@ -101,7 +101,7 @@ INSTANTIATE_TEST_SUITE_P(Nets, Supernodal,
                                                           Ordering::natural)));
 
 TEST(SupernodalCholesky, SaysWhereAMatrixIsNotPositiveDefiniteAndCanBeUsedAgain) {
-  Problem p = net(12, 3);
+  NetProblem p = net(12, 3);
   SupernodalCholesky cholesky(p.lower, 3);
   const std::vector<double> good = p.values;
   for (const double wrong : {-1.0, 0.0, std::nan("")}) {

@@ -24,7 +24,7 @@ Vec3 random_vector(std::uint64_t i, std::uint64_t stream) {
   return {2 * a[0] - 1, 2 * a[1] - 1, D == 3 ? 2 * b[0] - 1 : 0};
 }
 
-Shape sampled_ball(double radius) {
+Shape ball_of_samples(double radius) {
   std::vector<double> values;
   for (int i = 0; i < 32; ++i) {
     for (int j = 0; j < 32; ++j) {
@@ -37,22 +37,23 @@ Shape sampled_ball(double radius) {
                                                  Vec3(-1.55, -1.55, -1.55), 0.1, values);
 }
 
-struct Case {
+struct Obstacle {
   const char* name;
   Collider collider;
 };
 // About the box |x_i| < 1. In two dimensions they are cut at z = 0, across their sides.
 template <int D>
-std::vector<Case> cases() {
+std::vector<Obstacle> cases() {
   const double z = D == 2 ? 0 : 0.1;
-  std::vector<Case> all{{"plane", {Plane{Vec3(2, 1, D == 2 ? 0 : 2).normalized()}, {0.1, 0, 0}}},
-                        {"ball", {Sphere{0.6}, {0, 0.1, z}}},
-                        {"bowl", {Sphere{0.9}, {0, 0.1, z}, true}},
-                        {"block", {Box{{0.5, 0.3, 0.8}}, {0.1, 0, z}}},
-                        {"plate", {Box{{0.004, 0.6, 2}}, {0.1, 0, z}}},
-                        {"tank", {Box{{0.8, 0.9, 0.7}}, {0.1, 0, z}, true}},
-                        {"sampled", {sampled_ball(0.6), {0, 0, z}}},
-                        {"vessel", {sampled_ball(0.8), {0, 0, z}, true}}};
+  std::vector<Obstacle> all{
+      {"plane", {Plane{Vec3(2, 1, D == 2 ? 0 : 2).normalized()}, {0.1, 0, 0}}},
+      {"ball", {Sphere{0.6}, {0, 0.1, z}}},
+      {"bowl", {Sphere{0.9}, {0, 0.1, z}, true}},
+      {"block", {Box{{0.5, 0.3, 0.8}}, {0.1, 0, z}}},
+      {"plate", {Box{{0.004, 0.6, 2}}, {0.1, 0, z}}},
+      {"tank", {Box{{0.8, 0.9, 0.7}}, {0.1, 0, z}, true}},
+      {"sampled", {ball_of_samples(0.6), {0, 0, z}}},
+      {"vessel", {ball_of_samples(0.8), {0, 0, z}, true}}};
   return all;
 }
 

@@ -12,7 +12,7 @@
 namespace substep::mpm {
 namespace {
 
-constexpr double kCell = 0.1;
+constexpr double kCellSize = 0.1;
 
 // One of each, with the strains of the states below far beyond where those that yield do.
 const std::vector<AnyMaterial>& samples() {
@@ -34,7 +34,7 @@ Particles<Real, D> random_particles(const std::vector<AnyMaterial>& materials, i
   std::mt19937 random(11);
   std::uniform_real_distribution<double> uniform(-1, 1);
   Particles<Real, D> particles;
-  particles.cell = kCell;
+  particles.cell = kCellSize;
   particles.materials = materials;
   std::vector<ParticleRows<Real, D>> all;
   std::int32_t id = 0;
@@ -60,9 +60,9 @@ Particles<Real, D> random_particles(const std::vector<AnyMaterial>& materials, i
           },
           material);
       for (int m = 0; m < D + D * D; ++m) {
-        rows.motion.push_back(Real(uniform(random) / (m < D ? 1 : kCell)));
+        rows.motion.push_back(Real(uniform(random) / (m < D ? 1 : kCellSize)));
       }
-      rows.volume.push_back(Real(std::pow(kCell, D) / 8 * (1 + 0.3 * uniform(random))));
+      rows.volume.push_back(Real(std::pow(kCellSize, D) / 8 * (1 + 0.3 * uniform(random))));
       rows.ids.push_back(id++);
     }
     all.push_back(rows);

@@ -23,7 +23,7 @@ using namespace substep::mpm;
 using transfer::BlockKey;
 using transfer::Index;
 
-constexpr double kCell = 0.1, kDt = 1e-3;
+constexpr double kSpacing = 0.1, kStep = 1e-3;
 
 template <int D>
 std::vector<AnyMaterial> all_materials() {
@@ -47,7 +47,7 @@ Particles<Real, D> mixture(int of_each, double speed = 3, unsigned seed = 5) {
   std::mt19937 random(seed);
   std::uniform_real_distribution<double> uniform(-1, 1);
   Particles<Real, D> particles;
-  particles.cell = kCell;
+  particles.cell = kSpacing;
   particles.materials = all_materials<D>();
   std::vector<ParticleRows<Real, D>> groups(particles.materials.size());
   std::int32_t id = 0;
@@ -67,7 +67,7 @@ Particles<Real, D> mixture(int of_each, double speed = 3, unsigned seed = 5) {
       for (int d = 0; d < D; ++d) rows.motion.push_back(static_cast<Real>(speed * uniform(random)));
       for (int k = 0; k < D * D; ++k) rows.motion.push_back(static_cast<Real>(uniform(random)));
       rows.volume.push_back(
-          static_cast<Real>(std::pow(kCell, D) / 4 * (1 + 0.5 * uniform(random))));
+          static_cast<Real>(std::pow(kSpacing, D) / 4 * (1 + 0.5 * uniform(random))));
       rows.ids.push_back(id++);
     }
   }
@@ -114,10 +114,10 @@ template <class Real, int D>
 int run(Particles<Real, D>& particles, int steps, int threads, bool fused, double& drift) {
   Nodes<Real, D> nodes, next;
   int sorts = 0;
-  p2g(particles, kDt, nodes, threads);
+  p2g(particles, kStep, nodes, threads);
   for (int step = 0; step < steps; ++step) {
     update_nodes(particles, nodes);
-    const double moves = fastest(nodes) * kDt / kCell;
+    const double moves = fastest(nodes) * kStep / kSpacing;
     if (fused && drift + moves > drift_limit(2)) {
       sort(particles, nodes, threads);
       ++sorts;
@@ -125,11 +125,11 @@ int run(Particles<Real, D>& particles, int steps, int threads, bool fused, doubl
     }
     drift += moves;
     if (fused && step + 1 < steps) {
-      g2p2g(particles, kDt, kDt, nodes, next, threads);
+      g2p2g(particles, kStep, kStep, nodes, next, threads);
       std::swap(nodes, next);
     } else {
-      g2p(particles, kDt, nodes, threads);
-      if (step + 1 < steps) p2g(particles, kDt, nodes, threads);
+      g2p(particles, kStep, nodes, threads);
+      if (step + 1 < steps) p2g(particles, kStep, nodes, threads);
     }
   }
   return sorts;
@@ -139,11 +139,12 @@ template <class Types>
 class MpmTransfers : public testing::Test {};
 
 template <class Real_, int D_>
-struct Case {
+struct Variant {
   using Real = Real_;
   static constexpr int D = D_;
 };
-using Cases = testing::Types<Case<float, 2>, Case<float, 3>, Case<double, 2>, Case<double, 3>>;
+using Cases =
+    testing::Types<Variant<float, 2>, Variant<float, 3>, Variant<double, 2>, Variant<double, 3>>;
 TYPED_TEST_SUITE(MpmTransfers, Cases);
 
 TYPED_TEST(MpmTransfers, KeysAscendAsBlocksDo) {
@@ -286,13 +287,13 @@ TYPED_TEST(MpmTransfers, NodesHaveTheMassAndMomentaOfTheParticles) {
         p[d] += m * motion[d];
       }
       mass += m;
-      const double one = m * kCell * (X[0] * motion[1] - X[1] * motion[0]);
-      L += one + kCell * kCell / 4 * m * (motion[D + D] - motion[D + 1]);
+      const double one = m * kSpacing * (X[0] * motion[1] - X[1] * motion[0]);
+      L += one + kSpacing * kSpacing / 4 * m * (motion[D + D] - motion[D + 1]);
       size += std::abs(one);
     }
   }
   Nodes<Real, D> nodes;
-  p2g(particles, kDt, nodes, 2);
+  p2g(particles, kStep, nodes, 2);
   double node_mass = 0, node_p[D] = {}, node_L = 0;
   for (std::int64_t b = 0; b < nodes.blocks(); ++b) {
     const auto block = BlockKey<D>::unpack(particles.layout.node_keys[usize(b)]);
@@ -303,17 +304,18 @@ TYPED_TEST(MpmTransfers, NodesHaveTheMassAndMomentaOfTheParticles) {
                    y = transfer::kBlock * static_cast<double>(block[1]) + j;
       node_mass += node[D];
       for (int d = 0; d < D; ++d) node_p[d] += node[d];
-      node_L += kCell * (x * node[1] - y * node[0]);
+      node_L += kSpacing * (x * node[1] - y * node[0]);
     }
   }
   const double epsilon = std::numeric_limits<Real>::epsilon();
   EXPECT_NEAR(node_mass, mass, 8 * epsilon * mass);
   // Forces within a stencil cancel: what is left is the rounding of terms of their size.
-  const double force = kDt * 4 / (kCell * kCell) * 1e5 * std::pow(kCell, D) * 3 * kCell;
+  const double force =
+      kStep * 4 / (kSpacing * kSpacing) * 1e5 * std::pow(kSpacing, D) * 3 * kSpacing;
   for (int d = 0; d < D; ++d) {
     EXPECT_NEAR(node_p[d], p[d], 100 * epsilon * (3 * mass + 50 * force)) << d;
   }
-  EXPECT_NEAR(node_L, L, 100 * epsilon * (size + 6 * kCell * 50 * force));
+  EXPECT_NEAR(node_L, L, 100 * epsilon * (size + 6 * kSpacing * 50 * force));
 }
 
 TYPED_TEST(MpmTransfers, AffineVelocitiesArriveExactly) {
@@ -321,7 +323,7 @@ TYPED_TEST(MpmTransfers, AffineVelocitiesArriveExactly) {
   constexpr int D = TypeParam::D;
   auto particles = mixture<Real, D>(100);
   Nodes<Real, D> nodes;
-  p2g(particles, kDt, nodes, 1);
+  p2g(particles, kStep, nodes, 1);
   // v = A i, with i within a few cells of the origin, else 0.
   double A[D][D];
   for (int c = 0; c < D; ++c) {
@@ -335,7 +337,7 @@ TYPED_TEST(MpmTransfers, AffineVelocitiesArriveExactly) {
     }
   });
   const auto before = everything(particles);
-  g2p(particles, kDt, nodes, 1);
+  g2p(particles, kStep, nodes, 1);
   int near = 0;
   for (const auto& [id, numbers] : everything(particles)) {
     const double* X = before.at(id).data();
@@ -347,10 +349,10 @@ TYPED_TEST(MpmTransfers, AffineVelocitiesArriveExactly) {
       double v = 0;
       for (int d = 0; d < D; ++d) {
         v += A[c][d] * X[d];
-        EXPECT_NEAR(motion[D + c * D + d], A[c][d] / kCell, tolerance / kCell);
+        EXPECT_NEAR(motion[D + c * D + d], A[c][d] / kSpacing, tolerance / kSpacing);
       }
       EXPECT_NEAR(motion[c], v, tolerance);
-      EXPECT_NEAR(numbers[usize(c)], X[c] + kDt / kCell * v, tolerance);
+      EXPECT_NEAR(numbers[usize(c)], X[c] + kStep / kSpacing * v, tolerance);
     }
   }
   EXPECT_GT(near, 400);
@@ -388,10 +390,10 @@ TYPED_TEST(MpmTransfers, RewindRepeatsSteps) {
   for (const bool sorted : {false, true}) {
     auto particles = mixture<Real, D>(150, 0.5);
     Nodes<Real, D> nodes, next;
-    p2g(particles, kDt, nodes, 2);
+    p2g(particles, kStep, nodes, 2);
     update_nodes(particles, nodes);
     if (sorted) {
-      g2p2g(particles, kDt, kDt, nodes, next, 2);
+      g2p2g(particles, kStep, kStep, nodes, next, 2);
       std::swap(nodes, next);
       update_nodes(particles, nodes);
       sort(particles, nodes, 2);
@@ -399,19 +401,19 @@ TYPED_TEST(MpmTransfers, RewindRepeatsSteps) {
     const Nodes<Real, D> kept = nodes;
     const auto steps = [&](int count) {
       for (int step = 0; step < count; ++step) {
-        g2p2g(particles, kDt, kDt, nodes, next, 2);
+        g2p2g(particles, kStep, kStep, nodes, next, 2);
         std::swap(nodes, next);
         update_nodes(particles, nodes);
       }
     };
     steps(3);
     auto three = particles;
-    g2p(three, kDt, nodes, 2);
+    g2p(three, kStep, nodes, 2);
     steps(5);
     rewind(particles, 2);
     nodes = kept;
     steps(3);
-    g2p(particles, kDt, nodes, 2);
+    g2p(particles, kStep, nodes, 2);
     EXPECT_EQ(everything(particles), everything(three)) << sorted;
   }
 }

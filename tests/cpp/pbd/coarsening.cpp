@@ -16,7 +16,7 @@ using substep::usize;
 using namespace substep;
 using namespace substep::pbd;
 
-double random_number(std::uint64_t index) { return uniform2(7, index)[0]; }
+double random_stiffness(std::uint64_t index) { return uniform2(7, index)[0]; }
 
 // A jittered sheet with diagonals and unequal masses, held at two corners; after it a rope of its
 // own and a particle that nothing holds.
@@ -24,8 +24,8 @@ DistanceGraph sheet(int n) {
   DistanceGraph graph;
   for (int i = 0; i < n * n; ++i) {
     graph.rest.push_back(
-        {i % n + 0.5 * random_number(2 * i), i / n + 0.5 * random_number(2 * i + 1), 0});
-    graph.mass.push_back(1 + random_number(1000 + i));
+        {i % n + 0.5 * random_stiffness(2 * i), i / n + 0.5 * random_stiffness(2 * i + 1), 0});
+    graph.mass.push_back(1 + random_stiffness(1000 + i));
   }
   graph.mass[0] = graph.mass[usize(n) - 1] = 0;
   const auto join = [&](std::int32_t i, std::int32_t j) {

@@ -17,7 +17,7 @@ using namespace substep;
 using namespace substep::pbd;
 using Points = std::vector<Point<double>>;
 
-double random_number(std::uint64_t stream, std::uint64_t index) {
+double random_place(std::uint64_t stream, std::uint64_t index) {
   return 2 * uniform2(stream, index)[0] - 1;
 }
 
@@ -25,8 +25,8 @@ double random_number(std::uint64_t stream, std::uint64_t index) {
 Points random_points(std::size_t count, std::uint64_t seed) {
   Points x(count + 1);
   for (std::size_t i = 0; i < count; ++i) {
-    x[i] = {random_number(seed, 4 * i), random_number(seed, 4 * i + 1),
-            random_number(seed, 4 * i + 2), 1 / (1.5 + 0.5 * random_number(seed, 4 * i + 3))};
+    x[i] = {random_place(seed, 4 * i), random_place(seed, 4 * i + 1), random_place(seed, 4 * i + 2),
+            1 / (1.5 + 0.5 * random_place(seed, 4 * i + 3))};
   }
   return x;
 }
@@ -144,8 +144,7 @@ TEST(ShapeMatching, ValueIsTheLeastDistanceFromAllRigidMotions) {
   for (std::size_t i = 0; i < 12; ++i) centre += at(x[i]) / x[i].w, mass += 1 / x[i].w;
   centre /= mass;
   for (std::uint64_t seed = 0; seed < 30; ++seed) {
-    const Eigen::Vector3d axis(random_number(seed, 0), random_number(seed, 1),
-                               random_number(seed, 2));
+    const Eigen::Vector3d axis(random_place(seed, 0), random_place(seed, 1), random_place(seed, 2));
     const Eigen::Matrix3d turn =
         Eigen::AngleAxisd(0.2 * axis.norm(), axis.normalized()).toRotationMatrix();
     double other = 0;

@@ -9,8 +9,6 @@ namespace {
 using namespace substep;
 using namespace substep::rigid;
 
-constexpr double g = 9.81;
-
 // h_n = e^(2 n) h_0, whatever the step, and never above.
 TEST(Impacts, HeightsFollowRestitution) {
   for (const double dt : {1. / 1000, 1. / 240, 1. / 60}) {

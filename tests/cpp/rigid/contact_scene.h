@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "constants.h"
 #include "substep/core/usize.h"
 #include "substep/rigid/collision/narrow_phase.h"
 #include "substep/rigid/solver/contact_solver.h"

@@ -9,7 +9,7 @@ namespace {
 using namespace substep;
 using namespace substep::rigid;
 
-constexpr double g = 9.81, kDt = 1. / 60;
+constexpr double kDt = 1. / 60;
 
 Vec3 along_slope(double angle) { return g * Vec3(std::sin(angle), 0, -std::cos(angle)); }
 

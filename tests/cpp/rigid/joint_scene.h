@@ -5,13 +5,12 @@
 #include <numbers>
 #include <vector>
 
+#include "constants.h"
 #include "substep/rigid/solver/contact_solver.h"
 
 namespace substep::rigid {
 
 struct JointScene {
-  static constexpr double g = 9.81;
-
   Bodies bodies;
   std::vector<Joint> joints;
   ContactSolver solver;

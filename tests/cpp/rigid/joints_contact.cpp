@@ -16,8 +16,6 @@ using substep::usize;
 using namespace substep;
 using namespace substep::rigid;
 
-constexpr double g = 9.81;
-
 double joint_error(const World& world) {
   double worst = 0;
   for (const Joint& joint : world.joints())

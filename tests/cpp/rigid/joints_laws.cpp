@@ -7,7 +7,6 @@ namespace {
 
 using namespace substep;
 using namespace substep::rigid;
-constexpr double kPi = std::numbers::pi, g = JointScene::g;
 const Vec3 kHalf(0.3, 0.2, 0.1);
 const double kMass = 3;
 const double kMoment = kMass / 3 * (kHalf.x() * kHalf.x() + kHalf.y() * kHalf.y());  // about z

@@ -12,7 +12,6 @@ using substep::usize;
 
 using namespace substep;
 using namespace substep::rigid;
-constexpr double kPi = std::numbers::pi, g = JointScene::g;
 
 // A rod of length 1 that hangs at its end, turned by an angle about y.
 std::int32_t add_rod(JointScene& scene, double angle) {

@@ -12,7 +12,7 @@ using substep::usize;
 using namespace substep;
 using namespace substep::rigid;
 
-constexpr double g = 9.81, kDegree = M_PI / 180;
+constexpr double kDegree = M_PI / 180;
 const double kCritical = std::atan(0.5);
 
 TEST(RigidWorld, SlidesAboveTheAngleOfFriction) {

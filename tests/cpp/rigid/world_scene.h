@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "constants.h"
 #include "substep/rigid/world/world.h"
 
 namespace substep::rigid {

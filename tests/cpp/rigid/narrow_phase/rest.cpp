@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kQuarter = std::numbers::pi / 2;
 
-std::shared_ptr<const ConvexHull> prism(int n) {
+std::shared_ptr<const ConvexHull> upright_prism(int n) {
   std::vector<Vec3> points;
   for (int k = 0; k < n; ++k) {
     const double angle = 4 * kQuarter * k / n;
@@ -54,7 +54,7 @@ std::vector<Rest> rests() {
   const Vec3 x = Vec3::UnitX(), y = Vec3::UnitY(), z = Vec3::UnitZ();
   const Shape plane = Plane{z, 0}, mesh = flat_mesh(), slab = Box{{3, 3, 0.5}};
   const Shape cube = Box{{0.5, 0.5, 0.5}}, capsule = Capsule{0.2, 0.5}, drum = Cylinder{0.5, 0.4};
-  const Shape roll = Cylinder{0.2, 0.6}, hexagon = prism(6), round = prism(40);
+  const Shape roll = Cylinder{0.2, 0.6}, hexagon = upright_prism(6), round = upright_prism(40);
   const Mat3 lying = about(kQuarter, x), across = about(kQuarter, y), yaw = about(0.3, z);
   const Mat3 upright = Mat3::Identity();
   const double reach = std::sqrt(0.5);
@@ -78,7 +78,7 @@ std::vector<Rest> rests() {
       {"capsule over the edge", slab, capsule, {0, 3, 0.7}, lying, 2},
       {"capsule beside an edge", cube, capsule, {0.6, 0, 0.5 + std::sqrt(0.03)}, lying, 2},
       {"capsule on mesh", mesh, capsule, {0.13, 0.17, 0.2}, lying, 2},
-      {"capsule on prism", hexagon, capsule, {0.02, 0.01, 0.6}, lying, 2},
+      {"capsule on upright_prism", hexagon, capsule, {0.02, 0.01, 0.6}, lying, 2},
       {"capsule on capsule", capsule, capsule, {0, 0.1, 0.4}, lying, 2, lying},
       {"capsule across capsule", capsule, capsule, {0, 0.1, 0.4}, across, 1, lying},
       {"cylinder on plane", plane, drum, {0, 0, 0.4}, yaw, 4},
@@ -91,10 +91,10 @@ std::vector<Rest> rests() {
       {"cylinder lies on mesh", mesh, roll, {0.1, 0.2, 0.2}, lying, 2},
       {"cylinder lies on cylinder", roll, roll, {0.1, 0.1, std::sqrt(0.15)}, lying, 2, lying},
       {"cylinder across cylinder", roll, roll, {0.1, 0.1, 0.4}, across, 1, lying},
-      {"prism on slab", slab, hexagon, {0, 0, 0.9}, yaw, 4},
-      {"prism on prism", hexagon, hexagon, {0.01, 0, 0.8}, yaw, 4},
-      {"round prism on prism", round, round, {0.1, 0, 0.8}, yaw, 4},
-      {"prism on mesh", mesh, hexagon, {0.1, 0.2, 0.4}, yaw, 4},
+      {"upright_prism on slab", slab, hexagon, {0, 0, 0.9}, yaw, 4},
+      {"upright_prism on upright_prism", hexagon, hexagon, {0.01, 0, 0.8}, yaw, 4},
+      {"round upright_prism on upright_prism", round, round, {0.1, 0, 0.8}, yaw, 4},
+      {"upright_prism on mesh", mesh, hexagon, {0.1, 0.2, 0.4}, yaw, 4},
       {"box on mesh", mesh, cube, {0.1, 0.2, 0.5}, yaw, 4},
       {"box on mesh, alike", mesh, cube, {0.25, 0.25, 0.5}, upright, 4},
   };
