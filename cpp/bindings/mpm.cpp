@@ -161,6 +161,8 @@ void bind_method(py::module_& m) {
       .def("step", &Method::step, py::arg("dt"), py::call_guard<py::gil_scoped_release>())
       .def("advance", &Method::advance, py::arg("duration"),
            py::call_guard<py::gil_scoped_release>())
+      .def("advance_once", &Method::advance_once, py::arg("end"), py::arg("goes_on"),
+           py::call_guard<py::gil_scoped_release>())
       .def("step_limit",
            [](const Method& self) {
              StepLimit limit;

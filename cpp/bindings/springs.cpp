@@ -95,7 +95,7 @@ void bind_deformable(py::module_& m) {
                        const Flags& pinned, const std::vector<std::shared_ptr<Term>>& terms,
                        const std::vector<std::shared_ptr<Collider>>& colliders,
                        const std::string& integrator_name, const std::string& solver,
-                       int max_iterations, const std::array<double, 3>& gravity, double tolerance,
+                       int max_iterations, const Triple& gravity, double tolerance,
                        int max_halvings, double contact_thickness, double contact_stiffness,
                        double sticking_speed, int threads) {
              Contacts contacts;
@@ -103,7 +103,7 @@ void bind_deformable(py::module_& m) {
              contacts.thickness = contact_thickness;
              contacts.sticking_speed = sticking_speed;
              const DeformableOptions options{.integrator = integrator(integrator_name),
-                                             .gravity = {gravity[0], gravity[1], gravity[2]},
+                                             .gravity = vector(gravity),
                                              .tolerance = tolerance,
                                              .max_halvings = max_halvings,
                                              .contact_stiffness = contact_stiffness,
@@ -120,6 +120,9 @@ void bind_deformable(py::module_& m) {
            py::arg("max_iterations"), py::arg("gravity"), py::arg("tolerance"),
            py::arg("max_halvings"), py::arg("contact_thickness"), py::arg("contact_stiffness"),
            py::arg("sticking_speed"), py::arg("threads"))
+      .def_property(
+          "gravity", [](const Body& self) { return triple(self.body.options.gravity); },
+          [](Body& self, const Triple& g) { self.body.options.gravity = vector(g); })
       .def_property_readonly("positions", view([](Deformable& d) -> auto& { return d.positions; }))
       .def_property_readonly("velocities",
                              view([](Deformable& d) -> auto& { return d.velocities; }))

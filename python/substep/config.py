@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from . import __version__, _core
-from .base.checks import check_integer
+from .base.checks import MOST_THREADS, check_integer
 
 __all__ = ["num_threads", "set_num_threads", "show_config", "state_hash"]
 
@@ -66,7 +66,7 @@ def set_num_threads(threads: int) -> None:
     2
     >>> substep.set_num_threads(before)
     """
-    _core.set_num_threads(check_integer("threads", threads, minimum=1, maximum=1024))
+    _core.set_num_threads(check_integer("threads", threads, minimum=1, maximum=MOST_THREADS))
 
 
 def show_config() -> dict[str, str]:

@@ -259,6 +259,11 @@ def gravity_is_told(make):
     assert (simulation.gravity[..., -1] == -9.81).all()
     if simulation.gravity.ndim > 1:  # of many worlds
         return
+    view = simulation.velocities  # where it can be written into, it goes on being a view
+    simulation.gravity = 2 * simulation.gravity
+    if view.flags.writeable:
+        view[-1] += 1
+        assert np.array_equal(view, simulation.velocities)
     for take in (lambda s: s.step(0.001), lambda s: s.advance(0.001)):
         simulation, other = make(), make()
         other.gravity = 3 * simulation.gravity

@@ -347,3 +347,21 @@ def test_the_mean_force_of_a_call_is_the_weight(method):
     held = ground.impulse
     body.advance(0.0)
     np.testing.assert_array_equal(ground.impulse, held)
+
+
+def test_thin_meshes_and_hulls_are_sampled_finely_enough():
+    """A beam whose 1/64 is its thickness, along an axis and across space, and a plate."""
+    turn = (np.cos(0.4), 0.0, 0.0, np.sin(0.4))
+    for beam in substep.Box((10, 0.2, 0.2)), substep.Box((10, 0.2, 0.2), rotation=turn):
+        along = np.array([[-4.0, 0, 0], [0.3, 0, 0], [4.0, 0, 0]])
+        over = beam_points(beam, along + np.array([0, 0, 0.12]))
+        found = substep.Collider(beam.mesh()).distance(over)
+        np.testing.assert_allclose(found, 0.02, atol=2e-3)
+    plate = substep.Collider(substep.ConvexHull(substep.Box((2, 2, 0.03)).mesh().vertices))
+    np.testing.assert_allclose(plate.distance([[0.3, 0.2, 0.025]]), 0.01, atol=1e-3)
+
+
+def beam_points(beam, local):
+    w, x, y, z = beam.rotation
+    v = 2 * np.cross([x, y, z], local)
+    return local + w * v + np.cross([x, y, z], v)

@@ -320,7 +320,7 @@ def test_copies(copied):
     assert str(other.report()) == str(mesh.report()) and other.dropped == 2
     np.testing.assert_array_equal(other.vertices, mesh.vertices)
     solid = box_tetrahedra((1, 1, 1), (1, 1, 1))
-    solid.lacks = ["something"]
+    solid.lacks.append("something")
     again = copied(solid)
     assert again.lacks == ["something"] and not again.vertices.flags.writeable
 

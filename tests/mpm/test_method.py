@@ -190,6 +190,53 @@ def test_fused_steps_are_the_steps_one_by_one(dtype):
     assert np.array_equal(single.deformation_gradients, together.deformation_gradients)
 
 
+@pytest.mark.parametrize("integrator", ["symplectic_euler", "implicit_euler"])
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_a_callback_that_does_nothing_changes_no_bits(dtype, integrator):
+    """Nor do steps by hand, whose size is chosen: what is chosen is never too large."""
+
+    def falling(**flow):
+        x = lattice((16, 16, 16), 0.0125, (-0.1, -0.1, 0.02))
+        soft = mpm.NeoHookean(density=1000, young_modulus=3e4, poisson_ratio=0.3)
+        options = {"cell": 0.025, "volume": 0.0125**3, "dtype": dtype, "integrator": integrator}
+        ground = substep.Collider(substep.Plane(point=(0, 0, -0.05)))
+        return substep.MaterialPointMethod(x, soft, colliders=[ground], **options, **flow)
+
+    flow = {
+        "emitters": [substep.Emitter((0, 0, 0.4), (0, 0, -1), 2.0, radius=0.05)],
+        "sinks": [substep.Sink(substep.Box((0.1, 0.1, 0.1)))],
+    }
+    for parts in {}, flow:
+        one, watched = falling(**parts), falling(**parts)
+        one.advance(0.2)
+        calls = []
+        watched.advance(0.2, lambda body, calls=calls: calls.append(body.time))
+        assert len(calls) == one.report.steps == watched.report.steps
+        np.testing.assert_array_equal(one.positions, watched.positions)
+        np.testing.assert_array_equal(one.velocities, watched.velocities)
+        ours, theirs = one.colliders[0], watched.colliders[0]
+        assert ours.duration == pytest.approx(theirs.duration, rel=1e-12)
+        np.testing.assert_allclose(ours.impulse, theirs.impulse, rtol=1e-9, atol=1e-12)
+    by_hand = falling()
+    while by_hand.time < 0.2:
+        by_hand.step()
+    assert by_hand.time < 0.2 + by_hand.report.dt
+
+
+def test_a_callback_may_make_the_material_stiff():
+    """What the last step knew of the next one is forgotten then."""
+    stiff = mpm.NeoHookean(density=1000.0, young_modulus=1e8, poisson_ratio=0.3)
+    jelly = body(materials=[JELLY, stiff], gravity=(0, 0, 0))
+
+    def throw(it):
+        if len(it) == 512:
+            it.add(lattice((2, 2, 2), 0.05, (1.0, 0.3, 0.3)), 0.05**3, kinds=1)
+
+    jelly.advance(0.06, throw)
+    assert jelly.report.dt < 2e-4
+    assert np.isfinite(jelly.positions).all() and jelly.diagnostics()["kinetic_energy"] < 1e-6
+
+
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_a_scene_moved_by_a_kilometre(dtype):
     """The same to 1e-3 cells: positions are kept from nodes nearby."""

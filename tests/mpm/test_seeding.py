@@ -135,7 +135,7 @@ BOX = {"low": (0, 0, 0), "high": (1, 1, 1), "spacing": 0.25}
         ({"jitter": 1.5}, "jitter: expected a number from 0 to 1"),
         ({"seed": -1}, "seed: expected an integer"),
         ({"seed": 0.5, "pattern": "poisson"}, "seed: expected an integer"),
-        ({"threads": 0, "pattern": "poisson"}, "threads: expected an integer at least 1"),
+        ({"threads": 0, "pattern": "poisson"}, "threads: expected an integer from 1 to 1024"),
     ],
 )
 def test_boxes_refuse(wrong, message):

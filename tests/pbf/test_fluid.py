@@ -280,7 +280,7 @@ def test_arrays_are_in_the_order_of_ids():
     assert liquid.ids.tolist() == [*range(10), *range(20, len(x) + 1)]
     with pytest.raises(IndexError, match=r"ids\[1\]: there is no particle 15"):
         liquid.remove([3, 15])
-    with pytest.raises(IndexError, match=r"ids\[0\]: there is no particle 15"):
+    with pytest.raises(IndexError, match="ids: there is no particle 15"):
         liquid.rows(15)
 
 
@@ -368,7 +368,7 @@ BAD = [
     ({"kernel": "gauss"}, "kernel: expected one of"),
     ({"tolerance": -1}, "tolerance: expected a number of at least 0"),
     ({"max_tolerance": math.nan}, "max_tolerance: expected a finite number"),
-    ({"max_iterations": 0}, "max_iterations: expected an integer of at least 1|at least 1"),
+    ({"max_iterations": 0}, "max_iterations: expected an integer from 1"),
     ({"warm_start": -0.1}, "warm_start: expected a number of at least 0"),
     ({"warm_start": 1}, "warm_start: expected a number from 0 to below 1"),
     ({"compliance": -1e-3}, "compliance: expected a number of at least 0"),

@@ -118,7 +118,7 @@ def test_plane_normals_of_any_length():
         ({"rotation": "euler"}, "rotation: expected one of"),
         ({"contact_margin": 0.0}, "contact_margin: expected a number above 0"),
         ({"time": NAN}, "time: expected a finite number"),
-        ({"threads": 0}, "threads: expected an integer at least 1"),
+        ({"threads": 0}, "threads: expected an integer from 1 to 1024"),
     ],
 )
 def test_options(wrong, message):
@@ -237,7 +237,7 @@ def test_quaternions_of_any_length_are_normalised():
     ("call", "error", "message"),
     [
         (lambda s: s.remove([0, 99]), IndexError, r"ids\[1\]: there is no body 99"),
-        (lambda s: s.remove(-1), IndexError, r"ids\[0\]: there is no body -1"),
+        (lambda s: s.remove(-1), IndexError, "ids: there is no body -1"),
         (lambda s: s.remove([2**31]), IndexError, r"ids\[0\]"),
         (lambda s: s.remove([2**63]), IndexError, r"ids\[0\]"),
         (lambda s: s.remove([0.5]), InputError, "ids: expected integers"),

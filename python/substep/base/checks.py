@@ -11,6 +11,9 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..errors import InputError
 
+MOST_THREADS = 1024
+MOST_INT = 2**31 - 1  # of an int of the native core
+
 
 def describe(value: Any) -> str:
     """What came, short enough for one line."""
@@ -23,6 +26,21 @@ def describe(value: Any) -> str:
 def first_bad_index(bad: NDArray[np.bool_]) -> str:
     """Index of the first True, as `[i, j]`."""
     return str([int(i) for i in np.unravel_index(int(np.argmax(bad)), bad.shape)])
+
+
+def as_array(name: str, value: Any) -> NDArray[Any]:
+    """What np.asarray makes of it; rows of unequal length and masked values raise InputError.
+
+    What an object's own `__array__` raises passes.
+    """
+    if isinstance(value, np.ma.MaskedArray) and np.ma.getmaskarray(value).any():
+        raise InputError(f"{name}: masked values are not accepted; fill or drop them")
+    try:
+        return np.asarray(value)
+    except ValueError as error:
+        if not isinstance(value, (list, tuple)):  # the caller's own __array__ raised it
+            raise
+        raise InputError(f"{name}: expected rows of equal length; {error}") from None
 
 
 def check_array(
@@ -40,14 +58,7 @@ def check_array(
     `complex_ok`), objects, strings and records raise TypeError; masked values, other shapes and, if
     `finite`, NaN or infinity raise InputError. What an object's own `__array__` raises passes.
     """
-    if isinstance(value, np.ma.MaskedArray) and np.ma.getmaskarray(value).any():
-        raise InputError(f"{name}: masked values are not accepted; fill or drop them")
-    try:
-        array = np.asarray(value)
-    except ValueError as error:
-        if not isinstance(value, (list, tuple)):  # the caller's own __array__ raised it
-            raise
-        raise InputError(f"{name}: expected rows of equal length; {error}") from None
+    array = as_array(name, value)
     if array.dtype.kind not in ("fiubc" if complex_ok else "fiub"):
         wanted = "real or complex numbers" if complex_ok else "real numbers"
         raise TypeError(f"{name}: expected {wanted}, got dtype {array.dtype}")
@@ -78,6 +89,14 @@ def check_array(
     return result
 
 
+def check_within(name: str, array: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """The array, where all of its numbers are finite in the narrower dtype too."""
+    wrong = np.abs(array) > float(np.finfo(dtype).max)
+    if wrong.any():
+        raise InputError(f"{name}{first_bad_index(wrong)}: {array[wrong][0]} is beyond {dtype}")
+    return array
+
+
 def check_real(
     name: str,
     value: Any,
@@ -87,7 +106,9 @@ def check_real(
     finite: bool = True,
 ) -> float:
     """A real number as float; NaN never passes."""
-    if isinstance(value, (bool, np.bool_, str, bytes)) or getattr(value, "ndim", None):
+    kind = getattr(getattr(value, "dtype", None), "kind", "f")
+    is_text = isinstance(value, (str, bytes, bytearray))
+    if isinstance(value, bool) or is_text or kind not in "fiu" or getattr(value, "ndim", None):
         raise TypeError(f"{name}: expected a real number, got {describe(value)}")
     try:
         number = (
@@ -159,9 +180,18 @@ def check_flag(name: str, value: Any) -> bool:
     return bool(value)
 
 
+def check_sequence(name: str, value: Any, wanted: str) -> list[Any]:
+    """The items of a list or of anything else that gives them one by one."""
+    if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
+        raise TypeError(f"{name}: expected a list of {wanted}, got {describe(value)}")
+    return list(value)
+
+
 def check_threads(threads: Any) -> int:
     """A number of threads for the native core; None is the default, 0."""
-    return 0 if threads is None else check_integer("threads", threads, minimum=1)
+    if threads is None:
+        return 0
+    return check_integer("threads", threads, minimum=1, maximum=MOST_THREADS)
 
 
 def check_dtype(dtype: Any) -> np.dtype[Any]:
@@ -179,9 +209,8 @@ def check_positive(
     name: str, value: ArrayLike, count: int, *, zero: bool = False
 ) -> NDArray[np.float64]:
     """One number for all of `count` items or one each: finite, above 0 (or, with `zero`, 0)."""
-    if np.ndim(np.asarray(value)) == 0:
-        value = np.repeat(np.asarray(value), count)
-    array = check_array(name, value, (count,)).copy()
+    given = as_array(name, value)
+    array = check_array(name, given if given.ndim else np.repeat(given, count), (count,)).copy()
     wrong = array < 0 if zero else array <= 0
     if wrong.any():
         index, wanted = int(np.argmax(wrong)), "at least 0" if zero else "above 0"
@@ -191,7 +220,7 @@ def check_positive(
 
 def check_pinned(pinned: ArrayLike, count: int) -> NDArray[np.uint8]:
     """One flag for each of `count` vertices, from their indices or from flags."""
-    array = np.asarray(pinned)
+    array = as_array("pinned", pinned)
     flags = np.zeros(count, np.uint8)
     if array.dtype == bool:
         flags[:] = check_array("pinned", array, (count,), dtype=np.uint8)

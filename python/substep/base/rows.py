@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from .checks import check_array
+from .checks import as_array, check_array, describe
 from .simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -86,8 +86,10 @@ class Points(Numbered):
     def gravity(self, value: ArrayLike) -> None:
         pull: Array = read_only(check_array("gravity", value, (self._dimension,)).copy())
         with self._own():
-            options = self._options | {"gravity": [*pull.tolist(), 0.0][:3]}
-            self._replace(_gravity=pull, _options=options)
+            self._set_gravity(pull, self._options | {"gravity": [*pull.tolist(), 0.0][:3]})
+
+    def _set_gravity(self, pull: Array, options: dict[str, Any]) -> None:
+        self._replace(_gravity=pull, _options=options)
 
     def _replace(self, **parts: Any) -> None:
         """Make the native simulation anew of other parts, in the same state."""
@@ -110,7 +112,7 @@ class Points(Numbered):
         Parameters
         ----------
         values : array_like, shape (m, 3) or (m, 2)
-            Their positions [m].
+            Their positions [m]; of one id standing alone also one row standing alone.
         ids : int or array_like of int, shape (m,), optional
             Which; all unless given.
 
@@ -127,7 +129,7 @@ class Points(Numbered):
         Parameters
         ----------
         values : array_like, shape (m, 3) or (m, 2)
-            Their velocities [m/s].
+            Their velocities [m/s], as of `set_positions`.
         ids : int or array_like of int, shape (m,), optional
             Which; all unless given.
 
@@ -144,7 +146,7 @@ class Points(Numbered):
         Parameters
         ----------
         values : array_like, shape (m, 3) or (m, 2)
-            Forces [N].
+            Forces [N], as of `set_positions`.
         ids : int or array_like of int, shape (m,), optional
             On which; on all unless given.
 
@@ -157,7 +159,8 @@ class Points(Numbered):
 
     def _set(self, name: str, values: ArrayLike, ids: ArrayLike | None) -> None:
         with self._own():
-            rows = find_rows(ids, self.ids)
+            rows = find_rows_or_all(ids, self.ids)
+            values = rows_of(values, ids)
             self._write(name, self._vectors("values", values, len(rows)), rows)
 
     def _vectors(self, name: str, values: ArrayLike, count: int) -> Array:
@@ -173,25 +176,33 @@ class Points(Numbered):
         return find_rows(ids, self.ids)
 
 
-def find_rows(ids: ArrayLike | None, own: Ids, what: str = "particle") -> Ids:
-    """Where one id or several are among ascending ones; all unless given."""
-    if ids is None:
-        return np.arange(len(own))
-    try:
-        wanted = np.asarray(ids)
-    except ValueError:
-        if not isinstance(ids, (list, tuple)):  # the caller's own __array__ raised it
-            raise
-        raise InputError("ids: expected integers, shape (m,)") from None
+def find_rows(ids: Any, own: Ids, what: str = "particle", name: str = "ids") -> Ids:
+    """Where one id or several are among ascending ones."""
+    wanted = as_array(name, ids)
     if wanted.size == 0:
         wanted = wanted.astype(np.int64)
     if wanted.ndim > 1 or wanted.dtype.kind not in "iu":
-        raise InputError("ids: expected integers, shape (m,)")
+        raise InputError(f"{name}: expected integers, shape (m,), got {describe(ids)}")
+    several = wanted.ndim == 1
     wanted = np.atleast_1d(wanted)
     places = np.searchsorted(own, wanted.astype(np.int64))
     wrong = places >= len(own)
     wrong[~wrong] = own[places[~wrong]] != wanted[~wrong]
     if wrong.any():
         k = int(np.argmax(wrong))
-        raise IndexError(f"ids[{k}]: there is no {what} {wanted[k]}")
+        where = f"[{k}]" if several else ""
+        raise IndexError(f"{name}{where}: there is no {what} {wanted[k]}")
     return places.astype(np.int64)
+
+
+def find_rows_or_all(ids: Any, own: Ids, what: str = "particle") -> Ids:
+    """Where ids are among ascending ones; all unless given."""
+    return np.arange(len(own)) if ids is None else find_rows(ids, own, what)
+
+
+def rows_of(values: ArrayLike, ids: ArrayLike | None, dimensions: int = 1) -> ArrayLike:
+    """Values as rows: for one id standing alone, one row may stand alone as well."""
+    if ids is None or np.ndim(ids) > 0:
+        return values
+    array = as_array("values", values)
+    return array[None] if array.ndim == dimensions else array

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from .checks import check_integer, check_real, describe, first_bad_index
 
+MOST = 2**62  # of what is counted
 OWN = "own"  # the dtype that the object computes with
 
 
@@ -109,8 +110,8 @@ class Rows:
         if self.distinct and len(np.unique(array)) != array.size:
             raise InputError(f"{label}: expected different numbers")
         if self.unit:
-            length = np.abs(np.linalg.norm(array, axis=1) - 1) > 1e-9
-            self._refuse(label, length, length, "a row of length 1")
+            length = np.linalg.norm(array, axis=1)
+            self._refuse(label, length, ~(np.abs(length - 1) <= 1e-9), "a row of length 1")
 
     def _refuse(self, label: str, array: NDArray[Any], wrong: Any, wanted: str) -> None:
         if wrong.any():

@@ -139,6 +139,12 @@ class Simulation(Checked):
     def _take_step(self, dt: float) -> None:
         self._native.step(dt)
 
+    def _step_once(self, dt: float | None) -> float:
+        """Take a step, one of `advance` unless its size is given; returns the size."""
+        dt = self._next_step() if dt is None else dt
+        self._take_step(dt)
+        return dt
+
     def step(self, dt: float | None = None) -> None:
         """Take one step.
 
@@ -160,10 +166,8 @@ class Simulation(Checked):
         if owner.callback is not None:
             owner.refuse_callback("step")
         with owner:
-            dt = self._next_step() if dt is None else dt
             self._begin()
-            self._take_step(dt)
-            self._count(dt)
+            self._count(self._step_once(dt))
 
     def advance(self, duration: float, callback: Callable[[Self], object] | None = None) -> None:
         """Take as many steps as a duration needs; the last are shortened to end there.
@@ -342,7 +346,10 @@ class Simulation(Checked):
         return self.copy()
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        return self.copy()
+        other = memo[id(self)] = object.__new__(type(self))
+        made, threads, state = self.__getstate__()
+        other.__setstate__((copy.deepcopy(made, memo), threads, state))
+        return other
 
     def _parts(self) -> dict[str, Any]:
         """What the object is made of, without its state."""
@@ -356,6 +363,7 @@ class Simulation(Checked):
     def __setstate__(self, given: tuple[dict[str, Any], int | None, dict[str, Any]]) -> None:
         made, threads, state = given
         self.__dict__.update(made)
+        self._freeze()
         Simulation.__init__(self, self._make(state), state["time"], threads)
         self._last = made["_last"]
         self.restore(state)

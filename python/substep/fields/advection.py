@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from .. import _core
 from ..base.checks import check_array, check_choice, check_dtype, check_real
-from ..base.rows import Numbered, find_rows, read_only
-from ..base.schema import OWN, TIME, Entry, Number, Rows
+from ..base.rows import Numbered, find_rows_or_all, read_only, rows_of
+from ..base.schema import MOST, OWN, TIME, Entry, Number, Rows
 from ..base.simulation import StepReport
 from ..errors import InputError, NonFiniteError, SolverError
 from .flows import CallableField, Field, Moved, Particles, Steps
@@ -185,8 +185,9 @@ class Advection(Numbered):
         Parameters
         ----------
         values : array_like, shape (m, d)
-            Positions [m, or degrees of longitude and latitude].
-        ids : array_like of int, shape (m,), optional
+            Positions [m, or degrees of longitude and latitude]; of one id standing alone also one
+            row standing alone.
+        ids : int or array_like of int, shape (m,), optional
             Which; all unless given.
 
         Raises
@@ -195,9 +196,9 @@ class Advection(Numbered):
             If an argument is wrong; nothing is changed then.
         """
         with self._own():
-            rows = find_rows(ids, self.ids)
+            rows = find_rows_or_all(ids, self.ids)
             shape, dtype = (len(rows), self.field.dimension), self._particles.x.dtype
-            x = check_array("values", values, shape, dtype=dtype)
+            x = check_array("values", rows_of(values, ids), shape, dtype=dtype)
             particles = self._particles.copy()
             particles.x[rows], particles.status[rows] = x, ACTIVE
             self._particles = particles
@@ -317,7 +318,7 @@ class Advection(Numbered):
     def _schema(self) -> tuple[list[Entry], dict[str, int], Any]:
         entries: list[Entry] = [
             TIME,
-            Number("steps", int, low=0),
+            Number("steps", int, low=0, high=MOST),
             Rows("positions", OWN, ("n", self.field.dimension)),
             Rows("status", np.int8, ("n",), low=ACTIVE, high=ESCAPED),
             Rows("stop_time", np.float64, ("n",)),

@@ -12,7 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..base.checks import check_array, check_choice, check_integer, check_real, first_bad_index
+from ..base.checks import (
+    check_array,
+    check_choice,
+    check_flag,
+    check_integer,
+    check_real,
+    first_bad_index,
+)
 from ..errors import InputError, NonFiniteError
 from .flows import Field, Moved, Particles, Steps
 
@@ -107,7 +114,7 @@ class GridField(Field):
     ) -> None:
         self.dimension = check_integer("number of axes", len(axes), minimum=2, maximum=3)
         self.interpolation = check_choice("interpolation", interpolation, ("linear", "cubic"))
-        self.geographic = bool(geographic)
+        self.geographic = check_flag("geographic", geographic)
         self.radius = check_real("radius", radius, positive=True)
         self._memory_limit = check_integer("memory_limit", memory_limit, minimum=1)
         if self.geographic:

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.attributes import Checked
-from ..base.checks import check_array, check_flag, check_real, check_threads, describe
+from ..base.checks import (
+    check_array,
+    check_flag,
+    check_real,
+    check_sequence,
+    check_threads,
+    describe,
+)
 from ..base.quaternions import IDENTITY, unit_quaternions
 from ..base.schema import Rows
 from ..errors import InputError
@@ -26,16 +34,18 @@ class Collider(Checked):
     """An obstacle: a shape with a surface, which can move and counts what it is given.
 
     An obstacle belongs to the simulation it is given to: each step of that moves the obstacle
-    by `velocity` and `angular_velocity`, and `impulse` tells what it exerted on it. Simulations
-    also take a bare shape: that is a still obstacle without friction.
+    by `velocity` and `angular_velocity`, and `impulse` tells what it exerted on it. Given to two,
+    it would be moved by both, and `impulse` be that of the last call of either: give each a
+    `copy()`. Simulations also take a bare shape: that is a still obstacle without friction.
 
     Parameters
     ----------
     shape : Shape
-        Any. Its centre (the point of a plane) and its rotation are where the obstacle is at first.
-        The distances of `Plane`, `Sphere`, `Box`, `Capsule` and `Cylinder` are exact; those of
-        `ConvexHull` and `TriangleMesh` are sampled at 1/64 of their longest side, which rounds
-        edges at that size: make a `SignedDistanceField` to choose the spacing.
+        Of any kind. Its centre (the point of a plane) and its rotation are where the obstacle is at
+        first. The distances of `Plane`, `Sphere`, `Box`, `Capsule` and `Cylinder` are exact; those
+        of `ConvexHull` and `TriangleMesh` are sampled at 1/64 of their longest side, or at 1/4
+        of their mean thickness, which rounds edges at that size: make a `SignedDistanceField`
+        to choose the spacing.
     friction : float
         Coefficient of Coulomb friction, at least 0.
     restitution : float
@@ -160,8 +170,9 @@ class Collider(Checked):
     def impulse(self) -> Array:
         """Impulse exerted on the obstacle in the last call of `step` or `advance` [N s]; a copy.
 
-        `collider.impulse / collider.duration` is the mean force. A call that took no step changes
-        nothing; `restore` makes it zero.
+        `collider.impulse / collider.duration` is the mean force. In a callback of `advance` both
+        are the sums since that call began. Before any call and after `restore` both are 0, and the
+        quotient NaN. A call that took no step changes nothing.
         """
         return np.array(self._native.impulse)
 
@@ -292,8 +303,11 @@ def check_colliders(
     colliders: Iterable[Collider | Shape], dimension: int = 3
 ) -> tuple[Collider, ...]:
     """Obstacles of a simulation; in 2D they are cut at z = 0."""
-    checked = tuple(check_collider(f"colliders[{k}]", c) for k, c in enumerate(colliders))
+    given = check_sequence("colliders", colliders, "Collider or shapes")
+    checked = tuple(check_collider(f"colliders[{k}]", c) for k, c in enumerate(given))
     for k, collider in enumerate(checked):
+        if any(collider is other for other in checked[:k]):
+            raise InputError(f"colliders[{k}]: stands there twice, so a step would move it twice")
         if dimension == 2 and isinstance(collider.shape, Plane):
             if np.ptp(collider.distance([(0, 0, 0), (1, 0, 0), (0, 1, 0)])) < 1e-9:
                 raise InputError(
@@ -309,9 +323,25 @@ def collider_states(colliders: Sequence[Collider]) -> NDArray[np.float64]:
     return np.array(rows) if rows else np.zeros((0, 0))
 
 
+@dataclass(frozen=True)
+class _States(Rows):
+    """Rows as `Collider::state` has them."""
+
+    def _check_values(self, label: str, array: NDArray[Any], state: Mapping[str, Any]) -> None:
+        super()._check_values(label, array, state)
+        if not array.size:
+            return
+        length, friction, restitution = np.linalg.norm(array[:, 3:7], axis=1), *array.T[13:15]
+        wrong = ~(np.abs(length - 1) <= 1e-9)
+        self._refuse(label, length, wrong, "a rotation of length 1")
+        self._refuse(label, friction, friction < 0, "a friction of at least 0")
+        wrong = (restitution < 0) | (restitution > 1)
+        self._refuse(label, restitution, wrong, "a restitution from 0 to 1")
+
+
 def colliders_entry(colliders: Sequence[Collider]) -> Rows:
     """What a state holds of them."""
-    return Rows("colliders", np.float64, collider_states(colliders).shape)
+    return _States("colliders", np.float64, collider_states(colliders).shape)
 
 
 def restore_colliders(colliders: Sequence[Collider], states: NDArray[np.float64]) -> None:

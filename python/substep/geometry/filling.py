@@ -69,7 +69,7 @@ def tetrahedralize(
         raise InputError(f"mesh: no point of the lattice lies inside ({lacks}); spacing is {h}")
     vertices, cells, crumbs = _without_crumbs(vertices, cells)
     solid = TetMesh(vertices, cells)
-    solid.lacks = [f"surface {phrase}" for phrase in report.lacks]
+    solid.lacks.extend(f"surface {phrase}" for phrase in report.lacks)
     if crumbs:
         solid.lacks.append(f"{crumbs} loose pieces were left out")
     label = components(len(vertices), solid.edges)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.checks import check_array, check_integer, check_real
+from ..base.checks import MOST_INT, check_array, check_integer, check_real, check_sequence
 from ..errors import InputError
 from .tet_mesh import TetMesh
 from .topology import Indices
@@ -15,7 +15,8 @@ from .triangle_mesh import TriangleMesh
 
 
 def _counts(name: str, value: Any, length: int) -> list[int]:
-    counts = [check_integer(f"{name}[{i}]", n, minimum=1) for i, n in enumerate(value)]
+    given = check_sequence(name, value, "integers")
+    counts = [check_integer(f"{name}[{i}]", n, minimum=1) for i, n in enumerate(given)]
     if len(counts) != length:
         raise InputError(f"{name}: expected {length} numbers, got {len(counts)}")
     return counts
@@ -57,7 +58,8 @@ def grid_mesh(n: int, m: int, size: ArrayLike = (1.0, 1.0)) -> TriangleMesh:
     >>> substep.geometry.grid_mesh(64, 64)
     TriangleMesh(4096 vertices, 7938 faces)
     """
-    n, m = check_integer("n", n, minimum=2), check_integer("m", m, minimum=2)
+    n = check_integer("n", n, minimum=2, maximum=MOST_INT)
+    m = check_integer("m", m, minimum=2, maximum=MOST_INT)
     width, depth = _lengths("size", size, 2)
     x = np.linspace(-0.5 * width, 0.5 * width, n)
     y = np.linspace(-0.5 * depth, 0.5 * depth, m)

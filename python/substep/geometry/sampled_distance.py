@@ -11,6 +11,7 @@ from .. import _core
 from ..base.checks import check_array, check_real, check_threads
 from ..base.quaternions import IDENTITY
 from .shape import ORIGIN, Shape
+from .topology import frozen
 from .triangle_mesh import TriangleMesh
 
 Array = NDArray[np.float64]
@@ -82,9 +83,6 @@ class SignedDistanceField(Shape):
     __eq__ = object.__eq__
     __hash__ = object.__hash__
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return object.__new__, (type(self),), self.__dict__
-
     def __repr__(self) -> str:
         shape = " x ".join(str(n) for n in self.values.shape)
         return f"SignedDistanceField({shape} nodes, spacing={self.spacing})"
@@ -111,7 +109,8 @@ class SignedDistanceField(Shape):
             The surface; inside is where its winding number is above 1/2.
         spacing : float, optional
             Distance between neighbouring nodes [m]; by default 1/64 of the longest side of the
-            mesh's bounding box. Parts thinner than about two spacings get lost.
+            mesh's bounding box, or 1/4 of the mean thickness 2 V / A of what is thin. Parts
+            thinner than about two spacings get lost.
         offset : float
             Grow the solid by this much [m], at least 0: a sheet becomes a plate of thickness
             2 offset.
@@ -140,8 +139,8 @@ class SignedDistanceField(Shape):
 
     @property
     def values(self) -> Array:
-        """Signed distances at the nodes [m], shape (n_x, n_y, n_z); a copy."""
-        return np.asarray(self._field.values)
+        """Signed distances at the nodes [m], shape (n_x, n_y, n_z); a read-only copy."""
+        return frozen(np.asarray(self._field.values))
 
     @property
     def spacing(self) -> float:
@@ -150,8 +149,8 @@ class SignedDistanceField(Shape):
 
     @property
     def origin(self) -> Array:
-        """Position of the first node in the frame of the field [m]."""
-        return np.array(self._field.origin)
+        """Position of the first node in the frame of the field [m], read-only."""
+        return frozen(np.array(self._field.origin))
 
     @property
     def error_bound(self) -> float:

@@ -39,6 +39,7 @@ class Shape(Frozen):
 
     def _set(self, **values: Any) -> None:
         self.__dict__.update(values)
+        self._fixed |= values.keys()
 
     def _place(self, center: ArrayLike, rotation: ArrayLike = IDENTITY) -> None:
         self._set(
@@ -63,9 +64,6 @@ class Shape(Frozen):
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         return self
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), tuple(getattr(self, name) for name in self._fields)
 
     def __repr__(self) -> str:
         default = {"center": ORIGIN, "point": ORIGIN, "rotation": IDENTITY}

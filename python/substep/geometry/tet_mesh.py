@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..base.attributes import Frozen
 from ..base.checks import check_array
 from ..errors import InputError
 from .tet_locate import barycentric, locate
@@ -18,7 +18,7 @@ _SIDES = [(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)]  # of a tetrahedron, looki
 _EDGES = [(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)]
 
 
-class TetMesh:
+class TetMesh(Frozen):
     """A solid of tetrahedra.
 
     Parameters
@@ -67,10 +67,6 @@ class TetMesh:
         self.flipped = int(inverted.sum())
         self.lacks: list[str] = []
         self.tetrahedra: Indices = frozen(tets)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        state = {"flipped": self.flipped, "lacks": self.lacks}
-        return TetMesh, (self.vertices, self.tetrahedra), state
 
     def __repr__(self) -> str:
         return f"TetMesh({len(self.vertices)} vertices, {len(self.tetrahedra)} tetrahedra)"

@@ -74,9 +74,6 @@ class TriangleMesh(Shape):
     __eq__ = object.__eq__
     __hash__ = object.__hash__
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return TriangleMesh, (self.vertices, self.faces), {"dropped": self.dropped}
-
     def __repr__(self) -> str:
         return f"TriangleMesh({len(self.vertices)} vertices, {len(self.faces)} faces)"
 
@@ -89,7 +86,7 @@ class TriangleMesh(Shape):
             low * len(self.vertices) + high, return_inverse=True, return_counts=True
         )
         edges = np.stack(np.divmod(keys, len(self.vertices)), axis=1)
-        return edge, frozen(edges), uses
+        return edge, frozen(edges), frozen(uses)
 
     @property
     def edges(self) -> Indices:
@@ -183,7 +180,7 @@ class TriangleMesh(Shape):
                 while vertex != first and following.get(vertex):
                     loop.append(vertex)
                     vertex = following[vertex].pop()
-                loops.append(np.array(loop))
+                loops.append(frozen(np.array(loop)))
         return loops
 
     @cached_property
@@ -303,12 +300,19 @@ class TriangleMesh(Shape):
             dropped_faces=self.dropped,
         )
 
+    def _fine_spacing(self) -> float:
+        """1/64 of the longest side, or 1/4 of the mean thickness 2 V / A of what is thin."""
+        longest = float(np.ptp(self.vertices[self.faces], axis=(0, 1)).max())
+        thickness = 2 * abs(self.volume) / self.face_areas.sum()
+        is_thin = not len(self.boundary_loops) and thickness > 0
+        return float(min(longest / 64, thickness / 4 if is_thin else longest))
+
     def _sampled(
         self, spacing: float | None, offset: float, threads: int | None
     ) -> tuple[Array, float, Array]:
         """The signed distance at the nodes of a grid, less an offset; its spacing and origin."""
         low, high = self.vertices[self.faces].min((0, 1)), self.vertices[self.faces].max((0, 1))
-        h = (high - low).max() / 64 if spacing is None else spacing
+        h = self._fine_spacing() if spacing is None else spacing
         h = check_real("spacing", h, positive=True)
         grown = check_real("offset", offset, nonnegative=True)
         pad = grown + 3 * h
@@ -328,7 +332,13 @@ class TriangleMesh(Shape):
 
     @cached_property
     def _field(self) -> Any:
-        values, h, origin = self._sampled(None, 0.0, None)
+        try:
+            values, h, origin = self._sampled(None, 0.0, None)
+        except InputError as error:
+            raise InputError(
+                f"shape: cannot be sampled as an obstacle ({error}); give "
+                "SignedDistanceField.from_mesh(mesh, spacing)"
+            ) from None
         return _core.SampledDistance(values, origin.tolist(), h, check_threads(None))
 
     def _obstacle(self, hollow: bool) -> Any:

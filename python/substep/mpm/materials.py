@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import Any
 
-from ..base.checks import check_real
+from ..base.checks import check_flag, check_real
 from ..errors import InputError
 
 LARGEST = 1e30  # [Pa], [kg/m^3], [Pa s]: what float32 can compute with
@@ -217,7 +217,7 @@ class Fluid(Material):
         check_range(self, "bulk_modulus", above=0, below=LARGEST)
         check_range(self, "exponent", at_least=1, at_most=20)
         check_range(self, "viscosity", at_least=0, below=LARGEST)
-        object.__setattr__(self, "tension", bool(self.tension))
+        object.__setattr__(self, "tension", check_flag("tension", self.tension))
 
     @property
     def _modulus(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -10,8 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from .. import _core
-from ..base.checks import check_array, check_choice, check_dtype, check_positive, check_real
-from ..base.rows import read_only
+from ..base.checks import (
+    check_array,
+    check_choice,
+    check_dtype,
+    check_positive,
+    check_real,
+    check_sequence,
+    check_within,
+)
+from ..base.rows import find_rows_or_all, read_only, rows_of
 from ..base.schema import Entry
 from ..base.simulation import StepReport, with_energy
 from ..errors import InputError, SolverError
@@ -219,7 +228,8 @@ class MaterialPointMethod(Particles):
         self._dimension = d
         self.materials = _check_materials(materials)
         self.cell = check_real("cell", cell, positive=True)
-        if not all(1e-30 < m.density * self.cell**d < 1e30 for m in self.materials):
+        volume_of_cell = math.prod([self.cell] * d)  # infinite where cell**d raises
+        if not all(1e-30 < m.density * volume_of_cell < 1e30 for m in self.materials):
             raise InputError(f"cell: the mass of a cell is out of range at {cell} m")
         self.colliders = check_colliders(colliders, d)
         down = [0.0, 0.0, -9.81][3 - d :]
@@ -356,10 +366,9 @@ class MaterialPointMethod(Particles):
         InputError
             If an argument is wrong; nothing is changed then.
         """
-        x = check_array("positions", positions, (None, self._dimension))
+        x = self._vectors("positions", positions, None)
         m = len(x)
-        v = np.zeros_like(x) if velocities is None else velocities
-        v = check_array("velocities", v, x.shape)
+        v = self._vectors("velocities", np.zeros_like(x) if velocities is None else velocities, m)
         which = check_kinds("kinds", 0 if kinds is None else kinds, m, len(self.materials))
         volumes = check_positive("volume", volume, m)
         masses = np.array([material.density for material in self.materials])[which] * volumes
@@ -375,10 +384,15 @@ class MaterialPointMethod(Particles):
         volume = self._emitter_spacing**self._dimension
         self._native.add(x, v, kind, np.full(len(x), volume))
 
-    def _take_step(self, dt: float) -> None:
-        self._native.step(dt)
+    def _step_once(self, dt: float | None) -> float:
+        if dt is None and self._step_size is None:
+            self._native.advance_once(self.time + 3 * self._next_step(), False)
+        else:
+            dt = self._next_step() if dt is None else dt
+            self._native.step(dt)
         self._last._add(self._native.report)
         self._flow()
+        return self._last.dt if dt is None else dt
 
     def _begin(self) -> None:
         super()._begin()
@@ -388,23 +402,38 @@ class MaterialPointMethod(Particles):
         self._sum_impulses(dt)  # the native report has counted
 
     def _run(self, duration: float, end: float, callback: Callable[[Self], object] | None) -> None:
-        if callback is not None:
-            super()._run(duration, end, callback)
-            return
         while self.time < end:
-            start, until = self.time, min([end, *self._events()])
-            try:
-                self._native.advance(until - self.time)
-                self._native.time = until
-            except SolverError as error:
-                if error.step is not None:
-                    error.step += self._last.steps
-                raise
-            finally:
-                self._last._add(self._native.report)
-                if self.time > start:
-                    self._sum_impulses(self.time - start)
+            until = min([end, *self._events()])
+            if callback is None:
+                self._take("advance", until - self.time)
+            else:
+                self._take_one_by_one(until, callback)
+            self._native.time = until
             self._flow()
+            if callback is not None:
+                self._call(callback)
+
+    def _take_one_by_one(self, until: float, callback: Callable[[Self], object]) -> None:
+        """The same steps, with a callback between them."""
+        until = self.time + (until - self.time)  # as the native object adds them
+        self._take("advance_once", until, False)
+        while self.time < until:
+            self._call(callback)
+            self._take("advance_once", until, True)
+
+    def _take(self, call: str, *arguments: Any) -> None:
+        """Steps of the native object, and the report of them."""
+        start = self.time
+        try:
+            getattr(self._native, call)(*arguments)
+        except SolverError as error:
+            if error.step is not None:
+                error.step += self._last.steps
+            raise
+        finally:
+            self._last._add(self._native.report)
+            if self.time > start:
+                self._sum_impulses(self.time - start)
 
     def _events(self) -> list[float]:
         """Times at which emitters and sinks want to be asked next."""
@@ -449,8 +478,9 @@ class MaterialPointMethod(Particles):
         """
         d = self._dimension
         with self._own():
-            places = np.arange(len(self)) if ids is None else self._places(ids)
-            rows = check_array("values", values, (len(places), d, d))
+            places = find_rows_or_all(ids, self.ids)
+            rows = check_array("values", rows_of(values, ids, 2), (len(places), d, d))
+            check_within("values", rows, self.dtype)
             set_gradients(self._native, rows, places, self.kinds, self.materials)
 
     def diagnostics(self) -> dict[str, float]:
@@ -519,7 +549,8 @@ class MaterialPointMethod(Particles):
 
 
 def _check_materials(materials: Any) -> tuple[Material, ...]:
-    found = (materials,) if isinstance(materials, Material) else tuple(materials)
+    single = isinstance(materials, Material)
+    found = (materials,) if single else tuple(check_sequence("materials", materials, "Material"))
     for k, material in enumerate(found):
         if not isinstance(material, Material):
             raise TypeError(f"materials[{k}]: expected a Material, got {material!r}")
@@ -531,7 +562,8 @@ def _check_materials(materials: Any) -> tuple[Material, ...]:
 def _check_boundaries(boundary: Any, colliders: int) -> list[str]:
     if isinstance(boundary, str):
         return [check_choice("boundary", boundary, BOUNDARIES)] * colliders
-    found = [check_choice(f"boundary[{k}]", b, BOUNDARIES) for k, b in enumerate(boundary)]
+    given = check_sequence("boundary", boundary, "names")
+    found = [check_choice(f"boundary[{k}]", b, BOUNDARIES) for k, b in enumerate(given)]
     if len(found) != colliders:
         raise InputError(f"boundary: expected one or {colliders}, got {len(found)}")
     return found

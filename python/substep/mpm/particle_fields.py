@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
+from ..base.checks import MOST_INT
 from ..base.schema import OWN, TIME, Entry, Number, Rows
 from .materials import Material
 
@@ -24,7 +25,7 @@ STATE: list[Entry] = [
     Number("supplied"),
     Number("drift"),
     Number("before"),
-    Number("next_id", int, low=0),
+    Number("next_id", int, low=0, high=MOST_INT),
     Number("trial", bool),
     Rows("counts", np.int64, ("materials",), low=0),
     Rows("ids", np.int32, ("n",), low=0, below="next_id", distinct=True),

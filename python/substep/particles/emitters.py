@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.attributes import Frozen
-from ..base.checks import check_array, check_integer, check_real
+from ..base.checks import check_array, check_integer, check_real, check_sequence
 from ..errors import InputError
 from ..geometry import Collider, Shape
 from ..geometry.colliders import check_collider
@@ -205,7 +205,7 @@ class Sink(Frozen):
 
 def check_all(name: str, values: Any, kind: type) -> tuple[Any, ...]:
     """A sequence of emitters or sinks."""
-    found = tuple(values)
+    found = tuple(check_sequence(name, values, kind.__name__))
     for k, value in enumerate(found):
         if not isinstance(value, kind):
             raise TypeError(f"{name}[{k}]: expected {kind.__name__}, got {value!r}")

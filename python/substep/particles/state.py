@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import check_array
+from ..base.checks import as_array, check_array, check_within
 from ..base.rows import Points, read_only
 from ..base.schema import Entry, Rows
 from ..errors import InputError
@@ -28,6 +28,7 @@ class Particles(Points):
     `forces`, `remove`, `absorb`, `set_positions`, `set_velocities` and `set_forces`.
     """
 
+    dtype: np.dtype[Any]
     colliders: tuple[Collider, ...]
     emitters: tuple[Emitter, ...]
     sinks: tuple[Sink, ...]
@@ -73,6 +74,10 @@ class Particles(Points):
     def forces(self) -> Array:
         """External forces of the next step [N], shape of positions; read-only."""
         return read_only(self._forces())
+
+    def _vectors(self, name: str, values: ArrayLike, count: int | None) -> Array:
+        vectors = check_array(name, values, (count, self._dimension))
+        return check_within(name, vectors, self.dtype)
 
     def _forces(self) -> Array:
         """In the order of the ids, a copy."""
@@ -151,7 +156,7 @@ class Particles(Points):
 
 def check_kinds(name: str, kinds: Any, m: int, count: int) -> NDArray[np.int32]:
     """Which of `count` kinds each of m particles is, from one number for all or one each."""
-    array = np.asarray(kinds)
+    array = as_array(name, kinds)
     if array.size == 0:
         array = array.astype(np.int64)
     if array.dtype.kind not in "iu" or array.shape not in ((), (m,)):

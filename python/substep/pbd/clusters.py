@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from ..base.checks import check_array, check_integer, check_real, describe
+from ..base.checks import as_array, check_array, check_integer, check_real, describe
+from ..base.rows import read_only
 from ..errors import InputError
 from ..geometry.topology import Array, Indices, check_indices
 from .group import Constraint
@@ -81,19 +82,21 @@ class ShapeMatching(Constraint):
             raise InputError(
                 f"clusters: expected at least one list of particles, got {describe(clusters)}"
             )
+        rows = [as_array(f"clusters[{k}]", cluster) for k, cluster in enumerate(clusters)]
         members = [
-            check_indices(f"clusters[{k}]", [np.asarray(list_)], np.size(list_), _MOST)[0]
-            for k, list_ in enumerate(clusters)
+            check_indices(f"clusters[{k}]", row[None], row.size, _MOST)[0]
+            for k, row in enumerate(rows)
         ]
-        self.starts: Indices = np.cumsum([0, *map(len, members)])
-        self.members: Indices = np.concatenate(members)
+        self.starts: Indices = read_only(np.cumsum([0, *map(len, members)]))
+        self.members: Indices = read_only(np.concatenate(members))
         self._set_softness(len(members), compliance, damping, stiffness)
         self.linear = check_real("linear", linear, nonnegative=True)
         if self.linear > 1:
             raise InputError(f"linear: expected a number from 0 to 1, got {self.linear}")
         self.rest_positions: Array | None = None
         if rest_positions is not None:
-            self.rest_positions = check_array("rest_positions", rest_positions, (None, 3)).copy()
+            x = check_array("rest_positions", rest_positions, (None, 3)).copy()
+            self.rest_positions = read_only(x)
             self._check_count(len(self.rest_positions))
 
     def __len__(self) -> int:
@@ -116,8 +119,9 @@ class ShapeMatching(Constraint):
         ]
 
     def _check_count(self, count: int) -> None:
-        if self.members.max() >= count:
-            at = int(np.argmax(self.members >= count))
+        wrong = (self.members < 0) | (self.members >= count)
+        if wrong.any():
+            at = int(np.argmax(wrong))
             cluster = int(np.searchsorted(self.starts, at, side="right")) - 1
             raise InputError(
                 f"clusters[{cluster}]: expected indices from 0 to {count - 1}, "

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from ..base.checks import check_real
+from ..base.checks import as_array, check_real
 from ..errors import InputError
 from .group import Array, Constraint, check_each, check_particles
 
@@ -66,8 +66,7 @@ class ParticleCollision(_Contacts):
 
     def __init__(self, radii: ArrayLike, *, friction: float = 0.0) -> None:
         super().__init__(friction)
-        count = 1 if np.ndim(np.asarray(radii)) == 0 else len(np.asarray(radii))
-        self.radii = check_each("radii", radii, count)
+        self.radii = check_each("radii", radii, as_array("radii", radii).size)
 
     def _groups(self, positions: Array) -> list[Any]:
         n = len(positions)
@@ -123,7 +122,7 @@ class SelfCollision(_Contacts):
         self.thickness = check_real("thickness", thickness, positive=True)
 
     def _groups(self, positions: Array) -> list[Any]:
-        wrong = self.faces >= len(positions)
+        wrong = (self.faces < 0) | (self.faces >= len(positions))
         if wrong.any():
             k = int(np.argmax(wrong.any(axis=1)))
             raise InputError(

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import check_array, check_real, describe
+from ..base.checks import as_array, check_array, check_real, describe
 from ..errors import InputError
 from ..geometry.topology import Array, frozen
 from . import rest
@@ -434,7 +434,7 @@ class Attachment(Constraint):
         damping: ArrayLike = 0.0,
         stiffness: ArrayLike | None = None,
     ) -> None:
-        flat = np.asarray(particles)
+        flat = as_array("particles", particles)
         if flat.ndim != 1:
             raise InputError(f"particles: expected a list of indices, got {describe(particles)}")
         self._set_up("particles", flat[:, None], compliance, damping, stiffness)
@@ -559,7 +559,7 @@ def _check_rest(positions: ArrayLike | None, constraint: Constraint) -> Array | 
         return None
     x = check_array("rest_positions", positions, (None, 3)).copy()
     constraint._check_count(len(x))
-    return x
+    return frozen(x)
 
 
 def _rest(given: Array | None, positions: Array) -> Array:

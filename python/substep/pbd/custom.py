@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from ..base.checks import check_array, check_callable
+from ..base.checks import as_array, check_array, check_callable, check_flag
 from ..base.pointers import find_address
+from ..base.rows import read_only
 from ..errors import InputError
 from ..geometry.topology import Array
 from .constraints import origin_of
@@ -91,15 +92,15 @@ class CustomConstraint(Constraint):
         damping: ArrayLike = 0.0,
         stiffness: ArrayLike | None = None,
     ) -> None:
-        shape = np.shape(particles)
+        shape = as_array("particles", particles).shape
         if len(shape) != 2 or shape[1] == 0:
             raise InputError(f"particles: expected shape (m, k), got {shape}")
         self._name = "particles"
         self.particles = check_particles("particles", particles, shape[1])
         self._set_softness(len(self.particles), compliance, damping, stiffness)
         self.fun = fun
-        self.inequality = bool(inequality)
-        self.check_gradient = bool(check_gradient)
+        self.inequality = check_flag("inequality", inequality)
+        self.check_gradient = check_flag("check_gradient", check_gradient)
         self._address, _ = find_address("fun", fun, SIGNATURE)
         if self._address is None:
             check_callable("fun", fun)
@@ -107,7 +108,8 @@ class CustomConstraint(Constraint):
                 raise InputError("parameters: only a compiled function takes them")
         self.parameters: Array = np.zeros((len(self), 0))
         if parameters is not None:
-            self.parameters = check_array("parameters", parameters, (len(self), None)).copy()
+            own = check_array("parameters", parameters, (len(self), None)).copy()
+            self.parameters = read_only(own)
 
     def _evaluate(self, positions: Array) -> tuple[Array, Array]:
         return self._call(positions[self.particles])

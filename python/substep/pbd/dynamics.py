@@ -20,6 +20,8 @@ from ..base.checks import (
     check_pinned,
     check_positive,
     check_real,
+    check_sequence,
+    check_within,
 )
 from ..base.rows import Points, read_only
 from ..base.schema import OWN, TIME, Entry, Rows
@@ -175,7 +177,7 @@ class PositionBasedDynamics(Points):
         pull = check_array("gravity", down if gravity is None else gravity, (columns,))
         self._gravity = read_only(pull.copy())
         self._options = {"gravity": [*pull.tolist(), 0.0][:3]}
-        self.constraints = tuple(constraints)
+        self.constraints = tuple(check_sequence("constraints", constraints, "constraints"))
         for k, constraint in enumerate(self.constraints):
             if not isinstance(constraint, Constraint):
                 raise TypeError(f"constraints[{k}]: expected constraints, got {constraint!r}")
@@ -235,10 +237,7 @@ class PositionBasedDynamics(Points):
     def _rows(self, name: str, values: ArrayLike, count: int | None = None) -> Array:
         """Vectors with three columns."""
         array = check_array(name, values, (count, self._dimension))
-        largest = float(np.finfo(self.dtype).max)
-        wrong = np.abs(array) > largest
-        if wrong.any():
-            raise InputError(f"{name}: {array[wrong][0]} is beyond {self.dtype}")
+        check_within(name, array, self.dtype)
         if self._dimension == 2:
             return np.concatenate([array, np.zeros((len(array), 1))], axis=1)
         return array
@@ -301,6 +300,9 @@ class PositionBasedDynamics(Points):
             setattr(self._native, name, array)
         else:
             getattr(self._native, f"set_{name}")(rows, values)
+
+    def _set_step_size(self, step: float | None) -> None:
+        self._step_size = check_real("step_size", step, positive=True)  # None: it has no limit
 
     def set_targets(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
         """Say where pinned particles go in the next step: in a straight line at constant speed.

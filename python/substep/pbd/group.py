@@ -10,15 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.attributes import Frozen
-from ..base.checks import check_array, check_real, describe, first_bad_index
+from ..base.checks import as_array, check_array, check_real, describe, first_bad_index
+from ..base.rows import read_only
 from ..errors import InputError
 
 Array = NDArray[np.float64]
 
 
 def check_particles(name: str, value: ArrayLike, columns: int) -> NDArray[np.int32]:
-    """Different indices of particles, `columns` for each; the largest is checked later."""
-    array = np.asarray(value)
+    """A copy of different indices of particles, `columns` for each; how large comes later."""
+    array = as_array(name, value)
     if array.size == 0:
         return np.zeros((0, columns), np.int32)
     if array.dtype.kind not in "iu":
@@ -34,23 +35,26 @@ def check_particles(name: str, value: ArrayLike, columns: int) -> NDArray[np.int
     if repeated.any():
         k = int(np.argmax(repeated))
         raise InputError(f"{name}[{k}]: expected different indices, got {array[k].tolist()}")
-    return np.ascontiguousarray(array, np.int32)
+    indices: NDArray[np.int32] = read_only(np.array(array, np.int32, order="C"))
+    return indices
 
 
 def check_each(
     name: str, value: ArrayLike, count: int, *, low: float = 0.0, high: float = np.inf
 ) -> Array:
-    """One number for all of `count` constraints (length 1) or one each, within its bounds."""
-    if np.ndim(np.asarray(value)) == 0:
+    """One number for all of `count` constraints (length 1) or one each, within bounds; a copy."""
+    given = as_array(name, value)
+    if given.ndim == 0:
         array = np.array([check_real(name, value)])
     else:
-        array = check_array(name, value, (count,)).copy()
+        array = check_array(name, given, (count,)).copy()
     wrong = (array < low) | (array > high)
     if wrong.any():
         bounds = f"at least {low:g}" if high == np.inf else f"from {low:g} to {high:g}"
-        where = f"[{int(np.argmax(wrong))}]" if np.ndim(np.asarray(value)) else ""
+        where = f"[{int(np.argmax(wrong))}]" if given.ndim else ""
         raise InputError(f"{name}{where}: expected a number {bounds}, got {array[wrong][0]}")
-    return array
+    numbers: Array = read_only(array)
+    return numbers
 
 
 @dataclass(frozen=True)
@@ -134,7 +138,7 @@ class Constraint(Frozen):
         ]
 
     def _check_count(self, count: int) -> None:
-        wrong = self.particles >= count
+        wrong = (self.particles < 0) | (self.particles >= count)
         if wrong.any():
             raise InputError(
                 f"{self._name}{first_bad_index(wrong)}: expected an index from 0 to "

@@ -12,12 +12,16 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from .. import _core
 from ..base.checks import (
+    MOST_INT,
+    as_array,
     check_array,
     check_choice,
     check_dtype,
+    check_flag,
     check_integer,
     check_positive,
     check_real,
+    check_within,
 )
 from ..base.rows import read_only
 from ..base.schema import OWN, TIME, Entry, Number, Rows
@@ -210,9 +214,16 @@ class PositionBasedFluid(Particles):
         x = check_array("positions", positions)
         d = 2 if x.ndim == 2 and x.shape[1] == 2 else 3
         x = check_array("positions", x, (None, d))
+        self.dtype = check_dtype(dtype)
+        check_within("positions", x, self.dtype)
         self.spacing = check_real("spacing", spacing, positive=True)
-        fluids = np.atleast_1d(density)
-        self.density = read_only(check_positive("density", fluids, np.size(density)))
+        fluids = as_array("density", density)
+        if fluids.size == 0:
+            raise InputError("density: expected at least one number")
+        self.density = read_only(check_positive("density", fluids, fluids.size))
+        volume = math.prod([self.spacing] * d)  # infinite where spacing**d raises
+        if not all(1e-30 < m < 1e30 for m in (volume, *(volume * self.density).tolist())):
+            raise InputError(f"spacing: the mass of a particle is out of range at {spacing} m")
         self.colliders = check_colliders(colliders, d)
         down = [0.0, 0.0, -9.81][3 - d :]
         pull = check_array("gravity", down if gravity is None else gravity, (d,)).copy()
@@ -231,26 +242,27 @@ class PositionBasedFluid(Particles):
             "gravity": [*self._gravity, 0.0][:3],
             "tolerance": check_real("tolerance", tolerance, nonnegative=True),
             "max_tolerance": check_real("max_tolerance", max_tolerance, nonnegative=True),
-            "min_iterations": check_integer("min_iterations", min_iterations, minimum=0),
-            "max_iterations": check_integer("max_iterations", max_iterations, minimum=1),
+            "min_iterations": check_integer(
+                "min_iterations", min_iterations, minimum=0, maximum=MOST_INT
+            ),
+            "max_iterations": check_integer(
+                "max_iterations", max_iterations, minimum=1, maximum=MOST_INT
+            ),
             "warm_start": _check_warm_start(warm_start),
             "relaxation": check_real("compliance", compliance, nonnegative=True),
             "artificial_pressure": check_real(
                 "artificial_pressure", artificial_pressure, nonnegative=True
             ),
-            "one_sided": bool(one_sided),
+            "one_sided": check_flag("one_sided", one_sided),
             "viscosity": _check_viscosity(viscosity, len(self.density)),
             **_check_forces(xsph, vorticity_confinement, surface_tension),
             "on_escape": check_choice("on_escape", on_escape, ON_ESCAPE),
             "bounds": check_bounds(bounds, d),
         }
-        if not all(1e-30 < m < 1e30 for m in [self.spacing**d, *self._options["masses"]]):
-            raise InputError(f"spacing: the mass of a particle is out of range at {spacing} m")
         self._dimension = d
-        self.dtype = check_dtype(dtype)
         self._origin = [0.0, 0.0, 0.0]
         if len(x):
-            self._origin[:d] = ((x.min(axis=0) + x.max(axis=0)) / 2).tolist()
+            self._origin[:d] = (0.5 * x.min(axis=0) + 0.5 * x.max(axis=0)).tolist()
         self._set_flow(emitters, sinks, len(self.density), self.spacing, "fluid")
         for k, emitter in enumerate(self.emitters):
             away = np.abs(emitter.position - self._origin[:d]).max()
@@ -314,10 +326,9 @@ class PositionBasedFluid(Particles):
         InputError
             If an argument is wrong; nothing is changed then.
         """
-        x = check_array("positions", positions, (None, self._dimension))
+        x = self._vectors("positions", positions, None)
         m = len(x)
-        v = np.zeros_like(x) if velocities is None else velocities
-        v = check_array("velocities", v, x.shape)
+        v = self._vectors("velocities", np.zeros_like(x) if velocities is None else velocities, m)
         which = check_kinds("kinds", 0 if kinds is None else kinds, m, len(self.density))
         with self._own():
             first = self._native.add(x, v, which)
@@ -410,7 +421,7 @@ class PositionBasedFluid(Particles):
         entries: list[Entry] = [
             TIME,
             Number("last_dt", low=0),
-            Number("next_id", int, low=0),
+            Number("next_id", int, low=0, high=MOST_INT),
             Rows("ids", np.int64, ("n",), low=0, below="next_id", distinct=True),
             Rows("positions", OWN, ("n", 4)),
             Rows("velocities", OWN, ("n", 4)),
@@ -433,7 +444,7 @@ class PositionBasedFluid(Particles):
 
 def _check_viscosity(viscosity: Any, fluids: int) -> list[float]:
     """Of each fluid; nothing if there is none."""
-    values = check_array("viscosity", np.atleast_1d(viscosity))
+    values = check_array("viscosity", np.atleast_1d(as_array("viscosity", viscosity)))
     if values.shape not in ((1,), (fluids,)):
         raise InputError(f"viscosity: expected 1 or {fluids} numbers, got shape {values.shape}")
     if (values < 0).any():

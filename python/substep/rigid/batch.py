@@ -11,9 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..base.checks import check_choice, check_integer, check_real, describe
+from ..base.checks import (
+    check_choice,
+    check_flag,
+    check_integer,
+    check_real,
+    check_sequence,
+    describe,
+)
 from ..base.rows import read_only
-from ..base.schema import TIME, Entry, Texts
+from ..base.schema import MOST, TIME, Entry, Texts
 from ..base.simulation import Simulation, whole_steps, with_energy
 from ..errors import InputError, NonFiniteError
 from .batch_rows import BatchRows
@@ -109,6 +116,7 @@ class RigidBatch(BatchRows):
             if worlds is not None:
                 raise InputError("worlds: is for a single template; a list has one for each world")
             copies: dict[int, RigidBodies] = {}
+            template = check_sequence("template", template, "RigidBodies")
             for k, one in enumerate(template):
                 _check_bodies(f"template[{k}]", one)
                 copies.setdefault(id(one), one.copy())
@@ -159,10 +167,11 @@ class RigidBatch(BatchRows):
             have done); the message names the body.
         """
         dt = self._step_size if dt is None else check_real("dt", dt, positive=True)
-        steps = check_integer("steps", steps, minimum=0, maximum=2**62)
+        steps = check_integer("steps", steps, minimum=0, maximum=MOST)
+        hold = check_flag("hold_forces", hold_forces)
         self._owner.refuse_callback("step")
         with self._own():
-            self._native.step(dt, steps, bool(hold_forces))
+            self._native.step(dt, steps, hold)
             self._last.steps, self._last.dt = steps, dt
 
     def advance(
@@ -191,7 +200,7 @@ class RigidBatch(BatchRows):
         NonFiniteError
             As `step`.
         """
-        self._hold = bool(hold_forces)
+        self._hold = check_flag("hold_forces", hold_forces)
         super().advance(duration, callback)
 
     def _run(self, duration: float, end: float, callback: Callable[[Self], object] | None) -> None:
@@ -255,16 +264,21 @@ class RigidBatch(BatchRows):
         NonFiniteError
             As `step`; `result` has the frames up to there.
         """
-        every = check_integer("every", every, minimum=1)
-        steps = check_integer("steps", steps, minimum=0, maximum=2**62)
+        every = check_integer("every", every, minimum=1, maximum=MOST)
+        steps = check_integer("steps", steps, minimum=0, maximum=MOST)
         if steps % every != 0:
             raise InputError(f"steps: expected a multiple of every ({every}), got {steps}")
         dt = self._step_size if dt is None else check_real("dt", dt, positive=True)
+        columns = 13 if check_flag("velocities", velocities) else 7
+        hold = check_flag("hold_forces", hold_forces)
         with self._own():
-            n = int(self.counts.max(initial=0))
-            frames = np.full((len(self), steps // every, n, 13 if velocities else 7), np.nan)
+            shape = (len(self), steps // every, int(self.counts.max(initial=0)), columns)
             try:
-                self._native.rollout(dt, every, bool(hold_forces), frames)
+                frames = np.full(shape, np.nan)
+            except (MemoryError, ValueError):  # of which the second is of sizes beyond all memory
+                raise MemoryError(f"steps: no memory for frames of shape {shape}") from None
+            try:
+                self._native.rollout(dt, every, hold, frames)
             except NonFiniteError as error:
                 error.result = self._as_put_in(frames[:, : (error.step or 0) // every].copy())
                 raise
@@ -313,7 +327,10 @@ class RigidBatch(BatchRows):
                 self._native.reset(chosen)
                 self._remember(chosen, [self._first[w] for w in chosen])
                 return
-            sources = [to] * len(chosen) if isinstance(to, BodyRows) else list(to)
+            single = isinstance(to, BodyRows)
+            sources: list[Any] = (
+                [to] * len(chosen) if single else check_sequence("to", to, "RigidBodies")
+            )
             if len(sources) != len(chosen):
                 raise InputError(f"to: expected {len(chosen)}, one for each world")
             counts = self.counts
@@ -344,7 +361,7 @@ class RigidBatch(BatchRows):
             If there is no such world.
         """
         with self._own():
-            w = int(self._worlds("world", world)[0])
+            w = int(self._worlds("world", check_integer("world", world))[0])
             bodies = self._made[w].copy()
             self._native.copy_out(w, bodies._native)
         return bodies

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import check_array, describe
+from ..base.checks import as_array, check_array, describe
 from ..base.quaternions import multiply, rotate, unit_quaternions
-from ..base.rows import read_only
+from ..base.rows import read_only, rows_of
 from ..base.simulation import Simulation
 from ..errors import InputError
 from .bodies import RigidBodies
@@ -91,6 +91,8 @@ class BatchRows(Simulation):
         >>> batch.positions[:, batch.rows(second), 2].tolist()
         [2.0, 2.0, 2.0, 2.0]
         """
+        if ids is None:
+            raise InputError("ids: expected integers, shape (m,), got None")
         _, rows = self._where(ids, None)
         if len(rows) and (rows != rows[0]).any():
             raise InputError("ids: the worlds have these bodies in different rows; see `ids`")
@@ -156,7 +158,7 @@ class BatchRows(Simulation):
         Parameters
         ----------
         values : array_like, shape (k, m, 3) or (m, 3) for all worlds
-            Their positions [m].
+            Their positions [m]; of one id standing alone also one row standing alone.
         ids : int or array_like of int, shape (m,), optional
             Bodies, by their ids in the worlds; all unless given, one for each row:
             worlds that have fewer pass over the others.
@@ -170,7 +172,7 @@ class BatchRows(Simulation):
         """
         with self._own():
             where = self._where(ids, worlds)
-            x = self._values("values", values, where, 3)
+            x = self._values("values", rows_of(values, ids), where, 3)
             self._set_frames(where, x, self._pick(self._poses()[1], where))
 
     def set_rotations(
@@ -192,7 +194,7 @@ class BatchRows(Simulation):
         """
         with self._own():
             where = self._where(ids, worlds)
-            q = self._values("values", values, where, 4)
+            q = self._values("values", rows_of(values, ids), where, 4)
             self._set_frames(where, self._pick(self._poses()[0], where), q)
 
     def set_velocities(
@@ -214,7 +216,7 @@ class BatchRows(Simulation):
         """
         with self._own():
             where = self._where(ids, worlds)
-            v = self._values("values", values, where, 3)
+            v = self._values("values", rows_of(values, ids), where, 3)
             w = self._pick(self._native.angular_velocities(), where)
             self._write("set_velocities", where, v, w)
 
@@ -237,7 +239,7 @@ class BatchRows(Simulation):
         """
         with self._own():
             where = self._where(ids, worlds)
-            w = self._values("values", values, where, 3)
+            w = self._values("values", rows_of(values, ids), where, 3)
             v = self._pick(self._native.velocities(), where)
             self._write("set_velocities", where, v, w)
 
@@ -260,7 +262,7 @@ class BatchRows(Simulation):
         """
         with self._own():
             where = self._where(ids, worlds)
-            self._write("set_forces", where, self._values("values", values, where, 3))
+            self._write("set_forces", where, self._values("values", rows_of(values, ids), where, 3))
 
     def set_torques(
         self, values: ArrayLike, ids: ArrayLike | None = None, *, worlds: ArrayLike | None = None
@@ -281,7 +283,9 @@ class BatchRows(Simulation):
         """
         with self._own():
             where = self._where(ids, worlds)
-            self._write("set_torques", where, self._values("values", values, where, 3))
+            self._write(
+                "set_torques", where, self._values("values", rows_of(values, ids), where, 3)
+            )
 
     @property
     def joint_coordinates(self) -> Array:
@@ -314,7 +318,7 @@ class BatchRows(Simulation):
             raise TypeError(f"joint: expected a Joint, got {describe(joint)}")
         with self._own():
             chosen = self._worlds("worlds", worlds)
-            values = np.asarray(targets)
+            values = as_array("targets", targets)
             values = check_array("targets", values, (len(chosen),) if values.ndim else ())
             rows = {made: made._joint_ids for made in {*(self._made[w] for w in chosen)}}
             row = joint._row()
@@ -378,7 +382,7 @@ class BatchRows(Simulation):
             every = np.arange(self._ids.shape[1])
             return chosen, np.broadcast_to(every, (len(chosen), len(every)))
         if not len(chosen):
-            return chosen, np.zeros((0, np.size(ids)), np.int64)
+            return chosen, np.zeros((0, as_array("ids", ids).size), np.int64)
         if self._alike:
             rows = self._made[chosen[0]]._rows(ids)
             _check_once("ids", rows)
@@ -400,16 +404,18 @@ class BatchRows(Simulation):
     def _worlds(self, name: str, given: ArrayLike | None) -> Ids:
         if given is None:
             return np.arange(len(self))
-        numbers = np.asarray(given)
+        numbers = as_array(name, given)
         if numbers.size == 0:
             numbers = numbers.astype(np.int64)
         if numbers.ndim > 1 or numbers.dtype.kind not in "iu":
-            raise InputError(f"{name}: expected integers, shape (k,)")
+            raise InputError(f"{name}: expected integers, shape (k,), got {describe(given)}")
+        several = numbers.ndim == 1
         numbers = np.atleast_1d(numbers)
         wrong = (numbers < 0) | (numbers >= len(self))
         if wrong.any():
             k = int(np.argmax(wrong))
-            raise IndexError(f"{name}[{k}]: expected a number below {len(self)}, got {numbers[k]}")
+            where = f"{name}[{k}]" if several else name
+            raise IndexError(f"{where}: expected a number below {len(self)}, got {numbers[k]}")
         _check_once(name, numbers)
         return numbers.astype(np.int64)
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.checks import check_array, check_integer, check_real, describe
 from ..base.quaternions import multiply, rotate
 from ..errors import InputError
-from ..geometry import Plane, Shape, TriangleMesh
+from ..geometry import Plane, Shape, SignedDistanceField, TriangleMesh
 from .mass import MassProperties, compound, mass_properties
 
 Array = NDArray[np.float64]
@@ -129,6 +129,8 @@ def check_fixtures(shape: Any, defaults: dict[str, Any], motion: str) -> tuple[F
                 f"shape: a {kind} is ground, of static bodies only; a body that moves is made of "
                 "convex shapes, such as rigid.ConvexHull"
             )
+        if isinstance(fixture.shape, SignedDistanceField):
+            fixture.shape._rigid()  # says that it cannot be one
         fixtures.append(replace(fixture, **{**defaults, **fixture._given()}))
     return tuple(fixtures)
 

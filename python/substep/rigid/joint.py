@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..base.attributes import Checked
 from ..base.checks import check_array, check_real, describe
 from ..errors import InputError
 
@@ -111,7 +112,7 @@ class _World(Protocol):
     def _remove_joints(self, rows: Ids) -> None: ...
 
 
-class Joint:
+class Joint(Checked):
     """A joint of `RigidBodies`, as its methods `ball`, `hinge`, ... give it.
 
     Parameters

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import check_array, check_choice
+from ..base.checks import as_array, check_array, check_choice
 from ..base.quaternions import multiply, rotate, unit_quaternions
-from ..base.rows import Numbered, find_rows, read_only
+from ..base.rows import Numbered, find_rows, find_rows_or_all, read_only
 from ..errors import InputError
 from .fixtures import MOTIONS, Fixture, is_ground
 
@@ -161,7 +161,7 @@ class BodyRows(Numbered):
             If an argument is wrong; nothing is changed then.
         """
         with self._own():
-            rows = self._rows(ids)
+            rows = self._rows_or_all(ids)
             x = self._vectors("values", values, rows)
             self._set_frames(rows, x, self._frame_rotations()[rows])
 
@@ -181,7 +181,7 @@ class BodyRows(Numbered):
             If an argument is wrong; nothing is changed then.
         """
         with self._own():
-            rows = self._rows(ids)
+            rows = self._rows_or_all(ids)
             q = self._quaternions("values", values, rows)
             self._set_frames(rows, self.positions[rows], q)
 
@@ -235,7 +235,7 @@ class BodyRows(Numbered):
 
     def _moving(self, values: ArrayLike, ids: ArrayLike | None) -> tuple[Ids, Array]:
         """Rows that are not static unless they are asked for, and their values."""
-        rows = self._rows(ids)
+        rows = self._rows_or_all(ids)
         vectors = self._vectors("values", values, rows)
         if ids is None:
             rows = np.flatnonzero(self._native.motions() != _STATIC)
@@ -258,7 +258,7 @@ class BodyRows(Numbered):
             If an argument is wrong; nothing is changed then.
         """
         with self._own():
-            rows = self._rows(ids)
+            rows = self._rows_or_all(ids)
             self._native.forces[rows] = self._vectors("values", values, rows)
 
     def set_torques(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
@@ -277,7 +277,7 @@ class BodyRows(Numbered):
             If an argument is wrong; nothing is changed then.
         """
         with self._own():
-            rows = self._rows(ids)
+            rows = self._rows_or_all(ids)
             self._native.torques[rows] = self._vectors("values", values, rows)
 
     def set_motion(self, motion: str, ids: ArrayLike) -> None:
@@ -368,7 +368,7 @@ class BodyRows(Numbered):
             If there is no such body.
         """
         with self._own():
-            self._native.wake(self._rows(ids))
+            self._native.wake(self._rows_or_all(ids))
 
     def _points(self, point: ArrayLike | None, rows: Ids) -> Array:
         if point is not None:
@@ -386,15 +386,19 @@ class BodyRows(Numbered):
         shape = (4,) if is_one(value) else (len(rows), 4)
         return np.array(np.broadcast_to(unit_quaternions(name, value, shape), (len(rows), 4)))
 
-    def _rows(self, ids: ArrayLike | None) -> Ids:
-        """Rows of bodies, from one id or several; all unless given."""
+    def _rows(self, ids: ArrayLike) -> Ids:
+        """Rows of bodies, from one id or several."""
         return find_rows(ids, self._ids, self._what)
+
+    def _rows_or_all(self, ids: ArrayLike | None) -> Ids:
+        return find_rows_or_all(ids, self._ids, self._what)
 
     def _row(self, name: str, body: Any) -> int:
         """The row of one body."""
-        if np.ndim(np.asarray(body)) != 0 or np.asarray(body).dtype.kind not in "iu":
+        number = as_array(name, body)
+        if number.ndim or number.dtype.kind not in "iu":
             raise InputError(f"{name}: expected the id of a body, got {body!r}")
-        return int(self._rows(body)[0])
+        return int(find_rows(number, self._ids, self._what, name)[0])
 
 
 def is_one(value: Any) -> bool:

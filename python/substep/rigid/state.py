@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..base.schema import TIME, Entry, Number, Rows
+from ..base.schema import MOST, TIME, Entry, Number, Rows
 from ..errors import InputError
 from .fixtures import add_native
 from .joints import Joints
@@ -24,9 +24,9 @@ _VECTORS = (
 )
 SCHEMA: list[Entry] = [
     TIME,
-    Number("next_id", int),
+    Number("next_id", int, low=0, high=MOST),
     Rows("ids", np.int64, ("bodies",), low=0, below="next_id", rising=True),
-    Number("steps", int, low=0, high=2**62),
+    Number("steps", int, low=0, high=MOST),
     Rows("island", np.int32, ("bodies",)),
     Rows("motions", np.uint8, ("bodies",), high=2),
     *(Rows(name, np.float64, ("bodies", 3)) for name in _VECTORS),
@@ -36,7 +36,7 @@ SCHEMA: list[Entry] = [
     Rows("slow_time", np.float64, ("bodies",)),
     Rows("contacts", np.float64, ("contacts", None)),
     Rows("contact_pairs", np.int32, ("contacts", None)),
-    Number("next_joint", int),
+    Number("next_joint", int, low=0, high=MOST),
     Rows("joint_ids", np.int64, ("joints",), low=0, below="next_joint", rising=True),
     Rows("joints", np.float64, ("joints", None), finite="no NaN"),  # limits may be infinite
     Rows("joint_pairs", np.int32, ("joints", None)),

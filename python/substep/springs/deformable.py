@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.checks import (
+    MOST_INT,
     check_array,
     check_choice,
     check_integer,
@@ -45,7 +46,11 @@ _NATIVE = {"euler": "explicit_euler", "symplectic_euler": "semi_implicit_euler"}
 SOLVERS = {"newton": 100, "projective": 10}  # and their iterations
 ON_FAIL = ("substep", "raise")
 _ARRAYS = ("positions", "velocities", "forces", "targets")
-_STATE: list[Entry] = [TIME, *(Rows(name, np.float64, ("n", 3), finite="any") for name in _ARRAYS)]
+_STATE: list[Entry] = [
+    TIME,
+    *(Rows(name, np.float64, ("n", 3), finite="any") for name in _ARRAYS),
+    Rows("pinned", np.uint8, ("n",), high=1),
+]
 
 
 @dataclass
@@ -125,7 +130,7 @@ class Deformable(Points):
             "solver": self.solver,
             "max_iterations": SOLVERS[self.solver]
             if max_iterations is None
-            else check_integer("max_iterations", max_iterations, minimum=1),
+            else check_integer("max_iterations", max_iterations, minimum=1, maximum=MOST_INT),
             "gravity": self._gravity.tolist(),
             "tolerance": check_real("tolerance", tolerance, positive=True),
             "max_halvings": 8 if check_choice("on_fail", on_fail, ON_FAIL) == "substep" else 0,
@@ -136,8 +141,8 @@ class Deformable(Points):
             "sticking_speed": check_real("sticking_speed", sticking_speed, positive=True),
             "threads": check_threads(threads),
         }
-        self._pinned = check_pinned(pinned, n)
-        native = self._make({"positions": positions, "velocities": start})
+        flags = check_pinned(pinned, n)
+        native = self._make({"positions": positions, "velocities": start, "pinned": flags})
         super().__init__(native, time, threads)
         if step is None:
             limit = self.step_limit()[0] if self.integrator != "implicit_euler" else math.inf
@@ -294,6 +299,10 @@ class Deformable(Points):
             "velocity": (self.velocities.copy(), "m/s"),
         }
 
+    def _set_gravity(self, pull: Array, options: dict[str, Any]) -> None:
+        self._native.gravity = options["gravity"]  # in place: what is a view stays one
+        self._gravity, self._options = pull, options
+
     def _schema(self) -> tuple[list[Entry], dict[str, int], Any]:
         sizes = {"n": len(self), "colliders": len(self.colliders)}
         entries = [*_STATE, colliders_entry(self.colliders)]
@@ -302,19 +311,15 @@ class Deformable(Points):
     def _state(self) -> dict[str, Any]:
         native = self._native
         arrays = {name: getattr(native, name).copy() for name in _ARRAYS}
-        return {"time": self.time, **arrays, "colliders": collider_states(self.colliders)}
+        own = {"pinned": native.pinned, "colliders": collider_states(self.colliders)}
+        return {"time": self.time, **arrays, **own}
 
     def _put_state(self, state: dict[str, Any]) -> None:
         self._native.time = state["time"]
+        self._native.pinned = state["pinned"]
         for name in _ARRAYS:
             getattr(self._native, name)[:] = state[name]
         restore_colliders(self.colliders, state["colliders"])
-
-    def _parts(self) -> dict[str, Any]:
-        return super()._parts() | {"_pinned": self._native.pinned}
-
-    def _replace(self, **parts: Any) -> None:
-        super()._replace(_pinned=self._native.pinned, **parts)
 
     def _make(self, state: Mapping[str, Any]) -> Any:
         """With all terms and obstacles, at the positions of a state."""
@@ -325,7 +330,7 @@ class Deformable(Points):
             state["positions"],
             state["velocities"],
             self._masses,
-            self._pinned,
+            state["pinned"],
             terms,
             [collider._native for collider in self.colliders],
             **self._options,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..base.checks import check_array, check_integer, check_positive, check_real
+from ..base.checks import as_array, check_array, check_integer, check_positive, check_real
 from ..geometry import Collider, Shape, TriangleMesh
 from ..geometry.topology import check_indices
 from .deformable import Array, Deformable
@@ -145,8 +145,7 @@ class MassSpring(Deformable):
         threads: int | None = None,
     ) -> None:
         x = check_array("positions", positions, (None, 3))
-        array = np.asarray(edges)
-        empty = array.size == 0
+        empty = as_array("edges", edges).size == 0
         pairs = np.zeros((0, 2), np.int64) if empty else check_indices("edges", edges, 2, len(x))
         self.edges = pairs
         self.faces = None if faces is None else check_indices("faces", faces, 3, len(x))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..base.checks import check_array, check_choice, check_positive, check_real
+from ..base.checks import as_array, check_array, check_choice, check_positive, check_real
 from ..errors import InputError
 from ..geometry import Collider, Shape, TetMesh, TriangleMesh, read_mesh, tetrahedralize
 from .deformable import Array, Deformable
@@ -268,7 +268,7 @@ class SoftBody(Deformable):
             time=time,
             threads=threads,
         )
-        body.mesh.lacks = solid.lacks
+        body.mesh.lacks.extend(solid.lacks)
         return body
 
 
@@ -286,8 +286,9 @@ def _refuse_flat(mesh: TetMesh) -> None:
 
 
 def _check_poisson_ratio(value: ArrayLike, count: int) -> Array:
-    one = np.ndim(np.asarray(value)) == 0
-    ratio: Array = check_array("poisson_ratio", [value] * count if one else value, (count,)).copy()
+    given = as_array("poisson_ratio", value)
+    rows = given if given.ndim else np.repeat(given, count)
+    ratio: Array = check_array("poisson_ratio", rows, (count,)).copy()
     bad = (ratio <= -1) | (ratio >= 0.5)
     if bad.any():
         index = int(np.argmax(bad))

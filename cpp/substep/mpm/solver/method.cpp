@@ -53,6 +53,9 @@ class MethodOf final : public Method {
   void advance(double duration) override {
     run([&] { solver_.advance(duration); });
   }
+  void advance_once(double end, bool goes_on) override {
+    run([&] { solver_.advance_once(end, goes_on); });
+  }
   StepLimit step_limit() const override { return solver_.step_limit(); }
 
   int dimension() const override { return D; }

@@ -49,6 +49,7 @@ class Method {
   virtual std::int64_t absorb(const geometry::Collider& region) = 0;
   virtual void step(double dt) = 0;
   virtual void advance(double duration) = 0;
+  virtual void advance_once(double end, bool goes_on) = 0;
   virtual StepLimit step_limit() const = 0;
 
   virtual int dimension() const = 0;

@@ -62,14 +62,21 @@ void Solver<Real, D>::advance(double duration) {
 }
 
 template <class Real, int D>
-void Solver<Real, D>::run(double end, double given) {
+void Solver<Real, D>::advance_once(double end, bool goes_on) {
+  goes_on_ &= goes_on;
+  run(end, options_.step, true);
+}
+
+template <class Real, int D>
+void Solver<Real, D>::run(double end, double given, bool once) {
   const std::vector<geometry::Collider> colliders = grid_.colliders;
   const Report before = report_;
   report_ = {};
   grid_.clear_exchange();
-  wave_age_ = kWaveSteps;
+  goes_on_ &= once;
+  if (!goes_on_) wave_age_ = kWaveSteps;
   try {
-    while (clock_.time < end) steps_until_rest(end, given);
+    while (clock_.time < end && !(once && report_.steps > 0)) steps_until_rest(end, given, once);
   } catch (...) {
     if (report_.steps == 0) {
       grid_.colliders = colliders;
@@ -82,7 +89,7 @@ void Solver<Real, D>::run(double end, double given) {
 // p2g; grid; then g2p fused with the next p2g, grid; ...; g2p. What fails leaves the state after
 // the last good step.
 template <class Real, int D>
-void Solver<Real, D>::steps_until_rest(double end, double given) {
+void Solver<Real, D>::steps_until_rest(double end, double given, bool once) {
   poll_interrupt();
   NextStep step = first_step(end, given);
   reserve_run(step, end);
@@ -90,7 +97,7 @@ void Solver<Real, D>::steps_until_rest(double end, double given) {
     const std::exception_ptr stop = asked_to_stop();
     // From here to the next turn particles may be between two steps.
     const DeferInterrupts whole;
-    std::optional<NextStep> after = following(step, end, given, stop != nullptr);
+    std::optional<NextStep> after = following(step, end, given, stop || once);
     if (!after) {
       rest(step);
       if (stop) std::rethrow_exception(stop);
@@ -105,13 +112,16 @@ void Solver<Real, D>::steps_until_rest(double end, double given) {
 // The first step of a run, shortened until it is good. Nodes are those of it then.
 template <class Real, int D>
 typename Solver<Real, D>::NextStep Solver<Real, D>::first_step(double end, double given) {
-  NextStep step = choose(clock_.time, end, given,
-                         limit_now(largest_speed(particles_, options_.threads), given));
-  if (!step.refused.empty()) raise(step.refused, limiting(step.limit));
+  NextStep step = choose_first(end, given);
   shrinks_ = 0;
   // An implicit step is dear: it is not solved twice for want of room.
   if (options_.integrator == Integrator::kImplicit && clock_.drift > 0) sort_resting();
   Trial trial = begin_step(step.dt);
+  if (goes_on_ && trial.outcome != Outcome::kGood) {
+    goes_on_ = false;
+    step = choose_first(end, given);
+    trial = begin_step(step.dt);
+  }
   for (; trial.outcome != Outcome::kGood; trial = begin_step(step.dt)) shrink(step, trial, given);
   if (!fast() && clock_.drift + trial.nodes.reach > room()) {
     sort_resting();
@@ -119,6 +129,19 @@ typename Solver<Real, D>::NextStep Solver<Real, D>::first_step(double end, doubl
   }
   step.speed = trial.nodes.speed;
   step.reach = trial.nodes.reach;
+  return step;
+}
+
+template <class Real, int D>
+typename Solver<Real, D>::NextStep Solver<Real, D>::choose_first(double end, double given) {
+  if (goes_on_) {
+    NextStep step = choose(clock_.time, end, given, next_limit_);
+    if (step.refused.empty()) return step;
+    goes_on_ = false;
+  }
+  const double speed = largest_speed(particles_, options_.threads);
+  NextStep step = choose(clock_.time, end, given, limit_now(speed, given));
+  if (!step.refused.empty()) raise(step.refused, limiting(step.limit));
   return step;
 }
 
@@ -140,9 +163,13 @@ std::optional<typename Solver<Real, D>::NextStep> Solver<Real, D>::following(con
                                                                              bool stop) {
   return or_recover(step, [&]() -> std::optional<NextStep> {
     make_room(step);
-    if (stop || near_bounds_ || !fast() || !(step.end < end)) return {};
-    NextStep after = choose(step.end, end, given, limit_now(step.speed, given));
-    if (!after.refused.empty()) return {};
+    goes_on_ = !near_bounds_ && fast() && step.end < end;
+    if (!goes_on_) return {};
+    next_limit_ = limit_now(step.speed, given);
+    if (stop) return {};
+    NextStep after = choose(step.end, end, given, next_limit_);
+    goes_on_ = after.refused.empty();
+    if (!goes_on_) return {};
     if (begin_.empty()) begin_.push_back({grid_, clock_, report_});
     good_.push_back(step);
     return after;
@@ -311,6 +338,7 @@ void Solver<Real, D>::commit(const NextStep& step) {
 // The step after the last of `good_` has failed.
 template <class Real, int D>
 void Solver<Real, D>::return_to_good_step() {
+  goes_on_ = false;
   rewind(particles_, options_.threads);
   grid_ = begin_[0].grid;
   clock_ = begin_[0].clock;

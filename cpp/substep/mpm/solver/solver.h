@@ -73,6 +73,9 @@ class Solver {
   // As many steps as a duration needs. Where it throws, the state is that after the last good step,
   // which the exception numbers.
   void advance(double duration);
+  // The next step of an advance to `end`, bit for bit. The first one of it does not go on; nor does
+  // one after a change of the particles.
+  void advance_once(double end, bool goes_on);
   StepLimit step_limit() const;
 
   Diagnostics diagnostics() const;
@@ -110,10 +113,11 @@ class Solver {
   };
 
   // Steps.
-  void run(double end, double given);
-  void steps_until_rest(double end, double given);
+  void run(double end, double given, bool once = false);
+  void steps_until_rest(double end, double given, bool once);
   NextStep first_step(double end, double given);
   void reserve_run(const NextStep& step, double end);
+  NextStep choose_first(double end, double given);
   std::optional<NextStep> following(const NextStep& step, double end, double given, bool stop);
   Trial go_on(const NextStep& step, NextStep& after);
   NextStep choose(double now, double end, double given, const StepLimit& limit);
@@ -191,6 +195,8 @@ class Solver {
   double wave_ = 0;                               // c^2 of the elastic wave [m^2/s^2]
   std::int64_t wave_age_ = 0;                     // steps since it was measured
   int shrinks_ = 0;                               // of the step that is being tried
+  bool goes_on_ = false;  // whether the next step has this limit, as if fused with the last
+  StepLimit next_limit_;
 };
 
 }  // namespace substep::mpm

@@ -36,6 +36,7 @@ ParticleRows<Real, D> particle_at_rest(const AnyMaterial& material) {
 template <class Real, int D>
 template <class Change>
 void Solver<Real, D>::supply(const Change& change) {
+  goes_on_ = false;
   const double before = sums().energy();
   change();
   clock_.supplied += sums().energy() - before;
@@ -217,6 +218,7 @@ void Solver<Real, D>::set_velocities(std::span<const Vec3> v,
 
 template <class Real, int D>
 void Solver<Real, D>::set_affine(std::span<const double> C, std::span<const std::int64_t> places) {
+  goes_on_ = false;
   write(places, [&](const Slot& s, std::size_t k) {
     for (std::size_t i = 0; i < D * D; ++i) {
       motion_of(particles_, s, D + static_cast<int>(i)) = static_cast<Real>(C[k * D * D + i]);

@@ -109,6 +109,7 @@ void Solver<Real, D>::restore(const Clock& at, const std::vector<ParticleRows<Re
   particles_.before = at.before;
   forces_ = forces;
   report_ = {};
+  goes_on_ = false;
   layout_changed();
 }
 

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ... import _core
+from ...base.attributes import Frozen
 from ...base.checks import check_array
 
 
-class System:
+class System(Frozen):
     """A compiled system y' = f(t, y).
 
     Parameters

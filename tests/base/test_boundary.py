@@ -1,0 +1,246 @@
+"""What comes in from outside, of every class: copied, refused by name, or taken as said."""
+
+import math
+
+import numpy as np
+import pytest
+import substep
+from test_conformance import classes, content, example
+
+InputError = substep.InputError
+KINDS = pytest.mark.parametrize("kind", classes(), ids=lambda kind: kind.__name__)
+P = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+
+
+def fluid(**options):
+    return substep.PositionBasedFluid(**({"positions": 0.1 * P, "spacing": 0.1} | options))
+
+
+def jelly(**options):
+    solid = substep.mpm.FixedCorotated(1000, 1.0, 0.3)
+    given = {"positions": 0.1 * P, "materials": solid, "cell": 0.1, "volume": 1e-4}
+    return substep.MaterialPointMethod(**(given | options))
+
+
+def points(**options):
+    return substep.PositionBasedDynamics(**({"positions": P, "masses": 1.0} | options))
+
+
+def net(**options):
+    given = {"positions": P, "edges": [[0, 1]], "stiffness": 1.0, "masses": 1.0}
+    return substep.MassSpring(**(given | options))
+
+
+def balls():
+    bodies = substep.RigidBodies()
+    bodies.add(substep.Sphere(0.1), P)
+    return bodies
+
+
+# ---------------------------------------------------------------------------- arrays are copied
+
+QUAD, PAIR, TRIPLE = (np.arange(n, dtype=np.int32)[None] for n in (4, 2, 3))
+HELD = [
+    (PAIR, lambda a: substep.Distance(a, [1.0])),
+    (PAIR, lambda a: substep.pbd.Tether(a)),
+    (QUAD, lambda a: substep.pbd.Bending(a)),
+    (QUAD, lambda a: substep.pbd.IsometricBending(a)),
+    (TRIPLE, lambda a: substep.pbd.TriangleArea(a)),
+    (QUAD, lambda a: substep.pbd.TetrahedronVolume(a)),
+    (QUAD, lambda a: substep.pbd.NeoHookean(a, 1.0, 0.3)),
+    (TRIPLE[0], lambda a: substep.pbd.Attachment(a)),
+    (QUAD, lambda a: substep.pbd.ShapeMatching(a)),
+    (TRIPLE, lambda a: substep.pbd.SelfCollision(a, thickness=0.1)),
+    (PAIR, lambda a: substep.pbd.CustomConstraint(a, lambda x: (x[:, 0, 0], 0 * x))),
+    (np.ones(4), lambda a: substep.pbd.ParticleCollision(a)),
+    (np.ones(1), lambda a: substep.Distance(PAIR, a)),
+    (np.ones(1), lambda a: substep.Distance(PAIR, compliance=a)),
+    (np.ones((1, 3)), lambda a: substep.pbd.Attachment([0], a)),
+    (P, lambda a: substep.pbd.ShapeMatching(QUAD, rest_positions=a)),
+]
+
+
+@pytest.mark.parametrize(("given", "make"), HELD)
+def test_constraints_copy_what_they_are_given(given, make):
+    given = given.copy()
+    constraint = make(given)
+    held = [value for value in vars(constraint).values() if isinstance(value, np.ndarray)]
+    before = substep.state_hash(*held)
+    given[:] = -2_000_000_000
+    assert substep.state_hash(*held) == before
+    assert not any(value.flags.writeable for value in held)
+    points(constraints=[constraint]).step(0.01)
+
+
+# ---------------------------------------------------------------------------- ids
+
+
+@KINDS
+def test_no_ids_are_refused_where_ids_are_required(kind):
+    simulation = example(kind)()
+    with pytest.raises(InputError, match="ids"):
+        simulation.rows(None)
+    before = content(simulation)
+    if hasattr(simulation, "remove"):
+        with pytest.raises(InputError, match="ids"):
+            simulation.remove(None)
+    assert content(simulation) == before
+
+
+def test_no_bodies_are_refused():
+    bodies = balls()
+    for call in (
+        lambda: bodies.set_motion("static", None),
+        lambda: bodies.apply_force(None, (0, 0, 1)),
+        lambda: bodies.apply_impulse(None, (0, 0, 1)),
+    ):
+        with pytest.raises(InputError, match="ids"):
+            call()
+    bodies.wake(None)  # all, as it says
+    with pytest.raises(IndexError, match=r"^a: there is no body -1"):
+        bodies.hinge(-1, None, (0, 0, 0), (0, 0, 1))
+    with pytest.raises(IndexError, match=r"^ids: there is no body 9"):
+        bodies.remove(9)
+    with pytest.raises(InputError, match=r"^b:"):
+        bodies.fixed(0, [1, [2]], (0, 0, 0))
+    batch = substep.RigidBatch(bodies, 2)
+    for wrong in (None, [0, 1], [], 0.5):
+        with pytest.raises(InputError, match="world"):
+            batch.copy_world(wrong)
+    with pytest.raises(IndexError, match=r"^world: expected a number below 2"):
+        batch.copy_world(2)
+
+
+@KINDS
+def test_one_row_stands_alone_for_one_id_that_does(kind):
+    simulation = example(kind)()
+    one = int(np.ravel(simulation.ids)[-1])
+    row = np.array(simulation.positions)[..., simulation.rows(one), :] + 0.001
+    row = row if row.ndim == 1 else row[0]
+    simulation.set_positions(row, one)
+    after = content(simulation)
+    simulation.set_positions(row[None], [one])
+    assert content(simulation) == after
+    if kind is not substep.RigidBodies:  # there one row is for all
+        with pytest.raises(InputError, match="values"):
+            simulation.set_positions(row, [one])
+
+
+# ---------------------------------------------------------------------------- numbers
+
+
+@pytest.mark.parametrize("make", [fluid, jelly, points])
+def test_numbers_beyond_float32_are_refused(make):
+    far, name = np.where(P == 0, 0, 1e39), "beyond float32"
+    for argument in ("positions", "velocities"):
+        with pytest.raises(InputError, match=f"{argument}.*{name}"):
+            make(**{argument: far})
+    simulation = make()
+    for setter in ("positions", "velocities"):
+        with pytest.raises(InputError, match=f"values.*{name}"):
+            getattr(simulation, f"set_{setter}")([[0, 1e39, 0]], ids=[0])
+    if make is not points:
+        more = [1e-4] if make is jelly else []
+        with pytest.raises(InputError, match=f"velocities.*{name}"):
+            simulation.add(P[:1], *more, velocities=[[0, 1e39, 0]])
+    make(dtype="float64").set_velocities([[0, 1e39, 0]], ids=[0])
+
+
+@KINDS
+def test_threads_are_1_to_1024(kind):
+    simulation = example(kind)()
+    for wrong in (0, 1025, 2**31, 10**20):
+        with pytest.raises(InputError, match="threads: expected an integer from 1 to 1024"):
+            simulation.threads = wrong
+
+
+REFUSED = [
+    (lambda: fluid(min_iterations=2**31), InputError, "min_iterations"),
+    (lambda: fluid(max_iterations=2**31), InputError, "max_iterations"),
+    (lambda: net(max_iterations=2**31), InputError, "max_iterations"),
+    (lambda: fluid(spacing=1e300), InputError, "spacing"),
+    (lambda: jelly(cell=1e300), InputError, "cell"),
+    (lambda: fluid(density=[]), InputError, "density"),
+    (lambda: fluid(one_sided="no"), TypeError, "one_sided"),
+    (lambda: net(masses=[1, [2]]), InputError, "masses"),
+    (lambda: net(stiffness=[1, [2]]), InputError, "stiffness"),
+    (lambda: net(edges=[1, [2]]), InputError, "edges"),
+    (lambda: net(pinned=[1, [2]]), InputError, "pinned"),
+    (lambda: fluid(density=[1, [2]]), InputError, "density"),
+    (lambda: fluid(kinds=[1, [2]]), InputError, "kinds"),
+    (lambda: substep.Distance([1, [2]]), InputError, "pairs"),
+    (lambda: substep.Distance(PAIR, [1, [2]]), InputError, "rest_lengths"),
+    (lambda: points(colliders=5), TypeError, "colliders: expected a list of Collider or shapes"),
+    (lambda: points(colliders=substep.Capsule(1, 1)), TypeError, r"colliders: .* got Capsule\("),
+    (lambda: points(constraints=None), TypeError, "constraints: expected a list"),
+    (lambda: fluid(emitters=5), TypeError, "emitters: expected a list of Emitter"),
+    (lambda: fluid(sinks=5), TypeError, "sinks: expected a list of Sink"),
+    (lambda: jelly(materials=5), TypeError, "materials: expected a list of Material"),
+    (lambda: jelly(boundary=5), TypeError, "boundary: expected a list"),
+    (lambda: substep.geometry.grid_mesh(10**20, 3), InputError, "n: expected an integer from 2"),
+    (lambda: substep.geometry.box_tetrahedra((1, 1, 1), 5), TypeError, "divisions: expected a"),
+    (lambda: substep.RigidBatch(balls(), 1).reset(to=5), TypeError, "to: expected a list"),
+    (lambda: substep.RigidBatch(balls(), 1).reset([0, [1]]), InputError, "worlds"),
+    (lambda: substep.RigidBatch(balls(), 1).step(hold_forces="no"), TypeError, "hold_forces"),
+    (lambda: substep.RigidBatch(balls(), 1).rollout(1, velocities="no"), TypeError, "velocities"),
+    (lambda: substep.RigidBatch(balls(), 1).rollout(2**60), MemoryError, "steps"),
+    (lambda: points().step(np.array(True)), TypeError, "dt"),
+    (lambda: points().step(np.array("5")), TypeError, "dt"),
+    (lambda: points().step(bytearray(b"5")), TypeError, "dt"),
+    (lambda: setattr(points(), "step_size", None), TypeError, "step_size"),
+]
+
+
+@pytest.mark.parametrize(("call", "error", "message"), REFUSED)
+def test_what_is_wrong_is_refused_by_name(call, error, message):
+    with pytest.raises(error, match=f"^{message}"):
+        call()
+
+
+@pytest.mark.parametrize("make", [fluid, jelly, points, net])
+def test_a_collider_stands_once_in_a_list(make):
+    ground = substep.Collider(substep.Plane(point=(0, 0, -1)))
+    with pytest.raises(InputError, match=r"colliders\[1\]"):
+        make(colliders=[ground, ground])
+    make(colliders=[ground.shape, ground.shape])
+
+
+@pytest.mark.parametrize("motion", ["dynamic", "kinematic", "static"])
+def test_sampled_distances_are_no_bodies(motion):
+    field = substep.SignedDistanceField(np.ones((4, 4, 4)), 0.1)
+    with pytest.raises(InputError, match="cannot be a rigid body"):
+        substep.RigidBodies().add(field, (0, 0, 0), motion=motion)
+
+
+# ---------------------------------------------------------------------------- states
+
+
+def test_pins_are_part_of_a_state():
+    simulation = net(pinned=[0])
+    before = simulation.state()
+    simulation.pinned = [1, 2]
+    simulation.restore(before)
+    assert simulation.pinned.tolist() == [True, False, False, False]
+
+
+@KINDS
+def test_states_hold_what_can_be(kind):
+    simulation = example(kind)()
+    good = simulation.state()
+    for name in {"next_id", "next_joint", "steps"} & set(good):
+        for wrong in (2**63 - 1, 2**70, 10**400):
+            with pytest.raises(InputError, match=name):
+                simulation.restore(good | {name: wrong})
+    rows = good.get("colliders", np.zeros((0, 0)))
+    for column, number, word in ((13, -1, "friction"), (14, 7, "restitution"), (3, 0, "rotation")):
+        if len(rows):
+            wrong = rows.copy()
+            wrong[0, column] = number
+            with pytest.raises(InputError, match=word):
+                simulation.restore(good | {"colliders": wrong})
+    if "rotations" in good:
+        wrong = good["rotations"].copy()
+        wrong[0] = (0.5, 0, 0, 0)
+        with pytest.raises(InputError, match=r"rotations.*length 1, got 0\.5"):
+            simulation.restore(good | {"rotations": wrong})
+    assert math.isfinite(simulation.time)
