@@ -16,7 +16,7 @@ Ids = NDArray[np.int64]
 
 
 def read_only(array: NDArray[Any]) -> Any:
-    """A copy that is handed out: writing into it would change nothing, so it is refused."""
+    """The array, read-only: where writing into it would change nothing, or what was checked."""
     array.flags.writeable = False
     return array
 

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _core
 from ..base.checks import check_array, check_real, check_threads
 from ..base.quaternions import IDENTITY
+from ..base.rows import read_only
 from .shape import ORIGIN, Shape
-from .topology import frozen
 from .triangle_mesh import TriangleMesh
 
 Array = NDArray[np.float64]
@@ -140,7 +140,7 @@ class SignedDistanceField(Shape):
     @property
     def values(self) -> Array:
         """Signed distances at the nodes [m], shape (n_x, n_y, n_z); a read-only copy."""
-        return frozen(np.asarray(self._field.values))
+        return read_only(np.asarray(self._field.values))
 
     @property
     def spacing(self) -> float:
@@ -150,7 +150,7 @@ class SignedDistanceField(Shape):
     @property
     def origin(self) -> Array:
         """Position of the first node in the frame of the field [m], read-only."""
-        return frozen(np.array(self._field.origin))
+        return read_only(np.array(self._field.origin))
 
     @property
     def error_bound(self) -> float:

@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike
 
 from ..base.attributes import Frozen
 from ..base.checks import check_array
+from ..base.rows import read_only
 from ..errors import InputError
 from .tet_locate import barycentric, locate
-from .topology import Array, Indices, check_indices, frozen
+from .topology import Array, Indices, check_indices
 from .triangle_mesh import TriangleMesh
 
 _SIDES = [(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)]  # of a tetrahedron, looking outward
@@ -55,7 +56,7 @@ class TetMesh(Frozen):
     """
 
     def __init__(self, vertices: ArrayLike, tetrahedra: ArrayLike) -> None:
-        self.vertices: Array = frozen(check_array("vertices", vertices, (None, 3)).copy())
+        self.vertices: Array = read_only(check_array("vertices", vertices, (None, 3)).copy())
         tets = check_indices("tetrahedra", tetrahedra, 4, len(self.vertices))
         volumes = self._signed_volumes(tets)
         bad = volumes == 0
@@ -66,7 +67,7 @@ class TetMesh(Frozen):
         tets[inverted] = tets[inverted][:, [0, 1, 3, 2]]
         self.flipped = int(inverted.sum())
         self.lacks: list[str] = []
-        self.tetrahedra: Indices = frozen(tets)
+        self.tetrahedra: Indices = read_only(tets)
 
     def __repr__(self) -> str:
         return f"TetMesh({len(self.vertices)} vertices, {len(self.tetrahedra)} tetrahedra)"
@@ -79,7 +80,7 @@ class TetMesh(Frozen):
     @cached_property
     def volumes(self) -> Array:
         """Volumes [m^3], shape (m,)."""
-        return frozen(self._signed_volumes(self.tetrahedra))
+        return read_only(self._signed_volumes(self.tetrahedra))
 
     @cached_property
     def dihedral_angles(self) -> Array:
@@ -93,7 +94,7 @@ class TetMesh(Frozen):
         )
         normals /= np.linalg.norm(normals, axis=2, keepdims=True)
         cosines = [-np.einsum("ij,ij->i", normals[:, a], normals[:, b]) for a, b in _EDGES]
-        return frozen(np.arccos(np.clip(np.stack(cosines, axis=1), -1, 1)))
+        return read_only(np.arccos(np.clip(np.stack(cosines, axis=1), -1, 1)))
 
     @property
     def volume(self) -> float:
@@ -104,14 +105,14 @@ class TetMesh(Frozen):
     def vertex_volumes(self) -> Array:
         """A quarter of the volumes of the tetrahedra at each vertex [m^3], shape (n,)."""
         quarters = np.repeat(self.volumes / 4, 4)
-        return frozen(np.bincount(self.tetrahedra.ravel(), quarters, len(self.vertices)))
+        return read_only(np.bincount(self.tetrahedra.ravel(), quarters, len(self.vertices)))
 
     @cached_property
     def edges(self) -> Indices:
         """Each edge once, (lower, higher vertex), sorted; shape (k, 2)."""
         ends = np.sort(self.tetrahedra[:, _EDGES].reshape(-1, 2), axis=1)
         keys = np.unique(ends[:, 0] * len(self.vertices) + ends[:, 1])
-        return frozen(np.stack(np.divmod(keys, len(self.vertices)), axis=1))
+        return read_only(np.stack(np.divmod(keys, len(self.vertices)), axis=1))
 
     @cached_property
     def surface_faces(self) -> Indices:
@@ -120,7 +121,7 @@ class TetMesh(Frozen):
         _, first, count = np.unique(
             np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
         )
-        return frozen(faces[np.sort(first[count == 1])])
+        return read_only(faces[np.sort(first[count == 1])])
 
     def embed(self, points: ArrayLike) -> tuple[Indices, Array]:
         """Tie points to tetrahedra, so that they follow when these are deformed.

@@ -60,9 +60,3 @@ def components(count: int, pairs: Indices) -> Indices:
         if (new == label).all():
             return np.unique(label, return_inverse=True)[1].astype(np.int64)
         label = new
-
-
-def frozen(array: NDArray[Any]) -> NDArray[Any]:
-    """The array, read-only."""
-    array.flags.writeable = False
-    return array

@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike
 
 from .. import _core
 from ..base.checks import check_array, check_real, check_threads
+from ..base.rows import read_only
 from ..errors import InputError
 from .mesh_report import MeshReport
 from .shape import Shape
-from .topology import Array, Indices, check_indices, components, frozen
+from .topology import Array, Indices, check_indices, components
 
 
 class TriangleMesh(Shape):
@@ -66,9 +67,11 @@ class TriangleMesh(Shape):
     _fields = ("vertices", "faces")
 
     def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
-        points = frozen(check_array("vertices", vertices, (None, 3)).copy())
+        points = read_only(check_array("vertices", vertices, (None, 3)).copy())
         self._set(
-            vertices=points, faces=frozen(check_indices("faces", faces, 3, len(points))), dropped=0
+            vertices=points,
+            faces=read_only(check_indices("faces", faces, 3, len(points))),
+            dropped=0,
         )
 
     __eq__ = object.__eq__
@@ -86,7 +89,7 @@ class TriangleMesh(Shape):
             low * len(self.vertices) + high, return_inverse=True, return_counts=True
         )
         edges = np.stack(np.divmod(keys, len(self.vertices)), axis=1)
-        return edge, frozen(edges), frozen(uses)
+        return edge, read_only(edges), read_only(uses)
 
     @property
     def edges(self) -> Indices:
@@ -114,7 +117,7 @@ class TriangleMesh(Shape):
         one, two = corners[first], corners[first + 1]
         low_first = (one[:, 0] < one[:, 1]) | (two[:, 0] < two[:, 1]) & (one[:, 0] == two[:, 0])
         swap = ~low_first[:, None]
-        return frozen(
+        return read_only(
             np.hstack(
                 [
                     np.sort(one[:, :2], axis=1),
@@ -129,7 +132,7 @@ class TriangleMesh(Shape):
         """Unit normals, shape (m, 3); zero for faces without area."""
         cross = self._crosses
         length = np.linalg.norm(cross, axis=1, keepdims=True)
-        return frozen(np.divide(cross, length, out=np.zeros_like(cross), where=length > 0))
+        return read_only(np.divide(cross, length, out=np.zeros_like(cross), where=length > 0))
 
     @cached_property
     def _crosses(self) -> Array:
@@ -139,13 +142,13 @@ class TriangleMesh(Shape):
     @cached_property
     def face_areas(self) -> Array:
         """Areas [m^2], shape (m,)."""
-        return frozen(0.5 * np.linalg.norm(self._crosses, axis=1))
+        return read_only(0.5 * np.linalg.norm(self._crosses, axis=1))
 
     @cached_property
     def vertex_areas(self) -> Array:
         """A third of the areas of the faces at each vertex [m^2], shape (n,)."""
         thirds = np.repeat(self.face_areas / 3, 3)
-        return frozen(np.bincount(self.faces.ravel(), thirds, len(self.vertices)))
+        return read_only(np.bincount(self.faces.ravel(), thirds, len(self.vertices)))
 
     @property
     def area(self) -> float:
@@ -180,7 +183,7 @@ class TriangleMesh(Shape):
                 while vertex != first and following.get(vertex):
                     loop.append(vertex)
                     vertex = following[vertex].pop()
-                loops.append(frozen(np.array(loop)))
+                loops.append(read_only(np.array(loop)))
         return loops
 
     @cached_property

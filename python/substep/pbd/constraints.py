@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import as_array, check_array, check_real, describe
+from ..base.rows import read_only
 from ..errors import InputError
-from ..geometry.topology import Array, frozen
+from ..geometry.topology import Array
 from . import rest
 from .group import Constraint, Formula, check_each
 
@@ -440,7 +441,7 @@ class Attachment(Constraint):
         self._set_up("particles", flat[:, None], compliance, damping, stiffness)
         self.targets = None
         if targets is not None:
-            self.targets = frozen(check_array("targets", targets, (len(self), 3)).copy())
+            self.targets = read_only(check_array("targets", targets, (len(self), 3)).copy())
 
     def _parameters(self, positions: Array) -> Array:
         targets = positions[self.particles[:, 0]] if self.targets is None else self.targets
@@ -559,7 +560,7 @@ def _check_rest(positions: ArrayLike | None, constraint: Constraint) -> Array | 
         return None
     x = check_array("rest_positions", positions, (None, 3)).copy()
     constraint._check_count(len(x))
-    return frozen(x)
+    return read_only(x)
 
 
 def _rest(given: Array | None, positions: Array) -> Array:

@@ -172,7 +172,7 @@ class BatchRows(Simulation):
         """
         with self._own():
             where = self._where(ids, worlds)
-            x = self._values("values", rows_of(values, ids), where, 3)
+            x = self._given(values, ids, where, 3)
             self._set_frames(where, x, self._pick(self._poses()[1], where))
 
     def set_rotations(
@@ -194,7 +194,7 @@ class BatchRows(Simulation):
         """
         with self._own():
             where = self._where(ids, worlds)
-            q = self._values("values", rows_of(values, ids), where, 4)
+            q = self._given(values, ids, where, 4)
             self._set_frames(where, self._pick(self._poses()[0], where), q)
 
     def set_velocities(
@@ -216,7 +216,7 @@ class BatchRows(Simulation):
         """
         with self._own():
             where = self._where(ids, worlds)
-            v = self._values("values", rows_of(values, ids), where, 3)
+            v = self._given(values, ids, where, 3)
             w = self._pick(self._native.angular_velocities(), where)
             self._write("set_velocities", where, v, w)
 
@@ -239,7 +239,7 @@ class BatchRows(Simulation):
         """
         with self._own():
             where = self._where(ids, worlds)
-            w = self._values("values", rows_of(values, ids), where, 3)
+            w = self._given(values, ids, where, 3)
             v = self._pick(self._native.velocities(), where)
             self._write("set_velocities", where, v, w)
 
@@ -262,7 +262,7 @@ class BatchRows(Simulation):
         """
         with self._own():
             where = self._where(ids, worlds)
-            self._write("set_forces", where, self._values("values", rows_of(values, ids), where, 3))
+            self._write("set_forces", where, self._given(values, ids, where, 3))
 
     def set_torques(
         self, values: ArrayLike, ids: ArrayLike | None = None, *, worlds: ArrayLike | None = None
@@ -283,9 +283,7 @@ class BatchRows(Simulation):
         """
         with self._own():
             where = self._where(ids, worlds)
-            self._write(
-                "set_torques", where, self._values("values", rows_of(values, ids), where, 3)
-            )
+            self._write("set_torques", where, self._given(values, ids, where, 3))
 
     @property
     def joint_coordinates(self) -> Array:
@@ -418,6 +416,9 @@ class BatchRows(Simulation):
             raise IndexError(f"{where}: expected a number below {len(self)}, got {numbers[k]}")
         _check_once(name, numbers)
         return numbers.astype(np.int64)
+
+    def _given(self, values: ArrayLike, ids: ArrayLike | None, where: Where, columns: int) -> Array:
+        return self._values("values", rows_of(values, ids), where, columns)
 
     def _values(self, name: str, value: ArrayLike, where: Where, columns: int) -> Array:
         """One row for each of these worlds and bodies."""
