@@ -7,9 +7,11 @@ namespace substep::mpm {
 
 namespace {
 
+// One copy of what takes longest to compile.
 template <class Real, int D, class M>
-SymmetricTensor<Vector<Real>, D> stress(const M& material, Vector<Real>* fields,
-                                        const Tensor<Vector<Real>, D>& G, Real dt) {
+[[gnu::noinline]] SymmetricTensor<Vector<Real>, D> stress(const M& material, Vector<Real>* fields,
+                                                          const Tensor<Vector<Real>, D>& G,
+                                                          Real dt) {
   Vector<Real>* const packets[1] = {fields};
   const Tensor<Vector<Real>, D> gradients[1] = {G};
   SymmetricTensor<Vector<Real>, D> tau[1];

@@ -51,7 +51,7 @@ class Adapter final : public ImplicitMaterial<D> {
     V* const both[2] = {fields, second};
     const Tensor<V, D> rest[2] = {};
     SymmetricTensor<V, D> tau[2];
-    material_.template stress<V, D, 2>(both, rest, dt, tau);
+    kirchhoff(both, rest, dt, tau);
   }
 
   void stress(const V* fields, const V (&H)[2][kGradient], double dt, V (&A)[2][kGradient],
@@ -65,7 +65,7 @@ class Adapter final : public ImplicitMaterial<D> {
       std::copy(fields, fields + kFields, trial[p]);
       material_.template advance<V, D>(trial[p], G[p], dt);
     }
-    material_.template stress<V, D, 2>(both, G, dt, tau);
+    kirchhoff(both, G, dt, tau);
     for (int p = 0; p < 2; ++p) {
       V moved[kGradient], T[kGradient];
       for (int k = 0; k < kGradient; ++k) moved[k] = H[p][k] + (k % (D + 1) == 0 ? 1.0 : 0.0);
@@ -82,6 +82,12 @@ class Adapter final : public ImplicitMaterial<D> {
   }
 
  private:
+  // One copy of what takes longest to compile.
+  [[gnu::noinline]] void kirchhoff(V* const (&fields)[2], const Tensor<V, D> (&G)[2], double dt,
+                                   SymmetricTensor<V, D> (&tau)[2]) const {
+    material_.template stress<V, D, 2>(fields, G, dt, tau);
+  }
+
   M material_;
 };
 

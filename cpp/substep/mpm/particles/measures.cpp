@@ -30,8 +30,9 @@ Vector<Real>* fields_of(const Particles<Real, D>& particles, std::size_t group, 
 
 // The admissible fields of a packet, and their stress.
 template <class M, class Real, int D>
-void admit(const M& material, const Particles<Real, D>& particles, std::size_t group,
-           std::int64_t packet, Vector<Real>* fields, SymmetricTensor<Vector<Real>, D>& tau) {
+[[gnu::noinline]] void admit(const M& material, const Particles<Real, D>& particles,
+                             std::size_t group, std::int64_t packet, Vector<Real>* fields,
+                             SymmetricTensor<Vector<Real>, D>& tau) {
   using V = Vector<Real>;
   V* const of[1] = {fields_of(particles, group, packet, fields)};
   Tensor<V, D> C[1] = {};

@@ -97,6 +97,15 @@ struct PacketSet {
   }
 };
 
+// The stress of `active` packets where a run begins or ends: one copy of what takes longest to
+// compile.
+template <class M, class Real, int D>
+[[gnu::noinline]] void stress_at_ends(const M& material, PacketSet<M, Real, D>& set, int active,
+                                      Real dt) {
+  set.complete(active);
+  set.stress(material, dt);
+}
+
 template <class Real>
 int lanes_in(const Run& run, int packet) {
   return std::min(kLanes<Real>, run.count - packet * kLanes<Real>);
@@ -126,8 +135,7 @@ void Passes<M, Real, D>::p2g(const M& material, const Group& group, const Run& r
       if constexpr (D == 2) motion[k].C.m[4] = V{};
       set.G[k] = motion[k].C;
     }
-    set.complete(active);
-    set.stress(material, options.before);
+    stress_at_ends(material, set, active, options.before);
     for (int k = 0; k < active; ++k) {
       const std::int64_t packet = run.first + first + k;
       scatter(group.packet(packet), motion[k], load<V>(&group.volume[0] + packet * Set::kWidth),
@@ -149,9 +157,9 @@ SUBSTEP_INLINE void advance(const M& material, ParticleGroup<Real, D>& group, co
   using V = typename Set::V;
   for (int k = 0; k < active; ++k) set.fields[k] = Set::fields_of(packets[k]);
   if (options.trial) {
-    for (int k = 0; k < active; ++k) set.G[k] = Tensor<V, D>{};
-    set.complete(active);
-    set.stress(material, options.before);
+    Set ended;
+    for (int k = 0; k < active; ++k) ended.fields[k] = set.fields[k], ended.G[k] = Tensor<V, D>{};
+    stress_at_ends(material, ended, active, options.before);
   }
   for (int k = 0; k < active; ++k) {
     Real* const x = packets[k];
