@@ -21,7 +21,7 @@ ONLY_CPP = {
     "mpm/implicit": "The implicit step.",
     "mpm/materials": "Formulas of materials over lanes, and their list.",
     "mpm/particles": "Packets of particles, sorted by block and cell.",
-    "mpm/passes": "The fast, fused transfers, one instance for each material.",
+    "mpm/passes": "The fast, fused transfers, instantiated for each material.",
     "mpm/solver": "The steps: P2G, update of the grid, G2P.",
     "ode/explicit": "Tables of Runge-Kutta methods, and stabilised ones.",
     "ode/implicit": "Implicit methods, their Newton iterations and matrices.",

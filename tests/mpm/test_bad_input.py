@@ -15,19 +15,8 @@ import zlib
 import numpy as np
 import pytest
 import substep
+from mpm_materials import MATERIALS, each_material
 from substep import InputError, NonFiniteError, SolverError, mpm
-
-ELASTIC = {"density": 1000.0, "young_modulus": 1e4, "poisson_ratio": 0.3}
-MATERIALS = {
-    "neo_hookean": mpm.NeoHookean(**ELASTIC),
-    "fixed_corotated": mpm.FixedCorotated(**ELASTIC),
-    "fluid": mpm.Fluid(bulk_modulus=1e4),
-    "snow": mpm.Snow(young_modulus=1e4),
-    "sand": mpm.Sand(young_modulus=1e4),
-    "von_mises": mpm.VonMises(**ELASTIC, yield_stress=100.0),
-    "herschel_bulkley": mpm.HerschelBulkley(**ELASTIC, yield_stress=50.0, consistency=5.0),
-}
-each_material = pytest.mark.parametrize("name", MATERIALS)
 
 
 def body(name="neo_hookean", dimension=3, side=0.4, **options):
@@ -58,75 +47,6 @@ def refused(simulation, error, message, call):
 def is_finite(simulation):
     state = simulation.state()
     return all(np.isfinite(v).all() for v in state.values() if not isinstance(v, str))
-
-
-# Parameters of materials.
-WRONG_CONSTANTS = [
-    *(({"density": value}, "density: expected a") for value in (0.0, -1.0, math.nan, math.inf)),
-    *(
-        ({"young_modulus": value}, "young_modulus: expected a")
-        for value in (0.0, -1e5, math.nan, math.inf, 1e300)
-    ),
-    *(
-        ({"poisson_ratio": value}, "poisson_ratio: expected a")
-        for value in (0.5, 0.7, -1.0, math.nan)
-    ),
-    ({"poisson_ratio": 0.5 - 1e-16, "young_modulus": 1e29}, "poisson_ratio: too close to 0.5"),
-]
-
-
-@pytest.mark.parametrize("kind", [mpm.NeoHookean, mpm.FixedCorotated, mpm.Snow, mpm.Sand])
-@pytest.mark.parametrize(("wrong", "message"), WRONG_CONSTANTS)
-def test_elastic_constants(kind, wrong, message):
-    with pytest.raises(InputError, match=message):
-        kind(**(ELASTIC | wrong))
-
-
-@pytest.mark.parametrize(
-    ("kind", "wrong", "message"),
-    [
-        (mpm.Fluid, {"bulk_modulus": 0.0}, "bulk_modulus: expected a number above 0"),
-        (mpm.Fluid, {"viscosity": -1.0}, "viscosity: expected a number at least 0"),
-        (mpm.Fluid, {"exponent": 0.0}, "exponent: expected a number at least 1"),
-        (mpm.Snow, {"critical_compression": 0.0}, "critical_compression: expected a number above"),
-        (mpm.Snow, {"critical_compression": 1.0}, "critical_compression: expected a number above"),
-        (mpm.Snow, {"critical_stretch": -0.1}, "critical_stretch: expected a number above 0"),
-        (mpm.Snow, {"hardening": -1.0}, "hardening: expected a number at least 0"),
-        (mpm.Snow, {"largest_hardening": 0.5}, "largest_hardening: expected a number at least 1"),
-        (mpm.Snow, {"largest_hardening": math.inf}, "largest_hardening: expected a finite"),
-        (mpm.Sand, {"friction_angle": -0.1}, "friction_angle: expected a number at least 0"),
-        (mpm.Sand, {"friction_angle": 30.0}, "friction_angle: expected a number .* below 1.57"),
-        (mpm.Sand, {"match": "mohr"}, "match: expected one of"),
-        (mpm.VonMises, {**ELASTIC, "yield_stress": 0.0}, "yield_stress: expected a number above"),
-        (
-            mpm.VonMises,
-            {**ELASTIC, "yield_stress": 1.0, "hardening_modulus": -1.0},
-            "hardening_modulus: expected a number at least 0",
-        ),
-        (
-            mpm.HerschelBulkley,
-            {**ELASTIC, "yield_stress": 1.0, "consistency": 0.0},
-            "consistency: expected a number above 0",
-        ),
-        (
-            mpm.HerschelBulkley,
-            {**ELASTIC, "yield_stress": 1.0, "consistency": 1.0, "flow_index": 3.0},
-            "flow_index: expected a number .* at most 2",
-        ),
-    ],
-)
-def test_constants(kind, wrong, message):
-    with pytest.raises(InputError, match=message):
-        kind(**wrong)
-
-
-def test_constants_of_the_wrong_type_and_frozen_ones():
-    with pytest.raises(TypeError, match="density: expected a real number"):
-        mpm.NeoHookean("1000", 1e5, 0.3)
-    with pytest.raises(TypeError, match="density: expected a real number"):
-        mpm.NeoHookean(True, 1e5, 0.3)
-    with pytest.raises(AttributeError):
-        MATERIALS["snow"].hardening = -1.0
 
 
 GOOD = {"positions": [[0.0, 0, 0], [0.1, 0, 0]], "materials": MATERIALS["snow"]}

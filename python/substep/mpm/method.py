@@ -98,8 +98,8 @@ class MaterialPointMethod(Particles):
         Initial positions [m]. In 2D all is as in a layer of 1 m that cannot get thicker (plane
         strain); the particles lie at z = 0, where colliders are cut.
     materials : Material or sequence of Material
-        One or several of `substep.mpm`: `NeoHookean`, `FixedCorotated`, `Fluid`, `Snow`, `Sand`,
-        `VonMises`, `HerschelBulkley`.
+        What the particles are made of, such as `substep.mpm.Sand()`; docs/mpm_materials.md has the
+        table of all materials.
     cell : float
         Distance of nodes [m], above 0. 8 particles a cell (in 2D 4) are usual.
     volume : float or array_like, shape (n,)

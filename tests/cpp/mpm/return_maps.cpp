@@ -46,6 +46,14 @@ TYPED_TEST(ReturnMaps, snow_under_compression) {
   EXPECT_LT(snow.own(0), 0.77);
 }
 
+// No answer where F_E has lost an axis.
+TYPED_TEST(ReturnMaps, flat_snow_is_not_a_number) {
+  Packet<Snow, TypeParam> snow;
+  snow.deform(diagonal(1, 0.7, 0));
+  snow.stress();
+  EXPECT_FALSE(snow.stress_of().allFinite());
+}
+
 TYPED_TEST(ReturnMaps, snow_in_any_frame) {
   std::mt19937 random(1);
   for (int trial = 0; trial < 100; ++trial) {
@@ -283,6 +291,19 @@ TYPED_TEST(ReturnMaps, fixed_corotated_is_that_of_the_polar_decomposition) {
                 (sizeof(TypeParam) == 8 ? 1e-8 : 1e-3) * size);
   }
   EXPECT_GT(inverted, 20);
+}
+
+// Its stress stays bounded without volume, in any frame.
+TYPED_TEST(ReturnMaps, flat_fixed_corotated_is_finite) {
+  std::mt19937 random(6);
+  Packet<FixedCorotated, TypeParam> body;
+  for (int lane = 0; lane < body.kLanes; ++lane) {
+    body.deform(lane, random_rotation(random) * diagonal(1, 0.7, 0) * random_rotation(random));
+  }
+  body.stress();
+  for (int lane = 0; lane < body.kLanes; ++lane) {
+    EXPECT_TRUE(body.stress_of(lane).allFinite());
+  }
 }
 
 }  // namespace

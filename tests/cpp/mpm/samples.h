@@ -5,6 +5,9 @@
 #include <cmath>
 #include <cstring>
 #include <random>
+#include <string>
+#include <type_traits>
+#include <variant>
 #include <vector>
 
 #include "substep/core/usize.h"
@@ -14,41 +17,39 @@ namespace substep::mpm {
 
 inline constexpr double kMu = 4e4, kLambda = 6e4;  // [Pa]
 
-// A new material is enrolled in all tests by its constants here.
+// By name, what materials are given here; other constants stay what their struct says.
+struct Constants {
+  double density = 1000;
+  double mu = kMu, lambda = kLambda;
+  double bulk_modulus = 1e5, viscosity = 5;
+  double yield_stress = 1e3, consistency = 20, flow_index = 0.6;
+};
 template <class M>
-M usual();
-template <>
-inline NeoHookean usual() {
-  return {.density = 1000, .mu = kMu, .lambda = kLambda};
+M usual(const Constants& c = {}) {
+  M m{};
+  m.density = c.density;
+  if constexpr (requires { m.mu; }) m.mu = c.mu;
+  if constexpr (requires { m.lambda; }) m.lambda = c.lambda;
+  if constexpr (requires { m.bulk_modulus; }) m.bulk_modulus = c.bulk_modulus;
+  if constexpr (requires { m.viscosity; }) m.viscosity = c.viscosity;
+  if constexpr (requires { m.yield_stress; }) m.yield_stress = c.yield_stress;
+  if constexpr (requires { m.consistency; }) m.consistency = c.consistency;
+  if constexpr (requires { m.flow_index; }) m.flow_index = c.flow_index;
+  return m;
 }
-template <>
-inline FixedCorotated usual() {
-  return {.density = 1000, .mu = kMu, .lambda = kLambda};
+
+// One of each, in the order of the list, each denser than the one before it.
+inline std::vector<AnyMaterial> one_of_each(Constants c = {}) {
+  std::vector<AnyMaterial> all;
+  for_each_material([&]<class M>(std::type_identity<M>) {
+    all.push_back(usual<M>(c));
+    c.density += 100;
+  });
+  return all;
 }
-template <>
-inline Fluid usual() {
-  return {.density = 1000, .bulk_modulus = 1e5, .viscosity = 5};
-}
-template <>
-inline Snow usual() {
-  return {.density = 400, .mu = kMu, .lambda = kLambda};
-}
-template <>
-inline Sand usual() {
-  return {.density = 1600, .mu = kMu, .lambda = kLambda};
-}
-template <>
-inline VonMises usual() {
-  return {.density = 2000, .mu = kMu, .lambda = kLambda, .yield_stress = 2e3};
-}
-template <>
-inline HerschelBulkley usual() {
-  return {.density = 1500,
-          .mu = kMu,
-          .lambda = kLambda,
-          .yield_stress = 1e3,
-          .consistency = 20,
-          .flow_index = 0.6};
+
+inline std::string name_of(const AnyMaterial& material) {
+  return std::visit([](const auto& m) { return std::string(m.kName); }, material);
 }
 
 using Matrix3d = Eigen::Matrix3d;

@@ -26,12 +26,6 @@ using transfer::Index;
 constexpr double kSpacing = 0.1, kStep = 1e-3;
 
 template <int D>
-std::vector<AnyMaterial> all_materials() {
-  return {usual<NeoHookean>(), usual<FixedCorotated>(), usual<Fluid>(),          usual<Snow>(),
-          usual<Sand>(),       usual<VonMises>(),       usual<HerschelBulkley>()};
-}
-
-template <int D>
 std::vector<double> at_rest(const AnyMaterial& any) {
   return std::visit(
       [](const auto& material) {
@@ -48,7 +42,7 @@ Particles<Real, D> mixture(int of_each, double speed = 3, unsigned seed = 5) {
   std::uniform_real_distribution<double> uniform(-1, 1);
   Particles<Real, D> particles;
   particles.cell = kSpacing;
-  particles.materials = all_materials<D>();
+  particles.materials = one_of_each();
   std::vector<ParticleRows<Real, D>> groups(particles.materials.size());
   std::int32_t id = 0;
   for (std::size_t g = 0; g < groups.size(); ++g) {

@@ -1,20 +1,9 @@
 #include "substep/mpm/implicit/material.h"
 
 #include <algorithm>
-#include <type_traits>
 
 namespace substep::mpm {
 namespace {
-
-// Whether the stress is that of an energy alone: neither viscous nor plastic.
-template <class M>
-bool is_hyperelastic(const M& material) {
-  if constexpr (std::is_same_v<M, Fluid>) {
-    return material.viscosity == 0;
-  } else {
-    return std::is_same_v<M, NeoHookean> || std::is_same_v<M, FixedCorotated>;
-  }
-}
 
 template <class V>
 void transposed_inverse(const V (&M)[4], const V& scale, V (&T)[4]) {
@@ -42,7 +31,7 @@ class Adapter final : public ImplicitMaterial<D> {
   static constexpr int kFields = M::template kFields<D>;
 
   explicit Adapter(const M& material) : material_(material) {}
-  bool hyperelastic() const override { return is_hyperelastic(material_); }
+  bool hyperelastic() const override { return material_.hyperelastic(); }
   int fields() const override { return kFields; }
 
   void admit(V* fields, double dt) const override {

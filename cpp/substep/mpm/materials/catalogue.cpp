@@ -1,24 +1,9 @@
 #include "substep/mpm/materials/catalogue.h"
 
-#include <type_traits>
-
 #include "substep/core/errors.h"
 #include "substep/mpm/materials/materials.h"
 
 namespace substep::mpm {
-namespace {
-
-// visit(std::type_identity<M>) of every material M.
-template <class Visit, class... Materials>
-void for_each_material(const Visit& visit, const std::variant<Materials...>*) {
-  (visit(std::type_identity<Materials>{}), ...);
-}
-template <class Visit>
-void for_each_material(const Visit& visit) {
-  for_each_material(visit, static_cast<const AnyMaterial*>(nullptr));
-}
-
-}  // namespace
 
 std::vector<MaterialFields> material_fields() {
   std::vector<MaterialFields> all;

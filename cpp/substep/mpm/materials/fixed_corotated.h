@@ -65,6 +65,7 @@ struct FixedCorotated {
   static constexpr const char* kName = "fixed_corotated";
   static constexpr int kTogether = kSideBySide;
   static constexpr bool kHasF = true;
+  static constexpr bool kInverts = true;
   static constexpr std::array<StateField, 0> kState{};
   template <int D>
   static constexpr int kFields = number_of_fields<D>(kHasF, kState);
@@ -107,6 +108,7 @@ struct FixedCorotated {
   }
 
   double kinematic_viscosity() const { return 0; }
+  bool hyperelastic() const { return true; }
 };
 
 }  // namespace substep::mpm

@@ -18,6 +18,7 @@ namespace substep::mpm {
 struct Fluid {
   static constexpr const char* kName = "fluid";
   static constexpr bool kHasF = false;
+  static constexpr bool kInverts = false;
   static constexpr std::array<StateField, 1> kState{{{"volume_ratio", "1", 1.0}}};  // J
   template <int D>
   static constexpr int kFields = number_of_fields<D>(kHasF, kState);
@@ -73,6 +74,7 @@ struct Fluid {
   }
 
   double kinematic_viscosity() const { return viscosity / density; }
+  bool hyperelastic() const { return viscosity == 0; }
 
   template <class V>
   SUBSTEP_INLINE V pressure(const V& volume_ratio) const {

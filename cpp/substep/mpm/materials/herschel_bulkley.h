@@ -28,6 +28,7 @@ struct HerschelBulkley {
   static constexpr const char* kName = "herschel_bulkley";
   static constexpr int kTogether = kSideBySide;
   static constexpr bool kHasF = true;  // F_E
+  static constexpr bool kInverts = false;
   // The integral of g.
   static constexpr std::array<StateField, 1> kState{{{"plastic_strain", "1", 0.0}}};
   template <int D>
@@ -86,6 +87,7 @@ struct HerschelBulkley {
   }
 
   double kinematic_viscosity() const { return 0; }
+  bool hyperelastic() const { return false; }
 
   // K g^n / A; the rest of A, mu dt g, is what the step relaxes.
   template <class V>

@@ -25,6 +25,7 @@ constexpr int number_of_fields(bool has_F, const std::array<StateField, n>&) {
 // struct SomeMaterial {
 //   static constexpr const char* kName;  // as in the list of materials and in Python
 //   static constexpr bool kHasF;         // whether the first of its numbers are those of F
+//   static constexpr bool kInverts;      // whether det F < 0 has an answer
 //   static constexpr std::array<StateField, n> kState;  // the others
 //   template <int D> static constexpr int kFields;      // number_of_fields<D>(kHasF, kState)
 //   double density;                      // rho_0 [kg/m^3], and its other parameters
@@ -48,6 +49,8 @@ constexpr int number_of_fields(bool has_F, const std::array<StateField, n>&) {
 //   template <class V, int D> V wave_modulus(const V* fields) const;
 //   // Bound of the explicit viscous step: kinematic viscosity [m^2/s] (0 without).
 //   double kinematic_viscosity() const;
+//   // Whether the stress is that of the energy alone: neither viscous nor plastic.
+//   bool hyperelastic() const;
 // };
 template <class M>
 concept Material =
@@ -56,6 +59,7 @@ concept Material =
              SymmetricTensor<Vector<double>, 3> (&tau)[1]) {
       { M::kName } -> std::convertible_to<const char*>;
       { M::kHasF } -> std::convertible_to<bool>;
+      { M::kInverts } -> std::convertible_to<bool>;
       { M::kState.size() } -> std::convertible_to<std::size_t>;
       { M::template kFields<3> } -> std::convertible_to<int>;
       { m.density } -> std::convertible_to<double>;
@@ -64,6 +68,7 @@ concept Material =
       { m.template energy_density<Vector<double>, 3>(fields) } -> std::same_as<Vector<double>>;
       { m.template wave_modulus<Vector<double>, 3>(fields) } -> std::same_as<Vector<double>>;
       { m.kinematic_viscosity() } -> std::same_as<double>;
+      { m.hyperelastic() } -> std::same_as<bool>;
     };
 
 // The numbers of a particle at rest.

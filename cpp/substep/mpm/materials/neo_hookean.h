@@ -11,6 +11,7 @@ namespace substep::mpm {
 struct NeoHookean {
   static constexpr const char* kName = "neo_hookean";
   static constexpr bool kHasF = true;
+  static constexpr bool kInverts = false;
   static constexpr std::array<StateField, 0> kState{};
   template <int D>
   static constexpr int kFields = number_of_fields<D>(kHasF, kState);
@@ -58,6 +59,7 @@ struct NeoHookean {
   }
 
   double kinematic_viscosity() const { return 0; }
+  bool hyperelastic() const { return true; }
 };
 
 }  // namespace substep::mpm

@@ -33,6 +33,7 @@ struct Sand {
   static constexpr const char* kName = "sand";
   static constexpr int kTogether = kSideBySide;
   static constexpr bool kHasF = true;  // F_E
+  static constexpr bool kInverts = false;
   static constexpr std::array<StateField, 2> kState{
       {{"volume_correction", "1", 0.0}, {"plastic_strain", "1", 0.0}}};  // v_c, q
   template <int D>
@@ -111,6 +112,7 @@ struct Sand {
   }
 
   double kinematic_viscosity() const { return 0; }
+  bool hyperelastic() const { return false; }
 
   // alpha (3 lambda + 2 mu) / (2 mu) of the friction angle after the plastic strain q.
   template <class V>

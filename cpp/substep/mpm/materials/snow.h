@@ -22,7 +22,8 @@ namespace substep::mpm {
 struct Snow {
   static constexpr const char* kName = "snow";
   static constexpr int kTogether = kSideBySide;
-  static constexpr bool kHasF = true;                                                       // F_E
+  static constexpr bool kHasF = true;  // F_E
+  static constexpr bool kInverts = true;
   static constexpr std::array<StateField, 1> kState{{{"plastic_volume_ratio", "1", 1.0}}};  // J_P
   template <int D>
   static constexpr int kFields = number_of_fields<D>(kHasF, kState);
@@ -105,6 +106,7 @@ struct Snow {
   }
 
   double kinematic_viscosity() const { return 0; }
+  bool hyperelastic() const { return false; }
 
   template <class V>
   SUBSTEP_INLINE V hardening_factor(const V& J_P) const {

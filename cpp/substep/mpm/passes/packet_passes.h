@@ -1,4 +1,4 @@
-// The passes, packet by packet: for the translation units passes_<material>.cpp alone.
+// The passes, packet by packet: for the translation units packet_passes_*.cpp alone.
 //
 // P2G by moving least squares (Hu et al. 2018, eq. 16 with D_p = dx^2 / 4): node i gets the
 // momentum w_i (m v + Q (i - f)), with Q = dx (m C - dt V_0 4 / dx^2 tau) and i - f in cells; mass
@@ -7,6 +7,7 @@
 #pragma once
 
 #include <algorithm>
+#include <variant>
 
 #include "substep/mpm/boundary/particle_boundary.h"
 #include "substep/mpm/passes/passes.h"
@@ -112,8 +113,9 @@ int lanes_in(const Run& run, int packet) {
 }
 
 template <class M, class Real, int D>
-void Passes<M, Real, D>::p2g(const M& material, const Group& group, const Run& run,
-                             const PassOptions<Real>& options, Arena<Real, D>& to) {
+[[gnu::noinline]] void p2g_of(const M& material, const ParticleGroup<Real, D>& group,
+                              const Run& run, const PassOptions<Real>& options,
+                              Arena<Real, D>& to) {
   using Set = PacketSet<M, Real, D>;
   using V = typename Set::V;
   Scatter<Real, D> nodes(to);
@@ -183,9 +185,10 @@ SUBSTEP_INLINE void advance(const M& material, ParticleGroup<Real, D>& group, co
 }
 
 template <class M, class Real, int D>
-void Passes<M, Real, D>::g2p2g(const M& material, Group& group, const Run& run,
-                               const PassOptions<Real>& options, std::int32_t block, Walls* walls,
-                               const Arena<Real, D>& from, Arena<Real, D>& to) {
+[[gnu::noinline]] void g2p2g_of(const M& material, ParticleGroup<Real, D>& group, const Run& run,
+                                const PassOptions<Real>& options, std::int32_t block,
+                                ParticleBoundary<Real, D>* walls, const Arena<Real, D>& from,
+                                Arena<Real, D>& to) {
   using Set = PacketSet<M, Real, D>;
   using V = typename Set::V;
   Scatter<Real, D> nodes(to);
@@ -216,9 +219,9 @@ void Passes<M, Real, D>::g2p2g(const M& material, Group& group, const Run& run,
 }
 
 template <class M, class Real, int D>
-void Passes<M, Real, D>::g2p(const M& material, Group& group, const Run& run,
-                             const PassOptions<Real>& options, std::int32_t block, Walls* walls,
-                             const Arena<Real, D>& from) {
+[[gnu::noinline]] void g2p_of(const M& material, ParticleGroup<Real, D>& group, const Run& run,
+                              const PassOptions<Real>& options, std::int32_t block,
+                              ParticleBoundary<Real, D>* walls, const Arena<Real, D>& from) {
   using Set = PacketSet<M, Real, D>;
   for (int first = 0; first < run.packets; first += Set::kSize) {
     const int active = std::min(Set::kSize, run.packets - first);
@@ -239,6 +242,27 @@ void Passes<M, Real, D>::g2p(const M& material, Group& group, const Run& run,
       }
     }
   }
+}
+
+template <class Real, int D>
+void Passes<Real, D>::p2g(const AnyMaterial& material, const Group& group, const Run& run,
+                          const PassOptions<Real>& options, Arena<Real, D>& to) {
+  std::visit([&](const auto& m) { p2g_of(m, group, run, options, to); }, material);
+}
+
+template <class Real, int D>
+void Passes<Real, D>::g2p2g(const AnyMaterial& material, Group& group, const Run& run,
+                            const PassOptions<Real>& options, std::int32_t block, Walls* walls,
+                            const Arena<Real, D>& from, Arena<Real, D>& to) {
+  std::visit([&](const auto& m) { g2p2g_of(m, group, run, options, block, walls, from, to); },
+             material);
+}
+
+template <class Real, int D>
+void Passes<Real, D>::g2p(const AnyMaterial& material, Group& group, const Run& run,
+                          const PassOptions<Real>& options, std::int32_t block, Walls* walls,
+                          const Arena<Real, D>& from) {
+  std::visit([&](const auto& m) { g2p_of(m, group, run, options, block, walls, from); }, material);
 }
 
 }  // namespace substep::mpm

@@ -1,7 +1,7 @@
-// What the passes do with the particles of one block and one material. Each material has its own
-// translation unit with them: passes_<material>.cpp.
+// What the passes do with the particles of one block and one material.
 #pragma once
 
+#include "substep/mpm/materials/materials.h"
 #include "substep/mpm/passes/arena.h"
 
 namespace substep::mpm {
@@ -16,18 +16,20 @@ struct PassOptions {
   bool rest;  // state and motion are at rest
 };
 
-template <class M, class Real, int D>
+// Of all materials, in one translation unit for each precision and dimension.
+template <class Real, int D>
 struct Passes {
   using Group = ParticleGroup<Real, D>;
   using Walls = ParticleBoundary<Real, D>;
 
-  static void p2g(const M& material, const Group& group, const Run& run,
+  static void p2g(const AnyMaterial& material, const Group& group, const Run& run,
                   const PassOptions<Real>& options, Arena<Real, D>& to);
-  static void g2p2g(const M& material, Group& group, const Run& run,
+  static void g2p2g(const AnyMaterial& material, Group& group, const Run& run,
                     const PassOptions<Real>& options, std::int32_t block, Walls* walls,
                     const Arena<Real, D>& from, Arena<Real, D>& to);
-  static void g2p(const M& material, Group& group, const Run& run, const PassOptions<Real>& options,
-                  std::int32_t block, Walls* walls, const Arena<Real, D>& from);
+  static void g2p(const AnyMaterial& material, Group& group, const Run& run,
+                  const PassOptions<Real>& options, std::int32_t block, Walls* walls,
+                  const Arena<Real, D>& from);
 };
 
 }  // namespace substep::mpm

@@ -9,19 +9,13 @@
 namespace substep::mpm {
 namespace {
 
-// Calls pass(its passes, material, group, run) for every group that has particles in the block.
-template <class Real, int D, class Groups, class Pass>
+// Calls pass(material, group, run) for every group that has particles in the block.
+template <class Groups, class Pass>
 void for_each_group(const std::vector<AnyMaterial>& materials, Groups& groups, std::size_t block,
                     Pass&& pass) {
   for (std::size_t g = 0; g < groups.size(); ++g) {
     const Run& run = groups[g].runs[block];
-    if (run.count == 0) continue;
-    std::visit(
-        [&](const auto& material) {
-          using M = std::remove_cvref_t<decltype(material)>;
-          pass(Passes<M, Real, D>(), material, groups[g], run);
-        },
-        materials[g]);
+    if (run.count > 0) pass(materials[g], groups[g], run);
   }
 }
 
@@ -43,11 +37,10 @@ template <class Real, int D>
 void p2g(const Particles<Real, D>& particles, double dt, Nodes<Real, D>& nodes, int threads) {
   const auto options = options_of(particles, 0, dt);
   scatter_blocks<Real, D>(particles.layout, nodes, threads, [&](std::size_t block, auto& arena) {
-    for_each_group<Real, D>(
-        particles.materials, particles.groups, block,
-        [&](auto passes, const auto& material, const auto& group, const Run& run) {
-          passes.p2g(material, group, run, options, arena);
-        });
+    for_each_group(particles.materials, particles.groups, block,
+                   [&](const AnyMaterial& material, const auto& group, const Run& run) {
+                     Passes<Real, D>::p2g(material, group, run, options, arena);
+                   });
   });
 }
 
@@ -59,12 +52,12 @@ void g2p2g(Particles<Real, D>& particles, double dt, double next_dt, const Nodes
   scatter_blocks<Real, D>(particles.layout, to, threads, [&](std::size_t block, auto& arena) {
     Arena<Real, D> velocities;
     velocities.copy(from, particles.layout, block);
-    for_each_group<Real, D>(particles.materials, particles.groups, block,
-                            [&](auto passes, const auto& material, auto& group, const Run& run) {
-                              passes.g2p2g(material, group, run, options,
-                                           static_cast<std::int32_t>(block),
-                                           walls_near(particles, block), velocities, arena);
-                            });
+    for_each_group(particles.materials, particles.groups, block,
+                   [&](const AnyMaterial& material, auto& group, const Run& run) {
+                     Passes<Real, D>::g2p2g(material, group, run, options,
+                                            static_cast<std::int32_t>(block),
+                                            walls_near(particles, block), velocities, arena);
+                   });
   });
   if (options.rest) {
     for (auto& group : particles.groups) group.state.swap(group.other);
@@ -86,12 +79,12 @@ void g2p(Particles<Real, D>& particles, double dt, const Nodes<Real, D>& nodes, 
           const auto block = usize(b);
           Arena<Real, D> velocities;
           velocities.copy(nodes, particles.layout, block);
-          for_each_group<Real, D>(
-              particles.materials, particles.groups, block,
-              [&](auto passes, const auto& material, auto& group, const Run& run) {
-                passes.g2p(material, group, run, options, static_cast<std::int32_t>(block),
-                           walls_near(particles, block), velocities);
-              });
+          for_each_group(particles.materials, particles.groups, block,
+                         [&](const AnyMaterial& material, auto& group, const Run& run) {
+                           Passes<Real, D>::g2p(material, group, run, options,
+                                                static_cast<std::int32_t>(block),
+                                                walls_near(particles, block), velocities);
+                         });
         }
       },
       threads);

@@ -1,0 +1,7 @@
+#include "substep/mpm/passes/packet_passes.h"
+
+namespace substep::mpm {
+
+template struct Passes<double, 2>;
+
+}  // namespace substep::mpm

@@ -1,0 +1,7 @@
+#include "substep/mpm/passes/packet_passes.h"
+
+namespace substep::mpm {
+
+template struct Passes<float, 2>;
+
+}  // namespace substep::mpm
