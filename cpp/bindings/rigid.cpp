@@ -68,26 +68,6 @@ void bind_mass_moments(py::module_& m) {
         return py::make_tuple(axes, triple(p.inertia));
       });
   m.def(
-      "sphere_moments",
-      [](double radius, double density) { return moments(Sphere{radius}, density); },
-      py::arg("radius"), py::arg("density"));
-  m.def(
-      "box_moments",
-      [](const Triple& half, double density) { return moments(Box{vector(half)}, density); },
-      py::arg("half_lengths"), py::arg("density"));
-  m.def(
-      "capsule_moments",
-      [](double radius, double half, double density) {
-        return moments(Capsule{radius, half}, density);
-      },
-      py::arg("radius"), py::arg("half_length"), py::arg("density"));
-  m.def(
-      "cylinder_moments",
-      [](double radius, double half, double density) {
-        return moments(Cylinder{radius, half}, density);
-      },
-      py::arg("radius"), py::arg("half_length"), py::arg("density"));
-  m.def(
       "mesh_moments",
       [](const Reals& vertices, const LongIndices& faces, double density) {
         const std::span<const double> x(vertices.data(), static_cast<std::size_t>(vertices.size()));
@@ -96,14 +76,6 @@ void bind_mass_moments(py::module_& m) {
         return moments(x, f, density);
       },
       py::arg("vertices"), py::arg("faces"), py::arg("density"));
-  m.def(
-      "hull_moments",
-      [](const Reals& points, double density) {
-        const std::vector<Vec3> rows = rows_of(points);
-        const py::gil_scoped_release nogil;
-        return moments(std::make_shared<const ConvexHull>(rows), density);
-      },
-      py::arg("points"), py::arg("density"));
   m.def(
       "hull_faces",
       [](const Reals& points) {

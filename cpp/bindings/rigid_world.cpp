@@ -4,9 +4,11 @@
 
 #include <algorithm>
 #include <limits>
+#include <map>
 #include <string>
 
 #include "substep/core/errors.h"
+#include "substep/rigid/shapes/mass_properties.h"
 
 namespace rigid_binding {
 
@@ -62,23 +64,10 @@ WorldOptions world_options(const py::dict& given) {
 
 void bind_shapes(py::module_& m) {
   py::class_<RigidShape>(m, "RigidShape")
-      .def_static(
-          "sphere", [](double radius) { return RigidShape{Sphere{radius}}; }, py::arg("radius"))
-      .def_static(
-          "box", [](const Triple& half) { return RigidShape{Box{vector(half)}}; },
-          py::arg("half_lengths"))
-      .def_static(
-          "capsule", [](double r, double half) { return RigidShape{Capsule{r, half}}; },
-          py::arg("radius"), py::arg("half_length"))
-      .def_static(
-          "cylinder", [](double r, double half) { return RigidShape{Cylinder{r, half}}; },
-          py::arg("radius"), py::arg("half_length"))
-      .def_static(
-          "plane",
-          [](const Triple& normal, double offset) {
-            return RigidShape{Plane{vector(normal), offset}};
-          },
-          py::arg("normal"), py::arg("offset"))
+      .def(py::init([](const std::string& kind, const std::map<std::string, double>& numbers) {
+             return RigidShape{make_shape(kind, numbers)};
+           }),
+           py::arg("kind"), py::arg("numbers"))
       .def_static(
           "hull",
           [](const Rows& points) {
@@ -100,7 +89,11 @@ void bind_shapes(py::module_& m) {
             const py::gil_scoped_release nogil;
             return RigidShape{std::make_shared<const TriangleMesh>(corners, triangles)};
           },
-          py::arg("vertices"), py::arg("faces"));
+          py::arg("vertices"), py::arg("faces"))
+      .def(
+          "moments",
+          [](const RigidShape& self, double density) { return moments(self.shape, density); },
+          py::arg("density"), py::call_guard<py::gil_scoped_release>());
 }
 
 // Bodies alike at poses of their principal frames: all of them or none.

@@ -326,7 +326,7 @@ time.sleep({delay})
 @pytest.mark.parametrize(
     ("before", "call"),
     [
-        ("", "_core.hull_moments(np.eye(4, 3), 1.0)"),
+        ("", "_core.RigidShape.hull(np.eye(4, 3))"),
         ("cg(np.eye(3), np.ones(3))", "cg(slow, np.ones(3))"),
         ("chain()", "solve_ivp(lambda t, y: slow(y), (0.0, 1.0), [1.0], method='rk4', step=0.1)"),
     ],

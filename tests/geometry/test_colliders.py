@@ -259,33 +259,16 @@ def test_native_state_round_trip():
     np.testing.assert_array_equal(other.rotation, ball.rotation)
 
 
-PLACE = {"center": (0.3, -0.2, 0.1), "rotation": (0.8, 0.1, -0.5, 0.3)}
-CORNERS = np.random.default_rng(0).normal(size=(30, 3))
-PLACED = [
-    substep.Box((1, 0.5, 1.5), **PLACE),
-    substep.Sphere(0.7, PLACE["center"]),
-    substep.Capsule(0.4, 1.1, **PLACE),
-    substep.Cylinder(0.5, 0.8, **PLACE),
-    substep.ConvexHull(CORNERS, **PLACE),
-    sphere_mesh(0.7),
-]
-
-
-@pytest.mark.parametrize("shape", PLACED, ids=lambda shape: type(shape).__name__)
-def test_the_distance_of_an_obstacle_is_that_of_its_mesh(shape):
-    round_ = isinstance(shape, (substep.Sphere, substep.Capsule, substep.Cylinder))
-    mesh = shape if isinstance(shape, substep.TriangleMesh) else shape.mesh(*[256] * round_)
-    size = np.ptp(mesh.vertices, axis=0).max()
-    # Chords of a circle, or a spacing of 1/64 of the longest side in its own frame.
-    off = 2e-3 if round_ else 1e-12 if isinstance(shape, substep.Box) else 0.025 * size
-    expected = mesh.signed_distance(points)
-    near = expected < 0.04 * size  # further off a sampled distance is a lower bound
+def test_the_distance_of_a_mesh_is_sampled():
+    shape = sphere_mesh(0.7)
+    expected = shape.signed_distance(points)
+    near = expected < 0.05  # further off a sampled distance is a lower bound
     assert near.sum() > 20
     found = substep.Collider(shape).distance(points)
-    np.testing.assert_allclose(found[near], expected[near], atol=off)
+    np.testing.assert_allclose(found[near], expected[near], atol=0.035)
 
 
-@pytest.mark.parametrize("shape", [*PLACED, substep.Plane((1, 2, 3))], ids=repr)
+@pytest.mark.parametrize("shape", [sphere_mesh(0.7), substep.Plane((1, 2, 3))], ids=repr)
 def test_shapes_are_values(shape):
     for name in (*shape._fields, "colour"):
         with pytest.raises(AttributeError, match="make another"):

@@ -57,20 +57,6 @@ def is_finite(simulation):
 
 
 # Shapes, fixtures, motors.
-@pytest.mark.parametrize("wrong", [0.0, -1.0, NAN, INF])
-def test_lengths_of_shapes(wrong):
-    for make in (
-        lambda: rigid.Sphere(wrong),
-        lambda: rigid.Box((2, wrong, 2)),
-        lambda: rigid.Capsule(wrong, 2),
-        lambda: rigid.Capsule(1, wrong),
-        lambda: rigid.Cylinder(wrong, 2),
-        lambda: rigid.Cylinder(1, wrong),
-    ):
-        with pytest.raises(InputError, match=r"radius|lengths?"):
-            make()
-
-
 @pytest.mark.parametrize(
     ("make", "error", "message"),
     [

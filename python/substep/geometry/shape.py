@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import _core
 from ..base.attributes import Frozen
 from ..base.checks import check_array
 from ..base.quaternions import IDENTITY, unit_quaternions
@@ -36,6 +37,7 @@ class Shape(Frozen):
     center: tuple[float, float, float] = ORIGIN
     rotation: tuple[float, float, float, float] = IDENTITY
     _fields: ClassVar[tuple[str, ...]] = ()  # the arguments that it is made of, in their order
+    _kind: ClassVar[str | None] = None  # of the native rigid shapes, which is made of _numbers()
 
     def _set(self, **values: Any) -> None:
         self.__dict__.update(values)
@@ -85,7 +87,13 @@ class Shape(Frozen):
         return self._rigid_shape(), np.array(self.center), np.array(self.rotation)
 
     def _rigid_shape(self) -> Any:
-        raise InputError(f"shape: a {type(self).__name__} cannot be a rigid body")
+        if self._kind is None:
+            raise InputError(f"shape: a {type(self).__name__} cannot be a rigid body")
+        return _core.RigidShape(self._kind, self._numbers())
+
+    def _numbers(self) -> dict[str, float]:
+        """What the native rigid shape is made of."""
+        raise NotImplementedError
 
     def _moments(self, density: float) -> Any:
         """Mass, centre and inertia in the frame of the shape."""

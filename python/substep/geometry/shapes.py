@@ -29,6 +29,9 @@ class Solid(Shape):
     def _obstacle(self, hollow: bool) -> Any:
         return _core.Collider.sampled(self._surface()._field, list(self.center), hollow)
 
+    def _moments(self, density: float) -> Any:
+        return self._rigid_shape().moments(density)
+
     def _placed(self, mesh: TriangleMesh) -> TriangleMesh:
         if self.center == ORIGIN and self.rotation == IDENTITY:
             return mesh
@@ -60,6 +63,7 @@ class Sphere(Solid):
 
     radius: float
     _fields = ("radius", "center")
+    _kind = "sphere"
 
     def __init__(self, radius: float, center: ArrayLike = ORIGIN) -> None:
         self._set(radius=check_real("radius", radius, positive=True))
@@ -83,11 +87,8 @@ class Sphere(Solid):
     def _obstacle(self, hollow: bool) -> Any:
         return _core.Collider.sphere(list(self.center), self.radius, hollow)
 
-    def _rigid_shape(self) -> Any:
-        return _core.RigidShape.sphere(self.radius)
-
-    def _moments(self, density: float) -> Any:
-        return _core.sphere_moments(self.radius, density)
+    def _numbers(self) -> dict[str, float]:
+        return {"radius": self.radius}
 
 
 class Box(Solid):
@@ -116,6 +117,7 @@ class Box(Solid):
 
     lengths: tuple[float, float, float]
     _fields = ("lengths", "center", "rotation")
+    _kind = "box"
 
     def __init__(
         self, lengths: ArrayLike, center: ArrayLike = ORIGIN, rotation: ArrayLike = IDENTITY
@@ -143,11 +145,8 @@ class Box(Solid):
     def _obstacle(self, hollow: bool) -> Any:
         return _core.Collider.box(list(self.center), self._half, hollow)
 
-    def _rigid_shape(self) -> Any:
-        return _core.RigidShape.box(self._half)
-
-    def _moments(self, density: float) -> Any:
-        return _core.box_moments(self._half, density)
+    def _numbers(self) -> dict[str, float]:
+        return dict(zip(("half_x", "half_y", "half_z"), self._half, strict=True))
 
 
 class Capsule(Solid):
@@ -179,6 +178,7 @@ class Capsule(Solid):
     radius: float
     length: float
     _fields = ("radius", "length", "center", "rotation")
+    _kind = "capsule"
 
     def __init__(
         self,
@@ -211,11 +211,8 @@ class Capsule(Solid):
     def _obstacle(self, hollow: bool) -> Any:
         return _core.Collider.capsule(list(self.center), self.radius, self.length / 2, hollow)
 
-    def _rigid_shape(self) -> Any:
-        return _core.RigidShape.capsule(self.radius, self.length / 2)
-
-    def _moments(self, density: float) -> Any:
-        return _core.capsule_moments(self.radius, self.length / 2, density)
+    def _numbers(self) -> dict[str, float]:
+        return {"radius": self.radius, "half_length": self.length / 2}
 
 
 class Cylinder(Solid):
@@ -247,6 +244,7 @@ class Cylinder(Solid):
     radius: float
     length: float
     _fields = ("radius", "length", "center", "rotation")
+    _kind = "cylinder"
 
     def __init__(
         self,
@@ -279,11 +277,8 @@ class Cylinder(Solid):
     def _obstacle(self, hollow: bool) -> Any:
         return _core.Collider.cylinder(list(self.center), self.radius, self.length / 2, hollow)
 
-    def _rigid_shape(self) -> Any:
-        return _core.RigidShape.cylinder(self.radius, self.length / 2)
-
-    def _moments(self, density: float) -> Any:
-        return _core.cylinder_moments(self.radius, self.length / 2, density)
+    def _numbers(self) -> dict[str, float]:
+        return {"radius": self.radius, "half_length": self.length / 2}
 
 
 class Plane(Shape):
@@ -311,6 +306,7 @@ class Plane(Shape):
     normal: tuple[float, float, float]
     point: tuple[float, float, float]
     _fields = ("normal", "point")
+    _kind = "plane"
 
     def __init__(self, normal: ArrayLike = (0.0, 0.0, 1.0), point: ArrayLike = ORIGIN) -> None:
         direction = check_array("normal", normal, (3,))
@@ -331,9 +327,10 @@ class Plane(Shape):
             raise InputError("hollow: turn the normal of the Plane")
         return _core.Collider.plane(list(self.point), list(self.normal))
 
-    def _rigid_shape(self) -> Any:
+    def _numbers(self) -> dict[str, float]:
         offset = sum(n * x for n, x in zip(self.normal, self.point, strict=True))
-        return _core.RigidShape.plane(self.normal, offset)
+        x, y, z = self.normal
+        return {"normal_x": x, "normal_y": y, "normal_z": z, "offset": offset}
 
 
 class ConvexHull(Solid):
@@ -395,6 +392,3 @@ class ConvexHull(Solid):
 
     def _rigid_shape(self) -> Any:
         return _core.RigidShape.hull(self.points)
-
-    def _moments(self, density: float) -> Any:
-        return _core.hull_moments(self.points, density)

@@ -1,9 +1,10 @@
-#include "substep/rigid/shapes/ray_cast.h"
+#include "substep/rigid/distance/ray_cast.h"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "shapes.h"
 #include "substep/core/usize.h"
@@ -17,30 +18,31 @@ using test::Random;
 
 // How far out of the shape a point of its frame is, by the largest of its constraints; the scale of
 // the distance near the surface.
-double outside(const Shape& shape, const Vec3& p) {
-  struct Of {
-    const Vec3& p;
-    double operator()(const Sphere& s) const { return p.norm() - s.radius; }
-    double operator()(const Box& b) const { return (p.cwiseAbs() - b.half_lengths).maxCoeff(); }
-    double operator()(const Capsule& c) const {
-      const double along = std::clamp(p.z(), -c.half_length, c.half_length);
-      return (p - Vec3(0, 0, along)).norm() - c.radius;
+struct Outside {
+  const Vec3& p;
+  double operator()(const Sphere& s) const { return p.norm() - s.radius; }
+  double operator()(const Box& b) const { return (p.cwiseAbs() - b.half_lengths).maxCoeff(); }
+  double operator()(const Capsule& c) const {
+    const double along = std::clamp(p.z(), -c.half_length, c.half_length);
+    return (p - Vec3(0, 0, along)).norm() - c.radius;
+  }
+  double operator()(const Cylinder& c) const {
+    return std::max(p.head<2>().norm() - c.radius, std::abs(p.z()) - c.half_length);
+  }
+  double operator()(const Plane& plane) const { return plane.normal.dot(p) - plane.offset; }
+  double operator()(const std::shared_ptr<const ConvexHull>& hull) const {
+    double most = -1e300;
+    for (int f = 0; f < hull->face_count(); ++f) {
+      most = std::max(most, hull->plane(f).normal.dot(p) - hull->plane(f).offset);
     }
-    double operator()(const Cylinder& c) const {
-      return std::max(p.head<2>().norm() - c.radius, std::abs(p.z()) - c.half_length);
-    }
-    double operator()(const Plane& plane) const { return plane.normal.dot(p) - plane.offset; }
-    double operator()(const std::shared_ptr<const ConvexHull>& hull) const {
-      double most = -1e300;
-      for (int f = 0; f < hull->face_count(); ++f) {
-        most = std::max(most, hull->plane(f).normal.dot(p) - hull->plane(f).offset);
-      }
-      return most;
-    }
-    double operator()(const std::shared_ptr<const TriangleMesh>&) const { return 1e300; }
-  };
-  return std::visit(Of{p}, shape);
-}
+    return most;
+  }
+  template <class Other>  // every_shape.cpp has them
+  double operator()(const Other&) const {
+    return std::numeric_limits<double>::quiet_NaN();
+  }
+};
+double outside(const Shape& shape, const Vec3& p) { return std::visit(Outside{p}, shape); }
 
 TEST(RayCast, EntersWhereTheConstraintsSay) {
   Random random(1);
@@ -53,6 +55,7 @@ TEST(RayCast, EntersWhereTheConstraintsSay) {
     const Ray ray{from, (to - from).normalized(), random.number(0, 8)};
     const auto hit = ray_cast(shape, pose, ray);
     const auto out = [&](double t) { return outside(shape, pose.to_local(ray.at(t))); };
+    if (std::isnan(out(0))) continue;
     if (out(0) < 0) {
       EXPECT_FALSE(hit) << trial;
       ++inside;

@@ -1,9 +1,13 @@
 // Random shapes and poses for the tests of queries.
 #pragma once
 
+#include <memory>
 #include <random>
+#include <type_traits>
+#include <variant>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/rigid/shapes/shapes.h"
 
 namespace substep::rigid::test {
@@ -26,26 +30,36 @@ struct Random {
     const Quaternion q(number(-1, 1), number(-1, 1), number(-1, 1), number(-1, 1));
     return {vector(size), q.normalized()};
   }
-  // Sphere, box, capsule, cylinder, hull in turn.
-  Shape shape(int kind) {
-    switch (kind % 5) {
-      case 0:
-        return Sphere{number(0.2, 1)};
-      case 1:
-        return Box{{number(0.2, 1), number(0.2, 1), number(0.2, 1)}};
-      case 2:
-        return Capsule{number(0.2, 0.6), number(0.2, 1)};
-      case 3:
-        return Cylinder{number(0.2, 1), number(0.2, 1)};
-      default: {
-        std::vector<Vec3> points;
-        for (int k = 0; k < 14; ++k) points.push_back(vector(1));
-        return std::make_shared<const ConvexHull>(points);
-      }
+  // One of a convex kind: its numbers from 0.2 to 1, or the hull of points.
+  template <class S>
+  static Shape one_of(Random& random) {
+    if constexpr (requires { S::kName; }) {
+      return S::with([&](const char*) { return random.number(0.2, 1); });
+    } else {
+      std::vector<Vec3> points;
+      for (int k = 0; k < 14; ++k) points.push_back(random.vector(1));
+      return std::make_shared<const ConvexHull>(points);
     }
+  }
+  // The convex kinds of the list in turn.
+  Shape shape(int kind) {
+    static const std::vector<Maker> kMakers = makers(std::type_identity<Shape>());
+    return kMakers[usize(kind) % kMakers.size()](*this);
   }
 
   std::mt19937 generator;
+
+ private:
+  using Maker = Shape (*)(Random&);
+  template <class... Kinds>
+  static std::vector<Maker> makers(std::type_identity<std::variant<Kinds...>>) {
+    std::vector<Maker> all;
+    const auto add = [&]<class S>(std::type_identity<S>) {
+      if constexpr (ConvexShape<S>) all.push_back(&one_of<S>);
+    };
+    (add(std::type_identity<Kinds>()), ...);
+    return all;
+  }
 };
 
 }  // namespace substep::rigid::test

@@ -86,6 +86,13 @@ FlatFace flat_face(const Convex& shape, const Vec3& d) {
   if (shape.core == Convex::Core::cylinder) {
     return {d.z() != 0, Vec3(0, 0, d.z() < 0 ? -1 : 1)};
   }
+  if (shape.core == Convex::Core::other) {
+    const Outline face = outline(shape, d);
+    Vec3 area = Vec3::Zero();
+    for (int k = 2; k < face.count; ++k)
+      area += (face.corners[k - 1] - face.corners[0]).cross(face.corners[k] - face.corners[0]);
+    return {face.count > 2, area.normalized()};
+  }
   return {};
 }
 

@@ -4,6 +4,7 @@
 
 #include "substep/rigid/collision/manifold.h"
 #include "substep/rigid/distance/gjk.h"
+#include "substep/rigid/shapes/plane.h"
 
 namespace substep::rigid {
 

@@ -11,10 +11,10 @@ namespace substep::rigid {
 
 // Fractions of the smaller shape's size: what a side lets pass, so that corners of aligned shapes
 // stay corners; how far aside of a line another one is still along it; within which patches are
-// level (outline_of_cylinder() relies on it).
+// level (outline_of_cylinder() and outline_by_support() rely on it).
 inline constexpr double kSlack = 1e-4, kAside = 1e-2;
 inline double level(const Convex& shape) {
-  return shape.core == Convex::Core::cylinder ? 2e-3 : 2e-2;
+  return shape.core == Convex::Core::cylinder || shape.core == Convex::Core::other ? 2e-3 : 2e-2;
 }
 
 // What a core turns to a direction, in its frame: a face (count >= 3), a segment or a point.

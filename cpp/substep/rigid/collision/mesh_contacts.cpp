@@ -208,7 +208,7 @@ void collide_mesh(const Shape& a, const Pose& pose_a, const TriangleMesh& mesh, 
                   double margin, std::vector<Manifold>& manifolds) {
   std::visit(
       [&](const auto& shape) {
-        if constexpr (kConvex<decltype(shape)>) {
+        if constexpr (ConvexShape<decltype(shape)>) {
           const View view(shape);
           convex_mesh(view.convex, a, pose_a, mesh, pose_b, margin, manifolds);
         }

@@ -47,11 +47,11 @@ struct Pair {
   }
   template <class A, class B>
   void operator()(const A& a, const B& b) const {
-    if constexpr (kConvex<A> && kConvex<B>) {
+    if constexpr (ConvexShape<A> && ConvexShape<B>) {
       any(a, b);
-    } else if constexpr (kConvex<A> && std::is_same_v<B, Plane>) {
+    } else if constexpr (ConvexShape<A> && std::is_same_v<B, Plane>) {
       convex_plane(View<A>(a).convex, pose_a, b, pose_b, margin, manifold);
-    } else if constexpr (kConvex<B> && std::is_same_v<A, Plane>) {
+    } else if constexpr (ConvexShape<B> && std::is_same_v<A, Plane>) {
       flip(a, b);
     } else {
       throw InputError("collide() takes convex shapes, or one and a plane");

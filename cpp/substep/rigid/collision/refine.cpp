@@ -51,6 +51,7 @@ Tip tip_of_cylinder(const Convex& c, const Vec3& d) {
 Tip tip_of(const Convex& shape, const Vec3& d) {
   if (shape.core == Convex::Core::polytope) return tip_of_polytope(shape.polytope, d);
   if (shape.core == Convex::Core::cylinder) return tip_of_cylinder(shape, d);
+  if (shape.core == Convex::Core::other) return {shape.support(d), 2};  // not known: as it is
   Tip tip{shape.support(d)};
   if (shape.half_length > 0 && std::abs(d.z()) < kSide) tip.lines = 1, tip.along = Vec3::UnitZ();
   return tip;

@@ -39,7 +39,10 @@ struct Difference {
 
 // Whether what the cores turn to each other may be curved.
 inline bool is_curved(const Difference& d) {
-  return d.a.core == Convex::Core::cylinder || d.b.core == Convex::Core::cylinder;
+  const auto curved = [](Convex::Core core) {
+    return core == Convex::Core::cylinder || core == Convex::Core::other;
+  };
+  return curved(d.a.core) || curved(d.b.core);
 }
 
 // The distance of the cores, or no more than a proof that it is above `enough`. Overlap: 0, and the

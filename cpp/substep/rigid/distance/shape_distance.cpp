@@ -42,16 +42,16 @@ struct DistanceOf {
 
   template <class A, class B>
   ShapeDistance operator()(const A& a, const B& b) const {
-    if constexpr (kConvex<A> && kConvex<B>) {
+    if constexpr (ConvexShape<A> && ConvexShape<B>) {
       const View<A> view_a(a);
       const View<B> view_b(b);
       return convex_distance(view_a.convex, pose_a, view_b.convex, pose_b, enough);
-    } else if constexpr (kConvex<A> && std::is_same_v<B, Plane>) {
+    } else if constexpr (ConvexShape<A> && std::is_same_v<B, Plane>) {
       return plane_distance(View<A>(a).convex, pose_a, b, pose_b);
-    } else if constexpr (kConvex<A>) {
+    } else if constexpr (ConvexShape<A>) {
       return mesh_distance(View<A>(a).convex, pose_a, bounds(a, pose_a.relative_to(pose_b)), *b,
                            pose_b, enough);
-    } else if constexpr (kConvex<B>) {
+    } else if constexpr (ConvexShape<B>) {
       ShapeDistance flipped = DistanceOf{pose_b, pose_a, enough}(b, a);
       flipped.normal = -flipped.normal;
       return flipped;

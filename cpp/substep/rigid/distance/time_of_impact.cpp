@@ -59,19 +59,19 @@ struct ImpactOf {
 
   template <class A, class B>
   Impact operator()(const A& shape_a, const B& shape_b) const {
-    if constexpr (kConvex<A> && kConvex<B>) {
+    if constexpr (ConvexShape<A> && ConvexShape<B>) {
       const View<A> view_a(shape_a);
       const View<B> view_b(shape_b);
       return approach(view_a.convex, reach(view_b.convex, b)).advance(1, [&](double t, double far) {
         return convex_distance(view_a.convex, a.at(t), view_b.convex, b.at(t), far);
       });
-    } else if constexpr (kConvex<A>) {
+    } else if constexpr (ConvexShape<A>) {
       if (b.travel != Vec3::Zero() || b.turn != Vec3::Zero()) {
         throw InputError("planes and meshes must not move");
       }
       const View<A> view(shape_a);
       return with_ground(view.convex, shape_b);
-    } else if constexpr (kConvex<B>) {
+    } else if constexpr (ConvexShape<B>) {
       Impact flipped = ImpactOf{b, a, target, tolerance}(shape_b, shape_a);
       flipped.normal = -flipped.normal;
       return flipped;

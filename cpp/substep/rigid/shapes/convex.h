@@ -1,17 +1,21 @@
 // One view of all convex shapes for the algorithms that need no more than a support function: a
-// core (polytope, segment along z, cylinder about z) with `rounding` around it.
+// core (polytope, segment along z, cylinder about z, or any other that has a support point) with
+// `rounding` around it.
 #pragma once
 
+#include <cmath>
+
 #include "substep/rigid/shapes/polytope.h"
-#include "substep/rigid/shapes/shapes.h"
 
 namespace substep::rigid {
 
 struct Convex {
-  enum class Core { polytope, segment, cylinder };
+  enum class Core { polytope, segment, cylinder, other };
 
   Core core;
   double radius = 0, half_length = 0;  // of segment and cylinder
+  const void* shape = nullptr;         // of others, which must live as long
+  Vec3 (*support_of_shape)(const void* shape, const Vec3& d) = nullptr;
   Polytope polytope;
   Vec3 centre = Vec3::Zero();  // a point inside
   double rounding = 0;
@@ -25,6 +29,8 @@ struct Convex {
         return polytope.vertices[polytope.support_vertex(d)];
       case Core::segment:
         return {0, 0, d.z() < 0 ? -half_length : half_length};
+      case Core::other:
+        return support_of_shape(shape, d);
       case Core::cylinder:
         break;
     }
@@ -33,43 +39,5 @@ struct Convex {
     return {scale * d.x(), scale * d.y(), d.z() < 0 ? -half_length : half_length};
   }
 };
-
-inline Convex convex(const Sphere& s) {
-  return {.core = Convex::Core::segment,
-          .polytope = {},
-          .rounding = s.radius,
-          .size = s.radius,
-          .extent = 0};
-}
-inline Convex convex(const Capsule& c) {
-  return {.core = Convex::Core::segment,
-          .half_length = c.half_length,
-          .polytope = {},
-          .rounding = c.radius,
-          .size = c.radius,
-          .extent = c.half_length};
-}
-inline Convex convex(const Cylinder& c) {
-  return {.core = Convex::Core::cylinder,
-          .radius = c.radius,
-          .half_length = c.half_length,
-          .polytope = {},
-          .size = std::min(c.radius, c.half_length),
-          .extent = std::hypot(c.radius, c.half_length)};
-}
-inline Convex convex(const ConvexHull& hull) {
-  return {.core = Convex::Core::polytope,
-          .polytope = hull.polytope(),
-          .centre = hull.centre(),
-          .size = hull.thickness(),
-          .extent = hull.radius()};
-}
-// The arrays of the box must live as long.
-inline Convex convex(const Box& box, const BoxPolytope& arrays) {
-  return {.core = Convex::Core::polytope,
-          .polytope = arrays.polytope(),
-          .size = box.half_lengths.minCoeff(),
-          .extent = box.half_lengths.norm()};
-}
 
 }  // namespace substep::rigid

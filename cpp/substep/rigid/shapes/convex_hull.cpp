@@ -1,11 +1,13 @@
 #include "substep/rigid/shapes/convex_hull.h"
 
 #include <algorithm>
+#include <limits>
 #include <map>
 #include <utility>
 
 #include "substep/core/errors.h"
 #include "substep/core/usize.h"
+#include "substep/rigid/shapes/mass_properties.h"
 
 namespace substep::rigid {
 namespace {
@@ -276,6 +278,45 @@ ConvexHull::ConvexHull(std::span<const Vec3> points) {
     centre_ += v / static_cast<double>(vertices_.size());
     radius_ = std::max(radius_, v.norm());
   }
+}
+
+Bounds ConvexHull::bounds(const Pose& pose) const {
+  Vec3 low = pose.to_world(vertices_[0]), high = low;
+  for (const Vec3& v : vertices_) {
+    const Vec3 x = pose.to_world(v);
+    low = low.cwiseMin(x), high = high.cwiseMax(x);
+  }
+  return {low, high};
+}
+
+Ball ConvexHull::inner_ball() const {
+  Ball ball{centre_, std::numeric_limits<double>::infinity()};
+  for (const FacePlane& plane : planes_) {
+    ball.radius = std::min(ball.radius, plane.offset - plane.normal.dot(ball.centre));
+  }
+  return ball;
+}
+
+double ConvexHull::outer_radius(const Pose& local) const {
+  double most = 0;
+  for (const Vec3& v : vertices_) most = std::max(most, local.to_world(v).norm());
+  return most;
+}
+
+MassMoments ConvexHull::moments(double density) const {
+  SolidIntegrals solid(vertices_[0]);
+  for (int f = 0; f < face_count(); ++f) {
+    const auto corner = [&](std::size_t k) { return vertices_[usize(corners(f)[k])]; };
+    for (std::size_t k = 2; k < corners(f).size(); ++k)
+      solid.add(corner(0), corner(k - 1), corner(k));
+  }
+  return solid.moments(density);
+}
+
+std::optional<RayHit> ConvexHull::cast(const Ray& ray) const {
+  Passage passage;
+  for (const FacePlane& plane : planes_) passage.cut(ray, plane.normal, plane.offset);
+  return passage.hit(ray.length);
 }
 
 }  // namespace substep::rigid

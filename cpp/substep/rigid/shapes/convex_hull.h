@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "substep/core/usize.h"
-#include "substep/rigid/shapes/polytope.h"
+#include "substep/rigid/shapes/shape.h"
 
 namespace substep::rigid {
 
@@ -39,6 +39,21 @@ class ConvexHull {
             .first_corner = first_corner_,
             .corners = corners_,
             .tolerance = 2e-7 * radius_};
+  }
+
+  // As shape.h says.
+  Vec3 support(const Vec3& d) const { return vertices_[polytope().support_vertex(d)]; }
+  Bounds bounds(const Pose& pose) const;
+  Ball inner_ball() const;
+  double outer_radius(const Pose& local) const;
+  MassMoments moments(double density) const;
+  std::optional<RayHit> cast(const Ray& ray) const;
+  Convex convex() const {
+    return {.core = Convex::Core::polytope,
+            .polytope = polytope(),
+            .centre = centre_,
+            .size = thickness_,
+            .extent = radius_};
   }
 
  private:

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <numbers>
 #include <sstream>
 #include <string>
 #include <tuple>
@@ -15,59 +14,17 @@
 
 namespace substep::rigid {
 
-using std::numbers::pi;
-
-namespace {
-
-void check_positive(const char* name, double value) {
-  if (value > 0 && std::isfinite(value)) return;
-  std::ostringstream text;
-  text << name << ": expected a finite number above 0, got " << value;
-  throw InputError(text.str());
-}
-
-MassMoments centred(double mass, double x, double y, double z) {
-  return {mass, Vec3::Zero(), Vec3(x, y, z).asDiagonal()};
-}
-
-}  // namespace
-
-MassMoments moments(const Sphere& s, double density) {
-  check_positive("density", density);
-  check_positive("radius", s.radius);
-  const double r2 = s.radius * s.radius, mass = density * 4 / 3 * pi * r2 * s.radius;
-  const double I = 0.4 * mass * r2;
-  return centred(mass, I, I, I);
-}
-
-MassMoments moments(const Box& b, double density) {
-  check_positive("density", density);
-  for (const double half : b.half_lengths) check_positive("half_lengths", half);
-  const Vec3 h2 = b.half_lengths.cwiseAbs2();
-  const double mass = density * 8 * b.half_lengths.prod();
-  return centred(mass, mass / 3 * (h2.y() + h2.z()), mass / 3 * (h2.x() + h2.z()),
-                 mass / 3 * (h2.x() + h2.y()));
-}
-
-// A cylinder and two half spheres, whose centres are 3 r / 8 beyond its ends.
-MassMoments moments(const Capsule& c, double density) {
-  check_positive("density", density);
-  check_positive("radius", c.radius);
-  check_positive("half_length", c.half_length);
-  const double r2 = c.radius * c.radius, h = c.half_length, h2 = h * h;
-  const double tube = density * 2 * pi * r2 * h, caps = density * 4 / 3 * pi * r2 * c.radius;
-  const double across = tube * (r2 / 4 + h2 / 3) + caps * (0.4 * r2 + h2 + 0.75 * h * c.radius);
-  return centred(tube + caps, across, across, tube * r2 / 2 + caps * 0.4 * r2);
-}
-
-MassMoments moments(const Cylinder& c, double density) {
-  check_positive("density", density);
-  check_positive("radius", c.radius);
-  check_positive("half_length", c.half_length);
-  const double r2 = c.radius * c.radius, h2 = c.half_length * c.half_length;
-  const double mass = density * 2 * pi * r2 * c.half_length;
-  const double across = mass * (r2 / 4 + h2 / 3);
-  return centred(mass, across, across, mass * r2 / 2);
+MassMoments moments(const Shape& shape, double density) {
+  Expect{}.positive("density", density);
+  check_shape(shape, "");
+  const auto own = [&](const auto& s) -> MassMoments {
+    if constexpr (ConvexShape<decltype(s)>) {
+      return shape_of(s).moments(density);
+    } else {
+      throw InputError("shape: only a body that never moves may have a shape without volume");
+    }
+  };
+  return std::visit(own, shape);
 }
 
 // Of the tetrahedron (0, a, b, c) with d = det(a, b, c): int dV = d / 6, int x dV = d s / 24,
@@ -85,18 +42,6 @@ MassMoments SolidIntegrals::moments(double density) const {
   const Mat3 about = second_ / 120 - volume_ / 6 * centre * centre.transpose();
   return {density * volume_ / 6, origin_ + centre,
           density * (about.trace() * Mat3::Identity() - about)};
-}
-
-MassMoments moments(const std::shared_ptr<const ConvexHull>& hull, double density) {
-  check_positive("density", density);
-  const std::vector<Vec3>& x = hull->vertices();
-  SolidIntegrals solid(x[0]);
-  for (int f = 0; f < hull->face_count(); ++f) {
-    const auto corners = hull->corners(f);
-    const auto corner = [&](std::size_t k) { return x[usize(corners[k])]; };
-    for (std::size_t k = 2; k < corners.size(); ++k) solid.add(corner(0), corner(k - 1), corner(k));
-  }
-  return solid.moments(density);
 }
 
 namespace {
@@ -142,7 +87,7 @@ void check_closed(std::span<const std::int64_t> faces) {
 
 MassMoments moments(std::span<const double> vertices, std::span<const std::int64_t> faces,
                     double density) {
-  check_positive("density", density);
+  Expect{}.positive("density", density);
   const auto n = static_cast<std::int64_t>(vertices.size() / 3);
   for (std::size_t k = 0; k < faces.size(); ++k)
     if (faces[k] < 0 || faces[k] >= n || faces[k] == faces[k - k % 3 + (k + 1) % 3])
@@ -191,14 +136,7 @@ MassMoments sum(std::span<const MassMoments> parts) {
 MassMoments moments(std::span<const Fixture> fixtures) {
   std::vector<MassMoments> parts;
   for (const Fixture& fixture : fixtures) {
-    const auto own = [&](const auto& shape) -> MassMoments {
-      if constexpr (requires { moments(shape, 1.0); }) {
-        return moments(shape, fixture.density);
-      } else {
-        throw InputError("shape: only a body that never moves may have a shape without volume");
-      }
-    };
-    parts.push_back(moved(std::visit(own, fixture.shape), fixture.local));
+    parts.push_back(moved(moments(fixture.shape, fixture.density), fixture.local));
   }
   return sum(parts);
 }
@@ -246,7 +184,7 @@ void check_principal_moments(const Vec3& inertia, const char* name) {
 }
 
 MassProperties principal(const MassMoments& solid) {
-  check_positive("mass", solid.mass);
+  Expect{}.positive("mass", solid.mass);
   if (!solid.centre.allFinite()) throw InputError("centre: expected finite numbers");
   const Mat3& I = solid.inertia;
   if (!((I - I.transpose()).lpNorm<Eigen::Infinity>() <= 1e-9 * I.lpNorm<Eigen::Infinity>()))

@@ -13,12 +13,6 @@
 
 namespace substep::rigid {
 
-struct MassMoments {
-  double mass = 0;
-  Vec3 centre = Vec3::Zero();
-  Mat3 inertia = Mat3::Zero();  // about the centre, along the axes of the frame
-};
-
 // The frame at the centre along `axes` (of the body into the frame) in which inertia is diagonal.
 struct MassProperties {
   double mass;
@@ -27,12 +21,9 @@ struct MassProperties {
   Vec3 inertia;
 };
 
-// In the frame of the shape. InputError: a density or a length is not above 0.
-MassMoments moments(const Sphere& sphere, double density);
-MassMoments moments(const Box& box, double density);
-MassMoments moments(const Capsule& capsule, double density);
-MassMoments moments(const Cylinder& cylinder, double density);
-MassMoments moments(const std::shared_ptr<const ConvexHull>& hull, double density);
+// In the frame of the shape. InputError: a density or a length is not above 0; it has no volume (a
+// plane or a mesh; for a closed one see below).
+MassMoments moments(const Shape& shape, double density);
 
 // Integrals over the solid that triangles bound, counter-clockwise seen from outside: signed sums
 // over the tetrahedra between them and one point. Exact for polyhedra. Mirtich 1996, "Fast and
@@ -67,7 +58,7 @@ MassMoments moved(const MassMoments& solid, const Pose& pose);
 // Of all parts together, about their common centre: Huygens and Steiner's parallel axes.
 MassMoments sum(std::span<const MassMoments> parts);
 
-// Of a body of several fixtures, each with its density. InputError: one has no volume (a plane).
+// Of a body of several fixtures, each with its density. InputError as above.
 MassMoments moments(std::span<const Fixture> fixtures);
 
 // The principal frame, of all its 24 turns and permutations the one nearest to the frame of the

@@ -1,55 +1,88 @@
 #include "substep/rigid/shapes/shapes.h"
 
+#include <cmath>
 #include <limits>
+#include <optional>
+#include <sstream>
+#include <type_traits>
+
+#include "substep/core/errors.h"
 
 namespace substep::rigid {
 namespace {
 
-// Half the extent along the axes of the world of what `half` is in the frame of the shape.
-Vec3 half_extent(const Sphere& s, const Mat3&) { return Vec3::Constant(s.radius); }
-Vec3 half_extent(const Box& b, const Mat3& R) { return R.cwiseAbs() * b.half_lengths; }
-Vec3 half_extent(const Capsule& c, const Mat3& R) {
-  return c.half_length * R.col(2).cwiseAbs() + Vec3::Constant(c.radius);
-}
-// The disc reaches r sqrt(1 - u_i^2) along the axis i, u being its normal.
-Vec3 half_extent(const Cylinder& c, const Mat3& R) {
-  const Vec3 u = R.col(2).cwiseAbs();
-  return c.half_length * u + c.radius * R.leftCols<2>().rowwise().norm();
-}
-Vec3 half_extent(const Plane&, const Mat3&) {
-  return Vec3::Constant(std::numeric_limits<double>::infinity());
-}
-
-Bounds bounds_of(const ConvexHull& hull, const Pose& pose) {
-  Vec3 low = pose.to_world(hull.vertices()[0]), high = low;
-  for (const Vec3& v : hull.vertices()) {
-    const Vec3 x = pose.to_world(v);
-    low = low.cwiseMin(x), high = high.cwiseMax(x);
-  }
-  return {low, high};
-}
-
+// Takes the first kind of that name.
 template <class S>
-Bounds bounds_of(const S& shape, const Pose& pose) {
-  const Vec3 half = half_extent(shape, pose.rotation);
-  return {pose.position - half, pose.position + half};
-}
-Bounds bounds_of(const std::shared_ptr<const ConvexHull>& hull, const Pose& pose) {
-  return bounds_of(*hull, pose);
+void make_if_named(const std::string& kind, const std::map<std::string, double>& numbers,
+                   std::optional<Shape>& made) {
+  if constexpr (requires { S::kName; }) {
+    if (made || kind != S::kName) return;
+    made = S::with([&](const char* name) {
+      const auto found = numbers.find(name);
+      if (found == numbers.end()) throw InputError(kind + ": expected a number " + name);
+      return found->second;
+    });
+  }
 }
 
-// The box of the mesh, turned.
-Bounds bounds_of(const std::shared_ptr<const TriangleMesh>& mesh, const Pose& pose) {
-  const Vec3 low = mesh->low(), high = mesh->high();
-  const Vec3 centre = pose.to_world((low + high) / 2);
-  const Vec3 half = pose.rotation.cwiseAbs() * ((high - low) / 2);
-  return {centre - half, centre + half};
+template <class... Kinds>
+std::optional<Shape> made_of(std::type_identity<std::variant<Kinds...>>, const std::string& kind,
+                             const std::map<std::string, double>& numbers) {
+  std::optional<Shape> made;
+  (make_if_named<Kinds>(kind, numbers, made), ...);
+  return made;
 }
 
 }  // namespace
 
+void Expect::positive(const char* name, double value) const {
+  if (value > 0 && std::isfinite(value)) return;
+  std::ostringstream text;
+  text << where << name << ": expected a finite number above 0, got " << value;
+  throw InputError(text.str());
+}
+
+Shape make_shape(const std::string& kind, const std::map<std::string, double>& numbers) {
+  const std::optional<Shape> made = made_of(std::type_identity<Shape>(), kind, numbers);
+  if (!made) throw InputError("shape: there is no kind " + kind);
+  return *made;
+}
+
+void check_shape(const Shape& shape, const std::string& where) {
+  const auto check = [&](const auto& s) {
+    if constexpr (requires { s.check(Expect{where}); }) {
+      s.check(Expect{where});
+    } else if (!s) {
+      throw InputError(where + "shape: expected a hull or a mesh, got none");
+    }
+  };
+  std::visit(check, shape);
+}
+
 Bounds bounds(const Shape& shape, const Pose& pose) {
-  return std::visit([&](const auto& s) { return bounds_of(s, pose); }, shape);
+  const auto of = [&](const auto& s) {
+    if constexpr (requires { shape_of(s).bounds(pose); }) {
+      return shape_of(s).bounds(pose);
+    } else {
+      return bounds_by_support(s, pose);
+    }
+  };
+  return std::visit(of, shape);
+}
+
+Ball inner_ball(const Shape& shape) {
+  const auto of = [](const auto& s) -> Ball {
+    if constexpr (ConvexShape<decltype(s)>) {
+      return shape_of(s).inner_ball();
+    } else {
+      return {Vec3::Zero(), std::numeric_limits<double>::infinity()};
+    }
+  };
+  return std::visit(of, shape);
+}
+
+double outer_radius(const Shape& shape, const Pose& local) {
+  return std::visit([&](const auto& s) { return shape_of(s).outer_radius(local); }, shape);
 }
 
 }  // namespace substep::rigid

@@ -135,4 +135,63 @@ bool TriangleMesh::supports(int triangle, const Vec3& n) const {
   return true;
 }
 
+// The box of the mesh, turned.
+Bounds TriangleMesh::bounds(const Pose& pose) const {
+  const Vec3 centre = pose.to_world((low() + high()) / 2);
+  const Vec3 half = pose.rotation.cwiseAbs() * ((high() - low()) / 2);
+  return {centre - half, centre + half};
+}
+
+double TriangleMesh::outer_radius(const Pose& local) const {
+  double most = 0;
+  for (const Vec3& v : vertices_) most = std::max(most, local.to_world(v).norm());
+  return most;
+}
+
+// The volumes of the tetrahedra that the direction spans with the edges, seen from the origin, have
+// one sign within the triangle. Two triangles compute the same numbers for a common edge, up to the
+// sign, so no ray slips between them (as in Woop, Benthin, Wald, "Watertight ray/triangle
+// intersection", JCGT 2(1), 2013).
+std::optional<RayHit> TriangleMesh::cast(int triangle, const Ray& ray) const {
+  const Vec3& n = normals_[usize(triangle)];
+  const double rate = n.dot(ray.direction);
+  if (!(rate < 0)) return {};
+  const auto& corner = faces_[usize(triangle)];
+  const Vec3 a = vertices_[usize(corner[0])] - ray.origin;
+  const Vec3 b = vertices_[usize(corner[1])] - ray.origin;
+  const Vec3 c = vertices_[usize(corner[2])] - ray.origin;
+  const Vec3& d = ray.direction;
+  if (d.dot(a.cross(b)) > 0 || d.dot(b.cross(c)) > 0 || d.dot(c.cross(a)) > 0) return {};
+  const double t = n.dot(a) / rate;
+  if (!(t >= 0 && t <= ray.length)) return {};
+  return RayHit{t, n};
+}
+
+// Piece by piece of the part within the box of the mesh, each about as long as a triangle of an
+// even mesh, until one holds a hit.
+std::optional<RayHit> TriangleMesh::cast(const Ray& ray) const {
+  Passage box;
+  for (int i = 0; i < 3; ++i) {
+    box.cut(ray, Vec3::Unit(i), high()[i]);
+    box.cut(ray, -Vec3::Unit(i), -low()[i]);
+  }
+  const double slack = 1e-9 * (high() - low()).norm();
+  const double begin = std::max(box.enter - slack, 0.0);
+  const double end = std::min(box.leave + slack, ray.length);
+  if (!(begin <= end)) return {};
+  const int pieces = static_cast<int>(std::ceil(std::sqrt(triangle_count())));
+  std::optional<RayHit> nearest;
+  for (int k = 0; k < pieces; ++k) {
+    const double from = begin + (end - begin) * k / pieces;
+    const double to = begin + (end - begin) * (k + 1) / pieces;
+    const Vec3 p = ray.at(from), q = ray.at(to), room = Vec3::Constant(slack);
+    for_each_in(p.cwiseMin(q) - room, p.cwiseMax(q) + room, [&](int triangle) {
+      const auto hit = cast(triangle, ray);
+      if (hit && (!nearest || hit->distance < nearest->distance)) nearest = hit;
+    });
+    if (nearest && nearest->distance <= to) break;
+  }
+  return nearest;
+}
+
 }  // namespace substep::rigid

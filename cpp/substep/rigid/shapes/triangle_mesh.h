@@ -8,7 +8,7 @@
 #include <span>
 #include <vector>
 
-#include "substep/rigid/shapes/pose.h"
+#include "substep/rigid/shapes/shape.h"
 
 namespace substep::rigid {
 
@@ -41,6 +41,11 @@ class TriangleMesh {
   // the triangles around. Always so for the triangle's own normal.
   bool supports(int triangle, const Vec3& n) const;
 
+  // As shape.h says; it bounds no solid.
+  Bounds bounds(const Pose& pose) const;
+  double outer_radius(const Pose& local) const;
+  std::optional<RayHit> cast(const Ray& ray) const;
+
  private:
   // In the order of a walk down the tree; `next` follows its subtree.
   struct Node {
@@ -48,6 +53,7 @@ class TriangleMesh {
     std::int32_t triangle, next;  // triangle -1: an inner node
   };
   void build(std::span<std::int32_t> triangles);
+  std::optional<RayHit> cast(int triangle, const Ray& ray) const;
 
   std::vector<Vec3> vertices_;
   std::vector<std::array<std::int32_t, 3>> faces_;

@@ -18,38 +18,8 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 std::string number(double value) { return std::to_string(value); }
 
-struct CheckShape {
-  std::string where;
-
-  void positive(const char* name, double value) const {
-    if (!(value > 0) || !std::isfinite(value))
-      throw InputError(where + name + ": expected a finite number above 0, got " + number(value));
-  }
-  void operator()(const Sphere& s) const { positive("radius", s.radius); }
-  void operator()(const Box& b) const {
-    for (int i = 0; i < 3; ++i) positive("half_lengths", b.half_lengths[i]);
-  }
-  void operator()(const Capsule& c) const {
-    positive("radius", c.radius);
-    positive("half_length", c.half_length);
-  }
-  void operator()(const Cylinder& c) const {
-    positive("radius", c.radius);
-    positive("half_length", c.half_length);
-  }
-  void operator()(const Plane& p) const {
-    if (!(std::abs(p.normal.norm() - 1) < 1e-9))
-      throw InputError(where + "normal: expected a direction of length 1");
-    if (!std::isfinite(p.offset)) throw InputError(where + "offset: expected a finite number");
-  }
-  template <class T>
-  void operator()(const std::shared_ptr<T>& surface) const {
-    if (!surface) throw InputError(where + "shape: expected a hull or a mesh, got none");
-  }
-};
-
 void check(const Fixture& fixture, const std::string& where, Motion motion) {
-  std::visit(CheckShape{where}, fixture.shape);
+  check_shape(fixture.shape, where);
   const auto range = [&](const char* name, double value, double most) {
     if (value >= 0 && value <= most && std::isfinite(value)) return;
     throw InputError(where + name + ": expected a finite number from 0" +
@@ -66,61 +36,6 @@ void check(const Fixture& fixture, const std::string& where, Motion motion) {
   if (motion != Motion::kStatic && is_ground(fixture.shape))
     throw InputError(where + "shape: only a static body may have a plane or a mesh");
 }
-
-struct InnerBall {
-  Ball operator()(const Sphere& s) const { return {Vec3::Zero(), s.radius}; }
-  Ball operator()(const Box& b) const { return {Vec3::Zero(), b.half_lengths.minCoeff()}; }
-  Ball operator()(const Capsule& c) const { return {Vec3::Zero(), c.radius}; }
-  Ball operator()(const Cylinder& c) const {
-    return {Vec3::Zero(), std::min(c.radius, c.half_length)};
-  }
-  Ball operator()(const std::shared_ptr<const ConvexHull>& hull) const {
-    Ball ball{hull->centre(), kInfinity};
-    for (int f = 0; f < hull->face_count(); ++f) {
-      const FacePlane& plane = hull->plane(f);
-      ball.radius = std::min(ball.radius, plane.offset - plane.normal.dot(ball.centre));
-    }
-    return ball;
-  }
-  template <class Ground>
-  Ball operator()(const Ground&) const {
-    return {Vec3::Zero(), kInfinity};
-  }
-};
-
-struct OuterRadius {
-  const Pose& local;
-
-  // The corner of a box, or the end of an axis, that is farthest.
-  double farthest(const Vec3& half) const {
-    double most = 0;
-    for (int k = 0; k < 8; ++k) {
-      const Vec3 corner((k & 1 ? 1 : -1) * half.x(), (k & 2 ? 1 : -1) * half.y(),
-                        (k & 4 ? 1 : -1) * half.z());
-      most = std::max(most, local.to_world(corner).norm());
-    }
-    return most;
-  }
-  double operator()(const Sphere& s) const { return local.position.norm() + s.radius; }
-  double operator()(const Box& b) const { return farthest(b.half_lengths); }
-  double operator()(const Capsule& c) const { return farthest({0, 0, c.half_length}) + c.radius; }
-  double operator()(const Cylinder& c) const {
-    const Vec3 centre = local.rotation.transpose() * local.position;
-    return std::hypot(std::hypot(centre.x(), centre.y()) + c.radius,
-                      std::abs(centre.z()) + c.half_length);
-  }
-  double operator()(const std::shared_ptr<const ConvexHull>& hull) const {
-    double most = 0;
-    for (const Vec3& v : hull->vertices()) most = std::max(most, local.to_world(v).norm());
-    return most;
-  }
-  double operator()(const Plane&) const { return 0; }
-  double operator()(const std::shared_ptr<const TriangleMesh>& mesh) const {
-    double most = 0;
-    for (const Vec3& v : mesh->vertices()) most = std::max(most, local.to_world(v).norm());
-    return most;
-  }
-};
 
 }  // namespace
 
@@ -140,11 +55,6 @@ BodyState assemble(const BodyState& frame, std::span<Fixture> fixtures) {
   body.mass = mass.mass;
   body.inertia = mass.inertia;
   return body;
-}
-
-Ball inner_ball(const Shape& shape) { return std::visit(InnerBall{}, shape); }
-double outer_radius(const Shape& shape, const Pose& local) {
-  return std::visit(OuterRadius{local}, shape);
 }
 
 void Fixtures::add(std::span<const Fixture> fixtures, double margin) {

@@ -24,17 +24,6 @@ void check_fixtures(std::span<const Fixture> fixtures, Motion motion);
 // in whose frame the fixtures are afterwards. InputError as moments() and principal().
 BodyState assemble(const BodyState& frame, std::span<Fixture> fixtures);
 
-// A ball that the shape holds, in its middle, in its frame; of infinite radius for planes and
-// meshes.
-struct Ball {
-  Vec3 centre = Vec3::Zero();
-  double radius;
-};
-Ball inner_ball(const Shape& shape);
-// The largest distance of a point of the shape from the origin of the frame that `local` is in; 0
-// for planes, which never turn.
-double outer_radius(const Shape& shape, const Pose& local);
-
 // How the body of a fixture goes on in a step.
 struct Way {
   Vec3 travel = Vec3::Zero();  // of its centre [m]

@@ -11,7 +11,7 @@
 #include <span>
 #include <vector>
 
-#include "substep/rigid/shapes/ray_cast.h"
+#include "substep/rigid/distance/ray_cast.h"
 
 namespace substep::rigid {
 

@@ -46,8 +46,8 @@ TEST(NarrowCurved, NormalsAreStationary) {
     ASSERT_NEAR(separation(a, pose_a, b, pose_b, n), axis.separation, 1e-12 * (1 + ratio));
     const Vec3 u = pose_a.rotation.col(2), v = pose_b.rotation.col(2);
     if (n.cross(u).norm() < 1e-4 || n.cross(v).norm() < 1e-4) continue;  // a cap
-    Vec3 w = pose_b.to_world(support(b, -(pose_b.rotation.transpose() * n))) -
-             pose_a.to_world(support(a, pose_a.rotation.transpose() * n));
+    Vec3 w = pose_b.to_world(b.support(-(pose_b.rotation.transpose() * n))) -
+             pose_a.to_world(a.support(pose_a.rotation.transpose() * n));
     w -= n.dot(w) * n;
     const std::vector<Vec3> lines = lines_across(n, u, v);
     for (const Vec3& line : lines) w -= line.dot(w) * line;

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <limits>
 #include <random>
-#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -32,12 +31,8 @@ inline Quaternion rotation(Random& random) {
 inline Vec3 support_of(const Shape& shape, const Vec3& d) {
   return std::visit(
       [&](const auto& s) -> Vec3 {
-        if constexpr (std::is_invocable_v<decltype([](const auto& t,
-                                                      const Vec3& e) -> decltype(support(t, e)) {
-                                            return support(t, e);
-                                          }),
-                                          decltype(s), const Vec3&>) {
-          return support(s, d);
+        if constexpr (ConvexShape<decltype(s)>) {
+          return shape_of(s).support(d);
         } else {
           return Vec3::Zero();
         }

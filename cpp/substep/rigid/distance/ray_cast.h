@@ -4,26 +4,18 @@
 // comes from behind a triangle of a mesh goes through. A ray that only touches may meet or not.
 #pragma once
 
-#include <limits>
 #include <optional>
 
 #include "substep/rigid/shapes/shapes.h"
 
 namespace substep::rigid {
 
-// origin + t direction for 0 <= t <= length
-struct Ray {
-  Vec3 origin, direction;  // direction: of length 1
-  double length = std::numeric_limits<double>::infinity();
-
-  Vec3 at(double t) const { return origin + t * direction; }
-};
-
-struct RayHit {
-  double distance;  // t [m]
-  Vec3 normal;      // of the surface, of length 1, against the ray
-};
-
 std::optional<RayHit> ray_cast(const Shape& shape, const Pose& pose, const Ray& ray);
+
+// By support points alone, in the frame of the shape: from plane to plane, each of which touches
+// the shape where it is nearest to the point that the ray has reached (van den Bergen, "Ray casting
+// against general convex objects with application to continuous collision detection", 2004). Up to
+// 1e-10 of the sizes.
+std::optional<RayHit> cast_by_support(const Convex& shape, const Ray& ray);
 
 }  // namespace substep::rigid
