@@ -17,15 +17,14 @@ std::optional<RayHit> cast_by_support(const Convex& shape, const Ray& ray) {
     const Vec3 at = ray.at(hit.distance);
     const Distance gap = distance(Difference{shape, point, Pose(at, Mat3::Identity())},
                                   at - shape.centre, std::numeric_limits<double>::infinity());
-    const double away = gap.value - shape.rounding;
-    if (!(away > kOnSurface * shape.size)) break;
+    if (!(gap.value > 0)) break;
+    // What is left above the plane that touches the shape with this normal.
+    const double height = gap.normal.dot(at - shape.support(gap.normal)) - shape.rounding;
+    if (!(height > kOnSurface * shape.size)) break;
     const double rate = gap.normal.dot(ray.direction);
     if (!(rate < 0)) return {};
-    hit.normal = gap.normal;
-    const double next = hit.distance + away / -rate;
-    if (!(next <= ray.length)) return {};
-    if (next == hit.distance) break;
-    hit.distance = next;
+    hit = {hit.distance + height / -rate, gap.normal};
+    if (!(hit.distance <= ray.length)) return {};
   }
   if (hit.normal.isZero(0)) return {};  // it begins within
   return hit;

@@ -15,7 +15,7 @@ std::optional<RayHit> ray_cast(const Shape& shape, const Pose& pose, const Ray& 
 // By support points alone, in the frame of the shape: from plane to plane, each of which touches
 // the shape where it is nearest to the point that the ray has reached (van den Bergen, "Ray casting
 // against general convex objects with application to continuous collision detection", 2004). Up to
-// 1e-10 of the sizes.
+// 1e-7 of the sizes.
 std::optional<RayHit> cast_by_support(const Convex& shape, const Ray& ray);
 
 }  // namespace substep::rigid

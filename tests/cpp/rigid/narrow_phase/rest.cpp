@@ -3,7 +3,6 @@
 
 #include <array>
 #include <cmath>
-#include <numbers>
 
 #include "shapes.h"
 #include "substep/core/usize.h"
@@ -11,8 +10,6 @@
 
 namespace substep::rigid {
 namespace {
-
-constexpr double kQuarter = std::numbers::pi / 2;
 
 std::shared_ptr<const ConvexHull> upright_prism(int n) {
   std::vector<Vec3> points;

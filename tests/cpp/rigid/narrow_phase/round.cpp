@@ -9,8 +9,6 @@
 namespace substep::rigid {
 namespace {
 
-constexpr double kQuarter = std::numbers::pi / 2;
-
 Pose upright(double x, double y, double z) { return Pose(Vec3(x, y, z), Mat3::Identity()); }
 Pose turned(const Vec3& x, double angle, const Vec3& axis) {
   return Pose(x, Quaternion(Eigen::AngleAxisd(angle, axis)));

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <numbers>
 #include <random>
 #include <utility>
 #include <vector>
@@ -10,6 +11,8 @@
 #include "substep/rigid/collision/narrow_phase.h"
 
 namespace substep::rigid {
+
+inline constexpr double kQuarter = std::numbers::pi / 2;  // of a turn
 
 using Random = std::mt19937_64;
 
