@@ -28,7 +28,7 @@ PLACE = {"center", "rotation"}
 def solids():
     found = [Solid]
     for kind in found:
-        found += kind.__subclasses__()
+        found += [k for k in kind.__subclasses__() if k.__module__.startswith("substep.")]
     return sorted({k for k in found if k is not Solid}, key=lambda kind: kind.__name__)
 
 
