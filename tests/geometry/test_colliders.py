@@ -262,7 +262,7 @@ def test_native_state_round_trip():
 def test_the_distance_of_a_mesh_is_sampled():
     shape = sphere_mesh(0.7)
     expected = shape.signed_distance(points)
-    near = expected < 0.05  # further off a sampled distance is a lower bound
+    near = expected < 0.056  # further off a sampled distance is a lower bound
     assert near.sum() > 20
     found = substep.Collider(shape).distance(points)
     np.testing.assert_allclose(found[near], expected[near], atol=0.035)

@@ -224,7 +224,7 @@ TEST(TimeOfImpact, OfABoxThatTurnsAboveAPlane) {
 // Nothing is nearer than the target before the time, and just that at it.
 TEST(TimeOfImpact, AgainstManySmallSteps) {
   Random random(6);
-  int touching = 0, apart = 0, early = 0;
+  int touching = 0, apart = 0;
   for (int trial = 0; trial < 400; ++trial) {
     const Shape a = random.shape(trial), b = random.shape(trial / 5);
     Course courses[2];
@@ -248,7 +248,7 @@ TEST(TimeOfImpact, AgainstManySmallSteps) {
     for (int k = 0; k <= 50; ++k) EXPECT_GE(distance(end * k / 50), target - 1e-8) << trial;
     if (impact.state == State::kTouching) {
       ++touching;
-      early += distance(end) > target + tolerance + 1e-9;
+      EXPECT_LE(distance(end), target + tolerance + 1e-9) << trial;
       const Impact flipped = time_of_impact(b, courses[1], a, courses[0], target, tolerance);
       EXPECT_NEAR(flipped.time, impact.time, 1e-5) << trial;
     } else {
@@ -257,7 +257,6 @@ TEST(TimeOfImpact, AgainstManySmallSteps) {
   }
   EXPECT_GT(touching, 80);
   EXPECT_GT(apart, 100);
-  EXPECT_LE(early, 2);  // along each other, until there are no more advances
 }
 
 TEST(TimeOfImpact, OnAMesh) {
