@@ -7,7 +7,7 @@ namespace {
 
 using namespace substep::springs;
 
-// Elastic and, unless the relaxation time is 0, viscous.
+// Elastic and, unless the damping time is 0, viscous.
 std::vector<std::shared_ptr<Term>> tetrahedra_terms(const Reals& rest, const Indices& tetrahedra,
                                                     const Reals& young_modulus,
                                                     const Reals& poisson_ratio,

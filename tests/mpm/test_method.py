@@ -178,7 +178,7 @@ def test_the_same_bits_for_any_number_of_threads_and_through_a_checkpoint(
 
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_fused_steps_are_the_steps_one_by_one(dtype):
-    """A run that fuses the end of a step with the begin of the next, bit for bit."""
+    """A run that fuses the end of a step with the start of the next, bit for bit."""
     together, single = mixture(dtype=dtype, step=5e-4), mixture(dtype=dtype)
     together.advance(60 * 5e-4)
     assert together.report.steps == 60

@@ -187,7 +187,7 @@ def soft_body(
     damping : float
         Of the edges [N s/m], at least 0; only without `young_modulus`.
     damping_time : float
-        Relaxation time [s], at least 0; only with `young_modulus`.
+        Damping time [s], at least 0; only with `young_modulus`.
 
     Returns
     -------

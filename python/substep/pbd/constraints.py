@@ -468,7 +468,7 @@ class NeoHookean(Constraint):
         All particles in the shape at rest [m]; the initial positions unless given. Tetrahedra
         without volume at rest are skipped, those of negative volume are at rest as they are.
     damping_time : float
-        Relaxation time tau [s], at least 0: the force of tau times the rate of each constraint.
+        Damping time tau [s], at least 0: the force of tau times the rate of each constraint.
 
     Raises
     ------

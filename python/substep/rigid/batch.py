@@ -302,7 +302,7 @@ class RigidBatch(BatchRows):
         worlds : int or array_like of int, shape (k,), optional
             Which; all unless given.
         to : RigidBodies or sequence of k RigidBodies, optional
-            The state that they take over, with as many bodies as the world; that at the begin of
+            The state that they take over, with as many bodies as the world; that at the start of
             the batch unless given.
 
         Raises

@@ -198,7 +198,7 @@ class RigidBodies(Runs, States):
             Levers of the torques that resist rolling and spinning on the spot [m]; of two surfaces
             the greater ones hold.
         group, mask : int, optional
-            32 bits each: shapes touch where `group` of either has a bit of `mask` of the other.
+            32 bits each: shapes touch where `group` of each has a bit of `mask` of the other.
 
         Returns
         -------

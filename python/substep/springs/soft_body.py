@@ -39,7 +39,7 @@ class SoftBody(Deformable):
         The elastic energy; both are Hooke's law at small strains. The first returns from inversion
         and resists compression, the second does neither (docs/soft_body.md).
     damping_time : float
-        Relaxation time tau [s], at least 0: the viscous stress is that of tau times the strain
+        Damping time tau [s], at least 0: the viscous stress is that of tau times the strain
         rate, and a mode of angular frequency omega has the damping ratio tau omega / 2.
     rest_positions : array_like, shape (n, 3), optional
         Where nothing is strained [m]; the initial positions unless given.

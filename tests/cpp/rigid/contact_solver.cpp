@@ -237,7 +237,7 @@ TEST(ContactSolver, KeepsMomentum) {
   scene.advance(1);
   EXPECT_GT(scene.bodies.velocity(1).norm(), 0.1);
   EXPECT_LT((scene.bodies.momentum() - momentum).norm(), 1e-13);
-  // Impulses act where the points were at the begin of the step.
+  // Impulses act where the points were at the start of the step.
   EXPECT_LT((scene.bodies.angular_momentum() - angular).norm(), 0.01 * angular.norm());
 }
 

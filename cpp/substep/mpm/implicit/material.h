@@ -24,7 +24,7 @@ class ImplicitMaterial {
   // Brings the fields that a step of dt left to the yield surface.
   virtual void admit(V* fields, double dt) const = 0;
 
-  // From the admissible fields at the begin of the step: F = (I + H) F_n, the return map of this
+  // From the admissible fields at the start of the step: F = (I + H) F_n, the return map of this
   // trial state, and
   //   A = tau (I + H)^-T,    which is P F_n^T,
   // the derivative of the energy per undeformed volume by H. Two H at once; psi is 0 where the

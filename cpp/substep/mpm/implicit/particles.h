@@ -56,7 +56,7 @@ class ImplicitParticles {
     int fields;
     std::vector<std::int64_t> first;  // packet of each particle block
     std::vector<std::int32_t> count;  // particles of each particle block
-    std::vector<V> state;             // admissible fields at the begin of the step
+    std::vector<V> state;             // admissible fields at the start of the step
     std::vector<V> volume, H, A;      // V_p; D^2 numbers each
     std::vector<ImplicitStencil<D>> stencils;
     std::vector<float> tangent;  // kTangent of each particle: C, column by column

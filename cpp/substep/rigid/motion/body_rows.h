@@ -3,10 +3,10 @@
 // An impulse l with the gradient j of its constraint in these coordinates changes velocities by
 // l j and reads them by j . (v', w'): one vector serves both, and a mass is 1 / (j . j).
 //
-// The world inertia is that of the begin of the step throughout. The angular momentum gets the
+// The world inertia is that of the start of the step throughout. The angular momentum gets the
 // impulses; the rotation is the free one of the whole step, turned by what the impulses added. A
 // body that they would turn far, by more than half a radian, turns freely with the new momentum
-// instead, as if it had had it from the begin, where its energy is what the impulses made it.
+// instead, as if it had had it from the start, where its energy is what the impulses made it.
 //
 // Only bodies that may move have a row. All static and sleeping ones share row 0, which is at rest
 // and has W^(1/2) = 0 and 1 / sqrt(m) = 0, so that impulses do nothing to it.
@@ -35,7 +35,7 @@ struct BodyRows {
   Rows free;          // what it would be without the contacts and joints of this sub-step
   Rows push;          // what those of the last sub-step changed
   Rows acceleration;  // by gravity, forces and torques
-  Rows displacement;  // since the begin of the step, rotation as a vector
+  Rows displacement;  // since the start of the step, rotation as a vector
   // W^(1/2): linear (xx, yy, zz, 1 / sqrt(m)), angular (xy, xz, yz, 1 if impulses move it, else 0).
   // A kinematic body has 1 for its mass and moments, so that its velocity is read as it is.
   Rows root;
@@ -66,7 +66,7 @@ struct BodyRows {
   std::int64_t first_not_finite(const Bodies& bodies) const;
   bool turns_anew(std::int64_t row, double dt) const;
 
-  AlignedBuffer<double> first_spin_;  // w' at the begin, (rows, 3)
+  AlignedBuffer<double> first_spin_;  // w' at the start, (rows, 3)
 };
 
 }  // namespace substep::rigid

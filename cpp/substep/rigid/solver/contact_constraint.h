@@ -23,7 +23,7 @@ namespace substep::rigid {
 struct ContactConstraint {
   struct Point {
     Vec3 position = Vec3::Zero();                   // in the world, midway between the surfaces
-    double separation = 0.0;                        // C at the begin of the step [m]
+    double separation = 0.0;                        // C at the start of the step [m]
     double impulse = 0.0;                           // l_n of the last sub-step [N s]
     double total = 0.0;                             // of the last step, with its impacts
     Vec3 in_a = Vec3::Zero(), in_b = Vec3::Zero();  // in the frames of the bodies

@@ -46,7 +46,7 @@ struct ContactPacket {
 
   // The impulses of the last sub-step, to rows.push.
   void warm_start(BodyRows& rows) const;
-  // At the begin of a sub-step: moves bodies apart, without velocity, and notes the targets.
+  // At the start of a sub-step: moves bodies apart, without velocity, and notes the targets.
   void solve_positions(BodyRows& rows, const Settings& settings);
   // Friction, then the normal impulses.
   void solve_velocities(BodyRows& rows);
@@ -62,7 +62,7 @@ struct ContactPacket {
   F3 axis_a[3], axis_b[3];                         // W^(1/2) (t_1, t_2, n)
   F3 arm_a, arm_b;                                 // r
   F p[4], q[4], used[4];                           // used: 1 or 0
-  F separation[4], away, target[4];                // C at the begin of the step; least -u_n
+  F separation[4], away, target[4];                // C at the start of the step; least -u_n
   F block[10], inverse[10], diagonal[4];           // A + eps, its inverse, 1 / its diagonal
   F slide_inverse[3], slide_bound, twist_inverse;  // of M between l_t, and torques about n
   F coupling[3][3];                                // M from (l_t, torque) to (u_n, w_1, w_2)

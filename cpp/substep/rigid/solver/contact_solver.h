@@ -27,7 +27,7 @@
 // at first on a static one, and are slower than half of what gravity gives in a sub-step, which
 // friction would stop at once.
 //
-// World inertias and the points of contact stay those of the begin of the step. Packets of one
+// World inertias and the points of contact stay those of the start of the step. Packets of one
 // colour run on several threads; the order of the sweep is fixed, so bits do not depend on them.
 #pragma once
 

@@ -49,14 +49,14 @@ class JointGroup {
     std::int32_t body, row;
     bool moves;                 // by impulses
     double scale;               // 1 / sqrt(m)
-    Vec3 origin;                // position at the begin of the step
-    Mat3 root, unroot;          // W^(1/2) of the begin of the step, and its inverse
-    Mat3 W, W_root;             // of the begin of the sub-step, W^(1/2)
-    Place now;                  // at the begin of the sub-step
+    Vec3 origin;                // position at the start of the step
+    Mat3 root, unroot;          // W^(1/2) of the start of the step, and its inverse
+    Mat3 W, W_root;             // of the start of the sub-step, W^(1/2)
+    Place now;                  // at the start of the sub-step
     Vec3 seen_spin, seen_turn;  // velocity and displacement of the row that L and now agree with
     Vec3 seen_velocity;         // of the row, by the trial
     Vec3 v_before, w_before;    // velocities before the sub-step
-    Vec3 start, start_turn;     // displacement at the begin of the sub-step
+    Vec3 start, start_turn;     // displacement at the start of the sub-step
     Vec3 given_v, given_w;      // what joints changed of the row's velocity in the sub-step
   };
   struct Link {
@@ -64,7 +64,7 @@ class JointGroup {
     std::int32_t number, a, b;  // members
     int equations, rows;
     JointGradients G;
-    std::array<double, kJointRows> begin;     // C at the begin of the sub-step
+    std::array<double, kJointRows> begin;     // C at the start of the sub-step
     std::array<double, kJointRows> mobility;  // diagonal of G M^-1 G^T
     std::array<double, kJointRows> impulse;   // l of the sub-step
     std::array<JointLaw, 2> law;

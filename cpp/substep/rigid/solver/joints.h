@@ -7,7 +7,7 @@
 //   v += M^-1 G^T l + h a,   C(x + h v, rotation of (q, L) in h) = C(x, q),
 // the rotation being the free one, by Newton's method: SHAKE (Ryckaert, Ciccotti and Berendsen
 // 1977, J. Comput. Phys. 23), symplectic and of second order, so that a pendulum keeps its energy.
-// A constraint on velocities at the begin alone, G v = 0, would take the part h w^2 / 2 of the
+// A constraint on velocities at the start alone, G v = 0, would take the part h w^2 / 2 of the
 // speed of all that turns at w in unit time. What is left of C is taken back apart, by
 // displacements without velocity, as contacts do (contact_solver.h).
 //

@@ -74,7 +74,7 @@ class Batch {
   std::vector<World> worlds_;
   std::vector<std::string> failures_;
   std::vector<WorldState> initial_;
-  std::vector<WorldState> kept_;                     // at the begin of the block
+  std::vector<WorldState> kept_;                     // at the start of the block
   std::vector<std::int64_t> reached_;                // steps of this call that each world has done
   std::vector<std::vector<double>> force_, torque_;  // that are held
 };

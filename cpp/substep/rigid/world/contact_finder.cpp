@@ -104,7 +104,7 @@ class ContactFinder::Search {
       collide_at(pair, a.at(impact.time), b.at(impact.time), margin, impact.time);
   }
 
-  // With displacements x and rotation vectors w until then, C at the begin is
+  // With displacements x and rotation vectors w until then, C at the start is
   //   C then - n . (x_b + w_b x r_b - x_a - w_a x r_a).
   ContactConstraint later(const Touch& touch) const {
     const Course a = course(touch.pair.a), b = course(touch.pair.b);

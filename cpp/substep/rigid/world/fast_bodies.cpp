@@ -87,7 +87,7 @@ void stop_fast_bodies(std::span<const std::int32_t> moved, const Fixtures& fixtu
     Vec3::Map(&bodies.x[3 * b]) += back;
     store_quaternion((rotation_by((part - 1) * course.turn) * bodies.rotation(body)).normalized(),
                      &bodies.q[4 * b]);
-    // One that stands there from the begin, as its contacts did not turn it back.
+    // One that stands there from the start, as its contacts did not turn it back.
     const double into = bodies.velocity(body).dot(normal);
     if (part == 0 && into > 0) Vec3::Map(&bodies.P[3 * b]) -= bodies.mass[b] * into * normal;
     // v^2 / 2 - g . x may not become more.

@@ -127,9 +127,7 @@ SCENE = Scene(
         "density": Parameter("mass per volume", 1000.0, unit="kg/m^3", above=0),
         "young": Parameter("Young's modulus", 3e4, unit="Pa", above=0),
         "poisson": Parameter("Poisson's ratio", 0.4, minimum=0, maximum=0.49),
-        "damping_time": Parameter(
-            "relaxation time of the viscous stress", 1e-3, unit="s", minimum=0
-        ),
+        "damping_time": Parameter("viscous stress over strain rate", 1e-3, unit="s", minimum=0),
         **pbd_parameters(20),
     },
     quick={"duration": 0.2, "cells": 3, "substeps": 5},

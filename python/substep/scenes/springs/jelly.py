@@ -134,9 +134,7 @@ SCENE = Scene(
         "model": Parameter(
             "elastic energy", "neo_hookean", choices=("neo_hookean", "st_venant_kirchhoff")
         ),
-        "damping_time": Parameter(
-            "relaxation time of the viscous stress", 2e-3, unit="s", minimum=0
-        ),
+        "damping_time": Parameter("viscous stress over strain rate", 2e-3, unit="s", minimum=0),
         **solver_parameters(0.01, 0.1),
     },
     quick={"duration": 0.2, "cells": 3},
