@@ -89,6 +89,32 @@ def test_loading_twice_gives_the_same_module():
     assert native.load() is substep._core is native.load()
 
 
+def test_the_first_use_may_be_in_several_threads_at_once():
+    code = """
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
+
+import substep
+
+sys.setswitchinterval(1e-6)
+together = Barrier(4)
+
+
+def first_use(k):
+    together.wait()
+    if k % 2:
+        return substep.advect(substep.DoubleGyre(), [[0.1, 0.2]], (0, 0.1), step=0.05).final.size
+    return substep.solve_ivp(substep.systems.Lorenz(), (0, 1), [1.0, 1.0, 1.0]).y[:, -1].size
+
+
+with ThreadPoolExecutor(4) as pool:
+    print(list(pool.map(first_use, range(4))))
+"""
+    done = run_python(code)
+    assert done.stdout == "[3, 2, 3, 2]\n", done.stderr
+
+
 def test_import_is_lazy_and_quick():
     code = "import sys, substep; print([m for m in ('numpy', 'h5py', 'scipy') if m in sys.modules])"
     assert run_python(code).stdout.strip() == "[]"

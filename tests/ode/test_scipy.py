@@ -92,6 +92,13 @@ def test_fixed_step_through_scipy():
     np.testing.assert_array_equal(result.t, [0, 0.25, 0.5, 0.75, 1])
 
 
+@pytest.mark.parametrize("method", METHOD_OF_CLASS)
+@pytest.mark.parametrize("size", [1, 4])
+def test_a_tolerance_of_another_length_is_refused(method, size):
+    with pytest.raises(substep.InputError, match=r"rtol: expected a number or shape \(2,\)"):
+        getattr(substep, method)(lambda t, y: -y, 0.0, [1.0, 1.0], 1.0, rtol=np.full(size, 1e-3))
+
+
 def test_failure_is_told_as_scipy_does():
     result = scipy.integrate.solve_ivp(
         lambda t, y: y**2, (0, 2), [1.0], method=substep.RK45, rtol=1e-6

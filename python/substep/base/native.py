@@ -11,6 +11,7 @@ import importlib.machinery
 import importlib.util
 import os
 import sys
+import threading
 from pathlib import Path
 from types import ModuleType
 
@@ -25,10 +26,18 @@ def _module_path(folder: Path) -> Path | None:
     return None
 
 
+_loading = threading.Lock()
+
+
 def load() -> ModuleType:
-    """Load the best module that is installed and that this machine can run."""
-    if "substep._core" in sys.modules:
+    """Load the best module that is installed and that this machine can run, once."""
+    with _loading:  # other threads get it when it is whole
+        if "substep._core" not in sys.modules:
+            sys.modules["substep._core"] = _load()
         return sys.modules["substep._core"]
+
+
+def _load() -> ModuleType:
     from .. import _cpu
 
     machine = LEVELS.index(_cpu.level())
@@ -54,10 +63,5 @@ def load() -> ModuleType:
     spec = importlib.util.spec_from_file_location("substep._core", installed[level])
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules["substep._core"] = module
-    try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules["substep._core"]
-        raise
+    spec.loader.exec_module(module)
     return module

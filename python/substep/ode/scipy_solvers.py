@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from .. import _core
-from ..errors import SolverError
+from ..errors import InputError, SolverError
 from .jacobian import make_jacobian
 from .rhs import make_system
 
@@ -113,6 +113,8 @@ class ExplicitSolver(OdeSolver):
         warn_extraneous(extraneous)
         super().__init__(fun, t0, y0, t_bound, vectorized, support_complex=True)
         self.max_step = validate_max_step(max_step)
+        if np.ndim(rtol) and np.shape(rtol) != (self.n,):  # SciPy checks atol only
+            raise InputError(f"rtol: expected a number or shape ({self.n},), got {np.shape(rtol)}")
         self.rtol, self.atol = validate_tol(rtol, atol, self.n)
         if first_step is not None:
             validate_first_step(first_step, t0, t_bound)
