@@ -6,6 +6,7 @@ PYBIND11_MODULE(_core, m) {
   m.attr("level") = SUBSTEP_LEVEL;
   m.attr("version") = SUBSTEP_VERSION;
   bind_core(m);
+  bind_owner(m);
   bind_fields(m);
   bind_geometry(m);
   bind_linalg(m);

@@ -5,6 +5,7 @@ name of each that makes a small one. The words are those of the tables in docs/c
 the end a toy that keeps all lines is broken in one after the other, and each must be noticed.
 """
 
+import contextlib
 import copy
 import dataclasses
 import importlib
@@ -14,6 +15,7 @@ import math
 import pickle
 import pkgutil
 import re
+import signal
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -383,6 +385,34 @@ def callbacks_follow_steps(make):
         simulation.advance(DURATION, 3)
 
 
+def interrupts_let_go(make):
+    """Of a simulation that they stop, whichever instruction of Python they hit."""
+
+    class Stop(Exception):
+        pass
+
+    def ring(*_):
+        raise Stop
+
+    simulation = make()
+    start = simulation.state()
+    before = signal.signal(signal.SIGALRM, ring)
+    try:
+        for seconds in np.random.default_rng(0).uniform(1e-4, 2e-3, 150):
+            with contextlib.suppress(Stop):
+                signal.setitimer(signal.ITIMER_REAL, seconds)
+                while True:
+                    simulation.step()
+                    simulation.advance(simulation.report.dt, lambda given: given.time)
+            try:
+                simulation.restore(start)
+            except substep.InputError as error:
+                raise AssertionError("it is still in use") from error
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
 def reports_tell_of_the_last_call(make):
     simulation = make()
     h = simulation.step_size or simulation.step_limit()[0] / 2
@@ -461,6 +491,7 @@ LINES = (
     copies_are_exact,
     files_are_exact,
     callbacks_follow_steps,
+    interrupts_let_go,
     reports_tell_of_the_last_call,
     advance_is_one,
     limits_and_ids_are_told,
@@ -682,6 +713,14 @@ class CallbackOfTime(Toy):
         callback(self.time)
 
 
+class NeverLetGo(Toy):
+    def step(self, dt=None):
+        self._owner.__enter__()
+        self._begin()
+        self._count(self._step_once(dt))
+        self._owner.__exit__(None, None, None)
+
+
 class ReportOfNothing(Toy):
     def _count(self, dt):
         """Nothing."""
@@ -719,6 +758,7 @@ BROKEN = {
     copies_are_exact: SharedCopy,
     files_are_exact: OtherFile,
     callbacks_follow_steps: CallbackOfTime,
+    interrupts_let_go: NeverLetGo,
     reports_tell_of_the_last_call: ReportOfNothing,
     advance_is_one: OtherAdvance,
     limits_and_ids_are_told: NoLimit,

@@ -462,7 +462,7 @@ def test_an_interrupt_leaves_all_worlds_at_one_step():
     batch = batch_of(50, threads=2)
 
     def interrupt():
-        while not batch._owner._lock.locked():
+        while not batch._owner.taken:
             time.sleep(0.001)
         time.sleep(0.2)
         _thread.interrupt_main()

@@ -9,11 +9,11 @@ from __future__ import annotations
 import copy
 import math
 import os
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from .. import _core
 from ..errors import InputError, SolverError
 from .attributes import Checked
 from .checkpoint import restore_checkpoint, write_checkpoint
@@ -48,34 +48,6 @@ class StepReport:
     converged: bool = True
 
 
-class Owner:
-    """Who uses a simulation: one call at a time, and the callback of that call."""
-
-    __slots__ = ("_lock", "_name", "callback")
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-        self._lock = threading.Lock()
-        self.callback: int | None = None  # the thread that runs a callback
-
-    def __enter__(self) -> None:
-        if self.callback is not None and self.callback == threading.get_ident():
-            return
-        if not self._lock.acquire(False):
-            raise InputError(
-                f"this {self._name} is in use by another thread, or by a function that it calls"
-            )
-
-    def __exit__(self, *error: object) -> None:
-        if self.callback is None or self.callback != threading.get_ident():
-            self._lock.release()
-
-    def refuse_callback(self, method: str) -> None:
-        """Refuse a call from the callback of another."""
-        if self.callback == threading.get_ident():
-            raise InputError(f"{method}: called by the callback of advance")
-
-
 class Simulation(Checked):
     """State in time; a subclass makes `_native`, and the rest of the protocol.
 
@@ -84,7 +56,7 @@ class Simulation(Checked):
 
     colliders: tuple[Any, ...] = ()
     _native: Any
-    _owner: Owner
+    _owner: _core.Owner  # who uses it: one call at a time, and the callback of that call
     _last: StepReport
     _step_size: float | None
     _fixed_step: ClassVar[bool] = False  # whether `advance` counts steps of `step_size`
@@ -93,7 +65,7 @@ class Simulation(Checked):
         self._native = native
         native.time = check_real("time", time)
         native.threads = check_threads(threads)
-        self._owner = Owner(type(self).__name__)
+        self._owner = _core.Owner(type(self).__name__)
         self._last = StepReport()
 
     @property
@@ -162,10 +134,8 @@ class Simulation(Checked):
         """
         if dt is not None:
             dt = check_real("dt", dt, positive=True)
-        owner = self._owner
-        if owner.callback is not None:
-            owner.refuse_callback("step")
-        with owner:
+        self._owner.refuse_callback("step")
+        with self._owner:
             self._begin()
             self._count(self._step_once(dt))
 
@@ -263,13 +233,9 @@ class Simulation(Checked):
             yield end - self.time, True
 
     def _call(self, callback: Callable[[Self], object]) -> None:
-        self._owner.callback = threading.get_ident()
-        try:
-            callback(self)
-        finally:
-            self._owner.callback = None
+        self._owner.call(callback, self)
 
-    def _own(self) -> Owner:
+    def _own(self) -> _core.Owner:
         """Context in which nobody else uses the simulation."""
         return self._owner
 
