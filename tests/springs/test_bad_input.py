@@ -167,6 +167,26 @@ def test_no_convergence_says_what_it_saw_and_changes_nothing():
     assert retried.time == pytest.approx(0.1)
 
 
+@pytest.mark.parametrize("moved", ["vertex", "obstacle"])
+def test_what_is_put_into_an_obstacle_is_named(moved):
+    ball = substep.Collider(substep.Sphere(0.3, (5, 0, 0)))
+    simulation = net(colliders=[ball])
+    simulation.step()
+    if moved == "vertex":
+        simulation.positions[1] = (5.1, 0, 0)
+    else:
+        ball.position = simulation.positions[1]
+    before = simulation.state()
+    with pytest.raises(substep.SolverError, match="vertex 1 is inside of collider 0") as caught:
+        simulation.step()
+    assert caught.value.index == 1 and caught.value.time == simulation.time
+    after = simulation.state()
+    assert all(np.array_equal(after[name], before[name]) for name in before)
+    simulation.positions[1] = (1, 0, 0)
+    ball.position = (3, 0, 0)
+    simulation.step()
+
+
 def test_states_that_do_not_fit():
     body = net()
     state = body.state()

@@ -172,6 +172,13 @@ void Deformable::implicit_steps(double h, int halvings) {
   ++report_.failed;
   if (halvings == options.max_halvings) {
     std::ostringstream message;
+    if (report_.residuals.empty()) {
+      message << "vertex " << inside_.vertex << " is inside of collider " << inside_.collider
+              << ", at a distance of " << inside_.distance << " m, in the step from t = " << time
+              << " s, however short: it or the obstacle was put there, or it is squeezed. Move it "
+              << "outside";
+      throw SolverError(message.str(), time, inside_.vertex);
+    }
     message << "implicit Euler did not converge in the step from t = " << time << " s, even in "
             << (std::int64_t{1} << halvings) << " parts: after " << report_.iterations
             << " iterations the largest component of the gradient was " << report_.residuals.back()
@@ -205,7 +212,11 @@ bool Deformable::implicit_step(double h) {
     for (geometry::Collider& collider : contacts.colliders) collider.advance(h);
     set_contact_stiffness(h);
     carry_vertices(before, contacts, x);
-    if (!(closest_vertex(contacts, x).distance > 0.0)) return false;  // squeezed: smaller steps
+    inside_ = closest_vertex(contacts, x);
+    if (inside_.distance <= 0.0) {  // squeezed: smaller steps
+      report_.residuals.clear();
+      return false;
+    }
   }
   potential_->begin_step(x_n, y, h);
   if (!minimise(x)) return false;

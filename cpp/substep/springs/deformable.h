@@ -93,6 +93,7 @@ class Deformable {
   std::unique_ptr<IncrementalPotential> potential_;
   std::unique_ptr<Minimiser> minimiser_;
   StepReport report_;
+  Closest inside_{};  // what no implicit step could start from, where `report_` has no residuals
   std::vector<Vec3> pin_velocities_;
 };
 
