@@ -674,7 +674,7 @@ def test_one_object_from_two_threads_is_refused():
     def work():
         barrier.wait()
         try:
-            simulation.advance(200 * 2.0**-12)
+            simulation.advance(50 * 2.0**-12)
             outcomes.append("done")
         except InputError as error:
             outcomes.append(str(error))
@@ -686,7 +686,7 @@ def test_one_object_from_two_threads_is_refused():
         thread.join(60)
     assert sorted(outcome == "done" for outcome in outcomes) == [False, True]
     assert any("in use" in outcome for outcome in outcomes)
-    assert simulation.time == 200 * 2.0**-12
+    assert simulation.time == 50 * 2.0**-12
 
 
 def test_a_plane_along_the_particles_of_2d_is_refused():

@@ -196,7 +196,7 @@ def test_a_callback_that_does_nothing_changes_no_bits(dtype, integrator):
     """Nor do steps by hand, whose size is chosen: what is chosen is never too large."""
 
     def falling(**flow):
-        x = lattice((16, 16, 16), 0.0125, (-0.1, -0.1, 0.02))
+        x = lattice((8, 8, 8), 0.0125, (-0.1, -0.1, 0.02))
         soft = mpm.NeoHookean(density=1000, young_modulus=3e4, poisson_ratio=0.3)
         options = {"cell": 0.025, "volume": 0.0125**3, "dtype": dtype, "integrator": integrator}
         ground = substep.Collider(substep.Plane(point=(0, 0, -0.05)))

@@ -571,7 +571,7 @@ def test_a_failed_step_changes_nothing(threads):
 
 
 def test_one_object_in_two_threads_is_refused():
-    sim = cloth(60, substeps=10**4)
+    sim = cloth(60, substeps=2000)
     failed = []
 
     def run():

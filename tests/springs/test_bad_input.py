@@ -221,7 +221,7 @@ def test_meshes_with_every_fault_make_a_cloth():
 def test_one_body_is_not_stepped_by_two_threads():
     import threading
 
-    mesh = substep.geometry.grid_mesh(40, 40)
+    mesh = substep.geometry.grid_mesh(20, 20)
     body = substep.MassSpring.from_mesh(mesh, density=0.3, stiffness=1e3, pinned=[0])
     refused = []
 
