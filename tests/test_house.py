@@ -56,8 +56,9 @@ def test_missing_compiler_and_eigen_are_said_in_one_line(tmp_path):
 
 def test_setup_without_root_names_the_line_to_type(tmp_path):
     # A PATH with nothing but what script/setup itself needs, and a user id that is not root's.
-    for tool in ("bash", "dirname", "python3"):
-        (tmp_path / tool).symlink_to(shutil.which(tool) or sys.executable)
+    for tool in ("bash", "dirname"):
+        (tmp_path / tool).symlink_to(shutil.which(tool))
+    (tmp_path / "python3").symlink_to(sys.executable)  # that of PATH may be a script
     (tmp_path / "id").write_text("#!/bin/sh\necho 1000\n")
     (tmp_path / "id").chmod(0o755)
     done = subprocess.run(
