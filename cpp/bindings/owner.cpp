@@ -1,6 +1,7 @@
 // Who uses a simulation: one call at a time, and the callback of that call.
 #include <array>
 #include <string>
+#include <utility>
 
 #include "bindings.h"
 #include "substep/core/errors.h"
@@ -29,20 +30,18 @@ class Owner {
   }
 
   void refuse_callback(const char* method) const {
-    if (in_callback())
+    if (in_callback()) {
       throw substep::InputError(std::string(method) + ": called by the callback of advance");
+    }
   }
 
   // callback(simulation), which may use what this call has taken.
   void call(const py::object& callback, const py::object& simulation) {
-    struct Span {
-      unsigned long& thread;
-      explicit Span(unsigned long& t) : thread(t) { thread = PyThread_get_thread_ident(); }
-      ~Span() { thread = 0; }
-    } const span(callback_);
     const std::array<PyObject*, 2> arguments{nullptr, simulation.ptr()};
+    callback_ = PyThread_get_thread_ident();
     const auto result = py::reinterpret_steal<py::object>(PyObject_Vectorcall(
         callback.ptr(), arguments.data() + 1, 1 | PY_VECTORCALL_ARGUMENTS_OFFSET, nullptr));
+    callback_ = 0;
     if (!result) throw py::error_already_set();
   }
 

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <sstream>
+#include <string>
 #include <utility>
 
 #include "substep/core/errors.h"
@@ -19,6 +20,13 @@ std::vector<Vec3> moved(Positions y, double h, Positions k) {
 
 void move(std::vector<Vec3>& y, double h, Positions k) {
   for (std::size_t i = 0; i < y.size(); ++i) y[i] += h * k[i];
+}
+
+std::string told(const Closest& found) {
+  std::ostringstream text;
+  text << "vertex " << found.vertex << " is inside of collider " << found.collider
+       << ", at a distance of " << found.distance << " m";
+  return text.str();
 }
 
 void add_exchanges(std::vector<geometry::Exchange>& sums, const Contacts& contacts) {
@@ -69,10 +77,7 @@ void Deformable::set_threads(int threads) {
 void Deformable::refuse_penetration() const {
   const Closest found = closest();
   if (!barrier_ || found.distance > 0.0) return;
-  std::ostringstream message;
-  message << "positions: vertex " << found.vertex << " is inside of collider " << found.collider
-          << ", at a distance of " << found.distance << " m; it has to start outside";
-  throw InputError(message.str());
+  throw InputError("positions: " + told(found) + "; it has to start outside");
 }
 
 void Deformable::set_contact_stiffness(double h) {
@@ -172,12 +177,10 @@ void Deformable::implicit_steps(double h, int halvings) {
   ++report_.failed;
   if (halvings == options.max_halvings) {
     std::ostringstream message;
-    if (report_.residuals.empty()) {
-      message << "vertex " << inside_.vertex << " is inside of collider " << inside_.collider
-              << ", at a distance of " << inside_.distance << " m, in the step from t = " << time
-              << " s, however short: it or the obstacle was put there, or it is squeezed. Move it "
-              << "outside";
-      throw SolverError(message.str(), time, inside_.vertex);
+    if (nearest_.distance <= 0.0) {
+      message << told(nearest_) << ", in the step from t = " << time << " s, however short: it or "
+              << "the obstacle was put there, or it is squeezed. Move it outside";
+      throw SolverError(message.str(), time, nearest_.vertex);
     }
     message << "implicit Euler did not converge in the step from t = " << time << " s, even in "
             << (std::int64_t{1} << halvings) << " parts: after " << report_.iterations
@@ -212,11 +215,8 @@ bool Deformable::implicit_step(double h) {
     for (geometry::Collider& collider : contacts.colliders) collider.advance(h);
     set_contact_stiffness(h);
     carry_vertices(before, contacts, x);
-    inside_ = closest_vertex(contacts, x);
-    if (inside_.distance <= 0.0) {  // squeezed: smaller steps
-      report_.residuals.clear();
-      return false;
-    }
+    nearest_ = closest_vertex(contacts, x);
+    if (nearest_.distance <= 0.0) return false;  // squeezed: smaller steps
   }
   potential_->begin_step(x_n, y, h);
   if (!minimise(x)) return false;

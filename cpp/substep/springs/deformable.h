@@ -6,6 +6,7 @@
 // included; a step that does not converge is done again in halves, down to h / 2^max_halvings.
 #pragma once
 
+#include <limits>
 #include <memory>
 #include <string>
 #include <vector>
@@ -93,7 +94,8 @@ class Deformable {
   std::unique_ptr<IncrementalPotential> potential_;
   std::unique_ptr<Minimiser> minimiser_;
   StepReport report_;
-  Closest inside_{};  // what no implicit step could start from, where `report_` has no residuals
+  // To an obstacle where the last implicit step set out from.
+  Closest nearest_{std::numeric_limits<double>::infinity(), -1, -1};
   std::vector<Vec3> pin_velocities_;
 };
 
