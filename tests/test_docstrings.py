@@ -36,8 +36,8 @@ METHODS = {
     for name, cls in CLASSES.items()
     for attribute, member in inspect.getmembers(cls)
     if not attribute.startswith("_")
-    and (inspect.isfunction(member) or inspect.ismethod(member))
-    and member.__module__.startswith("substep")
+    and inspect.isroutine(member)
+    and (getattr(member, "__module__", None) or "").startswith("substep")
 }
 
 

@@ -5,6 +5,7 @@
 #include <atomic>
 
 #include "bindings.h"
+#include "owner.h"
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
 #include "substep/core/parallel.h"
@@ -21,6 +22,7 @@ std::atomic<unsigned long> main_thread{0};
 void check_signals() {
   if (PyThread_get_thread_ident() != main_thread.load(std::memory_order_relaxed)) return;
   const py::gil_scoped_acquire gil;
+  const InUserFunction handler;
   if (PyErr_CheckSignals() != 0) throw py::error_already_set();
 }
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "arrays.h"
+#include "owner.h"
 #include "substep/pbd/solver/recipes.h"
 
 namespace {
@@ -28,6 +29,7 @@ class PythonFunction final : public UserFunction {
     const py::gil_scoped_acquire gil;
     Reals positions(
         {static_cast<py::ssize_t>(count), static_cast<py::ssize_t>(points_), py::ssize_t{3}}, x);
+    const InUserFunction function;
     const auto result = fun_(positions).cast<std::pair<Reals, Reals>>();
     std::copy_n(result.first.data(), result.first.size(), c);
     std::copy_n(result.second.data(), result.second.size(), gradient);

@@ -123,6 +123,19 @@ void add(PyWorld& self, const std::vector<FixtureTuple>& parts, int motion, doub
   });
 }
 
+// set(bodies, row, values of the row) of bodies of which none is static.
+template <class Set>
+auto set_moving(const Set& set) {
+  return [set](PyWorld& self, const Numbers& rows, const Rows& values) {
+    Bodies& bodies = self.world.bodies();
+    for (py::ssize_t k = 0; k < rows.size(); ++k) {
+      if (bodies.motion[static_cast<std::size_t>(rows.at(k))] == Motion::kStatic)
+        throw substep::InputError("ids[" + std::to_string(k) + "]: a static body has no velocity");
+    }
+    for (py::ssize_t k = 0; k < rows.size(); ++k) set(bodies, rows.at(k), Vec3(values.data(k, 0)));
+  };
+}
+
 // A view of the k-th of the arrays.
 auto view(std::size_t k, py::ssize_t columns) {
   return [=](const py::object& self) {
@@ -211,19 +224,14 @@ void bind_changes(py::class_<PyWorld>& world) {
                                     Vec3(weights.data(k, 1)));
           },
           py::arg("rows"), py::arg("motion"), py::arg("weights"))
-      .def(
-          "set_velocities",
-          [](PyWorld& self, const Numbers& rows, const Rows& v, const Rows& w) {
-            Bodies& bodies = self.world.bodies();
-            for (py::ssize_t k = 0; k < rows.size(); ++k) {
-              if (bodies.motion[static_cast<std::size_t>(rows.at(k))] == Motion::kStatic)
-                throw substep::InputError("ids[" + std::to_string(k) +
-                                          "]: a static body has no velocity");
-            }
-            for (py::ssize_t k = 0; k < rows.size(); ++k)
-              bodies.set_velocity(rows.at(k), Vec3(v.data(k, 0)), Vec3(w.data(k, 0)));
-          },
-          py::arg("rows"), py::arg("velocities"), py::arg("angular_velocities"))
+      .def("set_velocities", set_moving([](Bodies& bodies, std::int64_t i, const Vec3& v) {
+             bodies.set_velocity(i, v);
+           }),
+           py::arg("rows"), py::arg("velocities"))
+      .def("set_angular_velocities", set_moving([](Bodies& bodies, std::int64_t i, const Vec3& w) {
+             bodies.set_angular_velocity(i, w);
+           }),
+           py::arg("rows"), py::arg("angular_velocities"))
       .def(
           "set_poses",
           [](PyWorld& self, const Numbers& rows, const Rows& x, const Rows& q) {

@@ -16,12 +16,16 @@ import pickle
 import pkgutil
 import re
 import signal
+import sys
+import threading
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import substep
+from substep import _core
 from substep.base.attributes import settable
 from substep.base.rows import Points, read_only
 from substep.base.schema import TIME, Number, Rows, check
@@ -399,18 +403,88 @@ def interrupts_let_go(make):
     before = signal.signal(signal.SIGALRM, ring)
     try:
         for seconds in np.random.default_rng(0).uniform(1e-4, 2e-3, 150):
-            with contextlib.suppress(Stop):
-                signal.setitimer(signal.ITIMER_REAL, seconds)
-                while True:
-                    simulation.step()
-                    simulation.advance(simulation.report.dt, lambda given: given.time)
             try:
+                with contextlib.suppress(Stop):
+                    signal.setitimer(signal.ITIMER_REAL, seconds)
+                    while True:
+                        simulation.step()
+                        simulation.advance(simulation.report.dt, lambda given: given.time)
                 simulation.restore(start)
             except substep.InputError as error:
                 raise AssertionError("it is still in use") from error
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, before)
+
+
+def public_members(kind):
+    """Names of its methods and properties that substep has written."""
+    for name in dir(kind):
+        owner = next(k for k in kind.__mro__ if name in vars(k))
+        member = vars(owner)[name]
+        if is_ours(owner) and (name[0] != "_" or name == "__len__"):
+            if callable(member) or isinstance(member, property):
+                yield name
+
+
+def other_threads_are_refused_while_it_steps(make):
+    simulation = make()
+    told = {}
+
+    def use():
+        for name in public_members(type(simulation)):
+            try:
+                found = getattr(simulation, name)
+                told[name] = found() if callable(found) else found
+            except Exception as error:
+                told[name] = error
+        try:
+            simulation.step_size = 0.01
+        except substep.InputError as error:
+            told["step_size"] = error
+
+    def look(given):
+        thread = threading.Thread(target=use)
+        thread.start()
+        thread.join()
+
+    simulation.advance(1e-9, look)
+    assert {"step", "advance", "state", "restore", "copy", "time", "set_positions"} <= set(told)
+    for name, answer in told.items():
+        assert isinstance(answer, substep.InputError), f"{name}: {answer!r}"
+        assert "in use by another thread" in str(answer), f"{name}: {answer}"
+
+
+def other_threads_see_whole_steps(make):
+    simulation, twin = make(), make()
+    whole = {content(twin)}
+    h = simulation.step_size or simulation.step_limit()[0] / 2
+    for _ in range(30):
+        twin.step(h)
+        whole.add(content(twin))
+    seen, going = set(), True
+
+    def look():
+        while going:
+            try:
+                seen.add(content(simulation))
+                seen.add(content(simulation.copy()))
+            except substep.InputError as error:
+                assert "in use by another thread" in str(error)
+
+    every = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    thread = threading.Thread(target=look)
+    thread.start()
+    try:
+        for _ in range(30):
+            simulation.step(h)
+            assert content(simulation) in whole  # it waits, and is not refused
+    finally:
+        going = False
+        thread.join()
+        sys.setswitchinterval(every)
+    assert seen and seen <= whole
 
 
 def reports_tell_of_the_last_call(make):
@@ -492,6 +566,8 @@ LINES = (
     files_are_exact,
     callbacks_follow_steps,
     interrupts_let_go,
+    other_threads_are_refused_while_it_steps,
+    other_threads_see_whole_steps,
     reports_tell_of_the_last_call,
     advance_is_one,
     limits_and_ids_are_told,
@@ -709,16 +785,28 @@ class OtherFile(Toy):
 
 
 class CallbackOfTime(Toy):
-    def _call(self, callback):
-        callback(self.time)
+    def advance(self, duration, callback=None):
+        super().advance(duration, callback and (lambda given: callback(given.time)))
 
 
 class NeverLetGo(Toy):
     def step(self, dt=None):
         self._owner.__enter__()
-        self._begin()
+        self._begin("step")
         self._count(self._step_once(dt))
         self._owner.__exit__(None, None, None)
+
+
+class OpenToThreads(Toy):
+    @property
+    def _owner(self):
+        return _core.Owner("toy")
+
+    def _take_step(self, dt):
+        self._native.positions += 1.0
+        time.sleep(1e-3)
+        self._native.positions -= 1.0
+        super()._take_step(dt)
 
 
 class ReportOfNothing(Toy):
@@ -759,6 +847,8 @@ BROKEN = {
     files_are_exact: OtherFile,
     callbacks_follow_steps: CallbackOfTime,
     interrupts_let_go: NeverLetGo,
+    other_threads_are_refused_while_it_steps: OpenToThreads,
+    other_threads_see_whole_steps: OpenToThreads,
     reports_tell_of_the_last_call: ReportOfNothing,
     advance_is_one: OtherAdvance,
     limits_and_ids_are_told: NoLimit,

@@ -146,6 +146,44 @@ assert drift(n=100) == drift(n=100)
     assert float(done.stdout) < 0.5  # with the start of a timer thread; the bound is tested above
 
 
+def test_a_handler_of_signals_cannot_use_what_is_in_a_step():
+    sim = substep.PositionBasedDynamics(start(20_000), 1.0, substeps=10**6)
+    before = signal.signal(signal.SIGALRM, lambda *_: sim.positions)
+    signal.setitimer(signal.ITIMER_REAL, 0.05)
+    try:
+        with pytest.raises(substep.InputError, match="in the middle of a step"):
+            sim.step(1.0)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert len(sim.positions) == 20_000 and sim.time == 0.0
+
+
+def test_simulations_that_share_an_obstacle_are_one_at_a_time():
+    ball = substep.Collider(substep.Sphere(0.1))
+    one, other = (
+        substep.PositionBasedDynamics([[0, 0, 1]], 1.0, colliders=[ball]) for _ in range(2)
+    )
+    told = []
+
+    def use():
+        for work in (other.step, lambda: ball.impulse, other.copy):
+            try:
+                told.append(work())
+            except substep.InputError as error:
+                told.append("in use by another thread" in str(error))
+
+    def look(_):
+        other.step()  # this thread may
+        thread = threading.Thread(target=use)
+        thread.start()
+        thread.join()
+
+    one.step()
+    one.advance(1 / 60, look)
+    assert told == [True, True, True] and other.report.steps == 1
+
+
 def test_one_object_from_two_threads_is_refused():
     sim = substep.Advection(substep.DoubleGyre(), start(50_000), step=0.01)
     outcomes = []

@@ -72,7 +72,7 @@ class Checked(metaclass=_Making):
                 raise AttributeInputError(_refusal(self, name))
             object.__setattr__(self, name, value)
             if not self._is_made and name[:1] != "_" and name in self.__dict__:
-                if _is_ours(sys._getframe(1).f_globals.get("__name__", "")):
+                if is_ours(sys._getframe(1).f_globals.get("__name__", "")):
                     self._fixed |= {name}
 
         def __delattr__(self, name: str) -> None:
@@ -123,7 +123,7 @@ def _named(kind: type) -> dict[str, bool]:
     """Names in the bodies of a class and its bases, and whether they can be assigned to."""
     found = {}
     for owner in reversed(kind.__mro__):
-        theirs = not _is_ours(owner.__module__)
+        theirs = not is_ours(owner.__module__)
         for name, value in {**inspect.get_annotations(owner), **vars(owner)}.items():
             if isinstance(value, property):
                 found[name] = value.fset is not None
@@ -145,10 +145,11 @@ def _is_open(owner: Checked, name: str) -> bool:
 
 
 def _is_of_class(value: Any) -> bool:
-    return isinstance(value, (classmethod, staticmethod)) or inspect.isfunction(value)
+    return isinstance(value, (classmethod, staticmethod)) or inspect.isroutine(value)
 
 
-def _is_ours(module: str) -> bool:
+def is_ours(module: str) -> bool:
+    """Whether a module is of substep, and not a scene's."""
     return module.startswith("substep.") and not module.startswith("substep.scenes.")
 
 

@@ -85,8 +85,7 @@ class Points(Numbered):
     @gravity.setter
     def gravity(self, value: ArrayLike) -> None:
         pull: Array = read_only(check_array("gravity", value, (self._dimension,)).copy())
-        with self._own():
-            self._set_gravity(pull, self._options | {"gravity": [*pull.tolist(), 0.0][:3]})
+        self._set_gravity(pull, self._options | {"gravity": [*pull.tolist(), 0.0][:3]})
 
     def _set_gravity(self, pull: Array, options: dict[str, Any]) -> None:
         self._replace(_gravity=pull, _options=options)
@@ -102,8 +101,7 @@ class Points(Numbered):
             self._native = made
             self._put_state(self._checked(state))
         except BaseException:
-            self.__dict__.update(kept)
-            self._native = native
+            self.__dict__.update(kept, _native=native)
             raise
 
     def set_positions(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
@@ -158,10 +156,9 @@ class Points(Numbered):
         self._set("forces", values, ids)
 
     def _set(self, name: str, values: ArrayLike, ids: ArrayLike | None) -> None:
-        with self._own():
-            rows = find_rows_or_all(ids, self.ids)
-            values = rows_of(values, ids)
-            self._write(name, self._vectors("values", values, len(rows)), rows)
+        rows = find_rows_or_all(ids, self.ids)
+        values = rows_of(values, ids)
+        self._write(name, self._vectors("values", values, len(rows)), rows)
 
     def _vectors(self, name: str, values: ArrayLike, count: int) -> Array:
         vectors: Array = check_array(name, values, (count, self._dimension))

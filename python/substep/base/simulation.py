@@ -13,11 +13,10 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from .. import _core
 from ..errors import InputError, SolverError
-from .attributes import Checked
 from .checkpoint import restore_checkpoint, write_checkpoint
 from .checks import check_callable, check_real, check_threads
+from .owned import Owned
 from .schema import Entry, check
 
 if TYPE_CHECKING:
@@ -48,7 +47,7 @@ class StepReport:
     converged: bool = True
 
 
-class Simulation(Checked):
+class Simulation(Owned):
     """State in time; a subclass makes `_native`, and the rest of the protocol.
 
     `_native` has `time`, `threads` and `step(dt)`, which takes one step or leaves all as it was.
@@ -56,7 +55,6 @@ class Simulation(Checked):
 
     colliders: tuple[Any, ...] = ()
     _native: Any
-    _owner: _core.Owner  # who uses it: one call at a time, and the callback of that call
     _last: StepReport
     _step_size: float | None
     _fixed_step: ClassVar[bool] = False  # whether `advance` counts steps of `step_size`
@@ -65,8 +63,9 @@ class Simulation(Checked):
         self._native = native
         native.time = check_real("time", time)
         native.threads = check_threads(threads)
-        self._owner = _core.Owner(type(self).__name__)
         self._last = StepReport()
+        for collider in self.colliders:
+            self._owner.join(collider._owner)
 
     @property
     def time(self) -> float:
@@ -91,8 +90,7 @@ class Simulation(Checked):
     def step_size(self, step: float | None) -> None:
         if step is not None or self._fixed_step:
             step = check_real("step_size", step, positive=True)
-        with self._own():
-            self._set_step_size(step)
+        self._set_step_size(step)
 
     @property
     def report(self) -> Any:
@@ -134,10 +132,8 @@ class Simulation(Checked):
         """
         if dt is not None:
             dt = check_real("dt", dt, positive=True)
-        self._owner.refuse_callback("step")
-        with self._owner:
-            self._begin()
-            self._count(self._step_once(dt))
+        self._begin("step")
+        self._count(self._step_once(dt))
 
     def advance(self, duration: float, callback: Callable[[Self], object] | None = None) -> None:
         """Take as many steps as a duration needs; the last are shortened to end there.
@@ -160,14 +156,13 @@ class Simulation(Checked):
         duration = check_real("duration", duration, nonnegative=True)
         if callback is not None:
             check_callable("callback", callback)
-        self._owner.refuse_callback("advance")
-        with self._own():
-            end = self._end("duration", duration)
-            self._begin()
-            self._run(duration, end, callback)
+        end = self._end("duration", duration)
+        self._begin("advance")
+        self._run(duration, end, callback)
 
-    def _begin(self) -> None:
+    def _begin(self, method: str) -> None:
         """Prepare for a call of `step` or `advance`."""
+        self._owner.begin(method)
         for collider in self.colliders:
             collider._native.begin_call()
         self._last.steps = 0
@@ -186,7 +181,7 @@ class Simulation(Checked):
 
     def _end(self, name: str, duration: float) -> float:
         """The time after a duration, checked."""
-        start = self.time
+        start = self._native.time
         if not math.isfinite(start + duration):
             raise InputError(f"{name}: the time {start} + {duration} is not finite")
         return start + duration
@@ -204,23 +199,23 @@ class Simulation(Checked):
                 self._native.time = end
             self._count(dt)
             if callback is not None:
-                self._call(callback)
+                callback(self)
 
     def _sizes(self, end: float) -> Iterator[tuple[float, bool]]:
         """Steps of `_next_step`, and whether one is the last: the last two are shortened."""
-        while self.time < end:
-            h, left = self._next_step(), end - self.time
+        while self._native.time < end:
+            h, left = self._next_step(), end - self._native.time
             if left <= h * (1 + 1e-9):
                 yield left, True
-            elif self.time + h > self.time:
+            elif self._native.time + h > self._native.time:
                 # Two equal steps at the end: a very short one would make large velocities of
                 # what is left to correct.
                 yield (left / 2 if left < 2 * h * (1 - 1e-9) else h), False
             else:
                 raise SolverError(
-                    f"the step, {h:.3g} s, is below the spacing of the time {self.time} s: "
+                    f"the step, {h:.3g} s, is below the spacing of the time {self._native.time} s: "
                     "the speeds have grown without bound",
-                    time=self.time,
+                    time=self._native.time,
                 )
 
     def _even_sizes(self, duration: float, end: float) -> Iterator[tuple[float, bool]]:
@@ -230,14 +225,7 @@ class Simulation(Checked):
         for number in range(count):
             yield h, whole and number + 1 == count
         if not whole:
-            yield end - self.time, True
-
-    def _call(self, callback: Callable[[Self], object]) -> None:
-        self._owner.call(callback, self)
-
-    def _own(self) -> _core.Owner:
-        """Context in which nobody else uses the simulation."""
-        return self._owner
+            yield end - self._native.time, True
 
     def _make(self, state: Mapping[str, Any]) -> Any:
         """A native simulation made as this one was, into which a state is restored."""
@@ -258,6 +246,10 @@ class Simulation(Checked):
         """Take over a state that has been checked."""
         raise NotImplementedError
 
+    def _kept(self) -> dict[str, Any]:
+        """The present state for `_put_state`, whatever users have written into it."""
+        return self._state()
+
     def state(self) -> dict[str, Any]:
         """Copy the whole state, that of the colliders too.
 
@@ -266,8 +258,7 @@ class Simulation(Checked):
         dict
             For `restore`: arrays and numbers by name.
         """
-        with self._own():
-            return self._state()
+        return self._state()
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go back to a state, bit for bit.
@@ -282,9 +273,12 @@ class Simulation(Checked):
         InputError
             If it is not such a state, with the name of what does not fit; nothing is changed then.
         """
-        checked = self._checked(state)
-        with self._own():
-            self._put_state(checked)
+        given, before = self._checked(state), self._kept()
+        try:
+            self._put_state(given)
+        except BaseException:  # an interrupt, or no memory
+            self._put_state(before)
+            raise
 
     def _checked(self, state: dict[str, Any]) -> dict[str, Any]:
         schema, sizes, own = self._schema()
@@ -301,7 +295,7 @@ class Simulation(Checked):
             Of the same class: it goes on as this one does, bit for bit, and shares nothing that
             changes.
         """
-        other = object.__new__(type(self))
+        other = type(self).__new__(type(self))
         made, threads, state = self.__getstate__()
         if self.colliders:
             made["colliders"] = tuple(collider.copy() for collider in self.colliders)
@@ -312,7 +306,7 @@ class Simulation(Checked):
         return self.copy()
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        other = memo[id(self)] = object.__new__(type(self))
+        other = memo[id(self)] = type(self).__new__(type(self))
         made, threads, state = self.__getstate__()
         other.__setstate__((copy.deepcopy(made, memo), threads, state))
         return other
@@ -323,8 +317,7 @@ class Simulation(Checked):
         return made | {"_last": copy.copy(self._last)}
 
     def __getstate__(self) -> tuple[dict[str, Any], int | None, dict[str, Any]]:
-        with self._own():
-            return self._parts(), self.threads, self._state()
+        return self._parts(), self.threads, self._state()
 
     def __setstate__(self, given: tuple[dict[str, Any], int | None, dict[str, Any]]) -> None:
         made, threads, state = given

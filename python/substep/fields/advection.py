@@ -195,28 +195,27 @@ class Advection(Numbered):
         InputError, IndexError
             If an argument is wrong; nothing is changed then.
         """
-        with self._own():
-            rows = find_rows_or_all(ids, self.ids)
-            shape, dtype = (len(rows), self.field.dimension), self._particles.x.dtype
-            x = check_array("values", rows_of(values, ids), shape, dtype=dtype)
-            particles = self._particles.copy()
-            particles.x[rows], particles.status[rows] = x, ACTIVE
-            self._particles = particles
-            self._memo.clear()
+        rows = find_rows_or_all(ids, self.ids)
+        shape, dtype = (len(rows), self.field.dimension), self._particles.x.dtype
+        x = check_array("values", rows_of(values, ids), shape, dtype=dtype)
+        particles = self._particles.copy()
+        particles.x[rows], particles.status[rows] = x, ACTIVE
+        self._memo.clear()
+        self._particles = particles
 
     def _take_step(self, dt: float) -> None:
         self._check_end("dt", dt)
         self._take(1, dt)
 
     def _count(self, dt: float) -> None:
-        """`_commit` has counted."""
+        """`_keep` has counted."""
 
     def _run(self, duration: float, end: float, callback: Callable[[Self], object] | None) -> None:
         self._check_end("duration", duration)
-        after = None if callback is None else lambda: self._call(callback)
+        after = None if callback is None else lambda: callback(self)
         self._go(duration, self._step_size, after)
 
-    def _go(self, duration: float, step: float, after: Callable[[], None] | None = None) -> None:
+    def _go(self, duration: float, step: float, after: Callable[[], object] | None = None) -> None:
         if duration == 0:
             return
         end = self.time + duration
@@ -230,7 +229,7 @@ class Advection(Numbered):
             self._take(1, rest, after)
         self._native.time = end
 
-    def _take(self, count: int, h: float, after: Callable[[], None] | None = None) -> None:
+    def _take(self, count: int, h: float, after: Callable[[], object] | None = None) -> None:
         """Steps in blocks; after each block the state is whole."""
         origin, first = self.time, 0
         n = max(1, len(self))
@@ -248,7 +247,7 @@ class Advection(Numbered):
                     message = f"particle {index} is {what} after the time {time}"
                     failed = SolverError(message, time=time, index=index)
                     raise self._stopped(failed, steps, step)
-            self._commit(moved, steps)
+            self._keep(moved, steps)
             first += steps.number
             if after:
                 after()
@@ -257,17 +256,16 @@ class Advection(Numbered):
         """Take the steps before the one that failed, and say which it was."""
         if good > 0:
             before = steps._replace(number=good)
-            self._commit(self._move(self._particles, before), before)
+            self._keep(self._move(self._particles, before), before)
         error.step = self._steps
         return error
 
     def _move(self, particles: Particles, steps: Steps) -> Moved:
         return self.field._move(particles, steps, self.method, self._native.threads, self._memo)
 
-    def _commit(self, moved: Moved, steps: Steps) -> None:
-        self._particles = moved.particles
-        self._native.time = steps.time(steps.number)
-        self._steps += steps.number
+    def _keep(self, moved: Moved, steps: Steps) -> None:
+        whole = {"_particles": moved.particles, "_steps": self._steps + steps.number}
+        self._commit(whole, setattr, self._native, "time", steps.time(steps.number))
         self._last.steps += steps.number
         self._last.dt = steps.h
 

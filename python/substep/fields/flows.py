@@ -430,7 +430,7 @@ class CallableField(Field):
         """Velocities at the positions x and the time t; what comes is checked and copied."""
         seen = np.asarray(x).view()
         seen.flags.writeable = False
-        u = np.asarray(self._velocity(t, seen))
+        u = np.asarray(_core.call_user(self._velocity, (t, seen)))
         if u.shape != seen.shape:
             raise InputError(
                 f"field: velocity(t, x) returned shape {u.shape}, expected {seen.shape}"

@@ -142,7 +142,7 @@ def advect(
     kept = np.empty((len(times), *drift.positions.shape), drift.positions.dtype)
     done = 0
     try:
-        with drift._own():
+        with drift._owner:
             for done, time in enumerate(times):
                 drift._go(float(time) - drift.time, sign * step_size, after)
                 drift._native.time = float(time)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.attributes import Checked
 from ..base.checks import (
     check_array,
     check_flag,
@@ -18,6 +17,7 @@ from ..base.checks import (
     check_threads,
     describe,
 )
+from ..base.owned import Owned
 from ..base.quaternions import IDENTITY, unit_quaternions
 from ..base.schema import Rows
 from ..errors import InputError
@@ -30,13 +30,14 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-class Collider(Checked):
+class Collider(Owned):
     """An obstacle: a shape with a surface, which can move and counts what it is given.
 
     An obstacle belongs to the simulation it is given to: each step of that moves the obstacle
     by `velocity` and `angular_velocity`, and `impulse` tells what it exerted on it. Given to two,
-    it would be moved by both, and `impulse` be that of the last call of either: give each a
-    `copy()`. Simulations also take a bare shape: that is a still obstacle without friction.
+    it would be moved by both, `impulse` be that of the last call of either, and one thread at a
+    time use both: give each a `copy()`. Simulations also take a bare shape: that is a still
+    obstacle without friction.
 
     Parameters
     ----------
@@ -266,8 +267,8 @@ class Collider(Checked):
 
     def copy(self) -> Self:
         """Copy exactly; the values of a sampled distance are shared."""
-        other = object.__new__(type(self))
-        other.__dict__.update(self.__dict__, _native=self._native.copy())
+        other = type(self).__new__(type(self))
+        other.__dict__.update(self.__getstate__(), _native=self._native.copy())
         return other
 
     __copy__ = copy

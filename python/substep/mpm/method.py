@@ -376,8 +376,7 @@ class MaterialPointMethod(Particles):
         if wrong.any():
             k = int(np.argmax(wrong))
             raise InputError(f"volume[{k}]: a mass of {masses[k]} kg is out of range")
-        with self._own():
-            first = self._native.add(x, v, which, volumes)
+        first = self._native.add(x, v, which, volumes)
         return np.arange(first, first + m, dtype=np.int64)
 
     def _put_in(self, x: Array, v: Array, kind: NDArray[np.int32]) -> None:
@@ -394,8 +393,8 @@ class MaterialPointMethod(Particles):
         self._flow()
         return self._last.dt if dt is None else dt
 
-    def _begin(self) -> None:
-        super()._begin()
+    def _begin(self, method: str) -> None:
+        super()._begin(method)
         self.__dict__["_last"] = MaterialPointReport()
 
     def _count(self, dt: float) -> None:
@@ -411,14 +410,14 @@ class MaterialPointMethod(Particles):
             self._native.time = until
             self._flow()
             if callback is not None:
-                self._call(callback)
+                callback(self)
 
     def _take_one_by_one(self, until: float, callback: Callable[[Self], object]) -> None:
         """The same steps, with a callback between them."""
         until = self.time + (until - self.time)  # as the native object adds them
         self._take("advance_once", until, False)
         while self.time < until:
-            self._call(callback)
+            callback(self)
             self._take("advance_once", until, True)
 
     def _take(self, call: str, *arguments: Any) -> None:
@@ -477,11 +476,10 @@ class MaterialPointMethod(Particles):
             If an argument is wrong; nothing is changed then.
         """
         d = self._dimension
-        with self._own():
-            places = find_rows_or_all(ids, self.ids)
-            rows = check_array("values", rows_of(values, ids, 2), (len(places), d, d))
-            check_within("values", rows, self.dtype)
-            set_gradients(self._native, rows, places, self.kinds, self.materials)
+        places = find_rows_or_all(ids, self.ids)
+        rows = check_array("values", rows_of(values, ids, 2), (len(places), d, d))
+        check_within("values", rows, self.dtype)
+        set_gradients(self._native, rows, places, self.kinds, self.materials)
 
     def diagnostics(self) -> dict[str, float]:
         """Sums over all particles; in 2D of a layer of 1 m.

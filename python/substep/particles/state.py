@@ -96,8 +96,7 @@ class Particles(Points):
         IndexError
             If there is no such particle.
         """
-        with self._own():
-            self._native.remove(self._places(ids))
+        self._native.remove(self._places(ids))
 
     @property
     def emitted(self) -> NDArray[np.int64]:

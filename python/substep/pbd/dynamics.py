@@ -283,8 +283,7 @@ class PositionBasedDynamics(Points):
 
     @pinned.setter
     def pinned(self, pinned: ArrayLike) -> None:
-        with self._own():
-            self._native.pinned = check_pinned(pinned, len(self))
+        self._native.pinned = check_pinned(pinned, len(self))
 
     def _columns(self, rows: Any) -> Array:
         columns: Array = read_only(np.array(rows[:, : self._dimension], order="C"))
@@ -505,11 +504,10 @@ class PositionBasedDynamics(Points):
         PositionBasedDynamics
             It goes on as this one does, bit for bit.
         """
-        other = object.__new__(type(self))
-        with self._own():
-            other.__dict__.update(self._parts())
-            other.__dict__["colliders"] = tuple(collider.copy() for collider in self.colliders)
-            native = self._native.copy([collider._native for collider in other.colliders])
-            Simulation.__init__(other, native, self.time, self.threads)
-            other._last = dataclasses.replace(self._last)
+        other = type(self).__new__(type(self))
+        other.__dict__.update(self._parts())
+        other.__dict__["colliders"] = tuple(collider.copy() for collider in self.colliders)
+        native = self._native.copy([collider._native for collider in other.colliders])
+        Simulation.__init__(other, native, self.time, self.threads)
+        other._last = dataclasses.replace(self._last)
         return other

@@ -330,8 +330,7 @@ class PositionBasedFluid(Particles):
         m = len(x)
         v = self._vectors("velocities", np.zeros_like(x) if velocities is None else velocities, m)
         which = check_kinds("kinds", 0 if kinds is None else kinds, m, len(self.density))
-        with self._own():
-            first = self._native.add(x, v, which)
+        first = self._native.add(x, v, which)
         return np.arange(first, first + m, dtype=np.int64)
 
     def _put_in(self, x: Array, v: Array, kind: NDArray[np.int32]) -> None:

@@ -169,10 +169,9 @@ class RigidBatch(BatchRows):
         dt = self._step_size if dt is None else check_real("dt", dt, positive=True)
         steps = check_integer("steps", steps, minimum=0, maximum=MOST)
         hold = check_flag("hold_forces", hold_forces)
-        self._owner.refuse_callback("step")
-        with self._own():
-            self._native.step(dt, steps, hold)
-            self._last.steps, self._last.dt = steps, dt
+        self._owner.begin("step")
+        self._native.step(dt, steps, hold)
+        self._last.steps, self._last.dt = steps, dt
 
     def advance(
         self,
@@ -224,7 +223,7 @@ class RigidBatch(BatchRows):
                 self._native.times = np.where(going, starts + duration, self.times)
                 self._native.time = end
             if callback is not None:
-                self._call(callback)
+                callback(self)
 
     def rollout(
         self,
@@ -271,18 +270,18 @@ class RigidBatch(BatchRows):
         dt = self._step_size if dt is None else check_real("dt", dt, positive=True)
         columns = 13 if check_flag("velocities", velocities) else 7
         hold = check_flag("hold_forces", hold_forces)
-        with self._own():
-            shape = (len(self), steps // every, int(self.counts.max(initial=0)), columns)
-            try:
-                frames = np.full(shape, np.nan)
-            except (MemoryError, ValueError):  # of which the second is of sizes beyond all memory
-                raise MemoryError(f"steps: no memory for frames of shape {shape}") from None
-            try:
-                self._native.rollout(dt, every, hold, frames)
-            except NonFiniteError as error:
-                error.result = self._as_put_in(frames[:, : (error.step or 0) // every].copy())
-                raise
-            return self._as_put_in(frames)
+        shape = (len(self), steps // every, int(self.counts.max(initial=0)), columns)
+        self._owner.begin("rollout")
+        try:
+            frames = np.full(shape, np.nan)
+        except (MemoryError, ValueError):  # of which the second is of sizes beyond all memory
+            raise MemoryError(f"steps: no memory for frames of shape {shape}") from None
+        try:
+            self._native.rollout(dt, every, hold, frames)
+        except NonFiniteError as error:
+            error.result = self._as_put_in(frames[:, : (error.step or 0) // every].copy())
+            raise
+        return self._as_put_in(frames)
 
     def _as_put_in(self, frames: Array) -> Array:
         """Frames of a rollout, changed to the poses of the frames of bodies."""
@@ -321,26 +320,25 @@ class RigidBatch(BatchRows):
         >>> batch.positions[:, ball, 2].round(3).tolist()
         [0.966, 1.0, 0.966]
         """
-        with self._own():
-            chosen = self._worlds("worlds", worlds)
-            if to is None:
-                self._native.reset(chosen)
-                self._remember(chosen, [self._first[w] for w in chosen])
-                return
-            single = isinstance(to, BodyRows)
-            sources: list[Any] = (
-                [to] * len(chosen) if single else check_sequence("to", to, "RigidBodies")
-            )
-            if len(sources) != len(chosen):
-                raise InputError(f"to: expected {len(chosen)}, one for each world")
-            counts = self.counts
-            for k, (w, source) in enumerate(zip(chosen, sources, strict=True)):
-                _check_bodies(f"to[{k}]", source)
-                if len(source) != counts[w]:
-                    raise InputError(f"to[{k}]: expected {counts[w]} bodies, got {len(source)}")
-            copies = {id(source): source.copy() for source in sources}
-            self._native.put(chosen, [copies[id(source)]._native for source in sources])
-            self._remember(chosen, [copies[id(source)] for source in sources])
+        chosen = self._worlds("worlds", worlds)
+        if to is None:
+            self._native.reset(chosen)
+            self._remember(chosen, [self._first[w] for w in chosen])
+            return
+        single = isinstance(to, BodyRows)
+        sources: list[Any] = (
+            [to] * len(chosen) if single else check_sequence("to", to, "RigidBodies")
+        )
+        if len(sources) != len(chosen):
+            raise InputError(f"to: expected {len(chosen)}, one for each world")
+        counts = self.counts
+        for k, (w, source) in enumerate(zip(chosen, sources, strict=True)):
+            _check_bodies(f"to[{k}]", source)
+            if len(source) != counts[w]:
+                raise InputError(f"to[{k}]: expected {counts[w]} bodies, got {len(source)}")
+        copies = {id(source): source.copy() for source in sources}
+        self._native.put(chosen, [copies[id(source)]._native for source in sources])
+        self._remember(chosen, [copies[id(source)] for source in sources])
 
     def copy_world(self, world: int) -> RigidBodies:
         """Copy one world out: for queries, contacts, joints, pictures, or to go on alone.
@@ -360,10 +358,9 @@ class RigidBatch(BatchRows):
         IndexError
             If there is no such world.
         """
-        with self._own():
-            w = int(self._worlds("world", check_integer("world", world))[0])
-            bodies = self._made[w].copy()
-            self._native.copy_out(w, bodies._native)
+        w = int(self._worlds("world", check_integer("world", world))[0])
+        bodies = self._made[w].copy()
+        self._native.copy_out(w, bodies._native)
         return bodies
 
     def diagnostics(self) -> dict[str, float]:
@@ -375,8 +372,7 @@ class RigidBatch(BatchRows):
             `worlds`; `failed`, how many of them; of all together `kinetic_energy`,
             `gravitational_energy`, `energy`, their sum [J], and `contacts`.
         """
-        with self._own():
-            values: dict[str, float] = self._native.diagnostics()
+        values: dict[str, float] = self._native.diagnostics()
         return with_energy(rename(values))
 
     def step_limit(self) -> tuple[float, str]:
@@ -439,6 +435,10 @@ class RigidBatch(BatchRows):
             except InputError as error:
                 raise InputError(f"world {w}: {error}") from None
         state["copies"] = copies
+
+    def _kept(self) -> dict[str, Any]:
+        copies = [self.copy_world(w) for w in range(len(self))]
+        return {"time": self.time, "failures": self._native.failures, "copies": copies}
 
     def _put_state(self, state: dict[str, Any]) -> None:
         self._native.put(np.arange(len(self)), [one._native for one in state["copies"]])

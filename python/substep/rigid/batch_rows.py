@@ -170,10 +170,9 @@ class BatchRows(Simulation):
         InputError, IndexError
             If an argument is wrong; nothing is changed then.
         """
-        with self._own():
-            where = self._where(ids, worlds)
-            x = self._given(values, ids, where, 3)
-            self._set_frames(where, x, self._pick(self._poses()[1], where))
+        where = self._where(ids, worlds)
+        x = self._given(values, ids, where, 3)
+        self._set_frames(where, x, self._pick(self._poses()[1], where))
 
     def set_rotations(
         self, values: ArrayLike, ids: ArrayLike | None = None, *, worlds: ArrayLike | None = None
@@ -192,10 +191,9 @@ class BatchRows(Simulation):
         InputError, IndexError
             If an argument is wrong; nothing is changed then.
         """
-        with self._own():
-            where = self._where(ids, worlds)
-            q = self._given(values, ids, where, 4)
-            self._set_frames(where, self._pick(self._poses()[0], where), q)
+        where = self._where(ids, worlds)
+        q = self._given(values, ids, where, 4)
+        self._set_frames(where, self._pick(self._poses()[0], where), q)
 
     def set_velocities(
         self, values: ArrayLike, ids: ArrayLike | None = None, *, worlds: ArrayLike | None = None
@@ -214,11 +212,10 @@ class BatchRows(Simulation):
         InputError, IndexError
             If an argument is wrong; nothing is changed then.
         """
-        with self._own():
-            where = self._where(ids, worlds)
-            v = self._given(values, ids, where, 3)
-            w = self._pick(self._native.angular_velocities(), where)
-            self._write("set_velocities", where, v, w)
+        where = self._where(ids, worlds)
+        v = self._given(values, ids, where, 3)
+        w = self._pick(self._native.angular_velocities(), where)
+        self._write("set_velocities", where, v, w)
 
     def set_angular_velocities(
         self, values: ArrayLike, ids: ArrayLike | None = None, *, worlds: ArrayLike | None = None
@@ -237,11 +234,10 @@ class BatchRows(Simulation):
         InputError, IndexError
             If an argument is wrong; nothing is changed then.
         """
-        with self._own():
-            where = self._where(ids, worlds)
-            w = self._given(values, ids, where, 3)
-            v = self._pick(self._native.velocities(), where)
-            self._write("set_velocities", where, v, w)
+        where = self._where(ids, worlds)
+        w = self._given(values, ids, where, 3)
+        v = self._pick(self._native.velocities(), where)
+        self._write("set_velocities", where, v, w)
 
     def set_forces(
         self, values: ArrayLike, ids: ArrayLike | None = None, *, worlds: ArrayLike | None = None
@@ -260,9 +256,8 @@ class BatchRows(Simulation):
         InputError, IndexError
             If an argument is wrong; nothing is changed then.
         """
-        with self._own():
-            where = self._where(ids, worlds)
-            self._write("set_forces", where, self._given(values, ids, where, 3))
+        where = self._where(ids, worlds)
+        self._write("set_forces", where, self._given(values, ids, where, 3))
 
     def set_torques(
         self, values: ArrayLike, ids: ArrayLike | None = None, *, worlds: ArrayLike | None = None
@@ -281,9 +276,8 @@ class BatchRows(Simulation):
         InputError, IndexError
             If an argument is wrong; nothing is changed then.
         """
-        with self._own():
-            where = self._where(ids, worlds)
-            self._write("set_torques", where, self._given(values, ids, where, 3))
+        where = self._where(ids, worlds)
+        self._write("set_torques", where, self._given(values, ids, where, 3))
 
     @property
     def joint_coordinates(self) -> Array:
@@ -314,19 +308,18 @@ class BatchRows(Simulation):
         """
         if not isinstance(joint, Joint):
             raise TypeError(f"joint: expected a Joint, got {describe(joint)}")
-        with self._own():
-            chosen = self._worlds("worlds", worlds)
-            values = as_array("targets", targets)
-            values = check_array("targets", values, (len(chosen),) if values.ndim else ())
-            rows = {made: made._joint_ids for made in {*(self._made[w] for w in chosen)}}
-            row = joint._row()
-            for ids in rows.values():
-                if row >= len(ids) or ids[row] != joint.number:
-                    raise IndexError(f"joint: there is no joint {joint.number} in all worlds")
-            if joint.motor is None:
-                raise InputError("joint: expected one with a motor")
-            spread = np.ascontiguousarray(np.broadcast_to(values, len(chosen)))
-            self._native.set_motor_targets(chosen, row, spread)
+        chosen = self._worlds("worlds", worlds)
+        values = as_array("targets", targets)
+        values = check_array("targets", values, (len(chosen),) if values.ndim else ())
+        rows = {made: made._joint_ids for made in {*(self._made[w] for w in chosen)}}
+        row = joint._row()
+        for ids in rows.values():
+            if row >= len(ids) or ids[row] != joint.number:
+                raise IndexError(f"joint: there is no joint {joint.number} in all worlds")
+        if joint.motor is None:
+            raise InputError("joint: expected one with a motor")
+        spread = np.ascontiguousarray(np.broadcast_to(values, len(chosen)))
+        self._native.set_motor_targets(chosen, row, spread)
 
     def _remember_frames(self) -> None:
         """Ids, centres of mass and principal axes in the frames of the bodies, by world and row."""

@@ -23,9 +23,9 @@ from .fixtures import (
     Fixture,
     Made,
     Shape,
-    add_native,
     check_fixtures,
     check_mass,
+    native_rows,
 )
 from .mass import MassProperties
 from .rows import is_one, principal_frames
@@ -141,9 +141,8 @@ class RigidBodies(Runs, States):
     @gravity.setter
     def gravity(self, value: ArrayLike) -> None:
         g = check_array("gravity", value, (3,)).tolist()
-        with self._own():
-            self._native.gravity = g
-            self._options = {**self._options, "gravity": g}  # copies have the old one
+        parts = {"_options": {**self._options, "gravity": g}}  # copies have the old one
+        self._commit(parts, setattr, self._native, "gravity", g)
 
     def add(
         self,
@@ -247,21 +246,18 @@ class RigidBodies(Runs, States):
             raise InputError("velocities: a static body has none")
         frame = STILL if weight is None else weight
         body: Made = (fixtures, way, weight)
-        with self._own():
-            poses = principal_frames(x, q, frame.center_of_mass, frame.axes)
-            ids = np.arange(self._next_id, self._next_id + n, dtype=np.int64)
-            own = [np.nan] * 4 if weight is None else [frame.mass, *frame.principal_inertia]
-            # All that needs memory comes before what changes.
-            grown = (
-                np.concatenate([self._ids, ids]),
-                np.concatenate([self._centres, np.tile(frame.center_of_mass, (n, 1))]),
-                np.concatenate([self._axes, np.tile(frame.axes, (n, 1))]),
-                np.concatenate([self._weights, np.tile(own, (n, 1))]),
-                self._made + [body] * n,
-            )
-            add_native(self._native, {}, body, *poses, v, w)
-            self._ids, self._centres, self._axes, self._weights, self._made = grown
-            self._next_id += n
+        poses = principal_frames(x, q, frame.center_of_mass, frame.axes)
+        ids = np.arange(self._next_id, self._next_id + n, dtype=np.int64)
+        own = [np.nan] * 4 if weight is None else [frame.mass, *frame.principal_inertia]
+        grown = {
+            "_ids": np.concatenate([self._ids, ids]),
+            "_centres": np.concatenate([self._centres, np.tile(frame.center_of_mass, (n, 1))]),
+            "_axes": np.concatenate([self._axes, np.tile(frame.axes, (n, 1))]),
+            "_weights": np.concatenate([self._weights, np.tile(own, (n, 1))]),
+            "_made": self._made + [body] * n,
+            "_next_id": self._next_id + n,
+        }
+        self._commit(grown, self._native.add, *native_rows({}, body, *poses, v, w))
         return int(ids[0]) if single else ids
 
     def remove(self, ids: ArrayLike) -> None:
@@ -277,15 +273,19 @@ class RigidBodies(Runs, States):
         IndexError
             If there is no such body; nothing is changed then.
         """
-        with self._own():
-            rows = np.unique(self._rows(ids))
-            self._remove_joints_of(rows)
-            self._native.remove(rows)
-            keep = np.ones(len(self), bool)
-            keep[rows] = False
-            self._ids, self._weights = self._ids[keep], self._weights[keep]
-            self._centres, self._axes = self._centres[keep], self._axes[keep]
-            self._made = [made for made, kept in zip(self._made, keep, strict=True) if kept]
+        rows = np.unique(self._rows(ids))
+        keep = np.ones(len(self), bool)
+        keep[rows] = False
+        joints = self._joints_of(rows)
+        left = {
+            "_ids": self._ids[keep],
+            "_weights": self._weights[keep],
+            "_centres": self._centres[keep],
+            "_axes": self._axes[keep],
+            "_made": [made for made, kept in zip(self._made, keep, strict=True) if kept],
+            "_joint_ids": np.delete(self._joint_ids, joints),
+        }
+        self._commit(left, self._native.remove, rows)
 
     def exclude(self, a: int, b: int, excluded: bool = True) -> None:
         """Let two bodies go through each other, or no more.
@@ -302,11 +302,10 @@ class RigidBodies(Runs, States):
         InputError, IndexError
             If there are no two such bodies.
         """
-        with self._own():
-            first, second = self._row("a", a), self._row("b", b)
-            if first == second:
-                raise InputError(f"b: expected another body than {a}")
-            self._native.exclude(first, second, check_flag("excluded", excluded))
+        first, second = self._row("a", a), self._row("b", b)
+        if first == second:
+            raise InputError(f"b: expected another body than {a}")
+        self._native.exclude(first, second, check_flag("excluded", excluded))
 
     def fixtures(self, body: int) -> tuple[Fixture, ...]:
         """What a body is made of.
@@ -341,8 +340,7 @@ class RigidBodies(Runs, States):
             restitution; `awake`, the dynamic bodies that do not sleep; `joint_error`, the greatest
             distance or angle by which a joint is off [m or rad].
         """
-        with self._own():
-            values: dict[str, float] = self._native.diagnostics()
+        values: dict[str, float] = self._native.diagnostics()
         return with_energy(rename(values))
 
     def fields(self) -> dict[str, tuple[NDArray[Any], str]]:

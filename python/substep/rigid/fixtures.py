@@ -176,11 +176,11 @@ def check_range(mass: float, inertia: Array) -> None:
         raise InputError("inertia: out of range")
 
 
-def add_native(native: Any, shapes: dict[int, Any], body: Made, *rows: Array) -> None:
-    """Bodies alike, at poses of their principal frames, with velocities."""
+def native_rows(shapes: dict[int, Any], body: Made, *rows: Array) -> tuple[Any, ...]:
+    """For `add` of the core: bodies alike, at poses of their principal frames, with velocities."""
     fixtures, motion, weight = body
     frame = STILL if weight is None else weight
-    native.add(
+    return (
         [fixture._native(shapes, weight) for fixture in fixtures],
         MOTIONS.index(motion),
         frame.mass,

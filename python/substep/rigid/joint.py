@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.attributes import Checked
+from .. import _core
 from ..base.checks import check_array, check_real, describe
+from ..base.owned import Owned
 from ..errors import InputError
 
 Array = NDArray[np.float64]
@@ -106,13 +106,12 @@ class _World(Protocol):
     _native: Any
     _ids: Ids
     _joint_ids: Ids
+    _owner: _core.Owner
 
-    def _own(self) -> AbstractContextManager[None]: ...
-
-    def _remove_joints(self, rows: Ids) -> None: ...
+    def _remove_joint(self, row: int) -> None: ...
 
 
-class Joint(Checked):
+class Joint(Owned):
     """A joint of `RigidBodies`, as its methods `ball`, `hinge`, ... give it.
 
     Parameters
@@ -144,6 +143,10 @@ class Joint(Checked):
         self._world = world
         self.number = number
 
+    @property
+    def _owner(self) -> _core.Owner:  # type: ignore[override]
+        return self._world._owner
+
     def __repr__(self) -> str:
         return f"Joint({self.number})"
 
@@ -155,8 +158,7 @@ class Joint(Checked):
         return row
 
     def _told(self) -> dict[str, Any]:
-        with self._world._own():
-            told: dict[str, Any] = self._world._native.joint(self._row())
+        told: dict[str, Any] = self._world._native.joint(self._row())
         return told
 
     @property
@@ -206,12 +208,11 @@ class Joint(Checked):
         self._set(motor=check_motor(value))
 
     def _set(self, **changes: Any) -> None:
-        with self._world._own():
-            row = self._row()
-            told = self._world._native.joint(row)
-            lower, upper = told["limits"]
-            given = {"lower": lower, "upper": upper, "motor": told["motor"], **changes}
-            self._world._native.set_joint(row, given["lower"], given["upper"], given["motor"])
+        row = self._row()
+        told = self._world._native.joint(row)
+        lower, upper = told["limits"]
+        given = {"lower": lower, "upper": upper, "motor": told["motor"], **changes}
+        self._world._native.set_joint(row, given["lower"], given["upper"], given["motor"])
 
     @property
     def force(self) -> Array:
@@ -242,8 +243,7 @@ class Joint(Checked):
         IndexError
             If it was taken out before.
         """
-        with self._world._own():
-            self._world._remove_joints(np.array([self._row()]))
+        self._world._remove_joint(self._row())
 
 
 def check_limits(name: str, limits: ArrayLike | None) -> tuple[float, float]:

@@ -255,27 +255,26 @@ class Joints(BodyRows):
         lower, upper = check_limits("limits", limits)
         drive = check_motor(motor)
         touching = check_flag("collide", collide)
-        with self._own():
-            first = self._row("a", a)
-            second = -1 if b is None else self._row("b", b)
-            self._native.add_joint(
-                KINDS.index(kind), first, second, point, axis, lower, upper, cone, drive, touching
-            )
-            number = self._next_joint
-            self._joint_ids = np.append(self._joint_ids, np.int64(number))
-            self._next_joint += 1
+        first = self._row("a", a)
+        second = -1 if b is None else self._row("b", b)
+        number = self._next_joint
+        ids = np.append(self._joint_ids, np.int64(number))
+        bodies, ends = (first, second), (lower, upper)
+        self._commit(
+            {"_joint_ids": ids, "_next_joint": number + 1},
+            self._native.add_joint,
+            *(KINDS.index(kind), *bodies, point, axis, *ends, cone, drive, touching),
+        )
         return Joint(self, number)
 
-    def _remove_joints(self, rows: Ids) -> None:
-        if len(rows):
-            self._native.remove_joints(rows)
-            self._joint_ids = np.delete(self._joint_ids, rows)
+    def _remove_joint(self, row: int) -> None:
+        left = {"_joint_ids": np.delete(self._joint_ids, row)}
+        self._commit(left, self._native.remove_joints, np.array([row]))
 
-    def _remove_joints_of(self, rows: Ids) -> None:
+    def _joints_of(self, bodies: Ids) -> Ids:
         """Those that hold one of these bodies."""
-        if len(self._joint_ids):
-            held = self._native.joint_bodies()
-            self._remove_joints(np.flatnonzero(np.isin(held, rows).any(axis=1)))
+        held = self._native.joint_bodies()
+        return np.flatnonzero(np.isin(held, bodies).any(axis=1))
 
 
 def _axis(axis: ArrayLike) -> list[float]:

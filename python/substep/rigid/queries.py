@@ -119,9 +119,8 @@ class Queries(BodyRows):
         >>> weight.round(6).tolist()
         [19.62]
         """
-        with self._own():
-            rows, *others = self._native.contacts()
-            return Contacts(self._ids[rows], *others)
+        rows, *others = self._native.contacts()
+        return Contacts(self._ids[rows], *others)
 
     def ray_cast(
         self,
@@ -163,8 +162,7 @@ class Queries(BodyRows):
         d = np.ascontiguousarray(np.broadcast_to(d, x.shape))
         reach = check_real("length", length, nonnegative=True, finite=False)
         bits = _check_mask(mask)
-        with self._own():
-            return self._hits(x, d, *self._native.cast_rays(x, d, reach, bits))
+        return self._hits(x, d, *self._native.cast_rays(x, d, reach, bits))
 
     def ray_cast_all(
         self,
@@ -201,8 +199,7 @@ class Queries(BodyRows):
         d = _unit("direction", check_array("direction", direction, (3,)))
         reach = check_real("length", length, nonnegative=True, finite=False)
         bits = _check_mask(mask)
-        with self._own():
-            return self._hits(x, d, *self._native.cast_ray_through(x, d, reach, bits))
+        return self._hits(x, d, *self._native.cast_ray_through(x, d, reach, bits))
 
     def shape_cast(
         self,
@@ -247,8 +244,7 @@ class Queries(BodyRows):
         way = check_real("length", length, nonnegative=True)
         bits = _check_mask(mask)
         native = _convex(shape, x, q)
-        with self._own():
-            return self._hits(x, d, *self._native.cast_shape(*native, d, way, bits))
+        return self._hits(x, d, *self._native.cast_shape(*native, d, way, bits))
 
     def overlapping(
         self,
@@ -285,10 +281,9 @@ class Queries(BodyRows):
         q = unit_quaternions("rotation", rotation, (4,))
         bits = _check_mask(mask)
         native = _convex(shape, x, q)
-        with self._own():
-            rows = np.unique(self._native.overlapping(*native, bits))
-            ids: Ids = self._ids[rows]
-            return ids
+        rows = np.unique(self._native.overlapping(*native, bits))
+        ids: Ids = self._ids[rows]
+        return ids
 
     def _hits(self, x: Array, d: Array, rows: Ids, fixtures: Ids, t: Array, n: Array) -> Hits:
         met = rows >= 0

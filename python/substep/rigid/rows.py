@@ -160,10 +160,9 @@ class BodyRows(Numbered):
         InputError, IndexError
             If an argument is wrong; nothing is changed then.
         """
-        with self._own():
-            rows = self._rows_or_all(ids)
-            x = self._vectors("values", values, rows)
-            self._set_frames(rows, x, self._frame_rotations()[rows])
+        rows = self._rows_or_all(ids)
+        x = self._vectors("values", values, rows)
+        self._set_frames(rows, x, self._frame_rotations()[rows])
 
     def set_rotations(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
         """Turn bodies about their positions; velocities stay. They and what they touch wake.
@@ -180,10 +179,9 @@ class BodyRows(Numbered):
         InputError, IndexError
             If an argument is wrong; nothing is changed then.
         """
-        with self._own():
-            rows = self._rows_or_all(ids)
-            q = self._quaternions("values", values, rows)
-            self._set_frames(rows, self.positions[rows], q)
+        rows = self._rows_or_all(ids)
+        q = self._quaternions("values", values, rows)
+        self._set_frames(rows, self.positions[rows], q)
 
     def _set_frames(self, rows: Ids, x: Array, q: Array) -> None:
         poses = principal_frames(x, q, self._centres[rows], self._axes[rows])
@@ -204,12 +202,7 @@ class BodyRows(Numbered):
         InputError, IndexError
             If an argument is wrong, or a body of `ids` is static; nothing is changed then.
         """
-        with self._own():
-            rows, v = self._moving(values, ids)
-            spins, w = self._native.angular_momenta, self._native.angular_velocities()[rows]
-            kept = spins[rows]
-            self._native.set_velocities(rows, v, w)
-            spins[rows] = kept  # to the bit
+        self._native.set_velocities(*self._moving(values, ids))
 
     def set_angular_velocities(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
         """Let bodies turn about their centres of mass. They wake.
@@ -226,12 +219,7 @@ class BodyRows(Numbered):
         InputError, IndexError
             If an argument is wrong, or a body of `ids` is static; nothing is changed then.
         """
-        with self._own():
-            rows, w = self._moving(values, ids)
-            momenta, v = self._native.momenta, self._native.velocities()[rows]
-            kept = momenta[rows]
-            self._native.set_velocities(rows, v, w)
-            momenta[rows] = kept  # to the bit
+        self._native.set_angular_velocities(*self._moving(values, ids))
 
     def _moving(self, values: ArrayLike, ids: ArrayLike | None) -> tuple[Ids, Array]:
         """Rows that are not static unless they are asked for, and their values."""
@@ -257,9 +245,8 @@ class BodyRows(Numbered):
         InputError, IndexError
             If an argument is wrong; nothing is changed then.
         """
-        with self._own():
-            rows = self._rows_or_all(ids)
-            self._native.forces[rows] = self._vectors("values", values, rows)
+        rows = self._rows_or_all(ids)
+        self._native.forces[rows] = self._vectors("values", values, rows)
 
     def set_torques(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
         """Set external torques of the next step, which uses them up: after it they are 0.
@@ -276,9 +263,8 @@ class BodyRows(Numbered):
         InputError, IndexError
             If an argument is wrong; nothing is changed then.
         """
-        with self._own():
-            rows = self._rows_or_all(ids)
-            self._native.torques[rows] = self._vectors("values", values, rows)
+        rows = self._rows_or_all(ids)
+        self._native.torques[rows] = self._vectors("values", values, rows)
 
     def set_motion(self, motion: str, ids: ArrayLike) -> None:
         """Let bodies move another way; they keep their poses and velocities, but stop if static.
@@ -297,14 +283,13 @@ class BodyRows(Numbered):
             If an argument is wrong; nothing is changed then.
         """
         code = MOTIONS.index(check_choice("motion", motion, MOTIONS))
-        with self._own():
-            rows = self._rows(ids)
-            for row in rows if code != _STATIC else ():
-                if any(is_ground(fixture.shape) for fixture in self._made[row][0]):
-                    raise InputError(f"motion: body {self._ids[row]} has a plane or a mesh")
-                if code == _DYNAMIC and np.isnan(self._weights[row, 0]):
-                    raise InputError(f"motion: body {self._ids[row]} has no mass")
-            self._native.set_motion(rows, code, self._weights[rows])
+        rows = self._rows(ids)
+        for row in rows if code != _STATIC else ():
+            if any(is_ground(fixture.shape) for fixture in self._made[row][0]):
+                raise InputError(f"motion: body {self._ids[row]} has a plane or a mesh")
+            if code == _DYNAMIC and np.isnan(self._weights[row, 0]):
+                raise InputError(f"motion: body {self._ids[row]} has no mass")
+        self._native.set_motion(rows, code, self._weights[rows])
 
     def apply_force(self, ids: ArrayLike, force: ArrayLike, point: ArrayLike | None = None) -> None:
         """Add forces to those of the next step, which uses them up. Bodies wake.
@@ -323,11 +308,10 @@ class BodyRows(Numbered):
         InputError, IndexError
             If an argument is wrong; nothing is changed then.
         """
-        with self._own():
-            rows = self._rows(ids)
-            F = self._vectors("force", force, rows)
-            x = self._points(point, rows)
-            self._native.apply_forces(rows, F, x)
+        rows = self._rows(ids)
+        F = self._vectors("force", force, rows)
+        x = self._points(point, rows)
+        self._native.apply_forces(rows, F, x)
 
     def apply_impulse(
         self, ids: ArrayLike, impulse: ArrayLike, point: ArrayLike | None = None
@@ -348,11 +332,10 @@ class BodyRows(Numbered):
         InputError, IndexError
             If an argument is wrong; nothing is changed then.
         """
-        with self._own():
-            rows = self._rows(ids)
-            J = self._vectors("impulse", impulse, rows)
-            x = self._points(point, rows)
-            self._native.apply_impulses(rows, J, x)
+        rows = self._rows(ids)
+        J = self._vectors("impulse", impulse, rows)
+        x = self._points(point, rows)
+        self._native.apply_impulses(rows, J, x)
 
     def wake(self, ids: ArrayLike | None = None) -> None:
         """Wake bodies, and with them those that they rest on or hang from.
@@ -367,8 +350,7 @@ class BodyRows(Numbered):
         IndexError
             If there is no such body.
         """
-        with self._own():
-            self._native.wake(self._rows_or_all(ids))
+        self._native.wake(self._rows_or_all(ids))
 
     def _points(self, point: ArrayLike | None, rows: Ids) -> Array:
         if point is not None:

@@ -62,8 +62,7 @@ class Runs(Queries, Joints):
     @property
     def report(self) -> RigidReport:
         """What the last call of `step` or `advance` took and met."""
-        with self._own():
-            told = self._native.diagnostics()
+        told = self._native.diagnostics()
         last = self._last
         return RigidReport(
             last.steps,
@@ -89,8 +88,7 @@ class Runs(Queries, Joints):
         str
             The reason, with the id of the body.
         """
-        with self._own():
-            held = self._native.constrained()
+        held = self._native.constrained()
         if not len(held):
             return math.inf, "no body is in contact or has a joint"
         rates = np.linalg.norm(self.angular_velocities[held], axis=1)

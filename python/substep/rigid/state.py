@@ -10,7 +10,7 @@ import numpy as np
 from .. import _core
 from ..base.schema import MOST, TIME, Entry, Number, Rows
 from ..errors import InputError
-from .fixtures import add_native
+from .fixtures import native_rows
 from .joints import Joints
 
 _VECTORS = (
@@ -84,5 +84,5 @@ class States(Joints):
         native = _core.RigidWorld(self._options)
         shapes: dict[int, Any] = {}
         for body in self._made:
-            add_native(native, shapes, body, *_AT_ORIGIN)
+            native.add(*native_rows(shapes, body, *_AT_ORIGIN))
         return native

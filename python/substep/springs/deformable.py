@@ -192,8 +192,7 @@ class Deformable(Points):
 
     @pinned.setter
     def pinned(self, pinned: ArrayLike) -> None:
-        with self._own():
-            self._native.pinned = check_pinned(pinned, len(self))
+        self._native.pinned = check_pinned(pinned, len(self))
 
     @property
     def report(self) -> DeformableReport:
@@ -300,8 +299,9 @@ class Deformable(Points):
         }
 
     def _set_gravity(self, pull: Array, options: dict[str, Any]) -> None:
-        self._native.gravity = options["gravity"]  # in place: what is a view stays one
-        self._gravity, self._options = pull, options
+        parts = {"_gravity": pull, "_options": options}
+        # In place: what is a view stays one.
+        self._commit(parts, setattr, self._native, "gravity", options["gravity"])
 
     def _schema(self) -> tuple[list[Entry], dict[str, int], Any]:
         sizes = {"n": len(self), "colliders": len(self.colliders)}

@@ -115,8 +115,16 @@ Mat3 Bodies::inverse_inertia(std::int64_t i) const {
 }
 
 void Bodies::set_velocity(std::int64_t i, const Vec3& velocity, const Vec3& angular_velocity) {
-  const Quaternion r = rotation(i);
+  set_velocity(i, velocity);
+  set_angular_velocity(i, angular_velocity);
+}
+
+void Bodies::set_velocity(std::int64_t i, const Vec3& velocity) {
   row(P, i) = mass[usize(i)] * velocity;
+}
+
+void Bodies::set_angular_velocity(std::int64_t i, const Vec3& angular_velocity) {
+  const Quaternion r = rotation(i);
   row(L, i) = r * (r.conjugate() * angular_velocity).cwiseProduct(row(inertia, i));
 }
 

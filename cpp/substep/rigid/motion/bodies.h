@@ -59,6 +59,8 @@ class Bodies {
   double inverse_mass(std::int64_t i) const { return dynamic(i) ? 1 / mass[usize(i)] : 0; }
   Mat3 inverse_inertia(std::int64_t i) const;  // in the world
 
+  void set_velocity(std::int64_t i, const Vec3& velocity);
+  void set_angular_velocity(std::int64_t i, const Vec3& angular_velocity);
   void set_velocity(std::int64_t i, const Vec3& velocity, const Vec3& angular_velocity);
   // Forces [N] and impulses [N s] at a point of the world; of no effect unless dynamic.
   void apply_force(std::int64_t i, const Vec3& F, const Vec3& point);
