@@ -1,6 +1,7 @@
 """What comes in from outside, of every class: copied, refused by name, or taken as said."""
 
 import math
+import threading
 
 import numpy as np
 import pytest
@@ -70,6 +71,81 @@ def test_constraints_copy_what_they_are_given(given, make):
     assert substep.state_hash(*held) == before
     assert not any(value.flags.writeable for value in held)
     points(constraints=[constraint]).step(0.01)
+
+
+class Spoiler:
+    """Numbers that write into the array of another argument while they are read."""
+
+    def __init__(self, numbers, other):
+        self.numbers, self.other = numbers, other
+
+    def __array__(self, dtype=None, copy=None):
+        self.other[...] = math.nan if self.other.dtype.kind == "f" else 10**6
+        return np.array(self.numbers, dtype or float)
+
+
+def added(x, spoil):
+    bodies = substep.RigidBodies()
+    bodies.add(substep.Sphere(0.1), x, velocities=spoil(0 * P))
+    return bodies
+
+
+EDGES = np.array([[0, 1], [1, 2]])
+SPOILED = [
+    (EDGES, lambda e, spoil: net(edges=e, masses=spoil(np.ones(4))).edges),
+    (P, lambda x, spoil: net(positions=x, masses=spoil(np.ones(4))).positions),
+    (P, lambda x, spoil: jelly(positions=x, velocities=spoil(0 * P)).positions),
+    (P, lambda x, spoil: fluid(positions=x, velocities=spoil(0 * P)).positions),
+    (P, lambda x, spoil: points(positions=x, masses=spoil(np.ones(4))).positions),
+    (P, lambda x, spoil: added(x, spoil).positions),
+    (P, lambda x, spoil: substep.solve_second_order(
+        lambda t, x, v: -x, (0.0, 1.0), x, spoil(0 * P), step=0.5).x),
+    (np.ones(3), lambda y, spoil: substep.solve_ivp(
+        lambda t, y: -y, (0.0, 1.0), y, t_eval=spoil([0.0, 1.0])).y),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("given", "use"), SPOILED)
+def test_arguments_that_are_written_while_others_are_read(given, use):
+    mine = given.copy()
+    got = use(mine, lambda numbers: Spoiler(numbers, mine))
+    assert not np.array_equal(mine, given), "nothing was spoiled"
+    assert np.array_equal(got, use(given, lambda numbers: numbers))
+
+
+def test_indices_that_another_thread_writes():
+    mesh = substep.geometry.grid_mesh(200, 200)
+    given, done = mesh.faces.copy(), threading.Event()
+
+    def spoil():
+        while not done.is_set():
+            given[-1000:] = 10**8
+            given[-1000:] = mesh.faces[-1000:]
+
+    other = threading.Thread(target=spoil)
+    other.start()
+    try:
+        for _ in range(40):
+            try:
+                faces = substep.geometry.TriangleMesh(mesh.vertices, given).faces
+            except InputError as error:
+                assert "100000000" in str(error)
+            else:
+                assert faces.max() < 200 * 200
+    finally:
+        done.set()
+        other.join()
+
+
+@KINDS
+def test_what_is_handed_out_may_be_given_back(kind):
+    """Also the other way round, where it is a view of what is written."""
+    simulation = example(kind)()
+    twin = simulation.copy()
+    backwards = simulation.positions[..., ::-1, :]
+    twin.set_positions(backwards.copy())
+    simulation.set_positions(backwards)
+    assert content(simulation) == content(twin)
 
 
 # ---------------------------------------------------------------------------- ids
@@ -152,6 +228,19 @@ def test_threads_are_1_to_1024(kind):
     for wrong in (0, 1025, 2**31, 10**20):
         with pytest.raises(InputError, match="threads: expected an integer from 1 to 1024"):
             simulation.threads = wrong
+
+
+@pytest.mark.parametrize("dt", [1e-320, 1e-30, 1e30, 1e300])
+@KINDS
+def test_steps_of_any_size_end_well(kind, dt):
+    simulation = example(kind)()
+    before = content(simulation)
+    try:
+        simulation.step(dt)
+    except substep.SubstepError:
+        assert content(simulation) == before
+    arrays = [value for value in simulation.state().values() if isinstance(value, np.ndarray)]
+    assert not any(np.isnan(array).any() for array in arrays)
 
 
 REFUSED = [

@@ -363,7 +363,7 @@ def test_indices_that_are_no_numbers(faces):
 def test_masked_and_ragged_indices():
     with pytest.raises(InputError, match="masked"):
         TriangleMesh(V, np.ma.masked_equal([[0, 1, 2]], 1))
-    with pytest.raises(InputError, match="rows of 3"):
+    with pytest.raises(InputError, match="faces: expected rows of"):
         TriangleMesh(V, [[0, 1, 2], [0, 1]])
 
 

@@ -29,14 +29,15 @@ def first_bad_index(bad: NDArray[np.bool_]) -> str:
 
 
 def as_array(name: str, value: Any) -> NDArray[Any]:
-    """What np.asarray makes of it; rows of unequal length and masked values raise InputError.
+    """A C-contiguous copy; rows of unequal length and masked values raise InputError.
 
-    What an object's own `__array__` raises passes.
+    What is checked is then what is used, whatever another thread, or the conversion of the next
+    argument, writes into the caller's array. What an object's own `__array__` raises passes.
     """
     if isinstance(value, np.ma.MaskedArray) and np.ma.getmaskarray(value).any():
         raise InputError(f"{name}: masked values are not accepted; fill or drop them")
     try:
-        return np.asarray(value)
+        return np.array(np.asarray(value), order="C")
     except ValueError as error:
         if not isinstance(value, (list, tuple)):  # the caller's own __array__ raised it
             raise
@@ -52,7 +53,7 @@ def check_array(
     complex_ok: bool = False,
     finite: bool = True,
 ) -> NDArray[Any]:
-    """Convert to a new or shared C-contiguous, aligned array; None in `shape` is any length.
+    """Convert to a new C-contiguous, aligned array; None in `shape` is any length.
 
     Integers below 2**53, booleans and narrower floats are widened. Complex numbers (unless
     `complex_ok`), objects, strings and records raise TypeError; masked values, other shapes and, if
@@ -73,7 +74,7 @@ def check_array(
         raise InputError(f"{name}: expected shape {wanted}, got {array.shape}")
     target = np.complex128 if array.dtype.kind == "c" else dtype
     with np.errstate(over="ignore"):
-        result = np.require(array, target, ["C", "ALIGNED"])
+        result = array.astype(target, copy=False)
     if array.dtype.kind in "iu" and array.dtype.itemsize == 8 and result.dtype.kind == "f":
         inexact = np.abs(result) >= 2.0**53
         if inexact.any():
@@ -210,7 +211,7 @@ def check_positive(
 ) -> NDArray[np.float64]:
     """One number for all of `count` items or one each: finite, above 0 (or, with `zero`, 0)."""
     given = as_array(name, value)
-    array = check_array(name, given if given.ndim else np.repeat(given, count), (count,)).copy()
+    array = check_array(name, given if given.ndim else np.repeat(given, count), (count,))
     wrong = array < 0 if zero else array <= 0
     if wrong.any():
         index, wanted = int(np.argmax(wrong)), "at least 0" if zero else "above 0"

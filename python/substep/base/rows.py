@@ -84,7 +84,7 @@ class Points(Numbered):
 
     @gravity.setter
     def gravity(self, value: ArrayLike) -> None:
-        pull: Array = read_only(check_array("gravity", value, (self._dimension,)).copy())
+        pull: Array = read_only(check_array("gravity", value, (self._dimension,)))
         self._set_gravity(pull, self._options | {"gravity": [*pull.tolist(), 0.0][:3]})
 
     def _set_gravity(self, pull: Array, options: dict[str, Any]) -> None:

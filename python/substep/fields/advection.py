@@ -130,7 +130,7 @@ class Advection(Numbered):
         dtype = check_dtype(dtype)
         x = check_array("positions", positions, dtype=dtype)
         wanted = field.dimension if isinstance(field, Field) else 2 if x.shape[1:] == (2,) else 3
-        x = check_array("positions", x, (None, wanted), dtype=dtype).copy()
+        x = check_array("positions", x, (None, wanted), dtype=dtype)
         self.field = field if isinstance(field, Field) else CallableField(field, wanted)
         self._step_size = check_real("step", step, positive=True)
         self.method = check_choice("method", method, _core.advection_methods)

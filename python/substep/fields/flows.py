@@ -121,7 +121,7 @@ class Field:
         ndarray, shape (n, d)
             A copy, wrapped.
         """
-        wrapped = check_array("x", x, (None, self.dimension)).copy()
+        wrapped = check_array("x", x, (None, self.dimension))
         for axis, (period, low) in enumerate(zip(self.periods, self.lower, strict=True)):
             if period is not None:
                 wrapped[:, axis] -= period * np.floor((wrapped[:, axis] - low) / period)

@@ -138,7 +138,7 @@ class GridField(Field):
 
         lazy = not isinstance(values, (np.ndarray, list, tuple)) or isinstance(values, np.memmap)
         steady = times is None
-        self.times = np.zeros(1) if times is None else check_array("times", times, (None,)).copy()
+        self.times = np.zeros(1) if times is None else check_array("times", times, (None,))
         if len(self.times) < 1 or not (np.diff(self.times) > 0).all():
             raise InputError("times: expected at least one, rising")
         wanted = (*shape, self.dimension)
@@ -149,7 +149,7 @@ class GridField(Field):
                 raise InputError(f"values: expected shape {wanted}, got {tuple(values.shape)}")
             self._source: Any = [values] if steady else values
         else:
-            array = check_array("values", values, wanted, finite=False).copy()
+            array = check_array("values", values, wanted, finite=False)
             if np.isinf(array).any():
                 where = first_bad_index(np.isinf(array))
                 raise InputError(f"values{where}: expected a finite number or NaN, got infinity")

@@ -112,7 +112,7 @@ def advect(
     span = check_array("t_span", t_span, (2,))
     t0, t1 = float(span[0]), float(span[1])
     sign = -1.0 if t1 < t0 else 1.0
-    times = span[1:] if t_eval is None else check_array("t_eval", t_eval, (None,)).copy()
+    times = span[1:] if t_eval is None else check_array("t_eval", t_eval, (None,))
     if len(times) and (
         (np.diff(times) * sign < 0).any()
         or not ((times - t0) * sign >= 0).all()

@@ -372,7 +372,7 @@ class ConvexHull(Solid):
     def __init__(
         self, points: ArrayLike, center: ArrayLike = ORIGIN, rotation: ArrayLike = IDENTITY
     ) -> None:
-        own = check_array("points", points, (None, 3)).copy()
+        own = check_array("points", points, (None, 3))
         own.flags.writeable = False
         self._set(points=own)
         self._place(center, rotation)

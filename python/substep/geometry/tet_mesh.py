@@ -56,7 +56,7 @@ class TetMesh(Frozen):
     """
 
     def __init__(self, vertices: ArrayLike, tetrahedra: ArrayLike) -> None:
-        self.vertices: Array = read_only(check_array("vertices", vertices, (None, 3)).copy())
+        self.vertices: Array = read_only(check_array("vertices", vertices, (None, 3)))
         tets = check_indices("tetrahedra", tetrahedra, 4, len(self.vertices))
         volumes = self._signed_volumes(tets)
         bad = volumes == 0

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.checks import describe, first_bad_index
+from ..base.checks import as_array, describe, first_bad_index
 from ..errors import InputError
 
 Array = NDArray[np.float64]
@@ -16,14 +16,7 @@ Indices = NDArray[np.int64]
 
 def check_indices(name: str, value: Any, columns: int, count: int) -> Indices:
     """Rows of `columns` different integers in [0, count), as a new array; at least one row."""
-    if isinstance(value, np.ma.MaskedArray) and np.ma.getmaskarray(value).any():
-        raise InputError(f"{name}: masked values are not accepted; fill or drop them")
-    try:
-        array = np.asarray(value)
-    except ValueError as error:
-        if not isinstance(value, (list, tuple)):  # the caller's own __array__ raised it
-            raise
-        raise InputError(f"{name}: expected rows of {columns} indices; {error}") from None
+    array = as_array(name, value)
     if array.dtype.kind not in "iufb":
         raise TypeError(f"{name}: expected integers, got dtype {array.dtype}")
     if array.ndim != 2 or array.shape[1] != columns or array.shape[0] == 0:
@@ -38,7 +31,7 @@ def check_indices(name: str, value: Any, columns: int, count: int) -> Indices:
             f"{name}{first_bad_index(wrong)}: expected an index from 0 to {count - 1}, "
             f"got {array[wrong][0]}"
         )
-    indices: Indices = array.astype(np.int64, order="C")
+    indices: Indices = array.astype(np.int64, copy=False)
     ordered = np.sort(indices, axis=1)
     repeated = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
     if repeated.any():

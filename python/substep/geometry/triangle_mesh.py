@@ -67,7 +67,7 @@ class TriangleMesh(Shape):
     _fields = ("vertices", "faces")
 
     def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
-        points = read_only(check_array("vertices", vertices, (None, 3)).copy())
+        points = read_only(check_array("vertices", vertices, (None, 3)))
         self._set(
             vertices=points,
             faces=read_only(check_indices("faces", faces, 3, len(points))),

@@ -95,7 +95,7 @@ class ShapeMatching(Constraint):
             raise InputError(f"linear: expected a number from 0 to 1, got {self.linear}")
         self.rest_positions: Array | None = None
         if rest_positions is not None:
-            x = check_array("rest_positions", rest_positions, (None, 3)).copy()
+            x = check_array("rest_positions", rest_positions, (None, 3))
             self.rest_positions = read_only(x)
             self._check_count(len(self.rest_positions))
 

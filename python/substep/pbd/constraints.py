@@ -441,7 +441,7 @@ class Attachment(Constraint):
         self._set_up("particles", flat[:, None], compliance, damping, stiffness)
         self.targets = None
         if targets is not None:
-            self.targets = read_only(check_array("targets", targets, (len(self), 3)).copy())
+            self.targets = read_only(check_array("targets", targets, (len(self), 3)))
 
     def _parameters(self, positions: Array) -> Array:
         targets = positions[self.particles[:, 0]] if self.targets is None else self.targets
@@ -558,7 +558,7 @@ def _column(given: Array | None, measure: Callable[[], Array]) -> Array:
 def _check_rest(positions: ArrayLike | None, constraint: Constraint) -> Array | None:
     if positions is None:
         return None
-    x = check_array("rest_positions", positions, (None, 3)).copy()
+    x = check_array("rest_positions", positions, (None, 3))
     constraint._check_count(len(x))
     return read_only(x)
 

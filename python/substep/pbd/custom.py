@@ -108,7 +108,7 @@ class CustomConstraint(Constraint):
                 raise InputError("parameters: only a compiled function takes them")
         self.parameters: Array = np.zeros((len(self), 0))
         if parameters is not None:
-            own = check_array("parameters", parameters, (len(self), None)).copy()
+            own = check_array("parameters", parameters, (len(self), None))
             self.parameters = read_only(own)
 
     def _evaluate(self, positions: Array) -> tuple[Array, Array]:

@@ -47,7 +47,7 @@ def check_each(
     if given.ndim == 0:
         array = np.array([check_real(name, value)])
     else:
-        array = check_array(name, given, (count,)).copy()
+        array = check_array(name, given, (count,))
     wrong = (array < low) | (array > high)
     if wrong.any():
         bounds = f"at least {low:g}" if high == np.inf else f"from {low:g} to {high:g}"

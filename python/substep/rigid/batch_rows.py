@@ -418,7 +418,7 @@ class BatchRows(Simulation):
         worlds, places = where
         there = places < self._present(worlds)
         if check_array(name, value, finite=False).ndim == 3:
-            rows = np.array(check_array(name, value, (*there.shape, columns), finite=False))
+            rows = check_array(name, value, (*there.shape, columns), finite=False)
         else:
             rows = check_array(name, value, (there.shape[1], columns))
             rows = np.array(np.broadcast_to(rows, (*there.shape, columns)))

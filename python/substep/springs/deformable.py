@@ -124,7 +124,7 @@ class Deformable(Points):
         self.solver = check_choice("solver", solver, SOLVERS)
         if self.solver == "projective" and self.colliders:
             raise InputError("solver: 'projective' has no contact; use 'newton' with colliders")
-        self._gravity = read_only(check_array("gravity", gravity, (3,)).copy())
+        self._gravity = read_only(check_array("gravity", gravity, (3,)))
         self._options = {
             "integrator": _NATIVE.get(self.integrator, self.integrator),
             "solver": self.solver,

@@ -288,7 +288,7 @@ def _refuse_flat(mesh: TetMesh) -> None:
 def _check_poisson_ratio(value: ArrayLike, count: int) -> Array:
     given = as_array("poisson_ratio", value)
     rows = given if given.ndim else np.repeat(given, count)
-    ratio: Array = check_array("poisson_ratio", rows, (count,)).copy()
+    ratio: Array = check_array("poisson_ratio", rows, (count,))
     bad = (ratio <= -1) | (ratio >= 0.5)
     if bad.any():
         index = int(np.argmax(bad))

@@ -37,7 +37,7 @@ class Oscillators(System):
     """
 
     def __init__(self, omega: ArrayLike) -> None:
-        self.omega: NDArray[np.float64] = check_array("omega", omega, (None,)).copy()
+        self.omega: NDArray[np.float64] = check_array("omega", omega, (None,))
         super().__init__(_core.oscillators(self.omega))
 
     def energy(self, y: ArrayLike) -> NDArray[np.float64]:
@@ -153,7 +153,7 @@ class NBody(System):
     def __init__(
         self, masses: ArrayLike, G: float = 1.0, softening: float = 0.0, dimension: int = 3
     ) -> None:
-        self.masses: NDArray[np.float64] = check_array("masses", masses, (None,)).copy()
+        self.masses: NDArray[np.float64] = check_array("masses", masses, (None,))
         if (self.masses < 0).any():
             raise InputError(f"masses: expected numbers of at least 0, got {self.masses.min()}")
         self.G = check_real("G", G)
