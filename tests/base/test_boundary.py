@@ -1,6 +1,8 @@
 """What comes in from outside, of every class: copied, refused by name, or taken as said."""
 
 import math
+import os
+import resource
 import threading
 
 import numpy as np
@@ -333,3 +335,32 @@ def test_states_hold_what_can_be(kind):
         with pytest.raises(InputError, match=r"rotations.*length 1, got 0\.5"):
             simulation.restore(good | {"rotations": wrong})
     assert math.isfinite(simulation.time)
+
+
+# ---------------------------------------------------------------------------- files
+
+
+def test_a_checkpoint_that_cannot_be_written_leaves_the_one_before(tmp_path):
+    path, simulation = tmp_path / "a", points()
+    simulation.save(path)
+    before = path.read_bytes()
+    simulation.step()
+    kept, limits = content(simulation), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200, limits[1]))  # as a full disk
+    try:
+        with pytest.raises(OSError):
+            simulation.save(path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert os.listdir(tmp_path) == ["a"] and path.read_bytes() == before
+    assert content(simulation) == kept
+    simulation.save(tmp_path / "b")
+    assert (tmp_path / "b").stat().st_size > 200
+
+
+@pytest.mark.parametrize("path", ["", "a\0b", 3, None])
+def test_paths_of_checkpoints_are_names(path):
+    simulation = points()
+    for use in (simulation.save, simulation.load):
+        with pytest.raises((InputError, TypeError), match="path"):
+            use(path)

@@ -68,6 +68,17 @@ def journal(tmp_path):
     return tmp_path / "a.vtkhdf.journal"
 
 
+def test_a_closed_recording_says_so(journal):
+    recordings = [substep.Recording(journal), substep.Recording(substep.pack(journal))]
+    for recording in recordings:
+        recording.close()
+        recording.close()  # again is harmless
+        for read in (lambda r=recording: r.frame(0), lambda r=recording: r["p"].field("v", 1)):
+            with pytest.raises(InputError, match="the recording is closed"):
+                read()
+        assert len(recording) == 4 and recording.times[3] == 3
+
+
 # ------------------------------------------------------------------------------------- arguments
 
 

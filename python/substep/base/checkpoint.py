@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import CorruptError, FormatError, InputError, TruncatedError, VersionError
+from .checks import check_path
 
 _MAGIC = b"SUBSTEPC"
 _VERSION = 1
@@ -30,6 +31,7 @@ _DTYPES = ("<f8", "<f4", "<i8", "<i4", "|i1", "|u1", "|b1")
 
 def write_checkpoint(path: str | os.PathLike[str], kind: str, state: dict[str, Any]) -> None:
     """Write `state` (arrays, finite floats, integers, strings) atomically."""
+    path = check_path(path)
     values: dict[str, Any] = {}
     arrays: list[tuple[str, np.ndarray[Any, Any]]] = []
     for name, value in state.items():
@@ -62,6 +64,7 @@ def write_checkpoint(path: str | os.PathLike[str], kind: str, state: dict[str, A
 
 def read_checkpoint(path: str | os.PathLike[str], kind: str) -> dict[str, Any]:
     """Read what `write_checkpoint` wrote, or raise one of the FormatError family."""
+    path = check_path(path)
     size = os.path.getsize(path)
     with open(path, "rb") as file:
         head = file.read(_HEAD.size)

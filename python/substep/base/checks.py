@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -217,6 +218,16 @@ def check_positive(
         index, wanted = int(np.argmax(wrong)), "at least 0" if zero else "above 0"
         raise InputError(f"{name}[{index}]: expected a number {wanted}, got {array[index]}")
     return array
+
+
+def check_path(path: Any) -> str:
+    """A file name as a string."""
+    if not isinstance(path, (str, bytes, os.PathLike)):
+        raise TypeError(f"path: expected a file name, got {describe(path)}")
+    text = os.fsdecode(path)
+    if "\0" in text or not text:
+        raise InputError(f"path: expected a file name, got {describe(text)}")
+    return text
 
 
 def check_pinned(pinned: ArrayLike, count: int) -> NDArray[np.uint8]:

@@ -5,10 +5,8 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-from typing import Any
 
-from ..base.checks import describe
-from ..errors import InputError, TruncatedError
+from ..errors import TruncatedError
 
 try:
     import fcntl
@@ -16,14 +14,6 @@ except ImportError:  # not a POSIX system: no lock against a second writer
     fcntl = None  # type: ignore[assignment]
 
 JOURNAL_SUFFIX = ".journal"
-
-
-def check_path(path: Any) -> str:
-    """A file name as a string."""
-    text = os.fsdecode(os.fspath(path))
-    if "\0" in text or not text:
-        raise InputError(f"path: expected a file name, got {describe(text)}")
-    return text
 
 
 def pread_exactly(fd: int, buffer: memoryview, offset: int, where: str) -> None:

@@ -16,8 +16,9 @@ import sys
 from pathlib import Path
 
 from .. import errors
+from ..base.checks import check_path
 from ..errors import CorruptError, SubstepError
-from .files import JOURNAL_SUFFIX, check_path, lock, lock_for_packing, publish, sync_folder
+from .files import JOURNAL_SUFFIX, lock, lock_for_packing, publish, sync_folder
 from .frames import Source, read_checked
 from .journal import Journal
 from .reader import Recording

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.checks import check_integer
+from ..base.checks import check_integer, check_path
 from ..errors import CorruptError, FormatError, InputError, TruncatedError, VersionError
-from .files import JOURNAL_SUFFIX, check_path
+from .files import JOURNAL_SUFFIX
 from .frames import Source, read_checked
 from .journal import MAX_BYTES, Journal, open_source
 from .parts import Part, check_parameters, check_parts, check_text
@@ -94,6 +94,7 @@ class Recording:
         return recording
 
     def _adopt(self, source: Source, recover: bool) -> None:
+        self._closed = False
         self.source = source
         self.path = source.path
         self.packed = not isinstance(source, Journal)
@@ -142,6 +143,8 @@ class Recording:
         return np.array(self.source.times, np.float64)
 
     def _index(self, index: int) -> int:
+        if self._closed:
+            raise InputError("the recording is closed")
         number = operator.index(index)
         if not -len(self) <= number < len(self):
             raise IndexError(f"frame {number}: the recording has {len(self)} frames")
@@ -200,7 +203,8 @@ class Recording:
         return RecordedPart(self, name)
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file; what was read from it stays."""
+        self._closed = True
         self.source.close()
 
     def __enter__(self) -> Recording:

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import check_integer, check_real, describe
+from ..base.checks import check_integer, check_path, check_real, describe
 from ..errors import InputError
-from .files import JOURNAL_SUFFIX, check_path
+from .files import JOURNAL_SUFFIX
 from .frames import Constants, Encoder, Spec, encode_file_header, read_checked
 from .journal import Writer, open_source
 from .packing import pack
