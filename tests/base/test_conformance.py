@@ -16,6 +16,7 @@ import pickle
 import pkgutil
 import re
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -579,6 +580,47 @@ LINES = (
 @pytest.mark.parametrize("kind", classes(), ids=lambda kind: kind.__name__)
 def test_each_class_keeps_each_line(kind, line):
     line(example(kind))
+
+
+LOADING = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from test_conformance import DURATION, classes, content, example
+for kind in classes():
+    simulation = example(kind)()
+    simulation.load(f"{sys.argv[2]}/{kind.__name__}")
+    simulation.advance(DURATION)
+    print(kind.__name__, content(simulation))
+"""
+
+
+def assert_goes_on_in_a_new_process(simulations, folder):
+    for simulation in simulations:
+        simulation.save(folder / type(simulation).__name__)
+        simulation.advance(DURATION)
+    command = [sys.executable, "-c", LOADING, Path(__file__).parent, folder]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    found = dict(line.split() for line in done.stdout.splitlines())
+    assert found == {type(s).__name__: content(s) for s in simulations}, done.stderr
+
+
+def test_checkpoints_go_on_in_a_new_process(tmp_path):
+    simulations = [example(kind)() for kind in classes()]
+    for simulation in simulations:
+        simulation.advance(DURATION)
+    assert_goes_on_in_a_new_process(simulations, tmp_path)
+
+
+@pytest.mark.slow
+def test_checkpoints_after_many_steps_go_on_in_a_new_process(tmp_path):
+    simulations = [example(kind)() for kind in classes()]
+    for simulation in simulations:
+        given = simulation.step_size
+        simulation.step_size = step = given or simulation.step_limit()[0] / 2
+        simulation.advance(100_000 * step)
+        assert simulation.report.steps >= 100_000
+        simulation.step_size = given
+    assert_goes_on_in_a_new_process(simulations, tmp_path)
 
 
 def test_public_simulations_are_enrolled():

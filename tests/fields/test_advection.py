@@ -342,7 +342,7 @@ class TestProtocol:
             return x
 
         drift = Advection(velocity, [[1.0, 0.0]], step=0.1)
-        with pytest.raises(InputError, match="in use|in the middle of a step"):
+        with pytest.raises(InputError, match=r"in use|in the middle of a step"):
             drift.step()
         started, release = threading.Event(), threading.Event()
 
@@ -355,7 +355,7 @@ class TestProtocol:
         thread = threading.Thread(target=other.step)
         thread.start()
         started.wait(10)
-        with pytest.raises(InputError, match="in use|in the middle of a step"):
+        with pytest.raises(InputError, match=r"in use|in the middle of a step"):
             other.advance(1.0)
         release.set()
         thread.join()

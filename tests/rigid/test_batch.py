@@ -415,6 +415,16 @@ def test_bad_arguments_are_refused_and_change_nothing(call, message):
         np.testing.assert_array_equal(getattr(batch, name), rows)
 
 
+def test_no_steps_change_nothing():
+    batch = batch_of(2)
+    before = {name: getattr(batch, name) for name in ROWS}
+    batch.step(H, 0)
+    assert batch.rollout(0).shape == (2, 0, 5, 7)
+    assert batch.time == 0
+    for name, rows in before.items():
+        np.testing.assert_array_equal(getattr(batch, name), rows)
+
+
 def test_numbers_out_of_range():
     batch = batch_of(2)
     for call in (

@@ -126,6 +126,16 @@ def test_degenerate_springs_pull_nowhere():
     assert np.isfinite(body.positions).all()
     assert body.info.degenerate.tolist() == [0]
     assert net().info.degenerate.size == 0
+    short = net(rest_lengths=[0.0, 0.0], gravity=(0, 0, 0), drag=5.0)
+    short.advance(5.0)
+    assert np.ptp(short.positions, axis=0).max() < 1e-3
+
+
+def test_a_vertex_pinned_twice_is_pinned():
+    body = net(pinned=[0, 2, 0])
+    assert body.pinned.tolist() == [True, False, True]
+    body.advance(0.1)
+    assert body.positions[[0, 2]].tolist() == [X[0], X[2]]
 
 
 @pytest.mark.parametrize("stiffness", [0.0, 1e-300, 1e300])
