@@ -80,6 +80,29 @@ def test_python_blocks_run(page, tmp_path, monkeypatch):
         exec(compile(padded, name(page), "exec"), names)
 
 
+def test_tests_that_are_named_exist():
+    named = {
+        (page.name, test)
+        for page in PAGES
+        for test in re.findall(r"`(tests/[\w/]+\.\w+::[\w:]+)`", page.read_text("utf-8"))
+    }
+    assert len(named) > 100
+    missing = []
+    for page, test in sorted(named):
+        path, *_, name = test.split("::")
+        there = ROOT / path
+        begin = "def " if there.suffix == ".py" else r"TEST\(\w+, "
+        if not there.is_file() or not re.search(rf"{begin}{name}\b", there.read_text("utf-8")):
+            missing.append(f"{page}: {test}")
+    assert not missing
+
+
+def test_each_row_of_what_is_promised_names_its_test():
+    rows = re.findall(r"^\|.*\|$", (ROOT / "docs/reliability.md").read_text("utf-8"), re.MULTILINE)
+    heads = ("| input |", "|---|")
+    assert not [row for row in rows if not row.startswith(heads) and "`tests/" not in row]
+
+
 def figures():
     path = ROOT / "docs" / "figures" / "make.py"
     spec = importlib.util.spec_from_file_location("make_figures", path)
