@@ -14,7 +14,7 @@ namespace {
 using geometry::Vec3;
 
 constexpr double kSkin = 0.5;    // in mean edges
-constexpr double kPiece = 1.5;   // longest piece of an edge, in mean edges
+constexpr double kPiece = 1.5;   // longest piece of an edge, in mean edges at rest or now
 constexpr int kMostPieces = 64;  // of an edge: longer pieces make the search wider
 constexpr std::int64_t kPointsPerTask = 512;
 
@@ -165,8 +165,12 @@ void SurfacePairs<Real>::find(const Point<Real>* x, int threads) {
     const double distance = closest(pair, now).d;
     if (distance < within) list.push_back({key, pair, distance, closest(pair, rest).d});
   };
+  // Where all is torn apart, pieces as long as for the surface at rest would be without number.
+  double present = 0;
+  for (const auto& [a, b] : edges_) present += (xyz(x[a]) - xyz(x[b])).norm();
+  present /= static_cast<double>(std::max<std::size_t>(edges_.size(), 1));
   const auto pieces = [&](double length) {
-    const double wanted = std::ceil(length / (kPiece * mean_edge_));
+    const double wanted = std::ceil(length / (kPiece * std::max(mean_edge_, present)));
     return static_cast<int>(std::clamp(wanted, 1.0, static_cast<double>(kMostPieces)));
   };
   std::vector<Point<Real>> points;
