@@ -24,6 +24,8 @@ from substep.recording.frames import (
     FRAME_HEADER,
     MAGIC,
     TABLE,
+    Encoder,
+    Spec,
 )
 
 PARTS = {"p": substep.Part("particles", {"v": "m/s"})}
@@ -669,6 +671,8 @@ def replace(path, name, make):
         b"[" * 100_000,
         b"\xff",
         b'{"parts":[{"name":"p","fields":[],"triangles":null}]}',
+        b'{"parts":[{"kind":"particles","fields":[],"triangles":null}],'
+        b'"scene":"","parameters":{},"seed":0,"substep":"1"}',
         b'{"parts":[{"name":"../p","kind":"particles","fields":[],"triangles":null}],'
         b'"scene":"","parameters":{},"seed":0,"substep":"1"}',
         b'{"parts":[{"name":"p","kind":"particles","fields":[["a/b","m"]],"triangles":null}],'
@@ -713,6 +717,50 @@ def test_huge_declared_sizes_in_a_journal(journal):
                 substep.Recording(journal)
     assert tracemalloc.get_traced_memory()[1] < 20e6
     tracemalloc.stop()
+
+
+def test_frames_that_do_not_fit_their_parts(tmp_path):
+    """With right checksums: who draws a mesh relies on its topology, and on equal lengths."""
+    path = tmp_path / "a.vtkhdf"
+    recorder = substep.Recorder(path, parts={"m": substep.Part("mesh", {"v": "1"}, [[0, 1, 2]])})
+    recorder.append(0, {"m": {"points": GOOD, "v": GOOD}})
+    recorder._release()
+    file = Path(f"{path}.journal")
+    whole = file.read_bytes()
+    points, v = Spec("m", "points", "<f8", (3,)), Spec("m", "v", "<f8", (3,))
+    for arrays, said in (
+        ((GOOD[:2], GOOD[:2]), "frame 1: the topology of m needs 3 points"),
+        ((GOOD, GOOD[:4]), "frame 1: the arrays of m differ in length"),
+    ):
+        file.write_bytes(whole + bytes(Encoder().encode(1, 1.0, (points, v), arrays)))
+        with pytest.raises(CorruptError, match=said):
+            substep.Recording(path)
+        with substep.Recording(path, recover=True) as recording:
+            assert len(recording) == 1
+    wide = np.zeros((5, 4))
+    header = whole[: len(whole) - len(Encoder().encode(0, 0.0, (points, v), (GOOD, GOOD)))]
+    specs = (Spec("m", "points", "<f8", (4,)), v)
+    file.write_bytes(header + bytes(Encoder().encode(0, 0.0, specs, (wide, GOOD))))
+    with pytest.raises(CorruptError, match=r"m/points has rows of shape \(4,\)"):
+        substep.Recording(path)
+
+
+def test_booleans_are_0_or_1(tmp_path):
+    path = tmp_path / "a.vtkhdf"
+    recorder = substep.Recorder(path, parts={"p": substep.Part(fields={"lit": "1"})})
+    for k in range(2):
+        recorder.append(k, {"p": {"points": GOOD, "lit": GOOD[:, 0] > 1}})
+    recorder._release()
+    file = Path(f"{path}.journal")
+    specs = (Spec("p", "points", "<f8", (3,)), Spec("p", "lit", "|b1", ()))
+    right = bytes(Encoder().encode(0, 0.0, specs, (GOOD, np.zeros(5, bool))))
+    wrong = bytes(Encoder().encode(0, 0.0, specs, (GOOD, np.full(5, 7, "u1").view(bool))))
+    assert right != wrong
+    file.write_bytes(file.read_bytes().replace(right, wrong))
+    with substep.Recording(path) as recording:
+        recording.frame(1)
+        with pytest.raises(CorruptError, match="p/lit: expected booleans"):
+            recording.frame(0)
 
 
 def test_max_bytes(journal):
@@ -798,10 +846,10 @@ def test_data_elsewhere_foreign_filters_and_objects_are_refused(packed, tmp_path
         pass
 
     for tamper, reason in [
-        (external, "another file"),
+        (external, "other files"),
         (external_link, "hard links"),
         (soft_link, "hard links"),
-        (virtual, "another file"),
+        (virtual, "other files"),
         (foreign_filter, "filter 32000"),
         (objects, "not an array of numbers"),
         (opaque, "not an array of numbers"),

@@ -22,6 +22,7 @@ import numpy as np
 
 from ..errors import CorruptError, FormatError, InputError, TruncatedError, VersionError
 from .checks import check_path
+from .reading import check_booleans, load_json
 
 _MAGIC = b"SUBSTEPC"
 _VERSION = 1
@@ -86,7 +87,7 @@ def read_checkpoint(path: str | os.PathLike[str], kind: str) -> dict[str, Any]:
     if zlib.crc32(body, zlib.crc32(head[16:])) != crc:
         raise CorruptError(f"{path}: the checksum at byte 12 does not agree with the content")
     try:
-        header = json.loads(body[:header_length])
+        header = load_json(body[:header_length], str(path))
         if header["kind"] != kind:
             raise FormatError(f"{path}: holds the state of {header['kind']}, not of {kind}")
         state: dict[str, Any] = dict(header["values"])
@@ -94,13 +95,16 @@ def read_checkpoint(path: str | os.PathLike[str], kind: str) -> dict[str, Any]:
             state[name] = float.fromhex(state[name])
         offset = header_length
         for name, dtype, shape in header["arrays"]:
-            if dtype not in _DTYPES:
-                raise CorruptError(f"{path}: array {name} of unknown dtype {dtype}")
+            if dtype not in _DTYPES or min(shape, default=0) < 0:
+                raise CorruptError(f"{path}: array {name} of dtype {dtype} and shape {shape}")
             count = math.prod(shape)
             array = np.frombuffer(body, dtype, count, offset).reshape(shape)
+            check_booleans(array, f"{path}: array {name}")
             state[name] = array.astype(array.dtype.newbyteorder("="))
             offset += array.nbytes
-    except (KeyError, TypeError, ValueError) as error:
+        if offset != len(body):
+            raise CorruptError(f"{path}: {len(body) - offset} bytes belong to no array")
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         if isinstance(error, FormatError):
             raise
         raise CorruptError(f"{path}: the header at byte {_HEAD.size} is not as written") from error

@@ -17,6 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.reading import check_booleans
 from ..errors import CorruptError, FormatError
 
 FORMAT_VERSION = 2
@@ -81,12 +82,12 @@ class Source(Protocol):
 def read_checked(source: Source, index: int, array: int) -> NDArray[Any]:
     """One array of one frame, or CorruptError if its checksum differs."""
     data = source.read(index, array)
+    spec = source.specs[array]
+    where = f"{source.path}: frame {index}, {spec.part}/{spec.name}"
     crc = array_crc(index, source.times[index], data.data.cast("B") if data.size else b"")
     if crc != source.crcs[index][array]:
-        spec = source.specs[array]
-        raise CorruptError(
-            f"{source.path}: frame {index}, {spec.part}/{spec.name}: the checksum differs"
-        )
+        raise CorruptError(f"{where}: the checksum differs")
+    check_booleans(data, where)
     return data
 
 
@@ -98,27 +99,6 @@ def array_crc(index: int, time: float, data: Any) -> int:
 def dump_json(value: Any) -> bytes:
     """Compact JSON without NaN or infinity."""
     return json.dumps(value, allow_nan=False, separators=(",", ":")).encode()
-
-
-def load_json(data: bytes, where: str) -> Any:
-    """JSON as the standard has it: no NaN, no infinity, no key twice; else CorruptError."""
-
-    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        if len({key for key, _ in pairs}) != len(pairs):
-            raise ValueError("a key stands twice")
-        return dict(pairs)
-
-    def finite(text: str) -> float:
-        if not math.isfinite(value := float(text)):
-            raise ValueError(f"the number {text[:20]} is not finite")
-        return value
-
-    try:
-        return json.loads(
-            data.decode(), object_pairs_hook=unique, parse_float=finite, parse_constant=finite
-        )
-    except (ValueError, RecursionError) as error:
-        raise CorruptError(f"{where}: metadata is not valid JSON ({error})") from None
 
 
 def encode_file_header(metadata: dict[str, Any], constants: Sequence[Constants]) -> bytes:

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.reading import load_json
 from ..errors import CorruptError, FormatError, InputError, TruncatedError, VersionError
 from .files import lock, pread_exactly, publish, sync_folder, unlock, write_all
 from .frames import (
@@ -37,7 +38,6 @@ from .frames import (
     arrays_per_frame,
     decode_constants,
     frame_names,
-    load_json,
     read_checked,
 )
 
@@ -125,6 +125,7 @@ class Journal:
         self.metadata = load_json(bytes(body[:text_bytes]), self.path)
         try:
             self.arrays_per_frame = arrays_per_frame(self.metadata)
+            self._names = [(p["name"], n) for p in self.metadata["parts"] for n in frame_names(p)]
             self.constants = decode_constants(self.metadata, body[text_bytes:])
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise CorruptError(f"{self.path}: metadata is incomplete ({error})") from None
@@ -182,10 +183,9 @@ class Journal:
         return None
 
     def _specs_of(self, kinds: list[tuple[bytes, int, int]]) -> list[Spec]:
-        names = [(p["name"], n) for p in self.metadata["parts"] for n in frame_names(p)]
         return [
             Spec(*name, code.rstrip(b"\0").decode("ascii", "replace"), tuple(n for n in shape if n))
-            for name, (code, *shape) in zip(names, kinds, strict=True)
+            for name, (code, *shape) in zip(self._names, kinds, strict=True)
         ]
 
     def _stop(self, reason: str, *, removable: bool) -> None:

@@ -7,13 +7,14 @@ import math
 import os
 import struct
 import zlib
-from collections.abc import Iterator
 from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.apart import apart
+from ..base.reading import DEFLATE, DEFLATE_LIMIT, check_hdf5_storage, hdf5_errors, load_json
 from ..errors import CorruptError, FormatError, TruncatedError, VersionError
 from .frames import (
     CONSTANTS,
@@ -24,34 +25,10 @@ from .frames import (
     arrays_per_frame,
     constant_rows,
     frame_names,
-    load_json,
 )
 from .vtkhdf import CHUNK_BYTES, PLACES, index_crc, stored_dtype, stored_shape
 
 LARGEST_CHUNK = 1 << 26
-ALLOWED_FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
-# Deflate shrinks no more than this: https://zlib.net/zlib_tech.html, Maximum Compression Factor.
-DEFLATE_LIMIT = 1032
-
-
-@contextlib.contextmanager
-def _damage_to_errors(path: str) -> Iterator[None]:
-    """What h5py raises on a damaged file becomes CorruptError."""
-    try:
-        yield
-    except (FormatError, MemoryError):
-        raise
-    except (
-        OSError,
-        RuntimeError,
-        KeyError,
-        ValueError,
-        TypeError,
-        AttributeError,
-        IndexError,
-    ) as e:
-        text = str(e).splitlines()[0] if str(e) else type(e).__name__
-        raise CorruptError(f"{path}: {text}") from None
 
 
 class Packed:
@@ -67,14 +44,26 @@ class Packed:
         self.problem: FormatError | None = None
         self.size = os.path.getsize(path)
         self._check_superblock()
-        with _damage_to_errors(path):
-            self._file = h5py.File(path, "r", locking=False)
+        apart(path, self._rehearse, min(max_bytes, DEFLATE_LIMIT * self.size))
+        self._open()
+
+    def _open(self) -> None:
+        with hdf5_errors(self.path):
+            self._file = h5py.File(self.path, "r", locking=False)
         try:
-            with _damage_to_errors(path):
+            with hdf5_errors(self.path):
                 self._read_index()
         except BaseException:
             self.close()
             raise
+
+    def _rehearse(self) -> bytes:
+        """Follow everything that reading will follow; what is wrong is told when it is read."""
+        self._open()
+        for array in range(len(self.specs) if self.times else 0):
+            with contextlib.suppress(FormatError), hdf5_errors(self.path):
+                self._find(array)
+        return b""
 
     def close(self) -> None:
         """Close the file."""
@@ -148,6 +137,8 @@ class Packed:
         self.crcs: list[tuple[int, ...]] = [tuple(row) for row in crcs.tolist()]
         if index_crc(self) != self.metadata["index_crc32"]:
             raise CorruptError(f"{self.path}: the checksum of the index differs")
+        if counts.size and not 0 <= counts.min() <= counts.max() <= DEFLATE_LIMIT * self.size:
+            raise CorruptError(f"{self.path}: numbers of rows that no file of this size has")
         self._offsets = (np.cumsum(counts, axis=0) - counts).tolist()
         self._rows = counts.sum(axis=0).tolist() if frames else [0] * arrays
         self._datasets: dict[int, h5py.Dataset] = {}
@@ -163,10 +154,12 @@ class Packed:
 
     def _check_specs(self) -> None:
         wanted = [(p["name"], n) for p in self.metadata["parts"] for n in frame_names(p)]
-        if self.specs and [(s.part, s.name) for s in self.specs] != wanted:
+        empty = not self.specs and self.metadata["frames"] == 0
+        if not empty and [(s.part, s.name) for s in self.specs] != wanted:
             raise CorruptError(f"{self.path}: the arrays are not those of the parts")
         for spec in self.specs:
-            if spec.dtype not in DTYPES or len(spec.shape) > 2 or min(spec.shape, default=1) < 1:
+            sizes = all(type(n) is int and 1 <= n < 1 << 16 for n in spec.shape)
+            if spec.dtype not in DTYPES or len(spec.shape) > 2 or not sizes:
                 raise CorruptError(f"{self.path}: {spec.part}/{spec.name}: unknown kind of array")
 
     def _prefix(self, part: str) -> str:
@@ -175,7 +168,7 @@ class Packed:
     def _read_constants(self) -> None:
         self.constants: list[Constants] = []
         only_triangles = "triangles_crc32" in self.metadata  # version 1
-        crcs = iter(self.metadata["triangles_crc32" if only_triangles else "constants_crc32"])
+        crcs = list(self.metadata["triangles_crc32" if only_triangles else "constants_crc32"])
         for part in self.metadata["parts"]:
             of_part: Constants = {}
             for name, rows in constant_rows(part).items():
@@ -185,7 +178,7 @@ class Packed:
                     data = self._load(place, dtype, (columns,), rows)
                 else:
                     data = self._load(place, dtype, (), rows * columns).reshape(rows, columns)
-                if zlib.crc32(data.tobytes()) != next(crcs):
+                if zlib.crc32(data.tobytes()) != crcs.pop(0):
                     raise CorruptError(f"{self.path}: {place}: the checksum differs")
                 of_part[name] = data
             self.constants.append(of_part)
@@ -198,20 +191,26 @@ class Packed:
     def read(self, index: int, array: int) -> NDArray[Any]:
         """One array of one frame, unchecked."""
         spec = self.specs[array]
-        with _damage_to_errors(self.path):
-            if array not in self._datasets:
-                dimension = next(s.shape[0] for s in self.specs if s.part == spec.part)
-                leaf = "Points" if spec.name == "points" else f"PointData/{spec.name}"
-                self._datasets[array] = self._dataset(
-                    f"{self._prefix(spec.part)}/{leaf}",
-                    stored_dtype(spec),
-                    stored_shape(spec, dimension),
-                    self._rows[array],
-                )
+        with hdf5_errors(self.path):
+            self._find(array)
             start, count = self._offsets[index][array], self.counts[index][array]
             rows = self._read_rows(array, start, start + count)
             flat = rows.reshape(count, math.prod(rows.shape[1:]))[:, : math.prod(spec.shape)]
             return np.ascontiguousarray(flat).view(spec.dtype).reshape(count, *spec.shape)
+
+    def _find(self, array: int) -> None:
+        """Open the dataset of an array, if it is not open yet."""
+        if array in self._datasets:
+            return
+        spec = self.specs[array]
+        dimension = next(s.shape[0] for s in self.specs if s.part == spec.part)
+        leaf = "Points" if spec.name == "points" else f"PointData/{spec.name}"
+        self._datasets[array] = self._dataset(
+            f"{self._prefix(spec.part)}/{leaf}",
+            stored_dtype(spec),
+            stored_shape(spec, dimension),
+            self._rows[array],
+        )
 
     def _read_rows(self, array: int, start: int, stop: int) -> NDArray[Any]:
         """Rows of a dataset. Of small frames the whole chunks are read, and kept for the next."""
@@ -232,17 +231,12 @@ def _check_storage(dataset: h5py.Dataset, where: str, file_size: int) -> None:
     """Refuse data elsewhere, foreign filters, and more data than the file can hold."""
     if dataset.id.get_type().get_class() not in (h5py.h5t.INTEGER, h5py.h5t.FLOAT):
         raise CorruptError(f"{where}: not an array of numbers")
-    if dataset.external or dataset.is_virtual:
-        raise CorruptError(f"{where}: data in another file are refused")
-    properties = dataset.id.get_create_plist()
-    filters = {properties.get_filter(k)[0] for k in range(properties.get_nfilters())}
-    if not filters <= ALLOWED_FILTERS:
-        raise CorruptError(f"{where}: filter {min(filters - ALLOWED_FILTERS)} is refused")
+    filters = check_hdf5_storage(dataset, where)
     if dataset.shape is None or len(dataset.shape) < 1:
         raise CorruptError(f"{where}: not an array of rows")
     declared = dataset.dtype.itemsize * math.prod(dataset.shape)
     stored = dataset.id.get_storage_size()
-    limit = stored * (DEFLATE_LIMIT if h5py.h5z.FILTER_DEFLATE in filters else 1)
+    limit = stored * (DEFLATE_LIMIT if DEFLATE in filters else 1)
     if stored > file_size or declared > limit:
         raise CorruptError(f"{where}: declares {declared} bytes, the file holds {stored}")
     if dataset.chunks is not None:

@@ -100,10 +100,11 @@ class Recording:
         self.packed = not isinstance(source, Journal)
         try:
             self._check_metadata(source.metadata)
+            problem = self._check_index() or self.source.problem
             if recover:
                 self._keep_valid_frames()
-            elif self.source.problem is not None:
-                raise self.source.problem
+            elif problem is not None:
+                raise problem
         except BaseException:
             self.close()
             raise
@@ -125,6 +126,40 @@ class Recording:
             self.version: str = check_text("substep", metadata["substep"], 64)
         except (InputError, TypeError, KeyError, ValueError) as error:
             raise CorruptError(f"{self.path}: metadata: {error}") from None
+
+    def _check_index(self) -> CorruptError | None:
+        """Forget the first frame that a `Recorder` would have refused and those after; say why.
+
+        Who draws a mesh relies on its topology.
+        """
+        specs, counts = self.source.specs, np.array(self.source.counts, np.int64)
+        if not len(counts):
+            return None
+        times = self.times
+        late = ~np.isfinite(times)
+        late[1:] |= times[1:] <= times[:-1]
+        wrong = {"its time is not after the frame before": late}
+        for name, part in self.parts.items():
+            columns = [k for k, spec in enumerate(specs) if spec.part == name]
+            for spec in (specs[k] for k in columns):
+                quaternion = spec.name == "orientation" and part.kind == "bodies"
+                allowed = ((2,), (3,)) if spec.name == "points" else ((4,),)
+                if (quaternion or spec.name == "points") and spec.shape not in allowed:
+                    wrong[f"{name}/{spec.name} has rows of shape {spec.shape}"] = np.ones(
+                        len(times), bool
+                    )
+            rows = counts[:, columns]
+            topology = [array for key, array in part.constants().items() if key != "points"]
+            needed = max((int(array.max(initial=-1)) + 1 for array in topology), default=0)
+            if columns:
+                wrong[f"the arrays of {name} differ in length"] = (rows != rows[:, :1]).any(axis=1)
+                wrong[f"the topology of {name} needs {needed} points"] = rows[:, 0] < needed
+        found = [(int(np.argmax(bad)), why) for why, bad in wrong.items() if bad.any()]
+        if not found:
+            return None
+        frame, reason = min(found)
+        self.source.forget(frame)
+        return CorruptError(f"{self.path}: frame {frame}: {reason}")
 
     def _keep_valid_frames(self) -> None:
         for i in range(len(self)):
