@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import glob
+import math
 import os
 import re
+import struct
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -15,7 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.checks import check_choice, check_real
+from ..base.checks import check_choice, check_integer, check_real
+from ..base.reading import DEFLATE_LIMIT
 from ..errors import CorruptError, FormatError, InputError, TruncatedError
 from .grid import EARTH_RADIUS, GridField
 from .netcdf import Variable, read_header
@@ -40,6 +43,9 @@ _NAMES = {
     "depth": "z", "deptht": "z", "lev": "z", "level": "z", "z": "z",
     "time": "t", "time_counter": "t", "t": "t",
 }  # fmt: skip
+_NPZ = ("x", "y", "z", "lon", "lat", "depth", "times", "values")
+_LONGEST_TEXT = 1000  # characters of an attribute
+_LATEST_TIME = 1e15  # [s since 1970]; milliseconds beyond it are none of numpy.datetime64
 _VELOCITY = (
     (r"eastward|_x_velocity|x_wind", ("u", "uo", "ugos", "water_u", "ucur", "vozocrtx", "u10")),
     (r"northward|_y_velocity|y_wind", ("v", "vo", "vgos", "water_v", "vcur", "vomecrty", "v10")),
@@ -79,7 +85,8 @@ def open_field(
     radius : float
         Radius of the Earth [m].
     memory_limit : int
-        Bytes of levels kept in memory.
+        Bytes of levels kept in memory. A compressed file may unpack to that many bytes, or to its
+        own size where that is larger; else it is refused.
 
     Returns
     -------
@@ -111,12 +118,12 @@ def open_field(
     options: dict[str, Any] = {
         "interpolation": check_choice("interpolation", interpolation, ("linear", "cubic")),
         "radius": check_real("radius", radius, positive=True),
-        "memory_limit": memory_limit,
+        "memory_limit": check_integer("memory_limit", memory_limit, minimum=1),
     }
     paths = _find(path)
     if len(paths) == 1 and paths[0].suffix == ".npz":
         return _open_npz(paths[0], options)
-    layouts = [_Layout.of(file, variables, depth) for file in paths]
+    layouts = [_Layout.of(file, variables, depth, memory_limit) for file in paths]
     first = layouts[0]
     for other in layouts[1:]:
         if not first.same_grid(other):
@@ -132,17 +139,22 @@ def open_field(
         raise FormatError(f"{two}: has the same time as {one}")
     source = _Levels([(layout, number) for _, number, layout in entries], len(first.axes))
     levels: Any = source if len(entries) > 1 else source[0]
-    field = GridField(
-        first.axes,
-        levels,
-        moments - moments[0] if len(entries) > 1 else None,
-        geographic=first.geographic,
-        **options,
+    times = moments - moments[0] if len(entries) > 1 else None
+    field = _grid_field(
+        first.path, first.axes, levels, times, geographic=first.geographic, **options
     )
     epoch = np.datetime64("1970-01-01T00:00:00.000")
     field.origin = epoch + np.timedelta64(round(float(moments[0]) * 1000), "ms")
     field.sources = tuple(str(file) for file in paths)
     return field
+
+
+def _grid_field(path: Path, *content: Any, **options: Any) -> GridField:
+    """A field of what a file holds; options are checked, so what is refused is the content."""
+    try:
+        return GridField(*content, **options)
+    except (InputError, TypeError) as error:
+        raise FormatError(f"{path}: {error}") from error
 
 
 def _find(path: Any) -> list[Path]:
@@ -162,7 +174,7 @@ def _find(path: Any) -> list[Path]:
 def _text(variable: Variable, key: str) -> str:
     for name, value in variable.attributes.items():
         if name.lower() == key or (key == "units" and name.lower() == "unit"):
-            return str(value).strip()
+            return str(value).strip()[:_LONGEST_TEXT]
     return ""
 
 
@@ -195,16 +207,26 @@ class _Layout:
     downward: bool
 
     @classmethod
-    def of(cls, path: Path, variables: Sequence[str] | None, depth: float | None) -> _Layout:
-        header = read_header(path)
+    def of(
+        cls, path: Path, variables: Sequence[str] | None, depth: float | None, limit: int
+    ) -> _Layout:
+        header = read_header(path, limit)
         velocity = _choose(path, header, variables)
         main = velocity[0]
         assert main is not None
-        roles, axes, fixed = [], {}, {}
+        roles: list[str] = []
+        axes, fixed = {}, {}
         times, downward, geographic = np.zeros(1), False, False
         for number, (name, length) in enumerate(zip(main.dimensions, main.shape, strict=True)):
             coordinate = header.get(name)
             role = _role(coordinate) if coordinate else ""
+            if role and role in roles:
+                raise FormatError(f"{path}: two dimensions of {main.name} are {role}")
+            if coordinate and role and coordinate.shape != (length,):
+                raise FormatError(
+                    f"{path}: {name} has shape {coordinate.shape}, expected ({length},) as the "
+                    f"dimension of {main.name}"
+                )
             if role == "t" and coordinate:
                 times = _decode_time(path, coordinate)
                 if not len(times):
@@ -318,11 +340,12 @@ def _is_degrees(variable: Variable) -> bool:
 
 def _numbers(path: Path, variable: Variable) -> NDArray[np.float64]:
     values = _decode(path, variable, variable.read({}), speed=False)
-    if values.ndim != 1 or not np.isfinite(values).all():
+    if not np.isfinite(values).all():
         raise FormatError(f"{path}: coordinate {variable.name} is not a list of finite numbers")
     return values
 
 
+@np.errstate(all="ignore")
 def _decode(
     path: Path, variable: Variable, raw: NDArray[Any], speed: bool = True
 ) -> NDArray[np.float64]:
@@ -334,16 +357,16 @@ def _decode(
         value = variable.attributes.get(key)
         if value is None:
             return np.empty(0)
+        array = np.asarray(value)
         try:
-            return np.asarray(value, dtype=np.float64).ravel()
+            if array.dtype.kind not in "fiuUS":
+                raise ValueError
+            return array.astype(np.float64).ravel()
         except ValueError:
             raise FormatError(f"{path}: {variable.name}: {key} is no number") from None
 
     values = raw.astype(np.float64)
-    missing = np.zeros(values.shape, bool)
-    for key in ("_FillValue", "missing_value"):
-        for fill in given(key):
-            missing |= values == fill
+    missing = np.isin(values, np.concatenate([given("_FillValue"), given("missing_value")]))
     if raw.dtype.kind == "f":
         missing |= np.abs(values) > 9e36  # the default fill value of floats is 9.97e36
     low, high = given("valid_min"), given("valid_max")
@@ -365,14 +388,17 @@ def _decode(
             raise FormatError(f"{path}: {variable.name} has units {units!r}, which are no speed")
         values *= _SPEEDS[plain]
     values[missing] = np.nan
+    if np.isinf(values).any():
+        raise FormatError(f"{path}: {variable.name} has numbers beyond float64")
     return values
 
 
+@np.errstate(all="ignore")
 def _decode_time(path: Path, variable: Variable) -> NDArray[np.float64]:
     """CF section 4.4: seconds since 1970 from "<unit> since <date>"."""
     units = _text(variable, "units")
     pattern = (
-        r"(\w+?)s? since (-?\d+)-(\d+)-(\d+)"
+        r"(\w+?)s? since (-?\d{1,6})-(\d+)-(\d+)"
         r"(?:[T ]+(\d+):(\d+)(?::(\d+(?:\.\d*)?))?)?\s*(?:Z|UTC|GMT|[+-]0+:?0*|\+?0)?\s*$"
     )
     match = re.match(pattern, units, re.I)
@@ -388,25 +414,38 @@ def _decode_time(path: Path, variable: Variable) -> NDArray[np.float64]:
     year, month, day = (int(match.group(i)) for i in (2, 3, 4))
     try:
         date = np.datetime64(f"{year:04d}-{month:02d}-{day:02d}T00:00:00", "s")
-    except ValueError:
+    except (ValueError, OverflowError):
         raise FormatError(f"{path}: {variable.name} has units {units!r}: no such date") from None
     clock = sum(float(match.group(i) or 0) * f for i, f in ((5, 3600), (6, 60), (7, 1)))
     reference = float((date - np.datetime64("1970-01-01T00:00:00", "s")).astype(np.int64)) + clock
-    return (
-        np.atleast_1d(_decode(path, variable, variable.read({}), speed=False)) * factor + reference
-    )
+    times = _decode(path, variable, variable.read({}), speed=False) * factor + reference
+    if not (np.abs(times) < _LATEST_TIME).all():
+        raise FormatError(f"{path}: {variable.name} has times that no calendar has")
+    return times
 
 
 def _open_npz(path: Path, options: dict[str, Any]) -> GridField:
-    limit = options["memory_limit"]
     try:
         with zipfile.ZipFile(path) as archive:
-            size = sum(entry.file_size for entry in archive.infolist())
-        if size > limit:
-            raise CorruptError(f"{path}: unpacks to {size} bytes, more than memory_limit = {limit}")
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except (zipfile.BadZipFile, ValueError, EOFError, zlib.error) as error:
+            entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
+            declared, size = (
+                sum(entry.file_size for entry in entries.values()),
+                os.path.getsize(path),
+            )
+            if declared > max(options["memory_limit"], size) or declared > DEFLATE_LIMIT * size:
+                raise CorruptError(
+                    f"{path}: unpacks to {declared} bytes, more than memory_limit = "
+                    f"{options['memory_limit']} or than a file of {size} bytes can hold"
+                )
+            arrays = {
+                name: _read_npy(f"{path}: {name}", archive, entries[name])
+                for name in _NPZ
+                if name in entries
+            }
+    except (
+        *(zipfile.BadZipFile, zlib.error, struct.error),
+        *(ValueError, EOFError, RuntimeError, KeyError, OverflowError),
+    ) as error:
         if isinstance(error, FormatError):
             raise
         kind = TruncatedError if "File is not a zip file" in str(error) else CorruptError
@@ -415,13 +454,33 @@ def _open_npz(path: Path, options: dict[str, Any]) -> GridField:
     names = ("lon", "lat", "depth") if geographic else ("x", "y", "z")
     axes = [arrays[name] for name in names if name in arrays]
     if len(axes) < 2 or "values" not in arrays:
-        found = ", ".join(arrays)
+        found = ", ".join(entries)
         raise FormatError(f"{path}: expected x, y or lon, lat, and values; it has {found}")
-    try:
-        field = GridField(
-            axes, arrays["values"], arrays.get("times"), geographic=geographic, **options
-        )
-    except (InputError, TypeError) as error:
-        raise FormatError(f"{path}: {error}") from error
+    times = arrays.get("times")
+    field = _grid_field(path, axes, arrays["values"], times, geographic=geographic, **options)
     field.sources = (str(path),)
     return field
+
+
+def _read_npy(where: str, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> NDArray[Any]:
+    """An array of numbers, as long as its header says.
+
+    NEP 1, "A Simple File Format for NumPy Arrays".
+    """
+    if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise FormatError(f"{where}: compressed otherwise than by deflate; refused")
+    with archive.open(entry) as file:
+        try:
+            version = np.lib.format.read_magic(file)
+            if version == (1, 0):
+                shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
+            else:
+                shape, fortran, dtype = np.lib.format.read_array_header_2_0(file)
+        except Exception as error:  # it parses at most 10,000 characters of Python
+            raise CorruptError(f"{where}: not an array of NumPy ({error})") from error
+        data = file.read()  # at most entry.file_size bytes, whose checksum agrees
+    if dtype.kind not in "fiub":
+        raise FormatError(f"{where}: expected numbers, got dtype {dtype}")
+    if min(shape, default=0) < 0 or len(data) != math.prod(shape) * dtype.itemsize:
+        raise CorruptError(f"{where}: {len(data)} bytes are no array of shape {shape}")
+    return np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C")

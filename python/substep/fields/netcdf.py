@@ -2,11 +2,12 @@
 
 Format: "NetCDF Classic Format Specification" (Unidata, docs.unidata.ucar.edu/nug, file format
 specifications). Only headers are read at first; sizes are compared with the file's before
-anything is allocated.
+anything is allocated, in NetCDF-4, which compresses, with a limit too.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import struct
@@ -17,11 +18,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.apart import apart
+from ..base.reading import DEFLATE_LIMIT, check_hdf5_storage, hdf5_errors
 from ..errors import CorruptError, FormatError, TruncatedError
 
 _TYPES = {
     1: "i1", 2: "S1", 3: ">i2", 4: ">i4", 5: ">f4", 6: ">f8",
     7: "u1", 8: ">u2", 9: ">u4", 10: ">i8", 11: ">u8",
+}  # fmt: skip
+_MOST_DIMENSIONS = 32  # of a variable; NumPy has 64
+_BLOCK = 1 << 22  # bytes that are read at once
+# What is read of the attributes of NetCDF-4, in lower case; others may be of any type.
+_ATTRIBUTES = {
+    "standard_name", "units", "unit", "axis", "positive", "calendar", "_fillvalue", "missing_value",
+    "valid_min", "valid_max", "valid_range", "scale_factor", "add_offset",
 }  # fmt: skip
 
 
@@ -37,8 +47,11 @@ class Variable:
     """read({dimension number: index, ...}) gives the raw numbers, these dimensions dropped."""
 
 
-def read_header(path: str | os.PathLike[str]) -> dict[str, Variable]:
-    """List the variables of a NetCDF file by name."""
+def read_header(path: str | os.PathLike[str], limit: int) -> dict[str, Variable]:
+    """List the variables of a NetCDF file by name.
+
+    What a compressed one unpacks to may be larger than the file up to `limit` bytes.
+    """
     with open(path, "rb") as file:
         magic = file.read(8)
     if magic[:3] == b"CDF" and len(magic) >= 4:
@@ -46,7 +59,7 @@ def read_header(path: str | os.PathLike[str]) -> dict[str, Variable]:
             raise FormatError(f"{path}: NetCDF classic of unknown version {magic[3]}")
         return _Classic(path, magic[3]).variables
     if magic == b"\x89HDF\r\n\x1a\n":
-        return _read_hdf5(path)
+        return _read_hdf5(path, limit)
     if not magic:
         raise TruncatedError(f"{path}: the file is empty")
     raise FormatError(f"{path}: neither NetCDF nor .npz")
@@ -63,13 +76,20 @@ class _Classic:
             self._list(0x0C, self._attribute)
             raw = self._list(0x0B, self._variable)
         names = [name for name, _ in dimensions]
-        unlimited = [i for i, (_, length) in enumerate(dimensions) if length == 0]
-        bad = [i for entry in raw for i in entry[1] if i >= len(names)]
-        if bad:
-            raise CorruptError(f"{path}: a variable has dimension number {bad[0]} of {len(names)}")
-        recorded = [entry for entry in raw if entry[1] and entry[1][0] in unlimited]
+        for what, listed in (("dimensions", names), ("variables", [entry[0] for entry in raw])):
+            if len(set(listed)) != len(listed):
+                raise CorruptError(f"{path}: two {what} have the same name")
+        unlimited = {i for i, (_, length) in enumerate(dimensions) if length == 0}
+        if len(unlimited) > 1:
+            raise CorruptError(f"{path}: {len(unlimited)} record dimensions; there can be one")
+        for name, numbers, _, _, _ in raw:
+            if bad := [i for i in numbers if i >= len(names)]:
+                raise CorruptError(f"{path}: {name} has dimension {bad[0]} of {len(names)}")
+            if unlimited.intersection(numbers[1:]):
+                raise CorruptError(f"{path}: the record dimension is not the first of {name}")
+        recorded = [entry for entry in raw if unlimited.intersection(entry[1])]
 
-        def row_bytes(entry: Any) -> int:  # of one record, not padded
+        def row_bytes(entry: Any) -> int:  # of one record or row, not padded; at least 1
             lengths = [dimensions[i][1] for i in entry[1][1:]]
             return math.prod(lengths) * np.dtype(_TYPES[entry[3]]).itemsize
 
@@ -79,49 +99,52 @@ class _Classic:
         streaming = 0xFFFFFFFF if version != 5 else 0xFFFFFFFFFFFFFFFF
         if records == streaming and recorded:
             start = min(entry[4] for entry in recorded)
-            records = max(0, (self.size - start) // max(record_bytes, 1))
+            records = max(0, (self.size - start) // record_bytes)
 
         self.variables: dict[str, Variable] = {}
         for entry in raw:
             name, numbers, attributes, kind, begin = entry
-            dtype = np.dtype(_TYPES[kind])
             lengths = [records if i in unlimited else dimensions[i][1] for i in numbers]
-            stride = math.prod(lengths[1:]) * dtype.itemsize
-            if entry in recorded:
-                stride = record_bytes
-            rows = lengths[0] if lengths else 1
-            row = math.prod(lengths[1:]) * dtype.itemsize
+            rows, row = lengths[0] if lengths else 1, row_bytes(entry)
+            stride = record_bytes if unlimited.intersection(numbers) else row
             end = begin + (max(rows - 1, 0) * stride + row if rows else 0)
             if end > self.size:
                 raise TruncatedError(
                     f"{path}: ends at byte {self.size}, but variable {name} reaches to byte {end}"
                 )
-            read = self._reader(tuple(lengths), dtype, begin, stride)
+            read = self._reader(tuple(lengths), np.dtype(_TYPES[kind]), begin, stride)
             dims = tuple(names[i] for i in numbers)
             self.variables[name] = Variable(name, dims, tuple(lengths), attributes, read)
 
     def _reader(
         self, shape: tuple[int, ...], dtype: np.dtype[Any], begin: int, stride: int
     ) -> Callable[[dict[int, int]], NDArray[Any]]:
-        path = self.path
+        """How to read a variable whose rows lie `stride` bytes apart, as records do."""
+        path, count = self.path, math.prod(shape[1:])
 
         def read(indices: dict[int, int]) -> NDArray[Any]:
             first = indices.get(0)
-            wanted = range(shape[0] if shape else 1) if first is None else [first]
-            row_shape = shape[1:]
-            count = math.prod(row_shape)
-            rows = np.empty((len(wanted), *row_shape), dtype)
+            rows = (shape[0] if shape else 1) if first is None else 1
+            start = begin + (first or 0) * stride
+            values = np.empty((rows, count), dtype)
+            step = max(1, _BLOCK // stride)
             with open(path, "rb") as file:
-                for i, row in enumerate(wanted):
-                    file.seek(begin + row * stride)
-                    data = file.read(count * dtype.itemsize)
-                    if len(data) < count * dtype.itemsize:
-                        raise TruncatedError(f"{path}: ends within row {row} of a variable")
-                    rows[i] = np.frombuffer(data, dtype).reshape(row_shape)
-            values = rows[0] if first is not None or not shape else rows
+                for row in range(0, rows, step):
+                    number = min(step, rows - row)
+                    length = (number - 1) * stride + count * dtype.itemsize
+                    file.seek(start + row * stride)
+                    data = file.read(length)
+                    if len(data) < length:
+                        raise TruncatedError(f"{path}: ends within a variable")
+                    spaced = (stride, dtype.itemsize)
+                    block = np.ndarray((number, count), dtype, data, strides=spaced)
+                    values[row : row + number] = block
+            shaped = values.reshape(rows, *shape[1:])
+            if first is not None or not shape:
+                shaped = shaped[0]
             dropped = 0 if first is None else 1
             key = tuple(indices.get(d, slice(None)) for d in range(dropped, len(shape)))
-            return values[key] if key else values
+            return shaped[key] if key else shaped
 
         return read
 
@@ -171,7 +194,7 @@ class _Classic:
     def _variable(self) -> tuple[str, list[int], dict[str, Any], int, int]:
         name = self._name()
         count = self._number()
-        if count * 4 > self.size:
+        if count > _MOST_DIMENSIONS:
             raise CorruptError(f"{self.path}: variable {name} of {count} dimensions")
         dimensions = [self._number() for _ in range(count)]
         attributes = dict(self._list(0x0C, self._attribute))
@@ -181,41 +204,57 @@ class _Classic:
         return name, dimensions, attributes, kind, begin
 
 
-def _read_hdf5(path: str | os.PathLike[str]) -> dict[str, Variable]:
+def _read_hdf5(path: str | os.PathLike[str], limit: int) -> dict[str, Variable]:
     import h5py
 
-    variables: dict[str, Variable] = {}
-    try:
-        with h5py.File(path, "r") as file:
+    def describe() -> bytes:
+        found = []
+        with hdf5_errors(path), h5py.File(path, "r") as file:
             for name in file:
-                if not isinstance(file.get(name, getlink=True), h5py.HardLink):
-                    raise FormatError(f"{path}: {name} is a link out of the file; refused")
-                dataset = file[name]
-                if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind not in "fiu":
+                dataset = _dataset(path, file, name)
+                if dataset is None:
                     continue
-                if dataset.external or dataset.is_virtual:
-                    raise FormatError(f"{path}: {name} is stored in other files; refused")
-                filters = dataset.id.get_create_plist()
-                for i in range(filters.get_nfilters()):
-                    if filters.get_filter(i)[0] > 3:  # deflate, shuffle, fletcher32
-                        raise FormatError(f"{path}: {name} needs a filter plugin; refused")
-                attributes = {key: _attribute_value(dataset, key) for key in dataset.attrs}
-                dims = tuple(_dimension_name(dataset, i) for i in range(dataset.ndim))
-                read = _hdf5_reader(path, name)
-                variables[name] = Variable(name, dims, dataset.shape, attributes, read)
-    except (OSError, KeyError, RuntimeError, ValueError) as error:
-        if isinstance(error, FormatError) or (isinstance(error, OSError) and error.errno):
-            raise
-        kind = TruncatedError if "truncated" in str(error) else CorruptError
-        raise kind(f"{path}: HDF5 cannot read it: {error}") from error
+                if dataset.ndim > _MOST_DIMENSIONS:
+                    raise CorruptError(f"{path}: variable {name} of {dataset.ndim} dimensions")
+                dims = [_dimension_name(dataset, i) for i in range(dataset.ndim)]
+                found.append((name, dims, dataset.shape, _attributes(path, dataset)))
+        return json.dumps(found).encode()
+
+    variables: dict[str, Variable] = {}
+    for name, dims, shape, attributes in json.loads(apart(path, describe, os.path.getsize(path))):
+        read = _hdf5_reader(path, name, shape, limit)
+        variables[name] = Variable(name, tuple(dims), tuple(shape), attributes, read)
     return variables
 
 
-def _attribute_value(dataset: Any, key: str) -> Any:
-    if key in ("DIMENSION_LIST", "REFERENCE_LIST"):
+def _dataset(path: Any, file: Any, name: str) -> Any:
+    """What `name` is, if that is an array of numbers, and in the file itself."""
+    import h5py
+
+    if not isinstance(file.get(name, getlink=True), h5py.HardLink):
+        raise CorruptError(f"{path}: {name} is a link out of the file; refused")
+    dataset = file[name]
+    if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind not in "fiu":
         return None
-    value = dataset.attrs[key]
-    return value.decode(errors="replace") if isinstance(value, bytes) else value
+    if dataset.shape is None:
+        return None
+    check_hdf5_storage(dataset, f"{path}: {name}")
+    return dataset
+
+
+def _attributes(path: Any, dataset: Any) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for key in dataset.attrs:
+        if key.lower() not in _ATTRIBUTES:
+            continue
+        if dataset.attrs.get_id(key).get_storage_size() > os.path.getsize(path):
+            raise CorruptError(f"{path}: attribute {key} of {dataset.name} is larger than the file")
+        value = dataset.attrs[key]
+        if isinstance(value, bytes):
+            value = value.decode(errors="replace")
+        numbers = np.asarray(value)
+        values[key] = numbers.ravel().tolist() if numbers.dtype.kind in "fiu" else str(value)
+    return values
 
 
 def _dimension_name(dataset: Any, number: int) -> str:
@@ -225,16 +264,37 @@ def _dimension_name(dataset: Any, number: int) -> str:
     return str(scales[0].name).lstrip("/") if len(scales) else f"dimension {number}"
 
 
-def _hdf5_reader(path: Any, name: str) -> Callable[[dict[int, int]], NDArray[Any]]:
-    def read(indices: dict[int, int]) -> NDArray[Any]:
-        import h5py
+def _hdf5_reader(
+    path: Any, name: str, shape: list[int], limit: int
+) -> Callable[[dict[int, int]], NDArray[Any]]:
+    import h5py
 
-        try:
-            with h5py.File(path, "r") as file:
-                dataset = file[name]
+    def read(indices: dict[int, int]) -> NDArray[Any]:
+        size = os.path.getsize(path)
+        most = max(limit, size * 8)  # bytes as float64
+
+        def numbers() -> bytes:
+            """A line of JSON with dtype and shape, then the numbers."""
+            with hdf5_errors(path), h5py.File(path, "r") as file:
+                dataset = _dataset(path, file, name)
+                kept = math.prod(n for d, n in enumerate(dataset.shape) if d not in indices)
+                count = max(kept, math.prod(dataset.chunks or ()))
+                if count * dataset.dtype.itemsize > DEFLATE_LIMIT * size:
+                    raise CorruptError(f"{path}: {name} declares more than {size} bytes can hold")
+                if count * 8 > most:
+                    raise FormatError(
+                        f"{path}: {name} unpacks to {count * 8} bytes, more than "
+                        f"memory_limit = {limit}"
+                    )
                 key = tuple(indices.get(d, slice(None)) for d in range(dataset.ndim))
-                return np.asarray(dataset[key])
-        except (OSError, RuntimeError) as error:
-            raise CorruptError(f"{path}: variable {name} cannot be read: {error}") from error
+                array = np.asarray(dataset[key])
+                head = json.dumps([array.dtype.str, array.shape]).encode()
+                return head + b"\n" + array.tobytes()
+
+        expected = min(8 * math.prod(shape), most, DEFLATE_LIMIT * size)
+        answer = apart(path, numbers, expected)
+        begin = answer.index(b"\n") + 1
+        dtype, found = json.loads(answer[:begin])
+        return np.frombuffer(answer, dtype, math.prod(found), begin).reshape(found)
 
     return read
