@@ -1,28 +1,40 @@
-"""Reading meshes: Wavefront .obj here, every other format by meshio (the extra `mesh`)."""
+"""Reading meshes: surface files here, every other format by meshio (the extra `mesh`)."""
 
 from __future__ import annotations
 
+import importlib.util
 import os
-import warnings
-from itertools import pairwise
+import subprocess
+import sys
+import tempfile
+import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..errors import FormatError, SubstepError
+from . import meshio_process
+from .surface_files import Surface, read_obj, read_off, read_ply, read_stl
 from .tet_mesh import TetMesh
 from .triangle_mesh import TriangleMesh
+
+_READERS = {".obj": read_obj, ".off": read_off, ".ply": read_ply, ".stl": read_stl}
+# What meshio may take for a file: bytes of memory, and seconds of processor time.
+_MEMORY, _MEMORY_PER_BYTE = 1 << 30, 64
+_SECONDS, _BYTES_PER_SECOND = 5, 100_000
+_ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each would reserve memory
 
 
 def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh | TetMesh:
     r"""Read a mesh file.
 
-    Wavefront .obj needs nothing else; .ply, .stl, .off, .msh (Gmsh), .vtk, .vtu, .mesh and the
-    other formats of meshio need ``pip install substep[mesh]``. Polygons are cut into triangles as
-    fans from their first corner. Texture coordinates and normals are left out, so that vertices are
-    not split at their seams; the separate triangles of .stl are joined where their corners agree
-    exactly. Faces with a corner twice are left out and counted (`TriangleMesh.dropped`).
+    Wavefront .obj, .ply, .stl and .off need nothing else; .msh (Gmsh), .vtk, .vtu, .mesh and the
+    other formats of meshio need ``pip install substep[mesh]``; it runs in a process of its own.
+    Polygons are cut into triangles as fans from their first corner. Texture coordinates, normals
+    and colours are left out, so that vertices are not split at their seams; the separate triangles
+    of .stl are joined where their corners agree exactly. Faces with a corner twice are left out
+    and counted (`TriangleMesh.dropped`).
 
     Parameters
     ----------
@@ -37,7 +49,8 @@ def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh | TetMesh:
     Raises
     ------
     FormatError
-        If the file is not what its suffix says, or has neither triangles nor tetrahedra.
+        If the file is not what its suffix says, has neither triangles nor tetrahedra, or meshio
+        needs more for it than 1 GiB and 64 times its size of memory, or 5 s and 1 s per 100 kB.
     ModuleNotFoundError
         If the format needs meshio and it is not installed.
     OSError
@@ -54,87 +67,70 @@ def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh | TetMesh:
     [[0, 1, 2], [0, 2, 3]]
     """
     file = Path(path)
-    if file.suffix.lower() == ".obj":
-        return _read_obj(file)
-    with file.open("rb"):  # a missing file is an OSError, whatever meshio makes of it
-        pass
-    return _read_with_meshio(file)
-
-
-def _triangles(path: Path, points: Any, polygons: list[list[int]]) -> TriangleMesh:
-    """Fans of the polygons, without those that have a corner twice."""
-    faces, dropped = [], 0
-    for polygon in polygons:
-        for b, c in pairwise(polygon[1:]):
-            if polygon[0] != b != c != polygon[0]:
-                faces.append((polygon[0], b, c))
-            else:
-                dropped += 1
-    if not faces:
-        raise FormatError(f"{path}: no triangles and no tetrahedra")
+    read = _READERS.get(file.suffix.lower())
+    tetrahedra = None
+    if read is not None:
+        surface = read(file)
+    else:
+        surface, tetrahedra = _read_with_meshio(file)
     try:
-        mesh = TriangleMesh(points, faces)
-    except SubstepError as error:
+        if tetrahedra is not None and len(tetrahedra):
+            return TetMesh(surface.vertices, tetrahedra)
+        return _triangles(surface)
+    except (SubstepError, TypeError) as error:
         raise FormatError(f"{path}: {error}") from None
-    mesh._set(dropped=dropped)
+
+
+def _triangles(surface: Surface) -> TriangleMesh:
+    """Fans of the polygons, without those that have a corner twice."""
+    vertices, sizes, corners = surface
+    fans = np.maximum(sizes - 2, 0)
+    first = np.repeat(np.cumsum(sizes) - sizes, fans)
+    turn = np.arange(fans.sum()) - np.repeat(np.cumsum(fans) - fans, fans)
+    faces = corners[np.stack([first, first + turn + 1, first + turn + 2], axis=1)]
+    a, b, c = faces.T
+    kept = (a != b) & (b != c) & (c != a)
+    if not kept.any():
+        raise FormatError("no triangles and no tetrahedra")
+    mesh = TriangleMesh(vertices, faces[kept])
+    mesh._set(dropped=int(len(faces) - kept.sum()))
     return mesh
 
 
-def _read_obj(path: Path) -> TriangleMesh:
-    """Lines `v x y z` and `f v/vt/vn ...`, numbered from 1, or from the end where negative."""
-    points: list[list[float]] = []
-    polygons: list[list[int]] = []
-    with path.open(encoding="utf-8", errors="replace") as lines:
-        for number, line in enumerate(lines, 1):
-            words = line.split()
-            try:
-                if line.startswith("v "):
-                    x, y, z = map(float, words[1:4])
-                    points.append([x, y, z])
-                elif line.startswith("f "):
-                    polygon = [int(word.split("/", 1)[0]) for word in words[1:]]
-                    if len(polygon) < 3 or 0 in polygon:
-                        raise ValueError
-                    polygons.append([i - 1 if i > 0 else len(points) + i for i in polygon])
-            except ValueError:
-                raise FormatError(f"{path}:{number}: cannot read {line[:60].strip()!r}") from None
-    return _triangles(path, np.array(points).reshape(-1, 3), polygons)
-
-
-def _read_with_meshio(path: Path) -> TriangleMesh | TetMesh:
-    try:
-        import meshio
-    except ModuleNotFoundError:
+def _read_with_meshio(path: Path) -> tuple[Surface, Any]:
+    """What meshio makes of the file, in a process of its own: it believes what a file declares."""
+    with path.open("rb") as file:  # a missing file is an OSError
+        size = os.fstat(file.fileno()).st_size
+    if importlib.util.find_spec("meshio") is None:
         raise ModuleNotFoundError(
             f"{path}: reading {path.suffix} files needs meshio: pip install substep[mesh]"
-        ) from None
-    if path.suffix.lower() == ".ply":
-        with path.open("rb") as file:
-            if b"end_header" not in file.read(2**20):  # meshio would look for it for ever
-                raise FormatError(f"{path}: the header of a .ply file ends with end_header")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # overflows while it tries what a file may be
-            data = meshio.read(path)
-    except MemoryError:
-        raise
-    except (Exception, SystemExit) as error:
-        reason = f"{type(error).__name__}: {error}"
-        raise FormatError(f"{path}: meshio cannot read it ({reason})") from error
-    points = np.asarray(data.points, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] not in (2, 3):
-        raise FormatError(f"{path}: expected points of 3 coordinates, got shape {points.shape}")
-    points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
-    tets = [block.data for block in data.cells if block.type == "tetra"]
-    if tets:
+        )
+    memory, seconds = _MEMORY + _MEMORY_PER_BYTE * size, _SECONDS + size // _BYTES_PER_SECOND
+    limits = f"{memory} bytes of memory and {seconds} s of processor time"
+    script = str(meshio_process.__file__)
+    folders = os.pathsep.join(os.path.abspath(p) for p in sys.path if p)
+    with (
+        tempfile.TemporaryFile() as answer,
+        subprocess.Popen(
+            [sys.executable, script, os.path.abspath(path), str(memory), str(seconds)],
+            stdin=subprocess.DEVNULL,
+            stdout=answer,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONPATH": folders, "PYTHONSAFEPATH": "1", **_ONE_THREAD},
+        ) as process,
+    ):
         try:
-            return TetMesh(points, np.concatenate(tets))
-        except SubstepError as error:
-            raise FormatError(f"{path}: {error}") from None
-    polygons = [
-        [int(i) for i in polygon]
-        for block in data.cells
-        if block.type in ("triangle", "quad", "polygon")
-        for polygon in block.data
-    ]
-    return _triangles(path, points, polygons)
+            while process.poll() is None:  # not `wait`, which delays an interrupt
+                time.sleep(0.005)
+        except BaseException:
+            process.kill()
+            raise
+        answer.seek(0)
+        if process.returncode == meshio_process.REFUSED:
+            reason = answer.read(1000).decode(errors="replace")
+            raise FormatError(f"{path}: meshio cannot read it ({reason})")
+        if process.returncode != 0:
+            code = process.returncode
+            raise FormatError(f"{path}: meshio failed with {limits} (exit code {code})")
+        points, sizes, corners, tets = (np.load(answer, allow_pickle=False) for _ in range(4))
+    return Surface(points, sizes, corners), tets
