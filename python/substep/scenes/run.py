@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..base.checks import check_integer
+from ..base.checks import check_integer, check_real
 from ..errors import InputError
 from .declaration import Scene, Simulation
 
@@ -303,10 +303,13 @@ def _continued(
         raise InputError(f"{where} is of the scene {recording.scene!r}, not {scene.name}")
     stored = dict(recording.parameters)
     try:
-        plan = Plan(stored.pop("frames"), stored.pop("interval"))
+        plan = Plan(
+            check_integer("frames", stored.pop("frames"), minimum=2),
+            check_real("interval", stored.pop("interval"), positive=True),
+        )
         stored.pop("notes", None)
-    except KeyError as error:
-        raise InputError(f"{where} was not written by a run: it has no {error}") from None
+    except (KeyError, InputError, TypeError) as error:
+        raise InputError(f"{where} was not written by a run: {error}") from None
     complete = scene.complete(scene.check(stored, lambda key: f"{where}: {key}"))
     wanted = {
         **{key: (value, complete[key]) for key, value in given.items()},
