@@ -866,7 +866,12 @@ def test_data_elsewhere_foreign_filters_and_objects_are_refused(packed, tmp_path
     with h5py.File(packed, "r+") as file:
         del file["substep"]
         file["substep"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "/")
-    with pytest.raises(CorruptError):
+    with pytest.raises(CorruptError, match="not a recording"):
+        substep.Recording(packed)
+    packed.write_bytes(whole)
+    with h5py.File(packed, "r+") as file:
+        file["substep"].attrs["format_version"] = "2"
+    with pytest.raises(CorruptError, match="no number"):
         substep.Recording(packed)
 
 

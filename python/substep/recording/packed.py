@@ -13,7 +13,6 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.apart import apart
 from ..base.reading import DEFLATE, DEFLATE_LIMIT, check_hdf5_storage, hdf5_errors, load_json
 from ..errors import CorruptError, FormatError, TruncatedError, VersionError
 from .frames import (
@@ -44,26 +43,14 @@ class Packed:
         self.problem: FormatError | None = None
         self.size = os.path.getsize(path)
         self._check_superblock()
-        apart(path, self._rehearse, min(max_bytes, DEFLATE_LIMIT * self.size))
-        self._open()
-
-    def _open(self) -> None:
-        with hdf5_errors(self.path):
-            self._file = h5py.File(self.path, "r", locking=False)
+        with hdf5_errors(path):
+            self._file = h5py.File(path, "r", locking=False)
         try:
-            with hdf5_errors(self.path):
+            with hdf5_errors(path):
                 self._read_index()
         except BaseException:
             self.close()
             raise
-
-    def _rehearse(self) -> bytes:
-        """Follow everything that reading will follow; what is wrong is told when it is read."""
-        self._open()
-        for array in range(len(self.specs) if self.times else 0):
-            with contextlib.suppress(FormatError), hdf5_errors(self.path):
-                self._find(array)
-        return b""
 
     def close(self) -> None:
         """Close the file."""
@@ -118,7 +105,7 @@ class Packed:
 
     def _read_index(self) -> None:
         name = "substep/metadata"
-        if "substep" not in self._file:
+        if not isinstance(self._file.get("substep", getlink=True), h5py.HardLink):
             raise CorruptError(f"{self.path}: an HDF5 file, but not a recording of substep")
         self._check_version()
         raw = self._load(name, "|u1", ()).tobytes()
@@ -146,8 +133,11 @@ class Packed:
         self._read_constants()
 
     def _check_version(self) -> None:
-        version = self._file["substep"].attrs["format_version"]
-        if int(version) not in READABLE_VERSIONS:
+        attributes = self._file["substep"].attrs
+        found = attributes.get_id("format_version")  # a text would be read from elsewhere
+        if found.dtype.kind not in "iu" or found.shape != ():
+            raise CorruptError(f"{self.path}: its format version is no number")
+        if (version := int(attributes["format_version"])) not in READABLE_VERSIONS:
             raise VersionError(
                 f"{self.path}: format version {version}; this substep reads {READABLE_VERSIONS}"
             )
@@ -192,25 +182,19 @@ class Packed:
         """One array of one frame, unchecked."""
         spec = self.specs[array]
         with hdf5_errors(self.path):
-            self._find(array)
+            if array not in self._datasets:
+                dimension = next(s.shape[0] for s in self.specs if s.part == spec.part)
+                leaf = "Points" if spec.name == "points" else f"PointData/{spec.name}"
+                self._datasets[array] = self._dataset(
+                    f"{self._prefix(spec.part)}/{leaf}",
+                    stored_dtype(spec),
+                    stored_shape(spec, dimension),
+                    self._rows[array],
+                )
             start, count = self._offsets[index][array], self.counts[index][array]
             rows = self._read_rows(array, start, start + count)
             flat = rows.reshape(count, math.prod(rows.shape[1:]))[:, : math.prod(spec.shape)]
             return np.ascontiguousarray(flat).view(spec.dtype).reshape(count, *spec.shape)
-
-    def _find(self, array: int) -> None:
-        """Open the dataset of an array, if it is not open yet."""
-        if array in self._datasets:
-            return
-        spec = self.specs[array]
-        dimension = next(s.shape[0] for s in self.specs if s.part == spec.part)
-        leaf = "Points" if spec.name == "points" else f"PointData/{spec.name}"
-        self._datasets[array] = self._dataset(
-            f"{self._prefix(spec.part)}/{leaf}",
-            stored_dtype(spec),
-            stored_shape(spec, dimension),
-            self._rows[array],
-        )
 
     def _read_rows(self, array: int, start: int, stop: int) -> NDArray[Any]:
         """Rows of a dataset. Of small frames the whole chunks are read, and kept for the next."""
