@@ -18,7 +18,7 @@ from ..errors import CorruptError, FormatError, TruncatedError
 # Deflate shrinks no more than this: https://zlib.net/zlib_tech.html, Maximum Compression Factor.
 DEFLATE_LIMIT = 1032
 DEFLATE, SHUFFLE, FLETCHER32 = 1, 2, 3  # filters of the HDF5 library itself
-_OF_THE_CONTENT = (None, errno.EINVAL, errno.EOVERFLOW, errno.EFBIG)
+CONTENT_ERRNOS = (None, errno.EINVAL, errno.EOVERFLOW, errno.EFBIG)
 
 
 def load_json(data: bytes, where: str) -> Any:
@@ -65,7 +65,7 @@ def hdf5_errors(path: str | os.PathLike[str]) -> Iterator[None]:
         IndexError,
         OverflowError,
     ) as error:
-        if isinstance(error, OSError) and error.errno not in _OF_THE_CONTENT:
+        if isinstance(error, OSError) and error.errno not in CONTENT_ERRNOS:
             raise
         text = str(error).splitlines()[0] if str(error) else type(error).__name__
         kind = TruncatedError if "truncated file" in text else CorruptError

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.checks import check_choice, check_integer, check_real
-from ..base.reading import DEFLATE_LIMIT
+from ..base.reading import CONTENT_ERRNOS, DEFLATE_LIMIT
 from ..errors import CorruptError, FormatError, InputError, TruncatedError
 from .grid import EARTH_RADIUS, GridField
 from .netcdf import Variable, read_header
@@ -444,9 +444,10 @@ def _open_npz(path: Path, options: dict[str, Any]) -> GridField:
             }
     except (
         *(zipfile.BadZipFile, zlib.error, struct.error),
-        *(ValueError, EOFError, RuntimeError, KeyError, OverflowError),
+        *(OSError, ValueError, EOFError, RuntimeError, KeyError, OverflowError),
     ) as error:
-        if isinstance(error, FormatError):
+        system = isinstance(error, OSError) and error.errno not in CONTENT_ERRNOS
+        if system or isinstance(error, FormatError):
             raise
         kind = TruncatedError if "File is not a zip file" in str(error) else CorruptError
         raise kind(f"{path}: cannot be read as .npz: {error}") from error
