@@ -135,7 +135,8 @@ def read_stl(path: Path) -> Surface:
             )
         rows = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
         points = np.frombuffer(data, rows, count, 84)["corners"] if count else []
-    corners = np.array(points, np.float64).reshape(-1, 3)
+    with np.errstate(invalid="ignore"):  # NaN is refused by the mesh
+        corners = np.array(points, np.float64).reshape(-1, 3)
     vertices, indices = np.unique(corners, axis=0, return_inverse=True)
     return _surface(path, vertices, np.full(len(corners) // 3, 3), indices.ravel())
 
@@ -179,7 +180,8 @@ def read_ply(path: Path) -> Surface:
         raise FormatError(f"{path}: its vertices have no x, y and z")
     listed = face.get("vertex_indices", face.get("vertex_index"))
     sizes, corners = listed if isinstance(listed, tuple) else ([], [])
-    points = np.column_stack([vertex[axis].astype(np.float64) for axis in "xyz"])
+    with np.errstate(invalid="ignore"):  # NaN is refused by the mesh
+        points = np.column_stack([vertex[axis].astype(np.float64) for axis in "xyz"])
     return _surface(path, points, sizes, corners)
 
 
