@@ -126,6 +126,8 @@ def test_finds_a_key_behind_a_text_that_mentions_it(folder):
         (b"seed = 1\n# " + b"." * 5000, "2:1", "line longer"),
         (b"#" * (SIZE_LIMIT + 1), "1:1", "longer than"),
         (b"{}", "1:1", "Invalid statement"),
+        (b"a = [1,\n", "2:1", "Invalid value"),
+        (b'a = """\n', "2:1", "Unterminated string"),
     ],
     ids=[
         "bom",
@@ -141,6 +143,8 @@ def test_finds_a_key_behind_a_text_that_mentions_it(folder):
         "line",
         "long",
         "json",
+        "list",
+        "text",
     ],
 )
 def test_refuses_what_is_no_toml_text(folder, capsys, data, place, words):

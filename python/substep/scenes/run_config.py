@@ -137,7 +137,8 @@ def _parse(path: Path, text: str) -> dict[str, Any]:
         if found and found[1]:
             line, column = int(found[1]), int(found[2])
         reason = reason[: found.start()] if found else reason
-        key = re.match(r"\s*([A-Za-z0-9_.\"'-]+)\s*=", (text.splitlines() or [""])[line - 1 :][0])
+        told = "".join(text.split("\n")[line - 1 : line])
+        key = re.match(r"\s*([A-Za-z0-9_.\"'-]+)\s*=", told)
         raise FormatError(
             f"{path}:{line}:{column}: {key[1] if key else 'file'}: {reason}"
         ) from None
