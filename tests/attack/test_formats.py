@@ -2,7 +2,7 @@
 
 import formats
 import pytest
-from substep.geometry import mesh_io
+from substep.base import apart
 
 READ = {"a million fill values", "obj: 900,000 corners"}  # these are files like others
 
@@ -10,15 +10,16 @@ READ = {"a million fill values", "obj: 900,000 corners"}  # these are files like
 @pytest.mark.filterwarnings("ignore")
 def test_past_findings(monkeypatch):
     """Each is refused in a second, with 2 GiB of memory."""
-    monkeypatch.setattr(mesh_io, "_SECONDS", 1)
+    monkeypatch.setattr(apart, "SECONDS", 1)
     got = formats.relive()
     expected = {why: ("read" if why in READ else "refused", "") for why in got}
     assert got == expected
 
 
 def test_mutations():
-    result = formats.attack(3000, seed=1)
+    result = formats.attack(1000, seed=1)
     assert result["wrong"] == 0, result["findings"]
-    assert min(sum(tally.values()) for tally in result["formats"].values()) > 0
-    read = sum(tally["read"] for tally in result["formats"].values())
-    assert 100 < read < 2500  # else the mutations are too weak, or nothing can be read at all
+    tallies = [result["formats"][f.name] for f in formats.FORMATS if f.weight > formats.MESHIO]
+    assert min(sum(tally.values()) for tally in tallies) > 10
+    read = sum(tally["read"] for tally in tallies)
+    assert 100 < read < 900  # else the mutations are too weak, or nothing can be read at all
