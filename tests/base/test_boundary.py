@@ -323,7 +323,8 @@ def test_states_hold_what_can_be(kind):
             with pytest.raises(InputError, match=name):
                 simulation.restore(good | {name: wrong})
     rows = good.get("colliders", np.zeros((0, 0)))
-    for column, number, word in ((13, -1, "friction"), (14, 7, "restitution"), (3, 0, "rotation")):
+    wrong_columns = ((13, -1, "friction"), (14, 7, "restitution"), (3, 0, "rotation"))
+    for column, number, word in (*wrong_columns, (8, 1e200, "at most"), (0, -1e200, "at least")):
         if len(rows):
             wrong = rows.copy()
             wrong[0, column] = number

@@ -370,7 +370,19 @@ def test_restore_refuses_other_states():
             sim.restore({**state, **wrong})
     with pytest.raises(substep.InputError, match="missing"):
         sim.restore({"time": 0.0})
+    with pytest.raises(substep.InputError, match=r"forces.*beyond float32"):
+        sim.restore({**state, "forces": np.full_like(state["forces"], 1e300)})
     assert hash_of(sim) == before
+    flat = substep.PositionBasedDynamics([[0.0, 0], [1, 0]], 1.0)
+    good = flat.state()
+    for name in ("positions", "velocities", "forces"):
+        wrong = good[name].copy()
+        wrong[1, 2] = 1
+        with pytest.raises(substep.InputError, match=rf"{name}.*\[1\]: expected 0 across"):
+            flat.restore({**good, name: wrong})
+    flat.restore({**good, "pinned": np.ones(2, np.uint8)})  # they rest where they are
+    flat.step()
+    assert np.array_equal(flat.positions, [[0, 0], [1, 0]])
 
 
 def test_far_from_the_origin_is_the_same():

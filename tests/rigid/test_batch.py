@@ -365,7 +365,9 @@ def test_state_is_exact_and_checked(tmp_path):
         batch_of(2).load(path)
     before = batch.positions
     broken = {**state, "all_rotations": np.zeros_like(state["all_rotations"])}
-    for wrong in (broken, {**state, "all_momenta": state["all_momenta"][1:]}, {}):
+    wrong_texts = ('["", "", "\\ud800"]', "[" * 10**5, '["", ""]', "[1, 2, 3]")
+    wrong_texts = [{**state, "failures": text} for text in wrong_texts]
+    for wrong in (broken, {**state, "all_momenta": state["all_momenta"][1:]}, {}, *wrong_texts):
         with pytest.raises(InputError):
             batch.restore(wrong)
         np.testing.assert_array_equal(batch.positions, before)

@@ -93,7 +93,7 @@ def check_array(
 
 def check_within(name: str, array: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
     """The array, where all of its numbers are finite in the narrower dtype too."""
-    wrong = np.abs(array) > float(np.finfo(dtype).max)
+    wrong = ~(np.abs(array) <= float(np.finfo(dtype).max))
     if wrong.any():
         raise InputError(f"{name}{first_bad_index(wrong)}: {array[wrong][0]} is beyond {dtype}")
     return array

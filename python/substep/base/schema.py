@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .checks import check_integer, check_real, describe, first_bad_index
+from .checks import check_integer, check_real, check_within, describe, first_bad_index
 
 MOST = 2**62  # of what is counted
 OWN = "own"  # the dtype that the object computes with
@@ -62,6 +62,8 @@ class Rows:
     distinct: bool = False
     optional: bool = False
     unit: bool = False  # rows of length 1
+    flat: bool = False  # the third number of each row is 0: in the plane
+    narrow: bool = False  # what the dtype that the object computes with can hold
     finite: str = "finite"  # or "no NaN" or "any"
 
     def check(self, state: Mapping[str, Any], sizes: dict[str, int], own: Any) -> NDArray[Any]:
@@ -76,6 +78,8 @@ class Rows:
             raise InputError(f"{label}: expected dtype {wanted}, got {array.dtype}")
         self._check_shape(label, array, sizes)
         self._check_values(label, array, state)
+        if self.narrow:
+            check_within(label, array, np.dtype(own))
         return array
 
     def _check_shape(self, label: str, array: NDArray[Any], sizes: dict[str, int]) -> None:
@@ -110,8 +114,12 @@ class Rows:
         if self.distinct and len(np.unique(array)) != array.size:
             raise InputError(f"{label}: expected different numbers")
         if self.unit:
-            length = np.linalg.norm(array, axis=1)
+            with np.errstate(over="ignore"):
+                length = np.linalg.norm(array, axis=1)
             self._refuse(label, length, ~(np.abs(length - 1) <= 1e-9), "a row of length 1")
+        if self.flat:
+            across = array[:, 2]
+            self._refuse(label, across, across != 0, "0 across the plane")
 
     def _refuse(self, label: str, array: NDArray[Any], wrong: Any, wanted: str) -> None:
         if wrong.any():
@@ -132,13 +140,12 @@ class Texts:
         wrong = InputError(f"state[{self.name!r}]: expected {count} texts as JSON")
         try:
             texts = json.loads(state[self.name])
-        except (TypeError, ValueError):
-            raise wrong from None
-        if not isinstance(texts, list) or len(texts) != count:
-            raise wrong
-        if not all(isinstance(text, str) for text in texts):
-            raise wrong
-        return texts
+            if isinstance(texts, list) and len(texts) == count:
+                "".join(texts).encode()
+                return texts
+        except (TypeError, ValueError, RecursionError):
+            pass
+        raise wrong
 
 
 Entry = Number | Rows | Texts

@@ -324,6 +324,9 @@ def collider_states(colliders: Sequence[Collider]) -> NDArray[np.float64]:
     return np.array(rows) if rows else np.zeros((0, 0))
 
 
+_MOST = 1e150  # of a number of a state, so that products of two are finite
+
+
 @dataclass(frozen=True)
 class _States(Rows):
     """Rows as `Collider::state` has them."""
@@ -332,7 +335,8 @@ class _States(Rows):
         super()._check_values(label, array, state)
         if not array.size:
             return
-        length, friction, restitution = np.linalg.norm(array[:, 3:7], axis=1), *array.T[13:15]
+        with np.errstate(over="ignore"):
+            length, friction, restitution = np.linalg.norm(array[:, 3:7], axis=1), *array.T[13:15]
         wrong = ~(np.abs(length - 1) <= 1e-9)
         self._refuse(label, length, wrong, "a rotation of length 1")
         self._refuse(label, friction, friction < 0, "a friction of at least 0")
@@ -342,7 +346,8 @@ class _States(Rows):
 
 def colliders_entry(colliders: Sequence[Collider]) -> Rows:
     """What a state holds of them."""
-    return _States("colliders", np.float64, collider_states(colliders).shape)
+    shape = collider_states(colliders).shape
+    return _States("colliders", np.float64, shape, low=-_MOST, high=_MOST)
 
 
 def restore_colliders(colliders: Sequence[Collider], states: NDArray[np.float64]) -> None:

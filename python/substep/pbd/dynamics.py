@@ -447,13 +447,14 @@ class PositionBasedDynamics(Points):
         return ConstraintReport(done.steps, done.dt, sweeps, True, skipped=skipped)
 
     def _schema(self) -> tuple[list[Entry], dict[str, int], Any]:
+        flat = self._dimension == 2
         entries: list[Entry] = [
             TIME,
             Rows("origin", np.float64, (3,)),
-            Rows("positions", OWN, ("n", 3)),
-            Rows("velocities", OWN, ("n", 3)),
-            Rows("forces", np.float64, ("n", 3)),
-            Rows("targets", OWN, ("n", 3), optional=True),
+            Rows("positions", OWN, ("n", 3), flat=flat),
+            Rows("velocities", OWN, ("n", 3), flat=flat),
+            Rows("forces", np.float64, ("n", 3), flat=flat, narrow=True),
+            Rows("targets", OWN, ("n", 3), flat=flat, optional=True),
             Rows("pinned", np.uint8, ("n",), high=1),
             Rows("groups", np.float64, (None,)),
             Rows("group_sizes", np.int64, (self._native.groups,), low=0),
