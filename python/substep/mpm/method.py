@@ -273,7 +273,9 @@ class MaterialPointMethod(Particles):
         low, high = -limit, limit
         if bounds is not None:
             low, high = np.maximum(low, bounds[0][:d]), np.minimum(high, bounds[1][:d])
+        volume = np.array([self._emitter_spacing]) ** d
         for k, emitter in enumerate(self.emitters):
+            self._check_masses("emitter_spacing", volume, np.array([emitter.kind]))
             x = emitter.position + emitter._layer(self._emitter_spacing)[0]
             if not ((x >= low) & (x <= high)).all():
                 raise InputError(f"emitters[{k}]: expected one within the bounds, {low} to {high}")
@@ -371,13 +373,19 @@ class MaterialPointMethod(Particles):
         v = self._vectors("velocities", np.zeros_like(x) if velocities is None else velocities, m)
         which = check_kinds("kinds", 0 if kinds is None else kinds, m, len(self.materials))
         volumes = check_positive("volume", volume, m)
-        masses = np.array([material.density for material in self.materials])[which] * volumes
+        self._check_masses("volume", volumes, which)
+        first = self._native.add(x, v, which, volumes)
+        return np.arange(first, first + m, dtype=np.int64)
+
+    def _check_masses(self, name: str, volumes: NDArray[Any], which: NDArray[Any]) -> None:
+        """Refuse volumes, rounded as they are stored, of masses that would over- or underflow."""
+        with np.errstate(over="ignore"):
+            stored = volumes.astype(self.dtype).astype(np.float64)
+        masses = np.array([material.density for material in self.materials])[which] * stored
         wrong = ~((masses > 1e-30) & (masses < 1e30))
         if wrong.any():
             k = int(np.argmax(wrong))
-            raise InputError(f"volume[{k}]: a mass of {masses[k]} kg is out of range")
-        first = self._native.add(x, v, which, volumes)
-        return np.arange(first, first + m, dtype=np.int64)
+            raise InputError(f"{name}[{k}]: a mass of {masses[k]} kg is out of range")
 
     def _put_in(self, x: Array, v: Array, kind: NDArray[np.int32]) -> None:
         volume = self._emitter_spacing**self._dimension
@@ -479,7 +487,7 @@ class MaterialPointMethod(Particles):
         places = find_rows_or_all(ids, self.ids)
         rows = check_array("values", rows_of(values, ids, 2), (len(places), d, d))
         check_within("values", rows, self.dtype)
-        set_gradients(self._native, rows, places, self.kinds, self.materials)
+        set_gradients(self._native, rows, places, self.kinds, self.materials, self.dtype)
 
     def diagnostics(self) -> dict[str, float]:
         """Sums over all particles; in 2D of a layer of 1 m.
@@ -488,7 +496,8 @@ class MaterialPointMethod(Particles):
         -------
         dict of str to float
             `count`; `mass` [kg]; `kinetic_energy`, `gravitational_energy` (0 at the origin),
-            `elastic_energy` and `energy`, their sum [J]; `dissipated_energy` [J], whose sum with it
+            `elastic_energy` (without particles that are inverted, where their material has none
+            then) and `energy`, their sum [J]; `dissipated_energy` [J], whose sum with it
             changes by the work of forces, moving obstacles and what is put in or taken out;
             `momentum_x`, `_y`, `_z` [N s]; `angular_momentum_x`, `_y`, `_z` about 0, with the
             affine part [N m s].
@@ -534,6 +543,14 @@ class MaterialPointMethod(Particles):
 
     def _schema(self) -> tuple[list[Entry], dict[str, int], Any]:
         return [*STATE, *self._flow_schema()], {"materials": len(self.materials)}, self.dtype
+
+    def _fit(self, state: dict[str, Any]) -> None:
+        super()._fit(state)
+        counts, volumes = state["counts"], state["volumes"]
+        if (counts > len(volumes)).any() or counts.sum() != len(volumes):
+            raise InputError("state['counts']: expected the numbers of the particles")
+        which = np.repeat(np.arange(len(counts)), counts)
+        self._check_masses("state['volumes']", volumes, which)
 
     def _restore_native(self, state: dict[str, Any]) -> None:
         self._native.restore(state)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from ..base.checks import MOST_INT
+from ..base.checks import MOST_INT, check_within
 from ..base.schema import OWN, TIME, Entry, Number, Rows
 from .materials import Material
 
@@ -24,7 +24,7 @@ STATE: list[Entry] = [
     TIME,
     Number("supplied"),
     Number("drift"),
-    Number("before"),
+    Number("before", low=0),
     Number("next_id", int, low=0, high=MOST_INT),
     Number("trial", bool),
     Rows("counts", np.int64, ("materials",), low=0),
@@ -33,7 +33,7 @@ STATE: list[Entry] = [
     Rows("values", OWN, (None,)),
     Rows("motion", OWN, ("n", None)),
     Rows("volumes", OWN, ("n",)),
-    Rows("forces", np.float64, ("n", 3), optional=True),
+    Rows("forces", np.float64, ("n", 3), optional=True, narrow=True),
 ]
 
 
@@ -63,6 +63,7 @@ def set_gradients(
     places: NDArray[np.int64],
     kinds: NDArray[np.int32],
     materials: Sequence[Material],
+    dtype: np.dtype[Any],
 ) -> None:
     """Deform particles; those that keep J alone take the determinant. `kinds` are of all."""
     d = values.shape[-1]
@@ -75,7 +76,9 @@ def set_gradients(
         if state_fields(material)[0]:
             rows[:, _PLANE[d]] = values[chosen].reshape(-1, d * d)
         else:
-            rows[:, 0] = np.linalg.det(values[chosen])
+            with np.errstate(all="ignore"):
+                J = np.linalg.det(values[chosen])
+            rows[:, 0] = check_within("determinants of values", J, dtype)
         native.set_material_fields(k, rows, among)
 
 

@@ -131,6 +131,13 @@ class Particles(Points):
             Rows("absorbed", np.int64, (len(self.sinks),), low=0),
         ]
 
+    def _fit(self, state: dict[str, Any]) -> None:
+        for k, emitter in enumerate(self.emitters):
+            thickness = emitter._layer(self._emitter_spacing)[1]
+            most = max(0.0, (state["time"] - emitter.start) * emitter.speed / thickness) + 2
+            if state["layers"][k] > most:
+                raise InputError(f"state['layers'][{k}]: expected those until state['time']")
+
     def _state(self) -> dict[str, Any]:
         state: dict[str, Any] = self._native.state()
         return state | {

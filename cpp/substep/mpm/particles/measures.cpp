@@ -77,7 +77,9 @@ Diagnostics measure(const Particles<Real, D>& particles, const Vec3& gravity, bo
           sum.mass += m;
           sum.kinetic += 0.5 * m * v.squaredNorm();
           sum.potential -= m * gravity.dot(x);
-          sum.elastic += volume * static_cast<double>(energy[lane]);
+          // What is inverted has none where its material cannot be: sums stay numbers.
+          const double elastic = volume * static_cast<double>(energy[lane]);
+          if (std::isfinite(elastic)) sum.elastic += elastic;
           sum.momentum += m * v;
           sum.angular_momentum += m * x.cross(v);
           if (affine) sum.angular_momentum += m * inertia * spin(particles, s);

@@ -2,6 +2,7 @@
 // they run; its obstacles are shared with its owner.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -23,6 +24,11 @@ struct Clock {
   std::int64_t next_id = 0;
   bool trial = true;  // the return map of the last step is still to come
   double before = 0;  // dt of that step [s]
+
+  // Energy from outside [J]; what is beyond all numbers is not counted.
+  void supply(double energy) {
+    if (std::isfinite(supplied + energy)) supplied += energy;
+  }
 };
 
 // Particles one material after the other, in the order of storage.

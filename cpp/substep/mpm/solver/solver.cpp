@@ -323,10 +323,10 @@ void Solver<Real, D>::commit(const NextStep& step) {
   }
   for (std::size_t c = 0; c < moving.size(); ++c) {
     const geometry::Exchange& now = grid_.colliders[c].exchange();
-    clock_.supplied -= (now.impulse - given[c].impulse).dot(moving[c].velocity) +
-                       (now.torque - given[c].torque).dot(moving[c].angular_velocity);
+    clock_.supply(-((now.impulse - given[c].impulse).dot(moving[c].velocity) +
+                    (now.torque - given[c].torque).dot(moving[c].angular_velocity)));
   }
-  clock_.supplied += work_;
+  clock_.supply(work_);
   work_ = 0;
   forces_.clear();
   clock_.time = step.end;
@@ -376,7 +376,7 @@ auto Solver<Real, D>::or_recover(const NextStep& step, const Work& work) {
 // Adds the momentum of the forces on the particles to the nodes; returns their work [J].
 template <class Real, int D>
 double Solver<Real, D>::push(double dt) {
-  const std::vector<std::int32_t> places = places_of_ids();
+  const Places places = places_of_ids();
   double work = 0;
   for (std::size_t b = 0; b < particles_.layout.particle_keys.size(); ++b) {
     for_packets_of_block(
@@ -384,7 +384,7 @@ double Solver<Real, D>::push(double dt) {
         [&](std::size_t g, std::int64_t p, std::int32_t block, int count) {
           for (int lane = 0; lane < count; ++lane) {
             const Slot s{g, p, lane, block};
-            const Vec3 f = forces_[usize(places[usize(id_of(particles_, s))])];
+            const Vec3 f = forces_[usize(places[id_of(particles_, s)])];
             if (f.isZero(0)) continue;
             const double m =
                 density(options_.materials[g]) *

@@ -17,6 +17,7 @@
 
 #include "substep/mpm/implicit/implicit.h"
 #include "substep/mpm/particles/measures.h"
+#include "substep/mpm/particles/places.h"
 #include "substep/mpm/passes/grid_update.h"
 #include "substep/mpm/passes/options.h"
 #include "substep/mpm/passes/transfers.h"
@@ -157,12 +158,12 @@ class Solver {
   bool escapes(const Vec3& x) const;
   std::int32_t first_escaped() const;
   void hold_escaped();
-  std::vector<std::int32_t> places_of_ids(int material = kAll) const;
+  Places places_of_ids(int material = kAll) const;
   template <class Row>
   std::vector<double> column(std::size_t width, const Row& row, int material = kAll) const;
   template <class Change>
   void supply(const Change& change);
-  std::vector<std::int64_t> given_of_ids(std::span<const std::int64_t> places, int material) const;
+  auto given_of_ids(std::span<const std::int64_t> places, int material) const;
   template <class Write>
   void write(std::span<const std::int64_t> places, const Write& write, int material = kAll);
   void check_rows(const Clock& at, const std::vector<ParticleRows<Real, D>>& rows) const;

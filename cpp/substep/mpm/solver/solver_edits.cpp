@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <limits>
 #include <string>
+#include <utility>
 
 #include "substep/core/errors.h"
 #include "substep/core/parallel.h"
@@ -39,7 +40,7 @@ void Solver<Real, D>::supply(const Change& change) {
   goes_on_ = false;
   const double before = sums().energy();
   change();
-  clock_.supplied += sums().energy() - before;
+  clock_.supply(sums().energy() - before);
 }
 
 // Takes out what has left the bounds, or holds it there, at rest.
@@ -115,12 +116,12 @@ std::int64_t Solver<Real, D>::add(std::span<const Vec3> x, std::span<const Vec3>
 template <class Real, int D>
 void Solver<Real, D>::remove(std::span<const std::uint8_t> flags) {
   supply([&] {
-    const std::vector<std::int32_t> places = places_of_ids();
+    const Places places = places_of_ids();
     std::vector<ParticleRows<Real, D>> all = rows();
     for (ParticleRows<Real, D>& group : all) {
       std::vector<std::uint8_t> stays;
       for (const std::int32_t id : group.ids) {
-        stays.push_back(flags[usize(places[usize(id)])] == 0);
+        stays.push_back(flags[usize(places[id])] == 0);
       }
       keep(group, stays);
     }
@@ -152,19 +153,18 @@ std::int64_t Solver<Real, D>::absorb(const geometry::Collider& region) {
   return n;
 }
 
-// Of each id: the last k whose places[k] is its place among the particles of a material (or of
-// all), or -1.
+// Of an id: the last k whose places[k] is its place among the particles of a material (or of all),
+// or -1.
 template <class Real, int D>
-std::vector<std::int64_t> Solver<Real, D>::given_of_ids(std::span<const std::int64_t> places,
-                                                        int material) const {
-  std::vector<std::int64_t> given(usize(size(material)), -1), of_ids;
+auto Solver<Real, D>::given_of_ids(std::span<const std::int64_t> places, int material) const {
+  std::vector<std::int64_t> given(usize(size(material)), -1);
   for (std::size_t k = 0; k < places.size(); ++k) {
     given[usize(places[k])] = static_cast<std::int64_t>(k);
   }
-  for (const std::int32_t place : places_of_ids(material)) {
-    of_ids.push_back(place < 0 ? -1 : given[usize(place)]);
-  }
-  return of_ids;
+  return [given = std::move(given), of = places_of_ids(material)](std::int32_t id) {
+    const std::int32_t place = of[id];
+    return place < 0 ? std::int64_t{-1} : given[usize(place)];
+  };
 }
 
 // write(slot, k) for the particle at places[k], for each k; the last of equal places counts.
@@ -172,14 +172,14 @@ template <class Real, int D>
 template <class Write>
 void Solver<Real, D>::write(std::span<const std::int64_t> places, const Write& write,
                             int material) {
-  const std::vector<std::int64_t> given = given_of_ids(places, material);
+  const auto given = given_of_ids(places, material);
   // Lanes after the last particle of a block repeat it.
   for_packets(
       particles_,
       [&](std::size_t g, std::int64_t p, std::int32_t block, int count) {
         for (int lane = 0; lane < kLanes<Real>; ++lane) {
           const Slot owner{g, p, std::min(lane, count - 1), block};
-          const std::int64_t k = given[usize(id_of(particles_, owner))];
+          const std::int64_t k = given(id_of(particles_, owner));
           if (k >= 0) write(Slot{g, p, lane, block}, usize(k));
         }
       },
@@ -194,11 +194,11 @@ void Solver<Real, D>::set_positions(std::span<const Vec3> x, std::span<const std
     }
   }
   supply([&] {
-    const std::vector<std::int64_t> given = given_of_ids(places, kAll);
+    const auto given = given_of_ids(places, kAll);
     std::vector<ParticleRows<Real, D>> all = rows();
     for (ParticleRows<Real, D>& group : all) {
       for (std::size_t i = 0; i < group.ids.size(); ++i) {
-        const std::int64_t k = given[usize(group.ids[i])];
+        const std::int64_t k = given(group.ids[i]);
         if (k >= 0) set_position(group, i, options_.cell, x[usize(k)]);
       }
     }

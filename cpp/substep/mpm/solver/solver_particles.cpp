@@ -1,4 +1,6 @@
 // What a Solver tells of its particles.
+#include <utility>
+
 #include "substep/core/usize.h"
 #include "substep/mpm/particles/particle_loop.h"
 #include "substep/mpm/solver/solver.h"
@@ -14,34 +16,36 @@ std::int64_t Solver<Real, D>::size(int material) const {
   return n;
 }
 
-// Of each id that was given: its place among the particles of a material (or of all), or -1.
+// Of the particles of a material, or of all.
 template <class Real, int D>
-std::vector<std::int32_t> Solver<Real, D>::places_of_ids(int material) const {
-  std::vector<std::int32_t> places(usize(clock_.next_id), -1);
+Places Solver<Real, D>::places_of_ids(int material) const {
+  const bool by_table = Places::wants_table(clock_.next_id, size());
+  std::vector<std::int32_t> found(by_table ? usize(clock_.next_id) : 0, -1);
+  if (!by_table) found.reserve(usize(size(material)));
   for_particles(
       particles_,
       [&](const Slot& s) {
         if (material != kAll && s.group != usize(material)) return;
-        places[usize(id_of(particles_, s))] = 0;
+        if (by_table) {
+          found[usize(id_of(particles_, s))] = 0;
+        } else {
+          found.push_back(id_of(particles_, s));
+        }
       },
-      options_.threads);
-  std::int32_t next = 0;
-  for (std::int32_t& place : places) {
-    if (place == 0) place = next++;
-  }
-  return places;
+      by_table ? options_.threads : 1);
+  return by_table ? Places::of_table(std::move(found)) : Places::of_ids(std::move(found));
 }
 
 // row(slot, to) writes the numbers of a particle.
 template <class Real, int D>
 template <class Row>
 std::vector<double> Solver<Real, D>::column(std::size_t width, const Row& row, int material) const {
-  const std::vector<std::int32_t> places = places_of_ids(material);
+  const Places places = places_of_ids(material);
   std::vector<double> out(usize(size(material)) * width);
   for_particles(
       particles_,
       [&](const Slot& s) {
-        const std::int32_t place = places[usize(id_of(particles_, s))];
+        const std::int32_t place = places[id_of(particles_, s)];
         if (place >= 0) row(s, out.data() + usize(place) * width);
       },
       options_.threads);
@@ -50,13 +54,8 @@ std::vector<double> Solver<Real, D>::column(std::size_t width, const Row& row, i
 
 template <class Real, int D>
 std::vector<std::int64_t> Solver<Real, D>::ids() const {
-  const std::vector<std::int32_t> places = places_of_ids();
-  std::vector<std::int64_t> out;
-  out.reserve(usize(size()));
-  for (std::size_t id = 0; id < places.size(); ++id) {
-    if (places[id] >= 0) out.push_back(static_cast<std::int64_t>(id));
-  }
-  return out;
+  const Places places = places_of_ids();
+  return {places.ids().begin(), places.ids().end()};
 }
 
 template <class Real, int D>
@@ -113,7 +112,7 @@ std::vector<double> Solver<Real, D>::material_fields(int material) const {
 
 template <class Real, int D>
 std::vector<double> Solver<Real, D>::stresses() const {
-  const std::vector<std::int32_t> places = places_of_ids();
+  const Places places = places_of_ids();
   std::vector<double> out(usize(size()) * 6);
   for_packets(
       particles_,
@@ -122,7 +121,7 @@ std::vector<double> Solver<Real, D>::stresses() const {
         packet_stress_at_rest(particles_, g, p, tau);
         for (int lane = 0; lane < count; ++lane) {
           const std::int32_t id = id_of(particles_, Slot{g, p, lane, block});
-          const auto place = usize(places[usize(id)]);
+          const auto place = usize(places[id]);
           for (int k = 0; k < (D == 3 ? 6 : 4); ++k) {
             out[place * 6 + usize(k)] = static_cast<double>(tau[k * kLanes<Real> + lane]);
           }
@@ -134,7 +133,7 @@ std::vector<double> Solver<Real, D>::stresses() const {
 
 template <class Real, int D>
 std::vector<double> Solver<Real, D>::elastic_energies() const {
-  const std::vector<std::int32_t> places = places_of_ids();
+  const Places places = places_of_ids();
   std::vector<double> out(usize(size()));
   for_packets(
       particles_,
@@ -143,7 +142,7 @@ std::vector<double> Solver<Real, D>::elastic_energies() const {
         packet_energy(particles_, g, p, energy);
         for (int lane = 0; lane < count; ++lane) {
           const Slot s{g, p, lane, block};
-          const auto place = usize(places[usize(id_of(particles_, s))]);
+          const auto place = usize(places[id_of(particles_, s)]);
           out[place] =
               static_cast<double>(particles_.groups[g].volume[s.template id_index<Real>()]) *
               static_cast<double>(energy[lane]);

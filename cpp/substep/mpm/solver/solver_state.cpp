@@ -65,7 +65,7 @@ void Solver<Real, D>::check_rows(const Clock& at,
       at.next_id > std::numeric_limits<std::int32_t>::max()) {
     throw InputError("state: expected that of an object with the same materials");
   }
-  std::vector<std::uint8_t> seen(usize(at.next_id));
+  std::vector<std::int32_t> ids;
   for (std::size_t g = 0; g < rows.size(); ++g) {
     const ParticleRows<Real, D>& group = rows[g];
     const std::size_t n = group.ids.size();
@@ -83,9 +83,7 @@ void Solver<Real, D>::check_rows(const Clock& at,
     }
     for (std::size_t i = 0; i < n; ++i) {
       const std::int32_t id = group.ids[i];
-      if (id < 0 || id >= at.next_id || seen[usize(id)]++ != 0) {
-        throw InputError("state['ids']: expected different numbers from 0 to below next_id");
-      }
+      ids.push_back(id);
       for (std::size_t d = 0; d < D; ++d) {
         const double x = static_cast<double>(group.state[i * width + d]);
         const std::int64_t block = group.blocks[i][d];
@@ -95,6 +93,11 @@ void Solver<Real, D>::check_rows(const Clock& at,
         }
       }
     }
+  }
+  std::sort(ids.begin(), ids.end());
+  if (!ids.empty() && (ids.front() < 0 || ids.back() >= at.next_id ||
+                       std::adjacent_find(ids.begin(), ids.end()) != ids.end())) {
+    throw InputError("state['ids']: expected different numbers from 0 to below next_id");
   }
 }
 
