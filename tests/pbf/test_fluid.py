@@ -473,6 +473,9 @@ def test_states_that_do_not_fit_are_refused(tmp_path):
         "next_id": [3],
         "colliders": [np.zeros((2, 21))],
     }
+    far, heavy = good["positions"].copy(), good["positions"].copy()
+    far[0, 0], heavy[0, 3] = 1e30, 0.5  # the last column are inverse masses
+    changes["positions"] += [far, heavy]
     for name, values in changes.items():
         for value in values:
             with pytest.raises(InputError, match=r"state|fluid"):
@@ -480,6 +483,23 @@ def test_states_that_do_not_fit_are_refused(tmp_path):
             assert state_hash(liquid) == before
     with pytest.raises(InputError, match="ids missing"):
         liquid.restore({k: v for k, v in good.items() if k != "ids"})
+
+
+def test_few_particles_of_many_that_were():
+    """Ids may be as large as they like: no table of all that were ever given is made."""
+    liquid = dam()
+    kept = liquid.ids[::5]
+    liquid.remove(np.setdiff1d(liquid.ids, kept))
+    twin = liquid.copy()
+    state = liquid.state()
+    liquid.restore(state | {"next_id": 2**60, "ids": state["ids"] + 2**59})
+    assert np.array_equal(liquid.ids, kept + 2**59)
+    for one in (liquid, twin):
+        one.set_velocities([[1.0, 0, 0]], one.ids[3:4])
+        one.step()
+    assert np.array_equal(liquid.positions, twin.positions)
+    assert np.array_equal(liquid.kinds, twin.kinds)
+    assert liquid.add([[0.1, 0.1, 0.1]]).tolist() == [2**60]
 
 
 def test_copies_are_independent():

@@ -24,7 +24,7 @@ from ..base.checks import (
     check_within,
 )
 from ..base.rows import read_only
-from ..base.schema import OWN, TIME, Entry, Number, Rows
+from ..base.schema import MOST, OWN, TIME, Entry, Number, Rows
 from ..base.simulation import StepReport, with_energy
 from ..errors import InputError
 from ..geometry import Collider, Shape
@@ -416,18 +416,30 @@ class PositionBasedFluid(Particles):
         }
 
     def _schema(self) -> tuple[list[Entry], dict[str, int], Any]:
+        flat = self._dimension == 2
         kinds = len(self.density) - 1
         entries: list[Entry] = [
             TIME,
             Number("last_dt", low=0),
-            Number("next_id", int, low=0, high=MOST_INT),
+            Number("next_id", int, low=0, high=MOST),
             Rows("ids", np.int64, ("n",), low=0, below="next_id", distinct=True),
-            Rows("positions", OWN, ("n", 4)),
-            Rows("velocities", OWN, ("n", 4)),
-            Rows("forces", OWN, ("n", 4), optional=True),
+            Rows("positions", OWN, ("n", 4), flat=flat),
+            Rows("velocities", OWN, ("n", 4), flat=flat),
+            Rows("forces", OWN, ("n", 4), flat=flat, optional=True),
             Rows("fluids", np.int32, ("n",), low=0, high=kinds),
         ]
         return [*entries, *self._flow_schema()], {}, self.dtype
+
+    def _fit(self, state: dict[str, Any]) -> None:
+        super()._fit(state)
+        x = state["positions"]
+        # A step begins at half of where cells can be numbered (pbf/fluid.cpp, reach).
+        far = 2.0 ** (24 if self.dtype == np.float32 else 53) * self.support * self.spacing
+        if (np.abs(x[:, :3]) > far).any():
+            raise InputError(f"state['positions']: expected numbers within {far:.6g} m")
+        masses = np.array(self._options["masses"])
+        if not np.array_equal(x[:, 3], (masses[0] / masses).astype(self.dtype)[state["fluids"]]):
+            raise InputError("state['positions']: expected the inverse masses of the fluids")
 
     def _restore_native(self, state: dict[str, Any]) -> None:
         names = ("time", "last_dt", "next_id", "positions", "velocities", "forces", "ids", "fluids")
