@@ -454,6 +454,12 @@ def test_states_that_do_not_fit():
     wrong_pairs[0, 0] = 10**6
     wrong_joints = good["joint_pairs"].copy()
     wrong_joints[0, 1] = -7
+
+    def at(name, column, value):
+        rows = good[name].copy()
+        rows[0, column] = value
+        return {name: rows}
+
     for change, message in [
         ({"time": NAN}, "time"),
         ({"steps": -1}, "steps"),
@@ -471,6 +477,15 @@ def test_states_that_do_not_fit():
         ({"joint_pairs": wrong_joints}, "."),
         ({"island": good["island"] + 50}, "."),
         ({"excluded": np.array([[0, 99]], np.int32)}, "."),
+        (at("contacts", 0, 5.0), "length 1"),
+        (at("contacts", -11, -1.0), "friction"),  # then restitution, spinning, rolling
+        (at("contacts", -10, 2.0), "restitution"),
+        ({n: good[n][::-1].copy() for n in ("contacts", "contact_pairs")}, "order"),
+        (at("joint_pairs", 0, 9), "no such joint"),
+        (at("joint_pairs", 3, 9), "no such kind|only hinges"),
+        (at("joints", -1, np.inf), "errors"),
+        ({"positions": good["positions"] + 1e160}, "too large"),
+        ({"slow_time": good["slow_time"] - 1}, "slow_time"),
     ]:
         refused(simulation, InputError, message, lambda s, change=change: s.restore(good | change))
     simulation.restore(good)

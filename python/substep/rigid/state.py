@@ -33,7 +33,7 @@ SCHEMA: list[Entry] = [
     Rows("rotations", np.float64, ("bodies", 4), unit=True),
     Rows("rest_rotations", np.float64, ("bodies", 4)),
     Rows("masses", np.float64, ("bodies",)),
-    Rows("slow_time", np.float64, ("bodies",)),
+    Rows("slow_time", np.float64, ("bodies",), low=0),
     Rows("contacts", np.float64, ("contacts", None)),
     Rows("contact_pairs", np.int32, ("contacts", None)),
     Number("next_joint", int, low=0, high=MOST),
@@ -73,6 +73,10 @@ class States(Joints):
         own = np.where(dynamic, self._weights, 1.0)
         if not np.array_equal(own, np.column_stack([state["masses"], state["inertia"]])):
             raise InputError("state['masses'], ['inertia']: expected those of the same bodies")
+        with np.errstate(over="ignore"):
+            squares = sum((state[name] ** 2).sum(axis=1) for name in _VECTORS[:5])
+        if not np.isfinite(squares).all():
+            raise InputError(f"state: the numbers of body {np.argmax(squares)} are too large")
 
     def _put_state(self, state: dict[str, Any]) -> None:
         mine = ("ids", "joint_ids", "next_id", "next_joint")

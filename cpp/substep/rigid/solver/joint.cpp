@@ -75,6 +75,8 @@ Joint make(JointType type, const Bodies& bodies, std::int32_t a, std::int32_t b,
 void check_motor(const Joint& joint) {
   const Joint::Motor& motor = joint.motor;
   if (motor.type == MotorType::kNone) return;
+  check(motor.type == MotorType::kSpeed || motor.type == MotorType::kSpring,
+        "motor: there is no such kind");
   check(joint.type != JointType::kBall && joint.type != JointType::kFixed,
         "motor: only hinges, sliders and distance joints have one");
   check(std::isfinite(motor.target), "motor.target: expected a finite number");
@@ -110,6 +112,8 @@ void check_limits(const Joint& joint) {
     case JointType::kHinge:
     case JointType::kSlider:
       break;
+    default:
+      check(false, "type: there is no such joint");
   }
   if (joint.cone == Joint::kInfinite) return;
   check(joint.type == JointType::kBall, "cone: only balls have one");
@@ -162,6 +166,9 @@ void check_joint(const Joint& joint, const Bodies& bodies) {
   check_motor(joint);
   check(std::isfinite(joint.coordinate), "coordinate: expected a finite number");
   for (const double l : joint.impulse) check(std::isfinite(l), "impulse: expected finite numbers");
+  check(joint.force.allFinite() && joint.torque.allFinite() && std::isfinite(joint.length_error) &&
+            std::isfinite(joint.angle_error),
+        "force, torque, errors: expected finite numbers");
 }
 
 double joint_coordinate(const Joint& joint, const Bodies& bodies) {

@@ -1,5 +1,6 @@
 // World: its state, and from a state.
 #include <algorithm>
+#include <cmath>
 #include <string>
 
 #include "substep/core/errors.h"
@@ -46,7 +47,16 @@ void check_state(const WorldState& state) {
     require(c.a == state.fixture_body[usize(c.fixture_a)] &&
                 c.b == state.fixture_body[usize(c.fixture_b)],
             "the bodies of a contact are not those of its fixtures");
+    require(c.a != c.b && (bodies.dynamic(c.a) || bodies.dynamic(c.b)),
+            "a contact needs two bodies, one of them dynamic");
+    const auto unit = [](const Vec3& v) { return std::abs(v.norm() - 1) < 1e-6; };
+    require(unit(c.normal) && unit(c.tangent), "directions of a contact have the length 1");
+    require(c.friction >= 0 && c.restitution >= 0 && c.restitution <= 1 && c.spinning >= 0 &&
+                c.rolling >= 0,
+            "friction of a contact is at least 0, restitution from 0 to 1");
   }
+  require(std::is_sorted(state.contacts.begin(), state.contacts.end(), precedes),
+          "contacts are in the order of their shapes");
 }
 
 }  // namespace
