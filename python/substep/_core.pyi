@@ -983,6 +983,7 @@ class Deformable:
         contact_thickness: float,
         contact_stiffness: float,
         sticking_speed: float,
+        may_start_inside: bool,
         threads: int,
     ) -> None: ...
     def assemble(self, dt: float, values: numpy.typing.NDArray[numpy.float64]) -> None: ...

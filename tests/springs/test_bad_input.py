@@ -1,5 +1,7 @@
 """Wrong input to mass-spring systems: named, refused, nothing changed."""
 
+import pickle
+
 import numpy as np
 import pytest
 import substep
@@ -195,6 +197,19 @@ def test_what_is_put_into_an_obstacle_is_named(moved):
     simulation.positions[1] = (1, 0, 0)
     ball.position = (3, 0, 0)
     simulation.step()
+
+
+def test_a_body_inside_an_obstacle_can_be_copied_and_restored(tmp_path):
+    ball = substep.Collider(substep.Sphere(0.1, (5, 0, 0)))
+    body = net(integrator="implicit_euler", colliders=[ball])
+    body.positions[2] = (5, 0, 0)
+    body.save(tmp_path / "inside")
+    twin = body.copy()
+    twin.load(tmp_path / "inside")
+    for one in (body, twin, pickle.loads(pickle.dumps(body))):
+        assert np.array_equal(one.positions, body.positions)
+        with pytest.raises(substep.SolverError, match="vertex 2 is inside"):
+            one.step()
 
 
 def test_states_that_do_not_fit():

@@ -55,7 +55,7 @@ Deformable::Deformable(Positions x, Positions v, std::span<const double> masses,
   potential_ =
       std::make_unique<IncrementalPotential>(masses, pinned, std::move(terms), options.threads);
   set_contact_stiffness(1.0);
-  refuse_penetration();
+  if (!options.may_start_inside) refuse_penetration();
 }
 
 void Deformable::set_pinned(std::span<const std::uint8_t> pinned) {
