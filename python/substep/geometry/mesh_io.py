@@ -1,4 +1,4 @@
-"""Reading meshes: surface files here, every other format by meshio (the extra `mesh`)."""
+"""Reading meshes: Wavefront .obj here, every other format by meshio (the extra `mesh`)."""
 
 from __future__ import annotations
 
@@ -9,17 +9,20 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import FormatError, SubstepError
 from . import meshio_process
-from .surface_files import Surface, read_obj, read_off, read_ply, read_stl
 from .tet_mesh import TetMesh
 from .triangle_mesh import TriangleMesh
 
-_READERS = {".obj": read_obj, ".off": read_off, ".ply": read_ply, ".stl": read_stl}
+Array = NDArray[np.float64]
+Ids = NDArray[np.int64]
+
+_MOST = 2**53  # of what is numbered
 # What meshio may take for a file: bytes of memory, and seconds of processor time.
 _MEMORY, _MEMORY_PER_BYTE = 1 << 30, 64
 _SECONDS, _BYTES_PER_SECOND = 5, 100_000
@@ -29,12 +32,12 @@ _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each woul
 def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh | TetMesh:
     r"""Read a mesh file.
 
-    Wavefront .obj, .ply, .stl and .off need nothing else; .msh (Gmsh), .vtk, .vtu, .mesh and the
+    Wavefront .obj needs nothing else; .ply, .stl, .off, .msh (Gmsh), .vtk, .vtu, .mesh and the
     other formats of meshio need ``pip install substep[mesh]``; it runs in a process of its own.
-    Polygons are cut into triangles as fans from their first corner. Texture coordinates, normals
-    and colours are left out, so that vertices are not split at their seams; the separate triangles
-    of .stl are joined where their corners agree exactly. Faces with a corner twice are left out
-    and counted (`TriangleMesh.dropped`).
+    Polygons are cut into triangles as fans from their first corner. Texture coordinates and normals
+    are left out, so that vertices are not split at their seams; the separate triangles of .stl are
+    joined where their corners agree exactly. Faces with a corner twice are left out and counted
+    (`TriangleMesh.dropped`).
 
     Parameters
     ----------
@@ -67,23 +70,27 @@ def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh | TetMesh:
     [[0, 1, 2], [0, 2, 3]]
     """
     file = Path(path)
-    read = _READERS.get(file.suffix.lower())
-    tetrahedra = None
-    if read is not None:
-        surface = read(file)
-    else:
-        surface, tetrahedra = _read_with_meshio(file)
+    read = _read_obj if file.suffix.lower() == ".obj" else _read_with_meshio
+    vertices, sizes, corners, tetrahedra = read(file)
     try:
-        if tetrahedra is not None and len(tetrahedra):
-            return TetMesh(surface.vertices, tetrahedra)
-        return _triangles(surface)
+        if len(tetrahedra):
+            return TetMesh(vertices, tetrahedra)
+        return _triangles(vertices, sizes, corners)
     except (SubstepError, TypeError) as error:
         raise FormatError(f"{path}: {error}") from None
 
 
-def _triangles(surface: Surface) -> TriangleMesh:
+class _Read(NamedTuple):
+    """Vertices, the number of corners of each polygon, the corners of all, and tetrahedra."""
+
+    vertices: Array
+    sizes: Ids
+    corners: Ids
+    tetrahedra: Ids
+
+
+def _triangles(vertices: Array, sizes: Ids, corners: Ids) -> TriangleMesh:
     """Fans of the polygons, without those that have a corner twice."""
-    vertices, sizes, corners = surface
     fans = np.maximum(sizes - 2, 0)
     first = np.repeat(np.cumsum(sizes) - sizes, fans)
     turn = np.arange(fans.sum()) - np.repeat(np.cumsum(fans) - fans, fans)
@@ -97,10 +104,36 @@ def _triangles(surface: Surface) -> TriangleMesh:
     return mesh
 
 
-def _read_with_meshio(path: Path) -> tuple[Surface, Any]:
+def _read_obj(path: Path) -> _Read:
+    """Lines `v x y z` and `f v/vt/vn ...`, numbered from 1, or from the end where negative."""
+    points: list[list[float]] = []
+    sizes: list[int] = []
+    corners: list[int] = []
+    with path.open(encoding="utf-8", errors="replace") as lines:
+        for number, line in enumerate(lines, 1):
+            try:
+                if line.startswith("v "):
+                    x, y, z = map(float, line.split()[1:4])
+                    points.append([x, y, z])
+                elif line.startswith("f "):
+                    polygon = [int(word.split("/", 1)[0]) for word in line.split()[1:]]
+                    if len(polygon) < 3 or 0 in polygon or max(map(abs, polygon)) > _MOST:
+                        raise ValueError
+                    sizes.append(len(polygon))
+                    corners.extend(i - 1 if i > 0 else len(points) + i for i in polygon)
+            except ValueError:
+                raise FormatError(f"{path}:{number}: cannot read {line[:60].strip()!r}") from None
+    vertices = np.array(points, np.float64).reshape(-1, 3)
+    none = np.empty((0, 4), np.int64)
+    return _Read(vertices, np.array(sizes, np.int64), np.array(corners, np.int64), none)
+
+
+def _read_with_meshio(path: Path) -> _Read:
     """What meshio makes of the file, in a process of its own: it believes what a file declares."""
     with path.open("rb") as file:  # a missing file is an OSError
         size = os.fstat(file.fileno()).st_size
+        if path.suffix.lower() == ".ply" and b"end_header" not in file.read(2**20):
+            raise FormatError(f"{path}: the header of a .ply file ends with end_header")
     if importlib.util.find_spec("meshio") is None:
         raise ModuleNotFoundError(
             f"{path}: reading {path.suffix} files needs meshio: pip install substep[mesh]"
@@ -132,5 +165,4 @@ def _read_with_meshio(path: Path) -> tuple[Surface, Any]:
         if process.returncode != 0:
             code = process.returncode
             raise FormatError(f"{path}: meshio failed with {limits} (exit code {code})")
-        points, sizes, corners, tets = (np.load(answer, allow_pickle=False) for _ in range(4))
-    return Surface(points, sizes, corners), tets
+        return _Read(*(np.load(answer, allow_pickle=False) for _ in range(4)))
