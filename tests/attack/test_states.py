@@ -3,15 +3,15 @@
 import pytest
 import states
 
-SEED = 15
+SEED = 17
 
 
 def test_tampered_states_are_refused_or_harmless():
-    told = states.attack(len(states.PAST) + 400, SEED)
+    told = states.attack(len(states.PAST) + 300, SEED)
     assert told.pop("findings") == []
     assert set(told) == set(states.MAKERS)
     sums = {word: sum(row.get(word, 0) for row in told.values()) for word in ("calls", "refused")}
-    assert sums["calls"] == len(states.PAST) + 400
+    assert sums["calls"] == len(states.PAST) + 300
     assert 0.4 < sums["refused"] / sums["calls"] < 0.8
 
 
