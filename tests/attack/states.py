@@ -639,7 +639,7 @@ def _lines(child):
         yield from map(json.loads, whole)
 
 
-def attack(count, seed, only=None):
+def attack(count, seed, only=None, begin=0):
     """Try `count` states: first what was found before, then what comes of the seed.
 
     Returns
@@ -648,7 +648,7 @@ def attack(count, seed, only=None):
         Of each maker `calls`, `refused`, `accepted`, `crashes`, `hangs`, `wrong types` and `torn`
         (all else that must not be); and `findings`, how to see each again.
     """
-    rows, findings, begin = {}, [], 0
+    rows, findings = {}, []
 
     def note(what, column, finding=None):
         row = rows.setdefault(what.partition(":")[0], {})
@@ -696,10 +696,9 @@ def main():
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", choices=list(MAKERS))
     given = parser.parse_args()
-    told = attack(given.count, given.seed, given.only)
-    print(*told.pop("findings"), sep="\n")
-    for name, row in told.items():
-        print(name, row)
+    for begin in range(0, given.count, 500):
+        told = attack(min(begin + 500, given.count), given.seed, given.only, begin)
+        print("\n".join(["", *told.pop("findings"), *map(str, told.items())]), flush=True)
     return None
 
 

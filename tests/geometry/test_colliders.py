@@ -219,6 +219,10 @@ def test_a_refused_assignment_changes_nothing():
     before = ball._native.state
     for name, value in (
         ("friction", -1),
+        ("friction", 1e151),
+        ("velocity", (0, -1e151, 0)),
+        ("angular_velocity", (0, 0, 1e151)),
+        ("position", (1e151, 0, 0)),
         ("restitution", np.nan),
         ("velocity", (0, 0)),
         ("position", (0, np.nan, 0)),

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+_MOST = 1e150  # of a number of an obstacle, so that products of two are finite
+
 
 class Collider(Owned):
     """An obstacle: a shape with a surface, which can move and counts what it is given.
@@ -117,7 +119,10 @@ class Collider(Owned):
 
     @friction.setter
     def friction(self, value: float) -> None:
-        self._native.friction = check_real("friction", value, nonnegative=True)
+        number = check_real("friction", value, nonnegative=True)
+        if number > _MOST:
+            raise InputError(f"friction: expected a number of at most {_MOST}, got {number}")
+        self._native.friction = number
 
     @property
     def restitution(self) -> float:
@@ -138,7 +143,7 @@ class Collider(Owned):
 
     @velocity.setter
     def velocity(self, value: ArrayLike) -> None:
-        self._native.velocity = check_array("velocity", value, (3,)).tolist()
+        self._native.velocity = _vector("velocity", value)
 
     @property
     def angular_velocity(self) -> Array:
@@ -147,7 +152,7 @@ class Collider(Owned):
 
     @angular_velocity.setter
     def angular_velocity(self, value: ArrayLike) -> None:
-        self._native.angular_velocity = check_array("angular_velocity", value, (3,)).tolist()
+        self._native.angular_velocity = _vector("angular_velocity", value)
 
     @property
     def position(self) -> Array:
@@ -156,7 +161,7 @@ class Collider(Owned):
 
     @position.setter
     def position(self, value: ArrayLike) -> None:
-        self._native.position = check_array("position", value, (3,)).tolist()
+        self._native.position = _vector("position", value)
 
     @property
     def rotation(self) -> Array:
@@ -287,6 +292,15 @@ class Collider(Owned):
         self._native.advance(check_real("dt", dt, nonnegative=True))
 
 
+def _vector(name: str, value: ArrayLike) -> list[float]:
+    """What products of two are finite of."""
+    vector = check_array(name, value, (3,))
+    if (np.abs(vector) > _MOST).any():
+        raise InputError(f"{name}: expected numbers within {_MOST}, got {vector}")
+    numbers: list[float] = vector.tolist()
+    return numbers
+
+
 def _to(threads: int | None) -> tuple[int]:
     return (check_threads(threads),)
 
@@ -322,9 +336,6 @@ def collider_states(colliders: Sequence[Collider]) -> NDArray[np.float64]:
     """All that changes of them, one row each."""
     rows = [collider._native.state for collider in colliders]
     return np.array(rows) if rows else np.zeros((0, 0))
-
-
-_MOST = 1e150  # of a number of a state, so that products of two are finite
 
 
 @dataclass(frozen=True)
