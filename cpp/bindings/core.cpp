@@ -3,6 +3,8 @@
 
 #include <Eigen/Core>
 #include <atomic>
+#include <cstdint>
+#include <utility>
 
 #include "bindings.h"
 #include "owner.h"
@@ -24,6 +26,23 @@ void check_signals() {
   const py::gil_scoped_acquire gil;
   const InUserFunction handler;
   if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+}
+
+thread_local std::int64_t polls_left = 0;
+
+void count_poll() {
+  if (--polls_left > 0) return;
+  substep::set_poll_hook(nullptr);
+  const py::gil_scoped_acquire gil;
+  PyErr_SetNone(PyExc_KeyboardInterrupt);
+  throw py::error_already_set();
+}
+
+// For tests: the polls-th poll of this thread from now on raises KeyboardInterrupt, as Ctrl-C just
+// then would; 0: none does. Returns how many were left of those of the last call.
+std::int64_t interrupt_after(std::int64_t polls) {
+  substep::set_poll_hook(polls > 0 ? &count_poll : nullptr);
+  return std::exchange(polls_left, polls);
 }
 
 // Sets substep.errors.<name>(message, time=, index=, step=) as the Python error.
@@ -59,6 +78,7 @@ void bind_core(py::module_& m) {
       py::module_::import("threading").attr("main_thread")().attr("ident").cast<unsigned long>();
   substep::set_interrupt_hook(&check_signals);
   py::register_local_exception_translator(&translate);
+  m.def("interrupt_after", &interrupt_after, py::arg("polls"));
   m.attr("compiler") = __VERSION__;
   m.attr("eigen") = std::to_string(EIGEN_WORLD_VERSION) + "." +
                     std::to_string(EIGEN_MAJOR_VERSION) + "." + std::to_string(EIGEN_MINOR_VERSION);

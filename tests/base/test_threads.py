@@ -130,6 +130,27 @@ def test_the_state_after_an_interrupt_is_a_whole_step():
     assert sim.steps == steps + 1
 
 
+def test_an_interrupt_at_every_poll_in_turn_leaves_a_whole_step():
+    positions, step, many = start(20_000), 2.0**-7, 10**6
+
+    def advanced(steps, polls):
+        """What an interrupt at one of its polls leaves, and the polls that it did not come to."""
+        sim = substep.Advection(substep.DoubleGyre(), positions, step=step, threads=1)
+        substep._core.interrupt_after(polls)
+        try:
+            sim.advance(steps * step)
+        except KeyboardInterrupt:
+            pass
+        left = substep._core.interrupt_after(0)
+        return (sim.steps, substep.state_hash(sim.positions)), left
+
+    whole = [advanced(steps, many)[0] for steps in range(4)]
+    polls = many - advanced(3, many)[1]
+    stopped = [advanced(3, 1 + poll) for poll in range(polls)]
+    assert {left for _, left in stopped} == {0}
+    assert {state for state, _ in stopped} == set(whole[:3])
+
+
 def test_keyboard_interrupt_from_the_terminal():
     code = """
 import _thread

@@ -7,6 +7,9 @@ namespace substep {
 using InterruptHook = void (*)();
 void set_interrupt_hook(InterruptHook hook);
 
+// For tests: the calling thread's own hook (or none), which each of its polls runs, however soon.
+void set_poll_hook(InterruptHook hook);
+
 // Cheap enough for every step (a clock read); runs the hook at most every 20 ms.
 void poll_interrupt();
 
