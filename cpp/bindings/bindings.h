@@ -14,6 +14,7 @@ void bind_mpm(py::module_& m);
 void bind_neighbours(py::module_& m);
 void bind_ode(py::module_& m);
 void bind_owner(py::module_& m);
+void bind_particle_flow(py::module_& m);
 void bind_pbf(py::module_& m);
 void bind_pbd(py::module_& m);
 void bind_pbd_constraints(py::module_& m);

@@ -8,6 +8,7 @@ namespace {
 
 using namespace substep::mpm;
 using substep::geometry::Collider;
+using substep::geometry::ParticleFlow;
 
 template <class Value>
 Value choice(const std::string& name, std::initializer_list<std::pair<const char*, Value>> names) {
@@ -114,7 +115,9 @@ void restore(Method& self, const py::dict& from) {
                 .values = numbers(from["values"]),
                 .motion = numbers(from["motion"]),
                 .volumes = numbers(from["volumes"]),
-                .forces = forces.size() == 0 ? std::vector<Vec3>{} : points(forces)});
+                .forces = forces.size() == 0 ? std::vector<Vec3>{} : points(forces),
+                .flow = {.layers = list(from["layers"].cast<LongIndices>()),
+                         .absorbed = list(from["absorbed"].cast<LongIndices>())}});
 }
 
 // Rows of D to so many powers, or of so many numbers.
@@ -132,11 +135,12 @@ auto setter(void (Method::*set)(std::span<const Vec3>, Method::Places)) {
 void bind_method(py::module_& m) {
   py::class_<Method>(m, "MaterialPointMethod")
       .def(py::init([](const py::dict& given, std::vector<std::shared_ptr<Collider>> colliders,
-                       int dimension, const std::string& dtype) {
+                       const ParticleFlow& flow, int dimension, const std::string& dtype) {
              return make_method(precision(dtype), dimension, settings(given), materials(given),
-                                std::move(colliders));
+                                std::move(colliders), flow);
            }),
-           py::arg("options"), py::arg("colliders"), py::arg("dimension"), py::arg("dtype"))
+           py::arg("options"), py::arg("colliders"), py::arg("flow"), py::arg("dimension"),
+           py::arg("dtype"))
       .def(
           "add",
           [](Method& self, const Reals& positions, const Reals& velocities,
@@ -157,11 +161,11 @@ void bind_method(py::module_& m) {
             self.remove(which);
           },
           py::arg("places").noconvert())
-      .def("absorb", &Method::absorb, py::arg("region"), py::call_guard<py::gil_scoped_release>())
       .def("step", &Method::step, py::arg("dt"), py::call_guard<py::gil_scoped_release>())
-      .def("advance", &Method::advance, py::arg("duration"),
-           py::call_guard<py::gil_scoped_release>())
-      .def("advance_once", &Method::advance_once, py::arg("end"), py::arg("goes_on"),
+      .def("step_by_limit", &Method::step_by_limit, py::call_guard<py::gil_scoped_release>())
+      .def("advance", &Method::advance, py::arg("end"), py::call_guard<py::gil_scoped_release>())
+      .def("next_leg", &Method::next_leg, py::arg("end"), py::call_guard<py::gil_scoped_release>())
+      .def("advance_once", &Method::advance_once, py::arg("leg"), py::arg("goes_on"),
            py::call_guard<py::gil_scoped_release>())
       .def("step_limit",
            [](const Method& self) {
@@ -177,6 +181,10 @@ void bind_method(py::module_& m) {
       .def_property("threads", &Method::threads, &Method::set_threads)
       .def_property_readonly("report", &Method::report)
       .def("diagnostics", &Method::diagnostics, py::call_guard<py::gil_scoped_release>())
+      .def_property_readonly("layers",
+                             [](const Method& self) { return column(self.counts().layers); })
+      .def_property_readonly("absorbed",
+                             [](const Method& self) { return column(self.counts().absorbed); })
       .def("ids", [](const Method& self) { return column(self.ids()); })
       .def("materials", [](const Method& self) { return column(self.materials()); })
       .def("positions", rows_of(&Method::positions, 1))
@@ -235,6 +243,7 @@ void bind_mpm(py::module_& m) {
       .def_property_readonly("momentum", [](const Diagnostics& s) { return triple(s.momentum); })
       .def_property_readonly("angular_momentum",
                              [](const Diagnostics& s) { return triple(s.angular_momentum); });
+  py::class_<Leg>(m, "MaterialPointLeg").def_readonly("end", &Leg::end);
   m.def("material_state_fields", &state_fields);
   bind_method(m);
 }

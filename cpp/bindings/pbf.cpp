@@ -7,6 +7,7 @@ namespace {
 
 using namespace substep::pbf;
 using substep::geometry::Collider;
+using substep::geometry::ParticleFlow;
 
 FluidOptions options(const py::dict& given) {
   FluidOptions o;
@@ -65,7 +66,8 @@ py::dict state(const Liquid& self) {
 
 void restore(Liquid& self, double time, double last_dt, std::int64_t next_id,
              const py::array& positions, const py::array& velocities, const py::array& forces,
-             const Array<std::int64_t>& ids, const Array<std::int32_t>& fluids) {
+             const LongIndices& ids, const Indices& fluids, const LongIndices& layers,
+             const LongIndices& absorbed) {
   self.restore({.time = time,
                 .last_dt = last_dt,
                 .next_id = next_id,
@@ -73,7 +75,8 @@ void restore(Liquid& self, double time, double last_dt, std::int64_t next_id,
                 .velocities = numbers(velocities),
                 .forces = numbers(forces),
                 .ids = list(ids),
-                .fluids = list(fluids)});
+                .fluids = list(fluids),
+                .flow = {.layers = list(layers), .absorbed = list(absorbed)}});
 }
 
 void bind_reports(py::module_& m) {
@@ -104,11 +107,12 @@ void bind_pbf(py::module_& m) {
   bind_reports(m);
   py::class_<Liquid>(m, "PositionBasedFluid")
       .def(py::init([](const Triple& origin, std::vector<std::shared_ptr<Collider>> colliders,
-                       const py::dict& given, const std::string& dtype) {
+                       const ParticleFlow& flow, const py::dict& given, const std::string& dtype) {
              return make_liquid(precision(dtype), vector(origin), std::move(colliders),
-                                options(given));
+                                options(given), flow);
            }),
-           py::arg("origin"), py::arg("colliders"), py::arg("options"), py::arg("dtype"))
+           py::arg("origin"), py::arg("colliders"), py::arg("flow"), py::arg("options"),
+           py::arg("dtype"))
       .def(
           "add",
           [](Liquid& self, const Reals& positions, const Reals& velocities,
@@ -121,7 +125,6 @@ void bind_pbf(py::module_& m) {
           "remove",
           [](Liquid& self, const Array<std::int64_t>& places) { self.remove(readable(places)); },
           py::arg("places").noconvert())
-      .def("absorb", &Liquid::absorb, py::arg("region"), py::call_guard<py::gil_scoped_release>())
       .def("step", &Liquid::step, py::arg("dt"), py::call_guard<py::gil_scoped_release>())
       .def("__len__", &Liquid::size)
       .def_property("time", &Liquid::time, &Liquid::set_time)
@@ -130,6 +133,10 @@ void bind_pbf(py::module_& m) {
       .def_property_readonly("energies", &Liquid::energies)
       .def_property_readonly("fastest", &Liquid::fastest)
       .def_property_readonly("volume", &Liquid::volume)
+      .def_property_readonly("layers",
+                             [](const Liquid& self) { return column(self.counts().layers); })
+      .def_property_readonly("absorbed",
+                             [](const Liquid& self) { return column(self.counts().absorbed); })
       .def("ids", [](const Liquid& self) { return column(self.ids()); })
       .def("fluids", [](const Liquid& self) { return column(self.fluids()); })
       .def("densities",
@@ -152,6 +159,6 @@ void bind_pbf(py::module_& m) {
       .def("state", &state)
       .def("restore", &restore, py::arg("time"), py::arg("last_dt"), py::arg("next_id"),
            py::arg("positions").noconvert(), py::arg("velocities").noconvert(),
-           py::arg("forces").noconvert(), py::arg("ids").noconvert(),
-           py::arg("fluids").noconvert());
+           py::arg("forces").noconvert(), py::arg("ids").noconvert(), py::arg("fluids").noconvert(),
+           py::arg("layers").noconvert(), py::arg("absorbed").noconvert());
 }

@@ -223,6 +223,33 @@ def test_a_callback_that_does_nothing_changes_no_bits(dtype, integrator):
     assert by_hand.time < 0.2 + by_hand.report.dt
 
 
+@pytest.mark.parametrize("sinks", [[], [substep.Sink(substep.Sphere(0.15, (0.1, 0.4, 0)))]])
+def test_an_interrupt_at_every_poll_in_turn_leaves_a_whole_step(sinks):
+    """With what came out of emitters and went into sinks."""
+
+    def poured(polls, callback=None):
+        """What is left, and how many polls were not come to."""
+        jet = substep.Emitter((0.1, 0.6), (0, -1), 20.0, radius=0.1)
+        liquid = body(2, 2, emitters=[jet], sinks=sinks, step=2.0**-10, threads=1)
+        states.append(state_hash(liquid))
+        substep._core.interrupt_after(polls)
+        try:
+            liquid.advance(0.008, callback)
+        except KeyboardInterrupt:
+            pass
+        return state_hash(liquid), substep._core.interrupt_after(0)
+
+    states, many = [], 10**6
+    whole, left = poured(many)
+    polls = many - left
+    poured(many, lambda liquid: states.append(state_hash(liquid)))
+    stopped = [poured(1 + poll) for poll in range(polls)]
+    assert {left for _, left in stopped} == {0}
+    assert {state for state, _ in stopped} <= set(states)
+    assert whole in states
+    assert len({state for state, _ in stopped}) > 5
+
+
 def test_a_callback_may_make_the_material_stiff():
     """What the last step knew of the next one is forgotten then."""
     stiff = mpm.NeoHookean(density=1000.0, young_modulus=1e8, poisson_ratio=0.3)
@@ -247,6 +274,17 @@ def test_a_scene_moved_by_a_kilometre(dtype):
         for _ in range(100):
             simulation.step(2e-3)
     assert far.positions - 1000 == pytest.approx(near.positions, abs=1e-3 * 0.1)
+
+
+def test_an_emitter_that_is_far_behind_is_refused():
+    nozzle = substep.Emitter((0, 0.6), (0, -1), 1.0, radius=0.1)
+    late = body(2, emitters=[nozzle], time=1e9)
+    before = state_hash(late)
+    for call in (lambda: late.step(1e-3), late.step, lambda: late.advance(1e-3)):
+        with pytest.raises(InputError, match=r"emitters\[0\]: .* are due at 1e\+09 s.*start="):
+            call()
+        assert state_hash(late) == before
+        assert late.report.steps == 0
 
 
 # Steps and their limits.

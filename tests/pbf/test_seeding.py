@@ -176,6 +176,14 @@ def test_the_jet_is_the_same_whatever_the_steps(name):
     """No gaps, no overlaps: layers are one thickness apart over the borders of uneven steps."""
     nozzle, d = NOZZLES[name], 0.03
     dimension = nozzle.dimension
+    offsets, thickness = nozzle._layer(d)
+
+    def straight(time):
+        """The jet without the liquid's own corrections: layer k has left at k thickness / speed."""
+        layers = 1 + int(time * nozzle.speed / thickness + 1e-9)
+        travelled = time * nozzle.speed - thickness * np.arange(layers)
+        middles = nozzle.position + travelled[:, None] * nozzle.direction
+        return (middles[:, None] + offsets).reshape(-1, dimension)
 
     def jet(steps):
         fluid = PositionBasedFluid(
@@ -187,23 +195,18 @@ def test_the_jet_is_the_same_whatever_the_steps(name):
             dtype="float64",
         )
         for dt in steps:
+            before = len(fluid)
             fluid.step(dt)
+            new = straight(fluid.time)[before:]
+            np.testing.assert_allclose(fluid.positions[before:], new, rtol=0, atol=1e-12)
         return fluid
 
     uneven = 0.2 * np.random.default_rng(2).dirichlet(np.ones(37))
     one, many = jet([0.2]), jet(uneven)
     assert len(one) == len(many) == one.emitted[0]
     volume = len(many) * d**dimension
-    layer = len(many) / (1 + np.floor(0.2 * 1.7 / (nozzle._layer(d)[1]))) * d**dimension
-    assert abs(volume - nozzle.area * 1.7 * 0.2) <= layer
-    x, layers, time = np.zeros((0, dimension)), 0, 0.0
-    for dt in uneven:  # without the liquid's own corrections
-        time += dt
-        new, layers = nozzle._emit(d, layers, time)
-        x = np.concatenate([x + dt * nozzle.speed * nozzle.direction, new])
-    whole = nozzle._emit(d, 0, time)[0]
-    assert cKDTree(whole).query(x)[0].max() < 1e-9
-    assert cKDTree(x).query(x, 2)[0][:, 1].min() > 0.75 * d
+    assert abs(volume - nozzle.area * 1.7 * 0.2) <= len(offsets) * d**dimension
+    assert cKDTree(one.positions).query(one.positions, 2)[0][:, 1].min() > 0.75 * d
     assert many.densities.max() < 1.05
 
 
@@ -257,3 +260,21 @@ def test_an_emitter_opens_and_closes():
     fluid.advance(1.0)
     assert len(fluid) == 3  # at 0.25, 0.35 and 0.45 s
     np.testing.assert_allclose(np.sort(fluid.positions[:, 0]), [0.79, 0.89, 0.99], atol=1e-5)
+
+
+def test_an_emitter_that_is_far_behind_is_refused():
+    """Where it is not, the jet is that which has been open since its start."""
+    nozzle = Emitter((0, 0, 0), (1, 0, 0), 1.0, size=(0.1, 0.1))
+
+    def late(time):
+        return PositionBasedFluid(
+            np.zeros((0, 3)), 0.1, gravity=(0, 0, 0), emitters=[nozzle], time=time
+        )
+
+    fluid = late(10.0)
+    fluid.step(0.01)
+    assert len(fluid) == fluid.emitted[0] == 101
+    fluid = late(1e12)
+    with pytest.raises(InputError, match=r"emitters\[0\]: 1e\+13 layers of 1 .*start="):
+        fluid.step(0.01)
+    assert (fluid.time, len(fluid)) == (1e12, 0)

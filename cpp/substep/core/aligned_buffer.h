@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstddef>
-#include <cstdlib>
 #include <cstring>
 #include <memory>
 #include <new>
@@ -41,8 +40,8 @@ class AlignedBuffer {
       const std::size_t room = n + n / 16;  // the next one may be a little larger
       const std::size_t alignment = n * sizeof(T) >= 4 * kPage ? kPage : kLine;
       const std::size_t bytes = (room * sizeof(T) + alignment - 1) / alignment * alignment;
-      memory_.reset(static_cast<T*>(std::aligned_alloc(alignment, bytes)));
-      if (!memory_) throw std::bad_alloc();
+      const std::align_val_t aligned{alignment};
+      memory_ = Memory(static_cast<T*>(::operator new(bytes, aligned)), Free{aligned});
 #ifdef __linux__
       if (alignment == kPage) madvise(memory_.get(), bytes, MADV_HUGEPAGE);
 #endif
@@ -71,9 +70,11 @@ class AlignedBuffer {
  private:
   static constexpr std::size_t kLine = 64, kPage = std::size_t{1} << 21;
   struct Free {
-    void operator()(T* memory) const { std::free(memory); }
+    std::align_val_t alignment{kLine};
+    void operator()(T* memory) const { ::operator delete(memory, alignment); }
   };
-  std::unique_ptr<T, Free> memory_;
+  using Memory = std::unique_ptr<T, Free>;
+  Memory memory_;
   std::size_t size_ = 0, capacity_ = 0;
 };
 

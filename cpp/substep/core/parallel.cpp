@@ -11,6 +11,8 @@
 #include <exception>
 #include <limits>
 #include <mutex>
+#include <new>
+#include <optional>
 #include <thread>
 #include <vector>
 
@@ -248,13 +250,14 @@ std::atomic<Pool*> pool{nullptr};
   forks.fetch_add(1);
 });
 
-Pool& the_pool() {
+// None where there is no memory for one.
+Pool* the_pool() {
   Pool* current = pool.load();
-  if (current) return *current;
-  Pool* const fresh = new Pool;
-  if (pool.compare_exchange_strong(current, fresh)) return *fresh;
+  if (current) return current;
+  Pool* const fresh = new (std::nothrow) Pool;
+  if (!fresh || pool.compare_exchange_strong(current, fresh)) return fresh;
   delete fresh;
-  return *current;
+  return current;
 }
 
 void run_serially(std::span<const std::int64_t> chunks, const Job::Task& task) {
@@ -273,12 +276,18 @@ void parallel_phases(std::span<const std::int64_t> chunks, const Job::Task& task
   for (const std::int64_t n : chunks) widest = std::max(widest, n);
   const std::int64_t wanted = std::min<std::int64_t>(threads > 0 ? threads : num_threads(), widest);
   if (wanted <= 1 || inside_task) return run_serially(chunks, task);
-  Pool& p = the_pool();
-  const std::unique_lock busy(p.busy, std::try_to_lock);
+  Pool* const p = the_pool();
+  if (p == nullptr) return run_serially(chunks, task);
+  const std::unique_lock busy(p->busy, std::try_to_lock);
   if (!busy.owns_lock()) return run_serially(chunks, task);
-  Job job(task, chunks, static_cast<int>(wanted));
-  p.run(job);
-  job.rethrow();
+  std::optional<Job> job;
+  try {
+    job.emplace(task, chunks, static_cast<int>(wanted));
+  } catch (const std::bad_alloc&) {
+    return run_serially(chunks, task);
+  }
+  p->run(*job);
+  job->rethrow();
 }
 
 void parallel_chunks(std::int64_t chunks, const std::function<void(std::int64_t)>& task,

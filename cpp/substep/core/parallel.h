@@ -20,6 +20,7 @@ void set_num_threads(int threads);
 // its cache, and helps out in the other ranges when its own is done. The calling thread takes part
 // and polls for Ctrl-C between its chunks and while it waits for the others: keep chunks short.
 // If tasks throw, all chunks below the lowest failed one have run and its exception is thrown.
+// Where there is no memory for sharing the work, the calling thread does it alone.
 void parallel_chunks(std::int64_t chunks, const std::function<void(std::int64_t)>& task,
                      int threads = 0);
 
@@ -33,13 +34,12 @@ void parallel_phases(std::span<const std::int64_t> chunks,
 // The same over [0, n) in chunks of `grain` items: task(begin, end).
 template <class Task>
 void parallel_for(std::int64_t n, std::int64_t grain, Task&& task, int threads = 0) {
-  parallel_chunks(
-      n > 0 ? (n - 1) / grain + 1 : 0,
-      [&](std::int64_t chunk) {
-        const std::int64_t begin = chunk * grain;
-        task(begin, n - begin > grain ? begin + grain : n);
-      },
-      threads);
+  const auto run = [&](std::int64_t chunk) {
+    const std::int64_t begin = chunk * grain;
+    task(begin, n - begin > grain ? begin + grain : n);
+  };
+  // By reference: a std::function holds that without memory, so that loops never want for it.
+  parallel_chunks(n > 0 ? (n - 1) / grain + 1 : 0, std::cref(run), threads);
 }
 
 }  // namespace substep

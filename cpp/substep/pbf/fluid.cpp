@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <string>
+#include <utility>
 
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
@@ -47,11 +48,12 @@ double reach(double radius) {
 
 template <class Real>
 Fluid<Real>::Fluid(const Vec3& origin_, std::vector<geometry::Collider> colliders,
-                   const FluidOptions& options_)
+                   const FluidOptions& options_, geometry::ParticleFlow flow_)
     : options(options_),
       origin(origin_),
       density(options.density),
       boundary(std::move(colliders), density, origin, options.threads),
+      flow(std::move(flow_)),
       neighbours_(options.density.dimension) {}
 
 template <class Real>
@@ -79,19 +81,26 @@ void Fluid<Real>::check_reach(std::span<const Vec3> x) const {
 template <class Real>
 std::int64_t Fluid<Real>::add(std::span<const Vec3> x, std::span<const Vec3> v,
                               std::span<const std::int32_t> fluid) {
+  append(particles, next_id, x, v, fluid);
+  return std::exchange(next_id, next_id + static_cast<std::int64_t>(x.size()));
+}
+
+template <class Real>
+void Fluid<Real>::append(Particles<Real>& to, std::int64_t first_id, std::span<const Vec3> x,
+                         std::span<const Vec3> v, std::span<const std::int32_t> fluid) const {
   check_reach(x);
-  const std::int64_t first = next_id, old = particles.size();
-  particles.resize(old + static_cast<std::int64_t>(x.size()), !particles.f.empty());
+  const std::int64_t old = to.size();
+  const bool forces = !to.f.empty();
+  to.resize(old + static_cast<std::int64_t>(x.size()), forces);
   for (std::size_t k = 0; k < x.size(); ++k) {
     const auto i = usize(old) + k;
-    particles.x[i] = local(x[k], inverse_mass(fluid[k]));
-    particles.v[i] = {static_cast<Real>(v[k].x()), static_cast<Real>(v[k].y()),
-                      static_cast<Real>(v[k].z()), 0};
-    if (!particles.f.empty()) particles.f[i] = {0, 0, 0, 0};
-    particles.id[i] = next_id++;
-    particles.fluid[i] = fluid[k];
+    to.x[i] = local(x[k], inverse_mass(fluid[k]));
+    to.v[i] = {static_cast<Real>(v[k].x()), static_cast<Real>(v[k].y()),
+               static_cast<Real>(v[k].z()), 0};
+    if (forces) to.f[i] = {0, 0, 0, 0};
+    to.id[i] = first_id + static_cast<std::int64_t>(k);
+    to.fluid[i] = fluid[k];
   }
-  return first;
 }
 
 template <class Real>
@@ -99,25 +108,27 @@ void Fluid<Real>::remove(std::span<const std::uint8_t> flags) {
   particles.erase({flags.begin(), flags.end()});
 }
 
+// Takes out what lies inside; returns how many.
 template <class Real>
-std::int64_t Fluid<Real>::absorb(const geometry::Collider& region) {
-  const std::int64_t n = particles.size();
+std::int64_t Fluid<Real>::absorb(Particles<Real>& from, const geometry::Collider& region) const {
+  const std::int64_t n = from.size();
   std::vector<std::uint8_t> inside(usize(n));
   parallel_for(
       n, kRows,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t i = begin; i < end; ++i) {
-          inside[i] = region.signed_distance(world(particles.x[i])).value < 0 ? 1 : 0;
+          inside[i] = region.signed_distance(world(from.x[i])).value < 0 ? 1 : 0;
         }
       },
       options.threads);
-  if (std::find(inside.begin(), inside.end(), 1) != inside.end()) remove(inside);
-  return n - particles.size();
+  if (std::find(inside.begin(), inside.end(), 1) != inside.end()) from.erase(inside);
+  return n - from.size();
 }
 
 template <class Real>
 void Fluid<Real>::step(double dt) {
-  const std::vector<geometry::Collider> colliders = boundary.colliders();
+  flow.check(time + dt);
+  std::vector<geometry::Collider> colliders = boundary.colliders();
   new_report_ = {};
   try {
     predict(dt);
@@ -129,8 +140,9 @@ void Fluid<Real>::step(double dt) {
     finish(dt);
     act_on_velocities(dt);
     keep_in_bounds();
+    let_flow(time + dt);
   } catch (...) {
-    boundary.colliders() = colliders;
+    boundary.colliders().swap(colliders);
     throw;
   }
   commit(dt);
@@ -334,9 +346,26 @@ void Fluid<Real>::keep_in_bounds() {
   if (new_report_.removed > 0) next_.erase(outside);
 }
 
+// What came out of emitters since the last step, and goes into sinks.
 template <class Real>
-void Fluid<Real>::commit(double dt) {
+void Fluid<Real>::let_flow(double end) {
+  new_counts_ = flow.counts;
+  new_next_id_ = next_id;
+  for (std::size_t k = 0; k < flow.emitters.size(); ++k) {
+    const geometry::Emitted came = flow.emitters[k].let_out(new_counts_.layers[k], end);
+    append(next_, new_next_id_, came.x, came.v, came.kinds);
+    new_next_id_ += static_cast<std::int64_t>(came.x.size());
+  }
+  for (std::size_t k = 0; k < flow.sinks.size(); ++k) {
+    new_counts_.absorbed[k] += absorb(next_, *flow.sinks[k]);
+  }
+}
+
+template <class Real>
+void Fluid<Real>::commit(double dt) noexcept {
   std::swap(particles, next_);
+  std::swap(flow.counts, new_counts_);
+  next_id = new_next_id_;
   report = new_report_;
   time += dt;
   last_dt = dt;

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "substep/geometry/neighbours.h"
+#include "substep/geometry/particle_flow.h"
 #include "substep/pbf/boundary.h"
 #include "substep/pbf/density.h"
 #include "substep/pbf/forces.h"
@@ -17,18 +18,18 @@ template <class Real>
 class Fluid {
  public:
   // Positions are stored from `origin` on.
-  Fluid(const Vec3& origin, std::vector<geometry::Collider> colliders, const FluidOptions& options);
+  Fluid(const Vec3& origin, std::vector<geometry::Collider> colliders, const FluidOptions& options,
+        geometry::ParticleFlow flow = {});
 
   // Puts particles at the end, at rest or with velocities; returns the id of the first.
   std::int64_t add(std::span<const Vec3> x, std::span<const Vec3> v,
                    std::span<const std::int32_t> fluid);
   void remove(std::span<const std::uint8_t> flags);  // by row
-  // Takes out what lies inside; returns how many.
-  std::int64_t absorb(const geometry::Collider& region);
   // Throws InputError with the index of a point too far from the origin for cells to be numbered.
   void check_reach(std::span<const Vec3> x) const;
 
-  // One step, or an exception and nothing has changed.
+  // One step, with what comes out of emitters and goes into sinks at its end, or an exception and
+  // nothing has changed.
   void step(double dt);
 
   // The largest speed that a particle has, or gains by falling to the lowest one's height [m/s]:
@@ -50,6 +51,7 @@ class Fluid {
   DensityConstraint<Real> density;
   Boundary<Real> boundary;
   Particles<Real> particles;
+  geometry::ParticleFlow flow;
   FluidReport report;
   double time = 0;
   double last_dt = 0;  // 0 before the first step
@@ -65,15 +67,22 @@ class Fluid {
   void solve();
   void finish(double dt);
   void keep_in_bounds();
-  void commit(double dt);
+  void let_flow(double end);
+  void commit(double dt) noexcept;
+
+  void append(Particles<Real>& to, std::int64_t first_id, std::span<const Vec3> x,
+              std::span<const Vec3> v, std::span<const std::int32_t> fluid) const;
+  std::int64_t absorb(Particles<Real>& from, const geometry::Collider& region) const;
 
   Real inverse_mass(std::int32_t fluid) const;
   typename Forces<Real>::Rows rows() const;
   template <class Velocity>
   void refuse_bad_velocity(const Velocity& velocity) const;
 
-  // During a step: the particles in the order of their cells.
+  // During a step: the particles in the order of their cells, and what they will be when it ends.
   Particles<Real> next_;
+  geometry::ParticleFlow::Counts new_counts_;
+  std::int64_t new_next_id_ = 0;
   std::vector<Point<Real>> predicted_, old_x_, old_v_, multipliers_;
   std::vector<Real> mass_;  // of each particle, or one for all [kg]
   geometry::Neighbours<Real> neighbours_;

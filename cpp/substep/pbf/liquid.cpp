@@ -45,8 +45,10 @@ std::vector<Point<Real>> points(const Numbers& numbers) {
 template <class Real>
 class LiquidOf final : public Liquid {
  public:
-  LiquidOf(const Vec3& origin, Colliders colliders, const FluidOptions& options)
-      : fluid_(origin, copies(colliders), options), colliders_(std::move(colliders)) {}
+  LiquidOf(const Vec3& origin, Colliders colliders, const FluidOptions& options,
+           geometry::ParticleFlow flow)
+      : fluid_(origin, copies(colliders), options, std::move(flow)),
+        colliders_(std::move(colliders)) {}
 
   std::int64_t add(std::span<const Vec3> x, std::span<const Vec3> v,
                    std::span<const std::int32_t> fluid) override {
@@ -58,7 +60,6 @@ class LiquidOf final : public Liquid {
     for (const std::int64_t place : places) flags[rows[usize(place)]] = 1;
     fluid_.remove(flags);
   }
-  std::int64_t absorb(const Collider& region) override { return fluid_.absorb(region); }
   void step(double dt) override {
     read_colliders();
     fluid_.step(dt);
@@ -97,10 +98,10 @@ class LiquidOf final : public Liquid {
     });
   }
   void set_forces(std::span<const Vec3> f, Places places) override {
-    fluid_.particles.f.resize(fluid_.particles.x.size());
-    write(places, [&](std::size_t i, std::size_t k) {
-      fluid_.particles.f[i] = point<Real>(f[k], Real{0});
-    });
+    std::vector<Point<Real>> forces = fluid_.particles.f;
+    forces.resize(fluid_.particles.x.size());
+    write(places, [&](std::size_t i, std::size_t k) { forces[i] = point<Real>(f[k], Real{0}); });
+    fluid_.particles.f.swap(forces);
   }
 
   double time() const override { return fluid_.time; }
@@ -111,6 +112,7 @@ class LiquidOf final : public Liquid {
   Energies energies() const override { return fluid_.energies(); }
   double fastest() const override { return fluid_.fastest(); }
   double volume() const override { return fluid_.density.volume(); }
+  const geometry::ParticleFlow::Counts& counts() const override { return fluid_.flow.counts; }
 
   LiquidState state() const override {
     const Particles<Real>& p = fluid_.particles;
@@ -121,14 +123,18 @@ class LiquidOf final : public Liquid {
             .velocities = numbers(p.v),
             .forces = numbers(p.f),
             .ids = p.id,
-            .fluids = p.fluid};
+            .fluids = p.fluid,
+            .flow = fluid_.flow.counts};
   }
   void restore(const LiquidState& state) override {
+    fluid_.flow.check(state.flow);
+    geometry::ParticleFlow::Counts counts = state.flow;
     fluid_.particles = {.x = points<Real>(state.positions),
                         .v = points<Real>(state.velocities),
                         .f = points<Real>(state.forces),
                         .id = state.ids,
                         .fluid = state.fluids};
+    fluid_.flow.counts = std::move(counts);
     fluid_.time = state.time;
     fluid_.last_dt = state.last_dt;
     fluid_.next_id = state.next_id;
@@ -190,10 +196,11 @@ class LiquidOf final : public Liquid {
 
 std::unique_ptr<Liquid> make_liquid(Precision precision, const Vec3& origin,
                                     std::vector<std::shared_ptr<geometry::Collider>> colliders,
-                                    const FluidOptions& options) {
+                                    const FluidOptions& options, geometry::ParticleFlow flow) {
   if (precision == Precision::kSingle)
-    return std::make_unique<LiquidOf<float>>(origin, std::move(colliders), options);
-  return std::make_unique<LiquidOf<double>>(origin, std::move(colliders), options);
+    return std::make_unique<LiquidOf<float>>(origin, std::move(colliders), options,
+                                             std::move(flow));
+  return std::make_unique<LiquidOf<double>>(origin, std::move(colliders), options, std::move(flow));
 }
 
 }  // namespace substep::pbf

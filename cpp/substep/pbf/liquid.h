@@ -9,6 +9,7 @@
 
 #include "substep/core/numbers.h"
 #include "substep/geometry/collider.h"
+#include "substep/geometry/particle_flow.h"
 #include "substep/pbf/options.h"
 
 namespace substep::pbf {
@@ -20,6 +21,7 @@ struct LiquidState {
   Numbers positions, velocities, forces;
   std::vector<std::int64_t> ids;
   std::vector<std::int32_t> fluids;
+  geometry::ParticleFlow::Counts flow;
 };
 
 class Liquid {
@@ -32,9 +34,7 @@ class Liquid {
   virtual std::int64_t add(std::span<const Vec3> x, std::span<const Vec3> v,
                            std::span<const std::int32_t> fluid) = 0;
   virtual void remove(Places places) = 0;
-  // Takes out what lies inside; returns how many.
-  virtual std::int64_t absorb(const geometry::Collider& region) = 0;
-  // One step, or an exception and nothing has changed.
+  // As in Fluid.
   virtual void step(double dt) = 0;
 
   virtual std::int64_t size() const = 0;
@@ -56,15 +56,16 @@ class Liquid {
   virtual Energies energies() const = 0;
   virtual double fastest() const = 0;
   virtual double volume() const = 0;
+  virtual const geometry::ParticleFlow::Counts& counts() const = 0;
 
   virtual LiquidState state() const = 0;
-  // InputError: numbers of the other precision; nothing has changed then.
+  // InputError: numbers of the other precision, or other emitters; nothing has changed then.
   virtual void restore(const LiquidState& state) = 0;
 };
 
 // The colliders are read before each step, and moved by it.
 std::unique_ptr<Liquid> make_liquid(Precision precision, const Vec3& origin,
                                     std::vector<std::shared_ptr<geometry::Collider>> colliders,
-                                    const FluidOptions& options);
+                                    const FluidOptions& options, geometry::ParticleFlow flow = {});
 
 }  // namespace substep::pbf

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "substep/core/point.h"
+#include "substep/core/reserve.h"
 #include "substep/core/usize.h"
 
 namespace substep::pbf {
@@ -19,8 +20,14 @@ struct Particles {
 
   std::int64_t size() const { return static_cast<std::int64_t>(id.size()); }
 
+  // Where it throws, nothing has changed.
   void resize(std::int64_t n, bool forces) {
     const auto count = usize(n);
+    reserve_amortised(x, count);
+    reserve_amortised(v, count);
+    if (forces) reserve_amortised(f, count);
+    reserve_amortised(id, count);
+    reserve_amortised(fluid, count);
     x.resize(count);
     v.resize(count);
     f.resize(forces ? count : 0);

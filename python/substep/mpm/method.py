@@ -46,7 +46,6 @@ INTEGRATORS = {  # and their other names
 ON_LARGE_STEP = ("raise", "subdivide")
 BOUNDARIES = ("separate", "slip", "sticky")
 _COUNTS = ("steps", "sorts", "subdivided", "removed", "clamped", "newton", "krylov")
-_LOOKS = 4  # steps after which sinks look again
 _FAR = 2.0**20  # cells from 0 at which emitters may be
 
 
@@ -286,7 +285,9 @@ class MaterialPointMethod(Particles):
 
     def _make(self, state: Mapping[str, Any]) -> Any:
         colliders = [c._native for c in self.colliders]
-        return _core.MaterialPointMethod(self._options, colliders, self._dimension, self.dtype.name)
+        return _core.MaterialPointMethod(
+            self._options, colliders, self._flow(), self._dimension, self.dtype.name
+        )
 
     @property
     def kinds(self) -> NDArray[np.int32]:
@@ -387,50 +388,36 @@ class MaterialPointMethod(Particles):
             k = int(np.argmax(wrong))
             raise InputError(f"{name}[{k}]: a mass of {masses[k]} kg is out of range")
 
-    def _put_in(self, x: Array, v: Array, kind: NDArray[np.int32]) -> None:
-        volume = self._emitter_spacing**self._dimension
-        self._native.add(x, v, kind, np.full(len(x), volume))
-
     def _step_once(self, dt: float | None) -> float:
-        if dt is None and self._step_size is None:
-            self._native.advance_once(self.time + 3 * self._next_step(), False)
+        dt = self._step_size if dt is None else dt
+        if dt is None:
+            self._take("step_by_limit")
         else:
-            dt = self._next_step() if dt is None else dt
-            self._native.step(dt)
-        self._last._add(self._native.report)
-        self._flow()
-        return self._last.dt if dt is None else dt
+            self._take("step", dt)
+        return self._last.dt
 
     def _begin(self, method: str) -> None:
         super()._begin(method)
         self.__dict__["_last"] = MaterialPointReport()
 
     def _count(self, dt: float) -> None:
-        self._sum_impulses(dt)  # the native report has counted
+        """The native object has counted."""
 
     def _run(self, duration: float, end: float, callback: Callable[[Self], object] | None) -> None:
-        while self.time < end:
-            until = min([end, *self._events()])
-            if callback is None:
-                self._take("advance", until - self.time)
-            else:
-                self._take_one_by_one(until, callback)
-            self._native.time = until
-            self._flow()
-            if callback is not None:
-                callback(self)
-
-    def _take_one_by_one(self, until: float, callback: Callable[[Self], object]) -> None:
-        """The same steps, with a callback between them."""
-        until = self.time + (until - self.time)  # as the native object adds them
-        self._take("advance_once", until, False)
-        while self.time < until:
+        if callback is None:
+            self._take("advance", end)
+            return
+        leg = None
+        while self.time < end:  # the same steps, one by one
+            goes_on = leg is not None
+            leg = leg or self._native.next_leg(end)
+            self._take("advance_once", leg, goes_on)
+            if self.time >= leg.end:
+                leg = None
             callback(self)
-            self._take("advance_once", until, True)
 
     def _take(self, call: str, *arguments: Any) -> None:
         """Steps of the native object, and the report of them."""
-        start = self.time
         try:
             getattr(self._native, call)(*arguments)
         except SolverError as error:
@@ -439,19 +426,6 @@ class MaterialPointMethod(Particles):
             raise
         finally:
             self._last._add(self._native.report)
-            if self.time > start:
-                self._sum_impulses(self.time - start)
-
-    def _events(self) -> list[float]:
-        """Times at which emitters and sinks want to be asked next."""
-        layers = zip(self.emitters, self._layers, strict=True)
-        times = [e._next(self._emitter_spacing, int(k), self.time) for e, k in layers]
-        if self.sinks:
-            times.append(self.time + _LOOKS * self._next_step())
-        return [t for t in times if t > self.time]
-
-    def _next_step(self) -> float:
-        return self.step_limit()[0] if self._step_size is None else self._step_size
 
     def step_limit(self) -> tuple[float, str]:
         """Largest step that the CFL conditions allow now, and which of them it is.

@@ -40,7 +40,9 @@ class Emitter(Frozen):
     kind : int
         Which of the fluids or materials of the simulation comes out, as in its `kinds`.
     start, stop : float
-        When it is open [s].
+        When it is open [s]. What left since `start` comes out in the first step, as far away as
+        it has come by then: a simulation whose time is later begins with the whole jet. More than
+        2^22 particles at once are refused.
 
     Raises
     ------
@@ -133,30 +135,20 @@ class Emitter(Frozen):
         wide /= np.linalg.norm(wide)
         return np.stack([wide, np.cross(n, wide)])
 
-    def _due(self, thickness: float, time: float) -> int:
-        """Layers that have left the nozzle at a time, with that which leaves just then."""
-        gone = (min(time, self.stop) - self.start) * self.speed / thickness
-        return max(0, math.floor(gone + 1e-9) + 1) if time >= self.start else 0
-
-    def _next(self, spacing: float, layers: int, time: float) -> float:
-        """When the first layer after `layers` layers leaves that has not yet at a time."""
-        thickness = self._layer(spacing)[1]
-        k = max(layers, self._due(thickness, time))
-        leaves = self.start + k * thickness / self.speed
-        return leaves if leaves <= self.stop else math.inf
-
-    def _emit(self, spacing: float, layers: int, time: float) -> tuple[Array, int]:
-        """Positions at `time` of what came since `layers` layers, and how many have come then.
-
-        Layer k leaves the nozzle at start + k thickness / speed.
-        """
+    def _options(self, spacing: float) -> dict[str, Any]:
+        """Of the native emitter, whose particles are `spacing` apart."""
         offsets, thickness = self._layer(spacing)
-        due = self._due(thickness, time)
-        if due <= layers:
-            return np.zeros((0, self.dimension)), layers
-        travelled = (time - self.start) * self.speed - thickness * np.arange(layers, due)
-        middles = self.position + travelled[:, None] * self.direction
-        return (middles[:, None] + offsets).reshape(-1, self.dimension), due
+        return {
+            "position": [*self.position, 0.0][:3],
+            "direction": [*self.direction, 0.0][:3],
+            "speed": self.speed,
+            "offsets": np.ascontiguousarray(offsets),
+            "thickness": thickness,
+            "volume": spacing**self.dimension,
+            "kind": self.kind,
+            "start": self.start,
+            "stop": self.stop,
+        }
 
 
 def _middles(m: int) -> Array:

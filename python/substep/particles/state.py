@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import _core
 from ..base.checks import as_array, check_array, check_within
 from ..base.rows import Points, read_only
 from ..base.schema import Entry, Rows
@@ -25,7 +26,8 @@ class Particles(Points):
     """Particles whose arrays are copies in the order of their ids; a subclass makes `_native`.
 
     `_native` has the methods of `Simulation`'s, `state`, `ids`, `positions`, `velocities`,
-    `forces`, `remove`, `absorb`, `set_positions`, `set_velocities` and `set_forces`.
+    `forces`, `remove`, `set_positions`, `set_velocities` and `set_forces`. It is made with `_flow`:
+    its steps end with what comes out of emitters and goes into sinks, `layers` and `absorbed`.
     """
 
     dtype: np.dtype[Any]
@@ -33,8 +35,6 @@ class Particles(Points):
     emitters: tuple[Emitter, ...]
     sinks: tuple[Sink, ...]
     _emitter_spacing: float
-    _layers: NDArray[np.int64]
-    _absorbed: NDArray[np.int64]
 
     def _set_flow(self, emitters: Any, sinks: Any, kinds: int, spacing: float, what: str) -> None:
         """Emitters of one of so many kinds of particles, and sinks."""
@@ -46,8 +46,11 @@ class Particles(Points):
                 raise InputError(f"emitters[{k}]: there is no {what} {emitter.kind}")
         self.sinks = check_all("sinks", sinks, Sink)
         self._emitter_spacing = spacing
-        self._layers = np.zeros(len(self.emitters), np.int64)
-        self._absorbed = np.zeros(len(self.sinks), np.int64)
+
+    def _flow(self) -> _core.ParticleFlow:
+        """The native emitters and sinks."""
+        taps = [emitter._options(self._emitter_spacing) for emitter in self.emitters]
+        return _core.ParticleFlow(taps, [sink.shape._native for sink in self.sinks])
 
     def __len__(self) -> int:
         return len(self._native)
@@ -102,26 +105,13 @@ class Particles(Points):
     def emitted(self) -> NDArray[np.int64]:
         """Particles that each emitter has let out, shape (emitters,); read-only."""
         points = [len(emitter._layer(self._emitter_spacing)[0]) for emitter in self.emitters]
-        return read_only(self._layers * np.array(points, np.int64))
+        return read_only(self._native.layers * np.array(points, np.int64))
 
     @property
     def absorbed(self) -> NDArray[np.int64]:
         """Particles that each sink has swallowed, shape (sinks,); read-only."""
-        return read_only(self._absorbed.copy())
-
-    def _put_in(self, x: Array, v: Array, kind: NDArray[np.int32]) -> None:
-        """Particles that come out of an emitter."""
-        raise NotImplementedError
-
-    def _flow(self) -> None:
-        """Let out what came since the last time; take out what lies in a sink."""
-        for k, emitter in enumerate(self.emitters):
-            x, layers = emitter._emit(self._emitter_spacing, int(self._layers[k]), self.time)
-            v = np.broadcast_to(emitter.speed * emitter.direction, x.shape)
-            self._put_in(x, np.ascontiguousarray(v), np.full(len(x), emitter.kind, np.int32))
-            self._layers[k] = layers
-        for k, sink in enumerate(self.sinks):
-            self._absorbed[k] += self._native.absorb(sink.shape._native)
+        absorbed: NDArray[np.int64] = read_only(self._native.absorbed)
+        return absorbed
 
     def _flow_schema(self) -> list[Entry]:
         """What every state of particles holds beside the native one."""
@@ -142,22 +132,17 @@ class Particles(Points):
         state: dict[str, Any] = self._native.state()
         return state | {
             "colliders": collider_states(self.colliders),
-            "layers": self._layers.copy(),
-            "absorbed": self._absorbed.copy(),
+            "layers": self._native.layers,
+            "absorbed": self._native.absorbed,
         }
 
     def _put_state(self, state: dict[str, Any]) -> None:
         self._restore_native(state)
-        self._layers[:], self._absorbed[:] = state["layers"], state["absorbed"]
         restore_colliders(self.colliders, state["colliders"])
 
     def _restore_native(self, state: dict[str, Any]) -> None:
-        """Take over the native part of a state."""
+        """Take over the native part of a state, `layers` and `absorbed` too."""
         raise NotImplementedError
-
-    def _parts(self) -> dict[str, Any]:
-        own = {"_layers": self._layers.copy(), "_absorbed": self._absorbed.copy()}
-        return super()._parts() | own
 
 
 def check_kinds(name: str, kinds: Any, m: int, count: int) -> NDArray[np.int32]:

@@ -273,7 +273,9 @@ class PositionBasedFluid(Particles):
 
     def _make(self, state: Mapping[str, Any]) -> Any:
         colliders = [c._native for c in self.colliders]
-        return _core.PositionBasedFluid(self._origin, colliders, self._options, self.dtype.name)
+        return _core.PositionBasedFluid(
+            self._origin, colliders, self._flow(), self._options, self.dtype.name
+        )
 
     @property
     def kinds(self) -> NDArray[np.int32]:
@@ -332,13 +334,6 @@ class PositionBasedFluid(Particles):
         which = check_kinds("kinds", 0 if kinds is None else kinds, m, len(self.density))
         first = self._native.add(x, v, which)
         return np.arange(first, first + m, dtype=np.int64)
-
-    def _put_in(self, x: Array, v: Array, kind: NDArray[np.int32]) -> None:
-        self._native.add(x, v, kind)
-
-    def _take_step(self, dt: float) -> None:
-        self._native.step(dt)
-        self._flow()
 
     def _next_step(self) -> float:
         return self.step_limit()[0] if self._step_size is None else self._step_size
@@ -442,8 +437,8 @@ class PositionBasedFluid(Particles):
             raise InputError("state['positions']: expected the inverse masses of the fluids")
 
     def _restore_native(self, state: dict[str, Any]) -> None:
-        names = ("time", "last_dt", "next_id", "positions", "velocities", "forces", "ids", "fluids")
-        self._native.restore(*(state[name] for name in names))
+        names = "time last_dt next_id positions velocities forces ids fluids layers absorbed"
+        self._native.restore(*(state[name] for name in names.split()))
 
     def _forces(self) -> Array:
         state = self._native.state()

@@ -72,14 +72,16 @@ void NodeDistances<Real, D>::update(const transfer::BlockLayout<D>& layout, bool
     std::copy_n(state.begin(), kPose, pose.begin());
     const bool moved = pose != fields_[s].pose;
     if (!moved && !layout_changed) continue;
+    fields_[s] =
+        fill(collider, surfaces_[s].axis, layout.node_keys, moved ? nullptr : &fields_[s], threads);
     fields_[s].pose = pose;
-    fill(fields_[s], collider, surfaces_[s].axis, layout.node_keys, !moved, threads);
   }
 }
 
 template <class Real, int D>
-void NodeDistances<Real, D>::fill(Field& field, const geometry::Collider& collider, int axis,
-                                  std::span<const std::uint64_t> keys, bool keep, int threads) {
+auto NodeDistances<Real, D>::fill(const geometry::Collider& collider, int axis,
+                                  std::span<const std::uint64_t> keys, const Field* same,
+                                  int threads) const -> Field {
   constexpr std::int64_t kGrain = 64;
   const auto blocks = static_cast<std::int64_t>(keys.size());
   const double half = 0.5 * (kBlock - 1) * cell_;
@@ -87,6 +89,7 @@ void NodeDistances<Real, D>::fill(Field& field, const geometry::Collider& collid
       lipschitz(collider, axis) * half * std::sqrt(D) + reach_ + kTolerance * cell_;
   Vec3 middle = Vec3::Zero();
   middle.head<D>().setConstant(half);
+  Field field;
   auto& of_block = field.of_block;
   of_block.resize(keys.size());
   parallel_for(
@@ -99,9 +102,6 @@ void NodeDistances<Real, D>::fill(Field& field, const geometry::Collider& collid
         }
       },
       threads);
-  const std::vector<std::uint64_t> old_keys = std::move(field.keys);
-  const std::vector<Patch> old_patches = std::move(field.patches);
-  field.keys.clear();
   for (std::size_t b = 0; b < keys.size(); ++b) {
     if (of_block[b] < 0) continue;
     of_block[b] = static_cast<std::int32_t>(field.keys.size());
@@ -113,15 +113,22 @@ void NodeDistances<Real, D>::fill(Field& field, const geometry::Collider& collid
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t p = begin; p < end; ++p) {
           const auto i = usize(p);
-          const auto old = std::lower_bound(old_keys.begin(), old_keys.end(), field.keys[i]);
-          if (keep && old != old_keys.end() && *old == field.keys[i]) {
-            field.patches[i] = old_patches[usize(old - old_keys.begin())];
+          const Patch* known = nullptr;
+          if (same != nullptr) {
+            const auto at = std::lower_bound(same->keys.begin(), same->keys.end(), field.keys[i]);
+            if (at != same->keys.end() && *at == field.keys[i]) {
+              known = &same->patches[usize(at - same->keys.begin())];
+            }
+          }
+          if (known != nullptr) {
+            field.patches[i] = *known;
           } else {
             sample<Real, D>(collider, axis, field.keys[i], cell_, reach_, field.patches[i].values);
           }
         }
       },
       threads);
+  return field;
 }
 
 template class NodeDistances<float, 2>;

@@ -50,9 +50,9 @@ class NodeDistances {
     std::vector<Patch> patches;
     std::vector<std::int32_t> of_block;  // -1: none
   };
-  // keep: the patches that there are hold for this pose too.
-  void fill(Field& field, const geometry::Collider& collider, int axis,
-            std::span<const std::uint64_t> keys, bool keep, int threads);
+  // same: a field of this pose, whose patches hold.
+  Field fill(const geometry::Collider& collider, int axis, std::span<const std::uint64_t> keys,
+             const Field* same, int threads) const;
 
   double cell_, reach_;
   std::vector<Surface> surfaces_;

@@ -120,8 +120,9 @@ void ParticleBoundary<Real, D>::begin_step(const transfer::BlockLayout<D>& layou
     return;
   }
   dt_ = dt;
-  from_.assign(colliders.begin(), colliders.end());
-  to_ = from_;
+  from_.clear();  // until all is found: where it fails, the next call begins anew
+  std::vector<Collider> from(colliders.begin(), colliders.end());
+  to_ = from;
   for (Collider& collider : to_) collider.advance(dt);
   collider_speed_ = 0;
   near_.clear();
@@ -158,12 +159,13 @@ void ParticleBoundary<Real, D>::begin_step(const transfer::BlockLayout<D>& layou
       middle.template head<D>().array() += kHalf * cell_;
       for (const Wall& wall : near.walls) {
         collider_speed_ =
-            std::max(collider_speed_, surface_speed(from_[wall.surface.collider], middle, radius));
+            std::max(collider_speed_, surface_speed(from[wall.surface.collider], middle, radius));
       }
       slots_[usize(near.block)] = static_cast<std::int32_t>(near_.size());
       near_.push_back(std::move(near));
     }
   }
+  from_ = std::move(from);
 }
 
 // Which of the lanes are not surely within `free`.

@@ -42,6 +42,7 @@ class ParticleBoundary {
                   std::span<const geometry::Collider> colliders, double dt, int threads);
   // How far along an axis a particle may go in this step, kPush aside [cells].
   void set_reach(double reach) { reach_ = reach; }
+  double reach() const { return reach_; }
 
   // Whether particles of particle block b may touch a collider in this step.
   bool near(std::int32_t block) const { return !near_.empty() && slots_[usize(block)] >= 0; }

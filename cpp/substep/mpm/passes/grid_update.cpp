@@ -111,10 +111,20 @@ GridUpdate<Real, D>::GridUpdate(double cell, std::vector<Collider> obstacles,
       particles_(cell, boundaries_) {}
 
 template <class Real, int D>
-void GridUpdate<Real, D>::set_layout(const transfer::BlockLayout<D>& layout, int threads) {
+ParticleBoundary<Real, D> GridUpdate<Real, D>::walls_of(const transfer::BlockLayout<D>& layout,
+                                                        int threads) const {
+  ParticleBoundary<Real, D> walls(cell_, boundaries_);
+  walls.begin_step(layout, true, colliders, dt_, threads);
+  walls.set_reach(particles_.reach());
+  return walls;
+}
+
+template <class Real, int D>
+void GridUpdate<Real, D>::set_layout(const transfer::BlockLayout<D>& layout,
+                                     ParticleBoundary<Real, D>&& walls) noexcept {
   layout_ = &layout;
   layout_changed_ = true;
-  particles_.begin_step(layout, true, colliders, dt_, threads);
+  particles_ = std::move(walls);
 }
 
 template <class Real, int D>

@@ -46,8 +46,14 @@ class GridUpdate {
 
   std::vector<geometry::Collider> colliders;  // set their pose and motion between steps
 
-  // After every sort. The layout must live until the next call.
-  void set_layout(const transfer::BlockLayout<D>& layout, int threads);
+  // After every sort. The layout must live until the next call. Where it throws, nothing changes.
+  void set_layout(const transfer::BlockLayout<D>& layout, int threads) {
+    set_layout(layout, walls_of(layout, threads));
+  }
+  // The same in two parts: all that may fail, before a layout is taken over, and the rest.
+  ParticleBoundary<Real, D> walls_of(const transfer::BlockLayout<D>& layout, int threads) const;
+  void set_layout(const transfer::BlockLayout<D>& layout,
+                  ParticleBoundary<Real, D>&& walls) noexcept;
 
   // nodes: of NodeBlocks of the layout, per node (p or v (D), mass at index D, padding). Turns
   // momentum into velocity (0 where there is no mass), adds gravity [m/s^2] dt, applies the

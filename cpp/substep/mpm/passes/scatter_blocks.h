@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <functional>
 
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
@@ -27,26 +28,24 @@ void scatter_blocks(const transfer::BlockLayout<D>& layout, Nodes<Real, D>& node
     const auto blocks = static_cast<std::int64_t>(layout.colours[colour].size());
     chunks[colour + 1] = (blocks + kBlocksOfScatter - 1) / kBlocksOfScatter;
   }
-  parallel_phases(
-      chunks,
-      [&](std::int64_t phase, std::int64_t chunk) {
-        if (phase == 0) {
-          const std::int64_t first = chunk * kZeroGrain;
-          const std::int64_t blocks = std::min(kZeroGrain, layout.node_blocks() - first);
-          std::memset(nodes.block(first), 0, usize(blocks) * Nodes<Real, D>::kReals * sizeof(Real));
-          return;
-        }
-        const auto& colour = layout.colours[usize(phase - 1)];
-        const auto end = std::min(usize((chunk + 1) * kBlocksOfScatter), colour.size());
-        for (auto i = usize(chunk * kBlocksOfScatter); i < end; ++i) {
-          const auto block = usize(colour[i]);
-          Arena<Real, D> arena;
-          arena.set_zero();
-          scatter(block, arena);
-          arena.add_to(nodes, layout, block);
-        }
-      },
-      threads);
+  const auto run = [&](std::int64_t phase, std::int64_t chunk) {
+    if (phase == 0) {
+      const std::int64_t first = chunk * kZeroGrain;
+      const std::int64_t blocks = std::min(kZeroGrain, layout.node_blocks() - first);
+      std::memset(nodes.block(first), 0, usize(blocks) * Nodes<Real, D>::kReals * sizeof(Real));
+      return;
+    }
+    const auto& colour = layout.colours[usize(phase - 1)];
+    const auto end = std::min(usize((chunk + 1) * kBlocksOfScatter), colour.size());
+    for (auto i = usize(chunk * kBlocksOfScatter); i < end; ++i) {
+      const auto block = usize(colour[i]);
+      Arena<Real, D> arena;
+      arena.set_zero();
+      scatter(block, arena);
+      arena.add_to(nodes, layout, block);
+    }
+  };
+  parallel_phases(chunks, std::cref(run), threads);  // by reference: so it needs no memory
 }
 
 }  // namespace substep::mpm

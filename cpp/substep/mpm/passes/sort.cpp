@@ -219,10 +219,10 @@ Sorted<Real, D>::Sorted(const Particles<Real, D>& particles, int threads) {
 
 }  // namespace
 
-// All memory is taken first: std::bad_alloc leaves particles and nodes as they were. g2p and rewind
-// need none afterwards.
+// All memory is taken first. g2p and rewind need none afterwards.
 template <class Real, int D>
-void sort(Particles<Real, D>& particles, Nodes<Real, D>& nodes, int threads) {
+void sort(Particles<Real, D>& particles, Nodes<Real, D>& nodes, int threads,
+          const std::function<void(const transfer::BlockLayout<D>&)>& prepare) {
   Sorted<Real, D> sorted(particles, threads);
   Nodes<Real, D> moved;
   moved.set_zero(sorted.layout.node_blocks(), threads);
@@ -236,6 +236,7 @@ void sort(Particles<Real, D>& particles, Nodes<Real, D>& nodes, int threads) {
     reserve(particles.groups[g].state, numbers(sorted.groups[g]));
     reserve(particles.groups[g].other, numbers(sorted.groups[g]));
   }
+  if (prepare) prepare(sorted.layout);
   for (std::size_t g = 0; g < sorted.groups.size(); ++g) {
     ParticleGroup<Real, D>&from = particles.groups[g], &to = sorted.groups[g];
     gather(to, from.state, from.other, true, threads);
@@ -272,9 +273,10 @@ void rewind(Particles<Real, D>& particles, int threads) {
   particles.before = particles.snapshot.before;
 }
 
-#define SUBSTEP_INSTANTIATE(Real, D)                                      \
-  template void sort<Real, D>(Particles<Real, D>&, Nodes<Real, D>&, int); \
-  template void sort_at_rest<Real, D>(Particles<Real, D>&, int);          \
+#define SUBSTEP_INSTANTIATE(Real, D)                                                        \
+  template void sort<Real, D>(Particles<Real, D>&, Nodes<Real, D>&, int,                    \
+                              const std::function<void(const transfer::BlockLayout<D>&)>&); \
+  template void sort_at_rest<Real, D>(Particles<Real, D>&, int);                            \
   template void rewind<Real, D>(Particles<Real, D>&, int);
 SUBSTEP_INSTANTIATE(float, 2)
 SUBSTEP_INSTANTIATE(float, 3)

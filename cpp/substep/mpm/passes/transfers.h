@@ -17,6 +17,8 @@
 // the snapshot, whose first step is known to be good.
 #pragma once
 
+#include <functional>
+
 #include "substep/mpm/particles/particles.h"
 
 namespace substep::mpm {
@@ -43,9 +45,11 @@ void g2p(Particles<Real, D>& particles, double dt, const Nodes<Real, D>& nodes, 
 
 // Sorts particles into blocks and cells, and carries nodes over to the new layout. Within a run
 // (nodes hold velocities) motion is lost, and the snapshot becomes the state before the sort. The
-// caller who will rewind keeps a copy of the sorted nodes.
+// caller who will rewind keeps a copy of the sorted nodes. prepare(layout to come) is called before
+// anything has changed; what it throws, or std::bad_alloc, leaves all as it was.
 template <class Real, int D>
-void sort(Particles<Real, D>& particles, Nodes<Real, D>& nodes, int threads);
+void sort(Particles<Real, D>& particles, Nodes<Real, D>& nodes, int threads,
+          const std::function<void(const transfer::BlockLayout<D>&)>& prepare = {});
 
 // The same for particles at rest, motion and all (and without nodes): for paths that read it.
 template <class Real, int D>

@@ -33,8 +33,9 @@ void append(std::vector<T>& to, const std::vector<T>& from) {
 template <class Real, int D>
 class MethodOf final : public Method {
  public:
-  MethodOf(Options options, Colliders colliders)
-      : solver_(std::move(options), copies(colliders)), colliders_(std::move(colliders)) {}
+  MethodOf(Options options, Colliders colliders, geometry::ParticleFlow flow)
+      : solver_(std::move(options), copies(colliders), std::move(flow)),
+        colliders_(std::move(colliders)) {}
 
   std::int64_t add(std::span<const Vec3> x, std::span<const Vec3> v,
                    std::span<const std::int32_t> material,
@@ -46,15 +47,18 @@ class MethodOf final : public Method {
     for (const std::int64_t place : places) flags[usize(place)] = 1;
     solver_.remove(flags);
   }
-  std::int64_t absorb(const Collider& region) override { return solver_.absorb(region); }
   void step(double dt) override {
     run([&] { solver_.step(dt); });
   }
-  void advance(double duration) override {
-    run([&] { solver_.advance(duration); });
+  void step_by_limit() override {
+    run([&] { solver_.step_by_limit(); });
   }
-  void advance_once(double end, bool goes_on) override {
-    run([&] { solver_.advance_once(end, goes_on); });
+  void advance(double end) override {
+    run([&] { solver_.advance(end); });
+  }
+  Leg next_leg(double end) const override { return solver_.next_leg(end); }
+  void advance_once(const Leg& leg, bool goes_on) override {
+    run([&] { solver_.advance_once(leg, goes_on); });
   }
   StepLimit step_limit() const override { return solver_.step_limit(); }
 
@@ -94,11 +98,13 @@ class MethodOf final : public Method {
   void set_threads(int threads) override { solver_.set_threads(threads); }
   Report report() const override { return solver_.report(); }
   Diagnostics diagnostics() const override { return solver_.diagnostics(); }
+  const geometry::ParticleFlow::Counts& counts() const override { return solver_.flow().counts; }
 
   MethodState state() const override {
     MethodState state;
     state.clock = solver_.clock();
     state.forces = solver_.forces();
+    state.flow = solver_.flow().counts;
     std::vector<Real> values, motion, volumes;
     for (const ParticleRows<Real, D>& group : solver_.rows()) {
       state.counts.push_back(static_cast<std::int64_t>(group.ids.size()));
@@ -133,7 +139,7 @@ class MethodOf final : public Method {
       groups[g].volume.assign(volume, volume + count);
       id += count, volume += count, value += width, v += count * kMotion;
     }
-    solver_.restore(state.clock, groups, state.forces);
+    solver_.restore(state.clock, groups, state.forces, state.flow);
   }
 
  private:
@@ -186,12 +192,15 @@ class MethodOf final : public Method {
 
 std::unique_ptr<Method> make_method(Precision precision, int dimension, const Settings& settings,
                                     const std::vector<MaterialConstants>& materials,
-                                    std::vector<std::shared_ptr<Collider>> colliders) {
+                                    std::vector<std::shared_ptr<Collider>> colliders,
+                                    geometry::ParticleFlow flow) {
   Options options{settings, make_materials(materials)};
   const auto make = [&]<class Real>(Real) -> std::unique_ptr<Method> {
     if (dimension == 2)
-      return std::make_unique<MethodOf<Real, 2>>(std::move(options), std::move(colliders));
-    return std::make_unique<MethodOf<Real, 3>>(std::move(options), std::move(colliders));
+      return std::make_unique<MethodOf<Real, 2>>(std::move(options), std::move(colliders),
+                                                 std::move(flow));
+    return std::make_unique<MethodOf<Real, 3>>(std::move(options), std::move(colliders),
+                                               std::move(flow));
   };
   return precision == Precision::kSingle ? make(float{}) : make(double{});
 }

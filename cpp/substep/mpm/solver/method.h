@@ -10,11 +10,18 @@
 
 #include "substep/core/numbers.h"
 #include "substep/geometry/collider.h"
+#include "substep/geometry/particle_flow.h"
 #include "substep/mpm/materials/catalogue.h"
 #include "substep/mpm/particles/diagnostics.h"
 #include "substep/mpm/passes/settings.h"
 
 namespace substep::mpm {
+
+// A part of an advance, to the next time at which emitters and sinks are asked. Steps go to `stop`,
+// which is `end` but for rounding; then the time is `end`.
+struct Leg {
+  double stop = 0, end = 0;  // [s]
+};
 
 // What a state holds besides particles.
 struct Clock {
@@ -38,6 +45,7 @@ struct MethodState {
   std::vector<std::int32_t> ids, blocks;
   Numbers values, motion, volumes;  // values: x, then the numbers of the material
   std::vector<Vec3> forces;         // in the order of ids, or none
+  geometry::ParticleFlow::Counts flow;
 };
 
 class Method {
@@ -52,10 +60,11 @@ class Method {
                            std::span<const std::int32_t> material,
                            std::span<const double> volume) = 0;
   virtual void remove(Places places) = 0;
-  virtual std::int64_t absorb(const geometry::Collider& region) = 0;
   virtual void step(double dt) = 0;
-  virtual void advance(double duration) = 0;
-  virtual void advance_once(double end, bool goes_on) = 0;
+  virtual void step_by_limit() = 0;
+  virtual void advance(double end) = 0;
+  virtual Leg next_leg(double end) const = 0;
+  virtual void advance_once(const Leg& leg, bool goes_on) = 0;
   virtual StepLimit step_limit() const = 0;
 
   virtual int dimension() const = 0;
@@ -82,6 +91,7 @@ class Method {
   virtual void set_threads(int threads) = 0;
   virtual Report report() const = 0;
   virtual Diagnostics diagnostics() const = 0;
+  virtual const geometry::ParticleFlow::Counts& counts() const = 0;
 
   virtual MethodState state() const = 0;
   // InputError: it is no such state, or numbers of the other precision; nothing has changed then.
@@ -90,6 +100,7 @@ class Method {
 
 std::unique_ptr<Method> make_method(Precision precision, int dimension, const Settings& settings,
                                     const std::vector<MaterialConstants>& materials,
-                                    std::vector<std::shared_ptr<geometry::Collider>> colliders);
+                                    std::vector<std::shared_ptr<geometry::Collider>> colliders,
+                                    geometry::ParticleFlow flow = {});
 
 }  // namespace substep::mpm

@@ -36,68 +36,121 @@ std::exception_ptr asked_to_stop() {
 
 template <class Real, int D>
 void Solver<Real, D>::step(double dt) {
+  report_ = {};
   const double end = clock_.time + dt;
   if (!(end > clock_.time) || !std::isfinite(end)) {
     throw InputError(text("dt: expected a step above the spacing of the time, got %g s", dt));
   }
-  if (options_.on_large_step == OnLargeStep::kRaise) return run(end, dt);
-  // Several steps that must all be taken or none.
-  const auto particles = particles_;
-  const Begin begin{grid_, clock_, report_};
-  try {
-    run(end, dt);
-  } catch (...) {
-    particles_ = particles;
-    grid_ = begin.grid;
-    clock_ = begin.clock;
-    report_ = begin.report;
-    layout_changed();
-    throw;
-  }
+  const auto run_to_end = [&] { run({end, end}, dt, Steps::kAll); };
+  if (options_.on_large_step == OnLargeStep::kRaise) return run_to_end();
+  whole(run_to_end);  // several steps that must all be taken or none
 }
 
 template <class Real, int D>
-void Solver<Real, D>::advance(double duration) {
-  run(clock_.time + duration, options_.step);
-}
-
-template <class Real, int D>
-void Solver<Real, D>::advance_once(double end, bool goes_on) {
-  goes_on_ &= goes_on;
-  run(end, options_.step, true);
-}
-
-template <class Real, int D>
-void Solver<Real, D>::run(double end, double given, bool once) {
-  const std::vector<geometry::Collider> colliders = grid_.colliders;
-  const Report before = report_;
+void Solver<Real, D>::step_by_limit() {
+  const double end = clock_.time + 3 * step_limit().dt;  // none of the last two, which are shorter
   report_ = {};
+  goes_on_ = false;
+  run({end, end}, 0, Steps::kOneAlone);
+}
+
+template <class Real, int D>
+void Solver<Real, D>::advance(double end) {
+  report_ = {};
+  while (clock_.time < end) run(next_leg(end), options_.step, Steps::kAll);
+}
+
+template <class Real, int D>
+Leg Solver<Real, D>::next_leg(double end) const {
+  constexpr double kLooks = 4;  // steps after which sinks look again
+  const double now = clock_.time;
+  double until = std::min(end, flow_.next(now));
+  if (!flow_.sinks.empty()) {
+    const double look = now + kLooks * (options_.step > 0 ? options_.step : step_limit().dt);
+    if (look > now) until = std::min(until, look);
+  }
+  return {now + (until - now), until};
+}
+
+template <class Real, int D>
+void Solver<Real, D>::advance_once(const Leg& leg, bool goes_on) {
+  report_ = {};
+  goes_on_ &= goes_on;
+  run(leg, options_.step, Steps::kNext);
+}
+
+// What must go on to its end, or back to here.
+template <class Real, int D>
+void Solver<Real, D>::keep_state() {
+  if (kept_) return;
+  kept_.emplace(particles_, grid_, clock_, report_, forces_, flow_.counts, near_bounds_);
+}
+
+template <class Real, int D>
+void Solver<Real, D>::put_back() noexcept {
+  if (!kept_) return;
+  particles_ = std::move(kept_->particles);
+  grid_ = std::move(kept_->grid);
+  clock_ = kept_->clock;
+  report_ = kept_->report;
+  forces_ = std::move(kept_->forces);
+  flow_.counts = std::move(kept_->counts);
+  near_bounds_ = kept_->near_bounds;
+  kept_.reset();
+}
+
+template <class Real, int D>
+void Solver<Real, D>::run(const Leg& leg, double given, Steps steps) {
+  flow_.check(leg.end);
+  std::vector<geometry::Collider> colliders = grid_.colliders;
+  const Report before = report_;
+  const double start = clock_.time;
+  const bool within = kept_.has_value();
+  const auto taken = [&] { return report_.steps > before.steps; };
+  const auto end_run = [&] {
+    const double duration = clock_.time - start;
+    for (geometry::Collider& collider : grid_.colliders) {
+      if (taken()) collider.end_step(duration);
+    }
+  };
   grid_.clear_exchange();
-  goes_on_ &= once;
+  goes_on_ &= steps == Steps::kNext;
   if (!goes_on_) wave_age_ = kWaveSteps;
   try {
-    while (clock_.time < end && !(once && report_.steps > 0)) steps_until_rest(end, given, once);
+    while (clock_.time < leg.stop && !(steps != Steps::kAll && taken())) {
+      steps_until_rest(leg, given, steps);
+      const double reached = clock_.time;
+      if (reached >= leg.stop) clock_.time = leg.end;
+      if (flow_.any() && (reached >= leg.stop || steps == Steps::kOneAlone)) let_flow();
+      if (!within) kept_.reset();
+    }
+    end_run();
   } catch (...) {
-    if (report_.steps == 0) {
-      grid_.colliders = colliders;
+    put_back();
+    if (!taken()) {
+      grid_.colliders.swap(colliders);
       report_ = before;
     }
+    end_run();
     throw;
   }
 }
 
 // p2g; grid; then g2p fused with the next p2g, grid; ...; g2p. What fails leaves the state after
-// the last good step.
+// the last good step. A step that is taken alone goes back to where it began: in which particles
+// may leave the bounds, or that something flows after.
 template <class Real, int D>
-void Solver<Real, D>::steps_until_rest(double end, double given, bool once) {
+void Solver<Real, D>::steps_until_rest(const Leg& leg, double given, Steps steps) {
   poll_interrupt();
-  NextStep step = first_step(end, given);
-  reserve_run(step, end);
+  NextStep step = first_step(leg.stop, given);
+  if (near_bounds_ || ends(leg, step, steps) || scheme().musl) keep_state();
+  reserve_run(step, leg.stop);
   for (;;) {
     const std::exception_ptr stop = asked_to_stop();
     // From here to the next turn particles may be between two steps.
-    const DeferInterrupts whole;
-    std::optional<NextStep> after = following(step, end, given, stop || once);
+    const DeferInterrupts uninterrupted;
+    const bool last = stop || steps != Steps::kAll;
+    std::optional<NextStep> after = following(step, leg, given, last);
     if (!after) {
       rest(step);
       if (stop) std::rethrow_exception(stop);
@@ -158,18 +211,23 @@ void Solver<Real, D>::reserve_run(const NextStep& step, double end) {
 // The step that is to be fused with a good one; none where particles come to rest between them.
 template <class Real, int D>
 std::optional<typename Solver<Real, D>::NextStep> Solver<Real, D>::following(const NextStep& step,
-                                                                             double end,
+                                                                             const Leg& leg,
                                                                              double given,
                                                                              bool stop) {
   return or_recover(step, [&]() -> std::optional<NextStep> {
     make_room(step);
-    goes_on_ = !near_bounds_ && fast() && step.end < end;
+    goes_on_ = !near_bounds_ && fast() && step.end < leg.stop;
     if (!goes_on_) return {};
     next_limit_ = limit_now(step.speed, given);
     if (stop) return {};
-    NextStep after = choose(step.end, end, given, next_limit_);
+    const std::int64_t subdivided = report_.subdivided;
+    NextStep after = choose(step.end, leg.stop, given, next_limit_);
     goes_on_ = after.refused.empty();
     if (!goes_on_) return {};
+    if (!kept_ && ends(leg, after, Steps::kAll)) {  // it is taken alone
+      report_.subdivided = subdivided;
+      return {};
+    }
     if (begin_.empty()) begin_.push_back({grid_, clock_, report_});
     good_.push_back(step);
     return after;
@@ -265,7 +323,7 @@ void Solver<Real, D>::end_step(double dt) {
 
 template <class Real, int D>
 void Solver<Real, D>::sort_resting() {
-  const DeferInterrupts whole;
+  keep_state();
   sort_at_rest(particles_, options_.threads);
   clock_.drift = 0;
   ++report_.sorts;
@@ -276,27 +334,26 @@ void Solver<Real, D>::sort_resting() {
 template <class Real, int D>
 void Solver<Real, D>::make_room(const NextStep& step) {
   if (!fast() || clock_.drift + step.reach <= room()) return;
-  sort(particles_, nodes_, options_.threads);
+  std::optional<ParticleBoundary<Real, D>> walls;
+  sort<Real, D>(particles_, nodes_, options_.threads, [&](const transfer::BlockLayout<D>& layout) {
+    walls.emplace(grid_.walls_of(layout, options_.threads));
+  });
   clock_.drift = 0;
   ++report_.sorts;
   good_.clear();
   begin_.clear();
-  layout_changed();
+  set_layout(std::move(*walls));
   next_.values.reset(nodes_.values.size());
   base_.values.reset(nodes_.values.size());
 }
 
+// Where particles are near the bounds only since this step, when they were sorted, none leaves
+// them.
 template <class Real, int D>
 void Solver<Real, D>::rest(const NextStep& step) {
-  if (!near_bounds_) {
-    end_step(step.dt);
-    return commit(step);
-  }
-  const Particles<Real, D> before = or_recover(step, [&] { return particles_; });
   end_step(step.dt);
-  const std::int32_t escaped = first_escaped();
+  const std::int32_t escaped = near_bounds_ && kept_ ? first_escaped() : -1;
   if (escaped >= 0 && options_.on_escape == OnEscape::kRaise) {
-    particles_ = before;
     raise("particle " + std::to_string(escaped) +
               " leaves the bounds (on_escape=\"remove\" or \"clamp\" would go on)",
           escaped);
@@ -305,26 +362,25 @@ void Solver<Real, D>::rest(const NextStep& step) {
   if (escaped >= 0) hold_escaped();
 }
 
-// What a step that was taken leaves behind, particles aside.
+// What a step that was taken leaves behind, particles aside. Needs no memory, as they have moved.
 template <class Real, int D>
-void Solver<Real, D>::commit(const NextStep& step) {
-  std::vector<geometry::Exchange> given;
-  for (const auto& collider : grid_.colliders) given.push_back(collider.exchange());
-  const std::vector<geometry::Collider> moving = grid_.colliders;
+void Solver<Real, D>::commit(const NextStep& step) noexcept {
+  std::vector<geometry::Collider>& colliders = grid_.colliders;
+  for (std::size_t c = 0; c < colliders.size(); ++c) given_[c] = colliders[c].exchange();
   clock_.drift += step.reach + grid_.finish();
   if (options_.integrator == Integrator::kImplicit) {
-    for (std::size_t c = 0; c < moving.size(); ++c) {
-      geometry::Exchange sum = grid_.colliders[c].exchange();
+    for (std::size_t c = 0; c < colliders.size(); ++c) {
+      geometry::Exchange sum = colliders[c].exchange();
       sum += implicit_.exchanges()[c];
-      grid_.colliders[c].set_exchange(sum);
+      colliders[c].set_exchange(sum);
     }
     report_.newton += implicit_.report().newton;
     report_.krylov += implicit_.report().krylov;
   }
-  for (std::size_t c = 0; c < moving.size(); ++c) {
-    const geometry::Exchange& now = grid_.colliders[c].exchange();
-    clock_.supply(-((now.impulse - given[c].impulse).dot(moving[c].velocity) +
-                    (now.torque - given[c].torque).dot(moving[c].angular_velocity)));
+  for (std::size_t c = 0; c < colliders.size(); ++c) {
+    const geometry::Exchange& now = colliders[c].exchange();
+    clock_.supply(-((now.impulse - given_[c].impulse).dot(colliders[c].velocity) +
+                    (now.torque - given_[c].torque).dot(colliders[c].angular_velocity)));
   }
   clock_.supply(work_);
   work_ = 0;
@@ -340,7 +396,7 @@ template <class Real, int D>
 void Solver<Real, D>::return_to_good_step() {
   goes_on_ = false;
   rewind(particles_, options_.threads);
-  grid_ = begin_[0].grid;
+  grid_ = std::move(begin_[0].grid);
   clock_ = begin_[0].clock;
   report_ = begin_[0].report;
   nodes_.values.swap(base_.values);
@@ -355,14 +411,15 @@ void Solver<Real, D>::return_to_good_step() {
 }
 
 // Does what needs memory while particles are between two steps. Where there is none, the way to a
-// state after a whole step needs none: back to the last good one or, with none to go back to,
-// on through `step`.
+// state after a whole step needs none that was not there before: back to what was kept or to the
+// last good one or, with none to go back to, on through `step`.
 template <class Real, int D>
 template <class Work>
 auto Solver<Real, D>::or_recover(const NextStep& step, const Work& work) {
   try {
     return work();
   } catch (const std::bad_alloc&) {
+    if (kept_) throw;
     if (!good_.empty()) {
       return_to_good_step();
     } else if (!particles_.motion) {  // sorted: the way back is lost, the step itself is good

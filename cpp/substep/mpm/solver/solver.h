@@ -7,6 +7,10 @@
 //
 // Between public calls the state is that of the particles alone; grids are scratch. All that reads
 // or writes particles does so in ascending order of their ids; the order of storage is private.
+//
+// Calls are whole or not at all: where one throws, whatever it is (memory, an interrupt, the
+// numbers), the state is that before it, or for `advance` that after a whole step. A whole step
+// ends with what came out of emitters and went into sinks.
 #pragma once
 
 #include <cstdint>
@@ -15,6 +19,7 @@
 #include <string>
 #include <vector>
 
+#include "substep/geometry/particle_flow.h"
 #include "substep/mpm/implicit/implicit.h"
 #include "substep/mpm/particles/measures.h"
 #include "substep/mpm/particles/places.h"
@@ -30,7 +35,8 @@ struct Scheme;
 template <class Real, int D>
 class Solver {
  public:
-  Solver(Options options, std::vector<geometry::Collider> colliders);
+  Solver(Options options, std::vector<geometry::Collider> colliders,
+         geometry::ParticleFlow flow = {});
   Solver(const Solver&) = delete;
   Solver& operator=(const Solver&) = delete;
 
@@ -40,8 +46,6 @@ class Solver {
   std::int64_t add(std::span<const Vec3> x, std::span<const Vec3> v,
                    std::span<const std::int32_t> material, std::span<const double> volume);
   void remove(std::span<const std::uint8_t> flags);  // in the order of ids, as all below
-  // Takes out what lies inside; returns how many.
-  std::int64_t absorb(const geometry::Collider& region);
 
   static constexpr int kAll = -1;  // instead of a material
   std::int64_t size(int material = kAll) const;
@@ -71,12 +75,15 @@ class Solver {
   // One step of dt (or several, where it is too large and on_large_step says so). Where it throws,
   // nothing has changed.
   void step(double dt);
-  // As many steps as a duration needs. Where it throws, the state is that after the last good step,
-  // which the exception numbers.
-  void advance(double duration);
-  // The next step of an advance to `end`, bit for bit. The first one of it does not go on; nor does
-  // one after a change of the particles.
-  void advance_once(double end, bool goes_on);
+  // One step as large as the limits allow.
+  void step_by_limit();
+  // As many steps as it takes to `end`. Where it throws, the state is that after the last good
+  // step, which the exception numbers.
+  void advance(double end);
+  // The leg that an advance to `end` begins with, and the next step of one, bit for bit. The first
+  // one of a leg does not go on; nor does one after a change of the particles.
+  Leg next_leg(double end) const;
+  void advance_once(const Leg& leg, bool goes_on);
   StepLimit step_limit() const;
 
   Diagnostics diagnostics() const;
@@ -92,9 +99,10 @@ class Solver {
   Clock clock() const;
   std::vector<ParticleRows<Real, D>> rows() const;
   const std::vector<Vec3>& forces() const { return forces_; }  // in the order of ids, or none
+  const geometry::ParticleFlow& flow() const { return flow_; }
   // InputError if that is no such state; nothing has changed then.
   void restore(const Clock& at, const std::vector<ParticleRows<Real, D>>& rows,
-               const std::vector<Vec3>& forces);
+               const std::vector<Vec3>& forces, const geometry::ParticleFlow::Counts& counts);
 
  private:
   // A step that is to be taken.
@@ -113,13 +121,46 @@ class Solver {
     NodeCheck nodes;
   };
 
+  // Whole or not at all.
+  struct Kept {
+    Particles<Real, D> particles;
+    GridUpdate<Real, D> grid;
+    Clock clock;
+    Report report;
+    std::vector<Vec3> forces;
+    geometry::ParticleFlow::Counts counts;
+    bool near_bounds;
+  };
+  void keep_state();
+  void put_back() noexcept;
+  // change(), or nothing; within another change, what undoes that undoes it.
+  template <class Change>
+  void whole(const Change& change) {
+    if (kept_) return change();
+    keep_state();
+    try {
+      change();
+    } catch (...) {
+      put_back();
+      throw;
+    }
+    kept_.reset();
+    goes_on_ = false;
+  }
+
   // Steps.
-  void run(double end, double given, bool once = false);
-  void steps_until_rest(double end, double given, bool once);
+  enum class Steps { kAll, kNext, kOneAlone };  // of a leg; kOneAlone: as if the leg ended there
+  void run(const Leg& leg, double given, Steps steps);
+  void steps_until_rest(const Leg& leg, double given, Steps steps);
+  bool ends(const Leg& leg, const NextStep& step, Steps steps) const {
+    return flow_.any() && (steps == Steps::kOneAlone || step.end >= leg.stop);
+  }
+  void let_flow();
+  std::int64_t absorb(const geometry::Collider& region);
   NextStep first_step(double end, double given);
   void reserve_run(const NextStep& step, double end);
   NextStep choose_first(double end, double given);
-  std::optional<NextStep> following(const NextStep& step, double end, double given, bool stop);
+  std::optional<NextStep> following(const NextStep& step, const Leg& leg, double given, bool stop);
   Trial go_on(const NextStep& step, NextStep& after);
   NextStep choose(double now, double end, double given, const StepLimit& limit);
   StepLimit limit(double speed, double wave) const;  // [m/s], c^2 [m^2/s^2]
@@ -139,7 +180,7 @@ class Solver {
   void halve(NextStep& step, const char* reason);
   void make_room(const NextStep& step);
   void rest(const NextStep& step);
-  void commit(const NextStep& step);
+  void commit(const NextStep& step) noexcept;
   void return_to_good_step();
   template <class Work>
   auto or_recover(const NextStep& step, const Work& work);
@@ -155,6 +196,7 @@ class Solver {
 
   // Particles.
   void layout_changed();
+  void set_layout(ParticleBoundary<Real, D>&& walls) noexcept;
   bool escapes(const Vec3& x) const;
   std::int32_t first_escaped() const;
   void hold_escaped();
@@ -176,6 +218,8 @@ class Solver {
   GridUpdate<Real, D> grid_;
   ImplicitStep<Real, D> implicit_;
   Report report_;
+  geometry::ParticleFlow flow_;
+  std::optional<Kept> kept_;  // while something is on that must not end half-way: what was before
   std::vector<Vec3> forces_;  // [N], in the order of ids; empty: none
   double work_ = 0;           // of the forces, in the step to come [J]
   std::array<Vec3, 2> bounds_;
@@ -185,6 +229,7 @@ class Solver {
   // step since the particles were at rest or sorted, `good_` the steps since then: from these the
   // state after them can be reached again.
   Nodes<Real, D> nodes_, next_, base_, before_;
+  std::vector<geometry::Exchange> given_;  // of each collider, before the step at hand
   struct Begin {
     GridUpdate<Real, D> grid;
     Clock clock;

@@ -37,10 +37,11 @@ ParticleRows<Real, D> particle_at_rest(const AnyMaterial& material) {
 template <class Real, int D>
 template <class Change>
 void Solver<Real, D>::supply(const Change& change) {
-  goes_on_ = false;
   const double before = sums().energy();
-  change();
-  clock_.supply(sums().energy() - before);
+  whole([&] {
+    change();
+    clock_.supply(sums().energy() - before);
+  });
 }
 
 // Takes out what has left the bounds, or holds it there, at rest.
@@ -134,6 +135,24 @@ void Solver<Real, D>::remove(std::span<const std::uint8_t> flags) {
   });
 }
 
+// What came out of emitters since the last time, and goes into sinks.
+template <class Real, int D>
+void Solver<Real, D>::let_flow() {
+  for (std::size_t k = 0; k < flow_.emitters.size(); ++k) {
+    const geometry::Emitted came = flow_.emitters[k].let_out(flow_.counts.layers[k], clock_.time);
+    if (std::any_of(came.x.begin(), came.x.end(), [&](const Vec3& x) { return escapes(x); })) {
+      raise("emitters[" + std::to_string(k) +
+                "]: what comes out is beyond the bounds when the step ends; take shorter ones",
+            -1);
+    }
+    add(came.x, came.v, came.kinds, came.volumes);
+  }
+  for (std::size_t k = 0; k < flow_.sinks.size(); ++k) {
+    flow_.counts.absorbed[k] += absorb(*flow_.sinks[k]);
+  }
+}
+
+// Takes out what lies inside; returns how many.
 template <class Real, int D>
 std::int64_t Solver<Real, D>::absorb(const geometry::Collider& region) {
   const std::vector<double> x = positions();
@@ -218,11 +237,12 @@ void Solver<Real, D>::set_velocities(std::span<const Vec3> v,
 
 template <class Real, int D>
 void Solver<Real, D>::set_affine(std::span<const double> C, std::span<const std::int64_t> places) {
-  goes_on_ = false;
-  write(places, [&](const Slot& s, std::size_t k) {
-    for (std::size_t i = 0; i < D * D; ++i) {
-      motion_of(particles_, s, D + static_cast<int>(i)) = static_cast<Real>(C[k * D * D + i]);
-    }
+  whole([&] {
+    write(places, [&](const Slot& s, std::size_t k) {
+      for (std::size_t i = 0; i < D * D; ++i) {
+        motion_of(particles_, s, D + static_cast<int>(i)) = static_cast<Real>(C[k * D * D + i]);
+      }
+    });
   });
 }
 

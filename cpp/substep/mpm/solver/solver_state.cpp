@@ -22,10 +22,13 @@ double reach(double cell) {
 }  // namespace
 
 template <class Real, int D>
-Solver<Real, D>::Solver(Options options, std::vector<geometry::Collider> colliders)
+Solver<Real, D>::Solver(Options options, std::vector<geometry::Collider> colliders,
+                        geometry::ParticleFlow flow)
     : options_(std::move(options)),
       grid_(options_.cell, std::move(colliders), options_.boundaries),
-      implicit_(options_.cell) {
+      implicit_(options_.cell),
+      flow_(std::move(flow)),
+      given_(grid_.colliders.size()) {
   const double far = reach<D>(options_.cell);
   bounds_ = {Vec3::Constant(-far), Vec3::Constant(far)};
   if (options_.bounds) {
@@ -103,17 +106,21 @@ void Solver<Real, D>::check_rows(const Clock& at,
 
 template <class Real, int D>
 void Solver<Real, D>::restore(const Clock& at, const std::vector<ParticleRows<Real, D>>& rows,
-                              const std::vector<Vec3>& forces) {
+                              const std::vector<Vec3>& forces,
+                              const geometry::ParticleFlow::Counts& counts) {
   check_rows(at, rows);
-  assign(particles_, std::span<const ParticleRows<Real, D>>(rows), Order::kAsGiven,
-         options_.threads);
-  clock_ = at;
-  particles_.trial = at.trial;
-  particles_.before = at.before;
-  forces_ = forces;
-  report_ = {};
-  goes_on_ = false;
-  layout_changed();
+  flow_.check(counts);
+  whole([&] {
+    assign(particles_, std::span<const ParticleRows<Real, D>>(rows), Order::kAsGiven,
+           options_.threads);
+    clock_ = at;
+    particles_.trial = at.trial;
+    particles_.before = at.before;
+    forces_ = forces;
+    flow_.counts = counts;
+    report_ = {};
+    layout_changed();
+  });
 }
 
 // Puts rows in the place of all particles, sorted.
@@ -127,7 +134,13 @@ void Solver<Real, D>::sort_again(std::vector<ParticleRows<Real, D>>& rows) {
 
 template <class Real, int D>
 void Solver<Real, D>::layout_changed() {
-  grid_.set_layout(particles_.layout, options_.threads);
+  set_layout(grid_.walls_of(particles_.layout, options_.threads));
+}
+
+// The same with walls that were made before, which cannot fail.
+template <class Real, int D>
+void Solver<Real, D>::set_layout(ParticleBoundary<Real, D>&& walls) noexcept {
+  grid_.set_layout(particles_.layout, std::move(walls));
   // From here on a particle may go as far as it may be from where it was sorted, and as far again.
   near_bounds_ = false;
   const double cell = options_.cell;
