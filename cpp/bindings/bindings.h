@@ -23,3 +23,5 @@ void bind_rigid_world(py::module_& m);
 void bind_second_order(py::module_& m);
 void bind_soft_body(py::module_& m);
 void bind_springs(py::module_& m);
+
+void guard_construction(py::module_& m);

@@ -21,4 +21,5 @@ PYBIND11_MODULE(_core, m) {
   bind_rigid_world(m);
   bind_springs(m);
   bind_soft_body(m);
+  guard_construction(m);  // of all of them
 }
