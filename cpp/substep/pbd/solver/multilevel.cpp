@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <utility>
 
 #include "substep/core/matrix3.h"
 #include "substep/core/parallel.h"
@@ -79,13 +80,14 @@ std::int64_t Multilevel<Real>::project(const Sweep<Real>& s, int threads) {
 // The hierarchy, for the masses and pins of now.
 template <class Real>
 void Multilevel<Real>::build(const Sweep<Real>& s) {
-  inverse_mass_.resize(usize(s.count));
+  inverse_mass_.clear();  // until the levels are whole
+  std::vector<Real> inverse_mass(usize(s.count));
   DistanceGraph graph;
   graph.rest = rest_;
   graph.edges = edges_;
   graph.mass.resize(rest_.size());
-  for (std::size_t slot = 0; slot < inverse_mass_.size(); ++slot) {
-    const Real w = inverse_mass_[slot] = s.x[slot].w;
+  for (std::size_t slot = 0; slot < inverse_mass.size(); ++slot) {
+    const Real w = inverse_mass[slot] = s.x[slot].w;
     graph.mass[usize(partition_.id[slot])] = w > 0 ? 1 / static_cast<double>(w) : 0;
   }
   find_directions(graph);
@@ -110,6 +112,7 @@ void Multilevel<Real>::build(const Sweep<Real>& s) {
     fine = std::move(coarse);
   }
   list_phases();
+  inverse_mass_ = std::move(inverse_mass);
 }
 
 template <class Real>
