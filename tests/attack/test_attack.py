@@ -84,6 +84,7 @@ ALLOCATIONS = [
     ("functions", "systems.Oscillators"),
     ("TaylorGreen", "__call__"),
     ("RigidBodies", "set_velocities"),
+    ("MassSpring", "step"),
     ("PositionBasedDynamics (multilevel)", "step"),
 ]
 

@@ -45,8 +45,8 @@ MinimiserReport NewtonMinimiser::minimise(IncrementalPotential& energy, std::spa
     const auto size = static_cast<std::int32_t>(3 * n);
     cholesky_ = std::make_unique<SupernodalCholesky>(
         SparsePattern{size, size, pattern.columns, pattern.rows}, 3);
-    values_.resize(pattern.rows.size());
   }
+  values_.resize(pattern.rows.size());
   g_.resize(n);
   dx_.resize(n);
   trial_.resize(n);
