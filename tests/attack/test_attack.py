@@ -84,6 +84,7 @@ ALLOCATIONS = [
     ("functions", "systems.Oscillators"),
     ("TaylorGreen", "__call__"),
     ("RigidBodies", "set_velocities"),
+    ("RigidBodies", "ball"),
     ("MassSpring", "step"),
     ("PositionBasedDynamics (multilevel)", "step"),
 ]

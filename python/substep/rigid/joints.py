@@ -260,12 +260,13 @@ class Joints(BodyRows):
         number = self._next_joint
         ids = np.append(self._joint_ids, np.int64(number))
         bodies, ends = (first, second), (lower, upper)
+        joint = Joint(self, number)
         self._commit(
             {"_joint_ids": ids, "_next_joint": number + 1},
             self._native.add_joint,
             *(KINDS.index(kind), *bodies, point, axis, *ends, cone, drive, touching),
         )
-        return Joint(self, number)
+        return joint
 
     def _remove_joint(self, row: int) -> None:
         left = {"_joint_ids": np.delete(self._joint_ids, row)}
