@@ -87,6 +87,7 @@ ALLOCATIONS = [
     ("RigidBodies", "ball"),
     ("MassSpring", "step"),
     ("PositionBasedDynamics (multilevel)", "step"),
+    ("RK45", "step"),
 ]
 
 
@@ -94,7 +95,7 @@ def test_memory_that_runs_out():
     holds(allocations.run([[*place(*call), 0, 80] for call in ALLOCATIONS]))
 
 
-@pytest.mark.parametrize("name", ["RigidBodies"])
+@pytest.mark.parametrize("name", ["Radau", "RigidBodies"])
 def test_many_lives(name):
     holds(soak.work([number_of(name, subjects.subjects()), 90]))
 

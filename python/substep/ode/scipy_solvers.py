@@ -6,11 +6,13 @@ those only who use them.
 
 from __future__ import annotations
 
+import weakref
 from typing import Any, ClassVar
 
 import numpy as np
 
 from .. import _core
+from ..base.checks import as_array, check_real
 from ..errors import InputError, SolverError
 from .jacobian import make_jacobian
 from .rhs import make_system
@@ -84,6 +86,7 @@ class ExplicitSolver(OdeSolver):
     order: ClassVar[int]
     error_estimator_order: ClassVar[int]
     n_stages: ClassVar[int]
+    t: float
     y: Any
 
     def __init_subclass__(cls, *, method: str = "") -> None:
@@ -111,18 +114,30 @@ class ExplicitSolver(OdeSolver):
         **extraneous: Any,
     ) -> None:
         warn_extraneous(extraneous)
-        super().__init__(fun, t0, y0, t_bound, vectorized, support_complex=True)
-        self.max_step = validate_max_step(max_step)
-        if np.ndim(rtol) and np.shape(rtol) != (self.n,):  # SciPy checks atol only
-            raise InputError(f"rtol: expected a number or shape ({self.n},), got {np.shape(rtol)}")
-        self.rtol, self.atol = validate_tol(rtol, atol, self.n)
-        if first_step is not None:
-            validate_first_step(first_step, t0, t_bound)
+        t0, t_bound = check_real("t0", t0), check_real("t_bound", t_bound, finite=False)
+        y0 = as_array("y0", y0)
+        try:
+            super().__init__(fun, t0, y0, t_bound, vectorized, support_complex=True)
+            self.max_step = validate_max_step(max_step)
+            if np.ndim(rtol) and np.shape(rtol) != (self.n,):  # SciPy checks atol only
+                wanted = f"a number or shape ({self.n},)"
+                raise InputError(f"rtol: expected {wanted}, got {np.shape(rtol)}")
+            self.rtol, self.atol = validate_tol(rtol, atol, self.n)
+            if first_step is not None:
+                validate_first_step(first_step, t0, t_bound)
+        except ValueError as error:  # SciPy's own name the argument too
+            raise InputError(str(error)) from None
         if self.n == 0 or t0 == t_bound:
             return
-        # self.fun counts the evaluations, as SciPy's classes do.
+        # self.fun counts the evaluations, as SciPy's classes do. The native side must not keep the
+        # solver alive, which keeps that: no collector sees such a circle.
+        own = weakref.proxy(self)
         system = make_system(
-            self.fun, self.n, complex_y=self.y.dtype.kind == "c", args=None, vectorized=False
+            lambda t, y: own.fun(t, y),
+            self.n,
+            complex_y=self.y.dtype.kind == "c",
+            args=None,
+            vectorized=False,
         )
         y = np.ascontiguousarray(self.y)
         self._integration = _core.Integration(
@@ -150,7 +165,8 @@ class ExplicitSolver(OdeSolver):
 
     def _step_impl(self) -> tuple[bool, str | None]:
         try:
-            self._integration.run(1)
+            if self._integration.t == self.t:  # else it is ahead of a call that was broken off
+                self._integration.run(1)
         except SolverError as error:
             return False, f"{self.TOO_SMALL_STEP} {error}"
         self.t, self.y = self._integration.t, self._integration.y
