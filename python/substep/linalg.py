@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
-from .base.checks import check_array, check_choice, check_integer, check_real
+from .base.checks import check_array, check_choice, check_flag, check_integer, check_real
 from .errors import ConvergenceError, InputError, NonFiniteError
 
 __all__ = ["LU", "Cholesky", "CholeskyReport", "KrylovResult", "LUReport", "bicgstab", "cg"]
@@ -452,7 +452,7 @@ class LU:
         right = _right_sides(b, self._n, complex_ok=self._complex)
         if self._complex:
             right = right.astype(np.complex128)
-        return np.ascontiguousarray(self._native.solve(right, bool(transpose)).T)
+        return np.ascontiguousarray(self._native.solve(right, check_flag("transpose", transpose)).T)
 
     @property
     def report(self) -> LUReport:

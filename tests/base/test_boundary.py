@@ -279,6 +279,20 @@ REFUSED = [
     (lambda: points().step(np.array("5")), TypeError, "dt"),
     (lambda: points().step(bytearray(b"5")), TypeError, "dt"),
     (lambda: setattr(points(), "step_size", None), TypeError, "step_size"),
+    (lambda: points().advance(np.ma.masked_all(())), InputError, "duration: .* masked"),
+    (lambda: substep.RigidBatch(balls(), 1).advance(1e308), InputError, "duration: 1e.308 s"),
+    (lambda: substep.Sphere(1.0).mesh(2**62), InputError, "segments"),
+    (lambda: substep.geometry.tetrahedralize(np.eye(3), 1.0), TypeError, "mesh: expected a Tri"),
+    (lambda: substep.MassSpring.from_mesh("x", density=1, stiffness=1), TypeError, "mesh"),
+    (lambda: substep.SignedDistanceField.from_mesh([], 1.0), TypeError, "mesh"),
+    (lambda: substep.linalg.LU(np.eye(2)).solve([1, 2], transpose=[1, 1]), TypeError, "transpose"),
+    (lambda: substep.pack("nothing", overwrite=np.ones(2)), TypeError, "overwrite"),
+    (lambda: substep.systems.Kepler().energy(np.ones(3)), InputError, r"y: .* \(4,\) or \(4, m\)"),
+    (lambda: substep.systems.NBody([1, 2]).energy(7.0), InputError, "y"),
+    (lambda: substep.RK45(abs, 0.0, 1.0, 1.0), InputError, "`y0`"),
+    (lambda: substep.RK45(abs, 0.0, [[1.0], 2], 1.0), InputError, "y0"),
+    (lambda: substep.RK45(abs, 0.0, [1.0], [1.0, 2.0]), TypeError, "t_bound"),
+    (lambda: substep.RK45(abs, 0.0, [1.0], 1.0, atol=-1.0), InputError, "`atol`"),
 ]
 
 

@@ -112,6 +112,8 @@ def check_real(
     is_text = isinstance(value, (str, bytes, bytearray))
     if isinstance(value, bool) or is_text or kind not in "fiu" or getattr(value, "ndim", None):
         raise TypeError(f"{name}: expected a real number, got {describe(value)}")
+    if np.ma.is_masked(value):
+        raise InputError(f"{name}: expected a number, got a masked one")
     try:
         number = (
             float(operator.index(value)) if isinstance(value, (int, np.integer)) else float(value)

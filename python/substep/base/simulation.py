@@ -370,5 +370,7 @@ def with_energy(values: dict[str, float]) -> dict[str, float]:
 def whole_steps(duration: float, step: float) -> tuple[int, bool]:
     """Steps of that size that fit into a duration, and whether they fill it."""
     ratio = duration / step
+    if not math.isfinite(ratio):
+        raise InputError(f"duration: {duration} s are more steps of {step} s than can be counted")
     whole = abs(ratio - round(ratio)) <= 1e-9 * max(1.0, ratio)
     return (round(ratio) if whole else math.floor(ratio)), whole

@@ -8,7 +8,7 @@ from ..base.checks import check_real, check_threads
 from ..errors import InputError
 from .tet_mesh import TetMesh
 from .topology import Array, Indices, components
-from .triangle_mesh import TriangleMesh
+from .triangle_mesh import TriangleMesh, check_mesh
 
 _CRUMB = 1e-3  # of the largest piece's volume: smaller ones are left out
 
@@ -56,7 +56,7 @@ def tetrahedralize(
     >>> ball.lacks
     ["98.5 % of the surface's volume"]
     """
-    corners = mesh.vertices[mesh.faces]
+    corners = check_mesh(mesh).vertices[mesh.faces]
     sides = corners.max((0, 1)) - corners.min((0, 1))
     h = check_real("spacing", sides.max() / 20 if spacing is None else spacing, positive=True)
     points = 2 * np.prod(sides / h + 4)

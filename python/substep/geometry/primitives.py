@@ -13,6 +13,8 @@ from .tet_mesh import TetMesh
 from .topology import Indices
 from .triangle_mesh import TriangleMesh
 
+_MOST_SEGMENTS = 20_000  # 400 million triangles of a sphere
+
 
 def _counts(name: str, value: Any, length: int) -> list[int]:
     given = check_sequence(name, value, "integers")
@@ -219,7 +221,7 @@ def revolved(radii: ArrayLike, heights: ArrayLike, segments: int) -> TriangleMes
 
     Its ends are on the axis, and are one vertex each; any other point is a ring of `segments`.
     """
-    n = check_integer("segments", segments, minimum=3)
+    n = check_integer("segments", segments, minimum=3, maximum=_MOST_SEGMENTS)
     r, z = np.asarray(radii, float)[1:-1], np.asarray(heights, float)
     angle = 2 * np.pi * np.arange(n) / n
     around = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -238,7 +240,9 @@ def revolved(radii: ArrayLike, heights: ArrayLike, segments: int) -> TriangleMes
 
 def capsule_mesh(radius: float, length: float, segments: int) -> TriangleMesh:
     """Of a capsule, or of a sphere if it has no length."""
-    rings = max(1, check_integer("segments", segments, minimum=3) // 4)  # of half a sphere
+    rings = max(
+        1, check_integer("segments", segments, minimum=3, maximum=_MOST_SEGMENTS) // 4
+    )  # of half a sphere
     angle = np.linspace(0, np.pi / 2, rings + 1)
     r, z = radius * np.sin(angle), length / 2 + radius * np.cos(angle)
     r[0] = 0.0

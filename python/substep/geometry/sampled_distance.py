@@ -12,7 +12,7 @@ from ..base.checks import check_array, check_real, check_threads
 from ..base.quaternions import IDENTITY
 from ..base.rows import read_only
 from .shape import ORIGIN, Shape
-from .triangle_mesh import TriangleMesh
+from .triangle_mesh import TriangleMesh, check_mesh
 
 Array = NDArray[np.float64]
 
@@ -134,7 +134,7 @@ class SignedDistanceField(Shape):
         >>> float(substep.Collider(ball).distance([[1.2, 0.0, 0.0]])[0].round(1))
         0.2
         """
-        values, h, origin = mesh._sampled(spacing, offset, threads)
+        values, h, origin = check_mesh(mesh)._sampled(spacing, offset, threads)
         return cls(values, h, origin, center=center, rotation=rotation, threads=threads)
 
     @property

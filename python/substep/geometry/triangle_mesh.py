@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from ..base.checks import check_array, check_real, check_threads
+from ..base.checks import check_array, check_real, check_threads, describe
 from ..base.rows import read_only
 from ..errors import InputError
 from .mesh_report import MeshReport
@@ -358,3 +358,10 @@ class TriangleMesh(Shape):
         if pierced:
             raise InputError(f"shape: the mesh cuts itself: {pierced} edges pass through a face")
         return moments
+
+
+def check_mesh(mesh: Any) -> TriangleMesh:
+    """An argument `mesh` that is a surface."""
+    if not isinstance(mesh, TriangleMesh):
+        raise TypeError(f"mesh: expected a TriangleMesh, got {describe(mesh)}")
+    return mesh

@@ -12,6 +12,7 @@ from .. import _core
 from ..base.checks import check_array, check_choice, check_integer, check_real, check_threads
 from ..errors import InputError
 from ..geometry import TriangleMesh
+from ..geometry.triangle_mesh import check_mesh
 
 Array = NDArray[np.float64]
 
@@ -184,8 +185,7 @@ def sample_mesh(
     >>> round(float(volumes.sum() / ball.volume), 12), round(float(volumes[0] / 0.1**3), 2)
     (1.0, 1.0)
     """
-    if not isinstance(mesh, TriangleMesh):
-        raise TypeError(f"mesh: expected a TriangleMesh, got {mesh!r}")
+    check_mesh(mesh)
     corners = mesh.vertices[mesh.faces]
 
     def inside(x: Array) -> NDArray[np.bool_]:

@@ -12,6 +12,7 @@ from ..base.checks import check_array, check_integer, check_real
 from ..errors import ConvergenceError, InputError
 from ..geometry import Collider, Shape, TriangleMesh
 from ..geometry.colliders import check_colliders
+from ..geometry.triangle_mesh import check_mesh
 
 if TYPE_CHECKING:
     from .fluid import PositionBasedFluid
@@ -104,8 +105,7 @@ def fill_mesh(
     >>> round(len(x) * 0.1**3 / ball.volume, 1)
     0.9
     """
-    if not isinstance(mesh, TriangleMesh):
-        raise TypeError(f"mesh: expected a TriangleMesh, got {mesh!r}")
+    check_mesh(mesh)
     h = check_real("spacing", spacing, positive=True)
     away = h * check_real("margin", margin, nonnegative=True)
     corners = mesh.vertices[mesh.faces]

@@ -16,7 +16,7 @@ import sys
 from pathlib import Path
 
 from .. import errors
-from ..base.checks import check_path
+from ..base.checks import check_flag, check_path
 from ..errors import CorruptError, SubstepError
 from .files import JOURNAL_SUFFIX, lock, lock_for_packing, publish, sync_folder
 from .frames import Source, read_checked
@@ -79,7 +79,7 @@ def pack(
     if out is not None:
         target = check_path(out)
         command += ["--out", os.path.abspath(target)]
-    if overwrite:
+    if check_flag("overwrite", overwrite):
         command += ["--overwrite"]
     # The same modules as here, and none that happen to lie in the working directory.
     home = str(Path(__file__).resolve().parents[2])

@@ -13,6 +13,7 @@ from .. import _core
 from ..base.checks import as_array, check_array, check_integer, check_positive, check_real
 from ..geometry import Collider, Shape, TriangleMesh
 from ..geometry.topology import check_indices
+from ..geometry.triangle_mesh import check_mesh
 from .deformable import Array, Deformable
 
 
@@ -250,7 +251,7 @@ class MassSpring(Deformable):
         >>> len(cloth.edges), bool(cloth.positions[:, 2].min() < -0.5)
         (96, True)
         """
-        pairs = np.concatenate([mesh.edges, mesh.hinges[:, 2:]])
+        pairs = np.concatenate([check_mesh(mesh).edges, mesh.hinges[:, 2:]])
         k = np.full(len(pairs), check_real("stiffness", stiffness, nonnegative=True))
         k[len(mesh.edges) :] *= check_real("bending", bending, nonnegative=True)
         keep = pairs[:, 0] != pairs[:, 1]

@@ -42,7 +42,7 @@ class Oscillators(System):
 
     def energy(self, y: ArrayLike) -> NDArray[np.float64]:
         """Energy of all oscillators, of unit mass, in states y of shape (2 n,) or (2 n, m) [J]."""
-        x, v = np.split(np.asarray(y), 2)
+        x, v = np.split(self._states(y), 2)
         omega = self.omega.reshape(-1, *[1] * (x.ndim - 1))
         return np.asarray(0.5 * (v**2 + (omega * x) ** 2).sum(axis=0))
 
@@ -101,7 +101,7 @@ class SpringChain(System):
 
     def energy(self, y: ArrayLike) -> NDArray[np.float64]:
         """Energy of states y of shape (2 n,) or (2 n, m) [J]."""
-        x, v = np.split(np.asarray(y), 2)
+        x, v = np.split(self._states(y), 2)
         wall = np.zeros((1, *x.shape[1:]))
         left, right = (wall, wall) if self.fixed_ends else (x[:1], x[-1:])
         stretch = np.diff(np.concatenate([left, x, right]), axis=0)
@@ -163,7 +163,7 @@ class NBody(System):
 
     def energy(self, y: ArrayLike) -> float:
         """Energy of one state y of shape (2 n dimension,) [J]."""
-        x, v = np.asarray(y, dtype=float).reshape(2, -1, self.dimension)
+        x, v = check_array("y", y, (self.size,), finite=False).reshape(2, -1, self.dimension)
         i, j = np.triu_indices(self.masses.size, 1)
         distance = np.sqrt(((x[i] - x[j]) ** 2).sum(axis=1) + self.softening**2)
         potential = -self.G * (self.masses[i] * self.masses[j] / distance).sum()

@@ -178,7 +178,7 @@ class Kepler(ClassicalSystem):
         ndarray, shape () or (m,)
             Energy per mass [m^2/s^2].
         """
-        x1, x2, v1, v2 = np.asarray(y)
+        x1, x2, v1, v2 = self._states(y)
         return 0.5 * (v1**2 + v2**2) - self.mu / np.sqrt(x1**2 + x2**2)
 
 
@@ -226,7 +226,7 @@ class HenonHeiles(ClassicalSystem):
         ndarray, shape () or (m,)
             Energy.
         """
-        x1, x2, v1, v2 = np.asarray(y)
+        x1, x2, v1, v2 = self._states(y)
         potential = 0.5 * (x1**2 + x2**2) + self.lambda_ * (x1**2 * x2 - x2**3 / 3.0)
         return 0.5 * (v1**2 + v2**2) + potential
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ... import _core
 from ...base.attributes import Frozen
 from ...base.checks import check_array
+from ...errors import InputError
 
 
 class System(Frozen):
@@ -122,6 +123,14 @@ class System(Frozen):
         if self.native_system.has_jacobian_product:
             return np.asarray(self.native_system.jacobian_product(t, state, vector))
         return np.asarray(self.jacobian(t, state) @ vector)
+
+    def _states(self, y: ArrayLike) -> NDArray[np.float64]:
+        """One state, or several in columns; checked."""
+        states: NDArray[np.float64] = check_array("y", y, finite=False)
+        if states.shape[:1] != (self.size,) or states.ndim > 2:
+            wanted = f"({self.size},) or ({self.size}, m)"
+            raise InputError(f"y: expected shape {wanted}, got {states.shape}")
+        return states
 
 
 class ClassicalSystem(System):
