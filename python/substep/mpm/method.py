@@ -375,8 +375,9 @@ class MaterialPointMethod(Particles):
         which = check_kinds("kinds", 0 if kinds is None else kinds, m, len(self.materials))
         volumes = check_positive("volume", volume, m)
         self._check_masses("volume", volumes, which)
-        first = self._native.add(x, v, which, volumes)
-        return np.arange(first, first + m, dtype=np.int64)
+        ids = np.arange(m, dtype=np.int64)  # before anything changes: there may be no memory
+        ids += self._native.add(x, v, which, volumes)
+        return ids
 
     def _check_masses(self, name: str, volumes: NDArray[Any], which: NDArray[Any]) -> None:
         """Refuse volumes, rounded as they are stored, of masses that would over- or underflow."""

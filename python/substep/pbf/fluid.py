@@ -332,8 +332,9 @@ class PositionBasedFluid(Particles):
         m = len(x)
         v = self._vectors("velocities", np.zeros_like(x) if velocities is None else velocities, m)
         which = check_kinds("kinds", 0 if kinds is None else kinds, m, len(self.density))
-        first = self._native.add(x, v, which)
-        return np.arange(first, first + m, dtype=np.int64)
+        ids = np.arange(m, dtype=np.int64)  # before anything changes: there may be no memory
+        ids += self._native.add(x, v, which)
+        return ids
 
     def _next_step(self) -> float:
         return self.step_limit()[0] if self._step_size is None else self._step_size

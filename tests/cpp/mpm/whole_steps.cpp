@@ -21,15 +21,15 @@ using substep::geometry::Collider;
 using substep::geometry::Emitter;
 using substep::geometry::ParticleFlow;
 
-constexpr double kStep = 1.0 / 1024, kCell = 0.125;
+constexpr double kTick = 1.0 / 1024;  // a step [s]
 
 struct Scene {
   int dimension = 2, order = 2;
   bool sinks = false, bounds = false;
   Integrator integrator = Integrator::kExplicit;
-  int steps = 13;
+  int steps = 11;
 
-  double end() const { return steps * kStep; }
+  double end() const { return steps * kTick; }
 };
 
 struct Falling {
@@ -66,10 +66,10 @@ struct Falling {
 // A block that falls fast upon a moving floor, beside a jet: layers leave every four steps.
 Falling falling(const Scene& scene) {
   Settings settings;
-  settings.cell = kCell;
+  settings.cell = 0.125;
   settings.order = scene.order;
   settings.integrator = scene.integrator;
-  settings.step = kStep;
+  settings.step = kTick;
   settings.boundaries = {Boundary::kSeparate};
   settings.threads = 1;
   const int d = scene.dimension;
@@ -90,7 +90,7 @@ Falling falling(const Scene& scene) {
     jet.direction = -up;
     jet.speed = 16;
     for (const double x : {-0.03125, 0.03125}) jet.offsets.push_back({x, 0, 0});
-    jet.thickness = jet.speed * 4 * kStep;
+    jet.thickness = jet.speed * 4 * kTick;
     jet.volume = 1.0 / 256;
     flow.emitters = {jet};
     if (scene.sinks) {
@@ -136,7 +136,7 @@ void expect_whole_steps(const Scene& scene, std::int64_t (*fail)(std::int64_t)) 
     const Falling it = falling(scene), twin = falling(scene);
     call([&] { it.method->advance(scene.end()); });
     const std::string left = it.state();
-    ASSERT_TRUE(allowed.contains(left)) << "at " << it.method->time() / kStep << " steps";
+    ASSERT_TRUE(allowed.contains(left)) << "at " << it.method->time() / kTick << " steps";
     met.insert(left);
     twin.method->restore(it.method->state());
     *twin.colliders[0] = *it.colliders[0];
@@ -147,7 +147,7 @@ void expect_whole_steps(const Scene& scene, std::int64_t (*fail)(std::int64_t)) 
       ASSERT_EQ(it.state(), states.back());
     }
   });
-  EXPECT_GT(places, 100);
+  EXPECT_GT(places, 20);
   EXPECT_GE(met.size(), usize(scene.steps - 1));
 }
 
@@ -155,8 +155,8 @@ class WholeSteps : public testing::TestWithParam<Scene> {};
 INSTANTIATE_TEST_SUITE_P(Scenes, WholeSteps,
                          testing::Values(Scene{}, Scene{.dimension = 3}, Scene{.sinks = true},
                                          Scene{.bounds = true}, Scene{.order = 1},
-                                         Scene{.order = 3, .sinks = true},
-                                         Scene{.integrator = Integrator::kImplicit, .steps = 5}));
+                                         Scene{.order = 3, .sinks = true, .steps = 7},
+                                         Scene{.integrator = Integrator::kImplicit, .steps = 3}));
 
 TEST_P(WholeSteps, WhereMemoryRunsOut) { expect_whole_steps(GetParam(), &fail_allocation); }
 TEST_P(WholeSteps, WhereTheUserInterrupts) { expect_whole_steps(GetParam(), &interrupt_poll); }
@@ -165,13 +165,13 @@ TEST_P(WholeSteps, WhereTheUserInterrupts) { expect_whole_steps(GetParam(), &int
 template <class Call>
 void expect_whole(const Scene& scene, const Call& change) {
   const Falling before = falling(scene), after = falling(scene);
-  before.method->advance(3 * kStep);
-  after.method->advance(3 * kStep);
+  before.method->advance(3 * kTick);
+  after.method->advance(3 * kTick);
   change(*after.method);
   for (const auto fail : {&fail_allocation, &interrupt_poll}) {
     at_each(fail, [&](const auto& call) {
       const Falling it = falling(scene);
-      it.method->advance(3 * kStep);
+      it.method->advance(3 * kTick);
       call([&] { change(*it.method); });
       if (it.state() == before.state()) change(*it.method);
       ASSERT_EQ(it.state(), after.state());
@@ -186,8 +186,8 @@ void expect_whole(const Scene& scene, const Call& change) {
 }
 
 TEST(WholeCalls, OfSteps) {
-  expect_whole({.sinks = true}, [](Method& it) { it.step(kStep / 2); });
-  expect_whole({.order = 1}, [](Method& it) { it.step(kStep / 2); });
+  expect_whole({.sinks = true}, [](Method& it) { it.step(kTick / 2); });
+  expect_whole({.order = 1}, [](Method& it) { it.step(kTick / 2); });
   expect_whole({.sinks = true}, [](Method& it) { it.step_by_limit(); });
 }
 
