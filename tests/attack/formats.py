@@ -56,6 +56,7 @@ class Format(NamedTuple):
     name: str
     read: Callable[[str], Any]
     seeds: Callable[[], list[bytes]]
+    craft: Callable[[random.Random], bytes] | None = None  # another example, of wild content
     mend: Callable[[bytes], bytes] | None = None
     weight: float = 1.0
 
@@ -187,6 +188,122 @@ def netcdf_seeds() -> list[bytes]:
         netcdf(1, [*dims, ("time", 0)], [LAT, LON, *record], records=1),
         netcdf(5, [*dims, ("time", 0)], [LAT, LON, *record], streaming=True),
     ]
+
+
+def wild(rng: random.Random, key: str) -> Any:
+    """A value for an attribute, as it should be or not."""
+    usual = {"units": "m/s", "_FillValue": [3.0], "valid_range": [0.0, 9.0], "scale_factor": [2.0]}
+    texts = ("", "m/s", "degrees_east", "degrees_north", "days since 2000-01-01", "x" * 5000)
+    texts += ("days since 999999-99-99", "days since 2000-01-01 " + "9" * 400 + ":0", "1", "nan")
+    numbers = ([], [0.0], [float("nan")], [float("inf")], [1e300, -1e300], [1e-300] * 3)
+    return rng.choice((usual.get(key, "1"), rng.choice(texts), list(rng.choice(numbers))))
+
+
+KEYS = ("units", "_FillValue", "valid_range", "valid_min", "scale_factor", "add_offset", "axis")
+KEYS += ("missing_value", "standard_name", "calendar", "positive", "UNITS", "odd")
+
+
+def craft_netcdf(rng: random.Random) -> bytes:
+    """Dimensions, types and attributes that do not go together."""
+    odd = (0, 0, 1, 2, 3, 2**20, 2**31, 2**40, 2**63)
+    sizes = [rng.choice(odd) if rng.random() < 0.15 else 4 for _ in range(4)]
+    names = rng.sample(("lat", "lon", "time", "depth", "x", "y", "lat"), 4)
+    if rng.random() < 0.7:
+        names[:2], sizes[:2] = ["lat", "lon"], [4, 4]
+    version = rng.choice((1, 2, 5))
+    dims = [(n, s if version == 5 else s % 2**32) for n, s in zip(names, sizes, strict=True)]
+
+    def attributes() -> list[Any]:
+        keys = rng.sample(KEYS, rng.choice((0, 0, 0, 1, 2)))
+        return [(key, wild(rng, key)) for key in keys]
+
+    variables = []
+    for k, name in enumerate(names):
+        of = [k] if rng.random() < 0.97 else rng.choices(range(4), k=rng.randrange(3))
+        units = {"lat": "degrees_north", "lon": "degrees_east", "time": "hours since 1990-06-01"}
+        own = [("units", units.get(name, "m"))] if rng.random() < 0.9 else []
+        kind = 6 if rng.random() < 0.9 else rng.choice((1, 3, 5))
+        variables.append((name, of, own + attributes(), kind, NODES))
+    of = rng.choice(([0, 1], [0, 1], [1, 0], [2, 0, 1], [2, 3, 0, 1], [0, 0], [3, 2, 1]))
+    kind = rng.choice((6, 6, 3, 1, 2, 10))
+    data = NODES * rng.choice((64, 64, 4, 1))
+    variables += [(name, of, attributes(), kind, data) for name in "uvw"[: rng.choice((2, 2, 3))]]
+    records = rng.choice((0, 1, 1, 2, 2**31, 2**32 - 2))
+    return netcdf(version, dims, variables, records, streaming=rng.random() < 0.2)
+
+
+def craft_hdf5(rng: random.Random) -> bytes:
+    """Shapes, chunks, types and attributes of HDF5 that do not go together."""
+    out = io.BytesIO()
+    with h5py.File(out, "w", libver=rng.choice(("earliest", "latest"))) as file:
+        size = rng.choice((4, 4, 4, 4, 1, 2**20, 2**40))
+        kinds = ("f8", "f4", "i2", "u8", "f2", "S4", "?", h5py.string_dtype(), "V3", ">i4")
+        for name in ("lat", "lon", "u", "v"):
+            n = size if rng.random() < 0.95 else 3
+            shape = {"lat": (n,), "lon": (4,)}.get(name, (n, 4))
+            shape = shape if rng.random() < 0.97 else ()
+            kind = rng.choice(kinds) if rng.random() < 0.1 else "f8"
+            chunks = rng.choice((None, True, tuple(min(m, 2**18) for m in shape)))
+            options: dict[str, Any] = {"chunks": chunks} if shape and n > 4 else {}
+            if options and chunks:
+                options["compression"] = rng.choice((None, "gzip", "lzf"))
+            elif n > 4:
+                options["chunks"] = (4,) * len(shape) or None
+            data = file.create_dataset(name, shape, kind, **options)
+            if kind == "f8" and n <= 4:
+                data[...] = np.arange(float(data.size)).reshape(shape)
+            units = {"lat": "degrees_north", "lon": "degrees_east"}.get(name, "m/s")
+            data.attrs["units"] = units
+            for key in rng.sample(KEYS, rng.choice((0, 0, 0, 1, 2))):
+                value = wild(rng, key)
+                other = (np.arange(3), h5py.Empty("f4"), [b"a", b"b"], ["a", "b"], file.ref, True)
+                data.attrs[key] = value if rng.random() < 0.6 else rng.choice(other)
+            if shape:
+                for d, axis in enumerate(("lat", "lon")[: len(shape)]):
+                    if name in ("u", "v") and isinstance(file.get(axis), h5py.Dataset):
+                        data.dims[d].attach_scale(file[axis])
+                if name in ("lat", "lon") and rng.random() < 0.9:
+                    data.make_scale(name)
+    return out.getvalue()
+
+
+def craft_npz(rng: random.Random) -> bytes:
+    """Arrays whose headers claim what they are not."""
+    out = io.BytesIO()
+    shapes = (
+        (3,),
+        (),
+        (0,),
+        (2**62,),
+        (-1,),
+        (3, 1),
+        (1,) * 40,
+        (2**63, 0),
+        (2, 3, 3, 2),
+        (3, 3, 2),
+    )
+    with zipfile.ZipFile(out, "w", rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED))) as file:
+        for name, shape in (("x", (3,)), ("y", (3,)), ("values", (3, 3, 2)), ("times", (2,))):
+            if name == "times" and rng.random() < 0.7:
+                continue
+            size = 8 * math.prod(shape)
+            shape = rng.choice(shapes) if rng.random() < 0.15 else shape
+            kinds = (">f4", "|b1", "|O", "<U3", "<M8[s]", "|V0", "<c16")
+            kind = rng.choice(kinds) if rng.random() < 0.15 else "<f8"
+            head = (
+                f"{{'descr': '{kind}', 'fortran_order': {rng.random() < 0.3}, 'shape': {shape}, }}"
+            )
+            if rng.random() < 0.1:
+                head = rng.choice(
+                    ("(" * 5000, "{}", "[", "{'descr': 1}", "'" * 9999, "1e9999", head * 2)
+                )
+            text = head.encode() + b"\n"
+            magic = b"\x93NUMPY" + rng.choice((b"\1\0", b"\1\0", b"\1\0", b"\2\0", b"\3\0"))
+            length = struct.pack("<H" if magic[6] == 1 else "<I", len(text))
+            size = size if rng.random() < 0.9 else rng.choice((0, 1, 24, 144))
+            body = np.arange(18.0).tobytes()[:size]
+            file.writestr(f"{name}.npy", magic + length + text + body)
+    return out.getvalue()
 
 
 def hdf5(version: str, **options: Any) -> bytes:
@@ -436,18 +553,19 @@ def mend_checkpoint(data: bytes) -> bytes:
 
 
 def scene_seeds() -> list[bytes]:
-    return [
-        b'scene = "double-gyre"\nframes = 5\nfps = 2.5\nout = "a/b"\nthreads = 1\nseed = 3\n'
-        b"\n[parameters]\nduration = 1e1\nparticles = 100\n"
-        b'nested = {a = [1, 2], "b.c" = 1979-05-27}\n'
-    ]
+    text = (
+        'scene = "double-gyre"\nframes = 5\nfps = 2.5\nout = "a/b"\nthreads = 1\nseed = 3\n\n'
+        "[parameters]\nduration = 1e1\nparticles = 100\n"
+    )
+    nested = 'nested = {a = [1, 2], "b.c" = 1979-05-27}\n'  # no such parameter
+    return [text.encode(), text.replace("duration", nested + "duration").encode()]
 
 
 HDF5, MESHIO = 1 / 5, 1 / 400  # these are read in a process of their own
 FORMATS = [
-    Format("classic.nc", read_field, netcdf_seeds, weight=2),
-    Format("hdf5.nc", read_field, hdf5_seeds, weight=HDF5),
-    Format("field.npz", read_field, npz_seeds, mend_npz),
+    Format("classic.nc", read_field, netcdf_seeds, craft_netcdf, weight=2),
+    Format("hdf5.nc", read_field, hdf5_seeds, craft_hdf5, weight=HDF5),
+    Format("field.npz", read_field, npz_seeds, craft_npz, mend_npz),
     Format("mesh.ply", read_mesh, ply_seeds, weight=MESHIO),
     Format("mesh.stl", read_mesh, stl_seeds, weight=MESHIO),
     Format("mesh.off", read_mesh, off_seeds, weight=MESHIO),
@@ -456,9 +574,9 @@ FORMATS = [
     Format("mesh.vtu", read_mesh, vtu_seeds, weight=MESHIO),
     Format("mesh.msh", read_mesh, msh_seeds, weight=MESHIO),
     Format("mesh.mesh", read_mesh, medit_seeds, weight=MESHIO),
-    Format("run.journal", read_recording, lambda: [recordings()[0]], mend_journal),
+    Format("run.journal", read_recording, lambda: [recordings()[0]], mend=mend_journal),
     Format("run.vtkhdf", read_recording, packed_seeds, weight=HDF5),
-    Format("state.checkpoint", read_state, checkpoint_seeds, mend_checkpoint),
+    Format("state.checkpoint", read_state, checkpoint_seeds, mend=mend_checkpoint),
     Format("scene.toml", read_scene, scene_seeds),
 ]
 
@@ -549,6 +667,8 @@ def case(seed: int, number: int, formats: list[Format]) -> tuple[Format, bytes]:
     rng = random.Random(f"{seed}/{number}")
     format_ = rng.choices(formats, [f.weight for f in formats])[0]
     seeds = examples(format_)
+    if format_.craft is not None and rng.random() < 0.3:
+        return format_, format_.craft(rng)
     data = bytearray(rng.choice(seeds))
     textual = data.isascii() or rng.random() < 0.3
     for _ in range(rng.choice((1, 1, 1, 2, 2, 3, 6))):

@@ -832,3 +832,19 @@ def test_load_refuses_other_names():
     for name in ("", "Kepler", "kepler.toml", "no-such", "substep"):
         with pytest.raises(substep.InputError, match="neither a built-in scene nor a Python file"):
             scenes.load(name)
+
+
+@pytest.mark.parametrize(
+    "odd", [{"frames": "x"}, {"frames": 1}, {"interval": 0.0}, {"interval": None}]
+)
+def test_a_recording_to_resume_that_no_run_wrote(tmp_path, odd):
+    scene = substep.scenes.load("double-gyre")
+    recorder = substep.Recorder(
+        tmp_path / "double-gyre.vtkhdf",
+        parts={"particles": substep.Part()},
+        scene="double-gyre",
+        parameters={"frames": 3, "interval": 1.0, **odd},
+    )
+    recorder._release()
+    with pytest.raises(substep.InputError, match="was not written by a run"):
+        substep.scenes.run(scene, out=tmp_path, resume=True)

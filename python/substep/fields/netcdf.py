@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.apart import apart
-from ..base.reading import DEFLATE_LIMIT, check_hdf5_storage, hdf5_errors
+from ..base.hdf5 import ask_hdf5
+from ..base.reading import DEFLATE_LIMIT
 from ..errors import CorruptError, FormatError, TruncatedError
 
 _TYPES = {
@@ -205,94 +205,21 @@ class _Classic:
 
 
 def _read_hdf5(path: str | os.PathLike[str], limit: int) -> dict[str, Variable]:
-    import h5py
-
-    def describe() -> bytes:
-        found = []
-        with hdf5_errors(path), h5py.File(path, "r") as file:
-            for name in file:
-                dataset = _dataset(path, file, name)
-                if dataset is None:
-                    continue
-                if dataset.ndim > _MOST_DIMENSIONS:
-                    raise CorruptError(f"{path}: variable {name} of {dataset.ndim} dimensions")
-                dims = [_dimension_name(dataset, i) for i in range(dataset.ndim)]
-                found.append((name, dims, dataset.shape, _attributes(path, dataset)))
-        return json.dumps(found).encode()
-
     variables: dict[str, Variable] = {}
-    for name, dims, shape, attributes in json.loads(apart(path, describe, os.path.getsize(path))):
+    found = json.loads(ask_hdf5("header", path, [sorted(_ATTRIBUTES)], os.path.getsize(path)))
+    for name, dims, shape, attributes in found:
         read = _hdf5_reader(path, name, shape, limit)
         variables[name] = Variable(name, tuple(dims), tuple(shape), attributes, read)
     return variables
 
 
-def _dataset(path: Any, file: Any, name: str) -> Any:
-    """What `name` is, if that is an array of numbers, and in the file itself."""
-    import h5py
-
-    if not isinstance(file.get(name, getlink=True), h5py.HardLink):
-        raise CorruptError(f"{path}: {name} is a link out of the file; refused")
-    dataset = file[name]
-    if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind not in "fiu":
-        return None
-    if dataset.shape is None:
-        return None
-    check_hdf5_storage(dataset, f"{path}: {name}")
-    return dataset
-
-
-def _attributes(path: Any, dataset: Any) -> dict[str, Any]:
-    values: dict[str, Any] = {}
-    for key in dataset.attrs:
-        if key.lower() not in _ATTRIBUTES:
-            continue
-        if dataset.attrs.get_id(key).get_storage_size() > os.path.getsize(path):
-            raise CorruptError(f"{path}: attribute {key} of {dataset.name} is larger than the file")
-        value = dataset.attrs[key]
-        if isinstance(value, bytes):
-            value = value.decode(errors="replace")
-        numbers = np.asarray(value)
-        values[key] = numbers.ravel().tolist() if numbers.dtype.kind in "fiu" else str(value)
-    return values
-
-
-def _dimension_name(dataset: Any, number: int) -> str:
-    if dataset.is_scale:
-        return str(dataset.name).lstrip("/")
-    scales = dataset.dims[number]
-    return str(scales[0].name).lstrip("/") if len(scales) else f"dimension {number}"
-
-
 def _hdf5_reader(
-    path: Any, name: str, shape: list[int], limit: int
+    path: str | os.PathLike[str], name: str, shape: list[int], limit: int
 ) -> Callable[[dict[int, int]], NDArray[Any]]:
-    import h5py
-
     def read(indices: dict[int, int]) -> NDArray[Any]:
         size = os.path.getsize(path)
-        most = max(limit, size * 8)  # bytes as float64
-
-        def numbers() -> bytes:
-            """A line of JSON with dtype and shape, then the numbers."""
-            with hdf5_errors(path), h5py.File(path, "r") as file:
-                dataset = _dataset(path, file, name)
-                kept = math.prod(n for d, n in enumerate(dataset.shape) if d not in indices)
-                count = max(kept, math.prod(dataset.chunks or ()))
-                if count * dataset.dtype.itemsize > DEFLATE_LIMIT * size:
-                    raise CorruptError(f"{path}: {name} declares more than {size} bytes can hold")
-                if count * 8 > most:
-                    raise FormatError(
-                        f"{path}: {name} unpacks to {count * 8} bytes, more than "
-                        f"memory_limit = {limit}"
-                    )
-                key = tuple(indices.get(d, slice(None)) for d in range(dataset.ndim))
-                array = np.asarray(dataset[key])
-                head = json.dumps([array.dtype.str, array.shape]).encode()
-                return head + b"\n" + array.tobytes()
-
-        expected = min(8 * math.prod(shape), most, DEFLATE_LIMIT * size)
-        answer = apart(path, numbers, expected)
+        expected = min(8 * math.prod(shape), max(limit, 8 * size), DEFLATE_LIMIT * size)
+        answer = ask_hdf5("numbers", path, [name, indices, limit], expected)
         begin = answer.index(b"\n") + 1
         dtype, found = json.loads(answer[:begin])
         return np.frombuffer(answer, dtype, math.prod(found), begin).reshape(found)

@@ -82,13 +82,17 @@ class Source(Protocol):
 def read_checked(source: Source, index: int, array: int) -> NDArray[Any]:
     """One array of one frame, or CorruptError if its checksum differs."""
     data = source.read(index, array)
-    spec = source.specs[array]
-    where = f"{source.path}: frame {index}, {spec.part}/{spec.name}"
     crc = array_crc(index, source.times[index], data.data.cast("B") if data.size else b"")
     if crc != source.crcs[index][array]:
-        raise CorruptError(f"{where}: the checksum differs")
-    check_booleans(data, where)
+        raise CorruptError(f"{_place(source, index, array)}: the checksum differs")
+    if data.dtype == bool:
+        check_booleans(data, _place(source, index, array))
     return data
+
+
+def _place(source: Source, index: int, array: int) -> str:
+    spec = source.specs[array]
+    return f"{source.path}: frame {index}, {spec.part}/{spec.name}"
 
 
 def array_crc(index: int, time: float, data: Any) -> int:
