@@ -320,6 +320,7 @@ PAST = [
     ("pbd_free", lambda s: s | {"targets": s["positions"]}),
     ("pbd", lambda s: s | {"targets": s["targets"][:0], "pinned": np.ones_like(s["pinned"])}),
     ("pbd", _entry("forces", _at(1, 2, value=1e300))),
+    ("pbd_free", _entry("velocities", _at(18, 2, value=-1.7e308))),
     ("pbd_plane", _entry("velocities", _at(1, 2, value=1.0))),
     *(
         (name, _entry("colliders", _at(0, column, value=value)))

@@ -338,7 +338,7 @@ def test_states_hold_what_can_be(kind):
                 simulation.restore(good | {name: wrong})
     rows = good.get("colliders", np.zeros((0, 0)))
     wrong_columns = ((13, -1, "friction"), (14, 7, "restitution"), (3, 0, "rotation"))
-    for column, number, word in (*wrong_columns, (8, 1e200, "at most"), (0, -1e200, "at least")):
+    for column, number, word in (*wrong_columns, (8, 1e200, "within"), (0, -1e200, "within")):
         if len(rows):
             wrong = rows.copy()
             wrong[0, column] = number

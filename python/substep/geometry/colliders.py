@@ -353,12 +353,13 @@ class _States(Rows):
         self._refuse(label, friction, friction < 0, "a friction of at least 0")
         wrong = (restitution < 0) | (restitution > 1)
         self._refuse(label, restitution, wrong, "a restitution from 0 to 1")
+        given = array[:, :15]  # what is assigned; the rest are impulses
+        self._refuse(label, given, np.abs(given) > _MOST, f"numbers within {_MOST}")
 
 
 def colliders_entry(colliders: Sequence[Collider]) -> Rows:
     """What a state holds of them."""
-    shape = collider_states(colliders).shape
-    return _States("colliders", np.float64, shape, low=-_MOST, high=_MOST)
+    return _States("colliders", np.float64, collider_states(colliders).shape)
 
 
 def restore_colliders(colliders: Sequence[Collider], states: NDArray[np.float64]) -> None:

@@ -239,7 +239,15 @@ void Dynamics<Real>::run_step() {
            .chunks = partition_.patches()});
   }
   flush();
-  if (contact) contact->end_step();
+  if (!contact) return;
+  contact->end_step();
+  for (const geometry::Collider& collider : contact->colliders) {
+    const geometry::Exchange& given = collider.exchange();
+    if (given.impulse.allFinite() && given.torque.allFinite()) continue;
+    throw NonFiniteError("what an obstacle is given is not finite at t = " + std::to_string(time) +
+                             " s: particles are too fast or too far away",
+                         time);
+  }
 }
 
 // Predict and project; what is left for the particles of a patch to do at the end of the substep
