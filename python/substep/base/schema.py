@@ -117,7 +117,7 @@ class Rows:
             with np.errstate(over="ignore"):
                 length = np.linalg.norm(array, axis=1)
             self._refuse(label, length, ~(np.abs(length - 1) <= 1e-9), "a row of length 1")
-        if self.flat:
+        if self.flat and len(array):
             across = array[:, 2]
             self._refuse(label, across, across != 0, "0 across the plane")
 
