@@ -531,6 +531,12 @@ def test_an_inverted_deformation_that_is_set_right_leaves_nothing(tmp_path):
     assert state_hash(twin) == state_hash(simulation)
 
 
+def test_a_fluid_that_is_inverted_has_a_gradient():
+    simulation = body("fluid")
+    simulation.set_deformation_gradients([-0.5 * np.eye(3)], [0])
+    assert np.allclose(simulation.deformation_gradients[0], -0.5 * np.eye(3))
+
+
 def test_energies_beyond_all_numbers_are_not_summed():
     simulation = body("neo_hookean", dtype="float64")
     simulation.set_velocities([[1e200, 0, 0]], [0])

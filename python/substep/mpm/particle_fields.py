@@ -46,14 +46,15 @@ def state_fields(material: Material) -> tuple[bool, list[tuple[str, str, float]]
 def gradients(
     native: Any, kinds: NDArray[np.int32], materials: Sequence[Material], d: int
 ) -> Array:
-    """F of each particle; J^(1/d) I where a material keeps J alone."""
+    """F of each particle; J^(1/d) I, with the sign of J, where a material keeps J alone."""
     out = np.empty((len(kinds), d, d))
     for k, material in enumerate(materials):
         rows = native.material_fields(k)
         if state_fields(material)[0]:
             out[kinds == k] = rows[:, _PLANE[d]].reshape(-1, d, d)
         else:
-            out[kinds == k] = rows[:, 0, None, None] ** (1 / d) * np.eye(d)
+            J = rows[:, 0, None, None]
+            out[kinds == k] = np.sign(J) * np.abs(J) ** (1 / d) * np.eye(d)
     return out
 
 
