@@ -245,6 +245,7 @@ def test_steps_of_any_size_end_well(kind, dt):
     assert not any(np.isnan(array).any() for array in arrays)
 
 
+PARTS = {"p": substep.Part()}
 REFUSED = [
     (lambda: fluid(min_iterations=2**31), InputError, "min_iterations"),
     (lambda: fluid(max_iterations=2**31), InputError, "max_iterations"),
@@ -289,6 +290,15 @@ REFUSED = [
     (lambda: substep.pack("nothing", overwrite=np.ones(2)), TypeError, "overwrite"),
     (lambda: substep.systems.Kepler().energy(np.ones(3)), InputError, r"y: .* \(4,\) or \(4, m\)"),
     (lambda: substep.systems.NBody([1, 2]).energy(7.0), InputError, "y"),
+    (lambda: substep.solve_ivp(abs, (0, 1), [], dense_output=True).sol("x"), TypeError, "t: "),
+    (lambda: substep.systems.VanDerPol(1.0, [1, 2]), TypeError, "scaled"),
+    (lambda: substep.pbd.rope(2**64), InputError, "count"),
+    (lambda: substep.DoubleGyre().stream_function(math.inf, [[0, 0]]), InputError, "t: "),
+    (
+        lambda: substep.Recorder("x", parts={"p": substep.Part()}, overwrite=[1]),
+        TypeError,
+        "overwrite",
+    ),
     (lambda: substep.RK45(abs, 0.0, 1.0, 1.0), InputError, "`y0`"),
     (lambda: substep.RK45(abs, 0.0, [[1.0], 2], 1.0), InputError, "y0"),
     (lambda: substep.RK45(abs, 0.0, [1.0], [1.0, 2.0]), TypeError, "t_bound"),

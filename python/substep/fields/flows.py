@@ -310,7 +310,7 @@ class TaylorGreen(Flow):
         """
         x = check_array("x", x, (None, 2))
         k = self.wavenumber
-        f = self.amplitude * math.exp(-2 * self.viscosity * k * k * t)
+        f = self.amplitude * math.exp(-2 * self.viscosity * k * k * check_real("t", t))
         return f / k * np.sin(k * x[:, 0]) * np.sin(k * x[:, 1])
 
     def _native(self) -> Any:
@@ -409,7 +409,7 @@ class DoubleGyre(Flow):
             psi [m^2/s].
         """
         x = check_array("x", x, (None, 2))
-        e = self.epsilon * math.sin(self.omega * t)
+        e = self.epsilon * math.sin(self.omega * check_real("t", t))
         f = (e * x[:, 0] + (1 - 2 * e)) * x[:, 0]
         return self.amplitude * np.sin(np.pi * f) * np.sin(np.pi * x[:, 1])
 

@@ -134,7 +134,7 @@ class OdeSolution:
         ndarray, shape (n,) or (n, m)
             States.
         """
-        times = np.asarray(t, dtype=float)
+        times = check_array("t", t, finite=False)
         if times.ndim > 1:
             raise InputError(f"t: expected a number or shape (n,), got {times.shape}")
         flat = np.atleast_1d(times)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.checks import check_array, check_choice, check_integer, check_real
+from ..base.checks import MOST_INT, check_array, check_choice, check_integer, check_real
 from ..errors import InputError
 from ..geometry import TetMesh, TriangleMesh
 from ..geometry.topology import Indices, check_indices
@@ -62,7 +62,7 @@ def rope(
     >>> bool(np.linalg.norm(np.diff(line.positions, axis=0), axis=1).max() < 0.0505)
     True
     """
-    n = check_integer("count", count, minimum=3 if closed else 2)
+    n = check_integer("count", count, minimum=3 if closed else 2, maximum=MOST_INT)
     start = check_integer("first", first, minimum=0)
     number = np.arange(n)
 
@@ -216,9 +216,9 @@ def soft_body(
     start = check_integer("first", first, minimum=0)
     x, tets = mesh.vertices, mesh.tetrahedra
     if young_modulus is not None:
-        if compliance:
+        if np.any(compliance):
             raise InputError("compliance: it follows from young_modulus where that is given")
-        if damping:
+        if np.any(damping):
             raise InputError("damping: with a young_modulus it is damping_time [s]")
         padded = np.concatenate([np.zeros((start, 3)), x])
         return [

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import check_integer, check_path, check_real, describe
+from ..base.checks import check_flag, check_integer, check_path, check_real, describe
 from ..errors import InputError
 from .files import JOURNAL_SUFFIX
 from .frames import Constants, Encoder, Spec, encode_file_header, read_checked
@@ -106,6 +106,7 @@ class Recorder:
             check_parameters(parameters),
             check_integer("seed", seed, minimum=0, maximum=2**64 - 1),
         )
+        overwrite, resume = check_flag("overwrite", overwrite), check_flag("resume", resume)
         if overwrite and resume:
             raise InputError("overwrite, resume: give one of them")
         self.path = check_path(path)

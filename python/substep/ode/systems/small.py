@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ... import _core
-from ...base.checks import check_array, check_real
+from ...base.checks import check_array, check_flag, check_real
 from ...errors import InputError
 from .system import ClassicalSystem
 
@@ -269,12 +269,12 @@ class VanDerPol(ClassicalSystem):
 
     def __init__(self, mu: float = 1.0, scaled: bool = False) -> None:
         self.mu = check_real("mu", mu)
-        self.scaled = bool(scaled)
+        self.scaled = check_flag("scaled", scaled)
         damping, stiffness = (self.mu**2, self.mu**2) if self.scaled else (self.mu, 1.0)
         super().__init__(
             _core.make_system("van_der_pol", [damping, stiffness]),
             y0=[2.0, 0.0],
-            t_end=2.0 if scaled else 20.0,
+            t_end=2.0 if self.scaled else 20.0,
         )
 
 
