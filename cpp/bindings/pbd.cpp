@@ -33,9 +33,10 @@ auto of_group(std::vector<double> (Body::*get)(std::size_t)) {
   return [get](Body& self, std::size_t group) { return column((self.*get)(group)); };
 }
 
-std::unique_ptr<Body> make(const Reals& positions, const Reals& velocities, const Reals& masses,
-                           const Flags& pinned, const py::list& groups, const py::dict& given,
-                           Body::Colliders colliders, const std::string& dtype) {
+std::unique_ptr<Body> make_body(const Reals& positions, const Reals& velocities,
+                                const Reals& masses, const Flags& pinned, const py::list& groups,
+                                const py::dict& given, Body::Colliders colliders,
+                                const std::string& dtype) {
   std::vector<const Recipe*> recipes;
   for (const py::handle group : groups) recipes.push_back(group.cast<const Recipe*>());
   const Options options{.substeps = integer(given, "substeps"),
@@ -56,9 +57,10 @@ std::unique_ptr<Body> make(const Reals& positions, const Reals& velocities, cons
 
 void bind_body(py::module_& m) {
   py::class_<Body>(m, "PositionBasedDynamics")
-      .def(py::init(&make), py::arg("positions").noconvert(), py::arg("velocities").noconvert(),
-           py::arg("masses").noconvert(), py::arg("pinned").noconvert(), py::arg("groups"),
-           py::arg("options"), py::arg("colliders"), py::arg("dtype"))
+      .def(py::init(&make_body), py::arg("positions").noconvert(),
+           py::arg("velocities").noconvert(), py::arg("masses").noconvert(),
+           py::arg("pinned").noconvert(), py::arg("groups"), py::arg("options"),
+           py::arg("colliders"), py::arg("dtype"))
       .def("copy", &Body::copy, py::arg("colliders"))
       .def(
           "use_multilevel",

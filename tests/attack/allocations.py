@@ -138,7 +138,7 @@ def run(jobs, processes=1):
         return runner.run_jobs(
             __name__,
             jobs,
-            patience=120.0,
+            patience=60.0,
             processes=processes,
             environment={"LD_PRELOAD": str(library)},
             row=lambda job: subjects()[job[0]].name,

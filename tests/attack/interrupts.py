@@ -172,7 +172,7 @@ def attack(count, seed, processes=1, times=5):
     return runner.run_jobs(
         __name__,
         jobs,
-        patience=120.0,
+        patience=60.0,
         processes=processes,
         row=lambda job: subjects()[job[0]].name,
     )

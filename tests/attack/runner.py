@@ -148,10 +148,12 @@ class _Child:
         with contextlib.suppress(BrokenPipeError):
             self.process.stdin.write(json.dumps(job).encode() + b"\n")
             self.process.stdin.flush()
-        data = b""
+        data, noted = b"", None
         while not data.endswith(b"\n"):
             if not select.select([self.reader], [], [], patience)[0]:
-                return "hangs", f"no answer in {patience:.0f} s"
+                if noted != (noted := self.notes.read_bytes()):
+                    continue  # it goes on
+                return "hangs", f"nothing new in {patience:.0f} s"
             part = os.read(self.reader, 1 << 20)
             if not part:
                 code = self.process.wait()
