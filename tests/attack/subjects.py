@@ -256,6 +256,7 @@ def protocol(kind):
         call("diagnostics"),
         call("fields"),
         call("step_limit"),
+        call("rows", ids=[1]),
     ]
     for name in dir(kind):
         if name.startswith("set_") and name != "set_motion" and name != "set_motor_targets":
@@ -467,7 +468,7 @@ def drift():
     return substep.Advection(current(), [[0.5, 0.5], [1.0, 1.5]], step=0.05, method="heun")
 
 
-_PARTICLES = (call("remove", ids=[1, 0]), call("rows", ids=[1, 0]))
+_PARTICLES = (call("remove", ids=[1, 0]),)
 _ONE = [[0.3, 0.3, 0.7]]
 OWN_CALLS = {
     substep.PositionBasedDynamics: (
@@ -525,7 +526,6 @@ OWN_CALLS = {
         ),
         call("overlapping", shape=lambda owner: substep.Sphere(5.0), position=(0, 0, 0)),
         call("fixtures", body=1),
-        call("rows", ids=[1, 0]),
     ),
     substep.RigidBatch: (
         call("step", _batch_steps, steps=3),
@@ -533,7 +533,6 @@ OWN_CALLS = {
         call("reset", worlds=[1]),
         call("copy_world", world=1),
         call("set_positions", values=[[0, 0, 2.0]], ids=[1], worlds=[0, 2]),
-        call("rows", ids=[1]),
     ),
 }
 

@@ -108,7 +108,8 @@ void Solver<Real, D>::run(const Leg& leg, double given, Steps steps) {
   const bool within = kept_.has_value();
   const auto taken = [&] { return report_.steps > before.steps; };
   const auto end_run = [&] {
-    const double duration = clock_.time - start;
+    const bool one = report_.steps == before.steps + 1;
+    const double duration = one ? report_.dt : clock_.time - start;
     for (geometry::Collider& collider : grid_.colliders) {
       if (taken()) collider.end_step(duration);
     }
