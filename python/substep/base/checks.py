@@ -38,7 +38,8 @@ def as_array(name: str, value: Any) -> NDArray[Any]:
     if isinstance(value, np.ma.MaskedArray) and np.ma.getmaskarray(value).any():
         raise InputError(f"{name}: masked values are not accepted; fill or drop them")
     try:
-        return np.array(np.asarray(value), order="C")
+        array = np.asarray(value)  # of lists and numbers a new one
+        return array if isinstance(value, (list, tuple)) else np.array(array, order="C")
     except ValueError as error:
         if not isinstance(value, (list, tuple)):  # the caller's own __array__ raised it
             raise

@@ -221,9 +221,7 @@ class MaterialPointMethod(Particles):
         threads: int | None = None,
         time: float = 0.0,
     ) -> None:
-        x = check_array("positions", positions)
-        d = 2 if x.ndim == 2 and x.shape[1] == 2 else 3
-        x = check_array("positions", x, (None, d))
+        d = 2 if check_array("positions", positions).shape[1:] == (2,) else 3
         self._dimension = d
         self.materials = _check_materials(materials)
         self.cell = check_real("cell", cell, positive=True)
@@ -264,7 +262,7 @@ class MaterialPointMethod(Particles):
         self._check_nozzles(inside)
         super().__init__(self._make({}), time, threads)
         self._last: MaterialPointReport = MaterialPointReport()
-        self.add(x, volume, velocities=velocities, kinds=kinds)
+        self.add(positions, volume, velocities=velocities, kinds=kinds)
 
     def _check_nozzles(self, bounds: list[list[float]] | None) -> None:
         d = self._dimension
@@ -371,7 +369,7 @@ class MaterialPointMethod(Particles):
         """
         x = self._vectors("positions", positions, None)
         m = len(x)
-        v = self._vectors("velocities", np.zeros_like(x) if velocities is None else velocities, m)
+        v = np.zeros(x.shape) if velocities is None else self._vectors("velocities", velocities, m)
         which = check_kinds("kinds", 0 if kinds is None else kinds, m, len(self.materials))
         volumes = check_positive("volume", volume, m)
         self._check_masses("volume", volumes, which)

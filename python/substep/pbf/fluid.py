@@ -330,7 +330,7 @@ class PositionBasedFluid(Particles):
         """
         x = self._vectors("positions", positions, None)
         m = len(x)
-        v = self._vectors("velocities", np.zeros_like(x) if velocities is None else velocities, m)
+        v = np.zeros(x.shape) if velocities is None else self._vectors("velocities", velocities, m)
         which = check_kinds("kinds", 0 if kinds is None else kinds, m, len(self.density))
         ids = np.arange(m, dtype=np.int64)  # before anything changes: there may be no memory
         ids += self._native.add(x, v, which)
