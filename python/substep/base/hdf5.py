@@ -14,8 +14,7 @@ from typing import Any
 
 from .. import errors
 from ..errors import CorruptError, FormatError
-
-_ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each would reserve memory
+from .reading import child_environment
 
 
 class _Helper:
@@ -57,11 +56,10 @@ class _Helper:
 
     def _begin(self) -> subprocess.Popen[bytes]:
         home = str(Path(__file__).resolve().parents[2])
-        folders = os.pathsep.join([*(os.path.abspath(p) for p in sys.path if p), home])
         return subprocess.Popen(
             [sys.executable, "-m", "substep.base.hdf5_process"],
             cwd=home,
-            env={**os.environ, "PYTHONPATH": folders, "PYTHONSAFEPATH": "1", **_ONE_THREAD},
+            env=child_environment(home),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

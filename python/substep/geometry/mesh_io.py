@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.reading import child_environment
 from ..errors import FormatError, SubstepError
 from . import meshio_process
 from .tet_mesh import TetMesh
@@ -26,7 +27,6 @@ _MOST = 2**53  # of what is numbered
 # What meshio may take for a file: bytes of memory, and seconds of processor time.
 _MEMORY, _MEMORY_PER_BYTE = 1 << 30, 64
 _SECONDS, _BYTES_PER_SECOND = 5, 100_000
-_ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each would reserve memory
 
 
 def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh | TetMesh:
@@ -141,7 +141,6 @@ def _read_with_meshio(path: Path) -> _Read:
     memory, seconds = _MEMORY + _MEMORY_PER_BYTE * size, _SECONDS + size // _BYTES_PER_SECOND
     limits = f"{memory} bytes of memory and {seconds} s of processor time"
     script = str(meshio_process.__file__)
-    folders = os.pathsep.join(os.path.abspath(p) for p in sys.path if p)
     with (
         tempfile.TemporaryFile() as answer,
         subprocess.Popen(
@@ -149,7 +148,7 @@ def _read_with_meshio(path: Path) -> _Read:
             stdin=subprocess.DEVNULL,
             stdout=answer,
             stderr=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": folders, "PYTHONSAFEPATH": "1", **_ONE_THREAD},
+            env=child_environment(),
         ) as process,
     ):
         try:

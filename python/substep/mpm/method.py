@@ -230,7 +230,7 @@ class MaterialPointMethod(Particles):
             raise InputError(f"cell: the mass of a cell is out of range at {cell} m")
         self.colliders = check_colliders(colliders, d)
         down = [0.0, 0.0, -9.81][3 - d :]
-        pull = check_array("gravity", down if gravity is None else gravity, (d,)).copy()
+        pull = check_array("gravity", down if gravity is None else gravity, (d,))
         self._gravity = read_only(pull)
         self.cfl = check_real("cfl", cfl, positive=True)
         if self.cfl > 1:

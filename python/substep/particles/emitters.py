@@ -76,7 +76,7 @@ class Emitter(Frozen):
     ) -> None:
         x = check_array("position", position)
         self.dimension = 2 if x.shape == (2,) else 3
-        self.position = check_array("position", x, (self.dimension,)).copy()
+        self.position = check_array("position", x, (self.dimension,))
         along = check_array("direction", direction, (self.dimension,))
         length = float(np.linalg.norm(along))
         if not (length > 0 and math.isfinite(length)):
@@ -86,7 +86,7 @@ class Emitter(Frozen):
         if (radius is None) == (size is None) or (size is not None and self.dimension == 2):
             raise InputError("radius, size: expected one of them (in 2D radius)")
         self.radius = None if radius is None else check_real("radius", radius, positive=True)
-        self.size = None if size is None else check_array("size", size, (2,)).copy()
+        self.size = None if size is None else check_array("size", size, (2,))
         if self.size is not None and not (self.size > 0).all():
             raise InputError(f"size: expected numbers above 0, got {self.size}")
         self.kind = check_integer("kind", kind, minimum=0)

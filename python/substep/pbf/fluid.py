@@ -226,7 +226,7 @@ class PositionBasedFluid(Particles):
             raise InputError(f"spacing: the mass of a particle is out of range at {spacing} m")
         self.colliders = check_colliders(colliders, d)
         down = [0.0, 0.0, -9.81][3 - d :]
-        pull = check_array("gravity", down if gravity is None else gravity, (d,)).copy()
+        pull = check_array("gravity", down if gravity is None else gravity, (d,))
         self._gravity = read_only(pull)
         self.support = check_real("support", support)
         if not 1.2 <= self.support <= 4:

@@ -136,7 +136,7 @@ def _check_constant(name: str, value: Any) -> NDArray[Any] | None:
     dtype, columns = CONSTANTS[name]
     if name != "points" and np.asarray(value).dtype.kind not in "iu":
         raise InputError(f"{name}: expected integer indices")
-    array = check_array(name, value, (None, columns), dtype=dtype).copy()
+    array = check_array(name, value, (None, columns), dtype=dtype)
     if name != "points" and array.size and array.min() < 0:
         raise InputError(f"{name}: expected indices of at least 0, got {array.min()}")
     array.flags.writeable = False

@@ -3,6 +3,9 @@
 
 #include <cstdint>
 #include <new>
+#include <string>
+#include <utility>
+#include <variant>
 
 #include "substep/core/interrupt.h"
 
@@ -15,6 +18,27 @@ struct Interrupt {};
 std::int64_t fail_allocation(std::int64_t n);
 // The n-th poll of this thread from now on throws Interrupt.
 std::int64_t interrupt_poll(std::int64_t n);
+
+// What a state is made of, to be compared bit for bit.
+class Bytes {
+ public:
+  template <class T>
+  void put(const T* values, std::size_t n) {
+    bytes_.append(reinterpret_cast<const char*>(values), n * sizeof *values);
+  }
+  template <class... Lists>
+  void put_all(const Lists&... lists) {
+    (put(lists.data(), lists.size()), ...);
+  }
+  template <class... Variants>
+  void put_each(const Variants&... variants) {
+    (std::visit([&](const auto& list) { put_all(list); }, variants), ...);
+  }
+  std::string take() { return std::move(bytes_); }
+
+ private:
+  std::string bytes_;
+};
 
 // trial(call) makes an object, passes what it does with it to call, and looks at what is left: once
 // for each place at which call can fail. Returns how many those are.

@@ -15,6 +15,7 @@ namespace {
 using namespace substep::mpm;
 using substep::usize;
 using substep::failures::at_each;
+using substep::failures::Bytes;
 using substep::failures::fail_allocation;
 using substep::failures::interrupt_poll;
 using substep::geometry::Collider;
@@ -38,11 +39,7 @@ struct Falling {
 
   // All but what the obstacles were given, which is that of a call.
   std::string state() const {
-    std::string bytes;
-    const auto put = [&](const auto* values, std::size_t n) {
-      bytes.append(reinterpret_cast<const char*>(values), n * sizeof *values);
-    };
-    const auto put_all = [&](const auto& values) { put(values.data(), values.size()); };
+    Bytes bytes;
     const MethodState s = method->state();
     const double clock[] = {s.clock.time,
                             s.clock.supplied,
@@ -50,16 +47,16 @@ struct Falling {
                             s.clock.before,
                             static_cast<double>(s.clock.next_id),
                             s.clock.trial ? 1.0 : 0.0};
-    put(clock, 6);
-    put_all(s.counts), put_all(s.ids), put_all(s.blocks);
-    std::visit(put_all, s.values), std::visit(put_all, s.motion), std::visit(put_all, s.volumes);
-    for (const Vec3& f : s.forces) put(f.data(), 3);
-    put_all(s.flow.layers), put_all(s.flow.absorbed);
+    bytes.put(clock, 6);
+    bytes.put_all(s.counts, s.ids, s.blocks);
+    bytes.put_each(s.values, s.motion, s.volumes);
+    for (const Vec3& f : s.forces) bytes.put(f.data(), 3);
+    bytes.put_all(s.flow.layers, s.flow.absorbed);
     for (const auto& collider : colliders) {
       const auto pose = collider->state();
-      put(pose.data(), 13);
+      bytes.put(pose.data(), 13);
     }
-    return bytes;
+    return bytes.take();
   }
 };
 

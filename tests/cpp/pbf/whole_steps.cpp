@@ -11,6 +11,7 @@ namespace {
 
 using namespace substep::pbf;
 using substep::failures::at_each;
+using substep::failures::Bytes;
 using substep::failures::fail_allocation;
 using substep::failures::interrupt_poll;
 using substep::geometry::Collider;
@@ -22,19 +23,14 @@ struct Pouring {
   std::unique_ptr<Liquid> liquid;
 
   std::string state() const {
-    std::string bytes;
-    const auto put = [&](const auto* values, std::size_t n) {
-      bytes.append(reinterpret_cast<const char*>(values), n * sizeof *values);
-    };
-    const auto put_all = [&](const auto& values) { put(values.data(), values.size()); };
+    Bytes bytes;
     const LiquidState s = liquid->state();
     const double clock[] = {s.time, s.last_dt, static_cast<double>(s.next_id)};
-    put(clock, 3);
-    std::visit(put_all, s.positions), std::visit(put_all, s.velocities);
-    std::visit(put_all, s.forces);
-    put_all(s.ids), put_all(s.fluids), put_all(s.flow.layers), put_all(s.flow.absorbed);
-    for (const auto& collider : colliders) put_all(collider->state());
-    return bytes;
+    bytes.put(clock, 3);
+    bytes.put_each(s.positions, s.velocities, s.forces);
+    bytes.put_all(s.ids, s.fluids, s.flow.layers, s.flow.absorbed);
+    for (const auto& collider : colliders) bytes.put_all(collider->state());
+    return bytes.take();
   }
 };
 
