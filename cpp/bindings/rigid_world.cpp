@@ -219,9 +219,11 @@ void bind_changes(py::class_<PyWorld>& world) {
       .def(
           "set_motion",
           [](PyWorld& self, const Numbers& rows, int motion, const Rows& weights) {
+            World changed(self.world);
             for (py::ssize_t k = 0; k < rows.size(); ++k)
-              self.world.set_motion(rows.at(k), static_cast<Motion>(motion), weights.at(k, 0),
-                                    Vec3(weights.data(k, 1)));
+              changed.set_motion(rows.at(k), static_cast<Motion>(motion), weights.at(k, 0),
+                                 Vec3(weights.data(k, 1)));
+            self.with_same_bodies([&] { self.world = std::move(changed); });
           },
           py::arg("rows"), py::arg("motion"), py::arg("weights"))
       .def("set_velocities", set_moving([](Bodies& bodies, std::int64_t i, const Vec3& v) {

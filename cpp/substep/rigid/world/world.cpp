@@ -155,9 +155,15 @@ std::vector<std::int64_t> World::remove(std::span<const std::int64_t> removed) {
   std::vector<std::int64_t> once(removed.begin(), removed.end());
   std::sort(once.begin(), once.end());
   once.erase(std::unique(once.begin(), once.end()), once.end());
-  leave(once);
+  World others(*this);  // where memory runs out, this one is as before
+  std::vector<std::int64_t> numbers = others.take_out(once);
+  *this = std::move(others);
+  return numbers;
+}
 
-  const std::vector<std::int64_t> numbers = bodies_.remove(once);
+std::vector<std::int64_t> World::take_out(std::span<const std::int64_t> removed) {
+  leave(removed);
+  std::vector<std::int64_t> numbers = bodies_.remove(removed);
   const std::vector<std::int32_t> fixtures = fixtures_.renumber(numbers);
   const std::vector<std::int32_t> bodies(numbers.begin(), numbers.end());
   broad_phase_->renumber(fixtures, bodies);

@@ -67,7 +67,8 @@ class World {
   // So that adding so many bodies with so many fixtures in all takes hardly any more memory, and so
   // fails now or not at all. InputError: they are more than there are numbers.
   void make_room(std::int64_t bodies, std::int64_t fixtures);
-  // The new numbers of bodies, -1 for those removed. InputError: no such body.
+  // The new numbers of bodies, -1 for those removed. InputError: no such body. What fails changes
+  // nothing; so the world is copied, and bodies are best removed together.
   std::vector<std::int64_t> remove(std::span<const std::int64_t> bodies);
   // Makes the body static, kinematic or dynamic; mass and moments are those of a dynamic one.
   // InputError: they are none, or the body has a plane or a mesh.
@@ -132,6 +133,7 @@ class World {
   void show_excluded();
   void enter(std::int64_t body);
   void leave(std::span<const std::int64_t> bodies);
+  std::vector<std::int64_t> take_out(std::span<const std::int64_t> ascending);
   void add_to_broad_phase(std::int32_t fixture);
 
   void remember();
