@@ -94,8 +94,8 @@ class Points(Numbered):
         """Make the native simulation anew of other parts, in the same state."""
         state, native = self._state(), self._native
         kept = {name: self.__dict__[name] for name in parts}
-        self.__dict__.update(parts)
         try:
+            self.__dict__.update(parts)
             made = self._make(state)
             made.threads = native.threads
             self._native = made
