@@ -117,6 +117,42 @@ def _right_sides(b: Any, n: int, *, complex_ok: bool = False) -> NDArray[Any]:
     return np.ascontiguousarray(array.T)
 
 
+class _Factors:
+    """Of the matrix given last; a pattern is analysed where it is another one than before."""
+
+    _native: Any
+    _matrix: _Columns
+    _analyses = _factorizations = 0
+
+    def _take(self, matrix: _Columns) -> None:
+        """Factorize; where that fails, the factors are those of before."""
+        known = self._factorizations > 0 and _alike(matrix, self._matrix)
+        native = self._native if known else self._analyse(matrix)
+        try:
+            native.factor(self._entries(matrix))
+            self.__dict__.update(
+                _native=native,
+                _matrix=matrix,
+                _analyses=self._analyses + (not known),
+                _factorizations=self._factorizations + 1,
+            )
+        except BaseException:
+            if known:
+                native.factor(self._entries(self._matrix))
+            raise
+
+    def _analyse(self, matrix: _Columns) -> Any:
+        raise NotImplementedError
+
+    def _entries(self, matrix: _Columns) -> NDArray[Any]:
+        return matrix.values
+
+
+def _alike(a: _Columns, b: _Columns) -> bool:
+    same_pattern = np.array_equal(a.start, b.start) and np.array_equal(a.row, b.row)
+    return same_pattern and a.values.dtype == b.values.dtype
+
+
 @dataclass(frozen=True)
 class CholeskyReport:
     """What a Cholesky factorization did.
@@ -149,7 +185,7 @@ class CholeskyReport:
     factorizations: int
 
 
-class Cholesky:
+class Cholesky(_Factors):
     """A = L L^T for a symmetric positive definite sparse matrix, by CHOLMOD.
 
     The pattern is analysed once; `factor` takes new values. That a matrix is not positive definite
@@ -210,22 +246,15 @@ class Cholesky:
             check_choice("kind", kind, ("automatic", "simplicial", "supernodal")),
             check_integer("block", block, minimum=1, maximum=2**31 - 1),
         )
-        self._analyses = self._factorizations = 0
-        columns = _symmetric(A)
-        self._analyse(columns)
-        self._factor_values(columns)
+        self._take(_symmetric(A))
 
-    def _analyse(self, columns: _Columns) -> None:
-        self._native = _core.CholeskyFactor(columns.start, columns.row, *self._options)
-        self._n, self._start, self._row = columns.n, columns.start, columns.row
-        self._lower = columns.row >= np.repeat(
-            np.arange(columns.n, dtype=np.int32), np.diff(columns.start)
-        )
-        self._analyses += 1
+    def _analyse(self, matrix: _Columns) -> Any:
+        return _core.CholeskyFactor(matrix.start, matrix.row, *self._options)
 
-    def _factor_values(self, columns: _Columns) -> None:
-        self._native.factor(columns.values[self._lower])
-        self._factorizations += 1
+    def _entries(self, matrix: _Columns) -> NDArray[Any]:
+        column = np.repeat(np.arange(matrix.n, dtype=np.int32), np.diff(matrix.start))
+        lower: NDArray[Any] = matrix.values[matrix.row >= column]
+        return lower
 
     def factor(self, A: Any) -> CholeskyReport:
         """Factorize another matrix; the analysis is kept where the pattern is the same.
@@ -255,12 +284,7 @@ class Cholesky:
         >>> cholesky.factor(np.diag([2.0, 8.0])).analyses
         1
         """
-        columns = _symmetric(A)
-        if not (
-            np.array_equal(columns.start, self._start) and np.array_equal(columns.row, self._row)
-        ):
-            self._analyse(columns)
-        self._factor_values(columns)
+        self._take(_symmetric(A))
         return self.report
 
     def solve(self, b: ArrayLike) -> NDArray[np.float64]:
@@ -289,7 +313,7 @@ class Cholesky:
         >>> Cholesky([[4.0, 0.0], [0.0, 2.0]]).solve([8.0, 8.0])
         array([2., 4.])
         """
-        return np.ascontiguousarray(self._native.solve(_right_sides(b, self._n)).T)
+        return np.ascontiguousarray(self._native.solve(_right_sides(b, self._matrix.n)).T)
 
     @property
     def report(self) -> CholeskyReport:
@@ -324,7 +348,7 @@ class LUReport:
     factorizations: int
 
 
-class LU:
+class LU(_Factors):
     """P A Q = L U for a square sparse matrix, real or complex, by UMFPACK or KLU.
 
     The pattern is analysed once; `factor` takes new values.
@@ -367,22 +391,14 @@ class LU:
 
     def __init__(self, A: Any, *, kind: str = "automatic") -> None:
         self._kind = check_choice("kind", kind, ("automatic", "umfpack", "klu"))
-        self._analyses = self._factorizations = 0
         columns = _columns(A)
         _check_finite(columns)
-        self._analyse(columns)
-        self._factor_values(columns)
+        self._take(columns)
 
-    def _analyse(self, columns: _Columns) -> None:
-        self._complex = columns.values.dtype.kind == "c"
-        factor = _core.ComplexLUFactor if self._complex else _core.LUFactor
-        self._native = factor(columns.start, columns.row, self._kind)
-        self._n, self._start, self._row = columns.n, columns.start, columns.row
-        self._analyses += 1
-
-    def _factor_values(self, columns: _Columns) -> None:
-        self._native.factor(columns.values)
-        self._factorizations += 1
+    def _analyse(self, matrix: _Columns) -> Any:
+        is_complex = matrix.values.dtype.kind == "c"
+        factor = _core.ComplexLUFactor if is_complex else _core.LUFactor
+        return factor(matrix.start, matrix.row, self._kind)
 
     def factor(self, A: Any) -> LUReport:
         """Factorize another matrix; the analysis is kept where the pattern is the same.
@@ -414,13 +430,7 @@ class LU:
         """
         columns = _columns(A)
         _check_finite(columns)
-        if (
-            (columns.values.dtype.kind == "c") != self._complex
-            or not np.array_equal(columns.start, self._start)
-            or not np.array_equal(columns.row, self._row)
-        ):
-            self._analyse(columns)
-        self._factor_values(columns)
+        self._take(columns)
         return self.report
 
     def solve(self, b: ArrayLike, *, transpose: bool = False) -> NDArray[Any]:
@@ -449,8 +459,9 @@ class LU:
         >>> LU([[1.0, 1.0], [0.0, 1.0]]).solve([1.0, 1.0], transpose=True)
         array([1., 0.])
         """
-        right = _right_sides(b, self._n, complex_ok=self._complex)
-        if self._complex:
+        is_complex = self._matrix.values.dtype.kind == "c"
+        right = _right_sides(b, self._matrix.n, complex_ok=is_complex)
+        if is_complex:
             right = right.astype(np.complex128)
         return np.ascontiguousarray(self._native.solve(right, check_flag("transpose", transpose)).T)
 
