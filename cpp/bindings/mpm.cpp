@@ -132,6 +132,22 @@ auto setter(void (Method::*set)(std::span<const Vec3>, Method::Places)) {
   };
 }
 
+// Objects of Python alone: it is asked for when a step has been taken, and that must not fail.
+py::dict report(const Method& self) {
+  const Report report = self.report();
+  py::dict all;
+  all["steps"] = report.steps;
+  all["sorts"] = report.sorts;
+  all["subdivided"] = report.subdivided;
+  all["dt"] = report.dt;
+  all["limit"] = report.limit;
+  all["removed"] = report.removed;
+  all["clamped"] = report.clamped;
+  all["newton"] = report.newton;
+  all["krylov"] = report.krylov;
+  return all;
+}
+
 void bind_method(py::module_& m) {
   py::class_<Method>(m, "MaterialPointMethod")
       .def(py::init([](const py::dict& given, std::vector<std::shared_ptr<Collider>> colliders,
@@ -179,7 +195,7 @@ void bind_method(py::module_& m) {
       .def("__len__", &Method::size)
       .def_property("time", &Method::time, &Method::set_time)
       .def_property("threads", &Method::threads, &Method::set_threads)
-      .def_property_readonly("report", &Method::report)
+      .def_property_readonly("report", &report)
       .def("diagnostics", &Method::diagnostics, py::call_guard<py::gil_scoped_release>())
       .def_property_readonly("layers",
                              [](const Method& self) { return column(self.counts().layers); })
@@ -224,16 +240,6 @@ void bind_method(py::module_& m) {
 }  // namespace
 
 void bind_mpm(py::module_& m) {
-  py::class_<Report>(m, "MaterialPointReport")
-      .def_readonly("steps", &Report::steps)
-      .def_readonly("sorts", &Report::sorts)
-      .def_readonly("subdivided", &Report::subdivided)
-      .def_readonly("dt", &Report::dt)
-      .def_readonly("limit", &Report::limit)
-      .def_readonly("removed", &Report::removed)
-      .def_readonly("clamped", &Report::clamped)
-      .def_readonly("newton", &Report::newton)
-      .def_readonly("krylov", &Report::krylov);
   py::class_<Diagnostics>(m, "MaterialPointSums")
       .def_readonly("mass", &Diagnostics::mass)
       .def_readonly("kinetic", &Diagnostics::kinetic)

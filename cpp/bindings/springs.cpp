@@ -97,7 +97,7 @@ void bind_deformable(py::module_& m) {
                        const std::string& integrator_name, const std::string& solver,
                        int max_iterations, const Triple& gravity, double tolerance,
                        int max_halvings, double contact_thickness, double contact_stiffness,
-                       double sticking_speed, bool may_start_inside, int threads) {
+                       double sticking_speed, int threads) {
              Contacts contacts;
              for (const auto& collider : colliders) contacts.colliders.push_back(*collider);
              contacts.thickness = contact_thickness;
@@ -107,7 +107,6 @@ void bind_deformable(py::module_& m) {
                                              .tolerance = tolerance,
                                              .max_halvings = max_halvings,
                                              .contact_stiffness = contact_stiffness,
-                                             .may_start_inside = may_start_inside,
                                              .threads = threads};
              return new Body{
                  {rows(positions), rows(velocities), std::span(masses.data(), masses.size()),
@@ -120,7 +119,7 @@ void bind_deformable(py::module_& m) {
            py::arg("colliders"), py::arg("integrator"), py::arg("solver"),
            py::arg("max_iterations"), py::arg("gravity"), py::arg("tolerance"),
            py::arg("max_halvings"), py::arg("contact_thickness"), py::arg("contact_stiffness"),
-           py::arg("sticking_speed"), py::arg("may_start_inside"), py::arg("threads"))
+           py::arg("sticking_speed"), py::arg("threads"))
       .def_property(
           "gravity", [](const Body& self) { return triple(self.body.options.gravity); },
           [](Body& self, const Triple& g) { self.body.options.gravity = vector(g); })

@@ -71,6 +71,7 @@ def test_a_second_thread(name):
     [
         ("MaterialPointMethod", "set_positions"),
         ("PositionBasedDynamics", "state"),
+        ("PositionBasedDynamics", "gravity="),
         ("RigidBodies", "remove"),
         ("RigidBodies (joints)", "step"),
     ],
@@ -86,6 +87,9 @@ ALLOCATIONS = [
     ("TaylorGreen", "__call__"),
     ("RigidBodies", "set_velocities"),
     ("RigidBodies", "ball"),
+    ("RigidBodies", "remove"),
+    ("MaterialPointMethod", "step"),
+    ("LU", "factor"),
     ("MassSpring", "step"),
     ("PositionBasedDynamics (multilevel)", "step"),
     ("RK45", "step"),

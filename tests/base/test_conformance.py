@@ -370,6 +370,9 @@ def callbacks_follow_steps(make):
     times = [time for _, time in seen]
     assert times == sorted(times) and times[-1] == simulation.time == pytest.approx(DURATION)
     assert simulation.report.steps == len(seen)
+    unseen = make()
+    unseen.advance(DURATION)
+    assert content(unseen) == content(simulation)
     for method in ("step", "advance"):
         with pytest.raises(substep.InputError, match=f"{method}: called by the callback"):
             simulation.advance(DURATION, lambda given, name=method: getattr(given, name)(0.01))

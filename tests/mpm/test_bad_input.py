@@ -605,7 +605,7 @@ def test_states_that_do_not_fit():
         "supplied": [math.nan, math.inf],
         "next_id": [3, -1, 2.5],
         "trial": [1, None],
-        "colliders": [np.zeros((2, 21)), np.full((1, 21), np.nan)],
+        "colliders": [np.zeros((2, 15)), np.full((1, 15), np.nan)],
         "layers": [np.zeros(1, np.int64), np.zeros(0)],
         "absorbed": [np.zeros(1, np.int64)],
     }

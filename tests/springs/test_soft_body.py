@@ -486,7 +486,6 @@ GOOD = {
         ({"positions": [*CORNERS, [5, 5, 5]]}, r"positions\[4\]: no tetrahedron"),
         ({"rest_positions": CORNERS[:3]}, "rest_positions"),
         ({"pinned": [4]}, r"pinned\[0\]"),
-        ({"colliders": [substep.Collider(substep.Plane(point=(0, 0, 0.5)))]}, "inside of collider"),
     ],
 )
 def test_bad_input_is_refused(change, message):

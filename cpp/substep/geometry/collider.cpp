@@ -186,8 +186,6 @@ std::array<double, Collider::kStateSize> Collider::state() const {
   put(angular_velocity);
   *out++ = friction;
   *out++ = restitution;
-  put(exchange_.impulse);
-  put(exchange_.torque);
   return state;
 }
 
@@ -205,9 +203,7 @@ void Collider::restore(const std::array<double, kStateSize>& state) {
   take(angular_velocity);
   friction = *in++;
   restitution = *in++;
-  take(exchange_.impulse);
-  take(exchange_.torque);
-  total_ = {};
+  exchange_ = total_ = {};
   duration_ = 0;
 }
 

@@ -80,9 +80,9 @@ class Collider {
   const Exchange& total() const { return total_; }
   double duration() const { return duration_; }
 
-  // All that changes: position, orientation (w, x, y, z), velocity, angular velocity, friction,
-  // restitution, impulse, torque.
-  static constexpr std::size_t kStateSize = 21;
+  // What it goes on from: position, orientation (w, x, y, z), velocity, angular velocity, friction,
+  // restitution. Not what it was given: restore() sets that to 0.
+  static constexpr std::size_t kStateSize = 15;
   std::array<double, kStateSize> state() const;
   void restore(const std::array<double, kStateSize>& state);
 

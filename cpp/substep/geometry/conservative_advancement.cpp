@@ -44,6 +44,11 @@ Vec3 push_out(const Collider& collider, const Vec3& x, double margin) {
   return p;
 }
 
+Vec3 set_off(const Collider& collider, const Vec3& x, double margin) {
+  const auto nearest = nearest_free(collider, x, margin);
+  return nearest ? *nearest : push_out(collider, x, margin);
+}
+
 Vec3 advance_freely(const Collider& collider, const Vec3& from, const Vec3& to, double margin) {
   if (const auto nearest = nearest_free(collider, to, margin)) return *nearest;
   const double lipschitz = collider.lipschitz();

@@ -21,5 +21,8 @@ inline constexpr int kMaxAdvances = 64;
 
 // The point at distance `margin` next to x, which lies nearer to the obstacle or inside of it.
 Vec3 push_out(const Collider& collider, const Vec3& x, double margin);
+// Where a point goes that an obstacle was put upon: out of every wall of a tank, else to the
+// nearest part of the surface.
+Vec3 set_off(const Collider& collider, const Vec3& x, double margin);
 
 }  // namespace substep::geometry

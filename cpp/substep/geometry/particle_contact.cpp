@@ -1,6 +1,7 @@
 #include "substep/geometry/particle_contact.h"
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
 
@@ -198,8 +199,9 @@ void ParticleContact<Real>::find_in_ball(std::size_t c, const Pose& at,
 }
 
 template <class Real>
-void ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real> mass,
+bool ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real> mass,
                                   std::span<Point<Real>> along) {
+  std::atomic<bool> covered = false;
   const auto clear_range = [&](std::size_t c, std::int64_t begin, std::int64_t end) {
     const Collider& collider = colliders[c];
     const Pose &at = obstacles_[c].from, &to = obstacles_[c].to;
@@ -211,11 +213,10 @@ void ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real
     }
     for (const std::int32_t i : found) {
       const Vec3 local = at.to_local(xyz(x[i]));
-      if (of(mass, i) == 0 || !(collider.local_distance(local).value < margin_)) continue;
-      // Out of every wall of a tank, else to the nearest part of the surface.
-      const Vec3 out = convex(collider) ? advance_freely(collider, local, local, margin_)
-                                        : push_out(collider, local, margin_);
-      Vec3 moved = at.rotation * (out - local);
+      const double distance = collider.local_distance(local).value;
+      if (of(mass, i) == 0 || !(distance < margin_)) continue;
+      if (distance < 0) covered = true;
+      Vec3 moved = at.rotation * (set_off(collider, local, margin_) - local);
       if (planar_) moved[2] = 0;
       assign(x[i], xyz(x[i]) + moved);
       if (!along.empty()) assign(along[i], xyz(along[i]) + moved);
@@ -227,6 +228,7 @@ void ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real
         for (std::size_t c = 0; c < colliders.size(); ++c) clear_range(c, begin, end);
       },
       threads);
+  return covered;
 }
 
 template <class Real>

@@ -110,14 +110,15 @@ WallDensity Boundary<Real>::wall_density(std::size_t c, const Vec3& local) const
 }
 
 template <class Real>
-void Boundary<Real>::begin_step(double dt, std::span<Point<Real>> start, std::span<Point<Real>> x,
+bool Boundary<Real>::begin_step(double dt, std::span<Point<Real>> start, std::span<Point<Real>> x,
                                 std::span<const Real> mass, int threads) {
   contact_.threads = threads;
   contact_.begin_step(static_cast<std::int64_t>(x.size()));
-  contact_.clear(start, mass, x);
+  const bool covered = contact_.clear(start, mass, x);
   contact_.begin_substep(dt);
   contact_.project(start, x, mass);
   note_near(x, threads);
+  return covered;
 }
 
 template <class Real>

@@ -30,7 +30,8 @@ class Boundary {
 
   // A step of length dt from `start` to the predicted x: obstacles move, particles they cover are
   // set free, and who may come near one is noted. mass [kg]: of each particle, or one for all.
-  void begin_step(double dt, std::span<Point<Real>> start, std::span<Point<Real>> x,
+  // Returns whether any were covered.
+  bool begin_step(double dt, std::span<Point<Real>> start, std::span<Point<Real>> x,
                   std::span<const Real> mass, int threads);
   // Who is near an obstacle at x, where nothing moves.
   void find_near(std::span<const Point<Real>> x, int threads);

@@ -129,12 +129,16 @@ template <class Real>
 void Fluid<Real>::step(double dt) {
   flow.check(time + dt);
   std::vector<geometry::Collider> colliders = boundary.colliders();
+  std::vector<Point<Real>> before;
   new_report_ = {};
   try {
-    predict(dt);
-    keep_in_reach();
-    sort();
-    act_on_positions(dt);
+    if (begin(dt)) {
+      before = particles.x;
+      boundary.colliders() = colliders;
+      uncover(dt);
+      boundary.colliders() = colliders;
+      begin(dt);
+    }
     warm_start(dt);
     solve();
     finish(dt);
@@ -143,9 +147,45 @@ void Fluid<Real>::step(double dt) {
     let_flow(time + dt);
   } catch (...) {
     boundary.colliders().swap(colliders);
+    if (!before.empty()) particles.x.swap(before);
     throw;
   }
   commit(dt);
+}
+
+// Whether obstacles cover particles as the step begins.
+template <class Real>
+bool Fluid<Real>::begin(double dt) {
+  predict(dt);
+  keep_in_reach();
+  sort();
+  act_on_positions(dt);
+  return boundary.begin_step(dt, old_x_, std::span(next_.x).first(old_x_.size()), mass_,
+                             options.threads);
+}
+
+// Obstacles were put upon particles: sets them off, and all apart that are then too near to each
+// other, by positions alone, so that nothing flies off (the pre-stabilization of Macklin et al.,
+// "Unified particle physics for real-time applications", 2014, section 4.4).
+template <class Real>
+void Fluid<Real>::uncover(double dt) {
+  constexpr int kMost = 20;  // times that neighbours are looked for
+  for (geometry::Collider& collider : boundary.colliders()) {
+    collider.velocity = collider.angular_velocity = Vec3::Zero();
+  }
+  bool apart = false;
+  for (int k = 0; k < kMost && !apart; ++k) {
+    new_report_ = {};
+    predicted_ = particles.x;
+    sort();
+    boundary.begin_step(dt, old_x_, std::span(next_.x).first(old_x_.size()), mass_,
+                        options.threads);
+    solve();
+    const std::span<const std::int32_t> order = neighbours_.order();
+    for (std::size_t i = 0; i < order.size(); ++i) particles.x[usize(order[i])] = next_.x[i];
+    apart = new_report_.converged;
+  }
+  new_report_ = {};
 }
 
 // x* = x + dt v, v += dt (g + f / m).
@@ -236,7 +276,6 @@ void Fluid<Real>::sort() {
 template <class Real>
 void Fluid<Real>::warm_start(double dt) {
   const std::span<Point<Real>> rows(next_.x), x = rows.first(rows.size() - 1);
-  boundary.begin_step(dt, old_x_, x, mass_, options.threads);
   if (options.warm_start == 0 || last_dt == 0) return;
   const double ratio = dt / last_dt;  // lambda is as pressure times dt^2
   const auto scale = static_cast<Real>(options.warm_start * ratio * ratio);

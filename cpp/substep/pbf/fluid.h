@@ -58,6 +58,8 @@ class Fluid {
   std::int64_t next_id = 0;
 
  private:
+  bool begin(double dt);
+  void uncover(double dt);
   void predict(double dt);
   void keep_in_reach();
   void act_on_positions(double dt);

@@ -6,6 +6,7 @@
 
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
+#include "substep/geometry/conservative_advancement.h"
 
 namespace substep::springs {
 namespace {
@@ -195,6 +196,27 @@ void carry_vertices(const std::vector<geometry::Collider>& before, const Contact
       }
     }
   }
+}
+
+bool set_off_vertices(const Contacts& contacts, std::span<Vec3> x) {
+  constexpr int kRounds = 4;
+  bool any = false;
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    if (contacts.stiffness[i] == 0.0) continue;
+    bool inside = true;
+    for (int round = 0; inside && round < kRounds; ++round) {
+      inside = false;
+      for (const geometry::Collider& collider : contacts.colliders) {
+        if (collider.signed_distance(x[i]).value > 0.0) continue;
+        inside = any = true;
+        const Vec3 local = collider.rotation().transpose() * (x[i] - collider.position());
+        x[i] +=
+            collider.rotation() * (geometry::set_off(collider, local, contacts.thickness) - local);
+      }
+    }
+    if (inside) return false;
+  }
+  return any;
 }
 
 void project_contacts(Contacts& contacts, std::span<const double> masses, std::span<Vec3> x,

@@ -93,6 +93,10 @@ void set_exchanges(Contacts& contacts, const BarrierTerm& barrier, const Frictio
 void carry_vertices(const std::vector<geometry::Collider>& before, const Contacts& contacts,
                     std::span<Vec3> x);
 
+// Vertices inside of a collider, as where it was put upon them, go to the distance at which it
+// begins to push. Whether there were any, and all of them have found a place.
+bool set_off_vertices(const Contacts& contacts, std::span<Vec3> x);
+
 // For explicit integrators, after a step: vertices inside of a collider return to its surface; a
 // normal velocity v_n < 0 relative to it becomes -restitution v_n, and friction takes at most mu
 // times that impulse from the sliding velocity (Coulomb). Sets the colliders' exchange().

@@ -22,13 +22,6 @@ void move(std::vector<Vec3>& y, double h, Positions k) {
   for (std::size_t i = 0; i < y.size(); ++i) y[i] += h * k[i];
 }
 
-std::string told(const Closest& found) {
-  std::ostringstream text;
-  text << "vertex " << found.vertex << " is inside of collider " << found.collider
-       << ", at a distance of " << found.distance << " m";
-  return text.str();
-}
-
 void add_exchanges(std::vector<geometry::Exchange>& sums, const Contacts& contacts) {
   for (std::size_t c = 0; c < sums.size(); ++c) sums[c] += contacts.colliders[c].exchange();
 }
@@ -55,7 +48,6 @@ Deformable::Deformable(Positions x, Positions v, std::span<const double> masses,
   potential_ =
       std::make_unique<IncrementalPotential>(masses, pinned, std::move(terms), options.threads);
   set_contact_stiffness(1.0);
-  if (!options.may_start_inside) refuse_penetration();
 }
 
 void Deformable::set_pinned(std::span<const std::uint8_t> pinned) {
@@ -72,12 +64,6 @@ void Deformable::assemble(double h, std::span<double> values) {
 void Deformable::set_threads(int threads) {
   options.threads = threads;
   potential_->set_threads(threads);
-}
-
-void Deformable::refuse_penetration() const {
-  const Closest found = closest();
-  if (!barrier_ || found.distance > 0.0) return;
-  throw InputError("positions: " + told(found) + "; it has to start outside");
 }
 
 void Deformable::set_contact_stiffness(double h) {
@@ -174,12 +160,20 @@ void Deformable::implicit_steps(double h, int halvings) {
   const std::vector<Vec3> x = positions, v = velocities;
   const std::vector<geometry::Collider> colliders = contacts.colliders;
   if (implicit_step(h)) return;
+  positions = x;
+  velocities = v;
+  contacts.colliders = colliders;
+  if (nearest_.distance <= 0.0 && set_off_vertices(contacts, positions)) {
+    return implicit_steps(h, halvings);
+  }
   ++report_.failed;
   if (halvings == options.max_halvings) {
     std::ostringstream message;
     if (nearest_.distance <= 0.0) {
-      message << told(nearest_) << ", in the step from t = " << time << " s, however short: it or "
-              << "the obstacle was put there, or it is squeezed. Move it outside";
+      message << "vertex " << nearest_.vertex << " has no place outside of collider "
+              << nearest_.collider << " in the step from t = " << time
+              << " s, however short: it is " << nearest_.distance
+              << " m from it. Move the obstacles apart";
       throw SolverError(message.str(), time, nearest_.vertex);
     }
     message << "implicit Euler did not converge in the step from t = " << time << " s, even in "
@@ -191,9 +185,6 @@ void Deformable::implicit_steps(double h, int halvings) {
     error.residuals = report_.residuals;
     throw error;
   }
-  positions = x;
-  velocities = v;
-  contacts.colliders = colliders;
   std::vector<geometry::Exchange> sums(colliders.size());
   for (int half = 0; half < 2; ++half) {
     implicit_steps(h / 2, halvings + 1);

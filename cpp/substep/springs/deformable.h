@@ -27,7 +27,6 @@ struct DeformableOptions {
   int max_halvings = 8;
   int max_friction_iterations = 20;  // minimisations of one step, each with forces newly lagged
   double contact_stiffness = 0.0;    // k of contact.h for all vertices [N/m]; 0: m / h^2 each
-  bool may_start_inside = false;     // as a copy of a body that was moved there: step() refuses it
   int threads = 0;
 };
 
@@ -43,7 +42,6 @@ struct StepReport {
 class Deformable {
  public:
   // All spans have one entry for each vertex. `minimiser` may be null for explicit integrators.
-  // Throws InputError if a free vertex is inside of a collider, for implicit Euler, unless it may.
   Deformable(Positions positions, Positions velocities, std::span<const double> masses,
              std::span<const std::uint8_t> pinned, std::vector<std::shared_ptr<Term>> terms,
              Contacts contacts, std::unique_ptr<Minimiser> minimiser,
@@ -79,7 +77,6 @@ class Deformable {
   Spectrum spectrum() const { return largest_eigenvalues(*potential_, positions); }
 
  private:
-  void refuse_penetration() const;
   void set_contact_stiffness(double h);
   Vec3 acceleration_without_terms(std::size_t i) const;
   void accelerations(Positions x, Positions v, std::span<Vec3> a);

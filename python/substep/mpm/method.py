@@ -75,12 +75,12 @@ class MaterialPointReport(StepReport):
     newton: int = 0
     krylov: int = 0
 
-    def _add(self, native: Any) -> None:
+    def _add(self, native: Mapping[str, Any]) -> None:
         for name in _COUNTS:
-            setattr(self, name, getattr(self, name) + getattr(native, name))
+            setattr(self, name, getattr(self, name) + native[name])
         self.iterations = self.newton
-        if native.steps:
-            self.dt, self.limit = native.dt, native.limit
+        if native["steps"]:
+            self.dt, self.limit = native["dt"], native["limit"]
 
 
 class MaterialPointMethod(Particles):

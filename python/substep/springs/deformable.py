@@ -333,7 +333,6 @@ class Deformable(Points):
             state["pinned"],
             terms,
             [collider._native for collider in self.colliders],
-            may_start_inside="time" in state,  # of another body, which may be there
             **self._options,
         )
 

@@ -91,7 +91,7 @@ class MassSpring(Deformable):
     Raises
     ------
     InputError
-        If an argument is wrong, with its name; if a free vertex is inside of a collider.
+        If an argument is wrong, with its name.
 
     References
     ----------

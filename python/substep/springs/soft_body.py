@@ -58,7 +58,7 @@ class SoftBody(Deformable):
     ------
     InputError
         If an argument is wrong, with its name and the first bad index; if a tetrahedron has no
-        volume; if a free vertex is inside of a collider.
+        volume.
 
     References
     ----------

@@ -1,0 +1,73 @@
+"""What an obstacle is put upon comes out of it, and gets no velocity and no impulse by that.
+
+The same way in every method that has obstacles: a sheet of points at rest, without gravity, inside
+of a ground, a block and a mesh.
+"""
+
+import numpy as np
+import pytest
+import substep
+
+DEPTH = 0.004  # [m] of the sheet in the ground
+STILL = (0.0, 0.0, 0.0)
+AXIS = 0.05 * np.arange(4)
+SHEET = np.stack(np.meshgrid(AXIS, AXIS, [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def springs(integrator):
+    return lambda colliders: substep.MassSpring(
+        SHEET, [], 0.0, gravity=STILL, colliders=colliders, integrator=integrator, masses=0.1
+    )
+
+
+def material(integrator):
+    jelly = substep.mpm.NeoHookean(density=1000, young_modulus=2e4, poisson_ratio=0.3)
+    return lambda colliders: substep.MaterialPointMethod(
+        *(SHEET, jelly),
+        cell=0.1,
+        volume=0.05**3,
+        gravity=STILL,
+        colliders=colliders,
+        integrator=integrator,
+    )
+
+
+METHODS = {
+    "springs, implicit": springs("implicit_euler"),
+    "springs, explicit": springs("velocity_verlet"),
+    "position-based dynamics": lambda colliders: substep.PositionBasedDynamics(
+        SHEET, 0.1, [], gravity=STILL, colliders=colliders
+    ),
+    "position-based fluid": lambda colliders: substep.PositionBasedFluid(
+        SHEET, 0.05, gravity=STILL, colliders=colliders
+    ),
+    "material points, explicit": material("explicit"),
+    "material points, implicit": material("implicit_euler"),
+}
+SLAB = substep.geometry.box_mesh((1, 1, 0.2))
+GROUNDS = {
+    "plane": substep.Plane,
+    "box": lambda: substep.Box((1, 1, 0.2), (0, 0, -0.1)),
+    "mesh": lambda: substep.TriangleMesh(SLAB.vertices - (0, 0, 0.1), SLAB.faces),
+}
+
+
+@pytest.mark.parametrize("ground", GROUNDS)
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("when", ["made", "moved"])
+def test_comes_out_without_energy(method, ground, when):
+    obstacle = substep.Collider(GROUNDS[ground]())
+    below = obstacle.position
+    obstacle.position = below + np.array([0, 0, DEPTH if when == "made" else -1.0])
+    simulation = METHODS[method]([obstacle])
+    if when == "moved":
+        simulation.step(1e-3)
+        obstacle.position = below + np.array([0, 0, DEPTH])
+    fastest, given = 0.0, np.zeros(3)
+    for _ in range(60):
+        simulation.step(1e-3)
+        fastest = max(fastest, np.abs(simulation.velocities).max())
+        given += obstacle.impulse
+    assert obstacle.distance(simulation.positions).min() > -1e-15  # explicit springs: on it
+    assert fastest < 1e-3
+    assert np.abs(given).max() < 1e-3 * simulation.masses.sum()
