@@ -20,7 +20,8 @@ from runner import Counts
 from subjects import Simulation, look, subjects
 
 LONG = 1.0  # [s] after which a bell rings in a call
-DEAF = 0.3  # [s of this process] that it may take to hear it; 0.1 with nothing else on the machine
+# [s of this process] that it may take to hear it; 0.1 with nothing else on the machine
+DEAF = 1.0 if runner.SANITIZED else 0.3
 SHARE = 200  # tries of a job
 
 
@@ -78,7 +79,10 @@ def nasty(good, owner, r):
         return r.choice(OBJECTS)
     if kind == 2:
         return r.choice((Raising(), object(), owner, iter([1, 2]), lambda *a: None, range(3)))
-    array = np.asarray(good) if isinstance(good, (int, float, list, tuple, np.ndarray)) else None
+    array = None
+    if isinstance(good, (int, float, list, tuple, np.ndarray)):
+        with contextlib.suppress(ValueError):  # rows of unequal length
+            array = np.asarray(good)
     if array is None or array.dtype.kind not in "fiub":
         shape = r.choice([(0,), (3,), (4,), (0, 3), (2, 3), (4, 3), (3, 3, 3), (1,) * 9])
         array = np.ones(shape)

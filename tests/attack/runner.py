@@ -25,9 +25,17 @@ from pathlib import Path
 HERE = Path(__file__).parent
 BASE = HERE.parent / "base"
 COLUMNS = ("calls", "crashes", "hangs", "torn", "wrong types", "leaks", "not tried")
-SANITIZED = "libasan" in os.environ.get("LD_PRELOAD", "")
+# By libasan or libtsan: slow, with terabytes of addresses.
+SANITIZED = "san.so" in os.environ.get("LD_PRELOAD", "")
 MEMORY = 4 << 30  # of a child
 NOTES = 1 << 16  # bytes
+# Of a sanitized child: what is too large is a MemoryError, and an error ends it by a signal.
+_OPTIONS = {
+    "ASAN_OPTIONS": "abort_on_error=1:allocator_may_return_null=1:"
+    f"max_allocation_size_mb={MEMORY >> 20}",
+    "UBSAN_OPTIONS": "abort_on_error=1",
+    "TSAN_OPTIONS": "abort_on_error=1:halt_on_error=1",
+}
 
 
 class Counts:
@@ -83,6 +91,10 @@ def note(text):
 
 def memory_in_use():
     """Bytes that the C heap has given out."""
+    if SANITIZED:
+        told = ctypes.CDLL(None).__sanitizer_get_current_allocated_bytes
+        told.restype = ctypes.c_size_t
+        return told()
 
     class Info(ctypes.Structure):
         _fields_ = [
@@ -132,6 +144,9 @@ class _Child:
         self.errors = open(Path(folder) / "errors", "w+b")
         reader, writer = os.pipe()
         path = os.pathsep.join([str(HERE), str(BASE), os.environ.get("PYTHONPATH", "")])
+        if SANITIZED:
+            options = {n: f"{os.environ.get(n, '')}:{more}" for n, more in _OPTIONS.items()}
+            environment = options | environment
         self.process = subprocess.Popen(
             [sys.executable, str(HERE / "runner.py"), module, str(self.notes), str(writer)],
             stdin=subprocess.PIPE,
@@ -166,8 +181,9 @@ class _Child:
     def last_words(self):
         self.errors.seek(0)
         said = self.errors.read().decode(errors="replace")
-        if "ERROR: AddressSanitizer" in said:
-            said = said[said.index("ERROR: AddressSanitizer") :][:3000]
+        for found in ("ERROR: AddressSanitizer", "WARNING: ThreadSanitizer"):
+            if found in said:
+                said = said[said.index(found) :][:3000]
         done = self.notes.read_bytes().split(b"\0")[0].decode(errors="replace")
         return f"last calls:\n{done}\nstandard error:\n{said[-3000:]}"
 

@@ -11,6 +11,7 @@ import runner
 import soak
 import subjects
 import threads
+from runner import SANITIZED
 from subjects import Subject, Twin, call
 from test_conformance import Toy, classes
 
@@ -45,7 +46,7 @@ def test_every_method_of_a_simulation_is_called(kind):
 
 
 def test_public_api():
-    holds(api.attack(400, seed=0))
+    holds(api.attack(150 if SANITIZED else 400, seed=0))
 
 
 def place(name, wanted):
@@ -96,6 +97,7 @@ ALLOCATIONS = [
 ]
 
 
+@pytest.mark.skipif(SANITIZED, reason="sanitizers have their own malloc")
 def test_memory_that_runs_out():
     holds(allocations.run([[*place(*call), 0, 80] for call in ALLOCATIONS]))
 
@@ -161,4 +163,4 @@ def test_a_leak_is_noticed():
 def test_crashes_and_hangs_are_noticed():
     counts = runner.run_jobs("mishaps", ["good", "crash", "hang", "good"], patience=3.0)
     assert counts.rows == {"good": {"calls": 2}, "crash": {"crashes": 1}, "hang": {"hangs": 1}}
-    assert "SIGSEGV" in counts.findings[0]
+    assert "SEGV" in counts.findings[0]  # the signal, or what ASan tells

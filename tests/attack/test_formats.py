@@ -36,6 +36,8 @@ def test_mutations():
 @pytest.mark.parametrize("name", ["a.nc", "a.mdpa"])
 def test_ctrl_c_while_a_library_comes_to_no_end(tmp_path, name):
     pytest.importorskip("meshio")
+    if formats.SANITIZED and name == "a.mdpa":
+        pytest.skip("the process that reads meshes has few addresses, ASan takes terabytes")
     mdpa = b"Begin ModelPartData\nEnd ModelPartData\nBegin Nodes\n 1 0 0 0\n"
     (tmp_path / name).write_bytes(formats.endless_heap() if name == "a.nc" else mdpa)
     read = substep.open_field if name == "a.nc" else substep.geometry.read_mesh

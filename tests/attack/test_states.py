@@ -8,14 +8,15 @@ import states
 import substep
 
 SEED = 17
+MORE = 60 if states.SANITIZED else 200  # than what was found before
 
 
 def test_tampered_states_are_refused_or_harmless():
-    told = states.attack(len(states.PAST) + 200, SEED)
+    told = states.attack(len(states.PAST) + MORE, SEED)
     assert told.pop("findings") == []
     assert set(told) == set(states.MAKERS)
     sums = {word: sum(row.get(word, 0) for row in told.values()) for word in ("calls", "refused")}
-    assert sums["calls"] == len(states.PAST) + 200
+    assert sums["calls"] == len(states.PAST) + MORE
     assert 0.4 < sums["refused"] / sums["calls"] < 0.8
 
 

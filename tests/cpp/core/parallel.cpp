@@ -236,22 +236,27 @@ TEST(Threads, SetAndRefused) {
   substep::set_num_threads(before);
 }
 
+// Plain integers here, too; with sleep, so that the workers have time to come.
 TEST(Phases, BeginWhenAllOfTheOneBeforeHasRun) {
   const std::vector<std::int64_t> chunks{7, 0, 40, 1, 13};
   for (const int threads : {1, 2, 4}) {
-    std::vector<std::atomic<std::int64_t>> done(chunks.size());
+    std::vector<std::vector<int>> ran;
+    for (const std::int64_t count : chunks) ran.emplace_back(usize(count));
     std::atomic<int> early{0};
     substep::parallel_phases(
         chunks,
-        [&](std::int64_t phase, std::int64_t) {
-          for (std::int64_t p = 0; p < phase; ++p) {
-            early += done[usize(p)] != chunks[usize(p)];
+        [&](std::int64_t phase, std::int64_t chunk) {
+          for (std::size_t p = 0; p < usize(phase); ++p) {
+            if (std::accumulate(ran[p].begin(), ran[p].end(), 0) != chunks[p]) ++early;
           }
-          ++done[usize(phase)];
+          ++ran[usize(phase)][usize(chunk)];
+          std::this_thread::sleep_for(std::chrono::microseconds(100));
         },
         threads);
     EXPECT_EQ(early, 0);
-    for (std::size_t p = 0; p < chunks.size(); ++p) EXPECT_EQ(done[p], chunks[p]);
+    for (std::size_t p = 0; p < chunks.size(); ++p) {
+      EXPECT_EQ(ran[p], std::vector<int>(usize(chunks[p]), 1));
+    }
   }
 }
 
