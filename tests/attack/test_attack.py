@@ -1,6 +1,7 @@
 """A short share of each torture; `python tests/attack/run.py --hours 8` is the long run."""
 
 import inspect
+import os
 
 import allocations
 import api
@@ -79,6 +80,12 @@ def test_a_second_thread(name):
 )
 def test_interrupts(name, wanted):
     holds(interrupts.work([*place(name, wanted), 0, 1]))
+
+
+def test_interrupts_in_numpy(monkeypatch):
+    """It made a TypeError of one in a comparison of rows as structures."""
+    monkeypatch.setattr(interrupts, "OURS", os.path.dirname(np.__file__))
+    holds(interrupts.work([*place("TetMesh", "surface"), 0, 0]))
 
 
 # Most were a crash, or left a state of no whole call.

@@ -12,7 +12,7 @@ from ..base.checks import check_array
 from ..base.rows import read_only
 from ..errors import InputError
 from .tet_locate import barycentric, locate
-from .topology import Array, Indices, check_indices
+from .topology import Array, Indices, check_indices, equal_rows
 from .triangle_mesh import TriangleMesh
 
 _SIDES = [(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)]  # of a tetrahedron, looking outward
@@ -118,9 +118,7 @@ class TetMesh(Frozen):
     def surface_faces(self) -> Indices:
         """Faces of one tetrahedron only, looking outward, as vertex numbers; shape (k, 3)."""
         faces = self.tetrahedra[:, _SIDES].reshape(-1, 3)
-        _, first, count = np.unique(
-            np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True
-        )
+        first, count, _ = equal_rows(np.sort(faces, axis=1))
         return read_only(faces[np.sort(first[count == 1])])
 
     def embed(self, points: ArrayLike) -> tuple[Indices, Array]:
@@ -148,14 +146,12 @@ class TetMesh(Frozen):
             sides = np.sort(self.tetrahedra[:, _SIDES], axis=2)
             shell = TriangleMesh(self.vertices, self.surface_faces)
             faces = np.sort(shell.faces[shell.nearest(x[lost])[2]], axis=1)
-            every, number = np.unique(
-                np.concatenate([sides.reshape(-1, 3), faces]), axis=0, return_inverse=True
-            )
-            owner = np.empty(len(every), np.int64)
-            owner[number.ravel()[: 4 * len(self.tetrahedra)]] = np.repeat(
+            first, _, number = equal_rows(np.concatenate([sides.reshape(-1, 3), faces]))
+            owner = np.empty(len(first), np.int64)
+            owner[number[: 4 * len(self.tetrahedra)]] = np.repeat(
                 np.arange(len(self.tetrahedra)), 4
             )
-            cell[lost] = owner[number.ravel()[4 * len(self.tetrahedra) :]]
+            cell[lost] = owner[number[4 * len(self.tetrahedra) :]]
         cells = self.tetrahedra[cell]
         return cells, barycentric(self.vertices, cells, x)
 

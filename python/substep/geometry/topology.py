@@ -40,6 +40,20 @@ def check_indices(name: str, value: Any, columns: int, count: int) -> Indices:
     return indices
 
 
+def equal_rows(rows: NDArray[Any]) -> tuple[Indices, Indices, Indices]:
+    """Of the distinct rows, sorted: the first place and the count of each; and which each row is.
+
+    NumPy's `unique` with axis=0 compares rows as structures: slow, and a Ctrl-C in it is lost.
+    """
+    order = np.lexsort(rows.T[::-1])
+    sorted_rows = rows[order]
+    begins = np.ones(len(rows), bool)
+    begins[1:] = (sorted_rows[1:] != sorted_rows[:-1]).any(axis=1)
+    number = np.empty(len(rows), np.int64)
+    number[order] = np.cumsum(begins) - 1
+    return order[begins], np.bincount(number), number
+
+
 def components(count: int, pairs: Indices) -> Indices:
     """Number of the connected component of each of `count` nodes, rising with the lowest node."""
     label = np.arange(count)

@@ -14,7 +14,7 @@ from ..base.rows import read_only
 from ..errors import InputError
 from .mesh_report import MeshReport
 from .shape import Shape
-from .topology import Array, Indices, check_indices, components
+from .topology import Array, Indices, check_indices, components, equal_rows
 
 
 class TriangleMesh(Shape):
@@ -264,14 +264,14 @@ class TriangleMesh(Shape):
         Left out are unused vertices, faces that have a corner twice after the joining, and faces
         that have the corners of an earlier one.
         """
-        points, joined = np.unique(self.vertices, axis=0, return_inverse=True)
-        faces = joined.ravel()[self.faces]
+        place, _, joined = equal_rows(self.vertices)
+        faces = joined[self.faces]
         kept = faces[(faces != np.roll(faces, -1, axis=1)).all(axis=1)]
         if len(kept) == 0:
             raise InputError("faces: every face has a corner twice once the vertices are joined")
-        first = np.unique(np.sort(kept, axis=1), axis=0, return_index=True)[1]
+        first = equal_rows(np.sort(kept, axis=1))[0]
         used, faces = np.unique(kept[np.sort(first)], return_inverse=True)
-        mesh = TriangleMesh(points[used], faces.reshape(-1, 3))
+        mesh = TriangleMesh(self.vertices[place[used]], faces.reshape(-1, 3))
         mesh._set(dropped=self.dropped + len(self.faces) - len(mesh.faces))
         return mesh
 
@@ -295,9 +295,9 @@ class TriangleMesh(Shape):
             holes=len(self.boundary_loops),
             non_manifold_edges=int((uses > 2).sum()),
             flipped_edges=int(((uses == 2) & (balance != 0)).sum()),
-            duplicate_faces=len(self.faces) - len(np.unique(np.sort(self.faces, axis=1), axis=0)),
+            duplicate_faces=len(self.faces) - len(equal_rows(np.sort(self.faces, axis=1))[0]),
             flat_faces=int((2 * self.face_areas <= 1e-10 * longest**2).sum()),
-            duplicate_vertices=len(self.vertices) - len(np.unique(self.vertices, axis=0)),
+            duplicate_vertices=len(self.vertices) - len(equal_rows(self.vertices)[0]),
             unused_vertices=int((~used).sum()),
             pierced=self._tree.count_pierced(self.vertices, self.faces, edges, 0),
             dropped_faces=self.dropped,

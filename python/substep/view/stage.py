@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import TetMesh
+from ..geometry.topology import equal_rows
 from ..recording import Part, Recording
 from .egl import window_class
 from .extent import radius_in, range_of
@@ -369,7 +370,7 @@ def _triangles_of(part: Part, points: NDArray[Any]) -> NDArray[np.int64] | None:
 def _is_closed(triangles: NDArray[np.int64]) -> bool:
     """Every edge is between two faces, so that no back is seen."""
     sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    return bool(np.all(np.unique(sides, axis=0, return_counts=True)[1] == 2))
+    return bool(np.all(equal_rows(sides)[1] == 2))
 
 
 def _lighter(color: str) -> tuple[float, ...]:
