@@ -4,6 +4,8 @@ import concurrent.futures
 import os
 import subprocess
 import sys
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -414,3 +416,27 @@ print(len(os.listdir("/proc/self/task")))
         OPENBLAS_NUM_THREADS="1",
     )
     assert done.stdout == "1\n", done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("kind", [Cholesky, LU])
+def test_a_second_thread_waits_for_the_factors(kind):
+    class Slow:
+        def __init__(self, native):
+            self.native = native
+
+        def factor(self, values):
+            begun.set()
+            time.sleep(0.05)
+            self.native.factor(values)
+
+        def __getattr__(self, name):
+            return getattr(self.native, name)
+
+    begun, factors = threading.Event(), kind(np.diag([1.0, 4.0]))
+    factors._native = Slow(factors._native)
+    thread = threading.Thread(target=factors.factor, args=(np.diag([4.0, 16.0]),))
+    thread.start()
+    begun.wait()
+    assert factors.solve([4.0, 16.0]).tolist() == [1.0, 1.0]
+    assert factors.report.factorizations == 2
+    thread.join()

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _core
 from .base.checks import check_array, check_choice, check_flag, check_integer, check_real
+from .base.owned import Owned
 from .errors import ConvergenceError, InputError, NonFiniteError
 
 __all__ = ["LU", "Cholesky", "CholeskyReport", "KrylovResult", "LUReport", "bicgstab", "cg"]
@@ -117,7 +118,7 @@ def _right_sides(b: Any, n: int, *, complex_ok: bool = False) -> NDArray[Any]:
     return np.ascontiguousarray(array.T)
 
 
-class _Factors:
+class _Factors(Owned):
     """Of the matrix given last; a pattern is analysed where it is another one than before."""
 
     _native: Any
