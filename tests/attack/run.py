@@ -29,7 +29,7 @@ TOLD = {
     "allocations": "each native allocation of each call fails",
     "interrupts": "Ctrl-C at each instruction and poll of each call, and at random",
     "api": "public functions, methods and assignments with wrong arguments",
-    "threads": "a second thread reads while the first steps",
+    "threads": "a second thread reads while the first steps, or calls what the first calls",
     "formats": "files that were tampered with",
     "states": "states that were tampered with",
     "soak": "made, used and destroyed",

@@ -65,7 +65,12 @@ def number_of(name, among):
 
 @pytest.mark.parametrize("name", ["Advection", "MassSpring", "RigidBodies"])
 def test_a_second_thread(name):
-    holds(threads.work([number_of(name, subjects.of_simulations()), 0, 1]))
+    holds(threads.work(["reads", number_of(name, subjects.of_simulations()), 0, 1]))
+
+
+@pytest.mark.parametrize("name", ["Collider", "RK45", "RigidBodies (joints)"])
+def test_two_threads_that_call(name):
+    holds(threads.work(["calls", number_of(name, subjects.subjects()), 0, 2]))
 
 
 @pytest.mark.parametrize(
@@ -160,6 +165,12 @@ def test_a_wrong_type_and_a_change_are_noticed():
     for k in range(20):
         api.one_try(toy(Wrong, wanted), wanted, api.random.Random(k), counts, "toy")
     assert counts.total("wrong types") and counts.total("torn")
+
+
+def test_what_two_threads_get_is_noticed(monkeypatch):
+    wrong = toy(Wrong, call("set_velocities", values=np.ones((3, 3))))
+    monkeypatch.setattr(threads, "subjects", lambda: [wrong])
+    assert threads.work(["calls", 0, 0, 1]).total("wrong types")
 
 
 def test_a_leak_is_noticed():
