@@ -246,6 +246,11 @@ def test_steps_of_any_size_end_well(kind, dt):
 
 
 PARTS = {"p": substep.Part()}
+VIEW = memoryview(P)  # no list, although it can be iterated over in one dimension
+SHEET = substep.geometry.box_mesh()
+CUBE = substep.geometry.box_tetrahedra((1, 1, 1), (1, 1, 1))
+SOFT = {"density": 1000.0, "young_modulus": 1e4, "poisson_ratio": 0.3}
+ROTATION = [[1.0, 0, 0, 0]]
 REFUSED = [
     (lambda: fluid(min_iterations=2**31), InputError, "min_iterations"),
     (lambda: fluid(max_iterations=2**31), InputError, "max_iterations"),
@@ -302,14 +307,139 @@ REFUSED = [
     (lambda: substep.RK45(abs, 0.0, 1.0, 1.0), InputError, "`y0`"),
     (lambda: substep.RK45(abs, 0.0, [[1.0], 2], 1.0), InputError, "y0"),
     (lambda: substep.RK45(abs, 0.0, [1.0], [1.0, 2.0]), TypeError, "t_bound"),
-    (lambda: substep.RK45(abs, 0.0, [1.0], 1.0, atol=-1.0), InputError, "`atol`"),
+    (lambda: substep.RK45(abs, 0.0, [1.0], 1.0, atol=-1.0), InputError, "atol"),
+    (lambda: substep.RK45(abs, 0.0, [1.0], 1.0, rtol=[0.0]), InputError, "rtol"),
+    (lambda: substep.RK45(abs, 0.0, [10**400], 1.0), TypeError, "y0"),
+    (lambda: substep.Radau(abs, 0.0, [1.0], 1.0, step=VIEW), TypeError, "step"),
+    (lambda: substep.Heun(abs, 0.0, [1.0], 1.0, step="x"), TypeError, "step"),
+    (lambda: substep.Heun(abs, 0.0, [1.0], 1.0, first_step=10**400), InputError, "first_step"),
+    (lambda: substep.Heun(abs, 0.0, [1.0], 1.0, vectorized=P), TypeError, "vectorized"),
+    (lambda: solve(max_step=P), TypeError, "max_step"),
+    (lambda: solve(dense_output=P), TypeError, "dense_output"),
+    (lambda: solve(vectorized=P), TypeError, "vectorized"),
+    (lambda: solve(check_jacobian=P), TypeError, "check_jacobian"),
+    (lambda: solve(events=VIEW), TypeError, "events"),
+    (lambda: solve(args=VIEW), TypeError, "args"),
+    (lambda: solve(method="Radau", mass=[1, [2]]), InputError, "mass"),
+    (lambda: substep.solve_ensemble(VIEW, (0, 1), P), TypeError, "fun"),
+    (lambda: substep.systems.SpringChain(3, fixed_ends=P), TypeError, "fixed_ends"),
+    (lambda: substep.springs.grid_springs(3, 3, stiffness=[1, 2]), TypeError, "stiffness"),
+    (lambda: substep.springs.grid_springs(3, 3, shear=P), TypeError, "shear"),
+    (lambda: substep.springs.grid_springs(2**63, 3), InputError, "n"),
+    (lambda: substep.pbd.rope(3, closed=P), TypeError, "closed"),
+    (lambda: substep.pbd.rope(3, first=2**64), InputError, "first"),
+    (lambda: substep.pbd.cloth(SHEET, compliance=[1, 2]), TypeError, "compliance"),
+    (lambda: substep.pbd.soft_body(CUBE, compliance=P), TypeError, "compliance"),
+    (lambda: substep.pbd.tethers(P, EDGES, [1, [2]]), InputError, "pins"),
+    (lambda: substep.pbd.ShapeMatching(VIEW), TypeError, "clusters"),
+    (lambda: substep.pbd.ShapeMatching(QUAD).evaluate(P), InputError, "evaluate"),
+    (lambda: substep.pbd.ParticleCollision(0.1).evaluate(P), InputError, "evaluate"),
+    (lambda: substep.rigid.compound(VIEW), TypeError, "parts"),
+    (lambda: fluid(colliders=VIEW), TypeError, "colliders"),
+    (lambda: points(dtype="\ud800"), InputError, "dtype"),
+    (lambda: substep.GridField(VIEW, P), TypeError, "axes"),
+    (lambda: substep.SoftBody.from_mesh(VIEW, **SOFT), TypeError, "mesh"),
+    (lambda: substep.Part("mesh", tetrahedra=[[1, 2], [1]]), InputError, "tetrahedra"),
+    (lambda: substep.Recorder("x", parts=PARTS, fsync=P), TypeError, "fsync"),
+    (lambda: substep.open_field("\0"), InputError, "path"),
+    (lambda: substep.geometry.read_mesh("\ud800"), InputError, "path"),
 ]
+
+
+def solve(method="rk4", **options):
+    return substep.solve_ivp(lambda t, y: -y, (0, 1), [1.0], method, **options)
 
 
 @pytest.mark.parametrize(("call", "error", "message"), REFUSED)
 def test_what_is_wrong_is_refused_by_name(call, error, message):
     with pytest.raises(error, match=f"^{message}"):
         call()
+
+
+HUGE, TINY = np.where(P == 1, 1e308, 0.0), 1e-320
+NOZZLE = substep.Emitter((0, 0, 0), (0, 0, 1), 1.0, radius=1.0)
+OVERFLOWING = [
+    (lambda: net(positions=HUGE), "positions"),
+    (lambda: net(masses=1e308), "masses"),
+    (lambda: points(positions=HUGE, dtype="f8", constraints=[substep.Distance(PAIR)]), "positions"),
+    (lambda: substep.SoftBody(HUGE, QUAD, **SOFT), "positions"),
+    (lambda: substep.geometry.TetMesh(HUGE, QUAD), "vertices"),
+    (lambda: substep.geometry.TriangleMesh(HUGE, TRIPLE), "vertices"),
+    (lambda: substep.Distance(PAIR).evaluate(HUGE), "positions"),
+    (lambda: substep.pbd.NeoHookean(QUAD, 1.0, 0.3).evaluate(P * [TINY, 1, 1]), "positions"),
+    (lambda: substep.pbd.TriangleArea(TRIPLE).evaluate(1e-200 * HUGE), "positions"),
+    (lambda: substep.pbd.tethers(P, EDGES, [0], slack=1e308), "slack"),
+    (lambda: substep.Emitter((0, 0, 0), (1e308, 1e308, 0), 1.0, radius=1.0), "direction"),
+    (lambda: substep.Emitter((0, 0, 0), (0, 0, 1), 1.0, radius=1e308), "radius"),
+    (lambda: fluid(emitters=[NOZZLE], spacing=1e-5), "emitters"),
+    (lambda: jelly(emitters=[NOZZLE], emitter_spacing=1e308), "emitter_spacing"),
+    (lambda: balls().distance(0, None, HUGE[1], (0, 0, 0)), "point_a, point_b"),
+    (lambda: substep.rigid.free_rotation(ROTATION, P[:1], np.full((1, 3), 1e308), 1.0), "inertia"),
+    (lambda: substep.DoubleGyre().stream_function(0.0, HUGE[:, 1:]), "x"),
+    (lambda: substep.DoubleGyre(omega=1e308).stream_function(1e308, P[:, 1:]), "t"),
+    (lambda: substep.TaylorGreen(viscosity=1.0).stream_function(-1e308, P[:, 1:]), "t"),
+    (lambda: substep.fill_box((0, 0, 0), (1, 1, 1), TINY), "low, high, spacing"),
+    (lambda: substep.fill_mesh(SHEET, TINY), "spacing"),
+    (lambda: substep.mpm.sample_box((0, 0, 0), (1, 1, 1), TINY), "low, high, spacing"),
+    (lambda: substep.mpm.sample_sphere((0, 0, 1e308), 1e308, 1.0), "center, radius"),
+    (lambda: substep.mpm.sample_mesh(SHEET, TINY), "spacing"),
+    (lambda: substep.geometry.tetrahedralize(SHEET, TINY), "spacing"),
+    (lambda: substep.SignedDistanceField.from_mesh(SHEET, TINY), "spacing"),
+    (lambda: substep.stability.amplification("rk4", 1e308), "z"),
+    (lambda: substep.stability.amplification_matrix("velocity_verlet", 1e308), "h_omega"),
+    (lambda: substep.stability.region("rk4", (-1e308, 1, -1, 1), 5), "bounds"),
+    (lambda: substep.stability.stability_limit("velocity_verlet", 1e308), "damping_ratio"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "message"), OVERFLOWING)
+def test_what_overflows_is_refused_by_name(call, message):
+    """By an error: a warning is none."""
+    with pytest.raises(InputError, match=f"^{message}"):
+        call()
+
+
+def test_fields_that_overflow_give_no_nan():
+    with pytest.raises(substep.NonFiniteError, match=r"velocity\(t, x\)\[1, 0\] = nan"):
+        substep.DoubleGyre()(0.0, HUGE[:, :2])
+
+
+def test_systems_overflow_quietly():
+    """As their right-hand sides do."""
+    systems = substep.systems
+    far = [1e308, 0.0, 0.0, 1.0]
+    assert systems.Kepler().energy(far) == 0.5
+    assert systems.Kepler().energy([0.0, 0.0, 0.0, 1.0]) == -math.inf
+    assert systems.NBody([1, 2], dimension=2).energy(np.repeat(far[::-1], 2)) == math.inf
+    assert systems.Oscillators([1.0, 1.0]).energy(far) == math.inf
+    assert systems.SpringChain(2).energy(far) == math.inf
+    assert not np.isfinite(systems.HenonHeiles().energy(far))
+    assert not np.isfinite(
+        systems.Robertson().jacobian_product(0.0, far[:3], [math.inf, 0, 1])
+    ).all()
+
+
+@pytest.mark.parametrize("batch", [False, True])
+def test_bodies_have_bounds(batch):
+    """What is set can be squared: kept, restored and stepped."""
+
+    def world():
+        return substep.RigidBatch(balls(), 2) if batch else balls()
+
+    for name in ("positions", "velocities", "angular_velocities"):
+        simulation = world()
+        before = content(simulation)
+        for wrong in (1e308, 1e155):
+            with pytest.raises(InputError, match="values"):
+                getattr(simulation, f"set_{name}")(np.where(P, wrong, 0))
+        assert content(simulation) == before
+        getattr(simulation, f"set_{name}")(np.where(P, 1e150, 0))
+        simulation.restore(simulation.state())
+    with pytest.raises(InputError, match="velocities"):
+        if batch:
+            substep.RigidBatch(balls(), 2, velocities=HUGE)
+        else:
+            substep.RigidBodies().add(substep.Sphere(0.1), P, velocities=HUGE)
 
 
 @pytest.mark.parametrize("make", [fluid, jelly, points, net])

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import operator
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -100,6 +101,26 @@ def check_within(name: str, array: NDArray[Any], dtype: np.dtype[Any]) -> NDArra
     return array
 
 
+def check_most(name: str, array: NDArray[Any], most: float) -> NDArray[Any]:
+    """The array, where no number is larger than that."""
+    wrong = np.abs(array) > most
+    if wrong.any():
+        where = first_bad_index(wrong) if wrong.ndim else ""
+        raise InputError(f"{name}{where}: expected numbers within {most}, got {array[wrong][0]}")
+    return array
+
+
+@contextlib.contextmanager
+def in_range(name: str) -> Iterator[None]:
+    """Refuse arguments, by their names, of which something is computed that float64 cannot hold."""
+    try:
+        with np.errstate(over="raise", invalid="raise", divide="raise"):
+            yield
+    except (FloatingPointError, OverflowError) as error:
+        wanted = "numbers of a size that can be computed with"
+        raise InputError(f"{name}: expected {wanted}; {error}") from None
+
+
 def check_real(
     name: str,
     value: Any,
@@ -110,8 +131,9 @@ def check_real(
 ) -> float:
     """A real number as float; NaN never passes."""
     kind = getattr(getattr(value, "dtype", None), "kind", "f")
-    is_text = isinstance(value, (str, bytes, bytearray))
-    if isinstance(value, bool) or is_text or kind not in "fiu" or getattr(value, "ndim", None):
+    is_number = hasattr(type(value), "__float__") or hasattr(type(value), "__index__")
+    is_number &= not isinstance(value, bool)  # what else float() takes is text, buffers too
+    if not is_number or kind not in "fiu" or getattr(value, "ndim", None):
         raise TypeError(f"{name}: expected a real number, got {describe(value)}")
     if np.ma.is_masked(value):
         raise InputError(f"{name}: expected a number, got a masked one")
@@ -187,7 +209,7 @@ def check_flag(name: str, value: Any) -> bool:
 
 def check_sequence(name: str, value: Any, wanted: str) -> list[Any]:
     """The items of a list or of anything else that gives them one by one."""
-    if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
+    if isinstance(value, (str, bytes, memoryview)) or not isinstance(value, Iterable):
         raise TypeError(f"{name}: expected a list of {wanted}, got {describe(value)}")
     return list(value)
 
@@ -203,7 +225,7 @@ def check_dtype(dtype: Any) -> np.dtype[Any]:
     """Of the numbers that a simulation computes with."""
     try:
         found = np.dtype(dtype)
-    except TypeError:
+    except (TypeError, ValueError):
         found = None
     if found not in (np.float32, np.float64):
         raise InputError(f"dtype: expected float32 or float64, got {describe(dtype)}")
@@ -228,8 +250,11 @@ def check_path(path: Any) -> str:
     if not isinstance(path, (str, bytes, os.PathLike)):
         raise TypeError(f"path: expected a file name, got {describe(path)}")
     text = os.fsdecode(path)
-    if "\0" in text or not text:
-        raise InputError(f"path: expected a file name, got {describe(text)}")
+    try:
+        if not os.fsencode(text) or "\0" in text:
+            raise ValueError
+    except ValueError:
+        raise InputError(f"path: expected a file name, got {describe(text)}") from None
     return text
 
 

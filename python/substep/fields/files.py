@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.checks import check_choice, check_integer, check_real
+from ..base.checks import check_choice, check_integer, check_path, check_real
 from ..base.reading import CONTENT_ERRNOS, DEFLATE_LIMIT
 from ..errors import CorruptError, FormatError, InputError, TruncatedError
 from .grid import EARTH_RADIUS, GridField
@@ -159,13 +159,13 @@ def _grid_field(path: Path, *content: Any, **options: Any) -> GridField:
 
 def _find(path: Any) -> list[Path]:
     if isinstance(path, (list, tuple)):
-        paths = [Path(entry) for entry in path]
-    elif Path(path).is_dir():
-        paths = sorted(p for p in Path(path).iterdir() if p.suffix in (".nc", ".nc4", ".cdf"))
-    elif glob.has_magic(os.fspath(path)) and not Path(path).exists():
-        paths = [Path(entry) for entry in sorted(glob.glob(os.fspath(path)))]
+        paths = [Path(check_path(entry)) for entry in path]
+    elif (file := Path(name := check_path(path))).is_dir():
+        paths = sorted(p for p in file.iterdir() if p.suffix in (".nc", ".nc4", ".cdf"))
+    elif glob.has_magic(name) and not file.exists():
+        paths = [Path(entry) for entry in sorted(glob.glob(name))]
     else:
-        paths = [Path(path)]
+        paths = [file]
     if not paths:
         raise FileNotFoundError(f"{path}: no NetCDF files there")
     return paths

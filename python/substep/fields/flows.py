@@ -18,6 +18,7 @@ from ..base.checks import (
     check_real,
     describe,
     first_bad_index,
+    in_range,
 )
 from ..errors import InputError, NonFiniteError
 
@@ -146,7 +147,8 @@ class Flow(Field):
     def __call__(self, t: float, x: ArrayLike) -> Array:
         """Velocities at the positions x and the time t; see `Field`."""
         x = check_array("x", x, (None, self.dimension))
-        return self._native().velocity(check_real("t", t), x, 0)
+        t = check_real("t", t)
+        return _check_finite("velocity", self._native().velocity(t, x, 0), t)
 
     def _move(
         self, particles: Particles, steps: Steps, method: str, threads: int, memo: dict[str, Any]
@@ -310,8 +312,11 @@ class TaylorGreen(Flow):
         """
         x = check_array("x", x, (None, 2))
         k = self.wavenumber
-        f = self.amplitude * math.exp(-2 * self.viscosity * k * k * check_real("t", t))
-        return f / k * np.sin(k * x[:, 0]) * np.sin(k * x[:, 1])
+        t = check_real("t", t)
+        with in_range("t, x"):
+            f = self.amplitude * math.exp(-2 * self.viscosity * k * k * t)
+            psi: Array = f / k * np.sin(k * x[:, 0]) * np.sin(k * x[:, 1])
+        return _check_finite("stream_function", psi, t)
 
     def _native(self) -> Any:
         return _core.Flow("taylor_green", 2, [self.amplitude, self.wavenumber, self.viscosity])
@@ -409,12 +414,27 @@ class DoubleGyre(Flow):
             psi [m^2/s].
         """
         x = check_array("x", x, (None, 2))
-        e = self.epsilon * math.sin(self.omega * check_real("t", t))
-        f = (e * x[:, 0] + (1 - 2 * e)) * x[:, 0]
-        return self.amplitude * np.sin(np.pi * f) * np.sin(np.pi * x[:, 1])
+        e = self.epsilon * math.sin(check_real("t", self.omega * check_real("t", t)))
+        with in_range("x"):
+            f = (e * x[:, 0] + (1 - 2 * e)) * x[:, 0]
+            psi: Array = self.amplitude * np.sin(np.pi * f) * np.sin(np.pi * x[:, 1])
+        return psi
 
     def _native(self) -> Any:
         return _core.Flow("double_gyre", 2, [self.amplitude, self.epsilon, self.omega])
+
+
+def _check_finite(what: str, u: Array, t: float) -> Array:
+    """What a field gives for each position at a time."""
+    bad = ~np.isfinite(u)
+    if bad.any():
+        where = first_bad_index(bad)
+        raise NonFiniteError(
+            f"field: {what}(t, x){where} = {u[bad][0]} at t = {t}",
+            time=t,
+            index=int(np.argmax(bad.reshape(len(u), -1).any(axis=1))),
+        )
+    return u
 
 
 class CallableField(Field):
@@ -437,16 +457,7 @@ class CallableField(Field):
             )
         if u.dtype.kind not in "fiub":
             raise TypeError(f"field: velocity(t, x) returned {describe(u)}, expected real numbers")
-        u = np.array(u, dtype=seen.dtype)
-        bad = ~np.isfinite(u)
-        if bad.any():
-            where = first_bad_index(bad)
-            raise NonFiniteError(
-                f"field: velocity(t, x){where} = {u[bad][0]} at t = {t}",
-                time=t,
-                index=int(np.argmax(bad.any(axis=1))),
-            )
-        return u
+        return _check_finite("velocity", np.array(u, dtype=seen.dtype), t)
 
     def _move(
         self, particles: Particles, steps: Steps, method: str, threads: int, memo: dict[str, Any]

@@ -18,6 +18,7 @@ from ..base.checks import (
     check_flag,
     check_integer,
     check_real,
+    check_sequence,
     first_bad_index,
 )
 from ..errors import InputError, NonFiniteError
@@ -112,7 +113,8 @@ class GridField(Field):
         radius: float = EARTH_RADIUS,
         memory_limit: int = 1 << 31,
     ) -> None:
-        self.dimension = check_integer("number of axes", len(axes), minimum=2, maximum=3)
+        listed = check_sequence("axes", axes, "coordinates")
+        self.dimension = check_integer("number of axes", len(listed), minimum=2, maximum=3)
         self.interpolation = check_choice("interpolation", interpolation, ("linear", "cubic"))
         self.geographic = check_flag("geographic", geographic)
         self.radius = check_real("radius", radius, positive=True)
@@ -120,7 +122,7 @@ class GridField(Field):
         if self.geographic:
             self.position_units = ("degree", "degree", "m")
 
-        nodes = [check_array(f"axes[{i}]", axis, (None,)) for i, axis in enumerate(axes)]
+        nodes = [check_array(f"axes[{i}]", axis, (None,)) for i, axis in enumerate(listed)]
         shape = tuple(map(len, nodes))
         self._flip: list[bool] = []
         for i, axis in enumerate(nodes):
@@ -164,7 +166,8 @@ class GridField(Field):
     def _periods(
         self, nodes: list[NDArray[np.float64]], periodic: Sequence[bool | float] | None
     ) -> tuple[list[float], list[bool]]:
-        asked = [False] * self.dimension if periodic is None else list(periodic)
+        none = [False] * self.dimension
+        asked = none if periodic is None else check_sequence("periodic", periodic, "periods")
         if len(asked) != self.dimension:
             raise InputError(f"periodic: expected {self.dimension} entries, got {len(asked)}")
         wrap, closed = [0.0] * self.dimension, [False] * self.dimension

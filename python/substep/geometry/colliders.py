@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.checks import (
     check_array,
     check_flag,
+    check_most,
     check_real,
     check_sequence,
     check_threads,
@@ -294,10 +295,7 @@ class Collider(Owned):
 
 def _vector(name: str, value: ArrayLike) -> list[float]:
     """What products of two are finite of."""
-    vector = check_array(name, value, (3,))
-    if (np.abs(vector) > _MOST).any():
-        raise InputError(f"{name}: expected numbers within {_MOST}, got {vector}")
-    numbers: list[float] = vector.tolist()
+    numbers: list[float] = check_most(name, check_array(name, value, (3,)), _MOST).tolist()
     return numbers
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..base.checks import check_real, check_threads
+from ..base.checks import check_real, check_threads, in_range
 from ..errors import InputError
 from .tet_mesh import TetMesh
 from .topology import Array, Indices, components
@@ -59,7 +59,8 @@ def tetrahedralize(
     corners = check_mesh(mesh).vertices[mesh.faces]
     sides = corners.max((0, 1)) - corners.min((0, 1))
     h = check_real("spacing", sides.max() / 20 if spacing is None else spacing, positive=True)
-    points = 2 * np.prod(sides / h + 4)
+    with in_range("spacing"):
+        points = 2 * np.prod(sides / h + 4)
     if not points <= 2e7:
         raise InputError(f"spacing: {h} gives a lattice of {points:.1e} points")
     vertices, cells = mesh._tree.stuff(h, check_threads(threads))

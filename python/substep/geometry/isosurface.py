@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import check_array, check_integer, check_real
+from ..base.checks import check_array, check_integer, check_real, in_range
 from ..errors import InputError
 
 # Of the kernel, as multiples of the radius: its support is twice that, so two spacings. The
@@ -131,7 +131,8 @@ def liquid_surface(
         return LiquidSurface(
             np.zeros((0, 3)), np.zeros((0, 3), np.int64), np.zeros((0, 3), np.float32)
         )
-    center = (points.min(axis=0) + points.max(axis=0)) / 2
+    with in_range("positions"):
+        center = (points.min(axis=0) + points.max(axis=0)) / 2
     extent = float(np.abs(points - center).max())
     if not extent <= 0.5 * MOST_CELLS * cell * radius:
         raise InputError(
@@ -151,8 +152,10 @@ def liquid_surface(
         compute_normals=True,
         normals_smoothing_iters=NORMAL_SMOOTHING,
     )
+    with in_range("radius"):
+        vertices = np.asarray(mesh.mesh.vertices) * radius + center
     return LiquidSurface(
-        np.asarray(mesh.mesh.vertices) * radius + center,
+        vertices,
         np.asarray(mesh.mesh.triangles).astype(np.int64),
         np.asarray(mesh.point_attributes["normals"], np.float32),
     )

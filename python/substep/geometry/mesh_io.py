@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.checks import check_path
 from ..base.reading import child_environment
 from ..errors import FormatError, SubstepError
 from . import meshio_process
@@ -69,7 +70,7 @@ def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh | TetMesh:
     >>> mesh.faces.tolist()
     [[0, 1, 2], [0, 2, 3]]
     """
-    file = Path(path)
+    file = Path(check_path(path))
     read = _read_obj if file.suffix.lower() == ".obj" else _read_with_meshio
     vertices, sizes, corners, tetrahedra = read(file)
     try:

@@ -12,7 +12,7 @@ from ..base.checks import check_array
 from ..base.rows import read_only
 from ..errors import InputError
 from .tet_locate import barycentric, locate
-from .topology import Array, Indices, check_indices, equal_rows
+from .topology import Array, Indices, check_indices, check_vertices, equal_rows
 from .triangle_mesh import TriangleMesh
 
 _SIDES = [(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)]  # of a tetrahedron, looking outward
@@ -56,7 +56,7 @@ class TetMesh(Frozen):
     """
 
     def __init__(self, vertices: ArrayLike, tetrahedra: ArrayLike) -> None:
-        self.vertices: Array = read_only(check_array("vertices", vertices, (None, 3)))
+        self.vertices: Array = read_only(check_vertices("vertices", vertices))
         tets = check_indices("tetrahedra", tetrahedra, 4, len(self.vertices))
         volumes = self._signed_volumes(tets)
         bad = volumes == 0

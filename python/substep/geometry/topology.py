@@ -7,11 +7,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.checks import as_array, describe, first_bad_index
+from ..base.checks import as_array, check_array, check_most, describe, first_bad_index
 from ..errors import InputError
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+
+
+MOST = 1e75  # [m] of a vertex, so that squares of areas are finite
+
+
+def check_vertices(name: str, value: Any) -> Array:
+    """Points as new rows."""
+    return check_most(name, check_array(name, value, (None, 3)), MOST)
 
 
 def check_indices(name: str, value: Any, columns: int, count: int) -> Indices:

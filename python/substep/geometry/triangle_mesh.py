@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from ..base.checks import check_array, check_real, check_threads, describe
+from ..base.checks import check_array, check_real, check_threads, describe, in_range
 from ..base.rows import read_only
 from ..errors import InputError
 from .mesh_report import MeshReport
 from .shape import Shape
-from .topology import Array, Indices, check_indices, components, equal_rows
+from .topology import Array, Indices, check_indices, check_vertices, components, equal_rows
 
 
 class TriangleMesh(Shape):
@@ -67,7 +67,7 @@ class TriangleMesh(Shape):
     _fields = ("vertices", "faces")
 
     def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
-        points = read_only(check_array("vertices", vertices, (None, 3)))
+        points = read_only(check_vertices("vertices", vertices))
         self._set(
             vertices=points,
             faces=read_only(check_indices("faces", faces, 3, len(points))),
@@ -319,9 +319,11 @@ class TriangleMesh(Shape):
         h = check_real("spacing", h, positive=True)
         grown = check_real("offset", offset, nonnegative=True)
         pad = grown + 3 * h
-        cells = np.ceil((high - low + 2 * pad) / h)
-        if not np.prod(cells + 1) <= 1e8:
-            raise InputError(f"spacing: {h} gives a grid of {np.prod(cells + 1):.1e} nodes")
+        with in_range("spacing, offset"):
+            cells = np.ceil((high - low + 2 * pad) / h)
+            nodes = np.prod(cells + 1)
+        if not nodes <= 1e8:
+            raise InputError(f"spacing: {h} gives a grid of {nodes:.1e} nodes")
         origin = 0.5 * (low + high - cells * h)
         shape = [int(n) + 1 for n in cells]
         values = self._tree.sample(shape, origin.tolist(), h, check_threads(threads)) - grown

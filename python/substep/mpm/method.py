@@ -19,6 +19,7 @@ from ..base.checks import (
     check_real,
     check_sequence,
     check_within,
+    in_range,
 )
 from ..base.rows import find_rows_or_all, read_only, rows_of
 from ..base.schema import Entry
@@ -270,7 +271,8 @@ class MaterialPointMethod(Particles):
         low, high = -limit, limit
         if bounds is not None:
             low, high = np.maximum(low, bounds[0][:d]), np.minimum(high, bounds[1][:d])
-        volume = np.array([self._emitter_spacing]) ** d
+        with in_range("emitter_spacing"):
+            volume = np.array([self._emitter_spacing]) ** d
         for k, emitter in enumerate(self.emitters):
             self._check_masses("emitter_spacing", volume, np.array([emitter.kind]))
             x = emitter.position + emitter._layer(self._emitter_spacing)[0]

@@ -9,7 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..base.checks import check_array, check_choice, check_integer, check_real, check_threads
+from ..base.checks import (
+    check_array,
+    check_choice,
+    check_integer,
+    check_real,
+    check_threads,
+    in_range,
+)
 from ..errors import InputError
 from ..geometry import TriangleMesh
 from ..geometry.triangle_mesh import check_mesh
@@ -81,13 +88,15 @@ def sample_box(
     if not (first < last).all():
         raise InputError("high: expected numbers above those of low")
     h = check_real("spacing", spacing, positive=True)
-    if check_choice("pattern", pattern, PATTERNS) == "jittered":
-        counts = np.maximum(1, np.rint((last - first) / h))
-        x = _jittered(first, (last - first) / counts, counts, jitter, seed)
-    else:
-        x = _poisson(first, last, h, seed, threads)
-        x = x[((x >= first) & (x <= last)).all(axis=1)]
-    return x, _shares("high", x, float(np.prod(last - first)))
+    with in_range("low, high, spacing"):
+        volume = float(np.prod(last - first))
+        if check_choice("pattern", pattern, PATTERNS) == "jittered":
+            counts = np.maximum(1, np.rint((last - first) / h))
+            x = _jittered(first, (last - first) / counts, counts, jitter, seed)
+        else:
+            x = _poisson(first, last, h, seed, threads)
+            x = x[((x >= first) & (x <= last)).all(axis=1)]
+    return x, _shares("high", x, volume)
 
 
 def sample_sphere(
@@ -140,8 +149,10 @@ def sample_sphere(
         found: NDArray[np.bool_] = ((x - middle) ** 2).sum(axis=1) <= r * r
         return found
 
-    x = _within(middle - r, middle + r, inside, spacing, pattern, jitter, seed, threads)
-    return x, _shares("radius", x, math.pi * r**2 if d == 2 else 4 / 3 * math.pi * r**3)
+    with in_range("center, radius, spacing"):
+        volume = math.pi * r**2 if d == 2 else 4 / 3 * math.pi * r**3
+        x = _within(middle - r, middle + r, inside, spacing, pattern, jitter, seed, threads)
+    return x, _shares("radius", x, volume)
 
 
 def sample_mesh(
@@ -193,7 +204,8 @@ def sample_mesh(
         return found
 
     low, high = corners.min((0, 1)), corners.max((0, 1))
-    x = _within(low, high, inside, spacing, pattern, jitter, seed, threads)
+    with in_range("spacing"):
+        x = _within(low, high, inside, spacing, pattern, jitter, seed, threads)
     report = mesh.report()
     solid = report.closed and not report.pierced
     return x, _shares("mesh", x, abs(report.volume) if solid else len(x) * float(spacing) ** 3)

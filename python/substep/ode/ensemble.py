@@ -10,10 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..base.checks import check_array, check_integer, describe
+from ..base.checks import (
+    check_array,
+    check_integer,
+    check_sequence,
+    describe,
+)
 from ..base.pointers import RHS, find_address
 from ..errors import InputError, NonFiniteError, SolverError
-from .ivp import _check_control, _check_t_eval, _method_name
+from .ivp import _check_t_eval, _method_name, check_control
 
 __all__ = ["EnsembleResult", "solve_ensemble"]
 
@@ -146,7 +151,7 @@ def solve_ensemble(
     for system in systems:
         if system.size != size:
             raise InputError(f"Y0: expected rows of {system.size} components, got {size}")
-    control = _check_control(step, rtol, atol, first_step, max_step, size, abs(t1 - t0))
+    control = check_control(step, rtol, atol, first_step, max_step, size, abs(t1 - t0))
     limit = check_integer("max_steps", max_steps, minimum=1, maximum=2**63 - 1)
     count = 0 if threads is None else check_integer("threads", threads, minimum=1, maximum=1024)
     if t0 == t1 or size == 0:
@@ -177,7 +182,8 @@ def _right_hand_sides(
     """Compiled systems, or the address of a function and the rows of parameters."""
     no_rows = np.zeros((0, 0))
     several = isinstance(fun, Sequence) and not hasattr(fun, "signature")  # LowLevelCallable
-    systems = [getattr(f, "native_system", f) for f in (fun if several else [fun])]
+    functions = check_sequence("fun", fun, "systems") if several else [fun]
+    systems = [getattr(f, "native_system", f) for f in functions]
     if systems and all(isinstance(system, _core.System) for system in systems):
         if params is not None:
             raise InputError(

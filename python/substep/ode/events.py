@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..base.checks import check_sequence
 from ..errors import InputError
 
 EPS = float(np.finfo(float).eps)
@@ -110,7 +111,7 @@ class EventLog:
     """All events of one integration."""
 
     def __init__(self, events: Any, args: tuple[Any, ...], samples: int) -> None:
-        functions = (events,) if callable(events) else tuple(events)
+        functions = [events] if callable(events) else check_sequence("events", events, "callables")
         self.events = [Event(function, i, args) for i, function in enumerate(functions)]
         self.samples = samples
 

@@ -9,7 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from ..base.checks import check_array, check_callable, check_choice, check_integer, check_real
+from ..base.checks import (
+    check_array,
+    check_callable,
+    check_choice,
+    check_flag,
+    check_integer,
+    check_real,
+)
 from ..errors import InputError, SolverError
 from .events import EventLog
 from .jacobian import check_consistent, make_jacobian, make_mass
@@ -290,21 +297,21 @@ def solve_ivp(
     t0, t_bound = _check_span(t_span)
     y = check_array("y0", y0, (None,), complex_ok=True)
     times = _check_t_eval(t_eval, t0, t_bound)
-    control = _check_control(step, rtol, atol, first_step, max_step, y.size, abs(t_bound - t0))
+    control = check_control(step, rtol, atol, first_step, max_step, y.size, abs(t_bound - t0))
     limit = check_integer("max_steps", max_steps, minimum=1)
+    dense = check_flag("dense_output", dense_output)
     log = None
     if events is not None:
         samples = check_integer("event_samples", event_samples, minimum=1)
         log = EventLog(events, unpack_args(args), samples)
     if callback is not None:
         check_callable("callback", callback)
-    system = make_system(
-        fun, y.size, complex_y=y.dtype.kind == "c", args=args, vectorized=bool(vectorized)
-    )
+    columns = check_flag("vectorized", vectorized)
+    system = make_system(fun, y.size, complex_y=y.dtype.kind == "c", args=args, vectorized=columns)
     if log is not None:
         log.start(t0, y.copy())
     if y.size == 0 or t0 == t_bound:
-        return _nothing_to_do(t0, t_bound, y, times, bool(dense_output), log)
+        return _nothing_to_do(t0, t_bound, y, times, dense, log)
     implicit = _implicit_options(
         name, jac, jac_sparsity, mass, linear_solver, check_jacobian, system, t0, y, args, control
     )
@@ -317,7 +324,7 @@ def solve_ivp(
         threads=0 if threads is None else check_integer("threads", threads, minimum=1),
         every_step=times is None,
         t_eval=[] if times is None else times.tolist(),
-        dense=bool(dense_output),
+        dense=dense,
         interpolate=log is not None,
         spectral_radius=_check_spectral_radius(spectral_radius, name),
         **implicit,
@@ -336,10 +343,10 @@ def solve_ivp(
                 step=limit,
             )
     except SolverError as error:
-        error.result = _result(integration, -1, str(error), log, None, times is None, dense_output)
+        error.result = _result(integration, -1, str(error), log, None, times is None, dense)
         raise
     status = 0 if end is None else 1
-    return _result(integration, status, MESSAGES[status], log, end, times is None, dense_output)
+    return _result(integration, status, MESSAGES[status], log, end, times is None, dense)
 
 
 def _method_name(method: Any) -> str:
@@ -380,9 +387,11 @@ def _check_tolerance(name: str, value: Any, size: int) -> list[float]:
     return list(np.atleast_1d(array).tolist())
 
 
-def _check_control(
+def check_control(
     step: Any, rtol: Any, atol: Any, first_step: Any, max_step: Any, size: int, span: float
 ) -> dict[str, Any]:
+    """How steps are chosen, for the native core."""
+    max_step = check_real("max_step", max_step, positive=True, finite=False)
     if step is not None and (first_step is not None or max_step != np.inf):
         raise InputError("step: fixes the step, so first_step and max_step have no meaning")
     if first_step is not None:
@@ -394,7 +403,7 @@ def _check_control(
         "rtol": _check_tolerance("rtol", rtol, size),
         "atol": _check_tolerance("atol", atol, size),
         "first_step": 0.0 if first_step is None else first_step,
-        "max_step": check_real("max_step", max_step, positive=True, finite=False),
+        "max_step": max_step,
     }
 
 
@@ -428,13 +437,14 @@ def _implicit_options(
 ) -> dict[str, Any]:
     """What an implicit method is told; nothing may be given to the others."""
     solver = check_choice("linear_solver", linear_solver, ("direct", "krylov"))
+    compared = check_flag("check_jacobian", check_jacobian)
     if _core.ode_method(method)["family"] != "implicit":
         given = {
             "jac": jac is not None,
             "jac_sparsity": jac_sparsity is not None,
             "mass": mass is not None,
             "linear_solver": solver != "direct",
-            "check_jacobian": bool(check_jacobian),
+            "check_jacobian": compared,
         }
         for name, present in given.items():
             if present:
@@ -446,9 +456,7 @@ def _implicit_options(
     if mass is not None:
         check_consistent(mass, system, t0, y0, control["rtol"], control["atol"])
     return {
-        "jacobian": make_jacobian(
-            jac, jac_sparsity, system, t0, y0, args, check=bool(check_jacobian)
-        ),
+        "jacobian": make_jacobian(jac, jac_sparsity, system, t0, y0, args, check=compared),
         "mass": native_mass,
         "krylov": solver == "krylov",
     }

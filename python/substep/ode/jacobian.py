@@ -8,7 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from ..base.checks import check_array, describe
+from ..base.checks import (
+    as_array,
+    check_array,
+    describe,
+)
 from ..base.pointers import RHS, find_address
 from ..errors import InputError
 from .rhs import pointer_parameters, unpack_args
@@ -113,7 +117,7 @@ def make_mass(mass: Any, size: int, complex_y: bool) -> _core.MassMatrix | None:
     """The native form of `mass`; a vector is a diagonal."""
     if mass is None:
         return None
-    if not hasattr(mass, "tocsc") and np.ndim(mass) == 1:
+    if not hasattr(mass, "tocsc") and as_array("mass", mass).ndim == 1:
         diagonal = check_array("mass", mass, (size,), complex_ok=complex_y)
         start = np.arange(size + 1, dtype=np.int32)
         if complex_y:

@@ -8,7 +8,11 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..base.checks import check_array, describe
+from ..base.checks import (
+    as_array,
+    check_array,
+    describe,
+)
 from ..base.pointers import RHS, find_address
 from ..errors import InputError
 
@@ -46,7 +50,7 @@ def unpack_args(args: Any) -> tuple[Any, ...]:
     """`args` as a tuple, for Python callables."""
     try:
         return () if args is None else tuple(args)
-    except TypeError:
+    except (TypeError, NotImplementedError):  # the second is of memoryviews
         raise TypeError(f"args: expected a tuple, as in args=({args!r},)") from None
 
 
@@ -57,7 +61,7 @@ def _refuse_complex(complex_y: bool) -> None:
 
 def pointer_parameters(args: Any) -> np.ndarray[Any, Any]:
     """The numbers that a compiled function gets, as one array."""
-    if isinstance(args, tuple) and len(args) == 1 and np.ndim(args[0]) == 1:
+    if isinstance(args, tuple) and len(args) == 1 and as_array("args", args[0]).ndim == 1:
         args = args[0]
     return check_array("args", args, (None,), finite=False)
 

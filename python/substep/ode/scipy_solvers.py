@@ -12,19 +12,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 from .. import _core
-from ..base.checks import as_array, check_real
+from ..base.checks import check_array, check_flag, check_real
 from ..errors import InputError, SolverError
+from .ivp import check_control
 from .jacobian import make_jacobian
 from .rhs import make_system
 
 try:
     from scipy.integrate import DenseOutput, OdeSolver
-    from scipy.integrate._ivp.common import (
-        validate_first_step,
-        validate_max_step,
-        validate_tol,
-        warn_extraneous,
-    )
+    from scipy.integrate._ivp.common import validate_tol, warn_extraneous
 except ImportError:
     raise ImportError("the solver classes need SciPy: pip install scipy") from None
 
@@ -115,18 +111,18 @@ class ExplicitSolver(OdeSolver):
     ) -> None:
         warn_extraneous(extraneous)
         t0, t_bound = check_real("t0", t0), check_real("t_bound", t_bound, finite=False)
-        y0 = as_array("y0", y0)
+        y0 = check_array("y0", y0, complex_ok=True, finite=False)
+        rtol = check_array("rtol", rtol)
+        if (rtol > 0).all():  # SciPy warns of what is too small, and takes more
+            rtol, _ = validate_tol(rtol, 0.0, y0.size)
+        vectorized = check_flag("vectorized", vectorized)
+        control = check_control(step, rtol, atol, first_step, max_step, y0.size, abs(t_bound - t0))
         try:
             super().__init__(fun, t0, y0, t_bound, vectorized, support_complex=True)
-            self.max_step = validate_max_step(max_step)
-            if np.ndim(rtol) and np.shape(rtol) != (self.n,):  # SciPy checks atol only
-                wanted = f"a number or shape ({self.n},)"
-                raise InputError(f"rtol: expected {wanted}, got {np.shape(rtol)}")
-            self.rtol, self.atol = validate_tol(rtol, atol, self.n)
-            if first_step is not None:
-                validate_first_step(first_step, t0, t_bound)
         except ValueError as error:  # SciPy's own name the argument too
             raise InputError(str(error)) from None
+        self.max_step = control["max_step"]
+        self.rtol, self.atol = np.squeeze(control["rtol"]), np.squeeze(control["atol"])
         if self.n == 0 or t0 == t_bound:
             return
         # self.fun counts the evaluations, as SciPy's classes do. The native side must not keep the
@@ -146,17 +142,13 @@ class ExplicitSolver(OdeSolver):
             t=float(t0),
             t_bound=float(t_bound),
             y0=y,
-            step=0.0 if step is None else float(step),
-            rtol=np.atleast_1d(self.rtol).tolist(),
-            atol=np.atleast_1d(self.atol).tolist(),
-            first_step=0.0 if first_step is None else float(first_step),
-            max_step=float(max_step),
             threads=0,
             every_step=False,
             t_eval=[],
             dense=False,
             interpolate=True,
             jacobian=self._jacobian(system, t0, y),
+            **control,
         )
         self._integration.start()
 

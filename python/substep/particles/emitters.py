@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.attributes import Frozen
-from ..base.checks import check_array, check_integer, check_real, check_sequence
+from ..base.checks import check_array, check_integer, check_real, check_sequence, in_range
 from ..errors import InputError
 from ..geometry import Collider, Shape
 from ..geometry.colliders import check_collider
 
 Array = NDArray[np.float64]
+
+_MOST_POINTS = 2**22  # of a layer: the native side takes no more at once
 
 
 class Emitter(Frozen):
@@ -78,8 +80,9 @@ class Emitter(Frozen):
         self.dimension = 2 if x.shape == (2,) else 3
         self.position = check_array("position", x, (self.dimension,))
         along = check_array("direction", direction, (self.dimension,))
-        length = float(np.linalg.norm(along))
-        if not (length > 0 and math.isfinite(length)):
+        with in_range("direction"):
+            length = float(np.linalg.norm(along))
+        if length == 0:
             raise InputError(f"direction: expected a vector of a length above 0, got {along}")
         self.direction = along / length
         self.speed = check_real("speed", speed, positive=True)
@@ -89,6 +92,8 @@ class Emitter(Frozen):
         self.size = None if size is None else check_array("size", size, (2,))
         if self.size is not None and not (self.size > 0).all():
             raise InputError(f"size: expected numbers above 0, got {self.size}")
+        with in_range("radius" if self.size is None else "size"):
+            check_real("radius, size: area", self.area, positive=True)
         self.kind = check_integer("kind", kind, minimum=0)
         self.start = check_real("start", start)
         self.stop = check_real("stop", stop, finite=False)
@@ -107,6 +112,11 @@ class Emitter(Frozen):
         Both are a grid, stretched so that each point has the same share of the nozzle's area A; the
         thickness is m spacing^d / A for m points.
         """
+        points = self.area / spacing / (spacing if self.dimension == 3 else 1.0)
+        if not points <= _MOST_POINTS:
+            raise InputError(
+                f"emitters: expected layers of at most {_MOST_POINTS} particles, got {points:.1e}"
+            )
         if self.size is not None:
             counts = np.maximum(1, np.rint(self.size / spacing)).astype(int)
             flat = _grid([w * _middles(m) / m for w, m in zip(self.size, counts, strict=True)])

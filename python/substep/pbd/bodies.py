@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.checks import MOST_INT, check_array, check_choice, check_integer, check_real
+from ..base.checks import (
+    MOST_INT,
+    as_array,
+    check_array,
+    check_choice,
+    check_flag,
+    check_integer,
+    check_real,
+    in_range,
+)
 from ..errors import InputError
 from ..geometry import TetMesh, TriangleMesh
 from ..geometry.topology import Indices, check_indices
@@ -62,8 +71,9 @@ def rope(
     >>> bool(np.linalg.norm(np.diff(line.positions, axis=0), axis=1).max() < 0.0505)
     True
     """
+    closed = check_flag("closed", closed)
     n = check_integer("count", count, minimum=3 if closed else 2, maximum=MOST_INT)
-    start = check_integer("first", first, minimum=0)
+    start = check_integer("first", first, minimum=0, maximum=MOST_INT)
     number = np.arange(n)
 
     def segments(step: int, compliance: float) -> Distance:
@@ -135,8 +145,9 @@ def cloth(
     """
     if not isinstance(mesh, TriangleMesh):
         raise InputError(f"mesh: expected a TriangleMesh, got {type(mesh).__name__}")
-    start = check_integer("first", first, minimum=0)
+    start = check_integer("first", first, minimum=0, maximum=MOST_INT)
     x, hinges = mesh.vertices, mesh.hinges
+    compliance = check_real("compliance", compliance, nonnegative=True)
     stretch = Distance(
         start + mesh.edges,
         np.linalg.norm(x[mesh.edges[:, 0]] - x[mesh.edges[:, 1]], axis=1),
@@ -213,12 +224,15 @@ def soft_body(
     """
     if not isinstance(mesh, TetMesh):
         raise InputError(f"mesh: expected a TetMesh, got {type(mesh).__name__}")
-    start = check_integer("first", first, minimum=0)
+    start = check_integer("first", first, minimum=0, maximum=MOST_INT)
     x, tets = mesh.vertices, mesh.tetrahedra
+    compliance = check_real("compliance", compliance, nonnegative=True)
+    damping = check_real("damping", damping, nonnegative=True)
+    damping_time = check_real("damping_time", damping_time, nonnegative=True)
     if young_modulus is not None:
-        if np.any(compliance):
+        if compliance:
             raise InputError("compliance: it follows from young_modulus where that is given")
-        if np.any(damping):
+        if damping:
             raise InputError("damping: with a young_modulus it is damping_time [s]")
         padded = np.concatenate([np.zeros((start, 3)), x])
         return [
@@ -291,14 +305,16 @@ def tethers(
     """
     x = check_array("positions", positions, (None, 3))
     pairs = check_indices("edges", edges, 2, len(x))
-    sources = check_indices("pins", np.reshape(pins, (-1, 1)), 1, len(x))[:, 0]
+    sources = check_indices("pins", as_array("pins", pins).reshape(-1, 1), 1, len(x))[:, 0]
     factor = check_real("slack", slack, positive=True)
     lengths, nearest = rest.path_lengths(x, pairs, sources)
     held: Indices = np.flatnonzero((nearest >= 0) & (lengths > 0))
     if len(held) == 0:
         raise InputError("pins: no particle is connected with a pin")
+    with in_range("slack, positions"):
+        longest = factor * lengths[held]
     return Tether(
         np.stack([nearest[held], held], axis=1),
-        lengths=factor * lengths[held],
+        lengths=longest,
         compliance=compliance,
     )

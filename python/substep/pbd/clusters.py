@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from ..base.checks import as_array, check_array, check_integer, check_real, describe
+from ..base.checks import as_array, check_array, check_integer, check_real, check_sequence
 from ..base.rows import read_only
 from ..errors import InputError
 from ..geometry.topology import Array, Indices, check_indices
@@ -78,11 +78,10 @@ class ShapeMatching(Constraint):
         damping: ArrayLike = 0.0,
         stiffness: ArrayLike | None = None,
     ) -> None:
-        if not isinstance(clusters, (Sequence, np.ndarray)) or len(clusters) == 0:
-            raise InputError(
-                f"clusters: expected at least one list of particles, got {describe(clusters)}"
-            )
-        rows = [as_array(f"clusters[{k}]", cluster) for k, cluster in enumerate(clusters)]
+        given = check_sequence("clusters", clusters, "lists of particles")
+        if not given:
+            raise InputError("clusters: expected at least one list of particles, got none")
+        rows = [as_array(f"clusters[{k}]", cluster) for k, cluster in enumerate(given)]
         members = [
             check_indices(f"clusters[{k}]", row[None], row.size, _MOST)[0]
             for k, row in enumerate(rows)

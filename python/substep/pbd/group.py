@@ -10,7 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.attributes import Frozen
-from ..base.checks import as_array, check_array, check_real, describe, first_bad_index
+from ..base.checks import (
+    as_array,
+    check_array,
+    check_real,
+    describe,
+    first_bad_index,
+    in_range,
+)
 from ..base.rows import read_only
 from ..errors import InputError
 
@@ -75,7 +82,7 @@ class Constraint(Frozen):
     `_group` itself.
     """
 
-    _kind: str
+    _kind: str = ""
     particles: NDArray[np.int32]
     compliance: Array
     damping: Array
@@ -122,6 +129,14 @@ class Constraint(Frozen):
         """What native groups are made of, with rest values of the initial positions."""
         return [Formula(self._kind, self._parameters(positions), self.compliance, self.damping)]
 
+    def _finite_formulas(self, positions: Array) -> list[Formula]:
+        name = "positions, or rest values of constraints"
+        with in_range(name):
+            formulas = self._formulas(positions)
+        for f in formulas:
+            _refuse_infinite(name, f.parameters, f.compliance, f.damping)
+        return formulas
+
     def _groups(self, positions: Array) -> list[Any]:
         """Make the native groups."""
         self._check_count(len(positions))
@@ -134,7 +149,7 @@ class Constraint(Frozen):
                 f.damping,
                 np.zeros(0) if self.stiffness is None else self.stiffness,
             )
-            for f in self._formulas(positions)
+            for f in self._finite_formulas(positions)
         ]
 
     def _check_count(self, count: int) -> None:
@@ -163,18 +178,27 @@ class Constraint(Frozen):
         Raises
         ------
         InputError
-            If `positions` is wrong or has too few rows.
+            If `positions` is wrong or has too few rows, or constraints of this kind have no values
+            of their own: `ShapeMatching` and collisions.
         """
         x = check_array("positions", positions, (None, 3))
         self._check_count(len(x))
         return self._evaluate(x)
 
     def _evaluate(self, x: Array) -> tuple[Array, Array]:
+        if not self._kind:
+            raise InputError(f"evaluate: {type(self).__name__} has no values of its own")
         parts = [
             _core.evaluate_constraints(
                 f.kind, x[self.particles], np.ascontiguousarray(f.parameters)
             )
-            for f in self._formulas(x)
+            for f in self._finite_formulas(x)
         ]
-        values, gradients = zip(*parts, strict=True)
-        return np.concatenate(values), np.concatenate(gradients)
+        values, gradients = (np.concatenate(part) for part in zip(*parts, strict=True))
+        _refuse_infinite("positions", values, gradients)
+        return values, gradients
+
+
+def _refuse_infinite(name: str, *arrays: Array) -> None:
+    if not all(np.isfinite(array).all() for array in arrays):
+        raise InputError(f"{name}: what follows from them is not finite")

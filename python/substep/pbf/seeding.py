@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import check_array, check_integer, check_real
+from ..base.checks import check_array, check_integer, check_real, in_range
 from ..errors import ConvergenceError, InputError
 from ..geometry import Collider, Shape, TriangleMesh
 from ..geometry.colliders import check_colliders
@@ -58,9 +58,11 @@ def fill_box(low: ArrayLike, high: ArrayLike, spacing: float) -> Array:
     h = check_real("spacing", spacing, positive=True)
     if not (first <= last).all():
         raise InputError("high: expected numbers not below those of low")
-    counts = np.floor((last - first) / h + 1e-9)
-    if not np.prod(counts) < 2**31:
-        raise InputError(f"spacing: {h} gives a lattice of {np.prod(counts):.1e} points")
+    with in_range("low, high, spacing"):
+        counts = np.floor((last - first) / h + 1e-9)
+        points = np.prod(counts)
+    if not points < 2**31:
+        raise InputError(f"spacing: {h} gives a lattice of {points:.1e} points")
     margins = 0.5 * (last - first - counts * h)
     axes = [
         a + m + h * (np.arange(int(n)) + 0.5)
@@ -110,7 +112,9 @@ def fill_mesh(
     away = h * check_real("margin", margin, nonnegative=True)
     corners = mesh.vertices[mesh.faces]
     low, high = corners.min((0, 1)), corners.max((0, 1))
-    if not np.prod((high - low) / h + 1) <= 1e8:
+    with in_range("spacing"):
+        points = np.prod((high - low) / h + 1)
+    if not points <= 1e8:
         raise InputError(f"spacing: {h} gives a lattice of more than 1e8 points")
     x = fill_box(low, high, h)
     x = x[mesh.signed_distance(x, threads) < -away]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import check_array, check_choice, describe
+from ..base.checks import as_array, check_array, check_choice, describe
 from ..errors import InputError
 from .frames import CONSTANTS, Constants, Spec
 
@@ -134,9 +134,10 @@ def _check_constant(name: str, value: Any) -> NDArray[Any] | None:
     if value is None:
         return None
     dtype, columns = CONSTANTS[name]
-    if name != "points" and np.asarray(value).dtype.kind not in "iu":
+    given = as_array(name, value)
+    if name != "points" and given.dtype.kind not in "iu":
         raise InputError(f"{name}: expected integer indices")
-    array = check_array(name, value, (None, columns), dtype=dtype)
+    array = check_array(name, given, (None, columns), dtype=dtype)
     if name != "points" and array.size and array.min() < 0:
         raise InputError(f"{name}: expected indices of at least 0, got {array.min()}")
     array.flags.writeable = False

@@ -107,6 +107,7 @@ class Recorder:
             check_integer("seed", seed, minimum=0, maximum=2**64 - 1),
         )
         overwrite, resume = check_flag("overwrite", overwrite), check_flag("resume", resume)
+        fsync = check_flag("fsync", fsync)
         if overwrite and resume:
             raise InputError("overwrite, resume: give one of them")
         self.path = check_path(path)

@@ -26,7 +26,7 @@ from ..errors import InputError, NonFiniteError
 from .batch_rows import BatchRows
 from .batch_state import join_states, joined_entries, state_of_world
 from .bodies import RigidBodies
-from .rows import BodyRows
+from .rows import BodyRows, check_squares
 from .state import SCHEMA, rename
 
 if TYPE_CHECKING:
@@ -132,16 +132,16 @@ class RigidBatch(BatchRows):
         if positions is not None or rotations is not None:
             x, q = self._poses()
             if positions is not None:
-                x = self._values("positions", positions, everywhere, 3)
+                x = check_squares("positions", self._values("positions", positions, everywhere, 3))
             if rotations is not None:
                 q = self._values("rotations", rotations, everywhere, 4)
             self._set_frames(everywhere, x, q)
         if velocities is not None or angular_velocities is not None:
             v, w = self._native.velocities(), self._native.angular_velocities()
             if velocities is not None:
-                v = self._values("velocities", velocities, everywhere, 3)
+                v = self._velocities("velocities", velocities, everywhere)
             if angular_velocities is not None:
-                w = self._values("angular_velocities", angular_velocities, everywhere, 3)
+                w = self._velocities("angular_velocities", angular_velocities, everywhere)
             self._write("set_velocities", everywhere, v, w)
         self._first = list(self._made)
         self._native.keep_initial()

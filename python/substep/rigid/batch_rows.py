@@ -14,7 +14,7 @@ from ..base.simulation import Simulation
 from ..errors import InputError
 from .bodies import RigidBodies
 from .joint import Joint
-from .rows import principal_frames
+from .rows import check_momenta, check_squares, principal_frames
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
@@ -28,6 +28,7 @@ class BatchRows(Simulation):
     _ids: Ids  # this and what follows: see _remember_frames()
     _centres: Array
     _axes: Array
+    _weights: Array
     _alike: bool  # the ids of all worlds
     _principal: bool  # are the frames of all bodies
 
@@ -171,7 +172,7 @@ class BatchRows(Simulation):
             If an argument is wrong; nothing is changed then.
         """
         where = self._where(ids, worlds)
-        x = self._given(values, ids, where, 3)
+        x = check_squares("values", self._given(values, ids, where, 3))
         self._set_frames(where, x, self._pick(self._poses()[1], where))
 
     def set_rotations(
@@ -213,7 +214,7 @@ class BatchRows(Simulation):
             If an argument is wrong; nothing is changed then.
         """
         where = self._where(ids, worlds)
-        v = self._given(values, ids, where, 3)
+        v = self._velocities("values", rows_of(values, ids), where)
         w = self._pick(self._native.angular_velocities(), where)
         self._write("set_velocities", where, v, w)
 
@@ -235,7 +236,7 @@ class BatchRows(Simulation):
             If an argument is wrong; nothing is changed then.
         """
         where = self._where(ids, worlds)
-        w = self._given(values, ids, where, 3)
+        w = self._velocities("values", rows_of(values, ids), where)
         v = self._pick(self._native.velocities(), where)
         self._write("set_velocities", where, v, w)
 
@@ -322,15 +323,16 @@ class BatchRows(Simulation):
         self._native.set_motor_targets(chosen, row, spread)
 
     def _remember_frames(self) -> None:
-        """Ids, centres of mass and principal axes in the frames of the bodies, by world and row."""
+        """Ids, centres of mass, principal axes and weights of the bodies, by world and row."""
         most = max(map(len, self._made), default=0)
         self._ids = np.full((len(self), most), -1, np.int64)
         self._centres, self._axes = np.zeros((len(self), most, 3)), np.zeros((len(self), most, 4))
         self._axes[..., 0] = 1.0
+        self._weights = np.zeros((len(self), most, 4))
         for w, made in enumerate(self._made):
             n = len(made)
             self._ids[w, :n], self._centres[w, :n] = made._ids, made._centres
-            self._axes[w, :n] = made._axes
+            self._axes[w, :n], self._weights[w, :n] = made._axes, made._weights
         self._alike = all(np.array_equal(made._ids, self._made[0]._ids) for made in self._made)
         self._principal = not self._centres.any() and not self._axes[..., 1:].any()
 
@@ -425,6 +427,11 @@ class BatchRows(Simulation):
         rows[~there] = (1.0, 0.0, 0.0, 0.0)[:columns]  # of no body
         rows = check_array(name, rows)
         return unit_quaternions(name, rows, rows.shape) if columns == 4 else rows
+
+    def _velocities(self, name: str, value: ArrayLike, where: Where) -> Array:
+        rows = self._values(name, value, where, 3)
+        check_momenta(name, rows, self._pick(self._weights, where))
+        return rows
 
 
 def _check_once(name: str, numbers: Ids) -> None:

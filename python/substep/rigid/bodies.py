@@ -28,7 +28,7 @@ from .fixtures import (
     native_rows,
 )
 from .mass import MassProperties
-from .rows import is_one, principal_frames
+from .rows import check_momenta, is_one, principal_frames
 from .run import Runs
 from .state import States, rename
 
@@ -249,6 +249,8 @@ class RigidBodies(Runs, States):
         poses = principal_frames(x, q, frame.center_of_mass, frame.axes)
         ids = np.arange(self._next_id, self._next_id + n, dtype=np.int64)
         own = [np.nan] * 4 if weight is None else [frame.mass, *frame.principal_inertia]
+        for name, given in (("velocities", v), ("angular_velocities", w)):
+            check_momenta(name, given, np.array(own))
         grown = {
             "_ids": np.concatenate([self._ids, ids]),
             "_centres": np.concatenate([self._centres, np.tile(frame.center_of_mass, (n, 1))]),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import check_array, check_flag, check_real
+from ..base.checks import check_array, check_flag, check_real, in_range
 from ..errors import InputError
 from .joint import KINDS, Joint, Motor, check_limits, check_motor
 from .rows import BodyRows
@@ -235,7 +235,8 @@ class Joints(BodyRows):
         """
         x, y = check_array("point_a", point_a, (3,)), check_array("point_b", point_b, (3,))
         if limits is None:
-            length = float(np.linalg.norm(x - y))
+            with in_range("point_a, point_b"):
+                length = float(np.linalg.norm(x - y))
             limits = (length, length)
         return self._join("distance", a, b, x, y.tolist(), limits, motor, collide)
 

@@ -9,7 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..base.checks import check_array, check_real, describe
+from ..base.checks import (
+    check_array,
+    check_real,
+    check_sequence,
+    describe,
+)
 from ..base.quaternions import unit_quaternions
 from ..errors import InputError
 from ..geometry import Shape
@@ -200,7 +205,7 @@ def compound(parts: Iterable[MassProperties]) -> MassProperties:
     >>> dumbbell.principal_inertia.round(3)
     array([8.411, 8.411, 0.034])
     """
-    listed = list(parts)
+    listed = check_sequence("parts", parts, "MassProperties")
     for part in listed:
         if not isinstance(part, MassProperties):
             raise TypeError(f"parts: expected MassProperties, got {describe(part)}")

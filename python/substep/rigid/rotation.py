@@ -13,6 +13,7 @@ from ..base.checks import (
     check_real,
     check_threads,
     first_bad_index,
+    in_range,
 )
 from ..base.quaternions import unit_quaternions
 from ..errors import InputError, NonFiniteError
@@ -92,7 +93,8 @@ def free_rotation(
         raise InputError(
             f"inertia{first_bad_index(wrong)}: expected a number above 0, got {moments[wrong][0]}"
         )
-    wrong = 2 * moments.max(axis=1, initial=0) > moments.sum(axis=1) * (1 + 1e-9)
+    with in_range("inertia"):
+        wrong = 2 * moments.max(axis=1, initial=0) > moments.sum(axis=1) * (1 + 1e-9)
     if wrong.any():
         raise InputError(
             f"inertia{first_bad_index(wrong)}: expected moments none of which is greater than the "

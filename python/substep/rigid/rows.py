@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import as_array, check_array, check_choice
+from ..base.checks import as_array, check_array, check_choice, in_range
 from ..base.quaternions import multiply, rotate, unit_quaternions
 from ..base.rows import Numbered, find_rows, find_rows_or_all, read_only
 from ..errors import InputError
@@ -161,7 +161,7 @@ class BodyRows(Numbered):
             If an argument is wrong; nothing is changed then.
         """
         rows = self._rows_or_all(ids)
-        x = self._vectors("values", values, rows)
+        x = check_squares("values", self._vectors("values", values, rows))
         self._set_frames(rows, x, self._frame_rotations()[rows])
 
     def set_rotations(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
@@ -225,6 +225,7 @@ class BodyRows(Numbered):
         """Rows that are not static unless they are asked for, and their values."""
         rows = self._rows_or_all(ids)
         vectors = self._vectors("values", values, rows)
+        check_momenta("values", vectors, self._weights[rows])
         if ids is None:
             rows = np.flatnonzero(self._native.motions() != _STATIC)
             vectors = vectors[rows]
@@ -391,6 +392,21 @@ def is_one(value: Any) -> bool:
         if not isinstance(value, (list, tuple)):  # the caller's own __array__ raised it
             raise
         return False  # rows of unequal length: check_array says so
+
+
+def check_squares(name: str, vectors: Array) -> Array:
+    """The vectors, where the squares of their lengths are finite."""
+    with in_range(name):
+        np.square(vectors).sum(axis=-1)
+    return vectors
+
+
+def check_momenta(name: str, velocities: Array, weights: Array) -> None:
+    """Refuse velocities, or angular ones, that give bodies of these weights too large momenta."""
+    with in_range(name):
+        # Of those without mass, which have NaN, the velocities are what is kept.
+        momenta = velocities * np.fmax(weights.max(axis=-1), 1.0)[..., None]
+    check_squares(name, momenta)
 
 
 def principal_frames(x: Array, q: Array, centres: Array, axes: Array) -> tuple[Array, Array]:

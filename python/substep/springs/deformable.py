@@ -19,6 +19,7 @@ from ..base.checks import (
     check_pinned,
     check_real,
     check_threads,
+    in_range,
 )
 from ..base.rows import Points, read_only
 from ..base.schema import TIME, Entry, Rows
@@ -117,7 +118,8 @@ class Deformable(Points):
         self._masses = read_only(masses)
         if tolerance is None:
             # |g|_inf below a thousandth of the weight, at standard gravity, of a mean vertex.
-            tolerance = 1e-3 * 9.81 * float(masses.mean()) if n else 1.0
+            with in_range("masses"):
+                tolerance = 1e-3 * 9.81 * float(masses.mean()) if n else 1.0
         start = np.zeros((n, 3))
         if velocities is not None:
             start = check_array("velocities", velocities, (n, 3))

@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..base.checks import as_array, check_array, check_integer, check_positive, check_real
+from ..base.checks import (
+    MOST_INT,
+    as_array,
+    check_array,
+    check_integer,
+    check_positive,
+    check_real,
+    in_range,
+)
 from ..geometry import Collider, Shape, TriangleMesh
 from ..geometry.topology import check_indices
 from ..geometry.triangle_mesh import check_mesh
@@ -153,7 +161,8 @@ class MassSpring(Deformable):
         m = len(pairs)
         self.stiffness = check_positive("stiffness", stiffness, m, zero=True)
         self.damping = check_positive("damping", damping, m, zero=True)
-        lengths = np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
+        with in_range("positions"):
+            lengths = np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
         if rest_lengths is not None:
             lengths = check_positive("rest_lengths", rest_lengths, m, zero=True)
         self.rest_lengths = lengths
@@ -253,19 +262,21 @@ class MassSpring(Deformable):
         """
         pairs = np.concatenate([check_mesh(mesh).edges, mesh.hinges[:, 2:]])
         k = np.full(len(pairs), check_real("stiffness", stiffness, nonnegative=True))
-        k[len(mesh.edges) :] *= check_real("bending", bending, nonnegative=True)
+        with in_range("stiffness, bending"):
+            k[len(mesh.edges) :] *= check_real("bending", bending, nonnegative=True)
         keep = pairs[:, 0] != pairs[:, 1]
         pairs, k = pairs[keep], k[keep]
         areas = mesh.vertex_areas.copy()
         areas[areas == 0] = areas[areas > 0].mean() if areas.any() else 1.0
-        masses = check_real("density", density, positive=True) * areas
-        lag = check_real("damping_time", damping_time, nonnegative=True)
+        with in_range("density, damping_time"):
+            masses = check_real("density", density, positive=True) * areas
+            lagging = check_real("damping_time", damping_time, nonnegative=True) * k
         return cls(
             mesh.vertices,
             pairs,
             k,
             masses,
-            damping=lag * k,
+            damping=lagging,
             faces=mesh.faces,
             velocities=velocities,
             pinned=pinned,
@@ -330,16 +341,21 @@ def grid_springs(
     >>> len(edges), float(stiffness.min())
     (26, 0.5)
     """
-    rows, columns = check_integer("n", n, minimum=1), check_integer("m", m, minimum=1)
+    rows = check_integer("n", n, minimum=1, maximum=MOST_INT)
+    columns = check_integer("m", m, minimum=1, maximum=MOST_INT)
+    k = check_real("stiffness", stiffness, nonnegative=True)
+    across, second = (
+        check_real(name, k * check_real(name, part, nonnegative=True))
+        for name, part in (("shear", shear), ("bending", bending))
+    )
     ids = np.arange(rows * columns).reshape(rows, columns)
     parts = [
-        (ids[:-1], ids[1:], 1.0),
-        (ids[:, :-1], ids[:, 1:], 1.0),
-        (ids[:-1, :-1], ids[1:, 1:], shear),
-        (ids[1:, :-1], ids[:-1, 1:], shear),
-        (ids[:-2], ids[2:], bending),
-        (ids[:, :-2], ids[:, 2:], bending),
+        (ids[:-1], ids[1:], k),
+        (ids[:, :-1], ids[:, 1:], k),
+        (ids[:-1, :-1], ids[1:, 1:], across),
+        (ids[1:, :-1], ids[:-1, 1:], across),
+        (ids[:-2], ids[2:], second),
+        (ids[:, :-2], ids[:, 2:], second),
     ]
     edges = np.concatenate([np.stack([a.ravel(), b.ravel()], axis=1) for a, b, _ in parts])
-    k = np.concatenate([np.full(a.size, stiffness * part) for a, _, part in parts])
-    return edges, k
+    return edges, np.concatenate([np.full(a.size, own) for a, _, own in parts])

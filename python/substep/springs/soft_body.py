@@ -10,9 +10,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..base.checks import as_array, check_array, check_choice, check_positive, check_real
+from ..base.checks import (
+    as_array,
+    check_array,
+    check_choice,
+    check_positive,
+    check_real,
+    check_sequence,
+    in_range,
+)
 from ..errors import InputError
 from ..geometry import Collider, Shape, TetMesh, TriangleMesh, read_mesh, tetrahedralize
+from ..geometry.topology import check_vertices
 from .deformable import Array, Deformable
 
 _FLAT = 1e-12  # of the cube of the longest edge: a volume that rounding alone can make
@@ -116,8 +125,8 @@ class SoftBody(Deformable):
         time: float = 0.0,
         threads: int | None = None,
     ) -> None:
-        x = check_array("positions", positions, (None, 3))
-        rest = x if rest_positions is None else check_array("rest_positions", rest_positions)
+        x = check_vertices("positions", positions)
+        rest = x if rest_positions is None else check_vertices("rest_positions", rest_positions)
         if rest.shape != x.shape:
             raise InputError(f"rest_positions: expected shape {x.shape}, got {rest.shape}")
         self.mesh = TetMesh(rest, tetrahedra)
@@ -133,7 +142,8 @@ class SoftBody(Deformable):
             constant.flags.writeable = False
         if str(solver).lower() == "projective":
             raise InputError("solver: 'projective' is for springs; a soft body takes 'newton'")
-        quarters = np.repeat(self.density * self.mesh.volumes / 4, 4)
+        with in_range("density"):
+            quarters = np.repeat(self.density * self.mesh.volumes / 4, 4)
         masses: Array = np.bincount(self.mesh.tetrahedra.ravel(), quarters, len(x)).astype(float)
         if (masses == 0).any():
             index = int(np.argmin(masses))
@@ -238,9 +248,10 @@ class SoftBody(Deformable):
         if isinstance(mesh, (str, os.PathLike)):
             mesh = read_mesh(mesh)
         elif not isinstance(mesh, (TetMesh, TriangleMesh)):
-            if len(mesh) != 2:
+            pair = check_sequence("mesh", mesh, "vertices and of faces")
+            if len(pair) != 2:
                 raise InputError("mesh: expected a mesh, a path or a pair (vertices, faces)")
-            mesh = TriangleMesh(*mesh)
+            mesh = TriangleMesh(*pair)
         solid = tetrahedralize(mesh, spacing) if isinstance(mesh, TriangleMesh) else mesh
         used, corners = np.unique(solid.tetrahedra, return_inverse=True)
         body = cls(

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..base.checks import check_array, check_choice, check_integer
+from ..base.checks import check_array, check_choice, check_integer, in_range
 from ..errors import InputError
 from . import oscillator, rational
 from .chebyshev import ChebyshevFactor
@@ -138,7 +138,8 @@ def amplification(method: str, z: ArrayLike) -> Any:
     """
     factor = _one_step(method)
     points = check_array("z", z, complex_ok=True).astype(complex)
-    values = factor.evaluate(points)
+    with in_range("z"):
+        values = factor.evaluate(points)
     return values if points.ndim else complex(values[()])
 
 
@@ -324,8 +325,9 @@ def region(
             raise InputError(
                 f"bounds: expected real from < real to and imaginary from < to, got {box.tolist()}"
             )
-    real, imag = np.linspace(box[0], box[1], count), np.linspace(box[2], box[3], count)
-    modulus = np.abs(_factor(name).evaluate(real + 1j * imag[:, None]))
+    with in_range("bounds"):
+        real, imag = np.linspace(box[0], box[1], count), np.linspace(box[2], box[3], count)
+        modulus = np.abs(_factor(name).evaluate(real + 1j * imag[:, None]))
     stable = modulus <= 1
     return Region(name, real, imag, modulus, stable, [curve.copy() for curve in curves])
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import check_array, check_choice, check_real
+from ..base.checks import check_array, check_choice, check_real, in_range
 
 Rows = NDArray[np.float64]
 State = tuple[Rows, Rows, Rows]  # x, w, a
@@ -165,7 +165,8 @@ def amplification_matrix(
     name = check_choice("method", method, second_order_methods())
     steps = check_array("h_omega", h_omega)
     zeta = check_real("damping_ratio", damping_ratio, nonnegative=True)
-    return _matrix(name, steps, zeta)
+    with in_range("h_omega, damping_ratio"):
+        return _matrix(name, steps, zeta)
 
 
 def amplification_eigenvalues(
@@ -247,4 +248,5 @@ def stability_limit(method: str, damping_ratio: float = 0.0) -> float:
     """
     name = check_choice("method", method, second_order_methods())
     zeta = check_real("damping_ratio", damping_ratio, nonnegative=True)
-    return float(limits(name, np.array([zeta]))[0])
+    with in_range("damping_ratio"):
+        return float(limits(name, np.array([zeta]))[0])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ... import _core
-from ...base.checks import check_array, check_integer, check_real
+from ...base.checks import check_array, check_flag, check_integer, check_real
 from ...errors import InputError
 from .system import System
 
@@ -40,6 +40,7 @@ class Oscillators(System):
         self.omega: NDArray[np.float64] = check_array("omega", omega, (None,))
         super().__init__(_core.oscillators(self.omega))
 
+    @np.errstate(all="ignore")  # infinite where it is, as the right-hand side
     def energy(self, y: ArrayLike) -> NDArray[np.float64]:
         """Energy of all oscillators, of unit mass, in states y of shape (2 n,) or (2 n, m) [J]."""
         x, v = np.split(self._states(y), 2)
@@ -92,13 +93,14 @@ class SpringChain(System):
             raise InputError(f"k: expected numbers of at least 0, got {self.k.min()}")
         if (self.m <= 0).any():
             raise InputError(f"m: expected numbers above 0, got {self.m.min()}")
-        self.fixed_ends = bool(fixed_ends)
+        self.fixed_ends = check_flag("fixed_ends", fixed_ends)
         super().__init__(
             _core.spring_chain(
                 self.n, np.atleast_1d(self.k), np.atleast_1d(self.m), self.fixed_ends
             )
         )
 
+    @np.errstate(all="ignore")  # infinite where it is, as the right-hand side
     def energy(self, y: ArrayLike) -> NDArray[np.float64]:
         """Energy of states y of shape (2 n,) or (2 n, m) [J]."""
         x, v = np.split(self._states(y), 2)
@@ -161,6 +163,7 @@ class NBody(System):
         self.dimension = check_integer("dimension", dimension, minimum=2, maximum=3)
         super().__init__(_core.n_body(self.masses, self.G, self.softening, self.dimension))
 
+    @np.errstate(all="ignore")  # infinite where it is, as the right-hand side
     def energy(self, y: ArrayLike) -> float:
         """Energy of one state y of shape (2 n dimension,) [J]."""
         x, v = check_array("y", y, (self.size,), finite=False).reshape(2, -1, self.dimension)

@@ -165,6 +165,7 @@ class Kepler(ClassicalSystem):
             t_end=float(2.0 * np.pi / np.sqrt(self.mu)),
         )
 
+    @np.errstate(all="ignore")  # infinite where it is, as the right-hand side
     def energy(self, y: ArrayLike) -> np.ndarray[Any, Any]:
         """Energy per mass.
 
@@ -213,6 +214,7 @@ class HenonHeiles(ClassicalSystem):
             _core.make_system("henon_heiles", [self.lambda_]), y0=[0.0, 0.0, 0.5, 0.0], t_end=100.0
         )
 
+    @np.errstate(all="ignore")  # infinite where it is, as the right-hand side
     def energy(self, y: ArrayLike) -> np.ndarray[Any, Any]:
         """Energy.
 

@@ -96,6 +96,7 @@ class System(Frozen):
         start, row, values = found
         return csc_array((values, row, start), shape=(self.size, self.size))
 
+    @np.errstate(all="ignore")  # as in `__call__`, what is too large becomes infinite
     def jacobian_product(self, t: float, y: ArrayLike, v: ArrayLike) -> np.ndarray[Any, Any]:
         """Evaluate df/dy v; on grids without the matrix.
 
