@@ -29,7 +29,7 @@ from pathlib import Path
 import numpy as np
 from runner import SANITIZED
 
-SLOW = 5.0  # seconds of a try from which on it is told
+SLOW = 1.0  # seconds of a try from which on it is told
 HANG = 20.0  # and from which on it is ended
 MEMORY = 4 << 30  # bytes of a child
 
