@@ -369,7 +369,7 @@ OVERFLOWING = [
     (lambda: substep.pbd.NeoHookean(QUAD, 1.0, 0.3).evaluate(P * [TINY, 1, 1]), "positions"),
     (lambda: substep.pbd.TriangleArea(TRIPLE).evaluate(1e-200 * HUGE), "positions"),
     (lambda: substep.pbd.tethers(P, EDGES, [0], slack=1e308), "slack"),
-    (lambda: substep.Emitter((0, 0, 0), (1e308, 1e308, 0), 1.0, radius=1.0), "direction"),
+    (lambda: substep.relax(P, 1.0, gravity=HUGE[1]), "gravity"),
     (lambda: substep.Emitter((0, 0, 0), (0, 0, 1), 1.0, radius=1e308), "radius"),
     (lambda: fluid(emitters=[NOZZLE], spacing=1e-5), "emitters"),
     (lambda: jelly(emitters=[NOZZLE], emitter_spacing=1e308), "emitter_spacing"),
@@ -397,6 +397,30 @@ def test_what_overflows_is_refused_by_name(call, message):
     """By an error: a warning is none."""
     with pytest.raises(InputError, match=f"^{message}"):
         call()
+
+
+@KINDS
+def test_no_ids_are_no_numbers(kind):
+    """Of whatever dtype nothing is."""
+    simulation = example(kind)()
+    for nothing in ([], np.zeros(0, complex), np.zeros(0, "S1")):
+        assert simulation.rows(nothing).shape == (0,)
+
+
+def test_directions_have_any_length():
+    for size in (1e308, 1e-320):
+        emitter = substep.Emitter((0, 0, 0), (size, size, 0), 1.0, radius=1.0)
+        assert emitter.direction == pytest.approx([0.5**0.5, 0.5**0.5, 0])
+    bodies = balls()
+    bodies.add(substep.Plane(), (0, 0, -1), motion="static")
+    assert bodies.ray_cast([[0, 0, 5.0]], [[1e308, 0, -1]]).bodies.tolist() == [-1]
+
+
+@pytest.mark.parametrize("make", [points, net])
+def test_energies_that_overflow_are_infinite(make):
+    simulation = make(**({"dtype": "float64"} if make is points else {}))
+    simulation.set_velocities(HUGE)
+    assert simulation.diagnostics()["energy"] == math.inf
 
 
 def test_fields_that_overflow_give_no_nan():

@@ -47,6 +47,12 @@ def as_array(name: str, value: Any) -> NDArray[Any]:
         raise InputError(f"{name}: expected rows of equal length; {error}") from None
 
 
+def as_integers(name: str, value: Any) -> NDArray[Any]:
+    """As `as_array`, where nothing, of whatever dtype, is no integers; others are not checked."""
+    array = as_array(name, value)
+    return array if array.size else np.zeros(array.shape, np.int64)
+
+
 def check_array(
     name: str,
     value: Any,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from .checks import as_array, check_array, describe
+from .checks import as_array, as_integers, check_array, describe
 from .simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -175,9 +175,7 @@ class Points(Numbered):
 
 def find_rows(ids: Any, own: Ids, what: str = "particle", name: str = "ids") -> Ids:
     """Where one id or several are among ascending ones."""
-    wanted = as_array(name, ids)
-    if wanted.size == 0:
-        wanted = wanted.astype(np.int64)
+    wanted = as_integers(name, ids)
     if wanted.ndim > 1 or wanted.dtype.kind not in "iu":
         raise InputError(f"{name}: expected integers, shape (m,), got {describe(ids)}")
     several = wanted.ndim == 1

@@ -10,12 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..base.checks import (
-    check_array,
-    check_integer,
-    check_sequence,
-    describe,
-)
+from ..base.checks import check_array, check_integer, check_sequence, describe
 from ..base.pointers import RHS, find_address
 from ..errors import InputError, NonFiniteError, SolverError
 from .ivp import _check_t_eval, _method_name, check_control

@@ -8,11 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from ..base.checks import (
-    as_array,
-    check_array,
-    describe,
-)
+from ..base.checks import as_array, check_array, describe
 from ..base.pointers import RHS, find_address
 from ..errors import InputError
 from .rhs import pointer_parameters, unpack_args

@@ -8,11 +8,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..base.checks import (
-    as_array,
-    check_array,
-    describe,
-)
+from ..base.checks import as_array, check_array, describe
 from ..base.pointers import RHS, find_address
 from ..errors import InputError
 

@@ -80,11 +80,12 @@ class Emitter(Frozen):
         self.dimension = 2 if x.shape == (2,) else 3
         self.position = check_array("position", x, (self.dimension,))
         along = check_array("direction", direction, (self.dimension,))
-        with in_range("direction"):
-            length = float(np.linalg.norm(along))
-        if length == 0:
+        largest = float(np.abs(along).max())
+        if largest == 0:
             raise InputError(f"direction: expected a vector of a length above 0, got {along}")
-        self.direction = along / length
+        if not 1e-150 < largest < 1e150:  # its square would not be a number
+            along = along / largest
+        self.direction = along / float(np.linalg.norm(along))
         self.speed = check_real("speed", speed, positive=True)
         if (radius is None) == (size is None) or (size is not None and self.dimension == 2):
             raise InputError("radius, size: expected one of them (in 2D radius)")
@@ -92,8 +93,9 @@ class Emitter(Frozen):
         self.size = None if size is None else check_array("size", size, (2,))
         if self.size is not None and not (self.size > 0).all():
             raise InputError(f"size: expected numbers above 0, got {self.size}")
-        with in_range("radius" if self.size is None else "size"):
-            check_real("radius, size: area", self.area, positive=True)
+        name = "radius" if self.size is None else "size"
+        with in_range(name):  # of the area
+            check_real(name, self.area, positive=True)
         self.kind = check_integer("kind", kind, minimum=0)
         self.start = check_real("start", start)
         self.stop = check_real("stop", stop, finite=False)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..base.checks import as_array, check_array, check_within
+from ..base.checks import as_integers, check_array, check_within
 from ..base.rows import Points, read_only
 from ..base.schema import Entry, Rows
 from ..errors import InputError
@@ -147,9 +147,7 @@ class Particles(Points):
 
 def check_kinds(name: str, kinds: Any, m: int, count: int) -> NDArray[np.int32]:
     """Which of `count` kinds each of m particles is, from one number for all or one each."""
-    array = as_array(name, kinds)
-    if array.size == 0:
-        array = array.astype(np.int64)
+    array = as_integers(name, kinds)
     if array.dtype.kind not in "iu" or array.shape not in ((), (m,)):
         raise InputError(f"{name}: expected integers, shape ({m},)")
     array = np.broadcast_to(array, (m,))

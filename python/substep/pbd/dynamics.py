@@ -383,6 +383,7 @@ class PositionBasedDynamics(Points):
         h = self._native.last_substep
         return self._of_groups(self._native.multipliers, constraint) / (h * h if h > 0 else 1.0)
 
+    @np.errstate(all="ignore")  # sums that are too large are infinite
     def diagnostics(self) -> dict[str, float]:
         """Energies, momentum, and what is left of the constraints.
 

@@ -10,14 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.attributes import Frozen
-from ..base.checks import (
-    as_array,
-    check_array,
-    check_real,
-    describe,
-    first_bad_index,
-    in_range,
-)
+from ..base.checks import as_array, check_array, check_real, describe, first_bad_index, in_range
 from ..base.rows import read_only
 from ..errors import InputError
 

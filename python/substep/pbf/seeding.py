@@ -210,7 +210,8 @@ def relax(
 
     if gravity is not None:
         g = check_array("gravity", gravity, (d,))
-        pull = float(np.linalg.norm(g))
+        with in_range("gravity"):
+            pull = float(np.linalg.norm(g))
         if pull > 0:
             creeping = liquid(x, g)
             for _ in range(_CREEPING_STEPS):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import as_array, check_array, describe
+from ..base.checks import as_array, as_integers, check_array, describe
 from ..base.quaternions import multiply, rotate, unit_quaternions
 from ..base.rows import read_only, rows_of
 from ..base.simulation import Simulation
@@ -397,9 +397,7 @@ class BatchRows(Simulation):
     def _worlds(self, name: str, given: ArrayLike | None) -> Ids:
         if given is None:
             return np.arange(len(self))
-        numbers = as_array(name, given)
-        if numbers.size == 0:
-            numbers = numbers.astype(np.int64)
+        numbers = as_integers(name, given)
         if numbers.ndim > 1 or numbers.dtype.kind not in "iu":
             raise InputError(f"{name}: expected integers, shape (k,), got {describe(given)}")
         several = numbers.ndim == 1

@@ -9,12 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..base.checks import (
-    check_array,
-    check_real,
-    check_sequence,
-    describe,
-)
+from ..base.checks import check_array, check_real, check_sequence, describe
 from ..base.quaternions import unit_quaternions
 from ..errors import InputError
 from ..geometry import Shape

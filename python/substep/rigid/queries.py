@@ -301,6 +301,7 @@ def _unit(name: str, d: Array) -> Array:
         raise InputError(f"{name}: expected vectors that are not 0")
     scaled = d / largest
     unit: Array = scaled / np.linalg.norm(scaled, axis=-1, keepdims=True)
+    unit[np.abs(unit) < 1e-150] = 0.0  # where it led to is beyond float64
     return unit
 
 

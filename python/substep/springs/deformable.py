@@ -253,6 +253,7 @@ class Deformable(Points):
         root = np.sqrt(complex(ratio**2 - 1))
         return max_stable_step(name, [omega * (-ratio - root), omega * (-ratio + root)]), reason
 
+    @np.errstate(all="ignore")  # sums that are too large are infinite
     def diagnostics(self) -> dict[str, float]:
         """Energies, momentum and what the last step took.
 
