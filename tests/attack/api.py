@@ -218,7 +218,8 @@ def one_try(subject, wanted, r, counts, label):
         if before is not None:
             after = look(owner)
             # A run that is broken off, as by its callback, keeps the whole steps before.
-            stepped = wanted.name == "advance" and getattr(owner, "time", 0.0) > time_before
+            run = wanted.parts is not None or "steps" in arguments
+            stepped = run and getattr(owner, "time", 0.0) > time_before
             if after != before and not stepped:
                 counts.add(row, "torn", 1, f"changed by a call that raised {error!r:.200}; {told}")
     elif isinstance(owner, Simulation) and not is_module:
