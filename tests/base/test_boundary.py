@@ -314,7 +314,7 @@ REFUSED = [
     (lambda: substep.Heun(abs, 0.0, [1.0], 1.0, step="x"), TypeError, "step"),
     (lambda: substep.Heun(abs, 0.0, [1.0], 1.0, first_step=10**400), InputError, "first_step"),
     (lambda: substep.Heun(abs, 0.0, [1.0], 1.0, vectorized=P), TypeError, "vectorized"),
-    (lambda: solve(max_step=P), TypeError, "max_step"),
+    (lambda: solve(step=0.1, max_step=P), TypeError, "max_step"),
     (lambda: solve(dense_output=P), TypeError, "dense_output"),
     (lambda: solve(vectorized=P), TypeError, "vectorized"),
     (lambda: solve(check_jacobian=P), TypeError, "check_jacobian"),
