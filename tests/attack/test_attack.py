@@ -77,6 +77,7 @@ def test_two_threads_that_call(name):
     ("name", "wanted"),
     [
         ("MaterialPointMethod", "set_positions"),
+        ("MaterialPointMethod (flowing)", "set_deformation_gradients"),
         ("PositionBasedDynamics", "state"),
         ("PositionBasedDynamics", "gravity="),
         ("RigidBodies", "remove"),

@@ -67,20 +67,28 @@ def set_gradients(
     dtype: np.dtype[Any],
 ) -> None:
     """Deform particles; those that keep J alone take the determinant. `kinds` are of all."""
-    d = values.shape[-1]
+    d, writes = values.shape[-1], []
     for k, material in enumerate(materials):
         chosen = kinds[places] == k
         if not chosen.any():
             continue
         among = (np.cumsum(kinds == k) - 1)[places[chosen]].astype(np.int64)
-        rows = native.material_fields(k)[among]
+        before = native.material_fields(k)[among]
+        rows = before.copy()
         if state_fields(material)[0]:
             rows[:, _PLANE[d]] = values[chosen].reshape(-1, d * d)
         else:
             with np.errstate(all="ignore"):
                 J = np.linalg.det(values[chosen])
             rows[:, 0] = check_within("determinants of values", J, dtype)
-        native.set_material_fields(k, rows, among)
+        writes.append((k, before, rows, among))
+    try:
+        for k, _, rows, among in writes:
+            native.set_material_fields(k, rows, among)
+    except BaseException:  # between two materials
+        for k, before, _, among in writes:
+            native.set_material_fields(k, before, among)
+        raise
 
 
 def ratios(native: Any, kinds: NDArray[np.int32], materials: Sequence[Material], d: int) -> Array:
