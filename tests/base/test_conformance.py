@@ -393,6 +393,27 @@ def callbacks_follow_steps(make):
         simulation.advance(DURATION, 3)
 
 
+def callbacks_may_go_back(make):
+    """And change the step: `advance` takes what is left from there."""
+    simulation, unseen, seen = make(), make(), []
+    for one in (simulation, unseen):
+        one.step_size = size = (one.step_size or one.step_limit()[0]) / 2
+    start = simulation.state()
+
+    def back(given):
+        seen.append(given.time)
+        if len(seen) == 2:
+            given.restore(start)
+
+    simulation.advance(3 * size, back)
+    unseen.advance(3 * size)
+    assert len(seen) == simulation.report.steps == 5
+    assert content(simulation) == content(unseen)
+    simulation.advance(3 * size, lambda given: setattr(given, "step_size", size / 2))
+    assert simulation.report.steps == 5
+    assert simulation.time == pytest.approx(start["time"] + 6 * size)
+
+
 def interrupts_let_go(make):
     """Of a simulation that they stop, whichever instruction of Python they hit."""
 
@@ -571,6 +592,7 @@ LINES = (
     copies_are_exact,
     files_are_exact,
     callbacks_follow_steps,
+    callbacks_may_go_back,
     interrupts_let_go,
     other_threads_are_refused_while_it_steps,
     other_threads_see_whole_steps,
@@ -836,6 +858,11 @@ class CallbackOfTime(Toy):
         super().advance(duration, callback and (lambda given: callback(given.time)))
 
 
+class StepsOfTheStart(Toy):
+    def advance(self, duration, callback=None):
+        self._run(duration, self._end("duration", duration), callback)
+
+
 class NeverLetGo(Toy):
     def step(self, dt=None):
         self._owner.__enter__()
@@ -893,6 +920,7 @@ BROKEN = {
     copies_are_exact: SharedCopy,
     files_are_exact: OtherFile,
     callbacks_follow_steps: CallbackOfTime,
+    callbacks_may_go_back: StepsOfTheStart,
     interrupts_let_go: NeverLetGo,
     other_threads_are_refused_while_it_steps: OpenToThreads,
     other_threads_see_whole_steps: OpenToThreads,

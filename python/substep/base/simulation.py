@@ -47,6 +47,10 @@ class StepReport:
     converged: bool = True
 
 
+class _OtherSteps(Exception):
+    """A callback has restored another time or set another step: what is left is counted anew."""
+
+
 class Simulation(Owned):
     """State in time; a subclass makes `_native`, and the rest of the protocol.
 
@@ -158,7 +162,22 @@ class Simulation(Owned):
             check_callable("callback", callback)
         end = self._end("duration", duration)
         self._begin("advance")
-        self._run(duration, end, callback)
+        if callback is None or not self._fixed_step:
+            self._run(duration, end, callback)
+            return
+
+        def watched(simulation: Self) -> None:
+            known = self._native.time, self._step_size
+            callback(simulation)
+            if known != (self._native.time, self._step_size):
+                raise _OtherSteps
+
+        while True:
+            try:
+                self._run(duration, end, watched)
+                return
+            except _OtherSteps:
+                duration = max(end - self._native.time, 0.0)
 
     def _begin(self, method: str) -> None:
         """Prepare for a call of `step` or `advance`."""

@@ -199,23 +199,23 @@ class RigidBatch(BatchRows):
         NonFiniteError
             As `step`.
         """
-        self._hold = check_flag("hold_forces", hold_forces)
+        hold = check_flag("hold_forces", hold_forces)
+        self._held = (self._native.forces(), self._native.torques()) if hold else None
         super().advance(duration, callback)
 
     def _run(self, duration: float, end: float, callback: Callable[[Self], object] | None) -> None:
-        hold = self._hold
-        held, starts = (self._native.forces(), self._native.torques()), self.times
+        held, starts = self._held, self.times
         count, whole = whole_steps(duration, self._step_size)
         runs = [(self._step_size, count)] if callback is None else [(self._step_size, 1)] * count
         if not whole:
             runs.append((0.0, 1))  # what is left then
         for k, (dt, steps) in enumerate(runs):
-            if hold and k > 0:
+            if held and self._last.steps > 0:
                 everywhere = self._where(None, None)
                 self._write("set_forces", everywhere, held[0])
                 self._write("set_torques", everywhere, held[1])
             dt = dt or end - self.time
-            self._native.step(dt, steps, hold)
+            self._native.step(dt, steps, held is not None)
             self._last.steps += steps
             self._last.dt = dt
             if k + 1 == len(runs):
