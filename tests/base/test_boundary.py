@@ -291,6 +291,13 @@ REFUSED = [
     (lambda: substep.geometry.tetrahedralize(np.eye(3), 1.0), TypeError, "mesh: expected a Tri"),
     (lambda: substep.MassSpring.from_mesh("x", density=1, stiffness=1), TypeError, "mesh"),
     (lambda: substep.SignedDistanceField.from_mesh([], 1.0), TypeError, "mesh"),
+    (lambda: substep.SignedDistanceField.from_mesh(SHEET, 1e-5), InputError, "spacing: .* 1e8"),
+    (lambda: substep.geometry.tetrahedralize(SHEET, 1e-5), InputError, "spacing: .* more than 2e7"),
+    (
+        lambda: substep.GridField(([0, 2, 1], [0, 1]), np.ones((3, 2, 2))),
+        InputError,
+        r"axes\[0\]: .* got \[0\. 2\. 1\.\]",
+    ),
     (lambda: substep.linalg.LU(np.eye(2)).solve([1, 2], transpose=[1, 1]), TypeError, "transpose"),
     (lambda: substep.pack("nothing", overwrite=np.ones(2)), TypeError, "overwrite"),
     (lambda: substep.systems.Kepler().energy(np.ones(3)), InputError, r"y: .* \(4,\) or \(4, m\)"),

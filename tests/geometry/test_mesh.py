@@ -304,6 +304,13 @@ def test_broken_files_of_other_formats(tmp_path, name):
         read_mesh(path)
 
 
+def test_a_reader_that_ends_its_process_gives_up(tmp_path):
+    pytest.importorskip("meshio")
+    path = write(tmp_path / "x.stl", "solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n")
+    with pytest.raises(FormatError, match=r"x\.stl: meshio cannot read it \(it gave up\)"):
+        read_mesh(path)
+
+
 def test_a_ply_file_cut_in_its_header(tmp_path):
     path = write(tmp_path / "x.ply", "ply\nformat ascii 1.0\nelement vertex 3\n")
     with pytest.raises(FormatError, match="end_header"):

@@ -119,4 +119,6 @@ def restore_checkpoint(
     try:
         restore(state)
     except (InputError, TypeError) as error:
-        raise CorruptError(f"{os.fspath(path)}: does not fit: {error}") from error
+        raise CorruptError(
+            f"{os.fspath(path)}: does not fit what this object is made of: {error}"
+        ) from error

@@ -372,8 +372,8 @@ class Simulation(Owned):
         Raises
         ------
         FormatError
-            If the file is cut off (TruncatedError), spoiled (CorruptError) or of another version
-            (VersionError); nothing is changed then.
+            If the file is cut off (TruncatedError), spoiled or of an object that was made otherwise
+            (CorruptError), or of another version (VersionError); nothing is changed then.
         OSError
             If it cannot be read.
         """

@@ -127,7 +127,10 @@ class GridField(Field):
         self._flip: list[bool] = []
         for i, axis in enumerate(nodes):
             if len(axis) < 2 or not ((np.diff(axis) > 0).all() or (np.diff(axis) < 0).all()):
-                raise InputError(f"axes[{i}]: expected at least 2 coordinates, rising or falling")
+                raise InputError(
+                    f"axes[{i}]: expected at least 2 coordinates, rising or falling throughout, "
+                    f"got {np.array2string(axis, threshold=6)}"
+                )
             self._flip.append(bool(axis[0] > axis[-1]))
             nodes[i] = axis[::-1].copy() if self._flip[-1] else axis.copy()
         wrap, closed = self._periods(nodes, periodic)

@@ -62,7 +62,7 @@ def tetrahedralize(
     with in_range("spacing"):
         points = 2 * np.prod(sides / h + 4)
     if not points <= 2e7:
-        raise InputError(f"spacing: {h} gives a lattice of {points:.1e} points")
+        raise InputError(f"spacing: {h} gives a lattice of {points:.1e} points, more than 2e7")
     vertices, cells = mesh._tree.stuff(h, check_threads(threads))
     report = mesh.report()
     if len(cells) == 0:

@@ -65,7 +65,10 @@ def answer_with(answer: BinaryIO, path: str) -> int:
     try:
         arrays = read(path)
     except BaseException as error:  # SystemExit too
-        answer.write(f"{type(error).__name__}: {error}".encode(errors="replace"))
+        reason = (
+            "it gave up" if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}"
+        )
+        answer.write(reason.encode(errors="replace"))
         return REFUSED
     import numpy as np
 

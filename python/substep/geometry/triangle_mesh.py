@@ -323,7 +323,7 @@ class TriangleMesh(Shape):
             cells = np.ceil((high - low + 2 * pad) / h)
             nodes = np.prod(cells + 1)
         if not nodes <= 1e8:
-            raise InputError(f"spacing: {h} gives a grid of {nodes:.1e} nodes")
+            raise InputError(f"spacing: {h} gives a grid of {nodes:.1e} nodes, more than 1e8")
         origin = 0.5 * (low + high - cells * h)
         shape = [int(n) + 1 for n in cells]
         values = self._tree.sample(shape, origin.tolist(), h, check_threads(threads)) - grown
