@@ -178,7 +178,7 @@ def test_no_convergence_says_what_it_saw_and_changes_nothing():
 def test_a_vertex_without_a_place_between_obstacles_is_named():
     ball = substep.Collider(substep.Sphere(0.3, (5, 0, 0)))
     shell = substep.Collider(substep.Sphere(0.25, (1, 0, 0)), hollow=True)
-    simulation = substep.MassSpring([[1, 0, 0]], [], 0.0, colliders=[ball, shell])
+    simulation = substep.MassSpring([[1, 0, 0]], [], 0.0, 1.0, colliders=[ball, shell])
     simulation.step()
     ball.position = shell.position
     before = simulation.state()
