@@ -36,7 +36,9 @@ class Owner {
   void enter() {
     const unsigned long self = PyThread_get_thread_ident();
     while (use().thread != 0 && use().thread != self) {
-      if (use().steps > 0) refuse("in use by another thread");
+      if (use().steps > 0) {
+        refuse("in use by another thread: wait for its call, or have its callback hand out copies");
+      }
       wait();
     }
     Use& now = use();
@@ -52,7 +54,8 @@ class Owner {
   // The call that has entered last takes steps; those of another are not within it.
   void begin(const char* method) {
     if (step_ > 0) {
-      throw substep::InputError(std::string(method) + ": called by the callback of advance");
+      throw substep::InputError(std::string(method) +
+                                ": called by the callback of advance, which may do all but step");
     }
     step_ = use().calls;
     ++use().steps;
