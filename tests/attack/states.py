@@ -335,6 +335,8 @@ PAST = [
     ("pbf", _entry("positions", _at(0, 0, value=1e30))),
     ("mpm", _entry("volumes", _at(0, value=1e-44))),
     ("mpm", lambda s: s | {"supplied": 1.7e308}),
+    *((name, lambda s: s | {"steps": 2**62}) for name in ("bodies", "advection")),
+    ("batch", _entry("each_steps", _at(0, value=2**62))),
     ("batch", lambda s: s | {"failures": '["\\ud800", "", ""]'}),
     ("batch", lambda s: s | {"failures": "[" * 10**5}),
     ("bodies", _entry("positions", _at(1, 1, value=1e200))),

@@ -264,7 +264,7 @@ class Advection(Numbered):
         return self.field._move(particles, steps, self.method, self._native.threads, self._memo)
 
     def _keep(self, moved: Moved, steps: Steps) -> None:
-        whole = {"_particles": moved.particles, "_steps": self._steps + steps.number}
+        whole = {"_particles": moved.particles, "_steps": min(self._steps + steps.number, MOST)}
         self._commit(whole, setattr, self._native, "time", steps.time(steps.number))
         self._last.steps += steps.number
         self._last.dt = steps.h

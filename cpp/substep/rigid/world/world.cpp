@@ -27,6 +27,7 @@ constexpr std::int64_t kPlaced = 128;  // bodies of a chunk
 constexpr int kMostRounds = 64;
 constexpr double kSameImpulses = 1e-3;
 constexpr std::int64_t kMost = std::numeric_limits<std::int32_t>::max();  // bodies, fixtures
+constexpr std::int64_t kMostSteps = std::int64_t{1} << 62;                // that a state holds
 
 void check_number(const char* name, double value, double least, bool above) {
   if (std::isfinite(value) && (above ? value > least : value >= least)) return;
@@ -310,7 +311,7 @@ void World::step(double dt) {
   bodies_.clear_forces();
   displaced_.clear();
   time += dt;
-  ++steps;
+  steps = std::min(steps + 1, kMostSteps);
 }
 
 void World::remember() {
