@@ -539,7 +539,7 @@ OWN_CALLS = {
 
 def _simulation(name, make):
     kind = type(make())
-    own = next(calls for base, calls in OWN_CALLS.items() if issubclass(kind, base))
+    own = next((calls for base, calls in OWN_CALLS.items() if issubclass(kind, base)), ())
     return Subject(name, make, (*protocol(kind), *own))
 
 
