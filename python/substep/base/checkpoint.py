@@ -50,7 +50,11 @@ def write_checkpoint(path: str | os.PathLike[str], kind: str, state: dict[str, A
     lengths = struct.pack("<QQ", len(header), len(data))
     crc = zlib.crc32(data, zlib.crc32(header, zlib.crc32(lengths)))
     target = Path(path)
-    handle, partial = tempfile.mkstemp(prefix=f".{target.name[:100]}-", dir=target.parent)
+    try:
+        handle, partial = tempfile.mkstemp(prefix=f".{target.name[:100]}-", dir=target.parent)
+    except OSError as error:
+        error.filename = str(path)  # the name that was given
+        raise
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(struct.pack("<8sII", _MAGIC, _VERSION, crc) + lengths + header + data)

@@ -125,6 +125,9 @@ def _read_obj(path: Path) -> _Read:
             except ValueError:
                 raise FormatError(f"{path}:{number}: cannot read {line[:60].strip()!r}") from None
     vertices = np.array(points, np.float64).reshape(-1, 3)
+    wrong = next((i + 1 for i in corners if not 0 <= i < len(points)), None)
+    if wrong is not None:
+        raise FormatError(f"{path}: a face names vertex {wrong}, and there are {len(points)}")
     none = np.empty((0, 4), np.int64)
     return _Read(vertices, np.array(sizes, np.int64), np.array(corners, np.int64), none)
 
