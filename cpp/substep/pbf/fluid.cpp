@@ -140,7 +140,7 @@ void Fluid<Real>::step(double dt) {
       begin(dt);
     }
     warm_start(dt);
-    solve();
+    solve(options.tolerance, options.max_tolerance);
     finish(dt);
     act_on_velocities(dt);
     keep_in_bounds();
@@ -166,13 +166,18 @@ bool Fluid<Real>::begin(double dt) {
 
 // Obstacles were put upon particles: sets them off, and all apart that are then too near to each
 // other, by positions alone, so that nothing flies off (the pre-stabilization of Macklin et al.,
-// "Unified particle physics for real-time applications", 2014, section 4.4).
+// "Unified particle physics for real-time applications", 2014, section 4.4). Ten times closer than
+// a step, which makes velocities of what is left; and the rounds that it takes grow with the square
+// of the number of layers that are to move.
 template <class Real>
 void Fluid<Real>::uncover(double dt) {
-  constexpr int kMost = 20;  // times that neighbours are looked for
+  constexpr int kMost = 500;  // times that neighbours are looked for
+  constexpr double kCloser = 0.1, kMean = 1e-4, kMax = 1e-3;
   for (geometry::Collider& collider : boundary.colliders()) {
     collider.velocity = collider.angular_velocity = Vec3::Zero();
   }
+  const double tolerance = std::max(kCloser * options.tolerance, kMean);
+  const double max_tolerance = std::max(kCloser * options.max_tolerance, kMax);
   bool apart = false;
   for (int k = 0; k < kMost && !apart; ++k) {
     new_report_ = {};
@@ -180,7 +185,7 @@ void Fluid<Real>::uncover(double dt) {
     sort();
     boundary.begin_step(dt, old_x_, std::span(next_.x).first(old_x_.size()), mass_,
                         options.threads);
-    solve();
+    solve(tolerance, max_tolerance);
     const std::span<const std::int32_t> order = neighbours_.order();
     for (std::size_t i = 0; i < order.size(); ++i) particles.x[usize(order[i])] = next_.x[i];
     apart = new_report_.converged;
@@ -295,15 +300,14 @@ void Fluid<Real>::warm_start(double dt) {
 
 // Sweeps until the density error is below its bounds or the iterations are used up.
 template <class Real>
-void Fluid<Real>::solve() {
+void Fluid<Real>::solve(double tolerance, double max_tolerance) {
   const std::span<Point<Real>> rows(next_.x), x = rows.first(rows.size() - 1);
   FluidReport& r = new_report_;
   for (r.converged = false; r.iterations < options.max_iterations; ++r.iterations) {
     poll_interrupt();
     const auto walls = boundary.contributions(x, options.threads);
     r.density_error = density.multipliers(rows, neighbours_, walls, multipliers_, options.threads);
-    r.converged =
-        r.density_error.mean <= options.tolerance && r.density_error.max <= options.max_tolerance;
+    r.converged = r.density_error.mean <= tolerance && r.density_error.max <= max_tolerance;
     if (r.converged && r.iterations >= options.min_iterations) break;
     r.limited += density.correct(multipliers_, neighbours_, walls, rows, next_.v, options.threads);
     boundary.project(multipliers_, old_x_, x, mass_, options.threads);

@@ -66,7 +66,7 @@ class Fluid {
   void act_on_velocities(double dt);
   void sort();
   void warm_start(double dt);
-  void solve();
+  void solve(double tolerance, double max_tolerance);
   void finish(double dt);
   void keep_in_bounds();
   void let_flow(double end);
