@@ -373,6 +373,31 @@ def test_cloth_never_enters_what_it_falls_on():
         assert body.diagnostics()["distance"] > 0
 
 
+@pytest.mark.parametrize("gravity", [(-9.81, 0, -9.81), (-5, -1, -9.81), (-9, -8, -9.81)])
+def test_a_vertex_comes_to_rest_in_the_edges_and_corners_of_tanks(gravity):
+    """As between planes, and in a pipe on a plane, that stand where the walls are."""
+
+    def rests(*colliders):
+        colliders = [
+            substep.Collider(c) if not isinstance(c, substep.Collider) else c for c in colliders
+        ]
+        for c in colliders:
+            c.friction = 0.1
+        body = substep.MassSpring(
+            [(-0.3, -0.2, -0.45)], [], 0.0, 0.1, gravity=gravity, drag=1.0, colliders=colliders
+        )
+        body.advance(1.0)
+        return [*body.positions[0], *sum(c.impulse for c in colliders)]
+
+    floor = substep.Plane(point=(0, 0, -0.5))
+    walls = [substep.Plane((1, 0, 0), (-0.5, 0, 0)), substep.Plane((0, 1, 0), (0, -0.5, 0))]
+    tank = substep.Collider(substep.Box((1, 1, 1)), hollow=True)
+    assert rests(tank) == pytest.approx(rests(floor, *walls), abs=1e-6)
+    pipe = substep.Collider(substep.Cylinder(0.5, 50.0), hollow=True)
+    drum = substep.Collider(substep.Cylinder(0.5, 1.0), hollow=True)
+    assert rests(drum) == pytest.approx(rests(floor, pipe), abs=1e-6)
+
+
 def test_moving_colliders_push_and_pull():
     plate = substep.Collider(substep.Plane(), velocity=(0.5, 0, 1.0), friction=1.0)
     body = substep.MassSpring(

@@ -27,19 +27,19 @@ Barrier barrier(double d, double thickness) {
 }
 
 // The largest s in (0, 1] for which the way from x to x + s dx keeps a tenth of the distance.
-double reach(const geometry::Collider& collider, const Vec3& x, const Vec3& dx) {
-  const auto [start, n] = collider.signed_distance(x);
+double reach(const geometry::Collider& collider, int axis, const Vec3& x, const Vec3& dx) {
+  const auto [start, n] = geometry::signed_distance(collider, axis, x);
   const double spare = (1.0 - kKept) * start;
   if (std::holds_alternative<geometry::Plane>(collider.shape())) {
     const double approach = -n.dot(dx);
     return approach > spare ? spare / approach : 1.0;
   }
   // Conservative advancement: within d / lipschitz there is no surface in any direction.
-  const double speed = collider.lipschitz() * dx.norm();
+  const double speed = geometry::lipschitz(collider, axis) * dx.norm();
   if (speed <= spare) return 1.0;
   double s = spare / speed;
   for (int march = 0; march < 200 && s < 1.0; ++march) {
-    const double left = collider.signed_distance(x + s * dx).value - kKept * start;
+    const double left = geometry::signed_distance(collider, axis, x + s * dx).value - kKept * start;
     if (left < 1e-3 * start) return s;
     s += left / speed;
   }
@@ -48,10 +48,11 @@ double reach(const geometry::Collider& collider, const Vec3& x, const Vec3& dx) 
 
 }  // namespace
 
-ContactTerm::ContactTerm(const Contacts& contacts) : contacts_(contacts) {
+ContactTerm::ContactTerm(const Contacts& contacts)
+    : contacts_(contacts), surfaces_(geometry::surfaces(contacts.colliders, true)) {
   const std::int64_t n = contacts.vertices();
-  vertices_.reserve(contacts.colliders.size() * usize(n));
-  for (std::size_t c = 0; c < contacts.colliders.size(); ++c) {
+  vertices_.reserve(surfaces_.size() * usize(n));
+  for (std::size_t s = 0; s < surfaces_.size(); ++s) {
     for (std::int64_t i = 0; i < n; ++i) vertices_.push_back(static_cast<std::int32_t>(i));
   }
 }
@@ -61,7 +62,7 @@ double BarrierTerm::energy(Positions x, std::int64_t begin, std::int64_t end) co
   for (std::int64_t e = begin; e < end; ++e) {
     const double k = stiffness(e);
     if (k == 0.0) continue;
-    const double d = collider(e).signed_distance(x[vertices_[e]]).value;
+    const double d = distance(e, x[vertices_[e]]).value;
     if (d < contacts_.thickness) sum += k * barrier(d, contacts_.thickness).value;
   }
   return sum;
@@ -76,13 +77,14 @@ void BarrierTerm::derivatives(Positions x, std::int64_t begin, std::int64_t end,
     const double k = stiffness(e);
     if (k == 0.0) continue;
     const Vec3& at = x[vertices_[e]];
-    const auto [d, n] = collider(e).signed_distance(at);
+    const auto [d, n] = distance(e, at);
     if (d >= contacts_.thickness) continue;
     const Barrier b = barrier(d, contacts_.thickness);
     g = k * b.first * n;
     if (hessian == nullptr) continue;
     Mat3& H = hessian[e - begin];
-    H = k * b.second * n * n.transpose() + k * b.first * collider(e).hessian(at);
+    const Mat3 curvature = geometry::hessian(collider(e), surface(e).axis, at);
+    H = k * b.second * n * n.transpose() + k * b.first * curvature;
     if (kept == 1.0) continue;
     const Eigen::SelfAdjointEigenSolver<Mat3> eigen(H);
     const Vec3 values =
@@ -96,7 +98,9 @@ double BarrierTerm::step_bound(Positions x, Positions dx, std::int64_t begin,
   double bound = 1.0;
   for (std::int64_t e = begin; e < end; ++e) {
     if (stiffness(e) == 0.0) continue;
-    bound = std::min(bound, reach(collider(e), x[vertices_[e]], bound * dx[vertices_[e]]) * bound);
+    const double part =
+        reach(collider(e), surface(e).axis, x[vertices_[e]], bound * dx[vertices_[e]]);
+    bound = std::min(bound, part * bound);
   }
   return bound;
 }
@@ -104,11 +108,12 @@ double BarrierTerm::step_bound(Positions x, Positions dx, std::int64_t begin,
 void FrictionTerm::lag(Positions x) {
   lagged_.assign(vertices_.size(), {0.0, Vec3::Zero(), Vec3::Zero()});
   for (std::size_t e = 0; e < vertices_.size(); ++e) {
-    const geometry::Collider& c = collider(static_cast<std::int64_t>(e));
-    const double k = stiffness(static_cast<std::int64_t>(e));
+    const auto element = static_cast<std::int64_t>(e);
+    const geometry::Collider& c = collider(element);
+    const double k = stiffness(element);
     if (k == 0.0 || c.friction == 0.0) continue;
     const Vec3& at = x[vertices_[e]];
-    const auto [d, gradient] = c.signed_distance(at);
+    const auto [d, gradient] = distance(element, at);
     if (d >= contacts_.thickness || d <= 0.0) continue;
     const double force = -k * barrier(d, contacts_.thickness).first * gradient.norm();
     lagged_[e] = {c.friction * force, gradient.normalized(), c.surface_velocity(at)};
@@ -157,13 +162,15 @@ void set_exchanges(Contacts& contacts, const BarrierTerm& barrier, const Frictio
                    Positions x, Positions v, double h, int threads) {
   constexpr std::int64_t kGrain = 2048;
   const std::int64_t n = contacts.vertices();
-  for (std::size_t c = 0; c < contacts.colliders.size(); ++c) {
-    geometry::Collider& collider = contacts.colliders[c];
+  const std::span<const geometry::Surface> surfaces = barrier.surfaces();
+  std::vector<geometry::Exchange> sums(contacts.colliders.size());
+  for (std::size_t s = 0; s < surfaces.size(); ++s) {
+    const geometry::Collider& collider = contacts.colliders[surfaces[s].collider];
     std::vector<geometry::Exchange> parts(usize((n + kGrain - 1) / kGrain));
     parallel_for(
         n, kGrain,
         [&](std::int64_t begin, std::int64_t end) {
-          const std::int64_t first = static_cast<std::int64_t>(c) * n;
+          const std::int64_t first = static_cast<std::int64_t>(s) * n;
           std::vector<Vec3> normal(usize(end - begin)), sliding(normal.size());
           barrier.derivatives(x, first + begin, first + end, 1.0, normal.data(), nullptr);
           friction.derivatives(v, first + begin, first + end, 1.0, sliding.data(), nullptr);
@@ -173,10 +180,9 @@ void set_exchanges(Contacts& contacts, const BarrierTerm& barrier, const Frictio
           }
         },
         threads);
-    geometry::Exchange sum;
-    for (const geometry::Exchange& part : parts) sum += part;
-    collider.set_exchange(sum);
+    for (const geometry::Exchange& part : parts) sums[surfaces[s].collider] += part;
   }
+  for (std::size_t c = 0; c < sums.size(); ++c) contacts.colliders[c].set_exchange(sums[c]);
 }
 
 void carry_vertices(const std::vector<geometry::Collider>& before, const Contacts& contacts,

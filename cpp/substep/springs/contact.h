@@ -25,7 +25,7 @@
 #include <vector>
 
 #include "substep/core/usize.h"
-#include "substep/geometry/collider.h"
+#include "substep/geometry/surfaces.h"
 #include "substep/springs/term.h"
 
 namespace substep::springs {
@@ -39,20 +39,30 @@ struct Contacts {
   std::int64_t vertices() const { return static_cast<std::int64_t>(stiffness.size()); }
 };
 
-// Elements of both terms: vertex i and collider c at c * vertices + i.
+// Elements of both terms: vertex i and surface s of the colliders at s * vertices + i. A hollow box
+// has three, one for each pair of walls, a hollow cylinder two: the distance from all of them has a
+// kink where two are as near, and Newton's method finds no minimum in an edge.
 class ContactTerm : public Term {
  public:
   explicit ContactTerm(const Contacts& contacts);
+  std::span<const geometry::Surface> surfaces() const { return surfaces_; }
   int arity() const override { return 1; }
   std::span<const std::int32_t> vertices() const override { return vertices_; }
 
  protected:
+  const geometry::Surface& surface(std::int64_t e) const {
+    return surfaces_[usize(e / contacts_.vertices())];
+  }
   const geometry::Collider& collider(std::int64_t e) const {
-    return contacts_.colliders[usize(e / contacts_.vertices())];
+    return contacts_.colliders[surface(e).collider];
+  }
+  geometry::SignedDistance distance(std::int64_t e, const Vec3& x) const {
+    return geometry::signed_distance(collider(e), surface(e).axis, x);
   }
   // The stiffness of the vertex of element e.
   double stiffness(std::int64_t e) const { return contacts_.stiffness[usize(vertices_[e])]; }
   const Contacts& contacts_;
+  std::vector<geometry::Surface> surfaces_;
   std::vector<std::int32_t> vertices_;
 };
 
