@@ -199,7 +199,7 @@ def test_a_callback_that_does_nothing_changes_no_bits(dtype, integrator):
         x = lattice((8, 8, 8), 0.0125, (-0.1, -0.1, 0.02))
         soft = mpm.NeoHookean(density=1000, young_modulus=3e4, poisson_ratio=0.3)
         options = {"cell": 0.025, "volume": 0.0125**3, "dtype": dtype, "integrator": integrator}
-        ground = substep.Collider(substep.Plane(point=(0, 0, -0.05)))
+        ground = substep.Collider(substep.Plane(point=(0, 0, -0.05)), velocity=(0, 0, 0.1))
         return substep.MaterialPointMethod(x, soft, colliders=[ground], **options, **flow)
 
     flow = {
@@ -212,8 +212,8 @@ def test_a_callback_that_does_nothing_changes_no_bits(dtype, integrator):
         calls = []
         watched.advance(0.2, lambda body, calls=calls: calls.append(body.time))
         assert len(calls) == one.report.steps == watched.report.steps
-        np.testing.assert_array_equal(one.positions, watched.positions)
-        np.testing.assert_array_equal(one.velocities, watched.velocities)
+        state, other = one.state(), watched.state()
+        assert [name for name in state if not np.array_equal(state[name], other[name])] == []
         ours, theirs = one.colliders[0], watched.colliders[0]
         assert ours.duration == pytest.approx(theirs.duration, rel=1e-12)
         np.testing.assert_allclose(ours.impulse, theirs.impulse, rtol=1e-9, atol=1e-12)

@@ -367,21 +367,23 @@ void Solver<Real, D>::rest(const NextStep& step) {
 template <class Real, int D>
 void Solver<Real, D>::commit(const NextStep& step) noexcept {
   std::vector<geometry::Collider>& colliders = grid_.colliders;
-  for (std::size_t c = 0; c < colliders.size(); ++c) given_[c] = colliders[c].exchange();
+  for (std::size_t c = 0; c < colliders.size(); ++c) {
+    given_[c] = colliders[c].exchange();
+    colliders[c].set_exchange({});
+  }
   clock_.drift += step.reach + grid_.finish();
-  if (options_.integrator == Integrator::kImplicit) {
-    for (std::size_t c = 0; c < colliders.size(); ++c) {
-      geometry::Exchange sum = colliders[c].exchange();
-      sum += implicit_.exchanges()[c];
-      colliders[c].set_exchange(sum);
-    }
+  const bool implicit = options_.integrator == Integrator::kImplicit;
+  for (std::size_t c = 0; c < colliders.size(); ++c) {
+    geometry::Exchange now = colliders[c].exchange();
+    if (implicit) now += implicit_.exchanges()[c];
+    clock_.supply(
+        -(now.impulse.dot(colliders[c].velocity) + now.torque.dot(colliders[c].angular_velocity)));
+    given_[c] += now;
+    colliders[c].set_exchange(given_[c]);
+  }
+  if (implicit) {
     report_.newton += implicit_.report().newton;
     report_.krylov += implicit_.report().krylov;
-  }
-  for (std::size_t c = 0; c < colliders.size(); ++c) {
-    const geometry::Exchange& now = colliders[c].exchange();
-    clock_.supply(-((now.impulse - given_[c].impulse).dot(colliders[c].velocity) +
-                    (now.torque - given_[c].torque).dot(colliders[c].angular_velocity)));
   }
   clock_.supply(work_);
   work_ = 0;
