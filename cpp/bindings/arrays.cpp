@@ -63,6 +63,18 @@ substep::Precision precision(const std::string& dtype) {
   return dtype == "float32" ? substep::Precision::kSingle : substep::Precision::kDouble;
 }
 
+std::span<const std::int64_t> rows_in(const LongIndices& rows, std::int64_t count) {
+  const auto all = readable(rows);
+  for (const std::int64_t row : all) check_row(row, count);
+  return all;
+}
+
+void check_row(std::int64_t row, std::int64_t count) {
+  if (row < 0 || row >= count)
+    throw substep::InputError("there is no row " + std::to_string(row) + " of " +
+                              std::to_string(count) + "; were some taken out during the call?");
+}
+
 std::vector<Vec3> points(const Reals& rows) {
   std::vector<Vec3> out(static_cast<std::size_t>(rows.shape(0)), Vec3::Zero());
   const double* from = rows.data();

@@ -62,5 +62,10 @@ substep::NumbersIn readable(const py::array& values);
 substep::NumbersOut writable(py::array& values);
 py::array empty_like(const py::array& values);
 
+// Rows of an object that has so many, or InputError: after Python has found them, a handler of
+// signals, or what converts another argument, may have taken some out.
+std::span<const std::int64_t> rows_in(const LongIndices& rows, std::int64_t count);
+void check_row(std::int64_t row, std::int64_t count);
+
 // Rows of two or three numbers, in 2D with z = 0.
 std::vector<substep::geometry::Vec3> points(const Reals& rows);

@@ -227,6 +227,7 @@ void bind_triangle_tree(py::module_& m) {
              const double* x = vertices.data();
              const std::int64_t* f = faces.data();
              const auto count = faces.shape(0);
+             for (const std::int64_t corner : readable(faces)) check_row(corner, vertices.shape(0));
              const py::gil_scoped_release nogil;
              return std::make_unique<TriangleTree>(x, f, count);
            }),

@@ -128,7 +128,7 @@ auto rows_of(std::vector<double> (Method::*get)() const, int power) {
 }
 auto setter(void (Method::*set)(std::span<const Vec3>, Method::Places)) {
   return [set](Method& self, const Reals& values, const Array<std::int64_t>& places) {
-    (self.*set)(points(values), readable(places));
+    (self.*set)(points(values), rows_in(places, self.size()));
   };
 }
 
@@ -172,7 +172,7 @@ void bind_method(py::module_& m) {
       .def(
           "remove",
           [](Method& self, const Array<std::int64_t>& places) {
-            const auto which = readable(places);
+            const auto which = rows_in(places, self.size());
             const py::gil_scoped_release released;
             self.remove(which);
           },
@@ -224,13 +224,13 @@ void bind_method(py::module_& m) {
       .def(
           "set_affine",
           [](Method& self, const Reals& values, const Array<std::int64_t>& places) {
-            self.set_affine(readable(values), readable(places));
+            self.set_affine(readable(values), rows_in(places, self.size()));
           },
           py::arg("values").noconvert(), py::arg("places").noconvert())
       .def(
           "set_material_fields",
           [](Method& self, int of, const Reals& values, const Array<std::int64_t>& places) {
-            self.set_material_fields(of, readable(values), readable(places));
+            self.set_material_fields(of, readable(values), rows_in(places, self.size()));
           },
           py::arg("material"), py::arg("values").noconvert(), py::arg("places").noconvert())
       .def("state", &state)

@@ -1,5 +1,7 @@
 #include "owner.h"
 
+#include <pthread.h>
+
 #include <chrono>
 #include <memory>
 #include <string>
@@ -14,6 +16,7 @@
 namespace {
 
 thread_local int user_functions = 0;  // that this thread is in
+int forks = 0;                        // between the first process and this one
 
 // Of an object, or of several that share obstacles. With the GIL, as all here.
 struct Use {
@@ -21,6 +24,7 @@ struct Use {
   int calls = 0;                  // one within the other
   int functions = 0;              // of the user's, that the thread was in when it came
   int steps = 0;                  // of those calls, how many take steps
+  int forks = 0;                  // before the first of them
   std::shared_ptr<Use> together;  // what has taken its place
 };
 
@@ -39,6 +43,7 @@ class Owner {
       if (use().steps > 0) {
         refuse("in use by another thread: wait for its call, or have its callback hand out copies");
       }
+      if (use().forks != forks) refuse("in use by another thread, which fork() left behind");
       wait();
     }
     Use& now = use();
@@ -48,6 +53,7 @@ class Owner {
     if (now.calls++ == 0) {
       now.thread = self;
       now.functions = user_functions;
+      now.forks = forks;
     }
   }
 
@@ -209,6 +215,7 @@ InUserFunction::InUserFunction() { ++user_functions; }
 InUserFunction::~InUserFunction() { --user_functions; }
 
 void bind_owner(py::module_& m) {
+  pthread_atfork(nullptr, nullptr, [] { ++forks; });
   py::class_<Owner>(m, "Owner")
       .def(py::init<std::string>(), py::arg("name"))
       .def_property_readonly("taken", &Owner::taken)

@@ -46,7 +46,7 @@ auto rows_of(std::vector<double> (Liquid::*get)() const) {
 }
 auto set_rows(void (Liquid::*set)(std::span<const Vec3>, Liquid::Places)) {
   return [set](Liquid& self, const Reals& values, const Array<std::int64_t>& places) {
-    (self.*set)(points(values), readable(places));
+    (self.*set)(points(values), rows_in(places, self.size()));
   };
 }
 
@@ -123,7 +123,9 @@ void bind_pbf(py::module_& m) {
           py::arg("fluids").noconvert())
       .def(
           "remove",
-          [](Liquid& self, const Array<std::int64_t>& places) { self.remove(readable(places)); },
+          [](Liquid& self, const Array<std::int64_t>& places) {
+            self.remove(rows_in(places, self.size()));
+          },
           py::arg("places").noconvert())
       .def("step", &Liquid::step, py::arg("dt"), py::call_guard<py::gil_scoped_release>())
       .def("__len__", &Liquid::size)

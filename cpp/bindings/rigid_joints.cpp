@@ -39,6 +39,7 @@ Joint make_joint(JointType type, const Bodies& bodies, std::int32_t a, std::int3
 }
 
 const Joint& joint_of(const PyWorld& self, std::int64_t row) {
+  check_row(row, static_cast<std::int64_t>(self.world.joints().size()));
   return self.world.joints()[static_cast<std::size_t>(row)];
 }
 
@@ -71,6 +72,8 @@ void bind_joints(py::class_<PyWorld>& world) {
           [](PyWorld& self, int kind, std::int32_t a, std::int32_t b, const Triple& anchor,
              const Triple& axis, double lower, double upper, double cone, const MotorTuple& drive,
              bool collide) {
+            for (const std::int32_t row : {a, b})
+              if (row != -1) check_row(row, self.world.bodies().size());
             Joint joint = make_joint(static_cast<JointType>(kind), self.world.bodies(), a, b,
                                      Vec3(anchor.data()), Vec3(axis.data()));
             joint.lower = lower, joint.upper = upper, joint.cone = cone;
@@ -91,7 +94,10 @@ void bind_joints(py::class_<PyWorld>& world) {
           py::arg("row"), py::arg("lower"), py::arg("upper"), py::arg("motor"))
       .def(
           "remove_joints",
-          [](PyWorld& self, const Numbers& rows) { self.world.remove_joints(numbers(rows)); },
+          [](PyWorld& self, const Numbers& rows) {
+            const auto count = static_cast<std::int64_t>(self.world.joints().size());
+            self.world.remove_joints(rows_in(rows, count));
+          },
           py::arg("rows"))
       .def("joint", &told, py::arg("row"))
       .def("joint_bodies", [](const PyWorld& self) {

@@ -128,11 +128,12 @@ template <class Set>
 auto set_moving(const Set& set) {
   return [set](PyWorld& self, const Numbers& rows, const Rows& values) {
     Bodies& bodies = self.world.bodies();
-    for (py::ssize_t k = 0; k < rows.size(); ++k) {
-      if (bodies.motion[static_cast<std::size_t>(rows.at(k))] == Motion::kStatic)
+    const auto which = self.bodies(rows);
+    for (std::size_t k = 0; k < which.size(); ++k) {
+      if (bodies.motion[static_cast<std::size_t>(which[k])] == Motion::kStatic)
         throw substep::InputError("ids[" + std::to_string(k) + "]: a static body has no velocity");
     }
-    for (py::ssize_t k = 0; k < rows.size(); ++k) set(bodies, rows.at(k), Vec3(values.data(k, 0)));
+    for (std::size_t k = 0; k < which.size(); ++k) set(bodies, which[k], Vec3(values.data(k, 0)));
   };
 }
 
@@ -206,22 +207,25 @@ void bind_changes(py::class_<PyWorld>& world) {
            py::arg("angular_velocities"))
       .def(
           "remove",
-          [](PyWorld& self, const Numbers& bodies) {
-            self.with_other_bodies([&] { self.world.remove(numbers(bodies)); });
+          [](PyWorld& self, const Numbers& rows) {
+            const auto which = self.bodies(rows);
+            self.with_other_bodies([&] { self.world.remove(which); });
           },
           py::arg("rows"))
       .def(
           "exclude",
           [](PyWorld& self, std::int32_t a, std::int32_t b, bool excluded) {
+            for (const std::int32_t row : {a, b}) check_row(row, self.world.bodies().size());
             self.world.exclude(a, b, excluded);
           },
           py::arg("a"), py::arg("b"), py::arg("excluded"))
       .def(
           "set_motion",
           [](PyWorld& self, const Numbers& rows, int motion, const Rows& weights) {
+            const auto which = self.bodies(rows);
             World changed(self.world);
-            for (py::ssize_t k = 0; k < rows.size(); ++k)
-              changed.set_motion(rows.at(k), static_cast<Motion>(motion), weights.at(k, 0),
+            for (std::size_t k = 0; k < which.size(); ++k)
+              changed.set_motion(which[k], static_cast<Motion>(motion), weights.at(k, 0),
                                  Vec3(weights.data(k, 1)));
             self.with_same_bodies([&] { self.world = std::move(changed); });
           },
@@ -238,8 +242,9 @@ void bind_changes(py::class_<PyWorld>& world) {
           "set_poses",
           [](PyWorld& self, const Numbers& rows, const Rows& x, const Rows& q) {
             Bodies& bodies = self.world.bodies();
-            for (py::ssize_t k = 0; k < rows.size(); ++k) {
-              const auto i = static_cast<std::size_t>(rows.at(k));
+            const auto which = self.bodies(rows);
+            for (std::size_t k = 0; k < which.size(); ++k) {
+              const auto i = static_cast<std::size_t>(which[k]);
               std::copy_n(x.data(k, 0), 3, &bodies.x[3 * i]);
               std::copy_n(q.data(k, 0), 4, &bodies.q[4 * i]);
             }
@@ -248,23 +253,25 @@ void bind_changes(py::class_<PyWorld>& world) {
       .def(
           "apply_forces",
           [](PyWorld& self, const Numbers& rows, const Rows& F, const Rows& points) {
-            for (py::ssize_t k = 0; k < rows.size(); ++k)
-              self.world.bodies().apply_force(rows.at(k), Vec3(F.data(k, 0)),
+            const auto which = self.bodies(rows);
+            for (std::size_t k = 0; k < which.size(); ++k)
+              self.world.bodies().apply_force(which[k], Vec3(F.data(k, 0)),
                                               Vec3(points.data(k, 0)));
           },
           py::arg("rows"), py::arg("forces"), py::arg("points"))
       .def(
           "apply_impulses",
           [](PyWorld& self, const Numbers& rows, const Rows& J, const Rows& points) {
-            for (py::ssize_t k = 0; k < rows.size(); ++k)
-              self.world.bodies().apply_impulse(rows.at(k), Vec3(J.data(k, 0)),
+            const auto which = self.bodies(rows);
+            for (std::size_t k = 0; k < which.size(); ++k)
+              self.world.bodies().apply_impulse(which[k], Vec3(J.data(k, 0)),
                                                 Vec3(points.data(k, 0)));
           },
           py::arg("rows"), py::arg("impulses"), py::arg("points"))
       .def(
           "wake",
           [](PyWorld& self, const Numbers& rows) {
-            for (const std::int64_t row : numbers(rows)) self.world.wake(row);
+            for (const std::int64_t row : self.bodies(rows)) self.world.wake(row);
           },
           py::arg("rows"));
 }

@@ -35,6 +35,11 @@ struct PyWorld {
   World world;
   std::weak_ptr<ViewOwner> views;
 
+  // Rows of bodies that there are.
+  std::span<const std::int64_t> bodies(const Numbers& rows) const {
+    return rows_in(rows, world.bodies().size());
+  }
+
   static std::array<std::vector<double>*, 6> arrays(Bodies& b) {
     return {&b.x, &b.q, &b.P, &b.L, &b.force, &b.torque};
   }

@@ -181,6 +181,43 @@ def test_a_handler_of_signals_cannot_use_what_is_in_a_step():
     assert len(sim.positions) == 20_000 and sim.time == 0.0
 
 
+def test_rows_that_are_taken_out_during_a_call():
+    code = """
+import numpy as np
+class Emptying:  # does what a handler of signals may do between any two lines
+    def __init__(self, one):
+        self.one = one
+    def __array__(self, dtype=None, copy=None):
+        rows = np.zeros((len(self.one), 3))
+        self.one.remove(self.one.ids)
+        return rows
+x, jelly = np.random.default_rng(0).random((3000, 3)), substep.mpm.NeoHookean(1e3, 1e4, 0.3)
+def bodies():
+    one = substep.RigidBodies()
+    one.add(substep.Sphere(0.01), 100 * x)
+    return one
+def tried(make, name, *given):
+    one = make()
+    try:
+        getattr(one, name)(*(g(one) for g in given))
+    except (substep.InputError, IndexError):
+        one.step()
+        return len(one)
+    return "accepted"
+for make in (
+    lambda: substep.MaterialPointMethod(x, jelly, cell=0.1, volume=1e-3),
+    lambda: substep.PositionBasedFluid(x, 0.05),
+):
+    for name in ("set_positions", "set_velocities", "set_forces"):
+        print(tried(make, name, Emptying))
+for name in ("apply_force", "apply_impulse"):
+    print(tried(bodies, name, lambda one: one.ids, lambda one: (0, 0, 1), Emptying))
+"""
+    done = run_python(code)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["0"] * 8
+
+
 def test_simulations_that_share_an_obstacle_are_one_at_a_time():
     ball = substep.Collider(substep.Sphere(0.1))
     one, other = (
@@ -286,6 +323,37 @@ other.join()
     )
     done = run_python(code, timeout=120)
     assert done.returncode == 0, done.stderr
+
+
+def test_fork_while_another_thread_uses_a_simulation():
+    code = (
+        WAIT
+        + """
+import numpy as np
+inside, done = threading.Event(), threading.Event()
+class Slow:
+    def __array__(self, dtype=None, copy=None):
+        inside.set()
+        done.wait()
+        return np.zeros((1, 3))
+sim = substep.PositionBasedDynamics([[0.0, 0.0, 1.0]], 1.0)
+other = threading.Thread(target=sim.set_positions, args=(Slow(),))
+other.start()
+inside.wait()
+pid = os.fork()
+if pid == 0:  # the thread that would let go of it is not here
+    try:
+        sim.positions
+    except substep.InputError as error:
+        os._exit(0 if "fork" in str(error) else 2)
+    os._exit(1)
+print(wait(pid))
+done.set()
+other.join()
+"""
+    )
+    done = run_python(code.replace("2000", "500"))
+    assert done.stdout.split() == ["0"], done.stderr
 
 
 @pytest.mark.skipif(SANITIZED, reason="ASan and fork()")
