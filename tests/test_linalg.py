@@ -139,6 +139,41 @@ def test_indefinite_matrix_is_an_answer(b):
         cholesky.solve(b)
 
 
+def test_solutions_beyond_float64_are_none():
+    for factors in (Cholesky(1e-300 * np.eye(3)), LU(1e-300 * np.eye(3))):
+        with pytest.raises(substep.NonFiniteError, match="row 1") as caught:
+            factors.solve([1.0, 1e300, 1.0])
+        assert caught.value.index == 1
+
+
+def test_sparse_matrices_whose_indices_are_wrong():
+    code = """
+import numpy as np, scipy.sparse as sp, substep
+def spoiled(form, **parts):
+    A = form(np.eye(4))
+    for name, values in parts.items():
+        setattr(A, name, np.array(values, np.int32))
+    return A
+far = [0, 10**7, 2, 3]
+uses = [
+    *(lambda A, f=f: f(A, np.ones(4)) for f in (substep.linalg.cg, substep.linalg.bicgstab)),
+    *(lambda A, f=f: f(A) for f in (substep.linalg.Cholesky, substep.linalg.LU)),
+    lambda A: substep.solve_ivp(lambda t, y: -y, (0, 1), np.ones(4), "Radau", jac=A),
+    lambda A: substep.solve_ivp(lambda t, y: -y, (0, 1), np.ones(4), "Radau", jac_sparsity=A),
+]
+for form in (sp.csr_matrix, sp.csc_matrix, sp.csr_array):
+    for A in (spoiled(form, indices=far), spoiled(form, indptr=[0, 10**7, 10**7, 4, 4])):
+        for use in uses:
+            try:
+                use(A)
+            except substep.InputError:
+                continue
+            print("accepted", form, use)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (0, ""), done.stderr
+
+
 @pytest.mark.parametrize("kind", LU_KINDS)
 def test_singular_matrix_names_its_row(kind):
     A = unsymmetric(10).tolil()
@@ -146,6 +181,9 @@ def test_singular_matrix_names_its_row(kind):
     with pytest.raises(substep.SingularMatrixError) as caught:
         LU(A, kind=kind)
     assert caught.value.index == 37
+    with pytest.raises(substep.SingularMatrixError) as caught:
+        LU(np.zeros((3, 3)), kind=kind)
+    assert caught.value.index == 0
     with pytest.raises(substep.SingularMatrixError):
         LU(np.ones((5, 5)), kind=kind)
     lu = LU(unsymmetric(10), kind=kind)

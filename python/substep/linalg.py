@@ -15,7 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _core
-from .base.checks import check_array, check_choice, check_flag, check_integer, check_real
+from .base.checks import (
+    check_array,
+    check_choice,
+    check_flag,
+    check_integer,
+    check_real,
+    check_sparse,
+)
 from .base.owned import Owned
 from .errors import ConvergenceError, InputError, NonFiniteError
 
@@ -67,7 +74,7 @@ def _compressed(data: Any, indices: Any, indptr: Any, rows: int | None) -> _Colu
 def _columns(A: Any) -> _Columns:
     """Convert what the caller calls a matrix; NaN and infinity are found by whoever solves."""
     if hasattr(A, "tocsc"):
-        csc = A.tocsc()
+        csc = check_sparse("A", A).tocsc()
         return _compressed(csc.data, csc.indices, csc.indptr, int(csc.shape[0]))
     if isinstance(A, tuple) and len(A) == 3:
         return _compressed(*A, None)
@@ -116,6 +123,15 @@ def _right_sides(b: Any, n: int, *, complex_ok: bool = False) -> NDArray[Any]:
         i = int(np.argwhere(~np.isfinite(array))[0][0])
         raise NonFiniteError(f"b: row {i} is not finite", index=i)
     return np.ascontiguousarray(array.T)
+
+
+def _solution(rows: NDArray[Any]) -> NDArray[Any]:
+    """Of `_right_sides`, in the shape of `b`; where it is beyond float64 it is none."""
+    x = np.ascontiguousarray(rows.T)
+    if not np.isfinite(x).all():
+        i = int(np.argwhere(~np.isfinite(x))[0][0])
+        raise NonFiniteError(f"x: row {i} is not finite: the matrix is nearly singular", index=i)
+    return x
 
 
 class _Factors(Owned):
@@ -306,7 +322,7 @@ class Cholesky(_Factors):
         SingularMatrixError
             If the matrix was not positive definite; `index` is the row.
         NonFiniteError
-            If `b` holds NaN or infinity.
+            If `b` holds NaN or infinity, or the solution would.
 
         Examples
         --------
@@ -314,7 +330,7 @@ class Cholesky(_Factors):
         >>> Cholesky([[4.0, 0.0], [0.0, 2.0]]).solve([8.0, 8.0])
         array([2., 4.])
         """
-        return np.ascontiguousarray(self._native.solve(_right_sides(b, self._matrix.n)).T)
+        return _solution(self._native.solve(_right_sides(b, self._matrix.n)))
 
     @property
     def report(self) -> CholeskyReport:
@@ -452,7 +468,7 @@ class LU(_Factors):
         Raises
         ------
         NonFiniteError
-            If `b` holds NaN or infinity.
+            If `b` holds NaN or infinity, or the solution would.
 
         Examples
         --------
@@ -464,7 +480,7 @@ class LU(_Factors):
         right = _right_sides(b, self._matrix.n, complex_ok=is_complex)
         if is_complex:
             right = right.astype(np.complex128)
-        return np.ascontiguousarray(self._native.solve(right, check_flag("transpose", transpose)).T)
+        return _solution(self._native.solve(right, check_flag("transpose", transpose)))
 
     @property
     def report(self) -> LUReport:

@@ -127,6 +127,16 @@ def in_range(name: str) -> Iterator[None]:
         raise InputError(f"{name}: expected {wanted}; {error}") from None
 
 
+def check_sparse(name: str, matrix: Any) -> Any:
+    """A sparse matrix, whose indices SciPy would trust: with wrong ones it leaves its memory."""
+    if hasattr(matrix, "check_format"):
+        try:
+            matrix.check_format()
+        except ValueError as error:
+            raise InputError(f"{name}: {error}") from None
+    return matrix
+
+
 def check_real(
     name: str,
     value: Any,

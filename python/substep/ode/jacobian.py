@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from ..base.checks import as_array, check_array, describe
+from ..base.checks import as_array, check_array, check_sparse, describe
 from ..base.pointers import RHS, find_address
 from ..errors import InputError
 from .rhs import pointer_parameters, unpack_args
@@ -182,7 +182,7 @@ def _convert(value: Any, size: int, complex_y: bool, *, finite: bool, name: str 
     if hasattr(value, "tocsc"):
         if value.shape != (size, size):
             raise InputError(f"{name}: expected shape ({size}, {size}), got {value.shape}")
-        matrix = value.tocsc(copy=True)
+        matrix = check_sparse(name, value).tocsc(copy=True)
         matrix.sum_duplicates()
         matrix.sort_indices()
         data = check_array(name, matrix.data, (None,), complex_ok=complex_y, finite=finite)

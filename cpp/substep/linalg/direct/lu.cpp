@@ -60,7 +60,7 @@ struct LU<T>::Impl {
     check_pattern(pattern);
     if (pattern.rows != pattern.cols) throw InputError("pattern: expected a square matrix");
     report.kind = choose(pattern, kind);
-    if (pattern.rows == 0) return;
+    if (pattern.row.empty()) return;
     const LibraryCalls guard;
     library = make_library<T>(pattern, report.kind);
     ++report.analyses;
@@ -68,7 +68,7 @@ struct LU<T>::Impl {
 
   SparsePattern pattern;
   LUReport report;
-  std::unique_ptr<LULibrary<T>> library;  // none for the empty matrix
+  std::unique_ptr<LULibrary<T>> library;  // none where there are no entries
   std::vector<T> right, result;           // of solve, kept
   std::mutex mutex;                       // the library's workspace serves one thread
 };
@@ -103,13 +103,14 @@ const LUReport& LU<T>::factor(std::span<const T> values) {
   }
   check_finite(my.pattern, values);
   my.report.factorized = false;
+  std::int32_t singular = my.pattern.rows > 0 ? 0 : -1;
   if (my.library) {
     const LibraryCalls guard;
-    const std::int32_t row = my.library->factor(values, my.report);
-    if (row >= 0) {
-      throw SingularMatrixError("the matrix is singular at row " + std::to_string(row),
-                                std::nan(""), row);
-    }
+    singular = my.library->factor(values, my.report);
+  }
+  if (singular >= 0) {
+    throw SingularMatrixError("the matrix is singular at row " + std::to_string(singular),
+                              std::nan(""), singular);
   }
   ++my.report.factorizations;
   my.report.factorized = true;
