@@ -186,6 +186,23 @@ class TestLevels:
         assert len(reads) < 60 and set(reads) == set(range(40))
         assert len(small._levels) <= 6
 
+    def test_a_source_may_ask_the_field(self):
+        values, asked = np.ones((2, 5, 6, 2)), []
+
+        class Source:
+            shape = values.shape
+
+            def __getitem__(self, level):
+                if level == 1 and not asked:
+                    asked.append(field(0.0, [[0.5, 0.5]]))
+                return values[level]
+
+        field = GridField(self.axes, Source(), [0.0, 1.0])
+        ask = threading.Thread(target=lambda: asked.append(field(0.5, [[0.5, 0.5]])), daemon=True)
+        ask.start()  # which would wait for itself
+        ask.join(10)
+        assert len(asked) == 2 and np.array_equal(*asked)
+
     def test_times_outside_are_refused(self):
         field = self.field()
         for call in (

@@ -6,6 +6,7 @@ import resource
 import shutil
 import struct
 import subprocess
+import threading
 import tracemalloc
 import zlib
 from pathlib import Path
@@ -157,6 +158,27 @@ def test_recorder_arguments_are_checked(tmp_path, options, error, match):
 class Raising:
     def __array__(self, dtype=None, copy=None):
         raise ZeroDivisionError
+
+
+def test_nothing_uses_a_recorder_in_the_middle_of_a_frame(tmp_path):
+    recorder, told = record(tmp_path / "a.vtkhdf"), []
+
+    class Using:  # as a handler of signals may
+        def __array__(self, dtype=None, copy=None):
+            for use in (recorder.close, lambda: recorder.append(9, frame(9))):
+                with pytest.raises(InputError, match="in the middle of a frame"):
+                    use()
+                told.append(use)
+            return np.zeros((5, 3))
+
+    def append():
+        recorder.append(4, {"p": {**frame(4)["p"], "v": Using()}})
+
+    thread = threading.Thread(target=append, daemon=True)  # which would wait for itself
+    thread.start()
+    thread.join(10)
+    assert len(told) == 2 and not thread.is_alive() and len(recorder) == 5
+    recorder.close()
 
 
 @pytest.mark.parametrize(

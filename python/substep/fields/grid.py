@@ -164,7 +164,7 @@ class GridField(Field):
         self.sources: tuple[str, ...] = ()
         self._natives: dict[str, Any] = {}
         self._levels: OrderedDict[tuple[str, int], Any] = OrderedDict()
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()  # a source may ask the field itself
 
     def _periods(
         self, nodes: list[NDArray[np.float64]], periodic: Sequence[bool | float] | None
@@ -358,7 +358,7 @@ class GridField(Field):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
 
 
 def _first(event: tuple[int, int], later: tuple[int, int], done: int) -> tuple[int, int]:

@@ -116,7 +116,8 @@ class Recorder:
         self._counts: tuple[int, ...] = ()  # rows of the last frame's arrays
         self._times: list[float] = []
         self._encoder = Encoder()
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
+        self._in_frame = False
         self._writer: Writer | None = None
         header = encode_file_header(metadata, self._constants())
         if resume and not self._resume(metadata, fsync) and os.path.lexists(self.path):
@@ -192,18 +193,31 @@ class Recorder:
         if not self._lock.acquire(blocking=False):
             raise InputError("the recorder is in use by another thread")
         try:
-            if self._writer is None:
-                raise InputError("the recorder is closed")
-            now = check_real("time", time)
-            if self._times and now <= self._times[-1]:
-                raise InputError(f"time: expected one after {self._times[-1]}, got {now}")
-            specs, arrays = self._check_frame(frame)
-            self._writer.append(self._encoder.encode(len(self._times), now, specs, arrays))
-            self._specs = specs
-            self._counts = tuple(len(array) for array in arrays)
-            self._times.append(now)
+            self._check_between_frames()
+            self._in_frame = True
+            try:
+                self._append(time, frame)
+            finally:
+                self._in_frame = False
         finally:
             self._lock.release()
+
+    def _check_between_frames(self) -> None:
+        """Refuse handlers of signals, and what an array does while it is converted."""
+        if self._in_frame:
+            raise InputError("the recorder is in the middle of a frame")
+
+    def _append(self, time: float, frame: Mapping[str, Mapping[str, ArrayLike]]) -> None:
+        if self._writer is None:
+            raise InputError("the recorder is closed")
+        now = check_real("time", time)
+        if self._times and now <= self._times[-1]:
+            raise InputError(f"time: expected one after {self._times[-1]}, got {now}")
+        specs, arrays = self._check_frame(frame)
+        self._writer.append(self._encoder.encode(len(self._times), now, specs, arrays))
+        self._specs = specs
+        self._counts = tuple(len(array) for array in arrays)
+        self._times.append(now)
 
     def _check_frame(self, frame: Any) -> tuple[list[Spec], list[NDArray[Any]]]:
         moving = {name: part for name, part in self._parts.items() if part.points is None}
@@ -235,11 +249,14 @@ class Recorder:
 
         Raises
         ------
+        InputError
+            If the call comes in the middle of `append`, as from a handler of signals.
         OSError
             If the packed file cannot be written; the journal stays, and `substep.pack` can try
             again, also to another place.
         """
         with self._lock:
+            self._check_between_frames()
             recording = self._writer is not None
             self._release()
         if recording:
