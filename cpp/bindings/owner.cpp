@@ -40,10 +40,10 @@ class Owner {
   void enter() {
     const unsigned long self = PyThread_get_thread_ident();
     while (use().thread != 0 && use().thread != self) {
+      if (use().forks != forks) refuse("in use by another thread, which fork() left behind");
       if (use().steps > 0) {
         refuse("in use by another thread: wait for its call, or have its callback hand out copies");
       }
-      if (use().forks != forks) refuse("in use by another thread, which fork() left behind");
       wait();
     }
     Use& now = use();

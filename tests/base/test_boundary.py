@@ -546,6 +546,14 @@ def test_a_checkpoint_that_cannot_be_written_leaves_the_one_before(tmp_path):
         simulation.save(tmp_path / "nowhere" / "c")
 
 
+def test_checkpoints_replace_files_alone(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path / "pipe", tmp_path):  # a device, such as /dev/null, would be gone
+        with pytest.raises(OSError, match="to replace"):
+            points().save(path)
+    assert os.listdir(tmp_path) == ["pipe"] and (tmp_path / "pipe").is_fifo()
+
+
 @pytest.mark.parametrize("path", ["", "a\0b", 3, None])
 def test_paths_of_checkpoints_are_names(path):
     simulation = points()

@@ -40,6 +40,7 @@ def test_fill_box_counts_and_margins():
         ((0, 0, np.nan), (1, 1, 1), 0.1, "low"),
         ((0, 0, 0), (1, 1, 1), 0.0, "spacing"),
         ((0, 0, 0), (1, 1, 1), 1e-6, "spacing"),
+        ((0, 0, 0), (1e300, 0, 1), 1.0, "spacing"),
     ],
 )
 def test_fill_box_refuses(low, high, spacing, name):

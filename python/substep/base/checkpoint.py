@@ -8,6 +8,7 @@ shape), data (the arrays, one after the other). Nothing in it is ever executed.
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import math
 import os
@@ -50,6 +51,9 @@ def write_checkpoint(path: str | os.PathLike[str], kind: str, state: dict[str, A
     lengths = struct.pack("<QQ", len(header), len(data))
     crc = zlib.crc32(data, zlib.crc32(header, zlib.crc32(lengths)))
     target = Path(path)
+    if target.exists() and not target.is_file():  # a device or a pipe would be gone
+        wrong = errno.EISDIR if target.is_dir() else errno.EINVAL
+        raise OSError(wrong, "expected a file to replace", path)
     try:
         handle, partial = tempfile.mkstemp(prefix=f".{target.name[:100]}-", dir=target.parent)
     except OSError as error:

@@ -61,8 +61,9 @@ def fill_box(low: ArrayLike, high: ArrayLike, spacing: float) -> Array:
     with in_range("low, high, spacing"):
         counts = np.floor((last - first) / h + 1e-9)
         points = np.prod(counts)
-    if not points < 2**31:
-        raise InputError(f"spacing: {h} gives a lattice of {points:.1e} points")
+    most = max(points, counts.max())  # a side of no points may stand across long ones
+    if not most < 2**31:
+        raise InputError(f"spacing: {h} gives a lattice of {most:.1e} points")
     margins = 0.5 * (last - first - counts * h)
     axes = [
         a + m + h * (np.arange(int(n)) + 0.5)
