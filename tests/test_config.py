@@ -115,6 +115,34 @@ with ThreadPoolExecutor(4) as pool:
     assert done.stdout == "[3, 2, 3, 2]\n", done.stderr
 
 
+def test_an_interrupt_of_the_first_use_breaks_nothing():
+    code = """
+import signal, threading
+import substep
+
+known = threading.main_thread
+
+
+def main_thread():  # which the core asks for while it is loaded
+    threading.main_thread = known
+    signal.raise_signal(signal.SIGINT)
+    return known()
+
+
+threading.main_thread = main_thread
+signal.signal(signal.SIGINT, signal.default_int_handler)
+try:
+    substep._core
+except BaseException as error:
+    print(type(error).__name__)
+bodies = substep.RigidBodies()
+bodies.step()
+print(bodies.report.steps)
+"""
+    done = run_python(code)
+    assert done.stdout.split() == ["KeyboardInterrupt", "1"], done.stderr
+
+
 def test_import_is_lazy_and_quick():
     code = "import sys, substep; print([m for m in ('numpy', 'h5py', 'scipy') if m in sys.modules])"
     assert run_python(code).stdout.strip() == "[]"

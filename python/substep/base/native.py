@@ -30,11 +30,32 @@ _loading = threading.Lock()
 
 
 def load() -> ModuleType:
-    """Load the best module that is installed and that this machine can run, once."""
-    with _loading:  # other threads get it when it is whole
-        if "substep._core" not in sys.modules:
-            sys.modules["substep._core"] = _load()
-        return sys.modules["substep._core"]
+    """Load the best module that is installed and that this machine can run, once.
+
+    In a thread of its own: Ctrl-C, which comes in the main one, would break off its initialization,
+    and what that has registered by then keeps it from being loaded again.
+    """
+    if "substep._core" not in sys.modules:
+        failures: list[BaseException] = []
+        thread = threading.Thread(target=_load_once, args=(failures,))
+        try:
+            thread.start()
+        except RuntimeError:  # there are no more threads to be had
+            _load_once(failures)
+        else:
+            thread.join()
+        for failure in failures:
+            raise failure
+    return sys.modules["substep._core"]
+
+
+def _load_once(failures: list[BaseException]) -> None:
+    try:
+        with _loading:
+            if "substep._core" not in sys.modules:
+                sys.modules["substep._core"] = _load()
+    except BaseException as error:
+        failures.append(error)
 
 
 def _load() -> ModuleType:
