@@ -6,6 +6,7 @@ import resource
 import shutil
 import struct
 import subprocess
+import sys
 import threading
 import tracemalloc
 import zlib
@@ -158,6 +159,43 @@ def test_recorder_arguments_are_checked(tmp_path, options, error, match):
 class Raising:
     def __array__(self, dtype=None, copy=None):
         raise ZeroDivisionError
+
+
+class Stop:
+    """Ctrl-C at the n-th instruction of the recorder and its journal."""
+
+    def __init__(self, at):
+        self.left = at
+
+    def __call__(self, frame, event, _):
+        if not frame.f_code.co_filename.endswith(("recorder.py", "journal.py")):
+            return None
+        frame.f_trace_opcodes, frame.f_trace_lines = True, False
+        self.left -= event == "opcode"
+        if event == "opcode" and self.left == 0:
+            raise KeyboardInterrupt
+        return self
+
+
+def test_an_interrupt_at_any_instruction_of_append_spoils_nothing(tmp_path):
+    path = tmp_path / "a.vtkhdf"
+    for at in range(1, 10_000):
+        recorder, stop = record(path, 1, overwrite=True), Stop(at)
+        sys.settrace(stop)
+        try:
+            recorder.append(1, frame(1))
+        except KeyboardInterrupt:
+            pass
+        finally:
+            sys.settrace(None)
+        recorder.append(2, frame(2))
+        times = recorder.times.tolist()
+        recorder._release()
+        assert substep.Recording(f"{path}.journal").times.tolist() == times
+        assert times in ([0, 2], [0, 1, 2])
+        if stop.left > 0:
+            break
+    assert at > 100
 
 
 def test_nothing_uses_a_recorder_in_the_middle_of_a_frame(tmp_path):

@@ -237,9 +237,8 @@ class Writer:
     def __init__(self, fd: int, path: str, end: int, fsync: bool) -> None:
         self.path = path
         self._fd = fd
-        self._end = end
+        self.end = end  # of the frames that it was opened with
         self._fsync = fsync
-        self._clean = True  # nothing of a failed write lies behind _end
         self._process = os.getpid()
 
     @classmethod
@@ -286,34 +285,38 @@ class Writer:
             os.unlink(path + ".part")
         return cls(fd, path, journal.end, fsync), journal
 
-    def append(self, record: bytes | memoryview) -> None:
-        """Write one record; when this returns, the frame outlives this process."""
+    def append(self, record: bytes | memoryview, end: int) -> int:
+        """Write one record behind the end of the frames, and tell where it ends.
+
+        When this returns, it outlives this process; what else is behind that end is cut off.
+        """
         if os.getpid() != self._process:
             raise InputError("the recorder belongs to the process that this one was forked from")
-        if os.fstat(self._fd).st_nlink == 0:
+        status = os.fstat(self._fd)
+        if status.st_nlink == 0:
             raise FileNotFoundError(
                 errno.ENOENT, "the journal was removed while recording", self.path
             )
-        if not self._clean:
-            os.ftruncate(self._fd, self._end)
-        self._clean = False
+        if status.st_size != end:
+            os.ftruncate(self._fd, end)
         try:
-            write_all(self._fd, record, self._end)
+            write_all(self._fd, record, end)
             if self._fsync:
                 os.fsync(self._fd)
         except BaseException:
             with contextlib.suppress(OSError):
-                os.ftruncate(self._fd, self._end)
-                self._clean = True
+                os.ftruncate(self._fd, end)
             raise
-        self._end += len(record)
-        self._clean = True
+        return end + len(record)
 
-    def close(self) -> None:
-        """Close the file; again is harmless."""
+    def close(self, end: int) -> None:
+        """Close the file, which ends there; again is harmless."""
         if self._fd >= 0:
             fd, self._fd = self._fd, -1
             if os.getpid() == self._process:
+                with contextlib.suppress(OSError):
+                    if os.fstat(fd).st_size > end:
+                        os.ftruncate(fd, end)
                 unlock(fd)  # a forked process may hold a copy of fd
             os.close(fd)
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import threading
 from collections.abc import Mapping
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import check_flag, check_integer, check_path, check_real, describe
+from ..base.owned import Owned
 from ..errors import InputError
 from .files import JOURNAL_SUFFIX
 from .frames import Constants, Encoder, Spec, encode_file_header, read_checked
@@ -31,7 +31,16 @@ from .parts import (
 )
 
 
-class Recorder:
+class _Frame(NamedTuple):
+    """What is known of a frame in the journal, and where it ends there."""
+
+    time: float
+    end: int
+    specs: list[Spec]
+    counts: tuple[int, ...]  # rows of its arrays
+
+
+class Recorder(Owned):
     """Records a run: every appended frame is safe from then on, whatever becomes of the process.
 
     Frames go to the journal `PATH.journal`; `close` packs it into PATH by a separate process. As a
@@ -112,12 +121,8 @@ class Recorder:
             raise InputError("overwrite, resume: give one of them")
         self.path = check_path(path)
         self.journal_path = self.path + JOURNAL_SUFFIX
-        self._specs: list[Spec] = []
-        self._counts: tuple[int, ...] = ()  # rows of the last frame's arrays
-        self._times: list[float] = []
+        self._frames: list[_Frame] = []
         self._encoder = Encoder()
-        self._lock = threading.RLock()
-        self._in_frame = False
         self._writer: Writer | None = None
         header = encode_file_header(metadata, self._constants())
         if resume and not self._resume(metadata, fsync) and os.path.lexists(self.path):
@@ -126,6 +131,7 @@ class Recorder:
         if self._writer is None:
             self._make_room(overwrite)
             self._writer = Writer.create(self.journal_path, header, fsync)
+        self._begin = self._writer.end
 
     def _constants(self) -> list[Constants]:
         return [part.constants() for part in self._parts.values()]
@@ -155,20 +161,23 @@ class Recorder:
                     if not np.array_equal(array, theirs[name]):
                         raise InputError(f"{name}: the recording to resume has others")
         except BaseException:
-            writer.close()
+            writer.close(writer.end)
             raise
-        self._writer, self._specs, self._times = writer, journal.specs, journal.times
-        self._counts = journal.counts[-1] if journal.counts else ()
+        self._writer = writer
+        self._frames = [
+            _Frame(time, journal.end, journal.specs, counts)
+            for time, counts in zip(journal.times, journal.counts, strict=True)
+        ]
         return True
 
     def __len__(self) -> int:
         """Frames recorded so far, those of a resumed recording included."""
-        return len(self._times)
+        return len(self._frames)
 
     @property
     def times(self) -> NDArray[np.float64]:
         """Times of the frames recorded so far, shape (frames,) [s]."""
-        return np.array(self._times, np.float64)
+        return np.array([frame.time for frame in self._frames], np.float64)
 
     def append(self, time: float, frame: Mapping[str, Mapping[str, ArrayLike]]) -> None:
         """Record one frame; when this returns, it is in the journal.
@@ -190,34 +199,29 @@ class Recorder:
             If the journal cannot be written (disk full, folder removed ...); the frames before
             are as they were, and the next `append` tries again.
         """
-        if not self._lock.acquire(blocking=False):
-            raise InputError("the recorder is in use by another thread")
-        try:
-            self._check_between_frames()
-            self._in_frame = True
-            try:
-                self._append(time, frame)
-            finally:
-                self._in_frame = False
-        finally:
-            self._lock.release()
-
-    def _check_between_frames(self) -> None:
-        """Refuse handlers of signals, and what an array does while it is converted."""
-        if self._in_frame:
-            raise InputError("the recorder is in the middle of a frame")
-
-    def _append(self, time: float, frame: Mapping[str, Mapping[str, ArrayLike]]) -> None:
+        self._alone("append")
         if self._writer is None:
             raise InputError("the recorder is closed")
         now = check_real("time", time)
-        if self._times and now <= self._times[-1]:
-            raise InputError(f"time: expected one after {self._times[-1]}, got {now}")
+        if self._frames and now <= self._frames[-1].time:
+            raise InputError(f"time: expected one after {self._frames[-1].time}, got {now}")
         specs, arrays = self._check_frame(frame)
-        self._writer.append(self._encoder.encode(len(self._times), now, specs, arrays))
-        self._specs = specs
-        self._counts = tuple(len(array) for array in arrays)
-        self._times.append(now)
+        record = self._encoder.encode(len(self._frames), now, specs, arrays)
+        end = self._writer.append(record, self._end)
+        # At once, and so whole or not at all: without it, the next frame takes the place of this.
+        self._frames.append(_Frame(now, end, specs, tuple(len(array) for array in arrays)))
+
+    @property
+    def _end(self) -> int:
+        """Of the frames, in the journal."""
+        return self._frames[-1].end if self._frames else self._begin
+
+    def _alone(self, method: str) -> None:
+        """Refuse handlers of signals, and what an array does while it is converted."""
+        try:
+            self._owner.begin(method)
+        except InputError:
+            raise InputError("the recorder is in the middle of a frame") from None
 
     def _check_frame(self, frame: Any) -> tuple[list[Spec], list[NDArray[Any]]]:
         moving = {name: part for name, part in self._parts.items() if part.points is None}
@@ -229,12 +233,12 @@ class Recorder:
             names = ["points", *part.fields]
             check_keys(f"frame[{part_name!r}]", values, names)
             for name in names:
-                known = self._specs[len(specs)] if self._specs else None
+                known = self._frames[-1].specs[len(specs)] if self._frames else None
                 array = check_values(f"{part_name}/{name}", values[name], name == "points", known)
                 specs.append(Spec(part_name, name, array.dtype.str, array.shape[1:]))
                 arrays.append(array)
             check_part(part_name, part, arrays[-len(names) :], names)
-            before = self._counts[len(specs) - len(names)] if self._counts else None
+            before = self._frames[-1].counts[len(specs) - len(names)] if self._frames else None
             if part.tetrahedra is not None and before not in (None, len(arrays[-1])):
                 raise InputError(
                     f"{part_name}/points: tetrahedra keep their number of points, {before}; "
@@ -255,17 +259,19 @@ class Recorder:
             If the packed file cannot be written; the journal stays, and `substep.pack` can try
             again, also to another place.
         """
-        with self._lock:
-            self._check_between_frames()
-            recording = self._writer is not None
-            self._release()
+        self._alone("close")
+        recording = self._writer is not None
+        self._release()
         if recording:
             pack(self.journal_path)
 
     def _release(self) -> None:
         if self._writer is not None:
-            self._writer.close()
+            self._writer.close(self._end)
             self._writer = None
+
+    def __reduce__(self) -> Any:
+        raise TypeError("a recorder can neither be copied nor pickled")
 
     def __enter__(self) -> Recorder:
         return self
@@ -297,7 +303,8 @@ def _unpack(path: str, journal_path: str) -> None:
         try:
             for i, time in enumerate(source.times):
                 arrays = [read_checked(source, i, k) for k in range(len(source.specs))]
-                writer.append(encoder.encode(i, time, source.specs, arrays))
+                record = encoder.encode(i, time, source.specs, arrays)
+                writer.end = writer.append(record, writer.end)
         finally:
-            writer.close()
+            writer.close(writer.end)
         os.rename(part, journal_path)
