@@ -378,7 +378,7 @@ for extra in range(0, 40, 4):
 sim.advance(5 * dt)
 print(True in failed, refused > 3)
 """
-    environment = {**os.environ, "MALLOC_MMAP_THRESHOLD_": "65536"}
+    environment = {**os.environ, "MALLOC_MMAP_THRESHOLD_": "65536", "MALLOC_ARENA_MAX": "1"}
     done = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
     )

@@ -670,7 +670,7 @@ for extra in range(0, 12):
     assert np.isfinite(bodies.positions).all()
 print(failed["step"] > 0, failed["add"] > 0)
 """
-    environment = {**os.environ, "MALLOC_MMAP_THRESHOLD_": "65536"}
+    environment = {**os.environ, "MALLOC_MMAP_THRESHOLD_": "65536", "MALLOC_ARENA_MAX": "1"}
     done = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False
     )
