@@ -155,7 +155,7 @@ def test_an_interrupt_at_every_poll_in_turn_leaves_a_whole_step():
 def test_keyboard_interrupt_from_the_terminal():
     code = """
 import _thread
-drift(n=100)  # the core is loaded
+drift(n=100)  # numpy.random, too, is loaded by that: a Ctrl-C within its loading is lost
 threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
 begin = time.perf_counter()
 try:
