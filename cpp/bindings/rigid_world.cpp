@@ -101,26 +101,17 @@ void add(PyWorld& self, const std::vector<FixtureTuple>& parts, int motion, doub
          const Rows& inertia, const Rows& x, const Rows& q, const Rows& v, const Rows& w) {
   std::vector<Fixture> fixtures;
   for (const FixtureTuple& part : parts) fixtures.push_back(fixture(part));
-  const std::int64_t before = self.world.bodies().size(), n = x.shape(0);
-  self.with_other_bodies([&] {
-    self.world.make_room(n, n * static_cast<std::int64_t>(fixtures.size()));
-    try {
-      for (py::ssize_t i = 0; i < n; ++i) {
-        BodyState body{.position = Vec3(x.data(i, 0)),
-                       .rotation = substep::load_quaternion(q.data(i, 0)),
-                       .velocity = Vec3(v.data(i, 0)),
-                       .angular_velocity = Vec3(w.data(i, 0)),
-                       .motion = static_cast<Motion>(motion)};
-        if (body.motion == Motion::kDynamic) body.mass = mass, body.inertia = Vec3(inertia.data());
-        self.world.add(body, fixtures);
-      }
-    } catch (...) {
-      std::vector<std::int64_t> added;
-      for (auto i = before; i < self.world.bodies().size(); ++i) added.push_back(i);
-      if (!added.empty()) self.world.remove(added);
-      throw;
-    }
-  });
+  std::vector<BodyState> bodies;
+  for (py::ssize_t i = 0; i < x.shape(0); ++i) {
+    bodies.push_back({.position = Vec3(x.data(i, 0)),
+                      .rotation = substep::load_quaternion(q.data(i, 0)),
+                      .velocity = Vec3(v.data(i, 0)),
+                      .angular_velocity = Vec3(w.data(i, 0)),
+                      .motion = static_cast<Motion>(motion)});
+    if (bodies.back().motion == Motion::kDynamic)
+      bodies.back().mass = mass, bodies.back().inertia = Vec3(inertia.data());
+  }
+  self.with_other_bodies([&] { self.world.add(bodies, fixtures); });
 }
 
 // set(bodies, row, values of the row) of bodies of which none is static.

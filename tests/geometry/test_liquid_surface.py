@@ -1,15 +1,17 @@
 """The surface of a liquid: where it should be, closed, and the same every time."""
 
+import signal
+import subprocess
 import sys
+import threading
+import time
 
 import numpy as np
 import pytest
 import substep
-from substep.geometry import TriangleMesh
-from substep.geometry.isosurface import import_pysplashsurf
+from substep.geometry import TriangleMesh, surface_process
 
 pysplashsurf = pytest.importorskip("pysplashsurf", reason="pysplashsurf is not installed")
-import_pysplashsurf()  # before a test calls it by itself: this starts its threads
 
 
 def block(n=12, spacing=0.1, seed=0):
@@ -118,7 +120,42 @@ def test_bad_input(changes, error, words):
 
 
 def test_a_missing_library_is_named(monkeypatch):
-    import_pysplashsurf.cache_clear()
     monkeypatch.setitem(sys.modules, "pysplashsurf", None)
     with pytest.raises(ImportError, match=r'pip install "substep\[surface\]" for surfaces'):
+        substep.liquid_surface(block(2), 0.05)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits memory")
+def test_memory_that_runs_out_ends_no_process():
+    """pysplashsurf ends its own by SIGABRT where memory runs out."""
+    program = """if True:
+        import resource
+        import numpy as np
+        import substep
+        points = np.stack(np.meshgrid(*3 * [np.arange(30.0)]), axis=-1).reshape(-1, 3)
+        resource.setrlimit(resource.RLIMIT_AS, (300 << 20, resource.RLIM_INFINITY))
+        try:
+            substep.liquid_surface(points, 0.5, cell=0.25)
+        except MemoryError as error:
+            print(error)
+        resource.setrlimit(resource.RLIMIT_AS, 2 * (resource.RLIM_INFINITY,))
+        print(len(substep.liquid_surface(points[:1], 0.5).vertices) > 0)
+        """
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.stdout == "liquid_surface: out of memory\nTrue\n", done
+
+
+def test_an_interrupt_ends_it():
+    points = np.stack(np.meshgrid(*3 * [np.arange(40.0)]), axis=-1).reshape(-1, 3)
+    timer = threading.Timer(0.5, signal.raise_signal, [signal.SIGINT])
+    timer.start()
+    begin = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt):
+        substep.liquid_surface(points, 0.5, cell=0.1)  # some 20 s
+    assert time.perf_counter() - begin < 5
+
+
+def test_what_pysplashsurf_says_is_told(monkeypatch):
+    monkeypatch.setattr(surface_process, "__file__", "/dev/null/not")
+    with pytest.raises(substep.SolverError, match=r"pysplashsurf failed .*not"):
         substep.liquid_surface(block(2), 0.05)

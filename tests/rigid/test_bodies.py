@@ -626,6 +626,20 @@ def test_set_motion():
         assert bodies.motions.tolist() == ["static"] * 3
 
 
+def test_a_joint_none_of_whose_bodies_is_dynamic_rests():
+    bodies = world()
+    ball = bodies.add(BALL, (1, 0, 0))
+    bodies.ball(ball, None, (0, 0, 0))
+    bodies.set_motion("kinematic", ball)
+    for one in (bodies, bodies.copy(), pickle.loads(pickle.dumps(bodies))):
+        one.advance(0.5)
+        assert one.positions[ball] == pytest.approx([1, 0, 0])
+        one.set_motion("dynamic", ball)
+        one.advance(0.5)
+        assert np.linalg.norm(one.positions[ball]) == pytest.approx(1, abs=1e-3)
+        assert one.positions[ball, 2] < -0.9
+
+
 # Runs.
 def test_callbacks_run_after_every_step_and_may_do_everything():
     bodies = on_ground()

@@ -14,7 +14,7 @@ from typing import Any
 
 from .. import errors
 from ..errors import CorruptError, FormatError
-from .reading import child_environment
+from .child_process import child_environment
 
 
 class _Helper:

@@ -1,4 +1,4 @@
-"""What readers of files share: strict JSON, helper processes, how far an HDF5 file is believed."""
+"""What readers of files share: strict JSON, how far an HDF5 file is believed."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import errno
 import json
 import math
 import os
-import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -41,13 +40,6 @@ def load_json(data: bytes, where: str) -> Any:
         )
     except (ValueError, RecursionError) as error:
         raise CorruptError(f"{where}: metadata is not valid JSON ({error})") from None
-
-
-def child_environment(*folders: str) -> dict[str, str]:
-    """For Python in a process of its own, with limits: it imports from where this one does."""
-    path = os.pathsep.join([*(os.path.abspath(p) for p in sys.path if p), *folders])
-    one_thread = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}  # each would reserve memory
-    return {**os.environ, "PYTHONPATH": path, "PYTHONSAFEPATH": "1", **one_thread}
 
 
 def check_booleans(array: NDArray[Any], where: str) -> None:

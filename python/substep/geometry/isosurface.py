@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import functools
-import os
+import importlib.util
+import tempfile
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,13 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import check_array, check_integer, check_real, in_range
-from ..errors import InputError
+from ..base.child_process import run_program
+from ..errors import InputError, SolverError
+from . import surface_process
 
-# Of the kernel, as multiples of the radius: its support is twice that, so two spacings. The
-# docstring of reconstruct_surface calls its lengths absolute; they are multiples all the same.
-SMOOTHING_LENGTH = 2.0
-THRESHOLD = 0.6  # of the indicator that is 1 inside and 0 outside
-NORMAL_SMOOTHING = 3  # passes over the normals; drops of one particle would lose theirs by many
 MOST_CELLS = 2**20  # along an axis: float32 has 24 bits, of which 4 are left within a cell
 
 
@@ -40,34 +37,6 @@ class LiquidSurface:
     normals: NDArray[np.float32]
 
 
-@functools.cache
-def import_pysplashsurf() -> Any:
-    """Import pysplashsurf, with its thread pool started, or say what to install.
-
-    On several threads it adds up in another order each time, also with its `multi_threading=False`;
-    its pool takes the number of threads from the environment when it is first used.
-    """
-    try:
-        import pysplashsurf
-    except ImportError:
-        raise ImportError(
-            'pysplashsurf is missing: pip install "substep[surface]" for surfaces of liquids'
-        ) from None
-    name = "RAYON_NUM_THREADS"
-    before = os.environ.get(name)
-    os.environ[name] = "1"
-    try:
-        pysplashsurf.reconstruct_surface(
-            np.zeros((1, 3), np.float32), particle_radius=1.0, smoothing_length=2.0, cube_size=1.0
-        )
-    finally:
-        if before is None:
-            del os.environ[name]
-        else:
-            os.environ[name] = before
-    return pysplashsurf
-
-
 def liquid_surface(
     positions: ArrayLike, radius: float, *, cell: float = 1.0, smoothing: int = 25
 ) -> LiquidSurface:
@@ -75,8 +44,8 @@ def liquid_surface(
 
     Marching cubes on the level set 0.6 of the particles' smoothed indicator, with the slivers
     removed, then Laplacian smoothing that moves the vertices least where there are few particles,
-    so that drops and sheets do not shrink away. The same particles give the same bits, for which
-    it runs on one thread (but on those of pysplashsurf's pool if the process used it before).
+    so that drops and sheets do not shrink away. It runs in a process of its own, on one thread: the
+    same particles give the same bits.
 
     Parameters
     ----------
@@ -102,6 +71,10 @@ def liquid_surface(
         cells.
     ImportError
         If pysplashsurf is missing.
+    MemoryError
+        If it needs more memory than there is.
+    SolverError
+        If it fails at these particles.
 
     References
     ----------
@@ -126,7 +99,10 @@ def liquid_surface(
     if not 0.1 <= cell <= 4:
         raise InputError(f"cell: expected a number from 0.1 to 4, got {cell}")
     smoothing = check_integer("smoothing", smoothing, minimum=0, maximum=10_000)
-    pysplashsurf = import_pysplashsurf()
+    if importlib.util.find_spec("pysplashsurf") is None:
+        raise ImportError(
+            'pysplashsurf is missing: pip install "substep[surface]" for surfaces of liquids'
+        )
     if not len(points):
         return LiquidSurface(
             np.zeros((0, 3)), np.zeros((0, 3), np.int64), np.zeros((0, 3), np.float32)
@@ -140,22 +116,29 @@ def liquid_surface(
             f"{cell * radius:.3g} m"
         )
     # In units of the radius about the middle, where float32 is as fine as it can be.
-    mesh, _ = pysplashsurf.reconstruction_pipeline(
-        ((points - center) / radius).astype(np.float32),
-        particle_radius=1.0,
-        smoothing_length=SMOOTHING_LENGTH,
-        cube_size=cell,
-        iso_surface_threshold=THRESHOLD,
-        mesh_cleanup=True,
-        mesh_smoothing_iters=smoothing,
-        mesh_smoothing_weights=True,
-        compute_normals=True,
-        normals_smoothing_iters=NORMAL_SMOOTHING,
+    vertices, faces, normals = _reconstruct(
+        ((points - center) / radius).astype(np.float32), cell, smoothing
     )
     with in_range("radius"):
-        vertices = np.asarray(mesh.mesh.vertices) * radius + center
-    return LiquidSurface(
-        vertices,
-        np.asarray(mesh.mesh.triangles).astype(np.int64),
-        np.asarray(mesh.point_attributes["normals"], np.float32),
-    )
+        return LiquidSurface(vertices * radius + center, faces, normals)
+
+
+def _reconstruct(points: NDArray[np.float32], cell: float, smoothing: int) -> list[NDArray[Any]]:
+    """Vertices, triangles and normals of particles of radius 1."""
+    with (
+        tempfile.TemporaryFile() as question,
+        tempfile.TemporaryFile() as answer,
+        tempfile.TemporaryFile() as errors,
+    ):
+        np.save(question, points)
+        question.seek(0)
+        code = run_program(
+            surface_process, [cell, smoothing], question=question, answer=answer, errors=errors
+        )
+        if code != 0:
+            errors.seek(0)
+            said = errors.read().decode(errors="replace").strip()
+            if code == -9 or "memory" in said.lower():  # killed by the system
+                raise MemoryError("liquid_surface: out of memory")
+            raise SolverError(f"liquid_surface: pysplashsurf failed ({said[-300:]})")
+        return [np.load(answer, allow_pickle=False) for _ in range(3)]

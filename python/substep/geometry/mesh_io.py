@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import subprocess
-import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.checks import check_path
-from ..base.reading import child_environment
+from ..base.child_process import run_program
 from ..errors import FormatError, SubstepError
 from . import meshio_process
 from .tet_mesh import TetMesh
@@ -144,28 +141,11 @@ def _read_with_meshio(path: Path) -> _Read:
         )
     memory, seconds = _MEMORY + _MEMORY_PER_BYTE * size, _SECONDS + size // _BYTES_PER_SECOND
     limits = f"{memory} bytes of memory and {seconds} s of processor time"
-    script = str(meshio_process.__file__)
-    with (
-        tempfile.TemporaryFile() as answer,
-        subprocess.Popen(
-            [sys.executable, script, os.path.abspath(path), str(memory), str(seconds)],
-            stdin=subprocess.DEVNULL,
-            stdout=answer,
-            stderr=subprocess.DEVNULL,
-            env=child_environment(),
-        ) as process,
-    ):
-        try:
-            while process.poll() is None:  # not `wait`, which delays an interrupt
-                time.sleep(0.005)
-        except BaseException:
-            process.kill()
-            raise
-        answer.seek(0)
-        if process.returncode == meshio_process.REFUSED:
+    with tempfile.TemporaryFile() as answer:
+        code = run_program(meshio_process, [os.path.abspath(path), memory, seconds], answer=answer)
+        if code == meshio_process.REFUSED:
             reason = answer.read(1000).decode(errors="replace")
             raise FormatError(f"{path}: meshio cannot read it ({reason})")
-        if process.returncode != 0:
-            code = process.returncode
+        if code != 0:
             raise FormatError(f"{path}: meshio failed with {limits} (exit code {code})")
         return _Read(*(np.load(answer, allow_pickle=False) for _ in range(4)))

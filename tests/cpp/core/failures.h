@@ -16,6 +16,8 @@ struct Interrupt {};
 // The n-th allocation by `new` of this thread from now on fails, once; 0: none does. Returns how
 // many were left of those of the last call.
 std::int64_t fail_allocation(std::int64_t n);
+// The n-th and all that follow.
+std::int64_t fail_allocations_from(std::int64_t n);
 // The n-th poll of this thread from now on throws Interrupt.
 std::int64_t interrupt_poll(std::int64_t n);
 

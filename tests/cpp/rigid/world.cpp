@@ -6,9 +6,11 @@
 #include <functional>
 #include <limits>
 
+#include "../core/failures.h"
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
 #include "substep/core/quaternion.h"
+#include "substep/core/usize.h"
 #include "substep/rigid/world/queries.h"
 #include "world_scene.h"
 
@@ -230,6 +232,38 @@ TEST(RigidWorld, RemovalLeavesTheOthers) {
   const Bodies with = run(true), without = run(false);
   EXPECT_EQ(with.x, without.x);
   EXPECT_EQ(with.L, without.L);
+}
+
+TEST(RigidWorld, AddsAllOrNoneWhereMemoryStaysShort) {
+  const Fixture fixture = fixture_of(Box{Vec3::Constant(0.5)});
+  std::vector<BodyState> bodies(3);
+  for (int k = 0; k < 3; ++k) bodies[usize(k)].position = {0.1 * k, 0, 1.6 + k};
+  const auto after_half_a_second = [](World& world) {
+    advance(world, 0.5);
+    return world.bodies().x;
+  };
+  const auto make = [] {
+    World world;
+    add_ground(world);
+    add_box(world, Vec3::Constant(0.5), {0, 0, 0.5});
+    return world;
+  };
+  World few = make(), all = make();
+  EXPECT_EQ(all.add(bodies, {&fixture, 1}), 2);
+  const std::vector<double> of_few = after_half_a_second(few), of_all = after_half_a_second(all);
+  int refused = 0;
+  failures::at_each(&failures::fail_allocations_from, [&](const auto& call) {
+    World world = make();
+    call([&] { world.add(bodies, {&fixture, 1}); });
+    const bool whole = world.bodies().size() == 5;
+    EXPECT_TRUE(whole || world.bodies().size() == 2);
+    refused += whole ? 0 : 1;
+    World twin = world;
+    EXPECT_EQ(after_half_a_second(twin), whole ? of_all : of_few);
+    if (!whole) world.add(bodies, {&fixture, 1});
+    EXPECT_EQ(after_half_a_second(world), of_all);
+  });
+  EXPECT_GT(refused, 10);
 }
 
 TEST(RigidWorld, JointsHoldAndGo) {

@@ -74,6 +74,13 @@ std::int64_t Bodies::add(const BodyState& body) {
   return size() - 1;
 }
 
+void Bodies::remove_last() {
+  for (auto* rows : {&x, &P, &L, &inertia, &force, &torque}) rows->resize(rows->size() - 3);
+  q.resize(q.size() - 4);
+  mass.pop_back();
+  motion.pop_back();
+}
+
 void Bodies::make_room(std::size_t more) {
   for (auto* rows : {&x, &P, &L, &inertia, &force, &torque, &q, &mass})
     reserve_amortised(*rows, rows->size() + 4 * more);

@@ -45,6 +45,7 @@ class Bodies {
   // The numbers that bodies have from now on, -1 for the removed: those behind move up. InputError:
   // a number is out of range.
   std::vector<std::int64_t> remove(std::span<const std::int64_t> removed);
+  void remove_last();  // takes no memory
 
   Vec3 position(std::int64_t i) const { return Vec3(&x[3 * usize(i)]); }
   Quaternion rotation(std::int64_t i) const { return load_quaternion(&q[4 * usize(i)]); }

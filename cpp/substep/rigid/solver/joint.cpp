@@ -23,10 +23,15 @@ void check_body(std::int32_t body, const Bodies& bodies, const char* name, std::
             ", got " + std::to_string(body));
 }
 
-void check_pair(const Bodies& bodies, std::int32_t a, std::int32_t b) {
+void check_numbers(const Bodies& bodies, std::int32_t a, std::int32_t b) {
   check_body(a, bodies, "a", 0);
   check_body(b, bodies, "b", Joint::kWorld);
   check(a != b, "b: a joint connects two bodies, got body " + std::to_string(a) + " twice");
+}
+
+// Of a new joint; later its bodies may become kinematic or static, and it rests.
+void check_pair(const Bodies& bodies, std::int32_t a, std::int32_t b) {
+  check_numbers(bodies, a, b);
   check(bodies.dynamic(a) || (b >= 0 && bodies.dynamic(b)),
         "a, b: a joint needs a dynamic body, and neither " + std::to_string(a) + " nor " +
             (b < 0 ? "the world" : std::to_string(b)) + " is one");
@@ -154,7 +159,7 @@ Joint make_distance(const Bodies& bodies, std::int32_t a, std::int32_t b, const 
 }
 
 void check_joint(const Joint& joint, const Bodies& bodies) {
-  check_pair(bodies, joint.a, joint.b);
+  check_numbers(bodies, joint.a, joint.b);
   const auto check_frame = [](const Joint::Frame& frame, const std::string& name) {
     check(frame.anchor.allFinite(), name + ".anchor: expected finite numbers");
     check(std::abs(frame.axes.norm() - 1) < 1e-6,

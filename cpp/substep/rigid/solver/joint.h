@@ -64,7 +64,7 @@ struct Joint {
 };
 
 // Joints between bodies as they are now; points and axes (of any length) in the world. The
-// coordinate of what turns or slides is 0 now. InputError: see check_joint.
+// coordinate of what turns or slides is 0 now. InputError: no dynamic body, or see check_joint.
 Joint make_ball(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& anchor,
                 const Vec3& axis = Vec3::UnitX());
 Joint make_hinge(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& anchor,
@@ -76,9 +76,10 @@ Joint make_fixed(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec
 Joint make_distance(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& point_a,
                     const Vec3& point_b);
 
-// InputError, naming what is wrong: numbers of bodies that do not exist or are the same, no dynamic
-// body, a frame, limit or motor that is not finite where it must be, lower > upper, a negative
-// distance, stiffness, damping or force, a cone not within (0, pi], what the type does not have.
+// InputError, naming what is wrong: numbers of bodies that do not exist or are the same, a frame,
+// limit or motor that is not finite where it must be, lower > upper, a negative distance,
+// stiffness, damping or force, a cone not within (0, pi], what the type does not have. A joint none
+// of whose bodies is dynamic any more rests.
 void check_joint(const Joint& joint, const Bodies& bodies);
 
 // The coordinate at the poses of the bodies, angles within half a turn of joint.coordinate.

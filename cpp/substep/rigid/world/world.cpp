@@ -105,6 +105,32 @@ std::int32_t World::add(const BodyState& body, std::span<const Fixture> fixtures
   return static_cast<std::int32_t>(number);
 }
 
+std::int32_t World::add(std::span<const BodyState> bodies, std::span<const Fixture> fixtures) {
+  const auto first = bodies_.size(), n = static_cast<std::int64_t>(bodies.size());
+  make_room(n, n * static_cast<std::int64_t>(fixtures.size()));
+  try {
+    for (const BodyState& body : bodies) add(body, fixtures);
+  } catch (...) {
+    while (bodies_.size() > first) drop_last();
+    throw;
+  }
+  return static_cast<std::int32_t>(first);
+}
+
+// As if it had not been added; needs no memory.
+void World::drop_last() {
+  const std::int64_t body = bodies_.size() - 1;
+  if (bodies_.dynamic(body)) islands_.remove(static_cast<std::int32_t>(body));
+  for (std::int32_t f = fixtures_.first(body); f < fixtures_.first(body + 1); ++f)
+    broad_phase_->remove(f);
+  fixtures_.remove_last_body();
+  bodies_.remove_last();
+  rest_x_.resize(bodies_.x.size()), placed_x_.resize(bodies_.x.size());
+  rest_q_.resize(bodies_.q.size()), placed_q_.resize(bodies_.q.size());
+  asleep_.pop_back();
+  ways_.pop_back();
+}
+
 // Makes a body part of broad phase and islands.
 void World::enter(std::int64_t body) {
   std::copy_n(&bodies_.x[3 * usize(body)], 3, &rest_x_[3 * usize(body)]);

@@ -64,6 +64,8 @@ class World {
   // The number of the new body. InputError: something is out of range (Bodies::add,
   // check_fixtures); nothing changed then. A body may have no fixture: it touches nothing.
   std::int32_t add(const BodyState& body, std::span<const Fixture> fixtures);
+  // The number of the first of several with the same fixtures; what fails changes nothing.
+  std::int32_t add(std::span<const BodyState> bodies, std::span<const Fixture> fixtures);
   // So that adding so many bodies with so many fixtures in all takes hardly any more memory, and so
   // fails now or not at all. InputError: they are more than there are numbers.
   void make_room(std::int64_t bodies, std::int64_t fixtures);
@@ -131,6 +133,7 @@ class World {
   void check_joint_number(std::int64_t number) const;
   void wake_joined(const Joint& joint);
   void show_excluded();
+  void drop_last();
   void enter(std::int64_t body);
   void leave(std::span<const std::int64_t> bodies);
   std::vector<std::int64_t> take_out(std::span<const std::int64_t> ascending);
