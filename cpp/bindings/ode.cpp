@@ -68,6 +68,7 @@ py::dict method_dict(const std::string& name) {
     properties["family"] = kFamilies[static_cast<int>(method.family)];
     properties["order"] = method.order;
     properties["error_order"] = method.error_order;
+    properties["doubling"] = method.doubling;
     return properties;
   }
   throw py::key_error(name);
@@ -174,7 +175,8 @@ std::unique_ptr<PyIntegration> make_integration(
     const py::array& y0, double step, std::vector<double> rtol, std::vector<double> atol,
     double first_step, double max_step, int threads, bool every_step, std::vector<double> t_eval,
     bool dense, bool interpolate, const py::object& radius, std::shared_ptr<ode::Jacobian> jacobian,
-    std::shared_ptr<ode::MassMatrix> mass, bool krylov) {
+    std::shared_ptr<ode::MassMatrix> mass, const std::string& linear_solver,
+    bool local_extrapolation) {
   const bool complex = y0.dtype().kind() == 'c';
   const py::array_t<double, py::array::c_style> y =
       complex ? py::array(y0.attr("view")("float64")) : y0;
@@ -188,12 +190,15 @@ std::unique_ptr<PyIntegration> make_integration(
   options.atol = std::move(atol);
   options.first_step = first_step;
   options.max_step = max_step;
+  options.local_extrapolation = local_extrapolation;
   options.complex_pairs = complex;
   options.threads = threads;
   options.spectral_radius = spectral_radius(radius, system->size(), complex);
   options.jacobian = std::move(jacobian);
   options.mass = std::move(mass);
-  options.linear_solver = krylov ? ode::LinearSolver::krylov : ode::LinearSolver::direct;
+  options.linear_solver = linear_solver == "krylov"   ? ode::LinearSolver::krylov
+                          : linear_solver == "direct" ? ode::LinearSolver::direct
+                                                      : ode::LinearSolver::automatic;
   const bool native = system->native() && (!options.jacobian || options.jacobian->native()) &&
                       (radius.is_none() || PyFloat_Check(radius.ptr()));
   ode::Output output{every_step, std::move(t_eval), dense, interpolate};
@@ -266,7 +271,8 @@ void bind_integration(py::module_& m) {
            py::arg("atol"), py::arg("first_step"), py::arg("max_step"), py::arg("threads"),
            py::arg("every_step"), py::arg("t_eval"), py::arg("dense"), py::arg("interpolate"),
            py::arg("spectral_radius") = py::none(), py::arg("jacobian") = py::none(),
-           py::arg("mass") = py::none(), py::arg("krylov") = false)
+           py::arg("mass") = py::none(), py::arg("linear_solver") = "auto",
+           py::arg("local_extrapolation") = true)
       .def("start",
            [](PyIntegration& i) { i.without_gil([&] { return i.integration.start(), 0; }); })
       .def(

@@ -190,8 +190,8 @@ py::tuple solve_ensemble(const std::vector<std::shared_ptr<ode::System>>& system
                          std::uintptr_t address, const Reals& parameters, const std::string& method,
                          double t0, double t1, const Reals& y0, double step,
                          std::vector<double> rtol, std::vector<double> atol, double first_step,
-                         double max_step, const std::vector<double>& t_eval, std::int64_t max_steps,
-                         int threads) {
+                         double max_step, bool local_extrapolation,
+                         const std::vector<double>& t_eval, std::int64_t max_steps, int threads) {
   ode::Ensemble ensemble;
   ensemble.method = method;
   ensemble.t_eval = t_eval;
@@ -208,6 +208,7 @@ py::tuple solve_ensemble(const std::vector<std::shared_ptr<ode::System>>& system
   options.atol = std::move(atol);
   options.first_step = first_step;
   options.max_step = max_step;
+  options.local_extrapolation = local_extrapolation;
   auto* rows = const_cast<double*>(parameters.data());  // a single one where all share it
   const std::int64_t columns = parameters.ndim() == 2 ? parameters.shape(1) : 0;
   const auto system = [&](std::int64_t i) -> std::shared_ptr<ode::System> {
@@ -288,5 +289,6 @@ void bind_second_order(py::module_& m) {
   m.def("solve_ensemble", &solve_ensemble, py::kw_only(), py::arg("systems"), py::arg("address"),
         py::arg("parameters"), py::arg("method"), py::arg("t0"), py::arg("t1"), py::arg("y0"),
         py::arg("step"), py::arg("rtol"), py::arg("atol"), py::arg("first_step"),
-        py::arg("max_step"), py::arg("t_eval"), py::arg("max_steps"), py::arg("threads"));
+        py::arg("max_step"), py::arg("local_extrapolation"), py::arg("t_eval"),
+        py::arg("max_steps"), py::arg("threads"));
 }

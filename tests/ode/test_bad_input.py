@@ -21,6 +21,14 @@ def solve(fun=decay, t_span=(0.0, 1.0), y0=(1.0, 2.0), *args, **settings):
     return substep.solve_ivp(fun, t_span, y0, *args, **settings)
 
 
+@pytest.mark.parametrize("method", ["RK45", "DOP853", "Radau", "implicit_euler", "RKC2"])
+def test_local_extrapolation_of_other_methods(method):
+    with pytest.raises(InputError, match=f"local_extrapolation: .* the method is {method}"):
+        solve(method=method, local_extrapolation=False)
+    with pytest.raises(TypeError, match="local_extrapolation: expected a bool"):
+        solve(method="rk4", local_extrapolation=1)
+
+
 # The initial state.
 
 

@@ -174,6 +174,40 @@ def test_brusselator_on_a_line(solver, reference):
     assert result.nlu == (0 if solver == "krylov" else result.nlu)
 
 
+def laplacian(n):
+    """Second differences on (0, 1) with 0 at both ends."""
+    return (n + 1) ** 2 * scipy.sparse.diags([1.0, -2.0, 1.0], [-1, 0, 1], shape=(n, n))
+
+
+def solve_linear(A, solver):
+    y0 = np.random.default_rng(0).uniform(size=A.shape[0])
+    return solve_ivp(
+        lambda t, y: A @ y, (0, 0.1), y0, "Radau", jac=A, rtol=1e-4, atol=1e-4, linear_solver=solver
+    )
+
+
+def test_the_linear_solver_is_chosen_by_the_pattern():
+    """Factors of a line cost little; of a square much, where iterations converge."""
+    line = laplacian(500).tocsc()
+    direct, chosen = (solve_linear(line, solver) for solver in ("direct", "auto"))
+    assert chosen.nlu == direct.nlu and (chosen.y == direct.y).all()
+    one = scipy.sparse.identity(32)
+    square = (scipy.sparse.kron(laplacian(32), one) + scipy.sparse.kron(one, laplacian(32))).tocsc()
+    krylov, chosen = (solve_linear(square, solver) for solver in ("krylov", "auto"))
+    assert chosen.nlu == 0 and (chosen.y == krylov.y).all()
+
+
+def test_iterations_that_do_not_converge_are_given_up():
+    """Wind 150 times as strong as diffusion between cells; BiCGSTAB takes 50 times as long."""
+    n = 32
+    one, wind = scipy.sparse.identity(n), scipy.sparse.diags([-1.0, 1.0], [-1, 1], shape=(n, n))
+    A = scipy.sparse.kron(laplacian(n), one) + scipy.sparse.kron(one, laplacian(n))
+    A = (A + 5000 * (n + 1) * scipy.sparse.kron(wind, one)).tocsc()
+    direct, chosen = (solve_linear(A, solver) for solver in ("direct", "auto"))
+    assert 0 < chosen.nlu and chosen.nfev < 1.1 * direct.nfev
+    np.testing.assert_allclose(chosen.y[:, -1], direct.y[:, -1], atol=1e-4)
+
+
 def brusselator_2d(n, exponent, **settings):
     y = systems.Brusselator2D(n).y0
     tolerance = {"rtol": 10.0**-exponent, "atol": 10.0**-exponent}
@@ -210,7 +244,7 @@ def test_brusselator_on_a_square(reference):
 
 @pytest.mark.slow
 def test_brusselator_on_a_square_directly(reference):
-    y = brusselator_2d(64, 3)
+    y = brusselator_2d(64, 3, linear_solver="direct")
     assert brusselator_2d_error(y, 64, reference) < 1e-4
 
 
@@ -443,6 +477,55 @@ def test_order_of_a_differential_algebraic_system():
         errors.append(np.abs(result.y - [x, x * np.cos(result.t)]).max(axis=1))
     slopes = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
     np.testing.assert_allclose(slopes, 5, atol=0.4)
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize("own", [True, False])
+def test_transistor_amplifier(tolerance, own):
+    """Index 1; values of the Test Set for IVP Solvers (Mazzia, Magherini), Bari 2008, problem II-2.
+
+    One rounding of y moves the output by 1e-13: below that no tolerance can be kept.
+    """
+    C = 1e-6 * np.arange(1, 6)
+    mass = np.zeros((8, 8))
+    for c, (i, j) in zip(C, [(0, 1), (2, 2), (3, 4), (5, 5), (6, 7)], strict=True):
+        mass[i, i] = mass[j, j] = -c
+        if i != j:
+            mass[i, j] = mass[j, i] = c
+    Ub, R0, R, alpha, beta, UF = 6.0, 1e3, 9e3, 0.99, 1e-6, 0.026
+    linear = np.array([1 / R0, 2 / R, 1 / R, 1 / R, 2 / R, 1 / R, 1 / R, 1 / R])
+    constant = np.array([0, Ub / R, 0, Ub / R, Ub / R, 0, Ub / R, 0])
+    # What the current of each transistor adds to the three nodes that it joins.
+    gain = np.zeros((8, 2))
+    gain[1:4, 0] = gain[4:7, 1] = 1 - alpha, -1, alpha
+
+    def fun(t, y):
+        current = beta * (np.exp((y[[1, 4]] - y[[2, 5]]) / UF) - 1)
+        result = linear * y - constant + gain @ current
+        result[0] -= 0.1 * math.sin(200 * math.pi * t) / R0
+        return result
+
+    def jac(t, y):
+        slope = gain * (beta / UF * np.exp((y[[1, 4]] - y[[2, 5]]) / UF))
+        result = np.diag(linear)
+        result[:, [1, 4]] += slope
+        result[:, [2, 5]] -= slope
+        return result
+
+    result = solve_ivp(
+        fun,
+        (0, 0.2),
+        [0, Ub / 2, Ub / 2, Ub, Ub / 2, Ub / 2, Ub, 0],
+        "Radau",
+        mass=mass,
+        rtol=tolerance,
+        atol=0.01 * tolerance,
+        t_eval=[0.2],
+        jac=jac if own else None,
+    )
+    end = [-0.5562145012262709e-2, 3.006522471903042, 2.849958788608128, 2.926422536206241]
+    end += [2.704617865010554, 2.761837778393145, 4.770927631616772, 1.236995868091548]
+    assert np.abs(result.y[:, 0] - end).max() < max(0.2 * tolerance, 2e-12)
 
 
 @pytest.mark.parametrize("convert", [np.asarray, scipy.sparse.csc_matrix])

@@ -138,7 +138,7 @@ def test_jac_may_not_write_to_y():
 
 @pytest.mark.parametrize("value", ["lu", None, 3, ""])
 def test_linear_solver(value):
-    with pytest.raises(InputError, match="linear_solver: expected one of direct, krylov"):
+    with pytest.raises(InputError, match="linear_solver: expected one of auto, direct, krylov"):
         solve(linear_solver=value)
 
 

@@ -16,6 +16,7 @@ from substep import _core
 METHODS = substep.ode.methods()
 ORDER = {name: _core.ode_method(name)["order"] for name in METHODS}
 TABLES = [name for name in METHODS if _core.ode_method(name)["family"] == "explicit"]
+DOUBLING = [name for name in TABLES if _core.ode_method(name)["doubling"]]
 PAIRS = [name for name in TABLES if "error_order" in _core.tableau(name)]
 REFERENCE = Path(__file__).parents[3] / "shared/reference/ode.json"
 
@@ -123,20 +124,38 @@ def test_linear_step_is_the_stability_polynomial(name):
 # Step control.
 
 
-@pytest.mark.parametrize("name", METHODS)
-def test_error_follows_the_tolerance(name, pendulum_end):
+@pytest.mark.parametrize(
+    ("name", "plain"),
+    [*((name, False) for name in METHODS), *((name, True) for name in DOUBLING)],
+)
+def test_error_follows_the_tolerance(name, plain, pendulum_end):
     """An estimate of order q is kept, so the error goes with tolerance^(p / (q + 1))."""
     p, q = ORDER[name], _core.ode_method(name)["error_order"]
+    if name in DOUBLING and not plain:
+        p += 1  # by local extrapolation
+    options = {"local_extrapolation": False} if plain else {}
     tolerances = np.array([1e-3, 1e-4, 1e-5, 1e-6] if p < 4 else [1e-5, 1e-7, 1e-9, 1e-11])
     errors = []
     for tolerance in tolerances:
         result = substep.solve_ivp(
-            forced_pendulum, (0, 3), [1.0, 0.2], name, rtol=tolerance, atol=tolerance
+            forced_pendulum, (0, 3), [1.0, 0.2], name, rtol=tolerance, atol=tolerance, **options
         )
         errors.append(np.linalg.norm(result.y[:, -1] - pendulum_end))
     slope = np.polyfit(np.log(tolerances), np.log(errors), 1)[0]
     assert slope == pytest.approx(p / (q + 1), abs=0.2)
     assert np.all(errors < 100 * tolerances ** (p / (q + 1)))
+
+
+@pytest.mark.parametrize("name", DOUBLING)
+def test_step_doubling_is_proportional_to_the_tolerance(name, pendulum_end):
+    """Without extrapolation error over tolerance grows as tolerance^(-1/(p+1)): heun's 22-fold."""
+    ratios = []
+    for tolerance in (1e-4, 1e-6, 1e-8):
+        result = substep.solve_ivp(
+            forced_pendulum, (0, 3), [1.0, 0.2], name, rtol=tolerance, atol=tolerance
+        )
+        ratios.append(np.abs(result.y[:, -1] - pendulum_end).max() / tolerance)
+    assert max(ratios) < min(4, 2 * min(ratios))
 
 
 def _scipy_error(system, name, tolerance, y_end, t_end, components):

@@ -13,7 +13,7 @@ from .. import _core
 from ..base.checks import check_array, check_integer, check_sequence, describe
 from ..base.pointers import RHS, find_address
 from ..errors import InputError, NonFiniteError, SolverError
-from .ivp import _check_t_eval, _method_name, check_control
+from .ivp import _check_t_eval, _method_name, check_control, check_extrapolation
 
 __all__ = ["EnsembleResult", "solve_ensemble"]
 
@@ -77,6 +77,7 @@ def solve_ensemble(
     t_eval: ArrayLike | None = None,
     first_step: float | None = None,
     max_step: float = np.inf,
+    local_extrapolation: bool = True,
     max_steps: int = 10_000_000,
     threads: int | None = None,
 ) -> EnsembleResult:
@@ -99,7 +100,7 @@ def solve_ensemble(
         Parameters of native functions, one row per member; (m,) is one number for each.
     method : str
         As in `solve_ivp`.
-    step, rtol, atol, first_step, max_step, max_steps
+    step, rtol, atol, first_step, max_step, local_extrapolation, max_steps
         As in `solve_ivp`, for each member.
     t_eval : array_like, shape (k,), optional
         Times to return; by default the end alone.
@@ -147,6 +148,7 @@ def solve_ensemble(
         if system.size != size:
             raise InputError(f"Y0: expected rows of {system.size} components, got {size}")
     control = check_control(step, rtol, atol, first_step, max_step, size, abs(t1 - t0))
+    control |= check_extrapolation(name, local_extrapolation)
     limit = check_integer("max_steps", max_steps, minimum=1, maximum=2**63 - 1)
     count = 0 if threads is None else check_integer("threads", threads, minimum=1, maximum=1024)
     if t0 == t1 or size == 0:

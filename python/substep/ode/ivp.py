@@ -168,6 +168,7 @@ def solve_ivp(
     atol: ArrayLike = 1e-6,
     first_step: float | None = None,
     max_step: float = np.inf,
+    local_extrapolation: bool = True,
     max_steps: int = 10_000_000,
     event_samples: int = 4,
     callback: Callable[[float, np.ndarray[Any, Any]], Any] | None = None,
@@ -176,7 +177,7 @@ def solve_ivp(
     jac: Any = None,
     jac_sparsity: Any = None,
     mass: Any = None,
-    linear_solver: str = "direct",
+    linear_solver: str = "auto",
     check_jacobian: bool = False,
 ) -> OdeResult:
     """Solve y' = f(t, y), y(t0) = y0, or M y' = f(t, y) by an implicit method.
@@ -220,6 +221,9 @@ def solve_ivp(
         Length of the first step.
     max_step : float
         Greatest length of a step.
+    local_extrapolation : bool
+        Whether step doubling of 'euler', 'midpoint', 'heun' and 'rk4' adds the estimated error to
+        the result, which is then of one order more. False keeps the finer result as it is.
     max_steps : int
         Number of steps after which `SolverError` is raised.
     event_samples : int
@@ -243,9 +247,10 @@ def solve_ivp(
     mass : array_like or sparse matrix, shape (n, n) or (n,), optional
         M, constant. It may be singular: a differential-algebraic system of index 1, whose
         algebraic equations y0 must satisfy.
-    linear_solver : {'direct', 'krylov'}
+    linear_solver : {'auto', 'direct', 'krylov'}
         LU decompositions, or BiCGSTAB on products with df/dy, preconditioned by its diagonal
-        blocks.
+        blocks. 'auto' begins with the latter where df/dy is sparse and its decomposition dear, as
+        on grids of two and three dimensions, and goes over to the former where that is quicker.
     check_jacobian : bool
         Compare `jac` with finite differences at the start.
 
@@ -298,6 +303,7 @@ def solve_ivp(
     y = check_array("y0", y0, (None,), complex_ok=True)
     times = _check_t_eval(t_eval, t0, t_bound)
     control = check_control(step, rtol, atol, first_step, max_step, y.size, abs(t_bound - t0))
+    control |= check_extrapolation(name, local_extrapolation)
     limit = check_integer("max_steps", max_steps, minimum=1)
     dense = check_flag("dense_output", dense_output)
     log = None
@@ -407,6 +413,19 @@ def check_control(
     }
 
 
+def check_extrapolation(method: str, local_extrapolation: Any) -> dict[str, bool]:
+    """Whether step doubling adds its estimate, for the native core."""
+    wanted = check_flag("local_extrapolation", local_extrapolation)
+    if not wanted:
+        properties = _core.ode_method(method)
+        if not properties["doubling"] or properties["family"] != "explicit":
+            raise InputError(
+                "local_extrapolation: only explicit methods with step doubling can do without it, "
+                f"the method is {method}"
+            )
+    return {"local_extrapolation": wanted}
+
+
 def _check_spectral_radius(value: Any, method: str) -> Any:
     """None, a float or a callable, as the core takes it."""
     if value is None:
@@ -436,14 +455,14 @@ def _implicit_options(
     control: dict[str, Any],
 ) -> dict[str, Any]:
     """What an implicit method is told; nothing may be given to the others."""
-    solver = check_choice("linear_solver", linear_solver, ("direct", "krylov"))
+    solver = check_choice("linear_solver", linear_solver, ("auto", "direct", "krylov"))
     compared = check_flag("check_jacobian", check_jacobian)
     if _core.ode_method(method)["family"] != "implicit":
         given = {
             "jac": jac is not None,
             "jac_sparsity": jac_sparsity is not None,
             "mass": mass is not None,
-            "linear_solver": solver != "direct",
+            "linear_solver": solver != "auto",
             "check_jacobian": compared,
         }
         for name, present in given.items():
@@ -458,7 +477,7 @@ def _implicit_options(
     return {
         "jacobian": make_jacobian(jac, jac_sparsity, system, t0, y0, args, check=compared),
         "mass": native_mass,
-        "krylov": solver == "krylov",
+        "linear_solver": solver,
     }
 
 

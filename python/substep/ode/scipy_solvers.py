@@ -14,7 +14,7 @@ import numpy as np
 from .. import _core
 from ..base.checks import check_array, check_flag, check_real
 from ..errors import InputError, SolverError
-from .ivp import check_control
+from .ivp import check_control, check_extrapolation
 from .jacobian import make_jacobian
 from .rhs import make_system
 
@@ -67,6 +67,8 @@ class ExplicitSolver(OdeSolver):
         As in `scipy.integrate.RK45`.
     step : float, optional
         Fixes the step.
+    local_extrapolation : bool
+        As in `substep.solve_ivp`.
     **extraneous
         Options without effect; they are warned of.
 
@@ -107,6 +109,7 @@ class ExplicitSolver(OdeSolver):
         vectorized: bool = False,
         first_step: float | None = None,
         step: float | None = None,
+        local_extrapolation: bool = True,
         **extraneous: Any,
     ) -> None:
         warn_extraneous(extraneous)
@@ -117,6 +120,7 @@ class ExplicitSolver(OdeSolver):
             rtol, _ = validate_tol(rtol, 0.0, y0.size)
         vectorized = check_flag("vectorized", vectorized)
         control = check_control(step, rtol, atol, first_step, max_step, y0.size, abs(t_bound - t0))
+        control |= check_extrapolation(self.method_name, local_extrapolation)
         try:
             super().__init__(fun, t0, y0, t_bound, vectorized, support_complex=True)
         except ValueError as error:  # SciPy's own name the argument too

@@ -26,14 +26,8 @@ constexpr double kKluFlopsPerEntry = 60;
 
 LUKind choose(const SparsePattern& pattern, LUKind kind) {
   if (kind != LUKind::automatic) return kind;
-  if (pattern.rows == 0) return LUKind::klu;
-  std::vector<std::int32_t> order(usize(pattern.rows));
-  double info[AMD_INFO];
-  const int status = amd_order(pattern.rows, pattern.start.data(), pattern.row.data(), order.data(),
-                               nullptr, info);
-  if (status == AMD_OUT_OF_MEMORY) throw std::bad_alloc();
-  const double flops = info[AMD_NDIV] + 2 * info[AMD_NMULTSUBS_LDL];
-  return flops < kKluFlopsPerEntry * (info[AMD_LNZ] + pattern.rows) ? LUKind::klu : LUKind::umfpack;
+  const FactorCost cost = factor_cost(pattern);
+  return cost.operations <= kKluFlopsPerEntry * cost.entries ? LUKind::klu : LUKind::umfpack;
 }
 #else
 LUKind choose(const SparsePattern&, LUKind kind) {
@@ -53,6 +47,16 @@ std::unique_ptr<LULibrary<T>> make_library(const SparsePattern& pattern, LUKind 
 }
 
 }  // namespace
+
+FactorCost factor_cost(const SparsePattern& pattern) {
+  if (pattern.rows == 0) return {};
+  std::vector<std::int32_t> order(usize(pattern.rows));
+  double info[AMD_INFO];
+  const int status = amd_order(pattern.rows, pattern.start.data(), pattern.row.data(), order.data(),
+                               nullptr, info);
+  if (status == AMD_OUT_OF_MEMORY) throw std::bad_alloc();
+  return {info[AMD_NDIV] + 2 * info[AMD_NMULTSUBS_LDL], info[AMD_LNZ] + pattern.rows};
+}
 
 template <class T>
 struct LU<T>::Impl {

@@ -22,6 +22,12 @@ struct LUReport {
   std::int64_t analyses = 0, factorizations = 0;
 };
 
+// What factors of A + A^T would cost in AMD's order, whatever the values.
+struct FactorCost {
+  double operations = 0, entries = 0;
+};
+FactorCost factor_cost(const SparsePattern& pattern);  // throws std::bad_alloc
+
 // T is double or std::complex<double>.
 template <class T>
 class LU {

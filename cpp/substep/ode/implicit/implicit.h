@@ -18,7 +18,7 @@ std::unique_ptr<Stepper> make_implicit(std::string_view method, System& system,
 template <class Sys>
 std::unique_ptr<Stepper> make_static_implicit(std::string_view method, Sys& system,
                                               const StepOptions& options) {
-  if (options.jacobian || options.mass || options.linear_solver != LinearSolver::direct) {
+  if (options.jacobian || options.mass || options.linear_solver == LinearSolver::krylov) {
     return nullptr;
   }
   using Matrices = StaticNewtonMatrices<Sys>;

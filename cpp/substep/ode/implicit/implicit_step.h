@@ -38,12 +38,14 @@ class NewtonProgress {
     eta_ = std::pow(std::max(eta_, std::numeric_limits<double>::epsilon()), 0.8);
   }
   void distrust() { eta_ = 1.0; }
+  // Increments of this size are of rounding.
+  void set_rounding(double increment) { rounding_ = increment; }
 
   Verdict next(double increment) {
     const double last = count_ > 0 ? increments_[count_ - 1] : 0.0;
     increments_[count_++] = increment;
     if (!(increment < HUGE_VAL)) return Verdict::diverged;
-    if (increment == 0.0) return Verdict::converged;
+    if (increment <= rounding_) return Verdict::converged;
     if (count_ > 1) {
       const double ratio = increment / last;
       rate_ = count_ > 2 ? std::sqrt(ratio * rate_) : ratio;
@@ -61,6 +63,7 @@ class NewtonProgress {
     return eta_ * increment <= kappa_ ? Verdict::converged : Verdict::go_on;  // [HW] (8.10)
   }
 
+  double last() const { return count_ > 0 ? increments_[count_ - 1] : HUGE_VAL; }
   int count() const { return count_; }
   int most() const { return most_; }
   double rate() const { return rate_; }
@@ -75,7 +78,7 @@ class NewtonProgress {
   double kappa_;
   int most_, count_ = 0;
   bool to_rounding_;
-  double rate_ = 0.0, eta_ = 1.0;
+  double rate_ = 0.0, eta_ = 1.0, rounding_ = 0.0;
   double increments_[kMost] = {};
 };
 
@@ -147,9 +150,18 @@ class ImplicitStep : public OneStep {
         return true;
       }
       progress_.distrust();
-      if (jacobian_is_of(t, y) || matrices_->constant()) return false;
-      jacobian_is_old_ = true;
+      if (jacobian_is_of(t, y) || matrices_->constant()) {
+        if (!stalled_by_rounding(slot, t, y)) return false;
+        set_scale(y);
+      } else {
+        jacobian_is_old_ = true;
+      }
     }
+  }
+
+  double error_norm(const double* e) const {
+    if (rounding_.empty()) return OneStep::error_norm(e);
+    return increment_norm(1, [e](int) { return e; });
   }
 
   // A tenth of the tolerance is enough for an estimate of the error.
@@ -255,8 +267,35 @@ class ImplicitStep : public OneStep {
         for (std::int64_t i = 0; i < n(); ++i) scale[i] = of(i, std::fabs(y[i]));
       });
     }
+    for (std::size_t i = 0; i < rounding_.size(); ++i) scale[i] += kOverRounding * rounding_[i];
     double* inverse = inverse_scale_.data();
     for (std::int64_t i = 0; i < n(); ++i) inverse[i] = 1.0 / scale[i];
+    if (!rounding_.empty())
+      progress_.set_rounding(kNoise * increment_norm(1, [&](int) { return rounding_.data(); }));
+  }
+
+  // Whether the increments are no greater than what rounding y, the least that can be, does to them
+  // in an adaptive step. No tolerance is below a multiple of that from then on.
+  bool stalled_by_rounding(int slot, double t, const double* y) {
+    if (fixed_ || failure_ != Failure::newton || !(progress_.last() < 1.0)) return false;
+    std::vector<double> near(y_.size()), f(y_.size()), changed(y_.size()), most(rounding_);
+    most.resize(y_.size());
+    constexpr double epsilon = std::numeric_limits<double>::epsilon();
+    rhs(t, y, f.data());
+    for (int pattern = 1; pattern <= 4; pattern *= 2) {  // +-+-.., ++--.., ++++----..
+      for (std::size_t i = 0; i < near.size(); ++i)
+        near[i] = y[i] * ((static_cast<int>(i) & pattern) != 0 ? 1.0 - epsilon : 1.0 + epsilon);
+      rhs(t, near.data(), changed.data());
+      for (std::size_t i = 0; i < near.size(); ++i) changed[i] -= f[i];
+      if (!all_finite(changed.data(), n())) return false;
+      matrices_->solve(slot, changed.data());
+      for (std::size_t i = 0; i < near.size(); ++i)
+        most[i] = std::max(most[i], std::fabs(changed[i]));
+    }
+    const double noise = kNoise * increment_norm(1, [&](int) { return most.data(); });
+    if (most == rounding_ || progress_.last() > noise) return false;
+    rounding_ = std::move(most);
+    return true;
   }
 
   // With a mass matrix f is not y': the step grows from a short one.
@@ -298,7 +337,10 @@ class ImplicitStep : public OneStep {
     return true;
   }
 
+  static constexpr double kNoise = 4.0, kOverRounding = 10.0;
+
   std::vector<double> f_here_, part_;
+  std::vector<double> rounding_;  // of each component, once it has stopped Newton's iteration
   bool have_jacobian_ = false, jacobian_is_old_ = false;
   double jacobian_t_ = 0.0;
   std::int64_t jacobian_steps_ = 0;

@@ -115,8 +115,16 @@ class KrylovNewtonMatrices final : public NewtonMatrices {
   bool factorizes() const override { return false; }
 
   // No factors: the shift, and the inverse of the diagonal blocks.
-  void factor(int slot, double s) override { set_shift(real_[slot], {s, 0.0}); }
-  void factor(Complex s) override { set_shift(complex_, s); }
+  void factor(int slot, double s) override {
+    set_shift(real_[slot], {s, 0.0});
+    operations_ = 0;
+  }
+  void factor(Complex s) override {
+    set_shift(complex_, s);
+    operations_ = 0;
+  }
+  bool reached() const override { return reached_; }
+  double operations() const override { return operations_; }
 
   void set_accuracy(const double* scale, double tolerance) override {
     for (std::size_t i = 0; i < n_; ++i) weight_[i] = 1.0 / (scale[i] * scale[i]);
@@ -300,7 +308,11 @@ class KrylovNewtonMatrices final : public NewtonMatrices {
         std::max(kRelative * kRelative * b2, allowed * allowed * static_cast<double>(n_));
     double r2 = b2;
     T rho = number<T>(b2, 0.0);
+    // Two products, two times the preconditioner, and the vectors.
+    const double products = static_cast<double>(4 * rows_.row.size() + 4 * n_ * block_);
+    const double of_iteration = kPlanes<T> * (products + 28.0 * static_cast<double>(n_));
     for (int k = 0; k < kMostIterations && r2 > enough; ++k) {
+      operations_ += of_iteration;
       precondition(shift, p, z);
       multiply(work, shift, z, v);
       const auto sigma = for_sums<2>(n_, threads_, [&](std::size_t i, auto& sum) {
@@ -339,6 +351,7 @@ class KrylovNewtonMatrices final : public NewtonMatrices {
         p.set(i, r.at(i) + beta * (p.at(i) - omega * v.at(i)));
       });
     }
+    reached_ = r2 <= enough;
     for (std::size_t plane = 0; plane < kPlanes<T>; ++plane) {
       std::copy(x.plane[plane].begin(), x.plane[plane].end(), b[plane]);
     }
@@ -350,7 +363,8 @@ class KrylovNewtonMatrices final : public NewtonMatrices {
   std::shared_ptr<Jacobian> jacobian_;
   std::shared_ptr<const MassMatrix> mass_;
   bool by_product_;
-  double t_ = 0.0, tolerance_ = 0.0;
+  double t_ = 0.0, tolerance_ = 0.0, operations_ = 0.0;
+  bool reached_ = true;
   std::vector<double> y_, weight_, values_, J_;
   SparsePattern full_, columns_, rows_;
   std::vector<std::int32_t> entry_;

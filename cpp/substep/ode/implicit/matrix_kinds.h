@@ -16,6 +16,10 @@ std::unique_ptr<NewtonMatrices> make_sparse_matrices(System& system,
 std::unique_ptr<NewtonMatrices> make_krylov_matrices(System& system,
                                                      std::shared_ptr<Jacobian> jacobian,
                                                      const StepOptions& options);
+// Krylov's until that is slower than factors, whose pattern tells what they cost.
+std::unique_ptr<NewtonMatrices> make_automatic_matrices(System& system,
+                                                        std::shared_ptr<Jacobian> jacobian,
+                                                        const StepOptions& options);
 
 // Throws NonFiniteError with the row of the first entry of J that is NaN or infinite.
 void check_jacobian(double t, std::int64_t n, const SparsePattern* pattern,

@@ -48,6 +48,8 @@ std::unique_ptr<NewtonMatrices> make_newton_matrices(System& system, const StepO
   }
   const bool sparse_mass = !options.mass || options.mass->pattern;
   if (jacobian->pattern() && sparse_mass) {
+    if (options.linear_solver == LinearSolver::automatic && !options.mass)
+      return make_automatic_matrices(system, std::move(jacobian), options);
     return make_sparse_matrices(system, std::move(jacobian), options.mass);
   }
   return make_dense_matrices(system, std::move(jacobian), options.mass);

@@ -41,6 +41,10 @@ class NewtonMatrices {
   // units of scale.
   virtual void set_accuracy(const double* /*scale*/, double /*tolerance*/) {}
 
+  // Whether the last solve reached that, and what all of them took since the last factor().
+  virtual bool reached() const { return true; }
+  virtual double operations() const { return 0; }
+
   virtual bool has_mass() const = 0;
   virtual void multiply_mass(const double* x, double* out) const = 0;  // out = M x
 };

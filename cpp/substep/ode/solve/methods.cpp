@@ -10,13 +10,14 @@ namespace {
 std::vector<Method> list() {
   std::vector<Method> all;
   const auto add = [&]<class T>(const T&, Family family) {
+    constexpr bool doubling = T::estimate == Estimate::doubling;
     int error_order = T::order;
-    if constexpr (T::estimate != Estimate::doubling) error_order = T::error_order;
-    all.push_back({T::name, family, T::order, error_order});
+    if constexpr (!doubling) error_order = T::error_order;
+    all.push_back({T::name, family, T::order, error_order, doubling});
   };
   std::apply([&](const auto&... t) { (add(t, Family::explicit_table), ...); }, Methods{});
   std::apply([&](const auto&... t) { (add(t, Family::implicit), ...); }, ImplicitMethods{});
-  all.push_back({kRkc2, Family::stabilized, 2, 2});
+  all.push_back({kRkc2, Family::stabilized, 2, 2, false});
   return all;
 }
 

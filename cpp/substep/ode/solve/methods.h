@@ -17,6 +17,7 @@ struct Method {
   Family family;
   int order;
   int error_order;  // the step is chosen by error^(-1 / (error_order + 1))
+  bool doubling;    // has no estimate of its own
 };
 
 // In rising order of accuracy within each family.

@@ -19,7 +19,7 @@ struct MassMatrix;
 struct RkcStage;
 class Stepper;
 
-enum class LinearSolver { direct, krylov };
+enum class LinearSolver { automatic, direct, krylov };
 
 // How a Stepper goes from t to t_bound.
 struct StepOptions {
@@ -31,8 +31,9 @@ struct StepOptions {
   std::vector<double> atol = {1e-6};
   double first_step = 0.0;  // 0: chosen by the problem
   double max_step = std::numeric_limits<double>::infinity();
-  bool complex_pairs = false;  // y holds (real, imaginary) pairs: norms take the modulus
-  int threads = 0;             // for systems with a kernel of their own; 0: default
+  bool complex_pairs = false;       // y holds (real, imaginary) pairs: norms take the modulus
+  int threads = 0;                  // for systems with a kernel of their own; 0: default
+  bool local_extrapolation = true;  // explicit methods with step doubling: adds the estimate
 
   // RKC2 only: a bound of the spectral radius of df/dy; none: the system's, else an estimate.
   std::function<double(double t, const double* y)> spectral_radius;
@@ -40,7 +41,7 @@ struct StepOptions {
   // Implicit methods only.
   std::shared_ptr<Jacobian> jacobian;      // null: the system's own, else finite differences
   std::shared_ptr<const MassMatrix> mass;  // of M y' = f; null: M = 1
-  LinearSolver linear_solver = LinearSolver::direct;
+  LinearSolver linear_solver = LinearSolver::automatic;
 };
 
 // `steps` equal steps of a method; y is overwritten. Step k goes from t + (first + k) h to
