@@ -140,7 +140,12 @@ void bind_batch(py::module_& m) {
           },
           py::arg("world"), py::arg("to"))
       .def(
-          "state", [](const Batch& self, std::int64_t w) { return state_of(self.world(w)); },
+          "state",
+          [](const Batch& self, std::int64_t w) { return state_of(self.world(w).state()); },
+          py::arg("world"))
+      .def(
+          "initial_state",
+          [](const Batch& self, std::int64_t w) { return state_of(self.initial(w)); },
           py::arg("world"))
       .def("diagnostics",
            [](const Batch& self) {

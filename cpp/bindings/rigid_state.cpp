@@ -95,8 +95,7 @@ constexpr const char* kBodyArrays[] = {"positions",       "rotations", "momenta"
 
 }  // namespace
 
-py::dict state_of(const World& world) {
-  WorldState s = world.state();
+py::dict state_of(WorldState s) {
   py::dict state;
   state["time"] = s.time;
   state["steps"] = s.steps;

@@ -297,7 +297,7 @@ void bind_rigid_world(py::module_& m) {
       .def(
           "step", [](PyWorld& self, double dt) { self.world.step(dt); }, py::arg("dt"),
           py::call_guard<py::gil_scoped_release>())
-      .def("state", [](const PyWorld& self) { return state_of(self.world); })
+      .def("state", [](const PyWorld& self) { return state_of(self.world.state()); })
       .def("restore", &restore_state, py::arg("state"));
   bind_rows(world);
   bind_changes(world);

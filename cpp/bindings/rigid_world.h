@@ -93,7 +93,7 @@ inline py::array_t<std::uint8_t> motions_of(const Bodies& bodies) {
                                    reinterpret_cast<const std::uint8_t*>(bodies.motion.data()));
 }
 
-py::dict state_of(const World& world);
+py::dict state_of(WorldState state);
 // InputError where it does not fit; nothing changed then.
 void restore_state(PyWorld& world, const py::dict& state);
 

@@ -11,6 +11,7 @@ how, and the first findings with the numbers that make them again.
 from __future__ import annotations
 
 import collections
+import faulthandler
 import io
 import itertools
 import json
@@ -738,15 +739,20 @@ def run(
     end = time.monotonic() + seconds
     while len(done) < count and time.monotonic() < end:
         reader, writer = os.pipe()
+        stack = tempfile.TemporaryFile()  # where the child was when it ended
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of forking with threads
             child = os.fork()
         if child == 0:
             os.close(reader)
+            faulthandler.enable(stack)
             _run_here(files, range(len(done), count), writer)
         os.close(writer)
-        last, rest = None, b""
-        while select.select([reader], [], [], STUCK)[0] and (block := os.read(reader, 1 << 16)):
+        last, rest, stuck = None, b"", False
+        while True:
+            stuck = not select.select([reader], [], [], STUCK)[0]
+            if stuck or not (block := os.read(reader, 1 << 16)):
+                break
             *told, rest = (rest + block).split(b"\n")
             for message in map(json.loads, told):
                 last = message[0] if len(message) == 1 else None
@@ -757,11 +763,13 @@ def run(
             if time.monotonic() > end and last is None:
                 break
         os.close(reader)
-        os.kill(child, signal.SIGKILL)
+        os.kill(child, signal.SIGABRT if stuck else signal.SIGKILL)
         _, status = os.waitpid(child, 0)
         if last is not None:
-            hangs = os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGKILL
-            done.append((last, "hangs" if hangs else "ends the process", f"status {status}"))
+            stack.seek(0)
+            words = f"status {status} {stack.read().decode()}"
+            done.append((last, "hangs" if stuck else "ends the process", words))
+        stack.close()
     return done
 
 

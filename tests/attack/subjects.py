@@ -588,7 +588,7 @@ def _solvers():
 
 
 def _begun(kind, options):
-    solver = kind(_decay, 0.0, [1.0, 2.0], 5.0, **options)
+    solver = kind(_decay, 0.0, [1.0, 2.0], 1e6, **options)
     solver.step()
     return solver
 

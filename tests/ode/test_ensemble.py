@@ -1,6 +1,8 @@
 """solve_ensemble: members against single solves, threads, failures and bad input."""
 
 import ctypes
+import signal
+import time
 
 import numpy as np
 import pytest
@@ -170,3 +172,27 @@ def test_bad_arguments(change, error, message):
     arguments.update(change)
     with pytest.raises(error, match=message):
         solve_ensemble(**arguments)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5])
+def test_interrupt_of_long_members(share):
+    """Members of a second each on two threads: one looks for Ctrl-C, the other must end with it."""
+    far = np.full((2, 3), 2.0**40)  # steps as short as can be
+
+    def seconds(alarm=None):
+        begin = time.perf_counter()
+        if alarm is not None:
+            signal.setitimer(signal.ITIMER_REAL, alarm)
+        solve_ensemble(Lorenz(), (0.0, 0.5), far, threads=2)
+        return time.perf_counter() - begin
+
+    took = seconds()
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    begin = time.perf_counter()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            seconds(share * took)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    assert time.perf_counter() - begin - share * took < 0.1

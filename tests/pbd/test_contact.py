@@ -214,3 +214,23 @@ def test_same_bits_for_any_threads_and_through_a_checkpoint(tmp_path, dtype):
             moving = (state[name] for name in ("positions", "velocities", "colliders"))
             hashes.add(substep.state_hash(*moving))
     assert len(hashes) == 1
+
+
+@pytest.mark.parametrize("tilt", [0.2, 0.6, 1.0])
+def test_a_tilted_obstacle_is_cut_by_the_plane_of_motion(tilt):
+    """Particles bounce as off a level one, and stay in their plane: they were thrown out of it."""
+    fallen = {}
+    for normal in ((0, 1, 0), (0, np.cos(tilt), np.sin(tilt))):
+        ground = substep.Collider(substep.Plane(normal), friction=0.5, restitution=0.5)
+        ball = substep.PositionBasedDynamics(
+            [[0.0, 0.3]], 1.0, [], colliders=[ground], gravity=(0, -9.81)
+        )
+        ball.step_size = 1e-3
+        ball.advance(0.35)
+        fallen[normal] = ball.positions[0, 1]
+        state = ball.state()
+        assert not state["positions"][:, 2].any() and not state["velocities"][:, 2].any()
+        ball.restore(state)
+    level, tilted = fallen.values()
+    assert level == pytest.approx(0.25 * 0.3, rel=0.03)
+    assert tilted == pytest.approx(level, rel=0.05)

@@ -3,6 +3,8 @@
 #include <atomic>
 #include <chrono>
 
+#include "substep/core/loop_stop.h"
+
 namespace substep {
 namespace {
 using Clock = std::chrono::steady_clock;
@@ -10,13 +12,9 @@ constexpr Clock::duration kInterval = std::chrono::milliseconds(20);
 std::atomic<InterruptHook> hook{nullptr};
 thread_local int deferred = 0;
 thread_local InterruptHook poll_hook = nullptr;
-}  // namespace
+thread_local std::atomic<bool>* loop_stop = nullptr;
 
-void set_interrupt_hook(InterruptHook new_hook) { hook = new_hook; }
-void set_poll_hook(InterruptHook new_hook) { poll_hook = new_hook; }
-
-void poll_interrupt() {
-  if (deferred > 0) return;
+void look() {
   if (poll_hook) poll_hook();
   thread_local Clock::time_point last{};
   const auto now = Clock::now();
@@ -24,6 +22,25 @@ void poll_interrupt() {
   last = now;
   if (const InterruptHook f = hook.load(std::memory_order_relaxed)) f();
 }
+}  // namespace
+
+void set_interrupt_hook(InterruptHook new_hook) { hook = new_hook; }
+void set_poll_hook(InterruptHook new_hook) { poll_hook = new_hook; }
+
+void poll_interrupt() {
+  if (deferred > 0) return;
+  if (!loop_stop) return look();
+  if (loop_stop->load(std::memory_order_relaxed)) throw LoopStopped{};
+  try {
+    look();
+  } catch (...) {
+    loop_stop->store(true, std::memory_order_relaxed);
+    throw;
+  }
+}
+
+InLoop::InLoop(std::atomic<bool>& stop) { loop_stop = &stop; }
+InLoop::~InLoop() { loop_stop = nullptr; }
 
 DeferInterrupts::DeferInterrupts() { ++deferred; }
 DeferInterrupts::~DeferInterrupts() { --deferred; }

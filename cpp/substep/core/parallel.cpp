@@ -18,6 +18,7 @@
 
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
+#include "substep/core/loop_stop.h"
 #include "substep/core/usize.h"
 
 namespace substep {
@@ -129,7 +130,9 @@ class Job {
 
   void run_chunk(std::size_t phase, std::int64_t chunk) {
     try {
+      const InLoop loop(stop_);
       task_(static_cast<std::int64_t>(phase), chunk);
+    } catch (const LoopStopped&) {  // the exception that ended it is another thread's
     } catch (...) {
       const std::lock_guard lock(error_mutex_);
       if (chunk < lowest_failed_.load(std::memory_order_relaxed)) {

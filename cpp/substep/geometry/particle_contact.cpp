@@ -88,6 +88,14 @@ class Inside {
   V low_, high_;
 };
 
+// The correction in the plane of motion that leads as far out of an obstacle, cut by that plane.
+Vec3 in_plane(const Vec3& push) {
+  if (push[2] == 0) return push;
+  const Vec3 flat(push[0], push[1], 0);
+  constexpr double kMost = 100;  // where it is nearly along the plane
+  return flat * std::min(push.squaredNorm() / flat.squaredNorm(), kMost);
+}
+
 }  // namespace
 
 template <class Real>
@@ -362,10 +370,16 @@ void ParticleContact<Real>::settle(std::span<const Point<Real>> start, std::span
       const Vec3 came = pose_before(obstacle).to_local(from);
       Vec3 p = advance_freely(colliders[c], came, target, margin_);
       if (obstacle.tracked) {
-        p = rub(c, i, obstacle.from.to_local(began), p, p - target);
+        Vec3 normal = p - target;
+        const Vec3 out = obstacle.to.rotation * normal;
+        if (planar_ && out[2] != 0) {
+          normal = obstacle.to.rotation.transpose() * in_plane(out);
+          p = target + normal;
+        }
+        p = rub(c, i, obstacle.from.to_local(began), p, normal);
       }
       Vec3 push = obstacle.to.rotation * (p - target);
-      if (planar_) push[2] = 0;
+      if (planar_) push = in_plane(push);
       if (!(push.squaredNorm() > negligible)) continue;
       changed = true;
       at += push;
@@ -416,7 +430,9 @@ void ParticleContact<Real>::bounce(std::span<const Point<Real>> start,
       const Vec3 local = obstacle.from.to_local(xyz(start[i]));
       const Vec3 arm = obstacle.to.rotation * local;
       const Vec3 surface = collider.velocity + collider.angular_velocity.cross(arm);
-      const double gap = std::max(collider.local_distance(local).value - margin_, 0.0);
+      const SignedDistance there = collider.local_distance(local);
+      double gap = std::max(there.value - margin_, 0.0);
+      if (planar_) gap /= std::max(n.dot(obstacle.to.rotation * there.gradient), 0.1);
       const double before = -n.dot(xyz(v_start[i]) - surface);
       const double unhindered = (gap + size) / h_;  // the approach, had there been no obstacle
       const double gained = unhindered - before;    // by the acceleration during the substep

@@ -29,7 +29,7 @@ using Index = std::array<std::int32_t, D>;
 // in 2D. Coordinates beyond +-2^20 (3D) are refused by the caller.
 template <int D>
 struct BlockKey {
-  static constexpr int kBits = D == 3 ? 21 : 32;
+  static constexpr int kBits = D == 3 ? 21 : 30;  // coordinates of nodes are int32
   static constexpr std::int64_t kLimit = std::int64_t{1} << (kBits - 1);
 
   // What a key grows by from one block to the next along an axis: keys of neighbours differ by the

@@ -422,9 +422,16 @@ class RigidBatch(BatchRows):
         return entries, sizes, np.float64
 
     def _state(self) -> dict[str, Any]:
-        states = [{**made.state(), **self._native.state(w)} for w, made in enumerate(self._made)]
-        head = {"time": self.time, "failures": json.dumps(self.failures)}
-        return {**head, **join_states(states)}
+        return self._joined(self._made, self._native.state, self.failures)
+
+    def _joined(
+        self,
+        made: list[RigidBodies],
+        native: Callable[[int], dict[str, Any]],
+        failures: Sequence[str],
+    ) -> dict[str, Any]:
+        states = [{**one.state(), **native(w)} for w, one in enumerate(made)]
+        return {"time": self.time, "failures": json.dumps(failures), **join_states(states)}
 
     def _fit(self, state: dict[str, Any]) -> None:
         copies = []
@@ -445,15 +452,8 @@ class RigidBatch(BatchRows):
         self._native.time, self._native.failures = state["time"], state["failures"]
 
     def _parts(self) -> dict[str, Any]:
-        present, made = self._state(), self._made
-        try:  # where `reset` goes back to is known to the native batch alone
-            self._native.reset(np.arange(len(self)))
-            self._made = self._first
-            first = self._state()
-        finally:
-            self._made = made
-            self._put_state(self._checked(present))
-        return super()._parts() | {"_made": list(made), "_first_state": first}
+        first = self._joined(self._first, self._native.initial_state, [""] * len(self))
+        return super()._parts() | {"_made": list(self._made), "_first_state": first}
 
     def __setstate__(self, given: tuple[dict[str, Any], int | None, dict[str, Any]]) -> None:
         parts, threads, state = given

@@ -8,6 +8,7 @@
 #include <cfenv>
 #include <chrono>
 #include <cstdlib>
+#include <functional>
 #include <numeric>
 #include <stdexcept>
 #include <string>
@@ -125,10 +126,12 @@ TEST(Parallel, WorkersUseTheCallersRounding) {
   for (const int mode : modes) EXPECT_EQ(mode, FE_UPWARD);
 }
 
-TEST(Parallel, InterruptEndsTheLoopWithinATenthOfASecond) {
+// A loop of these chunks, on the thread that polls for Ctrl-C and on others.
+void expect_interruptible(std::int64_t chunks, const std::function<void(std::int64_t)>& task) {
   static std::atomic<bool> asked{false};
+  static const std::thread::id caller = std::this_thread::get_id();
   substep::set_interrupt_hook([] {
-    if (asked) throw std::runtime_error("interrupted");
+    if (asked && std::this_thread::get_id() == caller) throw std::runtime_error("interrupted");
   });
   for (const int threads : {1, 2, 4}) {
     asked = false;
@@ -138,17 +141,25 @@ TEST(Parallel, InterruptEndsTheLoopWithinATenthOfASecond) {
       when = std::chrono::steady_clock::now();
       asked = true;
     });
-    EXPECT_THROW(
-        parallel_chunks(
-            1'000'000,
-            [](std::int64_t) { std::this_thread::sleep_for(std::chrono::microseconds(100)); },
-            threads),
-        std::runtime_error);
+    EXPECT_THROW(parallel_chunks(chunks, task, threads), std::runtime_error);
     user.join();
     EXPECT_LT(std::chrono::steady_clock::now() - when, std::chrono::milliseconds(100));
   }
   substep::set_interrupt_hook(nullptr);
   expect_each_chunk_once(100, 4);
+}
+
+TEST(Parallel, InterruptEndsTheLoopWithinATenthOfASecond) {
+  const auto sleep = [] { std::this_thread::sleep_for(std::chrono::microseconds(100)); };
+  expect_interruptible(1'000'000, [&](std::int64_t) { sleep(); });
+  // Chunks of a second that poll, one on each thread; then one that the caller only waits for.
+  const auto poll_for_a_second = [&] {
+    for (int k = 0; k < 10'000; ++k) sleep(), substep::poll_interrupt();
+  };
+  expect_interruptible(4, [&](std::int64_t) { poll_for_a_second(); });
+  expect_interruptible(4, [&](std::int64_t chunk) {
+    if (chunk > 0) poll_for_a_second();
+  });
 }
 
 #if !defined(__SANITIZE_THREAD__)  // TSan cannot start threads in the child of a threaded process

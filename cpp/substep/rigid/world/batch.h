@@ -58,6 +58,7 @@ class Batch {
   void restore(std::span<const std::int64_t> worlds, std::span<const WorldState* const> states);
   // To the state that they had when keep_initial() was called, or at first.
   void reset(std::span<const std::int64_t> worlds);
+  const WorldState& initial(std::int64_t w) const { return initial_[usize(w)]; }
   void keep_initial();
 
   bool mask = false;

@@ -254,6 +254,7 @@ void World::set_motion(std::int64_t body, Motion motion, double mass, const Vec3
 
 void World::exclude(std::int32_t a, std::int32_t b, bool excluded) {
   check_body(a), check_body(b);
+  reserve_amortised(excluded_, excluded_.size() + 1);
   wake(a), wake(b);
   std::erase_if(excluded_, [&](const BodyPair& pair) {
     return std::minmax(pair.a, pair.b) == std::minmax(a, b);
