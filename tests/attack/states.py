@@ -19,7 +19,6 @@ import os
 import re
 import resource
 import select
-import signal
 import subprocess
 import sys
 import tempfile
@@ -626,11 +625,12 @@ def run_tries(seed, begin, end, only):
 
 def _deaf(target, state):
     """Seconds from Ctrl-C in a slow try until it takes hold."""
-    signal.signal(signal.SIGALRM, signal.default_int_handler)
-    signal.setitimer(signal.ITIMER_REAL, SLOW / 2)
+    from interrupts import Alarm  # imports all of substep
+
     sent = time.perf_counter() + SLOW / 2
     try:
-        target.attack(state)
+        with Alarm(SLOW / 2):
+            target.attack(state)
     except KeyboardInterrupt:
         return time.perf_counter() - sent
     return math.inf

@@ -46,12 +46,12 @@ class AutomaticNewtonMatrices final : public NewtonMatrices {
 
   bool constant() const override { return jacobian_->constant(); }
   bool has_mass() const override { return false; }
-  bool factorizes() const override { return factorizes_; }
+  bool factorizes() const override { return !iterations_; }
 
   std::int64_t evaluate(const JacobianPoint& at) override {
     const std::int64_t evaluations = now().evaluate(at);
     t_ = at.t;
-    if (factorizes_ || operations_ > 0) return evaluations;
+    if (!iterations_ || operations_ > 0) return evaluations;
     const FactorCost cost = factor_cost(*jacobian_->pattern());
     operations_ = cost.operations + 1;
     if (cost.operations < kMesh * cost.entries) use_factors();
@@ -62,7 +62,7 @@ class AutomaticNewtonMatrices final : public NewtonMatrices {
   void factor(Complex s) override { now().factor(complex_ = s); }
 
   void solve(int slot, double* b) override {
-    if (!factorizes_) {
+    if (iterations_) {
       b_.assign(b, b + n_);
       iterations_->solve(slot, b);
       if (quick()) return;
@@ -72,7 +72,7 @@ class AutomaticNewtonMatrices final : public NewtonMatrices {
     factors_->solve(slot, b);
   }
   void solve(double* re, double* im) override {
-    if (!factorizes_) {
+    if (iterations_) {
       b_.assign(re, re + n_);
       b_.insert(b_.end(), im, im + n_);
       iterations_->solve(re, im);
@@ -85,12 +85,12 @@ class AutomaticNewtonMatrices final : public NewtonMatrices {
   }
 
   void set_accuracy(const double* scale, double tolerance) override {
-    iterations_->set_accuracy(scale, tolerance);
+    now().set_accuracy(scale, tolerance);
   }
   void multiply_mass(const double*, double*) const override {}
 
  private:
-  NewtonMatrices& now() { return factorizes_ ? *factors_ : *iterations_; }
+  NewtonMatrices& now() { return iterations_ ? *iterations_ : *factors_; }
 
   bool quick() const {
     return iterations_->reached() && iterations_->operations() < kPatience * 5 * operations_;
@@ -105,13 +105,12 @@ class AutomaticNewtonMatrices final : public NewtonMatrices {
       if (real_[usize(slot)] != 0) factors_->factor(slot, real_[usize(slot)]);
     }
     if (complex_.im != 0) factors_->factor(complex_);
-    factorizes_ = true;
+    iterations_.reset();
   }
 
   std::size_t n_;
   std::shared_ptr<KeptJacobian> jacobian_;
-  std::unique_ptr<NewtonMatrices> iterations_, factors_;
-  bool factorizes_ = false;
+  std::unique_ptr<NewtonMatrices> iterations_, factors_;  // iterations: none once given up
   double t_ = 0, operations_ = 0;
   std::array<double, kSlots> real_{};
   Complex complex_{};
