@@ -75,13 +75,15 @@ void check_row(std::int64_t row, std::int64_t count) {
                               std::to_string(count) + "; were some taken out during the call?");
 }
 
-std::vector<Vec3> points(const Reals& rows) {
-  std::vector<Vec3> out(static_cast<std::size_t>(rows.shape(0)), Vec3::Zero());
+Points::Points(const Reals& rows) {
+  static_assert(sizeof(Vec3) == 3 * sizeof(double));
+  const auto n = static_cast<std::size_t>(rows.shape(0));
   const double* from = rows.data();
-  const py::ssize_t columns = rows.shape(1);
-  for (Vec3& x : out) {
-    std::copy_n(from, columns, x.data());
-    from += columns;
+  if (rows.shape(1) == 3) {
+    all_ = {reinterpret_cast<const Vec3*>(from), n};
+    return;
   }
-  return out;
+  in_plane_.reserve(n);
+  for (std::size_t i = 0; i < n; ++i) in_plane_.emplace_back(from[2 * i], from[2 * i + 1], 0.0);
+  all_ = in_plane_;
 }

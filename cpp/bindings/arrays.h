@@ -67,5 +67,18 @@ py::array empty_like(const py::array& values);
 std::span<const std::int64_t> rows_in(const LongIndices& rows, std::int64_t count);
 void check_row(std::int64_t row, std::int64_t count);
 
-// Rows of two or three numbers, in 2D with z = 0.
-std::vector<substep::geometry::Vec3> points(const Reals& rows);
+// Rows of three numbers as they lie in an array, as long as that lives; copies of rows of two, with
+// z = 0.
+class Points {
+ public:
+  explicit Points(const Reals& rows);
+  Points(const Points&) = delete;
+  Points& operator=(const Points&) = delete;
+
+  operator std::span<const substep::geometry::Vec3>() const { return all_; }
+  std::vector<substep::geometry::Vec3> copied() const { return {all_.begin(), all_.end()}; }
+
+ private:
+  std::vector<substep::geometry::Vec3> in_plane_;
+  std::span<const substep::geometry::Vec3> all_;
+};

@@ -115,7 +115,7 @@ void restore(Method& self, const py::dict& from) {
                 .values = numbers(from["values"]),
                 .motion = numbers(from["motion"]),
                 .volumes = numbers(from["volumes"]),
-                .forces = forces.size() == 0 ? std::vector<Vec3>{} : points(forces),
+                .forces = forces.size() == 0 ? std::vector<Vec3>{} : Points(forces).copied(),
                 .flow = {.layers = list(from["layers"].cast<LongIndices>()),
                          .absorbed = list(from["absorbed"].cast<LongIndices>())}});
 }
@@ -128,7 +128,7 @@ auto rows_of(std::vector<double> (Method::*get)() const, int power) {
 }
 auto setter(void (Method::*set)(std::span<const Vec3>, Method::Places)) {
   return [set](Method& self, const Reals& values, const Array<std::int64_t>& places) {
-    (self.*set)(points(values), rows_in(places, self.size()));
+    (self.*set)(Points(values), rows_in(places, self.size()));
   };
 }
 
@@ -161,7 +161,7 @@ void bind_method(py::module_& m) {
           "add",
           [](Method& self, const Reals& positions, const Reals& velocities,
              const Array<std::int32_t>& materials, const Reals& volumes) {
-            const auto x = points(positions), v = points(velocities);
+            const Points x(positions), v(velocities);
             const auto which = readable(materials);
             const auto V = readable(volumes);
             const py::gil_scoped_release released;

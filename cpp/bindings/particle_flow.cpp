@@ -14,7 +14,7 @@ Emitter emitter(const py::dict& given) {
   return {.position = vector(given, "position"),
           .direction = vector(given, "direction"),
           .speed = number(given, "speed"),
-          .offsets = points(given["offsets"].cast<Reals>()),
+          .offsets = Points(given["offsets"].cast<Reals>()).copied(),
           .thickness = number(given, "thickness"),
           .volume = number(given, "volume"),
           .kind = integer(given, "kind"),

@@ -147,7 +147,7 @@ void bind_pbd_constraints(py::module_& m) {
   m.def(
       "self_collision",
       [](const Indices& faces, const Reals& rest, double thickness, double friction) {
-        return self_contact_recipe(rows_of<3>(faces), points(rest), thickness, friction);
+        return self_contact_recipe(rows_of<3>(faces), Points(rest).copied(), thickness, friction);
       },
       py::arg("faces").noconvert(), py::arg("rest").noconvert(), py::arg("thickness"),
       py::arg("friction"));

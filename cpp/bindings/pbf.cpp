@@ -46,7 +46,7 @@ auto rows_of(std::vector<double> (Liquid::*get)() const) {
 }
 auto set_rows(void (Liquid::*set)(std::span<const Vec3>, Liquid::Places)) {
   return [set](Liquid& self, const Reals& values, const Array<std::int64_t>& places) {
-    (self.*set)(points(values), rows_in(places, self.size()));
+    (self.*set)(Points(values), rows_in(places, self.size()));
   };
 }
 
@@ -117,7 +117,7 @@ void bind_pbf(py::module_& m) {
           "add",
           [](Liquid& self, const Reals& positions, const Reals& velocities,
              const Array<std::int32_t>& fluids) {
-            return self.add(points(positions), points(velocities), readable(fluids));
+            return self.add(Points(positions), Points(velocities), readable(fluids));
           },
           py::arg("positions").noconvert(), py::arg("velocities").noconvert(),
           py::arg("fluids").noconvert())
