@@ -477,6 +477,21 @@ def test_complex_and_text_values_are_refused():
             GridField((AXIS, AXIS), values)
 
 
+@pytest.mark.parametrize("dtype, bits", [(np.float32, 0x7F800001), (np.float64, 0x7FF0000000000001)])
+@pytest.mark.parametrize("lazy", [False, True])
+def test_a_signaling_nan_is_missing_like_any_other(tmp_path, dtype, bits, lazy):
+    values = np.ones((3, 3, 2), dtype)
+    values[1, 1, 0] = np.array(bits, f"u{values.itemsize}").view(dtype)
+    if lazy:
+        values.tofile(tmp_path / "values")
+        values = np.memmap(tmp_path / "values", dtype, "r", shape=(3, 3, 2))
+    x = [[0.2, 0.2], [1.0, 1.0]]
+    field = GridField(([0, 1, 2], [0, 1, 2]), values)
+    assert field(0, x)[:, 0] == pytest.approx([1.0, np.nan], nan_ok=True)
+    with pytest.raises(InputError, match=r"x\[0, 0\]: expected finite"):
+        field(0, np.array([[bits, 0]], f"u{values.itemsize}").view(dtype))
+
+
 def test_the_field_does_not_see_later_changes_of_its_arrays():
     values = np.ones((4, 4, 2))
     field = GridField((AXIS, AXIS), values)

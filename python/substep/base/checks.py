@@ -82,7 +82,7 @@ def check_array(
         wanted += ",)" if len(shape) == 1 else ")"
         raise InputError(f"{name}: expected shape {wanted}, got {array.shape}")
     target = np.complex128 if array.dtype.kind == "c" else dtype
-    with np.errstate(over="ignore"):
+    with np.errstate(over="ignore", invalid="ignore"):  # invalid: a signaling NaN
         result = array.astype(target, copy=False)
     if array.dtype.kind in "iu" and array.dtype.itemsize == 8 and result.dtype.kind == "f":
         inexact = np.abs(result) >= 2.0**53

@@ -264,7 +264,8 @@ class GridField(Field):
         if key in self._levels:
             self._levels.move_to_end(key)
             return self._levels[key]
-        values = np.asarray(self._source[number], dtype=np.float64)
+        with np.errstate(invalid="ignore"):  # a signaling NaN
+            values = np.asarray(self._source[number], dtype=np.float64)
         flips = tuple(slice(None, None, -1 if flip else 1) for flip in self._flip)
         values = values[flips][tuple(slice(keep) for keep in self._keep)]
         try:

@@ -94,6 +94,7 @@ def _converter(components: int, complex_y: bool) -> Callable[[Any], np.ndarray[A
             array = array.reshape(1)
         if array.shape != (components,):
             raise InputError(f"fun: expected shape ({components},), got {array.shape}")
-        return np.array(array, dtype=dtype, order="C", subok=False)
+        with np.errstate(over="ignore", invalid="ignore"):  # invalid: a signaling NaN
+            return np.array(array, dtype=dtype, order="C", subok=False)
 
     return convert
