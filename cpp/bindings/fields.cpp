@@ -62,6 +62,18 @@ void bind_grid(py::module_& m) {
            }),
            py::arg("nodes"), py::arg("wrap"), py::arg("closed"), py::arg("cubic"),
            py::arg("radius"), py::arg("dtype"));
+  // Corners (i, j) row by row.
+  m.def(
+      "curvilinear_grid",
+      [](const Reals& x, const Reals& y, const std::vector<double>& z, bool on_faces, double radius,
+         const std::string& dtype) {
+        const Corners corners{x.shape(0), x.shape(1), list(x), list(y)};
+        const auto staggering = on_faces ? Staggering::kFaces : Staggering::kCorners;
+        const py::gil_scoped_release nogil;
+        return make_curvilinear_grid(precision(dtype), corners, z, staggering, radius);
+      },
+      py::arg("x").noconvert(), py::arg("y").noconvert(), py::arg("z"), py::arg("on_faces"),
+      py::arg("radius"), py::arg("dtype"));
   grid.def(
       "pack",
       [](const AnyGrid& self, const Reals& values, int threads) {

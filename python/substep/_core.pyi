@@ -1042,6 +1042,14 @@ def commit(
     arguments: tuple[typing.Any, ...],
 ) -> typing.Any: ...
 def constraint_kinds() -> dict[str, typing.Any]: ...
+def curvilinear_grid(
+    x: numpy.typing.NDArray[numpy.float64],
+    y: numpy.typing.NDArray[numpy.float64],
+    z: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
+    on_faces: bool,
+    radius: float,
+    dtype: str,
+) -> Grid: ...
 def drag_term(rate: float, masses: numpy.typing.NDArray[numpy.float64]) -> Term: ...
 def evaluate_constraints(
     kind: str,

@@ -477,7 +477,9 @@ def test_complex_and_text_values_are_refused():
             GridField((AXIS, AXIS), values)
 
 
-@pytest.mark.parametrize("dtype, bits", [(np.float32, 0x7F800001), (np.float64, 0x7FF0000000000001)])
+@pytest.mark.parametrize(
+    "dtype, bits", [(np.float32, 0x7F800001), (np.float64, 0x7FF0000000000001)]
+)
 @pytest.mark.parametrize("lazy", [False, True])
 def test_a_signaling_nan_is_missing_like_any_other(tmp_path, dtype, bits, lazy):
     values = np.ones((3, 3, 2), dtype)
@@ -612,8 +614,13 @@ class TestFiles:
         field = open_field(write_classic(tmp_path / "a.nc", day=2.0, units=units))
         assert field.origin == np.datetime64(seconds, "s")
 
+    @pytest.mark.parametrize("units, seconds", [("", 1.5), ("s", 1.5), ("days", 1.5 * 86400)])
+    def test_times_without_a_date(self, tmp_path, units, seconds):
+        field = open_field(write_classic(tmp_path / "a.nc", day=[2.0, 3.5], units=units))
+        assert field.times.tolist() == [0, seconds] and field.origin is None
+
     @pytest.mark.parametrize(
-        "units", ["days", "fortnights since 2000-01-01", "days since 2000-13-01"]
+        "units", ["fortnights", "fortnights since 2000-01-01", "days since 2000-13-01"]
     )
     def test_bad_units_of_time(self, tmp_path, units):
         with pytest.raises(FormatError):

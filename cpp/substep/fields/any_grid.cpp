@@ -1,6 +1,8 @@
 #include "substep/fields/any_grid.h"
 
 #include "substep/core/errors.h"
+#include "substep/fields/curvilinear_grid.h"
+#include "substep/fields/grid.h"
 #include "substep/fields/grid_advection.h"
 
 namespace substep::fields {
@@ -30,10 +32,12 @@ Series<T> series_of(const AnySeries& given) {
   return series;
 }
 
-template <class T, int kDim>
+template <class G>
 class GridOf final : public AnyGrid {
  public:
-  GridOf(const std::vector<Axis>& axes, bool cubic, double radius) : grid_(axes, cubic, radius) {}
+  using T = ScalarOf<G>;
+
+  explicit GridOf(G grid) : grid_(std::move(grid)) {}
 
   std::int64_t level_bytes() const override {
     return grid_.node_count() * static_cast<std::int64_t>(sizeof(Node<T>));
@@ -63,21 +67,40 @@ class GridOf final : public AnyGrid {
  private:
   template <class Span>
   static std::int64_t rows(const Span& x) {
-    return static_cast<std::int64_t>(x.size()) / kDim;
+    return static_cast<std::int64_t>(x.size()) / G::kDimension;
   }
 
-  Grid<T, kDim> grid_;
+  G grid_;
 };
+
+template <class G>
+std::unique_ptr<AnyGrid> any(G grid) {
+  return std::make_unique<GridOf<G>>(std::move(grid));
+}
+
+// make(number of the precision).
+template <class Make>
+std::unique_ptr<AnyGrid> of_precision(Precision precision, const Make& make) {
+  return precision == Precision::kSingle ? make(float{}) : make(double{});
+}
 
 }  // namespace
 
 std::unique_ptr<AnyGrid> make_grid(Precision precision, const std::vector<Axis>& axes, bool cubic,
                                    double radius) {
-  const auto make = [&]<class T>(T) -> std::unique_ptr<AnyGrid> {
-    if (axes.size() == 2) return std::make_unique<GridOf<T, 2>>(axes, cubic, radius);
-    return std::make_unique<GridOf<T, 3>>(axes, cubic, radius);
-  };
-  return precision == Precision::kSingle ? make(float{}) : make(double{});
+  return of_precision(precision, [&]<class T>(T) {
+    return axes.size() == 2 ? any(Grid<T, 2>(axes, cubic, radius))
+                            : any(Grid<T, 3>(axes, cubic, radius));
+  });
+}
+
+std::unique_ptr<AnyGrid> make_curvilinear_grid(Precision precision, const Corners& corners,
+                                               const std::vector<double>& z, Staggering staggering,
+                                               double radius) {
+  return of_precision(precision, [&]<class T>(T) {
+    return z.empty() ? any(CurvilinearGrid<T, 2>(corners, z, staggering, radius))
+                     : any(CurvilinearGrid<T, 3>(corners, z, staggering, radius));
+  });
 }
 
 }  // namespace substep::fields

@@ -9,6 +9,7 @@
 
 #include "substep/core/numbers.h"
 #include "substep/fields/axis.h"
+#include "substep/fields/cells.h"
 #include "substep/fields/events.h"
 #include "substep/fields/steps.h"
 
@@ -48,5 +49,9 @@ class AnyGrid {
 // As Grid's constructor, with as many axes as the grid has dimensions, two or three.
 std::unique_ptr<AnyGrid> make_grid(Precision precision, const std::vector<Axis>& axes, bool cubic,
                                    double radius);
+// As CurvilinearGrid's; in two dimensions where z is empty.
+std::unique_ptr<AnyGrid> make_curvilinear_grid(Precision precision, const Corners& corners,
+                                               const std::vector<double>& z, Staggering staggering,
+                                               double radius);
 
 }  // namespace substep::fields

@@ -1,6 +1,7 @@
 // A velocity field on the nodes of a rectilinear grid, in two or three dimensions, with levels in
-// time. A node is four numbers: the velocity and, last, 1 at sea and 0 where the value is missing
-// (land); so one interpolation gives the sum of w_i u_i and the sum of w_i over the sea nodes.
+// time, which have one row of ghosts before and two after on every axis. A node is four numbers:
+// the velocity and, last, 1 at sea and 0 where the value is missing (land); so one interpolation
+// gives the sum of w_i u_i and the sum of w_i over the sea nodes.
 //
 // Space: (bi/tri)linear, or cubic convolution (Keys 1981, IEEE Trans. ASSP 29, 1153, eq. (15);
 // Catmull-Rom), on unequal spacing the cubic Hermite polynomial with parabolic slopes, which is the
@@ -17,34 +18,15 @@
 #include "substep/core/sincos.h"
 #include "substep/core/usize.h"
 #include "substep/fields/axis.h"
+#include "substep/fields/level.h"
 
 namespace substep::fields {
-
-template <class T>
-struct alignas(4 * sizeof(T)) Node {
-  T value[4];
-};
-
-// The nodes at one time, with one row of ghosts before and two after on every axis.
-template <class T>
-struct Level {
-  std::vector<Node<T>> nodes;
-  std::vector<std::uint8_t> whole;  // cubic only: no missing node in the stencil of this cell
-};
-
-// Where and how to interpolate in time: (1 - weight) low + weight high.
-template <class T>
-struct Slice {
-  const Level<T>* low = nullptr;
-  const Level<T>* high = nullptr;  // null: low alone
-  T weight = 0;
-};
-
-enum class Place : std::int8_t { kSea = 0, kLand = 1, kOutside = 2 };
 
 template <class T, int kDim>
 class Grid {
  public:
+  using Scalar = T;
+  static constexpr int kDimension = kDim;
   using V4 = Vector<T, 4 * sizeof(T)>;
   using V8 = Vector<T, 8 * sizeof(T)>;
 
@@ -60,7 +42,8 @@ class Grid {
 
   // dx/dt: for geographic coordinates degrees/s,
   // dlon/dt = u / (R cos lat), dlat/dt = v / R.
-  SUBSTEP_INLINE V4 rate(const Slice<T>& slice, const V4& x, Place& place) const {
+  struct Hint {};  // a cell is found at once
+  SUBSTEP_INLINE V4 rate(const Slice<T>& slice, const V4& x, Place& place, Hint&) const {
     const V4 u = velocity(slice, x, place);
     if (degrees_ == 0) return u;
     V4 sine, cosine;

@@ -5,6 +5,8 @@
 #include <utility>
 
 #include "substep/core/usize.h"
+#include "substep/fields/curvilinear_grid.h"
+#include "substep/fields/grid.h"
 
 namespace substep::fields {
 namespace {
@@ -12,10 +14,10 @@ namespace {
 constexpr std::int64_t kGridChunk = 2048;  // particles of a parallel task
 constexpr std::int64_t kGridTile = 64;     // particles that step together
 
-template <class T, int kDim>
-SUBSTEP_INLINE auto load_row(const T* row) {
-  Vector<T, 4 * sizeof(T)> x{};
-  for (int d = 0; d < kDim; ++d) x[d] = row[d];
+template <class G>
+SUBSTEP_INLINE auto load_row(const ScalarOf<G>* row) {
+  typename G::V4 x{};
+  for (int d = 0; d < G::kDimension; ++d) x[d] = row[d];
   return x;
 }
 
@@ -26,14 +28,15 @@ bool finite(const V& x) {
 
 // Particles at sea that step together: stage by stage over all of them, so that the processor works
 // on several at once (each alone is a chain of dependent operations).
-template <class Method, class T, int kDim>
+template <class Method, class G>
 class Tile {
  public:
-  using V4 = typename Grid<T, kDim>::V4;
+  using T = ScalarOf<G>;
+  using V4 = typename G::V4;
   using Weights = tableaux::WholeWeights<Method>;
 
-  Tile(const Grid<T, kDim>& grid, const Series<T>& series, const Particles<T>& particles,
-       const Steps& steps, Events& events)
+  Tile(const G& grid, const Series<T>& series, const Particles<T>& particles, const Steps& steps,
+       Events& events)
       : grid_(grid), series_(series), particles_(particles), steps_(steps), events_(events) {}
 
   void load(std::int64_t begin, std::int64_t end) {
@@ -43,9 +46,10 @@ class Tile {
       const std::int64_t id = particles_.order ? particles_.order[i] : i;
       if (particles_.status[id] != 0) continue;
       id_[count_] = id;
-      x_[count_] = load_row<T, kDim>(particles_.x + id * kDim);
+      x_[count_] = load_row<G>(particles_.x + id * kDim);
       Place place = Place::kSea;
-      k_[0][count_] = grid_.rate(start, x_[count_], place);
+      hint_[count_] = {};
+      k_[0][count_] = grid_.rate(start, x_[count_], place, hint_[count_]);
       if (place == Place::kSea) {
         ++count_;
       } else {
@@ -58,12 +62,14 @@ class Tile {
     std::fill_n(place_, count_, Place::kSea);
     for_each_stage([&]<int i>(Stage<i>) {
       const Slice<T> slice = series_.at(steps_.time(number) + Method::c[i] * steps_.h);
-      for (int m = 0; m < count_; ++m) k_[i][m] = grid_.rate(slice, stage<i>(m), place_[m]);
+      for (int m = 0; m < count_; ++m)
+        k_[i][m] = grid_.rate(slice, stage<i>(m), place_[m], hint_[m]);
     });
     const Slice<T> slice = series_.at(steps_.time(number + 1));
     for (int m = 0; m < count_; ++m) {
       next_[m] = end(m);
-      k_[0][m] = grid_.rate(slice, next_[m], place_[m]);  // the first stage of the next step
+      k_[0][m] =
+          grid_.rate(slice, next_[m], place_[m], hint_[m]);  // the first stage of the next step
     }
     for (int m = count_ - 1; m >= 0; --m) {
       if (__builtin_expect(place_[m] == Place::kSea, 1)) {
@@ -79,6 +85,7 @@ class Tile {
       --count_;  // the last one, already moved, takes its place
       id_[m] = id_[count_];
       x_[m] = x_[count_];
+      hint_[m] = hint_[count_];
       k_[0][m] = k_[0][count_];
     }
   }
@@ -89,7 +96,7 @@ class Tile {
   bool empty() const { return count_ == 0; }
 
  private:
-  static constexpr int kStages = Method::stages;
+  static constexpr int kStages = Method::stages, kDim = G::kDimension;
 
   // Calls action(Stage<i>) for the stages i after the first, known to the compiler.
   template <int i>
@@ -130,7 +137,7 @@ class Tile {
     for (int d = 0; d < kDim; ++d) particles_.x[id_[m] * kDim + d] = x_[m][d];
   }
 
-  const Grid<T, kDim>& grid_;
+  const G& grid_;
   const Series<T>& series_;
   const Particles<T>& particles_;
   const Steps& steps_;
@@ -138,6 +145,7 @@ class Tile {
   int count_ = 0;
   std::int64_t id_[kGridTile];
   Place place_[kGridTile];
+  typename G::Hint hint_[kGridTile];
   alignas(64) V4 x_[kGridTile], next_[kGridTile], k_[kStages][kGridTile];
 };
 
@@ -152,16 +160,15 @@ Slice<T> Series<T>::at(double t) const {
   return {levels[i - 1], levels[i], T((t - times[i - 1]) / (times[i] - times[i - 1]))};
 }
 
-template <class Method, class T, int kDim>
-static std::vector<Events> advect(const Grid<T, kDim>& grid, const Series<T>& series,
+template <class Method, class G, class T = ScalarOf<G>>
+static std::vector<Events> advect(const G& grid, const Series<T>& series,
                                   const Particles<T>& particles, const Steps& steps, int threads) {
   const auto chunks = usize((particles.count + kGridChunk - 1) / kGridChunk);
   std::vector<Events> events(chunks);
   parallel_for(
       particles.count, kGridChunk,
       [&](std::int64_t begin, std::int64_t end) {
-        Tile<Method, T, kDim> tile(grid, series, particles, steps,
-                                   events[usize(begin / kGridChunk)]);
+        Tile<Method, G> tile(grid, series, particles, steps, events[usize(begin / kGridChunk)]);
         for (std::int64_t first = begin; first < end; first += kGridTile) {
           tile.load(first, std::min(first + kGridTile, end));
           for (std::int64_t s = 0; s < steps.count && !tile.empty(); ++s) tile.step(s);
@@ -172,9 +179,9 @@ static std::vector<Events> advect(const Grid<T, kDim>& grid, const Series<T>& se
   return events;
 }
 
-template <class T, int kDim>
-Events advect_grid(const Grid<T, kDim>& grid, std::string_view method, const Series<T>& series,
-                   const Particles<T>& particles, const Steps& steps, int threads) {
+template <class G>
+Events advect_grid(const G& grid, std::string_view method, const Series<ScalarOf<G>>& series,
+                   const Particles<ScalarOf<G>>& particles, const Steps& steps, int threads) {
   std::vector<Events> events;
   with_method(method, [&]<class Method>(const Method&) {
     events = advect<Method>(grid, series, particles, steps, threads);
@@ -188,15 +195,15 @@ Events advect_grid(const Grid<T, kDim>& grid, std::string_view method, const Ser
   return all;
 }
 
-template <class T, int kDim>
-void sort_by_cell(const Grid<T, kDim>& grid, const T* x, std::int64_t count, std::int32_t* order,
+template <class G>
+void sort_by_cell(const G& grid, const ScalarOf<G>* x, std::int64_t count, std::int32_t* order,
                   int threads) {
   std::vector<std::int32_t> key(usize(count));
   parallel_for(
       count, kGridChunk,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t i = begin; i < end; ++i) {
-          key[usize(i)] = static_cast<std::int32_t>(grid.block(load_row<T, kDim>(x + i * kDim)));
+          key[usize(i)] = static_cast<std::int32_t>(grid.block(load_row<G>(x + i * G::kDimension)));
         }
       },
       threads);
@@ -209,33 +216,47 @@ void sort_by_cell(const Grid<T, kDim>& grid, const T* x, std::int64_t count, std
   }
 }
 
-template <class T, int kDim>
-void sample_grid(const Grid<T, kDim>& grid, const Slice<T>& slice, const T* x, T* u,
-                 std::int64_t count, int threads) {
+template <class G>
+void sample_grid(const G& grid, const Slice<ScalarOf<G>>& slice, const ScalarOf<G>* x,
+                 ScalarOf<G>* u, std::int64_t count, int threads) {
+  constexpr int kDim = G::kDimension;
   parallel_for(
       count, kGridChunk,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t i = begin; i < end; ++i) {
           Place place = Place::kSea;
-          const auto velocity = grid.velocity(slice, load_row<T, kDim>(x + i * kDim), place);
+          const auto velocity = grid.velocity(slice, load_row<G>(x + i * kDim), place);
           for (int d = 0; d < kDim; ++d) {
             u[i * kDim + d] =
-                place == Place::kSea ? velocity[d] : std::numeric_limits<T>::quiet_NaN();
+                place == Place::kSea ? velocity[d] : std::numeric_limits<ScalarOf<G>>::quiet_NaN();
           }
         }
       },
       threads);
 }
 
-#define SUBSTEP_GRID(T, kDim)                                                                   \
-  template Events advect_grid(const Grid<T, kDim>&, std::string_view, const Series<T>&,         \
-                              const Particles<T>&, const Steps&, int);                          \
-  template void sort_by_cell(const Grid<T, kDim>&, const T*, std::int64_t, std::int32_t*, int); \
-  template void sample_grid(const Grid<T, kDim>&, const Slice<T>&, const T*, T*, std::int64_t, int);
-SUBSTEP_GRID(double, 2)
-SUBSTEP_GRID(double, 3)
-SUBSTEP_GRID(float, 2)
-SUBSTEP_GRID(float, 3)
+#define SUBSTEP_GRID(G)                                                                            \
+  template Events advect_grid(const G&, std::string_view, const Series<ScalarOf<G>>&,              \
+                              const Particles<ScalarOf<G>>&, const Steps&, int);                   \
+  template void sort_by_cell(const G&, const ScalarOf<G>*, std::int64_t, std::int32_t*, int);      \
+  template void sample_grid(const G&, const Slice<ScalarOf<G>>&, const ScalarOf<G>*, ScalarOf<G>*, \
+                            std::int64_t, int);
+using D2 = Grid<double, 2>;
+using D3 = Grid<double, 3>;
+using F2 = Grid<float, 2>;
+using F3 = Grid<float, 3>;
+using CurvilinearD2 = CurvilinearGrid<double, 2>;
+using CurvilinearD3 = CurvilinearGrid<double, 3>;
+using CurvilinearF2 = CurvilinearGrid<float, 2>;
+using CurvilinearF3 = CurvilinearGrid<float, 3>;
+SUBSTEP_GRID(D2)
+SUBSTEP_GRID(D3)
+SUBSTEP_GRID(F2)
+SUBSTEP_GRID(F3)
+SUBSTEP_GRID(CurvilinearD2)
+SUBSTEP_GRID(CurvilinearD3)
+SUBSTEP_GRID(CurvilinearF2)
+SUBSTEP_GRID(CurvilinearF3)
 template struct Series<double>;
 template struct Series<float>;
 

@@ -1,9 +1,12 @@
 // Advection on a grid: tiles of particles, in the order of the cells they are in, take many steps.
+// A grid G has dimensions and numbers (kDimension, Scalar), says the rate of change at x and what
+// is there, rate(slice, x, place, hint), where a Hint is what it remembers of a particle, and
+// numbers blocks of cells, block(x) < block_count().
 #pragma once
 
 #include "substep/core/parallel.h"
 #include "substep/fields/events.h"
-#include "substep/fields/grid.h"
+#include "substep/fields/level.h"
 #include "substep/fields/steps.h"
 
 namespace substep::fields {
@@ -28,21 +31,24 @@ struct Particles {
   std::int64_t count;
 };
 
+template <class G>
+using ScalarOf = typename G::Scalar;
+
 // Moves the particles that are at sea. A step counts only if all its stages and its end are at sea
 // and inside; otherwise the particle rests where the step began. With no steps, only looks where
 // the particles are.
-template <class T, int kDim>
-Events advect_grid(const Grid<T, kDim>& grid, std::string_view method, const Series<T>& series,
-                   const Particles<T>& particles, const Steps& steps, int threads);
+template <class G>
+Events advect_grid(const G& grid, std::string_view method, const Series<ScalarOf<G>>& series,
+                   const Particles<ScalarOf<G>>& particles, const Steps& steps, int threads);
 
 // Permutation that brings particles of one block of cells together.
-template <class T, int kDim>
-void sort_by_cell(const Grid<T, kDim>& grid, const T* x, std::int64_t count, std::int32_t* order,
+template <class G>
+void sort_by_cell(const G& grid, const ScalarOf<G>* x, std::int64_t count, std::int32_t* order,
                   int threads);
 
 // Velocities [data units] at x, NaN on land and outside.
-template <class T, int kDim>
-void sample_grid(const Grid<T, kDim>& grid, const Slice<T>& slice, const T* x, T* u,
-                 std::int64_t count, int threads);
+template <class G>
+void sample_grid(const G& grid, const Slice<ScalarOf<G>>& slice, const ScalarOf<G>* x,
+                 ScalarOf<G>* u, std::int64_t count, int threads);
 
 }  // namespace substep::fields

@@ -4,9 +4,11 @@ See docs/fields.md for the equations, for what is modelled and what is not.
 """
 
 from .advection import ACTIVE, ESCAPED, LANDED, Advection
+from .curvilinear import CurvilinearField
 from .files import open_field
 from .flows import ABC, DoubleGyre, Field, RigidRotation, Shear, TaylorGreen
-from .grid import EARTH_RADIUS, GridField
+from .grid import GridField
+from .levels import EARTH_RADIUS
 from .paths import AdvectionResult, advect
 
 __all__ = [
@@ -17,6 +19,7 @@ __all__ = [
     "LANDED",
     "Advection",
     "AdvectionResult",
+    "CurvilinearField",
     "DoubleGyre",
     "Field",
     "GridField",

@@ -31,7 +31,7 @@ _BLOCK = 1 << 22  # bytes that are read at once
 # What is read of the attributes of NetCDF-4, in lower case; others may be of any type.
 _ATTRIBUTES = {
     "standard_name", "units", "unit", "axis", "positive", "calendar", "_fillvalue", "missing_value",
-    "valid_min", "valid_max", "valid_range", "scale_factor", "add_offset",
+    "valid_min", "valid_max", "valid_range", "scale_factor", "add_offset", "coordinates",
 }  # fmt: skip
 
 

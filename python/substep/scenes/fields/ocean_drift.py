@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import weakref
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import Advection, GridField, InputError, open_field
+from ... import Advection, CurvilinearField, GridField, InputError, open_field
 from ..declaration import Parameter, Scene
 
 if TYPE_CHECKING:
@@ -17,14 +17,15 @@ if TYPE_CHECKING:
     from ...recording import Part, Recording
 
 DAY = 86400.0  # s
+Currents: TypeAlias = GridField | CurvilinearField
 
 
 class Drifters(Advection):
     """Particles on the water, spread evenly over it, with the outline of the land."""
 
-    field: GridField
+    field: Currents
 
-    def __init__(self, field: GridField, positions: NDArray[Any], step: float, method: str) -> None:
+    def __init__(self, field: Currents, positions: NDArray[Any], step: float, method: str) -> None:
         super().__init__(field, positions, step=step, method=method)
         self.land = land_cells(field)
 
@@ -44,8 +45,13 @@ class Drifters(Advection):
         }
 
 
-def land_cells(field: GridField) -> NDArray[np.float64]:
-    """Corners of the cells around the nodes that have no current: shape (4 cells, 2) [degrees]."""
+def land_cells(field: Currents) -> NDArray[np.float64]:
+    """Corners of the cells that have no current: shape (4 cells, 2) [degrees].
+
+    Those around the nodes of a rectilinear grid, and the own ones of a curvilinear one.
+    """
+    if isinstance(field, CurvilinearField):
+        return _land_between_corners(field)
     nodes = np.stack(np.meshgrid(*field.axes, indexing="ij"), axis=-1).reshape(-1, 2)
     missing = nodes[np.isnan(field(float(field.times[0]), nodes)).any(axis=1)]
     edges = [
@@ -57,7 +63,19 @@ def land_cells(field: GridField) -> NDArray[np.float64]:
     return np.stack([np.column_stack(corner) for corner in corners], axis=1).reshape(-1, 2)
 
 
-def release(field: GridField, count: int, seed: int) -> NDArray[np.float64]:
+def _land_between_corners(field: CurvilinearField) -> NDArray[np.float64]:
+    corners = np.stack([field.x, field.y], axis=-1)
+    cells = np.stack(
+        [corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]], axis=2
+    ).reshape(-1, 4, 2)
+    cells = cells[np.isfinite(cells).all(axis=(1, 2))]
+    cells[:, 1:, 0] -= 360 * np.round((cells[:, 1:, 0] - cells[:, :1, 0]) / 360)
+    middles = cells.mean(axis=1)
+    missing = np.isnan(field(float(field.times[0]), middles)).any(axis=1)
+    return cells[missing].reshape(-1, 2)
+
+
+def release(field: Currents, count: int, seed: int) -> NDArray[np.float64]:
     """Positions on water at the first time, evenly over its area on the sphere [degrees]."""
     random = np.random.default_rng(seed)
     (west, south), (east, north) = field.bounds
