@@ -87,6 +87,48 @@ def test_what_is_lost_is_said():
     assert tetrahedralize(dumbbell, 0.2).lacks == tetrahedralize(box, 0.2).lacks
 
 
+def hourglass(waist):
+    """A closed surface of revolution, 2 m high, of that diameter in the middle."""
+    z = np.linspace(-1, 1, 81)
+    r = waist / 2 + 0.4 * np.sin(np.pi * z) ** 2 * np.abs(z) ** 0.3
+    angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    rings = np.stack(
+        [np.outer(r, np.cos(angle)), np.outer(r, np.sin(angle)), np.outer(z, np.ones(24))], axis=-1
+    )
+    k, j = np.meshgrid(np.arange(80), np.arange(24), indexing="ij")
+    a, b = (24 * k + j).ravel(), (24 * k + (j + 1) % 24).ravel()
+    bottom = np.stack([np.arange(1, 25) % 24, np.arange(24), np.full(24, 1944)], axis=1)
+    top = np.stack([1920 + np.arange(24), 1920 + np.arange(1, 25) % 24, np.full(24, 1945)], axis=1)
+    sides = [np.stack([a, b, b + 24], axis=1), np.stack([a, b + 24, a + 24], axis=1)]
+    points = np.concatenate([rings.reshape(-1, 3), [[0, 0, -1], [0, 0, 1]]])
+    points[points[:, 0] > 0, 0] *= 1.4  # the lattice is about the middle of the whole
+    points[points[:, 1] > 0, 1] *= 1.3
+    return TriangleMesh(points, np.concatenate([*sides, bottom, top]))
+
+
+def test_what_falls_into_pieces_is_filled_more_finely_or_refused():
+    mesh = hourglass(0.06)
+    assert mesh.report().lacks == []
+    with pytest.raises(
+        InputError, match=r"0\.2 m the body falls into 2 pieces, .* of 1, .* smaller"
+    ):
+        tetrahedralize(mesh, 0.2)
+    solid = tetrahedralize(mesh)
+    check_solid(solid)
+    assert solid.volume == pytest.approx(mesh.volume, rel=0.03)
+    with pytest.raises(InputError, match="falls into 2 pieces"):
+        tetrahedralize(hourglass(0.01))
+
+
+def test_a_rocker_arm_stays_whole():
+    if not MESHES.is_dir():
+        pytest.skip("needs ../shared/data/meshes, which is not here")
+    mesh = read_mesh(MESHES / "rocker-arm.obj")
+    with pytest.raises(InputError, match="falls into 2 pieces"):
+        tetrahedralize(mesh, np.ptp(mesh.vertices, axis=0).max() / 10)
+    assert tetrahedralize(mesh).volume == pytest.approx(mesh.volume, rel=0.06)
+
+
 def test_crumbs_are_left_out_and_counted():
     ball, crumb = sphere_mesh(1.0), sphere_mesh(0.09, (1.5, 0, 0), 1)
     both = TriangleMesh(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..base.checks import check_real, check_threads, in_range
@@ -10,7 +12,8 @@ from .tet_mesh import TetMesh
 from .topology import Array, Indices, components
 from .triangle_mesh import TriangleMesh, check_mesh
 
-_CRUMB = 1e-3  # of the largest piece's volume: smaller ones are left out
+_CRUMB = 1e-2  # of the largest piece's volume: smaller ones are left out
+_FINER = 5  # spacings that are tried where none is given, each 1 / sqrt(2) of the one before
 
 
 def tetrahedralize(
@@ -22,7 +25,8 @@ def tetrahedralize(
     one size and dihedral angles between 10 and 165 degrees. Inside is where the winding number is
     above 1/2, so the surface may be open, not manifold or cut itself. The vertices of a closed
     mesh's new surface lie on the old one, within 1e-4 spacing; edges are rounded, and parts thinner
-    than the spacing get lost, at the size of the lattice. `TetMesh.lacks` says what was lost.
+    than the spacing get lost, at the size of the lattice. `TetMesh.lacks` says what was lost. A
+    body that falls into pieces by that is refused.
 
     Parameters
     ----------
@@ -30,19 +34,20 @@ def tetrahedralize(
         The surface.
     spacing : float, optional
         Edge of the lattice's cubes [m], the longest edge inside; by default 1/20 of the longest
-        side of the mesh's bounding box.
+        side of the mesh's bounding box, or down to 1/80 where the body would fall into pieces.
     threads : int, optional
         Threads to use; the result does not depend on them.
 
     Returns
     -------
     TetMesh
-        The solid, without loose pieces of less than 1e-3 of the largest one's volume.
+        The solid, without loose pieces of less than 1 % of the largest one's volume.
 
     Raises
     ------
     InputError
-        If no lattice point lies inside, or the lattice would have more than 2e7 points.
+        If no lattice point lies inside, the body falls into more pieces than the surface has, or
+        the lattice would have more than 2e7 points.
 
     References
     ----------
@@ -58,24 +63,36 @@ def tetrahedralize(
     """
     corners = check_mesh(mesh).vertices[mesh.faces]
     sides = corners.max((0, 1)) - corners.min((0, 1))
-    h = check_real("spacing", sides.max() / 20 if spacing is None else spacing, positive=True)
-    with in_range("spacing"):
-        points = 2 * np.prod(sides / h + 4)
-    if not points <= 2e7:
-        raise InputError(f"spacing: {h} gives a lattice of {points:.1e} points, more than 2e7")
-    vertices, cells = mesh._tree.stuff(h, check_threads(threads))
+    coarsest = check_real(
+        "spacing", sides.max() / 20 if spacing is None else spacing, positive=True
+    )
     report = mesh.report()
-    if len(cells) == 0:
-        lacks = "; ".join(report.lacks) or "parts thinner than the spacing"
-        raise InputError(f"mesh: no point of the lattice lies inside ({lacks}); spacing is {h}")
-    vertices, cells, crumbs = _without_crumbs(vertices, cells)
-    solid = TetMesh(vertices, cells)
+    for k in range(1 if spacing is not None else _FINER):
+        h = coarsest / math.sqrt(2) ** k
+        with in_range("spacing"):
+            points = 2 * np.prod(sides / h + 4)
+        if not points <= 2e7:
+            raise InputError(f"spacing: {h} gives a lattice of {points:.1e} points, more than 2e7")
+        vertices, cells = mesh._tree.stuff(h, check_threads(threads))
+        if len(cells) == 0:
+            lacks = "; ".join(report.lacks) or "parts thinner than the spacing"
+            raise InputError(
+                f"mesh: no point of the lattice lies inside ({lacks}); spacing is {h}, and what is "
+                "flat has no inside (a cloth needs no filling)"
+            )
+        vertices, cells, crumbs = _without_crumbs(vertices, cells)
+        solid = TetMesh(vertices, cells)
+        pieces = int(components(len(vertices), solid.edges).max()) + 1
+        if pieces <= report.components:
+            break
+    else:
+        raise InputError(
+            f"spacing: at {h:.3g} m the body falls into {pieces} pieces, of a surface of "
+            f"{report.components}, as what is thinner than that gets lost; take a smaller spacing"
+        )
     solid.lacks.extend(f"surface {phrase}" for phrase in report.lacks)
     if crumbs:
         solid.lacks.append(f"{crumbs} loose pieces were left out")
-    label = components(len(vertices), solid.edges)
-    if label.max() > report.components - 1:
-        solid.lacks.append(f"{label.max() + 1} pieces, the surface has {report.components}")
     if report.closed and abs(solid.volume / abs(report.volume) - 1) > 0.01:
         share = 100 * solid.volume / abs(report.volume)
         solid.lacks.append(f"{share:.1f} % of the surface's volume")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError, SolverError
-from ..geometry import TriangleMesh, read_mesh
+from ..geometry import TetMesh, TriangleMesh, read_mesh, tetrahedralize
 from .declaration import Parameter
 
 if TYPE_CHECKING:
@@ -127,6 +127,22 @@ class Watched:
     def notes(self: Any) -> dict[str, str]:
         """What the meshes lack, for the recording."""
         return dict(self.lacks)
+
+
+def fill(surface: TriangleMesh, size: float, cells: int) -> tuple[TetMesh, str]:
+    """Fill a surface with tetrahedra, so many along its size, and say what got lost.
+
+    Raises InputError for what has no inside, or falls into pieces.
+    """
+    try:
+        solid = tetrahedralize(surface, size / cells)
+    except InputError as error:
+        cause = str(error).removeprefix("spacing: ")
+        raise InputError(f"cells: with {cells} of them, {cause}, that is more cells") from error
+    used, corners = np.unique(solid.tetrahedra, return_inverse=True)
+    lost = [phrase for phrase in solid.lacks if not phrase.startswith("surface ")]
+    told = "; ".join(["filled with tetrahedra", *lost])
+    return TetMesh(solid.vertices[used], corners.reshape(-1, 4)), told
 
 
 def read_obstacle(path: str, up: str, size: float) -> tuple[TriangleMesh, str]:

@@ -15,12 +15,11 @@ from ...geometry import (
     TriangleMesh,
     box_mesh,
     sphere_mesh,
-    tetrahedralize,
 )
 from ...pbd import soft_body
 from ...view import Camera, Look, View
 from ..declaration import Parameter, Scene
-from ..deformables import read_obstacle
+from ..deformables import fill, read_obstacle
 from .position_based import Body, pbd_parameters
 
 if TYPE_CHECKING:
@@ -40,18 +39,16 @@ class SoftBunny(Body):
             surface, lacks["mesh"] = read_obstacle(parameters["mesh"], parameters["up"], size)
         else:
             surface = sphere_mesh(size / 2, subdivisions=4)
-        solid = tetrahedralize(surface, size / parameters["cells"])
+        solid, filling = fill(surface, size, parameters["cells"])
         if parameters["mesh"]:
-            lost = [phrase for phrase in solid.lacks if not phrase.startswith("surface ")]
-            lacks["filling"] = "; ".join(["filled with tetrahedra", *lost])
-        used, corners = np.unique(solid.tetrahedra, return_inverse=True)
-        x = solid.vertices[used] - solid.vertices[used].mean(axis=0)
+            lacks["filling"] = filling
+        x = solid.vertices - solid.vertices.mean(axis=0)
         turn = np.radians(parameters["turn"])
         x = x @ np.array(
             [[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
         )
         x[:, 2] += (STEPS * RISE + parameters["height"]) * size - x[:, 2].min()
-        self.solid = TetMesh(x, corners.reshape(-1, 4))
+        self.solid = TetMesh(x, solid.tetrahedra)
         margin = 2e-3 * size
         boxes, steps = [], {}
         for k in range(STEPS):

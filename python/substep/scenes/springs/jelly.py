@@ -14,12 +14,11 @@ from ...geometry import (
     TriangleMesh,
     box_tetrahedra,
     sphere_mesh,
-    tetrahedralize,
 )
 from ...springs import SoftBody
 from ...view import Camera, Look, View
 from ..declaration import Parameter, Scene
-from ..deformables import GRAVITY, Watched, read_obstacle, solver_parameters
+from ..deformables import GRAVITY, Watched, fill, read_obstacle, solver_parameters
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -70,12 +69,10 @@ class Jelly(Watched, SoftBody):
             surface, self.lacks["mesh"] = read_obstacle(parameters["mesh"], parameters["up"], size)
         else:
             surface = sphere_mesh(size / 2, subdivisions=4)
-        solid = tetrahedralize(surface, size / cells)
+        solid, filling = fill(surface, size, cells)
         if parameters["mesh"]:
-            lost = [phrase for phrase in solid.lacks if not phrase.startswith("surface ")]
-            self.lacks["filling"] = "; ".join(["filled with tetrahedra", *lost])
-        used, corners = np.unique(solid.tetrahedra, return_inverse=True)
-        return solid.vertices[used], corners.reshape(-1, 4)
+            self.lacks["filling"] = filling
+        return solid.vertices, solid.tetrahedra
 
     def volume(self) -> float:
         """Volume now over that at rest."""
