@@ -184,7 +184,17 @@ def netcdf_seeds() -> list[bytes]:
     time_ = ("time", [2], since, 6, NODES[8:16])
     record = [time_, *((name, [2, 0, 1], limits, 6, NODES * 4) for name in "uv")]
     dims = [("lat", 4), ("lon", 4)]
+    bent = np.add.outer(np.arange(4.0), np.arange(4.0) ** 2 / 9)
+    around = [
+        (name, [0, 1], [("units", "degrees")], 6, x.astype(">f8").tobytes())
+        for name, x in (("nav_lon", bent.T), ("nav_lat", bent))
+    ]
+    corners = [
+        (name, [0, 1], [], 6, x.astype(">f8").tobytes())
+        for name, x in (("glamf", bent.T + 0.5), ("gphif", bent + 0.5))
+    ]
     return [
+        *(netcdf(1, [("y", 4), ("x", 4)], [*around, *more, *flat]) for more in ([], corners)),
         *(netcdf(version, dims, [LAT, LON, *flat]) for version in (1, 2, 5)),
         netcdf(2, [*dims, ("time", 2)], [LAT, LON, *level]),
         netcdf(1, [*dims, ("time", 0)], [LAT, LON, *record], records=1),

@@ -63,13 +63,13 @@ def role(variable: Variable) -> str:
         return "t"
     if axis.lower() in ("x", "y", "z", "t"):
         return axis.lower()
-    return _NAMES.get(variable.name.lower(), "")
+    return _NAMES.get(variable.name.lower().split("_grid")[0], "")  # nav_lon_grid_U
 
 
 def is_degrees(variable: Variable) -> bool:
     """Whether it is a longitude or a latitude."""
     standard, units = text(variable, "standard_name"), text(variable, "units")
-    named = variable.name.lower() in ("lon", "lat", "longitude", "latitude", "nav_lon", "nav_lat")
+    named = variable.name.lower().startswith(("lon", "lat", "nav_lon", "nav_lat"))
     return standard in ("longitude", "latitude") or units.lower().startswith("degree") or named
 
 

@@ -43,9 +43,14 @@ def _of_xarray(dataset: Any) -> dict[str, Variable]:
 
         return read
 
+    def attributes(variable: Any) -> dict[str, Any]:
+        # Ranges are those of packed numbers (CF 8.1), which xarray has unpacked.
+        packed = {"scale_factor", "add_offset"} & set(variable.encoding)
+        return {k: a for k, a in variable.attrs.items() if not (packed and "valid" in str(k))}
+
     return {
         str(name): Variable(
-            str(name), tuple(map(str, v.dims)), tuple(v.shape), dict(v.attrs), reader(v)
+            str(name), tuple(map(str, v.dims)), tuple(v.shape), attributes(v), reader(v)
         )
         for name, v in dataset.variables.items()
     }
@@ -175,7 +180,7 @@ def _coordinates_of_both(file: File, variable: Variable) -> dict[str, Variable]:
     found: dict[str, Variable] = {}
     for other in file.header.values():
         kind = role(other)
-        if kind not in ("x", "y") or len(other.shape) != 2:
+        if kind not in ("x", "y") or len(other.shape) != 2 or other.name in sum(_CORNERS, ()):
             continue
         if not set(other.dimensions) <= set(variable.dimensions):
             continue

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -128,10 +129,20 @@ def _closing(x: Array, geographic: bool) -> Any:
     rows = np.arange(len(x))
     if not geographic or len(x) < 3:
         return rows
-    spacing = np.nanmedian(np.abs((np.diff(x, axis=0) + 180) % 360 - 180))
-    gap = np.nanmedian(np.abs((x[0] - x[-1] + 180) % 360 - 180))
-    span = np.nanmax(x) - np.nanmin(x)
-    return np.append(rows, 0) if 0 < gap < 1.5 * spacing and span > 180 else rows
+    spacing = _median(np.abs(_reduced(np.diff(x, axis=0))))
+    gap = _median(np.abs(_reduced(x[0] - x[-1])))
+    return np.append(rows, 0) if 0 < gap < 1.5 * spacing and len(x) * spacing > 180 else rows
+
+
+def _reduced(dx: Array) -> Array:
+    """Differences of longitudes, within 180 degrees."""
+    return (dx + 180) % 360 - 180
+
+
+def _median(a: Array) -> float:
+    """Of the numbers that there are, NaN of none."""
+    known = a[np.isfinite(a)]
+    return float(np.median(known)) if known.size else math.nan
 
 
 def _staggered(stacks: Sequence[Stack], corners: tuple[Array, Array] | None, sign: float) -> Grid:
@@ -191,7 +202,7 @@ def _corners_between(u: Stack, v: Stack) -> tuple[Array, Array, Any, bool, bool]
     rows = _closing(x_u, u.geographic)
 
     def reduced(dx: Array) -> Array:
-        return (dx + 180) % 360 - 180 if u.geographic else dx
+        return _reduced(dx) if u.geographic else dx
 
     # v - u = alpha e_i + beta e_j, with alpha -1/2 where U is east and beta 1/2 where V is north.
     inner = (slice(1, -1), slice(1, -1))
@@ -200,8 +211,8 @@ def _corners_between(u: Stack, v: Stack) -> tuple[Array, Array, Any, bool, bool]
     to_v = reduced(x_v[inner] - x_u[inner]), y_v[inner] - y_u[inner]
     with np.errstate(all="ignore"):
         area = e_i[0] * e_j[1] - e_i[1] * e_j[0]
-        alpha = np.nanmedian((to_v[0] * e_j[1] - to_v[1] * e_j[0]) / area)
-        beta = np.nanmedian((e_i[0] * to_v[1] - e_i[1] * to_v[0]) / area)
+        alpha = _median((to_v[0] * e_j[1] - to_v[1] * e_j[0]) / area)
+        beta = _median((e_i[0] * to_v[1] - e_i[1] * to_v[0]) / area)
     if not (abs(abs(alpha) - 0.5) < 0.2 and abs(abs(beta) - 0.5) < 0.2):
         raise FormatError(
             f"{v.name}: its points are not those of {u.name}, nor those of a C grid: they lie "
