@@ -211,6 +211,50 @@ def test_the_jet_is_the_same_whatever_the_steps(name):
     assert many.densities.max() < 1.05
 
 
+JETS = {
+    "narrow": ({"radius": 0.015}, {}, 1.01),
+    "round": ({"radius": 0.04}, {}, 1.002),
+    "wide": ({"radius": 0.06}, {}, 1.002),
+    "rectangle": ({"size": (0.08, 0.04)}, {}, 1.002),
+    "short steps": ({"radius": 0.04}, {"cfl": 0.2}, 1.002),
+    "long steps": ({"radius": 0.04}, {"cfl": 0.8}, 1.002),
+    "float64": ({"radius": 0.04}, {"dtype": "float64"}, 1.002),
+    "from a wall": ({"radius": 0.04}, {"colliders": [substep.Plane((1, 0, 0))]}, 1.002),
+}
+
+
+@pytest.mark.parametrize("name", JETS)
+@pytest.mark.parametrize("oblique", [False, True])
+def test_a_free_jet_keeps_its_energy(name, oblique):
+    """Without gravity nothing changes its speed: kinetic energy is that of what came out."""
+    shape, options, most = JETS[name]
+    direction = (1.0, 0.7, -0.4) if oblique and name != "from a wall" else (1.0, 0, 0)
+    nozzle = Emitter((0.005, 0, 0), direction, 3.0, **shape)
+    jet = PositionBasedFluid(
+        np.zeros((0, 3)), 0.01, gravity=(0, 0, 0), emitters=[nozzle], **options
+    )
+    jet.advance(0.15)
+    squares = (jet.velocities**2).sum(axis=1)
+    assert len(jet) > 300 and 0.999 < squares.mean() / 9 < most
+    assert np.sqrt(squares.max()) < 3.05
+
+
+def test_a_free_jet_in_the_plane_keeps_its_energy():
+    nozzle = Emitter((0, 0), (1, 0), 3.0, radius=0.04)
+    jet = PositionBasedFluid(np.zeros((0, 2)), 0.005, gravity=(0, 0), emitters=[nozzle])
+    jet.advance(0.2)
+    assert (jet.velocities**2).sum(axis=1).mean() / 9 == pytest.approx(1, abs=2e-3)
+
+
+def test_a_jet_falls_as_its_particles_would():
+    """u^2 = u_0^2 + (g t)^2 of what left the nozzle t ago, evenly over the time."""
+    nozzle = Emitter((0, 0, 1), (1, 0, 0), 3.0, radius=0.04)
+    jet = PositionBasedFluid(np.zeros((0, 3)), 0.01, emitters=[nozzle])
+    jet.advance(0.4)
+    expected = 9 + (9.81 * 0.4) ** 2 / 3
+    assert (jet.velocities**2).sum(axis=1).mean() == pytest.approx(expected, rel=0.01)
+
+
 def test_counts_are_exact_and_go_through_a_checkpoint(tmp_path):
     d = 0.05
 

@@ -21,11 +21,13 @@ constexpr double kMargin = 0.1;  // of the spacing, that particles keep from obs
 }  // namespace
 
 template <class Real>
-Boundary<Real>::Boundary(std::vector<Collider> obstacles, const DensityConstraint<Real>& density,
-                         const Vec3& origin, int threads)
+Boundary<Real>::Boundary(std::vector<Collider> obstacles,
+                         std::span<const geometry::Emitter> emitters,
+                         const DensityConstraint<Real>& density, const Vec3& origin, int threads)
     : contact_(std::move(obstacles), origin, kMargin * density.options().spacing,
                density.options().dimension),
       radius_(density.radius()),
+      spacing_(density.options().spacing),
       dimension_(density.options().dimension) {
   const KernelFunction kernel = [&](double r) { return density.value(r); };
   const auto table = [&](double radius) {
@@ -49,6 +51,17 @@ Boundary<Real>::Boundary(std::vector<Collider> obstacles, const DensityConstrain
     return std::make_shared<const DensityMap>(*field, collider.hollow(), kernel, radius_, threads);
   };
   for (const Collider& collider : colliders()) walls_.push_back(add(collider));
+  const double v = density.volume();
+  for (const geometry::Emitter& emitter : emitters) {
+    nozzles_.emplace_back(
+        emitter, [density, v](double r) { return v * density.value(r); },
+        [density, v](double r) { return v * density.slope(r); }, radius_);
+  }
+}
+
+template <class Real>
+void Boundary<Real>::place_layers(std::span<const std::int64_t> come, double time) {
+  for (std::size_t k = 0; k < nozzles_.size(); ++k) nozzles_[k].place(come[k], time);
 }
 
 // One wall as a plane; where more meet, all but the box of those that the mirror makes of them.
@@ -133,10 +146,10 @@ void Boundary<Real>::note_near(std::span<const Point<Real>> x, int threads) {
   const auto n = static_cast<std::int64_t>(x.size());
   contributions_.assign(x.size(), Point<Real>{});
   near_.resize(usize((n + kGrain - 1) / kGrain));
-  if (colliders().empty()) return;
+  if (colliders().empty() && nozzles_.empty()) return;
   // Sweeps move particles, by less than a quarter of the radius as a rule; who comes near by more
   // than that is seen in the next step.
-  const double reach = mirror_->reach() + 0.25 * radius_;
+  const double reach = (mirror_ ? mirror_->reach() : 0) + 0.25 * radius_;
   parallel_for(
       n, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
@@ -148,8 +161,35 @@ void Boundary<Real>::note_near(std::span<const Point<Real>> x, int threads) {
           contact_.find_near(c, x, begin, end, reach, found);
           for (const std::int32_t i : found) near.push_back({i, static_cast<std::int32_t>(c), {}});
         }
+        for (std::size_t k = 0; k < nozzles_.size(); ++k) {
+          const auto number = static_cast<std::int32_t>(colliders().size() + k);
+          for (auto i = static_cast<std::int32_t>(begin); i < end; ++i) {
+            const Vec3 at = contact_.origin() + xyz(x[usize(i)]);
+            if (nozzles_[k].near(at, 1.25 * radius_)) near.push_back({i, number, {}});
+          }
+        }
       },
       threads);
+  const double half = 0.5 * spacing_;
+  for (Nozzle& nozzle : nozzles_) {
+    nozzle.leave_out([&](const Vec3& point) {
+      return std::any_of(colliders().begin(), colliders().end(), [&](const Collider& collider) {
+        return collider.signed_distance(point).value < half;
+      });
+    });
+  }
+}
+
+// Of a wall or a nozzle at a point relative to the origin.
+template <class Real>
+WallDensity Boundary<Real>::density_of(std::size_t c, const Vec3& x) const {
+  if (c >= colliders().size()) {
+    return nozzles_[c - colliders().size()].density(contact_.origin() + x);
+  }
+  const Collider& collider = colliders()[c];
+  const Vec3 from = x + (contact_.origin() - collider.position());
+  const WallDensity wall = wall_density(c, collider.rotation().transpose() * from);
+  return {wall.value, collider.rotation() * wall.gradient};
 }
 
 template <class Real>
@@ -161,11 +201,8 @@ std::span<const Point<Real>> Boundary<Real>::contributions(std::span<const Point
       contributions_[usize(entry.particle)] = Point<Real>{};
     }
     for (Near& entry : near) {
-      const auto c = usize(entry.collider);
-      const Collider& collider = colliders()[c];
-      const Vec3 from = xyz(x[entry.particle]) + (contact_.origin() - collider.position());
-      const WallDensity wall = wall_density(c, collider.rotation().transpose() * from);
-      const Vec3 g = collider.rotation() * wall.gradient;
+      const WallDensity wall = density_of(usize(entry.collider), xyz(x[entry.particle]));
+      const Vec3& g = wall.gradient;
       entry.gradient = {static_cast<Real>(g[0]), static_cast<Real>(g[1]),
                         dimension_ == 2 ? Real(0) : static_cast<Real>(g[2]),
                         static_cast<Real>(wall.value)};
@@ -186,7 +223,9 @@ void Boundary<Real>::project(std::span<const Point<Real>> multipliers,
     for (const Near& entry : near_[usize(k)]) {
       const auto i = usize(entry.particle);
       const Real scale = x[i].w * multipliers[i].w;
-      if (scale == 0 || entry.gradient.w == 0) continue;
+      if (scale == 0 || entry.gradient.w == 0 || usize(entry.collider) >= colliders().size()) {
+        continue;
+      }
       const Vec3 push = static_cast<double>(scale) * xyz(entry.gradient);
       contact_.add_push(usize(entry.collider), entry.particle, x[i], push,
                         mass[mass.size() == 1 ? 0 : i]);

@@ -18,6 +18,7 @@
 #include "substep/geometry/particle_contact.h"
 #include "substep/pbf/density.h"
 #include "substep/pbf/density_map.h"
+#include "substep/pbf/nozzle.h"
 #include "substep/pbf/wall_integrals.h"
 
 namespace substep::pbf {
@@ -25,15 +26,18 @@ namespace substep::pbf {
 template <class Real>
 class Boundary {
  public:
-  Boundary(std::vector<geometry::Collider> obstacles, const DensityConstraint<Real>& density,
-           const Vec3& origin, int threads);
+  Boundary(std::vector<geometry::Collider> obstacles, std::span<const geometry::Emitter> emitters,
+           const DensityConstraint<Real>& density, const Vec3& origin, int threads);
 
+  // Where the layers of the emitters that have not come out are in what follows, at a time when so
+  // many have.
+  void place_layers(std::span<const std::int64_t> come, double time);
   // A step of length dt from `start` to the predicted x: obstacles move, particles they cover are
   // set free, and who may come near one is noted. mass [kg]: of each particle, or one for all.
   // Returns whether any were covered.
   bool begin_step(double dt, std::span<Point<Real>> start, std::span<Point<Real>> x,
                   std::span<const Real> mass, int threads);
-  // Who is near an obstacle at x, where nothing moves.
+  // Who is near an obstacle, or a nozzle, at x, where nothing moves.
   void find_near(std::span<const Point<Real>> x, int threads);
   // Rows (grad b_i, b_i) at x, one for each particle, 0 away from all obstacles.
   std::span<const Point<Real>> contributions(std::span<const Point<Real>> x, int threads);
@@ -55,20 +59,22 @@ class Boundary {
   struct Block {};  // a solid box
   using Wall = std::variant<Flat, std::shared_ptr<const DistanceTable>, Tank, Block,
                             std::shared_ptr<const DensityMap>>;
-  // A particle near collider c, and the part of c in grad b.
+  // A particle near collider c, or nozzle c after the colliders, and the part of c in grad b.
   struct Near {
     std::int32_t particle, collider;
     Point<Real> gradient;
   };
 
   void note_near(std::span<const Point<Real>> x, int threads);
+  WallDensity density_of(std::size_t c, const Vec3& x) const;
   WallDensity wall_density(std::size_t c, const Vec3& local) const;
   WallDensity in_tank(const Vec3& half_lengths, const Vec3& x) const;
 
   geometry::ParticleContact<Real> contact_;
-  double radius_;
+  double radius_, spacing_;
   int dimension_;
   std::vector<Wall> walls_;
+  std::vector<Nozzle> nozzles_;
   std::shared_ptr<const Mirror> mirror_;
   std::shared_ptr<const CornerTable> corner_;
   std::vector<std::vector<Near>> near_;  // by chunks of particles, ascending

@@ -229,6 +229,7 @@ template <class Real>
 DensityConstraint<Real>::DensityConstraint(const DensityOptions& options)
     : options_(options),
       radius_(options.support * options.spacing),
+      power_(std::pow(radius_, options.dimension)),
       volume_(1),
       gradient_sum_(0),
       half_lattice_(0) {
@@ -255,8 +256,7 @@ template <class Real>
 double DensityConstraint<Real>::value(double r) const {
   double result = 0;
   for_kernel([&]<class K>(K) {
-    result = K::value_scale(options_.dimension) / std::pow(radius_, options_.dimension) *
-             unit_value<K>(r / radius_);
+    result = K::value_scale(options_.dimension) / power_ * unit_value<K>(r / radius_);
   });
   return result;
 }
@@ -265,8 +265,7 @@ template <class Real>
 double DensityConstraint<Real>::slope(double r) const {
   double result = 0;
   for_kernel([&]<class K>(K) {
-    result = K::slope_scale(options_.dimension) / std::pow(radius_, options_.dimension + 1) *
-             unit_slope<K>(r / radius_);
+    result = K::slope_scale(options_.dimension) / (power_ * radius_) * unit_slope<K>(r / radius_);
   });
   return result;
 }

@@ -72,7 +72,7 @@ class DensityConstraint {
   void for_kernel(Visit&& visit) const;
 
   DensityOptions options_;
-  double radius_, volume_, gradient_sum_, half_lattice_;
+  double radius_, power_, volume_, gradient_sum_, half_lattice_;
 };
 
 extern template class DensityConstraint<float>;

@@ -52,7 +52,7 @@ Fluid<Real>::Fluid(const Vec3& origin_, std::vector<geometry::Collider> collider
     : options(options_),
       origin(origin_),
       density(options.density),
-      boundary(std::move(colliders), density, origin, options.threads),
+      boundary(std::move(colliders), flow_.emitters, density, origin, options.threads),
       flow(std::move(flow_)),
       neighbours_(options.density.dimension) {}
 
@@ -160,6 +160,7 @@ bool Fluid<Real>::begin(double dt) {
   keep_in_reach();
   sort();
   act_on_positions(dt);
+  boundary.place_layers(flow.counts.layers, time + dt);
   return boundary.begin_step(dt, old_x_, std::span(next_.x).first(old_x_.size()), mass_,
                              options.threads);
 }
@@ -183,6 +184,7 @@ void Fluid<Real>::uncover(double dt) {
     new_report_ = {};
     predicted_ = particles.x;
     sort();
+    boundary.place_layers(flow.counts.layers, time);
     boundary.begin_step(dt, old_x_, std::span(next_.x).first(old_x_.size()), mass_,
                         options.threads);
     solve(tolerance, max_tolerance);
@@ -456,6 +458,7 @@ std::vector<Real> Fluid<Real>::densities() const {
   for (const std::int32_t i : order) x.push_back(particles.x[i]);
   neighbours.find(x, h, geometry::Pairs::kFull, options.threads);
   Boundary<Real> walls = boundary;
+  walls.place_layers(flow.counts.layers, time);
   walls.find_near(x, options.threads);
   std::vector<Real> sorted(order.size()), result(order.size());
   const auto contributions = walls.contributions(x, options.threads);

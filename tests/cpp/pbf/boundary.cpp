@@ -156,7 +156,7 @@ TEST(Boundary, GradientsAreDerivativesForEveryShape) {
       block(Box{{0.2, 0.1, 0.15}}, {0, 0.1, 0});
   for (Collider* collider : {&tank, &block}) collider->set_orientation(turned);
   for (const Collider& collider : {plane, ball, bowl, tank, block}) {
-    Boundary<double> boundary({collider}, density, Vec3::Zero(), 1);
+    Boundary<double> boundary({collider}, {}, density, Vec3::Zero(), 1);
     const auto value_at = [&](const Vec3& x) {
       const std::vector<Point<double>> points{{x[0], x[1], x[2], 1}};
       boundary.find_near(points, 1);
