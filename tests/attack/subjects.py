@@ -464,6 +464,15 @@ def current():
     return substep.GridField((x, x), values, times=[0.0, 1.0, 2.0])
 
 
+ROW = np.arange(3.0)
+
+
+def bent_current():
+    """A field on the faces of a curvilinear grid."""
+    x, y = np.meshgrid(np.linspace(0, 2, 5), np.linspace(0, 2, 5), indexing="ij")
+    return substep.CurvilinearField(x + 0.1 * y, y, np.full((5, 5, 2), 0.1), arakawa="C")
+
+
 def drift():
     return substep.Advection(current(), [[0.5, 0.5], [1.0, 1.5]], step=0.05, method="heun")
 
@@ -663,6 +672,7 @@ def _others():
             call("surface"),
         ),
         _holding("GridField", current, *flow),
+        _holding("CurvilinearField", bent_current, *flow),
         _holding(
             "DoubleGyre", substep.DoubleGyre, *flow, call("stream_function", t=0.0, x=[[0.5, 0.5]])
         ),
@@ -895,6 +905,13 @@ def functions():
         call("Shear", rate=1.0, dimension=2, flow_axis=0, gradient_axis=1),
         call("TaylorGreen", amplitude=1.0, wavenumber=1.0, viscosity=0.1),
         call("GridField", axes=([0.0, 1], [0.0, 1, 2]), values=np.ones((2, 3, 2)), periodic=None),
+        call(
+            "CurvilinearField",
+            x=np.add.outer(ROW, ROW / 3),
+            y=np.add.outer(0 * ROW, ROW),
+            values=np.ones((3, 3, 2)),
+            z=None,
+        ),
         call("open_field", path="nothing.nc"),
         # differential equations
         call("solve_ivp", fun=decay, t_span=t, y0=y0, method="RK45", t_eval=[0.25], rtol=1e-3),
