@@ -46,6 +46,10 @@ void Nozzle::place(std::int64_t layers, double time) {
   left_out_.clear();
   if (!(time >= emitter_.start)) return;
   const geometry::Emitter& e = emitter_;
+  // So many at once come out in no step (ParticleFlow::check).
+  const double due =
+      (e.due(time) - static_cast<double>(layers)) * static_cast<double>(order_.size());
+  if (due > static_cast<double>(geometry::ParticleFlow::kMostAtOnce)) return;
   for (std::int64_t k = layers;; ++k) {
     const double out = (time - e.start) * e.speed - e.thickness * static_cast<double>(k);
     if (out < -2 * h_ || e.start + static_cast<double>(k) * e.thickness / e.speed > e.stop) break;
