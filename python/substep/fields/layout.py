@@ -203,11 +203,14 @@ def _both(file: File, x: Variable, y: Variable) -> tuple[Array, Array]:
 def find_corners(files: Sequence[File]) -> tuple[Array, Array] | None:
     """Corners (n_x, n_y) of the cells, where a file has them."""
     for file in files:
-        for names in _CORNERS:
-            if all(name in file.header for name in names):
-                x, y = (_flat(file, file.header[name]) for name in names)
-                return _both(file, x, y)
+        for names in _corners_in(file):
+            x, y = (_flat(file, file.header[name]) for name in names)
+            return _both(file, x, y)
     return None
+
+
+def _corners_in(file: File) -> list[tuple[str, str]]:
+    return [names for names in _CORNERS if all(name in file.header for name in names)]
 
 
 def _flat(file: File, variable: Variable) -> Variable:
@@ -227,7 +230,7 @@ def _flat(file: File, variable: Variable) -> Variable:
 
 def with_velocity(files: Sequence[File], variables: Sequence[str] | None) -> list[File]:
     """Those that hold a velocity or corners; all where none does."""
-    used = [file for file in files if any(_choose(file, variables)) or find_corners([file])]
+    used = [file for file in files if any(_choose(file, variables)) or _corners_in(file)]
     return used or list(files)
 
 
@@ -238,7 +241,7 @@ def find_components(
     found: list[list[Component]] = [[], [], []]
     for file in files:
         chosen = _choose(file, variables)
-        if not any(chosen) and find_corners([file]) is None:
+        if not any(chosen) and not _corners_in(file):
             raise InputError(f"variables: {_none_in(file, variables)}; name them")
         for parts, variable in zip(found, chosen, strict=True):
             if variable is not None:
