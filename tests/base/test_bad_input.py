@@ -703,3 +703,41 @@ def test_long_values_are_shortened_in_messages():
     with pytest.raises(substep.InputError) as caught:
         checks.check_choice("method", "x" * 10000, ["euler"])
     assert len(str(caught.value)) < 150
+
+
+HUGE = 10**5000  # Python writes no integers beyond 4300 digits
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: checks.check_integer("n", -HUGE, minimum=0),
+        lambda: checks.check_integer("n", HUGE, minimum=0, maximum=3),
+        lambda: checks.check_choice("n", [HUGE], ["euler"]),
+        lambda: substep.set_num_threads(HUGE),
+        lambda: substep.Emitter((0, 0, 0), (0, 0, 1), 1.0, radius=0.1, kind=-HUGE),
+    ],
+)
+def test_integers_too_long_to_be_written(call):
+    with pytest.raises(substep.InputError, match=r": .*too long to be written$"):
+        call()
+
+
+@pytest.mark.parametrize("kind", [list, tuple])
+def test_lists_that_give_an_array_of_their_own_are_copied(kind):
+    buffer = np.ones((2, 2))
+
+    class Own(kind):
+        def __array__(self, dtype=None, copy=None):
+            return buffer
+
+    array = checks.check_array("x", Own(buffer.tolist()))
+    buffer[:] = 7.0
+    assert array.tolist() == [[1.0, 1.0], [1.0, 1.0]]
+
+    class Wrong(kind):
+        def __array__(self, dtype=None, copy=None):
+            raise ValueError("mine")
+
+    with pytest.raises(ValueError, match=r"^mine$"):
+        checks.check_array("x", Wrong([1.0]))

@@ -2,6 +2,7 @@
 
 import json
 import struct
+import sys
 import zlib
 
 import numpy as np
@@ -71,3 +72,39 @@ def test_booleans_are_0_or_1(tmp_path):
     (tmp_path / "a").write_bytes(checkpoint(header, b"\1\0" * 15 + b"\7\0"))
     with pytest.raises(CorruptError, match="array x: expected booleans"):
         read_checkpoint(tmp_path / "a", "Toy")
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # closed late
+def test_no_interrupt_leaves_a_temporary_file(tmp_path):
+    class Stop(BaseException):
+        pass
+
+    def stop_at(count):
+        """Whether it came to that many lines of Python, at the last of which it was stopped."""
+        left = count
+
+        def trace(frame, event, argument):
+            nonlocal left
+            there = list(tmp_path.iterdir()) if event in ("line", "return") else []
+            left -= bool(there)  # from when the file is there
+            if not left:
+                sys.settrace(None)
+                raise Stop
+            return trace
+
+        before = sys.gettrace()
+        sys.settrace(trace)
+        try:
+            write_checkpoint(tmp_path / "a", "Toy", {"x": np.eye(3)})
+        except Stop:
+            return True
+        finally:
+            sys.settrace(before)
+        return False
+
+    count = 1
+    while stop_at(count):
+        assert [path.name for path in tmp_path.iterdir()] in ([], ["a"]), count
+        (tmp_path / "a").unlink(missing_ok=True)
+        count += 1
+    assert count > 3

@@ -71,3 +71,22 @@ def test_comes_out_without_energy(method, ground, when):
     assert obstacle.distance(simulation.positions).min() > -1e-15  # explicit springs: on it
     assert fastest < 1e-3
     assert np.abs(given).max() < 1e-3 * simulation.masses.sum()
+
+
+@pytest.mark.parametrize("shape", ["ball", "block"])
+@pytest.mark.parametrize("depth", [0.026, 0.03, 0.05, 0.09, 0.1])  # [m], of layers of 0.03 m
+def test_a_liquid_is_parted_at_any_depth(shape, depth):
+    """The neighbours of what is set off are those that it has there."""
+    water = substep.fill_box((0, 0, 0), (0.3, 0.3, 0.3), spacing=0.03)
+    shapes = {"ball": substep.Sphere(0.4, (0, 0, -0.4)), "block": substep.Box((2, 2, 0.5))}
+    obstacle = substep.Collider(shapes[shape])
+    top = depth + water[:, 2].min()
+    obstacle.position = (0.15, 0.15, top if shape == "ball" else top - 0.25)
+    liquid = substep.PositionBasedFluid(water, 0.03, gravity=STILL, colliders=[obstacle])
+    impulse = np.zeros(3)
+    for _ in range(20):
+        liquid.step(2e-3)
+        impulse += obstacle.impulse
+    assert np.abs(liquid.velocities).max() < 0.1  # it was 4 to 20 m/s
+    momentum = liquid.masses @ liquid.velocities
+    assert momentum == pytest.approx(-impulse, abs=1e-3)

@@ -1,5 +1,6 @@
 """Gridded fields: exactness, time levels, geographic coordinates, land, escape, files."""
 
+import math
 import os
 import pickle
 import struct
@@ -464,11 +465,41 @@ FLAT = np.zeros((4, 4, 2))
         ((AXIS, AXIS**2), FLAT, {"periodic": (False, True)}),
         ((AXIS, AXIS), FLAT, {"radius": 0.0}),
         ((AXIS, AXIS), FLAT, {"memory_limit": 0}),
+        ((AXIS, AXIS), FLAT, {"memory_limit": -(10**5000)}),
+        ((AXIS, AXIS), FLAT, {"periodic": (10**5000, False), "geographic": True}),
+        ((AXIS, [-1e308, 0, 1, 1e308]), FLAT, {}),
+        ((AXIS, [-1e308, 1e308]), FLAT[:, :2], {}),
+        (([1e308, 1.5e308], AXIS), FLAT[:2], {"periodic": (1e308, False)}),
     ],
 )
 def test_bad_grids_are_refused(axes, values, options):
     with pytest.raises(InputError):
         GridField(axes, values, **options)
+
+
+def test_periods_of_longitudes_are_numbers():
+    with pytest.raises(TypeError, match=r"periodic\[0\]"):
+        GridField((AXIS, AXIS), FLAT, periodic=[np.ones(3), False], geographic=True)
+
+
+def test_positions_are_wrapped_however_far_away():
+    field = GridField((AXIS, AXIS), FLAT, periodic=(3.3, False))
+    assert field.wrap([[1e300, 0.0]])[0, 0] == math.fmod(1e300, 3.3)
+    field = GridField(([0, 5e-324], AXIS), FLAT[:2], periodic=(True, False))
+    assert field.wrap([[1e308, 0.0], [-1e308, 1.0]]).tolist() == [[0.0, 0.0], [0.0, 1.0]]
+    field = GridField(([-1e308, 0], AXIS), FLAT[:2], periodic=(1.5e308, False))
+    with pytest.raises(InputError, match=r"^x: expected numbers of a size"):
+        field.wrap([[1e308, 0.0]])
+
+
+@pytest.mark.parametrize("names", [np.array(["v", "u"]), ("v", "u")])
+def test_names_of_velocities_may_be_an_array(tmp_path, names):
+    write_netcdf4(tmp_path / "a.nc")
+    chosen = open_field(tmp_path / "a.nc", variables=names, depth=0)
+    assert chosen(0.0, [[21.5, 10.5]]) == pytest.approx(np.array([[0.02, 0.01]]))
+    for wrong in ("uv", [1, 2], [10**5000, "v"], ["u"]):
+        with pytest.raises(InputError, match="variables: expected two or three names"):
+            open_field(tmp_path / "a.nc", variables=wrong)
 
 
 def test_complex_and_text_values_are_refused():

@@ -237,6 +237,29 @@ class TestCurvilinear:
             field(0, np.stack([np.linspace(-180, 540, 300), np.zeros(300)], 1))
         ).all()
 
+    @pytest.mark.parametrize("corners", [True, False])
+    @pytest.mark.parametrize("overlap", [0, 2])
+    def test_staggered_round_the_earth(self, tmp_path, corners, overlap):
+        # NEMO's points, without a seam, and with the first two columns once more at the end.
+        j, i = np.linspace(-60, 60, 25), np.arange(72 + overlap)
+
+        def at(j, i):
+            lon, lat = np.meshgrid((5 * i + 180) % 360 - 180, j)
+            return lon, lat + 2 * np.sin(np.radians(lon))
+
+        ones = np.ones((1, len(j), len(i)))
+        nemo(tmp_path / "u.nc", "uo", *at(j, i + 0.5), ones, [0.0])
+        nemo(tmp_path / "v.nc", "vo", *at(j + 2.5, i), 0 * ones, [0.0])
+        if corners:
+            lon, lat = at(j + 2.5, i + 0.5)
+            along = ("y", "x")
+            variables = {"glamf": (along, lon, {}), "gphif": (along, lat, {})}
+            write(tmp_path / "mesh.nc", variables, {"y": len(j), "x": len(i)})
+        field = open_field(tmp_path)
+        assert field.arakawa == "C" and len(field.x) == 73 + overlap // 2
+        x = np.stack([np.linspace(-180, 540, 300), np.zeros(300)], 1)
+        assert field(0, x)[:, 0] == pytest.approx(np.ones(300), abs=0.01)
+
     def test_velocities_along_a_curvilinear_grid_need_to_be_turned_first(self, tmp_path):
         at, j, i = bent(6, 7)
         lon, lat = at(j, i)
@@ -257,6 +280,95 @@ class TestCurvilinear:
             )
         with pytest.raises(FormatError, match="along the rows of a curvilinear grid"):
             open_field(tmp_path)
+
+
+class TestStraightAxes:
+    @pytest.mark.parametrize("names", [("eastward_{}", "northward_{}"), ("{}_x", "{}_y"), ()])
+    @pytest.mark.parametrize("falling", ["", "x", "y", "xy"])
+    def test_staggered_velocities_are_towards_rising_coordinates(self, tmp_path, falling, names):
+        x, y = 179 + 0.5 * np.arange(8), 40 + 0.5 * np.arange(7)
+        axes = {"lonu": x, "lonv": x + 0.25, "latu": y + 0.25, "latv": y}
+        variables, dimensions = {"time": (("time",), [0.0], {})}, {"time": 1}
+        for name, axis in axes.items():
+            units = "degrees_east" if "lon" in name else "degrees_north"
+            axis = axis[:: -1 if "xy"["lon" not in name] in falling else 1]
+            axis = (axis + 180) % 360 - 180
+            variables[name] = ((name,), axis, {"units": units})
+            dimensions[name] = len(axis)
+        for name, speed in (("u", 0.3), ("v", 0.5)):
+            standard = names["uv".index(name)].format("sea_water") + "_velocity" if names else ""
+            variables[name] = (
+                ("time", f"lat{name}", f"lon{name}"),
+                np.full((1, 7, 8), speed),
+                {"standard_name": standard} if names else {},
+            )
+        field = open_field(write(tmp_path / "uv.nc", variables, dimensions))
+        assert field.arakawa == "C"
+        assert field(0, [[180.6, 41.6]])[0] == pytest.approx([0.3, 0.5], rel=1e-4)
+
+    def test_on_bent_rows_they_are_towards_rising_numbers(self, tmp_path):
+        at, j, i = bent(8, 10)
+        j = j[::-1]  # so that rows go south
+        ones = np.ones((1, 8, 10))
+        nemo(tmp_path / "u.nc", "uo", *at(j, i + 0.5), 0 * ones, [0.0])
+        nemo(tmp_path / "v.nc", "vo", *at(j - 0.5, i), ones, [0.0])
+        lon, lat = at([4.0], [5.0])
+        assert open_field(tmp_path)(0, [[lon[0, 0], lat[0, 0]]])[0, 1] < -0.9
+
+
+class TestCornersBesideOthers:
+    def test_of_roms_with_velocities_at_its_rho_points_too(self, tmp_path):
+        at, j, i = bent(8, 10)
+        points = {
+            "rho": at(j, i),
+            "u": at(j, i[:-1] + 0.5),
+            "v": at(j[:-1] + 0.5, i),
+            "psi": at(j[:-1] + 0.5, i[:-1] + 0.5),
+        }
+        variables, dimensions = {}, {}
+        for kind, (lon, lat) in points.items():
+            along = (f"eta_{kind}", f"xi_{kind}")
+            dimensions.update(zip(along, lon.shape, strict=True))
+            variables[f"lon_{kind}"] = (along, lon, {"units": "degree_east"})
+            variables[f"lat_{kind}"] = (along, lat, {"units": "degree_north"})
+            if kind in ("u", "v"):
+                variables[kind] = (along, np.ones(lon.shape), {"units": "meter second-1"})
+        lon, lat = points["rho"]
+        for name, values in (("u_eastward", lon + lat), ("v_northward", lon - lat)):
+            standard = name[2:] + "_sea_water_velocity"
+            along = ("eta_rho", "xi_rho")
+            variables[name] = (along, values, {"standard_name": standard, "units": "m/s"})
+        path = write(tmp_path / "roms.nc", variables, dimensions)
+        x = np.array([[lon[3:5, 4:6].mean(), lat[3:5, 4:6].mean()]])
+        for names in (("u_eastward", "v_northward"), None):
+            field = open_field(path, names)
+            assert field.arakawa == "A"
+            assert field(0, x)[0] == pytest.approx([x.sum(), x[0, 0] - x[0, 1]], abs=1e-9)
+        assert open_field(path, ("u", "v")).arakawa == "C"
+
+    @pytest.mark.parametrize("standard", ["eastward northward", "x y"])
+    def test_of_nemo_with_velocities_on_the_same_points(self, tmp_path, standard):
+        # Eastward and northward they are no speeds through faces; along the rows they are.
+        at, j, i = bent(8, 10)
+        along, dimensions = ("y", "x"), {"y": 8, "x": 10}
+        lon, lat = at(j, i)
+        variables = {
+            "nav_lon": (along, lon, {"units": "degrees_east"}),
+            "nav_lat": (along, lat, {"units": "degrees_north"}),
+        }
+        variables["glamf"], variables["gphif"] = ((along, a, {}) for a in at(j + 0.5, i + 0.5))
+        for name, kind, values in zip(
+            ("uo", "vo"), standard.split(), (lon + lat, lon - lat), strict=True
+        ):
+            full = f"sea_water_{kind}_velocity" if len(kind) == 1 else f"{kind}_sea_water_velocity"
+            variables[name] = (along, values, {"standard_name": full, "units": "m/s"})
+        field = open_field(write(tmp_path / "uv.nc", variables, dimensions))
+        if standard == "x y":
+            assert field.arakawa == "C"
+            return
+        x = np.array([[lon[3:5, 4:6].mean(), lat[3:5, 4:6].mean()]])
+        assert field.arakawa == "A"
+        assert field(0, x)[0] == pytest.approx([x.sum(), x[0, 0] - x[0, 1]], abs=1e-9)
 
 
 class TestXarray:

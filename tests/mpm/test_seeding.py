@@ -1,5 +1,6 @@
 """Particles of the material point method that fill boxes, spheres and meshes."""
 
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -153,3 +154,19 @@ def test_nothing_inside_is_refused():
         sample_mesh(flat, 0.1)
     with pytest.raises(TypeError, match="mesh: expected a TriangleMesh"):
         sample_mesh(np.zeros((3, 3)), 0.1)
+
+
+def test_a_step_whose_outflow_is_refused_changes_nothing():
+    """A step that the spacing of a late clock parts in two was left half done."""
+    tap = substep.Emitter((0, 0, 0), (0, 0, 1), 2.0, size=(1e-320, 0.3))
+    points = np.random.default_rng(0).random((9, 3))
+    material = substep.mpm.Fluid(1000.0, 1e5)
+    simulation = substep.MaterialPointMethod(
+        points, material, cell=0.1, volume=1e-4, emitters=[tap], emitter_spacing=0.05
+    )
+    simulation.restore({**simulation.state(), "time": 1e9})
+    for take in (simulation.step, lambda: simulation.step(1e-3)):
+        before = pickle.dumps(simulation.state())
+        with pytest.raises(substep.SolverError, match="beyond the bounds"):
+            take()
+        assert pickle.dumps(simulation.state()) == before

@@ -113,7 +113,9 @@ def test_empty_and_one_component():
 # Time.
 
 
-@pytest.mark.parametrize("t_span", [(0, np.nan), (np.nan, 1), (0, np.inf), (-np.inf, 0)])
+@pytest.mark.parametrize(
+    "t_span", [(0, np.nan), (np.nan, 1), (0, np.inf), (-np.inf, 0), (-1e308, 1e308)]
+)
 def test_t_span_not_finite(t_span):
     with pytest.raises(InputError, match="t_span"):
         solve(t_span=t_span)
@@ -290,8 +292,18 @@ def test_forms_of_the_derivative(convert):
 def test_integers_and_real_values_for_complex():
     assert solve(lambda t, y: [1, 2]).y[:, -1] == pytest.approx([2, 4])
     assert solve(lambda t, y: [1, 2], y0=[0j, 0j]).y[:, -1] == pytest.approx([1, 2])
-    with pytest.raises(OverflowError):
-        solve(lambda t, y: [10**400, 0])
+
+
+@pytest.mark.parametrize("settings", [{}, {"events": lambda t, y: y[0] - 5.0}])
+def test_derivatives_beyond_float64(settings):
+    with pytest.raises(InputError, match="fun: expected numbers that float64 can hold"):
+        solve(lambda t, y: [10**400 if t > 0.3 else 0, 0], **settings)
+
+    def fails(t, y):
+        return [float(10**400), 0.0]
+
+    with pytest.raises(OverflowError):  # of fun itself
+        solve(fails, **settings)
 
 
 @pytest.mark.parametrize("method", METHODS)

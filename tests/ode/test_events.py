@@ -122,7 +122,7 @@ def test_event_of_a_compiled_system():
     np.testing.assert_allclose(result.t_events[0], np.arange(4) * math.pi, atol=1e-7)
 
 
-@pytest.mark.parametrize("terminal", [-1, 1.5, -2])
+@pytest.mark.parametrize("terminal", [-1, 1.5, -2, np.inf, pytest.param(-(10**5000), id="huge")])
 def test_terminal_must_be_a_count(terminal):
     with pytest.raises(substep.InputError, match=r"events\[0\]\.terminal"):
         solve(event(lambda t, y: y[0], terminal=terminal))
@@ -136,6 +136,9 @@ def test_event_exceptions_pass_and_values_are_checked():
         solve(fails)
     with pytest.raises(substep.InputError, match=r"events\[0\]: expected a real number"):
         solve(lambda t, y: y)
+    for huge in (10**400, 10**5000):
+        with pytest.raises(substep.InputError, match=r"events\[0\]: expected a real number"):
+            solve(lambda t, y, huge=huge: huge)
     with pytest.raises(TypeError, match=r"events\[1\]"):
         solve([lambda t, y: y[0], 3])
 

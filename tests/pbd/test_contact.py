@@ -234,3 +234,17 @@ def test_a_tilted_obstacle_is_cut_by_the_plane_of_motion(tilt):
     level, tilted = fallen.values()
     assert level == pytest.approx(0.25 * 0.3, rel=0.03)
     assert tilted == pytest.approx(level, rel=0.05)
+
+
+def test_what_rests_on_a_ball_gives_it_nothing():
+    """In float32 the rounding of every step was an impulse."""
+    axis = 0.05 * np.arange(4)
+    sheet = np.stack(np.meshgrid(axis, axis, [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
+    ball = substep.Collider(substep.Sphere(0.5, (0.07, 0.07, 0.02)), friction=1.0)
+    dynamics = substep.PositionBasedDynamics(sheet, 0.1, [], gravity=(0, 0, 0), colliders=[ball])
+    dynamics.step(1e-3)
+    impulse = np.zeros(3)
+    for _ in range(200):
+        dynamics.step(1e-3)
+        impulse += ball.impulse
+    assert np.abs(impulse).max() < 1e-7  # it was 0.03 N s

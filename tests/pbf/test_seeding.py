@@ -158,7 +158,7 @@ def test_emitters_and_sinks_that_do_not_fit_are_refused():
         PositionBasedFluid(np.zeros((0, 3)), 0.1, emitters=[other])
     with pytest.raises(InputError, match=r"emitters\[0\]: too far"):
         far = Emitter((1e30, 0, 0), (1, 0, 0), 1.0, radius=0.1)
-        PositionBasedFluid(np.zeros((0, 3)), 0.1, emitters=[far])
+        PositionBasedFluid(np.zeros((1, 3)), 0.1, emitters=[far])
     with pytest.raises(TypeError, match=r"sinks\[0\]"):
         PositionBasedFluid(np.zeros((0, 3)), 0.1, sinks=[substep.Collider(substep.Sphere(1.0))])
     with pytest.raises(TypeError, match="shape"):
@@ -323,3 +323,24 @@ def test_an_emitter_that_is_far_behind_is_refused():
     with pytest.raises(InputError, match=r"emitters\[0\]: 1e\+13 layers of 1 .*start="):
         fluid.step(0.01)
     assert (fluid.time, len(fluid)) == (1e12, 0)
+
+
+@pytest.mark.parametrize("start", [-1e308, -1e25, -1e18])
+def test_an_emitter_that_closed_long_ago_ends(start):
+    """Layers were counted for ever, as the clock's spacing is longer than what a layer takes."""
+    tap = substep.Emitter((0, 0, 0), (0, 0, 1), 2.0, radius=0.08, start=start, stop=start)
+    liquid = substep.PositionBasedFluid([[9.0, 9.0, 9.0]], 0.05, emitters=[tap])
+    with pytest.raises(substep.InputError, match="expected a point within"):
+        liquid.step(1e-3)
+    assert len(liquid) == 1 and liquid.time == 0
+
+
+def test_a_jet_far_away_is_the_same_jet():
+    """A liquid that begins empty is stored from its first emitter on."""
+    ends = []
+    for x in (0.0, 10000.0):
+        tap = substep.Emitter((x, 0, 0), (1, 0, 0), 2.0, radius=0.05)
+        jet = substep.PositionBasedFluid(np.zeros((0, 3)), 0.02, gravity=(0, 0, 0), emitters=[tap])
+        jet.advance(0.1)
+        ends.append(jet.positions - [x, 0, 0])
+    assert ends[0] == pytest.approx(ends[1], abs=1e-9)

@@ -13,7 +13,6 @@
 namespace substep::fields {
 namespace {
 
-constexpr std::int64_t kCurvilinearBlock = 4;  // cells along the edge of a sorting block
 constexpr double kDegree = std::numbers::pi / 180;
 
 // How far outside of a cell rounding may put a point of its edge.
@@ -215,17 +214,12 @@ std::int64_t CurvilinearGrid<T, kDim>::block(const V4& x) const {
   Hint hint;
   if (!find(x, spot, hint)) return 0;
   const std::int64_t at[3] = {spot.cell.i, spot.cell.j, spot.k};
-  std::int64_t number = 0;
-  for (int d = 0; d < kDim; ++d)
-    number = number * (count_[d] / kCurvilinearBlock + 1) + at[d] / kCurvilinearBlock;
-  return number;
+  return block_of(at, count_);
 }
 
 template <class T, int kDim>
 std::int64_t CurvilinearGrid<T, kDim>::block_count() const {
-  std::int64_t number = 1;
-  for (int d = 0; d < kDim; ++d) number *= count_[d] / kCurvilinearBlock + 1;
-  return number;
+  return blocks_in(count_);
 }
 
 template class CurvilinearGrid<double, 2>;

@@ -11,8 +11,6 @@
 namespace substep::fields {
 namespace {
 
-constexpr std::int64_t kBlock = 4;  // cells along the edge of a sorting block
-
 // Spacing is equal where every node lies within 1e-9 spacings of its place.
 bool equally_spaced(const std::vector<double>& x) {
   const double h = (x.back() - x.front()) / static_cast<double>(x.size() - 1);
@@ -241,18 +239,13 @@ template <class T, int kDim>
 std::int64_t Grid<T, kDim>::block(const V4& x) const {
   const Cell cell = locate(x);
   if (cell.outside) return 0;
-  std::int64_t number = 0;
-  for (int d = 0; d < kDim; ++d) {
-    number = number * (count_[d] / kBlock + 1) + cell.index[d] / kBlock;
-  }
-  return number;
+  const std::int64_t at[3] = {cell.index[0], cell.index[1], cell.index[2]};
+  return block_of(at, count_);
 }
 
 template <class T, int kDim>
 std::int64_t Grid<T, kDim>::block_count() const {
-  std::int64_t number = 1;
-  for (int d = 0; d < kDim; ++d) number *= count_[d] / kBlock + 1;
-  return number;
+  return blocks_in(count_);
 }
 
 template class Grid<double, 2>;

@@ -26,6 +26,17 @@ struct Slice {
   T weight = 0;
 };
 
+// Blocks of 4 cells along each of three axes, numbered one axis after the other, for sorting; there
+// are so many nodes along each.
+inline std::int64_t blocks_along(std::int64_t nodes) { return nodes / 4 + 1; }
+inline std::int64_t block_of(const std::int64_t cell[3], const std::int64_t nodes[3]) {
+  return (cell[0] / 4 * blocks_along(nodes[1]) + cell[1] / 4) * blocks_along(nodes[2]) +
+         cell[2] / 4;
+}
+inline std::int64_t blocks_in(const std::int64_t nodes[3]) {
+  return blocks_along(nodes[0]) * blocks_along(nodes[1]) * blocks_along(nodes[2]);
+}
+
 enum class Place : std::int8_t { kSea = 0, kLand = 1, kOutside = 2 };
 
 }  // namespace substep::fields

@@ -357,10 +357,13 @@ template <class Real>
 void ParticleContact<Real>::settle(std::span<const Point<Real>> start, std::span<Point<Real>> x,
                                    double mass, std::int64_t i) {
   constexpr int kRounds = 4;
-  const double negligible = 1e-18 * margin_ * margin_;
   const Vec3 began = xyz(start[i]), from = xyz(free_before(start, i));
   Vec3 at = xyz(x[i]);
   if (!at.allFinite()) return;  // the method's own check finds it
+  // What rounds away, or else would be an impulse in every step on what rests.
+  const double least =
+      std::max(1e-9 * margin_, static_cast<double>(2 * std::numeric_limits<Real>::epsilon()) *
+                                   at.cwiseAbs().maxCoeff());
   bool moved = false;
   for (int round = 0; round < kRounds; ++round) {
     bool changed = false;
@@ -380,7 +383,7 @@ void ParticleContact<Real>::settle(std::span<const Point<Real>> start, std::span
       }
       Vec3 push = obstacle.to.rotation * (p - target);
       if (planar_) push = in_plane(push);
-      if (!(push.squaredNorm() > negligible)) continue;
+      if (!(push.squaredNorm() > least * least)) continue;
       changed = true;
       at += push;
       obstacle.parts[usize(i / kGrain)].add(at + obstacle.to.shift, -mass / h_ * push);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "substep/core/lanes.h"
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
 
@@ -182,7 +183,7 @@ void Boundary<Real>::note_near(std::span<const Point<Real>> x, int threads) {
 
 // Of a wall or a nozzle at a point relative to the origin.
 template <class Real>
-WallDensity Boundary<Real>::density_of(std::size_t c, const Vec3& x) const {
+SUBSTEP_INLINE WallDensity Boundary<Real>::density_of(std::size_t c, const Vec3& x) const {
   if (c >= colliders().size()) {
     return nozzles_[c - colliders().size()].density(contact_.origin() + x);
   }

@@ -185,12 +185,17 @@ void Fluid<Real>::uncover(double dt) {
     predicted_ = particles.x;
     sort();
     boundary.place_layers(flow.counts.layers, time);
-    boundary.begin_step(dt, old_x_, std::span(next_.x).first(old_x_.size()), mass_,
-                        options.threads);
-    solve(tolerance, max_tolerance);
+    const std::span<Point<Real>> rows(next_.x), x = rows.first(rows.size() - 1);
+    const bool covered = boundary.begin_step(dt, old_x_, x, mass_, options.threads);
+    if (!covered) {  // else they have other neighbours now
+      const auto walls = boundary.contributions(x, options.threads);
+      const DensityError error =
+          density.multipliers(rows, neighbours_, walls, multipliers_, options.threads);
+      apart = error.mean <= tolerance && error.max <= max_tolerance;
+      if (!apart) solve(tolerance, max_tolerance);
+    }
     const std::span<const std::int32_t> order = neighbours_.order();
     for (std::size_t i = 0; i < order.size(); ++i) particles.x[usize(order[i])] = next_.x[i];
-    apart = new_report_.converged;
   }
   new_report_ = {};
 }

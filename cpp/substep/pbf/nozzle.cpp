@@ -46,15 +46,18 @@ void Nozzle::place(std::int64_t layers, double time) {
   left_out_.clear();
   if (!(time >= emitter_.start)) return;
   const geometry::Emitter& e = emitter_;
+  // Layers up to two supports behind, of those that leave before it stops.
+  const double gone = (time - e.start) * e.speed;
+  const double last = (e.stop - e.start) * e.speed + 1e-9 * e.thickness;
+  const double number =
+      std::floor(std::min(gone + 2 * h_, last) / e.thickness) + 1 - static_cast<double>(layers);
   // So many at once come out in no step (ParticleFlow::check).
-  const double due =
-      (e.due(time) - static_cast<double>(layers)) * static_cast<double>(order_.size());
-  if (due > static_cast<double>(geometry::ParticleFlow::kMostAtOnce)) return;
-  for (std::int64_t k = layers;; ++k) {
-    const double out = (time - e.start) * e.speed - e.thickness * static_cast<double>(k);
-    if (out < -2 * h_ || e.start + static_cast<double>(k) * e.thickness / e.speed > e.stop) break;
-    travelled_.push_back(out);
+  if (!(number * static_cast<double>(order_.size()) <=
+        static_cast<double>(2 * geometry::ParticleFlow::kMostAtOnce))) {
+    return;
   }
+  for (std::int64_t k = layers; k < layers + static_cast<std::int64_t>(number); ++k)
+    travelled_.push_back(gone - e.thickness * static_cast<double>(k));
   left_out_.assign(travelled_.size() * e.offsets.size(), 0);
 }
 

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import functools
 import json
 import math
 import os
+import secrets
 import struct
-import tempfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -54,20 +55,19 @@ def write_checkpoint(path: str | os.PathLike[str], kind: str, state: dict[str, A
     if target.exists() and not target.is_file():  # a device or a pipe would be gone
         wrong = errno.EISDIR if target.is_dir() else errno.EINVAL
         raise OSError(wrong, "expected a file to replace", path)
-    try:
-        handle, partial = tempfile.mkstemp(prefix=f".{target.name[:100]}-", dir=target.parent)
-    except OSError as error:
-        error.filename = str(path)  # the name that was given
-        raise
-    try:
-        with os.fdopen(handle, "wb") as file:
+    partial = target.with_name(f".{target.name[:100]}-{secrets.token_hex(8)}")
+    private = functools.partial(os.open, mode=0o600)
+    try:  # before there is a file, so that whatever interrupts this leaves none
+        with open(partial, "xb", opener=private) as file:
             file.write(struct.pack("<8sII", _MAGIC, _VERSION, crc) + lengths + header + data)
             file.flush()
             os.fsync(file.fileno())
         os.replace(partial, target)
-    except BaseException:
+    except BaseException as error:
         with contextlib.suppress(OSError):
             os.unlink(partial)
+        if isinstance(error, OSError):
+            error.filename = path  # the name that was given
         raise
 
 

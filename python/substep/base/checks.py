@@ -21,7 +21,10 @@ def describe(value: Any) -> str:
     """What came, short enough for one line."""
     if isinstance(value, np.ndarray):
         return f"an array of shape {value.shape} and dtype {value.dtype}"
-    text = repr(value)
+    try:
+        text = repr(value)
+    except ValueError:  # Python writes no integers beyond 4300 digits
+        text = f"a value of type {type(value).__name__}, too long to be written"
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
@@ -40,10 +43,10 @@ def as_array(name: str, value: Any) -> NDArray[Any]:
         raise InputError(f"{name}: masked values are not accepted; fill or drop them")
     try:
         array = np.asarray(value)  # of lists and numbers a new one
-        return array if isinstance(value, (list, tuple)) else np.array(array, order="C")
+        return array if type(value) in (list, tuple) else np.array(array, order="C")
     except ValueError as error:
-        if not isinstance(value, (list, tuple)):  # the caller's own __array__ raised it
-            raise
+        if not isinstance(value, (list, tuple)) or hasattr(value, "__array__"):
+            raise  # the caller's own __array__ raised it
         raise InputError(f"{name}: expected rows of equal length; {error}") from None
 
 
@@ -184,7 +187,7 @@ def check_integer(
         raise InputError(f"{name}: expected an integer, got {describe(value)}") from None
     if (minimum is not None and number < minimum) or (maximum is not None and number > maximum):
         bounds = f"at least {minimum}" if maximum is None else f"from {minimum} to {maximum}"
-        raise InputError(f"{name}: expected an integer {bounds}, got {number}")
+        raise InputError(f"{name}: expected an integer {bounds}, got {describe(number)}")
     return number
 
 

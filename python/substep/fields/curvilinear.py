@@ -15,6 +15,7 @@ from ..base.checks import (
     check_integer,
     check_real,
     first_bad_index,
+    in_range,
 )
 from ..errors import InputError
 from .levels import EARTH_RADIUS, LevelField, LevelSource
@@ -108,7 +109,9 @@ class CurvilinearField(LevelField):
             where = first_bad_index(np.abs(self.y) > 90)
             raise InputError(f"y{where}: expected a latitude from -90 to 90 degrees")
         self.z = np.zeros(0) if z is None else check_array("z", z, (None,))
-        if z is not None and (len(self.z) < 2 or not (np.diff(self.z) > 0).all()):
+        with in_range("z"):
+            rising = len(self.z) >= 2 and np.ptp(self.z) > 0 and (np.diff(self.z) > 0).all()
+        if z is not None and not rising:
             raise InputError("z: expected at least 2 coordinates, rising")
         self.dimension = 2 if z is None else 3
         self._set_levels(values, times, self.x.shape if z is None else (*self.x.shape, len(self.z)))

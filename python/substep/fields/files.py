@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from ..base.checks import check_choice, check_integer, check_path, check_real
+from ..base.checks import (
+    check_choice,
+    check_integer,
+    check_path,
+    check_real,
+    check_sequence,
+    describe,
+)
 from ..errors import FormatError, InputError
 from .curvilinear import CurvilinearField
 from .grid import GridField
@@ -108,10 +115,14 @@ def open_field(
         field = _make(
             entries[0], GridField, *content, interpolation=kind, geographic=geographic, **options
         )
-        field.sources = (str(entries[0]),)
+        field._sources = (str(entries[0]),)
         return field
-    if variables is not None and (isinstance(variables, str) or len(variables) not in (2, 3)):
-        raise InputError(f"variables: expected two or three names, got {variables!r}")
+    if variables is not None:
+        names = [variables] if isinstance(variables, str) else variables
+        names = check_sequence("variables", names, "names")
+        if len(names) not in (2, 3) or not all(isinstance(name, str) for name in names):
+            raise InputError(f"variables: expected two or three names, got {describe(variables)}")
+        variables = names
     if depth is not None:
         depth = check_real("depth", depth)
     files = [File.open(entry, options["memory_limit"]) for entry in entries]
@@ -144,8 +155,8 @@ def open_field(
         )
     if first.dated:
         epoch = np.datetime64("1970-01-01T00:00:00.000")
-        field.origin = epoch + np.timedelta64(round(float(first.times[0]) * 1000), "ms")
-    field.sources = tuple(str(file.name) for file in files)
+        field._origin = epoch + np.timedelta64(round(float(first.times[0]) * 1000), "ms")
+    field._sources = tuple(str(file.name) for file in files)
     return field
 
 

@@ -125,7 +125,10 @@ class Field:
         wrapped = check_array("x", x, (None, self.dimension))
         for axis, (period, low) in enumerate(zip(self.periods, self.lower, strict=True)):
             if period is not None:
-                wrapped[:, axis] -= period * np.floor((wrapped[:, axis] - low) / period)
+                with in_range("x"):
+                    beyond = wrapped[:, axis] - low
+                    outside = (beyond < 0) | (beyond >= period)
+                    wrapped[outside, axis] = low + np.mod(beyond[outside], period)
         return wrapped
 
     def _check_time(self, name: str, t: float) -> None:

@@ -16,7 +16,9 @@ from ..base.checks import (
     check_integer,
     check_real,
     check_sequence,
+    in_range,
 )
+from ..base.rows import read_only
 from ..errors import InputError
 from .levels import EARTH_RADIUS, LevelField, LevelSource
 
@@ -106,19 +108,22 @@ class GridField(LevelField):
         shape = tuple(map(len, nodes))
         self._flip: list[bool] = []
         for i, axis in enumerate(nodes):
-            if len(axis) < 2 or not ((np.diff(axis) > 0).all() or (np.diff(axis) < 0).all()):
+            with in_range(f"axes[{i}]"):
+                steps = np.diff(axis) if len(axis) and np.ptp(axis) else np.zeros(1)
+            if not ((steps > 0).all() or (steps < 0).all()):
                 raise InputError(
                     f"axes[{i}]: expected at least 2 coordinates, rising or falling throughout, "
                     f"got {np.array2string(axis, threshold=6)}"
                 )
             self._flip.append(bool(axis[0] > axis[-1]))
             nodes[i] = axis[::-1].copy() if self._flip[-1] else axis.copy()
-        wrap, closed = self._periods(nodes, periodic)
+        with in_range("periodic"):
+            wrap, closed = self._periods(nodes, periodic)
         self._keep = [
             len(axis) - 1 if close and axis[-1] - axis[0] > period * (1 - 1e-9) else len(axis)
             for axis, period, close in zip(nodes, wrap, closed, strict=True)
         ]
-        self.axes = [axis[:keep] for axis, keep in zip(nodes, self._keep, strict=True)]
+        self._axes = [axis[:keep] for axis, keep in zip(nodes, self._keep, strict=True)]
         self._wrap, self._closed = wrap, closed
 
         self._set_levels(values, times, shape)
@@ -134,7 +139,7 @@ class GridField(LevelField):
         for i, (axis, period) in enumerate(zip(nodes, asked, strict=True)):
             spacing, span = (axis[-1] - axis[0]) / (len(axis) - 1), axis[-1] - axis[0]
             if self.geographic and i == 0:
-                if period is not False and period is not True and period != 360:
+                if not isinstance(period, bool) and check_real("periodic[0]", period) != 360:
                     raise InputError(f"periodic[0]: longitudes have a period of 360, got {period}")
                 if span > 360 * (1 + 1e-9):
                     raise InputError(f"axes[0]: expected longitudes within 360 degrees, got {span}")
@@ -148,12 +153,18 @@ class GridField(LevelField):
                     raise InputError(f"periodic[{i}]: give the period of the unequally spaced axis")
                 period = span + spacing
             wrap[i] = check_real(f"periodic[{i}]", period, positive=True)
+            check_real(f"periodic[{i}]", wrap[i] + float(axis[0]))
             closed[i] = True
             if span > wrap[i] * (1 + 1e-9):
                 raise InputError(f"periodic[{i}]: the axis is longer than the period {wrap[i]}")
         if self.geographic and max(abs(nodes[1][0]), abs(nodes[1][-1])) > 90:
             raise InputError("axes[1]: expected latitudes from -90 to 90 degrees")
         return wrap, closed
+
+    @property
+    def axes(self) -> tuple[NDArray[np.float64], ...]:
+        """Coordinates of the nodes along each axis, rising; read-only."""
+        return tuple(read_only(axis.view()) for axis in self._axes)
 
     @property
     def periods(self) -> tuple[float | None, ...]:
@@ -163,17 +174,17 @@ class GridField(LevelField):
     @property
     def lower(self) -> tuple[float, ...]:
         """First coordinate along each axis."""
-        return tuple(float(axis[0]) for axis in self.axes)
+        return tuple(float(axis[0]) for axis in self._axes)
 
     @property
     def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lowest and highest coordinates inside, shape (d,) each; of closed axes, one period."""
-        ends = zip(self.axes, self._wrap, self._closed, strict=True)
+        ends = zip(self._axes, self._wrap, self._closed, strict=True)
         upper = [axis[0] + wrap if closed else axis[-1] for axis, wrap, closed in ends]
         return np.array(self.lower), np.array(upper, dtype=float)
 
     def _make(self, dtype: str) -> Any:
-        nodes = [axis.tolist() for axis in self.axes]
+        nodes = [axis.tolist() for axis in self._axes]
         radius = self.radius if self.geographic else 0.0
         cubic = self.interpolation == "cubic"
         return _core.Grid(nodes, self._wrap, self._closed, cubic, radius, dtype)

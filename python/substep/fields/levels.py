@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from collections import OrderedDict
 from typing import Any, Protocol
@@ -10,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..base.attributes import Frozen
 from ..base.checks import check_array, check_real, first_bad_index
 from ..errors import InputError, NonFiniteError
 from .flows import Field, Moved, Particles, Steps
@@ -31,7 +31,7 @@ class LevelSource(Protocol):
         """Velocities of one level."""
 
 
-class LevelField(Field):
+class LevelField(Frozen, Field):
     """What fields on grids of any form have in common: levels in time, and how particles move.
 
     Attributes
@@ -42,10 +42,6 @@ class LevelField(Field):
         Whether there is one level, for all times.
     geographic : bool
         Whether positions are longitude and latitude [degrees].
-    origin : numpy.datetime64 or None
-        When time 0 is, where a file tells.
-    sources : tuple of str
-        The files that it was read from.
     """
 
     geographic: bool
@@ -69,9 +65,9 @@ class LevelField(Field):
         lazy = not isinstance(values, (np.ndarray, list, tuple)) or isinstance(values, np.memmap)
         steady = times is None
         self.times = np.zeros(1) if times is None else check_array("times", times, (None,))
-        if len(self.times) < 1 or not (np.diff(self.times) > 0).all():
+        if len(self.times) < 1 or not (self.times[1:] > self.times[:-1]).all():
             raise InputError("times: expected at least one, rising")
-        wanted = (*shape, self.dimension)
+        wanted = self._level_shape = (*shape, self.dimension)
         if not steady:
             wanted = (len(self.times), *wanted)
         if lazy and hasattr(values, "shape"):
@@ -85,11 +81,21 @@ class LevelField(Field):
                 raise InputError(f"values{where}: expected a finite number or NaN, got infinity")
             self._source = array[None] if steady else array
         self.steady = steady
-        self.origin: np.datetime64 | None = None
-        self.sources: tuple[str, ...] = ()
+        self._origin: np.datetime64 | None = None
+        self._sources: tuple[str, ...] = ()
         self._natives: dict[str, Any] = {}
         self._levels: OrderedDict[tuple[str, int], Any] = OrderedDict()
         self._lock = threading.RLock()  # a source may ask the field itself
+
+    @property
+    def origin(self) -> np.datetime64 | None:
+        """When time 0 is, where a file tells."""
+        return self._origin
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """The files that it was read from."""
+        return self._sources
 
     def __len__(self) -> int:
         return len(self.times)
@@ -117,7 +123,7 @@ class LevelField(Field):
 
     def _check_time(self, name: str, t: float) -> None:
         """Refuse times before the first and after the last level."""
-        slack = 1e-9 * (self.times[-1] - self.times[0])
+        slack = 1e-9 * self.times[-1] - 1e-9 * self.times[0]
         if not self.steady and not self.times[0] - slack <= t <= self.times[-1] + slack:
             raise InputError(
                 f"{name}: expected a time from {self.times[0]} to {self.times[-1]}, got {t}"
@@ -135,8 +141,10 @@ class LevelField(Field):
         if key in self._levels:
             self._levels.move_to_end(key)
             return self._levels[key]
-        with np.errstate(invalid="ignore"):  # a signaling NaN
-            values = np.asarray(self._source[number], dtype=np.float64)
+        values: Any = self._source[number]
+        if isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "fiu":  # as netCDF4 reads
+            values = np.ma.filled(values.astype(np.float64), np.nan)
+        values = check_array(f"level {number}", values, self._level_shape, finite=False)
         values = self._arranged(values)
         try:
             level = native.pack(np.require(values, requirements=["C", "ALIGNED"]), 0)
@@ -187,8 +195,9 @@ class LevelField(Field):
         count = steps.number - done
         native = self._native(particles.x.dtype)
         if native.level_bytes * len(self.times) > self._memory_limit:
-            spacing = float(np.diff(self.times).min())
-            count = min(count, max(1, math.floor(spacing / abs(steps.h))))
+            with np.errstate(over="ignore"):
+                spacing = float(np.diff(self.times).min())
+            count = int(min(count, max(1.0, spacing / abs(steps.h))))
         if self._sorted(particles):
             count = min(count, _SORT_STEPS)
         return count
@@ -225,10 +234,11 @@ class LevelField(Field):
         return landed, escaped
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_natives": {}, "_levels": OrderedDict(), "_lock": None}
+        kept = super().__getstate__()
+        return {**kept, "_natives": {}, "_levels": OrderedDict(), "_lock": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
+        super().__setstate__(state)
         self._lock = threading.RLock()
 
 

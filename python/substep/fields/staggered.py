@@ -80,11 +80,17 @@ class Grid:
 
 def arrange(stacks: Sequence[Stack], corners: tuple[Array, Array] | None) -> Grid:
     """The grid of velocities along x, y and perhaps z."""
-    u = stacks[0]
+    u, v = stacks[:2]
     for other in stacks[1:]:
         if other.dated != u.dated or not np.array_equal(other.times, u.times):
             raise FormatError(f"{other.name}: its times are not those of {u.name}")
     sign = -1.0 if len(stacks) == 3 and stacks[2].first.upward and u.first.downward else 1.0
+    # Velocities on the same points are those of an A grid, whatever corners the files have too. But
+    # speeds along the rows may have the coordinates of the middle of cells, as NEMO's U and V, and
+    # go with corners by their numbers alone.
+    numbered = corners is not None and corners[0].shape == u.points[0].shape
+    if u.first.same_points(v.first, vertical=False) and not (u.first.along_the_grid and numbered):
+        corners = None
     if corners is not None or not all(u.first.same_points(s.first) for s in stacks):
         return _staggered(stacks, corners, sign)
     dimension = 2 if u.first.z is None else 3
@@ -129,8 +135,8 @@ def _closing(x: Array, geographic: bool) -> Any:
     rows = np.arange(len(x))
     if not geographic or len(x) < 3:
         return rows
-    spacing = _median(np.abs(_reduced(np.diff(x, axis=0))))
-    gap = _median(np.abs(_reduced(x[0] - x[-1])))
+    step = _median(_reduced(np.diff(x, axis=0)))
+    gap, spacing = _median(_reduced(x[0] - x[-1])) * np.sign(step), abs(step)
     return np.append(rows, 0) if 0 < gap < 1.5 * spacing and len(x) * spacing > 180 else rows
 
 
@@ -160,9 +166,8 @@ def _staggered(stacks: Sequence[Stack], corners: tuple[Array, Array] | None, sig
         if not ((np.diff(z) > 0).all() and between.all()):
             raise FormatError(f"{stacks[2].name}: expected depths of the faces above each layer")
     east = north = True
-    rows = None  # of a grid that goes round the Earth
     if corners is None:
-        x, y, rows, east, north = _corners_between(u, v)
+        x, y, east, north = _corners_between(u, v)
     else:
         x, y = corners
         (n, m), shapes = x.shape, (u.points[0].shape, v.points[0].shape)
@@ -172,24 +177,32 @@ def _staggered(stacks: Sequence[Stack], corners: tuple[Array, Array] | None, sig
                 "go together"
             )
 
+    rows = _closing(x, u.geographic)
+    x, y = x[rows], y[rows]
+    # Speeds on straight axes are towards rising coordinates, be they eastward or, as CF defines
+    # "x_velocity", along x; those along the rows of a curvilinear grid are towards rising numbers.
+    signs = [1.0, 1.0, sign]
+    if (axes := _axes(x, y)) is not None:
+        for d, step in enumerate(map(np.diff, axes)):
+            if _median(_reduced(step) if u.geographic else step) < 0:
+                signs[d] = -1.0
+
     # What is added to the numbers of a corner: U is on the face that begins there, and so on.
     first, second = (1 if east else 0), (0 if north else 1)
     offsets = [(0, 1), (first, second), (first, 1)]
     shape = (*x.shape, *(() if z is None else z.shape), len(stacks))
 
     def read(d: int, level: int) -> Array:
-        part = stacks[d].read(level)
-        if rows is not None:
-            part = part[rows]
+        part = stacks[d].read(level)[rows]
         i, j = offsets[d]
         ends = (i + shape[0], j + shape[1])
         part = part[i : ends[0], j : ends[1]]
-        return (sign if d == 2 else 1.0) * (part if z is None else part[..., : len(z)])
+        return signs[d] * (part if z is None else part[..., : len(z)])
 
     return Grid(Levels(len(u.times), shape, read), corners=(x, y), z=z, arakawa="C")
 
 
-def _corners_between(u: Stack, v: Stack) -> tuple[Array, Array, Any, bool, bool]:
+def _corners_between(u: Stack, v: Stack) -> tuple[Array, Array, bool, bool]:
     """Corners half way between the points of U, and whether U is east and V north of the cells."""
     (x_u, y_u), (x_v, y_v) = u.points, v.points
     if x_u.shape != x_v.shape:
@@ -199,7 +212,6 @@ def _corners_between(u: Stack, v: Stack) -> tuple[Array, Array, Any, bool, bool]
         )
     if min(x_u.shape) < 3:
         raise FormatError(f"{u.name}: expected at least 3 x 3 cells, got {x_u.shape}")
-    rows = _closing(x_u, u.geographic)
 
     def reduced(dx: Array) -> Array:
         return _reduced(dx) if u.geographic else dx
@@ -218,6 +230,5 @@ def _corners_between(u: Stack, v: Stack) -> tuple[Array, Array, Any, bool, bool]
             f"{v.name}: its points are not those of {u.name}, nor those of a C grid: they lie "
             f"{alpha:.2g} and {beta:.2g} cells beside them"
         )
-    x_u, y_u = x_u[rows], y_u[rows]
     x = x_u[:, :-1] + reduced(x_u[:, 1:] - x_u[:, :-1]) / 2
-    return x, (y_u[:, :-1] + y_u[:, 1:]) / 2, rows, bool(alpha < 0), bool(beta > 0)
+    return x, (y_u[:, :-1] + y_u[:, 1:]) / 2, bool(alpha < 0), bool(beta > 0)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.checks import check_sequence
+from ..base.checks import check_sequence, describe
 from ..errors import InputError
 
 EPS = float(np.finfo(float).eps)
@@ -62,19 +62,19 @@ class Event:
 
     def __init__(self, function: Callable[..., Any], index: int, args: tuple[Any, ...]) -> None:
         if not callable(function):
-            raise TypeError(f"events[{index}]: expected a callable, got {function!r}")
+            raise TypeError(f"events[{index}]: expected a callable, got {describe(function)}")
         self.function = function
         self.args = args
         self.index = index
         terminal = getattr(function, "terminal", None)
         if terminal is None or terminal == 0:
             self.limit = np.inf
-        elif terminal > 0 and int(terminal) == terminal:
+        elif 0 < terminal < np.inf and int(terminal) == terminal:
             self.limit = int(terminal)
         else:
             raise InputError(
                 f"events[{index}].terminal: expected a boolean or a positive integer, "
-                f"got {terminal!r}"
+                f"got {describe(terminal)}"
             )
         self.direction = float(getattr(function, "direction", 0.0))
         self.times: list[float] = []
@@ -87,11 +87,11 @@ class Event:
         value = self.function(t, y, *self.args)
         try:
             return float(value)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             pass
         array = np.asarray(value)
         if array.size != 1 or array.dtype.kind not in "fiub":
-            raise InputError(f"events[{self.index}]: expected a real number, got {value!r}")
+            raise InputError(f"events[{self.index}]: expected a real number, got {describe(value)}")
         return float(array.reshape(()))
 
     def along(self, at: Callable[[Any], Any], t: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -351,6 +352,11 @@ def solve_ivp(
     except SolverError as error:
         error.result = _result(integration, -1, str(error), log, None, times is None, dense)
         raise
+    except OverflowError as error:
+        *_, (frame, _) = traceback.walk_tb(error.__traceback__)
+        if frame.f_globals is not globals():  # fun, or another callable, raised it
+            raise
+        raise InputError(f"fun: expected numbers that float64 can hold; {error}") from error
     status = 0 if end is None else 1
     return _result(integration, status, MESSAGES[status], log, end, times is None, dense)
 
@@ -367,6 +373,7 @@ def _check_span(t_span: Any) -> tuple[float, float]:
             if -1e300 < start < 1e300 and -1e300 < end < 1e300:
                 return float(start), float(end)  # the usual case, quickly
     start, end = check_array("t_span", t_span, (2,)).tolist()
+    check_real("t_span", end - start)
     return start, end
 
 
@@ -376,7 +383,8 @@ def _check_t_eval(t_eval: Any, t0: float, t_bound: float) -> np.ndarray[Any, Any
     times = check_array("t_eval", t_eval, (None,))
     if np.any(times < min(t0, t_bound)) or np.any(times > max(t0, t_bound)):
         raise InputError(f"t_eval: expected times within t_span ({t0}, {t_bound})")
-    if np.any(np.diff(times) * (1.0 if t_bound >= t0 else -1.0) <= 0):
+    forward = times if t_bound >= t0 else -times
+    if np.any(forward[1:] <= forward[:-1]):
         raise InputError("t_eval: expected times in the order of t_span, without repetition")
     return times
 

@@ -261,13 +261,15 @@ class PositionBasedFluid(Particles):
         }
         self._dimension = d
         self._origin = [0.0, 0.0, 0.0]
+        self._set_flow(emitters, sinks, len(self.density), self.spacing, "fluid")
         if len(x):
             self._origin[:d] = (0.5 * x.min(axis=0) + 0.5 * x.max(axis=0)).tolist()
-        self._set_flow(emitters, sinks, len(self.density), self.spacing, "fluid")
+        elif self.emitters:
+            self._origin[:d] = self.emitters[0].position.tolist()
         for k, emitter in enumerate(self.emitters):
             away = np.abs(emitter.position - self._origin[:d]).max()
             if not away <= 2.0**22 * self.support * self.spacing:
-                raise InputError(f"emitters[{k}]: too far from the first particle for float32")
+                raise InputError(f"emitters[{k}]: too far from the first of all for float32")
         super().__init__(self._make({}), time, threads)
         self.add(x, velocities=velocities, kinds=kinds)
 

@@ -42,8 +42,8 @@ void Solver<Real, D>::step(double dt) {
     throw InputError(text("dt: expected a step above the spacing of the time, got %g s", dt));
   }
   const auto run_to_end = [&] { run({end, end}, dt, Steps::kAll); };
-  if (options_.on_large_step == OnLargeStep::kRaise) return run_to_end();
-  whole(run_to_end);  // several steps that must all be taken or none
+  if (options_.on_large_step == OnLargeStep::kRaise && !flow_.any()) return run_to_end();
+  whole(run_to_end);  // several steps, or one and what flows after, that must all be done or none
 }
 
 template <class Real, int D>
