@@ -158,7 +158,7 @@ def test_emitters_and_sinks_that_do_not_fit_are_refused():
         PositionBasedFluid(np.zeros((0, 3)), 0.1, emitters=[other])
     with pytest.raises(InputError, match=r"emitters\[0\]: too far"):
         far = Emitter((1e30, 0, 0), (1, 0, 0), 1.0, radius=0.1)
-        PositionBasedFluid(np.zeros((1, 3)), 0.1, emitters=[far])
+        PositionBasedFluid(np.zeros((0, 3)), 0.1, emitters=[far])
     with pytest.raises(TypeError, match=r"sinks\[0\]"):
         PositionBasedFluid(np.zeros((0, 3)), 0.1, sinks=[substep.Collider(substep.Sphere(1.0))])
     with pytest.raises(TypeError, match="shape"):
