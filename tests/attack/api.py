@@ -6,6 +6,7 @@ what was passed in must be as before, and no call may take long without looking 
 """
 
 import contextlib
+import dataclasses
 import inspect
 import math
 import random
@@ -136,6 +137,7 @@ ALLOWED = (
     OSError,
     KeyboardInterrupt,
     ImportError,  # of an extra that is not installed
+    dataclasses.FrozenInstanceError,
     Own,
 )
 
@@ -201,6 +203,12 @@ def one_try(subject, wanted, r, counts, label):
             warnings.simplefilter("error")
             warnings.filterwarnings("ignore", "At least one element of `rtol`")  # as SciPy's own
             wanted.on(owner, arguments)
+            if wanted.name.endswith("=") and not isinstance(owner, Simulation):
+                before = look(owner)  # it was taken: the next call goes by it
+                following = r.choice([c for c in subject.calls if c.name[-1] != "="])
+                told = f"{told}; {following.name}"
+                runner.note(told)
+                following(owner)
     except BaseException as raised:
         error = raised
     signal.setitimer(signal.ITIMER_REAL, 0)

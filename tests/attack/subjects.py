@@ -473,6 +473,21 @@ def bent_current():
     return substep.CurvilinearField(x + 0.1 * y, y, np.full((5, 5, 2), 0.1), arakawa="C")
 
 
+class Told:
+    """A source of levels that gives what it is told, also another shape than it says."""
+
+    def velocity(self, level, shape, x):
+        """Of a field that reads that level, and claims that shape."""
+        axis = np.linspace(0, 2, 5)
+        self.level, self.shape = level, shape
+        field = substep.GridField((axis, axis), self, times=[0.0, 1.0, 2.0])
+        substep.Advection(field, x, step=0.25).advance(0.5)
+        return field(0.5, x)
+
+    def __getitem__(self, number):
+        return self.level
+
+
 def drift():
     return substep.Advection(current(), [[0.5, 0.5], [1.0, 1.5]], step=0.05, method="heun")
 
@@ -625,8 +640,11 @@ def _sampled():
 
 
 def _holding(name, make, *calls):
-    """An object that does not change, and its methods."""
-    return Subject(name, make, calls)
+    """An object that does not change: its methods, and assignments to what it shows."""
+    one = make()
+    shown = [n for n in dir(one) if n[:1] != "_" and not callable(getattr(one, n))]
+    assignments = (call(f"{n}=", value=lambda owner, n=n: getattr(owner, n)) for n in shown)
+    return Subject(name, make, (*calls, *assignments))
 
 
 def _others():
@@ -673,6 +691,11 @@ def _others():
         ),
         _holding("GridField", current, *flow),
         _holding("CurvilinearField", bent_current, *flow),
+        Subject(
+            "GridField (source)",
+            Told,
+            (call("velocity", level=np.ones((5, 5, 2)), shape=(3, 5, 5, 2), x=[[0.5, 0.25]]),),
+        ),
         _holding(
             "DoubleGyre", substep.DoubleGyre, *flow, call("stream_function", t=0.0, x=[[0.5, 0.5]])
         ),

@@ -42,6 +42,13 @@ def test_a_level_of_another_shape_is_refused(kind, level):
         field(kind, Source(level))(0.0, HERE)
 
 
+@pytest.mark.parametrize("shape", [(2, 4, 4), np.ones((2, 4, 4, 2)), [[2], [4, 4, 2]], None])
+def test_a_source_of_another_shape_is_refused(monkeypatch, shape):
+    monkeypatch.setattr(Source, "shape", shape)
+    with pytest.raises(substep.InputError, match=r"values: expected shape \(2, 4, 4, 2\), got"):
+        field("grid", Source(np.ones((4, 4, 2))))
+
+
 @pytest.mark.parametrize("level", [np.full((4, 4, 2), "a"), np.full((4, 4, 2), 1j)])
 def test_a_level_of_no_real_numbers_is_refused(level):
     with pytest.raises(TypeError, match="level 0: expected real numbers"):

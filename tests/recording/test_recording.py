@@ -338,6 +338,15 @@ def test_resume_goes_on_after_the_last_whole_frame(tmp_path, packed, torn):
     assert set(os.listdir(tmp_path)) <= {"a.vtkhdf", "b.vtkhdf.journal"}
 
 
+@pytest.mark.parametrize("name", ["times", "parts", "source", "path"])
+def test_a_recording_that_is_read_cannot_be_changed(tmp_path, name):
+    """A read after it had failed inside, or without end."""
+    record(tmp_path / "run.vtkhdf")
+    with substep.Recording(tmp_path / "run.vtkhdf") as recording:
+        with pytest.raises(substep.InputError, match=name):
+            setattr(recording, name, recording)
+
+
 def test_resume_of_nothing_starts(tmp_path):
     record(tmp_path / "a.vtkhdf", resume=True).close()
     assert_recorded(tmp_path / "a.vtkhdf")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.attributes import Frozen
-from ..base.checks import check_array, check_real, first_bad_index
+from ..base.checks import check_array, check_real, describe, first_bad_index
 from ..errors import InputError, NonFiniteError
 from .flows import Field, Moved, Particles, Steps
 
@@ -71,8 +71,8 @@ class LevelField(Frozen, Field):
         if not steady:
             wanted = (len(self.times), *wanted)
         if lazy and hasattr(values, "shape"):
-            if tuple(values.shape) != wanted:
-                raise InputError(f"values: expected shape {wanted}, got {tuple(values.shape)}")
+            if not np.array_equal(values.shape, wanted):
+                raise InputError(f"values: expected shape {wanted}, got {describe(values.shape)}")
             self._source: Any = [values] if steady else values
         else:
             array = check_array("values", values, wanted, finite=False)

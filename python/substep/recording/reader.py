@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.attributes import Checked
 from ..base.checks import check_integer, check_path
 from ..errors import CorruptError, FormatError, InputError, TruncatedError, VersionError
 from .files import JOURNAL_SUFFIX
@@ -21,7 +22,7 @@ from .parts import Part, check_parameters, check_parts, check_text
 Frame = dict[str, dict[str, NDArray[Any]]]
 
 
-class Recording:
+class Recording(Checked):
     """A recording as arrays, whether packed or still a journal.
 
     While a journal lies beside the packed file, the journal is read: it is never older. Iterating
