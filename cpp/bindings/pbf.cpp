@@ -29,6 +29,9 @@ FluidOptions options(const py::dict& given) {
   o.max_tolerance = number(given, "max_tolerance");
   o.min_iterations = integer(given, "min_iterations");
   o.max_iterations = integer(given, "max_iterations");
+  o.divergence_free = flag(given, "divergence_free");
+  o.divergence_tolerance = number(given, "divergence_tolerance");
+  o.divergence_iterations = integer(given, "divergence_iterations");
   o.warm_start = number(given, "warm_start");
   const std::string escape = word(given, "on_escape");
   o.on_escape = escape == "raise"    ? OnEscape::kRaise
@@ -88,6 +91,12 @@ void bind_reports(py::module_& m) {
                              [](const FluidReport& r) { return r.viscosity.iterations; })
       .def_property_readonly("viscosity_converged",
                              [](const FluidReport& r) { return r.viscosity.converged; })
+      .def_property_readonly("divergence_iterations",
+                             [](const FluidReport& r) { return r.projection.iterations; })
+      .def_property_readonly("divergence_error",
+                             [](const FluidReport& r) { return r.projection.error; })
+      .def_property_readonly("divergence_converged",
+                             [](const FluidReport& r) { return r.projection.converged; })
       .def_readonly("removed", &FluidReport::removed)
       .def_readonly("clamped", &FluidReport::clamped)
       .def_property_readonly("mean_error",

@@ -298,6 +298,7 @@ def simulations():
         "PositionBasedDynamics (multilevel)": levels,
         "PositionBasedDynamics (soft)": soft,
         "PositionBasedFluid (flowing)": flowing_liquid,
+        "PositionBasedFluid (divergence-free)": divergence_free_liquid,
         "MaterialPointMethod (flowing)": flowing_grains,
         "MaterialPointMethod (implicit)": implicit_jelly,
         "RigidBodies (joints)": machine,
@@ -353,7 +354,7 @@ def _above(x):
     return x[:, 0, 2] + 0.2, gradient
 
 
-def flowing_liquid():
+def flowing_liquid(**options):
     """Two liquids between a nozzle and a sink, with all forces."""
     tap = substep.Emitter((0, 0, 0.5), (0, 0, -1), 2.0, radius=0.06)
     ball = substep.Collider(substep.Sphere(0.1, (0.3, 0, 0.1)), velocity=(-0.5, 0, 0))
@@ -370,8 +371,12 @@ def flowing_liquid():
         vorticity_confinement=0.1,
         surface_tension=0.05,
         xsph=0.01,
-        warm_start=0.5,
+        **({"warm_start": 0.5} | options),
     )
+
+
+def divergence_free_liquid():
+    return flowing_liquid(warm_start=0.0, divergence_free=True)
 
 
 def flowing_grains():

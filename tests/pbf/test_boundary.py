@@ -50,7 +50,8 @@ def test_a_column_rests_at_its_height_with_its_weight_on_the_tank():
     assert impulse == pytest.approx(weight * elapsed, rel=1e-3)
 
 
-def test_momentum_is_what_gravity_gives_and_the_walls_take():
+@pytest.mark.parametrize("divergence_free", [False, True])
+def test_momentum_is_what_gravity_gives_and_the_walls_take(divergence_free):
     d = 0.05
     ball = substep.Collider(substep.Sphere(0.1, (0.2, 0.25, 0.3)), velocity=(0.5, 0.0, 0.0))
     tank = substep.Collider(
@@ -58,7 +59,9 @@ def test_momentum_is_what_gravity_gives_and_the_walls_take():
     )
     x = block((10, 10, 8), d)
     x = x[ball.distance(x) > d / 2]
-    liquid = substep.PositionBasedFluid(x, d, colliders=[tank, ball], dtype="float64")
+    liquid = substep.PositionBasedFluid(
+        x, d, colliders=[tank, ball], dtype="float64", divergence_free=divergence_free
+    )
     given = np.zeros(3)
     turned = np.zeros(3)
 
@@ -134,8 +137,9 @@ def flying_bunny():
     return [tank(), obstacle]
 
 
+@pytest.mark.parametrize("divergence_free", [False, True])
 @pytest.mark.parametrize("obstacles", [tank, paddle, ball, bowl, vessel, flying_bunny])
-def test_nothing_passes_at_ten_times_the_usual_speed_and_step(obstacles):
+def test_nothing_passes_at_ten_times_the_usual_speed_and_step(obstacles, divergence_free):
     d = 0.05
     colliders = obstacles()
     colliders = colliders if isinstance(colliders, list) else [colliders]
@@ -145,17 +149,22 @@ def test_nothing_passes_at_ten_times_the_usual_speed_and_step(obstacles):
     assert len(x) > 1000
     # 4 m/s is what a fall of the height of the tank gives.
     velocities = np.random.default_rng(1).normal(size=x.shape) * 40
-    liquid = substep.PositionBasedFluid(x, d, velocities=velocities, colliders=colliders)
+    liquid = substep.PositionBasedFluid(
+        x, d, velocities=velocities, colliders=colliders, divergence_free=divergence_free
+    )
     for _ in range(8):
         liquid.step(10 * 0.4 * d / 4)
         assert worst_clearance(liquid) > 0
 
 
-def test_friction_drags_a_puddle_as_coulomb_says():
+@pytest.mark.parametrize("divergence_free", [False, True])
+def test_friction_drags_a_puddle_as_coulomb_says(divergence_free):
     d, friction, h = 0.02, 0.2, 2e-3
     for mu in (0.0, friction):
         floor = substep.Collider(substep.Plane(), friction=mu, velocity=(2, 0, 0))
-        liquid = substep.PositionBasedFluid(block((12, 12, 4), d), d, colliders=[floor])
+        liquid = substep.PositionBasedFluid(
+            block((12, 12, 4), d), d, colliders=[floor], divergence_free=divergence_free
+        )
         for _ in range(100):
             liquid.step(h)
         start = liquid.velocities[:, 0].mean()

@@ -286,7 +286,7 @@ void ParticleContact<Real>::clamp(std::size_t c, std::span<const Point<Real>> st
   const auto touch = [&](std::int64_t i) {
     const double m = of(mass, i);
     if (m == 0) return;
-    if (obstacle.tracked) {
+    if (obstacle.tracked && share == 1) {
       settle(start, x, m, i);
       return;
     }
@@ -297,9 +297,9 @@ void ParticleContact<Real>::clamp(std::size_t c, std::span<const Point<Real>> st
     p.z = std::min(std::max(p.z, obstacle.low.z), obstacle.high.z);
     const Vec3 push = xyz(p) - xyz(before);
     if (push.isZero(0)) return;
-    part.add(xyz(p) + obstacle.to.shift, -m / h_ * push);
+    part.add(xyz(p) + obstacle.to.shift, -m / h_ * share * push);
   };
-  if (obstacle.tracked) {
+  if (obstacle.tracked && share == 1) {
     for (std::int64_t i = begin; i < end; ++i) {
       const Point<Real>&p = x[i], &n = obstacle.normal[usize(i)];
       const Point<Real>&low = obstacle.low, &high = obstacle.high;
@@ -336,7 +336,8 @@ void ParticleContact<Real>::settle_near(std::size_t c, std::span<const Point<Rea
       return n.x != 0 || n.y != 0 || n.z != 0;
     };
     bool any_pushed = false;
-    for (std::int64_t i = begin; obstacle.tracked && i < end; ++i) any_pushed |= pushed(i);
+    for (std::int64_t i = begin; obstacle.tracked && share == 1 && i < end; ++i)
+      any_pushed |= pushed(i);
     if (!any_pushed) return;
   }
   if (end - begin > kSingles) {
@@ -372,7 +373,7 @@ void ParticleContact<Real>::settle(std::span<const Point<Real>> start, std::span
       const Vec3 target = obstacle.to.to_local(at);
       const Vec3 came = pose_before(obstacle).to_local(from);
       Vec3 p = advance_freely(colliders[c], came, target, margin_);
-      if (obstacle.tracked) {
+      if (obstacle.tracked && share == 1) {
         Vec3 normal = p - target;
         const Vec3 out = obstacle.to.rotation * normal;
         if (planar_ && out[2] != 0) {
@@ -386,7 +387,7 @@ void ParticleContact<Real>::settle(std::span<const Point<Real>> start, std::span
       if (!(push.squaredNorm() > least * least)) continue;
       changed = true;
       at += push;
-      obstacle.parts[usize(i / kGrain)].add(at + obstacle.to.shift, -mass / h_ * push);
+      obstacle.parts[usize(i / kGrain)].add(at + obstacle.to.shift, -mass / h_ * share * push);
     }
     if (!changed) break;
     moved = true;
@@ -415,6 +416,39 @@ Vec3 ParticleContact<Real>::rub(std::size_t c, std::int64_t i, const Vec3& start
   const Vec3 target = p + (wanted - T);
   assign(kept_tangential, wanted);
   return advance_freely(colliders[c], p, target, margin_);
+}
+
+template <class Real>
+void ParticleContact<Real>::slide(std::span<const Point<Real>> x, std::span<Point<Real>> v,
+                                  std::span<const Real> mass) {
+  for (std::size_t c = 0; c < colliders.size(); ++c) {
+    const Collider& collider = colliders[c];
+    Obstacle& obstacle = obstacles_[c];
+    if (collider.friction == 0) continue;
+    const auto rub = [&](std::int64_t i) {
+      const Vec3 N = xyz(obstacle.normal[usize(i)]);
+      const double size = N.norm();
+      if (size == 0) return;
+      const Vec3 n = obstacle.to.rotation * (N / size),
+                 T = obstacle.to.rotation * xyz(obstacle.tangential[usize(i)]);
+      const Vec3 arm = xyz(x[usize(i)]) + obstacle.to.shift;
+      const Vec3 surface = collider.velocity + collider.angular_velocity.cross(arm);
+      Vec3 way = h_ * (xyz(v[i]) - surface);
+      Vec3 wanted = T - (way - n.dot(way) * n);
+      if (const double length = wanted.norm(); length > collider.friction * size) {
+        wanted *= collider.friction * size / length;
+      }
+      const Vec3 dv = (wanted - T) / h_;
+      assign(v[i], xyz(v[i]) + dv);
+      obstacle.parts[usize(i / kGrain)].add(arm, -of(mass, i) * dv);
+    };
+    parallel_for(
+        static_cast<std::int64_t>(v.size()), kGrain,
+        [&](std::int64_t begin, std::int64_t end) {
+          for (std::int64_t i = begin; i < end; ++i) rub(i);
+        },
+        threads);
+  }
 }
 
 template <class Real>

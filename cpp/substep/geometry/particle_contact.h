@@ -40,6 +40,9 @@ class ParticleContact {
   // steps.
   std::vector<Collider> colliders;
   int threads = 0;
+  // The part of what project() moves that becomes velocity, and so is an impulse. Below 1 friction
+  // is left to slide().
+  double share = 1;
 
   // Of n particles. mass [kg]: of each, or one for all; particles of mass 0 are held by the method
   // and pass through.
@@ -57,6 +60,10 @@ class ParticleContact {
   // start: positions when the substep began; x: where the particles want to go, and then go.
   void project(std::span<const Point<Real>> start, std::span<Point<Real>> x,
                std::span<const Real> mass);
+
+  // Friction on the velocities v at the end of the substep, for a method whose pressure changes
+  // velocities: what T lacks of stopping a particle that was pushed by N, cut to friction |N|.
+  void slide(std::span<const Point<Real>> x, std::span<Point<Real>> v, std::span<const Real> mass);
 
   // v: velocities after the substep, v_start: before it and before gravity. For particles that
   // touched, the normal velocity relative to the surface becomes at least restitution times that

@@ -13,6 +13,7 @@ namespace {
 
 using geometry::Box;
 using geometry::Collider;
+using geometry::Mat3;
 using geometry::Plane;
 using geometry::SampledDistance;
 using geometry::Sphere;
@@ -217,6 +218,44 @@ std::span<const Point<Real>> Boundary<Real>::contributions(std::span<const Point
 }
 
 template <class Real>
+Vec3 Boundary<Real>::velocity_of(std::size_t c, const Vec3& x) const {
+  if (c >= colliders().size()) return nozzles_[c - colliders().size()].velocity();
+  const Collider& collider = colliders()[c];
+  return collider.velocity +
+         collider.angular_velocity.cross(x + (contact_.origin() - collider.position()));
+}
+
+template <class Real>
+std::span<const Symmetric<Real>> Boundary<Real>::moments(std::span<const Point<Real>> x,
+                                                         int threads) {
+  moments_.assign(x.size(), Symmetric<Real>{});
+  const auto add = [&](const Near& entry) {
+    const Vec3 g = xyz(entry.gradient);
+    if (g.isZero(0)) return;
+    const auto c = usize(entry.collider);
+    const double size = g.norm(), b = static_cast<double>(entry.gradient.w);
+    double s = spacing_;  // where velocities are those of a nozzle: its last layer
+    if (c < colliders().size()) {
+      const Collider& collider = colliders()[c];
+      const Vec3 from = xyz(x[usize(entry.particle)]) + (contact_.origin() - collider.position());
+      s = std::max(collider.local_distance(collider.rotation().transpose() * from).value, 0.0);
+    }
+    const Mat3 m = b * Mat3::Identity() + (s / size - b / (size * size)) * g * g.transpose();
+    const auto r = [&](int a, int b) { return static_cast<Real>(m(a, b)); };
+    Symmetric<Real>& sum = moments_[usize(entry.particle)];
+    sum.diagonal.x += r(0, 0), sum.diagonal.y += r(1, 1), sum.diagonal.z += r(2, 2);
+    sum.off.x += r(0, 1), sum.off.y += r(0, 2), sum.off.z += r(1, 2);
+  };
+  parallel_chunks(
+      static_cast<std::int64_t>(near_.size()),
+      [&](std::int64_t k) {
+        for (const Near& entry : near_[usize(k)]) add(entry);
+      },
+      threads);
+  return moments_;
+}
+
+template <class Real>
 void Boundary<Real>::project(std::span<const Point<Real>> multipliers,
                              std::span<const Point<Real>> start, std::span<Point<Real>> x,
                              std::span<const Real> mass, int threads) {
@@ -227,7 +266,7 @@ void Boundary<Real>::project(std::span<const Point<Real>> multipliers,
       if (scale == 0 || entry.gradient.w == 0 || usize(entry.collider) >= colliders().size()) {
         continue;
       }
-      const Vec3 push = static_cast<double>(scale) * xyz(entry.gradient);
+      const Vec3 push = contact_.share * static_cast<double>(scale) * xyz(entry.gradient);
       contact_.add_push(usize(entry.collider), entry.particle, x[i], push,
                         mass[mass.size() == 1 ? 0 : i]);
     }

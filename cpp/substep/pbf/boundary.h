@@ -15,10 +15,13 @@
 #include <variant>
 #include <vector>
 
+#include "substep/core/parallel.h"
+#include "substep/core/usize.h"
 #include "substep/geometry/particle_contact.h"
 #include "substep/pbf/density.h"
 #include "substep/pbf/density_map.h"
 #include "substep/pbf/nozzle.h"
+#include "substep/pbf/symmetric.h"
 #include "substep/pbf/wall_integrals.h"
 
 namespace substep::pbf {
@@ -45,6 +48,25 @@ class Boundary {
   // `multipliers`: counts that as pushed, and moves them so that none is in an obstacle.
   void project(std::span<const Point<Real>> multipliers, std::span<const Point<Real>> start,
                std::span<Point<Real>> x, std::span<const Real> mass, int threads);
+  // Their part of M_i (projection.h): b (I - n n^T) + s |grad b| n n^T at the distance s from a
+  // wall.
+  std::span<const Symmetric<Real>> moments(std::span<const Point<Real>> x, int threads);
+  // visit(i, grad b of one wall or nozzle, its velocity at x_i, collider or -1) by particles'
+  // chunks.
+  template <class Visit>
+  void for_near(std::span<const Point<Real>> x, const Visit& visit, int threads) const;
+  // Collider c pushed particle i otherwise than by project(): the particle's velocity changed by
+  // dv.
+  void add_impulse(std::int32_t c, std::int64_t i, const Point<Real>& x, const Vec3& dv, double dt,
+                   double mass) {
+    contact_.add_push(usize(c), i, x, dt * dv, mass);
+  }
+  // The part of what project() moves that becomes velocity.
+  void set_share(double share) { contact_.share = share; }
+  // Coulomb's friction on the velocities v, for what add_impulse() and the first project() pushed.
+  void slide(std::span<const Point<Real>> x, std::span<Point<Real>> v, std::span<const Real> mass) {
+    contact_.slide(x, v, mass);
+  }
   // Restitution on the velocities v, and what the obstacles were given.
   void end_step(std::span<const Point<Real>> start, std::span<const Point<Real>> v_start,
                 std::span<Point<Real>> v, std::span<const Real> mass);
@@ -66,6 +88,7 @@ class Boundary {
   };
 
   void note_near(std::span<const Point<Real>> x, int threads);
+  Vec3 velocity_of(std::size_t c, const Vec3& x) const;
   WallDensity density_of(std::size_t c, const Vec3& x) const;
   WallDensity wall_density(std::size_t c, const Vec3& local) const;
   WallDensity in_tank(const Vec3& half_lengths, const Vec3& x) const;
@@ -79,7 +102,25 @@ class Boundary {
   std::shared_ptr<const CornerTable> corner_;
   std::vector<std::vector<Near>> near_;  // by chunks of particles, ascending
   std::vector<Point<Real>> contributions_;
+  std::vector<Symmetric<Real>> moments_;
 };
+
+template <class Real>
+template <class Visit>
+void Boundary<Real>::for_near(std::span<const Point<Real>> x, const Visit& visit,
+                              int threads) const {
+  parallel_chunks(
+      static_cast<std::int64_t>(near_.size()),
+      [&](std::int64_t k) {
+        for (const Near& entry : near_[usize(k)]) {
+          const bool wall = usize(entry.collider) < colliders().size();
+          visit(entry.particle, entry.gradient,
+                velocity_of(usize(entry.collider), xyz(x[usize(entry.particle)])),
+                wall ? entry.collider : -1);
+        }
+      },
+      threads);
+}
 
 extern template class Boundary<float>;
 extern template class Boundary<double>;

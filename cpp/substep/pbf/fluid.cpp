@@ -139,10 +139,17 @@ void Fluid<Real>::step(double dt) {
       boundary.colliders() = colliders;
       begin(dt);
     }
-    warm_start(dt);
-    solve(options.tolerance, options.max_tolerance);
-    finish(dt);
-    act_on_velocities(dt);
+    if (options.divergence_free) {
+      correct(dt);
+      accelerate(dt);
+      act_on_velocities(dt);
+      project(dt);
+    } else {
+      warm_start(dt);
+      solve(options.tolerance, options.max_tolerance);
+      finish(dt);
+      act_on_velocities(dt);
+    }
     keep_in_bounds();
     let_flow(time + dt);
   } catch (...) {
@@ -159,10 +166,36 @@ bool Fluid<Real>::begin(double dt) {
   predict(dt);
   keep_in_reach();
   sort();
-  act_on_positions(dt);
+  if (!options.divergence_free) {
+    forces_.pull_together(options.forces, rows(), options.masses[0], dt * dt, next_.x, next_.x);
+  }
   boundary.place_layers(flow.counts.layers, time + dt);
-  return boundary.begin_step(dt, old_x_, std::span(next_.x).first(old_x_.size()), mass_,
-                             options.threads);
+  boundary.set_share(1);
+  const bool covered = boundary.begin_step(dt, old_x_, std::span(next_.x).first(old_x_.size()),
+                                           mass_, options.threads);
+  if (options.divergence_free) keep_velocities(dt);
+  return covered;
+}
+
+// Velocities are those of before, but for what obstacles that were met did.
+template <class Real>
+void Fluid<Real>::keep_velocities(double dt) {
+  const std::span<const std::int32_t> order = neighbours_.order();
+  const auto rate = static_cast<Real>(1 / dt);
+  for_particles(
+      next_.size(),
+      [&](std::int64_t k) {
+        const std::int32_t i = order[usize(k)];
+        const Point<Real>&x = next_.x[usize(k)], &wanted = predicted_[usize(i)],
+              &start = old_x_[usize(k)], &before = particles.x[usize(i)], &v = old_v_[usize(k)];
+        const auto met = [&](Real to, Real from, Real set_off, Real stood) {
+          return rate * ((to - from) - (set_off - stood));
+        };
+        next_.v[usize(k)] = {v.x + met(x.x, wanted.x, start.x, before.x),
+                             v.y + met(x.y, wanted.y, start.y, before.y),
+                             v.z + met(x.z, wanted.z, start.z, before.z), 0};
+      },
+      options.threads);
 }
 
 // Obstacles were put upon particles: sets them off, and all apart that are then too near to each
@@ -215,6 +248,10 @@ void Fluid<Real>::predict(double dt) {
                                static_cast<Real>(options.gravity.z()), 0};
         for (std::int64_t i = begin; i < end; ++i) {
           const Point<Real>&x = particles.x[i], &v = particles.v[i];
+          if (options.divergence_free) {  // accelerations come at the end, before the pressure
+            predicted_[i] = {x.x + h * v.x, x.y + h * v.y, x.z + h * v.z, x.w};
+            continue;
+          }
           Point<Real> a = g;
           if (!particles.f.empty()) {
             const Point<Real>& f = particles.f[i];
@@ -321,6 +358,26 @@ void Fluid<Real>::solve(double tolerance, double max_tolerance) {
   }
 }
 
+// Sets the density right; a share of what that moves becomes velocity. All of it is the damping of
+// position-based fluids; with none, what lifts particles for nothing goes on to stir the liquid.
+template <class Real>
+void Fluid<Real>::correct(double dt) {
+  constexpr double kShare = 0.15;
+  predicted_.assign(next_.x.begin(), next_.x.end());
+  boundary.set_share(kShare);
+  solve(options.tolerance, options.max_tolerance);
+  const auto rate = static_cast<Real>(kShare / dt);
+  for_particles(
+      next_.size(),
+      [&](std::int64_t i) {
+        const Point<Real>&x = next_.x[usize(i)], &before = predicted_[usize(i)];
+        Point<Real>& v = next_.v[usize(i)];
+        v = {v.x + rate * (x.x - before.x), v.y + rate * (x.y - before.y),
+             v.z + rate * (x.z - before.z), v.w};
+      },
+      options.threads);
+}
+
 template <class Real>
 typename Forces<Real>::Rows Fluid<Real>::rows() const {
   return {neighbours_,
@@ -331,9 +388,83 @@ typename Forces<Real>::Rows Fluid<Real>::rows() const {
           options.threads};
 }
 
+// v += dt (g + f / m), and surface tension.
 template <class Real>
-void Fluid<Real>::act_on_positions(double dt) {
-  forces_.act_on_positions(options.forces, rows(), options.masses[0], dt, next_.x);
+void Fluid<Real>::accelerate(double dt) {
+  const std::span<const std::int32_t> order = neighbours_.order();
+  const double m0 = options.masses[0];
+  const auto h = static_cast<Real>(dt);
+  const Point<Real> g = local(origin + options.gravity, 0);
+  for_particles(
+      next_.size(),
+      [&](std::int64_t k) {
+        Point<Real>& v = next_.v[usize(k)];
+        v.x += h * g.x, v.y += h * g.y, v.z += h * g.z;
+        if (particles.f.empty()) return;
+        const Point<Real>& f = particles.f[usize(order[usize(k)])];
+        const Real w = h * next_.x[usize(k)].w / static_cast<Real>(m0);
+        v.x += w * f.x, v.y += w * f.y, v.z += w * f.z;
+      },
+      options.threads);
+  next_.v.push_back({0, 0, 0, 0});
+  forces_.pull_together(options.forces, rows(), m0, dt, next_.x, next_.v);
+  next_.v.pop_back();
+}
+
+// A pressure takes from the velocities what would compress; obstacles get what it gives them.
+template <class Real>
+void Fluid<Real>::project(double dt) {
+  constexpr double kSurface = 0.9;  // density
+  const std::int64_t n = next_.size();
+  const auto x = std::span<const Point<Real>>(next_.x).first(usize(n));
+  const typename VelocityProjection<Real>::Walls walls{boundary.contributions(x, options.threads),
+                                                       boundary.moments(x, options.threads)};
+  next_.v.push_back({0, 0, 0, 0});
+  const Neighbourhood<Real> near{next_.x,
+                                 next_.v,
+                                 neighbours_,
+                                 static_cast<Real>(density.radius()),
+                                 static_cast<Real>(density.volume()),
+                                 options.density.dimension,
+                                 options.threads};
+  projection_.prepare(near, walls, kSurface, dt);
+  // Walls push along their normal alone: what slides along one is not compressed.
+  const auto push = [&](std::int64_t i, const Point<Real>& g) {
+    const Vec3 along = xyz(projection_.correction(i).times(g)), out = xyz(g);
+    return Vec3(along.dot(out) / out.squaredNorm() * out);
+  };
+  pushes_.assign(usize(n), {0, 0, 0, 0});
+  boundary.for_near(
+      x,
+      [&](std::int64_t i, const Point<Real>& g, const Vec3& velocity, std::int32_t) {
+        if (xyz(g).isZero(0)) return;
+        const Vec3 along = push(i, g);
+        Point<Real>& sum = pushes_[usize(i)];
+        sum.x += static_cast<Real>(along.x());
+        sum.y += static_cast<Real>(along.y());
+        sum.z += static_cast<Real>(along.z());
+        sum.w += static_cast<Real>(along.dot(velocity));
+      },
+      options.threads);
+  lambda_.resize(usize(n));
+  const auto ratio = static_cast<Real>(last_dt > 0 ? dt / last_dt : 0);
+  for (std::int64_t i = 0; i < n; ++i) lambda_[usize(i)] = ratio * old_v_[usize(i)].w;
+  new_report_.projection = projection_.project(near, pushes_, dt, options.divergence_tolerance,
+                                               options.divergence_iterations, lambda_, next_.v);
+  next_.v.pop_back();
+  boundary.for_near(
+      x,
+      [&](std::int64_t i, const Point<Real>& g, const Vec3&, std::int32_t c) {
+        const Real lambda = lambda_[usize(i)];
+        if (c < 0 || lambda == 0 || xyz(g).isZero(0)) return;
+        const Vec3 dv = -double(x[usize(i)].w) * double(lambda) * push(i, g);
+        boundary.add_impulse(c, i, x[usize(i)], dv, dt, mass_[mass_.size() == 1 ? 0 : usize(i)]);
+      },
+      options.threads);
+  refuse_bad_velocity([&](std::int64_t i) { return next_.v[usize(i)]; });
+  boundary.slide(x, next_.v, mass_);
+  boundary.end_step(old_x_, old_v_, next_.v, mass_);
+  for (std::int64_t i = 0; i < n; ++i) next_.v[usize(i)].w = lambda_[usize(i)];
 }
 
 template <class Real>

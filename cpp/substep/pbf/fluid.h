@@ -11,6 +11,7 @@
 #include "substep/pbf/forces.h"
 #include "substep/pbf/options.h"
 #include "substep/pbf/particles.h"
+#include "substep/pbf/projection.h"
 
 namespace substep::pbf {
 
@@ -62,8 +63,11 @@ class Fluid {
   void uncover(double dt);
   void predict(double dt);
   void keep_in_reach();
-  void act_on_positions(double dt);
+  void keep_velocities(double dt);
   void act_on_velocities(double dt);
+  void correct(double dt);
+  void accelerate(double dt);
+  void project(double dt);
   void sort();
   void warm_start(double dt);
   void solve(double tolerance, double max_tolerance);
@@ -89,6 +93,9 @@ class Fluid {
   std::vector<Real> mass_;  // of each particle, or one for all [kg]
   geometry::Neighbours<Real> neighbours_;
   Forces<Real> forces_;
+  VelocityProjection<Real> projection_;
+  std::vector<Real> lambda_;
+  std::vector<Point<Real>> pushes_;  // of walls, in the projection
   FluidReport new_report_;
 };
 

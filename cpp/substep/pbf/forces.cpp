@@ -6,13 +6,14 @@
 namespace substep::pbf {
 
 template <class Real>
-void Forces<Real>::act_on_positions(const ForceOptions& options, const Rows& rows,
-                                    double reference_mass, double dt, std::vector<Point<Real>>& x) {
+void Forces<Real>::pull_together(const ForceOptions& options, const Rows& rows,
+                                 double reference_mass, double factor,
+                                 std::span<const Point<Real>> x, std::span<Point<Real>> moved) {
   if (!(options.surface_tension > 0)) return;
-  other_ = x;
+  other_.assign(x.begin(), x.end());
   surface_tension_.displace(
       {other_, {}, rows.lists, rows.h, rows.volume, rows.dimension, rows.threads},
-      options.surface_tension, reference_mass, static_cast<Real>(dt), x);
+      options.surface_tension, reference_mass, static_cast<Real>(factor), moved);
 }
 
 template <class Real>

@@ -25,9 +25,10 @@ class Forces {
     int dimension, threads;
   };
 
-  // On predicted positions, before the density is corrected: surface tension.
-  void act_on_positions(const ForceOptions& options, const Rows& rows, double reference_mass,
-                        double dt, std::vector<Point<Real>>& x);
+  // Surface tension of particles at x: moved += factor F / m, dt^2 for positions, dt for
+  // velocities.
+  void pull_together(const ForceOptions& options, const Rows& rows, double reference_mass,
+                     double factor, std::span<const Point<Real>> x, std::span<Point<Real>> moved);
   // On velocities, after: viscosity, XSPH, vorticity confinement, in this order. w is kept.
   ViscosityReport act_on_velocities(const ForceOptions& options, const Rows& rows,
                                     std::span<const Point<Real>> x, double dt,

@@ -29,6 +29,7 @@ class Nozzle {
   void leave_out(const std::function<bool(const Vec3&)>& covered);
 
   WallDensity density(const Vec3& x) const;
+  Vec3 velocity() const { return emitter_.speed * emitter_.direction; }
 
  private:
   template <class Visit>

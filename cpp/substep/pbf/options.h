@@ -47,6 +47,9 @@ struct FluidOptions {
   double tolerance = 1e-3;   // of the mean density error
   double max_tolerance = 1;  // of the largest one
   int min_iterations = 2, max_iterations = 5;
+  bool divergence_free = false;        // velocities by a pressure of their own, not from positions
+  double divergence_tolerance = 1e-4;  // mean of what is compressed in a step
+  int divergence_iterations = 100;
   double warm_start = 0;  // share of the last step's multipliers that the next begins with
   OnEscape on_escape = OnEscape::kRaise;
   std::optional<std::array<Vec3, 2>> bounds;  // lowest and highest corner, world [m]
@@ -64,6 +67,12 @@ struct ViscosityReport {
   bool converged = true;
 };
 
+struct ProjectionReport {
+  int iterations = 0;
+  double error = 0;  // mean of what velocities would compress in the step
+  bool converged = true;
+};
+
 // Of the last step.
 struct FluidReport {
   int iterations = 0;
@@ -71,6 +80,7 @@ struct FluidReport {
   DensityError density_error;  // before the last correction, if there was one
   std::int64_t limited = 0;    // corrections that reached the limit
   ViscosityReport viscosity;
+  ProjectionReport projection;
   std::int64_t removed = 0, clamped = 0;  // particles that left the bounds
 };
 

@@ -30,7 +30,7 @@ void find_normals(const Neighbourhood<Real>& near, std::span<Point<Real>> normal
 
 template <class Real>
 void SurfaceTension<Real>::displace(const Neighbourhood<Real>& near, double sigma,
-                                    double reference_mass, Real dt, std::span<Point<Real>> x) {
+                                    double reference_mass, Real factor, std::span<Point<Real>> x) {
   using V = Vector<Real>;
   normals_.resize(near.x.size());
   find_normals<Real>(near, normals_);
@@ -38,7 +38,7 @@ void SurfaceTension<Real>::displace(const Neighbourhood<Real>& near, double sigm
   const double tension = sigma / (structure(d) * std::pow(double(near.h), d + 2));
   const Real s = Real((1 - kAreaShare) * tension / cohesion_tension(d));
   const Real a = Real(kAreaShare * tension / area_tension(d));
-  const Real k = -2 * dt * dt * near.volume * near.volume / Real(reference_mass);
+  const Real k = -2 * factor * near.volume * near.volume / Real(reference_mass);
   const auto particle = [&](std::int64_t i) {
     const Point<Real> ni = normals_[i];
     V fx{}, fy{}, fz{};

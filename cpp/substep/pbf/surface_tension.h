@@ -39,11 +39,12 @@ class SurfaceTension {
     return dimension == 2 ? 1.2705e-2 : 7.740e-3;
   }
 
-  // x_i += dt^2 F_i / m_i; x: n + 1 rows, not those of near.x. reference_mass: m_0 [kg].
+  // x_i += factor F_i / m_i: dt^2 for positions, dt for velocities; x: n + 1 rows, not those of
+  // near.x. reference_mass: m_0 [kg].
   // To be called with positions that the density solver is about to correct, so that both sides of
   // the balance of cohesion and pressure belong to the same positions: with forces of a step ago
   // their torques do not cancel, and a rotating drop spins up.
-  void displace(const Neighbourhood<Real>& near, double sigma, double reference_mass, Real dt,
+  void displace(const Neighbourhood<Real>& near, double sigma, double reference_mass, Real factor,
                 std::span<Point<Real>> x);
 
  private:

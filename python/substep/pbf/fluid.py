@@ -35,6 +35,7 @@ from ..particles.state import ON_ESCAPE, Particles, check_bounds, check_kinds
 Array = NDArray[np.float64]
 
 KERNELS = ("cubic_spline", "poly6_spiky")
+_XSPH = 0.02  # with divergence_free, which leaves noise
 _LARGEST_STEP = 1 / 60  # [s], where nothing moves
 
 
@@ -48,6 +49,12 @@ class FluidReport(StepReport):
         Of the density, relative, as measured before the last correction of the last step.
     limited : int
         Corrections of the last step that were cut to a quarter of the kernel's radius.
+    divergence_iterations : int
+        Of conjugate gradients for velocities without divergence, in the last step.
+    divergence_error : float
+        Mean of what the velocities that they left would compress in a step, relative.
+    divergence_converged : bool
+        Whether they met their tolerance.
     removed, clamped : int
         Particles that left the bounds in it.
     viscosity_iterations : int
@@ -63,6 +70,9 @@ class FluidReport(StepReport):
     clamped: int = 0
     viscosity_iterations: int = 0
     viscosity_converged: bool = True
+    divergence_iterations: int = 0
+    divergence_error: float = 0.0
+    divergence_converged: bool = True
 
 
 class PositionBasedFluid(Particles):
@@ -70,7 +80,8 @@ class PositionBasedFluid(Particles):
 
     Every particle is `spacing` cubed (in 2D squared) of liquid. A step predicts the positions,
     moves them until the density is nowhere above that of the liquid at rest, and takes the
-    velocities from how far the particles came. docs/pbf.md has the equations, and what this is not.
+    velocities from how far the particles came, or with `divergence_free` by a pressure that takes
+    what would compress from them. docs/pbf.md has the equations, and what this is not.
 
     Parameters
     ----------
@@ -105,15 +116,24 @@ class PositionBasedFluid(Particles):
         Limit of iterations of a step, at least 1.
     warm_start : float
         Share of the corrections of the last step that a step begins with, from 0 to below 1. For
-        fixed steps (`step`); where their size changes it can give a splash energy.
+        fixed steps (`step`); where their size changes it can give a splash energy. Not with
+        `divergence_free`.
+    divergence_free : bool
+        Velocities by a pressure solve: a liquid that flows slowly keeps its energy. A step takes
+        more than twice as long.
+    divergence_tolerance : float
+        Mean of what the velocities may still compress in a step, relative, with `divergence_free`.
+    divergence_iterations : int
+        Limit of iterations of its conjugate gradients, at least 1.
     compliance : float
         Of the density constraint, relative to the sum of squared gradients in the rest
         lattice; at least 0.
     artificial_pressure : float
         Repulsion of close particles against clumps, as the density error that pushes as hard.
-    xsph : float
+    xsph : float, optional
         Part, from 0 to 1, of the difference to the mean velocity around that each step takes away
-        (XSPH); smooths the motion, conserves linear momentum only.
+        (XSPH); smooths the motion, conserves linear momentum only. 0 unless given, 0.02 with
+        `divergence_free`.
     viscosity : float or sequence of float
         Kinematic viscosity [m^2/s], at least 0, implicit, so stable with any; one for each fluid.
     vorticity_confinement : float
@@ -194,9 +214,12 @@ class PositionBasedFluid(Particles):
         min_iterations: int = 2,
         max_iterations: int = 10,
         warm_start: float = 0.0,
+        divergence_free: bool = False,
+        divergence_tolerance: float = 1e-4,
+        divergence_iterations: int = 100,
         compliance: float = 1e-3,
         artificial_pressure: float = 0.0,
-        xsph: float = 0.0,
+        xsph: float | None = None,
         viscosity: float | Sequence[float] = 0.0,
         vorticity_confinement: float = 0.0,
         surface_tension: float = 0.0,
@@ -233,6 +256,7 @@ class PositionBasedFluid(Particles):
             raise InputError(f"support: expected a number from 1.2 to 4, got {self.support}")
         self.cfl = check_real("cfl", cfl, positive=True)
         self._step_size = None if step is None else check_real("step", step, positive=True)
+        divergence_free = check_flag("divergence_free", divergence_free)
         self._options = {
             "dimension": d,
             "spacing": self.spacing,
@@ -248,14 +272,25 @@ class PositionBasedFluid(Particles):
             "max_iterations": check_integer(
                 "max_iterations", max_iterations, minimum=1, maximum=MOST_INT
             ),
-            "warm_start": _check_warm_start(warm_start),
+            "warm_start": _check_warm_start(warm_start, divergence_free),
+            "divergence_free": divergence_free,
+            "divergence_tolerance": check_real(
+                "divergence_tolerance", divergence_tolerance, nonnegative=True
+            ),
+            "divergence_iterations": check_integer(
+                "divergence_iterations", divergence_iterations, minimum=1, maximum=MOST_INT
+            ),
             "relaxation": check_real("compliance", compliance, nonnegative=True),
             "artificial_pressure": check_real(
                 "artificial_pressure", artificial_pressure, nonnegative=True
             ),
             "one_sided": check_flag("one_sided", one_sided),
             "viscosity": _check_viscosity(viscosity, len(self.density)),
-            **_check_forces(xsph, vorticity_confinement, surface_tension),
+            **_check_forces(
+                (_XSPH if divergence_free else 0.0) if xsph is None else xsph,
+                vorticity_confinement,
+                surface_tension,
+            ),
             "on_escape": check_choice("on_escape", on_escape, ON_ESCAPE),
             "bounds": check_bounds(bounds, d),
         }
@@ -476,8 +511,10 @@ def _check_forces(xsph: Any, confinement: Any, tension: Any) -> dict[str, float]
     return options
 
 
-def _check_warm_start(warm_start: float) -> float:
+def _check_warm_start(warm_start: float, divergence_free: bool) -> float:
     share = check_real("warm_start", warm_start, nonnegative=True)
     if share >= 1:
         raise InputError(f"warm_start: expected a number from 0 to below 1, got {share}")
+    if share and divergence_free:
+        raise InputError(f"warm_start: expected 0 with divergence_free, got {share}")
     return share

@@ -1,0 +1,72 @@
+// Velocities without compression: the part of them that would raise the density is taken away by a
+// pressure, as in the divergence-free solver of Bender and Koschier ("Divergence-free smoothed
+// particle hydrodynamics", 2015). With g_ij = V W'(r) n_ij, for all i
+//   c_i(v) = sum_j (L_i g_ij) . (v_i - v_j) + G_iw . (v_i - v_w) <= a_i,
+//   v' = v - M^-1 c'(v)^T lambda,   lambda_i >= 0,   lambda_i (c_i(v') - a_i) = 0
+// where w stands for the walls and a_i = max(0, s - C_i) / dt lets particles of a lower density
+// than s, those of a free surface, come together to it.
+// Deviations:
+// - L_i = M_i^-1, M_i = -sum_j g_ij (x_i - x_j)^T with the walls' part, which makes c exact where
+//   velocities are linear (Bonet and Lok, "Variational and momentum preservation aspects of SPH",
+//   1999); at free surfaces L_i = I. There, L = I everywhere: with few neighbours, shear then
+//   counts as compression in part, and a projection in every step takes its energy away.
+// - G_iw = n (n . L_i grad b_iw), n a wall's normal: what slides along it is not compressed.
+// - Conjugate gradients, preconditioned by the diagonal and restarted where a multiplier ends at 0
+//   or leaves it, in place of Jacobi's iteration.
+// c'^T is what it is for c: linear momentum is kept to rounding, and angular momentum where
+// M_i L_i = I.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "substep/core/usize.h"
+#include "substep/pbf/neighbourhood.h"
+#include "substep/pbf/options.h"
+#include "substep/pbf/symmetric.h"
+
+namespace substep::pbf {
+
+template <class Real>
+class VelocityProjection {
+ public:
+  // Their rows (grad b_i, b_i) and parts of M_i.
+  struct Walls {
+    std::span<const Point<Real>> contributions;
+    std::span<const Symmetric<Real>> moments;
+  };
+
+  // Finds L, for particles that are where they are now.
+  void prepare(const Neighbourhood<Real>& near, const Walls& walls, double surface_density,
+               double dt);
+  const Symmetric<Real>& correction(std::int64_t i) const { return l_[usize(i)]; }
+
+  // walls: the sum of G_iw over all walls, and in w that of G_iw . v_w. lambda:
+  // one for each particle, to begin with, then what was found. v: n + 1 rows; w is kept. Stops
+  // where the mean of what is compressed in dt is below `tolerance`.
+  ProjectionReport project(const Neighbourhood<Real>& near, std::span<const Point<Real>> walls,
+                           double dt, double tolerance, int max_iterations, std::span<Real> lambda,
+                           std::span<Point<Real>> v);
+
+ private:
+  void spread(std::span<const Real> lambda, const Neighbourhood<Real>& near,
+              std::span<const Point<Real>> walls);
+  template <class Use>
+  double compress(std::span<const Point<Real>> v, const Neighbourhood<Real>& near,
+                  std::span<const Point<Real>> walls, const Use& use) const;
+
+  std::vector<Symmetric<Real>> l_;
+  std::vector<Real> allowed_, inverse_diagonal_;
+  std::vector<Point<Real>> own_;    // L_i sum_j g_ij, and sum_j w_j |L_i g_ij|^2
+  std::vector<Point<Real>> s_, t_;  // lambda_i L_i, in two rows each
+  std::vector<Point<Real>> u_;      // M^-1 c'^T lambda
+  std::vector<Point<Real>> now_;    // v - u
+  std::vector<Real> r_, p_, ap_;
+  std::vector<std::uint8_t> free_;
+};
+
+extern template class VelocityProjection<float>;
+extern template class VelocityProjection<double>;
+
+}  // namespace substep::pbf
