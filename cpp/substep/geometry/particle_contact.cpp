@@ -336,8 +336,9 @@ void ParticleContact<Real>::settle_near(std::size_t c, std::span<const Point<Rea
       return n.x != 0 || n.y != 0 || n.z != 0;
     };
     bool any_pushed = false;
-    for (std::int64_t i = begin; obstacle.tracked && share == 1 && i < end; ++i)
+    for (std::int64_t i = begin; obstacle.tracked && share == 1 && i < end; ++i) {
       any_pushed |= pushed(i);
+    }
     if (!any_pushed) return;
   }
   if (end - begin > kSingles) {

@@ -241,7 +241,7 @@ std::span<const Symmetric<Real>> Boundary<Real>::moments(std::span<const Point<R
       s = std::max(collider.local_distance(collider.rotation().transpose() * from).value, 0.0);
     }
     const Mat3 m = b * Mat3::Identity() + (s / size - b / (size * size)) * g * g.transpose();
-    const auto r = [&](int a, int b) { return static_cast<Real>(m(a, b)); };
+    const auto r = [&](int row, int column) { return static_cast<Real>(m(row, column)); };
     Symmetric<Real>& sum = moments_[usize(entry.particle)];
     sum.diagonal.x += r(0, 0), sum.diagonal.y += r(1, 1), sum.diagonal.z += r(2, 2);
     sum.off.x += r(0, 1), sum.off.y += r(0, 2), sum.off.z += r(1, 2);

@@ -243,9 +243,7 @@ void Fluid<Real>::predict(double dt) {
       n, kRows,
       [&](std::int64_t begin, std::int64_t end) {
         const auto h = static_cast<Real>(dt);
-        const Point<Real> g = {static_cast<Real>(options.gravity.x()),
-                               static_cast<Real>(options.gravity.y()),
-                               static_cast<Real>(options.gravity.z()), 0};
+        const Point<Real> g = gravity();
         for (std::int64_t i = begin; i < end; ++i) {
           const Point<Real>&x = particles.x[i], &v = particles.v[i];
           if (options.divergence_free) {  // accelerations come at the end, before the pressure
@@ -388,13 +386,19 @@ typename Forces<Real>::Rows Fluid<Real>::rows() const {
           options.threads};
 }
 
+template <class Real>
+Point<Real> Fluid<Real>::gravity() const {
+  const Vec3& g = options.gravity;
+  return {static_cast<Real>(g.x()), static_cast<Real>(g.y()), static_cast<Real>(g.z()), 0};
+}
+
 // v += dt (g + f / m), and surface tension.
 template <class Real>
 void Fluid<Real>::accelerate(double dt) {
   const std::span<const std::int32_t> order = neighbours_.order();
   const double m0 = options.masses[0];
   const auto h = static_cast<Real>(dt);
-  const Point<Real> g = local(origin + options.gravity, 0);
+  const Point<Real> g = gravity();
   for_particles(
       next_.size(),
       [&](std::int64_t k) {

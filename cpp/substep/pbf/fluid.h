@@ -82,6 +82,7 @@ class Fluid {
 
   Real inverse_mass(std::int32_t fluid) const;
   typename Forces<Real>::Rows rows() const;
+  Point<Real> gravity() const;
   template <class Velocity>
   void refuse_bad_velocity(const Velocity& velocity) const;
 
