@@ -163,7 +163,7 @@ TYPED_TEST(PbfForces, SurfaceTensionConservesBothMomenta) {
   auto& b = this->block;
   SurfaceTension<TypeParam> tension;
   auto y = b.x;
-  tension.displace(b.near(), 0.07, 1e-3, TypeParam(1e-3), y);
+  tension.displace(b.near(), 0.07, 1e-3, TypeParam(1e-6), y);
   Vec sum(0, 0, 0), torque(0, 0, 0);
   double scale = 0, inward = 0;
   const Vec centre = Vec::Constant(5.6 * double(b.d));
@@ -188,7 +188,7 @@ TYPED_TEST(PbfForces, SameBitsForAnyNumberOfThreads) {
     Block<TypeParam> b;
     Forces<TypeParam> forces;
     const typename Forces<TypeParam>::Rows rows{b.lists, b.fluid, b.h, b.d * b.d * b.d, 3, threads};
-    forces.act_on_positions(options, rows, 1e-3, 1e-3, b.x);
+    forces.pull_together(options, rows, 1e-3, 1e-6, b.x, b.x);
     const auto report = forces.act_on_velocities(options, rows, b.x, 1e-3, b.v);
     EXPECT_TRUE(report.converged);
     if (threads == 1) first_x = b.x, first_v = b.v;
