@@ -360,7 +360,7 @@ void Fluid<Real>::solve(double tolerance, double max_tolerance) {
 // position-based fluids; with none, what lifts particles for nothing goes on to stir the liquid.
 template <class Real>
 void Fluid<Real>::correct(double dt) {
-  constexpr double kShare = 0.15;
+  constexpr double kShare = 0.075;
   predicted_.assign(next_.x.begin(), next_.x.end());
   boundary.set_share(kShare);
   solve(options.tolerance, options.max_tolerance);
