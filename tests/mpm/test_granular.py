@@ -143,3 +143,52 @@ def test_a_sheet_of_mud_stops_at_its_height():
     stop = height * ratios[np.argmin(np.abs(flow - speed))]
     assert stop == pytest.approx(STOP, rel=0.02)
     assert speed > 100 * abs(speeds[2])
+
+
+def slump(stiffness, layers, **options):
+    """By how much of its height a cylinder of mud slumps, E over rho g H being `stiffness`."""
+    height, radius, density = 0.2, 0.1, 1500.0
+    h = height / layers  # two a cell
+    across, up = (h * (np.arange(n, layers) + 0.5) for n in (-layers, 0))
+    x = np.stack(np.meshgrid(across, across, up, indexing="ij"), axis=-1)
+    x = x.reshape(-1, 3)
+    x = x[np.hypot(x[:, 0], x[:, 1]) < radius]
+    weight = density * GRAVITY * height
+    mud = HerschelBulkley(
+        density, stiffness * weight, 0.4, yield_stress=0.2 * weight, consistency=50
+    )
+    simulation = substep.MaterialPointMethod(
+        x,
+        mud,
+        cell=2 * h,
+        volume=np.pi * radius**2 * height / len(x),
+        colliders=[substep.Plane()],
+        boundary="sticky",
+        **options,
+    )
+    simulation.advance(3.0)
+    x = simulation.positions
+    top = np.quantile(x[np.hypot(x[:, 0], x[:, 1]) < 0.3 * radius, 2], 0.98)
+    return 1 - (top + h / 2) / height
+
+
+# Pashias, Boger, Summers, Glenister, "A fifty cent rheometer for yield stress measurement", 1996:
+# 1 - 2 T (1 - ln 2 T) of the height with T = tau_y / (rho g H) = 0.2, by Tresca's criterion; by von
+# Mises', sqrt(3) T in the place of 2 T. Layers that slide over each other without inertia.
+PASHIAS = 1 - np.sqrt(3) * 0.2 * (1 - np.log(np.sqrt(3) * 0.2))
+
+
+@pytest.mark.parametrize("form", ["mls", "textbook"])
+def test_mud_slumps_by_its_yield_stress_alone(form):
+    """0.32 and 0.29 (textbook 0.34, 0.31); by each particle's own volume 0.15 and 0.02."""
+    soft, stiff = (slump(stiffness, 8, form=form) for stiffness in (30, 1000))
+    assert stiff == pytest.approx(soft, rel=0.12)
+    assert stiff == pytest.approx(PASHIAS, abs=0.06)
+
+
+@pytest.mark.slow
+def test_the_slump_of_mud_does_not_depend_on_stiffness():
+    """0.322, 0.326 and 0.332 of the height; by each particle's own volume 0.192, 0.125, 0.063."""
+    slumps = [slump(stiffness, 16) for stiffness in (100, 300, 1000)]
+    assert np.ptp(slumps) < 0.05 * min(slumps)
+    assert slumps == pytest.approx(PASHIAS, abs=0.055)

@@ -75,6 +75,18 @@ inline Real affine_weight(const Spline<Real, kOrder>& s, int k) {
   }
 }
 
+// Node k's part in means over the corners of the cells between the nodes, where these weigh as by
+// the spline of one order less, n: half of the two cells next to it. g_k = n_(k-1) - n_k.
+template <class Real, int kOrder>
+inline Real corner_weight(const Spline<Real, kOrder>& s, int k) {
+  Real before = 0, after = 0;
+  for (int j = 0; j <= k; ++j) {
+    before = after;
+    after -= s.g[j];
+  }
+  return (before + after) / 2;
+}
+
 // Where the nodes of component c of a field lie along axis d, in cells from integers.
 struct Collocated {
   static constexpr double offset(int, int) { return 0; }

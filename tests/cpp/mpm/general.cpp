@@ -176,6 +176,82 @@ TEST(MpmGeneral, IsTheFormulas3dDouble) { expect_reference<double, 3>(1e-12); }
 TEST(MpmGeneral, IsTheFormulas2dFloat) { expect_reference<float, 2>(2e-5); }
 TEST(MpmGeneral, IsTheFormulas3dFloat) { expect_reference<float, 3>(2e-5); }
 
+// The divergence of the cells around x, each a mean over its corners, by the spline of one order
+// less.
+template <int kOrder, int D, class Velocity>
+double divergence_of_cells(const std::array<double, D>& x, const Velocity& velocity) {
+  std::array<transfer::Spline<double, std::max(kOrder - 1, 1)>, D> cells;
+  for (std::size_t d = 0; d < D; ++d) {
+    cells[d] = transfer::spline<std::max(kOrder - 1, 1)>(x[d] - 0.5);
+    if (kOrder == 1) cells[d].first = int(std::floor(x[d])), cells[d].w[0] = 1;
+  }
+  double sum = 0;
+  const int many = int(std::pow(kOrder, D));
+  for (int c = 0; c < many; ++c) {
+    double weight = 1;
+    transfer::Index<D> cell;
+    for (int d = 0, rest = c; d < D; ++d, rest /= kOrder) {
+      weight *= cells[usize(d)].w[rest % kOrder];
+      cell[usize(d)] = cells[usize(d)].first + rest % kOrder;
+    }
+    for (int corner = 0; corner < 1 << D; ++corner) {
+      transfer::Index<D> node = cell;
+      for (int d = 0; d < D; ++d) node[usize(d)] += corner >> d & 1;
+      for (int d = 0; d < D; ++d) {
+        sum += weight * (corner >> d & 1 ? 1 : -1) * velocity(node, d) / (1 << (D - 1));
+      }
+    }
+  }
+  return sum;
+}
+
+// Any velocities at the nodes: F of metal, which flows at constant volume, grows by the cells'
+// divergence, and by C apart from that.
+template <int kOrder, int D>
+void expect_volume_of_cells() {
+  Cloud<D> cloud = random_cloud<D>(D == 3 ? 300 : 100, kCell);
+  for (auto& p : cloud) p.F = unit_tensor<D>();
+  auto particles = make_particles<double, D>(cloud, kCell);
+  ParticleRows<double, D> of_metal = rows(particles, 0);
+  const std::size_t entries = of_metal.state.size() / cloud.size();
+  for (std::size_t k = cloud.size(); k > 0; --k) {  // no plastic strain
+    of_metal.state.insert(of_metal.state.begin() + std::ptrdiff_t(k * entries), 0.0);
+  }
+  particles.materials = {VonMises{.density = 1000, .mu = 400, .lambda = 600, .yield_stress = 1e6}};
+  assign<double, D>(particles, std::span<const ParticleRows<double, D>>(&of_metal, 1),
+                    Order::kCells, 2);
+
+  const auto velocity = [](const transfer::Index<D>& node, int d) {
+    double phase = d;
+    for (std::size_t a = 0; a < D; ++a) phase += double(a + 2) * node[a];
+    return std::sin(phase * phase);
+  };
+  const Scheme scheme{kOrder, Transfer::kApic, Form::kMls};
+  Nodes<double, D> nodes, before;
+  p2g(scheme, particles, kDt, nodes, before, 2);
+  update_nodes(particles, nodes, {}, [&](const transfer::Index<D>& node, double* numbers) {
+    for (int d = 0; d < D; ++d) numbers[d] = velocity(node, d);
+  });
+  g2p(scheme, particles, kDt, nodes, before, 2);
+  const Cloud<D> after = make_cloud(particles);
+  for (std::size_t k = 0; k < cloud.size(); ++k) {
+    double left = divergence_of_cells<kOrder, D>(cloud[k].X, velocity) / kCell;
+    for (std::size_t d = 0; d < D; ++d) left -= after[k].C[d][d];
+    for (std::size_t i = 0; i < D; ++i) {
+      for (std::size_t j = 0; j < D; ++j) {
+        const double G = after[k].C[i][j] + (i == j ? left / D : 0);
+        EXPECT_NEAR(after[k].F[i][j], (i == j ? 1 : 0) + kDt * G, 1e-13);
+      }
+    }
+  }
+}
+
+TEST(MpmGeneral, TakesVolumeFromCells) {
+  expect_volume_of_cells<1, 2>(), expect_volume_of_cells<1, 3>();
+  expect_volume_of_cells<2, 2>(), expect_volume_of_cells<2, 3>();
+  expect_volume_of_cells<3, 2>(), expect_volume_of_cells<3, 3>();
+}
+
 // Mass, momentum and angular momentum; of particles with the affine part m eps : (C D) for APIC.
 struct Sums {
   double mass = 0;

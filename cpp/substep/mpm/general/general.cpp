@@ -141,11 +141,12 @@ void set_velocity(const Scheme& scheme, Real share, const PacketVelocities<Real,
   }
 }
 
-// New C, x and fields of one packet of a block, whose v is new.
+// New C, x and fields of one packet of a block, whose v is new; divergence [per cell] of the lanes,
+// or none.
 template <class Real, int D>
 void advance_packet(const Scheme& scheme, Particles<Real, D>& particles, std::int32_t block,
                     std::size_t g, std::int64_t packet, int count, double dt,
-                    const PacketVelocities<Real, D>& from) {
+                    const PacketVelocities<Real, D>& from, const Real* divergence) {
   using V = Vector<Real>;
   constexpr int kWidth = kLanes<Real>;
   ParticleGroup<Real, D>& group = particles.groups[g];
@@ -165,6 +166,9 @@ void advance_packet(const Scheme& scheme, Particles<Real, D>& particles, std::in
       store(C + (i * D + j) * kWidth, V(load<V>(stored[i][j]) * per_cell));
       gradient(i, j) = load<V>(G[i][j]) * per_cell;
     }
+  }
+  if (divergence != nullptr) {
+    gradient = with_divergence<V, D>(gradient, load<V>(divergence) * per_cell);
   }
   if (particles.walls && particles.walls->near(block)) {
     particles.walls->settle(block, before, x, v, group.volume.data() + packet * kWidth,
@@ -277,6 +281,7 @@ void g2p(const Scheme& scheme, Particles<Real, D>& particles, double dt,
       [&](std::int64_t block) {
         Arena<Real, D> arena, plain;
         PacketVelocities<Real, D> velocities, old;
+        alignas(64) Real divergence[kLanes<Real>];
         const auto b = usize(block);
         arena.copy(nodes, layout, b);
         if (flip) copy_before(before, layout, b, plain);
@@ -296,7 +301,13 @@ void g2p(const Scheme& scheme, Particles<Real, D>& particles, double dt,
               } else {
                 set_velocity(scheme, share, velocities, old, v);
               }
-              advance_packet(scheme, particles, at, g, packet, count, dt, velocities);
+              const bool averages = scheme.averages && averages_volume(particles.materials[g]);
+              if (averages) {
+                stencil.divergence(x, count, arena, divergence);
+                std::fill(divergence + count, divergence + kLanes<Real>, divergence[count - 1]);
+              }
+              advance_packet(scheme, particles, at, g, packet, count, dt, velocities,
+                             averages ? divergence : nullptr);
             });
       },
       threads);

@@ -9,7 +9,9 @@
 //       = sum_i w_ip v_i + alpha (v - sum_i w_ip v_i^before) (FLIP, alpha = exp(-flip_rate dt))
 //   C   = sum_i v_i D^-1 w_ip (x_i - x_p)^T
 //   x  <- x + dt sum_i w_ip v_i
-//   F  <- (I + dt G) F, G = sum_i v_i grad w_ip^T (textbook) or C (MLS)
+//   F  <- (I + dt G) F, G = sum_i v_i grad w_ip^T (textbook) or C (MLS); where the material asks
+//   for
+//         it, with the trace of the cells' divergence in the place of its own (packet_passes.h)
 // Textbook: Sulsky, Chen, Schreyer, "A particle method for history-dependent materials", 1994, as
 // in Jiang et al., "The material point method for simulating continuum materials", SIGGRAPH course,
 // 2016. FLIP: Brackbill, Ruppel, "FLIP: a method for adaptively zoned, particle-in-cell
@@ -49,6 +51,7 @@ struct Scheme {
   Form form = Form::kMls;
   double flip_rate = 0;  // [1/s]
   bool musl = false;     // light nodes deform particles by what remap() gives them
+  bool averages = true;  // materials that take their change of volume from the cells do so
 };
 
 // Sets nodes (of particles.layout; sized here) from particles at rest, which do not change, for a

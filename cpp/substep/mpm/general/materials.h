@@ -2,6 +2,8 @@
 // once per packet.
 #pragma once
 
+#include <variant>
+
 #include "substep/mpm/materials/materials.h"
 
 namespace substep::mpm {
@@ -17,5 +19,10 @@ void packet_stress(const AnyMaterial& material, const Real* fields,
 template <class Real, int D>
 void packet_advance(const AnyMaterial& material, Real* fields, bool trial, Real before,
                     const Tensor<Vector<Real>, D>& G, Real dt);
+
+// Whether F takes its change of volume from the cells.
+inline bool averages_volume(const AnyMaterial& material) {
+  return std::visit([]<class M>(const M&) { return averages_volume<M>(); }, material);
+}
 
 }  // namespace substep::mpm

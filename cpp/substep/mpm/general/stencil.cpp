@@ -173,10 +173,37 @@ void gather_values(const Real* x, int count, const Arena<Real, D>& from,
   }
 }
 
+template <class Real, int D, int kOrder>
+void divergence(const Real* x, int count, const Arena<Real, D>& from, Real* to) {
+  using N = NodeVector<Real>;
+  for (int lane = 0; lane < count; ++lane) {
+    const Stencil<Real, D, kOrder> s(x, lane);
+    // By axis and node: the difference of the axis' own component, the mean of the others.
+    N along[D][kOrder + 1];
+    for (int d = 0; d < D; ++d) {
+      for (int k = 0; k <= kOrder; ++k) {
+        along[d][k] = N{} + transfer::corner_weight(s.axis[d], k);
+        along[d][k][d] = s.axis[d].g[k];
+      }
+    }
+    N sum{};
+    s.for_rows([&](int node, const auto& row) {
+      N of_row{};
+      for (int k = 0; k <= kOrder; ++k) {
+        of_row += load<N>(from.nodes + (node + k) * transfer::kNodeReals) * along[s.kLast][k];
+      }
+      for (unsigned d = 0; d < s.kLast; ++d) of_row *= along[d][row[d]];
+      sum += of_row;
+    });
+    to[lane] = 0;
+    for (int d = 0; d < D; ++d) to[lane] += sum[d];
+  }
+}
+
 template <class Real, int D, int kOrder, bool kT, bool kG>
 constexpr Stencils<Real, D> kStencils{scatter<Real, D, kOrder, kT>, gather<Real, D, kOrder, kG>,
                                       scatter_values<Real, D, kOrder>,
-                                      gather_values<Real, D, kOrder>};
+                                      gather_values<Real, D, kOrder>, divergence<Real, D, kOrder>};
 
 }  // namespace
 

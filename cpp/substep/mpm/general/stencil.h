@@ -35,6 +35,9 @@ struct Stencils {
   // The same for p and v alone.
   void (*scatter_values)(const Real* x, int count, const Momenta& from, Arena<Real, D>& to);
   void (*gather_values)(const Real* x, int count, const Arena<Real, D>& from, Velocities& to);
+  // Of each lane: the divergence [per cell] of the cells between the nodes, each a mean over its
+  // corners, interpolated by the spline of one order less.
+  void (*divergence)(const Real* x, int count, const Arena<Real, D>& from, Real* to);
 };
 template <class Real, int D>
 Stencils<Real, D> stencils(int order, bool gradients);

@@ -28,7 +28,7 @@ struct HerschelBulkley {
   static constexpr const char* kName = "herschel_bulkley";
   static constexpr int kTogether = kSideBySide;
   static constexpr bool kHasF = true;  // F_E
-  static constexpr bool kInverts = false;
+  static constexpr bool kInverts = false, kAveragesVolume = true;
   // The integral of g.
   static constexpr std::array<StateField, 1> kState{{{"plastic_strain", "1", 0.0}}};
   template <int D>

@@ -110,6 +110,25 @@ SUBSTEP_INLINE V nan_unless(const Mask& valid) {
   return valid ? V{} : splat<V>(std::numeric_limits<Lane<V>>::quiet_NaN());
 }
 
+// Whether a material's F takes its change of volume from the cells (passes/packet_passes.h): one
+// whose flow keeps volume would lock otherwise.
+template <class M>
+constexpr bool averages_volume() {
+  if constexpr (requires { M::kAveragesVolume; }) {
+    return M::kAveragesVolume;
+  } else {
+    return false;
+  }
+}
+
+// G with this divergence in the place of its own.
+template <class V, int D>
+SUBSTEP_INLINE Tensor<V, D> with_divergence(Tensor<V, D> G, V divergence) {
+  for (int d = 0; d < D; ++d) divergence -= G(d, d);
+  for (int d = 0; d < D; ++d) G(d, d) += divergence * Lane<V>(1.0 / D);
+  return G;
+}
+
 // Bound of the largest eigenvalue (Gershgorin): exact in principal axes.
 template <class V, int D>
 SUBSTEP_INLINE V largest_row(const SymmetricTensor<V, D>& b) {

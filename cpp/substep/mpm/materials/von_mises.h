@@ -16,7 +16,7 @@ struct VonMises {
   static constexpr const char* kName = "von_mises";
   static constexpr int kTogether = kSideBySide;
   static constexpr bool kHasF = true;  // F_E
-  static constexpr bool kInverts = false;
+  static constexpr bool kInverts = false, kAveragesVolume = true;
   static constexpr std::array<StateField, 1> kState{{{"plastic_strain", "1", 0.0}}};  // a
   template <int D>
   static constexpr int kFields = number_of_fields<D>(kHasF, kState);

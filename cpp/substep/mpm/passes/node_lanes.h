@@ -57,6 +57,14 @@ struct Row {
     constexpr Real k[4] = {0, 1, 2, 3};
     return spread(k);
   }
+  // Of the parts that are nodes.
+  SUBSTEP_INLINE Quad<Real> sum_over_nodes() const {
+    Quad<Real> sum{};
+    for (int k = 0; k < 3; ++k) {
+      sum += load<Quad<Real>>(reinterpret_cast<const Real*>(part) + 4 * k);
+    }
+    return sum;
+  }
 
  private:
   static SUBSTEP_INLINE N repeated_vector(const Real* numbers) {

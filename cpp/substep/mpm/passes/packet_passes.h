@@ -4,6 +4,13 @@
 // momentum w_i (m v + Q (i - f)), with Q = dx (m C - dt V_0 4 / dx^2 tau) and i - f in cells; mass
 // w_i m. G2P: v = sum_i w_i v_i, C = 4 / dx sum_i w_i v_i (i - f)^T; then x += dt v, F <- (I + dt
 // C) F.
+//
+// Where particles outnumber nodes, each with a volume of its own to keep, nodes have no freedom
+// left to flow with (volumetric locking). So materials that flow at constant volume take div v from
+// the cells, one number of each: in F's update alone the trace of C is the mean divergence of the
+// cells around the particle (Stencil::divergence). That is the selective reduced integration of
+// finite elements with one pressure a cell (Malkus, Hughes, "Mixed finite element methods - reduced
+// and selective integration techniques", 1978), interpolated as the splines of velocity ask.
 #pragma once
 
 #include <algorithm>
@@ -167,7 +174,11 @@ SUBSTEP_INLINE void advance(const M& material, ParticleGroup<Real, D>& group, co
     Real* const x = packets[k];
     motion[k] = gather<Real, D>(x, from, options.cell);
     set.G[k] = motion[k].C;
-    material.template advance<V, D>(set.fields[k], motion[k].C, options.dt);
+    auto G = motion[k].C;
+    if constexpr (averages_volume<M>()) {
+      G = with_divergence<V, D>(G, Stencil<Real, D>(x).divergence(from) / options.cell);
+    }
+    material.template advance<V, D>(set.fields[k], G, options.dt);
     const Real scale = options.dt / options.cell;
     alignas(64) V before[D], after[D];
     for (int d = 0; d < D; ++d) {

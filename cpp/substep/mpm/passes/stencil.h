@@ -87,6 +87,67 @@ struct alignas(64) Stencil {
     }
     to_lanes<Real, D + 1>(numbers, reinterpret_cast<Real*>(sums));
   }
+
+  // The mean divergence of u in the 2^D cells between the nodes [per cell], interpolated linearly
+  // from their centres. Along an axis a cell is a difference of its own component and a mean of the
+  // others.
+  SUBSTEP_INLINE V divergence(const Arena<Real, D>& arena) const {
+    using R = Row<Real>;
+    constexpr int kX = Arena<Real, D>::kRow * transfer::kArena, kY = Arena<Real, D>::kRow;
+    static constexpr Differences all;
+    R weights[D - 1][2];  // of the lower and the upper node of a cell
+    for (int d = 0; d < D - 1; ++d) {
+      for (int k = 0; k < 2; ++k) weights[d][k] = R::repeated(all.of[d][k]);
+    }
+    const R first_cell = R::at(all.rows[0]), second_cell = R::at(all.rows[1]);
+    const auto upper = [this](int d, int lane) {
+      return reinterpret_cast<const Real*>(&f[d])[lane] - static_cast<Real>(0.5);
+    };
+    // Of three rows along axis d, whose second cell weighs t.
+    const auto along = [&](int d, Real t, const R& u0, const R& u1, const R& u2) {
+      const R low = multiply_add(1 - t, u0, t * u1), high = multiply_add(1 - t, u1, t * u2);
+      return multiply_add(weights[d][1], high, weights[d][0] * low);
+    };
+    alignas(64) Real result[kWidth];
+    for (int l = 0; l < kWidth; ++l) {
+      const Real* const p = arena.nodes + first[l];
+      const Real tx = upper(0, l), tz = upper(D - 1, l);
+      R sum;
+      if constexpr (D == 3) {
+        const Real ty = upper(1, l);
+        R slices[3];
+        for (int i = 0; i < 3; ++i) {
+          const Real* const q = p + i * kX;
+          slices[i] = along(1, ty, R::at(q), R::at(q + kY), R::at(q + 2 * kY));
+        }
+        sum = along(0, tx, slices[0], slices[1], slices[2]);
+      } else {
+        sum = along(0, tx, R::at(p), R::at(p + kY), R::at(p + 2 * kY));
+      }
+      const auto parts =
+          (sum * multiply_add(tz, second_cell, (1 - tz) * first_cell)).sum_over_nodes();
+      result[l] = parts[0] + parts[1] + (D == 3 ? parts[2] : 0);
+    }
+    return load<V>(result);
+  }
+
+ private:
+  // A cell's weights of the numbers of its lower and its upper node, by the axis; and along the
+  // last axis those of a row's nodes, of its two cells.
+  struct Differences {
+    Real of[D][2][4] = {}, rows[2][16] = {};
+    constexpr Differences() {
+      for (int d = 0; d < D; ++d) {
+        for (int c = 0; c < D; ++c) {
+          of[d][0][c] = static_cast<Real>(c == d ? -1 : 0.5);
+          of[d][1][c] = static_cast<Real>(c == d ? 1 : 0.5);
+        }
+      }
+      for (int cell = 0; cell < 2; ++cell) {
+        for (int k = 0; k < 8; ++k) rows[cell][4 * cell + k] = of[D - 1][k / 4][k % 4];
+      }
+    }
+  };
 };
 
 // Adds w_i (B + Q i) to the nodes of particles one by one; those of one cell, which follow each

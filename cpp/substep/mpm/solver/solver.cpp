@@ -305,8 +305,13 @@ typename Solver<Real, D>::Trial Solver<Real, D>::judged(const NodeCheck& nodes) 
 
 template <class Real, int D>
 Scheme Solver<Real, D>::scheme() const {
-  const bool musl = options_.order == 1 && options_.integrator == Integrator::kExplicit;
-  return {options_.order, options_.transfer, options_.form, options_.flip_rate, musl};
+  const bool is_explicit = options_.integrator == Integrator::kExplicit;
+  return {options_.order,
+          options_.transfer,
+          options_.form,
+          options_.flip_rate,
+          options_.order == 1 && is_explicit,
+          is_explicit};
 }
 
 template <class Real, int D>
