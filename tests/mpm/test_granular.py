@@ -191,4 +191,4 @@ def test_the_slump_of_mud_does_not_depend_on_stiffness():
     """0.322, 0.326 and 0.332 of the height; by each particle's own volume 0.192, 0.125, 0.063."""
     slumps = [slump(stiffness, 16) for stiffness in (100, 300, 1000)]
     assert np.ptp(slumps) < 0.05 * min(slumps)
-    assert slumps == pytest.approx(PASHIAS, abs=0.055)
+    assert np.mean(slumps) == pytest.approx(PASHIAS, abs=0.05)
