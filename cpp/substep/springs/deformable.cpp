@@ -210,6 +210,7 @@ bool Deformable::implicit_step(double h) {
     if (nearest_.distance <= 0.0) return false;  // squeezed: smaller steps
   }
   potential_->begin_step(x_n, y, h);
+  start_ahead(h, x);
   if (!minimise(x)) return false;
   for (std::size_t i = 0; i < x.size(); ++i) velocities[i] = (x[i] - x_n[i]) / h;
   positions = x;  // in place: others look at it
@@ -217,6 +218,19 @@ bool Deformable::implicit_step(double h) {
     set_exchanges(contacts, *barrier_, *friction_, positions, velocities, h, options.threads);
   }
   return true;
+}
+
+// The minimisation starts where the vertices would be without forces, if that is a better place: of
+// lower energy, and nothing is touched on the way there or at its end.
+void Deformable::start_ahead(double h, std::vector<Vec3>& x) {
+  std::vector<Vec3> way(x.size());
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    way[i] = pinned()[i] ? Vec3(Vec3::Zero()) : Vec3(h * velocities[i]);
+  }
+  const std::vector<Vec3> ahead = moved(x, 1.0, way);
+  if (potential_->step_bound(x, way) < 1.0) return;
+  if (closest_vertex(contacts, ahead).distance < contacts.thickness) return;
+  if (potential_->energy(ahead) < potential_->energy(x)) x = ahead;
 }
 
 // Minimises, and lags friction at what was found, until that changes nothing.

@@ -83,6 +83,7 @@ class Deformable {
   void explicit_step(double h);
   void implicit_steps(double h, int halvings);
   bool implicit_step(double h);
+  void start_ahead(double h, std::vector<Vec3>& x);
   bool minimise(std::span<Vec3> x);
   void check_finite(double h) const;
   [[noreturn]] void throw_not_finite(std::size_t i, double h) const;

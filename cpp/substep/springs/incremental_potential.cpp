@@ -1,6 +1,7 @@
 #include "substep/springs/incremental_potential.h"
 
 #include <algorithm>
+#include <limits>
 #include <utility>
 
 #include "substep/core/errors.h"
@@ -158,8 +159,14 @@ void IncrementalPotential::begin_step(Positions x_n, Positions y, double h) {
   h_ = h;
   x_n_.assign(x_n.begin(), x_n.end());
   y_.assign(y.begin(), y.end());
+  for (const auto& term : terms_) term->lag(x_n);
+}
+
+void IncrementalPotential::follow(Positions x, Positions dx) {
   for (const auto& term : terms_) {
-    if (term->dissipative()) term->lag(x_n);
+    parallel_for(
+        element_count(*term), kGrain,
+        [&](std::int64_t begin, std::int64_t end) { term->follow(x, dx, begin, end); }, threads_);
   }
 }
 
@@ -188,6 +195,18 @@ double IncrementalPotential::energy(Positions x) {
     sum += term->dissipative() ? h_ * sum_energies(*term, velocity_) : sum_energies(*term, x);
   }
   return sum;
+}
+
+double IncrementalPotential::energy_rounding(Positions x) const {
+  constexpr double kRounding = std::numeric_limits<double>::epsilon();
+  return sum_in_order(vertices(), threads_, [&](std::int64_t begin, std::int64_t end) {
+    double part = 0.0;
+    for (std::int64_t i = begin; i < end; ++i) {
+      if (pinned_[i]) continue;
+      part += kRounding * masses_[i] / (h_ * h_) * (x[i] - y_[i]).norm() * x[i].norm();
+    }
+    return part;
+  });
 }
 
 double IncrementalPotential::elastic_energy(Positions x) const {

@@ -55,9 +55,13 @@ class IncrementalPotential {
   void begin_step(Positions x_n, Positions y, double h);
 
   double energy(Positions x);
+  // What energy(x) is good to, as x and y are rounded.
+  double energy_rounding(Positions x) const;
   void gradient(Positions x, std::span<Vec3> g);
   // Gradient, and Hessian as the values of pattern(); `kept` as in Term::derivatives.
   void assemble(Positions x, double kept, std::span<Vec3> g, std::span<double> values);
+  // The minimiser goes from x to x + dx (Term::follow).
+  void follow(Positions x, Positions dx);
   // The largest step in (0, 1] along dx that all terms allow.
   double step_bound(Positions x, Positions dx) const;
 

@@ -32,10 +32,27 @@ void SpringTerm::derivatives(Positions x, std::int64_t begin, std::int64_t end, 
     const Vec3 u = inverse * e;
     gradient[s - begin] = k * (length - r) * u;
     if (hessian == nullptr) continue;
-    double across = length > 0.0 ? 1.0 - r * inverse : 0.0;  // (1 - r/l)
+    double across = tensions_[s] * inverse;  // T / l
     if (across < 0.0) across *= kept;
-    hessian[s - begin] = k * (1.0 - across) * u * u.transpose();
-    hessian[s - begin].diagonal().array() += k * across;
+    hessian[s - begin] = (k - across) * u * u.transpose();
+    hessian[s - begin].diagonal().array() += across;
+  }
+}
+
+void SpringTerm::lag(Positions x) {
+  tensions_.resize(springs_->stiffness.size());
+  for (std::size_t s = 0; s < tensions_.size(); ++s) {
+    const double length = between(*springs_, x, static_cast<std::int64_t>(s)).norm();
+    tensions_[s] = springs_->stiffness[s] * (length - springs_->rest_lengths[s]);
+  }
+}
+
+void SpringTerm::follow(Positions x, Positions dx, std::int64_t begin, std::int64_t end) {
+  for (std::int64_t s = begin; s < end; ++s) {
+    const Vec3 e = between(*springs_, x, s);
+    const double length = e.norm();
+    const double longer = length > 0.0 ? e.dot(between(*springs_, dx, s)) / length : 0.0;
+    tensions_[s] = springs_->stiffness[s] * (length + longer - springs_->rest_lengths[s]);
   }
 }
 

@@ -5,6 +5,16 @@
 // The second part of H is negative where the spring is shorter than its rest length r: its
 // projection keeps u u^T alone.
 //
+// H takes the tension T = k (l - r) not as it is but as the last step dx of the minimiser foresaw
+// it,
+//   T = k (l - r + u . (dx_i - dx_j))   with l and u from before that step,
+// which is Newton's method on x and T together (Tournier et al., "Stable constrained dynamics",
+// SIGGRAPH 2015; Trusty, Kaufman, Levin, "Mixed variational finite elements for implicit simulation
+// of deformables", SIGGRAPH Asia 2022, with T in the place of their stretch). A spring that turns
+// by a small angle a in a step gets longer by l a^2 / 2: times a large k that is a force beyond all
+// others, gone with the next step, and the H that believed in it would hold all vertices fast.
+// Where a step was shortened, T is as it is.
+//
 // Damped, with u lagged:
 //   D = c/2 (u . (v_i - v_j))^2,   g_i = c (u . (v_i - v_j)) u,   H_ii = c u u^T.
 #pragma once
@@ -34,9 +44,12 @@ class SpringTerm : public Term {
   void derivatives(Positions x, std::int64_t begin, std::int64_t end, double kept, Vec3* gradient,
                    Mat3* hessian) const override;
   double curvature_bound(std::int64_t e) const override { return springs_->stiffness[e]; }
+  void lag(Positions x) override;
+  void follow(Positions x, Positions dx, std::int64_t begin, std::int64_t end) override;
 
  private:
   std::shared_ptr<const Springs> springs_;
+  std::vector<double> tensions_;  // T of each spring [N]
 };
 
 class SpringDampingTerm : public Term {

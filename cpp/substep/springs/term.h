@@ -28,9 +28,14 @@ class Term {
   // gradient and the Hessian block of a only; those of b follow: g_b = -g_a, H_ab = -H_aa.
   virtual bool difference() const { return false; }
 
-  // Whether this is D(v) rather than W(x); lag() fixes its directions at the start of a step.
+  // Whether this is D(v) rather than W(x).
   virtual bool dissipative() const { return false; }
+  // At the start of a step: fixes the directions of D(v), and what follow() carries on.
   virtual void lag(Positions /*x*/) {}
+  // The minimiser goes from x to x + dx: forces that the Hessian takes as they were foreseen, for
+  // the elements [begin, end).
+  virtual void follow(Positions /*x*/, Positions /*dx*/, std::int64_t /*begin*/,
+                      std::int64_t /*end*/) {}
 
   // The sum over the elements [begin, end); infinity where the energy is not defined.
   virtual double energy(Positions x, std::int64_t begin, std::int64_t end) const = 0;
