@@ -143,22 +143,24 @@ void bind_pbf(py::module_& m) {
       .def_property_readonly("report", &Liquid::report)
       .def_property_readonly("energies", &Liquid::energies)
       .def_property_readonly("fastest", &Liquid::fastest)
-      .def_property_readonly("volume", &Liquid::volume)
+      .def_property_readonly("lone_density", &Liquid::lone_density)
       .def_property_readonly("layers",
                              [](const Liquid& self) { return column(self.counts().layers); })
       .def_property_readonly("absorbed",
                              [](const Liquid& self) { return column(self.counts().absorbed); })
       .def("ids", [](const Liquid& self) { return column(self.ids()); })
       .def("fluids", [](const Liquid& self) { return column(self.fluids()); })
-      .def("densities",
-           [](Liquid& self) {
-             std::vector<double> values;
-             {
-               const py::gil_scoped_release released;
-               values = self.densities();
-             }
-             return column(values);
-           })
+      .def(
+          "densities",
+          [](Liquid& self, bool with_walls) {
+            std::vector<double> values;
+            {
+              const py::gil_scoped_release released;
+              values = self.densities(with_walls);
+            }
+            return column(values);
+          },
+          py::arg("with_walls") = true)
       .def("positions", rows_of(&Liquid::positions))
       .def("velocities", rows_of(&Liquid::velocities))
       .def("set_positions", set_rows(&Liquid::set_positions), py::arg("values").noconvert(),

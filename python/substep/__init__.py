@@ -17,6 +17,7 @@ _EXPORTS = {
         "NonFiniteError",
         "SingularMatrixError",
         "SolverError",
+        "StartWarning",
         "SubstepError",
         "TruncatedError",
         "VersionError",

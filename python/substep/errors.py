@@ -14,6 +14,7 @@ __all__ = [
     "NonFiniteError",
     "SingularMatrixError",
     "SolverError",
+    "StartWarning",
     "SubstepError",
     "TruncatedError",
     "VersionError",
@@ -122,3 +123,7 @@ class CorruptError(FormatError):
 
 class VersionError(FormatError):
     """A file was written by a version, or on a machine, that this one cannot read."""
+
+
+class StartWarning(UserWarning):
+    """A simulation starts from a state that can hardly be meant."""

@@ -202,6 +202,7 @@ def one_try(subject, wanted, r, counts, label):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             warnings.filterwarnings("ignore", "At least one element of `rtol`")  # as SciPy's own
+            warnings.simplefilter("ignore", substep.StartWarning)
             wanted.on(owner, arguments)
             if wanted.name.endswith("=") and not isinstance(owner, Simulation):
                 before = look(owner)  # it was taken: the next call goes by it

@@ -73,6 +73,7 @@ def test_comes_out_without_energy(method, ground, when):
     assert np.abs(given).max() < 1e-3 * simulation.masses.sum()
 
 
+@pytest.mark.filterwarnings("ignore::substep.StartWarning")
 @pytest.mark.parametrize("shape", ["ball", "block"])
 @pytest.mark.parametrize("depth", [0.026, 0.03, 0.05, 0.09, 0.1])  # [m], of layers of 0.03 m
 def test_a_liquid_is_parted_at_any_depth(shape, depth):

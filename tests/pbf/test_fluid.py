@@ -414,6 +414,7 @@ def test_far_apart_particles_are_legal(dtype):
     assert e.value.index == 0 and state_hash(liquid) == moving != before
 
 
+@pytest.mark.filterwarnings("ignore::substep.StartWarning")
 @pytest.mark.parametrize("n", [2, 27, 1000])
 def test_coincident_particles_stay_finite(n):
     x = np.tile([[0.3, 0.2, 0.1]], (n, 1))
@@ -427,7 +428,8 @@ def test_coincident_particles_stay_finite(n):
 def test_ten_thousand_particles_in_one_cell_spread():
     rng = np.random.default_rng(2)
     x = rng.uniform(0, 0.05, (10_000, 3))
-    liquid = substep.PositionBasedFluid(x, 0.1, gravity=(0, 0, 0), max_iterations=2)
+    with pytest.warns(substep.StartWarning, match="10000 of 10000 particles are too close"):
+        liquid = substep.PositionBasedFluid(x, 0.1, gravity=(0, 0, 0), max_iterations=2)
     liquid.step(1e-2)
     assert liquid.report.limited > 1000
     moved = np.linalg.norm(liquid.positions - x, axis=1)
@@ -577,13 +579,15 @@ def test_short_steps_give_a_splash_no_energy(cfl):
     assert 0.5 * energies[0] < energies[-1] < 0.95 * energies[0]
 
 
-def slosh(height, duration, **options):
+def slosh(height, duration, n=40, seed=None, **options):
     """A linear wave in a tank 1 m long: its amplitude over that of the start, and its period over
     that of omega^2 = g k tanh(k h)."""
-    n, length, amplitude = 40, 1.0, 0.01
+    length, amplitude = 1.0, 0.01
     k = math.pi / length
     omega = math.sqrt(9.81 * k * math.tanh(k * height))
     x = block((n, round(n * height)), length / n)
+    if seed is not None:
+        x += np.random.default_rng(seed).normal(0, 1e-4 / n, x.shape)
     speed = amplitude * omega / math.sinh(k * height)
     start = speed * np.stack(
         [np.sin(k * x[:, 0]) * np.cosh(k * x[:, 1]), -np.cos(k * x[:, 0]) * np.sinh(k * x[:, 1])],
@@ -616,5 +620,13 @@ def test_sloshing_is_a_little_fast():
 
 @pytest.mark.parametrize("height", [0.25, 0.5, 1.0])
 def test_divergence_free_sloshing_has_its_period(height):
-    _, period = slosh(height, 6, divergence_free=True)
-    assert period == pytest.approx(1, abs=0.015)
+    """Within 1 %, the mean of three starts that differ by 1e-4 spacings: -0.8 to -0.4 %."""
+    found = [slosh(height, 6, seed=seed, divergence_free=True) for seed in range(3)]
+    assert np.mean([period for _, period in found]) == pytest.approx(1, abs=0.01)
+
+
+@pytest.mark.slow
+def test_a_finer_tank_sloshes_with_half_the_error():
+    amplitude, period = slosh(0.5, 6, n=80, divergence_free=True)
+    assert period == pytest.approx(1, abs=0.005)
+    assert amplitude == pytest.approx(1, abs=0.05)

@@ -110,6 +110,25 @@ SUBSTEP_INLINE PointLanes<V> load_points(const Point<Lane<V>>* points, const std
   return load_rows<V>([&](int lane) { return points + index[lane]; });
 }
 
+// numbers[index[0]], numbers[index[1]], ... by lane.
+template <class V>
+SUBSTEP_INLINE V gather(const Lane<V>* numbers, const std::int32_t* index) {
+#if defined(__AVX512F__)
+  if constexpr (sizeof(V) == 64 && sizeof(Lane<V>) == 4) {
+    return reinterpret_cast<V>(_mm512_i32gather_ps(_mm512_loadu_si512(index), numbers, 4));
+  }
+#endif
+#if defined(__AVX2__)
+  if constexpr (sizeof(V) == 32 && sizeof(Lane<V>) == 4) {
+    const auto* at = reinterpret_cast<const __m256i*>(index);
+    return reinterpret_cast<V>(_mm256_i32gather_ps(numbers, _mm256_loadu_si256(at), 4));
+  }
+#endif
+  V lanes;
+  for (unsigned k = 0; k < sizeof(V) / sizeof(Lane<V>); ++k) lanes[k] = numbers[index[k]];
+  return lanes;
+}
+
 // The sum over the lanes, in pairs, so always in the same order.
 template <class V>
 SUBSTEP_INLINE Lane<V> sum_lanes(const V& a) {

@@ -450,7 +450,8 @@ void Fluid<Real>::project(double dt) {
         sum.w += static_cast<Real>(along.dot(velocity));
       },
       options.threads);
-  lambda_.resize(usize(n));
+  lambda_.resize(usize(n) + 1);
+  lambda_[usize(n)] = 0;
   const auto ratio = static_cast<Real>(last_dt > 0 ? dt / last_dt : 0);
   for (std::int64_t i = 0; i < n; ++i) lambda_[usize(i)] = ratio * old_v_[usize(i)].w;
   new_report_.projection = projection_.project(near, pushes_, dt, options.divergence_tolerance,
@@ -588,7 +589,7 @@ Energies Fluid<Real>::energies() const {
 }
 
 template <class Real>
-std::vector<Real> Fluid<Real>::densities() const {
+std::vector<Real> Fluid<Real>::densities(bool with_walls) const {
   geometry::Neighbours<Real> neighbours(options.density.dimension);
   const auto h = static_cast<Real>(density.radius());
   neighbours.sort(particles.x, h, options.threads);
@@ -597,13 +598,17 @@ std::vector<Real> Fluid<Real>::densities() const {
   x.reserve(order.size() + 1);
   for (const std::int32_t i : order) x.push_back(particles.x[i]);
   neighbours.find(x, h, geometry::Pairs::kFull, options.threads);
-  Boundary<Real> walls = boundary;
-  walls.place_layers(flow.counts.layers, time);
-  walls.find_near(x, options.threads);
   std::vector<Real> sorted(order.size()), result(order.size());
-  const auto contributions = walls.contributions(x, options.threads);
+  std::vector<Point<Real>> shares(x.size());
+  if (with_walls) {
+    Boundary<Real> walls = boundary;
+    walls.place_layers(flow.counts.layers, time);
+    walls.find_near(x, options.threads);
+    const auto found = walls.contributions(x, options.threads);
+    shares.assign(found.begin(), found.end());
+  }
   x.push_back(density.far_point());
-  density.densities(x, neighbours, contributions, sorted, options.threads);
+  density.densities(x, neighbours, shares, sorted, options.threads);
   for (std::size_t k = 0; k < order.size(); ++k) result[order[k]] = sorted[k];
   return result;
 }

@@ -81,9 +81,9 @@ class LiquidOf final : public Liquid {
   std::vector<double> velocities() const override {
     return vectors([&](std::size_t i) { return xyz(fluid_.particles.v[i]); });
   }
-  std::vector<double> densities() override {
+  std::vector<double> densities(bool with_walls) override {
     read_colliders();
-    const std::vector<Real> values = fluid_.densities();
+    const std::vector<Real> values = fluid_.densities(with_walls);
     return column<double>([&](std::size_t i) { return static_cast<double>(values[i]); });
   }
   void set_positions(std::span<const Vec3> x, Places places) override {
@@ -111,7 +111,7 @@ class LiquidOf final : public Liquid {
   FluidReport report() const override { return fluid_.report; }
   Energies energies() const override { return fluid_.energies(); }
   double fastest() const override { return fluid_.fastest(); }
-  double volume() const override { return fluid_.density.volume(); }
+  double lone_density() const override { return fluid_.density.volume() * fluid_.density.value(0); }
   const geometry::ParticleFlow::Counts& counts() const override { return fluid_.flow.counts; }
 
   LiquidState state() const override {

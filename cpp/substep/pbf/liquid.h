@@ -41,9 +41,9 @@ class Liquid {
   virtual int dimension() const = 0;
   virtual std::vector<std::int64_t> ids() const = 0;
   virtual std::vector<std::int32_t> fluids() const = 0;
-  virtual std::vector<double> positions() const = 0;   // (n, dimension) [m]
-  virtual std::vector<double> velocities() const = 0;  // (n, dimension) [m/s]
-  virtual std::vector<double> densities() = 0;         // (n), see Fluid::densities()
+  virtual std::vector<double> positions() const = 0;           // (n, dimension) [m]
+  virtual std::vector<double> velocities() const = 0;          // (n, dimension) [m/s]
+  virtual std::vector<double> densities(bool with_walls) = 0;  // (n), see Fluid::densities()
   virtual void set_positions(std::span<const Vec3> x, Places places) = 0;
   virtual void set_velocities(std::span<const Vec3> v, Places places) = 0;
   virtual void set_forces(std::span<const Vec3> f, Places places) = 0;
@@ -55,7 +55,7 @@ class Liquid {
   virtual FluidReport report() const = 0;
   virtual Energies energies() const = 0;
   virtual double fastest() const = 0;
-  virtual double volume() const = 0;
+  virtual double lone_density() const = 0;  // of a particle that has no neighbours
   virtual const geometry::ParticleFlow::Counts& counts() const = 0;
 
   virtual LiquidState state() const = 0;

@@ -21,93 +21,106 @@ Real gradient_scale(const Neighbourhood<Real>& near) {
 template <class Real>
 void VelocityProjection<Real>::prepare(const Neighbourhood<Real>& near, const Walls& walls,
                                        double surface_density, double dt) {
+  find_corrections(near, walls, surface_density, dt);
+  find_gradients(near);
+}
+
+template <class Real>
+void VelocityProjection<Real>::find_corrections(const Neighbourhood<Real>& near, const Walls& walls,
+                                                double surface_density, double dt) {
   using V = Vector<Real>;
   constexpr double kLeastDeterminant = 0.2;  // of 1 in the lattice
   const std::int64_t n = near.size();
-  l_.resize(usize(n)), allowed_.resize(usize(n)), own_.resize(usize(n));
+  l_.resize(usize(n) + 1), allowed_.resize(usize(n));
+  l_[usize(n)] = Symmetric<Real>::identity();
   const Real k = gradient_scale(near), value = near.volume * kernel_scale(near);
   const Real own = value * CubicSpline::value(Vector<Real>{})[0];
   const bool planar = near.dimension == 2;
   const auto particle = [&](std::int64_t i) {
-    PointLanes<V> g{}, m{}, q{};  // of gradients, and W; of M: xx, yy, zz; and of squares
-    V mxy{}, mxz{}, myz{}, qxy{}, qxz{}, qyz{};
+    PointLanes<V> m{}, off{};  // of M: xx, yy, zz; and xy, xz, yz; w: of W
     for_pairs<V>(near, i, [&](const PairLanes<V>& pair) {
       const V f = CubicSpline::slope<V>(pair.q) * pair.inverse_r;
       const V fx = f * pair.x, fy = f * pair.y, fz = f * pair.z;
-      const V wf = pair.inverse_mass * f;
-      g.w += CubicSpline::value<V>(pair.q);
-      g.x += fx, g.y += fy, g.z += fz;
+      m.w += CubicSpline::value<V>(pair.q);
       m.x = fma<V>(fx, pair.x, m.x), m.y = fma<V>(fy, pair.y, m.y), m.z = fma<V>(fz, pair.z, m.z);
-      mxy = fma<V>(fx, pair.y, mxy), mxz = fma<V>(fx, pair.z, mxz), myz = fma<V>(fy, pair.z, myz);
-      const V qx = wf * pair.x, qy = wf * pair.y, qz = wf * pair.z;
-      q.x = fma<V>(fx, qx, q.x), q.y = fma<V>(fy, qy, q.y), q.z = fma<V>(fz, qz, q.z);
-      qxy = fma<V>(fx, qy, qxy), qxz = fma<V>(fx, qz, qxz), qyz = fma<V>(fy, qz, qyz);
+      off.x = fma<V>(fx, pair.y, off.x);
+      off.y = fma<V>(fx, pair.z, off.y);
+      off.z = fma<V>(fy, pair.z, off.z);
     });
-    const Symmetric<Real>& moment = walls.moments[usize(i)];
-    const Real density = value * sum_lanes(g.w) + own + walls.contributions[usize(i)].w;
+    const Quad<Real> diagonal = sum_points<V>(m), rest = sum_points<V>(off);
+    const Symmetric<Real>& wall = walls.moments[usize(i)];
+    const Real density = value * diagonal[3] + own + walls.contributions[usize(i)].w;
     const double room = surface_density - double(density);
     allowed_[usize(i)] = static_cast<Real>(std::max(0.0, room) / dt);
-    Symmetric<Real> m_i{
-        {moment.diagonal.x - k * sum_lanes(m.x), moment.diagonal.y - k * sum_lanes(m.y),
-         planar ? Real(1) : moment.diagonal.z - k * sum_lanes(m.z), 0},
-        {moment.off.x - k * sum_lanes(mxy), moment.off.y - k * sum_lanes(mxz),
-         moment.off.z - k * sum_lanes(myz), 0}};
-    Symmetric<Real>& l = l_[usize(i)];
+    const Symmetric<Real> m_i{
+        {wall.diagonal.x - k * diagonal[0], wall.diagonal.y - k * diagonal[1],
+         planar ? Real(1) : wall.diagonal.z - k * diagonal[2], 0},
+        {wall.off.x - k * rest[0], wall.off.y - k * rest[1], wall.off.z - k * rest[2], 0}};
     const bool within = room < 0 && m_i.determinant() > kLeastDeterminant;
-    l = within ? m_i.inverse() : Symmetric<Real>::identity();
-    const Point<Real> sum =
-        l.times({k * sum_lanes(g.x), k * sum_lanes(g.y), k * sum_lanes(g.z), 0});
-    // sum_j w_j |L g_ij|^2 = trace(L Q L), Q = sum_j w_j g_ij g_ij^T
-    const Symmetric<Real> squares{{sum_lanes(q.x), sum_lanes(q.y), sum_lanes(q.z), 0},
-                                  {sum_lanes(qxy), sum_lanes(qxz), sum_lanes(qyz), 0}};
-    const Point<Real> rows[3] = {l.times({1, 0, 0, 0}), l.times({0, 1, 0, 0}),
-                                 l.times({0, 0, 1, 0})};
-    Real trace = 0;
-    for (const Point<Real>& row : rows) {
-      const Point<Real> along = squares.times(row);
-      trace += row.x * along.x + row.y * along.y + row.z * along.z;
-    }
-    own_[usize(i)] = {sum.x, sum.y, sum.z, k * k * trace};
+    l_[usize(i)] = within ? m_i.inverse() : Symmetric<Real>::identity();
+  };
+  for_particles(n, particle, near.threads);
+}
+
+template <class Real>
+void VelocityProjection<Real>::find_gradients(const Neighbourhood<Real>& near) {
+  using V = Vector<Real>;
+  constexpr std::int64_t kLanes = sizeof(V) / sizeof(Real);
+  const std::int64_t n = near.size();
+  begin_.resize(usize(n)), own_.resize(usize(n));
+  std::int64_t blocks = 0;
+  for (std::int64_t i = 0; i < n; ++i) {
+    begin_[usize(i)] = blocks;
+    blocks += (near.lists[i].count + kLanes - 1) / kLanes;
+  }
+  if (rows_.size() < usize(blocks)) rows_.resize(usize(blocks)), columns_.resize(usize(blocks));
+  const Real k = gradient_scale(near);
+  const auto particle = [&](std::int64_t i) {
+    const Symmetric<Real>& l = l_[usize(i)];
+    std::size_t at = usize(begin_[usize(i)]);
+    PointLanes<V> sum{};
+    for_pairs<V>(near, i, [&](const PairLanes<V>& pair) {
+      const V f = k * CubicSpline::slope<V>(pair.q) * pair.inverse_r;
+      const V gx = f * pair.x, gy = f * pair.y, gz = f * pair.z;
+      const auto diagonal = load_rows<V>([&](int j) { return &l_[usize(pair.index[j])].diagonal; });
+      const auto off = load_rows<V>([&](int j) { return &l_[usize(pair.index[j])].off; });
+      const V x = l.diagonal.x * gx + l.off.x * gy + l.off.y * gz,
+              y = l.off.x * gx + l.diagonal.y * gy + l.off.z * gz,
+              z = l.off.y * gx + l.off.z * gy + l.diagonal.z * gz;
+      rows_[at] = {x, y, z};
+      columns_[at] = {diagonal.x * gx + off.x * gy + off.y * gz,
+                      off.x * gx + diagonal.y * gy + off.z * gz,
+                      off.y * gx + off.z * gy + diagonal.z * gz};
+      ++at;
+      sum.x += x, sum.y += y, sum.z += z;
+      sum.w = fma<V>(pair.inverse_mass, fma<V>(x, x, fma<V>(y, y, z * z)), sum.w);
+    });
+    store_quad(own_[usize(i)], sum_points<V>(sum));
   };
   for_particles(n, particle, near.threads);
 }
 
 // u = M^-1 c'^T lambda.
 template <class Real>
-void VelocityProjection<Real>::spread(std::span<const Real> lambda, const Neighbourhood<Real>& near,
-                                      std::span<const Point<Real>> walls) {
+void VelocityProjection<Real>::spread(std::span<const Real> lambda,
+                                      const Neighbourhood<Real>& near) {
   using V = Vector<Real>;
-  const std::int64_t n = near.size();
-  const Real k = gradient_scale(near);
-  for_particles(
-      n,
-      [&](std::int64_t i) {
-        const Symmetric<Real>& l = l_[usize(i)];
-        const Real a = lambda[usize(i)];
-        s_[usize(i)] = {a * l.diagonal.x, a * l.diagonal.y, a * l.diagonal.z, 0};
-        t_[usize(i)] = {a * l.off.x, a * l.off.y, a * l.off.z, 0};
-      },
-      near.threads);
+  constexpr int kLanes = sizeof(V) / sizeof(Real);
   const auto particle = [&](std::int64_t i) {
-    const Point<Real> si = s_[usize(i)], ti = t_[usize(i)];
-    PointLanes<V> u{};
-    for_pairs<V>(near, i, [&](const PairLanes<V>& pair) {
-      const PointLanes<V> sj = load_points<V>(s_.data(), pair.index),
-                          tj = load_points<V>(t_.data(), pair.index);
-      const V f = CubicSpline::slope<V>(pair.q) * pair.inverse_r;
-      const V fx = f * pair.x, fy = f * pair.y, fz = f * pair.z;
-      const V xy = ti.x + tj.x, xz = ti.y + tj.y, yz = ti.z + tj.z;
-      u.x = fma<V>(si.x + sj.x, fx, fma<V>(xy, fy, fma<V>(xz, fz, u.x)));
-      u.y = fma<V>(xy, fx, fma<V>(si.y + sj.y, fy, fma<V>(yz, fz, u.y)));
-      u.z = fma<V>(xz, fx, fma<V>(yz, fy, fma<V>(si.z + sj.z, fz, u.z)));
-    });
-    const Quad<Real> sum = sum_points<V>(u);
-    const Point<Real>& wall = walls[usize(i)];
+    const geometry::NeighbourList list = near.lists[i];
+    const Gradients* g = columns_.data() + begin_[usize(i)];
+    V x{}, y{}, z{};
+    for (int at = 0; at < list.count; at += kLanes, ++g) {
+      const V of_j = gather<V>(lambda.data(), list.indices + at);
+      x = fma<V>(of_j, g->x, x), y = fma<V>(of_j, g->y, y), z = fma<V>(of_j, g->z, z);
+    }
+    const Quad<Real> sum = sum_points<V>({x, y, z, V{}});
+    const Point<Real>& own = own_[usize(i)];
     const Real a = lambda[usize(i)], w = near.x[usize(i)].w;
-    u_[usize(i)] = {w * (k * sum[0] + a * wall.x), w * (k * sum[1] + a * wall.y),
-                    w * (k * sum[2] + a * wall.z), 0};
+    u_[usize(i)] = {w * (sum[0] + a * own.x), w * (sum[1] + a * own.y), w * (sum[2] + a * own.z),
+                    0};
   };
-  for_particles(n, particle, near.threads);
+  for_particles(near.size(), particle, near.threads);
 }
 
 // The sum of use(i, c_i(v)).
@@ -118,30 +131,19 @@ double VelocityProjection<Real>::compress(std::span<const Point<Real>> v,
                                           std::span<const Point<Real>> walls,
                                           const Use& use) const {
   using V = Vector<Real>;
-  const Real k = gradient_scale(near);
+  constexpr int kLanes = sizeof(V) / sizeof(Real);
   return ordered_sum(
       near.size(),
       [&](std::int64_t i) {
-        const Point<Real> vi = v[usize(i)];
-        PointLanes<V> d{}, o{};
-        for_pairs<V>(near, i, [&](const PairLanes<V>& pair) {
-          const PointLanes<V> vj = load_points<V>(v.data(), pair.index);
-          const V f = CubicSpline::slope<V>(pair.q) * pair.inverse_r;
-          const V ux = f * (vi.x - vj.x), uy = f * (vi.y - vj.y), uz = f * (vi.z - vj.z);
-          d.x = fma<V>(pair.x, ux, d.x);
-          d.y = fma<V>(pair.y, uy, d.y);
-          d.z = fma<V>(pair.z, uz, d.z);
-          o.x = fma<V>(pair.x, uy, fma<V>(pair.y, ux, o.x));
-          o.y = fma<V>(pair.x, uz, fma<V>(pair.z, ux, o.y));
-          o.z = fma<V>(pair.y, uz, fma<V>(pair.z, uy, o.z));
-        });
-        const Symmetric<Real>& l = l_[usize(i)];
-        const Quad<Real> ds = sum_points<V>(d), os = sum_points<V>(o);
-        const Point<Real>& wall = walls[usize(i)];
-        const Real c = k * (l.diagonal.x * ds[0] + l.diagonal.y * ds[1] + l.diagonal.z * ds[2] +
-                            l.off.x * os[0] + l.off.y * os[1] + l.off.z * os[2]) +
-                       wall.x * vi.x + wall.y * vi.y + wall.z * vi.z;
-        return use(i, c);
+        const Point<Real>&vi = v[usize(i)], &wall = walls[usize(i)];
+        const geometry::NeighbourList list = near.lists[i];
+        const Gradients* g = rows_.data() + begin_[usize(i)];
+        V c{};
+        for (int at = 0; at < list.count; at += kLanes, ++g) {
+          const PointLanes<V> vj = load_points<V>(v.data(), list.indices + at);
+          c = fma<V>(g->x, vi.x - vj.x, fma<V>(g->y, vi.y - vj.y, fma<V>(g->z, vi.z - vj.z, c)));
+        }
+        return use(i, sum_lanes(c) + wall.x * vi.x + wall.y * vi.y + wall.z * vi.z);
       },
       near.threads);
 }
@@ -154,33 +156,33 @@ ProjectionReport VelocityProjection<Real>::project(const Neighbourhood<Real>& ne
                                                    std::span<Point<Real>> v) {
   const std::int64_t n = near.size();
   const auto rows = usize(n) + 1;
-  s_.resize(rows), t_.resize(rows), u_.resize(rows);
-  s_[rows - 1] = t_[rows - 1] = u_[rows - 1] = {0, 0, 0, 0};
-  r_.resize(usize(n)), p_.resize(usize(n)), ap_.resize(usize(n)), free_.resize(usize(n));
+  u_.resize(rows), now_.resize(rows), p_.resize(rows);
+  u_[rows - 1] = now_[rows - 1] = {0, 0, 0, 0};
+  p_[rows - 1] = 0;
+  r_.resize(usize(n)), ap_.resize(usize(n)), free_.resize(usize(n));
   inverse_diagonal_.resize(usize(n));
   ProjectionReport report;
   if (n == 0) return report;
   for_particles(
       n,
       [&](std::int64_t i) {
-        const Point<Real>&o = own_[usize(i)], &wall = walls[usize(i)];
-        const Real x = o.x + wall.x, y = o.y + wall.y, z = o.z + wall.z;
-        const Real diagonal = near.x[usize(i)].w * (x * x + y * y + z * z) + o.w;
+        Point<Real>& o = own_[usize(i)];
+        const Point<Real>& wall = walls[usize(i)];
+        o.x += wall.x, o.y += wall.y, o.z += wall.z;
+        const Real diagonal = near.x[usize(i)].w * (o.x * o.x + o.y * o.y + o.z * o.z) + o.w;
         inverse_diagonal_[usize(i)] = diagonal > 0 ? 1 / diagonal : 0;
       },
       near.threads);
   // r = c(v - u(lambda)) - a, over all; z = r / D where lambda may change.
-  now_.resize(rows);
   const auto begin = [&] {
-    spread(lambda, near, walls);
+    spread(lambda, near);
     for_particles(
         n,
         [&](std::int64_t i) {
           const Point<Real>&a = v[usize(i)], &u = u_[usize(i)];
-          now_[usize(i)] = {a.x - u.x, a.y - u.y, a.z - u.z, 0};
+          now_[usize(i)] = {a.x - u.x, a.y - u.y, a.z - u.z, a.w};
         },
         near.threads);
-    now_[rows - 1] = {0, 0, 0, 0};
     return compress(now_, near, walls, [&](std::int64_t i, Real c) {
       const Real r = r_[usize(i)] = c - walls[usize(i)].w - allowed_[usize(i)];
       free_[usize(i)] = lambda[usize(i)] > 0 || r > 0;
@@ -205,7 +207,7 @@ ProjectionReport VelocityProjection<Real>::project(const Neighbourhood<Real>& ne
     if (report.converged || report.iterations >= max_iterations) break;
     poll_interrupt();
     ++report.iterations;
-    spread(p_, near, walls);
+    spread(p_, near);
     const double pap = compress(u_, near, walls, [&](std::int64_t i, Real c) {
       ap_[usize(i)] = c;
       return double(c) * double(p_[usize(i)]);
@@ -227,6 +229,7 @@ ProjectionReport VelocityProjection<Real>::project(const Neighbourhood<Real>& ne
           if (next < 0) next = 0, here.ended = true;
           lambda[i] = next;
           r_[i] -= alpha * ap_[i];
+          now_[i].x -= alpha * u_[i].x, now_[i].y -= alpha * u_[i].y, now_[i].z -= alpha * u_[i].z;
           if (!free_[i] && r_[i] > 0) free_[i] = 1, here.left = true;
           if (free_[i]) here.rz = double(r_[i]) * double(r_[i]) * double(inverse_diagonal_[i]);
           return here;
@@ -246,15 +249,7 @@ ProjectionReport VelocityProjection<Real>::project(const Neighbourhood<Real>& ne
         },
         near.threads);
   }
-  spread(lambda, near, walls);
-  for_particles(
-      n,
-      [&](std::int64_t i) {
-        Point<Real>& a = v[usize(i)];
-        const Point<Real>& u = u_[usize(i)];
-        a = {a.x - u.x, a.y - u.y, a.z - u.z, a.w};
-      },
-      near.threads);
+  std::copy(now_.begin(), now_.end(), v.begin());
   return report;
 }
 

@@ -13,6 +13,8 @@
 // - G_iw = n (n . L_i grad b_iw), n a wall's normal: what slides along it is not compressed.
 // - Conjugate gradients, preconditioned by the diagonal and restarted where a multiplier ends at 0
 //   or leaves it, in place of Jacobi's iteration.
+// The gradients of c are kept, by rows and by columns: 24 bytes a pair (float32), and an iteration
+// is two products with a sparse matrix.
 // c'^T is what it is for c: linear momentum is kept to rounding, and angular momentum where
 // M_i L_i = I.
 #pragma once
@@ -42,26 +44,36 @@ class VelocityProjection {
                double dt);
   const Symmetric<Real>& correction(std::int64_t i) const { return l_[usize(i)]; }
 
-  // walls: the sum of G_iw over all walls, and in w that of G_iw . v_w. lambda:
-  // one for each particle, to begin with, then what was found. v: n + 1 rows; w is kept. Stops
-  // where the mean of what is compressed in dt is below `tolerance`.
+  // walls: the sum of G_iw over all walls, and in w that of G_iw . v_w. lambda: to begin with, then
+  // what was found; n + 1 rows, the last 0. v: n + 1 rows; w is kept. Stops where the mean of what
+  // is compressed in dt is below `tolerance`.
   ProjectionReport project(const Neighbourhood<Real>& near, std::span<const Point<Real>> walls,
                            double dt, double tolerance, int max_iterations, std::span<Real> lambda,
                            std::span<Point<Real>> v);
 
  private:
-  void spread(std::span<const Real> lambda, const Neighbourhood<Real>& near,
-              std::span<const Point<Real>> walls);
+  // L g_ij for as many pairs as there are lanes.
+  struct Gradients {
+    Vector<Real> x, y, z;
+  };
+
+  void find_corrections(const Neighbourhood<Real>& near, const Walls& walls, double surface_density,
+                        double dt);
+  void find_gradients(const Neighbourhood<Real>& near);
+  void spread(std::span<const Real> lambda, const Neighbourhood<Real>& near);
   template <class Use>
   double compress(std::span<const Point<Real>> v, const Neighbourhood<Real>& near,
                   std::span<const Point<Real>> walls, const Use& use) const;
 
-  std::vector<Symmetric<Real>> l_;
+  std::vector<Symmetric<Real>> l_;  // n + 1 rows
   std::vector<Real> allowed_, inverse_diagonal_;
-  std::vector<Point<Real>> own_;    // L_i sum_j g_ij, and sum_j w_j |L_i g_ij|^2
-  std::vector<Point<Real>> s_, t_;  // lambda_i L_i, in two rows each
+  // c' row by row and column by column: of the neighbours of i, from begin_[i] on.
+  std::vector<std::int64_t> begin_;
+  std::vector<Gradients> rows_;     // L_i g_ij
+  std::vector<Gradients> columns_;  // L_j g_ij
+  std::vector<Point<Real>> own_;    // sum_j L_i g_ij + G_iw; w: sum_j w_j |L_i g_ij|^2
   std::vector<Point<Real>> u_;      // M^-1 c'^T lambda
-  std::vector<Point<Real>> now_;    // v - u
+  std::vector<Point<Real>> now_;    // v - u; n + 1 rows
   std::vector<Real> r_, p_, ap_;
   std::vector<std::uint8_t> free_;
 };

@@ -31,6 +31,7 @@ from ..geometry import Collider, Shape
 from ..geometry.colliders import check_colliders
 from ..particles.emitters import Emitter, Sink
 from ..particles.state import ON_ESCAPE, Particles, check_bounds, check_kinds
+from .start import warn_of_start
 
 Array = NDArray[np.float64]
 
@@ -167,6 +168,11 @@ class PositionBasedFluid(Particles):
     ------
     InputError
         If an argument is wrong, with its name and the first bad index.
+
+    Warns
+    -----
+    StartWarning
+        If particles overlap, most are alone, or some are deep in an obstacle or outside of a tank.
 
     References
     ----------
@@ -309,6 +315,13 @@ class PositionBasedFluid(Particles):
                 raise InputError(f"emitters[{k}]: too far from 0 for its points to be told apart")
         super().__init__(self._make({}), time, threads)
         self.add(x, velocities=velocities, kinds=kinds)
+        warn_of_start(
+            x,
+            self._native.densities(with_walls=False),
+            self._native.lone_density,
+            self.spacing,
+            self.colliders,
+        )
 
     def _make(self, state: Mapping[str, Any]) -> Any:
         colliders = [c._native for c in self.colliders]

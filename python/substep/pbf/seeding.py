@@ -193,9 +193,9 @@ def relax(
     limit = check_real("tolerance", tolerance, positive=True)
     rounds = -(-check_integer("max_iterations", max_iterations, minimum=1) // _SWEEPS)
 
-    def liquid(at: ArrayLike, g: Array) -> PositionBasedFluid:
-        return PositionBasedFluid(
-            at,
+    def liquid(at: Array, g: Array) -> PositionBasedFluid:
+        made = PositionBasedFluid(
+            at[:1],
             spacing,
             gravity=g,
             colliders=still,
@@ -208,6 +208,8 @@ def relax(
             dtype="float64",
             threads=threads,
         )
+        made.add(at[1:])  # without a warning: what is too dense is what it is for
+        return made
 
     if gravity is not None:
         g = check_array("gravity", gravity, (d,))
