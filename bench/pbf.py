@@ -4,10 +4,14 @@ A column of 1 m x 0.5 m x 2 m at the end of a tank of 4 m, cubic spline, support
 step = 0.4 spacing / sqrt(4 g), float32. Times are the least of the steps after the first three. An
 iteration is the difference between steps of five and of one iteration from the same state, by four;
 "step" includes the sort, the lists of neighbours, the warm start and the walls. "memory" is what
-the process has grown by. Prints JSON lines {workload, peer, metric, value, unit, threads, isa}. The
-peers pbf_reach.cpp (one file for AVX-512) and bench_taichi_pbf.py (a kernel of five iterations
-without walls) are run where they are at hand: SUBSTEP_PEERS_FLUID, or ../shared/peers/fluid, the
-second by the Python of SUBSTEP_PEER_PYTHON. python bench/pbf.py [--quick]
+the process has grown by. "simulated_second" is the mean time of the first 40 steps (20 of 500,000
+particles) with divergence-free velocities, at their default tolerances, over the step;
+"density_error" the mean of what the density is above that of rest meanwhile, and
+"divergence_iterations" those of a step. Prints JSON lines {workload, peer, metric, value, unit,
+threads, isa}. The peers pbf_reach.cpp (one file for AVX-512), bench_taichi_pbf.py (a kernel of five
+iterations without walls) and bench_splishsplash.py (DFSPH, the same steps) are run where they are at
+hand: SUBSTEP_PEERS_FLUID, or ../shared/peers/fluid, the last two by the Python of
+SUBSTEP_PEER_PYTHON, with SUBSTEP_PEER_PRELOAD for LD_PRELOAD. python bench/pbf.py [--quick]
 """
 
 from __future__ import annotations
@@ -20,6 +24,7 @@ import subprocess
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import substep
@@ -35,9 +40,7 @@ def emit(n: int, peer: str, metric: str, value: float, unit: str, threads: int) 
     print(json.dumps({**record, "unit": unit, "threads": threads, "isa": isa}), flush=True)
 
 
-def dam(
-    n: int, threads: int, iterations: int, dtype: str = "float32"
-) -> substep.PositionBasedFluid:
+def dam(n: int, threads: int, **options: Any) -> substep.PositionBasedFluid:
     d = 1 / round(n ** (1 / 3))
     counts = (round(1 / d), round(0.5 / d), round(2 / d))
     axes = [d * (np.arange(count) + 0.5) for count in counts]
@@ -49,11 +52,9 @@ def dam(
         x,
         d,
         colliders=[tank],
-        max_iterations=iterations,
-        tolerance=0,
         step=0.4 * d / math.sqrt(4 * 9.81),
-        dtype=dtype,
         threads=threads,
+        **options,
     )
 
 
@@ -73,12 +74,12 @@ def least_ms(liquid: substep.PositionBasedFluid, steps: int) -> float:
 
 def measure(n: int, threads: int, steps: int, dtype: str = "float32") -> None:
     before = resident()
-    five = dam(n, threads, 5, dtype)
+    five = dam(n, threads, max_iterations=5, tolerance=0, dtype=dtype)
     for _ in range(3):
         five.step()
     count = len(five)
     memory = (resident() - before) / count
-    one = dam(n, threads, 1, dtype)
+    one = dam(n, threads, max_iterations=1, tolerance=0, dtype=dtype)
     one.restore(five.state())
     whole, short = least_ms(five, steps), least_ms(one, steps)
     suffix = "" if dtype == "float32" else f"_{dtype}"
@@ -86,6 +87,46 @@ def measure(n: int, threads: int, steps: int, dtype: str = "float32") -> None:
     iteration = (whole - short) / 4 / count * 1e6
     emit(count, "substep", "particle_iteration" + suffix, iteration, "ns", threads)
     emit(count, "substep", "memory" + suffix, memory, "B", threads)
+
+
+def divergence_free(n: int, threads: int, steps: int) -> None:
+    liquid = dam(n, threads, divergence_free=True)
+    seconds, errors, iterations = 0.0, [], []
+    for _ in range(steps):
+        start = time.perf_counter()
+        liquid.step()
+        seconds += time.perf_counter() - start
+        errors.append(np.maximum(liquid.densities - 1, 0).mean())
+        iterations.append(liquid.report.divergence_iterations)
+    count = len(liquid)
+    emit(count, "substep", "simulated_second", seconds / liquid.time, "s", threads)
+    emit(count, "substep", "density_error", 100 * float(np.mean(errors)), "%", threads)
+    emit(count, "substep", "divergence_iterations", float(np.mean(iterations)), "1", threads)
+
+
+def splishsplash(n: int, threads: int, steps: int) -> None:
+    """DFSPH by the peer's script, the same tank and steps."""
+    script = Path(os.environ.get("SUBSTEP_PEERS_FLUID", SOURCES)) / "bench_splishsplash.py"
+    python = os.environ.get("SUBSTEP_PEER_PYTHON")
+    environment = os.environ | {"OMP_NUM_THREADS": str(threads)}
+    if preload := os.environ.get("SUBSTEP_PEER_PRELOAD"):
+        environment["LD_PRELOAD"] = preload
+    if not python or not script.exists():
+        print("# SPlisHSPlasH is left out: name its Python in SUBSTEP_PEER_PYTHON")
+        return
+    command = [python, str(script), "DFSPH", str(n), "--warm", "0", "--steps", str(steps)]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    found = {}
+    for line in done.stdout.splitlines():
+        if line.startswith("{"):
+            record = json.loads(line)
+            found[record["metric"]] = record["value"]
+    if not found:
+        print("# SPlisHSPlasH is left out: it failed")
+        return
+    second = found["wall_s"] / ((steps - 1) * 1e-3 * found["dt_ms"])  # the first is not timed
+    emit(n, "SPlisHSPlasH DFSPH", "simulated_second", second, "s", threads)
+    emit(n, "SPlisHSPlasH DFSPH", "density_error", found["avg_err_pct"], "%", threads)
 
 
 def peers(sizes: list[int], threads: list[int], folder: str) -> None:
@@ -131,6 +172,11 @@ def main() -> None:
     for n in sizes:
         for threads in (1, 2):
             measure(n, threads, 10 if n < 200_000 else 4)
+    for n in [98_000] if quick else [98_000, 500_000]:
+        for threads in (1, 2):
+            steps = 40 if n < 200_000 else 20
+            divergence_free(n, threads, steps)
+            splishsplash(round(n ** (1 / 3)) ** 3, threads, steps)
     if not quick:
         measure(4_000_000, 2, 2)
         measure(98_000, 2, 10, "float64")
