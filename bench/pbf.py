@@ -9,8 +9,8 @@ particles) with divergence-free velocities, at their default tolerances, over th
 "density_error" the mean of what the density is above that of rest meanwhile, and
 "divergence_iterations" those of a step. Prints JSON lines {workload, peer, metric, value, unit,
 threads, isa}. The peers pbf_reach.cpp (one file for AVX-512), bench_taichi_pbf.py (a kernel of five
-iterations without walls) and bench_splishsplash.py (DFSPH, the same steps) are run where they are at
-hand: SUBSTEP_PEERS_FLUID, or ../shared/peers/fluid, the last two by the Python of
+iterations without walls) and bench_splishsplash.py (DFSPH, the same steps) are run where they are
+at hand: SUBSTEP_PEERS_FLUID, or ../shared/peers/fluid, the last two by the Python of
 SUBSTEP_PEER_PYTHON, with SUBSTEP_PEER_PRELOAD for LD_PRELOAD. python bench/pbf.py [--quick]
 """
 

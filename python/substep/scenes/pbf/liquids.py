@@ -36,6 +36,7 @@ def liquid_parameters() -> dict[str, Parameter]:
         "friction": Parameter("coefficient of friction of the walls", 0.0, minimum=0),
         "viscosity": Parameter("kinematic viscosity", 0.0, unit="m^2/s", minimum=0),
         "xsph": Parameter("smoothing of the velocities in a step", 0.1, minimum=0, maximum=1),
+        "divergence_free": Parameter("velocities by a pressure, for slow flow", False),
         "tolerance": Parameter("mean density error at which a step is done", 1e-3, above=0),
         "iterations": Parameter("at most, of a step", 8, minimum=1),
         "cfl": Parameter("spacings that the fastest particle may move in a step", 0.4, above=0),
@@ -93,6 +94,7 @@ class Liquid(PositionBasedFluid):
             cfl=parameters["cfl"],
             viscosity=parameters["viscosity"],
             xsph=parameters["xsph"],
+            divergence_free=parameters["divergence_free"],
             **options,
         )
 
