@@ -75,6 +75,7 @@ def cube(n: int, material: str, threads: int, dimension: int = 3) -> substep.Mat
         velocities=v,
         colliders=[substep.Plane((0, dimension == 2, dimension == 3))],
         boundary="sticky",
+        transfer="apic",  # the peers', for sand too
         step=(0.1 if material == "snow" else 0.3) * CELL / wave,
         threads=threads,
     )

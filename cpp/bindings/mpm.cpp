@@ -22,9 +22,10 @@ Settings settings(const py::dict& given) {
   Settings o;
   o.cell = number(given, "cell");
   o.order = integer(given, "order");
-  o.transfer = choice<Transfer>(
-      word(given, "transfer"),
-      {{"pic", Transfer::kPic}, {"flip", Transfer::kFlip}, {"apic", Transfer::kApic}});
+  o.transfer = choice<Transfer>(word(given, "transfer"), {{"pic", Transfer::kPic},
+                                                          {"flip", Transfer::kFlip},
+                                                          {"apic", Transfer::kApic},
+                                                          {"aflip", Transfer::kAflip}});
   o.form = choice<Form>(word(given, "form"), {{"mls", Form::kMls}, {"textbook", Form::kTextbook}});
   o.integrator = choice<Integrator>(
       word(given, "integrator"),

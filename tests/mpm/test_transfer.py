@@ -9,7 +9,7 @@ import substep
 from substep.mpm import NeoHookean, Sand
 
 KERNELS = ("linear", "quadratic", "cubic")
-TRANSFERS = ("pic", "flip", "apic")
+TRANSFERS = ("pic", "flip", "apic", "aflip")
 FORMS = ("mls", "textbook")
 SCHEMES = list(itertools.product(KERNELS, TRANSFERS, FORMS))
 SOFT = NeoHookean(density=1000.0, young_modulus=1000.0, poisson_ratio=0.3)

@@ -31,13 +31,14 @@ from ..particles.emitters import Emitter, Sink
 from ..particles.state import ON_ESCAPE, Particles, check_bounds, check_kinds
 from .materials import Material
 from .particle_fields import STATE, cauchy, gradients, own_fields, ratios, set_gradients
+from .plastic import Sand
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
 Array = NDArray[np.float64]
 
-TRANSFERS = ("apic", "flip", "pic")
+TRANSFERS = ("apic", "aflip", "flip", "pic")
 KERNELS = ("linear", "quadratic", "cubic")
 FORMS = ("mls", "textbook")
 INTEGRATORS = {  # and their other names
@@ -115,12 +116,16 @@ class MaterialPointMethod(Particles):
     boundary : {'separate', 'slip', 'sticky'} or sequence of these
         What colliders do to material at their surface: it slides with friction and can leave; it
         slides and cannot leave; it stays. One for all, or one each.
-    transfer : {'apic', 'flip', 'pic'}
+    transfer : {'apic', 'aflip', 'flip', 'pic'}, optional
         What particles take from the grid: velocity and its affine part (keeps angular momentum),
-        the change of velocity, or velocity alone (damps).
-    flip_rate : float
-        For 'flip': the share of PIC per time [1/s], at least 0; after t only exp(-flip_rate t) of
-        what the grid does not see is left, whatever the steps.
+        change of velocity and affine part (whatever the step, loses as much per time), the
+        change of velocity, or velocity alone (damps). 'aflip' where there is `Sand`, else 'apic',
+        unless given.
+    flip_rate : float, optional
+        For 'flip' and 'aflip': the share of PIC or APIC per time [1/s], at least 0; after t only
+        exp(-flip_rate t) of what the grid does not see is left, whatever the steps. Unless given
+        0 for 'flip', and for 'aflip' one over the time in which gravity moves what rests by half a
+        cell, (gravity / cell)^(1/2).
     kernel : {'linear', 'quadratic', 'cubic'}
         B-spline between particles and nodes.
     form : {'mls', 'textbook'}
@@ -204,8 +209,8 @@ class MaterialPointMethod(Particles):
         gravity: ArrayLike | None = None,
         colliders: Sequence[Collider | Shape] = (),
         boundary: str | Sequence[str] = "separate",
-        transfer: str = "apic",
-        flip_rate: float = 0.0,
+        transfer: str | None = None,
+        flip_rate: float | None = None,
         kernel: str = "quadratic",
         form: str = "mls",
         integrator: str = "symplectic_euler",
@@ -238,11 +243,16 @@ class MaterialPointMethod(Particles):
             raise InputError(f"cfl: expected a number above 0 and at most 1, got {self.cfl}")
         self._step_size = None if step is None else check_real("step", step, positive=True)
         self.integrator = check_choice("integrator", integrator, INTEGRATORS, aliases=INTEGRATORS)
+        if transfer is None:
+            transfer = "aflip" if any(isinstance(m, Sand) for m in self.materials) else "apic"
+        transfer = check_choice("transfer", transfer, TRANSFERS)
+        if flip_rate is None:
+            flip_rate = math.sqrt(math.hypot(*pull) / self.cell) if transfer == "aflip" else 0.0
         inside = check_bounds(bounds, d)
         self._options = {
             "cell": self.cell,
             "order": 1 + KERNELS.index(check_choice("kernel", kernel, KERNELS)),
-            "transfer": check_choice("transfer", transfer, TRANSFERS),
+            "transfer": transfer,
             "form": check_choice("form", form, FORMS),
             "integrator": "implicit" if self.integrator == "implicit_euler" else "explicit",
             "flip_rate": check_real("flip_rate", flip_rate, nonnegative=True),

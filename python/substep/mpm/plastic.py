@@ -122,7 +122,7 @@ class Sand(Elastic):
     young_modulus: float = 3.5e5
     poisson_ratio: float = 0.3
     friction_angle: float = math.pi / 6
-    match: str = "compression"
+    match: str = "plane_strain"
     hardening_slope: float = 0.0
     hardening_rate: float = 0.0
     initial_softening: float = 0.0

@@ -115,7 +115,7 @@ Cloud<D> make_cloud(const Particles<Real, D>& particles) {
 template <class Real, int D, class Use>
 void update_nodes(const Particles<Real, D>& particles, Nodes<Real, D>& nodes,
                   const std::type_identity_t<std::array<double, D>>& g_dt, Use&& use) {
-  for (std::int64_t b = 0; b < nodes.blocks(); ++b) {
+  for (std::int64_t b = 0; b < particles.layout.node_blocks(); ++b) {
     const auto block = transfer::BlockKey<D>::unpack(particles.layout.node_keys[usize(b)]);
     for (int n = 0; n < nodes.kNodes; ++n) {
       Real* node = nodes.block(b) + n * transfer::kNodeReals;

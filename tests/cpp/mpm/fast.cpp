@@ -28,12 +28,14 @@ std::vector<AnyMaterial> soft_samples() {
 
 // Particles of all materials at random places of a box, in random states.
 template <class Real, int D>
-Particles<Real, D> random_particles(const std::vector<AnyMaterial>& materials, int of_each) {
+Particles<Real, D> random_particles(const std::vector<AnyMaterial>& materials, int of_each,
+                                    double flip_rate = -1) {
   std::mt19937 random(11);
   std::uniform_real_distribution<double> uniform(-1, 1);
   Particles<Real, D> particles;
   particles.cell = kCellSize;
   particles.materials = materials;
+  particles.flip_rate = flip_rate;
   std::vector<ParticleRows<Real, D>> all;
   std::int32_t id = 0;
   for (const AnyMaterial& material : materials) {
@@ -86,15 +88,18 @@ double difference(const std::vector<Real>& a, const std::vector<Real>& b, std::s
 }
 
 template <class Real, int D>
-void expect_equal(const std::vector<AnyMaterial>& materials, int of_each) {
+void expect_equal(const std::vector<AnyMaterial>& materials, int of_each, double flip_rate = -1) {
   const double tolerance = std::is_same_v<Real, float> ? 2e-5 : 1e-12;
   const double steps[] = {4e-3, 3e-3, 5e-3};  // c = 1 m/s or so
   std::array<double, D> g_dt{};
   g_dt[D - 1] = -0.04;
-  auto fast = random_particles<Real, D>(materials, of_each);
+  auto fast = random_particles<Real, D>(materials, of_each, flip_rate);
   auto general = random_particles<Real, D>(materials, of_each);
 
+  Scheme scheme;
+  if (flip_rate >= 0) scheme.transfer = Transfer::kAflip, scheme.flip_rate = flip_rate;
   Nodes<Real, D> nodes, next, before;
+  carry_velocities(fast, 2);
   p2g(fast, steps[0], nodes, 2);
   update_nodes(fast, nodes, g_dt);
   for (int k = 1; k < 3; ++k) {
@@ -105,9 +110,9 @@ void expect_equal(const std::vector<AnyMaterial>& materials, int of_each) {
   g2p(fast, steps[2], nodes, 2);
 
   for (const double dt : steps) {
-    p2g(Scheme{}, general, dt, nodes, before, 2);
+    p2g(scheme, general, dt, nodes, before, 2);
     update_nodes(general, nodes, g_dt);
-    g2p(Scheme{}, general, dt, nodes, before, 2);
+    g2p(scheme, general, dt, nodes, before, 2);
   }
   for (std::size_t g = 0; g < materials.size(); ++g) {
     const auto a = rows(fast, g), b = rows(general, g);
@@ -124,6 +129,7 @@ void expect_equal_for_each_material() {
   for (const AnyMaterial& material : soft_samples()) {
     SCOPED_TRACE(name_of(material));
     expect_equal<Real, D>({material}, D == 3 ? 2000 : 300);
+    expect_equal<Real, D>({material}, D == 3 ? 2000 : 300, 100.0);
   }
 }
 
@@ -134,6 +140,8 @@ TEST(MpmFast, IsTheGeneralPath2dDouble) { expect_equal_for_each_material<double,
 TEST(MpmFast, IsTheGeneralPathForAllMaterialsTogether) {
   expect_equal<double, 3>(soft_samples(), 300);
   expect_equal<double, 2>(soft_samples(), 50);
+  expect_equal<double, 3>(soft_samples(), 300, 0.0);
+  expect_equal<double, 2>(soft_samples(), 50, 0.0);
 }
 
 }  // namespace

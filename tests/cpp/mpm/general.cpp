@@ -17,7 +17,8 @@ namespace substep::mpm {
 namespace {
 
 constexpr double kCell = 0.1, kDt = 2e-3;
-constexpr Transfer kTransfers[] = {Transfer::kPic, Transfer::kFlip, Transfer::kApic};
+constexpr Transfer kTransfers[] = {Transfer::kPic, Transfer::kFlip, Transfer::kApic,
+                                   Transfer::kAflip};
 constexpr Form kForms[] = {Form::kMls, Form::kTextbook};
 
 std::string name(const Scheme& s) {
@@ -56,7 +57,7 @@ void reference_step(const Scheme& scheme, const NeoHookean& material, double dt,
     const Mat F = mat(p.F), I = Mat::Identity();
     const double J = F.determinant(), m = material.density * p.volume;
     const Mat tau = material.mu * (F * F.transpose() - I) + material.lambda / 2 * (J * J - 1) * I;
-    const Mat C = scheme.transfer == Transfer::kApic ? mat(p.C) : Mat::Zero();
+    const Mat C = is_affine(scheme.transfer) ? mat(p.C) : Mat::Zero();
     for_nodes(p, [&](Node& n, double w, const Vec& r, const Vec& affine, const Vec& gradient) {
       n.mass += m * w;
       n.plain += m * w * (vec(p.v) + C * r);
@@ -69,22 +70,26 @@ void reference_step(const Scheme& scheme, const NeoHookean& material, double dt,
   }
   const double alpha = std::exp(-scheme.flip_rate * dt);
   std::vector<Vec> moved;
+  std::vector<Mat> spins;
   for (auto& p : cloud) {
     const double m = material.density * p.volume;
-    const Mat C = scheme.transfer == Transfer::kApic ? mat(p.C) : Mat::Zero();
+    const Mat C = is_affine(scheme.transfer) ? mat(p.C) : Mat::Zero();
     Vec v = Vec::Zero(), before = Vec::Zero();
-    for_nodes(p, [&](Node& n, double w, const Vec&, const Vec&, const Vec&) {
-      v += w * n.v, before += w * n.before;
+    Mat seen = Mat::Zero();
+    for_nodes(p, [&](Node& n, double w, const Vec&, const Vec& affine, const Vec&) {
+      v += w * n.v, before += w * n.before, seen += n.before * affine.transpose();
     });
     moved.push_back(v);
-    if (scheme.transfer == Transfer::kFlip) v += alpha * (vec(p.v) - before);
+    const Mat unseen = mat(p.C) - seen;
+    spins.push_back(alpha / 2 * (unseen - unseen.transpose()));
+    if (keeps_change(scheme.transfer)) v += alpha * (vec(p.v) - before);
     for_nodes(p, [&](Node& n, double w, const Vec& r, const Vec&, const Vec&) {
       n.again += m * w * (v + C * r), n.share += w;
     });
     for (unsigned i = 0; i < D; ++i) p.v[i] = v[i];
   }
   for (auto& [i, n] : nodes) {
-    const double kept = scheme.transfer == Transfer::kApic ? std::min(1.0, n.share) : 0;
+    const double kept = is_affine(scheme.transfer) ? std::min(1.0, n.share) : 0;
     const double share = scheme.musl ? kept : 1;
     n.deforms = share * n.v + (1 - share) * n.again / n.mass;
   }
@@ -96,7 +101,8 @@ void reference_step(const Scheme& scheme, const NeoHookean& material, double dt,
     });
     if (scheme.form == Form::kMls) G = C;
     const Mat F = (Mat::Identity() + dt * G) * mat(p.F);
-    if (scheme.transfer != Transfer::kApic) C = G;
+    if (!is_affine(scheme.transfer)) C = G;
+    if (scheme.transfer == Transfer::kAflip && !scheme.musl) C += spins[k];
     for (unsigned i = 0; i < D; ++i) {
       p.X[i] += dt / kCell * moved[k][i];
       for (unsigned j = 0; j < D; ++j) p.C[i][j] = C(i, j), p.F[i][j] = F(i, j);
@@ -270,7 +276,7 @@ Sums sums(const Cloud<D>& cloud, const Scheme& scheme) {
     s.mass += m;
     s.momentum += m * vec3<D>(p.v.data());
     s.angular += m * kCell * vec3<D>(p.X.data()).cross(vec3<D>(p.v.data()));
-    if (scheme.transfer != Transfer::kApic) continue;
+    if (!is_affine(scheme.transfer)) continue;
     for (std::size_t j = 0; j < D; ++j) {  // sum_j D_j e_j x C e_j
       double moment = scheme.order == 2 ? 1.0 / 4 : 1.0 / 3;
       const double f = p.X[j] - std::floor(p.X[j]);
@@ -329,7 +335,7 @@ void expect_conservation() {
         // Angular momentum of the velocities where they were gathered.
         for (std::size_t k = 0; k < after.size(); ++k) after[k].X = cloud[k].X;
         const double lost = (sums<D>(after, scheme).angular - grid.angular).norm();
-        if (transfer == Transfer::kApic) {
+        if (transfer == Transfer::kApic || (transfer == Transfer::kAflip && order > 1)) {
           EXPECT_LT(lost, small);
         } else if (transfer == Transfer::kPic) {
           EXPECT_GT(lost, 1e-4 * start.mass);

@@ -52,7 +52,7 @@ void packet_momenta(const Scheme& scheme, const Particles<Real, D>& particles, s
 
   const V volume = load<V>(group.volume.data() + packet * kLanes<Real>);
   const V mass = volume * Real(density(material));
-  const bool apic = scheme.transfer == Transfer::kApic;
+  const bool apic = is_affine(scheme.transfer);
   const V mass_dx = mass * Real(apic ? dx : 0);  // arms are in cells
   const V impulse = volume * Real(-dt / dx);     // and so are gradients
   const V mls = uses_gradients(scheme) ? V{} : V(impulse * Real(inverse_moment(scheme.order)));
@@ -62,6 +62,23 @@ void packet_momenta(const Scheme& scheme, const Particles<Real, D>& particles, s
     for (int j = 0; j < D; ++j) {
       store(to.A[i][j], fma(mass_dx, C(i, j), mls * tau(i, j)));
       store(to.T[i][j], impulse * tau(i, j));
+    }
+  }
+}
+
+// The same without the impulses.
+template <class Real, int D>
+void own_momenta(const Particles<Real, D>& particles, std::size_t g, std::int64_t packet,
+                 PacketMomenta<Real, D>& to) {
+  using V = Vector<Real>;
+  const ParticleGroup<Real, D>& group = particles.groups[g];
+  const auto C = load_gradient<Real, D>(group.motion(packet) + D * kLanes<Real>);
+  const V mass_dx = load<V>(group.volume.data() + packet * kLanes<Real>) *
+                    Real(density(particles.materials[g]) * particles.cell);
+  for (int i = 0; i < D; ++i) {
+    for (int j = 0; j < D; ++j) {
+      store(to.A[i][j], V(mass_dx * C(i, j)));
+      store(to.T[i][j], V{});
     }
   }
 }
@@ -136,34 +153,53 @@ void set_velocity(const Scheme& scheme, Real share, const PacketVelocities<Real,
   using V = Vector<Real>;
   for (int i = 0; i < D; ++i, v += kLanes<Real>) {
     V velocity = load<V>(moved.v[i]);
-    if (scheme.transfer == Transfer::kFlip) velocity += (load<V>(v) - load<V>(old.v[i])) * share;
+    if (keeps_change(scheme.transfer)) velocity += (load<V>(v) - load<V>(old.v[i])) * share;
     store(v, velocity);
   }
 }
 
+// For AFLIP: C keeps `share` of the antisymmetric part that the grid did not see before.
+template <class Real, int D>
+void keep_spin(Real share, Real per_cell, const PacketVelocities<Real, D>& from,
+               const PacketVelocities<Real, D>& before, Real* C) {
+  using V = Vector<Real>;
+  constexpr int kWidth = kLanes<Real>;
+  for_each_spin<D>([&](int, int i, int j) {
+    Real *const ij = C + (i * D + j) * kWidth, *const ji = C + (j * D + i) * kWidth;
+    const V seen = (load<V>(before.C[i][j]) - load<V>(before.C[j][i])) * per_cell;
+    const V unseen = share * Real(0.5) * (load<V>(ij) - load<V>(ji) - seen);
+    store(ij, V(load<V>(from.C[i][j]) * per_cell + unseen));
+    store(ji, V(load<V>(from.C[j][i]) * per_cell - unseen));
+  });
+}
+
 // New C, x and fields of one packet of a block, whose v is new; divergence [per cell] of the lanes,
-// or none.
+// or none; what the grid saw before, where C keeps what it did not, or none.
 template <class Real, int D>
 void advance_packet(const Scheme& scheme, Particles<Real, D>& particles, std::int32_t block,
                     std::size_t g, std::int64_t packet, int count, double dt,
-                    const PacketVelocities<Real, D>& from, const Real* divergence) {
+                    const PacketVelocities<Real, D>& from, const Real* divergence,
+                    const PacketVelocities<Real, D>* before) {
   using V = Vector<Real>;
   constexpr int kWidth = kLanes<Real>;
   ParticleGroup<Real, D>& group = particles.groups[g];
   const AnyMaterial& material = particles.materials[g];
   const Real per_cell = Real(1 / particles.cell);
   Real *x = group.packet(packet), *v = group.motion(packet), *C = v + D * kWidth;
-  alignas(64) Real before[D * kWidth];
-  std::memcpy(before, x, sizeof before);
+  alignas(64) Real from_x[D * kWidth];
+  std::memcpy(from_x, x, sizeof from_x);
   const bool gradients = scheme.form == Form::kTextbook && scheme.order != 1;
   const auto& G = gradients ? from.G : from.C;
-  const auto& stored = scheme.transfer == Transfer::kApic ? from.C : G;
+  const auto& stored = is_affine(scheme.transfer) ? from.C : G;
   Tensor<V, D> gradient{};
+  if (before != nullptr) keep_spin(flip_share<Real>(scheme, dt), per_cell, from, *before, C);
   for (int i = 0; i < D; ++i) {
     store(x + i * kWidth,
-          fma(Real(dt) * per_cell, load<V>(from.v[i]), load<V>(before + i * kWidth)));
+          fma(Real(dt) * per_cell, load<V>(from.v[i]), load<V>(from_x + i * kWidth)));
     for (int j = 0; j < D; ++j) {
-      store(C + (i * D + j) * kWidth, V(load<V>(stored[i][j]) * per_cell));
+      if (i == j || before == nullptr) {
+        store(C + (i * D + j) * kWidth, V(load<V>(stored[i][j]) * per_cell));
+      }
       gradient(i, j) = load<V>(G[i][j]) * per_cell;
     }
   }
@@ -171,7 +207,7 @@ void advance_packet(const Scheme& scheme, Particles<Real, D>& particles, std::in
     gradient = with_divergence<V, D>(gradient, load<V>(divergence) * per_cell);
   }
   if (particles.walls && particles.walls->near(block)) {
-    particles.walls->settle(block, before, x, v, group.volume.data() + packet * kWidth,
+    particles.walls->settle(block, from_x, x, v, group.volume.data() + packet * kWidth,
                             density(material), count);
   }
   packet_advance<Real, D>(material, x + D * kWidth, particles.trial, Real(particles.before),
@@ -184,7 +220,7 @@ template <class Real, int D>
 void p2g(const Scheme& scheme, const Particles<Real, D>& particles, double dt,
          Nodes<Real, D>& nodes, Nodes<Real, D>& before, int threads) {
   const auto& layout = particles.layout;
-  const bool flip = scheme.transfer == Transfer::kFlip;
+  const bool flip = keeps_change(scheme.transfer), apic = is_affine(scheme.transfer);
   const Stencils<Real, D> stencil = stencils<Real, D>(scheme.order, uses_gradients(scheme));
   if (flip) before.set_zero(layout.node_blocks(), threads);
   scatter_blocks<Real, D>(layout, nodes, threads, [&](std::size_t block, Arena<Real, D>& arena) {
@@ -196,7 +232,13 @@ void p2g(const Scheme& scheme, const Particles<Real, D>& particles, double dt,
                            const Real* x = particles.groups[g].packet(packet);
                            packet_momenta(scheme, particles, g, packet, dt, momenta);
                            stencil.scatter(x, count, momenta, arena);
-                           if (flip) stencil.scatter_values(x, count, momenta, plain);
+                           if (!flip) return;
+                           if (apic) {
+                             own_momenta(particles, g, packet, momenta);
+                             stencil.scatter(x, count, momenta, plain);
+                           } else {
+                             stencil.scatter_values(x, count, momenta, plain);
+                           }
                          });
     if (flip) plain.add_to(before, layout, block);
   });
@@ -237,7 +279,7 @@ void remap(const Scheme& scheme, Particles<Real, D>& particles, double dt,
            const Nodes<Real, D>& nodes, const Nodes<Real, D>& before, Nodes<Real, D>& after,
            int threads) {
   const auto& layout = particles.layout;
-  const bool flip = scheme.transfer == Transfer::kFlip, apic = scheme.transfer == Transfer::kApic;
+  const bool flip = keeps_change(scheme.transfer), apic = is_affine(scheme.transfer);
   const Real share = flip_share<Real>(scheme, dt);
   const Stencils<Real, D> stencil = stencils<Real, D>(scheme.order, uses_gradients(scheme));
   scatter_blocks<Real, D>(layout, after, threads, [&](std::size_t b, Arena<Real, D>& sum) {
@@ -273,7 +315,8 @@ template <class Real, int D>
 void g2p(const Scheme& scheme, Particles<Real, D>& particles, double dt,
          const Nodes<Real, D>& nodes, const Nodes<Real, D>& before, int threads) {
   const auto& layout = particles.layout;
-  const bool flip = scheme.transfer == Transfer::kFlip && !scheme.musl;
+  const bool flip = keeps_change(scheme.transfer) && !scheme.musl;
+  const bool affine = is_affine(scheme.transfer);
   const Real share = flip_share<Real>(scheme, dt);
   const Stencils<Real, D> stencil = stencils<Real, D>(scheme.order, uses_gradients(scheme));
   parallel_chunks(
@@ -293,7 +336,7 @@ void g2p(const Scheme& scheme, Particles<Real, D>& particles, double dt,
               stencil.gather(x, count, arena, velocities);
               repeat_last<Real, D>(count, velocities);
               if (flip) {
-                stencil.gather_values(x, count, plain, old);
+                (affine ? stencil.gather : stencil.gather_values)(x, count, plain, old);
                 repeat_last<Real, D>(count, old);
               }
               if (scheme.musl) {
@@ -307,7 +350,7 @@ void g2p(const Scheme& scheme, Particles<Real, D>& particles, double dt,
                 std::fill(divergence + count, divergence + kLanes<Real>, divergence[count - 1]);
               }
               advance_packet(scheme, particles, at, g, packet, count, dt, velocities,
-                             averages ? divergence : nullptr);
+                             averages ? divergence : nullptr, flip && affine ? &old : nullptr);
             });
       },
       threads);

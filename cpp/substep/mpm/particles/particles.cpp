@@ -120,6 +120,7 @@ void assign(Particles<Real, D>& particles, std::span<const ParticleRows<Real, D>
   layout.assign(keys_of(entries));
   std::vector<ParticleGroup<Real, D>> groups(rows.size());
   for (std::size_t g = 0; g < rows.size(); ++g) {
+    groups[g].carried = particles.flip_rate >= 0 ? groups[g].kCarried : 0;
     groups[g].fields = std::visit(
         [](const auto& material) {
           return std::remove_cvref_t<decltype(material)>::template kFields<D>;

@@ -35,6 +35,17 @@ struct Run {
   std::int32_t count = 0;  // particles
 };
 
+// The antisymmetric part of C is D (D - 1) / 2 numbers: (C_ij - C_ji) / 2 for i < j.
+template <int D>
+inline constexpr int kSpins = D * (D - 1) / 2;
+// Calls each(number, i, j) for them.
+template <int D, class Each>
+constexpr void for_each_spin(Each&& each) {
+  for (int i = 0, s = 0; i < D; ++i) {
+    for (int j = i + 1; j < D; ++j) each(s++, i, j);
+  }
+}
+
 // Particles of one material. Two buffers of packets are all that a particle has. Between the calls
 // of its owner one holds the state and the other the motion; while steps run, velocities live on
 // the grid, and the other buffer is the snapshot from which a failed run of steps is repeated, and
@@ -43,9 +54,12 @@ template <class Real, int D>
 struct ParticleGroup {
   static constexpr int kMotion =
       D + D * D;  // v [m/s], then C [1/s], whose rows are components of v
+  static constexpr int kCarried = D + kSpins<D>;
 
   int fields = 0;              // of the material, kFields<D>
-  AlignedBuffer<Real> state;   // x (D), then the material's fields
+  int carried = 0;             // kCarried where v and the spin go with the state while steps run
+                               // (AFLIP), else 0
+  AlignedBuffer<Real> state;   // x (D), then the material's fields, then what is carried
   AlignedBuffer<Real> other;   // motion: v (D), C (D x D); or what state was when it was put aside
   AlignedBuffer<Real> volume;  // of each lane: at rest, V_0 [m^3]
   AlignedBuffer<std::int32_t> ids;   // of each lane; -1: repeats
@@ -54,7 +68,7 @@ struct ParticleGroup {
   std::int64_t packets = 0, count = 0;
 
   // Numbers of a packet, of either buffer.
-  int stride() const { return std::max(D + fields, kMotion); }
+  int stride() const { return std::max(D + fields + carried, kMotion); }
   Real* packet(std::int64_t p) { return state.data() + p * stride() * kLanes<Real>; }
   const Real* packet(std::int64_t p) const { return state.data() + p * stride() * kLanes<Real>; }
   Real* motion(std::int64_t p) { return other.data() + p * stride() * kLanes<Real>; }
@@ -73,6 +87,7 @@ struct Particles {
   bool motion = true;                          // at rest: `other` holds v and C
   bool trial = true;                           // the return map of the last step is still to come
   double before = 0;                           // dt of that step [s]
+  double flip_rate = -1;                       // AFLIP's [1/s]; below 0: APIC
   // Keeps them out of obstacles, where there are any: whoever moves particles (g2p, g2p2g) calls
   // settle() for the packets of blocks that are near(), once x has advanced and before v is used.
   ParticleBoundary<Real, D>* walls = nullptr;

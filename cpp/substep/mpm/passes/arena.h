@@ -19,17 +19,22 @@ struct alignas(64) Arena {
 
   void set_zero() { std::memset(nodes, 0, sizeof nodes); }
 
-  void copy(const Nodes<Real, D>& from, const transfer::BlockLayout<D>& layout, std::size_t block) {
+  // Of a layer of the nodes.
+  void copy(const Nodes<Real, D>& from, const transfer::BlockLayout<D>& layout, std::size_t block,
+            int layer = 0) {
+    const std::int64_t shift = layer * layout.node_blocks();
     for_each_half(layout.arenas[block], [&](std::int64_t b, int offset, Real* half) {
-      std::memcpy(half, from.block(b) + offset, kHalf * sizeof(Real));
+      std::memcpy(half, from.block(b + shift) + offset, kHalf * sizeof(Real));
     });
     std::memset(nodes + kReals, 0, kHalf * sizeof(Real));
   }
 
-  void add_to(Nodes<Real, D>& to, const transfer::BlockLayout<D>& layout, std::size_t block) {
+  void add_to(Nodes<Real, D>& to, const transfer::BlockLayout<D>& layout, std::size_t block,
+              int layer = 0) {
+    const std::int64_t shift = layer * layout.node_blocks();
     for_each_half(layout.arenas[block], [&](std::int64_t b, int offset, const Real* half) {
       using V = Vector<Real>;
-      Real* const node = to.block(b) + offset;
+      Real* const node = to.block(b + shift) + offset;
       for (int i = 0; i < kHalf; i += kLanes<Real>) {
         const V sum = load<V>(node + i) + load<V>(half + i);
         std::memcpy(node + i, &sum, sizeof sum);

@@ -16,6 +16,7 @@
 #include <algorithm>
 #include <variant>
 
+#include "substep/core/usize.h"
 #include "substep/mpm/boundary/particle_boundary.h"
 #include "substep/mpm/passes/passes.h"
 #include "substep/mpm/passes/stencil.h"
@@ -78,6 +79,42 @@ SUBSTEP_INLINE void scatter(const Real* x, const Motion<Real, D>& motion,
   to.add(stencil, affine, count);
 }
 
+// AFLIP, apart from the passes, so that those of APIC are none the slower. What the grid does not
+// see of a particle's motion, `kept` of it, stays with the particle: of v as in FLIP, and of the
+// antisymmetric part of C, without which angular momentum would get lost. `old`: v, then spins, of
+// the step before.
+template <class Real, int D>
+[[gnu::noinline]] void keep_unseen(const Real* x, const Real* old, const Arena<Real, D>& before,
+                                   Real cell, Real kept, Motion<Real, D>& motion) {
+  using V = Vector<Real>;
+  const Motion<Real, D> seen = gather<Real, D>(x, before, cell);
+  for (int d = 0; d < D; ++d) motion.v[d] += kept * (load<V>(old + d * kLanes<Real>) - seen.v[d]);
+  for_each_spin<D>([&](int s, int i, int j) {
+    const V spin = load<V>(old + (D + s) * kLanes<Real>);
+    const V unseen = kept * (spin - Real(0.5) * (seen.C(i, j) - seen.C(j, i)));
+    motion.C(i, j) += unseen;
+    motion.C(j, i) -= unseen;
+  });
+}
+template <class Real, int D>
+SUBSTEP_INLINE void carry(const Motion<Real, D>& motion, Real* to) {
+  using V = Vector<Real>;
+  std::memcpy(to, motion.v, sizeof motion.v);
+  for_each_spin<D>([&](int s, int i, int j) {
+    const V spin = Real(0.5) * (motion.C(i, j) - motion.C(j, i));
+    std::memcpy(to + (D + s) * kLanes<Real>, &spin, sizeof spin);
+  });
+}
+// Adds w_i (m v + m C (x_i - x_p)).
+template <class Real, int D>
+[[gnu::noinline]] void scatter_before(const Real* x, const Motion<Real, D>& motion,
+                                      const Vector<Real>& volume, Real density, Real cell,
+                                      int count, Arena<Real, D>& before) {
+  Scatter<Real, D> to(before);
+  scatter<Real, D>(x, motion, volume, {}, density, 0, cell, count, to);
+  to.flush();
+}
+
 // The packets of a run, kTogether at a time; those missing in the last set are spare copies of its
 // first.
 template <class M, class Real, int D>
@@ -121,8 +158,8 @@ int lanes_in(const Run& run, int packet) {
 
 template <class M, class Real, int D>
 [[gnu::noinline]] void p2g_of(const M& material, const ParticleGroup<Real, D>& group,
-                              const Run& run, const PassOptions<Real>& options,
-                              Arena<Real, D>& to) {
+                              const Run& run, const PassOptions<Real>& options, Arena<Real, D>& to,
+                              const BeforeImpulses<Real, D>& before) {
   using Set = PacketSet<M, Real, D>;
   using V = typename Set::V;
   Scatter<Real, D> nodes(to);
@@ -147,9 +184,15 @@ template <class M, class Real, int D>
     stress_at_ends(material, set, active, options.before);
     for (int k = 0; k < active; ++k) {
       const std::int64_t packet = run.first + first + k;
-      scatter(group.packet(packet), motion[k], load<V>(&group.volume[0] + packet * Set::kWidth),
-              set.tau[k], static_cast<Real>(material.density), options.next_dt, options.cell,
-              lanes_in<Real>(run, first + k), nodes);
+      const auto density = static_cast<Real>(material.density);
+      const V volume = load<V>(&group.volume[0] + packet * Set::kWidth);
+      const int count = lanes_in<Real>(run, first + k);
+      scatter(group.packet(packet), motion[k], volume, set.tau[k], density, options.next_dt,
+              options.cell, count, nodes);
+      if (options.kept >= 0) {
+        scatter_before(group.packet(packet), motion[k], volume, density, options.cell, count,
+                       *before.to);
+      }
     }
   }
   nodes.flush();
@@ -159,8 +202,9 @@ template <class M, class Real, int D>
 template <class M, class Real, int D>
 SUBSTEP_INLINE void advance(const M& material, ParticleGroup<Real, D>& group, const Run& run,
                             const PassOptions<Real>& options, std::int32_t block,
-                            ParticleBoundary<Real, D>* walls, const Arena<Real, D>& from, int first,
-                            int active, Real* const* packets, PacketSet<M, Real, D>& set,
+                            ParticleBoundary<Real, D>* walls, const Arena<Real, D>& from,
+                            const BeforeImpulses<Real, D>& nodes_before, int first, int active,
+                            Real* const* packets, PacketSet<M, Real, D>& set,
                             Motion<Real, D>* motion) {
   using Set = PacketSet<M, Real, D>;
   using V = typename Set::V;
@@ -185,6 +229,11 @@ SUBSTEP_INLINE void advance(const M& material, ParticleGroup<Real, D>& group, co
       before[d] = load<V>(x + d * Set::kWidth);
       after[d] = fma<V>(scale, motion[k].v[d], before[d]);
     }
+    constexpr int kCarried = (D + Set::kFields) * Set::kWidth;
+    if (options.kept >= 0) {
+      keep_unseen(x, x + kCarried, *nodes_before.from, options.cell, options.kept, motion[k]);
+      set.G[k] = motion[k].C;
+    }
     if (walls) {
       walls->settle(block, reinterpret_cast<const Real*>(before), reinterpret_cast<Real*>(after),
                     reinterpret_cast<Real*>(motion[k].v),
@@ -192,6 +241,7 @@ SUBSTEP_INLINE void advance(const M& material, ParticleGroup<Real, D>& group, co
                     lanes_in<Real>(run, first + k));
     }
     std::memcpy(x, after, sizeof after);
+    if (options.kept >= 0) carry(motion[k], x + kCarried);
   }
 }
 
@@ -199,7 +249,7 @@ template <class M, class Real, int D>
 [[gnu::noinline]] void g2p2g_of(const M& material, ParticleGroup<Real, D>& group, const Run& run,
                                 const PassOptions<Real>& options, std::int32_t block,
                                 ParticleBoundary<Real, D>* walls, const Arena<Real, D>& from,
-                                Arena<Real, D>& to) {
+                                Arena<Real, D>& to, const BeforeImpulses<Real, D>& before) {
   using Set = PacketSet<M, Real, D>;
   using V = typename Set::V;
   Scatter<Real, D> nodes(to);
@@ -210,20 +260,25 @@ template <class M, class Real, int D>
       const std::int64_t packet = run.first + first + k;
       packets[k] = options.rest ? group.motion(packet) : group.packet(packet);
       if (options.rest) {
-        std::memcpy(packets[k], group.packet(packet), sizeof(V) * (D + Set::kFields));
+        std::memcpy(packets[k], group.packet(packet),
+                    sizeof(V) * usize(D + Set::kFields + group.carried));
       }
     }
     Set set;
     Motion<Real, D> motion[Set::kSize];
-    advance<M, Real, D>(material, group, run, options, block, walls, from, first, active, packets,
-                        set, motion);
+    advance<M, Real, D>(material, group, run, options, block, walls, from, before, first, active,
+                        packets, set, motion);
     set.complete(active);
     set.stress(material, options.dt);
     for (int k = 0; k < active; ++k) {
-      scatter(packets[k], motion[k],
-              load<V>(&group.volume[0] + (run.first + first + k) * Set::kWidth), set.tau[k],
-              static_cast<Real>(material.density), options.next_dt, options.cell,
-              lanes_in<Real>(run, first + k), nodes);
+      const V volume = load<V>(&group.volume[0] + (run.first + first + k) * Set::kWidth);
+      const auto density = static_cast<Real>(material.density);
+      const int count = lanes_in<Real>(run, first + k);
+      scatter(packets[k], motion[k], volume, set.tau[k], density, options.next_dt, options.cell,
+              count, nodes);
+      if (options.kept >= 0) {
+        scatter_before(packets[k], motion[k], volume, density, options.cell, count, *before.to);
+      }
     }
   }
   nodes.flush();
@@ -232,7 +287,8 @@ template <class M, class Real, int D>
 template <class M, class Real, int D>
 [[gnu::noinline]] void g2p_of(const M& material, ParticleGroup<Real, D>& group, const Run& run,
                               const PassOptions<Real>& options, std::int32_t block,
-                              ParticleBoundary<Real, D>* walls, const Arena<Real, D>& from) {
+                              ParticleBoundary<Real, D>* walls, const Arena<Real, D>& from,
+                              const BeforeImpulses<Real, D>& before) {
   using Set = PacketSet<M, Real, D>;
   for (int first = 0; first < run.packets; first += Set::kSize) {
     const int active = std::min(Set::kSize, run.packets - first);
@@ -240,8 +296,8 @@ template <class M, class Real, int D>
     for (int k = 0; k < active; ++k) packets[k] = group.packet(run.first + first + k);
     Set set;
     Motion<Real, D> motion[Set::kSize];
-    advance<M, Real, D>(material, group, run, options, block, walls, from, first, active, packets,
-                        set, motion);
+    advance<M, Real, D>(material, group, run, options, block, walls, from, before, first, active,
+                        packets, set, motion);
     for (int k = 0; k < active; ++k) {
       Real* const at_rest = group.motion(run.first + first + k);
       std::memcpy(at_rest, motion[k].v, sizeof motion[k].v);
@@ -257,23 +313,27 @@ template <class M, class Real, int D>
 
 template <class Real, int D>
 void Passes<Real, D>::p2g(const AnyMaterial& material, const Group& group, const Run& run,
-                          const PassOptions<Real>& options, Arena<Real, D>& to) {
-  std::visit([&](const auto& m) { p2g_of(m, group, run, options, to); }, material);
+                          const PassOptions<Real>& options, Arena<Real, D>& to,
+                          const BeforeImpulses<Real, D>& before) {
+  std::visit([&](const auto& m) { p2g_of(m, group, run, options, to, before); }, material);
 }
 
 template <class Real, int D>
 void Passes<Real, D>::g2p2g(const AnyMaterial& material, Group& group, const Run& run,
                             const PassOptions<Real>& options, std::int32_t block, Walls* walls,
-                            const Arena<Real, D>& from, Arena<Real, D>& to) {
-  std::visit([&](const auto& m) { g2p2g_of(m, group, run, options, block, walls, from, to); },
-             material);
+                            const Arena<Real, D>& from, Arena<Real, D>& to,
+                            const BeforeImpulses<Real, D>& before) {
+  std::visit(
+      [&](const auto& m) { g2p2g_of(m, group, run, options, block, walls, from, to, before); },
+      material);
 }
 
 template <class Real, int D>
 void Passes<Real, D>::g2p(const AnyMaterial& material, Group& group, const Run& run,
                           const PassOptions<Real>& options, std::int32_t block, Walls* walls,
-                          const Arena<Real, D>& from) {
-  std::visit([&](const auto& m) { g2p_of(m, group, run, options, block, walls, from); }, material);
+                          const Arena<Real, D>& from, const BeforeImpulses<Real, D>& before) {
+  std::visit([&](const auto& m) { g2p_of(m, group, run, options, block, walls, from, before); },
+             material);
 }
 
 }  // namespace substep::mpm

@@ -14,16 +14,17 @@ namespace substep::mpm {
 
 inline constexpr std::int64_t kBlocksOfScatter = 4;  // particle blocks per task
 
-// Sets nodes to zero and calls scatter(block, arena) for every particle block, with an arena of
-// zeros that is then added to the nodes: colour by colour, so that no two that run at the same time
-// write to the same nodes (of these, or of others that scatter adds to itself).
+// Sets all layers of nodes to zero and calls scatter(block, arena) for every particle block, with
+// an arena of zeros that is then added to the nodes: colour by colour, so that no two that run at
+// the same time write to the same nodes (of these, or of others that scatter adds to itself).
 template <class Real, int D, class ScatterBlock>
 void scatter_blocks(const transfer::BlockLayout<D>& layout, Nodes<Real, D>& nodes, int threads,
-                    ScatterBlock&& scatter) {
+                    ScatterBlock&& scatter, std::int64_t layers = 1) {
   constexpr std::int64_t kZeroGrain = 256;
-  nodes.values.reset(usize(layout.node_blocks()) * Nodes<Real, D>::kReals);
+  const std::int64_t all = layers * layout.node_blocks();
+  nodes.values.reset(usize(all) * Nodes<Real, D>::kReals);
   std::array<std::int64_t, transfer::BlockLayout<D>::kCorners + 1> chunks;
-  chunks[0] = (layout.node_blocks() + kZeroGrain - 1) / kZeroGrain;
+  chunks[0] = (all + kZeroGrain - 1) / kZeroGrain;
   for (std::size_t colour = 0; colour < layout.colours.size(); ++colour) {
     const auto blocks = static_cast<std::int64_t>(layout.colours[colour].size());
     chunks[colour + 1] = (blocks + kBlocksOfScatter - 1) / kBlocksOfScatter;
@@ -31,7 +32,7 @@ void scatter_blocks(const transfer::BlockLayout<D>& layout, Nodes<Real, D>& node
   const auto run = [&](std::int64_t phase, std::int64_t chunk) {
     if (phase == 0) {
       const std::int64_t first = chunk * kZeroGrain;
-      const std::int64_t blocks = std::min(kZeroGrain, layout.node_blocks() - first);
+      const std::int64_t blocks = std::min(kZeroGrain, all - first);
       std::memset(nodes.block(first), 0, usize(blocks) * Nodes<Real, D>::kReals * sizeof(Real));
       return;
     }

@@ -14,7 +14,11 @@ namespace substep::mpm {
 
 using geometry::Vec3;
 
-enum class Transfer { kPic, kFlip, kApic };
+enum class Transfer { kPic, kFlip, kApic, kAflip };
+// Whether particles pass on the affine part of their velocity, and what the grid does not see of
+// it.
+constexpr bool is_affine(Transfer t) { return t == Transfer::kApic || t == Transfer::kAflip; }
+constexpr bool keeps_change(Transfer t) { return t == Transfer::kFlip || t == Transfer::kAflip; }
 enum class Form { kMls, kTextbook };  // gradients: C of the affine fit, or those of the spline
 enum class Integrator { kExplicit, kImplicit };
 enum class OnLargeStep { kRaise, kSubdivide };

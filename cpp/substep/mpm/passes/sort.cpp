@@ -96,6 +96,7 @@ ParticleGroup<Real, D> reordered(const ParticleGroup<Real, D>& group,
   }
   ParticleGroup<Real, D> sorted;
   sorted.fields = group.fields;
+  sorted.carried = group.carried;
   set_runs(sorted, filled);
 
   const auto slots = usize(sorted.packets) * kLanes<Real>;
@@ -166,7 +167,7 @@ template <class Real, int D>
 void gather(const ParticleGroup<Real, D>& group, const AlignedBuffer<Real>& source,
             AlignedBuffer<Real>& target, bool positions, int threads) {
   constexpr int kWidth = kLanes<Real>;
-  const int fields = positions ? D + group.fields : ParticleGroup<Real, D>::kMotion;
+  const int fields = positions ? D + group.fields + group.carried : ParticleGroup<Real, D>::kMotion;
   const std::int64_t packet = group.stride() * kWidth;
   target.reset(numbers(group));
   parallel_for(
@@ -225,12 +226,17 @@ void sort(Particles<Real, D>& particles, Nodes<Real, D>& nodes, int threads,
           const std::function<void(const transfer::BlockLayout<D>&)>& prepare) {
   Sorted<Real, D> sorted(particles, threads);
   Nodes<Real, D> moved;
-  moved.set_zero(sorted.layout.node_blocks(), threads);
+  const std::int64_t old_blocks = particles.layout.node_blocks(),
+                     blocks = sorted.layout.node_blocks();
+  const std::int64_t layers = layers_of(particles);
+  moved.set_zero(layers * blocks, threads);
   transfer::match(particles.layout.node_keys, 0, sorted.layout.node_keys,
                   [&](std::size_t b, std::size_t a) {
-                    std::memcpy(moved.block(static_cast<std::int64_t>(a)),
-                                nodes.block(static_cast<std::int64_t>(b)),
-                                Nodes<Real, D>::kReals * sizeof(Real));
+                    for (std::int64_t layer = 0; layer < layers; ++layer) {
+                      std::memcpy(moved.block(layer * blocks + static_cast<std::int64_t>(a)),
+                                  nodes.block(layer * old_blocks + static_cast<std::int64_t>(b)),
+                                  Nodes<Real, D>::kReals * sizeof(Real));
+                    }
                   });
   for (std::size_t g = 0; g < sorted.groups.size(); ++g) {  // both: g2p, too, needs the other one
     reserve(particles.groups[g].state, numbers(sorted.groups[g]));

@@ -28,6 +28,19 @@ namespace substep::mpm {
 template <class Real, int D>
 using Nodes = transfer::NodeBlocks<Real, D>;
 
+// For AFLIP nodes have a second layer, behind the first: the momentum without the impulses of the
+// stress, which p2g and g2p2g set, and those that read nodes turn into v^before by the mass of the
+// first.
+template <class Real, int D>
+std::int64_t layers_of(const Particles<Real, D>& particles) {
+  return particles.flip_rate >= 0 ? 2 : 1;
+}
+
+// For AFLIP, before the first p2g of a run: what is at rest gives its v and spin to the state,
+// where the passes take them from.
+template <class Real, int D>
+void carry_velocities(Particles<Real, D>& particles, int threads);
+
 // Sets nodes (of particles.layout; sized here) from particles at rest, which do not change, for a
 // step of dt [s].
 template <class Real, int D>

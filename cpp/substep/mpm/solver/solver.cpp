@@ -253,6 +253,7 @@ template <class Real, int D>
 typename Solver<Real, D>::Trial Solver<Real, D>::begin_step(double dt) {
   const bool implicit = options_.integrator == Integrator::kImplicit;
   if (fast()) {
+    carry_velocities(particles_, options_.threads);
     p2g(particles_, dt, nodes_, options_.threads);
   } else {
     p2g(scheme(), particles_, implicit ? 0 : dt, nodes_, before_, options_.threads);

@@ -170,8 +170,8 @@ class Solver {
   void end_step(double dt);
   // Whether steps are those of transfers.h, fused; else those of general.h.
   bool fast() const {
-    return options_.order == 2 && options_.transfer == Transfer::kApic &&
-           options_.form == Form::kMls && options_.integrator == Integrator::kExplicit;
+    return options_.order == 2 && is_affine(options_.transfer) && options_.form == Form::kMls &&
+           options_.integrator == Integrator::kExplicit;
   }
   Scheme scheme() const;
   void sort_resting();

@@ -155,7 +155,7 @@ std::vector<double> Solver<Real, D>::elastic_energies() const {
 template <class Real, int D>
 Diagnostics Solver<Real, D>::sums() const {
   // For order 1 the moment is not the same for all, and 0 at nodes: left out.
-  const bool affine = options_.transfer == Transfer::kApic && options_.order > 1;
+  const bool affine = is_affine(options_.transfer) && options_.order > 1;
   return measure(particles_, options_.gravity, affine, options_.order == 2 ? 1.0 / 4 : 1.0 / 3,
                  options_.threads);
 }

@@ -36,6 +36,7 @@ Solver<Real, D>::Solver(Options options, std::vector<geometry::Collider> collide
   }
   particles_.cell = options_.cell;
   particles_.materials = options_.materials;
+  if (fast() && options_.transfer == Transfer::kAflip) particles_.flip_rate = options_.flip_rate;
   if (!grid_.colliders.empty()) particles_.walls = &grid_.particles();
   std::vector<ParticleRows<Real, D>> none(options_.materials.size());
   sort_again(none);
