@@ -44,6 +44,7 @@ def mixture(dimension=3, **options):
         "volume": 0.05**dimension,
         "velocities": v,
         "colliders": [slope, ball],
+        "transfer": "apic",
     } | options
     return substep.MaterialPointMethod(x, **options)
 
@@ -152,20 +153,22 @@ def test_a_moving_obstacle_does_work():
 
 
 # Determinism.
+@pytest.mark.parametrize("transfer", ["apic", "aflip"])
 @pytest.mark.parametrize("dtype", DTYPES)
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_the_same_bits_for_any_number_of_threads_and_through_a_checkpoint(
-    dimension, dtype, tmp_path
+    dimension, dtype, transfer, tmp_path
 ):
     hashes, sorts = set(), 0
     for threads in (1, 2, 3, 4):
-        simulation = mixture(dimension, dtype=dtype, threads=threads, step=5e-4)
-        simulation.advance(0.1)
+        options = {"dtype": dtype, "threads": threads, "step": 5e-4, "transfer": transfer}
+        simulation = mixture(dimension, **options)
+        simulation.advance(0.1 if transfer == "apic" else 0.2)
         sorts += simulation.report.sorts
         if threads == 2:
             simulation.save(tmp_path / "checkpoint")
         if threads == 3:
-            simulation = mixture(dimension, dtype=dtype, threads=threads, step=5e-4)
+            simulation = mixture(dimension, **options)
             simulation.load(tmp_path / "checkpoint")
         if threads == 4:
             simulation = simulation.copy()
@@ -176,10 +179,12 @@ def test_the_same_bits_for_any_number_of_threads_and_through_a_checkpoint(
     assert sorts >= 8
 
 
+@pytest.mark.parametrize("transfer", ["apic", "aflip"])
 @pytest.mark.parametrize("dtype", DTYPES)
-def test_fused_steps_are_the_steps_one_by_one(dtype):
+def test_fused_steps_are_the_steps_one_by_one(dtype, transfer):
     """A run that fuses the end of a step with the start of the next, bit for bit."""
-    together, single = mixture(dtype=dtype, step=5e-4), mixture(dtype=dtype)
+    options = {"dtype": dtype, "transfer": transfer}
+    together, single = mixture(step=5e-4, **options), mixture(**options)
     together.advance(60 * 5e-4)
     assert together.report.steps == 60
     for _ in range(60):
