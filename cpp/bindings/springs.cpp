@@ -87,6 +87,7 @@ void bind_deformable(py::module_& m) {
       .def_readonly("iterations", &StepReport::iterations)
       .def_readonly("factorizations", &StepReport::factorizations)
       .def_readonly("backtracks", &StepReport::backtracks)
+      .def_readonly("refinements", &StepReport::refinements)
       .def_readonly("minimisations", &StepReport::minimisations)
       .def_readonly("failed", &StepReport::failed)
       .def_readonly("residuals", &StepReport::residuals);

@@ -241,6 +241,7 @@ bool Deformable::minimise(std::span<Vec3> x) {
     report_.iterations += found.iterations;
     report_.factorizations += found.factorizations;
     report_.backtracks += found.backtracks;
+    report_.refinements += found.refinements;
     report_.residuals = std::move(found.residuals);
     report_.converged = found.converged;
     if (!found.converged) return false;

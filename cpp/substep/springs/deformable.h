@@ -35,6 +35,7 @@ struct StepReport {
   bool converged = true;
   bool friction_converged = true;  // lagged forces agree with those found, within the tolerance
   std::int64_t iterations = 0, factorizations = 0, backtracks = 0, minimisations = 0;
+  std::int64_t refinements = 0;   // quasi-Newton steps between the iterations
   std::int64_t failed = 0;        // steps that were done again in halves
   std::vector<double> residuals;  // |g|_inf [N] of the last minimisation
 };

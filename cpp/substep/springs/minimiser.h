@@ -11,6 +11,7 @@ namespace substep::springs {
 struct MinimiserReport {
   bool converged = false;  // |g|_inf <= tolerance at x
   std::int64_t iterations = 0, factorizations = 0, backtracks = 0;
+  std::int64_t refinements = 0;   // quasi-Newton steps, which need no factorization
   std::vector<double> residuals;  // |g|_inf [N] at the start and after each iteration
 };
 

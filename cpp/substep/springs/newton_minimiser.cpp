@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "substep/core/interrupt.h"
+#include "substep/linalg/vectors.h"
 
 namespace substep::springs {
 namespace {
@@ -11,54 +12,28 @@ namespace {
 constexpr double kArmijo = 1e-4;     // of the slope: the fall that a step has to bring
 constexpr double kRounding = 1e-13;  // of the energy: what its sum is good to
 constexpr int kMaxBacktracks = 40;
-constexpr int kMaxDoublings = 8;
 constexpr double kLeastKept = 0.2;  // of the negative curvature; below that none is kept
+constexpr int kTrusted = 2;         // factorizations that pass in a row before more is kept
 
-double dot(std::span<const Vec3> a, std::span<const Vec3> b) {
-  double sum = 0.0;
-  for (std::size_t i = 0; i < a.size(); ++i) sum += a[i].dot(b[i]);
-  return sum;
+constexpr std::size_t kPairs = 20;    // of steps and gradients that quasi-Newton steps learn from
+constexpr std::size_t kCarried = 10;  // pairs that still hold when the Hessian has changed little
+constexpr int kMaxRefinements = 200;  // with one factorization
+constexpr int kPatience = 8;          // of them in which the slope has not fallen
+constexpr int kRefinementBacktracks = 2;
+
+std::span<const double> numbers(Positions v) {
+  return v.empty() ? std::span<const double>() : std::span(v[0].data(), 3 * v.size());
 }
 
 }  // namespace
 
-// Factorizes the Hessian with as much of its negative curvature as leaves it positive definite.
-// What was kept is a guess for the next time: in most steps all of it can be kept in the end, and
-// then the convergence is quadratic.
-bool NewtonMinimiser::factorize(IncrementalPotential& energy, std::span<const Vec3> x,
-                                MinimiserReport& report) {
-  for (kept_ = next_kept_;; kept_ = kept_ > kLeastKept ? kept_ / 2 : 0.0) {
-    energy.assemble(x, kept_, g_, values_);
-    ++report.factorizations;
-    if (cholesky_->factorize(values_, energy.threads()) < 0) break;
-    if (kept_ == 0.0) return false;
-  }
-  next_kept_ = std::min(1.0, std::max(1.5 * kept_, kLeastKept));
-  return true;
-}
-
-// Accepts the trial, which is x + dx.
-void NewtonMinimiser::accept(IncrementalPotential& energy, std::span<Vec3> x) {
-  energy.follow(x, dx_);
-  std::copy(trial_.begin(), trial_.end(), x.begin());
-}
+NewtonMinimiser::NewtonMinimiser(int max_iterations)
+    : max_iterations_(max_iterations), memory_(kPairs) {}
 
 MinimiserReport NewtonMinimiser::minimise(IncrementalPotential& energy, std::span<Vec3> x,
                                           double tolerance) {
-  const std::size_t n = x.size();
-  const BlockPattern& pattern = energy.pattern();
-  if (!cholesky_) {
-    const auto size = static_cast<std::int32_t>(3 * n);
-    cholesky_ = std::make_unique<SupernodalCholesky>(
-        SparsePattern{size, size, pattern.columns, pattern.rows}, 3);
-  }
-  values_.resize(pattern.rows.size());
-  g_.resize(n);
-  dx_.resize(n);
-  trial_.resize(n);
-  next_kept_ = 1.0;
   MinimiserReport report;
-  double level = energy.energy(x);
+  begin(energy, x);
   for (;; ++report.iterations) {
     poll_interrupt();
     energy.gradient(x, g_);
@@ -68,39 +43,114 @@ MinimiserReport NewtonMinimiser::minimise(IncrementalPotential& energy, std::spa
         !std::isfinite(report.residuals.back()) || !factorize(energy, x, report)) {
       return report;
     }
-    for (std::size_t i = 0; i < n; ++i) dx_[i] = -g_[i];
-    cholesky_->solve(std::span(dx_[0].data(), 3 * n), energy.threads());
-
-    const double slope = dot(g_, dx_);
-    const double rounding = kRounding * std::abs(level) + energy.energy_rounding(x);
-    double s = energy.step_bound(x, dx_);
-    for (int tried = 0;; ++tried, s /= 2) {
-      for (std::size_t i = 0; i < n; ++i) trial_[i] = x[i] + s * dx_[i];
-      const double next = energy.energy(trial_);
-      if (next <= level + kArmijo * s * slope + rounding) {
-        level = next;
-        break;
-      }
-      if (tried == kMaxBacktracks) return report;
-      ++report.backtracks;
-    }
-    if (s < 1.0) {  // what was foreseen did not come: forces are taken as they are
-      std::copy(trial_.begin(), trial_.end(), x.begin());
-      std::fill(dx_.begin(), dx_.end(), Vec3::Zero());
-      energy.follow(x, dx_);
-      continue;
-    }
-    accept(energy, x);
-    for (int doubled = 0; kept_ < 1.0 && doubled < kMaxDoublings; ++doubled) {
-      if (energy.step_bound(x, dx_) < 1.0) break;
-      for (std::size_t i = 0; i < n; ++i) trial_[i] = x[i] + dx_[i];
-      const double next = energy.energy(trial_);
-      if (!(next < level - rounding)) break;
-      level = next;
-      accept(energy, x);
-      for (Vec3& d : dx_) d *= 2.0;
+    const double slope = find_direction(energy, x, false);
+    const double s = descend(energy, x, slope, kMaxBacktracks, report);
+    if (s == 0.0) return report;
+    if (kept_ < 1.0 || s < 1.0) {
+      refine(energy, x, tolerance, report);
+    } else {
+      memory_.forget();
     }
   }
+}
+
+void NewtonMinimiser::begin(IncrementalPotential& energy, Positions x) {
+  const BlockPattern& pattern = energy.pattern();
+  if (!cholesky_) {
+    const auto size = static_cast<std::int32_t>(3 * x.size());
+    cholesky_ = std::make_unique<SupernodalCholesky>(
+        SparsePattern{size, size, pattern.columns, pattern.rows}, 3);
+  }
+  values_.resize(pattern.rows.size());
+  for (auto* v : {&g_, &dx_, &trial_}) v->resize(x.size());
+  memory_.forget();
+  next_kept_ = 1.0;
+  passed_ = 0;
+  level_ = energy.energy(x);
+}
+
+// Factorizes the Hessian with as much of its negative curvature as leaves it positive definite.
+// What was kept is a guess for the next time: in most steps all of it can be kept in the end, and
+// then the convergence is quadratic.
+bool NewtonMinimiser::factorize(IncrementalPotential& energy, Positions x,
+                                MinimiserReport& report) {
+  ++passed_;
+  for (kept_ = next_kept_;; kept_ = kept_ > kLeastKept ? kept_ / 2 : 0.0, passed_ = 0) {
+    energy.assemble(x, kept_, g_, values_);
+    ++report.factorizations;
+    if (cholesky_->factorize(values_, energy.threads()) < 0) break;
+    if (kept_ == 0.0) return false;
+  }
+  next_kept_ = passed_ < kTrusted ? kept_ : std::min(1.0, std::max(1.5 * kept_, kLeastKept));
+  return true;
+}
+
+// dx = -H^-1 g by the factorization and, if `learned`, by what the memory adds to it. Returns the
+// slope g . dx.
+double NewtonMinimiser::find_direction(const IncrementalPotential& energy, Positions x,
+                                       bool learned) {
+  const int threads = energy.threads();
+  x_before_.assign(x.begin(), x.end());
+  g_before_ = g_;
+  for (std::size_t i = 0; i < g_.size(); ++i) dx_[i] = -g_[i];
+  const auto solve = [&](std::span<double> r) { cholesky_->solve(r, threads); };
+  if (learned) {
+    memory_.multiply(dx_, solve, threads);
+  } else if (!dx_.empty()) {
+    solve(std::span(dx_[0].data(), 3 * dx_.size()));
+  }
+  return dot(numbers(g_), numbers(dx_), threads);
+}
+
+// Goes along dx as far as the energy falls enough. Returns the length of the step, 0 without any.
+double NewtonMinimiser::descend(IncrementalPotential& energy, std::span<Vec3> x, double slope,
+                                int most_backtracks, MinimiserReport& report) {
+  const double rounding = kRounding * std::abs(level_) + energy.energy_rounding(x);
+  double s = energy.step_bound(x, dx_);
+  for (int tried = 0;; ++tried, s /= 2) {
+    for (std::size_t i = 0; i < x.size(); ++i) trial_[i] = x[i] + s * dx_[i];
+    const double next = energy.energy(trial_);
+    if (next <= level_ + kArmijo * s * slope + rounding) {
+      level_ = next;
+      break;
+    }
+    if (tried == most_backtracks) return 0.0;
+    ++report.backtracks;
+  }
+  if (s == 1.0) {
+    energy.follow(x, dx_);
+    std::copy(trial_.begin(), trial_.end(), x.begin());
+  } else {  // what was foreseen did not come: forces are taken as they are
+    std::copy(trial_.begin(), trial_.end(), x.begin());
+    std::fill(dx_.begin(), dx_.end(), Vec3::Zero());
+    energy.follow(x, dx_);
+  }
+  return s;
+}
+
+// Quasi-Newton steps with the factorization at hand, until they no longer pay: the energy does not
+// fall, or the slope has not fallen for a while. In the first case the matrix is of the past, and
+// so is the memory.
+void NewtonMinimiser::refine(IncrementalPotential& energy, std::span<Vec3> x, double tolerance,
+                             MinimiserReport& report) {
+  double least = INFINITY;
+  std::size_t carried = 0;
+  for (int step = 0, waited = 0;; ++step) {
+    poll_interrupt();
+    energy.gradient(x, g_);
+    memory_.add(x_before_, x, g_before_, g_, energy.threads());
+    if (largest_component(g_) <= tolerance || step == kMaxRefinements) break;
+    const double slope = find_direction(energy, x, true);
+    waited = -slope < least ? 0 : waited + 1;
+    least = std::min(least, -slope);
+    if (waited > kPatience) {
+      carried = kCarried;
+      break;
+    }
+    if (!(slope < 0.0) || descend(energy, x, slope, kRefinementBacktracks, report) == 0.0) break;
+    ++report.refinements;
+  }
+  memory_.forget(carried);
 }
 
 }  // namespace substep::springs
