@@ -1,5 +1,6 @@
 #include "substep/springs/deformable.h"
 
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 #include <string>
@@ -10,6 +11,10 @@
 
 namespace substep::springs {
 namespace {
+
+// Of the gradient that newly lagged friction brings: what is left of it before friction is lagged
+// again.
+constexpr double kLaggedGoal = 0.1;
 
 // y + h k, vertex by vertex.
 std::vector<Vec3> moved(Positions y, double h, Positions k) {
@@ -233,10 +238,16 @@ void Deformable::start_ahead(double h, std::vector<Vec3>& x) {
   if (potential_->energy(ahead) < potential_->energy(x)) x = ahead;
 }
 
-// Minimises, and lags friction at what was found, until that changes nothing.
+// Minimises, and lags friction at what was found, until that changes nothing. What a minimum under
+// lagged forces is worth is what they are, so that those between the first and the last are found
+// roughly only: the step ends where the gradient with friction lagged there is within the tolerance.
 bool Deformable::minimise(std::span<Vec3> x) {
   for (int lagged = 0;; ++lagged) {
-    MinimiserReport found = minimiser_->minimise(*potential_, x, options.tolerance);
+    double goal = options.tolerance;
+    if (lagged > 0 && lagged < options.max_friction_iterations) {
+      goal = std::max(goal, kLaggedGoal * residual(x));
+    }
+    MinimiserReport found = minimiser_->minimise(*potential_, x, goal);
     ++report_.minimisations;
     report_.iterations += found.iterations;
     report_.factorizations += found.factorizations;
@@ -252,6 +263,12 @@ bool Deformable::minimise(std::span<Vec3> x) {
     }
     friction_->lag(x);
   }
+}
+
+double Deformable::residual(Positions x) {
+  std::vector<Vec3> g(x.size());
+  potential_->gradient(x, g);
+  return largest_component(g);
 }
 
 void Deformable::check_finite(double h) const {

@@ -86,6 +86,7 @@ class Deformable {
   bool implicit_step(double h);
   void start_ahead(double h, std::vector<Vec3>& x);
   bool minimise(std::span<Vec3> x);
+  double residual(Positions x);  // |grad E|_inf [N]
   void check_finite(double h) const;
   [[noreturn]] void throw_not_finite(std::size_t i, double h) const;
 

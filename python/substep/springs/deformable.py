@@ -62,6 +62,8 @@ class DeformableReport(StepReport):
     ----------
     factorizations, backtracks : int
         Of matrices, and shorter tries of the line search.
+    refinements : int
+        Quasi-Newton steps between the iterations, which need no factorization.
     minimisations : int
         One for each time that friction was lagged.
     subdivided : int
@@ -75,6 +77,7 @@ class DeformableReport(StepReport):
 
     factorizations: int = 0
     backtracks: int = 0
+    refinements: int = 0
     minimisations: int = 0
     subdivided: int = 0
     residuals: Sequence[float] = ()
