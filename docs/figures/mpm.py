@@ -36,7 +36,7 @@ def draw_run_outs(axes):
         low, high = np.sort(laws(dimension, a), axis=0)
         axes.fill_between(a, low, high, color=color, alpha=0.15, lw=0)
         cells = CELLS if dimension == 2 else ROUND_CELLS
-        times = 5.0 if dimension == 2 else 4.0
+        times = 8.0 if dimension == 2 else 6.0
         found = [run_out(column(k, n, dimension), k, times) for k, n in cells.items()]
         print(name, dict(zip(cells, np.round(found, 3), strict=True)))
         axes.plot(list(cells), found, "o", color=color, label=f"{name}; shaded: experiments")
