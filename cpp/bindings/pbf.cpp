@@ -150,17 +150,15 @@ void bind_pbf(py::module_& m) {
                              [](const Liquid& self) { return column(self.counts().absorbed); })
       .def("ids", [](const Liquid& self) { return column(self.ids()); })
       .def("fluids", [](const Liquid& self) { return column(self.fluids()); })
-      .def(
-          "densities",
-          [](Liquid& self, bool with_walls) {
-            std::vector<double> values;
-            {
-              const py::gil_scoped_release released;
-              values = self.densities(with_walls);
-            }
-            return column(values);
-          },
-          py::arg("with_walls") = true)
+      .def("densities",
+           [](Liquid& self) {
+             std::vector<double> values;
+             {
+               const py::gil_scoped_release released;
+               values = self.densities();
+             }
+             return column(values);
+           })
       .def("positions", rows_of(&Liquid::positions))
       .def("velocities", rows_of(&Liquid::velocities))
       .def("set_positions", set_rows(&Liquid::set_positions), py::arg("values").noconvert(),

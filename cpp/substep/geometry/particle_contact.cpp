@@ -224,7 +224,8 @@ bool ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real
       const double distance = collider.local_distance(local).value;
       if (of(mass, i) == 0 || !(distance < margin_)) continue;
       if (distance < 0) covered = true;
-      Vec3 moved = at.rotation * (set_off(collider, local, margin_) - local);
+      const Vec3 out = distance < 0 ? way_out(c, local) : set_off(collider, local, margin_);
+      Vec3 moved = at.rotation * (out - local);
       if (planar_) moved[2] = 0;
       assign(x[i], xyz(x[i]) + moved);
       if (!along.empty()) assign(along[i], xyz(along[i]) + moved);
@@ -237,6 +238,48 @@ bool ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real
       },
       threads);
   return covered;
+}
+
+// Where a point in collider c comes out, in its frame: at the nearest place of its surface. Where
+// other obstacles leave no room there, as below a block that stands on a floor: at the nearest one
+// along its axes where they do.
+template <class Real>
+Vec3 ParticleContact<Real>::way_out(std::size_t c, const Vec3& x) const {
+  constexpr double kRoom = 50;  // margins
+  constexpr int kMostSteps = 1000;
+  const Collider& collider = colliders[c];
+  const Pose& at = obstacles_[c].from;
+  const auto room = [&](const Vec3& local) {
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t other = 0; other < colliders.size(); ++other) {
+      if (other == c) continue;
+      const Vec3 there = obstacles_[other].from.to_local(at.to_world(local));
+      least = std::min(least, colliders[other].local_distance(there).value);
+    }
+    return least;
+  };
+  const Vec3 nearest = set_off(collider, x, margin_);
+  const double room_there = room(nearest);
+  if (room_there >= kRoom * margin_) return nearest;
+  Vec3 best = nearest;
+  double best_way = std::numeric_limits<double>::infinity(), best_room = room_there;
+  for (int k = 0; k < 6; ++k) {
+    const Vec3 direction = (k % 2 == 0 ? 1 : -1) * Vec3::Unit(k / 2);
+    if (planar_ && std::abs((at.rotation * direction)[2]) > 1e-6) continue;
+    double way = 0, distance = collider.local_distance(x).value;
+    for (int step = 0; step < kMostSteps && distance < margin_; ++step) {
+      way += std::max(margin_ - distance, 0.1 * margin_);
+      distance = collider.local_distance(x + way * direction).value;
+    }
+    if (distance < margin_) continue;
+    const double there = std::min(room(x + way * direction), kRoom * margin_);
+    if (there > best_room || (there == best_room && way < best_way)) {
+      best = x + way * direction;
+      best_way = way;
+      best_room = there;
+    }
+  }
+  return best_room >= margin_ ? best : nearest;
 }
 
 template <class Real>

@@ -113,6 +113,7 @@ class ParticleContact {
   void find_in_ball(std::size_t c, const Pose& at, std::span<const Point<Real>> x,
                     std::int64_t begin, std::int64_t end, double reach,
                     std::vector<std::int32_t>& found) const;
+  Vec3 way_out(std::size_t c, const Vec3& x) const;
   void set_bounds(std::size_t c);
   void clamp(std::size_t c, std::span<const Point<Real>> start, std::span<Point<Real>> x,
              std::span<const Real> mass, std::int64_t begin, std::int64_t end);

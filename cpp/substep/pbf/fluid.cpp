@@ -589,7 +589,7 @@ Energies Fluid<Real>::energies() const {
 }
 
 template <class Real>
-std::vector<Real> Fluid<Real>::densities(bool with_walls) const {
+std::vector<Real> Fluid<Real>::densities() const {
   geometry::Neighbours<Real> neighbours(options.density.dimension);
   const auto h = static_cast<Real>(density.radius());
   neighbours.sort(particles.x, h, options.threads);
@@ -599,16 +599,12 @@ std::vector<Real> Fluid<Real>::densities(bool with_walls) const {
   for (const std::int32_t i : order) x.push_back(particles.x[i]);
   neighbours.find(x, h, geometry::Pairs::kFull, options.threads);
   std::vector<Real> sorted(order.size()), result(order.size());
-  std::vector<Point<Real>> shares(x.size());
-  if (with_walls) {
-    Boundary<Real> walls = boundary;
-    walls.place_layers(flow.counts.layers, time);
-    walls.find_near(x, options.threads);
-    const auto found = walls.contributions(x, options.threads);
-    shares.assign(found.begin(), found.end());
-  }
+  Boundary<Real> walls = boundary;
+  walls.place_layers(flow.counts.layers, time);
+  walls.find_near(x, options.threads);
+  const auto contributions = walls.contributions(x, options.threads);
   x.push_back(density.far_point());
-  density.densities(x, neighbours, shares, sorted, options.threads);
+  density.densities(x, neighbours, contributions, sorted, options.threads);
   for (std::size_t k = 0; k < order.size(); ++k) result[order[k]] = sorted[k];
   return result;
 }

@@ -37,8 +37,8 @@ class Fluid {
   // u^2 = max_i (v_i^2 + 2 g . (x_lowest - x_i)).
   double fastest() const;
   Energies energies() const;
-  // v sum_j W, and b of walls, of each row, now.
-  std::vector<Real> densities(bool with_walls = true) const;
+  // v sum_j W + b of each row, now.
+  std::vector<Real> densities() const;
 
   double mass(std::int64_t row) const { return options.masses[particles.fluid[row]]; }
   Vec3 world(const Point<Real>& x) const {

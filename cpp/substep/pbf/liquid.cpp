@@ -81,9 +81,9 @@ class LiquidOf final : public Liquid {
   std::vector<double> velocities() const override {
     return vectors([&](std::size_t i) { return xyz(fluid_.particles.v[i]); });
   }
-  std::vector<double> densities(bool with_walls) override {
+  std::vector<double> densities() override {
     read_colliders();
-    const std::vector<Real> values = fluid_.densities(with_walls);
+    const std::vector<Real> values = fluid_.densities();
     return column<double>([&](std::size_t i) { return static_cast<double>(values[i]); });
   }
   void set_positions(std::span<const Vec3> x, Places places) override {

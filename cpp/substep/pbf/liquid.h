@@ -41,9 +41,9 @@ class Liquid {
   virtual int dimension() const = 0;
   virtual std::vector<std::int64_t> ids() const = 0;
   virtual std::vector<std::int32_t> fluids() const = 0;
-  virtual std::vector<double> positions() const = 0;           // (n, dimension) [m]
-  virtual std::vector<double> velocities() const = 0;          // (n, dimension) [m/s]
-  virtual std::vector<double> densities(bool with_walls) = 0;  // (n), see Fluid::densities()
+  virtual std::vector<double> positions() const = 0;   // (n, dimension) [m]
+  virtual std::vector<double> velocities() const = 0;  // (n, dimension) [m/s]
+  virtual std::vector<double> densities() = 0;         // (n), see Fluid::densities()
   virtual void set_positions(std::span<const Vec3> x, Places places) = 0;
   virtual void set_velocities(std::span<const Vec3> v, Places places) = 0;
   virtual void set_forces(std::span<const Vec3> f, Places places) = 0;

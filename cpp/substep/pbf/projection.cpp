@@ -73,7 +73,8 @@ void VelocityProjection<Real>::find_gradients(const Neighbourhood<Real>& near) {
     begin_[usize(i)] = blocks;
     blocks += (near.lists[i].count + kLanes - 1) / kLanes;
   }
-  if (rows_.size() < usize(blocks)) rows_.resize(usize(blocks)), columns_.resize(usize(blocks));
+  if (rows_.size() < usize(blocks)) rows_.resize(usize(blocks));
+  if (columns_.size() < usize(blocks)) columns_.resize(usize(blocks));
   const Real k = gradient_scale(near);
   const auto particle = [&](std::int64_t i) {
     const Symmetric<Real>& l = l_[usize(i)];
@@ -171,6 +172,7 @@ ProjectionReport VelocityProjection<Real>::project(const Neighbourhood<Real>& ne
         o.x += wall.x, o.y += wall.y, o.z += wall.z;
         const Real diagonal = near.x[usize(i)].w * (o.x * o.x + o.y * o.y + o.z * o.z) + o.w;
         inverse_diagonal_[usize(i)] = diagonal > 0 ? 1 / diagonal : 0;
+        if (!(diagonal > 0)) lambda[usize(i)] = 0;  // nobody is near
       },
       near.threads);
   // r = c(v - u(lambda)) - a, over all; z = r / D where lambda may change.
@@ -185,7 +187,7 @@ ProjectionReport VelocityProjection<Real>::project(const Neighbourhood<Real>& ne
         near.threads);
     return compress(now_, near, walls, [&](std::int64_t i, Real c) {
       const Real r = r_[usize(i)] = c - walls[usize(i)].w - allowed_[usize(i)];
-      free_[usize(i)] = lambda[usize(i)] > 0 || r > 0;
+      free_[usize(i)] = inverse_diagonal_[usize(i)] > 0 && (lambda[usize(i)] > 0 || r > 0);
       const Real z = p_[usize(i)] = free_[usize(i)] ? r * inverse_diagonal_[usize(i)] : 0;
       return double(r) * double(z);
     });
@@ -196,7 +198,9 @@ ProjectionReport VelocityProjection<Real>::project(const Neighbourhood<Real>& ne
                n,
                [&](std::int64_t i) {
                  const double r = double(r_[usize(i)]);
-                 return free_[usize(i)] ? std::abs(r) : std::max(r, 0.0);
+                 return free_[usize(i)]                   ? std::abs(r)
+                        : inverse_diagonal_[usize(i)] > 0 ? std::max(r, 0.0)
+                                                          : 0.0;
                },
                near.threads);
   };
@@ -230,7 +234,7 @@ ProjectionReport VelocityProjection<Real>::project(const Neighbourhood<Real>& ne
           lambda[i] = next;
           r_[i] -= alpha * ap_[i];
           now_[i].x -= alpha * u_[i].x, now_[i].y -= alpha * u_[i].y, now_[i].z -= alpha * u_[i].z;
-          if (!free_[i] && r_[i] > 0) free_[i] = 1, here.left = true;
+          if (!free_[i] && r_[i] > 0 && inverse_diagonal_[i] > 0) free_[i] = 1, here.left = true;
           if (free_[i]) here.rz = double(r_[i]) * double(r_[i]) * double(inverse_diagonal_[i]);
           return here;
         },

@@ -240,7 +240,8 @@ void Deformable::start_ahead(double h, std::vector<Vec3>& x) {
 
 // Minimises, and lags friction at what was found, until that changes nothing. What a minimum under
 // lagged forces is worth is what they are, so that those between the first and the last are found
-// roughly only: the step ends where the gradient with friction lagged there is within the tolerance.
+// roughly only: the step ends where the gradient with friction lagged there is within the
+// tolerance.
 bool Deformable::minimise(std::span<Vec3> x) {
   for (int lagged = 0;; ++lagged) {
     double goal = options.tolerance;

@@ -317,7 +317,7 @@ class PositionBasedFluid(Particles):
         self.add(x, velocities=velocities, kinds=kinds)
         warn_of_start(
             x,
-            self._native.densities(with_walls=False),
+            self._native.densities(),
             self._native.lone_density,
             self.spacing,
             self.colliders,

@@ -195,7 +195,7 @@ def relax(
 
     def liquid(at: Array, g: Array) -> PositionBasedFluid:
         made = PositionBasedFluid(
-            at[:1],
+            at[:0],
             spacing,
             gravity=g,
             colliders=still,
@@ -208,7 +208,7 @@ def relax(
             dtype="float64",
             threads=threads,
         )
-        made.add(at[1:])  # without a warning: what is too dense is what it is for
+        made.add(at)  # without a warning: what is too dense is what it is for
         return made
 
     if gravity is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Sequence
 
@@ -11,8 +12,10 @@ from numpy.typing import NDArray
 from ..errors import StartWarning
 from ..geometry import Collider
 
-_DENSE = 1.5  # times the density at rest: points of a lattice that are 0.87 spacings apart
-_SHARE = 0.01  # of the particles; some that fall together are no mistake
+# Of the density at rest, and the share of particles above it that is no chance: some that fall
+# together are no mistake, nor are points that are shaken. A lattice on a wall has the first in its
+# first layer, one of 0.95 spacings the second.
+_TOO_DENSE = ((1.5, 0.01), (1.1, 0.25))
 _FEW = 8  # particles that may be drops without neighbours
 
 
@@ -23,35 +26,46 @@ def warn_of_start(
     spacing: float,
     colliders: Sequence[Collider],
 ) -> None:
-    """Warns of densities without walls, `lone` that of a particle alone, and of obstacles."""
-
-    def warn(message: str) -> None:
-        warnings.warn(f"positions: {message}", StartWarning, stacklevel=5)
-
+    """Warns of densities, `lone` being that of a particle alone, and of depths in obstacles."""
     n = len(x)
     if n == 0:
         return
     if n > _FEW and np.median(densities) < 1.001 * lone:
-        warn(
+        _warn(
             f"most particles have no other within their support, that of spacing = {spacing} m; "
             "is the spacing that of the positions?"
         )
-    dense = np.flatnonzero(densities > _DENSE)
-    if len(dense) > max(1, _SHARE * n):
-        warn(
-            f"{len(dense)} of {n} particles are too close for spacing = {spacing} m, "
-            f"positions[{dense[0]}] at {densities[dense[0]]:.3g} times the density at rest, and "
-            "will burst apart; do they overlap, or have they another spacing? relax() moves them "
-            "apart"
-        )
     at = np.pad(x, ((0, 0), (0, 3 - x.shape[1])))  # a plane is cut at z = 0
+    free = np.ones(n, bool)
     for k, collider in enumerate(colliders):
-        deep = -np.asarray(collider.distance(at))
-        inside = np.flatnonzero(deep > spacing)
+        distance = np.asarray(collider.distance(at))
+        free &= distance >= 0
+        inside = np.flatnonzero(distance < -spacing)
         if len(inside):
-            where = "outside of" if collider.hollow else "inside"
-            warn(
+            where, hint = "outside of", "; is the tank too small?"
+            if not collider.hollow:
+                where = "inside"
+                hint = "; is it meant as a tank? Collider(shape, hollow=True)" * (len(inside) == n)
+            _warn(
                 f"{len(inside)} of {n} particles are {where} colliders[{k}] by more than a "
-                f"spacing, positions[{inside[0]}] by {deep[inside[0]]:.3g} m; the first step puts "
-                "them on its surface"
+                f"spacing, positions[{inside[0]}] by {-distance[inside[0]]:.3g} m, and will be put "
+                f"on its surface{hint}"
             )
+    for most, share in _TOO_DENSE:
+        dense = np.flatnonzero(free & (densities > most))
+        if len(dense) > max(1, share * n):
+            _warn(
+                f"{len(dense)} of {n} particles are too close to others or to a wall, "
+                f"positions[{dense[0]}] at {densities[dense[0]]:.3g} times the density at rest, "
+                f"and will burst apart; do they overlap, is spacing = {spacing} m theirs, and "
+                "are they half of it from walls? relax() moves them apart"
+            )
+            return
+
+
+def _warn(message: str) -> None:
+    """Points at the line of the user."""
+    level, frame = 1, sys._getframe(0)
+    while frame.f_back and frame.f_globals["__name__"].split(".")[0] == "substep":
+        level, frame = level + 1, frame.f_back
+    warnings.warn(f"positions: {message}", StartWarning, stacklevel=level)
