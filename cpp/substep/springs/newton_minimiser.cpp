@@ -46,6 +46,11 @@ MinimiserReport NewtonMinimiser::minimise(IncrementalPotential& energy, std::spa
     const double slope = find_direction(energy, x, false);
     const double s = descend(energy, x, slope, kMaxBacktracks, report);
     if (s == 0.0) return report;
+    if (s == 1.0) {
+      energy.follow(x_before_, dx_);
+    } else {
+      take_forces_as_they_are(energy, x);
+    }
     if (kept_ < 1.0 || s < 1.0) {
       refine(energy, x, tolerance, report);
     } else {
@@ -117,15 +122,14 @@ double NewtonMinimiser::descend(IncrementalPotential& energy, std::span<Vec3> x,
     if (tried == most_backtracks) return 0.0;
     ++report.backtracks;
   }
-  if (s == 1.0) {
-    energy.follow(x, dx_);
-    std::copy(trial_.begin(), trial_.end(), x.begin());
-  } else {  // what was foreseen did not come: forces are taken as they are
-    std::copy(trial_.begin(), trial_.end(), x.begin());
-    std::fill(dx_.begin(), dx_.end(), Vec3::Zero());
-    energy.follow(x, dx_);
-  }
+  std::copy(trial_.begin(), trial_.end(), x.begin());
   return s;
+}
+
+// After a step that did not go as foreseen.
+void NewtonMinimiser::take_forces_as_they_are(IncrementalPotential& energy, Positions x) {
+  std::fill(dx_.begin(), dx_.end(), Vec3::Zero());
+  energy.follow(x, dx_);
 }
 
 // Quasi-Newton steps with the factorization at hand, until they no longer pay: the energy does not
@@ -135,7 +139,8 @@ void NewtonMinimiser::refine(IncrementalPotential& energy, std::span<Vec3> x, do
                              MinimiserReport& report) {
   double least = INFINITY;
   std::size_t carried = 0;
-  for (int step = 0, waited = 0;; ++step) {
+  int step = 0;
+  for (int waited = 0;; ++step) {
     poll_interrupt();
     energy.gradient(x, g_);
     memory_.add(x_before_, x, g_before_, g_, energy.threads());
@@ -150,6 +155,7 @@ void NewtonMinimiser::refine(IncrementalPotential& energy, std::span<Vec3> x, do
     if (!(slope < 0.0) || descend(energy, x, slope, kRefinementBacktracks, report) == 0.0) break;
     ++report.refinements;
   }
+  if (step > 0) take_forces_as_they_are(energy, x);
   memory_.forget(carried);
 }
 

@@ -32,6 +32,7 @@ class NewtonMinimiser : public Minimiser {
   double find_direction(const IncrementalPotential& energy, Positions x, bool learned);
   double descend(IncrementalPotential& energy, std::span<Vec3> x, double slope, int most_backtracks,
                  MinimiserReport& report);
+  void take_forces_as_they_are(IncrementalPotential& energy, Positions x);
   void refine(IncrementalPotential& energy, std::span<Vec3> x, double tolerance,
               MinimiserReport& report);
 
