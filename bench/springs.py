@@ -2,9 +2,10 @@
 
 0.3 kg, 1 m x 1 m, structural, shear (0.5 k) and bending (0.05 k) springs, k = 1e4 N/m, held at two
 corners, h = 1/60 s, from the flat state at rest, gravity across it. Newton to |g|_inf < 1e-3 m g;
-projective dynamics with ten iterations. Prints JSON lines {workload, peer, metric, value, unit, threads, isa}. The
-peers implicit_ref.cpp and pd_ref.cpp (CHOLMOD called directly) are compiled where their source is
-at hand: SUBSTEP_PEERS_SOLIDS, or ../shared/peers/solids. python bench/springs.py [--quick]
+projective dynamics with ten iterations. Prints JSON lines {workload, peer, metric, value, unit,
+threads, isa}. The peers implicit_ref.cpp and pd_ref.cpp (CHOLMOD called directly) are compiled
+where their source is at hand: SUBSTEP_PEERS_SOLIDS, or ../shared/peers/solids.
+python bench/springs.py [--quick]
 """
 
 from __future__ import annotations

@@ -246,7 +246,8 @@ bool Deformable::minimise(std::span<Vec3> x) {
   for (int lagged = 0;; ++lagged) {
     double goal = options.tolerance;
     if (lagged > 0 && lagged < options.max_friction_iterations) {
-      goal = std::max(goal, kLaggedGoal * residual(x));
+      const double left = kLaggedGoal * residual(x);
+      if (std::isfinite(left)) goal = std::max(goal, left);
     }
     MinimiserReport found = minimiser_->minimise(*potential_, x, goal);
     ++report_.minimisations;
