@@ -91,3 +91,32 @@ def test_a_liquid_is_parted_at_any_depth(shape, depth):
     assert np.abs(liquid.velocities).max() < 0.1  # it was 4 to 20 m/s
     momentum = liquid.masses @ liquid.velocities
     assert momentum == pytest.approx(-impulse, abs=1e-3)
+
+
+@pytest.mark.filterwarnings("ignore::substep.StartWarning")
+@pytest.mark.parametrize("divergence_free", [False, True])
+@pytest.mark.parametrize(
+    ("lengths", "center"),
+    [
+        ((0.1, 0.1, 1), (0.8, 0.05, 0)),  # stands on the floor
+        ((0.1, 0.1, 1), (0.95, 0.05, 0)),  # in a corner
+        ((0.1, 0.1, 1), (0.6, 0.07, 0)),  # a spacing above the floor
+        ((0.1, 0.6, 1), (0.8, 0.3, 0)),  # through all of the liquid
+    ],
+)
+def test_liquid_in_a_block_beside_walls_finds_a_way_out(lengths, center, divergence_free):
+    """The nearest face may have a wall behind it; what comes out at one place is parted too."""
+    water = substep.fill_box((0, 0), (1, 0.3), 0.02)
+    tank = substep.Collider(substep.Box((1, 1, 1), (0.5, 0.5, 0)), hollow=True)
+    block = substep.Collider(substep.Box(lengths, center))
+    liquid = substep.PositionBasedFluid(
+        water, 0.02, colliders=[tank, block], divergence_free=divergence_free
+    )
+    energy, fastest = liquid.diagnostics()["energy"], 0.0
+    for _ in range(40):
+        liquid.step(2e-3)
+        fastest = max(fastest, np.linalg.norm(liquid.velocities, axis=1).max())
+    x = np.pad(liquid.positions, ((0, 0), (0, 1)))
+    assert min(tank.distance(x).min(), block.distance(x).min()) > -1e-6
+    assert fastest < 1.5  # that of falling by a fifth of the depth; it was 1e5 m/s
+    assert liquid.diagnostics()["energy"] < 1.25 * energy  # what is displaced lies on top

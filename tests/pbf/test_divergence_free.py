@@ -294,3 +294,19 @@ def test_no_particles_and_one():
         liquid = liquid_of(np.zeros((n, 3)), 0.1)
         liquid.advance(0.5)
         assert liquid.velocities == pytest.approx(np.full((n, 3), (0, 0, -4.905)))
+
+
+def test_particles_that_lost_their_neighbours_fall():
+    """Their pressure ends with the last neighbour, and no iteration waits for it."""
+    d = 0.05
+    tank = substep.Collider(substep.Box((1, 4, 1), (0.5, 2, 0)), hollow=True)
+    liquid = liquid_of(block((20, 20), d), d, colliders=[tank])
+    for _ in range(20):
+        liquid.step(4e-3)
+    row, column = np.arange(400) // 20, np.arange(400) % 20
+    kept = liquid.ids[(row % 4 == 1) & (column % 4 == 1) & (column > 2)]
+    liquid.remove(np.setdiff1d(liquid.ids, kept))
+    before = liquid.velocities
+    liquid.step(4e-3)
+    assert liquid.report.divergence_converged and liquid.report.divergence_iterations == 0
+    assert liquid.velocities - before == pytest.approx(np.tile([0, -9.81 * 4e-3], (len(kept), 1)))

@@ -21,7 +21,7 @@ def start(x, spacing=D, **options):
 def test_overlapping_blocks_and_spacings_ten_times_off(x, kernel):
     with pytest.warns(substep.StartWarning, match=r"of \d+ particles are too close.* at [12]\."):
         start(np.concatenate([x, x]), kernel=kernel)
-    with pytest.warns(substep.StartWarning, match=r"positions: .* too close for spacing = 0\.5 m"):
+    with pytest.warns(substep.StartWarning, match=r"too close to others.* is spacing = 0\.5 m"):
         start(x, 10 * D, kernel=kernel)
     with pytest.warns(substep.StartWarning, match="most particles have no other within"):
         start(x, D / 10, kernel=kernel)
@@ -45,6 +45,22 @@ def test_inside_of_an_obstacle_and_outside_of_a_tank(dimension):
         start(x, colliders=[small])
 
 
+@pytest.mark.parametrize("x", [BLOCK, FLAT], ids=["3D", "2D"])
+def test_lattices_that_are_a_little_too_dense_or_begin_on_walls(x):
+    with pytest.warns(substep.StartWarning, match=r"positions\[\d+\] at 1\.1\d* times"):
+        start(0.95 * x)
+    corner = x - D / 2  # a lattice of np.arange(8) * D
+    floor = substep.Plane((0, 0, 1)) if x.shape[1] == 3 else substep.Plane((0, 1, 0))
+    with pytest.warns(substep.StartWarning, match="are they half of it from walls"):
+        start(corner, colliders=[floor, substep.Plane((1, 0, 0))])
+
+
+def test_a_forgotten_hollow_is_named():
+    with pytest.warns(substep.StartWarning) as caught:
+        start(BLOCK, colliders=[TANK])
+    assert "hollow=True" in str(caught[0].message)
+
+
 def test_the_warning_points_at_the_line_of_the_user():
     with pytest.warns(substep.StartWarning) as caught:
         substep.PositionBasedFluid(BLOCK, 10 * D)
@@ -65,4 +81,6 @@ def test_other_starts_say_nothing():
         liquid = start(BLOCK)
         liquid.add(BLOCK)  # looked at in no case
         substep.relax(rng.uniform(0, 1, (1000, 3)), 0.1)
+        ball = substep.Collider(substep.Sphere(0.2, (0.3, 0.3, 0.3)))
+        substep.relax([[0.3, 0.3, 0.3], [0.6, 0.6, 0.6]], D, colliders=[ball])
     assert len(liquid) == 2 * len(BLOCK)

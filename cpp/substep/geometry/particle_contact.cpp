@@ -246,6 +246,7 @@ bool ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real
 template <class Real>
 Vec3 ParticleContact<Real>::way_out(std::size_t c, const Vec3& x) const {
   constexpr double kRoom = 50;  // margins
+  constexpr double kFurther = 1.01;  // the deeper ones: no two come out at one place
   constexpr int kMostSteps = 1000;
   const Collider& collider = colliders[c];
   const Pose& at = obstacles_[c].from;
@@ -258,7 +259,7 @@ Vec3 ParticleContact<Real>::way_out(std::size_t c, const Vec3& x) const {
     }
     return least;
   };
-  const Vec3 nearest = set_off(collider, x, margin_);
+  const Vec3 nearest = x + kFurther * (set_off(collider, x, margin_) - x);
   const double room_there = room(nearest);
   if (room_there >= kRoom * margin_) return nearest;
   Vec3 best = nearest;
@@ -272,6 +273,7 @@ Vec3 ParticleContact<Real>::way_out(std::size_t c, const Vec3& x) const {
       distance = collider.local_distance(x + way * direction).value;
     }
     if (distance < margin_) continue;
+    way *= kFurther;
     const double there = std::min(room(x + way * direction), kRoom * margin_);
     if (there > best_room || (there == best_room && way < best_way)) {
       best = x + way * direction;

@@ -45,7 +45,7 @@ def warn_of_start(
             where, hint = "outside of", "; is the tank too small?"
             if not collider.hollow:
                 where = "inside"
-                hint = "; is it meant as a tank? Collider(shape, hollow=True)" * (len(inside) == n)
+                hint = "; is it meant as a tank? Collider(shape, hollow=True)" * bool((distance < 0).all())
             _warn(
                 f"{len(inside)} of {n} particles are {where} colliders[{k}] by more than a "
                 f"spacing, positions[{inside[0]}] by {-distance[inside[0]]:.3g} m, and will be put "
