@@ -15,8 +15,8 @@ constexpr int kMaxBacktracks = 40;
 constexpr double kLeastKept = 0.2;  // of the negative curvature; below that none is kept
 constexpr int kTrusted = 2;         // factorizations that pass in a row before more is kept
 
-constexpr std::size_t kPairs = 10;   // of steps and gradients that quasi-Newton steps learn from
-constexpr std::size_t kCarried = 5;  // pairs that still hold when the Hessian has changed little
+constexpr std::size_t kPairs = 10;    // of steps and gradients that quasi-Newton steps learn from
+constexpr std::size_t kCarried = 5;   // pairs that still hold when the Hessian has changed little
 constexpr int kMaxRefinements = 200;  // with one factorization
 constexpr int kPatience = 8;          // of them in which the slope has not fallen
 constexpr int kRefinementBacktracks = 2;

@@ -24,7 +24,8 @@ class Emitter(Frozen):
 
     Particles leave in layers across the nozzle, one each time that the jet has moved on by the
     layer's thickness, whatever the steps of the simulation: so the flow is `area` times `speed`,
-    without gaps and overlaps. Nothing holds the liquid behind the nozzle: what meets it pushes.
+    without gaps and overlaps. In a `PositionBasedFluid` the layers that have not come out yet hold
+    what is behind the nozzle; in a `MaterialPointMethod` nothing does.
 
     Parameters
     ----------
