@@ -245,7 +245,7 @@ bool ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real
 // along its axes where they do.
 template <class Real>
 Vec3 ParticleContact<Real>::way_out(std::size_t c, const Vec3& x) const {
-  constexpr double kRoom = 50;  // margins
+  constexpr double kRoom = 50;       // margins
   constexpr double kFurther = 1.01;  // the deeper ones: no two come out at one place
   constexpr int kMostSteps = 1000;
   const Collider& collider = colliders[c];

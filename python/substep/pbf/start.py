@@ -16,6 +16,7 @@ from ..geometry import Collider
 # together are no mistake, nor are points that are shaken. A lattice on a wall has the first in its
 # first layer, one of 0.95 spacings the second.
 _TOO_DENSE = ((1.5, 0.01), (1.1, 0.25))
+_HOLLOW = "; is it meant as a tank? Collider(shape, hollow=True)"
 _FEW = 8  # particles that may be drops without neighbours
 
 
@@ -44,8 +45,8 @@ def warn_of_start(
         if len(inside):
             where, hint = "outside of", "; is the tank too small?"
             if not collider.hollow:
-                where = "inside"
-                hint = "; is it meant as a tank? Collider(shape, hollow=True)" * bool((distance < 0).all())
+                all_inside = bool((distance < 0).all())
+                where, hint = "inside", _HOLLOW if all_inside else ""
             _warn(
                 f"{len(inside)} of {n} particles are {where} colliders[{k}] by more than a "
                 f"spacing, positions[{inside[0]}] by {-distance[inside[0]]:.3g} m, and will be put "
