@@ -120,3 +120,32 @@ def test_liquid_in_a_block_beside_walls_finds_a_way_out(lengths, center, diverge
     assert min(tank.distance(x).min(), block.distance(x).min()) > -1e-6
     assert fastest < 1.5  # that of falling by a fifth of the depth; it was 1e5 m/s
     assert liquid.diagnostics()["energy"] < 1.25 * energy  # what is displaced lies on top
+
+
+@pytest.mark.parametrize("top", [0.45, 1.0, 10.0])
+@pytest.mark.parametrize("height", [0.02, 0.05, 0.1, 0.3])
+def test_a_floor_beside_a_face_is_no_wall_before_it(top, height):
+    pillar = substep.Collider(substep.Box((0.3, 0.3, top), (0.5, 0.5, top / 2)))
+    liquid = substep.PositionBasedFluid(
+        [[0.37, 0.5, height]], 0.05, gravity=STILL, colliders=[substep.Plane(), pillar]
+    )
+    liquid.step(1e-5)
+    assert liquid.positions[0] == pytest.approx([0.345, 0.5, height], abs=0.005)
+
+
+@pytest.mark.filterwarnings("ignore::substep.StartWarning")
+@pytest.mark.parametrize(
+    "colliders",
+    [
+        (substep.Collider(substep.Box((1, 1, 1), (0, 0, 0.5)), hollow=True), substep.Plane()),
+        (substep.Collider(substep.Sphere(1), hollow=True), substep.Plane()),
+        (substep.Box((1, 1, 1)), substep.Collider(substep.Box((1, 1, 1)), hollow=True)),
+        (substep.Plane(), substep.Plane((0, 0, -1))),
+    ],
+    ids=["tank on the ground", "ball on the ground", "no room", "no room between planes"],
+)
+def test_outside_of_a_tank_and_below_the_ground(colliders):
+    colliders = [c.copy() if isinstance(c, substep.Collider) else c for c in colliders]
+    points = substep.PositionBasedDynamics([[0.1, 0.2, -1.3]], 1.0, colliders=colliders)
+    points.step(1e-3)
+    assert np.abs(points.positions).max() < 3

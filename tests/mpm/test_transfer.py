@@ -205,3 +205,17 @@ def test_thin_material_that_rubs_by_linear_splines(transfer, gain, dimension):
     heap.advance(0.5)
     assert energy(heap) < start
     assert heap.positions[:, -1].max() < 0.4
+
+
+@pytest.mark.parametrize("transfer", ["flip", "aflip"])
+@pytest.mark.parametrize("kernel", ["quadratic", "cubic"])
+def test_nodes_too_light_for_an_inverse_give_nothing(transfer, kernel):
+    """Points a hair off the lattice leave nodes with masses below the least normal number."""
+    x = np.stack(np.meshgrid(*[0.1 * np.arange(3)] * 3, indexing="ij"), -1).reshape(-1, 3) + 1e-7
+    sand = substep.MaterialPointMethod(
+        x, substep.mpm.Sand(), cell=0.1, volume=1.25e-4, kernel=kernel, transfer=transfer
+    )
+    for _ in range(3):
+        sand.step()
+    assert np.isfinite(sand.velocities).all()
+    sand.copy()

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "substep/core/interrupt.h"
 #include "substep/core/lanes.h"
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
@@ -241,47 +242,54 @@ bool ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real
 }
 
 // Where a point in collider c comes out, in its frame: at the nearest place of its surface. Where
-// other obstacles leave no room there, as below a block that stands on a floor: at the nearest one
-// along its axes where they do.
+// another obstacle stands right before it, as below a block on a floor: at the nearest one along
+// its axes that has more room before it.
 template <class Real>
 Vec3 ParticleContact<Real>::way_out(std::size_t c, const Vec3& x) const {
-  constexpr double kRoom = 50;       // margins
   constexpr double kFurther = 1.01;  // the deeper ones: no two come out at one place
   constexpr int kMostSteps = 1000;
+  const double enough = 50 * margin_, far = 1e5 * margin_;
+  poll_interrupt();
   const Collider& collider = colliders[c];
   const Pose& at = obstacles_[c].from;
-  const auto room = [&](const Vec3& local) {
-    double least = std::numeric_limits<double>::infinity();
-    for (std::size_t other = 0; other < colliders.size(); ++other) {
-      if (other == c) continue;
-      const Vec3 there = obstacles_[other].from.to_local(at.to_world(local));
-      least = std::min(least, colliders[other].local_distance(there).value);
+  const auto room = [&](const Vec3& from, const Vec3& direction) {
+    double free = 0;
+    while (free < enough) {
+      const Vec3 place = at.to_world(from + free * direction);
+      double least = std::numeric_limits<double>::infinity();
+      for (std::size_t other = 0; other < colliders.size(); ++other) {
+        if (other == c) continue;
+        const Vec3 there = obstacles_[other].from.to_local(place);
+        least = std::min(
+            least, colliders[other].local_distance(there).value / colliders[other].lipschitz());
+      }
+      if (least <= 0) break;
+      free += std::max(least, margin_);
     }
-    return least;
+    return std::min(free, enough);
   };
-  const Vec3 nearest = x + kFurther * (set_off(collider, x, margin_) - x);
-  const double room_there = room(nearest);
-  if (room_there >= kRoom * margin_) return nearest;
-  Vec3 best = nearest;
-  double best_way = std::numeric_limits<double>::infinity(), best_room = room_there;
+  const Vec3 out = set_off(collider, x, margin_) - x;
+  Vec3 best = x + kFurther * out;
+  double best_way = out.norm(), best_room = room(best, out.normalized());
+  if (best_room >= enough) return best;
   for (int k = 0; k < 6; ++k) {
     const Vec3 direction = (k % 2 == 0 ? 1 : -1) * Vec3::Unit(k / 2);
     if (planar_ && std::abs((at.rotation * direction)[2]) > 1e-6) continue;
     double way = 0, distance = collider.local_distance(x).value;
-    for (int step = 0; step < kMostSteps && distance < margin_; ++step) {
+    for (int step = 0; step < kMostSteps && distance < margin_ && way < far; ++step) {
       way += std::max(margin_ - distance, 0.1 * margin_);
       distance = collider.local_distance(x + way * direction).value;
     }
-    if (distance < margin_) continue;
-    way *= kFurther;
-    const double there = std::min(room(x + way * direction), kRoom * margin_);
+    if (!(distance >= margin_)) continue;
+    const Vec3 place = x + kFurther * way * direction;
+    const double there = room(place, direction);
     if (there > best_room || (there == best_room && way < best_way)) {
-      best = x + way * direction;
+      best = place;
       best_way = way;
       best_room = there;
     }
   }
-  return best_room >= margin_ ? best : nearest;
+  return best;
 }
 
 template <class Real>

@@ -89,7 +89,7 @@ void copy_before(const Nodes<Real, D>& before, const transfer::BlockLayout<D>& l
                  std::size_t block, Arena<Real, D>& arena) {
   arena.copy(before, layout, block);
   for (Real* node = arena.nodes; node < arena.nodes + arena.kReals; node += transfer::kNodeReals) {
-    const Real inverse = node[D] > 0 ? 1 / node[D] : 0;
+    const Real inverse = node[D] < std::numeric_limits<Real>::min() ? 0 : 1 / node[D];
     for (int d = 0; d < D; ++d) node[d] *= inverse;
   }
 }
