@@ -187,6 +187,7 @@ void set_exchanges(Contacts& contacts, const BarrierTerm& barrier, const Frictio
 
 void carry_vertices(const std::vector<geometry::Collider>& before, const Contacts& contacts,
                     std::span<Vec3> x) {
+  constexpr double kLeastLeft = 0.5;  // of the distance before
   for (std::size_t c = 0; c < before.size(); ++c) {
     const geometry::Collider &from = before[c], &to = contacts.colliders[c];
     if (from.position() == to.position() &&
@@ -196,10 +197,13 @@ void carry_vertices(const std::vector<geometry::Collider>& before, const Contact
     const geometry::Quaternion turn = to.orientation() * from.orientation().conjugate();
     for (std::size_t i = 0; i < x.size(); ++i) {
       if (contacts.stiffness[i] == 0.0) continue;
-      const double d = to.signed_distance(x[i]).value;
-      if (d < contacts.thickness && d < from.signed_distance(x[i]).value) {
-        x[i] = to.position() + turn * (x[i] - from.position());
-      }
+      const auto [d, gradient] = to.signed_distance(x[i]);
+      if (!(d < contacts.thickness)) continue;
+      const double was = from.signed_distance(x[i]).value;
+      if (d > kLeastLeft * was) continue;
+      const Vec3 aside = x[i] + (was - d) * gradient.normalized();
+      const bool clear = to.signed_distance(aside).value > kLeastLeft * was;
+      x[i] = clear ? aside : Vec3(to.position() + turn * (x[i] - from.position()));
     }
   }
 }

@@ -98,8 +98,9 @@ class FrictionTerm : public ContactTerm {
 void set_exchanges(Contacts& contacts, const BarrierTerm& barrier, const FrictionTerm& friction,
                    Positions x, Positions v, double h, int threads);
 
-// Vertices that the colliders, which were `before`, have come upon go along with them, so that a
-// step can start where nothing penetrates.
+// Vertices that the colliders, which were `before`, have come upon go aside, or along with them
+// where that does not do, so that a step can start where nothing penetrates. Those that a surface
+// slides past stay.
 void carry_vertices(const std::vector<geometry::Collider>& before, const Contacts& contacts,
                     std::span<Vec3> x);
 
