@@ -598,10 +598,10 @@ std::vector<Real> Fluid<Real>::densities() const {
   x.reserve(order.size() + 1);
   for (const std::int32_t i : order) x.push_back(particles.x[i]);
   neighbours.find(x, h, geometry::Pairs::kFull, options.threads);
-  std::vector<Real> sorted(order.size()), result(order.size());
   Boundary<Real> walls = boundary;
   walls.place_layers(flow.counts.layers, time);
   walls.find_near(x, options.threads);
+  std::vector<Real> sorted(order.size()), result(order.size());
   const auto contributions = walls.contributions(x, options.threads);
   x.push_back(density.far_point());
   density.densities(x, neighbours, contributions, sorted, options.threads);
