@@ -138,7 +138,7 @@ TEST(Contact, MovingColliderCarriesWhatItComesUpon) {
   after.colliders[0].advance(0.1);
   std::vector<Vec3> x = {{0.0, 0.0, 0.01}, {0.0, 0.0, 1.0}};
   carry_vertices(before.colliders, after, x);
-  EXPECT_NEAR((x[0] - Vec3(0.05, 0.0, 0.21)).norm(), 0.0, 1e-15);
+  EXPECT_NEAR((x[0] - Vec3(0.0, 0.0, 0.21)).norm(), 0.0, 1e-15);
   EXPECT_EQ(x[1], Vec3(0.0, 0.0, 1.0));
 }
 
