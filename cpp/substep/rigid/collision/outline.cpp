@@ -25,10 +25,11 @@ Outline outline_of(const Polytope& p, const Vec3& d) {
 
 // A cap as the polygon of kAround points that are fixed in the body, so that they stay the same
 // while it rests, and, where it is tilted by more than kTilted, the lowest point of the rim in
-// place of a fixed one within kNear or between two; or the line on the side.
+// place of a fixed one near it or between two; or the line on the side. What is tilted by more than
+// kRolls rolls on its rim, where the lowest point should be alone.
 Outline outline_of_cylinder(const Convex& c, const Vec3& d) {
   constexpr std::uint32_t kAround = 8;
-  constexpr double kTilted = 1e-3, kNear = 0.1;  // [rad]
+  constexpr double kTilted = 1e-3, kRolls = 0.05;  // [rad]
   const double radial = std::hypot(d.x(), d.y());
   Outline out;
   if (std::abs(d.z()) < radial) {
@@ -43,6 +44,7 @@ Outline outline_of_cylinder(const Convex& c, const Vec3& d) {
   }
   const double z = d.z() < 0 ? -c.half_length : c.half_length, pi = std::numbers::pi;
   const double lowest = radial > kTilted * std::abs(d.z()) ? std::atan2(d.y(), d.x()) : -1e9;
+  const double near = radial > kRolls * std::abs(d.z()) ? 0.35 : 0.1;  // [rad]
   out.name = d.z() < 0 ? 0 : 1;
   const auto add = [&](double x, double y, std::uint32_t name) {
     out.corners[out.count] = {x, y, z};
@@ -50,10 +52,10 @@ Outline outline_of_cylinder(const Convex& c, const Vec3& d) {
   };
   for (std::uint32_t k = 0; k < kAround; ++k) {
     const double angle = -pi + k * (2 * pi / kAround), next = angle + 2 * pi / kAround;
-    const double past = lowest > pi - kNear ? lowest - 2 * pi : lowest;  // (-pi is a fixed one)
-    const bool here = std::abs(past - angle) < kNear;
+    const double past = lowest > pi - near ? lowest - 2 * pi : lowest;  // (-pi is a fixed one)
+    const bool here = std::abs(past - angle) < near;
     if (!here) add(c.radius * std::cos(angle), c.radius * std::sin(angle), k);
-    if (here || (angle < past - kNear && past + kNear < next)) {
+    if (here || (angle < past - near && past + near < next)) {
       add(c.radius * (d.x() / radial), c.radius * (d.y() / radial), k);  // or on the edge k
     }
   }

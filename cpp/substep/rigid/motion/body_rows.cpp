@@ -1,5 +1,6 @@
 #include "substep/rigid/motion/body_rows.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "substep/core/parallel.h"
@@ -43,6 +44,8 @@ void BodyRows::load(const Bodies& bodies, const Vec3& gravity, std::span<const s
   }
   stands.assign(body_of.size(), 0);
   stands[0] = 1;
+  turns.assign(body_of.size(), 0);
+  turned_.reset(4 * body_of.size());
   first_spin_.reset(3 * body_of.size());
   Vec3::Map(first_spin_.data()).setZero();
   parallel_for(
@@ -59,6 +62,7 @@ void BodyRows::load(const Bodies& bodies, const Vec3& gravity, std::span<const s
           const Vec3 spin = W * Vec3(&bodies.L[3 * i]);
           velocity[k] = {to_row(Vec3(&bodies.P[3 * i]) * inverse_root), to_row(spin)};
           Vec3::Map(&first_spin_[3 * k]) = spin;
+          std::copy_n(&bodies.q[4 * i], 4, &turned_[4 * k]);
           acceleration[k] = push[k] = displacement[k] = {};
           if (!dynamic) continue;
           const Vec3 force = bodies.mass[i] * gravity + Vec3(&bodies.force[3 * i]);
@@ -111,6 +115,56 @@ void BodyRows::move(std::int64_t begin, std::int64_t end, double h) {
   }
 }
 
+Vec3 BodyRows::spin_row(std::int32_t row) const { return from_row(velocity[usize(row)].angular); }
+Vec3 BodyRows::velocity_of(std::int32_t row) const {
+  return scale_of(row) * from_row(velocity[usize(row)].linear);
+}
+Vec3 BodyRows::spin_of(std::int32_t row) const { return root_of(row) * spin_row(row); }
+
+Quaternion BodyRows::rotation(const Bodies& bodies, std::int32_t body) const {
+  const std::int32_t r = row(body);
+  if (turns[usize(r)] != 0) return load_quaternion(&turned_[4 * usize(r)]);
+  return rotation_by(root_of(r) * from_row(displacement[usize(r)].angular)) * bodies.rotation(body);
+}
+
+Pose BodyRows::pose(const Bodies& bodies, std::int32_t body) const {
+  const std::int32_t r = row(body);
+  return {bodies.position(body) + scale_of(r) * from_row(displacement[usize(r)].linear),
+          rotation(bodies, body)};
+}
+
+Pose BodyRows::pose_after(const Bodies& bodies, std::int32_t body, double h, Vec3& spin) const {
+  const std::int32_t r = row(body);
+  const Pose now = pose(bodies, body);
+  spin = spin_of(r);
+  const Pose then(now.position + h * velocity_of(r),
+                  Mat3(rotation_by(h * spin).toRotationMatrix() * now.rotation));
+  if (turns[usize(r)] != 0) {
+    const Vec3 inertia(&bodies.inertia[3 * usize(body)]);
+    spin = then.rotation * (then.rotation.transpose() * momentum_of(r)).cwiseQuotient(inertia);
+  }
+  return then;
+}
+
+void BodyRows::turn(const Bodies& bodies, std::int32_t r, double h, FreeRotation method) {
+  const std::size_t k = usize(r), i = usize(body_of[k]);
+  const Mat3 W = root_of(r);
+  const Vec3 L = momentum_of(r), torque = W.inverse() * from_row(acceleration[k].angular);
+  const Vec3 aside = from_row(displacement[k].angular) - h * spin_row(r);
+  double* const q = &turned_[4 * k];
+  rotate_rows(method, 1, q, L.data(), &bodies.inertia[3 * i], h);
+  if (!aside.isZero(0))
+    store_quaternion((rotation_by(W * aside) * load_quaternion(q)).normalized(), q);
+  const Mat3 next = conjugated(load_quaternion(q).toRotationMatrix(),
+                               Vec3(&bodies.inertia[3 * i]).cwiseSqrt().cwiseInverse());
+  root[k].linear = to_row(next.diagonal(), root[k].linear.w);
+  root[k].angular = {next(0, 1), next(0, 2), next(1, 2), root[k].angular.w};
+  velocity[k].angular = to_row(next * L);
+  acceleration[k].angular = to_row(next * torque);
+  displacement[k].angular = {};
+  push[k] = {};
+}
+
 std::int64_t BodyRows::first_not_finite(const Bodies& bodies) const {
   for (std::size_t k = 1; k < body_of.size(); ++k) {
     const auto square = [](const Point<double>& p) { return from_row(p).squaredNorm(); };
@@ -138,12 +192,16 @@ std::int64_t BodyRows::store(Bodies& bodies, double dt, FreeRotation method, int
         for (std::int64_t row = begin + 1; row <= end;) {  // runs of bodies without a gap
           const std::size_t body = usize(body_of[usize(row)]);
           std::int64_t n = 1;
+          if (turns[usize(row)] != 0) {
+            ++row;
+            continue;
+          }
           if (turns_anew(row, dt)) {
             Vec3::Map(&bodies.L[3 * body]) = root_of(static_cast<std::int32_t>(row)).inverse() *
                                              from_row(velocity[usize(row)].angular);
           } else {
             while (row + n <= end && body_of[usize(row + n)] == body_of[usize(row)] + n &&
-                   !turns_anew(row + n, dt))
+                   turns[usize(row + n)] == 0 && !turns_anew(row + n, dt))
               ++n;
           }
           rotate_rows(method, n, &bodies.q[4 * body], &bodies.L[3 * body],
@@ -155,11 +213,16 @@ std::int64_t BodyRows::store(Bodies& bodies, double dt, FreeRotation method, int
           const BodyRow &x = displacement[k], &v = velocity[k];
           const double scale = root[k].linear.w;
           Vec3::Map(&bodies.x[3 * i]) += from_row(x.linear) * scale;
+          if (turns[k] != 0) std::copy_n(&turned_[4 * k], 4, &bodies.q[4 * i]);
           if (!bodies.dynamic(body_of[k])) continue;
           const Mat3 W = root_of(static_cast<std::int32_t>(row));
           const Vec3 first(&first_spin_[3 * k]);
           const Vec3 turn = from_row(x.angular) - dt * first, spin = from_row(v.angular) - first;
           Vec3::Map(&bodies.P[3 * i]) = from_row(v.linear) / scale;
+          if (turns[k] != 0) {
+            Vec3::Map(&bodies.L[3 * i]) = momentum_of(static_cast<std::int32_t>(row));
+            continue;
+          }
           if (turns_anew(row, dt)) continue;
           if (!turn.isZero(0)) {
             store_quaternion((rotation_by(W * turn) * bodies.rotation(body_of[k])).normalized(),

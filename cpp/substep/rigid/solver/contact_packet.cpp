@@ -1,5 +1,7 @@
 #include "substep/rigid/solver/contact_packet.h"
 
+#include "substep/core/usize.h"
+
 namespace substep::rigid {
 namespace {
 
@@ -334,6 +336,8 @@ void ContactPacket::set(int lane, const ContactConstraint* contact, const BodyRo
   }
   friction[lane] = static_cast<float>(c.friction), spinning[lane] = static_cast<float>(c.spinning);
   away[lane] = 0;
+  if (lane == 0) rolls_on = false;
+  set3(bias, lane, Vec3::Zero());
   slide_impulse[0][lane] = c.friction_impulse[0], slide_impulse[1][lane] = c.friction_impulse[1];
   twist_impulse[lane] = c.twist_impulse;
   rolls = (lane > 0 && rolls) || c.rolling > 0;
@@ -416,6 +420,29 @@ void ContactPacket::warm_start(BodyRows& rows) const {
   store_both(m, rows.push, *this);
 }
 
+void ContactPacket::renew_push(BodyRows& rows) const {
+  ContactPacket only = *this;  // what does not turn has its push
+  for (int lane = 0; lane < kLanes; ++lane) {
+    only.moves_a[lane] = moves_a[lane] && rows.turns[usize(a[lane])] != 0;
+    only.moves_b[lane] = moves_b[lane] && rows.turns[usize(b[lane])] != 0;
+  }
+  only.warm_start(rows);
+}
+
+void ContactPacket::find_separations(const BodyRows& rows, V (&C)[4]) const {
+  approach(*this, relative(*this, load_both(rows.displacement, *this)), C);
+  for (int k = 0; k < 4; ++k) C[k] = C[k] + wide(separation[k]);
+}
+
+void ContactPacket::rebase(const BodyRows& rows, const bool (&lanes)[kLanes]) {
+  V moved[4];
+  approach(*this, relative(*this, load_both(rows.displacement, *this)), moved);
+  for (int k = 0; k < 4; ++k) {
+    for (int lane = 0; lane < kLanes; ++lane)
+      if (lanes[lane]) separation[k][lane] -= static_cast<float>(moved[k][lane]);
+  }
+}
+
 void ContactPacket::solve_positions(BodyRows& rows, const Settings& settings) {
   Both m = load_both(rows.displacement, *this);
   const V unit = inverse_of(mobility);
@@ -443,6 +470,8 @@ void ContactPacket::solve_positions(BodyRows& rows, const Settings& settings) {
 void ContactPacket::solve_velocities(BodyRows& rows) {
   Both m = load_both(rows.velocity, *this);
   Twist u = relative(*this, m), l{};
+  if (rolls_on)
+    for (int i = 0; i < 3; ++i) u.linear[i] = u.linear[i] + wide(bias[i]);
   solve_friction(*this, u, l);
   V residual[4], d[4];
   approach(*this, u, residual);

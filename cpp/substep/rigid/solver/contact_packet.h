@@ -44,8 +44,15 @@ struct ContactPacket {
   // Everything below but the impulses, once per step.
   void prepare(const BodyRows& rows);
 
+  // What the displacements have made of the separations.
+  void find_separations(const BodyRows& rows, V (&C)[4]) const;
+  // The separations of these lanes are those of now, not of the step's begin.
+  void rebase(const BodyRows& rows, const bool (&lanes)[kLanes]);
+
   // The impulses of the last sub-step, to rows.push.
   void warm_start(BodyRows& rows) const;
+  // The same for the rows that turn.
+  void renew_push(BodyRows& rows) const;
   // At the start of a sub-step: moves bodies apart, without velocity, and notes the targets.
   void solve_positions(BodyRows& rows, const Settings& settings);
   // Friction, then the normal impulses.
@@ -54,7 +61,7 @@ struct ContactPacket {
   void get(int lane, ContactConstraint& contact) const;
 
   std::int32_t a[kLanes], b[kLanes];  // rows
-  bool moves_a[kLanes], moves_b[kLanes], rolls;
+  bool moves_a[kLanes], moves_b[kLanes], rolls, rolls_on;
   V3 normal, tangent;
   V scale_a, scale_b;                              // s
   V mobility;                                      // max_k(A_kk), the unit of M below
@@ -63,6 +70,7 @@ struct ContactPacket {
   F3 arm_a, arm_b;                                 // r
   F p[4], q[4], used[4];                           // used: 1 or 0
   F separation[4], away, target[4];                // C at the start of the step; least -u_n
+  F3 bias;                                         // where it rolls on, of u
   F block[10], inverse[10], diagonal[4];           // A + eps, its inverse, 1 / its diagonal
   F slide_inverse[3], slide_bound, twist_inverse;  // of M between l_t, and torques about n
   F coupling[3][3];                                // M from (l_t, torque) to (u_n, w_1, w_2)

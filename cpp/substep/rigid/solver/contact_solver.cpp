@@ -14,6 +14,8 @@ constexpr int kPacketLanes = ContactPacket::kLanes;
 constexpr std::int64_t kBodies = 512;  // per chunk
 constexpr std::int64_t kPackets = 16;  // per chunk, where they are independent
 constexpr float kFarAway = 1e6F;       // [m]
+constexpr double kRolls = 1e-5;        // least turn in a step that counts [rad]
+constexpr double kReached = 1e-5;      // height over the nearest point that is none [m]
 
 // Loops over chunks, one after the other, for one call of parallel_phases.
 class Phases {
@@ -142,12 +144,140 @@ void ContactSolver::bounce(double h, double slop) {
   }
 }
 
+// A round contact of which a body turns, or goes along the other. Those bodies turn with their
+// sub-steps, but for jointed ones, whose joints see to their rotation; and all contacts of what
+// turns go with it.
+void ContactSolver::find_rolling(std::span<const ContactConstraint> contacts,
+                                 std::span<const Joint> joints, double dt) {
+  rolling_.assign(contacts.size(), 0);
+  turning_.clear();
+  rolling_packets_.clear();
+  if (!touch_) return;
+  std::vector<std::uint8_t>& turns = rows_.turns;
+  bool any = false;
+  for (std::size_t k = 0; k < contacts.size(); ++k) {
+    const ContactConstraint& c = contacts[k];
+    if (place_[k] < 0 || !c.rolls_on) continue;
+    const std::int32_t a = rows_.row(c.a), b = rows_.row(c.b);
+    const Vec3 v_a = rows_.velocity_of(a), v_b = rows_.velocity_of(b);
+    const double turn = std::max(rows_.spin_of(a).norm(), rows_.spin_of(b).norm());
+    const double size = std::min(c.points[0].arm_a.norm(), c.points[0].arm_b.norm());
+    if (!(dt * std::max(turn * size, (v_a - v_b).norm()) > kRolls * size)) continue;
+    any = true;
+    rolling_[k] = turns[usize(a)] = turns[usize(b)] = 1;
+  }
+  if (!any) return;
+  turns[0] = 0;
+  for (const Joint& joint : joints) {
+    turns[usize(rows_.row(joint.a))] = 0;
+    turns[usize(rows_.row(joint.b))] = 0;
+  }
+  for (std::size_t r = 0; r < turns.size(); ++r)
+    if (turns[r] != 0) turning_.push_back(static_cast<std::int32_t>(r));
+  for (std::size_t k = 0; k < contacts.size(); ++k) {
+    if (place_[k] < 0) continue;
+    const ContactConstraint& c = contacts[k];
+    if (turns[usize(rows_.row(c.a))] != 0 || turns[usize(rows_.row(c.b))] != 0) rolling_[k] = 1;
+    if (rolling_[k] != 0) rolling_packets_.push_back(place_[k] / kPacketLanes);
+  }
+  std::sort(rolling_packets_.begin(), rolling_packets_.end());
+  rolling_packets_.erase(std::unique(rolling_packets_.begin(), rolling_packets_.end()),
+                         rolling_packets_.end());
+  for (const std::int64_t k : rolling_packets_) packets_[usize(k)].rolls_on = true;
+}
+
+bool ContactSolver::is_rolling(std::int64_t packet, int lane) const {
+  const auto c = sweep_.constraint[usize(packet * kPacketLanes + lane)];
+  return c >= 0 && rolling_[usize(c)] != 0;
+}
+
+// What does not roll on keeps its points.
+void ContactSolver::note_separations(std::int64_t packet,
+                                     std::span<ContactConstraint> contacts) const {
+  ContactPacket::V C[4];
+  packets_[usize(packet)].find_separations(rows_, C);
+  for (int lane = 0; lane < kPacketLanes; ++lane) {
+    if (!is_rolling(packet, lane)) continue;
+    ContactConstraint& c = contacts[usize(sweep_.constraint[usize(packet * kPacketLanes + lane)])];
+    for (int k = 0; k < c.count; ++k) c.points[k].separation = C[k][lane];
+  }
+}
+
+// Only points that this sub-step may reach act: friction is at their middle.
+void ContactSolver::drop_distant_points(ContactConstraint& c, double h) const {
+  const std::int32_t a = rows_.row(c.a), b = rows_.row(c.b);
+  const Vec3 v = rows_.velocity_of(b) - rows_.velocity_of(a);
+  const Vec3 w_a = rows_.spin_of(a), w_b = rows_.spin_of(b);
+  const auto reaches = [&](const ContactConstraint::Point& p) {
+    return p.separation + h * c.normal.dot(v + w_b.cross(p.arm_b) - w_a.cross(p.arm_a));
+  };
+  const auto nearest = std::min_element(c.points, c.points + c.count, [](auto& p, auto& q) {
+    return p.separation < q.separation;
+  })->separation;
+  const auto end = std::remove_if(c.points, c.points + c.count, [&](const auto& p) {
+    return p.separation > nearest + kReached && reaches(p) > nearest;
+  });
+  c.count = static_cast<int>(end - c.points);
+}
+
+bool ContactSolver::find_anew(const Pose& a, const Pose& b, double h, ContactConstraint& c) const {
+  const ContactConstraint last = c;
+  if (!touch_(a, b, c)) return false;
+  drop_distant_points(c, h);
+  carry_impulses(last, c);
+  return true;
+}
+
+void ContactSolver::renew(std::int64_t packet, std::span<ContactConstraint> contacts,
+                          const Bodies& bodies, double h) {
+  ContactPacket& p = packets_[usize(packet)];
+  bool rolling[kPacketLanes];
+  for (int lane = 0; lane < kPacketLanes; ++lane) {
+    rolling[lane] = is_rolling(packet, lane);
+    if (!rolling[lane]) continue;
+    ContactConstraint& c = contacts[usize(sweep_.constraint[usize(packet * kPacketLanes + lane)])];
+    p.get(lane, c);
+    if (c.rolls_on) find_anew(rows_.pose(bodies, c.a), rows_.pose(bodies, c.b), h, c);
+    p.set(lane, &c, rows_);
+  }
+  p.prepare(rows_);
+  p.rebase(rows_, rolling);
+  p.rolls_on = true;
+  for (int lane = 0; lane < kPacketLanes; ++lane) {
+    if (!rolling[lane]) continue;
+    const auto& c = contacts[usize(sweep_.constraint[usize(packet * kPacketLanes + lane)])];
+    if (c.rolls_on) set_bias(packet, lane, c, bodies, h);
+  }
+}
+
+// Half of what J, not v, will change of J v until the end of the sub-step.
+void ContactSolver::set_bias(std::int64_t packet, int lane, const ContactConstraint& contact,
+                             const Bodies& bodies, double h) {
+  const std::int32_t a = rows_.row(contact.a), b = rows_.row(contact.b);
+  const Vec3 v = rows_.velocity_of(b) - rows_.velocity_of(a);
+  const auto seen = [&](const ContactConstraint& c, const Vec3& w_a, const Vec3& w_b) {
+    const Vec3 u = v + w_b.cross(c.middle(&ContactConstraint::Point::arm_b)) -
+                   w_a.cross(c.middle(&ContactConstraint::Point::arm_a));
+    return Vec3(u.dot(c.tangent), u.dot(c.normal.cross(c.tangent)), u.dot(c.normal));
+  };
+  ContactConstraint then = contact;
+  Vec3 w_a, w_b;
+  const Pose pose_a = rows_.pose_after(bodies, contact.a, h, w_a),
+             pose_b = rows_.pose_after(bodies, contact.b, h, w_b);
+  if (!find_anew(pose_a, pose_b, h, then) || then.count != contact.count) return;
+  const Vec3 bias =
+      0.5 * (seen(then, w_a, w_b) - seen(contact, rows_.spin_of(a), rows_.spin_of(b)));
+  for (int i = 0; i < 3; ++i)
+    packets_[usize(packet)].bias[i][lane] = static_cast<float>(bias[i]);
+}
+
 std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
                                  std::span<ContactConstraint> contacts,
                                  const ContactOptions& options,
                                  std::span<const std::uint8_t> asleep, std::span<Joint> joints,
-                                 int threads) {
+                                 int threads, const Touch& touch) {
   const double h = dt / options.substeps;
+  touch_ = touch;
   const ContactPacket::Settings settings{1 / h, options.correction, options.slop,
                                          options.push_speed * h};
   rows_.load(bodies, gravity, asleep, threads);
@@ -158,6 +288,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   order(gravity, contacts, threads);
   mark_standing(contacts);
   pack(contacts, threads);
+  find_rolling(contacts, joints, dt);
   impacts_.begin_step(contacts, rows_);
 
   const double slow = 0.5 * h * gravity.norm();
@@ -170,8 +301,22 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
       phases.add(joints_.groups(), [this, task](std::int64_t k) { task(joints_.group(k)); });
     }
   };
-  phases.add_sweep(sweep_, [&](std::int64_t k) { packet(k).warm_start(rows_); });
+  const auto add_rolling = [&](const std::function<void(std::int64_t)>& task) {
+    phases.add_range(static_cast<std::int64_t>(rolling_packets_.size()), kPackets,
+                     [this, task](std::int64_t begin, std::int64_t end) {
+                       for (auto i = usize(begin); i < usize(end); ++i) task(rolling_packets_[i]);
+                     });
+  };
   for (int substep = 0; substep < options.substeps; ++substep) {
+    if (!rolling_packets_.empty())
+      add_rolling([&](std::int64_t k) { renew(k, contacts, bodies, h); });
+    if (substep == 0) {
+      phases.add_sweep(sweep_, [&](std::int64_t k) { packet(k).warm_start(rows_); });
+    } else if (!turning_.empty()) {
+      phases.add_sweep(sweep_, [&](std::int64_t k) {
+        if (packet(k).rolls_on) packet(k).renew_push(rows_);
+      });
+    }
     if (!impacts_.empty()) phases.add(1, [&](std::int64_t) { bounce(h, options.slop); });
     phases.add_range(rows_.size(), kBodies, [&](std::int64_t begin, std::int64_t end) {
       rows_.accelerate(begin, end, h, slow, lost);
@@ -188,6 +333,13 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
                      [&](std::int64_t begin, std::int64_t end) { rows_.move(begin, end, h); });
     add_joints([&](JointGroup& group) { group.move(rows_); });
     add_joints([&](JointGroup& group) { group.solve_positions(rows_); });
+    if (rolling_packets_.empty()) continue;
+    add_rolling([&](std::int64_t k) { note_separations(k, contacts); });
+    phases.add_range(static_cast<std::int64_t>(turning_.size()), kBodies,
+                     [&](std::int64_t begin, std::int64_t end) {
+                       for (auto i = usize(begin); i < usize(end); ++i)
+                         rows_.turn(bodies, turning_[i], h, options.rotation);
+                     });
   }
   add_joints([&](JointGroup& group) { group.end_step(rows_); });
   phases.run(threads);

@@ -27,11 +27,21 @@
 // at first on a static one, and are slower than half of what gravity gives in a sub-step, which
 // friction would stop at once.
 //
-// World inertias and the points of contact stay those of the start of the step. Packets of one
-// colour run on several threads; the order of the sweep is fixed, so bits do not depend on them.
+// World inertias and the points of contact stay those of the start of the step, but where round
+// shapes roll: their contacts, and the inertia of their bodies, are found anew for each sub-step.
+// There J v = 0 of its begin would make a body that rolls in a curve leave it along the tangent, and
+// take (h w)^2 of its energy each time; so that it ends on the curve, impulses act along J of the
+// begin until what they constrain is fulfilled on the average over the sub-step,
+//   J(x) v + (J(x + h v) - J(x)) v / 2 = 0,
+// of second order, as SHAKE is for joints (Ryckaert, Ciccotti and Berendsen 1977), also where the
+// constraint is one of velocities: a disk that rolls.
+//
+// Packets of one colour run on several threads; the order of the sweep is fixed, so bits do not
+// depend on them.
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -46,6 +56,10 @@ namespace substep::rigid {
 
 class ContactSolver {
  public:
+  // Puts a contact where its bodies touch at these poses, without impulses. Returns whether they do;
+  // else it stays.
+  using Touch = std::function<bool(const Pose& a, const Pose& b, ContactConstraint& contact)>;
+
   // One step of dt for all bodies: forces, contacts, joints, free motion. The impulses of the
   // contacts are those of the last sub-step before, and are so after. Contacts must have been
   // looked for as far as bodies approach within dt. asleep: not 0 where a body is, or empty; those
@@ -55,7 +69,7 @@ class ContactSolver {
   std::int64_t step(Bodies& bodies, const Vec3& gravity, double dt,
                     std::span<ContactConstraint> contacts, const ContactOptions& options,
                     std::span<const std::uint8_t> asleep = {}, std::span<Joint> joints = {},
-                    int threads = 0);
+                    int threads = 0, const Touch& touch = {});
 
   std::int64_t impacts() const { return impacts_.happened(); }  // of the last step
 
@@ -71,6 +85,16 @@ class ContactSolver {
   void mark_standing(std::span<const ContactConstraint> contacts);
   void pack(std::span<const ContactConstraint> contacts, int threads);
   void bounce(double h, double slop);
+  void find_rolling(std::span<const ContactConstraint> contacts, std::span<const Joint> joints,
+                    double dt);
+  bool is_rolling(std::int64_t packet, int lane) const;
+  void note_separations(std::int64_t packet, std::span<ContactConstraint> contacts) const;
+  void renew(std::int64_t packet, std::span<ContactConstraint> contacts, const Bodies& bodies,
+             double h);
+  bool find_anew(const Pose& a, const Pose& b, double h, ContactConstraint& contact) const;
+  void drop_distant_points(ContactConstraint& contact, double h) const;
+  void set_bias(std::int64_t packet, int lane, const ContactConstraint& contact,
+                const Bodies& bodies, double h);
 
   BodyRows rows_;
   GraphColouring colouring_;
@@ -84,6 +108,10 @@ class ContactSolver {
   std::vector<std::int32_t> place_;  // lane of each contact in packets_, counted through; or -1
   AlignedBuffer<ContactPacket> packets_;
   AlignedBuffer<Given> given_;  // by each packet
+  Touch touch_;
+  std::vector<std::uint8_t> rolling_;          // of each contact: found anew in each sub-step
+  std::vector<std::int32_t> turning_;          // rows
+  std::vector<std::int64_t> rolling_packets_;  // that hold such contacts
 };
 
 }  // namespace substep::rigid

@@ -30,6 +30,18 @@ Pose body_at(Course course, double time) {
   return course.at(time);
 }
 
+// Between two that move midway; else on the surface of the one that does, which so rolls by its
+// radius however deep it is.
+double acts_at(std::span<const Motion> motion, std::int32_t a, std::int32_t b) {
+  if (motion[usize(a)] != Motion::kDynamic) return 1;
+  return motion[usize(b)] != Motion::kDynamic ? 0 : 0.5;
+}
+
+bool is_round(const Shape& shape) {
+  return std::holds_alternative<Sphere>(shape) || std::holds_alternative<Capsule>(shape) ||
+         std::holds_alternative<Cylinder>(shape);
+}
+
 }  // namespace
 
 // Of a chunk of pairs.
@@ -47,16 +59,11 @@ class ContactFinder::Search {
   void look_at(const FixturePair& pair) {
     if (apart(fixtures_.bounds()[usize(pair.a)], fixtures_.bounds()[usize(pair.b)])) return;
     const Fixtures::Entry &a = fixtures_[pair.a], &b = fixtures_[pair.b];
-    const Way &way_a = ways_[usize(a.body)], &way_b = ways_[usize(b.body)];
-    const double approach =
-        (way_a.travel - way_b.travel).norm() + way_a.angle * a.outer + way_b.angle * b.outer;
-    const bool bounces = a.fixture.restitution > 0 || b.fixture.restitution > 0;
-    const double slow = (bounces ? kSlowBouncing : kSlow) * std::min(a.core.radius, b.core.radius);
-    const double margin = std::min(a.margin, b.margin);
+    const double approach = approach_of(a, b), slow = slow_for(a, b);
     const std::size_t before = found_.size();
-    collide_at(pair, fixtures_.pose(pair.a), fixtures_.pose(pair.b),
-               margin + std::min(approach, slow), 0);
-    if (continuous_ && approach > slow && found_.size() == before) follow(pair, margin);
+    collide_at(pair, fixtures_.pose(pair.a), fixtures_.pose(pair.b), margin_of(a, b), 0);
+    if (continuous_ && approach > slow && found_.size() == before)
+      follow(pair, std::min(a.margin, b.margin));
   }
 
   ContactConstraint contact(const Touch& touch) const {
@@ -64,7 +71,10 @@ class ContactFinder::Search {
     ContactConstraint contact =
         touch.time > 0 ? later(touch)
                        : make_contact(touch.manifold, a.body, fixtures_.body_pose(a.body), b.body,
-                                      fixtures_.body_pose(b.body), acts_at(a.body, b.body));
+                                      fixtures_.body_pose(b.body), acts_at(motion_, a.body, b.body));
+    contact.rolls_on =
+        touch.time == 0 && (is_round(a.fixture.shape) || is_round(b.fixture.shape));
+    contact.margin = margin_of(a, b);
     contact.fixture_a = touch.pair.a, contact.fixture_b = touch.pair.b;
     const Fixture &f = a.fixture, &g = b.fixture;
     contact.friction = std::sqrt(f.friction * g.friction);
@@ -75,6 +85,19 @@ class ContactFinder::Search {
   }
 
  private:
+  double approach_of(const Fixtures::Entry& a, const Fixtures::Entry& b) const {
+    const Way &way_a = ways_[usize(a.body)], &way_b = ways_[usize(b.body)];
+    return (way_a.travel - way_b.travel).norm() + way_a.angle * a.outer + way_b.angle * b.outer;
+  }
+  static double slow_for(const Fixtures::Entry& a, const Fixtures::Entry& b) {
+    const bool bounces = a.fixture.restitution > 0 || b.fixture.restitution > 0;
+    return (bounces ? kSlowBouncing : kSlow) * std::min(a.core.radius, b.core.radius);
+  }
+  // How far the two are looked at.
+  double margin_of(const Fixtures::Entry& a, const Fixtures::Entry& b) const {
+    return std::min(a.margin, b.margin) + std::min(approach_of(a, b), slow_for(a, b));
+  }
+
   void collide_at(const FixturePair& pair, const Pose& pose_a, const Pose& pose_b, double margin,
                   double time) {
     const Shape &a = fixtures_[pair.a].fixture.shape, &b = fixtures_[pair.b].fixture.shape;
@@ -119,13 +142,6 @@ class ContactFinder::Search {
     return contact;
   }
 
-  // Between two that move midway; else on the surface of the one that does, which so rolls by its
-  // radius however deep it is.
-  double acts_at(std::int32_t a, std::int32_t b) const {
-    if (motion_[usize(a)] != Motion::kDynamic) return 1;
-    return motion_[usize(b)] != Motion::kDynamic ? 0 : 0.5;
-  }
-
   Course course(std::int32_t f) const {
     const std::int32_t body = fixtures_[f].body;
     const Way& way = ways_[usize(body)];
@@ -164,6 +180,34 @@ class Carry {
 };
 
 }  // namespace
+
+bool ContactFinder::touch_at(const Fixtures& fixtures, std::span<const Motion> motion,
+                             const Pose& body_a, const Pose& body_b, ContactConstraint& contact) {
+  const Fixture &a = fixtures[contact.fixture_a].fixture, &b = fixtures[contact.fixture_b].fixture;
+  Manifold manifold;
+  Cache cache;
+  // A triangle of a mesh is its plane, through what was touched.
+  const auto plane_at = [&](double side) {
+    const Vec3 point = contact.points[0].position + side * 0.5 * contact.points[0].separation *
+                                                        contact.normal;
+    return Plane{-side * contact.normal, -side * contact.normal.dot(point)};
+  };
+  if (mesh_of(a.shape) != nullptr) {
+    collide(b.shape, body_b * b.local, plane_at(-1), {}, contact.margin, manifold, cache);
+    manifold.flip();
+  } else if (mesh_of(b.shape) != nullptr) {
+    collide(a.shape, body_a * a.local, plane_at(1), {}, contact.margin, manifold, cache);
+  } else {
+    collide(a.shape, body_a * a.local, b.shape, body_b * b.local, contact.margin, manifold, cache);
+  }
+  if (manifold.count == 0) return false;
+  const ContactConstraint last = contact;
+  const ContactConstraint now = make_contact(manifold, last.a, body_a, last.b, body_b,
+                                             acts_at(motion, last.a, last.b));
+  contact.normal = now.normal, contact.tangent = now.tangent, contact.count = now.count;
+  std::copy(now.points, now.points + 4, contact.points);
+  return true;
+}
 
 void ContactFinder::find(std::span<const FixturePair> pairs, std::int32_t slots,
                          const Fixtures& fixtures, std::span<const Motion> motion,

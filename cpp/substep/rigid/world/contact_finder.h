@@ -32,6 +32,11 @@ class ContactFinder {
             std::span<const ContactConstraint> last, bool continuous,
             std::vector<ContactConstraint>& contacts, int threads);
 
+  // Puts the contact where its shapes touch with their bodies at these poses, without impulses.
+  // Returns whether they do, within its margin; else it stays as it is.
+  static bool touch_at(const Fixtures& fixtures, std::span<const Motion> motion,
+                       const Pose& body_a, const Pose& body_b, ContactConstraint& contact);
+
  private:
   class Search;
   // A pair at a time [part of the step] when it touches.

@@ -448,8 +448,11 @@ void World::solve(double dt) {
 }
 
 std::int64_t World::solve_once(double dt) {
+  const auto touch = [&](const Pose& a, const Pose& b, ContactConstraint& contact) {
+    return ContactFinder::touch_at(fixtures_, bodies_.motion, a, b, contact);
+  };
   return solver_->step(bodies_, options_.gravity, dt, contacts_, options_.contact, asleep_, joints_,
-                       threads);
+                       threads, touch);
 }
 
 // Whether bodies were put down on each other: they press, but nobody told how much.
