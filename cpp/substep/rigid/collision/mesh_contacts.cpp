@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "substep/geometry/closest_points.h"
 #include "substep/rigid/collision/convex_contacts.h"
 #include "substep/rigid/collision/face_patch.h"
 #include "substep/rigid/shapes/view.h"
@@ -18,7 +19,8 @@ constexpr double kSameNormal = 1e-4;  // [rad]
 constexpr double kSamePoint = 1e-3, kSamePointDepth = 1e-5, kLevelFaces = 2e-3;
 
 // A body that meets more normals than kMany, on a finely curved surface, has those within the first
-// of these angles [rad] together that leaves no more.
+// of these angles [rad] together that leaves no more. A ball touches at one point of them, the
+// deepest, and has those within the first angle together always: it rolls from one to the next.
 constexpr std::size_t kMany = 8;
 constexpr double kTogether[] = {0.05, 0.1, 0.2, 0.4};
 
@@ -33,9 +35,10 @@ struct Group {
 
 class OnMesh {
  public:
-  OnMesh(const Convex& shape, const Pose& pose, const TriangleMesh& mesh, double margin,
-         std::vector<Group>& groups)
+  OnMesh(const Convex& shape, const Shape& kind, const Pose& pose, const TriangleMesh& mesh,
+         double margin, std::vector<Group>& groups)
       : shape_(shape),
+        kind_(kind),
         origin_(pose.position),
         pose_(Vec3::Zero(), pose.rotation),
         mesh_(mesh),
@@ -49,6 +52,7 @@ class OnMesh {
     const TrianglePolytope arrays(v[f[0]] - o, v[f[1]] - o, v[f[2]] - o);
     const Vec3* corners = arrays.vertices;
     if (n.dot(pose_.to_world(shape_.centre) - corners[0]) < 0) return;  // behind it
+    if (is_ball()) return add_ball(triangle, corners);
     const Convex flat{
         .core = Convex::Core::polytope,
         .polytope = arrays.polytope(),
@@ -86,6 +90,27 @@ class OnMesh {
   }
 
  private:
+  bool is_ball() const { return std::holds_alternative<Sphere>(kind_); }
+
+  // At the point nearest to its centre, the origin; at an edge or a corner only if the mesh is convex
+  // there, else a neighbour has it.
+  void add_ball(int triangle, const Vec3* corners) {
+    const auto part =
+        geometry::closest_on_triangle(Vec3::Zero(), corners[0], corners[1], corners[2]);
+    const Vec3 foot = part[0] * corners[0] + part[1] * corners[1] + part[2] * corners[2];
+    const bool inside = part[0] > 0 && part[1] > 0 && part[2] > 0;
+    const Vec3& n = mesh_.normal(triangle);
+    const double distance = inside ? -n.dot(corners[0]) : foot.norm();
+    const double separation = distance - shape_.rounding;
+    if (!(separation <= margin_) || !(distance > 0)) return;
+    Manifold manifold;
+    manifold.normal = inside ? n : Vec3(foot / -distance);
+    if (!inside && !mesh_.supports(triangle, manifold.normal)) return;
+    manifold.add({foot, foot + separation * manifold.normal, separation,
+                  static_cast<std::uint32_t>(triangle) + 1});
+    append(manifold);
+  }
+
   void append(const Manifold& manifold) {
     if (manifold.count == 0) return;
     Group* group = nullptr;
@@ -137,6 +162,7 @@ class OnMesh {
         continue;
       }
       deeper->joined = true;
+      if (is_ball()) continue;
       for (int k = 0; k < group.count; ++k) {
         ContactPoint point = group.points[k];
         point.on_a = point.on_b - point.separation * deeper->normal;
@@ -149,7 +175,7 @@ class OnMesh {
  public:
   void join_groups() {
     for (const double angle : kTogether) {
-      if (groups_.size() > kMany) join_groups(angle);
+      if (groups_.size() > kMany || (is_ball() && angle == kTogether[0])) join_groups(angle);
     }
   }
 
@@ -173,6 +199,7 @@ class OnMesh {
 
  private:
   const Convex& shape_;
+  const Shape& kind_;
   Vec3 origin_;
   Pose pose_;
   const TriangleMesh& mesh_;
@@ -187,7 +214,7 @@ void convex_mesh(const Convex& shape, const Shape& a, const Pose& pose_a, const 
   const Bounds box = bounds(a, pose);
   const Vec3 around = Vec3::Constant(margin);
   std::vector<Group> groups;
-  OnMesh on_mesh(shape, pose, mesh, margin, groups);
+  OnMesh on_mesh(shape, a, pose, mesh, margin, groups);
   mesh.for_each_in(box.low - around, box.high + around, [&](int t) { on_mesh.add(t); });
   on_mesh.join_groups();
   for (Group& group : groups) {

@@ -147,8 +147,8 @@ void ContactSolver::bounce(double h, double slop) {
 // A round contact of which a body turns, or goes along the other. Those bodies turn with their
 // sub-steps, but for jointed ones, whose joints see to their rotation; and all contacts of what
 // turns go with it.
-void ContactSolver::find_rolling(std::span<const ContactConstraint> contacts,
-                                 std::span<const Joint> joints, double dt) {
+void ContactSolver::find_rolling(std::span<ContactConstraint> contacts,
+                                 std::span<const Joint> joints, double dt, double h, double slop) {
   rolling_.assign(contacts.size(), 0);
   turning_.clear();
   rolling_packets_.clear();
@@ -156,14 +156,22 @@ void ContactSolver::find_rolling(std::span<const ContactConstraint> contacts,
   std::vector<std::uint8_t>& turns = rows_.turns;
   bool any = false;
   for (std::size_t k = 0; k < contacts.size(); ++k) {
-    const ContactConstraint& c = contacts[k];
+    ContactConstraint& c = contacts[k];
     if (place_[k] < 0 || !c.rolls_on) continue;
     const std::int32_t a = rows_.row(c.a), b = rows_.row(c.b);
     const Vec3 v_a = rows_.velocity_of(a), v_b = rows_.velocity_of(b);
-    const double turn = std::max(rows_.spin_of(a).norm(), rows_.spin_of(b).norm());
-    const double size = std::min(c.points[0].arm_a.norm(), c.points[0].arm_b.norm());
-    if (!(dt * std::max(turn * size, (v_a - v_b).norm()) > kRolls * size)) continue;
+    const double size_a = c.points[0].arm_a.norm(), size_b = c.points[0].arm_b.norm();
+    const double turn_a = rows_.spin_of(a).norm() * size_a, turn_b = rows_.spin_of(b).norm() * size_b;
+    const double speed = std::max({turn_a, turn_b, (v_a - v_b).norm()});
+    if (!(dt * speed > kRolls * std::min(size_a, size_b))) continue;
     any = true;
+    // What a sub-step may reach: by the approach, and by tipping about the point.
+    const auto tips = [&](std::int32_t row, const Vec3& arm) {
+      return rows_.spin_of(row).norm() * arm.cross(c.normal).norm();
+    };
+    c.margin = std::min(c.margin, 2 * slop + 2 * h *
+                                      (std::abs(c.normal.dot(v_a - v_b)) +
+                                       tips(a, c.points[0].arm_a) + tips(b, c.points[0].arm_b)));
     rolling_[k] = turns[usize(a)] = turns[usize(b)] = 1;
   }
   if (!any) return;
@@ -288,8 +296,13 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   order(gravity, contacts, threads);
   mark_standing(contacts);
   pack(contacts, threads);
-  find_rolling(contacts, joints, dt);
-  impacts_.begin_step(contacts, rows_);
+  find_rolling(contacts, joints, dt, h, options.slop);
+  impacts_.begin_step(contacts, rolling_, h, rows_, [&](ContactConstraint& c, double time) {
+    Vec3 spin;
+    const Pose a = rows_.pose_after(bodies, c.a, time, spin),
+               b = rows_.pose_after(bodies, c.b, time, spin);
+    return touch_(a, b, c);
+  });
 
   const double slow = 0.5 * h * gravity.norm();
   const double lost = std::min(1.0, h * options.settling);
@@ -317,7 +330,11 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
         if (packet(k).rolls_on) packet(k).renew_push(rows_);
       });
     }
-    if (!impacts_.empty()) phases.add(1, [&](std::int64_t) { bounce(h, options.slop); });
+    if (!impacts_.empty())
+      phases.add(1, [&](std::int64_t) {
+        impacts_.renew(contacts, rows_);
+        bounce(h, options.slop);
+      });
     phases.add_range(rows_.size(), kBodies, [&](std::int64_t begin, std::int64_t end) {
       rows_.accelerate(begin, end, h, slow, lost);
     });

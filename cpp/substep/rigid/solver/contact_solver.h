@@ -85,8 +85,8 @@ class ContactSolver {
   void mark_standing(std::span<const ContactConstraint> contacts);
   void pack(std::span<const ContactConstraint> contacts, int threads);
   void bounce(double h, double slop);
-  void find_rolling(std::span<const ContactConstraint> contacts, std::span<const Joint> joints,
-                    double dt);
+  void find_rolling(std::span<ContactConstraint> contacts, std::span<const Joint> joints, double dt,
+                    double h, double slop);
   bool is_rolling(std::int64_t packet, int lane) const;
   void note_separations(std::int64_t packet, std::span<ContactConstraint> contacts) const;
   void renew(std::int64_t packet, std::span<ContactConstraint> contacts, const Bodies& bodies,

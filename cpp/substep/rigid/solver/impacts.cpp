@@ -12,42 +12,63 @@ namespace {
 
 constexpr int kBlockSweeps = 64;                // of the impulses of one manifold, at most
 constexpr std::int64_t kEventsPerContact = 32;  // in one sub-step, on the average, at most
+constexpr double kFast = 1e-3;   // least way in a sub-step of what meets fast, of its size
+constexpr int kNewton = 16;      // steps towards the time at which what rolls meets
+constexpr double kMeets = 1e-14;  // how near that is [m]
+
+double reach(const ContactConstraint& c) {
+  return std::min(c.points[0].arm_a.norm(), c.points[0].arm_b.norm());
+}
 
 }  // namespace
 
-void Impacts::begin_step(std::span<const ContactConstraint> contacts, const BodyRows& rows) {
+void Impacts::set(const ContactConstraint& c, const BodyRows& rows, Row& row) {
+  row.count = c.count;
+  row.normal = c.normal, row.tangent[0] = c.tangent, row.tangent[1] = c.normal.cross(c.tangent);
+  const Mat3 A = rows.root_of(row.a), B = rows.root_of(row.b);
+  const auto gradient = [&](const Vec3& arm_a, const Vec3& arm_b, const Vec3& direction) {
+    return Gradient{A * arm_a.cross(direction), B * arm_b.cross(direction)};
+  };
+  for (int k = 0; k < c.count; ++k) {
+    row.separation[k] = c.points[k].separation;
+    row.points[k] = gradient(c.points[k].arm_a, c.points[k].arm_b, c.normal);
+  }
+  const Vec3 middle_a = c.middle(&ContactConstraint::Point::arm_a),
+             middle_b = c.middle(&ContactConstraint::Point::arm_b);
+  for (int i = 0; i < 2; ++i) row.slide[i] = gradient(middle_a, middle_b, row.tangent[i]);
+  const double linear = (row.moves_a ? row.scale_a * row.scale_a : 0) +
+                        (row.moves_b ? row.scale_b * row.scale_b : 0);
+  for (int k = 0; k < c.count; ++k) {
+    for (int l = 0; l < c.count; ++l) {
+      row.block[k][l] = linear +
+                        (row.moves_a ? row.points[k].angular_a.dot(row.points[l].angular_a) : 0) +
+                        (row.moves_b ? row.points[k].angular_b.dot(row.points[l].angular_b) : 0);
+    }
+  }
+}
+
+void Impacts::begin_step(std::span<const ContactConstraint> contacts,
+                         std::span<const std::uint8_t> rolling, double h, const BodyRows& rows,
+                         const Find& find) {
   contacts_.clear();
   happened_ = 0;
+  find_ = find;
   for (std::size_t index = 0; index < contacts.size(); ++index) {
     const ContactConstraint& c = contacts[index];
-    if (!(c.restitution > 0) || c.count == 0) continue;
+    const bool rolls = rolling[index] != 0 && c.rolls_on;
+    if (c.count == 0 || !(c.restitution > 0 || rolls)) continue;
     Row row{};
-    row.index = static_cast<std::int32_t>(index), row.count = c.count;
+    row.index = static_cast<std::int32_t>(index);
     row.a = rows.row(c.a), row.b = rows.row(c.b);
     row.moves_a = rows.moves(row.a), row.moves_b = rows.moves(row.b);
     if (!row.moves_a && !row.moves_b) continue;
+    row.rolls = rolls;
     row.scale_a = rows.scale_of(row.a), row.scale_b = rows.scale_of(row.b);
     row.restitution = c.restitution, row.friction = c.friction;
-    row.normal = c.normal, row.tangent[0] = c.tangent, row.tangent[1] = c.normal.cross(c.tangent);
-    const Mat3 A = rows.root_of(row.a), B = rows.root_of(row.b);
-    const auto gradient = [&](const Vec3& arm_a, const Vec3& arm_b, const Vec3& direction) {
-      return Gradient{A * arm_a.cross(direction), B * arm_b.cross(direction)};
-    };
-    for (int k = 0; k < c.count; ++k) {
-      row.separation[k] = c.points[k].separation;
-      row.points[k] = gradient(c.points[k].arm_a, c.points[k].arm_b, c.normal);
-    }
-    const Vec3 middle_a = c.middle(&ContactConstraint::Point::arm_a),
-               middle_b = c.middle(&ContactConstraint::Point::arm_b);
-    for (int i = 0; i < 2; ++i) row.slide[i] = gradient(middle_a, middle_b, row.tangent[i]);
-    const double linear = (row.moves_a ? row.scale_a * row.scale_a : 0) +
-                          (row.moves_b ? row.scale_b * row.scale_b : 0);
-    for (int k = 0; k < c.count; ++k) {
-      for (int l = 0; l < c.count; ++l) {
-        row.block[k][l] = linear +
-                          (row.moves_a ? row.points[k].angular_a.dot(row.points[l].angular_a) : 0) +
-                          (row.moves_b ? row.points[k].angular_b.dot(row.points[l].angular_b) : 0);
-      }
+    set(c, rows, row);
+    if (!(c.restitution > 0)) {
+      const double u = along(row, row.normal, row.points[0], rows.velocity);
+      if (!(c.points[0].separation > 0 && -h * u > kFast * reach(c))) continue;
     }
     contacts_.push_back(row);
   }
@@ -64,6 +85,40 @@ void Impacts::begin_step(std::span<const ContactConstraint> contacts, const Body
   for (std::int32_t& start : start_) start = sum += start;
   of_body_.resize(usize(sum));
   each([&](std::int32_t body, std::int32_t k) { of_body_[usize(--start_[usize(body)])] = k; });
+}
+
+void Impacts::renew(std::span<const ContactConstraint> contacts, const BodyRows& rows) {
+  for (Row& row : contacts_) {
+    if (!row.rolls) continue;
+    row.contact = contacts[usize(row.index)];
+    set(row.contact, rows, row);
+    for (int k = 0; k < row.count; ++k)
+      row.separation[k] -= along(row, row.normal, row.points[k], rows.displacement);
+  }
+}
+
+// The row as it is when its shapes meet, from the time on at which their planes do; false if they
+// pass by each other in this sub-step.
+bool Impacts::meet(Row& row, const BodyRows& rows, double h, double& time) const {
+  const double g = acceleration(row, rows, h);
+  for (int k = 0; k < kNewton; ++k) {
+    ContactConstraint c = row.contact;
+    if (!find_(c, time)) return false;
+    set(c, rows, row);
+    const auto nearest = std::min_element(row.separation, row.separation + row.count);
+    const double C = *nearest + 0.5 * g * time * time;  // find_ follows lines
+    const double u = along(row, row.normal, row.points[nearest - row.separation], rows.velocity) +
+                     g * time;
+    for (int i = 0; i < row.count; ++i) {
+      row.separation[i] -= along(row, row.normal, row.points[i], rows.displacement) +
+                           time * along(row, row.normal, row.points[i], rows.velocity);
+    }
+    if (!(u < 0)) return false;
+    if (std::abs(C) < kMeets || k + 1 == kNewton) return true;
+    time = std::max(time - C / u, 0.);
+    if (time > h) return false;
+  }
+  return false;
 }
 
 // gradient . (linear, angular)
@@ -207,6 +262,7 @@ void Impacts::advance(BodyRows& rows, double h, double slop) {
     Row& row = contacts_[usize(event.row)];
     const bool impact = fate(row, rows, h, time) == Fate::kImpact;
     if (!impact || time != event.time) continue;  // another impact changed it, and pushed it anew
+    if (row.rolls && !meet(row, rows, h, time)) continue;
     collide(row, rows, h, time);
     flying_[usize(event.row)] = 1;
     ++happened_;

@@ -17,6 +17,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
@@ -28,8 +29,15 @@ namespace substep::rigid {
 
 class Impacts {
  public:
-  // Takes the contacts with restitution.
-  void begin_step(std::span<const ContactConstraint> contacts, const BodyRows& rows);
+  // Puts a contact that rolls where its shapes are after a time; false if they are apart there.
+  using Find = std::function<bool(ContactConstraint& contact, double time)>;
+
+  // Takes the contacts with restitution, and those that roll and meet fast: such ones by `find`.
+  void begin_step(std::span<const ContactConstraint> contacts,
+                  std::span<const std::uint8_t> rolling, double h, const BodyRows& rows,
+                  const Find& find);
+  // Contacts that roll are elsewhere now.
+  void renew(std::span<const ContactConstraint> contacts, const BodyRows& rows);
   bool empty() const { return contacts_.empty(); }
 
   // All impacts of the next h. Afterwards flying() tells, for the k-th of contact(k), whether it
@@ -50,7 +58,8 @@ class Impacts {
   struct Row {
     std::int32_t index, a, b;  // a, b: rows
     int count;
-    bool moves_a, moves_b;
+    bool moves_a, moves_b, rolls;
+    ContactConstraint contact;  // if it rolls
     double scale_a, scale_b, restitution, friction;
     Vec3 normal, tangent[2];
     double separation[4];
@@ -67,6 +76,8 @@ class Impacts {
   };
   enum class Fate { kResting, kFlying, kImpact };
 
+  static void set(const ContactConstraint& contact, const BodyRows& rows, Row& row);
+  bool meet(Row& row, const BodyRows& rows, double h, double& time) const;
   double along(const Row& row, const Vec3& direction, const Gradient& gradient,
                const BodyRows::Rows& rows) const;
   double acceleration(const Row& row, const BodyRows& rows, double h) const;
@@ -75,6 +86,7 @@ class Impacts {
   void collide(Row& row, BodyRows& rows, double h, double time) const;
 
   std::vector<Row> contacts_;
+  Find find_;
   std::vector<std::int32_t> start_, of_body_;  // contacts of each body
   std::vector<std::uint8_t> flying_;
   std::vector<Event> queue_;

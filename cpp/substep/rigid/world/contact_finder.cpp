@@ -72,8 +72,9 @@ class ContactFinder::Search {
         touch.time > 0 ? later(touch)
                        : make_contact(touch.manifold, a.body, fixtures_.body_pose(a.body), b.body,
                                       fixtures_.body_pose(b.body), acts_at(motion_, a.body, b.body));
+    const double turns = ways_[usize(a.body)].angle * a.outer + ways_[usize(b.body)].angle * b.outer;
     contact.rolls_on =
-        touch.time == 0 && (is_round(a.fixture.shape) || is_round(b.fixture.shape));
+        is_round(a.fixture.shape) || is_round(b.fixture.shape) || turns > slow_for(a, b);
     contact.margin = margin_of(a, b);
     contact.fixture_a = touch.pair.a, contact.fixture_b = touch.pair.b;
     const Fixture &f = a.fixture, &g = b.fixture;
@@ -184,23 +185,22 @@ class Carry {
 bool ContactFinder::touch_at(const Fixtures& fixtures, std::span<const Motion> motion,
                              const Pose& body_a, const Pose& body_b, ContactConstraint& contact) {
   const Fixture &a = fixtures[contact.fixture_a].fixture, &b = fixtures[contact.fixture_b].fixture;
-  Manifold manifold;
-  Cache cache;
-  // A triangle of a mesh is its plane, through what was touched.
-  const auto plane_at = [&](double side) {
-    const Vec3 point = contact.points[0].position + side * 0.5 * contact.points[0].separation *
-                                                        contact.normal;
-    return Plane{-side * contact.normal, -side * contact.normal.dot(point)};
-  };
-  if (mesh_of(a.shape) != nullptr) {
-    collide(b.shape, body_b * b.local, plane_at(-1), {}, contact.margin, manifold, cache);
-    manifold.flip();
-  } else if (mesh_of(b.shape) != nullptr) {
-    collide(a.shape, body_a * a.local, plane_at(1), {}, contact.margin, manifold, cache);
+  const Pose pose_a = body_a * a.local, pose_b = body_b * b.local;
+  std::vector<Manifold> manifolds;
+  if (const TriangleMesh* mesh = mesh_of(a.shape)) {
+    collide_mesh(b.shape, pose_b, *mesh, pose_a, contact.margin, manifolds);
+    for (Manifold& manifold : manifolds) manifold.flip();
+  } else if (const TriangleMesh* mesh = mesh_of(b.shape)) {
+    collide_mesh(a.shape, pose_a, *mesh, pose_b, contact.margin, manifolds);
   } else {
-    collide(a.shape, body_a * a.local, b.shape, body_b * b.local, contact.margin, manifold, cache);
+    Cache cache;
+    collide(a.shape, pose_a, b.shape, pose_b, contact.margin, manifolds.emplace_back(), cache);
   }
-  if (manifold.count == 0) return false;
+  const auto nearest = std::max_element(manifolds.begin(), manifolds.end(), [&](auto& p, auto& q) {
+    return p.normal.dot(contact.normal) < q.normal.dot(contact.normal);
+  });
+  if (nearest == manifolds.end() || nearest->count == 0) return false;
+  const Manifold& manifold = *nearest;
   const ContactConstraint last = contact;
   const ContactConstraint now = make_contact(manifold, last.a, body_a, last.b, body_b,
                                              acts_at(motion, last.a, last.b));
