@@ -46,7 +46,7 @@ struct ContactConstraint {
   double roll_impulse[2] = {0., 0.};      // the same along the tangent and n x tangent
   double friction_total[2] = {0., 0.};    // of the last step, with its impacts
   bool rolls_on = false;  // of shapes that touch elsewhere within a step, as they roll
-  double margin = 0;      // how far its shapes were looked at [m]
+  double margin = 0;      // how far its shapes are looked at in sub-steps then [m]
 
   // Of the points: of their positions, of their arms.
   Vec3 middle(Vec3 Point::* which) const {

@@ -14,7 +14,8 @@ constexpr int kPacketLanes = ContactPacket::kLanes;
 constexpr std::int64_t kBodies = 512;  // per chunk
 constexpr std::int64_t kPackets = 16;  // per chunk, where they are independent
 constexpr float kFarAway = 1e6F;       // [m]
-constexpr double kRolls = 1e-5;        // least turn in a step that counts [rad]
+constexpr double kRolls = 1e-4;        // least turn in a step that counts [rad]
+constexpr int kFew = 2;
 constexpr double kReached = 1e-5;      // height over the nearest point that is none [m]
 
 // Loops over chunks, one after the other, for one call of parallel_phases.
@@ -144,35 +145,48 @@ void ContactSolver::bounce(double h, double slop) {
   }
 }
 
-// A round contact of which a body turns, or goes along the other. Those bodies turn with their
-// sub-steps, but for jointed ones, whose joints see to their rotation; and all contacts of what
-// turns go with it.
+// A contact of round shapes rolls on if a body of it that touches few others turns, or goes along the
+// other; one that many others touch is held by them. Those bodies turn with their sub-steps, but
+// for jointed ones, whose joints see to their rotation; and all contacts of what turns go with it.
 void ContactSolver::find_rolling(std::span<ContactConstraint> contacts,
                                  std::span<const Joint> joints, double dt, double h, double slop) {
   rolling_.assign(contacts.size(), 0);
   turning_.clear();
   rolling_packets_.clear();
   if (!touch_) return;
+  touched_.assign(usize(rows_.size()), 0);
+  for (std::size_t k = 0; k < contacts.size(); ++k) {
+    const ContactConstraint& c = contacts[k];
+    const bool again = k > 0 && contacts[k - 1].a == c.a && contacts[k - 1].b == c.b;
+    if (place_[k] < 0 || again) continue;
+    ++touched_[usize(rows_.row(c.a))];
+    ++touched_[usize(rows_.row(c.b))];
+  }
+  const auto is_free = [&](std::int32_t row) {
+    return rows_.moves(row) && touched_[usize(row)] <= kFew;
+  };
   std::vector<std::uint8_t>& turns = rows_.turns;
   bool any = false;
   for (std::size_t k = 0; k < contacts.size(); ++k) {
     ContactConstraint& c = contacts[k];
     if (place_[k] < 0 || !c.rolls_on) continue;
     const std::int32_t a = rows_.row(c.a), b = rows_.row(c.b);
+    if (!is_free(a) && !is_free(b)) continue;
     const Vec3 v_a = rows_.velocity_of(a), v_b = rows_.velocity_of(b);
     const double size_a = c.points[0].arm_a.norm(), size_b = c.points[0].arm_b.norm();
     const double turn_a = rows_.spin_of(a).norm() * size_a, turn_b = rows_.spin_of(b).norm() * size_b;
     const double speed = std::max({turn_a, turn_b, (v_a - v_b).norm()});
     if (!(dt * speed > kRolls * std::min(size_a, size_b))) continue;
-    any = true;
     // What a sub-step may reach: by the approach, and by tipping about the point.
     const auto tips = [&](std::int32_t row, const Vec3& arm) {
       return rows_.spin_of(row).norm() * arm.cross(c.normal).norm();
     };
-    c.margin = std::min(c.margin, 2 * slop + 2 * h *
-                                      (std::abs(c.normal.dot(v_a - v_b)) +
-                                       tips(a, c.points[0].arm_a) + tips(b, c.points[0].arm_b)));
-    rolling_[k] = turns[usize(a)] = turns[usize(b)] = 1;
+    c.margin = 2 * slop + 2 * h * (std::abs(c.normal.dot(v_a - v_b)) +
+                                   tips(a, c.points[0].arm_a) + tips(b, c.points[0].arm_b));
+    any = true;
+    rolling_[k] = 1;
+    for (const std::int32_t row : {a, b})
+      if (is_free(row) || !rows_.moves(row)) turns[usize(row)] = 1;
   }
   if (!any) return;
   turns[0] = 0;
@@ -223,7 +237,7 @@ void ContactSolver::drop_distant_points(ContactConstraint& c, double h) const {
     return p.separation < q.separation;
   })->separation;
   const auto end = std::remove_if(c.points, c.points + c.count, [&](const auto& p) {
-    return p.separation > nearest + kReached && reaches(p) > nearest;
+    return p.separation > nearest + kReached && reaches(p) > std::max(nearest, 0.0);
   });
   c.count = static_cast<int>(end - c.points);
 }
