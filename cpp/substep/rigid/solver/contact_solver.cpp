@@ -15,7 +15,8 @@ constexpr std::int64_t kBodies = 512;  // per chunk
 constexpr std::int64_t kPackets = 16;  // per chunk, where they are independent
 constexpr float kFarAway = 1e6F;       // [m]
 constexpr double kRolls = 1e-4;        // least turn in a step that counts [rad]
-constexpr int kFew = 2;
+constexpr double kFar = 0.5;           // turn in a sub-step that no geometry follows [rad]
+constexpr int kFew = 2;                // others that what rolls freely touches
 constexpr double kReached = 1e-5;      // height over the nearest point that is none [m]
 
 // Loops over chunks, one after the other, for one call of parallel_phases.
@@ -165,13 +166,14 @@ void ContactSolver::find_rolling(std::span<ContactConstraint> contacts,
   const auto is_free = [&](std::int32_t row) {
     return rows_.moves(row) && touched_[usize(row)] <= kFew;
   };
+  const auto whirls = [&](std::int32_t row) { return !(h * rows_.spin_of(row).norm() < kFar); };
   std::vector<std::uint8_t>& turns = rows_.turns;
   bool any = false;
   for (std::size_t k = 0; k < contacts.size(); ++k) {
     ContactConstraint& c = contacts[k];
     if (place_[k] < 0 || !c.rolls_on) continue;
     const std::int32_t a = rows_.row(c.a), b = rows_.row(c.b);
-    if (!is_free(a) && !is_free(b)) continue;
+    if ((!is_free(a) && !is_free(b)) || whirls(a) || whirls(b)) continue;
     const Vec3 v_a = rows_.velocity_of(a), v_b = rows_.velocity_of(b);
     const double size_a = c.points[0].arm_a.norm(), size_b = c.points[0].arm_b.norm();
     const double turn_a = rows_.spin_of(a).norm() * size_a, turn_b = rows_.spin_of(b).norm() * size_b;
@@ -272,7 +274,8 @@ void ContactSolver::renew(std::int64_t packet, std::span<ContactConstraint> cont
   }
 }
 
-// Half of what J, not v, will change of J v until the end of the sub-step.
+// Half of what J, not v, will change of J v until the end of the sub-step; nothing where another
+// corner will touch instead.
 void ContactSolver::set_bias(std::int64_t packet, int lane, const ContactConstraint& contact,
                              const Bodies& bodies, double h) {
   const std::int32_t a = rows_.row(contact.a), b = rows_.row(contact.b);
@@ -287,6 +290,14 @@ void ContactSolver::set_bias(std::int64_t packet, int lane, const ContactConstra
   const Pose pose_a = rows_.pose_after(bodies, contact.a, h, w_a),
              pose_b = rows_.pose_after(bodies, contact.b, h, w_b);
   if (!find_anew(pose_a, pose_b, h, then) || then.count != contact.count) return;
+  const auto speed = [&](std::int32_t row, Vec3 ContactConstraint::Point::* arm) {
+    return rows_.velocity_of(row).norm() + rows_.spin_of(row).norm() * contact.middle(arm).norm();
+  };
+  const Vec3 way = then.middle(&ContactConstraint::Point::position) -
+                   contact.middle(&ContactConstraint::Point::position);
+  if (!(way.norm() <= 2 * h * (speed(a, &ContactConstraint::Point::arm_a) +
+                               speed(b, &ContactConstraint::Point::arm_b))))
+    return;
   const Vec3 bias =
       0.5 * (seen(then, w_a, w_b) - seen(contact, rows_.spin_of(a), rows_.spin_of(b)));
   for (int i = 0; i < 3; ++i)
