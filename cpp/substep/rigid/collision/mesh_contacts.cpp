@@ -92,8 +92,8 @@ class OnMesh {
  private:
   bool is_ball() const { return std::holds_alternative<Sphere>(kind_); }
 
-  // At the point nearest to its centre, the origin; at an edge or a corner only if the mesh is convex
-  // there, else a neighbour has it.
+  // At the point nearest to its centre, the origin; at an edge or a corner only if the mesh is
+  // convex there, else a neighbour has it.
   void add_ball(int triangle, const Vec3* corners) {
     const auto part =
         geometry::closest_on_triangle(Vec3::Zero(), corners[0], corners[1], corners[2]);

@@ -16,8 +16,10 @@ constexpr std::int64_t kPackets = 16;  // per chunk, where they are independent
 constexpr float kFarAway = 1e6F;       // [m]
 constexpr double kRolls = 1e-4;        // least turn in a step that counts [rad]
 constexpr double kFar = 0.5;           // turn in a sub-step that no geometry follows [rad]
-constexpr int kFew = 2;                // others that what rolls freely touches
-constexpr double kReached = 1e-5;      // height over the nearest point that is none [m]
+constexpr double kSmooth =
+    0.2;                 // most that u changes in half a sub-step unless another corner touches
+constexpr int kFew = 2;  // others that what rolls freely touches
+constexpr double kReached = 1e-5;  // height over the nearest point that is none [m]
 
 // Loops over chunks, one after the other, for one call of parallel_phases.
 class Phases {
@@ -146,9 +148,10 @@ void ContactSolver::bounce(double h, double slop) {
   }
 }
 
-// A contact of round shapes rolls on if a body of it that touches few others turns, or goes along the
-// other; one that many others touch is held by them. Those bodies turn with their sub-steps, but
-// for jointed ones, whose joints see to their rotation; and all contacts of what turns go with it.
+// A contact of round shapes rolls on if a body of it that touches few others turns, or goes along
+// the other; one that many others touch is held by them. Those bodies turn with their sub-steps,
+// but for jointed ones, whose joints see to their rotation; and all contacts of what turns go with
+// it.
 void ContactSolver::find_rolling(std::span<ContactConstraint> contacts,
                                  std::span<const Joint> joints, double dt, double h, double slop) {
   rolling_.assign(contacts.size(), 0);
@@ -176,15 +179,17 @@ void ContactSolver::find_rolling(std::span<ContactConstraint> contacts,
     if ((!is_free(a) && !is_free(b)) || whirls(a) || whirls(b)) continue;
     const Vec3 v_a = rows_.velocity_of(a), v_b = rows_.velocity_of(b);
     const double size_a = c.points[0].arm_a.norm(), size_b = c.points[0].arm_b.norm();
-    const double turn_a = rows_.spin_of(a).norm() * size_a, turn_b = rows_.spin_of(b).norm() * size_b;
+    const double turn_a = rows_.spin_of(a).norm() * size_a,
+                 turn_b = rows_.spin_of(b).norm() * size_b;
     const double speed = std::max({turn_a, turn_b, (v_a - v_b).norm()});
     if (!(dt * speed > kRolls * std::min(size_a, size_b))) continue;
     // What a sub-step may reach: by the approach, and by tipping about the point.
     const auto tips = [&](std::int32_t row, const Vec3& arm) {
       return rows_.spin_of(row).norm() * arm.cross(c.normal).norm();
     };
-    c.margin = 2 * slop + 2 * h * (std::abs(c.normal.dot(v_a - v_b)) +
-                                   tips(a, c.points[0].arm_a) + tips(b, c.points[0].arm_b));
+    c.margin = 2 * slop + 2 * h *
+                              (std::abs(c.normal.dot(v_a - v_b)) + tips(a, c.points[0].arm_a) +
+                               tips(b, c.points[0].arm_b));
     any = true;
     rolling_[k] = 1;
     for (const std::int32_t row : {a, b})
@@ -236,8 +241,8 @@ void ContactSolver::drop_distant_points(ContactConstraint& c, double h) const {
     return p.separation + h * c.normal.dot(v + w_b.cross(p.arm_b) - w_a.cross(p.arm_a));
   };
   const auto nearest = std::min_element(c.points, c.points + c.count, [](auto& p, auto& q) {
-    return p.separation < q.separation;
-  })->separation;
+                         return p.separation < q.separation;
+                       })->separation;
   const auto end = std::remove_if(c.points, c.points + c.count, [&](const auto& p) {
     return p.separation > nearest + kReached && reaches(p) > std::max(nearest, 0.0);
   });
@@ -290,18 +295,15 @@ void ContactSolver::set_bias(std::int64_t packet, int lane, const ContactConstra
   const Pose pose_a = rows_.pose_after(bodies, contact.a, h, w_a),
              pose_b = rows_.pose_after(bodies, contact.b, h, w_b);
   if (!find_anew(pose_a, pose_b, h, then) || then.count != contact.count) return;
+  const Vec3 bias =
+      0.5 * (seen(then, w_a, w_b) - seen(contact, rows_.spin_of(a), rows_.spin_of(b)));
   const auto speed = [&](std::int32_t row, Vec3 ContactConstraint::Point::* arm) {
     return rows_.velocity_of(row).norm() + rows_.spin_of(row).norm() * contact.middle(arm).norm();
   };
-  const Vec3 way = then.middle(&ContactConstraint::Point::position) -
-                   contact.middle(&ContactConstraint::Point::position);
-  if (!(way.norm() <= 2 * h * (speed(a, &ContactConstraint::Point::arm_a) +
-                               speed(b, &ContactConstraint::Point::arm_b))))
+  if (!(bias.norm() < kSmooth * (speed(a, &ContactConstraint::Point::arm_a) +
+                                 speed(b, &ContactConstraint::Point::arm_b))))
     return;
-  const Vec3 bias =
-      0.5 * (seen(then, w_a, w_b) - seen(contact, rows_.spin_of(a), rows_.spin_of(b)));
-  for (int i = 0; i < 3; ++i)
-    packets_[usize(packet)].bias[i][lane] = static_cast<float>(bias[i]);
+  for (int i = 0; i < 3; ++i) packets_[usize(packet)].bias[i][lane] = static_cast<float>(bias[i]);
 }
 
 std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,

@@ -29,9 +29,9 @@
 //
 // World inertias and the points of contact stay those of the start of the step, but where round
 // shapes roll: their contacts, and the inertia of their bodies, are found anew for each sub-step.
-// There J v = 0 of its begin would make a body that rolls in a curve leave it along the tangent, and
-// take (h w)^2 of its energy each time; so that it ends on the curve, impulses act along J of the
-// begin until what they constrain is fulfilled on the average over the sub-step,
+// There J v = 0 of its begin would make a body that rolls in a curve leave it along the tangent,
+// and take (h w)^2 of its energy each time; so that it ends on the curve, impulses act along J of
+// the begin until what they constrain is fulfilled on the average over the sub-step,
 //   J(x) v + (J(x + h v) - J(x)) v / 2 = 0,
 // of second order, as SHAKE is for joints (Ryckaert, Ciccotti and Berendsen 1977), also where the
 // constraint is one of velocities: a disk that rolls.
@@ -56,8 +56,8 @@ namespace substep::rigid {
 
 class ContactSolver {
  public:
-  // Puts a contact where its bodies touch at these poses, without impulses. Returns whether they do;
-  // else it stays.
+  // Puts a contact where its bodies touch at these poses, without impulses. Returns whether they
+  // do; else it stays.
   using Touch = std::function<bool(const Pose& a, const Pose& b, ContactConstraint& contact)>;
 
   // One step of dt for all bodies: forces, contacts, joints, free motion. The impulses of the

@@ -12,8 +12,8 @@ namespace {
 
 constexpr int kBlockSweeps = 64;                // of the impulses of one manifold, at most
 constexpr std::int64_t kEventsPerContact = 32;  // in one sub-step, on the average, at most
-constexpr double kFast = 1e-3;   // least way in a sub-step of what meets fast, of its size
-constexpr int kNewton = 16;      // steps towards the time at which what rolls meets
+constexpr double kFast = 1e-3;    // least way in a sub-step of what meets fast, of its size
+constexpr int kNewton = 16;       // steps towards the time at which what rolls meets
 constexpr double kMeets = 1e-14;  // how near that is [m]
 
 double reach(const ContactConstraint& c) {
@@ -36,8 +36,8 @@ void Impacts::set(const ContactConstraint& c, const BodyRows& rows, Row& row) {
   const Vec3 middle_a = c.middle(&ContactConstraint::Point::arm_a),
              middle_b = c.middle(&ContactConstraint::Point::arm_b);
   for (int i = 0; i < 2; ++i) row.slide[i] = gradient(middle_a, middle_b, row.tangent[i]);
-  const double linear = (row.moves_a ? row.scale_a * row.scale_a : 0) +
-                        (row.moves_b ? row.scale_b * row.scale_b : 0);
+  const double linear =
+      (row.moves_a ? row.scale_a * row.scale_a : 0) + (row.moves_b ? row.scale_b * row.scale_b : 0);
   for (int k = 0; k < c.count; ++k) {
     for (int l = 0; l < c.count; ++l) {
       row.block[k][l] = linear +
@@ -107,8 +107,8 @@ bool Impacts::meet(Row& row, const BodyRows& rows, double h, double& time) const
     set(c, rows, row);
     const auto nearest = std::min_element(row.separation, row.separation + row.count);
     const double C = *nearest + 0.5 * g * time * time;  // find_ follows lines
-    const double u = along(row, row.normal, row.points[nearest - row.separation], rows.velocity) +
-                     g * time;
+    const double u =
+        along(row, row.normal, row.points[nearest - row.separation], rows.velocity) + g * time;
     for (int i = 0; i < row.count; ++i) {
       row.separation[i] -= along(row, row.normal, row.points[i], rows.displacement) +
                            time * along(row, row.normal, row.points[i], rows.velocity);

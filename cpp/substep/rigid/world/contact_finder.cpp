@@ -69,10 +69,12 @@ class ContactFinder::Search {
   ContactConstraint contact(const Touch& touch) const {
     const Fixtures::Entry &a = fixtures_[touch.pair.a], &b = fixtures_[touch.pair.b];
     ContactConstraint contact =
-        touch.time > 0 ? later(touch)
-                       : make_contact(touch.manifold, a.body, fixtures_.body_pose(a.body), b.body,
-                                      fixtures_.body_pose(b.body), acts_at(motion_, a.body, b.body));
-    const double turns = ways_[usize(a.body)].angle * a.outer + ways_[usize(b.body)].angle * b.outer;
+        touch.time > 0
+            ? later(touch)
+            : make_contact(touch.manifold, a.body, fixtures_.body_pose(a.body), b.body,
+                           fixtures_.body_pose(b.body), acts_at(motion_, a.body, b.body));
+    const double turns =
+        ways_[usize(a.body)].angle * a.outer + ways_[usize(b.body)].angle * b.outer;
     contact.rolls_on =
         is_round(a.fixture.shape) || is_round(b.fixture.shape) || turns > slow_for(a, b);
     contact.fixture_a = touch.pair.a, contact.fixture_b = touch.pair.b;
@@ -201,8 +203,8 @@ bool ContactFinder::touch_at(const Fixtures& fixtures, std::span<const Motion> m
   if (nearest == manifolds.end() || nearest->count == 0) return false;
   const Manifold& manifold = *nearest;
   const ContactConstraint last = contact;
-  const ContactConstraint now = make_contact(manifold, last.a, body_a, last.b, body_b,
-                                             acts_at(motion, last.a, last.b));
+  const ContactConstraint now =
+      make_contact(manifold, last.a, body_a, last.b, body_b, acts_at(motion, last.a, last.b));
   contact.normal = now.normal, contact.tangent = now.tangent, contact.count = now.count;
   std::copy(now.points, now.points + 4, contact.points);
   return true;

@@ -34,8 +34,8 @@ class ContactFinder {
 
   // Puts the contact where its shapes touch with their bodies at these poses, without impulses.
   // Returns whether they do, within its margin; else it stays as it is.
-  static bool touch_at(const Fixtures& fixtures, std::span<const Motion> motion,
-                       const Pose& body_a, const Pose& body_b, ContactConstraint& contact);
+  static bool touch_at(const Fixtures& fixtures, std::span<const Motion> motion, const Pose& body_a,
+                       const Pose& body_b, ContactConstraint& contact);
 
  private:
   class Search;
