@@ -261,6 +261,19 @@ void JointGroup::sum_impulses(Link& link) const {
   }
 }
 
+// A force at the anchor turns with the bodies: the next sub-step begins with it, and across a long arm
+// of a light body the part of it that stayed behind would whirl the body around.
+void JointGroup::turn_impulse(Link& link) const {
+  if (link.joint.type == JointType::kSlider || link.joint.type == JointType::kDistance) return;
+  const auto turn = [&](std::int32_t k) {
+    const Member& m = members_[usize(k)];
+    return m.moves ? rotation_vector(trial_[usize(k)].q * m.now.q.conjugate()) : Vec3::Zero().eval();
+  };
+  const bool both = members_[usize(link.a)].moves && members_[usize(link.b)].moves;
+  Eigen::Map<Vec3> force(link.joint.impulse.data());
+  force = rotation_by((both ? 0.5 : 1) * (turn(link.a) + turn(link.b))) * force;
+}
+
 void JointGroup::move(BodyRows& rows) {
   if (read_momenta(rows) || !tried_) find_trial(rows);
   for (std::size_t k = 0; k < members_.size(); ++k) {
@@ -277,6 +290,7 @@ void JointGroup::move(BodyRows& rows) {
     sum_impulses(link);
     for (int row = 0; row < link.rows; ++row)
       link.joint.impulse[usize(row)] = link.impulse[usize(row)] / weight_;
+    turn_impulse(link);
   }
   for (std::size_t k = 0; k < members_.size(); ++k) members_[k].now = trial_[k];
   weight_ = 1;

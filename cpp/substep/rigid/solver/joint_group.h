@@ -98,6 +98,7 @@ class JointGroup {
   void factor();
   void apply(Link& link, int row, double impulse, BodyRows& rows);
   void sum_impulses(Link& link) const;
+  void turn_impulse(Link& link) const;
 
   Settings settings_;
   double regularisation_ = 0;

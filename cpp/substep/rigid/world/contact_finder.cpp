@@ -188,11 +188,12 @@ bool ContactFinder::touch_at(const Fixtures& fixtures, std::span<const Motion> m
   const Fixture &a = fixtures[contact.fixture_a].fixture, &b = fixtures[contact.fixture_b].fixture;
   const Pose pose_a = body_a * a.local, pose_b = body_b * b.local;
   std::vector<Manifold> manifolds;
-  if (const TriangleMesh* mesh = mesh_of(a.shape)) {
-    collide_mesh(b.shape, pose_b, *mesh, pose_a, contact.margin, manifolds);
+  const TriangleMesh *mesh_a = mesh_of(a.shape), *mesh_b = mesh_of(b.shape);
+  if (mesh_a) {
+    collide_mesh(b.shape, pose_b, *mesh_a, pose_a, contact.margin, manifolds);
     for (Manifold& manifold : manifolds) manifold.flip();
-  } else if (const TriangleMesh* mesh = mesh_of(b.shape)) {
-    collide_mesh(a.shape, pose_a, *mesh, pose_b, contact.margin, manifolds);
+  } else if (mesh_b) {
+    collide_mesh(a.shape, pose_a, *mesh_b, pose_b, contact.margin, manifolds);
   } else {
     Cache cache;
     collide(a.shape, pose_a, b.shape, pose_b, contact.margin, manifolds.emplace_back(), cache);
