@@ -225,7 +225,7 @@ def test_what_a_file_becomes(small):
     assert robot.strengths == {"hip": math.inf, "twist": math.inf, "knee": 18, "rail": 10}
     # A link stands between the two joints of the leg.
     assert hip.bodies[0] == robot.joint("twist").bodies[1]
-    assert robot.masses[hip.bodies[0]] == pytest.approx(1e-6)
+    assert robot.masses[hip.bodies[0]] == pytest.approx(1e-5)
     leg, shin = (robot.fixtures(robot.body(name))[0] for name in ("leg", "shin"))
     assert (leg.friction, leg.spinning_friction, leg.rolling_friction) == (0.7, 0.01, 0.002)
     assert shin.friction == 0
@@ -257,7 +257,7 @@ def test_poses_are_those_of_mujoco(small):
     assert robot.masses[robot.ids != 0].min() > 0
     moving = np.isfinite(robot.masses)
     center = robot.masses[moving] @ robot.centers_of_mass[moving] / robot.masses[moving].sum()
-    assert center == pytest.approx(d.subtree_com[1], abs=1e-5)
+    assert center == pytest.approx(d.subtree_com[1], abs=1e-4)
     robot.step()
     assert robot.report.joint_error < 1e-6
     assert robot.joint("hip").coordinate == pytest.approx(0.4, abs=0.05)

@@ -25,7 +25,7 @@ from .mass import MassProperties, compound
 Array = NDArray[np.float64]
 Pose = tuple[Array, Array]  # of a frame in the world: where it is, and its quaternion
 
-LIGHT = 1e-6  # mass and inertia of links between several joints of a body, over those of the body
+LIGHT = 1e-5  # mass and inertia of links between joints of a body, over its mass and least inertia
 _ORIGIN: Pose = (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
 _SOFTNESS = {  # of contacts, and what says nothing
     "geom_solref": (0.02, 1.0),
@@ -248,10 +248,8 @@ class _Reader:
     def light(self, body: int, joint: int) -> Body:
         """What stands between two joints of a body: a point at the anchor, next to no mass."""
         weight = self.weight(body)
-        m = self.m
-        arm = weight.center_of_mass - m.jnt_pos[joint]
-        moment = LIGHT * (np.trace(weight.inertia) / 3 + weight.mass * float(arm @ arm))
-        own = MassProperties(LIGHT * weight.mass, m.jnt_pos[joint], moment * np.eye(3))
+        inertia = LIGHT * weight.principal_inertia.min() * np.eye(3)
+        own = MassProperties(LIGHT * weight.mass, self.m.jnt_pos[joint], inertia)
         return Body(self.rest_links[joint], "dynamic", own)
 
     def read_geometries(self) -> None:
