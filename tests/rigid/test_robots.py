@@ -161,6 +161,35 @@ def test_urdf_quadruped_stands():
     assert np.abs(dog.velocities[trunk]).max() < 1e-3
 
 
+def test_humanoid_falls_and_comes_to_rest():
+    robot = RigidBodies.from_mjcf(gym("humanoid.xml"))
+    assert not any("limits of joints without" in line for line in robot.ignored)
+    start = robot.diagnostics()["energy"]
+    for _ in range(10):
+        robot.advance(0.5)
+        assert robot.diagnostics()["energy"] < start
+        for name in robot.joint_names:
+            joint = robot.joint(name)
+            assert joint.limits[0] - 0.04 < joint.coordinate < joint.limits[1] + 0.04
+    assert robot.diagnostics()["kinetic_energy"] < 0.1
+    assert robot.report.joint_error < 1e-3
+
+
+def test_limits_without_dampers_of_several_joints_are_listed(tmp_path):
+    path = tmp_path / "gimbal.xml"
+    joints = "".join(
+        f'<joint name="{k}" axis="{k == "x":d} {k == "y":d} {k == "z":d}" range="-20 20" {more}/>'
+        for k, more in (("x", ""), ("z", 'damping="1"'), ("y", ""))
+    )
+    geom = '<geom type="capsule" fromto="0 0 0 0 0 -.4" size=".05"/>'
+    path.write_text(wrap(f"<body>{joints}{geom}</body>"))
+    robot = RigidBodies.from_mjcf(path)
+    assert robot.joint("x").limits == (-math.inf, math.inf)
+    assert robot.joint("z").limits == pytest.approx(np.deg2rad((-20, 20)))
+    (line,) = robot.ignored
+    assert line == "limits of joints without a damper, of bodies with several joints: x, y"
+
+
 SMALL = """<mujoco>
   <option gravity="0 0 -5"/>
   <default><geom friction="0.7 0.01 0.002"/></default>
