@@ -146,6 +146,17 @@ def test_arm_goes_to_its_targets_and_holds():
     assert [arm.joint(name).coordinate for name in names] == pytest.approx(before, abs=1e-4)
 
 
+def test_urdf_arm_holds():
+    arm = RigidBodies.from_urdf(bullet("kuka_iiwa", "model.urdf"))
+    assert set(arm.strengths.values()) == {300.0} and arm.ignored == ()
+    assert arm.motions[arm.body("lbr_iiwa_link_0")] == "static"
+    targets = dict(zip(arm.joint_names, (0.3, 0.6, -0.2, -1.2, 0.4, 0.7, 0.1), strict=True))
+    drive(arm, targets, stiffness=2000.0, damping=150.0, strength=300.0)
+    arm.advance(4.0)
+    assert all(abs(arm.joint(name).coordinate - q) < 0.02 for name, q in targets.items())
+    assert abs(arm.angular_velocities).max() < 1e-3
+
+
 def test_urdf_quadruped_stands():
     feet = {"hip": 0.0, "upper": 0.8, "lower": -1.6}
     pose = {f"{leg}_{k}_joint": q for leg in ("FR", "FL", "RR", "RL") for k, q in feet.items()}
