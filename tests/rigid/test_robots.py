@@ -329,6 +329,25 @@ def test_keyframes_and_equalities(tmp_path):
     assert robot.ignored == ("equalities: gear",)
 
 
+def test_what_does_not_move_by_itself(tmp_path):
+    path = tmp_path / "still.xml"
+    path.write_text("""<mujoco><worldbody>
+      <body name="hand" mocap="true" pos="0 0 1"><geom size=".1"/>
+        <body name="thumb" pos=".2 0 0"><geom size=".05"/></body></body>
+      <body name="frame" pos="1 0 0"><body name="shelf" pos="1 0 0">
+        <geom type="plane" size="1 1 1" pos="0 0 -.7"/>
+        <body name="swing"><joint name="pin" axis="0 1 0"/><geom size=".1" pos=".5 0 0"/></body>
+      </body></body></worldbody></mujoco>""")
+    world = RigidBodies.from_mjcf(path)
+    assert world.body_names == ("hand", "thumb", "shelf", "swing")
+    assert world.motions.tolist() == ["kinematic", "static", "dynamic"]
+    assert world.joint("pin").bodies == (world.body("swing"), world.body("shelf"))
+    assert len(world.fixtures(world.body("thumb"))) == 2
+    still = world.positions[:2].copy()
+    world.advance(0.3)
+    assert (world.positions[:2] == still).all() and world.joint("pin").coordinate > 0.5
+
+
 def wrap(inside):
     return f"<mujoco><worldbody>{inside}</worldbody></mujoco>"
 

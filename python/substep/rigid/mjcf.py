@@ -216,14 +216,15 @@ class _Reader:
             root = int(m.body_weldid[i])
             if root == i and i:
                 self.number[i] = len(bodies)
-                bodies.append(Body(self.rest[i], "dynamic", self.weight(i)))
+                moved = m.body_mocapid[i] >= 0  # by the user
+                weight = None if moved else self.weight(i)
+                bodies.append(Body(self.rest[i], "kinematic" if moved else "dynamic", weight))
                 for j in self.joints_of(i)[:-1]:
                     self.between[j] = len(bodies)
                     bodies.append(self.light(i, j))
-            elif root == 0 and (m.body_geomnum[i] or m.body_mocapid[i] >= 0):
+            elif root == 0 and m.body_geomnum[i]:
                 self.number[i] = len(bodies)
-                motion = "kinematic" if m.body_mocapid[i] >= 0 else "static"
-                bodies.append(Body(self.rest[i], motion))
+                bodies.append(Body(self.rest[i], "static"))
             elif root:
                 self.number[i] = self.number[root]
             if i in self.number:
