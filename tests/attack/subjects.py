@@ -555,6 +555,8 @@ OWN_CALLS = {
         ),
         call("overlapping", shape=lambda owner: substep.Sphere(5.0), position=(0, 0, 0)),
         call("fixtures", body=1),
+        call("body", name="trunk"),
+        call("joint", name="knee"),
     ),
     substep.RigidBatch: (
         call("step", _batch_steps, steps=3),

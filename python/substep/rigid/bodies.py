@@ -28,6 +28,7 @@ from .fixtures import (
     native_rows,
 )
 from .mass import MassProperties
+from .robots import Robots
 from .rows import check_momenta, is_one, principal_frames
 from .run import Runs
 from .state import States, rename
@@ -38,7 +39,7 @@ Ids = NDArray[np.int64]
 ROTATIONS = ("splitting", "exact", "quaternion")
 
 
-class RigidBodies(Runs, States):
+class RigidBodies(Robots, Runs, States):
     """Rigid bodies that fall, collide, rub, roll, and hang together by joints.
 
     A body has one or several shapes; `add` puts bodies in. Where they are is in `positions` and

@@ -1,0 +1,536 @@
+"""What `mujoco` compiles of an MJCF or URDF file, in the words of rigid bodies."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.checks import check_choice, check_flag, check_path, check_real, describe
+from ..base.quaternions import multiply, rotate
+from ..errors import FormatError, InputError
+from ..geometry import Box, Capsule, ConvexHull, Cylinder, Plane, Shape, Sphere
+from .fixtures import Fixture
+from .joint import Motor, SpeedMotor, SpringMotor
+from .mass import MassProperties, compound
+
+Array = NDArray[np.float64]
+Pose = tuple[Array, Array]  # of a frame in the world: where it is, and its quaternion
+
+LIGHT = 1e-5  # mass and inertia of links between joints of a body, over its mass and least inertia
+_ORIGIN: Pose = (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+_SOFTNESS = {  # of contacts, and what says nothing
+    "geom_solref": (0.02, 1.0),
+    "geom_solimp": (0.9, 0.95, 0.001, 0.5, 2.0),
+    "geom_margin": 0.0,
+    "geom_gap": 0.0,
+    "geom_priority": 0,
+    "geom_adhesion": 0.0,
+    "geom_surfacevel": 0.0,
+}
+
+
+@dataclass
+class Body:
+    """A body to be added, at the pose in which its joints have the coordinate 0."""
+
+    pose: Pose
+    motion: str
+    mass: MassProperties | None = None
+    fixtures: list[Fixture] = field(default_factory=list)
+    start: Pose = _ORIGIN
+
+
+@dataclass
+class Link:
+    """A joint between two of these bodies; b None is the world."""
+
+    kind: str
+    a: int
+    b: int | None
+    anchor: Array
+    axis: Array
+    limits: tuple[float, float] | None = None
+    motor: Motor | None = None
+    collide: bool = False
+    start: float = 0.0  # coordinate
+
+
+@dataclass
+class Plan:
+    """What a file makes: bodies and joints by number, and their names."""
+
+    gravity: list[float]
+    bodies: list[Body] = field(default_factory=list)
+    links: list[Link] = field(default_factory=list)
+    excluded: list[tuple[int, int]] = field(default_factory=list)
+    body_names: dict[str, int] = field(default_factory=dict)
+    link_names: dict[str, int] = field(default_factory=dict)
+    strengths: dict[str, float] = field(default_factory=dict)
+    ignored: tuple[str, ...] = ()
+
+
+def read_plan(
+    path: str | os.PathLike[str],
+    root: str,
+    *,
+    free_base: bool = False,
+    keyframe: str | None = None,
+    coordinates: Mapping[str, float] | None = None,
+) -> Plan:
+    """What to make of a file whose outermost element is `root`."""
+    file = check_path(path)
+    free = check_flag("free_base", free_base)
+    if coordinates is not None and not isinstance(coordinates, Mapping):
+        raise TypeError(f"coordinates: expected a dict, got {describe(coordinates)}")
+    text = Path(file).read_bytes().decode("utf-8", "replace")
+    found = re.search(r"<([A-Za-z_][\w.-]*)", re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL))
+    if found is None or found[1] != root:
+        raise FormatError(f"{file}: expected an XML file of an element <{root}>")
+    try:
+        import mujoco
+    except ImportError:
+        raise ImportError(
+            'mujoco is missing: pip install "substep[robots]" to read MJCF and URDF'
+        ) from None
+    try:
+        spec = mujoco.MjSpec.from_file(file)
+        if root == "robot":
+            spec.compiler.fusestatic = False  # links that are fixed keep their names
+        if free:
+            _free_base(spec)
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            model = spec.compile()
+    except InputError:
+        raise
+    except (ValueError, mujoco.FatalError) as error:
+        raise FormatError(f"{file}: {' '.join(str(error).split())}") from None
+    reader = _Reader(mujoco, model, file)
+    for warning in warned:
+        reader.leave("what MuJoCo warns of", " ".join(str(warning.message).split()))
+    return reader.plan(keyframe, coordinates or {})
+
+
+def _free_base(spec: Any) -> None:
+    """Let the root link go, which URDF leaves open and MuJoCo fixes to the world."""
+    roots = list(spec.worldbody.bodies)
+    if len(roots) != 1 or len(roots[0].joints):
+        raise InputError("free_base: expected a file with one root link, not named 'world'")
+    roots[0].add_freejoint()
+
+
+def compose(a: Pose, b: Pose) -> Pose:
+    """The pose of a frame that is at b in a frame that is at a."""
+    return a[0] + rotate(a[1], b[0]), multiply(a[1], b[1])
+
+
+def inverse(a: Pose) -> Pose:
+    """The pose of the world in a frame that is at a."""
+    back = a[1] * (1.0, -1.0, -1.0, -1.0)
+    return -rotate(back, a[0]), back
+
+
+class _Reader:
+    """Goes through a compiled model (https://mujoco.readthedocs.io: Modeling, MjModel)."""
+
+    def __init__(self, mujoco: Any, model: Any, file: str) -> None:
+        self.mj, self.m, self.file = mujoco, model, file
+        self.left: dict[str, list[str]] = {}
+        self.number: dict[int, int] = {}  # of ours, of bodies of MuJoCo
+        self.between: dict[int, int] = {}  # of ours, of joints of MuJoCo after which a link stands
+        self.link_of: dict[int, int] = {}  # of ours, of joints of MuJoCo
+
+    def plan(self, keyframe: str | None, coordinates: Mapping[str, float]) -> Plan:
+        m = self.m
+        if m.nflex:
+            raise FormatError(f"{self.file}: {m.nflex} deformable bodies (flex) are not supported")
+        self.made = Plan(m.opt.gravity.tolist())
+        self.rest, self.rest_links = self.kinematics(m.qpos0)
+        self.read_bodies()
+        self.read_geometries()
+        qpos, ctrl = self.read_start(keyframe, coordinates)
+        for joint in range(m.njnt):
+            self.read_joint(joint, qpos)
+        self.read_actuators(qpos, ctrl)
+        self.read_equalities()
+        self.drop_limits()
+        for signature in m.exclude_signature:
+            self.exclude(int(signature) >> 16, int(signature) & 0xFFFF)
+        self.read_rest()
+        self.place(qpos)
+        told = (f"{what}: {', '.join(names)}" for what, names in self.left.items())
+        self.made.ignored = tuple(told)
+        return self.made
+
+    def name(self, kind: str, number: int) -> str:
+        """As in the file; what has none is called by its number."""
+        what = getattr(self.mj.mjtObj, f"mjOBJ_{kind.upper()}")
+        return self.mj.mj_id2name(self.m, what, number) or f"{kind}_{number}"
+
+    def leave(self, what: str, name: str) -> None:
+        """Note something that is not taken over."""
+        names = self.left.setdefault(what, [])
+        if name not in names:
+            names.append(name)
+
+    def kinematics(self, qpos: Array) -> tuple[list[Pose], dict[int, Pose]]:
+        """Poses of all bodies, and of what stands between several joints of one, by the joint."""
+        m, types = self.m, self.mj.mjtJoint
+        poses, between = [_ORIGIN], {}
+        for i in range(1, m.nbody):
+            pose = compose(poses[m.body_parentid[i]], (m.body_pos[i].copy(), m.body_quat[i].copy()))
+            for j in self.joints_of(i):
+                at = m.jnt_qposadr[j]
+                y = float(qpos[at] - m.qpos0[at])
+                if m.jnt_type[j] == types.mjJNT_FREE:
+                    pose = (qpos[at : at + 3].copy(), qpos[at + 3 : at + 7].copy())
+                elif m.jnt_type[j] == types.mjJNT_SLIDE:
+                    pose = compose(pose, (y * m.jnt_axis[j], _ORIGIN[1]))
+                else:
+                    turn = qpos[at : at + 4].copy()
+                    if m.jnt_type[j] == types.mjJNT_HINGE:
+                        turn = np.append(math.cos(y / 2), math.sin(y / 2) * m.jnt_axis[j])
+                    anchor = m.jnt_pos[j]
+                    pose = compose(pose, (anchor - rotate(turn, anchor), turn))
+                between[j] = pose
+            poses.append(pose)
+        return poses, between
+
+    def joints_of(self, body: int) -> range:
+        first = int(self.m.body_jntadr[body])
+        return range(first, first + int(self.m.body_jntnum[body]))
+
+    def read_bodies(self) -> None:
+        """What MuJoCo welds is one body of ours; what is welded to the world is several."""
+        m, bodies = self.m, self.made.bodies
+        for i in range(m.nbody):
+            root = int(m.body_weldid[i])
+            if root == i and i:
+                self.number[i] = len(bodies)
+                moved = m.body_mocapid[i] >= 0  # by the user
+                weight = None if moved else self.weight(i)
+                bodies.append(Body(self.rest[i], "kinematic" if moved else "dynamic", weight))
+                for j in self.joints_of(i)[:-1]:
+                    self.between[j] = len(bodies)
+                    bodies.append(self.light(i, j))
+            elif root == 0 and m.body_geomnum[i]:
+                self.number[i] = len(bodies)
+                bodies.append(Body(self.rest[i], "static"))
+            elif root:
+                self.number[i] = self.number[root]
+            if i in self.number:
+                self.made.body_names[self.name("body", i)] = self.number[i]
+            if m.body_gravcomp[i]:
+                self.leave("gravity compensation of bodies", self.name("body", i))
+
+    def weight(self, root: int) -> MassProperties:
+        """Of a body and of all that is welded to it, in its frame."""
+        m, parts = self.m, []
+        for i in np.flatnonzero(m.body_weldid == root):
+            if m.body_mass[i] > 0:
+                axes = rotate(m.body_iquat[i][None], np.eye(3))  # rows: the principal axes
+                inertia = axes.T @ np.diag(m.body_inertia[i]) @ axes
+                part = MassProperties(
+                    float(m.body_mass[i]), m.body_ipos[i], (inertia + inertia.T) / 2
+                )
+                parts.append(part.moved(*compose(inverse(self.rest[root]), self.rest[i])))
+        if not parts:
+            raise FormatError(f"{self.file}: body '{self.name('body', root)}' moves without a mass")
+        return parts[0] if len(parts) == 1 else compound(parts)
+
+    def light(self, body: int, joint: int) -> Body:
+        """What stands between two joints of a body: a point at the anchor, next to no mass."""
+        weight = self.weight(body)
+        inertia = LIGHT * weight.principal_inertia.min() * np.eye(3)
+        own = MassProperties(LIGHT * weight.mass, self.m.jnt_pos[joint], inertia)
+        return Body(self.rest_links[joint], "dynamic", own)
+
+    def read_geometries(self) -> None:
+        m, bodies = self.m, self.made.bodies
+        types = list(zip(m.geom_contype.tolist(), m.geom_conaffinity.tolist(), strict=True))
+        kinds = [(1, 1), *sorted(set(types) - {(1, 1), (0, 0)})]  # of a group each
+        if len(kinds) > 32:
+            raise FormatError(f"{self.file}: more than 32 pairs of contype and conaffinity")
+        disabled = m.opt.disableflags & self.mj.mjtDisableBit.mjDSBL_CONTACT
+        hidden: dict[int, list[Fixture]] = {}  # what touches nothing, by body
+        for g in range(m.ngeom):
+            i = int(m.geom_bodyid[g])
+            number = self.number[i]
+            root = int(m.body_weldid[i]) or i
+            frame = compose(inverse(self.rest[root]), self.rest[i])
+            shape = self.shape(g, compose(frame, (m.geom_pos[g].copy(), m.geom_quat[g].copy())))
+            if types[g] == (0, 0) or disabled:
+                hidden.setdefault(number, []).append(Fixture(shape, group=0, mask=0))
+                continue
+            contype, conaffinity = types[g]
+            touching = [k for k, (c, a) in enumerate(kinds) if contype & a or c & conaffinity]
+            slide, spin, roll = m.geom_friction[g].tolist()
+            condim = m.geom_condim[g]
+            bodies[number].fixtures.append(
+                Fixture(
+                    shape,
+                    friction=slide if condim > 1 else 0.0,
+                    spinning_friction=spin if condim > 3 else 0.0,
+                    rolling_friction=roll if condim > 4 else 0.0,
+                    group=1 << kinds.index(types[g]),
+                    mask=sum(1 << k for k in touching),
+                )
+            )
+        for number, body in enumerate(bodies):
+            if not body.fixtures:
+                body.fixtures = hidden.pop(number, []) or [_point(body.mass)]
+        if hidden:
+            count = sum(map(len, hidden.values()))
+            self.leave("geometries that touch nothing", str(count))
+
+    def shape(self, g: int, pose: Pose) -> Shape:
+        m, types = self.m, self.mj.mjtGeom
+        size, kind = m.geom_size[g], types(m.geom_type[g])
+        if kind == types.mjGEOM_SPHERE:
+            return Sphere(size[0], pose[0])
+        if kind == types.mjGEOM_BOX:
+            return Box(2 * size, *pose)
+        if kind == types.mjGEOM_CAPSULE:
+            return Capsule(size[0], 2 * size[1], *pose)
+        if kind == types.mjGEOM_CYLINDER:
+            return Cylinder(size[0], 2 * size[1], *pose)
+        if kind == types.mjGEOM_PLANE:
+            return Plane(rotate(pose[1], np.array([0.0, 0.0, 1.0])), pose[0])
+        if kind == types.mjGEOM_MESH:
+            mesh = m.geom_dataid[g]
+            first = m.mesh_vertadr[mesh]
+            return ConvexHull(m.mesh_vert[first : first + m.mesh_vertnum[mesh]], *pose)
+        if kind == types.mjGEOM_ELLIPSOID:
+            self.leave("ellipsoids, which are hulls of 482 points", self.name("geom", g))
+            return ConvexHull(Sphere(1.0).mesh().vertices * size, *pose)
+        word = {types.mjGEOM_HFIELD: "height field", types.mjGEOM_SDF: "signed distance field"}
+        raise FormatError(
+            f"{self.file}: geometry '{self.name('geom', g)}' is a "
+            f"{word.get(kind, kind.name)}, which is not supported"
+        )
+
+    def read_start(
+        self, keyframe: str | None, coordinates: Mapping[str, float]
+    ) -> tuple[Array, Array | None]:
+        """Where the joints are at first, and the controls, if a keyframe gives them."""
+        m = self.m
+        qpos, ctrl = m.qpos0.copy(), None
+        if keyframe is not None:
+            names = [self.name("key", k) for k in range(m.nkey)]
+            k = names.index(check_choice("keyframe", keyframe, names))
+            qpos, ctrl = m.key_qpos[k].copy(), m.key_ctrl[k].copy()
+            if m.key_qvel[k].any():
+                self.leave("velocities of the keyframe", keyframe)
+        single = (self.mj.mjtJoint.mjJNT_HINGE, self.mj.mjtJoint.mjJNT_SLIDE)
+        joints = {self.name("joint", j): j for j in range(m.njnt) if int(m.jnt_type[j]) in single}
+        for name, value in coordinates.items():
+            at = m.jnt_qposadr[joints[check_choice("coordinates", name, joints)]]
+            qpos[at] = m.qpos0[at] + check_real(f"coordinates[{name!r}]", value)
+        return qpos, ctrl
+
+    def read_joint(self, j: int, qpos: Array) -> None:
+        m, types, name = self.m, self.mj.mjtJoint, self.name("joint", j)
+        kind, i = types(m.jnt_type[j]), int(m.jnt_bodyid[j])
+        at, dof = m.jnt_qposadr[j], m.jnt_dofadr[j]
+        width = {types.mjJNT_FREE: 6, types.mjJNT_BALL: 3}.get(kind, 1)
+        dofs = slice(dof, dof + width)
+        if m.dof_armature[dofs].any():
+            self.leave("armature of joints", name)
+        if np.any(getattr(m, "jnt_stiffnesspoly", np.zeros(m.njnt))[j]) or np.any(
+            getattr(m, "dof_dampingpoly", np.zeros(m.nv))[dofs]
+        ):
+            self.leave("stiffness and damping that are not linear, of joints", name)
+        stiffness, damping = float(m.jnt_stiffness[j]), float(m.dof_damping[dof])
+        loss = float(m.dof_frictionloss[dof])
+        if width > 1:
+            for what, has in (
+                ("springs", stiffness),
+                ("damping", damping),
+                ("friction", loss),
+                ("limits", m.jnt_limited[j]),
+            ):
+                if has:
+                    self.leave(f"{what} of free and ball joints", name)
+            if kind == types.mjJNT_FREE:
+                return
+        joints = self.joints_of(i)
+        a = self.between.get(j, self.number[i])
+        if j > joints[0]:
+            b: int | None = self.between[j - 1]
+        else:
+            b = self.number.get(int(m.body_parentid[i])) if m.body_parentid[i] else None
+        frame = self.rest[i]
+        link = Link(
+            {types.mjJNT_BALL: "ball", types.mjJNT_SLIDE: "slider"}.get(kind, "hinge"),
+            a,
+            b,
+            frame[0] + rotate(frame[1], m.jnt_pos[j]),
+            rotate(frame[1], m.jnt_axis[j]),
+        )
+        if j == joints[-1] and len(joints) > 1 and m.body_parentid[i]:
+            self.exclude(i, int(m.body_parentid[i]))
+        if width == 1:
+            ref = float(m.qpos0[at])
+            link.start = float(qpos[at]) - ref
+            if ref:
+                self.leave("ref, from which coordinates of joints count", f"{name} ({ref:g})")
+            if m.jnt_limited[j]:
+                lower, upper = (m.jnt_range[j] - ref).tolist()
+                link.limits = (lower, upper)
+                if not lower - 1e-9 <= link.start <= upper + 1e-9:
+                    self.leave("a start beyond their limits, of joints", name)
+            if stiffness or damping:
+                link.motor = SpringMotor(float(m.qpos_spring[at]) - ref, stiffness, damping)
+                if loss:
+                    self.leave("friction of joints with a spring or a damper", name)
+            elif loss:
+                link.motor = SpeedMotor(0.0, loss)
+            self.made.strengths[name] = (
+                _least(m.jnt_actfrcrange[j]) if m.jnt_actfrclimited[j] else math.inf
+            )
+        self.link_of[j] = self.made.link_names[name] = len(self.made.links)
+        self.made.links.append(link)
+
+    def read_actuators(self, qpos: Array, ctrl: Array | None) -> None:
+        """Servos of positions are springs of joints; of motors the strength is kept."""
+        m, mj = self.m, self.mj
+        driven: set[int] = set()
+        on_joints = (mj.mjtTrn.mjTRN_JOINT, mj.mjtTrn.mjTRN_JOINTINPARENT)
+        plain = (mj.mjtBias.mjBIAS_NONE, mj.mjtBias.mjBIAS_AFFINE)
+        for k in range(len(m.actuator_trntype)):
+            name, j = self.name("actuator", k), int(m.actuator_trnid[k, 0])
+            gear = float(m.actuator_gear[k, 0])
+            gain, bias = m.actuator_gainprm[k], m.actuator_biasprm[k]
+            if (
+                int(m.actuator_trntype[k]) not in on_joints
+                or int(m.jnt_type[j]) not in (mj.mjtJoint.mjJNT_HINGE, mj.mjtJoint.mjJNT_SLIDE)
+                or m.actuator_dyntype[k] != mj.mjtDyn.mjDYN_NONE
+                or m.actuator_gaintype[k] != mj.mjtGain.mjGAIN_FIXED
+                or int(m.actuator_biastype[k]) not in plain
+                or not gear
+            ):
+                self.leave("actuators", name)
+                continue
+            strength = self.made.strengths[self.name("joint", j)]
+            is_motor = m.actuator_biastype[k] == mj.mjtBias.mjBIAS_NONE
+            if m.actuator_forcelimited[k]:
+                strength = min(strength, abs(gear) * _least(m.actuator_forcerange[k]))
+            if is_motor and m.actuator_ctrllimited[k]:
+                strength = min(strength, abs(gear * gain[0]) * _least(m.actuator_ctrlrange[k]))
+            self.made.strengths[self.name("joint", j)] = strength
+            if is_motor:
+                self.leave("controls of actuators that give a force, of which strengths has", name)
+            elif bias[0] or gain[0] <= 0 or bias[1] != -gain[0] or bias[2] > 0 or j in driven:
+                self.leave("actuators", name)
+            else:
+                driven.add(j)
+                link, at = self.made.links[self.link_of[j]], m.jnt_qposadr[j]
+                start = float(qpos[at]) if ctrl is None else float(ctrl[k]) / gear
+                damping = -float(bias[2]) * gear**2
+                passive = link.motor
+                if isinstance(passive, SpringMotor):
+                    damping += passive.damping
+                if isinstance(passive, SpeedMotor) or (passive and passive.stiffness):
+                    self.leave("springs and friction of joints with a servo", name)
+                link.motor = SpringMotor(
+                    start - float(m.qpos0[at]), float(gain[0]) * gear**2, damping, strength
+                )
+
+    def read_equalities(self) -> None:
+        """Connections are balls, welds are fixed, where they hold at the coordinates 0."""
+        m, types = self.m, self.mj.mjtEq
+        for e in range(m.neq):
+            name, data = self.name("equality", e), m.eq_data[e]
+            of_bodies = m.eq_objtype[e] == self.mj.mjtObj.mjOBJ_BODY and m.eq_active0[e]
+            first, second = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
+            if not of_bodies or int(m.eq_type[e]) not in (types.mjEQ_CONNECT, types.mjEQ_WELD):
+                self.leave("equalities", name)
+                continue
+            a, b = self.number.get(first), self.number.get(second)
+            x, y = self.rest[first], self.rest[second]
+            if m.eq_type[e] == types.mjEQ_CONNECT:
+                kind = "ball"
+                anchor = compose(x, (data[:3], _ORIGIN[1]))[0]
+                off = float(np.abs(anchor - compose(y, (data[3:6], _ORIGIN[1]))[0]).max())
+            else:
+                kind = "fixed"
+                anchor = compose(y, (data[:3], _ORIGIN[1]))[0]
+                given = compose(x, (data[3:6], data[6:10]))
+                turned = 1 - abs(float(given[1] @ y[1]))
+                off = max(float(np.abs(given[0] - y[0]).max()), turned)
+            moves = [n is not None and self.made.bodies[n].motion == "dynamic" for n in (a, b)]
+            if off > 1e-6 or not any(moves) or a == b:
+                self.leave("equalities", name)
+                continue
+            if not moves[0]:
+                a, b = b, a
+            assert a is not None
+            self.made.link_names[name] = len(self.made.links)
+            axis = np.array([1.0, 0.0, 0.0])
+            self.made.links.append(Link(kind, a, b, anchor, axis, collide=True))
+
+    def exclude(self, i: int, j: int) -> None:
+        a, b = self.number.get(i), self.number.get(j)
+        if a is not None and b is not None and a != b:
+            self.made.excluded.append((a, b))
+
+    def drop_limits(self) -> None:
+        """Limits about links of next to no mass gain energy, unless a damper takes it."""
+        for j, number in self.link_of.items():
+            link = self.made.links[number]
+            damped = isinstance(link.motor, SpringMotor) and link.motor.damping > 0
+            several = self.m.body_jntnum[self.m.jnt_bodyid[j]] > 1
+            if link.limits and several and not damped:
+                link.limits = None
+                what = "limits of joints without a damper, of bodies with several joints"
+                self.leave(what, self.name("joint", j))
+
+    def read_rest(self) -> None:
+        """What counts for the whole model."""
+        m, bits = self.m, self.mj.mjtDisableBit
+        for what in ("tendon", "sensor", "pair", "plugin"):
+            if count := getattr(m, f"n{what}"):
+                self.leave(f"{what}s", str(count))
+        for name, usual in _SOFTNESS.items():
+            given = getattr(m, name, None)
+            if given is not None and np.any(given != np.array(usual, given.dtype)):
+                self.leave("how soft contacts are, and from where on", name.removeprefix("geom_"))
+        for name in ("density", "viscosity", "wind"):
+            if np.any(getattr(m.opt, name)):
+                self.leave("forces of a medium", name)
+        if m.opt.disableflags & bits.mjDSBL_GRAVITY:
+            self.made.gravity = [0.0, 0.0, 0.0]
+        for name in ("CONSTRAINT", "EQUALITY", "LIMIT", "SPRING", "DAMPER", "FRICTIONLOSS"):
+            if m.opt.disableflags & getattr(bits, f"mjDSBL_{name}", 0):
+                self.leave("flags that switch parts off", name.lower())
+
+    def place(self, qpos: Array) -> None:
+        """Where bodies are at first."""
+        poses, between = self.kinematics(qpos)
+        for i in range(1, self.m.nbody):
+            if self.m.body_weldid[i] in (i, 0) and i in self.number:
+                self.made.bodies[self.number[i]].start = poses[i]
+        for j, number in self.between.items():
+            self.made.bodies[number].start = between[j]
+
+
+def _least(bounds: Array) -> float:
+    """The strength that both directions have."""
+    return float(np.abs(bounds).min())
+
+
+def _point(mass: MassProperties | None) -> Fixture:
+    """A ball that touches nothing, of a body without geometries."""
+    if mass is None:
+        return Fixture(Sphere(0.01), group=0, mask=0)
+    radius = math.sqrt(float(mass.principal_inertia.min()) / mass.mass)
+    return Fixture(Sphere(radius, mass.center_of_mass), group=0, mask=0)
