@@ -262,16 +262,25 @@ void JointGroup::sum_impulses(Link& link) const {
 }
 
 // A force at the anchor turns with the bodies: the next sub-step begins with it, and across a long arm
-// of a light body the part of it that stayed behind would whirl the body around.
+// of a light body the part of it that stayed behind would whirl the body around. It turns with the
+// one that it would whirl more.
 void JointGroup::turn_impulse(Link& link) const {
   if (link.joint.type == JointType::kSlider || link.joint.type == JointType::kDistance) return;
-  const auto turn = [&](std::int32_t k) {
+  double weights = 0;
+  Vec3 turn = Vec3::Zero();
+  const auto add = [&](std::int32_t k, std::span<const Vec3> angular) {
     const Member& m = members_[usize(k)];
-    return m.moves ? rotation_vector(trial_[usize(k)].q * m.now.q.conjugate()) : Vec3::Zero().eval();
+    if (!m.moves) return;
+    double weight = 0;
+    for (std::size_t i = 0; i < 3; ++i) weight += angular[i].dot(m.W * angular[i]);
+    weights += weight;
+    turn += weight * rotation_vector(trial_[usize(k)].q * m.now.q.conjugate());
   };
-  const bool both = members_[usize(link.a)].moves && members_[usize(link.b)].moves;
+  add(link.a, link.G.angular_a);
+  add(link.b, link.G.angular_b);
+  if (!(weights > 0)) return;
   Eigen::Map<Vec3> force(link.joint.impulse.data());
-  force = rotation_by((both ? 0.5 : 1) * (turn(link.a) + turn(link.b))) * force;
+  force = rotation_by(turn / weights) * force;
 }
 
 void JointGroup::move(BodyRows& rows) {
