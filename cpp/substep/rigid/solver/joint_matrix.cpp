@@ -57,9 +57,17 @@ void invert(double* D, int n) {
   }
 }
 
-// y += s A x, A of so many columns.
+// y += s A x, A of so many columns: even and odd ones apart, so that they need not wait for each
+// other.
 SUBSTEP_INLINE void add_product(double s, const double* A, int columns, const double* x, Pair& y) {
-  for (int k = 0; k < columns; ++k) y.add(s * x[k], Pair(A + 8 * k));
+  Pair odd{kZeros};
+  int k = 0;
+  for (; k + 1 < columns; k += 2) {
+    y.add(s * x[k], Pair(A + 8 * k));
+    odd.add(s * x[k + 1], Pair(A + 8 * k + 8));
+  }
+  if (k < columns) y.add(s * x[k], Pair(A + 8 * k));
+  y.top = y.top + odd.top, y.bottom = y.bottom + odd.bottom;
 }
 
 // A^T x, of six columns.
