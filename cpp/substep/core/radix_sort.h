@@ -1,5 +1,6 @@
 // Stable counting sort of (key, index) pairs, digit by digit from the lowest one: parallel, and the
-// same result for any number of threads.
+// same result for any number of threads. Few entries are sorted by comparing them: the order is the
+// same, and counters need not be cleared.
 #pragma once
 
 #include <algorithm>
@@ -23,6 +24,11 @@ class RadixSort {
  public:
   // Sorts by the lowest `bits` bits; the higher ones must be equal.
   void operator()(std::vector<KeyedIndex<Key>>& entries, int bits, int threads) {
+    if (entries.size() < kFew) {
+      std::stable_sort(entries.begin(), entries.end(),
+                       [](const auto& x, const auto& y) { return x.key < y.key; });
+      return;
+    }
     const int passes = (bits + kMaxDigit - 1) / kMaxDigit;
     for (int pass = 0, shift = 0; pass < passes; ++pass) {
       const int digit = (bits - shift + passes - pass - 1) / (passes - pass);
@@ -36,7 +42,8 @@ class RadixSort {
   }
 
  private:
-  static constexpr int kMaxDigit = 11;  // bits: the counters of a chunk stay in the L1 cache
+  static constexpr std::size_t kFew = 384;  // entries
+  static constexpr int kMaxDigit = 11;      // bits: the counters of a chunk stay in the L1 cache
   static constexpr std::int64_t kGrain = 32768;  // entries per chunk
 
   void sort_digit(std::vector<KeyedIndex<Key>>& entries, int shift, int digit, int threads) {

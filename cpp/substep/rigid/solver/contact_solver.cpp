@@ -2,7 +2,8 @@
 
 #include <algorithm>
 #include <bit>
-#include <functional>
+#include <new>
+#include <type_traits>
 
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
@@ -21,22 +22,44 @@ constexpr double kSmooth =
 constexpr int kFew = 2;  // others that what rolls freely touches
 constexpr double kReached = 1e-5;  // height over the nearest point that is none [m]
 
+// What copies of a task that holds references and numbers take no memory for.
+class Task {
+ public:
+  template <class F>
+  explicit Task(const F& task)
+      : call_([](const void* memory, std::int64_t chunk) {
+          (*static_cast<const F*>(memory))(chunk);
+        }) {
+    static_assert(std::is_trivially_copyable_v<F> && sizeof(F) <= sizeof memory_);
+    new (memory_) F(task);
+  }
+  void operator()(std::int64_t chunk) const { call_(memory_, chunk); }
+
+ private:
+  alignas(8) unsigned char memory_[104];
+  void (*call_)(const void*, std::int64_t);
+};
+
 // Loops over chunks, one after the other, for one call of parallel_phases.
 class Phases {
  public:
-  using Task = std::function<void(std::int64_t)>;
-
-  void add(std::int64_t chunks, const Task& task) {
-    chunks_.push_back(chunks);
-    tasks_.push_back(task);
+  explicit Phases(std::size_t most) {
+    chunks_.reserve(most);
+    tasks_.reserve(most);
   }
-  void add_range(std::int64_t n, std::int64_t grain,
-                 const std::function<void(std::int64_t, std::int64_t)>& task) {
+  template <class F>
+  void add(std::int64_t chunks, const F& task) {
+    chunks_.push_back(chunks);
+    tasks_.push_back(Task(task));
+  }
+  template <class F>
+  void add_range(std::int64_t n, std::int64_t grain, const F& task) {
     add((n + grain - 1) / grain,
         [=](std::int64_t chunk) { task(chunk * grain, std::min(n, (chunk + 1) * grain)); });
   }
   // Of each colour the packets, colour after colour.
-  void add_sweep(const Sweep& sweep, const std::function<void(std::int64_t)>& packet) {
+  template <class F>
+  void add_sweep(const Sweep& sweep, const F& packet) {
     for (std::size_t f = 0; f < sweep.chunks_of_phase.size(); ++f) {
       const std::int64_t first = sweep.phase_start[f];
       add(sweep.chunks_of_phase[f], [&sweep, first, packet](std::int64_t chunk) {
@@ -335,8 +358,8 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   const double lost = std::min(1.0, h * options.settling);
 
   const auto packet = [&](std::int64_t k) -> ContactPacket& { return packets_[usize(k)]; };
-  Phases phases;
-  const auto add_joints = [&](const std::function<void(JointGroup&)>& task) {
+  Phases phases(64);
+  const auto add_joints = [&](const auto& task) {
     if (joints_.groups() > 0) {
       phases.add(joints_.groups(), [this, task](std::int64_t k) { task(joints_.group(k)); });
     }

@@ -147,19 +147,26 @@ void JointGroup::write_momenta(BodyRows& rows) {
 }
 
 // Call write_momenta() afterwards.
-void JointGroup::apply(Link& link, int row, double impulse, BodyRows& rows) {
-  link.impulse[usize(row)] += impulse;
+void JointGroup::apply(Link& link, const Impulses& change, BodyRows& rows) {
   tried_ = false;
-  const auto give = [&](std::int32_t member, double l, const Vec3& angular) {
+  Vec3 linear = Vec3::Zero(), angular_a = linear, angular_b = linear;
+  for (int row = 0; row < link.rows; ++row) {
+    const double l = change[usize(row)];
+    link.impulse[usize(row)] += l;
+    linear += l * link.G.linear[row];
+    angular_a += l * link.G.angular_a[row];
+    angular_b += l * link.G.angular_b[row];
+  }
+  const auto give = [&](std::int32_t member, const Vec3& impulse, const Vec3& angular) {
     Member& m = members_[usize(member)];
     if (!m.moves) return;
-    const Vec3 v = l * m.scale * link.G.linear[row];
+    const Vec3 v = m.scale * impulse;
     add(rows.velocity[usize(m.row)].linear, v);
     m.given_v += v;
-    Vec3::Map(&L_[3 * usize(member)]) += l * angular;
+    Vec3::Map(&L_[3 * usize(member)]) += angular;
   };
-  give(link.a, impulse, link.G.angular_a[row]);
-  give(link.b, -impulse, link.G.angular_b[row]);
+  give(link.a, linear, angular_a);
+  give(link.b, -linear, -angular_b);
 }
 
 std::array<double, kJointRows> JointGroup::values(const Link& link, bool trial) const {
@@ -174,9 +181,11 @@ std::array<double, kJointRows> JointGroup::values(const Link& link, bool trial) 
 void JointGroup::set_gradients() {
   for (Link& link : links_) {
     const Member &a = members_[usize(link.a)], &b = members_[usize(link.b)];
-    link.G = joint_gradients(link.joint.type, JointSide(link.joint.in_a, a.now.x, a.now.q),
-                             JointSide(link.joint.in_b, b.now.x, b.now.q));
-    link.begin = values(link, false);
+    const JointSide side_a(link.joint.in_a, a.now.x, a.now.q);
+    const JointSide side_b(link.joint.in_b, b.now.x, b.now.q);
+    link.G = joint_gradients(link.joint.type, side_a, side_b);
+    link.begin = joint_values(link.joint.type, side_a, side_b, link.joint.coordinate,
+                              link.rows > link.equations);
     for (int row = 0; row < link.rows; ++row) {
       const auto of = [&](const Member& m, const Vec3& angular) {
         return m.moves ? m.scale * m.scale * link.G.linear[row].squaredNorm() +
@@ -246,14 +255,15 @@ void JointGroup::begin_substep(BodyRows& rows) {
   for (Link& link : links_) {
     set_laws(link, Stage::kMotion);
     link.impulse.fill(0);
-    for (int row = 0; row < link.rows; ++row)
-      apply(link, row, weight_ * link.joint.impulse[usize(row)], rows);
+    Impulses first = link.joint.impulse;
+    for (double& l : first) l *= weight_;
+    apply(link, first, rows);
   }
   write_momenta(rows);
 }
 
 void JointGroup::sum_impulses(Link& link) const {
-  const Vec3 arm = members_[usize(link.a)].now.q * link.joint.in_a.anchor;
+  const Vec3 arm = rotated(members_[usize(link.a)].now.q, link.joint.in_a.anchor);
   for (int row = 0; row < link.rows; ++row) {
     const Vec3 l = link.impulse[usize(row)] * link.G.linear[row];
     link.force += l;

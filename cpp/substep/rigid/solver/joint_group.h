@@ -59,6 +59,8 @@ class JointGroup {
     Vec3 start, start_turn;     // displacement at the start of the sub-step
     Vec3 given_v, given_w;      // what joints changed of the row's velocity in the sub-step
   };
+  using Impulses = std::array<double, kJointRows>;
+
   struct Link {
     Joint joint;
     std::int32_t number, a, b;  // members
@@ -66,7 +68,7 @@ class JointGroup {
     JointGradients G;
     std::array<double, kJointRows> begin;     // C at the start of the sub-step
     std::array<double, kJointRows> mobility;  // diagonal of G M^-1 G^T
-    std::array<double, kJointRows> impulse;   // l of the sub-step
+    Impulses impulse;                         // l of the sub-step
     std::array<JointLaw, 2> law;
     std::array<JointLaw::Mode, 2> mode;
     Vec3 force, torque;  // impulses of the step
@@ -96,7 +98,7 @@ class JointGroup {
   bool iterate(Stage stage, BodyRows& rows);
   void solve_motion(BodyRows& rows);
   void factor();
-  void apply(Link& link, int row, double impulse, BodyRows& rows);
+  void apply(Link& link, const Impulses& change, BodyRows& rows);
   void sum_impulses(Link& link) const;
   void turn_impulse(Link& link) const;
 

@@ -105,7 +105,9 @@ void JointGroup::choose_modes(Stage stage, BodyRows& rows, bool& changed, bool& 
       if (!JointLaw::fixes_impulse(mode)) continue;
       const double change = link.law[k].fixed_impulse(mode) - link.impulse[usize(row)];
       if (change == 0) continue;
-      apply(link, row, change, rows);
+      Impulses alone{};
+      alone[usize(row)] = change;
+      apply(link, alone, rows);
       applied = true;
     }
   }
@@ -150,11 +152,7 @@ bool JointGroup::iterate(Stage stage, BodyRows& rows) {
     last = worst;
     if (changed || !factored_) factor();
     matrix_.solve(pieces_);
-    for (std::size_t j = 0; j < links_.size(); ++j) {
-      for (int row = 0; row < links_[j].rows; ++row) {
-        if (links_[j].active(row)) apply(links_[j], row, pieces_[j][usize(row)], rows);
-      }
-    }
+    for (std::size_t j = 0; j < links_.size(); ++j) apply(links_[j], pieces_[j], rows);
     write_momenta(rows);
   }
   return last < kEnoughMotion;
@@ -165,7 +163,9 @@ bool JointGroup::iterate(Stage stage, BodyRows& rows) {
 void JointGroup::solve_motion(BodyRows& rows) {
   if (iterate(Stage::kMotion, rows)) return;
   for (Link& link : links_) {
-    for (int row = 0; row < link.rows; ++row) apply(link, row, -link.impulse[usize(row)], rows);
+    Impulses back = link.impulse;
+    for (double& l : back) l = -l;
+    apply(link, back, rows);
     link.impulse.fill(0);
   }
   write_momenta(rows);

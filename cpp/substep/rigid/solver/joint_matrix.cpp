@@ -1,42 +1,94 @@
 #include "substep/rigid/solver/joint_matrix.h"
 
 #include <algorithm>
-#include <cmath>
+#include <cstring>
 #include <set>
 #include <utility>
 
+#include "substep/core/lanes.h"
 #include "substep/core/usize.h"
 
 namespace substep::rigid {
 namespace {
 
 constexpr int kSize = JointMatrix::kSize;
+using V = Vector<double, 32>;
 
-// C of D = s C C^T in the lower triangle of D, with the inverse of its diagonal.
-void cholesky(double* D, int n, double s) {
-  for (int j = 0; j < n; ++j) {
-    double sum = s * D[j * kSize + j];
-    for (int k = 0; k < j; ++k) sum -= D[j * kSize + k] * D[j * kSize + k];
-    const double inverse = 1 / std::sqrt(sum);
-    D[j * kSize + j] = inverse;
-    for (int i = j + 1; i < n; ++i) {
-      double entry = s * D[i * kSize + j];
-      for (int k = 0; k < j; ++k) entry -= D[i * kSize + k] * D[j * kSize + k];
-      D[i * kSize + j] = entry * inverse;
+constexpr double kUnit[] = {0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0};
+constexpr const double* kZeros = kUnit;
+
+// Of blocks and vectors, see JointMatrix::Block: two vectors of four.
+struct Pair {
+  V top, bottom;
+
+  SUBSTEP_INLINE explicit Pair(const double* from)
+      : top(load<V>(from)), bottom(load<V>(from + 4)) {}
+  SUBSTEP_INLINE void store(double* to) const {
+    std::memcpy(to, &top, sizeof top), std::memcpy(to + 4, &bottom, sizeof bottom);
+  }
+  SUBSTEP_INLINE void add(double factor, const Pair& x) {
+    const V f = splat<V>(factor);
+    top = fma<V>(f, x.top, top), bottom = fma<V>(f, x.bottom, bottom);
+  }
+};
+
+// The inverse of a definite block, by Gauss and Jordan without pivoting. (Exchanging pivots: Beaton
+// 1964, the sweep operator; of definite matrices all pivots have the sign of D.)
+void invert(double* D, int n) {
+  for (int k = 0; k < n; ++k) {
+    double* const pivot = D + 8 * k;
+    const double inverse = 1 / pivot[k];
+    const Pair unit(kUnit + 8 - k);  // the unit vector k
+    Pair column(pivot);
+    column.add(-pivot[k], unit);
+    for (int c = 0; c < n; ++c) {
+      if (c == k) continue;
+      const double factor = D[8 * c + k] * inverse;
+      Pair x(D + 8 * c);
+      x.add(-D[8 * c + k], unit);
+      x.add(-factor, column);
+      x.add(factor, unit);
+      x.store(D + 8 * c);
     }
+    Pair x(kZeros);
+    x.add(-inverse, column);
+    x.add(inverse, unit);
+    x.store(pivot);
   }
 }
 
-// x s C^T = b, row after row of b.
-void solve_rows(const double* C, int n, double s, double* b, int rows) {
-  for (int i = 0; i < rows; ++i) {
-    double* x = b + i * kSize;
-    for (int j = 0; j < n; ++j) {
-      double sum = s * x[j];
-      for (int k = 0; k < j; ++k) sum -= x[k] * C[j * kSize + k];
-      x[j] = sum * C[j * kSize + j];
-    }
+// y += s A x, A of so many columns: even and odd ones apart, so that they need not wait for each
+// other.
+SUBSTEP_INLINE void add_product(double s, const double* A, int columns, const double* x, Pair& y) {
+  Pair odd{kZeros};
+  int k = 0;
+  for (; k + 1 < columns; k += 2) {
+    y.add(s * x[k], Pair(A + 8 * k));
+    odd.add(s * x[k + 1], Pair(A + 8 * k + 8));
   }
+  if (k < columns) y.add(s * x[k], Pair(A + 8 * k));
+  y.top = y.top + odd.top, y.bottom = y.bottom + odd.bottom;
+}
+
+// A^T x, of six columns.
+SUBSTEP_INLINE Pair transposed_product(const double* A, const Pair& x) {
+  V sum[8] = {};
+  for (int k = 0; k < kSize; ++k) {
+    const Pair column(A + 8 * k);
+    sum[k] = fma<V>(column.bottom, x.bottom, column.top * x.top);
+  }
+  const auto sums = [](const V& a, const V& b, const V& c, const V& d) {
+    const V ab =
+        __builtin_shufflevector(a, b, 0, 4, 2, 6) + __builtin_shufflevector(a, b, 1, 5, 3, 7);
+    const V cd =
+        __builtin_shufflevector(c, d, 0, 4, 2, 6) + __builtin_shufflevector(c, d, 1, 5, 3, 7);
+    return V(__builtin_shufflevector(ab, cd, 0, 1, 4, 5) +
+             __builtin_shufflevector(ab, cd, 2, 3, 6, 7));
+  };
+  Pair y = x;
+  y.top = sums(sum[0], sum[1], sum[2], sum[3]);
+  y.bottom = sums(sum[4], sum[5], V{}, V{});
+  return y;
 }
 
 }  // namespace
@@ -116,7 +168,7 @@ void JointMatrix::place(std::span<const BodyPair> joints) {
               [&](const Below& x, const Below& y) { return sooner(x, y.id); });
     for (Below& below : list) below.block = next++;
   }
-  blocks_.resize(usize(next));
+  blocks_.reset(usize(next));
   // The block of two nodes.
   const auto block_of = [&](std::int32_t early, std::int32_t late) {
     const auto list = belows(order_[usize(position[usize(early)])]);
@@ -142,54 +194,60 @@ void JointMatrix::place(std::span<const BodyPair> joints) {
     side_a_.push_back(side(joints[j].a, id));
     side_b_.push_back(side(joints[j].b, id));
   }
-  x_.resize(order_.size());
+  std::int32_t most = 0;
+  for (const Node& node : order_) most = std::max(most, node.count);
+  before_.reset(usize(most));
+  x_.reset(order_.size());
 }
 
 void JointMatrix::clear() {
-  for (Block& block : blocks_) block.fill(0);
+  std::memset(blocks_.data(), 0, blocks_.size() * sizeof(Block));
   for (std::size_t id = 0; id < size_.size(); ++id) {
     const double sign = id < usize(bodies_) ? 1 : -1;
-    for (int k = 0; k < size_[id]; ++k) blocks_[id][usize(k * kSize + k)] = sign;
+    for (int k = 0; k < size_[id]; ++k) blocks_[id].entry[k * kColumn + k] = sign;
   }
 }
 
 void JointMatrix::put(const Side& side, int row, const Piece& gradient) {
   if (side.block < 0) return;
-  Block& block = blocks_[usize(side.block)];
+  double* const block = blocks_[usize(side.block)].entry;
   for (int k = 0; k < kSize; ++k)
-    block[usize(side.transposed ? k * kSize + row : row * kSize + k)] = gradient[usize(k)];
+    block[side.transposed ? row * kColumn + k : k * kColumn + row] = gradient[usize(k)];
 }
 
 void JointMatrix::set(std::int32_t joint, int row, const Piece& gradient_a, const Piece& gradient_b,
                       double E) {
   put(side_a_[usize(joint)], row, gradient_a);
   put(side_b_[usize(joint)], row, gradient_b);
-  blocks_[usize(bodies_ + joint)][usize(row * kSize + row)] = -E;
+  blocks_[usize(bodies_ + joint)].entry[row * kColumn + row] = -E;
 }
 
+// Below a node L = B D^-1, and what it leaves is A - L B^T.
 void JointMatrix::factor() {
   const std::int32_t* target = update_.data();
   for (const Node& node : order_) {
-    const double sign = node.id < bodies_ ? 1 : -1;
-    const double* C = blocks_[usize(node.id)].data();
-    cholesky(blocks_[usize(node.id)].data(), node.size, sign);
+    const double* D = blocks_[usize(node.id)].entry;
+    invert(blocks_[usize(node.id)].entry, node.size);
     const Below* below = below_.data() + node.first;
     for (int j = 0; j < node.count; ++j) {
-      solve_rows(C, node.size, sign, blocks_[usize(below[j].block)].data(),
-                 size_[usize(below[j].id)]);
+      Block& block = blocks_[usize(below[j].block)];
+      const Block& B = before_[usize(j)] = block;
+      for (int c = 0; c < node.size; ++c) {
+        Pair sum{kZeros};
+        add_product(1, B.entry, node.size, D + c * kColumn, sum);
+        sum.store(block.entry + c * kColumn);
+      }
     }
     for (int j = 0; j < node.count; ++j) {
-      const double* Y = blocks_[usize(below[j].block)].data();
+      const double* B = before_[usize(j)].entry;
       const int columns = size_[usize(below[j].id)];
       for (int i = j; i < node.count; ++i, ++target) {
-        const double* X = blocks_[usize(below[i].block)].data();
-        double* A = blocks_[usize(*target)].data();
-        for (int r = 0; r < size_[usize(below[i].id)]; ++r) {
-          for (int c = 0; c < (i == j ? r + 1 : columns); ++c) {
-            double sum = 0;
-            for (int k = 0; k < node.size; ++k) sum += X[r * kSize + k] * Y[c * kSize + k];
-            A[r * kSize + c] -= sign * sum;
-          }
+        const double* L = blocks_[usize(below[i].block)].entry;
+        double* A = blocks_[usize(*target)].entry;
+        for (int c = 0; c < columns; ++c) {
+          Pair left(A + c * kColumn);
+          for (int k = 0; k < node.size; ++k) left.add(-B[k * kColumn + c], Pair(L + k * kColumn));
+          left.store(A + c * kColumn);
         }
       }
     }
@@ -198,46 +256,34 @@ void JointMatrix::factor() {
 
 void JointMatrix::solve(std::span<Piece> joints) {
   for (std::size_t id = 0; id < x_.size(); ++id) {
-    if (id < usize(bodies_)) {
-      x_[id].fill(0);
-    } else {
-      for (std::size_t k = 0; k < kSize; ++k) x_[id][k] = -joints[id - usize(bodies_)][k];
-    }
+    x_[id] = {};
+    if (id < usize(bodies_)) continue;
+    for (std::size_t k = 0; k < kSize; ++k) x_[id].entry[k] = -joints[id - usize(bodies_)][k];
   }
   for (const Node& node : order_) {  // L y = b
-    Piece& x = x_[usize(node.id)];
-    solve_rows(blocks_[usize(node.id)].data(), node.size, 1, x.data(), 1);
+    const double* x = x_[usize(node.id)].entry;
     for (std::int32_t j = node.first; j < node.first + node.count; ++j) {
-      const double* Y = blocks_[usize(below_[usize(j)].block)].data();
-      Piece& later = x_[usize(below_[usize(j)].id)];
-      for (int r = 0; r < size_[usize(below_[usize(j)].id)]; ++r) {
-        for (int k = 0; k < node.size; ++k) later[usize(r)] -= Y[r * kSize + k] * x[usize(k)];
-      }
+      double* later = x_[usize(below_[usize(j)].id)].entry;
+      Pair left(later);
+      add_product(-1, blocks_[usize(below_[usize(j)].block)].entry, node.size, x, left);
+      left.store(later);
     }
   }
-  for (auto node = order_.rbegin(); node != order_.rend(); ++node) {  // L^T x = S y
-    Piece& x = x_[usize(node->id)];
-    if (node->id >= bodies_) {
-      for (double& entry : x) entry = -entry;
-    }
+  for (auto node = order_.rbegin(); node != order_.rend(); ++node) {  // L^T x = D^-1 y
+    double* x = x_[usize(node->id)].entry;
+    Pair sum{kZeros};
+    add_product(1, blocks_[usize(node->id)].entry, node->size, x, sum);
     for (std::int32_t j = node->first; j < node->first + node->count; ++j) {
-      const double* Y = blocks_[usize(below_[usize(j)].block)].data();
-      const Piece& later = x_[usize(below_[usize(j)].id)];
-      for (int r = 0; r < size_[usize(below_[usize(j)].id)]; ++r) {
-        for (int k = 0; k < node->size; ++k) x[usize(k)] -= Y[r * kSize + k] * later[usize(r)];
-      }
+      const Pair later(x_[usize(below_[usize(j)].id)].entry);
+      const Pair part = transposed_product(blocks_[usize(below_[usize(j)].block)].entry, later);
+      sum.top = sum.top - part.top, sum.bottom = sum.bottom - part.bottom;
     }
-    const double* C = blocks_[usize(node->id)].data();
-    for (int k = node->size - 1; k >= 0; --k) {
-      double sum = x[usize(k)];
-      for (int i = k + 1; i < node->size; ++i) sum -= C[i * kSize + k] * x[usize(i)];
-      x[usize(k)] = sum * C[k * kSize + k];
-    }
+    sum.store(x);
   }
   for (std::size_t j = 0; j < joints.size(); ++j) {
     for (std::size_t k = 0; k < kSize; ++k) {
       const bool used = k < usize(size_[usize(bodies_) + j]);
-      joints[j][k] = used ? -x_[usize(bodies_) + j][k] : 0;
+      joints[j][k] = used ? -x_[usize(bodies_) + j].entry[k] : 0;
     }
   }
 }

@@ -4,8 +4,8 @@
 // inertia 1 (body_rows.h), impulses l and changes of velocity dv fulfil
 //   [ 1   G^T ] [ dv ]   [  0 ]
 //   [ G   -E  ] [ -l ] = [ -c ]
-// a symmetric matrix of blocks: a node for each body and each joint. It is factored as A = L S L^T,
-// S a sign for each node, + of bodies, - of joints (signed Cholesky). A joint comes after all of
+// a symmetric matrix of blocks: a node for each body and each joint. It is factored as A = L D L^T
+// by blocks, D definite in each: positive of bodies, negative of joints. A joint comes after all of
 // its bodies, or after one that no other joint was left at: then what it holds is that body's to
 // give, and its block is as definite as it can be. (Any order would do for E > 0, quasidefinite:
 // Vanderbei 1995, SIAM J. Optim. 5; but with pivots as small as E.) Of all such orders that of
@@ -20,6 +20,7 @@
 #include <span>
 #include <vector>
 
+#include "substep/core/aligned_buffer.h"
 #include "substep/core/usize.h"
 #include "substep/rigid/motion/body_pair.h"
 
@@ -43,7 +44,14 @@ class JointMatrix {
   void solve(std::span<Piece> joints);
 
  private:
-  using Block = std::array<double, kSize * kSize>;  // row after row
+  // Column after column, each with two entries more: two vectors of four.
+  static constexpr int kColumn = 8;
+  struct alignas(64) Block {
+    double entry[kSize * kColumn];
+  };
+  struct alignas(64) Column {
+    double entry[kColumn];
+  };
 
   struct Node {
     std::int32_t id;            // body, or bodies_ + joint
@@ -65,9 +73,10 @@ class JointMatrix {
   std::vector<Below> below_;          // nodes that come later, of each node, in their order
   std::vector<std::int32_t> update_;  // of each pair of them: its block
   std::vector<Side> side_a_, side_b_;
-  std::vector<int> size_;  // by id
-  std::vector<Block> blocks_;
-  std::vector<Piece> x_;
+  std::vector<int> size_;        // by id
+  AlignedBuffer<Block> blocks_;  // becomes D^-1, L
+  AlignedBuffer<Block> before_;  // of the nodes below one: the block, and so L D
+  AlignedBuffer<Column> x_;
 };
 
 }  // namespace substep::rigid

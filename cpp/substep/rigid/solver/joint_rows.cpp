@@ -84,9 +84,9 @@ std::array<double, kJointRows> joint_values(JointType type, const JointSide& a, 
     rotation(3);
     return C;
   }
-  const Vec3 n = turn * Vec3::UnitX();  // n_a as b sees it
+  const Vec3 n = rotated(turn, Vec3::UnitX());  // n_a as b sees it
   if (type == JointType::kHinge) {
-    const Vec3 e = turn * Vec3::UnitY();
+    const Vec3 e = rotated(turn, Vec3::UnitY());
     C[3] = -n.z(), C[4] = n.y();
     if (coordinates) C[5] = nearest(std::atan2(e.z(), e.y()), near);
   } else if (coordinates) {
@@ -100,7 +100,7 @@ JointGradients joint_gradients(JointType type, const JointSide& a, const JointSi
   JointGradients G;
   const Vec3 d = (a.centre - b.centre) + (a.arm - b.arm);
   const Mat3 B = b.axes.toRotationMatrix();
-  const Vec3 n_a = a.axes * Vec3::UnitX(), n_b = B.col(0);
+  const Vec3 n_a = rotated(a.axes, Vec3::UnitX()), n_b = B.col(0);
   switch (type) {
     case JointType::kDistance:
       set(G, 0, direction(d, n_b), a.arm, b.arm);

@@ -32,13 +32,20 @@ int joint_rows(const Joint& joint);
 // The row of Joint::coordinate, or -1.
 int coordinate_row(JointType type);
 
+// q v, inlined: calls of Eigen's product were a large part of what values cost.
+__attribute__((always_inline)) inline Vec3 rotated(const Quaternion& q, const Vec3& v) {
+  const double w = q.w(), x = q.x(), y = q.y(), z = q.z(), a = v.x(), b = v.y(), c = v.z();
+  const double s = 2 * (y * c - z * b), t = 2 * (z * a - x * c), u = 2 * (x * b - y * a);
+  return {a + w * s + (y * u - z * t), b + w * t + (z * s - x * u), c + w * u + (x * t - y * s)};
+}
+
 // A side of a joint: its body's centre, the arm to the anchor in the world, and the axes.
 struct JointSide {
   Vec3 centre, arm;
   Quaternion axes;
 
   JointSide(const Joint::Frame& frame, const Vec3& x, const Quaternion& q)
-      : centre(x), arm(q * frame.anchor), axes(q * frame.axes) {}
+      : centre(x), arm(rotated(q, frame.anchor)), axes(q * frame.axes) {}
 };
 
 // Angles of a turn are those nearest to `near`; coordinates: whether those are asked for.
