@@ -45,6 +45,7 @@ struct ContactConstraint {
   double twist_impulse = 0.0;             // of the last sub-step [N m s]
   double roll_impulse[2] = {0., 0.};      // the same along the tangent and n x tangent
   double friction_total[2] = {0., 0.};    // of the last step, with its impacts
+  bool tips = false;                      // of bodies that turn farther in a step than was looked
   bool rolls_on = false;  // of shapes that touch elsewhere within a step, as they roll
   double margin = 0;      // how far its shapes are looked at in sub-steps then [m]
 

@@ -15,12 +15,11 @@ constexpr int kPacketLanes = ContactPacket::kLanes;
 constexpr std::int64_t kBodies = 512;  // per chunk
 constexpr std::int64_t kPackets = 16;  // per chunk, where they are independent
 constexpr float kFarAway = 1e6F;       // [m]
-constexpr double kRolls = 1e-4;        // least turn in a step that counts [rad]
-constexpr double kFar = 0.5;           // turn in a sub-step that no geometry follows [rad]
-constexpr double kSmooth =
-    0.2;                 // most that u changes in half a sub-step unless another corner touches
-constexpr int kFew = 2;  // others that what rolls freely touches
-constexpr double kReached = 1e-5;  // height over the nearest point that is none [m]
+// Of what rolls on: the least turn in a step that counts and the turn in a sub-step that no
+// geometry follows [rad], the most that u changes in half a sub-step unless another corner touches,
+// how many others it touches, and the height over the nearest point that is none [m].
+constexpr double kRolls = 1e-4, kFar = 0.5, kSmooth = 0.2, kReached = 1e-5;
+constexpr int kFew = 2;
 
 // What copies of a task that holds references and numbers take no memory for.
 class Task {
@@ -189,6 +188,12 @@ void ContactSolver::find_rolling(std::span<ContactConstraint> contacts,
     ++touched_[usize(rows_.row(c.a))];
     ++touched_[usize(rows_.row(c.b))];
   }
+  jointed_.assign(usize(rows_.size()), 0);
+  for (const Joint& joint : joints) {
+    jointed_[usize(rows_.row(joint.a))] = 1;
+    jointed_[usize(rows_.row(joint.b))] = 1;
+  }
+  jointed_[0] = 0;  // the world
   const auto is_free = [&](std::int32_t row) {
     return rows_.moves(row) && touched_[usize(row)] <= kFew;
   };
@@ -197,8 +202,9 @@ void ContactSolver::find_rolling(std::span<ContactConstraint> contacts,
   bool any = false;
   for (std::size_t k = 0; k < contacts.size(); ++k) {
     ContactConstraint& c = contacts[k];
-    if (place_[k] < 0 || !c.rolls_on) continue;
     const std::int32_t a = rows_.row(c.a), b = rows_.row(c.b);
+    c.rolls_on |= c.tips && jointed_[usize(a)] == 0 && jointed_[usize(b)] == 0;
+    if (place_[k] < 0 || !c.rolls_on) continue;
     if ((!is_free(a) && !is_free(b)) || whirls(a) || whirls(b)) continue;
     const Vec3 v_a = rows_.velocity_of(a), v_b = rows_.velocity_of(b);
     const double size_a = c.points[0].arm_a.norm(), size_b = c.points[0].arm_b.norm();
@@ -220,10 +226,7 @@ void ContactSolver::find_rolling(std::span<ContactConstraint> contacts,
   }
   if (!any) return;
   turns[0] = 0;
-  for (const Joint& joint : joints) {
-    turns[usize(rows_.row(joint.a))] = 0;
-    turns[usize(rows_.row(joint.b))] = 0;
-  }
+  for (std::size_t r = 0; r < turns.size(); ++r) turns[r] = turns[r] != 0 && jointed_[r] == 0;
   for (std::size_t r = 0; r < turns.size(); ++r)
     if (turns[r] != 0) turning_.push_back(static_cast<std::int32_t>(r));
   for (std::size_t k = 0; k < contacts.size(); ++k) {
@@ -364,7 +367,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
       phases.add(joints_.groups(), [this, task](std::int64_t k) { task(joints_.group(k)); });
     }
   };
-  const auto add_rolling = [&](const std::function<void(std::int64_t)>& task) {
+  const auto add_rolling = [&](const auto& task) {
     phases.add_range(static_cast<std::int64_t>(rolling_packets_.size()), kPackets,
                      [this, task](std::int64_t begin, std::int64_t end) {
                        for (auto i = usize(begin); i < usize(end); ++i) task(rolling_packets_[i]);
@@ -410,6 +413,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   }
   add_joints([&](JointGroup& group) { group.end_step(rows_); });
   phases.run(threads);
+  touch_ = nullptr;
 
   const std::int64_t bad = rows_.store(bodies, dt, options.rotation, threads);
   if (bad >= 0) return bad;

@@ -111,6 +111,7 @@ class ContactSolver {
   Touch touch_;
   std::vector<std::uint8_t> rolling_;          // of each contact: found anew in each sub-step
   std::vector<std::int32_t> turning_;          // rows
+  std::vector<std::uint8_t> jointed_;          // of each row
   std::vector<std::int32_t> touched_;          // of each row, how many others it touches
   std::vector<std::int64_t> rolling_packets_;  // that hold such contacts
 };

@@ -271,9 +271,9 @@ void JointGroup::sum_impulses(Link& link) const {
   }
 }
 
-// A force at the anchor turns with the bodies: the next sub-step begins with it, and across a long arm
-// of a light body the part of it that stayed behind would whirl the body around. It turns with the
-// one that it would whirl more.
+// A force at the anchor turns with the bodies: the next sub-step begins with it, and across a long
+// arm of a light body the part of it that stayed behind would whirl the body around. It turns with
+// the one that it would whirl more.
 void JointGroup::turn_impulse(Link& link) const {
   if (link.joint.type == JointType::kSlider || link.joint.type == JointType::kDistance) return;
   double weights = 0;

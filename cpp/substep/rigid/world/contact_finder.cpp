@@ -75,8 +75,8 @@ class ContactFinder::Search {
                            fixtures_.body_pose(b.body), acts_at(motion_, a.body, b.body));
     const double turns =
         ways_[usize(a.body)].angle * a.outer + ways_[usize(b.body)].angle * b.outer;
-    contact.rolls_on =
-        is_round(a.fixture.shape) || is_round(b.fixture.shape) || turns > slow_for(a, b);
+    contact.rolls_on = is_round(a.fixture.shape) || is_round(b.fixture.shape);
+    contact.tips = turns > slow_for(a, b);
     contact.fixture_a = touch.pair.a, contact.fixture_b = touch.pair.b;
     const Fixture &f = a.fixture, &g = b.fixture;
     contact.friction = std::sqrt(f.friction * g.friction);
