@@ -305,8 +305,8 @@ void ContactSolver::renew(std::int64_t packet, std::span<ContactConstraint> cont
   }
 }
 
-// Half of what J, not v, will change of J v until the end of the sub-step; nothing where another
-// corner will touch instead.
+// Half of what J, not v, will change of J v until the end of the sub-step; nothing for what meets,
+// or where another corner will touch instead.
 void ContactSolver::set_bias(std::int64_t packet, int lane, const ContactConstraint& contact,
                              const Bodies& bodies, double h) {
   const std::int32_t a = rows_.row(contact.a), b = rows_.row(contact.b);
@@ -321,14 +321,14 @@ void ContactSolver::set_bias(std::int64_t packet, int lane, const ContactConstra
   const Pose pose_a = rows_.pose_after(bodies, contact.a, h, w_a),
              pose_b = rows_.pose_after(bodies, contact.b, h, w_b);
   if (!find_anew(pose_a, pose_b, h, then) || then.count != contact.count) return;
-  const Vec3 bias =
-      0.5 * (seen(then, w_a, w_b) - seen(contact, rows_.spin_of(a), rows_.spin_of(b)));
+  const Vec3 u = seen(contact, rows_.spin_of(a), rows_.spin_of(b));
+  const Vec3 bias = 0.5 * (seen(then, w_a, w_b) - u);
   const auto speed = [&](std::int32_t row, Vec3 ContactConstraint::Point::* arm) {
     return rows_.velocity_of(row).norm() + rows_.spin_of(row).norm() * contact.middle(arm).norm();
   };
-  if (!(bias.norm() < kSmooth * (speed(a, &ContactConstraint::Point::arm_a) +
-                                 speed(b, &ContactConstraint::Point::arm_b))))
-    return;
+  const double smooth = kSmooth * (speed(a, &ContactConstraint::Point::arm_a) +
+                                   speed(b, &ContactConstraint::Point::arm_b));
+  if (!(bias.norm() < smooth)) return;
   for (int i = 0; i < 3; ++i) packets_[usize(packet)].bias[i][lane] = static_cast<float>(bias[i]);
 }
 

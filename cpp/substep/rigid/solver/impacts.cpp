@@ -14,7 +14,7 @@ constexpr int kBlockSweeps = 64;                // of the impulses of one manifo
 constexpr std::int64_t kEventsPerContact = 32;  // in one sub-step, on the average, at most
 constexpr double kFast = 1e-3;    // least way in a sub-step of what meets fast, of its size
 constexpr int kNewton = 16;       // steps towards the time at which what rolls meets
-constexpr double kMeets = 1e-14;  // how near that is [m]
+constexpr double kMeets = 1e-13;  // how near that is [m]
 
 double reach(const ContactConstraint& c) {
   return std::min(c.points[0].arm_a.norm(), c.points[0].arm_b.norm());
@@ -98,12 +98,15 @@ void Impacts::renew(std::span<const ContactConstraint> contacts, const BodyRows&
 }
 
 // The row as it is when its shapes meet, from the time on at which their planes do; false if they
-// pass by each other in this sub-step.
+// pass by each other in this sub-step. Where Newton's method does not find the time, as of what
+// turns far meanwhile, the planes say.
 bool Impacts::meet(Row& row, const BodyRows& rows, double h, double& time) const {
-  const double g = acceleration(row, rows, h);
+  const double g = acceleration(row, rows, h), planes_meet = time;
+  const Row planes = row;
   for (int k = 0; k < kNewton; ++k) {
     ContactConstraint c = row.contact;
     if (!find_(c, time)) return false;
+    if (c.count > 1) break;
     set(c, rows, row);
     const auto nearest = std::min_element(row.separation, row.separation + row.count);
     const double C = *nearest + 0.5 * g * time * time;  // find_ follows lines
@@ -114,11 +117,12 @@ bool Impacts::meet(Row& row, const BodyRows& rows, double h, double& time) const
                            time * along(row, row.normal, row.points[i], rows.velocity);
     }
     if (!(u < 0)) return false;
-    if (std::abs(C) < kMeets || k + 1 == kNewton) return true;
+    if (std::abs(C) < kMeets) return true;
     time = std::max(time - C / u, 0.);
     if (time > h) return false;
   }
-  return false;
+  row = planes, time = planes_meet;
+  return true;
 }
 
 // gradient . (linear, angular)

@@ -76,7 +76,7 @@ class ContactFinder::Search {
     const double turns =
         ways_[usize(a.body)].angle * a.outer + ways_[usize(b.body)].angle * b.outer;
     contact.rolls_on = is_round(a.fixture.shape) || is_round(b.fixture.shape);
-    contact.tips = turns > slow_for(a, b);
+    contact.tips = touch.time == 0 && turns > slow_for(a, b);
     contact.fixture_a = touch.pair.a, contact.fixture_b = touch.pair.b;
     const Fixture &f = a.fixture, &g = b.fixture;
     contact.friction = std::sqrt(f.friction * g.friction);
