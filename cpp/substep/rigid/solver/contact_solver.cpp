@@ -226,9 +226,10 @@ void ContactSolver::find_rolling(std::span<ContactConstraint> contacts,
   }
   if (!any) return;
   turns[0] = 0;
-  for (std::size_t r = 0; r < turns.size(); ++r) turns[r] = turns[r] != 0 && jointed_[r] == 0;
-  for (std::size_t r = 0; r < turns.size(); ++r)
+  for (std::size_t r = 0; r < turns.size(); ++r) {
+    if (jointed_[r] != 0) turns[r] = 0;
     if (turns[r] != 0) turning_.push_back(static_cast<std::int32_t>(r));
+  }
   for (std::size_t k = 0; k < contacts.size(); ++k) {
     if (place_[k] < 0) continue;
     const ContactConstraint& c = contacts[k];

@@ -59,11 +59,13 @@ class ContactFinder::Search {
   void look_at(const FixturePair& pair) {
     if (apart(fixtures_.bounds()[usize(pair.a)], fixtures_.bounds()[usize(pair.b)])) return;
     const Fixtures::Entry &a = fixtures_[pair.a], &b = fixtures_[pair.b];
-    const double approach = approach_of(a, b), slow = slow_for(a, b);
+    const double slow = slow_for(a, b), margin = std::min(a.margin, b.margin);
+    const double approach =
+        (ways_[usize(a.body)].travel - ways_[usize(b.body)].travel).norm() + turns_by(a, b);
     const std::size_t before = found_.size();
-    collide_at(pair, fixtures_.pose(pair.a), fixtures_.pose(pair.b), margin_of(a, b), 0);
-    if (continuous_ && approach > slow && found_.size() == before)
-      follow(pair, std::min(a.margin, b.margin));
+    collide_at(pair, fixtures_.pose(pair.a), fixtures_.pose(pair.b),
+               margin + std::min(approach, slow), 0);
+    if (continuous_ && approach > slow && found_.size() == before) follow(pair, margin);
   }
 
   ContactConstraint contact(const Touch& touch) const {
@@ -73,10 +75,8 @@ class ContactFinder::Search {
             ? later(touch)
             : make_contact(touch.manifold, a.body, fixtures_.body_pose(a.body), b.body,
                            fixtures_.body_pose(b.body), acts_at(motion_, a.body, b.body));
-    const double turns =
-        ways_[usize(a.body)].angle * a.outer + ways_[usize(b.body)].angle * b.outer;
     contact.rolls_on = is_round(a.fixture.shape) || is_round(b.fixture.shape);
-    contact.tips = touch.time == 0 && turns > slow_for(a, b);
+    contact.tips = touch.time == 0 && turns_by(a, b) > slow_for(a, b);
     contact.fixture_a = touch.pair.a, contact.fixture_b = touch.pair.b;
     const Fixture &f = a.fixture, &g = b.fixture;
     contact.friction = std::sqrt(f.friction * g.friction);
@@ -87,17 +87,13 @@ class ContactFinder::Search {
   }
 
  private:
-  double approach_of(const Fixtures::Entry& a, const Fixtures::Entry& b) const {
-    const Way &way_a = ways_[usize(a.body)], &way_b = ways_[usize(b.body)];
-    return (way_a.travel - way_b.travel).norm() + way_a.angle * a.outer + way_b.angle * b.outer;
+  // How far points of them go in the step as they turn.
+  double turns_by(const Fixtures::Entry& a, const Fixtures::Entry& b) const {
+    return ways_[usize(a.body)].angle * a.outer + ways_[usize(b.body)].angle * b.outer;
   }
   static double slow_for(const Fixtures::Entry& a, const Fixtures::Entry& b) {
     const bool bounces = a.fixture.restitution > 0 || b.fixture.restitution > 0;
     return (bounces ? kSlowBouncing : kSlow) * std::min(a.core.radius, b.core.radius);
-  }
-  // How far the two are looked at.
-  double margin_of(const Fixtures::Entry& a, const Fixtures::Entry& b) const {
-    return std::min(a.margin, b.margin) + std::min(approach_of(a, b), slow_for(a, b));
   }
 
   void collide_at(const FixturePair& pair, const Pose& pose_a, const Pose& pose_b, double margin,
@@ -202,10 +198,8 @@ bool ContactFinder::touch_at(const Fixtures& fixtures, std::span<const Motion> m
     return p.normal.dot(contact.normal) < q.normal.dot(contact.normal);
   });
   if (nearest == manifolds.end() || nearest->count == 0) return false;
-  const Manifold& manifold = *nearest;
-  const ContactConstraint last = contact;
-  const ContactConstraint now =
-      make_contact(manifold, last.a, body_a, last.b, body_b, acts_at(motion, last.a, last.b));
+  const ContactConstraint now = make_contact(*nearest, contact.a, body_a, contact.b, body_b,
+                                             acts_at(motion, contact.a, contact.b));
   contact.normal = now.normal, contact.tangent = now.tangent, contact.count = now.count;
   std::copy(now.points, now.points + 4, contact.points);
   return true;
