@@ -32,7 +32,7 @@ _EXPORTS = {
         "solve_ivp",
         "solve_second_order",
     ),
-    "recording": ("Part", "Recorder", "Recording"),
+    "recording": ("Logger", "Part", "Recorder", "Recording"),
     "fields": (
         "ABC",
         "Advection",
@@ -207,6 +207,7 @@ if TYPE_CHECKING:  # `as` says that a name is for users
         relax as relax,
     )
     from .recording import (
+        Logger as Logger,
         Part as Part,
         Recorder as Recorder,
         Recording as Recording,

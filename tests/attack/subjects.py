@@ -544,6 +544,7 @@ OWN_CALLS = {
         call("fixed", a=1, b=None, anchor=(0, 0, 0)),
         call("distance", a=1, b=2, point_a=(0, 0, 0), point_b=(1, 0, 0)),
         call("contacts"),
+        call("contact_force", body=0, other=1),
         call("ray_cast", origins=[[0, 0, 5.0]], directions=[[0, 0, -1.0]]),
         call("ray_cast_all", origin=[0, 0, 5.0], direction=[0, 0, -1.0]),
         call(
@@ -627,6 +628,12 @@ def _begun(kind, options):
 def _recorder(name="run"):
     path = f"{_path(None)}-{name}.vtkhdf"
     return substep.Recorder(path, parts={"p": substep.Part()}, overwrite=True)
+
+
+def _logger():
+    log = substep.Logger({"height": lambda one: X[0], "time_squared": lambda one: one.time**2})
+    log(SimpleNamespace(time=0.0))
+    return log
 
 
 @functools.cache
@@ -742,6 +749,14 @@ def _others():
             systems.Robertson,
             call("jacobian", t=0.0, y=[1.0, 0, 0]),
             call("jacobian_product", t=0.0, y=[1.0, 0, 0], v=[1.0, 0, 1]),
+        ),
+        Subject(
+            "Logger",
+            _logger,
+            (
+                Call("__call__", lambda o: {"simulation": SimpleNamespace(time=1.0)}),
+                *(call(name) for name in ("arrays", "columns", "clear")),
+            ),
         ),
         Subject("Recorder", _recorder, (call("append", time=1.0, frame={"p": {"points": X}}),)),
         _holding("Recording", _recording, call("frame", index=0)),
@@ -1002,6 +1017,7 @@ def functions():
         call("stability.second_order_methods"),
         # recordings and the rest
         call("Part", kind="particles", fields={"speed": "m/s"}),
+        call("Logger", quantities={"a": lambda one: 1.0}, every=0.1),
         call("Recorder", path="run.vtkhdf", parts=part, overwrite=True),
         call("Recording", path="nothing.vtkhdf"),
         call("pack", path="nothing.vtkhdf"),

@@ -1,10 +1,12 @@
-"""Recordings: frames appended to a journal, packed into VTKHDF, read back as arrays."""
+"""Recordings: frames appended to a journal, packed into VTKHDF, read back; logs of quantities."""
 
+from .logger import Logger
 from .parts import Part
 from .reader import RecordedPart, Recording
 from .recorder import Recorder
 
 __all__ = [
+    "Logger",
     "Part",
     "RecordedPart",
     "Recorder",

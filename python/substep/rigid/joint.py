@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -13,6 +14,7 @@ from .. import _core
 from ..base.checks import check_array, check_real, describe
 from ..base.owned import Owned
 from ..errors import InputError
+from . import joint_motion
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
@@ -183,6 +185,20 @@ class Joint(Owned):
         return float(self._told()["coordinate"])
 
     @property
+    def speed(self) -> float:
+        """Rate of the coordinate at the end of the last step [rad/s] or [m/s]; 0 of 'fixed'."""
+        return joint_motion.speed(self._world, self._row(), self.kind)
+
+    @property
+    def axis(self) -> Array:
+        """Direction of the coordinate in the world, a unit vector, shape (3,); a copy.
+
+        The axis of a hinge, slider or ball, as the second body has it; of a distance from the
+        point of the second body to that of the first.
+        """
+        return joint_motion.axis(self._world, self._row())
+
+    @property
     def limits(self) -> tuple[float, float]:
         """Least and greatest coordinate; assign to change them, which wakes the bodies."""
         lower, upper = self._told()["limits"]
@@ -234,6 +250,57 @@ class Joint(Owned):
     def anchors(self) -> Array:
         """The point of either body that the joint holds, in the world [m], shape (2, 3); a copy."""
         return np.array(self._told()["anchors"]).reshape(2, 3)
+
+    def quantities(self, name: str = "joint") -> dict[str, Callable[[Any], ArrayLike]]:
+        """What a `substep.Logger` can log of the joint.
+
+        Parameters
+        ----------
+        name : str, optional
+            What their names begin with.
+
+        Returns
+        -------
+        dict of str to callable
+            `name_coordinate` and `name_speed`, but for 'fixed'; of a hinge `name_torque` about its
+            axis [N m], of a slider and a distance `name_force` along it [N], of a ball and of
+            'fixed' `name_force` and `name_torque`, shape (3,): means of the last step, on the first
+            body.
+
+        Raises
+        ------
+        IndexError
+            If the joint was taken out.
+
+        Examples
+        --------
+        >>> import substep
+        >>> bodies = substep.RigidBodies()
+        >>> bob = bodies.add(substep.Sphere(0.1), (1, 0, 0))
+        >>> hinge = bodies.hinge(bob, None, anchor=(0, 0, 0), axis=(0, 1, 0))
+        >>> log = substep.Logger(hinge.quantities("pivot"))
+        >>> bodies.advance(0.1, log)
+        >>> log.names
+        ('pivot_coordinate', 'pivot_speed', 'pivot_torque')
+        """
+        number = self.number
+
+        def of(read: Callable[[Joint], ArrayLike]) -> Callable[[Any], ArrayLike]:
+            return lambda world: read(Joint(world, number))  # that of a copy in a copy
+
+        reads: dict[str, Callable[[Joint], ArrayLike]] = {}
+        if (kind := self.kind) != "fixed":
+            reads |= {
+                "coordinate": lambda joint: joint.coordinate,
+                "speed": lambda joint: joint.speed,
+            }
+        if kind in ("slider", "distance"):
+            reads["force"] = lambda joint: joint.force @ joint.axis
+        elif kind == "hinge":
+            reads["torque"] = lambda joint: joint.torque @ joint.axis
+        else:
+            reads |= {"force": lambda joint: joint.force, "torque": lambda joint: joint.torque}
+        return {f"{name}_{what}": of(read) for what, read in reads.items()}
 
     def remove(self) -> None:
         """Take the joint out; its bodies wake.

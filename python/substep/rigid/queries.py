@@ -122,6 +122,46 @@ class Queries(BodyRows):
         rows, *others = self._native.contacts()
         return Contacts(self._ids[rows], *others)
 
+    def contact_force(self, body: int, other: int | None = None) -> Array:
+        """Mean force of the last step on a body, by contacts, bounces and friction included.
+
+        Parameters
+        ----------
+        body : int
+            Id of the body on which the force acts.
+        other : int, optional
+            Id of the body that exerts it; all unless given.
+
+        Returns
+        -------
+        ndarray, shape (3,)
+            In the world [N]; 0 before the first step.
+
+        Raises
+        ------
+        IndexError
+            If there is no such body.
+
+        Examples
+        --------
+        >>> import substep
+        >>> bodies = substep.RigidBodies()
+        >>> ground = bodies.add(substep.Plane(), (0, 0, 0), motion="static")
+        >>> box = bodies.add(substep.Box((1, 1, 1)), (0, 0, 0.5), mass=2.0)
+        >>> bodies.advance(0.25)
+        >>> bodies.contact_force(box, ground).round(6) + 0.0
+        array([ 0.  ,  0.  , 19.62])
+        """
+        row = self._row("body", body)
+        by = None if other is None else self._row("other", other)
+        rows, _, normals, along, across, *_ = self._native.contacts()
+        a, b = rows.T
+        impulses = along[:, None] * normals + across
+        on_second = (b == row) & (by is None or a == by)
+        on_first = (a == row) & (by is None or b == by)
+        total: Array = impulses[on_second].sum(axis=0) - impulses[on_first].sum(axis=0)
+        return total / self._last.dt if self._last.dt > 0 else np.zeros(3)
+
     def ray_cast(
         self,
         origins: ArrayLike,
