@@ -857,6 +857,7 @@ def functions():
         call("geometry.sphere_mesh", radius=1.0, center=(0, 0, 0), subdivisions=1),
         call("geometry.neighbour_lists", points=X, radius=1.1, pairs="full"),
         call("geometry.tetrahedralize", mesh=box, spacing=0.5),
+        call("geometry.convex_decomposition", mesh=box, concavity=0.5, max_hulls=2, seed=1),
         call("geometry.read_mesh", path="nothing.obj"),
         call("liquid_surface", positions=0.1 * X, radius=0.1, cell=1.0, smoothing=2),
         # particles

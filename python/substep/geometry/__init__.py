@@ -6,6 +6,7 @@
   impulse that was exerted on it.
 - `tetrahedralize` fills a surface and `SignedDistanceField.from_mesh` makes an obstacle of it,
   whatever it lacks.
+- `convex_decomposition` cuts a solid into the convex hulls that bodies which move are made of.
 - `liquid_surface` wraps the particles of a liquid in triangles.
 - Meshes (`TriangleMesh`, `TetMesh`), read by `read_mesh` or made by `grid_mesh`, `box_mesh`,
   `sphere_mesh` and `box_tetrahedra`; `TriangleMesh.report` says plainly what a mesh lacks.
@@ -13,6 +14,7 @@
 """
 
 from .colliders import Collider
+from .decomposition import convex_decomposition
 from .filling import tetrahedralize
 from .isosurface import LiquidSurface, liquid_surface
 from .mesh_io import read_mesh
@@ -41,6 +43,7 @@ __all__ = [
     "TriangleMesh",
     "box_mesh",
     "box_tetrahedra",
+    "convex_decomposition",
     "grid_mesh",
     "liquid_surface",
     "neighbour_lists",
