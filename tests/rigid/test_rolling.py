@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import substep
 from numpy import cos, pi, sin, sqrt
+from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 from substep import geometry, rigid
 
@@ -279,3 +280,37 @@ def test_what_rolls_does_so_with_the_same_bits_on_any_threads_and_from_a_checkpo
     for other in (four, again):
         assert np.array_equal(one.positions, other.positions)
         assert np.array_equal(one.angular_momenta, other.angular_momenta)
+
+
+def leaning_cards(angle, friction, thickness, yaw, **options):
+    """Two cards that lean on each other, edge on edge, `angle` degrees steep."""
+    length, width = 0.09, 0.06
+    bodies = on_plane(friction=friction, sleeping=False, **options)
+    z = Rotation.from_euler("z", yaw)
+    for side in (1, -1):
+        turn = Rotation.from_euler("y", side * (90 - angle), degrees=True)
+        signs = np.array([(i, 0, j) for i in (1, -1) for j in (1, -1)])
+        corners = turn.apply(signs * (thickness / 2, 0, length / 2))
+        x = -side * (side * corners[:, 0]).max()
+        bodies.add(
+            substep.Box((thickness, width, length)),
+            z.apply((x, 0, -corners[:, 2].min())),
+            np.roll((z * turn).as_quat(), 1),
+            density=700,
+            friction=friction,
+        )
+    return bodies
+
+
+@pytest.mark.parametrize("friction, critical", [(0.5, 45.0), (0.3, 59.04)])  # tan = 1 / (2 mu)
+@pytest.mark.parametrize("thickness", [1e-4, 3e-4, 2e-3])
+@pytest.mark.parametrize("yaw", [0, 0.3, 1.1])
+def test_cards_that_lean_on_each_other_stand_above_the_critical_angle(
+    friction, critical, thickness, yaw
+):
+    for angle, stands in [(critical - 1, False), (critical + 1, True), (75, True)]:
+        bodies = leaning_cards(angle, friction, thickness, yaw)
+        placed = bodies.centers_of_mass.copy()
+        bodies.advance(3)
+        moved = np.abs(bodies.centers_of_mass - placed).max()
+        assert moved < 1e-6 if stands else moved > 0.01

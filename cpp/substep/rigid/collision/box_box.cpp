@@ -12,8 +12,9 @@ namespace {
 
 // Fractions of the smallest half length: what a side lets pass, so that the corners of aligned
 // boxes stay corners, and by how much a later kind of axis must be better than an earlier one
-// (faces of a, faces of b, crossings of edges), so that flat contact stays flat.
-constexpr double kBoxSlack = 1e-4, kFacePreference = 2e-2;
+// (faces of a, faces of b, crossings of edges), so that flat contact stays flat. Edge lies on edge
+// where a face of each separates equally well and they are not as parallel as kFlat.
+constexpr double kBoxSlack = 1e-4, kFacePreference = 2e-2, kFlat = 0.95;
 
 using V = Vector<double, 32>;  // three lanes of use, 0 in the last
 
@@ -123,6 +124,38 @@ bool cross_edges(const Box& a, const Pose& pose_a, const Box& b, const Mat3& R, 
   return true;
 }
 
+// Where an edge of a lies along an edge of b, as cards do that lean on each other: their directions
+// apart are all those between the normals of two faces, n is in their middle (frame of a). False
+// where the edges are not beside each other, or not as far apart as the faces.
+bool lay_edges(const Box& a, const Pose& pose_a, const Box& b, const Mat3& R, const Vec3& t,
+               const Vec3& n, double least, Manifold& manifold) {
+  const Vec3 along_b = R.transpose() * n;
+  int i, j;
+  n.cwiseAbs().minCoeff(&i), along_b.cwiseAbs().minCoeff(&j);
+  Vec3 p = n.cwiseSign().cwiseProduct(a.half_lengths);
+  Vec3 q_local = -along_b.cwiseSign().cwiseProduct(b.half_lengths);
+  p[i] = 0, q_local[j] = 0;
+  const Vec3 q = R * q_local + t, d = R.col(j);
+  // Along the axis i of a: what both edges have beside each other.
+  const double reach = b.half_lengths[j] * std::abs(d[i]);
+  const double from = std::max(q[i] - reach, -a.half_lengths[i]);
+  const double to = std::min(q[i] + reach, a.half_lengths[i]);
+  if (std::abs(d[i]) < kFlat || from > to) return false;
+  const Vec3 on_b[2] = {q + (from - q[i]) / d[i] * d, q + (to - q[i]) / d[i] * d};
+  const double separations[2] = {n.dot(on_b[0] - p) - n[i] * from, n.dot(on_b[1] - p) - n[i] * to};
+  if (std::min(separations[0], separations[1]) < least) return false;
+  std::uint32_t feature = static_cast<std::uint32_t>(1 << 25 | i << 20 | j << 16);
+  for (int k = 0; k < 3; ++k)
+    feature |= (p[k] > 0 ? 1u : 0u) << k | (q_local[k] > 0 ? 8u : 0u) << k;
+  manifold.normal = pose_a.rotation * n;
+  for (std::uint32_t k = 0; k < 2; ++k) {
+    const Vec3 point = pose_a.to_world(on_b[k]);
+    manifold.add(
+        {point - separations[k] * manifold.normal, point, separations[k], feature | k << 6});
+  }
+  return true;
+}
+
 // How far the planes across the axes of faces are apart: lanes of a's axes, and of b's. The last
 // lane is below all.
 struct FaceAxes {
@@ -200,11 +233,17 @@ void box_box(const Box& a, const Pose& pose_a, const Box& b, const Pose& pose_b,
   Mat3 R;  // b's axes in the frame of a, in columns
   R << vec3(rel.b_in_a[0]), vec3(rel.b_in_a[1]), vec3(rel.b_in_a[2]);
   const Vec3 t = vec3(rel.t_a);
+  const Vec3 n_a = std::copysign(1.0, t[i]) * Vec3::Unit(i);
+  const Vec3 n_b = std::copysign(1.0, rel.t_b[j]) * R.col(j);
   bool found;
   if (edges.i >= 0) {
     Vec3 n = Vec3::Unit(edges.i).cross(R.col(edges.j)).normalized();
     if (n.dot(t) < 0) n = -n;
     found = cross_edges(a, pose_a, b, R, t, edges.i, edges.j, n, edges.best, manifold);
+  } else if (std::abs(faces.a[i] - faces.b[j]) < kFacePreference * size && n_a.dot(n_b) < kFlat &&
+             lay_edges(a, pose_a, b, R, t, (n_a + n_b).normalized(), face - kFacePreference * size,
+                       manifold)) {
+    found = true;
   } else if (!face_of_b) {
     found =
         clip_faces(a, pose_a, i, t[i] < 0 ? -1 : 1, b, R, t, margin, size, false, face, manifold);
