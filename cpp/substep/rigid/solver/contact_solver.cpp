@@ -20,6 +20,8 @@ constexpr float kFarAway = 1e6F;       // [m]
 // how many others it touches, and the height over the nearest point that is none [m].
 constexpr double kRolls = 1e-4, kFar = 0.5, kSmooth = 0.2, kReached = 1e-5;
 constexpr int kFew = 2;
+// Sweeps over light bodies that a heavy load at their joints presses on something.
+constexpr int kStrainedSweeps = 16;
 
 // What copies of a task that holds references and numbers take no memory for.
 class Task {
@@ -148,6 +150,21 @@ void ContactSolver::pack(std::span<const ContactConstraint> contacts, int thread
         }
       },
       threads);
+}
+
+bool ContactSolver::find_strained(std::span<const ContactConstraint> contacts,
+                                  std::int64_t bodies) {
+  whirling_.assign(usize(bodies), 0);
+  joints_.mark_whirling(whirling_);
+  strained_.assign(usize(sweep_.packets()), 0);
+  bool any = false;
+  for (std::size_t k = 0; k < contacts.size(); ++k) {
+    const ContactConstraint& c = contacts[k];
+    if (place_[k] < 0 || (whirling_[usize(c.a)] == 0 && whirling_[usize(c.b)] == 0)) continue;
+    strained_[usize(place_[k] / kPacketLanes)] = 1;
+    any = true;
+  }
+  return any;
 }
 
 void ContactSolver::Given::add(const ContactPacket& packet) {
@@ -350,6 +367,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   order(gravity, contacts, threads);
   mark_standing(contacts);
   pack(contacts, threads);
+  const bool strained = find_strained(contacts, bodies.size());
   find_rolling(contacts, joints, dt, h, options.slop);
   impacts_.begin_step(contacts, rolling_, h, rows_, [&](ContactConstraint& c, double time) {
     Vec3 spin;
@@ -362,6 +380,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   const double lost = std::min(1.0, h * options.settling);
 
   const auto packet = [&](std::int64_t k) -> ContactPacket& { return packets_[usize(k)]; };
+  const auto sweeps_of = [&](bool strains) { return strains ? kStrainedSweeps : options.sweeps; };
   Phases phases(64);
   const auto add_joints = [&](const auto& task) {
     if (joints_.groups() > 0) {
@@ -392,12 +411,16 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
     phases.add_range(rows_.size(), kBodies, [&](std::int64_t begin, std::int64_t end) {
       rows_.accelerate(begin, end, h, slow, lost);
     });
-    for (int sweep = 0; sweep < options.sweeps; ++sweep) {
-      add_joints([&, sweep](JointGroup& group) { group.solve_velocities(rows_, sweep == 0); });
+    for (int sweep = 0; sweep < (strained ? kStrainedSweeps : options.sweeps); ++sweep) {
+      add_joints([&, sweep](JointGroup& group) {
+        if (sweep < sweeps_of(group.whirls())) group.solve_velocities(rows_, sweep == 0);
+      });
       phases.add_sweep(sweep_, [&, sweep](std::int64_t k) {
+        const int sweeps = sweeps_of(strained_[usize(k)] != 0);
+        if (sweep >= sweeps) return;
         if (sweep == 0) packet(k).solve_positions(rows_, settings);
         packet(k).solve_velocities(rows_);
-        if (sweep + 1 == options.sweeps) given_[usize(k)].add(packet(k));
+        if (sweep + 1 == sweeps) given_[usize(k)].add(packet(k));
       });
     }
     phases.add_range(rows_.size(), kBodies,

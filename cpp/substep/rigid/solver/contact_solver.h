@@ -6,7 +6,8 @@
 //   2. v += h (g + F / m) + what the contacts gave in the last sub-step   (warm start)
 //   3. m sweeps over the joints, then over the contacts: friction and normal impulses until
 //        u_n + max(C, 0) / h >= 0,                                        contact_packet.h
-//      without any term that pushes apart what overlaps
+//      without any term that pushes apart what overlaps; more sweeps over those light bodies
+//      at joints that a heavy load presses on something
 //   4. x += h v
 // and what overlaps by more than the slop is moved apart by the part beta of it, without velocity
 // (pseudo-velocities from none, in every sub-step), as the first sweep of the next sub-step comes
@@ -84,6 +85,7 @@ class ContactSolver {
   void order(const Vec3& gravity, std::span<const ContactConstraint> contacts, int threads);
   void mark_standing(std::span<const ContactConstraint> contacts);
   void pack(std::span<const ContactConstraint> contacts, int threads);
+  bool find_strained(std::span<const ContactConstraint> contacts, std::int64_t bodies);
   void bounce(double h, double slop);
   void find_rolling(std::span<ContactConstraint> contacts, std::span<const Joint> joints, double dt,
                     double h, double slop);
@@ -114,6 +116,8 @@ class ContactSolver {
   std::vector<std::uint8_t> jointed_;          // of each row
   std::vector<std::int32_t> touched_;          // of each row, how many others it touches
   std::vector<std::int64_t> rolling_packets_;  // that hold such contacts
+  std::vector<std::uint8_t> whirling_;         // of each body: its joints' forces swing bodies
+  std::vector<std::uint8_t> strained_;         // of each packet: one of its bodies is such
 };
 
 }  // namespace substep::rigid

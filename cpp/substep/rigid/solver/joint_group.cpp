@@ -13,6 +13,8 @@ namespace {
 // acts on all of l, which so is as small as can be; joints yield by this part of what they hold,
 // and take it back.
 constexpr double kLoops = 1e-8, kTrees = 1e-14;
+// Most of h w where contacts press, and elsewhere.
+constexpr double kSwing = 0.5, kFreeSwing = 1.5;
 
 Mat3 conjugated(const Quaternion& q, const Vec3& D) {
   const Mat3 R = q.toRotationMatrix();
@@ -79,6 +81,7 @@ void JointGroup::begin_step(std::span<const Joint> joints, std::span<const std::
     const bool still = m.row == 0;
     const Vec3 I = still ? Vec3::Ones() : Vec3(&bodies.inertia[3 * usize(m.body)]);
     m.unroot = conjugated(m.now.q, I.cwiseSqrt());
+    m.inertia = I;
     Vec3::Map(&inertia_[3 * k]) = I;
     Vec3::Map(&L_[3 * k]) = still ? Vec3::Zero() : Vec3(&bodies.L[3 * usize(m.body)]);
     m.seen_spin = from_row(rows.velocity[usize(m.row)].angular);
@@ -91,6 +94,7 @@ void JointGroup::begin_step(std::span<const Joint> joints, std::span<const std::
     link.mode.fill(JointLaw::Mode::kFree);
     link.force = link.torque = Vec3::Zero();
   }
+  find_inertia();
   weight_ = smooth_ ? 0.5 : 1;
   if (smooth_) kick(-0.5 * settings_.h, rows);
 }
@@ -224,6 +228,59 @@ void JointGroup::factor() {
   factored_ = true;
 }
 
+// Forces f at arms r turn a body back into their direction, by K = r . f: a link of a rope that
+// holds a heavy load swings about its centre at w = sqrt(K / I). That is unstable from h w = 2 on,
+// so its moments in a sub-step are at least those of a smaller h w; no others change (Andrews,
+// Teichmann and Kovecses 2017, Comput. Animat. Virtual Worlds 28).
+void JointGroup::find_inertia() {
+  struct Arms {
+    Vec3 K = Vec3::Zero(), sum = Vec3::Zero();
+    double weight = 0;
+  };
+  std::vector<Arms> arms(members_.size());
+  for (const Link& link : links_) {
+    if (link.joint.type == JointType::kSlider || link.joint.type == JointType::kDistance) continue;
+    const Vec3 force = Vec3(link.joint.impulse.data()) / settings_.h;
+    const auto add = [&](std::int32_t member, const Vec3& r, const Vec3& f) {
+      const double K = r.dot(members_[usize(member)].now.q.conjugate() * f);
+      if (!(K > 0)) return;
+      Arms& arm = arms[usize(member)];
+      arm.K += K * (Vec3::Ones() - r.cwiseAbs2() / r.squaredNorm());
+      arm.sum += K * r, arm.weight += K;
+    };
+    add(link.a, link.joint.in_a.anchor, force);
+    add(link.b, link.joint.in_b.anchor, -force);
+  }
+  const double most = smooth_ ? kFreeSwing : kSwing;
+  whirls_ = false;
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    Member& m = members_[k];
+    m.slow_inertia = m.inertia;
+    if (!m.moves || !(arms[k].weight > 0)) continue;
+    // What hangs at one end swings about it.
+    const Vec3 r = 1 / m.scale * arms[k].sum / arms[k].weight;
+    const Vec3 about_end = Vec3::Constant(r.squaredNorm()) - r.cwiseAbs2();
+    const Vec3 least = settings_.h * settings_.h / (most * most) * arms[k].K - about_end;
+    m.slow_inertia = m.inertia.cwiseMax(least);
+    whirls_ |= m.slow_inertia != m.inertia;
+  }
+}
+
+void JointGroup::mark_bodies(std::span<std::uint8_t> bodies) const {
+  for (const Member& m : members_)
+    if (m.moves) bodies[usize(m.body)] = 1;
+}
+
+// Takes energy: larger moments have the momentum, smaller ones the angular velocity that was.
+void JointGroup::set_inertia(std::size_t member, const Vec3& inertia, BodyRows& rows) {
+  Eigen::Map<Vec3> now(&inertia_[3 * member]), L(&L_[3 * member]);
+  if (now == inertia) return;
+  const Quaternion& q = members_[member].now.q;
+  L = q * (q.conjugate() * L).cwiseProduct(inertia.cwiseQuotient(now).cwiseMin(1));
+  now = inertia;
+  refresh(member, rows);
+}
+
 void JointGroup::begin_substep(BodyRows& rows) {
   tried_ = false;
   for (std::size_t k = 0; k < members_.size(); ++k) {
@@ -251,6 +308,8 @@ void JointGroup::begin_substep(BodyRows& rows) {
     m.seen_turn = m.start_turn;
     refresh(k, rows);
   }
+  find_inertia();
+  for (std::size_t k = 0; k < members_.size(); ++k) set_inertia(k, members_[k].slow_inertia, rows);
   set_gradients();
   for (Link& link : links_) {
     set_laws(link, Stage::kMotion);
@@ -316,6 +375,7 @@ void JointGroup::move(BodyRows& rows) {
 }
 
 void JointGroup::end_step(BodyRows& rows) {
+  for (std::size_t k = 0; k < members_.size(); ++k) set_inertia(k, members_[k].inertia, rows);
   if (smooth_) {
     for (std::size_t k = 0; k < members_.size(); ++k) {
       Member& m = members_[k];

@@ -39,6 +39,10 @@ class JointGroup {
   void end_step(BodyRows& rows);
   void store(Bodies& bodies, std::span<Joint> joints, double dt) const;
 
+  // Whether forces at joints would swing a body faster than sub-steps follow.
+  bool whirls() const { return whirls_; }
+  void mark_bodies(std::span<std::uint8_t> bodies) const;  // that impulses move
+
  private:
   struct Place {
     Vec3 x;
@@ -49,6 +53,8 @@ class JointGroup {
     std::int32_t body, row;
     bool moves;                 // by impulses
     double scale;               // 1 / sqrt(m)
+    Vec3 inertia;               // principal moments
+    Vec3 slow_inertia;          // those of the next sub-step
     Vec3 origin;                // position at the start of the step
     Mat3 root, unroot;          // W^(1/2) of the start of the step, and its inverse
     Mat3 W, W_root;             // of the start of the sub-step, W^(1/2)
@@ -90,6 +96,8 @@ class JointGroup {
   void write_momenta(BodyRows& rows);
   void kick(double time, BodyRows& rows);
   void begin_substep(BodyRows& rows);
+  void find_inertia();
+  void set_inertia(std::size_t member, const Vec3& inertia, BodyRows& rows);
   void set_gradients();
   void set_laws(Link& link, Stage stage);
   void find_trial(const BodyRows& rows);
@@ -104,12 +112,12 @@ class JointGroup {
 
   Settings settings_;
   double regularisation_ = 0;
-  bool smooth_ = false, factored_ = false;
+  bool smooth_ = false, factored_ = false, whirls_ = false;
   bool tried_ = false;  // whether the trial is that of the velocities
   double weight_ = 1;   // of the impulses of this sub-step: half of one, or a whole
   std::vector<Member> members_;
   std::vector<Link> links_;
-  std::vector<double> q_, L_, inertia_;  // rows of members: trial rotations, momenta
+  std::vector<double> q_, L_, inertia_;  // rows of members: trial rotations, momenta, moments
   std::vector<Place> trial_;
   JointMatrix matrix_;
   std::vector<JointMatrix::Piece> pieces_;

@@ -56,6 +56,11 @@ void JointSolver::find_groups(const Bodies& bodies, std::span<const Joint> joint
   keys_ = found_;
 }
 
+void JointSolver::mark_whirling(std::span<std::uint8_t> bodies) const {
+  for (const JointGroup& group : groups_)
+    if (group.whirls()) group.mark_bodies(bodies);
+}
+
 void JointSolver::store(Bodies& bodies, std::span<Joint> joints, double dt) const {
   for (const JointGroup& group : groups_) group.store(bodies, joints, dt);
 }

@@ -38,6 +38,9 @@ class JointSolver {
   std::int64_t groups() const { return static_cast<std::int64_t>(groups_.size()); }
   JointGroup& group(std::int64_t k) { return groups_[usize(k)]; }
 
+  // Of each body, not 0 where its group whirls.
+  void mark_whirling(std::span<std::uint8_t> bodies) const;
+
   // After rows.store: rotations, angular momenta, and the state and reports of joints.
   void store(Bodies& bodies, std::span<Joint> joints, double dt) const;
 
