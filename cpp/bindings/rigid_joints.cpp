@@ -20,9 +20,10 @@ MotorTuple tuple(const Joint::Motor& m) {
   return {static_cast<int>(m.type), m.target, m.stiffness, m.damping, m.most};
 }
 
-// Between bodies as they are; `axis` of a distance is its point of b.
+// Between bodies as they are; `axis` of a distance is its point of b, `second` the axis of b of a
+// universal joint.
 Joint make_joint(JointType type, const Bodies& bodies, std::int32_t a, std::int32_t b,
-                 const Vec3& anchor, const Vec3& axis) {
+                 const Vec3& anchor, const Vec3& axis, const Vec3& second) {
   switch (type) {
     case JointType::kBall:
       return make_ball(bodies, a, b, anchor, axis);
@@ -34,6 +35,8 @@ Joint make_joint(JointType type, const Bodies& bodies, std::int32_t a, std::int3
       return make_fixed(bodies, a, b, anchor);
     case JointType::kDistance:
       return make_distance(bodies, a, b, anchor, axis);
+    case JointType::kUniversal:
+      return make_universal(bodies, a, b, anchor, axis, second);
   }
   throw substep::InputError("kind: unknown");
 }
@@ -54,6 +57,10 @@ py::dict told(const PyWorld& self, std::int64_t row) {
   values["a"] = joint.a;
   values["b"] = joint.b;
   values["coordinate"] = joint.coordinate;
+  values["coordinates"] = joint_coordinates(joint, bodies);
+  values["axis"] = triple(joint_axis(joint, bodies));
+  values["speed"] = joint_speed(joint, bodies);
+  values["effort"] = joint.effort;
   values["limits"] = std::pair(joint.lower, joint.upper);
   values["motor"] = tuple(joint.motor);
   values["force"] = triple(joint.force);
@@ -70,19 +77,20 @@ void bind_joints(py::class_<PyWorld>& world) {
       .def(
           "add_joint",
           [](PyWorld& self, int kind, std::int32_t a, std::int32_t b, const Triple& anchor,
-             const Triple& axis, double lower, double upper, double cone, const MotorTuple& drive,
-             bool collide) {
+             const Triple& axis, const Triple& second, double lower, double upper, double cone,
+             const MotorTuple& drive, bool collide) {
             for (const std::int32_t row : {a, b})
               if (row != -1) check_row(row, self.world.bodies().size());
             Joint joint = make_joint(static_cast<JointType>(kind), self.world.bodies(), a, b,
-                                     Vec3(anchor.data()), Vec3(axis.data()));
+                                     Vec3(anchor.data()), Vec3(axis.data()), Vec3(second.data()));
             joint.lower = lower, joint.upper = upper, joint.cone = cone;
             joint.motor = motor(drive);
             joint.collide = collide;
             self.world.add_joint(joint);
           },
           py::arg("kind"), py::arg("a"), py::arg("b"), py::arg("anchor"), py::arg("axis"),
-          py::arg("lower"), py::arg("upper"), py::arg("cone"), py::arg("motor"), py::arg("collide"))
+          py::arg("second"), py::arg("lower"), py::arg("upper"), py::arg("cone"), py::arg("motor"),
+          py::arg("collide"))
       .def(
           "set_joint",
           [](PyWorld& self, std::int64_t row, double lower, double upper, const MotorTuple& drive) {

@@ -42,7 +42,7 @@ void for_each_real_of_joint(Value& joint, Visit&& visit) {
   visit(joint.motor.target), visit(joint.motor.stiffness), visit(joint.motor.damping);
   visit(joint.motor.most);
   for (auto& value : joint.impulse) visit(value);
-  visit(joint.coordinate);
+  visit(joint.effort), visit(joint.coordinate);
   for (int i = 0; i < 3; ++i) visit(joint.force[i]);
   for (int i = 0; i < 3; ++i) visit(joint.torque[i]);
   visit(joint.length_error), visit(joint.angle_error);

@@ -756,6 +756,7 @@ class RigidWorld:
         b: int,
         anchor: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
         axis: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
+        second: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
         lower: float,
         upper: float,
         cone: float,

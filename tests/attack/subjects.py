@@ -418,6 +418,7 @@ def machine():
     bodies.slider(ball, None, (0.5, 0, 0.1), (1, 0, 0), limits=(-1, 1))
     bodies.ball(can, hull, (1.75, 0, 0.2))
     bodies.distance(boxes[2], rod, (0, 0, 0.5), (1, 0, 0.5), limits=(0.5, 2))
+    bodies.universal(boxes[0], boxes[1], (0, 0, 0.2), (1, 0, 0), (0, 1, 0), limits=(-1, 1))
     return bodies
 
 

@@ -122,6 +122,7 @@ def test_options_of_wrong_types():
 
 # Bodies.
 ROW = (0.0, 0.0, 5.0)
+X = (1.0, 0.0, 0.0)
 INSIDE_OUT = [[a, c, b] for a, b, c in TETRAHEDRON[1]]
 
 
@@ -278,6 +279,10 @@ def test_quaternions_of_any_length_are_normalised():
         (lambda s: s.hinge(1, 2, ROW, (0, 0, 1), motor=3), TypeError, "motor: expected"),
         (lambda s: s.hinge(1, 2, ROW, (0, 0, 1), collide=1), TypeError, "collide: expected"),
         (lambda s: s.slider(1, 2, ROW, (NAN, 0, 1)), InputError, r"axis\[0\]"),
+        (lambda s: s.universal(1, 2, ROW, X, (0, 0, 0)), InputError, "axis_b: expected a vector"),
+        (lambda s: s.universal(1, 2, ROW, (0, INF, 0), X), InputError, r"axis_a\[1\]"),
+        (lambda s: s.universal(1, 2, ROW, X, (1, 1, 0)), InputError, "expected axes at right ang"),
+        (lambda s: s.universal(1, 2, ROW, X, X[:2]), InputError, "axis_b: expected shape"),
         (lambda s: s.distance(1, 2, ROW, ROW, limits=(-2, -1)), InputError, "distance|lower|limit"),
         (lambda s: s.joints[0].__setattr__("limits", (2, 1)), InputError, "limits: expected"),
         (lambda s: s.joints[0].__setattr__("motor", 1), TypeError, "motor: expected"),

@@ -13,6 +13,7 @@ G = 9.81
 UNIT = (1.0, 0, 0, 0)
 BOX = rigid.Box((1, 1, 1))
 BALL = rigid.Sphere(0.25)
+KINDS = ("ball", "hinge", "slider", "fixed", "distance", "universal")
 CORNER = [[0, 0, 0], [0.6, 0, 0], [0, 0.4, 0], [0, 0, 0.3]]
 SHAPES = {
     "sphere": BALL,
@@ -72,6 +73,32 @@ def pile(n=27, seed=3, **options):
         x = 0.4 * np.array([k % 3, k // 3 % 3, 1 + k // 9]) + rng.uniform(-0.05, 0.05, 3)
         bodies.add(kinds[k % 4], x, rng.normal(size=4), friction=0.6, restitution=0.2 * (k % 2))
     return bodies
+
+
+def machines(**options):
+    """A chain for each kind of joint, in mid-swing."""
+    bodies = substep.RigidBodies(**options)
+    for row, kind in enumerate(KINDS):
+        for k in range(3):
+            x = np.array([0.7 * k, 2.0 * row, 0])
+            link = bodies.add(rigid.Box((0.2, 0.4, 0.6)), x, mass=1.0 + k)
+            join(bodies, kind, link, link - 1 if k else None, x)
+    bodies.advance(0.5)
+    return bodies
+
+
+def join(bodies, kind, link, last, x):
+    """Join the link at x to the last one, 0.7 m before it along x."""
+    anchor = x - (0.35, 0, 0)
+    if kind == "hinge":
+        return bodies.hinge(link, last, anchor, (0, 1, 0.3 * link))
+    if kind == "slider":
+        return bodies.slider(link, last, anchor, (1, 0.1 * link, 0.2), limits=(-1, 1))
+    if kind == "distance":
+        return bodies.distance(link, last, x, x - (0.7, 0, 0))
+    if kind == "universal":
+        return bodies.universal(link, last, anchor, (0, 1, 0), (0, 0, 1))
+    return getattr(bodies, kind)(link, last, anchor)
 
 
 # Arrays and frames.
@@ -507,21 +534,13 @@ def test_a_fixed_joint_carries_force_and_torque():
     assert joint.anchors == pytest.approx(np.array([[-0.5, 0, 0]] * 2), abs=1e-4)
 
 
-@pytest.mark.parametrize("kind", ["ball", "hinge", "slider", "fixed", "distance"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_joints_of_a_chain_that_swings_hold_for_a_minute(kind):
     bodies, last = world(), None
     for k in range(3):
         x = np.array([0.7 * k, 0, 0])
         link = bodies.add(rigid.Box((0.2, 0.4, 0.6)), x, mass=1.0 + k)
-        middle = x - (0.35, 0, 0)
-        if kind == "hinge":
-            bodies.hinge(link, last, middle, (0, 1, 0.3 * k))
-        elif kind == "slider":
-            bodies.slider(link, last, middle, (1, 0.1 * k, 0.2), limits=(-1, 1))
-        elif kind == "distance":
-            bodies.distance(link, last, x, x - (0.7, 0, 0))
-        else:
-            getattr(bodies, kind)(link, last, middle)
+        join(bodies, kind, link, last, x)
         last = link
     errors = []
     bodies.advance(60.0, lambda b: errors.append(b.diagnostics()["joint_error"]))
@@ -696,12 +715,13 @@ def test_advance_takes_whole_steps_and_ends_in_time():
 
 
 def test_the_same_bits_for_any_number_of_threads():
-    hashes = set()
-    for threads in (1, 2, 3):
-        bodies = pile(threads=threads)
-        bodies.advance(1.0)
-        hashes.add(state_hash(bodies))
-    assert len(hashes) == 1
+    for make in (pile, machines):
+        hashes = set()
+        for threads in (1, 2, 3):
+            bodies = make(threads=threads)
+            bodies.advance(1.0)
+            hashes.add(state_hash(bodies))
+        assert len(hashes) == 1
 
 
 @pytest.mark.parametrize(
@@ -727,6 +747,20 @@ def test_copies_and_checkpoints_go_on_with_the_same_bits(copied, tmp_path):
     bodies.advance(0.5)
     assert state_hash(twin) == state_hash(bodies)
     assert twin.add(BALL, (0, 0, 9)) == bodies.add(BALL, (0, 0, 9)) == 28
+
+
+def test_copies_and_checkpoints_of_joints_go_on_with_the_same_bits(tmp_path):
+    bodies = machines()
+    bodies.save(tmp_path / "checkpoint")
+    twin = bodies.copy()
+    other = machines()
+    other.advance(0.1)
+    other.load(tmp_path / "checkpoint")
+    for simulation in (bodies, twin, other):
+        simulation.advance(0.5)
+    assert state_hash(twin) == state_hash(bodies) == state_hash(other)
+    told = [(j.coordinate, j.speed, j.effort, *j.force, *j.torque) for j in bodies.joints]
+    assert told == [(j.coordinate, j.speed, j.effort, *j.force, *j.torque) for j in other.joints]
 
 
 def restored(bodies, folder):

@@ -14,12 +14,11 @@ from .. import _core
 from ..base.checks import check_array, check_real, describe
 from ..base.owned import Owned
 from ..errors import InputError
-from . import joint_motion
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 
-KINDS = ("ball", "hinge", "slider", "fixed", "distance")
+KINDS = ("ball", "hinge", "slider", "fixed", "distance", "universal")
 _FREE = (-math.inf, math.inf)
 
 
@@ -165,7 +164,7 @@ class Joint(Owned):
 
     @property
     def kind(self) -> str:
-        """'ball', 'hinge', 'slider', 'fixed' or 'distance'."""
+        """'ball', 'hinge', 'slider', 'fixed', 'distance' or 'universal'."""
         return KINDS[self._told()["kind"]]
 
     @property
@@ -179,24 +178,35 @@ class Joint(Owned):
     def coordinate(self) -> float:
         """Where the joint is in its freedom, at the end of the last step.
 
-        The angle of a hinge, over all turns, and the twist of a ball [rad], the translation of a
-        slider and the length of a distance [m]; 0 when the joint was made, but for lengths.
+        The angle of a hinge and the first one of a universal joint, over all turns, and the twist
+        of a ball [rad], the translation of a slider and the length of a distance [m]; 0 when the
+        joint was made, but for lengths.
         """
         return float(self._told()["coordinate"])
 
     @property
+    def coordinates(self) -> Array:
+        """All coordinates, where the bodies are now [rad] or [m], shape (k,); a copy.
+
+        Of a universal joint the angle of a about its axis and that of the cross about the axis of
+        b, the latter within half a turn; of others the one `coordinate`, if the joint has one.
+        """
+        return np.array(self._told()["coordinates"])
+
+    @property
     def speed(self) -> float:
-        """Rate of the coordinate at the end of the last step [rad/s] or [m/s]; 0 of 'fixed'."""
-        return joint_motion.speed(self._world, self._row(), self.kind)
+        """The rate of `coordinate`, by the velocities of the bodies now [rad/s] or [m/s]."""
+        return float(self._told()["speed"])
 
     @property
     def axis(self) -> Array:
         """Direction of the coordinate in the world, a unit vector, shape (3,); a copy.
 
-        The axis of a hinge, slider or ball, as the second body has it; of a distance from the
-        point of the second body to that of the first.
+        The axis of a hinge or slider as the second body has it, of a ball the mean of both, of a
+        universal joint that in the first body, of a distance from the point of the second body to
+        that of the first; 0 of 'fixed'.
         """
-        return joint_motion.axis(self._world, self._row())
+        return np.array(self._told()["axis"])
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -211,7 +221,10 @@ class Joint(Owned):
 
     @property
     def motor(self) -> Motor | None:
-        """The motor of a hinge, slider or distance; assign to change it, which wakes the bodies."""
+        """The motor, if there is one; assign to change it, which wakes the bodies.
+
+        Hinges, sliders, distances and universal joints can have one.
+        """
         kind, target, stiffness, damping, strength = self._told()["motor"]
         if kind == 0:
             return None
@@ -241,6 +254,15 @@ class Joint(Owned):
         return np.array(self._told()["torque"])
 
     @property
+    def effort(self) -> float:
+        """What motor, spring and limits did along the coordinate, mean of the last step.
+
+        It is positive where it drives the coordinate up [N m] or [N], and a part of `torque` or
+        `force`.
+        """
+        return float(self._told()["effort"])
+
+    @property
     def error(self) -> tuple[float, float]:
         """How far the joint was off at the end of the last step: a length [m], an angle [rad]."""
         length, angle = self._told()["error"]
@@ -262,10 +284,10 @@ class Joint(Owned):
         Returns
         -------
         dict of str to callable
-            `name_coordinate` and `name_speed`, but for 'fixed'; of a hinge `name_torque` about its
-            axis [N m], of a slider and a distance `name_force` along it [N], of a ball and of
-            'fixed' `name_force` and `name_torque`, shape (3,): means of the last step, on the first
-            body.
+            `name_coordinate` and `name_speed`, but for 'fixed'; the `effort` as `name_torque` of a
+            hinge or universal joint [N m] and as `name_force` of a slider or distance [N], of a
+            ball and of 'fixed' `name_force` and `name_torque`, shape (3,): means of the last step,
+            on the first body.
 
         Raises
         ------
@@ -295,9 +317,9 @@ class Joint(Owned):
                 "speed": lambda joint: joint.speed,
             }
         if kind in ("slider", "distance"):
-            reads["force"] = lambda joint: joint.force @ joint.axis
-        elif kind == "hinge":
-            reads["torque"] = lambda joint: joint.torque @ joint.axis
+            reads["force"] = lambda joint: joint.effort
+        elif kind in ("hinge", "universal"):
+            reads["torque"] = lambda joint: joint.effort
         else:
             reads |= {"force": lambda joint: joint.force, "torque": lambda joint: joint.torque}
         return {f"{name}_{what}": of(read) for what, read in reads.items()}

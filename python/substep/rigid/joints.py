@@ -196,6 +196,65 @@ class Joints(BodyRows):
         """
         return self._join("fixed", a, b, anchor, (1.0, 0.0, 0.0), None, None, collide)
 
+    def universal(
+        self,
+        a: int,
+        b: int | None,
+        anchor: ArrayLike,
+        axis_a: ArrayLike,
+        axis_b: ArrayLike,
+        *,
+        limits: ArrayLike | None = None,
+        motor: Motor | None = None,
+        collide: bool = False,
+    ) -> Joint:
+        """Join two bodies by a cross of two axes: it bends, and carries the twist over.
+
+        Parameters
+        ----------
+        a, b : int
+            Ids of the bodies; b None is the world.
+        anchor : array_like, shape (3,)
+            Where the axes cross, in the world, where the bodies are now [m].
+        axis_a, axis_b : array_like, shape (3,)
+            Axes about which the cross turns in a and in b, in the world, at right angles. A shaft
+            is at right angles to the axis in it.
+        limits : array_like, shape (2,), optional
+            Least and greatest angle about `axis_a` from now on [rad].
+        motor : SpeedMotor or SpringMotor, optional
+            Acts on the angle about `axis_a`.
+        collide : bool, optional
+            Whether the bodies still touch each other.
+
+        Returns
+        -------
+        Joint
+            The joint.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+
+        Examples
+        --------
+        Half a turn of a shaft that is bent by 30 degrees; its end is slower then, by the cosine:
+
+        >>> import math, substep
+        >>> bodies = substep.RigidBodies(gravity=(0, 0, 0))
+        >>> shaft = substep.rigid.Box((1, 0.1, 0.1))
+        >>> driver, driven = bodies.add(shaft, [(-0.5, 0, 0), (0.433, 0.25, 0)])
+        >>> out = bodies.hinge(driven, None, (0, 0, 0), (math.cos(math.pi / 6), 0.5, 0))
+        >>> motor = substep.rigid.SpeedMotor(math.pi)
+        >>> turning = bodies.hinge(driver, None, (0, 0, 0), (1, 0, 0), motor=motor)
+        >>> cross = bodies.universal(driven, driver, (0, 0, 0), (-0.5, 0.866, 0), (0, 0, 1))
+        >>> bodies.advance(1.0)
+        >>> round(out.coordinate, 2), round(out.speed / turning.speed, 2)
+        (3.14, 0.87)
+        """
+        x, y = _axis(axis_a, "axis_a"), _axis(axis_b, "axis_b")
+        return self._join("universal", a, b, anchor, x, limits, motor, collide, math.inf, axis_b=y)
+
     def distance(
         self,
         a: int,
@@ -251,6 +310,7 @@ class Joints(BodyRows):
         motor: Motor | None,
         collide: bool,
         cone: float = math.inf,
+        axis_b: Any = (0.0, 0.0, 0.0),
     ) -> Joint:
         point = check_array("anchor", anchor, (3,)).tolist()
         lower, upper = check_limits("limits", limits)
@@ -265,7 +325,7 @@ class Joints(BodyRows):
         self._commit(
             {"_joint_ids": ids, "_next_joint": number + 1},
             self._native.add_joint,
-            *(KINDS.index(kind), *bodies, point, axis, *ends, cone, drive, touching),
+            *(KINDS.index(kind), *bodies, point, axis, axis_b, *ends, cone, drive, touching),
         )
         return joint
 
@@ -279,8 +339,8 @@ class Joints(BodyRows):
         return np.flatnonzero(np.isin(held, bodies).any(axis=1))
 
 
-def _axis(axis: ArrayLike) -> list[float]:
-    n: list[float] = check_array("axis", axis, (3,)).tolist()
+def _axis(axis: ArrayLike, name: str = "axis") -> list[float]:
+    n: list[float] = check_array(name, axis, (3,)).tolist()
     if not any(n):
-        raise InputError("axis: expected a vector that is not 0")
+        raise InputError(f"{name}: expected a vector that is not 0")
     return n

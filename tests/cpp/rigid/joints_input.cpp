@@ -25,7 +25,7 @@ TEST(JointRows, HaveTheGradientsOfFiniteDifferences) {
   const auto vector = [&] { return Vec3(normal(random), normal(random), normal(random)); };
   using Side = std::pair<Vec3, Quaternion>;
   for (const JointType type : {JointType::kBall, JointType::kHinge, JointType::kSlider,
-                               JointType::kFixed, JointType::kDistance}) {
+                               JointType::kFixed, JointType::kDistance, JointType::kUniversal}) {
     Side a{vector(), rotation_by(vector())}, b{vector(), rotation_by(vector())};
     Joint::Frame in_a{vector(), rotation_by(vector())}, in_b = in_a;
     // As joints are kept: aligned axes, but for the free angles; anchors at one point, but for the
@@ -34,6 +34,7 @@ TEST(JointRows, HaveTheGradientsOfFiniteDifferences) {
     Quaternion turn = Quaternion::Identity();
     if (type == JointType::kBall) turn = rotation_by(0.5 * vector());
     if (type == JointType::kHinge) turn = rotation_by({1, 0, 0});
+    if (type == JointType::kUniversal) turn = rotation_by({0, -0.6, 0}) * rotation_by({1, 0, 0});
     in_b.axes = b.second.conjugate() * axes * turn.conjugate();
     Vec3 gap = Vec3::Zero();
     if (type == JointType::kSlider) gap = axes * Vec3(0.7, 0, 0);
@@ -144,6 +145,8 @@ TEST(Joints, RefuseWhatIsNoJoint) {
   refused([&] { make_hinge(bodies, 0, 1, o, o); }, "axis");
   refused([&] { make_hinge(bodies, 0, 1, o, {0, nan, 1}); }, "axis");
   refused([&] { make_slider(bodies, 0, 1, {nan, 0, 0}, x); }, "anchor");
+  refused([&] { make_universal(bodies, 0, 1, o, x, o); }, "axis_b");
+  refused([&] { make_universal(bodies, 0, 1, o, x, x); }, "at right angles");
   refused([&] { make_distance(bodies, 0, 1, o, {nan, 0, 0}); }, "point_b");
   refused([&] { check_joint(make_distance(bodies, 0, 1, o, o), bodies); }, "upper");
 

@@ -62,13 +62,16 @@ Quaternion turn_of_x(const Vec3& direction) {
   return {s * 0.5, inverse * axis.x(), inverse * axis.y(), inverse * axis.z()};
 }
 
+Vec3 unit(const Vec3& axis, const std::string& name) {
+  const double largest = axis.cwiseAbs().maxCoeff();
+  check(axis.allFinite() && largest > 0, name + ": expected finite numbers that are not all 0");
+  return (axis / largest).normalized();
+}
+
 Joint make(JointType type, const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& anchor,
-           const Vec3& axis) {
+           const Quaternion& axes) {
   check_pair(bodies, a, b);
   check(anchor.allFinite(), "anchor: expected finite numbers");
-  const double largest = axis.cwiseAbs().maxCoeff();
-  check(axis.allFinite() && largest > 0, "axis: expected finite numbers that are not all 0");
-  const Quaternion axes = turn_of_x(axis / largest).normalized();
   Joint joint;
   joint.type = type;
   joint.a = a, joint.b = b;
@@ -77,13 +80,23 @@ Joint make(JointType type, const Bodies& bodies, std::int32_t a, std::int32_t b,
   return joint;
 }
 
+Joint make(JointType type, const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& anchor,
+           const Vec3& axis) {
+  return make(type, bodies, a, b, anchor, turn_of_x(unit(axis, "axis")).normalized());
+}
+
+JointSide side_of(const Joint::Frame& frame, std::int32_t body, const Bodies& bodies) {
+  return body < 0 ? JointSide(frame, Vec3::Zero(), Quaternion::Identity())
+                  : JointSide(frame, bodies.position(body), bodies.rotation(body));
+}
+
 void check_motor(const Joint& joint) {
   const Joint::Motor& motor = joint.motor;
   if (motor.type == MotorType::kNone) return;
   check(motor.type == MotorType::kSpeed || motor.type == MotorType::kSpring,
         "motor: there is no such kind");
   check(joint.type != JointType::kBall && joint.type != JointType::kFixed,
-        "motor: only hinges, sliders and distance joints have one");
+        "motor: only hinges, sliders, universal and distance joints have one");
   check(std::isfinite(motor.target), "motor.target: expected a finite number");
   check(motor.most >= 0, "motor.most: expected a number not below 0");
   if (motor.type == MotorType::kSpeed) return;
@@ -116,6 +129,7 @@ void check_limits(const Joint& joint) {
       break;
     case JointType::kHinge:
     case JointType::kSlider:
+    case JointType::kUniversal:
       break;
     default:
       check(false, "type: there is no such joint");
@@ -142,6 +156,17 @@ Joint make_slider(const Bodies& bodies, std::int32_t a, std::int32_t b, const Ve
 }
 Joint make_fixed(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& anchor) {
   return make(JointType::kFixed, bodies, a, b, anchor, Vec3::UnitX());
+}
+
+Joint make_universal(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& anchor,
+                     const Vec3& axis_a, const Vec3& axis_b) {
+  const Vec3 n = unit(axis_a, "axis_a"), e = unit(axis_b, "axis_b");
+  check(std::abs(n.dot(e)) < 1e-6, "axis_a, axis_b: expected axes at right angles");
+  Mat3 axes;
+  axes.col(0) = n;
+  axes.col(1) = (e - n.dot(e) * n).normalized();
+  axes.col(2) = n.cross(axes.col(1));
+  return make(JointType::kUniversal, bodies, a, b, anchor, Quaternion(axes).normalized());
 }
 
 Joint make_distance(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& point_a,
@@ -171,20 +196,44 @@ void check_joint(const Joint& joint, const Bodies& bodies) {
   check_motor(joint);
   check(std::isfinite(joint.coordinate), "coordinate: expected a finite number");
   for (const double l : joint.impulse) check(std::isfinite(l), "impulse: expected finite numbers");
-  check(joint.force.allFinite() && joint.torque.allFinite() && std::isfinite(joint.length_error) &&
-            std::isfinite(joint.angle_error),
-        "force, torque, errors: expected finite numbers");
+  check(joint.force.allFinite() && joint.torque.allFinite() && std::isfinite(joint.effort) &&
+            std::isfinite(joint.length_error) && std::isfinite(joint.angle_error),
+        "force, torque, effort, errors: expected finite numbers");
 }
 
 double joint_coordinate(const Joint& joint, const Bodies& bodies) {
-  const auto side = [&](const Joint::Frame& frame, std::int32_t body) {
-    return body < 0 ? JointSide(frame, Vec3::Zero(), Quaternion::Identity())
-                    : JointSide(frame, bodies.position(body), bodies.rotation(body));
-  };
+  const auto all = joint_coordinates(joint, bodies);
+  return all.empty() ? 0 : all[0];
+}
+
+std::vector<double> joint_coordinates(const Joint& joint, const Bodies& bodies) {
+  const int row = coordinate_row(joint.type);
+  if (row < 0) return {};
+  const auto C = joint_values(joint.type, side_of(joint.in_a, joint.a, bodies),
+                              side_of(joint.in_b, joint.b, bodies), joint.coordinate);
+  const int count = joint.type == JointType::kUniversal ? 2 : 1;
+  return {C.begin() + row, C.begin() + row + count};
+}
+
+Vec3 joint_axis(const Joint& joint, const Bodies& bodies) {
+  const int row = coordinate_row(joint.type);
+  if (row < 0) return Vec3::Zero();
+  const JointGradients G = joint_gradients(joint.type, side_of(joint.in_a, joint.a, bodies),
+                                           side_of(joint.in_b, joint.b, bodies));
+  const Vec3& linear = G.linear[row];
+  return (linear.isZero(0) ? G.angular_a[row] : linear).normalized();
+}
+
+double joint_speed(const Joint& joint, const Bodies& bodies) {
   const int row = coordinate_row(joint.type);
   if (row < 0) return 0;
-  return joint_values(joint.type, side(joint.in_a, joint.a), side(joint.in_b, joint.b),
-                      joint.coordinate)[usize(row)];
+  const JointGradients G = joint_gradients(joint.type, side_of(joint.in_a, joint.a, bodies),
+                                           side_of(joint.in_b, joint.b, bodies));
+  const auto rate = [&](std::int32_t body, const Vec3& angular) {
+    if (body < 0) return 0.;
+    return G.linear[row].dot(bodies.velocity(body)) + angular.dot(bodies.angular_velocity(body));
+  };
+  return rate(joint.a, G.angular_a[row]) - rate(joint.b, G.angular_b[row]);
 }
 
 }  // namespace substep::rigid

@@ -7,20 +7,23 @@
 //   slider    d along n_b, equal axes                  the translation n . d is free
 //   fixed     d = 0, equal axes                        nothing is free
 //   distance  |d|                                      see below
+//   universal d = 0, n_a . e_b1 = 0                    the angles about n_a and e_b1 are free
 // The coordinate of a joint is the angle of a hinge (continuous over turns), the translation of a
-// slider, the twist of a ball about its axes, the distance |d|. It is kept within [lower, upper]
-// without restitution: a rod has both alike, a rope lower = 0. A motor acts along it.
+// slider, the twist of a ball about its axes, the distance |d|, the angle of a about n_a of a
+// universal joint (over turns). It is kept within [lower, upper] without restitution: a rod has
+// both alike, a rope lower = 0. A motor acts along it.
 #pragma once
 
 #include <array>
 #include <cstdint>
 #include <limits>
+#include <vector>
 
 #include "substep/rigid/motion/bodies.h"
 
 namespace substep::rigid {
 
-enum class JointType : std::uint8_t { kBall, kHinge, kSlider, kFixed, kDistance };
+enum class JointType : std::uint8_t { kBall, kHinge, kSlider, kFixed, kDistance, kUniversal };
 
 enum class MotorType : std::uint8_t {
   kNone,
@@ -50,7 +53,7 @@ struct Joint {
   Frame in_a, in_b;                              // that of the world is in the world
   double lower = -kInfinite, upper = kInfinite;  // of the coordinate
   double cone = kInfinite;  // of a ball: largest angle between the axes n_a and n_b [rad]
-  Motor motor;              // hinge, slider, distance
+  Motor motor;              // hinge, slider, distance, universal
   bool collide = false;     // whether contacts between a and b remain
 
   // State: what the next step begins with.
@@ -60,6 +63,7 @@ struct Joint {
   // Reports of the last step: what the joint does to a at its anchor, on average [N], [N m], and
   // how far it is from what it asks for at its end.
   Vec3 force = Vec3::Zero(), torque = Vec3::Zero();
+  double effort = 0;  // the part of it that motor, spring and limits do along the coordinate
   double length_error = 0, angle_error = 0;  // [m], [rad]
 };
 
@@ -72,6 +76,9 @@ Joint make_hinge(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec
 Joint make_slider(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& anchor,
                   const Vec3& axis);
 Joint make_fixed(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& anchor);
+// A cross of two axes at right angles, one that turns in a and one that turns in b.
+Joint make_universal(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& anchor,
+                     const Vec3& axis_a, const Vec3& axis_b);
 // A rod of the length between the points; set lower, upper or a motor for others.
 Joint make_distance(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& point_a,
                     const Vec3& point_b);
@@ -84,5 +91,12 @@ void check_joint(const Joint& joint, const Bodies& bodies);
 
 // The coordinate at the poses of the bodies, angles within half a turn of joint.coordinate.
 double joint_coordinate(const Joint& joint, const Bodies& bodies);
+// All of what is free and has a coordinate: of a universal joint the angles about n_a and e_b1, of
+// others the one, if there is one.
+std::vector<double> joint_coordinates(const Joint& joint, const Bodies& bodies);
+// The unit vector of the coordinate: of its rotation, or of its translation; 0 if there is none.
+Vec3 joint_axis(const Joint& joint, const Bodies& bodies);
+// The rate of the coordinate; 0 if there is none.
+double joint_speed(const Joint& joint, const Bodies& bodies);
 
 }  // namespace substep::rigid

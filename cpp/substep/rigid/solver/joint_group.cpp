@@ -93,6 +93,7 @@ void JointGroup::begin_step(std::span<const Joint> joints, std::span<const std::
     link.joint = joints[usize(link.number)];
     link.mode.fill(JointLaw::Mode::kFree);
     link.force = link.torque = Vec3::Zero();
+    link.effort = 0;
   }
   find_inertia();
   weight_ = smooth_ ? 0.5 : 1;
@@ -328,6 +329,8 @@ void JointGroup::sum_impulses(Link& link) const {
     link.force += l;
     link.torque += link.impulse[usize(row)] * link.G.angular_a[row] - arm.cross(l);
   }
+  const int own = coordinate_row(link.joint.type);
+  if (own >= 0 && own < link.rows) link.effort += link.impulse[usize(own)];
 }
 
 // A force at the anchor turns with the bodies: the next sub-step begins with it, and across a long
@@ -408,6 +411,7 @@ void JointGroup::store(Bodies& bodies, std::span<Joint> joints, double dt) const
     joint.coordinate = link.joint.coordinate;
     joint.force = link.force / dt;
     joint.torque = link.torque / dt;
+    joint.effort = link.effort / dt;
     joint.length_error = joint.angle_error = 0;
     for (int row = 0; row < link.rows; ++row) {
       double error = C[usize(row)];

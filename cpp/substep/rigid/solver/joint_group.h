@@ -78,6 +78,7 @@ class JointGroup {
     std::array<JointLaw, 2> law;
     std::array<JointLaw::Mode, 2> mode;
     Vec3 force, torque;  // impulses of the step
+    double effort;       // along the coordinate
 
     bool active(int row) const {
       return row < equations || !JointLaw::fixes_impulse(mode[usize(row - equations)]);

@@ -37,6 +37,8 @@ int joint_equations(JointType type) {
   switch (type) {
     case JointType::kBall:
       return 3;
+    case JointType::kUniversal:
+      return 4;
     case JointType::kHinge:
     case JointType::kSlider:
       return 5;
@@ -85,7 +87,13 @@ std::array<double, kJointRows> joint_values(JointType type, const JointSide& a, 
     return C;
   }
   const Vec3 n = rotated(turn, Vec3::UnitX());  // n_a as b sees it
-  if (type == JointType::kHinge) {
+  if (type == JointType::kUniversal) {
+    C[3] = n.y();
+    if (!coordinates) return C;
+    C[4] = nearest(std::atan2(-rotated(turn, Vec3::UnitZ()).y(), rotated(turn, Vec3::UnitY()).y()),
+                   near);
+    C[5] = std::atan2(-n.z(), n.x());
+  } else if (type == JointType::kHinge) {
     const Vec3 e = rotated(turn, Vec3::UnitY());
     C[3] = -n.z(), C[4] = n.y();
     if (coordinates) C[5] = nearest(std::atan2(e.z(), e.y()), near);
@@ -113,6 +121,7 @@ JointGradients joint_gradients(JointType type, const JointSide& a, const JointSi
       return G;
     case JointType::kBall:
     case JointType::kHinge:
+    case JointType::kUniversal:
     case JointType::kFixed:
       for (int i = 0; i < 3; ++i) set(G, i, Vec3::Unit(i), a.arm, b.arm);
   }
@@ -121,6 +130,10 @@ JointGradients joint_gradients(JointType type, const JointSide& a, const JointSi
   } else if (type == JointType::kHinge) {
     for (int i = 1; i < 3; ++i) set_turn(G, 2 + i, n_a.cross(B.col(i).cross(n_b)));
     set_turn(G, 5, n_b);
+  } else if (type == JointType::kUniversal) {
+    set_turn(G, 3, n_a.cross(B.col(1)));
+    set_turn(G, 4, n_a);
+    set_turn(G, 5, B.col(1));
   } else {
     set_turn(G, 3, direction(n_b.cross(n_a), B.col(1)));
     set_turn(G, 4, (n_a + n_b) / std::max(1 + n_a.dot(n_b), 1e-9));

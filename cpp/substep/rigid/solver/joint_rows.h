@@ -11,11 +11,15 @@
 //   along      C = n_b . d                   as across
 //   distance   C = |d|                       l = d / |d|, m = r_a x l, n = r_b x l
 //   cone       C = angle between n_a and n_b           m = n = (n_b x n_a) / |n_b x n_a|
+//   cross      C = n_a . e_b1                          m = n = n_a x e_b1
+//   turn       C = atan2(-e_a2 . e_b1, e_a1 . e_b1)    m = n = n_a
+//   bend       C = atan2(-n_a . e_b2, n_a . n_b)       m = n = e_b1
 //   twist      C = 2 atan2(vec(q_b^-1 q_a) . n, w)     m = n = (n_a + n_b) / (1 + n_a . n_b)
-// The gradients of rotation and angle are those at aligned axes, where joints are kept. A ball has
-// points, cone and twist; a hinge points, axes and angle; a slider across, rotation and along; a
-// fixed joint points and rotation; a distance joint its one. Equations are C = 0, and come first;
-// the others are coordinates, which laws rule (joint_law.h).
+// The gradients of rotation, angle, turn and bend are those at aligned axes, where joints are kept.
+// A ball has points, cone and twist; a hinge points, axes and angle; a slider across, rotation and
+// along; a fixed joint points and rotation; a universal joint points, cross, turn and bend; a
+// distance joint its one. Equations are C = 0, and come first; the others are coordinates, which
+// laws rule (joint_law.h).
 #pragma once
 
 #include <array>

@@ -1,0 +1,179 @@
+"""Universal joints, and what joints tell: reactions, efforts, speeds."""
+
+import math
+
+import numpy as np
+import pytest
+import substep
+from substep import rigid
+
+G = 9.81
+BEND = math.radians(30)
+SHAFT = rigid.Box((1, 0.1, 0.1))
+
+
+def shafts(motor=None, speed=0.0):
+    """A shaft along x, and one that is bent by 30 degrees, by hinges and a universal joint."""
+    bodies = substep.RigidBodies(gravity=(0, 0, 0), sleeping=False)
+    way = np.array([math.cos(BEND), math.sin(BEND), 0])
+    driver = bodies.add(SHAFT, (-0.5, 0, 0), angular_velocities=(speed, 0, 0))
+    turned = (math.cos(BEND / 2), 0, 0, math.sin(BEND / 2))
+    spin = speed * math.cos(BEND) * way
+    driven = bodies.add(SHAFT, 0.5 * way, turned, angular_velocities=spin)
+    first = bodies.hinge(driver, None, (0, 0, 0), (1, 0, 0), motor=motor)
+    last = bodies.hinge(driven, None, (0, 0, 0), way)
+    across = np.cross((0, 0, 1), way)
+    return bodies, first, last, bodies.universal(driven, driver, (0, 0, 0), across, (0, 0, 1))
+
+
+def ratio(angle):
+    """Of the speeds of a cardan joint: tan(out) = tan(in) cos(bend)."""
+    c = math.cos(BEND)
+    return c / (math.cos(angle) ** 2 + (c * math.sin(angle)) ** 2)
+
+
+def test_a_cardan_shaft_turns_by_its_closed_form():
+    bodies, first, last, cross = shafts(rigid.SpeedMotor(4.0), speed=4.0)
+    while bodies.time < 5:
+        bodies.step()
+        t = first.coordinate
+        assert t == pytest.approx(4 * bodies.time, abs=1e-8)
+        out = math.atan2(math.sin(t) * math.cos(BEND), math.cos(t))
+        assert math.remainder(last.coordinate - out, math.tau) == pytest.approx(0, abs=1e-9)
+        assert last.speed == pytest.approx(4 * ratio(t), abs=1e-9)
+        assert max(cross.error) < 1e-8
+        # Both turns of the cross make up the bend; that in b was 0 where the joint was made.
+        turn, bend = cross.coordinates
+        assert turn == pytest.approx(cross.coordinate, abs=1e-9)
+        assert math.cos(turn) * math.cos(bend + BEND) == pytest.approx(math.cos(BEND), abs=1e-7)
+    assert last.coordinate == pytest.approx(20, abs=0.2)  # over turns
+
+
+def test_a_cardan_shaft_that_turns_freely_keeps_its_energy():
+    bodies, first, last, cross = shafts(speed=4.0)
+    start = bodies.diagnostics()["energy"]
+    while bodies.time < 20:
+        bodies.step()
+        assert bodies.diagnostics()["energy"] == pytest.approx(start, rel=2e-7)
+        # Both shafts have one inertia, so that the energy says how fast they are.
+        r = ratio(first.coordinate)
+        speed = 4 * math.sqrt((1 + math.cos(BEND) ** 2) / (1 + r * r))
+        assert first.speed == pytest.approx(speed, rel=1e-6)
+        assert last.speed == pytest.approx(r * speed, rel=1e-6)
+    assert max(cross.error) < 1e-8
+
+
+def test_a_universal_joint_bends_both_ways_and_does_not_twist():
+    for axis in ((1, 0, 0), (0, 1, 0)):
+        bodies = substep.RigidBodies(sleeping=False)
+        rod = bodies.add(rigid.Box((0.1, 0.1, 1)), (0, 0, -0.5), mass=2.0)
+        joint = bodies.universal(rod, None, (0, 0, 0), (1, 0, 0), (0, 1, 0))
+        for _ in range(60):
+            bodies.set_torques([[0, 0, 3.0]])
+            bodies.step()
+        assert np.abs(bodies.rotations - (1, 0, 0, 0)).max() < 1e-9
+        assert joint.torque == pytest.approx([0, 0, -3], abs=1e-7)
+        bodies.set_torques([3.0 * np.array(axis)])
+        coordinates = []
+        bodies.advance(20.0, lambda b, j=joint, c=coordinates: c.append(j.coordinates))
+        swing = np.array(coordinates)
+        way = int(axis[1])
+        assert np.abs(swing[:, 1 - way]).max() < 1e-9
+        rises = np.flatnonzero((swing[:-1, way] < 0) & (swing[1:, way] >= 0))
+        y = swing[:, way]
+        t = (rises - y[rises] / (y[rises + 1] - y[rises])) / 60
+        moment = 2 * (1 + 0.01) / 12 + 2 * 0.25
+        exact = math.tau * math.sqrt(moment / (2 * G * 0.5))
+        assert np.diff(t).mean() == pytest.approx(exact, rel=1e-4)
+
+
+def test_limits_and_motors_of_a_universal_joint_turn_it_about_the_first_axis():
+    bodies = substep.RigidBodies(gravity=(0, 0, 0))
+    rod = bodies.add(rigid.Box((0.1, 0.1, 1)), (0, 0, -0.5))
+    joint = bodies.universal(rod, None, (0, 0, 0), (0, 1, 0), (1, 0, 0), limits=(-1, 0.5))
+    joint.motor = rigid.SpeedMotor(0.25)
+    bodies.advance(1.0)
+    assert joint.coordinates == pytest.approx([0.25, 0], abs=1e-8)
+    assert joint.speed == pytest.approx(0.25, abs=1e-8)
+    bodies.advance(2.0)
+    assert joint.coordinate == pytest.approx(0.5, abs=1e-8) and joint.kind == "universal"
+
+
+# What joints tell of themselves.
+def test_joints_of_a_hanging_chain_carry_what_is_below():
+    bodies, last = substep.RigidBodies(sleeping=False), None
+    masses = [1.0, 5.0, 0.1, 20.0, 2.0]
+    for k, mass in enumerate(masses):
+        link = bodies.add(rigid.Box((0.1, 0.1, 0.2)), (0, 0, -0.1 - 0.2 * k), mass=mass)
+        bodies.ball(link, last, (0, 0, -0.2 * k))
+        last = link
+    for _ in range(3):
+        bodies.step()
+        for k, joint in enumerate(bodies.joints):
+            assert joint.force == pytest.approx([0, 0, G * sum(masses[k:])], abs=1e-8)
+            assert joint.torque == pytest.approx([0, 0, 0], abs=1e-8)
+
+
+def test_a_cantilever_carries_weight_times_length():
+    bodies = substep.RigidBodies(sleeping=False)
+    load = bodies.add(rigid.Box((0.2, 0.2, 0.2)), (1.5, 0, 0), mass=4.0)
+    joint = bodies.fixed(load, None, (0, 0, 0))
+    for _ in range(3):
+        bodies.step()
+        assert joint.force == pytest.approx([0, 0, 4 * G], abs=1e-8)
+        assert joint.torque == pytest.approx([0, -4 * G * 1.5, 0], abs=1e-8)
+    assert joint.coordinates.shape == (0,) and joint.speed == joint.effort == 0
+
+
+@pytest.mark.parametrize("kind", ["ball", "hinge", "distance"])
+def test_a_pendulum_pulls_by_its_weight_and_by_what_turns_it(kind):
+    bodies = substep.RigidBodies(sleeping=False)
+    m, v, arm = 2.0, 3.0, 1.5
+    turning = (0, -v / arm, 0) if kind != "distance" else (0, 0, 0)
+    bob = bodies.add(
+        rigid.Sphere(0.1), (0, 0, -arm), mass=m, velocities=(v, 0, 0), angular_velocities=turning
+    )
+    if kind == "distance":
+        joint = bodies.distance(bob, None, (0, 0, -arm), (0, 0, 0))
+    else:
+        axis = (0, -1, 0)
+        joint = getattr(bodies, kind)(bob, None, (0, 0, 0), axis=axis)
+    bodies.step(1e-4)
+    assert joint.force[2] == pytest.approx(m * (G + v * v / arm), rel=1e-6)
+    if kind == "hinge":
+        assert joint.speed == pytest.approx(v / arm, rel=1e-6)
+        assert joint.effort == 0
+
+
+def test_forces_of_joints_are_what_momentum_says():
+    bodies = substep.RigidBodies(sleeping=False)
+    boxes = bodies.add(rigid.Box((0.2, 0.4, 0.6)), [(0.7, 0, 0), (1.4, 0, 0)], mass=3.0)
+    inner = bodies.hinge(boxes[0], None, (0.35, 0, 0), (0, 1, 0.3))
+    outer = bodies.universal(boxes[1], boxes[0], (1.05, 0, 0), (0, 1, 0), (0, 0, 1))
+    weight = np.array([0, 0, -3 * G])
+    for _ in range(120):
+        before = bodies.momenta.copy()
+        bodies.step()
+        rate = 60 * (bodies.momenta - before)
+        assert outer.force + weight == pytest.approx(rate[1], abs=1e-7)
+        assert inner.force - outer.force + weight == pytest.approx(rate[0], abs=1e-7)
+
+
+def test_efforts_are_what_motors_springs_and_limits_do():
+    bodies = substep.RigidBodies(sleeping=False)
+    arm, box, flap, weight = bodies.add(
+        rigid.Box((0.2, 0.2, 0.2)), [(1, 0, 0), (3, 0, 0), (6, 0, 0), (9, 0, 0)], mass=2.0
+    )
+    holds = bodies.hinge(arm, None, (0, 0, 0), (0, 1, 0), motor=rigid.SpeedMotor(0.0))
+    spring = rigid.SpringMotor(0.0, stiffness=100.0, damping=25.0)
+    sags = bodies.slider(box, None, (3, 0, 0), (0, 0, 1), motor=spring)
+    stops = bodies.hinge(flap, None, (5.5, 0, 0), (0, 1, 0), limits=(0, 0))
+    rope = bodies.distance(weight, None, (9, 0, 0), (9, 0, 1), limits=(0, 1))
+    bodies.advance(5.0)
+    assert holds.effort == pytest.approx(-2 * G, abs=1e-8)
+    assert holds.torque == pytest.approx([0, holds.effort, 0], abs=1e-8)
+    assert sags.effort == pytest.approx(2 * G, abs=1e-7)
+    assert sags.coordinate == pytest.approx(-2 * G / 100, abs=1e-9)
+    assert stops.effort == pytest.approx(-2 * G * 0.5, abs=1e-7)
+    assert rope.effort == pytest.approx(-2 * G, abs=1e-8)
+    assert all(abs(joint.speed) < 1e-8 for joint in (holds, sags, stops, rope))
