@@ -88,6 +88,64 @@ class TestPyramid:
         assert 0 < pyramid.measured["sinking"][0] < 5e-3
 
 
+class TestCardHouse:
+    @pytest.mark.parametrize("angle", [65.0, 75.0])
+    def test_it_stands(self, angle):
+        house = built("card-house", levels=3, angle=angle, speed=0.0)
+        assert len(house.boxes) == 15 and house.start[:, 2].min() > 0
+        house.advance(2.0)
+        assert house.measured["drift"][0] < 2e-4
+        assert house.words().startswith("after 2 s, drift of the cards ")
+
+    def test_each_card_lies_on_others(self):
+        house = built("card-house", levels=3, speed=0.0)
+        house.advance(1.0)
+        weight = 9.81 * house.masses[house.boxes].sum()
+        force = house.contact_force(0)
+        np.testing.assert_allclose(force, [0, 0, -weight], atol=1e-3 * weight)
+
+    def test_the_ball_brings_it_down(self):
+        house = built("card-house", levels=3, stand=0.25)
+        house.advance(3.0)
+        assert house.measured["drift"][0] < 1e-4
+        assert house.words().endswith("; the ball brought 15 of 15 down")
+
+
+class TestRagdolls:
+    def test_they_hold_together_and_come_down(self):
+        dolls = built("ragdolls", dolls=4)
+        assert len(dolls.joints) == 4 * 13 and dolls.masses[-1] == 1.5
+        assert dolls.diagnostics()["joint_error"] < 1e-12  # they are put together without gaps
+        start = dolls.positions[dolls.motions == "dynamic"]
+        dolls.advance(4.0)
+        last = dolls.positions[dolls.motions == "dynamic"]
+        assert last[:, 2].min() > 0.03  # a foot's radius is 0.04
+        assert last[:, 2].mean() < start[:, 2].mean() - 2 and np.isfinite(last).all()
+        assert dolls.measured["joint_error"][0] < 0.2  # of a foot for a moment
+        assert dolls.diagnostics()["joint_error"] < 1e-6
+        assert np.linalg.norm(dolls.velocities, axis=1).mean() < 0.2
+        assert dolls.words().startswith("4 ragdolls, joints off by at most ")
+
+    def test_limits_hold(self):
+        dolls = built("ragdolls", dolls=2)
+        dolls.advance(1.0)
+        beyond = 0.0
+
+        def look(dolls):
+            nonlocal beyond
+            for joint in dolls.joints:
+                lower, upper = joint.limits
+                beyond = max(beyond, lower - joint.coordinate, joint.coordinate - upper)
+
+        dolls.advance(2.0, look)
+        assert beyond < 0.05
+
+    def test_the_seed_turns_the_dolls(self):
+        one, other, third = (built("ragdolls", seed, dolls=2) for seed in (1, 1, 2))
+        np.testing.assert_array_equal(one.rotations, other.rotations)
+        assert not np.array_equal(one.rotations, third.rotations)
+
+
 class TestPile:
     @pytest.mark.parametrize("shapes", ["mixed", "boxes", "hulls"])
     def test_nothing_leaves_the_bin(self, shapes, tmp_path):

@@ -14,6 +14,7 @@ from .declaration import Scene, closest
 BUILT_IN = {  # and the folder that each is in
     "box-stack": "rigid",
     "bunny-snow": "mpm",
+    "card-house": "rigid",
     "cloth-ball": "pbd",
     "cloth-drape": "springs",
     "cloth-hang": "springs",
@@ -31,6 +32,7 @@ BUILT_IN = {  # and the folder that each is in
     "oscillator": "ode",
     "pile": "rigid",
     "pyramid": "rigid",
+    "ragdolls": "rigid",
     "rope": "pbd",
     "sand-column": "mpm",
     "snowball": "mpm",

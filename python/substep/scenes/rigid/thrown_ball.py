@@ -46,9 +46,11 @@ class Target(Solids):
         Of the scene, with those of `rigid_parameters` and `ball_parameters`.
     """
 
+    what = "boxes"
     boxes: NDArray[np.int64]
     direction: Array
     start: Array
+    fall: float
     thrown: NDArray[np.int64] | None
 
     def __init__(self, parameters: Mapping[str, Any]) -> None:
@@ -57,7 +59,13 @@ class Target(Solids):
         self.radius = parameters["radius"]
         self.measured = {"drift": np.zeros(1), "sinking": np.zeros(1)}
 
-    def build(self, boxes: NDArray[np.int64], direction: ArrayLike, height: float) -> None:
+    def build(
+        self,
+        boxes: NDArray[np.int64],
+        direction: ArrayLike,
+        height: float,
+        fall: float | None = None,
+    ) -> None:
         """Remember where the boxes are, and hold a ball ready, outside of the picture.
 
         Parameters
@@ -68,10 +76,14 @@ class Target(Solids):
             In which the ball will fly; is normalised.
         height : float
             At which it will hit [m].
+        fall : float, optional
+            By which what was brought down is lower [m]; the height of the first box's middle
+            unless given.
         """
         self.boxes = boxes
         self.direction = np.asarray(direction, float) / np.linalg.norm(direction)
         self.start = self.positions[boxes]
+        self.fall = self.start[0, 2] if fall is None else fall
         self.thrown = None
         if self.speed > 0:
             x = [0, 0, height] - FLIGHT * self.speed * self.direction
@@ -98,8 +110,9 @@ class Target(Solids):
         """How the boxes stood."""
         drift, sinking = (float(self.measured[name][0]) for name in ("drift", "sinking"))
         time = self.time if self.thrown is None else min(self.time, self.stand)
-        text = f"after {time:g} s, drift of the boxes {drift:.2g} m, sinking {1e3 * sinking:.2g} mm"
+        moved = f"drift of the {self.what} {drift:.2g} m, sinking {1e3 * sinking:.2g} mm"
+        text = f"after {time:g} s, {moved}"
         if self.thrown is not None and self.time > self.stand:
-            fallen = self.start[:, 2] - self.positions[self.boxes, 2] > self.start[0, 2]
+            fallen = self.start[:, 2] - self.positions[self.boxes, 2] > self.fall
             text += f"; the ball brought {int(fallen.sum())} of {len(self.boxes)} down"
         return text
