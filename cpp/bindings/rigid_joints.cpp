@@ -20,6 +20,20 @@ MotorTuple tuple(const Joint::Motor& m) {
   return {static_cast<int>(m.type), m.target, m.stiffness, m.damping, m.most};
 }
 
+// (rest, stiffness and damping of the twist, of the swing)
+using SpringTuple = std::tuple<Triple, double, double, double, double>;
+
+Joint::Spring spring(const SpringTuple& t) {
+  return {.rest = Vec3(std::get<0>(t).data()),
+          .twist_stiffness = std::get<1>(t),
+          .swing_stiffness = std::get<3>(t),
+          .twist_damping = std::get<2>(t),
+          .swing_damping = std::get<4>(t)};
+}
+SpringTuple tuple(const Joint::Spring& s) {
+  return {triple(s.rest), s.twist_stiffness, s.twist_damping, s.swing_stiffness, s.swing_damping};
+}
+
 // Between bodies as they are; `axis` of a distance is its point of b, `second` the axis of b of a
 // universal joint.
 Joint make_joint(JointType type, const Bodies& bodies, std::int32_t a, std::int32_t b,
@@ -35,6 +49,8 @@ Joint make_joint(JointType type, const Bodies& bodies, std::int32_t a, std::int3
       return make_fixed(bodies, a, b, anchor);
     case JointType::kDistance:
       return make_distance(bodies, a, b, anchor, axis);
+    case JointType::kElastic:
+      return make_elastic(bodies, a, b, anchor, axis);
     case JointType::kUniversal:
       return make_universal(bodies, a, b, anchor, axis, second);
   }
@@ -63,6 +79,7 @@ py::dict told(const PyWorld& self, std::int64_t row) {
   values["effort"] = joint.effort;
   values["limits"] = std::pair(joint.lower, joint.upper);
   values["motor"] = tuple(joint.motor);
+  values["spring"] = tuple(joint.spring);
   values["force"] = triple(joint.force);
   values["torque"] = triple(joint.torque);
   values["error"] = std::pair(joint.length_error, joint.angle_error);
@@ -78,28 +95,31 @@ void bind_joints(py::class_<PyWorld>& world) {
           "add_joint",
           [](PyWorld& self, int kind, std::int32_t a, std::int32_t b, const Triple& anchor,
              const Triple& axis, const Triple& second, double lower, double upper, double cone,
-             const MotorTuple& drive, bool collide) {
+             const MotorTuple& drive, const SpringTuple& turning, bool collide) {
             for (const std::int32_t row : {a, b})
               if (row != -1) check_row(row, self.world.bodies().size());
             Joint joint = make_joint(static_cast<JointType>(kind), self.world.bodies(), a, b,
                                      Vec3(anchor.data()), Vec3(axis.data()), Vec3(second.data()));
             joint.lower = lower, joint.upper = upper, joint.cone = cone;
             joint.motor = motor(drive);
+            joint.spring = spring(turning);
             joint.collide = collide;
             self.world.add_joint(joint);
           },
           py::arg("kind"), py::arg("a"), py::arg("b"), py::arg("anchor"), py::arg("axis"),
           py::arg("second"), py::arg("lower"), py::arg("upper"), py::arg("cone"), py::arg("motor"),
-          py::arg("collide"))
+          py::arg("spring"), py::arg("collide"))
       .def(
           "set_joint",
-          [](PyWorld& self, std::int64_t row, double lower, double upper, const MotorTuple& drive) {
+          [](PyWorld& self, std::int64_t row, double lower, double upper, const MotorTuple& drive,
+             const SpringTuple& turning) {
             Joint joint = joint_of(self, row);
             joint.lower = lower, joint.upper = upper;
             joint.motor = motor(drive);
+            joint.spring = spring(turning);
             self.world.set_joint(row, joint);
           },
-          py::arg("row"), py::arg("lower"), py::arg("upper"), py::arg("motor"))
+          py::arg("row"), py::arg("lower"), py::arg("upper"), py::arg("motor"), py::arg("spring"))
       .def(
           "remove_joints",
           [](PyWorld& self, const Numbers& rows) {

@@ -41,6 +41,9 @@ void for_each_real_of_joint(Value& joint, Visit&& visit) {
   visit(joint.lower), visit(joint.upper), visit(joint.cone);
   visit(joint.motor.target), visit(joint.motor.stiffness), visit(joint.motor.damping);
   visit(joint.motor.most);
+  for (int i = 0; i < 3; ++i) visit(joint.spring.rest[i]);
+  visit(joint.spring.twist_stiffness), visit(joint.spring.swing_stiffness);
+  visit(joint.spring.twist_damping), visit(joint.spring.swing_damping);
   for (auto& value : joint.impulse) visit(value);
   visit(joint.effort), visit(joint.coordinate);
   for (int i = 0; i < 3; ++i) visit(joint.force[i]);

@@ -761,6 +761,13 @@ class RigidWorld:
         upper: float,
         cone: float,
         motor: tuple[int, float, float, float, float],
+        spring: tuple[
+            collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
+            float,
+            float,
+            float,
+            float,
+        ],
         collide: bool,
     ) -> None: ...
     def angular_velocities(self) -> numpy.typing.NDArray[numpy.float64]: ...
@@ -823,7 +830,18 @@ class RigidWorld:
         self, rows: numpy.typing.ArrayLike, angular_velocities: numpy.typing.ArrayLike
     ) -> None: ...
     def set_joint(
-        self, row: int, lower: float, upper: float, motor: tuple[int, float, float, float, float]
+        self,
+        row: int,
+        lower: float,
+        upper: float,
+        motor: tuple[int, float, float, float, float],
+        spring: tuple[
+            collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
+            float,
+            float,
+            float,
+            float,
+        ],
     ) -> None: ...
     def set_motion(
         self, rows: numpy.typing.ArrayLike, motion: int, weights: numpy.typing.ArrayLike

@@ -227,6 +227,8 @@ def bodies(substep):
     made.slider(balls[2], lift, (5, 0, 1), (0, 0, 1), limits=(-0.5, 0.5), motor=spring)
     made.fixed(balls[3], balls[4], (6.5, 0, 1)).remove()
     made.fixed(balls[3], balls[4], (6.5, 0, 1))
+    turning = substep.rigid.TurnSpring(5.0, 3.0, 0.1, 0.1, (0.1, 0.2, 0.3))
+    made.elastic(balls[4], balls[3], (6.6, 0, 1), (1, 0, 0), turning)
     made.universal(balls[4], balls[5], (7.5, 0, 1), (0, 1, 0), (0, 0, 1), motor=speed)
     made.distance(balls[5], None, (8, 0, 1), (8, 0, 2), limits=(0, 1.5))
     made.exclude(wheel, stack[2])

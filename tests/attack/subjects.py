@@ -405,6 +405,9 @@ def implicit_jelly():
     )
 
 
+TURN = rigid.TurnSpring(10.0, 5.0, 0.1)
+
+
 def machine():
     """Bodies of all shapes on the ground, with all joints."""
     bodies = substep.RigidBodies(substeps=2)
@@ -418,6 +421,7 @@ def machine():
     bodies.slider(ball, None, (0.5, 0, 0.1), (1, 0, 0), limits=(-1, 1))
     bodies.ball(can, hull, (1.75, 0, 0.2))
     bodies.distance(boxes[2], rod, (0, 0, 0.5), (1, 0, 0.5), limits=(0.5, 2))
+    bodies.elastic(hull, None, (2, 0, 0.3), (1, 0, 0), TURN)
     bodies.universal(boxes[0], boxes[1], (0, 0, 0.2), (1, 0, 0), (0, 1, 0), limits=(-1, 1))
     return bodies
 
@@ -544,6 +548,8 @@ OWN_CALLS = {
         call("slider", a=1, b=2, anchor=(0, 0, 0), axis=(0, 0, 1)),
         call("fixed", a=1, b=None, anchor=(0, 0, 0)),
         call("distance", a=1, b=2, point_a=(0, 0, 0), point_b=(1, 0, 0)),
+        call("universal", a=1, b=2, anchor=(0, 0, 0), axis_a=(0, 0, 1), axis_b=(1, 0, 0)),
+        call("elastic", a=1, b=2, anchor=(0, 0, 0), axis=(0, 0, 1), spring=TURN),
         call("contacts"),
         call("contact_force", body=0, other=1),
         call("ray_cast", origins=[[0, 0, 5.0]], directions=[[0, 0, -1.0]]),
@@ -931,6 +937,7 @@ def functions():
         call("rigid.MassProperties", mass=1.0, center_of_mass=(0, 0, 0), inertia=np.eye(3)),
         call("rigid.SpeedMotor", speed=1.0, strength=5.0),
         call("rigid.SpringMotor", target=1.0, stiffness=5.0, damping=1.0, strength=5.0),
+        call("rigid.TurnSpring", swing=1.0, twist=5.0, swing_damping=1.0, rest=(0.1, 0, 0)),
         call("rigid.mass_properties", shape=ball, density=10.0),
         call("rigid.compound", parts=lambda o: [rigid.mass_properties(ball())]),
         call(

@@ -123,6 +123,7 @@ def test_options_of_wrong_types():
 # Bodies.
 ROW = (0.0, 0.0, 5.0)
 X = (1.0, 0.0, 0.0)
+TURN = rigid.TurnSpring(1.0, 1.0)
 INSIDE_OUT = [[a, c, b] for a, b, c in TETRAHEDRON[1]]
 
 
@@ -283,6 +284,17 @@ def test_quaternions_of_any_length_are_normalised():
         (lambda s: s.universal(1, 2, ROW, (0, INF, 0), X), InputError, r"axis_a\[1\]"),
         (lambda s: s.universal(1, 2, ROW, X, (1, 1, 0)), InputError, "expected axes at right ang"),
         (lambda s: s.universal(1, 2, ROW, X, X[:2]), InputError, "axis_b: expected shape"),
+        (lambda s: s.elastic(1, 2, ROW, X, 5.0), TypeError, "spring: expected a TurnSpring"),
+        (lambda s: s.elastic(1, 2, ROW, (0, 0, 0), TURN), InputError, "axis: expected a vector"),
+        (lambda s: s.elastic(1, 2, (0, NAN, 0), X, TURN), InputError, r"anchor\[1\]"),
+        (lambda s: rigid.TurnSpring(-1, 0), InputError, "swing: expected"),
+        (lambda s: rigid.TurnSpring(1, INF), InputError, "twist: expected"),
+        (lambda s: rigid.TurnSpring(1, 1, NAN), InputError, "swing_damping: expected"),
+        (lambda s: rigid.TurnSpring(1, 1, 0, "a"), TypeError, "twist_damping: expected"),
+        (lambda s: rigid.TurnSpring(1, 1, rest=(0, 4, 0)), InputError, "rest: expected a rot"),
+        (lambda s: rigid.TurnSpring(1, 1, rest=(0, 1)), InputError, "rest: expected shape"),
+        (lambda s: s.joints[0].__setattr__("spring", TURN), InputError, "only elastic"),
+        (lambda s: s.joints[0].__setattr__("spring", None), TypeError, "expected a TurnSpring"),
         (lambda s: s.distance(1, 2, ROW, ROW, limits=(-2, -1)), InputError, "distance|lower|limit"),
         (lambda s: s.joints[0].__setattr__("limits", (2, 1)), InputError, "limits: expected"),
         (lambda s: s.joints[0].__setattr__("motor", 1), TypeError, "motor: expected"),

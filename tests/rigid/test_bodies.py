@@ -13,7 +13,7 @@ G = 9.81
 UNIT = (1.0, 0, 0, 0)
 BOX = rigid.Box((1, 1, 1))
 BALL = rigid.Sphere(0.25)
-KINDS = ("ball", "hinge", "slider", "fixed", "distance", "universal")
+KINDS = ("ball", "hinge", "slider", "fixed", "distance", "universal", "elastic")
 CORNER = [[0, 0, 0], [0.6, 0, 0], [0, 0.4, 0], [0, 0, 0.3]]
 SHAPES = {
     "sphere": BALL,
@@ -98,6 +98,9 @@ def join(bodies, kind, link, last, x):
         return bodies.distance(link, last, x, x - (0.7, 0, 0))
     if kind == "universal":
         return bodies.universal(link, last, anchor, (0, 1, 0), (0, 0, 1))
+    if kind == "elastic":
+        spring = rigid.TurnSpring(20.0, 10.0, 0.2, 0.1)
+        return bodies.elastic(link, last, anchor, (1, 0, 0), spring)
     return getattr(bodies, kind)(link, last, anchor)
 
 

@@ -7,7 +7,7 @@ from ..geometry import Box, Capsule, ConvexHull, Cylinder, Plane, Sphere
 from .batch import RigidBatch
 from .bodies import RigidBodies
 from .fixtures import Fixture
-from .joint import Joint, SpeedMotor, SpringMotor
+from .joint import Joint, SpeedMotor, SpringMotor, TurnSpring
 from .mass import MassProperties, compound, mass_properties
 from .queries import Contacts, Hits
 from .rotation import free_rotation
@@ -28,6 +28,7 @@ __all__ = [
     "SpeedMotor",
     "Sphere",
     "SpringMotor",
+    "TurnSpring",
     "compound",
     "free_rotation",
     "mass_properties",

@@ -18,7 +18,7 @@ from ..errors import InputError
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 
-KINDS = ("ball", "hinge", "slider", "fixed", "distance", "universal")
+KINDS = ("ball", "hinge", "slider", "fixed", "distance", "universal", "elastic")
 _FREE = (-math.inf, math.inf)
 
 
@@ -98,6 +98,50 @@ class SpringMotor:
         return 2, self.target, self.stiffness, self.damping, self.strength
 
 
+@dataclass(frozen=True)
+class TurnSpring:
+    """Turns a ball back to its rest, in proportion to the rotation vector.
+
+    Parameters
+    ----------
+    swing, twist : float
+        Stiffness across the axis of the joint and about it, at least 0 [N m/rad].
+    swing_damping, twist_damping : float, optional
+        At least 0 [N m s/rad].
+    rest : array_like, shape (3,), optional
+        Rotation vector of rest: the twist and the swing about two axes across, shorter than pi
+        [rad]; where the joint was made unless given.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite, below 0 where it must not be, or the rest too far.
+
+    Examples
+    --------
+    >>> import substep
+    >>> substep.rigid.TurnSpring(10.0, 5.0, swing_damping=0.1)
+    TurnSpring(swing=10.0, twist=5.0, swing_damping=0.1, twist_damping=0.0, rest=(0.0, 0.0, 0.0))
+    """
+
+    swing: float
+    twist: float
+    swing_damping: float = 0.0
+    twist_damping: float = 0.0
+    rest: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("swing", "twist", "swing_damping", "twist_damping"):
+            object.__setattr__(self, name, check_real(name, getattr(self, name), nonnegative=True))
+        rest = check_array("rest", self.rest, (3,)).tolist()
+        if not math.hypot(*rest) < math.pi:
+            raise InputError(f"rest: expected a rotation vector shorter than pi, got {rest}")
+        object.__setattr__(self, "rest", tuple(rest))
+
+    def _native(self) -> tuple[tuple[float, float, float], float, float, float, float]:
+        return self.rest, self.twist, self.twist_damping, self.swing, self.swing_damping
+
+
 Motor = SpeedMotor | SpringMotor
 
 
@@ -164,7 +208,7 @@ class Joint(Owned):
 
     @property
     def kind(self) -> str:
-        """'ball', 'hinge', 'slider', 'fixed', 'distance' or 'universal'."""
+        """'ball', 'hinge', 'slider', 'fixed', 'distance', 'universal' or 'elastic'."""
         return KINDS[self._told()["kind"]]
 
     @property
@@ -179,8 +223,8 @@ class Joint(Owned):
         """Where the joint is in its freedom, at the end of the last step.
 
         The angle of a hinge and the first one of a universal joint, over all turns, and the twist
-        of a ball [rad], the translation of a slider and the length of a distance [m]; 0 when the
-        joint was made, but for lengths.
+        of a ball or an elastic joint [rad], the translation of a slider and the length of a
+        distance [m]; 0 when the joint was made, but for lengths.
         """
         return float(self._told()["coordinate"])
 
@@ -189,7 +233,9 @@ class Joint(Owned):
         """All coordinates, where the bodies are now [rad] or [m], shape (k,); a copy.
 
         Of a universal joint the angle of a about its axis and that of the cross about the axis of
-        b, the latter within half a turn; of others the one `coordinate`, if the joint has one.
+        b, the latter within half a turn; of an elastic one the rotation vector of a as seen from b:
+        the twist about the axis and the swing about two axes across; of others the one
+        `coordinate`, if the joint has one.
         """
         return np.array(self._told()["coordinates"])
 
@@ -236,12 +282,29 @@ class Joint(Owned):
     def motor(self, value: Motor | None) -> None:
         self._set(motor=check_motor(value))
 
+    @property
+    def spring(self) -> TurnSpring | None:
+        """The springs of an elastic joint; assign to change them, which wakes the bodies."""
+        told = self._told()
+        if KINDS[told["kind"]] != "elastic":
+            return None
+        rest, twist, twist_damping, swing, swing_damping = told["spring"]
+        return TurnSpring(swing, twist, swing_damping, twist_damping, tuple(rest))
+
+    @spring.setter
+    def spring(self, value: TurnSpring) -> None:
+        native = check_spring(value)
+        if self.kind != "elastic":
+            raise InputError(f"spring: only elastic joints have one, this is a {self.kind}")
+        self._set(spring=native)
+
     def _set(self, **changes: Any) -> None:
         row = self._row()
         told = self._world._native.joint(row)
         lower, upper = told["limits"]
-        given = {"lower": lower, "upper": upper, "motor": told["motor"], **changes}
-        self._world._native.set_joint(row, given["lower"], given["upper"], given["motor"])
+        given = {"lower": lower, "upper": upper, **told, **changes}
+        changed = (given[name] for name in ("lower", "upper", "motor", "spring"))
+        self._world._native.set_joint(row, *changed)
 
     @property
     def force(self) -> Array:
@@ -352,6 +415,13 @@ def check_motor(motor: Any) -> tuple[int, float, float, float, float]:
     if not isinstance(motor, Motor):
         raise TypeError(f"motor: expected a SpeedMotor or a SpringMotor, got {describe(motor)}")
     return motor._native()
+
+
+def check_spring(spring: Any) -> tuple[tuple[float, float, float], float, float, float, float]:
+    """For the native core."""
+    if not isinstance(spring, TurnSpring):
+        raise TypeError(f"spring: expected a TurnSpring, got {describe(spring)}")
+    return spring._native()
 
 
 def _check_strength(value: Any) -> float:

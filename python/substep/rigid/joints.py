@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import check_array, check_flag, check_real, in_range
 from ..errors import InputError
-from .joint import KINDS, Joint, Motor, check_limits, check_motor
+from .joint import KINDS, Joint, Motor, TurnSpring, check_limits, check_motor, check_spring
 from .rows import BodyRows
 
 Ids = NDArray[np.int64]
+NO_SPRING = TurnSpring(0.0, 0.0)._native()
 
 
 class Joints(BodyRows):
@@ -196,6 +197,58 @@ class Joints(BodyRows):
         """
         return self._join("fixed", a, b, anchor, (1.0, 0.0, 0.0), None, None, collide)
 
+    def elastic(
+        self,
+        a: int,
+        b: int | None,
+        anchor: ArrayLike,
+        axis: ArrayLike,
+        spring: TurnSpring,
+        *,
+        collide: bool = False,
+    ) -> Joint:
+        """Join two bodies at a point, with springs against twist and swing.
+
+        Parameters
+        ----------
+        a, b : int
+            Ids of the bodies; b None is the world.
+        anchor : array_like, shape (3,)
+            The point, in the world, where the bodies are now [m].
+        axis : array_like, shape (3,)
+            About which the twist is measured, in the world; along the rod, of a rod.
+        spring : TurnSpring
+            Turns the bodies back to where they are now, or to its rest.
+        collide : bool, optional
+            Whether the bodies still touch each other.
+
+        Returns
+        -------
+        Joint
+            The joint.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong; nothing is changed then.
+
+        Examples
+        --------
+        A pendulum of torsion swings back in half a period, pi sqrt(I / k):
+
+        >>> import math, substep
+        >>> bodies = substep.RigidBodies(gravity=(0, 0, 0))
+        >>> disk = bodies.add(substep.Cylinder(0.2, 0.1), (0, 0, 0), mass=50.0)  # 1 kg m^2
+        >>> bodies.set_angular_velocities([(0, 0, 0.5)])
+        >>> spring = substep.rigid.TurnSpring(swing=100.0, twist=math.pi**2)
+        >>> wire = bodies.elastic(disk, None, (0, 0, 0), (0, 0, 1), spring)
+        >>> bodies.advance(1.0)
+        >>> bool(abs(wire.coordinate) < 1e-4), round(wire.speed, 3)
+        (True, -0.5)
+        """
+        turning = check_spring(spring)
+        return self._join("elastic", a, b, anchor, _axis(axis), None, None, collide, spring=turning)
+
     def universal(
         self,
         a: int,
@@ -311,6 +364,7 @@ class Joints(BodyRows):
         collide: bool,
         cone: float = math.inf,
         axis_b: Any = (0.0, 0.0, 0.0),
+        spring: Any = NO_SPRING,
     ) -> Joint:
         point = check_array("anchor", anchor, (3,)).tolist()
         lower, upper = check_limits("limits", limits)
@@ -325,7 +379,18 @@ class Joints(BodyRows):
         self._commit(
             {"_joint_ids": ids, "_next_joint": number + 1},
             self._native.add_joint,
-            *(KINDS.index(kind), *bodies, point, axis, axis_b, *ends, cone, drive, touching),
+            *(
+                KINDS.index(kind),
+                *bodies,
+                point,
+                axis,
+                axis_b,
+                *ends,
+                cone,
+                drive,
+                spring,
+                touching,
+            ),
         )
         return joint
 

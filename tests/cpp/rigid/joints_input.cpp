@@ -24,15 +24,16 @@ TEST(JointRows, HaveTheGradientsOfFiniteDifferences) {
   std::normal_distribution<> normal;
   const auto vector = [&] { return Vec3(normal(random), normal(random), normal(random)); };
   using Side = std::pair<Vec3, Quaternion>;
-  for (const JointType type : {JointType::kBall, JointType::kHinge, JointType::kSlider,
-                               JointType::kFixed, JointType::kDistance, JointType::kUniversal}) {
+  for (const JointType type :
+       {JointType::kBall, JointType::kHinge, JointType::kSlider, JointType::kFixed,
+        JointType::kDistance, JointType::kUniversal, JointType::kElastic}) {
     Side a{vector(), rotation_by(vector())}, b{vector(), rotation_by(vector())};
     Joint::Frame in_a{vector(), rotation_by(vector())}, in_b = in_a;
     // As joints are kept: aligned axes, but for the free angles; anchors at one point, but for the
     // free lengths.
     const Quaternion axes = a.second * in_a.axes;
     Quaternion turn = Quaternion::Identity();
-    if (type == JointType::kBall) turn = rotation_by(0.5 * vector());
+    if (type == JointType::kBall || type == JointType::kElastic) turn = rotation_by(0.5 * vector());
     if (type == JointType::kHinge) turn = rotation_by({1, 0, 0});
     if (type == JointType::kUniversal) turn = rotation_by({0, -0.6, 0}) * rotation_by({1, 0, 0});
     in_b.axes = b.second.conjugate() * axes * turn.conjugate();
@@ -163,7 +164,7 @@ TEST(Joints, RefuseWhatIsNoJoint) {
   changed(hinge, [&](Joint& j) { j.lower = nan; }, "lower <= upper");
   changed(slider, [](Joint& j) { j.lower = Joint::kInfinite, j.upper = j.lower; }, "lower, upper");
   changed(rod, [](Joint& j) { j.lower = -2, j.upper = -1; }, "upper: expected a distance");
-  changed(fixed, [](Joint& j) { j.upper = 1; }, "a fixed joint has no limits");
+  changed(fixed, [](Joint& j) { j.upper = 1; }, "fixed and elastic joints have no limits");
   changed(ball, [](Joint& j) { j.upper = 4; }, "twist");
   changed(ball, [](Joint& j) { j.cone = 0; }, "cone");
   changed(ball, [&](Joint& j) { j.cone = nan; }, "cone");
@@ -183,6 +184,11 @@ TEST(Joints, RefuseWhatIsNoJoint) {
         j.motor = {.type = MotorType::kSpring, .stiffness = 1, .damping = Joint::kInfinite};
       },
       "motor.damping");
+  const Joint elastic = make_elastic(bodies, 0, 1, o, x);
+  changed(elastic, [](Joint& j) { j.lower = 0; }, "elastic joints have no limits");
+  changed(elastic, [](Joint& j) { j.motor.type = MotorType::kSpeed; }, "motor: only");
+  changed(elastic, [](Joint& j) { j.spring.rest.y() = 4; }, "spring.rest");
+  changed(elastic, [](Joint& j) { j.spring.swing_damping = -1; }, "spring: expected");
   changed(hinge, [](Joint& j) { j.in_a.axes = Quaternion(0, 0, 0, 0); }, "in_a.axes");
   changed(hinge, [&](Joint& j) { j.in_b.anchor.x() = nan; }, "in_b.anchor");
   changed(hinge, [&](Joint& j) { j.impulse[5] = nan; }, "impulse");

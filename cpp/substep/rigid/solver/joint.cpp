@@ -95,7 +95,8 @@ void check_motor(const Joint& joint) {
   if (motor.type == MotorType::kNone) return;
   check(motor.type == MotorType::kSpeed || motor.type == MotorType::kSpring,
         "motor: there is no such kind");
-  check(joint.type != JointType::kBall && joint.type != JointType::kFixed,
+  check(joint.type != JointType::kBall && joint.type != JointType::kFixed &&
+            joint.type != JointType::kElastic,
         "motor: only hinges, sliders, universal and distance joints have one");
   check(std::isfinite(motor.target), "motor.target: expected a finite number");
   check(motor.most >= 0, "motor.most: expected a number not below 0");
@@ -108,6 +109,15 @@ void check_motor(const Joint& joint) {
         "motor.stiffness, motor.damping: expected one of them above 0");
 }
 
+void check_spring(const Joint::Spring& spring) {
+  check(spring.rest.allFinite() && spring.rest.norm() < std::numbers::pi,
+        "spring.rest: expected a rotation vector shorter than pi");
+  for (const double value :
+       {spring.twist_stiffness, spring.swing_stiffness, spring.twist_damping, spring.swing_damping})
+    check(value >= 0 && std::isfinite(value),
+          "spring: expected finite stiffness and damping not below 0");
+}
+
 void check_limits(const Joint& joint) {
   const double lower = joint.lower, upper = joint.upper;
   check(lower <= upper, "lower, upper: expected lower <= upper, got " + std::to_string(lower) +
@@ -116,8 +126,9 @@ void check_limits(const Joint& joint) {
         "lower, upper: expected limits that a finite number is within");
   switch (joint.type) {
     case JointType::kFixed:
+    case JointType::kElastic:
       check(lower == -Joint::kInfinite && upper == Joint::kInfinite,
-            "lower, upper: a fixed joint has no limits");
+            "lower, upper: fixed and elastic joints have no limits");
       break;
     case JointType::kDistance:
       check(upper > 0, "upper: expected a distance above 0, got " + std::to_string(upper));
@@ -158,6 +169,11 @@ Joint make_fixed(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec
   return make(JointType::kFixed, bodies, a, b, anchor, Vec3::UnitX());
 }
 
+Joint make_elastic(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& anchor,
+                   const Vec3& axis) {
+  return make(JointType::kElastic, bodies, a, b, anchor, axis);
+}
+
 Joint make_universal(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& anchor,
                      const Vec3& axis_a, const Vec3& axis_b) {
   const Vec3 n = unit(axis_a, "axis_a"), e = unit(axis_b, "axis_b");
@@ -194,6 +210,7 @@ void check_joint(const Joint& joint, const Bodies& bodies) {
   check_frame(joint.in_b, "in_b");
   check_limits(joint);
   check_motor(joint);
+  check_spring(joint.spring);
   check(std::isfinite(joint.coordinate), "coordinate: expected a finite number");
   for (const double l : joint.impulse) check(std::isfinite(l), "impulse: expected finite numbers");
   check(joint.force.allFinite() && joint.torque.allFinite() && std::isfinite(joint.effort) &&
@@ -211,7 +228,9 @@ std::vector<double> joint_coordinates(const Joint& joint, const Bodies& bodies) 
   if (row < 0) return {};
   const auto C = joint_values(joint.type, side_of(joint.in_a, joint.a, bodies),
                               side_of(joint.in_b, joint.b, bodies), joint.coordinate);
-  const int count = joint.type == JointType::kUniversal ? 2 : 1;
+  const int count = joint.type == JointType::kElastic     ? 3
+                    : joint.type == JointType::kUniversal ? 2
+                                                          : 1;
   return {C.begin() + row, C.begin() + row + count};
 }
 

@@ -7,6 +7,7 @@
 //   slider    d along n_b, equal axes                  the translation n . d is free
 //   fixed     d = 0, equal axes                        nothing is free
 //   distance  |d|                                      see below
+//   elastic   d = 0                                    three turns are free, with springs
 //   universal d = 0, n_a . e_b1 = 0                    the angles about n_a and e_b1 are free
 // The coordinate of a joint is the angle of a hinge (continuous over turns), the translation of a
 // slider, the twist of a ball about its axes, the distance |d|, the angle of a about n_a of a
@@ -23,7 +24,15 @@
 
 namespace substep::rigid {
 
-enum class JointType : std::uint8_t { kBall, kHinge, kSlider, kFixed, kDistance, kUniversal };
+enum class JointType : std::uint8_t {
+  kBall,
+  kHinge,
+  kSlider,
+  kFixed,
+  kDistance,
+  kUniversal,
+  kElastic
+};
 
 enum class MotorType : std::uint8_t {
   kNone,
@@ -48,12 +57,22 @@ struct Joint {
     double most = kInfinite;  // torque or force [N m], [N]
   };
 
+  // Of an elastic joint, along the rotation vector of a as seen from b, in the axes of b: its part
+  // along n is the twist, what is across the swing. torque = stiffness (rest - vector) - damping
+  // rate
+  struct Spring {
+    Vec3 rest = Vec3::Zero();                         // [rad]
+    double twist_stiffness = 0, swing_stiffness = 0;  // [N m/rad]
+    double twist_damping = 0, swing_damping = 0;      // [N m s/rad]
+  };
+
   JointType type = JointType::kBall;
   std::int32_t a = 0, b = kWorld;                // numbers of bodies; one of them is dynamic
   Frame in_a, in_b;                              // that of the world is in the world
   double lower = -kInfinite, upper = kInfinite;  // of the coordinate
   double cone = kInfinite;  // of a ball: largest angle between the axes n_a and n_b [rad]
   Motor motor;              // hinge, slider, distance, universal
+  Spring spring;            // elastic
   bool collide = false;     // whether contacts between a and b remain
 
   // State: what the next step begins with.
@@ -76,6 +95,9 @@ Joint make_hinge(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec
 Joint make_slider(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& anchor,
                   const Vec3& axis);
 Joint make_fixed(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& anchor);
+// A ball with springs, of no stiffness yet.
+Joint make_elastic(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& anchor,
+                   const Vec3& axis);
 // A cross of two axes at right angles, one that turns in a and one that turns in b.
 Joint make_universal(const Bodies& bodies, std::int32_t a, std::int32_t b, const Vec3& anchor,
                      const Vec3& axis_a, const Vec3& axis_b);
@@ -92,7 +114,7 @@ void check_joint(const Joint& joint, const Bodies& bodies);
 // The coordinate at the poses of the bodies, angles within half a turn of joint.coordinate.
 double joint_coordinate(const Joint& joint, const Bodies& bodies);
 // All of what is free and has a coordinate: of a universal joint the angles about n_a and e_b1, of
-// others the one, if there is one.
+// an elastic one the rotation vector, of others the one, if there is one.
 std::vector<double> joint_coordinates(const Joint& joint, const Bodies& bodies);
 // The unit vector of the coordinate: of its rotation, or of its translation; 0 if there is none.
 Vec3 joint_axis(const Joint& joint, const Bodies& bodies);

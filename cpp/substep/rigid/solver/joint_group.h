@@ -75,8 +75,8 @@ class JointGroup {
     std::array<double, kJointRows> begin;     // C at the start of the sub-step
     std::array<double, kJointRows> mobility;  // diagonal of G M^-1 G^T
     Impulses impulse;                         // l of the sub-step
-    std::array<JointLaw, 2> law;
-    std::array<JointLaw::Mode, 2> mode;
+    std::array<JointLaw, 3> law;
+    std::array<JointLaw::Mode, 3> mode;
     Vec3 force, torque;  // impulses of the step
     double effort;       // along the coordinate
 

@@ -15,6 +15,18 @@ constexpr int kIterations = 12;
 constexpr double kTolerance = 1e-12;    // of C [m], [rad]
 constexpr double kEnoughMotion = 1e-6;  // the same where it does not get better
 
+// What drives a row.
+Joint::Motor motor_of(const Joint& joint, int row) {
+  if (joint.type != JointType::kElastic)
+    return row == coordinate_row(joint.type) ? joint.motor : Joint::Motor{};
+  const Joint::Spring& spring = joint.spring;
+  const int i = row - coordinate_row(joint.type);
+  return {.type = MotorType::kSpring,
+          .target = spring.rest[i],
+          .stiffness = i == 0 ? spring.twist_stiffness : spring.swing_stiffness,
+          .damping = i == 0 ? spring.twist_damping : spring.swing_damping};
+}
+
 }  // namespace
 
 double JointGroup::rate(const Link& link, int row, const BodyRows& rows) const {
@@ -52,8 +64,8 @@ void JointGroup::set_laws(Link& link, Stage stage) {
       if (link.mode[k] == Mode::kLower) law.slowest = 0;
       if (link.mode[k] == Mode::kUpper) law.fastest = 0;
     }
-    const Joint::Motor& motor = joint.motor;
-    if (motor.type == MotorType::kNone || !own) continue;
+    const Joint::Motor motor = motor_of(joint, row);
+    if (motor.type == MotorType::kNone) continue;
     law.driven = true;
     law.most = weight_ * h * motor.most;
     if (motor.type == MotorType::kSpeed) {

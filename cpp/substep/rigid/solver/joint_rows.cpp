@@ -26,6 +26,17 @@ void set(JointGradients& G, int row, const Vec3& linear, const Vec3& arm_a, cons
   G.angular_b[row] = arm_b.cross(linear);
 }
 
+// J: the rates of a rotation vector v are J w, of what turns at w. With a = |v|,
+//   J = 1 - [v] / 2 + (1 - a / 2 cot(a / 2)) / a^2 [v]^2
+// (Bortz 1971, IEEE Trans. Aerosp. Electron. Syst. 7, eq. 10).
+Mat3 vector_rates(const Vec3& v) {
+  const double square = v.squaredNorm(), half = std::sqrt(square) / 2;
+  const double c = square < 1e-4 ? 1. / 12 + square / 720 : (1 - half / std::tan(half)) / square;
+  Mat3 V;
+  V << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return Mat3::Identity() - 0.5 * V + c * (V * V);
+}
+
 void set_turn(JointGradients& G, int row, const Vec3& axis) {
   G.linear[row].setZero();
   G.angular_a[row] = G.angular_b[row] = axis;
@@ -36,6 +47,7 @@ void set_turn(JointGradients& G, int row, const Vec3& axis) {
 int joint_equations(JointType type) {
   switch (type) {
     case JointType::kBall:
+    case JointType::kElastic:
       return 3;
     case JointType::kUniversal:
       return 4;
@@ -51,6 +63,7 @@ int joint_equations(JointType type) {
 }
 
 int joint_rows(const Joint& joint) {
+  if (joint.type == JointType::kElastic) return 6;
   const bool ruled = joint.lower > -Joint::kInfinite || joint.upper < Joint::kInfinite ||
                      joint.motor.type != MotorType::kNone;
   if (ruled) return coordinate_row(joint.type) + 1;
@@ -84,6 +97,11 @@ std::array<double, kJointRows> joint_values(JointType type, const JointSide& a, 
   for (int i = 0; i < 3; ++i) C[usize(i)] = d[i];
   if (type == JointType::kFixed) {
     rotation(3);
+    return C;
+  }
+  if (type == JointType::kElastic) {
+    const Vec3 vector = rotation_vector(turn);
+    for (int i = 0; i < 3; ++i) C[usize(3 + i)] = vector[i];
     return C;
   }
   const Vec3 n = rotated(turn, Vec3::UnitX());  // n_a as b sees it
@@ -122,6 +140,7 @@ JointGradients joint_gradients(JointType type, const JointSide& a, const JointSi
     case JointType::kBall:
     case JointType::kHinge:
     case JointType::kUniversal:
+    case JointType::kElastic:
     case JointType::kFixed:
       for (int i = 0; i < 3; ++i) set(G, i, Vec3::Unit(i), a.arm, b.arm);
   }
@@ -130,6 +149,9 @@ JointGradients joint_gradients(JointType type, const JointSide& a, const JointSi
   } else if (type == JointType::kHinge) {
     for (int i = 1; i < 3; ++i) set_turn(G, 2 + i, n_a.cross(B.col(i).cross(n_b)));
     set_turn(G, 5, n_b);
+  } else if (type == JointType::kElastic) {
+    const Mat3 J = vector_rates(rotation_vector(b.axes.conjugate() * a.axes));
+    for (int i = 0; i < 3; ++i) set_turn(G, 3 + i, B * J.row(i).transpose());
   } else if (type == JointType::kUniversal) {
     set_turn(G, 3, n_a.cross(B.col(1)));
     set_turn(G, 4, n_a);

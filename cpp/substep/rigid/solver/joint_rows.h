@@ -14,12 +14,13 @@
 //   cross      C = n_a . e_b1                          m = n = n_a x e_b1
 //   turn       C = atan2(-e_a2 . e_b1, e_a1 . e_b1)    m = n = n_a
 //   bend       C = atan2(-n_a . e_b2, n_a . n_b)       m = n = e_b1
+//   vector     C = log(q_b^-1 q_a) . E_i, i = 0, 1, 2  m = n = B J^T E_i, see joint_rows.cpp
 //   twist      C = 2 atan2(vec(q_b^-1 q_a) . n, w)     m = n = (n_a + n_b) / (1 + n_a . n_b)
 // The gradients of rotation, angle, turn and bend are those at aligned axes, where joints are kept.
 // A ball has points, cone and twist; a hinge points, axes and angle; a slider across, rotation and
-// along; a fixed joint points and rotation; a universal joint points, cross, turn and bend; a
-// distance joint its one. Equations are C = 0, and come first; the others are coordinates, which
-// laws rule (joint_law.h).
+// along; a fixed joint points and rotation; a universal joint points, cross, turn and bend; an
+// elastic joint points and vector; a distance joint its one. Equations are C = 0, and come first;
+// the others are coordinates, which laws rule (joint_law.h).
 #pragma once
 
 #include <array>
@@ -33,7 +34,7 @@ inline constexpr int kJointRows = 6;  // at most
 int joint_equations(JointType type);
 // With the coordinates that its limits and its motor rule.
 int joint_rows(const Joint& joint);
-// The row of Joint::coordinate, or -1.
+// The row of Joint::coordinate, the first of all coordinates, or -1.
 int coordinate_row(JointType type);
 
 // q v, inlined: calls of Eigen's product were a large part of what values cost.
