@@ -59,6 +59,31 @@ void bind_sampled_distance(py::module_& m) {
       .def_property_readonly("error_bound", &SampledDistance::error_bound);
 }
 
+void bind_height_field(py::module_& m) {
+  const auto make = [](const Rows& heights, const Triple& origin, double spacing) {
+    std::vector<double> copy(heights.data(), heights.data() + heights.size());
+    const std::array<std::int64_t, 2> shape{heights.shape(0), heights.shape(1)};
+    const py::gil_scoped_release nogil;
+    return std::make_shared<HeightField>(shape, vector(origin), spacing, std::move(copy));
+  };
+  const auto heights = [](const HeightField& self) {
+    return Rows({self.shape()[0], self.shape()[1]}, self.heights().data());
+  };
+  py::class_<HeightField, std::shared_ptr<HeightField>>(m, "HeightField")
+      .def(py::init(make), py::arg("heights").noconvert(), py::arg("origin"), py::arg("spacing"))
+      .def_property_readonly("heights", heights)
+      .def_property_readonly("origin",
+                             [](const HeightField& self) { return triple(self.origin()); })
+      .def_property_readonly("spacing", &HeightField::spacing)
+      .def(py::pickle(
+          [heights](const HeightField& self) {
+            return py::make_tuple(heights(self), triple(self.origin()), self.spacing());
+          },
+          [make](const py::tuple& state) {
+            return make(state[0].cast<Rows>(), state[1].cast<Triple>(), state[2].cast<double>());
+          }));
+}
+
 // A shape as its number in Shape and what it is made of, and back.
 py::tuple pack_shape(const Shape& shape) {
   struct Parts {
@@ -74,6 +99,9 @@ py::tuple pack_shape(const Shape& shape) {
     py::object operator()(const Cylinder& s) const {
       return py::make_tuple(s.radius, s.half_length);
     }
+    py::object operator()(const std::shared_ptr<const HeightField>& s) const {
+      return py::cast(std::const_pointer_cast<HeightField>(s));
+    }
   };
   return py::make_tuple(shape.index(), std::visit(Parts{}, shape));
 }
@@ -88,6 +116,8 @@ Shape unpack_shape(const py::tuple& packed) {
     case 3:
       return std::shared_ptr<const SampledDistance>(
           packed[1].cast<std::shared_ptr<SampledDistance>>());
+    case 6:
+      return std::shared_ptr<const HeightField>(packed[1].cast<std::shared_ptr<HeightField>>());
     default:
       const auto [radius, half_length] = packed[1].cast<std::pair<double, double>>();
       if (packed[0].cast<int>() == 4) return Capsule{radius, half_length};
@@ -145,6 +175,13 @@ void bind_collider(py::module_& m) {
                                               vector(position), hollow);
           },
           py::arg("field"), py::arg("position"), py::arg("hollow"))
+      .def_static(
+          "height_field",
+          [](const std::shared_ptr<HeightField>& field, const Triple& position) {
+            return std::make_shared<Collider>(std::shared_ptr<const HeightField>(field),
+                                              vector(position));
+          },
+          py::arg("field"), py::arg("position"))
       .def_readwrite("friction", &Collider::friction)
       .def_readwrite("restitution", &Collider::restitution)
       .def_property_readonly("lipschitz", &Collider::lipschitz)
@@ -331,5 +368,6 @@ void bind_geometry(py::module_& m) {
       py::arg("size"), py::arg("radius"), py::arg("trials"), py::arg("seed"), py::arg("threads"));
   bind_triangle_tree(m);
   bind_sampled_distance(m);
+  bind_height_field(m);
   bind_collider(m);
 }

@@ -136,6 +136,22 @@ class SampledDistance:
     @property
     def values(self) -> numpy.typing.NDArray[numpy.float64]: ...
 
+class HeightField:
+    def __getstate__(self) -> tuple[numpy.typing.NDArray[numpy.float64], list[float], float]: ...
+    def __init__(
+        self,
+        heights: numpy.typing.NDArray[numpy.float64],
+        origin: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
+        spacing: float,
+    ) -> None: ...
+    def __setstate__(self, arg0: tuple[typing.Any, ...]) -> None: ...
+    @property
+    def heights(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    @property
+    def origin(self) -> list[float]: ...
+    @property
+    def spacing(self) -> float: ...
+
 class Collider:
     @staticmethod
     def box(
@@ -156,6 +172,11 @@ class Collider:
         radius: float,
         half_length: float,
         hollow: bool,
+    ) -> Collider: ...
+    @staticmethod
+    def height_field(
+        field: HeightField,
+        position: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
     ) -> Collider: ...
     @staticmethod
     def plane(

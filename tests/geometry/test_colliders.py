@@ -17,6 +17,13 @@ def sampled_box(spacing=0.1):
     return substep.Collider(substep.SignedDistanceField(values, spacing, (-1.6, -1.6, -1.6)))
 
 
+def hills():
+    axis = np.arange(-2.4, 2.5, 0.4)
+    return substep.Collider(
+        substep.HeightField(0.3 * np.sin(axis[:, None] + 0.5 * axis), 0.4, (-2.4, -2.4, 0.1))
+    )
+
+
 SHAPES = {
     "plane": lambda: substep.Collider(substep.Plane((1, -2, 2), (1, 0, 2))),
     "sphere": lambda: substep.Collider(substep.Sphere(0.7, (0.5, 0, 0))),
@@ -28,6 +35,7 @@ SHAPES = {
     "cylinder": lambda: substep.Collider(substep.Cylinder(0.7, 1.1, (0, 0.1, 0))),
     "hollow cylinder": lambda: substep.Collider(substep.Cylinder(1.0, 1.5), hollow=True),
     "field": sampled_box,
+    "heights": hills,
 }
 points = np.random.default_rng(3).uniform(-2, 2, (3000, 3))
 

@@ -13,7 +13,7 @@ template <class Function>
 auto visit_shape(const Shape& shape, Function&& function) {
   return std::visit(
       [&]<class S>(const S& s) {
-        if constexpr (std::is_same_v<S, std::shared_ptr<const SampledDistance>>) {
+        if constexpr (requires { *s; }) {
           return function(*s);
         } else {
           return function(s);

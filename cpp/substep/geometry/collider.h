@@ -11,6 +11,7 @@
 #include <memory>
 #include <variant>
 
+#include "substep/geometry/height_field.h"
 #include "substep/geometry/sampled_distance.h"
 
 namespace substep::geometry {
@@ -31,8 +32,14 @@ struct Exchange {
   }
 };
 
-using Shape =
-    std::variant<Plane, Sphere, Box, std::shared_ptr<const SampledDistance>, Capsule, Cylinder>;
+using Shape = std::variant<Plane, Sphere, Box, std::shared_ptr<const SampledDistance>, Capsule,
+                           Cylinder, std::shared_ptr<const HeightField>>;
+
+// Whether a shape of this kind is convex, whatever its numbers.
+inline bool is_convex(const Shape& shape) {
+  return !std::holds_alternative<std::shared_ptr<const SampledDistance>>(shape) &&
+         !std::holds_alternative<std::shared_ptr<const HeightField>>(shape);
+}
 
 // The distance of a capsule or a cylinder on the nodes of a grid, of which 24 span its radius, but
 // at most 128 the longest side: for what is made of sampled distances.

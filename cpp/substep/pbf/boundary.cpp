@@ -13,6 +13,7 @@ namespace {
 
 using geometry::Box;
 using geometry::Collider;
+using geometry::HeightField;
 using geometry::Mat3;
 using geometry::Plane;
 using geometry::SampledDistance;
@@ -47,7 +48,10 @@ Boundary<Real>::Boundary(std::vector<Collider> obstacles,
       if (collider.hollow()) return Tank{};
       return Block{};
     }
-    if (std::holds_alternative<Plane>(collider.shape()) || dimension_ == 2) return Flat{};
+    if (std::holds_alternative<Plane>(collider.shape()) || dimension_ == 2 ||
+        std::holds_alternative<std::shared_ptr<const HeightField>>(collider.shape())) {
+      return Flat{};
+    }
     const auto* given = std::get_if<std::shared_ptr<const SampledDistance>>(&collider.shape());
     const auto field = given ? *given : sampled(collider.shape(), threads);
     return std::make_shared<const DensityMap>(*field, collider.hollow(), kernel, radius_, threads);

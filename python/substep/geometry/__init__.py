@@ -1,7 +1,7 @@
 """Obstacles and meshes that every method shares.
 
-- Shapes (`Box`, `Sphere`, `Capsule`, `Cylinder`, `Plane`, `ConvexHull`, `TriangleMesh` and
-  `SignedDistanceField`), of which obstacles and rigid bodies are made.
+- Shapes (`Box`, `Sphere`, `Capsule`, `Cylinder`, `Plane`, `ConvexHull`, `TriangleMesh`,
+  `HeightField` and `SignedDistanceField`), of which obstacles and rigid bodies are made.
 - `Collider`, the obstacle of every method: a shape with a motion, friction and restitution, and the
   impulse that was exerted on it.
 - `tetrahedralize` fills a surface and `SignedDistanceField.from_mesh` makes an obstacle of it,
@@ -16,6 +16,7 @@
 from .colliders import Collider
 from .decomposition import convex_decomposition
 from .filling import tetrahedralize
+from .height_field import HeightField
 from .isosurface import LiquidSurface, liquid_surface
 from .mesh_io import read_mesh
 from .mesh_report import MeshReport
@@ -33,6 +34,7 @@ __all__ = [
     "Collider",
     "ConvexHull",
     "Cylinder",
+    "HeightField",
     "LiquidSurface",
     "MeshReport",
     "Plane",

@@ -46,10 +46,10 @@ class Collider(Owned):
     ----------
     shape : Shape
         Of any kind. Its centre (the point of a plane) and its rotation are where the obstacle is at
-        first. The distances of `Plane`, `Sphere`, `Box`, `Capsule` and `Cylinder` are exact; those
-        of `ConvexHull` and `TriangleMesh` are sampled at 1/64 of their longest side, or at 1/4
-        of their mean thickness, which rounds edges at that size: make a `SignedDistanceField`
-        to choose the spacing.
+        first. The distances of `Plane`, `Sphere`, `Box`, `Capsule`, `Cylinder` and `HeightField`
+        are exact; those of `ConvexHull` and `TriangleMesh` are sampled at 1/64 of their longest
+        side, or at 1/4 of their mean thickness, which rounds edges at that size: make a
+        `SignedDistanceField` to choose the spacing.
     friction : float
         Coefficient of Coulomb friction, at least 0.
     restitution : float

@@ -168,9 +168,10 @@ class RigidBodies(Robots, Runs, States):
 
         Parameters
         ----------
-        shape : Sphere, Box, Capsule, Cylinder, ConvexHull, Plane, TriangleMesh, Fixture or list
-            The shape in the frame of the body, or those of a compound. Planes and meshes
-            (`geometry.TriangleMesh`, which may be open) are ground, of static bodies only.
+        shape : Shape, Fixture or list
+            The shape in the frame of the body (of any kind but `SignedDistanceField`), or those of
+            a compound. Planes, meshes (`geometry.TriangleMesh`, which may be open) and height
+            fields are ground, of static bodies only.
         positions : array_like, shape (3,) or (n, 3)
             Where the frames of the bodies are, in which their shapes are given [m].
         rotations : array_like, shape (4,) for all or (n, 4), optional

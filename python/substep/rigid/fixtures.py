@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.checks import check_array, check_integer, check_real, describe
 from ..base.quaternions import multiply, rotate
 from ..errors import InputError
-from ..geometry import Plane, Shape, SignedDistanceField, TriangleMesh
+from ..geometry import HeightField, Plane, Shape, SignedDistanceField, TriangleMesh
 from .mass import MassProperties, compound, mass_properties
 
 Array = NDArray[np.float64]
@@ -30,9 +30,9 @@ class Fixture:
 
     Parameters
     ----------
-    shape : Sphere, Box, Capsule, Cylinder, ConvexHull, Plane or TriangleMesh
-        The shape; its centre and rotation are its place in the frame of the body. Planes and meshes
-        are ground: of static bodies only.
+    shape : Shape
+        Of any kind but `SignedDistanceField`; its centre and rotation are its place in the frame
+        of the body. Planes, meshes and height fields are ground: of static bodies only.
     density : float, optional
         [kg/m^3], above 0.
     friction, restitution, rolling_friction, spinning_friction : float, optional
@@ -137,7 +137,7 @@ def check_fixtures(shape: Any, defaults: dict[str, Any], motion: str) -> tuple[F
 
 def is_ground(shape: Shape) -> bool:
     """Whether only static bodies may have it."""
-    return isinstance(shape, (Plane, TriangleMesh))
+    return isinstance(shape, (Plane, TriangleMesh, HeightField))
 
 
 def check_mass(

@@ -274,7 +274,7 @@ class BodyRows(Numbered):
         ----------
         motion : {'dynamic', 'kinematic', 'static'}
             As of `add`. What was added as a static or kinematic body has no mass and cannot become
-            dynamic; planes and meshes stay static.
+            dynamic; planes, meshes and height fields stay static.
         ids : int or array_like of int, shape (m,)
             Which.
 

@@ -85,7 +85,7 @@ bool ParticleBoundary<Real, D>::comes_near(const Collider& to, int axis, const V
     return ball(to.position(), sphere->radius - keep);
   }
   const auto [distance, gradient] = to.signed_distance(middle);
-  if (!to.hollow() && !std::holds_alternative<SampledPointer>(to.shape())) {
+  if (!to.hollow() && geometry::is_convex(to.shape())) {
     free.kind = Free::kHalfSpace;
     return !(distance - keep - linear(gradient, distance - keep) > 0);
   }
@@ -195,13 +195,13 @@ auto ParticleBoundary<Real, D>::outside(const Free& free, const Real* x) -> Mask
   return out;
 }
 
-// Whether a ball about the ways of all lanes keeps clear of a sampled distance, which is slow to
-// ask for each lane. (Particles of a packet are from neighbouring cells.)
+// Whether a ball about the ways of all lanes keeps clear of a sampled distance or a height
+// field, which are slow to ask for each lane. (Particles of a packet are from neighbouring cells.)
 template <class Real, int D>
 bool ParticleBoundary<Real, D>::clears(const Near& near, const Wall& wall, const Real* before,
                                        const Real* x) const {
   const Collider& to = to_[wall.surface.collider];
-  if (!std::holds_alternative<SampledPointer>(to.shape())) return false;
+  if (geometry::is_convex(to.shape())) return false;
   Vec3 low = Vec3::Zero(), high = Vec3::Zero();
   for (int d = 0; d < D; ++d) {
     const V a = load<V>(before + d * kLanes<Real>), b = load<V>(x + d * kLanes<Real>);

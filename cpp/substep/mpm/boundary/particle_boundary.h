@@ -86,7 +86,6 @@ class ParticleBoundary {
 
   using V = Vector<Real>;
   using Mask = Vector<IntOf<Real>>;
-  using SampledPointer = std::shared_ptr<const geometry::SampledDistance>;
 
   geometry::Vec3 first_node(std::uint64_t key) const;
   bool comes_near(const geometry::Collider& to, int axis, const geometry::Vec3& first,
