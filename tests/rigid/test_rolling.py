@@ -314,3 +314,29 @@ def test_cards_that_lean_on_each_other_stand_above_the_critical_angle(
         bodies.advance(3)
         moved = np.abs(bodies.centers_of_mass - placed).max()
         assert moved < 1e-6 if stands else moved > 0.01
+
+
+@pytest.mark.parametrize(
+    "shape", [substep.Cylinder(0.08, 0.1), substep.Capsule(0.05, 0.2)], ids=["cylinder", "capsule"]
+)
+@pytest.mark.parametrize("seed", range(4))
+def test_round_bodies_at_a_slack_rope_land_without_gain(shape, seed):
+    random = np.random.default_rng(seed)
+    bodies = on_plane(friction=0.5)
+    spin = random.uniform(-3, 3, 3)
+    turn = random.normal(size=4)
+    turn /= np.linalg.norm(turn)
+    body = bodies.add(shape, (0, 0, 0.5), turn, angular_velocities=spin)
+    bodies.distance(body, None, (0, 0, 0.5), (0, 0, 5), limits=(0, 100))
+    energy = [bodies.diagnostics()["energy"]]
+    bodies.advance(2, lambda bodies: energy.append(bodies.diagnostics()["energy"]))
+    assert np.diff(energy).max() < 1e-3 * energy[0]
+
+
+def test_jointed_bodies_in_the_ground_are_moved_out():
+    bodies = on_plane()
+    ball = bodies.add(substep.Sphere(0.1), (0, 0, 0.05))
+    bodies.distance(ball, None, (0, 0, 0.05), (0, 0, 5), limits=(0, 100))
+    bodies.advance(1)
+    assert bodies.diagnostics()["penetration"] < 2e-4
+    assert bodies.diagnostics()["kinetic_energy"] < 1e-9

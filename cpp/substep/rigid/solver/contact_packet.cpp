@@ -420,13 +420,17 @@ void ContactPacket::warm_start(BodyRows& rows) const {
   store_both(m, rows.push, *this);
 }
 
-void ContactPacket::renew_push(BodyRows& rows) const {
-  ContactPacket only = *this;  // what does not turn has its push
+void ContactPacket::withdraw_push(BodyRows& rows) const {
+  ContactPacket back = *this;  // what turns has no push left
   for (int lane = 0; lane < kLanes; ++lane) {
-    only.moves_a[lane] = moves_a[lane] && rows.turns[usize(a[lane])] != 0;
-    only.moves_b[lane] = moves_b[lane] && rows.turns[usize(b[lane])] != 0;
+    back.moves_a[lane] = moves_a[lane] && rows.turns[usize(a[lane])] == 0;
+    back.moves_b[lane] = moves_b[lane] && rows.turns[usize(b[lane])] == 0;
   }
-  only.warm_start(rows);
+  for (auto& l : back.impulse) l = -l;
+  for (auto& l : back.slide_impulse) l = -l;
+  for (auto& l : back.roll_impulse) l = -l;
+  back.twist_impulse = -back.twist_impulse;
+  back.warm_start(rows);
 }
 
 void ContactPacket::find_separations(const BodyRows& rows, V (&C)[4]) const {

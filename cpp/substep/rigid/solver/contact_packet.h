@@ -51,8 +51,8 @@ struct ContactPacket {
 
   // The impulses of the last sub-step, to rows.push.
   void warm_start(BodyRows& rows) const;
-  // The same for the rows that turn.
-  void renew_push(BodyRows& rows) const;
+  // Takes them back, of rows that do not turn, before the contacts are found anew.
+  void withdraw_push(BodyRows& rows) const;
   // At the start of a sub-step: moves bodies apart, without velocity, and notes the targets.
   void solve_positions(BodyRows& rows, const Settings& settings);
   // Friction, then the normal impulses.

@@ -394,13 +394,16 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
                      });
   };
   for (int substep = 0; substep < options.substeps; ++substep) {
-    if (!rolling_packets_.empty())
-      add_rolling([&](std::int64_t k) { renew(k, contacts, bodies, h); });
-    if (substep == 0) {
-      phases.add_sweep(sweep_, [&](std::int64_t k) { packet(k).warm_start(rows_); });
-    } else if (!turning_.empty()) {
+    const bool rolls = !rolling_packets_.empty();
+    if (substep > 0 && rolls) {
       phases.add_sweep(sweep_, [&](std::int64_t k) {
-        if (packet(k).rolls_on) packet(k).renew_push(rows_);
+        if (packet(k).rolls_on) packet(k).withdraw_push(rows_);
+      });
+    }
+    if (rolls) add_rolling([&](std::int64_t k) { renew(k, contacts, bodies, h); });
+    if (substep == 0 || rolls) {
+      phases.add_sweep(sweep_, [&, substep](std::int64_t k) {
+        if (substep == 0 || packet(k).rolls_on) packet(k).warm_start(rows_);
       });
     }
     if (!impacts_.empty())
@@ -427,7 +430,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
                      [&](std::int64_t begin, std::int64_t end) { rows_.move(begin, end, h); });
     add_joints([&](JointGroup& group) { group.move(rows_); });
     add_joints([&](JointGroup& group) { group.solve_positions(rows_); });
-    if (rolling_packets_.empty()) continue;
+    if (!rolls) continue;
     add_rolling([&](std::int64_t k) { note_separations(k, contacts); });
     phases.add_range(static_cast<std::int64_t>(turning_.size()), kBodies,
                      [&](std::int64_t begin, std::int64_t end) {

@@ -361,9 +361,10 @@ void JointGroup::move(BodyRows& rows) {
     Member& m = members_[k];
     if (m.moves) {
       const BodyRow& v = rows.velocity[usize(m.row)];
+      m.seen_turn = m.start_turn + settings_.h * from_row(v.angular);
+      if (!smooth_) continue;  // what contacts push is displaced beside
       BodyRow& x = rows.displacement[usize(m.row)];
       assign(x.linear, m.start + settings_.h * from_row(v.linear));
-      m.seen_turn = m.start_turn + settings_.h * from_row(v.angular);
       assign(x.angular, m.seen_turn);
     }
   }
