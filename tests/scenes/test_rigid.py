@@ -248,3 +248,32 @@ class TestTumblingTop:
         assert outcome.summary.startswith("splitting 0 flips, energy ")
         with substep.Recording(outcome.recording) as recording:
             assert set(recording.parts) == {"tops", "splitting"}
+
+
+class TestRover:
+    def test_on_the_flat_it_goes_at_its_speed_and_stands_level_on_its_springs(self):
+        rover = built("rover", hills=0.0, stones=0.0, speed=0.8)
+        rover.advance(3.0)
+        row = rover.rows(rover.chassis)
+        x, height = rover.positions[row][[0, 2]]
+        rover.advance(1.0)
+        assert rover.positions[row][0] - x == pytest.approx(0.8, rel=0.01)
+        assert rover.positions[row][2] == pytest.approx(height, abs=5e-3)
+        assert np.abs(2 * rover.rotations[row][1:]).max() < 0.03  # [rad]
+        assert rover.diagnostics()["penetration"] < 2e-3
+
+    def test_it_crosses_the_hills(self):
+        rover = built("rover")
+        rover.advance(10.0)
+        way, high = (rover.positions[rover.rows(rover.chassis)] - rover.start)[[0, 2]]
+        assert way > 7 and rover.measured["climbed"][0] > 0.8 > high - 1
+        assert np.degrees(rover.measured["lean"][0]) < 60
+        wheels = rover.positions[rover.rows(rover.wheels)]
+        heights = rover.obstacles["hills"].vertices[:, 2]
+        assert (wheels[:, 2] > 0.2).all() and heights.max() > 0.7
+        assert rover.words().startswith("drove ")
+
+    def test_the_seed_makes_the_hills(self):
+        hills = [built("rover", seed=k).obstacles["hills"].vertices for k in (0, 0, 1)]
+        np.testing.assert_array_equal(hills[0], hills[1])
+        assert not np.array_equal(hills[0], hills[2])

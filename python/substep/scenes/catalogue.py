@@ -34,6 +34,7 @@ BUILT_IN = {  # and the folder that each is in
     "pyramid": "rigid",
     "ragdolls": "rigid",
     "rope": "pbd",
+    "rover": "rigid",
     "sand-column": "mpm",
     "snowball": "mpm",
     "soft-bunny": "pbd",

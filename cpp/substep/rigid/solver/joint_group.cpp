@@ -362,7 +362,7 @@ void JointGroup::move(BodyRows& rows) {
     if (m.moves) {
       const BodyRow& v = rows.velocity[usize(m.row)];
       m.seen_turn = m.start_turn + settings_.h * from_row(v.angular);
-      if (!smooth_) continue;  // what contacts push is displaced beside
+      if (!smooth_ && !whirls_) continue;  // what contacts push is displaced beside
       BodyRow& x = rows.displacement[usize(m.row)];
       assign(x.linear, m.start + settings_.h * from_row(v.linear));
       assign(x.angular, m.seen_turn);
