@@ -98,6 +98,7 @@ class JointGroup {
   void kick(double time, BodyRows& rows);
   void begin_substep(BodyRows& rows);
   void find_inertia();
+  double correct_positions(BodyRows& rows);
   void set_inertia(std::size_t member, const Vec3& inertia, BodyRows& rows);
   void set_gradients();
   void set_laws(Link& link, Stage stage);

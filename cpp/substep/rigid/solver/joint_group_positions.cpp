@@ -12,7 +12,9 @@ namespace {
 
 using Mode = JointLaw::Mode;
 
-constexpr double kEnoughPosition = 1e-10;  // C that is not worth taking back
+// C that is not worth taking back, and what a second time is for: after contacts have pushed far.
+constexpr double kEnoughPosition = 1e-10, kFarPosition = 1e-6;
+constexpr int kRounds = 3;
 
 }  // namespace
 
@@ -26,6 +28,17 @@ void JointGroup::solve_positions(BodyRows& rows) {
       m.now.q = (rotation_by(m.root * (turn - m.seen_turn)) * m.now.q).normalized();
     }
   }
+  for (int round = 0; round < kRounds; ++round)
+    if (!(correct_positions(rows) > kFarPosition)) break;
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    Member& m = members_[k];
+    m.seen_turn = from_row(rows.displacement[usize(m.row)].angular);
+    refresh(k, rows);
+  }
+}
+
+// Returns the largest of C before.
+double JointGroup::correct_positions(BodyRows& rows) {
   double worst = 0;
   for (std::size_t j = 0; j < links_.size(); ++j) {
     Link& link = links_[j];
@@ -79,11 +92,7 @@ void JointGroup::solve_positions(BodyRows& rows) {
       m.now.q = (rotation_by(angle) * m.now.q).normalized();
     }
   }
-  for (std::size_t k = 0; k < members_.size(); ++k) {
-    Member& m = members_[k];
-    m.seen_turn = from_row(rows.displacement[usize(m.row)].angular);
-    refresh(k, rows);
-  }
+  return worst;
 }
 
 }  // namespace substep::rigid
