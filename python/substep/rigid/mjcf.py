@@ -97,7 +97,7 @@ def read_plan(
         raise FormatError(f"{file}: expected an XML file of an element <{root}>")
     try:
         import mujoco
-    except ImportError:
+    except ModuleNotFoundError:  # an interrupted import is another ImportError
         raise ImportError(
             'mujoco is missing: pip install "substep[robots]" to read MJCF and URDF'
         ) from None
