@@ -850,6 +850,7 @@ def functions():
         call("Plane", normal=(0, 0, 1), point=(0, 0, 1)),
         call("ConvexHull", points=X, center=(0, 0, 1), rotation=(1, 0, 0, 1)),
         call("TriangleMesh", vertices=X, faces=[[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
+        call("HeightField", heights=np.zeros((4, 5)), spacing=0.1, origin=(0, 0, 0)),
         call("SignedDistanceField", values=np.ones((4, 5, 6)), spacing=0.1, origin=(0, 0, 0)),
         call("SignedDistanceField.from_mesh", mesh=box, spacing=0.25, offset=0.0),
         call(
