@@ -98,20 +98,30 @@ bool clip_faces(const Box& reference, const Pose& pose, int i, double sign, cons
   return true;
 }
 
-// Where the edges along axis i of a and j of b that face each other along n (frame of a) cross.
-// False where their lines do beyond their ends.
+// The edges along axis i of a and j of b that face each other along n (frame of a).
+struct FacingEdges {
+  FacingEdges(const Box& a, const Box& b, const Mat3& R, const Vec3& t, int i, int j,
+              const Vec3& n) {
+    const Vec3 along_b = R.transpose() * n;
+    Vec3 local = Vec3::Zero();
+    feature = static_cast<std::uint32_t>(i << 20 | j << 16);
+    for (int k = 0; k < 3; ++k) {
+      if (k != i) p[k] = n[k] > 0 ? a.half_lengths[k] : -a.half_lengths[k];
+      if (k != j) local[k] = along_b[k] > 0 ? -b.half_lengths[k] : b.half_lengths[k];
+      feature |= (p[k] > 0 ? 1u : 0u) << k | (local[k] > 0 ? 8u : 0u) << k;
+    }
+    q = R * local + t;
+  }
+  Vec3 p = Vec3::Zero(), q;  // their midpoints, of a and of b
+  std::uint32_t feature;
+};
+
+// Where they cross. False where their lines do beyond their ends.
 bool cross_edges(const Box& a, const Pose& pose_a, const Box& b, const Mat3& R, const Vec3& t,
                  int i, int j, const Vec3& n, double separation, Manifold& manifold) {
-  // Midpoints of the edges.
-  const Vec3 along_b = R.transpose() * n;
-  Vec3 p = Vec3::Zero(), q_local = Vec3::Zero();
-  std::uint32_t feature = static_cast<std::uint32_t>(1 << 24 | i << 20 | j << 16);
-  for (int k = 0; k < 3; ++k) {
-    if (k != i) p[k] = n[k] > 0 ? a.half_lengths[k] : -a.half_lengths[k];
-    if (k != j) q_local[k] = along_b[k] > 0 ? -b.half_lengths[k] : b.half_lengths[k];
-    feature |= (p[k] > 0 ? 1u : 0u) << k | (q_local[k] > 0 ? 8u : 0u) << k;
-  }
-  const Vec3 q = R * q_local + t, d = R.col(j), w = q - p;
+  const FacingEdges edges(a, b, R, t, i, j, n);
+  Vec3 p = edges.p;
+  const Vec3 d = R.col(j), w = edges.q - p;
   // p + s e_i and q + r d closest: with c = e_i . d, s (1 - c^2) = w_i - c w.d.
   const double c = d[i], wd = w.dot(d), s = (w[i] - c * wd) / std::max(1 - c * c, 1e-300);
   const double r = c * s - wd;
@@ -120,7 +130,7 @@ bool cross_edges(const Box& a, const Pose& pose_a, const Box& b, const Mat3& R, 
   p[i] = std::clamp(s, -a.half_lengths[i], a.half_lengths[i]);
   const Vec3 on_a = pose_a.to_world(p);
   manifold.normal = pose_a.rotation * n;
-  manifold.add({on_a, on_a + separation * manifold.normal, separation, feature});
+  manifold.add({on_a, on_a + separation * manifold.normal, separation, 1 << 24 | edges.feature});
   return true;
 }
 
@@ -132,10 +142,8 @@ bool lay_edges(const Box& a, const Pose& pose_a, const Box& b, const Mat3& R, co
   const Vec3 along_b = R.transpose() * n;
   int i, j;
   n.cwiseAbs().minCoeff(&i), along_b.cwiseAbs().minCoeff(&j);
-  Vec3 p = n.cwiseSign().cwiseProduct(a.half_lengths);
-  Vec3 q_local = -along_b.cwiseSign().cwiseProduct(b.half_lengths);
-  p[i] = 0, q_local[j] = 0;
-  const Vec3 q = R * q_local + t, d = R.col(j);
+  const FacingEdges edges(a, b, R, t, i, j, n);
+  const Vec3 &p = edges.p, &q = edges.q, d = R.col(j);
   // Along the axis i of a: what both edges have beside each other.
   const double reach = b.half_lengths[j] * std::abs(d[i]);
   const double from = std::max(q[i] - reach, -a.half_lengths[i]);
@@ -144,14 +152,11 @@ bool lay_edges(const Box& a, const Pose& pose_a, const Box& b, const Mat3& R, co
   const Vec3 on_b[2] = {q + (from - q[i]) / d[i] * d, q + (to - q[i]) / d[i] * d};
   const double separations[2] = {n.dot(on_b[0] - p) - n[i] * from, n.dot(on_b[1] - p) - n[i] * to};
   if (std::min(separations[0], separations[1]) < least) return false;
-  std::uint32_t feature = static_cast<std::uint32_t>(1 << 25 | i << 20 | j << 16);
-  for (int k = 0; k < 3; ++k)
-    feature |= (p[k] > 0 ? 1u : 0u) << k | (q_local[k] > 0 ? 8u : 0u) << k;
   manifold.normal = pose_a.rotation * n;
   for (std::uint32_t k = 0; k < 2; ++k) {
     const Vec3 point = pose_a.to_world(on_b[k]);
-    manifold.add(
-        {point - separations[k] * manifold.normal, point, separations[k], feature | k << 6});
+    manifold.add({point - separations[k] * manifold.normal, point, separations[k],
+                  1 << 25 | k << 6 | edges.feature});
   }
   return true;
 }

@@ -414,7 +414,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
     phases.add_range(rows_.size(), kBodies, [&](std::int64_t begin, std::int64_t end) {
       rows_.accelerate(begin, end, h, slow, lost);
     });
-    for (int sweep = 0; sweep < (strained ? kStrainedSweeps : options.sweeps); ++sweep) {
+    for (int sweep = 0; sweep < sweeps_of(strained); ++sweep) {
       add_joints([&, sweep](JointGroup& group) {
         if (sweep < sweeps_of(group.whirls())) group.solve_velocities(rows_, sweep == 0);
       });
