@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <array>
 #include <functional>
 #include <random>
 #include <string>
@@ -11,6 +12,7 @@
 #include "substep/core/errors.h"
 #include "substep/core/usize.h"
 #include "substep/rigid/solver/joint_matrix.h"
+#include "substep/rigid/solver/joint_rows.h"
 
 namespace {
 
@@ -42,11 +44,18 @@ TEST(JointRows, HaveTheGradientsOfFiniteDifferences) {
     if (type == JointType::kDistance) gap = vector();
     in_b.anchor = b.second.conjugate() * (a.first + a.second * in_a.anchor - gap - b.first);
     const auto values = [&](const Side& at_a, const Side& at_b) {
-      return joint_values(type, JointSide(in_a, at_a.first, at_a.second),
-                          JointSide(in_b, at_b.first, at_b.second), 0);
+      JointLanes lanes[kJointRows] = {};
+      joint_values(type, JointSides(in_a, at_a.first, at_a.second),
+                   JointSides(in_b, at_b.first, at_b.second), JointLanes{}, true, lanes);
+      std::array<double, kJointRows> C;
+      for (int row = 0; row < kJointRows; ++row) C[usize(row)] = lanes[row][kJointLanes - 1];
+      return C;
     };
-    const JointGradients G = joint_gradients(type, JointSide(in_a, a.first, a.second),
-                                             JointSide(in_b, b.first, b.second));
+    JointGradients G;
+    joint_gradients(type, JointSides(in_a, a.first, a.second), JointSides(in_b, b.first, b.second),
+                    G);
+    const auto lane = [](const JointVector& v) { return Vec3(v[0][0], v[1][0], v[2][0]); };
+    const Vec3 arm_a = lane(G.arm_a), arm_b = lane(G.arm_b);
     const int rows = type == JointType::kDistance ? 1 : type == JointType::kBall ? 5 : 6;
     const auto C = values(a, b);
     for (int row = 0; row < joint_equations(type); ++row) EXPECT_NEAR(C[usize(row)], 0, 1e-14);
@@ -61,7 +70,9 @@ TEST(JointRows, HaveTheGradientsOfFiniteDifferences) {
       for (int row = 0; row < rows; ++row) {
         const auto k = usize(row);
         const double rate =
-            G.linear[row].dot(va - vb) + G.angular_a[row].dot(wa) - G.angular_b[row].dot(wb);
+            lane(G.axis[row])
+                .dot(is_turn(type, row) ? Vec3(wa - wb)
+                                        : Vec3(va + wa.cross(arm_a) - vb - wb.cross(arm_b)));
         EXPECT_NEAR((plus[k] - minus[k]) / (2 * e), rate, 1e-8) << static_cast<int>(type) << row;
       }
     }

@@ -8,20 +8,9 @@
 // 107, split off three axes). Exact for symmetric bodies.
 #pragma once
 
-#include "substep/core/matrix3.h"
-#include "substep/core/sincos.h"
+#include "substep/core/quaternion_lanes.h"
 
 namespace substep::rigid {
-
-template <class V>
-struct QuaternionLanes {
-  V w;
-  Vector3<V> v;
-
-  SUBSTEP_INLINE QuaternionLanes operator*(const QuaternionLanes& r) const {
-    return {w * r.w - dot(v, r.v), w * r.v + r.w * v + cross(v, r.v)};
-  }
-};
 
 namespace detail {
 

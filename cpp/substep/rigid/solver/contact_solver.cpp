@@ -416,7 +416,8 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
     });
     for (int sweep = 0; sweep < sweeps_of(strained); ++sweep) {
       add_joints([&, sweep](JointGroup& group) {
-        if (sweep < sweeps_of(group.whirls())) group.solve_velocities(rows_, sweep == 0);
+        const int sweeps = sweeps_of(strained && group.whirls());
+        if (sweep < sweeps) group.solve_velocities(rows_, sweep == 0, sweep + 1 == sweeps);
       });
       phases.add_sweep(sweep_, [&, sweep](std::int64_t k) {
         const int sweeps = sweeps_of(strained_[usize(k)] != 0);

@@ -85,10 +85,12 @@ Joint make(JointType type, const Bodies& bodies, std::int32_t a, std::int32_t b,
   return make(type, bodies, a, b, anchor, turn_of_x(unit(axis, "axis")).normalized());
 }
 
-JointSide side_of(const Joint::Frame& frame, std::int32_t body, const Bodies& bodies) {
-  return body < 0 ? JointSide(frame, Vec3::Zero(), Quaternion::Identity())
-                  : JointSide(frame, bodies.position(body), bodies.rotation(body));
+JointSides side_of(const Joint::Frame& frame, std::int32_t body, const Bodies& bodies) {
+  return body < 0 ? JointSides(frame, Vec3::Zero(), Quaternion::Identity())
+                  : JointSides(frame, bodies.position(body), bodies.rotation(body));
 }
+
+Vec3 first_lane(const JointVector& v) { return {v[0][0], v[1][0], v[2][0]}; }
 
 void check_motor(const Joint& joint) {
   const Joint::Motor& motor = joint.motor;
@@ -226,33 +228,39 @@ double joint_coordinate(const Joint& joint, const Bodies& bodies) {
 std::vector<double> joint_coordinates(const Joint& joint, const Bodies& bodies) {
   const int row = coordinate_row(joint.type);
   if (row < 0) return {};
-  const auto C = joint_values(joint.type, side_of(joint.in_a, joint.a, bodies),
-                              side_of(joint.in_b, joint.b, bodies), joint.coordinate);
+  JointLanes C[kJointRows];
+  joint_values(joint.type, side_of(joint.in_a, joint.a, bodies),
+               side_of(joint.in_b, joint.b, bodies), splat<JointLanes>(joint.coordinate), true, C);
   const int count = joint.type == JointType::kElastic     ? 3
                     : joint.type == JointType::kUniversal ? 2
                                                           : 1;
-  return {C.begin() + row, C.begin() + row + count};
+  std::vector<double> values;
+  for (int k = 0; k < count; ++k) values.push_back(C[row + k][0]);
+  return values;
 }
 
 Vec3 joint_axis(const Joint& joint, const Bodies& bodies) {
   const int row = coordinate_row(joint.type);
   if (row < 0) return Vec3::Zero();
-  const JointGradients G = joint_gradients(joint.type, side_of(joint.in_a, joint.a, bodies),
-                                           side_of(joint.in_b, joint.b, bodies));
-  const Vec3& linear = G.linear[row];
-  return (linear.isZero(0) ? G.angular_a[row] : linear).normalized();
+  JointGradients G;
+  joint_gradients(joint.type, side_of(joint.in_a, joint.a, bodies),
+                  side_of(joint.in_b, joint.b, bodies), G);
+  return first_lane(G.axis[row]).normalized();
 }
 
 double joint_speed(const Joint& joint, const Bodies& bodies) {
   const int row = coordinate_row(joint.type);
   if (row < 0) return 0;
-  const JointGradients G = joint_gradients(joint.type, side_of(joint.in_a, joint.a, bodies),
-                                           side_of(joint.in_b, joint.b, bodies));
-  const auto rate = [&](std::int32_t body, const Vec3& angular) {
-    if (body < 0) return 0.;
-    return G.linear[row].dot(bodies.velocity(body)) + angular.dot(bodies.angular_velocity(body));
+  JointGradients G;
+  joint_gradients(joint.type, side_of(joint.in_a, joint.a, bodies),
+                  side_of(joint.in_b, joint.b, bodies), G);
+  const auto rate = [&](std::int32_t body, const JointVector& arm) -> Vec3 {
+    if (body < 0) return Vec3::Zero();
+    const Vec3 w = bodies.angular_velocity(body);
+    if (is_turn(joint.type, row)) return w;
+    return bodies.velocity(body) + w.cross(first_lane(arm));
   };
-  return rate(joint.a, G.angular_a[row]) - rate(joint.b, G.angular_b[row]);
+  return first_lane(G.axis[row]).dot(rate(joint.a, G.arm_a) - rate(joint.b, G.arm_b));
 }
 
 }  // namespace substep::rigid

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
+#include "substep/core/point_scatter.h"
 #include "substep/core/usize.h"
 #include "substep/rigid/motion/row_vectors.h"
 
@@ -25,6 +27,9 @@ Mat3 conjugated(const Quaternion& q, const Vec3& D) {
 
 JointGroup::JointGroup(std::vector<std::int32_t> numbers, std::span<const Joint> joints,
                        const BodyRows& rows) {
+  std::stable_sort(numbers.begin(), numbers.end(), [&](std::int32_t j, std::int32_t k) {
+    return joints[usize(j)].type < joints[usize(k)].type;
+  });
   std::vector<BodyPair> pairs;
   std::vector<int> sizes;
   for (const std::int32_t number : numbers) {
@@ -35,6 +40,7 @@ JointGroup::JointGroup(std::vector<std::int32_t> numbers, std::span<const Joint>
     link.b = member_of(joint.b, rows);
     link.equations = joint_equations(joint.type);
     link.rows = joint_rows(joint);
+    link.joint = joint;
     links_.push_back(link);
     sizes.push_back(link.rows);
   }
@@ -49,11 +55,13 @@ JointGroup::JointGroup(std::vector<std::int32_t> numbers, std::span<const Joint>
                                     [](const BodyPair& pair) { return pair.a < 0 || pair.b < 0; });
   const bool tree = links_.size() + 1 == usize(moving) + (grounded ? 1 : 0);
   regularisation_ = tree ? kTrees : kLoops;
+  pack();
   pieces_.resize(links_.size());
-  q_.resize(4 * members_.size());
-  L_.resize(3 * members_.size());
-  inertia_.resize(3 * members_.size());
-  trial_.resize(members_.size());
+  const std::size_t n = members_.size();
+  L_.resize(3 * n);
+  inertia_.resize(3 * n);
+  for (AlignedBuffer<BodyRow>* rows_of : {&root_, &before_, &given_, &sums_}) rows_of->reset(n);
+  for (Places* places : {&now_, &trial_}) places->x.reset(n), places->q.reset(n);
 }
 
 std::int32_t JointGroup::member_of(std::int32_t body, const BodyRows& rows) {
@@ -67,6 +75,27 @@ std::int32_t JointGroup::member_of(std::int32_t body, const BodyRows& rows) {
   return static_cast<std::int32_t>(members_.size()) - 1;
 }
 
+void JointGroup::pack() {
+  for (std::size_t first = 0; first < links_.size();) {
+    Pack pack{};
+    pack.type = links_[first].joint.type;
+    pack.equations = links_[first].equations;
+    for (int lane = 0; lane < kLanes; ++lane) {
+      std::size_t k = first + usize(lane);
+      if (pack.count == lane && k < links_.size() && links_[k].joint.type == pack.type)
+        ++pack.count;
+      else
+        k = first;
+      const Link& link = links_[k];
+      pack.link[lane] = static_cast<std::int32_t>(k);
+      pack.a[lane] = link.a, pack.b[lane] = link.b;
+      pack.rows = std::max(pack.rows, link.rows);
+    }
+    packs_.push_back(pack);
+    first += usize(pack.count);
+  }
+}
+
 void JointGroup::begin_step(std::span<const Joint> joints, std::span<const std::uint8_t> pressed,
                             const Bodies& bodies, const Settings& settings, BodyRows& rows) {
   settings_ = settings;
@@ -77,25 +106,38 @@ void JointGroup::begin_step(std::span<const Joint> joints, std::span<const std::
     m.scale = rows.scale_of(m.row);
     m.root = rows.root_of(m.row);
     m.origin = m.body < 0 ? Vec3::Zero() : bodies.position(m.body);
-    m.now = {m.origin, m.body < 0 ? Quaternion::Identity() : bodies.rotation(m.body)};
+    const Quaternion q = m.body < 0 ? Quaternion::Identity() : bodies.rotation(m.body);
     const bool still = m.row == 0;
     const Vec3 I = still ? Vec3::Ones() : Vec3(&bodies.inertia[3 * usize(m.body)]);
-    m.unroot = conjugated(m.now.q, I.cwiseSqrt());
+    m.unroot = conjugated(q, I.cwiseSqrt());
     m.inertia = I;
     Vec3::Map(&inertia_[3 * k]) = I;
     Vec3::Map(&L_[3 * k]) = still ? Vec3::Zero() : Vec3(&bodies.L[3 * usize(m.body)]);
     m.seen_spin = from_row(rows.velocity[usize(m.row)].angular);
-    m.seen_turn = m.given_v = m.given_w = m.start = m.start_turn = Vec3::Zero();
+    m.seen_turn = m.start = m.start_turn = Vec3::Zero();
+    given_[k] = {};
+    now_.x[k] = trial_.x[k] = {};
+    assign(now_.x[k], m.origin);
+    store_quaternion(q, &now_.q[k].x);
     refresh(k, rows);
     if (m.moves && pressed[usize(m.body)] != 0) smooth_ = false;
   }
   for (Link& link : links_) {
     link.joint = joints[usize(link.number)];
     link.mode.fill(JointLaw::Mode::kFree);
-    link.force = link.torque = Vec3::Zero();
-    link.effort = 0;
+  }
+  for (Pack& pack : packs_) {
+    pack.force = pack.torque = {};
+    pack.effort = V{};
+    for (int lane = 0; lane < kLanes; ++lane) {
+      const Joint& joint = links_[usize(pack.link[lane])].joint;
+      pack.in_a.set(lane, joint.in_a), pack.in_b.set(lane, joint.in_b);
+      pack.coordinate[lane] = joint.coordinate;
+      for (int row = 0; row < kJointRows; ++row) pack.last[row][lane] = joint.impulse[usize(row)];
+    }
   }
   find_inertia();
+  begins_ = true;
   weight_ = smooth_ ? 0.5 : 1;
   if (smooth_) kick(-0.5 * settings_.h, rows);
 }
@@ -104,8 +146,12 @@ void JointGroup::begin_step(std::span<const Joint> joints, std::span<const std::
 void JointGroup::refresh(std::size_t member, BodyRows& rows) {
   Member& m = members_[member];
   const Vec3 I(&inertia_[3 * member]);
-  m.W_root = m.row == 0 ? Mat3::Zero().eval() : conjugated(m.now.q, I.cwiseSqrt().cwiseInverse());
-  m.W = m.W_root * m.W_root;
+  const Mat3 root =
+      m.row == 0 ? Mat3::Zero().eval() : conjugated(rotation(member), I.cwiseSqrt().cwiseInverse());
+  const double moves = m.moves ? 1 : 0;
+  root_[member] = {{root(0, 0), root(1, 1), root(2, 2), m.scale},
+                   {root(0, 1), root(0, 2), root(1, 2), moves}};
+  m.W = root * root;
   if (!m.moves) return;
   m.seen_spin = m.unroot * (m.W * momentum(member));
   assign(rows.velocity[usize(m.row)].angular, m.seen_spin);
@@ -143,86 +189,133 @@ void JointGroup::write_momenta(BodyRows& rows) {
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
     if (!m.moves) continue;
-    const Vec3 spin = m.unroot * (m.W * momentum(k));
     Point<double>& row = rows.velocity[usize(m.row)].angular;
-    m.given_w += spin - from_row(row);
+    const Vec3 spin = m.unroot * (m.W * momentum(k));
+    add(given_[k].angular, spin - from_row(row));
     assign(row, spin);
     m.seen_spin = spin;
   }
 }
 
-// Call write_momenta() afterwards.
-void JointGroup::apply(Link& link, const Impulses& change, BodyRows& rows) {
-  tried_ = false;
-  Vec3 linear = Vec3::Zero(), angular_a = linear, angular_b = linear;
-  for (int row = 0; row < link.rows; ++row) {
-    const double l = change[usize(row)];
-    link.impulse[usize(row)] += l;
-    linear += l * link.G.linear[row];
-    angular_a += l * link.G.angular_a[row];
-    angular_b += l * link.G.angular_b[row];
+// Impulses and their moments about the centres, of the links of a pack.
+JointGroup::Wrench JointGroup::wrench(const Pack& pack, const V* l) {
+  JointVector force{}, torque{};
+  for (int row = 0; row < pack.rows; ++row) {
+    JointVector& sum = is_turn(pack.type, row) ? torque : force;
+    sum = sum + l[row] * pack.G.axis[row];
   }
-  const auto give = [&](std::int32_t member, const Vec3& impulse, const Vec3& angular) {
-    Member& m = members_[usize(member)];
-    if (!m.moves) return;
-    const Vec3 v = m.scale * impulse;
-    add(rows.velocity[usize(m.row)].linear, v);
-    m.given_v += v;
-    Vec3::Map(&L_[3 * usize(member)]) += angular;
-  };
-  give(link.a, linear, angular_a);
-  give(link.b, -linear, -angular_b);
+  return {force, cross(pack.G.arm_a, force) + torque, cross(pack.G.arm_b, force) + torque};
 }
 
-std::array<double, kJointRows> JointGroup::values(const Link& link, bool trial) const {
-  const auto side = [&](const Joint::Frame& frame, std::int32_t member) {
-    const Place& place = trial ? trial_[usize(member)] : members_[usize(member)].now;
-    return JointSide(frame, place.x, place.q);
+void JointGroup::load_pieces(const Pack& pack, V* l) const {
+  const auto four = [&](int first) {
+    return load_rows<V>([&](int lane) {
+      return reinterpret_cast<const Point<double>*>(&pieces_[usize(pack.link[lane])]) + first;
+    });
   };
-  return joint_values(link.joint.type, side(link.joint.in_a, link.a), side(link.joint.in_b, link.b),
-                      link.joint.coordinate, !trial || link.rows > link.equations);
+  const auto low = four(0), high = four(1);
+  l[0] = low.x, l[1] = low.y, l[2] = low.z, l[3] = low.w, l[4] = high.x, l[5] = high.y;
+}
+
+void JointGroup::store_pieces(const Pack& pack, const V* l) {
+  const auto four = [&](int first, const V& x, const V& y, const V& z, const V& w) {
+    store_rows<V>({x, y, z, w}, [&](int lane) {
+      return reinterpret_cast<Point<double>*>(&pieces_[usize(pack.link[lane])]) + first;
+    });
+  };
+  four(0, l[0], l[1], l[2], l[3]);
+  four(1, l[4], l[5], V{}, V{});
+}
+
+// Adds the pieces to the impulses. Call write_momenta() afterwards.
+void JointGroup::apply(BodyRows& rows) {
+  tried_ = false;
+  for (Pack& pack : packs_) {
+    V l[kJointRows];
+    load_pieces(pack, l);
+    for (int row = 0; row < pack.rows; ++row) pack.impulse[row] += l[row];
+    each_side(pack, wrench(pack, l), [&](std::size_t k, const auto& force, const auto& torque) {
+      const Member& m = members_[k];
+      if (!m.moves) return;
+      const auto v = m.scale * force;
+      Point<double>& row = rows.velocity[usize(m.row)].linear;
+      store_quad(row, load_quad(row) + v);
+      store_quad(given_[k].linear, load_quad(given_[k].linear) + v);
+      for (int i = 0; i < 3; ++i) L_[3 * k + usize(i)] += torque[i];
+    });
+  }
+}
+
+JointQuaternion JointGroup::rotations(const Places& places, const std::int32_t* members) {
+  const auto q = load_points<V>(places.q.data(), members);
+  return {q.x, {{q.y, q.z, q.w}}};
+}
+
+JointSides JointGroup::sides(const JointFrames& frames, const Places& places,
+                             const std::int32_t* members) {
+  const auto x = load_points<V>(places.x.data(), members);
+  return {frames, {{x.x, x.y, x.z}}, rotations(places, members)};
+}
+
+void JointGroup::find_values(const Pack& pack, const Places& places, bool coordinates, V* C) {
+  joint_values(pack.type, sides(pack.in_a, places, pack.a), sides(pack.in_b, places, pack.b),
+               pack.coordinate, coordinates, C);
 }
 
 void JointGroup::set_gradients() {
-  for (Link& link : links_) {
-    const Member &a = members_[usize(link.a)], &b = members_[usize(link.b)];
-    const JointSide side_a(link.joint.in_a, a.now.x, a.now.q);
-    const JointSide side_b(link.joint.in_b, b.now.x, b.now.q);
-    link.G = joint_gradients(link.joint.type, side_a, side_b);
-    link.begin = joint_values(link.joint.type, side_a, side_b, link.joint.coordinate,
-                              link.rows > link.equations);
-    for (int row = 0; row < link.rows; ++row) {
-      const auto of = [&](const Member& m, const Vec3& angular) {
-        return m.moves ? m.scale * m.scale * link.G.linear[row].squaredNorm() +
-                             angular.dot(m.W * angular)
-                       : 0;
-      };
-      link.mobility[usize(row)] = of(a, link.G.angular_a[row]) + of(b, link.G.angular_b[row]);
-    }
+  for (Pack& pack : packs_) {
+    const JointSides a = sides(pack.in_a, now_, pack.a), b = sides(pack.in_b, now_, pack.b);
+    joint_gradients(pack.type, a, b, pack.G);
+    joint_values(pack.type, a, b, pack.coordinate, pack.rows > pack.equations, pack.begin);
+    for (V& sum : pack.mobility) sum = V{};
+    const auto scale = [&](const std::int32_t* members, const JointVector& arm,
+                           V(*scaled)[JointMatrix::kSize]) {
+      const auto root = [&](int lane) { return &root_[usize(members[lane])]; };
+      const auto p = load_rows<V>([&](int lane) { return &root(lane)->linear; });
+      const auto q = load_rows<V>([&](int lane) { return &root(lane)->angular; });
+      const V xx = q.w * p.x, yy = q.w * p.y, zz = q.w * p.z, mass = q.w * p.w;
+      const V xy = q.w * q.x, xz = q.w * q.y, yz = q.w * q.z;
+      for (int row = 0; row < pack.rows; ++row) {
+        const bool turn = is_turn(pack.type, row);
+        const JointVector& axis = pack.G.axis[row];
+        const JointVector linear = (turn ? V{} : mass) * axis, m = turn ? axis : cross(arm, axis);
+        V* const g = scaled[row];
+        for (int i = 0; i < 3; ++i) g[i] = linear[i];
+        g[3] = xx * m[0] + xy * m[1] + xz * m[2];
+        g[4] = xy * m[0] + yy * m[1] + yz * m[2];
+        g[5] = xz * m[0] + yz * m[1] + zz * m[2];
+        for (int i = 0; i < JointMatrix::kSize; ++i) pack.mobility[row] += g[i] * g[i];
+      }
+    };
+    scale(pack.a, pack.G.arm_a, pack.scaled_a);
+    scale(pack.b, pack.G.arm_b, pack.scaled_b);
   }
   factored_ = false;
 }
 
 void JointGroup::factor() {
   matrix_.clear();
-  for (std::size_t j = 0; j < links_.size(); ++j) {
-    const Link& link = links_[j];
-    const auto piece = [&](const Member& m, double sign, int row, const Vec3& angular) {
-      JointMatrix::Piece p;
-      Vec3::Map(p.data()) = sign * m.scale * link.G.linear[row];
-      Vec3::Map(p.data() + 3) = sign * (m.W_root * angular);
-      return p;
-    };
-    for (int row = 0; row < link.rows; ++row) {
-      if (!link.active(row)) continue;
-      double E = regularisation_ * link.mobility[usize(row)];
-      if (row >= link.equations) {
-        const std::size_t k = usize(row - link.equations);
-        E += link.law[k].softness(link.mode[k]);
+  for (const Pack& pack : packs_) {
+    for (int lane = 0; lane < pack.count; ++lane) {
+      const Link& link = links_[usize(pack.link[lane])];
+      for (int row = 0; row < link.rows; ++row) {
+        JointMatrix::Piece a, b;
+        if (!link.active(row)) {
+          a.fill(0);
+          matrix_.set(pack.link[lane], row, a, a, 1);
+          continue;
+        }
+        double E = regularisation_ * pack.mobility[row][lane];
+        if (row >= link.equations) {
+          const std::size_t k = usize(row - link.equations);
+          E += link.law[k].softness(link.mode[k]);
+        }
+        for (int i = 0; i < JointMatrix::kSize; ++i) {
+          a[usize(i)] = pack.scaled_a[row][i][lane];
+          b[usize(i)] = -pack.scaled_b[row][i][lane];
+        }
+        matrix_.set(pack.link[lane], row, a, b, E);
       }
-      matrix_.set(static_cast<std::int32_t>(j), row,
-                  piece(members_[usize(link.a)], 1, row, link.G.angular_a[row]),
-                  piece(members_[usize(link.b)], -1, row, link.G.angular_b[row]), E);
     }
   }
   matrix_.factor();
@@ -234,34 +327,39 @@ void JointGroup::factor() {
 // so its moments in a sub-step are at least those of a smaller h w; no others change (Andrews,
 // Teichmann and Kovecses 2017, Comput. Animat. Virtual Worlds 28).
 void JointGroup::find_inertia() {
-  struct Arms {
-    Vec3 K = Vec3::Zero(), sum = Vec3::Zero();
-    double weight = 0;
-  };
-  std::vector<Arms> arms(members_.size());
-  for (const Link& link : links_) {
-    if (link.joint.type == JointType::kSlider || link.joint.type == JointType::kDistance) continue;
-    const Vec3 force = Vec3(link.joint.impulse.data()) / settings_.h;
-    const auto add = [&](std::int32_t member, const Vec3& r, const Vec3& f) {
-      const double K = r.dot(members_[usize(member)].now.q.conjugate() * f);
-      if (!(K > 0)) return;
-      Arms& arm = arms[usize(member)];
-      arm.K += K * (Vec3::Ones() - r.cwiseAbs2() / r.squaredNorm());
-      arm.sum += K * r, arm.weight += K;
+  for (BodyRow& arm : sums_) arm = {};  // K for the three axes; sum of K r, and of K
+  for (const Pack& pack : packs_) {
+    if (pack.type == JointType::kSlider || pack.type == JointType::kDistance) continue;
+    const auto add_side = [&](const JointFrames& frames, const std::int32_t* members, double sign) {
+      const JointVector force{{pack.last[0], pack.last[1], pack.last[2]}};
+      const JointVector f = rotations(now_, members).conjugate().rotated(force);
+      const JointVector& r = frames.anchor;
+      const V K = sign / settings_.h * dot(r, f);
+      if (!any(K > 0.0)) return;
+      const V square = dot(r, r);
+      for (int lane = 0; lane < pack.count; ++lane) {
+        if (!(K[lane] > 0)) continue;
+        BodyRow& arm = sums_[usize(members[lane])];
+        const Vec3 at(r[0][lane], r[1][lane], r[2][lane]);
+        add(arm.linear, K[lane] * (Vec3::Ones() - at.cwiseAbs2() / square[lane]));
+        add(arm.angular, K[lane] * at);
+        arm.angular.w += K[lane];
+      }
     };
-    add(link.a, link.joint.in_a.anchor, force);
-    add(link.b, link.joint.in_b.anchor, -force);
+    add_side(pack.in_a, pack.a, 1);
+    add_side(pack.in_b, pack.b, -1);
   }
   const double most = smooth_ ? kFreeSwing : kSwing;
   whirls_ = false;
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
+    const BodyRow& arm = sums_[k];
     m.slow_inertia = m.inertia;
-    if (!m.moves || !(arms[k].weight > 0)) continue;
+    if (!m.moves || !(arm.angular.w > 0)) continue;
     // What hangs at one end swings about it.
-    const Vec3 r = 1 / m.scale * arms[k].sum / arms[k].weight;
+    const Vec3 r = 1 / (m.scale * arm.angular.w) * from_row(arm.angular);
     const Vec3 about_end = Vec3::Constant(r.squaredNorm()) - r.cwiseAbs2();
-    const Vec3 least = settings_.h * settings_.h / (most * most) * arms[k].K - about_end;
+    const Vec3 least = settings_.h * settings_.h / (most * most) * from_row(arm.linear) - about_end;
     m.slow_inertia = m.inertia.cwiseMax(least);
     whirls_ |= m.slow_inertia != m.inertia;
   }
@@ -276,7 +374,7 @@ void JointGroup::mark_bodies(std::span<std::uint8_t> bodies) const {
 void JointGroup::set_inertia(std::size_t member, const Vec3& inertia, BodyRows& rows) {
   Eigen::Map<Vec3> now(&inertia_[3 * member]), L(&L_[3 * member]);
   if (now == inertia) return;
-  const Quaternion& q = members_[member].now.q;
+  const Quaternion q = rotation(member);
   L = q * (q.conjugate() * L).cwiseProduct(inertia.cwiseQuotient(now).cwiseMin(1));
   now = inertia;
   refresh(member, rows);
@@ -290,69 +388,72 @@ void JointGroup::begin_substep(BodyRows& rows) {
     const BodyRow& a = rows.acceleration[usize(m.row)];
     // The half kick back that begins a step is none of what was before it.
     const double kicked = settings_.h - weight_ * settings_.h;
-    m.v_before = m.scale * (from_row(free.linear) - weight_ * settings_.h * from_row(a.linear));
-    m.w_before = m.W * (momentum(k) + kicked * (m.unroot * from_row(a.angular)));
+    before_[k] = {};
+    assign(before_[k].linear,
+           m.scale * (from_row(free.linear) - weight_ * settings_.h * from_row(a.linear)));
+    assign(before_[k].angular, m.W * (momentum(k) + kicked * (m.unroot * from_row(a.angular))));
     m.start = from_row(x.linear);
     m.start_turn = from_row(x.angular);
     if (!m.moves) continue;
     BodyRow& v = rows.velocity[usize(m.row)];
-    add(v.linear, -m.given_v);
-    add(v.angular, -m.given_w);
-    m.given_v = m.given_w = Vec3::Zero();
+    add(v.linear, -from_row(given_[k].linear));
+    add(v.angular, -from_row(given_[k].angular));
+    given_[k] = {};
   }
   read_momenta(rows);
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
-    m.now.x = m.origin + m.scale * m.start;
+    assign(now_.x[k], m.origin + m.scale * m.start);
     if (!m.moves || m.start_turn == m.seen_turn) continue;  // else by an impact
-    m.now.q = (rotation_by(m.root * (m.start_turn - m.seen_turn)) * m.now.q).normalized();
+    turn(k, m.root * (m.start_turn - m.seen_turn));
     m.seen_turn = m.start_turn;
     refresh(k, rows);
   }
-  find_inertia();
+  if (!begins_) find_inertia();
+  begins_ = false;
   for (std::size_t k = 0; k < members_.size(); ++k) set_inertia(k, members_[k].slow_inertia, rows);
   set_gradients();
-  for (Link& link : links_) {
-    set_laws(link, Stage::kMotion);
-    link.impulse.fill(0);
-    Impulses first = link.joint.impulse;
-    for (double& l : first) l *= weight_;
-    apply(link, first, rows);
+  for (Pack& pack : packs_) {
+    set_laws(pack, Stage::kMotion);
+    for (int row = 0; row < kJointRows; ++row) {
+      pack.impulse[row] = V{};
+      pack.last[row] = weight_ * pack.last[row];
+    }
+    store_pieces(pack, pack.last);
   }
-  write_momenta(rows);
+  apply(rows);
 }
 
-void JointGroup::sum_impulses(Link& link) const {
-  const Vec3 arm = rotated(members_[usize(link.a)].now.q, link.joint.in_a.anchor);
-  for (int row = 0; row < link.rows; ++row) {
-    const Vec3 l = link.impulse[usize(row)] * link.G.linear[row];
-    link.force += l;
-    link.torque += link.impulse[usize(row)] * link.G.angular_a[row] - arm.cross(l);
-  }
-  const int own = coordinate_row(link.joint.type);
-  if (own >= 0 && own < link.rows) link.effort += link.impulse[usize(own)];
+void JointGroup::sum_impulses(Pack& pack) {
+  const Wrench given = wrench(pack, pack.impulse);
+  pack.force = pack.force + given.force;
+  pack.torque = pack.torque + (given.torque_a - cross(pack.G.arm_a, given.force));
+  const int own = coordinate_row(pack.type);
+  if (own >= 0 && own < pack.rows) pack.effort += pack.impulse[own];
 }
 
-// A force at the anchor turns with the bodies: the next sub-step begins with it, and across a long
-// arm of a light body the part of it that stayed behind would whirl the body around. It turns with
-// the one that it would whirl more.
-void JointGroup::turn_impulse(Link& link) const {
-  if (link.joint.type == JointType::kSlider || link.joint.type == JointType::kDistance) return;
-  double weights = 0;
-  Vec3 turn = Vec3::Zero();
-  const auto add = [&](std::int32_t k, std::span<const Vec3> angular) {
-    const Member& m = members_[usize(k)];
-    if (!m.moves) return;
-    double weight = 0;
-    for (std::size_t i = 0; i < 3; ++i) weight += angular[i].dot(m.W * angular[i]);
+// The impulses that the next sub-step begins with. A force at the anchor turns with the bodies:
+// across a long arm of a light body the part of it that stayed behind would whirl the body around.
+// It turns with the one that it would whirl more.
+void JointGroup::turn_impulses(Pack& pack) const {
+  for (int row = 0; row < kJointRows; ++row) pack.last[row] = 1 / weight_ * pack.impulse[row];
+  if (pack.type == JointType::kSlider || pack.type == JointType::kDistance) return;
+  V weights{};
+  JointVector turn{};
+  const auto add_side = [&](const std::int32_t* members, const V(*scaled)[JointMatrix::kSize]) {
+    V weight{};
+    for (int row = 0; row < 3; ++row)
+      for (int i = 3; i < 6; ++i) weight += scaled[row][i] * scaled[row][i];
     weights += weight;
-    turn += weight * rotation_vector(trial_[usize(k)].q * m.now.q.conjugate());
+    turn = turn + weight * rotation_vector(rotations(trial_, members) *
+                                           rotations(now_, members).conjugate());
   };
-  add(link.a, link.G.angular_a);
-  add(link.b, link.G.angular_b);
-  if (!(weights > 0)) return;
-  Eigen::Map<Vec3> force(link.joint.impulse.data());
-  force = rotation_by(turn / weights) * force;
+  add_side(pack.a, pack.scaled_a);
+  add_side(pack.b, pack.scaled_b);
+  const auto turns = weights > 0.0;
+  const JointVector mean = (1.0 / select(turns, weights, splat<V>(1))) * turn;
+  const JointVector force = rotation_by(mean).rotated({{pack.last[0], pack.last[1], pack.last[2]}});
+  for (int i = 0; i < 3; ++i) pack.last[i] = select(turns, force[i], pack.last[i]);
 }
 
 void JointGroup::move(BodyRows& rows) {
@@ -368,13 +469,11 @@ void JointGroup::move(BodyRows& rows) {
       assign(x.angular, m.seen_turn);
     }
   }
-  for (Link& link : links_) {
-    sum_impulses(link);
-    for (int row = 0; row < link.rows; ++row)
-      link.joint.impulse[usize(row)] = link.impulse[usize(row)] / weight_;
-    turn_impulse(link);
+  for (Pack& pack : packs_) {
+    sum_impulses(pack);
+    turn_impulses(pack);
   }
-  for (std::size_t k = 0; k < members_.size(); ++k) members_[k].now = trial_[k];
+  std::swap(now_, trial_);
   weight_ = 1;
 }
 
@@ -382,19 +481,20 @@ void JointGroup::end_step(BodyRows& rows) {
   for (std::size_t k = 0; k < members_.size(); ++k) set_inertia(k, members_[k].inertia, rows);
   if (smooth_) {
     for (std::size_t k = 0; k < members_.size(); ++k) {
-      Member& m = members_[k];
-      m.v_before = m.scale * from_row(rows.velocity[usize(m.row)].linear);
-      m.w_before = m.W * momentum(k);
+      const Member& m = members_[k];
+      assign(before_[k].linear, m.scale * from_row(rows.velocity[usize(m.row)].linear));
+      assign(before_[k].angular, m.W * momentum(k));
     }
     kick(0.5 * settings_.h, rows);
     weight_ = 0.5;
     set_gradients();
-    for (Link& link : links_) {
-      set_laws(link, Stage::kVelocity);
-      link.impulse.fill(0);
+    for (Pack& pack : packs_) {
+      set_laws(pack, Stage::kVelocity);
+      for (V& l : pack.impulse) l = V{};
     }
-    iterate(Stage::kVelocity, rows);
-    for (Link& link : links_) sum_impulses(link);
+    solve(Stage::kVelocity, rows, kTolerance);
+    write_momenta(rows);
+    for (Pack& pack : packs_) sum_impulses(pack);
   }
 }
 
@@ -402,27 +502,33 @@ void JointGroup::store(Bodies& bodies, std::span<Joint> joints, double dt) const
   for (std::size_t k = 0; k < members_.size(); ++k) {
     const Member& m = members_[k];
     if (!m.moves) continue;
-    store_quaternion(m.now.q, &bodies.q[4 * usize(m.body)]);
+    store_quaternion(rotation(k), &bodies.q[4 * usize(m.body)]);
     Vec3::Map(&bodies.L[3 * usize(m.body)]) = momentum(k);
   }
-  for (const Link& link : links_) {
-    Joint& joint = joints[usize(link.number)];
-    const auto C = values(link, false);
-    joint.impulse = link.joint.impulse;
-    joint.coordinate = link.joint.coordinate;
-    joint.force = link.force / dt;
-    joint.torque = link.torque / dt;
-    joint.effort = link.effort / dt;
-    joint.length_error = joint.angle_error = 0;
-    for (int row = 0; row < link.rows; ++row) {
-      double error = C[usize(row)];
-      if (row >= link.equations) {
-        const bool own = row == coordinate_row(joint.type);
-        const double upper = own ? joint.upper : joint.cone;
-        error = std::max({0., error - upper, own ? joint.lower - error : 0.});
+  for (const Pack& pack : packs_) {
+    V C[kJointRows];
+    find_values(pack, now_, true, C);
+    for (int lane = 0; lane < pack.count; ++lane) {
+      const Link& link = links_[usize(pack.link[lane])];
+      Joint& joint = joints[usize(link.number)];
+      joint.coordinate = pack.coordinate[lane];
+      joint.effort = pack.effort[lane] / dt;
+      for (int i = 0; i < 3; ++i) {
+        joint.force[i] = pack.force[i][lane] / dt;
+        joint.torque[i] = pack.torque[i][lane] / dt;
       }
-      double& sum = link.G.linear[row].isZero(0) ? joint.angle_error : joint.length_error;
-      sum = std::hypot(sum, error);
+      joint.length_error = joint.angle_error = 0;
+      for (int row = 0; row < kJointRows; ++row) joint.impulse[usize(row)] = pack.last[row][lane];
+      for (int row = 0; row < link.rows; ++row) {
+        double error = C[row][lane];
+        if (row >= link.equations) {
+          const bool own = row == coordinate_row(joint.type);
+          const double upper = own ? joint.upper : joint.cone;
+          error = std::max({0., error - upper, own ? joint.lower - error : 0.});
+        }
+        double& sum = is_turn(joint.type, row) ? joint.angle_error : joint.length_error;
+        sum = std::hypot(sum, error);
+      }
     }
   }
 }

@@ -10,6 +10,8 @@
 #include <span>
 #include <vector>
 
+#include "substep/core/aligned_buffer.h"
+#include "substep/core/point_scatter.h"
 #include "substep/core/usize.h"
 #include "substep/rigid/motion/body_rows.h"
 #include "substep/rigid/solver/joint_law.h"
@@ -33,7 +35,8 @@ class JointGroup {
   // pressed: not 0 for bodies on which a contact presses.
   void begin_step(std::span<const Joint> joints, std::span<const std::uint8_t> pressed,
                   const Bodies& bodies, const Settings& settings, BodyRows& rows);
-  void solve_velocities(BodyRows& rows, bool first);
+  // first, last: sweep of the sub-step.
+  void solve_velocities(BodyRows& rows, bool first, bool last);
   void move(BodyRows& rows);
   void solve_positions(BodyRows& rows);
   void end_step(BodyRows& rows);
@@ -44,9 +47,12 @@ class JointGroup {
   void mark_bodies(std::span<std::uint8_t> bodies) const;  // that impulses move
 
  private:
-  struct Place {
-    Vec3 x;
-    Quaternion q;
+  static constexpr int kLanes = kJointLanes;
+  static constexpr double kTolerance = 1e-12;  // of C [m], [rad]
+  using V = JointLanes;
+
+  struct Places {
+    AlignedBuffer<Point<double>> x, q;  // q: (w, x, y, z)
   };
   // A body. That of the world, of a static or a sleeping one has row 0.
   struct Member {
@@ -57,40 +63,74 @@ class JointGroup {
     Vec3 slow_inertia;          // those of the next sub-step
     Vec3 origin;                // position at the start of the step
     Mat3 root, unroot;          // W^(1/2) of the start of the step, and its inverse
-    Mat3 W, W_root;             // of the start of the sub-step, W^(1/2)
-    Place now;                  // at the start of the sub-step
-    Vec3 seen_spin, seen_turn;  // velocity and displacement of the row that L and now agree with
+    Mat3 W;                     // of the start of the sub-step
+    Vec3 seen_spin, seen_turn;  // velocity and displacement of the row that L agrees with
     Vec3 seen_velocity;         // of the row, by the trial
-    Vec3 v_before, w_before;    // velocities before the sub-step
     Vec3 start, start_turn;     // displacement at the start of the sub-step
-    Vec3 given_v, given_w;      // what joints changed of the row's velocity in the sub-step
   };
-  using Impulses = std::array<double, kJointRows>;
-
   struct Link {
     Joint joint;
     std::int32_t number, a, b;  // members
     int equations, rows;
-    JointGradients G;
-    std::array<double, kJointRows> begin;     // C at the start of the sub-step
-    std::array<double, kJointRows> mobility;  // diagonal of G M^-1 G^T
-    Impulses impulse;                         // l of the sub-step
     std::array<JointLaw, 3> law;
     std::array<JointLaw::Mode, 3> mode;
-    Vec3 force, torque;  // impulses of the step
-    double effort;       // along the coordinate
 
     bool active(int row) const {
       return row < equations || !JointLaw::fixes_impulse(mode[usize(row - equations)]);
     }
   };
+  // Links of one type in lanes; lanes that are left have the first link again.
+  struct Pack {
+    JointType type;
+    int count, equations, rows;  // rows: most that a link has
+    std::int32_t link[kLanes], a[kLanes], b[kLanes];
+    JointFrames in_a, in_b;
+    JointGradients G;
+    V scaled_a[kJointRows][JointMatrix::kSize];  // G in coordinates of mass and inertia 1
+    V scaled_b[kJointRows][JointMatrix::kSize];
+    V mobility[kJointRows];     // diagonal of G M^-1 G^T
+    V begin[kJointRows];        // C at the start of the sub-step
+    V rate[kJointRows];         // of C: mean of the trial motion, or of velocities
+    V impulse[kJointRows];      // l of the sub-step
+    V last[kJointRows];         // that of the one before, turned with the bodies
+    V coordinate;               // angles are those nearest to it
+    JointVector force, torque;  // impulses of the step
+    V effort;                   // along the coordinate
+  };
+  struct Wrench {
+    JointVector force, torque_a, torque_b;
+  };
   enum class Stage { kMotion, kVelocity };  // constraints of the trial motion, or of velocities
 
   std::int32_t member_of(std::int32_t body, const BodyRows& rows);
+  void pack();
   Vec3 momentum(std::size_t member) const { return Vec3(&L_[3 * member]); }
-  double rate(const Link& link, int row, const BodyRows& rows) const;
-  double rate_before(const Link& link, int row) const;
-  std::array<double, kJointRows> values(const Link& link, bool trial) const;  // else: now
+  Quaternion rotation(std::size_t member) const { return load_quaternion(&now_.q[member].x); }
+  void turn(std::size_t member, const Vec3& by) {
+    store_quaternion((rotation_by(by) * rotation(member)).normalized(), &now_.q[member].x);
+  }
+
+  static JointQuaternion rotations(const Places& places, const std::int32_t* members);
+  static JointSides sides(const JointFrames& frames, const Places& places,
+                          const std::int32_t* members);
+  static void find_values(const Pack& pack, const Places& places, bool coordinates, V* C);
+  static void find_velocity_rates(Pack& pack, const AlignedBuffer<BodyRow>& velocities);
+  static Wrench wrench(const Pack& pack, const V* l);
+  // task(member, force, torque) of the links' sides.
+  template <class F>
+  static void each_side(const Pack& pack, const Wrench& wrench, const F& task) {
+    Point<double> force[kLanes], a[kLanes], b[kLanes];
+    const auto split = [](const JointVector& v, Point<double>* to) {
+      store_rows<V>({v[0], v[1], v[2], V{}}, [&](int lane) { return to + lane; });
+    };
+    split(wrench.force, force), split(wrench.torque_a, a), split(wrench.torque_b, b);
+    for (int lane = 0; lane < pack.count; ++lane) {
+      task(usize(pack.a[lane]), load_quad(force[lane]), load_quad(a[lane]));
+      task(usize(pack.b[lane]), -load_quad(force[lane]), -load_quad(b[lane]));
+    }
+  }
+  void load_pieces(const Pack& pack, V* l) const;
+  void store_pieces(const Pack& pack, const V* l);
 
   void refresh(std::size_t member, BodyRows& rows);
   bool read_momenta(const BodyRows& rows);
@@ -101,28 +141,36 @@ class JointGroup {
   double correct_positions(BodyRows& rows);
   void set_inertia(std::size_t member, const Vec3& inertia, BodyRows& rows);
   void set_gradients();
-  void set_laws(Link& link, Stage stage);
+  void set_laws(Pack& pack, Stage stage);
   void find_trial(const BodyRows& rows);
-  void choose_modes(Stage stage, BodyRows& rows, bool& changed, bool& applied);
-  double find_residuals(Stage stage, const BodyRows& rows);
-  bool iterate(Stage stage, BodyRows& rows);
-  void solve_motion(BodyRows& rows);
+  void find_rates(Stage stage, const BodyRows& rows);
+  bool choose_modes(bool& changed);
+  double find_residuals();
+  bool solve(Stage stage, BodyRows& rows, double tolerance);
+  void solve_motion(BodyRows& rows, double tolerance);
   void factor();
-  void apply(Link& link, const Impulses& change, BodyRows& rows);
-  void sum_impulses(Link& link) const;
-  void turn_impulse(Link& link) const;
+  void apply(BodyRows& rows);
+  static void sum_impulses(Pack& pack);
+  void turn_impulses(Pack& pack) const;
 
   Settings settings_;
   double regularisation_ = 0;
   bool smooth_ = false, factored_ = false, whirls_ = false;
-  bool tried_ = false;  // whether the trial is that of the velocities
-  double weight_ = 1;   // of the impulses of this sub-step: half of one, or a whole
+  bool tried_ = false;   // whether the trial is that of the velocities
+  bool solved_ = false;  // whether that is the motion sought, but for what contacts change
+  bool begins_ = false;  // whether this sub-step is the first
+  double weight_ = 1;    // of the impulses of this sub-step: half of one, or a whole
   std::vector<Member> members_;
   std::vector<Link> links_;
-  std::vector<double> q_, L_, inertia_;  // rows of members: trial rotations, momenta, moments
-  std::vector<Place> trial_;
+  std::vector<Pack> packs_;
+  std::vector<double> L_, inertia_;  // rows of members
+  AlignedBuffer<BodyRow> root_;      // W^(1/2) of the start of the sub-step, as in BodyRows
+  AlignedBuffer<BodyRow> before_;    // velocities before the sub-step
+  AlignedBuffer<BodyRow> given_;     // what joints changed of the row's velocity, in the sub-step
+  AlignedBuffer<BodyRow> sums_;      // velocities, or impulses of each member
+  Places now_, trial_;               // at the start of the sub-step, and at its end
   JointMatrix matrix_;
-  std::vector<JointMatrix::Piece> pieces_;
+  std::vector<JointMatrix::Piece> pieces_;  // by links
 };
 
 }  // namespace substep::rigid

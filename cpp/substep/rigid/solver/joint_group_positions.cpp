@@ -1,8 +1,8 @@
 // JointGroup: what is left of C is taken back by displacements.
 #include <algorithm>
 #include <cmath>
-#include <vector>
 
+#include "substep/core/point_scatter.h"
 #include "substep/core/usize.h"
 #include "substep/rigid/motion/row_vectors.h"
 #include "substep/rigid/solver/joint_group.h"
@@ -19,14 +19,12 @@ constexpr int kRounds = 3;
 }  // namespace
 
 void JointGroup::solve_positions(BodyRows& rows) {
-  for (Member& m : members_) {
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const Member& m = members_[k];
     const BodyRow& x = rows.displacement[usize(m.row)];
-    m.now.x = m.origin + m.scale * from_row(x.linear);
-    if (!m.moves) continue;
-    const Vec3 turn = from_row(x.angular);
-    if (turn != m.seen_turn) {  // by contacts
-      m.now.q = (rotation_by(m.root * (turn - m.seen_turn)) * m.now.q).normalized();
-    }
+    assign(now_.x[k], m.origin + m.scale * from_row(x.linear));
+    const Vec3 by = from_row(x.angular);
+    if (m.moves && by != m.seen_turn) turn(k, m.root * (by - m.seen_turn));  // by contacts
   }
   for (int round = 0; round < kRounds; ++round)
     if (!(correct_positions(rows) > kFarPosition)) break;
@@ -40,57 +38,59 @@ void JointGroup::solve_positions(BodyRows& rows) {
 // Returns the largest of C before.
 double JointGroup::correct_positions(BodyRows& rows) {
   double worst = 0;
-  for (std::size_t j = 0; j < links_.size(); ++j) {
-    Link& link = links_[j];
-    const auto C = values(link, false);
-    const int own = coordinate_row(link.joint.type);
-    if (own >= 0) link.joint.coordinate = C[usize(own)];
-    pieces_[j].fill(0);
-    for (int row = 0; row < link.rows; ++row) {
-      double c = C[usize(row)];
-      if (row >= link.equations) {
-        const Mode mode = link.mode[usize(row - link.equations)];
-        if (mode != Mode::kLower && mode != Mode::kUpper) continue;
-        const double upper = row == own ? link.joint.upper : link.joint.cone;
-        c -= mode == Mode::kLower ? link.joint.lower : upper;
-      }
-      pieces_[j][usize(row)] = std::clamp(c, -settings_.push, settings_.push);
-      worst = std::max(worst, std::abs(c));
-    }
-  }
-  if (worst > kEnoughPosition) {
-    if (!factored_) factor();
-    matrix_.solve(pieces_);
-    std::vector<Vec3> shift(members_.size(), Vec3::Zero()), turn = shift;
-    for (std::size_t j = 0; j < links_.size(); ++j) {
-      const Link& link = links_[j];
+  for (Pack& pack : packs_) {
+    V C[kJointRows];
+    find_values(pack, now_, true, C);
+    const int own = coordinate_row(pack.type);
+    if (own >= 0) pack.coordinate = C[own];
+    V errors[kJointRows] = {};
+    for (int lane = 0; lane < kLanes; ++lane) {
+      const Link& link = links_[usize(pack.link[lane])];
       for (int row = 0; row < link.rows; ++row) {
-        if (!link.active(row)) continue;
-        const double l = pieces_[j][usize(row)];
-        shift[usize(link.a)] += l * link.G.linear[row];
-        turn[usize(link.a)] += l * link.G.angular_a[row];
-        shift[usize(link.b)] -= l * link.G.linear[row];
-        turn[usize(link.b)] -= l * link.G.angular_b[row];
+        double c = C[row][lane];
+        if (row >= link.equations) {
+          const Mode mode = link.mode[usize(row - link.equations)];
+          if (mode != Mode::kLower && mode != Mode::kUpper) continue;
+          const double upper = row == own ? link.joint.upper : link.joint.cone;
+          c -= mode == Mode::kLower ? link.joint.lower : upper;
+        }
+        errors[row][lane] = std::clamp(c, -settings_.push, settings_.push);
+        worst = std::max(worst, std::abs(c));
       }
     }
-    double largest = settings_.push;
-    for (std::size_t k = 0; k < members_.size(); ++k) {
-      const Member& m = members_[k];
-      shift[k] *= m.scale;
-      turn[k] = m.W * turn[k];
-      if (m.moves) largest = std::max({largest, m.scale * shift[k].norm(), turn[k].norm()});
-    }
-    const double part = settings_.push / largest;
-    for (std::size_t k = 0; k < members_.size(); ++k) {
-      Member& m = members_[k];
-      if (!m.moves) continue;
-      BodyRow& x = rows.displacement[usize(m.row)];
-      const Vec3 angle = part * turn[k];
-      add(x.linear, part * shift[k]);
-      add(x.angular, m.unroot * angle);
-      m.now.x = m.origin + m.scale * from_row(x.linear);
-      m.now.q = (rotation_by(angle) * m.now.q).normalized();
-    }
+    store_pieces(pack, errors);
+  }
+  if (!(worst > kEnoughPosition)) return worst;
+  if (!factored_) factor();
+  matrix_.solve(pieces_);
+  for (BodyRow& sum : sums_) sum = {};
+  for (const Pack& pack : packs_) {
+    V l[kJointRows];
+    load_pieces(pack, l);
+    each_side(pack, wrench(pack, l), [&](std::size_t k, const auto& force, const auto& torque) {
+      store_quad(sums_[k].linear, load_quad(sums_[k].linear) + force);
+      store_quad(sums_[k].angular, load_quad(sums_[k].angular) + torque);
+    });
+  }
+  double largest = settings_.push;
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const Member& m = members_[k];
+    if (!m.moves) continue;
+    const Vec3 shift = m.scale * from_row(sums_[k].linear);
+    const Vec3 by = m.W * from_row(sums_[k].angular);
+    assign(sums_[k].linear, shift), assign(sums_[k].angular, by);
+    largest = std::max({largest, m.scale * shift.norm(), by.norm()});
+  }
+  const double part = settings_.push / largest;
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const Member& m = members_[k];
+    if (!m.moves) continue;
+    BodyRow& x = rows.displacement[usize(m.row)];
+    const Vec3 angle = part * from_row(sums_[k].angular);
+    add(x.linear, part * from_row(sums_[k].linear));
+    add(x.angular, m.unroot * angle);
+    assign(now_.x[k], m.origin + m.scale * from_row(x.linear));
+    turn(k, angle);
   }
   return worst;
 }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstring>
 #include <set>
+#include <type_traits>
 #include <utility>
 
 #include "substep/core/lanes.h"
@@ -14,13 +15,11 @@ namespace {
 constexpr int kSize = JointMatrix::kSize;
 using V = Vector<double, 32>;
 
-constexpr double kUnit[] = {0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0};
-constexpr const double* kZeros = kUnit;
-
 // Of blocks and vectors, see JointMatrix::Block: two vectors of four.
 struct Pair {
   V top, bottom;
 
+  SUBSTEP_INLINE Pair() : top(V{}), bottom(V{}) {}
   SUBSTEP_INLINE explicit Pair(const double* from)
       : top(load<V>(from)), bottom(load<V>(from + 4)) {}
   SUBSTEP_INLINE void store(double* to) const {
@@ -30,49 +29,102 @@ struct Pair {
     const V f = splat<V>(factor);
     top = fma<V>(f, x.top, top), bottom = fma<V>(f, x.bottom, bottom);
   }
+  SUBSTEP_INLINE double get(int row) const { return row < 4 ? top[row] : bottom[row - 4]; }
+  SUBSTEP_INLINE void set(int row, double x) {
+    if (row < 4)
+      top[row] = x;
+    else
+      bottom[row - 4] = x;
+  }
 };
 
-// The inverse of a definite block, by Gauss and Jordan without pivoting. (Exchanging pivots: Beaton
-// 1964, the sweep operator; of definite matrices all pivots have the sign of D.)
-void invert(double* D, int n) {
-  for (int k = 0; k < n; ++k) {
-    double* const pivot = D + 8 * k;
-    const double inverse = 1 / pivot[k];
-    const Pair unit(kUnit + 8 - k);  // the unit vector k
-    Pair column(pivot);
-    column.add(-pivot[k], unit);
-    for (int c = 0; c < n; ++c) {
-      if (c == k) continue;
-      const double factor = D[8 * c + k] * inverse;
-      Pair x(D + 8 * c);
-      x.add(-D[8 * c + k], unit);
-      x.add(-factor, column);
-      x.add(factor, unit);
-      x.store(D + 8 * c);
-    }
-    Pair x(kZeros);
-    x.add(-inverse, column);
-    x.add(inverse, unit);
-    x.store(pivot);
+// task(std::integral_constant<int, n>) for 1 <= n <= 6: loops of known length stay in registers.
+template <class F>
+SUBSTEP_INLINE void with_size(int n, const F& task) {
+  const auto call = [&]<int kN>() { task(std::integral_constant<int, kN>{}); };
+  switch (n) {
+    case 1:
+      return call.template operator()<1>();
+    case 2:
+      return call.template operator()<2>();
+    case 3:
+      return call.template operator()<3>();
+    case 4:
+      return call.template operator()<4>();
+    case 5:
+      return call.template operator()<5>();
+    default:
+      return call.template operator()<6>();
   }
 }
 
-// y += s A x, A of so many columns: even and odd ones apart, so that they need not wait for each
-// other.
-SUBSTEP_INLINE void add_product(double s, const double* A, int columns, const double* x, Pair& y) {
-  Pair odd{kZeros};
-  int k = 0;
-  for (; k + 1 < columns; k += 2) {
-    y.add(s * x[k], Pair(A + 8 * k));
-    odd.add(s * x[k + 1], Pair(A + 8 * k + 8));
+// The inverse of a definite block, by Gauss and Jordan without pivoting. (Exchanging pivots: Beaton
+// 1964, the sweep operator; of definite matrices all pivots have the sign of D.)
+template <int kN>
+void invert(double* D) {
+  Pair x[kN];
+#pragma GCC unroll 6
+  for (int c = 0; c < kN; ++c) x[c] = Pair(D + 8 * c);
+#pragma GCC unroll 6
+  for (int k = 0; k < kN; ++k) {
+    const double inverse = 1 / x[k].get(k);
+    const Pair column = x[k];
+#pragma GCC unroll 6
+    for (int c = 0; c < kN; ++c) {
+      if (c == k) continue;
+      const double factor = x[c].get(k) * inverse;
+      x[c].add(-factor, column);
+      x[c].set(k, factor);
+    }
+    x[k] = Pair();
+    x[k].add(-inverse, column);
+    x[k].set(k, inverse);
   }
-  if (k < columns) y.add(s * x[k], Pair(A + 8 * k));
+#pragma GCC unroll 6
+  for (int c = 0; c < kN; ++c) x[c].store(D + 8 * c);
+}
+
+// to = A B, A of kN columns, B of `columns` columns; all in the form of blocks.
+template <int kN>
+void multiply(const double* A, const double* B, int columns, double* to) {
+  Pair a[kN];
+#pragma GCC unroll 6
+  for (int k = 0; k < kN; ++k) a[k] = Pair(A + 8 * k);
+  for (int c = 0; c < columns; ++c, B += 8, to += 8) {
+    Pair sum;
+#pragma GCC unroll 6
+    for (int k = 0; k < kN; ++k) sum.add(B[k], a[k]);
+    sum.store(to);
+  }
+}
+
+// to -= A B^T, of `columns` rows of B.
+template <int kN>
+void subtract(const double* A, const double* B, int columns, double* to) {
+  Pair a[kN];
+#pragma GCC unroll 6
+  for (int k = 0; k < kN; ++k) a[k] = Pair(A + 8 * k);
+  for (int c = 0; c < columns; ++c, to += 8) {
+    Pair left(to);
+#pragma GCC unroll 6
+    for (int k = 0; k < kN; ++k) left.add(-B[8 * k + c], a[k]);
+    left.store(to);
+  }
+}
+
+// y += s A x: even and odd columns apart, so that they need not wait for each other.
+template <int kN>
+SUBSTEP_INLINE void add_product(double s, const double* A, const double* x, Pair& y) {
+  Pair odd;
+#pragma GCC unroll 6
+  for (int k = 0; k < kN; ++k) (k % 2 == 0 ? y : odd).add(s * x[k], Pair(A + 8 * k));
   y.top = y.top + odd.top, y.bottom = y.bottom + odd.bottom;
 }
 
 // A^T x, of six columns.
 SUBSTEP_INLINE Pair transposed_product(const double* A, const Pair& x) {
-  V sum[8] = {};
+  V sum[kSize];
+#pragma GCC unroll 6
   for (int k = 0; k < kSize; ++k) {
     const Pair column(A + 8 * k);
     sum[k] = fma<V>(column.bottom, x.bottom, column.top * x.top);
@@ -111,12 +163,17 @@ void JointMatrix::analyse(std::int32_t bodies, std::span<const BodyPair> joints,
     }
   }
   for (auto& list : near) std::sort(list.begin(), list.end());
-  const auto joints_of = near;
+  const auto joined = near;
   std::vector<std::uint8_t> done(nodes, 0);
 
-  std::set<std::pair<std::size_t, std::int32_t>> queue;  // degree, node
+  // Degree, 0 of bodies that have one joint; node.
+  std::set<std::pair<std::size_t, std::int32_t>> queue;
+  const auto is_leaf = [&](std::int32_t id) { return id < bodies && joined[usize(id)].size() < 2; };
+  const auto key = [&](std::int32_t id) {
+    return std::pair(is_leaf(id) ? 0 : near[usize(id)].size(), id);
+  };
   const auto enter = [&](std::int32_t id) {
-    if (waits[usize(id)] == 0) queue.emplace(near[usize(id)].size(), id);
+    if (waits[usize(id)] == 0) queue.insert(key(id));
   };
   for (std::size_t id = 0; id < nodes; ++id) enter(static_cast<std::int32_t>(id));
   order_.clear();
@@ -128,7 +185,7 @@ void JointMatrix::analyse(std::int32_t bodies, std::span<const BodyPair> joints,
     done[usize(id)] = 1;
     const auto later = std::move(near[usize(id)]);
     if (id < bodies) {
-      const auto& own = joints_of[usize(id)];
+      const auto& own = joined[usize(id)];
       const auto left = std::count_if(own.begin(), own.end(),
                                       [&](std::int32_t j) { return done[usize(j)] == 0; });
       for (const std::int32_t j : own)
@@ -139,7 +196,7 @@ void JointMatrix::analyse(std::int32_t bodies, std::span<const BodyPair> joints,
     for (const std::int32_t other : later) {
       below_.push_back({other, -1});
       auto& list = near[usize(other)];
-      queue.erase({list.size(), other});
+      queue.erase(key(other));
       merged.clear();
       std::set_union(list.begin(), list.end(), later.begin(), later.end(),
                      std::back_inserter(merged));
@@ -148,6 +205,9 @@ void JointMatrix::analyse(std::int32_t bodies, std::span<const BodyPair> joints,
       enter(other);
     }
   }
+  units_ = std::find_if_not(order_.begin(), order_.end(),
+                            [&](const Node& node) { return is_leaf(node.id); }) -
+           order_.begin();
   place(joints);
 }
 
@@ -162,13 +222,16 @@ void JointMatrix::place(std::span<const BodyPair> joints) {
     return std::span(below_).subspan(usize(node.first), usize(node.count));
   };
   auto next = static_cast<std::int32_t>(order_.size());  // blocks of the diagonal come first
+  filled_ = next;
   for (const Node& node : order_) {
     const auto list = belows(node);
     std::sort(list.begin(), list.end(),
               [&](const Below& x, const Below& y) { return sooner(x, y.id); });
     for (Below& below : list) below.block = next++;
+    if (&node - order_.data() + 1 == units_) filled_ = next;
   }
   blocks_.reset(usize(next));
+  std::memset(blocks_.data(), 0, blocks_.size() * sizeof(Block));
   // The block of two nodes.
   const auto block_of = [&](std::int32_t early, std::int32_t late) {
     const auto list = belows(order_[usize(position[usize(early)])]);
@@ -201,10 +264,12 @@ void JointMatrix::place(std::span<const BodyPair> joints) {
 }
 
 void JointMatrix::clear() {
-  std::memset(blocks_.data(), 0, blocks_.size() * sizeof(Block));
-  for (std::size_t id = 0; id < size_.size(); ++id) {
-    const double sign = id < usize(bodies_) ? 1 : -1;
-    for (int k = 0; k < size_[id]; ++k) blocks_[id].entry[k * kColumn + k] = sign;
+  std::memset(&blocks_[usize(bodies_)], 0, (size_.size() - usize(bodies_)) * sizeof(Block));
+  std::memset(&blocks_[usize(filled_)], 0, (blocks_.size() - usize(filled_)) * sizeof(Block));
+  for (const Node& node : others()) {
+    if (node.id >= bodies_) continue;
+    Block& D = blocks_[usize(node.id)] = {};
+    for (int k = 0; k < kSize; ++k) D.entry[k * kColumn + k] = 1;
   }
 }
 
@@ -225,54 +290,61 @@ void JointMatrix::set(std::int32_t joint, int row, const Piece& gradient_a, cons
 // Below a node L = B D^-1, and what it leaves is A - L B^T.
 void JointMatrix::factor() {
   const std::int32_t* target = update_.data();
-  for (const Node& node : order_) {
-    const double* D = blocks_[usize(node.id)].entry;
-    invert(blocks_[usize(node.id)].entry, node.size);
-    const Below* below = below_.data() + node.first;
-    for (int j = 0; j < node.count; ++j) {
-      Block& block = blocks_[usize(below[j].block)];
-      const Block& B = before_[usize(j)] = block;
-      for (int c = 0; c < node.size; ++c) {
-        Pair sum{kZeros};
-        add_product(1, B.entry, node.size, D + c * kColumn, sum);
-        sum.store(block.entry + c * kColumn);
+  for (const Node& node : units()) {
+    const Below* const below = below_.data() + node.first;
+    for (int j = 0; j < node.count; ++j)
+      for (int i = j; i < node.count; ++i, ++target)
+        subtract<kSize>(blocks_[usize(below[i].block)].entry, blocks_[usize(below[j].block)].entry,
+                        size_[usize(below[j].id)], blocks_[usize(*target)].entry);
+  }
+  for (const Node& node : others()) {
+    double* const D = blocks_[usize(node.id)].entry;
+    const Below* const below = below_.data() + node.first;
+    with_size(node.size, [&](auto size) {
+      constexpr int kN = decltype(size)::value;
+      invert<kN>(D);
+      for (int j = 0; j < node.count; ++j) {
+        Block& block = blocks_[usize(below[j].block)];
+        before_[usize(j)] = block;
+        multiply<kN>(before_[usize(j)].entry, D, kN, block.entry);
       }
-    }
-    for (int j = 0; j < node.count; ++j) {
-      const double* B = before_[usize(j)].entry;
-      const int columns = size_[usize(below[j].id)];
-      for (int i = j; i < node.count; ++i, ++target) {
-        const double* L = blocks_[usize(below[i].block)].entry;
-        double* A = blocks_[usize(*target)].entry;
-        for (int c = 0; c < columns; ++c) {
-          Pair left(A + c * kColumn);
-          for (int k = 0; k < node.size; ++k) left.add(-B[k * kColumn + c], Pair(L + k * kColumn));
-          left.store(A + c * kColumn);
-        }
+      for (int j = 0; j < node.count; ++j) {
+        const int columns = size_[usize(below[j].id)];
+        for (int i = j; i < node.count; ++i, ++target)
+          subtract<kN>(blocks_[usize(below[i].block)].entry, before_[usize(j)].entry, columns,
+                       blocks_[usize(*target)].entry);
       }
-    }
+    });
   }
 }
 
 void JointMatrix::solve(std::span<Piece> joints) {
-  for (std::size_t id = 0; id < x_.size(); ++id) {
-    x_[id] = {};
-    if (id < usize(bodies_)) continue;
-    for (std::size_t k = 0; k < kSize; ++k) x_[id].entry[k] = -joints[id - usize(bodies_)][k];
+  std::memset(x_.data(), 0, usize(bodies_) * sizeof(Column));
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    const double* const c = joints[j].data();
+    Pair x;
+    x.add(-1, Pair(c));
+    x.store(x_[usize(bodies_) + j].entry);
   }
-  for (const Node& node : order_) {  // L y = b
-    const double* x = x_[usize(node.id)].entry;
-    for (std::int32_t j = node.first; j < node.first + node.count; ++j) {
-      double* later = x_[usize(below_[usize(j)].id)].entry;
-      Pair left(later);
-      add_product(-1, blocks_[usize(below_[usize(j)].block)].entry, node.size, x, left);
-      left.store(later);
-    }
+  for (const Node& node : others()) {  // L y = b
+    const double* const x = x_[usize(node.id)].entry;
+    with_size(node.size, [&](auto size) {
+      for (std::int32_t j = node.first; j < node.first + node.count; ++j) {
+        double* const later = x_[usize(below_[usize(j)].id)].entry;
+        Pair left(later);
+        add_product<decltype(size)::value>(-1, blocks_[usize(below_[usize(j)].block)].entry, x,
+                                           left);
+        left.store(later);
+      }
+    });
   }
-  for (auto node = order_.rbegin(); node != order_.rend(); ++node) {  // L^T x = D^-1 y
-    double* x = x_[usize(node->id)].entry;
-    Pair sum{kZeros};
-    add_product(1, blocks_[usize(node->id)].entry, node->size, x, sum);
+  const auto nodes = others();
+  for (auto node = nodes.rbegin(); node != nodes.rend(); ++node) {  // L^T x = D^-1 y
+    double* const x = x_[usize(node->id)].entry;
+    Pair sum;
+    with_size(node->size, [&](auto size) {
+      add_product<decltype(size)::value>(1, blocks_[usize(node->id)].entry, x, sum);
+    });
     for (std::int32_t j = node->first; j < node->first + node->count; ++j) {
       const Pair later(x_[usize(below_[usize(j)].id)].entry);
       const Pair part = transposed_product(blocks_[usize(below_[usize(j)].block)].entry, later);

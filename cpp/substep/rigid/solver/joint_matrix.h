@@ -29,13 +29,13 @@ namespace substep::rigid {
 class JointMatrix {
  public:
   static constexpr int kSize = 6;
-  using Piece = std::array<double, kSize>;
+  struct alignas(64) Piece : std::array<double, 8> {};  // the last two are none
 
   // Bodies 0 ... bodies - 1, each with six coordinates; joint j connects two of them, or one and
   // what no impulse moves (-1), by rows[j] rows.
   void analyse(std::int32_t bodies, std::span<const BodyPair> joints, std::span<const int> rows);
 
-  // Bodies without joints. Then the rows of G and the diagonal of E; a row that is not set is none.
+  // Bodies without joints. Then the rows of G and the diagonal of E, each of them; G = 0 for none.
   void clear();
   void set(std::int32_t joint, int row, const Piece& gradient_a, const Piece& gradient_b, double E);
 
@@ -65,11 +65,15 @@ class JointMatrix {
     std::int32_t block;  // -1: none
     bool transposed;     // the joint comes before the body
   };
+  std::span<const Node> units() const { return std::span(order_).first(usize(units_)); }
+  std::span<const Node> others() const { return std::span(order_).subspan(usize(units_)); }
   void place(std::span<const BodyPair> joints);
   void put(const Side& side, int row, const Piece& gradient);
 
   std::int32_t bodies_ = 0;
   std::vector<Node> order_;
+  std::int64_t units_ = 0;            // of them, bodies of one joint, which come first: D = 1
+  std::int32_t filled_ = 0;           // first block below others
   std::vector<Below> below_;          // nodes that come later, of each node, in their order
   std::vector<std::int32_t> update_;  // of each pair of them: its block
   std::vector<Side> side_a_, side_b_;

@@ -1,45 +1,54 @@
 #include "substep/rigid/solver/joint_rows.h"
 
-#include <cmath>
 #include <numbers>
-
-#include "substep/core/usize.h"
 
 namespace substep::rigid {
 namespace {
 
+using V = JointLanes;
+
 constexpr double kTurn = 2 * std::numbers::pi;
 
-double nearest(double angle, double near) {
-  return angle + kTurn * std::nearbyint((near - angle) / kTurn);
+V nearest(const V& angle, const V& near) {
+  return angle + kTurn * floor(V((near - angle) / kTurn + 0.5));
+}
+
+JointVector unit(int i) {
+  JointVector e{};
+  e[i] = splat<V>(1);
+  return e;
 }
 
 // A direction for what has none.
-Vec3 direction(const Vec3& v, const Vec3& otherwise) {
-  const double length = v.norm();
-  return length > 0 ? Vec3(v / length) : otherwise;
-}
-
-void set(JointGradients& G, int row, const Vec3& linear, const Vec3& arm_a, const Vec3& arm_b) {
-  G.linear[row] = linear;
-  G.angular_a[row] = arm_a.cross(linear);
-  G.angular_b[row] = arm_b.cross(linear);
+JointVector direction(const JointVector& v, const JointVector& otherwise) {
+  const V length = square_root(dot(v, v));
+  const auto some = length > 0.0;
+  const V scale = 1.0 / select(some, length, splat<V>(1));
+  JointVector e;
+  for (int i = 0; i < 3; ++i) e[i] = select(some, V(scale * v[i]), otherwise[i]);
+  return e;
 }
 
 // J: the rates of a rotation vector v are J w, of what turns at w. With a = |v|,
 //   J = 1 - [v] / 2 + (1 - a / 2 cot(a / 2)) / a^2 [v]^2
 // (Bortz 1971, IEEE Trans. Aerosp. Electron. Syst. 7, eq. 10).
-Mat3 vector_rates(const Vec3& v) {
-  const double square = v.squaredNorm(), half = std::sqrt(square) / 2;
-  const double c = square < 1e-4 ? 1. / 12 + square / 720 : (1 - half / std::tan(half)) / square;
-  Mat3 V;
-  V << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return Mat3::Identity() - 0.5 * V + c * (V * V);
-}
-
-void set_turn(JointGradients& G, int row, const Vec3& axis) {
-  G.linear[row].setZero();
-  G.angular_a[row] = G.angular_b[row] = axis;
+Matrix3<V> vector_rates(const JointVector& v) {
+  const V square = dot(v, v), half = 0.5 * square_root(square);
+  V sine, cosine;
+  Sincos<V>{}(half, sine, cosine);
+  const auto large = square > 1e-4;
+  const V c = select(
+      large,
+      (1.0 - half * cosine / select(large, sine, splat<V>(1))) / select(large, square, splat<V>(1)),
+      1.0 / 12 + square / 720.0);
+  Matrix3<V> J;
+  for (int i = 0; i < 3; ++i) {
+    const int j = (i + 1) % 3, k = (i + 2) % 3;
+    J(i, i) = 1.0 + c * (v[i] * v[i] - square);
+    J(i, j) = c * v[i] * v[j] + 0.5 * v[k];
+    J(i, k) = c * v[i] * v[k] - 0.5 * v[j];
+  }
+  return J;
 }
 
 }  // namespace
@@ -75,92 +84,111 @@ int coordinate_row(JointType type) {
   return type == JointType::kBall ? 4 : joint_equations(type);
 }
 
-std::array<double, kJointRows> joint_values(JointType type, const JointSide& a, const JointSide& b,
-                                            double near, bool coordinates) {
-  std::array<double, kJointRows> C{};
-  const Vec3 d = (a.centre - b.centre) + (a.arm - b.arm);
-  if (type == JointType::kDistance) {
-    C[0] = d.norm();
-    return C;
-  }
-  Quaternion turn = b.axes.conjugate() * a.axes;
-  const auto rotation = [&](std::size_t first) {
-    const double sign = turn.w() < 0 ? -2 : 2;
-    C[first] = sign * turn.x(), C[first + 1] = sign * turn.y(), C[first + 2] = sign * turn.z();
-  };
-  if (type == JointType::kSlider) {
-    const Vec3 local = b.axes.conjugate() * d;
-    C[0] = local.y(), C[1] = local.z(), C[5] = local.x();
-    rotation(2);
-    return C;
-  }
-  for (int i = 0; i < 3; ++i) C[usize(i)] = d[i];
-  if (type == JointType::kFixed) {
-    rotation(3);
-    return C;
-  }
-  if (type == JointType::kElastic) {
-    const Vec3 vector = rotation_vector(turn);
-    for (int i = 0; i < 3; ++i) C[usize(3 + i)] = vector[i];
-    return C;
-  }
-  const Vec3 n = rotated(turn, Vec3::UnitX());  // n_a as b sees it
-  if (type == JointType::kUniversal) {
-    C[3] = n.y();
-    if (!coordinates) return C;
-    C[4] = nearest(std::atan2(-rotated(turn, Vec3::UnitZ()).y(), rotated(turn, Vec3::UnitY()).y()),
-                   near);
-    C[5] = std::atan2(-n.z(), n.x());
-  } else if (type == JointType::kHinge) {
-    const Vec3 e = rotated(turn, Vec3::UnitY());
-    C[3] = -n.z(), C[4] = n.y();
-    if (coordinates) C[5] = nearest(std::atan2(e.z(), e.y()), near);
-  } else if (coordinates) {
-    C[3] = std::atan2(std::hypot(n.y(), n.z()), n.x());
-    C[4] = nearest(2 * std::atan2(turn.x(), turn.w()), near);
-  }
-  return C;
+bool is_turn(JointType type, int row) {
+  if (type == JointType::kDistance) return false;
+  return type == JointType::kSlider ? row > 1 && row < 5 : row > 2;
 }
 
-JointGradients joint_gradients(JointType type, const JointSide& a, const JointSide& b) {
-  JointGradients G;
-  const Vec3 d = (a.centre - b.centre) + (a.arm - b.arm);
-  const Mat3 B = b.axes.toRotationMatrix();
-  const Vec3 n_a = rotated(a.axes, Vec3::UnitX()), n_b = B.col(0);
+void JointFrames::set(int lane, const Joint::Frame& frame) {
+  axes.w[lane] = frame.axes.w();
+  for (int i = 0; i < 3; ++i) {
+    anchor[i][lane] = frame.anchor[i];
+    axes.v[i][lane] = frame.axes.vec()[i];
+  }
+}
+
+JointSides::JointSides(const Joint::Frame& frame, const Vec3& x, const Quaternion& q) {
+  const Vec3 at = q * frame.anchor;
+  const Quaternion turn = q * frame.axes;
+  axes.w = splat<V>(turn.w());
+  for (int i = 0; i < 3; ++i) {
+    centre[i] = splat<V>(x[i]), arm[i] = splat<V>(at[i]);
+    axes.v[i] = splat<V>(turn.vec()[i]);
+  }
+}
+
+void joint_values(JointType type, const JointSides& a, const JointSides& b, const V& near,
+                  bool coordinates, V* C) {
+  const JointVector d = (a.centre - b.centre) + (a.arm - b.arm);
+  if (type == JointType::kDistance) {
+    C[0] = square_root(dot(d, d));
+    return;
+  }
+  const JointQuaternion turn = b.axes.conjugate() * a.axes;
+  const auto rotation = [&](V* to) {
+    const V sign = select(turn.w < 0.0, splat<V>(-2), splat<V>(2));
+    for (int i = 0; i < 3; ++i) to[i] = sign * turn.v[i];
+  };
+  if (type == JointType::kSlider) {
+    const JointVector local = b.axes.conjugate().rotated(d);
+    C[0] = local[1], C[1] = local[2], C[5] = local[0];
+    rotation(C + 2);
+    return;
+  }
+  for (int i = 0; i < 3; ++i) C[i] = d[i];
+  if (type == JointType::kFixed) {
+    rotation(C + 3);
+    return;
+  }
+  if (type == JointType::kElastic) {
+    const JointVector vector = rotation_vector(turn);
+    for (int i = 0; i < 3; ++i) C[3 + i] = vector[i];
+    return;
+  }
+  const JointVector n = turn.column(0);  // n_a as b sees it
+  if (type == JointType::kUniversal) {
+    C[3] = n[1];
+    if (!coordinates) return;
+    C[4] = nearest(atan2<V>(-turn.column(2)[1], turn.column(1)[1]), near);
+    C[5] = atan2<V>(-n[2], n[0]);
+  } else if (type == JointType::kHinge) {
+    C[3] = -n[2], C[4] = n[1];
+    const JointVector e = turn.column(1);
+    if (coordinates) C[5] = nearest(atan2<V>(e[2], e[1]), near);
+  } else if (coordinates) {
+    C[3] = atan2<V>(square_root(n[1] * n[1] + n[2] * n[2]), n[0]);
+    C[4] = nearest(2.0 * atan2<V>(turn.v[0], turn.w), near);
+  }
+}
+
+void joint_gradients(JointType type, const JointSides& a, const JointSides& b, JointGradients& G) {
+  const JointVector d = (a.centre - b.centre) + (a.arm - b.arm);
+  const JointVector n_a = a.axes.column(0), n_b = b.axes.column(0);
+  G.arm_a = a.arm, G.arm_b = b.arm;
   switch (type) {
     case JointType::kDistance:
-      set(G, 0, direction(d, n_b), a.arm, b.arm);
-      return G;
+      G.axis[0] = direction(d, n_b);
+      return;
     case JointType::kSlider:
-      for (int i = 0; i < 3; ++i) {
-        set(G, i == 0 ? 5 : i - 1, B.col(i), a.arm, b.arm + d);
-        set_turn(G, 2 + i, B.col(i));
-      }
-      return G;
+      G.arm_b = b.arm + d;
+      for (int i = 0; i < 3; ++i) G.axis[i == 0 ? 5 : i - 1] = G.axis[2 + i] = b.axes.column(i);
+      return;
     case JointType::kBall:
     case JointType::kHinge:
     case JointType::kUniversal:
     case JointType::kElastic:
     case JointType::kFixed:
-      for (int i = 0; i < 3; ++i) set(G, i, Vec3::Unit(i), a.arm, b.arm);
+      for (int i = 0; i < 3; ++i) G.axis[i] = unit(i);
   }
   if (type == JointType::kFixed) {
-    for (int i = 0; i < 3; ++i) set_turn(G, 3 + i, B.col(i));
+    for (int i = 0; i < 3; ++i) G.axis[3 + i] = b.axes.column(i);
   } else if (type == JointType::kHinge) {
-    for (int i = 1; i < 3; ++i) set_turn(G, 2 + i, n_a.cross(B.col(i).cross(n_b)));
-    set_turn(G, 5, n_b);
+    for (int i = 1; i < 3; ++i) G.axis[2 + i] = cross(n_a, cross(b.axes.column(i), n_b));
+    G.axis[5] = n_b;
   } else if (type == JointType::kElastic) {
-    const Mat3 J = vector_rates(rotation_vector(b.axes.conjugate() * a.axes));
-    for (int i = 0; i < 3; ++i) set_turn(G, 3 + i, B * J.row(i).transpose());
+    const Matrix3<V> J = vector_rates(rotation_vector(b.axes.conjugate() * a.axes));
+    for (int i = 0; i < 3; ++i) G.axis[3 + i] = b.axes.rotated({{J(i, 0), J(i, 1), J(i, 2)}});
   } else if (type == JointType::kUniversal) {
-    set_turn(G, 3, n_a.cross(B.col(1)));
-    set_turn(G, 4, n_a);
-    set_turn(G, 5, B.col(1));
+    const JointVector e = b.axes.column(1);
+    G.axis[3] = cross(n_a, e);
+    G.axis[4] = n_a;
+    G.axis[5] = e;
   } else {
-    set_turn(G, 3, direction(n_b.cross(n_a), B.col(1)));
-    set_turn(G, 4, (n_a + n_b) / std::max(1 + n_a.dot(n_b), 1e-9));
+    G.axis[3] = direction(cross(n_b, n_a), b.axes.column(1));
+    const V most = 1.0 + dot(n_a, n_b);
+    G.axis[4] = (1.0 / select(most > 1e-9, most, splat<V>(1e-9))) * (n_a + n_b);
+    G.axis[5] = {};
   }
-  return G;
 }
 
 }  // namespace substep::rigid

@@ -468,7 +468,7 @@ bool World::starts_at_rest() const {
 // The same step again and again, each time with the impulses that it found, until they stay.
 std::int64_t World::solve_from_rest(double dt) {
   const std::vector<double> x = bodies_.x, q = bodies_.q, P = bodies_.P, L = bodies_.L;
-  const std::vector<Joint> joints = joints_;
+  std::vector<Joint> joints = joints_;
   std::vector<double> impulses(contacts_.size(), 0);
   for (int round = 1;; ++round) {
     const std::int64_t bad = solve_once(dt);
@@ -481,6 +481,7 @@ std::int64_t World::solve_from_rest(double dt) {
     }
     if (bad >= 0 || round == kMostRounds || change <= kSameImpulses * sum) return bad;
     bodies_.x = x, bodies_.q = q, bodies_.P = P, bodies_.L = L;
+    for (std::size_t j = 0; j < joints_.size(); ++j) joints[j].impulse = joints_[j].impulse;
     joints_ = joints;
   }
 }
