@@ -741,3 +741,35 @@ def test_lists_that_give_an_array_of_their_own_are_copied(kind):
 
     with pytest.raises(ValueError, match=r"^mine$"):
         checks.check_array("x", Wrong([1.0]))
+
+
+class NoArray:
+    """An object whose `__array__` gives something else."""
+
+    def __array__(self, dtype=None, copy=None):
+        return "no array"
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda value: checks.check_array("x", value),
+        lambda value: checks.check_array("x", [value, value]),
+        lambda value: checks.check_positive("x", value, 3),
+        lambda value: substep.Box(value),
+        lambda value: substep.RigidBodies(gravity=value),
+        lambda value: substep.RigidBodies().add(substep.Sphere(1.0), value),
+        lambda value: substep.RigidBodies().set_positions(value),
+    ],
+)
+def test_objects_that_give_no_array_are_refused_by_name(call):
+    wanted = r"^(x|lengths|gravity|positions|values): expected .*; object __array__ method not"
+    with pytest.raises(substep.InputError, match=wanted):
+        call(NoArray())
+    with pytest.raises(Raising.Own, match=r"^mine$"):
+        call(Raising())
+
+
+def test_a_choice_is_that_of_its_case_where_there_are_two():
+    assert checks.check_choice("name", "Arm", ["arm", "Arm"]) == "Arm"
+    assert checks.check_choice("name", "ARM", ["arm", "Arm"]) == "arm"

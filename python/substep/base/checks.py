@@ -45,9 +45,15 @@ def as_array(name: str, value: Any) -> NDArray[Any]:
         array = np.asarray(value)  # of lists and numbers a new one
         return array if type(value) in (list, tuple) else np.array(array, order="C")
     except ValueError as error:
-        if not isinstance(value, (list, tuple)) or hasattr(value, "__array__"):
-            raise  # the caller's own __array__ raised it
-        raise InputError(f"{name}: expected rows of equal length; {error}") from None
+        if is_callers(error):
+            raise
+        wanted = "rows of equal length" if isinstance(value, (list, tuple)) else "an array"
+        raise InputError(f"{name}: expected {wanted}; {error}") from None
+
+
+def is_callers(error: Exception) -> bool:
+    """Whether code that NumPy called raised it, as an object's own `__array__`, and not NumPy."""
+    return error.__traceback__ is not None and error.__traceback__.tb_next is not None
 
 
 def as_integers(name: str, value: Any) -> NDArray[Any]:
@@ -202,6 +208,8 @@ def check_choice(
     listed = list(choices)
     others = {} if aliases is None else aliases
     if isinstance(value, str):
+        if value in listed:
+            return value
         for choice in listed:
             if value.lower() in (choice.lower(), *others.get(choice, ())):
                 return choice

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import as_array, check_array, check_choice, in_range
+from ..base.checks import as_array, check_array, check_choice, in_range, is_callers
 from ..base.quaternions import multiply, rotate, unit_quaternions
 from ..base.rows import Numbered, find_rows, find_rows_or_all, read_only
 from ..errors import InputError
@@ -388,10 +388,10 @@ def is_one(value: Any) -> bool:
     """Whether it is one vector for all, rather than rows."""
     try:
         return np.ndim(np.asarray(value)) == 1
-    except ValueError:
-        if not isinstance(value, (list, tuple)):  # the caller's own __array__ raised it
+    except ValueError as error:
+        if is_callers(error):
             raise
-        return False  # rows of unequal length: check_array says so
+        return False  # no array, or rows of unequal length: check_array says so
 
 
 def check_squares(name: str, vectors: Array) -> Array:
