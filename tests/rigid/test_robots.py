@@ -1,7 +1,9 @@
 """Robots from files beside MuJoCo: how they swing, stand and hold, and what is refused."""
 
+import cProfile
 import importlib.util
 import math
+import os
 import pickle
 import sys
 import warnings
@@ -424,6 +426,142 @@ def test_a_free_base_needs_one_root(tmp_path):
     assert RigidBodies.from_urdf(path).joint_names == ("ja", "jb")
     with pytest.raises(InputError, match="free_base: expected a file with one root link"):
         RigidBodies.from_urdf(path, free_base=True)
+
+
+NUMBERS = """<mujoco><worldbody>
+  <body name="arm" pos="0 0 {z}">
+    <joint name="pin" axis="0 1 0" pos="{at} 0 0" damping="{damping}" range="-30 {range}"/>
+    <geom name="rod" size=".1" pos=".5 0 0" friction="{friction} 0 0" mass="{mass}"/></body>
+  </worldbody><actuator>
+  <position name="servo" joint="pin" kp="{kp}" gear="{gear}" forcerange="-9 {force}"/></actuator>
+  <keyframe><key name="low" qpos="{qpos}"/></keyframe></mujoco>"""
+GOOD = dict(z=1, at=0, damping=1, range=30, friction=1, mass=1, kp=5, gear=1, force=9, qpos=0)
+
+
+def load_quietly(path, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return load(str(path), **options)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"z": "nan"}, "body 'arm': expected a finite place and a rotation, got .*nan"),
+        ({"z": "inf"}, "body 'arm': expected a finite place and a rotation, got .*inf"),
+        ({"at": "nan"}, "joint 'pin': expected a finite place and a rotation, got .*nan"),
+        ({"damping": "-1"}, "joint 'pin': damping: expected a number of at least 0, got -1.0"),
+        ({"range": "nan"}, r"joint 'pin': range: expected numbers, got \[-30.0, nan\]"),
+        ({"friction": "-2"}, "geometry 'rod': friction: expected a number of at least 0, got -2.0"),
+        ({"friction": "nan"}, "geometry 'rod': friction: expected a finite number, got nan"),
+        ({"mass": "1e200"}, "body 'arm': mass: 1e\\+200 kg is out of range"),
+        ({"mass": "1e308"}, "body 'arm': mass|inertia"),
+        (
+            {"kp": "1e200", "gear": "1e200"},
+            "actuator 'servo': stiffness: .* finite number, got inf",
+        ),
+        ({"force": "nan"}, r"actuator 'servo': forcerange: expected numbers, got \[-9.0, nan\]"),
+        ({"qpos": "inf"}, r"keyframe 'low': qpos\[0\]: expected finite numbers, got inf"),
+    ],
+)
+def test_numbers_that_are_refused_are_named_with_file_and_element(
+    tmp_path, monkeypatch, capfd, wrong, message
+):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "odd.xml"
+    path.write_text(NUMBERS.format(**GOOD))
+    load_quietly(path, keyframe="low")
+    path.write_text(NUMBERS.format(**{**GOOD, **wrong}))
+    with pytest.raises(InputError, match=f"^{path}: {message}"):
+        load_quietly(path, keyframe="low")
+    assert os.listdir() == ["odd.xml"]  # and no MUJOCO_LOG.TXT
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_mujoco_warns_of_is_in_ignored_only(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    before = mujoco.get_mju_user_warning()
+    (tmp_path / "odd.xml").write_text(NUMBERS.format(**{**GOOD, "kp": "nan"}))
+    robot = load_quietly("odd.xml")
+    assert any(line.startswith("what MuJoCo warns of: ") for line in robot.ignored)
+    assert os.listdir() == ["odd.xml"] and capfd.readouterr() == ("", "")
+    assert mujoco.get_mju_user_warning() is before
+
+
+LIMITED = """<robot name="r"><link name="base"/><link name="arm"><inertial><mass value="1"/>
+  <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+  <joint name="pin" type="{kind}"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+  <!-- <limit effort="-1"/> --><limit lower="{lower}" upper="{upper}" effort="{effort}"/></joint>
+  </robot>"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "lower", "upper", "effort", "message"),
+    [
+        ("revolute", 1, -1, 5, "lower, upper: expected the lower one first, got 1.0 and -1.0"),
+        ("prismatic", 1, -1, 5, "lower, upper: expected the lower one first, got 1.0 and -1.0"),
+        ("revolute", "nan", 1, 5, "lower, upper: expected the lower one first, got nan and 1.0"),
+        ("revolute", -1, "nan", 5, "lower, upper: expected the lower one first, got -1.0 and nan"),
+        ("revolute", -1, 1, -5, "effort: expected a number of at least 0, got -5.0"),
+        ("continuous", -1, 1, "nan", "effort: expected a finite number, got nan"),
+        ("continuous", 1, -1, 5, None),
+        ("revolute", -1, 1, "inf", None),
+    ],
+)
+def test_urdf_limits_that_are_none(tmp_path, kind, lower, upper, effort, message):
+    path = tmp_path / "arm.urdf"
+    path.write_text(LIMITED.format(kind=kind, lower=lower, upper=upper, effort=effort))
+    if message is None:
+        assert load_quietly(path).strengths == {"pin": float(effort)}
+        return
+    with pytest.raises(InputError, match=f"^{path}: joint 'pin': {message}$"):
+        load_quietly(path)
+
+
+def test_urdf_limits_that_leave_no_way_are_listed(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_text(LIMITED.format(kind="revolute", lower=0, upper=0, effort=5))
+    (line,) = load_quietly(path).ignored
+    assert line.startswith("what MuJoCo warns of: joint 'pin' has equal lower and upper limits")
+
+
+def test_generated_names_leave_those_of_the_file(tmp_path):
+    path = tmp_path / "names.xml"
+    geom = '<geom size=".1" pos=".5 0 0"/>'
+    path.write_text(
+        wrap(
+            f'<body><joint axis="0 1 0"/>{geom}</body>'
+            f'<body name="body_1" pos="2 0 0"><joint name="joint_0" axis="0 1 0"/>{geom}</body>'
+            f'<body name="Body_1" pos="4 0 0"><joint name="loop" axis="0 1 0"/>{geom}</body>'
+        ).replace(
+            "</mujoco>",
+            '<equality><connect name="loop" body1="body_1" body2="Body_1" anchor="1 0 0"/>'
+            "</equality></mujoco>",
+        )
+    )
+    robot = RigidBodies.from_mjcf(path)
+    assert robot.body_names == ("body_1_", "body_1", "Body_1")
+    assert [robot.positions[robot.body(name), 0] for name in robot.body_names] == [0, 2, 4]
+    assert robot.joint_names[:3] == ("joint_0_", "joint_0", "loop")
+    hinged = [robot.joint(name).bodies[0] for name in robot.joint_names[:3]]
+    assert hinged == [robot.body(name) for name in robot.body_names]
+
+
+def test_as_many_bodies_take_as_much_time_each(tmp_path):
+    """Counts calls of Python, which do not depend on the machine."""
+    calls = []
+    for n in (50, 100, 200):
+        path = tmp_path / f"{n}.xml"
+        joint = '<joint name="j{0}" axis="0 1 0" range="-30 30" damping="1"/>'
+        body = f'<body name="b{{0}}" pos="{{0}} 0 1">{joint}<geom size=".1" pos=".5 0 0"/></body>'
+        path.write_text(wrap("".join(body.format(k) for k in range(n))))
+        profile = cProfile.Profile()
+        robot = profile.runcall(RigidBodies.from_mjcf, path)
+        assert len(robot) == len(robot.joints) == n
+        calls.append(sum(entry.callcount for entry in profile.getstats()))
+    per_body = (calls[2] - calls[1]) / 100
+    assert per_body == pytest.approx((calls[1] - calls[0]) / 50, rel=0.02)
+    assert per_body < 1300
 
 
 def test_without_mujoco_the_extra_is_named(small, monkeypatch):

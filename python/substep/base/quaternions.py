@@ -32,22 +32,39 @@ def unit_quaternions(name: str, value: Any, shape: tuple[int | None, ...]) -> Ar
 
 def multiply(p: Array, q: Array) -> Array:
     """The products p q of quaternions (w, x, y, z), row by row; first q turns, then p."""
-    w, x, y, z = np.moveaxis(p, -1, 0)
-    a, b, c, d = np.moveaxis(q, -1, 0)
-    return np.stack(
-        [
-            w * a - x * b - y * c - z * d,
-            w * b + x * a + y * d - z * c,
-            w * c - x * d + y * a + z * b,
-            w * d + x * c - y * b + z * a,
-        ],
-        axis=-1,
-    )
+    if p.ndim == q.ndim == 1:
+        return np.array(_product(p.tolist(), q.tolist()))
+    return np.stack(_product(np.moveaxis(p, -1, 0), np.moveaxis(q, -1, 0)), axis=-1)
 
 
 def rotate(q: Array, v: Array) -> Array:
     """Vectors turned by unit quaternions, row by row: v + w t + u x t with t = 2 u x v."""
-    u = q[..., 1:]
-    t = 2 * np.cross(u, v)
-    turned: Array = v + q[..., :1] * t + np.cross(u, t)
-    return turned
+    if q.ndim == v.ndim == 1:
+        return np.array(_turned(q.tolist(), v.tolist()))
+    return np.stack(_turned(np.moveaxis(q, -1, 0), np.moveaxis(v, -1, 0)), axis=-1)
+
+
+# Of components, which are floats for one row: arrays of that size take a hundred times as long.
+
+
+def _product(p: Any, q: Any) -> list[Any]:
+    w, x, y, z = p
+    a, b, c, d = q
+    return [
+        w * a - x * b - y * c - z * d,
+        w * b + x * a + y * d - z * c,
+        w * c - x * d + y * a + z * b,
+        w * d + x * c - y * b + z * a,
+    ]
+
+
+def _turned(q: Any, v: Any) -> list[Any]:
+    w, *u = q
+    t = [2 * c for c in _cross(u, v)]
+    return [x + w * s + c for x, s, c in zip(v, t, _cross(u, t), strict=True)]
+
+
+def _cross(u: Any, v: Any) -> list[Any]:
+    x, y, z = u
+    a, b, c = v
+    return [y * c - z * b, z * a - x * c, x * b - y * a]

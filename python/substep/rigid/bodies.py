@@ -253,16 +253,22 @@ class RigidBodies(Robots, Runs, States):
         own = [np.nan] * 4 if weight is None else [frame.mass, *frame.principal_inertia]
         for name, given in (("velocities", v), ("angular_velocities", w)):
             check_momenta(name, given, np.array(own))
-        grown = {
-            "_ids": np.concatenate([self._ids, ids]),
-            "_centres": np.concatenate([self._centres, np.tile(frame.center_of_mass, (n, 1))]),
-            "_axes": np.concatenate([self._axes, np.tile(frame.axes, (n, 1))]),
-            "_weights": np.concatenate([self._weights, np.tile(own, (n, 1))]),
-            "_made": self._made + [body] * n,
-            "_next_id": self._next_id + n,
-        }
+        rows = (frame.center_of_mass, frame.axes, own)
+        grown = self._grown([body] * n, *(np.tile(row, (n, 1)) for row in rows))
         self._commit(grown, self._native.add, *native_rows({}, body, *poses, v, w))
         return int(ids[0]) if single else ids
+
+    def _grown(self, bodies: list[Made], centres: Array, axes: Array, own: Array) -> dict[str, Any]:
+        """What changes here where bodies are put in."""
+        end = self._next_id + len(bodies)
+        return {
+            "_ids": np.concatenate([self._ids, np.arange(self._next_id, end, dtype=np.int64)]),
+            "_centres": np.concatenate([self._centres, centres]),
+            "_axes": np.concatenate([self._axes, axes]),
+            "_weights": np.concatenate([self._weights, own]),
+            "_made": self._made + bodies,
+            "_next_id": end,
+        }
 
     def remove(self, ids: ArrayLike) -> None:
         """Take out bodies, and the joints that hold them. What they touch wakes.

@@ -6,20 +6,22 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from xml.parsers import expat
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.checks import check_choice, check_flag, check_path, check_real, describe
+from ..base.checks import check_array, check_choice, check_flag, check_path, check_real, describe
 from ..base.quaternions import multiply, rotate
 from ..errors import FormatError, InputError
 from ..geometry import Box, Capsule, ConvexHull, Cylinder, Plane, Shape, Sphere
-from .fixtures import Fixture
-from .joint import Motor, SpeedMotor, SpringMotor
+from .fixtures import Fixture, check_range
+from .joint import Motor, SpeedMotor, SpringMotor, check_limits
 from .mass import MassProperties, compound
 
 Array = NDArray[np.float64]
@@ -27,6 +29,13 @@ Pose = tuple[Array, Array]  # of a frame in the world: where it is, and its quat
 
 LIGHT = 1e-5  # mass and inertia of links between joints of a body, over its mass and least inertia
 _ORIGIN: Pose = (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+_SURFACE = {  # where the file says nothing
+    "density": 1000.0,
+    "friction": 0.5,
+    "restitution": 0.0,
+    "rolling_friction": 0.0,
+    "spinning_friction": 0.0,
+}
 _SOFTNESS = {  # of contacts, and what says nothing
     "geom_solref": (0.02, 1.0),
     "geom_solimp": (0.9, 0.95, 0.001, 0.5, 2.0),
@@ -42,6 +51,7 @@ _SOFTNESS = {  # of contacts, and what says nothing
 class Body:
     """A body to be added, at the pose in which its joints have the coordinate 0."""
 
+    name: str  # for messages
     pose: Pose
     motion: str
     mass: MassProperties | None = None
@@ -53,6 +63,7 @@ class Body:
 class Link:
     """A joint between two of these bodies; b None is the world."""
 
+    name: str  # for messages
     kind: str
     a: int
     b: int | None
@@ -68,6 +79,7 @@ class Link:
 class Plan:
     """What a file makes: bodies and joints by number, and their names."""
 
+    file: str
     gravity: list[float]
     bodies: list[Body] = field(default_factory=list)
     links: list[Link] = field(default_factory=list)
@@ -102,22 +114,73 @@ def read_plan(
             'mujoco is missing: pip install "substep[robots]" to read MJCF and URDF'
         ) from None
     try:
-        spec = mujoco.MjSpec.from_file(file)
-        if root == "robot":
-            spec.compiler.fusestatic = False  # links that are fixed keep their names
-        if free:
-            _free_base(spec)
-        with warnings.catch_warnings(record=True) as warned:
-            warnings.simplefilter("always")
+        with _warnings_of(mujoco) as warned:
+            spec = mujoco.MjSpec.from_file(file)
+            if root == "robot":
+                spec.compiler.fusestatic = False  # links that are fixed keep their names
+            if free:
+                _free_base(spec)
             model = spec.compile()
     except InputError:
         raise
     except (ValueError, mujoco.FatalError) as error:
         raise FormatError(f"{file}: {' '.join(str(error).split())}") from None
+    if root == "robot":
+        _check_limits(file, text)
     reader = _Reader(mujoco, model, file)
     for warning in warned:
-        reader.leave("what MuJoCo warns of", " ".join(str(warning.message).split()))
+        reader.leave("what MuJoCo warns of", " ".join(warning.split()))
     return reader.plan(keyframe, coordinates or {})
+
+
+@contextmanager
+def _warnings_of(mujoco: Any) -> Iterator[list[str]]:
+    """What MuJoCo warns of, which else it prints and writes to MUJOCO_LOG.TXT."""
+    told: list[str] = []
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(told.append)
+    try:
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            yield told
+    finally:
+        mujoco.set_mju_user_warning(before)
+        told += [str(warning.message) for warning in warned]
+
+
+@contextmanager
+def element(file: str, name: str) -> Iterator[None]:
+    """Say of which element of a file a number is refused."""
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):  # what comes of it is refused
+            yield
+    except InputError as error:
+        raise InputError(f"{file}: {name}: {error}") from None
+
+
+def _check_limits(file: str, text: str) -> None:
+    """Refuse limits of a URDF file that MuJoCo takes for none, without a word."""
+    joint = {"name": "", "type": ""}
+
+    def start(tag: str, has: dict[str, str]) -> None:
+        if tag == "joint":
+            joint.update({"name": "", "type": "", **has})
+        elif tag == "limit" and joint["type"] in ("revolute", "prismatic", "continuous"):
+            try:
+                given = {name: float(has.get(name, 0)) for name in ("lower", "upper", "effort")}
+            except ValueError as error:
+                raise FormatError(f"{file}: joint '{joint['name']}': limit: {error}") from None
+            with element(file, f"joint '{joint['name']}'"):
+                check_real("effort", given["effort"], nonnegative=True, finite=False)
+                if joint["type"] != "continuous":
+                    check_limits("lower, upper", [given["lower"], given["upper"]])
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = start
+    try:
+        parser.Parse(text, True)
+    except expat.ExpatError as error:
+        raise FormatError(f"{file}: {error}") from None
 
 
 def _free_base(spec: Any) -> None:
@@ -145,6 +208,7 @@ class _Reader:
     def __init__(self, mujoco: Any, model: Any, file: str) -> None:
         self.mj, self.m, self.file = mujoco, model, file
         self.left: dict[str, list[str]] = {}
+        self.names: dict[str, list[str]] = {}
         self.number: dict[int, int] = {}  # of ours, of bodies of MuJoCo
         self.between: dict[int, int] = {}  # of ours, of joints of MuJoCo after which a link stands
         self.link_of: dict[int, int] = {}  # of ours, of joints of MuJoCo
@@ -153,13 +217,22 @@ class _Reader:
         m = self.m
         if m.nflex:
             raise FormatError(f"{self.file}: {m.nflex} deformable bodies (flex) are not supported")
-        self.made = Plan(m.opt.gravity.tolist())
+        with self.element("option"):
+            check_array("gravity", m.opt.gravity)
+        self.made = Plan(self.file, m.opt.gravity.tolist())
         self.rest, self.rest_links = self.kinematics(m.qpos0)
+        with np.errstate(over="ignore", invalid="ignore"):  # weight() looks at each
+            axes = rotate(m.body_iquat[:, None], np.eye(3))  # rows: the principal axes
+            self.inertia = np.swapaxes(axes, 1, 2) @ (m.body_inertia[:, :, None] * axes)
+        self.welded: dict[int, list[int]] = {}
+        for i, root in enumerate(m.body_weldid.tolist()):
+            self.welded.setdefault(root, []).append(i)
         self.read_bodies()
         self.read_geometries()
         qpos, ctrl = self.read_start(keyframe, coordinates)
         for joint in range(m.njnt):
-            self.read_joint(joint, qpos)
+            with self.element("joint", joint):
+                self.read_joint(joint, qpos)
         self.read_actuators(qpos, ctrl)
         self.read_equalities()
         self.drop_limits()
@@ -172,9 +245,36 @@ class _Reader:
         return self.made
 
     def name(self, kind: str, number: int) -> str:
-        """As in the file; what has none is called by its number."""
+        """As in the file; what has none is called by its number, by none that is in the file."""
+        if kind not in self.names:
+            given = self.given_names(kind)
+            taken = set(given)
+            if kind in ("joint", "equality"):  # both are joints of ours
+                taken |= {*self.given_names("joint"), *self.given_names("equality")}
+            self.names[kind] = [
+                name or _other(f"{kind}_{k}", taken) for k, name in enumerate(given)
+            ]
+        return self.names[kind][number]
+
+    def given_names(self, kind: str) -> list[str | None]:
+        m = self.m
         what = getattr(self.mj.mjtObj, f"mjOBJ_{kind.upper()}")
-        return self.mj.mj_id2name(self.m, what, number) or f"{kind}_{number}"
+        counts = {"body": m.nbody, "joint": m.njnt, "geom": m.ngeom, "equality": m.neq}
+        counts |= {"actuator": len(m.actuator_trntype), "key": m.nkey}
+        return [self.mj.mj_id2name(m, what, k) for k in range(counts[kind])]
+
+    def element(self, kind: str, number: int | None = None) -> Any:
+        """Name the element in what is raised within."""
+        return element(self.file, kind if number is None else self.called(kind, number))
+
+    def called(self, kind: str, number: int) -> str:
+        """For messages."""
+        word = {"geom": "geometry", "key": "keyframe"}.get(kind, kind)
+        return f"{word} '{self.name(kind, number)}'"
+
+    def place_in(self, root: int, body: int) -> Pose:
+        """Of a body in the frame of the one that it is welded to."""
+        return compose(inverse(self.rest[root]), self.rest[body])
 
     def leave(self, what: str, name: str) -> None:
         """Note something that is not taken over."""
@@ -187,10 +287,13 @@ class _Reader:
         m, types = self.m, self.mj.mjtJoint
         poses, between = [_ORIGIN], {}
         for i in range(1, m.nbody):
-            pose = compose(poses[m.body_parentid[i]], (m.body_pos[i].copy(), m.body_quat[i].copy()))
+            own = m.body_pos[i].copy(), m.body_quat[i].copy()
+            self.check_pose("body", i, own)
+            pose = compose(poses[m.body_parentid[i]], own)
+            self.check_pose("body", i, pose)
             for j in self.joints_of(i):
                 at = m.jnt_qposadr[j]
-                y = float(qpos[at] - m.qpos0[at])
+                y = float(qpos[at]) - float(m.qpos0[at])
                 if m.jnt_type[j] == types.mjJNT_FREE:
                     pose = (qpos[at : at + 3].copy(), qpos[at + 3 : at + 7].copy())
                 elif m.jnt_type[j] == types.mjJNT_SLIDE:
@@ -198,12 +301,22 @@ class _Reader:
                 else:
                     turn = qpos[at : at + 4].copy()
                     if m.jnt_type[j] == types.mjJNT_HINGE:
+                        y = y if math.isfinite(y) else math.nan
                         turn = np.append(math.cos(y / 2), math.sin(y / 2) * m.jnt_axis[j])
                     anchor = m.jnt_pos[j]
                     pose = compose(pose, (anchor - rotate(turn, anchor), turn))
+                self.check_pose("joint", j, pose)
                 between[j] = pose
             poses.append(pose)
         return poses, between
+
+    def check_pose(self, kind: str, number: int, pose: Pose) -> None:
+        """Refuse numbers of an element by which bodies are nowhere."""
+        far, length = math.hypot(*pose[0].tolist()), math.hypot(*pose[1].tolist())
+        if not (far < 1e150 and abs(length - 1) < 1e-6):
+            with self.element(kind, number):
+                x, q = pose[0].tolist(), pose[1].tolist()
+                raise InputError(f"expected a finite place and a rotation, got {x} and {q}")
 
     def joints_of(self, body: int) -> range:
         first = int(self.m.body_jntadr[body])
@@ -218,13 +331,14 @@ class _Reader:
                 self.number[i] = len(bodies)
                 moved = m.body_mocapid[i] >= 0  # by the user
                 weight = None if moved else self.weight(i)
-                bodies.append(Body(self.rest[i], "kinematic" if moved else "dynamic", weight))
+                motion = "kinematic" if moved else "dynamic"
+                bodies.append(Body(self.called("body", i), self.rest[i], motion, weight))
                 for j in self.joints_of(i)[:-1]:
                     self.between[j] = len(bodies)
                     bodies.append(self.light(i, j))
             elif root == 0 and m.body_geomnum[i]:
                 self.number[i] = len(bodies)
-                bodies.append(Body(self.rest[i], "static"))
+                bodies.append(Body(self.called("body", i), self.rest[i], "static"))
             elif root:
                 self.number[i] = self.number[root]
             if i in self.number:
@@ -235,24 +349,27 @@ class _Reader:
     def weight(self, root: int) -> MassProperties:
         """Of a body and of all that is welded to it, in its frame."""
         m, parts = self.m, []
-        for i in np.flatnonzero(m.body_weldid == root):
-            if m.body_mass[i] > 0:
-                axes = rotate(m.body_iquat[i][None], np.eye(3))  # rows: the principal axes
-                inertia = axes.T @ np.diag(m.body_inertia[i]) @ axes
+        for i in self.welded[root]:
+            if m.body_mass[i] == 0:
+                continue
+            with self.element("body", i):
+                inertia = self.inertia[i]
                 part = MassProperties(
                     float(m.body_mass[i]), m.body_ipos[i], (inertia + inertia.T) / 2
                 )
-                parts.append(part.moved(*compose(inverse(self.rest[root]), self.rest[i])))
+                check_range(part.mass, part.inertia)
+                parts.append(part if i == root else part.moved(*self.place_in(root, i)))
         if not parts:
             raise FormatError(f"{self.file}: body '{self.name('body', root)}' moves without a mass")
-        return parts[0] if len(parts) == 1 else compound(parts)
+        with self.element("body", root):
+            return parts[0] if len(parts) == 1 else compound(parts)
 
     def light(self, body: int, joint: int) -> Body:
         """What stands between two joints of a body: a point at the anchor, next to no mass."""
         weight = self.weight(body)
         inertia = LIGHT * weight.principal_inertia.min() * np.eye(3)
         own = MassProperties(LIGHT * weight.mass, self.m.jnt_pos[joint], inertia)
-        return Body(self.rest_links[joint], "dynamic", own)
+        return Body(self.called("joint", joint), self.rest_links[joint], "dynamic", own)
 
     def read_geometries(self) -> None:
         m, bodies = self.m, self.made.bodies
@@ -266,25 +383,25 @@ class _Reader:
             i = int(m.geom_bodyid[g])
             number = self.number[i]
             root = int(m.body_weldid[i]) or i
-            frame = compose(inverse(self.rest[root]), self.rest[i])
-            shape = self.shape(g, compose(frame, (m.geom_pos[g].copy(), m.geom_quat[g].copy())))
+            pose = m.geom_pos[g].copy(), m.geom_quat[g].copy()
+            with self.element("geom", g):
+                shape = self.shape(g, pose if i == root else compose(self.place_in(root, i), pose))
             if types[g] == (0, 0) or disabled:
-                hidden.setdefault(number, []).append(Fixture(shape, group=0, mask=0))
+                hidden.setdefault(number, []).append(_hidden(shape))
                 continue
             contype, conaffinity = types[g]
             touching = [k for k, (c, a) in enumerate(kinds) if contype & a or c & conaffinity]
             slide, spin, roll = m.geom_friction[g].tolist()
             condim = m.geom_condim[g]
-            bodies[number].fixtures.append(
-                Fixture(
-                    shape,
-                    friction=slide if condim > 1 else 0.0,
-                    spinning_friction=spin if condim > 3 else 0.0,
-                    rolling_friction=roll if condim > 4 else 0.0,
-                    group=1 << kinds.index(types[g]),
-                    mask=sum(1 << k for k in touching),
-                )
-            )
+            surface = {
+                "friction": slide if condim > 1 else 0.0,
+                "spinning_friction": spin if condim > 3 else 0.0,
+                "rolling_friction": roll if condim > 4 else 0.0,
+            }
+            group, mask = 1 << kinds.index(types[g]), sum(1 << k for k in touching)
+            with self.element("geom", g):
+                fixture = Fixture(shape, group=group, mask=mask, **{**_SURFACE, **surface})
+            bodies[number].fixtures.append(fixture)
         for number, body in enumerate(bodies):
             if not body.fixtures:
                 body.fixtures = hidden.pop(number, []) or [_point(body.mass)]
@@ -328,6 +445,8 @@ class _Reader:
             names = [self.name("key", k) for k in range(m.nkey)]
             k = names.index(check_choice("keyframe", keyframe, names))
             qpos, ctrl = m.key_qpos[k].copy(), m.key_ctrl[k].copy()
+            with self.element("key", k):
+                check_array("qpos", qpos)
             if m.key_qvel[k].any():
                 self.leave("velocities of the keyframe", keyframe)
         single = (self.mj.mjtJoint.mjJNT_HINGE, self.mj.mjtJoint.mjJNT_SLIDE)
@@ -345,9 +464,8 @@ class _Reader:
         dofs = slice(dof, dof + width)
         if m.dof_armature[dofs].any():
             self.leave("armature of joints", name)
-        if np.any(getattr(m, "jnt_stiffnesspoly", np.zeros(m.njnt))[j]) or np.any(
-            getattr(m, "dof_dampingpoly", np.zeros(m.nv))[dofs]
-        ):
+        polynomials = (("jnt_stiffnesspoly", j), ("dof_dampingpoly", dofs))  # of newer versions
+        if any(hasattr(m, what) and np.any(getattr(m, what)[at]) for what, at in polynomials):
             self.leave("stiffness and damping that are not linear, of joints", name)
         stiffness, damping = float(m.jnt_stiffness[j]), float(m.dof_damping[dof])
         loss = float(m.dof_frictionloss[dof])
@@ -370,6 +488,7 @@ class _Reader:
             b = self.number.get(int(m.body_parentid[i])) if m.body_parentid[i] else None
         frame = self.rest[i]
         link = Link(
+            self.called("joint", j),
             {types.mjJNT_BALL: "ball", types.mjJNT_SLIDE: "slider"}.get(kind, "hinge"),
             a,
             b,
@@ -383,9 +502,9 @@ class _Reader:
             link.start = float(qpos[at]) - ref
             if ref:
                 self.leave("ref, from which coordinates of joints count", f"{name} ({ref:g})")
+            bounds = _numbers("range", m.jnt_range[j])
             if m.jnt_limited[j]:
-                lower, upper = (m.jnt_range[j] - ref).tolist()
-                link.limits = (lower, upper)
+                lower, upper = link.limits = check_limits("range", bounds - ref)
                 if not lower - 1e-9 <= link.start <= upper + 1e-9:
                     self.leave("a start beyond their limits, of joints", name)
             if stiffness or damping:
@@ -422,10 +541,14 @@ class _Reader:
                 continue
             strength = self.made.strengths[self.name("joint", j)]
             is_motor = m.actuator_biastype[k] == mj.mjtBias.mjBIAS_NONE
-            if m.actuator_forcelimited[k]:
-                strength = min(strength, abs(gear) * _least(m.actuator_forcerange[k]))
-            if is_motor and m.actuator_ctrllimited[k]:
-                strength = min(strength, abs(gear * gain[0]) * _least(m.actuator_ctrlrange[k]))
+            with self.element("actuator", k):
+                forces = _numbers("forcerange", m.actuator_forcerange[k])
+                controls = _numbers("ctrlrange", m.actuator_ctrlrange[k])
+                if m.actuator_forcelimited[k]:
+                    strength = min(abs(gear) * _least(forces), strength)
+                if is_motor and m.actuator_ctrllimited[k]:
+                    strength = min(abs(gear * float(gain[0])) * _least(controls), strength)
+                check_real("strength", strength, nonnegative=True, finite=False)
             self.made.strengths[self.name("joint", j)] = strength
             if is_motor:
                 self.leave("controls of actuators that give a force, of which strengths has", name)
@@ -435,15 +558,16 @@ class _Reader:
                 driven.add(j)
                 link, at = self.made.links[self.link_of[j]], m.jnt_qposadr[j]
                 start = float(qpos[at]) if ctrl is None else float(ctrl[k]) / gear
-                damping = -float(bias[2]) * gear**2
+                damping = -float(bias[2]) * gear * gear
                 passive = link.motor
                 if isinstance(passive, SpringMotor):
                     damping += passive.damping
                 if isinstance(passive, SpeedMotor) or (passive and passive.stiffness):
                     self.leave("springs and friction of joints with a servo", name)
-                link.motor = SpringMotor(
-                    start - float(m.qpos0[at]), float(gain[0]) * gear**2, damping, strength
-                )
+                with self.element("actuator", k):
+                    stiffness = float(gain[0]) * gear * gear
+                    target = start - float(m.qpos0[at])
+                    link.motor = SpringMotor(target, stiffness, damping, strength)
 
     def read_equalities(self) -> None:
         """Connections are balls, welds are fixed, where they hold at the coordinates 0."""
@@ -474,9 +598,12 @@ class _Reader:
             if not moves[0]:
                 a, b = b, a
             assert a is not None
+            while name in self.made.link_names:
+                name += "_"
             self.made.link_names[name] = len(self.made.links)
             axis = np.array([1.0, 0.0, 0.0])
-            self.made.links.append(Link(kind, a, b, anchor, axis, collide=True))
+            told = self.called("equality", e)
+            self.made.links.append(Link(told, kind, a, b, anchor, axis, collide=True))
 
     def exclude(self, i: int, j: int) -> None:
         a, b = self.number.get(i), self.number.get(j)
@@ -515,12 +642,29 @@ class _Reader:
 
     def place(self, qpos: Array) -> None:
         """Where bodies are at first."""
-        poses, between = self.kinematics(qpos)
+        poses, between = self.rest, self.rest_links
+        if not np.array_equal(qpos, self.m.qpos0):
+            poses, between = self.kinematics(qpos)
         for i in range(1, self.m.nbody):
             if self.m.body_weldid[i] in (i, 0) and i in self.number:
                 self.made.bodies[self.number[i]].start = poses[i]
         for j, number in self.between.items():
             self.made.bodies[number].start = between[j]
+
+
+def _other(name: str, taken: set[str | None]) -> str:
+    """A name that is not taken yet; it is then."""
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name
+
+
+def _numbers(name: str, bounds: Array) -> Array:
+    """The bounds, which may be infinite; with NaN MuJoCo takes them for none."""
+    if np.isnan(bounds).any():
+        raise InputError(f"{name}: expected numbers, got {bounds.tolist()}")
+    return bounds
 
 
 def _least(bounds: Array) -> float:
@@ -531,6 +675,11 @@ def _least(bounds: Array) -> float:
 def _point(mass: MassProperties | None) -> Fixture:
     """A ball that touches nothing, of a body without geometries."""
     if mass is None:
-        return Fixture(Sphere(0.01), group=0, mask=0)
+        return _hidden(Sphere(0.01))
     radius = math.sqrt(float(mass.principal_inertia.min()) / mass.mass)
-    return Fixture(Sphere(radius, mass.center_of_mass), group=0, mask=0)
+    return _hidden(Sphere(radius, mass.center_of_mass))
+
+
+def _hidden(shape: Shape) -> Fixture:
+    """What touches nothing."""
+    return Fixture(shape, group=0, mask=0, **_SURFACE)

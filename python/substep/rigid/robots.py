@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.checks import check_choice
+from ..base.checks import check_choice, describe
+from ..errors import InputError
+from .fixtures import STILL, Made, check_fixtures, check_mass, native_rows
 from .joint import Joint
 from .joints import Joints
-from .mjcf import Plan, read_plan
+from .mjcf import Plan, element, read_plan
+from .rows import principal_frames
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -76,7 +79,7 @@ class Robots(Joints):
         ImportError
             If mujoco is missing.
         InputError
-            If an argument is wrong.
+            If an argument is wrong, or a number of the file, with its element.
         OSError
             If the file cannot be read.
 
@@ -152,7 +155,7 @@ class Robots(Joints):
         ImportError
             If mujoco is missing.
         InputError
-            If an argument is wrong.
+            If an argument is wrong, or a number of the file, with its element.
         OSError
             If the file cannot be read.
 
@@ -184,10 +187,8 @@ class Robots(Joints):
     def _built(cls, plan: Plan, **options: Any) -> Self:
         make: Any = cls
         world: Any = make(**options)
-        ids = [
-            world.add(body.fixtures, *body.pose, motion=body.motion, mass=body.mass)
-            for body in plan.bodies
-        ]
+        _add_bodies(world, plan)
+        ids = world._ids.tolist()
         made = []
         for link in plan.links:
             join = getattr(world, link.kind)
@@ -195,7 +196,8 @@ class Robots(Joints):
             given: dict[str, Any] = {"collide": link.collide}
             if link.kind in ("hinge", "slider"):
                 given |= {"axis": link.axis, "limits": link.limits, "motor": link.motor}
-            made.append(join(ids[link.a], b, link.anchor, **given))
+            with element(plan.file, link.name):
+                made.append(join(ids[link.a], b, link.anchor, **given))
         for i, j in plan.excluded:
             world.exclude(ids[i], ids[j])
         if ids:
@@ -218,7 +220,8 @@ class Robots(Joints):
         Parameters
         ----------
         name : str
-            As in the file; one that has none there is called "body_3", by its number.
+            As in the file; one that has none there is called "body_3", by its number, or "body_3_"
+            where another has that name.
 
         Returns
         -------
@@ -232,7 +235,7 @@ class Robots(Joints):
         IndexError
             If it was removed.
         """
-        number = self._body_names[check_choice("name", name, self._body_names)]
+        number = self._body_names[_known("bodies", name, self._body_names)]
         self._row("name", number)
         return number
 
@@ -242,7 +245,8 @@ class Robots(Joints):
         Parameters
         ----------
         name : str
-            As in the file; one that has none there is called "joint_3", by its number.
+            As in the file; one that has none there is called "joint_3", by its number, or
+            "joint_3_" where another has that name.
 
         Returns
         -------
@@ -256,7 +260,7 @@ class Robots(Joints):
         IndexError
             If it was removed.
         """
-        joint = Joint(self, self._joint_names[check_choice("name", name, self._joint_names)])
+        joint = Joint(self, self._joint_names[_known("joints", name, self._joint_names)])
         joint._row()
         return joint
 
@@ -282,3 +286,37 @@ class Robots(Joints):
     def ignored(self) -> tuple[str, ...]:
         """What the file has and the world has not, or has otherwise: one sentence for each kind."""
         return self._ignored
+
+
+def _add_bodies(world: Any, plan: Plan) -> None:
+    """Put in the bodies, as `add` does one by one, with the arrays of all at once."""
+    made: list[Made] = []
+    for body in plan.bodies:
+        with element(plan.file, body.name):
+            fixtures = check_fixtures(body.fixtures, {}, body.motion)
+            weight = check_mass(fixtures, body.mass, None) if body.motion == "dynamic" else None
+        made.append((fixtures, body.motion, weight))
+    if not made:
+        return
+    frames = [STILL if weight is None else weight for *_, weight in made]
+    centres = np.array([frame.center_of_mass for frame in frames])
+    axes = np.array([frame.axes for frame in frames])
+    own = np.array([[frame.mass, *frame.principal_inertia] for frame in frames])
+    own[[weight is None for *_, weight in made]] = np.nan
+    places, turns = (np.array([body.pose[k] for body in plan.bodies]) for k in (0, 1))
+    x, q = principal_frames(places, turns, centres, axes)
+    still = np.zeros((1, 3))
+    for k, (body, kind) in enumerate(zip(plan.bodies, made, strict=True)):
+        with element(plan.file, body.name):
+            world._native.add(*native_rows({}, kind, x[k : k + 1], q[k : k + 1], still, still))
+    world.__dict__.update(world._grown(made, centres, axes, own))
+
+
+def _known(what: str, name: str, names: Mapping[str, int]) -> str:
+    """One of the names that the file gave."""
+    if not names:
+        raise InputError(
+            f"name: expected that of one of the {what} of a file, but this world has none with "
+            f"names, which from_mjcf and from_urdf give; got {describe(name)}"
+        )
+    return check_choice("name", name, names)
