@@ -296,6 +296,21 @@ def test_quaternions_of_any_length_are_normalised():
         (lambda s: s.joints[0].__setattr__("spring", TURN), InputError, "only elastic"),
         (lambda s: s.joints[0].__setattr__("spring", None), TypeError, "expected a TurnSpring"),
         (lambda s: s.distance(1, 2, ROW, ROW, limits=(-2, -1)), InputError, "distance|lower|limit"),
+        (
+            lambda s: s.distance(1, 2, ROW, (0, 0, 9), motor=rigid.SpringMotor(1, 9)),
+            InputError,
+            r"limits: expected the distances between which the motor acts, such as \(0, inf\)",
+        ),
+        (lambda s: s.distance(1, 2, ROW, (0, 0, 9), motor=1), TypeError, "motor: expected"),
+        (lambda s: rigid.Joint(None, 0), TypeError, "world: expected RigidBodies, got None"),
+        (lambda s: rigid.Joint(s, "a"), InputError, "number: expected an integer, got 'a'"),
+        (
+            lambda s: rigid.Joint(s, -1),
+            InputError,
+            "number: expected an integer at least 0, got -1",
+        ),
+        (lambda s: s.body("x"), InputError, "name: .* of the bodies of a file, .* got 'x'"),
+        (lambda s: s.joint("x"), InputError, "name: .* of the joints of a file, .* got 'x'"),
         (lambda s: s.joints[0].__setattr__("limits", (2, 1)), InputError, "limits: expected"),
         (lambda s: s.joints[0].__setattr__("motor", 1), TypeError, "motor: expected"),
         *(
@@ -377,6 +392,32 @@ def test_what_is_written_is_refused_by_the_next_step(write, index):
     simulation.restore(good)
     simulation.step()
     assert is_finite(simulation)
+
+
+@pytest.mark.parametrize(
+    ("dt", "message"),
+    [
+        (1e300, r"body 2: its way is not finite in a step of 1e\+300 s; take a smaller step$"),
+        (
+            1e120,
+            r"body 7: its motion is not finite after a step of 1e\+120 s; take a smaller step,",
+        ),
+        (5e-324, r"body 7: its motion is .* after a step of 4.94066e-324 s; take a longer step$"),
+    ],
+)
+def test_steps_beyond_floating_point_name_the_body_and_the_remedy(dt, message):
+    made = substep.RigidBodies(gravity=(0, 0, 0))
+    made.add(rigid.Plane(), (0, 0, 0), motion="static")
+    ends = [rigid.Sphere(0.1, (x, 0, 0)) for x in (-0.3, 0.3)]
+    made.add(ends, [[3 * k, 9, 5] for k in range(6)])  # with more shapes than bodies
+    made.remove([1, 3])  # ids are no rows
+    ball = made.add(rigid.Sphere(0.1), (0, 0, 0.05), velocities=(0, 0, -1))
+    before = state_hash(made)
+    with pytest.raises(NonFiniteError, match=message) as caught:
+        made.step(dt)
+    assert ball == 7 and caught.value.time == 0.0
+    assert f"body {caught.value.index}:" in message
+    assert state_hash(made) == before
 
 
 # Numbers that fail.

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..base.checks import check_array, check_real, describe
+from ..base.checks import check_array, check_integer, check_real, describe
 from ..base.owned import Owned
 from ..errors import InputError
+from .rows import BodyRows
 
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
@@ -166,6 +167,11 @@ class Joint(Owned):
     number : int
         Its number, which no other joint has or will have.
 
+    Raises
+    ------
+    InputError
+        If the number is no integer of at least 0.
+
     Attributes
     ----------
     number : int
@@ -185,8 +191,10 @@ class Joint(Owned):
     number: int
 
     def __init__(self, world: _World, number: int) -> None:
+        if not isinstance(world, BodyRows):
+            raise TypeError(f"world: expected RigidBodies, got {describe(world)}")
         self._world = world
-        self.number = number
+        self.number = check_integer("number", number, minimum=0)
 
     @property
     def _owner(self) -> _core.Owner:  # type: ignore[override]

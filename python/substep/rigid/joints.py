@@ -328,10 +328,10 @@ class Joints(BodyRows):
         point_a, point_b : array_like, shape (3,)
             The points, in the world, where the bodies are now [m].
         limits : array_like, shape (2,), optional
-            Least and greatest distance [m]; that of now for both unless given. A rope is
+            Least and greatest distance [m]; that of now for both unless given: a rod. A rope is
             (0, length), and (0, inf) with a `SpringMotor` a spring.
         motor : SpeedMotor or SpringMotor, optional
-            Acts on the distance.
+            Acts on the distance, within `limits`, which have to be given then.
         collide : bool, optional
             Whether the bodies still touch each other.
 
@@ -347,6 +347,12 @@ class Joints(BodyRows):
         """
         x, y = check_array("point_a", point_a, (3,)), check_array("point_b", point_b, (3,))
         if limits is None:
+            if motor is not None:
+                check_motor(motor)
+                raise InputError(
+                    "limits: expected the distances between which the motor acts, such as "
+                    "(0, inf) for a spring; without them the joint is a rod"
+                )
             with in_range("point_a, point_b"):
                 length = float(np.linalg.norm(x - y))
             limits = (length, length)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,7 @@ from .joints import Joints
 from .queries import Queries
 
 _TURN = 1.0  # rad that a body in contact may turn in a step
+_LEAST_STEP = 1e-100  # [s], where what fails is too small: what is divided by it is too large
 
 
 @dataclass
@@ -52,12 +54,23 @@ class Runs(Queries, Joints):
         try:
             self._native.step(dt)
         except NonFiniteError as error:
-            row = error.index
-            if row is None or self._ids[row] == row:
+            if error.index is None:
                 raise
+            row, text = error.index, str(error)
+            if text.startswith("body "):
+                text = text.partition(": ")[2]
+            else:  # of a fixture, which are numbered in the order of their bodies
+                counts = [len(fixtures) for fixtures, *_ in self._made]
+                row = int(np.searchsorted(np.cumsum(counts), row, side="right"))
+                text = f"its way is not finite in a step of {dt:g} s; take a smaller step"
+            text = re.sub(r"step of [\d.]+ s", f"step of {dt:g} s", text)
+            if dt < _LEAST_STEP:
+                text = re.sub("take a smaller step.*", "take a longer step", text)
             number = int(self._ids[row])
-            text = str(error).replace(f"body {row}", f"body {number}")
-            raise NonFiniteError(text, time=error.time, index=number, step=error.step) from None
+            time = self.time if error.time is None else error.time
+            raise NonFiniteError(
+                f"body {number}: {text}", time=time, index=number, step=error.step
+            ) from None
 
     @property
     def report(self) -> RigidReport:
