@@ -797,8 +797,13 @@ def test_islands_fall_asleep_and_wake():
         wake()
         bodies.step()
         assert not bodies.asleep[stack].any() and bodies.asleep[other]
+        assert bodies.contacts().bodies.tolist() == [[0, 1], [0, 3], [1, 2]]
         bodies.advance(2.0)
         assert bodies.asleep[stack].all()
+    before = bodies.positions[stack].copy()
+    bodies.set_forces((0, 0, -1.0), stack[1])
+    bodies.step()
+    assert np.abs(bodies.positions[stack] - before).max() < 1e-8  # contacts kept their impulses
     bodies.remove(stack[0])
     bodies.advance(1.0)
     assert bodies.positions[1] == pytest.approx([0, 0, 0.5], abs=1e-2)

@@ -364,6 +364,7 @@ void World::go_back() {
 // Where all that may move is, and how far it will go.
 void World::place(double dt) {
   note_changes();
+  sort_contacts(last_contacts_);  // those of what woke
   active_.clear();
   for (std::int64_t b = 0; b < bodies_.size(); ++b) {
     if (bodies_.motion[usize(b)] == Motion::kStatic || asleep_[usize(b)] != 0) continue;
