@@ -21,7 +21,9 @@ void for_each_real(Contact& c, Visit&& visit) {
     vector(point.arm_a), vector(point.arm_b);
     visit(point.separation), visit(point.impulse), visit(point.total);
   }
-  visit(c.friction), visit(c.restitution), visit(c.spinning), visit(c.rolling);
+  visit(c.friction), visit(c.static_friction), visit(c.restitution);
+  visit(c.spinning), visit(c.rolling);
+  for (auto& u : c.slip) visit(u);
   visit(c.friction_impulse[0]), visit(c.friction_impulse[1]), visit(c.twist_impulse);
   visit(c.roll_impulse[0]), visit(c.roll_impulse[1]);
   visit(c.friction_total[0]), visit(c.friction_total[1]);
@@ -29,6 +31,7 @@ void for_each_real(Contact& c, Visit&& visit) {
 template <class Contact, class Visit>
 void for_each_integer(Contact& c, Visit&& visit) {
   visit(c.a), visit(c.b), visit(c.fixture_a), visit(c.fixture_b), visit(c.count);
+  visit(c.slips);
 }
 
 template <class Value, class Visit>
@@ -92,6 +95,30 @@ const auto kJointIntegers = [](auto& item, auto&& visit) {
   for_each_integer_of_joint(item, visit);
 };
 const auto kPair = [](auto& pair, auto&& visit) { visit(pair.a), visit(pair.b); };
+const auto kNumbers = [](auto& numbers, auto&& visit) {
+  for (auto& value : numbers) visit(value);
+};
+
+// The names of all pairs, each ended by 0.
+py::array_t<std::uint8_t> pack_names(const std::vector<MaterialPair>& pairs) {
+  std::string names;
+  for (const MaterialPair& pair : pairs) names += pair.a + '\0' + pair.b + '\0';
+  return py::array_t<std::uint8_t>(static_cast<py::ssize_t>(names.size()),
+                                   reinterpret_cast<const std::uint8_t*>(names.data()));
+}
+std::vector<std::string> unpack_names(const py::dict& state) {
+  const auto letters =
+      state["material_names"].cast<py::array_t<std::uint8_t, py::array::c_style>>();
+  std::vector<std::string> names;
+  const std::uint8_t *next = letters.data(), *end = next + letters.size();
+  while (next != end) {
+    const std::uint8_t* stop = std::find(next, end, 0);
+    if (stop == end || stop == next) throw substep::InputError("state['material_names']: cut off");
+    names.emplace_back(next, stop);
+    next = stop + 1;
+  }
+  return names;
+}
 
 constexpr const char* kBodyArrays[] = {"positions",       "rotations", "momenta",
                                        "angular_momenta", "forces",    "torques"};
@@ -114,6 +141,10 @@ py::dict state_of(WorldState s) {
   state["slow_time"] = column(s.slow_time);
   state["island"] = column(s.island);
   state["excluded"] = pack<std::int32_t>(s.excluded, kPair);
+  std::vector<std::array<double, 5>> surfaces;
+  for (const MaterialPair& pair : s.material_pairs) surfaces.push_back(numbers_of(pair));
+  state["material_names"] = pack_names(s.material_pairs);
+  state["material_pairs"] = pack<double>(surfaces, kNumbers);
   state["contacts"] = pack<double>(s.contacts, kReals);
   state["contact_pairs"] = pack<std::int32_t>(s.contacts, kIntegers);
   state["joints"] = pack<double>(s.joints, kJointReals);
@@ -145,6 +176,14 @@ void restore_state(PyWorld& self, const py::dict& state) {
   read("slow_time", s.slow_time), read("island", s.island);
   read("rest_positions", s.rest_x), read("rest_rotations", s.rest_q);
   unpack<std::int32_t>(state, "excluded", s.excluded, kPair);
+  std::vector<std::array<double, 5>> surfaces;
+  unpack<double>(state, "material_pairs", surfaces, kNumbers);
+  const std::vector<std::string> names = unpack_names(state);
+  if (names.size() != 2 * surfaces.size())
+    throw substep::InputError("state['material_names']: expected two for each of material_pairs");
+  s.material_pairs.clear();
+  for (std::size_t k = 0; k < surfaces.size(); ++k)
+    s.material_pairs.push_back(material_pair(names[2 * k], names[2 * k + 1], surfaces[k]));
   unpack<double>(state, "contacts", s.contacts, kReals);
   unpack<std::int32_t>(state, "contact_pairs", s.contacts, kIntegers);
   unpack<double>(state, "joints", s.joints, kJointReals);

@@ -3,8 +3,10 @@
 #include <pybind11/stl.h>
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <map>
+#include <optional>
 #include <string>
 
 #include "substep/core/errors.h"
@@ -28,13 +30,30 @@ void PyWorld::put_arrays(RowArrays&& taken) {
   for (std::size_t k = 0; k < now.size(); ++k) *now[k] = std::move(taken[k]);
 }
 
+constexpr double kByRule = std::numeric_limits<double>::quiet_NaN();
+
+std::array<double, 5> numbers_of(const MaterialPair& pair) {
+  return {pair.friction.value_or(kByRule), pair.static_friction.value_or(kByRule),
+          pair.restitution.value_or(kByRule), pair.rolling.value_or(kByRule),
+          pair.spinning.value_or(kByRule)};
+}
+
+MaterialPair material_pair(const std::string& a, const std::string& b,
+                           const std::array<double, 5>& numbers) {
+  const auto given = [&](std::size_t k) {
+    return std::isnan(numbers[k]) ? std::nullopt : std::optional(numbers[k]);
+  };
+  return {a, b, given(0), given(1), given(2), given(3), given(4)};
+}
+
 namespace {
 
 using Array4 = std::array<double, 4>;
 
-// (shape, position, rotation, density, friction, restitution, rolling, spinning, group, mask)
+// (shape, position, rotation, density, friction, restitution, rolling, spinning, group, mask,
+// static friction, material)
 using FixtureTuple = std::tuple<RigidShape, Triple, Array4, double, double, double, double, double,
-                                std::uint32_t, std::uint32_t>;
+                                std::uint32_t, std::uint32_t, double, std::string>;
 
 Fixture fixture(const FixtureTuple& t) {
   return {.shape = std::get<0>(t).shape,
@@ -45,7 +64,9 @@ Fixture fixture(const FixtureTuple& t) {
           .rolling = std::get<6>(t),
           .spinning = std::get<7>(t),
           .group = std::get<8>(t),
-          .mask = std::get<9>(t)};
+          .mask = std::get<9>(t),
+          .static_friction = std::get<10>(t),
+          .material = std::get<11>(t)};
 }
 
 WorldOptions world_options(const py::dict& given) {
@@ -210,6 +231,20 @@ void bind_changes(py::class_<PyWorld>& world) {
             self.world.exclude(a, b, excluded);
           },
           py::arg("a"), py::arg("b"), py::arg("excluded"))
+      .def(
+          "set_material_pair",
+          [](PyWorld& self, const std::string& a, const std::string& b,
+             const std::array<double, 5>& numbers) {
+            self.world.set_material_pair(material_pair(a, b, numbers));
+          },
+          py::arg("a"), py::arg("b"), py::arg("numbers"))
+      .def("material_pairs",
+           [](const PyWorld& self) {
+             std::vector<std::tuple<std::string, std::string, std::array<double, 5>>> pairs;
+             for (const MaterialPair& pair : self.world.material_pairs())
+               pairs.emplace_back(pair.a, pair.b, numbers_of(pair));
+             return pairs;
+           })
       .def(
           "set_motion",
           [](PyWorld& self, const Numbers& rows, int motion, const Rows& weights) {

@@ -4,6 +4,7 @@
 #include <array>
 #include <memory>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "arrays.h"
@@ -83,6 +84,12 @@ struct PyWorld {
     put_arrays(std::move(old));
   }
 };
+
+// Friction, static friction, restitution, rolling and spinning levers; NaN where it follows the
+// rule.
+std::array<double, 5> numbers_of(const MaterialPair& pair);
+MaterialPair material_pair(const std::string& a, const std::string& b,
+                           const std::array<double, 5>& numbers);
 
 inline std::span<const std::int64_t> numbers(const Numbers& a) {
   return {a.data(), static_cast<std::size_t>(a.size())};

@@ -760,6 +760,8 @@ class RigidWorld:
                 float,
                 int,
                 int,
+                float,
+                str,
             ]
         ],
         motion: int,
@@ -836,6 +838,7 @@ class RigidWorld:
     def joint(self, row: int) -> dict[str, typing.Any]: ...
     def joint_bodies(self) -> numpy.typing.NDArray[numpy.int64]: ...
     def masses(self) -> numpy.typing.NDArray[numpy.float64]: ...
+    def material_pairs(self) -> list[tuple[str, str, list[float]]]: ...
     def motions(self) -> numpy.typing.NDArray[numpy.uint8]: ...
     def overlapping(
         self,
@@ -863,6 +866,12 @@ class RigidWorld:
             float,
             float,
         ],
+    ) -> None: ...
+    def set_material_pair(
+        self,
+        a: str,
+        b: str,
+        numbers: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
     ) -> None: ...
     def set_motion(
         self, rows: numpy.typing.ArrayLike, motion: int, weights: numpy.typing.ArrayLike

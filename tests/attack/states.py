@@ -216,8 +216,10 @@ def soft_body(substep):
 def bodies(substep):
     """A stack, a sleeping box, joints of every kind, what is excluded, numbers that are gone."""
     made = substep.RigidBodies()
-    made.add(substep.Plane(), (0, 0, 0), motion="static", friction=0.6)
-    stack = made.add(substep.Box((0.4, 0.4, 0.4)), [[0, 0, 0.2], [0, 0, 0.61], [2, 0, 0.2]])
+    made.add(substep.Plane(), (0, 0, 0), motion="static", friction=0.6, material="floor")
+    box, x = substep.Box((0.4, 0.4, 0.4)), [[0, 0, 0.2], [0, 0, 0.61], [2, 0, 0.2]]
+    stack = made.add(box, x, static_friction=0.8, material="oak")
+    made.set_material_pair("oak", "floor", friction=0.3, static_friction=0.5)
     balls = made.add(substep.Sphere(0.1), [[3 + k, 0, 1] for k in range(6)], restitution=0.5)
     wheel = made.add(substep.Cylinder(0.2, 0.1), (-2, 0, 0.4), rolling_friction=0.01)
     lift = made.add(substep.Box((1, 1, 0.1)), (0, 3, 1), motion="kinematic", velocities=(0, 0, 0.1))

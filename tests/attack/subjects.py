@@ -259,7 +259,8 @@ def protocol(kind):
         call("rows", ids=[1]),
     ]
     for name in dir(kind):
-        if name.startswith("set_") and name != "set_motion" and name != "set_motor_targets":
+        others = ("set_motion", "set_motor_targets", "set_material_pair")
+        if name.startswith("set_") and name not in others:
             array = functools.partial(_perturbed, name=name[4:])
             calls.append(Call(name, lambda owner, array=array: {"values": array(owner)}))
     for name in settable(kind):
@@ -539,6 +540,7 @@ OWN_CALLS = {
         ),
         call("remove", ids=[1, 0]),
         call("exclude", a=0, b=1),
+        call("set_material_pair", a="wood", b="ice", friction=0.1, static_friction=0.2),
         call("apply_force", ids=[1], force=(0, 0, 5.0), point=(0, 0, 1.0)),
         call("apply_impulse", ids=[1, 2], impulse=(0, 0, 0.5)),
         call("set_motion", motion="kinematic", ids=[1]),
@@ -934,7 +936,7 @@ def functions():
         # rigid bodies
         call("RigidBodies", gravity=(0, 0, -1), step=0.01, substeps=2, sleeping=True),
         call("RigidBatch", template=bodies, worlds=2, threads=1),
-        call("rigid.Fixture", shape=ball, density=5.0, friction=0.5, group=1),
+        call("rigid.Fixture", shape=ball, density=5.0, friction=0.5, group=1, material="wood"),
         call("rigid.MassProperties", mass=1.0, center_of_mass=(0, 0, 0), inertia=np.eye(3)),
         call("rigid.SpeedMotor", speed=1.0, strength=5.0),
         call("rigid.SpringMotor", target=1.0, stiffness=5.0, damping=1.0, strength=5.0),

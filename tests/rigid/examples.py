@@ -6,9 +6,10 @@ import substep
 def RigidBodies():
     """Two boxes and a ball that fall on the ground."""
     bodies = substep.RigidBodies()
-    bodies.add(substep.Box((0.2, 0.3, 0.4)), [[0, 0, 0.3], [1, 0, 0.5]], velocities=(0.1, 0, -1))
+    box, x = substep.Box((0.2, 0.3, 0.4)), [[0, 0, 0.3], [1, 0, 0.5]]
+    bodies.add(box, x, velocities=(0.1, 0, -1), static_friction=0.7, material="wood")
     bodies.add(substep.Sphere(0.1), (2, 0, 0.2))
-    bodies.add(substep.Plane(), (0, 0, 0), motion="static")
+    bodies.add(substep.Plane(), (0, 0, 0), motion="static", material="ice")
     return bodies
 
 

@@ -31,8 +31,9 @@ def mesh(vertices=TETRAHEDRON[0], faces=TETRAHEDRON[1]):
 def bodies(n=4, **options):
     """Boxes that have fallen a little above the ground, and a hinge."""
     made = substep.RigidBodies(**options)
-    made.add(rigid.Plane(), (0, 0, 0), motion="static")
-    made.add(BOX, [[1.1 * k, 0, 0.6] for k in range(n)], angular_velocities=(0.1, 0, 0))
+    made.add(rigid.Plane(), (0, 0, 0), motion="static", material="ice")
+    x = [[1.1 * k, 0, 0.6] for k in range(n)]
+    made.add(BOX, x, angular_velocities=(0.1, 0, 0), material="wood")
     made.hinge(1, 2, (0.5, 0, 0.6), (0, 1, 0))
     made.advance(0.3)
     return made
@@ -73,6 +74,17 @@ def is_finite(simulation):
         (lambda: rigid.Fixture(BOX, group=-1), InputError, "group: expected an integer from 0"),
         (lambda: rigid.Fixture(BOX, mask=2**32), InputError, "mask: expected an integer from 0"),
         (lambda: rigid.Fixture(BOX, mask=1.0), InputError, "mask: expected an integer"),
+        (lambda: rigid.Fixture(BOX, static_friction=-1), InputError, "static_friction: expected a"),
+        (lambda: rigid.Fixture(BOX, static_friction=INF), InputError, "static_friction: expected"),
+        (
+            lambda: rigid.Fixture(BOX, friction=0.5, static_friction=0.4),
+            InputError,
+            "static_friction: expected at least the friction, 0.5, got 0.4",
+        ),
+        (lambda: rigid.Fixture(BOX, material=1), TypeError, "material: expected the name of a"),
+        (lambda: rigid.Fixture(BOX, material=""), InputError, "material: expected a name"),
+        (lambda: rigid.Fixture(BOX, material="a\0"), InputError, "material: expected a name"),
+        (lambda: rigid.Fixture(BOX, material="\ud800"), InputError, "material: expected a name"),
         (lambda: rigid.SpeedMotor(NAN), InputError, "speed: expected a finite"),
         (lambda: rigid.SpeedMotor(1, -1), InputError, "strength: expected a number of at least"),
         (lambda: rigid.SpeedMotor(1, NAN), InputError, "strength: expected a finite"),
@@ -167,6 +179,12 @@ INSIDE_OUT = [[a, c, b] for a, b, c in TETRAHEDRON[1]]
         # surfaces
         ({"friction": -0.1}, InputError, "friction: expected a number of at least 0"),
         ({"friction": NAN}, InputError, "friction: expected a finite"),
+        ({"friction": None}, TypeError, "friction: expected a real"),
+        ({"static_friction": NAN}, InputError, "static_friction: expected a finite"),
+        ({"static_friction": 0.4}, InputError, "static_friction: expected at least the friction"),
+        ({"static_friction": "1"}, TypeError, "static_friction: expected a real"),
+        ({"material": b"wood"}, TypeError, "material: expected the name of a material"),
+        ({"material": ""}, InputError, "material: expected a name"),
         ({"restitution": 1.1}, InputError, "restitution: expected a number from 0 to 1"),
         ({"restitution": -0.1}, InputError, "restitution: expected a number of at least 0"),
         ({"rolling_friction": -1}, InputError, "rolling_friction: expected a number of at least"),
@@ -234,6 +252,30 @@ def test_quaternions_of_any_length_are_normalised():
         (lambda s: s.exclude(0, 0), InputError, "b: expected another body"),
         (lambda s: s.exclude(0, 99), IndexError, "there is no body 99"),
         (lambda s: s.exclude(0, [1]), InputError, "b: expected the id of a body"),
+        *(
+            (lambda s, a=a, b=b: s.set_material_pair(a, b, friction=0.1), InputError, message)
+            for a, b, message in [
+                ("wood", "steel", "b: expected a material of a shape, 'ice', 'wood', got 'steel'"),
+                ("wodo", "ice", "a: expected a material of a shape, 'ice', 'wood', got 'wodo'"),
+                ("Wood", "ice", "a: expected a material"),
+                ("", "ice", "a: expected a name"),
+            ]
+        ),
+        (lambda s: s.set_material_pair(1, "ice"), TypeError, "a: expected the name of a material"),
+        (lambda s: s.set_material_pair("ice", None), TypeError, "b: expected the name of a mat"),
+        *(
+            (lambda s, told=told: s.set_material_pair("ice", "wood", **told), error, message)
+            for told, error, message in [
+                ({"friction": -0.1}, InputError, "friction: expected a number of at least 0"),
+                ({"friction": NAN}, InputError, "friction: expected a finite"),
+                ({"friction": "0.1"}, TypeError, "friction: expected a real number"),
+                ({"static_friction": 0.5}, InputError, "static_friction: expected friction with"),
+                ({"friction": 0.5, "static_friction": 0.4}, InputError, "at least the friction"),
+                ({"restitution": 1.1}, InputError, "restitution: expected a number from 0 to 1"),
+                ({"rolling_friction": INF}, InputError, "rolling_friction: expected a finite"),
+                ({"spinning_friction": -1}, InputError, "spinning_friction: expected a number"),
+            ]
+        ),
         (lambda s: s.fixtures(99), IndexError, "there is no body 99"),
         (lambda s: s.wake(99), IndexError, "there is no body 99"),
         (lambda s: s.rows([0, 99]), IndexError, r"ids\[1\]: there is no body 99"),
@@ -536,8 +578,13 @@ def test_states_that_do_not_fit():
         ({"island": good["island"] + 50}, "."),
         ({"excluded": np.array([[0, 99]], np.int32)}, "."),
         (at("contacts", 0, 5.0), "length 1"),
-        (at("contacts", -11, -1.0), "friction"),  # then restitution, spinning, rolling
-        (at("contacts", -10, 2.0), "restitution"),
+        (at("contacts", -15, -1.0), "friction"),  # then static friction, restitution
+        (at("contacts", -14, -1.0), "static friction"),
+        (at("contacts", -13, 2.0), "restitution"),
+        ({"material_names": np.array([255, 0, 98, 0], np.uint8)}, "material_names"),
+        ({"material_names": np.array([97, 0], np.uint8)}, "material_names"),
+        ({"material_names": np.array([97, 0, 98], np.uint8)}, "material_names"),
+        ({"material_pairs": np.zeros((0, 4))}, "material_pairs"),
         ({n: good[n][::-1].copy() for n in ("contacts", "contact_pairs")}, "order"),
         (at("joint_pairs", 0, 9), "no such joint"),
         (at("joint_pairs", 3, 9), "no such kind|only hinges"),

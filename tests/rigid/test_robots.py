@@ -331,6 +331,36 @@ def test_keyframes_and_equalities(tmp_path):
     assert robot.ignored == ("equalities: gear",)
 
 
+def test_contact_pairs_are_pairs_of_materials(tmp_path):
+    path = tmp_path / "pairs.xml"
+    path.write_text(
+        """<mujoco><worldbody><geom name="floor" type="plane" size="9 9 1" friction="1"/>
+        <body pos="0 0 .1"><freejoint/><geom name="sled" type="box" size=".3 .3 .1"/></body>
+        <body pos="2 0 .1"><freejoint/><geom name="box" type="box" size=".3 .3 .1"/>
+          <body pos="0 0 .5"><joint type="hinge"/><geom name="lid" type="box" size=".1 .1 .1"/>
+          </body></body>
+        <body pos="9 0 .1"><freejoint/><geom name="gone" type="sphere" size=".1" contype="0"
+          conaffinity="0"/></body>
+        </worldbody><contact>
+          <pair geom1="sled" geom2="floor" friction=".2 .2 .01 .001 .001" condim="4"/>
+          <pair name="hinged" geom1="box" geom2="lid"/><pair name="new" geom1="gone" geom2="floor"/>
+          <pair name="skew" geom1="box" geom2="floor" friction=".2 .3 .01 .001 .001"/>
+        </contact></mujoco>"""
+    )
+    world = RigidBodies.from_mjcf(path)
+    assert any("hinged" in s and "new" in s and "skew" in s for s in world.ignored)
+    assert world.material_pairs == {
+        ("floor", "sled"): {
+            "friction": 0.2,
+            "spinning_friction": 0.01,
+            "rolling_friction": 0.0,
+        }
+    }
+    world.set_velocities((3, 0, 0), 1)
+    world.advance(0.5)
+    assert world.velocities[1, 0] == pytest.approx(3 - 0.2 * 9.81 * 0.5, rel=1e-3)
+
+
 def test_what_does_not_move_by_itself(tmp_path):
     path = tmp_path / "still.xml"
     path.write_text("""<mujoco><worldbody>

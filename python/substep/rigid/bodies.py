@@ -12,7 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..base.checks import check_array, check_choice, check_flag, check_integer, check_real
+from ..base.checks import (
+    check_array,
+    check_choice,
+    check_flag,
+    check_integer,
+    check_real,
+    describe,
+)
 from ..base.rows import read_only
 from ..base.simulation import with_energy
 from ..errors import InputError
@@ -25,7 +32,10 @@ from .fixtures import (
     Shape,
     check_fixtures,
     check_mass,
+    check_material,
+    check_pair,
     native_rows,
+    pair_of,
 )
 from .mass import MassProperties
 from .robots import Robots
@@ -158,11 +168,13 @@ class RigidBodies(Robots, Runs, States):
         mass: float | MassProperties | None = None,
         inertia: ArrayLike | None = None,
         friction: float = 0.5,
+        static_friction: float | None = None,
         restitution: float = 0.0,
         rolling_friction: float = 0.0,
         spinning_friction: float = 0.0,
         group: int = 1,
         mask: int = EVERYTHING,
+        material: str | None = None,
     ) -> Any:
         """Put in one body, or several alike.
 
@@ -191,7 +203,11 @@ class RigidBodies(Robots, Runs, States):
             About the centre of mass along the axes of the frame [kg m^2], instead of that by
             `density` and `mass`.
         friction : float, optional
-            Coefficient of Coulomb friction; of two surfaces the root of the product holds.
+            Coefficient of Coulomb friction, of what slips; of two surfaces the root of the product
+            holds.
+        static_friction : float, optional
+            That of what sticks, at least `friction`, which it is unless given; of two surfaces the
+            root of the product holds.
         restitution : float, optional
             Normal velocity after an impact over that before it, from 0 to 1; of two surfaces the
             greater one holds.
@@ -200,6 +216,8 @@ class RigidBodies(Robots, Runs, States):
             the greater ones hold.
         group, mask : int, optional
             32 bits each: shapes touch where `group` of each has a bit of `mask` of the other.
+        material : str, optional
+            A name for the surface: `set_material_pair` says what holds between two of them.
 
         Returns
         -------
@@ -224,11 +242,13 @@ class RigidBodies(Robots, Runs, States):
         defaults = {
             "density": density,
             "friction": friction,
+            "static_friction": static_friction,
             "restitution": restitution,
             "rolling_friction": rolling_friction,
             "spinning_friction": spinning_friction,
             "group": group,
             "mask": mask,
+            "material": material,
         }
         fixtures = check_fixtures(shape, defaults, way)
         weight = None
@@ -316,6 +336,76 @@ class RigidBodies(Robots, Runs, States):
         if first == second:
             raise InputError(f"b: expected another body than {a}")
         self._native.exclude(first, second, check_flag("excluded", excluded))
+
+    def set_material_pair(
+        self,
+        a: str,
+        b: str,
+        *,
+        friction: float | None = None,
+        static_friction: float | None = None,
+        restitution: float | None = None,
+        rolling_friction: float | None = None,
+        spinning_friction: float | None = None,
+    ) -> None:
+        """Say what holds between surfaces of two materials, from the next step on. Bodies wake.
+
+        It takes the place of what was said of the pair before. What is None follows from the two
+        surfaces, as `add` says; where all is, the pair is like any other again.
+
+        Parameters
+        ----------
+        a, b : str
+            Materials of shapes of bodies, in any order; may be the same.
+        friction : float, optional
+            Coefficient of Coulomb friction of what slips.
+        static_friction : float, optional
+            Of what sticks, at least `friction`, which it is unless given.
+        restitution : float, optional
+            From 0 to 1.
+        rolling_friction, spinning_friction : float, optional
+            Levers [m].
+
+        Raises
+        ------
+        InputError
+            If an argument is wrong, or no shape is of such a material; nothing is changed then.
+
+        Examples
+        --------
+        >>> import substep
+        >>> bodies = substep.RigidBodies()
+        >>> ice = bodies.add(substep.Plane(), (0, 0, 0), motion="static", material="ice")
+        >>> tyre = bodies.add(
+        ...     substep.Box((1, 1, 1)), (0, 0, 0.5), velocities=(1, 0, 0), material="rubber")
+        >>> bodies.set_material_pair("rubber", "ice", friction=0.1, static_friction=0.15)
+        >>> bodies.advance(0.5)
+        >>> bodies.velocities[tyre, 0].round(2).tolist()
+        0.51
+        """
+        known = {fixture.material for made in self._made for fixture in made[0]} - {None}
+        names = [check_material(*given) for given in (("a", a), ("b", b))]
+        for argument, name in zip("ab", names, strict=True):
+            if name not in known:
+                told = ", ".join(sorted(map(repr, known))) or "none"
+                raise InputError(
+                    f"{argument}: expected a material of a shape, {told}, got {describe(name)}"
+                )
+        numbers = check_pair(
+            {
+                "friction": friction,
+                "static_friction": static_friction,
+                "restitution": restitution,
+                "rolling_friction": rolling_friction,
+                "spinning_friction": spinning_friction,
+            }
+        )
+        self._native.set_material_pair(*names, numbers)
+
+    @property
+    def material_pairs(self) -> dict[tuple[str, str], dict[str, float]]:
+        """What `set_material_pair` has said, by the two names in alphabetical order; a copy."""
+        return {(a, b): pair_of(numbers) for a, b, numbers in self._native.material_pairs()}
 
     def fixtures(self, body: int) -> tuple[Fixture, ...]:
         """What a body is made of.

@@ -35,9 +35,11 @@ class Fixture:
         of the body. Planes, meshes and height fields are ground: of static bodies only.
     density : float, optional
         [kg/m^3], above 0.
-    friction, restitution, rolling_friction, spinning_friction : float, optional
+    friction, static_friction, restitution, rolling_friction, spinning_friction : float, optional
         As of `RigidBodies.add`.
     group, mask : int, optional
+        As of `RigidBodies.add`.
+    material : str, optional
         As of `RigidBodies.add`.
 
     Raises
@@ -63,11 +65,13 @@ class Fixture:
     _: KW_ONLY
     density: float | None = None
     friction: float | None = None
+    static_friction: float | None = None
     restitution: float | None = None
     rolling_friction: float | None = None
     spinning_friction: float | None = None
     group: int | None = None
     mask: int | None = None
+    material: str | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.shape, Shape):
@@ -87,12 +91,23 @@ class Fixture:
         if frame is not None:
             back = frame.axes * (1, -1, -1, -1)
             x, q = rotate(back, x - frame.center_of_mass), multiply(back, q)
-        return (shape, x.tolist(), q.tolist(), *(getattr(self, name) for name in _SURFACE))
+        surface = (getattr(self, name) for name in _SURFACE[:-1])
+        return (shape, x.tolist(), q.tolist(), *surface, self.material or "")
 
 
 Made = tuple[tuple[Fixture, ...], str, MassProperties | None]  # shapes, motion, weight
 STILL = MassProperties(1.0, (0, 0, 0), np.eye(3))  # the frame of bodies without mass
-_SURFACE = ("density", "friction", "restitution", *_LEVERS, "group", "mask")
+_PAIR = ("friction", "static_friction", "restitution", *_LEVERS)  # what two materials may say
+_SURFACE = (
+    "density",
+    "friction",
+    "restitution",
+    *_LEVERS,
+    "group",
+    "mask",
+    "static_friction",
+    "material",
+)
 
 
 def check_surface(given: dict[str, Any]) -> dict[str, Any]:
@@ -101,18 +116,56 @@ def check_surface(given: dict[str, Any]) -> dict[str, Any]:
     for name, value in given.items():
         if name in ("group", "mask"):
             checked[name] = check_integer(name, value, minimum=0, maximum=EVERYTHING)
+        elif name == "material":
+            checked[name] = check_material(name, value)
         else:
             checked[name] = check_real(name, value, nonnegative=True, positive=name == "density")
     if checked.get("restitution", 0.0) > 1:
         raise InputError(
             f"restitution: expected a number from 0 to 1, got {checked['restitution']}"
         )
+    friction = checked.get("friction", 0.0)
+    if checked.get("static_friction", friction) < friction:
+        raise InputError(
+            f"static_friction: expected at least the friction, {friction}, "
+            f"got {checked['static_friction']}"
+        )
     return checked
+
+
+def check_material(name: str, value: Any) -> str:
+    """The name of a material."""
+    if not isinstance(value, str):
+        raise TypeError(f"{name}: expected the name of a material, got {describe(value)}")
+    if not value or "\0" in value:
+        raise InputError(f"{name}: expected a name without null characters, got {describe(value)}")
+    try:
+        value.encode()
+    except UnicodeEncodeError:
+        raise InputError(f"{name}: expected a name of whole letters, got {value!a}") from None
+    return value
+
+
+def check_pair(given: dict[str, Any]) -> list[float]:
+    """What holds between two materials, for the native world; NaN where it follows the rule."""
+    checked = check_surface({name: v for name, v in given.items() if v is not None})
+    if "static_friction" in checked and "friction" not in checked:
+        raise InputError("static_friction: expected friction with it")
+    return [checked.get(name, np.nan) for name in _PAIR]
+
+
+def pair_of(numbers: Sequence[float]) -> dict[str, float]:
+    """What `check_pair` was given."""
+    told = zip(_PAIR, numbers, strict=True)
+    return {name: number for name, number in told if not np.isnan(number)}
 
 
 def check_fixtures(shape: Any, defaults: dict[str, Any], motion: str) -> tuple[Fixture, ...]:
     """The fixtures of a body, with everything that they leave to the call that adds it."""
-    defaults = check_surface(defaults)
+    may_be_none = ("static_friction", "material")
+    defaults = check_surface(
+        {name: v for name, v in defaults.items() if v is not None or name not in may_be_none}
+    )
     listed = [shape] if isinstance(shape, (Shape, Fixture)) else shape
     if not isinstance(listed, (list, tuple)):
         raise TypeError(f"shape: expected a shape or a list of Fixture, got {describe(shape)}")
@@ -131,7 +184,9 @@ def check_fixtures(shape: Any, defaults: dict[str, Any], motion: str) -> tuple[F
             )
         if isinstance(fixture.shape, SignedDistanceField):
             fixture.shape._rigid()  # says that it cannot be one
-        fixtures.append(replace(fixture, **{**defaults, **fixture._given()}))
+        surface = {**defaults, **fixture._given()}
+        surface.setdefault("static_friction", surface["friction"])
+        fixtures.append(replace(fixture, **surface))
     return tuple(fixtures)
 
 

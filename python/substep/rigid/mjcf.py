@@ -29,7 +29,7 @@ Pose = tuple[Array, Array]  # of a frame in the world: where it is, and its quat
 
 LIGHT = 1e-5  # mass and inertia of links between joints of a body, over its mass and least inertia
 _ORIGIN: Pose = (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
-_SURFACE = {  # where the file says nothing
+_SURFACE: dict[str, float] = {  # where the file says nothing
     "density": 1000.0,
     "friction": 0.5,
     "restitution": 0.0,
@@ -84,6 +84,7 @@ class Plan:
     bodies: list[Body] = field(default_factory=list)
     links: list[Link] = field(default_factory=list)
     excluded: list[tuple[int, int]] = field(default_factory=list)
+    pairs: list[tuple[str, str, dict[str, float]]] = field(default_factory=list)  # of materials
     body_names: dict[str, int] = field(default_factory=dict)
     link_names: dict[str, int] = field(default_factory=dict)
     strengths: dict[str, float] = field(default_factory=dict)
@@ -229,6 +230,7 @@ class _Reader:
             self.welded.setdefault(root, []).append(i)
         self.read_bodies()
         self.read_geometries()
+        self.read_pairs()
         qpos, ctrl = self.read_start(keyframe, coordinates)
         for joint in range(m.njnt):
             with self.element("joint", joint):
@@ -378,6 +380,7 @@ class _Reader:
         if len(kinds) > 32:
             raise FormatError(f"{self.file}: more than 32 pairs of contype and conaffinity")
         disabled = m.opt.disableflags & self.mj.mjtDisableBit.mjDSBL_CONTACT
+        paired = {*m.pair_geom1.tolist(), *m.pair_geom2.tolist()}
         hidden: dict[int, list[Fixture]] = {}  # what touches nothing, by body
         for g in range(m.ngeom):
             i = int(m.geom_bodyid[g])
@@ -391,16 +394,13 @@ class _Reader:
                 continue
             contype, conaffinity = types[g]
             touching = [k for k, (c, a) in enumerate(kinds) if contype & a or c & conaffinity]
-            slide, spin, roll = m.geom_friction[g].tolist()
-            condim = m.geom_condim[g]
-            surface = {
-                "friction": slide if condim > 1 else 0.0,
-                "spinning_friction": spin if condim > 3 else 0.0,
-                "rolling_friction": roll if condim > 4 else 0.0,
-            }
+            surface = _surface(m.geom_condim[g], *m.geom_friction[g].tolist())
             group, mask = 1 << kinds.index(types[g]), sum(1 << k for k in touching)
+            material = self.name("geom", g) if g in paired else None
             with self.element("geom", g):
-                fixture = Fixture(shape, group=group, mask=mask, **{**_SURFACE, **surface})
+                fixture = Fixture(
+                    shape, group=group, mask=mask, material=material, **{**_SURFACE, **surface}
+                )
             bodies[number].fixtures.append(fixture)
         for number, body in enumerate(bodies):
             if not body.fixtures:
@@ -408,6 +408,28 @@ class _Reader:
         if hidden:
             count = sum(map(len, hidden.values()))
             self.leave("geometries that touch nothing", str(count))
+
+    def read_pairs(self) -> None:
+        """Friction of two shapes that touch anyway."""
+        m = self.m
+        disabled = m.opt.disableflags & self.mj.mjtDisableBit.mjDSBL_CONTACT
+        excluded = {(int(s) >> 16, int(s) & 0xFFFF) for s in m.exclude_signature}
+        for p in range(m.npair):
+            g, h = int(m.pair_geom1[p]), int(m.pair_geom2[p])
+            i, j = int(m.geom_bodyid[g]), int(m.geom_bodyid[h])
+            x, y = (int(m.body_weldid[k]) for k in (i, j))
+            parents = [int(m.body_weldid[m.body_parentid[k]]) for k in (x, y)]
+            joined = parents[0] == y > 0 or parents[1] == x > 0 or {(i, j), (j, i)} & excluded
+            bits = m.geom_contype[g] & m.geom_conaffinity[h]
+            bits |= m.geom_contype[h] & m.geom_conaffinity[g]
+            slide, other, spin, roll, _ = m.pair_friction[p].tolist()
+            turned = slide != other and m.pair_dim[p] > 1  # a coefficient in each direction
+            if disabled or not bits or joined or x == y or turned:
+                self.leave("contact pairs", self.name("pair", p))
+                continue
+            surface = _surface(m.pair_dim[p], slide, spin, roll)
+            names = (self.name("geom", g), self.name("geom", h))
+            self.made.pairs.append((*names, surface))
 
     def shape(self, g: int, pose: Pose) -> Shape:
         m, types = self.m, self.mj.mjtGeom
@@ -624,7 +646,7 @@ class _Reader:
     def read_rest(self) -> None:
         """What counts for the whole model."""
         m, bits = self.m, self.mj.mjtDisableBit
-        for what in ("tendon", "sensor", "pair", "plugin"):
+        for what in ("tendon", "sensor", "plugin"):
             if count := getattr(m, f"n{what}"):
                 self.leave(f"{what}s", str(count))
         for name, usual in _SOFTNESS.items():
@@ -670,6 +692,15 @@ def _numbers(name: str, bounds: Array) -> Array:
 def _least(bounds: Array) -> float:
     """The strength that both directions have."""
     return float(np.abs(bounds).min())
+
+
+def _surface(condim: int, slide: float, spin: float, roll: float) -> dict[str, float]:
+    """Friction in as many dimensions as MuJoCo's contact has."""
+    return {
+        "friction": slide if condim > 1 else 0.0,
+        "spinning_friction": spin if condim > 3 else 0.0,
+        "rolling_friction": roll if condim > 4 else 0.0,
+    }
 
 
 def _point(mass: MassProperties | None) -> Fixture:

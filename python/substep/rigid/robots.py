@@ -198,6 +198,8 @@ class Robots(Joints):
                 given |= {"axis": link.axis, "limits": link.limits, "motor": link.motor}
             with element(plan.file, link.name):
                 made.append(join(ids[link.a], b, link.anchor, **given))
+        for one, other, surface in plan.pairs:
+            world.set_material_pair(one, other, **surface)
         for i, j in plan.excluded:
             world.exclude(ids[i], ids[j])
         if ids:

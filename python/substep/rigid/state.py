@@ -34,6 +34,8 @@ SCHEMA: list[Entry] = [
     Rows("rest_rotations", np.float64, ("bodies", 4)),
     Rows("masses", np.float64, ("bodies",)),
     Rows("slow_time", np.float64, ("bodies",), low=0),
+    Rows("material_names", np.uint8, (None,)),
+    Rows("material_pairs", np.float64, (None, 5), finite="any"),  # NaN follows the rule
     Rows("contacts", np.float64, ("contacts", None)),
     Rows("contact_pairs", np.int32, ("contacts", None)),
     Number("next_joint", int, low=0, high=MOST),
@@ -69,6 +71,10 @@ class States(Joints):
     def _fit(self, state: dict[str, Any]) -> None:
         if not np.array_equal(state["ids"], self._ids):
             raise InputError("state['ids']: expected that of the same bodies")
+        try:
+            state["material_names"].tobytes().decode()
+        except UnicodeDecodeError:
+            raise InputError("state['material_names']: expected letters in UTF-8") from None
         dynamic = (state["motions"] == 0)[:, None]
         own = np.where(dynamic, self._weights, 1.0)
         if not np.array_equal(own, np.column_stack([state["masses"], state["inertia"]])):

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <variant>
 
@@ -36,6 +37,8 @@ struct Fixture {
   double density = 1000;                       // [kg/m^3]
   double rolling = 0, spinning = 0;            // levers of friction that resists them [m]
   std::uint32_t group = 1, mask = 0xffffffff;  // a meets b: a.group & b.mask and b.group & a.mask
+  std::optional<double> static_friction = {};  // at least friction; the same unless given
+  std::string material = {};                   // its name, see MaterialPair; may be empty
 };
 
 // The smallest box along the axes that holds the shape; a plane reaches to infinity.

@@ -39,8 +39,8 @@ bool holds(const ContactConstraint& contact) {
     lever += point.impulse * (point.position - middle).norm();
   }
   const double friction = std::hypot(contact.friction_impulse[0], contact.friction_impulse[1]);
-  const double torque = contact.friction * lever + contact.spinning * pressure;
-  return pressing >= 3 && friction < kPart * contact.friction * pressure &&
+  const double torque = contact.mu() * lever + contact.spinning * pressure;
+  return pressing >= 3 && friction < kPart * contact.mu() * pressure &&
          std::abs(contact.twist_impulse) < kPart * torque;
 }
 
@@ -53,6 +53,8 @@ void carry_impulses(const ContactConstraint& last, ContactConstraint& now) {
     now.roll_impulse[i] = last.roll_impulse[i];
   }
   now.twist_impulse = last.twist_impulse;
+  now.slips = last.slips;
+  std::copy_n(last.slip, 3, now.slip);
 
   // Half the distance to the middle, squared; a single point is always the same.
   double near = now.count == 1 && last.count == 1 ? std::numeric_limits<double>::infinity() : 0;

@@ -12,8 +12,10 @@
 // d the distances of the points from their middle: exact for slip alone and for spin alone. Rolling
 // friction is a torque along the surfaces against their relative angular velocity w_t there,
 //   |l_r| <= rolling sum(l_n), and l_r = -rolling sum(l_n) w_t / |w_t| where they roll.
+// mu is that of static or of kinetic friction (stick_slip.h).
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 
 #include "substep/rigid/collision/manifold.h"
@@ -39,15 +41,22 @@ struct ContactConstraint {
   int count = 0;
   Point points[4];
   double friction = 0.5, restitution = 0.0;
+  double static_friction = 0.0;           // where it is above friction
   double spinning = 0.0;                  // [m], lever of the friction that resists spin about n
   double rolling = 0.0;                   // [m], of that which resists rolling
   double friction_impulse[2] = {0., 0.};  // of the last sub-step, along the tangent and n x tangent
   double twist_impulse = 0.0;             // of the last sub-step [N m s]
   double roll_impulse[2] = {0., 0.};      // the same along the tangent and n x tangent
   double friction_total[2] = {0., 0.};    // of the last step, with its impacts
-  bool tips = false;                      // of bodies that turn farther in a step than was looked
+  bool slips = false;                     // mu is that of kinetic friction
+  // With which velocity [m/s], after the last sub-step: along the tangent, n x tangent, and of the
+  // points about n. Also of a contact that only begins to; 0 where it sticks.
+  double slip[3] = {0., 0., 0.};
+  bool tips = false;      // of bodies that turn farther in a step than was looked
   bool rolls_on = false;  // of shapes that touch elsewhere within a step, as they roll
   double margin = 0;      // how far its shapes are looked at in sub-steps then [m]
+
+  double mu() const { return slips ? friction : std::max(friction, static_friction); }
 
   // Of the points: of their positions, of their arms.
   Vec3 middle(Vec3 Point::* which) const {
@@ -56,6 +65,9 @@ struct ContactConstraint {
     return count > 0 ? Vec3(sum / count) : sum;
   }
 };
+
+// Whether it has two coefficients of friction.
+inline bool sticks_more(const ContactConstraint& c) { return c.static_friction > c.friction; }
 
 // Contacts are in the order of their shapes.
 inline bool precedes(const ContactConstraint& c, const ContactConstraint& d) {

@@ -334,7 +334,7 @@ void ContactPacket::set(int lane, const ContactConstraint* contact, const BodyRo
     separation[k][lane] = is ? static_cast<float>(c.points[k].separation) : 0;
     impulse[k][lane] = is ? c.points[k].impulse : 0;
   }
-  friction[lane] = static_cast<float>(c.friction), spinning[lane] = static_cast<float>(c.spinning);
+  friction[lane] = static_cast<float>(c.mu()), spinning[lane] = static_cast<float>(c.spinning);
   away[lane] = 0;
   if (lane == 0) rolls_on = false;
   set3(bias, lane, Vec3::Zero());

@@ -7,6 +7,7 @@
 
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
+#include "substep/rigid/solver/stick_slip.h"
 
 namespace substep::rigid {
 namespace {
@@ -79,6 +80,11 @@ class Phases {
   std::vector<std::int64_t> chunks_;
   std::vector<Task> tasks_;
 };
+
+void sort_unique(std::vector<std::int64_t>& packets) {
+  std::sort(packets.begin(), packets.end());
+  packets.erase(std::unique(packets.begin(), packets.end()), packets.end());
+}
 
 // In the order of the numbers.
 std::uint32_t sort_key(float x) {
@@ -253,10 +259,34 @@ void ContactSolver::find_rolling(std::span<ContactConstraint> contacts,
     if (turns[usize(rows_.row(c.a))] != 0 || turns[usize(rows_.row(c.b))] != 0) rolling_[k] = 1;
     if (rolling_[k] != 0) rolling_packets_.push_back(place_[k] / kPacketLanes);
   }
-  std::sort(rolling_packets_.begin(), rolling_packets_.end());
-  rolling_packets_.erase(std::unique(rolling_packets_.begin(), rolling_packets_.end()),
-                         rolling_packets_.end());
+  sort_unique(rolling_packets_);
   for (const std::int64_t k : rolling_packets_) packets_[usize(k)].rolls_on = true;
+}
+
+// Contacts with two coefficients of friction, which choose between them after each sub-step.
+void ContactSolver::find_slipping(std::span<ContactConstraint> contacts, double fast) {
+  slip_packets_.clear();
+  for (std::size_t k = 0; k < contacts.size(); ++k) {
+    ContactConstraint& c = contacts[k];
+    if (place_[k] < 0 || !sticks_more(c)) continue;
+    slip_packets_.push_back(place_[k] / kPacketLanes);
+    const bool presses = std::any_of(c.points, c.points + c.count,
+                                     [](const auto& point) { return point.impulse > 0; });
+    if (!presses) begin_slip(rows_, fast, c);
+  }
+  sort_unique(slip_packets_);
+}
+
+void ContactSolver::note_slips(std::int64_t packet, std::span<ContactConstraint> contacts,
+                               double fast) {
+  ContactPacket& p = packets_[usize(packet)];
+  for (int lane = 0; lane < kPacketLanes; ++lane) {
+    const auto index = sweep_.constraint[usize(packet * kPacketLanes + lane)];
+    if (index < 0 || !sticks_more(contacts[usize(index)])) continue;
+    ContactConstraint& c = contacts[usize(index)];
+    note_slip(p, lane, rows_, fast, c);
+    p.friction[lane] = static_cast<float>(c.mu());
+  }
 }
 
 bool ContactSolver::is_rolling(std::int64_t packet, int lane) const {
@@ -364,7 +394,9 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   // step.
   joints_.begin_step(bodies, joints, contacts, {h, options.push_speed * dt, options.rotation},
                      rows_);
+  const double fast = h * gravity.norm();
   order(gravity, contacts, threads);
+  find_slipping(contacts, fast);
   mark_standing(contacts);
   pack(contacts, threads);
   const bool strained = find_strained(contacts, bodies.size());
@@ -387,10 +419,10 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
       phases.add(joints_.groups(), [this, task](std::int64_t k) { task(joints_.group(k)); });
     }
   };
-  const auto add_rolling = [&](const auto& task) {
-    phases.add_range(static_cast<std::int64_t>(rolling_packets_.size()), kPackets,
-                     [this, task](std::int64_t begin, std::int64_t end) {
-                       for (auto i = usize(begin); i < usize(end); ++i) task(rolling_packets_[i]);
+  const auto add_each = [&](const std::vector<std::int64_t>& packets, const auto& task) {
+    phases.add_range(static_cast<std::int64_t>(packets.size()), kPackets,
+                     [&packets, task](std::int64_t begin, std::int64_t end) {
+                       for (auto i = usize(begin); i < usize(end); ++i) task(packets[i]);
                      });
   };
   for (int substep = 0; substep < options.substeps; ++substep) {
@@ -400,7 +432,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
         if (packet(k).rolls_on) packet(k).withdraw_push(rows_);
       });
     }
-    if (rolls) add_rolling([&](std::int64_t k) { renew(k, contacts, bodies, h); });
+    if (rolls) add_each(rolling_packets_, [&](std::int64_t k) { renew(k, contacts, bodies, h); });
     if (substep == 0 || rolls) {
       phases.add_sweep(sweep_, [&, substep](std::int64_t k) {
         if (substep == 0 || packet(k).rolls_on) packet(k).warm_start(rows_);
@@ -427,12 +459,14 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
         if (sweep + 1 == sweeps) given_[usize(k)].add(packet(k));
       });
     }
+    if (!slip_packets_.empty())
+      add_each(slip_packets_, [&](std::int64_t k) { note_slips(k, contacts, fast); });
     phases.add_range(rows_.size(), kBodies,
                      [&](std::int64_t begin, std::int64_t end) { rows_.move(begin, end, h); });
     add_joints([&](JointGroup& group) { group.move(rows_); });
     add_joints([&](JointGroup& group) { group.solve_positions(rows_); });
     if (!rolls) continue;
-    add_rolling([&](std::int64_t k) { note_separations(k, contacts); });
+    add_each(rolling_packets_, [&](std::int64_t k) { note_separations(k, contacts); });
     phases.add_range(static_cast<std::int64_t>(turning_.size()), kBodies,
                      [&](std::int64_t begin, std::int64_t end) {
                        for (auto i = usize(begin); i < usize(end); ++i)

@@ -89,6 +89,8 @@ class ContactSolver {
   void bounce(double h, double slop);
   void find_rolling(std::span<ContactConstraint> contacts, std::span<const Joint> joints, double dt,
                     double h, double slop);
+  void find_slipping(std::span<ContactConstraint> contacts, double fast);
+  void note_slips(std::int64_t packet, std::span<ContactConstraint> contacts, double fast);
   bool is_rolling(std::int64_t packet, int lane) const;
   void note_separations(std::int64_t packet, std::span<ContactConstraint> contacts) const;
   void renew(std::int64_t packet, std::span<ContactConstraint> contacts, const Bodies& bodies,
@@ -116,6 +118,7 @@ class ContactSolver {
   std::vector<std::uint8_t> jointed_;          // of each row
   std::vector<std::int32_t> touched_;          // of each row, how many others it touches
   std::vector<std::int64_t> rolling_packets_;  // that hold such contacts
+  std::vector<std::int64_t> slip_packets_;     // that hold contacts with two coefficients
   std::vector<std::uint8_t> whirling_;         // of each body: its joints' forces swing bodies
   std::vector<std::uint8_t> strained_;         // of each packet: one of its bodies is such
 };

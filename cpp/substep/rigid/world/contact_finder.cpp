@@ -78,11 +78,12 @@ class ContactFinder::Search {
     contact.rolls_on = is_round(a.fixture.shape) || is_round(b.fixture.shape);
     contact.tips = touch.time == 0 && turns_by(a, b) > slow_for(a, b);
     contact.fixture_a = touch.pair.a, contact.fixture_b = touch.pair.b;
-    const Fixture &f = a.fixture, &g = b.fixture;
-    contact.friction = std::sqrt(f.friction * g.friction);
-    contact.restitution = std::max(f.restitution, g.restitution);
-    contact.spinning = std::max(f.spinning, g.spinning);
-    contact.rolling = std::max(f.rolling, g.rolling);
+    const Surface surface = fixtures_.surface(a.fixture, b.fixture);
+    contact.friction = surface.friction;
+    contact.static_friction = surface.static_friction;
+    contact.restitution = surface.restitution;
+    contact.spinning = surface.spinning;
+    contact.rolling = surface.rolling;
     return contact;
   }
 
@@ -91,8 +92,8 @@ class ContactFinder::Search {
   double turns_by(const Fixtures::Entry& a, const Fixtures::Entry& b) const {
     return ways_[usize(a.body)].angle * a.outer + ways_[usize(b.body)].angle * b.outer;
   }
-  static double slow_for(const Fixtures::Entry& a, const Fixtures::Entry& b) {
-    const bool bounces = a.fixture.restitution > 0 || b.fixture.restitution > 0;
+  double slow_for(const Fixtures::Entry& a, const Fixtures::Entry& b) const {
+    const bool bounces = fixtures_.restitution(a.fixture, b.fixture) > 0;
     return (bounces ? kSlowBouncing : kSlow) * std::min(a.core.radius, b.core.radius);
   }
 

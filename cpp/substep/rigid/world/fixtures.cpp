@@ -27,6 +27,12 @@ void check(const Fixture& fixture, const std::string& where, Motion motion) {
   };
   range("friction", fixture.friction, kInfinity);
   range("restitution", fixture.restitution, 1);
+  if (const double most = fixture.static_friction.value_or(fixture.friction);
+      !(most >= fixture.friction && std::isfinite(most)))
+    throw InputError(where + "static_friction: expected a finite number, at least the friction, " +
+                     number(fixture.friction) + ", got " + number(most));
+  if (fixture.material.find('\0') != std::string::npos)
+    throw InputError(where + "material: expected a name without null characters");
   range("rolling", fixture.rolling, kInfinity);
   range("spinning", fixture.spinning, kInfinity);
   const Mat3& R = fixture.local.rotation;
@@ -117,6 +123,28 @@ std::vector<std::int32_t> Fixtures::renumber(std::span<const std::int64_t> bodie
   bounds_.resize(usize(next));
   first_.swap(first);
   return numbers;
+}
+
+double Fixtures::restitution(const Fixture& a, const Fixture& b) const {
+  const MaterialPair* pair = material_pairs_.find(a.material, b.material);
+  return pair && pair->restitution ? *pair->restitution : std::max(a.restitution, b.restitution);
+}
+
+Surface Fixtures::surface(const Fixture& a, const Fixture& b) const {
+  const auto sticks = [](const Fixture& f) { return f.static_friction.value_or(f.friction); };
+  Surface surface{std::sqrt(a.friction * b.friction), std::sqrt(sticks(a) * sticks(b)),
+                  std::max(a.restitution, b.restitution), std::max(a.rolling, b.rolling),
+                  std::max(a.spinning, b.spinning)};
+  if (const MaterialPair* pair = material_pairs_.find(a.material, b.material)) {
+    if (pair->friction) {
+      surface.friction = *pair->friction;
+      surface.static_friction = pair->static_friction.value_or(*pair->friction);
+    }
+    surface.restitution = pair->restitution.value_or(surface.restitution);
+    surface.rolling = pair->rolling.value_or(surface.rolling);
+    surface.spinning = pair->spinning.value_or(surface.spinning);
+  }
+  return surface;
 }
 
 // The bounds of a body that turns far are those of a ball.

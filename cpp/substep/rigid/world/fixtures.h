@@ -12,6 +12,7 @@
 #include "substep/core/usize.h"
 #include "substep/rigid/motion/bodies.h"
 #include "substep/rigid/shapes/shapes.h"
+#include "substep/rigid/world/material_pairs.h"
 
 namespace substep::rigid {
 
@@ -23,6 +24,11 @@ void check_fixtures(std::span<const Fixture> fixtures, Motion motion);
 // turned by `frame.rotation`: its mass and moments by the densities, its centre and principal axes,
 // in whose frame the fixtures are afterwards. InputError as moments() and principal().
 BodyState assemble(const BodyState& frame, std::span<Fixture> fixtures);
+
+// What holds between two surfaces.
+struct Surface {
+  double friction, static_friction, restitution, rolling, spinning;
+};
 
 // How the body of a fixture goes on in a step.
 struct Way {
@@ -58,6 +64,12 @@ class Fixtures {
   // bodies[b]: the new number of body b, ascending, -1 if removed. Returns those of the fixtures.
   std::vector<std::int32_t> renumber(std::span<const std::int64_t> bodies);
 
+  void set_material_pair(const MaterialPair& pair) { material_pairs_.set(pair); }
+  const MaterialPairs& material_pairs() const { return material_pairs_; }
+  // Between two of them: as their materials say, or else by the rule of world.h.
+  Surface surface(const Fixture& a, const Fixture& b) const;
+  double restitution(const Fixture& a, const Fixture& b) const;
+
   // Puts the fixtures of the body where it is, with bounds for its way in the step.
   void place(std::int64_t b, const Pose& pose, const Way& way);
   const Pose& pose(std::int32_t f) const { return pose_[usize(f)]; }
@@ -69,6 +81,7 @@ class Fixtures {
     double outer = 0, inner = std::numeric_limits<double>::infinity(), off_centre = 0;
   };
 
+  MaterialPairs material_pairs_;
   std::vector<Entry> entries_;
   std::vector<std::int32_t> first_{0};
   std::vector<Size> sizes_;             // of each body

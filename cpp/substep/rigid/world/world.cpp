@@ -284,6 +284,19 @@ void World::check_joint_number(std::int64_t number) const {
                    std::to_string(number));
 }
 
+void World::set_material_pair(const MaterialPair& pair) {
+  const auto known = [&](const std::string& name) {
+    for (std::int32_t f = 0; f < fixtures_.size(); ++f)
+      if (fixtures_[f].fixture.material == name) return true;
+    return false;
+  };
+  for (const std::string* name : {&pair.a, &pair.b})
+    if (name->empty() || !known(*name))
+      throw InputError("material: no shape is of '" + *name + "'");
+  fixtures_.set_material_pair(pair);
+  for (std::int64_t b = 0; b < bodies_.size(); ++b) wake(b);
+}
+
 std::int32_t World::add_joint(const Joint& joint) {
   check_joint(joint, bodies_);
   joints_.push_back(joint);
@@ -466,10 +479,22 @@ bool World::starts_at_rest() const {
                      [&](const ContactConstraint& c) { return rests(c.a) && rests(c.b); });
 }
 
-// The same step again and again, each time with the impulses that it found, until they stay.
+// The same step again and again, each time with the impulses that it found, until they stay. All
+// contacts stick so long; if some have less friction where they slip, once more with that.
 std::int64_t World::solve_from_rest(double dt) {
   const std::vector<double> x = bodies_.x, q = bodies_.q, P = bodies_.P, L = bodies_.L;
   std::vector<Joint> joints = joints_;
+  const auto back = [&] {
+    bodies_.x = x, bodies_.q = q, bodies_.P = P, bodies_.L = L;
+    for (std::size_t j = 0; j < joints_.size(); ++j) joints[j].impulse = joints_[j].impulse;
+    joints_ = joints;
+  };
+  std::vector<double> kinetic;
+  bool slips = false;
+  for (ContactConstraint& c : contacts_) {
+    slips |= sticks_more(c);
+    kinetic.push_back(std::exchange(c.friction, c.mu()));
+  }
   std::vector<double> impulses(contacts_.size(), 0);
   for (int round = 1;; ++round) {
     const std::int64_t bad = solve_once(dt);
@@ -480,11 +505,13 @@ std::int64_t World::solve_from_rest(double dt) {
       sum += l;
       change += std::abs(l - std::exchange(impulses[c], l));
     }
-    if (bad >= 0 || round == kMostRounds || change <= kSameImpulses * sum) return bad;
-    bodies_.x = x, bodies_.q = q, bodies_.P = P, bodies_.L = L;
-    for (std::size_t j = 0; j < joints_.size(); ++j) joints[j].impulse = joints_[j].impulse;
-    joints_ = joints;
+    const bool last = bad >= 0 || round == kMostRounds || change <= kSameImpulses * sum;
+    if (last && !slips) return bad;
+    back();
+    if (last) break;
   }
+  for (std::size_t c = 0; c < contacts_.size(); ++c) contacts_[c].friction = kinetic[c];
+  return solve_once(dt);
 }
 
 Scene World::scene() {

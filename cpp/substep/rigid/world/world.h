@@ -4,8 +4,8 @@
 // removed makes those behind it move up. State of a body: bodies.h. Contact, friction, restitution:
 // contact_constraint.h, contact_solver.h; fast bodies: contact_finder.h, fast_bodies.h.
 //
-// Surfaces of a pair: friction sqrt(f_a f_b), restitution, rolling and spinning levers the greater
-// of both.
+// Surfaces of a pair: friction sqrt(f_a f_b), static friction by the same rule, restitution,
+// rolling and spinning levers the greater of both; but what a pair of materials says holds instead.
 //
 // Islands of bodies that touch fall asleep when for some time none of them has moved by more than a
 // small distance: a mean over that time, so that what only begins to slide is told from what shakes
@@ -78,6 +78,11 @@ class World {
                   const Vec3& inertia = Vec3::Ones());
   // Bodies that go through each other from now on, or no more.
   void exclude(std::int32_t a, std::int32_t b, bool excluded = true);
+
+  // From the next step on; all bodies wake. InputError, and nothing changed: a number is out of
+  // range, or no fixture is of such a material.
+  void set_material_pair(const MaterialPair& pair);
+  std::span<const MaterialPair> material_pairs() const { return fixtures_.material_pairs().all(); }
 
   // The number of the new joint; its bodies go through each other unless joint.collide. InputError:
   // see check_joint(); nothing changed then.

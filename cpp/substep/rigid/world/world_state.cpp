@@ -54,6 +54,8 @@ void check_state(const WorldState& state) {
     require(c.friction >= 0 && c.restitution >= 0 && c.restitution <= 1 && c.spinning >= 0 &&
                 c.rolling >= 0,
             "friction of a contact is at least 0, restitution from 0 to 1");
+    require(c.static_friction >= 0 && Vec3::Map(c.slip).allFinite(),
+            "static friction of a contact is at least 0, its slip is finite");
   }
   require(std::is_sorted(state.contacts.begin(), state.contacts.end(), precedes),
           "contacts are in the order of their shapes");
@@ -71,6 +73,7 @@ WorldState World::state() const {
     state.fixture_body.push_back(fixtures_[f].body);
   }
   state.excluded = excluded_;
+  state.material_pairs.assign(material_pairs().begin(), material_pairs().end());
   state.joints = joints_;
   state.contacts.resize(contacts_.size() + sleeping_contacts_.size());
   std::merge(
@@ -104,6 +107,7 @@ void World::restore(const WorldState& state) {
     other.enter(b);
     f = end;
   }
+  for (const MaterialPair& pair : state.material_pairs) other.fixtures_.set_material_pair(pair);
   other.excluded_ = state.excluded;
   other.joints_ = state.joints;
   other.excluded_changed_ = true;

@@ -10,6 +10,7 @@
 #include "substep/rigid/shapes/shapes.h"
 #include "substep/rigid/solver/contact_constraint.h"
 #include "substep/rigid/solver/joint.h"
+#include "substep/rigid/world/material_pairs.h"
 
 namespace substep::rigid {
 
@@ -20,6 +21,7 @@ struct WorldState {
   std::vector<Fixture> fixtures;
   std::vector<std::int32_t> fixture_body;  // ascending
   std::vector<BodyPair> excluded;
+  std::vector<MaterialPair> material_pairs;
   std::vector<Joint> joints;
   // With their impulses, in the order of their fixtures; the contacts of sleeping bodies too.
   std::vector<ContactConstraint> contacts;

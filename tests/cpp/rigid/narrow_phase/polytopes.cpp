@@ -11,14 +11,14 @@
 namespace substep::rigid {
 namespace {
 
-struct World {
+struct Placed {
   std::vector<Vec3> vertices, normals;
   std::vector<std::pair<Vec3, Vec3>> edges;
   std::vector<std::array<Vec3, 3>> triangles;
 };
 
-World place(const Polytope& polytope, const Pose& pose) {
-  World world;
+Placed place(const Polytope& polytope, const Pose& pose) {
+  Placed world;
   for (const Vec3& v : polytope.vertices) world.vertices.push_back(pose.to_world(v));
   for (std::size_t f = 0; f < polytope.planes.size(); ++f) {
     world.normals.push_back(pose.rotation * polytope.planes[f].normal);
@@ -35,7 +35,7 @@ World place(const Polytope& polytope, const Pose& pose) {
   return world;
 }
 
-double gap(const World& a, const World& b, const Vec3& n) {
+double gap(const Placed& a, const Placed& b, const Vec3& n) {
   double low = 1e300, high = -1e300;
   for (const Vec3& x : a.vertices) high = std::max(high, n.dot(x));
   for (const Vec3& y : b.vertices) low = std::min(low, n.dot(y));
@@ -44,7 +44,7 @@ double gap(const World& a, const World& b, const Vec3& n) {
 
 // Overlap: the least depth is along the normal of a face or across two edges. Apart: the distance
 // is that of a corner and a triangle or of two edges.
-double exact_separation(const World& a, const World& b) {
+double exact_separation(const Placed& a, const Placed& b) {
   double most = -1e300;
   for (const Vec3& n : a.normals) most = std::max(most, gap(a, b, n));
   for (const Vec3& n : b.normals) most = std::max(most, gap(a, b, -n));
@@ -63,7 +63,7 @@ double exact_separation(const World& a, const World& b) {
       least = std::min(least, (p + u * (q - p) - r - v * (s - r)).norm());
     }
   }
-  const auto to_faces = [&](const World& points, const World& faces) {
+  const auto to_faces = [&](const Placed& points, const Placed& faces) {
     for (const Vec3& x : points.vertices) {
       for (const auto& t : faces.triangles) {
         const auto w = geometry::closest_on_triangle(x, t[0], t[1], t[2]);
