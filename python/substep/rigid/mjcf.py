@@ -29,7 +29,7 @@ Pose = tuple[Array, Array]  # of a frame in the world: where it is, and its quat
 
 LIGHT = 1e-5  # mass and inertia of links between joints of a body, over its mass and least inertia
 _ORIGIN: Pose = (np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
-_SURFACE: dict[str, float] = {  # where the file says nothing
+_SURFACE: dict[str, Any] = {  # where the file says nothing
     "density": 1000.0,
     "friction": 0.5,
     "restitution": 0.0,
@@ -262,7 +262,7 @@ class _Reader:
         m = self.m
         what = getattr(self.mj.mjtObj, f"mjOBJ_{kind.upper()}")
         counts = {"body": m.nbody, "joint": m.njnt, "geom": m.ngeom, "equality": m.neq}
-        counts |= {"actuator": len(m.actuator_trntype), "key": m.nkey}
+        counts |= {"actuator": len(m.actuator_trntype), "key": m.nkey, "pair": m.npair}
         return [self.mj.mj_id2name(m, what, k) for k in range(counts[kind])]
 
     def element(self, kind: str, number: int | None = None) -> Any:

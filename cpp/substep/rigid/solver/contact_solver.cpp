@@ -306,7 +306,7 @@ void ContactSolver::note_separations(std::int64_t packet,
   }
 }
 
-// Only points that this sub-step may reach act: friction is at their middle.
+// Only points that press or that this sub-step may reach act: friction is at their middle.
 void ContactSolver::drop_distant_points(ContactConstraint& c, double h) const {
   const std::int32_t a = rows_.row(c.a), b = rows_.row(c.b);
   const Vec3 v = rows_.velocity_of(b) - rows_.velocity_of(a);
@@ -318,7 +318,8 @@ void ContactSolver::drop_distant_points(ContactConstraint& c, double h) const {
                          return p.separation < q.separation;
                        })->separation;
   const auto end = std::remove_if(c.points, c.points + c.count, [&](const auto& p) {
-    return p.separation > nearest + kReached && reaches(p) > std::max(nearest, 0.0);
+    return p.impulse == 0 && p.separation > nearest + kReached &&
+           reaches(p) > std::max(nearest, 0.0);
   });
   c.count = static_cast<int>(end - c.points);
 }
@@ -326,8 +327,8 @@ void ContactSolver::drop_distant_points(ContactConstraint& c, double h) const {
 bool ContactSolver::find_anew(const Pose& a, const Pose& b, double h, ContactConstraint& c) const {
   const ContactConstraint last = c;
   if (!touch_(a, b, c)) return false;
-  drop_distant_points(c, h);
   carry_impulses(last, c);
+  drop_distant_points(c, h);
   return true;
 }
 
@@ -354,10 +355,11 @@ void ContactSolver::renew(std::int64_t packet, std::span<ContactConstraint> cont
 }
 
 // Half of what J, not v, will change of J v until the end of the sub-step; nothing for what meets,
-// or where another corner will touch instead.
+// where another corner will touch instead, or where a joint rules how bodies turn.
 void ContactSolver::set_bias(std::int64_t packet, int lane, const ContactConstraint& contact,
                              const Bodies& bodies, double h) {
   const std::int32_t a = rows_.row(contact.a), b = rows_.row(contact.b);
+  if (jointed_[usize(a)] != 0 || jointed_[usize(b)] != 0) return;
   const Vec3 v = rows_.velocity_of(b) - rows_.velocity_of(a);
   const auto seen = [&](const ContactConstraint& c, const Vec3& w_a, const Vec3& w_b) {
     const Vec3 u = v + w_b.cross(c.middle(&ContactConstraint::Point::arm_b)) -
