@@ -20,6 +20,15 @@ bool apart(const Bounds& p, const Bounds& q) {
   return (p.low.array() > q.high.array()).any() || (q.low.array() > p.high.array()).any();
 }
 
+// Whether the bounds are above the plane, if it is one.
+bool above(const Shape& shape, const Pose& pose, const Bounds& bounds) {
+  const auto* plane = std::get_if<Plane>(&shape);
+  if (!plane) return false;
+  const Vec3 n = pose.rotation * plane->normal;
+  const double lowest = n.cwiseProduct(bounds.low).cwiseMin(n.cwiseProduct(bounds.high)).sum();
+  return lowest > plane->offset + n.dot(pose.position);
+}
+
 const TriangleMesh* mesh_of(const Shape& shape) {
   const auto* mesh = std::get_if<std::shared_ptr<const TriangleMesh>>(&shape);
   return mesh ? mesh->get() : nullptr;
@@ -57,8 +66,13 @@ class ContactFinder::Search {
         found_(found) {}
 
   void look_at(const FixturePair& pair) {
-    if (apart(fixtures_.bounds()[usize(pair.a)], fixtures_.bounds()[usize(pair.b)])) return;
+    // Pairs that the broad phase still has from where they were find no more than new ones do.
     const Fixtures::Entry &a = fixtures_[pair.a], &b = fixtures_[pair.b];
+    const Bounds &box_a = fixtures_.bounds()[usize(pair.a)],
+                 &box_b = fixtures_.bounds()[usize(pair.b)];
+    if (apart(box_a, box_b) || above(a.fixture.shape, fixtures_.pose(pair.a), box_b) ||
+        above(b.fixture.shape, fixtures_.pose(pair.b), box_a))
+      return;
     const double slow = slow_for(a, b), margin = std::min(a.margin, b.margin);
     const double approach =
         (ways_[usize(a.body)].travel - ways_[usize(b.body)].travel).norm() + turns_by(a, b);
