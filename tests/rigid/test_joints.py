@@ -226,3 +226,64 @@ def test_a_ragdoll_lies_still_in_the_end(step):
         bodies.step()
         moved = (bodies.positions[limbs] - x) / step
         assert np.abs(moved - (v + bodies.velocities[limbs]) / 2).max() < 1e-3
+
+
+def four_bar(bodies):
+    links = (0.05, 0.05, 0.5), (0.05, 0.05, 0.7), (1.02, 0.05, 0.05)
+    crank = bodies.add(rigid.Box(links[0]), (0, 0, 0.25))
+    rocker = bodies.add(rigid.Box(links[1]), (1, 0, 0.35))
+    turn = (math.cos(0.1), 0, -math.sin(0.1), 0)
+    coupler = bodies.add(rigid.Box(links[2]), (0.5, 0, 0.6), turn)
+    for one, other, at in (
+        (crank, None, (0, 0, 0)),
+        (rocker, None, (1, 0, 0)),
+        (coupler, crank, (0, 0, 0.5)),
+        (coupler, rocker, (1, 0, 0.7)),
+    ):
+        bodies.hinge(one, other, at, (0, 1, 0))
+
+
+def slider_crank(bodies):
+    crank = bodies.add(rigid.Box((0.3, 0.05, 0.05)), (0.15, 0, 0))
+    rod = bodies.add(rigid.Box((1, 0.05, 0.05)), (0.8, 0, 0))
+    piston = bodies.add(rigid.Box((0.2, 0.2, 0.2)), (1.3, 0, 0))
+    bodies.hinge(crank, None, (0, 0, 0), (0, 1, 0))
+    bodies.hinge(rod, crank, (0.3, 0, 0), (0, 1, 0))
+    bodies.hinge(piston, rod, (1.3, 0, 0), (0, 1, 0))
+    bodies.slider(piston, None, (1.3, 0, 0), (1, 0, 0))
+
+
+def bars(join):
+    def build(bodies):
+        a, b = bodies.add(rigid.Box((0.4, 0.2, 0.2)), [(0, 0, 0), (0.5, 0, 0)])
+        bodies.hinge(a, None, (-0.2, 0, 0), (0, 1, 0))
+        bodies.fixed(b, a, (0.25, 0, 0))
+        join(bodies, b, a)
+
+    return build
+
+
+LOOPS = {
+    "four-bar": four_bar,
+    "slider-crank": slider_crank,
+    "fixed and slider": bars(lambda w, b, a: w.slider(b, a, (0.25, 0, 0), (1, 0, 0))),
+    "fixed and rod": bars(lambda w, b, a: w.distance(b, a, (0.4, 0, 0.1), (0.1, 0, 0.1))),
+}
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("loop", LOOPS.values(), ids=LOOPS)
+def test_a_loop_that_asks_for_the_same_twice_is_not_thrown_apart_by_a_hit(loop, seed):
+    rng = np.random.default_rng(seed)
+    bodies = substep.RigidBodies(sleeping=False)
+    bodies.add(substep.Plane(), (0, 0, -2), motion="static")
+    loop(bodies)
+    for k in range(5):
+        at = (rng.uniform(0, 1), rng.uniform(-0.1, 0.1), 1 + 0.5 * k)
+        speed = (0, 0, -rng.uniform(0, 10))
+        bodies.add(substep.Sphere(0.1), at, mass=3, velocities=speed)
+    start = bodies.diagnostics()["energy"]
+    while bodies.time < 3:
+        bodies.step()
+        assert bodies.diagnostics()["energy"] < start + 0.01
+    assert bodies.diagnostics()["joint_error"] < 1e-5

@@ -13,8 +13,10 @@ namespace {
 
 // E, relative to the diagonal, where loops may have more equations than motions, and in trees. It
 // acts on all of l, which so is as small as can be; joints yield by this part of what they hold,
-// and take it back.
-constexpr double kLoops = 1e-8, kTrees = 1e-14;
+// and take it back. What hits a loop opens it, and no motion keeps all of the errors C of equations
+// that ask for the same twice: there E is larger, and the motion leads to C = 0.
+constexpr double kLoops = 1e-8, kTrees = 1e-14, kOpenLoops = 1e-5;
+constexpr double kOpen = 1e-8;  // errors of a loop that was hit [m], [rad]
 // Most of h w where contacts press, and elsewhere.
 constexpr double kSwing = 0.5, kFreeSwing = 1.5;
 
@@ -53,8 +55,7 @@ JointGroup::JointGroup(std::vector<std::int32_t> numbers, std::span<const Joint>
   // A tree has one node, of bodies or the ground, more than joints.
   const bool grounded = std::any_of(pairs.begin(), pairs.end(),
                                     [](const BodyPair& pair) { return pair.a < 0 || pair.b < 0; });
-  const bool tree = links_.size() + 1 == usize(moving) + (grounded ? 1 : 0);
-  regularisation_ = tree ? kTrees : kLoops;
+  loops_ = links_.size() + 1 > usize(moving) + (grounded ? 1 : 0);
   pack();
   pieces_.resize(links_.size());
   const std::size_t n = members_.size();
@@ -100,6 +101,7 @@ void JointGroup::begin_step(std::span<const Joint> joints, std::span<const std::
                             const Bodies& bodies, const Settings& settings, BodyRows& rows) {
   settings_ = settings;
   smooth_ = true;
+  bool open = false;
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
     m.row = rows.row(m.body);
@@ -120,10 +122,13 @@ void JointGroup::begin_step(std::span<const Joint> joints, std::span<const std::
     assign(now_.x[k], m.origin);
     store_quaternion(q, &now_.q[k].x);
     refresh(k, rows);
-    if (m.moves && pressed[usize(m.body)] != 0) smooth_ = false;
+    if (!m.moves) continue;
+    if (pressed[usize(m.body)] == kPressed) smooth_ = false;
+    if (pressed[usize(m.body)] != 0) open = true;
   }
   for (Link& link : links_) {
     link.joint = joints[usize(link.number)];
+    open |= std::max(link.joint.length_error, link.joint.angle_error) > kOpen;
     link.mode.fill(JointLaw::Mode::kFree);
   }
   for (Pack& pack : packs_) {
@@ -136,6 +141,8 @@ void JointGroup::begin_step(std::span<const Joint> joints, std::span<const std::
       for (int row = 0; row < kJointRows; ++row) pack.last[row][lane] = joint.impulse[usize(row)];
     }
   }
+  closes_ = loops_ && open;
+  regularisation_ = closes_ ? kOpenLoops : loops_ ? kLoops : kTrees;
   find_inertia();
   begins_ = true;
   weight_ = smooth_ ? 0.5 : 1;

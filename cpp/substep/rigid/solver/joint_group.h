@@ -32,7 +32,8 @@ class JointGroup {
   JointGroup(std::vector<std::int32_t> numbers, std::span<const Joint> joints,
              const BodyRows& rows);
 
-  // pressed: not 0 for bodies on which a contact presses.
+  // pressed: of bodies, kNear where a contact may press within the step, kPressed where one does.
+  static constexpr std::uint8_t kNear = 1, kPressed = 2;
   void begin_step(std::span<const Joint> joints, std::span<const std::uint8_t> pressed,
                   const Bodies& bodies, const Settings& settings, BodyRows& rows);
   // first, last: sweep of the sub-step.
@@ -155,6 +156,8 @@ class JointGroup {
 
   Settings settings_;
   double regularisation_ = 0;
+  bool loops_ = false;   // not a tree
+  bool closes_ = false;  // whether the motion leads to C = 0, not to what C was
   bool smooth_ = false, factored_ = false, whirls_ = false;
   bool tried_ = false;   // whether the trial is that of the velocities
   bool solved_ = false;  // whether that is the motion sought, but for what contacts change

@@ -62,7 +62,7 @@ void JointGroup::set_laws(Pack& pack, Stage stage) {
       JointLaw& law = link.law[k];
       law = {};
       if (lower == upper) {
-        law.slowest = law.fastest = 0;
+        law.slowest = law.fastest = closes_ && stage == Stage::kMotion ? (lower - y) / h : 0;
       } else if (stage == Stage::kMotion) {
         law.slowest = std::min(lower - y, 0.) / h;
         law.fastest = std::max(upper - y, 0.) / h;
@@ -115,7 +115,8 @@ void JointGroup::find_rates(Stage stage, const BodyRows& rows) {
       V C[kJointRows];
       find_values(pack, trial_, pack.rows > pack.equations, C);
       for (int row = 0; row < pack.rows; ++row)
-        pack.rate[row] = (C[row] - pack.begin[row]) / settings_.h;
+        pack.rate[row] =
+            (closes_ && row < pack.equations ? C[row] : C[row] - pack.begin[row]) / settings_.h;
     }
     return;
   }

@@ -26,9 +26,13 @@ void JointSolver::begin_step(const Bodies& bodies, std::span<const Joint> joints
 
   pressed_.assign(usize(bodies.size()), 0);
   for (const ContactConstraint& c : contacts) {
-    for (int k = 0; k < c.count; ++k) {
-      if (c.points[k].impulse <= 0 && c.points[k].separation > 0) continue;
-      pressed_[usize(c.a)] = pressed_[usize(c.b)] = 1;
+    if (c.count == 0) continue;
+    const bool presses = std::any_of(c.points, c.points + c.count, [](const auto& point) {
+      return point.impulse > 0 || point.separation <= 0;
+    });
+    for (const std::int32_t body : {c.a, c.b}) {
+      std::uint8_t& how = pressed_[usize(body)];
+      how = std::max(how, std::uint8_t{presses ? JointGroup::kPressed : JointGroup::kNear});
     }
   }
   for (JointGroup& group : groups_) group.begin_step(joints, pressed_, bodies, settings, rows);
