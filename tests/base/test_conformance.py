@@ -433,10 +433,11 @@ def interrupts_let_go(make):
         for seconds in np.random.default_rng(0).uniform(1e-4, 2e-3, 150):
             try:
                 with contextlib.suppress(Stop):
-                    signal.setitimer(signal.ITIMER_REAL, seconds)
+                    signal.setitimer(signal.ITIMER_REAL, seconds, 1)  # again if Python lost it
                     while True:
                         simulation.step()
                         simulation.advance(simulation.report.dt, lambda given: given.time)
+                signal.setitimer(signal.ITIMER_REAL, 0)
                 simulation.restore(start)
             except substep.InputError as error:
                 raise AssertionError("it is still in use") from error
