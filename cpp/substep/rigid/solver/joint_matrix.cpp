@@ -13,21 +13,21 @@ namespace substep::rigid {
 namespace {
 
 constexpr int kSize = JointMatrix::kSize;
-using V = Vector<double, 32>;
+using Four = Vector<double, 32>;
 
 // Of blocks and vectors, see JointMatrix::Block: two vectors of four.
 struct Pair {
-  V top, bottom;
+  Four top, bottom;
 
-  SUBSTEP_INLINE Pair() : top(V{}), bottom(V{}) {}
+  SUBSTEP_INLINE Pair() : top(Four{}), bottom(Four{}) {}
   SUBSTEP_INLINE explicit Pair(const double* from)
-      : top(load<V>(from)), bottom(load<V>(from + 4)) {}
+      : top(load<Four>(from)), bottom(load<Four>(from + 4)) {}
   SUBSTEP_INLINE void store(double* to) const {
     std::memcpy(to, &top, sizeof top), std::memcpy(to + 4, &bottom, sizeof bottom);
   }
   SUBSTEP_INLINE void add(double factor, const Pair& x) {
-    const V f = splat<V>(factor);
-    top = fma<V>(f, x.top, top), bottom = fma<V>(f, x.bottom, bottom);
+    const Four f = splat<Four>(factor);
+    top = fma<Four>(f, x.top, top), bottom = fma<Four>(f, x.bottom, bottom);
   }
   SUBSTEP_INLINE double get(int row) const { return row < 4 ? top[row] : bottom[row - 4]; }
   SUBSTEP_INLINE void set(int row, double x) {
@@ -123,23 +123,23 @@ SUBSTEP_INLINE void add_product(double s, const double* A, const double* x, Pair
 
 // A^T x, of six columns.
 SUBSTEP_INLINE Pair transposed_product(const double* A, const Pair& x) {
-  V sum[kSize];
+  Four sum[kSize];
 #pragma GCC unroll 6
   for (int k = 0; k < kSize; ++k) {
     const Pair column(A + 8 * k);
-    sum[k] = fma<V>(column.bottom, x.bottom, column.top * x.top);
+    sum[k] = fma<Four>(column.bottom, x.bottom, column.top * x.top);
   }
-  const auto sums = [](const V& a, const V& b, const V& c, const V& d) {
-    const V ab =
+  const auto sums = [](const Four& a, const Four& b, const Four& c, const Four& d) {
+    const Four ab =
         __builtin_shufflevector(a, b, 0, 4, 2, 6) + __builtin_shufflevector(a, b, 1, 5, 3, 7);
-    const V cd =
+    const Four cd =
         __builtin_shufflevector(c, d, 0, 4, 2, 6) + __builtin_shufflevector(c, d, 1, 5, 3, 7);
-    return V(__builtin_shufflevector(ab, cd, 0, 1, 4, 5) +
-             __builtin_shufflevector(ab, cd, 2, 3, 6, 7));
+    return Four(__builtin_shufflevector(ab, cd, 0, 1, 4, 5) +
+                __builtin_shufflevector(ab, cd, 2, 3, 6, 7));
   };
   Pair y = x;
   y.top = sums(sum[0], sum[1], sum[2], sum[3]);
-  y.bottom = sums(sum[4], sum[5], V{}, V{});
+  y.bottom = sums(sum[4], sum[5], Four{}, Four{});
   return y;
 }
 
