@@ -287,3 +287,16 @@ def test_a_loop_that_asks_for_the_same_twice_is_not_thrown_apart_by_a_hit(loop, 
         bodies.step()
         assert bodies.diagnostics()["energy"] < start + 0.01
     assert bodies.diagnostics()["joint_error"] < 1e-5
+
+
+def test_a_distance_without_limits_changes_nothing():
+    def falls(joined):
+        bodies = substep.RigidBodies(sleeping=False)
+        a, b = bodies.add(substep.Sphere(0.1), [(0, 0, 0), (1, 0, 0)])
+        bodies.hinge(a, None, (-0.5, 0, 0), (0, 1, 0))
+        if joined:
+            bodies.distance(b, a, (1, 0, 0), (0, 0, 0), limits=(-math.inf, math.inf))
+        bodies.advance(1)
+        return bodies.positions
+
+    np.testing.assert_allclose(falls(True), falls(False), atol=1e-6)

@@ -154,7 +154,7 @@ void JointMatrix::analyse(std::int32_t bodies, std::span<const BodyPair> joints,
   std::vector<int> waits(nodes, 0);  // a joint, for so many bodies
   for (std::size_t j = 0; j < joints.size(); ++j) {
     const auto id = static_cast<std::int32_t>(usize(bodies) + j);
-    size_[usize(id)] = rows[j];
+    size_[usize(id)] = std::max(rows[j], 1);  // of no rows: one that is not set
     for (const std::int32_t body : {joints[j].a, joints[j].b}) {
       if (body < 0) continue;
       near[usize(id)].push_back(body);
@@ -264,12 +264,10 @@ void JointMatrix::place(std::span<const BodyPair> joints) {
 }
 
 void JointMatrix::clear() {
-  std::memset(&blocks_[usize(bodies_)], 0, (size_.size() - usize(bodies_)) * sizeof(Block));
   std::memset(&blocks_[usize(filled_)], 0, (blocks_.size() - usize(filled_)) * sizeof(Block));
   for (const Node& node : others()) {
-    if (node.id >= bodies_) continue;
     Block& D = blocks_[usize(node.id)] = {};
-    for (int k = 0; k < kSize; ++k) D.entry[k * kColumn + k] = 1;
+    for (int k = 0; k < node.size; ++k) D.entry[k * kColumn + k] = node.id < bodies_ ? 1 : -1;
   }
 }
 
