@@ -302,6 +302,8 @@ assert child() == 0
     assert done.returncode == 0, done.stderr
 
 
+# The child would have the lock of ASan's malloc that the other thread may hold.
+@pytest.mark.skipif(SANITIZED, reason="ASan and fork()")
 def test_fork_while_another_thread_is_in_a_native_loop():
     code = (
         FORK.format(work="drift")
