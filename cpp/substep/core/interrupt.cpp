@@ -10,7 +10,9 @@ namespace {
 using Clock = std::chrono::steady_clock;
 constexpr Clock::duration kInterval = std::chrono::milliseconds(20);
 std::atomic<InterruptHook> hook{nullptr};
-thread_local int deferred = 0;
+// With the thread, not at its first use, where a lack of memory would end the process; with it all
+// of the module's are.
+[[gnu::tls_model("initial-exec")]] thread_local int deferred = 0;
 thread_local InterruptHook poll_hook = nullptr;
 thread_local std::atomic<bool>* loop_stop = nullptr;
 
