@@ -910,3 +910,18 @@ def test_copies_of_a_pile_go_on_with_the_same_bits_at_any_time():
             copy.step()
         state, other = pile.state(), copy.state()
         assert all(np.array_equal(state[name], other[name], equal_nan=True) for name in state)
+
+
+def test_copies_of_what_flies_fast_go_on_with_the_same_bits():
+    # What stops bodies does not depend on how long the broad phase has known others.
+    at = [(0.405, 0.226, 1.235), (0.265, 0.38, 0.935), (0.76, -0.282, 0.771), (0.446, 0.382, 1.292)]
+    v = [(-2.877, -21.497, -31.75), (39.951, -30.452, 64.84), (-18.666, 2.727, -0.122)]
+    bodies = substep.RigidBodies(substeps=1)
+    bodies.add(rigid.Plane(), (0, 0, 0), motion="static", restitution=0.5)
+    v.append((-9.943, -7.238, -32.443))
+    bodies.add(rigid.Sphere(0.05), at, velocities=v, restitution=0.8)
+    bodies.step()
+    twin = bodies.copy()
+    bodies.step()
+    twin.step()
+    assert np.array_equal(bodies.positions, twin.positions)

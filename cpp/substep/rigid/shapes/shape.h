@@ -37,6 +37,9 @@ namespace substep::rigid {
 struct Bounds {
   Vec3 low, high;
 };
+inline bool apart(const Bounds& p, const Bounds& q) {
+  return (p.low.array() > q.high.array()).any() || (q.low.array() > p.high.array()).any();
+}
 
 struct Ball {
   Vec3 centre = Vec3::Zero();

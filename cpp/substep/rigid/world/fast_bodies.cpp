@@ -44,7 +44,8 @@ void shorten(std::int32_t f, const Fixtures& fixtures, const BroadPhase& broad_p
   if (!((to - from).norm() > radius)) return;
   const Bounds box{from.cwiseMin(to).array() - 2 * radius, from.cwiseMax(to).array() + 2 * radius};
   for (const std::int32_t other : broad_phase.overlapping(box)) {
-    if (!broad_phase.may_touch(f, other)) continue;
+    // The broad phase still has others from where they were.
+    if (!broad_phase.may_touch(f, other) || apart(box, fixtures.bounds()[usize(other)])) continue;
     Course others = course_of(fixtures[other].body, fixtures, bodies);
     others.local = fixtures[other].fixture.local;
     for (const double size : kBalls) {
