@@ -494,6 +494,8 @@ def test_a_failure_within_advance_says_which_step():
 
 def test_fast_rotation():
     simulation = bodies()
+    for joint in simulation.joints:  # which would be torn, see test_joints.py
+        joint.remove()
     k = simulation.add(BOX, (0, 0, 2.5), angular_velocities=(1e6, 2e5, 0))
     told = simulation.diagnostics()
     energy = told["energy"]

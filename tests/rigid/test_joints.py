@@ -300,3 +300,95 @@ def test_a_distance_without_limits_changes_nothing():
         return bodies.positions
 
     np.testing.assert_allclose(falls(True), falls(False), atol=1e-6)
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 1e4, 1e6, 1e9])
+def test_a_spring_too_stiff_for_the_step_keeps_its_joint(stiffness):
+    # sqrt(k / I) h is 2 to 2000: such a spring turns its bodies as far as sub-steps can follow.
+    bodies = substep.RigidBodies(sleeping=False)
+    arm = bodies.add(rigid.Capsule(0.02, 0.2), (0, 0, -0.1), mass=0.1)
+    motor = rigid.SpringMotor(1.0, stiffness)
+    joint = bodies.hinge(arm, None, (0, 0, 0), (0, 1, 0), motor=motor)
+    most = 0.5 / (bodies.step_size / 8)
+    for _ in range(150):
+        bodies.step()
+        assert max(joint.error) < 1e-8 and abs(joint.speed) < 1.01 * most
+        assert abs(joint.coordinate) < 4
+
+
+def test_a_soft_motor_in_series_with_light_links_is_none_of_those():
+    # The small body between the axes has a hundredth of the inertia that the spring moves.
+    energies = []
+    for light in (1e-3, 1e-5):
+        bodies = substep.RigidBodies(gravity=(0, 0, 0), sleeping=False)
+        cross = bodies.add(
+            substep.Sphere(0.01),
+            (0, 0, 0),
+            mass=rigid.MassProperties(light, (0, 0, 0), light * np.eye(3)),
+        )
+        arm = bodies.add(SHAFT, (0.5, 0, 0))
+        bodies.hinge(cross, None, (0, 0, 0), (0, 0, 1), motor=rigid.SpringMotor(0.4, 20.0))
+        bodies.hinge(arm, cross, (0, 0, 0), (0, 1, 0), motor=rigid.SpringMotor(0.4, 20.0))
+        start = bodies.diagnostics()["kinetic_energy"]
+        bodies.advance(0.5)
+        energies.append(bodies.diagnostics()["kinetic_energy"] - start)
+        assert bodies.diagnostics()["joint_error"] < 1e-8
+    assert energies[0] == pytest.approx(energies[1], rel=1e-2) and energies[0] > 0.1
+
+
+def test_a_joint_that_a_step_would_tear_apart_is_named_and_the_step_is_not_taken():
+    bodies = substep.RigidBodies(sleeping=False)
+    arm = bodies.add(rigid.Capsule(0.02, 0.2), (0, 0, -0.1), mass=0.1)
+    bodies.ball(bodies.add(rigid.Sphere(0.1), (3, 0, 0)), None, (3, 0, 0)).remove()
+    joint = bodies.hinge(arm, None, (0, 0, 0), (0, 1, 0), motor=rigid.SpeedMotor(3000.0))
+    with pytest.raises(substep.SolverError, match=f"joint {joint.number}: .*take a shorter step"):
+        while bodies.time < 0.5:
+            before = bodies.positions.copy(), bodies.momenta.copy()
+            bodies.step()
+    assert np.array_equal((bodies.positions, bodies.momenta), before)
+    joint.motor = None
+    bodies.advance(0.1)
+    # Bodies that were put apart come together instead.
+    bodies.set_positions([(1, 0, 0)], [arm])
+    bodies.advance(2)
+    assert max(joint.error) < 1e-8
+    joint.motor = rigid.SpeedMotor(3000.0)
+    with pytest.raises(substep.SolverError, match="world 0: joint 0: ") as raised:
+        substep.RigidBatch(bodies, 2).advance(1.0)
+    assert raised.value.index == 0
+
+
+@pytest.mark.parametrize("limits", [(0.5, 1.0), (-1.0, -0.5)])
+def test_a_limit_that_is_passed_where_it_is_set_is_kept_again(limits):
+    bodies = substep.RigidBodies(sleeping=False, gravity=(0, 0, 0))
+    arm = bodies.add(SHAFT, (0.5, 0, 0))
+    joint = bodies.hinge(arm, None, (0, 0, 0), (0, 1, 0), limits=limits)
+    bead = bodies.add(substep.Sphere(0.1), (0, 3, 0))
+    slider = bodies.slider(bead, None, (0, 3, 0), (0, 1, 0), limits=limits)
+    bodies.advance(1)
+    nearest = min(limits, key=abs)
+    assert joint.coordinate == pytest.approx(nearest, abs=1e-7)
+    assert slider.coordinate == pytest.approx(nearest, abs=1e-7)
+    assert bodies.diagnostics()["kinetic_energy"] < 1e-12
+
+
+@pytest.mark.parametrize("rate", [8.0, 12.0, 20.0])
+def test_a_ball_on_a_light_stick_whirls_on(rate):
+    # Under m r w^2 the stick of 10 g would swing at up to 3000 rad/s; its ball weighs 4 kg.
+    bodies = substep.RigidBodies(gravity=(0, 0, 0), sleeping=False)
+    along = (math.sqrt(0.5), 0, math.sqrt(0.5), 0)
+    turn = {"angular_velocities": (0, 0, rate)}
+    ball = bodies.add(rigid.Sphere(0.2), (0.8, 0, 0), mass=4, velocities=(0, 0.8 * rate, 0), **turn)
+    stick = bodies.add(
+        rigid.Capsule(0.01, 0.75, rotation=along),
+        (0.4, 0, 0),
+        mass=0.01,
+        velocities=(0, 0.4 * rate, 0),
+        **turn,
+    )
+    bodies.ball(stick, None, (0, 0, 0))
+    bodies.hinge(ball, stick, (0.8, 0, 0), (1, 0, 0), collide=False)
+    start = bodies.diagnostics()["energy"]
+    bodies.advance(10)
+    assert bodies.diagnostics()["energy"] == pytest.approx(start, rel=2e-3)
+    assert bodies.angular_velocities[ball] == pytest.approx((0, 0, rate), rel=1e-3)

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 import substep
 from numpy import cos, pi, sin, sqrt
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 from substep import geometry, rigid
@@ -340,3 +342,95 @@ def test_jointed_bodies_in_the_ground_are_moved_out():
     bodies.advance(1)
     assert bodies.diagnostics()["penetration"] < 2e-4
     assert bodies.diagnostics()["kinetic_energy"] < 1e-9
+
+
+@pytest.mark.parametrize("thickness", [1e-3, 4e-3])
+def test_a_thin_disk_that_rolls_in_a_circle_keeps_its_energy(thickness):
+    # Steady: spin s about the axis a, and w about the vertical; the moment of gravity and of the
+    # centripetal force about the centre of mass turns L.
+    R, tilt, w, mass = 0.1, 0.3, 3.0, 0.1
+    bodies = on_plane(friction=5, sleeping=False)
+    across = mass * (3 * R * R + thickness**2) / 12
+    axis, up = np.array([cos(tilt), 0, sin(tilt)]), np.array([0, 0, 1.0])
+    down = axis[2] * axis - up
+    low = R * down / np.linalg.norm(down) - thickness / 2 * axis  # of the disk, from its centre
+
+    def motion(s):
+        turn = w * up + s * axis
+        return turn, -np.cross(turn, low)
+
+    def residual(s):
+        turn, v = motion(s)
+        force = mass * (G * up + w * np.cross(up, v))
+        L = across * turn + (mass * R * R / 2 - across) * turn.dot(axis) * axis
+        return (w * np.cross(up, L) - np.cross(low, force))[1]
+
+    turn, v = motion(brentq(residual, -20, -1))
+    half = (pi / 2 - tilt) / 2
+    disk = bodies.add(
+        rigid.Cylinder(R, thickness),
+        (0, 0, -low[2]),
+        (cos(half), 0, sin(half), 0),
+        mass=mass,
+        friction=5,
+        velocities=v,
+        angular_velocities=turn,
+    )
+    start = bodies.diagnostics()
+    bodies.advance(5)
+    lost = start["energy"] - bodies.diagnostics()["energy"]
+    assert abs(lost) < 1e-3 * start["kinetic_energy"]
+    q = bodies.rotations[disk]
+    x, y, z = Rotation.from_quat((*q[1:], q[0])).apply((0, 0, 1))
+    assert np.arcsin(z) == pytest.approx(tilt, abs=0.01)
+    assert np.arctan2(y, x) == pytest.approx((5 * w + pi) % (2 * pi) - pi, abs=0.05)
+
+
+@pytest.mark.parametrize("sides, slope, tolerance", [(6, 0.25, 0.02), (12, 0.1, 0.03)])
+def test_a_rimless_wheel_rolls_at_its_speed(sides, slope, tolerance):
+    # McGeer 1990: it pivots about one spoke after the other, and each loses (1 - eta^2) of the
+    # energy, eta = (I + m r^2 cos 2a) / (I + m r^2).
+    r, a = 0.3, pi / sides
+    gravity = (G * sin(slope), 0, -G * cos(slope))
+    bodies = substep.RigidBodies(gravity=gravity, sleeping=False)
+    bodies.add(substep.Plane(), (0, 0, 0), motion="static", friction=3)
+    t = np.arange(sides) * 2 * a
+    rim = [np.c_[r * cos(t), np.full(sides, y), r * sin(t)] for y in (-0.2, 0.2)]
+    at = (0, 0, r * cos(a))
+    hull = rigid.ConvexHull(np.concatenate(rim))
+    wheel = bodies.add(hull, at, about_y(a + pi / 2), friction=3, mass=1.0)
+    inertia = bodies.inertia[wheel][1] + r * r
+    eta = (inertia - r * r * (1 - cos(2 * a))) / inertia
+    falls = 4 * G * r * sin(a) * sin(slope) / inertia
+    first = sqrt(eta**2 * falls / (1 - eta**2))  # speed after an impact
+    p = np.linspace(-a, a, 20001)
+    gained = G * r * (cos(-a) * cos(slope) - sin(-a) * sin(slope))
+    gained = gained - G * r * (cos(p) * cos(slope) - sin(p) * sin(slope))
+    period = np.trapezoid(1 / sqrt(first**2 + 2 * gained / inertia), p)
+    bodies.set_angular_velocities([(0, first, 0)], [wheel])
+    bodies.set_velocities([np.cross((0, first, 0), (-r * sin(a), 0, at[2]))], [wheel])
+    bodies.advance(2)
+    x = bodies.positions[wheel][0]
+    bodies.advance(6)
+    assert (bodies.positions[wheel][0] - x) / 6 == pytest.approx(
+        2 * r * sin(a) / period, rel=tolerance
+    )
+
+
+@pytest.mark.parametrize("width", [0.02, 0.1])
+def test_a_rod_that_falls_over_its_edge_turns_as_on_a_hinge(width):
+    bodies = on_plane(friction=3, sleeping=False)
+    tilt = 0.1 + np.arctan(width)
+    arm, inertia = np.hypot(width, 1) / 2, (1 + width**2) / 3
+    lean = tilt - np.arctan(width)  # of the centre over the edge
+    at = (arm * sin(lean), 0, arm * cos(lean))
+    rod = bodies.add(rigid.Box((width, 0.1, 1)), at, about_y(tilt), mass=1.0, friction=3)
+    start = bodies.diagnostics()["energy"]
+    fall = solve_ivp(
+        lambda t, y: (y[1], G * arm * sin(y[0]) / inertia), (0, 0.8), (lean, 0), rtol=1e-10
+    )
+    bodies.advance(0.8)
+    assert bodies.angular_velocities[rod][1] == pytest.approx(fall.y[1, -1], rel=5e-3)
+    x, _, z = bodies.positions[rod]
+    assert np.arctan2(x, z) == pytest.approx(fall.y[0, -1], abs=5e-3)
+    assert bodies.diagnostics()["energy"] < start

@@ -22,7 +22,7 @@ from ..base.checks import (
 from ..base.rows import read_only
 from ..base.schema import MOST, TIME, Entry, Texts
 from ..base.simulation import Simulation, whole_steps, with_energy
-from ..errors import InputError, NonFiniteError
+from ..errors import InputError, SolverError
 from .batch_rows import BatchRows
 from .batch_state import join_states, joined_entries, state_of_world
 from .bodies import RigidBodies
@@ -165,6 +165,8 @@ class RigidBatch(BatchRows):
         NonFiniteError
             With the time, `index` (the world) and `step` (how many steps of this call all worlds
             have done); the message names the body.
+        SolverError
+            The same, where a step would tear a joint apart; the message names the joint.
         """
         dt = self._step_size if dt is None else check_real("dt", dt, positive=True)
         steps = check_integer("steps", steps, minimum=0, maximum=MOST)
@@ -278,7 +280,7 @@ class RigidBatch(BatchRows):
             raise MemoryError(f"steps: no memory for frames of shape {shape}") from None
         try:
             self._native.rollout(dt, every, hold, frames)
-        except NonFiniteError as error:
+        except SolverError as error:
             error.result = self._as_put_in(frames[:, : (error.step or 0) // every].copy())
             raise
         return self._as_put_in(frames)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..base.simulation import StepReport
-from ..errors import NonFiniteError
+from ..errors import NonFiniteError, SolverError
 from .joints import Joints
 from .queries import Queries
 
@@ -53,10 +53,14 @@ class Runs(Queries, Joints):
     def _take_step(self, dt: float) -> None:
         try:
             self._native.step(dt)
-        except NonFiniteError as error:
+        except SolverError as error:
             if error.index is None:
                 raise
             row, text = error.index, str(error)
+            if text.startswith("joint "):
+                number = int(self._joint_ids[row])
+                text = f"joint {number}: {text.partition(': ')[2]}"
+                raise SolverError(text, time=error.time, index=number, step=error.step) from None
             if text.startswith("body "):
                 text = text.partition(": ")[2]
             else:  # of a fixture, which are numbered in the order of their bodies

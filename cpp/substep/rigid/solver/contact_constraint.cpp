@@ -56,6 +56,14 @@ void carry_impulses(const ContactConstraint& last, ContactConstraint& now) {
   now.slips = last.slips;
   std::copy_n(last.slip, 3, now.slip);
 
+  // Of the two ends of a short edge that rolls on, one may press: the deeper one has it all.
+  if (now.count + last.count == 3 && std::min(now.count, last.count) == 1) {
+    const auto deepest = std::min_element(
+        now.points, now.points + now.count,
+        [](const auto& p, const auto& q) { return p.separation < q.separation; });
+    for (int k = 0; k < last.count; ++k) deepest->impulse += last.points[k].impulse;
+    return;
+  }
   // Half the distance to the middle, squared; a single point is always the same.
   double near = now.count == 1 && last.count == 1 ? std::numeric_limits<double>::infinity() : 0;
   const Vec3 middle = now.middle(&ContactConstraint::Point::position);

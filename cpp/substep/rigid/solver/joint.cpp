@@ -248,6 +248,18 @@ Vec3 joint_axis(const Joint& joint, const Bodies& bodies) {
   return first_lane(G.axis[row]).normalized();
 }
 
+double joint_gap(const Joint& joint, const Bodies& bodies) {
+  JointLanes C[kJointRows];
+  joint_values(joint.type, side_of(joint.in_a, joint.a, bodies),
+               side_of(joint.in_b, joint.b, bodies), splat<JointLanes>(joint.coordinate), false, C);
+  if (joint.type == JointType::kDistance)
+    return std::max({0.0, joint.lower - C[0][0], C[0][0] - joint.upper});
+  double gap = 0;
+  for (int row = 0; row < joint_equations(joint.type); ++row)
+    if (!is_turn(joint.type, row)) gap = std::hypot(gap, C[row][0]);
+  return gap;
+}
+
 double joint_speed(const Joint& joint, const Bodies& bodies) {
   const int row = coordinate_row(joint.type);
   if (row < 0) return 0;

@@ -118,6 +118,8 @@ double joint_coordinate(const Joint& joint, const Bodies& bodies);
 std::vector<double> joint_coordinates(const Joint& joint, const Bodies& bodies);
 // The unit vector of the coordinate: of its rotation, or of its translation; 0 if there is none.
 Vec3 joint_axis(const Joint& joint, const Bodies& bodies);
+// How far the points that it holds together are apart, or the distance from its limits [m].
+double joint_gap(const Joint& joint, const Bodies& bodies);
 // The rate of the coordinate; 0 if there is none.
 double joint_speed(const Joint& joint, const Bodies& bodies);
 

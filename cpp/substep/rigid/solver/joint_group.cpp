@@ -112,7 +112,7 @@ void JointGroup::begin_step(std::span<const Joint> joints, std::span<const std::
     const bool still = m.row == 0;
     const Vec3 I = still ? Vec3::Ones() : Vec3(&bodies.inertia[3 * usize(m.body)]);
     m.unroot = conjugated(q, I.cwiseSqrt());
-    m.inertia = I;
+    m.inertia = m.seen_inertia = I;
     Vec3::Map(&inertia_[3 * k]) = I;
     Vec3::Map(&L_[3 * k]) = still ? Vec3::Zero() : Vec3(&bodies.L[3 * usize(m.body)]);
     m.seen_spin = from_row(rows.velocity[usize(m.row)].angular);
@@ -126,8 +126,12 @@ void JointGroup::begin_step(std::span<const Joint> joints, std::span<const std::
     if (pressed[usize(m.body)] == kPressed) smooth_ = false;
     if (pressed[usize(m.body)] != 0) open = true;
   }
+  has_springs_ = false;
   for (Link& link : links_) {
     link.joint = joints[usize(link.number)];
+    has_springs_ |= link.joint.type == JointType::kElastic ||
+                    (link.joint.motor.type == MotorType::kSpring &&
+                     is_turn(link.joint.type, coordinate_row(link.joint.type)));
     open |= std::max(link.joint.length_error, link.joint.angle_error) > kOpen;
     link.mode.fill(JointLaw::Mode::kFree);
   }
@@ -145,6 +149,7 @@ void JointGroup::begin_step(std::span<const Joint> joints, std::span<const std::
   regularisation_ = closes_ ? kOpenLoops : loops_ ? kLoops : kTrees;
   find_inertia();
   begins_ = true;
+  for (std::size_t k = 0; k < members_.size(); ++k) see_inertia(k, members_[k].slow_inertia, rows);
   weight_ = smooth_ ? 0.5 : 1;
   if (smooth_) kick(-0.5 * settings_.h, rows);
 }
@@ -152,13 +157,19 @@ void JointGroup::begin_step(std::span<const Joint> joints, std::span<const std::
 // What is due to the rotation of a member.
 void JointGroup::refresh(std::size_t member, BodyRows& rows) {
   Member& m = members_[member];
-  const Vec3 I(&inertia_[3 * member]);
-  const Mat3 root =
-      m.row == 0 ? Mat3::Zero().eval() : conjugated(rotation(member), I.cwiseSqrt().cwiseInverse());
+  const auto root_of = [&](const Vec3& I) -> Mat3 {
+    return m.row == 0 ? Mat3::Zero() : conjugated(rotation(member), I.cwiseSqrt().cwiseInverse());
+  };
+  Mat3 root = root_of(m.inertia);
+  m.W = m.response = root * root;
+  if (m.slow()) {
+    root = root_of(m.seen_inertia);
+    m.response = root * root;
+    m.part = conjugated(rotation(member), m.inertia.cwiseQuotient(m.seen_inertia));
+  }
   const double moves = m.moves ? 1 : 0;
   root_[member] = {{root(0, 0), root(1, 1), root(2, 2), m.scale},
                    {root(0, 1), root(0, 2), root(1, 2), moves}};
-  m.W = root * root;
   if (!m.moves) return;
   m.seen_spin = m.unroot * (m.W * momentum(member));
   assign(rows.velocity[usize(m.row)].angular, m.seen_spin);
@@ -171,7 +182,7 @@ void JointGroup::kick(double time, BodyRows& rows) {
     if (!m.moves) continue;
     const BodyRow& a = rows.acceleration[usize(m.row)];
     add(rows.velocity[usize(m.row)].linear, time * from_row(a.linear));
-    Vec3::Map(&L_[3 * k]) += time * (m.unroot * from_row(a.angular));
+    give(k, time * (m.unroot * from_row(a.angular)));
     refresh(k, rows);
   }
 }
@@ -185,7 +196,7 @@ bool JointGroup::read_momenta(const BodyRows& rows) {
     if (from_row(rows.velocity[usize(m.row)].linear) != m.seen_velocity) changed = true;
     const Vec3 spin = from_row(rows.velocity[usize(m.row)].angular);
     if (spin == m.seen_spin) continue;
-    Vec3::Map(&L_[3 * k]) += m.unroot * (spin - m.seen_spin);
+    give(k, m.unroot * (spin - m.seen_spin));
     m.seen_spin = spin;
     changed = true;
   }
@@ -248,7 +259,7 @@ void JointGroup::apply(BodyRows& rows) {
       Point<double>& row = rows.velocity[usize(m.row)].linear;
       store_quad(row, load_quad(row) + v);
       store_quad(given_[k].linear, load_quad(given_[k].linear) + v);
-      for (int i = 0; i < 3; ++i) L_[3 * k + usize(i)] += torque[i];
+      give(k, Vec3(torque[0], torque[1], torque[2]));
     });
   }
 }
@@ -331,8 +342,9 @@ void JointGroup::factor() {
 
 // Forces f at arms r turn a body back into their direction, by K = r . f: a link of a rope that
 // holds a heavy load swings about its centre at w = sqrt(K / I). That is unstable from h w = 2 on,
-// so its moments in a sub-step are at least those of a smaller h w; no others change (Andrews,
-// Teichmann and Kovecses 2017, Comput. Animat. Virtual Worlds 28).
+// so impulses turn it as if its moments were at least those of a smaller h w; no others change, nor
+// how it turns freely (Andrews, Teichmann and Kovecses 2017, Comput. Animat. Virtual
+// Worlds 28).
 void JointGroup::find_inertia() {
   for (BodyRow& arm : sums_) arm = {};  // K for the three axes; sum of K r, and of K
   for (const Pack& pack : packs_) {
@@ -377,13 +389,16 @@ void JointGroup::mark_bodies(std::span<std::uint8_t> bodies) const {
     if (m.moves) bodies[usize(m.body)] = 1;
 }
 
-// Takes energy: larger moments have the momentum, smaller ones the angular velocity that was.
-void JointGroup::set_inertia(std::size_t member, const Vec3& inertia, BodyRows& rows) {
-  Eigen::Map<Vec3> now(&inertia_[3 * member]), L(&L_[3 * member]);
-  if (now == inertia) return;
-  const Quaternion q = rotation(member);
-  L = q * (q.conjugate() * L).cwiseProduct(inertia.cwiseQuotient(now).cwiseMin(1));
-  now = inertia;
+// Takes energy within a step: larger moments have the momentum that was.
+void JointGroup::see_inertia(std::size_t member, const Vec3& inertia, BodyRows& rows) {
+  Member& m = members_[member];
+  if (m.seen_inertia == inertia) return;
+  if (!begins_) {
+    const Quaternion q = rotation(member);
+    Eigen::Map<Vec3> L(&L_[3 * member]);
+    L = q * (q.conjugate() * L).cwiseProduct(m.seen_inertia.cwiseQuotient(inertia).cwiseMin(1));
+  }
+  m.seen_inertia = inertia;
   refresh(member, rows);
 }
 
@@ -416,9 +431,11 @@ void JointGroup::begin_substep(BodyRows& rows) {
     m.seen_turn = m.start_turn;
     refresh(k, rows);
   }
-  if (!begins_) find_inertia();
+  if (!begins_) {
+    find_inertia();
+    for (std::size_t k = 0; k < members_.size(); ++k) see_inertia(k, members_[k].slow_inertia, rows);
+  }
   begins_ = false;
-  for (std::size_t k = 0; k < members_.size(); ++k) set_inertia(k, members_[k].slow_inertia, rows);
   set_gradients();
   for (Pack& pack : packs_) {
     set_laws(pack, Stage::kMotion);
@@ -485,7 +502,6 @@ void JointGroup::move(BodyRows& rows) {
 }
 
 void JointGroup::end_step(BodyRows& rows) {
-  for (std::size_t k = 0; k < members_.size(); ++k) set_inertia(k, members_[k].inertia, rows);
   if (smooth_) {
     for (std::size_t k = 0; k < members_.size(); ++k) {
       const Member& m = members_[k];

@@ -61,13 +61,18 @@ class JointGroup {
     bool moves;                 // by impulses
     double scale;               // 1 / sqrt(m)
     Vec3 inertia;               // principal moments
-    Vec3 slow_inertia;          // those of the next sub-step
+    Vec3 slow_inertia;          // those that impulses find in the next sub-step
+    Vec3 seen_inertia;          // in this one
     Vec3 origin;                // position at the start of the step
     Mat3 root, unroot;          // W^(1/2) of the start of the step, and its inverse
     Mat3 W;                     // of the start of the sub-step
+    Mat3 response;              // W for impulses
+    Mat3 part;                  // of an impulse's moment that turns it: its response over W
     Vec3 seen_spin, seen_turn;  // velocity and displacement of the row that L agrees with
     Vec3 seen_velocity;         // of the row, by the trial
     Vec3 start, start_turn;     // displacement at the start of the sub-step
+
+    bool slow() const { return seen_inertia != inertia; }
   };
   struct Link {
     Joint joint;
@@ -106,6 +111,14 @@ class JointGroup {
   std::int32_t member_of(std::int32_t body, const BodyRows& rows);
   void pack();
   Vec3 momentum(std::size_t member) const { return Vec3(&L_[3 * member]); }
+  void give(std::size_t member, const Vec3& moment) {  // of an impulse
+    const Member& m = members_[member];
+    Eigen::Map<Vec3> L(&L_[3 * member]);
+    if (m.slow())
+      L += m.part * moment;
+    else
+      L += moment;
+  }
   Quaternion rotation(std::size_t member) const { return load_quaternion(&now_.q[member].x); }
   void turn(std::size_t member, const Vec3& by) {
     store_quaternion((rotation_by(by) * rotation(member)).normalized(), &now_.q[member].x);
@@ -140,7 +153,7 @@ class JointGroup {
   void begin_substep(BodyRows& rows);
   void find_inertia();
   double correct_positions(BodyRows& rows);
-  void set_inertia(std::size_t member, const Vec3& inertia, BodyRows& rows);
+  void see_inertia(std::size_t member, const Vec3& inertia, BodyRows& rows);
   void set_gradients();
   void set_laws(Pack& pack, Stage stage);
   void find_trial(const BodyRows& rows);
@@ -148,6 +161,8 @@ class JointGroup {
   bool choose_modes(bool& changed);
   double find_residuals();
   bool solve(Stage stage, BodyRows& rows, double tolerance);
+  void take_back(BodyRows& rows);
+  bool slow_springs(const BodyRows& rows);
   void solve_motion(BodyRows& rows, double tolerance);
   void factor();
   void apply(BodyRows& rows);
@@ -157,6 +172,7 @@ class JointGroup {
   Settings settings_;
   double regularisation_ = 0;
   bool loops_ = false;   // not a tree
+  bool has_springs_ = false;  // at what turns
   bool closes_ = false;  // whether the motion leads to C = 0, not to what C was
   bool smooth_ = false, factored_ = false, whirls_ = false;
   bool tried_ = false;   // whether the trial is that of the velocities

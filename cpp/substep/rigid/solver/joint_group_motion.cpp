@@ -13,6 +13,7 @@ namespace {
 using Mode = JointLaw::Mode;
 
 constexpr int kIterations = 30;
+constexpr double kMostTurn = 0.5;  // by a spring that yields, in a sub-step [rad]
 constexpr double kEnoughMotion = 1e-6;  // of C [m], [rad], where it does not get better
 
 // What drives a row.
@@ -87,6 +88,7 @@ void JointGroup::set_laws(Pack& pack, Stage stage) {
         const double u = pack.rate[row][lane];
         const double impulse =
             -weight_ * h * (motor.stiffness * (y - motor.target) + motor.damping * u);
+        law.before = u;
         law.rate = u + impulse / D;
         law.compliance = 1 / D;
       }
@@ -201,10 +203,8 @@ bool JointGroup::solve(Stage stage, BodyRows& rows, double tolerance) {
   return last < kEnoughMotion;
 }
 
-// Where no motion that fulfils the constraints is near (a chain that snaps taut), the velocities
-// do, which takes energy and so is stable.
-void JointGroup::solve_motion(BodyRows& rows, double tolerance) {
-  if (solve(Stage::kMotion, rows, tolerance)) return;
+// The impulses of the sub-step.
+void JointGroup::take_back(BodyRows& rows) {
   for (Pack& pack : packs_) {
     for (V& l : pack.impulse) l = -l;
     store_pieces(pack, pack.impulse);
@@ -212,7 +212,43 @@ void JointGroup::solve_motion(BodyRows& rows, double tolerance) {
   apply(rows);
   for (Pack& pack : packs_)
     for (V& l : pack.impulse) l = V{};
-  solve(Stage::kVelocity, rows, kTolerance);
+}
+
+// Where springs turn their joints faster than sub-steps can follow, they turn them as fast as those
+// can. Returns whether there are any.
+bool JointGroup::slow_springs(const BodyRows& rows) {
+  if (!has_springs_) return false;
+  bool any = false;
+  find_rates(Stage::kVelocity, rows);
+  for (Pack& pack : packs_) {
+    for (int lane = 0; lane < pack.count; ++lane) {
+      Link& link = links_[usize(pack.link[lane])];
+      for (int row = link.equations; row < link.rows; ++row) {
+        JointLaw& law = link.law[usize(row - link.equations)];
+        const double u = pack.rate[row][lane];
+        const double most = std::max(kMostTurn / settings_.h, std::abs(law.before));
+        if (!(law.compliance > 0) || !is_turn(pack.type, row) || !(std::abs(u) > most)) continue;
+        law.rate = std::copysign(most, u);
+        law.compliance = 0;
+        any = true;
+      }
+    }
+  }
+  return any;
+}
+
+// Where no motion that fulfils the constraints is near (a chain that snaps taut), the velocities
+// do, which takes energy and so is stable.
+void JointGroup::solve_motion(BodyRows& rows, double tolerance) {
+  const auto solve_either = [&] {
+    if (solve(Stage::kMotion, rows, tolerance)) return;
+    take_back(rows);
+    solve(Stage::kVelocity, rows, kTolerance);
+  };
+  solve_either();
+  if (!slow_springs(rows)) return;
+  take_back(rows);
+  solve_either();
 }
 
 // What contacts will still change need not be found to the end.

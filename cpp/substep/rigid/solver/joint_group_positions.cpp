@@ -14,6 +14,7 @@ using Mode = JointLaw::Mode;
 
 // C that is not worth taking back, and what a second time is for: after contacts have pushed far.
 constexpr double kEnoughPosition = 1e-10, kFarPosition = 1e-6;
+constexpr double kPassed = 1e-7;  // a limit, which is to be kept again [m], [rad]
 constexpr int kRounds = 3;
 
 }  // namespace
@@ -45,14 +46,19 @@ double JointGroup::correct_positions(BodyRows& rows) {
     if (own >= 0) pack.coordinate = C[own];
     V errors[kJointRows] = {};
     for (int lane = 0; lane < kLanes; ++lane) {
-      const Link& link = links_[usize(pack.link[lane])];
+      Link& link = links_[usize(pack.link[lane])];
       for (int row = 0; row < link.rows; ++row) {
         double c = C[row][lane];
         if (row >= link.equations) {
-          const Mode mode = link.mode[usize(row - link.equations)];
-          if (mode != Mode::kLower && mode != Mode::kUpper) continue;
+          Mode& mode = link.mode[usize(row - link.equations)];
+          const double lower = row == own ? link.joint.lower : -Joint::kInfinite;
           const double upper = row == own ? link.joint.upper : link.joint.cone;
-          c -= mode == Mode::kLower ? link.joint.lower : upper;
+          c -= std::clamp(c, lower, upper);
+          if (mode != Mode::kLower && mode != Mode::kUpper) {
+            if (!(std::abs(c) > kPassed)) continue;
+            mode = c < 0 ? Mode::kLower : Mode::kUpper;
+            factored_ = false;
+          }
         }
         errors[row][lane] = std::clamp(c, -settings_.push, settings_.push);
         worst = std::max(worst, std::abs(c));
@@ -77,7 +83,7 @@ double JointGroup::correct_positions(BodyRows& rows) {
     const Member& m = members_[k];
     if (!m.moves) continue;
     const Vec3 shift = m.scale * from_row(sums_[k].linear);
-    const Vec3 by = m.W * from_row(sums_[k].angular);
+    const Vec3 by = m.response * from_row(sums_[k].angular);
     assign(sums_[k].linear, shift), assign(sums_[k].angular, by);
     largest = std::max({largest, m.scale * shift.norm(), by.norm()});
   }

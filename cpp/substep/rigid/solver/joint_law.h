@@ -23,6 +23,7 @@ struct JointLaw {
   double slowest = -kInfinite, fastest = kInfinite;  // rates that lead to the limits
   bool driven = false;
   double rate = 0, compliance = 0, most = 0;  // most: an impulse
+  double before = 0;                          // rate before the sub-step, of a spring
 
   static bool fixes_impulse(Mode mode) {
     return mode == Mode::kFree || mode == Mode::kMost || mode == Mode::kLeast;

@@ -68,8 +68,9 @@ void Batch::run_block(const Steps& steps, std::int64_t begin, std::int64_t end) 
   const std::string reason = failures_[usize(first)];
   failures_ = failed_before;
   return_to(goal, steps, begin);
-  throw NonFiniteError("world " + std::to_string(first) + ": " + reason, world(first).time, first,
-                       goal);
+  const std::string text = "world " + std::to_string(first) + ": " + reason;
+  if (reason.starts_with("joint")) throw SolverError(text, world(first).time, first, goal);
+  throw NonFiniteError(text, world(first).time, first, goal);
 }
 
 void Batch::run(std::int64_t w, const Steps& steps, std::int64_t begin, std::int64_t end) {
@@ -85,7 +86,7 @@ void Batch::run(std::int64_t w, const Steps& steps, std::int64_t begin, std::int
     }
     try {
       world.step(steps.dt);
-    } catch (const NonFiniteError& error) {
+    } catch (const SolverError& error) {
       failures_[usize(w)] = error.what();
       return;
     }

@@ -14,10 +14,20 @@ namespace {
 constexpr std::int64_t kPairs = 64;  // per chunk
 // Slow is what approaches by less than this part of the smaller inner radius in a step.
 constexpr double kSlow = 0.5, kSlowBouncing = 0.1;
+// Tilts of what pivots on an edge or a corner, and turns in a step [rad].
+constexpr double kTilted = 1e-3, kPivots = 3e-3;
 constexpr double kMeeting = 1e-3;  // how near fast bodies are followed to each other, of the margin
 
-bool apart(const Bounds& p, const Bounds& q) {
-  return (p.low.array() > q.high.array()).any() || (q.low.array() > p.high.array()).any();
+// Whether no face of the bodies lies on the other.
+bool on_edge(const ContactConstraint& contact) {
+  const auto* const end = contact.points + contact.count;
+  const auto& nearest = *std::min_element(contact.points, end, [](const auto& p, const auto& q) {
+    return p.separation < q.separation;
+  });
+  return std::count_if(contact.points, end, [&](const auto& p) {
+           const double away = (p.position - nearest.position).norm();
+           return p.separation - nearest.separation <= kTilted * away;
+         }) <= 2;
 }
 
 // Whether the bounds are above the plane, if it is one.
@@ -90,7 +100,9 @@ class ContactFinder::Search {
             : make_contact(touch.manifold, a.body, fixtures_.body_pose(a.body), b.body,
                            fixtures_.body_pose(b.body), acts_at(motion_, a.body, b.body));
     contact.rolls_on = is_round(a.fixture.shape) || is_round(b.fixture.shape);
-    contact.tips = touch.time == 0 && turns_by(a, b) > slow_for(a, b);
+    const double turn = std::max(ways_[usize(a.body)].angle, ways_[usize(b.body)].angle);
+    contact.tips = touch.time == 0 && (turns_by(a, b) > slow_for(a, b) ||
+                                       (turn > kPivots && on_edge(contact)));
     contact.fixture_a = touch.pair.a, contact.fixture_b = touch.pair.b;
     const Surface surface = fixtures_.surface(a.fixture, b.fixture);
     contact.friction = surface.friction;

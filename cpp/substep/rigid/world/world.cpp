@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
+#include <sstream>
 #include <string>
 #include <utility>
 
@@ -26,6 +28,7 @@ constexpr std::int64_t kPlaced = 128;  // bodies of a chunk
 // their changes, as a part of their sum. A stack of 20 needs about 16 rounds.
 constexpr int kMostRounds = 64;
 constexpr double kSameImpulses = 1e-3;
+constexpr double kTears = 0.1;  // of the size of its bodies, by which a step tears a joint apart
 constexpr std::int64_t kMost = std::numeric_limits<std::int32_t>::max();  // bodies, fixtures
 constexpr std::int64_t kMostSteps = std::int64_t{1} << 62;                // that a state holds
 
@@ -341,6 +344,7 @@ void World::step(double dt) {
       find_contacts();
     } while (wake_touched(dt));
     solve(dt);
+    check_joints(dt);
     if (options_.continuous)
       stop_fast_bodies(active_, fixtures_, *broad_phase_, options_.gravity, bodies_);
     fall_asleep(dt);
@@ -362,6 +366,33 @@ void World::remember() {
   before_.islands = islands_;
   sort_contacts(contacts_);
   last_contacts_.swap(contacts_);
+}
+
+// A joint is torn by a step after which it is off by more than its bodies are large, and by more
+// than before.
+void World::check_joints(double dt) const {
+  const auto size_of = [&](std::int32_t body, const Joint::Frame& frame) {
+    if (body < 0 || !bodies_.dynamic(body)) return 0.0;
+    const double inertia = Vec3(&bodies_.inertia[3 * usize(body)]).sum() / 2;
+    return frame.anchor.norm() + std::sqrt(inertia / bodies_.mass[usize(body)]);
+  };
+  std::optional<Bodies> begin;
+  for (std::size_t j = 0; j < joints_.size(); ++j) {
+    const Joint& joint = joints_[j];
+    const double size = size_of(joint.a, joint.in_a) + size_of(joint.b, joint.in_b);
+    if (!(joint.length_error > size)) continue;
+    if (!begin) {
+      begin = bodies_;
+      begin->x = before_.x, begin->q = before_.q;
+    }
+    if (!(joint.length_error > joint_gap(joint, *begin) + kTears * size)) continue;
+    std::ostringstream text;
+    text << "joint " << j << ": it would be torn apart by " << joint.length_error
+         << " m in a step of " << dt
+         << " s, in which its bodies are turned or thrown too far; take a shorter step or more "
+            "substeps, or damp what drives it";
+    throw SolverError(text.str(), time, static_cast<std::int64_t>(j), steps);
+  }
 }
 
 // The rows of bodies stay where they are in memory: others may look at them.

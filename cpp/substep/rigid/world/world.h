@@ -94,8 +94,9 @@ class World {
   // With the forces of the last step.
   std::span<const Joint> joints() const { return joints_; }
 
-  // By dt [s]. What fails changes nothing: InputError for dt; NonFiniteError names the body;
-  // std::bad_alloc; what a poll for interrupts throws.
+  // By dt [s]. What fails changes nothing: InputError for dt; NonFiniteError names the body,
+  // SolverError the joint that the step would tear apart; std::bad_alloc; what a poll for
+  // interrupts throws.
   void step(double dt);
 
   // Rows may be written between steps. A sleeping body wakes with the next one if its pose or a
@@ -145,6 +146,7 @@ class World {
   void add_to_broad_phase(std::int32_t fixture);
 
   void remember();
+  void check_joints(double dt) const;
   void go_back();
   void note_changes();
   void check_row(std::int64_t body);
