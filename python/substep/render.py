@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .base.checks import check_integer, check_real
+from .base.imports import needs
 from .errors import InputError
 from .recording import Recording
 from .scenes import Scene, load, names
@@ -56,13 +57,10 @@ STYLE = {
 
 
 def _matplotlib() -> Any:
-    try:
+    told = 'matplotlib is missing: pip install "substep[plot]" for pictures and movies'
+    with needs("matplotlib", told):
         import matplotlib
         import matplotlib.figure
-    except ImportError:
-        raise ImportError(
-            'matplotlib is missing: pip install "substep[plot]" for pictures and movies'
-        ) from None
     return matplotlib
 
 
@@ -226,12 +224,9 @@ def save_movie(
     PosixPath('kepler.mp4')
     """
     matplotlib = _matplotlib()
-    try:
+    told = 'imageio-ffmpeg is missing: pip install "substep[plot]" for movies'
+    with needs("imageio_ffmpeg", told):
         import imageio_ffmpeg
-    except ImportError:
-        raise ImportError(
-            'imageio-ffmpeg is missing: pip install "substep[plot]" for movies'
-        ) from None
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     out = Path(out)

@@ -222,3 +222,29 @@ class TestFiles:
         monkeypatch.setitem(sys.modules, module, None)
         with pytest.raises(ImportError, match=f"{module.split('.')[0]} is missing: pip install"):
             call(logged({"height": height}))
+
+    @pytest.mark.parametrize(
+        ("module", "call"),
+        [("pandas", lambda log: log.to_pandas()), ("matplotlib.figure", lambda log: log.plot("a"))],
+    )
+    @pytest.mark.parametrize(
+        "error",
+        [
+            ImportError("libopenblas.so: failed to map segment from shared object"),
+            ModuleNotFoundError("No module named 'pytz'", name="pytz"),
+            MemoryError(),
+        ],
+        ids=["library", "another", "memory"],
+    )
+    def test_packages_that_are_there_and_fail(self, module, call, error, monkeypatch):
+        class Failing:
+            def find_spec(self, name, path=None, target=None):
+                if name == module:
+                    raise error
+
+        pytest.importorskip(module)
+        monkeypatch.delitem(sys.modules, module)
+        monkeypatch.setattr(sys, "meta_path", [Failing(), *sys.meta_path])
+        with pytest.raises(type(error)) as caught:
+            call(logged({"height": height}))
+        assert caught.value is error

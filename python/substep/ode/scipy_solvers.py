@@ -13,16 +13,15 @@ import numpy as np
 
 from .. import _core
 from ..base.checks import check_array, check_flag, check_real
+from ..base.imports import needs
 from ..errors import InputError, SolverError
 from .ivp import check_control, check_extrapolation
 from .jacobian import make_jacobian
 from .rhs import make_system
 
-try:
+with needs("scipy", "the solver classes need SciPy: pip install scipy"):
     from scipy.integrate import DenseOutput, OdeSolver
     from scipy.integrate._ivp.common import validate_tol, warn_extraneous
-except ImportError:
-    raise ImportError("the solver classes need SciPy: pip install scipy") from None
 
 __all__ = [
     "DOP853",

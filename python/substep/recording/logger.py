@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import check_array, check_callable, check_path, check_real, describe
+from ..base.imports import needs
 from ..base.owned import Owned
 from ..errors import InputError
 from .parts import check_name
@@ -214,10 +215,8 @@ class Logger(Owned):
         ImportError
             If pandas is missing.
         """
-        try:
+        with needs("pandas", "pandas is missing: pip install pandas for tables"):
             import pandas
-        except ImportError:
-            raise ImportError("pandas is missing: pip install pandas for tables") from None
         return pandas.DataFrame(self.columns()).set_index("time")
 
     def plot(self, path: str | os.PathLike[str]) -> None:
@@ -238,12 +237,9 @@ class Logger(Owned):
             If it cannot be written.
         """
         file = check_path(path)
-        try:
+        told = 'matplotlib is missing: pip install "substep[plot]" to plot quantities'
+        with needs("matplotlib", told):
             from matplotlib.figure import Figure
-        except ImportError:
-            raise ImportError(
-                'matplotlib is missing: pip install "substep[plot]" to plot quantities'
-            ) from None
         times, names = self.times, self.names
         figure = Figure(figsize=(7.2, 1.2 + 1.6 * len(names)), layout="constrained")
         panels = figure.subplots(len(names), squeeze=False, sharex=True)[:, 0]

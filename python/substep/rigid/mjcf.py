@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.checks import check_array, check_choice, check_flag, check_path, check_real, describe
+from ..base.imports import needs
 from ..base.quaternions import multiply, rotate
 from ..errors import FormatError, InputError
 from ..geometry import Box, Capsule, ConvexHull, Cylinder, Plane, Shape, Sphere
@@ -108,12 +109,9 @@ def read_plan(
     found = re.search(r"<([A-Za-z_][\w.-]*)", re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL))
     if found is None or found[1] != root:
         raise FormatError(f"{file}: expected an XML file of an element <{root}>")
-    try:
+    told = 'mujoco is missing: pip install "substep[robots]" to read MJCF and URDF'
+    with needs("mujoco", told):
         import mujoco
-    except ModuleNotFoundError:  # an interrupted import is another ImportError
-        raise ImportError(
-            'mujoco is missing: pip install "substep[robots]" to read MJCF and URDF'
-        ) from None
     try:
         with _warnings_of(mujoco) as warned:
             spec = mujoco.MjSpec.from_file(file)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import check_real
+from ..base.imports import needs
 from ..errors import InputError
 from .analysis import Region, region, spectrum_of
 
@@ -72,12 +73,8 @@ def plot(
 def _draw(regions: list[Region], points: NDArray[np.complex128] | None, ax: Any) -> Any:
     """Outlines of the regions, the first one's inside shaded where it is the only one; points."""
     if ax is None:
-        try:
+        with needs("matplotlib", 'plot needs matplotlib: pip install "substep[plot]"'):
             import matplotlib.pyplot as plt
-        except ImportError as error:
-            raise ImportError(
-                'plot needs matplotlib: pip install "substep[plot]"', name="matplotlib"
-            ) from error
         ax = plt.subplots(figsize=(6.5, 5.0), layout="constrained")[1]
     ax.axhline(0, color="0.75", linewidth=0.8, zorder=0)
     ax.axvline(0, color="0.75", linewidth=0.8, zorder=0)

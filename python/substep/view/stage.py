@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.imports import needs
 from ..geometry import TetMesh
 from ..geometry.topology import equal_rows
 from ..recording import Part, Recording
@@ -49,12 +50,9 @@ diffuseColor *= ballLight;
 
 def import_pyvista() -> Any:
     """PyVista, or an ImportError that says what to install."""
-    try:
+    told = 'pyvista is missing: pip install "substep[viz]" for pictures in three dimensions'
+    with needs("pyvista", told):
         import pyvista
-    except ImportError:
-        raise ImportError(
-            'pyvista is missing: pip install "substep[viz]" for pictures in three dimensions'
-        ) from None
     window_class()
     return pyvista
 

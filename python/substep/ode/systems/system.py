@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ... import _core
 from ...base.attributes import Frozen
 from ...base.checks import check_array
+from ...base.imports import needs
 from ...errors import InputError
 
 
@@ -89,10 +90,8 @@ class System(Frozen):
         found = self.native_system.jacobian(t, state)
         if isinstance(found, np.ndarray):
             return found
-        try:
+        with needs("scipy", "a sparse Jacobian needs SciPy: pip install scipy"):
             from scipy.sparse import csc_array
-        except ImportError:
-            raise ImportError("a sparse Jacobian needs SciPy: pip install scipy") from None
         start, row, values = found
         return csc_array((values, row, start), shape=(self.size, self.size))
 
