@@ -1,6 +1,8 @@
 """Logs of quantities: when samples are taken, what is refused, and what files hold."""
 
 import copy
+import errno
+import os
 import pickle
 import sys
 
@@ -213,6 +215,19 @@ class TestFiles:
         assert (tmp_path / "log.png").read_bytes()[:4] == b"\x89PNG"
         with pytest.raises(InputError, match=r"path: .*spam"):
             log.plot(tmp_path / "log.spam")
+
+    def test_a_table_that_cannot_be_written_leaves_the_one_before(self, tmp_path, monkeypatch):
+        path, log = tmp_path / "log.csv", logged({"height": height})
+        log.to_csv(path)
+        before = path.read_bytes()
+
+        def full(fd):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        monkeypatch.setattr(os, "fsync", full)
+        with pytest.raises(OSError, match=r"No space left.*log\.csv"):
+            logged({"height": height}, 0.1).to_csv(path)
+        assert path.read_bytes() == before and list(tmp_path.iterdir()) == [path]
 
     @pytest.mark.parametrize(
         ("module", "call"),

@@ -7,24 +7,20 @@ shape), data (the arrays, one after the other). Nothing in it is ever executed.
 
 from __future__ import annotations
 
-import contextlib
-import errno
-import functools
 import json
 import math
 import os
-import secrets
 import struct
 import zlib
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
 from ..errors import CorruptError, FormatError, InputError, TruncatedError, VersionError
 from .checks import check_path
 from .reading import check_booleans, load_json
+from .replacing import replace_file
 
 _MAGIC = b"SUBSTEPC"
 _VERSION = 1
@@ -51,24 +47,11 @@ def write_checkpoint(path: str | os.PathLike[str], kind: str, state: dict[str, A
     data = b"".join(array.tobytes() for _, array in arrays)
     lengths = struct.pack("<QQ", len(header), len(data))
     crc = zlib.crc32(data, zlib.crc32(header, zlib.crc32(lengths)))
-    target = Path(path)
-    if target.exists() and not target.is_file():  # a device or a pipe would be gone
-        wrong = errno.EISDIR if target.is_dir() else errno.EINVAL
-        raise OSError(wrong, "expected a file to replace", path)
-    partial = target.with_name(f".{target.name[:100]}-{secrets.token_hex(8)}")
-    private = functools.partial(os.open, mode=0o600)
-    try:  # before there is a file, so that whatever interrupts this leaves none
-        with open(partial, "xb", opener=private) as file:
-            file.write(struct.pack("<8sII", _MAGIC, _VERSION, crc) + lengths + header + data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(partial, target)
-    except BaseException as error:
-        with contextlib.suppress(OSError):
-            os.unlink(partial)
-        if isinstance(error, OSError):
-            error.filename = path  # the name that was given
-        raise
+
+    def write(file: IO[bytes]) -> None:
+        file.write(struct.pack("<8sII", _MAGIC, _VERSION, crc) + lengths + header + data)
+
+    replace_file(path, write, mode=0o600)
 
 
 def read_checkpoint(path: str | os.PathLike[str], kind: str) -> dict[str, Any]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import math
 import os
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.checks import check_array, check_callable, check_path, check_real, describe
 from ..base.imports import needs
 from ..base.owned import Owned
+from ..base.replacing import replace_file
 from ..errors import InputError
 from .parts import check_name
 
@@ -189,18 +191,21 @@ class Logger(Owned):
         Parameters
         ----------
         path : path-like
-            Where to; an existing file is replaced.
+            Where to; an existing file is replaced, once all is written.
 
         Raises
         ------
         OSError
-            If it cannot be written.
+            If it cannot be written; an existing file stays then.
         """
         columns = self.columns()
-        with open(check_path(path), "w", newline="", encoding="utf-8") as file:
-            lines = csv.writer(file, lineterminator="\n")
+
+        def write(file: IO[bytes]) -> None:
+            lines = csv.writer(codecs.getwriter("utf-8")(file), lineterminator="\n")
             lines.writerow(columns)
             lines.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+
+        replace_file(check_path(path), write)
 
     def to_pandas(self) -> Any:
         """The columns as a table of pandas, by `time`.

@@ -1,0 +1,37 @@
+"""Files that appear whole under their name, or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import functools
+import os
+import secrets
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO
+
+
+def replace_file(path: str, write: Callable[[IO[bytes]], None], *, mode: int = 0o666) -> None:
+    """Have `write` fill a file beside the path, which then gets that name in one step.
+
+    Whatever is raised leaves the file that there was.
+    """
+    target = Path(path)
+    if target.exists() and not target.is_file():  # a device or a pipe would be gone
+        wrong = errno.EISDIR if target.is_dir() else errno.EINVAL
+        raise OSError(wrong, "expected a file to replace", path)
+    partial = target.with_name(f".{target.name[:100]}-{secrets.token_hex(8)}")
+    opener = functools.partial(os.open, mode=mode)
+    try:  # before there is a file, so that whatever interrupts this leaves none
+        with open(partial, "xb", opener=opener) as file:
+            write(file)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(partial, target)
+    except BaseException as error:
+        with contextlib.suppress(OSError):
+            os.unlink(partial)
+        if isinstance(error, OSError):
+            error.filename = path  # the name that was given
+        raise
