@@ -80,7 +80,11 @@ class TestSamples:
         log["height"][:] = 0
         log.times[:] = 0
         assert log["height"][0] == 10 and log.times[-1] > 0
-        for other in (copy.deepcopy(log), pickle.loads(pickle.dumps(log))):
+        for other in (copy.copy(log), copy.deepcopy(log), pickle.loads(pickle.dumps(log))):
+            bodies = falling()
+            bodies.advance(0.1)
+            other(bodies)
+            assert len(other) == 7 and len(log) == 6
             other.clear()
             assert len(other) == 0 and len(log) == 6
 

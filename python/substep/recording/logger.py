@@ -73,6 +73,9 @@ class Logger(Owned):
         self.every = None if every is None else check_real("every", every, positive=True)
         self._samples: list[tuple[float, tuple[Array, ...]]] = []
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {**super().__getstate__(), "_samples": list(self._samples)}
+
     def __call__(self, simulation: Any) -> None:
         """Take a sample, if one is due.
 
