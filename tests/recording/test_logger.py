@@ -220,6 +220,32 @@ class TestFiles:
         with pytest.raises(InputError, match=r"path: .*spam"):
             log.plot(tmp_path / "log.spam")
 
+    @pytest.mark.parametrize("count", [4, 5, 18])
+    def test_pictures_of_many_quantities(self, count, tmp_path):
+        pytest.importorskip("matplotlib")
+        from matplotlib.image import imread
+
+        logged({f"q{k}": height for k in range(count)}).plot(tmp_path / "log.png")
+        high, wide = imread(tmp_path / "log.png").shape[:2]
+        assert 0.5 * wide < high < 1.5 * wide
+
+    def test_pictures_of_nothing_and_of_gaps(self, tmp_path):
+        pytest.importorskip("matplotlib")
+        with pytest.raises(InputError, match="the logger has no samples to plot"):
+            Logger({"height": height}).plot(tmp_path / "log.png")
+        assert not (tmp_path / "log.png").exists()
+        gaps = {"none": lambda bodies: [], "gap": lambda bodies: [np.nan, np.inf, 1.0]}
+        logged(gaps).plot(tmp_path / "log.png")
+
+    def test_pictures_of_what_is_too_large(self, tmp_path):
+        pytest.importorskip("matplotlib")
+        log = logged({"x": lambda bodies: [0, 1e308 if bodies.time < 0.025 else -1e308]})
+        with pytest.raises(
+            InputError, match=r"^quantities\['x'\]\[0, 1\]: expected numbers within"
+        ):
+            log.plot(tmp_path / "log.png")
+        assert not (tmp_path / "log.png").exists()
+
     def test_a_table_that_cannot_be_written_leaves_the_one_before(self, tmp_path, monkeypatch):
         path, log = tmp_path / "log.csv", logged({"height": height})
         log.to_csv(path)

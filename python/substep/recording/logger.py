@@ -6,13 +6,20 @@ import codecs
 import csv
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import check_array, check_callable, check_path, check_real, describe
+from ..base.checks import (
+    check_array,
+    check_callable,
+    check_most,
+    check_path,
+    check_real,
+    describe,
+)
 from ..base.imports import needs
 from ..base.owned import Owned
 from ..base.replacing import replace_file
@@ -22,6 +29,7 @@ from .parts import check_name
 Array = NDArray[np.float64]
 
 _SLACK = 1e-6  # of an interval: times are sums of steps
+_MOST_DRAWN = 1e300  # matplotlib computes with what is somewhat larger than the values
 
 
 class Logger(Owned):
@@ -228,7 +236,7 @@ class Logger(Owned):
         return pandas.DataFrame(self.columns()).set_index("time")
 
     def plot(self, path: str | os.PathLike[str]) -> None:
-        """Draw every quantity against time, one above the other.
+        """Draw every quantity against time, one above the other; many in several columns.
 
         Parameters
         ----------
@@ -240,7 +248,7 @@ class Logger(Owned):
         ImportError
             If matplotlib is missing.
         InputError
-            If there is no such suffix.
+            If there are no samples, no such suffix, or numbers that are too large to be drawn.
         OSError
             If it cannot be written.
         """
@@ -248,22 +256,45 @@ class Logger(Owned):
         told = 'matplotlib is missing: pip install "substep[plot]" to plot quantities'
         with needs("matplotlib", told):
             from matplotlib.figure import Figure
-        times, names = self.times, self.names
-        figure = Figure(figsize=(7.2, 1.2 + 1.6 * len(names)), layout="constrained")
-        panels = figure.subplots(len(names), squeeze=False, sharex=True)[:, 0]
+        times, names = _drawable("time", self.times), self.names
+        if not len(times):
+            raise InputError("the logger has no samples to plot")
+        columns = 1 if len(names) <= 4 else math.ceil(math.sqrt(len(names) / 3))
+        rows = math.ceil(len(names) / columns)
+        width = 7.2 if columns == 1 else 4.8 * columns
+        figure = Figure(figsize=(width, 1.2 + 1.6 * rows), layout="constrained")
+        _check_suffix(file, figure.canvas.get_supported_filetypes())
+        grid = figure.subplots(rows, columns, squeeze=False, sharex=True).flat
+        panels = grid[: len(names)]
+        for panel in grid[len(names) :]:
+            panel.remove()
         for panel, name in zip(panels, names, strict=True):
-            values = self[name].reshape(len(times), -1)
+            values = _drawable(f"quantities[{name!r}]", self[name])
+            values = values.reshape(len(times), math.prod(values.shape[1:]))
             lines = panel.plot(times, values, linewidth=1.2)
             if len(lines) > 1:
                 numbers = [f"[{i}]" for i in range(len(lines))]
                 panel.legend(lines, numbers, loc="center left", bbox_to_anchor=(1, 0.5))
             panel.set_ylabel(name)
             panel.grid(True, color="0.9")
-        panels[-1].set_xlabel("time [s]")
-        try:
-            figure.savefig(file, dpi=150)
-        except ValueError as error:  # of a suffix that matplotlib does not know
-            raise InputError(f"path: {error}") from None
+        for panel in panels[-columns:]:  # the lowest of each column
+            panel.set_xlabel("time [s]")
+            panel.tick_params(labelbottom=True)
+        figure.savefig(file, dpi=150)
+
+
+def _check_suffix(path: str, known: Iterable[str]) -> None:
+    """Refuse what says no format that there is; without a suffix matplotlib chooses one."""
+    suffix = os.path.splitext(path)[1].lower()
+    if suffix[1:] and suffix[1:] not in known:
+        listed = ", ".join(f".{name}" for name in sorted(known))
+        raise InputError(f"path: expected a file ending in one of {listed}; got {describe(path)}")
+
+
+def _drawable(name: str, values: Array) -> Array:
+    """The values, where matplotlib can compute with those that it draws, which are finite."""
+    check_most(name, np.where(np.isfinite(values), values, 0), _MOST_DRAWN)
+    return values
 
 
 def _check_quantities(quantities: Any) -> dict[str, Callable[[Any], Any]]:
