@@ -146,7 +146,9 @@ ENTRIES = [
         "inertia",
         any_length=False,
     ),
-    Entry("rigid.ConvexHull points", lambda x: substep.rigid.ConvexHull(x).points, ROWS, "points"),
+    Entry(
+        "rigid.ConvexHull points", lambda x: substep.rigid.ConvexHull(x).points, CORNERS, "points"
+    ),
     Entry(
         "RigidBodies.add positions",
         lambda x: after_a_step(positions=x),
@@ -643,6 +645,20 @@ def test_empty_system(entry):
 # The scalar checks.
 
 
+class Number:
+    """An object whose conversions give something, or raise it."""
+
+    def __init__(self, outcome):
+        self.outcome = outcome
+
+    def __float__(self):
+        if isinstance(self.outcome, Exception):
+            raise self.outcome
+        return self.outcome
+
+    __index__ = __float__
+
+
 @pytest.mark.parametrize(
     "value", [1, 1.0, np.float32(1), np.int8(1), np.array(1.0), np.longdouble(1)]
 )
@@ -658,7 +674,8 @@ def test_real_refuses_what_is_not_finite(value):
 
 
 @pytest.mark.parametrize(
-    "value", [True, np.True_, "1.0", b"1", None, 1j, [1.0], np.ones(1), np.ones(2), object()]
+    "value",
+    [True, np.True_, "1.0", b"1", None, 1j, [1.0], np.ones(1), np.ones(2), object(), Number("1")],
 )
 def test_real_refuses_other_types(value):
     with pytest.raises(TypeError, match=r"^x: expected a real number"):
@@ -678,7 +695,18 @@ def test_real_bounds():
         checks.check_real("x", math.nan, finite=False)
 
 
-@pytest.mark.parametrize("value", [1.0, 1.5, True, np.True_, "1", None, math.nan, 1j, [1]])
+@pytest.mark.parametrize("error", [ValueError, TypeError, OverflowError, ZeroDivisionError])
+def test_what_a_number_of_the_caller_raises_passes(error):
+    own = error("mine")
+    for check in (checks.check_real, checks.check_integer):
+        with pytest.raises(error) as caught:
+            check("x", Number(own))
+        assert caught.value is own
+
+
+@pytest.mark.parametrize(
+    "value", [1.0, 1.5, True, np.True_, "1", None, math.nan, 1j, [1], Number("1")]
+)
 def test_integer_refuses(value):
     with pytest.raises(substep.InputError, match=r"^n: expected an integer"):
         checks.check_integer("n", value, minimum=0)

@@ -52,7 +52,7 @@ def as_array(name: str, value: Any) -> NDArray[Any]:
 
 
 def is_callers(error: Exception) -> bool:
-    """Whether code that NumPy called raised it, as an object's own `__array__`, and not NumPy."""
+    """Whether code of the caller raised it, as an object's own `__array__`, and no conversion."""
     return error.__traceback__ is not None and error.__traceback__.tb_next is not None
 
 
@@ -154,7 +154,7 @@ def check_real(
     nonnegative: bool = False,
     finite: bool = True,
 ) -> float:
-    """A real number as float; NaN never passes."""
+    """A real number as float; NaN never passes. What an object's own `__float__` raises passes."""
     kind = getattr(getattr(value, "dtype", None), "kind", "f")
     is_number = hasattr(type(value), "__float__") or hasattr(type(value), "__index__")
     is_number &= not isinstance(value, bool)  # what else float() takes is text, buffers too
@@ -166,11 +166,12 @@ def check_real(
         number = (
             float(operator.index(value)) if isinstance(value, (int, np.integer)) else float(value)
         )
-    except OverflowError:
-        raise InputError(
-            f"{name}: expected a finite number, got an integer beyond float64"
-        ) from None
-    except (TypeError, ValueError):
+    except (OverflowError, TypeError, ValueError) as error:
+        if is_callers(error):
+            raise
+        if isinstance(error, OverflowError):
+            wanted = "a finite number, got an integer beyond float64"
+            raise InputError(f"{name}: expected {wanted}") from None
         raise TypeError(f"{name}: expected a real number, got {describe(value)}") from None
     if number != number or (finite and abs(number) == float("inf")):
         raise InputError(f"{name}: expected a finite number, got {number}")
@@ -184,12 +185,17 @@ def check_real(
 def check_integer(
     name: str, value: Any, *, minimum: int | None = None, maximum: int | None = None
 ) -> int:
-    """An integer (booleans and 1.5 are none) within its bounds."""
+    """An integer (booleans and 1.5 are none) within its bounds.
+
+    What an object's own `__index__` raises passes.
+    """
     try:
         if isinstance(value, (bool, np.bool_)):
             raise TypeError
         number = operator.index(value)
-    except TypeError:
+    except TypeError as error:
+        if is_callers(error):
+            raise
         raise InputError(f"{name}: expected an integer, got {describe(value)}") from None
     if (minimum is not None and number < minimum) or (maximum is not None and number > maximum):
         bounds = f"at least {minimum}" if maximum is None else f"from {minimum} to {maximum}"
