@@ -17,6 +17,7 @@ from substep import InputError, NonFiniteError, rigid
 
 NAN, INF = math.nan, math.inf
 BOX = rigid.Box((1, 1, 1))
+FLAT = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]
 BALL = rigid.Sphere(0.25)
 TETRAHEDRON = (
     [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]],
@@ -198,7 +199,7 @@ INSIDE_OUT = [[a, c, b] for a, b, c in TETRAHEDRON[1]]
         ({"shape": rigid.Plane()}, InputError, "shape: a Plane is ground"),
         ({"shape": mesh()}, InputError, "shape: a TriangleMesh is ground"),
         ({"shape": mesh(), "motion": "kinematic"}, InputError, "shape: a TriangleMesh is ground"),
-        ({"shape": rigid.ConvexHull(np.eye(3))}, InputError, "plane|points"),
+        ({"shape": rigid.ConvexHull(FLAT)}, InputError, "plane|points"),
         ({"shape": rigid.Sphere(1e-200)}, InputError, "mass"),
         ({"motion": "moving"}, InputError, "motion: expected one of"),
         ({"motion": "static", "velocities": (1, 0, 0)}, InputError, "velocities: a static body"),

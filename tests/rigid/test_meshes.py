@@ -73,3 +73,7 @@ def test_bad_input():
         rigid.Cylinder(1.0, 2).mesh(6.5)
     with pytest.raises(substep.InputError, match="plane"):
         rigid.ConvexHull([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]).mesh()
+    with pytest.raises(
+        substep.InputError, match="points: expected at least 4, not all in one plane, got 3"
+    ):
+        rigid.ConvexHull(np.eye(3))

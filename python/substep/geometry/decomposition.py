@@ -101,7 +101,7 @@ def convex_decomposition(
         unit = (x - center) / half
     parts = _decompose(unit, mesh.faces, concavity, most, seed)
     with in_range("mesh"):
-        hulls = [ConvexHull(part * half + center) for part in parts]
+        hulls = [ConvexHull(part * half + center) for part in parts if len(part) >= 4]
     return _without_crumbs(hulls)
 
 

@@ -356,7 +356,8 @@ class ConvexHull(Solid):
     Raises
     ------
     InputError
-        If a number is not finite.
+        If a number is not finite, or there are fewer than 4 points. That all are in one plane is
+        found where the hull is made: by `mesh`, or what is given the shape.
 
     Examples
     --------
@@ -373,6 +374,8 @@ class ConvexHull(Solid):
         self, points: ArrayLike, center: ArrayLike = ORIGIN, rotation: ArrayLike = IDENTITY
     ) -> None:
         own = check_array("points", points, (None, 3))
+        if len(own) < 4:
+            raise InputError(f"points: expected at least 4, not all in one plane, got {len(own)}")
         own.flags.writeable = False
         self._set(points=own)
         self._place(center, rotation)
