@@ -151,6 +151,11 @@ class TestRefused:
             ({"concavity": 0}, InputError, r"concavity: expected a number from 0.01 to 1, got 0"),
             ({"concavity": np.nan}, InputError, "concavity"),
             ({"max_hulls": 0}, InputError, "max_hulls"),
+            (
+                {"max_hulls": 2**31},
+                InputError,
+                "max_hulls: expected an integer from 1 to 2147483647",
+            ),
             ({"seed": -1}, InputError, "seed"),
             ({"seed": 0.5}, InputError, "seed"),
         ],
@@ -158,6 +163,17 @@ class TestRefused:
     def test_arguments(self, change, error, words):
         with pytest.raises(error, match=words):
             convex_decomposition(**{"mesh": hook(), **change})
+
+    @needs_coacd
+    def test_fewer_hulls_than_parts_that_are_apart(self):
+        ball = sphere_mesh(0.5, subdivisions=1)
+        x, n = ball.vertices, len(ball.vertices)
+        two = TriangleMesh(
+            np.vstack([x, x + np.array([2, 0, 0])]), np.vstack([ball.faces, ball.faces + n])
+        )
+        with pytest.raises(InputError, match=r"max_hulls: expected at least 2, got 1; .* 2 compon"):
+            convex_decomposition(two, max_hulls=1)
+        assert len(convex_decomposition(two, max_hulls=2)) == 2
 
     def test_open_meshes(self):
         mesh = hook()

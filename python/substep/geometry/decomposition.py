@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.checks import check_integer, check_real, in_range
+from ..base.checks import MOST_INT, check_integer, check_real, in_range
 from ..base.child_process import run_program
 from ..errors import InputError, SolverError
 from . import decomposition_process
@@ -45,7 +45,8 @@ def convex_decomposition(
         How far a hull may be from the solid, in half the longest side of the mesh's bounding box,
         0.01 to 1. The smaller, the more hulls.
     max_hulls : int, optional
-        The most hulls, by which concavities may become larger; without bound unless given.
+        The most hulls, by which concavities may become larger; without bound unless given. What is
+        apart in the mesh is not joined: each such part needs one.
     seed : int
         Of CoACD's search.
 
@@ -57,7 +58,7 @@ def convex_decomposition(
     Raises
     ------
     TypeError, InputError
-        If an argument is wrong, or the mesh is open or flat.
+        If an argument is wrong, the mesh is open or flat, or has more parts than `max_hulls`.
     ImportError
         If coacd is missing.
     MemoryError
@@ -88,7 +89,9 @@ def convex_decomposition(
     concavity = check_real("concavity", concavity)
     if not 0.01 <= concavity <= 1:
         raise InputError(f"concavity: expected a number from 0.01 to 1, got {concavity}")
-    most = -1 if max_hulls is None else check_integer("max_hulls", max_hulls, minimum=1)
+    most = -1  # without bound
+    if max_hulls is not None:
+        most = check_integer("max_hulls", max_hulls, minimum=1, maximum=MOST_INT)
     seed = check_integer("seed", seed, minimum=0, maximum=2**32 - 1)
     if importlib.util.find_spec("coacd") is None:
         raise ImportError(
@@ -102,7 +105,13 @@ def convex_decomposition(
     parts = _decompose(unit, mesh.faces, concavity, most, seed)
     with in_range("mesh"):
         hulls = [ConvexHull(part * half + center) for part in parts if len(part) >= 4]
-    return _without_crumbs(hulls)
+    hulls = _without_crumbs(hulls)
+    if max_hulls is not None and len(hulls) > most:
+        raise InputError(
+            f"max_hulls: expected at least {len(hulls)}, got {most}; the mesh has "
+            f"{report.components} components, and those that are apart are not joined"
+        )
+    return hulls
 
 
 def _decompose(
