@@ -240,6 +240,13 @@ def test_quaternions_of_any_length_are_normalised():
 
 
 # Methods.
+def test_a_pair_where_no_shape_has_a_material():
+    world = substep.RigidBodies()
+    world.add(BOX, (0, 0, 0))
+    with pytest.raises(InputError, match=r"^a: no shape has a material, got 'rubber'$"):
+        world.set_material_pair("rubber", "ice", friction=0.1)
+
+
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [

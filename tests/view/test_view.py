@@ -191,6 +191,9 @@ def test_colours_of_a_field_and_its_range_over_all_frames(tmp_path):
         substep.InputError, match="no part has a field 'heat'; known: force, height"
     ):
         render.draw(recording, color="heat")
+    bare = record(tmp_path / "b.vtkhdf", {"p": substep.Part()}, [{"p": {"points": np.eye(3)}}])
+    with pytest.raises(substep.InputError, match="a field 'heat'; there are none"):
+        render.draw(bare, color="heat")
 
 
 def test_the_same_pixels_every_time(tmp_path):

@@ -387,7 +387,9 @@ class RigidBodies(Robots, Runs, States):
         names = [check_material(*given) for given in (("a", a), ("b", b))]
         for argument, name in zip("ab", names, strict=True):
             if name not in known:
-                told = ", ".join(sorted(map(repr, known))) or "none"
+                if not known:
+                    raise InputError(f"{argument}: no shape has a material, got {describe(name)}")
+                told = ", ".join(sorted(map(repr, known)))
                 raise InputError(
                     f"{argument}: expected a material of a shape, {told}, got {describe(name)}"
                 )

@@ -71,7 +71,8 @@ def range_of(recording: Recording, color: str) -> tuple[float, float]:
     owners = [name for name, part in recording.parts.items() if color in part.fields]
     if not owners:
         known = sorted({field for part in recording.parts.values() for field in part.fields})
-        raise InputError(f"color: no part has a field {color!r}; known: {', '.join(known)}")
+        told = f"known: {', '.join(known)}" if known else "there are none"
+        raise InputError(f"color: no part has a field {color!r}; {told}")
     low, high = np.inf, -np.inf
     for name in owners:
         for frame in _frames_looked_at(recording):
