@@ -80,6 +80,17 @@ def test_movie_has_every_frame(recording, tmp_path, capsys):
     gc.collect()
 
 
+def test_arguments_that_are_wrong(recording, tmp_path):
+    pytest.importorskip("imageio_ffmpeg")
+    for name in ("q.gif", "q.png", "q"):
+        with pytest.raises(substep.InputError, match=r"^out: .* ending in \.mp4, got '"):
+            render.save_movie(recording, tmp_path / name)
+    for scene in (render.View(), "dam-break"):
+        with pytest.raises(TypeError, match=r"^scene: expected a Scene, got "):
+            render.save_picture(recording, tmp_path / "q.png", scene=scene)
+    assert [path.name for path in tmp_path.iterdir()] == ["run.vtkhdf"]
+
+
 def test_empty_recording(tmp_path):
     path = tmp_path / "run.vtkhdf"
     with substep.Recorder(path, parts={"p": substep.Part()}):

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .base.checks import check_integer, check_real
+from .base.checks import check_integer, check_real, describe
 from .base.imports import needs
 from .errors import InputError
 from .recording import Recording
@@ -212,7 +212,8 @@ def save_movie(
     Raises
     ------
     InputError
-        If the recording holds no frame or no such field, or the picture is not in three dimensions.
+        If `out` does not end in .mp4, the recording holds no frame or no such field, or the picture
+        is not in three dimensions.
     ImportError
         If matplotlib or imageio-ffmpeg is missing; in three dimensions PyVista, or the system's EGL
         library.
@@ -230,6 +231,8 @@ def save_movie(
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     out = Path(out)
+    if out.suffix.lower() != ".mp4":
+        raise InputError(f"out: expected a file ending in .mp4, got {describe(str(out))}")
     fps = check_real("fps", fps, positive=True)
     with Recording(path) as recording, matplotlib.rc_context(STYLE), _whole_file(out) as part:
         frames = len(recording)
@@ -287,8 +290,10 @@ def _frame_number(recording: Recording, frame: int) -> int:
 def _picture_of(
     recording: Recording, scene: Scene | None, camera: Camera | None, color: str | None
 ) -> Callable[[Recording, int, Figure], None]:
-    if scene is None and recording.scene in names():
-        scene = load(recording.scene)
+    if scene is None:
+        scene = load(recording.scene) if recording.scene in names() else None
+    elif not isinstance(scene, Scene):
+        raise TypeError(f"scene: expected a Scene, got {describe(scene)}")
     picture: Callable[[Recording, int, Figure], None] | None
     picture = None if scene is None else scene.picture
     if picture is None:
