@@ -555,6 +555,13 @@ def test_urdf_limits_that_leave_no_way_are_listed(tmp_path):
     assert line.startswith("what MuJoCo warns of: joint 'pin' has equal lower and upper limits")
 
 
+def test_urdf_limits_of_velocity_are_listed(tmp_path):
+    path = tmp_path / "arm.urdf"
+    text = LIMITED.format(kind="revolute", lower=-1, upper=1, effort=5)
+    path.write_text(text.replace('effort="5"/>', 'effort="5" velocity="3"/>'))
+    assert load_quietly(path).ignored == ("limits of the velocity of joints: pin",)
+
+
 def test_generated_names_leave_those_of_the_file(tmp_path):
     path = tmp_path / "names.xml"
     geom = '<geom size=".1" pos=".5 0 0"/>'

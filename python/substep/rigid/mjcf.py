@@ -124,9 +124,10 @@ def read_plan(
         raise
     except (ValueError, mujoco.FatalError) as error:
         raise FormatError(f"{file}: {' '.join(str(error).split())}") from None
-    if root == "robot":
-        _check_limits(file, text)
     reader = _Reader(mujoco, model, file)
+    if root == "robot":
+        for name in _check_limits(file, text):
+            reader.leave("limits of the velocity of joints", name)
     for warning in warned:
         reader.leave("what MuJoCo warns of", " ".join(warning.split()))
     return reader.plan(keyframe, coordinates or {})
@@ -157,9 +158,13 @@ def element(file: str, name: str) -> Iterator[None]:
         raise InputError(f"{file}: {name}: {error}") from None
 
 
-def _check_limits(file: str, text: str) -> None:
-    """Refuse limits of a URDF file that MuJoCo takes for none, without a word."""
+def _check_limits(file: str, text: str) -> list[str]:
+    """Refuse limits of a URDF file that MuJoCo takes for none, without a word.
+
+    Which joints have a limit of their velocity, of which MuJoCo knows nothing.
+    """
     joint = {"name": "", "type": ""}
+    limited: list[str] = []
 
     def start(tag: str, has: dict[str, str]) -> None:
         if tag == "joint":
@@ -173,6 +178,8 @@ def _check_limits(file: str, text: str) -> None:
                 check_real("effort", given["effort"], nonnegative=True, finite=False)
                 if joint["type"] != "continuous":
                     check_limits("lower, upper", [given["lower"], given["upper"]])
+            if "velocity" in has:
+                limited.append(joint["name"])
 
     parser = expat.ParserCreate()
     parser.StartElementHandler = start
@@ -180,6 +187,7 @@ def _check_limits(file: str, text: str) -> None:
         parser.Parse(text, True)
     except expat.ExpatError as error:
         raise FormatError(f"{file}: {error}") from None
+    return limited
 
 
 def _free_base(spec: Any) -> None:
