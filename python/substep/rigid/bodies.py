@@ -351,7 +351,8 @@ class RigidBodies(Robots, Runs, States):
         """Say what holds between surfaces of two materials, from the next step on. Bodies wake.
 
         It takes the place of what was said of the pair before. What is None follows from the two
-        surfaces, as `add` says; where all is, the pair is like any other again.
+        surfaces, as `add` says, but static friction follows from `friction` where that is given;
+        where all is None, the pair is like any other again.
 
         Parameters
         ----------
@@ -360,7 +361,7 @@ class RigidBodies(Robots, Runs, States):
         friction : float, optional
             Coefficient of Coulomb friction of what slips.
         static_friction : float, optional
-            Of what sticks, at least `friction`, which it is unless given.
+            Of what sticks, at least `friction`, which it needs beside it and is unless given.
         restitution : float, optional
             From 0 to 1.
         rolling_friction, spinning_friction : float, optional
