@@ -28,7 +28,7 @@ constexpr auto kPollInterval = std::chrono::milliseconds(20);
 constexpr int kSpins = 2000;  // about 20 us: what a sleeping thread would need to wake up
 
 std::atomic<unsigned> forks{0};  // how often this process is a child of a fork()
-thread_local bool inside_task = false;
+[[gnu::tls_model("initial-exec")]] thread_local bool inside_task = false;
 
 inline void pause_cpu() {
 #if defined(__x86_64__)

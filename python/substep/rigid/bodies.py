@@ -385,6 +385,7 @@ class RigidBodies(Robots, Runs, States):
         0.51
         """
         known = {fixture.material for made in self._made for fixture in made[0]} - {None}
+        known.update(name for pair in self.material_pairs for name in pair)
         names = [check_material(*given) for given in (("a", a), ("b", b))]
         for argument, name in zip("ab", names, strict=True):
             if name not in known:

@@ -52,7 +52,7 @@ class Phases {
   template <class F>
   void add(std::int64_t chunks, const F& task) {
     chunks_.push_back(chunks);
-    tasks_.push_back(Task(task));
+    tasks_.emplace_back(task);
   }
   template <class F>
   void add_range(std::int64_t n, std::int64_t grain, const F& task) {

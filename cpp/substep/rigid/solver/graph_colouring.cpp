@@ -78,24 +78,31 @@ void GraphColouring::make_sweep(std::span<const BodyPair> constraints, std::int3
   sweep.lanes = lanes;
   sweep.constraint.clear();
   std::array<std::int64_t, kColours> count{};
+  std::array<std::uint64_t, kColours / 64> used{};  // bits of the colours that are
   std::size_t uncoloured = 0;
   for (const std::uint8_t colour : colours) {
     if (colour < kColours) {
       ++count[colour];
+      used[colour / 64] |= std::uint64_t{1} << colour % 64;
     } else {
       ++uncoloured;
     }
   }
   if (uncoloured > 0) append_uncoloured(constraints, bodies, colours, sweep);
 
-  std::array<std::int64_t, kColours> next{};       // lane of the next constraint of a colour
-  std::array<std::int64_t, kColours + 2> first{};  // packet of each part: uncoloured, colours, end
-  first[1] = sweep.packets();
-  for (std::size_t k = 0; k < kColours; ++k) {
-    next[k] = first[k + 1] * lanes;
-    first[k + 2] = first[k + 1] + (count[k] + lanes - 1) / lanes;
-  }
-  sweep.constraint.resize(usize(first.back() * lanes), -1);
+  std::array<std::int64_t, kColours> next;  // lane of the next constraint of a colour that is used
+  const auto each_colour = [&](const auto& task) {
+    for (std::size_t word = 0; word < used.size(); ++word)
+      for (std::uint64_t bits = used[word]; bits != 0; bits &= bits - 1)
+        task(64 * word + usize(std::countr_zero(bits)));
+  };
+  const std::int64_t coloured = sweep.packets();
+  std::int64_t packets = coloured;
+  each_colour([&](std::size_t k) {
+    next[k] = packets * lanes;
+    packets += (count[k] + lanes - 1) / lanes;
+  });
+  sweep.constraint.resize(usize(packets * lanes), -1);
   for (std::size_t c = 0; c < colours.size(); ++c) {
     if (colours[c] >= kColours) continue;
     sweep.constraint[usize(next[colours[c]]++)] = static_cast<std::int32_t>(c);
@@ -104,13 +111,10 @@ void GraphColouring::make_sweep(std::span<const BodyPair> constraints, std::int3
   sweep.chunk_start.assign(1, 0);
   sweep.phase_start.assign(1, 0);
   bool one_by_one = false;  // the last phase is one chunk, which may grow
-  for (std::size_t part = 0; part <= kColours; ++part) {
-    const std::int64_t end = first[part + 1], packets = end - first[part];
-    if (packets == 0) continue;
-    const bool small = part == 0 || packets <= kSmallColour || sweep.packets() <= kSmallSweep;
+  const auto add = [&](std::int64_t end, bool small) {
     if (small && one_by_one) {
       sweep.chunk_start.back() = end;
-      continue;
+      return;
     }
     while (sweep.chunk_start.back() < end) {
       sweep.chunk_start.push_back(
@@ -118,7 +122,12 @@ void GraphColouring::make_sweep(std::span<const BodyPair> constraints, std::int3
     }
     sweep.phase_start.push_back(static_cast<std::int64_t>(sweep.chunk_start.size()) - 1);
     one_by_one = small;
-  }
+  };
+  if (coloured > 0) add(coloured, true);
+  each_colour([&](std::size_t k) {
+    const std::int64_t own = (count[k] + lanes - 1) / lanes;
+    add((next[k] + lanes - 1) / lanes, own <= kSmallColour || packets <= kSmallSweep);
+  });
   sweep.chunks_of_phase.clear();
   for (std::size_t f = 0; f + 1 < sweep.phase_start.size(); ++f) {
     sweep.chunks_of_phase.push_back(sweep.phase_start[f + 1] - sweep.phase_start[f]);

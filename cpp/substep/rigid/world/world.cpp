@@ -291,7 +291,9 @@ void World::set_material_pair(const MaterialPair& pair) {
   const auto known = [&](const std::string& name) {
     for (std::int32_t f = 0; f < fixtures_.size(); ++f)
       if (fixtures_[f].fixture.material == name) return true;
-    return false;
+    const auto pairs = material_pairs();
+    return std::any_of(pairs.begin(), pairs.end(),
+                       [&](const MaterialPair& p) { return p.a == name || p.b == name; });
   };
   for (const std::string* name : {&pair.a, &pair.b})
     if (name->empty() || !known(*name))
