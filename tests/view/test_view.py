@@ -162,6 +162,46 @@ def test_what_lies_above_the_ground_has_a_shadow(tmp_path):
         assert place[0] > ball_at[0] and place[1] > ball_at[1]  # below, and away from the light
 
 
+def hills(tmp_path, x, y, z, faces):
+    """Red hills at heights z, and a ball that is first above them, then far away."""
+    points = np.stack([x, y, z], axis=-1)
+    ball = substep.geometry.sphere_mesh(0.3, (0, 0, 1.5), 2)
+    parts = {
+        "ball": substep.Part("mesh", triangles=ball.faces),
+        "hills": substep.Part("mesh", triangles=faces, points=points),
+    }
+    frames = [{"ball": {"points": ball.vertices + np.array([0, 0, up])}} for up in (0, 90)]
+    return record(tmp_path / "hills.vtkhdf", parts, frames)
+
+
+def test_shadows_fall_on_hills(tmp_path):
+    field = substep.HeightField(np.full((5, 5), 0.5), 1.0, (-2, -2, 0)).mesh()
+    recording = hills(tmp_path, *field.vertices.T, field.faces)
+    box = [[-2, -2, 0], [2, 2, 1]]
+    view = View(
+        Camera(0, 90), {"hills": Look(RED), "ball": Look(BLUE)}, box=lambda r: box, bar=False
+    )
+    shaded, bare = (view.image(recording, frame, SIZE).astype(int) for frame in (0, 1))
+    seen = reddish(shaded) & reddish(bare)
+    darker = seen & ((bare - shaded).sum(axis=2) > 40)
+    # The middle of the shadow: 1 m below the ball, seen with x downwards and y to the right.
+    rows, columns = np.nonzero(seen)
+    metre = np.ptp(rows) / 4
+    middle = np.argwhere(darker).mean(axis=0) - [rows.mean(), columns.mean()]
+    np.testing.assert_allclose(middle / metre, [0.45, 0.30], atol=0.15)
+    assert 0.05 < darker.sum() / metre**2 < 1.5
+
+
+def test_no_shadow_falls_on_what_has_an_upper_and_a_lower_side(tmp_path):
+    table = substep.geometry.box_mesh((4.0, 4, 0.1))  # the ball may be below it
+    x, y, z = table.vertices.T
+    recording = hills(tmp_path, x, y, z + 3, table.faces)
+    view = View(Camera(0, 90), {"hills": Look(RED)}, box=lambda r: [[-2, -2, 0], [2, 2, 3]])
+    below, away = (view.image(recording, frame, SIZE).astype(int) for frame in (0, 1))
+    table = reddish(below) & reddish(away)
+    assert table.sum() > 1000 and np.abs(below - away)[table].max() == 0
+
+
 def test_particles_may_come_and_go(tmp_path):
     frames = [{"p": {"points": np.arange(3.0 * n).reshape(n, 3)}} for n in (5, 0, 9)]
     recording = record(tmp_path / "a.vtkhdf", {"p": substep.Part()}, frames)

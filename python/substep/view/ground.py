@@ -1,7 +1,7 @@
 """The ground of a picture: a disc that fades into the background, and a soft shadow on it.
 
 The shadow is a picture of its own: all parts in black, flattened onto the ground along the light,
-seen from above, and blurred.
+seen from above, and blurred. Hills are ground too: the shadow of the other parts is laid on them.
 """
 
 from __future__ import annotations
@@ -60,8 +60,17 @@ class Ground:
         flatten[:2, 2] = SLOPE
         flatten[:2, 3] = -height * SLOPE
         flatten[2] = (0, 0, 0, height)
+        # From points to the image of the shadow, from 0 to 1.
+        onto = flatten[:2] / (2 * half)
+        onto[:, 3] += 0.5 - center / (2 * half)
+        self._on_hills = pyvista.Texture(np.full((PIXELS, PIXELS, 3), 255, np.uint8))
+        self._on_hills.repeat = False
+        self._hills: list[Any] = []
         for body in bodies:
-            body.add_shadow_to(self._from_above, flatten, 2 * half / PIXELS)
+            actor = body.add_shadow_to(self._from_above, flatten, 2 * half / PIXELS)
+            if body.is_hill:
+                body.take_shadow(self._on_hills, onto)
+                self._hills.append(actor)
         camera = self._from_above.camera
         camera.parallel_projection = True
         camera.focal_point = (*center, height)
@@ -76,14 +85,27 @@ class Ground:
 
     def cast_shadow(self) -> None:
         """Draw the shadow of what is there now."""
+        image = self._shadow.to_image()
+        image.active_scalars[:, 3] = 255 * self._darkness()
+        image.Modified()
+        self._shadow.Modified()
+        if self._hills:
+            for hill in self._hills:
+                hill.visibility = False
+            image = self._on_hills.to_image()
+            image.active_scalars[:] = 255 * (1 - self._darkness())[:, None]
+            image.Modified()
+            self._on_hills.Modified()
+            for hill in self._hills:
+                hill.visibility = True
+
+    def _darkness(self) -> NDArray[np.float64]:
+        """Of the shadow, from 0 to 1; rows begin at the bottom, as those of images."""
         self._from_above.render()
         dark = 1 - self._from_above.screenshot(None, return_img=True)[..., 0] / 255.0
         soft = self._fading * np.fft.irfft2(np.fft.rfft2(dark) * self._blur, dark.shape)
-        image = self._shadow.to_image()
-        # Rows of an image begin at the bottom.
-        image.active_scalars[:, 3] = np.clip(255 * DARKNESS * soft[::-1].ravel(), 0, 255)
-        image.Modified()
-        self._shadow.Modified()
+        darkness: NDArray[np.float64] = np.clip(DARKNESS * soft[::-1].ravel(), 0, 1)
+        return darkness
 
     def __del__(self) -> None:
         with contextlib.suppress(Exception):  # not made, or the interpreter ends

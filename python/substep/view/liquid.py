@@ -86,10 +86,13 @@ class LiquidBody:
         data.point_data.active_normals_name = "Normals"
         return data
 
-    def add_shadow_to(self, plotter: Any, flatten: NDArray[np.float64], pixel: float) -> None:
-        """Put it, grey and flattened, before the camera that sees the shadow."""
+    is_hill = False  # on which shadows fall
+
+    def add_shadow_to(self, plotter: Any, flatten: NDArray[np.float64], pixel: float) -> Any:
+        """Put it, grey and flattened, before the camera that sees the shadow; returns the actor."""
         actor = plotter.add_mesh(self.data, color=(SHADOW,) * 3, lighting=False, reset_camera=False)
         actor.user_matrix = flatten
+        return actor
 
 
 class LiquidLayer:

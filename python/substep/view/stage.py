@@ -295,14 +295,32 @@ class _Body:
         else:
             options |= {"style": "points_gaussian", "emissive": False}
             options["render_points_as_spheres"] = True
-        actor = plotter.add_mesh(self.data, reset_camera=False, **options)
+        actor = self._actor = plotter.add_mesh(self.data, reset_camera=False, **options)
         if self.kind in RELIEF:
             actor.mapper.scale_factor = self._radius
             actor.mapper.SetSplatShaderCode(BALL % RELIEF[self.kind])
         return actor
 
-    def add_shadow_to(self, plotter: Any, flatten: NDArray[np.float64], pixel: float) -> None:
-        """Put it, black and flattened, before the camera that sees the shadow, a pixel so wide."""
+    @property
+    def is_hill(self) -> bool:
+        """Whether it is a fixed surface above the ground of which no part is above another."""
+        if not (self._fixed and self.kind == "surface" and self._look.opacity == 1):
+            return False
+        a, b, c = (np.asarray(self.data.points)[self._faces[:, k]] for k in range(3))
+        upwards = np.cross(b - a, c - a)[:, 2]
+        return bool(np.all(upwards > 0) or np.all(upwards < 0))
+
+    def take_shadow(self, texture: Any, coordinates: NDArray[np.float64]) -> None:
+        """Lay an image on it; `coordinates` is a matrix that takes points into that [0 to 1]."""
+        points = np.asarray(self.data.points)
+        self.data.active_texture_coordinates = points @ coordinates[:, :3].T + coordinates[:, 3]
+        self._actor.texture = texture
+
+    def add_shadow_to(self, plotter: Any, flatten: NDArray[np.float64], pixel: float) -> Any:
+        """Put it, black and flattened, before the camera that sees the shadow, a pixel so wide.
+
+        Returns the actor.
+        """
         options: dict[str, Any] = {"color": "black", "lighting": False, "reset_camera": False}
         if self.kind == "lines":
             options["line_width"] = 2
@@ -311,6 +329,7 @@ class _Body:
         actor = plotter.add_mesh(self.data, **options)
         actor.mapper.scalar_visibility = False
         actor.user_matrix = flatten
+        return actor
 
     def update(self, arrays: Mapping[str, Any]) -> None:
         """Take the points and the colours of a frame."""
