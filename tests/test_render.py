@@ -63,6 +63,23 @@ def test_frames_differ_and_the_last_is_the_default(recording, tmp_path, capsys):
     assert not (tmp_path / "x.png").exists()
 
 
+@pytest.mark.parametrize(("time", "frame"), [(0.0, 0), (0.14, 1), (9.0, 3)])
+def test_a_scene_chooses_the_frame_of_its_picture(recording, time, frame):
+    shown = []
+    scene = substep.scenes.Scene(
+        name="grains",
+        doc="Grains.",
+        parameters={"duration": substep.scenes.Parameter("time simulated", 0.3, unit="s")},
+        build=lambda parameters, seed: None,
+        picture=lambda recording, frame, figure: shown.append(frame),
+        still=lambda recording: time,
+    )
+    with substep.Recording(recording) as run:
+        render.draw(run, scene=scene)
+        render.draw(run, -1, scene=scene)
+    assert shown == [frame, 3]
+
+
 @pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")  # imageio-ffmpeg's pipes
 def test_movie_has_every_frame(recording, tmp_path, capsys):
     imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")

@@ -296,7 +296,7 @@ def _run(arguments: argparse.Namespace) -> None:
             )
     except _Failure as failure:
         if isinstance(failure.__cause__, SolverError) and not arguments.no_picture:
-            _draw(scene, recording, movie=False)  # the last state before it
+            _draw(scene, recording, frame=-1)  # the last state before it
         raise
     _summarize(scene, outcome)
     if not arguments.no_picture:
@@ -335,11 +335,12 @@ def _summarize(scene: Scene, outcome: Outcome) -> None:
     print(f"recording: {outcome.recording}", flush=True)
 
 
-def _draw(scene: Scene, recording: Path, *, movie: bool) -> None:
+def _draw(scene: Scene, recording: Path, *, frame: int | None = None, movie: bool = False) -> None:
     from .render import save_movie, save_picture
 
     try:
-        picture = save_picture(recording, recording.with_suffix(".png"), scene=scene)
+        out = recording.with_suffix(".png")
+        picture = save_picture(recording, out, frame=frame, scene=scene)
         print(f"picture: {picture}", flush=True)
         if movie:
             out = recording.with_suffix(".mp4")
@@ -416,9 +417,9 @@ def _render(arguments: argparse.Namespace) -> None:
     if suffix == ".png":
         if arguments.fps is not None:
             raise InputError("--fps: a picture has no frame rate; it is for --out FILE.mp4")
-        frame = Parameter("frame", -1).parse("--frame", arguments.frame or "-1")
-        assert isinstance(frame, int)
-        print(f"picture: {save_picture(arguments.file, out, frame=frame, **look)}")
+        if arguments.frame is not None:
+            look["frame"] = Parameter("frame", -1).parse("--frame", arguments.frame)
+        print(f"picture: {save_picture(arguments.file, out, **look)}")
     else:
         if arguments.frame is not None:
             raise InputError("--frame: a movie shows every frame; it is for --out FILE.png")

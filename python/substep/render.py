@@ -66,7 +66,7 @@ def _matplotlib() -> Any:
 
 def draw(
     recording: Recording,
-    frame: int = -1,
+    frame: int | None = None,
     *,
     scene: Scene | None = None,
     camera: Camera | None = None,
@@ -78,8 +78,9 @@ def draw(
     ----------
     recording : Recording
         The recording.
-    frame : int
-        Frame number; negative numbers count from the end.
+    frame : int, optional
+        Frame number; negative numbers count from the end. The one that the scene chose, or else
+        the last, unless given.
     scene : Scene, optional
         Whose picture to draw; the built-in scene that the recording names unless given.
     camera : Camera, optional
@@ -113,7 +114,7 @@ def draw(
     matplotlib = _matplotlib()
     with matplotlib.rc_context(STYLE):
         figure: Figure = matplotlib.figure.Figure(figsize=SIZE, dpi=PICTURE_DPI)
-        frame = _frame_number(recording, frame)
+        frame = _frame_number(recording, _still(recording, scene) if frame is None else frame)
         _picture_of(recording, scene, camera, color)(recording, frame, figure)
     return figure
 
@@ -122,7 +123,7 @@ def save_picture(
     path: str | Path,
     out: str | Path,
     *,
-    frame: int = -1,
+    frame: int | None = None,
     scene: Scene | None = None,
     camera: Camera | None = None,
     color: str | None = None,
@@ -135,8 +136,9 @@ def save_picture(
         The recording: VTKHDF or journal.
     out : str or Path
         The picture.
-    frame : int
-        Frame number; negative numbers count from the end.
+    frame : int, optional
+        Frame number; negative numbers count from the end. The one that the scene chose, or else
+        the last, unless given.
     scene : Scene, optional
         Whose picture to draw; the built-in scene that the recording names unless given.
     camera : Camera, optional
@@ -287,13 +289,26 @@ def _frame_number(recording: Recording, frame: int) -> int:
     return frame % frames
 
 
+def _scene_of(recording: Recording, scene: Scene | None) -> Scene | None:
+    if scene is None:
+        return load(recording.scene) if recording.scene in names() else None
+    if not isinstance(scene, Scene):
+        raise TypeError(f"scene: expected a Scene, got {describe(scene)}")
+    return scene
+
+
+def _still(recording: Recording, scene: Scene | None) -> int:
+    """The frame that the scene chose, or the last."""
+    scene = _scene_of(recording, scene)
+    if scene is None or scene.still is None or len(recording) == 0:
+        return -1
+    return int(np.argmin(np.abs(recording.times[:] - scene.still(recording))))
+
+
 def _picture_of(
     recording: Recording, scene: Scene | None, camera: Camera | None, color: str | None
 ) -> Callable[[Recording, int, Figure], None]:
-    if scene is None:
-        scene = load(recording.scene) if recording.scene in names() else None
-    elif not isinstance(scene, Scene):
-        raise TypeError(f"scene: expected a Scene, got {describe(scene)}")
+    scene = _scene_of(recording, scene)
     picture: Callable[[Recording, int, Figure], None] | None
     picture = None if scene is None else scene.picture
     if picture is None:

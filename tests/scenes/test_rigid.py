@@ -1,5 +1,7 @@
 """The scenes of rigid bodies show what they should."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import substep
@@ -109,6 +111,20 @@ class TestCardHouse:
         house.advance(3.0)
         assert house.measured["drift"][0] < 1e-4
         assert house.words().endswith("; the ball brought 15 of 15 down")
+
+    def test_the_ball_comes_from_near_and_the_picture_shows_the_fall(self):
+        house = built("card-house", stand=0.1)
+        ball = house.rows(house.thrown)
+        far = np.linalg.norm(house.positions[ball] - house.start.mean(axis=0))
+        assert 1.5 < far < 2.5
+        scene = scenes.load("card-house")
+        parameters = scene.complete({"stand": 0.1})
+        still = scene.still(SimpleNamespace(parameters=parameters))
+        moved = []
+        for duration in (still - 0.3, 0.3):
+            house.advance(duration)
+            moved.append(np.linalg.norm(house.positions[house.boxes] - house.start, axis=1).max())
+        assert moved[0] < 1e-4 and 0.05 < moved[1] < 0.5
 
 
 class TestRagdolls:

@@ -255,6 +255,9 @@ class Scene:
     picture : callable, optional
         `picture(recording, frame, figure)` draws one frame on a matplotlib figure, a
         `substep.render.View` for example; a plain view of all parts unless given.
+    still : callable, optional
+        `still(recording)` returns the time [s] of the frame that a picture shows unless told
+        otherwise, the one recorded nearest to it; the last frame unless given.
     frames : int
         Number of frames unless the run says otherwise, the first state included.
     time_unit : str
@@ -281,6 +284,7 @@ class Scene:
     notes: Callable[[Any], dict[str, str]] = no_notes
     summary: Callable[[Any], str] = no_summary
     picture: Callable[[Recording, int, Figure], None] | None = None
+    still: Callable[[Recording], float] | None = None
     frames: int = 101
     time_unit: str = "s"
     time_scale: float = 1.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from ...geometry import Box
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
 from .rigid_bodies import STEEL, rigid_parameters, solids_view
-from .thrown_ball import Target, ball_parameters
+from .thrown_ball import Target, ball_parameters, time_of_flight
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -78,7 +79,18 @@ class CardHouse(Target):
         dye = np.clip((storeys + 0.5) / levels + shade, 0, 1)
         card = Box((size * THICKNESS, size * WIDTH, size * HEIGHT))
         cards = self.put("cards", card, size * x, q, dye=dye, density=DENSITY)
-        self.build(cards, (1, 0.35, 0), 0.6 * size, 0.3 * size)
+        self.build(cards, (1, 0.35, 0), 0.6 * size, 0.3 * size, far=_far(parameters))
+
+
+def _far(parameters: Mapping[str, Any]) -> float:
+    """Where the ball comes from, just outside of the picture [m]."""
+    return float(parameters["height"] * (0.5 * parameters["levels"] * PITCH + 8))
+
+
+def _still(recording: Recording) -> float:
+    """While the house falls."""
+    p = recording.parameters
+    return float(p["stand"] + (time_of_flight(p["speed"], _far(p)) + 0.1 if p["speed"] > 0 else 0))
 
 
 def _box(recording: Recording) -> Array:
@@ -114,5 +126,6 @@ SCENE = Scene(
         _box,
         {"ball": Look(STEEL)},
     ),
+    still=_still,
     frames=151,
 )

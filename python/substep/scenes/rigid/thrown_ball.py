@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,7 +15,7 @@ from .rigid_bodies import Solids
 
 Array = NDArray[np.float64]
 
-FLIGHT = 1.2  # of the ball, from outside of the picture [s]
+FLIGHT = 1.2  # of the ball at most, from outside of the picture [s]
 
 
 def ball_parameters(speed: float, radius: float) -> dict[str, Parameter]:
@@ -37,6 +38,24 @@ def ball_parameters(speed: float, radius: float) -> dict[str, Parameter]:
     }
 
 
+def time_of_flight(speed: float, far: float = math.inf) -> float:
+    """Of the ball, until it hits.
+
+    Parameters
+    ----------
+    speed : float
+        Across the ground [m/s], above 0.
+    far : float
+        It comes from no farther away [m].
+
+    Returns
+    -------
+    float
+        In seconds.
+    """
+    return min(FLIGHT, far / speed)
+
+
 class Target(Solids):
     """Solids that stand for a while, which is measured, until a ball hits them.
 
@@ -51,6 +70,7 @@ class Target(Solids):
     direction: Array
     start: Array
     fall: float
+    flight: float
     thrown: NDArray[np.int64] | None
 
     def __init__(self, parameters: Mapping[str, Any]) -> None:
@@ -65,6 +85,7 @@ class Target(Solids):
         direction: ArrayLike,
         height: float,
         fall: float | None = None,
+        far: float = math.inf,
     ) -> None:
         """Remember where the boxes are, and hold a ball ready, outside of the picture.
 
@@ -79,6 +100,8 @@ class Target(Solids):
         fall : float, optional
             By which what was brought down is lower [m]; the height of the first box's middle
             unless given.
+        far : float
+            The ball comes from no farther away [m].
         """
         self.boxes = boxes
         self.direction = np.asarray(direction, float) / np.linalg.norm(direction)
@@ -86,7 +109,8 @@ class Target(Solids):
         self.fall = self.start[0, 2] if fall is None else fall
         self.thrown = None
         if self.speed > 0:
-            x = [0, 0, height] - FLIGHT * self.speed * self.direction
+            self.flight = time_of_flight(self.speed, far)
+            x = [0, 0, height] - self.flight * self.speed * self.direction
             self.thrown = self.put("ball", Sphere(self.radius), x, segments=64, density=2000.0)
             self.set_motion("kinematic", self.thrown)
 
@@ -98,7 +122,7 @@ class Target(Solids):
         self.measured["drift"][0] = np.hypot(moved[:, 0], moved[:, 1]).max()
         self.measured["sinking"][0] = -moved[:, 2].min()
         if self.thrown is not None and self.time >= self.stand:
-            up = -0.5 * FLIGHT * self.gravity  # as high as now when it hits
+            up = -0.5 * self.flight * self.gravity  # as high as now when it hits
             self.set_motion("dynamic", self.thrown)
             self.set_velocities(self.speed * self.direction + up, ids=self.thrown)
 
