@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.quaternions import rotate
-from ...geometry import Box, Capsule, Cylinder, HeightField
+from ...geometry import Box, Capsule, Cylinder, HeightField, TriangleMesh
 from ...rigid import SpeedMotor, SpringMotor
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
-from .rigid_bodies import Solids, rigid_parameters, solids_view
+from .rigid_bodies import STEEL, Solids, Surfaces, joined, rigid_parameters, shifted, solids_view
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -24,6 +24,7 @@ WAVES, STONES = 8, 60  # that hills are made of, and that lie on them
 RADIUS, BREADTH = 0.25, 0.18  # of a wheel [m]
 AXLES, HALF = (-0.62, 0.0, 0.62), 0.55  # where wheels are along and across the rover [m]
 ARM = np.array([0.3, 0.0, 0.14])  # of an axle to its pivot, at rest [m]
+SPOKES = 3  # of a wheel, each across all of it
 CHASSIS, MAST = (1.5, 0.75, 0.26), 0.55  # [m]
 MASS, OF_WHEEL, OF_ARM = 60.0, 5.0, 2.0  # [kg]
 SAG = 0.25  # of the springs under the load [rad]
@@ -49,6 +50,14 @@ def _hills(parameters: dict[str, Any], random: np.random.Generator) -> HeightFie
     inside = np.minimum(LENGTH / 2 - np.abs(x), WIDTH / 2 - np.abs(y)) / MARGIN
     rise = np.clip(inside, 0, 1)
     return HeightField(heights * rise**2 * (3 - 2 * rise), s, (x[0, 0], y[0], 0.0))
+
+
+def _spokes() -> TriangleMesh:
+    """Spokes and a hub, drawn on both sides of a wheel to show how it turns."""
+    bar = Box((1.6 * RADIUS, 0.16 * RADIUS, BREADTH + 0.01)).mesh()
+    angles = np.arange(SPOKES) * np.pi / SPOKES / 2
+    bars = [shifted(bar, (0, 0, 0), (np.cos(a), 0, 0, np.sin(a))) for a in angles]
+    return joined([Cylinder(0.3 * RADIUS, BREADTH + 0.03).mesh(), *bars])
 
 
 class Rover(Solids):
@@ -94,16 +103,16 @@ class Rover(Solids):
         arm = self.put(
             "rover", Capsule(0.035, length), [axle + ARM / 2 - inner], turn, mass=OF_ARM, dye=0.3
         )[0]
-        wheel = self.put(
-            "wheels", Cylinder(RADIUS, BREADTH), [axle], ACROSS, mass=OF_WHEEL, dye=0.0
-        )[0]
+        tyre = Cylinder(RADIUS, BREADTH)
+        wheel = self.put("wheels", tyre, [axle], ACROSS, mass=OF_WHEEL, segments=64)
+        self.surfaces.setdefault("spokes", Surfaces()).add(wheel, _spokes(), None)
         stiffness = MASS * 9.81 / (2 * len(AXLES)) * ARM[0] / SAG
         damping = parameters["damping"] * stiffness
         spring = SpringMotor(-SAG, stiffness, damping)
         self.hinge(int(arm), self.chassis, pivot, axis, limits=(-0.6, 0.9), motor=spring)
         motor = SpeedMotor(parameters["speed"] / RADIUS, parameters["torque"])
-        self.hinge(int(wheel), int(arm), axle, axis, motor=motor)
-        return int(wheel)
+        self.hinge(int(wheel[0]), int(arm), axle, axis, motor=motor)
+        return int(wheel[0])
 
     def after_step(self) -> None:
         """Note how far it leans, and how high it was."""
@@ -124,9 +133,9 @@ class Rover(Solids):
 
 
 def _box(recording: Recording) -> Array:
-    high = recording.parameters["hills"] + 0.5
-    half = np.array([LENGTH, WIDTH]) / 2 - 0.5
-    return np.array([[*-half, 0], [*half, high]])
+    """Around its way, where it goes on the whole; the hills reach out of the picture."""
+    high = recording.parameters["hills"] + 0.3
+    return np.array([[-LENGTH / 2 - 0.6, -1.0, 0], [LENGTH / 2 - 2.4, 1.8, high]])
 
 
 SCENE = Scene(
@@ -149,11 +158,12 @@ SCENE = Scene(
     frame=Solids.frame,
     summary=Rover.words,
     picture=solids_view(
-        Camera(-62.0, 26.0),
+        Camera(75.0, 32.0),
         "magma",
         lambda recording: RADIUS,
         _box,
-        {"hills": Look("#b0764e")},
+        {"hills": Look("#b0764e"), "wheels": Look(STEEL), "spokes": Look("#e8e2d4")},
     ),
+    still=lambda recording: 0.75 * float(recording.times[-1]),
     frames=241,
 )
