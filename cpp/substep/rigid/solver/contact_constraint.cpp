@@ -58,9 +58,9 @@ void carry_impulses(const ContactConstraint& last, ContactConstraint& now) {
 
   // Of the two ends of a short edge that rolls on, one may press: the deeper one has it all.
   if (now.count + last.count == 3 && std::min(now.count, last.count) == 1) {
-    const auto deepest = std::min_element(
-        now.points, now.points + now.count,
-        [](const auto& p, const auto& q) { return p.separation < q.separation; });
+    const auto deepest =
+        std::min_element(now.points, now.points + now.count,
+                         [](const auto& p, const auto& q) { return p.separation < q.separation; });
     for (int k = 0; k < last.count; ++k) deepest->impulse += last.points[k].impulse;
     return;
   }

@@ -175,6 +175,14 @@ void JointGroup::refresh(std::size_t member, BodyRows& rows) {
   assign(rows.velocity[usize(m.row)].angular, m.seen_spin);
 }
 
+// The same within a sub-step: what it changes of the row is no push of contacts.
+void JointGroup::refresh_within(std::size_t member, BodyRows& rows) {
+  const Point<double>& spin = rows.velocity[usize(members_[member].row)].angular;
+  const Vec3 before = from_row(spin);
+  refresh(member, rows);
+  if (members_[member].moves) add(given_[member].angular, from_row(spin) - before);
+}
+
 // Forces alone, for a time that may be negative.
 void JointGroup::kick(double time, BodyRows& rows) {
   for (std::size_t k = 0; k < members_.size(); ++k) {
@@ -393,13 +401,19 @@ void JointGroup::mark_bodies(std::span<std::uint8_t> bodies) const {
 void JointGroup::see_inertia(std::size_t member, const Vec3& inertia, BodyRows& rows) {
   Member& m = members_[member];
   if (m.seen_inertia == inertia) return;
-  if (!begins_) {
-    const Quaternion q = rotation(member);
-    Eigen::Map<Vec3> L(&L_[3 * member]);
-    L = q * (q.conjugate() * L).cwiseProduct(m.seen_inertia.cwiseQuotient(inertia).cwiseMin(1));
+  if (begins_) {
+    m.seen_inertia = inertia;
+    refresh(member, rows);
+    return;
   }
+  const Quaternion q = rotation(member);
+  Eigen::Map<Vec3> L(&L_[3 * member]);
+  const Vec3 ratio = m.seen_inertia.cwiseQuotient(inertia);
+  Vec3 kept = ratio.cwiseMin(1);
+  if (!smooth_) kept = kept.cwiseMin(ratio.cwiseInverse());
+  L = q * (q.conjugate() * L).cwiseProduct(kept);
   m.seen_inertia = inertia;
-  refresh(member, rows);
+  refresh_within(member, rows);
 }
 
 void JointGroup::begin_substep(BodyRows& rows) {
@@ -429,11 +443,12 @@ void JointGroup::begin_substep(BodyRows& rows) {
     if (!m.moves || m.start_turn == m.seen_turn) continue;  // else by an impact
     turn(k, m.root * (m.start_turn - m.seen_turn));
     m.seen_turn = m.start_turn;
-    refresh(k, rows);
+    refresh_within(k, rows);
   }
   if (!begins_) {
     find_inertia();
-    for (std::size_t k = 0; k < members_.size(); ++k) see_inertia(k, members_[k].slow_inertia, rows);
+    for (std::size_t k = 0; k < members_.size(); ++k)
+      see_inertia(k, members_[k].slow_inertia, rows);
   }
   begins_ = false;
   set_gradients();

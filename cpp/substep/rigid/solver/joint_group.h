@@ -120,8 +120,11 @@ class JointGroup {
       L += moment;
   }
   Quaternion rotation(std::size_t member) const { return load_quaternion(&now_.q[member].x); }
+  // By a displacement, with what it turns at: of a thin body another axis has other energy.
   void turn(std::size_t member, const Vec3& by) {
-    store_quaternion((rotation_by(by) * rotation(member)).normalized(), &now_.q[member].x);
+    const Quaternion turned = rotation_by(by);
+    store_quaternion((turned * rotation(member)).normalized(), &now_.q[member].x);
+    Vec3::Map(&L_[3 * member]) = turned * momentum(member);
   }
 
   static JointQuaternion rotations(const Places& places, const std::int32_t* members);
@@ -147,6 +150,7 @@ class JointGroup {
   void store_pieces(const Pack& pack, const V* l);
 
   void refresh(std::size_t member, BodyRows& rows);
+  void refresh_within(std::size_t member, BodyRows& rows);
   bool read_momenta(const BodyRows& rows);
   void write_momenta(BodyRows& rows);
   void kick(double time, BodyRows& rows);
@@ -163,6 +167,7 @@ class JointGroup {
   bool solve(Stage stage, BodyRows& rows, double tolerance);
   void take_back(BodyRows& rows);
   bool slow_springs(const BodyRows& rows);
+  bool whirled() const;
   void solve_motion(BodyRows& rows, double tolerance);
   void factor();
   void apply(BodyRows& rows);
@@ -171,9 +176,9 @@ class JointGroup {
 
   Settings settings_;
   double regularisation_ = 0;
-  bool loops_ = false;   // not a tree
+  bool loops_ = false;        // not a tree
   bool has_springs_ = false;  // at what turns
-  bool closes_ = false;  // whether the motion leads to C = 0, not to what C was
+  bool closes_ = false;       // whether the motion leads to C = 0, not to what C was
   bool smooth_ = false, factored_ = false, whirls_ = false;
   bool tried_ = false;   // whether the trial is that of the velocities
   bool solved_ = false;  // whether that is the motion sought, but for what contacts change

@@ -13,7 +13,8 @@ namespace {
 using Mode = JointLaw::Mode;
 
 constexpr int kIterations = 30;
-constexpr double kMostTurn = 0.5;  // by a spring that yields, in a sub-step [rad]
+constexpr double kMostTurn = 0.5;       // by a spring that yields, in a sub-step [rad]
+constexpr double kWhirls = 1;           // in a sub-step, which no joint turns a body by [rad]
 constexpr double kEnoughMotion = 1e-6;  // of C [m], [rad], where it does not get better
 
 // What drives a row.
@@ -78,16 +79,18 @@ void JointGroup::set_laws(Pack& pack, Stage stage) {
       if (motor.type == MotorType::kSpeed) {
         law.rate = motor.target;
       } else {
-        // The half kick that begins a step damps what the last one left, u, as long as that does
-        // not turn it back: then both together are of second order.
+        // What contacts do between would feed a spring, so that a part of it is implicit there. The
+        // half kick that begins a step damps what the last one left, u, as long as that does not
+        // turn it back: then both together are of second order.
+        const double part = smooth_ ? 0 : 0.5 * h * (h * motor.stiffness + motor.damping);
         const double mass = 1 / pack.mobility[row][lane], half = 0.5 * h * motor.damping;
         const bool begins = stage == Stage::kMotion && weight_ < 1;
-        const double D =
-            std::max(0.25 * h * h * motor.stiffness + (begins ? std::max(half - mass, 0.) : half),
-                     1e-6 * mass);
+        const double D = std::max(
+            0.25 * h * h * motor.stiffness + (begins ? std::max(half - mass, 0.) : half) + part,
+            1e-6 * mass);
         const double u = pack.rate[row][lane];
         const double impulse =
-            -weight_ * h * (motor.stiffness * (y - motor.target) + motor.damping * u);
+            -weight_ * h * (motor.stiffness * (y - motor.target) + motor.damping * u) - part * u;
         law.before = u;
         law.rate = u + impulse / D;
         law.compliance = 1 / D;
@@ -237,11 +240,21 @@ bool JointGroup::slow_springs(const BodyRows& rows) {
   return any;
 }
 
+// Whether the motion found is one that turns a body far, where its ends fit again.
+bool JointGroup::whirled() const {
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    if (!members_[k].moves) continue;
+    const double spin = (members_[k].W * momentum(k)).norm();
+    if (settings_.h * spin > kWhirls && spin > 2 * from_row(before_[k].angular).norm()) return true;
+  }
+  return false;
+}
+
 // Where no motion that fulfils the constraints is near (a chain that snaps taut), the velocities
 // do, which takes energy and so is stable.
 void JointGroup::solve_motion(BodyRows& rows, double tolerance) {
   const auto solve_either = [&] {
-    if (solve(Stage::kMotion, rows, tolerance)) return;
+    if (solve(Stage::kMotion, rows, tolerance) && !whirled()) return;
     take_back(rows);
     solve(Stage::kVelocity, rows, kTolerance);
   };

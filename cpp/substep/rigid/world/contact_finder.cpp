@@ -101,8 +101,8 @@ class ContactFinder::Search {
                            fixtures_.body_pose(b.body), acts_at(motion_, a.body, b.body));
     contact.rolls_on = is_round(a.fixture.shape) || is_round(b.fixture.shape);
     const double turn = std::max(ways_[usize(a.body)].angle, ways_[usize(b.body)].angle);
-    contact.tips = touch.time == 0 && (turns_by(a, b) > slow_for(a, b) ||
-                                       (turn > kPivots && on_edge(contact)));
+    contact.tips = touch.time == 0 &&
+                   (turns_by(a, b) > slow_for(a, b) || (turn > kPivots && on_edge(contact)));
     contact.fixture_a = touch.pair.a, contact.fixture_b = touch.pair.b;
     const Surface surface = fixtures_.surface(a.fixture, b.fixture);
     contact.friction = surface.friction;
