@@ -147,9 +147,8 @@ void JointGroup::begin_step(std::span<const Joint> joints, std::span<const std::
   }
   closes_ = loops_ && open;
   regularisation_ = closes_ ? kOpenLoops : loops_ ? kLoops : kTrees;
-  find_inertia();
   begins_ = true;
-  for (std::size_t k = 0; k < members_.size(); ++k) see_inertia(k, members_[k].slow_inertia, rows);
+  find_inertia(rows);
   weight_ = smooth_ ? 0.5 : 1;
   if (smooth_) kick(-0.5 * settings_.h, rows);
 }
@@ -351,9 +350,8 @@ void JointGroup::factor() {
 // Forces f at arms r turn a body back into their direction, by K = r . f: a link of a rope that
 // holds a heavy load swings about its centre at w = sqrt(K / I). That is unstable from h w = 2 on,
 // so impulses turn it as if its moments were at least those of a smaller h w; no others change, nor
-// how it turns freely (Andrews, Teichmann and Kovecses 2017, Comput. Animat. Virtual
-// Worlds 28).
-void JointGroup::find_inertia() {
+// how it turns freely (Andrews, Teichmann and Kovecses 2017, Comput. Animat. Virtual Worlds 28).
+void JointGroup::find_inertia(BodyRows& rows) {
   for (BodyRow& arm : sums_) arm = {};  // K for the three axes; sum of K r, and of K
   for (const Pack& pack : packs_) {
     if (pack.type == JointType::kSlider || pack.type == JointType::kDistance) continue;
@@ -379,16 +377,19 @@ void JointGroup::find_inertia() {
   const double most = smooth_ ? kFreeSwing : kSwing;
   whirls_ = false;
   for (std::size_t k = 0; k < members_.size(); ++k) {
-    Member& m = members_[k];
+    const Member& m = members_[k];
     const BodyRow& arm = sums_[k];
-    m.slow_inertia = m.inertia;
-    if (!m.moves || !(arm.angular.w > 0)) continue;
-    // What hangs at one end swings about it.
-    const Vec3 r = 1 / (m.scale * arm.angular.w) * from_row(arm.angular);
-    const Vec3 about_end = Vec3::Constant(r.squaredNorm()) - r.cwiseAbs2();
-    const Vec3 least = settings_.h * settings_.h / (most * most) * from_row(arm.linear) - about_end;
-    m.slow_inertia = m.inertia.cwiseMax(least);
-    whirls_ |= m.slow_inertia != m.inertia;
+    Vec3 inertia = m.inertia;
+    if (m.moves && arm.angular.w > 0) {
+      // What hangs at one end swings about it.
+      const Vec3 r = 1 / (m.scale * arm.angular.w) * from_row(arm.angular);
+      const Vec3 about_end = Vec3::Constant(r.squaredNorm()) - r.cwiseAbs2();
+      const Vec3 least =
+          settings_.h * settings_.h / (most * most) * from_row(arm.linear) - about_end;
+      inertia = inertia.cwiseMax(least);
+      whirls_ |= inertia != m.inertia;
+    }
+    see_inertia(k, inertia, rows);
   }
 }
 
@@ -445,11 +446,7 @@ void JointGroup::begin_substep(BodyRows& rows) {
     m.seen_turn = m.start_turn;
     refresh_within(k, rows);
   }
-  if (!begins_) {
-    find_inertia();
-    for (std::size_t k = 0; k < members_.size(); ++k)
-      see_inertia(k, members_[k].slow_inertia, rows);
-  }
+  if (!begins_) find_inertia(rows);
   begins_ = false;
   set_gradients();
   for (Pack& pack : packs_) {

@@ -61,8 +61,7 @@ class JointGroup {
     bool moves;                 // by impulses
     double scale;               // 1 / sqrt(m)
     Vec3 inertia;               // principal moments
-    Vec3 slow_inertia;          // those that impulses find in the next sub-step
-    Vec3 seen_inertia;          // in this one
+    Vec3 seen_inertia;          // those that impulses find in this sub-step
     Vec3 origin;                // position at the start of the step
     Mat3 root, unroot;          // W^(1/2) of the start of the step, and its inverse
     Mat3 W;                     // of the start of the sub-step
@@ -155,7 +154,7 @@ class JointGroup {
   void write_momenta(BodyRows& rows);
   void kick(double time, BodyRows& rows);
   void begin_substep(BodyRows& rows);
-  void find_inertia();
+  void find_inertia(BodyRows& rows);
   double correct_positions(BodyRows& rows);
   void see_inertia(std::size_t member, const Vec3& inertia, BodyRows& rows);
   void set_gradients();
