@@ -288,7 +288,7 @@ def _check_suffix(path: str, known: Iterable[str]) -> None:
     suffix = os.path.splitext(path)[1].lower()
     if suffix[1:] and suffix[1:] not in known:
         listed = ", ".join(f".{name}" for name in sorted(known))
-        raise InputError(f"path: expected a file ending in one of {listed}; got {describe(path)}")
+        raise InputError(f"path: expected a file ending in one of {listed}; got {describe(suffix)}")
 
 
 def _drawable(name: str, values: Array) -> Array:
