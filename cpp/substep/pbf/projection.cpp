@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "substep/core/interrupt.h"
 #include "substep/core/usize.h"
@@ -16,18 +17,20 @@ Real gradient_scale(const Neighbourhood<Real>& near) {
   return near.volume * kernel_scale(near) / near.h;
 }
 
+// Of a step of conjugate gradients along p, that is tried first.
+constexpr double kShortest = 0.1, kLongest = 10;
+
+template <class V>
+SUBSTEP_INLINE void add(const V& factor, const Vector3<V>& g, PointLanes<V>& sum) {
+  sum.x = fma<V>(factor, g[0], sum.x), sum.y = fma<V>(factor, g[1], sum.y);
+  sum.z = fma<V>(factor, g[2], sum.z);
+}
+
 }  // namespace
 
 template <class Real>
 void VelocityProjection<Real>::prepare(const Neighbourhood<Real>& near, const Walls& walls,
                                        double surface_density, double dt) {
-  find_corrections(near, walls, surface_density, dt);
-  find_gradients(near);
-}
-
-template <class Real>
-void VelocityProjection<Real>::find_corrections(const Neighbourhood<Real>& near, const Walls& walls,
-                                                double surface_density, double dt) {
   using V = Vector<Real>;
   constexpr double kLeastDeterminant = 0.2;  // of 1 in the lattice
   const std::int64_t n = near.size();
@@ -62,46 +65,53 @@ void VelocityProjection<Real>::find_corrections(const Neighbourhood<Real>& near,
   for_particles(n, particle, near.threads);
 }
 
+// Rows, columns and diagonal of c', and u.
 template <class Real>
-void VelocityProjection<Real>::find_gradients(const Neighbourhood<Real>& near) {
+void VelocityProjection<Real>::find_gradients(const Neighbourhood<Real>& near,
+                                              std::span<const Point<Real>> walls,
+                                              std::span<const Real> lambda) {
   using V = Vector<Real>;
   constexpr std::int64_t kLanes = sizeof(V) / sizeof(Real);
   const std::int64_t n = near.size();
-  begin_.resize(usize(n)), own_.resize(usize(n));
+  begin_.resize(usize(n)), own_.resize(usize(n)), inverse_diagonal_.resize(usize(n));
   std::int64_t blocks = 0;
   for (std::int64_t i = 0; i < n; ++i) {
     begin_[usize(i)] = blocks;
     blocks += (near.lists[i].count + kLanes - 1) / kLanes;
   }
-  if (rows_.size() < usize(blocks)) rows_.resize(usize(blocks));
-  if (columns_.size() < usize(blocks)) columns_.resize(usize(blocks));
+  if (rows_.size() < usize(blocks)) rows_.resize(usize(blocks)), columns_.resize(usize(blocks));
   const Real k = gradient_scale(near);
   const auto particle = [&](std::int64_t i) {
     const Symmetric<Real>& l = l_[usize(i)];
-    std::size_t at = usize(begin_[usize(i)]);
-    PointLanes<V> sum{};
+    Vector3<V>*row = rows_.data() + begin_[usize(i)], *column = columns_.data() + begin_[usize(i)];
+    PointLanes<V> sum{}, u{};
     for_pairs<V>(near, i, [&](const PairLanes<V>& pair) {
       const V f = k * CubicSpline::slope<V>(pair.q) * pair.inverse_r;
       const V gx = f * pair.x, gy = f * pair.y, gz = f * pair.z;
-      const auto diagonal = load_rows<V>([&](int j) { return &l_[usize(pair.index[j])].diagonal; });
-      const auto off = load_rows<V>([&](int j) { return &l_[usize(pair.index[j])].off; });
       const V x = l.diagonal.x * gx + l.off.x * gy + l.off.y * gz,
               y = l.off.x * gx + l.diagonal.y * gy + l.off.z * gz,
               z = l.off.y * gx + l.off.z * gy + l.diagonal.z * gz;
-      rows_[at] = {x, y, z};
-      columns_[at] = {diagonal.x * gx + off.x * gy + off.y * gz,
-                      off.x * gx + diagonal.y * gy + off.z * gz,
-                      off.y * gx + off.z * gy + diagonal.z * gz};
-      ++at;
+      *row++ = {{x, y, z}};
       sum.x += x, sum.y += y, sum.z += z;
       sum.w = fma<V>(pair.inverse_mass, fma<V>(x, x, fma<V>(y, y, z * z)), sum.w);
+      const auto diagonal = load_rows<V>([&](int j) { return &l_[usize(pair.index[j])].diagonal; });
+      const auto off = load_rows<V>([&](int j) { return &l_[usize(pair.index[j])].off; });
+      *column = {{diagonal.x * gx + off.x * gy + off.y * gz,
+                  off.x * gx + diagonal.y * gy + off.z * gz,
+                  off.y * gx + off.z * gy + diagonal.z * gz}};
+      add(gather<V>(lambda.data(), pair.index), *column++, u);
     });
-    store_quad(own_[usize(i)], sum_points<V>(sum));
+    const Point<Real>& wall = walls[usize(i)];
+    const Quad<Real> all = sum_points<V>(sum) + Quad<Real>{wall.x, wall.y, wall.z, 0};
+    store_quad(own_[usize(i)], all);
+    const Real w = near.x[usize(i)].w,
+               diagonal = w * (all[0] * all[0] + all[1] * all[1] + all[2] * all[2]) + all[3];
+    inverse_diagonal_[usize(i)] = diagonal > 0 ? 1 / diagonal : 0;  // 0: nobody is near
+    set_u(i, w, lambda[usize(i)], sum_points<V>(u));
   };
   for_particles(n, particle, near.threads);
 }
 
-// u = M^-1 c'^T lambda.
 template <class Real>
 void VelocityProjection<Real>::spread(std::span<const Real> lambda,
                                       const Neighbourhood<Real>& near) {
@@ -109,17 +119,11 @@ void VelocityProjection<Real>::spread(std::span<const Real> lambda,
   constexpr int kLanes = sizeof(V) / sizeof(Real);
   const auto particle = [&](std::int64_t i) {
     const geometry::NeighbourList list = near.lists[i];
-    const Gradients* g = columns_.data() + begin_[usize(i)];
-    V x{}, y{}, z{};
-    for (int at = 0; at < list.count; at += kLanes, ++g) {
-      const V of_j = gather<V>(lambda.data(), list.indices + at);
-      x = fma<V>(of_j, g->x, x), y = fma<V>(of_j, g->y, y), z = fma<V>(of_j, g->z, z);
-    }
-    const Quad<Real> sum = sum_points<V>({x, y, z, V{}});
-    const Point<Real>& own = own_[usize(i)];
-    const Real a = lambda[usize(i)], w = near.x[usize(i)].w;
-    u_[usize(i)] = {w * (sum[0] + a * own.x), w * (sum[1] + a * own.y), w * (sum[2] + a * own.z),
-                    0};
+    const Vector3<V>* column = columns_.data() + begin_[usize(i)];
+    PointLanes<V> u{};
+    for (int at = 0; at < list.count; at += kLanes)
+      add(gather<V>(lambda.data(), list.indices + at), *column++, u);
+    set_u(i, near.x[usize(i)].w, lambda[usize(i)], sum_points<V>(u));
   };
   for_particles(near.size(), particle, near.threads);
 }
@@ -127,10 +131,9 @@ void VelocityProjection<Real>::spread(std::span<const Real> lambda,
 // The sum of use(i, c_i(v)).
 template <class Real>
 template <class Use>
-double VelocityProjection<Real>::compress(std::span<const Point<Real>> v,
-                                          const Neighbourhood<Real>& near,
-                                          std::span<const Point<Real>> walls,
-                                          const Use& use) const {
+auto VelocityProjection<Real>::compress(std::span<const Point<Real>> v,
+                                        const Neighbourhood<Real>& near,
+                                        std::span<const Point<Real>> walls, const Use& use) const {
   using V = Vector<Real>;
   constexpr int kLanes = sizeof(V) / sizeof(Real);
   return ordered_sum(
@@ -138,13 +141,14 @@ double VelocityProjection<Real>::compress(std::span<const Point<Real>> v,
       [&](std::int64_t i) {
         const Point<Real>&vi = v[usize(i)], &wall = walls[usize(i)];
         const geometry::NeighbourList list = near.lists[i];
-        const Gradients* g = rows_.data() + begin_[usize(i)];
+        const Vector3<V>* row = rows_.data() + begin_[usize(i)];
         V c{};
-        for (int at = 0; at < list.count; at += kLanes, ++g) {
+        for (int at = 0; at < list.count; at += kLanes) {
           const PointLanes<V> vj = load_points<V>(v.data(), list.indices + at);
-          c = fma<V>(g->x, vi.x - vj.x, fma<V>(g->y, vi.y - vj.y, fma<V>(g->z, vi.z - vj.z, c)));
+          const Vector3<V>& g = *row++;
+          c = fma<V>(g[0], vi.x - vj.x, fma<V>(g[1], vi.y - vj.y, fma<V>(g[2], vi.z - vj.z, c)));
         }
-        return use(i, sum_lanes(c) + wall.x * vi.x + wall.y * vi.y + wall.z * vi.z);
+        return use(usize(i), sum_lanes(c) + wall.x * vi.x + wall.y * vi.y + wall.z * vi.z);
       },
       near.threads);
 }
@@ -157,103 +161,90 @@ ProjectionReport VelocityProjection<Real>::project(const Neighbourhood<Real>& ne
                                                    std::span<Point<Real>> v) {
   const std::int64_t n = near.size();
   const auto rows = usize(n) + 1;
-  u_.resize(rows), now_.resize(rows), p_.resize(rows);
-  u_[rows - 1] = now_[rows - 1] = {0, 0, 0, 0};
-  p_[rows - 1] = 0;
-  r_.resize(usize(n)), ap_.resize(usize(n)), free_.resize(usize(n));
-  inverse_diagonal_.resize(usize(n));
+  u_.resize(rows);
+  u_[rows - 1] = {0, 0, 0, 0};
+  r_.resize(usize(n)), ap_.resize(usize(n));
+  p_.assign(rows, 0), step_.assign(rows, 0);
   ProjectionReport report;
   if (n == 0) return report;
+  // Of the particles whose multipliers may change: of |r|, r . z and (r - r before) . z, z = r / D.
+  struct Sums {
+    double error = 0, rz = 0, change = 0;
+    void operator+=(const Sums& o) { error += o.error, rz += o.rz, change += o.change; }
+  };
+  const auto is_free = [&](std::size_t i) {
+    return inverse_diagonal_[i] > 0 && (lambda[i] > 0 || r_[i] > 0);
+  };
+  const auto set_residual = [&](std::size_t i, Real r) {
+    const double before = double(r_[i]);
+    r_[i] = r;
+    if (!is_free(i)) return Sums{};
+    const double z = double(r) * double(inverse_diagonal_[i]);
+    return Sums{std::abs(double(r)), double(r) * z, (double(r) - before) * z};
+  };
+  find_gradients(near, walls, lambda);
   for_particles(
       n,
-      [&](std::int64_t i) {
-        Point<Real>& o = own_[usize(i)];
-        const Point<Real>& wall = walls[usize(i)];
-        o.x += wall.x, o.y += wall.y, o.z += wall.z;
-        const Real diagonal = near.x[usize(i)].w * (o.x * o.x + o.y * o.y + o.z * o.z) + o.w;
-        inverse_diagonal_[usize(i)] = diagonal > 0 ? 1 / diagonal : 0;
-        if (!(diagonal > 0)) lambda[usize(i)] = 0;  // nobody is near
+      [&](std::int64_t k) {
+        const auto i = usize(k);
+        if (inverse_diagonal_[i] == 0) lambda[i] = 0;
+        v[i].x -= u_[i].x, v[i].y -= u_[i].y, v[i].z -= u_[i].z;
       },
       near.threads);
-  // r = c(v - u(lambda)) - a, over all; z = r / D where lambda may change.
-  const auto begin = [&] {
-    spread(lambda, near);
-    for_particles(
-        n,
-        [&](std::int64_t i) {
-          const Point<Real>&a = v[usize(i)], &u = u_[usize(i)];
-          now_[usize(i)] = {a.x - u.x, a.y - u.y, a.z - u.z, a.w};
-        },
-        near.threads);
-    return compress(now_, near, walls, [&](std::int64_t i, Real c) {
-      const Real r = r_[usize(i)] = c - walls[usize(i)].w - allowed_[usize(i)];
-      free_[usize(i)] = inverse_diagonal_[usize(i)] > 0 && (lambda[usize(i)] > 0 || r > 0);
-      const Real z = p_[usize(i)] = free_[usize(i)] ? r * inverse_diagonal_[usize(i)] : 0;
-      return double(r) * double(z);
-    });
-  };
-  const auto error = [&] {
-    return dt / static_cast<double>(n) *
-           ordered_sum(
-               n,
-               [&](std::int64_t i) {
-                 const double r = double(r_[usize(i)]);
-                 return free_[usize(i)]                   ? std::abs(r)
-                        : inverse_diagonal_[usize(i)] > 0 ? std::max(r, 0.0)
-                                                          : 0.0;
-               },
-               near.threads);
-  };
-  double rz = begin();
+  Sums sums = compress(v, near, walls, [&](std::size_t i, Real c) {
+    return set_residual(i, c - walls[i].w - allowed_[i]);
+  });
+  Real alpha = 1, beta = 0;
   while (true) {
-    report.error = error();
+    report.error = dt / static_cast<double>(n) * sums.error;
     report.converged = report.error <= tolerance;
     if (report.converged || report.iterations >= max_iterations) break;
     poll_interrupt();
     ++report.iterations;
-    spread(p_, near);
-    const double pap = compress(u_, near, walls, [&](std::int64_t i, Real c) {
-      ap_[usize(i)] = c;
-      return double(c) * double(p_[usize(i)]);
-    });
-    if (!(pap > 0)) break;
-    const Real alpha = static_cast<Real>(rz / pap);
-    // Whether a multiplier ended at 0, and whether one may leave it.
-    struct Change {
-      double rz = 0;
-      bool ended = false, left = false;
-      void operator+=(const Change& o) { rz += o.rz, ended |= o.ended, left |= o.left; }
+    // A step along p, cut where a multiplier would fall below 0.
+    struct Step {
+      double sr = 0, most = std::numeric_limits<double>::infinity();  // s . r; the longest in s
+      void operator+=(const Step& o) { sr += o.sr, most = std::min(most, o.most); }
     };
-    const Change change = ordered_sum(
+    const Step step = ordered_sum(
         n,
         [&](std::int64_t k) {
           const auto i = usize(k);
-          Change here;
-          Real next = lambda[i] + alpha * p_[i];
-          if (next < 0) next = 0, here.ended = true;
-          lambda[i] = next;
-          r_[i] -= alpha * ap_[i];
-          now_[i].x -= alpha * u_[i].x, now_[i].y -= alpha * u_[i].y, now_[i].z -= alpha * u_[i].z;
-          if (!free_[i] && r_[i] > 0 && inverse_diagonal_[i] > 0) free_[i] = 1, here.left = true;
-          if (free_[i]) here.rz = double(r_[i]) * double(r_[i]) * double(inverse_diagonal_[i]);
+          p_[i] = is_free(i) ? r_[i] * inverse_diagonal_[i] + beta * p_[i] : 0;
+          Real& s = step_[i];
+          s = alpha * p_[i];
+          if (lambda[i] + s < 0) s = -lambda[i], p_[i] = s / alpha;
+          Step here{double(s) * double(r_[i])};
+          if (s < 0) here.most = double(lambda[i]) / -double(s);
           return here;
         },
         near.threads);
-    if (change.ended) {
-      rz = begin();
+    spread(step_, near);
+    const double sas = compress(u_, near, walls, [&](std::size_t i, Real c) {
+      ap_[i] = c;
+      return double(c) * double(step_[i]);
+    });
+    if (!(sas > 0)) break;
+    const double best = step.sr / sas;
+    if (!(best > 0)) {  // leads nowhere
+      if (beta == 0) break;
+      beta = 0;
       continue;
     }
-    const Real beta = change.left ? Real(0) : static_cast<Real>(change.rz / rz);
-    rz = change.rz;
-    for_particles(
+    const Real length = static_cast<Real>(std::min(best, step.most));
+    const double rz = sums.rz;
+    sums = ordered_sum(
         n,
         [&](std::int64_t k) {
           const auto i = usize(k);
-          p_[i] = (free_[i] ? r_[i] * inverse_diagonal_[i] : 0) + beta * p_[i];
+          lambda[i] = std::max(lambda[i] + length * step_[i], Real(0));
+          v[i].x -= length * u_[i].x, v[i].y -= length * u_[i].y, v[i].z -= length * u_[i].z;
+          return set_residual(i, r_[i] - length * ap_[i]);
         },
         near.threads);
+    alpha = static_cast<Real>(std::clamp(best * double(alpha), kShortest, kLongest));
+    beta = static_cast<Real>(std::max(sums.change / rz, 0.0));
   }
-  std::copy(now_.begin(), now_.end(), v.begin());
   return report;
 }
 

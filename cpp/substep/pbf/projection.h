@@ -11,8 +11,10 @@
 //   1999); at free surfaces L_i = I. There, L = I everywhere: with few neighbours, shear then
 //   counts as compression in part, and a projection in every step takes its energy away.
 // - G_iw = n (n . L_i grad b_iw), n a wall's normal: what slides along it is not compressed.
-// - Conjugate gradients, preconditioned by the diagonal and restarted where a multiplier ends at 0
-//   or leaves it, in place of Jacobi's iteration.
+// - Conjugate gradients, preconditioned by the diagonal, in place of Jacobi's iteration (directions
+//   by Polak and Ribiere 1969, which begin anew by themselves where multipliers end at 0 or leave
+//   it). A step is cut where a multiplier would fall below 0, and as long as is best along what is
+//   left: so what a cut changes needs no product of its own.
 // The gradients of c are kept, by rows and by columns: 24 bytes a pair (float32), and an iteration
 // is two products with a sparse matrix.
 // c'^T is what it is for c: linear momentum is kept to rounding, and angular momentum where
@@ -23,6 +25,7 @@
 #include <span>
 #include <vector>
 
+#include "substep/core/matrix3.h"
 #include "substep/core/usize.h"
 #include "substep/pbf/neighbourhood.h"
 #include "substep/pbf/options.h"
@@ -52,30 +55,27 @@ class VelocityProjection {
                            std::span<Point<Real>> v);
 
  private:
-  // L g_ij for as many pairs as there are lanes.
-  struct Gradients {
-    Vector<Real> x, y, z;
-  };
-
-  void find_corrections(const Neighbourhood<Real>& near, const Walls& walls, double surface_density,
-                        double dt);
-  void find_gradients(const Neighbourhood<Real>& near);
+  void find_gradients(const Neighbourhood<Real>& near, std::span<const Point<Real>> walls,
+                      std::span<const Real> lambda);
   void spread(std::span<const Real> lambda, const Neighbourhood<Real>& near);
+  // From the sum over the neighbours of i.
+  void set_u(std::int64_t i, Real inverse_mass, Real lambda, const Quad<Real>& sum) {
+    const Quad<Real> all = inverse_mass * (sum + lambda * load_quad(own_[usize(i)]));
+    u_[usize(i)] = {all[0], all[1], all[2], 0};
+  }
   template <class Use>
-  double compress(std::span<const Point<Real>> v, const Neighbourhood<Real>& near,
-                  std::span<const Point<Real>> walls, const Use& use) const;
+  auto compress(std::span<const Point<Real>> v, const Neighbourhood<Real>& near,
+                std::span<const Point<Real>> walls, const Use& use) const;
 
   std::vector<Symmetric<Real>> l_;  // n + 1 rows
   std::vector<Real> allowed_, inverse_diagonal_;
-  // c' row by row and column by column: of the neighbours of i, from begin_[i] on.
+  // c' row by row and column by column: of the neighbours of i, in lanes, from begin_[i] on.
   std::vector<std::int64_t> begin_;
-  std::vector<Gradients> rows_;     // L_i g_ij
-  std::vector<Gradients> columns_;  // L_j g_ij
-  std::vector<Point<Real>> own_;    // sum_j L_i g_ij + G_iw; w: sum_j w_j |L_i g_ij|^2
-  std::vector<Point<Real>> u_;      // M^-1 c'^T lambda
-  std::vector<Point<Real>> now_;    // v - u; n + 1 rows
-  std::vector<Real> r_, p_, ap_;
-  std::vector<std::uint8_t> free_;
+  std::vector<Vector3<Vector<Real>>> rows_;     // L_i g_ij
+  std::vector<Vector3<Vector<Real>>> columns_;  // L_j g_ij
+  std::vector<Point<Real>> own_;                // sum_j L_i g_ij + G_iw; w: sum_j w_j |L_i g_ij|^2
+  std::vector<Point<Real>> u_;  // M^-1 c'^T of the multipliers or of their step; n + 1 rows
+  std::vector<Real> r_, p_, step_, ap_;
 };
 
 extern template class VelocityProjection<float>;
