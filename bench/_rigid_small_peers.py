@@ -1,8 +1,9 @@
 """Small worlds in PyBullet and MuJoCo, for bench/rigid_small.py: ENGINE SCENE SECONDS.
 
-Prints one JSON line: the mean time of a step [us], its size [s], and at the end the deepest contact
-[m], and the energy [J] beside that at the start. Joints of both are coordinates: they cannot come
-apart.
+ENGINE: mujoco, mujoco-rk4 (Runge and Kutta's method, steps half as long), pybullet. Prints one JSON
+line: the mean time of a step [us], its size [s], the deepest contact at the end [m] and, where
+nothing touches, the largest change of the energy in 3 s, 60 times a second [J]. Joints of all are
+coordinates: they cannot come apart.
 """
 
 import json
@@ -34,7 +35,7 @@ def mujoco_tree(parts):
     return "".join(body(k, np.zeros(3)) for k in children[-1])
 
 
-def mujoco_world(boxes, trees, floor):
+def mujoco_world(boxes, trees, floor, options=f'timestep="{H}"'):
     import mujoco
 
     geoms = ['<geom type="plane" size="50 50 1"/>'] if floor else []
@@ -45,7 +46,7 @@ def mujoco_world(boxes, trees, floor):
         )
     touching = "" if floor else 'contype="0" conaffinity="0"'
     model = mujoco.MjModel.from_xml_string(
-        f'<mujoco><option timestep="{H}"><flag energy="enable"/></option><size memory="1G"/>'
+        f'<mujoco><option {options}><flag energy="enable"/></option><size memory="1G"/>'
         f'<default><geom friction="0.5 0 0" condim="3" {touching}/></default>'
         f"<worldbody>{''.join(geoms + [mujoco_tree(tree) for tree in trees])}</worldbody></mujoco>"
     )
@@ -53,7 +54,8 @@ def mujoco_world(boxes, trees, floor):
 
     def energy():
         mujoco.mj_forward(model, data)
-        return float(data.energy.sum())
+        unstable = any(warning.number for warning in data.warning)  # it begins anew then
+        return float("inf") if unstable else float(data.energy.sum())
 
     def depth():
         return max([0.0, *(-contact.dist for contact in data.contact[: data.ncon])])
@@ -143,17 +145,31 @@ def bullet_world(boxes, trees, floor):
     return p.stepSimulation, energy, depth
 
 
+def rk4_world(boxes, trees, floor):
+    return mujoco_world(boxes, trees, floor, f'timestep="{H / 2}" integrator="RK4"')
+
+
 def main(engine, scene, seconds):
-    step, energy, depth = {"mujoco": mujoco_world, "pybullet": bullet_world}[engine](
-        *scenes.SMALL[scene]
-    )
-    start, steps = energy(), round(float(seconds) / H)
+    h = H / 2 if engine == "mujoco-rk4" else H
+    make = {"mujoco": mujoco_world, "mujoco-rk4": rk4_world, "pybullet": bullet_world}[engine]
+    step, energy, depth = make(*scenes.SMALL[scene])
+    steps = round(float(seconds) / h)
     step()
     before = time.perf_counter()
     for _ in range(steps - 1):
         step()
     mean = 1e6 * (time.perf_counter() - before) / (steps - 1)
-    print(json.dumps({"step": mean, "h": H, "depth": depth(), "energy": [start, energy()]}))
+    record = {"step": mean, "h": h, "depth": depth()}
+    if not scenes.SMALL[scene][2]:
+        step, energy, _ = make(*scenes.SMALL[scene])
+        start, frame = energy(), round(1 / 60 / h)
+        change = 0.0
+        for _ in range(min(steps // frame, 180)):
+            for _ in range(frame):
+                step()
+            change = max(change, abs(energy() - start))
+        record["energy_change"] = change
+    print(json.dumps(record))
 
 
 if __name__ == "__main__":
