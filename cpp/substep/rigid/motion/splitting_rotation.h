@@ -68,15 +68,19 @@ SUBSTEP_INLINE QuaternionLanes<V> split_rotation(const QuaternionLanes<V>& q, co
   const V over = select(angle * angle > 1e-8, s / angle, 0.5 - angle * angle / 48.0);
   const QuaternionLanes<V> about_L{c, over * rate * L};
 
-  // About axis 1 by a half of the step, about axis 3, about axis 1; s and c of half the angles.
+  // About axis 1 by a half of the step, about axis 3, about axis 1; s and c of half the angles. Of
+  // symmetric bodies one of the two is none.
   const V low = 0.25 * dt * (1.0 / I[0] - common), high = 0.5 * dt * (1.0 / I[2] - common);
-  V sa, ca, sb, cb, sg, cg;
-  sincos(low * m[0], sa, ca);
-  const V C = 1.0 - 2.0 * sa * sa, S = 2.0 * sa * ca;
-  const V m1 = C * m[1] + S * m[2];
-  sincos(high * (C * m[2] - S * m[1]), sb, cb);
-  const V m0 = (1.0 - 2.0 * sb * sb) * m[0] + 2.0 * sb * cb * m1;
-  sincos(low * m0, sg, cg);
+  V sa{}, ca = splat<V>(1), sb{}, cb = splat<V>(1);
+  if (any(low != 0.0)) sincos(low * m[0], sa, ca);
+  V sg = sa, cg = ca;
+  if (any(high != 0.0)) {
+    const V C = 1.0 - 2.0 * sa * sa, S = 2.0 * sa * ca;
+    const V m1 = C * m[1] + S * m[2];
+    sincos(high * (C * m[2] - S * m[1]), sb, cb);
+    const V m0 = (1.0 - 2.0 * sb * sb) * m[0] + 2.0 * sb * cb * m1;
+    if (any(low != 0.0)) sincos(low * m0, sg, cg);
+  }
   QuaternionLanes<V> own{
       cb * (ca * cg - sa * sg),
       {{cb * (sa * cg + ca * sg), sb * (ca * sg - sa * cg), sb * (ca * cg + sa * sg)}}};
