@@ -1,12 +1,12 @@
 """Rigid bodies: the time of a step in small worlds, and how exact they are then.
 
 Two boxes, a stack of ten, a ragdoll with 14 joints on the ground, a chain of 100 hinges that is let
-go level, and 100 ragdolls; no limits at the joints. substep steps by 1/60 s with its defaults but for
-sleep, which is off; PyBullet and MuJoCo by 1/240 s; MuJoCo's RK4, in the chain alone, by 1/480 s,
-where it is about as exact. "step" is the mean time of a step, "second" the time that a simulated
+go level, and 100 ragdolls; no limits at the joints. substep steps by 1/60 s with its defaults but
+for sleep, which is off; PyBullet and MuJoCo by 1/240 s; MuJoCo's RK4, in the chain alone, by 1/480
+s, where it is about as exact. "step" is the mean time of a step, "second" the time that a simulated
 second takes. At the end "penetration" is the deepest contact, and "joint_error" how far a joint is
-off (0 where joints are coordinates); "energy_error" of the chain is the largest change of energy
-in 3 s, looked at 60 times a second, over what it swings with, M g L / 2.
+off (0 where joints are coordinates); "energy_error" of the chain is the largest change of energy in
+3 s, looked at 60 times a second, over what it swings with, M g L / 2.
 
 Peers run by the Python of SUBSTEP_PEER_PYTHON, or this one, one thread. Prints JSON lines
 {workload, peer, metric, value, unit, threads, isa}, and all of it as a table at the end.

@@ -43,7 +43,7 @@ class RadixSort {
 
  private:
   static constexpr std::size_t kFew = 1024;  // entries
-  static constexpr int kMaxDigit = 11;      // bits: the counters of a chunk stay in the L1 cache
+  static constexpr int kMaxDigit = 11;       // bits: the counters of a chunk stay in the L1 cache
   static constexpr std::int64_t kGrain = 32768;  // entries per chunk
 
   void sort_digit(std::vector<KeyedIndex<Key>>& entries, int shift, int digit, int threads) {
