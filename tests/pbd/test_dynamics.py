@@ -523,9 +523,9 @@ def test_setters_refuse_and_change_nothing():
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_coincident_points_are_skipped_and_counted(dtype):
     sim = substep.PositionBasedDynamics(
-        [[0, 0, 0], [0, 0, 0], [1, 0, 0]],
+        [[0, 0, 0], [0, 0, 0], [1, 0, 0], [2, 0, 0]],
         1.0,
-        [Distance([[0, 1], [1, 2]], [0.5, 1.0])],
+        [Distance([[0, 1], [2, 3]], [0.5, 1.0])],
         gravity=(0, 0, 0),
         dtype=dtype,
     )
