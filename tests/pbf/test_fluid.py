@@ -618,10 +618,13 @@ def test_sloshing_is_a_little_fast():
     assert -0.06 < period - 1 < 0
 
 
-@pytest.mark.parametrize("height", [0.25, 0.5, 1.0])
-def test_divergence_free_sloshing_has_its_period(height):
-    """Within 1 %, the mean of three starts that differ by 1e-4 spacings: -0.8 to -0.4 %."""
-    found = [slosh(height, 6, seed=seed, divergence_free=True) for seed in range(3)]
+@pytest.mark.parametrize(("height", "starts"), [(0.25, 8), (0.5, 3), (1.0, 3)])
+def test_divergence_free_sloshing_has_its_period(height, starts):
+    """Within 1 %: -0.7, -0.3, -0.1 %, means of starts that differ by 1e-4 spacings.
+
+    Periods of single starts scatter by 0.4, 0.2, 0.1 %.
+    """
+    found = [slosh(height, 6, seed=seed, divergence_free=True) for seed in range(starts)]
     assert np.mean([period for _, period in found]) == pytest.approx(1, abs=0.01)
 
 
