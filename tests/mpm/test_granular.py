@@ -152,10 +152,10 @@ def test_angle_of_repose():
 
     At constant volume the axes of stress and of strain rate lie at 45 degrees to a surface along
     which grains shear, so tan of its slope is sin of the friction angle. Flanks scatter by 1.3
-    degrees, so of each stiffness there are six; the mean of many is 25.8.
+    degrees, so of each stiffness there are six: 26.2, 25.9, 25.7 at v2, v3, v4.
     """
     soft, stiff = ([flanks(e, at) for at in (0.0, 3e-4, 6e-4)] for e in (100, 1000))
-    assert 24.8 < np.mean([soft, stiff]) < 30.0
+    assert 25.2 < np.mean([soft, stiff]) < 30.0
     assert np.mean(soft) == pytest.approx(np.mean(stiff), rel=0.1)
 
 
