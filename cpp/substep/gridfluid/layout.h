@@ -1,0 +1,59 @@
+// Where the numbers of a grid are: cells of a box in rows along the last axis, with a layer of ghost
+// cells around, and faces at the cells above them.
+//
+// A staggered (marker-and-cell) grid: Harlow and Welch, "Numerical calculation of time-dependent
+// viscous incompressible flow of fluid with free surface", 1965. All arrays of a grid, of cells and
+// of faces, have this one layout: number i of component a of the velocity stands at the face between
+// cell i and cell i - stride[a]. So an axis of n cells has cells 0 to n - 1, ghosts -1 and n, and
+// faces 0 to n. Loops run over rows, whose first cells are aligned to a cache line of floats.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "substep/core/usize.h"
+
+namespace substep::gridfluid {
+
+template <int D>
+struct Layout {
+  static_assert(D == 2 || D == 3);
+
+  explicit Layout(const std::array<int, D>& cells_, const std::array<bool, D>& periodic_ = {})
+      : cells(cells_), periodic(periodic_) {
+    stride[D - 1] = 1;
+    stride[D - 2] = (cells[D - 1] + 2 + kAlign - 1) / kAlign * kAlign;
+    if constexpr (D == 3) stride[0] = stride[1] * (cells[1] + 2);
+    first = kAlign;
+    for (int a = 0; a < D - 1; ++a) first += stride[usize(a)];
+    size = first + (cells[0] + 1) * stride[0];
+  }
+
+  std::int64_t rows() const { return D == 2 ? cells[0] : std::int64_t{cells[0]} * cells[1]; }
+  // The first cell of row r.
+  std::int64_t row(std::int64_t r) const {
+    if constexpr (D == 2) {
+      return first + r * stride[0];
+    } else {
+      return first + r / cells[1] * stride[0] + r % cells[1] * stride[1];
+    }
+  }
+  int row_length() const { return cells[D - 1]; }
+  std::int64_t index(const std::array<int, D>& cell) const {
+    std::int64_t i = first;
+    for (std::size_t a = 0; a < D; ++a) i += cell[a] * stride[a];
+    return i;
+  }
+  std::int64_t count() const { return rows() * row_length(); }
+
+  std::array<int, D> cells;
+  std::array<bool, D> periodic;        // whether what leaves on one side comes in on the other
+  std::array<std::int64_t, D> stride;  // of a cell along each axis
+  std::int64_t first;                  // of cell 0, 0, 0
+  std::int64_t size;                   // numbers in an array, ghosts included
+
+ private:
+  static constexpr int kAlign = 16;
+};
+
+}  // namespace substep::gridfluid
