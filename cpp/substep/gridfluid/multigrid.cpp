@@ -24,10 +24,9 @@ Multigrid<Real, D>::Multigrid(const Layout<D>& layout) {
       std::fill(buffer.begin(), buffer.end(), Real(0));
     };
     make(level.inverse_diagonal);
-    if (l + 1 < levels_.size()) make(level.r);
     if (l == 0) continue;
-    make(level.own_b), make(level.own_x);
-    level.b = level.own_b.data(), level.x = level.own_x.data();
+    make(level.own_b), make(level.own_x), make(level.own_r);
+    level.b = level.own_b.data(), level.x = level.own_x.data(), level.r = level.own_r.data();
     for (std::size_t a = 0; a < D; ++a) {
       make(level.own_w[a]);
       level.w[a] = level.own_w[a].data();
@@ -42,7 +41,7 @@ template <class Real, int D>
 std::size_t Multigrid<Real, D>::bytes() const {
   std::size_t sum = 0;
   for (const Level& level : levels_) {
-    sum += level.inverse_diagonal.bytes() + level.r.bytes() + level.own_b.bytes() +
+    sum += level.inverse_diagonal.bytes() + level.own_r.bytes() + level.own_b.bytes() +
            level.own_x.bytes();
     for (std::size_t a = 0; a < D; ++a) {
       sum += level.own_w[a].bytes();
@@ -212,7 +211,7 @@ template <class Real, int D, class Level>
 void find_residual(Level& level, const Row<D>& row, int colour) {
   const std::int64_t at = row.at;
   const Real* const x = level.x + at;
-  Real* const r = level.r.data() + at;
+  Real* const r = level.r + at;
   const Real *const b = level.b + at, *const inverse = level.inverse_diagonal.data() + at;
   const Real* const w = level.w[D - 1] + at;
   const int skip = (row.parity ^ colour) & 1;
@@ -229,7 +228,7 @@ void find_residual(Level& level, const Row<D>& row, int colour) {
 template <class Real, int D, class Level>
 void restrict_row(const Level& fine, Level& coarse, int plane, const Row<D>& row, int j) {
   const Layout<D>&of = fine.layout, &to = coarse.layout;
-  const Real* const r = fine.r.data();
+  const Real* const r = fine.r;
   // Fine rows of the aggregates of a coarse row.
   const auto fine_row = [&](int k, int jj, int dk, int dj) {
     std::int64_t at = of.first + (2 * k + dk) * of.stride[0];
@@ -354,8 +353,9 @@ void prolong(const Level& fine, const Level& coarse, int plane, const Row<D>& ro
 }  // namespace
 
 template <class Real, int D>
-void Multigrid<Real, D>::precondition(std::span<const Real> r, std::span<Real> z, int threads) {
-  levels_[0].b = r.data(), levels_[0].x = z.data();
+void Multigrid<Real, D>::precondition(std::span<const Real> r, std::span<Real> z,
+                                      std::span<Real> scratch, int threads) {
+  levels_[0].b = r.data(), levels_[0].x = z.data(), levels_[0].r = scratch.data();
   cycle(0, threads);
 }
 

@@ -19,8 +19,9 @@ class Multigrid {
 
   explicit Multigrid(const Layout<D>& layout);
   void set_matrix(const Coefficients& w, std::span<const Cell> cells, int threads);
-  // z from r, both with zeros in all that is not fluid.
-  void precondition(std::span<const Real> r, std::span<Real> z, int threads);
+  // z from r. In all three what is not fluid holds zeros, before and after.
+  void precondition(std::span<const Real> r, std::span<Real> z, std::span<Real> scratch,
+                    int threads);
   const AlignedBuffer<Real>& inverse_diagonal() const { return levels_[0].inverse_diagonal; }
   std::size_t bytes() const;
 
@@ -31,11 +32,10 @@ class Multigrid {
     std::array<const Real*, D> w{};
     AlignedBuffer<Real> inverse_diagonal;  // 0 where there is no unknown
     const Real* b = nullptr;
-    Real* x = nullptr;
-    AlignedBuffer<Real> r;
+    Real *x = nullptr, *r = nullptr;
     // Of the coarser levels.
     std::array<AlignedBuffer<Real>, D> own_w;
-    AlignedBuffer<Real> own_b, own_x;
+    AlignedBuffer<Real> own_b, own_x, own_r;
     std::array<std::array<AlignedBuffer<Real>, 2>, D> lean, loss, own_air;
   };
   void cycle(std::size_t l, int threads);

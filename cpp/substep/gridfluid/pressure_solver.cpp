@@ -9,6 +9,7 @@ namespace substep::gridfluid {
 namespace {
 
 constexpr int kDoubles = kVectorBytes / 8;
+constexpr int kDiagonalIterations = 20;  // at most, times the cells along all axes
 
 // n numbers as doubles.
 template <int kLanes, class Real>
@@ -82,28 +83,86 @@ void PressureSolver<Real, D>::set_matrix(const Coefficients& w, std::span<const 
 
 // The sum of use(row) over all rows, in their order.
 template <class Real, int D>
-template <class Row_, class Use>
+template <class Use>
 double PressureSolver<Real, D>::sum_rows(const Use& use, int threads) {
   for_slabs(
       layout_,
       [&](std::int64_t, int begin, int end) {
         for (int k = begin; k < end; ++k) {
           double sum = 0;
-          for_rows(layout_, k, [&](const Row_& row) { sum += use(row); });
+          for_rows(layout_, k, [&](const Row<D>& row) { sum += use(row); });
           parts_[usize(k)] = sum;
         }
       },
       threads);
+  return sum_parts();
+}
+
+template <class Real, int D>
+double PressureSolver<Real, D>::sum_parts() const {
   double sum = 0;
   for (const double part : parts_) sum += part;
   return sum;
 }
 
-// r -= A p; returns |r|^2.
+// p = 0 where it is not to be found, or everywhere.
 template <class Real, int D>
-double PressureSolver<Real, D>::find_residual(std::span<const double> p, int threads) {
+void PressureSolver<Real, D>::clear(std::span<double> p, bool keep, int threads) {
   const Real* const inverse = multigrid_.inverse_diagonal().data();
-  return sum_rows<Row<D>>(
+  const std::int64_t rows = layout_.rows();
+  const int n = layout_.row_length();
+  parallel_for(
+      rows, 64,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t r = begin; r < end; ++r) {
+          const std::int64_t at = layout_.row(r);
+          std::fill(p.data() + (r == 0 ? 0 : layout_.row(r - 1) + n), p.data() + at, 0.0);
+          for (std::int64_t i = at; i < at + n; ++i)
+            p[usize(i)] = keep && inverse[i] > 0 ? p[usize(i)] : 0;
+        }
+      },
+      threads);
+  std::fill(p.data() + layout_.row(rows - 1) + n, p.data() + layout_.size, 0.0);
+  for (int k = 0; k < layout_.cells[0] && layout_.periodic[D - 1]; ++k)
+    for_rows(layout_, k, [&](const Row<D>& row) { wrap_row(layout_, row, p.data()); });
+}
+
+// r = b where there is fluid, without its means over the closed regions; returns |r|.
+template <class Real, int D>
+double PressureSolver<Real, D>::set_right_side(std::span<const Real> b, SolveReport& report,
+                                               int threads) {
+  const Real* const inverse = multigrid_.inverse_diagonal().data();
+  const auto sum_of = [&](const auto& norm) {
+    return sum_rows(
+        [&](const Row<D>& row) {
+          const Real* const r = r_.data() + row.at;
+          return sum_over(row.length, [&]<int kLanes>(int i) { return norm(doubles<kLanes>(r + i)); });
+        },
+        threads);
+  };
+  for_slabs(
+      layout_,
+      [&](std::int64_t, int begin, int end) {
+        for (int k = begin; k < end; ++k)
+          for_rows(layout_, k, [&](const Row<D>& row) {
+            for (std::int64_t i = row.at; i < row.at + row.length; ++i)
+              r_[usize(i)] = inverse[i] > 0 ? b[usize(i)] : 0;
+          });
+      },
+      threads);
+  if (regions_.count() > 0) {
+    const double sum = sum_of([](const auto& v) { return v < 0 ? -v : v; });
+    const double largest = regions_.remove_means(std::span(r_.data(), r_.size()), threads);
+    report.imbalance = sum > 0 ? largest / sum : 0;
+  }
+  return std::sqrt(sum_of([](const auto& v) { return v * v; }));
+}
+
+// r -= A p; returns |r|.
+template <class Real, int D>
+double PressureSolver<Real, D>::subtract_product(std::span<const double> p, int threads) {
+  const Real* const inverse = multigrid_.inverse_diagonal().data();
+  return std::sqrt(sum_rows(
       [&](const Row<D>& row) {
         Real* const r = r_.data() + row.at;
         return sum_over(row.length, [&]<int kLanes>(int i) {
@@ -114,12 +173,32 @@ double PressureSolver<Real, D>::find_residual(std::span<const double> p, int thr
           return V(masked * masked);
         });
       },
+      threads));
+}
+
+// z = M r; returns r . z.
+template <class Real, int D>
+double PressureSolver<Real, D>::precondition(Preconditioner preconditioner, int threads) {
+  const Real* const inverse = multigrid_.inverse_diagonal().data();
+  const bool diagonal = preconditioner == Preconditioner::kDiagonal;
+  const auto all = [](AlignedBuffer<Real>& v) { return std::span(v.data(), v.size()); };
+  if (!diagonal) multigrid_.precondition(all(r_), all(z_), all(q_), threads);
+  return sum_rows(
+      [&](const Row<D>& row) {
+        const Real* const r = r_.data() + row.at;
+        Real* const z = z_.data() + row.at;
+        if (diagonal)
+          for (int i = 0; i < row.length; ++i) z[i] = r[i] * inverse[row.at + i];
+        return sum_over(row.length, [&]<int kLanes>(int i) {
+          return Vector<double, kLanes * 8>(doubles<kLanes>(r + i) * doubles<kLanes>(z + i));
+        });
+      },
       threads);
 }
 
 // d = z + beta d and q = A d; returns d . q.
 template <class Real, int D>
-double PressureSolver<Real, D>::apply(Real beta, int threads) {
+double PressureSolver<Real, D>::next_direction(Real beta, int threads) {
   const Real* const inverse = multigrid_.inverse_diagonal().data();
   for_planes_in_stages<2>(
       layout_,
@@ -129,7 +208,11 @@ double PressureSolver<Real, D>::apply(Real beta, int threads) {
           Real *const d = d_.data() + row.at, *const q = q_.data() + row.at;
           if (stage == 0) {
             const Real* const z = z_.data() + row.at;
-            for (int i = 0; i < row.length; ++i) d[i] = z[i] + beta * d[i];
+            if (beta == 0) {  // d may be anything
+              std::copy_n(z, row.length, d);
+            } else {
+              for (int i = 0; i < row.length; ++i) d[i] = z[i] + beta * d[i];
+            }
             wrap_row(layout_, row, d_.data());
           } else {
             sum += sum_over(row.length, [&]<int kLanes>(int i) {
@@ -144,66 +227,55 @@ double PressureSolver<Real, D>::apply(Real beta, int threads) {
         if (stage == 1) parts_[usize(plane)] = sum;
       },
       threads);
-  double sum = 0;
-  for (const double part : parts_) sum += part;
-  return sum;
+  return sum_parts();
 }
 
-// Conjugate gradients from r on, until |r| <= goal or it stalls; whether it did not.
+// p += alpha d, r -= alpha q; returns |r|.
 template <class Real, int D>
-bool PressureSolver<Real, D>::iterate(std::span<double> p, double goal, int max_iterations,
-                                      SolveReport& report, int threads) {
-  constexpr int kPatience = 10;  // iterations in which the residual must have halved
-  const bool with_multigrid = report.preconditioner == Preconditioner::kMultigrid;
-  const Real* const inverse = multigrid_.inverse_diagonal().data();
+double PressureSolver<Real, D>::move(double alpha, std::span<double> p, int threads) {
+  return std::sqrt(sum_rows(
+      [&](const Row<D>& row) {
+        Real* const r = r_.data() + row.at;
+        const Real *const d = d_.data() + row.at, *const q = q_.data() + row.at;
+        double* const x = p.data() + row.at;
+        return sum_over(row.length, [&]<int kLanes>(int i) {
+          using V = Vector<double, kLanes * 8>;
+          store<kLanes>(V(doubles<kLanes>(x + i) + alpha * doubles<kLanes>(d + i)), x + i);
+          const V v = doubles<kLanes>(r + i) - alpha * doubles<kLanes>(q + i);
+          store<kLanes>(v, r + i);
+          return V(v * v);
+        });
+      },
+      threads));
+}
+
+// Conjugate gradients from r on, until |r| <= goal, the iterations are used up, or they stall.
+template <class Real, int D>
+auto PressureSolver<Real, D>::iterate(std::span<double> p, double goal, int max_iterations,
+                                      SolveReport& report, int threads) -> End {
+  constexpr int kPatience = 10;  // iterations in which multigrid must have halved the residual
+  const bool patient = report.preconditioner == Preconditioner::kDiagonal;
   double rz = 0, best = report.residual;
-  int since = 0;
-  for (int iteration = 0; iteration < max_iterations; ++iteration) {
+  for (int iteration = 0, since = 0; report.iterations < max_iterations; ++iteration) {
     poll_interrupt();
-    regions_.remove_means(std::span<Real>(r_.data(), r_.size()), threads);
-    if (with_multigrid) multigrid_.precondition({r_.data(), r_.size()}, {z_.data(), z_.size()}, threads);
+    // Rounding gives r a mean, and multigrid makes much of what is nearly constant.
+    regions_.remove_means(std::span(r_.data(), r_.size()), threads);
     const double before = rz;
-    rz = sum_rows<Row<D>>(
-        [&](const Row<D>& row) {
-          const Real* const r = r_.data() + row.at;
-          Real* const z = z_.data() + row.at;
-          if (!with_multigrid) {
-            for (int i = 0; i < row.length; ++i) z[i] = r[i] * inverse[row.at + i];
-            wrap_row(layout_, row, z_.data());
-          }
-          return sum_over(row.length, [&]<int kLanes>(int i) {
-            return Vector<double, kLanes * 8>(doubles<kLanes>(r + i) * doubles<kLanes>(z + i));
-          });
-        },
-        threads);
-    const double dq = apply(iteration == 0 ? Real(0) : static_cast<Real>(rz / before), threads);
-    if (!(rz > 0) || !(dq > 0) || !std::isfinite(rz / dq)) return false;
-    const double alpha = rz / dq;
-    const double rr = sum_rows<Row<D>>(
-        [&](const Row<D>& row) {
-          Real* const r = r_.data() + row.at;
-          const Real *const d = d_.data() + row.at, *const q = q_.data() + row.at;
-          double* const x = p.data() + row.at;
-          return sum_over(row.length, [&]<int kLanes>(int i) {
-            using V = Vector<double, kLanes * 8>;
-            store<kLanes>(V(doubles<kLanes>(x + i) + alpha * doubles<kLanes>(d + i)), x + i);
-            const V v = doubles<kLanes>(r + i) - alpha * doubles<kLanes>(q + i);
-            store<kLanes>(v, r + i);
-            return V(v * v);
-          });
-        },
-        threads);
+    rz = precondition(report.preconditioner, threads);
+    if (!(rz > 0)) return End::kStalled;
+    const double dq = next_direction(iteration == 0 ? 0 : static_cast<Real>(rz / before), threads);
+    if (!(dq > 0) || !std::isfinite(rz / dq)) return End::kStalled;
+    report.residual = move(rz / dq, p, threads);
     ++report.iterations;
-    report.residual = std::sqrt(rr);
-    if (report.residual <= goal) return true;
-    if (!std::isfinite(report.residual)) return false;
+    if (report.residual <= goal) return End::kGoal;
+    if (!std::isfinite(report.residual)) return End::kStalled;
     if (report.residual < 0.5 * best) {
       best = report.residual, since = 0;
-    } else if (++since >= kPatience && with_multigrid) {
-      return false;
+    } else if (++since >= kPatience && !patient) {
+      return End::kStalled;
     }
   }
-  return true;
+  return End::kUsedUp;
 }
 
 template <class Real, int D>
@@ -211,47 +283,31 @@ SolveReport PressureSolver<Real, D>::solve(std::span<const Real> b, std::span<do
                                            double tolerance, int max_iterations, int threads) {
   SolveReport report;
   report.closed_regions = regions_.count();
-  const Real* const inverse = multigrid_.inverse_diagonal().data();
-  const auto start = [&] {
-    return sum_rows<Row<D>>(
-        [&](const Row<D>& row) {
-          double sum = 0;
-          Real* const r = r_.data() + row.at;
-          for (int i = 0; i < row.length; ++i) {
-            const auto at = usize(row.at + i);
-            r[i] = inverse[at] > 0 ? b[at] : 0;
-            sum += std::abs(double(r[i]));
-          }
-          return sum;
-        },
-        threads);
+  double goal = 0, norm = 0;
+  // r of p, which is forgotten where 0 is better.
+  const auto begin = [&] {
+    norm = set_right_side(b, report, threads);
+    goal = tolerance * norm;
+    clear(p, true, threads);
+    report.residual = subtract_product(p, threads);
+    if (report.residual <= norm) return;
+    clear(p, false, threads);
+    report.residual = set_right_side(b, report, threads);
   };
-  const double sum = start();
-  const double imbalance = regions_.remove_means(std::span<Real>(r_.data(), r_.size()), threads);
-  report.imbalance = sum > 0 ? imbalance / sum : 0;
-  // |b|, and p = 0 where it is not to be found.
-  const double bb = sum_rows<Row<D>>(
-      [&](const Row<D>& row) {
-        double* const x = p.data() + row.at;
-        Real* const r = r_.data() + row.at;
-        for (int i = 0; i < row.length; ++i) x[i] = inverse[row.at + i] > 0 ? x[i] : 0;
-        wrap_row(layout_, row, p.data());
-        return sum_over(row.length, [&]<int kLanes>(int i) {
-          const auto v = doubles<kLanes>(r + i);
-          return Vector<double, kLanes * 8>(v * v);
-        });
-      },
-      threads);
-  const double norm = std::sqrt(bb), goal = tolerance * norm;
-  report.residual = std::sqrt(find_residual(p, threads));
-  report.converged = report.residual <= goal;
-  if (!report.converged) {
-    if (!iterate(p, goal, max_iterations, report, threads)) {
-      report.preconditioner = Preconditioner::kDiagonal;
-    }
-    report.converged = report.residual <= goal;
+  begin();
+  // What the iterations leave of r is compared with b - A p, and they begin anew where that is more.
+  while (report.residual > goal) {
+    const double before = report.residual;
+    const End end = iterate(p, goal, max_iterations, report, threads);
+    begin();
+    if (report.residual <= goal || end == End::kUsedUp) break;
+    if (end == End::kGoal && report.residual < 0.5 * before) continue;
+    if (report.preconditioner == Preconditioner::kDiagonal) break;
+    report.preconditioner = Preconditioner::kDiagonal;
+    for (const int n : layout_.cells) max_iterations += kDiagonalIterations * n;
   }
-  report.residual = norm > 0 ? report.residual / norm : 0;
+  report.converged = report.residual <= goal;
+  if (norm > 0) report.residual /= norm;
   regions_.remove_means(p, threads);
   return report;
 }

@@ -49,12 +49,18 @@ class PressureSolver {
   std::size_t bytes() const;  // of memory, beside w and cells
 
  private:
-  double find_residual(std::span<const double> p, int threads);
-  double apply(Real beta, int threads);
-  bool iterate(std::span<double> p, double goal, int max_iterations, SolveReport& report,
-               int threads);
-  template <class Row_, class Use>
+  enum class End { kGoal, kStalled, kUsedUp };
+  End iterate(std::span<double> p, double goal, int max_iterations, SolveReport& report,
+              int threads);
+  double set_right_side(std::span<const Real> b, SolveReport& report, int threads);
+  double subtract_product(std::span<const double> p, int threads);
+  double precondition(Preconditioner preconditioner, int threads);
+  double next_direction(Real beta, int threads);
+  double move(double alpha, std::span<double> p, int threads);
+  void clear(std::span<double> p, bool keep, int threads);
+  template <class Use>
   double sum_rows(const Use& use, int threads);
+  double sum_parts() const;
 
   Layout<D> layout_;
   Coefficients w_;
