@@ -4,7 +4,8 @@
 //
 // Velocities change first, where the particles are; then they move: as a step of symplectic Euler.
 // Afterwards a second pressure, which changes positions alone, sets right how many particles full
-// cells hold (Kugelstadt et al., "Implicit density projection for volume conserving liquids", 2021).
+// cells hold (Kugelstadt et al., "Implicit density projection for volume conserving liquids",
+// 2021).
 #pragma once
 
 #include <array>
@@ -65,7 +66,6 @@ class GridLiquid {
  private:
   using Field = AlignedBuffer<Real>;
   using Fields = std::array<Field, D>;
-
 
   void append(Particles<Real, D>& to, std::int64_t first_id, std::span<const Vec3> x,
               std::span<const Vec3> v) const;

@@ -94,8 +94,8 @@ void Multigrid<Real, D>::coarsen(const Level& fine, Level& coarse, int threads) 
         const int beyond = inside(side ? upper + 1 : lower - 1);
         const int beyond_cell = beyond < 0 ? -1 : beyond / 2;
         int behind = beyond_cell < 0 || beyond >= n ? -2
-                     : beyond % 2 == 0            ? beyond + 1
-                                                  : beyond - 1;
+                     : beyond % 2 == 0              ? beyond + 1
+                                                    : beyond - 1;
         if (behind >= n) behind = -2;
         Real link = 0, air = 0, lean = 0, loss = 0, count = 0;
         for (int c = 0; c < 1 << (D - 1); ++c) {
@@ -249,8 +249,9 @@ void restrict_row(const Level& fine, Level& coarse, int plane, const Row<D>& row
       if constexpr (D == 3)
         if (2 * j + dj >= of.cells[1]) continue;
       const Real* const from = fine_row(plane, j, dk, dj);
-      const Real *const lower = weight(coarse.loss, D - 1, 0, row.at),
-                        *const upper = weight(coarse.loss, D - 1, 1, row.at);
+      const Real *const lower = weight(coarse.loss, D - 1, 0, row.at), *const upper =
+                                                                           weight(coarse.loss,
+                                                                                  D - 1, 1, row.at);
       const Real* const loss1 = D == 3 ? weight(coarse.loss, 1, usize(dj), row.at) : nullptr;
       for (int i = 0; i < row.length; ++i) {
         const Real even = from[2 * i], odd = from[2 * i + 1];
@@ -259,8 +260,9 @@ void restrict_row(const Level& fine, Level& coarse, int plane, const Row<D>& row
         b[i] += (own - lower[i]) * even + (own - upper[i]) * odd;
       }
       // What leans on the neighbours in the row.
-      const Real *const low = weight(coarse.lean, D - 1, 0, row.at),
-                        *const high = weight(coarse.lean, D - 1, 1, row.at);
+      const Real *const low = weight(coarse.lean, D - 1, 0, row.at), *const high =
+                                                                         weight(coarse.lean, D - 1,
+                                                                                1, row.at);
       const int n = row.length;
       for (int i = 0; i + 1 < n; ++i) b[i] += low[i + 1] * from[2 * i + 2];
       for (int i = 1; i < n; ++i) b[i] += high[i - 1] * from[2 * i - 1];
@@ -373,8 +375,8 @@ void Multigrid<Real, D>::cycle(std::size_t l, int threads) {
   const auto first = [&](int plane) {
     for_rows(layout, plane, [&](const Row<D>& row) {
       Real* const x = level.x + row.at;
-      const Real *const b = level.b + row.at,
-                        *const inverse = level.inverse_diagonal.data() + row.at;
+      const Real *const b = level.b + row.at, *const inverse =
+                                                  level.inverse_diagonal.data() + row.at;
       for (int i = 0; i < row.length; ++i)
         x[i] = ((i ^ row.parity) & 1) ? Real(0) : b[i] * inverse[i];
       wrap_row(layout, row, level.x);

@@ -14,12 +14,12 @@ constexpr int kDiagonalIterations = 20;  // at most, times the cells along all a
 // n numbers as doubles.
 template <int kLanes, class Real>
 SUBSTEP_INLINE Vector<double, kLanes * 8> doubles(const Real* from) {
-  return __builtin_convertvector(load<Vector<Real, kLanes * int(sizeof(Real))>>(from),
+  return __builtin_convertvector(load<Vector<Real, kLanes* int(sizeof(Real))>>(from),
                                  Vector<double, kLanes * 8>);
 }
 template <int kLanes, class Real>
 SUBSTEP_INLINE void store(const Vector<double, kLanes * 8>& v, Real* to) {
-  using Narrow = Vector<Real, kLanes * int(sizeof(Real))>;
+  using Narrow = Vector<Real, kLanes* int(sizeof(Real))>;
   const Narrow narrow = __builtin_convertvector(v, Narrow);
   std::memcpy(to, &narrow, sizeof narrow);
 }
@@ -48,10 +48,10 @@ SUBSTEP_INLINE Vector<double, kLanes * 8> product(
   V sum = doubles<kLanes>(along) * (own - doubles<kLanes>(here - 1)) +
           doubles<kLanes>(along + 1) * (own - doubles<kLanes>(here + 1));
   for (std::size_t a = 0; a < D - 1; ++a) {
-    sum += doubles<kLanes>(w[a].data() + row.at + i) *
-               (own - doubles<kLanes>(x + row.below[a] + i)) +
-           doubles<kLanes>(w[a].data() + row.above[a] + i) *
-               (own - doubles<kLanes>(x + row.above[a] + i));
+    sum +=
+        doubles<kLanes>(w[a].data() + row.at + i) * (own - doubles<kLanes>(x + row.below[a] + i)) +
+        doubles<kLanes>(w[a].data() + row.above[a] + i) *
+            (own - doubles<kLanes>(x + row.above[a] + i));
   }
   return sum;
 }
@@ -136,7 +136,8 @@ double PressureSolver<Real, D>::set_right_side(std::span<const Real> b, SolveRep
     return sum_rows(
         [&](const Row<D>& row) {
           const Real* const r = r_.data() + row.at;
-          return sum_over(row.length, [&]<int kLanes>(int i) { return norm(doubles<kLanes>(r + i)); });
+          return sum_over(row.length,
+                          [&]<int kLanes>(int i) { return norm(doubles<kLanes>(r + i)); });
         },
         threads);
   };
@@ -295,7 +296,8 @@ SolveReport PressureSolver<Real, D>::solve(std::span<const Real> b, std::span<do
     report.residual = set_right_side(b, report, threads);
   };
   begin();
-  // What the iterations leave of r is compared with b - A p, and they begin anew where that is more.
+  // What the iterations leave of r is compared with b - A p, and they begin anew where that is
+  // more.
   while (report.residual > goal) {
     const double before = report.residual;
     const End end = iterate(p, goal, max_iterations, report, threads);

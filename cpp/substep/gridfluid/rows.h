@@ -71,10 +71,11 @@ void for_slabs(const Layout<D>& layout, const Slab& slab, int threads) {
   parallel_chunks(slabs.count, std::cref(run), threads);
 }
 
-// stage(s, plane) for s = 0, 1, ... on all planes, where stage s of a plane needs no more than stage
-// s - 1 of it and of its two neighbours, and must not come before it. One after the other they would
-// read the grid from memory once a stage; here one follows close behind the other through each slab,
-// leaving out at its two ends what needs another slab, which is made up for afterwards.
+// stage(s, plane) for s = 0, 1, ... on all planes, where stage s of a plane needs no more than
+// stage s - 1 of it and of its two neighbours, and must not come before it. One after the other
+// they would read the grid from memory once a stage; here one follows close behind the other
+// through each slab, leaving out at its two ends what needs another slab, which is made up for
+// afterwards.
 template <int kStages, int D, class Stage>
 void for_planes_in_stages(const Layout<D>& layout, const Stage& stage, int threads) {
   const Slabs slabs(layout, kStages);
