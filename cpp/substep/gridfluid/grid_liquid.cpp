@@ -140,10 +140,24 @@ void GridLiquid<Real, D>::find_domain() {
   poll_interrupt();
   obstacles.find(options.threads);
   number_density(next_, layout, static_cast<Real>(1 << D), density_.data(), options.threads);
+  count_obstacles_in();
   gridfluid::level_set(next_, layout, density_.data(), SurfaceOptions<Real>{}, phi_.data(),
                        scratch_, options.threads);
   extend_surface();
   projection_.set_domain(obstacles, {phi_.data(), phi_.size()}, options.threads);
+}
+
+// Densities of what obstacles leave of the cells around.
+template <class Real, int D>
+void GridLiquid<Real, D>::count_obstacles_in() {
+  if (!obstacles.any()) return;
+  constexpr Real kLeast = 0.25;
+  const std::span<const Real> room = obstacles.room();
+  for_each_row(layout, -1, options.threads, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i)
+      density_[usize(i)] /= std::max(room[usize(i)], kLeast);
+  });
+  fill_ghosts(layout, kCentres, density_.data());
 }
 
 // The liquid goes on into obstacles that it touches: else a cell of which they cover the middle
@@ -243,7 +257,8 @@ void GridLiquid<Real, D>::find_valid() {
 // the error, div d = rho / rho_0 - 1. Cells at the surface are full at most.
 template <class Real, int D>
 void GridLiquid<Real, D>::find_displacement() {
-  constexpr Real kMost = 0.5;  // of an error that a step corrects
+  // Of an error a step corrects a fifth: all of it stirs the liquid, as much of it is noise.
+  constexpr Real kShare = 0.2, kMost = 0.5;
   constexpr double kTolerance = 1e-2;
   constexpr int kIterations = 20;
   poll_interrupt();
@@ -261,10 +276,10 @@ void GridLiquid<Real, D>::find_displacement() {
               error = 0;
               continue;
             }
-            const bool inside = phi_[usize(i)] < -1 && is_clear(i);
-            error = std::clamp(error - 1, inside ? -kMost : Real(0), kMost);
+            const bool inside = phi_[usize(i)] < -1;
+            error = kShare * std::clamp(error - 1, inside ? -kMost : Real(0), kMost);
             if (!inside) continue;
-            errors[usize(r)] += std::abs(double(error));
+            errors[usize(r)] += std::abs(double(error / kShare));
             ++counts[usize(r)];
           }
         }
@@ -279,13 +294,6 @@ void GridLiquid<Real, D>::find_displacement() {
   new_report_.volume_iterations = solved.iterations;
   find_valid();
   fill_around(shift_, 1);
-}
-
-// Whether no obstacle takes room in a cell or next to it.
-template <class Real, int D>
-bool GridLiquid<Real, D>::is_clear(std::int64_t i) const {
-  constexpr Real kAway = 1.8;  // [cells]
-  return !obstacles.any() || obstacles.at_centre(i) > kAway;
 }
 
 template <class Real, int D>

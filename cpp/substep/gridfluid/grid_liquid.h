@@ -71,13 +71,13 @@ class GridLiquid {
               std::span<const Vec3> v) const;
   void sort(double dt);
   void find_domain();
+  void count_obstacles_in();
   void extend_surface();
   void pass_to_grid();
   void accelerate(double dt);
   void project(double dt);
   void find_valid();
   void find_displacement();
-  bool is_clear(std::int64_t cell) const;
   void move_obstacles(double dt);
   void move_particles(double dt);
   void let_flow(double end);

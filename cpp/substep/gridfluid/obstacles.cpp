@@ -81,6 +81,7 @@ void Obstacles<Real, D>::find(int threads) {
   found_ = false;
   find_distances(threads);
   find_open(threads);
+  find_room(threads);
   if (moving_) find_velocities(threads);
   states_ = std::move(states);
   found_ = true;
@@ -200,6 +201,39 @@ void Obstacles<Real, D>::find_velocities(int threads) {
       }
     });
   }
+}
+
+// The hat function over the open parts of cells: 1/8, 6/8, 1/8 along each axis. Sides are mirrors.
+template <class Real, int D>
+void Obstacles<Real, D>::find_room(int threads) {
+  if (room_.size() == 0) assign(room_, layout_.size, Real(1));
+  const auto open_volume = [&](std::int64_t i) {
+    return std::clamp(at_centre(i) + Real(0.5), Real(0), Real(1));
+  };
+  for_each_row(layout_, -1, threads, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      const Real distance = at_centre(i);
+      if (std::abs(distance) > Real(kBand)) {
+        room_[usize(i)] = distance > 0 ? Real(1) : Real(0);
+        continue;
+      }
+      const std::array<int, D> cell = layout_.cell(i);
+      std::array<int, D> from, to, next;
+      for (std::size_t a = 0; a < D; ++a) from[a] = cell[a] - 1, to[a] = cell[a] + 2;
+      Real sum = 0;
+      next = from;
+      do {
+        Real weight = 1;
+        std::array<int, D> at;
+        for (std::size_t a = 0; a < D; ++a) {
+          weight *= next[a] == cell[a] ? Real(0.75) : Real(0.125);
+          at[a] = std::clamp(next[a], 0, layout_.cells[a] - 1);
+        }
+        sum += weight * open_volume(layout_.index(at));
+      } while (next_in_block(next, from, to));
+      room_[usize(i)] = sum;
+    }
+  });
 }
 
 template <class Real, int D>
