@@ -1,5 +1,6 @@
 """Liquids on a grid against closed forms and experiments, and what a step keeps."""
 
+import itertools
 import math
 
 import numpy as np
@@ -19,7 +20,7 @@ def half_cells(low, high, cell):
 
 
 def pool(n, depth=0.5, length=1.0, amplitude=0.0, **options):
-    """Water in 2D with the velocities of the first standing wave, whose surface is flat just now."""
+    """Water in 2D with the velocities of the first standing wave when its surface is flat."""
     cell, k = length / n, np.pi / length
     x = lattice(half_cells(0, length, cell), half_cells(0, depth, cell))
     rise = amplitude * math.sqrt(G * k * math.tanh(k * depth)) / math.sinh(k * depth)
@@ -65,7 +66,7 @@ def test_what_falls_freely_follows_a_parabola(dimension):
 
 
 def periods(liquid, length, count):
-    """Of the first mode, from the crossings of the mean of cos(pi x / L), and its largest values."""
+    """Of the first mode, from the zeros of the mean of cos(pi x / L), and its largest values."""
     times, values = [], []
 
     def note(at):
@@ -76,14 +77,14 @@ def periods(liquid, length, count):
     t, m = np.array(times), np.array(values)
     k = np.flatnonzero((m[:-1] > 0) != (m[1:] > 0))
     zeros = t[k] - m[k] * (t[k + 1] - t[k]) / (m[k + 1] - m[k])
-    peaks = [np.abs(m[a:b]).max() for a, b in zip(k[:-1], k[1:], strict=True)]
+    peaks = [np.abs(m[a:b]).max() for a, b in itertools.pairwise(k)]
     return 2 * np.diff(zeros), np.array(peaks)
 
 
 @pytest.mark.parametrize("depth", [0.25, 0.375, 0.5, 1.0])
 @pytest.mark.parametrize("transfer", ["apic", "flip"])
 def test_sloshing_has_the_period_of_linear_waves(depth, transfer):
-    """w^2 = g k tanh(k h), k = pi / L (Lamb, Hydrodynamics, art. 228), at an amplitude of a cell."""
+    """w^2 = g k tanh(k h), k = pi / L (Lamb, Hydrodynamics, art. 228); amplitude: a cell."""
     k = np.pi
     period = 2 * np.pi / math.sqrt(G * k * math.tanh(k * depth))
     liquid = pool(64, depth, amplitude=1 / 64, transfer=transfer)
@@ -308,7 +309,7 @@ def test_a_grid_that_cannot_fit_is_refused_before_memory_is_taken():
 
 
 def test_degenerate_liquids():
-    """None, one particle, all obstacle, one thin cell, thousands in one cell, steps far too long."""
+    """None, one particle, all obstacle, one cell thick, thousands in a cell, far too long a step."""
     bounds = ((0, 0, 0), (1, 1, 1))
     for x in (np.zeros((0, 3)), [[0.5, 0.5, 0.5]], np.full((3000, 3), 0.51)):
         liquid = substep.GridLiquid(x, cell=0.125, bounds=bounds)
