@@ -60,6 +60,9 @@ class PressureSolver {
   void clear(std::span<double> p, bool keep, int threads);
   template <class Use>
   double sum_rows(const Use& use, int threads);
+  template <class Term>
+  double sum_of(const Term& term, int threads);
+  double norm_of_r(int threads);
   double sum_parts() const;
 
   Layout<D> layout_;
