@@ -309,7 +309,7 @@ def test_a_grid_that_cannot_fit_is_refused_before_memory_is_taken():
 
 
 def test_degenerate_liquids():
-    """None, one particle, all obstacle, one cell thick, thousands in a cell, far too long a step."""
+    """None, one particle, all obstacle, a cell thick, thousands in a cell, far too long a step."""
     bounds = ((0, 0, 0), (1, 1, 1))
     for x in (np.zeros((0, 3)), [[0.5, 0.5, 0.5]], np.full((3000, 3), 0.51)):
         liquid = substep.GridLiquid(x, cell=0.125, bounds=bounds)

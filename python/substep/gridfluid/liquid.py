@@ -66,7 +66,7 @@ class GridLiquid(Particles):
     to the grid, adds gravity, makes them free of divergence, with the free surface and obstacles at
     their true places between the nodes, passes them back and moves the particles along (FLIP, APIC
     or PIC). Above the surface is nothing: air at pressure 0. There are no viscosity and no surface
-    tension. docs/gridfluid.md has the equations, and what this is not.
+    tension. docs/grid_liquid.md has the equations, and what this is not.
 
     Parameters
     ----------
