@@ -131,6 +131,23 @@ def pbf_plane(substep):
     return made
 
 
+def grid_liquid(substep):
+    """Water between walls and an open side, with a ball in it."""
+    x = substep.fill_box((0, 0, 0), (0.5, 0.5, 0.5), 0.125)
+    made = substep.GridLiquid(
+        x,
+        cell=0.25,
+        bounds=((-1, -1, 0), (1, 1, 1)),
+        sides=("periodic", ("wall", "open"), "wall"),
+        colliders=[substep.Sphere(0.3, (0.25, 0.25, 0.0))],
+        **_flow(substep),
+    )
+    made.advance(0.1)
+    made.remove(made.ids[::5])
+    made.set_forces(np.ones((len(made), 3)))
+    return made
+
+
 def _pinned_cloth(substep, **options):
     mesh = substep.geometry.grid_mesh(5, 5)
     ball = substep.Collider(substep.Sphere(0.3, (0, 0, -0.31)), friction=0.3, restitution=0.2)

@@ -300,6 +300,7 @@ def simulations():
         "PositionBasedDynamics (soft)": soft,
         "PositionBasedFluid (flowing)": flowing_liquid,
         "PositionBasedFluid (divergence-free)": divergence_free_liquid,
+        "GridLiquid (flowing)": flowing_water,
         "MaterialPointMethod (flowing)": flowing_grains,
         "MaterialPointMethod (implicit)": implicit_jelly,
         "RigidBodies (joints)": machine,
@@ -353,6 +354,23 @@ def _above(x):
     gradient = np.zeros(x.shape)
     gradient[..., 2] = 1
     return x[:, 0, 2] + 0.2, gradient
+
+
+def flowing_water():
+    """Water in 2D by FLIP, between a nozzle, a sink and an open side, and a ball that moves."""
+    tap = substep.Emitter((0.5, 0.9), (0, -1), 2.0, radius=0.1)
+    ball = substep.Collider(substep.Sphere(0.1, (0.7, 0.1, 0)), velocity=(-0.5, 0, 0))
+    return substep.GridLiquid(
+        substep.fill_box((0, 0), (0.5, 0.25), 0.0625),
+        cell=0.125,
+        bounds=((0, 0), (1, 1)),
+        sides=(("wall", "open"), "wall"),
+        transfer="flip",
+        colliders=[ball],
+        emitters=[tap],
+        sinks=[substep.Sink(substep.Sphere(0.1, (0.1, 0.0, 0)))],
+        dtype="float64",
+    )
 
 
 def flowing_liquid(**options):
@@ -505,6 +523,7 @@ def drift():
 
 _PARTICLES = (call("remove", ids=[1, 0]),)
 _ONE = [[0.3, 0.3, 0.7]]
+_ONE_IN = {2: [[0.3, 0.7]], 3: _ONE}
 OWN_CALLS = {
     substep.PositionBasedDynamics: (
         call("set_positions", values=_ONE, ids=[1]),
@@ -515,6 +534,13 @@ OWN_CALLS = {
         *_PARTICLES,
         call("add", positions=_ONE),
         call("add", positions=np.tile(_ONE, (9, 1)) + 0.1 * np.arange(9)[:, None], velocities=None),
+    ),
+    substep.GridLiquid: (
+        *_PARTICLES,
+        call("add", positions=lambda owner: _ONE_IN[owner.gravity.size]),
+        call("add", positions=lambda owner: _ONE_IN[owner.gravity.size], velocities=None),
+        call("depth", points=lambda owner: [_ONE_IN[owner.gravity.size][0][:-1]]),
+        call("sample_pressure", points=lambda owner: _ONE_IN[owner.gravity.size]),
     ),
     substep.MaterialPointMethod: (
         *_PARTICLES,
@@ -879,6 +905,7 @@ def functions():
         call("mpm.sample_mesh", mesh=box, spacing=0.25, seed=3),
         call("PositionBasedFluid", positions=0.1 * X, spacing=0.1, velocities=X, colliders=plane),
         call("PositionBasedFluid", positions=X, spacing=0.1, emitters=tap, viscosity=0.1, xsph=0.1),
+        call("GridLiquid", positions=0.5 * X, cell=0.5, bounds=((-1, -1, -1), (1, 1, 1))),
         call("MaterialPointMethod", positions=X, materials=jelly, cell=0.1, volume=1e-3, kinds=0),
         call(
             "MaterialPointMethod",

@@ -208,6 +208,7 @@ def tried(make, name, *given):
 for make in (
     lambda: substep.MaterialPointMethod(x, jelly, cell=0.1, volume=1e-3),
     lambda: substep.PositionBasedFluid(x, 0.05),
+    lambda: substep.GridLiquid(x, cell=1.0, bounds=((-8, -8, -8), (8, 8, 8))),
 ):
     for name in ("set_positions", "set_velocities", "set_forces"):
         print(tried(make, name, Emptying))
@@ -216,7 +217,7 @@ for name in ("apply_force", "apply_impulse"):
 """
     done = run_python(code)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == ["0"] * 8
+    assert done.stdout.split() == ["0"] * 11
 
 
 def test_simulations_that_share_an_obstacle_are_one_at_a_time():
