@@ -120,8 +120,7 @@ void GridLiquid<Real, D>::step(double dt) {
 // The particles in the order of their cells, with what external forces give them.
 template <class Real, int D>
 void GridLiquid<Real, D>::sort(double dt) {
-  next_ = particles;
-  next_.sort(layout, options.threads);
+  next_.take_sorted(particles, layout, options.threads);
   if (forces.empty()) return;
   std::vector<std::size_t> row_of(usize(next_id));  // in the new order
   for (std::int64_t i = 0; i < next_.size(); ++i) row_of[usize(next_.id()[i])] = usize(i);
@@ -185,11 +184,8 @@ void GridLiquid<Real, D>::pass_to_grid() {
   transfer_to_grid(next_, layout, static_cast<Real>(options.cell), faces(u_), faces(weight_),
                    options.threads);
   fill_around(u_, 2);
-  if (options.transfer == Transfer::kFlip) {
-    for (std::size_t a = 0; a < D; ++a) {
-      std::copy(u_[a].begin(), u_[a].end(), old_u_[a].begin());
-    }
-  }
+  if (options.transfer != Transfer::kFlip) return;
+  for (std::size_t a = 0; a < D; ++a) std::copy(u_[a].begin(), u_[a].end(), old_u_[a].begin());
 }
 
 template <class Real, int D>
@@ -445,12 +441,20 @@ void GridLiquid<Real, D>::remove(std::span<const std::uint8_t> flags) {
 
 template <class Real, int D>
 double GridLiquid<Real, D>::fastest() const {
+  std::vector<Real> parts(usize((particles.size() + kOfTask - 1) / kOfTask));
+  parallel_for(
+      particles.size(), kOfTask,
+      [&](std::int64_t begin, std::int64_t end) {
+        Real most = 0;
+        for (int a = 0; a < D; ++a) {
+          const Real* const v = particles.v(a);
+          for (std::int64_t i = begin; i < end; ++i) most = std::max(most, std::abs(v[i]));
+        }
+        parts[usize(begin / kOfTask)] = most;
+      },
+      options.threads);
   Real most = 0;
-  for (int a = 0; a < D; ++a) {
-    for (std::int64_t i = 0; i < particles.size(); ++i) {
-      most = std::max(most, std::abs(particles.v(a)[i]));
-    }
-  }
+  for (const Real part : parts) most = std::max(most, part);
   return double(most);
 }
 

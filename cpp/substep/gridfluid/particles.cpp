@@ -93,7 +93,7 @@ void Particles<Real, D>::erase(std::span<const std::uint8_t> flags, int threads)
 // Sets cell_ and counts the particles of each chunk in each bucket. Returns whether the particles
 // are in order as they are.
 template <class Real, int D>
-bool Particles<Real, D>::find_cells(const Layout<D>& layout, int threads) {
+bool Particles<Real, D>::find_cells(const Layout<D>& layout, const Arrays& from, int threads) {
   const std::int64_t chunks = (size_ + chunk_ - 1) / chunk_;
   places_.assign(usize(chunks * buckets_), 0);
   std::vector<std::uint8_t> in_order(usize(chunks));
@@ -110,7 +110,7 @@ bool Particles<Real, D>::find_cells(const Layout<D>& layout, int threads) {
         std::int32_t* const __restrict cell = cell_.data();
         for (std::int64_t i = begin; i < end; ++i) cell[i] = first;
         for (std::size_t d = 0; d < D; ++d) {
-          const Real* const __restrict x = now_.numbers[d].data();
+          const Real* const __restrict x = from.numbers[d].data();
           const std::int32_t step = stride[d];
           const Real high = last[d];
           for (std::int64_t i = begin; i < end; ++i) {
@@ -147,7 +147,8 @@ void Particles<Real, D>::count_to_places() {
 
 // Orders the entries of a bucket by cell and moves its particles.
 template <class Real, int D>
-void Particles<Real, D>::sort_bucket(std::int64_t bucket, bool in_order) {
+void Particles<Real, D>::sort_bucket(std::int64_t bucket, bool in_order, const Arrays& from,
+                                     Arrays& to) {
   const std::int64_t cell0 = bucket << bucket_bits_;
   const std::int64_t cells =
       std::min(std::int64_t{1} << bucket_bits_, cells_of_layout_ + 1 - cell0);
@@ -162,7 +163,15 @@ void Particles<Real, D>::sort_bucket(std::int64_t bucket, bool in_order) {
   for (std::int32_t i = begin; i < end; ++i) ++first[cell_of(i)];
   std::int32_t place = begin;
   for (std::int64_t c = 0; c < cells; ++c) place += std::exchange(first[c], place);
-  if (in_order) return;
+  const std::int64_t count = end - begin;
+  if (in_order) {
+    if (&from == &to) return;
+    for (std::size_t f = 0; f < usize(fields()); ++f) {
+      std::copy_n(from.numbers[f].data() + begin, count, to.numbers[f].data() + begin);
+    }
+    std::copy_n(from.id.data() + begin, count, to.id.data() + begin);
+    return;
+  }
 
   std::int32_t* const __restrict source = source_.data();
   for (std::int32_t i = begin; i < end; ++i) {
@@ -170,15 +179,38 @@ void Particles<Real, D>::sort_bucket(std::int64_t bucket, bool in_order) {
   }
   for (std::int64_t c = cells - 1; c > 0; --c) first[c] = first[c - 1];  // as before the loop
   first[0] = begin;
-  const std::int64_t count = end - begin;
   for (std::size_t f = 0; f < usize(fields()); ++f) {
-    take(now_.numbers[f].data(), source + begin, count, next_.numbers[f].data() + begin);
+    take(from.numbers[f].data(), source + begin, count, to.numbers[f].data() + begin);
   }
-  take(now_.id.data(), source + begin, count, next_.id.data() + begin);
+  take(from.id.data(), source + begin, count, to.id.data() + begin);
 }
 
 template <class Real, int D>
 void Particles<Real, D>::sort(const Layout<D>& layout, int threads) {
+  if (!prepare_sort(layout, now_, threads)) {
+    reserve(next_, capacity_ + kPadding);
+    move_sorted(false, now_, next_, threads);
+    std::swap(now_, next_);
+  } else {
+    move_sorted(true, now_, now_, threads);
+  }
+}
+
+template <class Real, int D>
+void Particles<Real, D>::take_sorted(const Particles& others, const Layout<D>& layout,
+                                     int threads) {
+  size_ = 0;  // nothing of before is kept
+  reserve(now_, others.capacity_ + kPadding);
+  size_ = others.size_;
+  capacity_ = others.capacity_;
+  const bool in_order = prepare_sort(layout, others.now_, threads);
+  move_sorted(in_order, others.now_, now_, threads);
+}
+
+// Finds the cells of particles, and where those of each bucket go. Returns whether they are in
+// order as they are.
+template <class Real, int D>
+bool Particles<Real, D>::prepare_sort(const Layout<D>& layout, const Arrays& from, int threads) {
   cells_of_layout_ = layout.size;
   bucket_bits_ = 0;
   while ((layout.size >> bucket_bits_) >= kMaxBuckets) ++bucket_bits_;
@@ -187,31 +219,33 @@ void Particles<Real, D>::sort(const Layout<D>& layout, int threads) {
   cell_.reset(usize(size_));
   first_.reset(usize(layout.size + 1));
 
-  const bool in_order = find_cells(layout, threads);
+  const bool in_order = find_cells(layout, from, threads);
   count_to_places();
-  if (!in_order) {
-    entries_.reset(usize(size_));
-    source_.reset(usize(size_));
-    reserve(next_, capacity_ + kPadding);
-    parallel_for(
-        size_, chunk_,
-        [&](std::int64_t begin, std::int64_t end) {
-          std::int32_t* const place = places_.data() + begin / chunk_ * buckets_;
-          for (std::int64_t i = begin; i < end; ++i) {
-            const std::int32_t cell = cell_[usize(i)], bucket = cell >> bucket_bits_;
-            const std::int32_t to = bucket_first_[usize(bucket)] + place[bucket]++;
-            entries_[usize(to)] = {cell, static_cast<std::int32_t>(i)};
-          }
-        },
-        threads);
-  }
+  if (in_order) return true;
+  entries_.reset(usize(size_));
+  source_.reset(usize(size_));
+  parallel_for(
+      size_, chunk_,
+      [&](std::int64_t begin, std::int64_t end) {
+        std::int32_t* const place = places_.data() + begin / chunk_ * buckets_;
+        for (std::int64_t i = begin; i < end; ++i) {
+          const std::int32_t cell = cell_[usize(i)], bucket = cell >> bucket_bits_;
+          const std::int32_t to = bucket_first_[usize(bucket)] + place[bucket]++;
+          entries_[usize(to)] = {cell, static_cast<std::int32_t>(i)};
+        }
+      },
+      threads);
+  return false;
+}
+
+template <class Real, int D>
+void Particles<Real, D>::move_sorted(bool in_order, const Arrays& from, Arrays& to, int threads) {
   parallel_for(
       buckets_, kBucketsOfTask,
       [&](std::int64_t begin, std::int64_t end) {
-        for (std::int64_t b = begin; b < end; ++b) sort_bucket(b, in_order);
+        for (std::int64_t b = begin; b < end; ++b) sort_bucket(b, in_order, from, to);
       },
       threads);
-  if (!in_order) std::swap(now_, next_);
 }
 
 template <class Real, int D>

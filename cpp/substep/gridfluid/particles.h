@@ -47,6 +47,8 @@ class Particles {
   // Orders the particles by cell; those of a cell keep their order. A particle outside of the box
   // counts as in the nearest cell. Where this throws, nothing has changed.
   void sort(const Layout<D>& layout, int threads);
+  // Becomes others, sorted, which stay as they are.
+  void take_sorted(const Particles& others, const Layout<D>& layout, int threads);
 
   // By cell of the layout of the last sort(), and one more at the end. Holds until the next
   // append() or erase().
@@ -61,9 +63,11 @@ class Particles {
   };
   int fields() const { return affine_ ? (2 + D) * D : 2 * D; }
   void reserve(Arrays& arrays, std::int64_t n) const;
-  bool find_cells(const Layout<D>& layout, int threads);
+  bool prepare_sort(const Layout<D>& layout, const Arrays& from, int threads);
+  void move_sorted(bool in_order, const Arrays& from, Arrays& to, int threads);
+  bool find_cells(const Layout<D>& layout, const Arrays& from, int threads);
   void count_to_places();
-  void sort_bucket(std::int64_t bucket, bool in_order);
+  void sort_bucket(std::int64_t bucket, bool in_order, const Arrays& from, Arrays& to);
 
   bool affine_;
   std::int64_t size_ = 0, capacity_ = 0;
