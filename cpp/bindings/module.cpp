@@ -18,6 +18,7 @@ PYBIND11_MODULE(_core, m) {
   bind_pbd(m);
   bind_second_order(m);
   bind_pbf(m);
+  bind_grid_liquid(m);
   bind_rigid(m);
   bind_rigid_world(m);
   bind_springs(m);

@@ -10,7 +10,7 @@
 #include "substep/core/usize.h"
 #include "substep/gridfluid/central.h"
 #include "substep/gridfluid/confinement.h"
-#include "substep/gridfluid/ghosts.h"
+#include "substep/gridfluid/sides.h"
 #include "substep/gridfluid/runge_kutta.h"
 #include "substep/gridfluid/stress.h"
 
@@ -142,7 +142,7 @@ void Flow<Real, D>::start(double dt) {
   const double scale = dt / dx_;
   for (std::size_t i = 0; i < q.size(); ++i) q[i] = pressure_[i] * scale;
   into_cells_.apply(layout_, q);
-  wrap_ghosts(layout_, q);
+  wrap(layout_, q);
 }
 
 template <class Real, int D>
@@ -364,7 +364,7 @@ template <class Real, int D>
 void Flow<Real, D>::correct(double dt) {
   check_inflow();
   take_pressure(next_, Real(1));
-  for (std::size_t a = 0; a < D; ++a) wrap_ghosts(layout_, span(next_[a]));
+  for (std::size_t a = 0; a < D; ++a) wrap(layout_, span(next_[a]));
   const SolveReport got = projection_.project(obstacles_, spans(next_), options.tolerance,
                                               options.max_iterations, options.threads);
   report.iterations = got.iterations;

@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "substep/core/usize.h"
-#include "substep/gridfluid/ghosts.h"
+#include "substep/gridfluid/sides.h"
 
 namespace substep::gridfluid {
 namespace {
@@ -90,7 +90,7 @@ void SideGhosts<Real, D>::fill_velocity(std::span<Real> u, std::size_t a, bool g
                });
     }
   }
-  wrap_ghosts(layout_, u);
+  wrap(layout_, u);
 }
 
 template <class Real, int D>
@@ -116,7 +116,7 @@ void SideGhosts<Real, D>::fill_scalar(std::span<Real> x, std::size_t k, double d
       });
     }
   }
-  wrap_ghosts(layout_, x);
+  wrap(layout_, x);
 }
 
 template <class Real, int D>
@@ -132,7 +132,7 @@ void SideGhosts<Real, D>::fill_scalar_change(std::span<Real> x, std::size_t k) c
       });
     }
   }
-  wrap_ghosts(layout_, x);
+  wrap(layout_, x);
 }
 
 template class SideGhosts<float, 2>;

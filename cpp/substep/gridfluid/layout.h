@@ -44,6 +44,13 @@ struct Layout {
     }
   }
   int row_length(int faces_of = -1) const { return along(D - 1, faces_of); }
+  // each(cell), row by row.
+  template <class Each>
+  void for_cells(const Each& each) const {
+    for (std::int64_t r = 0; r < rows(); ++r) {
+      for (std::int64_t i = row(r), end = i + row_length(); i < end; ++i) each(i);
+    }
+  }
   std::int64_t index(const std::array<int, D>& cell) const {
     std::int64_t i = first;
     for (std::size_t a = 0; a < D; ++a) i += cell[a] * stride[a];

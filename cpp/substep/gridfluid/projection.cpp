@@ -5,7 +5,7 @@
 
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
-#include "substep/gridfluid/ghosts.h"
+#include "substep/gridfluid/sides.h"
 
 namespace substep::gridfluid {
 namespace {
@@ -70,22 +70,14 @@ void Projection<Real, D>::find_cells(const Obstacles<Real, D>& obstacles, std::s
     }
   });
   // The ghosts beyond open sides are air; those of periodic axes are what is on the other side.
-  for (std::size_t a = 0; a < D; ++a) {
-    const int n = layout_.cells[a];
-    std::array<int, D> from{}, to = layout_.cells;
-    from[a] = 0, to[a] = 1;
-    std::array<int, D> cell = from;
-    do {
-      const std::int64_t low = layout_.index(cell), s = layout_.stride[a];
-      const std::int64_t high = low + (n - 1) * s;
-      if (layout_.periodic[a]) {
-        cells_[usize(low - s)] = cells_[usize(high)];
-        cells_[usize(high + s)] = cells_[usize(low)];
-      } else {
-        if (open_[a][0]) cells_[usize(low - s)] = Cell::kAir;
-        if (open_[a][1]) cells_[usize(high + s)] = Cell::kAir;
-      }
-    } while (next_in_block(cell, from, to));
+  wrap(layout_, std::span<Cell>(cells_.data(), cells_.size()));
+  for (int a = 0; a < D; ++a) {
+    for (int side = 0; side < 2 && !layout_.periodic[usize(a)]; ++side) {
+      if (!open_[usize(a)][usize(side)]) continue;
+      for_side(layout_, a, side, [&](std::int64_t, std::int64_t ghost, std::int64_t) {
+        cells_[usize(ghost)] = Cell::kAir;
+      });
+    }
   }
 }
 
@@ -145,11 +137,11 @@ void Projection<Real, D>::find_divergence(const Obstacles<Real, D>& obstacles,
 
 // u' = u - s_f (q_f - q) / theta_f; a face that an obstacle closes moves with it.
 template <class Real, int D>
-void Projection<Real, D>::apply_pressure(const Obstacles<Real, D>& obstacles, Velocity<Real, D> u,
-                                         int threads) {
+void Projection<Real, D>::apply_pressure(const Obstacles<Real, D>& obstacles, bool moving,
+                                         Velocity<Real, D> u, int threads) {
   for (int a = 0; a < D; ++a) {
     const std::int64_t s = layout_.stride[usize(a)];
-    const bool cut = obstacles.any(), moving = obstacles.moving();
+    const bool cut = obstacles.any();
     for_rows(a, threads, [&](std::int64_t begin, std::int64_t end) {
       for (std::int64_t i = begin; i < end; ++i) {
         const Real w = weight_[usize(a)][usize(i)];
@@ -166,14 +158,31 @@ void Projection<Real, D>::apply_pressure(const Obstacles<Real, D>& obstacles, Ve
 }
 
 template <class Real, int D>
+SolveReport Projection<Real, D>::solve(double tolerance, int max_iterations, int threads) {
+  const SolveReport report = solver_.solve(std::span<const Real>(b_.data(), b_.size()), q(),
+                                           tolerance, max_iterations, threads);
+  wrap(layout_, q());
+  return report;
+}
+
+template <class Real, int D>
 SolveReport Projection<Real, D>::project(const Obstacles<Real, D>& obstacles, Velocity<Real, D> u,
                                          double tolerance, int max_iterations, int threads) {
   find_divergence(obstacles, u, threads);
-  const SolveReport report = solver_.solve(std::span<const Real>(b_.data(), b_.size()), q(),
-                                           tolerance, max_iterations, threads);
-  if (!report.converged) return report;
-  wrap_ghosts(layout_, q());
-  apply_pressure(obstacles, u, threads);
+  const SolveReport report = solve(tolerance, max_iterations, threads);
+  if (report.converged) apply_pressure(obstacles, obstacles.moving(), u, threads);
+  return report;
+}
+
+template <class Real, int D>
+SolveReport Projection<Real, D>::spread(const Obstacles<Real, D>& obstacles,
+                                        std::span<const Real> source, Velocity<Real, D> d,
+                                        double tolerance, int max_iterations, int threads) {
+  std::copy(source.begin(), source.end(), b_.begin());
+  std::fill(q_.begin(), q_.end(), 0.0);
+  for (const std::span<Real>& component : d) std::fill(component.begin(), component.end(), Real(0));
+  const SolveReport report = solve(tolerance, max_iterations, threads);
+  apply_pressure(obstacles, false, d, threads);
   return report;
 }
 

@@ -20,15 +20,12 @@
 #include "substep/gridfluid/layout.h"
 #include "substep/gridfluid/obstacles.h"
 #include "substep/gridfluid/pressure_solver.h"
+#include "substep/gridfluid/sides.h"
 
 namespace substep::gridfluid {
 
 template <class Real, int D>
 using Velocity = std::array<std::span<Real>, D>;  // of the faces [m/s]
-
-// Whether the lower and the upper side of each axis is open.
-template <int D>
-using OpenSides = std::array<std::array<bool, 2>, D>;
 
 template <class Real, int D>
 class Projection {
@@ -42,6 +39,11 @@ class Projection {
   // Where the report is that it has not converged, u is as it was.
   SolveReport project(const Obstacles<Real, D>& obstacles, Velocity<Real, D> u, double tolerance,
                       int max_iterations, int threads);
+
+  // Displacements of the faces, or velocities, whose divergence in fluid cells is `source`; what
+  // the solver reached, converged or not. q() is lost.
+  SolveReport spread(const Obstacles<Real, D>& obstacles, std::span<const Real> source,
+                     Velocity<Real, D> d, double tolerance, int max_iterations, int threads);
 
   // Of the last call of project(), the first guess of the next.
   std::span<double> q() { return {q_.data(), q_.size()}; }
@@ -60,7 +62,9 @@ class Projection {
   void find_weights(const Obstacles<Real, D>& obstacles, std::span<const Real> phi, int threads);
   void find_divergence(const Obstacles<Real, D>& obstacles, const Velocity<Real, D>& u,
                        int threads);
-  void apply_pressure(const Obstacles<Real, D>& obstacles, Velocity<Real, D> u, int threads);
+  SolveReport solve(double tolerance, int max_iterations, int threads);
+  void apply_pressure(const Obstacles<Real, D>& obstacles, bool moving, Velocity<Real, D> u,
+                      int threads);
 
   Layout<D> layout_;
   OpenSides<D> open_;

@@ -1,10 +1,10 @@
 #include "substep/pbf/liquid.h"
 
 #include <algorithm>
-#include <numeric>
 #include <utility>
 
 #include "substep/core/errors.h"
+#include "substep/core/rows_by_id.h"
 #include "substep/core/usize.h"
 #include "substep/pbf/fluid.h"
 
@@ -147,22 +147,8 @@ class LiquidOf final : public Liquid {
       fluid_.boundary.colliders()[c] = *colliders_[c];
   }
 
-  // Rows by ascending id: from a table of all ids that were ever given, unless few of very many are
-  // left.
   std::vector<std::size_t> rows_of_ids() const {
-    constexpr std::size_t kNone = ~std::size_t{0};
-    const std::vector<std::int64_t>& ids = fluid_.particles.id;
-    if (fluid_.next_id > 8 * size() + (1 << 16)) {
-      std::vector<std::size_t> row(ids.size());
-      std::iota(row.begin(), row.end(), std::size_t{0});
-      std::sort(row.begin(), row.end(),
-                [&](std::size_t i, std::size_t j) { return ids[i] < ids[j]; });
-      return row;
-    }
-    std::vector<std::size_t> row(usize(fluid_.next_id), kNone);
-    for (std::size_t i = 0; i < ids.size(); ++i) row[usize(ids[i])] = i;
-    std::erase(row, kNone);
-    return row;
+    return rows_by_id(fluid_.particles.id, fluid_.next_id);
   }
   template <class T, class Value>
   std::vector<T> column(const Value& value) const {

@@ -1,0 +1,89 @@
+"""The box of a grid: its cells, its sides, and numbers between them."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..base.checks import check_array, check_choice, describe
+from ..errors import InputError
+
+Array = NDArray[np.float64]
+
+SIDES = ("wall", "open", "periodic")
+_BYTES = 100  # of a cell with float32, at least
+_MOST_CELLS = 2**31 - 1
+
+
+def check_box(bounds: ArrayLike, cell: float) -> tuple[Array, tuple[int, ...]]:
+    """Corners of a box, and the whole cells along its axes."""
+    corners = check_array("bounds", bounds)
+    if corners.shape not in ((2, 2), (2, 3)):
+        raise InputError(f"bounds: expected shape (2, 3) or (2, 2), got {corners.shape}")
+    sides = corners[1] - corners[0]
+    if not (sides > 0).all():
+        raise InputError("bounds: expected the lowest corner, then the highest")
+    counts = sides / cell
+    cells = np.rint(counts)
+    wrong = (np.abs(counts - cells) > 1e-6 * counts) | (cells < 1)
+    if wrong.any():
+        a = int(np.argmax(wrong))
+        raise InputError(
+            f"bounds: expected a whole number of cells of {cell:g} m along each axis, got "
+            f"{counts[a]:.6g} along axis {a}"
+        )
+    if float(np.prod(cells)) > _MOST_CELLS:
+        raise InputError(f"bounds: expected at most {_MOST_CELLS} cells, got {np.prod(cells):.3g}")
+    return corners, tuple(int(n) for n in cells)
+
+
+def check_cells_fit(cells: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+    """MemoryError if so many cells cannot fit into the machine, before any is taken."""
+    need = math.prod(cells) * _BYTES * dtype.itemsize // 4
+    have = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if need > have:
+        raise MemoryError(
+            f"a grid of {' x '.join(map(str, cells))} cells needs at least {need / 1e9:.3g} GB, "
+            f"the machine has {have / 1e9:.3g} GB"
+        )
+
+
+def check_open_sides(sides: Any, d: int) -> tuple[tuple[str, str], ...]:
+    """Kinds of the lower and upper side of each axis."""
+    per_axis = [sides] * d if isinstance(sides, str) else sides
+    if not isinstance(per_axis, (list, tuple)) or len(per_axis) != d:
+        raise InputError(f"sides: expected one word, or {d} words or pairs, got {describe(sides)}")
+    pairs = []
+    for a, given in enumerate(per_axis):
+        pair = (given, given) if isinstance(given, str) else given
+        if not isinstance(pair, (list, tuple)) or len(pair) != 2:
+            raise InputError(f"sides[{a}]: expected a word or two, got {describe(given)}")
+        low, high = (check_choice(f"sides[{a}]", side, SIDES) for side in pair)
+        if (low == "periodic") != (high == "periodic"):
+            raise InputError(f"sides[{a}]: a periodic axis is so on both sides")
+        pairs.append((low, high))
+    return tuple(pairs)
+
+
+def interpolate(name: str, points: ArrayLike, bounds: Array, cell: float, values: Array) -> Array:
+    """Values between the middles of cells, linear along each axis, constant beyond the outermost."""
+    x = check_array(name, points, (None, bounds.shape[1]))
+    outside = ((x < bounds[0]) | (x > bounds[1])).any(axis=1)
+    if outside.any():
+        k = int(np.argmax(outside))
+        raise InputError(f"{name}[{k}]: expected a point in the box, got {x[k]}")
+    shape = np.array(values.shape)
+    at = np.clip((x - bounds[0]) / cell - 0.5, 0, shape - 1)
+    low = np.minimum(at.astype(np.int64), np.maximum(shape - 2, 0))
+    part = at - low
+    result = np.zeros(len(x))
+    for corner in itertools.product((0, 1), repeat=len(shape)):
+        index = np.minimum(low + corner, shape - 1)
+        weight = np.where(corner, part, 1 - part).prod(axis=1)
+        result += weight * values[tuple(index.T)]
+    return result
