@@ -104,8 +104,10 @@ void bind_flow_reports(py::module_& m) {
       .def_property_readonly("momentum", [](const FlowSums& s) { return triple(s.momentum); })
       .def_readonly("divergence", &FlowSums::divergence)
       .def_readonly("speed", &FlowSums::speed)
-      .def_readonly("courant", &FlowSums::courant)
       .def_readonly("scalars", &FlowSums::scalars);
+  py::class_<FlowLimits>(m, "FlowLimits")
+      .def_readonly("courant", &FlowLimits::courant)
+      .def_readonly("acceleration", &FlowLimits::acceleration);
 }
 
 }  // namespace
@@ -126,6 +128,7 @@ void bind_grid_flow(py::module_& m) {
       .def_property("threads", &AnyFlow::threads, &AnyFlow::set_threads)
       .def_property_readonly("report", &AnyFlow::report)
       .def("sums", &AnyFlow::sums, Released())
+      .def("limits", &AnyFlow::limits, Released())
       .def("velocities",
            [](const AnyFlow& self) { return table(self.velocities(), self.dimension()); })
       .def("velocity", [](const AnyFlow& self, int axis) { return column(self.velocity(axis)); },

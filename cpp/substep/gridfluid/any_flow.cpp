@@ -61,6 +61,7 @@ class FlowOf final : public AnyFlow {
     read_colliders();
     return flow_.sums();
   }
+  FlowLimits limits() const override { return flow_.limits(); }
   std::vector<double> sample(std::span<const Vec3> points) override {
     read_colliders();
     return flow_.sample(points);

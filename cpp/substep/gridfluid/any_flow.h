@@ -35,6 +35,7 @@ class AnyFlow {
   // As in Flow.
   virtual void step(double dt) = 0;
   virtual FlowSums sums() = 0;
+  virtual FlowLimits limits() const = 0;
   virtual std::vector<double> sample(std::span<const Vec3> points) = 0;
 
   virtual int dimension() const = 0;

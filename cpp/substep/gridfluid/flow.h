@@ -39,6 +39,7 @@ class Flow {
   void project();
 
   FlowSums sums();
+  FlowLimits limits() const;
   // Rows of numbers at points [m]: velocity, pressure [Pa], scalars.
   std::vector<double> sample(std::span<const Vec3> points);
   // Velocities in the middle of cells, D numbers for each [m/s].
@@ -68,6 +69,8 @@ class Flow {
   void find_domain();
   void find_sources();
   void check_inflow() const;
+  void check_regions(const SolveReport& got, double divergence, double dt) const;
+  double total_divergence(const Fields& fields) const;
   void start(double dt);
   void hold(std::size_t a, std::span<Real> x) const;
   void take_pressure(Fields& fields, Real factor);

@@ -22,7 +22,7 @@ FlowSums Flow<Real, D>::sums() {
   const std::span<const Cell> cells = projection_.cells();
   const bool cut = obstacles_.any(), moving = obstacles_.moving();
   struct Part {
-    double kinetic = 0, fluid = 0, divergence = 0, speed = 0, courant = 0;
+    double kinetic = 0, fluid = 0, divergence = 0, speed = 0;
     std::array<double, D> momentum{};
     std::vector<double> scalars;
   };
@@ -33,7 +33,7 @@ FlowSums Flow<Real, D>::sums() {
     Part part = none;
     for (std::int64_t i = begin; i < end; ++i) {
       if (cells[usize(i)] != Cell::kFluid) continue;
-      double divergence = 0, courant = 0;
+      double divergence = 0;
       for (std::size_t a = 0; a < D; ++a) {
         double largest = 0;
         for (std::size_t end_of = 0; end_of < 2; ++end_of) {
@@ -48,9 +48,7 @@ FlowSums Flow<Real, D>::sums() {
           largest = std::max(largest, std::abs(v));
         }
         part.speed = std::max(part.speed, largest);
-        courant += largest;
-      }
-      part.courant = std::max(part.courant, courant);
+        }
       part.divergence = std::max(part.divergence, std::abs(divergence));
       for (std::size_t k = 0; k < scalars_.size(); ++k) {
         part.scalars[k] += double(scalars_[k][usize(i)]);
@@ -65,7 +63,6 @@ FlowSums Flow<Real, D>::sums() {
                                  total.fluid += part.fluid;
                                  total.divergence = std::max(total.divergence, part.divergence);
                                  total.speed = std::max(total.speed, part.speed);
-                                 total.courant = std::max(total.courant, part.courant);
                                  for (std::size_t a = 0; a < D; ++a) {
                                    total.momentum[a] += part.momentum[a];
                                  }
@@ -77,11 +74,42 @@ FlowSums Flow<Real, D>::sums() {
                 .momentum = Vec3::Zero(),
                 .divergence = all.divergence / dx_,
                 .speed = all.speed,
-                .courant = all.courant,
                 .scalars = all.scalars};
   for (std::size_t a = 0; a < D; ++a) sums.momentum[static_cast<int>(a)] = mass() * all.momentum[a];
   for (double& x : sums.scalars) x /= std::max(all.fluid, 1.0);
   return sums;
+}
+
+template <class Real, int D>
+FlowLimits Flow<Real, D>::limits() const {
+  const auto largest = [](double& total, double part) { total = std::max(total, part); };
+  const auto most = [&](const auto& of_cell) {
+    return gather_rows(
+        layout_, all_cells(layout_), options.threads, 0.0,
+        [&](std::int64_t begin, std::int64_t end) {
+          Real part = 0;
+          for (std::int64_t i = begin; i < end; ++i) part = std::max(part, of_cell(i));
+          return double(part);
+        },
+        largest);
+  };
+  FlowLimits limits;
+  limits.courant = most([&](std::int64_t i) {
+    Real sum = 0;
+    for (std::size_t a = 0; a < D; ++a) {
+      sum += std::max(std::abs(velocity_[a][usize(i)]),
+                      std::abs(velocity_[a][usize(i + layout_.stride[a])]));
+    }
+    return sum;
+  });
+  for (std::size_t k = 0; k < scalars_.size(); ++k) {
+    const Real ambient = Real(options.scalars[k].ambient);
+    const double difference =
+        most([&](std::int64_t i) { return std::abs(scalars_[k][usize(i)] - ambient); });
+    limits.acceleration +=
+        options.gravity.norm() * std::abs(options.scalars[k].buoyancy) * difference;
+  }
+  return limits;
 }
 
 template <class Real, int D>
@@ -141,6 +169,10 @@ template FlowSums Flow<float, 2>::sums();
 template FlowSums Flow<float, 3>::sums();
 template FlowSums Flow<double, 2>::sums();
 template FlowSums Flow<double, 3>::sums();
+template FlowLimits Flow<float, 2>::limits() const;
+template FlowLimits Flow<float, 3>::limits() const;
+template FlowLimits Flow<double, 2>::limits() const;
+template FlowLimits Flow<double, 3>::limits() const;
 template std::vector<double> Flow<float, 2>::sample(std::span<const Vec3>);
 template std::vector<double> Flow<float, 3>::sample(std::span<const Vec3>);
 template std::vector<double> Flow<double, 2>::sample(std::span<const Vec3>);

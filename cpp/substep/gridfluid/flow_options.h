@@ -56,9 +56,14 @@ struct FlowSums {
   double kinetic = 0;             // [J]
   Vec3 momentum = Vec3::Zero();   // [N s]
   double divergence = 0;          // the largest of a cell [1/s]
-  double speed = 0;               // the largest [m/s]
-  double courant = 0;             // the largest sum of the speeds along axes in a cell [m/s]
+  double speed = 0;               // the largest along an axis [m/s]
   std::vector<double> scalars;    // means over the cells with fluid
+};
+
+// What a step has to be shorter for.
+struct FlowLimits {
+  double courant = 0;       // the largest sum of the speeds along axes in a cell [m/s]
+  double acceleration = 0;  // the largest by buoyancy [m/s^2]
 };
 
 }  // namespace substep::gridfluid
