@@ -7,10 +7,10 @@ namespace {
 
 // The part of axis b != a, or of a itself.
 template <class Real, int D>
-Real along(const Layout<D>& layout, const Velocity<Real, D>& u, std::size_t a, std::size_t b,
-           std::int64_t i) {
+Real along(const Layout<D>& layout, const Velocity<Real, D>& flow, const Velocity<Real, D>& u,
+           std::size_t a, std::size_t b, std::int64_t i) {
   const std::int64_t s = layout.stride[a], t = layout.stride[b];
-  const std::span<Real> v = u[b];
+  const std::span<Real> v = flow[b];
   const Real here = u[a][usize(i)];
   // Twice the velocities through the faces of the cell around.
   const Real below = v[usize(i - s)] + v[usize(i)];
@@ -18,17 +18,20 @@ Real along(const Layout<D>& layout, const Velocity<Real, D>& u, std::size_t a, s
   return (above * (u[a][usize(i + t)] - here) + below * (here - u[a][usize(i - t)])) / 4;
 }
 
-// In an open side, whose cells inside are those of `column`, and inner the next face.
+// In an open side, whose cells inside are those of `column`, and inner the next face. What flows in
+// comes from rest: else eddies that leave would draw in energy without bound.
 template <class Real, int D>
-Real in_open_side(const Layout<D>& layout, const Velocity<Real, D>& u, std::size_t a,
-                  std::int64_t i, std::int64_t inner, std::int64_t column, Real outward) {
-  Real sum = outward > 0 ? outward * (u[a][usize(i)] - u[a][usize(inner)]) : Real(0);
+Real in_open_side(const Layout<D>& layout, const Velocity<Real, D>& v,
+                  const Velocity<Real, D>& u, std::size_t a, std::int64_t i, std::int64_t inner, std::int64_t column,
+                  Real outward) {
+  Real sum = outward > 0 ? outward * (u[a][usize(i)] - u[a][usize(inner)])
+                         : -outward * u[a][usize(i)];
   for (std::size_t b = 0; b < D; ++b) {
     if (b == a) continue;
     const std::int64_t t = layout.stride[b];
     const Real here = u[a][usize(i)];
-    sum += (u[b][usize(column + t)] * (u[a][usize(i + t)] - here) +
-            u[b][usize(column)] * (here - u[a][usize(i - t)])) /
+    sum += (v[b][usize(column + t)] * (u[a][usize(i + t)] - here) +
+            v[b][usize(column)] * (here - u[a][usize(i - t)])) /
            2;
   }
   return sum;
@@ -48,11 +51,12 @@ Real koren(Real behind, Real ahead) {
 
 template <class Real, int D>
 void Fluxes<Real, D>::central(const Layout<D>& layout, const SideGhosts<Real, D>& sides,
-                    const Velocity<Real, D>& u, std::size_t a, std::span<Real> out, int threads) {
+                              const Velocity<Real, D>& v, const Velocity<Real, D>& u,
+                              std::size_t a, std::span<Real> out, int threads) {
   for_rows(layout, sides.inner_faces(a), threads, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       Real sum = 0;
-      for (std::size_t b = 0; b < D; ++b) sum += along<Real, D>(layout, u, a, b, i);
+      for (std::size_t b = 0; b < D; ++b) sum += along<Real, D>(layout, v, u, a, b, i);
       out[usize(i)] = -sum;
     }
   });
@@ -63,9 +67,9 @@ void Fluxes<Real, D>::central(const Layout<D>& layout, const SideGhosts<Real, D>
     const std::int64_t s = layout.stride[a];
     for_rows(layout, side, threads, [&](std::int64_t first, std::int64_t last) {
       for (std::int64_t i = first; i < last; ++i) {
-        const Real v = u[a][usize(i)];
-        out[usize(i)] = -(end == 0 ? in_open_side<Real, D>(layout, u, a, i, i + s, i, -v)
-                                   : in_open_side<Real, D>(layout, u, a, i, i - s, i - s, v));
+        const Real out_of = end == 0 ? -v[a][usize(i)] : v[a][usize(i)];
+        const std::int64_t inner = end == 0 ? i + s : i - s, column = end == 0 ? i : i - s;
+        out[usize(i)] = -in_open_side<Real, D>(layout, v, u, a, i, inner, column, out_of);
       }
     });
   }

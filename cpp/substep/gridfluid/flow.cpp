@@ -297,10 +297,13 @@ void Flow<Real, D>::move_central(double dt) {
   const double k = number(options.viscosity, dt), part = implicit_part(k);
   constexpr double kStiff = 0.2;  // explicit stages are stable below it
   const Velocity<Real, D> stage = spans(next_);
+  find_passing(stage);  // makes the arrays
+  const Velocity<Real, D> passing = obstacles_.any() ? spans(passing_) : stage;
   runge_kutta<Real, D>(
       layout_, arrays, Real(dt / dx_), span(rates_),
       [&](std::size_t a, std::span<Real> out) {
-        Fluxes<Real, D>::central(layout_, sides_, stage, a, out, options.threads);
+        if (a == 0) find_passing(stage);
+        Fluxes<Real, D>::central(layout_, sides_, passing, stage, a, out, options.threads);
       },
       [&](std::size_t a, std::span<Real> d) {
         hold(a, d);
@@ -320,6 +323,27 @@ void Flow<Real, D>::move_central(double dt) {
                  x[usize(i)] = start_[a][usize(i)] + d[usize(i)];
                }
              });
+  }
+}
+
+// What passes faces of which obstacles leave a part.
+template <class Real, int D>
+void Flow<Real, D>::find_passing(const Velocity<Real, D>& u) {
+  if (!obstacles_.any()) return;
+  const bool moving = obstacles_.moving();
+  for (std::size_t a = 0; a < D; ++a) {
+    if (passing_[a].size() == 0) make_zero(passing_[a], layout_.size);
+    const std::span<Real> v = span(passing_[a]);
+    const int axis = static_cast<int>(a);
+    for_rows(layout_, all_faces(layout_, a), options.threads,
+             [&](std::int64_t begin, std::int64_t end) {
+               for (std::int64_t i = begin; i < end; ++i) {
+                 const Real open = obstacles_.open(axis)[usize(i)];
+                 const Real theirs = moving ? obstacles_.velocity(axis)[usize(i)] : Real(0);
+                 v[usize(i)] = open * u[a][usize(i)] + (1 - open) * theirs;
+               }
+             });
+    wrap(layout_, v);
   }
 }
 

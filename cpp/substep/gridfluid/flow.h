@@ -75,6 +75,7 @@ class Flow {
   void hold(std::size_t a, std::span<Real> x) const;
   void take_pressure(Fields& fields, Real factor);
   void find_given(double dt);
+  void find_passing(const Velocity<Real, D>& u);
   void move_central(double dt);
   void move_along_paths(double dt);
   void drive_sources(Fields& fields) const;
@@ -115,7 +116,7 @@ class Flow {
   std::vector<AlignedBuffer<Real>> scalars_;
   AlignedBuffer<double> pressure_;
   // Of a step: what it begins with, comes to, changes by, and is given.
-  Fields start_, next_, change_, given_;
+  Fields start_, next_, change_, given_, passing_;
   std::vector<AlignedBuffer<Real>> start_scalars_, next_scalars_;
   AlignedBuffer<Real> rates_;
 };

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 
 #include "substep/core/usize.h"
 #include "substep/gridfluid/layout.h"
@@ -54,14 +55,21 @@ Real interpolate(const Layout<D>& layout, const T& f, const Between<Real, D>& at
   }
 }
 
-// The smallest and the largest of the 2^D.
+// The smallest and the largest of the 2^D that count: at a number itself its neighbours do not, so
+// that it is the same seen from either side.
 template <class Real, int D, class T>
 std::array<Real, 2> extremes(const Layout<D>& layout, const T& f, const Between<Real, D>& at) {
-  Real low = f[usize(at.base)], high = low;
-  for (int corner = 1; corner < (1 << D); ++corner) {
+  constexpr Real kNone = Real(1e-4);
+  Real low = std::numeric_limits<Real>::infinity(), high = -low;
+  for (int corner = 0; corner < (1 << D); ++corner) {
     std::int64_t i = at.base;
-    for (std::size_t b = 0; b < D; ++b) i += (corner >> b & 1) * layout.stride[b];
-    low = std::min(low, f[usize(i)]), high = std::max(high, f[usize(i)]);
+    bool counts = true;
+    for (std::size_t b = 0; b < D; ++b) {
+      const bool upper = (corner >> b & 1) != 0;
+      counts &= (upper ? at.part[b] : 1 - at.part[b]) > kNone;
+      if (upper) i += layout.stride[b];
+    }
+    if (counts) low = std::min(low, f[usize(i)]), high = std::max(high, f[usize(i)]);
   }
   return {low, high};
 }
