@@ -68,13 +68,19 @@ def parts(n: int, threads: int, repeats: int) -> None:
     values = np.zeros(len(row))
     repeats = 3 if n > 128 else repeats
     emit(n, "substep", "assembly", best_ms(lambda: native.assemble(H, values), repeats), threads)
-    factor = _core.SupernodalCholesky(start, row, 3)
-    assert factor.factorize(values, threads) == -1
-    numeric = best_ms(lambda: factor.factorize(values, threads), repeats)
-    emit(n, "substep", "factorization", numeric, threads)
-    emit(n, "substep", "factorization_rate", factor.flops / numeric / 1e6, threads, "GFlop/s")
+    # In float64, and in float32 as steps of Newton's method begin.
+    factor(n, threads, repeats, _core.SupernodalCholesky(start, row, 3), values, "")
+    factor(n, threads, repeats, _core.SingleSupernodalCholesky(start, row, 3), values, "single_")
+
+
+def factor(n: int, threads: int, repeats: int, matrix: Any, values: np.ndarray, name: str) -> None:
+    assert matrix.factorize(values, threads) == -1
+    numeric = best_ms(lambda: matrix.factorize(values, threads), repeats)
+    emit(n, "substep", f"{name}factorization", numeric, threads)
+    rate = matrix.flops / numeric / 1e6
+    emit(n, "substep", f"{name}factorization_rate", rate, threads, "GFlop/s")
     x = np.ones(3 * n * n)
-    emit(n, "substep", "solve", best_ms(lambda: factor.solve(x, threads), repeats), threads)
+    emit(n, "substep", f"{name}solve", best_ms(lambda: matrix.solve(x, threads), repeats), threads)
 
 
 def steps(n: int, threads: int, solver: str, frames: int) -> None:

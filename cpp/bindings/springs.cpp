@@ -177,18 +177,19 @@ void bind_deformable(py::module_& m) {
           py::call_guard<py::gil_scoped_release>());
 }
 
-// The factorization that implicit steps use.
-void bind_factor(py::module_& m) {
-  using substep::SupernodalCholesky;
-  py::class_<SupernodalCholesky>(m, "SupernodalCholesky")
+// The factorizations that implicit steps use.
+template <class Real>
+void bind_factor(py::module_& m, const char* name) {
+  using Factor = substep::SupernodalCholesky<Real>;
+  py::class_<Factor>(m, name)
       .def(py::init([](const Indices& start, const Indices& row, int block) {
              const auto n = static_cast<std::int32_t>(start.size() - 1);
-             return new SupernodalCholesky({n, n, list(start), list(row)}, block);
+             return new Factor({n, n, list(start), list(row)}, block);
            }),
            py::arg("start").noconvert(), py::arg("row").noconvert(), py::arg("block"))
       .def(
           "factorize",
-          [](SupernodalCholesky& self, const Reals& values, int threads) {
+          [](Factor& self, const Reals& values, int threads) {
             const auto size = static_cast<std::size_t>(values.size());
             const std::span<const double> held(values.data(), size);
             const py::gil_scoped_release released;
@@ -197,20 +198,21 @@ void bind_factor(py::module_& m) {
           py::arg("values").noconvert(), py::arg("threads"))
       .def(
           "solve",
-          [](SupernodalCholesky& self, Reals x, int threads) {
+          [](Factor& self, Reals x, int threads) {
             const std::span<double> out(x.mutable_data(), static_cast<std::size_t>(x.size()));
             const py::gil_scoped_release released;
             self.solve(out, threads);
           },
           py::arg("x").noconvert(), py::arg("threads"))
-      .def_property_readonly("nonzeros", &SupernodalCholesky::nonzeros)
-      .def_property_readonly("flops", &SupernodalCholesky::flops);
+      .def_property_readonly("nonzeros", &Factor::nonzeros)
+      .def_property_readonly("flops", &Factor::flops);
 }
 
 }  // namespace
 
 void bind_springs(py::module_& m) {
-  bind_factor(m);
+  bind_factor<double>(m, "SupernodalCholesky");
+  bind_factor<float>(m, "SingleSupernodalCholesky");
   bind_terms(m);
   bind_deformable(m);
 }

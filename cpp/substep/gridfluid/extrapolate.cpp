@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <array>
+#include <cstring>
 #include <functional>
 
+#include "substep/core/lanes.h"
 #include "substep/core/parallel.h"
 #include "substep/gridfluid/ghosts.h"
 
@@ -55,12 +57,12 @@ void Extrapolation<Real, D>::mark(const Layout<D>& layout, int c, const Real* we
   const Rows rows(layout, c);
   const std::int64_t begin = rows.index(row);
   const Real* const __restrict w = weight + begin;
-  std::uint8_t* const __restrict layer = layer_[usize(c)].data() + begin;
+  Real* const __restrict layer = layer_[usize(c)].data() + begin;
   int known = 0;
   const int faces = rows.faces[D - 1];
   for (int k = 0; k < faces; ++k) {
     const bool is = w[k] > 0;
-    layer[k] = is ? 0 : kUnknown;
+    layer[k] = is ? Real(0) : kUnknown;
     known += is;
   }
   row_has_[usize(c)][usize(row)] =
@@ -84,30 +86,30 @@ void Extrapolation<Real, D>::fill(const Layout<D>& layout, int c, int layer, Rea
   }
   if ((has & kHasKnown) == 0) return;
 
-  constexpr int kBlock = 64;  // faces, filled at a time
   const std::int64_t begin = rows.index(row);
-  std::uint8_t* const layers = layer_[usize(c)].data() + begin;
-  Real* const velocity = u + begin;
+  const int faces = rows.faces[D - 1];
   bool some = false;
-  for (int k0 = 0; k0 < rows.faces[D - 1]; k0 += kBlock) {
-    const int count = std::min(kBlock, rows.faces[D - 1] - k0);
-    Real sum[kBlock] = {}, known[kBlock] = {};
+  const auto fill_lanes = [&]<class V>(int k, V) {
+    Real* const layers = layer_[usize(c)].data() + begin + k;
+    Real* const velocity = u + begin + k;
+    V sum{}, known{};
     for (const std::int64_t offset : around) {
-      const std::uint8_t* const l = layers + k0 + offset;
-      const Real* const v = velocity + k0 + offset;
-      for (int k = 0; k < count; ++k) {
-        const Real is = l[k] < layer ? Real(1) : Real(0);
-        known[k] += is;
-        sum[k] += is * v[k];
-      }
+      const V is = load<V>(layers + offset) < static_cast<Real>(layer) ? V{} + 1 : V{};
+      known += is;
+      sum = fma<V>(is, load<V>(velocity + offset), sum);
     }
-    for (int k = 0; k < count; ++k) {
-      if (layers[k0 + k] != kUnknown || known[k] == 0) continue;
-      layers[k0 + k] = static_cast<std::uint8_t>(layer);
-      velocity[k0 + k] = sum[k] / known[k];
-      some = true;
-    }
-  }
+    const auto now = (load<V>(layers) == kUnknown) & (known > 0);
+    if (!any(now)) return;
+    some = true;
+    const V mean = now ? sum / known : load<V>(velocity);
+    const V new_layer = now ? V{} + static_cast<Real>(layer) : load<V>(layers);
+    std::memcpy(velocity, &mean, sizeof mean);
+    std::memcpy(layers, &new_layer, sizeof new_layer);
+  };
+  constexpr int kLanes = kVectorBytes / static_cast<int>(sizeof(Real));
+  int k = 0;
+  for (; k + kLanes <= faces; k += kLanes) fill_lanes(k, Vector<Real>{});
+  for (; k < faces; ++k) fill_lanes(k, Vector<Real, sizeof(Real)>{});
   if (some) row_has[usize(row)] |= kHasKnown;
 }
 
@@ -127,7 +129,7 @@ void Extrapolation<Real, D>::operator()(const Layout<D>& layout, const ConstFace
       layer.reset(usize(layout.size));
     }
   }
-  layers = std::clamp(layers, 0, kUnknown - 1);
+  layers = std::clamp(layers, 0, static_cast<int>(kUnknown) - 1);
   std::vector<std::int64_t> chunks{D, D * tasks, D};
   for (int l = 0; l < layers; ++l) chunks.insert(chunks.end(), {D * tasks, D * tasks, D});
 

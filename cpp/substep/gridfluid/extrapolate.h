@@ -27,10 +27,11 @@ class Extrapolation {
   void mark(const Layout<D>& layout, int c, const Real* weight, std::int64_t row);
   void fill(const Layout<D>& layout, int c, int layer, Real* u, std::int64_t row);
 
-  // Of each face: the layer in which it became known, 0 for weight > 0.
-  static constexpr std::uint8_t kUnknown = 255;
+  // Of each face: the layer in which it became known, 0 for weight > 0. (Real, as the velocities,
+  // so that both fill the same lanes.)
+  static constexpr Real kUnknown = 255;
   static constexpr std::uint8_t kHasKnown = 1, kHasUnknown = 2;
-  std::array<AlignedBuffer<std::uint8_t>, D> layer_;
+  std::array<AlignedBuffer<Real>, D> layer_;
   std::array<std::vector<std::uint8_t>, D> row_has_;  // what a row has: bits
 };
 

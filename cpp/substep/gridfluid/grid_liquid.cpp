@@ -12,6 +12,7 @@
 #include "substep/core/usize.h"
 #include "substep/gridfluid/density.h"
 #include "substep/gridfluid/ghosts.h"
+#include "substep/gridfluid/row_tasks.h"
 #include "substep/gridfluid/sides.h"
 #include "substep/gridfluid/surface.h"
 #include "substep/gridfluid/transfer_to_grid.h"
@@ -19,15 +20,16 @@
 namespace substep::gridfluid {
 namespace {
 
-constexpr std::int64_t kRows = 4096;  // particles that a task works on
-constexpr int kLayers = 3;            // of faces beyond the liquid that get velocities
-constexpr double kMargin = 1e-3;      // that particles keep from sides and obstacles [cells]
+constexpr std::int64_t kOfTask = 4096;  // particles that a task works on
+constexpr int kLayers = 3;              // of faces beyond the liquid that get velocities
+constexpr double kMargin = 1e-3;        // that particles keep from sides and obstacles [cells]
 
 template <int D>
 Layout<D> layout_of(const LiquidOptions& options) {
   std::array<int, D> cells;
   std::array<bool, D> periodic;
-  for (std::size_t a = 0; a < D; ++a) cells[a] = options.cells[a], periodic[a] = options.periodic[a];
+  for (std::size_t a = 0; a < D; ++a)
+    cells[a] = options.cells[a], periodic[a] = options.periodic[a];
   return Layout<D>(cells, periodic);
 }
 
@@ -36,12 +38,6 @@ OpenSides<D> open_sides(const LiquidOptions& options) {
   OpenSides<D> open;
   for (std::size_t a = 0; a < D; ++a) open[a] = options.open[a];
   return open;
-}
-
-template <class T>
-void fill(AlignedBuffer<T>& buffer, std::int64_t n, T value) {
-  buffer.reset(usize(n));
-  std::fill(buffer.begin(), buffer.end(), value);
 }
 
 }  // namespace
@@ -57,11 +53,11 @@ GridLiquid<Real, D>::GridLiquid(std::vector<geometry::Collider> colliders,
       next_(options.transfer == Transfer::kApic),
       projection_(layout, open_sides<D>(options)) {
   for (Fields* fields : {&u_, &old_u_, &shift_, &weight_}) {
-    for (Field& field : *fields) fill(field, layout.size, Real(0));
+    for (Field& field : *fields) assign(field, layout.size, Real(0));
   }
-  fill(phi_, layout.size, Real(0));
-  fill(density_, layout.size, Real(0));
-  fill(q, layout.size, 0.0);
+  assign(phi_, layout.size, Real(0));
+  assign(density_, layout.size, Real(0));
+  assign(q, layout.size, 0.0);
 }
 
 template <class Real, int D>
@@ -144,10 +140,24 @@ void GridLiquid<Real, D>::find_domain() {
   poll_interrupt();
   obstacles.find(options.threads);
   number_density(next_, layout, static_cast<Real>(1 << D), density_.data(), options.threads);
-  gridfluid::level_set(next_, layout, density_.data(), SurfaceOptions<Real>{}, phi_.data(), scratch_,
-                       options.threads);
+  count_obstacles_in();
+  gridfluid::level_set(next_, layout, density_.data(), SurfaceOptions<Real>{}, phi_.data(),
+                       scratch_, options.threads);
   extend_surface();
   projection_.set_domain(obstacles, {phi_.data(), phi_.size()}, options.threads);
+}
+
+// Densities of what obstacles leave of the cells around.
+template <class Real, int D>
+void GridLiquid<Real, D>::count_obstacles_in() {
+  if (!obstacles.any()) return;
+  constexpr Real kLeast = 0.25;
+  const std::span<const Real> room = obstacles.room();
+  for_each_row(layout, -1, options.threads, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i)
+      density_[usize(i)] /= std::max(room[usize(i)], kLeast);
+  });
+  fill_ghosts(layout, kCentres, density_.data());
 }
 
 // The liquid goes on into obstacles that it touches: else a cell of which they cover the middle
@@ -198,9 +208,8 @@ void GridLiquid<Real, D>::for_walls(const Each& each) const {
   for (int a = 0; a < D; ++a) {
     for (int side = 0; side < 2 && !layout.periodic[usize(a)]; ++side) {
       if (options.open[usize(a)][usize(side)]) continue;
-      for_side(layout, a, side, [&](std::int64_t, std::int64_t, std::int64_t face) {
-        each(usize(a), face);
-      });
+      for_side(layout, a, side,
+               [&](std::int64_t, std::int64_t, std::int64_t face) { each(usize(a), face); });
     }
   }
 }
@@ -248,7 +257,8 @@ void GridLiquid<Real, D>::find_valid() {
 // the error, div d = rho / rho_0 - 1. Cells at the surface are full at most.
 template <class Real, int D>
 void GridLiquid<Real, D>::find_displacement() {
-  constexpr Real kMost = 0.5;       // of an error that a step corrects
+  // Of an error a step corrects a fifth: all of it stirs the liquid, as much of it is noise.
+  constexpr Real kShare = 0.2, kMost = 0.5;
   constexpr double kTolerance = 1e-2;
   constexpr int kIterations = 20;
   poll_interrupt();
@@ -266,10 +276,10 @@ void GridLiquid<Real, D>::find_displacement() {
               error = 0;
               continue;
             }
-            const bool inside = phi_[usize(i)] < -1 && is_clear(i);
-            error = std::clamp(error - 1, inside ? -kMost : Real(0), kMost);
+            const bool inside = phi_[usize(i)] < -1;
+            error = kShare * std::clamp(error - 1, inside ? -kMost : Real(0), kMost);
             if (!inside) continue;
-            errors[usize(r)] += std::abs(double(error));
+            errors[usize(r)] += std::abs(double(error / kShare));
             ++counts[usize(r)];
           }
         }
@@ -284,13 +294,6 @@ void GridLiquid<Real, D>::find_displacement() {
   new_report_.volume_iterations = solved.iterations;
   find_valid();
   fill_around(shift_, 1);
-}
-
-// Whether no obstacle takes room in a cell or next to it.
-template <class Real, int D>
-bool GridLiquid<Real, D>::is_clear(std::int64_t i) const {
-  constexpr Real kAway = 1.8;  // [cells]
-  return !obstacles.any() || obstacles.at_centre(i) > kAway;
 }
 
 template <class Real, int D>
@@ -369,7 +372,7 @@ template <class Real, int D>
 std::int64_t GridLiquid<Real, D>::absorb(const geometry::Collider& region) {
   std::vector<std::uint8_t> inside(usize(next_.size()));
   parallel_for(
-      next_.size(), kRows,
+      next_.size(), kOfTask,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t i = begin; i < end; ++i) {
           inside[usize(i)] = region.signed_distance(position(next_, i)).value < 0 ? 1 : 0;
@@ -454,10 +457,10 @@ double GridLiquid<Real, D>::fastest() const {
 template <class Real, int D>
 LiquidEnergies GridLiquid<Real, D>::energies() const {
   const std::int64_t n = particles.size();
-  std::vector<LiquidEnergies> parts(usize((n + kRows - 1) / kRows));
+  std::vector<LiquidEnergies> parts(usize((n + kOfTask - 1) / kOfTask));
   const double m = mass();
   parallel_for(
-      n, kRows,
+      n, kOfTask,
       [&](std::int64_t begin, std::int64_t end) {
         LiquidEnergies part;
         for (std::int64_t i = begin; i < end; ++i) {
@@ -467,7 +470,7 @@ LiquidEnergies GridLiquid<Real, D>::energies() const {
                    .momentum = m * v,
                    .angular_momentum = m * x.cross(v)};
         }
-        parts[usize(begin / kRows)] = part;
+        parts[usize(begin / kOfTask)] = part;
       },
       options.threads);
   LiquidEnergies sum;

@@ -4,7 +4,8 @@
 //
 // Velocities change first, where the particles are; then they move: as a step of symplectic Euler.
 // Afterwards a second pressure, which changes positions alone, sets right how many particles full
-// cells hold (Kugelstadt et al., "Implicit density projection for volume conserving liquids", 2021).
+// cells hold (Kugelstadt et al., "Implicit density projection for volume conserving liquids",
+// 2021).
 #pragma once
 
 #include <array>
@@ -66,18 +67,17 @@ class GridLiquid {
   using Field = AlignedBuffer<Real>;
   using Fields = std::array<Field, D>;
 
-
   void append(Particles<Real, D>& to, std::int64_t first_id, std::span<const Vec3> x,
               std::span<const Vec3> v) const;
   void sort(double dt);
   void find_domain();
+  void count_obstacles_in();
   void extend_surface();
   void pass_to_grid();
   void accelerate(double dt);
   void project(double dt);
   void find_valid();
   void find_displacement();
-  bool is_clear(std::int64_t cell) const;
   void move_obstacles(double dt);
   void move_particles(double dt);
   void let_flow(double end);

@@ -97,7 +97,8 @@ class LiquidOf final : public Liquid {
     const auto& p = liquid_.particles;
     const int affine = p.affine() ? D * D : 0;
     std::vector<Real> forces;
-    for (const auto& force : liquid_.forces) forces.insert(forces.end(), force.begin(), force.end());
+    for (const auto& force : liquid_.forces)
+      forces.insert(forces.end(), force.begin(), force.end());
     std::vector<double> q;
     liquid_.layout.for_cells([&](std::int64_t i) { q.push_back(liquid_.q[usize(i)]); });
     return {.time = liquid_.time,

@@ -103,9 +103,9 @@ class Liquid {
   virtual const geometry::ParticleFlow::Counts& counts() const = 0;
 
   // Of the cells, in rows along the last axis.
-  virtual std::vector<double> pressure() const = 0;   // [Pa]
-  virtual std::vector<double> level_set() = 0;        // distance to the surface [m], below 0 inside
-  virtual std::vector<double> grid_velocity() = 0;    // (cells, dimension) [m/s]
+  virtual std::vector<double> pressure() const = 0;  // [Pa]
+  virtual std::vector<double> level_set() = 0;       // distance to the surface [m], below 0 inside
+  virtual std::vector<double> grid_velocity() = 0;   // (cells, dimension) [m/s]
 
   virtual LiquidState state() const = 0;
   // InputError: numbers of the other precision, or other emitters; nothing has changed then.
@@ -115,7 +115,6 @@ class Liquid {
 // The colliders are read before each step, and moved by it.
 std::unique_ptr<Liquid> make_liquid(Precision precision,
                                     std::vector<std::shared_ptr<geometry::Collider>> colliders,
-                                    const LiquidOptions& options,
-                                    geometry::ParticleFlow flow = {});
+                                    const LiquidOptions& options, geometry::ParticleFlow flow = {});
 
 }  // namespace substep::gridfluid

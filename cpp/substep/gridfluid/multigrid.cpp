@@ -1,10 +1,11 @@
 #include "substep/gridfluid/multigrid.h"
 
-#include <cstdlib>
+#include "substep/core/errors.h"
 
 namespace substep::gridfluid {
 namespace {
 
+constexpr double kDamping = 0.8;
 constexpr std::int64_t kSerial = 1 << 13;  // cells of a level that is not worth sharing
 
 }  // namespace
@@ -12,6 +13,9 @@ constexpr std::int64_t kSerial = 1 << 13;  // cells of a level that is not worth
 template <class Real, int D>
 Multigrid<Real, D>::Multigrid(const Layout<D>& layout) {
   std::array<int, D> cells = layout.cells;
+  for (std::size_t a = 0; a < D; ++a)
+    if (layout.periodic[a] && cells[a] == 1)
+      throw InputError("a periodic axis of a grid must have 2 cells or more, got 1");
   levels_.emplace_back(layout);
   while (*std::max_element(cells.begin(), cells.end()) > 1) {
     for (int& n : cells) n = (n + 1) / 2;
@@ -24,6 +28,10 @@ Multigrid<Real, D>::Multigrid(const Layout<D>& layout) {
       std::fill(buffer.begin(), buffer.end(), Real(0));
     };
     make(level.inverse_diagonal);
+    for (std::size_t a = 0; a < D; ++a) {
+      const int n = level.layout.cells[a];
+      level.odd = level.odd || (level.layout.periodic[a] && n > 1 && n % 2 == 1);
+    }
     if (l == 0) continue;
     make(level.own_b), make(level.own_x), make(level.own_r);
     level.b = level.own_b.data(), level.x = level.own_x.data(), level.r = level.own_r.data();
@@ -76,152 +84,212 @@ void Multigrid<Real, D>::set_matrix(const Coefficients& w, std::span<const Cell>
   for (std::size_t l = 1; l < levels_.size(); ++l) coarsen(levels_[l - 1], levels_[l], threads);
 }
 
+// Coarse cells are 2^D cells each, or what there is of them, and their unknown is at their centre.
+// Along each column of cells a flow passes resistances one after the other, and columns lie side by
+// side: from the centre, half the resistance 1 / w of the face in the middle (none where the column
+// has one cell only, which then stands for the centre), that of the face between, and half of that
+// in the middle beyond. So coarse cells are coupled by sums over columns of
+//   k = 1 / (1 / (2 w_inner) + 1 / w + 1 / (2 w_far)),
+// which is what one finds on a grid twice as coarse, for any surface and open areas; and those to
+// air likewise, so that the surface stays where it is. A column's share of a difference of pressure
+// between centres that falls off within the own cell is k / (2 w_inner), which is the weight by
+// which its cells' pressure leans on the neighbour. It is 1/4 in a column of equal w: then P is
+// linear (Khalil and Wesseling, "Vertex-centered and cell-centered multigrid for interface
+// problems", 1992), and R = P^T. Halves are at most one whole 1 / w: next to a narrow gap a cell is
+// reached from the side.
+namespace {
+
+// Along an axis of n cells, on one side of an aggregate: the cell beside the face, the other one,
+// the cell across, the one behind it, and the face. Ghosts, where there is no unknown, if there are
+// no such cells.
+inline std::array<int, 5> column_of(int coarse, int side, int n, bool periodic) {
+  const int lower = 2 * coarse, upper = lower + 1;  // upper may be a ghost
+  const bool upward = side == 1 && upper < n;
+  const int beside = upward ? upper : lower, other = upward ? lower : upper;
+  int across = side == 1 ? beside + 1 : lower - 1;
+  if (periodic) across = (across + n) % n;
+  const bool ghost = across < 0 || across >= n;
+  const int behind = ghost ? across : across ^ 1;
+  return {beside, other, across, behind, side == 1 ? across : beside};
+}
+
+}  // namespace
+
+template <class Real, int D>
+void Multigrid<Real, D>::add_columns(const Level& fine, Level& coarse, std::size_t a, int side,
+                                     const std::array<std::int64_t, 5>& column, std::int64_t at,
+                                     int n) {
+  const auto s = usize(side);
+  const auto [beside, other, across, behind, face] = column;
+  const Real* const known = fine.inverse_diagonal.data();
+  const Real *const b = known + beside, *const o = known + other, *const x = known + across,
+                    *const h = known + behind;
+  const Real *const w = fine.w[a] + face, *const inner = fine.w[a] + std::max(beside, other),
+                    *const beyond = fine.w[a] + std::max(across, behind);
+  const bool finest = fine.own_air[a][s].size() == 0;
+  const Real *const own_air = finest ? nullptr : fine.own_air[a][s].data() + beside,
+                    *const other_air = finest ? nullptr : fine.own_air[a][s].data() + other;
+  Real *const link = coarse.own_x.data() + at, *const count = coarse.own_b.data() + at,
+              *const air = coarse.own_air[a][s].data() + at,
+              *const lean = coarse.lean[a][s].data() + at,
+              *const loss = coarse.loss[a][s].data() + at;
+  // w_air: of the cell beside, and of the other.
+  const auto add = [&](int i, Real w_air, Real w_other) {
+    const int j = 2 * i;
+    const bool here = b[j] > 0;
+    w_air = here ? w_air : 0;
+    const Real w_face = here && x[j] > 0 ? w[j] : 0;
+    const Real w_inner = here && o[j] > 0 ? inner[j] : 0, w_far = h[j] > 0 ? beyond[j] : 0;
+    const auto half = [](Real of, Real by) {
+      return by > 0 ? std::min(Real(.5) * of / by, Real(1)) : Real(0);
+    };
+    const Real own = half(w_face, w_inner), k = 1 / (1 + own + half(w_face, w_far));
+    const Real own_of_air = half(w_air, w_inner), k_air = 1 / (1 + own_of_air);
+    link[i] += w_face * k;
+    air[i] += w_air * k_air + (o[j] > 0 ? w_other : 0);
+    lean[i] += own * k;
+    loss[i] += own * k + own_of_air * k_air;
+    count[i] += here;
+  };
+  if (finest) {
+#pragma GCC ivdep
+    for (int i = 0; i < n; ++i)
+      add(i, x[2 * i] > 0 ? 0 : w[2 * i], b[2 * i] > 0 ? 0 : inner[2 * i]);
+  } else {
+#pragma GCC ivdep
+    for (int i = 0; i < n; ++i) add(i, own_air[2 * i], other_air[2 * i]);
+  }
+}
+
+template <class Real, int D>
+void Multigrid<Real, D>::coarsen_row(const Level& fine, Level& coarse, int k, int j,
+                                     const Row<D>& row) {
+  const Layout<D>&of = fine.layout, &to = coarse.layout;
+  const int n = row.length;
+  Real* const diagonal = coarse.inverse_diagonal.data() + row.at;
+  Real *const link = coarse.own_x.data() + row.at, *const count = coarse.own_b.data() + row.at;
+  std::fill_n(diagonal, n, Real(0));
+  const std::array<int, 3> cell{k, j, 0};
+  for (std::size_t a = 0; a < D; ++a) {
+    for (int side = 0; side < 2; ++side) {
+      Real *const air = coarse.own_air[a][usize(side)].data() + row.at,
+                  *const lean = coarse.lean[a][usize(side)].data() + row.at,
+                  *const loss = coarse.loss[a][usize(side)].data() + row.at;
+      for (Real* sum : {link, count, air, lean, loss}) std::fill_n(sum, n, Real(0));
+      for (int c = 0; c < 1 << (D - 1); ++c) {
+        // The first cell of a row of columns; `bit` is for the axes but a.
+        std::int64_t first = of.first;
+        for (std::size_t e = 0, bit = 0; e < D; ++e) {
+          if (e == a) continue;
+          first += (2 * (e == D - 1 ? 0 : cell[e]) + ((c >> bit++) & 1)) * of.stride[e];
+        }
+        const auto columns = [&](int coarse_index, int from, int length) {
+          const std::array<int, 5> along =
+              column_of(coarse_index, side, of.cells[a], of.periodic[a]);
+          std::array<std::int64_t, 5> column;
+          for (std::size_t e = 0; e < 5; ++e) column[e] = first + along[e] * of.stride[a];
+          add_columns(fine, coarse, a, side, column, row.at + from, length);
+        };
+        if (a < D - 1) {
+          columns(cell[a], 0, n);
+        } else {
+          columns(0, 0, 1);
+          if (n > 2) columns(1, 1, n - 2);
+          if (n > 1) columns(n - 1, n - 1, 1);
+        }
+      }
+      const bool loops = to.periodic[a] && to.cells[a] == 1;  // it is its own neighbour
+      for (int i = 0; i < n; ++i) {
+        if (loops) link[i] = lean[i] = loss[i] = 0;
+        diagonal[i] += link[i] + air[i];
+        const Real scale = count[i] > 0 ? 1 / count[i] : 0;
+        lean[i] *= scale, loss[i] *= scale;
+      }
+      if (side == 0) std::copy_n(link, n, coarse.own_w[a].data() + row.at);
+    }
+  }
+  wrap_row(to, row, coarse.own_w[D - 1].data());
+  for (int i = 0; i < n; ++i) diagonal[i] = diagonal[i] > 0 ? 1 / diagonal[i] : 0;
+}
+
 template <class Real, int D>
 void Multigrid<Real, D>::coarsen(const Level& fine, Level& coarse, int threads) {
-  const Layout<D>&of = fine.layout, &to = coarse.layout;
-  const bool is_finest = &fine == levels_.data();
-  const auto coarse_cell = [&](const std::array<int, D>& cell) {
-    const std::int64_t at = to.index(cell);
-    Real diagonal = 0;
-    for (std::size_t a = 0; a < D; ++a) {
-      const int n = of.cells[a];
-      const auto inside = [&](int index) { return of.periodic[a] ? (index + n) % n : index; };
-      for (int side = 0; side < 2; ++side) {
-        // Along a column: `beside` the face, then `other`; beyond the face `across`, `behind`.
-        const int lower = 2 * cell[a], upper = std::min(lower + 1, n - 1);
-        const int beside = side ? upper : lower, other = side ? lower : upper;
-        const bool single = lower == upper;
-        const int beyond = inside(side ? upper + 1 : lower - 1);
-        const int beyond_cell = beyond < 0 ? -1 : beyond / 2;
-        int behind = beyond_cell < 0 || beyond >= n ? -2
-                     : beyond % 2 == 0            ? beyond + 1
-                                                  : beyond - 1;
-        if (behind >= n) behind = -2;
-        Real link = 0, air = 0, lean = 0, loss = 0, count = 0;
-        for (int c = 0; c < 1 << (D - 1); ++c) {
-          std::array<int, D> i = cell;
-          bool exists = true;
-          for (std::size_t e = 0, bit = 0; e < D; ++e) {
-            if (e == a) continue;
-            i[e] = 2 * cell[e] + ((c >> bit++) & 1);
-            exists = exists && i[e] < of.cells[e];
-          }
-          if (!exists) continue;
-          const auto index = [&](int along) {
-            i[a] = along;
-            return of.index(i);
-          };
-          const std::int64_t b = index(beside), o = index(other), x = index(beyond);
-          const auto known = [&](std::int64_t cell_) {
-            return fine.inverse_diagonal[usize(cell_)] > 0;
-          };
-          const auto face_of = [&](std::int64_t cell_, int along) {
-            return side ? (of.periodic[a] && along == n - 1 ? index(0) : cell_ + of.stride[a])
-                        : cell_;
-          };
-          // What joins a cell to air on this side.
-          const auto air_of = [&](std::int64_t cell_, int along, std::int64_t next) {
-            if (is_finest) return known(next) ? Real(0) : fine.w[a][face_of(cell_, along)];
-            return fine.own_air[a][usize(side)][usize(cell_)];
-          };
-          if (!single && known(o)) air += air_of(o, other, b);
-          if (!known(b)) continue;
-          count += 1;
-          const Real w_inner = single ? 0 : fine.w[a][std::max(b, o)];
-          const Real half = !single && known(o) && w_inner > 0 ? Real(.5) / w_inner : 0;
-          const Real w_air = air_of(b, beside, x);
-          if (w_air > 0) {
-            const Real k = 1 / (half + 1 / w_air);
-            air += k, loss += half * k;
-          }
-          const Real w = fine.w[a][face_of(b, beside)];
-          if (!(w > 0) || !known(x)) continue;
-          Real far = 0;
-          if (behind >= 0) {
-            const std::int64_t h = index(behind);
-            const Real w_far = fine.w[a][std::max(h, x)];
-            if (known(h) && w_far > 0) far = Real(.5) / w_far;
-          }
-          const Real k = 1 / (half + 1 / w + far);
-          link += k, lean += half * k, loss += half * k;
-        }
-        coarse.own_air[a][usize(side)][usize(at)] = air;
-        if (to.periodic[a] && to.cells[a] == 1) link = lean = 0, loss = 0;
-        diagonal += link + air;
-        if (side == 0) coarse.own_w[a][usize(at)] = link;
-        if (side == 1 && cell[a] == to.cells[a] - 1)
-          coarse.own_w[a][usize(at + to.stride[a])] = link;
-        const Real scale = count > 0 ? 1 / count : 0;
-        coarse.lean[a][usize(side)][usize(at)] = lean * scale;
-        coarse.loss[a][usize(side)][usize(at)] = loss * scale;
-      }
-    }
-    coarse.inverse_diagonal[usize(at)] = diagonal > 0 ? 1 / diagonal : 0;
-  };
   for_slabs(
-      to,
+      coarse.layout,
       [&](std::int64_t, int begin, int end) {
-        std::array<int, D> cell;
-        for (cell[0] = begin; cell[0] < end; ++cell[0]) {
-          for (cell[1] = 0; cell[1] < to.cells[1]; ++cell[1]) {
-            if constexpr (D == 3) {
-              for (cell[2] = 0; cell[2] < to.cells[2]; ++cell[2]) coarse_cell(cell);
-            } else {
-              coarse_cell(cell);
-            }
-          }
+        for (int k = begin; k < end; ++k) {
+          int j = 0;
+          for_rows(coarse.layout, k,
+                   [&](const Row<D>& row) { coarsen_row(fine, coarse, k, j++, row); });
         }
       },
-      to.count() < kSerial ? 1 : threads);
+      coarse.layout.count() < kSerial ? 1 : threads);
 }
 
 namespace {
 
-// Gauss-Seidel for the cells of one colour of a row.
-template <class Real, int D, class Level>
-void relax(const Level& level, const Row<D>& row, int colour) {
+// The sum of w x over the neighbours of cells of a row: use(i, sum).
+template <class Real, int D, class Level, class Use>
+void for_sums(const Level& level, const Row<D>& row, const Use& use) {
   const std::int64_t at = row.at;
-  Real* const x = level.x + at;
-  const Real *const b = level.b + at, *const inverse = level.inverse_diagonal.data() + at;
-  const Real* const w = level.w[D - 1] + at;
-  const int skip = (row.parity ^ colour) & 1;
+  const Real *const x = level.x + at, *const w = level.w[D - 1] + at;
   const Real *const x0 = level.x + row.below[0], *const x1 = level.x + row.above[0];
   const Real *const w0 = level.w[0] + at, *const w1 = level.w[0] + row.above[0];
   if constexpr (D == 2) {
 #pragma GCC ivdep
-    for (int i = 0; i < row.length; ++i) {
-      const Real v = b[i] + w[i] * x[i - 1] + w[i + 1] * x[i + 1] + w0[i] * x0[i] + w1[i] * x1[i];
-      x[i] = ((i ^ skip) & 1) ? x[i] : v * inverse[i];
-    }
+    for (int i = 0; i < row.length; ++i)
+      use(i, w[i] * x[i - 1] + w[i + 1] * x[i + 1] + w0[i] * x0[i] + w1[i] * x1[i]);
   } else {
     const Real *const y0 = level.x + row.below[1], *const y1 = level.x + row.above[1];
     const Real *const v0 = level.w[1] + at, *const v1 = level.w[1] + row.above[1];
 #pragma GCC ivdep
-    for (int i = 0; i < row.length; ++i) {
-      const Real v = b[i] + w[i] * x[i - 1] + w[i + 1] * x[i + 1] + w0[i] * x0[i] + w1[i] * x1[i] +
-                     v0[i] * y0[i] + v1[i] * y1[i];
-      x[i] = ((i ^ skip) & 1) ? x[i] : v * inverse[i];
-    }
+    for (int i = 0; i < row.length; ++i)
+      use(i, w[i] * x[i - 1] + w[i + 1] * x[i + 1] + w0[i] * x0[i] + w1[i] * x1[i] + v0[i] * y0[i] +
+                 v1[i] * y1[i]);
   }
+}
+
+// Gauss-Seidel for the cells of one colour of a row. (Lanes of the other colour, which the sums
+// read, keep what they have.)
+template <class Real, int D, class Level>
+void relax(const Level& level, const Row<D>& row, int colour) {
+  Real* const x = level.x + row.at;
+  const Real *const b = level.b + row.at, *const inverse = level.inverse_diagonal.data() + row.at;
+  const int skip = (row.parity ^ colour) & 1;
+  for_sums<Real>(level, row, [&](int i, Real sum) {
+    x[i] = ((i ^ skip) & 1) ? x[i] : (b[i] + sum) * inverse[i];
+  });
   wrap_row(level.layout, row, level.x);
 }
 
-// r of a row, after the cells of `colour` were relaxed last.
+// r after one sweep from x = 0 on: nothing for black cells, which were last; and red cells had
+// x = b / diagonal.
 template <class Real, int D, class Level>
-void find_residual(Level& level, const Row<D>& row, int colour) {
-  const std::int64_t at = row.at;
-  const Real* const x = level.x + at;
-  Real* const r = level.r + at;
-  const Real *const b = level.b + at, *const inverse = level.inverse_diagonal.data() + at;
-  const Real* const w = level.w[D - 1] + at;
-  const int skip = (row.parity ^ colour) & 1;
-  for (int i = 0; i < row.length; ++i) {
-    Real v = b[i] + w[i] * x[i - 1] + w[i + 1] * x[i + 1];
-    for (std::size_t a = 0; a < D - 1; ++a)
-      v += level.w[a][at + i] * level.x[row.below[a] + i] +
-           level.w[a][row.above[a] + i] * level.x[row.above[a] + i];
-    r[i] = ((i ^ skip) & 1) && inverse[i] > 0 ? v - x[i] / inverse[i] : 0;
-  }
+void find_first_residual(const Level& level, const Row<D>& row) {
+  Real* const r = level.r + row.at;
+  const Real* const inverse = level.inverse_diagonal.data() + row.at;
+  for_sums<Real>(level, row, [&](int i, Real sum) {
+    r[i] = !((i ^ row.parity) & 1) && inverse[i] > 0 ? sum : 0;
+  });
+}
+
+template <class Real, int D, class Level>
+void find_residual(const Level& level, const Row<D>& row) {
+  const Real* const x = level.x + row.at;
+  Real* const r = level.r + row.at;
+  const Real *const b = level.b + row.at, *const inverse = level.inverse_diagonal.data() + row.at;
+  for_sums<Real>(level, row, [&](int i, Real sum) {
+    r[i] = inverse[i] > 0 ? b[i] + sum - x[i] / inverse[i] : 0;
+  });
+}
+
+// x += a damped step of Jacobi's iteration.
+template <class Real, int D, class Level>
+void add_damped(const Level& level, const Row<D>& row) {
+  Real* const x = level.x + row.at;
+  const Real *const r = level.r + row.at, *const inverse = level.inverse_diagonal.data() + row.at;
+  for (int i = 0; i < row.length; ++i) x[i] += Real(kDamping) * inverse[i] * r[i];
+  wrap_row(level.layout, row, level.x);
 }
 
 // P^T r.
@@ -249,8 +317,9 @@ void restrict_row(const Level& fine, Level& coarse, int plane, const Row<D>& row
       if constexpr (D == 3)
         if (2 * j + dj >= of.cells[1]) continue;
       const Real* const from = fine_row(plane, j, dk, dj);
-      const Real *const lower = weight(coarse.loss, D - 1, 0, row.at),
-                        *const upper = weight(coarse.loss, D - 1, 1, row.at);
+      const Real *const lower = weight(coarse.loss, D - 1, 0, row.at), *const upper =
+                                                                           weight(coarse.loss,
+                                                                                  D - 1, 1, row.at);
       const Real* const loss1 = D == 3 ? weight(coarse.loss, 1, usize(dj), row.at) : nullptr;
       for (int i = 0; i < row.length; ++i) {
         const Real even = from[2 * i], odd = from[2 * i + 1];
@@ -259,8 +328,9 @@ void restrict_row(const Level& fine, Level& coarse, int plane, const Row<D>& row
         b[i] += (own - lower[i]) * even + (own - upper[i]) * odd;
       }
       // What leans on the neighbours in the row.
-      const Real *const low = weight(coarse.lean, D - 1, 0, row.at),
-                        *const high = weight(coarse.lean, D - 1, 1, row.at);
+      const Real *const low = weight(coarse.lean, D - 1, 0, row.at), *const high =
+                                                                         weight(coarse.lean, D - 1,
+                                                                                1, row.at);
       const int n = row.length;
       for (int i = 0; i + 1 < n; ++i) b[i] += low[i + 1] * from[2 * i + 2];
       for (int i = 1; i < n; ++i) b[i] += high[i - 1] * from[2 * i - 1];
@@ -306,9 +376,10 @@ void restrict_row(const Level& fine, Level& coarse, int plane, const Row<D>& row
   }
 }
 
-// x += P of what was found on the coarser level, for the cells of colour 0.
+// x += P of what was found on the coarser level, for cells 2 i + parity.
 template <class Real, int D, class Level>
-void prolong(const Level& fine, const Level& coarse, int plane, const Row<D>& row, int j) {
+void prolong(const Level& fine, const Level& coarse, int plane, const Row<D>& row, int j,
+             int parity) {
   const Layout<D>& to = coarse.layout;
   const int sk = plane & 1, sj = j & 1, K = plane / 2, J = j / 2;
   std::int64_t at = to.first + K * to.stride[0];
@@ -323,7 +394,6 @@ void prolong(const Level& fine, const Level& coarse, int plane, const Row<D>& ro
   const Real* const e0 = coarse.x + beside(0, K, sk);
   const Real *const lean0 = coarse.lean[0][usize(sk)].data() + at,
                     *const loss0 = coarse.loss[0][usize(sk)].data() + at;
-  const int parity = row.parity;  // cells of colour 0 are 2 i + parity
   const Real *const lean2 = coarse.lean[D - 1][usize(parity)].data() + at,
                     *const loss2 = coarse.loss[D - 1][usize(parity)].data() + at;
   const Real* const e2 = e + (parity ? 1 : -1);
@@ -359,55 +429,81 @@ void Multigrid<Real, D>::precondition(std::span<const Real> r, std::span<Real> z
   cycle(0, threads);
 }
 
-static const int kSweeps = std::getenv("SWEEPS") ? std::atoi(std::getenv("SWEEPS")) : 1;
-static const int kSweepsC = std::getenv("SWEEPSC") ? std::atoi(std::getenv("SWEEPSC")) : 1;
+// From x = 0 on: red cells, then black ones; and r.
+template <class Real, int D>
+void Multigrid<Real, D>::smooth_before(Level& level, int threads) {
+  const auto start = [&](const Row<D>& row, Real factor, bool all) {
+    Real* const x = level.x + row.at;
+    const Real *const b = level.b + row.at, *const inverse = level.inverse_diagonal.data() + row.at;
+    for (int i = 0; i < row.length; ++i)
+      x[i] = all || !((i ^ row.parity) & 1) ? factor * b[i] * inverse[i] : 0;
+    wrap_row(level.layout, row, level.x);
+  };
+  if (level.odd) {
+    for_planes_in_stages<4>(
+        level.layout,
+        [&](int stage, int plane) {
+          for_rows(level.layout, plane, [&](const Row<D>& row) {
+            if (stage == 0) start(row, Real(kDamping), true);
+            if (stage == 2) add_damped<Real>(level, row);
+            if (stage == 1 || stage == 3) find_residual<Real>(level, row);
+          });
+        },
+        threads);
+    return;
+  }
+  for_planes_in_stages<3>(
+      level.layout,
+      [&](int stage, int plane) {
+        for_rows(level.layout, plane, [&](const Row<D>& row) {
+          if (stage == 0) start(row, 1, false);
+          if (stage == 1) relax<Real>(level, row, 1);
+          if (stage == 2) find_first_residual<Real>(level, row);
+        });
+      },
+      threads);
+}
+
+// x += P e; then black cells, then red ones. (So black ones need no P e.)
+template <class Real, int D>
+void Multigrid<Real, D>::smooth_after(Level& level, const Level& coarse, int threads) {
+  const auto correct = [&](int plane) {
+    int j = 0;
+    for_rows(level.layout, plane, [&](const Row<D>& row) {
+      prolong<Real, D>(level, coarse, plane, row, j, row.parity);
+      if (level.odd) prolong<Real, D>(level, coarse, plane, row, j, 1 - row.parity);
+      ++j;
+    });
+  };
+  if (level.odd) {
+    for_planes_in_stages<5>(
+        level.layout,
+        [&](int stage, int plane) {
+          if (stage == 0) return correct(plane);
+          for_rows(level.layout, plane, [&](const Row<D>& row) {
+            if (stage == 1 || stage == 3) find_residual<Real>(level, row);
+            if (stage == 2 || stage == 4) add_damped<Real>(level, row);
+          });
+        },
+        threads);
+    return;
+  }
+  for_planes_in_stages<3>(
+      level.layout,
+      [&](int stage, int plane) {
+        if (stage == 0) return correct(plane);
+        for_rows(level.layout, plane,
+                 [&](const Row<D>& row) { relax<Real>(level, row, stage == 1); });
+      },
+      threads);
+}
 
 template <class Real, int D>
 void Multigrid<Real, D>::cycle(std::size_t l, int threads) {
   Level& level = levels_[l];
-  const Layout<D>& layout = level.layout;
-  if (layout.count() < kSerial) threads = 1;
-  const auto relax_plane = [&](int plane, int colour) {
-    for_rows(layout, plane, [&](const Row<D>& row) { relax<Real, D>(level, row, colour); });
-  };
-  const auto first = [&](int plane) {
-    for_rows(layout, plane, [&](const Row<D>& row) {
-      Real* const x = level.x + row.at;
-      const Real *const b = level.b + row.at,
-                        *const inverse = level.inverse_diagonal.data() + row.at;
-      for (int i = 0; i < row.length; ++i)
-        x[i] = ((i ^ row.parity) & 1) ? Real(0) : b[i] * inverse[i];
-      wrap_row(layout, row, level.x);
-    });
-  };
-  const auto residual = [&](int plane) {
-    for_rows(layout, plane, [&](const Row<D>& row) { find_residual<Real, D>(level, row, 1); });
-  };
-  if (l + 1 == levels_.size()) {
-    for_planes_in_stages<1>(layout, [&](int, int plane) { first(plane); }, threads);
-    return;
-  }
-  const int sweeps = l == 0 ? kSweeps : kSweepsC;
-  if (sweeps == 1) {
-    for_planes_in_stages<3>(
-        layout,
-        [&](int stage, int plane) {
-          if (stage == 0) first(plane);
-          if (stage == 1) relax_plane(plane, 1);
-          if (stage == 2) residual(plane);
-        },
-        threads);
-  } else {
-    for_planes_in_stages<5>(
-        layout,
-        [&](int stage, int plane) {
-          if (stage == 0) first(plane);
-          if (stage == 1 || stage == 3) relax_plane(plane, 1);
-          if (stage == 2) relax_plane(plane, 0);
-          if (stage == 4) residual(plane);
-        },
-        threads);
-  }
+  if (level.layout.count() < kSerial) threads = 1;
+  smooth_before(level, threads);
+  if (l + 1 == levels_.size()) return;
   Level& coarse = levels_[l + 1];
   for_slabs(
       coarse.layout,
@@ -420,30 +516,7 @@ void Multigrid<Real, D>::cycle(std::size_t l, int threads) {
       },
       threads);
   cycle(l + 1, threads);
-  const auto prolong_plane = [&](int plane) {
-    int j = 0;
-    for_rows(layout, plane,
-             [&](const Row<D>& row) { prolong<Real, D>(level, coarse, plane, row, j++); });
-  };
-  if (sweeps == 1) {
-    for_planes_in_stages<3>(
-        layout,
-        [&](int stage, int plane) {
-          if (stage == 0) prolong_plane(plane);
-          if (stage == 1) relax_plane(plane, 1);
-          if (stage == 2) relax_plane(plane, 0);
-        },
-        threads);
-  } else {
-    for_planes_in_stages<5>(
-        layout,
-        [&](int stage, int plane) {
-          if (stage == 0) prolong_plane(plane);
-          if (stage == 1 || stage == 3) relax_plane(plane, 1);
-          if (stage == 2 || stage == 4) relax_plane(plane, 0);
-        },
-        threads);
-  }
+  smooth_after(level, coarse, threads);
 }
 
 template class Multigrid<float, 2>;

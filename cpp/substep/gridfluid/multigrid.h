@@ -29,6 +29,7 @@ class Multigrid {
   struct Level {
     explicit Level(const Layout<D>& layout_) : layout(layout_) {}
     Layout<D> layout;
+    bool odd = false;  // a periodic axis, which two colours do not fit
     std::array<const Real*, D> w{};
     AlignedBuffer<Real> inverse_diagonal;  // 0 where there is no unknown
     const Real* b = nullptr;
@@ -38,7 +39,12 @@ class Multigrid {
     AlignedBuffer<Real> own_b, own_x, own_r;
     std::array<std::array<AlignedBuffer<Real>, 2>, D> lean, loss, own_air;
   };
+  void smooth_before(Level& level, int threads);
+  void smooth_after(Level& level, const Level& coarse, int threads);
   void cycle(std::size_t l, int threads);
+  static void add_columns(const Level& fine, Level& coarse, std::size_t a, int side,
+                          const std::array<std::int64_t, 5>& column, std::int64_t at, int n);
+  static void coarsen_row(const Level& fine, Level& coarse, int k, int j, const Row<D>& row);
   void coarsen(const Level& fine, Level& coarse, int threads);
 
   std::vector<Level> levels_;

@@ -7,6 +7,7 @@
 
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
+#include "substep/gridfluid/row_tasks.h"
 
 namespace substep::gridfluid {
 namespace {
@@ -14,9 +15,8 @@ namespace {
 using geometry::Collider;
 using geometry::Exchange;
 
-constexpr double kBand = 2;        // cells around the surface where distances are exact
-constexpr double kClosed = 1e-3;   // a face that is less open is closed
-constexpr std::int64_t kRows = 8;  // that a task works on
+constexpr double kBand = 2;       // cells around the surface where distances are exact
+constexpr double kClosed = 1e-3;  // a face that is less open is closed
 
 // The part above 0 of an edge that ends in a <= 0 < b.
 template <class Real>
@@ -81,6 +81,7 @@ void Obstacles<Real, D>::find(int threads) {
   found_ = false;
   find_distances(threads);
   find_open(threads);
+  find_room(threads);
   if (moving_) find_velocities(threads);
   states_ = std::move(states);
   found_ = true;
@@ -124,10 +125,7 @@ double Obstacles<Real, D>::signed_distance(const Vec3& x) const {
 template <class Real, int D>
 void Obstacles<Real, D>::find_distances(int threads) {
   constexpr int kBlock = 4;
-  if (distance_.size() == 0) {
-    distance_.reset(usize(layout_.size));
-    std::fill(distance_.begin(), distance_.end(), Real(0));
-  }
+  if (distance_.size() == 0) assign(distance_, layout_.size, Real(0));
   double lipschitz = 1;
   for (const Collider& c : colliders) lipschitz = std::max(lipschitz, c.lipschitz());
   const double radius = std::sqrt(D) * (kBlock - 1) / 2 * lipschitz;
@@ -171,8 +169,7 @@ void Obstacles<Real, D>::find_open(int threads) {
   const std::array<std::int64_t, D>& s = layout_.stride;
   for (std::size_t a = 0; a < D; ++a) {
     if (open_[a].size() == 0) {
-      open_[a].reset(usize(layout_.size));
-      std::fill(open_[a].begin(), open_[a].end(), Real(1));
+      assign(open_[a], layout_.size, Real(1));
     }
     const std::int64_t b = s[(a + 1) % D], c = D == 3 ? s[(a + 2) % D] : 0;
     const auto part = [&](std::int64_t i) {
@@ -185,39 +182,58 @@ void Obstacles<Real, D>::find_open(int threads) {
       }
       return whole < Real(kClosed) ? Real(0) : whole;
     };
-    const int axis = static_cast<int>(a), length = layout_.row_length(axis);
-    parallel_for(
-        layout_.rows(axis), kRows,
-        [&](std::int64_t begin, std::int64_t end) {
-          for (std::int64_t r = begin; r < end; ++r) {
-            const std::int64_t row = layout_.row(r, axis);
-            for (std::int64_t i = row; i < row + length; ++i) open_[a][usize(i)] = part(i);
-          }
-        },
-        threads);
+    for_each_row(layout_, static_cast<int>(a), threads, [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t i = begin; i < end; ++i) open_[a][usize(i)] = part(i);
+    });
   }
 }
 
 template <class Real, int D>
 void Obstacles<Real, D>::find_velocities(int threads) {
   for (std::size_t a = 0; a < D; ++a) {
-    const int axis = static_cast<int>(a), length = layout_.row_length(axis);
-    velocity_[a].reset(usize(layout_.size));
-    std::fill(velocity_[a].begin(), velocity_[a].end(), Real(0));
-    parallel_for(
-        layout_.rows(axis), kRows,
-        [&](std::int64_t begin, std::int64_t end) {
-          for (std::int64_t r = begin; r < end; ++r) {
-            const std::int64_t row = layout_.row(r, axis);
-            for (std::int64_t i = row; i < row + length; ++i) {
-              if (std::abs(distance_[usize(i)]) > Real(kBand)) continue;
-              const Vec3 at = middle(i, axis);
-              velocity_[a][usize(i)] = Real(colliders[nearest(at)].surface_velocity(at)[axis]);
-            }
-          }
-        },
-        threads);
+    const int axis = static_cast<int>(a);
+    assign(velocity_[a], layout_.size, Real(0));
+    for_each_row(layout_, axis, threads, [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t i = begin; i < end; ++i) {
+        if (std::abs(distance_[usize(i)]) > Real(kBand)) continue;
+        const Vec3 at = middle(i, axis);
+        velocity_[a][usize(i)] = Real(colliders[nearest(at)].surface_velocity(at)[axis]);
+      }
+    });
   }
+}
+
+// The hat function over the open parts of cells: 1/8, 6/8, 1/8 along each axis. Sides are mirrors.
+template <class Real, int D>
+void Obstacles<Real, D>::find_room(int threads) {
+  if (room_.size() == 0) assign(room_, layout_.size, Real(1));
+  const auto open_volume = [&](std::int64_t i) {
+    return std::clamp(at_centre(i) + Real(0.5), Real(0), Real(1));
+  };
+  for_each_row(layout_, -1, threads, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      const Real distance = at_centre(i);
+      if (std::abs(distance) > Real(kBand)) {
+        room_[usize(i)] = distance > 0 ? Real(1) : Real(0);
+        continue;
+      }
+      const std::array<int, D> cell = layout_.cell(i);
+      std::array<int, D> from, to, next;
+      for (std::size_t a = 0; a < D; ++a) from[a] = cell[a] - 1, to[a] = cell[a] + 2;
+      Real sum = 0;
+      next = from;
+      do {
+        Real weight = 1;
+        std::array<int, D> at;
+        for (std::size_t a = 0; a < D; ++a) {
+          weight *= next[a] == cell[a] ? Real(0.75) : Real(0.125);
+          at[a] = std::clamp(next[a], 0, layout_.cells[a] - 1);
+        }
+        sum += weight * open_volume(layout_.index(at));
+      } while (next_in_block(next, from, to));
+      room_[usize(i)] = sum;
+    }
+  });
 }
 
 template <class Real, int D>
@@ -244,12 +260,12 @@ std::array<Real, D> Obstacles<Real, D>::surface(std::int64_t i) const {
 template <class Real, int D>
 void Obstacles<Real, D>::push(std::span<const double> q, std::span<const Cell> cells, double mass,
                               int threads) {
-  const std::int64_t chunks = (layout_.rows() + kRows - 1) / kRows;
+  const std::int64_t chunks = (layout_.rows() + kRowsEach - 1) / kRowsEach;
   std::vector<std::vector<Exchange>> parts(usize(chunks));
   parallel_for(
-      layout_.rows(), kRows,
+      layout_.rows(), kRowsEach,
       [&](std::int64_t begin, std::int64_t end) {
-        std::vector<Exchange>& part = parts[usize(begin / kRows)];
+        std::vector<Exchange>& part = parts[usize(begin / kRowsEach)];
         part.resize(colliders.size());
         for (std::int64_t r = begin; r < end; ++r) {
           const std::int64_t row = layout_.row(r);

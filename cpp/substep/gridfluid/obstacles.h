@@ -40,6 +40,9 @@ class Obstacles {
   // The obstacles' own velocity at faces that are not all open, and a cell beyond; elsewhere 0
   // [m/s]. Only if they move.
   std::span<const Real> velocity(int axis) const { return of(velocity_, axis); }
+  // What part of the weights around the middle of cell i, as of particles (density.h), obstacles
+  // leave: 1 away from them. Only if there are any.
+  std::span<const Real> room() const { return {room_.data(), room_.size()}; }
   // Of the middle of cell i, in cells; exact near the surface.
   Real at_centre(std::int64_t i) const;
   // The area, in faces, of the obstacles' surface in cell i, times its normal out of the fluid.
@@ -64,11 +67,12 @@ class Obstacles {
   void find_distances(int threads);
   void find_open(int threads);
   void find_velocities(int threads);
+  void find_room(int threads);
 
   Layout<D> layout_;
   bool found_ = false, moving_ = false;
   std::vector<std::array<double, geometry::Collider::kStateSize>> states_;  // that it was found for
-  AlignedBuffer<Real> distance_;
+  AlignedBuffer<Real> distance_, room_;
   Fields open_, velocity_;
 };
 

@@ -7,10 +7,10 @@
 namespace substep::gridfluid {
 namespace {
 
-constexpr int kMaxBuckets = 4096;          // their counters stay in the L1 cache
+constexpr int kMaxBuckets = 1024;          // their counters stay in the L1 cache
 constexpr std::int64_t kMinChunk = 16384;  // particles
 constexpr std::int64_t kMaxChunks = 256;   // bounds the memory of the counters
-constexpr std::int64_t kBucketsOfTask = 16;
+constexpr std::int64_t kBucketsOfTask = 4;
 
 template <class T>
 void grow(AlignedBuffer<T>& buffer, std::int64_t n, std::int64_t kept) {
@@ -18,6 +18,18 @@ void grow(AlignedBuffer<T>& buffer, std::int64_t n, std::int64_t kept) {
   larger.reset(usize(n));
   if (kept > 0) std::copy_n(buffer.data(), kept, larger.data());
   buffer = std::move(larger);
+}
+
+// to[i] = from[source[i]]. (The empty statement keeps the compiler from putting together vectors of
+// single loads, which takes longer than the loads.)
+template <class T>
+void take(const T* __restrict from, const std::int32_t* __restrict source, std::int64_t n,
+          T* __restrict to) {
+  for (std::int64_t i = 0; i < n; ++i) {
+    std::int64_t at = source[i];
+    asm("" : "+r"(at));
+    to[i] = from[at];
+  }
 }
 
 }  // namespace
@@ -158,13 +170,11 @@ void Particles<Real, D>::sort_bucket(std::int64_t bucket, bool in_order) {
   }
   for (std::int64_t c = cells - 1; c > 0; --c) first[c] = first[c - 1];  // as before the loop
   first[0] = begin;
-  const auto move = [&](const auto* __restrict from, auto* __restrict to) {
-    for (std::int32_t i = begin; i < end; ++i) to[i] = from[source[i]];
-  };
+  const std::int64_t count = end - begin;
   for (std::size_t f = 0; f < usize(fields()); ++f) {
-    move(now_.numbers[f].data(), next_.numbers[f].data());
+    take(now_.numbers[f].data(), source + begin, count, next_.numbers[f].data() + begin);
   }
-  move(now_.id.data(), next_.id.data());
+  take(now_.id.data(), source + begin, count, next_.id.data() + begin);
 }
 
 template <class Real, int D>

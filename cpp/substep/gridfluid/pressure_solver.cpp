@@ -14,12 +14,12 @@ constexpr int kDiagonalIterations = 20;  // at most, times the cells along all a
 // n numbers as doubles.
 template <int kLanes, class Real>
 SUBSTEP_INLINE Vector<double, kLanes * 8> doubles(const Real* from) {
-  return __builtin_convertvector(load<Vector<Real, kLanes * int(sizeof(Real))>>(from),
+  return __builtin_convertvector(load<Vector<Real, kLanes* int(sizeof(Real))>>(from),
                                  Vector<double, kLanes * 8>);
 }
 template <int kLanes, class Real>
 SUBSTEP_INLINE void store(const Vector<double, kLanes * 8>& v, Real* to) {
-  using Narrow = Vector<Real, kLanes * int(sizeof(Real))>;
+  using Narrow = Vector<Real, kLanes* int(sizeof(Real))>;
   const Narrow narrow = __builtin_convertvector(v, Narrow);
   std::memcpy(to, &narrow, sizeof narrow);
 }
@@ -48,10 +48,10 @@ SUBSTEP_INLINE Vector<double, kLanes * 8> product(
   V sum = doubles<kLanes>(along) * (own - doubles<kLanes>(here - 1)) +
           doubles<kLanes>(along + 1) * (own - doubles<kLanes>(here + 1));
   for (std::size_t a = 0; a < D - 1; ++a) {
-    sum += doubles<kLanes>(w[a].data() + row.at + i) *
-               (own - doubles<kLanes>(x + row.below[a] + i)) +
-           doubles<kLanes>(w[a].data() + row.above[a] + i) *
-               (own - doubles<kLanes>(x + row.above[a] + i));
+    sum +=
+        doubles<kLanes>(w[a].data() + row.at + i) * (own - doubles<kLanes>(x + row.below[a] + i)) +
+        doubles<kLanes>(w[a].data() + row.above[a] + i) *
+            (own - doubles<kLanes>(x + row.above[a] + i));
   }
   return sum;
 }
@@ -127,19 +127,29 @@ void PressureSolver<Real, D>::clear(std::span<double> p, bool keep, int threads)
     for_rows(layout_, k, [&](const Row<D>& row) { wrap_row(layout_, row, p.data()); });
 }
 
+// The sum of term(r_i), and |r|.
+template <class Real, int D>
+template <class Term>
+double PressureSolver<Real, D>::sum_of(const Term& term, int threads) {
+  return sum_rows(
+      [&](const Row<D>& row) {
+        const Real* const r = r_.data() + row.at;
+        return sum_over(row.length,
+                        [&]<int kLanes>(int i) { return term(doubles<kLanes>(r + i)); });
+      },
+      threads);
+}
+
+template <class Real, int D>
+double PressureSolver<Real, D>::norm_of_r(int threads) {
+  return std::sqrt(sum_of([](const auto& v) { return v * v; }, threads));
+}
+
 // r = b where there is fluid, without its means over the closed regions; returns |r|.
 template <class Real, int D>
 double PressureSolver<Real, D>::set_right_side(std::span<const Real> b, SolveReport& report,
                                                int threads) {
   const Real* const inverse = multigrid_.inverse_diagonal().data();
-  const auto sum_of = [&](const auto& norm) {
-    return sum_rows(
-        [&](const Row<D>& row) {
-          const Real* const r = r_.data() + row.at;
-          return sum_over(row.length, [&]<int kLanes>(int i) { return norm(doubles<kLanes>(r + i)); });
-        },
-        threads);
-  };
   for_slabs(
       layout_,
       [&](std::int64_t, int begin, int end) {
@@ -151,11 +161,11 @@ double PressureSolver<Real, D>::set_right_side(std::span<const Real> b, SolveRep
       },
       threads);
   if (regions_.count() > 0) {
-    const double sum = sum_of([](const auto& v) { return v < 0 ? -v : v; });
+    const double sum = sum_of([](const auto& v) { return v < 0 ? -v : v; }, threads);
     const double largest = regions_.remove_means(std::span(r_.data(), r_.size()), threads);
     report.imbalance = sum > 0 ? largest / sum : 0;
   }
-  return std::sqrt(sum_of([](const auto& v) { return v * v; }));
+  return norm_of_r(threads);
 }
 
 // r -= A p; returns |r|.
@@ -253,7 +263,7 @@ double PressureSolver<Real, D>::move(double alpha, std::span<double> p, int thre
 template <class Real, int D>
 auto PressureSolver<Real, D>::iterate(std::span<double> p, double goal, int max_iterations,
                                       SolveReport& report, int threads) -> End {
-  constexpr int kPatience = 10;  // iterations in which multigrid must have halved the residual
+  constexpr int kPatience = 20;  // iterations in which multigrid must have halved the residual
   const bool patient = report.preconditioner == Preconditioner::kDiagonal;
   double rz = 0, best = report.residual;
   for (int iteration = 0, since = 0; report.iterations < max_iterations; ++iteration) {
@@ -290,12 +300,17 @@ SolveReport PressureSolver<Real, D>::solve(std::span<const Real> b, std::span<do
     goal = tolerance * norm;
     clear(p, true, threads);
     report.residual = subtract_product(p, threads);
+    if (regions_.count() > 0) {  // what rounding left of the means
+      regions_.remove_means(std::span(r_.data(), r_.size()), threads);
+      report.residual = norm_of_r(threads);
+    }
     if (report.residual <= norm) return;
     clear(p, false, threads);
     report.residual = set_right_side(b, report, threads);
   };
   begin();
-  // What the iterations leave of r is compared with b - A p, and they begin anew where that is more.
+  // What the iterations leave of r is compared with b - A p, and they begin anew where that is
+  // more.
   while (report.residual > goal) {
     const double before = report.residual;
     const End end = iterate(p, goal, max_iterations, report, threads);

@@ -1,10 +1,10 @@
 // The pressure of a fluid on a grid: for each fluid cell i
 //   sum over its 2 D faces f of w_f (p_i - p_j) = b_i,
-// with p = 0 in air. w_f is the open part of the face over the density (Batty, Bertails and Bridson,
-// "A fast variational framework for accurate solid-fluid coupling", 2007), 0 at solid faces; at a
-// face between fluid and air it is divided by theta in (0, 1], how far from cell i the surface is
-// (the ghost fluid method: Gibou, Fedkiw, Cheng and Kang, "A second-order-accurate symmetric
-// discretization of the Poisson equation on irregular domains", 2002, eq. 20).
+// with p = 0 in air. w_f is the open part of the face over the density (Batty, Bertails and
+// Bridson, "A fast variational framework for accurate solid-fluid coupling", 2007), 0 at solid
+// faces; at a face between fluid and air it is divided by theta in (0, 1], how far from cell i the
+// surface is (the ghost fluid method: Gibou, Fedkiw, Cheng and Kang, "A second-order-accurate
+// symmetric discretization of the Poisson equation on irregular domains", 2002, eq. 20).
 //
 // Conjugate gradients, preconditioned by multigrid (multigrid.h); where that stalls, by the
 // diagonal. Directions are Real; p is a sum of them in double, and so are A p and all sums: so that
@@ -60,6 +60,9 @@ class PressureSolver {
   void clear(std::span<double> p, bool keep, int threads);
   template <class Use>
   double sum_rows(const Use& use, int threads);
+  template <class Term>
+  double sum_of(const Term& term, int threads);
+  double norm_of_r(int threads);
   double sum_parts() const;
 
   Layout<D> layout_;

@@ -3,45 +3,19 @@
 #include <algorithm>
 #include <cmath>
 
-#include "substep/core/parallel.h"
 #include "substep/core/usize.h"
+#include "substep/gridfluid/row_tasks.h"
 #include "substep/gridfluid/sides.h"
 
 namespace substep::gridfluid {
-namespace {
-
-constexpr std::int64_t kRows = 8;  // that a task works on
-
-template <class T>
-void fill(AlignedBuffer<T>& buffer, std::int64_t n, T value) {
-  buffer.reset(usize(n));
-  std::fill(buffer.begin(), buffer.end(), value);
-}
-
-}  // namespace
 
 template <class Real, int D>
 Projection<Real, D>::Projection(const Layout<D>& layout, const OpenSides<D>& open)
     : layout_(layout), open_(open), solver_(layout) {
-  fill(cells_, layout.size, Cell::kSolid);
-  fill(b_, layout.size, Real(0));
-  fill(q_, layout.size, 0.0);
-  for (auto& weight : weight_) fill(weight, layout.size, Real(0));
-}
-
-template <class Real, int D>
-template <class Each>
-void Projection<Real, D>::for_rows(int faces_of, int threads, const Each& each) const {
-  const int length = layout_.row_length(faces_of);
-  parallel_for(
-      layout_.rows(faces_of), kRows,
-      [&](std::int64_t begin, std::int64_t end) {
-        for (std::int64_t r = begin; r < end; ++r) {
-          const std::int64_t row = layout_.row(r, faces_of);
-          each(row, row + length);
-        }
-      },
-      threads);
+  assign(cells_, layout.size, Cell::kSolid);
+  assign(b_, layout.size, Real(0));
+  assign(q_, layout.size, 0.0);
+  for (auto& weight : weight_) assign(weight, layout.size, Real(0));
 }
 
 template <class Real, int D>
@@ -58,7 +32,7 @@ void Projection<Real, D>::set_domain(const Obstacles<Real, D>& obstacles, std::s
 template <class Real, int D>
 void Projection<Real, D>::find_cells(const Obstacles<Real, D>& obstacles, std::span<const Real> phi,
                                      int threads) {
-  for_rows(-1, threads, [&](std::int64_t begin, std::int64_t end) {
+  for_each_row(layout_, -1, threads, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       bool open = !obstacles.any();
       for (int a = 0; a < D && !open; ++a) {
@@ -89,7 +63,7 @@ void Projection<Real, D>::find_weights(const Obstacles<Real, D>& obstacles,
     const std::span<const Real> part =
         obstacles.any() ? obstacles.open(a) : std::span<const Real>();
     AlignedBuffer<Real>& weight = weight_[usize(a)];
-    for_rows(a, threads, [&](std::int64_t begin, std::int64_t end) {
+    for_each_row(layout_, a, threads, [&](std::int64_t begin, std::int64_t end) {
       for (std::int64_t i = begin; i < end; ++i) {
         const Cell below = cells_[usize(i - s)], above = cells_[usize(i)];
         Real w = 0;
@@ -117,7 +91,7 @@ template <class Real, int D>
 void Projection<Real, D>::find_divergence(const Obstacles<Real, D>& obstacles,
                                           const Velocity<Real, D>& u, int threads) {
   const bool cut = obstacles.any(), moving = obstacles.moving();
-  for_rows(-1, threads, [&](std::int64_t begin, std::int64_t end) {
+  for_each_row(layout_, -1, threads, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       Real sum = 0;
       for (std::size_t a = 0; a < D; ++a) {
@@ -142,7 +116,7 @@ void Projection<Real, D>::apply_pressure(const Obstacles<Real, D>& obstacles, bo
   for (int a = 0; a < D; ++a) {
     const std::int64_t s = layout_.stride[usize(a)];
     const bool cut = obstacles.any();
-    for_rows(a, threads, [&](std::int64_t begin, std::int64_t end) {
+    for_each_row(layout_, a, threads, [&](std::int64_t begin, std::int64_t end) {
       for (std::int64_t i = begin; i < end; ++i) {
         const Real w = weight_[usize(a)][usize(i)];
         const Real part = cut ? obstacles.open(a)[usize(i)] : Real(1);

@@ -56,8 +56,6 @@ class Projection {
  private:
   static constexpr double kThinnest = 0.01;  // theta; without a bound q would not be
 
-  template <class Each>
-  void for_rows(int faces_of, int threads, const Each& each) const;
   void find_cells(const Obstacles<Real, D>& obstacles, std::span<const Real> phi, int threads);
   void find_weights(const Obstacles<Real, D>& obstacles, std::span<const Real> phi, int threads);
   void find_divergence(const Obstacles<Real, D>& obstacles, const Velocity<Real, D>& u,

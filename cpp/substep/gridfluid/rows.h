@@ -50,31 +50,33 @@ void wrap_row(const Layout<D>& layout, const Row<D>& row, Real* x) {
   x[row.at + row.length] = x[row.at];
 }
 
-// Slabs of planes that tasks work on.
+// Slabs of planes that tasks work on: thick ones where stages follow each other through them.
 struct Slabs {
   template <int D>
   explicit Slabs(const Layout<D>& layout, int stages = 1) : planes(layout.cells[0]) {
-    constexpr int kCells = 1 << 15;  // of a slab, about
+    constexpr std::int64_t kCells = 1 << 15;  // of a slab, at least
+    constexpr std::int64_t kThick = 16;       // planes for each stage that lags behind
     const std::int64_t plane = layout.count() / planes;
-    const std::int64_t thick = std::max<std::int64_t>({kCells / plane, 8 * (stages - 1), 1});
-    count = std::max<std::int64_t>(planes / thick, 1);
+    const std::int64_t thick = std::max(kCells / plane, kThick * (stages - 1));
+    count = std::max<std::int64_t>(planes / std::max<std::int64_t>(thick, 1), 1);
   }
   int begin(std::int64_t slab) const { return static_cast<int>(planes * slab / count); }
   std::int64_t planes, count;
 };
 
-// The sum of slab(begin, end) over slabs of planes, in their order. At most kMostSlabs of them.
-template <int D, class Slab>
-void for_slabs(const Layout<D>& layout, const Slab& slab, int threads) {
+// use(slab, begin, end) for slabs of planes.
+template <int D, class Use>
+void for_slabs(const Layout<D>& layout, const Use& use, int threads) {
   const Slabs slabs(layout);
-  const auto run = [&](std::int64_t s) { slab(s, slabs.begin(s), slabs.begin(s + 1)); };
+  const auto run = [&](std::int64_t s) { use(s, slabs.begin(s), slabs.begin(s + 1)); };
   parallel_chunks(slabs.count, std::cref(run), threads);
 }
 
-// stage(s, plane) for s = 0, 1, ... on all planes, where stage s of a plane needs no more than stage
-// s - 1 of it and of its two neighbours, and must not come before it. One after the other they would
-// read the grid from memory once a stage; here one follows close behind the other through each slab,
-// leaving out at its two ends what needs another slab, which is made up for afterwards.
+// stage(s, plane) for s = 0, 1, ... on all planes, where stage s of a plane needs no more than
+// stage s - 1 of it and of its two neighbours, and must not come before it. One after the other
+// they would read the grid from memory once a stage; here one follows close behind the other
+// through each slab, leaving out at its two ends what needs another slab, which is made up for
+// afterwards.
 template <int kStages, int D, class Stage>
 void for_planes_in_stages(const Layout<D>& layout, const Stage& stage, int threads) {
   const Slabs slabs(layout, kStages);

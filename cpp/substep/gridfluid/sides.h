@@ -14,8 +14,8 @@ namespace substep::gridfluid {
 template <int D>
 using OpenSides = std::array<std::array<bool, 2>, D>;
 
-// each(cell, ghost, face) for the outermost cells along an axis, on its lower (0) or upper (1) side,
-// what is beyond them, and the face between.
+// each(cell, ghost, face) for the outermost cells along an axis, on its lower (0) or upper (1)
+// side, what is beyond them, and the face between.
 template <int D, class Each>
 void for_side(const Layout<D>& layout, int axis, int side, const Each& each) {
   const std::size_t a = usize(axis);

@@ -6,6 +6,7 @@
 #include <functional>
 #include <vector>
 
+#include "substep/core/lanes.h"
 #include "substep/core/parallel.h"
 #include "substep/gridfluid/ghosts.h"
 #include "substep/gridfluid/slabs.h"
@@ -88,6 +89,24 @@ void march_row(const Layout<D>& layout, std::int64_t row, Real far, const Real* 
   }
 }
 
+// cell(index, how many of its neighbours are in the liquid) for the cells of a row.
+template <class Real, int D, class Cell>
+void for_wet_neighbours(const Layout<D>& layout, const Real* phi, std::int64_t row,
+                        const Cell& cell) {
+  constexpr int kBlock = 64;
+  for (int k0 = 0; k0 < layout.row_length(); k0 += kBlock) {
+    const int count = std::min(kBlock, layout.row_length() - k0);
+    IntOf<Real> wet[kBlock] = {};
+    for (const std::int64_t step : layout.stride) {
+      const Real* const here = phi + row + k0;
+      for (int k = 0; k < count; ++k) wet[k] += (here[k - step] < 0) + (here[k + step] < 0);
+    }
+    _Pragma("GCC ivdep") for (int k = 0; k < count; ++k) {
+      cell(row + k0 + k, static_cast<int>(wet[k]));
+    }
+  }
+}
+
 }  // namespace
 
 template <class Real, int D>
@@ -118,29 +137,18 @@ void level_set(const Particles<Real, D>& particles, const Layout<D>& layout, con
       phi[row + k] = std::min(phi[row + k], ball);
     }
   };
-  const auto neighbours_in_liquid = [&](const Real* values, std::int64_t i) {
-    int count = 0;
-    for (const std::int64_t step : layout.stride) {
-      count += (values[i - step] < 0) + (values[i + step] < 0);
-    }
-    return count;
-  };
   const auto close_holes = [&](std::int64_t r) {
-    const std::int64_t row = layout.row(r);
-    for (std::int64_t i = row; i < row + layout.row_length(); ++i) {
-      const bool hole = phi[i] >= 0 && particles.first()[i] < particles.first()[i + 1] &&
-                        neighbours_in_liquid(phi, i) == 2 * D;
-      other[i] = hole ? Real(-0.5) : phi[i];
-    }
+    for_wet_neighbours(layout, phi, layout.row(r), [&](std::int64_t i, int wet) {
+      const bool particle = particles.first()[i] < particles.first()[i + 1];
+      other[i] = (wet == 2 * D) & particle & (phi[i] >= 0) ? Real(-0.5) : phi[i];
+    });
   };
   // Only cells next to the other side of the surface keep their distance.
   const auto keep_surface = [&](std::int64_t r) {
-    const std::int64_t row = layout.row(r);
-    for (std::int64_t i = row; i < row + layout.row_length(); ++i) {
-      const Real here = other[i];
-      const int wet = neighbours_in_liquid(other, i);
-      phi[i] = here < 0 ? (wet < 2 * D ? here : -far) : (wet > 0 ? here : far);
-    }
+    for_wet_neighbours(layout, other, layout.row(r), [&](std::int64_t i, int wet) {
+      const bool inside = other[i] < 0, surface = wet != (inside ? 2 * D : 0);
+      phi[i] = surface ? other[i] : inside ? -far : far;
+    });
   };
 
   const std::int64_t tasks = (layout.rows() - 1) / kRowsOfTask + 1;

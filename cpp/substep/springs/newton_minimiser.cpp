@@ -12,6 +12,7 @@ namespace {
 constexpr double kArmijo = 1e-4;     // of the slope: the fall that a step has to bring
 constexpr double kRounding = 1e-13;  // of the energy: what its sum is good to
 constexpr int kMaxBacktracks = 40;
+constexpr double kForcing = 1e-3;   // of the gradient: what a step of Newton's may leave of it
 constexpr double kLeastKept = 0.2;  // of the negative curvature; below that none is kept
 constexpr int kTrusted = 2;         // factorizations that pass in a row before more is kept
 
@@ -63,9 +64,10 @@ void NewtonMinimiser::begin(IncrementalPotential& energy, Positions x) {
   const BlockPattern& pattern = energy.pattern();
   if (!cholesky_) {
     const auto size = static_cast<std::int32_t>(3 * x.size());
-    cholesky_ = std::make_unique<SupernodalCholesky>(
+    cholesky_ = std::make_unique<MixedCholesky>(
         SparsePattern{size, size, pattern.columns, pattern.rows}, 3);
   }
+  cholesky_->forget();
   values_.resize(pattern.rows.size());
   for (auto* v : {&g_, &dx_, &trial_}) v->resize(x.size());
   memory_.forget();
@@ -90,8 +92,9 @@ bool NewtonMinimiser::factorize(IncrementalPotential& energy, Positions x,
   return true;
 }
 
-// dx = -H^-1 g by the factorization and, if `learned`, by what the memory adds to it. Returns the
-// slope g . dx.
+// dx = -H^-1 g by the factorization and, if `learned`, by what the memory adds to it. Where H is
+// the true Hessian, up to kForcing: more digits of it would not help Newton's method, fewer would
+// cost it iterations (Nocedal and Wright, section 7.1). Returns the slope g . dx.
 double NewtonMinimiser::find_direction(const IncrementalPotential& energy, Positions x,
                                        bool learned) {
   const int threads = energy.threads();
@@ -102,7 +105,13 @@ double NewtonMinimiser::find_direction(const IncrementalPotential& energy, Posit
   if (learned) {
     memory_.multiply(dx_, solve, threads);
   } else if (!dx_.empty()) {
-    solve(std::span(dx_[0].data(), 3 * dx_.size()));
+    const std::span<double> r(dx_[0].data(), 3 * dx_.size());
+    if (kept_ < 1.0) {  // the Hessian itself is worth no more than its factorization
+      solve(r);
+    } else if (!cholesky_->solve(r, values_, kForcing, threads)) {  // not positive definite
+      kept_ = next_kept_ = 0.5;
+      passed_ = 0;
+    }
   }
   return dot(numbers(g_), numbers(dx_), threads);
 }

@@ -14,7 +14,7 @@
 #include <memory>
 #include <vector>
 
-#include "substep/linalg/direct/supernodal_cholesky.h"
+#include "substep/linalg/direct/mixed_cholesky.h"
 #include "substep/springs/limited_memory.h"
 #include "substep/springs/minimiser.h"
 
@@ -37,7 +37,7 @@ class NewtonMinimiser : public Minimiser {
               MinimiserReport& report);
 
   int max_iterations_;
-  std::unique_ptr<SupernodalCholesky> cholesky_;  // of the pattern, which is that of every step
+  std::unique_ptr<MixedCholesky> cholesky_;  // of the pattern, which is that of every step
   std::vector<double> values_;
   double level_ = 0.0;  // the energy at x
   std::vector<Vec3> g_, dx_, trial_;

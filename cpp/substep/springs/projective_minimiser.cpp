@@ -21,7 +21,7 @@ void ProjectiveMinimiser::factorize(const IncrementalPotential& energy) {
                         blocks.neighbours.begin() + blocks.starts[i + 1]);
       lower_.start.push_back(static_cast<std::int32_t>(lower_.row.size()));
     }
-    cholesky_ = std::make_unique<SupernodalCholesky>(lower_, 1);
+    cholesky_ = std::make_unique<SupernodalCholesky<>>(lower_, 1);
   }
   const double h = energy.step();
   const auto pinned = energy.pinned();

@@ -31,7 +31,7 @@ class ProjectiveMinimiser : public Minimiser {
   double h_ = 0.0;  // of the factor
   std::vector<std::uint8_t> pinned_;
   SparsePattern lower_;
-  std::unique_ptr<SupernodalCholesky> cholesky_;
+  std::unique_ptr<SupernodalCholesky<>> cholesky_;
   std::vector<Vec3> g_;
 };
 

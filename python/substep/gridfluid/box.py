@@ -71,7 +71,7 @@ def check_open_sides(sides: Any, d: int) -> tuple[tuple[str, str], ...]:
 
 
 def interpolate(name: str, points: ArrayLike, bounds: Array, cell: float, values: Array) -> Array:
-    """Values between the middles of cells, linear along each axis, constant beyond the outermost."""
+    """Values between the middles of cells, linear; constant beyond the outermost."""
     x = check_array(name, points, (None, bounds.shape[1]))
     outside = ((x < bounds[0]) | (x > bounds[1])).any(axis=1)
     if outside.any():

@@ -68,7 +68,7 @@ class GridFlow(Simulation):
 
     A step moves velocities, temperature and smoke with the flow, adds viscosity and buoyancy, and
     finds the pressure that leaves no divergence. Obstacles cut the cells they stand in. There is no
-    free surface. docs/gridfluid.md has the equations, and what this is not.
+    free surface. docs/grid_flow.md has the equations, and what this is not.
 
     Parameters
     ----------

@@ -19,7 +19,6 @@ from ..base.checks import (
     check_flag,
     check_integer,
     check_real,
-    check_within,
 )
 from ..base.rows import read_only
 from ..base.schema import MOST, OWN, TIME, Entry, Number, Rows
@@ -48,8 +47,8 @@ class LiquidReport(StepReport):
     volume_iterations : int
         Of the solve that spreads the particles evenly, in the last step.
     mean_error : float
-        Of the density: before that, the mean over full cells of how far the particles in them are from as many as
-        there should be, relative.
+        Of the density, relative: before that, the mean over full cells of how far they are from
+        holding as many particles as they should.
     removed : int
         Particles that left by an open side in it.
     """
@@ -67,7 +66,7 @@ class GridLiquid(Particles):
     to the grid, adds gravity, makes them free of divergence, with the free surface and obstacles at
     their true places between the nodes, passes them back and moves the particles along (FLIP, APIC
     or PIC). Above the surface is nothing: air at pressure 0. There are no viscosity and no surface
-    tension. docs/gridfluid.md has the equations, and what this is not.
+    tension. docs/grid_liquid.md has the equations, and what this is not.
 
     Parameters
     ----------

@@ -623,7 +623,7 @@ TYPED_TEST(GridParticles, ExtrapolationIsLayerByLayer) {
   });
 }
 
-// 2^D particles a cell in a lattice up to `height` cells along the last axis.
+// A lattice of 2^D particles a cell, of those that are inside.
 template <class Real, int D>
 Particles<Real, D> lattice(const Layout<D>& layout, const auto& inside) {
   std::vector<Real> x;

@@ -71,7 +71,8 @@ double face(const Problem<Real, D>& problem, const std::array<int, D>& cell, std
 
 // A problem of what stands where: w is `open` over theta, with the levels phi of the cells.
 template <class Real, int D>
-void set_faces(Problem<Real, D>& problem, const std::function<double(std::size_t, std::int64_t)>& open,
+void set_faces(Problem<Real, D>& problem,
+               const std::function<double(std::size_t, std::int64_t)>& open,
                const std::function<double(std::int64_t, std::int64_t)>& theta) {
   const Layout<D>& layout = problem.layout;
   for_cells<D>(
@@ -119,7 +120,8 @@ Problem<Real, D> random_problem(unsigned seed) {
         for (std::size_t a = 0; a < D; ++a)
           outside += cell[a] < 0 || cell[a] >= problem.layout.cells[a];
         Cell& kind = problem.cells[usize(i)];
-        if (outside == 0) kind = u < solids ? Cell::kSolid : u < solids + air ? Cell::kAir : Cell::kFluid;
+        if (outside == 0)
+          kind = u < solids ? Cell::kSolid : u < solids + air ? Cell::kAir : Cell::kFluid;
         if (outside == 1) kind = u < 0.1 * (seed % 3) ? Cell::kAir : Cell::kSolid;
         if (outside == 0 && kind == Cell::kFluid)
           problem.b[usize(i)] = static_cast<Real>(uniform(generator) - 0.5);
@@ -130,7 +132,8 @@ Problem<Real, D> random_problem(unsigned seed) {
   std::array<std::vector<double>, D> open;
   for (auto& faces : open)
     for (std::size_t i = 0; i < thetas.size(); ++i)
-      faces.push_back(uniform(generator) < 0.2 ? 0 : std::pow(uniform(generator), 3));
+      faces.push_back(uniform(generator) < 0.2 ? 0
+                                               : std::max(1e-3, std::pow(uniform(generator), 3)));
   set_faces<Real, D>(
       problem, [&](std::size_t a, std::int64_t i) { return open[a][usize(i)]; },
       [&](std::int64_t i, std::int64_t) { return thetas[usize(i)]; });
@@ -223,18 +226,21 @@ TYPED_TEST(PressureSolverOf, small_problems_by_chance_are_solved_as_by_eliminati
   for (unsigned seed = 0; seed < 200; ++seed) {
     auto problem = random_problem<Real, D>(seed);
     const Dense<Real, D> dense(problem);
-    const SolveReport report = problem.solve(1e-10, 100);
+    // (b without its means is rounded to Real.)
+    const double tolerance = sizeof(Real) == 8 ? 1e-10 : 1e-6;
+    const SolveReport report = problem.solve(tolerance, 100);
     ASSERT_TRUE(report.converged) << seed << ' ' << report.iterations << ' ' << report.residual;
     EXPECT_EQ(report.closed_regions, dense.closed) << seed;
     const Eigen::VectorXd expected = dense.solution();
     Eigen::VectorXd found(expected.size());
-    for (Eigen::Index i = 0; i < found.size(); ++i) found[i] = problem.p[usize(dense.index[usize(i)])];
+    for (Eigen::Index i = 0; i < found.size(); ++i)
+      found[i] = problem.p[usize(dense.index[usize(i)])];
     if (dense.b.size() == 0) continue;
-    EXPECT_LE((dense.a * found - dense.b).norm(), 2e-10 * dense.b.norm()) << seed;
+    EXPECT_LE((dense.a * found - dense.b).norm(), 2 * tolerance * dense.b.norm()) << seed;
     // In the norm of A, which weak links do not spoil.
     const Eigen::VectorXd error = found - expected;
     EXPECT_LE(std::sqrt(std::abs(error.dot(dense.a * error))),
-              1e-6 * std::sqrt(std::abs(expected.dot(dense.a * expected))) + 1e-12)
+              100 * tolerance * std::sqrt(std::abs(expected.dot(dense.a * expected))) + 1e-12)
         << seed;
   }
 }
@@ -347,16 +353,20 @@ template <int D>
 LevelSet<D> splash() {
   std::mt19937 generator(7);
   std::uniform_real_distribution<double> uniform(0, 1);
-  std::vector<LevelSet<D>> drops;
+  std::vector<std::pair<Point<D>, double>> drops;
   for (int k = 0; k < (D == 2 ? 60 : 300); ++k) {
     Point<D> x;
     for (double& c : x) c = uniform(generator);
     x[D - 1] = 0.55 + 0.4 * x[D - 1] * x[D - 1];
-    drops.push_back(ball<D>(x, 0.012 + 0.05 * std::pow(uniform(generator), 3)));
+    drops.emplace_back(x, 0.012 + 0.05 * std::pow(uniform(generator), 3));
   }
   return [drops](const Point<D>& x) {
     double phi = x[D - 1] - (0.6 + 0.05 * std::sin(9 * x[0]) * std::cos(7 * x[D - 2] + 1));
-    for (const auto& drop : drops) phi = std::min(phi, drop(x));
+    for (const auto& [centre, radius] : drops) {
+      double rr = 0;
+      for (std::size_t a = 0; a < D; ++a) rr += (x[a] - centre[a]) * (x[a] - centre[a]);
+      if (phi + radius > 0 && rr < (phi + radius) * (phi + radius)) phi = std::sqrt(rr) - radius;
+    }
     return phi;
   };
 }
@@ -390,7 +400,7 @@ TYPED_TEST(PressureSolverOf, ten_iterations_do_at_any_size) {
 TYPED_TEST(PressureSolverOf, bits_do_not_depend_on_threads) {
   using Real = typename TypeParam::Real;
   constexpr int D = TypeParam::D;
-  auto problem = tank<Real, D>(D == 2 ? 301 : 61, true, splash<D>(), sunken_ball<D>());
+  auto problem = tank<Real, D>(D == 2 ? 301 : 97, true, splash<D>(), sunken_ball<D>());
   std::vector<std::vector<double>> found;
   for (const int threads : {1, 2, 3}) {
     std::fill(problem.p.begin(), problem.p.end(), 0.0);
@@ -462,8 +472,8 @@ TYPED_TEST(PressureSolverOf, still_water_has_its_own_pressure_at_any_depth) {
 TYPED_TEST(PressureSolverOf, a_curved_surface_is_found_to_second_order) {
   using Real = typename TypeParam::Real;
   constexpr int D = TypeParam::D;
-  double before = 0;
-  for (const int n : {16, 32, 64}) {
+  for (const int n : {16, 32, 64, 128}) {
+    if (D == 3 && n > 64) continue;
     Point<D> centre;
     centre.fill(0.48);
     const double radius = 0.37;
@@ -489,10 +499,7 @@ TYPED_TEST(PressureSolverOf, a_curved_surface_is_found_to_second_order) {
       if (problem.cells[i] == Cell::kFluid)
         error = std::max(error, std::abs(problem.p[i] - (radius * radius - rr) * (1 + x)));
     });
-    if (before > 0) {
-      EXPECT_GT(std::log2(before / error), 1.6) << n << ' ' << error;
-    }
-    before = error;
+    EXPECT_LT(error, 0.65 * h * h) << n;
   }
 }
 

@@ -1,82 +1,117 @@
-// Dense kernels of the sparse Cholesky factorization, on panels: eight rows of a matrix, column
-// after column (entry (r, c) of a panel at 8 c + r). Sums run over k = 0, 1, ... with fused
-// multiply-adds where the machine has them.
+// Dense kernels of the sparse Cholesky factorization, on panels: rows of a matrix as many as a
+// cache line has numbers, column after column (entry (r, c) of a panel at kPanel c + r). Sums run
+// over k = 0, 1, ... with fused multiply-adds where the machine has them.
 #pragma once
 
 #include <Eigen/Core>
 #include <cmath>
 #include <cstdint>
+#include <type_traits>
 
 namespace substep {
 
-inline constexpr std::int64_t kPanel = 8;
+template <class Real>
+inline constexpr std::int64_t kPanelRows = 64 / static_cast<std::int64_t>(sizeof(Real));
 
-using Packet = Eigen::internal::packet_traits<double>::type;
-inline constexpr int kWidth = Eigen::internal::packet_traits<double>::size;
-inline constexpr int kPackets = static_cast<int>(kPanel) / kWidth;  // of a column of a panel
+template <class Real>
+using Packet = typename Eigen::internal::packet_traits<Real>::type;
+template <class Real>
+inline constexpr int kWidth = Eigen::internal::packet_traits<Real>::size;
+template <class Real>
+inline constexpr int kPackets = static_cast<int>(kPanelRows<Real>) / kWidth<Real>;  // of a column
 // Columns that a pass of multiply_panels computes, such that its sums stay in registers.
-inline constexpr int kColumns = kWidth == 8 ? 8 : kWidth == 4 ? 4 : 2;
+template <class Real>
+inline constexpr int kColumns = kPackets<Real> == 1   ? 8
+                                : kPackets<Real> == 2 ? 4
+                                                      : 2;
 
-// C[p] -= A[p] B^T for kRows panels p: A[p] is 8 x k, B is 8 x k (its rows are the columns of C);
-// C[p] has `columns` <= 8 columns.
-template <int kRows>
-void multiply_panels(const double* const* a, const double* b, std::int64_t k, double* const* c,
+// C[p] -= A[p] B^T for kRows panels p: A[p] and B have k columns (the rows of B are the columns of
+// C); C[p] has `columns` <= kPanel of them, and with kFirst it is C[p] = -A[p] B^T.
+template <int kRows, bool kFirst, class Real>
+void multiply_panels(const Real* const* a, const Real* b, std::int64_t k, Real* const* c,
                      std::int64_t columns) {
   using namespace Eigen::internal;
-  for (int j0 = 0; j0 < columns; j0 += kColumns) {
-    for (int part = 0; part < kPackets; ++part) {
-      const int r0 = part * kWidth;
-      Packet sums[kRows][kColumns];
+  constexpr std::int64_t kPanel = kPanelRows<Real>;
+  constexpr int kSums = kColumns<Real>;
+  for (int j0 = 0; j0 < columns; j0 += kSums) {
+    for (int part = 0; part < kPackets<Real>; ++part) {
+      const int r0 = part * kWidth<Real>;
+      Packet<Real> sums[kRows][kSums];
       for (int p = 0; p < kRows; ++p) {
-        for (int j = 0; j < kColumns; ++j) sums[p][j] = pset1<Packet>(0.0);
+        for (int j = 0; j < kSums; ++j) sums[p][j] = pset1<Packet<Real>>(Real(0));
       }
       for (std::int64_t l = 0; l < k; ++l) {
-        Packet left[kRows];
-        for (int p = 0; p < kRows; ++p) left[p] = ploadu<Packet>(a[p] + 8 * l + r0);
-        for (int j = 0; j < kColumns; ++j) {
-          const Packet right = pset1<Packet>(b[8 * l + j0 + j]);
+        Packet<Real> left[kRows];
+        for (int p = 0; p < kRows; ++p) left[p] = ploadu<Packet<Real>>(a[p] + kPanel * l + r0);
+        for (int j = 0; j < kSums; ++j) {
+          const auto right = pset1<Packet<Real>>(b[kPanel * l + j0 + j]);
           for (int p = 0; p < kRows; ++p) sums[p][j] = pmadd(left[p], right, sums[p][j]);
         }
       }
       for (int p = 0; p < kRows; ++p) {
-        for (int j = 0; j < kColumns && j0 + j < columns; ++j) {
-          double* entry = c[p] + 8 * (j0 + j) + r0;
-          pstoreu(entry, psub(ploadu<Packet>(entry), sums[p][j]));
+        for (int j = 0; j < kSums && j0 + j < columns; ++j) {
+          Real* entry = c[p] + kPanel * (j0 + j) + r0;
+          const auto before = kFirst ? pset1<Packet<Real>>(Real(0)) : ploadu<Packet<Real>>(entry);
+          pstoreu(entry, psub(before, sums[p][j]));
         }
       }
     }
   }
 }
 
-// Factorizes the lower triangle of a w x w block (w <= 8) in place; 1 / L_jj into `inverse`.
-// Returns the first column whose pivot is not positive, or w.
-inline std::int64_t factorize_block(double* block, std::int64_t w, double* inverse) {
+// Factorizes the lower triangle of a w x w block (w <= kPanel) in place, whose upper triangle gets
+// numbers without meaning; 1 / L_jj into `inverse`. Returns the first column whose pivot is not
+// positive, or w.
+template <class Real>
+std::int64_t factorize_block(Real* block, std::int64_t w, Real* inverse) {
+  using namespace Eigen::internal;
+  constexpr std::int64_t kPanel = kPanelRows<Real>;
   for (std::int64_t j = 0; j < w; ++j) {
-    for (std::int64_t k = 0; k < j; ++k) {
-      const double ljk = block[8 * k + j];
-      for (std::int64_t r = j; r < w; ++r) block[8 * j + r] -= block[8 * k + r] * ljk;
+    Real* column = block + kPanel * j;
+    const Real pivot = column[j];
+    if (!(pivot > Real(0)) || !std::isfinite(pivot)) return j;
+    const Real root = std::sqrt(pivot);
+    inverse[j] = Real(1) / root;
+    for (int r0 = 0; r0 < kPanel; r0 += kWidth<Real>) {
+      const auto scaled = pmul(ploadu<Packet<Real>>(column + r0), pset1<Packet<Real>>(inverse[j]));
+      pstoreu(column + r0, scaled);
     }
-    const double pivot = block[8 * j + j];
-    if (!(pivot > 0.0) || !std::isfinite(pivot)) return j;
-    const double root = std::sqrt(pivot);
-    inverse[j] = 1.0 / root;
-    block[8 * j + j] = root;
-    for (std::int64_t r = j + 1; r < w; ++r) block[8 * j + r] *= inverse[j];
+    column[j] = root;
+    for (std::int64_t k = j + 1; k < w; ++k) {
+      Real* later = block + kPanel * k;
+      const auto factor = pset1<Packet<Real>>(-column[k]);
+      for (int r0 = 0; r0 < kPanel; r0 += kWidth<Real>) {
+        pstoreu(later + r0,
+                pmadd(ploadu<Packet<Real>>(column + r0), factor, ploadu<Packet<Real>>(later + r0)));
+      }
+    }
   }
   return w;
 }
 
-// X <- X L^-T for the eight rows X of a panel, w columns, and a factorized w x w block.
-inline void solve_panel(double* x, const double* block, const double* inverse, std::int64_t w) {
+// X <- X L^-T for the rows X of a panel, w columns, and a factorized w x w block.
+template <class Real>
+void solve_panel(Real* x, const Real* block, const Real* inverse, std::int64_t w) {
   using namespace Eigen::internal;
-  for (int part = 0; part < kPackets; ++part) {
-    double* rows = x + part * kWidth;
-    for (std::int64_t j = 0; j < w; ++j) {
-      Packet sum = ploadu<Packet>(rows + 8 * j);
-      for (std::int64_t k = 0; k < j; ++k) {
-        sum = psub(sum, pmul(ploadu<Packet>(rows + 8 * k), pset1<Packet>(block[8 * k + j])));
+  constexpr std::int64_t kPanel = kPanelRows<Real>;
+  const auto solve = [&](auto full, Real* rows) {
+    const std::int64_t width = full.value ? kPanel : w;
+    Packet<Real> columns[kPanel];
+    for (std::int64_t j = 0; j < width; ++j) columns[j] = ploadu<Packet<Real>>(rows + kPanel * j);
+    for (std::int64_t j = 0; j < width; ++j) {
+      columns[j] = pmul(columns[j], pset1<Packet<Real>>(inverse[j]));
+      const auto minus = pnegate(columns[j]);
+      for (std::int64_t k = j + 1; k < width; ++k) {
+        columns[k] = pmadd(minus, pset1<Packet<Real>>(block[kPanel * j + k]), columns[k]);
       }
-      pstoreu(rows + 8 * j, pmul(sum, pset1<Packet>(inverse[j])));
+      pstoreu(rows + kPanel * j, columns[j]);
+    }
+  };
+  for (int part = 0; part < kPackets<Real>; ++part) {
+    if (w == kPanel) {
+      solve(std::true_type{}, x + part * kWidth<Real>);
+    } else {
+      solve(std::false_type{}, x + part * kWidth<Real>);
     }
   }
 }

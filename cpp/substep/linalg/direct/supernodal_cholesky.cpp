@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <utility>
 
 #include "substep/core/errors.h"
 #include "substep/core/parallel.h"
@@ -13,17 +14,20 @@ namespace substep {
 namespace {
 
 constexpr std::int64_t kTasks = 48;  // a subtree of less than 1/kTasks of the work is a task
-constexpr std::int64_t kBlockColumns = 192;  // of a front's columns that are eliminated together
-constexpr std::int64_t kGroup = 3;           // panels that a kernel computes together
+constexpr std::int64_t kGroup = 3;   // panels that a kernel computes together
+// Panels of a front's columns that are eliminated together.
+template <class Real>
+constexpr std::int64_t kBlockPanels = 192 / kPanelRows<Real>;
 
-void multiply_group(int count, const double* const* a, const double* b, std::int64_t k,
-                    double* const* c, std::int64_t columns) {
+template <bool kFirst, class Real>
+void multiply_group(int count, const Real* const* a, const Real* b, std::int64_t k, Real* const* c,
+                    std::int64_t columns) {
   if (count == 3) {
-    multiply_panels<3>(a, b, k, c, columns);
+    multiply_panels<3, kFirst>(a, b, k, c, columns);
   } else if (count == 2) {
-    multiply_panels<2>(a, b, k, c, columns);
+    multiply_panels<2, kFirst>(a, b, k, c, columns);
   } else {
-    multiply_panels<1>(a, b, k, c, columns);
+    multiply_panels<1, kFirst>(a, b, k, c, columns);
   }
 }
 
@@ -37,28 +41,61 @@ void for_groups(std::int64_t groups, double flops, int threads, Task&& task) {
   }
 }
 
-}  // namespace
+// target[offsets[c] ...] += source[kPanel c ...] for kRows rows and the columns [begin, end).
+template <int kRows, class Real>
+void add_some_rows(const Real* source, const std::int64_t* offsets, std::int64_t begin,
+                   std::int64_t end, Real* target) {
+  for (std::int64_t c = begin; c < end; ++c) {
+    Real sums[kRows];
+    for (int r = 0; r < kRows; ++r) {
+      sums[r] = target[offsets[c] + r] + source[kPanelRows<Real> * c + r];
+    }
+    for (int r = 0; r < kRows; ++r) target[offsets[c] + r] = sums[r];
+  }
+}
 
-SupernodalCholesky::~SupernodalCholesky() = default;
+// The same for a number of rows, up to kPanel, that is known only now.
+template <class Real>
+void add_rows(std::int64_t rows, const Real* source, const std::int64_t* offsets,
+              std::int64_t begin, std::int64_t end, Real* target) {
+  [&]<int... kLess>(std::integer_sequence<int, kLess...>) {
+    ((rows == kLess + 1 ? add_some_rows<kLess + 1>(source, offsets, begin, end, target) : void()),
+     ...);
+  }(std::make_integer_sequence<int, static_cast<int>(kPanelRows<Real>)>());
+}
 
-SupernodalCholesky::SupernodalCholesky(const SparsePattern& lower, std::int32_t block,
-                                       Ordering ordering)
-    : block_(block) {
+Supernodes checked_supernodes(const SparsePattern& lower, std::int32_t block, Ordering ordering) {
   check_pattern(lower);
   if (!is_lower(lower) || lower.rows != lower.cols || (block != 1 && block != 3) ||
       lower.cols % block != 0) {
     throw InputError(
         "lower: expected the lower triangle of a square matrix of 1 x 1 or 3 x 3 blocks");
   }
-  tree_ = find_supernodes(lower, block, ordering);
+  return find_supernodes(lower, block, ordering);
+}
+
+}  // namespace
+
+template <class Real>
+SupernodalCholesky<Real>::~SupernodalCholesky() = default;
+
+template <class Real>
+SupernodalCholesky<Real>::SupernodalCholesky(const SparsePattern& lower, std::int32_t block,
+                                             Ordering ordering)
+    : SupernodalCholesky(lower, block, checked_supernodes(lower, block, ordering)) {}
+
+template <class Real>
+SupernodalCholesky<Real>::SupernodalCholesky(const SparsePattern& lower, std::int32_t block,
+                                             Supernodes tree)
+    : block_(block), tree_(std::move(tree)) {
   children_.resize(usize(tree_.count()));
   std::int64_t factor = 0, inverse = 0, update = 0;
   for (std::int64_t s = 0; s < tree_.count(); ++s) {
     Front f{};
     f.columns = block * tree_.columns(s);
     f.rows = block * tree_.row_count(s);
-    f.pivots = panels(f.columns);
-    f.below = panels(f.rows);
+    f.pivots = panels<Real>(f.columns);
+    f.below = panels<Real>(f.rows);
     f.factor = factor;
     f.inverse = inverse;
     f.update = update;
@@ -85,7 +122,8 @@ SupernodalCholesky::SupernodalCholesky(const SparsePattern& lower, std::int32_t 
 }
 
 // Where each entry of the matrix goes in the panels of its supernode.
-void SupernodalCholesky::map_values(const SparsePattern& lower) {
+template <class Real>
+void SupernodalCholesky<Real>::map_values(const SparsePattern& lower) {
   const std::int32_t n = lower.cols;
   const auto &columns = lower.start, &rows = lower.row;
   std::vector<std::int32_t> node_of(tree_.order.size());
@@ -130,7 +168,8 @@ void SupernodalCholesky::map_values(const SparsePattern& lower) {
 }
 
 // Subtrees of less than 1/kTasks of the work are tasks; the fronts above them come after.
-void SupernodalCholesky::choose_tasks() {
+template <class Real>
+void SupernodalCholesky<Real>::choose_tasks() {
   std::vector<double> work(usize(tree_.count()));
   std::vector<std::int64_t> first(usize(tree_.count()));
   for (std::int64_t s = 0; s < tree_.count(); ++s) {
@@ -154,124 +193,131 @@ void SupernodalCholesky::choose_tasks() {
   }
 }
 
-// The front without its children: entries of the matrix in the columns, zeros elsewhere.
-void SupernodalCholesky::clear_front(std::int64_t s, double* update, std::span<const double> values,
-                                     int threads) {
+// The columns of a front without its children: entries of the matrix, zeros elsewhere.
+template <class Real>
+void SupernodalCholesky<Real>::clear_columns(std::int64_t s, std::span<const double> values) {
   const Front& f = fronts_[s];
-  double* columns = factor_.data() + f.factor;
+  Real* columns = factor_.data() + f.factor;
   const std::int64_t size = (f.pivots + f.below) * f.columns * kPanel;
-  std::fill(columns, columns + size, 0.0);
+  std::fill(columns, columns + size, Real(0));
   for (std::int64_t k = value_starts_[s]; k < value_starts_[s + 1]; ++k) {
-    columns[value_targets_[k]] = values[value_sources_[k]];
+    columns[value_targets_[k]] = static_cast<Real>(values[value_sources_[k]]);
   }
-  for_groups((f.below + 7) / 8, 4.0 * static_cast<double>(f.update_size()), threads,
-             [&](std::int64_t g) {
-               std::fill(update + update_offset(8 * g),
-                         update + update_offset(std::min(8 * g + 8, f.below)), 0.0);
-             });
 }
 
-// Extend-add: the update matrix of a child into the front of its parent.
-void SupernodalCholesky::add_child(std::int64_t child, const double* child_update, std::int64_t s,
-                                   double* update, int threads) {
+// Extend-add: the update matrix of a child into the columns of its parent, or into its update.
+template <class Real>
+void SupernodalCholesky<Real>::add_child(std::int64_t child, const Real* child_update,
+                                         std::int64_t s, Part part, Real* update, int threads) {
   const Front &f = fronts_[s], &from = fronts_[child];
-  double* columns = factor_.data() + f.factor;
+  const bool outer = part == Part::update;
   const std::int32_t* relative = tree_.relative.data() + tree_.row_starts[child];
   const std::int64_t own = tree_.columns(s);
   // Columns of the child that are columns of the front; the others are columns of its update.
   const std::int64_t inner =
       block_ * (std::lower_bound(relative, relative + tree_.row_count(child), own) - relative);
+  const std::int64_t first = outer ? inner : 0, last = outer ? from.rows : inner;
+  if (first == last) return;
   const auto local = [&](std::int64_t r) { return block_ * relative[r / block_] + r % block_; };
   thread_local std::vector<std::int64_t> column_of;
   column_of.resize(usize(from.rows));
   std::int64_t* offsets = column_of.data();
-  for (std::int64_t c = 0; c < from.rows; ++c) {
-    offsets[c] = kPanel * (c < inner ? local(c) : local(c) - f.columns);
+  for (std::int64_t c = first; c < last; ++c) {
+    offsets[c] = kPanel * (outer ? local(c) - f.columns : local(c));
   }
-  for_groups(from.below, 8.0 * static_cast<double>(from.update_size()), threads,
-             [&](std::int64_t p) {
-               for (std::int64_t r = kPanel * p; r < std::min(kPanel * (p + 1), from.rows); ++r) {
-                 const double* source = child_update + update_offset(p) + r % kPanel;
-                 const std::int64_t row = local(r);
-                 std::int64_t c = 0;
-                 if (row < f.columns) {
-                   double* target = columns + row / kPanel * f.columns * kPanel + row % kPanel;
-                   for (; c <= r; ++c) target[offsets[c]] += source[kPanel * c];
-                   continue;
-                 }
-                 const std::int64_t outer = row - f.columns;
-                 double* target =
-                     columns + (f.pivots + outer / kPanel) * f.columns * kPanel + outer % kPanel;
-                 for (; c < inner; ++c) target[offsets[c]] += source[kPanel * c];
-                 target = update + update_offset(outer / kPanel) + outer % kPanel;
-                 for (; c <= r; ++c) target[offsets[c]] += source[kPanel * c];
-               }
-             });
+  const std::int64_t p0 = first / kPanel;
+  const auto work = static_cast<double>(8 * (from.below - p0) * kPanel * (last - first));
+  for_groups(from.below - p0, work, threads, [&](std::int64_t g) {
+    const std::int64_t p = p0 + g, end = std::min(kPanel * (p + 1), from.rows);
+    for (std::int64_t r = std::max(first, kPanel * p), next; r < end; r = next) {
+      // Rows [r, next) lie together in a panel of the parent, too.
+      const bool pivots = local(r) < f.columns;
+      const std::int64_t place = pivots ? local(r) : local(r) - f.columns;
+      const std::int64_t lines = pivots ? f.columns - place : end - r;
+      const std::int64_t most = r + std::min(kPanel - place % kPanel, lines);
+      for (next = r + 1; next < std::min(end, most) && local(next) - local(r) == next - r;) ++next;
+      Real* target = outer ? update + update_offset<Real>(place / kPanel)
+                           : factor_.data() + f.factor +
+                                 (place / kPanel + (pivots ? 0 : f.pivots)) * f.columns * kPanel;
+      target += place % kPanel;
+      const Real* source = child_update + update_offset<Real>(p) + r % kPanel;
+      add_rows(next - r, source, offsets, first, std::min(last, r + 1), target);
+      for (std::int64_t c = r + 1; c < std::min(last, next); ++c) {  // the triangle at their end
+        for (std::int64_t k = c - r; k < next - r; ++k) {
+          target[offsets[c] + k] += source[kPanel * c + k];
+        }
+      }
+    }
+  });
 }
 
 // Dense elimination of the columns of a front. Returns the first column that failed, or -1.
-std::int64_t SupernodalCholesky::eliminate(std::int64_t s, double* update, int threads) {
+template <class Real>
+std::int64_t SupernodalCholesky<Real>::eliminate(std::int64_t s, Real* update, int threads) {
   const Front& f = fronts_[s];
-  double* columns = factor_.data() + f.factor;
-  double* inverse = inverses_.data() + f.inverse;
+  Real* columns = factor_.data() + f.factor;
+  Real* inverse = inverses_.data() + f.inverse;
   const std::int64_t stride = f.columns * kPanel, all = f.pivots + f.below;
   const auto panel = [&](std::int64_t p) { return columns + p * stride; };
-  // Panels [p, p + count) of columns [8 b, 8 b + 8): minus the columns before, then L_bb^-T.
+  // Panels [p, p + count), in the columns of pivot panel b: minus the columns before; solve_panel()
+  // is left to do.
   const auto reduce = [&](std::int64_t p, int count, std::int64_t b) {
     const std::int64_t width = std::min(kPanel, f.columns - kPanel * b);
-    const double* a[kGroup] = {};
-    double* c[kGroup] = {};
+    const Real* a[kGroup] = {};
+    Real* c[kGroup] = {};
     for (int q = 0; q < count; ++q) {
       a[q] = panel(p + q);
-      c[q] = panel(p + q) + 8 * kPanel * b;
+      c[q] = panel(p + q) + kPanel * kPanel * b;
     }
-    if (b > 0) multiply_group(count, a, panel(b), kPanel * b, c, width);
+    if (b > 0) multiply_group<false>(count, a, panel(b), kPanel * b, c, width);
     return width;
   };
-  for (std::int64_t b0 = 0; b0 < f.pivots; b0 += kBlockColumns / kPanel) {
-    const std::int64_t b1 = std::min(f.pivots, b0 + kBlockColumns / kPanel);
+  for (std::int64_t b0 = 0; b0 < f.pivots; b0 += kBlockPanels<Real>) {
+    const std::int64_t b1 = std::min(f.pivots, b0 + kBlockPanels<Real>);
     for (std::int64_t b = b0; b < b1; ++b) {  // the triangle on the diagonal
       const std::int64_t width = reduce(b, 1, b);
-      double* block = panel(b) + 8 * kPanel * b;
+      Real* block = panel(b) + kPanel * kPanel * b;
       const std::int64_t done = factorize_block(block, width, inverse + kPanel * b);
       if (done < width) return f.inverse + kPanel * b + done;
       for (std::int64_t p = b + 1; p < b1; p += kGroup) {
         const int count = static_cast<int>(std::min(kGroup, b1 - p));
         reduce(p, count, b);
         for (int q = 0; q < count; ++q) {
-          solve_panel(panel(p + q) + 8 * kPanel * b, block, inverse + kPanel * b, width);
+          solve_panel(panel(p + q) + kPanel * kPanel * b, block, inverse + kPanel * b, width);
         }
       }
     }
     const std::int64_t groups = (all - b1 + kGroup - 1) / kGroup;
-    const double work = static_cast<double>((all - b1) * (b1 - b0) * (b1 + b0)) * 512.0;
+    const double work = static_cast<double>((all - b1) * (b1 - b0) * (b1 + b0)) *
+                        static_cast<double>(kPanel * kPanel * kPanel);
     for_groups(groups, work, threads, [&](std::int64_t g) {  // the rows below it
       const std::int64_t p = b1 + kGroup * g;
       const int count = static_cast<int>(std::min(kGroup, all - p));
       for (std::int64_t b = b0; b < b1; ++b) {
         const std::int64_t width = reduce(p, count, b);
         for (int q = 0; q < count; ++q) {
-          solve_panel(panel(p + q) + 8 * kPanel * b, panel(b) + 8 * kPanel * b,
+          solve_panel(panel(p + q) + kPanel * kPanel * b, panel(b) + kPanel * kPanel * b,
                       inverse + kPanel * b, width);
         }
       }
     });
   }
   const std::int64_t groups = (f.below + kGroup - 1) / kGroup;
-  const double work = static_cast<double>(f.below * f.below * f.columns) * 64.0;
+  const double work =
+      static_cast<double>(f.below * f.below * f.columns) * static_cast<double>(kPanel * kPanel);
   for_groups(groups, work, threads, [&](std::int64_t index) {  // the update matrix
     const std::int64_t p0 = kGroup * (groups - 1 - index);     // long rows first
     const std::int64_t p1 = std::min(p0 + kGroup, f.below);
     for (std::int64_t b = 0; b < p1; ++b) {
-      const double* a[kGroup] = {};
-      double* c[kGroup] = {};
+      const Real* a[kGroup] = {};
+      Real* c[kGroup] = {};
       const std::int64_t first = std::max(p0, b);
       const int count = static_cast<int>(p1 - first);
       for (int q = 0; q < count; ++q) {
         a[q] = panel(f.pivots + first + q);
-        c[q] = update + update_offset(first + q) + 8 * kPanel * b;
+        c[q] = update + update_offset<Real>(first + q) + kPanel * kPanel * b;
       }
-      multiply_group(count, a, panel(f.pivots + b), f.columns, c, kPanel);
+      multiply_group<true>(count, a, panel(f.pivots + b), f.columns, c, kPanel);
     }
   });
   return -1;
@@ -279,8 +325,9 @@ std::int64_t SupernodalCholesky::eliminate(std::int64_t s, double* update, int t
 
 // Update matrices of a subtree are on two stacks, for even and odd depths: when a front is
 // eliminated, those of its children are the last on one stack, and its own goes on the other.
-std::int64_t SupernodalCholesky::run_task(std::int64_t task, std::span<const double> values) {
-  thread_local std::vector<double> stacks[2];
+template <class Real>
+std::int64_t SupernodalCholesky<Real>::run_task(std::int64_t task, std::span<const double> values) {
+  thread_local std::vector<Real> stacks[2];
   const std::int64_t root = task_roots_[task];
   std::vector<std::int64_t> offsets(usize(root - task_first_[task] + 1));
   std::vector<int> parity(offsets.size());
@@ -303,18 +350,23 @@ std::int64_t SupernodalCholesky::run_task(std::int64_t task, std::span<const dou
   }
   for (std::int64_t s = task_first_[task]; s <= root; ++s) {
     const int mine = parity[local(s)];
-    double* update = s == root ? kept_updates_[s].data() : stacks[mine].data() + offsets[local(s)];
-    clear_front(s, update, values, 1);
-    for (const std::int32_t child : children_[s]) {
-      add_child(child, stacks[1 - mine].data() + offsets[local(child)], s, update, 1);
-    }
+    Real* update = s == root ? kept_updates_[s].data() : stacks[mine].data() + offsets[local(s)];
+    const auto add_children = [&](Part part) {
+      for (const std::int32_t child : children_[s]) {
+        add_child(child, stacks[1 - mine].data() + offsets[local(child)], s, part, update, 1);
+      }
+    };
+    clear_columns(s, values);
+    add_children(Part::columns);
     const std::int64_t failed = eliminate(s, update, 1);
     if (failed >= 0) return failed;
+    add_children(Part::update);
   }
   return -1;
 }
 
-std::int64_t SupernodalCholesky::factorize(std::span<const double> values, int threads) {
+template <class Real>
+std::int64_t SupernodalCholesky<Real>::factorize(std::span<const double> values, int threads) {
   if (values.size() != value_sources_.size()) {
     throw InputError("values: expected one for each entry of the pattern");
   }
@@ -336,15 +388,22 @@ std::int64_t SupernodalCholesky::factorize(std::span<const double> values, int t
     if (column >= 0) return original(column);
   }
   for (const std::int64_t s : top_) {
-    double* update = kept_updates_[s].data();
-    clear_front(s, update, values, threads);
-    for (const std::int32_t child : children_[s]) {
-      add_child(child, kept_updates_[child].data(), s, update, threads);
-    }
+    Real* update = kept_updates_[s].data();
+    const auto add_children = [&](Part part) {
+      for (const std::int32_t child : children_[s]) {
+        add_child(child, kept_updates_[child].data(), s, part, update, threads);
+      }
+    };
+    clear_columns(s, values);
+    add_children(Part::columns);
     const std::int64_t column = eliminate(s, update, threads);
     if (column >= 0) return original(column);
+    add_children(Part::update);
   }
   return -1;
 }
+
+template class SupernodalCholesky<double>;
+template class SupernodalCholesky<float>;
 
 }  // namespace substep

@@ -16,72 +16,70 @@ namespace {
 // has one, block = 1 has three.
 
 // y[rows of panel] += sign * L x for columns [0, k).
-template <int kSides>
-void multiply_columns(const double* panel, std::int64_t k, const double* x, std::int64_t x_stride,
-                      double* out, std::int64_t out_stride) {
+template <int kSides, class Real>
+void multiply_columns(const Real* panel, std::int64_t k, const Real* x, std::int64_t x_stride,
+                      Real* out, std::int64_t out_stride) {
   using namespace Eigen::internal;
-  Packet sums[kSides][kPackets][2];
+  constexpr std::int64_t kPanel = kPanelRows<Real>;
+  Packet<Real> sums[kSides][kPackets<Real>][2];
   for (auto& side : sums) {
-    for (auto& part : side) part[0] = part[1] = pset1<Packet>(0.0);
+    for (auto& part : side) part[0] = part[1] = pset1<Packet<Real>>(Real(0));
   }
   std::int64_t c = 0;
   for (; c + 2 <= k; c += 2) {
     for (int q = 0; q < 2; ++q) {
-      for (int part = 0; part < kPackets; ++part) {
-        const Packet l = ploadu<Packet>(panel + 8 * (c + q) + part * kWidth);
+      for (int part = 0; part < kPackets<Real>; ++part) {
+        const Packet<Real> l = ploadu<Packet<Real>>(panel + kPanel * (c + q) + part * kWidth<Real>);
         for (int side = 0; side < kSides; ++side) {
           sums[side][part][q] =
-              pmadd(l, pset1<Packet>(x[side * x_stride + c + q]), sums[side][part][q]);
+              pmadd(l, pset1<Packet<Real>>(x[side * x_stride + c + q]), sums[side][part][q]);
         }
       }
     }
   }
   for (; c < k; ++c) {
-    for (int part = 0; part < kPackets; ++part) {
-      const Packet l = ploadu<Packet>(panel + 8 * c + part * kWidth);
+    for (int part = 0; part < kPackets<Real>; ++part) {
+      const Packet<Real> l = ploadu<Packet<Real>>(panel + kPanel * c + part * kWidth<Real>);
       for (int side = 0; side < kSides; ++side) {
-        sums[side][part][0] = pmadd(l, pset1<Packet>(x[side * x_stride + c]), sums[side][part][0]);
+        sums[side][part][0] =
+            pmadd(l, pset1<Packet<Real>>(x[side * x_stride + c]), sums[side][part][0]);
       }
     }
   }
   for (int side = 0; side < kSides; ++side) {
-    for (int part = 0; part < kPackets; ++part) {
-      double* target = out + side * out_stride + part * kWidth;
-      pstoreu(target, psub(ploadu<Packet>(target), padd(sums[side][part][0], sums[side][part][1])));
+    for (int part = 0; part < kPackets<Real>; ++part) {
+      Real* target = out + side * out_stride + part * kWidth<Real>;
+      pstoreu(target,
+              psub(ploadu<Packet<Real>>(target), padd(sums[side][part][0], sums[side][part][1])));
     }
   }
 }
 
-double sum_of(const Packet& packet) {
-  double lanes[kWidth], sum = 0.0;
-  Eigen::internal::pstoreu(lanes, packet);
-  for (const double lane : lanes) sum += lane;
-  return sum;
-}
-
 // t[j] -= sum over the rows of `count` panels of L_rj x_r, for eight columns j from `panel` on.
-template <int kSides>
-void multiply_transposed(const double* panel, std::int64_t stride, std::int64_t count,
-                         const double* x, std::int64_t x_stride, std::int64_t width, double* t,
+template <int kSides, class Real>
+void multiply_transposed(const Real* panel, std::int64_t stride, std::int64_t count, const Real* x,
+                         std::int64_t x_stride, std::int64_t width, Real* t,
                          std::int64_t t_stride) {
   using namespace Eigen::internal;
+  constexpr std::int64_t kPanel = kPanelRows<Real>;
   for (std::int64_t j0 = 0; j0 < width; j0 += 4) {
-    Packet sums[kSides][4];
+    Packet<Real> sums[kSides][4];
     for (auto& side : sums) {
-      for (auto& sum : side) sum = pset1<Packet>(0.0);
+      for (auto& sum : side) sum = pset1<Packet<Real>>(Real(0));
     }
     const int columns = static_cast<int>(std::min<std::int64_t>(4, width - j0));
     const auto pass = [&](auto wide) {
       for (std::int64_t p = 0; p < count; ++p) {
-        for (int part = 0; part < kPackets; ++part) {
-          Packet rows[kSides];
+        for (int part = 0; part < kPackets<Real>; ++part) {
+          Packet<Real> rows[kSides];
           for (int side = 0; side < kSides; ++side) {
-            rows[side] = ploadu<Packet>(x + side * x_stride + 8 * p + part * kWidth);
+            rows[side] =
+                ploadu<Packet<Real>>(x + side * x_stride + kPanel * p + part * kWidth<Real>);
           }
-          const double* l = panel + p * stride + 8 * j0 + part * kWidth;
+          const Real* l = panel + p * stride + kPanel * j0 + part * kWidth<Real>;
           for (int j = 0; j < 4; ++j) {
             if (!wide.value && j >= columns) break;
-            const Packet entries = ploadu<Packet>(l + 8 * j);
+            const Packet<Real> entries = ploadu<Packet<Real>>(l + kPanel * j);
             for (int side = 0; side < kSides; ++side) {
               sums[side][j] = pmadd(entries, rows[side], sums[side][j]);
             }
@@ -95,48 +93,49 @@ void multiply_transposed(const double* panel, std::int64_t stride, std::int64_t 
       pass(std::false_type{});
     }
     for (int side = 0; side < kSides; ++side) {
-      for (int j = 0; j < columns; ++j) t[side * t_stride + j0 + j] -= sum_of(sums[side][j]);
+      for (int j = 0; j < columns; ++j) t[side * t_stride + j0 + j] -= predux(sums[side][j]);
     }
   }
 }
 
 }  // namespace
 
+template <class Real>
 template <int kSides>
-void SupernodalCholesky::forward_front(std::int64_t s) {
+void SupernodalCholesky<Real>::forward_front(std::int64_t s) {
   const Front& f = fronts_[s];
   const std::int64_t stride = kPanel * (f.pivots + f.below), below = kPanel * f.pivots;
   constexpr std::int64_t kRows = 3 / kSides;  // rows of a vertex
-  thread_local std::vector<double> scratch;
-  scratch.assign(usize(kSides * stride), 0.0);
-  double* y = scratch.data();
-  double* own = solution_.data() + 3 * tree_.first[s];
+  thread_local std::vector<Real> scratch;
+  scratch.assign(usize(kSides * stride), Real(0));
+  Real* y = scratch.data();
+  Real* own = solution_.data() + 3 * tree_.first[s];
   for (std::int64_t r = 0; r < f.columns; ++r) {
     for (int side = 0; side < kSides; ++side) y[side * stride + r] = own[r * kSides + side];
   }
   const std::int64_t vertices = tree_.columns(s);
   for (const std::int32_t child : children_[s]) {
     const std::int32_t* relative = tree_.relative.data() + tree_.row_starts[child];
-    const double* u = updates_.data() + fronts_[child].update;
+    const Real* u = updates_.data() + fronts_[child].update;
     for (std::int64_t k = 0; k < tree_.row_count(child); ++k) {
       const std::int64_t v = relative[k];
-      double* target = y + (v < vertices ? kRows * v : below + kRows * (v - vertices));
+      Real* target = y + (v < vertices ? kRows * v : below + kRows * (v - vertices));
       for (int q = 0; q < 3; ++q) target[q % kSides * stride + q / kSides] += u[3 * k + q];
     }
   }
-  const double* columns = factor_.data() + f.factor;
-  const double* inverse = inverses_.data() + f.inverse;
+  const Real* columns = factor_.data() + f.factor;
+  const Real* inverse = inverses_.data() + f.inverse;
   const std::int64_t panel = f.columns * kPanel;
   for (std::int64_t b = 0; b < f.pivots; ++b) {
-    double* rows = y + kPanel * b;
+    Real* rows = y + kPanel * b;
     multiply_columns<kSides>(columns + b * panel, kPanel * b, y, stride, rows, stride);
-    const double* block = columns + b * panel + 8 * kPanel * b;
+    const Real* block = columns + b * panel + kPanel * kPanel * b;
     const std::int64_t width = std::min(kPanel, f.columns - kPanel * b);
     for (int side = 0; side < kSides; ++side) {
-      double* x = rows + side * stride;
+      Real* x = rows + side * stride;
       for (std::int64_t j = 0; j < width; ++j) {
         x[j] *= inverse[kPanel * b + j];
-        for (std::int64_t r = j + 1; r < width; ++r) x[r] -= block[8 * j + r] * x[j];
+        for (std::int64_t r = j + 1; r < width; ++r) x[r] -= block[kPanel * j + r] * x[j];
       }
     }
   }
@@ -147,45 +146,45 @@ void SupernodalCholesky::forward_front(std::int64_t s) {
   for (std::int64_t r = 0; r < f.columns; ++r) {
     for (int side = 0; side < kSides; ++side) own[r * kSides + side] = y[side * stride + r];
   }
-  double* u = updates_.data() + f.update;
+  Real* u = updates_.data() + f.update;
   for (std::int64_t r = 0; r < f.rows; ++r) {
     for (int side = 0; side < kSides; ++side) u[r * kSides + side] = y[side * stride + below + r];
   }
 }
 
+template <class Real>
 template <int kSides>
-void SupernodalCholesky::backward_front(std::int64_t s) {
+void SupernodalCholesky<Real>::backward_front(std::int64_t s) {
   const Front& f = fronts_[s];
   const std::int64_t stride = kPanel * (f.pivots + f.below), below = kPanel * f.pivots;
   constexpr std::int64_t kRows = 3 / kSides;
-  thread_local std::vector<double> scratch;
-  scratch.assign(usize(kSides * stride), 0.0);
-  double* x = scratch.data();
-  double* own = solution_.data() + 3 * tree_.first[s];
+  thread_local std::vector<Real> scratch;
+  scratch.assign(usize(kSides * stride), Real(0));
+  Real* x = scratch.data();
+  Real* own = solution_.data() + 3 * tree_.first[s];
   for (std::int64_t r = 0; r < f.columns; ++r) {
     for (int side = 0; side < kSides; ++side) x[side * stride + r] = own[r * kSides + side];
   }
   const std::int32_t* rows = tree_.rows.data() + tree_.row_starts[s];
   for (std::int64_t k = 0; k < tree_.row_count(s); ++k) {
-    const double* source = solution_.data() + 3 * rows[k];
-    double* target = x + below + kRows * k;
+    const Real* source = solution_.data() + 3 * rows[k];
+    Real* target = x + below + kRows * k;
     for (int q = 0; q < 3; ++q) target[q % kSides * stride + q / kSides] = source[q];
   }
-  const double* columns = factor_.data() + f.factor;
-  const double* inverse = inverses_.data() + f.inverse;
+  const Real* columns = factor_.data() + f.factor;
+  const Real* inverse = inverses_.data() + f.inverse;
   const std::int64_t panel = f.columns * kPanel;
   for (std::int64_t b = f.pivots - 1; b >= 0; --b) {
     const std::int64_t width = std::min(kPanel, f.columns - kPanel * b);
-    double* t = x + kPanel * b;
-    const double* block = columns + b * panel + 8 * kPanel * b;
+    Real* t = x + kPanel * b;
+    const Real* block = columns + b * panel + kPanel * kPanel * b;
     multiply_transposed<kSides>(block + panel, panel, f.pivots + f.below - b - 1, t + kPanel,
                                 stride, width, t, stride);
     for (int side = 0; side < kSides; ++side) {
-      double* y = t + side * stride;
+      Real* y = t + side * stride;
       for (std::int64_t j = width - 1; j >= 0; --j) {
-        double sum = y[j];
-        for (std::int64_t r = j + 1; r < width; ++r) sum -= block[8 * j + r] * y[r];
-        y[j] = sum * inverse[kPanel * b + j];
+        y[j] *= inverse[kPanel * b + j];
+        for (std::int64_t r = 0; r < j; ++r) y[r] -= block[kPanel * r + j] * y[j];
       }
     }
   }
@@ -194,8 +193,9 @@ void SupernodalCholesky::backward_front(std::int64_t s) {
   }
 }
 
+template <class Real>
 template <int kSides>
-void SupernodalCholesky::solve_sides(int threads) {
+void SupernodalCholesky<Real>::solve_sides(int threads) {
   const auto tasks = static_cast<std::int64_t>(task_roots_.size());
   parallel_chunks(
       tasks,
@@ -217,11 +217,14 @@ void SupernodalCholesky::solve_sides(int threads) {
       threads);
 }
 
-void SupernodalCholesky::solve(std::span<double> x, int threads) {
+template <class Real>
+void SupernodalCholesky<Real>::solve(std::span<double> x, int threads) {
   const std::size_t n = tree_.order.size();
   if (x.size() != 3 * n) throw InputError("x: expected three numbers for each vertex");
   for (std::size_t k = 0; k < n; ++k) {
-    for (std::size_t q = 0; q < 3; ++q) solution_[3 * k + q] = x[3 * tree_.order[k] + q];
+    for (std::size_t q = 0; q < 3; ++q) {
+      solution_[3 * k + q] = static_cast<Real>(x[3 * tree_.order[k] + q]);
+    }
   }
   if (block_ == 3) {
     solve_sides<1>(threads);
@@ -232,5 +235,8 @@ void SupernodalCholesky::solve(std::span<double> x, int threads) {
     for (std::size_t q = 0; q < 3; ++q) x[3 * tree_.order[k] + q] = solution_[3 * k + q];
   }
 }
+
+template void SupernodalCholesky<double>::solve(std::span<double> x, int threads);
+template void SupernodalCholesky<float>::solve(std::span<double> x, int threads);
 
 }  // namespace substep
