@@ -9,6 +9,7 @@ namespace py = pybind11;
 void bind_core(py::module_& m);
 void bind_fields(py::module_& m);
 void bind_geometry(py::module_& m);
+void bind_grid_flow(py::module_& m);
 void bind_grid_liquid(py::module_& m);
 void bind_linalg(py::module_& m);
 void bind_mpm(py::module_& m);

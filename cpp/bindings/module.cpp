@@ -10,6 +10,7 @@ PYBIND11_MODULE(_core, m) {
   bind_fields(m);
   bind_geometry(m);
   bind_particle_flow(m);
+  bind_grid_flow(m);
   bind_linalg(m);
   bind_mpm(m);
   bind_neighbours(m);

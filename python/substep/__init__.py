@@ -59,7 +59,7 @@ _EXPORTS = {
         "TriangleMesh",
         "liquid_surface",
     ),
-    "gridfluid": ("GridLiquid",),
+    "gridfluid": ("GridFlow", "GridLiquid"),
     "mpm": ("MaterialPointMethod",),
     "pbd": ("Distance", "PositionBasedDynamics"),
     "pbf": ("Emitter", "PositionBasedFluid", "Sink", "fill_box", "fill_mesh", "relax"),

@@ -122,7 +122,7 @@ def _told(value, depth):
     elif isinstance(value, Simulation):
         yield content(value)
         for name in (*settable(type(value)), "ids"):
-            yield from _told(getattr(value, name), depth + 1)
+            yield from _told(getattr(value, name, None), depth + 1)
     elif isinstance(value, substep.Collider):
         for name in (*settable(type(value)), "impulse", "angular_impulse", "duration"):
             yield from _told(getattr(value, name), depth + 1)
@@ -256,8 +256,9 @@ def protocol(kind):
         call("diagnostics"),
         call("fields"),
         call("step_limit"),
-        call("rows", ids=[1]),
     ]
+    if hasattr(kind, "rows"):
+        calls.append(call("rows", ids=[1]))
     for name in dir(kind):
         others = ("set_motion", "set_motor_targets", "set_material_pair")
         if name.startswith("set_") and name not in others:
@@ -548,6 +549,11 @@ OWN_CALLS = {
         call("add", positions=np.tile(_ONE, (9, 1)) + 0.1 * np.arange(9)[:, None], volume=1e-4),
     ),
     substep.MassSpring: (call("set_positions", values=_ONE, ids=[1]),),
+    substep.GridFlow: (
+        call("sample", points=[[0.5, 0.5], [0.25, 0.75]]),
+        call("positions_of", faces_of=1),
+        call("set_smoke", values=0.5),
+    ),
     substep.SoftBody: (call("set_forces", values=_ONE, ids=[1]),),
     substep.Advection: (call("set_positions", values=[[0.25, 0.25]], ids=[1]),),
     substep.RigidBodies: (
@@ -906,6 +912,10 @@ def functions():
         call("PositionBasedFluid", positions=0.1 * X, spacing=0.1, velocities=X, colliders=plane),
         call("PositionBasedFluid", positions=X, spacing=0.1, emitters=tap, viscosity=0.1, xsph=0.1),
         call("GridLiquid", positions=0.5 * X, cell=0.5, bounds=((-1, -1, -1), (1, 1, 1))),
+        call("GridFlow", bounds=[(0, 0), (1, 1)], cell=0.25, velocity=(1.0, 0), sides="periodic"),
+        call("gridfluid.Wall", velocity=(1.0, 0.0), temperature=1.0),
+        call("gridfluid.Inflow", velocity=(1.0, 0.0), temperature=1.0, smoke=0.5),
+        call("gridfluid.FlowSource", region=lambda owner: substep.Sphere(0.1), smoke=1.0),
         call("MaterialPointMethod", positions=X, materials=jelly, cell=0.1, volume=1e-3, kinds=0),
         call(
             "MaterialPointMethod",

@@ -1,8 +1,10 @@
-"""Grid fluids: flows and liquids whose pressure lives on a staggered grid."""
+"""Fluids on staggered grids: flows that fill their box, and liquids with a free surface."""
 
+from .flow import GridFlow
 from .liquid import GridLiquid
+from .sides import FlowSource, Inflow, Wall
 
-__all__ = ["GridLiquid"]
+__all__ = ["FlowSource", "GridFlow", "GridLiquid", "Inflow", "Wall"]
 
 
 def __dir__() -> list[str]:
