@@ -15,6 +15,11 @@ PAGE = ROOT / "docs/architecture.md"
 MARKS = "<!-- python .ci/print_house.py -->\n```text\n", "```\n<!-- the end of the tree -->\n"
 ONLY_CPP = {
     "core": "Errors, interrupts, parallel loops, random numbers, lanes, small matrices.",
+    "gridfluid/flow": "Flows that fill their box: advection, diffusion, stresses, and the step.",
+    "gridfluid/grid": "Where numbers are: cells, faces, ghosts and rows; loops and interpolation.",
+    "gridfluid/liquid": "Liquids with a free surface: the step.",
+    "gridfluid/particles": "Particles of a liquid: transfers, motion, density, surface.",
+    "gridfluid/pressure": "Obstacles that cut cells, and the projection with its multigrid solver.",
     "linalg/direct": "Factorizations: our own, and those of SuiteSparse.",
     "mpm/boundary": "Obstacles at nodes and at particles.",
     "mpm/general": "Transfers of any order, scheme and form, to test the fast ones against.",

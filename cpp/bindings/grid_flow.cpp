@@ -1,7 +1,7 @@
 #include <pybind11/stl.h>
 
 #include "arrays.h"
-#include "substep/gridfluid/any_flow.h"
+#include "substep/gridfluid/flow/any_flow.h"
 
 namespace {
 
@@ -131,34 +131,39 @@ void bind_grid_flow(py::module_& m) {
       .def("limits", &AnyFlow::limits, Released())
       .def("velocities",
            [](const AnyFlow& self) { return table(self.velocities(), self.dimension()); })
-      .def("velocity", [](const AnyFlow& self, int axis) { return column(self.velocity(axis)); },
-           py::arg("axis"))
-      .def("scalar", [](const AnyFlow& self, int k) { return column(self.scalar(k)); },
-           py::arg("number"))
+      .def(
+          "velocity", [](const AnyFlow& self, int axis) { return column(self.velocity(axis)); },
+          py::arg("axis"))
+      .def(
+          "scalar", [](const AnyFlow& self, int k) { return column(self.scalar(k)); },
+          py::arg("number"))
       .def("pressure", [](const AnyFlow& self) { return column(self.pressure()); })
       .def("fluid", [](AnyFlow& self) { return column(self.fluid()); })
-      .def("sample",
-           [](AnyFlow& self, const Reals& points) {
-             const Points at(points);
-             const std::vector<double> values = self.sample(at);
-             const auto rows_of = static_cast<py::ssize_t>(values.size()) /
-                                  std::max(points.shape(0), py::ssize_t{1});
-             return table(values, std::max(rows_of, py::ssize_t{1}));
-           },
-           py::arg("points").noconvert())
+      .def(
+          "sample",
+          [](AnyFlow& self, const Reals& points) {
+            const Points at(points);
+            const std::vector<double> values = self.sample(at);
+            const auto rows_of =
+                static_cast<py::ssize_t>(values.size()) / std::max(points.shape(0), py::ssize_t{1});
+            return table(values, std::max(rows_of, py::ssize_t{1}));
+          },
+          py::arg("points").noconvert())
       .def("set_velocity", &AnyFlow::set_velocity, py::arg("faces"), Released())
-      .def("set_scalar",
-           [](AnyFlow& self, int k, const Reals& values) { self.set_scalar(k, readable(values)); },
-           py::arg("number"), py::arg("values").noconvert())
+      .def(
+          "set_scalar",
+          [](AnyFlow& self, int k, const Reals& values) { self.set_scalar(k, readable(values)); },
+          py::arg("number"), py::arg("values").noconvert())
       .def("state", &flow_state)
-      .def("restore",
-           [](AnyFlow& self, double time, const py::list& velocity, const py::list& scalars,
-              const Reals& pressure) {
-             self.restore({.time = time,
-                           .velocity = all_numbers(velocity),
-                           .scalars = all_numbers(scalars),
-                           .pressure = list(pressure)});
-           },
-           py::arg("time"), py::arg("velocity"), py::arg("scalars"),
-           py::arg("pressure").noconvert());
+      .def(
+          "restore",
+          [](AnyFlow& self, double time, const py::list& velocity, const py::list& scalars,
+             const Reals& pressure) {
+            self.restore({.time = time,
+                          .velocity = all_numbers(velocity),
+                          .scalars = all_numbers(scalars),
+                          .pressure = list(pressure)});
+          },
+          py::arg("time"), py::arg("velocity"), py::arg("scalars"),
+          py::arg("pressure").noconvert());
 }

@@ -1,7 +1,7 @@
 #include <pybind11/stl.h>
 
 #include "arrays.h"
-#include "substep/gridfluid/liquid.h"
+#include "substep/gridfluid/liquid/liquid.h"
 
 namespace {
 

@@ -1,6 +1,6 @@
 // The particles of a liquid on a grid: sorting, transfers both ways against the generic ones,
 // paths, extrapolation, density and surface.
-#include "substep/gridfluid/particles.h"
+#include "substep/gridfluid/particles/particles.h"
 
 #include <gtest/gtest.h>
 
@@ -11,12 +11,12 @@
 #include <random>
 #include <vector>
 
-#include "substep/gridfluid/density.h"
-#include "substep/gridfluid/extrapolate.h"
-#include "substep/gridfluid/ghosts.h"
-#include "substep/gridfluid/move.h"
-#include "substep/gridfluid/surface.h"
-#include "substep/gridfluid/transfer_to_grid.h"
+#include "substep/gridfluid/grid/ghosts.h"
+#include "substep/gridfluid/particles/density.h"
+#include "substep/gridfluid/particles/extrapolate.h"
+#include "substep/gridfluid/particles/move.h"
+#include "substep/gridfluid/particles/surface.h"
+#include "substep/gridfluid/particles/transfer_to_grid.h"
 #include "substep/transfer/apic.h"
 
 namespace substep::gridfluid {

@@ -1,4 +1,4 @@
-#include "substep/gridfluid/pressure_solver.h"
+#include "substep/gridfluid/pressure/pressure_solver.h"
 
 #include <gtest/gtest.h>
 

@@ -1,0 +1,142 @@
+#include "substep/gridfluid/flow/flow_sides.h"
+
+#include <algorithm>
+
+#include "substep/core/usize.h"
+#include "substep/gridfluid/grid/sides.h"
+
+namespace substep::gridfluid {
+namespace {
+
+// Cells next to a side, the ghosts of other axes included: each(cell, inside, beyond).
+template <int D, class Each>
+void for_beside(const Layout<D>& layout, std::size_t axis, std::size_t end, const Each& each) {
+  std::array<int, D> from, to;
+  for (std::size_t b = 0; b < D; ++b) from[b] = -1, to[b] = layout.cells[b] + 1;
+  from[axis] = end == 0 ? 0 : layout.cells[axis] - 1;
+  to[axis] = from[axis] + 1;
+  std::array<int, D> cell = from;
+  do {
+    const std::int64_t inside = layout.index(cell);
+    each(cell, inside, end == 0 ? inside - layout.stride[axis] : inside + layout.stride[axis]);
+  } while (next_in_block(cell, from, to));
+}
+
+}  // namespace
+
+template <class Real, int D>
+Block<D> SideGhosts<Real, D>::free_faces(std::size_t axis) const {
+  Block<D> block = all_faces(layout_, axis);
+  if (is(axis, 0, SideKind::kPeriodic)) {
+    --block.to[axis];
+  } else {
+    if (!is(axis, 0, SideKind::kOpen)) ++block.from[axis];
+    if (!is(axis, 1, SideKind::kOpen)) --block.to[axis];
+  }
+  return block;
+}
+
+template <class Real, int D>
+Block<D> SideGhosts<Real, D>::inner_faces(std::size_t axis) const {
+  Block<D> block = free_faces(axis);
+  if (is(axis, 0, SideKind::kOpen)) ++block.from[axis];
+  if (is(axis, 1, SideKind::kOpen)) --block.to[axis];
+  return block;
+}
+
+// Faces of a component that is tangential stand between two of the side's.
+template <class Real, int D>
+double SideGhosts<Real, D>::given(std::size_t axis, std::size_t end, const std::array<int, D>& cell,
+                                  std::size_t a) const {
+  const std::vector<double>& velocity = sides_[axis][end].velocity;
+  if (velocity.empty()) return 0;
+  const auto at = [&](int back) {
+    std::size_t number = 0;
+    for (std::size_t b = 0; b < D; ++b) {
+      if (b == axis) continue;
+      const int n = layout_.cells[b], c = cell[b] - (b == a ? back : 0);
+      number = number * usize(n) + usize(std::clamp(c, 0, n - 1));
+    }
+    return velocity[number * D + a];
+  };
+  return a == axis ? at(0) : (at(0) + at(1)) / 2;
+}
+
+template <class Real, int D>
+void SideGhosts<Real, D>::set_normal(Velocity<Real, D> u) const {
+  for (std::size_t a = 0; a < D; ++a) {
+    for (std::size_t end = 0; end < 2; ++end) {
+      if (is(a, end, SideKind::kOpen) || is(a, end, SideKind::kPeriodic)) continue;
+      for_beside(layout_, a, end, [&](const auto& cell, std::int64_t inside, std::int64_t) {
+        const std::int64_t face = end == 0 ? inside : inside + layout_.stride[a];
+        u[a][usize(face)] = Real(given(a, end, cell, a));
+      });
+    }
+  }
+}
+
+template <class Real, int D>
+void SideGhosts<Real, D>::fill_velocity(std::span<Real> u, std::size_t a, bool given_too) const {
+  for (std::size_t b = 0; b < D; ++b) {
+    if (is(b, 0, SideKind::kPeriodic) || b == a) continue;
+    for (std::size_t end = 0; end < 2; ++end) {
+      const Side& side = sides_[b][end];
+      const bool held =
+          side.kind == SideKind::kInflow || (side.kind == SideKind::kWall && !side.slip);
+      for_beside(layout_, b, end, [&](const auto& cell, std::int64_t inside, std::int64_t beyond) {
+        const Real at = held && given_too ? Real(2 * given(b, end, cell, a)) : Real(0);
+        u[usize(beyond)] = held ? at - u[usize(inside)] : u[usize(inside)];
+      });
+    }
+  }
+  wrap(layout_, u);
+}
+
+template <class Real, int D>
+void SideGhosts<Real, D>::fill_scalar(std::span<Real> x, std::size_t k, double diffusivity,
+                                      const Velocity<Real, D>& u) const {
+  for (std::size_t b = 0; b < D; ++b) {
+    if (is(b, 0, SideKind::kPeriodic)) continue;
+    for (std::size_t end = 0; end < 2; ++end) {
+      const Side& side = sides_[b][end];
+      for_beside(layout_, b, end, [&](const auto&, std::int64_t inside, std::int64_t beyond) {
+        const std::int64_t face = end == 0 ? inside : beyond;
+        const Real outward = end == 0 ? -u[b][usize(face)] : u[b][usize(face)];
+        const Real in = x[usize(inside)];
+        Real ghost = in;
+        if (side.kind == SideKind::kInflow || (side.kind == SideKind::kWall && side.holds[k])) {
+          ghost = Real(2 * side.scalar[k]) - in;
+        } else if (side.kind == SideKind::kOpen) {
+          if (outward < 0) ghost = Real(2 * ambient_[k]) - in;
+        } else if (diffusivity > 0) {
+          ghost = in + Real(side.scalar[k] * dx_ / diffusivity);
+        }
+        x[usize(beyond)] = ghost;
+      });
+    }
+  }
+  wrap(layout_, x);
+}
+
+template <class Real, int D>
+void SideGhosts<Real, D>::fill_scalar_change(std::span<Real> x, std::size_t k) const {
+  for (std::size_t b = 0; b < D; ++b) {
+    if (is(b, 0, SideKind::kPeriodic)) continue;
+    for (std::size_t end = 0; end < 2; ++end) {
+      const Side& side = sides_[b][end];
+      const bool held =
+          side.kind == SideKind::kInflow || (side.kind == SideKind::kWall && side.holds[k]);
+      for_beside(layout_, b, end, [&](const auto&, std::int64_t inside, std::int64_t beyond) {
+        x[usize(beyond)] = held ? -x[usize(inside)] : x[usize(inside)];
+      });
+    }
+  }
+  wrap(layout_, x);
+}
+
+template class SideGhosts<float, 2>;
+template class SideGhosts<float, 3>;
+template class SideGhosts<double, 2>;
+template class SideGhosts<double, 3>;
+
+}  // namespace substep::gridfluid

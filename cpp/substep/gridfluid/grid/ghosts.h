@@ -1,0 +1,68 @@
+// The ghosts around a grid.
+//
+// Across a periodic axis they are the cells and faces of the other side. A closed side is a mirror
+// without friction: a ghost is the cell or tangential face within, so what particles add to it
+// counts there (fold_ghosts), and what they read of it is what stands there (fill_ghosts). Faces
+// across the axis itself, 0 to n, all lie on the box and have no ghosts that are reached.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "substep/core/usize.h"
+#include "substep/gridfluid/grid/layout.h"
+
+namespace substep::gridfluid {
+
+// Component for numbers at cell centres: across no axis.
+inline constexpr int kCentres = -1;
+
+// at(ghost, inside) for the ghosts on both sides of an axis, and all positions -1 to n along the
+// other axes.
+template <int D, class At>
+void for_ghosts(const Layout<D>& layout, int component, int axis, const At& at) {
+  const auto a = usize(axis);
+  const int n = layout.cells[a];
+  const bool periodic = layout.periodic[a];
+  if (!periodic && component == axis) return;
+  const std::int64_t low = layout.first - layout.stride[a];
+  const std::int64_t high = layout.first + n * layout.stride[a];
+  const std::int64_t inside_low = periodic ? high - layout.stride[a] : layout.first;
+  const std::int64_t inside_high = periodic ? layout.first : high - layout.stride[a];
+  std::array<std::size_t, 2> others{a == 0 ? usize(1) : usize(0), usize(D - 1)};
+  if (a == D - 1) others[1] = D - 2;
+  const auto line = [&](std::int64_t offset, std::size_t b) {
+    const std::int64_t step = layout.stride[b];
+    for (std::int64_t k = -1; k <= layout.cells[b]; ++k) {
+      at(low + offset + k * step, inside_low + offset + k * step);
+      at(high + offset + k * step, inside_high + offset + k * step);
+    }
+  };
+  if constexpr (D == 2) {
+    line(0, others[0]);
+  } else {
+    for (std::int64_t k = -1; k <= layout.cells[others[0]]; ++k) {
+      line(k * layout.stride[others[0]], others[1]);
+    }
+  }
+}
+
+// Adds what stands at ghosts to what they are the images of.
+template <class Real, int D>
+void fold_ghosts(const Layout<D>& layout, int component, Real* sums) {
+  for (int axis = 0; axis < D; ++axis) {
+    for_ghosts(layout, component, axis,
+               [&](std::int64_t ghost, std::int64_t inside) { sums[inside] += sums[ghost]; });
+  }
+}
+
+// Sets the ghosts to what they are the images of.
+template <class Real, int D>
+void fill_ghosts(const Layout<D>& layout, int component, Real* values) {
+  for (int axis = 0; axis < D; ++axis) {
+    for_ghosts(layout, component, axis,
+               [&](std::int64_t ghost, std::int64_t inside) { values[ghost] = values[inside]; });
+  }
+}
+
+}  // namespace substep::gridfluid

@@ -1,0 +1,107 @@
+// Loops over boxes of cells or faces, row by row, and sums over them that are the same bits for any
+// number of threads.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "substep/core/parallel.h"
+#include "substep/core/usize.h"
+#include "substep/gridfluid/grid/layout.h"
+
+namespace substep::gridfluid {
+
+// Cells from `from` to below `to`.
+template <int D>
+struct Block {
+  std::array<int, D> from{}, to{};
+
+  std::int64_t rows() const {
+    std::int64_t n = 1;
+    for (std::size_t a = 0; a + 1 < D; ++a) n *= to[a] > from[a] ? to[a] - from[a] : 0;
+    return to[D - 1] > from[D - 1] ? n : 0;
+  }
+  std::array<int, D> row(std::int64_t r) const {
+    std::array<int, D> cell = from;
+    for (std::size_t a = D - 1; a-- > 0;) {
+      cell[a] += static_cast<int>(r % (to[a] - from[a]));
+      r /= to[a] - from[a];
+    }
+    return cell;
+  }
+  int length() const { return to[D - 1] - from[D - 1]; }
+};
+
+template <int D>
+Block<D> all_cells(const Layout<D>& layout) {
+  return {{}, layout.cells};
+}
+template <int D>
+Block<D> all_faces(const Layout<D>& layout, std::size_t axis) {
+  Block<D> block{{}, layout.cells};
+  ++block.to[axis];
+  return block;
+}
+
+constexpr std::int64_t kRowsOfTask = 8;
+
+// each(begin, end) for the numbers of each row.
+template <int D, class Each>
+void for_rows(const Layout<D>& layout, const Block<D>& block, int threads, const Each& each) {
+  parallel_for(
+      block.rows(), kRowsOfTask,
+      [&](std::int64_t first, std::int64_t last) {
+        for (std::int64_t r = first; r < last; ++r) {
+          const std::int64_t begin = layout.index(block.row(r));
+          each(begin, begin + block.length());
+        }
+      },
+      threads);
+}
+
+// The same, with the cell or face a row begins with: each(cell, begin, end).
+template <int D, class Each>
+void for_placed_rows(const Layout<D>& layout, const Block<D>& block, int threads,
+                     const Each& each) {
+  parallel_for(
+      block.rows(), kRowsOfTask,
+      [&](std::int64_t first, std::int64_t last) {
+        for (std::int64_t r = first; r < last; ++r) {
+          const std::array<int, D> cell = block.row(r);
+          const std::int64_t begin = layout.index(cell);
+          each(cell, begin, begin + block.length());
+        }
+      },
+      threads);
+}
+
+// What of_row(begin, end) returns, put together over rows in their order by add(total, part).
+template <class T, int D, class OfRow, class Add>
+T gather_rows(const Layout<D>& layout, const Block<D>& block, int threads, const T& none,
+              const OfRow& of_row, const Add& add) {
+  const std::int64_t rows = block.rows();
+  std::vector<T> parts(usize((rows + kRowsOfTask - 1) / kRowsOfTask), none);
+  parallel_for(
+      rows, kRowsOfTask,
+      [&](std::int64_t first, std::int64_t last) {
+        T part = none;
+        for (std::int64_t r = first; r < last; ++r) {
+          const std::int64_t begin = layout.index(block.row(r));
+          add(part, of_row(begin, begin + block.length()));
+        }
+        parts[usize(first / kRowsOfTask)] = part;
+      },
+      threads);
+  T total = none;
+  for (const T& part : parts) add(total, part);
+  return total;
+}
+
+template <int D, class OfRow>
+double sum_rows(const Layout<D>& layout, const Block<D>& block, int threads, const OfRow& of_row) {
+  return gather_rows(layout, block, threads, 0.0, of_row,
+                     [](double& total, double part) { total += part; });
+}
+
+}  // namespace substep::gridfluid

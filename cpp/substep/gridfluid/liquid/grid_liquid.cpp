@@ -1,0 +1,551 @@
+#include "substep/gridfluid/liquid/grid_liquid.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <string>
+#include <utility>
+
+#include "substep/core/errors.h"
+#include "substep/core/interrupt.h"
+#include "substep/core/parallel.h"
+#include "substep/core/usize.h"
+#include "substep/gridfluid/grid/ghosts.h"
+#include "substep/gridfluid/grid/row_tasks.h"
+#include "substep/gridfluid/grid/sides.h"
+#include "substep/gridfluid/particles/density.h"
+#include "substep/gridfluid/particles/surface.h"
+#include "substep/gridfluid/particles/transfer_to_grid.h"
+
+namespace substep::gridfluid {
+namespace {
+
+constexpr std::int64_t kOfTask = 4096;  // particles that a task works on
+constexpr int kLayers = 3;              // of faces beyond the liquid that get velocities
+constexpr double kMargin = 1e-3;        // that particles keep from sides and obstacles [cells]
+
+template <int D>
+Layout<D> layout_of(const LiquidOptions& options) {
+  std::array<int, D> cells;
+  std::array<bool, D> periodic;
+  for (std::size_t a = 0; a < D; ++a)
+    cells[a] = options.cells[a], periodic[a] = options.periodic[a];
+  return Layout<D>(cells, periodic);
+}
+
+template <int D>
+OpenSides<D> open_sides(const LiquidOptions& options) {
+  OpenSides<D> open;
+  for (std::size_t a = 0; a < D; ++a) open[a] = options.open[a];
+  return open;
+}
+
+}  // namespace
+
+template <class Real, int D>
+GridLiquid<Real, D>::GridLiquid(std::vector<geometry::Collider> colliders,
+                                const LiquidOptions& options_, geometry::ParticleFlow flow_)
+    : options(options_),
+      layout(layout_of<D>(options)),
+      obstacles(layout, options.low, options.cell, std::move(colliders)),
+      particles(options.transfer == Transfer::kApic),
+      flow(std::move(flow_)),
+      next_(options.transfer == Transfer::kApic),
+      projection_(layout, open_sides<D>(options)) {
+  for (Fields* fields : {&u_, &old_u_, &shift_, &weight_}) {
+    for (Field& field : *fields) assign(field, layout.size, Real(0));
+  }
+  assign(phi_, layout.size, Real(0));
+  assign(density_, layout.size, Real(0));
+  assign(q, layout.size, 0.0);
+}
+
+template <class Real, int D>
+void GridLiquid<Real, D>::check_inside(std::span<const Vec3> x) const {
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    for (int a = 0; a < D; ++a) {
+      const double at = (x[i][a] - options.low[a]) / options.cell;
+      if (!(at >= 0 && at <= layout.cells[usize(a)])) {
+        throw InputError("positions[" + std::to_string(i) + "]: expected a point in the box");
+      }
+    }
+  }
+}
+
+template <class Real, int D>
+std::int64_t GridLiquid<Real, D>::add(std::span<const Vec3> x, std::span<const Vec3> v) {
+  check_inside(x);
+  append(particles, next_id, x, v);
+  if (!forces.empty()) forces.resize(usize(particles.size()));
+  return std::exchange(next_id, next_id + static_cast<std::int64_t>(x.size()));
+}
+
+template <class Real, int D>
+void GridLiquid<Real, D>::append(Particles<Real, D>& to, std::int64_t first_id,
+                                 std::span<const Vec3> x, std::span<const Vec3> v) const {
+  std::vector<Real> at, velocities;
+  std::vector<std::int64_t> ids;
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    for (int a = 0; a < D; ++a) {
+      at.push_back(static_cast<Real>((x[i][a] - options.low[a]) / options.cell));
+      velocities.push_back(static_cast<Real>(v[i][a]));
+    }
+    ids.push_back(first_id + static_cast<std::int64_t>(i));
+  }
+  to.append(static_cast<std::int64_t>(x.size()), at.data(), velocities.data(), nullptr, ids.data());
+}
+
+template <class Real, int D>
+void GridLiquid<Real, D>::step(double dt) {
+  flow.check(time + dt);
+  const std::vector<geometry::Collider> colliders = obstacles.colliders;
+  new_report_ = {};
+  try {
+    sort(dt);
+    find_domain();
+    pass_to_grid();
+    accelerate(dt);
+    project(dt);
+    if (options.keep_volume) find_displacement();
+    move_obstacles(dt);
+    move_particles(dt);
+    let_flow(time + dt);
+  } catch (...) {
+    obstacles.colliders = colliders;
+    throw;
+  }
+  commit(dt);
+}
+
+// The particles in the order of their cells, with what external forces give them.
+template <class Real, int D>
+void GridLiquid<Real, D>::sort(double dt) {
+  next_.take_sorted(particles, layout, options.threads);
+  if (forces.empty()) return;
+  std::vector<std::size_t> row_of(usize(next_id));  // in the new order
+  for (std::int64_t i = 0; i < next_.size(); ++i) row_of[usize(next_.id()[i])] = usize(i);
+  const double rate = dt / mass();
+  for (std::size_t i = 0; i < forces.size(); ++i) {
+    const std::size_t to = row_of[usize(particles.id()[i])];
+    for (int a = 0; a < D; ++a) {
+      next_.v(a)[to] += static_cast<Real>(rate * double(forces[i][usize(a)]));
+    }
+  }
+}
+
+// Which cells are liquid, and the matrix of the pressure.
+template <class Real, int D>
+void GridLiquid<Real, D>::find_domain() {
+  poll_interrupt();
+  obstacles.find(options.threads);
+  number_density(next_, layout, static_cast<Real>(1 << D), density_.data(), options.threads);
+  count_obstacles_in();
+  gridfluid::level_set(next_, layout, density_.data(), SurfaceOptions<Real>{}, phi_.data(),
+                       scratch_, options.threads);
+  extend_surface();
+  projection_.set_domain(obstacles, {phi_.data(), phi_.size()}, options.threads);
+}
+
+// Densities of what obstacles leave of the cells around.
+template <class Real, int D>
+void GridLiquid<Real, D>::count_obstacles_in() {
+  if (!obstacles.any()) return;
+  constexpr Real kLeast = 0.25;
+  const std::span<const Real> room = obstacles.room();
+  for_each_row(layout, -1, options.threads, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i)
+      density_[usize(i)] /= std::max(room[usize(i)], kLeast);
+  });
+  fill_ghosts(layout, kCentres, density_.data());
+}
+
+// The liquid goes on into obstacles that it touches: else a cell of which they cover the middle
+// would count as air.
+template <class Real, int D>
+void GridLiquid<Real, D>::extend_surface() {
+  for (int a = 0; a < D; ++a) {  // beyond open sides is air: see Projection
+    for (int side = 0; side < 2; ++side) {
+      if (!options.open[usize(a)][usize(side)]) continue;
+      for_side(layout, a, side, [&](std::int64_t in, std::int64_t out, std::int64_t) {
+        phi_[usize(out)] = -phi_[usize(in)];
+      });
+    }
+  }
+  if (!obstacles.any()) return;
+  constexpr Real kNear = 0.5, kInside = -0.5;  // [cells]
+  layout.for_cells([&](std::int64_t i) {
+    Real& phi = phi_[usize(i)];
+    if (phi < kNear && obstacles.at_centre(i) < 0) phi = std::min(phi, kInside);
+  });
+}
+
+template <class Real, int D>
+void GridLiquid<Real, D>::pass_to_grid() {
+  transfer_to_grid(next_, layout, static_cast<Real>(options.cell), faces(u_), faces(weight_),
+                   options.threads);
+  fill_around(u_, 2);
+  if (options.transfer != Transfer::kFlip) return;
+  for (std::size_t a = 0; a < D; ++a) std::copy(u_[a].begin(), u_[a].end(), old_u_[a].begin());
+}
+
+template <class Real, int D>
+void GridLiquid<Real, D>::accelerate(double dt) {
+  for (int a = 0; a < D; ++a) {
+    const Real du = static_cast<Real>(dt * options.gravity[a]);
+    for (Real& u : u_[usize(a)]) u += du;
+  }
+  for_walls([&](std::size_t a, std::int64_t face) { u_[a][usize(face)] = 0; });
+}
+
+// each(axis, face) for those of the sides that are walls.
+template <class Real, int D>
+template <class Each>
+void GridLiquid<Real, D>::for_walls(const Each& each) const {
+  for (int a = 0; a < D; ++a) {
+    for (int side = 0; side < 2 && !layout.periodic[usize(a)]; ++side) {
+      if (options.open[usize(a)][usize(side)]) continue;
+      for_side(layout, a, side,
+               [&](std::int64_t, std::int64_t, std::int64_t face) { each(usize(a), face); });
+    }
+  }
+}
+
+template <class Real, int D>
+void GridLiquid<Real, D>::project(double dt) {
+  poll_interrupt();
+  const double guess = last_dt > 0 ? dt / last_dt : 0;
+  std::span<double> next_q = projection_.q();
+  for (std::size_t i = 0; i < next_q.size(); ++i) next_q[i] = guess * q[i];
+  const SolveReport solved = projection_.project(obstacles, spans(u_), options.tolerance,
+                                                 options.max_iterations, options.threads);
+  new_report_.iterations = solved.iterations;
+  new_report_.residual = solved.residual;
+  new_report_.converged = solved.converged;
+  if (!solved.converged) {
+    throw ConvergenceError("the pressure has a relative residual of " +
+                               std::to_string(solved.residual) + " after " +
+                               std::to_string(solved.iterations) +
+                               " iterations; allow more (max_iterations=) or a larger one "
+                               "(tolerance=)",
+                           time);
+  }
+  new_q_.reset(next_q.size());
+  std::copy(next_q.begin(), next_q.end(), new_q_.begin());
+  find_valid();
+  fill_around(u_, kLayers);
+  if (obstacles.any()) {
+    obstacles.push(next_q, projection_.cells(), options.density * std::pow(options.cell, D),
+                   options.threads);
+  }
+}
+
+// Faces whose velocities the pressure or a wall has set.
+template <class Real, int D>
+void GridLiquid<Real, D>::find_valid() {
+  for (int a = 0; a < D; ++a) {
+    const std::span<const Real> w = projection_.weight(a);
+    std::copy(w.begin(), w.end(), weight_[usize(a)].begin());
+  }
+  for_walls([&](std::size_t a, std::int64_t face) { weight_[a][usize(face)] = 1; });
+}
+
+// Finds the displacement, in shift_, that sets the density of full cells right: its divergence is
+// the error, div d = rho / rho_0 - 1. Cells at the surface are full at most.
+template <class Real, int D>
+void GridLiquid<Real, D>::find_displacement() {
+  // Of an error a step corrects a fifth: all of it stirs the liquid, as much of it is noise.
+  constexpr Real kShare = 0.2, kMost = 0.5;
+  constexpr double kTolerance = 1e-2;
+  constexpr int kIterations = 20;
+  poll_interrupt();
+  const std::span<const Cell> cells = projection_.cells();
+  std::vector<double> errors(usize(layout.rows()));
+  std::vector<std::int64_t> counts(usize(layout.rows()));
+  parallel_for(
+      layout.rows(), 8,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t r = begin; r < end; ++r) {
+          const std::int64_t row = layout.row(r);
+          for (std::int64_t i = row; i < row + layout.row_length(); ++i) {
+            Real& error = density_[usize(i)];
+            if (cells[usize(i)] != Cell::kFluid) {
+              error = 0;
+              continue;
+            }
+            const bool inside = phi_[usize(i)] < -1;
+            error = kShare * std::clamp(error - 1, inside ? -kMost : Real(0), kMost);
+            if (!inside) continue;
+            errors[usize(r)] += std::abs(double(error / kShare));
+            ++counts[usize(r)];
+          }
+        }
+      },
+      options.threads);
+  const double error = std::accumulate(errors.begin(), errors.end(), 0.0);
+  const auto count = std::accumulate(counts.begin(), counts.end(), std::int64_t{0});
+  new_report_.mean_error = count > 0 ? error / static_cast<double>(count) : 0;
+  const SolveReport solved =
+      projection_.spread(obstacles, {density_.data(), density_.size()}, spans(shift_), kTolerance,
+                         kIterations, options.threads);
+  new_report_.volume_iterations = solved.iterations;
+  find_valid();
+  fill_around(shift_, 1);
+}
+
+template <class Real, int D>
+void GridLiquid<Real, D>::move_obstacles(double dt) {
+  for (geometry::Collider& collider : obstacles.colliders) collider.advance(dt);
+  obstacles.find(options.threads);
+}
+
+template <class Real, int D>
+void GridLiquid<Real, D>::move_particles(double dt) {
+  poll_interrupt();
+  Walls<Real> walls;
+  walls.margin = walls.solid_margin = static_cast<Real>(kMargin);
+  if (obstacles.any()) walls.solid = obstacles.distance().data();
+  Move<Real, D> move;
+  move.transfer = options.transfer;
+  move.flip_ratio = static_cast<Real>(options.flip_rate);
+  move.u = const_faces(u_);
+  move.u_old = const_faces(old_u_);
+  move.dx = static_cast<Real>(options.cell);
+  move.dt = static_cast<Real>(dt);
+  move.walls = walls;
+  std::int64_t bad = transfer_and_advect(next_, layout, move, options.threads);
+  if (bad < 0 && options.keep_volume) {
+    bad = displace(next_, layout, const_faces(shift_), walls, options.threads);
+  }
+  if (bad >= 0) {
+    throw NonFiniteError("the velocity of particle " + std::to_string(next_.id()[bad]) +
+                             " is not finite; take a shorter step",
+                         time, next_.id()[bad]);
+  }
+}
+
+// What came out of emitters since the last step, and goes by open sides and into sinks.
+template <class Real, int D>
+void GridLiquid<Real, D>::let_flow(double end) {
+  new_counts_ = flow.counts;
+  new_next_id_ = next_id;
+  new_report_.removed = leave_by_open_sides();
+  for (std::size_t k = 0; k < flow.emitters.size(); ++k) {
+    const geometry::Emitted came = flow.emitters[k].let_out(new_counts_.layers[k], end);
+    append(next_, new_next_id_, came.x, came.v);
+    new_next_id_ += static_cast<std::int64_t>(came.x.size());
+  }
+  for (std::size_t k = 0; k < flow.sinks.size(); ++k) {
+    new_counts_.absorbed[k] += absorb(*flow.sinks[k]);
+  }
+}
+
+// Drops flagged particles; returns how many.
+template <class Real, int D>
+std::int64_t GridLiquid<Real, D>::drop(const std::vector<std::uint8_t>& flags) {
+  const std::int64_t n = next_.size();
+  if (std::find(flags.begin(), flags.end(), 1) != flags.end()) next_.erase(flags, options.threads);
+  return n - next_.size();
+}
+
+template <class Real, int D>
+std::int64_t GridLiquid<Real, D>::leave_by_open_sides() {
+  std::vector<std::uint8_t> gone;
+  for (int a = 0; a < D; ++a) {
+    const auto& open = options.open[usize(a)];
+    if (!open[0] && !open[1]) continue;
+    gone.resize(usize(next_.size()));
+    // They are kept in the box by a margin.
+    const double low = 2 * kMargin, high = layout.cells[usize(a)] - 2 * kMargin;
+    for (std::int64_t i = 0; i < next_.size(); ++i) {
+      const auto x = double(next_.x(a)[i]);
+      if ((open[0] && x <= low) || (open[1] && x >= high)) gone[usize(i)] = 1;
+    }
+  }
+  return drop(gone);
+}
+
+template <class Real, int D>
+std::int64_t GridLiquid<Real, D>::absorb(const geometry::Collider& region) {
+  std::vector<std::uint8_t> inside(usize(next_.size()));
+  parallel_for(
+      next_.size(), kOfTask,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t i = begin; i < end; ++i) {
+          inside[usize(i)] = region.signed_distance(position(next_, i)).value < 0 ? 1 : 0;
+        }
+      },
+      options.threads);
+  return drop(inside);
+}
+
+template <class Real, int D>
+void GridLiquid<Real, D>::commit(double dt) noexcept {
+  std::swap(particles, next_);
+  std::swap(flow.counts, new_counts_);
+  q.swap(new_q_);
+  forces.clear();
+  next_id = new_next_id_;
+  report = new_report_;
+  time += dt;
+  last_dt = dt;
+}
+
+template <class Real, int D>
+double GridLiquid<Real, D>::mass() const {
+  return options.density * std::pow(options.cell / 2, D);
+}
+
+template <class Real, int D>
+Vec3 GridLiquid<Real, D>::position(const Particles<Real, D>& of, std::int64_t row) const {
+  Vec3 x = options.low;
+  for (int a = 0; a < D; ++a) x[a] += options.cell * double(of.x(a)[row]);
+  return x;
+}
+
+template <class Real, int D>
+Vec3 GridLiquid<Real, D>::position(std::int64_t row) const {
+  return position(particles, row);
+}
+
+template <class Real, int D>
+Vec3 GridLiquid<Real, D>::velocity(std::int64_t row) const {
+  Vec3 v = Vec3::Zero();
+  for (int a = 0; a < D; ++a) v[a] = double(particles.v(a)[row]);
+  return v;
+}
+
+template <class Real, int D>
+void GridLiquid<Real, D>::set_position(std::int64_t row, const Vec3& x) {
+  for (int a = 0; a < D; ++a) {
+    particles.x(a)[row] = static_cast<Real>((x[a] - options.low[a]) / options.cell);
+  }
+}
+
+template <class Real, int D>
+void GridLiquid<Real, D>::set_velocity(std::int64_t row, const Vec3& v) {
+  for (int a = 0; a < D; ++a) {
+    particles.v(a)[row] = static_cast<Real>(v[a]);
+    for (int b = 0; b < D && particles.affine(); ++b) particles.C(a, b)[row] = 0;
+  }
+}
+
+template <class Real, int D>
+void GridLiquid<Real, D>::remove(std::span<const std::uint8_t> flags) {
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < forces.size(); ++i) {
+    if (flags[i] == 0) forces[kept++] = forces[i];
+  }
+  forces.resize(kept);
+  particles.erase(flags, options.threads);
+}
+
+template <class Real, int D>
+double GridLiquid<Real, D>::fastest() const {
+  std::vector<Real> parts(usize((particles.size() + kOfTask - 1) / kOfTask));
+  parallel_for(
+      particles.size(), kOfTask,
+      [&](std::int64_t begin, std::int64_t end) {
+        Real most = 0;
+        for (int a = 0; a < D; ++a) {
+          const Real* const v = particles.v(a);
+          for (std::int64_t i = begin; i < end; ++i) most = std::max(most, std::abs(v[i]));
+        }
+        parts[usize(begin / kOfTask)] = most;
+      },
+      options.threads);
+  Real most = 0;
+  for (const Real part : parts) most = std::max(most, part);
+  return double(most);
+}
+
+template <class Real, int D>
+LiquidEnergies GridLiquid<Real, D>::energies() const {
+  const std::int64_t n = particles.size();
+  std::vector<LiquidEnergies> parts(usize((n + kOfTask - 1) / kOfTask));
+  const double m = mass();
+  parallel_for(
+      n, kOfTask,
+      [&](std::int64_t begin, std::int64_t end) {
+        LiquidEnergies part;
+        for (std::int64_t i = begin; i < end; ++i) {
+          const Vec3 x = position(i), v = velocity(i);
+          part += {.kinetic = 0.5 * m * v.squaredNorm(),
+                   .potential = -m * options.gravity.dot(x),
+                   .momentum = m * v,
+                   .angular_momentum = m * x.cross(v)};
+        }
+        parts[usize(begin / kOfTask)] = part;
+      },
+      options.threads);
+  LiquidEnergies sum;
+  for (const LiquidEnergies& part : parts) sum += part;
+  return sum;
+}
+
+template <class Real, int D>
+std::vector<double> GridLiquid<Real, D>::pressure() const {
+  const double scale = last_dt > 0 ? options.density * options.cell / last_dt : 0;
+  std::vector<double> out;
+  layout.for_cells([&](std::int64_t i) { out.push_back(scale * q[usize(i)]); });
+  return out;
+}
+
+template <class Real, int D>
+std::vector<double> GridLiquid<Real, D>::level_set() {
+  sort(0);
+  find_domain();
+  std::vector<double> out;
+  layout.for_cells([&](std::int64_t i) { out.push_back(options.cell * double(phi_[usize(i)])); });
+  return out;
+}
+
+template <class Real, int D>
+std::vector<double> GridLiquid<Real, D>::grid_velocity() {
+  sort(0);
+  find_domain();
+  pass_to_grid();
+  const std::span<const Cell> cells = projection_.cells();
+  std::vector<double> out;
+  layout.for_cells([&](std::int64_t i) {
+    for (std::size_t a = 0; a < D; ++a) {
+      const bool wet = cells[usize(i)] == Cell::kFluid;
+      const double sum = double(u_[a][usize(i)]) + double(u_[a][usize(i + layout.stride[a])]);
+      out.push_back(wet ? sum / 2 : 0);
+    }
+  });
+  return out;
+}
+
+// Velocities of faces that are not known, from those around.
+template <class Real, int D>
+void GridLiquid<Real, D>::fill_around(Fields& u, int layers) {
+  extrapolate_(layout, const_faces(weight_), faces(u), layers, options.threads);
+}
+
+template <class Real, int D>
+ConstFaces<Real, D> GridLiquid<Real, D>::const_faces(const Fields& fields) {
+  ConstFaces<Real, D> out;
+  for (std::size_t a = 0; a < D; ++a) out[a] = fields[a].data();
+  return out;
+}
+
+template <class Real, int D>
+Faces<Real, D> GridLiquid<Real, D>::faces(Fields& fields) {
+  Faces<Real, D> out;
+  for (std::size_t a = 0; a < D; ++a) out[a] = fields[a].data();
+  return out;
+}
+
+template <class Real, int D>
+Velocity<Real, D> GridLiquid<Real, D>::spans(Fields& fields) {
+  Velocity<Real, D> out;
+  for (std::size_t a = 0; a < D; ++a) out[a] = {fields[a].data(), fields[a].size()};
+  return out;
+}
+
+template class GridLiquid<float, 2>;
+template class GridLiquid<float, 3>;
+template class GridLiquid<double, 2>;
+template class GridLiquid<double, 3>;
+
+}  // namespace substep::gridfluid

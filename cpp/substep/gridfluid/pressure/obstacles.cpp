@@ -1,0 +1,300 @@
+#include "substep/gridfluid/pressure/obstacles.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "substep/core/parallel.h"
+#include "substep/core/usize.h"
+#include "substep/gridfluid/grid/row_tasks.h"
+
+namespace substep::gridfluid {
+namespace {
+
+using geometry::Collider;
+using geometry::Exchange;
+
+constexpr double kBand = 2;       // cells around the surface where distances are exact
+constexpr double kClosed = 1e-3;  // a face that is less open is closed
+
+// The part above 0 of an edge that ends in a <= 0 < b.
+template <class Real>
+Real above(Real a, Real b) {
+  return b / (b - a);
+}
+
+// The part of a face where the distance, linear along its edges, is above 0.
+template <class Real>
+Real open_part(const std::array<Real, 2>& d) {
+  const bool in0 = d[0] <= 0, in1 = d[1] <= 0;
+  if (in0 != in1) return in0 ? above(d[0], d[1]) : above(d[1], d[0]);
+  return Real(in0 ? 0 : 1);
+}
+// Of a square with corners in a circle.
+template <class Real>
+Real open_part(const std::array<Real, 4>& d) {
+  const auto in = [&](std::size_t k) { return d[k % 4] <= 0; };
+  const auto part = [&](std::size_t from, std::size_t to) { return above(d[from % 4], d[to % 4]); };
+  const auto solid_corner = [&](std::size_t k) {  // a triangle
+    return (1 - part(k, k + 1)) * (1 - part(k, k + 3)) / 2;
+  };
+  const auto open_corner = [&](std::size_t k) { return part(k + 1, k) * part(k + 3, k) / 2; };
+  const int solid = in(0) + in(1) + in(2) + in(3);
+  if (solid == 0) return 1;
+  if (solid == 4) return 0;
+  std::size_t k = 0;
+  if (solid == 1) {
+    while (!in(k)) ++k;
+    return 1 - solid_corner(k);
+  }
+  if (solid == 3) {
+    while (in(k)) ++k;
+    return open_corner(k);
+  }
+  while (!in(k)) ++k;
+  if (in(k + 2)) {  // two opposite corners: joined by what the middle is
+    return d[0] + d[1] + d[2] + d[3] > 0 ? 1 - solid_corner(k) - solid_corner(k + 2)
+                                         : open_corner(k + 1) + open_corner(k + 3);
+  }
+  if (!in(k + 1)) k += 3;  // now k and k + 1 are solid
+  return (part(k, k + 3) + part(k + 1, k + 2)) / 2;
+}
+
+}  // namespace
+
+template <class Real, int D>
+Obstacles<Real, D>::Obstacles(const Layout<D>& layout, const Vec3& low_, double dx_,
+                              std::vector<Collider> obstacles)
+    : colliders(std::move(obstacles)), low(low_), dx(dx_), layout_(layout) {}
+
+template <class Real, int D>
+void Obstacles<Real, D>::find(int threads) {
+  if (!any()) return;
+  std::vector<std::array<double, Collider::kStateSize>> states;
+  moving_ = false;
+  for (const Collider& c : colliders) {
+    states.push_back(c.state());
+    moving_ |= !c.velocity.isZero(0) || !c.angular_velocity.isZero(0);
+  }
+  if (found_ && states == states_) return;
+  found_ = false;
+  find_distances(threads);
+  find_open(threads);
+  find_room(threads);
+  if (moving_) find_velocities(threads);
+  states_ = std::move(states);
+  found_ = true;
+}
+
+// Of a point in cells.
+template <class Real, int D>
+Vec3 Obstacles<Real, D>::world(const std::array<double, D>& x) const {
+  Vec3 at = low;
+  for (std::size_t a = 0; a < D; ++a) at[static_cast<int>(a)] += dx * x[a];
+  return at;
+}
+
+template <class Real, int D>
+Vec3 Obstacles<Real, D>::middle(std::int64_t i, int faces_of) const {
+  const std::array<int, D> cell = layout_.cell(i);
+  std::array<double, D> x;
+  for (std::size_t a = 0; a < D; ++a) x[a] = cell[a] + (static_cast<int>(a) == faces_of ? 0 : 0.5);
+  return world(x);
+}
+
+template <class Real, int D>
+std::size_t Obstacles<Real, D>::nearest(const Vec3& x) const {
+  std::size_t which = 0;
+  double least = std::numeric_limits<double>::infinity();
+  for (std::size_t c = 0; c < colliders.size(); ++c) {
+    const double d = colliders[c].signed_distance(x).value;
+    if (d < least) least = d, which = c;
+  }
+  return which;
+}
+
+template <class Real, int D>
+double Obstacles<Real, D>::signed_distance(const Vec3& x) const {
+  double least = std::numeric_limits<double>::infinity();
+  for (const Collider& c : colliders) least = std::min(least, c.signed_distance(x).value);
+  return least;
+}
+
+// In blocks of nodes: where the middle is far from all surfaces, all of a block is.
+template <class Real, int D>
+void Obstacles<Real, D>::find_distances(int threads) {
+  constexpr int kBlock = 4;
+  if (distance_.size() == 0) assign(distance_, layout_.size, Real(0));
+  double lipschitz = 1;
+  for (const Collider& c : colliders) lipschitz = std::max(lipschitz, c.lipschitz());
+  const double radius = std::sqrt(D) * (kBlock - 1) / 2 * lipschitz;
+  std::array<int, D> blocks;
+  std::int64_t count = 1;
+  for (std::size_t a = 0; a < D; ++a) {
+    blocks[a] = layout_.cells[a] / kBlock + 1;
+    count *= blocks[a];
+  }
+  const auto distance_at = [&](const std::array<double, D>& x) {
+    return signed_distance(world(x)) / dx;
+  };
+  parallel_for(
+      count, 32,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t b = begin; b < end; ++b) {
+          std::array<int, D> from, to;
+          std::array<double, D> middle;
+          std::int64_t rest = b;
+          for (std::size_t a = D; a-- > 0;) {
+            from[a] = static_cast<int>(rest % blocks[a]) * kBlock;
+            to[a] = std::min(from[a] + kBlock, layout_.cells[a] + 1);
+            middle[a] = from[a] + (kBlock - 1) / 2.0;
+            rest /= blocks[a];
+          }
+          const double there = distance_at(middle);
+          const bool far = std::abs(there) > radius + kBand;
+          std::array<int, D> node = from;
+          do {
+            std::array<double, D> x;
+            std::copy(node.begin(), node.end(), x.begin());
+            distance_[usize(layout_.index(node))] = Real(far ? there : distance_at(x));
+          } while (next_in_block(node, from, to));
+        }
+      },
+      threads);
+}
+
+template <class Real, int D>
+void Obstacles<Real, D>::find_open(int threads) {
+  const std::array<std::int64_t, D>& s = layout_.stride;
+  for (std::size_t a = 0; a < D; ++a) {
+    if (open_[a].size() == 0) {
+      assign(open_[a], layout_.size, Real(1));
+    }
+    const std::int64_t b = s[(a + 1) % D], c = D == 3 ? s[(a + 2) % D] : 0;
+    const auto part = [&](std::int64_t i) {
+      Real whole;
+      if constexpr (D == 2) {
+        whole = open_part(std::array{distance_[usize(i)], distance_[usize(i + b)]});
+      } else {
+        whole = open_part(std::array{distance_[usize(i)], distance_[usize(i + b)],
+                                     distance_[usize(i + b + c)], distance_[usize(i + c)]});
+      }
+      return whole < Real(kClosed) ? Real(0) : whole;
+    };
+    for_each_row(layout_, static_cast<int>(a), threads, [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t i = begin; i < end; ++i) open_[a][usize(i)] = part(i);
+    });
+  }
+}
+
+template <class Real, int D>
+void Obstacles<Real, D>::find_velocities(int threads) {
+  for (std::size_t a = 0; a < D; ++a) {
+    const int axis = static_cast<int>(a);
+    assign(velocity_[a], layout_.size, Real(0));
+    for_each_row(layout_, axis, threads, [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t i = begin; i < end; ++i) {
+        if (std::abs(distance_[usize(i)]) > Real(kBand)) continue;
+        const Vec3 at = middle(i, axis);
+        velocity_[a][usize(i)] = Real(colliders[nearest(at)].surface_velocity(at)[axis]);
+      }
+    });
+  }
+}
+
+// The hat function over the open parts of cells: 1/8, 6/8, 1/8 along each axis. Sides are mirrors.
+template <class Real, int D>
+void Obstacles<Real, D>::find_room(int threads) {
+  if (room_.size() == 0) assign(room_, layout_.size, Real(1));
+  const auto open_volume = [&](std::int64_t i) {
+    return std::clamp(at_centre(i) + Real(0.5), Real(0), Real(1));
+  };
+  for_each_row(layout_, -1, threads, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      const Real distance = at_centre(i);
+      if (std::abs(distance) > Real(kBand)) {
+        room_[usize(i)] = distance > 0 ? Real(1) : Real(0);
+        continue;
+      }
+      const std::array<int, D> cell = layout_.cell(i);
+      std::array<int, D> from, to, next;
+      for (std::size_t a = 0; a < D; ++a) from[a] = cell[a] - 1, to[a] = cell[a] + 2;
+      Real sum = 0;
+      next = from;
+      do {
+        Real weight = 1;
+        std::array<int, D> at;
+        for (std::size_t a = 0; a < D; ++a) {
+          weight *= next[a] == cell[a] ? Real(0.75) : Real(0.125);
+          at[a] = std::clamp(next[a], 0, layout_.cells[a] - 1);
+        }
+        sum += weight * open_volume(layout_.index(at));
+      } while (next_in_block(next, from, to));
+      room_[usize(i)] = sum;
+    }
+  });
+}
+
+template <class Real, int D>
+Real Obstacles<Real, D>::at_centre(std::int64_t i) const {
+  const std::array<std::int64_t, D>& s = layout_.stride;
+  const auto edge = [&](std::int64_t j) { return distance_[usize(j)] + distance_[usize(j + 1)]; };
+  if constexpr (D == 2) {
+    return (edge(i) + edge(i + s[0])) / 4;
+  } else {
+    return (edge(i) + edge(i + s[0]) + edge(i + s[1]) + edge(i + s[0] + s[1])) / 8;
+  }
+}
+
+// The faces and the surface close the part of a cell that is open: their normals add up to 0.
+template <class Real, int D>
+std::array<Real, D> Obstacles<Real, D>::surface(std::int64_t i) const {
+  std::array<Real, D> area;
+  for (std::size_t a = 0; a < D; ++a) {
+    area[a] = open_[a][usize(i)] - open_[a][usize(i + layout_.stride[a])];
+  }
+  return area;
+}
+
+template <class Real, int D>
+void Obstacles<Real, D>::push(std::span<const double> q, std::span<const Cell> cells, double mass,
+                              int threads) {
+  const std::int64_t chunks = (layout_.rows() + kRowsEach - 1) / kRowsEach;
+  std::vector<std::vector<Exchange>> parts(usize(chunks));
+  parallel_for(
+      layout_.rows(), kRowsEach,
+      [&](std::int64_t begin, std::int64_t end) {
+        std::vector<Exchange>& part = parts[usize(begin / kRowsEach)];
+        part.resize(colliders.size());
+        for (std::int64_t r = begin; r < end; ++r) {
+          const std::int64_t row = layout_.row(r);
+          for (std::int64_t i = row; i < row + layout_.row_length(); ++i) {
+            if (cells[usize(i)] != Cell::kFluid) continue;
+            const std::array<Real, D> area = surface(i);
+            Vec3 impulse = Vec3::Zero();
+            for (std::size_t a = 0; a < D; ++a) {
+              impulse[static_cast<int>(a)] = mass * q[usize(i)] * double(area[a]);
+            }
+            if (impulse.isZero(0)) continue;
+            const Vec3 at = middle(i);
+            const std::size_t c = nearest(at);
+            const geometry::SignedDistance d = colliders[c].signed_distance(at);
+            part[c].add(at - d.value * d.gradient - colliders[c].position(), impulse);
+          }
+        }
+      },
+      threads);
+  for (std::size_t c = 0; c < colliders.size(); ++c) {
+    Exchange sum;
+    for (const std::vector<Exchange>& part : parts) sum += part[c];
+    colliders[c].set_exchange(sum);
+  }
+}
+
+template class Obstacles<float, 2>;
+template class Obstacles<float, 3>;
+template class Obstacles<double, 2>;
+template class Obstacles<double, 3>;
+
+}  // namespace substep::gridfluid

@@ -1,0 +1,84 @@
+// What obstacles leave of a grid: the open part of each face, after Batty, Bertails and Bridson, "A
+// fast variational framework for accurate solid-fluid coupling", 2007, with face areas in place of
+// volumes as Ng, Min and Gibou, "An efficient fluid-solid coupling algorithm for single-phase
+// flows", 2009. The sides of the box are none of it.
+#pragma once
+
+#include <array>
+#include <span>
+#include <vector>
+
+#include "substep/core/aligned_buffer.h"
+#include "substep/geometry/collider.h"
+#include "substep/gridfluid/grid/cells.h"
+#include "substep/gridfluid/grid/layout.h"
+
+namespace substep::gridfluid {
+
+using geometry::Vec3;
+
+template <class Real, int D>
+class Obstacles {
+ public:
+  // low: the lowest corner of the grid [m]; dx: a cell [m]. In two dimensions obstacles are cut at
+  // z = 0.
+  Obstacles(const Layout<D>& layout, const Vec3& low, double dx,
+            std::vector<geometry::Collider> obstacles);
+
+  std::vector<geometry::Collider> colliders;
+
+  // To be called when the colliders are where they act. Nothing is computed anew where none moved.
+  void find(int threads);
+
+  bool any() const { return !colliders.empty(); }
+  bool moving() const { return moving_; }
+  // Signed distance at nodes, in cells, exact within two of them; number i is that of the lowest
+  // corner of cell i. Only if there are any.
+  std::span<const Real> distance() const { return {distance_.data(), distance_.size()}; }
+  // The open part of the face below cell i, from 0 to 1. Only if there are any.
+  std::span<const Real> open(int axis) const { return of(open_, axis); }
+  // The obstacles' own velocity at faces that are not all open, and a cell beyond; elsewhere 0
+  // [m/s]. Only if they move.
+  std::span<const Real> velocity(int axis) const { return of(velocity_, axis); }
+  // What part of the weights around the middle of cell i, as of particles (density.h), obstacles
+  // leave: 1 away from them. Only if there are any.
+  std::span<const Real> room() const { return {room_.data(), room_.size()}; }
+  // Of the middle of cell i, in cells; exact near the surface.
+  Real at_centre(std::int64_t i) const;
+  // The area, in faces, of the obstacles' surface in cell i, times its normal out of the fluid.
+  std::array<Real, D> surface(std::int64_t i) const;
+
+  // Sets exchange() of the colliders to what they are pushed by in the fluid cells, with q, a
+  // pressure times dt / (density dx) [m/s], and the mass of a full cell [kg].
+  void push(std::span<const double> q, std::span<const Cell> cells, double mass, int threads);
+
+  Vec3 low;
+  double dx;
+
+ private:
+  using Fields = std::array<AlignedBuffer<Real>, D>;
+  static std::span<const Real> of(const Fields& fields, int axis) {
+    return {fields[usize(axis)].data(), fields[usize(axis)].size()};
+  }
+  Vec3 world(const std::array<double, D>& x) const;
+  Vec3 middle(std::int64_t i, int faces_of = -1) const;  // of a cell, or of the face below it
+  std::size_t nearest(const Vec3& x) const;
+  double signed_distance(const Vec3& x) const;
+  void find_distances(int threads);
+  void find_open(int threads);
+  void find_velocities(int threads);
+  void find_room(int threads);
+
+  Layout<D> layout_;
+  bool found_ = false, moving_ = false;
+  std::vector<std::array<double, geometry::Collider::kStateSize>> states_;  // that it was found for
+  AlignedBuffer<Real> distance_, room_;
+  Fields open_, velocity_;
+};
+
+extern template class Obstacles<float, 2>;
+extern template class Obstacles<float, 3>;
+extern template class Obstacles<double, 2>;
+extern template class Obstacles<double, 3>;
+
+}  // namespace substep::gridfluid

@@ -1,0 +1,168 @@
+#include "substep/gridfluid/pressure/projection.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "substep/core/usize.h"
+#include "substep/gridfluid/grid/row_tasks.h"
+#include "substep/gridfluid/grid/sides.h"
+
+namespace substep::gridfluid {
+
+template <class Real, int D>
+Projection<Real, D>::Projection(const Layout<D>& layout, const OpenSides<D>& open)
+    : layout_(layout), open_(open), solver_(layout) {
+  assign(cells_, layout.size, Cell::kSolid);
+  assign(b_, layout.size, Real(0));
+  assign(q_, layout.size, 0.0);
+  for (auto& weight : weight_) assign(weight, layout.size, Real(0));
+}
+
+template <class Real, int D>
+void Projection<Real, D>::set_domain(const Obstacles<Real, D>& obstacles, std::span<const Real> phi,
+                                     int threads) {
+  find_cells(obstacles, phi, threads);
+  find_weights(obstacles, phi, threads);
+  std::array<std::span<const Real>, D> w;
+  for (int a = 0; a < D; ++a) w[usize(a)] = weight(a);
+  solver_.set_matrix(w, cells(), threads);
+}
+
+// A cell is solid where an obstacle leaves none of its faces open.
+template <class Real, int D>
+void Projection<Real, D>::find_cells(const Obstacles<Real, D>& obstacles, std::span<const Real> phi,
+                                     int threads) {
+  for_each_row(layout_, -1, threads, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      bool open = !obstacles.any();
+      for (int a = 0; a < D && !open; ++a) {
+        const std::span<const Real> part = obstacles.open(a);
+        open = part[usize(i)] > 0 || part[usize(i + layout_.stride[usize(a)])] > 0;
+      }
+      const bool liquid = phi.empty() || phi[usize(i)] < 0;
+      cells_[usize(i)] = !open ? Cell::kSolid : liquid ? Cell::kFluid : Cell::kAir;
+    }
+  });
+  // The ghosts beyond open sides are air; those of periodic axes are what is on the other side.
+  wrap(layout_, std::span<Cell>(cells_.data(), cells_.size()));
+  for (int a = 0; a < D; ++a) {
+    for (int side = 0; side < 2 && !layout_.periodic[usize(a)]; ++side) {
+      if (!open_[usize(a)][usize(side)]) continue;
+      for_side(layout_, a, side, [&](std::int64_t, std::int64_t ghost, std::int64_t) {
+        cells_[usize(ghost)] = Cell::kAir;
+      });
+    }
+  }
+}
+
+template <class Real, int D>
+void Projection<Real, D>::find_weights(const Obstacles<Real, D>& obstacles,
+                                       std::span<const Real> phi, int threads) {
+  for (int a = 0; a < D; ++a) {
+    const std::int64_t s = layout_.stride[usize(a)];
+    const std::span<const Real> part =
+        obstacles.any() ? obstacles.open(a) : std::span<const Real>();
+    AlignedBuffer<Real>& weight = weight_[usize(a)];
+    for_each_row(layout_, a, threads, [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t i = begin; i < end; ++i) {
+        const Cell below = cells_[usize(i - s)], above = cells_[usize(i)];
+        Real w = 0;
+        if (below == Cell::kFluid && above == Cell::kFluid) {
+          w = 1;
+        } else if (below != Cell::kSolid && above != Cell::kSolid && below != above) {
+          // One is fluid, the other air.
+          const std::int64_t in = below == Cell::kFluid ? i - s : i;
+          const std::int64_t out = below == Cell::kFluid ? i : i - s;
+          double theta = 0.5;
+          if (!phi.empty()) {
+            const double d = double(phi[usize(in)]);
+            theta = d / (d - double(phi[usize(out)]));
+          }
+          w = Real(1 / std::max(theta, kThinnest));
+        }
+        weight[usize(i)] = part.empty() ? w : w * part[usize(i)];
+      }
+    });
+  }
+}
+
+// b = -sum_f s_f (A_f u_f + (1 - A_f) u_obstacle).
+template <class Real, int D>
+void Projection<Real, D>::find_divergence(const Obstacles<Real, D>& obstacles,
+                                          const Velocity<Real, D>& u, int threads) {
+  const bool cut = obstacles.any(), moving = obstacles.moving();
+  for_each_row(layout_, -1, threads, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      Real sum = 0;
+      for (std::size_t a = 0; a < D; ++a) {
+        const int axis = static_cast<int>(a);
+        const auto flux = [&](std::size_t f) {
+          if (!cut) return u[a][f];
+          const Real part = obstacles.open(axis)[f];
+          const Real theirs = moving ? (1 - part) * obstacles.velocity(axis)[f] : Real(0);
+          return part * u[a][f] + theirs;
+        };
+        sum += flux(usize(i + layout_.stride[a])) - flux(usize(i));
+      }
+      b_[usize(i)] = cells_[usize(i)] == Cell::kFluid ? -sum : Real(0);
+    }
+  });
+}
+
+// u' = u - s_f (q_f - q) / theta_f; a face that an obstacle closes moves with it.
+template <class Real, int D>
+void Projection<Real, D>::apply_pressure(const Obstacles<Real, D>& obstacles, bool moving,
+                                         Velocity<Real, D> u, int threads) {
+  for (int a = 0; a < D; ++a) {
+    const std::int64_t s = layout_.stride[usize(a)];
+    const bool cut = obstacles.any();
+    for_each_row(layout_, a, threads, [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t i = begin; i < end; ++i) {
+        const Real w = weight_[usize(a)][usize(i)];
+        const Real part = cut ? obstacles.open(a)[usize(i)] : Real(1);
+        Real& v = u[usize(a)][usize(i)];
+        if (w > 0) {
+          v -= Real((q_[usize(i)] - q_[usize(i - s)]) * double(w / part));
+        } else if (part == 0) {
+          v = moving ? obstacles.velocity(a)[usize(i)] : Real(0);
+        }
+      }
+    });
+  }
+}
+
+template <class Real, int D>
+SolveReport Projection<Real, D>::solve(double tolerance, int max_iterations, int threads) {
+  const SolveReport report = solver_.solve(std::span<const Real>(b_.data(), b_.size()), q(),
+                                           tolerance, max_iterations, threads);
+  wrap(layout_, q());
+  return report;
+}
+
+template <class Real, int D>
+SolveReport Projection<Real, D>::project(const Obstacles<Real, D>& obstacles, Velocity<Real, D> u,
+                                         double tolerance, int max_iterations, int threads) {
+  find_divergence(obstacles, u, threads);
+  const SolveReport report = solve(tolerance, max_iterations, threads);
+  if (report.converged) apply_pressure(obstacles, obstacles.moving(), u, threads);
+  return report;
+}
+
+template <class Real, int D>
+SolveReport Projection<Real, D>::spread(const Obstacles<Real, D>& obstacles,
+                                        std::span<const Real> source, Velocity<Real, D> d,
+                                        double tolerance, int max_iterations, int threads) {
+  std::copy(source.begin(), source.end(), b_.begin());
+  std::fill(q_.begin(), q_.end(), 0.0);
+  for (const std::span<Real>& component : d) std::fill(component.begin(), component.end(), Real(0));
+  const SolveReport report = solve(tolerance, max_iterations, threads);
+  apply_pressure(obstacles, false, d, threads);
+  return report;
+}
+
+template class Projection<float, 2>;
+template class Projection<float, 3>;
+template class Projection<double, 2>;
+template class Projection<double, 3>;
+
+}  // namespace substep::gridfluid
