@@ -14,7 +14,7 @@
 namespace substep::gridfluid {
 namespace {
 
-constexpr std::int64_t kRowsOfTask = 32;
+constexpr std::int64_t kRowsOfPass = 32;
 
 // The distance from the surface of a half-space for its density.
 template <class Real>
@@ -151,15 +151,15 @@ void level_set(const Particles<Real, D>& particles, const Layout<D>& layout, con
     });
   };
 
-  const std::int64_t tasks = (layout.rows() - 1) / kRowsOfTask + 1;
+  const std::int64_t tasks = (layout.rows() - 1) / kRowsOfPass + 1;
   std::vector<std::int64_t> chunks;  // rows, ghosts, rows, ghosts, ...
   for (int pass = 0; pass < 3 + passes; ++pass) chunks.insert(chunks.end(), {tasks, 1});
   const auto run = [&](std::int64_t phase, std::int64_t chunk) {
     const std::int64_t pass = phase / 2;
     Real* const to = pass % 2 == 0 ? phi : other;
     if (phase % 2 == 1) return fill_ghosts(layout, kCentres, to);
-    const std::int64_t begin = chunk * kRowsOfTask;
-    for (std::int64_t r = begin; r < std::min(begin + kRowsOfTask, layout.rows()); ++r) {
+    const std::int64_t begin = chunk * kRowsOfPass;
+    for (std::int64_t r = begin; r < std::min(begin + kRowsOfPass, layout.rows()); ++r) {
       if (pass == 0) {
         estimate(r);
       } else if (pass == 1) {
