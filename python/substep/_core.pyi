@@ -1004,20 +1004,6 @@ class SupernodalCholesky:
     @property
     def nonzeros(self) -> int: ...
 
-class SingleSupernodalCholesky:
-    def __init__(
-        self,
-        start: numpy.typing.NDArray[numpy.int32],
-        row: numpy.typing.NDArray[numpy.int32],
-        block: int,
-    ) -> None: ...
-    def factorize(self, values: numpy.typing.NDArray[numpy.float64], threads: int) -> int: ...
-    def solve(self, x: numpy.typing.NDArray[numpy.float64], threads: int) -> None: ...
-    @property
-    def flops(self) -> float: ...
-    @property
-    def nonzeros(self) -> int: ...
-
 class Term:
     pass
 
