@@ -110,9 +110,10 @@ class GridFlow(Simulation):
         Part of the density that smoke of 1 adds.
     smoke_diffusivity : float
         Diffusivity of smoke [m^2/s], at least 0.
-    advection : {'central', 'maccormack', 'semi_lagrangian'}
+    advection : {'central', 'maccormack', 'semi_lagrangian'}, optional
         How the flow carries: by central fluxes for steps below a cell, of second order in space and
         time, which viscous flows need; or along paths with any step, as smoke in coarse grids does.
+        Unless given, 'central' with viscosity and 'maccormack' without.
     vorticity_confinement : float
         Strength [m/s], at least 0, of the force that spins up eddies.
     cfl : float, optional
@@ -193,7 +194,7 @@ class GridFlow(Simulation):
         smoke: Start | None = None,
         smoke_weight: float = 0.0,
         smoke_diffusivity: float = 0.0,
-        advection: str = "central",
+        advection: str | None = None,
         vorticity_confinement: float = 0.0,
         cfl: float | None = None,
         step: float | None = None,
@@ -216,6 +217,8 @@ class GridFlow(Simulation):
         if not all(1e-30 < m < 1e30 for m in (self.cell**d, self.density * self.cell**d)):
             raise InputError(f"cell: the mass of a cell is out of range at {self.cell} m")
         self.viscosity = check_real("viscosity", viscosity, nonnegative=True)
+        if advection is None:
+            advection = "central" if self.viscosity > 0 else "maccormack"
         self.advection = check_choice("advection", advection, ADVECTIONS)
         self.cfl = check_real("cfl", _CFL[self.advection] if cfl is None else cfl, positive=True)
         self._step_size = None if step is None else check_real("step", step, positive=True)

@@ -1,0 +1,184 @@
+"""Flows that others have computed or measured: cavities, convection, a cylinder, a step.
+
+Reference values are those of the papers named; where a test says so, errors are relative to them.
+"""
+
+import math
+
+import numpy as np
+import pytest
+import substep
+from substep.gridfluid import Inflow, Wall
+
+SQUARE = [(0.0, 0.0), (1.0, 1.0)]
+
+
+def extreme(values, sign):
+    """The largest of sign times values, by a parabola through three."""
+    k = int(np.argmax(sign * values))
+    a, b, c = values[k - 1 : k + 2]
+    return b - (c - a) ** 2 / (8 * (a - 2 * b + c))
+
+
+def cavity(reynolds, n, duration, start=None):
+    """A lid drives a square: u_min on the vertical, v_max and v_min on the horizontal."""
+    flow = substep.GridFlow(
+        SQUARE,
+        1 / n,
+        viscosity=1 / reynolds,
+        sides=["wall", ("wall", Wall(velocity=(1.0, 0.0)))],
+        velocity=None if start is None else lambda x: start.sample(x)["velocity"],
+        cfl=1.2,
+        largest_step=1.2 / n,
+        threads=1,
+    )
+    flow.advance(duration)
+    u, v = flow.velocity_faces[0][n // 2], flow.velocity_faces[1][:, n // 2]
+    return flow, np.array([extreme(u, -1), extreme(v, 1), extreme(v, -1)])
+
+
+def check_cavity(reynolds, reference, grids):
+    flow, errors = None, []
+    for n, duration in grids:
+        flow, found = cavity(reynolds, n, duration, flow)
+        errors.append(np.abs(found / reference - 1))
+    assert (errors[-1] < 0.01).all(), errors
+    assert (errors[1] < 0.6 * errors[0]).all() and (errors[2] < 0.6 * errors[1]).all(), errors
+
+
+@pytest.mark.slow
+def test_cavity_re_100():
+    """Marchi, Suero and Araki (2009), 1024^2 and extrapolated."""
+    check_cavity(100, [-0.2140417, 0.1795728, -0.253803], [(16, 12), (32, 8), (64, 6)])
+
+
+@pytest.mark.slow
+def test_cavity_re_1000():
+    """Botella and Peyret (1998), Chebyshev collocation."""
+    reference = [-0.3885698, 0.3769447, -0.5270771]
+    check_cavity(1000, reference, [(64, 50), (128, 25), (256, 14)])
+
+
+def nusselt(rayleigh, n, duration):
+    """Of the hot wall of a square between a hot and a cold one, in units of the diffusivity."""
+    prandtl = 0.71
+    flow = substep.GridFlow(
+        SQUARE,
+        1 / n,
+        viscosity=prandtl,
+        sides=[(Wall(temperature=1.0), Wall(temperature=0.0)), "wall"],
+        temperature=lambda x: 1 - x[:, 0],
+        reference_temperature=0.5,
+        thermal_expansion=1.0,
+        thermal_diffusivity=1.0,
+        gravity=(0, -rayleigh * prandtl),
+        largest_step=0.002,
+        threads=1,
+    )
+    flow.advance(duration)
+    return float((1 - flow.temperature[0]).mean() * 2 * n)
+
+
+# Later spectral values beside de Vahl Davis (1983).
+@pytest.mark.parametrize(
+    ("rayleigh", "reference", "n", "duration"),
+    [
+        (1e3, 1.1178, 24, 0.5),
+        (1e4, 2.2448, 40, 0.4),
+        pytest.param(1e5, 4.5216, 64, 0.25, marks=pytest.mark.slow),
+        pytest.param(1e6, 8.8252, 96, 0.08, marks=pytest.mark.slow),
+    ],
+)
+def test_natural_convection(rayleigh, reference, n, duration):
+    assert nusselt(rayleigh, n, duration) == pytest.approx(reference, rel=0.02)
+
+
+def channel(n, top):
+    """Schaefer and Turek (1996): a cylinder of 0.1 m in a channel of 0.41 m with an inflow."""
+    h = 0.41 / n
+
+    def inflow(x):
+        u = 4 * top * x[:, 1] * (0.41 - x[:, 1]) / 0.41**2
+        return np.stack([u, 0 * u], axis=1)
+
+    y = (np.arange(n) + 0.5) * h
+    cylinder = substep.Collider(substep.Sphere(0.05, (0.2, 0.2, 0)))
+    length = h * round(2.2 / h)
+    flow = substep.GridFlow(
+        [(0, 0), (length, 0.41)],
+        h,
+        viscosity=1e-3,
+        velocity=inflow,
+        colliders=[cylinder],
+        sides=[(Inflow(inflow(np.stack([0 * y, y], axis=1))), "open"), "wall"],
+        dtype="float64",
+    )
+    return flow, cylinder
+
+
+def coefficients(cylinder, mean):
+    return 2 * cylinder.impulse[:2] / cylinder.duration / (mean**2 * 0.1)
+
+
+@pytest.mark.slow
+def test_cylinder_2d_1():
+    """Re 20: drag and pressure drop approach the reference with the cells (docs/grid_flow.md)."""
+    errors = []
+    for n in (41, 82):
+        flow, cylinder = channel(n, 0.3)
+        flow.advance(3.0)
+        flow.advance(0.1)
+        drag = coefficients(cylinder, 0.2)[0]
+        front, back = flow.sample([(0.15, 0.2), (0.25, 0.2)])["pressure"]
+        errors.append([abs(drag / 5.57953523 - 1), abs((front - back) / 0.11752017 - 1)])
+    assert errors[1][0] < 0.05 and errors[1][1] < 0.03, errors
+    assert errors[1][0] < 0.7 * errors[0][0] and errors[1][1] < 0.7 * errors[0][1], errors
+
+
+@pytest.mark.slow
+def test_cylinder_2d_2_sheds_vortices():
+    """Re 100: the Strouhal number of 0.30188 (FeatFlow, finest)."""
+    flow, cylinder = channel(62, 1.5)
+    flow.advance(3.0)
+    lifts, times = [], []
+
+    def look(given):
+        lifts.append(coefficients(cylinder, 1.0)[1])
+        times.append(given.time)
+
+    for _ in range(400):
+        flow.step(0.0025)
+        look(flow)
+    lift, time = np.array(lifts), np.array(times)
+    up = np.flatnonzero((lift[:-1] < 0) & (lift[1:] >= 0))
+    zero = time[up] - lift[up] * (time[up + 1] - time[up]) / (lift[up + 1] - lift[up])
+    period = (zero[-1] - zero[0]) / (len(zero) - 1)
+    assert 0.1 / period == pytest.approx(0.30188, rel=0.03)
+
+
+@pytest.mark.slow
+def test_backward_facing_step():
+    """Behind a step of half the channel the flow comes back at 2.92 heights (Erturk 2008)."""
+    n = 20
+    y = (np.arange(2 * n) + 0.5) / n
+    u = np.where(y > 1, 6 * (y - 1) * (2 - y), 0.0)
+
+    def start(x):
+        u = np.where(x[:, 1] > 1, 6 * (x[:, 1] - 1) * (2 - x[:, 1]), 0.0)
+        return np.stack([u, 0 * u], axis=1)
+
+    flow = substep.GridFlow(
+        [(-3, 0), (12, 2)],
+        1 / n,
+        viscosity=2 / 100,
+        velocity=start,
+        colliders=[substep.Box((6, 2, 2), (-3, 0, 0))],
+        sides=[(Inflow(np.stack([u, 0 * u], axis=1)), "open"), "wall"],
+        threads=1,
+    )
+    flow.advance(50.0)
+    wall = flow.velocity_faces[0][3 * n + 1 :, 0]
+    k = int(np.flatnonzero((wall[:-1] < 0) & (wall[1:] >= 0))[-1])
+    length = (k + 1 + wall[k] / (wall[k] - wall[k + 1])) / n
+    assert length == pytest.approx(2.922, rel=0.05)
+    assert math.isfinite(flow.diagnostics()["kinetic_energy"])
