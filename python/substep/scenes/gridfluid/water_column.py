@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...geometry import Box, Collider, TriangleMesh, box_mesh
 from ...gridfluid import GridLiquid
 from ...gridfluid.liquid import TRANSFERS
-from ...pbf import fill_box
+from ...mpm import sample_box
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
 from ..measured import Measured
@@ -30,6 +30,7 @@ MIDDLE = 0.744  # of the box along the tank
 GAUGES = {"H1": 0.496, "H2": 0.992, "H3": 1.488, "H4": 2.638}  # where they stand along the tank
 # Places of sensors on the faces of the box, and the axis along which these look outwards.
 SENSORS = {"P1": ((0.8245, -0.029, 0.021), 0), "P5": ((0.8035, -0.029, 0.161), 2)}
+JITTER = 0.8  # of the particles, over their spacing
 WET = 0.05  # depth from which a gauge has water [m]
 RISE = 1000.0  # pressure from which a sensor was hit [Pa]
 
@@ -41,9 +42,11 @@ class WaterColumn(InTank, Measured, GridLiquid):
     ----------
     parameters : dict
         Of the scene.
+    seed : int
+        Of the places of the particles.
     """
 
-    def __init__(self, parameters: dict[str, Any]) -> None:
+    def __init__(self, parameters: dict[str, Any], seed: int) -> None:
         length, width, height = TANK
         cell = length / parameters["cells"]
         width = cell * max(1, round(width / cell))  # whole cells between the walls
@@ -63,8 +66,12 @@ class WaterColumn(InTank, Measured, GridLiquid):
         self._read = self.sensors.copy()
         for row, (_, axis) in zip(self._read, SENSORS.values(), strict=True):
             row[axis] = max(row[axis], cell * (math.floor(row[axis] / cell + 1e-9) + 0.5))
+        # Particles in rows would make ridges where the water is stretched.
+        water, _ = sample_box(
+            (length - long, 0, 0), (length, width, high), self.spacing, jitter=JITTER, seed=seed
+        )
         super().__init__(
-            fill_box((length - long, 0, 0), (length, width, high), self.spacing),
+            water,
             cell=cell,
             bounds=((0, 0, 0), (length, width, cell * math.ceil(height / cell - 1e-9))),
             colliders=[Collider(Box(BOX, middle))],
@@ -152,7 +159,7 @@ SCENE = Scene(
         ),
     },
     quick={"duration": 0.1, "cells": 16},
-    build=lambda parameters, seed: WaterColumn(parameters),
+    build=WaterColumn,
     parts=WaterColumn.parts,
     frame=WaterColumn.frame,
     notes=WaterColumn.notes,
@@ -162,5 +169,6 @@ SCENE = Scene(
         {"liquid": None},
         {"box": Look("#d98f4e"), "gauges": Look(hidden=True), "sensors": Look(hidden=True)},
     ),
+    still=lambda recording: 0.56,
     frames=151,
 )
