@@ -419,6 +419,25 @@ class TestLiquids:
             ids = vtk_to_numpy(blocks["liquid"].GetPointData().GetArray("id"))
             np.testing.assert_array_equal(ids, frame["id"])
 
+    def test_a_column_of_water_hits_the_box_and_its_gauges_tell(self, tmp_path):
+        scene = scenes.load("water-column")
+        run = scenes.run(scene, {"duration": 0.6, "cells": 29}, tmp_path, frames=7)
+        assert "water came to H2 after 0.4" in run.summary and "; to P1 after 0.4" in run.summary
+        with substep.Recording(run.recording) as recording:
+            assert {"liquid", "tank", "box", "gauges", "sensors"} == set(recording.parts)
+            tank = np.asarray(recording.parts["tank"].points)
+            box = np.asarray(recording.parts["box"].points)
+        np.testing.assert_allclose(tank.max(axis=0), [3.22, 1.0, 1.0], rtol=1e-3)
+        np.testing.assert_allclose(np.ptp(box, axis=0), [0.161, 0.403, 0.161])
+        frames = [frame for _, frame in frames_of(run.recording)]
+        first, last = frames[0], frames[-1]
+        assert first["liquid"]["points"][:, 0].min() > 1.9
+        assert last["liquid"]["points"][:, 0].min() < 0.6
+        np.testing.assert_allclose(first["gauges"]["depth"], [0, 0, 0, 0.55], atol=0.03)
+        assert (first["sensors"]["pressure"] == 0).all()
+        assert 2000 < last["sensors"]["pressure"][0] < 12_000
+        assert last["gauges"]["depth"][3] < 0.45 and last["gauges"]["depth"][1] > 0.06
+
     @pytest.mark.slow
     def test_a_mesh_filled_with_water(self, tmp_path):
         path = MESHES / "stanford-bunny.obj"

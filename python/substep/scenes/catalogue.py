@@ -39,6 +39,7 @@ BUILT_IN = {  # and the folder that each is in
     "snowball": "mpm",
     "soft-bunny": "pbd",
     "tumbling-top": "rigid",
+    "water-column": "gridfluid",
 }
 
 

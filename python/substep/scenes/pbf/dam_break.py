@@ -13,7 +13,8 @@ from ...pbf import fill_mesh
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
 from ..deformables import read_obstacle
-from .liquids import Liquid, column, liquid_parameters, liquid_view
+from ..tanks import liquid_view
+from .liquids import Liquid, column, liquid_parameters
 
 PLACE = 0.72  # of the pillar along the tank
 PILLAR = np.array([0.08, 0.22, 0.45])  # lengths, over those of the tank

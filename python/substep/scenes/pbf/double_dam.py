@@ -9,7 +9,8 @@ import numpy as np
 from ...errors import InputError
 from ...view import Camera
 from ..declaration import Parameter, Scene
-from .liquids import Liquid, column, liquid_parameters, liquid_view
+from ..tanks import liquid_view
+from .liquids import Liquid, column, liquid_parameters
 
 
 def _build(parameters: dict[str, Any], seed: int) -> Liquid:

@@ -12,7 +12,8 @@ from ...particles.emitters import Emitter, Sink
 from ...pbf import fill_box
 from ...view import Camera, Look
 from ..declaration import Parameter, Scene
-from .liquids import Liquid, liquid_parameters, liquid_view
+from ..tanks import liquid_view
+from .liquids import Liquid, liquid_parameters
 
 if TYPE_CHECKING:
     from ...recording import Recording

@@ -1,27 +1,19 @@
-"""What the scenes of liquids share: the tank, columns, recording and picture."""
+"""What the scenes of position-based fluids share: the tank, its parameters, and columns."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...geometry import Box, Collider, TriangleMesh
 from ...pbf import PositionBasedFluid, fill_box
-from ...view import Camera, Look, View
 from ..declaration import Parameter
-
-if TYPE_CHECKING:
-    from ...recording import Part, Recording
+from ..tanks import InTank
 
 Array = NDArray[np.float64]
-
-EDGES = "#56616c"  # of the tank
-_CORNERS = np.array(list(itertools.product((0, 1), repeat=3)))
-_SIDES = [(i, j) for i, j in itertools.combinations(range(8), 2) if i ^ j in (1, 2, 4)]
 
 
 def liquid_parameters() -> dict[str, Parameter]:
@@ -43,7 +35,7 @@ def liquid_parameters() -> dict[str, Parameter]:
     }
 
 
-class Liquid(PositionBasedFluid):
+class Liquid(InTank, PositionBasedFluid):
     """A liquid in an open tank that stands on the ground, with obstacles.
 
     Parameters
@@ -113,32 +105,6 @@ class Liquid(PositionBasedFluid):
             f"{error:.2g} % in the mean"
         )
 
-    def parts(self) -> dict[str, Part]:
-        """Particles with velocities and ids, by fluid; tank and obstacles, which never move."""
-        from ...recording import Part
-
-        fields = {"velocity": "m/s", "id": "1"}
-        parts = {name: Part("particles", fields) for name in self.names}
-        parts["tank"] = Part("mesh", edges=_SIDES, points=_CORNERS * self.tank)
-        for name, mesh in self.obstacles.items():
-            parts[name] = Part("mesh", triangles=mesh.faces, points=mesh.vertices)
-        return parts
-
-    def frame(self) -> dict[str, dict[str, Any]]:
-        """Positions and velocities as float32, which they are computed in; ids as int32."""
-        points = self.positions.astype(np.float32)
-        velocity = self.velocities.astype(np.float32)
-        ids, fluid = self.ids.astype(np.int32), self.kinds
-        return {
-            name: {"points": points[own], "velocity": velocity[own], "id": ids[own]}
-            for k, name in enumerate(self.names)
-            for own in [fluid == k]
-        }
-
-    def notes(self) -> dict[str, str]:
-        """Spacing of the particles, and what meshes lack, for the recording."""
-        return {"spacing": repr(self.spacing), **self.lacks}
-
 
 def column(low: ArrayLike, high: ArrayLike, spacing: float) -> Array:
     """Particles that fill a box, whose sides are rounded to whole particles.
@@ -158,47 +124,3 @@ def column(low: ArrayLike, high: ArrayLike, spacing: float) -> Array:
     low = np.asarray(low, float)
     counts = np.maximum(1, np.rint((np.asarray(high, float) - low) / spacing))
     return fill_box(low, low + counts * spacing, spacing)
-
-
-def radius(recording: Recording) -> float:
-    """Half the spacing of the particles [m]."""
-    return float(recording.parameters["notes"]["spacing"]) / 2
-
-
-def liquid_view(
-    camera: Camera,
-    colors: Mapping[str, str | None],
-    looks: Mapping[str, Look] | None = None,
-    box: Callable[[Recording], Array] | None = None,
-) -> View:
-    """A clear liquid in a tank of glass.
-
-    Parameters
-    ----------
-    camera : Camera
-        Where from.
-    colors : mapping of str to (str or None)
-        Of the liquids, by part.
-    looks : mapping of str to Look, optional
-        Of the obstacles.
-    box : callable, optional
-        Region shown; the tank unless given.
-
-    Returns
-    -------
-    View
-        The picture.
-    """
-    liquids = {name: Look(color, liquid=True, radius=radius) for name, color in colors.items()}
-    return View(
-        camera,
-        {**liquids, "tank": Look(EDGES), **(looks or {})},
-        box=box or tank_box,
-        ground=lambda recording: 0.0,
-    )
-
-
-def tank_box(recording: Recording) -> Array:
-    """Lowest and highest corner of the tank [m]."""
-    points = np.asarray(recording.parts["tank"].points)
-    return np.array([points.min(axis=0), points.max(axis=0)])

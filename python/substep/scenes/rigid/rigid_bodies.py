@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.checks import check_array
 from ...base.quaternions import rotate
 from ...geometry import Box, Capsule, ConvexHull, Cylinder, Plane, Sphere, TriangleMesh
 from ...rigid import RigidBodies
 from ...view import Camera, Look, View
 from ..declaration import Parameter
+from ..measured import Measured
 
 if TYPE_CHECKING:
-    from typing import Self
-
     from ...recording import Part, Recording
 
 Array = NDArray[np.float64]
@@ -46,7 +44,7 @@ def rigid_parameters(step: float = 1 / 60) -> dict[str, Parameter]:
     }
 
 
-class Solids(RigidBodies):
+class Solids(Measured, RigidBodies):
     """Rigid bodies on the ground, with what is drawn of them.
 
     Parameters
@@ -62,7 +60,7 @@ class Solids(RigidBodies):
         self.friction = parameters["friction"]
         self.surfaces: dict[str, Surfaces] = {}
         self.obstacles: dict[str, TriangleMesh] = {}
-        self.measured: dict[str, Array] = {}  # a part of the state
+        self.measured = {}
         self.add(Plane(), (0, 0, 0), motion="static", friction=self.friction)
 
     def put(
@@ -106,33 +104,6 @@ class Solids(RigidBodies):
             mesh = shape.mesh(segments)
         self.surfaces.setdefault(part, Surfaces()).add(ids, mesh, dye)
         return ids
-
-    def after_step(self) -> None:
-        """What is done and measured after every step; nothing by default."""
-
-    def advance(self, duration: float, callback: Callable[[Self], object] | None = None) -> None:
-        """Take steps over a duration [s], and measure after each of them."""
-
-        def both(bodies: Self) -> None:
-            self.after_step()
-            if callback is not None:
-                callback(bodies)
-
-        super().advance(duration, both)
-
-    def state(self) -> dict[str, Any]:
-        """Copy the whole state, with what was measured."""
-        measured = {f"measured_{name}": values.copy() for name, values in self.measured.items()}
-        return {**super().state(), **measured}
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go back to a state, bit for bit."""
-        measured = {
-            name: check_array(name, state.get(f"measured_{name}"), values.shape, finite=False)
-            for name, values in self.measured.items()
-        }
-        super().restore({k: v for k, v in state.items() if not k.startswith("measured_")})
-        self.measured = {name: values.copy() for name, values in measured.items()}
 
     def parts(self) -> dict[str, Part]:
         """The bodies that move, their surfaces, and what never moves."""
