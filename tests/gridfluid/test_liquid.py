@@ -141,6 +141,18 @@ def test_a_ball_under_water_is_lifted_by_what_it_displaces():
     assert wrong[1] < 0.5 * wrong[0]
 
 
+def test_pressure_beside_an_obstacle_is_that_of_the_water():
+    """The face lies within a cell, whose middle is in the box."""
+    cell = 1 / 32
+    x = lattice(half_cells(0, 1, cell), half_cells(0, 0.5, cell))
+    box = substep.Collider(substep.Box((0.2, 0.5, 1), center=(0.5, 0.25, 0)))
+    x = x[box.distance(np.c_[x, np.zeros(len(x))]) > 0]
+    liquid = substep.GridLiquid(x, cell=cell, bounds=((0, 0), (1, 1)), colliders=[box])
+    liquid.step(0.005)
+    found = liquid.sample_pressure([[0.395, 0.1], [0.395, 0.3]])
+    assert found == pytest.approx([1000 * G * 0.4, 1000 * G * 0.2], rel=0.02)
+
+
 def test_a_piston_gives_its_momentum_to_the_water():
     """But for what the faces in it hold of the momentum: within 3 %."""
     cell = 1 / 32

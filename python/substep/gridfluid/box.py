@@ -70,8 +70,18 @@ def check_open_sides(sides: Any, d: int) -> tuple[tuple[str, str], ...]:
     return tuple(pairs)
 
 
-def interpolate(name: str, points: ArrayLike, bounds: Array, cell: float, values: Array) -> Array:
-    """Values between the middles of cells, linear; constant beyond the outermost."""
+def interpolate(
+    name: str,
+    points: ArrayLike,
+    bounds: Array,
+    cell: float,
+    values: Array,
+    known: NDArray[np.bool_] | None = None,
+) -> Array:
+    """Values between the middles of cells, linear; constant beyond the outermost.
+
+    Where not all of the cells around are known, the mean of those that are, with their weights.
+    """
     x = check_array(name, points, (None, bounds.shape[1]))
     outside = ((x < bounds[0]) | (x > bounds[1])).any(axis=1)
     if outside.any():
@@ -81,9 +91,12 @@ def interpolate(name: str, points: ArrayLike, bounds: Array, cell: float, values
     at = np.clip((x - bounds[0]) / cell - 0.5, 0, shape - 1)
     low = np.minimum(at.astype(np.int64), np.maximum(shape - 2, 0))
     part = at - low
-    result = np.zeros(len(x))
+    result, total = np.zeros(len(x)), np.zeros(len(x))
     for corner in itertools.product((0, 1), repeat=len(shape)):
-        index = np.minimum(low + corner, shape - 1)
+        index = tuple(np.minimum(low + corner, shape - 1).T)
         weight = np.where(corner, part, 1 - part).prod(axis=1)
-        result += weight * values[tuple(index.T)]
-    return result
+        if known is not None:
+            weight = weight * known[index]
+        result += weight * values[index]
+        total += weight
+    return np.divide(result, total, out=np.zeros(len(x)), where=total > 0)

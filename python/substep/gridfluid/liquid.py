@@ -275,7 +275,7 @@ class GridLiquid(Particles):
         ----------
         points : array_like, shape (m, 3) or (m, 2)
             Where [m], in the box. Nearer to a side than half a cell the pressure is that half a
-            cell away from it.
+            cell away from it; cells inside of obstacles do not count.
 
         Returns
         -------
@@ -287,7 +287,9 @@ class GridLiquid(Particles):
         InputError
             If a point is not in the box.
         """
-        return interpolate("points", points, self.bounds, self.cell, self.pressure)
+        pressure = self.pressure
+        covered = (pressure == 0) & (self.level_set < 0)  # by an obstacle, in the liquid
+        return interpolate("points", points, self.bounds, self.cell, pressure, ~covered)
 
     def depth(self, points: ArrayLike) -> Array:
         """Depth of the liquid along the last axis: how much of a line is wet.
