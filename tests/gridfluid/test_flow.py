@@ -90,8 +90,10 @@ def error(flow, viscosity, steady=0.0, duration=math.pi / 2):
     flow.step_size = duration / math.ceil(duration / step)
     flow.advance(duration)
     x = flow.positions_of(0)
-    u = np.cos(x[..., 0] - steady * duration) * np.sin(x[..., 1]) * math.exp(
-        -2 * viscosity * duration
+    u = (
+        np.cos(x[..., 0] - steady * duration)
+        * np.sin(x[..., 1])
+        * math.exp(-2 * viscosity * duration)
     )
     return float(np.abs(flow.velocity_faces[0] - steady - u).max())
 
@@ -171,9 +173,7 @@ def test_symmetric_scenes_stay_symmetric(advection):
 def test_bits_do_not_depend_on_threads_and_go_through_a_checkpoint(advection, dtype, tmp_path):
     found = set()
     for threads in (1, 2, 3):
-        flow = plume(
-            advection=advection, dtype=dtype, threads=threads, vorticity_confinement=0.01
-        )
+        flow = plume(advection=advection, dtype=dtype, threads=threads, vorticity_confinement=0.01)
         flow.advance(0.1)
         flow.save(tmp_path / "flow")
         other = plume(advection=advection, dtype=dtype, vorticity_confinement=0.01)

@@ -21,11 +21,11 @@ Real along(const Layout<D>& layout, const Velocity<Real, D>& flow, const Velocit
 // In an open side, whose cells inside are those of `column`, and inner the next face. What flows in
 // comes from rest: else eddies that leave would draw in energy without bound.
 template <class Real, int D>
-Real in_open_side(const Layout<D>& layout, const Velocity<Real, D>& v,
-                  const Velocity<Real, D>& u, std::size_t a, std::int64_t i, std::int64_t inner, std::int64_t column,
+Real in_open_side(const Layout<D>& layout, const Velocity<Real, D>& v, const Velocity<Real, D>& u,
+                  std::size_t a, std::int64_t i, std::int64_t inner, std::int64_t column,
                   Real outward) {
-  Real sum = outward > 0 ? outward * (u[a][usize(i)] - u[a][usize(inner)])
-                         : -outward * u[a][usize(i)];
+  Real sum =
+      outward > 0 ? outward * (u[a][usize(i)] - u[a][usize(inner)]) : -outward * u[a][usize(i)];
   for (std::size_t b = 0; b < D; ++b) {
     if (b == a) continue;
     const std::int64_t t = layout.stride[b];
@@ -42,8 +42,8 @@ Real in_open_side(const Layout<D>& layout, const Velocity<Real, D>& v,
 template <class Real>
 Real koren(Real behind, Real ahead) {
   if (behind * ahead <= 0) return 0;
-  const Real most = std::min({2 * std::abs(behind),
-                              (std::abs(ahead) * 2 + std::abs(behind)) / 3, 2 * std::abs(ahead)});
+  const Real most = std::min(
+      {2 * std::abs(behind), (std::abs(ahead) * 2 + std::abs(behind)) / 3, 2 * std::abs(ahead)});
   return (ahead > 0 ? most : -most) / 2;
 }
 
@@ -51,8 +51,8 @@ Real koren(Real behind, Real ahead) {
 
 template <class Real, int D>
 void Fluxes<Real, D>::central(const Layout<D>& layout, const SideGhosts<Real, D>& sides,
-                              const Velocity<Real, D>& v, const Velocity<Real, D>& u,
-                              std::size_t a, std::span<Real> out, int threads) {
+                              const Velocity<Real, D>& v, const Velocity<Real, D>& u, std::size_t a,
+                              std::span<Real> out, int threads) {
   for_rows(layout, sides.inner_faces(a), threads, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       Real sum = 0;
@@ -77,8 +77,8 @@ void Fluxes<Real, D>::central(const Layout<D>& layout, const SideGhosts<Real, D>
 
 template <class Real, int D>
 void Fluxes<Real, D>::limited(const Layout<D>& layout, const Velocity<Real, D>& u,
-                    const std::array<std::span<const Real>, D>& open, std::span<const Real> x,
-                    std::span<Real> out, int threads) {
+                              const std::array<std::span<const Real>, D>& open,
+                              std::span<const Real> x, std::span<Real> out, int threads) {
   // The velocity through the face below cell i, number c of its axis, and what it carries less what
   // is in cell `of`.
   const auto flux = [&](std::size_t b, std::int64_t i, int c, std::int64_t of) {
@@ -97,8 +97,8 @@ void Fluxes<Real, D>::limited(const Layout<D>& layout, const Velocity<Real, D>& 
       if (up && c == 0) before += n * s;
       if (!up && c == n) before -= n * s;
     }
-    const Real value = x[usize(from)] + koren(x[usize(from)] - x[usize(before)],
-                                              x[usize(to)] - x[usize(from)]);
+    const Real value =
+        x[usize(from)] + koren(x[usize(from)] - x[usize(before)], x[usize(to)] - x[usize(from)]);
     return v * (value - x[usize(of)]);
   };
   for_placed_rows(layout, all_cells(layout), threads,
@@ -106,8 +106,8 @@ void Fluxes<Real, D>::limited(const Layout<D>& layout, const Velocity<Real, D>& 
                     for (std::int64_t i = begin; i < end; ++i, ++cell[D - 1]) {
                       Real sum = 0;
                       for (std::size_t b = 0; b < D; ++b) {
-                        sum += flux(b, i + layout.stride[b], cell[b] + 1, i) -
-                               flux(b, i, cell[b], i);
+                        sum +=
+                            flux(b, i + layout.stride[b], cell[b] + 1, i) - flux(b, i, cell[b], i);
                       }
                       out[usize(i)] = -sum;
                     }

@@ -4,8 +4,8 @@
 // viscous incompressible flow of fluid with free surface", 1965: without divergence they keep
 // momentum and, but for the error of time, energy. They are written in the advective form,
 //   -sum_b (v_b+ (u_b+ - u) + v_b- (u - u_b-)) / (2 dx),
-// with v the flow through the faces of the cell around u, of which obstacles leave a part, and u_b+,
-// u_b- its neighbours: as v has no divergence, neither momentum nor energy comes from it.
+// with v the flow through the faces of the cell around u, of which obstacles leave a part, and
+// u_b+, u_b- its neighbours: as v has no divergence, neither momentum nor energy comes from it.
 // Scalars by the limited scheme of third order of Koren, "A robust upwind discretization method for
 // advection, diffusion and source terms", 1993, which makes no new extremes.
 #pragma once

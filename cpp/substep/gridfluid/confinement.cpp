@@ -11,7 +11,9 @@ namespace {
 template <class Real, int D>
 Real slope(const Layout<D>& layout, const Velocity<Real, D>& u, std::size_t a, std::size_t along,
            std::int64_t i) {
-  const auto pair = [&](std::int64_t j) { return u[a][usize(j)] + u[a][usize(j + layout.stride[a])]; };
+  const auto pair = [&](std::int64_t j) {
+    return u[a][usize(j)] + u[a][usize(j + layout.stride[a])];
+  };
   return pair(i + layout.stride[along]) - pair(i - layout.stride[along]);
 }
 
@@ -28,7 +30,8 @@ void Confinement<Real, D>::add(const Layout<D>& layout, const SideGhosts<Real, D
       Real square = 0;
       for (std::size_t c = 0; c < (D == 2 ? 1 : 3); ++c) {
         const std::size_t a = D == 2 ? 0 : (c + 1) % D, b = D == 2 ? 1 : (c + 2) % D;
-        const Real w = (slope<Real, D>(layout, u, b, a, i) - slope<Real, D>(layout, u, a, b, i)) / 4;
+        const Real w =
+            (slope<Real, D>(layout, u, b, a, i) - slope<Real, D>(layout, u, a, b, i)) / 4;
         omega[c][usize(i)] = w;
         square += w * w;
       }
@@ -63,7 +66,8 @@ void Confinement<Real, D>::add(const Layout<D>& layout, const SideGhosts<Real, D
                         std::array<int, D> before = cell;
                         --before[a];
                         std::int64_t j = i - s;
-                        if (before[a] < 0) before[a] = layout.cells[a] - 1, j += layout.cells[a] * s;
+                        if (before[a] < 0)
+                          before[a] = layout.cells[a] - 1, j += layout.cells[a] * s;
                         changes[a][usize(i)] +=
                             Real(strength) * (force(cell, i, a) + force(before, j, a)) / 2;
                       }

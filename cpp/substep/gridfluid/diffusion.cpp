@@ -62,8 +62,8 @@ void Diffusion<Real, D>::find_faces(const SideGhosts<Real, D>& sides,
   };
   auto found = collect<Lists<Cut>>(
       layout_, block_, threads, [&](const std::array<int, D>& cell, std::int64_t i, auto& lists) {
-        const bool in_side = !layout_.periodic[axis] &&
-                             (cell[axis] == 0 || cell[axis] == layout_.cells[axis]);
+        const bool in_side =
+            !layout_.periodic[axis] && (cell[axis] == 0 || cell[axis] == layout_.cells[axis]);
         if (any && in_obstacle(i)) {
           lists.fixed.push_back(i);
           return;

@@ -10,8 +10,8 @@
 #include "substep/core/usize.h"
 #include "substep/gridfluid/central.h"
 #include "substep/gridfluid/confinement.h"
-#include "substep/gridfluid/sides.h"
 #include "substep/gridfluid/runge_kutta.h"
+#include "substep/gridfluid/sides.h"
 #include "substep/gridfluid/stress.h"
 
 namespace substep::gridfluid {
@@ -95,7 +95,8 @@ void Flow<Real, D>::project() {
                    [](Cell cell) { return cell == Cell::kFluid; })) {
     throw InputError("colliders: they leave no fluid in the box");
   }
-  for (std::size_t a = 0; a < D; ++a) std::copy(start_[a].begin(), start_[a].end(), next_[a].begin());
+  for (std::size_t a = 0; a < D; ++a)
+    std::copy(start_[a].begin(), start_[a].end(), next_[a].begin());
   drive_sources(next_);
   try {
     correct(0);
@@ -255,8 +256,9 @@ void Flow<Real, D>::find_given(double dt) {
              });
   }
   if (options.vorticity_confinement > 0) {
-    Confinement<Real, D>::add(layout_, sides_, spans(start_), options.vorticity_confinement * dt / dx_,
-                              spans(given_), spans(change_), span(rates_), options.threads);
+    Confinement<Real, D>::add(layout_, sides_, spans(start_),
+                              options.vorticity_confinement * dt / dx_, spans(given_),
+                              spans(change_), span(rates_), options.threads);
   }
   take_pressure(given_, Real(-1));
   for (std::size_t a = 0; a < D; ++a) hold(a, span(given_[a]));
@@ -291,8 +293,8 @@ void Flow<Real, D>::move_central(double dt) {
   std::vector<Changing<Real, D>> arrays;
   for (std::size_t a = 0; a < D; ++a) {
     std::copy(start_[a].begin(), start_[a].end(), next_[a].begin());
-    arrays.push_back({sides_.free_faces(a), span(start_[a]), span(given_[a]), span(next_[a]),
-                      span(change_[a])});
+    arrays.push_back(
+        {sides_.free_faces(a), span(start_[a]), span(given_[a]), span(next_[a]), span(change_[a])});
   }
   const double k = number(options.viscosity, dt), part = implicit_part(k);
   constexpr double kStiff = 0.2;  // explicit stages are stable below it
@@ -309,10 +311,7 @@ void Flow<Real, D>::move_central(double dt) {
         hold(a, d);
         if (k > kStiff) solve(face_diffusion_[a], part * k, d, a);
       },
-      [&](std::size_t a, std::span<Real> x) {
-        sides_.fill(x, a);
-      },
-      options.threads);
+      [&](std::size_t a, std::span<Real> x) { sides_.fill(x, a); }, options.threads);
   for (std::size_t a = 0; a < D; ++a) {
     const std::span<Real> d = span(change_[a]), x = span(next_[a]);
     hold(a, d);
@@ -466,8 +465,7 @@ void Flow<Real, D>::check_inflow() const {
       std::array<int, D> cell = side.from;
       do {
         const std::size_t i = usize(layout_.index(cell));
-        const double part =
-            obstacles_.any() ? double(obstacles_.open(static_cast<int>(a))[i]) : 1;
+        const double part = obstacles_.any() ? double(obstacles_.open(static_cast<int>(a))[i]) : 1;
         const double in = part * sides_.given(a, end, cell, a) * (end == 0 ? 1 : -1);
         net += in, all += std::abs(in);
       } while (next_in_block(cell, side.from, side.to));
@@ -514,8 +512,7 @@ void Flow<Real, D>::carry_limited(std::size_t k, double dt) {
   for (Real& x : given) x *= Real(n);
   std::array<std::span<const Real>, D> open;
   for (int a = 0; a < D && obstacles_.any(); ++a) open[usize(a)] = obstacles_.open(a);
-  const std::array<Changing<Real, D>, 1> arrays{
-      {{all_cells(layout_), start, given, next, change}}};
+  const std::array<Changing<Real, D>, 1> arrays{{{all_cells(layout_), start, given, next, change}}};
   const auto fix = [&](std::span<Real> d) {
     for (const std::int64_t i : cell_diffusion_.fixed()) d[usize(i)] = 0;
   };
@@ -533,12 +530,11 @@ void Flow<Real, D>::carry_limited(std::size_t k, double dt) {
       options.threads);
   fix(change);
   if (n > 0) solve(cell_diffusion_, part * n, change, D + k);
-  for_rows(layout_, all_cells(layout_), options.threads,
-           [&](std::int64_t begin, std::int64_t end) {
-             for (std::int64_t i = begin; i < end; ++i) {
-               next[usize(i)] = start[usize(i)] + change[usize(i)];
-             }
-           });
+  for_rows(layout_, all_cells(layout_), options.threads, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      next[usize(i)] = start[usize(i)] + change[usize(i)];
+    }
+  });
 }
 
 template <class Real, int D>
@@ -559,10 +555,9 @@ void Flow<Real, D>::carry_along_paths(std::size_t k, double dt) {
   cell_diffusion_.apply(next, d, options.threads);
   for (Real& x : d) x *= Real(n);
   solve(cell_diffusion_, n, d, D + k);
-  for_rows(layout_, all_cells(layout_), options.threads,
-           [&](std::int64_t begin, std::int64_t end) {
-             for (std::int64_t i = begin; i < end; ++i) next[usize(i)] += d[usize(i)];
-           });
+  for_rows(layout_, all_cells(layout_), options.threads, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) next[usize(i)] += d[usize(i)];
+  });
 }
 
 template <class Real, int D>

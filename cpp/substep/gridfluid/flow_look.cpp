@@ -48,7 +48,7 @@ FlowSums Flow<Real, D>::sums() {
           largest = std::max(largest, std::abs(v));
         }
         part.speed = std::max(part.speed, largest);
-        }
+      }
       part.divergence = std::max(part.divergence, std::abs(divergence));
       for (std::size_t k = 0; k < scalars_.size(); ++k) {
         part.scalars[k] += double(scalars_[k][usize(i)]);
@@ -138,8 +138,8 @@ std::vector<double> Flow<Real, D>::sample(std::span<const Vec3> points) {
     for (std::size_t a = 0; a < D; ++a) in.part[a] = double(at.part[a]);
     row[D] = options.density * interpolate(layout_, p, in);
     for (std::size_t k = 0; k < scalars_.size(); ++k) {
-      row[D + 1 + k] = double(interpolate(layout_, start_scalars_[k],
-                                          between<Real, D>(layout_, x, -1)));
+      row[D + 1 + k] =
+          double(interpolate(layout_, start_scalars_[k], between<Real, D>(layout_, x, -1)));
     }
   }
   return out;

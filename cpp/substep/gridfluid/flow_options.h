@@ -53,11 +53,11 @@ struct FlowReport {
 };
 
 struct FlowSums {
-  double kinetic = 0;             // [J]
-  Vec3 momentum = Vec3::Zero();   // [N s]
-  double divergence = 0;          // the largest of a cell [1/s]
-  double speed = 0;               // the largest along an axis [m/s]
-  std::vector<double> scalars;    // means over the cells with fluid
+  double kinetic = 0;            // [J]
+  Vec3 momentum = Vec3::Zero();  // [N s]
+  double divergence = 0;         // the largest of a cell [1/s]
+  double speed = 0;              // the largest along an axis [m/s]
+  std::vector<double> scalars;   // means over the cells with fluid
 };
 
 // What a step has to be shorter for.

@@ -81,13 +81,12 @@ void SideGhosts<Real, D>::fill_velocity(std::span<Real> u, std::size_t a, bool g
     if (is(b, 0, SideKind::kPeriodic) || b == a) continue;
     for (std::size_t end = 0; end < 2; ++end) {
       const Side& side = sides_[b][end];
-      const bool held = side.kind == SideKind::kInflow ||
-                        (side.kind == SideKind::kWall && !side.slip);
-      for_beside(layout_, b, end,
-               [&](const auto& cell, std::int64_t inside, std::int64_t beyond) {
-                 const Real at = held && given_too ? Real(2 * given(b, end, cell, a)) : Real(0);
-                 u[usize(beyond)] = held ? at - u[usize(inside)] : u[usize(inside)];
-               });
+      const bool held =
+          side.kind == SideKind::kInflow || (side.kind == SideKind::kWall && !side.slip);
+      for_beside(layout_, b, end, [&](const auto& cell, std::int64_t inside, std::int64_t beyond) {
+        const Real at = held && given_too ? Real(2 * given(b, end, cell, a)) : Real(0);
+        u[usize(beyond)] = held ? at - u[usize(inside)] : u[usize(inside)];
+      });
     }
   }
   wrap(layout_, u);
@@ -125,8 +124,8 @@ void SideGhosts<Real, D>::fill_scalar_change(std::span<Real> x, std::size_t k) c
     if (is(b, 0, SideKind::kPeriodic)) continue;
     for (std::size_t end = 0; end < 2; ++end) {
       const Side& side = sides_[b][end];
-      const bool held = side.kind == SideKind::kInflow ||
-                        (side.kind == SideKind::kWall && side.holds[k]);
+      const bool held =
+          side.kind == SideKind::kInflow || (side.kind == SideKind::kWall && side.holds[k]);
       for_beside(layout_, b, end, [&](const auto&, std::int64_t inside, std::int64_t beyond) {
         x[usize(beyond)] = held ? -x[usize(inside)] : x[usize(inside)];
       });

@@ -20,10 +20,10 @@ enum class SideKind : std::uint8_t { kWall, kOpen, kPeriodic, kInflow };
 
 struct Side {
   SideKind kind = SideKind::kWall;
-  bool slip = true;               // of a wall: whether it lets the flow pass along it
-  std::vector<double> velocity;   // D numbers for each of its faces in their order; none: 0 [m/s]
-  std::vector<double> scalar;     // of each scalar: what flows in, or is held at a wall
-  std::vector<bool> holds;        // of each scalar: whether a wall holds it, or its flux
+  bool slip = true;              // of a wall: whether it lets the flow pass along it
+  std::vector<double> velocity;  // D numbers for each of its faces in their order; none: 0 [m/s]
+  std::vector<double> scalar;    // of each scalar: what flows in, or is held at a wall
+  std::vector<bool> holds;       // of each scalar: whether a wall holds it, or its flux
 };
 
 template <int D>

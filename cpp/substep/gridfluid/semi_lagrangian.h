@@ -25,8 +25,8 @@ class SemiLagrangian {
   // reach: a step over a cell [s/m].
   template <class Refill>
   void advect(const Velocity<Real, D>& u, double reach, int faces_of, const Block<D>& block,
-              bool maccormack, std::span<const Real> from, std::span<Real> to,
-              const Refill& refill, int threads);
+              bool maccormack, std::span<const Real> from, std::span<Real> to, const Refill& refill,
+              int threads);
 
  private:
   Layout<D> layout_;
@@ -64,17 +64,16 @@ void SemiLagrangian<Real, D>::advect(const Velocity<Real, D>& u, double reach, i
                   });
   if (!maccormack) return;
   refill(first);
-  for_placed_rows(layout_, block, threads,
-                  [&](std::array<int, D> cell, std::int64_t begin, std::int64_t end) {
-                    for (std::int64_t i = begin; i < end; ++i, ++cell[D - 1]) {
-                      std::array<Real, D> x;
-                      paths.follow(cell, i, faces_of, Real(1), x);
-                      const Real back =
-                          interpolate(layout_, first, between<Real, D>(layout_, x, faces_of));
-                      const Real value = first[usize(i)] + (from[usize(i)] - back) / 2;
-                      to[usize(i)] = std::max(low_[usize(i)], std::min(high_[usize(i)], value));
-                    }
-                  });
+  for_placed_rows(
+      layout_, block, threads, [&](std::array<int, D> cell, std::int64_t begin, std::int64_t end) {
+        for (std::int64_t i = begin; i < end; ++i, ++cell[D - 1]) {
+          std::array<Real, D> x;
+          paths.follow(cell, i, faces_of, Real(1), x);
+          const Real back = interpolate(layout_, first, between<Real, D>(layout_, x, faces_of));
+          const Real value = first[usize(i)] + (from[usize(i)] - back) / 2;
+          to[usize(i)] = std::max(low_[usize(i)], std::min(high_[usize(i)], value));
+        }
+      });
 }
 
 }  // namespace substep::gridfluid

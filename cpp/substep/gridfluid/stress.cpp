@@ -10,7 +10,8 @@
 namespace substep::gridfluid {
 namespace {
 
-constexpr double kNear = 1.5, kFar = 3;  // cells from the surface, where obstacles are not looked at
+constexpr double kNear = 1.5,
+                 kFar = 3;  // cells from the surface, where obstacles are not looked at
 
 using geometry::Collider;
 using geometry::Exchange;

@@ -210,7 +210,9 @@ class GridFlow(Simulation):
         d = self._dimension = len(self._cells)
         self.bounds = read_only(corners)
         if min(self._cells) < 2:
-            raise InputError(f"bounds: expected at least 2 cells along each axis, got {self._cells}")
+            raise InputError(
+                f"bounds: expected at least 2 cells along each axis, got {self._cells}"
+            )
         self.dtype = check_dtype(dtype)
         check_cells_fit(self._cells, self.dtype)
         self.density = check_real("density", density, positive=True)
@@ -231,19 +233,27 @@ class GridFlow(Simulation):
         slips = self.viscosity == 0
         carried: dict[str, tuple[Start, dict[str, float]]] = {}
         if temperature is not None:
-            carried["temperature"] = temperature, {
-                "ambient": check_real("reference_temperature", reference_temperature),
-                "buoyancy": check_real("thermal_expansion", thermal_expansion),
-                "diffusivity": check_real(
-                    "thermal_diffusivity", thermal_diffusivity, nonnegative=True
-                ),
-            }
+            carried["temperature"] = (
+                temperature,
+                {
+                    "ambient": check_real("reference_temperature", reference_temperature),
+                    "buoyancy": check_real("thermal_expansion", thermal_expansion),
+                    "diffusivity": check_real(
+                        "thermal_diffusivity", thermal_diffusivity, nonnegative=True
+                    ),
+                },
+            )
         if smoke is not None:
-            carried["smoke"] = smoke, {
-                "ambient": 0.0,
-                "buoyancy": -check_real("smoke_weight", smoke_weight),
-                "diffusivity": check_real("smoke_diffusivity", smoke_diffusivity, nonnegative=True),
-            }
+            carried["smoke"] = (
+                smoke,
+                {
+                    "ambient": 0.0,
+                    "buoyancy": -check_real("smoke_weight", smoke_weight),
+                    "diffusivity": check_real(
+                        "smoke_diffusivity", smoke_diffusivity, nonnegative=True
+                    ),
+                },
+            )
         self._scalars = tuple(carried)
         more = 3 - d
         self._box = {
@@ -318,7 +328,7 @@ class GridFlow(Simulation):
 
     @property
     def velocity_faces(self) -> tuple[Array, ...]:
-        """Of each axis its component at faces [m/s]; along that axis one more than cells; copies."""
+        """Of each axis its component at faces [m/s], one more along it than cells; copies."""
         return tuple(
             read_only(self._native.velocity(a).reshape(self._face_shape(a)))
             for a in range(self._dimension)

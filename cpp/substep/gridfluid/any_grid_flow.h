@@ -14,7 +14,7 @@
 namespace substep::gridfluid {
 
 struct FlowState {
-  double time = 0;  // [s]
+  double time = 0;                // [s]
   std::vector<Numbers> velocity;  // of the faces of each axis [m/s]
   std::vector<Numbers> scalars;   // of cells
   std::vector<double> pressure;   // of cells, over the density [m^2/s^2]
@@ -28,9 +28,9 @@ struct FlowBox {
   std::array<std::array<Side, 2>, 3> sides;
 };
 
-class AnyFlow {
+class AnyGridFlow {
  public:
-  virtual ~AnyFlow() = default;
+  virtual ~AnyGridFlow() = default;
 
   // As in Flow.
   virtual void step(double dt) = 0;
@@ -39,11 +39,11 @@ class AnyFlow {
   virtual std::vector<double> sample(std::span<const Vec3> points) = 0;
 
   virtual int dimension() const = 0;
-  virtual std::vector<double> velocities() const = 0;             // in the middle of cells [m/s]
-  virtual std::vector<double> velocity(int axis) const = 0;       // of faces [m/s]
-  virtual std::vector<double> scalar(int k) const = 0;            // of cells
-  virtual std::vector<double> pressure() const = 0;               // [Pa]
-  virtual std::vector<std::uint8_t> fluid() = 0;                  // whether cells have any
+  virtual std::vector<double> velocities() const = 0;        // in the middle of cells [m/s]
+  virtual std::vector<double> velocity(int axis) const = 0;  // of faces [m/s]
+  virtual std::vector<double> scalar(int k) const = 0;       // of cells
+  virtual std::vector<double> pressure() const = 0;          // [Pa]
+  virtual std::vector<std::uint8_t> fluid() = 0;             // whether cells have any
   // Of the faces of each axis; what has a divergence is taken from them. Nothing changes where that
   // fails.
   virtual void set_velocity(const std::vector<std::vector<double>>& faces) = 0;
@@ -60,8 +60,8 @@ class AnyFlow {
 };
 
 // The colliders are read before each step, and moved by it.
-std::unique_ptr<AnyFlow> make_flow(Precision precision, const FlowBox& box,
-                                   std::vector<std::shared_ptr<geometry::Collider>> colliders,
-                                   std::vector<FlowSource> sources, const FlowOptions& options);
+std::unique_ptr<AnyGridFlow> make_flow(Precision precision, const FlowBox& box,
+                                       std::vector<std::shared_ptr<geometry::Collider>> colliders,
+                                       std::vector<FlowSource> sources, const FlowOptions& options);
 
 }  // namespace substep::gridfluid
