@@ -1,7 +1,7 @@
 #include <pybind11/stl.h>
 
 #include "arrays.h"
-#include "substep/gridfluid/flow/any_flow.h"
+#include "substep/gridfluid/flow/any_grid_flow.h"
 
 namespace {
 
@@ -82,7 +82,7 @@ std::vector<substep::Numbers> all_numbers(const py::list& values) {
   return out;
 }
 
-py::dict flow_state(const AnyFlow& self) {
+py::dict flow_state(const AnyGridFlow& self) {
   const FlowState s = self.state();
   py::dict out;
   out["time"] = s.time;
@@ -115,7 +115,7 @@ void bind_flow_reports(py::module_& m) {
 void bind_grid_flow(py::module_& m) {
   bind_flow_reports(m);
   using Released = py::call_guard<py::gil_scoped_release>;
-  py::class_<AnyFlow>(m, "GridFlow")
+  py::class_<AnyGridFlow>(m, "GridFlow")
       .def(py::init([](const py::dict& where, std::vector<std::shared_ptr<Collider>> colliders,
                        const py::list& sources, const py::dict& given, const std::string& dtype) {
              return make_flow(precision(dtype), box(where), std::move(colliders),
@@ -123,25 +123,25 @@ void bind_grid_flow(py::module_& m) {
            }),
            py::arg("box"), py::arg("colliders"), py::arg("sources"), py::arg("options"),
            py::arg("dtype"))
-      .def("step", &AnyFlow::step, py::arg("dt"), Released())
-      .def_property("time", &AnyFlow::time, &AnyFlow::set_time)
-      .def_property("threads", &AnyFlow::threads, &AnyFlow::set_threads)
-      .def_property_readonly("report", &AnyFlow::report)
-      .def("sums", &AnyFlow::sums, Released())
-      .def("limits", &AnyFlow::limits, Released())
+      .def("step", &AnyGridFlow::step, py::arg("dt"), Released())
+      .def_property("time", &AnyGridFlow::time, &AnyGridFlow::set_time)
+      .def_property("threads", &AnyGridFlow::threads, &AnyGridFlow::set_threads)
+      .def_property_readonly("report", &AnyGridFlow::report)
+      .def("sums", &AnyGridFlow::sums, Released())
+      .def("limits", &AnyGridFlow::limits, Released())
       .def("velocities",
-           [](const AnyFlow& self) { return table(self.velocities(), self.dimension()); })
+           [](const AnyGridFlow& self) { return table(self.velocities(), self.dimension()); })
       .def(
-          "velocity", [](const AnyFlow& self, int axis) { return column(self.velocity(axis)); },
+          "velocity", [](const AnyGridFlow& self, int axis) { return column(self.velocity(axis)); },
           py::arg("axis"))
       .def(
-          "scalar", [](const AnyFlow& self, int k) { return column(self.scalar(k)); },
+          "scalar", [](const AnyGridFlow& self, int k) { return column(self.scalar(k)); },
           py::arg("number"))
-      .def("pressure", [](const AnyFlow& self) { return column(self.pressure()); })
-      .def("fluid", [](AnyFlow& self) { return column(self.fluid()); })
+      .def("pressure", [](const AnyGridFlow& self) { return column(self.pressure()); })
+      .def("fluid", [](AnyGridFlow& self) { return column(self.fluid()); })
       .def(
           "sample",
-          [](AnyFlow& self, const Reals& points) {
+          [](AnyGridFlow& self, const Reals& points) {
             const Points at(points);
             const std::vector<double> values = self.sample(at);
             const auto rows_of =
@@ -149,15 +149,17 @@ void bind_grid_flow(py::module_& m) {
             return table(values, std::max(rows_of, py::ssize_t{1}));
           },
           py::arg("points").noconvert())
-      .def("set_velocity", &AnyFlow::set_velocity, py::arg("faces"), Released())
+      .def("set_velocity", &AnyGridFlow::set_velocity, py::arg("faces"), Released())
       .def(
           "set_scalar",
-          [](AnyFlow& self, int k, const Reals& values) { self.set_scalar(k, readable(values)); },
+          [](AnyGridFlow& self, int k, const Reals& values) {
+            self.set_scalar(k, readable(values));
+          },
           py::arg("number"), py::arg("values").noconvert())
       .def("state", &flow_state)
       .def(
           "restore",
-          [](AnyFlow& self, double time, const py::list& velocity, const py::list& scalars,
+          [](AnyGridFlow& self, double time, const py::list& velocity, const py::list& scalars,
              const Reals& pressure) {
             self.restore({.time = time,
                           .velocity = all_numbers(velocity),

@@ -328,7 +328,7 @@ class GridFlow(Simulation):
 
     @property
     def velocity_faces(self) -> tuple[Array, ...]:
-        """Components at the faces of each axis [m/s], along it one more than cells; read-only."""
+        """Of each axis its component at faces [m/s], one more along it than cells; copies."""
         return tuple(
             read_only(self._native.velocity(a).reshape(self._face_shape(a)))
             for a in range(self._dimension)

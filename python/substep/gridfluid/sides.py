@@ -1,4 +1,4 @@
-"""The sides of the box that a flow fills, and regions in it that give it something."""
+"""Sides of the box that a flow fills, and regions in it that give it something."""
 
 from __future__ import annotations
 

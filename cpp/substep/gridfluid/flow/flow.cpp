@@ -481,22 +481,17 @@ template <class Real, int D>
 void Flow<Real, D>::carry_scalars(double dt) {
   if (scalars_.empty()) return;
   const bool central = options.advection == FlowAdvection::kCentral;
-  if (central) {  // by the mean of the velocities before and after
-    for (std::size_t a = 0; a < D; ++a) {
-      const std::span<Real> mean = span(change_[a]);
-      for_rows(layout_, all_faces(layout_, a), options.threads,
-               [&](std::int64_t begin, std::int64_t end) {
-                 for (std::int64_t i = begin; i < end; ++i) {
-                   mean[usize(i)] = (start_[a][usize(i)] + next_[a][usize(i)]) / 2;
-                 }
-               });
-    }
-  } else {
-    for (std::size_t a = 0; a < D; ++a) {
-      std::copy(next_[a].begin(), next_[a].end(), change_[a].begin());
-      if (options.slip) into_faces_[a].apply(layout_, span(change_[a]));
-      sides_.fill(span(change_[a]), a);
-    }
+  for (std::size_t a = 0; a < D; ++a) {  // by the mean of the velocities before and after
+    const std::span<Real> mean = span(change_[a]);
+    for_rows(layout_, all_faces(layout_, a), options.threads,
+             [&](std::int64_t begin, std::int64_t end) {
+               for (std::int64_t i = begin; i < end; ++i) {
+                 mean[usize(i)] = (start_[a][usize(i)] + next_[a][usize(i)]) / 2;
+               }
+             });
+    if (central) continue;
+    if (options.slip) into_faces_[a].apply(layout_, mean);
+    sides_.fill(mean, a);
   }
   for (std::size_t k = 0; k < scalars_.size(); ++k) {
     central ? carry_limited(k, dt) : carry_along_paths(k, dt);

@@ -28,9 +28,9 @@ struct FlowBox {
   std::array<std::array<Side, 2>, 3> sides;
 };
 
-class AnyFlow {
+class AnyGridFlow {
  public:
-  virtual ~AnyFlow() = default;
+  virtual ~AnyGridFlow() = default;
 
   // As in Flow.
   virtual void step(double dt) = 0;
@@ -60,8 +60,8 @@ class AnyFlow {
 };
 
 // The colliders are read before each step, and moved by it.
-std::unique_ptr<AnyFlow> make_flow(Precision precision, const FlowBox& box,
-                                   std::vector<std::shared_ptr<geometry::Collider>> colliders,
-                                   std::vector<FlowSource> sources, const FlowOptions& options);
+std::unique_ptr<AnyGridFlow> make_flow(Precision precision, const FlowBox& box,
+                                       std::vector<std::shared_ptr<geometry::Collider>> colliders,
+                                       std::vector<FlowSource> sources, const FlowOptions& options);
 
 }  // namespace substep::gridfluid

@@ -1,4 +1,4 @@
-#include "substep/gridfluid/flow/any_flow.h"
+#include "substep/gridfluid/flow/any_grid_flow.h"
 
 #include <algorithm>
 #include <utility>
@@ -44,7 +44,7 @@ void unpack(const Layout<D>& layout, std::span<const From> from, int faces_of, s
 }
 
 template <class Real, int D>
-class FlowOf final : public AnyFlow {
+class FlowOf final : public AnyGridFlow {
  public:
   FlowOf(const FlowBox& box, SharedColliders colliders, std::vector<FlowSource> sources,
          const FlowOptions& options)
@@ -179,8 +179,8 @@ class FlowOf final : public AnyFlow {
 };
 
 template <class Real>
-std::unique_ptr<AnyFlow> made(const FlowBox& box, SharedColliders colliders,
-                              std::vector<FlowSource> sources, const FlowOptions& options) {
+std::unique_ptr<AnyGridFlow> made(const FlowBox& box, SharedColliders colliders,
+                                  std::vector<FlowSource> sources, const FlowOptions& options) {
   if (box.dimension == 2) {
     return std::make_unique<FlowOf<Real, 2>>(box, std::move(colliders), std::move(sources),
                                              options);
@@ -190,9 +190,9 @@ std::unique_ptr<AnyFlow> made(const FlowBox& box, SharedColliders colliders,
 
 }  // namespace
 
-std::unique_ptr<AnyFlow> make_flow(Precision precision, const FlowBox& box,
-                                   SharedColliders colliders, std::vector<FlowSource> sources,
-                                   const FlowOptions& options) {
+std::unique_ptr<AnyGridFlow> make_flow(Precision precision, const FlowBox& box,
+                                       SharedColliders colliders, std::vector<FlowSource> sources,
+                                       const FlowOptions& options) {
   return precision == Precision::kSingle
              ? made<float>(box, std::move(colliders), std::move(sources), options)
              : made<double>(box, std::move(colliders), std::move(sources), options);
