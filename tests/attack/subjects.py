@@ -915,7 +915,7 @@ def functions():
         call("GridFlow", bounds=[(0, 0), (1, 1)], cell=0.25, velocity=(1.0, 0), sides="periodic"),
         call("gridfluid.Wall", velocity=(1.0, 0.0), temperature=1.0),
         call("gridfluid.Inflow", velocity=(1.0, 0.0), temperature=1.0, smoke=0.5),
-        call("gridfluid.FlowSource", region=lambda owner: substep.Sphere(0.1), smoke=1.0),
+        call("gridfluid.FlowEmitter", region=lambda owner: substep.Sphere(0.1), smoke=1.0),
         call("MaterialPointMethod", positions=X, materials=jelly, cell=0.1, volume=1e-3, kinds=0),
         call(
             "MaterialPointMethod",

@@ -17,7 +17,7 @@ def GridFlow():
         thermal_expansion=0.5,
         thermal_diffusivity=0.01,
         smoke=0.25,
-        sources=[substep.gridfluid.FlowSource(substep.Sphere(0.2, (0.5, 0.2, 0)), smoke=1.0)],
+        emitters=[substep.gridfluid.FlowEmitter(substep.Sphere(0.2, (0.5, 0.2, 0)), smoke=1.0)],
     )
 
 

@@ -2,9 +2,9 @@
 
 from .flow import GridFlow
 from .liquid import GridLiquid
-from .sides import FlowSource, Inflow, Wall
+from .sides import FlowEmitter, Inflow, Wall
 
-__all__ = ["FlowSource", "GridFlow", "GridLiquid", "Inflow", "Wall"]
+__all__ = ["FlowEmitter", "GridFlow", "GridLiquid", "Inflow", "Wall"]
 
 
 def __dir__() -> list[str]:

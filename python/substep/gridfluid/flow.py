@@ -34,7 +34,7 @@ from ..geometry.colliders import (
 )
 from ..particles.emitters import check_all
 from .box import check_box, check_cells_fit
-from .sides import FlowSource, Side, check_flow_sides, native_side
+from .sides import FlowEmitter, Side, check_flow_sides, native_side
 
 Array = NDArray[np.float64]
 Start = ArrayLike | Callable[[Array], ArrayLike]
@@ -94,7 +94,7 @@ class GridFlow(Simulation):
         Obstacles, still or moving. In 2D they are cut at z = 0.
     slip : bool, optional
         Whether the flow passes along obstacles freely; unless given, it does without viscosity.
-    sources : sequence of FlowSource
+    emitters : sequence of FlowEmitter
         Regions in which smoke, heat or a velocity is given.
     temperature : float, array_like or callable, optional
         Initial temperature [K], of cells as `velocity`; none is carried unless given.
@@ -171,7 +171,7 @@ class GridFlow(Simulation):
     cfl: float
     largest_step: float
     sides: tuple[tuple[Side, Side], ...]
-    sources: tuple[FlowSource, ...]
+    emitters: tuple[FlowEmitter, ...]
     dtype: np.dtype[Any]
 
     def __init__(
@@ -186,7 +186,7 @@ class GridFlow(Simulation):
         sides: Any = "wall",
         colliders: Sequence[Collider | Shape] = (),
         slip: bool | None = None,
-        sources: Sequence[FlowSource] = (),
+        emitters: Sequence[FlowEmitter] = (),
         temperature: Start | None = None,
         reference_temperature: float = 0.0,
         thermal_expansion: float = 0.0,
@@ -226,7 +226,7 @@ class GridFlow(Simulation):
         self._step_size = None if step is None else check_real("step", step, positive=True)
         self.largest_step = check_real("largest_step", largest_step, positive=True)
         self.colliders = check_colliders(colliders, d)
-        self.sources = check_all("sources", sources, FlowSource)
+        self.emitters = check_all("emitters", emitters, FlowEmitter)
         self.sides = check_flow_sides(sides, d)
         down = [0.0, 0.0, -9.81][3 - d :]
         pull = check_array("gravity", down if gravity is None else gravity, (d,))
@@ -291,18 +291,18 @@ class GridFlow(Simulation):
         self._native.set_velocity(self._faces("velocity", 0.0 if velocity is None else velocity))
 
     def _make(self, state: Mapping[str, Any]) -> Any:
-        sources = [self._native_source(k, source) for k, source in enumerate(self.sources)]
+        emitters = [self._native_emitter(k, source) for k, source in enumerate(self.emitters)]
         colliders = [c._native for c in self.colliders]
-        return _core.GridFlow(self._box, colliders, sources, self._options, self.dtype.name)
+        return _core.GridFlow(self._box, colliders, emitters, self._options, self.dtype.name)
 
-    def _native_source(self, k: int, source: FlowSource) -> dict[str, Any]:
+    def _native_emitter(self, k: int, source: FlowEmitter) -> dict[str, Any]:
         rates = {"temperature": source.heating, "smoke": source.smoke_rate}
         for name in rates:
             if name not in self._scalars and (rates[name] or getattr(source, name) is not None):
-                raise InputError(f"sources[{k}]: gives {name}, which this flow does not carry")
+                raise InputError(f"emitters[{k}]: gives {name}, which this flow does not carry")
         velocity = source.velocity
         if velocity is not None and velocity.shape != (self._dimension,):
-            raise InputError(f"sources[{k}]: velocity: expected {self._dimension} numbers")
+            raise InputError(f"emitters[{k}]: velocity: expected {self._dimension} numbers")
         return {
             "region": source._collider._native,
             "held": [getattr(source, name) for name in self._scalars],
@@ -353,7 +353,7 @@ class GridFlow(Simulation):
         return self._scalar("smoke")
 
     @property
-    def fluid(self) -> NDArray[np.bool_]:
+    def in_fluid(self) -> NDArray[np.bool_]:
         """Which cells obstacles do not fill, shape (nx, ny[, nz]); a copy."""
         return read_only(self._native.fluid().reshape(self._cells) > 0)  # type: ignore[no-any-return]
 
@@ -535,7 +535,7 @@ class GridFlow(Simulation):
         """
         limits = self._native.limits()
         speeds = [limits.courant]
-        speeds += [float(np.abs(s.velocity).sum()) for s in self.sources if s.velocity is not None]
+        speeds += [float(np.abs(s.velocity).sum()) for s in self.emitters if s.velocity is not None]
         speeds += [
             float(np.abs(side.velocity).sum(axis=-1).max())
             for pair in self.sides

@@ -132,7 +132,7 @@ class Inflow(Frozen):
         self.smoke = _number("smoke", smoke) or 0.0
 
 
-class FlowSource(Frozen):
+class FlowEmitter(Frozen):
     """A region in which a flow is given smoke, heat or a velocity.
 
     Parameters
@@ -154,8 +154,8 @@ class FlowSource(Frozen):
     Examples
     --------
     >>> import substep
-    >>> chimney = substep.gridfluid.FlowSource(substep.Sphere(0.2, (0.5, 0.2, 0)), smoke=1.0)
-    >>> flow = substep.GridFlow([(0, 0), (1, 1)], 0.1, smoke=0.0, sources=[chimney])
+    >>> chimney = substep.gridfluid.FlowEmitter(substep.Sphere(0.2, (0.5, 0.2, 0)), smoke=1.0)
+    >>> flow = substep.GridFlow([(0, 0), (1, 1)], 0.1, smoke=0.0, emitters=[chimney])
     >>> flow.step(0.01)
     >>> float(flow.smoke.max())
     1.0
