@@ -293,3 +293,10 @@ class TestFiles:
         with pytest.raises(type(error)) as caught:
             call(logged({"height": height}))
         assert caught.value is error
+
+
+def test_what_has_no_time_is_refused():
+    log = substep.Logger({"one": lambda simulation: 1.0})
+    with pytest.raises(TypeError, match="simulation: expected one, got -1e"):
+        log(-1e308)
+    assert len(log.times) == 0

@@ -95,11 +95,13 @@ class Logger(Owned):
         Raises
         ------
         TypeError
-            If a quantity is no real number and no array of them.
+            If `simulation` has no time, or a quantity is no real number and no array of them.
         InputError
             If the shape of a quantity is not that of the first sample, or the time is before the
             last sample.
         """
+        if not hasattr(simulation, "time"):
+            raise TypeError(f"simulation: expected one, got {describe(simulation)}")
         with self._owner:
             self._alone()
             time = check_real("time", simulation.time)
