@@ -264,9 +264,9 @@ TYPED_TEST(PressureSolverOf, cells_without_an_open_face_have_no_pressure) {
 // Level sets in a box of n cells along each axis, 1 long: water is where `water` is below 0, solid
 // where `solid` is; air is above the last axis, or nothing.
 template <int D>
-using Point = std::array<double, usize(D)>;
+using PlaceOf = std::array<double, usize(D)>;
 template <int D>
-using LevelSet = std::function<double(const Point<D>&)>;
+using LevelSet = std::function<double(const PlaceOf<D>&)>;
 
 template <class Real, int D>
 Problem<Real, D> tank(int n, bool open_top, const LevelSet<D>& water, const LevelSet<D>& solid) {
@@ -276,7 +276,7 @@ Problem<Real, D> tank(int n, bool open_top, const LevelSet<D>& water, const Leve
   const Layout<D>& layout = problem.layout;
   const double h = 1.0 / n;
   const auto centre = [&](const std::array<int, D>& cell) {
-    Point<D> x;
+    PlaceOf<D> x;
     for (std::size_t a = 0; a < D; ++a) x[a] = (cell[a] + 0.5) * h;
     return x;
   };
@@ -301,7 +301,7 @@ Problem<Real, D> tank(int n, bool open_top, const LevelSet<D>& water, const Leve
         if (!solid) return;
         if (solid(centre(cell)) < -h) problem.cells[i] = Cell::kSolid;
         for (std::size_t a = 0; a < D; ++a) {
-          Point<D> x = centre(cell);
+          PlaceOf<D> x = centre(cell);
           x[a] -= h / 2;
           if (std::abs(solid(x)) > h) {
             open[a][i] = solid(x) > 0;
@@ -311,7 +311,7 @@ Problem<Real, D> tank(int n, bool open_top, const LevelSet<D>& water, const Leve
           int inside = 0, all = 1;
           for (std::size_t e = 1; e < D; ++e) all *= kSamples;
           for (int k = 0; k < all; ++k) {
-            Point<D> y = x;
+            PlaceOf<D> y = x;
             for (std::size_t e = 0, rest = usize(k); e < D; ++e) {
               if (e == a) continue;
               y[e] += (double(rest % kSamples + 0.5) / kSamples - 0.5) * h;
@@ -340,8 +340,8 @@ Problem<Real, D> tank(int n, bool open_top, const LevelSet<D>& water, const Leve
 }
 
 template <int D>
-LevelSet<D> ball(const Point<D>& centre, double radius) {
-  return [=](const Point<D>& x) {
+LevelSet<D> ball(const PlaceOf<D>& centre, double radius) {
+  return [=](const PlaceOf<D>& x) {
     double sum = 0;
     for (std::size_t a = 0; a < D; ++a) sum += (x[a] - centre[a]) * (x[a] - centre[a]);
     return std::sqrt(sum) - radius;
@@ -353,14 +353,14 @@ template <int D>
 LevelSet<D> splash() {
   std::mt19937 generator(7);
   std::uniform_real_distribution<double> uniform(0, 1);
-  std::vector<std::pair<Point<D>, double>> drops;
+  std::vector<std::pair<PlaceOf<D>, double>> drops;
   for (int k = 0; k < (D == 2 ? 60 : 300); ++k) {
-    Point<D> x;
+    PlaceOf<D> x;
     for (double& c : x) c = uniform(generator);
     x[D - 1] = 0.55 + 0.4 * x[D - 1] * x[D - 1];
     drops.emplace_back(x, 0.012 + 0.05 * std::pow(uniform(generator), 3));
   }
-  return [drops](const Point<D>& x) {
+  return [drops](const PlaceOf<D>& x) {
     double phi = x[D - 1] - (0.6 + 0.05 * std::sin(9 * x[0]) * std::cos(7 * x[D - 2] + 1));
     for (const auto& [centre, radius] : drops) {
       double rr = 0;
@@ -373,7 +373,7 @@ LevelSet<D> splash() {
 
 template <int D>
 LevelSet<D> sunken_ball() {
-  Point<D> centre;
+  PlaceOf<D> centre;
   centre.fill(0.5);
   centre[D - 1] = 0.35;
   return ball<D>(centre, 0.21);
@@ -474,7 +474,7 @@ TYPED_TEST(PressureSolverOf, a_curved_surface_is_found_to_second_order) {
   constexpr int D = TypeParam::D;
   for (const int n : {16, 32, 64, 128}) {
     if (D == 3 && n > 64) continue;
-    Point<D> centre;
+    PlaceOf<D> centre;
     centre.fill(0.48);
     const double radius = 0.37;
     auto problem = tank<Real, D>(n, false, ball<D>(centre, radius), nullptr);
