@@ -274,6 +274,39 @@ def test_emitters_sinks_and_sides():
     assert np.allclose(np.sort(liquid.positions, axis=0), np.sort(x, axis=0), atol=1e-4)
 
 
+def test_jets_end_at_the_sides_of_the_box():
+    """What would come out beyond them is lost, so that a state can be restored."""
+    bounds = ((0, 0, 0), (0.6, 0.3, 0.4))
+    wide = substep.Emitter((0.3, 0.1, 0.2), (0, 0, 1), 1.0, radius=0.3)
+    liquid = substep.GridLiquid(np.zeros((0, 3)), cell=0.1, bounds=bounds, emitters=[wide])
+    liquid.advance(0.3)
+    x = liquid.positions
+    assert (x >= 0).all() and (x <= bounds[1]).all()
+    assert len(liquid.copy()) == len(liquid) > 0
+    with pytest.raises(substep.InputError, match=r"emitters\[0\]"):
+        away = substep.Emitter((5, 0.1, 0.3), (1, 0, 0), 1.0, radius=0.1)
+        substep.GridLiquid(np.zeros((0, 3)), cell=0.1, bounds=bounds, emitters=[away])
+
+
+def test_extreme_numbers_stay_finite_or_raise():
+    x = substep.fill_box((0, 0), (0.5, 0.5), 0.0625)
+    liquid = substep.GridLiquid(x, cell=0.125, bounds=((0, 0), (1, 1)))
+    liquid.step(5e-324)
+    assert np.isfinite(liquid.pressure).all()
+    liquid.set_velocities(np.full((len(x), 2), 3e38))
+    with pytest.raises(substep.NonFiniteError):
+        print(liquid.cell_velocities)
+    state = liquid.state()
+    state["next_id"] = 2**62
+    liquid.restore(state)
+    liquid.set_velocities(np.zeros((len(x), 2)))
+    liquid.set_forces(np.ones((len(x), 2)))
+    liquid.step(0.001)
+    with pytest.raises(substep.InputError, match=r"sides\[1\]"):
+        thin = ((0, 0), (1, 0.125))
+        substep.GridLiquid(x[:0], cell=0.125, bounds=thin, sides=("wall", "periodic"))
+
+
 def test_mirrored_starts_stay_mirrored():
     cell = 1 / 32
     x = lattice(half_cells(0.375, 0.625, cell), half_cells(0, 0.5, cell))

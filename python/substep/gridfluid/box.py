@@ -53,8 +53,9 @@ def check_cells_fit(cells: tuple[int, ...], dtype: np.dtype[Any]) -> None:
         )
 
 
-def check_open_sides(sides: Any, d: int) -> tuple[tuple[str, str], ...]:
+def check_open_sides(sides: Any, cells: tuple[int, ...]) -> tuple[tuple[str, str], ...]:
     """Kinds of the lower and upper side of each axis."""
+    d = len(cells)
     per_axis = [sides] * d if isinstance(sides, str) else sides
     if not isinstance(per_axis, (list, tuple)) or len(per_axis) != d:
         raise InputError(f"sides: expected one word, or {d} words or pairs, got {describe(sides)}")
@@ -66,6 +67,8 @@ def check_open_sides(sides: Any, d: int) -> tuple[tuple[str, str], ...]:
         low, high = (check_choice(f"sides[{a}]", side, SIDES) for side in pair)
         if (low == "periodic") != (high == "periodic"):
             raise InputError(f"sides[{a}]: a periodic axis is so on both sides")
+        if low == "periodic" and cells[a] < 2:
+            raise InputError(f"sides[{a}]: expected at least 2 cells along a periodic axis, got 1")
         pairs.append((low, high))
     return tuple(pairs)
 

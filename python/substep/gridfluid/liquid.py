@@ -103,7 +103,7 @@ class GridLiquid(Particles):
     max_iterations : int
         Limit of its iterations, at least 1.
     emitters : sequence of Emitter
-        Nozzles.
+        Nozzles in the box; what of a jet would come out beyond it is lost.
     sinks : sequence of Sink
         Regions that swallow particles.
     cfl : float
@@ -187,12 +187,14 @@ class GridLiquid(Particles):
         self.density = check_real("density", density, positive=True)
         volume = math.prod([self.cell] * d)
         if not all(1e-30 < m < 1e30 for m in (volume, volume * self.density)):
-            raise InputError(f"cell: the mass of a cell is out of range at {self.cell} m")
+            raise InputError(
+                f"density: the mass of a cell is out of range at {self.density} and {self.cell} m"
+            )
         self.colliders = check_colliders(colliders, d)
         down = [0.0, 0.0, -9.81][3 - d :]
         pull = check_array("gravity", down if gravity is None else gravity, (d,))
         self._gravity = read_only(pull)
-        self.sides = check_open_sides(sides, d)
+        self.sides = check_open_sides(sides, cells)
         self.transfer = check_choice("transfer", transfer, TRANSFERS)
         rate = check_real("flip_rate", flip_rate, nonnegative=True)
         if rate > 1:
@@ -220,6 +222,9 @@ class GridLiquid(Particles):
             "keep_volume": check_flag("keep_volume", keep_volume),
         }
         self._set_flow(emitters, sinks, 1, self.cell / 2, "fluid")
+        for k, emitter in enumerate(self.emitters):
+            if not ((corners[0] <= emitter.position) & (emitter.position <= corners[1])).all():
+                raise InputError(f"emitters[{k}]: expected a position in the box")
         super().__init__(self._make({}), time, threads)
         self.add(x, velocities=velocities)
 

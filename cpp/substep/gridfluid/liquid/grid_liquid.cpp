@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <string>
 #include <utility>
@@ -9,6 +10,7 @@
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
 #include "substep/core/parallel.h"
+#include "substep/core/rows_by_id.h"
 #include "substep/core/usize.h"
 #include "substep/gridfluid/grid/ghosts.h"
 #include "substep/gridfluid/grid/row_tasks.h"
@@ -61,13 +63,19 @@ GridLiquid<Real, D>::GridLiquid(std::vector<geometry::Collider> colliders,
 }
 
 template <class Real, int D>
+bool GridLiquid<Real, D>::is_inside(const Vec3& x) const {
+  for (int a = 0; a < D; ++a) {
+    const auto at = static_cast<Real>((x[a] - options.low[a]) / options.cell);
+    if (!(at >= 0 && at <= static_cast<Real>(layout.cells[usize(a)]))) return false;
+  }
+  return true;
+}
+
+template <class Real, int D>
 void GridLiquid<Real, D>::check_inside(std::span<const Vec3> x) const {
   for (std::size_t i = 0; i < x.size(); ++i) {
-    for (int a = 0; a < D; ++a) {
-      const double at = (x[i][a] - options.low[a]) / options.cell;
-      if (!(at >= 0 && at <= layout.cells[usize(a)])) {
-        throw InputError("positions[" + std::to_string(i) + "]: expected a point in the box");
-      }
+    if (!is_inside(x[i])) {
+      throw InputError("positions[" + std::to_string(i) + "]: expected a point in the box");
     }
   }
 }
@@ -122,13 +130,14 @@ template <class Real, int D>
 void GridLiquid<Real, D>::sort(double dt) {
   next_.take_sorted(particles, layout, options.threads);
   if (forces.empty()) return;
-  std::vector<std::size_t> row_of(usize(next_id));  // in the new order
-  for (std::int64_t i = 0; i < next_.size(); ++i) row_of[usize(next_.id()[i])] = usize(i);
+  const auto rows_of = [&](const Particles<Real, D>& of) {
+    return rows_by_id({of.id(), usize(of.size())}, next_id);
+  };
+  const std::vector<std::size_t> from = rows_of(particles), to = rows_of(next_);
   const double rate = dt / mass();
-  for (std::size_t i = 0; i < forces.size(); ++i) {
-    const std::size_t to = row_of[usize(particles.id()[i])];
+  for (std::size_t k = 0; k < from.size(); ++k) {
     for (int a = 0; a < D; ++a) {
-      next_.v(a)[to] += static_cast<Real>(rate * double(forces[i][usize(a)]));
+      next_.v(a)[to[k]] += static_cast<Real>(rate * double(forces[from[k]][usize(a)]));
     }
   }
 }
@@ -221,6 +230,9 @@ void GridLiquid<Real, D>::project(double dt) {
   new_report_.iterations = solved.iterations;
   new_report_.residual = solved.residual;
   new_report_.converged = solved.converged;
+  if (!std::isfinite(solved.residual)) {
+    throw NonFiniteError("the velocities are too large for a pressure; take a shorter step", time);
+  }
   if (!solved.converged) {
     throw ConvergenceError("the pressure has a relative residual of " +
                                std::to_string(solved.residual) + " after " +
@@ -323,16 +335,25 @@ void GridLiquid<Real, D>::move_particles(double dt) {
   }
 }
 
-// What came out of emitters since the last step, and goes by open sides and into sinks.
+// What came out of emitters since the last step, but for what would be beyond the box, and goes by
+// open sides and into sinks.
 template <class Real, int D>
 void GridLiquid<Real, D>::let_flow(double end) {
   new_counts_ = flow.counts;
   new_next_id_ = next_id;
   new_report_.removed = leave_by_open_sides();
   for (std::size_t k = 0; k < flow.emitters.size(); ++k) {
-    const geometry::Emitted came = flow.emitters[k].let_out(new_counts_.layers[k], end);
+    geometry::Emitted came = flow.emitters[k].let_out(new_counts_.layers[k], end);
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < came.x.size(); ++i) {
+      if (!is_inside(came.x[i])) continue;
+      came.x[kept] = came.x[i];
+      came.v[kept++] = came.v[i];
+    }
+    came.x.resize(kept);
+    came.v.resize(kept);
     append(next_, new_next_id_, came.x, came.v);
-    new_next_id_ += static_cast<std::int64_t>(came.x.size());
+    new_next_id_ += static_cast<std::int64_t>(kept);
   }
   for (std::size_t k = 0; k < flow.sinks.size(); ++k) {
     new_counts_.absorbed[k] += absorb(*flow.sinks[k]);
@@ -431,12 +452,14 @@ void GridLiquid<Real, D>::set_velocity(std::int64_t row, const Vec3& v) {
 
 template <class Real, int D>
 void GridLiquid<Real, D>::remove(std::span<const std::uint8_t> flags) {
+  next_ = particles;
+  next_.erase(flags, options.threads);
   std::size_t kept = 0;
   for (std::size_t i = 0; i < forces.size(); ++i) {
     if (flags[i] == 0) forces[kept++] = forces[i];
   }
   forces.resize(kept);
-  particles.erase(flags, options.threads);
+  std::swap(particles, next_);
 }
 
 template <class Real, int D>
@@ -484,9 +507,12 @@ LiquidEnergies GridLiquid<Real, D>::energies() const {
 
 template <class Real, int D>
 std::vector<double> GridLiquid<Real, D>::pressure() const {
-  const double scale = last_dt > 0 ? options.density * options.cell / last_dt : 0;
+  const double most = std::numeric_limits<double>::max();
   std::vector<double> out;
-  layout.for_cells([&](std::int64_t i) { out.push_back(scale * q[usize(i)]); });
+  layout.for_cells([&](std::int64_t i) {
+    const double p = q[usize(i)] * options.density * options.cell;
+    out.push_back(p == 0 ? 0 : std::clamp(p / last_dt, -most, most));
+  });
   return out;
 }
 
@@ -513,6 +539,9 @@ std::vector<double> GridLiquid<Real, D>::grid_velocity() {
       out.push_back(wet ? sum / 2 : 0);
     }
   });
+  for (const double u : out) {
+    if (!std::isfinite(u)) throw NonFiniteError("the sum of velocities in a cell overflows", time);
+  }
   return out;
 }
 

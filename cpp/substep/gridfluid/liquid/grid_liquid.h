@@ -33,6 +33,7 @@ class GridLiquid {
   // Puts particles at the end; returns the id of the first. InputError: one is not in the box.
   std::int64_t add(std::span<const Vec3> x, std::span<const Vec3> v);
   void remove(std::span<const std::uint8_t> flags);  // by row
+  bool is_inside(const Vec3& x) const;
   void check_inside(std::span<const Vec3> x) const;
 
   // One step, with what comes out of emitters and goes into sinks at its end, or an exception and

@@ -14,7 +14,7 @@ template <class Real>
 inline constexpr std::int64_t kPanelRows = 64 / static_cast<std::int64_t>(sizeof(Real));
 
 template <class Real>
-using Packet = typename Eigen::internal::packet_traits<Real>::type;
+using PanelPacket = typename Eigen::internal::packet_traits<Real>::type;
 template <class Real>
 inline constexpr int kWidth = Eigen::internal::packet_traits<Real>::size;
 template <class Real>
@@ -36,22 +36,23 @@ void multiply_panels(const Real* const* a, const Real* b, std::int64_t k, Real* 
   for (int j0 = 0; j0 < columns; j0 += kSums) {
     for (int part = 0; part < kPackets<Real>; ++part) {
       const int r0 = part * kWidth<Real>;
-      Packet<Real> sums[kRows][kSums];
+      PanelPacket<Real> sums[kRows][kSums];
       for (int p = 0; p < kRows; ++p) {
-        for (int j = 0; j < kSums; ++j) sums[p][j] = pset1<Packet<Real>>(Real(0));
+        for (int j = 0; j < kSums; ++j) sums[p][j] = pset1<PanelPacket<Real>>(Real(0));
       }
       for (std::int64_t l = 0; l < k; ++l) {
-        Packet<Real> left[kRows];
-        for (int p = 0; p < kRows; ++p) left[p] = ploadu<Packet<Real>>(a[p] + kPanel * l + r0);
+        PanelPacket<Real> left[kRows];
+        for (int p = 0; p < kRows; ++p) left[p] = ploadu<PanelPacket<Real>>(a[p] + kPanel * l + r0);
         for (int j = 0; j < kSums; ++j) {
-          const auto right = pset1<Packet<Real>>(b[kPanel * l + j0 + j]);
+          const auto right = pset1<PanelPacket<Real>>(b[kPanel * l + j0 + j]);
           for (int p = 0; p < kRows; ++p) sums[p][j] = pmadd(left[p], right, sums[p][j]);
         }
       }
       for (int p = 0; p < kRows; ++p) {
         for (int j = 0; j < kSums && j0 + j < columns; ++j) {
           Real* entry = c[p] + kPanel * (j0 + j) + r0;
-          const auto before = kFirst ? pset1<Packet<Real>>(Real(0)) : ploadu<Packet<Real>>(entry);
+          const auto before =
+              kFirst ? pset1<PanelPacket<Real>>(Real(0)) : ploadu<PanelPacket<Real>>(entry);
           pstoreu(entry, psub(before, sums[p][j]));
         }
       }
@@ -73,16 +74,17 @@ std::int64_t factorize_block(Real* block, std::int64_t w, Real* inverse) {
     const Real root = std::sqrt(pivot);
     inverse[j] = Real(1) / root;
     for (int r0 = 0; r0 < kPanel; r0 += kWidth<Real>) {
-      const auto scaled = pmul(ploadu<Packet<Real>>(column + r0), pset1<Packet<Real>>(inverse[j]));
+      const auto scaled =
+          pmul(ploadu<PanelPacket<Real>>(column + r0), pset1<PanelPacket<Real>>(inverse[j]));
       pstoreu(column + r0, scaled);
     }
     column[j] = root;
     for (std::int64_t k = j + 1; k < w; ++k) {
       Real* later = block + kPanel * k;
-      const auto factor = pset1<Packet<Real>>(-column[k]);
+      const auto factor = pset1<PanelPacket<Real>>(-column[k]);
       for (int r0 = 0; r0 < kPanel; r0 += kWidth<Real>) {
-        pstoreu(later + r0,
-                pmadd(ploadu<Packet<Real>>(column + r0), factor, ploadu<Packet<Real>>(later + r0)));
+        pstoreu(later + r0, pmadd(ploadu<PanelPacket<Real>>(column + r0), factor,
+                                  ploadu<PanelPacket<Real>>(later + r0)));
       }
     }
   }
@@ -96,13 +98,14 @@ void solve_panel(Real* x, const Real* block, const Real* inverse, std::int64_t w
   constexpr std::int64_t kPanel = kPanelRows<Real>;
   const auto solve = [&](auto full, Real* rows) {
     const std::int64_t width = full.value ? kPanel : w;
-    Packet<Real> columns[kPanel];
-    for (std::int64_t j = 0; j < width; ++j) columns[j] = ploadu<Packet<Real>>(rows + kPanel * j);
+    PanelPacket<Real> columns[kPanel];
+    for (std::int64_t j = 0; j < width; ++j)
+      columns[j] = ploadu<PanelPacket<Real>>(rows + kPanel * j);
     for (std::int64_t j = 0; j < width; ++j) {
-      columns[j] = pmul(columns[j], pset1<Packet<Real>>(inverse[j]));
+      columns[j] = pmul(columns[j], pset1<PanelPacket<Real>>(inverse[j]));
       const auto minus = pnegate(columns[j]);
       for (std::int64_t k = j + 1; k < width; ++k) {
-        columns[k] = pmadd(minus, pset1<Packet<Real>>(block[kPanel * j + k]), columns[k]);
+        columns[k] = pmadd(minus, pset1<PanelPacket<Real>>(block[kPanel * j + k]), columns[k]);
       }
       pstoreu(rows + kPanel * j, columns[j]);
     }

@@ -21,36 +21,38 @@ void multiply_columns(const Real* panel, std::int64_t k, const Real* x, std::int
                       Real* out, std::int64_t out_stride) {
   using namespace Eigen::internal;
   constexpr std::int64_t kPanel = kPanelRows<Real>;
-  Packet<Real> sums[kSides][kPackets<Real>][2];
+  PanelPacket<Real> sums[kSides][kPackets<Real>][2];
   for (auto& side : sums) {
-    for (auto& part : side) part[0] = part[1] = pset1<Packet<Real>>(Real(0));
+    for (auto& part : side) part[0] = part[1] = pset1<PanelPacket<Real>>(Real(0));
   }
   std::int64_t c = 0;
   for (; c + 2 <= k; c += 2) {
     for (int q = 0; q < 2; ++q) {
       for (int part = 0; part < kPackets<Real>; ++part) {
-        const Packet<Real> l = ploadu<Packet<Real>>(panel + kPanel * (c + q) + part * kWidth<Real>);
+        const PanelPacket<Real> l =
+            ploadu<PanelPacket<Real>>(panel + kPanel * (c + q) + part * kWidth<Real>);
         for (int side = 0; side < kSides; ++side) {
           sums[side][part][q] =
-              pmadd(l, pset1<Packet<Real>>(x[side * x_stride + c + q]), sums[side][part][q]);
+              pmadd(l, pset1<PanelPacket<Real>>(x[side * x_stride + c + q]), sums[side][part][q]);
         }
       }
     }
   }
   for (; c < k; ++c) {
     for (int part = 0; part < kPackets<Real>; ++part) {
-      const Packet<Real> l = ploadu<Packet<Real>>(panel + kPanel * c + part * kWidth<Real>);
+      const PanelPacket<Real> l =
+          ploadu<PanelPacket<Real>>(panel + kPanel * c + part * kWidth<Real>);
       for (int side = 0; side < kSides; ++side) {
         sums[side][part][0] =
-            pmadd(l, pset1<Packet<Real>>(x[side * x_stride + c]), sums[side][part][0]);
+            pmadd(l, pset1<PanelPacket<Real>>(x[side * x_stride + c]), sums[side][part][0]);
       }
     }
   }
   for (int side = 0; side < kSides; ++side) {
     for (int part = 0; part < kPackets<Real>; ++part) {
       Real* target = out + side * out_stride + part * kWidth<Real>;
-      pstoreu(target,
-              psub(ploadu<Packet<Real>>(target), padd(sums[side][part][0], sums[side][part][1])));
+      pstoreu(target, psub(ploadu<PanelPacket<Real>>(target),
+                           padd(sums[side][part][0], sums[side][part][1])));
     }
   }
 }
@@ -63,23 +65,23 @@ void multiply_transposed(const Real* panel, std::int64_t stride, std::int64_t co
   using namespace Eigen::internal;
   constexpr std::int64_t kPanel = kPanelRows<Real>;
   for (std::int64_t j0 = 0; j0 < width; j0 += 4) {
-    Packet<Real> sums[kSides][4];
+    PanelPacket<Real> sums[kSides][4];
     for (auto& side : sums) {
-      for (auto& sum : side) sum = pset1<Packet<Real>>(Real(0));
+      for (auto& sum : side) sum = pset1<PanelPacket<Real>>(Real(0));
     }
     const int columns = static_cast<int>(std::min<std::int64_t>(4, width - j0));
     const auto pass = [&](auto wide) {
       for (std::int64_t p = 0; p < count; ++p) {
         for (int part = 0; part < kPackets<Real>; ++part) {
-          Packet<Real> rows[kSides];
+          PanelPacket<Real> rows[kSides];
           for (int side = 0; side < kSides; ++side) {
             rows[side] =
-                ploadu<Packet<Real>>(x + side * x_stride + kPanel * p + part * kWidth<Real>);
+                ploadu<PanelPacket<Real>>(x + side * x_stride + kPanel * p + part * kWidth<Real>);
           }
           const Real* l = panel + p * stride + kPanel * j0 + part * kWidth<Real>;
           for (int j = 0; j < 4; ++j) {
             if (!wide.value && j >= columns) break;
-            const Packet<Real> entries = ploadu<Packet<Real>>(l + kPanel * j);
+            const PanelPacket<Real> entries = ploadu<PanelPacket<Real>>(l + kPanel * j);
             for (int side = 0; side < kSides; ++side) {
               sums[side][j] = pmadd(entries, rows[side], sums[side][j]);
             }
