@@ -153,6 +153,23 @@ def test_pressure_beside_an_obstacle_is_that_of_the_water():
     assert found == pytest.approx([1000 * G * 0.4, 1000 * G * 0.2], rel=0.02)
 
 
+def test_depth_does_not_count_what_an_obstacle_takes():
+    """Over a floor on a face of the grid, over a slanted one, and beside both."""
+    cell = 1 / 20
+    slanted = substep.Plane((-math.sin(0.4), math.cos(0.4), 0), point=(0.5, 0.3, 0))
+    for floor in (substep.Box((1.2, 0.6, 4), center=(0.5, 0, 0)), slanted):
+        obstacle = substep.Collider(floor)
+        x = lattice(half_cells(0, 1, cell), half_cells(0, 0.7, cell))
+        x = x[obstacle.distance(np.c_[x, np.zeros(len(x))]) > 0]
+        bounds = ((0, 0), (1, 1))
+        liquid = substep.GridLiquid(x, cell=cell, bounds=bounds, colliders=[obstacle])
+        liquid.advance(0.5)
+        assert liquid.depth([[0.5]]) == pytest.approx(0.4, abs=0.3 * cell)
+    assert liquid.depth(np.zeros((0, 1))).shape == (0,)
+    with pytest.raises(substep.InputError, match=r"points\[1\]"):
+        liquid.depth([[0.5], [1.5]])
+
+
 def test_a_piston_gives_its_momentum_to_the_water():
     """But for what the faces in it hold of the momentum: within 3 %."""
     cell = 1 / 32

@@ -314,8 +314,31 @@ class GridLiquid(Particles):
         InputError
             If a point is not in the box.
         """
-        wet = np.clip(0.5 - self.level_set / self.cell, 0, 1).sum(axis=-1) * self.cell
-        return interpolate("points", points, self.bounds[:, :-1], self.cell, wet)
+        sides = self.bounds[:, :-1]
+        x = check_array("points", points, (None, self._dimension - 1))
+        at = np.clip((x - sides[0]) / self.cell - 0.5, 0, np.array(self._cells[:-1]) - 1)
+        low = at.min(axis=0, initial=np.inf).clip(0, np.array(self._cells[:-1]) - 1).astype(int)
+        high = np.ceil(at.max(axis=0, initial=0)).astype(int) + 1
+        block = tuple(slice(i, j) for i, j in zip(low, high, strict=True))
+        wet = np.clip(0.5 - self.level_set[block] / self.cell, 0, 1) * self._open(low, high)
+        corners = sides[0] + self.cell * np.array([low, high])
+        inside = x.clip(*corners) if ((sides[0] <= x) & (x <= sides[1])).all() else x
+        return interpolate("points", inside, corners, self.cell, wet.sum(axis=-1) * self.cell)
+
+    def _open(self, low: NDArray[np.int_], high: NDArray[np.int_]) -> Array:
+        """What obstacles leave of the cells of some columns, about."""
+        ends = [*zip(low, high, strict=True), (0, self._cells[-1])]
+        axes = [
+            start + self.cell * (np.arange(i, j) + 0.5)
+            for start, (i, j) in zip(self.bounds[0], ends, strict=True)
+        ]
+        middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        points = np.zeros((middles[..., 0].size, 3))
+        points[:, : self._dimension] = middles.reshape(-1, self._dimension)
+        room = np.ones(len(points))
+        for collider in self.colliders:
+            room = np.minimum(room, np.clip(0.5 + collider.distance(points) / self.cell, 0, 1))
+        return room.reshape(middles.shape[:-1])
 
     @property
     def report(self) -> LiquidReport:
