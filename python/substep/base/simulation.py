@@ -386,6 +386,15 @@ def with_energy(values: dict[str, float]) -> dict[str, float]:
     return values | {"energy": sum(values[kind] for kind in kinds if kind in values)}
 
 
+def momenta(sums: Any) -> dict[str, float]:
+    """Diagnostics of the native sums `momentum` and `angular_momentum`."""
+    return {
+        f"{name}_{axis}": getattr(sums, name)[k]
+        for name in ("momentum", "angular_momentum")
+        for k, axis in enumerate("xyz")
+    }
+
+
 def whole_steps(duration: float, step: float) -> tuple[int, bool]:
     """Steps of that size that fit into a duration, and whether they fill it."""
     ratio = duration / step

@@ -23,7 +23,7 @@ from ..base.checks import (
 )
 from ..base.rows import find_rows_or_all, read_only, rows_of
 from ..base.schema import Entry
-from ..base.simulation import StepReport, with_energy
+from ..base.simulation import StepReport, momenta, with_energy
 from ..errors import InputError, SolverError
 from ..geometry import Collider, Shape
 from ..geometry.colliders import check_colliders
@@ -497,10 +497,7 @@ class MaterialPointMethod(Particles):
             "elastic_energy": sums.elastic,
             "dissipated_energy": sums.dissipated,
         }
-        for name in ("momentum", "angular_momentum"):
-            vector = getattr(sums, name)
-            values |= {f"{name}_{axis}": vector[k] for k, axis in enumerate("xyz")}
-        return with_energy(values)
+        return with_energy(values | momenta(sums))
 
     def fields(self) -> dict[str, tuple[NDArray[Any], str]]:
         """Arrays for recording, with their units.

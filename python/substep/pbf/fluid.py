@@ -25,7 +25,7 @@ from ..base.checks import (
 )
 from ..base.rows import read_only
 from ..base.schema import MOST, OWN, TIME, Entry, Number, Rows
-from ..base.simulation import StepReport, with_energy
+from ..base.simulation import StepReport, momenta, with_energy
 from ..errors import InputError
 from ..geometry import Collider, Shape
 from ..geometry.colliders import check_colliders
@@ -439,10 +439,7 @@ class PositionBasedFluid(Particles):
             "kinetic_energy": energies.kinetic,
             "gravitational_energy": energies.potential,
         }
-        for name in ("momentum", "angular_momentum"):
-            vector = getattr(energies, name)
-            values |= {f"{name}_{axis}": vector[k] for k, axis in enumerate("xyz")}
-        return with_energy(values) | {
+        return with_energy(values | momenta(energies)) | {
             "iterations": float(report.iterations),
             "mean_density_error": report.mean_error,
             "max_density_error": report.max_error,
