@@ -216,3 +216,32 @@ def test_a_scene_moved_by_a_kilometre(dimension, dtype):
     away[:, -1] -= 1000
     assert np.abs(away).max() < 1e-3 * 0.1
     assert np.abs(here.positions).max() < 2  # all of it took part
+
+
+@pytest.mark.slow
+def test_a_pool_that_has_splashed_is_nearly_as_deep_as_before():
+    """The centre of a column that collapsed in a tank, over half of the depth it has at rest."""
+    d = 0.5 / 16
+    water = substep.fill_box((0, 0), (1, 2), d)
+    tank = substep.Box((4.5, 3.5, 1), (2.25, 1.75, 0))
+    liquid = substep.MaterialPointMethod(
+        water,
+        Fluid(bulk_modulus=4e6),
+        cell=2 * d,
+        volume=d * d,
+        colliders=[substep.Collider(tank, hollow=True, friction=0)],
+    )
+    liquid.advance(20)
+    assert 0.8 < liquid.positions[:, 1].mean() / (2 / 4.5 / 2) < 1.05
+
+
+@pytest.mark.parametrize("form", ["mls", "textbook"])
+def test_drops_that_tear_apart_are_as_thin_as_their_cells(form):
+    """By its gradient alone, 100 /s, a drop that flies on its own would be thinner by exp(200)."""
+    x, volume = lattice((-0.1, -0.1), (0.1, 0.1), 0.05)
+    drops = substep.MaterialPointMethod(
+        x, Fluid(), cell=0.1, volume=volume, velocities=50 * x, gravity=(0, 0), form=form
+    )
+    drops.advance(2)
+    assert drops.volume_ratios.min() > 1
+    assert drops.volume_ratios.max() < 16  # four fill a cell, and one sees a quarter of itself

@@ -129,9 +129,9 @@ void mix(bool apic, const Real* nodes, Real* after) {
 // The lanes after the last particle of a packet repeat it.
 template <class Real, int D>
 void repeat_last(int count, PacketVelocities<Real, D>& packet) {
-  Real* rows[] = {packet.v[0], packet.C[0][0], packet.G[0][0]};
-  const int numbers[] = {D, D * D, D * D};
-  for (int k = 0; k < 3; ++k) {
+  Real* rows[] = {packet.v[0], packet.C[0][0], packet.G[0][0], packet.mass};
+  const int numbers[] = {D, D * D, D * D, 1};
+  for (int k = 0; k < 4; ++k) {
     for (int n = 0; n < numbers[k]; ++n) {
       Real* row = rows[k] + n * kLanes<Real>;
       for (int lane = count; lane < kLanes<Real>; ++lane) row[lane] = row[count - 1];
@@ -211,7 +211,7 @@ void advance_packet(const Scheme& scheme, Particles<Real, D>& particles, std::in
                             density(material), count);
   }
   packet_advance<Real, D>(material, x + D * kWidth, particles.trial, Real(particles.before),
-                          gradient, Real(dt));
+                          gradient, Real(dt), load<V>(from.mass) * power<D>(per_cell));
 }
 
 }  // namespace

@@ -36,13 +36,14 @@ void packet_stress(const AnyMaterial& material, const Real* fields,
 
 template <class Real, int D>
 void packet_advance(const AnyMaterial& material, Real* fields, bool trial, Real before,
-                    const Tensor<Vector<Real>, D>& G, Real dt) {
+                    const Tensor<Vector<Real>, D>& G, Real dt, const Vector<Real>& density_around) {
   std::visit(
       [&]<class M>(const M& m) {
         Vector<Real> f[M::template kFields<D>];
         std::memcpy(f, fields, sizeof f);
         if (trial) stress<Real, D>(m, f, Tensor<Vector<Real>, D>{}, before);
         m.template advance<Vector<Real>, D>(f, G, dt);
+        if constexpr (sees_density<M>()) m.template see<Vector<Real>>(f, density_around);
         std::memcpy(fields, f, sizeof f);
       },
       material);
@@ -52,7 +53,7 @@ void packet_advance(const AnyMaterial& material, Real* fields, bool trial, Real 
   template void packet_stress(const AnyMaterial&, const Real*, const Tensor<Vector<Real>, D>&, \
                               Real, SymmetricTensor<Vector<Real>, D>&);                        \
   template void packet_advance(const AnyMaterial&, Real*, bool, Real,                          \
-                               const Tensor<Vector<Real>, D>&, Real);
+                               const Tensor<Vector<Real>, D>&, Real, const Vector<Real>&);
 SUBSTEP_INSTANTIATE(float, 2)
 SUBSTEP_INSTANTIATE(float, 3)
 SUBSTEP_INSTANTIATE(double, 2)

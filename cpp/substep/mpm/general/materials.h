@@ -15,10 +15,10 @@ void packet_stress(const AnyMaterial& material, const Real* fields,
                    SymmetricTensor<Vector<Real>, D>& tau);
 
 // Where the fields are those of a trial state, the return map of the step before, which took
-// `before`; then F <- (I + dt G) F.
+// `before`; then F <- (I + dt G) F, with the density around for those that see it.
 template <class Real, int D>
 void packet_advance(const AnyMaterial& material, Real* fields, bool trial, Real before,
-                    const Tensor<Vector<Real>, D>& G, Real dt);
+                    const Tensor<Vector<Real>, D>& G, Real dt, const Vector<Real>& density_around);
 
 // Whether F takes its change of volume from the cells.
 inline bool averages_volume(const AnyMaterial& material) {

@@ -127,6 +127,7 @@ void gather(const Real* x, int count, const Arena<Real, D>& from, PacketVelociti
         if constexpr (kGradients) G[d] += sum * s.weight(row, d, s.axis[d].g[k]);
       }
     });
+    to.mass[lane] = v[D];
     for (int i = 0; i < D; ++i) {
       to.v[i][lane] = v[i];
       for (int d = 0; d < D; ++d) {

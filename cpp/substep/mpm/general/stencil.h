@@ -22,6 +22,7 @@ struct PacketVelocities {
   alignas(64) Real v[D][kLanes<Real>];
   alignas(64) Real C[D][D][kLanes<Real>];
   alignas(64) Real G[D][D][kLanes<Real>];
+  alignas(64) Real mass[kLanes<Real>];  // in a cell around
 };
 
 // For one order of the spline, with T and G or without (order 1 always has T, and never G: its C is

@@ -1,9 +1,10 @@
 // Weakly compressible Newtonian fluid. Its shape is forgotten, so J = rho_0 / rho stands for F:
-//   J <- (1 + dt tr G) J,  p = K/gamma (J^-gamma - 1),  tau = -J p I + 2 eta J dev sym G.
+//   J <- det(I + dt G) J,  p = K/gamma (J^-gamma - 1),  tau = -J p I + 2 eta J dev sym G.
 // Equation of state: Tait's in the form of Cole, "Underwater explosions", 1948 (gamma = 7 for
 // water; Monaghan, "Simulating free surface flows with SPH", 1994); gamma = 1 is p = c^2
-// (rho - rho_0), with K = rho_0 c^2. Without tension, p >= 0: J still grows where fluid separates,
-// and pressure comes back when the gap has closed. J <= 0: no answer.
+// (rho - rho_0), with K = rho_0 c^2. Without tension, p >= 0: J grows where fluid
+// separates, but not beyond 1 where the nodes show a density of rho_0: a J that had grown along the
+// way of a drop would let it fall into a pool that is full. J <= 0: no answer.
 //
 // K of water is 2.2e9 Pa; a smaller one, with c about ten times the fastest speed, changes the
 // density by about 1 % (Monaghan) and allows longer steps.
@@ -18,7 +19,7 @@ namespace substep::mpm {
 struct Fluid {
   static constexpr const char* kName = "fluid";
   static constexpr bool kHasF = false;
-  static constexpr bool kInverts = false;
+  static constexpr bool kInverts = false, kAveragesVolume = true, kSeesDensity = true;
   static constexpr std::array<StateField, 1> kState{{{"volume_ratio", "1", 1.0}}};  // J
   template <int D>
   static constexpr int kFields = number_of_fields<D>(kHasF, kState);
@@ -38,7 +39,18 @@ struct Fluid {
 
   template <class V, int D>
   SUBSTEP_INLINE void advance(V* fields, const Tensor<V, D>& G, Lane<V> dt) const {
-    fields[0] = fma<V>(dt * trace(G), fields[0], fields[0]);
+    Tensor<V, D> A;
+    for (int k = 0; k < Tensor<V, D>::kEntries; ++k) A.m[k] = dt * G.m[k];
+    for (int i = 0; i < 3; ++i) A.diagonal(i) = A.diagonal(i) + 1;
+    fields[0] = determinant(A) * fields[0];
+  }
+
+  // What comes together again after a splash has been further apart than it is now.
+  template <class V>
+  SUBSTEP_INLINE void see(V* fields, const V& density_around) const {
+    if (tension) return;
+    const V most = larger<V>(splat<V>(1), Lane<V>(density) / density_around);
+    fields[0] = smaller<V>(fields[0], most);
   }
 
   template <class V, int D, int kPackets>

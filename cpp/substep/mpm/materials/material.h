@@ -121,6 +121,17 @@ constexpr bool averages_volume() {
   }
 }
 
+template <int D, class T>
+constexpr T power(T x) {
+  return D == 3 ? x * x * x : x * x;
+}
+
+// Whether a material's fields are told the density at the nodes around, after they advanced.
+template <class M>
+constexpr bool sees_density() {
+  return requires { M::kSeesDensity; };
+}
+
 // G with this divergence in the place of its own.
 template <class V, int D>
 SUBSTEP_INLINE Tensor<V, D> with_divergence(Tensor<V, D> G, V divergence) {

@@ -33,12 +33,13 @@ constexpr int together() {
   }
 }
 
-// v and C of a packet.
+// v and C of a packet, and the mass in a cell around.
 template <class Real, int D>
 struct Motion {
   using V = Vector<Real>;
   V v[D];
   Tensor<V, D> C;
+  V mass;
 };
 
 template <class Real, int D>
@@ -48,6 +49,7 @@ SUBSTEP_INLINE Motion<Real, D> gather(const Real* x, const Arena<Real, D>& from,
   alignas(64) V sums[16];
   stencil.gather(from, sums);
   Motion<Real, D> motion{};
+  motion.mass = sums[D];
   const Real scale = 4 / cell;
   for (int c = 0; c < D; ++c) {
     motion.v[c] = sums[c];
@@ -223,6 +225,9 @@ SUBSTEP_INLINE void advance(const M& material, ParticleGroup<Real, D>& group, co
       G = with_divergence<V, D>(G, Stencil<Real, D>(x).divergence(from) / options.cell);
     }
     material.template advance<V, D>(set.fields[k], G, options.dt);
+    if constexpr (sees_density<M>()) {
+      material.template see<V>(set.fields[k], motion[k].mass / power<D>(options.cell));
+    }
     const Real scale = options.dt / options.cell;
     alignas(64) V before[D], after[D];
     for (int d = 0; d < D; ++d) {
