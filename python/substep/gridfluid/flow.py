@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from .. import _core
+from ..base.box import check_box
 from ..base.checks import (
     MOST_INT,
     check_array,
@@ -33,7 +34,7 @@ from ..geometry.colliders import (
     restore_colliders,
 )
 from ..particles.emitters import check_all
-from .box import check_box, check_cells_fit
+from .box import check_cells_fit
 from .sides import FlowEmitter, Side, check_flow_sides, native_side
 
 Array = NDArray[np.float64]
