@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -80,3 +81,22 @@ def interpolate(
         result += weight * values[index]
         total += weight
     return np.divide(result, total, out=np.zeros(len(x)), where=total > 0)
+
+
+def curl(velocity: Array, cell: float, periodic: Sequence[bool]) -> Array:
+    """Of velocities in the middle of cells, by central differences, one-sided at sides.
+
+    In 2D a number, v_x - u_y, else a vector.
+    """
+
+    def slope(a: int, component: int) -> Array:
+        values = np.moveaxis(velocity[..., component], a, 0)
+        if periodic[a]:
+            values = np.concatenate([values[-1:], values, values[:1]])
+        change = np.gradient(values, cell, axis=0)
+        return np.moveaxis(change[1:-1] if periodic[a] else change, 0, a)
+
+    if len(periodic) == 2:
+        return slope(0, 1) - slope(1, 0)
+    pairs = ((1, 2), (2, 0), (0, 1))
+    return np.stack([slope(a, b) - slope(b, a) for a, b in pairs], axis=-1)
