@@ -18,10 +18,10 @@ from .look import Look
 
 Array = NDArray[np.float32]
 
-SMOKE = "#f4f1ea"  # colour of the light that it scatters, where the key light comes to it
-SHADE = 0.3  # of that, where none does
-DEPTH = 45.0  # optical depth of a box's shortest side filled with smoke of 1
-FORWARD = 0.85  # part of the key light that goes on where smoke takes it from the view
+SMOKE = "#f4f1ea"  # colour of the light that it scatters
+SHADE, KEY = 0.2, 1.1  # light of all directions, and the key light
+DEPTH = 14.0  # optical depth of a box's shortest side filled with smoke of 1
+FORWARD = 0.2  # part of the key light that goes on where smoke takes it from the view
 REACH = 4  # cells over which opacities are given, so that their 256 values are fine enough
 SAMPLES = 0.5  # of rays, in cells
 
@@ -89,7 +89,8 @@ class Smoke:
         looks.SetIndependentComponents(False)
         looks.SetInterpolationTypeToLinear()
         looks.SetScalarOpacity(opacity)
-        looks.SetScalarOpacityUnitDistance(REACH * self._cell)
+        for component in range(4):
+            looks.SetScalarOpacityUnitDistance(component, REACH * self._cell)
         looks.SetShade(False)
         volume = vtkVolume()
         volume.SetMapper(mapper)
@@ -105,8 +106,8 @@ class Smoke:
             depth = self._take_colors(density, rgba)
         else:
             depth = self._absorption * np.clip(density, 0, None)  # of a cell, optical
-            light = SHADE + (1 - SHADE) * through((1 - FORWARD) * depth, self._key)
-            rgba[..., :3] = np.rint(255 * light[..., None] * self._color)
+            light = SHADE + KEY * through((1 - FORWARD) * depth, self._key)
+            rgba[..., :3] = np.rint(255 * np.minimum(light[..., None] * self._color, 1))
         rgba[..., 3] = np.rint(255 * -np.expm1(-REACH * depth))
         pixels = rgba.transpose(2, 1, 0, 3).reshape(-1, 4)
         self.data.point_data["rgba"][:] = pixels

@@ -77,12 +77,12 @@ SCENE = Scene(
     name="smoke",
     doc="A plume of smoke rises from a warm source and flows around a ball.",
     parameters={
-        "duration": Parameter("time simulated", 4.0, unit="s", above=0),
+        "duration": Parameter("time simulated", 3.0, unit="s", above=0),
         "cells": Parameter("across the box, half as many more upwards", 64, minimum=8, maximum=512),
         "heat": Parameter("of the source above the air", 80.0, unit="K", minimum=0, maximum=300),
         "radius": Parameter("of the ball", 0.16, unit="m", above=0, maximum=0.4),
         "confinement": Parameter(
-            "strength of what spins up eddies", 0.06, unit="m/s", minimum=0, maximum=10
+            "strength of what spins up eddies", 0.03, unit="m/s", minimum=0, maximum=10
         ),
         "fields": Parameter(
             "what is recorded",
@@ -96,9 +96,10 @@ SCENE = Scene(
     frame=Plume.frame,
     summary=Plume.words,
     picture=View(
-        Camera(-58.0, 9.0, 0.95),
+        Camera(-58.0, 7.0, 0.86),
         {"ball": Look("#e0703a")},
         dark=True,
     ),
-    frames=101,
+    still=lambda recording: 2.6,
+    frames=76,
 )
