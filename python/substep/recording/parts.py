@@ -74,11 +74,6 @@ class Part:
     cell : float, optional
         Side of its cells [m]; the box is a whole number of them long.
 
-    Attributes
-    ----------
-    cells : tuple of int
-        Of a grid, along its axes; empty for other kinds.
-
     Raises
     ------
     InputError
@@ -100,7 +95,6 @@ class Part:
     points: ArrayLike | None = None
     bounds: ArrayLike | None = None
     cell: float | None = None
-    cells: tuple[int, ...] = field(init=False, default=())
 
     def __post_init__(self) -> None:
         kind = check_choice("kind", self.kind, KINDS)
@@ -141,11 +135,17 @@ class Part:
         if not self.fields:
             raise InputError("fields: a grid needs one at least")
         cell = check_real("cell", self.cell, positive=True)
-        bounds, cells = check_box(self.bounds, cell)
-        bounds = np.array(bounds)
+        bounds = np.array(check_box(self.bounds, cell)[0])
         bounds.flags.writeable = False
-        for name, value in {"bounds": bounds, "cell": cell, "cells": cells}.items():
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "bounds", bounds)
+        object.__setattr__(self, "cell", cell)
+
+    @property
+    def cells(self) -> tuple[int, ...]:
+        """Of a grid along its axes; empty for other kinds."""
+        if self.bounds is None or self.cell is None:
+            return ()
+        return check_box(self.bounds, self.cell)[1]
 
     @property
     def array_names(self) -> list[str]:

@@ -153,8 +153,8 @@ class Stage:
             if ground is not None and self._plotter.camera.position[2] > ground:
                 # What is drawn last has the darker shadow.
                 casting = [*self._liquids.values(), *self._bodies.values()]
-                tone = DARK_GROUND if dark else COLOR
-                self._ground = Ground(pyvista, self._plotter, box, ground, casting, tone)
+                earth = DARK_GROUND if dark else COLOR
+                self._ground = Ground(pyvista, self._plotter, box, ground, casting, earth)
             self._add_lights(pyvista, lights)
             if nooks is None:
                 self._plotter.enable_anti_aliasing("msaa", multi_samples=8)
@@ -206,8 +206,10 @@ class Stage:
         arrays = recording.frame(frame)
         for name, body in self._bodies.items():
             body.update(arrays[name])
-        for name, thing in (*self._liquids.items(), *self._smokes.items()):
-            thing.update(arrays[name])
+        for name, liquid in self._liquids.items():
+            liquid.update(arrays[name])
+        for name, smoke in self._smokes.items():
+            smoke.update(arrays[name])
         with _without_window():
             if self._ground is not None:
                 self._ground.cast_shadow()

@@ -56,7 +56,8 @@ class Smoke:
         self.field = look.density or (
             "smoke" if "smoke" in part.fields else next(iter(part.fields))
         )
-        self._coloring = coloring if coloring and coloring.field in part.fields else None
+        known = coloring is not None and coloring.field in part.fields
+        self._coloring: Any = coloring if known else None
         if self._coloring:
             self.field = self._coloring.field
         self._cell = float(part.cell or 1.0)
