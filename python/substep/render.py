@@ -326,8 +326,9 @@ def _picture_of(
 
 def _is_flat(recording: Recording) -> bool:
     """Whether the first and the last frame lie in the plane z = 0."""
-    return all(
+    grids = [part.cells for part in recording.parts.values() if part.cells]
+    return all(len(cells) == 2 for cells in grids) and all(
         points.shape[1] == 2 or not np.any(points[:, 2])
         for frame in (0, -1)
-        for points in (part["points"] for part in recording.frame(frame).values())
+        for points in (a["points"] for a in recording.frame(frame).values() if "points" in a)
     )

@@ -6,7 +6,7 @@ import pytest
 
 
 def read_by_vtk(path):
-    """(time, {part: polydata}) of every step, in a pipeline as ParaView runs it; errors fail."""
+    """(time, {part: data set}) of every step, in a pipeline as ParaView runs it; errors fail."""
     pytest.importorskip("vtkmodules.vtkIOHDF", reason="VTK is not installed")
     from vtkmodules.vtkCommonDataModel import vtkCompositeDataSet
     from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
@@ -30,7 +30,7 @@ def read_by_vtk(path):
         else:
             end.UpdateTimeStep(time)
         output = end.GetOutputDataObject(0)
-        if output.IsA("vtkPointSet"):
+        if output.IsA("vtkDataSet"):
             blocks = {None: output}
         else:
             blocks = {

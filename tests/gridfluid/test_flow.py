@@ -355,3 +355,25 @@ def test_paths_take_steps_of_many_cells():
     before = flow.diagnostics()["kinetic_energy"]
     flow.advance(20 * flow.cell)
     assert 0.3 * before < flow.diagnostics()["kinetic_energy"] <= before
+
+
+def test_vorticity_of_what_turns_and_of_waves():
+    """Exact for a rigid rotation, and by the symbol of central differences for waves."""
+    turning = substep.GridFlow(SQUARE, 0.1, velocity=lambda x: np.stack([-x[:, 1], x[:, 0]], 1))
+    inside = substep.GridFlow(
+        SQUARE, 0.1, velocity=lambda x: np.stack([-x[:, 1], x[:, 0]], 1), sides="open"
+    )
+    np.testing.assert_allclose(inside.vorticity, 2.0, rtol=1e-4)
+    assert abs(turning.vorticity.mean()) < 2  # walls stop it
+    k, h = 2 * np.pi, 1 / 16
+    wave = substep.GridFlow(
+        [(0, 0, 0), (1, 1, 1)], h, sides="periodic", dtype="float64",
+        velocity=lambda x: np.stack([np.sin(k * x[:, 2]), 0 * x[:, 0], np.sin(k * x[:, 1])], 1),
+    )  # fmt: skip
+    at = wave.positions_of()
+    slope = np.sin(k * h) / h
+    expected = np.stack(
+        [slope * np.cos(k * at[..., 1]), slope * np.cos(k * at[..., 2]), 0 * at[..., 0]], axis=-1
+    )
+    np.testing.assert_allclose(wave.vorticity, expected, atol=1e-9)
+    np.testing.assert_array_equal(wave.fields()["vorticity"][0], wave.vorticity)

@@ -28,6 +28,7 @@ PARTS = {
     "sheet": substep.Part("mesh", {"tension": "N"}, TRIANGLES),
     "block": substep.Part("mesh", {}, tetrahedra=[[0, 1, 2, 3]]),
     "floor": substep.Part("mesh", {}, TRIANGLES, points=np.eye(4, 3)),
+    "air": substep.Part("grid", {"smoke": "1"}, bounds=[(0, 0, 0), (1, 2, 3)], cell=1.0),
 }
 OUTCOMES = ("identical", "prefix", "error", "WRONG", "MemoryError", "other exception")
 
@@ -39,6 +40,7 @@ def frame(k):
         "dust": {"points": rng.random((n, 2)), "velocity": rng.random((n, 2))},
         "sheet": {"points": rng.random((4, 3)), "tension": rng.random(4)},
         "block": {"points": rng.random((4, 3))},
+        "air": {"smoke": rng.random((1, 2, 3))},
     }
 
 

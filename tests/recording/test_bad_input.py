@@ -33,6 +33,7 @@ from substep.recording.frames import (
 PARTS = {"p": substep.Part("particles", {"v": "m/s"})}
 NAN = np.full((5, 3), np.nan)
 GOOD = np.zeros((5, 3))
+BOX = [(0.0, 0.0), (1.0, 0.5)]
 ROCK = substep.Part("mesh", triangles=[[0, 1, 2]], points=GOOD)
 
 
@@ -104,7 +105,16 @@ def test_names_of_parts_and_fields_are_confined(tmp_path, name):
 @pytest.mark.parametrize(
     ("arguments", "error", "match"),
     [
-        (("fish",), InputError, "particles, bodies, mesh"),
+        (("fish",), InputError, "particles, bodies, mesh, grid"),
+        (("grid", {"v": "1"}), InputError, "bounds, cell: a grid needs both"),
+        (("grid", {"v": "1"}, *4 * [None], BOX), InputError, "bounds, cell: a grid needs both"),
+        (("particles", {}, *4 * [None], BOX, 0.5), InputError, "nothing else has them"),
+        (("grid", {}, *4 * [None], BOX, 0.5), InputError, "fields: a grid needs one"),
+        (("grid", {"v": "1"}, *4 * [None], BOX, 0.0), InputError, "cell"),
+        (("grid", {"v": "1"}, *4 * [None], BOX, 0.3), InputError, "whole number of cells"),
+        (("grid", {"v": "1"}, *4 * [None], BOX[::-1], 0.5), InputError, "lowest corner"),
+        (("grid", {"v": "1"}, *4 * [None], [(0,), (1,)], 0.5), InputError, r"shape \(2, 3\)"),
+        (("grid", {"v": "1"}, [[0, 1, 2]], *3 * [None], BOX, 0.5), InputError, "triangles"),
         (("particles", {"v": "m\n"}), InputError, "v"),
         (("particles", {"v": 1}), TypeError, "v"),
         (("particles", ["v"]), TypeError, "fields"),
@@ -315,6 +325,28 @@ def test_bodies_and_meshes_are_checked(tmp_path):
         with pytest.raises(InputError, match="triangles need 3 points, got 2"):
             recorder.append(0, {**good, "m": {"points": GOOD[:2]}})
         recorder.append(0, good)
+
+
+def test_grids_are_checked(tmp_path):
+    part = substep.Part("grid", {"v": "m/s", "p": "Pa"}, bounds=BOX, cell=0.25)
+    good = {"v": np.ones((4, 2, 2)), "p": np.ones((4, 2))}
+    with substep.Recorder(tmp_path / "a", parts={"g": part}) as recorder:
+        for changes, match in (
+            ({"p": np.ones((2, 4))}, r"g/p: expected shape \(4, 2\), got \(2, 4\)"),
+            ({"p": np.ones(8)}, r"g/p: expected shape \(4, 2\), got \(8,\)"),
+            ({"p": 1.0}, r"g/p: expected shape \(4, 2\), got \(\)"),
+            ({"v": np.ones((4, 2, 2, 2, 2))}, "g/v: expected one row"),
+            ({"v": np.ones((4, 2, 65))}, "g/v: expected one row"),
+            ({"v": np.ones((4, 2), object)}, "g/v"),
+            ({"points": np.ones((8, 2))}, "unknown"),
+        ):
+            with pytest.raises((InputError, TypeError), match=match):
+                recorder.append(0, {"g": {**good, **changes}})
+        recorder.append(0, {"g": {**good, "p": np.full((4, 2), np.nan)}})
+        with pytest.raises(InputError, match="rows of shape"):
+            recorder.append(1, {"g": {**good, "v": np.ones((4, 2))}})
+    with substep.Recording(tmp_path / "a") as recording:
+        assert len(recording) == 1 and np.isnan(recording["g"].field("p", 0)).all()
 
 
 def test_tetrahedra_keep_their_number_of_points(tmp_path):
@@ -691,16 +723,16 @@ def metadata(journal):
 def test_newer_version_and_other_byte_order(journal):
     text = metadata(journal)
     packed = Path(substep.pack(journal))
-    journal.write_bytes(file_header(text, version=3))
-    with pytest.raises(VersionError, match="version 3"):
+    journal.write_bytes(file_header(text, version=4))
+    with pytest.raises(VersionError, match="version 4"):
         substep.Recording(journal)
     journal.write_bytes(file_header(text, order=0x04030201))
     with pytest.raises(VersionError, match="byte order"):
         substep.Recording(journal)
     journal.unlink()
     with h5py.File(packed, "r+") as file:
-        file["substep"].attrs.modify("format_version", 3)
-    with pytest.raises(VersionError, match="version 3"):
+        file["substep"].attrs.modify("format_version", 4)
+    with pytest.raises(VersionError, match="version 4"):
         substep.Recording(packed)
 
 
@@ -797,6 +829,14 @@ def test_frames_that_do_not_fit_their_parts(tmp_path):
             substep.Recording(path)
         with substep.Recording(path, recover=True) as recording:
             assert len(recording) == 1
+    grid = substep.Part("grid", {"v": "1"}, bounds=BOX, cell=0.25)
+    recorder = substep.Recorder(path, parts={"g": grid}, overwrite=True)
+    spec = [Spec("g", "v", "<f8", ())]
+    recorder._release()
+    record = bytes(Encoder().encode(0, 0.0, spec, [np.ones(7)]))
+    file.write_bytes(file.read_bytes() + record)
+    with pytest.raises(CorruptError, match="frame 0: the arrays of g need 8 cells"):
+        substep.Recording(path)
     wide = np.zeros((5, 4))
     header = whole[: len(whole) - len(Encoder().encode(0, 0.0, (points, v), (GOOD, GOOD)))]
     specs = (Spec("m", "points", "<f8", (4,)), v)

@@ -30,6 +30,15 @@ PARTS = {
     "rope": substep.Part("mesh", edges=EDGES),
     "jelly": substep.Part("mesh", {"pressure": "Pa"}, tetrahedra=TETRAHEDRA),
     "anvil": substep.Part("mesh", tetrahedra=TETRAHEDRA[:1], points=FLOOR + 1),
+    "air": substep.Part(
+        "grid",
+        {"velocity": "m/s", "smoke": "1", "strain": "1/s"},
+        bounds=[(1, 2, 3), (3, 3.5, 4)],
+        cell=0.5,
+    ),
+    "pond": substep.Part(
+        "grid", {"velocity": "m/s", "wet": "1"}, bounds=[(-1, 0), (0, 0.5)], cell=0.125
+    ),
 }
 COUNTS = (10, 0, 7, 12, 3)
 
@@ -55,6 +64,12 @@ def make_frame(k, n):
         "net": {"points": rng.random((4, 3)), "tension": rng.random(4)},
         "rope": {"points": rng.random((5, 3))},
         "jelly": {"points": rng.random((6, 3)), "pressure": rng.random(6)},
+        "air": {
+            "velocity": rng.random((4, 3, 2, 3)).astype(np.float32),
+            "smoke": rng.random((4, 3, 2)),
+            "strain": rng.random((4, 3, 2, 3, 3)),
+        },
+        "pond": {"velocity": rng.random((8, 4, 2)), "wet": rng.random((8, 4)) > 0.5},
     }
 
 
@@ -116,6 +131,8 @@ def test_round_trip_through_journal_and_packed_file(tmp_path, names):
         for name in names:
             part = recording.parts[name]
             assert part.kind == PARTS[name].kind and part.fields == PARTS[name].fields
+            assert part.cells == PARTS[name].cells and part.cell == PARTS[name].cell
+            assert np.array_equal(part.bounds, PARTS[name].bounds)
             assert part.constants().keys() == PARTS[name].constants().keys()
             for key, array in part.constants().items():
                 assert np.array_equal(array, getattr(PARTS[name], key)), (name, key)
@@ -166,6 +183,8 @@ def test_any_recording_comes_back_bit_for_bit(tmp_path, counts, dimension, preci
 def assert_vtk_sees(data, part, arrays):
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
+    if PARTS[part].kind == "grid":
+        return assert_vtk_sees_cells(data, PARTS[part], arrays)
     points = arrays["points"]
     assert data.GetNumberOfPoints() == len(points)
     if PARTS[part].kind == "mesh":
@@ -189,6 +208,26 @@ def assert_vtk_sees(data, part, arrays):
         expected = array.reshape(len(array), -1)
         assert np.array_equal(flat[:, : expected.shape[1]], expected), name
         assert not flat[:, expected.shape[1] :].any()  # z of a plane
+
+
+def assert_vtk_sees_cells(data, part, arrays):
+    """Each cell is where it should be, and has its own values."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    assert data.IsA("vtkImageData") and data.GetNumberOfCells() == np.prod(part.cells)
+    d = len(part.cells)
+    places = np.array([data.GetCell(k).GetBounds() for k in range(data.GetNumberOfCells())])
+    low, high = places[:, ::2], places[:, 1::2]
+    assert np.allclose((high - low)[:, :d], part.cell, rtol=1e-12)
+    assert np.array_equal([low.min(axis=0)[:d], high.max(axis=0)[:d]], part.bounds)
+    assert d == 3 or not (low[:, 2].any() or high[:, 2].any())
+    index = tuple(np.rint((low[:, :d] - part.bounds[0]) / part.cell).astype(int).T)
+    assert data.GetCellData().GetNumberOfArrays() == len(arrays)
+    for name, array in arrays.items():
+        got = vtk_to_numpy(data.GetCellData().GetArray(name)).reshape(len(places), -1)
+        expected = array[index].reshape(len(places), -1)
+        assert np.array_equal(got[:, : expected.shape[1]], expected), name
+        assert not got[:, expected.shape[1] :].any()  # z of a plane
 
 
 @pytest.mark.parametrize("counts", [COUNTS, (5,), (0, 0), (6, 6)])
@@ -252,6 +291,44 @@ def test_the_file_says_what_it_holds_without_substep(tmp_path):
         start = file["VTKHDF/Steps/PointOffsets"][k]
         points = file["VTKHDF/Points"][start : start + file["VTKHDF/NumberOfPoints"][k]]
         assert np.array_equal(points[:, :2], make_frame(k, n)["drifters"]["points"])
+
+
+def test_a_flow_is_recorded(tmp_path):
+    """As it stands in the documentation; x is fastest in the file."""
+    flow = substep.GridFlow(
+        [(0, 0, 1), (2, 1, 2)], 0.25, velocity=lambda x: np.cos(x), sides="periodic", smoke=0.5
+    )
+    units = {name: unit for name, (_, unit) in flow.fields().items()}
+    parts = {"air": substep.Part("grid", units, bounds=flow.bounds, cell=flow.cell)}
+    path, frames = tmp_path / "flow.vtkhdf", []
+    with substep.Recorder(path, parts=parts) as recorder:
+        for _ in range(3):
+            frames.append({name: values for name, (values, _) in flow.fields().items()})
+            recorder.append(flow.time, {"air": frames[-1]})
+            flow.step(0.01)
+    with substep.Recording(path) as recording:
+        for k, expected in enumerate(frames):
+            assert_same(recording.frame(k), {"air": expected})
+            assert np.array_equal(recording["air"].field("velocity", k), expected["velocity"])
+        with pytest.raises(KeyError, match="velocity, pressure"):
+            recording["air"].points(0)
+    with h5py.File(path) as file:
+        stored = file["VTKHDF/CellData/velocity"]
+        assert stored.shape == (3, 4, 4, 8, 3) and stored.attrs["units"] == "m/s"
+        assert stored[2, 1, 3, 6].tolist() == frames[2]["velocity"][6, 3, 1].tolist()
+
+
+def test_grids_of_many_cells_are_chunked(tmp_path):
+    part = substep.Part("grid", {"f": "1"}, bounds=[(0, 0), (4000, 300)], cell=1)
+    values = np.random.default_rng(0).random((4000, 300))
+    path = tmp_path / "a.vtkhdf"
+    with substep.Recorder(path, parts={"g": part}) as recorder:
+        recorder.append(0, {"g": {"f": values}})
+        recorder.append(1, {"g": {"f": -values}})
+    with h5py.File(path) as file:
+        assert 2**18 < np.prod(file["VTKHDF/CellData/f"].chunks) * 8 <= 2**19
+    with substep.Recording(path) as recording:
+        assert np.array_equal(recording["g"].field("f", 1), -values)
 
 
 def test_constant_points_are_written_once(tmp_path):

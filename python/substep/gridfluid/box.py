@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,29 +18,6 @@ Array = NDArray[np.float64]
 
 SIDES = ("wall", "open", "periodic")
 _BYTES = 100  # of a cell with float32, at least
-_MOST_CELLS = 2**31 - 1
-
-
-def check_box(bounds: ArrayLike, cell: float) -> tuple[Array, tuple[int, ...]]:
-    """Corners of a box, and the whole cells along its axes."""
-    corners = check_array("bounds", bounds)
-    if corners.shape not in ((2, 2), (2, 3)):
-        raise InputError(f"bounds: expected shape (2, 3) or (2, 2), got {corners.shape}")
-    sides = corners[1] - corners[0]
-    if not (sides > 0).all():
-        raise InputError("bounds: expected the lowest corner, then the highest")
-    counts = sides / cell
-    cells = np.rint(counts)
-    wrong = (np.abs(counts - cells) > 1e-6 * counts) | (cells < 1)
-    if wrong.any():
-        a = int(np.argmax(wrong))
-        raise InputError(
-            f"bounds: expected a whole number of cells of {cell:g} m along each axis, got "
-            f"{counts[a]:.6g} along axis {a}"
-        )
-    if float(np.prod(cells)) > _MOST_CELLS:
-        raise InputError(f"bounds: expected at most {_MOST_CELLS} cells, got {np.prod(cells):.3g}")
-    return corners, tuple(int(n) for n in cells)
 
 
 def check_cells_fit(cells: tuple[int, ...], dtype: np.dtype[Any]) -> None:
@@ -103,3 +81,22 @@ def interpolate(
         result += weight * values[index]
         total += weight
     return np.divide(result, total, out=np.zeros(len(x)), where=total > 0)
+
+
+def curl(velocity: Array, cell: float, periodic: Sequence[bool]) -> Array:
+    """Of velocities in the middle of cells, by central differences, one-sided at sides.
+
+    In 2D a number, v_x - u_y, else a vector.
+    """
+
+    def slope(a: int, component: int) -> Array:
+        values = np.moveaxis(velocity[..., component], a, 0)
+        if periodic[a]:
+            values = np.concatenate([values[-1:], values, values[:1]])
+        change = np.gradient(values, cell, axis=0)
+        return np.moveaxis(change[1:-1] if periodic[a] else change, 0, a)
+
+    if len(periodic) == 2:
+        return slope(0, 1) - slope(1, 0)
+    pairs = ((1, 2), (2, 0), (0, 1))
+    return np.stack([slope(a, b) - slope(b, a) for a, b in pairs], axis=-1)

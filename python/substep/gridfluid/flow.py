@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from .. import _core
+from ..base.box import check_box
 from ..base.checks import (
     MOST_INT,
     check_array,
@@ -33,7 +34,7 @@ from ..geometry.colliders import (
     restore_colliders,
 )
 from ..particles.emitters import check_all
-from .box import check_box, check_cells_fit
+from .box import check_cells_fit, curl
 from .sides import FlowEmitter, Side, check_flow_sides, native_side
 
 Array = NDArray[np.float64]
@@ -343,6 +344,15 @@ class GridFlow(Simulation):
         return read_only(self._native.pressure().reshape(self._cells))  # type: ignore[no-any-return]
 
     @property
+    def vorticity(self) -> Array:
+        """Curl of the velocity [1/s], shape (nx, ny) or (nx, ny, nz, 3); a copy.
+
+        By central differences between middles of cells, which do not look at obstacles.
+        """
+        around = [pair[0] == "periodic" for pair in self.sides]
+        return read_only(curl(self.velocity, self.cell, around))  # type: ignore[no-any-return]
+
+    @property
     def temperature(self) -> Array:
         """Temperature of cells [K], shape (nx, ny[, nz]); a copy. Where none is carried, empty."""
         return self._scalar("temperature")
@@ -584,13 +594,15 @@ class GridFlow(Simulation):
         Returns
         -------
         dict of str to (ndarray, str)
-            `velocity`, shape (nx, ny[, nz], d), `pressure` and what is carried, `temperature` and
-            `smoke`, shape (nx, ny[, nz]).
+            `velocity`, shape (nx, ny[, nz], d), `pressure`, `vorticity` as the attribute, and what
+            is carried, `temperature` and `smoke`, shape (nx, ny[, nz]).
         """
         units = {"temperature": "K", "smoke": "1"}
-        return {"velocity": (self.velocity, "m/s"), "pressure": (self.pressure, "Pa")} | {
-            name: (self._scalar(name), units[name]) for name in self._scalars
-        }
+        return {
+            "velocity": (self.velocity, "m/s"),
+            "pressure": (self.pressure, "Pa"),
+            "vorticity": (self.vorticity, "1/s"),
+        } | {name: (self._scalar(name), units[name]) for name in self._scalars}
 
     def _schema(self) -> tuple[list[Entry], dict[str, int], Any]:
         entries: list[Entry] = [TIME, colliders_entry(self.colliders)]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from .. import _core
+from ..base.box import check_box
 from ..base.checks import (
     MOST_INT,
     check_array,
@@ -28,7 +29,7 @@ from ..geometry import Collider, Shape
 from ..geometry.colliders import check_colliders
 from ..particles.emitters import Emitter, Sink
 from ..particles.state import Particles
-from .box import check_box, check_cells_fit, check_open_sides, interpolate
+from .box import check_cells_fit, check_open_sides, interpolate
 
 Array = NDArray[np.float64]
 

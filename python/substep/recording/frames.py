@@ -17,11 +17,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.box import check_box
 from ..base.reading import check_booleans
 from ..errors import CorruptError, FormatError
 
-FORMAT_VERSION = 2
-READABLE_VERSIONS = (1, 2)  # of version 1 are files whose meshes have triangles and nothing else
+FORMAT_VERSION = 3
+# Version 1 had meshes of triangles and nothing else, version 2 no grids.
+READABLE_VERSIONS = (1, 2, 3)
 MAGIC = b"SUBSTEPJ"
 BYTE_ORDER = 0x01020304
 FILE_HEADER = struct.Struct("<8sIIQQII")
@@ -182,10 +184,15 @@ class Encoder:
 
 def frame_names(part: dict[str, Any]) -> Iterator[str]:
     """Names of a part's arrays in a frame: points unless they are constant, then its fields."""
-    if part.get("points") is None:
+    if part.get("points") is None and part["kind"] != "grid":
         yield "points"
     for name, _ in part["fields"]:
         yield name
+
+
+def cells_of(part: dict[str, Any]) -> tuple[int, ...] | None:
+    """Cells of a grid along its axes; None for other parts."""
+    return check_box(part["bounds"], part["cell"])[1] if part["kind"] == "grid" else None
 
 
 def arrays_per_frame(metadata: dict[str, Any]) -> int:

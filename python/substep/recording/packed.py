@@ -22,10 +22,11 @@ from .frames import (
     Constants,
     Spec,
     arrays_per_frame,
+    cells_of,
     constant_rows,
     frame_names,
 )
-from .vtkhdf import CHUNK_BYTES, PLACES, index_crc, stored_dtype, stored_shape
+from .vtkhdf import CHUNK_BYTES, PLACES, grid_shape, index_crc, stored_dtype, stored_shape
 
 LARGEST_CHUNK = 1 << 26
 
@@ -181,7 +182,10 @@ class Packed:
     def read(self, index: int, array: int) -> NDArray[Any]:
         """One array of one frame, unchecked."""
         spec = self.specs[array]
+        part = next(part for part in self.metadata["parts"] if part["name"] == spec.part)
         with hdf5_errors(self.path):
+            if cells := cells_of(part):
+                return self._read_cells(index, array, cells)
             if array not in self._datasets:
                 dimension = next(s.shape[0] for s in self.specs if s.part == spec.part)
                 leaf = "Points" if spec.name == "points" else f"PointData/{spec.name}"
@@ -192,9 +196,18 @@ class Packed:
                     self._rows[array],
                 )
             start, count = self._offsets[index][array], self.counts[index][array]
-            rows = self._read_rows(array, start, start + count)
-            flat = rows.reshape(count, math.prod(rows.shape[1:]))[:, : math.prod(spec.shape)]
-            return np.ascontiguousarray(flat).view(spec.dtype).reshape(count, *spec.shape)
+            return _recorded(self._read_rows(array, start, start + count), spec)
+
+    def _read_cells(self, index: int, array: int, cells: tuple[int, ...]) -> NDArray[Any]:
+        """One array of a grid in one frame, a row for each cell."""
+        spec = self.specs[array]
+        frames, row = self.metadata["frames"], stored_shape(spec, len(cells))
+        if array not in self._datasets:
+            name = f"{self._prefix(spec.part)}/CellData/{spec.name}"
+            shape = grid_shape(frames, cells, row)
+            self._datasets[array] = self._dataset(name, stored_dtype(spec), shape[1:], shape[0])
+        data = self._datasets[array][index if frames != 1 else ...]
+        return _recorded(data.reshape(-1, *row), spec)
 
     def _read_rows(self, array: int, start: int, stop: int) -> NDArray[Any]:
         """Rows of a dataset. Of small frames the whole chunks are read, and kept for the next."""
@@ -209,6 +222,13 @@ class Packed:
             rows = dataset[first : -(-stop // step) * step]
             self._chunks[array] = (first, rows)
         return rows[start - first : stop - first].copy()
+
+
+def _recorded(rows: NDArray[Any], spec: Spec) -> NDArray[Any]:
+    """Rows of the file as they were recorded."""
+    count = len(rows)
+    flat = rows.reshape(count, math.prod(rows.shape[1:]))[:, : math.prod(spec.shape)]
+    return np.ascontiguousarray(flat).view(spec.dtype).reshape(count, *spec.shape)
 
 
 def _check_storage(dataset: h5py.Dataset, where: str, file_size: int) -> None:

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import as_array, check_array, check_choice, describe
+from ..base.box import check_box
+from ..base.checks import as_array, check_array, check_choice, check_real, describe
 from ..errors import InputError
 from .frames import CONSTANTS, Constants, Spec
 
-KINDS = ("particles", "bodies", "mesh")
+KINDS = ("particles", "bodies", "mesh", "grid")
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,63}")
 _DEVICES = re.compile(r"con|prn|aux|nul|com[0-9]|lpt[0-9]", re.IGNORECASE)  # Windows opens devices
 _RESERVED = ("Assembly", "Steps", "points")
@@ -52,12 +53,13 @@ class Part:
 
     Parameters
     ----------
-    kind : {'particles', 'bodies', 'mesh'}
+    kind : {'particles', 'bodies', 'mesh', 'grid'}
         Points with fields; bodies also have the field `orientation`, unit quaternions
         (w, x, y, z), shape (n, 4); a mesh has triangles, edges or both, or tetrahedra, which
-        stay the same in every frame.
+        stay the same in every frame; a grid has no points, but the cells of a box.
     fields : mapping of str to str
-        Unit of every field besides the points, "1" if it has none. A field has one row per point.
+        Unit of every field besides the points, "1" if it has none. A field has one row per point,
+        or of a grid one for each cell, in an array of shape (nx, ny[, nz], ...).
     triangles : array_like, shape (m, 3), optional
         Vertex indices of a mesh.
     edges : array_like, shape (m, 2), optional
@@ -67,12 +69,16 @@ class Part:
     points : array_like, shape (n, 3), optional
         Positions of a mesh that never moves, an obstacle say [m]: they are written once, the part
         has no fields, and frames leave it out.
+    bounds : array_like, shape (2, 3) or (2, 2), optional
+        Lowest and highest corner of the box of a grid [m].
+    cell : float, optional
+        Side of its cells [m]; the box is a whole number of them long.
 
     Raises
     ------
     InputError
         If the kind, a name or a unit is not valid, a mesh has no topology or other parts have one,
-        indices are out of range, or bodies have no orientation.
+        indices are out of range, bodies have no orientation, or a grid has no box or no field.
 
     Examples
     --------
@@ -87,6 +93,8 @@ class Part:
     edges: ArrayLike | None = None
     tetrahedra: ArrayLike | None = None
     points: ArrayLike | None = None
+    bounds: ArrayLike | None = None
+    cell: float | None = None
 
     def __post_init__(self) -> None:
         kind = check_choice("kind", self.kind, KINDS)
@@ -114,8 +122,35 @@ class Part:
         object.__setattr__(self, "fields", MappingProxyType(fields))
         for name, array in constants.items():
             object.__setattr__(self, name, array)
+        self._check_grid()
         if "points" in present:
             check_indices("points", self, len(np.asarray(self.points)))
+
+    def _check_grid(self) -> None:
+        given = [self.bounds is not None, self.cell is not None]
+        if given != 2 * [self.kind == "grid"]:
+            raise InputError("bounds, cell: a grid needs both, and nothing else has them")
+        if self.bounds is None:
+            return
+        if not self.fields:
+            raise InputError("fields: a grid needs one at least")
+        cell = check_real("cell", self.cell, positive=True)
+        bounds = np.array(check_box(self.bounds, cell)[0])
+        bounds.flags.writeable = False
+        object.__setattr__(self, "bounds", bounds)
+        object.__setattr__(self, "cell", cell)
+
+    @property
+    def cells(self) -> tuple[int, ...]:
+        """Of a grid along its axes; empty for other kinds."""
+        if self.bounds is None or self.cell is None:
+            return ()
+        return check_box(self.bounds, self.cell)[1]
+
+    @property
+    def array_names(self) -> list[str]:
+        """Names of its arrays in a frame."""
+        return [*(["points"] if self.kind != "grid" else []), *self.fields]
 
     def constants(self) -> Constants:
         """What the part has once for all frames: topology, and points that never move.
@@ -212,10 +247,15 @@ def metadata_of(
                 "fields": [[field_name, unit] for field_name, unit in part.fields.items()],
                 "triangles": None,
                 **{constant: len(array) for constant, array in part.constants().items()},
+                **(_box_of(part) if part.kind == "grid" else {}),
             }
             for name, part in parts.items()
         ],
     }
+
+
+def _box_of(part: Part) -> dict[str, Any]:
+    return {"bounds": np.asarray(part.bounds).tolist(), "cell": part.cell}
 
 
 def check_keys(what: str, value: Any, names: Any) -> None:
@@ -235,14 +275,35 @@ def _recorded_dtype(got: np.dtype[Any], points: bool) -> np.dtype[Any]:
     return np.dtype("<f8") if points else got.newbyteorder("<")
 
 
-def check_values(what: str, value: Any, points: bool, known: Spec | None) -> NDArray[Any]:
-    """An array as it goes to the file: little-endian, contiguous, one row per point."""
+def _rows_of_cells(what: str, values: Any, cells: tuple[int, ...]) -> Any:
+    """A row for each cell, x fastest as VTK has them."""
+    d = len(cells)
+    if values.shape[:d] != cells:
+        raise InputError(f"{what}: expected shape {cells}, got {values.shape}")
+    return values.transpose(*range(d - 1, -1, -1), *range(d, values.ndim)).reshape(
+        -1, *values.shape[d:]
+    )
+
+
+def as_cells(rows: NDArray[Any], cells: tuple[int, ...]) -> NDArray[Any]:
+    """What `_rows_of_cells` was given."""
+    d = len(cells)
+    values = rows.reshape(*cells[::-1], *rows.shape[1:])
+    return np.ascontiguousarray(values.transpose(*range(d - 1, -1, -1), *range(d, values.ndim)))
+
+
+def check_values(
+    what: str, value: Any, points: bool, known: Spec | None, cells: tuple[int, ...] = ()
+) -> NDArray[Any]:
+    """An array as it goes to the file: little-endian, contiguous, one row per point or cell."""
     try:
         raw = value if isinstance(value, np.ma.MaskedArray) else np.asarray(value)
     except ValueError as error:
         if not isinstance(value, (list, tuple)):
             raise  # the value's own doing
         raise InputError(f"{what}: expected rows of equal length; {error}") from None
+    if cells:
+        raw = _rows_of_cells(what, raw, cells)
     got = _recorded_dtype(raw.dtype, points)
     target = np.dtype(known.dtype) if known else got
     array = check_array(what, raw, dtype=target, finite=points)
@@ -255,7 +316,7 @@ def check_values(what: str, value: Any, points: bool, known: Spec | None) -> NDA
         or max(array.shape[1:], default=1) > 64
     ):
         raise InputError(
-            f"{what}: expected one row of at most 64 x 64 numbers per point, "
+            f"{what}: expected one row of at most 64 x 64 numbers per point or cell, "
             f"got shape {array.shape}"
         )
     if points and (array.ndim != 2 or array.shape[1] not in (2, 3)):

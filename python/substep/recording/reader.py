@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import operator
 import os
 from collections.abc import Iterator
@@ -17,7 +18,7 @@ from ..errors import CorruptError, FormatError, InputError, TruncatedError, Vers
 from .files import JOURNAL_SUFFIX
 from .frames import Source, read_checked
 from .journal import MAX_BYTES, Journal, open_source
-from .parts import Part, check_parameters, check_parts, check_text
+from .parts import Part, as_cells, check_parameters, check_parts, check_text
 
 Frame = dict[str, dict[str, NDArray[Any]]]
 
@@ -115,7 +116,13 @@ class Recording(Checked):
         try:
             self.parts = check_parts(
                 {
-                    part["name"]: Part(part["kind"], dict(part["fields"]), **constants)
+                    part["name"]: Part(
+                        part["kind"],
+                        dict(part["fields"]),
+                        **constants,
+                        bounds=part.get("bounds"),
+                        cell=part.get("cell"),
+                    )
                     for part, constants in zip(
                         metadata["parts"], self.source.constants, strict=True
                     )
@@ -155,6 +162,9 @@ class Recording(Checked):
             if columns:
                 wrong[f"the arrays of {name} differ in length"] = (rows != rows[:, :1]).any(axis=1)
                 wrong[f"the topology of {name} needs {needed} points"] = rows[:, 0] < needed
+            if part.cells:
+                number = math.prod(part.cells)
+                wrong[f"the arrays of {name} need {number} cells"] = (rows != number).any(axis=1)
         found = [(int(np.argmax(bad)), why) for why, bad in wrong.items() if bad.any()]
         if not found:
             return None
@@ -193,7 +203,11 @@ class Recording(Checked):
             raise FormatError(
                 f"{self.path}: frame {index} needs {needed} bytes, max_bytes is {self._max_bytes}"
             )
-        return [read_checked(self.source, index, k) for k in wanted]
+        arrays = []
+        for k in wanted:
+            rows, cells = read_checked(self.source, index, k), self.parts[specs[k].part].cells
+            arrays.append(as_cells(rows, cells) if cells else rows)
+        return arrays
 
     def frame(self, index: int) -> Frame:
         """All arrays of one frame.
@@ -206,8 +220,8 @@ class Recording(Checked):
         Returns
         -------
         dict of str to dict of str to ndarray
-            For every part its `points` and its fields, as they were recorded. Constant points are
-            read-only.
+            For every part its `points` and its fields, as they were recorded; of a grid its fields.
+            Constant points are read-only.
 
         Raises
         ------
@@ -337,7 +351,7 @@ class RecordedPart:
         CorruptError
             If its checksum differs.
         """
-        names = ("points", *self.info.fields)
+        names = self.info.array_names
         if name not in names:
             raise KeyError(f"{name!r}; the part has {', '.join(names)}")
         number = self._recording._index(index)

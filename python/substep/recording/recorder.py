@@ -189,7 +189,8 @@ class Recorder(Owned):
         frame : mapping
             For every part its `points`, shape (n, 2) or (n, 3) [m], and its fields, one row per
             point. n may change from frame to frame; dtypes and row shapes stay those of the first.
-            Parts whose points are constant are left out.
+            Parts whose points are constant are left out. A grid has fields only, of shape
+            (nx, ny[, nz], ...).
 
         Raises
         ------
@@ -230,11 +231,12 @@ class Recorder(Owned):
         arrays: list[NDArray[Any]] = []
         for part_name, part in moving.items():
             values = frame[part_name]
-            names = ["points", *part.fields]
+            names = part.array_names
             check_keys(f"frame[{part_name!r}]", values, names)
             for name in names:
                 known = self._frames[-1].specs[len(specs)] if self._frames else None
-                array = check_values(f"{part_name}/{name}", values[name], name == "points", known)
+                what = f"{part_name}/{name}"
+                array = check_values(what, values[name], name == "points", known, part.cells)
                 specs.append(Spec(part_name, name, array.dtype.str, array.shape[1:]))
                 arrays.append(array)
             check_part(part_name, part, arrays[-len(names) :], names)

@@ -1,6 +1,6 @@
 """Packed recordings: temporal VTKHDF, for ParaView and VTK, with what substep needs beside it.
 
-One part is the root PolyData; several are blocks of a MultiBlockDataSet. The latter's root gets a
+One part is the root data set; several are blocks of a MultiBlockDataSet. The latter's root gets a
 `Steps` group too, which the format does not ask for: without it vtkHDFReader (VTK 9.7.2) forgets in
 its second pass that the file has more than one step, and shows the first one for ever.
 The group /substep beside /VTKHDF holds metadata, and a CRC-32 for every array of every frame.
@@ -25,6 +25,7 @@ from .frames import (
     Source,
     Spec,
     arrays_per_frame,
+    cells_of,
     dump_json,
     read_checked,
 )
@@ -48,6 +49,11 @@ def stored_shape(spec: Spec, dimension: int) -> tuple[int, ...]:
     return (math.prod(spec.shape),) if len(spec.shape) == 2 else spec.shape
 
 
+def grid_shape(frames: int, cells: tuple[int, ...], row: tuple[int, ...]) -> tuple[int, ...]:
+    """Shape of an array of a grid in the file; a single frame has no axis for the time."""
+    return (*([frames] if frames != 1 else []), *cells[::-1], *row)
+
+
 def stored_dtype(spec: Spec) -> str:
     """VTK has no booleans."""
     return "|u1" if spec.dtype == "|b1" else spec.dtype
@@ -60,14 +66,14 @@ def write(source: Source, path: str) -> None:
         root = file.create_group("VTKHDF", track_order=True)
         root.attrs["Version"] = (2, 2)
         if len(parts) == 1:
-            _write_part(root, source, parts[0])
+            _write_any(root, source, parts[0])
         else:
             _set_type(root, "MultiBlockDataSet")
             _write_times(root.create_group("Steps"), source)
             for part in parts:
                 group = root.create_group(part["name"])
                 group.attrs["Version"] = (2, 2)
-                _write_part(group, source, part)
+                _write_any(group, source, part)
             assembly = root.create_group("Assembly", track_order=True)
             for part in parts:
                 assembly[part["name"]] = h5py.SoftLink(f"/VTKHDF/{part['name']}")
@@ -81,14 +87,16 @@ def _set_type(group: h5py.Group, name: str) -> None:
 def _create(
     group: h5py.Group, name: str, shape: tuple[int, ...], dtype: str, *, gzip: bool = False
 ) -> h5py.Dataset:
-    row_bytes = max(1, np.dtype(dtype).itemsize * math.prod(shape[1:]))
-    rows = max(1, min(shape[0], CHUNK_BYTES // row_bytes))
+    chunks, room = list(shape), CHUNK_BYTES // np.dtype(dtype).itemsize
+    for a in range(len(shape) - 1, -1, -1):
+        chunks[a] = max(1, min(shape[a], room))
+        room //= chunks[a]
     filters = {"shuffle": True, "compression": "gzip", "compression_opts": 1} if gzip else {}
     return group.create_dataset(
         name,
         shape,
         dtype,
-        chunks=(rows, *shape[1:]),
+        chunks=tuple(chunks),
         maxshape=(None, *shape[1:]),
         fletcher32=True,
         **filters,
@@ -109,6 +117,42 @@ def _write_times(steps: h5py.Group, source: Source) -> None:
 
 def _arrays_of(source: Source, part: dict[str, Any]) -> list[int]:
     return [k for k, spec in enumerate(source.specs) if spec.part == part["name"]]
+
+
+def _write_any(group: h5py.Group, source: Source, part: dict[str, Any]) -> None:
+    cells = cells_of(part)
+    if cells is None:
+        _write_part(group, source, part)
+    else:
+        _write_grid(group, source, part, cells)
+
+
+def _write_grid(
+    group: h5py.Group, source: Source, part: dict[str, Any], cells: tuple[int, ...]
+) -> None:
+    """A temporal ImageData: the cells of all frames in one array, x last and so fastest.
+
+    A grid of a plane is an image without thickness, whose arrays have no axis for z.
+    """
+    _set_type(group, "ImageData")
+    frames = len(source.times)
+    extent = [end for n in (*cells, 0)[:3] for end in (0, n)] if frames else [0, -1] * 3
+    group.attrs["WholeExtent"] = np.array(extent, "i8")
+    group.attrs["Origin"] = np.array([*part["bounds"][0], 0.0][:3])
+    group.attrs["Spacing"] = np.full(3, float(part["cell"]))
+    group.attrs["Direction"] = np.eye(3).ravel()
+    steps = group.create_group("Steps")
+    _write_times(steps, source)
+    for k in _arrays_of(source, part):
+        spec = source.specs[k]
+        row, dtype = stored_shape(spec, len(cells)), stored_dtype(spec)
+        shape = grid_shape(frames, cells, row)
+        dataset = _create(group, f"CellData/{spec.name}", shape, dtype, gzip=True)
+        dataset.attrs["units"] = dict(part["fields"])[spec.name]
+        _store(steps, f"CellDataOffsets/{spec.name}", np.arange(frames), "<i8")
+        for i in range(frames):
+            rows = _stored(read_checked(source, i, k), row).view(dtype)
+            dataset[i if frames != 1 else ...] = rows.reshape(*cells[::-1], *row)
 
 
 def _write_part(group: h5py.Group, source: Source, part: dict[str, Any]) -> None:

@@ -32,7 +32,7 @@ class Simulation(Protocol):
         """Go on by `duration` [s], in as many steps as it takes."""
 
     def fields(self) -> Mapping[str, Any]:
-        """Return (array, unit) by name; `position` is one of them."""
+        """Return (array, unit) by name; `position` is one of them, but of a grid."""
 
     def state(self) -> Any:
         """Return a copy of the whole state."""
@@ -200,10 +200,13 @@ class Parameter:
         raise wrong
 
 
-def particle_parts(simulation: Simulation) -> dict[str, Part]:
-    """One part, `particles`, of all fields that the simulation offers."""
+def particle_parts(simulation: Any) -> dict[str, Part]:
+    """One part of all fields that the simulation offers: `particles`, or the cells of a `grid`."""
     from ..recording import Part
 
+    if "position" not in simulation.fields():
+        units = {name: unit for name, (_, unit) in _columns(simulation).items()}
+        return {"grid": Part("grid", units, bounds=simulation.bounds, cell=simulation.cell)}
     units = {name: unit for name, (_, unit) in _columns(simulation).items() if name != "position"}
     return {"particles": Part("particles", fields=units)}
 
@@ -211,6 +214,8 @@ def particle_parts(simulation: Simulation) -> dict[str, Part]:
 def particle_frame(simulation: Simulation) -> dict[str, dict[str, Any]]:
     """One frame of `particle_parts(simulation)`."""
     columns = {name: values for name, (values, _) in _columns(simulation).items()}
+    if "position" not in columns:
+        return {"grid": columns}
     return {"particles": {"points": columns.pop("position"), **columns}}
 
 
@@ -244,7 +249,7 @@ class Scene:
         `build(parameters, seed)` returns a `Simulation` at its first state.
     parts : callable
         `parts(simulation)` returns the parts of the recording (name to `substep.Part`); one set
-        of particles with every field by default.
+        of particles, or of cells, with every field by default.
     frame : callable
         `frame(simulation)` returns the arrays of one frame, by part.
     notes : callable

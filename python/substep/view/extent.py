@@ -55,6 +55,10 @@ def box_of(recording: Recording, looks: Mapping[str, Look]) -> NDArray[np.float6
         look = looks.get(name, Look())
         if look.hidden:
             continue
+        if part.cells:
+            corners = in_space(np.asarray(part.bounds))
+            low, high = np.minimum(low, corners[0]), np.maximum(high, corners[1])
+            continue
         radius = radius_in(recording, name, look)
         for frame in _frames_looked_at(recording) if part.points is None else [0]:
             points = in_space(recording[name].points(frame))
@@ -76,7 +80,10 @@ def range_of(recording: Recording, color: str) -> tuple[float, float]:
     low, high = np.inf, -np.inf
     for name in owners:
         for frame in _frames_looked_at(recording):
-            values = magnitude(recording[name].field(color, frame))
+            values = recording[name].field(color, frame)
+            if cells := recording.parts[name].cells:
+                values = values.reshape(-1, *values.shape[len(cells) :])
+            values = magnitude(values)
             values = values[np.isfinite(values)]
             low, high = min(low, values.min(initial=low)), max(high, values.max(initial=high))
     if low < high:

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..recording import Recording
+from .field_sheet import draw_grid
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 def plain_picture(recording: Recording, frame: int, figure: Figure) -> None:
-    """Draw the points of every part in the plane, coloured by the first field.
+    """Draw the points of every part in the plane, coloured by the first field; or a grid's fields.
 
     Parameters
     ----------
@@ -34,6 +35,9 @@ def plain_picture(recording: Recording, frame: int, figure: Figure) -> None:
     >>> import substep
     >>> substep.render.plain_picture(recording, 0, figure)  # doctest: +SKIP
     """
+    for name, part in recording.parts.items():
+        if part.kind == "grid":
+            return draw_grid(recording, frame, name, figure)
     arrays = recording.frame(frame)
     axes: Any = figure.add_subplot()
     for name, part in recording.parts.items():

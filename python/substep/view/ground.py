@@ -35,10 +35,18 @@ class Ground:
         Of the ground [m].
     bodies : iterable
         What casts it.
+    color : ndarray, shape (3,)
+        Of the ground.
     """
 
     def __init__(
-        self, pyvista: Any, plotter: Any, box: NDArray[Any], height: float, bodies: Iterable[Any]
+        self,
+        pyvista: Any,
+        plotter: Any,
+        box: NDArray[Any],
+        height: float,
+        bodies: Iterable[Any],
+        color: NDArray[Any] = COLOR,
     ) -> None:
         reach = np.array([np.zeros(2), SLOPE * max(box[1, 2] - height, 0.0)])
         low, high = box[0, :2] + reach.min(axis=0), box[1, :2] + reach.max(axis=0)
@@ -47,7 +55,7 @@ class Ground:
         radius = max(4 * half, 3 * float(np.linalg.norm(box[1] - box[0])))
         self._shadow = pyvista.Texture(np.zeros((PIXELS, PIXELS, 4), np.uint8))
         for z, side, texture in (
-            (height - 1e-3 * half, 2 * radius, _fading_disc(pyvista)),
+            (height - 1e-3 * half, 2 * radius, _fading_disc(pyvista, color)),
             (height - 5e-4 * half, 2 * half, self._shadow),
         ):
             plane = pyvista.Plane(
@@ -112,8 +120,8 @@ class Ground:
             self._from_above.close()
 
 
-def _fading_disc(pyvista: Any) -> Any:
+def _fading_disc(pyvista: Any, color: NDArray[Any]) -> Any:
     x = np.linspace(-1, 1, 512)
-    pixels = np.full((512, 512, 4), 255 * np.append(COLOR, 0))
+    pixels = np.full((512, 512, 4), 255 * np.append(color, 0))
     pixels[..., 3] = 255 * np.clip(1.1 * (1 - np.hypot(x[:, None], x)), 0, 1) ** 1.5
     return pyvista.Texture(pixels.astype(np.uint8))

@@ -73,7 +73,7 @@ class Look:
     back : str, optional
         Colour of the other side of an open surface; a lighter one unless given.
     opacity : float
-        1 is opaque.
+        1 is opaque; of smoke, how thick it is.
     edges : bool
         Draw the edges of a surface.
     radius : float or callable, optional
@@ -84,6 +84,8 @@ class Look:
         `pip install "substep[surface]"`.
     heap : bool
         Light particles by the surface of the heap that they make, not each for itself.
+    density : str, optional
+        Of a grid the field that is drawn as smoke, `smoke` or else its first unless given.
     hidden : bool
         Leave it out.
 
@@ -101,4 +103,5 @@ class Look:
     radius: float | Callable[[Recording], float] | None = None
     liquid: bool = False
     heap: bool = False
+    density: str | None = None
     hidden: bool = False

@@ -21,16 +21,18 @@ from ..geometry.topology import equal_rows
 from ..recording import Part, Recording
 from .egl import window_class
 from .extent import radius_in, range_of
-from .ground import Ground
+from .ground import COLOR, Ground
 from .heap_light import heap_light
 from .liquid import LiquidBody, LiquidLayer, compose, distances
 from .look import Camera, Look
 from .surfaces import in_space, magnitude, split_at_creases, vertex_normals
+from .volume import Smoke
 
 PALETTE = ("#c65d47", "#3f7ea6", "#d9a441", "#5d9e6e", "#8a6fb0", "#4fa3a5")
 WATER = "#2f86bd"
 FIXED = "#b4bac2"  # parts that never move
 BACKGROUND = (0.95, 0.96, 0.97)
+DARK, DARK_GROUND = (0.062, 0.07, 0.085), np.array([0.105, 0.115, 0.135])
 VIEW_ANGLE = np.radians(30.0)  # of the picture's height
 FILLING = 0.86  # of the picture by the scene
 MATTE = {"ambient": 0.26, "diffuse": 0.85, "specular": 0.12, "specular_power": 12}
@@ -100,6 +102,8 @@ class Stage:
         Height of the ground [m], which is drawn if the camera is above it.
     nooks : float or None
         How near surfaces shade each other [m].
+    dark : bool
+        Whether background and ground are dark.
     """
 
     def __init__(
@@ -112,6 +116,7 @@ class Stage:
         box: NDArray[np.float64],
         ground: float | None,
         nooks: float | None = None,
+        dark: bool = False,
     ) -> None:
         pyvista = import_pyvista()
         self.range = None if coloring is None else coloring.range
@@ -122,12 +127,16 @@ class Stage:
         first = recording.frame(0)
         with _without_window():
             self._plotter = pyvista.Plotter(off_screen=True, window_size=size, lighting="none")
-            self._plotter.set_background(BACKGROUND)
+            self._plotter.set_background(DARK if dark else BACKGROUND)
             self._bodies: dict[str, _Body] = {}
             self._liquids: dict[str, LiquidBody] = {}
+            self._smokes: dict[str, Smoke] = {}
             for k, (name, part) in enumerate(recording.parts.items()):
                 look = looks.get(name, Look())
-                if not look.hidden:
+                if part.cells and not look.hidden:
+                    self._smokes[name] = Smoke(pyvista, part, look, lights[0][0], coloring)
+                    self._smokes[name].add_to(self._plotter)
+                elif not look.hidden:
                     tone = FIXED if part.points is not None else PALETTE[k % len(PALETTE)]
                     own = coloring if coloring and coloring.field in part.fields else None
                     radius = radius_in(recording, name, look)
@@ -144,7 +153,8 @@ class Stage:
             if ground is not None and self._plotter.camera.position[2] > ground:
                 # What is drawn last has the darker shadow.
                 casting = [*self._liquids.values(), *self._bodies.values()]
-                self._ground = Ground(pyvista, self._plotter, box, ground, casting)
+                earth = DARK_GROUND if dark else COLOR
+                self._ground = Ground(pyvista, self._plotter, box, ground, casting, earth)
             self._add_lights(pyvista, lights)
             if nooks is None:
                 self._plotter.enable_anti_aliasing("msaa", multi_samples=8)
@@ -198,6 +208,8 @@ class Stage:
             body.update(arrays[name])
         for name, liquid in self._liquids.items():
             liquid.update(arrays[name])
+        for name, smoke in self._smokes.items():
+            smoke.update(arrays[name])
         with _without_window():
             if self._ground is not None:
                 self._ground.cast_shadow()

@@ -49,6 +49,8 @@ class View:
     nooks : float or callable, optional
         Surfaces nearer to each other than this [m], or than `nooks(recording)`, keep the light of
         the sky from each other: heaps of solids get depth.
+    dark : bool
+        Draw before a dark background, as suits smoke.
 
     Examples
     --------
@@ -68,6 +70,7 @@ class View:
     ground: Callable[[Recording], float | None] | None = None
     title: Callable[[Recording, int], str] | None = None
     nooks: float | Callable[[Recording], float] | None = None
+    dark: bool = False
 
     def __call__(self, recording: Recording, frame: int, figure: Figure) -> None:
         """Draw one frame on a matplotlib figure."""
@@ -78,10 +81,11 @@ class View:
         axes.set_axis_off()
         axes.imshow(stage.image(recording, frame), aspect="auto", interpolation="none")
         title = self.title or default_title
-        figure.text(0.02, 0.965, title(recording, frame), va="top", fontsize=11)
+        ink = "0.9" if self.dark else "black"
+        figure.text(0.02, 0.965, title(recording, frame), va="top", fontsize=11, color=ink)
         if self.bar and self.color is not None and stage.range is not None:
             unit = _unit(recording, self.color)
-            _add_color_bar(figure, self.color, unit, stage.range, self.palette)
+            _add_color_bar(figure, self.color, unit, stage.range, self.palette, ink)
 
     def image(
         self, recording: Recording, frame: int = -1, size: tuple[int, int] = (960, 540)
@@ -122,7 +126,7 @@ class View:
                 coloring = Coloring(self.color, self.palette, self.limits)
             nooks = self.nooks(recording) if callable(self.nooks) else self.nooks
             stages[key] = Stage(
-                recording, size, self.camera, self.looks, coloring, box, ground, nooks
+                recording, size, self.camera, self.looks, coloring, box, ground, nooks, self.dark
             )
         return stages[key]
 
@@ -142,7 +146,7 @@ def _unit(recording: Recording, name: str) -> str:
 
 
 def _add_color_bar(
-    figure: Figure, name: str, unit: str, limits: tuple[float, float], palette: str
+    figure: Figure, name: str, unit: str, limits: tuple[float, float], palette: str, ink: str
 ) -> None:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -150,4 +154,6 @@ def _add_color_bar(
     shown = ScalarMappable(Normalize(*limits), cmap=palette)
     axes = figure.add_axes((0.915, 0.2, 0.014, 0.6))
     label = name if unit in ("", "1") else f"{name} [{unit}]"
-    figure.colorbar(shown, cax=axes, label=label)
+    bar = figure.colorbar(shown, cax=axes)
+    bar.set_label(label, color=ink)
+    bar.ax.tick_params(colors=ink)
