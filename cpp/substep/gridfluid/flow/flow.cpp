@@ -397,6 +397,9 @@ void Flow<Real, D>::correct(double dt) {
   const double divergence = obstacles_.any() ? total_divergence(next_) : 0;
   const SolveReport got = projection_.project(obstacles_, spans(next_), options.tolerance,
                                               options.max_iterations, options.threads);
+  report.solver = got.direct                                         ? "transform"
+                  : got.preconditioner == Preconditioner::kMultigrid ? "multigrid"
+                                                                     : "diagonal";
   report.iterations = got.iterations;
   report.residual = got.residual;
   report.converged = got.converged;

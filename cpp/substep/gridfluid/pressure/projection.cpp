@@ -11,7 +11,7 @@ namespace substep::gridfluid {
 
 template <class Real, int D>
 Projection<Real, D>::Projection(const Layout<D>& layout, const OpenSides<D>& open)
-    : layout_(layout), open_(open), solver_(layout) {
+    : layout_(layout), open_(open) {
   assign(cells_, layout.size, Cell::kSolid);
   assign(b_, layout.size, Real(0));
   assign(q_, layout.size, 0.0);
@@ -23,9 +23,21 @@ void Projection<Real, D>::set_domain(const Obstacles<Real, D>& obstacles, std::s
                                      int threads) {
   find_cells(obstacles, phi, threads);
   find_weights(obstacles, phi, threads);
+  if (phi.empty() && !obstacles.any() && TransformSolver<Real, D>::can(layout_)) {
+    solver_.reset();
+    direct_.emplace(layout_, open_);
+  } else {
+    direct_.reset();
+    if (!solver_) solver_.emplace(layout_);
+    solver_->set_matrix(weights(), cells(), threads);
+  }
+}
+
+template <class Real, int D>
+std::array<std::span<const Real>, D> Projection<Real, D>::weights() const {
   std::array<std::span<const Real>, D> w;
   for (int a = 0; a < D; ++a) w[usize(a)] = weight(a);
-  solver_.set_matrix(w, cells(), threads);
+  return w;
 }
 
 // A cell is solid where an obstacle leaves none of its faces open.
@@ -133,8 +145,9 @@ void Projection<Real, D>::apply_pressure(const Obstacles<Real, D>& obstacles, bo
 
 template <class Real, int D>
 SolveReport Projection<Real, D>::solve(double tolerance, int max_iterations, int threads) {
-  const SolveReport report = solver_.solve(std::span<const Real>(b_.data(), b_.size()), q(),
-                                           tolerance, max_iterations, threads);
+  const std::span<const Real> b(b_.data(), b_.size());
+  const SolveReport report = direct_ ? direct_->solve(weights(), b, q(), threads)
+                                     : solver_->solve(b, q(), tolerance, max_iterations, threads);
   wrap(layout_, q());
   return report;
 }
