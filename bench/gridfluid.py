@@ -20,9 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _peers import peer_module
-
 import substep
+from _peers import peer_module
 from substep import _core
 
 
