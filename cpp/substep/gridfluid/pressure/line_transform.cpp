@@ -151,7 +151,7 @@ LineTransform::LineTransform(int n, LineEnds ends)
   }
   for (int i = 0; i < n; ++i) {
     const int cell = ends == LineEnds::kOpenWall ? n - 1 - i : i;
-    int j = periodic ? cell : cell % 2 == 0 ? cell / 2 : n - 1 - cell / 2;  // Makhoul, eq. 8
+    int j = periodic ? cell : cell % 2 == 0 ? cell / 2 : n - 1 - cell / 2;  // Makhoul
     int place = 0;
     for (std::size_t s = stages_.size(); s-- > 0; j /= stages_[s].radix) {
       place += j % stages_[s].radix * stages_[s].block;

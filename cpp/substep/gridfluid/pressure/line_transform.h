@@ -53,9 +53,9 @@ class LineTransform {
   std::vector<int> place_;
   std::vector<double> factor_, eigenvalue_;
   std::vector<Stage> stages_;
-  std::vector<double>
-      twiddles_;               // cos and -sin of 2 pi q k / (radix block), of k and 0 < q < radix
-  std::vector<double> turns_;  // cos and sin of the angle of k
+  // cos and -sin of 2 pi q k / (radix block) for k below block and 0 < q < radix; cos and sin of
+  // the angle of k.
+  std::vector<double> twiddles_, turns_;
 };
 
 }  // namespace substep::gridfluid
