@@ -94,6 +94,7 @@ py::dict flow_state(const AnyGridFlow& self) {
 
 void bind_flow_reports(py::module_& m) {
   py::class_<FlowReport>(m, "FlowReport")
+      .def_readonly("solver", &FlowReport::solver)
       .def_readonly("iterations", &FlowReport::iterations)
       .def_readonly("residual", &FlowReport::residual)
       .def_readonly("converged", &FlowReport::converged)
@@ -149,6 +150,7 @@ void bind_grid_flow(py::module_& m) {
             return table(values, std::max(rows_of, py::ssize_t{1}));
           },
           py::arg("points").noconvert())
+      .def("project", &AnyGridFlow::project, Released())
       .def("set_velocity", &AnyGridFlow::set_velocity, py::arg("faces"), Released())
       .def(
           "set_scalar",

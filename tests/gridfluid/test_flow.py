@@ -84,6 +84,56 @@ def test_what_has_a_divergence_is_taken_from_a_given_velocity():
 # ---------------------------------------------------------------------------- order and viscosity
 
 
+BOXES = {
+    "closed": "wall",
+    "periodic": "periodic",
+    "open": "open",
+    "chimney": [("wall", "open"), "periodic", ("open", "wall")],
+    "channel": ["wall", "wall", "periodic"],  # with a flow through it
+}
+
+
+def stirred(name, d, dtype="float64", n=(12, 7, 10), **options):
+    """Velocities by chance in one of the boxes."""
+    sides = [BOXES[name]] * d if isinstance(BOXES[name], str) else BOXES[name][:d]
+    if name == "channel":
+        sides[0] = (Inflow((1.0, 0.0, 0.0)[:d]), "open")
+    bounds = [(0,) * d, [0.1 * m for m in n[:d]]]
+    velocity = np.random.default_rng(4).uniform(-1, 1, (*n[:d], d))
+    return substep.GridFlow(bounds, 0.1, velocity=velocity, sides=sides, dtype=dtype, **options)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("name", BOXES)
+def test_boxes_without_obstacles_are_projected_to_rounding(name, d):
+    for dtype, rounding in (("float64", 1e-15), ("float32", 1e-7)):
+        flow = stirred(name, d, dtype, tolerance=0.5)
+        for _ in range(2):
+            assert flow.report.solver == "transform"
+            assert flow.report.iterations == 1
+            assert flow.report.residual < 1e-12
+            found = flow.diagnostics()
+            assert found["divergence"] < 30 * rounding * found["speed"] / flow.cell
+            flow.step(0.05)
+
+
+@pytest.mark.parametrize("name", BOXES)
+def test_transforms_and_multigrid_find_the_same_flow(name):
+    away = substep.Sphere(0.1, (9, 9, 9))
+    flows = [stirred(name, 3, colliders=c, tolerance=1e-12) for c in ((), (away,))]
+    for flow in flows:
+        flow.step(0.02)
+    assert [flow.report.solver for flow in flows] == ["transform", "multigrid"]
+    for field in ("velocity", "pressure"):
+        direct, iterated = (getattr(flow, field) for flow in flows)
+        np.testing.assert_allclose(direct, iterated, atol=1e-9 * np.abs(iterated).max())
+
+
+def test_cells_with_a_large_prime_factor_are_left_to_multigrid():
+    assert stirred("closed", 2, n=(17, 8)).report.solver == "multigrid"
+    assert stirred("closed", 2, n=(26, 8)).report.solver == "transform"
+
+
 def error(flow, viscosity, steady=0.0, duration=math.pi / 2):
     """The largest error of u after a time, by the exact solution (formula in fluid.json)."""
     step = 0.4 * flow.cell / (1 + steady)

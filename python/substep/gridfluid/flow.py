@@ -51,14 +51,18 @@ class FlowReport(StepReport):
 
     Attributes
     ----------
+    solver : str
+        How the last step found the pressure: directly by a 'transform', by conjugate gradients
+        with 'multigrid', or, where those stalled, with the 'diagonal'.
     residual : float
-        Of the pressure in the last step, relative.
+        Of the pressure in the last step, relative; with a transform that of rounding.
     viscosity_iterations : int
         Of conjugate gradients for viscosity and diffusion, in the last step.
     viscosity_converged : bool
         Whether they met their tolerance.
     """
 
+    solver: str = ""
     residual: float = 0.0
     viscosity_iterations: int = 0
     viscosity_converged: bool = True
@@ -125,7 +129,8 @@ class GridFlow(Simulation):
     largest_step : float
         Of `step_limit` [s], where nothing moves.
     tolerance : float
-        Of the pressure: relative residual at which its iteration stops, above 0.
+        Of the pressure: relative residual at which its iteration stops, above 0. A box without
+        obstacles needs no iteration unless its numbers of cells have prime factors above 13.
     max_iterations : int
         Limit of its iterations, at least 1.
     dtype : {'float32', 'float64'}

@@ -111,6 +111,10 @@ class FlowOf final : public AnyGridFlow {
       throw;
     }
   }
+  void project() override {
+    read_colliders();
+    flow_.project();
+  }
   void set_scalar(int k, std::span<const double> values) override {
     unpack(layout(), values, -1, flow_.scalar(usize(k)));
   }

@@ -47,6 +47,7 @@ class AnyGridFlow {
   // Of the faces of each axis; what has a divergence is taken from them. Nothing changes where that
   // fails.
   virtual void set_velocity(const std::vector<std::vector<double>>& faces) = 0;
+  virtual void project() = 0;  // that alone, of the velocities as they are
   virtual void set_scalar(int k, std::span<const double> values) = 0;
 
   virtual double time() const = 0;

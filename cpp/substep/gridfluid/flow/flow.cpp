@@ -208,22 +208,10 @@ void Flow<Real, D>::hold(std::size_t a, std::span<Real> x) const {
 // u += factor grad q, where the projection takes grad q.
 template <class Real, int D>
 void Flow<Real, D>::take_pressure(Fields& fields, Real factor) {
-  const std::span<const double> q = projection_.q();
-  const bool cut = obstacles_.any();
   for (std::size_t a = 0; a < D; ++a) {
-    const int axis = static_cast<int>(a);
-    const std::span<const Real> weight = projection_.weight(axis);
-    const std::span<const Real> open = cut ? obstacles_.open(axis) : std::span<const Real>();
-    const std::int64_t s = layout_.stride[a];
-    const auto x = span(fields[a]);
     for_rows(layout_, sides_.free_faces(a), options.threads,
              [&](std::int64_t begin, std::int64_t end) {
-               for (std::int64_t i = begin; i < end; ++i) {
-                 const Real w = weight[usize(i)];
-                 if (!(w > 0)) continue;
-                 const Real over = cut ? w / open[usize(i)] : w;
-                 x[usize(i)] += factor * Real((q[usize(i)] - q[usize(i - s)]) * double(over));
-               }
+               projection_.add_gradient(obstacles_, a, begin, end, factor, span(fields[a]));
              });
   }
 }
@@ -392,11 +380,14 @@ void Flow<Real, D>::drive_sources(Fields& fields) const {
 template <class Real, int D>
 void Flow<Real, D>::correct(double dt) {
   check_inflow();
-  take_pressure(next_, Real(1));
+  if (dt > 0) take_pressure(next_, Real(1));
   for (std::size_t a = 0; a < D; ++a) wrap(layout_, span(next_[a]));
   const double divergence = obstacles_.any() ? total_divergence(next_) : 0;
   const SolveReport got = projection_.project(obstacles_, spans(next_), options.tolerance,
                                               options.max_iterations, options.threads);
+  report.solver = got.direct                                         ? "transform"
+                  : got.preconditioner == Preconditioner::kMultigrid ? "multigrid"
+                                                                     : "diagonal";
   report.iterations = got.iterations;
   report.residual = got.residual;
   report.converged = got.converged;

@@ -45,8 +45,9 @@ struct FlowOptions {
 
 // Of the last step.
 struct FlowReport {
-  int iterations = 0;   // of the pressure
-  double residual = 0;  // relative
+  const char* solver = "";  // of the pressure: transform, multigrid or diagonal
+  int iterations = 0;       // of the pressure
+  double residual = 0;      // relative
   bool converged = true;
   int viscosity_iterations = 0;  // of all components and scalars
   bool viscosity_converged = true;

@@ -28,6 +28,7 @@ struct SolveReport {
   int iterations = 0;
   double residual = 0;  // |b - A p| / |b|
   bool converged = false;
+  bool direct = false;  // found by transforms (transform_solver.h), whatever the tolerance
   Preconditioner preconditioner = Preconditioner::kMultigrid;  // that was used last
   int closed_regions = 0;  // that no air touches; the mean of p is 0 in each, that of b taken out
   double imbalance = 0;    // the largest |sum of b| over one of those / sum of |b| over all cells

@@ -11,7 +11,7 @@ namespace substep::gridfluid {
 
 template <class Real, int D>
 Projection<Real, D>::Projection(const Layout<D>& layout, const OpenSides<D>& open)
-    : layout_(layout), open_(open), solver_(layout) {
+    : layout_(layout), open_(open) {
   assign(cells_, layout.size, Cell::kSolid);
   assign(b_, layout.size, Real(0));
   assign(q_, layout.size, 0.0);
@@ -23,9 +23,21 @@ void Projection<Real, D>::set_domain(const Obstacles<Real, D>& obstacles, std::s
                                      int threads) {
   find_cells(obstacles, phi, threads);
   find_weights(obstacles, phi, threads);
+  if (phi.empty() && !obstacles.any() && TransformSolver<Real, D>::can(layout_)) {
+    solver_.reset();
+    direct_.emplace(layout_, open_);
+  } else {
+    direct_.reset();
+    if (!solver_) solver_.emplace(layout_);
+    solver_->set_matrix(weights(), cells(), threads);
+  }
+}
+
+template <class Real, int D>
+std::array<std::span<const Real>, D> Projection<Real, D>::weights() const {
   std::array<std::span<const Real>, D> w;
   for (int a = 0; a < D; ++a) w[usize(a)] = weight(a);
-  solver_.set_matrix(w, cells(), threads);
+  return w;
 }
 
 // A cell is solid where an obstacle leaves none of its faces open.
@@ -109,23 +121,33 @@ void Projection<Real, D>::find_divergence(const Obstacles<Real, D>& obstacles,
   });
 }
 
+template <class Real, int D>
+void Projection<Real, D>::add_gradient(const Obstacles<Real, D>& obstacles, std::size_t axis,
+                                       std::int64_t begin, std::int64_t end, Real factor,
+                                       std::span<Real> x) const {
+  const std::int64_t s = layout_.stride[axis];
+  const Real* const w = weight_[axis].data();
+  const double* const q = q_.data();
+  const auto add = [&](const auto& over_theta) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      x[usize(i)] += factor * Real((q[i] - q[i - s]) * double(over_theta(i)));
+    }
+  };
+  if (!obstacles.any()) return add([&](std::int64_t i) { return w[i]; });
+  const Real* const part = obstacles.open(static_cast<int>(axis)).data();
+  add([&](std::int64_t i) { return w[i] > 0 ? w[i] / part[i] : Real(0); });
+}
+
 // u' = u - s_f (q_f - q) / theta_f; a face that an obstacle closes moves with it.
 template <class Real, int D>
 void Projection<Real, D>::apply_pressure(const Obstacles<Real, D>& obstacles, bool moving,
                                          Velocity<Real, D> u, int threads) {
   for (int a = 0; a < D; ++a) {
-    const std::int64_t s = layout_.stride[usize(a)];
-    const bool cut = obstacles.any();
     for_each_row(layout_, a, threads, [&](std::int64_t begin, std::int64_t end) {
-      for (std::int64_t i = begin; i < end; ++i) {
-        const Real w = weight_[usize(a)][usize(i)];
-        const Real part = cut ? obstacles.open(a)[usize(i)] : Real(1);
-        Real& v = u[usize(a)][usize(i)];
-        if (w > 0) {
-          v -= Real((q_[usize(i)] - q_[usize(i - s)]) * double(w / part));
-        } else if (part == 0) {
-          v = moving ? obstacles.velocity(a)[usize(i)] : Real(0);
-        }
+      add_gradient(obstacles, usize(a), begin, end, Real(-1), u[usize(a)]);
+      for (std::int64_t i = begin; i < end && obstacles.any(); ++i) {
+        if (weight_[usize(a)][usize(i)] > 0 || obstacles.open(a)[usize(i)] != 0) continue;
+        u[usize(a)][usize(i)] = moving ? obstacles.velocity(a)[usize(i)] : Real(0);
       }
     });
   }
@@ -133,8 +155,9 @@ void Projection<Real, D>::apply_pressure(const Obstacles<Real, D>& obstacles, bo
 
 template <class Real, int D>
 SolveReport Projection<Real, D>::solve(double tolerance, int max_iterations, int threads) {
-  const SolveReport report = solver_.solve(std::span<const Real>(b_.data(), b_.size()), q(),
-                                           tolerance, max_iterations, threads);
+  const std::span<const Real> b(b_.data(), b_.size());
+  const SolveReport report = direct_ ? direct_->solve(weights(), b, q(), threads)
+                                     : solver_->solve(b, q(), tolerance, max_iterations, threads);
   wrap(layout_, q());
   return report;
 }

@@ -9,10 +9,14 @@
 // ghost fluid method, Enright, Nguyen, Gibou and Fedkiw, "Using the particle level set method and a
 // second order accurate pressure boundary condition for free surface flows", 2003. At an open side
 // of the box theta_f = 1/2. At its other sides A_f = 0, and u_f is what is prescribed there.
+//
+// Where fluid fills the box and no obstacles are in it, and the numbers of cells allow, q is found
+// by transforms, else by iteration.
 #pragma once
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
 
 #include "substep/core/aligned_buffer.h"
@@ -21,6 +25,7 @@
 #include "substep/gridfluid/grid/sides.h"
 #include "substep/gridfluid/pressure/obstacles.h"
 #include "substep/gridfluid/pressure/pressure_solver.h"
+#include "substep/gridfluid/pressure/transform_solver.h"
 
 namespace substep::gridfluid {
 
@@ -45,6 +50,9 @@ class Projection {
   SolveReport spread(const Obstacles<Real, D>& obstacles, std::span<const Real> source,
                      Velocity<Real, D> d, double tolerance, int max_iterations, int threads);
 
+  // Adds factor * (q_f - q) s_f / theta_f, as taken from velocities, to x of the faces of an axis.
+  void add_gradient(const Obstacles<Real, D>& obstacles, std::size_t axis, std::int64_t begin,
+                    std::int64_t end, Real factor, std::span<Real> x) const;
   // Of the last call of project(), the first guess of the next.
   std::span<double> q() { return {q_.data(), q_.size()}; }
   std::span<const Cell> cells() const { return {cells_.data(), cells_.size()}; }
@@ -58,6 +66,7 @@ class Projection {
 
   void find_cells(const Obstacles<Real, D>& obstacles, std::span<const Real> phi, int threads);
   void find_weights(const Obstacles<Real, D>& obstacles, std::span<const Real> phi, int threads);
+  std::array<std::span<const Real>, D> weights() const;
   void find_divergence(const Obstacles<Real, D>& obstacles, const Velocity<Real, D>& u,
                        int threads);
   SolveReport solve(double tolerance, int max_iterations, int threads);
@@ -70,7 +79,9 @@ class Projection {
   std::array<AlignedBuffer<Real>, D> weight_;
   AlignedBuffer<Real> b_;
   AlignedBuffer<double> q_;
-  PressureSolver<Real, D> solver_;
+  // One of them, by the domain.
+  std::optional<PressureSolver<Real, D>> solver_;
+  std::optional<TransformSolver<Real, D>> direct_;
 };
 
 extern template class Projection<float, 2>;
