@@ -399,6 +399,18 @@ def test_huge_steps_are_finite_or_raise():
             assert np.isfinite(flow.velocity).all()
 
 
+@pytest.mark.parametrize("advection", ["central", "maccormack"])
+def test_the_shortest_step_keeps_the_pressure(advection):
+    flow = plume(advection=advection)
+    flow.advance(0.1)
+    before = flow.pressure
+    assert before.any()
+    flow.step(5e-324)
+    assert np.array_equal(flow.pressure, before)
+    flow.step(0.01)
+    assert np.isfinite(flow.pressure).all()
+
+
 def test_paths_take_steps_of_many_cells():
     flow = vortex(32, 0.0, "maccormack", dtype="float32")
     flow.step_size = 5 * flow.cell

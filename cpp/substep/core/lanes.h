@@ -138,9 +138,18 @@ SUBSTEP_INLINE bool all_within(const V& a, const V& low, const V& high) {
 // The largest integer not above, lane by lane.
 template <class V>
 SUBSTEP_INLINE V floor(const V& a) {
+#ifdef __AVX512F__
+  if constexpr (sizeof(V) == 64 && std::is_same_v<Lane<V>, float>) {
+    return reinterpret_cast<V>(_mm512_floor_ps(reinterpret_cast<__m512>(a)));
+  } else if constexpr (sizeof(V) == 64 && std::is_same_v<Lane<V>, double>) {
+    return reinterpret_cast<V>(_mm512_floor_pd(reinterpret_cast<__m512d>(a)));
+  }
+#endif
 #ifdef __AVX__
   if constexpr (sizeof(V) == 32 && std::is_same_v<Lane<V>, double>) {
     return reinterpret_cast<V>(_mm256_floor_pd(reinterpret_cast<__m256d>(a)));
+  } else if constexpr (sizeof(V) == 32 && std::is_same_v<Lane<V>, float>) {
+    return reinterpret_cast<V>(_mm256_floor_ps(reinterpret_cast<__m256>(a)));
   }
 #endif
 #ifdef __SSE4_1__

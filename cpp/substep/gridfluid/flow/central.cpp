@@ -5,17 +5,19 @@
 namespace substep::gridfluid {
 namespace {
 
-// The part of axis b != a, or of a itself.
+// Takes the part of axis b, of numbers of a row.
 template <class Real, int D>
-Real along(const Layout<D>& layout, const Velocity<Real, D>& flow, const Velocity<Real, D>& u,
-           std::size_t a, std::size_t b, std::int64_t i) {
-  const std::int64_t s = layout.stride[a], t = layout.stride[b];
-  const std::span<Real> v = flow[b];
-  const Real here = u[a][usize(i)];
-  // Twice the velocities through the faces of the cell around.
-  const Real below = v[usize(i - s)] + v[usize(i)];
-  const Real above = a == b ? v[usize(i)] + v[usize(i + s)] : v[usize(i - s + t)] + v[usize(i + t)];
-  return (above * (u[a][usize(i + t)] - here) + below * (here - u[a][usize(i - t)])) / 4;
+void along(const Layout<D>& layout, const Velocity<Real, D>& flow, const Velocity<Real, D>& u,
+           std::size_t a, std::size_t b, std::int64_t begin, std::int64_t end,
+           std::span<Real> out) {
+  const std::int64_t s = layout.stride[a], t = layout.stride[b], over = a == b ? s : t;
+  const Real *x = u[a].data(), *v = flow[b].data();
+  Real* __restrict to = out.data();
+  for (std::int64_t i = begin; i < end; ++i) {
+    // Twice the velocities through the faces of the cell around.
+    const Real below = v[i - s] + v[i], above = v[i - s + over] + v[i + over];
+    to[i] -= (above * (x[i + t] - x[i]) + below * (x[i] - x[i - t])) / 4;
+  }
 }
 
 // In an open side, whose cells inside are those of `column`, and inner the next face. What flows in
@@ -41,10 +43,9 @@ Real in_open_side(const Layout<D>& layout, const Velocity<Real, D>& v, const Vel
 // from the one before to it, `behind`, and from it to the next, `ahead`.
 template <class Real>
 Real koren(Real behind, Real ahead) {
-  if (behind * ahead <= 0) return 0;
-  const Real most = std::min(
-      {2 * std::abs(behind), (std::abs(ahead) * 2 + std::abs(behind)) / 3, 2 * std::abs(ahead)});
-  return (ahead > 0 ? most : -most) / 2;
+  const Real b = std::abs(behind), a = std::abs(ahead);
+  const Real most = std::min(std::min(2 * b, (a * 2 + b) / 3), 2 * a);
+  return behind * ahead > 0 ? (ahead > 0 ? most : -most) / 2 : Real(0);
 }
 
 }  // namespace
@@ -54,11 +55,8 @@ void Fluxes<Real, D>::central(const Layout<D>& layout, const SideGhosts<Real, D>
                               const Velocity<Real, D>& v, const Velocity<Real, D>& u, std::size_t a,
                               std::span<Real> out, int threads) {
   for_rows(layout, sides.inner_faces(a), threads, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i) {
-      Real sum = 0;
-      for (std::size_t b = 0; b < D; ++b) sum += along<Real, D>(layout, v, u, a, b, i);
-      out[usize(i)] = -sum;
-    }
+    std::fill(out.begin() + begin, out.begin() + end, Real(0));
+    for (std::size_t b = 0; b < D; ++b) along<Real, D>(layout, v, u, a, b, begin, end, out);
   });
   for (std::size_t end = 0; end < 2; ++end) {
     if (!sides.is(a, end, SideKind::kOpen)) continue;
@@ -79,38 +77,49 @@ template <class Real, int D>
 void Fluxes<Real, D>::limited(const Layout<D>& layout, const Velocity<Real, D>& u,
                               const std::array<std::span<const Real>, D>& open,
                               std::span<const Real> x, std::span<Real> out, int threads) {
-  // The velocity through the face below cell i, number c of its axis, and what it carries less what
-  // is in cell `of`.
-  const auto flux = [&](std::size_t b, std::int64_t i, int c, std::int64_t of) {
-    const std::int64_t s = layout.stride[b];
-    Real v = u[b][usize(i)];
-    if (!open[b].empty()) v *= open[b][usize(i)];
-    const int n = layout.cells[b];
-    const bool up = v > 0;
-    std::int64_t from = up ? i - s : i, to = up ? i : i - s, before = up ? from - s : from + s;
-    if (c == 0 || c == n) {
-      if (!layout.periodic[b]) {  // what flows in is between the ghost and the cell
-        const bool in = up == (c == 0);
-        const Real value = in ? (x[usize(from)] + x[usize(to)]) / 2 : x[usize(from)];
-        return v * (value - x[usize(of)]);
+  // Adds what comes into cells of a row through their lower or upper faces across axis b, number c
+  // of it, of what these carry less what is in the cell.
+  const auto add = [&](std::size_t b, bool upper, int c, std::int64_t begin, std::int64_t end) {
+    const std::int64_t s = layout.stride[b], n = layout.cells[b];
+    const std::int64_t face = upper ? s : 0, round = layout.periodic[b] ? n * s : 0;
+    const Real sign = upper ? Real(-1) : Real(1);
+    const Real *v = u[b].data() + face, *at = x.data() + face, *here = x.data();
+    const Real* part = open[b].empty() ? nullptr : open[b].data() + face;
+    Real* __restrict to = out.data();
+    if ((c == 0 || c == n) && !layout.periodic[b]) {
+      // What flows in is between the ghost and the cell.
+      for (std::int64_t i = begin; i < end; ++i) {
+        const Real flow = part != nullptr ? v[i] * part[i] : v[i];
+        const bool up = v[i] > 0;
+        const Real from = up ? at[i - s] : at[i];
+        const Real value = up == (c == 0) ? (at[i - s] + at[i]) / 2 : from;
+        to[i] += sign * flow * (value - here[i]);
       }
-      if (up && c == 0) before += n * s;
-      if (!up && c == n) before -= n * s;
+      return;
     }
-    const Real value =
-        x[usize(from)] + koren(x[usize(from)] - x[usize(before)], x[usize(to)] - x[usize(from)]);
-    return v * (value - x[usize(of)]);
+    const Real* before = at - 2 * s + (c == 0 ? round : 0);
+    const Real* after = at + s - (c == n ? round : 0);
+    for (std::int64_t i = begin; i < end; ++i) {
+      const Real flow = part != nullptr ? v[i] * part[i] : v[i];
+      const bool up = v[i] > 0;
+      const Real low = at[i - s], high = at[i], step = high - low;
+      const Real behind = up ? low - before[i] : high - after[i];
+      const Real value = (up ? low : high) + koren(behind, up ? step : -step);
+      to[i] += sign * flow * (value - here[i]);
+    }
   };
   for_placed_rows(layout, all_cells(layout), threads,
-                  [&](std::array<int, D> cell, std::int64_t begin, std::int64_t end) {
-                    for (std::int64_t i = begin; i < end; ++i, ++cell[D - 1]) {
-                      Real sum = 0;
-                      for (std::size_t b = 0; b < D; ++b) {
-                        sum +=
-                            flux(b, i + layout.stride[b], cell[b] + 1, i) - flux(b, i, cell[b], i);
-                      }
-                      out[usize(i)] = -sum;
+                  [&](const std::array<int, D>& cell, std::int64_t begin, std::int64_t end) {
+                    std::fill(out.begin() + begin, out.begin() + end, Real(0));
+                    for (std::size_t b = 0; b + 1 < D; ++b) {
+                      add(b, false, cell[b], begin, end);
+                      add(b, true, cell[b] + 1, begin, end);
                     }
+                    const int n = layout.cells[D - 1];
+                    add(D - 1, false, 0, begin, begin + 1);
+                    add(D - 1, false, 1, begin + 1, end);
+                    add(D - 1, true, 1, begin, end - 1);
+                    add(D - 1, true, n, end - 1, end);
                   });
 }
 

@@ -2,26 +2,19 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <string>
 #include <utility>
 
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
 #include "substep/core/usize.h"
-#include "substep/gridfluid/flow/central.h"
-#include "substep/gridfluid/flow/confinement.h"
-#include "substep/gridfluid/flow/runge_kutta.h"
 #include "substep/gridfluid/flow/stress.h"
+#include "substep/gridfluid/grid/row_tasks.h"
 #include "substep/gridfluid/grid/sides.h"
 
 namespace substep::gridfluid {
 namespace {
-
-template <class T>
-void make_zero(AlignedBuffer<T>& buffer, std::int64_t n) {
-  buffer.reset(usize(n));
-  std::fill(buffer.begin(), buffer.end(), T(0));
-}
 
 template <int D>
 OpenSides<D> open_sides(const Sides<D>& sides) {
@@ -56,16 +49,19 @@ Flow<Real, D>::Flow(const Layout<D>& layout, const Vec3& low, double dx, const S
       face_diffusion_(D, Diffusion<Real, D>(layout)),
       cell_diffusion_(layout),
       paths_(layout) {
-  for (Fields* fields : {&velocity_, &start_, &next_, &change_, &given_}) {
-    for (AlignedBuffer<Real>& x : *fields) make_zero(x, layout.size);
+  for (Fields* fields : {&velocity_, &start_, &next_, &change_}) {
+    for (AlignedBuffer<Real>& x : *fields) assign(x, layout.size, Real(0));
   }
-  make_zero(pressure_, layout.size);
-  make_zero(rates_, layout.size);
+  if (options.advection == FlowAdvection::kCentral) {
+    for (AlignedBuffer<Real>& x : given_) assign(x, layout.size, Real(0));
+  }
+  assign(pressure_, layout.size, 0.0);
+  assign(rates_, layout.size, Real(0));
   scalars_.resize(options.scalars.size());
   start_scalars_.resize(options.scalars.size());
   next_scalars_.resize(options.scalars.size());
   for (auto* fields : {&scalars_, &start_scalars_, &next_scalars_}) {
-    for (AlignedBuffer<Real>& x : *fields) make_zero(x, layout.size);
+    for (AlignedBuffer<Real>& x : *fields) assign(x, layout.size, Real(0));
   }
   find_sources();
 }
@@ -74,7 +70,6 @@ template <class Real, int D>
 void Flow<Real, D>::step(double dt) {
   report = {};
   start(dt);
-  find_given(dt);
   if (options.advection == FlowAdvection::kCentral) {
     move_central(dt);
   } else {
@@ -95,8 +90,7 @@ void Flow<Real, D>::project() {
                    [](Cell cell) { return cell == Cell::kFluid; })) {
     throw InputError("colliders: they leave no fluid in the box");
   }
-  for (std::size_t a = 0; a < D; ++a)
-    std::copy(start_[a].begin(), start_[a].end(), next_[a].begin());
+  for (std::size_t a = 0; a < D; ++a) copy(start_[a], next_[a], options.threads);
   drive_sources(next_);
   try {
     correct(0);
@@ -117,11 +111,10 @@ void Flow<Real, D>::start(double dt) {
   obstacles_.colliders = colliders;
   for (geometry::Collider& c : obstacles_.colliders) c.advance(dt);
   find_domain();
+  const int threads = options.threads;
   for (std::size_t a = 0; a < D; ++a) {
-    std::copy(velocity_[a].begin(), velocity_[a].end(), start_[a].begin());
-  }
-  sides_.set_normal(spans(start_));
-  for (std::size_t a = 0; a < D; ++a) {
+    copy(velocity_[a], start_[a], threads);
+    sides_.set_normal(span(start_[a]), a);
     if (options.slip) {
       into_faces_[a].apply(layout_, span(start_[a]));
     } else {
@@ -130,11 +123,11 @@ void Flow<Real, D>::start(double dt) {
         start_[a][usize(i)] = obstacles_.moving() ? obstacles_.velocity(axis)[usize(i)] : Real(0);
       }
     }
-    sides_.fill(span(start_[a]), a);
+    sides_.fill(span(start_[a]), a, threads);
   }
   for (std::size_t k = 0; k < scalars_.size(); ++k) {
     AlignedBuffer<Real>& x = start_scalars_[k];
-    std::copy(scalars_[k].begin(), scalars_[k].end(), x.begin());
+    copy(scalars_[k], x, threads);
     for (std::size_t s = 0; s < sources_.size(); ++s) {
       const Real added = Real(sources_[s].rate[k] * dt);
       for (const std::int64_t i : places_[s].cells) {
@@ -143,11 +136,11 @@ void Flow<Real, D>::start(double dt) {
       }
     }
     into_cells_.apply(layout_, span(x));
-    sides_.fill_scalar(span(x), k, options.scalars[k].diffusivity, spans(start_));
+    sides_.fill_scalar(span(x), k, options.scalars[k].diffusivity, spans(start_), threads);
   }
-  std::span<double> q = projection_.q();
+  const std::span<double> q = projection_.q();
   const double scale = dt / dx_;
-  for (std::size_t i = 0; i < q.size(); ++i) q[i] = pressure_[i] * scale;
+  for_numbers(layout_.size, threads, [&](std::size_t i) { q[i] = pressure_[i] * scale; });
   into_cells_.apply(layout_, q);
   wrap(layout_, q);
 }
@@ -199,188 +192,26 @@ void Flow<Real, D>::find_sources() {
   }
 }
 
-// Velocities that obstacles hold do not change with the flow.
 template <class Real, int D>
-void Flow<Real, D>::hold(std::size_t a, std::span<Real> x) const {
-  for (const std::int64_t i : face_diffusion_[a].fixed()) x[usize(i)] = 0;
-}
-
-// u += factor grad q, where the projection takes grad q.
-template <class Real, int D>
-void Flow<Real, D>::take_pressure(Fields& fields, Real factor) {
-  for (std::size_t a = 0; a < D; ++a) {
-    for_rows(layout_, sides_.free_faces(a), options.threads,
-             [&](std::int64_t begin, std::int64_t end) {
-               projection_.add_gradient(obstacles_, a, begin, end, factor, span(fields[a]));
-             });
-  }
-}
-
-// The change of velocities that a step brings beside advection, of what it begins with: buoyancy,
-// confinement, the pressure of the step before and, for central differences, viscosity.
-template <class Real, int D>
-void Flow<Real, D>::find_given(double dt) {
-  const bool viscous = options.viscosity > 0 && options.advection == FlowAdvection::kCentral;
-  const Real k = Real(number(options.viscosity, dt));
-  for (std::size_t a = 0; a < D; ++a) {
-    const std::span<Real> given = span(given_[a]);
-    if (viscous) face_diffusion_[a].apply(span(start_[a]), given, options.threads);
-    const std::int64_t s = layout_.stride[a];
-    const double pull = -options.gravity[static_cast<int>(a)] * dt;
-    for_rows(layout_, sides_.free_faces(a), options.threads,
-             [&](std::int64_t begin, std::int64_t end) {
-               for (std::int64_t i = begin; i < end; ++i) {
-                 given[usize(i)] = viscous ? k * given[usize(i)] : Real(0);
-               }
-               for (std::size_t n = 0; n < scalars_.size(); ++n) {
-                 const ScalarOptions& o = options.scalars[n];
-                 const Real factor = Real(pull * o.buoyancy), ambient = Real(o.ambient);
-                 const AlignedBuffer<Real>& x = start_scalars_[n];
-                 if (factor == 0) continue;
-                 for (std::int64_t i = begin; i < end; ++i) {
-                   given[usize(i)] += factor * ((x[usize(i - s)] + x[usize(i)]) / 2 - ambient);
-                 }
-               }
-             });
-  }
-  if (options.vorticity_confinement > 0) {
-    Confinement<Real, D>::add(layout_, sides_, spans(start_),
-                              options.vorticity_confinement * dt / dx_, spans(given_),
-                              spans(change_), span(rates_), options.threads);
-  }
-  take_pressure(given_, Real(-1));
-  for (std::size_t a = 0; a < D; ++a) hold(a, span(given_[a]));
-}
-
-// Of the implicit part of viscosity: half for second order, more where modes would keep more than
-// half of their amplitude with the sign changed.
-template <class Real, int D>
-double Flow<Real, D>::implicit_part(double number) const {
-  const double stiffest = 4 * D * number;
-  return stiffest > 0 ? std::max(0.5, 2.0 / 3 - 1 / stiffest) : 0.5;
-}
-
-template <class Real, int D>
-void Flow<Real, D>::solve(Diffusion<Real, D>& diffusion, double k, std::span<Real> d,
-                          std::size_t of) {
-  const auto refill = [&](std::span<Real> x) {
-    if (of < D) {
-      sides_.fill_change(x, of);
-    } else {
-      sides_.fill_scalar_change(x, of - D);
-    }
-  };
-  const DiffusionReport got = diffusion.solve(Real(k), d, refill, options.viscosity_tolerance,
-                                              options.viscosity_iterations, options.threads);
-  report.viscosity_iterations += got.iterations;
-  report.viscosity_converged &= got.converged;
-}
-
-template <class Real, int D>
-void Flow<Real, D>::move_central(double dt) {
-  std::vector<Changing<Real, D>> arrays;
-  for (std::size_t a = 0; a < D; ++a) {
-    std::copy(start_[a].begin(), start_[a].end(), next_[a].begin());
-    arrays.push_back(
-        {sides_.free_faces(a), span(start_[a]), span(given_[a]), span(next_[a]), span(change_[a])});
-  }
-  const double k = number(options.viscosity, dt), part = implicit_part(k);
-  constexpr double kStiff = 0.2;  // explicit stages are stable below it
-  const Velocity<Real, D> stage = spans(next_);
-  find_passing(stage);  // makes the arrays
-  const Velocity<Real, D> passing = obstacles_.any() ? spans(passing_) : stage;
-  runge_kutta<Real, D>(
-      layout_, arrays, Real(dt / dx_), span(rates_),
-      [&](std::size_t a, std::span<Real> out) {
-        if (a == 0) find_passing(stage);
-        Fluxes<Real, D>::central(layout_, sides_, passing, stage, a, out, options.threads);
-      },
-      [&](std::size_t a, std::span<Real> d) {
-        hold(a, d);
-        if (k > kStiff) solve(face_diffusion_[a], part * k, d, a);
-      },
-      [&](std::size_t a, std::span<Real> x) { sides_.fill(x, a); }, options.threads);
-  for (std::size_t a = 0; a < D; ++a) {
-    const std::span<Real> d = span(change_[a]), x = span(next_[a]);
-    hold(a, d);
-    if (k > 0) solve(face_diffusion_[a], part * k, d, a);
-    for_rows(layout_, sides_.free_faces(a), options.threads,
-             [&](std::int64_t begin, std::int64_t end) {
-               for (std::int64_t i = begin; i < end; ++i) {
-                 x[usize(i)] = start_[a][usize(i)] + d[usize(i)];
-               }
-             });
-  }
-}
-
-// What passes faces of which obstacles leave a part.
-template <class Real, int D>
-void Flow<Real, D>::find_passing(const Velocity<Real, D>& u) {
-  if (!obstacles_.any()) return;
-  const bool moving = obstacles_.moving();
-  for (std::size_t a = 0; a < D; ++a) {
-    if (passing_[a].size() == 0) make_zero(passing_[a], layout_.size);
-    const std::span<Real> v = span(passing_[a]);
-    const int axis = static_cast<int>(a);
-    for_rows(layout_, all_faces(layout_, a), options.threads,
-             [&](std::int64_t begin, std::int64_t end) {
-               for (std::int64_t i = begin; i < end; ++i) {
-                 const Real open = obstacles_.open(axis)[usize(i)];
-                 const Real theirs = moving ? obstacles_.velocity(axis)[usize(i)] : Real(0);
-                 v[usize(i)] = open * u[a][usize(i)] + (1 - open) * theirs;
-               }
-             });
-    wrap(layout_, v);
-  }
-}
-
-template <class Real, int D>
-void Flow<Real, D>::move_along_paths(double dt) {
-  const bool maccormack = options.advection == FlowAdvection::kMacCormack;
-  const Velocity<Real, D> u = spans(start_);
-  const double k = number(options.viscosity, dt);
-  for (std::size_t a = 0; a < D; ++a) {
-    const std::span<Real> x = span(next_[a]), d = span(change_[a]);
-    std::copy(start_[a].begin(), start_[a].end(), x.begin());
-    const auto refill = [&](std::span<Real> y) { sides_.fill(y, a); };
-    paths_.advect(u, dt / dx_, static_cast<int>(a), sides_.free_faces(a), maccormack,
-                  span(std::as_const(start_[a])), x, refill, options.threads);
-    for_rows(layout_, sides_.free_faces(a), options.threads,
-             [&](std::int64_t begin, std::int64_t end) {
-               for (std::int64_t i = begin; i < end; ++i) x[usize(i)] += given_[a][usize(i)];
-             });
-    for (const std::int64_t i : face_diffusion_[a].fixed()) x[usize(i)] = start_[a][usize(i)];
-    if (k == 0) continue;
-    refill(x);
-    face_diffusion_[a].apply(x, d, options.threads);
-    for_rows(layout_, sides_.free_faces(a), options.threads,
-             [&](std::int64_t begin, std::int64_t end) {
-               for (std::int64_t i = begin; i < end; ++i) d[usize(i)] *= Real(k);
-             });
-    solve(face_diffusion_[a], k, d, a);
-    for_rows(layout_, sides_.free_faces(a), options.threads,
-             [&](std::int64_t begin, std::int64_t end) {
-               for (std::int64_t i = begin; i < end; ++i) x[usize(i)] += d[usize(i)];
-             });
-  }
-}
-
-template <class Real, int D>
-void Flow<Real, D>::drive_sources(Fields& fields) const {
+void Flow<Real, D>::drive_sources(Fields& fields) {
   for (std::size_t s = 0; s < sources_.size(); ++s) {
     if (!sources_[s].velocity) continue;
     for (std::size_t a = 0; a < D; ++a) {
       const Real v = Real((*sources_[s].velocity)[static_cast<int>(a)]);
-      for (const std::int64_t i : places_[s].faces[a]) fields[a][usize(i)] = v;
+      for (const std::int64_t i : places_[s].faces[a]) {
+        fields[a][usize(i)] = v;
+        if (!predicts()) projection_.add_gradient(obstacles_, a, i, i + 1, 1, span(fields[a]));
+      }
     }
   }
 }
 
-// The pressure of the step before is given back, and found anew with it as the first guess.
+// The pressure of the step before is given back, if it was taken, and found anew with it as the
+// first guess.
 template <class Real, int D>
 void Flow<Real, D>::correct(double dt) {
   check_inflow();
-  if (dt > 0) take_pressure(next_, Real(1));
+  if (predicts()) take_pressure(next_, Real(1));
   for (std::size_t a = 0; a < D; ++a) wrap(layout_, span(next_[a]));
   const double divergence = obstacles_.any() ? total_divergence(next_) : 0;
   const SolveReport got = projection_.project(obstacles_, spans(next_), options.tolerance,
@@ -469,98 +300,18 @@ void Flow<Real, D>::check_inflow() const {
 }
 
 template <class Real, int D>
-void Flow<Real, D>::carry_scalars(double dt) {
-  if (scalars_.empty()) return;
-  const bool central = options.advection == FlowAdvection::kCentral;
-  for (std::size_t a = 0; a < D; ++a) {  // by the mean of the velocities before and after
-    const std::span<Real> mean = span(change_[a]);
-    for_rows(layout_, all_faces(layout_, a), options.threads,
-             [&](std::int64_t begin, std::int64_t end) {
-               for (std::int64_t i = begin; i < end; ++i) {
-                 mean[usize(i)] = (start_[a][usize(i)] + next_[a][usize(i)]) / 2;
-               }
-             });
-    if (central) continue;
-    if (options.slip) into_faces_[a].apply(layout_, mean);
-    sides_.fill(mean, a);
-  }
-  for (std::size_t k = 0; k < scalars_.size(); ++k) {
-    central ? carry_limited(k, dt) : carry_along_paths(k, dt);
-  }
-}
-
-template <class Real, int D>
-void Flow<Real, D>::carry_limited(std::size_t k, double dt) {
-  const double diffusivity = options.scalars[k].diffusivity;
-  const double n = number(diffusivity, dt), part = implicit_part(n);
-  const Velocity<Real, D> u = spans(change_);
-  const std::span<Real> given = span(given_[0]), change = span(given_[1]);  // not needed any more
-  const std::span<Real> next = span(next_scalars_[k]);
-  const auto start = span(std::as_const(start_scalars_[k]));
-  std::copy(start.begin(), start.end(), next.begin());
-  std::fill(given.begin(), given.end(), Real(0));
-  if (n > 0) cell_diffusion_.apply(start, given, options.threads);
-  for (Real& x : given) x *= Real(n);
-  std::array<std::span<const Real>, D> open;
-  for (int a = 0; a < D && obstacles_.any(); ++a) open[usize(a)] = obstacles_.open(a);
-  const std::array<Changing<Real, D>, 1> arrays{{{all_cells(layout_), start, given, next, change}}};
-  const auto fix = [&](std::span<Real> d) {
-    for (const std::int64_t i : cell_diffusion_.fixed()) d[usize(i)] = 0;
-  };
-  constexpr double kStiff = 0.2;
-  runge_kutta<Real, D>(
-      layout_, arrays, Real(dt / dx_), span(rates_),
-      [&](std::size_t, std::span<Real> out) {
-        Fluxes<Real, D>::limited(layout_, u, open, next, out, options.threads);
-      },
-      [&](std::size_t, std::span<Real> d) {
-        fix(d);
-        if (n > kStiff) solve(cell_diffusion_, part * n, d, D + k);
-      },
-      [&](std::size_t, std::span<Real> x) { sides_.fill_scalar(x, k, diffusivity, u); },
-      options.threads);
-  fix(change);
-  if (n > 0) solve(cell_diffusion_, part * n, change, D + k);
-  for_rows(layout_, all_cells(layout_), options.threads, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i) {
-      next[usize(i)] = start[usize(i)] + change[usize(i)];
-    }
-  });
-}
-
-template <class Real, int D>
-void Flow<Real, D>::carry_along_paths(std::size_t k, double dt) {
-  const double diffusivity = options.scalars[k].diffusivity, n = number(diffusivity, dt);
-  const Velocity<Real, D> u = spans(change_);
-  const std::span<Real> next = span(next_scalars_[k]), d = span(given_[0]);
-  const auto refill = [&](std::span<Real> x) {
-    into_cells_.apply(layout_, x);
-    sides_.fill_scalar(x, k, diffusivity, u);
-  };
-  const bool maccormack = options.advection == FlowAdvection::kMacCormack;
-  refill(span(start_scalars_[k]));
-  paths_.advect(u, dt / dx_, -1, all_cells(layout_), maccormack,
-                span(std::as_const(start_scalars_[k])), next, refill, options.threads);
-  if (n == 0) return;
-  refill(next);
-  cell_diffusion_.apply(next, d, options.threads);
-  for (Real& x : d) x *= Real(n);
-  solve(cell_diffusion_, n, d, D + k);
-  for_rows(layout_, all_cells(layout_), options.threads, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i) next[usize(i)] += d[usize(i)];
-  });
-}
-
-template <class Real, int D>
 void Flow<Real, D>::check_finite() const {
   const auto bad = [&](const Block<D>& block, const AlignedBuffer<Real>& x) {
     return gather_rows(
         layout_, block, options.threads, std::int64_t{-1},
         [&](std::int64_t begin, std::int64_t end) {
+          bool finite = true;
           for (std::int64_t i = begin; i < end; ++i) {
-            if (!std::isfinite(x[usize(i)])) return i;
+            finite &= std::abs(x[usize(i)]) <= std::numeric_limits<Real>::max();
           }
-          return std::int64_t{-1};
+          if (finite) return std::int64_t{-1};
+          while (std::isfinite(x[usize(begin)])) ++begin;
+          return begin;
         },
         [](std::int64_t& total, std::int64_t part) {
           if (total < 0) total = part;
@@ -596,13 +347,13 @@ void Flow<Real, D>::check_finite() const {
 template <class Real, int D>
 void Flow<Real, D>::push(double dt) {
   if (!obstacles_.any()) return;
-  for (std::size_t a = 0; a < D; ++a) sides_.fill(span(next_[a]), a);
+  for (std::size_t a = 0; a < D; ++a) sides_.fill(span(next_[a]), a, options.threads);
   const double viscosity = options.slip ? 0 : options.viscosity;
   Stress<Real, D>::push(layout_, obstacles_, projection_.cells(), into_cells_, spans(next_),
                         projection_.q(), mass(), viscosity * dt / dx_, options.threads);
 }
 
-// From here on nothing fails.
+// From here on nothing fails. A step may be so short that its pressure is no number: then it stays.
 template <class Real, int D>
 void Flow<Real, D>::keep(double dt) {
   const DeferInterrupts deferred;
@@ -610,9 +361,11 @@ void Flow<Real, D>::keep(double dt) {
   scalars_.swap(next_scalars_);
   const std::span<const double> q = projection_.q();
   const std::span<const Cell> cells = projection_.cells();
-  for (std::size_t i = 0; i < q.size(); ++i) {
-    pressure_[i] = cells[i] == Cell::kFluid ? q[i] * (dx_ / dt) : 0.0;
-  }
+  const double scale = dx_ / dt;
+  for_numbers(layout_.size, options.threads, [&](std::size_t i) {
+    const double p = q[i] * scale, there = std::isfinite(p) ? p : pressure_[i];
+    pressure_[i] = cells[i] == Cell::kFluid ? there : 0.0;
+  });
   for (std::size_t c = 0; c < colliders.size(); ++c) colliders[c] = obstacles_.colliders[c];
   time += dt;
 }

@@ -73,12 +73,13 @@ class Flow {
   double total_divergence(const Fields& fields) const;
   void start(double dt);
   void hold(std::size_t a, std::span<Real> x) const;
+  bool predicts() const;
   void take_pressure(Fields& fields, Real factor);
-  void find_given(double dt);
+  void add_given(Fields& fields, double dt);
   void find_passing(const Velocity<Real, D>& u);
   void move_central(double dt);
   void move_along_paths(double dt);
-  void drive_sources(Fields& fields) const;
+  void drive_sources(Fields& fields);
   void correct(double dt);
   void carry_scalars(double dt);
   void carry_limited(std::size_t k, double dt);
@@ -88,6 +89,8 @@ class Flow {
   void keep(double dt);
   double number(double coefficient, double dt) const { return coefficient * dt / (dx_ * dx_); }
   double implicit_part(double number) const;
+  void diffuse(Diffusion<Real, D>& diffusion, double k, std::span<Real> x, std::span<Real> d,
+               std::size_t of);
   void solve(Diffusion<Real, D>& diffusion, double k, std::span<Real> d, std::size_t of);
   double mass() const;
 

@@ -3,8 +3,8 @@
 #include <cmath>
 
 #include "substep/core/usize.h"
+#include "substep/gridfluid/flow/between.h"
 #include "substep/gridfluid/flow/flow.h"
-#include "substep/gridfluid/flow/trace.h"
 
 namespace substep::gridfluid {
 
@@ -118,7 +118,6 @@ std::vector<double> Flow<Real, D>::sample(std::span<const Vec3> points) {
   std::vector<double> p(pressure_.begin(), pressure_.end());
   into_cells_.apply(layout_, std::span<double>(p));
   const Velocity<Real, D> u = spans(start_);
-  const Paths<Real, D> flow(layout_, u, 0);
   const std::size_t columns = D + 1 + scalars_.size();
   std::vector<double> out(points.size() * columns);
   for (std::size_t n = 0; n < points.size(); ++n) {
@@ -130,7 +129,7 @@ std::vector<double> Flow<Real, D>::sample(std::span<const Vec3> points) {
       within[a] = std::clamp(x[a], Real(0.5), Real(layout_.cells[a]) - Real(0.5));
     }
     double* row = out.data() + n * columns;
-    const std::array<Real, D> v = flow.velocity(x);
+    const std::array<Real, D> v = velocity_at<Real, D>(layout_, u, x);
     for (std::size_t a = 0; a < D; ++a) row[a] = double(v[a]);
     Between<double, D> in;
     const Between<Real, D> at = between<Real, D>(layout_, within, -1);

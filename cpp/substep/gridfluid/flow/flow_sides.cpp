@@ -10,16 +10,20 @@ namespace {
 
 // Cells next to a side, the ghosts of other axes included: each(cell, inside, beyond).
 template <int D, class Each>
-void for_beside(const Layout<D>& layout, std::size_t axis, std::size_t end, const Each& each) {
-  std::array<int, D> from, to;
-  for (std::size_t b = 0; b < D; ++b) from[b] = -1, to[b] = layout.cells[b] + 1;
-  from[axis] = end == 0 ? 0 : layout.cells[axis] - 1;
-  to[axis] = from[axis] + 1;
-  std::array<int, D> cell = from;
-  do {
-    const std::int64_t inside = layout.index(cell);
-    each(cell, inside, end == 0 ? inside - layout.stride[axis] : inside + layout.stride[axis]);
-  } while (next_in_block(cell, from, to));
+void for_beside(const Layout<D>& layout, std::size_t axis, std::size_t end, int threads,
+                const Each& each) {
+  constexpr std::int64_t kMany = 4096;  // below it threads take longer than they save
+  Block<D> block;
+  for (std::size_t b = 0; b < D; ++b) block.from[b] = -1, block.to[b] = layout.cells[b] + 1;
+  block.from[axis] = end == 0 ? 0 : layout.cells[axis] - 1;
+  block.to[axis] = block.from[axis] + 1;
+  const std::int64_t out = end == 0 ? -layout.stride[axis] : layout.stride[axis];
+  for_placed_rows(layout, block, block.rows() * block.length() < kMany ? 1 : threads,
+                  [&](std::array<int, D> cell, std::int64_t first, std::int64_t last) {
+                    for (std::int64_t i = first; i < last; ++i, ++cell[D - 1]) {
+                      each(cell, i, i + out);
+                    }
+                  });
 }
 
 }  // namespace
@@ -63,30 +67,30 @@ double SideGhosts<Real, D>::given(std::size_t axis, std::size_t end, const std::
 }
 
 template <class Real, int D>
-void SideGhosts<Real, D>::set_normal(Velocity<Real, D> u) const {
-  for (std::size_t a = 0; a < D; ++a) {
-    for (std::size_t end = 0; end < 2; ++end) {
-      if (is(a, end, SideKind::kOpen) || is(a, end, SideKind::kPeriodic)) continue;
-      for_beside(layout_, a, end, [&](const auto& cell, std::int64_t inside, std::int64_t) {
-        const std::int64_t face = end == 0 ? inside : inside + layout_.stride[a];
-        u[a][usize(face)] = Real(given(a, end, cell, a));
-      });
-    }
+void SideGhosts<Real, D>::set_normal(std::span<Real> u, std::size_t a) const {
+  for (std::size_t end = 0; end < 2; ++end) {
+    if (is(a, end, SideKind::kOpen) || is(a, end, SideKind::kPeriodic)) continue;
+    for_beside(layout_, a, end, 1, [&](const auto& cell, std::int64_t inside, std::int64_t) {
+      const std::int64_t face = end == 0 ? inside : inside + layout_.stride[a];
+      u[usize(face)] = Real(given(a, end, cell, a));
+    });
   }
 }
 
 template <class Real, int D>
-void SideGhosts<Real, D>::fill_velocity(std::span<Real> u, std::size_t a, bool given_too) const {
+void SideGhosts<Real, D>::fill_velocity(std::span<Real> u, std::size_t a, bool given_too,
+                                        int threads) const {
   for (std::size_t b = 0; b < D; ++b) {
     if (is(b, 0, SideKind::kPeriodic) || b == a) continue;
     for (std::size_t end = 0; end < 2; ++end) {
       const Side& side = sides_[b][end];
       const bool held =
           side.kind == SideKind::kInflow || (side.kind == SideKind::kWall && !side.slip);
-      for_beside(layout_, b, end, [&](const auto& cell, std::int64_t inside, std::int64_t beyond) {
-        const Real at = held && given_too ? Real(2 * given(b, end, cell, a)) : Real(0);
-        u[usize(beyond)] = held ? at - u[usize(inside)] : u[usize(inside)];
-      });
+      for_beside(layout_, b, end, threads,
+                 [&](const auto& cell, std::int64_t inside, std::int64_t beyond) {
+                   const Real at = held && given_too ? Real(2 * given(b, end, cell, a)) : Real(0);
+                   u[usize(beyond)] = held ? at - u[usize(inside)] : u[usize(inside)];
+                 });
     }
   }
   wrap(layout_, u);
@@ -94,41 +98,43 @@ void SideGhosts<Real, D>::fill_velocity(std::span<Real> u, std::size_t a, bool g
 
 template <class Real, int D>
 void SideGhosts<Real, D>::fill_scalar(std::span<Real> x, std::size_t k, double diffusivity,
-                                      const Velocity<Real, D>& u) const {
+                                      const Velocity<Real, D>& u, int threads) const {
   for (std::size_t b = 0; b < D; ++b) {
     if (is(b, 0, SideKind::kPeriodic)) continue;
     for (std::size_t end = 0; end < 2; ++end) {
       const Side& side = sides_[b][end];
-      for_beside(layout_, b, end, [&](const auto&, std::int64_t inside, std::int64_t beyond) {
-        const std::int64_t face = end == 0 ? inside : beyond;
-        const Real outward = end == 0 ? -u[b][usize(face)] : u[b][usize(face)];
-        const Real in = x[usize(inside)];
-        Real ghost = in;
-        if (side.kind == SideKind::kInflow || (side.kind == SideKind::kWall && side.holds[k])) {
-          ghost = Real(2 * side.scalar[k]) - in;
-        } else if (side.kind == SideKind::kOpen) {
-          if (outward < 0) ghost = Real(2 * ambient_[k]) - in;
-        } else if (diffusivity > 0) {
-          ghost = in + Real(side.scalar[k] * dx_ / diffusivity);
-        }
-        x[usize(beyond)] = ghost;
-      });
+      for_beside(
+          layout_, b, end, threads, [&](const auto&, std::int64_t inside, std::int64_t beyond) {
+            const std::int64_t face = end == 0 ? inside : beyond;
+            const Real outward = end == 0 ? -u[b][usize(face)] : u[b][usize(face)];
+            const Real in = x[usize(inside)];
+            Real ghost = in;
+            if (side.kind == SideKind::kInflow || (side.kind == SideKind::kWall && side.holds[k])) {
+              ghost = Real(2 * side.scalar[k]) - in;
+            } else if (side.kind == SideKind::kOpen) {
+              if (outward < 0) ghost = Real(2 * ambient_[k]) - in;
+            } else if (diffusivity > 0) {
+              ghost = in + Real(side.scalar[k] * dx_ / diffusivity);
+            }
+            x[usize(beyond)] = ghost;
+          });
     }
   }
   wrap(layout_, x);
 }
 
 template <class Real, int D>
-void SideGhosts<Real, D>::fill_scalar_change(std::span<Real> x, std::size_t k) const {
+void SideGhosts<Real, D>::fill_scalar_change(std::span<Real> x, std::size_t k, int threads) const {
   for (std::size_t b = 0; b < D; ++b) {
     if (is(b, 0, SideKind::kPeriodic)) continue;
     for (std::size_t end = 0; end < 2; ++end) {
       const Side& side = sides_[b][end];
       const bool held =
           side.kind == SideKind::kInflow || (side.kind == SideKind::kWall && side.holds[k]);
-      for_beside(layout_, b, end, [&](const auto&, std::int64_t inside, std::int64_t beyond) {
-        x[usize(beyond)] = held ? -x[usize(inside)] : x[usize(inside)];
-      });
+      for_beside(layout_, b, end, threads,
+                 [&](const auto&, std::int64_t inside, std::int64_t beyond) {
+                   x[usize(beyond)] = held ? -x[usize(inside)] : x[usize(inside)];
+                 });
     }
   }
   wrap(layout_, x);

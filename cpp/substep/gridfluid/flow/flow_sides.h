@@ -46,23 +46,27 @@ class SideGhosts {
   // Of these, those with faces on both sides: not those in open sides.
   Block<D> inner_faces(std::size_t axis) const;
 
-  // What is given at faces in walls and inflows.
-  void set_normal(Velocity<Real, D> u) const;
+  // What is given of component a of the velocity at faces in walls and inflows.
+  void set_normal(std::span<Real> u, std::size_t a) const;
   // Ghosts of component a of the velocity; of a change of it, to which all that is given is 0.
-  void fill(std::span<Real> u, std::size_t a) const { fill_velocity(u, a, true); }
-  void fill_change(std::span<Real> u, std::size_t a) const { fill_velocity(u, a, false); }
+  void fill(std::span<Real> u, std::size_t a, int threads) const {
+    fill_velocity(u, a, true, threads);
+  }
+  void fill_change(std::span<Real> u, std::size_t a, int threads) const {
+    fill_velocity(u, a, false, threads);
+  }
   // Ghosts of scalar k, with its diffusivity [m^2/s], and the velocities that pass open sides.
-  void fill_scalar(std::span<Real> x, std::size_t k, double diffusivity,
-                   const Velocity<Real, D>& u) const;
+  void fill_scalar(std::span<Real> x, std::size_t k, double diffusivity, const Velocity<Real, D>& u,
+                   int threads) const;
   // Of a change of it by diffusion alone.
-  void fill_scalar_change(std::span<Real> x, std::size_t k) const;
+  void fill_scalar_change(std::span<Real> x, std::size_t k, int threads) const;
 
   // Component a of what is given at a side, for a cell or a face of that component.
   double given(std::size_t axis, std::size_t end, const std::array<int, D>& cell,
                std::size_t a) const;
 
  private:
-  void fill_velocity(std::span<Real> u, std::size_t a, bool given_too) const;
+  void fill_velocity(std::span<Real> u, std::size_t a, bool given_too, int threads) const;
 
   Layout<D> layout_;
   Sides<D> sides_;

@@ -4,7 +4,7 @@
 #include <limits>
 #include <vector>
 
-#include "substep/gridfluid/flow/trace.h"
+#include "substep/gridfluid/flow/between.h"
 #include "substep/gridfluid/grid/loops.h"
 
 namespace substep::gridfluid {
@@ -37,7 +37,6 @@ void Stress<Real, D>::push(const Layout<D>& layout, Obstacles<Real, D>& obstacle
                            double shear, int threads) {
   into_cells.apply(layout, q);
   const std::vector<Collider>& colliders = obstacles.colliders;
-  const Paths<Real, D> flow(layout, u, 0);
   const double dx = obstacles.dx;
   // Impulses in the cell, on the collider that is nearest.
   const auto of_cell = [&](const std::array<int, D>& cell, std::int64_t i,
@@ -82,7 +81,7 @@ void Stress<Real, D>::push(const Layout<D>& layout, Obstacles<Real, D>& obstacle
         const std::array<double, D> x = place(cells_off);
         std::array<Real, D> y;
         for (std::size_t a = 0; a < D; ++a) y[a] = Real(x[a]);
-        const std::array<Real, D> v = flow.velocity(y);
+        const std::array<Real, D> v = velocity_at<Real, D>(layout, u, y);
         Vec3 relative = -colliders[c].surface_velocity(on + cells_off * dx * normal);
         if constexpr (D == 2) relative.z() = 0;
         for (std::size_t a = 0; a < D; ++a) relative[static_cast<int>(a)] += double(v[a]);

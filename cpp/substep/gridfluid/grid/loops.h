@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "substep/core/aligned_buffer.h"
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
 #include "substep/gridfluid/grid/layout.h"
@@ -74,6 +75,23 @@ void for_placed_rows(const Layout<D>& layout, const Block<D>& block, int threads
         }
       },
       threads);
+}
+
+// each(i) for all numbers of an array.
+template <class Each>
+void for_numbers(std::int64_t n, int threads, const Each& each) {
+  parallel_for(
+      n, std::int64_t{1} << 15,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t i = begin; i < end; ++i) each(usize(i));
+      },
+      threads);
+}
+
+template <class T>
+void copy(const AlignedBuffer<T>& from, AlignedBuffer<T>& to, int threads) {
+  for_numbers(static_cast<std::int64_t>(from.size()), threads,
+              [&](std::size_t i) { to[i] = from[i]; });
 }
 
 // What of_row(begin, end) returns, put together over rows in their order by add(total, part).

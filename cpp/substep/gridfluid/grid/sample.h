@@ -97,29 +97,99 @@ struct Place {
   }
 };
 
-// A field at the places, and its gradient [1/cell] where that is wanted. `component`: across which
-// axis the field's nodes are at integers, -1: none (cell centres), D: all (lower corners of cells).
-template <class V, int D>
-SUBSTEP_INLINE V interpolate(const Lane<V>* field, const Layout<D>& layout, int component,
-                             const Place<V, D>& place,
-                             std::type_identity_t<std::array<V, D>>* gradient = nullptr) {
-  std::array<V, D> f;
-  Indices<V> index = Indices<V>{} + static_cast<Lane<Indices<V>>>(layout.first);
-  for (int d = 0; d < D; ++d) {
-    const std::size_t half = d == component || component == D ? 0 : 1;
-    f[usize(d)] = place.fraction[half][usize(d)];
-    index += place.lower[half][usize(d)];
+// The same of kRows rows at once: from `field`, and from rows[r] after it. Lanes that are
+// neighbours mostly look into the same places of memory: what some of them need is read from there
+// and put where it belongs. size: numbers in the field.
+template <class V, int kRows>
+SUBSTEP_INLINE void load_pairs(const Lane<V>* field, const std::array<std::int64_t, kRows>& rows,
+                               const Indices<V>& index, [[maybe_unused]] std::int64_t size, V* low,
+                               V* high) {
+#if defined(__AVX512F__)
+  if constexpr (sizeof(V) == 64) {
+    constexpr bool kFloat = sizeof(Lane<V>) == 4;
+    constexpr int kLanes = kFloat ? 16 : 8, kGroups = 3;
+    constexpr unsigned kAll = (1U << kLanes) - 1;
+    const std::int64_t last = size - 2 * kLanes - rows[kRows - 1];
+    unsigned left = last < 0 ? 0 : kAll;
+    for (int group = 0; left != 0 && group < kGroups; ++group) {
+      const std::int64_t at = index[__builtin_ctz(left)] - kLanes / 2;
+      const std::int64_t base = at < 0 ? 0 : at > last ? last : at;
+      const Indices<V> lower = index - static_cast<Lane<Indices<V>>>(base), upper = lower + 1;
+      const __m512i l = reinterpret_cast<__m512i>(lower), u = reinterpret_cast<__m512i>(upper);
+      unsigned here;
+      if constexpr (kFloat) {
+        here = left & _mm512_cmplt_epu32_mask(l, _mm512_set1_epi32(2 * kLanes - 1));
+      } else {
+        here = left & _mm512_cmplt_epu64_mask(l, _mm512_set1_epi64(2 * kLanes - 1));
+      }
+      for (int r = 0; r < kRows; ++r) {
+        const Lane<V>* from = field + rows[usize(r)] + base;
+        const V a = load<V>(from), b = load<V>(from + kLanes);
+        const auto put = [&](const __m512i& which, V& to) __attribute__((always_inline)) {
+          if constexpr (kFloat) {
+            const __m512 x = _mm512_permutex2var_ps(reinterpret_cast<__m512>(a), which,
+                                                    reinterpret_cast<__m512>(b));
+            to = reinterpret_cast<V>(
+                _mm512_mask_mov_ps(reinterpret_cast<__m512>(to), static_cast<__mmask16>(here), x));
+          } else {
+            const __m512d x = _mm512_permutex2var_pd(reinterpret_cast<__m512d>(a), which,
+                                                     reinterpret_cast<__m512d>(b));
+            to = reinterpret_cast<V>(
+                _mm512_mask_mov_pd(reinterpret_cast<__m512d>(to), static_cast<__mmask8>(here), x));
+          }
+        };
+        put(l, low[r]);
+        put(u, high[r]);
+      }
+      left &= ~here;
+    }
+    if (last >= 0 && left == 0) return;
   }
+#endif
+  for (int r = 0; r < kRows; ++r) {
+    load_pairs<V>(field + rows[usize(r)], index, low[r], high[r]);
+  }
+}
+
+// The numbers around places: those below and above along the last axis, in each of the rows around,
+// of which the second is above along the axis before, and the third along the first; and how far
+// the places are between them.
+template <class V, int D>
+struct Corners {
+  static constexpr int kRows = 1 << (D - 1);
+  std::array<V, D> f;
+  V low[kRows], high[kRows];
+
+  // `component`: across which axis the field's nodes are at integers, -1: none (cell centres), D:
+  // all (lower corners of cells).
+  SUBSTEP_INLINE Corners(const Lane<V>* field, const Layout<D>& layout, int component,
+                         const Place<V, D>& place) {
+    Indices<V> index = Indices<V>{} + static_cast<Lane<Indices<V>>>(layout.first);
+    for (int d = 0; d < D; ++d) {
+      const std::size_t half = d == component || component == D ? 0 : 1;
+      f[usize(d)] = place.fraction[half][usize(d)];
+      index += place.lower[half][usize(d)];
+    }
+    std::array<std::int64_t, kRows> rows;
+    for (int r = 0; r < kRows; ++r) {
+      rows[usize(r)] = (r & 1) * layout.stride[D - 2] + (D == 3 ? r / 2 : 0) * layout.stride[0];
+      low[r] = high[r] = V{};
+    }
+    load_pairs<V, kRows>(field, rows, index, layout.size, low, high);
+  }
+};
+
+// A field at the places, and its gradient [1/cell] where that is wanted.
+template <class V, int D>
+SUBSTEP_INLINE V interpolate(const Corners<V, D>& corners,
+                             std::type_identity_t<std::array<V, D>>* gradient = nullptr) {
+  const std::array<V, D>& f = corners.f;
   // Along the last axis, for each of the rows around; then across.
-  constexpr int kRows = 1 << (D - 1);
+  constexpr int kRows = Corners<V, D>::kRows;
   V value[kRows], slope[kRows];
   for (int r = 0; r < kRows; ++r) {
-    const std::int64_t row =
-        (r & 1) * layout.stride[D - 2] + (D == 3 ? r / 2 : 0) * layout.stride[0];
-    V low, high;
-    load_pairs<V>(field + row, index, low, high);
-    slope[r] = high - low;
-    value[r] = fma<V>(f[D - 1], slope[r], low);
+    slope[r] = corners.high[r] - corners.low[r];
+    value[r] = fma<V>(f[D - 1], slope[r], corners.low[r]);
   }
   const auto mix = [](const V& way, const V& low, const V& high)
                        __attribute__((always_inline)) { return fma<V>(way, high - low, low); };
@@ -134,6 +204,12 @@ SUBSTEP_INLINE V interpolate(const Lane<V>* field, const Layout<D>& layout, int 
     }
     return mix(f[0], low, high);
   }
+}
+template <class V, int D>
+SUBSTEP_INLINE V interpolate(const Lane<V>* field, const Layout<D>& layout, int component,
+                             const Place<V, D>& place,
+                             std::type_identity_t<std::array<V, D>>* gradient = nullptr) {
+  return interpolate<V, D>(Corners<V, D>(field, layout, component, place), gradient);
 }
 
 }  // namespace substep::gridfluid
