@@ -130,11 +130,12 @@ void Diffusion<Real, D>::spread(Real own, Real factor, bool surfaces, std::span<
                                 std::span<Real> out, int threads) const {
   const auto s = layout_.stride;
   for_rows(layout_, plain_, threads, [&](std::int64_t begin, std::int64_t end) {
-    const Real middle = own - 2 * D * factor;
-    for (std::int64_t i = begin; i < end; ++i) {
-      Real sum = x[usize(i - s[0])] + x[usize(i + s[0])] + x[usize(i - s[1])] + x[usize(i + s[1])];
-      if constexpr (D == 3) sum += x[usize(i - s[2])] + x[usize(i + s[2])];
-      out[usize(i)] = middle * x[usize(i)] + factor * sum;
+    for (std::int64_t i = begin; i < end; ++i) {  // of differences: own may be lost beside factor
+      const Real here = x[usize(i)];
+      Real sum = (x[usize(i - s[0])] - here) + (x[usize(i + s[0])] - here) +
+                 ((x[usize(i - s[1])] - here) + (x[usize(i + s[1])] - here));
+      if constexpr (D == 3) sum += (x[usize(i - s[2])] - here) + (x[usize(i + s[2])] - here);
+      out[usize(i)] = own * here + factor * sum;
     }
   });
   for (const Cut& cut : cut_) {

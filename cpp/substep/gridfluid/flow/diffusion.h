@@ -99,8 +99,12 @@ DiffusionReport Diffusion<Real, D>::solve(Real k, std::span<Real> d, const Refil
   const double norm = sum([&](std::int64_t i) { return d[usize(i)] * d[usize(i)]; });
   DiffusionReport report;
   if (!(norm > 0)) return report;
-  refill(d);
-  spread(Real(1), -k, false, d, q, threads);
+  // Of a copy: faces in sides, where nothing changes, are 0 there.
+  for_rows(layout_, block_, threads, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) p[usize(i)] = d[usize(i)];
+  });
+  refill(p);
+  spread(Real(1), -k, false, p, q, threads);
   double rr = sum([&](std::int64_t i) {
     r[usize(i)] = p[usize(i)] = d[usize(i)] - q[usize(i)];
     return r[usize(i)] * r[usize(i)];

@@ -80,7 +80,7 @@ void Flow<Real, D>::solve(Diffusion<Real, D>& diffusion, double k, std::span<Rea
     if (of < D) {
       sides_.fill_change(x, of, options.threads);
     } else {
-      sides_.fill_scalar_change(x, of - D, options.threads);
+      sides_.fill_scalar_change(x, of - D, spans(change_), options.threads);
     }
   };
   const DiffusionReport got = diffusion.solve(Real(k), d, refill, options.viscosity_tolerance,

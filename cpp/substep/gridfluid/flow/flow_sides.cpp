@@ -96,6 +96,13 @@ void SideGhosts<Real, D>::fill_velocity(std::span<Real> u, std::size_t a, bool g
   wrap(layout_, u);
 }
 
+// Whether a side holds the k-th scalar: what flows out takes along what it is.
+template <class Real>
+bool holds(const Side& side, std::size_t k, Real outward) {
+  if (side.kind == SideKind::kWall) return side.holds[k];
+  return side.kind == SideKind::kOpen ? outward < 0 : outward <= 0;
+}
+
 template <class Real, int D>
 void SideGhosts<Real, D>::fill_scalar(std::span<Real> x, std::size_t k, double diffusivity,
                                       const Velocity<Real, D>& u, int threads) const {
@@ -109,11 +116,9 @@ void SideGhosts<Real, D>::fill_scalar(std::span<Real> x, std::size_t k, double d
             const Real outward = end == 0 ? -u[b][usize(face)] : u[b][usize(face)];
             const Real in = x[usize(inside)];
             Real ghost = in;
-            if (side.kind == SideKind::kInflow || (side.kind == SideKind::kWall && side.holds[k])) {
-              ghost = Real(2 * side.scalar[k]) - in;
-            } else if (side.kind == SideKind::kOpen) {
-              if (outward < 0) ghost = Real(2 * ambient_[k]) - in;
-            } else if (diffusivity > 0) {
+            if (holds(side, k, outward)) {
+              ghost = Real(2 * (side.kind == SideKind::kOpen ? ambient_[k] : side.scalar[k])) - in;
+            } else if (side.kind == SideKind::kWall && diffusivity > 0) {
               ghost = in + Real(side.scalar[k] * dx_ / diffusivity);
             }
             x[usize(beyond)] = ghost;
@@ -124,16 +129,18 @@ void SideGhosts<Real, D>::fill_scalar(std::span<Real> x, std::size_t k, double d
 }
 
 template <class Real, int D>
-void SideGhosts<Real, D>::fill_scalar_change(std::span<Real> x, std::size_t k, int threads) const {
+void SideGhosts<Real, D>::fill_scalar_change(std::span<Real> x, std::size_t k,
+                                             const Velocity<Real, D>& u, int threads) const {
   for (std::size_t b = 0; b < D; ++b) {
     if (is(b, 0, SideKind::kPeriodic)) continue;
     for (std::size_t end = 0; end < 2; ++end) {
       const Side& side = sides_[b][end];
-      const bool held =
-          side.kind == SideKind::kInflow || (side.kind == SideKind::kWall && side.holds[k]);
       for_beside(layout_, b, end, threads,
                  [&](const auto&, std::int64_t inside, std::int64_t beyond) {
-                   x[usize(beyond)] = held ? -x[usize(inside)] : x[usize(inside)];
+                   const std::int64_t face = end == 0 ? inside : beyond;
+                   const Real outward = end == 0 ? -u[b][usize(face)] : u[b][usize(face)];
+                   const Real in = x[usize(inside)];
+                   x[usize(beyond)] = holds(side, k, outward) ? -in : in;
                  });
     }
   }

@@ -59,7 +59,8 @@ class SideGhosts {
   void fill_scalar(std::span<Real> x, std::size_t k, double diffusivity, const Velocity<Real, D>& u,
                    int threads) const;
   // Of a change of it by diffusion alone.
-  void fill_scalar_change(std::span<Real> x, std::size_t k, int threads) const;
+  void fill_scalar_change(std::span<Real> x, std::size_t k, const Velocity<Real, D>& u,
+                          int threads) const;
 
   // Component a of what is given at a side, for a cell or a face of that component.
   double given(std::size_t axis, std::size_t end, const std::array<int, D>& cell,

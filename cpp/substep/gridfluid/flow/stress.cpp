@@ -10,8 +10,7 @@
 namespace substep::gridfluid {
 namespace {
 
-constexpr double kNear = 1.5,
-                 kFar = 3;  // cells from the surface, where obstacles are not looked at
+constexpr double kNear = 1, kFar = 2;  // cells from the surface, where the flow is looked at
 
 using geometry::Collider;
 using geometry::Exchange;
@@ -69,9 +68,16 @@ void Stress<Real, D>::push(const Layout<D>& layout, Obstacles<Real, D>& obstacle
       }
       return x;
     };
-    const double near = pressure_at<D>(layout, std::span<const double>(q), place(kNear));
-    const double far = pressure_at<D>(layout, std::span<const double>(q), place(kFar));
-    const double there = near + (near - far) * kNear / (kFar - kNear);
+    // Beside what moves, cells that come and go make the pressure of the nearest one swing.
+    const auto pressure = [&] {
+      if (colliders[c].velocity.isZero(0) && colliders[c].angular_velocity.isZero(0)) {
+        return q[usize(i)];
+      }
+      const double near = pressure_at<D>(layout, std::span<const double>(q), place(kNear));
+      const double far = pressure_at<D>(layout, std::span<const double>(q), place(kFar));
+      return near + (near - far) * kNear / (kFar - kNear);
+    };
+    const double there = pressure();
     Vec3 impulse = Vec3::Zero();
     for (std::size_t a = 0; a < D; ++a) {
       impulse[static_cast<int>(a)] = mass * there * double(area[a]);
