@@ -305,11 +305,11 @@ void Flow<Real, D>::check_finite() const {
     return gather_rows(
         layout_, block, options.threads, std::int64_t{-1},
         [&](std::int64_t begin, std::int64_t end) {
-          bool finite = true;
+          int wrong = 0;  // not a bool, so that the loop is one of vectors
           for (std::int64_t i = begin; i < end; ++i) {
-            finite &= std::abs(x[usize(i)]) <= std::numeric_limits<Real>::max();
+            wrong |= std::abs(x[usize(i)]) <= std::numeric_limits<Real>::max() ? 0 : 1;
           }
-          if (finite) return std::int64_t{-1};
+          if (wrong == 0) return std::int64_t{-1};
           while (std::isfinite(x[usize(begin)])) ++begin;
           return begin;
         },
