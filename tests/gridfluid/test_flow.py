@@ -439,3 +439,64 @@ def test_vorticity_of_what_turns_and_of_waves():
     )
     np.testing.assert_allclose(wave.vorticity, expected, atol=1e-9)
     np.testing.assert_array_equal(wave.fields()["vorticity"][0], wave.vorticity)
+
+
+# ---------------------------------------------------------------------------- what sides hold
+
+
+def through(n=16, **options):
+    """A flow from an inflow at the left to an open side at the right, past a ball."""
+    return substep.GridFlow(
+        SQUARE,
+        1 / n,
+        sides=[(Inflow((1.0, 0.0)), "open"), "wall"],
+        viscosity=0.3,
+        colliders=[BALL],
+        dtype="float64",
+        **options,
+    )
+
+
+def test_smoke_that_weighs_nothing_changes_no_flow():
+    plain, carrying = through(), through(smoke=0.0)
+    for _ in range(10):
+        plain.step(0.01)
+        carrying.step(0.01)
+    np.testing.assert_array_equal(plain.velocity, carrying.velocity)
+    np.testing.assert_array_equal(plain.pressure, carrying.pressure)
+
+
+@pytest.mark.parametrize("advection", ["central", "maccormack"])
+@pytest.mark.parametrize("diffusivity", [0.01, 1.0])
+def test_smoke_stays_within_its_bounds_where_flow_enters_by_open_sides(advection, diffusivity):
+    flow = substep.GridFlow(
+        SQUARE,
+        1 / 16,
+        velocity=(1.0, 0.0),
+        smoke=lambda x: (x[:, 0] > 0.5).astype(float),
+        smoke_diffusivity=diffusivity,
+        sides=["open", "periodic"],
+        advection=advection,
+    )
+    for _ in range(40):
+        flow.step(0.02)
+    assert flow.smoke.min() > -1e-3 and flow.smoke.max() < 1 + 1e-3
+
+
+def test_what_leaves_by_an_inflow_takes_its_temperature_along():
+    flow = substep.GridFlow(
+        SQUARE,
+        1 / 16,
+        velocity=(1.0, 0.0),
+        temperature=300.0,
+        thermal_diffusivity=0.1,
+        sides=[(Inflow((1.0, 0.0), temperature=300.0), Inflow((1.0, 0.0))), "wall"],
+    )
+    flow.advance(0.5)
+    np.testing.assert_allclose(flow.temperature, 300.0, rtol=1e-5)
+
+
+@pytest.mark.parametrize("options", [{}, {"temperature": 0.0}, {"thermal_diffusivity": 0.1}])
+def test_a_flux_of_heat_needs_something_that_conducts_it(options):
+    with pytest.raises(substep.InputError, match="heat_flux.*thermal_diffusivity"):
+        substep.GridFlow(SQUARE, 1 / 8, sides=Wall(heat_flux=1.0), **options)

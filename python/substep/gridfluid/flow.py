@@ -35,7 +35,7 @@ from ..geometry.colliders import (
 )
 from ..particles.emitters import check_all
 from .box import check_cells_fit, curl
-from .sides import FlowEmitter, Side, check_flow_sides, native_side
+from .sides import FlowEmitter, Side, Wall, check_flow_sides, native_side
 
 Array = NDArray[np.float64]
 Start = ArrayLike | Callable[[Array], ArrayLike]
@@ -249,6 +249,12 @@ class GridFlow(Simulation):
                     ),
                 },
             )
+        conducts = temperature is not None and carried["temperature"][1]["diffusivity"] > 0
+        for side in (side for pair in self.sides for side in pair):
+            if isinstance(side, Wall) and side.heat_flux and not conducts:
+                raise InputError(
+                    "sides: heat_flux of a wall needs temperature= and thermal_diffusivity= above 0"
+                )
         if smoke is not None:
             carried["smoke"] = (
                 smoke,
