@@ -131,7 +131,7 @@ def test_cylinder_2d_1():
         drag = coefficients(cylinder, 0.2)[0]
         front, back = flow.sample([(0.15, 0.2), (0.25, 0.2)])["pressure"]
         errors.append([abs(drag / 5.57953523 - 1), abs((front - back) / 0.11752017 - 1)])
-    assert errors[1][0] < 0.05 and errors[1][1] < 0.03, errors
+    assert errors[1][0] < 0.01 and errors[1][1] < 0.03, errors
     assert errors[1][0] < 0.7 * errors[0][0] and errors[1][1] < 0.7 * errors[0][1], errors
 
 
