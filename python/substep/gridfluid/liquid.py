@@ -44,6 +44,10 @@ class LiquidReport(StepReport):
     ----------
     residual : float
         Of the pressure of the last step, relative.
+    viscosity_iterations : int
+        Of the solve for the viscosity, in the last step.
+    viscosity_converged : bool
+        Whether it reached its tolerance.
     volume_iterations : int
         Of the solve that spreads the particles evenly, in the last step.
     mean_error : float
@@ -54,6 +58,8 @@ class LiquidReport(StepReport):
     """
 
     residual: float = 0.0
+    viscosity_iterations: int = 0
+    viscosity_converged: bool = True
     volume_iterations: int = 0
     mean_error: float = 0.0
     removed: int = 0
@@ -95,6 +101,11 @@ class GridLiquid(Particles):
         is lively and noisy; PIC damps all that turns.
     flip_rate : float
         With 'flip', the part of it, from 0 to 1; the rest is PIC.
+    viscosity : float
+        Kinematic viscosity [m^2/s], at least 0.
+    slip : bool
+        Whether a viscous liquid passes along walls and obstacles freely, instead of being held.
+        Without viscosity it always does.
     keep_volume : bool
         Spread the particles so that full cells keep as many as they should, by a second pressure
         solve that moves them and leaves their velocities.
@@ -150,6 +161,7 @@ class GridLiquid(Particles):
     bounds: Array
     density: float
     transfer: str
+    viscosity: float
     sides: tuple[tuple[str, str], ...]
     cfl: float
     dtype: np.dtype[Any]
@@ -167,6 +179,8 @@ class GridLiquid(Particles):
         sides: str | Sequence[str | Sequence[str]] = "wall",
         transfer: str = "apic",
         flip_rate: float = 0.97,
+        viscosity: float = 0.0,
+        slip: bool = False,
         keep_volume: bool = True,
         tolerance: float = 1e-4,
         max_iterations: int = 200,
@@ -199,6 +213,7 @@ class GridLiquid(Particles):
         rate = check_real("flip_rate", flip_rate, nonnegative=True)
         if rate > 1:
             raise InputError(f"flip_rate: expected a number from 0 to 1, got {rate}")
+        self.viscosity = check_real("viscosity", viscosity, nonnegative=True)
         self.cfl = check_real("cfl", cfl, positive=True)
         self._step_size = None if step is None else check_real("step", step, positive=True)
         check_cells_fit(cells, self.dtype)
@@ -215,6 +230,8 @@ class GridLiquid(Particles):
             "gravity": [*self._gravity, 0.0][:3],
             "transfer": self.transfer,
             "flip_rate": rate,
+            "viscosity": self.viscosity,
+            "slip": check_flag("slip", slip),
             "tolerance": check_real("tolerance", tolerance, positive=True),
             "max_iterations": check_integer(
                 "max_iterations", max_iterations, minimum=1, maximum=MOST_INT

@@ -53,7 +53,8 @@ GridLiquid<Real, D>::GridLiquid(std::vector<geometry::Collider> colliders,
       particles(options.transfer == Transfer::kApic),
       flow(std::move(flow_)),
       next_(options.transfer == Transfer::kApic),
-      projection_(layout, open_sides<D>(options)) {
+      projection_(layout, open_sides<D>(options)),
+      viscosity_(layout, open_sides<D>(options), options.slip) {
   for (Fields* fields : {&u_, &old_u_, &shift_, &weight_}) {
     for (Field& field : *fields) assign(field, layout.size, Real(0));
   }
@@ -219,15 +220,29 @@ void GridLiquid<Real, D>::for_walls(const Each& each) const {
   }
 }
 
+// With viscosity a first pressure takes what compresses from the velocities: no strain should come
+// of what no strain is to be, as of the weight of a pool at rest. What is left at the surface and at
+// walls a second one takes.
 template <class Real, int D>
 void GridLiquid<Real, D>::project(double dt) {
+  assign(new_q_, layout.size, 0.0);
+  make_incompressible(last_dt > 0 ? dt / last_dt : 0);
+  if (options.viscosity > 0) {
+    make_viscous(dt);
+    make_incompressible(0);
+  }
+  if (obstacles.any()) push_obstacles();
+}
+
+// By a pressure, with that of the last step times a number as first guess.
+template <class Real, int D>
+void GridLiquid<Real, D>::make_incompressible(double guess) {
   poll_interrupt();
-  const double guess = last_dt > 0 ? dt / last_dt : 0;
-  std::span<double> next_q = projection_.q();
+  const std::span<double> next_q = projection_.q();
   for (std::size_t i = 0; i < next_q.size(); ++i) next_q[i] = guess * q[i];
   const SolveReport solved = projection_.project(obstacles, spans(u_), options.tolerance,
                                                  options.max_iterations, options.threads);
-  new_report_.iterations = solved.iterations;
+  new_report_.iterations += solved.iterations;
   new_report_.residual = solved.residual;
   new_report_.converged = solved.converged;
   if (!std::isfinite(solved.residual)) {
@@ -241,13 +256,33 @@ void GridLiquid<Real, D>::project(double dt) {
                                "(tolerance=)",
                            time);
   }
-  new_q_.reset(next_q.size());
-  std::copy(next_q.begin(), next_q.end(), new_q_.begin());
+  for (std::size_t i = 0; i < next_q.size(); ++i) new_q_[i] += next_q[i];
   find_valid();
   fill_around(u_, kLayers);
-  if (obstacles.any()) {
-    obstacles.push(next_q, projection_.cells(), options.density * std::pow(options.cell, D),
-                   options.threads);
+}
+
+template <class Real, int D>
+void GridLiquid<Real, D>::make_viscous(double dt) {
+  const double k = options.viscosity * dt / (options.cell * options.cell);
+  const ViscosityReport solved =
+      viscosity_.apply(obstacles, {phi_.data(), phi_.size()}, k, spans(u_),
+                       options.viscosity_tolerance, options.viscosity_iterations, options.threads);
+  new_report_.viscosity_iterations = solved.iterations;
+  new_report_.viscosity_converged = solved.converged;
+  shear_ = viscosity_.exchanges(obstacles, spans(u_), cell_mass());
+  if (!solved.finite) {
+    throw NonFiniteError("the velocities or the viscosity are too large; take a shorter step", time);
+  }
+}
+
+template <class Real, int D>
+void GridLiquid<Real, D>::push_obstacles() {
+  obstacles.push({new_q_.data(), new_q_.size()}, projection_.cells(), cell_mass(),
+                 options.threads);
+  if (options.viscosity == 0) return;
+  for (std::size_t c = 0; c < obstacles.colliders.size(); ++c) {
+    shear_[c] += obstacles.colliders[c].exchange();
+    obstacles.colliders[c].set_exchange(shear_[c]);
   }
 }
 
@@ -413,7 +448,12 @@ void GridLiquid<Real, D>::commit(double dt) noexcept {
 
 template <class Real, int D>
 double GridLiquid<Real, D>::mass() const {
-  return options.density * std::pow(options.cell / 2, D);
+  return cell_mass() / (1 << D);
+}
+
+template <class Real, int D>
+double GridLiquid<Real, D>::cell_mass() const {
+  return options.density * std::pow(options.cell, D);
 }
 
 template <class Real, int D>

@@ -21,6 +21,7 @@
 #include "substep/gridfluid/particles/surface.h"
 #include "substep/gridfluid/pressure/obstacles.h"
 #include "substep/gridfluid/pressure/projection.h"
+#include "substep/gridfluid/viscosity/viscosity.h"
 
 namespace substep::gridfluid {
 
@@ -43,6 +44,7 @@ class GridLiquid {
   LiquidEnergies energies() const;
   double fastest() const;  // largest component of a velocity [m/s]
   double mass() const;     // of a particle [kg]
+  double cell_mass() const;  // of the liquid in a full cell [kg]
   Vec3 position(std::int64_t row) const;
   Vec3 velocity(std::int64_t row) const;
   void set_position(std::int64_t row, const Vec3& x);
@@ -77,6 +79,9 @@ class GridLiquid {
   void pass_to_grid();
   void accelerate(double dt);
   void project(double dt);
+  void make_incompressible(double guess);
+  void make_viscous(double dt);
+  void push_obstacles();
   void find_valid();
   void find_displacement();
   void move_obstacles(double dt);
@@ -107,6 +112,8 @@ class GridLiquid {
   Extrapolation<Real, D> extrapolate_;
   AlignedBuffer<double> new_q_;
   Projection<Real, D> projection_;
+  Viscosity<Real, D> viscosity_;
+  std::vector<geometry::Exchange> shear_;  // that colliders were given
 };
 
 extern template class GridLiquid<float, 2>;
