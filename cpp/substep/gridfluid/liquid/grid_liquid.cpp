@@ -194,8 +194,8 @@ void GridLiquid<Real, D>::pass_to_grid() {
   transfer_to_grid(next_, layout, static_cast<Real>(options.cell), faces(u_), faces(weight_),
                    options.threads);
   fill_around(u_, 2);
-  if (options.transfer != Transfer::kFlip) return;
-  for (std::size_t a = 0; a < D; ++a) std::copy(u_[a].begin(), u_[a].end(), old_u_[a].begin());
+  if (options.transfer == Transfer::kFlip || options.viscosity > 0) old_u_ = u_;
+  if (options.viscosity > 0) met_ = weight_;
 }
 
 template <class Real, int D>
@@ -228,9 +228,12 @@ void GridLiquid<Real, D>::project(double dt) {
   assign(new_q_, layout.size, 0.0);
   make_incompressible(last_dt > 0 ? dt / last_dt : 0);
   if (options.viscosity > 0) {
+    change_around();
     make_viscous(dt);
     make_incompressible(0);
+    viscosity_.mark(faces(weight_));
   }
+  fill_around(u_, kLayers);
   if (obstacles.any()) push_obstacles();
 }
 
@@ -258,18 +261,31 @@ void GridLiquid<Real, D>::make_incompressible(double guess) {
   }
   for (std::size_t i = 0; i < next_q.size(); ++i) new_q_[i] += next_q[i];
   find_valid();
-  fill_around(u_, kLayers);
+}
+
+// Faces beside those of the pressure are changed by as much as those around.
+template <class Real, int D>
+void GridLiquid<Real, D>::change_around() {
+  for (std::size_t a = 0; a < D; ++a) {
+    for (std::size_t i = 0; i < u_[a].size(); ++i) shift_[a][i] = u_[a][i] - old_u_[a][i];
+  }
+  fill_around(shift_, kLayers);
+  for (std::size_t a = 0; a < D; ++a) {
+    for (std::size_t i = 0; i < u_[a].size(); ++i) {
+      if (!(weight_[a][i] > 0)) u_[a][i] = old_u_[a][i] + shift_[a][i];
+    }
+  }
 }
 
 template <class Real, int D>
 void GridLiquid<Real, D>::make_viscous(double dt) {
   const double k = options.viscosity * dt / (options.cell * options.cell);
   const ViscosityReport solved =
-      viscosity_.apply(obstacles, {phi_.data(), phi_.size()}, k, spans(u_),
+      viscosity_.apply(obstacles, {phi_.data(), phi_.size()}, const_faces(met_), k, spans(u_),
                        options.viscosity_tolerance, options.viscosity_iterations, options.threads);
   new_report_.viscosity_iterations = solved.iterations;
   new_report_.viscosity_converged = solved.converged;
-  shear_ = viscosity_.exchanges(obstacles, spans(u_), cell_mass());
+  shear_ = viscosity_.exchanges(obstacles, cell_mass());
   if (!solved.finite) {
     throw NonFiniteError("the velocities or the viscosity are too large; take a shorter step", time);
   }

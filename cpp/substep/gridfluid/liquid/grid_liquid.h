@@ -80,6 +80,7 @@ class GridLiquid {
   void accelerate(double dt);
   void project(double dt);
   void make_incompressible(double guess);
+  void change_around();
   void make_viscous(double dt);
   void push_obstacles();
   void find_valid();
@@ -106,8 +107,8 @@ class GridLiquid {
   std::int64_t new_next_id_ = 0;
   LiquidReport new_report_;
   // Of the faces: velocities, those before forces and pressure, displacements, and what is above 0
-  // where they are known.
-  Fields u_, old_u_, shift_, weight_;
+  // where they are known, and with viscosity where particles are.
+  Fields u_, old_u_, shift_, weight_, met_;
   Field phi_, density_, scratch_;  // of the cells
   Extrapolation<Real, D> extrapolate_;
   AlignedBuffer<double> new_q_;

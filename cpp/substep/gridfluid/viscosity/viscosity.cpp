@@ -30,14 +30,17 @@ Viscosity<Real, D>::Viscosity(const Layout<D>& layout, const OpenSides<D>& open,
 
 template <class Real, int D>
 ViscosityReport Viscosity<Real, D>::apply(const Obstacles<Real, D>& obstacles,
-                                          std::span<const Real> phi, double k, Velocity<Real, D> u,
-                                          double tolerance, int max_iterations, int threads) {
+                                          std::span<const Real> phi,
+                                          const ConstFaces<Real, D>& known, double k,
+                                          Velocity<Real, D> u, double tolerance,
+                                          int max_iterations, int threads) {
   k_ = k;
   volumes_.find(obstacles, phi, threads);
   find_rows(obstacles, phi, threads);
+  pulls_.clear();
   if (face_.empty()) return {};
   poll_interrupt();
-  find_matrix(obstacles, u, threads);
+  find_matrix(obstacles, known, u, threads);
   const double energy = sum_terms<double>(
       system_.rows.size(), [&](std::size_t i) { return energy_[i]; }, threads);
   if (!std::isfinite(energy)) return {.iterations = 0, .converged = false, .finite = false};
@@ -47,13 +50,31 @@ ViscosityReport Viscosity<Real, D>::apply(const Obstacles<Real, D>& obstacles,
   for_each_index(face_.size(), threads, [&](std::size_t i) {
     u[system_.rows.component[i]][usize(face_[i])] += Real(x_[i]);
   });
-  for (std::size_t a = 0; a < D; ++a) {
-    for (std::size_t f = 0; f < row_[a].size(); ++f) {
-      if (row_[a][f] == kObstacle) u[a][f] = Real(theirs(obstacles, a, static_cast<std::int64_t>(f)));
-    }
-    wrap(layout_, u[a]);
-  }
+  if (obstacles.any()) find_pulls(obstacles, u);
+  hold(obstacles, u);
+  for (const std::span<Real>& component : u) wrap(layout_, component);
   return report;
+}
+
+// Faces in obstacles move with them, and what liquid is around them.
+template <class Real, int D>
+void Viscosity<Real, D>::hold(const Obstacles<Real, D>& obstacles, Velocity<Real, D> u) {
+  for (std::size_t a = 0; a < D && obstacles.any(); ++a) {
+    for (std::size_t f = 0; f < row_[a].size(); ++f) {
+      if (row_[a][f] != kObstacle) continue;
+      const auto face = static_cast<std::int64_t>(f);
+      const double held = theirs(obstacles, a, face);
+      const double impulse = double(volumes_.of_face(a, face)) * (double(u[a][f]) - held);
+      if (impulse != 0) pulls_.push_back({a, face, impulse});
+      u[a][f] = Real(held);
+    }
+  }
+}
+
+template <class Real, int D>
+void Viscosity<Real, D>::mark(const Faces<Real, D>& known) const {
+  for (std::size_t i = 0; i < face_.size(); ++i)
+    known[system_.rows.component[i]][face_[i]] = 1;
 }
 
 // The velocity of an obstacle at a face in it.
@@ -263,6 +284,7 @@ double Viscosity<Real, D>::rate(const Strain& strain, const Velocity<Real, D>& u
 
 template <class Real, int D>
 void Viscosity<Real, D>::find_matrix(const Obstacles<Real, D>& obstacles,
+                                     const ConstFaces<Real, D>& known,
                                      const Velocity<Real, D>& u, int threads) {
   system_.rows.reset(face_.size());
   b_.assign(face_.size(), 0.0);
@@ -270,19 +292,20 @@ void Viscosity<Real, D>::find_matrix(const Obstacles<Real, D>& obstacles,
   parallel_for(
       system_.rows.size(), kRowsOfChunk,
       [&](std::int64_t begin, std::int64_t end) {
-        for (std::int64_t row = begin; row < end; ++row) find_row(obstacles, u, row);
+        for (std::int64_t row = begin; row < end; ++row) find_row(obstacles, known, u, row);
       },
       threads);
 }
 
 // The derivative by the velocity of a face, for the change of all; the energy that it starts with.
 template <class Real, int D>
-void Viscosity<Real, D>::find_row(const Obstacles<Real, D>& obstacles, const Velocity<Real, D>& u,
+void Viscosity<Real, D>::find_row(const Obstacles<Real, D>& obstacles,
+                                  const ConstFaces<Real, D>& known, const Velocity<Real, D>& u,
                                   std::int64_t row) {
   VelocityRows<D>& rows = system_.rows;
   const std::int64_t face = face_[usize(row)];
   const std::size_t axis = rows.component[usize(row)];
-  const auto mass = double(volumes_.of_face(axis, face));
+  const double mass = known[axis][face] > 0 ? double(volumes_.of_face(axis, face)) : 0;
   double diagonal = mass, given = 0;
   std::int64_t slot = row * VelocityRows<D>::kWidth;
   for_strains(axis, layout_.cell(face), [&](std::size_t a, std::size_t b, const Place& place) {
@@ -312,11 +335,8 @@ void Viscosity<Real, D>::find_row(const Obstacles<Real, D>& obstacles, const Vel
 
 // What strains with an obstacle pulls on it as on the liquid, the other way.
 template <class Real, int D>
-std::vector<geometry::Exchange> Viscosity<Real, D>::exchanges(const Obstacles<Real, D>& obstacles,
-                                                              const Velocity<Real, D>& u,
-                                                              double mass) const {
-  std::vector<geometry::Exchange> sums(obstacles.colliders.size());
-  if (!obstacles.any()) return sums;
+void Viscosity<Real, D>::find_pulls(const Obstacles<Real, D>& obstacles,
+                                    const Velocity<Real, D>& u) {
   for (std::int64_t row = 0; row < system_.rows.size(); ++row) {
     const std::size_t axis = system_.rows.component[usize(row)];
     const std::int64_t face = face_[usize(row)];
@@ -325,15 +345,24 @@ std::vector<geometry::Exchange> Viscosity<Real, D>::exchanges(const Obstacles<Re
       const Strain s = strain(obstacles, a, b, place);
       for (int t = 0; t < s.count && s.weight > 0; ++t) {
         const Term &own = s.terms[usize(t)], &other = s.terms[usize(t ^ 1)];
-        if (own.row != row || other.row != kObstacle) continue;
-        const int along = static_cast<int>(axis);
-        const Vec3 x = obstacles.middle(other.face, along);
-        const std::size_t c = obstacles.nearest(x);
-        Vec3 impulse = Vec3::Zero();
-        impulse[along] = mass * s.weight * own.coefficient * rate(s, u);
-        sums[c].add(x - obstacles.colliders[c].position(), impulse);
+        if (own.row == row && other.row == kObstacle)
+          pulls_.push_back({axis, other.face, s.weight * own.coefficient * rate(s, u)});
       }
     });
+  }
+}
+
+template <class Real, int D>
+std::vector<geometry::Exchange> Viscosity<Real, D>::exchanges(const Obstacles<Real, D>& obstacles,
+                                                              double mass) const {
+  std::vector<geometry::Exchange> sums(obstacles.colliders.size());
+  for (const Pull& pull : pulls_) {
+    const int along = static_cast<int>(pull.axis);
+    const Vec3 x = obstacles.middle(pull.face, along);
+    const std::size_t c = obstacles.nearest(x);
+    Vec3 impulse = Vec3::Zero();
+    impulse[along] = mass * pull.impulse;
+    sums[c].add(x - obstacles.colliders[c].position(), impulse);
   }
   return sums;
 }

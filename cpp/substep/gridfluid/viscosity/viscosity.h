@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "substep/gridfluid/grid/sides.h"
+#include "substep/gridfluid/particles/transfer_to_grid.h"
 #include "substep/gridfluid/pressure/obstacles.h"
 #include "substep/gridfluid/pressure/projection.h"
 #include "substep/gridfluid/viscosity/velocity_system.h"
@@ -29,14 +30,17 @@ class Viscosity {
  public:
   Viscosity(const Layout<D>& layout, const OpenSides<D>& open, bool slip);
 
-  // phi: of the liquid at the middle of cells, in cells, with ghosts. `tolerance`: of the energy of
-  // the error, its square over that of the velocities.
-  ViscosityReport apply(const Obstacles<Real, D>& obstacles, std::span<const Real> phi, double k,
-                        Velocity<Real, D> u, double tolerance, int max_iterations, int threads);
-  // What the last call gave to colliders, with the velocities that it left; mass: of a full cell
-  // [kg].
+  // phi: of the liquid at the middle of cells, in cells, with ghosts. known: above 0 at faces whose
+  // velocities are those of liquid; others have no mass. tolerance: the energy of the error over that
+  // of the velocities is its square.
+  ViscosityReport apply(const Obstacles<Real, D>& obstacles, std::span<const Real> phi,
+                        const ConstFaces<Real, D>& known, double k, Velocity<Real, D> u,
+                        double tolerance, int max_iterations, int threads);
+  // Makes known above 0 at faces to which the last call gave velocities.
+  void mark(const Faces<Real, D>& known) const;
+  // What the last call gave to colliders; mass: of a full cell [kg].
   std::vector<geometry::Exchange> exchanges(const Obstacles<Real, D>& obstacles,
-                                            const Velocity<Real, D>& u, double mass) const;
+                                            double mass) const;
 
  private:
   using Place = std::array<int, D>;
@@ -52,10 +56,21 @@ class Viscosity {
     int count = 0;
     std::array<Term, 4> terms;
   };
+  // What an obstacle got at a face in it, in masses of a full cell [m/s].
+  struct Pull {
+    std::size_t axis;
+    std::int64_t face;
+    double impulse;
+  };
+
+  void hold(const Obstacles<Real, D>& obstacles, Velocity<Real, D> u);
+  void find_pulls(const Obstacles<Real, D>& obstacles, const Velocity<Real, D>& u);
   void find_rows(const Obstacles<Real, D>& obstacles, std::span<const Real> phi, int threads);
   void order_rows(std::size_t axis, const std::vector<std::int64_t>& faces);
-  void find_matrix(const Obstacles<Real, D>& obstacles, const Velocity<Real, D>& u, int threads);
-  void find_row(const Obstacles<Real, D>& obstacles, const Velocity<Real, D>& u, std::int64_t row);
+  void find_matrix(const Obstacles<Real, D>& obstacles, const ConstFaces<Real, D>& known,
+                   const Velocity<Real, D>& u, int threads);
+  void find_row(const Obstacles<Real, D>& obstacles, const ConstFaces<Real, D>& known,
+                const Velocity<Real, D>& u, std::int64_t row);
   static double theirs(const Obstacles<Real, D>& obstacles, std::size_t axis, std::int64_t face);
   std::int32_t holder(const Obstacles<Real, D>& obstacles, std::size_t axis, std::int64_t face,
                       const Place& place) const;
@@ -78,6 +93,7 @@ class Viscosity {
   std::vector<std::int64_t> face_;                // of each row
   VelocitySystem<D> system_;
   std::vector<double> b_, x_, energy_;
+  std::vector<Pull> pulls_;
 };
 
 extern template class Viscosity<float, 2>;
