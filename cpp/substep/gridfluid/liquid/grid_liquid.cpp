@@ -280,6 +280,7 @@ void GridLiquid<Real, D>::change_around() {
 template <class Real, int D>
 void GridLiquid<Real, D>::make_viscous(double dt) {
   const double k = options.viscosity * dt / (options.cell * options.cell);
+  hold_nozzles();
   const ViscosityReport solved =
       viscosity_.apply(obstacles, {phi_.data(), phi_.size()}, const_faces(met_), k, spans(u_),
                        options.viscosity_tolerance, options.viscosity_iterations, options.threads);
@@ -288,6 +289,34 @@ void GridLiquid<Real, D>::make_viscous(double dt) {
   shear_ = viscosity_.exchanges(obstacles, cell_mass());
   if (!solved.finite) {
     throw NonFiniteError("the velocities or the viscosity are too large; take a shorter step", time);
+  }
+}
+
+// A jet pulls on what comes out after it, but not out of the nozzle: the faces of the first cell
+// keep its velocity.
+template <class Real, int D>
+void GridLiquid<Real, D>::hold_nozzles() {
+  viscosity_.held.clear();
+  for (const geometry::Emitter& tap : flow.emitters) {
+    if (time < tap.start || time > tap.stop) continue;
+    for (const Vec3& offset : tap.offsets) {
+      for (const double cells : {0.25, 0.75}) {
+        const Vec3 x = tap.position + offset + cells * options.cell * tap.direction;
+        if (!is_inside(x)) continue;
+        std::array<int, D> cell;
+        for (std::size_t a = 0; a < D; ++a) {
+          const double at = (x[int(a)] - options.low[int(a)]) / options.cell;
+          cell[a] = std::clamp(static_cast<int>(at), 0, layout.cells[a] - 1);
+        }
+        const std::int64_t i = layout.index(cell);
+        for (std::size_t a = 0; a < D; ++a) {
+          for (const std::int64_t face : {i, i + layout.stride[a]}) {
+            viscosity_.held.push_back({a, face});
+            u_[a][usize(face)] = static_cast<Real>(tap.speed * tap.direction[int(a)]);
+          }
+        }
+      }
+    }
   }
 }
 

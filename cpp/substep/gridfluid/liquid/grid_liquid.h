@@ -82,6 +82,7 @@ class GridLiquid {
   void make_incompressible(double guess);
   void change_around();
   void make_viscous(double dt);
+  void hold_nozzles();
   void push_obstacles();
   void find_valid();
   void find_displacement();

@@ -13,8 +13,8 @@
 namespace substep::gridfluid {
 namespace {
 
-// Instead of a row: without liquid; held by an obstacle, or by a wall.
-constexpr std::int32_t kNone = -1, kObstacle = -2, kWall = -3;
+// Instead of a row: without liquid; held by an obstacle, by a wall, or as it is.
+constexpr std::int32_t kNone = -1, kObstacle = -2, kWall = -3, kHeld = -4;
 constexpr double kNearest = 0.05;  // theta, so that a step can be solved for
 constexpr double kNear = 2;         // cells from a face, where an obstacle may strain with it
 constexpr double kLeast = 1e-3;    // volume: less is none
@@ -164,6 +164,9 @@ void Viscosity<Real, D>::find_rows(const Obstacles<Real, D>& obstacles, std::spa
           return found;
         },
         [](Faces& all, const Faces& part) { all.insert(all.end(), part.begin(), part.end()); });
+    for (const Face& face : held) {
+      if (face.axis == a && row_[a][usize(face.index)] == kNone) row_[a][usize(face.index)] = kHeld;
+    }
     order_rows(a, faces);
   }
 }
@@ -175,6 +178,7 @@ void Viscosity<Real, D>::order_rows(std::size_t axis, const std::vector<std::int
   VelocityRows<D>& rows = system_.rows;
   std::array<std::vector<std::int64_t>, usize(2 << D)> of_colour;
   for (const std::int64_t face : faces) {
+    if (row_[axis][usize(face)] == kHeld) continue;
     const Place place = layout_.cell(face);
     int sum = 0, closes = 0;
     for (std::size_t a = 0; a < D; ++a) {
@@ -277,7 +281,8 @@ double Viscosity<Real, D>::rate(const Strain& strain, const Velocity<Real, D>& u
   double sum = 0;
   for (int t = 0; t < strain.count; ++t) {
     const Term& term = strain.terms[usize(t)];
-    sum += term.coefficient * (term.row < 0 ? term.given : double(u[term.axis][usize(term.face)]));
+    const bool moves = term.row >= 0 || term.row == kHeld;
+    sum += term.coefficient * (moves ? double(u[term.axis][usize(term.face)]) : term.given);
   }
   return sum;
 }

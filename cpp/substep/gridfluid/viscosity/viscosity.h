@@ -30,6 +30,12 @@ class Viscosity {
  public:
   Viscosity(const Layout<D>& layout, const OpenSides<D>& open, bool slip);
 
+  struct Face {
+    std::size_t axis;
+    std::int64_t index;
+  };
+  std::vector<Face> held;  // that keep the velocities that they have
+
   // phi: of the liquid at the middle of cells, in cells, with ghosts. known: above 0 at faces whose
   // velocities are those of liquid; others have no mass. tolerance: the energy of the error over that
   // of the velocities is its square.
