@@ -71,8 +71,9 @@ class GridLiquid(Particles):
     Particles carry the velocity, a staggered grid gives the pressure: a step passes the velocities
     to the grid, adds gravity, makes them free of divergence, with the free surface and obstacles at
     their true places between the nodes, passes them back and moves the particles along (FLIP, APIC
-    or PIC). Above the surface is nothing: air at pressure 0. There are no viscosity and no surface
-    tension. docs/grid_liquid.md has the equations, and what this is not.
+    or PIC). Above the surface is nothing: air at pressure 0. Viscosity is implicit, and leaves what
+    turns alone, so that a thread of honey coils; there is no surface tension. docs/grid_liquid.md
+    has the equations, and what this is not.
 
     Parameters
     ----------
@@ -90,12 +91,12 @@ class GridLiquid(Particles):
     gravity : array_like, shape (3,) or (2,), optional
         Acceleration [m/s^2]; 9.81 downward (along the last axis) unless given.
     colliders : sequence of Collider or Shape
-        Obstacles and containers, along which the liquid slips. Their friction and restitution are
-        not used.
+        Obstacles and containers, along which the liquid slips unless it is viscous. Their
+        friction and restitution are not used.
     sides : {'wall', 'open', 'periodic'} or sequence
         What the sides of the box are: all of them, or one for each axis, of which any may be a pair
-        for its lower and upper side. Liquid slips along walls and leaves by open sides, where the
-        pressure is 0.
+        for its lower and upper side. Liquid slips along walls, unless it is viscous, and leaves by
+        open sides, where the pressure is 0.
     transfer : {'apic', 'flip', 'pic'}
         How velocities go between particles and grid. APIC keeps angular momentum and is calm; FLIP
         is lively and noisy; PIC damps all that turns.
@@ -141,6 +142,8 @@ class GridLiquid(Particles):
     Jiang et al., "The affine particle-in-cell method", ACM Trans. Graph. 34(4), 2015.
     Batty, Bertails and Bridson, "A fast variational framework for accurate solid-fluid coupling",
     ACM Trans. Graph. 26(3), 2007 (obstacles).
+    Batty and Bridson, "Accurate viscous free surfaces for buckling, coiling, and rotating liquids",
+    SCA 2008, eq. 8 (`viscosity`).
     Kugelstadt et al., "Implicit density projection for volume conserving liquids", IEEE TVCG 27(4),
     2021 (`keep_volume`).
 
@@ -438,7 +441,7 @@ class GridLiquid(Particles):
             `count`; `kinetic_energy`, `gravitational_energy` (0 at the origin) and `energy`, their
             sum [J]; `momentum_x`, `_y`, `_z` [N s];
             `angular_momentum_x`, `_y`, `_z` about 0 [N m s]; of the last step `iterations`,
-            `residual` and `mean_density_error`, as in the report.
+            `residual`, `viscosity_iterations` and `mean_density_error`, as in the report.
         """
         energies, report = self._native.energies, self.report
         values = {
@@ -449,6 +452,7 @@ class GridLiquid(Particles):
         return with_energy(values | momenta(energies)) | {
             "iterations": float(report.iterations),
             "residual": report.residual,
+            "viscosity_iterations": float(report.viscosity_iterations),
             "mean_density_error": report.mean_error,
         }
 

@@ -221,8 +221,8 @@ void GridLiquid<Real, D>::for_walls(const Each& each) const {
 }
 
 // With viscosity a first pressure takes what compresses from the velocities: no strain should come
-// of what no strain is to be, as of the weight of a pool at rest. What is left at the surface and at
-// walls a second one takes.
+// of what no strain is to be, as of the weight of a pool at rest. What is left at the surface and
+// at walls a second one takes.
 template <class Real, int D>
 void GridLiquid<Real, D>::project(double dt) {
   assign(new_q_, layout.size, 0.0);
@@ -288,7 +288,8 @@ void GridLiquid<Real, D>::make_viscous(double dt) {
   new_report_.viscosity_converged = solved.converged;
   shear_ = viscosity_.exchanges(obstacles, cell_mass());
   if (!solved.finite) {
-    throw NonFiniteError("the velocities or the viscosity are too large; take a shorter step", time);
+    throw NonFiniteError("the velocities or the viscosity are too large; take a shorter step",
+                         time);
   }
 }
 
@@ -322,8 +323,7 @@ void GridLiquid<Real, D>::hold_nozzles() {
 
 template <class Real, int D>
 void GridLiquid<Real, D>::push_obstacles() {
-  obstacles.push({new_q_.data(), new_q_.size()}, projection_.cells(), cell_mass(),
-                 options.threads);
+  obstacles.push({new_q_.data(), new_q_.size()}, projection_.cells(), cell_mass(), options.threads);
   if (options.viscosity == 0) return;
   for (std::size_t c = 0; c < obstacles.colliders.size(); ++c) {
     shear_[c] += obstacles.colliders[c].exchange();

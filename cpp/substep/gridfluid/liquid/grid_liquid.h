@@ -42,8 +42,8 @@ class GridLiquid {
   void step(double dt);
 
   LiquidEnergies energies() const;
-  double fastest() const;  // largest component of a velocity [m/s]
-  double mass() const;     // of a particle [kg]
+  double fastest() const;    // largest component of a velocity [m/s]
+  double mass() const;       // of a particle [kg]
   double cell_mass() const;  // of the liquid in a full cell [kg]
   Vec3 position(std::int64_t row) const;
   Vec3 velocity(std::int64_t row) const;

@@ -53,7 +53,8 @@ class Obstacles {
   // pressure times dt / (density dx) [m/s], and the mass of a full cell [kg].
   void push(std::span<const double> q, std::span<const Cell> cells, double mass, int threads);
 
-  // The middle of a cell, or of the face below it along an axis [m], and the collider nearest there.
+  // The middle of a cell, or of the face below it along an axis [m], and the collider nearest
+  // there.
   Vec3 middle(std::int64_t i, int faces_of = -1) const;
   std::size_t nearest(const Vec3& x) const;
 

@@ -48,8 +48,7 @@ template <int D>
 auto RigidBlocks<D>::Level::others(std::int64_t block) const -> Motion {
   Motion sum = Motion::Zero();
   for (std::int64_t k = block * kNear; k < (block + 1) * kNear && other[usize(k)] >= 0; ++k) {
-    if (other[usize(k)] != block)
-      sum.noalias() += value[usize(k)] * x[usize(other[usize(k)])];
+    if (other[usize(k)] != block) sum.noalias() += value[usize(k)] * x[usize(other[usize(k)])];
   }
   return sum;
 }

@@ -10,8 +10,8 @@
 
 namespace substep::gridfluid {
 
-// Ordered by colours, of which no two rows meet. The numbers beside the diagonal are exact in float,
-// and the diagonal is their sum and the mass: what is rigid feels the mass alone.
+// Ordered by colours, of which no two rows meet. The numbers beside the diagonal are exact in
+// float, and the diagonal is their sum and the mass: what is rigid feels the mass alone.
 template <int D>
 struct VelocityRows {
   // Others that a face meets: two along its axis, and across each of the other axes two of its own
@@ -36,11 +36,11 @@ struct VelocityRows {
     return sum;
   }
 
-  std::array<int, D> cells{};         // of the grid
+  std::array<int, D> cells{};  // of the grid
   std::array<bool, D> periodic{};
   std::vector<std::int64_t> colours;  // where each ends
   std::vector<double> diagonal;
-  std::vector<float> value;           // kWidth each
+  std::vector<float> value;  // kWidth each
   std::vector<std::int32_t> column;
   std::vector<std::array<float, D>> place;  // of the middle of the face, in cells
   std::vector<std::uint8_t> component;

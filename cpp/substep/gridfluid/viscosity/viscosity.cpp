@@ -16,7 +16,7 @@ namespace {
 // Instead of a row: without liquid; held by an obstacle, by a wall, or as it is.
 constexpr std::int32_t kNone = -1, kObstacle = -2, kWall = -3, kHeld = -4;
 constexpr double kNearest = 0.05;  // theta, so that a step can be solved for
-constexpr double kNear = 2;         // cells from a face, where an obstacle may strain with it
+constexpr double kNear = 2;        // cells from a face, where an obstacle may strain with it
 constexpr double kLeast = 1e-3;    // volume: less is none
 constexpr double kAway = 2.5;      // cells from the liquid where a face meets none of it
 
@@ -32,8 +32,8 @@ template <class Real, int D>
 ViscosityReport Viscosity<Real, D>::apply(const Obstacles<Real, D>& obstacles,
                                           std::span<const Real> phi,
                                           const ConstFaces<Real, D>& known, double k,
-                                          Velocity<Real, D> u, double tolerance,
-                                          int max_iterations, int threads) {
+                                          Velocity<Real, D> u, double tolerance, int max_iterations,
+                                          int threads) {
   k_ = k;
   volumes_.find(obstacles, phi, threads);
   find_rows(obstacles, phi, threads);
@@ -41,12 +41,12 @@ ViscosityReport Viscosity<Real, D>::apply(const Obstacles<Real, D>& obstacles,
   if (face_.empty()) return {};
   poll_interrupt();
   find_matrix(obstacles, known, u, threads);
-  const double energy = sum_terms<double>(
-      system_.rows.size(), [&](std::size_t i) { return energy_[i]; }, threads);
+  const double energy =
+      sum_terms<double>(system_.rows.size(), [&](std::size_t i) { return energy_[i]; }, threads);
   if (!std::isfinite(energy)) return {.iterations = 0, .converged = false, .finite = false};
   x_.resize(face_.size());
-  const ViscosityReport report = system_.solve(b_, x_, tolerance * tolerance * energy,
-                                               max_iterations, threads);
+  const ViscosityReport report =
+      system_.solve(b_, x_, tolerance * tolerance * energy, max_iterations, threads);
   for_each_index(face_.size(), threads, [&](std::size_t i) {
     u[system_.rows.component[i]][usize(face_[i])] += Real(x_[i]);
   });
@@ -73,8 +73,7 @@ void Viscosity<Real, D>::hold(const Obstacles<Real, D>& obstacles, Velocity<Real
 
 template <class Real, int D>
 void Viscosity<Real, D>::mark(const Faces<Real, D>& known) const {
-  for (std::size_t i = 0; i < face_.size(); ++i)
-    known[system_.rows.component[i]][face_[i]] = 1;
+  for (std::size_t i = 0; i < face_.size(); ++i) known[system_.rows.component[i]][face_[i]] = 1;
 }
 
 // The velocity of an obstacle at a face in it.
@@ -289,8 +288,8 @@ double Viscosity<Real, D>::rate(const Strain& strain, const Velocity<Real, D>& u
 
 template <class Real, int D>
 void Viscosity<Real, D>::find_matrix(const Obstacles<Real, D>& obstacles,
-                                     const ConstFaces<Real, D>& known,
-                                     const Velocity<Real, D>& u, int threads) {
+                                     const ConstFaces<Real, D>& known, const Velocity<Real, D>& u,
+                                     int threads) {
   system_.rows.reset(face_.size());
   b_.assign(face_.size(), 0.0);
   energy_.assign(face_.size(), 0.0);

@@ -6,9 +6,9 @@
 // coiling, and rotating liquids", 2008, eq. 8. That the surface bears no traction follows; and what
 // turns rigidly is left alone.
 //
-// Walls and obstacles hold what touches them, or have no shear. Where a face of a difference is in an
-// obstacle, the difference is that to the surface over the part theta of the way to it; half of it at
-// walls, on which the velocity across is given.
+// Walls and obstacles hold what touches them, or have no shear. Where a face of a difference is in
+// an obstacle, the difference is that to the surface over the part theta of the way to it; half of
+// it at walls, on which the velocity across is given.
 #pragma once
 
 #include <array>
@@ -37,16 +37,15 @@ class Viscosity {
   std::vector<Face> held;  // that keep the velocities that they have
 
   // phi: of the liquid at the middle of cells, in cells, with ghosts. known: above 0 at faces whose
-  // velocities are those of liquid; others have no mass. tolerance: the energy of the error over that
-  // of the velocities is its square.
+  // velocities are those of liquid; others have no mass. tolerance: the energy of the error over
+  // that of the velocities is its square.
   ViscosityReport apply(const Obstacles<Real, D>& obstacles, std::span<const Real> phi,
                         const ConstFaces<Real, D>& known, double k, Velocity<Real, D> u,
                         double tolerance, int max_iterations, int threads);
   // Makes known above 0 at faces to which the last call gave velocities.
   void mark(const Faces<Real, D>& known) const;
   // What the last call gave to colliders; mass: of a full cell [kg].
-  std::vector<geometry::Exchange> exchanges(const Obstacles<Real, D>& obstacles,
-                                            double mass) const;
+  std::vector<geometry::Exchange> exchanges(const Obstacles<Real, D>& obstacles, double mass) const;
 
  private:
   using Place = std::array<int, D>;

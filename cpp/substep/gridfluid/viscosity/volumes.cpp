@@ -59,7 +59,8 @@ void Volumes<Real, D>::find(const Obstacles<Real, D>& obstacles, std::span<const
       }
       if (distance.empty() || level > Real(kFar) || obstacles.at_centre(i) > Real(kFar)) continue;
       for (unsigned p = 0; p < kParts; ++p) {
-        parts[p] *= filled(-between([&](unsigned k) { return distance[usize(i + below_[p ^ k])]; }));
+        parts[p] *=
+            filled(-between([&](unsigned k) { return distance[usize(i + below_[p ^ k])]; }));
       }
     }
   });

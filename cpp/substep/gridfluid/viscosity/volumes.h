@@ -1,9 +1,10 @@
-// What part of the room around each number of a staggered grid is liquid: of the cube of a cell that
-// has a cell, a face or an edge (in 2D a corner) in its middle.
+// What part of the room around each number of a staggered grid is liquid: of the cube of a cell
+// that has a cell, a face or an edge (in 2D a corner) in its middle.
 //
 // All are means of the same 2^D parts of cells, so that cells, faces and edges have the same volume
 // in all: Batty and Bridson, "Accurate viscous free surfaces for buckling, coiling, and rotating
-// liquids", 2008, section 4, with the parts of a finer grid found from the distance in their middle.
+// liquids", 2008, section 4, with the parts of a finer grid found from the distance in their
+// middle.
 #pragma once
 
 #include <array>
@@ -21,8 +22,8 @@ class Volumes {
  public:
   explicit Volumes(const Layout<D>& layout);
 
-  // phi: of the liquid at the middle of cells, below 0 inside, in cells, with ghosts. Outside of the
-  // box there is none.
+  // phi: of the liquid at the middle of cells, below 0 inside, in cells, with ghosts. Outside of
+  // the box there is none.
   void find(const Obstacles<Real, D>& obstacles, std::span<const Real> phi, int threads);
 
   // Of cell i; of the face below it along an axis; of the edge below it along two.
