@@ -13,7 +13,7 @@ SHARED = {"linalg", "geometry", "transfer"}  # the floor between core and the me
 # Inside a folder: each sub-folder includes itself and those before it. "." are the files beside
 # the sub-folders. A folder that is not here has none.
 INSIDE = {
-    "gridfluid": ["grid", "particles", "pressure", "flow", "liquid"],
+    "gridfluid": ["grid", "particles", "pressure", "flow", "viscosity", "liquid"],
     "linalg": [".", "direct"],
     "mpm": ["materials", "particles", "boundary", "passes", "general", "implicit", "solver"],
     "ode": ["stepping", "explicit", "implicit", "symplectic", "systems", "solve"],

@@ -23,6 +23,8 @@ gridfluid::LiquidOptions grid_liquid_options(const py::dict& given) {
                : transfer == "flip" ? gridfluid::Transfer::kFlip
                                     : gridfluid::Transfer::kApic;
   o.flip_rate = number(given, "flip_rate");
+  o.viscosity = number(given, "viscosity");
+  o.slip = flag(given, "slip");
   o.tolerance = number(given, "tolerance");
   o.max_iterations = integer(given, "max_iterations");
   o.keep_volume = flag(given, "keep_volume");
@@ -88,6 +90,8 @@ void bind_grid_liquid_reports(py::module_& m) {
       .def_readonly("iterations", &gridfluid::LiquidReport::iterations)
       .def_readonly("residual", &gridfluid::LiquidReport::residual)
       .def_readonly("converged", &gridfluid::LiquidReport::converged)
+      .def_readonly("viscosity_iterations", &gridfluid::LiquidReport::viscosity_iterations)
+      .def_readonly("viscosity_converged", &gridfluid::LiquidReport::viscosity_converged)
       .def_readonly("volume_iterations", &gridfluid::LiquidReport::volume_iterations)
       .def_readonly("mean_error", &gridfluid::LiquidReport::mean_error)
       .def_readonly("removed", &gridfluid::LiquidReport::removed);

@@ -45,6 +45,10 @@ class LiquidReport(StepReport):
     ----------
     residual : float
         Of the pressure of the last step, relative.
+    viscosity_iterations : int
+        Of the solve for the viscosity, in the last step.
+    viscosity_converged : bool
+        Whether it reached its tolerance.
     volume_iterations : int
         Of the solve that spreads the particles evenly, in the last step.
     mean_error : float
@@ -55,6 +59,8 @@ class LiquidReport(StepReport):
     """
 
     residual: float = 0.0
+    viscosity_iterations: int = 0
+    viscosity_converged: bool = True
     volume_iterations: int = 0
     mean_error: float = 0.0
     removed: int = 0
@@ -66,8 +72,9 @@ class GridLiquid(Particles):
     Particles carry the velocity, a staggered grid gives the pressure: a step passes the velocities
     to the grid, adds gravity, makes them free of divergence, with the free surface and obstacles at
     their true places between the nodes, passes them back and moves the particles along (FLIP, APIC
-    or PIC). Above the surface is nothing: air at pressure 0. There are no viscosity and no surface
-    tension. docs/grid_liquid.md has the equations, and what this is not.
+    or PIC). Above the surface is nothing: air at pressure 0. Viscosity is implicit, and leaves what
+    turns alone, so that a thread of honey coils; there is no surface tension. docs/grid_liquid.md
+    has the equations, and what this is not.
 
     Parameters
     ----------
@@ -85,17 +92,22 @@ class GridLiquid(Particles):
     gravity : array_like, shape (3,) or (2,), optional
         Acceleration [m/s^2]; 9.81 downward (along the last axis) unless given.
     colliders : sequence of Collider or Shape
-        Obstacles and containers, along which the liquid slips. Their friction and restitution are
-        not used.
+        Obstacles and containers, along which the liquid slips unless it is viscous. Their
+        friction and restitution are not used.
     sides : {'wall', 'open', 'periodic'} or sequence
         What the sides of the box are: all of them, or one for each axis, of which any may be a pair
-        for its lower and upper side. Liquid slips along walls and leaves by open sides, where the
-        pressure is 0.
+        for its lower and upper side. Liquid slips along walls, unless it is viscous, and leaves by
+        open sides, where the pressure is 0.
     transfer : {'apic', 'flip', 'pic'}
         How velocities go between particles and grid. APIC keeps angular momentum and is calm; FLIP
         is lively and noisy; PIC damps all that turns.
     flip_rate : float
         With 'flip', the part of it, from 0 to 1; the rest is PIC.
+    viscosity : float
+        Kinematic viscosity [m^2/s], at least 0.
+    slip : bool
+        Whether a viscous liquid passes along walls and obstacles freely, instead of being held.
+        Without viscosity it always does.
     keep_volume : bool
         Spread the particles so that full cells keep as many as they should, by a second pressure
         solve that moves them and leaves their velocities.
@@ -131,6 +143,8 @@ class GridLiquid(Particles):
     Jiang et al., "The affine particle-in-cell method", ACM Trans. Graph. 34(4), 2015.
     Batty, Bertails and Bridson, "A fast variational framework for accurate solid-fluid coupling",
     ACM Trans. Graph. 26(3), 2007 (obstacles).
+    Batty and Bridson, "Accurate viscous free surfaces for buckling, coiling, and rotating liquids",
+    SCA 2008, eq. 8 (`viscosity`).
     Kugelstadt et al., "Implicit density projection for volume conserving liquids", IEEE TVCG 27(4),
     2021 (`keep_volume`).
 
@@ -151,6 +165,7 @@ class GridLiquid(Particles):
     bounds: Array
     density: float
     transfer: str
+    viscosity: float
     sides: tuple[tuple[str, str], ...]
     cfl: float
     dtype: np.dtype[Any]
@@ -168,6 +183,8 @@ class GridLiquid(Particles):
         sides: str | Sequence[str | Sequence[str]] = "wall",
         transfer: str = "apic",
         flip_rate: float = 0.97,
+        viscosity: float = 0.0,
+        slip: bool = False,
         keep_volume: bool = True,
         tolerance: float = 1e-4,
         max_iterations: int = 200,
@@ -200,6 +217,7 @@ class GridLiquid(Particles):
         rate = check_real("flip_rate", flip_rate, nonnegative=True)
         if rate > 1:
             raise InputError(f"flip_rate: expected a number from 0 to 1, got {rate}")
+        self.viscosity = check_real("viscosity", viscosity, nonnegative=True)
         self.cfl = check_real("cfl", cfl, positive=True)
         self._step_size = None if step is None else check_real("step", step, positive=True)
         check_cells_fit(cells, self.dtype)
@@ -216,6 +234,8 @@ class GridLiquid(Particles):
             "gravity": [*self._gravity, 0.0][:3],
             "transfer": self.transfer,
             "flip_rate": rate,
+            "viscosity": self.viscosity,
+            "slip": check_flag("slip", slip),
             "tolerance": check_real("tolerance", tolerance, positive=True),
             "max_iterations": check_integer(
                 "max_iterations", max_iterations, minimum=1, maximum=MOST_INT
@@ -422,7 +442,7 @@ class GridLiquid(Particles):
             `count`; `kinetic_energy`, `gravitational_energy` (0 at the origin) and `energy`, their
             sum [J]; `momentum_x`, `_y`, `_z` [N s];
             `angular_momentum_x`, `_y`, `_z` about 0 [N m s]; of the last step `iterations`,
-            `residual` and `mean_density_error`, as in the report.
+            `residual`, `viscosity_iterations` and `mean_density_error`, as in the report.
         """
         energies, report = self._native.energies, self.report
         values = {
@@ -433,6 +453,7 @@ class GridLiquid(Particles):
         return with_energy(values | momenta(energies)) | {
             "iterations": float(report.iterations),
             "residual": report.residual,
+            "viscosity_iterations": float(report.viscosity_iterations),
             "mean_density_error": report.mean_error,
         }
 

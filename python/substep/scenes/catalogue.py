@@ -25,6 +25,7 @@ BUILT_IN = {  # and the folder that each is in
     "double-dam": "pbf",
     "double-gyre": "fields",
     "fountain": "pbf",
+    "honey": "gridfluid",
     "jelly": "springs",
     "jelly-cubes": "mpm",
     "karman": "gridfluid",

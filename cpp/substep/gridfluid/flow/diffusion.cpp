@@ -51,9 +51,8 @@ void Diffusion<Real, D>::find_faces(const SideGhosts<Real, D>& sides,
   plain_ = sides.inner_faces(axis);
   const bool any = obstacles.any(), moving = obstacles.moving();
   const int a = static_cast<int>(axis);
-  const std::span<const Real> distance = any ? obstacles.distance() : std::span<const Real>();
   const std::span<const Real> open = any ? obstacles.open(a) : std::span<const Real>();
-  const auto far = [&](std::int64_t i) { return distance_of_face(layout_, distance, i, axis); };
+  const auto far = [&](std::int64_t i) { return obstacles.at_face(i, axis); };
   const auto in_obstacle = [&](std::int64_t i) {
     return slip ? open[usize(i)] == 0 : far(i) <= 0 || open[usize(i)] == 0;
   };

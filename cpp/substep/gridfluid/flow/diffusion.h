@@ -62,21 +62,6 @@ class Diffusion {
               int threads) const;
 };
 
-// Distance of the middle of a face from obstacles, in cells.
-template <class Real, int D>
-Real distance_of_face(const Layout<D>& layout, std::span<const Real> distance, std::int64_t i,
-                      std::size_t axis) {
-  const std::int64_t b = layout.stride[(axis + 1) % D];
-  if constexpr (D == 2) {
-    return (distance[usize(i)] + distance[usize(i + b)]) / 2;
-  } else {
-    const std::int64_t c = layout.stride[(axis + 2) % D];
-    return (distance[usize(i)] + distance[usize(i + b)] + distance[usize(i + c)] +
-            distance[usize(i + b + c)]) /
-           4;
-  }
-}
-
 template <class Real, int D>
 template <class Refill>
 DiffusionReport Diffusion<Real, D>::solve(Real k, std::span<Real> d, const Refill& refill,

@@ -53,7 +53,8 @@ GridLiquid<Real, D>::GridLiquid(std::vector<geometry::Collider> colliders,
       particles(options.transfer == Transfer::kApic),
       flow(std::move(flow_)),
       next_(options.transfer == Transfer::kApic),
-      projection_(layout, open_sides<D>(options)) {
+      projection_(layout, open_sides<D>(options)),
+      viscosity_(layout, open_sides<D>(options), options.slip) {
   for (Fields* fields : {&u_, &old_u_, &shift_, &weight_}) {
     for (Field& field : *fields) assign(field, layout.size, Real(0));
   }
@@ -193,8 +194,8 @@ void GridLiquid<Real, D>::pass_to_grid() {
   transfer_to_grid(next_, layout, static_cast<Real>(options.cell), faces(u_), faces(weight_),
                    options.threads);
   fill_around(u_, 2);
-  if (options.transfer != Transfer::kFlip) return;
-  for (std::size_t a = 0; a < D; ++a) std::copy(u_[a].begin(), u_[a].end(), old_u_[a].begin());
+  if (options.transfer == Transfer::kFlip || options.viscosity > 0) old_u_ = u_;
+  if (options.viscosity > 0) met_ = weight_;
 }
 
 template <class Real, int D>
@@ -219,15 +220,32 @@ void GridLiquid<Real, D>::for_walls(const Each& each) const {
   }
 }
 
+// With viscosity a first pressure takes what compresses from the velocities: no strain should come
+// of what no strain is to be, as of the weight of a pool at rest. What is left at the surface and
+// at walls a second one takes.
 template <class Real, int D>
 void GridLiquid<Real, D>::project(double dt) {
+  assign(new_q_, layout.size, 0.0);
+  make_incompressible(last_dt > 0 ? dt / last_dt : 0);
+  if (options.viscosity > 0) {
+    change_around();
+    make_viscous(dt);
+    make_incompressible(0);
+    viscosity_.mark(faces(weight_));
+  }
+  fill_around(u_, kLayers);
+  if (obstacles.any()) push_obstacles();
+}
+
+// By a pressure, with that of the last step times a number as first guess.
+template <class Real, int D>
+void GridLiquid<Real, D>::make_incompressible(double guess) {
   poll_interrupt();
-  const double guess = last_dt > 0 ? dt / last_dt : 0;
-  std::span<double> next_q = projection_.q();
+  const std::span<double> next_q = projection_.q();
   for (std::size_t i = 0; i < next_q.size(); ++i) next_q[i] = guess * q[i];
   const SolveReport solved = projection_.project(obstacles, spans(u_), options.tolerance,
                                                  options.max_iterations, options.threads);
-  new_report_.iterations = solved.iterations;
+  new_report_.iterations += solved.iterations;
   new_report_.residual = solved.residual;
   new_report_.converged = solved.converged;
   if (!std::isfinite(solved.residual)) {
@@ -241,13 +259,75 @@ void GridLiquid<Real, D>::project(double dt) {
                                "(tolerance=)",
                            time);
   }
-  new_q_.reset(next_q.size());
-  std::copy(next_q.begin(), next_q.end(), new_q_.begin());
+  for (std::size_t i = 0; i < next_q.size(); ++i) new_q_[i] += next_q[i];
   find_valid();
-  fill_around(u_, kLayers);
-  if (obstacles.any()) {
-    obstacles.push(next_q, projection_.cells(), options.density * std::pow(options.cell, D),
-                   options.threads);
+}
+
+// Faces beside those of the pressure are changed by as much as those around.
+template <class Real, int D>
+void GridLiquid<Real, D>::change_around() {
+  for (std::size_t a = 0; a < D; ++a) {
+    for (std::size_t i = 0; i < u_[a].size(); ++i) shift_[a][i] = u_[a][i] - old_u_[a][i];
+  }
+  fill_around(shift_, kLayers);
+  for (std::size_t a = 0; a < D; ++a) {
+    for (std::size_t i = 0; i < u_[a].size(); ++i) {
+      if (!(weight_[a][i] > 0)) u_[a][i] = old_u_[a][i] + shift_[a][i];
+    }
+  }
+}
+
+template <class Real, int D>
+void GridLiquid<Real, D>::make_viscous(double dt) {
+  const double k = options.viscosity * dt / (options.cell * options.cell);
+  hold_nozzles();
+  const ViscosityReport solved =
+      viscosity_.apply(obstacles, {phi_.data(), phi_.size()}, const_faces(met_), k, spans(u_),
+                       options.viscosity_tolerance, options.viscosity_iterations, options.threads);
+  new_report_.viscosity_iterations = solved.iterations;
+  new_report_.viscosity_converged = solved.converged;
+  shear_ = viscosity_.exchanges(obstacles, cell_mass());
+  if (!solved.finite) {
+    throw NonFiniteError("the velocities or the viscosity are too large; take a shorter step",
+                         time);
+  }
+}
+
+// A jet pulls on what comes out after it, but not out of the nozzle: the faces of the first cell
+// keep its velocity.
+template <class Real, int D>
+void GridLiquid<Real, D>::hold_nozzles() {
+  viscosity_.held.clear();
+  for (const geometry::Emitter& tap : flow.emitters) {
+    if (time < tap.start || time > tap.stop) continue;
+    for (const Vec3& offset : tap.offsets) {
+      for (const double cells : {0.25, 0.75}) {
+        const Vec3 x = tap.position + offset + cells * options.cell * tap.direction;
+        if (!is_inside(x)) continue;
+        std::array<int, D> cell;
+        for (std::size_t a = 0; a < D; ++a) {
+          const double at = (x[int(a)] - options.low[int(a)]) / options.cell;
+          cell[a] = std::clamp(static_cast<int>(at), 0, layout.cells[a] - 1);
+        }
+        const std::int64_t i = layout.index(cell);
+        for (std::size_t a = 0; a < D; ++a) {
+          for (const std::int64_t face : {i, i + layout.stride[a]}) {
+            viscosity_.held.push_back({a, face});
+            u_[a][usize(face)] = static_cast<Real>(tap.speed * tap.direction[int(a)]);
+          }
+        }
+      }
+    }
+  }
+}
+
+template <class Real, int D>
+void GridLiquid<Real, D>::push_obstacles() {
+  obstacles.push({new_q_.data(), new_q_.size()}, projection_.cells(), cell_mass(), options.threads);
+  if (options.viscosity == 0) return;
+  for (std::size_t c = 0; c < obstacles.colliders.size(); ++c) {
+    shear_[c] += obstacles.colliders[c].exchange();
+    obstacles.colliders[c].set_exchange(shear_[c]);
   }
 }
 
@@ -413,7 +493,12 @@ void GridLiquid<Real, D>::commit(double dt) noexcept {
 
 template <class Real, int D>
 double GridLiquid<Real, D>::mass() const {
-  return options.density * std::pow(options.cell / 2, D);
+  return cell_mass() / (1 << D);
+}
+
+template <class Real, int D>
+double GridLiquid<Real, D>::cell_mass() const {
+  return options.density * std::pow(options.cell, D);
 }
 
 template <class Real, int D>

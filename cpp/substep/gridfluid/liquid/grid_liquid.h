@@ -21,6 +21,7 @@
 #include "substep/gridfluid/particles/surface.h"
 #include "substep/gridfluid/pressure/obstacles.h"
 #include "substep/gridfluid/pressure/projection.h"
+#include "substep/gridfluid/viscosity/viscosity.h"
 
 namespace substep::gridfluid {
 
@@ -41,8 +42,9 @@ class GridLiquid {
   void step(double dt);
 
   LiquidEnergies energies() const;
-  double fastest() const;  // largest component of a velocity [m/s]
-  double mass() const;     // of a particle [kg]
+  double fastest() const;    // largest component of a velocity [m/s]
+  double mass() const;       // of a particle [kg]
+  double cell_mass() const;  // of the liquid in a full cell [kg]
   Vec3 position(std::int64_t row) const;
   Vec3 velocity(std::int64_t row) const;
   void set_position(std::int64_t row, const Vec3& x);
@@ -77,6 +79,11 @@ class GridLiquid {
   void pass_to_grid();
   void accelerate(double dt);
   void project(double dt);
+  void make_incompressible(double guess);
+  void change_around();
+  void make_viscous(double dt);
+  void hold_nozzles();
+  void push_obstacles();
   void find_valid();
   void find_displacement();
   void move_obstacles(double dt);
@@ -101,12 +108,14 @@ class GridLiquid {
   std::int64_t new_next_id_ = 0;
   LiquidReport new_report_;
   // Of the faces: velocities, those before forces and pressure, displacements, and what is above 0
-  // where they are known.
-  Fields u_, old_u_, shift_, weight_;
+  // where they are known, and with viscosity where particles are.
+  Fields u_, old_u_, shift_, weight_, met_;
   Field phi_, density_, scratch_;  // of the cells
   Extrapolation<Real, D> extrapolate_;
   AlignedBuffer<double> new_q_;
   Projection<Real, D> projection_;
+  Viscosity<Real, D> viscosity_;
+  std::vector<geometry::Exchange> shear_;  // that colliders were given
 };
 
 extern template class GridLiquid<float, 2>;

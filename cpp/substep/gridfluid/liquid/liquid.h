@@ -31,6 +31,10 @@ struct LiquidOptions {
   Vec3 gravity = {0, 0, -9.81};
   Transfer transfer = Transfer::kApic;
   double flip_rate = 1;  // of FLIP; the rest is PIC
+  double viscosity = 0;  // kinematic [m^2/s]
+  bool slip = false;     // whether it passes along walls and obstacles in spite of it
+  double viscosity_tolerance = 1e-4;
+  int viscosity_iterations = 300;
   double tolerance = 1e-4;
   int max_iterations = 100;
   bool keep_volume = true;
@@ -42,6 +46,8 @@ struct LiquidReport {
   int iterations = 0;   // of the pressure
   double residual = 0;  // relative
   bool converged = true;
+  int viscosity_iterations = 0;
+  bool viscosity_converged = true;
   int volume_iterations = 0;  // of the correction of the density
   double mean_error = 0;      // before it: of the density, mean over the cells inside
   std::int64_t removed = 0;   // particles that left by an open side

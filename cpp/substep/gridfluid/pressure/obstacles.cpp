@@ -247,6 +247,18 @@ Real Obstacles<Real, D>::at_centre(std::int64_t i) const {
   }
 }
 
+template <class Real, int D>
+Real Obstacles<Real, D>::at_face(std::int64_t i, std::size_t axis) const {
+  const std::int64_t b = layout_.stride[(axis + 1) % D];
+  const Real low = distance_[usize(i)] + distance_[usize(i + b)];
+  if constexpr (D == 2) {
+    return low / 2;
+  } else {
+    const std::int64_t c = i + layout_.stride[(axis + 2) % D];
+    return (low + (distance_[usize(c)] + distance_[usize(c + b)])) / 4;
+  }
+}
+
 // The faces and the surface close the part of a cell that is open: their normals add up to 0.
 template <class Real, int D>
 std::array<Real, D> Obstacles<Real, D>::surface(std::int64_t i) const {

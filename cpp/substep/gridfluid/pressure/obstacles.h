@@ -45,12 +45,18 @@ class Obstacles {
   std::span<const Real> room() const { return {room_.data(), room_.size()}; }
   // Of the middle of cell i, in cells; exact near the surface.
   Real at_centre(std::int64_t i) const;
+  Real at_face(std::int64_t i, std::size_t axis) const;  // of the middle of the face below it
   // The area, in faces, of the obstacles' surface in cell i, times its normal out of the fluid.
   std::array<Real, D> surface(std::int64_t i) const;
 
   // Sets exchange() of the colliders to what they are pushed by in the fluid cells, with q, a
   // pressure times dt / (density dx) [m/s], and the mass of a full cell [kg].
   void push(std::span<const double> q, std::span<const Cell> cells, double mass, int threads);
+
+  // The middle of a cell, or of the face below it along an axis [m], and the collider nearest
+  // there.
+  Vec3 middle(std::int64_t i, int faces_of = -1) const;
+  std::size_t nearest(const Vec3& x) const;
 
   Vec3 low;
   double dx;
@@ -61,8 +67,6 @@ class Obstacles {
     return {fields[usize(axis)].data(), fields[usize(axis)].size()};
   }
   Vec3 world(const std::array<double, D>& x) const;
-  Vec3 middle(std::int64_t i, int faces_of = -1) const;  // of a cell, or of the face below it
-  std::size_t nearest(const Vec3& x) const;
   double signed_distance(const Vec3& x) const;
   void find_distances(int threads);
   void find_open(int threads);

@@ -1,0 +1,49 @@
+// The rows of a matrix for velocities of faces.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "substep/core/usize.h"
+
+namespace substep::gridfluid {
+
+// Ordered by colours, of which no two rows meet. The numbers beside the diagonal are exact in
+// float, and the diagonal is their sum and the mass: what is rigid feels the mass alone.
+template <int D>
+struct VelocityRows {
+  // Others that a face meets: two along its axis, and across each of the other axes two of its own
+  // component and four of the other.
+  static constexpr int kWidth = 2 + 6 * (D - 1);
+
+  std::int64_t size() const { return static_cast<std::int64_t>(diagonal.size()); }
+  // To be filled: all that is not set is 0.
+  void reset(std::size_t n) {
+    diagonal.assign(n, 0.0);
+    value.assign(n * kWidth, 0.0f);
+    column.assign(n * kWidth, 0);
+    place.resize(n);
+    component.resize(n);
+  }
+  // A row times x, without its own number.
+  double others(std::int64_t row, std::span<const double> x) const {
+    const float* const v = value.data() + row * kWidth;
+    const std::int32_t* const c = column.data() + row * kWidth;
+    double sum = 0;
+    for (int k = 0; k < kWidth; ++k) sum += double(v[k]) * x[usize(c[k])];
+    return sum;
+  }
+
+  std::array<int, D> cells{};  // of the grid
+  std::array<bool, D> periodic{};
+  std::vector<std::int64_t> colours;  // where each ends
+  std::vector<double> diagonal;
+  std::vector<float> value;  // kWidth each
+  std::vector<std::int32_t> column;
+  std::vector<std::array<float, D>> place;  // of the middle of the face, in cells
+  std::vector<std::uint8_t> component;
+};
+
+}  // namespace substep::gridfluid

@@ -1,0 +1,88 @@
+#include "substep/gridfluid/viscosity/velocity_system.h"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+
+#include "substep/core/interrupt.h"
+#include "substep/core/parallel.h"
+#include "substep/core/usize.h"
+#include "substep/linalg/vectors.h"
+
+namespace substep::gridfluid {
+namespace {
+
+constexpr std::int64_t kRowsOfTask = 1024;
+
+}  // namespace
+
+// z = (r - others) / diagonal, row by row.
+template <int D>
+void VelocitySystem<D>::sweep(bool forwards, int threads) {
+  const auto colours = static_cast<std::int64_t>(rows.colours.size());
+  const auto colour = [&](std::int64_t phase) { return forwards ? phase : colours - 1 - phase; };
+  const auto begin_of = [&](std::int64_t c) { return c == 0 ? 0 : rows.colours[usize(c - 1)]; };
+  std::vector<std::int64_t> chunks;
+  for (std::int64_t phase = 0; phase < colours; ++phase) {
+    const std::int64_t c = colour(phase);
+    chunks.push_back((rows.colours[usize(c)] - begin_of(c) + kRowsOfTask - 1) / kRowsOfTask);
+  }
+  const auto run = [&](std::int64_t phase, std::int64_t chunk) {
+    const std::int64_t c = colour(phase), begin = begin_of(c) + chunk * kRowsOfTask;
+    const std::int64_t end = std::min(begin + kRowsOfTask, rows.colours[usize(c)]);
+    for (std::int64_t i = begin; i < end; ++i)
+      z_[usize(i)] = (r_[usize(i)] - rows.others(i, z_)) / rows.diagonal[usize(i)];
+  };
+  parallel_phases(chunks, std::cref(run), threads);
+}
+
+template <int D>
+void VelocitySystem<D>::precondition(int threads) {
+  std::fill(z_.begin(), z_.end(), 0.0);
+  sweep(true, threads);
+  for_each_index(r_.size(), threads, [&](std::size_t i) {
+    q_[i] = r_[i] - rows.others(static_cast<std::int64_t>(i), z_) - rows.diagonal[i] * z_[i];
+  });
+  blocks_.correct(rows, q_, z_, threads);
+  sweep(false, threads);
+}
+
+template <int D>
+ViscosityReport VelocitySystem<D>::solve(std::span<const double> b, std::span<double> x,
+                                         double goal, int max_iterations, int threads) {
+  ViscosityReport report;
+  const std::size_t n = b.size();
+  blocks_.find(rows, threads);
+  r_.assign(b.begin(), b.end());
+  for (auto* v : {&z_, &d_, &q_}) v->assign(n, 0.0);
+  std::fill(x.begin(), x.end(), 0.0);
+  double before = 0;
+  for (;;) {
+    poll_interrupt();
+    precondition(threads);
+    const double rz = dot(r_, z_, threads);
+    report.finite = std::isfinite(rz);
+    if (rz <= goal) return report;
+    if (!report.finite) break;
+    if (report.iterations == max_iterations) break;
+    ++report.iterations;
+    const double beta = before > 0 ? rz / before : 0;
+    before = rz;
+    for_each_index(n, threads, [&](std::size_t i) { d_[i] = z_[i] + beta * d_[i]; });
+    for_each_index(n, threads, [&](std::size_t i) {
+      q_[i] = rows.others(static_cast<std::int64_t>(i), d_) + rows.diagonal[i] * d_[i];
+    });
+    const double alpha = rz / dot(d_, q_, threads);
+    for_each_index(n, threads, [&](std::size_t i) {
+      x[i] += alpha * d_[i];
+      r_[i] -= alpha * q_[i];
+    });
+  }
+  report.converged = false;
+  return report;
+}
+
+template class VelocitySystem<2>;
+template class VelocitySystem<3>;
+
+}  // namespace substep::gridfluid

@@ -1,0 +1,109 @@
+// Viscosity of a liquid with a free surface, implicit: the velocities u of the faces for which
+//   sum_f m_f (u_f - u*_f)^2 + 2 k sum_c V_c sum_a e_aa^2 + 4 k sum_e V_e e_ab^2
+// is least, with k = nu dt / dx^2, the rates of strain e_aa in cells and e_ab = (d_b u_a + d_a u_b)
+// / 2 at edges (in 2D corners), as differences between neighbours, and the volumes of liquid m, V
+// around faces, cells and edges: Batty and Bridson, "Accurate viscous free surfaces for buckling,
+// coiling, and rotating liquids", 2008, eq. 8. That the surface bears no traction follows; and what
+// turns rigidly is left alone.
+//
+// Walls and obstacles hold what touches them, or have no shear. Where a face of a difference is in
+// an obstacle, the difference is that to the surface over the part theta of the way to it; half of
+// it at walls, on which the velocity across is given.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "substep/gridfluid/grid/sides.h"
+#include "substep/gridfluid/particles/transfer_to_grid.h"
+#include "substep/gridfluid/pressure/obstacles.h"
+#include "substep/gridfluid/pressure/projection.h"
+#include "substep/gridfluid/viscosity/velocity_system.h"
+#include "substep/gridfluid/viscosity/volumes.h"
+
+namespace substep::gridfluid {
+
+template <class Real, int D>
+class Viscosity {
+ public:
+  Viscosity(const Layout<D>& layout, const OpenSides<D>& open, bool slip);
+
+  struct Face {
+    std::size_t axis;
+    std::int64_t index;
+  };
+  std::vector<Face> held;  // that keep the velocities that they have
+
+  // phi: of the liquid at the middle of cells, in cells, with ghosts. known: above 0 at faces whose
+  // velocities are those of liquid; others have no mass. tolerance: the energy of the error over
+  // that of the velocities is its square.
+  ViscosityReport apply(const Obstacles<Real, D>& obstacles, std::span<const Real> phi,
+                        const ConstFaces<Real, D>& known, double k, Velocity<Real, D> u,
+                        double tolerance, int max_iterations, int threads);
+  // Makes known above 0 at faces to which the last call gave velocities.
+  void mark(const Faces<Real, D>& known) const;
+  // What the last call gave to colliders; mass: of a full cell [kg].
+  std::vector<geometry::Exchange> exchanges(const Obstacles<Real, D>& obstacles, double mass) const;
+
+ private:
+  using Place = std::array<int, D>;
+  // What a rate of strain is made of: coefficient times velocity of a face, and a given number.
+  struct Term {
+    std::size_t axis;
+    std::int64_t face;
+    std::int32_t row;  // of the system
+    double coefficient, given;
+  };
+  struct Strain {
+    double weight;  // 0: there is none
+    int count = 0;
+    std::array<Term, 4> terms;
+  };
+  // What an obstacle got at a face in it, in masses of a full cell [m/s].
+  struct Pull {
+    std::size_t axis;
+    std::int64_t face;
+    double impulse;
+  };
+
+  void hold(const Obstacles<Real, D>& obstacles, Velocity<Real, D> u);
+  void find_pulls(const Obstacles<Real, D>& obstacles, const Velocity<Real, D>& u);
+  void find_rows(const Obstacles<Real, D>& obstacles, std::span<const Real> phi, int threads);
+  void order_rows(std::size_t axis, const std::vector<std::int64_t>& faces);
+  void find_matrix(const Obstacles<Real, D>& obstacles, const ConstFaces<Real, D>& known,
+                   const Velocity<Real, D>& u, int threads);
+  void find_row(const Obstacles<Real, D>& obstacles, const ConstFaces<Real, D>& known,
+                const Velocity<Real, D>& u, std::int64_t row);
+  static double theirs(const Obstacles<Real, D>& obstacles, std::size_t axis, std::int64_t face);
+  std::int32_t holder(const Obstacles<Real, D>& obstacles, std::size_t axis, std::int64_t face,
+                      const Place& place) const;
+  bool moves(std::size_t axis, std::int64_t face, const Place& place) const;
+  template <class Use>
+  void for_strains(std::size_t axis, const Place& face, const Use& use) const;
+  Strain strain(const Obstacles<Real, D>& obstacles, std::size_t a, std::size_t b,
+                const Place& place) const;
+  double rate(const Strain& strain, const Velocity<Real, D>& u) const;
+  bool add_difference(const Obstacles<Real, D>& obstacles, std::size_t component, std::size_t along,
+                      const Place& upper, Strain& strain) const;
+  double volume(std::size_t a, std::size_t b, std::int64_t i) const;
+
+  Layout<D> layout_;
+  OpenSides<D> open_;
+  bool slip_;
+  double k_ = 0;
+  Volumes<Real, D> volumes_;
+  std::array<std::vector<std::int32_t>, D> row_;  // of each face, or what it is instead
+  std::vector<std::int64_t> face_;                // of each row
+  VelocitySystem<D> system_;
+  std::vector<double> b_, x_, energy_;
+  std::vector<Pull> pulls_;
+};
+
+extern template class Viscosity<float, 2>;
+extern template class Viscosity<float, 3>;
+extern template class Viscosity<double, 2>;
+extern template class Viscosity<double, 3>;
+
+}  // namespace substep::gridfluid
