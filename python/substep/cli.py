@@ -398,7 +398,8 @@ def _info(arguments: argparse.Namespace) -> None:
         print(f"frames      {len(recording)}{span}")
         last = recording.frame(-1) if len(recording) else {}
         for name, part in recording.parts.items():
-            points = f", {len(last[name]['points'])} points" if name in last else ""
+            rows = last.get(name, {})
+            points = f", {len(rows['points'])} points" if "points" in rows else ""
             fields = ", ".join(f"{f} [{unit}]" if unit else f for f, unit in part.fields.items())
             print(f"part        {name}: {part.kind}{points}{'; ' + fields if fields else ''}")
 

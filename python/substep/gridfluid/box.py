@@ -44,7 +44,7 @@ def check_open_sides(sides: Any, cells: tuple[int, ...]) -> tuple[tuple[str, str
             raise InputError(f"sides[{a}]: expected a word or two, got {describe(given)}")
         low, high = (check_choice(f"sides[{a}]", side, SIDES) for side in pair)
         if (low == "periodic") != (high == "periodic"):
-            raise InputError(f"sides[{a}]: a periodic axis is so on both sides")
+            raise InputError(f"sides[{a}]: both sides of an axis are periodic, or none is")
         if low == "periodic" and cells[a] < 2:
             raise InputError(f"sides[{a}]: expected at least 2 cells along a periodic axis, got 1")
         pairs.append((low, high))

@@ -127,7 +127,7 @@ class GridFlow(Simulation):
     step : float, optional
         Step of `advance` [s]; by `step_limit` unless given.
     largest_step : float
-        Of `step_limit` [s], where nothing moves.
+        Upper limit of `step_limit` [s], whatever the flow would allow; raise it where that is slow.
     tolerance : float
         Of the pressure: relative residual at which its iteration stops, above 0. A box without
         obstacles needs no iteration unless its numbers of cells have prime factors above 13.
@@ -251,10 +251,11 @@ class GridFlow(Simulation):
             )
         conducts = temperature is not None and carried["temperature"][1]["diffusivity"] > 0
         for side in (side for pair in self.sides for side in pair):
-            if isinstance(side, Wall) and side.heat_flux and not conducts:
-                raise InputError(
-                    "sides: heat_flux of a wall needs temperature= and thermal_diffusivity= above 0"
-                )
+            if isinstance(side, Wall) and (side.heat_flux or side.temperature is not None):
+                if not conducts:
+                    what = "heat_flux" if side.heat_flux else "temperature"
+                    needs = "needs temperature= and thermal_diffusivity= above 0 of the flow"
+                    raise InputError(f"sides: {what} of a wall {needs}")
         if smoke is not None:
             carried["smoke"] = (
                 smoke,
@@ -267,6 +268,7 @@ class GridFlow(Simulation):
                 },
             )
         self._scalars = tuple(carried)
+        far = {name: given[1]["ambient"] for name, given in carried.items()}
         more = 3 - d
         self._box = {
             "dimension": d,
@@ -275,7 +277,7 @@ class GridFlow(Simulation):
             "cell": self.cell,
             "sides": [
                 [
-                    native_side(f"sides[{a}]", side, a, self._cells, self._scalars, slips)
+                    native_side(f"sides[{a}]", side, a, self._cells, far, slips)
                     for side in pair
                 ]
                 for a, pair in enumerate(self.sides)
@@ -575,7 +577,7 @@ class GridFlow(Simulation):
         # speed t + a t^2 / 2 = length
         root = speed + math.sqrt(speed**2 + 2 * a * length)
         if not 0 < root < math.inf or 2 * length / root >= self.largest_step:
-            return self.largest_step, "nothing moves fast enough to need a shorter one"
+            return self.largest_step, "largest_step"
         return 2 * length / root, f"CFL {self.cfl:g} at a speed of {speed:.4g} m/s"
 
     def diagnostics(self) -> dict[str, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -97,10 +97,10 @@ class Inflow(Frozen):
     ----------
     velocity : array_like, shape (d,) or (faces along the side..., d)
         Of what passes [m/s]: one vector, or one for each face of the side, of a parabola say.
-    temperature : float
-        Of what flows in [K].
+    temperature : float, optional
+        Of what flows in [K]: the `reference_temperature` of the flow unless given.
     smoke : float
-        That is in it [1].
+        Smoke in what flows in [1].
 
     Raises
     ------
@@ -121,14 +121,14 @@ class Inflow(Frozen):
     """
 
     velocity: Array
-    temperature: float
+    temperature: float | None
     smoke: float
 
     def __init__(
-        self, velocity: ArrayLike, *, temperature: float = 0.0, smoke: float = 0.0
+        self, velocity: ArrayLike, *, temperature: float | None = None, smoke: float = 0.0
     ) -> None:
         self.velocity = _vectors("velocity", velocity)
-        self.temperature = _number("temperature", temperature) or 0.0
+        self.temperature = _number("temperature", temperature)
         self.smoke = _number("smoke", smoke) or 0.0
 
 
@@ -210,15 +210,20 @@ def check_flow_sides(sides: Any, d: int) -> tuple[tuple[Side, Side], ...]:
             for side in pair
         )
         if ("periodic" in (low, high)) and low != high:
-            raise InputError(f"sides[{a}]: a periodic axis is so on both sides")
+            raise InputError(f"sides[{a}]: both sides of an axis are periodic, or none is")
         pairs.append((low, high))
     return tuple(pairs)
 
 
 def native_side(
-    name: str, side: Side, axis: int, cells: tuple[int, ...], scalars: Sequence[str], slips: bool
+    name: str,
+    side: Side,
+    axis: int,
+    cells: tuple[int, ...],
+    scalars: Mapping[str, float],
+    slips: bool,
 ) -> dict[str, Any]:
-    """A side for the native core."""
+    """A side for the native core; scalars: what is carried, and what of it is far away."""
     if side == "wall":
         side = Wall()
     kind = side if isinstance(side, str) else "wall" if isinstance(side, Wall) else "inflow"
@@ -228,9 +233,10 @@ def native_side(
         slip = isinstance(side, Wall) and (slips if side.slip is None else side.slip)
         if side.velocity is not None:
             velocity = _side_velocity(name, side, axis, cells)
-        for k, scalar in enumerate(scalars):
+        for k, (scalar, ambient) in enumerate(scalars.items()):
             if isinstance(side, Inflow):
-                values[k], holds[k] = getattr(side, scalar), True
+                given = getattr(side, scalar)
+                values[k], holds[k] = ambient if given is None else given, True
             elif scalar == "temperature":
                 held = side.temperature
                 values[k], holds[k] = side.heat_flux if held is None else held, held is not None
