@@ -108,7 +108,8 @@ void bind_flow_reports(py::module_& m) {
       .def_readonly("scalars", &FlowSums::scalars);
   py::class_<FlowLimits>(m, "FlowLimits")
       .def_readonly("courant", &FlowLimits::courant)
-      .def_readonly("acceleration", &FlowLimits::acceleration);
+      .def_readonly("acceleration", &FlowLimits::acceleration)
+      .def_readonly("longest", &FlowLimits::longest);
 }
 
 }  // namespace
@@ -144,7 +145,10 @@ void bind_grid_flow(py::module_& m) {
           "sample",
           [](AnyGridFlow& self, const Reals& points) {
             const Points at(points);
-            const std::vector<double> values = self.sample(at);
+            const std::vector<double> values = [&] {
+              const py::gil_scoped_release released;
+              return self.sample(at);
+            }();
             const auto rows_of =
                 static_cast<py::ssize_t>(values.size()) / std::max(points.shape(0), py::ssize_t{1});
             return table(values, std::max(rows_of, py::ssize_t{1}));

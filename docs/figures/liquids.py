@@ -18,7 +18,11 @@ FOLDER = Path(__file__).resolve().parent
 N = 32  # cells, or pairs of particles, along the foot of the column, which is 1 m
 LONG, HIGH = 4.5, 3.5  # of the tank [m]
 END, DRAWN = 2.6, (0.55, 1.4, 2.5)
-COLOUR = {"GridLiquid": "#0072b2", "PositionBasedFluid": "#009e73", "MaterialPointMethod": "#d55e00"}
+COLOUR = {
+    "GridLiquid": "#0072b2",
+    "PositionBasedFluid": "#009e73",
+    "MaterialPointMethod": "#d55e00",
+}
 
 
 def simulations():

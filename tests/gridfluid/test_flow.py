@@ -500,3 +500,17 @@ def test_what_leaves_by_an_inflow_takes_its_temperature_along():
 def test_a_flux_of_heat_needs_something_that_conducts_it(options):
     with pytest.raises(substep.InputError, match="heat_flux.*thermal_diffusivity"):
         substep.GridFlow(SQUARE, 1 / 8, sides=Wall(heat_flux=1.0), **options)
+
+
+def test_a_step_in_which_more_diffuses_than_float32_holds_is_refused():
+    options = {"temperature": lambda x: np.sin(30 * x[:, 0]), "thermal_diffusivity": 100.0}
+    flow = substep.GridFlow(SQUARE, 1 / 32, largest_step=1.0, **options)
+    flow.step(0.001)
+    before, report = content(flow), flow.report
+    with pytest.raises(substep.SolverError, match="take steps of at most 0.039.*float64"):
+        flow.step(0.05)
+    assert content(flow) == before
+    assert flow.report == report
+    assert flow.step_limit() == (pytest.approx(4e3 / 32**2 / 100), "diffusion")
+    flow.advance(0.1)
+    assert abs(flow.temperature).max() < 0.1

@@ -16,6 +16,8 @@ def check_box(bounds: ArrayLike, cell: float) -> tuple[NDArray[np.float64], tupl
     corners = check_array("bounds", bounds)
     if corners.shape not in ((2, 2), (2, 3)):
         raise InputError(f"bounds: expected shape (2, 3) or (2, 2), got {corners.shape}")
+    if not (np.abs(corners) < 1e15 * cell).all():
+        raise InputError(f"bounds: expected less than 1e15 cells of {cell:g} m from 0")
     sides = corners[1] - corners[0]
     if not (sides > 0).all():
         raise InputError("bounds: expected the lowest corner, then the highest")

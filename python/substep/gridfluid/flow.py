@@ -237,36 +237,28 @@ class GridFlow(Simulation):
         down = [0.0, 0.0, -9.81][3 - d :]
         pull = check_array("gravity", down if gravity is None else gravity, (d,))
         slips = self.viscosity == 0
+        heat = {
+            "ambient": check_real("reference_temperature", reference_temperature),
+            "buoyancy": check_real("thermal_expansion", thermal_expansion),
+            "diffusivity": check_real("thermal_diffusivity", thermal_diffusivity, nonnegative=True),
+        }
+        soot = {
+            "ambient": 0.0,
+            "buoyancy": -check_real("smoke_weight", smoke_weight),
+            "diffusivity": check_real("smoke_diffusivity", smoke_diffusivity, nonnegative=True),
+        }
         carried: dict[str, tuple[Start, dict[str, float]]] = {}
         if temperature is not None:
-            carried["temperature"] = (
-                temperature,
-                {
-                    "ambient": check_real("reference_temperature", reference_temperature),
-                    "buoyancy": check_real("thermal_expansion", thermal_expansion),
-                    "diffusivity": check_real(
-                        "thermal_diffusivity", thermal_diffusivity, nonnegative=True
-                    ),
-                },
-            )
-        conducts = temperature is not None and carried["temperature"][1]["diffusivity"] > 0
+            carried["temperature"] = temperature, heat
+        if smoke is not None:
+            carried["smoke"] = smoke, soot
+        conducts = temperature is not None and heat["diffusivity"] > 0
         for side in (side for pair in self.sides for side in pair):
             if isinstance(side, Wall) and (side.heat_flux or side.temperature is not None):
                 if not conducts:
                     what = "heat_flux" if side.heat_flux else "temperature"
                     needs = "needs temperature= and thermal_diffusivity= above 0 of the flow"
                     raise InputError(f"sides: {what} of a wall {needs}")
-        if smoke is not None:
-            carried["smoke"] = (
-                smoke,
-                {
-                    "ambient": 0.0,
-                    "buoyancy": -check_real("smoke_weight", smoke_weight),
-                    "diffusivity": check_real(
-                        "smoke_diffusivity", smoke_diffusivity, nonnegative=True
-                    ),
-                },
-            )
         self._scalars = tuple(carried)
         far = {name: given[1]["ambient"] for name, given in carried.items()}
         more = 3 - d
@@ -276,10 +268,7 @@ class GridFlow(Simulation):
             "low": [*corners[0].tolist(), *[0.0] * more],
             "cell": self.cell,
             "sides": [
-                [
-                    native_side(f"sides[{a}]", side, a, self._cells, far, slips)
-                    for side in pair
-                ]
+                [native_side(f"sides[{a}]", side, a, self._cells, far, slips) for side in pair]
                 for a, pair in enumerate(self.sides)
             ],
         }
@@ -552,7 +541,7 @@ class GridFlow(Simulation):
         -------
         float
             The step [s]: in it the fastest flow, obstacle or source passes `cfl` cells, with what
-            buoyancy adds to it; at most `largest_step`.
+            buoyancy adds to it; at most `largest_step`, and what diffusion is computed well with.
         str
             The reason.
         """
@@ -576,8 +565,9 @@ class GridFlow(Simulation):
         length, a = self.cfl * self.cell, limits.acceleration
         # speed t + a t^2 / 2 = length
         root = speed + math.sqrt(speed**2 + 2 * a * length)
-        if not 0 < root < math.inf or 2 * length / root >= self.largest_step:
-            return self.largest_step, "largest_step"
+        longest = min(limits.longest, self.largest_step)
+        if not 0 < root < math.inf or 2 * length / root >= longest:
+            return longest, "largest_step" if longest == self.largest_step else "diffusion"
         return 2 * length / root, f"CFL {self.cfl:g} at a speed of {speed:.4g} m/s"
 
     def diagnostics(self) -> dict[str, float]:

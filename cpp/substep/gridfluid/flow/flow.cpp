@@ -68,18 +68,30 @@ Flow<Real, D>::Flow(const Layout<D>& layout, const Vec3& low, double dx, const S
 
 template <class Real, int D>
 void Flow<Real, D>::step(double dt) {
-  report = {};
-  start(dt);
-  if (options.advection == FlowAdvection::kCentral) {
-    move_central(dt);
-  } else {
-    move_along_paths(dt);
+  const double longest = longest_step();
+  if (dt > longest) {
+    throw SolverError("in a step of " + std::to_string(dt) + " s more diffuses than numbers can " +
+                          "hold; take steps of at most " + std::to_string(longest) +
+                          " s, or dtype='float64'",
+                      time);
   }
-  drive_sources(next_);
-  correct(dt);
-  carry_scalars(dt);
-  check_finite();
-  push(dt);
+  const FlowReport before = std::exchange(report, {});
+  try {
+    start(dt);
+    if (options.advection == FlowAdvection::kCentral) {
+      move_central(dt);
+    } else {
+      move_along_paths(dt);
+    }
+    drive_sources(next_);
+    correct(dt);
+    carry_scalars(dt);
+    check_finite();
+    push(dt);
+  } catch (...) {
+    report = before;
+    throw;
+  }
   keep(dt);
 }
 
@@ -178,6 +190,7 @@ void Flow<Real, D>::find_sources() {
   };
   for (const FlowSource& source : sources_) {
     SourcePlaces places;
+    poll_interrupt();
     const auto find = [&](const Block<D>& block, int faces_of, std::vector<std::int64_t>& found) {
       std::array<int, D> cell = block.from;
       do {
@@ -221,8 +234,8 @@ void Flow<Real, D>::correct(double dt) {
                                                                      : "diagonal";
   report.iterations = got.iterations;
   report.residual = got.residual;
-  report.converged = got.converged;
-  if (!got.converged) {
+  report.converged = got.converged && std::isfinite(got.residual);
+  if (!report.converged) {
     if (!std::isfinite(got.residual)) check_finite();
     throw ConvergenceError("the pressure did not converge: after " +
                                std::to_string(got.iterations) + " iterations its residual is " +

@@ -40,6 +40,7 @@ class Flow {
 
   FlowSums sums();
   FlowLimits limits() const;
+  double longest_step() const;
   // Rows of numbers at points [m]: velocity, pressure [Pa], scalars.
   std::vector<double> sample(std::span<const Vec3> points);
   // Velocities in the middle of cells, D numbers for each [m/s].

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "substep/core/interrupt.h"
 #include "substep/core/usize.h"
 #include "substep/gridfluid/flow/between.h"
 #include "substep/gridfluid/flow/flow.h"
@@ -80,6 +81,15 @@ FlowSums Flow<Real, D>::sums() {
   return sums;
 }
 
+// The 1 of 1 + number is lost beside larger ones, and with it the mean.
+template <class Real, int D>
+double Flow<Real, D>::longest_step() const {
+  constexpr double kMost = sizeof(Real) == 4 ? 4e3 : 1e12;
+  double most = options.viscosity;
+  for (const ScalarOptions& scalar : options.scalars) most = std::max(most, scalar.diffusivity);
+  return kMost * dx_ * dx_ / most;
+}
+
 template <class Real, int D>
 FlowLimits Flow<Real, D>::limits() const {
   const auto largest = [](double& total, double part) { total = std::max(total, part); };
@@ -94,6 +104,7 @@ FlowLimits Flow<Real, D>::limits() const {
         largest);
   };
   FlowLimits limits;
+  limits.longest = longest_step();
   limits.courant = most([&](std::int64_t i) {
     Real sum = 0;
     for (std::size_t a = 0; a < D; ++a) {
@@ -121,6 +132,7 @@ std::vector<double> Flow<Real, D>::sample(std::span<const Vec3> points) {
   const std::size_t columns = D + 1 + scalars_.size();
   std::vector<double> out(points.size() * columns);
   for (std::size_t n = 0; n < points.size(); ++n) {
+    if (n % 4096 == 0) poll_interrupt();
     std::array<Real, D> x, within;
     for (std::size_t a = 0; a < D; ++a) {
       const int k = static_cast<int>(a);
@@ -168,6 +180,10 @@ template FlowSums Flow<float, 2>::sums();
 template FlowSums Flow<float, 3>::sums();
 template FlowSums Flow<double, 2>::sums();
 template FlowSums Flow<double, 3>::sums();
+template double Flow<float, 2>::longest_step() const;
+template double Flow<float, 3>::longest_step() const;
+template double Flow<double, 2>::longest_step() const;
+template double Flow<double, 3>::longest_step() const;
 template FlowLimits Flow<float, 2>::limits() const;
 template FlowLimits Flow<float, 3>::limits() const;
 template FlowLimits Flow<double, 2>::limits() const;

@@ -65,6 +65,7 @@ struct FlowSums {
 struct FlowLimits {
   double courant = 0;       // the largest sum of the speeds along axes in a cell [m/s]
   double acceleration = 0;  // the largest by buoyancy [m/s^2]
+  double longest = 0;       // step in which what diffuses keeps its mean to rounding [s]
 };
 
 }  // namespace substep::gridfluid
