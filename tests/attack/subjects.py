@@ -302,6 +302,7 @@ def simulations():
         "PositionBasedFluid (flowing)": flowing_liquid,
         "PositionBasedFluid (divergence-free)": divergence_free_liquid,
         "GridLiquid (flowing)": flowing_water,
+        "GridLiquid (viscous)": running_honey,
         "MaterialPointMethod (flowing)": flowing_grains,
         "MaterialPointMethod (implicit)": implicit_jelly,
         "RigidBodies (joints)": machine,
@@ -371,6 +372,20 @@ def flowing_water():
         emitters=[tap],
         sinks=[substep.Sink(substep.Sphere(0.1, (0.1, 0.0, 0)))],
         dtype="float64",
+    )
+
+
+def running_honey():
+    """A viscous liquid in 2D from a nozzle onto a ball that moves."""
+    tap = substep.Emitter((0.5, 0.9), (0, -1), 1.0, radius=0.1)
+    ball = substep.Collider(substep.Sphere(0.2, (0.5, 0.1, 0)), velocity=(0.1, 0, 0))
+    return substep.GridLiquid(
+        substep.fill_box((0, 0), (1, 0.25), 0.0625),
+        cell=0.125,
+        bounds=((0, 0), (1, 1)),
+        viscosity=0.1,
+        colliders=[ball],
+        emitters=[tap],
     )
 
 
@@ -912,6 +927,14 @@ def functions():
         call("PositionBasedFluid", positions=0.1 * X, spacing=0.1, velocities=X, colliders=plane),
         call("PositionBasedFluid", positions=X, spacing=0.1, emitters=tap, viscosity=0.1, xsph=0.1),
         call("GridLiquid", positions=0.5 * X, cell=0.5, bounds=((-1, -1, -1), (1, 1, 1))),
+        call(
+            "GridLiquid",
+            positions=0.5 * X,
+            cell=0.5,
+            bounds=((-1, -1, -1), (1, 1, 1)),
+            viscosity=0.1,
+            slip=True,
+        ),
         call("GridFlow", bounds=[(0, 0), (1, 1)], cell=0.25, velocity=(1.0, 0), sides="periodic"),
         call("gridfluid.Wall", velocity=(1.0, 0.0), temperature=1.0),
         call("gridfluid.Inflow", velocity=(1.0, 0.0), temperature=1.0, smoke=0.5),

@@ -196,6 +196,24 @@ def test_a_standing_wave_decays_as_between_walls_that_slip():
     assert theirs[-1] < 0.4 * peaks[-1]
 
 
+def test_a_nozzle_holds_a_hanging_thread():
+    """In 2D: it leaves at the nozzle's speed, without a gap, while gravity pulls on it below."""
+    tap = substep.Emitter((0.05, 0.19), (0, -1), 0.2, radius=0.01)
+    liquid = substep.GridLiquid(
+        np.zeros((0, 2)),
+        cell=0.005,
+        bounds=((0, 0), (0.1, 0.2)),
+        sides=("open", ("open", "wall")),
+        viscosity=0.2,
+        emitters=[tap],
+    )
+    liquid.advance(0.7)
+    y, v = liquid.positions[:, 1], -liquid.velocities[:, 1]
+    assert v[y > 0.185].mean() == pytest.approx(0.2, rel=0.06)
+    assert v[y < 0.1].mean() > 0.38
+    assert np.diff(np.sort(y[y > 0.05])).max() < 0.005
+
+
 def honey(**options):
     """A block that falls onto a ball that moves, between walls and a periodic axis of odd cells."""
     ball = substep.Collider(substep.Sphere(0.15, (0.3, 0.2, 0.1)), velocity=(0.1, 0, 0))

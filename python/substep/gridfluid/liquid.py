@@ -442,7 +442,7 @@ class GridLiquid(Particles):
             `count`; `kinetic_energy`, `gravitational_energy` (0 at the origin) and `energy`, their
             sum [J]; `momentum_x`, `_y`, `_z` [N s];
             `angular_momentum_x`, `_y`, `_z` about 0 [N m s]; of the last step `iterations`,
-            `residual`, `viscosity_iterations` and `mean_density_error`, as in the report.
+            `residual` and `mean_density_error`, as in the report.
         """
         energies, report = self._native.energies, self.report
         values = {
@@ -453,7 +453,6 @@ class GridLiquid(Particles):
         return with_energy(values | momenta(energies)) | {
             "iterations": float(report.iterations),
             "residual": report.residual,
-            "viscosity_iterations": float(report.viscosity_iterations),
             "mean_density_error": report.mean_error,
         }
 

@@ -1,7 +1,6 @@
 #include "substep/gridfluid/viscosity/rigid_blocks.h"
 
 #include <algorithm>
-#include <functional>
 
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
@@ -15,24 +14,6 @@ constexpr double kEnlarge = 1.5;  // corrections, which blocks make too stiff
 // Of a block with few faces some motions are none: they get this part of the mean of the others.
 constexpr double kLeast = 1e-6;
 constexpr std::int64_t kOfTask = 16;  // blocks
-
-// use(begin, end) of the blocks of each colour, one after the other.
-void for_colours(const std::vector<std::int64_t>& ends, bool forwards, int threads,
-                 const std::function<void(std::int64_t, std::int64_t)>& use) {
-  const auto colours = static_cast<std::int64_t>(ends.size());
-  const auto colour = [&](std::int64_t phase) { return forwards ? phase : colours - 1 - phase; };
-  const auto begin_of = [&](std::int64_t c) { return c == 0 ? 0 : ends[usize(c - 1)]; };
-  std::vector<std::int64_t> chunks;
-  for (std::int64_t phase = 0; phase < colours; ++phase) {
-    const std::int64_t c = colour(phase);
-    chunks.push_back((ends[usize(c)] - begin_of(c) + kOfTask - 1) / kOfTask);
-  }
-  const auto run = [&](std::int64_t phase, std::int64_t chunk) {
-    const std::int64_t c = colour(phase), begin = begin_of(c) + chunk * kOfTask;
-    use(begin, std::min(begin + kOfTask, ends[usize(c)]));
-  };
-  parallel_phases(chunks, std::cref(run), threads);
-}
 
 }  // namespace
 
@@ -55,7 +36,7 @@ auto RigidBlocks<D>::Level::others(std::int64_t block) const -> Motion {
 
 template <int D>
 void RigidBlocks<D>::Level::sweep(bool forwards, int threads) {
-  for_colours(colours, forwards, threads, [&](std::int64_t begin, std::int64_t end) {
+  for_colours(colours, forwards, kOfTask, threads, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i)
       x[usize(i)].noalias() = inverse[usize(i)] * (r[usize(i)] - others(i));
   });

@@ -1,11 +1,14 @@
-// The rows of a matrix for velocities of faces.
+// The rows of a matrix for velocities of faces, and loops over rows by colour.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <vector>
 
+#include "substep/core/parallel.h"
 #include "substep/core/usize.h"
 
 namespace substep::gridfluid {
@@ -45,5 +48,26 @@ struct VelocityRows {
   std::vector<std::array<float, D>> place;  // of the middle of the face, in cells
   std::vector<std::uint8_t> component;
 };
+
+// use(begin, end) of the rows of each colour, which end there, one colour after the other.
+template <class Use>
+void for_colours(const std::vector<std::int64_t>& ends, bool forwards, std::int64_t grain,
+                 int threads, const Use& use) {
+  const auto colours = static_cast<std::int64_t>(ends.size());
+  const auto range = [&](std::int64_t phase) {
+    const std::int64_t c = forwards ? phase : colours - 1 - phase;
+    return std::array{c == 0 ? 0 : ends[usize(c - 1)], ends[usize(c)]};
+  };
+  std::vector<std::int64_t> chunks;
+  for (std::int64_t phase = 0; phase < colours; ++phase) {
+    const auto [begin, end] = range(phase);
+    chunks.push_back((end - begin + grain - 1) / grain);
+  }
+  const auto run = [&](std::int64_t phase, std::int64_t chunk) {
+    const auto [begin, end] = range(phase);
+    use(begin + chunk * grain, std::min(begin + (chunk + 1) * grain, end));
+  };
+  parallel_phases(chunks, std::cref(run), threads);
+}
 
 }  // namespace substep::gridfluid

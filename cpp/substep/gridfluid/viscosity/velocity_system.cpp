@@ -2,10 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 
 #include "substep/core/interrupt.h"
-#include "substep/core/parallel.h"
 #include "substep/core/usize.h"
 #include "substep/linalg/vectors.h"
 
@@ -19,21 +17,11 @@ constexpr std::int64_t kRowsOfTask = 1024;
 // z = (r - others) / diagonal, row by row.
 template <int D>
 void VelocitySystem<D>::sweep(bool forwards, int threads) {
-  const auto colours = static_cast<std::int64_t>(rows.colours.size());
-  const auto colour = [&](std::int64_t phase) { return forwards ? phase : colours - 1 - phase; };
-  const auto begin_of = [&](std::int64_t c) { return c == 0 ? 0 : rows.colours[usize(c - 1)]; };
-  std::vector<std::int64_t> chunks;
-  for (std::int64_t phase = 0; phase < colours; ++phase) {
-    const std::int64_t c = colour(phase);
-    chunks.push_back((rows.colours[usize(c)] - begin_of(c) + kRowsOfTask - 1) / kRowsOfTask);
-  }
-  const auto run = [&](std::int64_t phase, std::int64_t chunk) {
-    const std::int64_t c = colour(phase), begin = begin_of(c) + chunk * kRowsOfTask;
-    const std::int64_t end = std::min(begin + kRowsOfTask, rows.colours[usize(c)]);
-    for (std::int64_t i = begin; i < end; ++i)
-      z_[usize(i)] = (r_[usize(i)] - rows.others(i, z_)) / rows.diagonal[usize(i)];
-  };
-  parallel_phases(chunks, std::cref(run), threads);
+  for_colours(rows.colours, forwards, kRowsOfTask, threads,
+              [&](std::int64_t begin, std::int64_t end) {
+                for (std::int64_t i = begin; i < end; ++i)
+                  z_[usize(i)] = (r_[usize(i)] - rows.others(i, z_)) / rows.diagonal[usize(i)];
+              });
 }
 
 template <int D>

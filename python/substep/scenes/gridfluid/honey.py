@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...geometry import TriangleMesh, box_mesh
+from ...geometry import TriangleMesh
 from ...geometry.primitives import cylinder_mesh
 from ...gridfluid import GridLiquid
 from ...particles.emitters import Emitter
@@ -17,14 +16,11 @@ from ..declaration import Parameter, Scene
 from ..measured import Measured
 from ..tanks import InTank, liquid_view
 
-if TYPE_CHECKING:
-    from ...recording import Recording
-
-WIDTH = 12.0  # of the plate, over the diameter of the nozzle
+WIDTH = 10.0  # of the plate, over the diameter of the nozzle
 DENSITY = 1400.0  # [kg/m^3]
 PLATE = 0.05  # its thickness, over its width
-LOOKED_AT = 0.4  # height where it is measured how the thread turns, over that of the nozzle
-FROM = 2e-4  # distance from the axis at which the thread has a direction [m]
+LOOKED_AT = 0.4  # height where it is measured how the thread swings, over that of the nozzle
+SWINGS = 2e-4  # from the axis, at least, to count [m]
 
 
 class HoneyThread(InTank, Measured, GridLiquid):
@@ -46,7 +42,7 @@ class HoneyThread(InTank, Measured, GridLiquid):
         self.height = height
         middle = np.array([width / 2, width / 2, 0.0])
         thick, long = PLATE * width, 3 * radius
-        plate = box_mesh((width, width, thick))
+        plate = cylinder_mesh(width / 2, thick, 96)
         tap = cylinder_mesh(1.25 * radius, long, 48)
         self.obstacles = {
             "plate": TriangleMesh(plate.vertices + middle - [0, 0, thick / 2], plate.faces),
@@ -64,46 +60,35 @@ class HoneyThread(InTank, Measured, GridLiquid):
             viscosity=parameters["viscosity"],
             emitters=[nozzle],
         )
-        # Turns of the thread about its axis so far, its direction, and since when it has one.
-        self.measured = {"thread": np.array([0.0, np.nan, np.nan])}
+        # How often the thread went through its middle, on which side it is, and since when on any.
+        self.measured = {"thread": np.array([0.0, 0.0, np.nan])}
 
     def after_step(self) -> None:
-        """Follow the thread around its axis."""
+        """Count how often the thread swings across its axis."""
         x = self.positions
         at = np.abs(x[:, 2] - LOOKED_AT * self.height) < self.cell
-        if not at.any():
+        off = float(x[at, 0].mean()) - self.tank[0] / 2 if at.any() else 0.0
+        if abs(off) < SWINGS:
             return
-        along, across = x[at, :2].mean(axis=0) - self.tank[:2] / 2
         thread = self.measured["thread"]
-        if math.hypot(along, across) < FROM:
-            return
-        direction = math.atan2(across, along)
-        if np.isnan(thread[1]):
+        if thread[1] == 0:
             thread[2] = self.time
-        else:
-            turn = (direction - thread[1] + math.pi) % (2 * math.pi) - math.pi
-            thread[0] += turn / (2 * math.pi)
-        thread[1] = direction
+        elif thread[1] * off < 0:
+            thread[0] += 1
+        thread[1] = math.copysign(1, off)
 
     def words(self) -> str:
         """What became of the thread."""
-        turns, _, since = self.measured["thread"]
+        crossings, _, since = self.measured["thread"]
         told = [f"{self.emitted.sum()} particles came out"]
         if since < self.time:
+            swings = crossings / 2 / (self.time - since)
             told.append(
-                f"the thread buckled after {since:.2f} s and turned {abs(turns):.1f} times, "
-                f"{abs(turns) / (self.time - since):.2g} times a second"
+                f"the thread buckled after {since:.2f} s, and swung {swings:.1f} times a second"
             )
         report = self.report
         told.append(f"last step {report.viscosity_iterations} iterations of viscosity")
         return "; ".join(told)
-
-
-def _box(recording: Recording) -> NDArray[np.float64]:
-    points = np.asarray(recording.parts["tank"].points)
-    low, high = points.min(axis=0), points.max(axis=0)
-    side = 0.14 * (high[0] - low[0])
-    return np.array([[*(low[:2] + side), low[2]], [*(high[:2] - side), high[2]]])
 
 
 SCENE = Scene(
@@ -124,10 +109,10 @@ SCENE = Scene(
     notes=HoneyThread.notes,
     summary=HoneyThread.words,
     picture=liquid_view(
-        Camera(-60.0, 16.0),
+        Camera(-60.0, 16.0, 0.9),
         {"liquid": "#d98a00"},
         {"tank": Look(hidden=True), "plate": Look("#e8e4dc"), "nozzle": Look("#8a8f98")},
-        box=_box,
     ),
+    still=lambda recording: min(1.2, recording.times[-1]),
     frames=101,
 )
