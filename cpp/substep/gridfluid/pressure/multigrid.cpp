@@ -1,5 +1,8 @@
 #include "substep/gridfluid/pressure/multigrid.h"
 
+#include <cstring>
+#include <limits>
+
 #include "substep/core/errors.h"
 
 namespace substep::gridfluid {
@@ -66,11 +69,24 @@ void Multigrid<Real, D>::set_matrix(const Coefficients& w, std::span<const Cell>
                                     int threads) {
   Level& finest = levels_[0];
   for (std::size_t a = 0; a < D; ++a) finest.w[a] = w[a].data();
+  const auto* const kinds = reinterpret_cast<const unsigned char*>(cells.data());
+  finest.fluid.set(
+      [&](std::int64_t r) -> typename FluidRows<D>::Part {
+        constexpr int kFluid = static_cast<int>(Cell::kFluid);
+        const unsigned char* const row = kinds + finest.layout.row(r);
+        const auto n = usize(finest.layout.row_length());
+        const auto* const first = static_cast<const unsigned char*>(std::memchr(row, kFluid, n));
+        if (!first) return {0, 0};
+        const auto* const last = static_cast<const unsigned char*>(::memrchr(row, kFluid, n));
+        return {static_cast<int>(first - row), static_cast<int>(last - row) + 1};
+      },
+      threads);
+  finest.fluid.clear(finest.inverse_diagonal.data(), threads);
   for_slabs(
-      finest.layout,
+      finest.fluid,
       [&](std::int64_t, int begin, int end) {
         for (int k = begin; k < end; ++k)
-          for_rows(finest.layout, k, [&](const Row<D>& row) {
+          for_rows(finest.fluid, k, [&](const Row<D>& row) {
             for (std::int64_t i = 0; i < row.length; ++i) {
               Real sum = finest.w[D - 1][row.at + i] + finest.w[D - 1][row.at + i + 1];
               for (std::size_t a = 0; a < D - 1; ++a)
@@ -81,7 +97,38 @@ void Multigrid<Real, D>::set_matrix(const Coefficients& w, std::span<const Cell>
           });
       },
       threads);
-  for (std::size_t l = 1; l < levels_.size(); ++l) coarsen(levels_[l - 1], levels_[l], threads);
+  for (std::size_t l = 1; l < levels_.size(); ++l) {
+    find_fluid(levels_[l - 1], levels_[l], threads);
+    coarsen(levels_[l - 1], levels_[l], threads);
+  }
+}
+
+// Where aggregates have fluid.
+template <class Real, int D>
+void Multigrid<Real, D>::find_fluid(const Level& fine, Level& coarse, int threads) {
+  const std::int64_t of_plane = coarse.fluid.rows_of_plane(),
+                     fine_of_plane = fine.fluid.rows_of_plane();
+  coarse.fluid.set(
+      [&](std::int64_t r) {
+        typename FluidRows<D>::Part whole{std::numeric_limits<int>::max(), 0};
+        for (int child = 0; child < 4; ++child) {
+          const std::int64_t k = 2 * (r / of_plane) + child / 2, j = 2 * (r % of_plane) + child % 2;
+          if (k >= fine.layout.cells[0] || j >= fine_of_plane) continue;
+          const auto part = fine.fluid.part(k * fine_of_plane + j);
+          if (part.begin == part.end) continue;
+          whole.begin = std::min(whole.begin, part.begin / 2);
+          whole.end = std::max(whole.end, (part.end + 1) / 2);
+        }
+        return whole;
+      },
+      threads);
+  const auto clear = [&](AlignedBuffer<Real>& x) { coarse.fluid.clear(x.data(), threads); };
+  clear(coarse.inverse_diagonal), clear(coarse.own_b), clear(coarse.own_x), clear(coarse.own_r);
+  for (std::size_t a = 0; a < D; ++a) {
+    clear(coarse.own_w[a]);
+    for (std::size_t side : {0, 1})
+      clear(coarse.lean[a][side]), clear(coarse.loss[a][side]), clear(coarse.own_air[a][side]);
+  }
 }
 
 // Coarse cells are 2^D cells each, or what there is of them, and their unknown is at their centre.
@@ -166,6 +213,7 @@ void Multigrid<Real, D>::coarsen_row(const Level& fine, Level& coarse, int k, in
                                      const Row<D>& row) {
   const Layout<D>&of = fine.layout, &to = coarse.layout;
   const int n = row.length;
+  if (n == 0) return;
   Real* const diagonal = coarse.inverse_diagonal.data() + row.at;
   Real *const link = coarse.own_x.data() + row.at, *const count = coarse.own_b.data() + row.at;
   std::fill_n(diagonal, n, Real(0));
@@ -181,7 +229,7 @@ void Multigrid<Real, D>::coarsen_row(const Level& fine, Level& coarse, int k, in
         std::int64_t first = of.first;
         for (std::size_t e = 0, bit = 0; e < D; ++e) {
           if (e == a) continue;
-          first += (2 * (e == D - 1 ? 0 : cell[e]) + ((c >> bit++) & 1)) * of.stride[e];
+          first += (2 * (e == D - 1 ? row.begin : cell[e]) + ((c >> bit++) & 1)) * of.stride[e];
         }
         const auto columns = [&](int coarse_index, int from, int length) {
           const std::array<int, 5> along =
@@ -192,11 +240,14 @@ void Multigrid<Real, D>::coarsen_row(const Level& fine, Level& coarse, int k, in
         };
         if (a < D - 1) {
           columns(cell[a], 0, n);
-        } else {
-          columns(0, 0, 1);
-          if (n > 2) columns(1, 1, n - 2);
-          if (n > 1) columns(n - 1, n - 1, 1);
+          continue;
         }
+        // The first and the last cell of the grid may have ghosts for neighbours.
+        const int end = row.begin + n, last = to.row_length() - 1;
+        const int from = std::max(row.begin, 1), until = std::min(end, last);
+        if (row.begin == 0) columns(0, 0, 1);
+        if (from < until) columns(from, from - row.begin, until - from);
+        if (end > last && last > 0) columns(last, last - row.begin, 1);
       }
       const bool loops = to.periodic[a] && to.cells[a] == 1;  // it is its own neighbour
       for (int i = 0; i < n; ++i) {
@@ -215,11 +266,11 @@ void Multigrid<Real, D>::coarsen_row(const Level& fine, Level& coarse, int k, in
 template <class Real, int D>
 void Multigrid<Real, D>::coarsen(const Level& fine, Level& coarse, int threads) {
   for_slabs(
-      coarse.layout,
+      coarse.fluid,
       [&](std::int64_t, int begin, int end) {
         for (int k = begin; k < end; ++k) {
           int j = 0;
-          for_rows(coarse.layout, k,
+          for_rows(coarse.fluid, k,
                    [&](const Row<D>& row) { coarsen_row(fine, coarse, k, j++, row); });
         }
       },
@@ -299,7 +350,7 @@ void restrict_row(const Level& fine, Level& coarse, int plane, const Row<D>& row
   const Real* const r = fine.r;
   // Fine rows of the aggregates of a coarse row.
   const auto fine_row = [&](int k, int jj, int dk, int dj) {
-    std::int64_t at = of.first + (2 * k + dk) * of.stride[0];
+    std::int64_t at = of.first + (2 * k + dk) * of.stride[0] + 2 * row.begin;
     if constexpr (D == 3) at += (2 * jj + dj) * of.stride[1];
     return r + at;
   };
@@ -382,7 +433,7 @@ void prolong(const Level& fine, const Level& coarse, int plane, const Row<D>& ro
              int parity) {
   const Layout<D>& to = coarse.layout;
   const int sk = plane & 1, sj = j & 1, K = plane / 2, J = j / 2;
-  std::int64_t at = to.first + K * to.stride[0];
+  std::int64_t at = to.first + K * to.stride[0] + row.begin / 2;
   if constexpr (D == 3) at += J * to.stride[1];
   const auto beside = [&](std::size_t a, int index, int side) {
     const int n = to.cells[a];
@@ -441,9 +492,9 @@ void Multigrid<Real, D>::smooth_before(Level& level, int threads) {
   };
   if (level.odd) {
     for_planes_in_stages<4>(
-        level.layout,
+        level.fluid,
         [&](int stage, int plane) {
-          for_rows(level.layout, plane, [&](const Row<D>& row) {
+          for_rows(level.fluid, plane, [&](const Row<D>& row) {
             if (stage == 0) start(row, Real(kDamping), true);
             if (stage == 2) add_damped<Real>(level, row);
             if (stage == 1 || stage == 3) find_residual<Real>(level, row);
@@ -453,9 +504,9 @@ void Multigrid<Real, D>::smooth_before(Level& level, int threads) {
     return;
   }
   for_planes_in_stages<3>(
-      level.layout,
+      level.fluid,
       [&](int stage, int plane) {
-        for_rows(level.layout, plane, [&](const Row<D>& row) {
+        for_rows(level.fluid, plane, [&](const Row<D>& row) {
           if (stage == 0) start(row, 1, false);
           if (stage == 1) relax<Real>(level, row, 1);
           if (stage == 2) find_first_residual<Real>(level, row);
@@ -469,7 +520,7 @@ template <class Real, int D>
 void Multigrid<Real, D>::smooth_after(Level& level, const Level& coarse, int threads) {
   const auto correct = [&](int plane) {
     int j = 0;
-    for_rows(level.layout, plane, [&](const Row<D>& row) {
+    for_rows(level.fluid, plane, [&](const Row<D>& row) {
       prolong<Real, D>(level, coarse, plane, row, j, row.parity);
       if (level.odd) prolong<Real, D>(level, coarse, plane, row, j, 1 - row.parity);
       ++j;
@@ -477,10 +528,10 @@ void Multigrid<Real, D>::smooth_after(Level& level, const Level& coarse, int thr
   };
   if (level.odd) {
     for_planes_in_stages<5>(
-        level.layout,
+        level.fluid,
         [&](int stage, int plane) {
           if (stage == 0) return correct(plane);
-          for_rows(level.layout, plane, [&](const Row<D>& row) {
+          for_rows(level.fluid, plane, [&](const Row<D>& row) {
             if (stage == 1 || stage == 3) find_residual<Real>(level, row);
             if (stage == 2 || stage == 4) add_damped<Real>(level, row);
           });
@@ -489,10 +540,10 @@ void Multigrid<Real, D>::smooth_after(Level& level, const Level& coarse, int thr
     return;
   }
   for_planes_in_stages<3>(
-      level.layout,
+      level.fluid,
       [&](int stage, int plane) {
         if (stage == 0) return correct(plane);
-        for_rows(level.layout, plane,
+        for_rows(level.fluid, plane,
                  [&](const Row<D>& row) { relax<Real>(level, row, stage == 1); });
       },
       threads);
@@ -506,11 +557,11 @@ void Multigrid<Real, D>::cycle(std::size_t l, int threads) {
   if (l + 1 == levels_.size()) return;
   Level& coarse = levels_[l + 1];
   for_slabs(
-      coarse.layout,
+      coarse.fluid,
       [&](std::int64_t, int begin, int end) {
         for (int k = begin; k < end; ++k) {
           int j = 0;
-          for_rows(coarse.layout, k,
+          for_rows(coarse.fluid, k,
                    [&](const Row<D>& row) { restrict_row<Real, D>(level, coarse, k, row, j++); });
         }
       },

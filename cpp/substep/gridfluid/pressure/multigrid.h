@@ -23,12 +23,14 @@ class Multigrid {
   void precondition(std::span<const Real> r, std::span<Real> z, std::span<Real> scratch,
                     int threads);
   const AlignedBuffer<Real>& inverse_diagonal() const { return levels_[0].inverse_diagonal; }
+  const FluidRows<D>& fluid() const { return levels_[0].fluid; }
   std::size_t bytes() const;
 
  private:
   struct Level {
-    explicit Level(const Layout<D>& layout_) : layout(layout_) {}
+    explicit Level(const Layout<D>& layout_) : layout(layout_), fluid(layout) {}
     Layout<D> layout;
+    FluidRows<D> fluid;
     bool odd = false;  // a periodic axis, which two colours do not fit
     std::array<const Real*, D> w{};
     AlignedBuffer<Real> inverse_diagonal;  // 0 where there is no unknown
@@ -45,6 +47,7 @@ class Multigrid {
   static void add_columns(const Level& fine, Level& coarse, std::size_t a, int side,
                           const std::array<std::int64_t, 5>& column, std::int64_t at, int n);
   static void coarsen_row(const Level& fine, Level& coarse, int k, int j, const Row<D>& row);
+  static void find_fluid(const Level& fine, Level& coarse, int threads);
   void coarsen(const Level& fine, Level& coarse, int threads);
 
   std::vector<Level> levels_;

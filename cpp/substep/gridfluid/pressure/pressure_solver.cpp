@@ -32,7 +32,8 @@ void PressureSolver<Real, D>::set_matrix(const Coefficients& w, std::span<const 
                                          int threads) {
   w_ = w;
   multigrid_.set_matrix(w, cells, threads);
-  regions_.find(layout_, w, cells, threads);
+  for (AlignedBuffer<Real>* v : {&r_, &z_, &d_, &q_}) fluid().clear(v->data(), threads);
+  regions_.find(fluid(), w, cells, threads);
 }
 
 // The sum of use(row) over all rows, in their order.
@@ -40,11 +41,11 @@ template <class Real, int D>
 template <class Use>
 double PressureSolver<Real, D>::sum_rows(const Use& use, int threads) {
   for_slabs(
-      layout_,
+      fluid(),
       [&](std::int64_t, int begin, int end) {
         for (int k = begin; k < end; ++k) {
           double sum = 0;
-          for_rows(layout_, k, [&](const Row<D>& row) { sum += use(row); });
+          for_rows(fluid(), k, [&](const Row<D>& row) { sum += use(row); });
           parts_[usize(k)] = sum;
         }
       },
@@ -64,21 +65,25 @@ template <class Real, int D>
 void PressureSolver<Real, D>::clear(std::span<double> p, bool keep, int threads) {
   const Real* const inverse = multigrid_.inverse_diagonal().data();
   const std::int64_t rows = layout_.rows();
-  const int n = layout_.row_length();
+  // Between the fluid of a row and that of the next one.
+  const auto begin_of = [&](std::int64_t r) {
+    return r == rows ? layout_.size : layout_.row(r) + fluid().part(r).begin;
+  };
+  const auto end_of = [&](std::int64_t r) {
+    return r < 0 ? 0 : layout_.row(r) + fluid().part(r).end;
+  };
   parallel_for(
-      rows, 64,
+      rows + 1, 64,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t r = begin; r < end; ++r) {
-          const std::int64_t at = layout_.row(r);
-          std::fill(p.data() + (r == 0 ? 0 : layout_.row(r - 1) + n), p.data() + at, 0.0);
-          for (std::int64_t i = at; i < at + n; ++i)
+          std::fill(p.data() + end_of(r - 1), p.data() + begin_of(r), 0.0);
+          for (std::int64_t i = begin_of(r); r < rows && i < end_of(r); ++i)
             p[usize(i)] = keep && inverse[i] > 0 ? p[usize(i)] : 0;
         }
       },
       threads);
-  std::fill(p.data() + layout_.row(rows - 1) + n, p.data() + layout_.size, 0.0);
   for (int k = 0; k < layout_.cells[0] && layout_.periodic[D - 1]; ++k)
-    for_rows(layout_, k, [&](const Row<D>& row) { wrap_row(layout_, row, p.data()); });
+    for_rows(fluid(), k, [&](const Row<D>& row) { wrap_row(layout_, row, p.data()); });
 }
 
 // The sum of term(r_i), and |r|.
@@ -105,10 +110,10 @@ double PressureSolver<Real, D>::set_right_side(std::span<const Real> b, SolveRep
                                                int threads) {
   const Real* const inverse = multigrid_.inverse_diagonal().data();
   for_slabs(
-      layout_,
+      fluid(),
       [&](std::int64_t, int begin, int end) {
         for (int k = begin; k < end; ++k)
-          for_rows(layout_, k, [&](const Row<D>& row) {
+          for_rows(fluid(), k, [&](const Row<D>& row) {
             for (std::int64_t i = row.at; i < row.at + row.length; ++i)
               r_[usize(i)] = inverse[i] > 0 ? b[usize(i)] : 0;
           });
@@ -165,10 +170,10 @@ template <class Real, int D>
 double PressureSolver<Real, D>::next_direction(Real beta, int threads) {
   const Real* const inverse = multigrid_.inverse_diagonal().data();
   for_planes_in_stages<2>(
-      layout_,
+      fluid(),
       [&](int stage, int plane) {
         double sum = 0;
-        for_rows(layout_, plane, [&](const Row<D>& row) {
+        for_rows(fluid(), plane, [&](const Row<D>& row) {
           Real *const d = d_.data() + row.at, *const q = q_.data() + row.at;
           if (stage == 0) {
             const Real* const z = z_.data() + row.at;

@@ -47,6 +47,7 @@ class PressureSolver {
   // |b - A p| <= tolerance |b|.
   SolveReport solve(std::span<const Real> b, std::span<double> p, double tolerance,
                     int max_iterations, int threads = 0);
+  const FluidRows<D>& fluid() const { return multigrid_.fluid(); }
   std::size_t bytes() const;  // of memory, beside w and cells
 
  private:

@@ -22,23 +22,24 @@ std::int32_t root(std::vector<std::int32_t>& parent, std::int32_t run) {
 }  // namespace
 
 template <class Real, int D>
-void ClosedRegions<Real, D>::find(const Layout<D>& layout,
+void ClosedRegions<Real, D>::find(const FluidRows<D>& fluid,
                                   const std::array<std::span<const Real>, D>& w,
                                   std::span<const Cell> cells, int threads) {
+  const Layout<D>& layout = fluid.layout();
   // Runs of joined cells, row by row, and whether air touches them.
   struct Slab {
     std::vector<Run> runs;  // region: 1 where air touches it
     std::vector<std::int32_t> row_runs;
   };
-  const Slabs bounds(layout);
-  std::vector<Slab> slabs(usize(bounds.count));
+  const Slabs<D> bounds(fluid);
+  std::vector<Slab> slabs(usize(bounds.count()));
   const auto is = [&](std::int64_t i, Cell kind) { return cells[usize(i)] == kind; };
   for_slabs(
-      layout,
+      bounds,
       [&](std::int64_t s, int first, int last) {
         Slab& slab = slabs[usize(s)];
         for (int k = first; k < last; ++k)
-          for_rows(layout, k, [&](const Row<D>& row) {
+          for_rows(fluid, k, [&](const Row<D>& row) {
             const std::size_t before = slab.runs.size();
             const std::int64_t end = row.at + row.length;
             const bool wraps = layout.periodic[D - 1];
@@ -94,7 +95,7 @@ void ClosedRegions<Real, D>::find(const Layout<D>& layout,
   const int rows = D == 2 ? 1 : layout.cells[1];
   std::int64_t r = 0;
   for (int k = 0; k < layout.cells[0]; ++k)
-    for_rows(layout, k, [&](const Row<D>& row) {
+    for_rows(fluid, k, [&](const Row<D>& row) {
       const std::int32_t mine = row_begin[usize(r)], end = row_begin[usize(r + 1)];
       if (layout.periodic[D - 1] && mine < end && runs[usize(mine)].begin == row.at &&
           runs[usize(end - 1)].begin + runs[usize(end - 1)].length == row.at + row.length &&

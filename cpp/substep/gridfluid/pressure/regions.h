@@ -16,7 +16,7 @@ namespace substep::gridfluid {
 template <class Real, int D>
 class ClosedRegions {
  public:
-  void find(const Layout<D>& layout, const std::array<std::span<const Real>, D>& w,
+  void find(const FluidRows<D>& fluid, const std::array<std::span<const Real>, D>& w,
             std::span<const Cell> cells, int threads);
 
   int count() const { return static_cast<int>(cells_.size()); }

@@ -267,11 +267,12 @@ template <class Real, int D>
 auto TransformSolver<Real, D>::residual(const Coefficients& w, std::span<const Real> b, double mean,
                                         double* p, int threads) const -> Sums {
   std::vector<Sums> parts(usize(layout_.cells[0]));
+  const FluidRows<D> all(layout_);
   for_slabs(
-      layout_,
+      all,
       [&](std::int64_t, int begin, int end) {
         for (int k = begin; k < end; ++k) {
-          for_rows(layout_, k, [&](const Row<D>& row) {
+          for_rows(all, k, [&](const Row<D>& row) {
             wrap_row(layout_, row, p);
             const Real* const right = b.data() + row.at;
             const auto add_squares = [&](double& sum, const auto& term) {
