@@ -115,6 +115,42 @@ void for_rows(const FluidRows<D>& fluid, int plane, const Use& use) {
   }
 }
 
+// each(begin, end) for the numbers of those cells of each row, or of the faces of an axis beside
+// them.
+template <int D, class Each>
+void for_fluid(const FluidRows<D>& fluid, int faces_of, int threads, const Each& each) {
+  const Layout<D>& layout = fluid.layout();
+  const std::int64_t rows_of_plane = D == 2 ? 1 : layout.cells[1] + (faces_of == 1 ? 1 : 0);
+  const auto part_at = [&](std::int64_t k, std::int64_t j) -> typename FluidRows<D>::Part {
+    const auto inside = [&](std::int64_t& index, std::size_t a) {
+      const std::int64_t n = layout.cells[a];
+      if (layout.periodic[a]) index = (index + n) % n;
+      return index >= 0 && index < n;
+    };
+    if (!inside(k, 0) || (D == 3 && !inside(j, 1))) return {0, 0};
+    return fluid.part(k * fluid.rows_of_plane() + j);
+  };
+  parallel_for(
+      layout.rows(faces_of), 64,
+      [&](std::int64_t first, std::int64_t last) {
+        for (std::int64_t r = first; r < last; ++r) {
+          const std::int64_t k = r / rows_of_plane, j = r % rows_of_plane;
+          auto [begin, end] = part_at(k, j);
+          if (faces_of == D - 1) {
+            end += end > begin ? 1 : 0;
+          } else if (faces_of >= 0) {
+            const auto below = part_at(k - (faces_of == 0), j - (faces_of == 1));
+            if (begin == end) begin = below.begin;
+            if (below.begin < below.end) begin = std::min(begin, below.begin);
+            end = std::max(end, below.end);
+          }
+          const std::int64_t at = layout.row(r, faces_of);
+          each(at + begin, at + end);
+        }
+      },
+      threads);
+}
+
 // On a periodic last axis a row's ghost cells are what is on the other side.
 template <class Real, int D>
 void wrap_row(const Layout<D>& layout, const Row<D>& row, Real* x) {

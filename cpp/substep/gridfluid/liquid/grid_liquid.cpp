@@ -13,6 +13,7 @@
 #include "substep/core/rows_by_id.h"
 #include "substep/core/usize.h"
 #include "substep/gridfluid/grid/ghosts.h"
+#include "substep/gridfluid/grid/loops.h"
 #include "substep/gridfluid/grid/row_tasks.h"
 #include "substep/gridfluid/grid/sides.h"
 #include "substep/gridfluid/particles/density.h"
@@ -183,9 +184,11 @@ void GridLiquid<Real, D>::extend_surface() {
   }
   if (!obstacles.any()) return;
   constexpr Real kNear = 0.5, kInside = -0.5;  // [cells]
-  layout.for_cells([&](std::int64_t i) {
-    Real& phi = phi_[usize(i)];
-    if (phi < kNear && obstacles.at_centre(i) < 0) phi = std::min(phi, kInside);
+  for_each_row(layout, -1, options.threads, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      Real& phi = phi_[usize(i)];
+      if (phi < kNear && obstacles.at_centre(i) < 0) phi = std::min(phi, kInside);
+    }
   });
 }
 
@@ -194,15 +197,21 @@ void GridLiquid<Real, D>::pass_to_grid() {
   transfer_to_grid(next_, layout, static_cast<Real>(options.cell), faces(u_), faces(weight_),
                    options.threads);
   fill_around(u_, 2);
-  if (options.transfer == Transfer::kFlip || options.viscosity > 0) old_u_ = u_;
-  if (options.viscosity > 0) met_ = weight_;
+  for (std::size_t a = 0; a < D; ++a) {
+    if (options.transfer == Transfer::kFlip || options.viscosity > 0)
+      copy(u_[a], old_u_[a], options.threads);
+    if (options.viscosity == 0) continue;
+    met_[a].reset(weight_[a].size());
+    copy(weight_[a], met_[a], options.threads);
+  }
 }
 
 template <class Real, int D>
 void GridLiquid<Real, D>::accelerate(double dt) {
   for (int a = 0; a < D; ++a) {
     const Real du = static_cast<Real>(dt * options.gravity[a]);
-    for (Real& u : u_[usize(a)]) u += du;
+    if (du == 0) continue;
+    for_numbers(layout.size, options.threads, [&](std::size_t i) { u_[usize(a)][i] += du; });
   }
   for_walls([&](std::size_t a, std::int64_t face) { u_[a][usize(face)] = 0; });
 }
@@ -225,7 +234,8 @@ void GridLiquid<Real, D>::for_walls(const Each& each) const {
 // at walls a second one takes.
 template <class Real, int D>
 void GridLiquid<Real, D>::project(double dt) {
-  assign(new_q_, layout.size, 0.0);
+  new_q_.reset(q.size());
+  for_numbers(layout.size, options.threads, [&](std::size_t i) { new_q_[i] = 0; });
   make_incompressible(last_dt > 0 ? dt / last_dt : 0);
   if (options.viscosity > 0) {
     change_around();
@@ -242,7 +252,7 @@ template <class Real, int D>
 void GridLiquid<Real, D>::make_incompressible(double guess) {
   poll_interrupt();
   const std::span<double> next_q = projection_.q();
-  for (std::size_t i = 0; i < next_q.size(); ++i) next_q[i] = guess * q[i];
+  for_numbers(layout.size, options.threads, [&](std::size_t i) { next_q[i] = guess * q[i]; });
   const SolveReport solved = projection_.project(obstacles, spans(u_), options.tolerance,
                                                  options.max_iterations, options.threads);
   new_report_.iterations += solved.iterations;
@@ -259,7 +269,7 @@ void GridLiquid<Real, D>::make_incompressible(double guess) {
                                "(tolerance=)",
                            time);
   }
-  for (std::size_t i = 0; i < next_q.size(); ++i) new_q_[i] += next_q[i];
+  for_numbers(layout.size, options.threads, [&](std::size_t i) { new_q_[i] += next_q[i]; });
   find_valid();
 }
 
@@ -267,13 +277,14 @@ void GridLiquid<Real, D>::make_incompressible(double guess) {
 template <class Real, int D>
 void GridLiquid<Real, D>::change_around() {
   for (std::size_t a = 0; a < D; ++a) {
-    for (std::size_t i = 0; i < u_[a].size(); ++i) shift_[a][i] = u_[a][i] - old_u_[a][i];
+    for_numbers(layout.size, options.threads,
+                [&](std::size_t i) { shift_[a][i] = u_[a][i] - old_u_[a][i]; });
   }
   fill_around(shift_, kLayers);
   for (std::size_t a = 0; a < D; ++a) {
-    for (std::size_t i = 0; i < u_[a].size(); ++i) {
+    for_numbers(layout.size, options.threads, [&](std::size_t i) {
       if (!(weight_[a][i] > 0)) u_[a][i] = old_u_[a][i] + shift_[a][i];
-    }
+    });
   }
 }
 
@@ -336,7 +347,7 @@ template <class Real, int D>
 void GridLiquid<Real, D>::find_valid() {
   for (int a = 0; a < D; ++a) {
     const std::span<const Real> w = projection_.weight(a);
-    std::copy(w.begin(), w.end(), weight_[usize(a)].begin());
+    for_numbers(layout.size, options.threads, [&](std::size_t i) { weight_[usize(a)][i] = w[i]; });
   }
   for_walls([&](std::size_t a, std::int64_t face) { weight_[a][usize(face)] = 1; });
 }

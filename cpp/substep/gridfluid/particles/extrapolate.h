@@ -30,9 +30,11 @@ class Extrapolation {
   // Of each face: the layer in which it became known, 0 for weight > 0. (Real, as the velocities,
   // so that both fill the same lanes.)
   static constexpr Real kUnknown = 255;
-  static constexpr std::uint8_t kHasKnown = 1, kHasUnknown = 2;
   std::array<AlignedBuffer<Real>, D> layer_;
-  std::array<std::vector<std::uint8_t>, D> row_has_;  // what a row has: bits
+  struct Range {
+    int begin, end;  // all outside is not
+  };
+  std::array<std::vector<Range>, D> known_, unknown_;  // faces of each row
 };
 
 }  // namespace substep::gridfluid

@@ -47,6 +47,30 @@ Real nearest_square(const Particles<Real, D>& particles, const Layout<D>& layout
   return nearest;
 }
 
+// Rows with particles in them or in a row up to so many further on along each axis across.
+template <class Real, int D>
+std::vector<std::uint8_t> rows_near(const Particles<Real, D>& particles, const Layout<D>& layout,
+                                    int rows) {
+  std::vector<std::uint8_t> near(usize(layout.rows()));
+  for (std::int64_t r = 0; r < layout.rows(); ++r) {
+    const std::int32_t* const first = particles.first() + layout.row(r);
+    near[usize(r)] = first[0] < first[layout.row_length()];
+  }
+  for (std::size_t a = 0; a < D - 1; ++a) {
+    const std::vector<std::uint8_t> from = near;
+    const std::int64_t n = layout.cells[a], step = a == D - 2 ? 1 : layout.cells[D - 2];
+    for (std::int64_t r = 0; r < layout.rows(); ++r) {
+      const std::int64_t at = r / step % n;
+      for (std::int64_t way = -rows; way <= rows && near[usize(r)] == 0; ++way) {
+        std::int64_t to = at + way;
+        if (layout.periodic[a]) to = (to % n + n) % n;
+        if (to >= 0 && to < n) near[usize(r)] |= from[usize(r + (to - at) * step)];
+      }
+    }
+  }
+  return near;
+}
+
 // |phi| at a cell whose neighbours along each axis have a[0], a[1], ... at the nearer side.
 template <class Real>
 Real upwind(Real a, Real b) {
@@ -121,6 +145,7 @@ void level_set(const Particles<Real, D>& particles, const Layout<D>& layout, con
   Real* const other = scratch.data();
   const int passes = (options.layers + 1) / 2 * 2;  // even: from phi to `other` and back
   const std::int64_t rows_of_plane = layout.rows() / layout.cells[0];
+  const std::vector<std::uint8_t> near = rows_near(particles, layout, passes + 2);
 
   // phi of density and balls.
   const auto estimate = [&](std::int64_t r) {
@@ -160,7 +185,10 @@ void level_set(const Particles<Real, D>& particles, const Layout<D>& layout, con
     if (phase % 2 == 1) return fill_ghosts(layout, kCentres, to);
     const std::int64_t begin = chunk * kRowsOfPass;
     for (std::int64_t r = begin; r < std::min(begin + kRowsOfPass, layout.rows()); ++r) {
-      if (pass == 0) {
+      if (near[usize(r)] == 0) {
+        const std::int64_t row = layout.row(r);
+        if (pass < 2) std::fill(to + row, to + row + layout.row_length(), far);
+      } else if (pass == 0) {
         estimate(r);
       } else if (pass == 1) {
         close_holes(r);

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "substep/core/usize.h"
+#include "substep/gridfluid/grid/loops.h"
 #include "substep/gridfluid/grid/row_tasks.h"
 #include "substep/gridfluid/grid/sides.h"
 
@@ -11,7 +12,7 @@ namespace substep::gridfluid {
 
 template <class Real, int D>
 Projection<Real, D>::Projection(const Layout<D>& layout, const OpenSides<D>& open)
-    : layout_(layout), open_(open) {
+    : layout_(layout), all_(layout), open_(open) {
   assign(cells_, layout.size, Cell::kSolid);
   assign(b_, layout.size, Real(0));
   assign(q_, layout.size, 0.0);
@@ -31,6 +32,11 @@ void Projection<Real, D>::set_domain(const Obstacles<Real, D>& obstacles, std::s
     if (!solver_) solver_.emplace(layout_);
     solver_->set_matrix(weights(), cells(), threads);
   }
+}
+
+template <class Real, int D>
+const FluidRows<D>& Projection<Real, D>::fluid() const {
+  return direct_ ? all_ : solver_->fluid();
 }
 
 template <class Real, int D>
@@ -103,7 +109,7 @@ template <class Real, int D>
 void Projection<Real, D>::find_divergence(const Obstacles<Real, D>& obstacles,
                                           const Velocity<Real, D>& u, int threads) {
   const bool cut = obstacles.any(), moving = obstacles.moving();
-  for_each_row(layout_, -1, threads, [&](std::int64_t begin, std::int64_t end) {
+  for_fluid(fluid(), -1, threads, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       Real sum = 0;
       for (std::size_t a = 0; a < D; ++a) {
@@ -143,9 +149,12 @@ template <class Real, int D>
 void Projection<Real, D>::apply_pressure(const Obstacles<Real, D>& obstacles, bool moving,
                                          Velocity<Real, D> u, int threads) {
   for (int a = 0; a < D; ++a) {
-    for_each_row(layout_, a, threads, [&](std::int64_t begin, std::int64_t end) {
+    for_fluid(fluid(), a, threads, [&](std::int64_t begin, std::int64_t end) {
       add_gradient(obstacles, usize(a), begin, end, Real(-1), u[usize(a)]);
-      for (std::int64_t i = begin; i < end && obstacles.any(); ++i) {
+    });
+    if (!obstacles.any()) continue;
+    for_each_row(layout_, a, threads, [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t i = begin; i < end; ++i) {
         if (weight_[usize(a)][usize(i)] > 0 || obstacles.open(a)[usize(i)] != 0) continue;
         u[usize(a)][usize(i)] = moving ? obstacles.velocity(a)[usize(i)] : Real(0);
       }
@@ -175,9 +184,11 @@ template <class Real, int D>
 SolveReport Projection<Real, D>::spread(const Obstacles<Real, D>& obstacles,
                                         std::span<const Real> source, Velocity<Real, D> d,
                                         double tolerance, int max_iterations, int threads) {
-  std::copy(source.begin(), source.end(), b_.begin());
-  std::fill(q_.begin(), q_.end(), 0.0);
-  for (const std::span<Real>& component : d) std::fill(component.begin(), component.end(), Real(0));
+  for_numbers(layout_.size, threads, [&](std::size_t i) {
+    b_[i] = source[i];
+    q_[i] = 0;
+    for (const std::span<Real>& component : d) component[i] = 0;
+  });
   const SolveReport report = solve(tolerance, max_iterations, threads);
   apply_pressure(obstacles, false, d, threads);
   return report;

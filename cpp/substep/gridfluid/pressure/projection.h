@@ -73,7 +73,10 @@ class Projection {
   void apply_pressure(const Obstacles<Real, D>& obstacles, bool moving, Velocity<Real, D> u,
                       int threads);
 
+  const FluidRows<D>& fluid() const;
+
   Layout<D> layout_;
+  FluidRows<D> all_;
   OpenSides<D> open_;
   AlignedBuffer<Cell> cells_;
   std::array<AlignedBuffer<Real>, D> weight_;
