@@ -164,7 +164,7 @@ void wrap_row(const Layout<D>& layout, const Row<D>& row, Real* x) {
 template <int D>
 struct Slabs {
   explicit Slabs(const FluidRows<D>& fluid, int stages = 1) {
-    constexpr std::int64_t kCells = 1 << 15;             // of a slab, at least
+    constexpr std::int64_t kCells = 1 << 14;             // of a slab, at least
     constexpr int kThick = 16, kThin = 4, kEnough = 16;  // planes for each stage that lags behind
     const int planes = fluid.layout().cells[0];
     int wet = 0;

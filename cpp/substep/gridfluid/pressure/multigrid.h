@@ -27,6 +27,8 @@ class Multigrid {
   std::size_t bytes() const;
 
  private:
+  static constexpr std::int64_t kSerial = 1 << 13;  // cells of a level that is not worth sharing
+
   struct Level {
     explicit Level(const Layout<D>& layout_) : layout(layout_), fluid(layout) {}
     Layout<D> layout;
