@@ -411,6 +411,33 @@ TYPED_TEST(PressureSolverOf, bits_do_not_depend_on_threads) {
   EXPECT_EQ(found[0], found[2]);
 }
 
+// What stands where there was fluid once, and is none, must not be seen.
+TYPED_TEST(PressureSolverOf, a_solver_of_other_domains_before_solves_as_a_new_one) {
+  using Real = typename TypeParam::Real;
+  constexpr int D = TypeParam::D;
+  PlaceOf<D> low, high;
+  low.fill(0.3), high.fill(0.72);
+  const auto both = [&](const PlaceOf<D>& x) {
+    return std::min(ball<D>(low, 0.17)(x), ball<D>(high, 0.21)(x));
+  };
+  const auto none = [](const PlaceOf<D>&) { return 1.0; };
+  auto solver = tank<Real, D>(48, true, splash<D>(), nullptr).solver();
+  for (const LevelSet<D>& water : {splash<D>(), ball<D>(low, 0.2), LevelSet<D>(both),
+                                   ball<D>(high, 0.1), LevelSet<D>(none), splash<D>()}) {
+    auto problem = tank<Real, D>(48, true, water, nullptr);
+    const std::vector<double> start(problem.p.size(), 3.0);  // also where there is no fluid
+    problem.p = start;
+    const SolveReport alone = problem.solve(1e-6);
+    const std::vector<double> expected = std::exchange(problem.p, start);
+    std::array<std::span<const Real>, usize(D)> w;
+    for (std::size_t a = 0; a < D; ++a) w[a] = problem.w[a];
+    solver.set_matrix(w, problem.cells, 1);
+    const SolveReport again = solver.solve(problem.b, problem.p, 1e-6, 50, 1);
+    EXPECT_EQ(again.iterations, alone.iterations);
+    EXPECT_EQ(problem.p, expected);
+  }
+}
+
 TYPED_TEST(PressureSolverOf, a_solution_is_a_first_guess_that_needs_no_iteration) {
   using Real = typename TypeParam::Real;
   constexpr int D = TypeParam::D;

@@ -164,16 +164,21 @@ void wrap_row(const Layout<D>& layout, const Row<D>& row, Real* x) {
 template <int D>
 struct Slabs {
   explicit Slabs(const FluidRows<D>& fluid, int stages = 1) {
-    constexpr std::int64_t kCells = 1 << 14;             // of a slab, at least
-    constexpr int kThick = 16, kThin = 4, kEnough = 16;  // planes for each stage that lags behind
+    constexpr std::int64_t kShares = 64, kCells = 1 << 11;  // so many at most, cells at least
+    constexpr int kThick = 16, kThin = 3;  // planes for each stage that lags behind
     const int planes = fluid.layout().cells[0];
+    std::int64_t cells = 0;
     int wet = 0;
-    for (int k = 0; k < planes; ++k) wet += fluid.cells_of_plane(k) > 0;
-    const int thick = std::clamp(wet / kEnough, kThin, kThick) * (stages - 1);
+    for (int k = 0; k < planes; ++k) {
+      cells += fluid.cells_of_plane(k);
+      wet += fluid.cells_of_plane(k) > 0;
+    }
+    const std::int64_t share = std::max(cells / kShares, kCells);
+    const int thick = std::clamp(wet / 32, kThin, kThick) * (stages - 1);
     std::int64_t sum = 0;
     for (int k = 0; k < planes; ++k) {
       sum += fluid.cells_of_plane(k);
-      if (sum < kCells || k + 1 - begin.back() < thick || planes - k - 1 < thick) continue;
+      if (sum < share || k + 1 - begin.back() < thick || planes - k - 1 < thick) continue;
       begin.push_back(k + 1);
       sum = 0;
     }
