@@ -9,6 +9,7 @@ namespace substep::gridfluid {
 namespace {
 
 constexpr double kNearest = 0.05;  // theta, so that a step can be solved for
+constexpr double kOn = 1e-3;  // cells from the surface, where rounding must not decide on a side
 
 // What rows append to lists, in their order.
 template <class Lists, int D, class OfCell>
@@ -54,7 +55,7 @@ void Diffusion<Real, D>::find_faces(const SideGhosts<Real, D>& sides,
   const std::span<const Real> open = any ? obstacles.open(a) : std::span<const Real>();
   const auto far = [&](std::int64_t i) { return obstacles.at_face(i, axis); };
   const auto in_obstacle = [&](std::int64_t i) {
-    return slip ? open[usize(i)] == 0 : far(i) <= 0 || open[usize(i)] == 0;
+    return slip ? open[usize(i)] == 0 : far(i) <= Real(kOn) || open[usize(i)] == 0;
   };
   const auto theirs = [&](std::int64_t i) {
     return moving ? obstacles.velocity(a)[usize(i)] : Real(0);

@@ -9,7 +9,6 @@
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
 #include "substep/core/usize.h"
-#include "substep/gridfluid/flow/stress.h"
 #include "substep/gridfluid/grid/row_tasks.h"
 #include "substep/gridfluid/grid/sides.h"
 
@@ -174,6 +173,7 @@ void Flow<Real, D>::find_domain() {
   }
   cell_diffusion_.find_cells(obstacles_, projection_.cells(), threads);
   into_cells_.find(layout_, all_cells(layout_), cell_diffusion_.fixed(), 3);
+  stress_.find(layout_, obstacles_, projection_.cells(), threads);
   found_ = std::move(states);
   found_any_ = true;
 }
@@ -356,14 +356,28 @@ void Flow<Real, D>::check_finite() const {
   }
 }
 
-// What obstacles are given: pressure and, where they hold the flow, shear.
 template <class Real, int D>
 void Flow<Real, D>::push(double dt) {
   if (!obstacles_.any()) return;
   for (std::size_t a = 0; a < D; ++a) sides_.fill(span(next_[a]), a, options.threads);
-  const double viscosity = options.slip ? 0 : options.viscosity;
-  Stress<Real, D>::push(layout_, obstacles_, projection_.cells(), into_cells_, spans(next_),
-                        projection_.q(), mass(), viscosity * dt / dx_, options.threads);
+  const double courant = dt / dx_;
+  const auto pull = [&](std::int64_t i, std::size_t a) {
+    double sum = 0;
+    for (std::size_t k = 0; k < scalars_.size(); ++k) {
+      const auto& o = options.scalars[k];
+      sum += o.buoyancy * (double(next_scalars_[k][usize(i)]) - o.ambient);
+    }
+    return -dt * options.gravity[static_cast<int>(a)] * sum;
+  };
+  stress_.push(layout_, obstacles_, projection_.cells(),
+               {.before = spans(velocity_),
+                .after = spans(next_),
+                .q = projection_.q(),
+                .mass = mass(),
+                .courant = courant,
+                .shear = options.viscosity * courant / dx_,
+                .pull = pull},
+               options.threads);
 }
 
 // From here on nothing fails. A step may be so short that its pressure is no number: then it stays.

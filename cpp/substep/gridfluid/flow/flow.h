@@ -18,6 +18,7 @@
 #include "substep/gridfluid/flow/flow_options.h"
 #include "substep/gridfluid/flow/flow_sides.h"
 #include "substep/gridfluid/flow/semi_lagrangian.h"
+#include "substep/gridfluid/flow/stress.h"
 #include "substep/gridfluid/pressure/projection.h"
 
 namespace substep::gridfluid {
@@ -106,6 +107,7 @@ class Flow {
   Diffusion<Real, D> cell_diffusion_;
   std::array<Extension<D>, D> into_faces_;
   Extension<D> into_cells_;
+  Stress<Real, D> stress_;
   SemiLagrangian<Real, D> paths_;
   std::vector<std::array<double, geometry::Collider::kStateSize>> found_;
   bool found_any_ = false;

@@ -112,7 +112,8 @@ void GridLiquid<Real, D>::step(double dt) {
   new_report_ = {};
   try {
     sort(dt);
-    find_domain();
+    find_surface();
+    projection_.set_domain(obstacles, {phi_.data(), phi_.size()}, options.threads);
     pass_to_grid();
     accelerate(dt);
     project(dt);
@@ -144,9 +145,8 @@ void GridLiquid<Real, D>::sort(double dt) {
   }
 }
 
-// Which cells are liquid, and the matrix of the pressure.
 template <class Real, int D>
-void GridLiquid<Real, D>::find_domain() {
+void GridLiquid<Real, D>::find_surface() {
   poll_interrupt();
   obstacles.find(options.threads);
   number_density(next_, layout, static_cast<Real>(1 << D), density_.data(), options.threads);
@@ -154,7 +154,6 @@ void GridLiquid<Real, D>::find_domain() {
   gridfluid::level_set(next_, layout, density_.data(), SurfaceOptions<Real>{}, phi_.data(),
                        scratch_, options.threads);
   extend_surface();
-  projection_.set_domain(obstacles, {phi_.data(), phi_.size()}, options.threads);
 }
 
 // Densities of what obstacles leave of the cells around.
@@ -615,7 +614,7 @@ std::vector<double> GridLiquid<Real, D>::pressure() const {
 template <class Real, int D>
 std::vector<double> GridLiquid<Real, D>::level_set() {
   sort(0);
-  find_domain();
+  find_surface();
   std::vector<double> out;
   layout.for_cells([&](std::int64_t i) { out.push_back(options.cell * double(phi_[usize(i)])); });
   return out;
@@ -624,7 +623,8 @@ std::vector<double> GridLiquid<Real, D>::level_set() {
 template <class Real, int D>
 std::vector<double> GridLiquid<Real, D>::grid_velocity() {
   sort(0);
-  find_domain();
+  find_surface();
+  projection_.set_domain(obstacles, {phi_.data(), phi_.size()}, options.threads);
   pass_to_grid();
   const std::span<const Cell> cells = projection_.cells();
   std::vector<double> out;

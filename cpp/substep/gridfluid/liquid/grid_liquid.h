@@ -73,7 +73,7 @@ class GridLiquid {
   void append(Particles<Real, D>& to, std::int64_t first_id, std::span<const Vec3> x,
               std::span<const Vec3> v) const;
   void sort(double dt);
-  void find_domain();
+  void find_surface();
   void count_obstacles_in();
   void extend_surface();
   void pass_to_grid();
