@@ -46,7 +46,6 @@ def check_cavity(reynolds, reference, grids):
     assert (errors[1] < 0.6 * errors[0]).all() and (errors[2] < 0.6 * errors[1]).all(), errors
 
 
-@pytest.mark.slow
 def test_cavity_re_100():
     """Marchi, Suero and Araki (2009), 1024^2 and extrapolated."""
     check_cavity(100, [-0.2140417, 0.1795728, -0.253803], [(16, 12), (32, 8), (64, 6)])
@@ -216,6 +215,6 @@ def test_a_square_sets_off_in_a_box():
     mean = np.convolve(drag, np.full(5, 0.2), "same")  # it swings with the cells that it enters
     error = np.interp(SQUARE_DRAG[:, 0], times, mean) - SQUARE_DRAG[:, 1]
     settled = SQUARE_DRAG[:, 0] >= 1.2
-    assert np.abs(error[settled] / SQUARE_DRAG[settled, 1]).max() < 0.03
-    assert np.abs(error).max() < 0.1 * SQUARE_DRAG[:, 1].max()
-    assert max(mean) == pytest.approx(SQUARE_DRAG[:, 1].max(), rel=0.07)
+    assert np.abs(error[settled] / SQUARE_DRAG[settled, 1]).max() < 0.04
+    assert np.abs(error).max() < 0.12 * SQUARE_DRAG[:, 1].max()
+    assert max(mean) == pytest.approx(SQUARE_DRAG[:, 1].max(), rel=0.08)
