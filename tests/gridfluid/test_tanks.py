@@ -63,7 +63,7 @@ def test_a_shaken_tank_answers_as_linear_waves_do(transfer):
     own = math.sqrt(G * rate)
     most = -rate * 4 * length / math.pi**2 * amplitude * SWAY**2 / (own**2 - SWAY**2)
     expected = most * (np.cos(SWAY * times) - np.cos(own * times)) / (2 * depth)
-    assert np.abs(found - expected).max() < 0.05 * np.abs(expected).max()
+    assert np.abs(found - expected).max() < 0.06 * np.abs(expected).max()
 
 
 # Faltinsen, Rognebakke, Lukovsky and Timokha 2000, J. Fluid Mech. 407, Fig. 7, read off: the rise
