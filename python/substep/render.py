@@ -340,10 +340,10 @@ def _picture_of(
 
 
 def _is_flat(recording: Recording) -> bool:
-    """Whether the first and the last frame lie in the plane z = 0."""
+    """Whether the first, the middle and the last frame lie in the plane z = 0."""
     grids = [part.cells for part in recording.parts.values() if part.cells]
     return all(len(cells) == 2 for cells in grids) and all(
         points.shape[1] == 2 or not np.any(points[:, 2])
-        for frame in (0, -1)
+        for frame in (0, len(recording) // 2, -1)
         for points in (a["points"] for a in recording.frame(frame).values() if "points" in a)
     )
