@@ -71,6 +71,7 @@ def draw(
     scene: Scene | None = None,
     camera: Camera | None = None,
     color: str | None = None,
+    view: View | None = None,
 ) -> Figure:
     """Draw one frame.
 
@@ -87,6 +88,8 @@ def draw(
         Where a picture in three dimensions is taken from.
     color : str, optional
         Field that colours a picture in three dimensions, with a colour bar.
+    view : View, optional
+        Draws it in three dimensions, in place of the picture of a scene.
 
     Returns
     -------
@@ -115,7 +118,7 @@ def draw(
     with matplotlib.rc_context(STYLE):
         figure: Figure = matplotlib.figure.Figure(figsize=SIZE, dpi=PICTURE_DPI)
         frame = _frame_number(recording, _still(recording, scene) if frame is None else frame)
-        _picture_of(recording, scene, camera, color)(recording, frame, figure)
+        _picture_of(recording, scene, camera, color, view)(recording, frame, figure)
     return figure
 
 
@@ -127,6 +130,7 @@ def save_picture(
     scene: Scene | None = None,
     camera: Camera | None = None,
     color: str | None = None,
+    view: View | None = None,
 ) -> Path:
     """Draw one frame of a recording into a PNG file, replacing it if it exists.
 
@@ -145,6 +149,8 @@ def save_picture(
         Where a picture in three dimensions is taken from.
     color : str, optional
         Field that colours a picture in three dimensions, with a colour bar.
+    view : View, optional
+        Draws it in three dimensions, in place of the picture of a scene.
 
     Returns
     -------
@@ -171,7 +177,7 @@ def save_picture(
     matplotlib = _matplotlib()
     out = Path(out)
     with Recording(path) as recording, matplotlib.rc_context(STYLE):
-        figure = draw(recording, frame, scene=scene, camera=camera, color=color)
+        figure = draw(recording, frame, scene=scene, camera=camera, color=color, view=view)
         with _whole_file(out) as part:
             figure.savefig(part, format="png", dpi="figure", metadata={"Software": "substep"})
     return out
@@ -185,6 +191,7 @@ def save_movie(
     scene: Scene | None = None,
     camera: Camera | None = None,
     color: str | None = None,
+    view: View | None = None,
     on_frame: Callable[[int, int, float], None] | None = None,
 ) -> Path:
     """Draw every frame of a recording into an MP4 file (H.264), replacing it if it exists.
@@ -203,6 +210,8 @@ def save_movie(
         Where a picture in three dimensions is taken from.
     color : str, optional
         Field that colours a picture in three dimensions, with a colour bar.
+    view : View, optional
+        Draws it in three dimensions, in place of the picture of a scene.
     on_frame : callable, optional
         `on_frame(frame, frames, time)` is called after each frame.
 
@@ -239,7 +248,7 @@ def save_movie(
     with Recording(path) as recording, matplotlib.rc_context(STYLE), _whole_file(out) as part:
         frames = len(recording)
         _frame_number(recording, 0)
-        picture = _picture_of(recording, scene, camera, color)
+        picture = _picture_of(recording, scene, camera, color, view)
         figure = matplotlib.figure.Figure(figsize=SIZE, dpi=DPI)
         canvas = FigureCanvasAgg(figure)
         size = (round(SIZE[0] * DPI), round(SIZE[1] * DPI))
@@ -306,11 +315,17 @@ def _still(recording: Recording, scene: Scene | None) -> int:
 
 
 def _picture_of(
-    recording: Recording, scene: Scene | None, camera: Camera | None, color: str | None
+    recording: Recording,
+    scene: Scene | None,
+    camera: Camera | None,
+    color: str | None,
+    view: View | None,
 ) -> Callable[[Recording, int, Figure], None]:
+    if view is not None and not isinstance(view, View):
+        raise TypeError(f"view: expected a View, got {describe(view)}")
     scene = _scene_of(recording, scene)
     picture: Callable[[Recording, int, Figure], None] | None
-    picture = None if scene is None else scene.picture
+    picture = view if scene is None or view is not None else scene.picture
     if picture is None:
         picture = plain_picture if _is_flat(recording) else View()
     changes: dict[str, Any] = {"camera": camera, "color": color}
@@ -325,10 +340,10 @@ def _picture_of(
 
 
 def _is_flat(recording: Recording) -> bool:
-    """Whether the first and the last frame lie in the plane z = 0."""
+    """Whether the first, the middle and the last frame lie in the plane z = 0."""
     grids = [part.cells for part in recording.parts.values() if part.cells]
     return all(len(cells) == 2 for cells in grids) and all(
         points.shape[1] == 2 or not np.any(points[:, 2])
-        for frame in (0, -1)
+        for frame in (0, len(recording) // 2, -1)
         for points in (a["points"] for a in recording.frame(frame).values() if "points" in a)
     )

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import substep
+from scipy import special
 
 from .test_liquid import G, half_cells, lattice, periods, pool
 
@@ -175,6 +176,91 @@ def test_a_viscous_current_spreads_as_that_of_huppert(n):
         liquid.advance(factor * first - first - liquid.time)
         front = 1.411 * (G * q**3 / (3 * NU) * factor * first) ** 0.2
         assert np.quantile(liquid.positions[:, 0], 0.999) == pytest.approx(front, rel=0.015)
+
+
+def test_a_round_current_spreads_as_that_of_huppert():
+    """r_N = 0.894 (g Q^3 / (3 nu))^(1/8) t^(1/8) from his profile on (1982), 5 cells high."""
+    start, high, cell = 0.5, 0.15, 0.03
+    n = 2 * math.ceil(1.4 * start / cell)
+    x = lattice(*[half_cells(0, n * cell, cell)] * 2, half_cells(0, high + cell, cell))
+    x = np.abs(x + np.random.default_rng(0).uniform(-0.1, 0.1, x.shape) * cell)
+    middle = n * cell / 2
+
+    def radii(x):
+        return np.hypot(x[:, 0] - middle, x[:, 1] - middle)
+
+    x = x[x[:, 2] < high * np.clip(1 - (radii(x) / start) ** 2, 0, None) ** (1 / 3)]
+    bounds = ((0, 0, 0), (n * cell, n * cell, 7 * cell))
+    liquid = substep.GridLiquid(x, cell=cell, bounds=bounds, viscosity=NU)
+    scale = 0.894 * (G * (len(x) * (cell / 2) ** 3) ** 3 / (3 * NU)) ** (1 / 8)
+    first = (start / scale) ** 8
+    liquid.advance(2 * first)
+    front = scale * (3 * first) ** (1 / 8)
+    assert np.quantile(radii(liquid.positions), 0.999) == pytest.approx(front, rel=0.025)
+
+
+def test_a_cup_that_turns_takes_the_liquid_along():
+    """From rest: u / W = r + sum_k 2 R J1(q_k r / R) / (q_k J0(q_k)) exp(-q_k^2 nu t / R^2), by
+    separation of variables, with the zeros q_k of J1.
+    """
+    radius, cell, t = 0.4, 1 / 32, 0.32
+    x = lattice(*[half_cells(0, 1, cell)] * 2)
+    x = x[np.hypot(*(x - 0.5).T) < radius]
+    round_wall = substep.Cylinder(radius, 2, (0.5, 0.5, 0))
+    cup = substep.Collider(round_wall, hollow=True, angular_velocity=(0, 0, 1))
+    liquid = substep.GridLiquid(
+        x,
+        cell=cell,
+        bounds=((0, 0), (1, 1)),
+        gravity=(0, 0),
+        viscosity=NU,
+        colliders=[cup],
+        step=t / 40,
+    )
+    liquid.advance(t)
+    arm, v = liquid.positions - 0.5, liquid.velocities
+    r = np.hypot(*arm.T)
+    found = (arm[:, 0] * v[:, 1] - arm[:, 1] * v[:, 0]) / r
+    q = special.jn_zeros(1, 20)
+    parts = special.j1(np.outer(r, q / radius)) / (q * special.j0(q))
+    exact = r + 2 * radius * parts @ np.exp(-(q**2) * NU * t / radius**2)
+    assert np.abs(found - exact)[r < radius - cell].max() < 0.01 * radius
+    assert np.abs(found - exact).max() < 0.05 * radius
+    given = np.sum(found * r) * 1000 * cell**2 / 4
+    assert -cup.angular_impulse[2] == pytest.approx(given, rel=0.06)
+
+
+def test_the_drag_of_balls_in_creeping_flow_is_that_of_hasimoto():
+    """A force on the liquid of a cell of a cubic lattice: F = 6 pi mu a U K.
+
+    Hasimoto, "On the periodic fundamental solutions of the Stokes equations", J. Fluid Mech. 5,
+    1959. Of steps in which viscosity acts over a part of the radius, the drag is too small.
+    """
+    a, cell, pull = 0.25, 1 / 16, 0.01
+    c = 4 / 3 * math.pi * a**3
+    k = 1 / (1 - 1.7601 * c ** (1 / 3) + c - 1.5593 * c**2)
+    speed = pull / (6 * math.pi * NU * a * k)
+    x = lattice(*[half_cells(0, 1, cell)] * 3)
+    x = x[np.linalg.norm(x - 0.5, axis=1) > a]
+    wrong = []
+    for dt, steps in ((0.1, 8), (1 / 60, 30)):
+        ball = substep.Collider(substep.Sphere(a, (0.5, 0.5, 0.5)))
+        liquid = substep.GridLiquid(
+            x,
+            cell=cell,
+            bounds=((0, 0, 0), (1, 1, 1)),
+            velocities=np.tile([speed / (1 - c), 0, 0], (len(x), 1)),
+            sides="periodic",
+            gravity=(pull, 0, 0),
+            viscosity=NU,
+            colliders=[ball],
+        )
+        for _ in range(steps):
+            liquid.step(dt)
+        flow = liquid.velocities[:, 0].sum() * (cell / 2) ** 3
+        force = ball.impulse[0] / ball.duration / (1000 * pull * (1 - c))
+        wrong.append(1 - force * speed / flow)
+    assert 0 < wrong[1] < 0.08 < wrong[0] < 0.16
 
 
 # Wu, Eatock Taylor, Greaves 2001, linear: extrema of the height at a wall over that at the start,

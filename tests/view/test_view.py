@@ -5,6 +5,7 @@ import gc
 import itertools
 import sys
 
+import matplotlib.image
 import numpy as np
 import pytest
 import substep
@@ -208,6 +209,42 @@ def test_particles_may_come_and_go(tmp_path):
     view = View(looks={"p": Look(RED, radius=0.8)})
     areas = [reddish(view.image(recording, k, SIZE)).sum() for k in range(3)]
     assert areas[1] == 0 < areas[0] < areas[2]
+
+
+@pytest.mark.parametrize("color", [None, "heat"])
+@pytest.mark.parametrize("heap", [False, True])
+def test_a_recording_may_begin_before_there_is_a_particle(tmp_path, color, heap):
+    frames = [
+        {"p": {"points": np.arange(3.0 * n).reshape(n, 3), "heat": np.ones((n, 3))}}
+        for n in (0, 5, 0, 9)
+    ]
+    parts = {"p": substep.Part("particles", {"heat": "K"})}
+    recording = record(tmp_path / "a.vtkhdf", parts, frames)
+    view = View(looks={"p": Look(radius=0.8, heap=heap)}, color=color)
+    empty, some, none, more = (view.image(recording, k, SIZE).astype(int) for k in range(4))
+    np.testing.assert_array_equal(empty, none)
+    areas = [(np.ptp(image - empty, axis=2) > 20).sum() for image in (some, more)]
+    assert 0 < areas[0] < areas[1]
+
+
+def test_a_recording_may_end_without_a_particle(tmp_path):
+    frames = [{"p": {"points": np.ones((n, 3))}} for n in (0, 4, 0)]
+    recording = record(tmp_path / "a.vtkhdf", {"p": substep.Part()}, frames)
+    assert not render._is_flat(recording)
+
+
+def test_a_picture_by_a_view(tmp_path):
+    with square(tmp_path, fields=("height",)):
+        pass
+    path, out = tmp_path / "a.vtkhdf", tmp_path / "a.png"
+    view = View(FRONT, {"cloth": Look(RED)}, title=lambda r, k: "")
+    seen = []
+    for color in (None, "height"):
+        render.save_picture(path, out, color=color, view=view)
+        seen.append(reddish((255 * matplotlib.image.imread(out)).astype(int)).sum())
+    assert seen[0] > 1e5 > seen[1] == 0
+    with pytest.raises(TypeError, match="view: expected a View, got 'front'"):
+        render.save_picture(path, out, view="front")
 
 
 def test_colours_of_a_field_and_its_range_over_all_frames(tmp_path):

@@ -106,8 +106,8 @@ class GridLiquid(Particles):
     viscosity : float
         Kinematic viscosity [m^2/s], at least 0.
     slip : bool
-        Whether a viscous liquid passes along walls and obstacles freely, instead of being held.
-        Without viscosity it always does.
+        Whether a viscous liquid passes along walls, and faces of obstacles along the axes, freely,
+        instead of being held. Without viscosity it always does.
     keep_volume : bool
         Spread the particles so that full cells keep as many as they should, by a second pressure
         solve that moves them and leaves their velocities.

@@ -272,13 +272,14 @@ class _Body:
                 self.data = self._tubes()
         else:
             self.kind = "points"
-            self.data = pyvista.PolyData(points)
+            # One stands for none until the first update: PyVista refuses empty meshes.
+            self.data = pyvista.PolyData(points if len(points) else np.zeros((1, 3), np.float32))
             self._radius = radius
             if look.heap:
                 self.kind = "heap"
         self._by_particle = self.kind == "heap" or (self.kind == "points" and field is not None)
         if self._by_particle:  # the mapper of discs does not look colours up again
-            self.data.point_data[LIT] = np.zeros((len(points), 3), np.uint8)
+            self.data.point_data[LIT] = np.zeros((self.data.n_points, 3), np.uint8)
         elif field is not None:
             self.data.point_data[field] = np.zeros(self.data.n_points)
 
@@ -359,6 +360,8 @@ class _Body:
         if len(points) != self.data.n_points:  # of particles
             self.data.copy_from(self._pyvista.PolyData(points))
         self.data.points = points
+        if len(points) == 0:
+            return
         if self._vertices is not None:
             self._set_normals()
         if self._by_particle:

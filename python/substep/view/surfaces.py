@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ def in_space(points: NDArray[Any]) -> NDArray[np.float32]:
 
 def magnitude(values: NDArray[Any]) -> NDArray[np.float64]:
     """A number for each row: of vectors and matrices the norm."""
-    flat = np.asarray(values, float).reshape(len(values), -1)
+    flat = np.asarray(values, float).reshape(len(values), math.prod(values.shape[1:]))
     return flat[:, 0] if flat.shape[1] == 1 else np.linalg.norm(flat, axis=1)
 
 

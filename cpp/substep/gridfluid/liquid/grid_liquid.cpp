@@ -375,9 +375,12 @@ void GridLiquid<Real, D>::find_displacement() {
               continue;
             }
             const bool inside = phi_[usize(i)] < -1;
-            error = kShare * std::clamp(error - 1, inside ? -kMost : Real(0), kMost);
+            const Real whole = std::clamp(error - 1, inside ? -kMost : Real(0), kMost);
+            error = kShare * whole;
+            if (obstacles.any())  // of the open part of the cell
+              error *= std::clamp(obstacles.at_centre(i) + Real(0.5), Real(0), Real(1));
             if (!inside) continue;
-            errors[usize(r)] += std::abs(double(error / kShare));
+            errors[usize(r)] += std::abs(double(whole));
             ++counts[usize(r)];
           }
         }
@@ -392,6 +395,12 @@ void GridLiquid<Real, D>::find_displacement() {
   new_report_.volume_iterations = solved.iterations;
   find_valid();
   fill_around(shift_, 1);
+  if (!obstacles.any()) return;
+  for (std::size_t a = 0; a < D; ++a) {  // through faces that are nearly closed
+    for_numbers(layout.size, options.threads, [&](std::size_t i) {
+      shift_[a][i] = std::clamp(shift_[a][i], -kMost, kMost);
+    });
+  }
 }
 
 template <class Real, int D>

@@ -230,6 +230,16 @@ bool Viscosity<Real, D>::add_difference(const Obstacles<Real, D>& obstacles, std
     if (term.row == kNone) return false;
     if (term.row == kObstacle) term.given = theirs(obstacles, component, term.face);
   }
+  if (slip_ && (ends[0].row == kObstacle || ends[1].row == kObstacle)) {
+    // Along what slips there is no stress, and across a slant the axes do not know which is which.
+    if (component != along) return false;
+    Place cell = upper;
+    cell[along] = layout_.periodic[along] ? (cell[along] + n - 1) % n : cell[along] - 1;
+    const auto area = obstacles.surface(layout_.index(cell));
+    for (std::size_t b = 0; b < D; ++b) {
+      if (b != along && area[b] != 0) return false;
+    }
+  }
   double scale = 1;
   if ((ends[0].row < 0) != (ends[1].row < 0)) {
     const Term& in = ends[ends[0].row < 0 ? 1 : 0];
@@ -237,7 +247,6 @@ bool Viscosity<Real, D>::add_difference(const Obstacles<Real, D>& obstacles, std
     if (side) {
       scale = 2;
     } else if (out.row == kObstacle) {
-      if (slip_ && component != along) return false;
       const auto here = double(obstacles.at_face(in.face, component));
       const double there = std::min(double(obstacles.at_face(out.face, component)), 0.0);
       if (!slip_ && here > 0) {
