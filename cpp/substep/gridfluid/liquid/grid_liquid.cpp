@@ -170,9 +170,28 @@ void GridLiquid<Real, D>::count_obstacles_in() {
 }
 
 // The liquid goes on into obstacles that it touches: else a cell of which they cover the middle
-// would count as air.
+// would count as air, and the liquid beside it would shoot there.
 template <class Real, int D>
 void GridLiquid<Real, D>::extend_surface() {
+  constexpr Real kNear = 0.5, kInside = -0.5;  // [cells]
+  const auto touches = [&](std::int64_t i, std::size_t a, bool upper) {
+    const std::int64_t above = i + layout.stride[a], other = upper ? above : i - layout.stride[a];
+    const Real open = obstacles.open(static_cast<int>(a))[usize(upper ? above : i)];
+    return open > 0 && phi_[usize(other)] < 0 && obstacles.at_centre(other) >= 0;
+  };
+  const auto extend = [&](std::int64_t i) {
+    if (obstacles.at_centre(i) >= 0) return;
+    bool liquid = phi_[usize(i)] < kNear;
+    for (std::size_t a = 0; a < D; ++a) {
+      for (const bool upper : {false, true}) liquid = liquid || touches(i, a, upper);
+    }
+    if (liquid) phi_[usize(i)] = std::min(phi_[usize(i)], kInside);
+  };
+  if (obstacles.any()) {
+    for_each_row(layout, -1, options.threads, [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t i = begin; i < end; ++i) extend(i);
+    });
+  }
   for (int a = 0; a < D; ++a) {  // beyond open sides is air: see Projection
     for (int side = 0; side < 2; ++side) {
       if (!options.open[usize(a)][usize(side)]) continue;
@@ -181,14 +200,6 @@ void GridLiquid<Real, D>::extend_surface() {
       });
     }
   }
-  if (!obstacles.any()) return;
-  constexpr Real kNear = 0.5, kInside = -0.5;  // [cells]
-  for_each_row(layout, -1, options.threads, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i) {
-      Real& phi = phi_[usize(i)];
-      if (phi < kNear && obstacles.at_centre(i) < 0) phi = std::min(phi, kInside);
-    }
-  });
 }
 
 template <class Real, int D>
@@ -341,12 +352,18 @@ void GridLiquid<Real, D>::push_obstacles() {
   }
 }
 
-// Faces whose velocities the pressure or a wall has set.
+// Faces whose velocities the pressure or a wall has set. What obstacles leave of a face may be so
+// little that the velocity of what squeezes through says nothing of the flow.
 template <class Real, int D>
 void GridLiquid<Real, D>::find_valid() {
+  constexpr Real kSmallest = 0.1;
   for (int a = 0; a < D; ++a) {
     const std::span<const Real> w = projection_.weight(a);
-    for_numbers(layout.size, options.threads, [&](std::size_t i) { weight_[usize(a)][i] = w[i]; });
+    const bool cut = obstacles.any();
+    const std::span<const Real> open = cut ? obstacles.open(a) : w;
+    for_numbers(layout.size, options.threads, [&](std::size_t i) {
+      weight_[usize(a)][i] = cut && open[i] < kSmallest ? 0 : w[i];
+    });
   }
   for_walls([&](std::size_t a, std::int64_t face) { weight_[a][usize(face)] = 1; });
 }
@@ -356,7 +373,8 @@ void GridLiquid<Real, D>::find_valid() {
 template <class Real, int D>
 void GridLiquid<Real, D>::find_displacement() {
   // Of an error a step corrects a fifth: all of it stirs the liquid, as much of it is noise.
-  constexpr Real kShare = 0.2, kMost = 0.5;
+  // Beside obstacles counts are rough: a lattice that a surface cuts is off by so much.
+  constexpr Real kShare = 0.2, kMost = 0.5, kUnsure = 0.15;
   constexpr double kTolerance = 1e-2;
   constexpr int kIterations = 20;
   poll_interrupt();
@@ -375,7 +393,10 @@ void GridLiquid<Real, D>::find_displacement() {
               continue;
             }
             const bool inside = phi_[usize(i)] < -1;
-            const Real whole = std::clamp(error - 1, inside ? -kMost : Real(0), kMost);
+            Real whole = std::clamp(error - 1, inside ? -kMost : Real(0), kMost);
+            if (obstacles.any() && obstacles.room()[usize(i)] < 1) {
+              whole -= std::clamp(whole, -kUnsure, kUnsure);
+            }
             error = kShare * whole;
             if (obstacles.any())  // of the open part of the cell
               error *= std::clamp(obstacles.at_centre(i) + Real(0.5), Real(0), Real(1));
@@ -395,12 +416,6 @@ void GridLiquid<Real, D>::find_displacement() {
   new_report_.volume_iterations = solved.iterations;
   find_valid();
   fill_around(shift_, 1);
-  if (!obstacles.any()) return;
-  for (std::size_t a = 0; a < D; ++a) {  // through faces that are nearly closed
-    for_numbers(layout.size, options.threads, [&](std::size_t i) {
-      shift_[a][i] = std::clamp(shift_[a][i], -kMost, kMost);
-    });
-  }
 }
 
 template <class Real, int D>
