@@ -92,7 +92,7 @@ def test_natural_convection(rayleigh, reference, n, duration):
     assert nusselt(rayleigh, n, duration) == pytest.approx(reference, rel=0.02)
 
 
-def channel(n, top):
+def channel(n, top, middle=0.2):
     """Schaefer and Turek (1996): a cylinder of 0.1 m in a channel of 0.41 m with an inflow."""
     h = 0.41 / n
 
@@ -101,7 +101,7 @@ def channel(n, top):
         return np.stack([u, 0 * u], axis=1)
 
     y = (np.arange(n) + 0.5) * h
-    cylinder = substep.Collider(substep.Sphere(0.05, (0.2, 0.2, 0)))
+    cylinder = substep.Collider(substep.Sphere(0.05, (0.2, middle, 0)))
     length = h * round(2.2 / h)
     flow = substep.GridFlow(
         [(0, 0), (length, 0.41)],
@@ -121,17 +121,24 @@ def coefficients(cylinder, mean):
 
 @pytest.mark.slow
 def test_cylinder_2d_1():
-    """Re 20: drag and pressure drop approach the reference with the cells (docs/grid_flow.md)."""
+    """Re 20: drag, lift and pressure drop (FeatFlow, finest; docs/grid_flow.md)."""
+    reference = np.array([5.57953523, 0.01061895, 0.11752017])
     errors = []
     for n in (41, 82):
         flow, cylinder = channel(n, 0.3)
-        flow.advance(3.0)
-        flow.advance(0.1)
-        drag = coefficients(cylinder, 0.2)[0]
-        front, back = flow.sample([(0.15, 0.2), (0.25, 0.2)])["pressure"]
-        errors.append([abs(drag / 5.57953523 - 1), abs((front - back) / 0.11752017 - 1)])
-    assert errors[1][0] < 0.01 and errors[1][1] < 0.03, errors
-    assert errors[1][0] < 0.7 * errors[0][0] and errors[1][1] < 0.7 * errors[0][1], errors
+        flow.advance(6.0)
+        drop = np.subtract(*flow.sample([(0.15, 0.2), (0.25, 0.2)])["pressure"])
+        found = np.append(coefficients(cylinder, 0.2), drop)
+        errors.append(np.abs(found / reference - 1))
+    assert (errors[0] < [0.01, 0.12, 0.06]).all() and (errors[1] < [0.01, 0.04, 0.03]).all(), errors
+
+
+def test_a_cylinder_in_the_middle_has_no_lift():
+    """Nor has one where faces lie on its surface, which rounding must not tell from one side."""
+    flow, cylinder = channel(41, 0.3, middle=0.205)
+    flow.advance(1.0)
+    drag, lift = coefficients(cylinder, 0.2)
+    assert abs(lift) < 1e-5 * drag
 
 
 @pytest.mark.slow
@@ -152,7 +159,7 @@ def test_cylinder_2d_2_sheds_vortices():
     up = np.flatnonzero((lift[:-1] < 0) & (lift[1:] >= 0))
     zero = time[up] - lift[up] * (time[up + 1] - time[up]) / (lift[up + 1] - lift[up])
     period = (zero[-1] - zero[0]) / (len(zero) - 1)
-    assert 0.1 / period == pytest.approx(0.30188, rel=0.03)
+    assert 0.1 / period == pytest.approx(0.30188, rel=0.02)
 
 
 @pytest.mark.slow
@@ -208,7 +215,7 @@ def test_a_square_sets_off_in_a_box():
     )
     times, drag = [], []
     while flow.time < 6.2:
-        square.velocity = (np.interp(flow.time + dt / 2, *SQUARE_SPEED.T), 0, 0)
+        square.velocity = (np.interp(flow.time + dt, *SQUARE_SPEED.T), 0, 0)
         flow.step(dt)
         times.append(flow.time - dt / 2)
         drag.append(-2 * square.impulse[0] / square.duration)
@@ -217,4 +224,4 @@ def test_a_square_sets_off_in_a_box():
     settled = SQUARE_DRAG[:, 0] >= 1.2
     assert np.abs(error[settled] / SQUARE_DRAG[settled, 1]).max() < 0.04
     assert np.abs(error).max() < 0.12 * SQUARE_DRAG[:, 1].max()
-    assert max(mean) == pytest.approx(SQUARE_DRAG[:, 1].max(), rel=0.08)
+    assert max(mean) == pytest.approx(SQUARE_DRAG[:, 1].max(), rel=0.1)

@@ -54,10 +54,9 @@ def test_the_front_comes_when_it_should(log, experiment):
     scalars = experiment["height_scalars"]["H2"]
     depths = log["depths"][:, 1]
     assert log.times[np.argmax(depths > 0.05)] == pytest.approx(scalars["t_above_0.05"], rel=0.05)
-    # The tip of the front is thinner than a cell, and comes late to the box.
     rise = experiment["pressure_scalars"]["P1"]["t_rise_above_1000Pa"]
     step = np.argmax(log["pressures"][:, 0] > 1000)
-    assert log.times[step - 1 : step + 1].mean() == pytest.approx(rise, rel=0.08)
+    assert log.times[step - 1 : step + 1].mean() == pytest.approx(rise, rel=0.05)
 
 
 @pytest.mark.slow
@@ -68,8 +67,8 @@ def test_the_impact_on_the_box(log, experiment):
     for width, name in ((10, "peak_10ms_mean_Pa_t"), (20, "peak_20ms_mean_Pa_t")):
         mean = np.convolve(pressure, np.ones(width) / width, "same")
         peak, time = scalars[name]
-        assert mean.max() == pytest.approx(peak, rel=0.2)
-        assert times[mean.argmax()] == pytest.approx(time, rel=0.12)
+        assert mean.max() == pytest.approx(peak, rel=0.15)
+        assert times[mean.argmax()] == pytest.approx(time, rel=0.08)
     impulse = pressure[(times >= 0.4) & (times < 0.6)].sum() * 1e-3
     assert impulse == pytest.approx(scalars["impulse_Pa_s_0.4_0.6"], rel=0.2)
 
@@ -80,11 +79,11 @@ def test_the_wave_comes_back_to_the_box(log, experiment):
     times = np.arange(4.2, 6, 1e-3)
     mean = np.convolve(held(log, "pressures", times)[:, 0], np.ones(50) / 50, "valid")
     back = times[25 + np.argmax(mean > expected["threshold_Pa"])]
-    assert back == pytest.approx(expected["t"], abs=0.15)
+    assert back == pytest.approx(expected["t"], rel=0.05)
 
 
 @pytest.mark.slow
 def test_the_volume_stays(log):
     volume = log["volume"]
     assert volume[0] == pytest.approx(1.228 * 1.0 * HEIGHT, rel=0.02)
-    assert volume[-50:].mean() == pytest.approx(volume[0], rel=0.02)
+    assert volume[-50:].mean() == pytest.approx(volume[0], rel=0.015)
