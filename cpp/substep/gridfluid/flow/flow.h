@@ -37,6 +37,8 @@ class Flow {
   // Takes from the velocities what has a divergence, and sets the pressure to 0. InputError where
   // there is no fluid, or more flows into a closed box than out.
   void project();
+  // Gives faces in walls and inflows what these say; to be called where velocities were written.
+  void hold_sides();
 
   FlowSums sums();
   FlowLimits limits() const;
@@ -75,6 +77,7 @@ class Flow {
   void start(double dt);
   void hold(std::size_t a, std::span<Real> x) const;
   bool predicts() const;
+  bool needs_pressure() const;
   void take_pressure(Fields& fields, Real factor);
   void add_given(Fields& fields, double dt);
   void find_passing(const Velocity<Real, D>& u);
@@ -108,7 +111,7 @@ class Flow {
   Extension<D> into_cells_;
   SemiLagrangian<Real, D> paths_;
   std::vector<std::array<double, geometry::Collider::kStateSize>> found_;
-  bool found_any_ = false;
+  bool found_any_ = false, has_fluid_ = true;
   struct SourcePlaces {
     std::vector<std::int64_t> cells;
     std::array<std::vector<std::int64_t>, D> faces;
@@ -120,9 +123,12 @@ class Flow {
   std::vector<AlignedBuffer<Real>> scalars_;
   AlignedBuffer<double> pressure_;
   // Of a step: what it begins with, comes to, changes by, and is given.
-  Fields start_, next_, change_, given_, passing_;
+  // Without obstacles, which are to be held or carried on into, it begins with the state itself.
+  Velocity<Real, D> start_;
+  Fields held_, next_, change_, given_, passing_;
   std::vector<AlignedBuffer<Real>> start_scalars_, next_scalars_;
   AlignedBuffer<Real> rates_;
+  FlowReport new_report_;
 };
 
 extern template class Flow<float, 2>;

@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "substep/core/usize.h"
-#include "substep/gridfluid/grid/sides.h"
+#include "substep/gridfluid/grid/ghosts.h"
 
 namespace substep::gridfluid {
 namespace {
@@ -67,10 +67,10 @@ double SideGhosts<Real, D>::given(std::size_t axis, std::size_t end, const std::
 }
 
 template <class Real, int D>
-void SideGhosts<Real, D>::set_normal(std::span<Real> u, std::size_t a) const {
+void SideGhosts<Real, D>::set_normal(std::span<Real> u, std::size_t a, int threads) const {
   for (std::size_t end = 0; end < 2; ++end) {
     if (is(a, end, SideKind::kOpen) || is(a, end, SideKind::kPeriodic)) continue;
-    for_beside(layout_, a, end, 1, [&](const auto& cell, std::int64_t inside, std::int64_t) {
+    for_beside(layout_, a, end, threads, [&](const auto& cell, std::int64_t inside, std::int64_t) {
       const std::int64_t face = end == 0 ? inside : inside + layout_.stride[a];
       u[usize(face)] = Real(given(a, end, cell, a));
     });
@@ -93,7 +93,7 @@ void SideGhosts<Real, D>::fill_velocity(std::span<Real> u, std::size_t a, bool g
                  });
     }
   }
-  wrap(layout_, u);
+  wrap(layout_, u, threads);
 }
 
 // Whether a side holds the k-th scalar: what flows out takes along what it is.
@@ -125,7 +125,7 @@ void SideGhosts<Real, D>::fill_scalar(std::span<Real> x, std::size_t k, double d
           });
     }
   }
-  wrap(layout_, x);
+  wrap(layout_, x, threads);
 }
 
 template <class Real, int D>
@@ -144,7 +144,7 @@ void SideGhosts<Real, D>::fill_scalar_change(std::span<Real> x, std::size_t k,
                  });
     }
   }
-  wrap(layout_, x);
+  wrap(layout_, x, threads);
 }
 
 template class SideGhosts<float, 2>;

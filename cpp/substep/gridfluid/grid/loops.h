@@ -2,6 +2,7 @@
 // number of threads.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <vector>
@@ -88,8 +89,15 @@ void for_numbers(std::int64_t n, int threads, const Each& each) {
       threads);
 }
 
+// n numbers of one value.
 template <class T>
-void copy(const AlignedBuffer<T>& from, AlignedBuffer<T>& to, int threads) {
+void assign(AlignedBuffer<T>& buffer, std::int64_t n, T value) {
+  buffer.reset(usize(n));
+  std::fill(buffer.begin(), buffer.end(), value);
+}
+
+template <class From, class To>
+void copy(const From& from, To& to, int threads) {
   for_numbers(static_cast<std::int64_t>(from.size()), threads,
               [&](std::size_t i) { to[i] = from[i]; });
 }
