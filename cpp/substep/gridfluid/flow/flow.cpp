@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <string>
 #include <utility>
 
@@ -89,7 +88,7 @@ void Flow<Real, D>::step(double dt) {
   drive_sources(next_);
   correct(dt);
   carry_scalars(dt);
-  check_finite();
+  check_scalars();
   push(dt);
   keep(dt);
 }
@@ -109,7 +108,7 @@ void Flow<Real, D>::project() {
   } catch (const SolverError& error) {
     throw InputError(std::string("colliders: ") + error.what());
   }
-  check_finite();
+  check_velocity();
   for (std::size_t a = 0; a < D; ++a) velocity_[a].swap(next_[a]);
   std::fill(pressure_.begin(), pressure_.end(), 0.0);
   report = new_report_;
@@ -243,7 +242,7 @@ void Flow<Real, D>::correct(double dt) {
   new_report_.residual = got.residual;
   new_report_.converged = got.converged && std::isfinite(got.residual);
   if (!new_report_.converged) {
-    if (!std::isfinite(got.residual)) check_finite();
+    if (!std::isfinite(got.residual)) check_velocity();
     throw ConvergenceError("the pressure did not converge: after " +
                                std::to_string(got.iterations) + " iterations its residual is " +
                                std::to_string(got.residual) +
@@ -320,47 +319,39 @@ void Flow<Real, D>::check_inflow() const {
 }
 
 template <class Real, int D>
-void Flow<Real, D>::check_finite() const {
-  const auto bad = [&](const Block<D>& block, const AlignedBuffer<Real>& x) {
-    return gather_rows(
-        layout_, block, options.threads, std::int64_t{-1},
-        [&](std::int64_t begin, std::int64_t end) {
-          int wrong = 0;  // not a bool, so that the loop is one of vectors
-          for (std::int64_t i = begin; i < end; ++i) {
-            wrong |= std::abs(x[usize(i)]) <= std::numeric_limits<Real>::max() ? 0 : 1;
-          }
-          if (wrong == 0) return std::int64_t{-1};
-          while (std::isfinite(x[usize(begin)])) ++begin;
-          return begin;
-        },
-        [](std::int64_t& total, std::int64_t part) {
-          if (total < 0) total = part;
-        });
-  };
-  const auto number_of = [&](std::int64_t i) {  // of a cell, in C order
-    std::int64_t n = 0;
-    const std::array<int, D> cell = layout_.cell(i);
-    for (std::size_t a = 0; a < D; ++a) {
-      n = n * layout_.cells[a] + std::min(cell[a], layout_.cells[a] - 1);
-    }
-    return n;
-  };
+void Flow<Real, D>::check_velocity() const {
   for (std::size_t a = 0; a < D; ++a) {
-    const std::int64_t i = bad(all_faces(layout_, a), next_[a]);
-    if (i >= 0) {
-      throw NonFiniteError("the velocity at cell " + std::to_string(number_of(i)) +
-                               " is not finite; take shorter steps",
-                           time, number_of(i));
-    }
+    const auto wrong = [&](std::int64_t begin, std::int64_t end) {
+      return first_wrong(next_[a], begin, end);
+    };
+    refuse_wrong("the velocity", gather_rows(layout_, all_faces(layout_, a), options.threads,
+                                             std::int64_t{-1}, wrong, keep_first));
   }
-  for (std::size_t k = 0; k < scalars_.size(); ++k) {
-    const std::int64_t i = bad(all_cells(layout_), next_scalars_[k]);
-    if (i >= 0) {
-      throw NonFiniteError("what the flow carries at cell " + std::to_string(number_of(i)) +
-                               " is not finite; take shorter steps",
-                           time, number_of(i));
-    }
+}
+
+template <class Real, int D>
+void Flow<Real, D>::check_scalars() const {
+  for (const AlignedBuffer<Real>& x : next_scalars_) {
+    const auto wrong = [&](std::int64_t begin, std::int64_t end) {
+      return first_wrong(x, begin, end);
+    };
+    refuse_wrong("what the flow carries", gather_rows(layout_, all_cells(layout_), options.threads,
+                                                      std::int64_t{-1}, wrong, keep_first));
   }
+}
+
+// i: of a cell or a face that is not finite; -1: none.
+template <class Real, int D>
+void Flow<Real, D>::refuse_wrong(const char* what, std::int64_t i) const {
+  if (i < 0) return;
+  std::int64_t number = 0;  // of the cell, in C order
+  const std::array<int, D> cell = layout_.cell(i);
+  for (std::size_t a = 0; a < D; ++a) {
+    number = number * layout_.cells[a] + std::min(cell[a], layout_.cells[a] - 1);
+  }
+  throw NonFiniteError(std::string(what) + " at cell " + std::to_string(number) +
+                           " is not finite; take shorter steps",
+                       time, number);
 }
 
 // What obstacles are given: pressure and, where they hold the flow, shear.

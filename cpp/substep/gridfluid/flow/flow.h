@@ -88,7 +88,9 @@ class Flow {
   void carry_scalars(double dt);
   void carry_limited(std::size_t k, double dt);
   void carry_along_paths(std::size_t k, double dt);
-  void check_finite() const;
+  void check_velocity() const;
+  void check_scalars() const;
+  void refuse_wrong(const char* what, std::int64_t i) const;
   void push(double dt);
   void keep(double dt);
   double number(double coefficient, double dt) const { return coefficient * dt / (dx_ * dx_); }

@@ -210,16 +210,18 @@ void Flow<Real, D>::diffuse(Diffusion<Real, D>& diffusion, double k, std::span<R
 
 template <class Real, int D>
 void Flow<Real, D>::carry_scalars(double dt) {
-  if (scalars_.empty()) return;
+  if (scalars_.empty()) return check_velocity();
   const bool central = options.advection == FlowAdvection::kCentral;
-  for (std::size_t a = 0; a < D; ++a) {  // by the mean of the velocities before and after
+  for (std::size_t a = 0; a < D; ++a) {  // by the mean of velocities before and after, checked too
     const std::span<Real> mean = span(change_[a]);
-    for_rows(layout_, all_faces(layout_, a), options.threads,
-             [&](std::int64_t begin, std::int64_t end) {
-               for (std::int64_t i = begin; i < end; ++i) {
-                 mean[usize(i)] = (start_[a][usize(i)] + next_[a][usize(i)]) / 2;
-               }
-             });
+    const auto of_row = [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t i = begin; i < end; ++i) {
+        mean[usize(i)] = (start_[a][usize(i)] + next_[a][usize(i)]) / 2;
+      }
+      return first_wrong(next_[a], begin, end);
+    };
+    refuse_wrong("the velocity", gather_rows(layout_, all_faces(layout_, a), options.threads,
+                                             std::int64_t{-1}, of_row, keep_first));
     if (central) continue;
     if (options.slip) into_faces_[a].apply(layout_, mean);
     sides_.fill(mean, a, options.threads);

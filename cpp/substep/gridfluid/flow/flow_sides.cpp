@@ -12,18 +12,18 @@ namespace {
 template <int D, class Each>
 void for_beside(const Layout<D>& layout, std::size_t axis, std::size_t end, int threads,
                 const Each& each) {
-  constexpr std::int64_t kMany = 4096;  // below it threads take longer than they save
+  constexpr std::int64_t kMany = 4096, kSome = 1024;  // cells that are worth threads, and a task
   Block<D> block;
   for (std::size_t b = 0; b < D; ++b) block.from[b] = -1, block.to[b] = layout.cells[b] + 1;
   block.from[axis] = end == 0 ? 0 : layout.cells[axis] - 1;
   block.to[axis] = block.from[axis] + 1;
   const std::int64_t out = end == 0 ? -layout.stride[axis] : layout.stride[axis];
-  for_placed_rows(layout, block, block.rows() * block.length() < kMany ? 1 : threads,
-                  [&](std::array<int, D> cell, std::int64_t first, std::int64_t last) {
-                    for (std::int64_t i = first; i < last; ++i, ++cell[D - 1]) {
-                      each(cell, i, i + out);
-                    }
-                  });
+  for_placed_rows(
+      layout, block, block.rows() * block.length() < kMany ? 1 : threads,
+      [&](std::array<int, D> cell, std::int64_t first, std::int64_t last) {
+        for (std::int64_t i = first; i < last; ++i, ++cell[D - 1]) each(cell, i, i + out);
+      },
+      std::max<std::int64_t>(kSome / block.length(), 1));
 }
 
 }  // namespace
