@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -71,6 +71,8 @@ def draw(
     scene: Scene | None = None,
     camera: Camera | None = None,
     color: str | None = None,
+    looks: Mapping[str, Look] | None = None,
+    dark: bool | None = None,
 ) -> Figure:
     """Draw one frame.
 
@@ -87,6 +89,10 @@ def draw(
         Where a picture in three dimensions is taken from.
     color : str, optional
         Field that colours a picture in three dimensions, with a colour bar.
+    looks : mapping of str to Look, optional
+        What parts look like in a picture in three dimensions, beside those of the scene.
+    dark : bool, optional
+        Whether a picture in three dimensions has a dark background.
 
     Returns
     -------
@@ -115,7 +121,8 @@ def draw(
     with matplotlib.rc_context(STYLE):
         figure: Figure = matplotlib.figure.Figure(figsize=SIZE, dpi=PICTURE_DPI)
         frame = _frame_number(recording, _still(recording, scene) if frame is None else frame)
-        _picture_of(recording, scene, camera, color)(recording, frame, figure)
+        changes = {"camera": camera, "color": color, "looks": looks, "dark": dark}
+        _picture_of(recording, scene, changes)(recording, frame, figure)
     return figure
 
 
@@ -127,6 +134,8 @@ def save_picture(
     scene: Scene | None = None,
     camera: Camera | None = None,
     color: str | None = None,
+    looks: Mapping[str, Look] | None = None,
+    dark: bool | None = None,
 ) -> Path:
     """Draw one frame of a recording into a PNG file, replacing it if it exists.
 
@@ -145,6 +154,10 @@ def save_picture(
         Where a picture in three dimensions is taken from.
     color : str, optional
         Field that colours a picture in three dimensions, with a colour bar.
+    looks : mapping of str to Look, optional
+        What parts look like in a picture in three dimensions, beside those of the scene.
+    dark : bool, optional
+        Whether a picture in three dimensions has a dark background.
 
     Returns
     -------
@@ -171,7 +184,9 @@ def save_picture(
     matplotlib = _matplotlib()
     out = Path(out)
     with Recording(path) as recording, matplotlib.rc_context(STYLE):
-        figure = draw(recording, frame, scene=scene, camera=camera, color=color)
+        figure = draw(
+            recording, frame, scene=scene, camera=camera, color=color, looks=looks, dark=dark
+        )
         with _whole_file(out) as part:
             figure.savefig(part, format="png", dpi="figure", metadata={"Software": "substep"})
     return out
@@ -185,6 +200,8 @@ def save_movie(
     scene: Scene | None = None,
     camera: Camera | None = None,
     color: str | None = None,
+    looks: Mapping[str, Look] | None = None,
+    dark: bool | None = None,
     on_frame: Callable[[int, int, float], None] | None = None,
 ) -> Path:
     """Draw every frame of a recording into an MP4 file (H.264), replacing it if it exists.
@@ -203,6 +220,10 @@ def save_movie(
         Where a picture in three dimensions is taken from.
     color : str, optional
         Field that colours a picture in three dimensions, with a colour bar.
+    looks : mapping of str to Look, optional
+        What parts look like in a picture in three dimensions, beside those of the scene.
+    dark : bool, optional
+        Whether a picture in three dimensions has a dark background.
     on_frame : callable, optional
         `on_frame(frame, frames, time)` is called after each frame.
 
@@ -239,7 +260,8 @@ def save_movie(
     with Recording(path) as recording, matplotlib.rc_context(STYLE), _whole_file(out) as part:
         frames = len(recording)
         _frame_number(recording, 0)
-        picture = _picture_of(recording, scene, camera, color)
+        changes = {"camera": camera, "color": color, "looks": looks, "dark": dark}
+        picture = _picture_of(recording, scene, changes)
         figure = matplotlib.figure.Figure(figsize=SIZE, dpi=DPI)
         canvas = FigureCanvasAgg(figure)
         size = (round(SIZE[0] * DPI), round(SIZE[1] * DPI))
@@ -306,18 +328,19 @@ def _still(recording: Recording, scene: Scene | None) -> int:
 
 
 def _picture_of(
-    recording: Recording, scene: Scene | None, camera: Camera | None, color: str | None
+    recording: Recording, scene: Scene | None, changes: Mapping[str, Any]
 ) -> Callable[[Recording, int, Figure], None]:
     scene = _scene_of(recording, scene)
     picture: Callable[[Recording, int, Figure], None] | None
     picture = None if scene is None else scene.picture
     if picture is None:
         picture = plain_picture if _is_flat(recording) else View()
-    changes: dict[str, Any] = {"camera": camera, "color": color}
     for name, value in changes.items():
         if value is not None:
             if not isinstance(picture, View):
                 raise InputError(f"{name}: only pictures in three dimensions have one")
+            if name == "looks":
+                value = {**picture.looks, **value}
             picture = dataclasses.replace(picture, **{name: value})
             if name == "color":  # what suits the values of the scene's own field may not suit these
                 picture = dataclasses.replace(picture, palette=View.palette, limits=None, bar=True)

@@ -339,8 +339,8 @@ def check_colliders(
                 )
         if dimension == 2 and _stays_off_plane(collider):
             raise InputError(
-                f"colliders[{k}]: does not reach z = 0, where obstacles in 2D are cut, and does not "
-                f"move there, got {collider!r} at {collider.position}"
+                f"colliders[{k}]: expected one that reaches z = 0, where obstacles in 2D are cut, "
+                f"or moves there, got {collider!r} at {collider.position}"
             )
     return checked
 
@@ -352,8 +352,9 @@ def _stays_off_plane(collider: Collider) -> bool:
         return False
     if collider.velocity[2] or collider.angular_velocity[:2].any():
         return False
+    solid: Any = shape
     back = np.array(shape.rotation) * (1, -1, -1, -1)
-    local = rotate(back, shape.mesh().vertices - np.array(shape.center))
+    local = rotate(back, solid.mesh().vertices - np.array(shape.center))
     z = rotate(collider.rotation, local)[:, 2] + collider.position[2]
     return bool(z.min() > 0 or z.max() < 0)
 
