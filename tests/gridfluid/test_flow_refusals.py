@@ -31,7 +31,7 @@ def test_an_obstacle_that_comes_to_cover_an_open_box_is_told():
     ],
 )
 def test_an_obstacle_off_the_plane_is_refused(shape):
-    with pytest.raises(InputError, match=r"colliders\[0\]: does not reach z = 0"):
+    with pytest.raises(InputError, match=r"colliders\[0\]: expected one that reaches z = 0"):
         substep.GridFlow(SQUARE, 0.1, colliders=[shape])
     ball = substep.Collider(shape)
     ball.position = (0.5, 0.5, 0.0)
