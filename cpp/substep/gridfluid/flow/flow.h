@@ -124,8 +124,8 @@ class Flow {
   Fields velocity_;
   std::vector<AlignedBuffer<Real>> scalars_;
   AlignedBuffer<double> pressure_;
-  // Of a step: what it begins with, comes to, changes by, and is given.
-  // Without obstacles, which are to be held or carried on into, it begins with the state itself.
+  // Of a step: what it begins with (the state itself, or beside obstacles a copy), comes to,
+  // changes by, and is given.
   Velocity<Real, D> start_;
   Fields held_, next_, change_, given_, passing_;
   std::vector<AlignedBuffer<Real>> start_scalars_, next_scalars_;

@@ -44,8 +44,7 @@ void for_ghosts(const Layout<D>& layout, int component, int axis, const At& at, 
   if constexpr (D == 2) {
     line(0, others[0]);
   } else {
-    constexpr std::int64_t kMany =
-        4096;  // ghosts of a task: with fewer threads cost more than they save
+    constexpr std::int64_t kMany = 4096;  // ghosts that are worth a task
     parallel_for(
         layout.cells[others[0]] + 2, std::max<std::int64_t>(kMany / layout.cells[others[1]], 1),
         [&](std::int64_t begin, std::int64_t end) {
