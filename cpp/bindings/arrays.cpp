@@ -20,7 +20,7 @@ Reals table(const std::vector<double>& values, const Sizes& row) {
   for (const py::ssize_t k : row) width *= k;
   Sizes shape = row;
   shape.insert(shape.begin(), static_cast<py::ssize_t>(values.size()) / width);
-  return Reals(std::move(shape), values.data());
+  return made(Reals(std::move(shape), values.data()));
 }
 
 py::array rows(const substep::Numbers& values, py::ssize_t columns) {

@@ -42,14 +42,21 @@ template <class T>
 std::vector<T> list(const Array<T>& a) {
   return {a.data(), a.data() + a.size()};
 }
+// A new array. Where memory runs out while pybind11 copies numbers into it, it is none.
+template <class A>
+A made(A array) {
+  if (!array) throw py::error_already_set();
+  return array;
+}
 // Arrays with copies of the numbers.
 template <class T>
 Array<T> column(const std::vector<T>& values) {
-  return Array<T>(static_cast<py::ssize_t>(values.size()), values.data());
+  return made(Array<T>(static_cast<py::ssize_t>(values.size()), values.data()));
 }
 template <class T>
 Array<T> table(const std::vector<T>& values, py::ssize_t columns) {
-  return Array<T>({static_cast<py::ssize_t>(values.size()) / columns, columns}, values.data());
+  return made(
+      Array<T>({static_cast<py::ssize_t>(values.size()) / columns, columns}, values.data()));
 }
 Reals table(const std::vector<double>& values, const Sizes& row);
 

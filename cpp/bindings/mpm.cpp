@@ -93,12 +93,12 @@ py::dict state(const Method& self) {
   out["before"] = s.clock.before;
   out["counts"] = column(s.counts);
   out["ids"] = column(s.ids);
-  out["blocks"] = Array<std::int32_t>({n, d}, s.blocks.data());
+  out["blocks"] = made(Array<std::int32_t>({n, d}, s.blocks.data()));
   out["values"] = rows(s.values, 0);
   out["motion"] = rows(s.motion, d + d * d);
   out["volumes"] = rows(s.volumes, 0);
-  out["forces"] = Reals({static_cast<py::ssize_t>(s.forces.size()), py::ssize_t{3}},
-                        s.forces.empty() ? nullptr : s.forces[0].data());
+  out["forces"] = made(Reals({static_cast<py::ssize_t>(s.forces.size()), py::ssize_t{3}},
+                             s.forces.empty() ? nullptr : s.forces[0].data()));
   return out;
 }
 

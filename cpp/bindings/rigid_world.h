@@ -96,8 +96,9 @@ inline std::span<const std::int64_t> numbers(const Numbers& a) {
 }
 
 inline py::array_t<std::uint8_t> motions_of(const Bodies& bodies) {
-  return py::array_t<std::uint8_t>(static_cast<py::ssize_t>(bodies.motion.size()),
-                                   reinterpret_cast<const std::uint8_t*>(bodies.motion.data()));
+  return made(
+      py::array_t<std::uint8_t>(static_cast<py::ssize_t>(bodies.motion.size()),
+                                reinterpret_cast<const std::uint8_t*>(bodies.motion.data())));
 }
 
 py::dict state_of(WorldState state);

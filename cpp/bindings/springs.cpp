@@ -149,9 +149,7 @@ void bind_deformable(py::module_& m) {
       .def("pattern",
            [](const Body& self) {
              const BlockPattern& lower = self.body.pattern();
-             return std::pair(
-                 Indices(static_cast<py::ssize_t>(lower.columns.size()), lower.columns.data()),
-                 Indices(static_cast<py::ssize_t>(lower.rows.size()), lower.rows.data()));
+             return std::pair(column(lower.columns), column(lower.rows));
            })
       .def(
           "assemble",

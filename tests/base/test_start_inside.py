@@ -149,3 +149,31 @@ def test_outside_of_a_tank_and_below_the_ground(colliders):
     points = substep.PositionBasedDynamics([[0.1, 0.2, -1.3]], 1.0, colliders=colliders)
     points.step(1e-3)
     assert np.abs(points.positions).max() < 3
+
+
+LIQUID = {
+    "liquid on a grid": lambda colliders: substep.GridLiquid(
+        SHEET + 0.4, cell=0.1, bounds=[(0, 0, 0), (1, 1, 1)], gravity=STILL, colliders=colliders
+    ),
+    "flow on a grid": lambda colliders: substep.GridFlow(
+        [(0, 0, 0), (1, 1, 1)], 0.25, colliders=colliders
+    ),
+}
+
+
+@pytest.mark.parametrize("method", [*METHODS, *LIQUID])
+def test_an_obstacle_is_not_carried_beyond_what_a_state_holds(method):
+    ball = substep.Collider(substep.Sphere(0.1, (0.0, 0.0, 7.0)))
+    simulation = (METHODS | LIQUID)[method]([ball])
+    simulation.step(1e-3)
+    ball.velocity = (1e150, 0.0, 0.0)
+    ball.position = (9.9999e149, 0.0, 7.0)
+    before = simulation.state()
+    with pytest.raises(substep.SolverError, match="an obstacle would be carried") as caught:
+        simulation.step(1e-3)
+    assert caught.value.time == pytest.approx(simulation.time, abs=1e-3)
+    after = simulation.state()
+    assert all(np.array_equal(before[name], after[name]) for name in before)
+    simulation.copy().restore(before)
+    ball.velocity, ball.position = STILL, (0.0, 0.0, 7.0)
+    simulation.step(1e-3)

@@ -360,3 +360,13 @@ def beam_points(beam, local):
     w, x, y, z = beam.rotation
     v = 2 * np.cross([x, y, z], local)
     return local + w * v + np.cross([x, y, z], v)
+
+
+@pytest.mark.parametrize(
+    "motion", [{"velocity": (0, 0, 1e150)}, {"angular_velocity": (0, 0, 1e150)}]
+)
+def test_an_obstacle_stays_where_a_state_can_hold_it(motion):
+    ball = substep.Collider(substep.Sphere(1.0, (0, 0, 1)), **motion)
+    with pytest.raises(InputError, match="dt: an obstacle would be carried"):
+        ball.advance(10.0)
+    assert ball.position.tolist() == [0, 0, 1] and ball.rotation.tolist() == [1, 0, 0, 0]

@@ -168,11 +168,17 @@ void Collider::set_orientation(const Quaternion& orientation) {
 }
 
 void Collider::advance(double dt) {
-  position_ += dt * velocity;
+  constexpr double kMost = 1e150;  // of what a state may hold: products of two are finite
+  const Vec3 to = position_ + dt * velocity;
   const double rate = angular_velocity.norm();
-  if (rate == 0) return;
-  const Quaternion turn(Eigen::AngleAxisd(rate * dt, angular_velocity / rate));
-  set_orientation(turn * orientation_);
+  if (!(to.cwiseAbs().maxCoeff() <= kMost && rate * dt <= kMost)) {
+    throw SolverError("an obstacle would be carried beyond 1e150 m, or turned by more radians");
+  }
+  if (rate > 0) {
+    const Quaternion turn(Eigen::AngleAxisd(rate * dt, angular_velocity / rate));
+    set_orientation(turn * orientation_);
+  }
+  position_ = to;
 }
 
 std::array<double, Collider::kStateSize> Collider::state() const {

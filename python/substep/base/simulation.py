@@ -111,7 +111,16 @@ class Simulation(Owned):
         return step
 
     def _take_step(self, dt: float) -> None:
-        self._native.step(dt)
+        try:
+            self._native.step(dt)
+        except SolverError as error:
+            self._date(error)
+            raise
+
+    def _date(self, error: SolverError) -> None:
+        """Say when, where what failed knows no time, as an obstacle."""
+        if error.time is None:
+            error.time = self._native.time
 
     def _step_once(self, dt: float | None) -> float:
         """Take a step, one of `advance` unless its size is given; returns the size."""

@@ -19,11 +19,11 @@ from ..base.checks import (
     describe,
 )
 from ..base.owned import Owned
-from ..base.quaternions import IDENTITY, unit_quaternions
+from ..base.quaternions import IDENTITY, rotate, unit_quaternions
 from ..base.schema import Rows
-from ..errors import InputError
+from ..errors import InputError, SolverError
 from .shape import Shape
-from .shapes import Plane
+from .shapes import Plane, Solid
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -289,8 +289,18 @@ class Collider(Owned):
         ----------
         dt : float
             Time [s], at least 0.
+
+        Raises
+        ------
+        InputError
+            If it is wrong, or the obstacle would be carried beyond 1e150 m; nothing is changed
+            then.
         """
-        self._native.advance(check_real("dt", dt, nonnegative=True))
+        dt = check_real("dt", dt, nonnegative=True)
+        try:
+            self._native.advance(dt)
+        except SolverError as error:
+            raise InputError(f"dt: {error}") from None
 
 
 def _vector(name: str, value: ArrayLike) -> list[float]:
@@ -327,7 +337,26 @@ def check_colliders(
                     f"colliders[{k}]: the particles lie at z = 0, along this plane; in 2D the "
                     "normal of a ground is (0, 1, 0)"
                 )
+        if dimension == 2 and _stays_off_plane(collider):
+            raise InputError(
+                f"colliders[{k}]: expected one that reaches z = 0, where obstacles in 2D are cut, "
+                f"or moves there, got {collider!r} at {collider.position}"
+            )
     return checked
+
+
+def _stays_off_plane(collider: Collider) -> bool:
+    """Whether a solid lies on one side of z = 0, now and later."""
+    shape = collider.shape
+    if not isinstance(shape, Solid) or collider.hollow:
+        return False
+    if collider.velocity[2] or collider.angular_velocity[:2].any():
+        return False
+    solid: Any = shape
+    back = np.array(shape.rotation) * (1, -1, -1, -1)
+    local = rotate(back, solid.mesh().vertices - np.array(shape.center))
+    z = rotate(collider.rotation, local)[:, 2] + collider.position[2]
+    return bool(z.min() > 0 or z.max() < 0)
 
 
 def collider_states(colliders: Sequence[Collider]) -> NDArray[np.float64]:

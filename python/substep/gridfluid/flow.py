@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -43,6 +44,7 @@ Start = ArrayLike | Callable[[Array], ArrayLike]
 ADVECTIONS = ("central", "maccormack", "semi_lagrangian")
 _CFL = {"central": 0.8, "maccormack": 2.0, "semi_lagrangian": 2.0}
 _AXES = "xyz"
+_UNITS = {"velocity": "m/s", "pressure": "Pa", "vorticity": "1/s", "temperature": "K", "smoke": "1"}
 
 
 @dataclass
@@ -351,8 +353,7 @@ class GridFlow(Simulation):
 
         By central differences between middles of cells, which do not look at obstacles.
         """
-        around = [pair[0] == "periodic" for pair in self.sides]
-        return read_only(curl(self.velocity, self.cell, around))  # type: ignore[no-any-return]
+        return self._vorticity(self.velocity)
 
     @property
     def temperature(self) -> Array:
@@ -376,6 +377,10 @@ class GridFlow(Simulation):
         names = [field.name for field in fields(FlowReport)[2:]]
         values = {name: getattr(native, name) for name in names}
         return FlowReport(self._last.steps, self._last.dt, **values)
+
+    def _vorticity(self, velocity: Array) -> Array:
+        around = [pair[0] == "periodic" for pair in self.sides]
+        return read_only(curl(velocity, self.cell, around))  # type: ignore[no-any-return]
 
     def _face_shape(self, axis: int) -> tuple[int, ...]:
         return tuple(n + (a == axis) for a, n in enumerate(self._cells))
@@ -591,21 +596,34 @@ class GridFlow(Simulation):
             "residual": report.residual,
         }
 
-    def fields(self) -> dict[str, tuple[NDArray[Any], str]]:
+    def fields(self, names: Sequence[str] | None = None) -> dict[str, tuple[NDArray[Any], str]]:
         """Arrays over cells for recording, with their units.
+
+        Parameters
+        ----------
+        names : sequence of str, optional
+            Which of them; all unless given.
 
         Returns
         -------
         dict of str to (ndarray, str)
             `velocity`, shape (nx, ny[, nz], d), `pressure`, `vorticity` as the attribute, and what
             is carried, `temperature` and `smoke`, shape (nx, ny[, nz]).
+
+        Raises
+        ------
+        InputError
+            If there is no such field.
         """
-        units = {"temperature": "K", "smoke": "1"}
-        return {
-            "velocity": (self.velocity, "m/s"),
-            "pressure": (self.pressure, "Pa"),
-            "vorticity": (self.vorticity, "1/s"),
-        } | {name: (self._scalar(name), units[name]) for name in self._scalars}
+        velocity = cache(lambda: self.velocity)
+        arrays: dict[str, Callable[[], Array]] = {
+            "velocity": velocity,
+            "pressure": lambda: self.pressure,
+            "vorticity": lambda: self._vorticity(velocity()),
+        }
+        arrays |= {name: partial(self._scalar, name) for name in self._scalars}
+        wanted = arrays if names is None else [check_choice("names", n, arrays) for n in names]
+        return {name: (arrays[name](), _UNITS[name]) for name in wanted}
 
     def _schema(self) -> tuple[list[Entry], dict[str, int], Any]:
         entries: list[Entry] = [TIME, colliders_entry(self.colliders)]

@@ -28,6 +28,18 @@ def _number(name: str, value: Any) -> float | None:
     return number
 
 
+def _told(owner: Any, **defaults: Any) -> str:
+    """An object in words: what of it is not the default; of many vectors their shape."""
+    words = []
+    for name, default in defaults.items():
+        value = getattr(owner, name)
+        if isinstance(value, np.ndarray):
+            value = value.tolist() if value.ndim == 1 else f"array of shape {value.shape}"
+        if value != default:
+            words.append(f"{name}={value}")
+    return f"{type(owner).__name__}({', '.join(words)})"
+
+
 def _vectors(name: str, value: ArrayLike) -> Array:
     array = check_array(name, value)
     if array.ndim == 0 or array.shape[-1] not in (2, 3):
@@ -89,6 +101,9 @@ class Wall(Frozen):
         if self.slip and self.velocity is not None:
             raise InputError("velocity: a wall that lets the flow slip does not drive it")
 
+    def __repr__(self) -> str:
+        return _told(self, slip=None, velocity=None, temperature=None, heat_flux=0.0)
+
 
 class Inflow(Frozen):
     """A side of the box through which a given flow passes, in or out.
@@ -130,6 +145,9 @@ class Inflow(Frozen):
         self.velocity = _vectors("velocity", velocity)
         self.temperature = _number("temperature", temperature)
         self.smoke = _number("smoke", smoke) or 0.0
+
+    def __repr__(self) -> str:
+        return _told(self, velocity=None, temperature=None, smoke=0.0)
 
 
 class FlowEmitter(Frozen):
@@ -189,6 +207,10 @@ class FlowEmitter(Frozen):
         self.velocity = None if velocity is None else _vectors("velocity", velocity)
         if self.velocity is not None and self.velocity.ndim != 1:
             raise InputError(f"velocity: expected one vector, got {self.velocity.shape}")
+
+    def __repr__(self) -> str:
+        held: dict[str, Any] = dict.fromkeys(("region", "smoke", "temperature", "velocity"))
+        return _told(self, **held, smoke_rate=0.0, heating=0.0)
 
 
 Side = str | Wall | Inflow

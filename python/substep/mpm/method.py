@@ -435,6 +435,7 @@ class MaterialPointMethod(Particles):
         except SolverError as error:
             if error.step is not None:
                 error.step += self._last.steps
+            self._date(error)
             raise
         finally:
             self._last._add(self._native.report)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +71,24 @@ def box_of(recording: Recording, looks: Mapping[str, Look]) -> NDArray[np.float6
     return np.array([(low + high) / 2 - half, (low + high) / 2 + half])
 
 
+def _numbers(recording: Recording, owners: list[str], color: str) -> Iterator[NDArray[Any]]:
+    """The finite values of a field, of vectors the norm, frame by frame."""
+    for name in owners:
+        for frame in _frames_looked_at(recording):
+            values = recording[name].field(color, frame)
+            if cells := recording.parts[name].cells:
+                values = values.reshape(-1, *values.shape[len(cells) :])
+            values = magnitude(values)
+            yield values[np.isfinite(values)]
+
+
+def usual(recording: Recording, color: str, part: float) -> float:
+    """What a part of the values of each frame is within; of 0 alone 0.5."""
+    owners = [name for name, each in recording.parts.items() if color in each.fields]
+    frames = [v for v in _numbers(recording, owners, color) if v.size]
+    return max((float(np.quantile(np.abs(v), part)) for v in frames), default=0.0) or 0.5
+
+
 def range_of(recording: Recording, color: str) -> tuple[float, float]:
     """Least and greatest value of a field in all frames."""
     owners = [name for name, part in recording.parts.items() if color in part.fields]
@@ -78,14 +97,8 @@ def range_of(recording: Recording, color: str) -> tuple[float, float]:
         told = f"known: {', '.join(known)}" if known else "there are none"
         raise InputError(f"color: no part has a field {color!r}; {told}")
     low, high = np.inf, -np.inf
-    for name in owners:
-        for frame in _frames_looked_at(recording):
-            values = recording[name].field(color, frame)
-            if cells := recording.parts[name].cells:
-                values = values.reshape(-1, *values.shape[len(cells) :])
-            values = magnitude(values)
-            values = values[np.isfinite(values)]
-            low, high = min(low, values.min(initial=low)), max(high, values.max(initial=high))
+    for values in _numbers(recording, owners, color):
+        low, high = min(low, values.min(initial=low)), max(high, values.max(initial=high))
     if low < high:
         return float(low), float(high)
     middle = float(low) if low == high else 0.0

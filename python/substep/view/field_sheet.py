@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..recording import Part, Recording
-from .extent import range_of
+from .extent import range_of, usual
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,6 +19,7 @@ Array = NDArray[Any]
 # Palettes of fields by name: those of both signs about white, the others from one end.
 PALETTES = {"vorticity": "RdBu_r", "pressure": "RdBu_r", "temperature": "inferno", "smoke": "bone"}
 SIGNED = ("vorticity", "pressure")
+MOST = 0.98  # of the numbers of a frame that colours of both signs reach
 _ranges: weakref.WeakKeyDictionary[Recording, dict[str, tuple[float, float]]] = (
     weakref.WeakKeyDictionary()
 )
@@ -31,12 +32,17 @@ def scalar(part: Part, values: Array) -> Array:
 
 
 def limits_of(recording: Recording, name: str) -> tuple[float, float]:
-    """Range of a field in all frames, about 0 where it has both signs."""
+    """Range of a field in all frames; of one of both signs about 0, without its few extremes.
+
+    A vorticity at walls and edges is many times that of the flow, which would be white beside it.
+    """
     known = _ranges.setdefault(recording, {})
     if name not in known:
         low, high = range_of(recording, name)
-        most = max(abs(low), abs(high))
-        known[name] = (-most, most) if name in SIGNED and low < 0 else (low, high)
+        if name in SIGNED and low < 0:
+            high = usual(recording, name, MOST)
+            low = -high
+        known[name] = low, high
     return known[name]
 
 

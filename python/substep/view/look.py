@@ -85,7 +85,8 @@ class Look:
     heap : bool
         Light particles by the surface of the heap that they make, not each for itself.
     density : str, optional
-        Of a grid the field that is drawn as smoke, `smoke` or else its first unless given.
+        Of a grid the field that is drawn as smoke; `smoke` unless given. Without it a temperature
+        is drawn in colours, and else the first field as smoke.
     hidden : bool
         Leave it out.
 

@@ -21,6 +21,7 @@ from ..geometry.topology import equal_rows
 from ..recording import Part, Recording
 from .egl import window_class
 from .extent import radius_in, range_of
+from .field_sheet import PALETTES
 from .ground import COLOR, Ground
 from .heap_light import heap_light
 from .liquid import LiquidBody, LiquidLayer, compose, distances
@@ -81,6 +82,14 @@ class Coloring:
     range: tuple[float, float] | None = None
 
 
+def _heat(recording: Recording, part: Part, look: Look) -> Coloring | None:
+    """Colours of the temperature of a grid that holds no smoke."""
+    name = "temperature"
+    if look.density is not None or "smoke" in part.fields or name not in part.fields:
+        return None
+    return Coloring(name, PALETTES[name], range_of(recording, name))
+
+
 class Stage:
     """The parts of a recording on a ground, in the light, before a camera.
 
@@ -134,7 +143,8 @@ class Stage:
             for k, (name, part) in enumerate(recording.parts.items()):
                 look = looks.get(name, Look())
                 if part.cells and not look.hidden:
-                    self._smokes[name] = Smoke(pyvista, part, look, lights[0][0], coloring)
+                    colors = coloring or _heat(recording, part, look)
+                    self._smokes[name] = Smoke(pyvista, part, look, lights[0][0], colors)
                     self._smokes[name].add_to(self._plotter)
                 elif not look.hidden:
                     tone = FIXED if part.points is not None else PALETTE[k % len(PALETTE)]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..base.checks import check_choice
 from ..recording import Recording
 from .extent import box_of
 from .look import Camera, Look
@@ -115,6 +116,8 @@ class View:
 
     def _stage(self, recording: Recording, size: tuple[int, int]) -> Stage:
         """The stage of this view, kept as long as the recording is there."""
+        for name in self.looks:
+            check_choice("looks", name, recording.parts)
         stages = _STAGES.setdefault(recording, {})
         key = (self, size)
         if key not in stages:

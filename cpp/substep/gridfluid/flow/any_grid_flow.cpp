@@ -154,6 +154,7 @@ class FlowOf final : public AnyGridFlow {
       put(state.scalars[k], -1, flow_.scalar(k));
     }
     unpack(layout(), std::span<const double>(state.pressure), -1, flow_.pressure());
+    flow_.hold_sides();
     flow_.time = state.time;
     flow_.report = {};
   }

@@ -2,15 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <string>
 #include <utility>
 
 #include "substep/core/errors.h"
 #include "substep/core/interrupt.h"
 #include "substep/core/usize.h"
-#include "substep/gridfluid/grid/row_tasks.h"
-#include "substep/gridfluid/grid/sides.h"
+#include "substep/gridfluid/grid/ghosts.h"
+#include "substep/gridfluid/grid/loops.h"
 
 namespace substep::gridfluid {
 namespace {
@@ -48,8 +47,11 @@ Flow<Real, D>::Flow(const Layout<D>& layout, const Vec3& low, double dx, const S
       face_diffusion_(D, Diffusion<Real, D>(layout)),
       cell_diffusion_(layout),
       paths_(layout) {
-  for (Fields* fields : {&velocity_, &start_, &next_, &change_}) {
+  for (Fields* fields : {&velocity_, &next_, &change_}) {
     for (AlignedBuffer<Real>& x : *fields) assign(x, layout.size, Real(0));
+  }
+  if (!colliders.empty()) {
+    for (AlignedBuffer<Real>& x : held_) assign(x, layout.size, Real(0));
   }
   if (options.advection == FlowAdvection::kCentral) {
     for (AlignedBuffer<Real>& x : given_) assign(x, layout.size, Real(0));
@@ -74,33 +76,28 @@ void Flow<Real, D>::step(double dt) {
                           " s, or dtype='float64'",
                       time);
   }
-  const FlowReport before = std::exchange(report, {});
-  try {
-    start(dt);
-    if (options.advection == FlowAdvection::kCentral) {
-      move_central(dt);
-    } else {
-      move_along_paths(dt);
-    }
-    drive_sources(next_);
-    correct(dt);
-    carry_scalars(dt);
-    check_finite();
-    push(dt);
-  } catch (...) {
-    report = before;
-    throw;
+  new_report_ = {};
+  start(dt);
+  if (!has_fluid_) throw SolverError("obstacles leave no fluid in the box", time + dt);
+  if (options.advection == FlowAdvection::kCentral) {
+    move_central(dt);
+  } else {
+    move_along_paths(dt);
   }
+  drive_sources(next_);
+  correct(dt);
+  carry_scalars(dt);
+  check_scalars();
+  push(dt);
   keep(dt);
 }
 
 template <class Real, int D>
 void Flow<Real, D>::project() {
+  new_report_ = report;
+  hold_sides();
   start(0);
-  if (std::none_of(projection_.cells().begin(), projection_.cells().end(),
-                   [](Cell cell) { return cell == Cell::kFluid; })) {
-    throw InputError("colliders: they leave no fluid in the box");
-  }
+  if (!has_fluid_) throw InputError("colliders: they leave no fluid in the box");
   for (std::size_t a = 0; a < D; ++a) copy(start_[a], next_[a], options.threads);
   drive_sources(next_);
   try {
@@ -110,9 +107,15 @@ void Flow<Real, D>::project() {
   } catch (const SolverError& error) {
     throw InputError(std::string("colliders: ") + error.what());
   }
-  check_finite();
+  check_velocity();
   for (std::size_t a = 0; a < D; ++a) velocity_[a].swap(next_[a]);
   std::fill(pressure_.begin(), pressure_.end(), 0.0);
+  report = new_report_;
+}
+
+template <class Real, int D>
+void Flow<Real, D>::hold_sides() {
+  for (std::size_t a = 0; a < D; ++a) sides_.set_normal(span(velocity_[a]), a, options.threads);
 }
 
 // Obstacles where they are at the end of the step, and copies of the state that hold what is given
@@ -124,17 +127,17 @@ void Flow<Real, D>::start(double dt) {
   find_domain();
   const int threads = options.threads;
   for (std::size_t a = 0; a < D; ++a) {
-    copy(velocity_[a], start_[a], threads);
-    sides_.set_normal(span(start_[a]), a);
+    start_[a] = span(obstacles_.any() ? held_[a] : velocity_[a]);
+    if (obstacles_.any()) copy(velocity_[a], held_[a], threads);
     if (options.slip) {
-      into_faces_[a].apply(layout_, span(start_[a]));
+      into_faces_[a].apply(layout_, start_[a]);
     } else {
       const int axis = static_cast<int>(a);
       for (const std::int64_t i : face_diffusion_[a].fixed()) {
         start_[a][usize(i)] = obstacles_.moving() ? obstacles_.velocity(axis)[usize(i)] : Real(0);
       }
     }
-    sides_.fill(span(start_[a]), a, threads);
+    sides_.fill(start_[a], a, threads);
   }
   for (std::size_t k = 0; k < scalars_.size(); ++k) {
     AlignedBuffer<Real>& x = start_scalars_[k];
@@ -147,13 +150,14 @@ void Flow<Real, D>::start(double dt) {
       }
     }
     into_cells_.apply(layout_, span(x));
-    sides_.fill_scalar(span(x), k, options.scalars[k].diffusivity, spans(start_), threads);
+    sides_.fill_scalar(span(x), k, options.scalars[k].diffusivity, start_, threads);
   }
+  if (!needs_pressure()) return;
   const std::span<double> q = projection_.q();
   const double scale = dt / dx_;
   for_numbers(layout_.size, threads, [&](std::size_t i) { q[i] = pressure_[i] * scale; });
   into_cells_.apply(layout_, q);
-  wrap(layout_, q);
+  wrap(layout_, q, threads);
 }
 
 template <class Real, int D>
@@ -165,6 +169,8 @@ void Flow<Real, D>::find_domain() {
   const int threads = options.threads;
   obstacles_.find(threads);
   projection_.set_domain(obstacles_, {}, threads);
+  has_fluid_ = std::any_of(projection_.cells().begin(), projection_.cells().end(),
+                           [](Cell cell) { return cell == Cell::kFluid; });
   for (std::size_t a = 0; a < D; ++a) {
     face_diffusion_[a].find_faces(sides_, obstacles_, a, options.slip, threads);
     if (options.slip) {
@@ -225,18 +231,18 @@ template <class Real, int D>
 void Flow<Real, D>::correct(double dt) {
   check_inflow();
   if (predicts()) take_pressure(next_, Real(1));
-  for (std::size_t a = 0; a < D; ++a) wrap(layout_, span(next_[a]));
+  for (std::size_t a = 0; a < D; ++a) wrap(layout_, span(next_[a]), options.threads);
   const double divergence = obstacles_.any() ? total_divergence(next_) : 0;
   const SolveReport got = projection_.project(obstacles_, spans(next_), options.tolerance,
                                               options.max_iterations, options.threads);
-  report.solver = got.direct                                         ? "transform"
-                  : got.preconditioner == Preconditioner::kMultigrid ? "multigrid"
-                                                                     : "diagonal";
-  report.iterations = got.iterations;
-  report.residual = got.residual;
-  report.converged = got.converged && std::isfinite(got.residual);
-  if (!report.converged) {
-    if (!std::isfinite(got.residual)) check_finite();
+  new_report_.solver = got.direct                                         ? "transform"
+                       : got.preconditioner == Preconditioner::kMultigrid ? "multigrid"
+                                                                          : "diagonal";
+  new_report_.iterations = got.iterations;
+  new_report_.residual = got.residual;
+  new_report_.converged = got.converged && std::isfinite(got.residual);
+  if (!new_report_.converged) {
+    if (!std::isfinite(got.residual)) check_velocity();
     throw ConvergenceError("the pressure did not converge: after " +
                                std::to_string(got.iterations) + " iterations its residual is " +
                                std::to_string(got.residual) +
@@ -313,47 +319,39 @@ void Flow<Real, D>::check_inflow() const {
 }
 
 template <class Real, int D>
-void Flow<Real, D>::check_finite() const {
-  const auto bad = [&](const Block<D>& block, const AlignedBuffer<Real>& x) {
-    return gather_rows(
-        layout_, block, options.threads, std::int64_t{-1},
-        [&](std::int64_t begin, std::int64_t end) {
-          int wrong = 0;  // not a bool, so that the loop is one of vectors
-          for (std::int64_t i = begin; i < end; ++i) {
-            wrong |= std::abs(x[usize(i)]) <= std::numeric_limits<Real>::max() ? 0 : 1;
-          }
-          if (wrong == 0) return std::int64_t{-1};
-          while (std::isfinite(x[usize(begin)])) ++begin;
-          return begin;
-        },
-        [](std::int64_t& total, std::int64_t part) {
-          if (total < 0) total = part;
-        });
-  };
-  const auto number_of = [&](std::int64_t i) {  // of a cell, in C order
-    std::int64_t n = 0;
-    const std::array<int, D> cell = layout_.cell(i);
-    for (std::size_t a = 0; a < D; ++a) {
-      n = n * layout_.cells[a] + std::min(cell[a], layout_.cells[a] - 1);
-    }
-    return n;
-  };
+void Flow<Real, D>::check_velocity() const {
   for (std::size_t a = 0; a < D; ++a) {
-    const std::int64_t i = bad(all_faces(layout_, a), next_[a]);
-    if (i >= 0) {
-      throw NonFiniteError("the velocity at cell " + std::to_string(number_of(i)) +
-                               " is not finite; take shorter steps",
-                           time, number_of(i));
-    }
+    const auto wrong = [&](std::int64_t begin, std::int64_t end) {
+      return first_wrong(next_[a], begin, end);
+    };
+    refuse_wrong("the velocity", gather_rows(layout_, all_faces(layout_, a), options.threads,
+                                             std::int64_t{-1}, wrong, keep_first));
   }
-  for (std::size_t k = 0; k < scalars_.size(); ++k) {
-    const std::int64_t i = bad(all_cells(layout_), next_scalars_[k]);
-    if (i >= 0) {
-      throw NonFiniteError("what the flow carries at cell " + std::to_string(number_of(i)) +
-                               " is not finite; take shorter steps",
-                           time, number_of(i));
-    }
+}
+
+template <class Real, int D>
+void Flow<Real, D>::check_scalars() const {
+  for (const AlignedBuffer<Real>& x : next_scalars_) {
+    const auto wrong = [&](std::int64_t begin, std::int64_t end) {
+      return first_wrong(x, begin, end);
+    };
+    refuse_wrong("what the flow carries", gather_rows(layout_, all_cells(layout_), options.threads,
+                                                      std::int64_t{-1}, wrong, keep_first));
   }
+}
+
+// i: of a cell or a face that is not finite; -1: none.
+template <class Real, int D>
+void Flow<Real, D>::refuse_wrong(const char* what, std::int64_t i) const {
+  if (i < 0) return;
+  std::int64_t number = 0;  // of the cell, in C order
+  const std::array<int, D> cell = layout_.cell(i);
+  for (std::size_t a = 0; a < D; ++a) {
+    number = number * layout_.cells[a] + std::min(cell[a], layout_.cells[a] - 1);
+  }
+  throw NonFiniteError(std::string(what) + " at cell " + std::to_string(number) +
+                           " is not finite; take shorter steps",
+                       time, number);
 }
 
 template <class Real, int D>
@@ -395,6 +393,7 @@ void Flow<Real, D>::keep(double dt) {
   });
   for (std::size_t c = 0; c < colliders.size(); ++c) colliders[c] = obstacles_.colliders[c];
   time += dt;
+  report = new_report_;
 }
 
 template <class Real, int D>

@@ -38,6 +38,8 @@ class Flow {
   // Takes from the velocities what has a divergence, and sets the pressure to 0. InputError where
   // there is no fluid, or more flows into a closed box than out.
   void project();
+  // Gives faces in walls and inflows what these say; to be called where velocities were written.
+  void hold_sides();
 
   FlowSums sums();
   FlowLimits limits() const;
@@ -76,6 +78,7 @@ class Flow {
   void start(double dt);
   void hold(std::size_t a, std::span<Real> x) const;
   bool predicts() const;
+  bool needs_pressure() const;
   void take_pressure(Fields& fields, Real factor);
   void add_given(Fields& fields, double dt);
   void find_passing(const Velocity<Real, D>& u);
@@ -86,7 +89,9 @@ class Flow {
   void carry_scalars(double dt);
   void carry_limited(std::size_t k, double dt);
   void carry_along_paths(std::size_t k, double dt);
-  void check_finite() const;
+  void check_velocity() const;
+  void check_scalars() const;
+  void refuse_wrong(const char* what, std::int64_t i) const;
   void push(double dt);
   void keep(double dt);
   double number(double coefficient, double dt) const { return coefficient * dt / (dx_ * dx_); }
@@ -110,7 +115,7 @@ class Flow {
   Stress<Real, D> stress_;
   SemiLagrangian<Real, D> paths_;
   std::vector<std::array<double, geometry::Collider::kStateSize>> found_;
-  bool found_any_ = false;
+  bool found_any_ = false, has_fluid_ = true;
   struct SourcePlaces {
     std::vector<std::int64_t> cells;
     std::array<std::vector<std::int64_t>, D> faces;
@@ -121,10 +126,13 @@ class Flow {
   Fields velocity_;
   std::vector<AlignedBuffer<Real>> scalars_;
   AlignedBuffer<double> pressure_;
-  // Of a step: what it begins with, comes to, changes by, and is given.
-  Fields start_, next_, change_, given_, passing_;
+  // Of a step: what it begins with (the state itself, or beside obstacles a copy), comes to,
+  // changes by, and is given.
+  Velocity<Real, D> start_;
+  Fields held_, next_, change_, given_, passing_;
   std::vector<AlignedBuffer<Real>> start_scalars_, next_scalars_;
   AlignedBuffer<Real> rates_;
+  FlowReport new_report_;
 };
 
 extern template class Flow<float, 2>;

@@ -9,7 +9,8 @@
 #include "substep/gridfluid/flow/confinement.h"
 #include "substep/gridfluid/flow/flow.h"
 #include "substep/gridfluid/flow/runge_kutta.h"
-#include "substep/gridfluid/grid/row_tasks.h"
+#include "substep/gridfluid/grid/ghosts.h"
+#include "substep/gridfluid/grid/loops.h"
 
 namespace substep::gridfluid {
 
@@ -18,6 +19,14 @@ namespace substep::gridfluid {
 template <class Real, int D>
 bool Flow<Real, D>::predicts() const {
   return options.advection == FlowAdvection::kCentral || options.viscosity > 0;
+}
+
+// To predict, to drive sources, or as the first guess of an iteration.
+template <class Real, int D>
+bool Flow<Real, D>::needs_pressure() const {
+  return predicts() || !projection_.direct() ||
+         std::any_of(sources_.begin(), sources_.end(),
+                     [](const FlowSource& source) { return source.velocity.has_value(); });
 }
 
 // u += factor grad q, where and as the projection takes it.
@@ -52,9 +61,8 @@ void Flow<Real, D>::add_given(Fields& fields, double dt) {
     }
   }
   if (options.vorticity_confinement > 0) {
-    Confinement<Real, D>::add(layout_, sides_, spans(start_),
-                              options.vorticity_confinement * dt / dx_, spans(fields),
-                              spans(change_), span(rates_), options.threads);
+    Confinement<Real, D>::add(layout_, sides_, start_, options.vorticity_confinement * dt / dx_,
+                              spans(fields), spans(change_), span(rates_), options.threads);
   }
   if (predicts()) take_pressure(fields, Real(-1));
 }
@@ -85,8 +93,8 @@ void Flow<Real, D>::solve(Diffusion<Real, D>& diffusion, double k, std::span<Rea
   };
   const DiffusionReport got = diffusion.solve(Real(k), d, refill, options.viscosity_tolerance,
                                               options.viscosity_iterations, options.threads);
-  report.viscosity_iterations += got.iterations;
-  report.viscosity_converged &= got.converged;
+  new_report_.viscosity_iterations += got.iterations;
+  new_report_.viscosity_converged &= got.converged;
 }
 
 template <class Real, int D>
@@ -95,7 +103,7 @@ void Flow<Real, D>::move_central(double dt) {
   const int threads = options.threads;
   for (std::size_t a = 0; a < D; ++a) {
     const std::span<Real> given = span(given_[a]);
-    if (k > 0) face_diffusion_[a].apply(span(start_[a]), given, threads);
+    if (k > 0) face_diffusion_[a].apply(start_[a], given, threads);
     for_rows(layout_, sides_.free_faces(a), threads, [&](std::int64_t begin, std::int64_t end) {
       for (std::int64_t i = begin; i < end; ++i) {
         given[usize(i)] = k > 0 ? Real(k) * given[usize(i)] : Real(0);
@@ -108,7 +116,7 @@ void Flow<Real, D>::move_central(double dt) {
     hold(a, span(given_[a]));
     copy(start_[a], next_[a], threads);
     arrays.push_back(
-        {sides_.free_faces(a), span(start_[a]), span(given_[a]), span(next_[a]), span(change_[a])});
+        {sides_.free_faces(a), start_[a], span(given_[a]), span(next_[a]), span(change_[a])});
   }
   constexpr double kStiff = 0.2;  // explicit stages are stable below it
   const Velocity<Real, D> stage = spans(next_);
@@ -154,7 +162,7 @@ void Flow<Real, D>::find_passing(const Velocity<Real, D>& u) {
                  v[usize(i)] = open * u[a][usize(i)] + (1 - open) * theirs;
                }
              });
-    wrap(layout_, v);
+    wrap(layout_, v, options.threads);
   }
 }
 
@@ -163,20 +171,20 @@ void Flow<Real, D>::move_along_paths(double dt) {
   const int threads = options.threads;
   const auto refill = [&](std::size_t a) {
     return [this, a, threads](std::span<Real> x) {
-      sides_.set_normal(x, a);
+      sides_.set_normal(x, a, threads);
       sides_.fill(x, a, threads);
     };
   };
-  paths_.follow(spans(start_), dt / dx_, options.advection == FlowAdvection::kMacCormack, threads);
+  paths_.follow(start_, dt / dx_, options.advection == FlowAdvection::kMacCormack, threads);
   for (std::size_t a = 0; a < D; ++a) {
-    paths_.advect(static_cast<int>(a), sides_.free_faces(a), span(start_[a]), span(next_[a]),
-                  refill(a), threads);
+    paths_.advect(static_cast<int>(a), sides_.free_faces(a), start_[a], span(next_[a]), refill(a),
+                  threads);
   }
   add_given(next_, dt);
   const double k = number(options.viscosity, dt);
   for (std::size_t a = 0; a < D; ++a) {
     const std::span<Real> x = span(next_[a]);
-    sides_.set_normal(x, a);
+    sides_.set_normal(x, a, threads);
     for (const std::int64_t i : face_diffusion_[a].fixed()) x[usize(i)] = start_[a][usize(i)];
     if (k == 0) continue;
     refill(a)(x);
@@ -202,16 +210,18 @@ void Flow<Real, D>::diffuse(Diffusion<Real, D>& diffusion, double k, std::span<R
 
 template <class Real, int D>
 void Flow<Real, D>::carry_scalars(double dt) {
-  if (scalars_.empty()) return;
+  if (scalars_.empty()) return check_velocity();
   const bool central = options.advection == FlowAdvection::kCentral;
-  for (std::size_t a = 0; a < D; ++a) {  // by the mean of the velocities before and after
+  for (std::size_t a = 0; a < D; ++a) {  // by the mean of velocities before and after, checked too
     const std::span<Real> mean = span(change_[a]);
-    for_rows(layout_, all_faces(layout_, a), options.threads,
-             [&](std::int64_t begin, std::int64_t end) {
-               for (std::int64_t i = begin; i < end; ++i) {
-                 mean[usize(i)] = (start_[a][usize(i)] + next_[a][usize(i)]) / 2;
-               }
-             });
+    const auto of_row = [&](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t i = begin; i < end; ++i) {
+        mean[usize(i)] = (start_[a][usize(i)] + next_[a][usize(i)]) / 2;
+      }
+      return first_wrong(next_[a], begin, end);
+    };
+    refuse_wrong("the velocity", gather_rows(layout_, all_faces(layout_, a), options.threads,
+                                             std::int64_t{-1}, of_row, keep_first));
     if (central) continue;
     if (options.slip) into_faces_[a].apply(layout_, mean);
     sides_.fill(mean, a, options.threads);
@@ -283,6 +293,7 @@ void Flow<Real, D>::carry_along_paths(std::size_t k, double dt) {
 
 #define SUBSTEP_INSTANTIATE(Real, D)                                                             \
   template bool Flow<Real, D>::predicts() const;                                                 \
+  template bool Flow<Real, D>::needs_pressure() const;                                           \
   template void Flow<Real, D>::take_pressure(Fields&, Real);                                     \
   template void Flow<Real, D>::add_given(Fields&, double);                                       \
   template void Flow<Real, D>::hold(std::size_t, std::span<Real>) const;                         \

@@ -128,7 +128,7 @@ std::vector<double> Flow<Real, D>::sample(std::span<const Vec3> points) {
   start(0);
   std::vector<double> p(pressure_.begin(), pressure_.end());
   into_cells_.apply(layout_, std::span<double>(p));
-  const Velocity<Real, D> u = spans(start_);
+  const Velocity<Real, D>& u = start_;
   const std::size_t columns = D + 1 + scalars_.size();
   std::vector<double> out(points.size() * columns);
   for (std::size_t n = 0; n < points.size(); ++n) {

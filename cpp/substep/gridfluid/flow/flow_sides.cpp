@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "substep/core/usize.h"
-#include "substep/gridfluid/grid/sides.h"
+#include "substep/gridfluid/grid/ghosts.h"
 
 namespace substep::gridfluid {
 namespace {
@@ -12,18 +12,18 @@ namespace {
 template <int D, class Each>
 void for_beside(const Layout<D>& layout, std::size_t axis, std::size_t end, int threads,
                 const Each& each) {
-  constexpr std::int64_t kMany = 4096;  // below it threads take longer than they save
+  constexpr std::int64_t kMany = 4096, kSome = 1024;  // cells that are worth threads, and a task
   Block<D> block;
   for (std::size_t b = 0; b < D; ++b) block.from[b] = -1, block.to[b] = layout.cells[b] + 1;
   block.from[axis] = end == 0 ? 0 : layout.cells[axis] - 1;
   block.to[axis] = block.from[axis] + 1;
   const std::int64_t out = end == 0 ? -layout.stride[axis] : layout.stride[axis];
-  for_placed_rows(layout, block, block.rows() * block.length() < kMany ? 1 : threads,
-                  [&](std::array<int, D> cell, std::int64_t first, std::int64_t last) {
-                    for (std::int64_t i = first; i < last; ++i, ++cell[D - 1]) {
-                      each(cell, i, i + out);
-                    }
-                  });
+  for_placed_rows(
+      layout, block, block.rows() * block.length() < kMany ? 1 : threads,
+      [&](std::array<int, D> cell, std::int64_t first, std::int64_t last) {
+        for (std::int64_t i = first; i < last; ++i, ++cell[D - 1]) each(cell, i, i + out);
+      },
+      std::max<std::int64_t>(kSome / block.length(), 1));
 }
 
 }  // namespace
@@ -67,10 +67,10 @@ double SideGhosts<Real, D>::given(std::size_t axis, std::size_t end, const std::
 }
 
 template <class Real, int D>
-void SideGhosts<Real, D>::set_normal(std::span<Real> u, std::size_t a) const {
+void SideGhosts<Real, D>::set_normal(std::span<Real> u, std::size_t a, int threads) const {
   for (std::size_t end = 0; end < 2; ++end) {
     if (is(a, end, SideKind::kOpen) || is(a, end, SideKind::kPeriodic)) continue;
-    for_beside(layout_, a, end, 1, [&](const auto& cell, std::int64_t inside, std::int64_t) {
+    for_beside(layout_, a, end, threads, [&](const auto& cell, std::int64_t inside, std::int64_t) {
       const std::int64_t face = end == 0 ? inside : inside + layout_.stride[a];
       u[usize(face)] = Real(given(a, end, cell, a));
     });
@@ -93,7 +93,7 @@ void SideGhosts<Real, D>::fill_velocity(std::span<Real> u, std::size_t a, bool g
                  });
     }
   }
-  wrap(layout_, u);
+  wrap(layout_, u, threads);
 }
 
 // Whether a side holds the k-th scalar: what flows out takes along what it is.
@@ -125,7 +125,7 @@ void SideGhosts<Real, D>::fill_scalar(std::span<Real> x, std::size_t k, double d
           });
     }
   }
-  wrap(layout_, x);
+  wrap(layout_, x, threads);
 }
 
 template <class Real, int D>
@@ -144,7 +144,7 @@ void SideGhosts<Real, D>::fill_scalar_change(std::span<Real> x, std::size_t k,
                  });
     }
   }
-  wrap(layout_, x);
+  wrap(layout_, x, threads);
 }
 
 template class SideGhosts<float, 2>;

@@ -47,7 +47,7 @@ class SideGhosts {
   Block<D> inner_faces(std::size_t axis) const;
 
   // What is given of component a of the velocity at faces in walls and inflows.
-  void set_normal(std::span<Real> u, std::size_t a) const;
+  void set_normal(std::span<Real> u, std::size_t a, int threads) const;
   // Ghosts of component a of the velocity; of a change of it, to which all that is given is 0.
   void fill(std::span<Real> u, std::size_t a, int threads) const {
     fill_velocity(u, a, true, threads);

@@ -4,7 +4,6 @@
 #include <cstring>
 
 #include "substep/core/usize.h"
-#include "substep/gridfluid/grid/row_tasks.h"
 #include "substep/gridfluid/grid/sample.h"
 
 namespace substep::gridfluid {
@@ -169,6 +168,7 @@ void SemiLagrangian<Real, D>::follow(const Velocity<Real, D>& u, double reach, b
     for (std::size_t a = 0; a < D; ++a) P::store(d[a], arrays[a].data() + i, lanes);
   };
   const Real h = Real(reach);
+  const bool wraps = layout_.periodic[D - 1];
   packets.for_each(
       all_cells(layout_), threads,
       [&](const std::array<int, D>& cell, std::int64_t i, std::int64_t lanes) {
@@ -179,17 +179,16 @@ void SemiLagrangian<Real, D>::follow(const Velocity<Real, D>& u, double reach, b
         }
         keep(packets.path(u, x, k1, -h), back_, i, lanes);
         if (maccormack) keep(packets.path(u, x, k1, h), forth_, i, lanes);
+        if (cell[D - 1] + lanes < layout_.cells[D - 1]) return;
+        const std::int64_t begin = i - cell[D - 1], end = i + lanes;
+        for (auto* arrays : {&back_, &forth_}) {
+          if (arrays == &forth_ && !maccormack) continue;
+          for (AlignedBuffer<Real>& d : *arrays) {  // the ghosts of the row
+            d[usize(begin - 1)] = d[usize(wraps ? end - 1 : begin)];
+            d[usize(end)] = d[usize(wraps ? begin : end - 1)];
+          }
+        }
       });
-  const bool wraps = layout_.periodic[D - 1];
-  for_rows(layout_, all_cells(layout_), threads, [&](std::int64_t begin, std::int64_t end) {
-    for (auto* arrays : {&back_, &forth_}) {
-      if (arrays == &forth_ && !maccormack) continue;
-      for (AlignedBuffer<Real>& d : *arrays) {
-        d[usize(begin - 1)] = d[usize(wraps ? end - 1 : begin)];
-        d[usize(end)] = d[usize(wraps ? begin : end - 1)];
-      }
-    }
-  });
 }
 
 template <class Real, int D>

@@ -2,8 +2,13 @@
 // number of threads.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
+#include <limits>
+#include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "substep/core/aligned_buffer.h"
@@ -47,34 +52,30 @@ Block<D> all_faces(const Layout<D>& layout, std::size_t axis) {
 
 constexpr std::int64_t kRowsOfTask = 8;
 
-// each(begin, end) for the numbers of each row.
+// each(cell, begin, end) for the numbers of each row, with the cell or face it begins with; `grain`
+// rows are a task.
 template <int D, class Each>
-void for_rows(const Layout<D>& layout, const Block<D>& block, int threads, const Each& each) {
+void for_placed_rows(const Layout<D>& layout, const Block<D>& block, int threads, const Each& each,
+                     std::int64_t grain = kRowsOfTask) {
   parallel_for(
-      block.rows(), kRowsOfTask,
+      block.rows(), grain,
       [&](std::int64_t first, std::int64_t last) {
+        std::array<int, D> cell = block.row(first);
         for (std::int64_t r = first; r < last; ++r) {
-          const std::int64_t begin = layout.index(block.row(r));
-          each(begin, begin + block.length());
+          const std::int64_t begin = layout.index(cell);
+          each(std::as_const(cell), begin, begin + block.length());
+          for (std::size_t a = D - 1; a-- > 0 && ++cell[a] == block.to[a];) cell[a] = block.from[a];
         }
       },
       threads);
 }
 
-// The same, with the cell or face a row begins with: each(cell, begin, end).
+// The same without the cell: each(begin, end).
 template <int D, class Each>
-void for_placed_rows(const Layout<D>& layout, const Block<D>& block, int threads,
-                     const Each& each) {
-  parallel_for(
-      block.rows(), kRowsOfTask,
-      [&](std::int64_t first, std::int64_t last) {
-        for (std::int64_t r = first; r < last; ++r) {
-          const std::array<int, D> cell = block.row(r);
-          const std::int64_t begin = layout.index(cell);
-          each(cell, begin, begin + block.length());
-        }
-      },
-      threads);
+void for_rows(const Layout<D>& layout, const Block<D>& block, int threads, const Each& each) {
+  for_placed_rows(
+      layout, block, threads,
+      [&](const std::array<int, D>&, std::int64_t begin, std::int64_t end) { each(begin, end); });
 }
 
 // each(i) for all numbers of an array.
@@ -88,8 +89,15 @@ void for_numbers(std::int64_t n, int threads, const Each& each) {
       threads);
 }
 
+// n numbers of one value.
 template <class T>
-void copy(const AlignedBuffer<T>& from, AlignedBuffer<T>& to, int threads) {
+void assign(AlignedBuffer<T>& buffer, std::int64_t n, T value) {
+  buffer.reset(usize(n));
+  std::fill(buffer.begin(), buffer.end(), value);
+}
+
+template <class From, class To>
+void copy(const From& from, To& to, int threads) {
   for_numbers(static_cast<std::int64_t>(from.size()), threads,
               [&](std::size_t i) { to[i] = from[i]; });
 }
@@ -120,6 +128,22 @@ template <int D, class OfRow>
 double sum_rows(const Layout<D>& layout, const Block<D>& block, int threads, const OfRow& of_row) {
   return gather_rows(layout, block, threads, 0.0, of_row,
                      [](double& total, double part) { total += part; });
+}
+
+// The first number from begin to below end that is not finite, or -1; and what joins those of rows.
+template <class Numbers>
+std::int64_t first_wrong(const Numbers& x, std::int64_t begin, std::int64_t end) {
+  using Real = std::remove_cvref_t<decltype(x[0])>;
+  int wrong = 0;  // not a bool, so that the loop is one of vectors
+  for (std::int64_t i = begin; i < end; ++i) {
+    wrong |= std::abs(x[usize(i)]) <= std::numeric_limits<Real>::max() ? 0 : 1;
+  }
+  if (wrong == 0) return -1;
+  while (std::isfinite(x[usize(begin)])) ++begin;
+  return begin;
+}
+inline void keep_first(std::int64_t& total, std::int64_t part) {
+  if (total < 0) total = part;
 }
 
 }  // namespace substep::gridfluid

@@ -115,40 +115,60 @@ void for_rows(const FluidRows<D>& fluid, int plane, const Use& use) {
   }
 }
 
-// each(begin, end) for the numbers of those cells of each row, or of the faces of an axis beside
-// them.
+// each(begin, end) for the numbers of those cells of each row.
 template <int D, class Each>
-void for_fluid(const FluidRows<D>& fluid, int faces_of, int threads, const Each& each) {
+void for_fluid_cells(const FluidRows<D>& fluid, int threads, const Each& each) {
   const Layout<D>& layout = fluid.layout();
-  const std::int64_t rows_of_plane = D == 2 ? 1 : layout.cells[1] + (faces_of == 1 ? 1 : 0);
-  const auto part_at = [&](std::int64_t k, std::int64_t j) -> typename FluidRows<D>::Part {
-    const auto inside = [&](std::int64_t& index, std::size_t a) {
-      const std::int64_t n = layout.cells[a];
-      if (layout.periodic[a]) index = (index + n) % n;
-      return index >= 0 && index < n;
-    };
-    if (!inside(k, 0) || (D == 3 && !inside(j, 1))) return {0, 0};
-    return fluid.part(k * fluid.rows_of_plane() + j);
-  };
   parallel_for(
-      layout.rows(faces_of), 64,
+      layout.rows(), 64,
       [&](std::int64_t first, std::int64_t last) {
         for (std::int64_t r = first; r < last; ++r) {
-          const std::int64_t k = r / rows_of_plane, j = r % rows_of_plane;
-          auto [begin, end] = part_at(k, j);
-          if (faces_of == D - 1) {
-            end += end > begin ? 1 : 0;
-          } else if (faces_of >= 0) {
-            const auto below = part_at(k - (faces_of == 0), j - (faces_of == 1));
-            if (begin == end) begin = below.begin;
-            if (below.begin < below.end) begin = std::min(begin, below.begin);
-            end = std::max(end, below.end);
-          }
-          const std::int64_t at = layout.row(r, faces_of);
-          each(at + begin, at + end);
+          const auto [begin, end] = fluid.part(r);
+          each(layout.row(r) + begin, layout.row(r) + end);
         }
       },
       threads);
+}
+
+// each(axis, begin, end) for the numbers of the faces beside them.
+template <int D, class Each>
+void for_fluid_faces(const FluidRows<D>& fluid, int threads, const Each& each) {
+  using Part = typename FluidRows<D>::Part;
+  const Layout<D>& layout = fluid.layout();
+  const std::int64_t nk = layout.cells[0], nj = fluid.rows_of_plane();
+  const std::int64_t rows_of_plane = D == 2 ? 1 : nj + 1;
+  const auto wrapped = [&](std::int64_t index, std::size_t a) {
+    const std::int64_t n = layout.cells[a];
+    return layout.periodic[a] ? (index + n) % n : index;
+  };
+  const auto part_at = [&](std::int64_t k, std::int64_t j) -> Part {
+    k = wrapped(k, 0);
+    if (D == 3) j = wrapped(j, 1);
+    const bool inside = k >= 0 && k < nk && j >= 0 && j < nj;
+    return inside ? fluid.part(k * nj + j) : Part{0, 0};
+  };
+  const auto either = [](Part a, Part b) -> Part {
+    if (a.begin == a.end) return b;
+    if (b.begin == b.end) return a;
+    return {std::min(a.begin, b.begin), std::max(a.end, b.end)};
+  };
+  parallel_for((nk + 1) * rows_of_plane, 64,
+               [&](std::int64_t first, std::int64_t last) {
+                 for (std::int64_t r = first; r < last; ++r) {
+                   const std::int64_t k = r / rows_of_plane, j = r % rows_of_plane;
+                   const std::int64_t at =
+                       layout.first + k * layout.stride[0] + (D == 3 ? j * layout.stride[1] : 0);
+                   const auto use = [&](std::size_t a, Part part) {
+                     if (part.begin < part.end) each(a, at + part.begin, at + part.end);
+                   };
+                   if (j < nj) use(0, either(part_at(k, j), part_at(k - 1, j)));
+                   if (D == 3 && k < nk) use(1, either(part_at(k, j), part_at(k, j - 1)));
+                   if (k == nk || j == nj) continue;
+                   const Part part = fluid.part(k * nj + j);
+                   use(D - 1, {part.begin, part.end + (part.begin < part.end ? 1 : 0)});
+                 }
+               },
+               threads);
 }
 
 // On a periodic last axis a row's ghost cells are what is on the other side.

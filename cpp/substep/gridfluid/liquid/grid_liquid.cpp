@@ -14,7 +14,6 @@
 #include "substep/core/usize.h"
 #include "substep/gridfluid/grid/ghosts.h"
 #include "substep/gridfluid/grid/loops.h"
-#include "substep/gridfluid/grid/row_tasks.h"
 #include "substep/gridfluid/grid/sides.h"
 #include "substep/gridfluid/particles/density.h"
 #include "substep/gridfluid/particles/surface.h"
@@ -162,11 +161,11 @@ void GridLiquid<Real, D>::count_obstacles_in() {
   if (!obstacles.any()) return;
   constexpr Real kLeast = 0.25;
   const std::span<const Real> room = obstacles.room();
-  for_each_row(layout, -1, options.threads, [&](std::int64_t begin, std::int64_t end) {
+  for_rows(layout, all_cells(layout), options.threads, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i)
       density_[usize(i)] /= std::max(room[usize(i)], kLeast);
   });
-  fill_ghosts(layout, kCentres, density_.data());
+  fill_ghosts(layout, kCentres, density_.data(), options.threads);
 }
 
 // The liquid goes on into obstacles that it touches: else a cell of which they cover the middle
@@ -188,7 +187,7 @@ void GridLiquid<Real, D>::extend_surface() {
     if (liquid) phi_[usize(i)] = std::min(phi_[usize(i)], kInside);
   };
   if (obstacles.any()) {
-    for_each_row(layout, -1, options.threads, [&](std::int64_t begin, std::int64_t end) {
+    for_rows(layout, all_cells(layout), options.threads, [&](std::int64_t begin, std::int64_t end) {
       for (std::int64_t i = begin; i < end; ++i) extend(i);
     });
   }

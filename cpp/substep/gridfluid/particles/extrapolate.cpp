@@ -8,7 +8,7 @@
 #include "substep/core/lanes.h"
 #include "substep/core/parallel.h"
 #include "substep/gridfluid/grid/ghosts.h"
-#include "substep/gridfluid/grid/row_tasks.h"
+#include "substep/gridfluid/grid/loops.h"
 
 namespace substep::gridfluid {
 

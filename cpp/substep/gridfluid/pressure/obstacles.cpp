@@ -7,7 +7,7 @@
 
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
-#include "substep/gridfluid/grid/row_tasks.h"
+#include "substep/gridfluid/grid/loops.h"
 
 namespace substep::gridfluid {
 namespace {
@@ -182,7 +182,7 @@ void Obstacles<Real, D>::find_open(int threads) {
       }
       return whole < Real(kClosed) ? Real(0) : whole;
     };
-    for_each_row(layout_, static_cast<int>(a), threads, [&](std::int64_t begin, std::int64_t end) {
+    for_rows(layout_, all_faces(layout_, a), threads, [&](std::int64_t begin, std::int64_t end) {
       for (std::int64_t i = begin; i < end; ++i) open_[a][usize(i)] = part(i);
     });
   }
@@ -193,7 +193,7 @@ void Obstacles<Real, D>::find_velocities(int threads) {
   for (std::size_t a = 0; a < D; ++a) {
     const int axis = static_cast<int>(a);
     assign(velocity_[a], layout_.size, Real(0));
-    for_each_row(layout_, axis, threads, [&](std::int64_t begin, std::int64_t end) {
+    for_rows(layout_, all_faces(layout_, a), threads, [&](std::int64_t begin, std::int64_t end) {
       for (std::int64_t i = begin; i < end; ++i) {
         if (std::abs(distance_[usize(i)]) > Real(kBand)) continue;
         const Vec3 at = middle(i, axis);
@@ -210,7 +210,7 @@ void Obstacles<Real, D>::find_room(int threads) {
   const auto open_volume = [&](std::int64_t i) {
     return std::clamp(at_centre(i) + Real(0.5), Real(0), Real(1));
   };
-  for_each_row(layout_, -1, threads, [&](std::int64_t begin, std::int64_t end) {
+  for_rows(layout_, all_cells(layout_), threads, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       const Real distance = at_centre(i);
       if (std::abs(distance) > Real(kBand)) {
@@ -272,12 +272,12 @@ std::array<Real, D> Obstacles<Real, D>::surface(std::int64_t i) const {
 template <class Real, int D>
 void Obstacles<Real, D>::push(std::span<const double> q, std::span<const Cell> cells, double mass,
                               int threads) {
-  const std::int64_t chunks = (layout_.rows() + kRowsEach - 1) / kRowsEach;
+  const std::int64_t chunks = (layout_.rows() + kRowsOfTask - 1) / kRowsOfTask;
   std::vector<std::vector<Exchange>> parts(usize(chunks));
   parallel_for(
-      layout_.rows(), kRowsEach,
+      layout_.rows(), kRowsOfTask,
       [&](std::int64_t begin, std::int64_t end) {
-        std::vector<Exchange>& part = parts[usize(begin / kRowsEach)];
+        std::vector<Exchange>& part = parts[usize(begin / kRowsOfTask)];
         part.resize(colliders.size());
         for (std::int64_t r = begin; r < end; ++r) {
           const std::int64_t row = layout_.row(r);

@@ -4,9 +4,8 @@
 #include <cmath>
 
 #include "substep/core/usize.h"
+#include "substep/gridfluid/grid/ghosts.h"
 #include "substep/gridfluid/grid/loops.h"
-#include "substep/gridfluid/grid/row_tasks.h"
-#include "substep/gridfluid/grid/sides.h"
 
 namespace substep::gridfluid {
 
@@ -50,7 +49,7 @@ std::array<std::span<const Real>, D> Projection<Real, D>::weights() const {
 template <class Real, int D>
 void Projection<Real, D>::find_cells(const Obstacles<Real, D>& obstacles, std::span<const Real> phi,
                                      int threads) {
-  for_each_row(layout_, -1, threads, [&](std::int64_t begin, std::int64_t end) {
+  for_rows(layout_, all_cells(layout_), threads, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       bool open = !obstacles.any();
       for (int a = 0; a < D && !open; ++a) {
@@ -62,7 +61,7 @@ void Projection<Real, D>::find_cells(const Obstacles<Real, D>& obstacles, std::s
     }
   });
   // The ghosts beyond open sides are air; those of periodic axes are what is on the other side.
-  wrap(layout_, std::span<Cell>(cells_.data(), cells_.size()));
+  wrap(layout_, std::span<Cell>(cells_.data(), cells_.size()), threads);
   for (int a = 0; a < D; ++a) {
     for (int side = 0; side < 2 && !layout_.periodic[usize(a)]; ++side) {
       if (!open_[usize(a)][usize(side)]) continue;
@@ -81,26 +80,27 @@ void Projection<Real, D>::find_weights(const Obstacles<Real, D>& obstacles,
     const std::span<const Real> part =
         obstacles.any() ? obstacles.open(a) : std::span<const Real>();
     AlignedBuffer<Real>& weight = weight_[usize(a)];
-    for_each_row(layout_, a, threads, [&](std::int64_t begin, std::int64_t end) {
-      for (std::int64_t i = begin; i < end; ++i) {
-        const Cell below = cells_[usize(i - s)], above = cells_[usize(i)];
-        Real w = 0;
-        if (below == Cell::kFluid && above == Cell::kFluid) {
-          w = 1;
-        } else if (below != Cell::kSolid && above != Cell::kSolid && below != above) {
-          // One is fluid, the other air.
-          const std::int64_t in = below == Cell::kFluid ? i - s : i;
-          const std::int64_t out = below == Cell::kFluid ? i : i - s;
-          double theta = 0.5;
-          if (!phi.empty()) {
-            const double d = double(phi[usize(in)]);
-            theta = d / (d - double(phi[usize(out)]));
-          }
-          w = Real(1 / std::max(theta, kThinnest));
-        }
-        weight[usize(i)] = part.empty() ? w : w * part[usize(i)];
-      }
-    });
+    for_rows(layout_, all_faces(layout_, usize(a)), threads,
+             [&](std::int64_t begin, std::int64_t end) {
+               for (std::int64_t i = begin; i < end; ++i) {
+                 const Cell below = cells_[usize(i - s)], above = cells_[usize(i)];
+                 Real w = 0;
+                 if (below == Cell::kFluid && above == Cell::kFluid) {
+                   w = 1;
+                 } else if (below != Cell::kSolid && above != Cell::kSolid && below != above) {
+                   // One is fluid, the other air.
+                   const std::int64_t in = below == Cell::kFluid ? i - s : i;
+                   const std::int64_t out = below == Cell::kFluid ? i : i - s;
+                   double theta = 0.5;
+                   if (!phi.empty()) {
+                     const double d = double(phi[usize(in)]);
+                     theta = d / (d - double(phi[usize(out)]));
+                   }
+                   w = Real(1 / std::max(theta, kThinnest));
+                 }
+                 weight[usize(i)] = part.empty() ? w : w * part[usize(i)];
+               }
+             });
   }
 }
 
@@ -109,7 +109,7 @@ template <class Real, int D>
 void Projection<Real, D>::find_divergence(const Obstacles<Real, D>& obstacles,
                                           const Velocity<Real, D>& u, int threads) {
   const bool cut = obstacles.any(), moving = obstacles.moving();
-  for_fluid(fluid(), -1, threads, [&](std::int64_t begin, std::int64_t end) {
+  for_fluid_cells(fluid(), threads, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       Real sum = 0;
       for (std::size_t a = 0; a < D; ++a) {
@@ -139,24 +139,26 @@ void Projection<Real, D>::add_gradient(const Obstacles<Real, D>& obstacles, std:
       x[usize(i)] += factor * Real((q[i] - q[i - s]) * double(over_theta(i)));
     }
   };
+  if (direct() && axis < D - 1) return add([here = w[begin]](std::int64_t) { return here; });
   if (!obstacles.any()) return add([&](std::int64_t i) { return w[i]; });
   const Real* const part = obstacles.open(static_cast<int>(axis)).data();
   add([&](std::int64_t i) { return w[i] > 0 ? w[i] / part[i] : Real(0); });
 }
 
-// u' = u - s_f (q_f - q) / theta_f; a face that an obstacle closes moves with it.
+// u' = u - s_f (q_f - q) / theta_f; a face that an obstacle closes moves with it. A row of each
+// axis after the other, so that q comes from memory once.
 template <class Real, int D>
 void Projection<Real, D>::apply_pressure(const Obstacles<Real, D>& obstacles, bool moving,
                                          Velocity<Real, D> u, int threads) {
-  for (int a = 0; a < D; ++a) {
-    for_fluid(fluid(), a, threads, [&](std::int64_t begin, std::int64_t end) {
-      add_gradient(obstacles, usize(a), begin, end, Real(-1), u[usize(a)]);
-    });
-    if (!obstacles.any()) continue;
-    for_each_row(layout_, a, threads, [&](std::int64_t begin, std::int64_t end) {
+  for_fluid_faces(fluid(), threads, [&](std::size_t a, std::int64_t begin, std::int64_t end) {
+    add_gradient(obstacles, a, begin, end, Real(-1), u[a]);
+  });
+  for (std::size_t a = 0; a < D && obstacles.any(); ++a) {
+    const int axis = static_cast<int>(a);
+    for_rows(layout_, all_faces(layout_, a), threads, [&](std::int64_t begin, std::int64_t end) {
       for (std::int64_t i = begin; i < end; ++i) {
-        if (weight_[usize(a)][usize(i)] > 0 || obstacles.open(a)[usize(i)] != 0) continue;
-        u[usize(a)][usize(i)] = moving ? obstacles.velocity(a)[usize(i)] : Real(0);
+        if (weight_[a][usize(i)] > 0 || obstacles.open(axis)[usize(i)] != 0) continue;
+        u[a][usize(i)] = moving ? obstacles.velocity(axis)[usize(i)] : Real(0);
       }
     });
   }
@@ -167,7 +169,7 @@ SolveReport Projection<Real, D>::solve(double tolerance, int max_iterations, int
   const std::span<const Real> b(b_.data(), b_.size());
   const SolveReport report = direct_ ? direct_->solve(weights(), b, q(), threads)
                                      : solver_->solve(b, q(), tolerance, max_iterations, threads);
-  wrap(layout_, q());
+  wrap(layout_, q(), threads);
   return report;
 }
 

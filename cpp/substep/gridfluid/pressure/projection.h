@@ -53,6 +53,8 @@ class Projection {
   // Adds factor * (q_f - q) s_f / theta_f, as taken from velocities, to x of the faces of an axis.
   void add_gradient(const Obstacles<Real, D>& obstacles, std::size_t axis, std::int64_t begin,
                     std::int64_t end, Real factor, std::span<Real> x) const;
+  // Whether q is found without a first guess.
+  bool direct() const { return direct_.has_value(); }
   // Of the last call of project(), the first guess of the next.
   std::span<double> q() { return {q_.data(), q_.size()}; }
   std::span<const Cell> cells() const { return {cells_.data(), cells_.size()}; }

@@ -7,6 +7,7 @@
 #include "substep/core/interrupt.h"
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
+#include "substep/gridfluid/grid/ghosts.h"
 #include "substep/gridfluid/grid/loops.h"
 #include "substep/linalg/vectors.h"
 
@@ -52,7 +53,7 @@ ViscosityReport Viscosity<Real, D>::apply(const Obstacles<Real, D>& obstacles,
   });
   if (obstacles.any()) find_pulls(obstacles, u);
   hold(obstacles, u);
-  for (const std::span<Real>& component : u) wrap(layout_, component);
+  for (const std::span<Real>& component : u) wrap(layout_, component, threads);
   return report;
 }
 

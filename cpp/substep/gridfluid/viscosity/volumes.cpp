@@ -3,8 +3,8 @@
 #include <algorithm>
 
 #include "substep/core/usize.h"
-#include "substep/gridfluid/grid/row_tasks.h"
-#include "substep/gridfluid/grid/sides.h"
+#include "substep/gridfluid/grid/ghosts.h"
+#include "substep/gridfluid/grid/loops.h"
 
 namespace substep::gridfluid {
 namespace {
@@ -48,7 +48,7 @@ void Volumes<Real, D>::find(const Obstacles<Real, D>& obstacles, std::span<const
   };
   const std::span<const Real> distance =
       obstacles.any() ? obstacles.distance() : std::span<const Real>();
-  for_each_row(layout_, -1, threads, [&](std::int64_t begin, std::int64_t end) {
+  for_rows(layout_, all_cells(layout_), threads, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       Parts& parts = parts_[usize(i)];
       const Real level = phi[usize(i)];
@@ -64,7 +64,7 @@ void Volumes<Real, D>::find(const Obstacles<Real, D>& obstacles, std::span<const
       }
     }
   });
-  wrap(layout_, std::span<Parts>(parts_.data(), parts_.size()));
+  wrap(layout_, std::span<Parts>(parts_.data(), parts_.size()), threads);
 }
 
 template class Volumes<float, 2>;

@@ -33,7 +33,7 @@ class InBox:
         """The cells as `flow`; obstacles, which never move."""
         from ...recording import Part
 
-        units = {name: self.fields()[name][1] for name in self.recorded}
+        units = {name: unit for name, (_, unit) in self.fields(self.recorded).items()}
         parts = {"flow": Part("grid", units, bounds=self.bounds, cell=self.cell)}
         for name, mesh in self.obstacles.items():
             parts[name] = Part("mesh", triangles=mesh.faces, points=mesh.vertices)
@@ -41,4 +41,5 @@ class InBox:
 
     def frame(self: Any) -> dict[str, dict[str, Any]]:
         """One frame of `parts`, as float32."""
-        return {"flow": {name: getattr(self, name).astype(np.float32) for name in self.recorded}}
+        fields = self.fields(self.recorded)
+        return {"flow": {name: values.astype(np.float32) for name, (values, _) in fields.items()}}
