@@ -45,16 +45,17 @@ Flow<Real, D>::Flow(const Layout<D>& layout, const Vec3& low, double dx, const S
       sides_(layout, sides, ambients(options_), dx),
       sources_(std::move(sources)),
       obstacles_(layout, low, dx, colliders),
-      projection_(layout, open_sides<D>(sides)),
+      projection_(layout, open_sides<D>(sides), two_fluids()),
       face_diffusion_(D, Diffusion<Real, D>(layout)),
       cell_diffusion_(layout),
       paths_(layout) {
   for (Fields* fields : {&velocity_, &start_, &next_, &change_}) {
     for (AlignedBuffer<Real>& x : *fields) assign(x, layout.size, Real(0));
   }
-  if (options.advection == FlowAdvection::kCentral) {
+  if (options.advection == FlowAdvection::kCentral || two_fluids()) {
     for (AlignedBuffer<Real>& x : given_) assign(x, layout.size, Real(0));
   }
+  if (two_fluids()) assign(density_, layout.size, Real(1));
   assign(pressure_, layout.size, 0.0);
   assign(rates_, layout.size, Real(0));
   scalars_.resize(options.scalars.size());
@@ -78,6 +79,7 @@ void Flow<Real, D>::step(double dt) {
   const FlowReport before = std::exchange(report, {});
   try {
     start(dt);
+    if (two_fluids()) carry_scalars(dt);
     if (options.advection == FlowAdvection::kCentral) {
       move_central(dt);
     } else {
@@ -85,7 +87,7 @@ void Flow<Real, D>::step(double dt) {
     }
     drive_sources(next_);
     correct(dt);
-    carry_scalars(dt);
+    if (!two_fluids()) carry_scalars(dt);
     check_finite();
     push(dt);
   } catch (...) {
@@ -103,6 +105,9 @@ void Flow<Real, D>::project() {
     throw InputError("colliders: they leave no fluid in the box");
   }
   for (std::size_t a = 0; a < D; ++a) copy(start_[a], next_[a], options.threads);
+  for (std::size_t k = 0; k < scalars_.size(); ++k) {
+    copy(scalars_[k], next_scalars_[k], options.threads);
+  }
   drive_sources(next_);
   try {
     correct(0);
@@ -114,6 +119,7 @@ void Flow<Real, D>::project() {
   check_finite();
   for (std::size_t a = 0; a < D; ++a) velocity_[a].swap(next_[a]);
   std::fill(pressure_.begin(), pressure_.end(), 0.0);
+  settle();
 }
 
 // Obstacles where they are at the end of the step, and copies of the state that hold what is given
@@ -155,6 +161,8 @@ void Flow<Real, D>::start(double dt) {
   for_numbers(layout_.size, threads, [&](std::size_t i) { q[i] = pressure_[i] * scale; });
   into_cells_.apply(layout_, q);
   wrap(layout_, q);
+  fall_ = options.gravity * dt;
+  if (two_fluids()) find_density(span(scalars_[usize(options.smoke)]));
 }
 
 template <class Real, int D>
@@ -213,7 +221,7 @@ void Flow<Real, D>::drive_sources(Fields& fields) {
       const Real v = Real((*sources_[s].velocity)[static_cast<int>(a)]);
       for (const std::int64_t i : places_[s].faces[a]) {
         fields[a][usize(i)] = v;
-        if (!predicts()) projection_.add_gradient(obstacles_, a, i, i + 1, 1, span(fields[a]));
+        if (!predicts()) take_pressure(a, i, i + 1, 1, span(fields[a]));
       }
     }
   }
@@ -225,6 +233,7 @@ template <class Real, int D>
 void Flow<Real, D>::correct(double dt) {
   check_inflow();
   if (predicts()) take_pressure(next_, Real(1));
+  if (two_fluids()) weigh();
   for (std::size_t a = 0; a < D; ++a) wrap(layout_, span(next_[a]));
   const double divergence = obstacles_.any() ? total_divergence(next_) : 0;
   const SolveReport got = projection_.project(obstacles_, spans(next_), options.tolerance,
@@ -363,7 +372,8 @@ void Flow<Real, D>::push(double dt) {
   for (std::size_t a = 0; a < D; ++a) sides_.fill(span(next_[a]), a, options.threads);
   const double viscosity = options.slip ? 0 : options.viscosity;
   Stress<Real, D>::push(layout_, obstacles_, projection_.cells(), into_cells_, spans(next_),
-                        projection_.q(), mass(), viscosity * dt / dx_, options.threads);
+                        projection_.q(), {density_.data(), density_.size()}, mass(),
+                        viscosity * dt / dx_, options.threads);
 }
 
 // From here on nothing fails. A step may be so short that its pressure is no number: then it stays.

@@ -32,8 +32,8 @@ double pressure_at(const Layout<D>& layout, std::span<const double> q, std::arra
 template <class Real, int D>
 void Stress<Real, D>::push(const Layout<D>& layout, Obstacles<Real, D>& obstacles,
                            std::span<const Cell> cells, const Extension<D>& into_cells,
-                           const Velocity<Real, D>& u, std::span<double> q, double mass,
-                           double shear, int threads) {
+                           const Velocity<Real, D>& u, std::span<double> q,
+                           std::span<const Real> density, double mass, double shear, int threads) {
   into_cells.apply(layout, q);
   const std::vector<Collider>& colliders = obstacles.colliders;
   const double dx = obstacles.dx;
@@ -96,7 +96,8 @@ void Stress<Real, D>::push(const Layout<D>& layout, Obstacles<Real, D>& obstacle
       const Vec3 slope = (beside(kNear) * (kFar * kFar) - beside(kFar) * (kNear * kNear)) /
                          (kNear * kFar * (kFar - kNear));
       const Vec3 along = slope - normal.dot(slope) * normal;
-      impulse += mass / dx * shear * std::sqrt(square) * along;
+      const double heavier = density.empty() ? 1 : double(density[usize(i)]);
+      impulse += heavier * mass / dx * shear * std::sqrt(square) * along;
     }
     part[c].add(on - colliders[c].position(), impulse);
   };

@@ -15,11 +15,12 @@ namespace substep::gridfluid {
 template <class Real, int D>
 struct Stress {
   // Sets exchange() of the obstacles' colliders. u: with ghosts; q: pressure times dt / (density
-  // cell) [m/s]; mass: of a full cell [kg]; shear: kinematic viscosity times dt over a cell [m].
+  // cell) [m/s]; density: of cells, in parts of that one, or empty where it is the same; mass: of a
+  // full cell [kg]; shear: kinematic viscosity times dt over a cell [m].
   static void push(const Layout<D>& layout, Obstacles<Real, D>& obstacles,
                    std::span<const Cell> cells, const Extension<D>& into_cells,
-                   const Velocity<Real, D>& u, std::span<double> q, double mass, double shear,
-                   int threads);
+                   const Velocity<Real, D>& u, std::span<double> q, std::span<const Real> density,
+                   double mass, double shear, int threads);
 };
 
 extern template struct Stress<float, 2>;
