@@ -328,6 +328,8 @@ def test_what_contradicts_two_fluids_is_refused_by_name():
     raises("smoke_density", smoke=0.0, smoke_density=math.nan)
     raises("smoke_density", smoke=0.0, smoke_density="heavy")
     raises("smoke_density: expected within a factor", smoke=0.0, smoke_density=1e6)
+    full = {"smoke": 0.5, "smoke_density": 2.0, "colliders": [substep.Box((9, 9, 9))]}
+    raises("no fluid", **full)
     raises("smoke_weight", smoke=0.0, smoke_density=2.0, smoke_weight=0.1)
     raises(
         "thermal_expansion", smoke=0.0, smoke_density=2.0, temperature=0.0, thermal_expansion=0.1

@@ -117,11 +117,11 @@ class FlowOf final : public AnyGridFlow {
   }
   void set_scalar(int k, std::span<const double> values) override {
     const std::span<Real> x = flow_.scalar(usize(k));
-    const std::vector<Real> before(x.begin(), x.end());
-    unpack(layout(), values, -1, x);
-    if (k != flow_.options.smoke) return;
+    if (k != flow_.options.smoke) return unpack(layout(), values, -1, x);
     read_colliders();
+    const std::vector<Real> before(x.begin(), x.end());
     try {
+      unpack(layout(), values, -1, x);
       flow_.settle();
     } catch (...) {
       std::copy(before.begin(), before.end(), x.begin());

@@ -118,8 +118,8 @@ void Flow<Real, D>::project() {
   }
   check_finite();
   for (std::size_t a = 0; a < D; ++a) velocity_[a].swap(next_[a]);
+  if (two_fluids()) return settle();
   std::fill(pressure_.begin(), pressure_.end(), 0.0);
-  settle();
 }
 
 // Obstacles where they are at the end of the step, and copies of the state that hold what is given

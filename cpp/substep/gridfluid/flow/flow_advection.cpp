@@ -214,8 +214,8 @@ template <class Real, int D>
 void Flow<Real, D>::carry_scalars(double dt) {
   if (scalars_.empty()) return;
   const bool central = options.advection == FlowAdvection::kCentral || two_fluids();
-  for (std::size_t a = 0; a < D && !two_fluids();
-       ++a) {  // by the mean of the velocities before and after
+  // By the mean of the velocities before and after.
+  for (std::size_t a = 0; a < D && !two_fluids(); ++a) {
     const std::span<Real> mean = span(change_[a]);
     for_rows(layout_, all_faces(layout_, a), options.threads,
              [&](std::int64_t begin, std::int64_t end) {

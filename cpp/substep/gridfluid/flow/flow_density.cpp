@@ -92,7 +92,6 @@ void Flow<Real, D>::weigh() {
 // It is what a step begins with, so that one that has not converged does. Gravity acts for 1 s.
 template <class Real, int D>
 void Flow<Real, D>::settle() {
-  if (!two_fluids()) return;
   start(0);
   for (std::size_t a = 0; a < D; ++a) copy(velocity_[a], next_[a], options.threads);
   AlignedBuffer<Real>& smoke = next_scalars_[usize(options.smoke)];
