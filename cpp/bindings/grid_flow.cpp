@@ -22,6 +22,8 @@ FlowOptions flow_options(const py::dict& given) {
                                             : FlowAdvection::kSemiLagrangian;
   o.tolerance = number(given, "tolerance");
   o.max_iterations = integer(given, "max_iterations");
+  o.smoke = integer(given, "smoke");
+  o.smoke_density = number(given, "smoke_density");
   for (const py::handle each : given["scalars"]) {
     const auto scalar = each.cast<py::dict>();
     o.scalars.push_back({.diffusivity = number(scalar, "diffusivity"),

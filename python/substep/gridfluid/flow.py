@@ -43,8 +43,16 @@ Start = ArrayLike | Callable[[Array], ArrayLike]
 
 ADVECTIONS = ("central", "maccormack", "semi_lagrangian")
 _CFL = {"central": 0.8, "maccormack": 2.0, "semi_lagrangian": 2.0}
+_MOST_RATIO = 1e4  # of two densities
 _AXES = "xyz"
-_UNITS = {"velocity": "m/s", "pressure": "Pa", "vorticity": "1/s", "temperature": "K", "smoke": "1"}
+_UNITS = {
+    "velocity": "m/s",
+    "pressure": "Pa",
+    "vorticity": "1/s",
+    "temperature": "K",
+    "smoke": "1",
+    "density": "kg/m^3",
+}
 
 
 @dataclass
@@ -90,10 +98,11 @@ class GridFlow(Simulation):
     density : float
         Density [kg/m^3], above 0; in 2D of a layer of 1 m.
     viscosity : float
-        Kinematic viscosity [m^2/s], at least 0.
+        Kinematic viscosity [m^2/s], at least 0; of two fluids that of both.
     gravity : array_like, shape (3,) or (2,), optional
         Acceleration [m/s^2] that acts on what heat and smoke make lighter or heavier; 9.81 downward
-        (along the last axis) unless given. Pressures are those beside the fluid's own weight.
+        (along the last axis) unless given. Pressures are those beside the weight of a fluid of
+        `density`.
     sides : str, Wall, Inflow or sequence
         What happens at the sides: 'wall', 'open' (pressure 0), 'periodic', a `Wall` or an `Inflow`;
         one for all, or for each axis one or a pair of the lower and the upper one.
@@ -115,6 +124,11 @@ class GridFlow(Simulation):
         Initial smoke [1], of cells as `velocity`; none is carried unless given.
     smoke_weight : float
         Part of the density that smoke of 1 adds.
+    smoke_density : float, optional
+        Density where smoke is 1 [kg/m^3], above 0, of which gravity and inertia are then those;
+        between 0 and 1 it is linear, and `density` is that without smoke. Smoke is then the part of
+        a cell that the second of two fluids fills, and moves by limited fluxes whatever
+        `advection` is. Neither `smoke_weight` nor `thermal_expansion` goes with it.
     smoke_diffusivity : float
         Diffusivity of smoke [m^2/s], at least 0.
     advection : {'central', 'maccormack', 'semi_lagrangian'}, optional
@@ -124,15 +138,16 @@ class GridFlow(Simulation):
     vorticity_confinement : float
         Strength [m/s], at least 0, of the force that spins up eddies.
     cfl : float, optional
-        Cells that the flow may pass in a step of `advance`: 0.8 with 'central' and 2 with the
-        others unless given.
+        Cells that the flow may pass in a step of `advance`: 0.8 with 'central' or two fluids, and 2
+        otherwise, unless given.
     step : float, optional
         Step of `advance` [s]; by `step_limit` unless given.
     largest_step : float
         Upper limit of `step_limit` [s], whatever the flow would allow; raise it where that is slow.
     tolerance : float
         Of the pressure: relative residual at which its iteration stops, above 0. A box without
-        obstacles needs no iteration unless its numbers of cells have prime factors above 13.
+        obstacles needs no iteration unless its numbers of cells have prime factors above 13, or
+        densities are two.
     max_iterations : int
         Limit of its iterations, at least 1.
     dtype : {'float32', 'float64'}
@@ -174,6 +189,7 @@ class GridFlow(Simulation):
     bounds: Array
     cell: float
     density: float
+    smoke_density: float | None
     viscosity: float
     advection: str
     cfl: float
@@ -201,6 +217,7 @@ class GridFlow(Simulation):
         thermal_diffusivity: float = 0.0,
         smoke: Start | None = None,
         smoke_weight: float = 0.0,
+        smoke_density: float | None = None,
         smoke_diffusivity: float = 0.0,
         advection: str | None = None,
         vorticity_confinement: float = 0.0,
@@ -226,11 +243,17 @@ class GridFlow(Simulation):
         self.density = check_real("density", density, positive=True)
         if not all(1e-30 < m < 1e30 for m in (self.cell**d, self.density * self.cell**d)):
             raise InputError(f"cell: the mass of a cell is out of range at {self.cell} m")
+        self.smoke_density = None
+        if smoke_density is not None:
+            self.smoke_density = self._check_two_fluids(
+                smoke_density, smoke, smoke_weight, thermal_expansion
+            )
         self.viscosity = check_real("viscosity", viscosity, nonnegative=True)
         if advection is None:
             advection = "central" if self.viscosity > 0 else "maccormack"
         self.advection = check_choice("advection", advection, ADVECTIONS)
-        self.cfl = check_real("cfl", _CFL[self.advection] if cfl is None else cfl, positive=True)
+        usual = _CFL[self.advection if smoke_density is None else "central"]
+        self.cfl = check_real("cfl", usual if cfl is None else cfl, positive=True)
         self._step_size = None if step is None else check_real("step", step, positive=True)
         self.largest_step = check_real("largest_step", largest_step, positive=True)
         self.colliders = check_colliders(colliders, d)
@@ -288,6 +311,8 @@ class GridFlow(Simulation):
                 "max_iterations", max_iterations, minimum=1, maximum=MOST_INT
             ),
             "scalars": [options for _, options in carried.values()],
+            "smoke": -1 if self.smoke_density is None else self._scalars.index("smoke"),
+            "smoke_density": self.smoke_density or self.density,
         }
         self._gravity = read_only(pull)
         super().__init__(self._make({}), time, threads)
@@ -299,6 +324,22 @@ class GridFlow(Simulation):
         emitters = [self._native_emitter(k, source) for k, source in enumerate(self.emitters)]
         colliders = [c._native for c in self.colliders]
         return _core.GridFlow(self._box, colliders, emitters, self._options, self.dtype.name)
+
+    def _check_two_fluids(
+        self, smoke_density: float, smoke: Start | None, smoke_weight: float, expansion: float
+    ) -> float:
+        density = check_real("smoke_density", smoke_density, positive=True)
+        if smoke is None:
+            raise InputError("smoke_density: needs smoke=, which says where it is")
+        for name, given in (("smoke_weight", smoke_weight), ("thermal_expansion", expansion)):
+            if given:
+                raise InputError(f"{name}: expected 0 with smoke_density, got {given}")
+        if not 1 / _MOST_RATIO <= density / self.density <= _MOST_RATIO:
+            raise InputError(
+                f"smoke_density: expected within a factor of {_MOST_RATIO:g} of the density of "
+                f"{self.density:g} kg/m^3, got {density:g}"
+            )
+        return density
 
     def _native_emitter(self, k: int, source: FlowEmitter) -> dict[str, Any]:
         rates = {"temperature": source.heating, "smoke": source.smoke_rate}
@@ -341,7 +382,7 @@ class GridFlow(Simulation):
 
     @property
     def pressure(self) -> Array:
-        """Pressure beside that of the fluid's own weight [Pa], shape (nx, ny[, nz]); a copy.
+        """Pressure beside that under the weight of `density` [Pa], shape (nx, ny[, nz]); a copy.
 
         In a closed region its mean is 0.
         """
@@ -364,6 +405,14 @@ class GridFlow(Simulation):
     def smoke(self) -> Array:
         """Smoke of cells [1], shape (nx, ny[, nz]); a copy. Where none is carried, empty."""
         return self._scalar("smoke")
+
+    @property
+    def densities(self) -> Array:
+        """Density of cells [kg/m^3], shape (nx, ny[, nz]); a copy."""
+        if self.smoke_density is None:
+            return read_only(np.full(self._cells, self.density))  # type: ignore[no-any-return]
+        part = np.clip(self.smoke, 0, 1)
+        return read_only(self.density + (self.smoke_density - self.density) * part)  # type: ignore[no-any-return]
 
     @property
     def in_fluid(self) -> NDArray[np.bool_]:
@@ -581,13 +630,21 @@ class GridFlow(Simulation):
         Returns
         -------
         dict of str to float
-            `kinetic_energy` and `energy`, the same [J]; `momentum_x`, `_y`, `_z` [N s]; `speed`,
-            the largest along an axis [m/s]; `divergence`, the largest of a cell [1/s];
+            `kinetic_energy` and `energy`, the same [J]; of two fluids `gravitational_energy`, 0 at
+            the origin, which `energy` then has in it, and `mass` [kg]; `momentum_x`, `_y`, `_z`
+            [N s]; `speed`, the largest along an axis [m/s]; `divergence`, the largest of a cell
+            [1/s];
             `mean_temperature` [K] and `mean_smoke`, where they are carried; of the last step
             `iterations` and `residual`.
         """
         sums, report = self._native.sums(), self.report
         values = {"kinetic_energy": sums.kinetic}
+        if self.smoke_density is not None:
+            masses = np.where(self.in_fluid, self.densities, 0) * self.cell**self._dimension
+            values["gravitational_energy"] = -float(
+                np.sum(masses * (self.positions_of() @ self._gravity))
+            )
+            values["mass"] = float(masses.sum())
         values |= {f"momentum_{axis}": sums.momentum[a] for a, axis in enumerate(_AXES)}
         values |= {"speed": sums.speed, "divergence": sums.divergence}
         values |= {f"mean_{name}": sums.scalars[k] for k, name in enumerate(self._scalars)}
@@ -608,7 +665,7 @@ class GridFlow(Simulation):
         -------
         dict of str to (ndarray, str)
             `velocity`, shape (nx, ny[, nz], d), `pressure`, `vorticity` as the attribute, and what
-            is carried, `temperature` and `smoke`, shape (nx, ny[, nz]).
+            is carried, `temperature` and `smoke`, shape (nx, ny[, nz]); of two fluids `density`.
 
         Raises
         ------
@@ -622,6 +679,8 @@ class GridFlow(Simulation):
             "vorticity": lambda: self._vorticity(velocity()),
         }
         arrays |= {name: partial(self._scalar, name) for name in self._scalars}
+        if self.smoke_density is not None:
+            arrays["density"] = lambda: self.densities
         wanted = arrays if names is None else [check_choice("names", n, arrays) for n in names]
         return {name: (arrays[name](), _UNITS[name]) for name in wanted}
 

@@ -116,7 +116,17 @@ class FlowOf final : public AnyGridFlow {
     flow_.project();
   }
   void set_scalar(int k, std::span<const double> values) override {
-    unpack(layout(), values, -1, flow_.scalar(usize(k)));
+    const std::span<Real> x = flow_.scalar(usize(k));
+    if (k != flow_.options.smoke) return unpack(layout(), values, -1, x);
+    read_colliders();
+    const std::vector<Real> before(x.begin(), x.end());
+    try {
+      unpack(layout(), values, -1, x);
+      flow_.settle();
+    } catch (...) {
+      std::copy(before.begin(), before.end(), x.begin());
+      throw;
+    }
   }
 
   double time() const override { return flow_.time; }

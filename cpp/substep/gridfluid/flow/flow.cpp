@@ -43,7 +43,7 @@ Flow<Real, D>::Flow(const Layout<D>& layout, const Vec3& low, double dx, const S
       sides_(layout, sides, ambients(options_), dx),
       sources_(std::move(sources)),
       obstacles_(layout, low, dx, colliders),
-      projection_(layout, open_sides<D>(sides)),
+      projection_(layout, open_sides<D>(sides), two_fluids()),
       face_diffusion_(D, Diffusion<Real, D>(layout)),
       cell_diffusion_(layout),
       paths_(layout) {
@@ -53,9 +53,10 @@ Flow<Real, D>::Flow(const Layout<D>& layout, const Vec3& low, double dx, const S
   if (!colliders.empty()) {
     for (AlignedBuffer<Real>& x : held_) assign(x, layout.size, Real(0));
   }
-  if (options.advection == FlowAdvection::kCentral) {
+  if (options.advection == FlowAdvection::kCentral || two_fluids()) {
     for (AlignedBuffer<Real>& x : given_) assign(x, layout.size, Real(0));
   }
+  if (two_fluids()) assign(density_, layout.size, Real(1));
   assign(pressure_, layout.size, 0.0);
   assign(rates_, layout.size, Real(0));
   scalars_.resize(options.scalars.size());
@@ -79,6 +80,7 @@ void Flow<Real, D>::step(double dt) {
   new_report_ = {};
   start(dt);
   if (!has_fluid_) throw SolverError("obstacles leave no fluid in the box", time + dt);
+  if (two_fluids()) carry_scalars(dt);
   if (options.advection == FlowAdvection::kCentral) {
     move_central(dt);
   } else {
@@ -86,7 +88,11 @@ void Flow<Real, D>::step(double dt) {
   }
   drive_sources(next_);
   correct(dt);
-  carry_scalars(dt);
+  if (two_fluids()) {
+    check_velocity();
+  } else {
+    carry_scalars(dt);
+  }
   check_scalars();
   push(dt);
   keep(dt);
@@ -99,6 +105,9 @@ void Flow<Real, D>::project() {
   start(0);
   if (!has_fluid_) throw InputError("colliders: they leave no fluid in the box");
   for (std::size_t a = 0; a < D; ++a) copy(start_[a], next_[a], options.threads);
+  for (std::size_t k = 0; k < scalars_.size(); ++k) {
+    copy(scalars_[k], next_scalars_[k], options.threads);
+  }
   drive_sources(next_);
   try {
     correct(0);
@@ -109,6 +118,7 @@ void Flow<Real, D>::project() {
   }
   check_velocity();
   for (std::size_t a = 0; a < D; ++a) velocity_[a].swap(next_[a]);
+  if (two_fluids()) return settle();
   std::fill(pressure_.begin(), pressure_.end(), 0.0);
   report = new_report_;
 }
@@ -158,6 +168,8 @@ void Flow<Real, D>::start(double dt) {
   for_numbers(layout_.size, threads, [&](std::size_t i) { q[i] = pressure_[i] * scale; });
   into_cells_.apply(layout_, q);
   wrap(layout_, q, threads);
+  fall_ = options.gravity * dt;
+  if (two_fluids()) find_density(span(scalars_[usize(options.smoke)]));
 }
 
 template <class Real, int D>
@@ -219,7 +231,7 @@ void Flow<Real, D>::drive_sources(Fields& fields) {
       const Real v = Real((*sources_[s].velocity)[static_cast<int>(a)]);
       for (const std::int64_t i : places_[s].faces[a]) {
         fields[a][usize(i)] = v;
-        if (!predicts()) projection_.add_gradient(obstacles_, a, i, i + 1, 1, span(fields[a]));
+        if (!predicts()) take_pressure(a, i, i + 1, 1, span(fields[a]));
       }
     }
   }
@@ -231,6 +243,7 @@ template <class Real, int D>
 void Flow<Real, D>::correct(double dt) {
   check_inflow();
   if (predicts()) take_pressure(next_, Real(1));
+  if (two_fluids()) weigh();
   for (std::size_t a = 0; a < D; ++a) wrap(layout_, span(next_[a]), options.threads);
   const double divergence = obstacles_.any() ? total_divergence(next_) : 0;
   const SolveReport got = projection_.project(obstacles_, spans(next_), options.tolerance,
@@ -365,12 +378,14 @@ void Flow<Real, D>::push(double dt) {
       const auto& o = options.scalars[k];
       sum += o.buoyancy * (double(next_scalars_[k][usize(i)]) - o.ambient);
     }
-    return -dt * options.gravity[static_cast<int>(a)] * sum;
+    const double fall = dt * options.gravity[static_cast<int>(a)];
+    return two_fluids() ? fall * (1 - 1 / double(density_[usize(i)])) : -fall * sum;
   };
   stress_.push(layout_, obstacles_, projection_.cells(),
                {.before = spans(velocity_),
                 .after = spans(next_),
                 .q = projection_.q(),
+                .density = {density_.data(), density_.size()},
                 .mass = mass(),
                 .courant = courant,
                 .shear = options.viscosity * courant / dx_,

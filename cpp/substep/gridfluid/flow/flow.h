@@ -5,6 +5,11 @@
 // (Boussinesq: p is what is left of the pressure beside that of the fluid at rest.) A step predicts
 // the velocities with the pressure of the step before, and corrects both by a projection: van Kan,
 // "A second-order accurate pressure-correction scheme for viscous incompressible flow", 1986.
+//
+// Two fluids (options.smoke): rho is that of each place, f = (1 - rho_0 / rho) g with the density
+// rho_0 of the options, and p is what is left of the pressure beside that of a fluid of rho_0 at
+// rest. Densities move first, with the velocities of the step before, and velocities then with
+// them, so that waves neither grow nor die by it (flow_density.cpp).
 #pragma once
 
 #include <array>
@@ -36,10 +41,13 @@ class Flow {
   // more flows into a closed region than out, NonFiniteError.
   void step(double dt);
   // Takes from the velocities what has a divergence, and sets the pressure to 0. InputError where
-  // there is no fluid, or more flows into a closed box than out.
+  // there is no fluid, or more flows into a closed box than out. The pressure of two fluids becomes
+  // that of settle().
   void project();
   // Gives faces in walls and inflows what these say; to be called where velocities were written.
   void hold_sides();
+  // Of two fluids whose densities or velocities are new: the pressure under their weight.
+  void settle();
 
   FlowSums sums();
   FlowLimits limits() const;
@@ -54,7 +62,7 @@ class Flow {
   std::span<const Real> velocity(std::size_t a) const { return span(velocity_[a]); }
   std::span<Real> scalar(std::size_t k) { return span(scalars_[k]); }
   std::span<const Real> scalar(std::size_t k) const { return span(scalars_[k]); }
-  // Over the density [m^2/s^2].
+  // Over the density of the options [m^2/s^2].
   std::span<double> pressure() { return {pressure_.data(), pressure_.size()}; }
   std::span<const double> pressure() const { return {pressure_.data(), pressure_.size()}; }
   // As obstacles are now.
@@ -80,12 +88,22 @@ class Flow {
   bool predicts() const;
   bool needs_pressure() const;
   void take_pressure(Fields& fields, Real factor);
+  void take_pressure(std::size_t a, std::int64_t begin, std::int64_t end, Real factor,
+                     std::span<Real> x) const;
+  bool two_fluids() const { return options.smoke >= 0; }
+  Real density_of(Real smoke) const;
+  void find_density(std::span<const Real> smoke);
+  void add_weight(std::size_t a, std::int64_t begin, std::int64_t end, Real factor,
+                  std::span<Real> x) const;
+  void add_stress(std::span<Real> x, std::size_t a, double k) const;
+  void weigh();
   void add_given(Fields& fields, double dt);
   void find_passing(const Velocity<Real, D>& u);
   void move_central(double dt);
   void move_along_paths(double dt);
   void drive_sources(Fields& fields);
   void correct(double dt);
+  Velocity<Real, D> carrying() { return spans(two_fluids() ? velocity_ : change_); }
   void carry_scalars(double dt);
   void carry_limited(std::size_t k, double dt);
   void carry_along_paths(std::size_t k, double dt);
@@ -131,7 +149,8 @@ class Flow {
   Velocity<Real, D> start_;
   Fields held_, next_, change_, given_, passing_;
   std::vector<AlignedBuffer<Real>> start_scalars_, next_scalars_;
-  AlignedBuffer<Real> rates_;
+  AlignedBuffer<Real> rates_, density_;  // of two fluids, in parts of the options' density
+  Vec3 fall_ = Vec3::Zero();             // gravity times dt [m/s]
   FlowReport new_report_;
 };
 

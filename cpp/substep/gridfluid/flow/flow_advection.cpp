@@ -29,15 +29,22 @@ bool Flow<Real, D>::needs_pressure() const {
                      [](const FlowSource& source) { return source.velocity.has_value(); });
 }
 
-// u += factor grad q, where and as the projection takes it.
+// u += factor grad q, where and as the projection takes it; of two fluids with their weight.
 template <class Real, int D>
 void Flow<Real, D>::take_pressure(Fields& fields, Real factor) {
   for (std::size_t a = 0; a < D; ++a) {
     for_rows(layout_, sides_.free_faces(a), options.threads,
              [&](std::int64_t begin, std::int64_t end) {
-               projection_.add_gradient(obstacles_, a, begin, end, factor, span(fields[a]));
+               take_pressure(a, begin, end, factor, span(fields[a]));
              });
   }
+}
+
+template <class Real, int D>
+void Flow<Real, D>::take_pressure(std::size_t a, std::int64_t begin, std::int64_t end, Real factor,
+                                  std::span<Real> x) const {
+  projection_.add_gradient(obstacles_, a, begin, end, factor, x);
+  if (two_fluids()) add_weight(a, begin, end, -factor, x);
 }
 
 // Adds the change of velocities that a step brings beside advection and viscosity, of what it
@@ -59,6 +66,9 @@ void Flow<Real, D>::add_given(Fields& fields, double dt) {
                  }
                });
     }
+  }
+  for (std::size_t a = 0; a < D && two_fluids() && options.viscosity > 0; ++a) {
+    add_stress(span(fields[a]), a, number(options.viscosity, dt));
   }
   if (options.vorticity_confinement > 0) {
     Confinement<Real, D>::add(layout_, sides_, start_, options.vorticity_confinement * dt / dx_,
@@ -88,7 +98,7 @@ void Flow<Real, D>::solve(Diffusion<Real, D>& diffusion, double k, std::span<Rea
     if (of < D) {
       sides_.fill_change(x, of, options.threads);
     } else {
-      sides_.fill_scalar_change(x, of - D, spans(change_), options.threads);
+      sides_.fill_scalar_change(x, of - D, carrying(), options.threads);
     }
   };
   const DiffusionReport got = diffusion.solve(Real(k), d, refill, options.viscosity_tolerance,
@@ -211,8 +221,9 @@ void Flow<Real, D>::diffuse(Diffusion<Real, D>& diffusion, double k, std::span<R
 template <class Real, int D>
 void Flow<Real, D>::carry_scalars(double dt) {
   if (scalars_.empty()) return check_velocity();
-  const bool central = options.advection == FlowAdvection::kCentral;
-  for (std::size_t a = 0; a < D; ++a) {  // by the mean of velocities before and after, checked too
+  const bool central = options.advection == FlowAdvection::kCentral || two_fluids();
+  // By the mean of velocities before and after, checked too.
+  for (std::size_t a = 0; a < D && !two_fluids(); ++a) {
     const std::span<Real> mean = span(change_[a]);
     const auto of_row = [&](std::int64_t begin, std::int64_t end) {
       for (std::int64_t i = begin; i < end; ++i) {
@@ -239,7 +250,7 @@ template <class Real, int D>
 void Flow<Real, D>::carry_limited(std::size_t k, double dt) {
   const double diffusivity = options.scalars[k].diffusivity;
   const double n = number(diffusivity, dt), part = implicit_part(n);
-  const Velocity<Real, D> u = spans(change_);
+  const Velocity<Real, D> u = carrying();
   const std::span<Real> given = span(given_[0]), change = span(given_[1]);  // not needed any more
   const std::span<Real> next = span(next_scalars_[k]);
   const auto start = span(std::as_const(start_scalars_[k]));
@@ -295,6 +306,8 @@ void Flow<Real, D>::carry_along_paths(std::size_t k, double dt) {
   template bool Flow<Real, D>::predicts() const;                                                 \
   template bool Flow<Real, D>::needs_pressure() const;                                           \
   template void Flow<Real, D>::take_pressure(Fields&, Real);                                     \
+  template void Flow<Real, D>::take_pressure(std::size_t, std::int64_t, std::int64_t, Real,      \
+                                             std::span<Real>) const;                             \
   template void Flow<Real, D>::add_given(Fields&, double);                                       \
   template void Flow<Real, D>::hold(std::size_t, std::span<Real>) const;                         \
   template double Flow<Real, D>::implicit_part(double) const;                                    \

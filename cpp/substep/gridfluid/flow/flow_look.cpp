@@ -35,6 +35,8 @@ FlowSums Flow<Real, D>::sums() {
     for (std::int64_t i = begin; i < end; ++i) {
       if (cells[usize(i)] != Cell::kFluid) continue;
       double divergence = 0;
+      const double rho =
+          two_fluids() ? double(density_of(scalars_[usize(options.smoke)][usize(i)])) : 1;
       for (std::size_t a = 0; a < D; ++a) {
         double largest = 0;
         for (std::size_t end_of = 0; end_of < 2; ++end_of) {
@@ -43,8 +45,8 @@ FlowSums Flow<Real, D>::sums() {
           const int axis = static_cast<int>(a);
           const double open = cut ? double(obstacles_.open(axis)[f]) : 1;
           const double theirs = moving ? double(obstacles_.velocity(axis)[f]) : 0;
-          part.kinetic += open * v * v / 4;
-          part.momentum[a] += open * v / 2;
+          part.kinetic += rho * open * v * v / 4;
+          part.momentum[a] += rho * open * v / 2;
           divergence += (end_of == 0 ? -1 : 1) * (open * v + (1 - open) * theirs);
           largest = std::max(largest, std::abs(v));
         }
@@ -119,6 +121,10 @@ FlowLimits Flow<Real, D>::limits() const {
         most([&](std::int64_t i) { return std::abs(scalars_[k][usize(i)] - ambient); });
     limits.acceleration +=
         options.gravity.norm() * std::abs(options.scalars[k].buoyancy) * difference;
+  }
+  if (two_fluids()) {  // as a ball of the lighter one in the heavier
+    const auto [light, heavy] = std::minmax(options.density, options.smoke_density);
+    limits.acceleration += options.gravity.norm() * (heavy - light) / (light + heavy / 2);
   }
   return limits;
 }

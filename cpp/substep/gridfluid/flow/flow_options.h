@@ -36,7 +36,11 @@ struct FlowOptions {
   double vorticity_confinement = 0;  // [m/s]
   FlowAdvection advection = FlowAdvection::kCentral;
   std::vector<ScalarOptions> scalars;
-  double tolerance = 1e-4;  // of the pressure
+  // The number of the scalar that tells two fluids apart: where it is 1 the density is another,
+  // between 0 and 1 linear, and gravity acts on all of it. -1: the density is the same everywhere.
+  int smoke = -1;
+  double smoke_density = 1;  // [kg/m^3]
+  double tolerance = 1e-4;   // of the pressure
   int max_iterations = 500;
   double viscosity_tolerance = 1e-5;
   int viscosity_iterations = 500;

@@ -24,6 +24,7 @@ class Stress {
   struct Step {
     Velocity<Real, D> before, after;  // with ghosts
     std::span<const double> q;        // pressure times dt / (density cell) [m/s]
+    std::span<const Real> density;    // of cells, in parts of that of `mass`; empty: 1
     double mass;                      // of a full cell [kg]
     double courant, shear;            // dt, and kinematic viscosity times it, over a cell [s/m, m]
     std::function<double(std::int64_t, std::size_t)> pull;  // on a cell, along an axis [m/s]

@@ -10,8 +10,8 @@
 namespace substep::gridfluid {
 
 template <class Real, int D>
-Projection<Real, D>::Projection(const Layout<D>& layout, const OpenSides<D>& open)
-    : layout_(layout), all_(layout), open_(open) {
+Projection<Real, D>::Projection(const Layout<D>& layout, const OpenSides<D>& open, bool varies)
+    : layout_(layout), all_(layout), open_(open), varies_(varies) {
   assign(cells_, layout.size, Cell::kSolid);
   assign(b_, layout.size, Real(0));
   assign(q_, layout.size, 0.0);
@@ -22,20 +22,32 @@ template <class Real, int D>
 void Projection<Real, D>::set_domain(const Obstacles<Real, D>& obstacles, std::span<const Real> phi,
                                      int threads) {
   find_cells(obstacles, phi, threads);
-  find_weights(obstacles, phi, threads);
+  if (varies_) return;
+  find_weights(obstacles, phi, {}, threads);
   if (phi.empty() && !obstacles.any() && TransformSolver<Real, D>::can(layout_)) {
     solver_.reset();
     direct_.emplace(layout_, open_);
   } else {
     direct_.reset();
-    if (!solver_) solver_.emplace(layout_);
-    solver_->set_matrix(weights(), cells(), threads);
+    set_matrix(threads);
   }
 }
 
 template <class Real, int D>
 const FluidRows<D>& Projection<Real, D>::fluid() const {
   return direct_ ? all_ : solver_->fluid();
+}
+
+template <class Real, int D>
+void Projection<Real, D>::set_density(const Obstacles<Real, D>& obstacles,
+                                      std::span<const Real> density, int threads) {
+  find_weights(obstacles, {}, density, threads);
+}
+
+template <class Real, int D>
+void Projection<Real, D>::set_matrix(int threads) {
+  if (!solver_) solver_.emplace(layout_);
+  solver_->set_matrix(weights(), cells(), threads);
 }
 
 template <class Real, int D>
@@ -74,7 +86,8 @@ void Projection<Real, D>::find_cells(const Obstacles<Real, D>& obstacles, std::s
 
 template <class Real, int D>
 void Projection<Real, D>::find_weights(const Obstacles<Real, D>& obstacles,
-                                       std::span<const Real> phi, int threads) {
+                                       std::span<const Real> phi, std::span<const Real> density,
+                                       int threads) {
   for (int a = 0; a < D; ++a) {
     const std::int64_t s = layout_.stride[usize(a)];
     const std::span<const Real> part =
@@ -98,6 +111,7 @@ void Projection<Real, D>::find_weights(const Obstacles<Real, D>& obstacles,
                    }
                    w = Real(1 / std::max(theta, kThinnest));
                  }
+                 if (!density.empty()) w *= 2 / (density[usize(i - s)] + density[usize(i)]);
                  weight[usize(i)] = part.empty() ? w : w * part[usize(i)];
                }
              });

@@ -10,8 +10,12 @@
 // second order accurate pressure boundary condition for free surface flows", 2003. At an open side
 // of the box theta_f = 1/2. At its other sides A_f = 0, and u_f is what is prescribed there.
 //
-// Where fluid fills the box and no obstacles are in it, and the numbers of cells allow, q is found
-// by transforms, else by iteration.
+// Where the density varies from cell to cell (set_density), it is here that of q, and A_f is
+// divided by the mean of it in the two cells beside the face: a flow passes the halves between
+// their middles one after the other. At an open side it is that of the cell.
+//
+// Where fluid of one density fills the box and no obstacles are in it, and the numbers of cells
+// allow, q is found by transforms, else by iteration.
 #pragma once
 
 #include <array>
@@ -35,12 +39,17 @@ using Velocity = std::array<std::span<Real>, D>;  // of the faces [m/s]
 template <class Real, int D>
 class Projection {
  public:
-  Projection(const Layout<D>& layout, const OpenSides<D>& open);
+  // varies: whether set_density() and set_matrix() say what the weights are.
+  Projection(const Layout<D>& layout, const OpenSides<D>& open, bool varies = false);
 
   // phi: of the liquid at the middle of cells, below 0 inside, in cells, in ghosts too: beyond open
   // sides the negative of what is within. Empty where the fluid fills all that obstacles leave. To
   // be called before project(), when one of them has changed.
   void set_domain(const Obstacles<Real, D>& obstacles, std::span<const Real> phi, int threads);
+  // density: of cells and ghosts, in parts of that of q. add_gradient() looks at it from here on,
+  // project() from set_matrix().
+  void set_density(const Obstacles<Real, D>& obstacles, std::span<const Real> density, int threads);
+  void set_matrix(int threads);
   // Where the report is that it has not converged, u is as it was.
   SolveReport project(const Obstacles<Real, D>& obstacles, Velocity<Real, D> u, double tolerance,
                       int max_iterations, int threads);
@@ -58,7 +67,8 @@ class Projection {
   // Of the last call of project(), the first guess of the next.
   std::span<double> q() { return {q_.data(), q_.size()}; }
   std::span<const Cell> cells() const { return {cells_.data(), cells_.size()}; }
-  // A_f / theta_f; above 0 where a fluid cell is on one side of an open face.
+  // A_f / theta_f, over the density where that varies; above 0 where a fluid cell is on one side of
+  // an open face.
   std::span<const Real> weight(int axis) const {
     return {weight_[usize(axis)].data(), weight_[usize(axis)].size()};
   }
@@ -67,7 +77,8 @@ class Projection {
   static constexpr double kThinnest = 0.01;  // theta; without a bound q would not be
 
   void find_cells(const Obstacles<Real, D>& obstacles, std::span<const Real> phi, int threads);
-  void find_weights(const Obstacles<Real, D>& obstacles, std::span<const Real> phi, int threads);
+  void find_weights(const Obstacles<Real, D>& obstacles, std::span<const Real> phi,
+                    std::span<const Real> density, int threads);
   std::array<std::span<const Real>, D> weights() const;
   void find_divergence(const Obstacles<Real, D>& obstacles, const Velocity<Real, D>& u,
                        int threads);
@@ -80,6 +91,7 @@ class Projection {
   Layout<D> layout_;
   FluidRows<D> all_;
   OpenSides<D> open_;
+  bool varies_;
   AlignedBuffer<Cell> cells_;
   std::array<AlignedBuffer<Real>, D> weight_;
   AlignedBuffer<Real> b_;
