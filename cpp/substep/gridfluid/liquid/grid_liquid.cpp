@@ -114,6 +114,7 @@ void GridLiquid<Real, D>::step(double dt) {
     find_domain();
     pass_to_grid();
     accelerate(dt);
+    if (options.surface_tension > 0) pull_surface(dt);
     project(dt);
     if (options.keep_volume) find_displacement();
     move_obstacles(dt);
@@ -205,6 +206,14 @@ void GridLiquid<Real, D>::accelerate(double dt) {
     for (Real& u : u_[usize(a)]) u += du;
   }
   for_walls([&](std::size_t a, std::int64_t face) { u_[a][usize(face)] = 0; });
+}
+
+template <class Real, int D>
+void GridLiquid<Real, D>::pull_surface(double dt) {
+  const double q_of_curvature =
+      options.surface_tension * dt / (options.density * options.cell * options.cell);
+  surface_tension_.pull(layout, obstacles, projection_, phi_.data(), q_of_curvature, spans(u_),
+                        options.threads);
 }
 
 // each(axis, face) for those of the sides that are walls.
