@@ -24,6 +24,7 @@ gridfluid::LiquidOptions grid_liquid_options(const py::dict& given) {
                                     : gridfluid::Transfer::kApic;
   o.flip_rate = number(given, "flip_rate");
   o.viscosity = number(given, "viscosity");
+  o.surface_tension = number(given, "surface_tension");
   o.slip = flag(given, "slip");
   o.tolerance = number(given, "tolerance");
   o.max_iterations = integer(given, "max_iterations");

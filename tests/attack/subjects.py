@@ -376,7 +376,7 @@ def flowing_water():
 
 
 def running_honey():
-    """A viscous liquid in 2D from a nozzle onto a ball that moves."""
+    """A viscous liquid with surface tension, in 2D, from a nozzle onto a ball that moves."""
     tap = substep.Emitter((0.5, 0.9), (0, -1), 1.0, radius=0.1)
     ball = substep.Collider(substep.Sphere(0.2, (0.5, 0.1, 0)), velocity=(0.1, 0, 0))
     return substep.GridLiquid(
@@ -384,6 +384,7 @@ def running_honey():
         cell=0.125,
         bounds=((0, 0), (1, 1)),
         viscosity=0.1,
+        surface_tension=0.1,
         colliders=[ball],
         emitters=[tap],
     )
@@ -933,6 +934,7 @@ def functions():
             cell=0.5,
             bounds=((-1, -1, -1), (1, 1, 1)),
             viscosity=0.1,
+            surface_tension=0.1,
             slip=True,
         ),
         call("GridFlow", bounds=[(0, 0), (1, 1)], cell=0.25, velocity=(1.0, 0), sides="periodic"),

@@ -73,8 +73,8 @@ class GridLiquid(Particles):
     to the grid, adds gravity, makes them free of divergence, with the free surface and obstacles at
     their true places between the nodes, passes them back and moves the particles along (FLIP, APIC
     or PIC). Above the surface is nothing: air at pressure 0. Viscosity is implicit, and leaves what
-    turns alone, so that a thread of honey coils; there is no surface tension. docs/grid_liquid.md
-    has the equations, and what this is not.
+    turns alone, so that a thread of honey coils; surface tension is explicit, from a smoothed
+    surface. docs/grid_liquid.md has the equations, and what this is not.
 
     Parameters
     ----------
@@ -105,6 +105,8 @@ class GridLiquid(Particles):
         With 'flip', the part of it, from 0 to 1; the rest is PIC.
     viscosity : float
         Kinematic viscosity [m^2/s], at least 0.
+    surface_tension : float
+        Of the surface [N/m], at least 0; water has 0.073. The surface meets walls at a right angle.
     slip : bool
         Whether a viscous liquid passes along walls, and faces of obstacles along the axes, freely,
         instead of being held. Without viscosity it always does.
@@ -145,6 +147,8 @@ class GridLiquid(Particles):
     ACM Trans. Graph. 26(3), 2007 (obstacles).
     Batty and Bridson, "Accurate viscous free surfaces for buckling, coiling, and rotating liquids",
     SCA 2008, eq. 8 (`viscosity`).
+    Kang, Fedkiw and Liu, "A boundary condition capturing method for multiphase incompressible
+    flow", J. Sci. Comput. 15, 2000 (`surface_tension`).
     Kugelstadt et al., "Implicit density projection for volume conserving liquids", IEEE TVCG 27(4),
     2021 (`keep_volume`).
 
@@ -166,6 +170,7 @@ class GridLiquid(Particles):
     density: float
     transfer: str
     viscosity: float
+    surface_tension: float
     sides: tuple[tuple[str, str], ...]
     cfl: float
     dtype: np.dtype[Any]
@@ -184,6 +189,7 @@ class GridLiquid(Particles):
         transfer: str = "apic",
         flip_rate: float = 0.97,
         viscosity: float = 0.0,
+        surface_tension: float = 0.0,
         slip: bool = False,
         keep_volume: bool = True,
         tolerance: float = 1e-4,
@@ -218,6 +224,7 @@ class GridLiquid(Particles):
         if rate > 1:
             raise InputError(f"flip_rate: expected a number from 0 to 1, got {rate}")
         self.viscosity = check_real("viscosity", viscosity, nonnegative=True)
+        self.surface_tension = check_real("surface_tension", surface_tension, nonnegative=True)
         self.cfl = check_real("cfl", cfl, positive=True)
         self._step_size = None if step is None else check_real("step", step, positive=True)
         check_cells_fit(cells, self.dtype)
@@ -235,6 +242,7 @@ class GridLiquid(Particles):
             "transfer": self.transfer,
             "flip_rate": rate,
             "viscosity": self.viscosity,
+            "surface_tension": self.surface_tension,
             "slip": check_flag("slip", slip),
             "tolerance": check_real("tolerance", tolerance, positive=True),
             "max_iterations": check_integer(
@@ -403,13 +411,14 @@ class GridLiquid(Particles):
         return self.step_limit()[0] if self._step_size is None else self._step_size
 
     def step_limit(self) -> tuple[float, str]:
-        """Largest step that the CFL condition allows now, and why.
+        """Largest step that the CFL condition and capillary waves allow now, and why.
 
         Returns
         -------
         float
             The step [s], in which nothing moves by more than `cfl` cells: neither the fastest
-            particle, with what gravity adds, nor an obstacle; at most 1/30 s.
+            particle, with what gravity adds, nor an obstacle; at most 1/30 s. With surface tension
+            at most sqrt(rho dx^3 / (2 pi sigma)), for capillary waves.
         str
             The reason.
         """
@@ -420,6 +429,12 @@ class GridLiquid(Particles):
         way = self.cfl * self.cell
         whole = speed + math.sqrt(speed * speed + 4 * pull * way)
         limit = 2 * way / whole if whole > 0 else math.inf
+        if self.surface_tension > 0:
+            mass = self.density * self.cell**3
+            waves = math.sqrt(mass / (2 * math.pi * self.surface_tension))
+            if waves < min(limit, _LARGEST_STEP):
+                tension = f"with a surface tension of {self.surface_tension:g} N/m"
+                return waves, f"capillary waves of a cell's size, {tension}"
         if limit >= _LARGEST_STEP:
             return _LARGEST_STEP, "nothing moves fast enough to need a shorter one"
         return limit, f"CFL {self.cfl:g} at a speed of {speed:.4g} m/s and a pull of {pull:.4g}"

@@ -115,6 +115,7 @@ void GridLiquid<Real, D>::step(double dt) {
     projection_.set_domain(obstacles, {phi_.data(), phi_.size()}, options.threads);
     pass_to_grid();
     accelerate(dt);
+    if (options.surface_tension > 0) pull_surface(dt);
     project(dt);
     if (options.keep_volume) find_displacement();
     move_obstacles(dt);
@@ -223,6 +224,14 @@ void GridLiquid<Real, D>::accelerate(double dt) {
     for_numbers(layout.size, options.threads, [&](std::size_t i) { u_[usize(a)][i] += du; });
   }
   for_walls([&](std::size_t a, std::int64_t face) { u_[a][usize(face)] = 0; });
+}
+
+template <class Real, int D>
+void GridLiquid<Real, D>::pull_surface(double dt) {
+  const double q_of_curvature =
+      options.surface_tension * dt / (options.density * options.cell * options.cell);
+  surface_tension_.pull(layout, obstacles, projection_, phi_.data(), q_of_curvature, spans(u_),
+                        options.threads);
 }
 
 // each(axis, face) for those of the sides that are walls.

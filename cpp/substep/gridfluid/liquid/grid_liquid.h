@@ -21,6 +21,7 @@
 #include "substep/gridfluid/particles/surface.h"
 #include "substep/gridfluid/pressure/obstacles.h"
 #include "substep/gridfluid/pressure/projection.h"
+#include "substep/gridfluid/pressure/surface_tension.h"
 #include "substep/gridfluid/viscosity/viscosity.h"
 
 namespace substep::gridfluid {
@@ -78,6 +79,7 @@ class GridLiquid {
   void extend_surface();
   void pass_to_grid();
   void accelerate(double dt);
+  void pull_surface(double dt);
   void project(double dt);
   void make_incompressible(double guess);
   void change_around();
@@ -114,6 +116,7 @@ class GridLiquid {
   Extrapolation<Real, D> extrapolate_;
   AlignedBuffer<double> new_q_;
   Projection<Real, D> projection_;
+  SurfaceTension<Real, D> surface_tension_;
   Viscosity<Real, D> viscosity_;
   std::vector<geometry::Exchange> shear_;  // that colliders were given
 };

@@ -30,9 +30,10 @@ struct LiquidOptions {
   double density = 1000;  // [kg/m^3]
   Vec3 gravity = {0, 0, -9.81};
   Transfer transfer = Transfer::kApic;
-  double flip_rate = 1;  // of FLIP; the rest is PIC
-  double viscosity = 0;  // kinematic [m^2/s]
-  bool slip = false;     // whether it passes along walls and obstacles in spite of it
+  double flip_rate = 1;        // of FLIP; the rest is PIC
+  double viscosity = 0;        // kinematic [m^2/s]
+  double surface_tension = 0;  // [N/m]
+  bool slip = false;           // whether it passes along walls and obstacles in spite of it
   double viscosity_tolerance = 1e-4;
   int viscosity_iterations = 300;
   double tolerance = 1e-4;
