@@ -119,6 +119,7 @@ def periods(liquid, length, count):
     return 2 * np.diff(zeros), np.array(peaks)
 
 
+@pytest.mark.figure
 @pytest.mark.parametrize("depth", [0.25, 0.375, 0.5, 1.0])
 @pytest.mark.parametrize("transfer", ["apic", "flip"])
 def test_sloshing_has_the_period_of_linear_waves(depth, transfer):
@@ -137,6 +138,7 @@ def test_sloshing_has_the_period_of_linear_waves(depth, transfer):
 FRONT = np.array([[0.832, 1.217], [1.219, 1.474], [1.997, 2.292], [2.547, 2.995], [3.345, 4.134]])
 
 
+@pytest.mark.figure
 @pytest.mark.parametrize("transfer", ["apic", "flip"])
 def test_the_front_of_a_dam_break_is_that_of_martin_and_moyce(transfer):
     """After one shift of time, by at most 0.3, for the gate that they pulled."""

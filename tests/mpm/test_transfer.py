@@ -97,6 +97,7 @@ def turning_disk(steps, **options):
     return body.diagnostics()["angular_momentum_z"] / before
 
 
+@pytest.mark.figure
 def test_turning_disk():
     """APIC keeps the angular momentum over a turn, PIC loses it, FLIP a little.
 
@@ -144,6 +145,7 @@ def test_same_bits_for_any_number_of_threads(kernel, transfer, form, dtype):
             assert a.tobytes() == b.tobytes()
 
 
+@pytest.mark.figure
 def test_forms_agree_as_cells_shrink():
     """What the forms differ by vanishes with the cell: in a squeezed square, at 8 and 32 cells."""
 

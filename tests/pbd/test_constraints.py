@@ -579,6 +579,7 @@ def test_path_lengths_are_the_shortest():
     np.testing.assert_allclose(tether.lengths, expected[tether.particles[:, 1]])
 
 
+@pytest.mark.figure
 @pytest.mark.parametrize("bending", ["isometric", "dihedral"])
 def test_a_strip_comes_to_rest_in_its_minimum(bending):
     """A clamped strip under its weight, against the linear system K z = -m g of small bends."""
@@ -640,6 +641,7 @@ def test_isometric_bending_keeps_a_curved_shape():
     assert np.abs(c).max() > 0.01
 
 
+@pytest.mark.figure
 @pytest.mark.parametrize("gravity", [1.0, 9.81])
 @pytest.mark.parametrize("poisson_ratio", [0.0, 0.3, 0.45])
 def test_a_neo_hookean_bar_comes_to_rest_where_implicit_euler_does(poisson_ratio, gravity):
@@ -681,6 +683,7 @@ def uniaxial(stress, modulus, nu):
     return along, across
 
 
+@pytest.mark.figure
 def test_a_neo_hookean_cube_is_hookes_law():
     """Pulled at one face while three others slide: E by its length, nu by its width."""
     modulus, nu, side, stress = 1e5, 0.35, 0.1, 1e3

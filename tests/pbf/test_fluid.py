@@ -547,6 +547,7 @@ needs_reference = pytest.mark.skipif(not REFERENCE.exists(), reason="no referenc
 
 
 @needs_reference
+@pytest.mark.figure
 def test_dam_break_front_small():
     position, _, slope = front_error(4096)
     assert position < 0.06 and abs(slope) < 0.1
@@ -594,8 +595,8 @@ def slosh(height, duration, n=40, seed=None, **options):
         axis=1,
     )
     tank = substep.Collider(substep.Box((1, 3, 1), (0.5, 1.5, 0)), hollow=True)
-    liquid = substep.PositionBasedFluid(
-        x, length / n, velocities=start, colliders=[tank], **options
+    liquid = substep.PositionBasedFluid(  # too small for two threads
+        x, length / n, velocities=start, colliders=[tank], threads=1, **options
     )
     times, centres = [], []
     while liquid.time < duration:
@@ -611,6 +612,7 @@ def slosh(height, duration, n=40, seed=None, **options):
     return fit[0] / (2 * amplitude / math.pi**2 / height), omega / fit[1]
 
 
+@pytest.mark.figure
 def test_sloshing_is_a_little_fast():
     """The period comes out 4 % short (docs/pbf.md)."""
     amplitude, period = slosh(0.5, 3.6)
@@ -618,7 +620,8 @@ def test_sloshing_is_a_little_fast():
     assert -0.06 < period - 1 < 0
 
 
-@pytest.mark.parametrize(("height", "starts"), [(0.25, 8), (0.5, 3), (1.0, 3)])
+@pytest.mark.figure
+@pytest.mark.parametrize(("height", "starts"), [(0.25, 8), (0.5, 2), (1.0, 1)])
 def test_divergence_free_sloshing_has_its_period(height, starts):
     """Within 1 %: -0.7, -0.3, -0.1 %, means of starts that differ by 1e-4 spacings.
 

@@ -7,6 +7,7 @@ exception of substep), "identical" (all frames right), "prefix" (the first frame
 """
 
 import collections
+import functools
 import json
 import os
 import random
@@ -33,6 +34,7 @@ PARTS = {
 OUTCOMES = ("identical", "prefix", "error", "WRONG", "MemoryError", "other exception")
 
 
+@functools.cache
 def frame(k):
     rng = np.random.default_rng(k)
     n = 20 + k

@@ -203,6 +203,7 @@ def tumbling(integrator, step):
     )
 
 
+@pytest.mark.figure
 def test_smooth_motion_of_a_stiff_cloth_takes_few_iterations():
     # Hung by two corners, in the midst of its swing. With tensions as they are, where a small turn
     # of a stiff spring looks like a great force, Newton's method takes 6 to 9 iterations a step.

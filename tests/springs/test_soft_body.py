@@ -306,6 +306,7 @@ def jelly_on_incline(angle_deg, friction=0.5):
     return body, ground, R[:, 0]
 
 
+@pytest.mark.figure
 def test_a_jelly_slips_beyond_the_angle_of_friction_and_never_penetrates():
     critical = math.degrees(math.atan(0.5))
     for offset in (-0.5, 0.5):
