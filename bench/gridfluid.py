@@ -6,10 +6,10 @@ particles, "iterations" those of the pressure in the last of them, "memory" what
 grown by, over the cells. Of a closed box without obstacles "projection" takes the divergence from
 velocities (float32), beside SciPy's cosine transform and back (float64), least of eight, and "cpu"
 is the processor time of both. Below an open top, with and without a ball in the box, it is solved
-for to 1e-6; the least of four, beside pyamg's cycles (Ruge and Stueben's, with conjugate gradients,
-float64, one thread; "setup" finds its levels). Smoke is hot and rises in a closed box whose air
-turns already; float32, tolerance 1e-3, in steps of at most 0.7 cells for central fluxes and 1.5
-along paths; "step" is the least of six. Prints JSON lines
+for to 1e-6 (that with the ball includes what it cuts); the least of four, beside pyamg's cycles
+(Ruge and Stueben's, with conjugate gradients, float64, one thread; "setup" finds its levels). Smoke
+is hot and rises in a closed box whose air turns already; float32, tolerance 1e-3, in steps of at
+most 0.7 cells for central fluxes and 1.5 along paths; "step" is the least of six. Prints JSON lines
 {workload, peer, metric, value, unit, threads, isa}. python bench/gridfluid.py [--quick]
 """
 

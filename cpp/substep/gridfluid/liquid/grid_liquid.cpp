@@ -252,13 +252,15 @@ void GridLiquid<Real, D>::for_walls(const Each& each) const {
 // at walls a second one takes.
 template <class Real, int D>
 void GridLiquid<Real, D>::project(double dt) {
-  new_q_.reset(q.size());
-  for_numbers(layout.size, options.threads, [&](std::size_t i) { new_q_[i] = 0; });
   make_incompressible(last_dt > 0 ? dt / last_dt : 0);
+  new_q_.reset(q.size());
+  copy(projection_.q(), new_q_, options.threads);
   if (options.viscosity > 0) {
     change_around();
     make_viscous(dt);
     make_incompressible(0);
+    const std::span<const double> more = projection_.q();
+    for_numbers(layout.size, options.threads, [&](std::size_t i) { new_q_[i] += more[i]; });
     viscosity_.mark(faces(weight_));
   }
   fill_around(u_, kLayers);
@@ -287,7 +289,6 @@ void GridLiquid<Real, D>::make_incompressible(double guess) {
                                "(tolerance=)",
                            time);
   }
-  for_numbers(layout.size, options.threads, [&](std::size_t i) { new_q_[i] += next_q[i]; });
   find_valid();
 }
 
@@ -422,7 +423,7 @@ void GridLiquid<Real, D>::find_displacement() {
       projection_.spread(obstacles, {density_.data(), density_.size()}, spans(shift_), kTolerance,
                          kIterations, options.threads);
   new_report_.volume_iterations = solved.iterations;
-  find_valid();
+  if (options.viscosity > 0) find_valid();  // without, they are known from the velocities
   fill_around(shift_, 1);
 }
 
