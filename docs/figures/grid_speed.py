@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+from matplotlib.ticker import NullFormatter
 
 FOLDER = Path(__file__).resolve().parent
 COLOURS = {  # Okabe and Ito's
@@ -33,7 +34,8 @@ def draw(axes, found, kinds, title, **labels):
                 style = dict(color=COLOURS[kind], label=label, markersize=4)
                 axes.loglog(*zip(*points, strict=True), line, **style)
     axes.set(title=title, **labels)
-    axes.set_ylim(bottom=1)
+    axes.set_ylim(bottom=10)
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.legend(fontsize="x-small")
 
 
