@@ -328,7 +328,8 @@ def _picture_of(
     picture = view if scene is None or view is not None else scene.picture
     if picture is None:
         picture = plain_picture if _is_flat(recording) else View()
-    for name, value in (("camera", camera), ("color", color)):
+    changes: dict[str, Any] = {"camera": camera, "color": color}
+    for name, value in changes.items():
         if value is not None:
             if not isinstance(picture, View):
                 raise InputError(f"{name}: only pictures in three dimensions have one")

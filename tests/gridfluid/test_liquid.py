@@ -50,7 +50,7 @@ def test_a_pool_stays_at_rest_under_its_hydrostatic_pressure(transfer, dtype):
 @pytest.mark.parametrize("n", [32, 64])
 @pytest.mark.parametrize("obstacle", ["ball", "slope"])
 def test_still_water_around_obstacles(obstacle, n):
-    """At rest to rounding; counts of particles beside a ball are rough, and `keep_volume` sees it."""
+    """At rest to rounding, but that `keep_volume` sees how rough counts are beside a ball."""
     solid = {
         "ball": substep.Sphere(0.15, (0.5, 0.22, 0)),
         "slope": substep.Plane((-math.sin(0.4), math.cos(0.4), 0), point=(0.5, 0.2, 0)),
