@@ -239,6 +239,38 @@ def test_bits_do_not_depend_on_threads_and_go_through_a_checkpoint(advection, dt
 # ---------------------------------------------------------------------------- sides, obstacles
 
 
+@pytest.mark.parametrize("advection", ["central", "maccormack"])
+def test_internal_waves_neither_grow_nor_die(advection):
+    """In a stratified box, omega^2 = N^2 k^2 / (k^2 + l^2), in 30 steps a period."""
+
+    def temperature(x):
+        return 10 * x[:, 1] + 0.1 * np.cos(np.pi * x[:, 0]) * np.sin(np.pi * x[:, 1])
+
+    flow = substep.GridFlow(
+        [(0, 0), (1, 1)],
+        1 / 32,
+        gravity=(0, -1),
+        temperature=temperature,
+        thermal_expansion=0.1,
+        sides=Wall(slip=True),
+        advection=advection,
+        dtype="float64",
+    )
+    x, y = np.moveaxis(flow.positions_of(), -1, 0)
+    mode = np.cos(np.pi * x) * np.sin(np.pi * y)
+
+    def amplitude():
+        return 4 * ((flow.temperature - 10 * y) * mode).mean() / 0.1
+
+    step = 2 * np.pi / math.sqrt(0.5) / 30
+    for _ in range(15):
+        flow.step(step)
+    assert amplitude() == pytest.approx(-1, abs=0.05)
+    for _ in range(15):
+        flow.step(step)
+    assert amplitude() == pytest.approx(1, abs=0.08)
+
+
 def test_flow_between_plates_is_a_parabola():
     """u = y (1 - y) / (2 nu) dp/dx: the mean is 1 of an inflow of 1, the largest 1.5."""
     flow = substep.GridFlow(

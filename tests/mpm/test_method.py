@@ -32,7 +32,7 @@ def mixture(dimension=3, **options):
     v = 0.8 * np.sin(7 * x[:, ::-1]) - 0.5
     up = np.eye(dimension)[-1]
     slope = substep.Collider(substep.Plane([*(0.2 * np.roll(up, 1) + up), 0.0][:3]), friction=0.4)
-    ball = substep.Collider(substep.Sphere(0.15, (0.2, 0.1, 0.2)))
+    ball = substep.Collider(substep.Sphere(0.15, (0.2, 0.1, 0.2 * (dimension - 2))))
     options = {
         "materials": [
             mpm.Snow(young_modulus=2e4),

@@ -118,9 +118,9 @@ void Flow<Real, D>::project() {
   }
   check_velocity();
   for (std::size_t a = 0; a < D; ++a) velocity_[a].swap(next_[a]);
-  if (two_fluids()) return settle();
-  std::fill(pressure_.begin(), pressure_.end(), 0.0);
   report = new_report_;
+  std::fill(pressure_.begin(), pressure_.end(), 0.0);
+  if (two_fluids()) settle();
 }
 
 template <class Real, int D>

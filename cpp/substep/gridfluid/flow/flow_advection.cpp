@@ -222,12 +222,17 @@ template <class Real, int D>
 void Flow<Real, D>::carry_scalars(double dt) {
   if (scalars_.empty()) return check_velocity();
   const bool central = options.advection == FlowAdvection::kCentral || two_fluids();
-  // By the mean of velocities before and after, checked too.
+  // By the mean of velocities before and after, checked too; but what pulls on the flow by those
+  // after, so that waves neither grow nor die by the step.
+  const bool pulls = options.gravity.norm() > 0 &&
+                     std::any_of(options.scalars.begin(), options.scalars.end(),
+                                 [](const ScalarOptions& o) { return o.buoyancy != 0; });
+  const Real before = pulls ? 0 : 0.5, after = 1 - before;
   for (std::size_t a = 0; a < D && !two_fluids(); ++a) {
     const std::span<Real> mean = span(change_[a]);
     const auto of_row = [&](std::int64_t begin, std::int64_t end) {
       for (std::int64_t i = begin; i < end; ++i) {
-        mean[usize(i)] = (start_[a][usize(i)] + next_[a][usize(i)]) / 2;
+        mean[usize(i)] = before * start_[a][usize(i)] + after * next_[a][usize(i)];
       }
       return first_wrong(next_[a], begin, end);
     };

@@ -68,6 +68,8 @@ class GridLiquid {
   AlignedBuffer<double> q;  // pressure of the last step, times dt / (density cell) [m/s]
 
  private:
+  static constexpr double kMargin = 1e-3;  // that particles keep from sides and obstacles [cells]
+
   using Field = AlignedBuffer<Real>;
   using Fields = std::array<Field, D>;
 
