@@ -271,6 +271,21 @@ def test_internal_waves_neither_grow_nor_die(advection):
     assert amplitude() == pytest.approx(1, abs=0.08)
 
 
+def test_an_obstacle_that_reaches_into_a_wall_goes_through_a_checkpoint(tmp_path):
+    def pushed():
+        ball = substep.Collider(substep.Sphere(0.12, (0.85, 0.6, 0)), velocity=(0.2, 0, 0))
+        return substep.GridFlow(SQUARE, 1 / 12, colliders=[ball], sides=["wall", ("wall", "open")])
+
+    flow, other = pushed(), pushed()
+    for _ in range(40):
+        flow.step(0.02)
+    flow.save(tmp_path / "flow")
+    other.load(tmp_path / "flow")
+    for _ in range(2):
+        assert content(other) == content(flow)
+        flow.step(0.02), other.step(0.02)
+
+
 def test_flow_between_plates_is_a_parabola():
     """u = y (1 - y) / (2 nu) dp/dx: the mean is 1 of an inflow of 1, the largest 1.5."""
     flow = substep.GridFlow(

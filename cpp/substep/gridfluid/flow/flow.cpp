@@ -125,6 +125,7 @@ void Flow<Real, D>::project() {
 
 template <class Real, int D>
 void Flow<Real, D>::hold_sides() {
+  if (!colliders.empty()) return;  // which may reach into sides: start() does it in the copy
   for (std::size_t a = 0; a < D; ++a) sides_.set_normal(span(velocity_[a]), a, options.threads);
 }
 
@@ -138,7 +139,10 @@ void Flow<Real, D>::start(double dt) {
   const int threads = options.threads;
   for (std::size_t a = 0; a < D; ++a) {
     start_[a] = span(obstacles_.any() ? held_[a] : velocity_[a]);
-    if (obstacles_.any()) copy(velocity_[a], held_[a], threads);
+    if (obstacles_.any()) {
+      copy(velocity_[a], held_[a], threads);
+      sides_.set_normal(start_[a], a, threads);
+    }
     if (options.slip) {
       into_faces_[a].apply(layout_, start_[a]);
     } else {
