@@ -108,8 +108,8 @@ class GridLiquid(Particles):
     surface_tension : float
         Of the surface [N/m], at least 0; water has 0.073. The surface meets walls at a right angle.
     slip : bool
-        Whether a viscous liquid passes along walls, and faces of obstacles along the axes, freely,
-        instead of being held. Without viscosity it always does.
+        Whether a viscous liquid passes along walls and obstacles freely, instead of being held.
+        Without viscosity it always does.
     keep_volume : bool
         Spread the particles so that full cells keep as many as they should, by a second pressure
         solve that moves them and leaves their velocities.

@@ -209,7 +209,7 @@ struct Slabs {
   std::vector<int> begin{0};  // of each, and the end of the last
 };
 
-// use(begin, end) for slabs of planes.
+// use(slab, begin, end) for slabs of planes.
 template <int D, class Use>
 void for_slabs(const Slabs<D>& slabs, const Use& use, int threads) {
   const auto run = [&](std::int64_t s) {
