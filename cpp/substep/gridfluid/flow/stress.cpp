@@ -69,10 +69,8 @@ Vec3 Stress<Real, D>::through(const Layout<D>& layout, std::span<const Cell> cel
     const bool inner = layout.cells[axis] > 1 && is_fluid(behind);
     return inner ? here + (here - step.q[usize(behind)]) / 2 : here;
   };
-  const auto density = [&](std::int64_t j) {
-    return step.density.empty() ? 1.0 : double(step.density[usize(j)]);
-  };
-  const double own = density(i), mean_density = (own + density(side ? i : other)) / 2;
+  const double own = step.density_of(i);
+  const double mean_density = (own + step.density_of(side ? i : other)) / 2;
   const auto along = double(u[axis][usize(f)]);
   Vec3 sum = Vec3::Zero();
   for (std::size_t b = 0; b < D; ++b) {
@@ -120,8 +118,7 @@ void Stress<Real, D>::push(const Layout<D>& layout, Obstacles<Real, D>& obstacle
       };
       kept[static_cast<int>(a)] = (sum(step.after) - sum(step.before)) / 2 - step.pull(i, a);
     }
-    const double density = step.density.empty() ? 1 : double(step.density[usize(i)]);
-    part[near.collider].add(arm, -near.room * density * mass * kept);
+    part[near.collider].add(arm, -near.room * step.density_of(i) * mass * kept);
   };
   parallel_for(
       count, kCellsOfTask,

@@ -11,6 +11,7 @@
 #include <span>
 #include <vector>
 
+#include "substep/core/usize.h"
 #include "substep/gridfluid/pressure/projection.h"
 
 namespace substep::gridfluid {
@@ -28,6 +29,10 @@ class Stress {
     double mass;                      // of a full cell [kg]
     double courant, shear;            // dt, and kinematic viscosity times it, over a cell [s/m, m]
     std::function<double(std::int64_t, std::size_t)> pull;  // on a cell, along an axis [m/s]
+
+    double density_of(std::int64_t i) const {
+      return density.empty() ? 1 : double(density[usize(i)]);
+    }
   };
   // Sets exchange() of the obstacles' colliders.
   void push(const Layout<D>& layout, Obstacles<Real, D>& obstacles, std::span<const Cell> cells,
