@@ -120,18 +120,19 @@ def coefficients(cylinder, mean):
 
 
 @pytest.mark.slow
+@pytest.mark.figure
 def test_cylinder_2d_1():
     """Re 20: drag, lift and pressure drop (FeatFlow, finest; docs/grid_flow.md)."""
     reference = np.array([5.57953523, 0.01061895, 0.11752017])
     errors = []
-    for n in (41, 82):
+    for n in (41, 123):
         flow, cylinder = channel(n, 0.3)
         flow.advance(6.0)
         flow.advance(0.1)
         drop = np.subtract(*flow.sample([(0.15, 0.2), (0.25, 0.2)])["pressure"])
         found = np.append(coefficients(cylinder, 0.2), drop)
         errors.append(np.abs(found / reference - 1))
-    assert (errors[0] < [0.01, 0.12, 0.06]).all() and (errors[1] < [0.01, 0.04, 0.03]).all(), errors
+    assert (errors[0] < [0.01, 0.12, 0.06]).all() and (errors[1] < [0.01, 0.02, 0.02]).all(), errors
 
 
 def test_a_cylinder_in_the_middle_has_no_lift():
