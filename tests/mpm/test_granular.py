@@ -118,6 +118,49 @@ def test_run_out_does_not_depend_on_stiffness():
     assert np.ptp(fronts) < 0.05 * min(fronts)
 
 
+def layer_on_a_slope(friction_angle, tilt, cells=8, length=300):
+    """Speed in the middle of a layer of sand on rough ground, half a second and 1.5 s after it may.
+
+    Shorter ones follow what runs off at their foot: those of 100 cells still move at 25 degrees.
+    """
+    cell = 0.05
+    h = cell / 2
+    axes = [h * (np.arange(2 * n) + 0.5) for n in (length, cells)]
+    x = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    weight = 1600 * GRAVITY * cells * cell
+    simulation = substep.MaterialPointMethod(
+        x,
+        Sand(young_modulus=100 * weight, friction_angle=friction_angle),
+        cell=cell,
+        volume=h**2,
+        gravity=GRAVITY * np.array([np.sin(tilt), -np.cos(tilt)]),
+        colliders=[substep.Plane((0, 1, 0))],
+        boundary="sticky",
+    )
+    middle = np.abs(x[:, 0] - x[:, 0].mean()) < 0.15 * length * cell
+    speeds = []
+    for duration in (0.5, 1.0):
+        simulation.advance(duration)
+        speeds.append(simulation.velocities[middle, 0].mean())
+    return speeds
+
+
+@pytest.mark.parametrize("angle_deg", [20, 30, 40])
+def test_a_slope_holds_up_to_the_sine_of_the_friction_angle(angle_deg):
+    """A degree below tan(slope) = sin(phi) it comes to rest; a degree above, friction is sin(phi).
+
+    19.0, 26.6 and 32.6 degrees where 18.9, 26.6 and 32.7 are expected.
+    """
+    friction_angle = np.radians(angle_deg)
+    expected, degree = np.arctan(np.sin(friction_angle)), np.radians(1.0)
+    before, after = layer_on_a_slope(friction_angle, expected - degree)
+    assert abs(after) < 0.02 < before
+    tilt = expected + degree
+    before, after = layer_on_a_slope(friction_angle, tilt)
+    friction = np.tan(tilt) - (after - before) / (GRAVITY * np.cos(tilt))
+    assert np.arctan(friction) == pytest.approx(expected, abs=0.3 * degree)
+
+
 def flanks(stiffness, at):
     """Slopes [deg] of a heap that a thin stream at x = `at` has piled up on rough ground."""
     area, speed, half, cell, top = 0.45, 0.3, 0.05, 0.05, 0.65
