@@ -48,12 +48,13 @@ void smooth_row(const Layout<D>& layout, std::int64_t row, const Real* from, Rea
 }
 
 // With n = grad c / |grad c|, H the second derivatives of c and P = I - n n: kappa = -div n and
-// grad n = P H P / |grad c|, by central differences. Specks and bubbles so small that c hardly
-// shows them have none, or the differences over them would drive them about.
+// grad n = P H P / |grad c|, by central differences. It is at most that of a ball of two cells, or
+// specks, which c hardly shows, would be pulled apart by differences over them.
 template <class Real, int D>
 Real curvature_of(const Layout<D>& layout, const Real* c) {
   constexpr Real kFlat = Real(1e-5);  // where |grad c|^2 is less, c has no direction
-  constexpr Real kFar = 2;            // that the surface may be away [cells]
+  constexpr Real kFar = 8;            // that the surface may be away [cells]
+  constexpr Real kMost = Real(D - 1) / 2;
   std::array<Real, D> g, Hg{};
   std::array<std::array<Real, D>, D> H;
   Real square = kFlat;
@@ -83,8 +84,8 @@ Real curvature_of(const Layout<D>& layout, const Real* c) {
   const Real outside = std::clamp((Real(0.5) - c[0]) / length, -kFar, kFar);
   const Real here =
       kappa + (outside - Real(kBeyond) * kappa) * (change + static_cast<Real>(kDrawIn));
-  const Real shown = std::clamp(10 * std::min(c[0], 1 - c[0]) - Real(0.5), Real(0), Real(1));
-  return shown * std::clamp(here, Real(1 - D), Real(D - 1));
+  const Real shown = std::clamp(50 * std::min(c[0], 1 - c[0]) - Real(0.5), Real(0), Real(1));
+  return shown * std::clamp(here, -kMost, kMost);
 }
 
 // to = from after kSweeps.
