@@ -561,7 +561,7 @@ def drift():
     return substep.Advection(current(), [[0.5, 0.5], [1.0, 1.5]], step=0.05, method="heun")
 
 
-_PARTICLES = (call("remove", ids=[1, 0]),)
+_PARTICLES = (call("remove", ids=lambda owner: owner.ids[:2]),)
 _ONE = [[0.3, 0.3, 0.7]]
 _ONE_IN = {2: [[0.3, 0.7]], 3: _ONE}
 OWN_CALLS = {
