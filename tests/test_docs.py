@@ -58,7 +58,7 @@ def test_code_is_fenced_with_its_language(page):
 )
 def test_python_blocks_run(page, tmp_path, monkeypatch):
     monkeypatch.setenv("MPLBACKEND", "Agg")
-    if page.stem in ("rendering", "rigid_robots"):
+    if page.stem in ("grid_liquid", "rendering", "rigid_robots"):
         pytest.importorskip("pyvista", reason="PyVista is not installed")
     if page.stem == "rigid_robots":
         pytest.importorskip("mujoco", reason="MuJoCo is not installed")

@@ -140,11 +140,30 @@ def grid_liquid(substep):
         bounds=((-1, -1, 0), (1, 1, 1)),
         sides=("periodic", ("wall", "open"), "wall"),
         colliders=[substep.Sphere(0.3, (0.25, 0.25, 0.0))],
+        step=0.01,
         **_flow(substep),
     )
     made.advance(0.1)
     made.remove(made.ids[::5])
     made.set_forces(np.ones((len(made), 3)))
+    return made
+
+
+def grid_flow(substep):
+    """Oil on water past a ball that moves, with an inflow and heat that is carried along."""
+    made = substep.GridFlow(
+        ((0, 0), (1, 1)),
+        0.125,
+        density=1000.0,
+        smoke=lambda x: (x[:, 1] > 0.5).astype(float),
+        smoke_density=800.0,
+        temperature=1.0,
+        viscosity=0.01,
+        sides=((substep.gridfluid.Inflow((0.5, 0), smoke=0.5), "open"), "wall"),
+        colliders=[substep.Collider(substep.Sphere(0.2, (0.5, 0.4, 0)), velocity=(0, 0.1, 0))],
+        step=0.01,
+    )
+    made.advance(0.05)
     return made
 
 
@@ -306,6 +325,8 @@ MAKERS = {
         mpm_plane,
         pbf,
         pbf_plane,
+        grid_liquid,
+        grid_flow,
         pbd,
         pbd_free,
         pbd_levels,

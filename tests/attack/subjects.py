@@ -303,6 +303,7 @@ def simulations():
         "PositionBasedFluid (divergence-free)": divergence_free_liquid,
         "GridLiquid (flowing)": flowing_water,
         "GridLiquid (viscous)": running_honey,
+        "GridFlow (two fluids)": oil_and_water,
         "MaterialPointMethod (flowing)": flowing_grains,
         "MaterialPointMethod (implicit)": implicit_jelly,
         "RigidBodies (joints)": machine,
@@ -387,6 +388,28 @@ def running_honey():
         surface_tension=0.1,
         colliders=[ball],
         emitters=[tap],
+    )
+
+
+def oil_and_water():
+    """Oil on water in a channel, with an inflow, a ball that moves and a source of oil."""
+    ball = substep.Collider(substep.Sphere(0.2, (0.5, 0.4, 0)), velocity=(0, 0.1, 0))
+    region = substep.Sphere(0.1, (0.8, 0.2, 0))
+    into = substep.gridfluid.Inflow((0.5, 0), smoke=0.5)
+    return substep.GridFlow(
+        ((0, 0), (1, 1)),
+        0.125,
+        density=1000.0,
+        smoke=lambda x: (x[:, 1] > 0.5).astype(float),
+        smoke_density=800.0,
+        viscosity=0.01,
+        sides=((into, "open"), "wall"),
+        slip=True,
+        colliders=[ball],
+        emitters=[substep.gridfluid.FlowEmitter(region, smoke=1.0, velocity=(0, 0.5))],
+        temperature=1.0,
+        vorticity_confinement=0.1,
+        dtype="float64",
     )
 
 
@@ -538,7 +561,7 @@ def drift():
     return substep.Advection(current(), [[0.5, 0.5], [1.0, 1.5]], step=0.05, method="heun")
 
 
-_PARTICLES = (call("remove", ids=[1, 0]),)
+_PARTICLES = (call("remove", ids=lambda owner: owner.ids[:2]),)
 _ONE = [[0.3, 0.3, 0.7]]
 _ONE_IN = {2: [[0.3, 0.7]], 3: _ONE}
 OWN_CALLS = {

@@ -12,6 +12,47 @@ from substep.gridfluid import FlowEmitter, Inflow, Wall
 SQUARE = [(0.0, 0.0), (1.0, 1.0)]
 
 
+@pytest.mark.parametrize("cfl", [1e-300, 1e306, 1e308])
+def test_any_courant_number_gives_a_step(cfl):
+    water = substep.fill_box((0, 0), (0.5, 0.5), 0.0625)
+    for made in (
+        substep.GridFlow(SQUARE, 0.125, velocity=(1.0, 0.0), sides="periodic", cfl=cfl),
+        substep.GridLiquid(water, cell=0.125, bounds=SQUARE, cfl=cfl),
+    ):
+        limit, reason = made.step_limit()
+        assert (0 < limit < 1e-100) if cfl < 1 else (1 / 100 < limit < 1 / 20), reason
+        made.advance(2 * limit)
+        assert made.report.steps == 2
+
+
+@pytest.mark.parametrize("x", [2.0, -1.0, 1e308, -1e308])
+def test_a_depth_out_of_the_box_is_refused(x):
+    water = substep.fill_box((0, 0), (0.5, 0.5), 0.0625)
+    liquid = substep.GridLiquid(water, cell=0.125, bounds=SQUARE)
+    with pytest.raises(InputError, match="points"):
+        liquid.depth([[x]])
+
+
+def test_an_obstacle_over_a_periodic_side_is_given_twice():
+    """What docs/grid_flow.md says: from both sides it is the one that stands within, moved."""
+    speeds = {}
+    for middles in ((0.5,), (0.0, 1.0)):
+        balls = [substep.Sphere(0.2, (x, 0.5, 0)) for x in middles]
+        flow = substep.GridFlow(
+            SQUARE,
+            0.125,
+            velocity=(1.0, 0.3),
+            sides="periodic",
+            colliders=balls,
+            dtype="float64",
+            tolerance=1e-10,
+        )
+        flow.step(0.01)
+        speeds[middles] = flow.velocity
+    within, over = speeds.values()
+    assert np.allclose(np.roll(within, 4, axis=0), over, atol=1e-6)
+
+
 def test_an_obstacle_that_comes_to_cover_an_open_box_is_told():
     lid = substep.Collider(substep.Box((4, 4, 4), (0.5, 3.2, 0)), velocity=(0, -1, 0))
     flow = substep.GridFlow(SQUARE, 0.125, sides="open", colliders=[lid], smoke=1.0)

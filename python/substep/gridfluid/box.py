@@ -31,6 +31,13 @@ def check_cells_fit(cells: tuple[int, ...], dtype: np.dtype[Any]) -> None:
         )
 
 
+def time_of_way(length: float, speed: float, pull: float) -> float:
+    """Time [s] in which what goes at a speed, and is pulled on, covers a length; else infinite."""
+    # speed t + pull t^2 / 2 = length
+    root = speed + math.sqrt(speed * speed + 2 * pull * length)
+    return 2 * length / root if 0 < root < math.inf else math.inf
+
+
 def check_open_sides(sides: Any, cells: tuple[int, ...]) -> tuple[tuple[str, str], ...]:
     """Kinds of the lower and upper side of each axis."""
     d = len(cells)

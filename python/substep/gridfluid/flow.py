@@ -35,7 +35,7 @@ from ..geometry.colliders import (
     restore_colliders,
 )
 from ..particles.emitters import check_all
-from .box import check_cells_fit, curl
+from .box import check_cells_fit, curl, time_of_way
 from .sides import FlowEmitter, Side, Wall, check_flow_sides, native_side
 
 Array = NDArray[np.float64]
@@ -616,13 +616,11 @@ class GridFlow(Simulation):
             for c in self.colliders
         ]
         speed = max(speeds) + self._options["vorticity_confinement"]
-        length, a = self.cfl * self.cell, limits.acceleration
-        # speed t + a t^2 / 2 = length
-        root = speed + math.sqrt(speed**2 + 2 * a * length)
+        limit = time_of_way(self.cfl * self.cell, speed, limits.acceleration)
         longest = min(limits.longest, self.largest_step)
-        if not 0 < root < math.inf or 2 * length / root >= longest:
+        if limit >= longest:
             return longest, "largest_step" if longest == self.largest_step else "diffusion"
-        return 2 * length / root, f"CFL {self.cfl:g} at a speed of {speed:.4g} m/s"
+        return limit, f"CFL {self.cfl:g} at a speed of {speed:.4g} m/s"
 
     def diagnostics(self) -> dict[str, float]:
         """Sums over the flow, and what the last step met.

@@ -29,7 +29,7 @@ from ..geometry import Collider, Shape
 from ..geometry.colliders import check_colliders
 from ..particles.emitters import Emitter, Sink
 from ..particles.state import Particles
-from .box import check_cells_fit, check_open_sides, interpolate
+from .box import check_cells_fit, check_open_sides, interpolate, time_of_way
 
 Array = NDArray[np.float64]
 
@@ -345,7 +345,9 @@ class GridLiquid(Particles):
         """
         sides = self.bounds[:, :-1]
         x = check_array("points", points, (None, self._dimension - 1))
-        at = np.clip((x - sides[0]) / self.cell - 0.5, 0, np.array(self._cells[:-1]) - 1)
+        at = np.clip(
+            (x.clip(*sides) - sides[0]) / self.cell - 0.5, 0, np.array(self._cells[:-1]) - 1
+        )
         low = at.min(axis=0, initial=np.inf).clip(0, np.array(self._cells[:-1]) - 1).astype(int)
         high = np.ceil(at.max(axis=0, initial=0)).astype(int) + 1
         block = tuple(slice(i, j) for i, j in zip(low, high, strict=True))
@@ -426,9 +428,7 @@ class GridLiquid(Particles):
         speed = max([self._native.fastest, *(emitter.speed for emitter in self.emitters)])
         speed = max([speed, *(self._speed_of(collider) for collider in self.colliders)])
         # The root of v dt + g dt^2 = cfl dx.
-        way = self.cfl * self.cell
-        whole = speed + math.sqrt(speed * speed + 4 * pull * way)
-        limit = 2 * way / whole if whole > 0 else math.inf
+        limit = time_of_way(self.cfl * self.cell, speed, 2 * pull)
         if self.surface_tension > 0:
             mass = self.density * self.cell**3
             waves = math.sqrt(mass / (2 * math.pi * self.surface_tension))
