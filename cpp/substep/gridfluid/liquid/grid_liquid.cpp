@@ -180,6 +180,8 @@ void GridLiquid<Real, D>::project(double dt) {
   if (options.viscosity > 0) {
     change_around();
     make_viscous(dt);
+    viscosity_.add_pressure(obstacles, spans(u_), projection_.cells(),
+                            {new_q_.data(), new_q_.size()}, options.threads);
     make_incompressible(0);
     const std::span<const double> more = projection_.q();
     for_numbers(layout.size, options.threads, [&](std::size_t i) { new_q_[i] += more[i]; });
@@ -242,6 +244,12 @@ void GridLiquid<Real, D>::make_viscous(double dt) {
   if (!solved.finite) {
     throw NonFiniteError("the velocities or the viscosity are too large; take a shorter step",
                          time);
+  }
+  if (!solved.converged) {
+    throw ConvergenceError("the viscosity was not solved for in " +
+                               std::to_string(solved.iterations) +
+                               " iterations; take a shorter step or less viscosity",
+                           time);
   }
 }
 
