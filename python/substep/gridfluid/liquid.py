@@ -48,7 +48,7 @@ class LiquidReport(StepReport):
     viscosity_iterations : int
         Of the solve for the viscosity, in the last step.
     viscosity_converged : bool
-        Whether it reached its tolerance.
+        Whether it reached its tolerance: a step in which it does not is a `ConvergenceError`.
     volume_iterations : int
         Of the solve that spreads the particles evenly, in the last step.
     mean_error : float

@@ -10,6 +10,7 @@
 #include "substep/core/usize.h"
 #include "substep/gridfluid/grid/ghosts.h"
 #include "substep/gridfluid/grid/loops.h"
+#include "substep/gridfluid/grid/text.h"
 
 namespace substep::gridfluid {
 namespace {
@@ -72,8 +73,8 @@ template <class Real, int D>
 void Flow<Real, D>::step(double dt) {
   const double longest = longest_step();
   if (dt > longest) {
-    throw SolverError("in a step of " + std::to_string(dt) + " s more diffuses than numbers can " +
-                          "hold; take steps of at most " + std::to_string(longest) +
+    throw SolverError("in a step of " + text(dt) + " s more diffuses than numbers can " +
+                          "hold; take steps of at most " + text(longest) +
                           " s, or dtype='float64'",
                       time);
   }
@@ -118,9 +119,8 @@ void Flow<Real, D>::project() {
   }
   check_velocity();
   for (std::size_t a = 0; a < D; ++a) velocity_[a].swap(next_[a]);
+  two_fluids() ? settle() : std::fill(pressure_.begin(), pressure_.end(), 0.0);
   report = new_report_;
-  std::fill(pressure_.begin(), pressure_.end(), 0.0);
-  if (two_fluids()) settle();
 }
 
 template <class Real, int D>
@@ -262,7 +262,7 @@ void Flow<Real, D>::correct(double dt) {
     if (!std::isfinite(got.residual)) check_velocity();
     throw ConvergenceError("the pressure did not converge: after " +
                                std::to_string(got.iterations) + " iterations its residual is " +
-                               std::to_string(got.residual) +
+                               text(got.residual) +
                                "; take shorter steps, a larger tolerance or more iterations",
                            time + dt);
   }
@@ -281,7 +281,7 @@ void Flow<Real, D>::check_regions(const SolveReport& got, double divergence, dou
     theirs = std::max(theirs, c.velocity.norm());
   }
   if (net <= kMost * std::max(fastest, theirs)) return;
-  throw SolverError("in a region that is closed " + std::to_string(net * std::pow(dx_, D - 1)) +
+  throw SolverError("in a region that is closed " + text(net * std::pow(dx_, D - 1)) +
                         (D == 2 ? " m^2/s" : " m^3/s") +
                         " more flow in than out; obstacles cannot squeeze what does not yield",
                     time + dt);
@@ -331,7 +331,7 @@ void Flow<Real, D>::check_inflow() const {
   }
   if (std::abs(net) <= 1e-5 * all) return;
   const double flow = net * std::pow(dx_, D - 1);
-  throw InputError("sides: " + std::to_string(flow) + (D == 2 ? " m^2/s" : " m^3/s") +
+  throw InputError("sides: " + text(flow) + (D == 2 ? " m^2/s" : " m^3/s") +
                    " more flow into the closed box than out; open a side, or let as much flow out");
 }
 

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <utility>
 
+#include "substep/core/interrupt.h"
 #include "substep/core/usize.h"
 #include "substep/gridfluid/flow/flow.h"
 #include "substep/gridfluid/grid/ghosts.h"
@@ -102,6 +103,7 @@ void Flow<Real, D>::settle() {
                       options.threads);
   const std::span<const double> q = projection_.q();
   const std::span<const Cell> cells = projection_.cells();
+  const DeferInterrupts deferred;  // from here on nothing fails
   for_numbers(layout_.size, options.threads, [&](std::size_t i) {
     const double p = q[i] * dx_;
     pressure_[i] = cells[i] == Cell::kFluid && std::isfinite(p) ? p : 0.0;

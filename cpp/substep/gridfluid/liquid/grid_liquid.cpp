@@ -14,6 +14,7 @@
 #include "substep/core/usize.h"
 #include "substep/gridfluid/grid/ghosts.h"
 #include "substep/gridfluid/grid/loops.h"
+#include "substep/gridfluid/grid/text.h"
 #include "substep/gridfluid/grid/sides.h"
 #include "substep/gridfluid/particles/density.h"
 #include "substep/gridfluid/particles/surface.h"
@@ -180,6 +181,8 @@ void GridLiquid<Real, D>::project(double dt) {
   if (options.viscosity > 0) {
     change_around();
     make_viscous(dt);
+    viscosity_.add_pressure(obstacles, spans(u_), projection_.cells(),
+                            {new_q_.data(), new_q_.size()}, options.threads);
     make_incompressible(0);
     const std::span<const double> more = projection_.q();
     for_numbers(layout.size, options.threads, [&](std::size_t i) { new_q_[i] += more[i]; });
@@ -205,7 +208,7 @@ void GridLiquid<Real, D>::make_incompressible(double guess) {
   }
   if (!solved.converged) {
     throw ConvergenceError("the pressure has a relative residual of " +
-                               std::to_string(solved.residual) + " after " +
+                               text(solved.residual) + " after " +
                                std::to_string(solved.iterations) +
                                " iterations; allow more (max_iterations=) or a larger one "
                                "(tolerance=)",
@@ -242,6 +245,12 @@ void GridLiquid<Real, D>::make_viscous(double dt) {
   if (!solved.finite) {
     throw NonFiniteError("the velocities or the viscosity are too large; take a shorter step",
                          time);
+  }
+  if (!solved.converged) {
+    throw ConvergenceError("the viscosity was not solved for in " +
+                               std::to_string(solved.iterations) +
+                               " iterations; take a shorter step or less viscosity",
+                           time);
   }
 }
 

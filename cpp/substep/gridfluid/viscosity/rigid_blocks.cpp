@@ -10,7 +10,7 @@ namespace {
 
 constexpr int kBlock = 4;         // cells along a block of the first level
 constexpr int kDirect = 48;       // blocks that are solved for directly
-constexpr double kEnlarge = 1.5;  // corrections, which blocks make too stiff
+constexpr double kEnlarge = 1.2;  // corrections, which blocks make too stiff
 // Of a block with few faces some motions are none: they get this part of the mean of the others.
 constexpr double kLeast = 1e-6;
 constexpr std::int64_t kOfTask = 16;  // blocks

@@ -26,9 +26,18 @@ struct VelocityRows {
   void reset(std::size_t n) {
     diagonal.assign(n, 0.0);
     value.assign(n * kWidth, 0.0f);
-    column.assign(n * kWidth, 0);
+    column.resize(n * kWidth);  // its own row: none yet
+    for (std::size_t k = 0; k < column.size(); ++k)
+      column[k] = static_cast<std::int32_t>(k / usize(kWidth));
     place.resize(n);
     component.resize(n);
+  }
+  // Adds to a number beside the diagonal.
+  void add(std::int64_t row, std::int32_t with, double v) {
+    std::int64_t k = row * kWidth;
+    while (column[usize(k)] != row && column[usize(k)] != with) ++k;
+    column[usize(k)] = with;
+    value[usize(k)] += static_cast<float>(v);
   }
   // A row times x, without its own number.
   double others(std::int64_t row, std::span<const double> x) const {

@@ -11,6 +11,7 @@ namespace substep::gridfluid {
 namespace {
 
 constexpr std::int64_t kRowsOfTask = 1024;
+constexpr int kSweeps = 2;  // before and after the blocks
 
 }  // namespace
 
@@ -27,12 +28,12 @@ void VelocitySystem<D>::sweep(bool forwards, int threads) {
 template <int D>
 void VelocitySystem<D>::precondition(int threads) {
   std::fill(z_.begin(), z_.end(), 0.0);
-  sweep(true, threads);
+  for (int k = 0; k < kSweeps; ++k) sweep(true, threads);
   for_each_index(r_.size(), threads, [&](std::size_t i) {
     q_[i] = r_[i] - rows.others(static_cast<std::int64_t>(i), z_) - rows.diagonal[i] * z_[i];
   });
   blocks_.correct(rows, q_, z_, threads);
-  sweep(false, threads);
+  for (int k = 0; k < kSweeps; ++k) sweep(false, threads);
 }
 
 template <int D>

@@ -1,8 +1,8 @@
 // The linear system of an implicit viscosity: symmetric and positive definite, a row for each face
 // whose velocity is to be found.
 //
-// Conjugate gradients in double, preconditioned by a V-cycle: a sweep of Gauss-Seidel over the rows
-// forwards, rigid motions of blocks of cells (rigid_blocks.h), and a sweep backwards. Rows of one
+// Conjugate gradients in double, preconditioned by a V-cycle: sweeps of Gauss-Seidel over the rows
+// forwards, rigid motions of blocks of cells (rigid_blocks.h), and as many backwards. Rows of one
 // colour do not meet, so that sweeps are the same bits for any number of threads.
 #pragma once
 

@@ -19,6 +19,7 @@ constexpr std::int32_t kNone = -1, kObstacle = -2, kWall = -3, kHeld = -4;
 constexpr double kNearest = 0.05;  // theta, so that a step can be solved for
 constexpr double kNear = 2;        // cells from a face, where an obstacle may strain with it
 constexpr double kLeast = 1e-3;    // volume: less is none
+constexpr double kBulk = 10;       // of the divergence: see viscosity.h
 constexpr double kAway = 2.5;      // cells from the liquid where a face meets none of it
 
 constexpr std::int64_t kRowsOfChunk = 256;
@@ -57,7 +58,8 @@ ViscosityReport Viscosity<Real, D>::apply(const Obstacles<Real, D>& obstacles,
   return report;
 }
 
-// Faces in obstacles move with them, and what liquid is around them.
+// Faces in obstacles move with them, and what liquid is around them. The pressure of the divergence
+// acts on what is open of them here, on the rest by add_pressure().
 template <class Real, int D>
 void Viscosity<Real, D>::hold(const Obstacles<Real, D>& obstacles, Velocity<Real, D> u) {
   for (std::size_t a = 0; a < D && obstacles.any(); ++a) {
@@ -65,7 +67,9 @@ void Viscosity<Real, D>::hold(const Obstacles<Real, D>& obstacles, Velocity<Real
       if (row_[a][f] != kObstacle) continue;
       const auto face = static_cast<std::int64_t>(f);
       const double held = theirs(obstacles, a, face);
-      const double impulse = double(volumes_.of_face(a, face)) * (double(u[a][f]) - held);
+      double impulse = double(volumes_.of_face(a, face)) * (double(u[a][f]) - held);
+      const auto open = double(obstacles.open(static_cast<int>(a))[f]);
+      if (open > 0) impulse += open * pressed(obstacles, u, a, layout_.cell(face));
       if (impulse != 0) pulls_.push_back({a, face, impulse});
       u[a][f] = Real(held);
     }
@@ -107,7 +111,10 @@ void Viscosity<Real, D>::for_strains(std::size_t axis, const Place& face, const 
     Place cell = face;
     cell[axis] -= 1 - end;
     if (layout_.periodic[axis] && cell[axis] < 0) cell[axis] += layout_.cells[axis];
-    if (cell[axis] >= 0 && cell[axis] < layout_.cells[axis]) use(axis, axis, cell);
+    if (cell[axis] >= 0 && cell[axis] < layout_.cells[axis]) {
+      use(axis, axis, cell);
+      use(axis, kAll, cell);
+    }
     for (std::size_t b = 0; b < D; ++b) {
       if (b == axis) continue;
       Place edge = face;
@@ -130,7 +137,7 @@ bool Viscosity<Real, D>::moves(std::size_t axis, std::int64_t face, const Place&
   if (double(volumes_.of_face(axis, face)) >= kLeast) return true;
   bool any = false;
   for_strains(axis, place, [&](std::size_t a, std::size_t b, const Place& at) {
-    any = any || volume(a, b, layout_.index(at)) > 0;
+    any = any || (b != kAll && volume(a, b, layout_.index(at)) > 0);
   });
   return any;
 }
@@ -268,6 +275,7 @@ bool Viscosity<Real, D>::add_difference(const Obstacles<Real, D>& obstacles, std
 template <class Real, int D>
 auto Viscosity<Real, D>::strain(const Obstacles<Real, D>& obstacles, std::size_t a, std::size_t b,
                                 const Place& place) const -> Strain {
+  if (b == kAll) return divergence(obstacles, place);
   Strain strain;
   strain.weight = (a == b ? 2 : 1) * k_ * volume(a, b, layout_.index(place));
   if (strain.weight == 0) return strain;
@@ -280,14 +288,92 @@ auto Viscosity<Real, D>::strain(const Obstacles<Real, D>& obstacles, std::size_t
     some = add_difference(obstacles, std::min(a, b), std::max(a, b), place, strain) &&
            add_difference(obstacles, std::max(a, b), std::min(a, b), place, strain);
   }
-  if (!some) strain.weight = 0;
-  strain.weight = double(static_cast<float>(strain.weight));
+  strain.weight = some ? rounded(strain.weight) : 0;
   return strain;
+}
+
+// As the pressure sees it: what of a face is in an obstacle moves with that.
+template <class Real, int D>
+auto Viscosity<Real, D>::divergence(const Obstacles<Real, D>& obstacles, const Place& cell) const
+    -> Strain {
+  Strain strain;
+  strain.weight = rounded(kBulk * k_ * volume(0, 0, layout_.index(cell)));
+  if (strain.weight == 0) return strain;
+  for (std::size_t a = 0; a < D; ++a) {
+    for (int end = 0; end < 2; ++end) {
+      Place place = cell;
+      place[a] += end;
+      if (layout_.periodic[a] && place[a] == layout_.cells[a]) place[a] = 0;
+      const std::int64_t face = layout_.index(place);
+      const std::int32_t row = row_[a][usize(face)];
+      const double sign = end == 0 ? -1 : 1;
+      Term& term = strain.terms[usize(strain.count++)];
+      term = {.axis = a, .face = face, .row = row, .coefficient = sign, .given = 0};
+      if (row == kNone) {
+        strain.weight = 0;
+        return strain;
+      }
+      if (!obstacles.any() || row == kWall) continue;
+      const double held = theirs(obstacles, a, face);
+      if (row == kObstacle) {
+        term.given = held;
+      } else {
+        const auto open = double(obstacles.open(static_cast<int>(a))[usize(face)]);
+        term.coefficient = sign * open;
+        strain.given += sign * (1 - open) * held;
+      }
+    }
+  }
+  return strain;
+}
+
+// To a part of k, so that sums of some weights are exact in float.
+template <class Real, int D>
+double Viscosity<Real, D>::rounded(double weight) const {
+  const double least = std::ldexp(1.0, std::ilogb(k_) - 20);
+  return least > 0 ? least * std::round(weight / least) : 0;
+}
+
+// That of a cell which goes with its divergence, times dt / (density dx).
+template <class Real, int D>
+double Viscosity<Real, D>::pressure(const Obstacles<Real, D>& obstacles, const Velocity<Real, D>& u,
+                                    const Place& cell) const {
+  const Strain s = divergence(obstacles, cell);
+  return s.weight > 0 ? -s.weight * rate(s, u) : 0;
+}
+
+// Of the cell below a face less that of the cell above it.
+template <class Real, int D>
+double Viscosity<Real, D>::pressed(const Obstacles<Real, D>& obstacles, const Velocity<Real, D>& u,
+                                   std::size_t axis, const Place& face) const {
+  double sum = 0;
+  for (int end = 0; end < 2; ++end) {
+    Place cell = face;
+    int& at = cell[axis];
+    const int n = layout_.cells[axis];
+    at -= 1 - end;
+    if (layout_.periodic[axis]) at = (at + n) % n;
+    if (at >= 0 && at < n) sum += (end == 0 ? 1 : -1) * pressure(obstacles, u, cell);
+  }
+  return sum;
+}
+
+template <class Real, int D>
+void Viscosity<Real, D>::add_pressure(const Obstacles<Real, D>& obstacles,
+                                      const Velocity<Real, D>& u, std::span<const Cell> cells,
+                                      std::span<double> q, int threads) const {
+  for_rows(layout_, all_cells(layout_), threads, [&](std::int64_t begin, std::int64_t end) {
+    Place place = layout_.cell(begin);
+    for (std::int64_t i = begin; i < end; ++i, ++place[D - 1]) {
+      if (cells[usize(i)] != Cell::kFluid) continue;
+      q[usize(i)] += pressure(obstacles, u, place);
+    }
+  });
 }
 
 template <class Real, int D>
 double Viscosity<Real, D>::rate(const Strain& strain, const Velocity<Real, D>& u) const {
-  double sum = 0;
+  double sum = strain.given;
   for (int t = 0; t < strain.count; ++t) {
     const Term& term = strain.terms[usize(t)];
     const bool moves = term.row >= 0 || term.row == kHeld;
@@ -321,10 +407,9 @@ void Viscosity<Real, D>::find_row(const Obstacles<Real, D>& obstacles,
   const std::size_t axis = rows.component[usize(row)];
   const double mass = known[axis][face] > 0 ? double(volumes_.of_face(axis, face)) : 0;
   double diagonal = mass, given = 0;
-  std::int64_t slot = row * VelocityRows<D>::kWidth;
   for_strains(axis, layout_.cell(face), [&](std::size_t a, std::size_t b, const Place& place) {
     const Strain s = strain(obstacles, a, b, place);
-    double own = 0, held = 0;
+    double own = 0, held = s.given;
     for (int t = 0; t < s.count; ++t) {
       const Term& term = s.terms[usize(t)];
       if (term.row == row) own += term.coefficient;
@@ -337,9 +422,7 @@ void Viscosity<Real, D>::find_row(const Obstacles<Real, D>& obstacles,
     given += factor * held;
     for (int t = 0; t < s.count; ++t) {
       const Term& term = s.terms[usize(t)];
-      if (term.row < 0 || term.row == row) continue;
-      rows.column[usize(slot)] = term.row;
-      rows.value[usize(slot++)] = static_cast<float>(factor * term.coefficient);
+      if (term.row >= 0 && term.row != row) rows.add(row, term.row, factor * term.coefficient);
     }
   });
   rows.diagonal[usize(row)] = diagonal > 0 ? diagonal : 1;
@@ -356,6 +439,7 @@ void Viscosity<Real, D>::find_pulls(const Obstacles<Real, D>& obstacles,
     const std::int64_t face = face_[usize(row)];
     if (obstacles.at_face(face, axis) > kNear) continue;
     for_strains(axis, layout_.cell(face), [&](std::size_t a, std::size_t b, const Place& place) {
+      if (b == kAll) return;  // a pressure
       const Strain s = strain(obstacles, a, b, place);
       for (int t = 0; t < s.count && s.weight > 0; ++t) {
         const Term &own = s.terms[usize(t)], &other = s.terms[usize(t ^ 1)];
