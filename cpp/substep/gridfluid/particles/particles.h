@@ -41,6 +41,8 @@ class Particles {
   // Where this throws, nothing has changed.
   void append(std::int64_t n, const Real* x, const Real* v, const Real* C, const std::int64_t* id);
 
+  void append(const Particles& others);  // affine, or not, as these
+
   // Drops the particles whose flag is set; the others keep their order.
   void erase(std::span<const std::uint8_t> flags, int threads);
 
@@ -63,6 +65,7 @@ class Particles {
   };
   int fields() const { return affine_ ? (2 + D) * D : 2 * D; }
   void reserve(Arrays& arrays, std::int64_t n) const;
+  void make_room(std::int64_t more);
   bool prepare_sort(const Layout<D>& layout, const Arrays& from, int threads);
   void move_sorted(bool in_order, const Arrays& from, Arrays& to, int threads);
   bool find_cells(const Layout<D>& layout, const Arrays& from, int threads);
