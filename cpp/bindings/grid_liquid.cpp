@@ -70,6 +70,7 @@ py::dict grid_liquid_state(const GridLiquid& self) {
   out["deep"] = column(s.deep);
   out["deep_velocity"] = rows(s.deep_velocity, 0);
   out["seeded"] = s.seeded;
+  out["missing"] = s.missing;
   return out;
 }
 
@@ -77,7 +78,7 @@ void restore_grid_liquid(GridLiquid& self, double time, double last_dt, std::int
                          const py::array& positions, const py::array& velocities,
                          const py::array& affine, const py::array& forces, const LongIndices& ids,
                          const Reals& pressure, const Array<std::uint8_t>& deep,
-                         const py::array& deep_velocity, std::int64_t seeded,
+                         const py::array& deep_velocity, std::int64_t seeded, std::int64_t missing,
                          const LongIndices& layers, const LongIndices& absorbed) {
   self.restore({.time = time,
                 .last_dt = last_dt,
@@ -91,6 +92,7 @@ void restore_grid_liquid(GridLiquid& self, double time, double last_dt, std::int
                 .deep = list(deep),
                 .deep_velocity = numbers(deep_velocity),
                 .seeded = seeded,
+                .missing = missing,
                 .flow = {.layers = list(layers), .absorbed = list(absorbed)}});
 }
 
@@ -167,6 +169,6 @@ void bind_grid_liquid(py::module_& m) {
            py::arg("positions").noconvert(), py::arg("velocities").noconvert(),
            py::arg("affine").noconvert(), py::arg("forces").noconvert(), py::arg("ids").noconvert(),
            py::arg("pressure").noconvert(), py::arg("deep").noconvert(),
-           py::arg("deep_velocity").noconvert(), py::arg("seeded"), py::arg("layers").noconvert(),
-           py::arg("absorbed").noconvert());
+           py::arg("deep_velocity").noconvert(), py::arg("seeded"), py::arg("missing"),
+           py::arg("layers").noconvert(), py::arg("absorbed").noconvert());
 }

@@ -528,6 +528,7 @@ class GridLiquid(Particles):
             Rows("deep", np.uint8, (math.prod(self._cells) * band,), high=1),
             Rows("deep_velocity", OWN, (int(faces) * band,)),
             Number("seeded", int, low=0, high=MOST if band else 0),
+            Number("missing", int, low=-MOST if band else 0, high=MOST if band else 0),
         ]
 
     def _fit(self, state: dict[str, Any]) -> None:
@@ -540,7 +541,7 @@ class GridLiquid(Particles):
     def _restore_native(self, state: dict[str, Any]) -> None:
         names = (
             "time last_dt next_id positions velocities affine forces ids pressure deep"
-            " deep_velocity seeded layers absorbed"
+            " deep_velocity seeded missing layers absorbed"
         )
         self._native.restore(*(state[name] for name in names.split()))
 

@@ -192,7 +192,7 @@ void GridLiquid<Real, D>::change_band(double dt) {
   new_next_id_ += collar.size();
   std::vector<std::uint8_t> gone = in_deep(next_);
   for (const std::int64_t row : band->excess()) gone[usize(row)] = 1;
-  drop(gone);
+  band->account(collar.size(), drop(gone));
   next_.append(collar);
   band->advect(spans(u_), dt / options.cell, options.threads);
 }

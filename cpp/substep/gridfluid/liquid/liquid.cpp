@@ -115,7 +115,7 @@ class LiquidOf final : public Liquid {
     std::vector<Real> deep_velocity;
     if (liquid_.band) liquid_.band->save(out.deep, deep_velocity);
     out.deep_velocity = std::move(deep_velocity);
-    out.seeded = liquid_.band ? liquid_.band->seeded : 0;
+    if (liquid_.band) out.seeded = liquid_.band->seeded, out.missing = liquid_.band->missing;
     return out;
   }
   void restore(const LiquidState& state) override {
@@ -142,6 +142,7 @@ class LiquidOf final : public Liquid {
     if (liquid_.band) {
       liquid_.band->restore(state.deep, *deep);
       liquid_.band->seeded = state.seeded;
+      liquid_.band->missing = state.missing;
     }
     liquid_.time = state.time;
     liquid_.last_dt = state.last_dt;

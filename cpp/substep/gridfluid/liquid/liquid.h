@@ -81,7 +81,7 @@ struct LiquidState {
   // turn [m/s], and how many cells were filled with particles.
   std::vector<std::uint8_t> deep{};
   Numbers deep_velocity{};
-  std::int64_t seeded = 0;
+  std::int64_t seeded = 0, missing = 0;
   geometry::ParticleFlow::Counts flow;
 };
 

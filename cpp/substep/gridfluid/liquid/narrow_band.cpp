@@ -46,9 +46,9 @@ NarrowBand<Real, D>::NarrowBand(const Layout<D>& layout, const OpenSides<D>& ope
 }
 
 template <class Real, int D>
-std::int64_t NarrowBand<Real, D>::count() const {
+std::int64_t NarrowBand<Real, D>::count(const Flags& flags) const {
   std::int64_t sum = 0;
-  layout_.for_cells([&](std::int64_t i) { sum += deep_[usize(i)]; });
+  layout_.for_cells([&](std::int64_t i) { sum += flags[usize(i)]; });
   return sum;
 }
 
@@ -125,23 +125,30 @@ void NarrowBand<Real, D>::add_velocity(Real particles, const Faces<Real, D>& u,
   }
 }
 
-// What a cell lacks of a density of 1 is passed on from cell to cell until it makes a particle, so
-// that no row of them lacks more than one. A step sets right as much of it as keep_volume does
-// elsewhere.
+// What a cell at the edge lacks of a density of 1 is passed on from cell to cell until it makes a
+// particle, so that no row of them lacks more than one; a step sets right as much of it as
+// keep_volume does elsewhere. What chance has taken or given in all comes back slowly, in all full
+// cells of the band.
 template <class Real, int D>
 void NarrowBand<Real, D>::find_edge(const Particles<Real, D>& particles, const Real* density,
                                     const Real* phi, int threads) {
-  constexpr Real kShare = 0.2;
-  const Field& full = part(kCentres, deep_, threads);
+  constexpr Real kShare = 0.2, kBack = 0.02;
+  const Field& part_deep = part(kCentres, deep_, threads);
   const std::int32_t* const first = particles.first();
   excess_.clear();
   drawn_.clear();
   new_seeded_ = seeded;
+  std::int64_t full = 0;
+  layout_.for_cells([&](std::int64_t i) { full += deep_[usize(i)] == 0 && phi[i] < -1; });
+  const Real back =
+      kBack * static_cast<Real>(missing) / static_cast<Real>(std::max<std::int64_t>(full, 1));
   Real lack = spread_evenly<Real, D>(static_cast<std::uint64_t>(new_seeded_++))[0] - Real(0.5);
   layout_.for_cells([&](std::int64_t i) {
-    edge_[usize(i)] = deep_[usize(i)] == 0 && full[usize(i)] > 0 && phi[i] < -1;
-    if (edge_[usize(i)] == 0) return;
-    lack += kShare * (1 << D) * (1 - density[i]);
+    const bool inside = deep_[usize(i)] == 0 && phi[i] < -1;
+    edge_[usize(i)] = inside && part_deep[usize(i)] > 0;
+    if (!inside) return;
+    lack += back;
+    if (edge_[usize(i)] != 0) lack += kShare * (1 << D) * (1 - density[i]);
     if (lack > Real(0.5)) {
       draw(i, {}, Real(1));
       lack -= 1;
@@ -204,10 +211,16 @@ void NarrowBand<Real, D>::advect(const Velocity<Real, D>& u, double reach, int t
 }
 
 template <class Real, int D>
+void NarrowBand<Real, D>::account(std::int64_t came, std::int64_t gone) {
+  new_missing_ = missing + gone - came - (count(new_deep_) - count(deep_)) * (1 << D);
+}
+
+template <class Real, int D>
 void NarrowBand<Real, D>::commit() noexcept {
   deep_.swap(new_deep_);
   u_.swap(new_u_);
   seeded = new_seeded_;
+  missing = new_missing_;
 }
 
 // each(axis, face), row by row.

@@ -35,8 +35,10 @@ class NarrowBand {
   // Of deep cells, and the velocities of the faces around them [m/s]; 0 elsewhere.
   const Flags& deep() const { return deep_; }
   const std::array<Field, D>& velocity() const { return u_; }
-  std::int64_t count() const;  // of deep cells
-  std::int64_t seeded = 0;     // places that were drawn for particles, ever
+  std::int64_t count() const { return count(deep_); }
+  std::int64_t seeded = 0;  // places that were drawn for particles, ever
+  std::int64_t missing =
+      0;  // particles that went with cells that became deep, and did not come back
 
   // What deep cells add to a density of 1 where all is full, and to velocities of faces with the
   // weights of so many particles to a full cell. Ghosts of densities are set.
@@ -63,6 +65,8 @@ class NarrowBand {
   Particles<Real, D> collar(int cells, bool affine, int threads);
   // Where the velocities, with ghosts, go in a step; reach: a step over a cell [s/m].
   void advect(const Velocity<Real, D>& u, double reach, int threads);
+  // That so many particles came out of deep cells, and so many went.
+  void account(std::int64_t came, std::int64_t gone);
   void commit() noexcept;
 
   // Of cells, and of the faces along each axis in turn, row by row.
@@ -70,6 +74,7 @@ class NarrowBand {
   void restore(std::span<const std::uint8_t> deep, std::span<const Real> velocity);
 
  private:
+  std::int64_t count(const Flags& flags) const;
   const Field& part(int component, const Flags& deep, int threads);
   void draw(std::int64_t cell, const std::array<Real, D>& low, Real size);
   void erode(Flags& flags, int times, int threads);
@@ -86,7 +91,7 @@ class NarrowBand {
   std::array<Field, 2> parts_;
   std::vector<std::int64_t> excess_;
   std::vector<Real> drawn_;  // places of new particles, row by row
-  std::int64_t new_seeded_ = 0;
+  std::int64_t new_seeded_ = 0, new_missing_ = 0;
 };
 
 extern template class NarrowBand<float, 2>;
