@@ -126,8 +126,9 @@ class GridLiquid(Particles):
         solve that moves them and leaves their velocities.
     narrow_band : int, optional
         Cells below the surface, and around obstacles, emitters and sinks, that particles fill, at
-        least 3; deeper liquid lives on the grid alone, and its particles are gone after the first
-        step. Particles everywhere unless given. Not with `viscosity`.
+        least 3; deeper liquid lives on the grid alone. Particles everywhere are to be given all the
+        same, and those in the deep go with the first step. Not with `viscosity`, nor with forces
+        on particles. Unless given there are particles everywhere.
     tolerance : float
         Relative residual at which the pressure is solved, above 0.
     max_iterations : int
@@ -166,6 +167,8 @@ class GridLiquid(Particles):
     flow", J. Sci. Comput. 15, 2000 (`surface_tension`).
     Kugelstadt et al., "Implicit density projection for volume conserving liquids", IEEE TVCG 27(4),
     2021 (`keep_volume`).
+    Ferstl et al., "Narrow band FLIP for liquid simulations", Comput. Graph. Forum 35(2), 2016
+    (`narrow_band`).
 
     Examples
     --------
@@ -473,10 +476,11 @@ class GridLiquid(Particles):
         Returns
         -------
         dict of str to float
-            `count` of particles, and `deep_cells`, full without them; `kinetic_energy`, `gravitational_energy` (0 at the origin) and `energy`, their
-            sum [J]; `momentum_x`, `_y`, `_z` [N s];
-            `angular_momentum_x`, `_y`, `_z` about 0 [N m s]; of the last step `iterations`,
-            `residual` and `mean_density_error`, as in the report.
+            `count` of particles, and `deep_cells`, full without them; `kinetic_energy`,
+            `gravitational_energy` (0 at the origin) and `energy`, their sum
+            [J]; `momentum_x`, `_y`, `_z` [N s]; `angular_momentum_x`, `_y`,
+            `_z` about 0 [N m s]; of the last step `iterations`, `residual` and
+            `mean_density_error`, as in the report.
         """
         energies, report = self._native.energies, self.report
         values = {
