@@ -104,6 +104,14 @@ void Particles<Real, D>::erase(std::span<const std::uint8_t> flags, int threads)
   size_ = kept;
 }
 
+template <class Real, int D>
+void Particles<Real, D>::shrink() {
+  if (size_ >= static_cast<std::int64_t>(now_.id.size()) / 4) return;
+  Particles smaller(affine_);
+  smaller.append(*this);
+  std::swap(*this, smaller);
+}
+
 // Sets cell_ and counts the particles of each chunk in each bucket. Returns whether the particles
 // are in order as they are.
 template <class Real, int D>

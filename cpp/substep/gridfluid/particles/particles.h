@@ -46,6 +46,9 @@ class Particles {
   // Drops the particles whose flag is set; the others keep their order.
   void erase(std::span<const std::uint8_t> flags, int threads);
 
+  // Gives back memory where most of it is unused.
+  void shrink();
+
   // Orders the particles by cell; those of a cell keep their order. A particle outside of the box
   // counts as in the nearest cell. Where this throws, nothing has changed.
   void sort(const Layout<D>& layout, int threads);
