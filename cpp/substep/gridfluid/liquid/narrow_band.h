@@ -36,9 +36,8 @@ class NarrowBand {
   const Flags& deep() const { return deep_; }
   const std::array<Field, D>& velocity() const { return u_; }
   std::int64_t count() const { return count(deep_); }
-  std::int64_t seeded = 0;  // places that were drawn for particles, ever
-  std::int64_t missing =
-      0;  // particles that went with cells that became deep, and did not come back
+  std::int64_t seeded = 0;   // places that were drawn for particles, ever
+  std::int64_t missing = 0;  // particles that the deep has taken beyond what it holds
 
   // What deep cells add to a density of 1 where all is full, and to velocities of faces with the
   // weights of so many particles to a full cell. Ghosts of densities are set.
@@ -79,13 +78,12 @@ class NarrowBand {
   void draw(std::int64_t cell, const std::array<Real, D>& low, Real size);
   void erode(Flags& flags, int times, int threads);
   void fill_ghosts_of(Flags& flags, int axis, int threads) const;
+  template <class Each>
+  void for_faces(const Each& each) const;
 
   Layout<D> layout_;
   OpenSides<D> open_;
   SemiLagrangian<Real, D> paths_;
-  template <class Each>
-  void for_faces(const Each& each) const;
-
   Flags deep_, new_deep_, edge_, scratch_;
   std::array<Field, D> u_, new_u_;
   std::array<Field, 2> parts_;
