@@ -29,6 +29,7 @@ gridfluid::LiquidOptions grid_liquid_options(const py::dict& given) {
   o.tolerance = number(given, "tolerance");
   o.max_iterations = integer(given, "max_iterations");
   o.keep_volume = flag(given, "keep_volume");
+  o.narrow_band = integer(given, "narrow_band");
   return o;
 }
 
@@ -66,14 +67,19 @@ py::dict grid_liquid_state(const GridLiquid& self) {
   out["forces"] = rows(s.forces, d);
   out["ids"] = column(s.ids);
   out["pressure"] = column(s.pressure);
+  out["deep"] = column(s.deep);
+  out["deep_velocity"] = rows(s.deep_velocity, 0);
+  out["seeded"] = s.seeded;
+  out["missing"] = s.missing;
   return out;
 }
 
 void restore_grid_liquid(GridLiquid& self, double time, double last_dt, std::int64_t next_id,
                          const py::array& positions, const py::array& velocities,
                          const py::array& affine, const py::array& forces, const LongIndices& ids,
-                         const Reals& pressure, const LongIndices& layers,
-                         const LongIndices& absorbed) {
+                         const Reals& pressure, const Array<std::uint8_t>& deep,
+                         const py::array& deep_velocity, std::int64_t seeded, std::int64_t missing,
+                         const LongIndices& layers, const LongIndices& absorbed) {
   self.restore({.time = time,
                 .last_dt = last_dt,
                 .next_id = next_id,
@@ -83,6 +89,10 @@ void restore_grid_liquid(GridLiquid& self, double time, double last_dt, std::int
                 .forces = numbers(forces),
                 .ids = list(ids),
                 .pressure = list(pressure),
+                .deep = list(deep),
+                .deep_velocity = numbers(deep_velocity),
+                .seeded = seeded,
+                .missing = missing,
                 .flow = {.layers = list(layers), .absorbed = list(absorbed)}});
 }
 
@@ -132,6 +142,7 @@ void bind_grid_liquid(py::module_& m) {
           py::arg("places").noconvert())
       .def("step", &GridLiquid::step, py::arg("dt"), py::call_guard<py::gil_scoped_release>())
       .def("__len__", &GridLiquid::size)
+      .def_property_readonly("deep_cells", &GridLiquid::deep_cells)
       .def_property("time", &GridLiquid::time, &GridLiquid::set_time)
       .def_property("threads", &GridLiquid::threads, &GridLiquid::set_threads)
       .def_property_readonly("report", &GridLiquid::report)
@@ -157,6 +168,7 @@ void bind_grid_liquid(py::module_& m) {
       .def("restore", &restore_grid_liquid, py::arg("time"), py::arg("last_dt"), py::arg("next_id"),
            py::arg("positions").noconvert(), py::arg("velocities").noconvert(),
            py::arg("affine").noconvert(), py::arg("forces").noconvert(), py::arg("ids").noconvert(),
-           py::arg("pressure").noconvert(), py::arg("layers").noconvert(),
-           py::arg("absorbed").noconvert());
+           py::arg("pressure").noconvert(), py::arg("deep").noconvert(),
+           py::arg("deep_velocity").noconvert(), py::arg("seeded"), py::arg("missing"),
+           py::arg("layers").noconvert(), py::arg("absorbed").noconvert());
 }

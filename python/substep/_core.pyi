@@ -853,6 +853,10 @@ class GridLiquid:
         forces: numpy.typing.NDArray[typing.Any],
         ids: numpy.typing.NDArray[numpy.int64],
         pressure: numpy.typing.NDArray[numpy.float64],
+        deep: numpy.typing.NDArray[numpy.uint8],
+        deep_velocity: numpy.typing.NDArray[typing.Any],
+        seeded: int,
+        missing: int,
         layers: numpy.typing.NDArray[numpy.int64],
         absorbed: numpy.typing.NDArray[numpy.int64],
     ) -> None: ...
@@ -870,6 +874,8 @@ class GridLiquid:
     def velocities(self) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
     def absorbed(self) -> numpy.typing.NDArray[numpy.int64]: ...
+    @property
+    def deep_cells(self) -> int: ...
     @property
     def energies(self) -> LiquidEnergies: ...
     @property

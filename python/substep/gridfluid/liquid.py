@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 
 TRANSFERS = ("apic", "flip", "pic")
 _LARGEST_STEP = 1 / 30  # [s], where nothing moves
+_NARROWEST = 3  # band of particles [cells]
 
 
 @dataclass
@@ -64,6 +65,16 @@ class LiquidReport(StepReport):
     volume_iterations: int = 0
     mean_error: float = 0.0
     removed: int = 0
+
+
+def check_narrow_band(cells: Any, viscosity: float) -> int | None:
+    """Of a liquid of that viscosity."""
+    if cells is None:
+        return None
+    band = check_integer("narrow_band", cells, minimum=_NARROWEST, maximum=MOST_INT)
+    if viscosity > 0:
+        raise InputError("narrow_band: expected None with a viscosity")
+    return band
 
 
 class GridLiquid(Particles):
@@ -113,6 +124,11 @@ class GridLiquid(Particles):
     keep_volume : bool
         Spread the particles so that full cells keep as many as they should, by a second pressure
         solve that moves them and leaves their velocities.
+    narrow_band : int, optional
+        Cells below the surface, and around obstacles, emitters and sinks, that particles fill, at
+        least 3; deeper liquid lives on the grid alone. Particles everywhere are to be given all the
+        same, and those in the deep go with the first step. Not with `viscosity`, nor with forces
+        on particles. Unless given there are particles everywhere.
     tolerance : float
         Relative residual at which the pressure is solved, above 0.
     max_iterations : int
@@ -151,6 +167,8 @@ class GridLiquid(Particles):
     flow", J. Sci. Comput. 15, 2000 (`surface_tension`).
     Kugelstadt et al., "Implicit density projection for volume conserving liquids", IEEE TVCG 27(4),
     2021 (`keep_volume`).
+    Ferstl et al., "Narrow band FLIP for liquid simulations", Comput. Graph. Forum 35(2), 2016
+    (`narrow_band`).
 
     Examples
     --------
@@ -171,6 +189,7 @@ class GridLiquid(Particles):
     transfer: str
     viscosity: float
     surface_tension: float
+    narrow_band: int | None
     sides: tuple[tuple[str, str], ...]
     cfl: float
     dtype: np.dtype[Any]
@@ -192,6 +211,7 @@ class GridLiquid(Particles):
         surface_tension: float = 0.0,
         slip: bool = False,
         keep_volume: bool = True,
+        narrow_band: int | None = None,
         tolerance: float = 1e-4,
         max_iterations: int = 200,
         emitters: Sequence[Emitter] = (),
@@ -225,6 +245,7 @@ class GridLiquid(Particles):
             raise InputError(f"flip_rate: expected a number from 0 to 1, got {rate}")
         self.viscosity = check_real("viscosity", viscosity, nonnegative=True)
         self.surface_tension = check_real("surface_tension", surface_tension, nonnegative=True)
+        self.narrow_band = check_narrow_band(narrow_band, self.viscosity)
         self.cfl = check_real("cfl", cfl, positive=True)
         self._step_size = None if step is None else check_real("step", step, positive=True)
         check_cells_fit(cells, self.dtype)
@@ -249,6 +270,7 @@ class GridLiquid(Particles):
                 "max_iterations", max_iterations, minimum=1, maximum=MOST_INT
             ),
             "keep_volume": check_flag("keep_volume", keep_volume),
+            "narrow_band": min(self.narrow_band or 0, max(cells)),
         }
         self._set_flow(emitters, sinks, 1, self.cell / 2, "fluid")
         for k, emitter in enumerate(self.emitters):
@@ -454,14 +476,16 @@ class GridLiquid(Particles):
         Returns
         -------
         dict of str to float
-            `count`; `kinetic_energy`, `gravitational_energy` (0 at the origin) and `energy`, their
-            sum [J]; `momentum_x`, `_y`, `_z` [N s];
-            `angular_momentum_x`, `_y`, `_z` about 0 [N m s]; of the last step `iterations`,
-            `residual` and `mean_density_error`, as in the report.
+            `count` of particles, and `deep_cells`, full without them; `kinetic_energy`,
+            `gravitational_energy` (0 at the origin) and `energy`, their sum
+            [J]; `momentum_x`, `_y`, `_z` [N s]; `angular_momentum_x`, `_y`,
+            `_z` about 0 [N m s]; of the last step `iterations`, `residual` and
+            `mean_density_error`, as in the report.
         """
         energies, report = self._native.energies, self.report
         values = {
             "count": float(len(self)),
+            "deep_cells": float(self._native.deep_cells),
             "kinetic_energy": energies.kinetic,
             "gravitational_energy": energies.potential,
         }
@@ -497,8 +521,19 @@ class GridLiquid(Particles):
             Rows("affine", OWN, ("n", d * d), optional=self.transfer != "apic"),
             Rows("forces", OWN, ("n", d), optional=True),
             Rows("pressure", np.float64, (math.prod(self._cells),)),
+            *self._deep_schema(),
         ]
         return [*entries, *self._flow_schema()], {}, self.dtype
+
+    def _deep_schema(self) -> list[Entry]:
+        cells, band = np.array(self._cells), self.narrow_band is not None
+        faces = sum(math.prod(cells + axis) for axis in np.eye(self._dimension, dtype=int))
+        return [
+            Rows("deep", np.uint8, (math.prod(self._cells) * band,), high=1),
+            Rows("deep_velocity", OWN, (int(faces) * band,)),
+            Number("seeded", int, low=0, high=MOST if band else 0),
+            Number("missing", int, low=-MOST if band else 0, high=MOST if band else 0),
+        ]
 
     def _fit(self, state: dict[str, Any]) -> None:
         super()._fit(state)
@@ -509,9 +544,15 @@ class GridLiquid(Particles):
 
     def _restore_native(self, state: dict[str, Any]) -> None:
         names = (
-            "time last_dt next_id positions velocities affine forces ids pressure layers absorbed"
+            "time last_dt next_id positions velocities affine forces ids pressure deep"
+            " deep_velocity seeded missing layers absorbed"
         )
         self._native.restore(*(state[name] for name in names.split()))
+
+    def _write(self, name: str, values: Array, rows: NDArray[np.int64]) -> None:
+        if name == "forces" and self.narrow_band is not None:
+            raise InputError("forces: expected none with narrow_band, which has no deep particles")
+        super()._write(name, values, rows)
 
     def _forces(self) -> Array:
         state = self._native.state()

@@ -14,8 +14,8 @@
 #include "substep/core/usize.h"
 #include "substep/gridfluid/grid/ghosts.h"
 #include "substep/gridfluid/grid/loops.h"
-#include "substep/gridfluid/grid/text.h"
 #include "substep/gridfluid/grid/sides.h"
+#include "substep/gridfluid/grid/text.h"
 #include "substep/gridfluid/particles/density.h"
 #include "substep/gridfluid/particles/surface.h"
 #include "substep/gridfluid/particles/transfer_to_grid.h"
@@ -32,17 +32,21 @@ void GridLiquid<Real, D>::step(double dt) {
   flow.check(time + dt);
   const std::vector<geometry::Collider> colliders = obstacles.colliders;
   new_report_ = {};
+  new_next_id_ = next_id;
   try {
     sort(dt);
     find_surface();
+    if (band) band->find_edge(next_, density_.data(), phi_.data(), options.threads);
     projection_.set_domain(obstacles, {phi_.data(), phi_.size()}, options.threads);
     pass_to_grid();
     accelerate(dt);
     if (options.surface_tension > 0) pull_surface(dt);
     project(dt);
     if (options.keep_volume) find_displacement();
+    if (band) find_deep(dt);
     move_obstacles(dt);
     move_particles(dt);
+    if (band) change_band(dt);
     let_flow(time + dt);
   } catch (...) {
     obstacles.colliders = colliders;
@@ -73,6 +77,7 @@ void GridLiquid<Real, D>::find_surface() {
   poll_interrupt();
   obstacles.find(options.threads);
   number_density(next_, layout, static_cast<Real>(1 << D), density_.data(), options.threads);
+  if (band) band->add_density(density_.data(), options.threads);
   count_obstacles_in();
   gridfluid::level_set(next_, layout, density_.data(), SurfaceOptions<Real>{}, phi_.data(),
                        scratch_, options.threads);
@@ -129,6 +134,9 @@ template <class Real, int D>
 void GridLiquid<Real, D>::pass_to_grid() {
   transfer_to_grid(next_, layout, static_cast<Real>(options.cell), faces(u_), faces(weight_),
                    options.threads);
+  if (band) {
+    band->add_velocity(static_cast<Real>(1 << D), faces(u_), faces(weight_), options.threads);
+  }
   fill_around(u_, 2);
   for (std::size_t a = 0; a < D; ++a) {
     if (options.transfer == Transfer::kFlip || options.viscosity > 0)
@@ -265,12 +273,8 @@ void GridLiquid<Real, D>::hold_nozzles() {
       for (const double cells : {0.25, 0.75}) {
         const Vec3 x = tap.position + offset + cells * options.cell * tap.direction;
         if (!is_inside(x)) continue;
-        std::array<int, D> cell;
-        for (std::size_t a = 0; a < D; ++a) {
-          const double at = (x[int(a)] - options.low[int(a)]) / options.cell;
-          cell[a] = std::clamp(static_cast<int>(at), 0, layout.cells[a] - 1);
-        }
-        const std::int64_t i = layout.index(cell);
+        const std::int64_t i = cell_at(x);
+        const std::array<int, D> cell = layout.cell(i);
         for (std::size_t a = 0; a < D; ++a) {
           const bool last = layout.periodic[a] && cell[a] + 1 == layout.cells[a];
           for (const std::int64_t face : {i, i + (last ? -cell[a] : 1) * layout.stride[a]}) {
@@ -329,7 +333,7 @@ void GridLiquid<Real, D>::find_displacement() {
           const std::int64_t row = layout.row(r);
           for (std::int64_t i = row; i < row + layout.row_length(); ++i) {
             Real& error = density_[usize(i)];
-            if (cells[usize(i)] != Cell::kFluid) {
+            if (cells[usize(i)] != Cell::kFluid || (band && band->fills(i))) {
               error = 0;
               continue;
             }
@@ -366,23 +370,27 @@ void GridLiquid<Real, D>::move_obstacles(double dt) {
 }
 
 template <class Real, int D>
-void GridLiquid<Real, D>::move_particles(double dt) {
+std::int64_t GridLiquid<Real, D>::move(Particles<Real, D>& which, Transfer transfer, double dt) {
   poll_interrupt();
   Walls<Real> walls;
   walls.margin = walls.solid_margin = static_cast<Real>(kMargin);
   if (obstacles.any()) walls.solid = obstacles.distance().data();
   Move<Real, D> move;
-  move.transfer = options.transfer;
+  move.transfer = transfer;
   move.flip_ratio = static_cast<Real>(options.flip_rate);
   move.u = const_faces(u_);
   move.u_old = const_faces(old_u_);
   move.dx = static_cast<Real>(options.cell);
   move.dt = static_cast<Real>(dt);
   move.walls = walls;
-  std::int64_t bad = transfer_and_advect(next_, layout, move, options.threads);
-  if (bad < 0 && options.keep_volume) {
-    bad = displace(next_, layout, const_faces(shift_), walls, options.threads);
-  }
+  const std::int64_t bad = transfer_and_advect(which, layout, move, options.threads);
+  if (bad >= 0 || !options.keep_volume) return bad;
+  return displace(which, layout, const_faces(shift_), walls, options.threads);
+}
+
+template <class Real, int D>
+void GridLiquid<Real, D>::move_particles(double dt) {
+  const std::int64_t bad = move(next_, options.transfer, dt);
   if (bad >= 0) {
     throw NonFiniteError("the velocity of particle " + std::to_string(next_.id()[bad]) +
                              " is not finite; take a shorter step",
@@ -394,6 +402,7 @@ template <class Real, int D>
 void GridLiquid<Real, D>::commit(double dt) noexcept {
   std::swap(particles, next_);
   std::swap(flow.counts, new_counts_);
+  if (band) band->commit();
   q.swap(new_q_);
   forces.clear();
   next_id = new_next_id_;

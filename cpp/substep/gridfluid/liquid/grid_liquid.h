@@ -10,12 +10,14 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
 #include "substep/core/aligned_buffer.h"
 #include "substep/geometry/particle_flow.h"
 #include "substep/gridfluid/liquid/liquid.h"
+#include "substep/gridfluid/liquid/narrow_band.h"
 #include "substep/gridfluid/particles/extrapolate.h"
 #include "substep/gridfluid/particles/particles.h"
 #include "substep/gridfluid/particles/surface.h"
@@ -66,6 +68,7 @@ class GridLiquid {
   double last_dt = 0;  // 0 before the first step
   std::int64_t next_id = 0;
   AlignedBuffer<double> q;  // pressure of the last step, times dt / (density cell) [m/s]
+  std::optional<NarrowBand<Real, D>> band;
 
  private:
   static constexpr double kMargin = 1e-3;  // that particles keep from sides and obstacles [cells]
@@ -91,14 +94,22 @@ class GridLiquid {
   void find_valid();
   void find_displacement();
   void move_obstacles(double dt);
+  void find_deep(double dt);
+  int reach_of_deep(double dt) const;
+  std::int64_t move(Particles<Real, D>& which, Transfer transfer, double dt);
   void move_particles(double dt);
+  void change_band(double dt);
+  std::vector<std::uint8_t> in_deep(const Particles<Real, D>& of) const;
   void let_flow(double end);
   std::int64_t drop(const std::vector<std::uint8_t>& flags);
+  LiquidEnergies energies_of_deep() const;
   std::int64_t leave_by_open_sides();
   std::int64_t absorb(const geometry::Collider& region);
   void commit(double dt) noexcept;
 
   Vec3 position(const Particles<Real, D>& of, std::int64_t row) const;
+  Vec3 middle(std::int64_t cell) const;  // [m]
+  std::int64_t cell_at(const Vec3& x) const;
   template <class Each>
   void for_walls(const Each& each) const;
   void fill_around(Fields& u, int layers);
@@ -115,6 +126,7 @@ class GridLiquid {
   // where they are known, and with viscosity where particles are.
   Fields u_, old_u_, shift_, weight_, met_;
   Field phi_, density_, scratch_;  // of the cells
+  int reach_ = 1;                  // cells that deep liquid moves by, rounded up
   Extrapolation<Real, D> extrapolate_;
   AlignedBuffer<double> new_q_;
   Projection<Real, D> projection_;

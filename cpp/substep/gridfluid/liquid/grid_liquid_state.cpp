@@ -51,6 +51,7 @@ GridLiquid<Real, D>::GridLiquid(std::vector<geometry::Collider> colliders,
   assign(phi_, layout.size, Real(0));
   assign(density_, layout.size, Real(0));
   assign(q, layout.size, 0.0);
+  if (options.narrow_band > 0) band.emplace(layout, open_sides<D>(options));
 }
 
 template <class Real, int D>
@@ -99,7 +100,6 @@ void GridLiquid<Real, D>::append(Particles<Real, D>& to, std::int64_t first_id,
 template <class Real, int D>
 void GridLiquid<Real, D>::let_flow(double end) {
   new_counts_ = flow.counts;
-  new_next_id_ = next_id;
   new_report_.removed = leave_by_open_sides();
   for (std::size_t k = 0; k < flow.emitters.size(); ++k) {
     geometry::Emitted came = flow.emitters[k].let_out(new_counts_.layers[k], end);
@@ -169,6 +169,25 @@ double GridLiquid<Real, D>::cell_mass() const {
 }
 
 template <class Real, int D>
+Vec3 GridLiquid<Real, D>::middle(std::int64_t i) const {
+  const std::array<int, D> cell = layout.cell(i);
+  Vec3 x = options.low;
+  for (std::size_t a = 0; a < D; ++a) x[int(a)] += options.cell * (cell[a] + 0.5);
+  return x;
+}
+
+// The cell of a point in the box.
+template <class Real, int D>
+std::int64_t GridLiquid<Real, D>::cell_at(const Vec3& x) const {
+  std::array<int, D> cell;
+  for (std::size_t a = 0; a < D; ++a) {
+    const double at = (x[int(a)] - options.low[int(a)]) / options.cell;
+    cell[a] = std::clamp(static_cast<int>(at), 0, layout.cells[a] - 1);
+  }
+  return layout.index(cell);
+}
+
+template <class Real, int D>
 Vec3 GridLiquid<Real, D>::position(const Particles<Real, D>& of, std::int64_t row) const {
   Vec3 x = options.low;
   for (int a = 0; a < D; ++a) x[a] += options.cell * double(of.x(a)[row]);
@@ -230,6 +249,10 @@ double GridLiquid<Real, D>::fastest() const {
       options.threads);
   Real most = 0;
   for (const Real part : parts) most = std::max(most, part);
+  if (!band) return double(most);
+  for (const Field& u : band->velocity()) {
+    for (const Real x : u) most = std::max(most, std::abs(x));
+  }
   return double(most);
 }
 
@@ -254,6 +277,7 @@ LiquidEnergies GridLiquid<Real, D>::energies() const {
       options.threads);
   LiquidEnergies sum;
   for (const LiquidEnergies& part : parts) sum += part;
+  if (band) sum += energies_of_deep();
   return sum;
 }
 

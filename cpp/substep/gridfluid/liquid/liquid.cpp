@@ -44,6 +44,7 @@ class LiquidOf final : public Liquid {
   }
 
   std::int64_t size() const override { return liquid_.particles.size(); }
+  std::int64_t deep_cells() const override { return liquid_.band ? liquid_.band->count() : 0; }
   int dimension() const override { return D; }
   std::vector<std::int64_t> ids() const override {
     std::vector<std::int64_t> out;
@@ -101,24 +102,30 @@ class LiquidOf final : public Liquid {
       forces.insert(forces.end(), force.begin(), force.end());
     std::vector<double> q;
     liquid_.layout.for_cells([&](std::int64_t i) { q.push_back(liquid_.q[usize(i)]); });
-    return {.time = liquid_.time,
-            .last_dt = liquid_.last_dt,
-            .next_id = liquid_.next_id,
-            .positions = rows(D, [&](int a) { return p.x(a); }),
-            .velocities = rows(D, [&](int a) { return p.v(a); }),
-            .affine = rows(affine, [&](int a) { return p.C(a / D, a % D); }),
-            .forces = std::move(forces),
-            .ids = {p.id(), p.id() + p.size()},
-            .pressure = std::move(q),
-            .flow = liquid_.flow.counts};
+    LiquidState out{.time = liquid_.time,
+                    .last_dt = liquid_.last_dt,
+                    .next_id = liquid_.next_id,
+                    .positions = rows(D, [&](int a) { return p.x(a); }),
+                    .velocities = rows(D, [&](int a) { return p.v(a); }),
+                    .affine = rows(affine, [&](int a) { return p.C(a / D, a % D); }),
+                    .forces = std::move(forces),
+                    .ids = {p.id(), p.id() + p.size()},
+                    .pressure = std::move(q),
+                    .flow = liquid_.flow.counts};
+    std::vector<Real> deep_velocity;
+    if (liquid_.band) liquid_.band->save(out.deep, deep_velocity);
+    out.deep_velocity = std::move(deep_velocity);
+    if (liquid_.band) out.seeded = liquid_.band->seeded, out.missing = liquid_.band->missing;
+    return out;
   }
   void restore(const LiquidState& state) override {
     liquid_.flow.check(state.flow);
     const auto *x = std::get_if<std::vector<Real>>(&state.positions),
                *v = std::get_if<std::vector<Real>>(&state.velocities),
                *C = std::get_if<std::vector<Real>>(&state.affine),
-               *f = std::get_if<std::vector<Real>>(&state.forces);
-    if (x == nullptr || v == nullptr || C == nullptr || f == nullptr) {
+               *f = std::get_if<std::vector<Real>>(&state.forces),
+               *deep = std::get_if<std::vector<Real>>(&state.deep_velocity);
+    if (x == nullptr || v == nullptr || C == nullptr || f == nullptr || deep == nullptr) {
       throw InputError("state: expected numbers of the liquid's own precision");
     }
     geometry::ParticleFlow::Counts counts = state.flow;
@@ -132,6 +139,11 @@ class LiquidOf final : public Liquid {
     liquid_.forces.swap(forces);
     liquid_.layout.for_cells([&](std::int64_t i) { liquid_.q[usize(i)] = state.pressure[k++]; });
     liquid_.flow.counts = std::move(counts);
+    if (liquid_.band) {
+      liquid_.band->restore(state.deep, *deep);
+      liquid_.band->seeded = state.seeded;
+      liquid_.band->missing = state.missing;
+    }
     liquid_.time = state.time;
     liquid_.last_dt = state.last_dt;
     liquid_.next_id = state.next_id;

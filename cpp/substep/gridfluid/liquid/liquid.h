@@ -39,6 +39,7 @@ struct LiquidOptions {
   double tolerance = 1e-4;
   int max_iterations = 100;
   bool keep_volume = true;
+  int narrow_band = 0;  // cells below the surface that particles fill; 0: all
   int threads = 0;
 };
 
@@ -76,6 +77,11 @@ struct LiquidState {
   Numbers forces;                 // (n, dimension) [N]; empty where there are none
   std::vector<std::int64_t> ids;  // (n)
   std::vector<double> pressure;   // of the cells [m/s], times dt / (density cell)
+  // Of a narrow band, else empty: flags of the cells, velocities of the faces along each axis in
+  // turn [m/s], and how many cells were filled with particles.
+  std::vector<std::uint8_t> deep{};
+  Numbers deep_velocity{};
+  std::int64_t seeded = 0, missing = 0;
   geometry::ParticleFlow::Counts flow;
 };
 
@@ -92,6 +98,7 @@ class Liquid {
   virtual void step(double dt) = 0;
 
   virtual std::int64_t size() const = 0;
+  virtual std::int64_t deep_cells() const = 0;  // of a narrow band: full, without particles
   virtual int dimension() const = 0;
   virtual std::vector<std::int64_t> ids() const = 0;
   virtual std::vector<double> positions() const = 0;   // (n, dimension) [m]

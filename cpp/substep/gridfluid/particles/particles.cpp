@@ -49,11 +49,7 @@ void Particles<Real, D>::reserve(Arrays& arrays, std::int64_t n) const {
 template <class Real, int D>
 void Particles<Real, D>::append(std::int64_t n, const Real* x, const Real* v, const Real* C,
                                 const std::int64_t* id) {
-  if (size_ + n > capacity_) {
-    const std::int64_t room = std::max(size_ + n, capacity_ + capacity_ / 2);
-    reserve(now_, room + kPadding);
-    capacity_ = room;
-  }
+  make_room(n);
   const auto put = [&](const Real* rows, int field, int width) {
     for (int k = 0; k < width; ++k) {
       Real* const to = now_.numbers[usize(field + k)].data() + size_;
@@ -65,6 +61,24 @@ void Particles<Real, D>::append(std::int64_t n, const Real* x, const Real* v, co
   if (affine_) put(C, 2 * D, D * D);
   std::copy_n(id, n, now_.id.data() + size_);
   size_ += n;
+}
+
+template <class Real, int D>
+void Particles<Real, D>::append(const Particles& others) {
+  make_room(others.size_);
+  for (std::size_t f = 0; f < usize(fields()); ++f) {
+    std::copy_n(others.now_.numbers[f].data(), others.size_, now_.numbers[f].data() + size_);
+  }
+  std::copy_n(others.id(), others.size_, id() + size_);
+  size_ += others.size_;
+}
+
+template <class Real, int D>
+void Particles<Real, D>::make_room(std::int64_t more) {
+  if (size_ + more <= capacity_) return;
+  const std::int64_t room = std::max(size_ + more, capacity_ + capacity_ / 2);
+  reserve(now_, room + kPadding);
+  capacity_ = room;
 }
 
 template <class Real, int D>
@@ -88,6 +102,14 @@ void Particles<Real, D>::erase(std::span<const std::uint8_t> flags, int threads)
       },
       threads);
   size_ = kept;
+}
+
+template <class Real, int D>
+void Particles<Real, D>::shrink() {
+  if (size_ >= static_cast<std::int64_t>(now_.id.size()) / 4) return;
+  Particles smaller(affine_);
+  smaller.append(*this);
+  std::swap(*this, smaller);
 }
 
 // Sets cell_ and counts the particles of each chunk in each bucket. Returns whether the particles

@@ -41,8 +41,13 @@ class Particles {
   // Where this throws, nothing has changed.
   void append(std::int64_t n, const Real* x, const Real* v, const Real* C, const std::int64_t* id);
 
+  void append(const Particles& others);  // affine, or not, as these
+
   // Drops the particles whose flag is set; the others keep their order.
   void erase(std::span<const std::uint8_t> flags, int threads);
+
+  // Gives back memory where most of it is unused.
+  void shrink();
 
   // Orders the particles by cell; those of a cell keep their order. A particle outside of the box
   // counts as in the nearest cell. Where this throws, nothing has changed.
@@ -63,6 +68,7 @@ class Particles {
   };
   int fields() const { return affine_ ? (2 + D) * D : 2 * D; }
   void reserve(Arrays& arrays, std::int64_t n) const;
+  void make_room(std::int64_t more);
   bool prepare_sort(const Layout<D>& layout, const Arrays& from, int threads);
   void move_sorted(bool in_order, const Arrays& from, Arrays& to, int threads);
   bool find_cells(const Layout<D>& layout, const Arrays& from, int threads);

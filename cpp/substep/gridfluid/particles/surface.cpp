@@ -47,14 +47,13 @@ Real nearest_square(const Particles<Real, D>& particles, const Layout<D>& layout
   return nearest;
 }
 
-// Rows with particles in them or in a row up to so many further on along each axis across.
+// Rows with liquid in them or in a row up to so many further on along each axis across.
 template <class Real, int D>
-std::vector<std::uint8_t> rows_near(const Particles<Real, D>& particles, const Layout<D>& layout,
-                                    int rows) {
+std::vector<std::uint8_t> rows_near(const Layout<D>& layout, const Real* density, int rows) {
   std::vector<std::uint8_t> near(usize(layout.rows()));
   for (std::int64_t r = 0; r < layout.rows(); ++r) {
-    const std::int32_t* const first = particles.first() + layout.row(r);
-    near[usize(r)] = first[0] < first[layout.row_length()];
+    const Real *const begin = density + layout.row(r), *const end = begin + layout.row_length();
+    near[usize(r)] = std::any_of(begin, end, [](Real rho) { return rho > 0; });
   }
   for (std::size_t a = 0; a < D - 1; ++a) {
     const std::vector<std::uint8_t> from = near;
@@ -145,7 +144,7 @@ void level_set(const Particles<Real, D>& particles, const Layout<D>& layout, con
   Real* const other = scratch.data();
   const int passes = (options.layers + 1) / 2 * 2;  // even: from phi to `other` and back
   const std::int64_t rows_of_plane = layout.rows() / layout.cells[0];
-  const std::vector<std::uint8_t> near = rows_near(particles, layout, passes + 2);
+  const std::vector<std::uint8_t> near = rows_near(layout, density, passes + 2);
 
   // phi of density and balls.
   const auto estimate = [&](std::int64_t r) {
