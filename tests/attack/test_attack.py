@@ -76,6 +76,7 @@ def test_two_threads_that_call(name):
 @pytest.mark.parametrize(
     ("name", "wanted"),
     [
+        ("GridFlow (two fluids)", "set_velocity"),
         ("MaterialPointMethod", "set_positions"),
         ("MaterialPointMethod (flowing)", "set_deformation_gradients"),
         ("PositionBasedDynamics", "state"),
@@ -97,6 +98,7 @@ def test_interrupts_in_numpy(monkeypatch):
 # Most were a crash, or left a state of no whole call.
 ALLOCATIONS = [
     ("SoftBody", "step"),
+    ("GridFlow (two fluids)", "set_velocity"),
     ("functions", "systems.Oscillators"),
     ("TaylorGreen", "__call__"),
     ("RigidBodies", "set_velocities"),

@@ -74,8 +74,7 @@ void Flow<Real, D>::step(double dt) {
   const double longest = longest_step();
   if (dt > longest) {
     throw SolverError("in a step of " + text(dt) + " s more diffuses than numbers can " +
-                          "hold; take steps of at most " + text(longest) +
-                          " s, or dtype='float64'",
+                          "hold; take steps of at most " + text(longest) + " s, or dtype='float64'",
                       time);
   }
   new_report_ = {};

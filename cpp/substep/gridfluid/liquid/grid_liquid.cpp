@@ -215,9 +215,8 @@ void GridLiquid<Real, D>::make_incompressible(double guess) {
     throw NonFiniteError("the velocities are too large for a pressure; take a shorter step", time);
   }
   if (!solved.converged) {
-    throw ConvergenceError("the pressure has a relative residual of " +
-                               text(solved.residual) + " after " +
-                               std::to_string(solved.iterations) +
+    throw ConvergenceError("the pressure has a relative residual of " + text(solved.residual) +
+                               " after " + std::to_string(solved.iterations) +
                                " iterations; allow more (max_iterations=) or a larger one "
                                "(tolerance=)",
                            time);
