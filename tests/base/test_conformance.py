@@ -503,7 +503,7 @@ def other_threads_see_whole_steps(make):
     seen, going = set(), True
 
     def look():
-        while going:
+        while going or not seen:
             try:
                 seen.add(content(simulation))
                 seen.add(content(simulation.copy()))
