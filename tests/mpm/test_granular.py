@@ -382,3 +382,19 @@ def test_snow_does_not_lock():
     assert stiff == pytest.approx(soft, rel=0.1)
     for layers in (32, 64):  # what locks gets softer on a finer grid
         assert 0.95 * stiff < crushing_stress(1.4e6, layers) < 1.4 * stiff
+
+
+def test_linear_weights_throw_no_grains():
+    tap = substep.Emitter((0.0, 0.75), (0.0, -1.0), 0.3, radius=0.05, stop=30.0)
+    sand_heap = substep.MaterialPointMethod(
+        np.zeros((0, 2)),
+        Sand(young_modulus=1e4),
+        cell=0.05,
+        volume=1.0,
+        colliders=[substep.Plane((0, 1, 0))],
+        boundary="sticky",
+        emitters=[tap],
+        kernel="linear",
+    )
+    sand_heap.advance(8.0)
+    assert sand_heap.positions[:, 1].max() < 0.76

@@ -119,8 +119,8 @@ class MaterialPointMethod(Particles):
     transfer : {'apic', 'aflip', 'flip', 'pic'}, optional
         What particles take from the grid: velocity and its affine part (keeps angular momentum),
         change of velocity and affine part (whatever the step, loses as much per time), the
-        change of velocity, or velocity alone (damps). 'aflip' where there are `Sand` and gravity,
-        else 'apic', unless given.
+        change of velocity, or velocity alone (damps). 'aflip' where there are `Sand` and gravity
+        and the kernel is not 'linear', else 'apic', unless given.
     flip_rate : float, optional
         For 'flip' and 'aflip': the share of PIC or APIC per time [1/s], at least 0; after t only
         exp(-flip_rate t) of what the grid does not see is left, whatever the steps. Unless given
@@ -243,16 +243,17 @@ class MaterialPointMethod(Particles):
             raise InputError(f"cfl: expected a number above 0 and at most 1, got {self.cfl}")
         self._step_size = None if step is None else check_real("step", step, positive=True)
         self.integrator = check_choice("integrator", integrator, INTEGRATORS, aliases=INTEGRATORS)
+        check_choice("kernel", kernel, KERNELS)
         if transfer is None:
             grains = any(isinstance(m, Sand) for m in self.materials)
-            transfer = "aflip" if grains and pull.any() else "apic"
+            transfer = "aflip" if grains and pull.any() and kernel != "linear" else "apic"
         transfer = check_choice("transfer", transfer, TRANSFERS)
         if flip_rate is None:
             flip_rate = math.sqrt(math.hypot(*pull) / self.cell) if transfer == "aflip" else 0.0
         inside = check_bounds(bounds, d)
         self._options = {
             "cell": self.cell,
-            "order": 1 + KERNELS.index(check_choice("kernel", kernel, KERNELS)),
+            "order": 1 + KERNELS.index(kernel),
             "transfer": transfer,
             "form": check_choice("form", form, FORMS),
             "integrator": "implicit" if self.integrator == "implicit_euler" else "explicit",
