@@ -203,6 +203,20 @@ void bind_collider(py::module_& m) {
             self.set_orientation(Quaternion(q[0], q[1], q[2], q[3]));
           })
       .def_property("state", &Collider::state, &Collider::restore)
+      .def(
+          "set_body",
+          [](Collider& self, int number, const Triple& centre,
+             const std::array<double, 36>& mobility, const std::array<double, 6>& acceleration) {
+            self.body = {number, vector(centre), Mat6(mobility.data()), Vec6(acceleration.data()),
+                         Vec6::Zero()};
+          },
+          py::arg("number"), py::arg("centre"), py::arg("mobility"), py::arg("acceleration"))
+      .def_property_readonly("received",
+                             [](const Collider& self) {
+                               std::array<double, 6> received;
+                               Eigen::Map<Vec6>{received.data()} = self.body.received;
+                               return received;
+                             })
       .def("copy", [](const Collider& self) { return std::make_shared<Collider>(self); })
       .def(py::pickle(
           [](const Collider& self) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "substep/core/errors.h"
 
@@ -181,6 +182,23 @@ void Collider::advance(double dt) {
   position_ = to;
 }
 
+Vec6 Collider::body_velocity() const {
+  Vec6 v;
+  v << surface_velocity(centre()), angular_velocity;
+  return v;
+}
+
+void Collider::set_body_velocity(const Vec6& v) {
+  angular_velocity = v.tail<3>();
+  velocity = v.head<3>() + angular_velocity.cross(position_ - centre());
+}
+
+Vec6 Collider::body_impulse() const {
+  Vec6 j;
+  j << exchange_.impulse, exchange_.torque + (position_ - centre()).cross(exchange_.impulse);
+  return j;
+}
+
 std::array<double, Collider::kStateSize> Collider::state() const {
   std::array<double, kStateSize> state;
   double* out = state.data();
@@ -211,6 +229,38 @@ void Collider::restore(const std::array<double, kStateSize>& state) {
   restitution = *in++;
   exchange_ = total_ = {};
   duration_ = 0;
+}
+
+void accelerate_bodies(std::span<Collider> colliders, double dt) {
+  for (Collider& collider : colliders) {
+    if (!collider.yields()) continue;
+    collider.set_body_velocity(collider.body_velocity() + dt * collider.body.acceleration);
+  }
+}
+
+void push_bodies(std::span<Collider> colliders) {
+  for (const std::vector<std::size_t>& body : colliders_by_body(colliders)) {
+    Vec6 impulse = Vec6::Zero();
+    for (const std::size_t c : body) {
+      const Vec6 given = colliders[c].body_impulse();
+      colliders[c].body.received += given;
+      impulse += given;
+    }
+    for (const std::size_t c : body) {
+      Collider& collider = colliders[c];
+      collider.set_body_velocity(collider.body_velocity() + collider.body.mobility * impulse);
+    }
+  }
+}
+
+std::vector<std::vector<std::size_t>> colliders_by_body(std::span<const Collider> colliders) {
+  std::map<int, std::vector<std::size_t>> bodies;
+  for (std::size_t c = 0; c < colliders.size(); ++c) {
+    if (colliders[c].yields()) bodies[colliders[c].body.number].push_back(c);
+  }
+  std::vector<std::vector<std::size_t>> found;
+  for (auto& [number, members] : bodies) found.push_back(std::move(members));
+  return found;
 }
 
 }  // namespace substep::geometry

@@ -9,7 +9,9 @@
 
 #include <array>
 #include <memory>
+#include <span>
 #include <variant>
+#include <vector>
 
 #include "substep/geometry/height_field.h"
 #include "substep/geometry/sampled_distance.h"
@@ -30,6 +32,21 @@ struct Exchange {
     torque += other.torque;
     return *this;
   }
+};
+
+using Vec6 = Eigen::Matrix<double, 6, 1>;
+using Mat6 = Eigen::Matrix<double, 6, 6>;
+
+// The body behind an obstacle that yields to what pushes it. In vectors of six the first three
+// belong to the centre of mass, the others to the turning about it, in the world: an impulse j
+// changes the velocity by mobility j. Colliders of one number are one body. Below 0 an obstacle
+// moves as it is told, whatever pushes it: its mobility is 0.
+struct BodyBehind {
+  int number = -1;
+  Vec3 centre = Vec3::Zero();        // of mass, in the frame of the collider [m]
+  Mat6 mobility = Mat6::Zero();      // [1/kg], [1/(kg m)], [1/(kg m^2)]
+  Vec6 acceleration = Vec6::Zero();  // without what pushes the obstacle [m/s^2], [rad/s^2]
+  Vec6 received = Vec6::Zero();      // sum of what push_bodies() gave [N s], [N m s]
 };
 
 using Shape = std::variant<Plane, Sphere, Box, std::shared_ptr<const SampledDistance>, Capsule,
@@ -64,6 +81,14 @@ class Collider {
   // Moves by velocity dt and rotates by exp(angular_velocity dt).
   void advance(double dt);
 
+  // For those that yield: the centre of mass in the world, the velocity of the body, and exchange()
+  // about its centre of mass.
+  bool yields() const { return body.number >= 0; }
+  Vec3 centre() const { return position_ + rotation_ * body.centre; }
+  Vec6 body_velocity() const;
+  void set_body_velocity(const Vec6& velocity);
+  Vec6 body_impulse() const;
+
   const Vec3& position() const { return position_; }
   void set_position(const Vec3& position) { position_ = position; }
   const Quaternion& orientation() const { return orientation_; }  // body to world
@@ -97,6 +122,7 @@ class Collider {
   double restitution = 0;                // normal velocity after / before, 0 to 1
   Vec3 velocity = Vec3::Zero();          // of position() [m/s]
   Vec3 angular_velocity = Vec3::Zero();  // in the world frame [rad/s]
+  BodyBehind body;                       // no part of state(): whoever couples sets it
 
  private:
   Shape shape_;
@@ -108,5 +134,15 @@ class Collider {
   double duration_ = 0;
   bool begins_ = true;
 };
+
+// A step of length dt of obstacles that yield, before anything pushes them: their bodies'
+// velocities change by acceleration dt. To be called before the method's own solve, which adds
+// mobility times the impulse that it finds.
+void accelerate_bodies(std::span<Collider> colliders, double dt);
+// After the exchange() of the step is set, and before its positions change: the velocities of the
+// bodies change by mobility times the sum over their colliders, which `received` counts.
+void push_bodies(std::span<Collider> colliders);
+// The colliders of each body that yields, by ascending numbers; in their order.
+std::vector<std::vector<std::size_t>> colliders_by_body(std::span<const Collider> colliders);
 
 }  // namespace substep::geometry
