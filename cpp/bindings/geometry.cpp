@@ -134,6 +134,41 @@ void vector_property(py::class_<Collider, std::shared_ptr<Collider>>& collider, 
       [set](Collider& self, const Triple& value) { set(self, vector(value)); });
 }
 
+using Rows64 = py::array_t<double, py::array::c_style | py::array::forcecast>;
+
+// What obstacles know of the bodies behind them, a row for each.
+void bind_bodies_behind(py::module_& m) {
+  m.def(
+      "place_bodies",
+      [](const std::vector<std::shared_ptr<Collider>>& colliders, const std::vector<int>& numbers,
+         const Rows64& poses, const Rows64& velocities, const Rows64& centres,
+         const Rows64& mobilities, const Rows64& accelerations) {
+        for (std::size_t c = 0; c < colliders.size(); ++c) {
+          const auto k = static_cast<py::ssize_t>(c);
+          Collider& collider = *colliders[c];
+          const double* pose = poses.data(k, 0);
+          collider.set_position(Vec3(pose));
+          collider.set_orientation(Quaternion(pose[3], pose[4], pose[5], pose[6]));
+          collider.body = {numbers[c], Vec3(centres.data(k, 0)), Mat6(mobilities.data(k, 0)),
+                           Vec6(accelerations.data(k, 0)), Vec6::Zero()};
+          collider.set_body_velocity(Vec6(velocities.data(k, 0)));
+        }
+      },
+      py::arg("colliders"), py::arg("numbers"), py::arg("poses"), py::arg("velocities"),
+      py::arg("centres"), py::arg("mobilities"), py::arg("accelerations"));
+  m.def(
+      "impulses_of_bodies",
+      [](const std::vector<std::shared_ptr<Collider>>& colliders) {
+        Rows64 rows({static_cast<py::ssize_t>(colliders.size()), py::ssize_t{6}});
+        for (std::size_t c = 0; c < colliders.size(); ++c) {
+          Eigen::Map<Vec6>{rows.mutable_data(static_cast<py::ssize_t>(c), 0)} =
+              colliders[c]->body.received;
+        }
+        return rows;
+      },
+      py::arg("colliders"));
+}
+
 void bind_collider(py::module_& m) {
   py::class_<Collider, std::shared_ptr<Collider>> collider(m, "Collider");
   collider
@@ -203,6 +238,7 @@ void bind_collider(py::module_& m) {
             self.set_orientation(Quaternion(q[0], q[1], q[2], q[3]));
           })
       .def_property("state", &Collider::state, &Collider::restore)
+      // By hand, of one: for tests.
       .def(
           "set_body",
           [](Collider& self, int number, const Triple& centre,
@@ -384,4 +420,5 @@ void bind_geometry(py::module_& m) {
   bind_sampled_distance(m);
   bind_height_field(m);
   bind_collider(m);
+  bind_bodies_behind(m);
 }

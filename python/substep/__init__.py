@@ -22,6 +22,7 @@ _EXPORTS = {
         "TruncatedError",
         "VersionError",
     ),
+    "coupling": ("World",),
     "export": ("pack",),
     "ode": (
         "EnsembleResult",
@@ -80,6 +81,7 @@ _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in nam
 _SUBMODULES = (
     "cli",
     "config",
+    "coupling",
     "ensemble",
     "errors",
     "export",
@@ -110,6 +112,7 @@ if TYPE_CHECKING:  # `as` says that a name is for users
         _core as _core,
         cli as cli,
         config as config,
+        coupling as coupling,
         ensemble as ensemble,
         errors as errors,
         export as export,
@@ -136,6 +139,7 @@ if TYPE_CHECKING:  # `as` says that a name is for users
         show_config as show_config,
         state_hash as state_hash,
     )
+    from .coupling import World as World
     from .errors import (
         ConvergenceError as ConvergenceError,
         CorruptError as CorruptError,

@@ -210,6 +210,13 @@ class Collider:
     def hessian(
         self, x: numpy.typing.NDArray[numpy.float64], threads: int
     ) -> numpy.typing.NDArray[numpy.float64]: ...
+    def set_body(
+        self,
+        number: int,
+        centre: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
+        mobility: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
+        acceleration: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
+    ) -> None: ...
     def surface_velocity(
         self, x: numpy.typing.NDArray[numpy.float64], threads: int
     ) -> numpy.typing.NDArray[numpy.float64]: ...
@@ -245,6 +252,8 @@ class Collider:
     def position(
         self, arg1: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any]
     ) -> None: ...
+    @property
+    def received(self) -> list[float]: ...
     @property
     def restitution(self) -> float: ...
     @restitution.setter
@@ -1318,6 +1327,9 @@ def group_columns(columns: typing.Any) -> numpy.typing.NDArray[numpy.int32]: ...
 def hull_faces(
     points: numpy.typing.ArrayLike,
 ) -> tuple[numpy.typing.NDArray[numpy.float64], list[list[int]]]: ...
+def impulses_of_bodies(
+    colliders: collections.abc.Sequence[Collider],
+) -> numpy.typing.NDArray[numpy.float64]: ...
 def interrupt_after(polls: int) -> int: ...
 def krylov(
     symmetric: bool,
@@ -1353,6 +1365,15 @@ def particle_collision(
     rest: numpy.typing.NDArray[numpy.float64],
     friction: float,
 ) -> ConstraintGroup: ...
+def place_bodies(
+    colliders: collections.abc.Sequence[Collider],
+    numbers: collections.abc.Sequence[int],
+    poses: numpy.typing.ArrayLike,
+    velocities: numpy.typing.ArrayLike,
+    centres: numpy.typing.ArrayLike,
+    mobilities: numpy.typing.ArrayLike,
+    accelerations: numpy.typing.ArrayLike,
+) -> None: ...
 def poisson_disk(
     size: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
     radius: float,

@@ -22,7 +22,7 @@ from .schema import Entry, check
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-_TRANSIENT = ("_native", "_owner")  # what no copy takes over
+_TRANSIENT = ("_native", "_owner", "_world")  # what no copy takes over
 
 
 @dataclass
@@ -191,6 +191,10 @@ class Simulation(Owned):
     def _begin(self, method: str) -> None:
         """Prepare for a call of `step` or `advance`."""
         self._owner.begin(method)
+        self._begin_within()
+
+    def _begin_within(self) -> None:
+        """The same within a call of another simulation."""
         for collider in self.colliders:
             collider._native.begin_call()
         self._last.steps = 0

@@ -409,8 +409,8 @@ class MaterialPointMethod(Particles):
             self._take("step", dt)
         return self._last.dt
 
-    def _begin(self, method: str) -> None:
-        super()._begin(method)
+    def _begin_within(self) -> None:
+        super()._begin_within()
         self.__dict__["_last"] = MaterialPointReport()
 
     def _count(self, dt: float) -> None:

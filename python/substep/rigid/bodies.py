@@ -23,6 +23,7 @@ from ..base.checks import (
 from ..base.rows import read_only
 from ..base.simulation import with_energy
 from ..errors import InputError
+from .colliders import BodyCollider, colliders_of
 from .fixtures import (
     EVERYTHING,
     MOTIONS,
@@ -430,6 +431,36 @@ class RigidBodies(Robots, Runs, States):
             If there is no such body.
         """
         return self._made[self._row("body", body)][0]
+
+    def make_colliders(self, ids: ArrayLike | None = None) -> list[BodyCollider]:
+        """Make obstacles of another simulation that stand for bodies, one for each shape.
+
+        Parameters
+        ----------
+        ids : int or array_like of int, shape (m,), optional
+            Of which bodies; all unless given.
+
+        Returns
+        -------
+        list of BodyCollider
+            Where the bodies are now, with the friction and the restitution of their shapes. Give
+            them to one simulation, among its `colliders`, and put both into a `World`; call this
+            again for another simulation.
+
+        Raises
+        ------
+        InputError, IndexError
+            If an argument is wrong, or a shape cannot be an obstacle.
+
+        Examples
+        --------
+        >>> import substep
+        >>> bodies = substep.RigidBodies()
+        >>> ball = bodies.add(substep.Sphere(0.2), (0.5, 0.5, 0.6), density=300.0)
+        >>> bodies.make_colliders(ball)
+        [BodyCollider(Sphere(radius=0.2), body=0)]
+        """
+        return colliders_of(self, ids)
 
     def diagnostics(self) -> dict[str, float]:
         """Energies and momenta of the dynamic bodies, and what the last step met.

@@ -1,0 +1,5 @@
+"""Simulations of several kinds in one world: what they exchange, and one time for all."""
+
+from .world import World
+
+__all__ = ["World"]

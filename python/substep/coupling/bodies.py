@@ -1,0 +1,116 @@
+"""Rigid bodies behind the obstacles of another simulation: how they yield, and what they are given.
+
+A body of mass m, moments I about its centre of mass and velocity V = (v, omega) answers an impulse
+J = (j, l) by V + W J, W = diag(1 / m, I^-1): its mobility. In an interval of exchange dt
+1. the bodies try the interval with the impulses J' of the last one, which gives V';
+2. the simulation advances with bodies that move by V + a t + W J, a dt = V' - V - W J', where J is
+   what it pushes them by itself: what holds and carries them is in a, what it changes in W J;
+3. the bodies take the interval with J.
+Where J' = J that is the motion of the bodies under J, contacts and joints and all, whatever W is;
+where it is not, W is how it begins to differ. A body that nothing else touches moves by its
+mobility alone, so that the exchange is exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import _core
+from ..base.quaternions import multiply, rotate
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    from ..base.simulation import Simulation
+    from ..rigid import RigidBodies
+
+Array = NDArray[np.float64]
+Ids = NDArray[np.int64]
+
+
+def velocities_of(bodies: RigidBodies, rows: Ids) -> Array:
+    """Rows (v of the centre of mass, omega)."""
+    return np.hstack([bodies.velocities[rows], bodies.angular_velocities[rows]])
+
+
+def mobilities_of(bodies: RigidBodies, rows: Ids) -> Array:
+    """W of each, 0 unless dynamic."""
+    q = bodies._native.rotations[rows]
+    axes = np.stack([rotate(q, np.tile(e, (len(rows), 1))) for e in np.eye(3)], axis=2)
+    found = np.zeros((len(rows), 6, 6))
+    found[:, :3, :3] = np.eye(3) / bodies.masses[rows, None, None]
+    found[:, 3:, 3:] = (axes / bodies.inertia[rows][:, None, :]) @ axes.transpose(0, 2, 1)
+    return found
+
+
+class Link:
+    """The obstacles of one simulation that stand for bodies.
+
+    Parameters
+    ----------
+    name : str
+        Of the simulation.
+    member : Simulation
+        That has the obstacles.
+    places : list of tuple
+        Of each: which of the colliders it is, the id of its body, and where its shape is there.
+    """
+
+    def __init__(
+        self, name: str, member: Simulation, places: Sequence[tuple[int, int, Array, Array]]
+    ) -> None:
+        self.name, self.places = name, list(places)
+        self.colliders = [member.colliders[place[0]]._native for place in places]
+        ids = np.array([place[1] for place in places], np.int64)
+        self.ids, self.of = np.unique(ids, return_inverse=True)  # bodies; that of each collider
+        self._x = np.array([place[2] for place in places])
+        self._q = np.array([place[3] for place in places])
+
+    def rows(self, bodies: RigidBodies) -> Ids:
+        """Of the bodies, now."""
+        known = bodies.ids
+        rows = np.searchsorted(known, self.ids)
+        gone = (rows >= len(known)) | (known[np.minimum(rows, len(known) - 1)] != self.ids)
+        if gone.any():
+            body = int(self.ids[np.argmax(gone)])
+            raise InputError(
+                f"body {body}, which an obstacle of {self.name!r} stands for, has been removed"
+            )
+        return rows
+
+    def place(
+        self, bodies: RigidBodies, rows: Ids, velocities: Array, W: Array, accelerations: Array
+    ) -> None:
+        """Put the obstacles where the bodies are, with the velocities of these."""
+        of = self.of
+        q = bodies.rotations[rows][of]
+        x = bodies.positions[rows][of] + rotate(q, self._x)
+        q = multiply(q, self._q)
+        back = q * (1.0, -1.0, -1.0, -1.0)
+        centres = rotate(back, bodies.centers_of_mass[rows][of] - x)
+        yields = np.isfinite(bodies.masses[rows])
+        _core.place_bodies(
+            self.colliders,
+            np.where(yields, np.arange(len(rows)), -1)[of].tolist(),
+            np.hstack([x, q]),
+            velocities[of],
+            centres,
+            W[of].reshape(len(of), 36),
+            accelerations[of],
+        )
+
+    def impulses(self) -> Array:
+        """What the bodies were given since `place` [N s], [N m s], a row for each."""
+        given = np.zeros((len(self.ids), 6))
+        np.add.at(given, self.of, _core.impulses_of_bodies(self.colliders))
+        return given
+
+
+def give(bodies: RigidBodies, rows: Ids, impulses: Array, dt: float) -> None:
+    """Let the bodies take these impulses over the next step, of dt."""
+    native: Any = bodies._native
+    np.add.at(native.forces, rows, impulses[:, :3] / dt)
+    np.add.at(native.torques, rows, impulses[:, 3:] / dt)

@@ -1,0 +1,441 @@
+"""A world: simulations of several kinds that advance together and push each other."""
+
+from __future__ import annotations
+
+import math
+import weakref
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.checks import check_real, describe
+from ..base.schema import TIME, Entry, Number, Rows, check
+from ..base.simulation import Simulation
+from ..errors import InputError, SolverError
+from ..rigid import RigidBodies
+from ..rigid.colliders import BodyCollider
+from .bodies import Link, give, mobilities_of, velocities_of
+
+if TYPE_CHECKING:
+    pass
+
+Array = NDArray[np.float64]
+
+_STEP = 1 / 60  # [s], of worlds without rigid bodies
+_SUMS = (
+    "kinetic_energy",
+    "gravitational_energy",
+    "elastic_energy",
+    "energy",
+    *(f"{name}_{axis}" for name in ("momentum", "angular_momentum") for axis in "xyz"),
+)
+
+
+class _Clock:
+    """What stands for a native simulation."""
+
+    time = 0.0
+
+    def __init__(self, members: Mapping[str, Simulation]) -> None:
+        self._members = members
+
+    @property
+    def threads(self) -> int:
+        return next(iter(self._members.values())).threads or 0
+
+    @threads.setter
+    def threads(self, threads: int) -> None:
+        for member in self._members.values():
+            member.threads = threads or None
+
+
+class World(Simulation):
+    """Simulations of several kinds in one world: rigid bodies float, sink, plough and rest.
+
+    Rigid bodies meet what has obstacles that stand for them: make those by `RigidBodies.make_colliders`
+    and give them to the other simulation as its `colliders`. The world then moves the obstacles
+    with the bodies, and gives to the bodies what the other simulation pushes them by. How a body
+    yields is part of the equations that the other simulation solves, so that a light body is as
+    stable as a heavy one.
+
+    The world is a simulation as its members are: it steps, saves, restores and copies all of them
+    at once. Members can be read, and written between steps, but the world alone steps them.
+
+    Parameters
+    ----------
+    members : mapping of str to Simulation
+        The simulations by name, all at the same time; at most one `RigidBodies` among them. Names
+        are letters, digits and '_'.
+    step : float, optional
+        How long simulations advance on their own, by steps of their own, before bodies exchange
+        with them [s]; that of the rigid bodies unless given, which it must not exceed.
+    threads : int, optional
+        Of all members; theirs unless given.
+
+    Raises
+    ------
+    InputError
+        If members are at different times, or one stands there twice or in another world, or an
+        obstacle stands for a body of none.
+
+    References
+    ----------
+    Batty, Bertails and Bridson, "A fast variational framework for accurate solid-fluid coupling",
+    2007; Macklin, Mueller, Chentanez and Kim, "Unified particle physics for real-time
+    applications", 2014.
+
+    Examples
+    --------
+    A ball of a third of the water's density floats:
+
+    >>> import substep
+    >>> bodies = substep.RigidBodies()
+    >>> ball = bodies.add(substep.Sphere(0.15), (0.5, 0.5, 0.45), density=300.0)
+    >>> water = substep.GridLiquid(
+    ...     substep.fill_box((0, 0, 0), (1, 1, 0.4), 0.05), cell=0.1,
+    ...     bounds=((0, 0, 0), (1, 1, 1)), colliders=bodies.make_colliders(ball))
+    >>> world = substep.World({"bodies": bodies, "water": water})
+    >>> world.advance(0.5)
+    >>> bool(0.3 < bodies.positions[ball, 2] < 0.6)
+    True
+    """
+
+    _members: dict[str, Any]
+    _links: list[Link]
+
+    def __init__(
+        self,
+        members: Mapping[str, Simulation],
+        *,
+        step: float | None = None,
+        threads: int | None = None,
+    ) -> None:
+        given = _check_members(members)
+        self._members = given
+        self._links = [link for name in given if (link := _find_link(name, given)) is not None]
+        self._exchanged = [np.zeros((len(link.ids), 6)) for link in self._links]  # [N s], [N m s]
+        self._interval = 0.0  # in which that was exchanged [s]; 0 before the first
+        self._step_size = None
+        self._set_step_size(None if step is None else check_real("step", step, positive=True))
+        times = {member.time for member in given.values()}
+        if len(times) > 1:
+            told = ", ".join(f"{name!r} at {m.time:g} s" for name, m in given.items())
+            raise InputError(f"members: expected all at one time, got {told}")
+        clock = _Clock(given)
+        super().__init__(clock, times.pop(), clock.threads or None)
+        if threads is not None:
+            self.threads = threads
+        self._take_in()
+
+    def _take_in(self) -> None:
+        for member in self._members.values():
+            self._owner.join(member._owner)
+            member.__dict__["_world"] = weakref.ref(self)
+
+    @property
+    def members(self) -> Mapping[str, Simulation]:
+        """The simulations by name; read-only."""
+        return MappingProxyType(self._members)
+
+    def __getitem__(self, name: str) -> Any:
+        """Give the member of that name.
+
+        Parameters
+        ----------
+        name : str
+            Of the member.
+
+        Returns
+        -------
+        Simulation
+            The member.
+
+        Raises
+        ------
+        KeyError
+            If there is none.
+        """
+        return self._members[name]
+
+    @property
+    def _bodies(self) -> RigidBodies | None:
+        return next((m for m in self._members.values() if isinstance(m, RigidBodies)), None)
+
+    def _set_step_size(self, step: float | None) -> None:
+        longest = _STEP if self._bodies is None else self._bodies.step_size
+        assert longest is not None
+        if step is not None and self._bodies is not None and step > longest:
+            raise InputError(
+                f"step: expected at most that of the rigid bodies, {longest:g} s, got {step:g} s"
+            )
+        super()._set_step_size(step)
+
+    def _next_step(self) -> float:
+        longest = _STEP if self._bodies is None else self._bodies.step_size
+        assert longest is not None
+        return longest if self._step_size is None else min(self._step_size, longest)
+
+    def _begin(self, method: str) -> None:
+        super()._begin(method)
+        for name, member in self._members.items():
+            if member.time != self.time:
+                raise InputError(
+                    f"members: {name!r} is at {member.time:g} s, the world at {self.time:g} s; "
+                    "let the world alone step them"
+                )
+            member._begin_within()
+
+    def _take_step(self, dt: float) -> None:
+        """One interval of exchange; where a member fails, all are as they were."""
+        before, end = self._kept(), self.time + dt
+        try:
+            if self._bodies is not None and self._links:
+                self._exchange(self._bodies, dt, end)
+            else:
+                for name, member in self._members.items():
+                    self._advance(name, member, dt, end)
+            self._native.time = end
+        except BaseException:
+            self._put_state(before)
+            raise
+
+    def _exchange(self, bodies: RigidBodies, dt: float, end: float) -> None:
+        """The algorithm of `bodies.py`."""
+        rows = [link.rows(bodies) for link in self._links]
+        scale = dt / self._interval if self._interval > 0 else 0.0
+        last = [scale * impulses for impulses in self._exchanged]
+        start = velocities_of(bodies, np.arange(len(bodies)))
+        W = mobilities_of(bodies, np.arange(len(bodies)))
+        # What else acts on the bodies, and the others as they were.
+        free = self._try(bodies, rows, last, dt) - start
+        for at, impulses in zip(rows, last, strict=True):
+            np.subtract.at(free, at, np.einsum("kij,kj->ki", W[at], impulses))
+        others = np.zeros((len(bodies), 6))
+        for at, impulses in zip(rows, last, strict=True):
+            np.add.at(others, at, impulses)
+        exchanged = []
+        linked = {link.name: k for k, link in enumerate(self._links)}
+        for name, member in self._members.items():
+            if member is bodies:
+                continue
+            k = linked.get(name)
+            if k is not None:
+                at, link = rows[k], self._links[k]
+                beside = others[at] - last[k]
+                a = (free[at] + np.einsum("kij,kj->ki", W[at], beside)) / dt
+                link.place(bodies, at, start[at], W[at], a)
+            self._advance(name, member, dt, end)
+            if k is not None:
+                given = link.impulses()
+                np.add.at(others, at, given - last[k])
+                exchanged.append(given)
+        for at, given in zip(rows, exchanged, strict=True):
+            give(bodies, at, given, dt)
+        self._advance(self._name_of(bodies), bodies, dt, end)
+        self._exchanged, self._interval = exchanged, dt
+
+    def _try(self, bodies: RigidBodies, rows: list[Any], impulses: list[Array], dt: float) -> Array:
+        """Velocities of the bodies after a step with these impulses, which is not taken."""
+        before = bodies._kept()
+        try:
+            for at, given in zip(rows, impulses, strict=True):
+                give(bodies, at, given, dt)
+            bodies._native.step(dt)
+            return velocities_of(bodies, np.arange(len(bodies)))
+        except SolverError as error:
+            raise self._named(self._name_of(bodies), error) from None
+        finally:
+            bodies._put_state(before)
+
+    def _name_of(self, member: Simulation) -> str:
+        return next(name for name, m in self._members.items() if m is member)
+
+    def _advance(self, name: str, member: Simulation, dt: float, end: float) -> None:
+        try:
+            member._run(dt, end, None)
+        except SolverError as error:
+            raise self._named(name, error) from None
+        member._native.time = end
+
+    def _named(self, name: str, error: SolverError) -> SolverError:
+        """The error, which says whose it is."""
+        error.args = (f"{name}: {error}", *error.args[1:])
+        error.step = None  # of the member's own
+        return error
+
+    def step_limit(self) -> tuple[float, str]:
+        """Shortest of the members' limits, and why.
+
+        Returns
+        -------
+        float
+            The limit [s]; members take steps of their own, so that those of the world may be
+            longer.
+        str
+            The member and its reason.
+        """
+        limits = {
+            name: member.step_limit()
+            for name, member in self._members.items()
+            if hasattr(member, "step_limit")
+        }
+        if not limits:
+            return math.inf, "no member has a limit"
+        name = min(limits, key=lambda name: limits[name][0])
+        return limits[name][0], f"{name}: {limits[name][1]}"
+
+    def diagnostics(self) -> dict[str, float]:
+        """Those of the members, and their sums.
+
+        Returns
+        -------
+        dict of str to float
+            `NAME.KEY` for each member; energies [J], momenta [N s] and angular momenta about 0
+            [N m s] under their own names are sums over the members that have them.
+        """
+        values: dict[str, float] = {}
+        for name, member in self._members.items():
+            theirs: dict[str, float] = member.diagnostics()
+            values |= {f"{name}.{key}": value for key, value in theirs.items()}
+            for key in _SUMS:
+                if key in theirs:
+                    values[key] = values.get(key, 0.0) + theirs[key]
+        return values
+
+    def fields(self) -> dict[str, tuple[NDArray[Any], str]]:
+        """Arrays of all members for recording, with their units.
+
+        Returns
+        -------
+        dict of str to (ndarray, str)
+            `NAME.FIELD` for each field of each member.
+        """
+        return {
+            f"{name}.{key}": value
+            for name, member in self._members.items()
+            for key, value in member.fields().items()
+        }
+
+    def exchanged(self) -> dict[str, tuple[NDArray[np.int64], Array]]:
+        """What bodies were given in the last interval.
+
+        Returns
+        -------
+        dict of str to (ndarray, ndarray)
+            For each simulation that bodies meet: ids of the bodies, shape (m,), and rows (force
+            [N], torque about the centre of mass [N m]), means over the interval, shape (m, 6).
+        """
+        duration = self._interval or math.inf
+        return {
+            link.name: (link.ids.copy(), given / duration)
+            for link, given in zip(self._links, self._exchanged, strict=True)
+        }
+
+    def _own_schema(self) -> list[Entry]:
+        sizes = [(link.name, len(link.ids)) for link in self._links]
+        return [
+            TIME,
+            Number("interval", low=0),
+            *(Rows(f"exchanged.{name}", np.float64, (n, 6)) for name, n in sizes),
+        ]
+
+    def _own_state(self) -> dict[str, Any]:
+        given = zip(self._links, self._exchanged, strict=True)
+        return {
+            "time": self.time,
+            "interval": self._interval,
+            **{f"exchanged.{link.name}": rows.copy() for link, rows in given},
+        }
+
+    def _state(self) -> dict[str, Any]:
+        state = self._own_state()
+        for name, member in self._members.items():
+            state |= {f"{name}.{key}": value for key, value in member._state().items()}
+        return state
+
+    def _checked(self, state: dict[str, Any]) -> dict[str, Any]:
+        own = check(self._own_schema(), state, {})
+        theirs = {}
+        for name, member in self._members.items():
+            start = f"{name}."
+            part = {k[len(start) :]: v for k, v in state.items() if str(k).startswith(start)}
+            try:
+                theirs[name] = member._checked(part)
+            except InputError as error:
+                raise InputError(f"{name}: {error}") from None
+            if theirs[name]["time"] != own["time"]:
+                raise InputError(
+                    f"{name}: state['time']: expected that of the world, {own['time']}"
+                )
+        return {"own": own, "members": theirs}
+
+    def _kept(self) -> dict[str, Any]:
+        theirs = {name: member._kept() for name, member in self._members.items()}
+        return {"own": self._own_state(), "members": theirs}
+
+    def _put_state(self, state: dict[str, Any]) -> None:
+        own = state["own"]
+        for name, member in self._members.items():
+            member._put_state(state["members"][name])
+        self._native.time, self._interval = own["time"], own["interval"]
+        self._exchanged = [own[f"exchanged.{link.name}"].copy() for link in self._links]
+
+    def _parts(self) -> dict[str, Any]:
+        """What the world is made of: copies of its members, and whose obstacles are whose."""
+        made = super()._parts()
+        made["_members"] = {name: member.copy() for name, member in self._members.items()}
+        made["_links"] = [(link.name, link.places) for link in self._links]
+        return made
+
+    def __setstate__(self, given: tuple[dict[str, Any], int | None, dict[str, Any]]) -> None:
+        made, threads, state = given
+        members = made["_members"]
+        made["_links"] = [Link(name, members[name], places) for name, places in made["_links"]]
+        super().__setstate__((made, threads, state))
+        self._take_in()
+
+    def _make(self, state: Mapping[str, Any]) -> Any:
+        return _Clock(self._members)
+
+
+def _check_members(members: Any) -> dict[str, Simulation]:
+    if not isinstance(members, Mapping):
+        raise TypeError(f"members: expected simulations by name, got {describe(members)}")
+    if not members:
+        raise InputError("members: expected at least one")
+    given: dict[str, Simulation] = {}
+    for name, member in members.items():
+        if not isinstance(name, str) or not name.isidentifier():
+            raise InputError(f"members: expected names of letters, digits and '_', got {name!r}")
+        if not isinstance(member, Simulation) or isinstance(member, World):
+            raise TypeError(f"members[{name!r}]: expected a simulation, got {describe(member)}")
+        if any(member is other for other in given.values()):
+            raise InputError(f"members[{name!r}]: stands there twice")
+        other = member.__dict__.get("_world", lambda: None)()
+        if other is not None:
+            raise InputError(f"members[{name!r}]: is in another world")
+        given[name] = member
+    rigid = [name for name, member in given.items() if isinstance(member, RigidBodies)]
+    if len(rigid) > 1:
+        raise InputError(f"members: expected one RigidBodies at most, got {', '.join(rigid)}")
+    return given
+
+
+def _find_link(name: str, members: Mapping[str, Simulation]) -> Link | None:
+    """The obstacles of a member that stand for bodies of another."""
+    member = members[name]
+    places = []
+    for k, collider in enumerate(member.colliders):
+        if not isinstance(collider, BodyCollider):
+            continue
+        bodies = collider.__dict__.get("_bodies")
+        if bodies is None or not any(bodies is m for m in members.values()):
+            raise InputError(
+                f"members: colliders[{k}] of {name!r} stands for a body of no member; make it by "
+                "make_colliders() of the RigidBodies that is one"
+            )
+        places.append((k, collider.body, *collider._place()))
+    return Link(name, member, places) if places else None

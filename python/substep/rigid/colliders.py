@@ -1,0 +1,68 @@
+"""Obstacles of other methods that stand for the shapes of rigid bodies."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..base.quaternions import multiply, rotate
+from ..geometry import Collider, Plane, Shape
+
+if TYPE_CHECKING:
+    from .bodies import RigidBodies
+
+Array = NDArray[np.float64]
+
+
+class BodyCollider(Collider):
+    """An obstacle that stands for a shape of a rigid body; `RigidBodies.make_colliders` makes it.
+
+    Give it to one simulation, and that together with the bodies to a `World`, which moves it with
+    its body and gives to the body what pushes it. Without a world it stands still.
+
+    Attributes
+    ----------
+    body : int
+        Id of the body.
+    """
+
+    body: int
+    _bodies: RigidBodies
+
+    def __repr__(self) -> str:
+        return f"BodyCollider({self.shape!r}, body={self.body})"
+
+    def _place(self) -> tuple[Array, Array]:
+        """Where the shape is in the frame of its body, and how it is turned there."""
+        return place_of(self.shape)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy belongs to no bodies: a world knows whose it is."""
+        return {name: value for name, value in super().__getstate__().items() if name != "_bodies"}
+
+
+def place_of(shape: Shape) -> tuple[Array, Array]:
+    """Position and rotation of an obstacle of this shape, as it is made."""
+    center = shape.point if isinstance(shape, Plane) else shape.center
+    return np.array(center), np.array(shape.rotation)
+
+
+def colliders_of(bodies: RigidBodies, ids: ArrayLike | None) -> list[BodyCollider]:
+    """One for each shape of the bodies, where these are now."""
+    made = []
+    positions, rotations = bodies.positions, bodies.rotations
+    for row in bodies._rows_or_all(ids):
+        for fixture in bodies._made[row][0]:
+            collider = BodyCollider(
+                fixture.shape,
+                friction=fixture.friction or 0.0,
+                restitution=fixture.restitution or 0.0,
+            )
+            x, q = collider._place()
+            collider.position = positions[row] + rotate(rotations[row], x)
+            collider.rotation = multiply(rotations[row], q)
+            collider.__dict__.update(body=int(bodies._ids[row]), _bodies=bodies)
+            made.append(collider)
+    return made
