@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "rigid_world.h"
+#include "substep/rigid/solver/mobility.h"
 #include "substep/rigid/world/queries.h"
 
 namespace rigid_binding {
@@ -128,6 +129,18 @@ void bind_queries(py::class_<PyWorld>& world) {
              bodies.erase(std::unique(bodies.begin(), bodies.end()), bodies.end());
              return Numbers(static_cast<py::ssize_t>(bodies.size()), bodies.data());
            })
+      .def(
+          "mobilities",
+          [](const PyWorld& self, const Numbers& rows) {
+            const std::vector<Mat6> found =
+                mobilities(self.world.bodies(), self.world.joints(), self.bodies(rows));
+            py::array_t<double> out(
+                {static_cast<py::ssize_t>(found.size()), py::ssize_t{6}, py::ssize_t{6}});
+            for (std::size_t k = 0; k < found.size(); ++k)
+              Eigen::Map<Mat6>{out.mutable_data(static_cast<py::ssize_t>(k), 0, 0)} = found[k];
+            return out;
+          },
+          py::arg("rows"))
       .def("diagnostics", [](const PyWorld& self) {
         const Bodies& bodies = self.world.bodies();
         double penetration = 0, contacts = 0;

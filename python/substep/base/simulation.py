@@ -190,6 +190,8 @@ class Simulation(Owned):
 
     def _begin(self, method: str) -> None:
         """Prepare for a call of `step` or `advance`."""
+        if self.__dict__.get("_world", lambda: None)() is not None:
+            raise InputError(f"{method}: this is a member of a World, which alone steps it")
         self._owner.begin(method)
         self._begin_within()
 

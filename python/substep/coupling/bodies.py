@@ -1,7 +1,8 @@
 """Rigid bodies behind the obstacles of another simulation: how they yield, and what they are given.
 
 A body of mass m, moments I about its centre of mass and velocity V = (v, omega) answers an impulse
-J = (j, l) by V + W J, W = diag(1 / m, I^-1): its mobility. In an interval of exchange dt
+J = (j, l) by V + W J, W = diag(1 / m, I^-1): its mobility, of which joints take what they hold. In
+an interval of exchange dt
 1. the bodies try the interval with the impulses J' of the last one, which gives V';
 2. the simulation advances with bodies that move by V + a t + W J, a dt = V' - V - W J', where J is
    what it pushes them by itself: what holds and carries them is in a, what it changes in W J;
@@ -34,16 +35,6 @@ Ids = NDArray[np.int64]
 def velocities_of(bodies: RigidBodies, rows: Ids) -> Array:
     """Rows (v of the centre of mass, omega)."""
     return np.hstack([bodies.velocities[rows], bodies.angular_velocities[rows]])
-
-
-def mobilities_of(bodies: RigidBodies, rows: Ids) -> Array:
-    """W of each, 0 unless dynamic."""
-    q = bodies._native.rotations[rows]
-    axes = np.stack([rotate(q, np.tile(e, (len(rows), 1))) for e in np.eye(3)], axis=2)
-    found = np.zeros((len(rows), 6, 6))
-    found[:, :3, :3] = np.eye(3) / bodies.masses[rows, None, None]
-    found[:, 3:, 3:] = (axes / bodies.inertia[rows][:, None, :]) @ axes.transpose(0, 2, 1)
-    return found
 
 
 class Link:

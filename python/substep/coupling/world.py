@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 import weakref
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ from ..base.simulation import Simulation
 from ..errors import InputError, SolverError
 from ..rigid import RigidBodies
 from ..rigid.colliders import BodyCollider
-from .bodies import Link, give, mobilities_of, velocities_of
+from .bodies import Link, give, velocities_of
 
 if TYPE_CHECKING:
     pass
@@ -55,11 +56,11 @@ class _Clock:
 class World(Simulation):
     """Simulations of several kinds in one world: rigid bodies float, sink, plough and rest.
 
-    Rigid bodies meet what has obstacles that stand for them: make those by `RigidBodies.make_colliders`
-    and give them to the other simulation as its `colliders`. The world then moves the obstacles
-    with the bodies, and gives to the bodies what the other simulation pushes them by. How a body
-    yields is part of the equations that the other simulation solves, so that a light body is as
-    stable as a heavy one.
+    Rigid bodies meet what has obstacles that stand for them: make those by
+    `RigidBodies.make_colliders` and give them to the other simulation as its `colliders`. The world
+    then moves the obstacles with the bodies, and gives to the bodies what the other simulation
+    pushes them by. How a body yields is part of the equations that the other simulation solves, so
+    that a light body is as stable as a heavy one.
 
     The world is a simulation as its members are: it steps, saves, restores and copies all of them
     at once. Members can be read, and written between steps, but the world alone steps them.
@@ -71,7 +72,7 @@ class World(Simulation):
         are letters, digits and '_'.
     step : float, optional
         How long simulations advance on their own, by steps of their own, before bodies exchange
-        with them [s]; that of the rigid bodies unless given, which it must not exceed.
+        with them [s]; the step of the rigid bodies unless given.
     threads : int, optional
         Of all members; theirs unless given.
 
@@ -118,8 +119,7 @@ class World(Simulation):
         self._links = [link for name in given if (link := _find_link(name, given)) is not None]
         self._exchanged = [np.zeros((len(link.ids), 6)) for link in self._links]  # [N s], [N m s]
         self._interval = 0.0  # in which that was exchanged [s]; 0 before the first
-        self._step_size = None
-        self._set_step_size(None if step is None else check_real("step", step, positive=True))
+        self._step_size = None if step is None else check_real("step", step, positive=True)
         times = {member.time for member in given.values()}
         if len(times) > 1:
             told = ", ".join(f"{name!r} at {m.time:g} s" for name, m in given.items())
@@ -136,7 +136,7 @@ class World(Simulation):
             member.__dict__["_world"] = weakref.ref(self)
 
     @property
-    def members(self) -> Mapping[str, Simulation]:
+    def members(self) -> Mapping[str, Any]:
         """The simulations by name; read-only."""
         return MappingProxyType(self._members)
 
@@ -164,19 +164,12 @@ class World(Simulation):
     def _bodies(self) -> RigidBodies | None:
         return next((m for m in self._members.values() if isinstance(m, RigidBodies)), None)
 
-    def _set_step_size(self, step: float | None) -> None:
-        longest = _STEP if self._bodies is None else self._bodies.step_size
-        assert longest is not None
-        if step is not None and self._bodies is not None and step > longest:
-            raise InputError(
-                f"step: expected at most that of the rigid bodies, {longest:g} s, got {step:g} s"
-            )
-        super()._set_step_size(step)
-
     def _next_step(self) -> float:
-        longest = _STEP if self._bodies is None else self._bodies.step_size
-        assert longest is not None
-        return longest if self._step_size is None else min(self._step_size, longest)
+        return self._step_size or self._longest()
+
+    def _longest(self) -> float:
+        step = None if self._bodies is None else self._bodies.step_size
+        return step or _STEP
 
     def _begin(self, method: str) -> None:
         super()._begin(method)
@@ -190,102 +183,107 @@ class World(Simulation):
 
     def _take_step(self, dt: float) -> None:
         """One interval of exchange; where a member fails, all are as they were."""
+        bodies = self._bodies if self._links else None
+        free = None if bodies is None else self._try(bodies, dt)
         before, end = self._kept(), self.time + dt
         try:
-            if self._bodies is not None and self._links:
-                self._exchange(self._bodies, dt, end)
+            if bodies is None or free is None:
+                for member in self._members.values():
+                    self._advance(member, dt, end)
             else:
-                for name, member in self._members.items():
-                    self._advance(name, member, dt, end)
+                self._exchange(bodies, free, dt, end)
             self._native.time = end
         except BaseException:
             self._put_state(before)
             raise
 
-    def _exchange(self, bodies: RigidBodies, dt: float, end: float) -> None:
-        """The algorithm of `bodies.py`."""
-        rows = [link.rows(bodies) for link in self._links]
+    def _try(self, bodies: RigidBodies, dt: float) -> Array:
+        """How the velocities of the bodies change in a step with the impulses of the last one.
+
+        The step is not taken.
+        """
         scale = dt / self._interval if self._interval > 0 else 0.0
-        last = [scale * impulses for impulses in self._exchanged]
-        start = velocities_of(bodies, np.arange(len(bodies)))
-        W = mobilities_of(bodies, np.arange(len(bodies)))
-        # What else acts on the bodies, and the others as they were.
-        free = self._try(bodies, rows, last, dt) - start
-        for at, impulses in zip(rows, last, strict=True):
-            np.subtract.at(free, at, np.einsum("kij,kj->ki", W[at], impulses))
-        others = np.zeros((len(bodies), 6))
-        for at, impulses in zip(rows, last, strict=True):
-            np.add.at(others, at, impulses)
-        exchanged = []
-        linked = {link.name: k for k, link in enumerate(self._links)}
+        every, native = np.arange(len(bodies)), bodies._native
+        start, forces, torques = velocities_of(bodies, every), native.forces, native.torques
+        rows = [link.rows(bodies) for link in self._links]
+        own = forces.copy(), torques.copy()
+        try:
+            before = bodies._kept()
+            self._move(bodies, rows, [scale * impulses for impulses in self._exchanged], dt)
+            change = velocities_of(bodies, every) - start
+            bodies._put_state(before)
+        finally:
+            native.forces[:], native.torques[:] = own
+        return change
+
+    def _exchange(self, bodies: RigidBodies, tried: Array, dt: float, end: float) -> None:
+        """The algorithm of `bodies.py`, after its first line."""
+        every = np.arange(len(bodies))
+        start, W = velocities_of(bodies, every), bodies._native.mobilities(every)
+        scale = dt / self._interval if self._interval > 0 else 0.0
+        links = {link.name: k for k, link in enumerate(self._links)}
+        rows = [link.rows(bodies) for link in self._links]
+        new = [scale * impulses for impulses in self._exchanged]
+        more = np.zeros_like(tried)  # than in the trial
         for name, member in self._members.items():
             if member is bodies:
                 continue
-            k = linked.get(name)
-            if k is not None:
-                at, link = rows[k], self._links[k]
-                beside = others[at] - last[k]
-                a = (free[at] + np.einsum("kij,kj->ki", W[at], beside)) / dt
-                link.place(bodies, at, start[at], W[at], a)
-            self._advance(name, member, dt, end)
-            if k is not None:
-                given = link.impulses()
-                np.add.at(others, at, given - last[k])
-                exchanged.append(given)
-        for at, given in zip(rows, exchanged, strict=True):
-            give(bodies, at, given, dt)
-        self._advance(self._name_of(bodies), bodies, dt, end)
-        self._exchanged, self._interval = exchanged, dt
+            k = links.get(name)
+            if k is None:
+                self._advance(member, dt, end)
+                continue
+            at, link, last = rows[k], self._links[k], new[k]
+            beside = np.einsum("kij,kj->ki", W[at], more[at] - last)
+            link.place(bodies, at, start[at], W[at], (tried[at] + beside) / dt)
+            self._advance(member, dt, end)
+            new[k] = link.impulses()
+            np.add.at(more, at, new[k] - last)
+        self._move(bodies, rows, new, dt)
+        bodies._count(dt)
+        bodies._native.time = end
+        self._exchanged, self._interval = new, dt
 
-    def _try(self, bodies: RigidBodies, rows: list[Any], impulses: list[Array], dt: float) -> Array:
-        """Velocities of the bodies after a step with these impulses, which is not taken."""
-        before = bodies._kept()
-        try:
+    def _move(self, bodies: RigidBodies, rows: list[Any], impulses: list[Array], dt: float) -> None:
+        """Steps of the bodies, equal ones no longer than theirs, with these impulses."""
+        steps = max(1, math.ceil(dt / self._longest() * (1 - 1e-9)))
+        for _ in range(steps):
             for at, given in zip(rows, impulses, strict=True):
-                give(bodies, at, given, dt)
-            bodies._native.step(dt)
-            return velocities_of(bodies, np.arange(len(bodies)))
-        except SolverError as error:
-            raise self._named(self._name_of(bodies), error) from None
-        finally:
-            bodies._put_state(before)
+                give(bodies, at, given / steps, dt / steps)
+            self._name_errors(bodies, bodies._take_step, dt / steps)
 
     def _name_of(self, member: Simulation) -> str:
         return next(name for name, m in self._members.items() if m is member)
 
-    def _advance(self, name: str, member: Simulation, dt: float, end: float) -> None:
-        try:
-            member._run(dt, end, None)
-        except SolverError as error:
-            raise self._named(name, error) from None
+    def _advance(self, member: Simulation, dt: float, end: float) -> None:
+        self._name_errors(member, member._run, dt, end, None)
         member._native.time = end
 
-    def _named(self, name: str, error: SolverError) -> SolverError:
-        """The error, which says whose it is."""
-        error.args = (f"{name}: {error}", *error.args[1:])
-        error.step = None  # of the member's own
-        return error
+    def _name_errors(self, member: Simulation, call: Callable[..., object], *given: Any) -> None:
+        """Call it; where it fails, the error says whose it is."""
+        try:
+            call(*given)
+        except SolverError as error:
+            error.args = (f"{self._name_of(member)}: {error}", *error.args[1:])
+            error.step = None  # of the member's own
+            raise
 
     def step_limit(self) -> tuple[float, str]:
-        """Shortest of the members' limits, and why.
+        """Longest interval that is accurate, and why.
 
         Returns
         -------
         float
-            The limit [s]; members take steps of their own, so that those of the world may be
-            longer.
+            The step of the rigid bodies, or less where their limit, or that of another member with
+            steps of a fixed size, is shorter [s]. Members that choose their steps do not count.
         str
             The member and its reason.
         """
-        limits = {
-            name: member.step_limit()
-            for name, member in self._members.items()
-            if hasattr(member, "step_limit")
-        }
-        if not limits:
-            return math.inf, "no member has a limit"
-        name = min(limits, key=lambda name: limits[name][0])
-        return limits[name][0], f"{name}: {limits[name][1]}"
+        limits = [(self._longest(), "the step of the rigid bodies")]
+        for name, member in self._members.items():
+            if member._fixed_step and hasattr(member, "step_limit"):
+                limit, reason = member.step_limit()
+                limits.append((limit, f"{name}: {reason}"))
+        return min(limits)
 
     def diagnostics(self) -> dict[str, float]:
         """Those of the members, and their sums.
@@ -357,19 +355,22 @@ class World(Simulation):
         return state
 
     def _checked(self, state: dict[str, Any]) -> dict[str, Any]:
-        own = check(self._own_schema(), state, {})
-        theirs = {}
+        schemas = {name: member._schema()[0] for name, member in self._members.items()}
+        names = [f"{name}.{entry.name}" for name, schema in schemas.items() for entry in schema]
+        names += [entry.name for entry in self._own_schema()]
+        if isinstance(state, Mapping) and (missing := [n for n in names if n not in state]):
+            raise InputError(f"state: {', '.join(sorted(missing))} missing")
+        own, theirs = check(self._own_schema(), state, {}), {}
         for name, member in self._members.items():
             start = f"{name}."
             part = {k[len(start) :]: v for k, v in state.items() if str(k).startswith(start)}
             try:
                 theirs[name] = member._checked(part)
-            except InputError as error:
-                raise InputError(f"{name}: {error}") from None
+            except (InputError, TypeError) as error:
+                told = re.sub(r"state\['|(?<=, )\['", rf"\g<0>{start}", str(error))
+                raise type(error)(told) from None
             if theirs[name]["time"] != own["time"]:
-                raise InputError(
-                    f"{name}: state['time']: expected that of the world, {own['time']}"
-                )
+                raise InputError(f"state['{name}.time']: expected that of the world, {own['time']}")
         return {"own": own, "members": theirs}
 
     def _kept(self) -> dict[str, Any]:

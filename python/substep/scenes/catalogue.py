@@ -20,11 +20,14 @@ BUILT_IN = {  # and the folder that each is in
     "cloth-drape": "springs",
     "cloth-hang": "springs",
     "cradle": "rigid",
+    "crater": "coupling",
     "dam-break": "pbf",
     "dominoes": "rigid",
     "double-dam": "pbf",
     "double-gyre": "fields",
+    "float": "coupling",
     "fountain": "pbf",
+    "hammock": "coupling",
     "honey": "gridfluid",
     "jelly": "springs",
     "jelly-cubes": "mpm",
@@ -39,11 +42,13 @@ BUILT_IN = {  # and the folder that each is in
     "rope": "pbd",
     "rover": "rigid",
     "sand-column": "mpm",
+    "sand-wheels": "coupling",
     "smoke": "gridfluid",
     "snowball": "mpm",
     "soft-bunny": "pbd",
     "tumbling-top": "rigid",
     "water-column": "gridfluid",
+    "water-wheel": "coupling",
 }
 
 

@@ -201,22 +201,38 @@ class Parameter:
 
 
 def particle_parts(simulation: Any) -> dict[str, Part]:
-    """One part of all fields that the simulation offers: `particles`, or the cells of a `grid`."""
+    """One part of all fields that the simulation offers: `particles`, or the cells of a `grid`.
+
+    Of a `World` one for each member, under its name.
+    """
     from ..recording import Part
 
-    if "position" not in simulation.fields():
-        units = {name: unit for name, (_, unit) in _columns(simulation).items()}
-        return {"grid": Part("grid", units, bounds=simulation.bounds, cell=simulation.cell)}
-    units = {name: unit for name, (_, unit) in _columns(simulation).items() if name != "position"}
-    return {"particles": Part("particles", fields=units)}
+    parts = {}
+    for name, member, columns in _blocks(simulation):
+        units = {key: unit for key, (_, unit) in columns.items() if key != "position"}
+        if "position" in columns:
+            parts[name or "particles"] = Part("particles", fields=units)
+        else:
+            parts[name or "grid"] = Part("grid", units, bounds=member.bounds, cell=member.cell)
+    return parts
 
 
 def particle_frame(simulation: Simulation) -> dict[str, dict[str, Any]]:
     """One frame of `particle_parts(simulation)`."""
-    columns = {name: values for name, (values, _) in _columns(simulation).items()}
-    if "position" not in columns:
-        return {"grid": columns}
-    return {"particles": {"points": columns.pop("position"), **columns}}
+    frame = {}
+    for name, _, units in _blocks(simulation):
+        columns = {key: values for key, (values, _) in units.items()}
+        if "position" in columns:
+            frame[name or "particles"] = {"points": columns.pop("position"), **columns}
+        else:
+            frame[name or "grid"] = columns
+    return frame
+
+
+def _blocks(simulation: Any) -> list[tuple[str, Any, dict[str, tuple[Any, str]]]]:
+    """Name, simulation and fields of each member of a world, or of the one simulation."""
+    members = getattr(simulation, "members", {"": simulation})
+    return [(name, member, _columns(member)) for name, member in members.items()]
 
 
 def no_notes(simulation: Simulation) -> dict[str, str]:
@@ -249,7 +265,7 @@ class Scene:
         `build(parameters, seed)` returns a `Simulation` at its first state.
     parts : callable
         `parts(simulation)` returns the parts of the recording (name to `substep.Part`); one set
-        of particles, or of cells, with every field by default.
+        of particles, or of cells, with every field by default, of a `World` one for each member.
     frame : callable
         `frame(simulation)` returns the arrays of one frame, by part.
     notes : callable

@@ -105,6 +105,8 @@ class Points(MaterialPointMethod):
         A number that each particle keeps, to be seen where it goes.
     obstacles : mapping of str to (Collider, TriangleMesh)
         By name, with what is drawn of them.
+    beside : sequence of Collider
+        Other obstacles, which are not drawn.
     lacks : mapping of str to str
         What is wrong with meshes that were read.
     options
@@ -122,6 +124,7 @@ class Points(MaterialPointMethod):
         part: str,
         dye: ArrayLike,
         obstacles: Mapping[str, tuple[Collider, TriangleMesh]] | None = None,
+        beside: Sequence[Collider] = (),
         lacks: Mapping[str, str] | None = None,
         **options: Any,
     ) -> None:
@@ -136,7 +139,7 @@ class Points(MaterialPointMethod):
             materials,
             cell=PER_CELL * spacing,
             volume=volume,
-            colliders=[ground, *(collider for collider, _ in obstacles.values())],
+            colliders=[ground, *(collider for collider, _ in obstacles.values()), *beside],
             cfl=parameters["cfl"],
             **options,
         )

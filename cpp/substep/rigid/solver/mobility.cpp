@@ -1,0 +1,123 @@
+#include "substep/rigid/solver/mobility.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <array>
+#include <map>
+#include <numeric>
+
+#include "substep/core/usize.h"
+#include "substep/rigid/solver/joint_rows.h"
+
+namespace substep::rigid {
+namespace {
+
+using Row6 = Eigen::Matrix<double, 1, 6>;
+
+Mat6 free_mobility(const Bodies& bodies, std::int64_t b) {
+  Mat6 W = Mat6::Zero();
+  W.topLeftCorner<3, 3>().diagonal().setConstant(bodies.inverse_mass(b));
+  if (bodies.dynamic(b)) W.bottomRightCorner<3, 3>() = bodies.inverse_inertia(b);
+  return W;
+}
+
+// One equation of a joint: its gradients for the two bodies.
+struct Equation {
+  std::int32_t a, b;
+  Row6 of_a, of_b;
+};
+
+JointSides side(const Bodies& bodies, std::int32_t b, const Joint::Frame& frame) {
+  if (b < 0) return {frame, Vec3::Zero(), Quaternion::Identity()};
+  return {frame, bodies.position(b), bodies.rotation(b)};
+}
+
+Vec3 first_lane(const JointVector& v) { return {v[0][0], v[1][0], v[2][0]}; }
+
+void add_equations(const Bodies& bodies, const Joint& joint, std::vector<Equation>& equations) {
+  JointGradients G;
+  joint_gradients(joint.type, side(bodies, joint.a, joint.in_a), side(bodies, joint.b, joint.in_b),
+                  G);
+  const bool rod = joint.type == JointType::kDistance && joint.lower == joint.upper;
+  const int count = rod ? 1 : joint_equations(joint.type);
+  for (int i = 0; i < count; ++i) {
+    const Vec3 axis = first_lane(G.axis[i]);
+    Equation e{joint.a, joint.b, Row6::Zero(), Row6::Zero()};
+    if (is_turn(joint.type, i)) {
+      e.of_a.tail<3>() = axis.transpose();
+      e.of_b.tail<3>() = -axis.transpose();
+    } else {
+      e.of_a << axis.transpose(), first_lane(G.arm_a).cross(axis).transpose();
+      e.of_b << -axis.transpose(), -first_lane(G.arm_b).cross(axis).transpose();
+    }
+    equations.push_back(e);
+  }
+}
+
+// Which bodies joints hold together: the least number among them.
+std::vector<std::int32_t> groups_of(const Bodies& bodies, std::span<const Joint> joints) {
+  std::vector<std::int32_t> group(usize(bodies.size()));
+  std::iota(group.begin(), group.end(), 0);
+  const auto find = [&](std::int32_t b) {
+    while (group[usize(b)] != b) b = group[usize(b)] = group[usize(group[usize(b)])];
+    return b;
+  };
+  for (const Joint& joint : joints) {
+    if (joint.b < 0 || !bodies.dynamic(joint.a) || !bodies.dynamic(joint.b)) continue;
+    const auto [low, high] = std::minmax({find(joint.a), find(joint.b)});
+    group[usize(high)] = low;
+  }
+  for (std::int32_t b = 0; b < static_cast<std::int32_t>(group.size()); ++b) find(b);
+  for (std::int32_t& g : group) g = find(g);
+  return group;
+}
+
+}  // namespace
+
+std::vector<Mat6> mobilities(const Bodies& bodies, std::span<const Joint> joints,
+                             std::span<const std::int64_t> rows) {
+  constexpr std::size_t kMost = 300;    // equations
+  constexpr double kRedundant = 1e-12;  // of the diagonal, where loops say things twice
+  std::vector<Mat6> found;
+  for (const std::int64_t row : rows) found.push_back(free_mobility(bodies, row));
+  if (joints.empty()) return found;
+  const std::vector<std::int32_t> group = groups_of(bodies, joints);
+  std::map<std::int32_t, std::vector<std::size_t>> asked;  // places in `rows`, by group
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    if (bodies.dynamic(rows[k])) asked[group[usize(rows[k])]].push_back(k);
+  }
+  std::map<std::int32_t, std::vector<Equation>> equations;
+  for (const Joint& joint : joints) {
+    const std::int32_t b = bodies.dynamic(joint.a) ? joint.a : joint.b;
+    if (b < 0 || !asked.contains(group[usize(b)])) continue;
+    add_equations(bodies, joint, equations[group[usize(b)]]);
+  }
+  for (const auto& [number, held] : equations) {
+    const auto n = static_cast<Eigen::Index>(held.size());
+    if (held.empty() || held.size() > kMost) continue;
+    // G M^-1, by the bodies that it concerns.
+    std::map<std::int32_t, Eigen::Matrix<double, Eigen::Dynamic, 6>> G;
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const Equation& e = held[usize(i)];
+      for (const auto& [b, gradient] : {std::pair{e.a, e.of_a}, std::pair{e.b, e.of_b}}) {
+        if (b < 0 || !bodies.dynamic(b)) continue;
+        if (!G.contains(b)) G[b].setZero(n, 6);
+        G[b].row(i) += gradient;
+      }
+    }
+    Eigen::MatrixXd D = Eigen::MatrixXd::Zero(n, n);
+    for (const auto& [b, g] : G) D += g * free_mobility(bodies, b) * g.transpose();
+    D.diagonal() *= 1 + kRedundant;
+    const Eigen::LDLT<Eigen::MatrixXd> factor(D);
+    for (const std::size_t k : asked[number]) {
+      const auto own = G.find(static_cast<std::int32_t>(rows[k]));
+      if (own == G.end()) continue;
+      const Eigen::MatrixXd held_by = own->second * found[k];
+      const Mat6 taken = held_by.transpose() * factor.solve(held_by);
+      found[k] -= 0.5 * (taken + taken.transpose());
+    }
+  }
+  return found;
+}
+
+}  // namespace substep::rigid

@@ -1,0 +1,1 @@
+"""Scenes in which simulations of several kinds meet, and what they share."""

@@ -1,0 +1,303 @@
+"""Worlds of several simulations: what they exchange, refuse, keep and restore."""
+
+import pickle
+
+import numpy as np
+import pytest
+import substep
+from substep import InputError, NonFiniteError
+from test_conformance import example
+
+small_world = example(substep.World)
+
+
+def digest(world):
+    return substep.state_hash(
+        *(
+            np.frombuffer(str(v).encode(), np.uint8) if np.ndim(v) == 0 else v.ravel().astype("f8")
+            for _, v in sorted(world.state().items())
+        )
+    )
+
+
+# ---------------------------------------------------------------------------- mobilities
+
+
+def test_mobility_of_a_free_body():
+    bodies = substep.RigidBodies()
+    turn = np.array([np.cos(0.3), 0, np.sin(0.3), 0])
+    box = bodies.add(substep.Box((0.2, 0.4, 0.6)), (1, 2, 3), turn, mass=2.0)
+    W = bodies._native.mobilities(bodies.rows([box]))[0]
+    np.testing.assert_allclose(W[:3, :3], np.eye(3) / 2.0, atol=1e-15)
+    c, s = np.cos(0.6), np.sin(0.6)
+    R = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+    inertia = 2.0 / 12 * np.array([0.4**2 + 0.6**2, 0.2**2 + 0.6**2, 0.2**2 + 0.4**2])
+    np.testing.assert_allclose(W[3:, 3:], R @ np.diag(1 / inertia) @ R.T, rtol=1e-12, atol=1e-12)
+    assert np.abs(W[:3, 3:]).max() == 0
+
+
+def test_mobility_of_a_pendulum():
+    """About a hinge at the distance r, I + m r^2 answers; along and across it nothing does."""
+    bodies = substep.RigidBodies()
+    bob = bodies.add(substep.Sphere(0.1), (0.7, 0, 0), mass=3.0)
+    bodies.hinge(bob, None, (0, 0, 0), (0, 1, 0))
+    W = bodies._native.mobilities(bodies.rows([bob]))[0]
+    about = 0.4 * 3.0 * 0.1**2 + 3.0 * 0.7**2
+    expected = np.zeros((6, 6))
+    expected[2, 2], expected[4, 4] = 0.7**2 / about, 1 / about
+    expected[2, 4] = expected[4, 2] = -0.7 / about
+    np.testing.assert_allclose(W, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["ball", "fixed", "slider", "distance", "universal"])
+def test_mobility_is_what_an_impulse_does(kind):
+    """A short step after an impulse, over one without, in a chain of three."""
+    W, moved = None, []
+    for impulse in (0.0, 1e-3):
+        bodies = substep.RigidBodies(step=1e-7, gravity=(0, 0, 0), sleeping=False)
+        a, b, c = bodies.add(
+            substep.Box((0.3, 0.2, 0.1)), [(0, 0, 0), (0.4, 0.1, 0), (0.8, 0, 0.1)], density=500.0
+        )
+        bodies.hinge(int(b), int(c), (0.6, 0, 0), (0, 0, 1))
+        anchor = (0.2, 0, 0.05)
+        if kind == "distance":
+            bodies.distance(int(a), int(b), (0.1, 0, 0), (0.3, 0.1, 0))
+        elif kind == "universal":
+            bodies.universal(int(a), int(b), anchor, (1, 0, 0), (0, 1, 0))
+        elif kind == "slider":
+            bodies.slider(int(a), int(b), anchor, (1, 0, 0))
+        else:
+            getattr(bodies, kind)(int(a), int(b), anchor)
+        W = bodies._native.mobilities(bodies.rows([a, b, c]))[1]
+        bodies.apply_impulse(b, (0.2 * impulse, impulse, -0.5 * impulse))
+        bodies.step()
+        moved.append(np.r_[bodies.velocities[1], bodies.angular_velocities[1]])
+    response = (moved[1] - moved[0]) / 1e-3
+    expected = W @ [0.2, 1, -0.5, 0, 0, 0]
+    np.testing.assert_allclose(response, expected, rtol=2e-3, atol=2e-3 * np.abs(expected).max())
+
+
+def test_mobility_of_a_loop_that_says_things_twice():
+    """A four-bar linkage in the plane has redundant rows; a door on two hinges too."""
+    bodies = substep.RigidBodies()
+    door = bodies.add(substep.Box((1.0, 0.05, 2.0)), (0.5, 0, 1.0), mass=20.0)
+    for z in (0.3, 1.7):
+        bodies.hinge(door, None, (0, 0, z), (0, 0, 1))
+    W = bodies._native.mobilities(bodies.rows([door]))[0]
+    about = 20 / 12 * (1 + 0.05**2) + 20 * 0.25
+    expected = np.zeros((6, 6))
+    expected[1, 1], expected[5, 5], expected[1, 5] = 0.25 / about, 1 / about, 0.5 / about
+    expected[5, 1] = expected[1, 5]
+    np.testing.assert_allclose(W, expected, atol=1e-7)
+
+
+# ---------------------------------------------------------------------------- exchange
+
+
+def test_bodies_get_what_the_water_gives():
+    """Momenta of the bodies change by gravity, joints and what was exchanged, to rounding."""
+    world = small_world()
+    bodies = world["bodies"]
+    ball = bodies.rows(0)
+    for _ in range(40):
+        before = bodies.velocities[ball] * bodies.masses[ball]
+        start = world.time
+        world.step()
+        ids, forces = world.exchanged()["water"]
+        dt = world.time - start
+        own = forces[list(ids).index(0), :3] * dt
+        if len(bodies.contacts()):
+            continue
+        gained = bodies.velocities[ball] * bodies.masses[ball] - before
+        weight = bodies.masses[ball] * np.array([0, 0, -9.81]) * dt
+        np.testing.assert_allclose(gained, own + weight, atol=1e-13 * max(1, np.abs(own).max()))
+    assert world.time > 0.3 and np.abs(forces).max() > 0.1
+
+
+def test_obstacles_follow_their_bodies():
+    bodies = substep.RigidBodies(gravity=(0, 0, 0), step=0.01)
+    parts = [substep.Box((0.2, 0.1, 0.1), (0.1, 0, 0)), substep.Sphere(0.08, (-0.1, 0.05, 0))]
+    club = bodies.add(parts, (0, 0, 1), angular_velocities=(1, 2, 3), velocities=(0.5, 0, 0))
+    cloth = substep.MassSpring(
+        [(5, 0, 0), (6, 0, 0)],
+        [(0, 1)],
+        10.0,
+        1.0,
+        gravity=(0, 0, 0),
+        colliders=bodies.make_colliders(club),
+        step=0.01,
+    )
+    world = substep.World({"club": bodies, "cloth": cloth})
+    world.advance(0.2)
+    probe = substep.RigidBodies(gravity=(0, 0, 0), step=0.01)
+    probe.add(parts, (0, 0, 1), angular_velocities=(1, 2, 3), velocities=(0.5, 0, 0))
+    probe.advance(0.2)
+    np.testing.assert_allclose(probe.positions, bodies.positions, atol=1e-14)
+    for mine, free in zip(cloth.colliders, probe.make_colliders(), strict=True):
+        # One interval's turn is between the obstacle's own motion and the body's.
+        np.testing.assert_allclose(mine.position, free.position, atol=1e-4)
+
+
+def test_worlds_without_bodies_advance_members():
+    world = substep.World(
+        {
+            "a": substep.MassSpring([(0, 0, 0), (1, 0, 0)], [(0, 1)], 10.0, 1.0, step=0.01),
+            "b": substep.PositionBasedFluid(np.zeros((1, 3)), 0.1),
+        }
+    )
+    world.advance(0.1)
+    assert world["a"].time == world["b"].time == world.time == 0.1
+    np.testing.assert_allclose(world["b"].velocities[0, 2], -0.981, rtol=1e-5)
+
+
+def test_diagnostics_are_sums():
+    world = small_world()
+    values = world.diagnostics()
+    for key in ("kinetic_energy", "energy", "momentum_z", "angular_momentum_x"):
+        parts = [values[f"{name}.{key}"] for name in world.members]
+        assert values[key] == sum(parts)
+
+
+def test_threads_reach_all_members():
+    world = small_world()
+    world.threads = 2
+    assert {member.threads for member in world.members.values()} == {2}
+
+
+# ---------------------------------------------------------------------------- what is refused
+
+
+def test_members_at_different_times():
+    a, b = (substep.RigidBodies(time=t) for t in (0.0, 1.0))
+    spring = substep.MassSpring([(0, 0, 0)], np.zeros((0, 2)), 1.0, 1.0, time=1.0)
+    with pytest.raises(InputError, match="expected all at one time, got 'a' at 0 s, 'b' at 1 s"):
+        substep.World({"a": a, "b": spring})
+    substep.World({"a": b, "b": spring})
+
+
+def test_a_member_twice_and_in_two_worlds():
+    bodies = substep.RigidBodies()
+    with pytest.raises(InputError, match=r"members\['b'\]: stands there twice"):
+        substep.World({"a": bodies, "b": bodies})
+    world = substep.World({"a": bodies})
+    with pytest.raises(InputError, match=r"members\['b'\]: is in another world"):
+        substep.World({"b": bodies})
+    del world
+    substep.World({"b": bodies})
+
+
+@pytest.mark.parametrize(
+    ("members", "error", "told"),
+    [
+        ({}, InputError, "at least one"),
+        ([], TypeError, "simulations by name"),
+        ({"a b": substep.RigidBodies()}, InputError, "letters, digits"),
+        ({1: substep.RigidBodies()}, InputError, "letters, digits"),
+        ({"a": 3}, TypeError, r"members\['a'\]: expected a simulation, got"),
+        ({"a": substep.RigidBodies(), "b": substep.RigidBodies()}, InputError, "one RigidBodies"),
+    ],
+)
+def test_wrong_members(members, error, told):
+    with pytest.raises(error, match=told):
+        substep.World(members)
+
+
+def test_obstacles_of_bodies_that_are_no_member():
+    bodies = substep.RigidBodies()
+    bodies.add(substep.Sphere(0.1), (0, 0, 0))
+    cloth = substep.MassSpring(
+        [(5, 0, 0)], np.zeros((0, 2)), 1.0, 1.0, colliders=bodies.make_colliders()
+    )
+    with pytest.raises(InputError, match=r"colliders\[0\] of 'cloth' stands for a body of no mem"):
+        substep.World({"cloth": cloth})
+    with pytest.raises(InputError, match="no member"):
+        substep.World({"cloth": cloth, "bodies": substep.RigidBodies()})
+
+
+def test_a_body_that_was_removed():
+    world = small_world()
+    world.step()
+    world["bodies"].remove(1)
+    before = digest(world)
+    with pytest.raises(InputError, match="body 1, which an obstacle of 'water' stands for, has"):
+        world.step()
+    assert digest(world) == before
+
+
+def test_members_that_were_stepped_alone():
+    world = small_world()
+    for call in (lambda: world["water"].step(0.001), lambda: world["bodies"].advance(0.1)):
+        with pytest.raises(InputError, match="a member of a World, which alone steps it"):
+            call()
+    state = world["water"].state()
+    world["water"].restore({**state, "time": 0.001})
+    with pytest.raises(InputError, match=r"'water' is at 0\.001 s, the world at 0 s"):
+        world.step()
+    world["water"].restore(state)
+    world.step()
+
+
+@pytest.mark.parametrize("step", [0.0, -1.0, np.nan, np.inf])
+def test_wrong_steps(step):
+    with pytest.raises(InputError, match="step"):
+        substep.World({"bodies": substep.RigidBodies()}, step=step)
+    world = small_world()
+    with pytest.raises(InputError, match="step"):
+        world.step_size = step
+    assert world.step_size is None
+
+
+# ---------------------------------------------------------------------------- nothing is lost
+
+
+def test_an_error_in_one_member_leaves_all_as_they_were():
+    world = small_world()
+    world.advance(0.05)
+    world["bodies"].forces[0] = 1e308, 0, 0
+    before = digest(world)
+    with pytest.raises(NonFiniteError, match="bodies: body 0"):
+        world.step(1 / 120)
+    assert digest(world) == before
+
+
+def test_an_error_in_the_last_member_takes_the_others_back():
+    world = small_world()
+    world.advance(0.05)
+    world["water"].set_velocities(np.full((len(world["water"]), 3), 1e30))
+    before = digest(world)
+    with pytest.raises(substep.SolverError, match="water: "):
+        world.step(1 / 120)
+    assert digest(world) == before
+
+
+def test_callbacks_cannot_step_a_member():
+    world = small_world()
+    with pytest.raises(InputError, match="step"):
+        world.advance(0.1, callback=lambda w: w.step())
+    with pytest.raises(InputError, match="step"):
+        world.advance(0.1, callback=lambda w: w["water"].step())
+
+
+def test_states_of_other_worlds_are_refused():
+    world, state = small_world(), small_world().state()
+    before = digest(world)
+    for key, value in (("water.time", 1.0), ("interval", -1.0), ("bodies.ids", np.arange(9))):
+        with pytest.raises(InputError):
+            world.restore({**state, key: value})
+    del state["water.pressure"]
+    with pytest.raises(InputError, match=r"state: water\.pressure missing"):
+        world.restore(state)
+    assert digest(world) == before
+
+
+def test_copies_pickles_and_checkpoints_go_on_alike(tmp_path):
+    world = small_world()
+    world.advance(0.1)
+    others = [world.copy(), pickle.loads(pickle.dumps(world)), small_world()]
+    world.save(tmp_path / "world")
+    others[2].load(tmp_path / "world")
+    world.advance(0.1)
+    for other in others:
+        other.advance(0.1)
+        assert digest(other) == digest(world)
+    assert others[0]["water"] is not world["water"]
