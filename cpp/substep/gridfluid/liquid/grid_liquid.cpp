@@ -35,9 +35,11 @@ void GridLiquid<Real, D>::step(double dt) {
   new_next_id_ = next_id;
   try {
     sort(dt);
+    accelerate_bodies(dt);
     find_surface();
     if (band) band->find_edge(next_, density_.data(), phi_.data(), options.threads);
     projection_.set_domain(obstacles, {phi_.data(), phi_.size()}, options.threads);
+    if (!free_motion_.empty()) projection_.let_yield(obstacles, cell_mass());
     pass_to_grid();
     accelerate(dt);
     if (options.surface_tension > 0) pull_surface(dt);
@@ -70,6 +72,17 @@ void GridLiquid<Real, D>::sort(double dt) {
       next_.v(a)[to[k]] += static_cast<Real>(rate * double(forces[from[k]][usize(a)]));
     }
   }
+}
+
+// Bodies that yield, by what is known of them.
+template <class Real, int D>
+void GridLiquid<Real, D>::accelerate_bodies(double dt) {
+  geometry::accelerate_bodies(obstacles.colliders, dt);
+  free_motion_.clear();
+  const auto yields = [](const geometry::Collider& collider) { return collider.yields(); };
+  if (!std::any_of(obstacles.colliders.begin(), obstacles.colliders.end(), yields)) return;
+  for (const geometry::Collider& collider : obstacles.colliders)
+    free_motion_.push_back(collider.body_velocity());
 }
 
 template <class Real, int D>
@@ -289,11 +302,23 @@ void GridLiquid<Real, D>::hold_nozzles() {
 template <class Real, int D>
 void GridLiquid<Real, D>::push_obstacles() {
   obstacles.push({new_q_.data(), new_q_.size()}, projection_.cells(), cell_mass(), options.threads);
-  if (options.viscosity == 0) return;
-  for (std::size_t c = 0; c < obstacles.colliders.size(); ++c) {
+  projection_.bodies().push({new_q_.data(), new_q_.size()}, obstacles.colliders, options.threads);
+  for (std::size_t c = 0; c < obstacles.colliders.size() && options.viscosity > 0; ++c) {
     shear_[c] += obstacles.colliders[c].exchange();
     obstacles.colliders[c].set_exchange(shear_[c]);
   }
+  push_bodies();
+}
+
+// The velocities of bodies as of all that they were given in the step, which is their sum.
+template <class Real, int D>
+void GridLiquid<Real, D>::push_bodies() {
+  if (free_motion_.empty()) return;
+  for (std::size_t c = 0; c < obstacles.colliders.size(); ++c) {
+    geometry::Collider& collider = obstacles.colliders[c];
+    if (collider.yields()) collider.set_body_velocity(free_motion_[c]);
+  }
+  geometry::push_bodies(obstacles.colliders);
 }
 
 // Faces whose velocities the pressure or a wall has set. What obstacles leave of a face may be so

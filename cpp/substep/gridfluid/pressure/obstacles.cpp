@@ -16,6 +16,7 @@ using geometry::Collider;
 using geometry::Exchange;
 
 constexpr double kBand = 2;       // cells around the surface where distances are exact
+constexpr int kPose = 7;          // numbers of a collider's state that say where it is
 constexpr double kClosed = 1e-3;  // a face that is less open is closed
 
 // The part above 0 of an edge that ends in a <= 0 < b.
@@ -73,15 +74,26 @@ void Obstacles<Real, D>::find(int threads) {
   if (!any()) return;
   std::vector<std::array<double, Collider::kStateSize>> states;
   moving_ = false;
+  bool yield = false;
   for (const Collider& c : colliders) {
     states.push_back(c.state());
+    yield |= c.yields();
     moving_ |= !c.velocity.isZero(0) || !c.angular_velocity.isZero(0);
   }
-  if (found_ && states == states_) return;
+  if (found_ && states == states_ && (know_near_ || !yield)) return;
+  const auto in_place = [](const auto& was, const auto& is) {
+    return std::equal(is.begin(), is.begin() + kPose, was.begin());
+  };
+  const bool placed =
+      found_ && std::equal(states.begin(), states.end(), states_.begin(), states_.end(), in_place);
   found_ = false;
-  find_distances(threads);
-  find_open(threads);
-  find_room(threads);
+  if (!placed) {
+    find_distances(threads);
+    find_open(threads);
+    find_room(threads);
+    know_near_ = false;
+  }
+  if ((moving_ || yield) && !know_near_) find_faces_near(threads);
   if (moving_) find_velocities(threads);
   states_ = std::move(states);
   found_ = true;
@@ -189,16 +201,33 @@ void Obstacles<Real, D>::find_open(int threads) {
 }
 
 template <class Real, int D>
+void Obstacles<Real, D>::find_faces_near(int threads) {
+  know_near_ = false;
+  using Faces = std::vector<Face>;
+  for (std::size_t a = 0; a < D; ++a) {
+    near_[a] = gather_rows(
+        layout_, all_faces(layout_, a), threads, Faces{},
+        [&](std::int64_t begin, std::int64_t end) {
+          Faces found;
+          for (std::int64_t i = begin; i < end; ++i) {
+            if (std::abs(distance_[usize(i)]) > Real(kBand)) continue;
+            found.push_back({i, nearest(middle(i, static_cast<int>(a)))});
+          }
+          return found;
+        },
+        [](Faces& all, const Faces& part) { all.insert(all.end(), part.begin(), part.end()); });
+    assign(velocity_[a], layout_.size, Real(0));
+  }
+  know_near_ = true;
+}
+
+template <class Real, int D>
 void Obstacles<Real, D>::find_velocities(int threads) {
   for (std::size_t a = 0; a < D; ++a) {
     const int axis = static_cast<int>(a);
-    assign(velocity_[a], layout_.size, Real(0));
-    for_rows(layout_, all_faces(layout_, a), threads, [&](std::int64_t begin, std::int64_t end) {
-      for (std::int64_t i = begin; i < end; ++i) {
-        if (std::abs(distance_[usize(i)]) > Real(kBand)) continue;
-        const Vec3 at = middle(i, axis);
-        velocity_[a][usize(i)] = Real(colliders[nearest(at)].surface_velocity(at)[axis]);
-      }
+    for_numbers(static_cast<std::int64_t>(near_[a].size()), threads, [&](std::size_t k) {
+      const auto [i, c] = near_[a][k];
+      velocity_[a][usize(i)] = Real(colliders[c].surface_velocity(middle(i, axis))[axis]);
     });
   }
 }
