@@ -79,10 +79,12 @@ template <class Real, int D>
 void GridLiquid<Real, D>::accelerate_bodies(double dt) {
   geometry::accelerate_bodies(obstacles.colliders, dt);
   free_motion_.clear();
+  given_.clear();
   const auto yields = [](const geometry::Collider& collider) { return collider.yields(); };
   if (!std::any_of(obstacles.colliders.begin(), obstacles.colliders.end(), yields)) return;
   for (const geometry::Collider& collider : obstacles.colliders)
     free_motion_.push_back(collider.body_velocity());
+  given_.resize(free_motion_.size());
 }
 
 template <class Real, int D>
@@ -234,6 +236,7 @@ void GridLiquid<Real, D>::make_incompressible(double guess) {
                                "(tolerance=)",
                            time);
   }
+  for (std::size_t c = 0; c < given_.size(); ++c) given_[c] += obstacles.colliders[c].exchange();
   find_valid();
 }
 
@@ -256,9 +259,9 @@ template <class Real, int D>
 void GridLiquid<Real, D>::make_viscous(double dt) {
   const double k = options.viscosity * dt / (options.cell * options.cell);
   hold_nozzles();
-  const ViscosityReport solved =
-      viscosity_.apply(obstacles, {phi_.data(), phi_.size()}, const_faces(met_), k, spans(u_),
-                       options.viscosity_tolerance, options.viscosity_iterations, options.threads);
+  const ViscosityReport solved = viscosity_.apply(
+      obstacles, {phi_.data(), phi_.size()}, const_faces(met_), k, cell_mass(), spans(u_),
+      options.viscosity_tolerance, options.viscosity_iterations, options.threads);
   new_report_.viscosity_iterations = solved.iterations;
   new_report_.viscosity_converged = solved.converged;
   shear_ = viscosity_.exchanges(obstacles, cell_mass());
@@ -302,7 +305,9 @@ void GridLiquid<Real, D>::hold_nozzles() {
 template <class Real, int D>
 void GridLiquid<Real, D>::push_obstacles() {
   obstacles.push({new_q_.data(), new_q_.size()}, projection_.cells(), cell_mass(), options.threads);
-  projection_.bodies().push({new_q_.data(), new_q_.size()}, obstacles.colliders, options.threads);
+  for (std::size_t c = 0; c < given_.size(); ++c) {
+    if (obstacles.colliders[c].yields()) obstacles.colliders[c].set_exchange(given_[c]);
+  }
   for (std::size_t c = 0; c < obstacles.colliders.size() && options.viscosity > 0; ++c) {
     shear_[c] += obstacles.colliders[c].exchange();
     obstacles.colliders[c].set_exchange(shear_[c]);

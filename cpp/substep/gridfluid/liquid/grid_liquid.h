@@ -134,8 +134,11 @@ class GridLiquid {
   Projection<Real, D> projection_;
   SurfaceTension<Real, D> surface_tension_;
   Viscosity<Real, D> viscosity_;
-  std::vector<geometry::Exchange> shear_;    // that colliders were given
-  std::vector<geometry::Vec6> free_motion_;  // of the bodies of colliders, before any pressure
+  std::vector<geometry::Exchange> shear_;  // that colliders were given
+  // Where any yield: the velocities of bodies of colliders before any pressure, and what those that
+  // yield were given by pressures.
+  std::vector<geometry::Vec6> free_motion_;
+  std::vector<geometry::Exchange> given_;
 };
 
 extern template class GridLiquid<float, 2>;

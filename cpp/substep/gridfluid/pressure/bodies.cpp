@@ -9,23 +9,6 @@ namespace {
 constexpr std::int64_t kNoCell = -1;
 constexpr std::size_t kNoPiece = static_cast<std::size_t>(-1);
 
-// Where a motion of so many numbers stands in vectors of six.
-template <int D>
-constexpr std::array<int, D == 2 ? 3 : 6> kPlaces = {};
-template <>
-constexpr std::array<int, 3> kPlaces<2> = {0, 1, 5};
-template <>
-constexpr std::array<int, 6> kPlaces<3> = {0, 1, 2, 3, 4, 5};
-
-// (e, arm x e) for the axis e.
-template <int D>
-auto motion_of(const Vec3& arm, int axis) {
-  geometry::Vec6 all = geometry::Vec6::Zero();
-  const Vec3 e = Vec3::Unit(axis);
-  all << e, arm.cross(e);
-  return all(kPlaces<D>).eval();
-}
-
 }  // namespace
 
 template <class Real, int D>
@@ -41,7 +24,7 @@ void Bodies<Real, D>::find(const Obstacles<Real, D>& obstacles, std::span<const 
       pieces_.push_back({c, bodies_.size(), {}});
     }
     const geometry::Mat6& mobility = obstacles.colliders[body[0]].body.mobility;
-    bodies_.push_back(mass * mobility(kPlaces<D>, kPlaces<D>));
+    bodies_.push_back(mass * mobility(kMotionPlaces<D>, kMotionPlaces<D>));
   }
   if (any()) find_parts(obstacles, inverse, piece_of);
 }
@@ -54,7 +37,8 @@ void Bodies<Real, D>::find_parts(const Obstacles<Real, D>& obstacles, std::span<
     const int axis = static_cast<int>(a);
     for (const auto& [face, c] : obstacles.faces_near(axis)) {
       const Real covered = 1 - obstacles.open(axis)[usize(face)];
-      const std::int64_t below = cell_at(face - obstacles.layout().stride[a]), above = cell_at(face);
+      const std::int64_t below = cell_at(face - obstacles.layout().stride[a]),
+                         above = cell_at(face);
       if (covered == 0 || (below == kNoCell && above == kNoCell)) continue;
       const std::size_t piece = piece_of[c];
       if (piece == kNoPiece) continue;
@@ -121,18 +105,15 @@ void Bodies<Real, D>::push(std::span<const double> q, std::vector<geometry::Coll
   const std::vector<Motion> impulses = gather(q, threads);
   for (std::size_t p = 0; p < pieces_.size(); ++p) {
     geometry::Collider& collider = colliders[pieces_[p].collider];
-    geometry::Vec6 j = geometry::Vec6::Zero();
-    j(kPlaces<D>) = mass_ * impulses[p];
-    geometry::Exchange given{j.head<3>(), j.tail<3>()};
-    given.torque += (collider.centre() - collider.position()).cross(given.impulse);
-    collider.set_exchange(given);
+    collider.set_exchange(exchange_of<D>(mass_ * impulses[p], collider));
   }
 }
 
 template <class Real, int D>
 void Bodies<Real, D>::move(std::vector<geometry::Collider>& colliders) const {
   std::vector<geometry::Vec6> impulses(bodies_.size(), geometry::Vec6::Zero());
-  for (const Piece& piece : pieces_) impulses[piece.body] += colliders[piece.collider].body_impulse();
+  for (const Piece& piece : pieces_)
+    impulses[piece.body] += colliders[piece.collider].body_impulse();
   for (const Piece& piece : pieces_) {
     geometry::Collider& collider = colliders[piece.collider];
     collider.set_body_velocity(collider.body_velocity() +

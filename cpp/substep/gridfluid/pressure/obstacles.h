@@ -79,6 +79,7 @@ class Obstacles {
   void find_distances(int threads);
   void find_open(int threads);
   void find_faces_near(int threads);
+  void refine_open(int threads);
   void find_velocities(int threads);
   void find_room(int threads);
 

@@ -78,8 +78,8 @@ class PressureSolver {
   Multigrid<Real, D> multigrid_;
   ClosedRegions<Real, D> regions_;
   const Bodies<Real, D>* bodies_ = nullptr;  // of the system that is being solved
-  AlignedBuffer<Real> r_, z_, d_, q_;  // residual, M r, direction, A d
-  std::vector<double> parts_;          // of a sum
+  AlignedBuffer<Real> r_, z_, d_, q_;        // residual, M r, direction, A d
+  std::vector<double> parts_;                // of a sum
 };
 
 extern template class PressureSolver<float, 2>;

@@ -182,9 +182,9 @@ template <class Real, int D>
 SolveReport Projection<Real, D>::solve(double tolerance, int max_iterations, int threads,
                                        const Bodies<Real, D>* bodies) {
   const std::span<const Real> b(b_.data(), b_.size());
-  const SolveReport report = direct_ ? direct_->solve(weights(), b, q(), threads)
-                                     : solver_->solve(b, q(), tolerance, max_iterations, threads,
-                                                      bodies);
+  const SolveReport report =
+      direct_ ? direct_->solve(weights(), b, q(), threads)
+              : solver_->solve(b, q(), tolerance, max_iterations, threads, bodies);
   wrap(layout_, q(), threads);
   return report;
 }
