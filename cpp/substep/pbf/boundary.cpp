@@ -130,13 +130,19 @@ WallDensity Boundary<Real>::wall_density(std::size_t c, const Vec3& local) const
 
 template <class Real>
 bool Boundary<Real>::begin_step(double dt, std::span<Point<Real>> start, std::span<Point<Real>> x,
-                                std::span<const Real> mass, int threads) {
+                                std::span<const Real> mass, double reference_mass, int threads) {
   contact_.threads = threads;
   contact_.begin_step(static_cast<std::int64_t>(x.size()));
   const bool covered = contact_.clear(start, mass, x);
+  bodies_.begin(contact_, reference_mass, dt, dimension_);
   contact_.begin_substep(dt);
   contact_.project(start, x, mass);
   note_near(x, threads);
+  if (yields()) {
+    bodies_.note(near_);
+    bodies_.meet(contact_, start, x, mass);
+    contact_.project(start, x, mass);
+  }
   return covered;
 }
 
@@ -267,24 +273,31 @@ void Boundary<Real>::project(std::span<const Point<Real>> multipliers,
     for (const Near& entry : near_[usize(k)]) {
       const auto i = usize(entry.particle);
       const Real scale = x[i].w * multipliers[i].w;
-      if (scale == 0 || entry.gradient.w == 0 || usize(entry.collider) >= colliders().size()) {
+      const auto c = usize(entry.collider);
+      if (scale == 0 || entry.gradient.w == 0 || c >= colliders().size() ||
+          colliders()[c].yields()) {
         continue;
       }
       const Vec3 push = contact_.share * static_cast<double>(scale) * xyz(entry.gradient);
-      contact_.add_push(usize(entry.collider), entry.particle, x[i], push,
-                        mass[mass.size() == 1 ? 0 : i]);
+      contact_.add_push(c, entry.particle, x[i], push, mass[mass.size() == 1 ? 0 : i]);
     }
   };
   parallel_chunks(static_cast<std::int64_t>(near_.size()), chunk, threads);
+  if (yields()) {
+    bodies_.push(contact_, multipliers, x, mass);
+    bodies_.meet(contact_, start, x, mass);
+  }
   contact_.project(start, x, mass);
 }
 
 template <class Real>
 void Boundary<Real>::end_step(std::span<const Point<Real>> start,
-                              std::span<const Point<Real>> v_start, std::span<Point<Real>> v,
-                              std::span<const Real> mass) {
+                              std::span<const Point<Real>> v_start, std::span<const Point<Real>> x,
+                              std::span<Point<Real>> v, std::span<const Real> mass) {
+  bodies_.rub(contact_, x, v, mass);
   contact_.bounce(start, v_start, v, mass);
   contact_.end_step();
+  bodies_.end(contact_);
 }
 
 template class Boundary<float>;

@@ -18,6 +18,7 @@
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
 #include "substep/geometry/particle_contact.h"
+#include "substep/pbf/bodies.h"
 #include "substep/pbf/density.h"
 #include "substep/pbf/density_map.h"
 #include "substep/pbf/nozzle.h"
@@ -36,14 +37,29 @@ class Boundary {
   // many have.
   void place_layers(std::span<const std::int64_t> come, double time);
   // A step of length dt from `start` to the predicted x: obstacles move, particles they cover are
-  // set free, and who may come near one is noted. mass [kg]: of each particle, or one for all.
-  // Returns whether any were covered.
+  // set free, and who may come near one is noted. mass [kg]: of each particle, or one for all; of
+  // those whose inverse mass is 1: reference_mass. Returns whether any were covered.
   bool begin_step(double dt, std::span<Point<Real>> start, std::span<Point<Real>> x,
-                  std::span<const Real> mass, int threads);
+                  std::span<const Real> mass, double reference_mass, int threads);
   // Who is near an obstacle, or a nozzle, at x, where nothing moves.
   void find_near(std::span<const Point<Real>> x, int threads);
   // Rows (grad b_i, b_i) at x, one for each particle, 0 away from all obstacles.
   std::span<const Point<Real>> contributions(std::span<const Point<Real>> x, int threads);
+  // Whether obstacles yield. Then a sweep needs the rows of the density, and share() changes the
+  // multipliers of particles near them so that their motion is counted.
+  bool yields() const { return !bodies_.empty(); }
+  void share(std::span<const Point<Real>> x, std::span<const DensityRow<Real>> density,
+             bool one_sided, std::span<Point<Real>> multipliers) {
+    bodies_.share(contact_, x, density, one_sided, multipliers);
+  }
+  // Bodies whose rows have along(i, grad b) for the gradient.
+  template <class Along>
+  std::span<const YieldingBody<Real>> rows_of_bodies(std::span<const Point<Real>> x,
+                                                     const Along& along) {
+    bodies_.set_rows(contact_, x, along);
+    return bodies_.bodies();
+  }
+  void accelerate_bodies(double dt) { bodies_.accelerate(contact_, dt); }
   // After a sweep that moved particles by w_i lambda_i grad b_i, with lambda_i in the w of
   // `multipliers`: counts that as pushed, and moves them so that none is in an obstacle.
   void project(std::span<const Point<Real>> multipliers, std::span<const Point<Real>> start,
@@ -67,9 +83,11 @@ class Boundary {
   void slide(std::span<const Point<Real>> x, std::span<Point<Real>> v, std::span<const Real> mass) {
     contact_.slide(x, v, mass);
   }
-  // Restitution on the velocities v, and what the obstacles were given.
+  // Restitution on the velocities v, friction on bodies that yield, and what the obstacles were
+  // given.
   void end_step(std::span<const Point<Real>> start, std::span<const Point<Real>> v_start,
-                std::span<Point<Real>> v, std::span<const Real> mass);
+                std::span<const Point<Real>> x, std::span<Point<Real>> v,
+                std::span<const Real> mass);
 
   std::vector<geometry::Collider>& colliders() { return contact_.colliders; }
   const std::vector<geometry::Collider>& colliders() const { return contact_.colliders; }
@@ -81,11 +99,7 @@ class Boundary {
   struct Block {};  // a solid box
   using Wall = std::variant<Flat, std::shared_ptr<const DistanceTable>, Tank, Block,
                             std::shared_ptr<const DensityMap>>;
-  // A particle near collider c, or nozzle c after the colliders, and the part of c in grad b.
-  struct Near {
-    std::int32_t particle, collider;
-    Point<Real> gradient;
-  };
+  using Near = NearWall<Real>;
 
   void note_near(std::span<const Point<Real>> x, int threads);
   Vec3 velocity_of(std::size_t c, const Vec3& x) const;
@@ -102,6 +116,7 @@ class Boundary {
   std::shared_ptr<const CornerTable> corner_;
   std::vector<std::vector<Near>> near_;  // by chunks of particles, ascending
   std::vector<Point<Real>> contributions_;
+  YieldingBodies<Real> bodies_;
   std::vector<Symmetric<Real>> moments_;
 };
 

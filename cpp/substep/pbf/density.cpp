@@ -90,7 +90,7 @@ template <class K, class Real>
 DensityError sweep_multipliers(std::span<const Point<Real>> x, const Neighbours<Real>& neighbours,
                                std::span<const Point<Real>> walls, std::span<Point<Real>> y,
                                const Scales<Real>& scales, Real relaxation, bool one_sided,
-                               int threads) {
+                               int threads, std::span<DensityRow<Real>> parts) {
   using V = Vector<Real>;
   constexpr int kLanes = sizeof(V) / sizeof(Real);
   const std::int64_t n = neighbours.size();
@@ -131,13 +131,17 @@ DensityError sweep_multipliers(std::span<const Point<Real>> x, const Neighbours<
                   gz = fma<V>(scales.slope, s.z, wall.z);
           const V density = fma<V>(scales.value, s.w + own, wall.w);
           V c = density - 1;
+          const V violation = c;
           if (one_sided) c = positive_part<V>(c);
           const V sum_w = fma<V>(own_x.w, fma(gx, gx, fma<V>(gy, gy, gz * gz)),
                                  scales.slope * scales.slope * load<V>(squares));
-          const V lambda = -c / (sum_w + relaxation);
+          const V scale = sum_w + relaxation, lambda = -c / scale;
           for (int k = 0; k < m; ++k) {
             const Point<Real>& from = x[block + k];
             y[block + k] = {from.x, from.y, from.z, lambda[k]};
+          }
+          for (int k = 0; k < m && !parts.empty(); ++k) {
+            parts[block + k] = {violation[k], scale[k]};
           }
           for (int k = m; k < kLanes; ++k) c[k] = 0;
           const V error = c < 0 ? -c : c;
@@ -304,13 +308,14 @@ template <class Real>
 DensityError DensityConstraint<Real>::multipliers(std::span<const Point<Real>> x,
                                                   const Neighbours<Real>& neighbours,
                                                   std::span<const Point<Real>> walls,
-                                                  std::span<Point<Real>> y, int threads) const {
+                                                  std::span<Point<Real>> y, int threads,
+                                                  std::span<DensityRow<Real>> parts) const {
   DensityError error;
   for_kernel([&]<class K>(K) {
     error = sweep_multipliers<K>(
         x, neighbours, walls, y, scales_of<K, Real>(options_, radius_, volume_),
         static_cast<Real>(std::max(options_.relaxation, kLeastRelaxation) * gradient_sum_),
-        options_.one_sided, threads);
+        options_.one_sided, threads, parts);
   });
   return error;
 }

@@ -32,6 +32,12 @@
 
 namespace substep::pbf {
 
+// C_i, and what divides it.
+template <class Real>
+struct DensityRow {
+  Real violation, scale;
+};
+
 // Rows x hold in w the inverse mass, rows y the multiplier; both have one row more than there are
 // particles, far_point(), for the padding of the lists. `walls` are rows of (grad b_i, b_i).
 template <class Real>
@@ -56,11 +62,11 @@ class DensityConstraint {
   // C_i + 1, also where the constraint is one-sided.
   void densities(std::span<const Point<Real>> x, const geometry::Neighbours<Real>& neighbours,
                  std::span<const Point<Real>> walls, std::span<Real> out, int threads) const;
-  // y_i = (x_i, lambda_i).
+  // y_i = (x_i, lambda_i). What lambda_i is made of goes to `parts`, unless that is empty.
   DensityError multipliers(std::span<const Point<Real>> x,
                            const geometry::Neighbours<Real>& neighbours,
                            std::span<const Point<Real>> walls, std::span<Point<Real>> y,
-                           int threads) const;
+                           int threads, std::span<DensityRow<Real>> parts = {}) const;
   // x_i = y_i + dx_i, where w of x is read and kept; the w of sums_i gets lambda_i more. Returns
   // how many reached the limit of |dx|.
   std::int64_t correct(std::span<const Point<Real>> y, const geometry::Neighbours<Real>& neighbours,

@@ -171,8 +171,9 @@ bool Fluid<Real>::begin(double dt) {
   }
   boundary.place_layers(flow.counts.layers, time + dt);
   boundary.set_share(1);
+  if (!options.divergence_free) geometry::accelerate_bodies(boundary.colliders(), dt);
   const bool covered = boundary.begin_step(dt, old_x_, std::span(next_.x).first(old_x_.size()),
-                                           mass_, options.threads);
+                                           mass_, options.masses[0], options.threads);
   if (options.divergence_free) keep_velocities(dt);
   return covered;
 }
@@ -209,6 +210,7 @@ void Fluid<Real>::uncover(double dt) {
   constexpr double kCloser = 0.1, kMean = 1e-4, kMax = 1e-3;
   for (geometry::Collider& collider : boundary.colliders()) {
     collider.velocity = collider.angular_velocity = Vec3::Zero();
+    collider.body.number = -1;
   }
   const double tolerance = std::max(kCloser * options.tolerance, kMean);
   const double max_tolerance = std::max(kCloser * options.max_tolerance, kMax);
@@ -219,7 +221,8 @@ void Fluid<Real>::uncover(double dt) {
     sort();
     boundary.place_layers(flow.counts.layers, time);
     const std::span<Point<Real>> rows(next_.x), x = rows.first(rows.size() - 1);
-    const bool covered = boundary.begin_step(dt, old_x_, x, mass_, options.threads);
+    const bool covered =
+        boundary.begin_step(dt, old_x_, x, mass_, options.masses[0], options.threads);
     if (!covered) {  // else they have other neighbours now
       const auto walls = boundary.contributions(x, options.threads);
       const DensityError error =
@@ -345,12 +348,16 @@ template <class Real>
 void Fluid<Real>::solve(double tolerance, double max_tolerance) {
   const std::span<Point<Real>> rows(next_.x), x = rows.first(rows.size() - 1);
   FluidReport& r = new_report_;
+  density_rows_.resize(boundary.yields() ? x.size() : 0);
   for (r.converged = false; r.iterations < options.max_iterations; ++r.iterations) {
     poll_interrupt();
     const auto walls = boundary.contributions(x, options.threads);
-    r.density_error = density.multipliers(rows, neighbours_, walls, multipliers_, options.threads);
+    r.density_error =
+        density.multipliers(rows, neighbours_, walls, multipliers_, options.threads, density_rows_);
     r.converged = r.density_error.mean <= tolerance && r.density_error.max <= max_tolerance;
     if (r.converged && r.iterations >= options.min_iterations) break;
+    if (boundary.yields())
+      boundary.share(x, density_rows_, options.density.one_sided, multipliers_);
     r.limited += density.correct(multipliers_, neighbours_, walls, rows, next_.v, options.threads);
     boundary.project(multipliers_, old_x_, x, mass_, options.threads);
   }
@@ -399,6 +406,7 @@ void Fluid<Real>::accelerate(double dt) {
   const double m0 = options.masses[0];
   const auto h = static_cast<Real>(dt);
   const Point<Real> g = gravity();
+  boundary.accelerate_bodies(dt);
   for_particles(
       next_.size(),
       [&](std::int64_t k) {
@@ -413,6 +421,17 @@ void Fluid<Real>::accelerate(double dt) {
   next_.v.push_back({0, 0, 0, 0});
   forces_.pull_together(options.forces, rows(), m0, dt, next_.x, next_.v);
   next_.v.pop_back();
+}
+
+// What bodies do by the multipliers that the projection begins with.
+template <class Real>
+void Fluid<Real>::add_response(std::span<const YieldingBody<Real>> bodies) {
+  for (const YieldingBody<Real>& body : bodies) {
+    const Vec6 gained = body.gained(std::span<const Real>(lambda_));
+    for (const BodyRow& row : body.rows) {
+      pushes_[usize(row.particle)].w += static_cast<Real>(row.q.dot(gained));
+    }
+  }
 }
 
 // A pressure takes from the velocities what would compress; obstacles get what it gives them.
@@ -454,8 +473,11 @@ void Fluid<Real>::project(double dt) {
   lambda_[usize(n)] = 0;
   const auto ratio = static_cast<Real>(last_dt > 0 ? dt / last_dt : 0);
   for (std::int64_t i = 0; i < n; ++i) lambda_[usize(i)] = ratio * old_v_[usize(i)].w;
-  new_report_.projection = projection_.project(near, pushes_, dt, options.divergence_tolerance,
-                                               options.divergence_iterations, lambda_, next_.v);
+  const auto bodies = boundary.rows_of_bodies(x, push);
+  add_response(bodies);
+  new_report_.projection =
+      projection_.project(near, pushes_, bodies, dt, options.divergence_tolerance,
+                          options.divergence_iterations, lambda_, next_.v);
   next_.v.pop_back();
   boundary.for_near(
       x,
@@ -468,7 +490,7 @@ void Fluid<Real>::project(double dt) {
       options.threads);
   refuse_bad_velocity([&](std::int64_t i) { return next_.v[usize(i)]; });
   boundary.slide(x, next_.v, mass_);
-  boundary.end_step(old_x_, old_v_, next_.v, mass_);
+  boundary.end_step(old_x_, old_v_, now(), next_.v, mass_);
   for (std::int64_t i = 0; i < n; ++i) next_.v[usize(i)].w = lambda_[usize(i)];
 }
 
@@ -490,7 +512,7 @@ void Fluid<Real>::finish(double dt) {
     Point<Real>& v = next_.v[i];
     return v = {(x.x - old.x) * rate, (x.y - old.y) * rate, (x.z - old.z) * rate, v.w};
   });
-  boundary.end_step(old_x_, old_v_, next_.v, mass_);
+  boundary.end_step(old_x_, old_v_, now(), next_.v, mass_);
 }
 
 template <class Real>

@@ -68,6 +68,7 @@ class Fluid {
   void correct(double dt);
   void accelerate(double dt);
   void project(double dt);
+  void add_response(std::span<const YieldingBody<Real>> bodies);
   void sort();
   void warm_start(double dt);
   void solve(double tolerance, double max_tolerance);
@@ -81,6 +82,7 @@ class Fluid {
   std::int64_t absorb(Particles<Real>& from, const geometry::Collider& region) const;
 
   Real inverse_mass(std::int32_t fluid) const;
+  std::span<const Point<Real>> now() const { return std::span(next_.x).first(old_x_.size()); }
   typename Forces<Real>::Rows rows() const;
   Point<Real> gravity() const;
   template <class Velocity>
@@ -91,7 +93,8 @@ class Fluid {
   geometry::ParticleFlow::Counts new_counts_;
   std::int64_t new_next_id_ = 0;
   std::vector<Point<Real>> predicted_, old_x_, old_v_, multipliers_;
-  std::vector<Real> mass_;  // of each particle, or one for all [kg]
+  std::vector<DensityRow<Real>> density_rows_;  // where obstacles yield
+  std::vector<Real> mass_;                      // of each particle, or one for all [kg]
   geometry::Neighbours<Real> neighbours_;
   Forces<Real> forces_;
   VelocityProjection<Real> projection_;

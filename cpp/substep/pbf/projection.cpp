@@ -155,8 +155,9 @@ auto VelocityProjection<Real>::compress(std::span<const Point<Real>> v,
 
 template <class Real>
 ProjectionReport VelocityProjection<Real>::project(const Neighbourhood<Real>& near,
-                                                   std::span<const Point<Real>> walls, double dt,
-                                                   double tolerance, int max_iterations,
+                                                   std::span<const Point<Real>> walls,
+                                                   std::span<const YieldingBody<Real>> bodies,
+                                                   double dt, double tolerance, int max_iterations,
                                                    std::span<Real> lambda,
                                                    std::span<Point<Real>> v) {
   const std::int64_t n = near.size();
@@ -165,6 +166,7 @@ ProjectionReport VelocityProjection<Real>::project(const Neighbourhood<Real>& ne
   u_[rows - 1] = {0, 0, 0, 0};
   r_.resize(usize(n)), ap_.resize(usize(n));
   p_.assign(rows, 0), step_.assign(rows, 0);
+  pull_.assign(bodies.empty() ? 0 : usize(n), 0);
   ProjectionReport report;
   if (n == 0) return report;
   // Of the particles whose multipliers may change: of |r|, r . z and (r - r before) . z, z = r / D.
@@ -182,6 +184,30 @@ ProjectionReport VelocityProjection<Real>::project(const Neighbourhood<Real>& ne
     const double z = double(r) * double(inverse_diagonal_[i]);
     return Sums{std::abs(double(r)), double(r) * z, (double(r) - before) * z};
   };
+  // The bodies' part of z = P^-1 r in those sums, and of each z.
+  const auto yield = [&](Sums& sums) {
+    for (const YieldingBody<Real>& body : bodies) {
+      for (const BodyRow& row : body.rows) pull_[usize(row.particle)] = 0;
+    }
+    for (const YieldingBody<Real>& body : bodies) {
+      Mat6 k = Mat6::Zero();
+      Vec6 f = Vec6::Zero(), change = Vec6::Zero();
+      for (const BodyRow& row : body.rows) {
+        const auto i = usize(row.particle);
+        if (!is_free(i)) continue;
+        const Vec6 scaled = double(inverse_diagonal_[i]) * row.q;
+        k += scaled * row.q.transpose();
+        f += double(r_[i]) * scaled;
+        change += (double(r_[i]) - double(r_before_[i])) * scaled;
+      }
+      const Vec6 y = respond(body.mobility, k, f);
+      for (const BodyRow& row : body.rows) {
+        pull_[usize(row.particle)] += static_cast<Real>(row.q.dot(y));
+      }
+      sums.rz -= f.dot(y);
+      sums.change -= change.dot(y);
+    }
+  };
   find_gradients(near, walls, lambda);
   for_particles(
       n,
@@ -194,6 +220,8 @@ ProjectionReport VelocityProjection<Real>::project(const Neighbourhood<Real>& ne
   Sums sums = compress(v, near, walls, [&](std::size_t i, Real c) {
     return set_residual(i, c - walls[i].w - allowed_[i]);
   });
+  if (!bodies.empty()) r_before_.assign(r_.begin(), r_.end());
+  yield(sums);
   Real alpha = 1, beta = 0;
   while (true) {
     report.error = dt / static_cast<double>(n) * sums.error;
@@ -210,7 +238,8 @@ ProjectionReport VelocityProjection<Real>::project(const Neighbourhood<Real>& ne
         n,
         [&](std::int64_t k) {
           const auto i = usize(k);
-          p_[i] = is_free(i) ? r_[i] * inverse_diagonal_[i] + beta * p_[i] : 0;
+          const Real r = pull_.empty() ? r_[i] : r_[i] - pull_[i];
+          p_[i] = is_free(i) ? r * inverse_diagonal_[i] + beta * p_[i] : 0;
           Real& s = step_[i];
           s = alpha * p_[i];
           if (lambda[i] + s < 0) s = -lambda[i], p_[i] = s / alpha;
@@ -220,10 +249,18 @@ ProjectionReport VelocityProjection<Real>::project(const Neighbourhood<Real>& ne
         },
         near.threads);
     spread(step_, near);
-    const double sas = compress(u_, near, walls, [&](std::size_t i, Real c) {
+    double sas = compress(u_, near, walls, [&](std::size_t i, Real c) {
       ap_[i] = c;
       return double(c) * double(step_[i]);
     });
+    for (const YieldingBody<Real>& body : bodies) {
+      const Vec6 gained = body.gained(step_);
+      for (const BodyRow& row : body.rows) {
+        const double c = row.q.dot(gained);
+        ap_[usize(row.particle)] += static_cast<Real>(c);
+        sas += c * double(step_[usize(row.particle)]);
+      }
+    }
     if (!(sas > 0)) break;
     const double best = step.sr / sas;
     if (!(best > 0)) {  // leads nowhere
@@ -233,6 +270,7 @@ ProjectionReport VelocityProjection<Real>::project(const Neighbourhood<Real>& ne
     }
     const Real length = static_cast<Real>(std::min(best, step.most));
     const double rz = sums.rz;
+    if (!bodies.empty()) r_before_.assign(r_.begin(), r_.end());
     sums = ordered_sum(
         n,
         [&](std::int64_t k) {
@@ -242,6 +280,7 @@ ProjectionReport VelocityProjection<Real>::project(const Neighbourhood<Real>& ne
           return set_residual(i, r_[i] - length * ap_[i]);
         },
         near.threads);
+    yield(sums);
     alpha = static_cast<Real>(std::clamp(best * double(alpha), kShortest, kLongest));
     beta = static_cast<Real>(std::max(sums.change / rz, 0.0));
   }

@@ -15,6 +15,9 @@
 //   by Polak and Ribiere 1969, which begin anew by themselves where multipliers end at 0 or leave
 //   it). A step is cut where a multiplier would fall below 0, and as long as is best along what is
 //   left: so what a cut changes needs no product of its own.
+// - A wall that yields adds G W G^T to what is solved, of rank 6, with its mobility W. The
+//   preconditioner has it too, with the diagonal D: (D + G W G^T)^-1, by Woodbury's formula, of the
+//   particles whose multipliers may change.
 // The gradients of c are kept, by rows and by columns: 24 bytes a pair (float32), and an iteration
 // is two products with a sparse matrix.
 // c'^T is what it is for c: linear momentum is kept to rounding, and angular momentum where
@@ -27,6 +30,7 @@
 
 #include "substep/core/matrix3.h"
 #include "substep/core/usize.h"
+#include "substep/pbf/bodies.h"
 #include "substep/pbf/neighbourhood.h"
 #include "substep/pbf/options.h"
 #include "substep/pbf/symmetric.h"
@@ -49,10 +53,11 @@ class VelocityProjection {
 
   // walls: the sum of G_iw over all walls, and in w that of G_iw . v_w. lambda: to begin with, then
   // what was found; n + 1 rows, the last 0. v: n + 1 rows; w is kept. Stops where the mean of what
-  // is compressed in dt is below `tolerance`.
+  // is compressed in dt is below `tolerance`. bodies: those walls that yield, with the sum of their
+  // G_iw in the rows; G_iw . v_w is there what it is with the lambda to begin with.
   ProjectionReport project(const Neighbourhood<Real>& near, std::span<const Point<Real>> walls,
-                           double dt, double tolerance, int max_iterations, std::span<Real> lambda,
-                           std::span<Point<Real>> v);
+                           std::span<const YieldingBody<Real>> bodies, double dt, double tolerance,
+                           int max_iterations, std::span<Real> lambda, std::span<Point<Real>> v);
 
  private:
   void find_gradients(const Neighbourhood<Real>& near, std::span<const Point<Real>> walls,
@@ -76,6 +81,7 @@ class VelocityProjection {
   std::vector<Point<Real>> own_;                // sum_j L_i g_ij + G_iw; w: sum_j w_j |L_i g_ij|^2
   std::vector<Point<Real>> u_;  // M^-1 c'^T of the multipliers or of their step; n + 1 rows
   std::vector<Real> r_, p_, step_, ap_;
+  std::vector<Real> r_before_, pull_;  // where there are bodies
 };
 
 extern template class VelocityProjection<float>;
