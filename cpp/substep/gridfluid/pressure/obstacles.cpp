@@ -263,7 +263,9 @@ void Obstacles<Real, D>::refine_open(int threads) {
                  (kParts * kParts);
       }
     }
-    open_[a][usize(face.index)] = sum < Real(kClosed) ? Real(0) : std::min(sum, Real(1));
+    Real& open = open_[a][usize(face.index)];
+    sum += (sum - open) / (kParts * kParts - 1);  // Richardson's
+    open = sum < Real(kClosed) ? Real(0) : std::min(sum, Real(1));
   };
   for (std::size_t a = 0; a < D; ++a) {
     for_numbers(
