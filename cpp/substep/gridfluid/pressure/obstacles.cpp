@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <utility>
 
 #include "substep/core/parallel.h"
@@ -120,59 +121,81 @@ Vec3 Obstacles<Real, D>::middle(std::int64_t i, int faces_of) const {
 
 template <class Real, int D>
 std::size_t Obstacles<Real, D>::nearest(const Vec3& x) const {
-  std::size_t which = 0;
-  double least = std::numeric_limits<double>::infinity();
-  for (std::size_t c = 0; c < colliders.size(); ++c) {
-    const double d = colliders[c].signed_distance(x).value;
-    if (d < least) least = d, which = c;
-  }
-  return which;
+  return nearest_of(all_, x);
 }
 
 template <class Real, int D>
-double Obstacles<Real, D>::signed_distance(const Vec3& x) const {
+std::size_t Obstacles<Real, D>::nearest_of(const Numbers& which, const Vec3& x) const {
+  std::size_t found = 0;
   double least = std::numeric_limits<double>::infinity();
-  for (const Collider& c : colliders) least = std::min(least, c.signed_distance(x).value);
+  for (const std::size_t c : which) {
+    const double d = colliders[c].signed_distance(x).value;
+    if (d < least) least = d, found = c;
+  }
+  return found;
+}
+
+template <class Real, int D>
+double Obstacles<Real, D>::signed_distance(const Numbers& which, const Vec3& x) const {
+  double least = std::numeric_limits<double>::infinity();
+  for (const std::size_t c : which) least = std::min(least, colliders[c].signed_distance(x).value);
   return least;
+}
+
+// Those that may be nearest to what is beside a node, its cell and the faces of that among it.
+template <class Real, int D>
+auto Obstacles<Real, D>::near_block(const std::array<int, D>& node) const -> const Numbers& {
+  std::size_t b = 0;
+  for (std::size_t a = 0; a < D; ++a) b = b * usize(blocks_[a]) + usize(node[a] / kBlock);
+  return of_block_[b].empty() ? all_ : of_block_[b];
 }
 
 // In blocks of nodes: where the middle is far from all surfaces, all of a block is.
 template <class Real, int D>
 void Obstacles<Real, D>::find_distances(int threads) {
-  constexpr int kBlock = 4;
   if (distance_.size() == 0) assign(distance_, layout_.size, Real(0));
   double lipschitz = 1;
   for (const Collider& c : colliders) lipschitz = std::max(lipschitz, c.lipschitz());
   const double radius = std::sqrt(D) * (kBlock - 1) / 2 * lipschitz;
-  std::array<int, D> blocks;
+  const double reach = std::sqrt(D) * (kBlock + 1) / 2 * lipschitz;  // of cells that begin in it
   std::int64_t count = 1;
   for (std::size_t a = 0; a < D; ++a) {
-    blocks[a] = layout_.cells[a] / kBlock + 1;
-    count *= blocks[a];
+    blocks_[a] = layout_.cells[a] / kBlock + 1;
+    count *= blocks_[a];
   }
-  const auto distance_at = [&](const std::array<double, D>& x) {
-    return signed_distance(world(x)) / dx;
-  };
+  all_.resize(colliders.size());
+  std::iota(all_.begin(), all_.end(), std::size_t{0});
+  of_block_.resize(usize(count));
   parallel_for(
       count, 32,
       [&](std::int64_t begin, std::int64_t end) {
+        std::vector<double> distances(colliders.size());
         for (std::int64_t b = begin; b < end; ++b) {
           std::array<int, D> from, to;
           std::array<double, D> middle;
           std::int64_t rest = b;
           for (std::size_t a = D; a-- > 0;) {
-            from[a] = static_cast<int>(rest % blocks[a]) * kBlock;
+            from[a] = static_cast<int>(rest % blocks_[a]) * kBlock;
             to[a] = std::min(from[a] + kBlock, layout_.cells[a] + 1);
             middle[a] = from[a] + (kBlock - 1) / 2.0;
-            rest /= blocks[a];
+            rest /= blocks_[a];
           }
-          const double there = distance_at(middle);
+          const Vec3 at = world(middle);
+          for (std::size_t c = 0; c < colliders.size(); ++c)
+            distances[c] = colliders[c].signed_distance(at).value;
+          const double least = *std::min_element(distances.begin(), distances.end());
+          const double there = least / dx;
           const bool far = std::abs(there) > radius + kBand;
+          Numbers& near = of_block_[usize(b)];
+          near.clear();
+          for (std::size_t c = 0; c < colliders.size() && !far; ++c)
+            if (distances[c] <= least + 2 * reach * dx) near.push_back(c);
           std::array<int, D> node = from;
           do {
             std::array<double, D> x;
             std::copy(node.begin(), node.end(), x.begin());
-            distance_[usize(layout_.index(node))] = Real(far ? there : distance_at(x));
+            distance_[usize(layout_.index(node))] =
+                Real(far ? there : signed_distance(near, world(x)) / dx);
           } while (next_in_block(node, from, to));
         }
       },
@@ -214,7 +237,8 @@ void Obstacles<Real, D>::find_faces_near(int threads) {
           Faces found;
           for (std::int64_t i = begin; i < end; ++i) {
             if (std::abs(distance_[usize(i)]) > Real(kBand)) continue;
-            found.push_back({i, nearest(middle(i, static_cast<int>(a)))});
+            const Vec3 at = middle(i, static_cast<int>(a));
+            found.push_back({i, nearest_of(near_block(layout_.cell(i)), at)});
           }
           return found;
         },
@@ -243,12 +267,13 @@ void Obstacles<Real, D>::refine_open(int threads) {
     }
     if (!in || !out) return;
     const std::array<int, D> cell = layout_.cell(face.index);
+    const Numbers& near = near_block(cell);
     const auto distance_at = [&](int j, int k) {  // of a corner of a part
       std::array<double, D> x;
       for (std::size_t b = 0; b < D; ++b) x[b] = cell[b];
       x[across[0]] += double(j) / kParts;
       if constexpr (D == 3) x[across[1]] += double(k) / kParts;
-      return Real(signed_distance(world(x)) / dx);
+      return Real(signed_distance(near, world(x)) / dx);
     };
     Real sum = 0;
     std::array<std::array<Real, kParts + 1>, D == 2 ? 1 : kParts + 1> d;
@@ -263,7 +288,9 @@ void Obstacles<Real, D>::refine_open(int threads) {
                  (kParts * kParts);
       }
     }
-    open_[a][usize(face.index)] = sum < Real(kClosed) ? Real(0) : std::min(sum, Real(1));
+    Real& open = open_[a][usize(face.index)];
+    sum += (sum - open) / (kParts * kParts - 1);  // Richardson's
+    open = sum < Real(kClosed) ? Real(0) : std::min(sum, Real(1));
   };
   for (std::size_t a = 0; a < D; ++a) {
     for_numbers(
@@ -373,7 +400,7 @@ void Obstacles<Real, D>::push(std::span<const double> q, std::span<const Cell> c
             }
             if (impulse.isZero(0)) continue;
             const Vec3 at = middle(i);
-            const std::size_t c = nearest(at);
+            const std::size_t c = nearest_of(near_block(layout_.cell(i)), at);
             const geometry::SignedDistance d = colliders[c].signed_distance(at);
             part[c].add(at - d.value * d.gradient - colliders[c].position(), impulse);
           }

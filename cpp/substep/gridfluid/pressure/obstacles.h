@@ -74,8 +74,12 @@ class Obstacles {
   static std::span<const Real> of(const Fields& fields, int axis) {
     return {fields[usize(axis)].data(), fields[usize(axis)].size()};
   }
+  static constexpr int kBlock = 4;  // nodes along an axis
+  using Numbers = std::vector<std::size_t>;
   Vec3 world(const std::array<double, D>& x) const;
-  double signed_distance(const Vec3& x) const;
+  const Numbers& near_block(const std::array<int, D>& node) const;
+  std::size_t nearest_of(const Numbers& which, const Vec3& x) const;
+  double signed_distance(const Numbers& which, const Vec3& x) const;
   void find_distances(int threads);
   void find_open(int threads);
   void find_faces_near(int threads);
@@ -87,6 +91,9 @@ class Obstacles {
   bool found_ = false, moving_ = false, know_near_ = false;
   std::vector<std::array<double, geometry::Collider::kStateSize>> states_;  // that it was found for
   AlignedBuffer<Real> distance_, room_;
+  std::array<int, D> blocks_{};
+  Numbers all_;                    // of the colliders
+  std::vector<Numbers> of_block_;  // those that may be nearest to what is in a block near a surface
   Fields open_, velocity_;
   std::array<std::vector<Face>, D> near_;
 };

@@ -236,10 +236,17 @@ auto PressureSolver<Real, D>::iterate(std::span<double> p, double goal, int max_
     regions_.remove_means(std::span(r_.data(), r_.size()), threads);
     const double before = rz;
     rz = precondition(report.preconditioner, threads);
+    // Bodies feel the mean of a pressure that they close in; it is 0 in all that is found.
+    const bool felt = bodies_ && regions_.count() > 0;
+    if (felt) regions_.remove_means(std::span(z_.data(), z_.size()), threads);
     if (!(rz > 0)) return End::kStalled;
     const double dq = next_direction(iteration == 0 ? 0 : static_cast<Real>(rz / before), threads);
     if (!(dq > 0) || !std::isfinite(rz / dq)) return End::kStalled;
     report.residual = move(rz / dq, p, threads);
+    if (felt) {
+      regions_.remove_means(std::span(r_.data(), r_.size()), threads);
+      report.residual = norm_of_r(threads);
+    }
     ++report.iterations;
     if (report.residual <= goal) return End::kGoal;
     if (!std::isfinite(report.residual)) return End::kStalled;
@@ -265,6 +272,7 @@ SolveReport PressureSolver<Real, D>::solve(std::span<const Real> b, std::span<do
     norm = set_right_side(b, report, threads);
     goal = tolerance * norm;
     clear(p, true, threads);
+    if (bodies_) regions_.remove_means(p, threads);
     report.residual = subtract_product(p, threads);
     if (regions_.count() > 0) {  // what rounding left of the means
       regions_.remove_means(std::span(r_.data(), r_.size()), threads);
