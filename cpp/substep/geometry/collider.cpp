@@ -175,11 +175,16 @@ void Collider::advance(double dt) {
   if (!(to.cwiseAbs().maxCoeff() <= kMost && rate * dt <= kMost)) {
     throw SolverError("an obstacle would be carried beyond 1e150 m, or turned by more radians");
   }
+  const Vec6 v = body_velocity();
+  const Vec3 centre_to = centre() + dt * v.head<3>();
   if (rate > 0) {
     const Quaternion turn(Eigen::AngleAxisd(rate * dt, angular_velocity / rate));
     set_orientation(turn * orientation_);
   }
   position_ = to;
+  if (!yields()) return;
+  position_ = centre_to - rotation_ * body.centre;
+  set_body_velocity(v);
 }
 
 Vec6 Collider::body_velocity() const {

@@ -104,7 +104,8 @@ double ParticleBoundary<Real, D>::surface_speed(const Collider& collider, const 
 template <class Real, int D>
 void ParticleBoundary<Real, D>::begin_step(const transfer::BlockLayout<D>& layout,
                                            bool layout_changed, std::span<const Collider> colliders,
-                                           double dt, int threads) {
+                                           std::span<const double> masses, double dt, int threads) {
+  masses_.assign(masses.begin(), masses.end());
   const bool same = !layout_changed && std::equal(colliders.begin(), colliders.end(), from_.begin(),
                                                   from_.end(), same_motion);
   const bool still = std::none_of(colliders.begin(), colliders.end(), moves);
@@ -115,6 +116,7 @@ void ParticleBoundary<Real, D>::begin_step(const transfer::BlockLayout<D>& layou
     }
     for (std::size_t c = 0; c < colliders.size(); ++c) {
       from_[c].friction = to_[c].friction = colliders[c].friction;
+      to_[c].body = colliders[c].body;
     }
     dt_ = dt;
     return;
@@ -257,6 +259,20 @@ void ParticleBoundary<Real, D>::settle(std::int32_t block, const Real* before, R
   }
 }
 
+// How much of a change of a particle's velocity is its own: that of the collider's surface in the
+// same direction, where all near to it push, is the rest.
+template <class Real, int D>
+double ParticleBoundary<Real, D>::share(const Collider& collider, std::size_t c, const Vec3& x,
+                                        const Vec3& jump) const {
+  const double squared = jump.squaredNorm();
+  if (!(squared > 0)) return 1;
+  Vec3 arm = x - collider.centre();
+  if constexpr (D == 2) arm[2] = 0;
+  geometry::Vec6 along;
+  along << jump, arm.cross(jump);
+  return 1 / (1 + masses_[c] * along.dot(collider.body.mobility * along) / squared);
+}
+
 // One particle and all colliders near to it, in turn until none moves it any more. Returns whether
 // any did.
 template <class Real, int D>
@@ -290,7 +306,8 @@ bool ParticleBoundary<Real, D>::settle_one(Near& near, const Vec3& before, Vec3&
       const double length = n.norm();
       if (length > 0) n /= length;
       if ((v - surface).dot(n) >= 0) continue;
-      const Vec3 after = conditioned(v, surface, n, boundaries_[c], to.friction);
+      Vec3 after = conditioned(v, surface, n, boundaries_[c], to.friction);
+      if (to.yields()) after = v + share(to, c, x, after - v) * (after - v);
       wall.part.add(x - to.position(), mass * (v - after));
       v = after;
     }

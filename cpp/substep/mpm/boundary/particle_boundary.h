@@ -8,6 +8,11 @@
 // that was inside already, as where a collider was put upon it, is pushed out by up to kPush cells
 // a step, without an impulse.
 //
+// A body that yields is taken apart for that, evenly by mass: a particle meets its share of it as
+// if it were alone, in an inelastic collision, and afterwards the shares are one body again. So
+// however light the body is, neither loses more than both meeting at once would: energy never
+// grows. A light body then takes more than one step to stop what the grid does not see.
+//
 // Only particle blocks that a collider comes near to are looked at (near()), and there only the
 // particles that are not surely free: on the free side of the tangent plane of a convex solid,
 // between two walls of a tank, within a ball that keeps clear.
@@ -37,9 +42,11 @@ class ParticleBoundary {
   ParticleBoundary(double cell, std::vector<Boundary> boundaries)
       : cell_(cell), boundaries_(std::move(boundaries)) {}
 
-  // For a step of dt that begins with the colliders as they are here.
+  // For a step of dt that begins with the colliders as they are here. masses: where some yield, of
+  // the material near to the body of each [kg].
   void begin_step(const transfer::BlockLayout<D>& layout, bool layout_changed,
-                  std::span<const geometry::Collider> colliders, double dt, int threads);
+                  std::span<const geometry::Collider> colliders, std::span<const double> masses,
+                  double dt, int threads);
   // How far along an axis a particle may go in this step, kPush aside [cells].
   void set_reach(double reach) { reach_ = reach; }
   double reach() const { return reach_; }
@@ -94,6 +101,8 @@ class ParticleBoundary {
                        double radius) const;
   static Mask outside(const Free& free, const Real* x);
   bool clears(const Near& near, const Wall& wall, const Real* before, const Real* x) const;
+  double share(const geometry::Collider& collider, std::size_t c, const geometry::Vec3& x,
+               const geometry::Vec3& jump) const;
   bool settle_one(Near& near, const geometry::Vec3& before, geometry::Vec3& x, geometry::Vec3& v,
                   double mass) const;
 
@@ -102,6 +111,7 @@ class ParticleBoundary {
   std::vector<geometry::Collider> from_, to_;  // as the step begins and as it ends
   std::vector<std::int32_t> slots_;            // of each particle block: place in near_, or -1
   std::vector<Near> near_;                     // ascending blocks
+  std::vector<double> masses_;                 // as given to begin_step
 };
 
 }  // namespace substep::mpm

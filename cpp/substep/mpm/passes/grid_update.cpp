@@ -92,12 +92,22 @@ int first_bad_node(Real bound, const Real* nodes) {
   }
 }
 
-// What a task found in its chunk of node blocks.
-template <class Real>
-struct Found {
-  Real speed = 0;
-  std::int64_t bad_node = -1;
-};
+template <int D>
+Vec3 place(std::uint64_t key, int node, double cell) {
+  const auto block = transfer::BlockKey<D>::unpack(key);
+  Vec3 x = Vec3::Zero();
+  for (int d = D - 1, rest = node; d >= 0; --d, rest /= kBlock) {
+    x[d] = cell * (static_cast<double>(kBlock) * block[usize(d)] + rest % kBlock);
+  }
+  return x;
+}
+
+template <class Real, int D>
+Vec3 velocity_of(const Real* node) {
+  Vec3 v = Vec3::Zero();
+  for (int d = 0; d < D; ++d) v[d] = static_cast<double>(node[d]);
+  return v;
+}
 
 }  // namespace
 
@@ -114,7 +124,7 @@ template <class Real, int D>
 ParticleBoundary<Real, D> GridUpdate<Real, D>::walls_of(const transfer::BlockLayout<D>& layout,
                                                         int threads) const {
   ParticleBoundary<Real, D> walls(cell_, boundaries_);
-  walls.begin_step(layout, true, colliders, dt_, threads);
+  walls.begin_step(layout, true, moving(), masses_, dt_, threads);
   walls.set_reach(particles_.reach());
   return walls;
 }
@@ -135,20 +145,33 @@ NodeCheck GridUpdate<Real, D>::update(std::span<Real> nodes, const Vec3& gravity
   dt_ = dt;
   distances_.update(*layout_, layout_changed_, colliders, threads);
   layout_changed_ = false;
+  begin_bodies(dt);
 
   const std::size_t many = colliders.size();
   const auto blocks = static_cast<std::int64_t>(layout_->node_keys.size());
   const auto chunks = usize((blocks + kGrain - 1) / kGrain);
   const auto bound = static_cast<Real>(std::min(speed_bound, static_cast<double>(kGreatest)));
   parts_.assign(chunks * many, Exchange{});
-  std::vector<Found<Real>> found(chunks);
+  std::vector<Found> found(chunks);
+  const auto block_at = [&](std::int64_t b) { return nodes.data() + b * kNodes * kNodeReals; };
+  // Whether all is well with the velocities of a block.
+  const auto judge = [&](std::int64_t b, Real limit, Found& part) {
+    const Real speed = greatest_speed<Real, D>(limit, block_at(b));
+    if (speed < 0) {
+      part.bad_node = b * kNodes + first_bad_node<Real, D>(limit, block_at(b));
+      return false;
+    }
+    part.speed = std::max(part.speed, speed);
+    return true;
+  };
   parallel_for(
       blocks, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
         const auto chunk = usize(begin / kGrain);
+        Found& part = found[chunk];
         std::vector<Holder> holders;
         for (std::int64_t b = begin; b < end; ++b) {
-          Real* block = nodes.data() + b * kNodes * kNodeReals;
+          Real* block = block_at(b);
           to_velocity<Real, D>(gravity * dt, block);
           find_holders(static_cast<std::int32_t>(b), holders);
           Real limit = bound;
@@ -156,29 +179,135 @@ NodeCheck GridUpdate<Real, D>::update(std::span<Real> nodes, const Vec3& gravity
             // What is not finite must be seen before a condition hides it.
             if (greatest_speed<Real, D>(kGreatest, block) < 0) {
               limit = kGreatest;
+            } else if (!moving_.empty() && fixed(holders).size() < holders.size()) {
+              find_contacts(static_cast<std::int32_t>(b), holders, block, part);
+              part.met.push_back(b);
+              continue;
             } else {
               hold(static_cast<std::int32_t>(b), holders, block, &parts_[chunk * many]);
             }
           }
-          const Real speed = greatest_speed<Real, D>(limit, block);
-          if (speed < 0) {
-            found[chunk].bad_node = b * kNodes + first_bad_node<Real, D>(limit, block);
-            break;
-          }
-          found[chunk].speed = std::max(found[chunk].speed, speed);
+          if (!judge(b, limit, part)) break;
         }
       },
       threads);
 
   NodeCheck check;
-  for (const Found<Real>& part : found) {
-    check.speed = std::max(check.speed, static_cast<double>(part.speed));
-    if (check.good()) check.bad_node = part.bad_node;
+  const auto sum_up = [&] {
+    for (const Found& part : found) {
+      check.speed = std::max(check.speed, static_cast<double>(part.speed));
+      if (check.good()) check.bad_node = part.bad_node;
+    }
+  };
+  sum_up();
+  if (!moving_.empty() && check.good()) {
+    meet_bodies(found, nodes.data(), threads);
+    parallel_chunks(
+        static_cast<std::int64_t>(chunks),
+        [&](std::int64_t chunk) {
+          Found& part = found[usize(chunk)];
+          std::vector<Holder> holders;
+          for (const std::int64_t b : part.met) {
+            find_holders(static_cast<std::int32_t>(b), holders);
+            const std::span<const Holder> others = fixed(holders);
+            if (!others.empty()) {
+              hold(static_cast<std::int32_t>(b), others, block_at(b), &parts_[usize(chunk) * many]);
+            }
+            if (!judge(b, bound, part)) break;
+          }
+        },
+        threads);
+    sum_up();
   }
-  particles_.begin_step(*layout_, false, colliders, dt, threads);
+  particles_.begin_step(*layout_, false, moving(), masses_, dt, threads);
   check.reach = (check.speed + particles_.collider_speed()) * dt / cell_;
   particles_.set_reach(check.reach);
   return check;
+}
+
+// Velocities of the step before anything pushes.
+template <class Real, int D>
+void GridUpdate<Real, D>::begin_bodies(double dt) {
+  const bool any = std::any_of(colliders.begin(), colliders.end(),
+                               [](const Collider& collider) { return collider.yields(); });
+  moving_.clear();
+  masses_.clear();
+  if (!any) return;
+  moving_ = colliders;
+  masses_.resize(colliders.size());
+  for (Collider& collider : moving_) collider.set_exchange({});
+  geometry::accelerate_bodies(moving_, dt);
+}
+
+template <class Real, int D>
+void GridUpdate<Real, D>::find_contacts(std::int32_t node_block, std::span<const Holder> holders,
+                                        const Real* nodes, Found& found) const {
+  found.masses.resize(colliders.size());
+  double total = 0;
+  for (int node = 0; node < transfer::NodeBlocks<Real, D>::kNodes; ++node) {
+    const Real* const at = nodes + node * kNodeReals;
+    const std::size_t first = found.contacts.size();
+    total += static_cast<double>(at[D]);
+    for (const Holder& holder : holders) {
+      const Collider& collider = moving_[holder.collider];
+      const Real* const n = holder.patch->values + 4 * node;
+      if (!collider.yields() || !(n[3] <= 0) || at[D] < kEmpty<Real>) continue;
+      Vec3 arm = place<D>(layout_->node_keys[usize(node_block)], node, cell_) - collider.centre();
+      if constexpr (D == 2) arm[2] = 0;
+      found.contacts.push_back(
+          {holder.collider, std::int64_t{node_block} * transfer::NodeBlocks<Real, D>::kNodes + node,
+           static_cast<double>(at[D]), arm, velocity_of<Real, D>(at), Vec3(n[0], n[1], n[2]),
+           boundaries_[holder.collider], collider.friction});
+    }
+    const auto many = static_cast<double>(found.contacts.size() - first);
+    for (std::size_t k = first; k < found.contacts.size(); ++k) found.contacts[k].mass /= many;
+  }
+  for (const Holder& holder : holders) found.masses[holder.collider] += total;
+}
+
+// Gives nodes and bodies what they exchange.
+template <class Real, int D>
+void GridUpdate<Real, D>::meet_bodies(std::vector<Found>& found, Real* nodes, int threads) {
+  const auto bodies = geometry::colliders_by_body(moving_);
+  std::vector<std::size_t> body_of(moving_.size());
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    for (const std::size_t c : bodies[b]) body_of[c] = b;
+  }
+  std::vector<std::vector<BodyContact>> contacts(bodies.size());
+  std::vector<double> masses(bodies.size());
+  for (const Found& part : found) {
+    for (const BodyContact& contact : part.contacts) {
+      contacts[body_of[contact.collider]].push_back(contact);
+    }
+    for (std::size_t c = 0; c < part.masses.size(); ++c) {
+      if (moving_[c].yields()) masses[body_of[c]] += part.masses[c];
+    }
+  }
+  parallel_chunks(
+      static_cast<std::int64_t>(bodies.size()),
+      [&](std::int64_t b) {
+        const Collider& body = moving_[bodies[usize(b)][0]];
+        meet(body.body_velocity(), body.body.mobility, contacts[usize(b)]);
+      },
+      threads);
+  std::vector<Exchange> given(moving_.size());
+  for (const auto& of_body : contacts) {
+    for (const BodyContact& contact : of_body) {
+      const Collider& collider = moving_[contact.collider];
+      Vec3 from_position = contact.arm + collider.centre() - collider.position();
+      if constexpr (D == 2) from_position[2] = 0;
+      given[contact.collider].add(from_position, -contact.impulse);
+      Real* const at = nodes + contact.node * kNodeReals;
+      for (int d = 0; d < D; ++d) {
+        at[d] += static_cast<Real>(contact.impulse[d] / static_cast<double>(at[D]));
+      }
+    }
+  }
+  for (std::size_t c = 0; c < moving_.size(); ++c) {
+    moving_[c].set_exchange(given[c]);
+    masses_[c] = moving_[c].yields() ? masses[body_of[c]] : 0;
+  }
+  geometry::push_bodies(moving_);
 }
 
 template <class Real, int D>
@@ -207,6 +336,15 @@ void GridUpdate<Real, D>::find_holders(std::int32_t node_block,
   }
 }
 
+// Those that do not yield; they come first then.
+template <class Real, int D>
+auto GridUpdate<Real, D>::fixed(std::vector<Holder>& holders) const -> std::span<const Holder> {
+  const auto end = std::stable_partition(holders.begin(), holders.end(), [&](const Holder& holder) {
+    return !colliders[holder.collider].yields();
+  });
+  return {holders.begin(), end};
+}
+
 // Nodes at several surfaces take their conditions in turn, until none changes anything: at an edge
 // between two walls that is a node that moves along both.
 template <class Real, int D>
@@ -214,8 +352,7 @@ void GridUpdate<Real, D>::hold(std::int32_t node_block, std::span<const Holder> 
                                Real* nodes, Exchange* parts) const {
   constexpr int kSweeps = 32;
   constexpr double kUnchanged = 1e-14;  // of the squared velocity
-  const auto key = layout_->node_keys[usize(node_block)];
-  const auto block = transfer::BlockKey<D>::unpack(key);
+  const std::vector<Collider>& moved = moving();
   for (int node = 0; node < transfer::NodeBlocks<Real, D>::kNodes; ++node) {
     const auto holds = [&](const Holder& holder) {
       return holder.patch->values[4 * node + 3] <= 0;
@@ -223,17 +360,14 @@ void GridUpdate<Real, D>::hold(std::int32_t node_block, std::span<const Holder> 
     Real* const at = nodes + node * kNodeReals;
     const auto mass = static_cast<double>(at[D]);
     if (at[D] < kEmpty<Real> || std::none_of(holders.begin(), holders.end(), holds)) continue;
-    Vec3 v = Vec3::Zero(), x = Vec3::Zero();
-    for (int d = D - 1, rest = node; d >= 0; --d, rest /= kBlock) {
-      v[d] = static_cast<double>(at[d]);
-      x[d] = cell_ * (static_cast<double>(kBlock) * block[usize(d)] + rest % kBlock);
-    }
+    Vec3 v = velocity_of<Real, D>(at);
+    const Vec3 x = place<D>(layout_->node_keys[usize(node_block)], node, cell_);
     bool changed = true;
     for (int sweep = 0; sweep < kSweeps && changed; ++sweep) {
       changed = false;
       for (const Holder& holder : holders) {
         if (!holds(holder)) continue;
-        const Collider& collider = colliders[holder.collider];
+        const Collider& collider = moved[holder.collider];
         const Real* n = holder.patch->values + 4 * node;
         Vec3 surface = collider.surface_velocity(x);
         if constexpr (D == 2) surface[2] = 0;
@@ -261,11 +395,37 @@ double GridUpdate<Real, D>::finish() {
   for (std::size_t c = 0; c < many; ++c) {
     Exchange sum = colliders[c].exchange();
     for (std::size_t part = c; part < parts_.size(); part += many) sum += parts_[part];
+    if (!moving_.empty() && moving_[c].yields()) {
+      sum += moving_[c].exchange();
+      colliders[c].velocity = moving_[c].velocity;
+      colliders[c].angular_velocity = moving_[c].angular_velocity;
+      colliders[c].body.received = moving_[c].body.received;
+    }
     sum += particles_.exchange(c);
     colliders[c].set_exchange(sum);
     colliders[c].advance(dt_);
   }
+  for (std::size_t c = 0; c < many; ++c) {
+    if (colliders[c].yields()) push_body(c, particles_.exchange(c));
+  }
+  moving_.clear();
+  masses_.clear();
   return particles_.excess();
+}
+
+// As geometry::push_bodies, without memory.
+template <class Real, int D>
+void GridUpdate<Real, D>::push_body(std::size_t c, const Exchange& exchange) {
+  const Exchange sum = colliders[c].exchange();
+  colliders[c].set_exchange(exchange);
+  const geometry::Vec6 given = colliders[c].body_impulse();
+  colliders[c].set_exchange(sum);
+  if (given.isZero(0)) return;
+  colliders[c].body.received += given;
+  for (Collider& other : colliders) {
+    if (other.body.number != colliders[c].body.number) continue;
+    other.set_body_velocity(other.body_velocity() + other.body.mobility * given);
+  }
 }
 
 template class GridUpdate<float, 2>;

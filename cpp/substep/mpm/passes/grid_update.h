@@ -12,6 +12,11 @@
 // particle (particle_boundary.h). Impulses and torques are summed per chunk of node blocks and
 // per particle block, then in their order: the same bits for any number of threads. In two
 // dimensions the obstacles are those of space cut at z = 0.
+//
+// Obstacles that yield: update() finds the velocities of their bodies together with those of the
+// nodes in them (body_contacts.h), and with these they move in this step. A node in other obstacles
+// too takes their conditions after that. What particles give at the surface changes the velocity in
+// finish(), for the next step.
 #pragma once
 
 #include <cstdint>
@@ -19,6 +24,7 @@
 #include <vector>
 
 #include "substep/geometry/collider.h"
+#include "substep/mpm/boundary/body_contacts.h"
 #include "substep/mpm/boundary/boundary.h"
 #include "substep/mpm/boundary/node_distances.h"
 #include "substep/mpm/boundary/particle_boundary.h"
@@ -88,7 +94,25 @@ class GridUpdate {
     std::size_t collider;
     const typename NodeDistances<Real, D>::Patch* patch;
   };
+  // What a task found in its chunk of node blocks.
+  struct Found {
+    Real speed = 0;
+    std::int64_t bad_node = -1;
+    std::vector<std::int64_t> met;  // blocks with nodes in obstacles that yield
+    std::vector<BodyContact> contacts;
+    std::vector<double> masses;  // of the blocks that each collider comes near to
+  };
   void find_holders(std::int32_t node_block, std::vector<Holder>& holders) const;
+  std::span<const Holder> fixed(std::vector<Holder>& holders) const;
+  void begin_bodies(double dt);
+  void find_contacts(std::int32_t node_block, std::span<const Holder> holders, const Real* nodes,
+                     Found& found) const;
+  void meet_bodies(std::vector<Found>& found, Real* nodes, int threads);
+  void push_body(std::size_t collider, const geometry::Exchange& exchange);
+  // The colliders with the velocities of this step.
+  const std::vector<geometry::Collider>& moving() const {
+    return moving_.empty() ? colliders : moving_;
+  }
   void hold(std::int32_t node_block, std::span<const Holder> holders, Real* nodes,
             geometry::Exchange* parts) const;
 
@@ -98,6 +122,9 @@ class GridUpdate {
   bool layout_changed_ = false;
   NodeDistances<Real, D> distances_;
   ParticleBoundary<Real, D> particles_;
+  // Where some yield: with their velocity in this step, and what nodes give them.
+  std::vector<geometry::Collider> moving_;
+  std::vector<double> masses_;             // of the material near to the body of each
   std::vector<geometry::Exchange> parts_;  // of chunk k and collider c at k * colliders + c
 };
 

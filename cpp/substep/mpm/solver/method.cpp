@@ -1,6 +1,7 @@
 #include "substep/mpm/solver/method.h"
 
 #include <algorithm>
+#include <string>
 #include <utility>
 
 #include "substep/core/errors.h"
@@ -147,6 +148,13 @@ class MethodOf final : public Method {
 
   template <class Steps>
   void run(const Steps& steps) {
+    for (std::size_t c = 0; c < colliders_.size(); ++c) {
+      if (colliders_[c]->yields() && solver_.options().integrator == Integrator::kImplicit) {
+        throw InputError("colliders[" + std::to_string(c) +
+                         "]: expected one that is moved by hand with "
+                         "integrator=\"implicit_euler\", got one of a body that yields");
+      }
+    }
     for (std::size_t c = 0; c < colliders_.size(); ++c) solver_.colliders()[c] = *colliders_[c];
     try {
       steps();
