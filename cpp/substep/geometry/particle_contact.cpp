@@ -4,6 +4,7 @@
 #include <atomic>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "substep/core/interrupt.h"
 #include "substep/core/lanes.h"
@@ -152,7 +153,8 @@ void ParticleContact<Real>::begin_step(std::int64_t n) {
   keep_reached_ = false;
   for (std::size_t c = 0; c < colliders.size(); ++c) {
     Obstacle& obstacle = obstacles_[c];
-    obstacle.parts.assign(usize((n + kGrain - 1) / kGrain), Exchange{});
+    obstacle.yields = colliders[c].yields();
+    obstacle.parts.assign(obstacle.yields ? 2 : usize((n + kGrain - 1) / kGrain), Exchange{});
     obstacle.tracked = colliders[c].friction > 0 || colliders[c].restitution > 0;
     const std::size_t kept = obstacle.tracked ? usize(n) : 0;
     obstacle.normal.assign(kept, Point<Real>{});
@@ -315,10 +317,12 @@ void ParticleContact<Real>::project(std::span<const Point<Real>> start, std::spa
       static_cast<std::int64_t>(x.size()), kGrain,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::size_t c = 0; c < colliders.size(); ++c) {
-          if (obstacles_[c].aligned) clamp(c, start, x, mass, begin, end);
+          const Obstacle& obstacle = obstacles_[c];
+          if (obstacle.aligned && !obstacle.yields) clamp(c, start, x, mass, begin, end);
         }
         for (std::size_t c = 0; c < colliders.size(); ++c) {
-          if (!obstacles_[c].aligned) settle_near(c, start, x, mass, begin, end);
+          const Obstacle& obstacle = obstacles_[c];
+          if (!obstacle.aligned && !obstacle.yields) settle_near(c, start, x, mass, begin, end);
         }
         if (keep_reached_) {
           std::copy(x.begin() + begin, x.begin() + end, reached_.begin() + begin);
@@ -424,6 +428,7 @@ void ParticleContact<Real>::settle(std::span<const Point<Real>> start, std::span
     bool changed = false;
     for (std::size_t c = 0; c < colliders.size(); ++c) {
       Obstacle& obstacle = obstacles_[c];
+      if (obstacle.yields) continue;
       const Vec3 target = obstacle.to.to_local(at);
       const Vec3 came = pose_before(obstacle).to_local(from);
       Vec3 p = advance_freely(colliders[c], came, target, margin_);
@@ -478,7 +483,7 @@ void ParticleContact<Real>::slide(std::span<const Point<Real>> x, std::span<Poin
   for (std::size_t c = 0; c < colliders.size(); ++c) {
     const Collider& collider = colliders[c];
     Obstacle& obstacle = obstacles_[c];
-    if (collider.friction == 0) continue;
+    if (collider.friction == 0 || obstacle.yields) continue;
     const auto rub = [&](std::int64_t i) {
       const Vec3 N = xyz(obstacle.normal[usize(i)]);
       const double size = N.norm();
@@ -512,7 +517,7 @@ void ParticleContact<Real>::bounce(std::span<const Point<Real>> start,
   for (std::size_t c = 0; c < colliders.size(); ++c) {
     const Collider& collider = colliders[c];
     Obstacle& obstacle = obstacles_[c];
-    if (collider.restitution == 0) continue;
+    if (collider.restitution == 0 || obstacle.yields) continue;
     const auto strike = [&](std::int64_t i) {
       const Vec3 N = xyz(obstacle.normal[usize(i)]);
       const double size = N.norm();
@@ -560,10 +565,51 @@ template <class Real>
 void ParticleContact<Real>::add_push(std::size_t c, std::int64_t i, const Point<Real>& x,
                                      const Vec3& push, double mass) {
   Obstacle& obstacle = obstacles_[c];
-  obstacle.parts[usize(i / kGrain)].add(xyz(x) + obstacle.to.shift, -mass / h_ * push);
+  const std::size_t part = obstacle.yields ? 0 : usize(i / kGrain);
+  obstacle.parts[part].add(xyz(x) + obstacle.to.shift, -mass / h_ * push);
   if (!obstacle.tracked) return;
   Point<Real>& normal = obstacle.normal[usize(i)];
   assign(normal, xyz(normal) + obstacle.to.rotation.transpose() * push);
+}
+
+template <class Real>
+Vec3 ParticleContact<Real>::way_off(std::size_t c, const Point<Real>& start,
+                                    const Point<Real>& x) const {
+  const Obstacle& obstacle = obstacles_[c];
+  const Vec3 at = xyz(x);
+  if (!at.allFinite()) return Vec3::Zero();  // the method's own check finds it
+  const Vec3 target = obstacle.to.to_local(at);
+  const Vec3 free =
+      advance_freely(colliders[c], obstacle.from.to_local(xyz(start)), target, margin_);
+  const Vec3 push = obstacle.to.rotation * (free - target);
+  return planar_ ? in_plane(push) : push;
+}
+
+template <class Real>
+Vec3 ParticleContact<Real>::pushed(std::size_t c, std::int64_t i) const {
+  return obstacles_[c].to.rotation * xyz(obstacles_[c].normal[usize(i)]);
+}
+
+template <class Real>
+void ParticleContact<Real>::add_impulse(std::size_t c, const Point<Real>& x, const Vec3& impulse) {
+  obstacles_[c].parts[0].add(xyz(x) + obstacles_[c].to.shift, impulse);
+}
+
+template <class Real>
+Exchange ParticleContact<Real>::take(std::size_t c) {
+  std::vector<Exchange>& parts = obstacles_[c].parts;
+  parts[1] += parts[0];
+  return std::exchange(parts[0], Exchange{});
+}
+
+template <class Real>
+void ParticleContact<Real>::moved(std::size_t c) {
+  Obstacle& obstacle = obstacles_[c];
+  const Vec3 before = obstacle.to.shift;
+  obstacle.to = pose(colliders[c]);
+  for (Exchange& part : obstacle.parts) {  // about the position, which is another one
+    part.torque += (obstacle.to.shift - before).cross(part.impulse);
+  }
 }
 
 template class ParticleContact<float>;

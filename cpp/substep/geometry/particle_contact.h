@@ -77,8 +77,19 @@ class ParticleContact {
   // A method that pushes particle i off collider c by other means than project (a pressure) says
   // so here: `push` [m] is the correction of the position in this substep, which counts as an
   // impulse on the collider and as a normal correction for friction. Safe from tasks over chunks
-  // of kGrain particles.
+  // of kGrain particles, but for obstacles that yield.
   void add_push(std::size_t c, std::int64_t i, const Point<Real>& x, const Vec3& push, double mass);
+
+  // Obstacles that yield are left to the method, which solves for their motion: project(), slide()
+  // and bounce() pass them by. The push [m] that a particle on its way from `start` to x needs so
+  // as not to enter collider c, and the sum of those that add_push() told of.
+  Vec3 way_off(std::size_t c, const Point<Real>& start, const Point<Real>& x) const;
+  Vec3 pushed(std::size_t c, std::int64_t i) const;
+  // An impulse at x. What the collider was given since the last call, about its position. And: its
+  // pose at the end of the substep is another one now.
+  void add_impulse(std::size_t c, const Point<Real>& x, const Vec3& impulse);
+  Exchange take(std::size_t c);
+  void moved(std::size_t c);
 
   // Appends the particles of [begin, end) that may be nearer than `reach` >= margin to collider c:
   // all that are, and few others.
@@ -101,12 +112,14 @@ class ParticleContact {
     Vec3 to_world(const Vec3& local) const { return rotation * local - shift; }
   };
   struct Obstacle {
-    Pose from, to;                                // when the substep began, and at its end
-    bool aligned = false;                         // free space is low <= x <= high
-    Point<Real> low, high;                        // relative to the origin, with the margin
-    bool tracked = false;                         // friction or restitution: N and T are kept
+    Pose from, to;          // when the substep began, and at its end
+    bool aligned = false;   // free space is low <= x <= high
+    Point<Real> low, high;  // relative to the origin, with the margin
+    bool tracked = false;   // friction or restitution: N and T are kept
+    bool yields = false;
     std::vector<Point<Real>> normal, tangential;  // N and T of each particle, in its frame
-    std::vector<Exchange> parts;                  // one per chunk
+    // One per chunk; of those that yield: what was not taken yet, and what was.
+    std::vector<Exchange> parts;
   };
 
   Pose pose(const Collider& collider) const;
