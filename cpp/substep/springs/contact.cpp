@@ -11,7 +11,6 @@
 namespace substep::springs {
 namespace {
 
-constexpr double kKept = 0.1;  // of a distance, at least, after one step towards the obstacle
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 struct Barrier {
@@ -29,24 +28,63 @@ Barrier barrier(double d, double thickness) {
 // The largest s in (0, 1] for which the way from x to x + s dx keeps a tenth of the distance.
 double reach(const geometry::Collider& collider, int axis, const Vec3& x, const Vec3& dx) {
   const auto [start, n] = geometry::signed_distance(collider, axis, x);
-  const double spare = (1.0 - kKept) * start;
   if (std::holds_alternative<geometry::Plane>(collider.shape())) {
     const double approach = -n.dot(dx);
+    const double spare = (1.0 - kKept) * start;
     return approach > spare ? spare / approach : 1.0;
   }
-  // Conservative advancement: within d / lipschitz there is no surface in any direction.
-  const double speed = geometry::lipschitz(collider, axis) * dx.norm();
-  if (speed <= spare) return 1.0;
-  double s = spare / speed;
-  for (int march = 0; march < 200 && s < 1.0; ++march) {
-    const double left = geometry::signed_distance(collider, axis, x + s * dx).value - kKept * start;
-    if (left < 1e-3 * start) return s;
-    s += left / speed;
+  return march(start, geometry::lipschitz(collider, axis) * dx.norm(), [&](double s) {
+    return geometry::signed_distance(collider, axis, x + s * dx).value;
+  });
+}
+
+// From the impulses of restitution and friction on a vertex of mass m at x that moves into the
+// collider: its velocity relative to it changes by (1 / m + W_x) times these, with the mobility W_x
+// of the body's material there.
+Vec3 velocity_change(const geometry::Collider& collider, const Vec3& x, const Vec3& n,
+                     const Vec3& relative, double mass) {
+  const double approach = -n.dot(relative);
+  const double push = (1.0 + collider.restitution) * approach;
+  if (!collider.yields()) {
+    const Vec3 u = relative + approach * n;
+    const double y = u.norm();
+    const double brake = y > 0.0 ? std::min(collider.friction * push / y, 1.0) : 0.0;
+    return push * n - brake * u;
   }
-  return std::min(s, 1.0);
+  Eigen::Matrix<double, 3, 6> to_point;
+  const Vec3 arm = x - collider.centre();
+  to_point << Mat3::Identity(), -cross_matrix(arm);
+  const Mat3 mobility =
+      Mat3::Identity() + mass * to_point * collider.body.mobility * to_point.transpose();
+  const double normal = push / n.dot(mobility * n);
+  const Vec3 after = relative + normal * mobility * n;
+  const Vec3 u = after - n.dot(after) * n;
+  const double y2 = u.squaredNorm();
+  if (y2 == 0.0) return normal * n;
+  const double brake =
+      std::min(collider.friction * normal / std::sqrt(y2), y2 / u.dot(mobility * u));
+  return normal * n - brake * u;
+}
+
+// The velocity of the body behind a collider, of all its colliders, after an impulse at x.
+void push_body(std::span<geometry::Collider> colliders, const geometry::Collider& pushed,
+               const Vec3& x, const Vec3& impulse) {
+  geometry::Vec6 given;
+  given << impulse, (x - pushed.centre()).cross(impulse);
+  const geometry::Vec6 change = pushed.body.mobility * given;
+  for (geometry::Collider& collider : colliders) {
+    if (collider.body.number != pushed.body.number) continue;
+    collider.set_body_velocity(collider.body_velocity() + change);
+  }
 }
 
 }  // namespace
+
+Mat3 cross_matrix(const Vec3& a) {
+  Mat3 m;
+  m << 0, -a.z(), a.y(), a.z(), 0, -a.x(), -a.y(), a.x(), 0;
+  return m;
+}
 
 ContactTerm::ContactTerm(const Contacts& contacts)
     : contacts_(contacts), surfaces_(geometry::surfaces(contacts.colliders, true)) {
@@ -97,7 +135,7 @@ double BarrierTerm::step_bound(Positions x, Positions dx, std::int64_t begin,
                                std::int64_t end) const {
   double bound = 1.0;
   for (std::int64_t e = begin; e < end; ++e) {
-    if (stiffness(e) == 0.0) continue;
+    if (stiffness(e) == 0.0 || collider(e).yields()) continue;
     const double part =
         reach(collider(e), surface(e).axis, x[vertices_[e]], bound * dx[vertices_[e]]);
     bound = std::min(bound, part * bound);
@@ -106,7 +144,7 @@ double BarrierTerm::step_bound(Positions x, Positions dx, std::int64_t begin,
 }
 
 void FrictionTerm::lag(Positions x) {
-  lagged_.assign(vertices_.size(), {0.0, Vec3::Zero(), Vec3::Zero()});
+  lagged_.assign(vertices_.size(), {0.0, Vec3::Zero(), Vec3::Zero(), Vec3::Zero()});
   for (std::size_t e = 0; e < vertices_.size(); ++e) {
     const auto element = static_cast<std::int64_t>(e);
     const geometry::Collider& c = collider(element);
@@ -116,8 +154,19 @@ void FrictionTerm::lag(Positions x) {
     const auto [d, gradient] = distance(element, at);
     if (d >= contacts_.thickness || d <= 0.0) continue;
     const double force = -k * barrier(d, contacts_.thickness).first * gradient.norm();
-    lagged_[e] = {c.friction * force, gradient.normalized(), c.surface_velocity(at)};
+    lagged_[e] = {c.friction * force, gradient.normalized(), c.surface_velocity(at),
+                  at - c.centre()};
   }
+}
+
+// The velocity of the vertex relative to the surface, along it: that of a body that yields is what
+// the step finds.
+Vec3 FrictionTerm::sliding_velocity(std::int64_t e, Positions v) const {
+  const Lagged& contact = lagged_[e];
+  const geometry::Collider& c = collider(e);
+  const Vec3 relative = v[vertices_[e]] - (c.yields() ? c.surface_velocity(c.centre() + contact.arm)
+                                                      : contact.surface_velocity);
+  return relative - contact.normal.dot(relative) * contact.normal;
 }
 
 double FrictionTerm::energy(Positions v, std::int64_t begin, std::int64_t end) const {
@@ -126,8 +175,7 @@ double FrictionTerm::energy(Positions v, std::int64_t begin, std::int64_t end) c
   for (std::int64_t k = begin; k < end; ++k) {
     const Lagged& contact = lagged_[k];
     if (contact.bound == 0.0) continue;
-    const Vec3 relative = v[vertices_[k]] - contact.surface_velocity;
-    const double y = (relative - contact.normal.dot(relative) * contact.normal).norm();
+    const double y = sliding_velocity(k, v).norm();
     const double f0 = y < e ? y * y / e - y * y * y / (3.0 * e * e) + e / 3.0 : y;
     sum += contact.bound * f0;
   }
@@ -144,8 +192,7 @@ void FrictionTerm::derivatives(Positions v, std::int64_t begin, std::int64_t end
     const Lagged& contact = lagged_[k];
     if (contact.bound == 0.0) continue;
     const Vec3& n = contact.normal;
-    const Vec3 relative = v[vertices_[k]] - contact.surface_velocity;
-    const Vec3 u = relative - n.dot(relative) * n;
+    const Vec3 u = sliding_velocity(k, v);
     const double y = u.norm();
     const double f1_over_y = y < e ? 2.0 / e - y / (e * e) : 1.0 / y;
     g = contact.bound * f1_over_y * u;
@@ -231,6 +278,10 @@ bool set_off_vertices(const Contacts& contacts, std::span<Vec3> x) {
 
 void project_contacts(Contacts& contacts, std::span<const double> masses, std::span<Vec3> x,
                       std::span<Vec3> v) {
+  std::vector<geometry::Vec6> free;  // velocities that push_bodies() starts from; none: no bodies
+  if (std::ranges::any_of(contacts.colliders, &geometry::Collider::yields)) {
+    for (const auto& collider : contacts.colliders) free.push_back(collider.body_velocity());
+  }
   for (geometry::Collider& collider : contacts.colliders) {
     geometry::Exchange sum;
     for (std::size_t i = 0; i < x.size(); ++i) {
@@ -240,17 +291,16 @@ void project_contacts(Contacts& contacts, std::span<const double> masses, std::s
       const Vec3 n = gradient.normalized();
       x[i] -= d * n;
       const Vec3 relative = v[i] - collider.surface_velocity(x[i]);
-      const double approach = -n.dot(relative);
-      if (approach <= 0.0) continue;
-      const Vec3 u = relative + approach * n;
-      const double push = (1.0 + collider.restitution) * approach, y = u.norm();
-      const double brake = y > 0.0 ? std::min(collider.friction * push / y, 1.0) : 0.0;
-      const Vec3 change = push * n - brake * u;
+      if (n.dot(relative) >= 0.0) continue;
+      const Vec3 change = velocity_change(collider, x[i], n, relative, masses[i]);
       v[i] += change;
       sum.add(x[i] - collider.position(), -masses[i] * change);
+      if (collider.yields()) push_body(contacts.colliders, collider, x[i], -masses[i] * change);
     }
     collider.set_exchange(sum);
   }
+  for (std::size_t c = 0; c < free.size(); ++c) contacts.colliders[c].set_body_velocity(free[c]);
+  geometry::push_bodies(contacts.colliders);
 }
 
 Closest closest_vertex(const Contacts& contacts, Positions x) {

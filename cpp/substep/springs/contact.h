@@ -22,6 +22,7 @@
 // in place of their adaptive one: m / h^2 is the scale of the inertial term.
 #pragma once
 
+#include <algorithm>
 #include <vector>
 
 #include "substep/core/usize.h"
@@ -29,6 +30,9 @@
 #include "substep/springs/term.h"
 
 namespace substep::springs {
+
+// a x b = cross_matrix(a) b
+Mat3 cross_matrix(const Vec3& a);
 
 struct Contacts {
   std::vector<geometry::Collider> colliders;
@@ -72,6 +76,7 @@ class BarrierTerm : public ContactTerm {
   double energy(Positions x, std::int64_t begin, std::int64_t end) const override;
   void derivatives(Positions x, std::int64_t begin, std::int64_t end, double kept, Vec3* gradient,
                    Mat3* hessian) const override;
+  // Without colliders that yield, which are those of Bodies::step_bound.
   double step_bound(Positions x, Positions dx, std::int64_t begin, std::int64_t end) const override;
 };
 
@@ -80,6 +85,8 @@ class FrictionTerm : public ContactTerm {
   using ContactTerm::ContactTerm;
   bool dissipative() const override { return true; }
   void lag(Positions x) override;
+  // From the centre of mass of the body that element e rubs to where it did so when it lagged.
+  const Vec3& arm(std::int64_t e) const { return lagged_[usize(e)].arm; }
   double energy(Positions v, std::int64_t begin, std::int64_t end) const override;
   void derivatives(Positions v, std::int64_t begin, std::int64_t end, double kept, Vec3* gradient,
                    Mat3* hessian) const override;
@@ -88,10 +95,29 @@ class FrictionTerm : public ContactTerm {
   struct Lagged {
     double bound;  // mu N [N]; 0: no contact
     Vec3 normal;
-    Vec3 surface_velocity;
+    Vec3 surface_velocity;  // of what does not yield
+    Vec3 arm;
   };
+  Vec3 sliding_velocity(std::int64_t e, Positions v) const;
   std::vector<Lagged> lagged_;
 };
+
+inline constexpr double kKept = 0.1;  // of a distance, at least, after one step towards an obstacle
+
+// The largest s in (0, 1] for which kKept is left of the distance at the start, where distance(s)
+// changes no faster than `speed`: within distance / speed there is no surface (conservative
+// advancement).
+double march(double start, double speed, const auto& distance) {
+  const double spare = (1.0 - kKept) * start;
+  if (speed <= spare) return 1.0;
+  double s = spare / speed;
+  for (int step = 0; step < 200 && s < 1.0; ++step) {
+    const double left = distance(s) - kKept * start;
+    if (left < 1e-3 * start) return s;
+    s += left / speed;
+  }
+  return std::min(s, 1.0);
+}
 
 // What the colliders were given in a step of length h that ended at x with velocities v: minus the
 // impulses of barrier and friction on the vertices. Sets their exchange().
@@ -110,7 +136,8 @@ bool set_off_vertices(const Contacts& contacts, std::span<Vec3> x);
 
 // For explicit integrators, after a step: vertices inside of a collider return to its surface; a
 // normal velocity v_n < 0 relative to it becomes -restitution v_n, and friction takes at most mu
-// times that impulse from the sliding velocity (Coulomb). Sets the colliders' exchange().
+// times that impulse from the sliding velocity (Coulomb). Bodies that yield take part in each of
+// these impacts, one after the other. Sets the colliders' exchange().
 void project_contacts(Contacts& contacts, std::span<const double> masses, std::span<Vec3> x,
                       std::span<Vec3> v);
 

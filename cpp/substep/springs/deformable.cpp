@@ -46,12 +46,14 @@ Deformable::Deformable(Positions x, Positions v, std::span<const double> masses,
       minimiser_(std::move(minimiser)),
       pin_velocities_(x.size(), Vec3::Zero()) {
   contacts.stiffness.assign(x.size(), 0.0);
+  std::unique_ptr<Bodies> bodies;
   if (options.integrator == Integrator::implicit_euler && !contacts.colliders.empty()) {
     terms.push_back(barrier_ = std::make_shared<BarrierTerm>(contacts));
     terms.push_back(friction_ = std::make_shared<FrictionTerm>(contacts));
+    bodies = std::make_unique<Bodies>(contacts, *barrier_, *friction_);
   }
-  potential_ =
-      std::make_unique<IncrementalPotential>(masses, pinned, std::move(terms), options.threads);
+  potential_ = std::make_unique<IncrementalPotential>(masses, pinned, std::move(terms),
+                                                      options.threads, std::move(bodies));
   set_contact_stiffness(1.0);
 }
 
@@ -155,6 +157,7 @@ void Deformable::explicit_step(double h) {
       }
     }
   }
+  geometry::accelerate_bodies(contacts.colliders, h);
   for (geometry::Collider& collider : contacts.colliders) collider.advance(h);
   project_contacts(contacts, masses(), x, v);
 }
@@ -207,34 +210,57 @@ bool Deformable::implicit_step(double h) {
     if (!y[i].allFinite()) throw_not_finite(i, h);
   }
   if (barrier_) {
-    const std::vector<geometry::Collider> before = contacts.colliders;
-    for (geometry::Collider& collider : contacts.colliders) collider.advance(h);
-    set_contact_stiffness(h);
-    carry_vertices(before, contacts, x);
+    move_colliders(h, x);
     nearest_ = closest_vertex(contacts, x);
     if (nearest_.distance <= 0.0) return false;  // squeezed: smaller steps
+    for (const Vec3& unknown : potential_->bodies()->start()) x.push_back(unknown);
   }
   potential_->begin_step(x_n, y, h);
   start_ahead(h, x);
   if (!minimise(x)) return false;
-  for (std::size_t i = 0; i < x.size(); ++i) velocities[i] = (x[i] - x_n[i]) / h;
-  positions = x;  // in place: others look at it
+  for (std::size_t i = 0; i < x_n.size(); ++i) velocities[i] = (x[i] - x_n[i]) / h;
+  std::copy_n(x.begin(), positions.size(), positions.begin());  // in place: others look at it
   if (barrier_) {
     set_exchanges(contacts, *barrier_, *friction_, positions, velocities, h, options.threads);
   }
+  if (x.size() > positions.size()) finish_bodies(h, x);
   return true;
+}
+
+// Those that do not yield go where they are told, and take vertices along; the others stay for the
+// minimisation, as far as they are not held.
+void Deformable::move_colliders(double h, std::vector<Vec3>& x) {
+  const std::vector<geometry::Collider> before = contacts.colliders;
+  for (geometry::Collider& collider : contacts.colliders) {
+    if (!collider.yields()) collider.advance(h);
+  }
+  potential_->bodies()->begin_step(h, masses());
+  set_contact_stiffness(h);
+  carry_vertices(before, contacts, x);
+}
+
+// What is left of the gradient is momentum that nothing gave: vertices lose it, and bodies have the
+// velocities that their impulses give them, so that both have exchanged the same, to rounding.
+void Deformable::finish_bodies(double h, Positions x) {
+  std::vector<Vec3> g(x.size());
+  potential_->gradient(x, g);
+  for (std::size_t i = 0; i < velocities.size(); ++i) velocities[i] -= h / masses()[i] * g[i];
+  potential_->bodies()->push();
 }
 
 // The minimisation starts where the vertices would be without forces, if that is a better place: of
 // lower energy, and nothing is touched on the way there or at its end.
 void Deformable::start_ahead(double h, std::vector<Vec3>& x) {
   std::vector<Vec3> way(x.size());
-  for (std::size_t i = 0; i < x.size(); ++i) {
+  for (std::size_t i = 0; i < positions.size(); ++i) {
     way[i] = pinned()[i] ? Vec3(Vec3::Zero()) : Vec3(h * velocities[i]);
   }
+  for (std::size_t k = positions.size(); k < x.size(); ++k) way[k] = -x[k];
   const std::vector<Vec3> ahead = moved(x, 1.0, way);
   if (potential_->step_bound(x, way) < 1.0) return;
-  if (closest_vertex(contacts, ahead).distance < contacts.thickness) return;
+  potential_->place(ahead);
+  const Positions vertices = Positions(ahead).first(positions.size());
+  if (closest_vertex(contacts, vertices).distance < contacts.thickness) return;
   if (potential_->energy(ahead) < potential_->energy(x)) x = ahead;
 }
 

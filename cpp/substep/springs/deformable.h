@@ -84,7 +84,9 @@ class Deformable {
   void explicit_step(double h);
   void implicit_steps(double h, int halvings);
   bool implicit_step(double h);
+  void move_colliders(double h, std::vector<Vec3>& x);
   void start_ahead(double h, std::vector<Vec3>& x);
+  void finish_bodies(double h, Positions x);
   bool minimise(std::span<Vec3> x);
   double residual(Positions x);  // |grad E|_inf [N]
   void check_finite(double h) const;

@@ -46,11 +46,13 @@ void sort_by_owner(const std::vector<std::pair<std::int64_t, std::int64_t>>& pai
 
 IncrementalPotential::IncrementalPotential(std::span<const double> masses,
                                            std::span<const std::uint8_t> pinned,
-                                           std::vector<std::shared_ptr<Term>> terms, int threads)
+                                           std::vector<std::shared_ptr<Term>> terms, int threads,
+                                           std::unique_ptr<Bodies> bodies)
     : masses_(masses.begin(), masses.end()),
       pinned_(pinned.begin(), pinned.end()),
       terms_(std::move(terms)),
-      threads_(threads) {
+      threads_(threads),
+      bodies_(std::move(bodies)) {
   if (pinned_.size() != masses_.size()) {
     throw InputError("pinned: expected one flag for each mass");
   }
@@ -157,6 +159,7 @@ void IncrementalPotential::build_sources() {
 
 void IncrementalPotential::begin_step(Positions x_n, Positions y, double h) {
   h_ = h;
+  border_ = {};
   x_n_.assign(x_n.begin(), x_n.end());
   y_.assign(y.begin(), y.end());
   for (const auto& term : terms_) term->lag(x_n);
@@ -173,7 +176,15 @@ void IncrementalPotential::follow(Positions x, Positions dx) {
 // v = (x - x_n) / h, where a dissipative term asks for it.
 void IncrementalPotential::set_velocity(Positions x) {
   if (std::none_of(terms_.begin(), terms_.end(), [](auto& t) { return t->dissipative(); })) return;
-  for (std::size_t i = 0; i < x.size(); ++i) velocity_[i] = (x[i] - x_n_[i]) / h_;
+  for (std::size_t i = 0; i < velocity_.size(); ++i) velocity_[i] = (x[i] - x_n_[i]) / h_;
+}
+
+ContactElements IncrementalPotential::contact_elements() const {
+  const std::size_t barrier = terms_.size() - 2, friction = terms_.size() - 1;
+  return {&element_gradients_[usize(gradient_base_[barrier])],
+          &element_gradients_[usize(gradient_base_[friction])],
+          &element_blocks_[usize(block_base_[barrier])],
+          &element_blocks_[usize(block_base_[friction])]};
 }
 
 double IncrementalPotential::sum_energies(const Term& term, Positions x) const {
@@ -183,6 +194,7 @@ double IncrementalPotential::sum_energies(const Term& term, Positions x) const {
 }
 
 double IncrementalPotential::energy(Positions x) {
+  place(x);
   set_velocity(x);
   double sum = sum_in_order(vertices(), threads_, [&](std::int64_t begin, std::int64_t end) {
     double part = 0.0;
@@ -194,6 +206,7 @@ double IncrementalPotential::energy(Positions x) {
   for (const auto& term : terms_) {
     sum += term->dissipative() ? h_ * sum_energies(*term, velocity_) : sum_energies(*term, x);
   }
+  if (has_bodies(x)) sum += bodies_->energy(unknowns(x));
   return sum;
 }
 
@@ -303,17 +316,23 @@ void IncrementalPotential::gather_blocks(std::span<double> values) const {
 }
 
 void IncrementalPotential::gradient(Positions x, std::span<Vec3> g) {
+  place(x);
   set_velocity(x);
   evaluate(x, velocity_, 1.0, false);
   gather_gradient(g, x);
+  if (has_bodies(x)) bodies_->gradient(x, contact_elements(), g);
 }
 
 void IncrementalPotential::assemble(Positions x, double kept, std::span<Vec3> g,
                                     std::span<double> values) {
+  place(x);
   set_velocity(x);
   evaluate(x, velocity_, kept, true);
   gather_gradient(g, x);
   gather_blocks(values);
+  if (!has_bodies(x)) return;
+  bodies_->gradient(x, contact_elements(), g);
+  border_ = bodies_->border(x, contact_elements(), kept);
 }
 
 double IncrementalPotential::step_bound(Positions x, Positions dx) const {
@@ -321,7 +340,8 @@ double IncrementalPotential::step_bound(Positions x, Positions dx) const {
   for (const auto& term : terms_) {
     bound = std::min(bound, term->step_bound(x, dx, 0, element_count(*term)));
   }
-  return bound;
+  if (!has_bodies(x)) return bound;
+  return std::min(bound, bodies_->step_bound(x, dx, unknowns(x), unknowns(dx)));
 }
 
 void IncrementalPotential::forces(Positions x, Positions v, std::span<Vec3> f) {

@@ -9,6 +9,9 @@
 // vertices keep the positions they are given: their gradient is 0, their rows those of the
 // identity.
 //
+// Where the step has bodies that yield (bodies.h), their unknowns follow the vertices in all arrays
+// of positions and gradients, and border the Hessian.
+//
 // Elements write into arrays of their own; each vertex and each block of the matrix then gathers
 // its contributions in the order of terms and elements, so bits do not depend on threads.
 #pragma once
@@ -18,6 +21,7 @@
 #include <span>
 #include <vector>
 
+#include "substep/springs/bodies.h"
 #include "substep/springs/term.h"
 
 namespace substep::springs {
@@ -34,9 +38,11 @@ struct BlockPattern {
 
 class IncrementalPotential {
  public:
-  // masses [kg], one per vertex; pinned: 1 where a vertex is held.
+  // masses [kg], one per vertex; pinned: 1 where a vertex is held. With `bodies` the last two terms
+  // are those of their contact.
   IncrementalPotential(std::span<const double> masses, std::span<const std::uint8_t> pinned,
-                       std::vector<std::shared_ptr<Term>> terms, int threads = 0);
+                       std::vector<std::shared_ptr<Term>> terms, int threads = 0,
+                       std::unique_ptr<Bodies> bodies = {});
   IncrementalPotential(const IncrementalPotential&) = delete;
   IncrementalPotential& operator=(const IncrementalPotential&) = delete;
 
@@ -50,6 +56,12 @@ class IncrementalPotential {
   void set_pinned(std::span<const std::uint8_t> pinned);
   void set_threads(int threads) { threads_ = threads; }
   int threads() const { return threads_; }
+  Bodies* bodies() { return bodies_.get(); }  // null without colliders
+
+  // Moves bodies to where x says.
+  void place(Positions x) {
+    if (has_bodies(x)) bodies_->place(unknowns(x));
+  }
 
   // Starts a step of length h [s] from x_n towards y: dissipative terms lag at x_n.
   void begin_step(Positions x_n, Positions y, double h);
@@ -58,8 +70,9 @@ class IncrementalPotential {
   // What energy(x) is good to, as x and y are rounded.
   double energy_rounding(Positions x) const;
   void gradient(Positions x, std::span<Vec3> g);
-  // Gradient, and Hessian as the values of pattern(); `kept` as in Term::derivatives.
+  // Gradient, and Hessian as the values of pattern() and border(); `kept` as in Term::derivatives.
   void assemble(Positions x, double kept, std::span<Vec3> g, std::span<double> values);
+  const Border& border() const { return border_; }
   // The minimiser goes from x to x + dx (Term::follow).
   void follow(Positions x, Positions dx);
   // The largest step in (0, 1] along dx that all terms allow.
@@ -73,7 +86,11 @@ class IncrementalPotential {
  private:
   void build_pattern();
   void build_sources();
+  // What is in x after the vertices.
+  Positions unknowns(Positions x) const { return x.subspan(masses_.size()); }
+  bool has_bodies(Positions x) const { return x.size() > masses_.size(); }
   void set_velocity(Positions x);
+  ContactElements contact_elements() const;
   void evaluate(Positions x, Positions v, double kept, bool hessian);
   double sum_energies(const Term& term, Positions x) const;
   void gather_gradient(std::span<Vec3> g, Positions x) const;
@@ -95,6 +112,8 @@ class IncrementalPotential {
   // its blocks: that of the diagonal at starts[i] + i, then those of its neighbours.
   std::vector<std::int64_t> gradient_starts_, block_starts_;
   std::vector<std::int64_t> gradient_sources_, block_sources_;  // 4 times the index, and how
+  std::unique_ptr<Bodies> bodies_;
+  Border border_;
 };
 
 }  // namespace substep::springs

@@ -36,8 +36,11 @@ class NewtonMinimiser : public Minimiser {
   void refine(IncrementalPotential& energy, std::span<Vec3> x, double tolerance,
               MinimiserReport& report);
 
+  void solve(const IncrementalPotential& energy, std::span<double> r) const;
+
   int max_iterations_;
   std::unique_ptr<MixedCholesky> cholesky_;  // of the pattern, which is that of every step
+  BorderedFactor bordered_;                  // where bodies border the matrix
   std::vector<double> values_;
   double level_ = 0.0;  // the energy at x
   std::vector<Vec3> g_, dx_, trial_;

@@ -22,6 +22,8 @@ class MixedCholesky {
 
   // A matrix that was beyond float32 has those after it taken to be so too, until this.
   void forget() { beyond_single_ = false; }
+  // Matrices are factorized in float64, until forget().
+  void take_double() { beyond_single_ = true; }
 
   // As SupernodalCholesky::factorize.
   std::int64_t factorize(std::span<const double> values, int threads);

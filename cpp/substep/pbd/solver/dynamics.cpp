@@ -262,7 +262,7 @@ void Dynamics<Real>::run_substep(int substep, std::uint8_t& pending) {
   for (const auto& group : groups_) prepares |= group->prepares();
   if (contact) {
     std::copy(v_.begin(), v_.end(), v_old_.begin());
-    contact->begin_substep(h_);
+    bodies_.begin_substep(*contact, h_);
   }
   if (prepares) {
     run(patches);
@@ -290,6 +290,7 @@ void Dynamics<Real>::run_substep(int substep, std::uint8_t& pending) {
         contact->clear({x_old_.data(), n}, contact_mass_, {x_.data(), n});
       }
       contact->project({x_old_.data(), n}, {x_.data(), n}, contact_mass_);
+      bodies_.project(*contact, {x_old_.data(), n}, {x_.data(), n}, contact_mass_);
     }
   }
   if (prepares) {

@@ -13,6 +13,7 @@
 
 #include "substep/core/usize.h"
 #include "substep/geometry/particle_contact.h"
+#include "substep/pbd/contact/body_contact.h"
 #include "substep/pbd/groups/group.h"
 #include "substep/pbd/solver/options.h"
 #include "substep/pbd/solver/projector.h"
@@ -112,6 +113,7 @@ class Dynamics {
   std::vector<Point<Real>> force_, target_;  // empty where there are none
   std::vector<Point<Real>> saved_x_, saved_v_;
   std::vector<std::uint8_t> saved_;  // patches
+  BodyContact<Real> bodies_;         // where obstacles yield
   std::vector<Real> contact_mass_;   // of each slot, 0 where pinned; where there are colliders
   std::vector<Point<Real>> v_old_;   // at the start of the substep; the same
   std::vector<std::unique_ptr<Group<Real>>> groups_;

@@ -1,0 +1,299 @@
+#include "substep/springs/bodies.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "substep/core/usize.h"
+
+namespace substep::springs {
+namespace {
+
+using geometry::Quaternion;
+
+// exp(t + dt) = exp(Jl(t) dt) exp(t) to first order.
+Mat3 left_jacobian(const Vec3& t) {
+  const double angle = t.norm(), square = angle * angle;
+  const bool small = angle < 1e-3;
+  const double a = small ? 0.5 - square / 24 : (1 - std::cos(angle)) / square;
+  const double b = small ? 1.0 / 6 - square / 120 : (angle - std::sin(angle)) / (square * angle);
+  const Mat3 m = cross_matrix(t);
+  return Mat3::Identity() + a * m + b * m * m;
+}
+
+Quaternion turn_by(const Vec3& t) {
+  const double angle = t.norm();
+  if (angle == 0.0) return Quaternion::Identity();
+  return Quaternion(Eigen::AngleAxisd(angle, t / angle));
+}
+
+// B and its pseudoinverse with W = B B^T, one column for each direction that W does not hold.
+struct Root {
+  Mat6 root, inverse;
+};
+
+Root root_of(const Mat6& mobility) {
+  constexpr double kHeld = 1e-10;  // of the largest mobility, all scaled to ones on the diagonal
+  const Vec6 scale = mobility.diagonal().cwiseMax(0.0).cwiseSqrt();
+  const Vec6 inverse = scale.unaryExpr([](double s) { return s > 0.0 ? 1 / s : 0.0; });
+  const Eigen::SelfAdjointEigenSolver<Mat6> eigen(inverse.asDiagonal() * mobility *
+                                                  inverse.asDiagonal());
+  const double least = kHeld * eigen.eigenvalues().maxCoeff();
+  const Vec6 values =
+      eigen.eigenvalues().unaryExpr([least](double v) { return v > least ? std::sqrt(v) : 0.0; });
+  const Vec6 inverses = values.unaryExpr([](double v) { return v > 0.0 ? 1 / v : 0.0; });
+  const Mat6& u = eigen.eigenvectors();
+  return {scale.asDiagonal() * u * values.asDiagonal(),
+          inverses.asDiagonal() * u.transpose() * inverse.asDiagonal()};
+}
+
+// How unknowns move the surface of a body at an arm from its centre of mass, in a time h.
+Mat36 motion(const Mat6& basis, const Vec3& arm, const Mat3& jacobian, double h) {
+  return h * (basis.topRows<3>() - cross_matrix(arm) * jacobian * basis.bottomRows<3>());
+}
+
+Eigen::Map<const Vec6> six(const Vec3* unknowns) {
+  return Eigen::Map<const Vec6>(unknowns->data());
+}
+
+// G, r x G: what pushes a body that an element of gradient G touches at r.
+Vec6 wrench(const Vec3& arm, const Vec3& gradient) {
+  Vec6 w;
+  w << gradient, arm.cross(gradient);
+  return w;
+}
+
+}  // namespace
+
+bool Border::touched() const {
+  return std::ranges::any_of(touches, [](const auto& t) { return !t.empty(); });
+}
+
+void Bodies::begin_step(double h, std::span<const double> masses) {
+  h_ = h;
+  bodies_.clear();
+  auto all = geometry::colliders_by_body(contacts_.colliders);
+  if (all.empty()) return;
+  geometry::accelerate_bodies(contacts_.colliders, h);
+  const double mass = masses.empty() ? 1.0
+                                     : std::accumulate(masses.begin(), masses.end(), 0.0) /
+                                           static_cast<double>(masses.size());
+  const auto surfaces = barrier_.surfaces();
+  for (auto& colliders : all) {
+    const geometry::Collider& first = contacts_.colliders[colliders.front()];
+    const Mat6& mobility = first.body.mobility;
+    const auto [root, inverse] = root_of(mobility);
+    const double lightness = mass * mobility.topLeftCorner<3, 3>().diagonal().maxCoeff();
+    const double scale = std::sqrt(mass * std::max(1.0, lightness)) / h;
+    Body body;
+    body.basis = scale * root;
+    body.inertia = scale * scale;
+    body.free = first.body_velocity();
+    body.start = -inverse * body.free / scale;
+    body.centre = first.centre();
+    for (const std::size_t c : colliders)
+      body.turns.push_back(contacts_.colliders[c].orientation());
+    for (std::size_t s = 0; s < surfaces.size(); ++s) {
+      if (std::ranges::count(colliders, surfaces[s].collider) > 0) body.surfaces.push_back(s);
+    }
+    body.colliders = std::move(colliders);
+    bodies_.push_back(std::move(body));
+  }
+  place(start());
+}
+
+std::vector<Vec3> Bodies::start() const {
+  std::vector<Vec3> unknowns;
+  for (const Body& body : bodies_) {
+    unknowns.insert(unknowns.end(), {body.start.head<3>(), body.start.tail<3>()});
+  }
+  return unknowns;
+}
+
+Vec6 Bodies::velocity(const Body& body, const Vec3* unknowns) const {
+  return body.free + body.basis * six(unknowns);
+}
+
+void Bodies::place(Positions unknowns) {
+  const Vec3* u = unknowns.data();
+  for (Body& body : bodies_) {
+    const Vec6 v = velocity(body, u);
+    const Vec3 centre = body.centre + h_ * v.head<3>();
+    const Quaternion turn = turn_by(h_ * v.tail<3>());
+    body.jacobian = left_jacobian(h_ * v.tail<3>());
+    for (std::size_t k = 0; k < body.colliders.size(); ++k) {
+      geometry::Collider& collider = contacts_.colliders[body.colliders[k]];
+      collider.set_orientation(turn * body.turns[k]);
+      collider.set_position(centre - collider.rotation() * collider.body.centre);
+      collider.set_body_velocity(v);
+    }
+    u += 2;
+  }
+}
+
+double Bodies::energy(Positions unknowns) const {
+  double sum = 0.0;
+  const Vec3* u = unknowns.data();
+  for (const Body& body : bodies_) {
+    sum += 0.5 * body.inertia * six(u).squaredNorm();
+    u += 2;
+  }
+  return sum;
+}
+
+void Bodies::each_element(const Body& body, const auto& function) const {
+  const std::int64_t n = contacts_.vertices();
+  for (const std::size_t s : body.surfaces) {
+    for (std::int64_t i = 0; i < n; ++i) function(static_cast<std::int64_t>(s) * n + i, i);
+  }
+}
+
+void Bodies::gradient(Positions x, const ContactElements& elements, std::span<Vec3> g) const {
+  std::size_t at = usize(contacts_.vertices());
+  for (const Body& body : bodies_) {
+    const Vec3 centre = contacts_.colliders[body.colliders.front()].centre();
+    Vec6 barrier = Vec6::Zero(), friction = Vec6::Zero();
+    each_element(body, [&](std::int64_t e, std::int64_t i) {
+      const Vec3 &normal = elements.barrier[e], &sliding = elements.friction[e];
+      if (!normal.isZero(0.0)) barrier += wrench(x[i] - centre, normal);
+      if (!sliding.isZero(0.0)) friction += wrench(friction_.arm(e), sliding);
+    });
+    barrier.tail<3>() = body.jacobian.transpose() * barrier.tail<3>();
+    const Vec6 sum =
+        body.inertia * six(&x[at]) - h_ * (body.basis.transpose() * (barrier + friction));
+    g[at++] = sum.head<3>();
+    g[at++] = sum.tail<3>();
+  }
+}
+
+Border Bodies::border(Positions x, const ContactElements& elements, double kept) const {
+  Border border{.touches = std::vector<std::vector<Border::Touch>>(bodies_.size()), .corners = {}};
+  for (std::size_t b = 0; b < bodies_.size(); ++b) {
+    const Body& body = bodies_[b];
+    const Vec3 centre = contacts_.colliders[body.colliders.front()].centre();
+    const Mat36 go = h_ * body.basis.topRows<3>();
+    const Mat36 turn = h_ * body.jacobian * body.basis.bottomRows<3>();
+    Mat6 corner = body.inertia * Mat6::Identity();
+    each_element(body, [&](std::int64_t e, std::int64_t i) {
+      const Vec3& gradient = elements.barrier[e];
+      const Mat3 &pushing = elements.barrier_blocks[e], &rubbing = elements.friction_blocks[e];
+      if (gradient.isZero(0.0) && rubbing.isZero(0.0)) return;
+      const Vec3 arm = x[i] - centre;
+      const Mat36 near = motion(body.basis, arm, body.jacobian, h_);
+      const Mat36 lagged = motion(body.basis, friction_.arm(e), Mat3::Identity(), h_);
+      const Mat3 lever = gradient * arm.transpose();
+      const Mat36 turned = kept * cross_matrix(gradient) * turn;
+      border.touches[b].push_back(
+          {static_cast<std::int32_t>(i), -pushing * near - rubbing * lagged - turned});
+      const Mat6 cross = go.transpose() * turned;
+      corner += near.transpose() * pushing * near + lagged.transpose() * rubbing * lagged + cross +
+                cross.transpose() +
+                kept * turn.transpose() *
+                    (0.5 * (lever + lever.transpose()) - lever.trace() * Mat3::Identity()) * turn;
+    });
+    border.corners.push_back(corner);
+  }
+  return border;
+}
+
+// As that of a collider that stands (contact.cpp), in the frame of the body: there a vertex that
+// goes along r + s dr, dr from the motion of both, goes no faster than |dr| + |h dw| |r + s dr|.
+double Bodies::reach(const Body& body, std::size_t s, const Vec3& x, const Vec3& dx, const Vec6& v,
+                     const Vec6& dv) const {
+  const geometry::Surface& surface = barrier_.surfaces()[s];
+  const geometry::Collider& collider = contacts_.colliders[surface.collider];
+  const auto member = std::ranges::find(body.colliders, surface.collider);
+  const Quaternion& from = body.turns[usize(member - body.colliders.begin())];
+  const Vec3 r = x - body.centre - h_ * v.head<3>(), dr = dx - h_ * dv.head<3>();
+  const double arm = std::max(r.norm(), (r + dr).norm());
+  const double speed =
+      geometry::lipschitz(collider, surface.axis) * (dr.norm() + h_ * dv.tail<3>().norm() * arm);
+  const auto distance = [&](double t) {
+    const Quaternion turn = turn_by(h_ * (v + t * dv).tail<3>()) * from;
+    const Vec3 local = turn.conjugate() * (r + t * dr) + collider.body.centre;
+    return geometry::local_distance(collider, surface.axis, local).value;
+  };
+  return march(distance(0.0), speed, distance);
+}
+
+double Bodies::step_bound(Positions x, Positions dx, Positions unknowns, Positions change) const {
+  double bound = 1.0;
+  std::size_t at = 0;
+  for (const Body& body : bodies_) {
+    const Vec6 v = velocity(body, &unknowns[at]), dv = body.basis * six(&change[at]);
+    for (const std::size_t s : body.surfaces) {
+      for (std::size_t i = 0; i < contacts_.stiffness.size(); ++i) {
+        if (contacts_.stiffness[i] == 0.0) continue;
+        bound *= reach(body, s, x[i], bound * dx[i], v, bound * dv);
+      }
+    }
+    at += 2;
+  }
+  return bound;
+}
+
+void Bodies::push() {
+  for (const Body& body : bodies_) {
+    for (const std::size_t c : body.colliders) contacts_.colliders[c].set_body_velocity(body.free);
+  }
+  geometry::push_bodies(contacts_.colliders);
+}
+
+bool BorderedFactor::factorize(const Border& border, std::int64_t vertices, const Solve& solve) {
+  touched_.clear();
+  columns_.clear();
+  for (std::size_t b = 0; b < border.touches.size(); ++b) {
+    if (border.touches[b].empty()) continue;
+    touched_.push_back(b);
+    for (Eigen::Index c = 0; c < 6; ++c) {
+      std::vector<double> column(usize(3 * vertices));
+      for (const Border::Touch& touch : border.touches[b]) {
+        Eigen::Map<Vec3>{&column[3 * usize(touch.vertex)]} += touch.block.col(c);
+      }
+      solve(column);
+      columns_.push_back(std::move(column));
+    }
+  }
+  const auto size = static_cast<Eigen::Index>(columns_.size());
+  Eigen::MatrixXd schur = Eigen::MatrixXd::Zero(size, size);
+  for (Eigen::Index k = 0; k < size / 6; ++k) {
+    const std::size_t b = touched_[usize(k)];
+    schur.block<6, 6>(6 * k, 6 * k) = border.corners[b];
+    for (const Border::Touch& touch : border.touches[b]) {
+      for (Eigen::Index c = 0; c < size; ++c) {
+        schur.block<6, 1>(6 * k, c) -=
+            touch.block.transpose() *
+            Eigen::Map<const Vec3>(&columns_[usize(c)][3 * usize(touch.vertex)]);
+      }
+    }
+  }
+  schur_.compute(schur);
+  return schur_.info() == Eigen::Success;
+}
+
+void BorderedFactor::solve(const Border& border, std::span<double> b, const Solve& solve) const {
+  const std::size_t bodies = border.corners.size();
+  const std::span<double> x = b.first(b.size() - 6 * bodies), z = b.last(6 * bodies);
+  solve(x);
+  Eigen::VectorXd right(static_cast<Eigen::Index>(columns_.size()));
+  for (std::size_t k = 0; k < bodies; ++k) {
+    if (border.touches[k].empty()) Eigen::Map<Vec6>{&z[6 * k]} /= border.corners[k](0, 0);
+  }
+  for (std::size_t k = 0; k < touched_.size(); ++k) {
+    Vec6 sum = Eigen::Map<const Vec6>{&z[6 * touched_[k]]};
+    for (const Border::Touch& touch : border.touches[touched_[k]]) {
+      sum -= touch.block.transpose() * Eigen::Map<const Vec3>(&x[3 * usize(touch.vertex)]);
+    }
+    right.segment<6>(static_cast<Eigen::Index>(6 * k)) = sum;
+  }
+  if (touched_.empty()) return;
+  schur_.solveInPlace(right);
+  for (std::size_t c = 0; c < columns_.size(); ++c) {
+    const double amount = right[static_cast<Eigen::Index>(c)];
+    z[6 * touched_[c / 6] + c % 6] = amount;
+    for (std::size_t i = 0; i < x.size(); ++i) x[i] -= amount * columns_[c][i];
+  }
+}
+
+}  // namespace substep::springs
