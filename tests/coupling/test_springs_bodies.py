@@ -97,7 +97,7 @@ def test_a_ball_on_a_trampoline_never_gains_energy(mass):
         energies.append(energy())
         heights.append(sphere.position[2] - 0.1)
     assert np.diff(energies).max() < 1e-4 * mass * G * 0.2
-    assert min(heights) < 0.02
+    assert -0.4 < min(heights) < 0.02
     assert max(heights) < 0.2
     assert np.abs(sim.positions).max() < 0.6
 
