@@ -214,7 +214,8 @@ double Bodies::reach(const Body& body, std::size_t s, const Vec3& x, const Vec3&
     const Vec3 local = turn.conjugate() * (r + t * dr) + collider.body.centre;
     return geometry::local_distance(collider, surface.axis, local).value;
   };
-  return march(distance(0.0), speed, distance);
+  const double now = geometry::signed_distance(collider, surface.axis, x).value;
+  return march(now, speed, distance);
 }
 
 double Bodies::step_bound(Positions x, Positions dx, Positions unknowns, Positions change) const {

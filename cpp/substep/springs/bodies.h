@@ -68,7 +68,7 @@ class Bodies {
   // At the unknowns that place() was given, and vertices x.
   void gradient(Positions x, const ContactElements& elements, std::span<Vec3> g) const;
   Border border(Positions x, const ContactElements& elements, double kept) const;
-  // Term::step_bound of the barrier of all bodies that yield.
+  // Term::step_bound of the barrier of all bodies that yield, which place() has put at `unknowns`.
   double step_bound(Positions x, Positions dx, Positions unknowns, Positions change) const;
 
   // After exchange() of the colliders is set: the bodies have the velocities that it gives them.

@@ -181,10 +181,10 @@ void IncrementalPotential::set_velocity(Positions x) {
 
 ContactElements IncrementalPotential::contact_elements() const {
   const std::size_t barrier = terms_.size() - 2, friction = terms_.size() - 1;
-  return {&element_gradients_[usize(gradient_base_[barrier])],
-          &element_gradients_[usize(gradient_base_[friction])],
-          &element_blocks_[usize(block_base_[barrier])],
-          &element_blocks_[usize(block_base_[friction])]};
+  return {element_gradients_.data() + gradient_base_[barrier],
+          element_gradients_.data() + gradient_base_[friction],
+          element_blocks_.data() + block_base_[barrier],
+          element_blocks_.data() + block_base_[friction]};
 }
 
 double IncrementalPotential::sum_energies(const Term& term, Positions x) const {
