@@ -1,4 +1,4 @@
-"""Balls and boxes fall into a hammock."""
+"""Balls, boxes and capsules fall into a cloth whose rim is held."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-LENGTH, WIDTH, HEIGHT = 2.4, 1.2, 1.5  # of the cloth, and where its ends hang [m]
-SAG = 0.3  # of the cloth at first [m]
+LENGTH, WIDTH, HEIGHT = 2.4, 1.5, 1.3  # of the frame that holds it, and where that is [m]
+SAG = 0.5  # of the cloth [m]
 THICKNESS = 0.012  # of contact [m]
 
 
 class Cloth(MassSpring):
-    """A cloth that hangs between two bars.
+    """A cloth that hangs in a frame.
 
     Parameters
     ----------
@@ -40,23 +40,22 @@ class Cloth(MassSpring):
         m = max(2, round(n * WIDTH / LENGTH))
         grid = grid_mesh(n, m, (LENGTH, WIDTH))
         x = grid.vertices - grid.vertices.mean(axis=0)
-        along = 2 * x[:, 0] / LENGTH
-        positions = np.column_stack([0.95 * x[:, 0], x[:, 1], HEIGHT - SAG * (1 - along**2)])
+        along, across = 2 * x[:, 0] / LENGTH, 2 * x[:, 1] / WIDTH
+        x[:, 2] = HEIGHT - SAG * (1 - along**2) * (1 - across**2)
+        rim = np.maximum(np.abs(along), np.abs(across)) > 1 - 1e-9
         edges, stiffness = grid_springs(
             n, m, stiffness=parameters["stiffness"], shear=0.3, bending=0.02
         )
         mass = parameters["density"] * LENGTH * WIDTH / len(x)
         super().__init__(
-            positions,
+            x,
             edges,
             stiffness,
             mass,
-            rest_lengths=np.linalg.norm(
-                grid.vertices[edges[:, 0]] - grid.vertices[edges[:, 1]], axis=1
-            ),
             damping=parameters["damping_time"] * stiffness,
             faces=grid.faces,
-            pinned=np.flatnonzero(np.abs(along) > 1 - 1e-9),
+            pinned=rim,
+            drag=parameters["drag"],
             colliders=bodies.make_colliders(np.flatnonzero(bodies.motions == "dynamic")),
             step=parameters["step"],
             contact_margin=THICKNESS,
@@ -103,17 +102,17 @@ class Hammock(Coupled):
         z = bodies.positions[bodies.motions == "dynamic", 2]
         return (
             f"{int((z > 0.3).sum())} of {len(z)} bodies lie in it, its lowest vertex "
-            f"{HEIGHT - cloth.positions[:, 2].min():.2f} m below the bars"
+            f"{HEIGHT - cloth.positions[:, 2].min():.2f} m below its rim"
         )
 
 
 def _box(recording: Recording) -> Array:
-    return np.array([[-LENGTH / 2, -WIDTH / 2, 0.2], [LENGTH / 2, WIDTH / 2, HEIGHT + 0.5]])
+    return np.array([[-LENGTH / 2, -WIDTH / 2, 0.1], [LENGTH / 2, WIDTH / 2, HEIGHT + 0.4]])
 
 
 SCENE = Scene(
     name="hammock",
-    doc="Balls, boxes and capsules fall into a hammock.",
+    doc="Balls, boxes and capsules fall into a cloth whose rim is held.",
     parameters={
         "duration": Parameter("time simulated", 4.0, unit="s", above=0),
         "vertices": Parameter("along the cloth", 48, minimum=4, maximum=1000),
@@ -125,6 +124,7 @@ SCENE = Scene(
         "damping_time": Parameter(
             "of the springs, over their stiffness", 5e-3, unit="s", minimum=0
         ),
+        "drag": Parameter("drag of the cloth", 2.0, unit="1/s", minimum=0),
         "friction": Parameter("coefficient of friction", 0.4, minimum=0),
         "step": Parameter("time step", 1 / 120, unit="s", above=0),
     },
@@ -135,7 +135,7 @@ SCENE = Scene(
     notes=Coupled.notes,
     summary=Hammock.words,
     picture=View(
-        Camera(-65.0, 16.0),
+        Camera(-65.0, 20.0),
         {"bodies": Look(hidden=True), "cloth": Look("#3f7ea6")},
         color="dye",
         palette="Spectral",

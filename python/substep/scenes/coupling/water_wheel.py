@@ -143,7 +143,7 @@ def _picture(recording: Recording, frame: int, figure: Figure) -> None:
     axes.set_ylim(low, 1.1 * high)
     axes.set_xlabel("t [s]", fontsize=8)
     axes.tick_params(labelsize=7)
-    axes.legend(fontsize=7, loc="lower right")
+    axes.legend(fontsize=7, loc="upper right")
 
 
 SCENE = Scene(
