@@ -78,11 +78,12 @@ void for_rows(const Layout<D>& layout, const Block<D>& block, int threads, const
       [&](const std::array<int, D>&, std::int64_t begin, std::int64_t end) { each(begin, end); });
 }
 
-// each(i) for all numbers of an array.
+// each(i) for all numbers of an array; `grain` of them are a task.
 template <class Each>
-void for_numbers(std::int64_t n, int threads, const Each& each) {
+void for_numbers(std::int64_t n, int threads, const Each& each,
+                 std::int64_t grain = std::int64_t{1} << 15) {
   parallel_for(
-      n, std::int64_t{1} << 15,
+      n, grain,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t i = begin; i < end; ++i) each(usize(i));
       },

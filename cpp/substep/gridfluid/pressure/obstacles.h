@@ -27,9 +27,11 @@ class Obstacles {
 
   std::vector<geometry::Collider> colliders;
 
-  // To be called when the colliders are where they act. Nothing is computed anew where none moved.
+  // To be called when the colliders are where they act. Nothing is computed anew where none moved,
+  // and only velocities where these alone changed.
   void find(int threads);
 
+  const Layout<D>& layout() const { return layout_; }
   bool any() const { return !colliders.empty(); }
   bool moving() const { return moving_; }
   // Signed distance at nodes, in cells, exact within two of them; number i is that of the lowest
@@ -40,6 +42,12 @@ class Obstacles {
   // The obstacles' own velocity at faces that are not all open, and a cell beyond; elsewhere 0
   // [m/s]. Only if they move.
   std::span<const Real> velocity(int axis) const { return of(velocity_, axis); }
+  struct Face {
+    std::int64_t index;
+    std::size_t collider;  // the nearest
+  };
+  // Those faces. Only if obstacles move or yield.
+  const std::vector<Face>& faces_near(int axis) const { return near_[usize(axis)]; }
   // What part of the weights around the middle of cell i, as of particles (density.h), obstacles
   // leave: 1 away from them. Only if there are any.
   std::span<const Real> room() const { return {room_.data(), room_.size()}; }
@@ -49,8 +57,9 @@ class Obstacles {
   // The area, in faces, of the obstacles' surface in cell i, times its normal out of the fluid.
   std::array<Real, D> surface(std::int64_t i) const;
 
-  // Sets exchange() of the colliders to what they are pushed by in the fluid cells, with q, a
-  // pressure times dt / (density dx) [m/s], and the mass of a full cell [kg].
+  // Sets exchange() of the colliders, but for those that yield, to what they are pushed by in the
+  // fluid cells, with q, a pressure times dt / (density dx) [m/s], and the mass of a full cell
+  // [kg].
   void push(std::span<const double> q, std::span<const Cell> cells, double mass, int threads);
 
   // The middle of a cell, or of the face below it along an axis [m], and the collider nearest
@@ -66,18 +75,28 @@ class Obstacles {
   static std::span<const Real> of(const Fields& fields, int axis) {
     return {fields[usize(axis)].data(), fields[usize(axis)].size()};
   }
+  static constexpr int kBlock = 4;  // nodes along an axis
+  using Numbers = std::vector<std::size_t>;
   Vec3 world(const std::array<double, D>& x) const;
-  double signed_distance(const Vec3& x) const;
+  const Numbers& near_block(const std::array<int, D>& node) const;
+  std::size_t nearest_of(const Numbers& which, const Vec3& x) const;
+  double signed_distance(const Numbers& which, const Vec3& x) const;
   void find_distances(int threads);
   void find_open(int threads);
+  void find_faces_near(int threads);
+  void refine_open(int threads);
   void find_velocities(int threads);
   void find_room(int threads);
 
   Layout<D> layout_;
-  bool found_ = false, moving_ = false;
+  bool found_ = false, moving_ = false, know_near_ = false;
   std::vector<std::array<double, geometry::Collider::kStateSize>> states_;  // that it was found for
   AlignedBuffer<Real> distance_, room_;
+  std::array<int, D> blocks_{};
+  Numbers all_;                    // of the colliders
+  std::vector<Numbers> of_block_;  // those that may be nearest to what is in a block near a surface
   Fields open_, velocity_;
+  std::array<std::vector<Face>, D> near_;
 };
 
 extern template class Obstacles<float, 2>;
