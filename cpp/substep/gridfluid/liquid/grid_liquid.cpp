@@ -35,9 +35,11 @@ void GridLiquid<Real, D>::step(double dt) {
   new_next_id_ = next_id;
   try {
     sort(dt);
+    accelerate_bodies(dt);
     find_surface();
     if (band) band->find_edge(next_, density_.data(), phi_.data(), options.threads);
     projection_.set_domain(obstacles, {phi_.data(), phi_.size()}, options.threads);
+    if (!free_motion_.empty()) projection_.let_yield(obstacles, cell_mass());
     pass_to_grid();
     accelerate(dt);
     if (options.surface_tension > 0) pull_surface(dt);
@@ -70,6 +72,19 @@ void GridLiquid<Real, D>::sort(double dt) {
       next_.v(a)[to[k]] += static_cast<Real>(rate * double(forces[from[k]][usize(a)]));
     }
   }
+}
+
+// Bodies that yield, by what is known of them.
+template <class Real, int D>
+void GridLiquid<Real, D>::accelerate_bodies(double dt) {
+  geometry::accelerate_bodies(obstacles.colliders, dt);
+  free_motion_.clear();
+  given_.clear();
+  const auto yields = [](const geometry::Collider& collider) { return collider.yields(); };
+  if (!std::any_of(obstacles.colliders.begin(), obstacles.colliders.end(), yields)) return;
+  for (const geometry::Collider& collider : obstacles.colliders)
+    free_motion_.push_back(collider.body_velocity());
+  given_.resize(free_motion_.size());
 }
 
 template <class Real, int D>
@@ -221,6 +236,7 @@ void GridLiquid<Real, D>::make_incompressible(double guess) {
                                "(tolerance=)",
                            time);
   }
+  for (std::size_t c = 0; c < given_.size(); ++c) given_[c] += obstacles.colliders[c].exchange();
   find_valid();
 }
 
@@ -243,9 +259,9 @@ template <class Real, int D>
 void GridLiquid<Real, D>::make_viscous(double dt) {
   const double k = options.viscosity * dt / (options.cell * options.cell);
   hold_nozzles();
-  const ViscosityReport solved =
-      viscosity_.apply(obstacles, {phi_.data(), phi_.size()}, const_faces(met_), k, spans(u_),
-                       options.viscosity_tolerance, options.viscosity_iterations, options.threads);
+  const ViscosityReport solved = viscosity_.apply(
+      obstacles, {phi_.data(), phi_.size()}, const_faces(met_), k, cell_mass(), spans(u_),
+      options.viscosity_tolerance, options.viscosity_iterations, options.threads);
   new_report_.viscosity_iterations = solved.iterations;
   new_report_.viscosity_converged = solved.converged;
   shear_ = viscosity_.exchanges(obstacles, cell_mass());
@@ -289,11 +305,25 @@ void GridLiquid<Real, D>::hold_nozzles() {
 template <class Real, int D>
 void GridLiquid<Real, D>::push_obstacles() {
   obstacles.push({new_q_.data(), new_q_.size()}, projection_.cells(), cell_mass(), options.threads);
-  if (options.viscosity == 0) return;
-  for (std::size_t c = 0; c < obstacles.colliders.size(); ++c) {
+  for (std::size_t c = 0; c < given_.size(); ++c) {
+    if (obstacles.colliders[c].yields()) obstacles.colliders[c].set_exchange(given_[c]);
+  }
+  for (std::size_t c = 0; c < obstacles.colliders.size() && options.viscosity > 0; ++c) {
     shear_[c] += obstacles.colliders[c].exchange();
     obstacles.colliders[c].set_exchange(shear_[c]);
   }
+  push_bodies();
+}
+
+// The velocities of bodies as of all that they were given in the step, which is their sum.
+template <class Real, int D>
+void GridLiquid<Real, D>::push_bodies() {
+  if (free_motion_.empty()) return;
+  for (std::size_t c = 0; c < obstacles.colliders.size(); ++c) {
+    geometry::Collider& collider = obstacles.colliders[c];
+    if (collider.yields()) collider.set_body_velocity(free_motion_[c]);
+  }
+  geometry::push_bodies(obstacles.colliders);
 }
 
 // Faces whose velocities the pressure or a wall has set. What obstacles leave of a face may be so

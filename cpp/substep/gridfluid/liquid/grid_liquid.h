@@ -79,6 +79,7 @@ class GridLiquid {
   void append(Particles<Real, D>& to, std::int64_t first_id, std::span<const Vec3> x,
               std::span<const Vec3> v) const;
   void sort(double dt);
+  void accelerate_bodies(double dt);
   void find_surface();
   void count_obstacles_in();
   void extend_surface();
@@ -91,6 +92,7 @@ class GridLiquid {
   void make_viscous(double dt);
   void hold_nozzles();
   void push_obstacles();
+  void push_bodies();
   void find_valid();
   void find_displacement();
   void move_obstacles(double dt);
@@ -133,6 +135,10 @@ class GridLiquid {
   SurfaceTension<Real, D> surface_tension_;
   Viscosity<Real, D> viscosity_;
   std::vector<geometry::Exchange> shear_;  // that colliders were given
+  // Where any yield: the velocities of bodies of colliders before any pressure, and what those that
+  // yield were given by pressures.
+  std::vector<geometry::Vec6> free_motion_;
+  std::vector<geometry::Exchange> given_;
 };
 
 extern template class GridLiquid<float, 2>;

@@ -131,7 +131,7 @@ double PressureSolver<Real, D>::set_right_side(std::span<const Real> b, SolveRep
 template <class Real, int D>
 double PressureSolver<Real, D>::subtract_product(std::span<const double> p, int threads) {
   const Real* const inverse = multigrid_.inverse_diagonal().data();
-  return std::sqrt(sum_rows(
+  const double norm = std::sqrt(sum_rows(
       [&](const Row<D>& row) {
         Real* const r = r_.data() + row.at;
         return sum_over(row.length, [&]<int kLanes>(int i) {
@@ -143,6 +143,9 @@ double PressureSolver<Real, D>::subtract_product(std::span<const double> p, int 
         });
       },
       threads));
+  if (!bodies_) return norm;
+  bodies_->add_product(Real(-1), p, std::span(r_.data(), r_.size()), threads);
+  return norm_of_r(threads);
 }
 
 // z = M r; returns r . z.
@@ -196,7 +199,9 @@ double PressureSolver<Real, D>::next_direction(Real beta, int threads) {
         if (stage == 1) parts_[usize(plane)] = sum;
       },
       threads);
-  return sum_parts();
+  if (!bodies_) return sum_parts();
+  const std::span<const Real> d(d_.data(), d_.size());
+  return sum_parts() + bodies_->add_product(Real(1), d, std::span(q_.data(), q_.size()), threads);
 }
 
 // p += alpha d, r -= alpha q; returns |r|.
@@ -231,10 +236,17 @@ auto PressureSolver<Real, D>::iterate(std::span<double> p, double goal, int max_
     regions_.remove_means(std::span(r_.data(), r_.size()), threads);
     const double before = rz;
     rz = precondition(report.preconditioner, threads);
+    // Bodies feel the mean of a pressure that they close in; it is 0 in all that is found.
+    const bool felt = bodies_ && regions_.count() > 0;
+    if (felt) regions_.remove_means(std::span(z_.data(), z_.size()), threads);
     if (!(rz > 0)) return End::kStalled;
     const double dq = next_direction(iteration == 0 ? 0 : static_cast<Real>(rz / before), threads);
     if (!(dq > 0) || !std::isfinite(rz / dq)) return End::kStalled;
     report.residual = move(rz / dq, p, threads);
+    if (felt) {
+      regions_.remove_means(std::span(r_.data(), r_.size()), threads);
+      report.residual = norm_of_r(threads);
+    }
     ++report.iterations;
     if (report.residual <= goal) return End::kGoal;
     if (!std::isfinite(report.residual)) return End::kStalled;
@@ -249,7 +261,9 @@ auto PressureSolver<Real, D>::iterate(std::span<double> p, double goal, int max_
 
 template <class Real, int D>
 SolveReport PressureSolver<Real, D>::solve(std::span<const Real> b, std::span<double> p,
-                                           double tolerance, int max_iterations, int threads) {
+                                           double tolerance, int max_iterations, int threads,
+                                           const Bodies<Real, D>* bodies) {
+  bodies_ = bodies && bodies->any() ? bodies : nullptr;
   SolveReport report;
   report.closed_regions = regions_.count();
   double goal = 0, norm = 0;
@@ -258,6 +272,7 @@ SolveReport PressureSolver<Real, D>::solve(std::span<const Real> b, std::span<do
     norm = set_right_side(b, report, threads);
     goal = tolerance * norm;
     clear(p, true, threads);
+    if (bodies_) regions_.remove_means(p, threads);
     report.residual = subtract_product(p, threads);
     if (regions_.count() > 0) {  // what rounding left of the means
       regions_.remove_means(std::span(r_.data(), r_.size()), threads);

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "substep/core/aligned_buffer.h"
+#include "substep/gridfluid/pressure/bodies.h"
 #include "substep/gridfluid/pressure/multigrid.h"
 #include "substep/gridfluid/pressure/regions.h"
 
@@ -44,10 +45,15 @@ class PressureSolver {
   // of the face between cells i and i - stride[a]; on a periodic axis that of face n is that of 0.
   void set_matrix(const Coefficients& w, std::span<const Cell> cells, int threads = 0);
   // p: a first guess in, the solution out; 0 in all cells that are not fluid. Stops where
-  // |b - A p| <= tolerance |b|.
+  // |b - A p| <= tolerance |b|. bodies: that yield, if any, for which A has further terms.
   SolveReport solve(std::span<const Real> b, std::span<double> p, double tolerance,
-                    int max_iterations, int threads = 0);
+                    int max_iterations, int threads = 0, const Bodies<Real, D>* bodies = nullptr);
   const FluidRows<D>& fluid() const { return multigrid_.fluid(); }
+  // Of the diagonal of A, 0 where there is no pressure.
+  std::span<const Real> inverse_diagonal() const {
+    const AlignedBuffer<Real>& inverse = multigrid_.inverse_diagonal();
+    return {inverse.data(), inverse.size()};
+  }
   std::size_t bytes() const;  // of memory, beside w and cells
 
  private:
@@ -71,8 +77,9 @@ class PressureSolver {
   Coefficients w_;
   Multigrid<Real, D> multigrid_;
   ClosedRegions<Real, D> regions_;
-  AlignedBuffer<Real> r_, z_, d_, q_;  // residual, M r, direction, A d
-  std::vector<double> parts_;          // of a sum
+  const Bodies<Real, D>* bodies_ = nullptr;  // of the system that is being solved
+  AlignedBuffer<Real> r_, z_, d_, q_;        // residual, M r, direction, A d
+  std::vector<double> parts_;                // of a sum
 };
 
 extern template class PressureSolver<float, 2>;

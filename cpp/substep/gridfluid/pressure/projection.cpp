@@ -179,19 +179,31 @@ void Projection<Real, D>::apply_pressure(const Obstacles<Real, D>& obstacles, bo
 }
 
 template <class Real, int D>
-SolveReport Projection<Real, D>::solve(double tolerance, int max_iterations, int threads) {
+SolveReport Projection<Real, D>::solve(double tolerance, int max_iterations, int threads,
+                                       const Bodies<Real, D>* bodies) {
   const std::span<const Real> b(b_.data(), b_.size());
-  const SolveReport report = direct_ ? direct_->solve(weights(), b, q(), threads)
-                                     : solver_->solve(b, q(), tolerance, max_iterations, threads);
+  const SolveReport report =
+      direct_ ? direct_->solve(weights(), b, q(), threads)
+              : solver_->solve(b, q(), tolerance, max_iterations, threads, bodies);
   wrap(layout_, q(), threads);
   return report;
 }
 
 template <class Real, int D>
-SolveReport Projection<Real, D>::project(const Obstacles<Real, D>& obstacles, Velocity<Real, D> u,
+void Projection<Real, D>::let_yield(const Obstacles<Real, D>& obstacles, double mass) {
+  bodies_.find(obstacles, solver_->inverse_diagonal(), mass);
+}
+
+template <class Real, int D>
+SolveReport Projection<Real, D>::project(Obstacles<Real, D>& obstacles, Velocity<Real, D> u,
                                          double tolerance, int max_iterations, int threads) {
   find_divergence(obstacles, u, threads);
-  const SolveReport report = solve(tolerance, max_iterations, threads);
+  const SolveReport report = solve(tolerance, max_iterations, threads, &bodies_);
+  if (report.converged && bodies_.any()) {
+    bodies_.push(q(), obstacles.colliders, threads);
+    bodies_.move(obstacles.colliders);
+    obstacles.find(threads);
+  }
   if (report.converged) apply_pressure(obstacles, obstacles.moving(), u, threads);
   return report;
 }

@@ -27,6 +27,7 @@
 #include "substep/gridfluid/grid/cells.h"
 #include "substep/gridfluid/grid/layout.h"
 #include "substep/gridfluid/grid/sides.h"
+#include "substep/gridfluid/pressure/bodies.h"
 #include "substep/gridfluid/pressure/obstacles.h"
 #include "substep/gridfluid/pressure/pressure_solver.h"
 #include "substep/gridfluid/pressure/transform_solver.h"
@@ -50,8 +51,12 @@ class Projection {
   // project() from set_matrix().
   void set_density(const Obstacles<Real, D>& obstacles, std::span<const Real> density, int threads);
   void set_matrix(int threads);
-  // Where the report is that it has not converged, u is as it was.
-  SolveReport project(const Obstacles<Real, D>& obstacles, Velocity<Real, D> u, double tolerance,
+  // Obstacles that yield do so in project(); mass: of a full cell of q's density [kg]. To be called
+  // after set_domain() and set_matrix(), where any do.
+  void let_yield(const Obstacles<Real, D>& obstacles, double mass);
+  const Bodies<Real, D>& bodies() const { return bodies_; }
+  // Where the report is that it has not converged, u and the obstacles are as they were.
+  SolveReport project(Obstacles<Real, D>& obstacles, Velocity<Real, D> u, double tolerance,
                       int max_iterations, int threads);
 
   // Displacements of the faces, or velocities, whose divergence in fluid cells is `source`; what
@@ -82,7 +87,8 @@ class Projection {
   std::array<std::span<const Real>, D> weights() const;
   void find_divergence(const Obstacles<Real, D>& obstacles, const Velocity<Real, D>& u,
                        int threads);
-  SolveReport solve(double tolerance, int max_iterations, int threads);
+  SolveReport solve(double tolerance, int max_iterations, int threads,
+                    const Bodies<Real, D>* bodies = nullptr);
   void apply_pressure(const Obstacles<Real, D>& obstacles, bool moving, Velocity<Real, D> u,
                       int threads);
 
@@ -96,6 +102,7 @@ class Projection {
   std::array<AlignedBuffer<Real>, D> weight_;
   AlignedBuffer<Real> b_;
   AlignedBuffer<double> q_;
+  Bodies<Real, D> bodies_;
   // One of them, by the domain.
   std::optional<PressureSolver<Real, D>> solver_;
   std::optional<TransformSolver<Real, D>> direct_;

@@ -61,6 +61,7 @@ ViscosityReport VelocitySystem<D>::solve(std::span<const double> b, std::span<do
     for_each_index(n, threads, [&](std::size_t i) {
       q_[i] = rows.others(static_cast<std::int64_t>(i), d_) + rows.diagonal[i] * d_[i];
     });
+    for (const BodyOfRows<D>& body : bodies) body.subtract(body.c * body.product(d_), q_);
     const double alpha = rz / dot(d_, q_, threads);
     for_each_index(n, threads, [&](std::size_t i) {
       x[i] += alpha * d_[i];

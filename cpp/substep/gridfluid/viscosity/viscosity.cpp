@@ -14,8 +14,6 @@
 namespace substep::gridfluid {
 namespace {
 
-// Instead of a row: without liquid; held by an obstacle, by a wall, or as it is.
-constexpr std::int32_t kNone = -1, kObstacle = -2, kWall = -3, kHeld = -4;
 constexpr double kNearest = 0.05;  // theta, so that a step can be solved for
 constexpr double kNear = 2;        // cells from a face, where an obstacle may strain with it
 constexpr double kLeast = 1e-3;    // volume: less is none
@@ -31,15 +29,15 @@ Viscosity<Real, D>::Viscosity(const Layout<D>& layout, const OpenSides<D>& open,
     : layout_(layout), open_(open), slip_(slip), volumes_(layout) {}
 
 template <class Real, int D>
-ViscosityReport Viscosity<Real, D>::apply(const Obstacles<Real, D>& obstacles,
-                                          std::span<const Real> phi,
-                                          const ConstFaces<Real, D>& known, double k,
+ViscosityReport Viscosity<Real, D>::apply(Obstacles<Real, D>& obstacles, std::span<const Real> phi,
+                                          const ConstFaces<Real, D>& known, double k, double mass,
                                           Velocity<Real, D> u, double tolerance, int max_iterations,
                                           int threads) {
   k_ = k;
   volumes_.find(obstacles, phi, threads);
   find_rows(obstacles, phi, threads);
   pulls_.clear();
+  system_.bodies.clear();
   if (face_.empty()) return {};
   poll_interrupt();
   find_matrix(obstacles, known, u, threads);
@@ -47,11 +45,13 @@ ViscosityReport Viscosity<Real, D>::apply(const Obstacles<Real, D>& obstacles,
       sum_terms<double>(system_.rows.size(), [&](std::size_t i) { return energy_[i]; }, threads);
   if (!std::isfinite(energy)) return {.iterations = 0, .converged = false, .finite = false};
   x_.resize(face_.size());
+  add_bodies(obstacles, u, mass);
   const ViscosityReport report =
       system_.solve(b_, x_, tolerance * tolerance * energy, max_iterations, threads);
   for_each_index(face_.size(), threads, [&](std::size_t i) {
     u[system_.rows.component[i]][usize(face_[i])] += Real(x_[i]);
   });
+  move_bodies(obstacles, u, threads);
   if (obstacles.any()) find_pulls(obstacles, u);
   hold(obstacles, u);
   for (const std::span<Real>& component : u) wrap(layout_, component, threads);
@@ -101,28 +101,6 @@ std::int32_t Viscosity<Real, D>::holder(const Obstacles<Real, D>& obstacles, std
   const bool held = obstacles.open(static_cast<int>(axis))[usize(face)] == 0 ||
                     (!slip_ && obstacles.at_face(face, axis) <= 0);
   return held ? kObstacle : kNone;
-}
-
-// use(a, b, place) for the rates of strain that a face is in: in cells where a = b, and at edges.
-template <class Real, int D>
-template <class Use>
-void Viscosity<Real, D>::for_strains(std::size_t axis, const Place& face, const Use& use) const {
-  for (int end = 0; end < 2; ++end) {
-    Place cell = face;
-    cell[axis] -= 1 - end;
-    if (layout_.periodic[axis] && cell[axis] < 0) cell[axis] += layout_.cells[axis];
-    if (cell[axis] >= 0 && cell[axis] < layout_.cells[axis]) {
-      use(axis, axis, cell);
-      use(axis, kAll, cell);
-    }
-    for (std::size_t b = 0; b < D; ++b) {
-      if (b == axis) continue;
-      Place edge = face;
-      edge[b] += end;
-      if (layout_.periodic[b] && edge[b] == layout_.cells[b]) edge[b] = 0;
-      use(axis, b, edge);
-    }
-  }
 }
 
 template <class Real, int D>
@@ -261,6 +239,7 @@ bool Viscosity<Real, D>::add_difference(const Obstacles<Real, D>& obstacles, std
         const double theta = std::max(here / (here - there), kNearest);
         scale = 1 / theta;
         out.given = (1 - theta) * theirs(obstacles, component, in.face) + theta * out.given;
+        out.inner = 1 - theta;
       }
     }
   }
@@ -321,6 +300,7 @@ auto Viscosity<Real, D>::divergence(const Obstacles<Real, D>& obstacles, const P
         const auto open = double(obstacles.open(static_cast<int>(a))[usize(face)]);
         term.coefficient = sign * open;
         strain.given += sign * (1 - open) * held;
+        term.covered = sign * (1 - open);
       }
     }
   }
@@ -461,6 +441,11 @@ std::vector<geometry::Exchange> Viscosity<Real, D>::exchanges(const Obstacles<Re
     Vec3 impulse = Vec3::Zero();
     impulse[along] = mass * pull.impulse;
     sums[c].add(x - obstacles.colliders[c].position(), impulse);
+  }
+  for (const Yields& one : yielding_) {
+    const geometry::Collider& collider = obstacles.colliders[one.collider];
+    geometry::Exchange& sum = sums[one.collider];
+    sum = exchange_of<D>(mass * one.push, collider);
   }
   return sums;
 }

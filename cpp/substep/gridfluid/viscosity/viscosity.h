@@ -45,11 +45,11 @@ class Viscosity {
   std::vector<Face> held;  // that keep the velocities that they have
 
   // phi: of the liquid at the middle of cells, in cells, with ghosts. known: above 0 at faces whose
-  // velocities are those of liquid; others have no mass. tolerance: the energy of the error over
-  // that of the velocities is its square.
-  ViscosityReport apply(const Obstacles<Real, D>& obstacles, std::span<const Real> phi,
-                        const ConstFaces<Real, D>& known, double k, Velocity<Real, D> u,
-                        double tolerance, int max_iterations, int threads);
+  // velocities are those of liquid; others have no mass. mass: of a full cell [kg]. tolerance: the
+  // energy of the error over that of the velocities is its square. Obstacles that yield do.
+  ViscosityReport apply(Obstacles<Real, D>& obstacles, std::span<const Real> phi,
+                        const ConstFaces<Real, D>& known, double k, double mass,
+                        Velocity<Real, D> u, double tolerance, int max_iterations, int threads);
   // Adds the pressure that goes with the divergence, times dt / (density dx), to q of fluid cells.
   void add_pressure(const Obstacles<Real, D>& obstacles, const Velocity<Real, D>& u,
                     std::span<const Cell> cells, std::span<double> q, int threads) const;
@@ -59,6 +59,8 @@ class Viscosity {
   std::vector<geometry::Exchange> exchanges(const Obstacles<Real, D>& obstacles, double mass) const;
 
  private:
+  // Instead of a row: without liquid; held by an obstacle, by a wall, or as it is.
+  static constexpr std::int32_t kNone = -1, kObstacle = -2, kWall = -3, kHeld = -4;
   using Place = std::array<int, D>;
   static constexpr std::size_t kAll = D;  // as second axis of a rate of strain: the divergence
   // What a rate of strain is made of: coefficient times velocity of a face, and a given number.
@@ -67,6 +69,9 @@ class Viscosity {
     std::int64_t face;
     std::int32_t row;  // of the system
     double coefficient, given;
+    // Of an obstacle: the part of what is given that is its velocity at the face of the other term.
+    double inner = 0;
+    double covered = 0;  // times the velocity of an obstacle at the face comes to it
   };
   struct Strain {
     double weight;  // 0: there is none
@@ -81,6 +86,27 @@ class Viscosity {
     double impulse;
   };
 
+  // What an obstacle that yields gives to rates of strain: coefficient times its velocity at a
+  // face.
+  struct Held {
+    std::size_t axis;
+    std::int64_t face;
+    double coefficient;
+  };
+  using Motion = typename BodyOfRows<D>::Motion;
+  using Mobility = typename BodyOfRows<D>::Mobility;
+  using Motions = std::vector<std::pair<std::size_t, Motion>>;  // by the number in yielding_
+  struct Yields {                                               // a collider
+    std::size_t collider, body;                                 // the number of system_.bodies
+    Motion push = Motion::Zero();                               // on it, in masses of a full cell
+  };
+
+  std::vector<Held> held_in(const Strain& strain) const;
+  void find_yielding(const Obstacles<Real, D>& obstacles);
+  template <class Use>
+  void for_pushes(const Obstacles<Real, D>& obstacles, const Velocity<Real, D>& u, const Use& use);
+  void add_bodies(const Obstacles<Real, D>& obstacles, const Velocity<Real, D>& u, double mass);
+  void move_bodies(Obstacles<Real, D>& obstacles, const Velocity<Real, D>& u, int threads);
   void hold(const Obstacles<Real, D>& obstacles, Velocity<Real, D> u);
   void find_pulls(const Obstacles<Real, D>& obstacles, const Velocity<Real, D>& u);
   void find_rows(const Obstacles<Real, D>& obstacles, std::span<const Real> phi, int threads);
@@ -118,7 +144,30 @@ class Viscosity {
   VelocitySystem<D> system_;
   std::vector<double> b_, x_, energy_;
   std::vector<Pull> pulls_;
+  std::vector<Yields> yielding_;
 };
+
+// use(a, b, place) for the rates of strain that a face is in: in cells where a = b, and at edges.
+template <class Real, int D>
+template <class Use>
+void Viscosity<Real, D>::for_strains(std::size_t axis, const Place& face, const Use& use) const {
+  for (int end = 0; end < 2; ++end) {
+    Place cell = face;
+    cell[axis] -= 1 - end;
+    if (layout_.periodic[axis] && cell[axis] < 0) cell[axis] += layout_.cells[axis];
+    if (cell[axis] >= 0 && cell[axis] < layout_.cells[axis]) {
+      use(axis, axis, cell);
+      use(axis, kAll, cell);
+    }
+    for (std::size_t b = 0; b < D; ++b) {
+      if (b == axis) continue;
+      Place edge = face;
+      edge[b] += end;
+      if (layout_.periodic[b] && edge[b] == layout_.cells[b]) edge[b] = 0;
+      use(axis, b, edge);
+    }
+  }
+}
 
 extern template class Viscosity<float, 2>;
 extern template class Viscosity<float, 3>;

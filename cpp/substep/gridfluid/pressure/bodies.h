@@ -1,0 +1,97 @@
+// Bodies among the obstacles that yield to a pressure. Of the pressures q of fluid cells body k
+// gets the impulse
+//   J_k = m G_k q,  G_k q = sum over faces of (1 - A) (q_below - q_above) (e, (x - c) x e)
+// with the mass m of a full cell, the part 1 - A of the face that is in the body, its middle x and
+// axis e, and the centre of mass c; q is 0 in cells that are not fluid. With its mobility W it
+// moves by V = V* + W J; so A + m sum_k G_k^T W_k G_k takes the place of the matrix A of a
+// pressure, and V* is in the right side: Batty, Bertails and Bridson, "A fast variational framework
+// for accurate solid-fluid coupling", 2007, section 5, with parts of faces in place of volumes.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "substep/gridfluid/grid/cells.h"
+#include "substep/gridfluid/grid/layout.h"
+#include "substep/gridfluid/pressure/obstacles.h"
+
+namespace substep::gridfluid {
+
+// Motions of a body in so many dimensions, velocities along axes and of turning: where their
+// numbers stand in vectors of six.
+template <int D>
+constexpr std::array<int, D == 2 ? 3 : 6> kMotionPlaces = {};
+template <>
+inline constexpr std::array<int, 3> kMotionPlaces<2> = {0, 1, 5};
+template <>
+inline constexpr std::array<int, 6> kMotionPlaces<3> = {0, 1, 2, 3, 4, 5};
+
+// (e, arm x e) for the axis e: its product with a motion is the velocity along e at `arm` from the
+// centre of mass.
+template <int D>
+auto motion_of(const Vec3& arm, int axis) {
+  geometry::Vec6 all;
+  const Vec3 e = Vec3::Unit(axis);
+  all << e, arm.cross(e);
+  return all(kMotionPlaces<D>).eval();
+}
+
+// Of an impulse on the body of a collider in such numbers.
+template <int D, class Impulse>
+geometry::Exchange exchange_of(const Impulse& impulse, const geometry::Collider& collider) {
+  geometry::Vec6 j = geometry::Vec6::Zero();
+  j(kMotionPlaces<D>) = impulse;
+  geometry::Exchange given{j.head<3>(), j.tail<3>()};
+  given.torque += (collider.centre() - collider.position()).cross(given.impulse);
+  return given;
+}
+
+template <class Real, int D>
+class Bodies {
+ public:
+  static constexpr int kMotions = D == 2 ? 3 : 6;
+  using Motion = Eigen::Matrix<double, kMotions, 1>;
+  using Mobility = Eigen::Matrix<double, kMotions, kMotions>;
+
+  // inverse: of the diagonal of A, 0 in cells that have no pressure.
+  void find(const Obstacles<Real, D>& obstacles, std::span<const Real> inverse, double mass);
+  bool any() const { return !bodies_.empty(); }
+
+  // y += sign m G^T W G x; returns the product of that with x.
+  template <class X>
+  double add_product(Real sign, std::span<const X> x, std::span<Real> y, int threads) const;
+  // Sets exchange() of the colliders of the bodies to what q gives them.
+  void push(std::span<const double> q, std::vector<geometry::Collider>& colliders,
+            int threads) const;
+  // Changes the velocities of the bodies, as set by the last push().
+  void move(std::vector<geometry::Collider>& colliders) const;
+
+ private:
+  struct Part {                 // of G, of a face
+    std::int64_t below, above;  // the cells there, or -1: without pressure
+    std::array<Real, usize(kMotions)> motion;
+  };
+  struct Piece {  // a collider
+    std::size_t collider, body;
+    std::vector<Part> parts;
+  };
+
+  void find_parts(const Obstacles<Real, D>& obstacles, std::span<const Real> inverse,
+                  const std::vector<std::size_t>& piece_of);
+  template <class X>
+  std::vector<Motion> gather(std::span<const X> x, int threads) const;
+
+  double mass_ = 0;
+  std::vector<Mobility> bodies_;
+  std::vector<Piece> pieces_;
+};
+
+extern template class Bodies<float, 2>;
+extern template class Bodies<float, 3>;
+extern template class Bodies<double, 2>;
+extern template class Bodies<double, 3>;
+
+}  // namespace substep::gridfluid

@@ -1,0 +1,225 @@
+"""Bodies that yield to a liquid on a grid: floating, added mass, drag, and what must not change."""
+
+import math
+
+import numpy as np
+import pytest
+import substep
+
+G, RHO = 9.81, 1000.0
+
+
+def behave_as(collider, mass, inertia, *, number=0, dimension=3, gravity=G):
+    """Lets a collider stand for a body with its centre of mass in its position."""
+    inverse = np.zeros(6)
+    inverse[:dimension] = 1 / mass
+    inverse[5 if dimension == 2 else slice(3, 6)] = 1 / inertia
+    pull = np.zeros(6)
+    pull[dimension - 1] = -gravity
+    collider._native.set_body(number, [0.0] * 3, np.diag(inverse).ravel().tolist(), pull.tolist())
+
+
+def lattice(*ends, cell):
+    """Particles in rows, two to a cell along each axis, from 0 to the ends."""
+    rows = [np.arange(cell / 4, end, cell / 2) for end in ends]
+    return np.stack(np.meshgrid(*rows, indexing="ij"), -1).reshape(-1, len(ends))
+
+
+def tank(shape, ratio, height, n, *, side=2.0, depth=2.0, air=0.5, **options):
+    """A body of 1 m, of n cells, with its middle so high in water, and its collider."""
+    cell, middle = 1 / n, np.array([side / 2, side / 2, height])
+    if shape == "sphere":
+        collider = substep.Collider(substep.Sphere(0.5, middle))
+        mass = ratio * RHO * math.pi / 6
+        inertia = mass / 10
+    else:
+        collider = substep.Collider(substep.Box((1, 1, 1), middle))
+        mass = ratio * RHO
+        inertia = mass / 6
+    x = lattice(side, side, depth, cell=cell)
+    x = x[collider.distance(x) > 0]
+    liquid = substep.GridLiquid(
+        x, cell=cell, bounds=((0, 0, 0), (side, side, depth + air)), colliders=[collider], **options
+    )
+    behave_as(collider, mass, inertia)
+    return liquid, collider
+
+
+def draft(shape, ratio):
+    """Archimedes': of a box, or of a sphere, s = d^2 (3 - 2 d)."""
+    if shape == "box":
+        return ratio
+    roots = np.roots([-2, 3, 0, -ratio])
+    return float(min(roots[(roots.real > 0) & (roots.real < 1)].real))
+
+
+def mean_draft(shape, ratio, n, duration, *, factor=1):
+    depth = 1.5
+    liquid, collider = tank(
+        shape, ratio, depth - draft(shape, ratio) + 0.5, n, depth=depth, air=1.0
+    )
+    heights, end = [], duration
+    while liquid.time < end:
+        liquid.step(factor * liquid.step_limit()[0])
+        heights.append(collider.position[2])
+    assert np.abs(liquid.velocities).max() < 2
+    return depth + 0.5 - np.mean(heights[len(heights) // 2 :])
+
+
+@pytest.mark.parametrize("shape, ratio", [("sphere", 0.1), ("sphere", 0.9), ("box", 0.9)])
+def test_bodies_float_as_deep_as_archimedes_says(shape, ratio):
+    """Within 2 % of their size at 12 cells."""
+    assert abs(mean_draft(shape, ratio, 12, 2) - draft(shape, ratio)) < 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n", [12, 18])
+@pytest.mark.parametrize("ratio", [0.05, 0.1, 0.3, 0.5, 0.9, 0.99])
+def test_spheres_float_as_deep_as_archimedes_says(ratio, n):
+    assert abs(mean_draft("sphere", ratio, n, 6) - draft("sphere", ratio)) < 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", [0.05, 0.1, 0.5, 0.9, 0.99])
+def test_boxes_float_as_deep_as_archimedes_says(ratio):
+    """Those that stay upright for so long: 0.3 turns to its edge."""
+    assert abs(mean_draft("box", ratio, 12, 6) - draft("box", ratio)) < 0.02
+
+
+@pytest.mark.parametrize("ratio", [0.001, 0.5])
+def test_bodies_of_any_weight_stand_long_steps(ratio):
+    """Of four times the length that `advance` would choose."""
+    depth = mean_draft("sphere", ratio, 6, 4, factor=4)
+    assert abs(depth - draft("sphere", ratio)) < 0.15
+
+
+@pytest.mark.parametrize("ratio", [0.001, 0.05, 0.5, 2.0])
+def test_what_is_released_has_added_mass(ratio):
+    """Half of what a sphere displaces; walls that are four diameters apart add some percent."""
+    liquid, ball = tank("sphere", ratio, 2, 8, side=4, depth=4)
+    liquid.step(1e-4)
+    expected = (1 - ratio) * G / (ratio + 0.5)
+    assert ball.velocity[2] / 1e-4 == pytest.approx(expected, rel=0.1)
+    received = np.array(ball._native.received)
+    assert np.abs(received[[0, 1]]).max() < 1e-4 * received[2]
+
+
+def test_a_body_as_heavy_as_water_stays_where_it_is():
+    """Within a cell: the volume that the grid sees differs by 0.5 % with the place in a cell."""
+    liquid, ball = tank("sphere", 1.0, 1.03, 8)
+    places = []
+    liquid.advance(3, lambda _: places.append(ball.position - (1, 1, 1.03)))
+    assert np.abs(places).max() < 1 / 8
+
+
+def test_what_liquid_gives_is_what_changes_the_velocity():
+    """W times the sum of the impulses and what is known of the acceleration, to rounding."""
+    liquid, ball = tank("sphere", 0.3, 1.1, 8, viscosity=0.01)
+    ball.velocity, ball.angular_velocity = (0.3, -0.2, 0.1), (0.5, 1.0, -2.0)
+    mass = 0.3 * RHO * math.pi / 6
+    behave_as(ball, mass, mass / 10)
+    before = np.concatenate([ball.velocity, ball.angular_velocity])
+    for _ in range(3):
+        liquid.step(0.01)
+    after = np.concatenate([ball.velocity, ball.angular_velocity])
+    gained = np.array(ball._native.received) / np.repeat([mass, mass / 10], 3)
+    known = np.array([0, 0, -G * 0.03, 0, 0, 0])
+    assert after == pytest.approx(before + known + gained, abs=1e-12)
+
+
+def test_a_body_of_two_shapes_moves_as_one_of_one():
+    """Two balls in the same place with one number."""
+    found = []
+    for count in (1, 2):
+        liquid, ball = tank("sphere", 0.5, 1.0, 6)
+        if count == 2:
+            other = ball.copy()
+            liquid = substep.GridLiquid(
+                liquid.positions,
+                cell=liquid.cell,
+                bounds=liquid.bounds,
+                colliders=[ball, other],
+            )
+            mass = 0.5 * RHO * math.pi / 6
+            for collider in (ball, other):
+                behave_as(collider, mass, mass / 10)
+        for _ in range(5):
+            liquid.step(0.01)
+        found.append(ball.velocity)
+    assert found[1] == pytest.approx(found[0], abs=1e-6)
+
+
+def test_bits_do_not_depend_on_threads():
+    states = []
+    for threads in (1, 2, 3):
+        liquid, ball = tank("sphere", 0.1, 1.7, 6, threads=threads, viscosity=1e-3)
+        ball.angular_velocity = (0.0, 1.0, 0.0)
+        for _ in range(5):
+            liquid.step(0.02)
+        states.append(liquid.positions.tobytes() + np.array(ball._native.received).tobytes())
+    assert states[0] == states[1] == states[2]
+
+
+def test_a_step_that_fails_leaves_the_body_alone():
+    liquid, ball = tank("sphere", 0.1, 1.0, 6, tolerance=1e-6, max_iterations=1)
+    before = ball._native.state, ball._native.received, liquid.positions.tobytes()
+    with pytest.raises(substep.ConvergenceError):
+        for _ in range(3):
+            liquid.step(0.02)
+    assert (ball._native.state, ball._native.received) == before[:2]
+    assert liquid.positions.tobytes() == before[2]
+
+
+def test_a_light_ball_in_oil_does_not_outrun_its_drag():
+    """In steps of the time in which it comes to its speed it rises as in short ones; alone it would
+    gain 2 g dt in each. The difference is that of the viscosity's steps, at most 40 %."""
+    speeds = []
+    for dt, steps in ((0.05, 4), (0.001, 60)):
+        liquid, ball = tank("sphere", 0.001, 1.0, 6, viscosity=10.0)
+        for _ in range(steps):
+            liquid.step(dt)
+        speeds.append(ball.velocity[2])
+    assert 1 < speeds[0] / speeds[1] < 1.4
+    assert speeds[1] < G / (18 * 10.0)  # Stokes' without walls
+
+
+def test_a_disc_in_the_plane_has_added_mass():
+    """As much as it displaces: (1 - s) g / (s + 1)."""
+    cell, middle = 1 / 12, np.array([4.0, 4.0])
+    disc = substep.Collider(substep.Sphere(0.5, (*middle, 0.0)))
+    x = lattice(8.0, 8.0, cell=cell)
+    x = x[np.hypot(*(x - middle).T) > 0.5]
+    liquid = substep.GridLiquid(x, cell=cell, bounds=((0, 0), (8, 8.5)), colliders=[disc])
+    mass = 0.25 * RHO * math.pi / 4
+    behave_as(disc, mass, mass / 8, dimension=2)
+    liquid.step(1e-4)
+    assert disc.velocity[1] / 1e-4 == pytest.approx(0.75 * G / 1.25, rel=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "density, viscosity, fastest, step, duration",
+    [(970, 0.373, 0.03599, 1 / 30, 1.2), (962, 0.113, 0.08727, 0.025, 1.05)],
+)
+def test_spheres_settle_as_ten_cate_measured(density, viscosity, fastest, step, duration):
+    """Cases E1 and E3 of ten Cate et al., Phys. Fluids 14, 2002: within 6 % at 6 cells."""
+    diameter, middle = 0.015, np.array([0.05, 0.05, 0.1275])
+    cell = diameter / 6
+    ball = substep.Collider(substep.Sphere(diameter / 2, middle))
+    x = lattice(0.1, 0.1, 0.16, cell=cell)
+    x = x[ball.distance(x) > 0]
+    oil = substep.GridLiquid(
+        x,
+        cell=cell,
+        bounds=((0, 0, 0), (0.1, 0.1, 0.165)),
+        density=density,
+        viscosity=viscosity / density,
+        colliders=[ball],
+    )
+    mass = 1120 * math.pi / 6 * diameter**3
+    behave_as(ball, mass, 0.1 * mass * diameter**2)
+    speeds = []
+    while oil.time < duration:
+        oil.step(step)
+        speeds.append(-ball.velocity[2])
+    assert max(speeds) == pytest.approx(fastest, rel=0.06)
