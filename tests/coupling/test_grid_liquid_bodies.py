@@ -223,3 +223,35 @@ def test_spheres_settle_as_ten_cate_measured(density, viscosity, fastest, step, 
         oil.step(step)
         speeds.append(-ball.velocity[2])
     assert max(speeds) == pytest.approx(fastest, rel=0.06)
+
+
+@pytest.mark.slow
+def test_a_sphere_heaves_as_kramer_measured():
+    """Case 03D of Kramer et al., Energies 14, 2021, in a tank of 2.2 m: 0.8093 s and 0.801 / s."""
+    diameter, depth, drop = 0.3, 0.9, 0.0891
+    cell, side = diameter / 12, 2.2
+    ball = substep.Collider(substep.Sphere(diameter / 2, (side / 2, side / 2, depth + drop)))
+    x = lattice(side, side, depth, cell=cell)
+    x = x[ball.distance(x) > 0]
+    water = substep.GridLiquid(
+        x,
+        cell=cell,
+        bounds=((0, 0, 0), (side, side, depth + 10 * cell)),
+        density=998.2,
+        gravity=(0, 0, -9.82),
+        colliders=[ball],
+    )
+    mobility = np.diag(1 / np.array([7.056, 7.056, 7.056, 0.098252, 0.098252, 0.073052]))
+    pull = [0, 0, -9.82, 0, 0, 0]
+    ball._native.set_body(0, [0, 0, -0.0348], mobility.ravel().tolist(), pull)
+    times, heights = [0.0], [drop]
+    while water.time < 1.7:
+        water.step(0.01)
+        times.append(water.time)
+        heights.append(ball.position[2] - depth)
+    t, z = np.array(times), np.array(heights)
+    at = np.flatnonzero(z[:-1] * z[1:] < 0)
+    zeros = t[at] - z[at] * (t[at + 1] - t[at]) / (z[at + 1] - z[at])
+    turns = 1 + np.flatnonzero(np.diff(z)[:-1] * np.diff(z)[1:] <= 0)
+    assert 2 * (zeros[1] - zeros[0]) == pytest.approx(0.8093, rel=0.04)
+    assert -np.polyfit(t[turns], np.log(np.abs(z[turns])), 1)[0] == pytest.approx(0.8014, rel=0.2)

@@ -126,6 +126,7 @@ std::size_t Obstacles<Real, D>::nearest(const Vec3& x) const {
 
 template <class Real, int D>
 std::size_t Obstacles<Real, D>::nearest_of(const Numbers& which, const Vec3& x) const {
+  if (which.size() == 1) return which[0];
   std::size_t found = 0;
   double least = std::numeric_limits<double>::infinity();
   for (const std::size_t c : which) {
@@ -252,7 +253,7 @@ void Obstacles<Real, D>::find_faces_near(int threads) {
 // than what many a body weighs less than the fluid.
 template <class Real, int D>
 void Obstacles<Real, D>::refine_open(int threads) {
-  constexpr int kParts = 3;           // along an axis
+  constexpr int kParts = 2;           // along an axis
   constexpr Real kBulge = Real(0.2);  // of a surface that passes between the corners of a face
   const std::array<std::int64_t, D>& s = layout_.stride;
   const auto refine = [&](std::size_t a, const Face& face) {
@@ -382,6 +383,8 @@ std::array<Real, D> Obstacles<Real, D>::surface(std::int64_t i) const {
 template <class Real, int D>
 void Obstacles<Real, D>::push(std::span<const double> q, std::span<const Cell> cells, double mass,
                               int threads) {
+  const auto yields = [](const Collider& c) { return c.yields(); };
+  if (std::all_of(colliders.begin(), colliders.end(), yields)) return;
   const std::int64_t chunks = (layout_.rows() + kRowsOfTask - 1) / kRowsOfTask;
   std::vector<std::vector<Exchange>> parts(usize(chunks));
   parallel_for(
@@ -401,6 +404,7 @@ void Obstacles<Real, D>::push(std::span<const double> q, std::span<const Cell> c
             if (impulse.isZero(0)) continue;
             const Vec3 at = middle(i);
             const std::size_t c = nearest_of(near_block(layout_.cell(i)), at);
+            if (colliders[c].yields()) continue;  // see Bodies
             const geometry::SignedDistance d = colliders[c].signed_distance(at);
             part[c].add(at - d.value * d.gradient - colliders[c].position(), impulse);
           }
@@ -410,7 +414,7 @@ void Obstacles<Real, D>::push(std::span<const double> q, std::span<const Cell> c
   for (std::size_t c = 0; c < colliders.size(); ++c) {
     Exchange sum;
     for (const std::vector<Exchange>& part : parts) sum += part[c];
-    colliders[c].set_exchange(sum);
+    if (!yields(colliders[c])) colliders[c].set_exchange(sum);
   }
 }
 

@@ -57,8 +57,9 @@ class Obstacles {
   // The area, in faces, of the obstacles' surface in cell i, times its normal out of the fluid.
   std::array<Real, D> surface(std::int64_t i) const;
 
-  // Sets exchange() of the colliders to what they are pushed by in the fluid cells, with q, a
-  // pressure times dt / (density dx) [m/s], and the mass of a full cell [kg].
+  // Sets exchange() of the colliders, but for those that yield, to what they are pushed by in the
+  // fluid cells, with q, a pressure times dt / (density dx) [m/s], and the mass of a full cell
+  // [kg].
   void push(std::span<const double> q, std::span<const Cell> cells, double mass, int threads);
 
   // The middle of a cell, or of the face below it along an axis [m], and the collider nearest
