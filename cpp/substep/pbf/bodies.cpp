@@ -92,7 +92,16 @@ void YieldingBodies<Real>::note(std::span<std::vector<NearWall<Real>>> near) {
     }
     if (!body.near.empty()) last = std::max(last, body.near.back()->particle);
   }
-  pull_.assign(bodies_.size() > 1 ? usize(last + 1) : 0, 0);
+  if (bodies_.size() < 2) return;
+  pull_.assign(usize(last + 1), 0);
+  std::vector<Body*> owner(usize(last + 1), nullptr);
+  for (Body& body : bodies_) {
+    for (const NearWall<Real>* entry : body.near) {
+      Body*& other = owner[usize(entry->particle)];
+      if (other != nullptr && other != &body) other->shares = body.shares = true;
+      other = &body;
+    }
+  }
 }
 
 template <class Real>
@@ -101,19 +110,19 @@ void YieldingBodies<Real>::share(const Contact& contact, std::span<const Point<R
                                  std::span<Point<Real>> multipliers) {
   constexpr int kRounds = 4;  // of Gauss and Seidel, over bodies that share particles
   set_rows(contact, x, [](std::int32_t, const Point<Real>& g) { return xyz(g); });
-  const bool many = bodies_.size() > 1;
   std::fill(pull_.begin(), pull_.end(), 0);
   for (Body& body : bodies_) body.xi.setZero();
-  for (int round = 0; round < (many ? kRounds : 1); ++round) {
+  for (int round = 0; round < kRounds; ++round) {
     for (Body& body : bodies_) {
+      if (round > 0 && !body.shares) continue;
       for (BodyRow& row : body.rows) {
         const DensityRow<Real>& own = density[usize(row.particle)];
         row.c = own.violation, row.d = own.scale;
-        if (many) row.c -= pull_[usize(row.particle)] - row.q.dot(body.xi);
+        if (body.shares) row.c -= pull_[usize(row.particle)] - row.q.dot(body.xi);
       }
       const Vec6 before = body.xi;
       body.xi = solve_rows(body.mobility, body.rows, one_sided);
-      if (!many) continue;
+      if (!body.shares) continue;
       for (const BodyRow& row : body.rows) {
         pull_[usize(row.particle)] += row.q.dot(body.xi - before);
       }

@@ -53,6 +53,7 @@ struct YieldingBody {
   Vec6 xi = Vec6::Zero();                  // in the last sweep
   std::vector<NearWall<Real>*> near = {};  // by particles
   std::vector<BodyRow> rows = {};
+  bool shares = false;  // particles with other bodies
 
   // Its velocity by such multipliers of the rows.
   Vec6 gained(std::span<const Real> multipliers) const {
@@ -66,7 +67,6 @@ template <class Real>
 class YieldingBodies {
  public:
   using Contact = geometry::ParticleContact<Real>;
-
   using Body = YieldingBody<Real>;
 
   bool empty() const { return bodies_.empty(); }
