@@ -214,6 +214,25 @@ def test_obstacles_of_bodies_that_are_no_member():
         substep.World({"cloth": cloth, "bodies": substep.RigidBodies()})
 
 
+def test_flows_take_kinematic_bodies_only():
+    bodies = substep.RigidBodies(gravity=(0, 0, 0))
+    ball = bodies.add(
+        substep.Sphere(0.2), (0.3, 0.5, 0), velocities=(0.5, 0, 0), motion="kinematic"
+    )
+    flow = substep.GridFlow(
+        [(0, 0), (1, 1)], 1 / 16, colliders=bodies.make_colliders(ball), viscosity=0.01
+    )
+    world = substep.World({"bodies": bodies, "air": flow})
+    world.advance(0.2)
+    assert flow.colliders[0].position[0] == pytest.approx(0.4)
+    assert flow.diagnostics()["kinetic_energy"] > 1
+    bodies = substep.RigidBodies()
+    bodies.add(substep.Sphere(0.2), (0.3, 0.5, 0))
+    flow = substep.GridFlow([(0, 0), (1, 1)], 1 / 16, colliders=bodies.make_colliders())
+    with pytest.raises(InputError, match="body 0: 'air' has no way to push dynamic bodies"):
+        substep.World({"bodies": bodies, "air": flow})
+
+
 def test_a_body_that_was_removed():
     world = small_world()
     world.step()

@@ -54,6 +54,7 @@ class Link:
         self, name: str, member: Simulation, places: Sequence[tuple[int, int, Array, Array]]
     ) -> None:
         self.name, self.places = name, list(places)
+        self._pushes = member._pushes_bodies
         self.colliders = [member.colliders[place[0]]._native for place in places]
         ids = np.array([place[1] for place in places], np.int64)
         self.ids, self.of = np.unique(ids, return_inverse=True)  # bodies; that of each collider
@@ -69,6 +70,11 @@ class Link:
             body = int(self.ids[np.argmax(gone)])
             raise InputError(
                 f"body {body}, which an obstacle of {self.name!r} stands for, has been removed"
+            )
+        if not self._pushes and (yields := np.isfinite(bodies.masses[rows])).any():
+            raise InputError(
+                f"body {int(self.ids[np.argmax(yields)])}: {self.name!r} has no way to push "
+                "dynamic bodies; make it kinematic"
             )
         return rows
 

@@ -80,7 +80,7 @@ class World(Simulation):
     ------
     InputError
         If members are at different times, or one stands there twice or in another world, or an
-        obstacle stands for a body of none.
+        obstacle stands for a body of none, or for a dynamic one that its simulation cannot push.
 
     References
     ----------
@@ -124,6 +124,9 @@ class World(Simulation):
         if len(times) > 1:
             told = ", ".join(f"{name!r} at {m.time:g} s" for name, m in given.items())
             raise InputError(f"members: expected all at one time, got {told}")
+        if self._bodies is not None:
+            for link in self._links:
+                link.rows(self._bodies)
         clock = _Clock(given)
         super().__init__(clock, times.pop(), clock.threads or None)
         if threads is not None:

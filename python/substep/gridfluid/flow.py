@@ -186,6 +186,8 @@ class GridFlow(Simulation):
     True
     """
 
+    _pushes_bodies = False
+
     bounds: Array
     cell: float
     density: float

@@ -1,4 +1,4 @@
-"""Balls, boxes and capsules fall into a cloth whose rim is held."""
+"""Balls and capsules fall into a cloth whose rim is held."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Box, Capsule, Sphere, grid_mesh
+from ...geometry import Capsule, Sphere, grid_mesh
 from ...springs import MassSpring, grid_springs
 from ...view import Camera, Look, View
 from ..declaration import Parameter, Scene
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 LENGTH, WIDTH, HEIGHT = 2.4, 1.5, 1.3  # of the frame that holds it, and where that is [m]
-SAG = 0.5  # of the cloth [m]
-THICKNESS = 0.012  # of contact [m]
+SAG = 0.4  # of the cloth [m]
+THICKNESS = 0.02  # of contact [m]
 
 
 class Cloth(MassSpring):
@@ -88,7 +88,7 @@ class Hammock(Coupled):
         bodies = Solids({**parameters, "substeps": 8})
         random = np.random.default_rng(seed)
         n = parameters["bodies"]
-        shapes: list[Solid] = [Sphere(0.12), Box((0.2, 0.2, 0.2)), Capsule(0.08, 0.2)]
+        shapes: list[Solid] = [Sphere(0.12), Capsule(0.09, 0.22), Sphere(0.16)]
         for k in range(n):
             x = [*random.uniform(-0.25, 0.25, 2), HEIGHT + 0.15 + 0.35 * k]
             shape, turn = shapes[k % len(shapes)], random.normal(size=4)
@@ -107,12 +107,12 @@ class Hammock(Coupled):
 
 
 def _box(recording: Recording) -> Array:
-    return np.array([[-LENGTH / 2, -WIDTH / 2, 0.1], [LENGTH / 2, WIDTH / 2, HEIGHT + 0.4]])
+    return np.array([[-LENGTH / 2, -WIDTH / 2, 0.5], [LENGTH / 2, WIDTH / 2, HEIGHT + 0.1]])
 
 
 SCENE = Scene(
     name="hammock",
-    doc="Balls, boxes and capsules fall into a cloth whose rim is held.",
+    doc="Balls and capsules fall into a cloth whose rim is held.",
     parameters={
         "duration": Parameter("time simulated", 4.0, unit="s", above=0),
         "vertices": Parameter("along the cloth", 48, minimum=4, maximum=1000),
@@ -135,7 +135,7 @@ SCENE = Scene(
     notes=Coupled.notes,
     summary=Hammock.words,
     picture=View(
-        Camera(-65.0, 20.0),
+        Camera(-65.0, 40.0),
         {"bodies": Look(hidden=True), "cloth": Look("#3f7ea6")},
         color="dye",
         palette="Spectral",
