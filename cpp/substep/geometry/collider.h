@@ -78,8 +78,7 @@ class Collider {
   // v + omega x (x - position) [m/s].
   Vec3 surface_velocity(const Vec3& x) const;
 
-  // Moves by velocity dt and rotates by exp(angular_velocity dt). Of one that yields the centre of
-  // mass goes straight on, and `velocity` changes as the arm to position() turns.
+  // Moves by velocity dt, or a body's centre of mass by its own, and turns by angular_velocity dt.
   void advance(double dt);
 
   // For those that yield: the centre of mass in the world, the velocity of the body, and exchange()

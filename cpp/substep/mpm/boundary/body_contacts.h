@@ -15,8 +15,10 @@
 // so that dy leads down, and is halved where phi does not fall. Sticky nodes take one iteration.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "substep/geometry/collider.h"
 #include "substep/mpm/boundary/boundary.h"
@@ -31,11 +33,31 @@ struct BodyContact {
   Boundary boundary;
   double friction;
   double bound = 0;                                 // the most that friction takes off v [m/s]
-  geometry::Vec3 impulse = geometry::Vec3::Zero();  // on the node, set by meet() [N s]
+  geometry::Vec3 impulse = geometry::Vec3::Zero();  // on the node [N s]
 };
 
-// The contacts of one body, in a fixed order.
-void meet(const geometry::Vec6& velocity, const geometry::Mat6& mobility,
-          std::span<BodyContact> contacts);
+// The obstacles of a step, where some yield.
+class Bodies {
+ public:
+  // With the velocities that bodies have before anything pushes; none where none yields.
+  void begin(const std::vector<geometry::Collider>& colliders, double dt);
+  void end() noexcept;
+  bool any() const { return !moving_.empty(); }
+  // Since meet(): with the velocities of the step, and what nodes give as their exchange().
+  const std::vector<geometry::Collider>& moving() const { return moving_; }
+  // Of the material near to the body of each [kg].
+  const std::vector<double>& masses() const { return masses_; }
+
+  // Finds the impulses of all contacts. near: of the material near to each collider.
+  void meet(std::span<BodyContact* const> contacts, std::span<const double> near, int threads);
+
+ private:
+  std::vector<geometry::Collider> moving_;
+  std::vector<double> masses_;
+};
+
+// As geometry::push_bodies, for what one collider was given, and without memory.
+void push_body(std::span<geometry::Collider> colliders, std::size_t pushed,
+               const geometry::Exchange& exchange) noexcept;
 
 }  // namespace substep::mpm

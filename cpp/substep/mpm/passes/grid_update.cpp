@@ -124,7 +124,7 @@ template <class Real, int D>
 ParticleBoundary<Real, D> GridUpdate<Real, D>::walls_of(const transfer::BlockLayout<D>& layout,
                                                         int threads) const {
   ParticleBoundary<Real, D> walls(cell_, boundaries_);
-  walls.begin_step(layout, true, moving(), masses_, dt_, threads);
+  walls.begin_step(layout, true, moving(), bodies_.masses(), dt_, threads);
   walls.set_reach(particles_.reach());
   return walls;
 }
@@ -140,174 +140,144 @@ void GridUpdate<Real, D>::set_layout(const transfer::BlockLayout<D>& layout,
 template <class Real, int D>
 NodeCheck GridUpdate<Real, D>::update(std::span<Real> nodes, const Vec3& gravity, double dt,
                                       double speed_bound, int threads) {
-  constexpr int kNodes = transfer::NodeBlocks<Real, D>::kNodes;
-  constexpr Real kGreatest = std::numeric_limits<Real>::max();
   dt_ = dt;
   distances_.update(*layout_, layout_changed_, colliders, threads);
   layout_changed_ = false;
-  begin_bodies(dt);
+  bodies_.begin(colliders, dt);
 
   const std::size_t many = colliders.size();
   const auto blocks = static_cast<std::int64_t>(layout_->node_keys.size());
   const auto chunks = usize((blocks + kGrain - 1) / kGrain);
-  const auto bound = static_cast<Real>(std::min(speed_bound, static_cast<double>(kGreatest)));
+  const auto bound = static_cast<Real>(
+      std::min(speed_bound, static_cast<double>(std::numeric_limits<Real>::max())));
   parts_.assign(chunks * many, Exchange{});
   std::vector<Found> found(chunks);
-  const auto block_at = [&](std::int64_t b) { return nodes.data() + b * kNodes * kNodeReals; };
-  // Whether all is well with the velocities of a block.
-  const auto judge = [&](std::int64_t b, Real limit, Found& part) {
-    const Real speed = greatest_speed<Real, D>(limit, block_at(b));
-    if (speed < 0) {
-      part.bad_node = b * kNodes + first_bad_node<Real, D>(limit, block_at(b));
-      return false;
-    }
-    part.speed = std::max(part.speed, speed);
-    return true;
-  };
   parallel_for(
       blocks, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
         const auto chunk = usize(begin / kGrain);
-        Found& part = found[chunk];
-        std::vector<Holder> holders;
-        for (std::int64_t b = begin; b < end; ++b) {
-          Real* block = block_at(b);
-          to_velocity<Real, D>(gravity * dt, block);
-          find_holders(static_cast<std::int32_t>(b), holders);
-          Real limit = bound;
-          if (!holders.empty()) {
-            // What is not finite must be seen before a condition hides it.
-            if (greatest_speed<Real, D>(kGreatest, block) < 0) {
-              limit = kGreatest;
-            } else if (!moving_.empty() && fixed(holders).size() < holders.size()) {
-              find_contacts(static_cast<std::int32_t>(b), holders, block, part);
-              part.met.push_back(b);
-              continue;
-            } else {
-              hold(static_cast<std::int32_t>(b), holders, block, &parts_[chunk * many]);
-            }
-          }
-          if (!judge(b, limit, part)) break;
-        }
+        found[chunk] =
+            update_blocks(begin, end, nodes.data(), gravity * dt, bound, &parts_[chunk * many]);
       },
       threads);
+  const auto good = [](const Found& part) { return part.bad_node < 0; };
+  if (bodies_.any() && std::all_of(found.begin(), found.end(), good)) {
+    meet_bodies(found, nodes.data(), bound, threads);
+  }
 
   NodeCheck check;
-  const auto sum_up = [&] {
-    for (const Found& part : found) {
-      check.speed = std::max(check.speed, static_cast<double>(part.speed));
-      if (check.good()) check.bad_node = part.bad_node;
-    }
-  };
-  sum_up();
-  if (!moving_.empty() && check.good()) {
-    meet_bodies(found, nodes.data(), threads);
-    parallel_chunks(
-        static_cast<std::int64_t>(chunks),
-        [&](std::int64_t chunk) {
-          Found& part = found[usize(chunk)];
-          std::vector<Holder> holders;
-          for (const std::int64_t b : part.met) {
-            find_holders(static_cast<std::int32_t>(b), holders);
-            const std::span<const Holder> others = fixed(holders);
-            if (!others.empty()) {
-              hold(static_cast<std::int32_t>(b), others, block_at(b), &parts_[usize(chunk) * many]);
-            }
-            if (!judge(b, bound, part)) break;
-          }
-        },
-        threads);
-    sum_up();
+  for (const Found& part : found) {
+    check.speed = std::max(check.speed, static_cast<double>(part.speed));
+    if (check.good()) check.bad_node = part.bad_node;
   }
-  particles_.begin_step(*layout_, false, moving(), masses_, dt, threads);
+  particles_.begin_step(*layout_, false, moving(), bodies_.masses(), dt, threads);
   check.reach = (check.speed + particles_.collider_speed()) * dt / cell_;
   particles_.set_reach(check.reach);
   return check;
 }
 
-// Velocities of the step before anything pushes.
+// A chunk of node blocks; those with nodes in obstacles that yield are left to meet_bodies.
 template <class Real, int D>
-void GridUpdate<Real, D>::begin_bodies(double dt) {
-  const bool any = std::any_of(colliders.begin(), colliders.end(),
-                               [](const Collider& collider) { return collider.yields(); });
-  moving_.clear();
-  masses_.clear();
-  if (!any) return;
-  moving_ = colliders;
-  masses_.resize(colliders.size());
-  for (Collider& collider : moving_) collider.set_exchange({});
-  geometry::accelerate_bodies(moving_, dt);
+auto GridUpdate<Real, D>::update_blocks(std::int64_t begin, std::int64_t end, Real* nodes,
+                                        const Vec3& gravity_dt, Real bound, Exchange* parts) const
+    -> Found {
+  constexpr Real kGreatest = std::numeric_limits<Real>::max();
+  Found found;
+  std::vector<Holder> holders;
+  for (std::int64_t b = begin; b < end; ++b) {
+    Real* const block = nodes + b * transfer::NodeBlocks<Real, D>::kReals;
+    to_velocity<Real, D>(gravity_dt, block);
+    find_holders(static_cast<std::int32_t>(b), holders);
+    Real limit = bound;
+    if (!holders.empty()) {
+      // What is not finite must be seen before a condition hides it.
+      if (greatest_speed<Real, D>(kGreatest, block) < 0) {
+        limit = kGreatest;
+      } else if (bodies_.any() && fixed(holders).size() < holders.size()) {
+        find_contacts(static_cast<std::int32_t>(b), holders, block, found);
+        continue;
+      } else {
+        hold(static_cast<std::int32_t>(b), holders, block, parts);
+      }
+    }
+    if (!judge(b, limit, block, found)) break;
+  }
+  return found;
+}
+
+// Whether all is well with the velocities of a block.
+template <class Real, int D>
+bool GridUpdate<Real, D>::judge(std::int64_t node_block, Real limit, const Real* nodes,
+                                Found& found) {
+  const Real speed = greatest_speed<Real, D>(limit, nodes);
+  if (speed < 0) {
+    found.bad_node =
+        node_block * transfer::NodeBlocks<Real, D>::kNodes + first_bad_node<Real, D>(limit, nodes);
+    return false;
+  }
+  found.speed = std::max(found.speed, speed);
+  return true;
 }
 
 template <class Real, int D>
 void GridUpdate<Real, D>::find_contacts(std::int32_t node_block, std::span<const Holder> holders,
                                         const Real* nodes, Found& found) const {
-  found.masses.resize(colliders.size());
+  constexpr int kNodes = transfer::NodeBlocks<Real, D>::kNodes;
   double total = 0;
-  for (int node = 0; node < transfer::NodeBlocks<Real, D>::kNodes; ++node) {
+  for (int node = 0; node < kNodes; ++node) {
     const Real* const at = nodes + node * kNodeReals;
     const std::size_t first = found.contacts.size();
     total += static_cast<double>(at[D]);
     for (const Holder& holder : holders) {
-      const Collider& collider = moving_[holder.collider];
+      const Collider& collider = moving()[holder.collider];
       const Real* const n = holder.patch->values + 4 * node;
       if (!collider.yields() || !(n[3] <= 0) || at[D] < kEmpty<Real>) continue;
       Vec3 arm = place<D>(layout_->node_keys[usize(node_block)], node, cell_) - collider.centre();
       if constexpr (D == 2) arm[2] = 0;
-      found.contacts.push_back(
-          {holder.collider, std::int64_t{node_block} * transfer::NodeBlocks<Real, D>::kNodes + node,
-           static_cast<double>(at[D]), arm, velocity_of<Real, D>(at), Vec3(n[0], n[1], n[2]),
-           boundaries_[holder.collider], collider.friction});
+      found.contacts.push_back({holder.collider, std::int64_t{node_block} * kNodes + node,
+                                static_cast<double>(at[D]), arm, velocity_of<Real, D>(at),
+                                Vec3(n[0], n[1], n[2]), boundaries_[holder.collider],
+                                collider.friction});
     }
     const auto many = static_cast<double>(found.contacts.size() - first);
     for (std::size_t k = first; k < found.contacts.size(); ++k) found.contacts[k].mass /= many;
   }
+  found.masses.resize(colliders.size());
   for (const Holder& holder : holders) found.masses[holder.collider] += total;
+  found.met.push_back(node_block);
 }
 
-// Gives nodes and bodies what they exchange.
+// Gives nodes and bodies what they exchange; other obstacles in the same blocks come after that.
 template <class Real, int D>
-void GridUpdate<Real, D>::meet_bodies(std::vector<Found>& found, Real* nodes, int threads) {
-  const auto bodies = geometry::colliders_by_body(moving_);
-  std::vector<std::size_t> body_of(moving_.size());
-  for (std::size_t b = 0; b < bodies.size(); ++b) {
-    for (const std::size_t c : bodies[b]) body_of[c] = b;
+void GridUpdate<Real, D>::meet_bodies(std::vector<Found>& found, Real* nodes, Real bound,
+                                      int threads) {
+  std::vector<BodyContact*> contacts;
+  std::vector<double> masses(colliders.size());
+  for (Found& part : found) {
+    for (BodyContact& contact : part.contacts) contacts.push_back(&contact);
+    for (std::size_t c = 0; c < part.masses.size(); ++c) masses[c] += part.masses[c];
   }
-  std::vector<std::vector<BodyContact>> contacts(bodies.size());
-  std::vector<double> masses(bodies.size());
-  for (const Found& part : found) {
-    for (const BodyContact& contact : part.contacts) {
-      contacts[body_of[contact.collider]].push_back(contact);
-    }
-    for (std::size_t c = 0; c < part.masses.size(); ++c) {
-      if (moving_[c].yields()) masses[body_of[c]] += part.masses[c];
-    }
-  }
+  bodies_.meet(contacts, masses, threads);
   parallel_chunks(
-      static_cast<std::int64_t>(bodies.size()),
-      [&](std::int64_t b) {
-        const Collider& body = moving_[bodies[usize(b)][0]];
-        meet(body.body_velocity(), body.body.mobility, contacts[usize(b)]);
+      static_cast<std::int64_t>(found.size()),
+      [&](std::int64_t chunk) {
+        Found& part = found[usize(chunk)];
+        for (const BodyContact& contact : part.contacts) {
+          Real* const at = nodes + contact.node * kNodeReals;
+          for (int d = 0; d < D; ++d) {
+            at[d] += static_cast<Real>(contact.impulse[d] / static_cast<double>(at[D]));
+          }
+        }
+        std::vector<Holder> holders;
+        for (const std::int32_t b : part.met) {
+          Real* const block = nodes + b * std::int64_t{transfer::NodeBlocks<Real, D>::kReals};
+          find_holders(b, holders);
+          const std::span<const Holder> others = fixed(holders);
+          if (!others.empty()) hold(b, others, block, &parts_[usize(chunk) * colliders.size()]);
+          if (!judge(b, bound, block, part)) break;
+        }
       },
       threads);
-  std::vector<Exchange> given(moving_.size());
-  for (const auto& of_body : contacts) {
-    for (const BodyContact& contact : of_body) {
-      const Collider& collider = moving_[contact.collider];
-      Vec3 from_position = contact.arm + collider.centre() - collider.position();
-      if constexpr (D == 2) from_position[2] = 0;
-      given[contact.collider].add(from_position, -contact.impulse);
-      Real* const at = nodes + contact.node * kNodeReals;
-      for (int d = 0; d < D; ++d) {
-        at[d] += static_cast<Real>(contact.impulse[d] / static_cast<double>(at[D]));
-      }
-    }
-  }
-  for (std::size_t c = 0; c < moving_.size(); ++c) {
-    moving_[c].set_exchange(given[c]);
-    masses_[c] = moving_[c].yields() ? masses[body_of[c]] : 0;
-  }
-  geometry::push_bodies(moving_);
 }
 
 template <class Real, int D>
@@ -395,37 +365,22 @@ double GridUpdate<Real, D>::finish() {
   for (std::size_t c = 0; c < many; ++c) {
     Exchange sum = colliders[c].exchange();
     for (std::size_t part = c; part < parts_.size(); part += many) sum += parts_[part];
-    if (!moving_.empty() && moving_[c].yields()) {
-      sum += moving_[c].exchange();
-      colliders[c].velocity = moving_[c].velocity;
-      colliders[c].angular_velocity = moving_[c].angular_velocity;
-      colliders[c].body.received = moving_[c].body.received;
+    if (bodies_.any() && colliders[c].yields()) {
+      const Collider& body = bodies_.moving()[c];
+      sum += body.exchange();
+      colliders[c].velocity = body.velocity;
+      colliders[c].angular_velocity = body.angular_velocity;
+      colliders[c].body.received = body.body.received;
     }
     sum += particles_.exchange(c);
     colliders[c].set_exchange(sum);
     colliders[c].advance(dt_);
   }
   for (std::size_t c = 0; c < many; ++c) {
-    if (colliders[c].yields()) push_body(c, particles_.exchange(c));
+    if (colliders[c].yields()) push_body(colliders, c, particles_.exchange(c));
   }
-  moving_.clear();
-  masses_.clear();
+  bodies_.end();
   return particles_.excess();
-}
-
-// As geometry::push_bodies, without memory.
-template <class Real, int D>
-void GridUpdate<Real, D>::push_body(std::size_t c, const Exchange& exchange) {
-  const Exchange sum = colliders[c].exchange();
-  colliders[c].set_exchange(exchange);
-  const geometry::Vec6 given = colliders[c].body_impulse();
-  colliders[c].set_exchange(sum);
-  if (given.isZero(0)) return;
-  colliders[c].body.received += given;
-  for (Collider& other : colliders) {
-    if (other.body.number != colliders[c].body.number) continue;
-    other.set_body_velocity(other.body_velocity() + other.body.mobility * given);
-  }
 }
 
 template class GridUpdate<float, 2>;

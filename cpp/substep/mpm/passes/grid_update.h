@@ -98,20 +98,22 @@ class GridUpdate {
   struct Found {
     Real speed = 0;
     std::int64_t bad_node = -1;
-    std::vector<std::int64_t> met;  // blocks with nodes in obstacles that yield
+    std::vector<std::int32_t> met;  // blocks with nodes in obstacles that yield
     std::vector<BodyContact> contacts;
-    std::vector<double> masses;  // of the blocks that each collider comes near to
+    std::vector<double> masses;  // of the blocks that each collider comes near to [kg]
   };
+  Found update_blocks(std::int64_t begin, std::int64_t end, Real* nodes,
+                      const geometry::Vec3& gravity_dt, Real bound,
+                      geometry::Exchange* parts) const;
+  static bool judge(std::int64_t node_block, Real limit, const Real* nodes, Found& found);
   void find_holders(std::int32_t node_block, std::vector<Holder>& holders) const;
   std::span<const Holder> fixed(std::vector<Holder>& holders) const;
-  void begin_bodies(double dt);
   void find_contacts(std::int32_t node_block, std::span<const Holder> holders, const Real* nodes,
                      Found& found) const;
-  void meet_bodies(std::vector<Found>& found, Real* nodes, int threads);
-  void push_body(std::size_t collider, const geometry::Exchange& exchange);
-  // The colliders with the velocities of this step.
+  void meet_bodies(std::vector<Found>& found, Real* nodes, Real bound, int threads);
+  // The colliders with their velocities in this step.
   const std::vector<geometry::Collider>& moving() const {
-    return moving_.empty() ? colliders : moving_;
+    return bodies_.any() ? bodies_.moving() : colliders;
   }
   void hold(std::int32_t node_block, std::span<const Holder> holders, Real* nodes,
             geometry::Exchange* parts) const;
@@ -122,9 +124,7 @@ class GridUpdate {
   bool layout_changed_ = false;
   NodeDistances<Real, D> distances_;
   ParticleBoundary<Real, D> particles_;
-  // Where some yield: with their velocity in this step, and what nodes give them.
-  std::vector<geometry::Collider> moving_;
-  std::vector<double> masses_;             // of the material near to the body of each
+  Bodies bodies_;
   std::vector<geometry::Exchange> parts_;  // of chunk k and collider c at k * colliders + c
 };
 
