@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.quaternions import multiply, rotate
 from ..geometry import Collider, Plane, Shape
-
-if TYPE_CHECKING:
-    from .bodies import RigidBodies
 
 Array = NDArray[np.float64]
 
@@ -29,7 +26,7 @@ class BodyCollider(Collider):
     """
 
     body: int
-    _bodies: RigidBodies
+    _bodies: Any  # the `RigidBodies`
 
     def __repr__(self) -> str:
         return f"BodyCollider({self.shape!r}, body={self.body})"
@@ -49,7 +46,7 @@ def place_of(shape: Shape) -> tuple[Array, Array]:
     return np.array(center), np.array(shape.rotation)
 
 
-def colliders_of(bodies: RigidBodies, ids: ArrayLike | None) -> list[BodyCollider]:
+def colliders_of(bodies: Any, ids: ArrayLike | None) -> list[BodyCollider]:
     """One for each shape of the bodies, where these are now."""
     made = []
     positions, rotations = bodies.positions, bodies.rotations
