@@ -1,6 +1,8 @@
 """Worlds of several simulations: what they exchange, refuse, keep and restore."""
 
+import itertools
 import pickle
+import signal
 
 import numpy as np
 import pytest
@@ -68,7 +70,7 @@ def test_mobility_is_what_an_impulse_does(kind):
             bodies.slider(int(a), int(b), anchor, (1, 0, 0))
         else:
             getattr(bodies, kind)(int(a), int(b), anchor)
-        W = bodies._native.mobilities(bodies.rows([a, b, c]))[1]
+        W = bodies._native.mobilities(bodies.rows([b]))[0]
         bodies.apply_impulse(b, (0.2 * impulse, impulse, -0.5 * impulse))
         bodies.step()
         moved.append(np.r_[bodies.velocities[1], bodies.angular_velocities[1]])
@@ -91,7 +93,107 @@ def test_mobility_of_a_loop_that_says_things_twice():
     np.testing.assert_allclose(W, expected, atol=1e-7)
 
 
+def test_mobilities_of_bodies_that_are_pushed_together_are_at_least_theirs():
+    """Less the whole W, which impulses show in a short step, nothing negative is left."""
+
+    def chain():
+        bodies = substep.RigidBodies(step=1e-7, gravity=(0, 0, 0), sleeping=False)
+        links = bodies.add(substep.Box((0.3, 0.2, 0.1)), [(0.4 * k, 0, 0) for k in range(3)])
+        bodies.hinge(int(links[0]), int(links[1]), (0.2, 0, 0), (0, 0, 1))
+        bodies.fixed(int(links[1]), int(links[2]), (0.6, 0, 0))
+        return bodies, links
+
+    bodies, links = chain()
+    blocks = bodies._native.mobilities(bodies.rows(links))
+    W = np.zeros((18, 18))
+    for column in range(18):
+        bodies, links = chain()
+        body, unit = links[column // 6], np.eye(3)[column % 3]
+        if column % 6 < 3:
+            bodies.apply_impulse(body, unit)
+        else:
+            bodies.angular_momenta[column // 6] += unit
+        bodies.step()
+        W[:, column] = np.hstack([bodies.velocities, bodies.angular_velocities]).ravel()
+    own = np.concatenate([bodies._native.mobilities(bodies.rows([b])) for b in links])
+    lowest = []
+    for each in (blocks, own):
+        excess = -W / np.abs(W).max()
+        for k in range(3):
+            excess[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] += each[k] / np.abs(W).max()
+        lowest.append(np.linalg.eigvalsh(excess).min())
+    assert lowest[0] > -2e-3 and lowest[1] < -0.1
+
+
 # ---------------------------------------------------------------------------- exchange
+
+
+@pytest.mark.parametrize("mass", [1.0, 0.01, 0.001])
+def test_a_light_ball_that_hits_a_free_block_makes_no_energy(mass):
+    """Vertices weigh about 1 kg; the obstacle is where its body is."""
+    bodies = substep.RigidBodies(gravity=(0, 0, 0))
+    ball = bodies.add(substep.Sphere(0.2), (-0.25, 0.05, 0.1), mass=mass, velocities=(1, 0, 0.3))
+    mesh = substep.geometry.box_tetrahedra((0.4, 0.6, 0.6), (3, 5, 5))
+    obstacles = bodies.make_colliders(ball)
+    block = substep.SoftBody(
+        mesh.vertices + np.array([0.2, 0, 0]),
+        mesh.tetrahedra,
+        density=1000.0,
+        young_modulus=1e4,
+        poisson_ratio=0.3,
+        gravity=(0, 0, 0),
+        colliders=obstacles,
+    )
+    world = substep.World({"bodies": bodies, "block": block})
+    energy, apart = [world.diagnostics()["energy"]], []
+
+    def momentum():
+        return mass * bodies.velocities[0] + block.masses @ block.velocities
+
+    def look(_):
+        energy.append(world.diagnostics()["energy"])
+        apart.append(np.abs(obstacles[0].position - bodies.positions[0]).max())
+
+    before = momentum()
+    world.advance(0.5, look)
+    assert max(energy) <= energy[0] * (1 + 1e-9)
+    assert max(apart) < 1e-5
+    assert np.abs(block.velocities).max() > 1e-3 * mass
+    np.testing.assert_allclose(momentum(), before, atol=1e-12)
+
+
+@pytest.mark.parametrize("steps_per_second", [60, 240])
+def test_a_raft_of_planks_floats_as_one_of_the_same_shapes(steps_per_second):
+    heights = []
+    for joined in (True, False):
+        bodies = substep.RigidBodies(sleeping=False)
+        shapes = [substep.Box((0.2, 0.4, 0.2), (x, 0, 0)) for x in (-0.3, -0.1, 0.1, 0.3)]
+        if joined:
+            planks = [
+                bodies.add(
+                    substep.Box((0.2, 0.4, 0.2)), (0.5 + s.center[0], 0.3, 0.55), density=300
+                )
+                for s in shapes
+            ]
+            for a, b in itertools.pairwise(planks):
+                bodies.fixed(a, b, (bodies.positions[a] + bodies.positions[b]) / 2)
+        else:
+            planks = [bodies.add(shapes, (0.5, 0.3, 0.55), density=300)]
+        water = substep.GridLiquid(
+            substep.fill_box((0, 0, 0), (1, 0.6, 0.4), 0.05),
+            cell=0.1,
+            bounds=((0, 0, 0), (1, 0.6, 1)),
+            colliders=bodies.make_colliders(planks),
+        )
+        world = substep.World({"bodies": bodies, "water": water}, step=1 / steps_per_second)
+        energy, high = [world.diagnostics()["energy"]], []
+        for _ in range(6):
+            world.advance(0.1)
+            energy.append(world.diagnostics()["energy"])
+            high.append(bodies.positions[:, 2].mean())
+        assert max(energy) < energy[0] + 0.01 * abs(energy[0])
+        heights.append(high)
+    np.testing.assert_allclose(*heights, atol=0.01)
 
 
 def test_bodies_get_what_the_water_gives():
@@ -177,7 +279,7 @@ def test_members_at_different_times():
 
 def test_a_member_twice_and_in_two_worlds():
     bodies = substep.RigidBodies()
-    with pytest.raises(InputError, match=r"members\['b'\]: stands there twice"):
+    with pytest.raises(InputError, match=r"members\['b'\]: is given twice"):
         substep.World({"a": bodies, "b": bodies})
     world = substep.World({"a": bodies})
     with pytest.raises(InputError, match=r"members\['b'\]: is in another world"):
@@ -193,6 +295,7 @@ def test_a_member_twice_and_in_two_worlds():
         ([], TypeError, "simulations by name"),
         ({"a b": substep.RigidBodies()}, InputError, "letters, digits"),
         ({1: substep.RigidBodies()}, InputError, "letters, digits"),
+        ({"exchanged": substep.RigidBodies()}, InputError, "'exchanged' is a name in states"),
         ({"a": 3}, TypeError, r"members\['a'\]: expected a simulation, got"),
         ({"a": substep.RigidBodies(), "b": substep.RigidBodies()}, InputError, "one RigidBodies"),
     ],
@@ -225,7 +328,7 @@ def test_flows_take_kinematic_bodies_only():
     world = substep.World({"bodies": bodies, "air": flow})
     world.advance(0.2)
     assert flow.colliders[0].position[0] == pytest.approx(0.4)
-    assert flow.diagnostics()["kinetic_energy"] > 1
+    assert flow.diagnostics()["kinetic_energy"] > 0.01
     bodies = substep.RigidBodies()
     bodies.add(substep.Sphere(0.2), (0.3, 0.5, 0))
     flow = substep.GridFlow([(0, 0), (1, 1)], 1 / 16, colliders=bodies.make_colliders())
@@ -241,6 +344,87 @@ def test_a_body_that_was_removed():
     with pytest.raises(InputError, match="body 1, which an obstacle of 'water' stands for, has"):
         world.step()
     assert digest(world) == before
+
+
+def test_the_last_body_was_removed():
+    world = small_world()
+    world["bodies"].remove(world["bodies"].ids)
+    with pytest.raises(InputError, match="body 0, which an obstacle of 'water' stands for, has"):
+        world.step()
+
+
+def test_batches_are_no_members():
+    bodies = substep.RigidBodies()
+    with pytest.raises(TypeError, match=r"members\['batch'\]: expected a simulation, got"):
+        substep.World({"bodies": bodies, "batch": substep.RigidBatch(bodies, 2)})
+
+
+def test_a_member_keeps_its_threads_until_the_world_has_some():
+    a, b = (
+        substep.RigidBodies(threads=1),
+        substep.MassSpring([(0, 0, 0)], np.zeros((0, 2)), 1.0, 1.0, threads=2),
+    )
+    world = substep.World({"a": a, "b": b})
+    assert (a.threads, b.threads) == (1, 2)
+    world.threads = 3
+    assert (a.threads, b.threads) == (3, 3)
+
+
+def test_a_callback_that_restores_a_member_alone_is_noticed():
+    world = small_world()
+    world.advance(0.05)
+    state = world["water"].state()
+    with pytest.raises(InputError, match=r"'water' is at 0\.05 s, the world at"):
+        world.advance(0.05, lambda w: w["water"].restore(state))
+
+
+def test_members_without_their_world_have_no_bodies_and_may_go_into_another():
+    world = small_world()
+    world.advance(0.2)
+    water = world["water"].copy()
+    velocity = water.colliders[0].velocity
+    water.step(0.01)
+    assert np.array_equal(water.colliders[0].velocity, velocity)
+    twin = world.copy()
+    bodies, water = twin["bodies"], twin["water"]
+    del twin
+    again = substep.World({"bodies": bodies, "water": water})
+    again.advance(0.1)
+    assert np.abs(again.exchanged()["water"][1]).max() > 0.1
+
+
+def test_a_world_cannot_be_made_of_a_member_in_a_call():
+    spring = substep.MassSpring([(0, 0, 0)], np.zeros((0, 2)), 1.0, 1.0, step=0.01)
+    with pytest.raises(InputError, match="callback of advance"):
+        spring.advance(0.05, lambda one: substep.World({"spring": one}))
+
+
+def test_interrupts_leave_bodies_and_world_together():
+    """At moments all over an interval; the trial of the bodies is no exception."""
+    bodies = substep.RigidBodies(step=1 / 120)
+    bodies.add(substep.Sphere(0.15), (0.5, 0.5, 0.6))
+    spring = substep.MassSpring(
+        [(5.0, 0, 0)], np.zeros((0, 2)), 1.0, 1.0, step=0.01, colliders=bodies.make_colliders()
+    )
+    world = substep.World({"bodies": bodies, "spring": spring})
+    handler, interrupts = signal.signal(signal.SIGALRM, signal.default_int_handler), 0
+    try:
+        for k in range(150):
+            state, before = world.state(), digest(world)
+            try:
+                try:
+                    signal.setitimer(signal.ITIMER_REAL, 2e-5 * (1 + k % 50))
+                    world.step()
+                finally:
+                    signal.setitimer(signal.ITIMER_REAL, 0)
+            except KeyboardInterrupt:
+                interrupts += 1
+            if world.time == state["time"]:
+                assert digest(world) == before
+            world.restore(state)
+    finally:
+        signal.signal(signal.SIGALRM, handler)
+    assert interrupts > 20
 
 
 def test_members_that_were_stepped_alone():

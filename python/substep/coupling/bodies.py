@@ -1,12 +1,14 @@
 """Rigid bodies behind the obstacles of another simulation: how they yield, and what they are given.
 
 A body of mass m, moments I about its centre of mass and velocity V = (v, omega) answers an impulse
-J = (j, l) by V + W J, W = diag(1 / m, I^-1): its mobility, of which joints take what they hold. In
-an interval of exchange dt
+J = (j, l) by V + W J, W = diag(1 / m, I^-1): its mobility, of which joints take what they hold
+(rigid/solver/mobility.h). In an interval of exchange dt
 1. the bodies try the interval with the impulses J' of the last one, which gives V';
 2. the simulation advances with bodies that move by V + a t + W J, a dt = V' - V - W J', where J is
    what it pushes them by itself: what holds and carries them is in a, what it changes in W J;
-3. the bodies take the interval with J.
+3. the bodies take the interval with J; those that nothing but gravity and J moved then go where
+   their obstacles went: in that member's steps J was not even over the interval, and an obstacle
+   that is put back by h dV / 2 may be deep in what it met.
 Where J' = J that is the motion of the bodies under J, contacts and joints and all, whatever W is;
 where it is not, W is how it begins to differ. A body that nothing else touches moves by its
 mobility alone, so that the exchange is exact.
@@ -65,7 +67,7 @@ class Link:
         """Of the bodies, now."""
         known = bodies.ids
         rows = np.searchsorted(known, self.ids)
-        gone = (rows >= len(known)) | (known[np.minimum(rows, len(known) - 1)] != self.ids)
+        gone = ~np.isin(self.ids, known)
         if gone.any():
             body = int(self.ids[np.argmax(gone)])
             raise InputError(
@@ -88,6 +90,7 @@ class Link:
         q = multiply(q, self._q)
         back = q * (1.0, -1.0, -1.0, -1.0)
         centres = rotate(back, bodies.centers_of_mass[rows][of] - x)
+        self._placed = q, centres
         yields = np.isfinite(bodies.masses[rows])
         _core.place_bodies(
             self.colliders,
@@ -98,6 +101,30 @@ class Link:
             W[of].reshape(len(of), 36),
             accelerations[of],
         )
+
+    def strays(self, x: Array, velocities: Array, dt: float) -> Array:
+        """How much further than under constant forces they went since `place` [m], [rad]."""
+        first = np.unique(self.of, return_index=True)[1]  # an obstacle of each body
+        state = np.array([self.colliders[k].state for k in first])
+        q0, centres = self._placed[0][first], self._placed[1][first]
+        arm = rotate(state[:, 3:7], centres)
+        turn = multiply(state[:, 3:7], q0 * (1.0, -1.0, -1.0, -1.0))
+        turn *= np.where(turn[:, :1] < 0, -1.0, 1.0)
+        sine = np.linalg.norm(turn[:, 1:], axis=1, keepdims=True)
+        angle = 2 * np.arctan2(sine, turn[:, :1])
+        went = np.hstack(
+            [
+                state[:, :3] + arm - x,
+                turn[:, 1:] * np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0),
+            ]
+        )
+        end = np.hstack([state[:, 7:10] + np.cross(state[:, 10:13], arm), state[:, 10:13]])
+        return went - dt * (velocities + end) / 2
+
+    def release(self) -> None:
+        """Let the obstacles move as they are told: alone, a member has no bodies."""
+        for collider in self.colliders:
+            collider.set_body(-1, (0.0, 0.0, 0.0), (0.0,) * 36, (0.0,) * 6)
 
     def impulses(self) -> Array:
         """What the bodies were given since `place` [N s], [N m s], a row for each."""
@@ -111,3 +138,13 @@ def give(bodies: RigidBodies, rows: Ids, impulses: Array, dt: float) -> None:
     native: Any = bodies._native
     np.add.at(native.forces, rows, impulses[:, :3] / dt)
     np.add.at(native.torques, rows, impulses[:, 3:] / dt)
+
+
+def move(bodies: RigidBodies, shifts: Array) -> None:
+    """Put bodies elsewhere by rows of (shift of the centre of mass, turn)."""
+    rows = np.flatnonzero(shifts.any(axis=1))
+    half = shifts[rows, 3:] / 2
+    angle = np.linalg.norm(half, axis=1, keepdims=True)
+    turn = np.hstack([np.cos(angle), half * np.sinc(angle / np.pi)])
+    bodies.centers_of_mass[rows] += shifts[rows, :3]
+    bodies.principal_rotations[rows] = multiply(turn, bodies.principal_rotations[rows])

@@ -7,7 +7,7 @@ import re
 import weakref
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,10 @@ from numpy.typing import NDArray
 from ..base.checks import check_real, describe
 from ..base.schema import TIME, Entry, Number, Rows, check
 from ..base.simulation import Simulation
-from ..errors import InputError, SolverError
-from ..rigid import RigidBodies
+from ..errors import InputError, NonFiniteError, SolverError
+from ..rigid import RigidBatch, RigidBodies
 from ..rigid.colliders import BodyCollider
-from .bodies import Link, give, velocities_of
-
-if TYPE_CHECKING:
-    pass
+from .bodies import Link, give, move, velocities_of
 
 Array = NDArray[np.float64]
 
@@ -42,6 +39,7 @@ class _Clock:
 
     def __init__(self, members: Mapping[str, Simulation]) -> None:
         self._members = members
+        self._made = False
 
     @property
     def threads(self) -> int:
@@ -49,12 +47,14 @@ class _Clock:
 
     @threads.setter
     def threads(self, threads: int) -> None:
-        for member in self._members.values():
-            member.threads = threads or None
+        if self._made:
+            for member in self._members.values():
+                member.threads = threads or None
+        self._made = True  # members keep theirs until somebody sets that of the world
 
 
 class World(Simulation):
-    """Simulations of several kinds in one world: rigid bodies float, sink, plough and rest.
+    """Simulations of several kinds in one world, which push each other.
 
     Rigid bodies meet what has obstacles that stand for them: make those by
     `RigidBodies.make_colliders` and give them to the other simulation as its `colliders`. The world
@@ -68,19 +68,20 @@ class World(Simulation):
     Parameters
     ----------
     members : mapping of str to Simulation
-        The simulations by name, all at the same time; at most one `RigidBodies` among them. Names
+        The simulations by name, all with equal `time`; at most one `RigidBodies` among them. Names
         are letters, digits and '_'.
     step : float, optional
-        How long simulations advance on their own, by steps of their own, before bodies exchange
-        with them [s]; the step of the rigid bodies unless given.
+        Interval between exchanges [s]; the step of the rigid bodies unless given. Within it each
+        simulation takes steps of its own.
     threads : int, optional
-        Of all members; theirs unless given.
+        For all members; by default each keeps its own.
 
     Raises
     ------
     InputError
-        If members are at different times, or one stands there twice or in another world, or an
-        obstacle stands for a body of none, or for a dynamic one that its simulation cannot push.
+        If members are at different times, or one is given twice or is in another world, or an
+        obstacle stands for a body of a `RigidBodies` that is no member, or for a dynamic one that
+        its simulation cannot push.
 
     References
     ----------
@@ -135,8 +136,18 @@ class World(Simulation):
 
     def _take_in(self) -> None:
         for member in self._members.values():
+            with member._owner:
+                member._owner.begin("members")  # not from within a callback of its own
             self._owner.join(member._owner)
-            member.__dict__["_world"] = weakref.ref(self)
+        with self._owner:  # another thread may have taken one
+            for name, member in self._members.items():
+                _check_free(name, member)
+            for member in self._members.values():
+                member.__dict__["_world"] = weakref.ref(self)
+
+    def __repr__(self) -> str:
+        met = [f"{link.name} meets {len(link.ids)} bodies" for link in self._links]
+        return f"World({', '.join(self._members)}; {', '.join(met) or 'nothing meets bodies'})"
 
     @property
     def members(self) -> Mapping[str, Any]:
@@ -176,29 +187,40 @@ class World(Simulation):
 
     def _begin(self, method: str) -> None:
         super()._begin(method)
+        self._check_times()
+        for member in self._members.values():
+            member._begin_within()
+
+    def _check_times(self) -> None:
         for name, member in self._members.items():
             if member.time != self.time:
                 raise InputError(
                     f"members: {name!r} is at {member.time:g} s, the world at {self.time:g} s; "
                     "let the world alone step them"
                 )
-            member._begin_within()
 
     def _take_step(self, dt: float) -> None:
         """One interval of exchange; where a member fails, all are as they were."""
+        self._check_times()  # a callback may have restored one
         bodies = self._bodies if self._links else None
-        free = None if bodies is None else self._try(bodies, dt)
         before, end = self._kept(), self.time + dt
         try:
+            free = None if bodies is None else self._try(bodies, dt)
             if bodies is None or free is None:
                 for member in self._members.values():
                     self._advance(member, dt, end)
             else:
                 self._exchange(bodies, free, dt, end)
             self._native.time = end
-        except BaseException:
-            self._put_state(before)
+        except BaseException as error:
+            try:
+                self._put_state(before)
+            except NonFiniteError:  # rows as users wrote them into views: the first step refused
+                raise error from None
             raise
+        finally:
+            for link in self._links:
+                link.release()
 
     def _try(self, bodies: RigidBodies, dt: float) -> Array:
         """How the velocities of the bodies change in a step with the impulses of the last one.
@@ -222,12 +244,16 @@ class World(Simulation):
     def _exchange(self, bodies: RigidBodies, tried: Array, dt: float, end: float) -> None:
         """The algorithm of `bodies.py`, after its first line."""
         every = np.arange(len(bodies))
-        start, W = velocities_of(bodies, every), bodies._native.mobilities(every)
+        start, W = velocities_of(bodies, every), np.zeros((len(bodies), 6, 6))
         scale = dt / self._interval if self._interval > 0 else 0.0
         links = {link.name: k for k, link in enumerate(self._links)}
         rows = [link.rows(bodies) for link in self._links]
+        pushed = np.unique(np.concatenate(rows))
+        W[pushed] = bodies._native.mobilities(pushed)
         new = [scale * impulses for impulses in self._exchanged]
         more = np.zeros_like(tried)  # than in the trial
+        free = self._untouched(bodies, tried, rows, new, W, dt)
+        strays, x = np.zeros_like(tried), bodies.centers_of_mass.copy()
         for name, member in self._members.items():
             if member is bodies:
                 continue
@@ -241,10 +267,33 @@ class World(Simulation):
             self._advance(member, dt, end)
             new[k] = link.impulses()
             np.add.at(more, at, new[k] - last)
+            alone = free[at] & new[k].any(axis=1)
+            np.add.at(strays, at, alone[:, None] * link.strays(x[at], start[at], dt))
         self._move(bodies, rows, new, dt)
+        if strays.any():
+            move(bodies, strays)
         bodies._count(dt)
         bodies._native.time = end
         self._exchanged, self._interval = new, dt
+
+    def _untouched(
+        self,
+        bodies: RigidBodies,
+        tried: Array,
+        rows: list[Any],
+        impulses: list[Array],
+        W: Array,
+        dt: float,
+    ) -> NDArray[np.bool_]:
+        """Whether bodies were tried by nothing but gravity, forces and these impulses."""
+        given = dt * np.hstack([bodies.forces, bodies.torques])
+        for at, of_link in zip(rows, impulses, strict=True):
+            np.add.at(given, at, of_link)
+        fall = dt * np.asarray(bodies.gravity)
+        alone = np.einsum("kij,kj->ki", W, given)[:, :3] + fall
+        size = np.abs(alone).max(axis=1) + np.abs(fall).max() + 1e-9
+        free: NDArray[np.bool_] = np.abs(tried[:, :3] - alone).max(axis=1) <= 1e-9 * size
+        return free
 
     def _move(self, bodies: RigidBodies, rows: list[Any], impulses: list[Array], dt: float) -> None:
         """Steps of the bodies, equal ones no longer than theirs, with these impulses."""
@@ -400,6 +449,9 @@ class World(Simulation):
         made["_links"] = [Link(name, members[name], places) for name, places in made["_links"]]
         super().__setstate__((made, threads, state))
         self._take_in()
+        for link in self._links:
+            for k, *_ in link.places:
+                members[link.name].colliders[k].__dict__["_bodies"] = self._bodies
 
     def _make(self, state: Mapping[str, Any]) -> Any:
         return _Clock(self._members)
@@ -407,25 +459,33 @@ class World(Simulation):
 
 def _check_members(members: Any) -> dict[str, Simulation]:
     if not isinstance(members, Mapping):
-        raise TypeError(f"members: expected simulations by name, got {describe(members)}")
+        raise TypeError(
+            "members: expected simulations by name, such as {'bodies': bodies, 'water': water}, "
+            f"got {describe(members)}"
+        )
     if not members:
         raise InputError("members: expected at least one")
     given: dict[str, Simulation] = {}
     for name, member in members.items():
+        if name == "exchanged":
+            raise InputError("members: 'exchanged' is a name in states of the world")
         if not isinstance(name, str) or not name.isidentifier():
             raise InputError(f"members: expected names of letters, digits and '_', got {name!r}")
-        if not isinstance(member, Simulation) or isinstance(member, World):
+        if not isinstance(member, Simulation) or isinstance(member, (World, RigidBatch)):
             raise TypeError(f"members[{name!r}]: expected a simulation, got {describe(member)}")
         if any(member is other for other in given.values()):
-            raise InputError(f"members[{name!r}]: stands there twice")
-        other = member.__dict__.get("_world", lambda: None)()
-        if other is not None:
-            raise InputError(f"members[{name!r}]: is in another world")
+            raise InputError(f"members[{name!r}]: is given twice")
+        _check_free(name, member)
         given[name] = member
     rigid = [name for name, member in given.items() if isinstance(member, RigidBodies)]
     if len(rigid) > 1:
         raise InputError(f"members: expected one RigidBodies at most, got {', '.join(rigid)}")
     return given
+
+
+def _check_free(name: str, member: Simulation) -> None:
+    if member.__dict__.get("_world", lambda: None)() is not None:
+        raise InputError(f"members[{name!r}]: is in another world")
 
 
 def _find_link(name: str, members: Mapping[str, Simulation]) -> Link | None:

@@ -17,7 +17,7 @@ class BodyCollider(Collider):
     """An obstacle that stands for a shape of a rigid body; `RigidBodies.make_colliders` makes it.
 
     Give it to one simulation, and that together with the bodies to a `World`, which moves it with
-    its body and gives to the body what pushes it. Without a world it stands still.
+    its body and gives to the body what pushes it. Without a world it is an obstacle like others.
 
     Attributes
     ----------

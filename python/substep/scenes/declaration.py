@@ -211,7 +211,8 @@ def particle_parts(simulation: Any) -> dict[str, Part]:
     for name, member, columns in _blocks(simulation):
         units = {key: unit for key, (_, unit) in columns.items() if key != "position"}
         if "position" in columns:
-            parts[name or "particles"] = Part("particles", fields=units)
+            kind = "bodies" if "orientation" in units else "particles"
+            parts[name or "particles"] = Part(kind, fields=units)
         else:
             parts[name or "grid"] = Part("grid", units, bounds=member.bounds, cell=member.cell)
     return parts

@@ -1,6 +1,7 @@
 #include "substep/rigid/solver/mobility.h"
 
 #include <Eigen/Cholesky>
+#include <Eigen/SVD>
 #include <algorithm>
 #include <array>
 #include <map>
@@ -13,6 +14,13 @@ namespace substep::rigid {
 namespace {
 
 using Row6 = Eigen::Matrix<double, 1, 6>;
+using Tall = Eigen::Matrix<double, Eigen::Dynamic, 6>;
+
+// |C| = (C C^T)^1/2.
+Mat6 length(const Mat6& C) {
+  const Eigen::JacobiSVD<Mat6> svd(C, Eigen::ComputeFullU);
+  return svd.matrixU() * svd.singularValues().asDiagonal() * svd.matrixU().transpose();
+}
 
 Mat6 free_mobility(const Bodies& bodies, std::int64_t b) {
   Mat6 W = Mat6::Zero();
@@ -76,7 +84,7 @@ std::vector<std::int32_t> groups_of(const Bodies& bodies, std::span<const Joint>
 
 std::vector<Mat6> mobilities(const Bodies& bodies, std::span<const Joint> joints,
                              std::span<const std::int64_t> rows) {
-  constexpr std::size_t kMost = 300;    // equations
+  constexpr std::size_t kMost = 150;    // equations
   constexpr double kRedundant = 1e-12;  // of the diagonal, where loops say things twice
   std::vector<Mat6> found;
   for (const std::int64_t row : rows) found.push_back(free_mobility(bodies, row));
@@ -96,7 +104,7 @@ std::vector<Mat6> mobilities(const Bodies& bodies, std::span<const Joint> joints
     const auto n = static_cast<Eigen::Index>(held.size());
     if (held.empty() || held.size() > kMost) continue;
     // G M^-1, by the bodies that it concerns.
-    std::map<std::int32_t, Eigen::Matrix<double, Eigen::Dynamic, 6>> G;
+    std::map<std::int32_t, Tall> G;
     for (Eigen::Index i = 0; i < n; ++i) {
       const Equation& e = held[usize(i)];
       for (const auto& [b, gradient] : {std::pair{e.a, e.of_a}, std::pair{e.b, e.of_b}}) {
@@ -109,12 +117,22 @@ std::vector<Mat6> mobilities(const Bodies& bodies, std::span<const Joint> joints
     for (const auto& [b, g] : G) D += g * free_mobility(bodies, b) * g.transpose();
     D.diagonal() *= 1 + kRedundant;
     const Eigen::LDLT<Eigen::MatrixXd> factor(D);
-    for (const std::size_t k : asked[number]) {
+    const std::vector<std::size_t>& bodies_asked = asked[number];
+    std::vector<Mat6> R;
+    std::vector<Tall> H, X;
+    for (const std::size_t k : bodies_asked) {
+      R.push_back(found[k].llt().matrixL());
       const auto own = G.find(static_cast<std::int32_t>(rows[k]));
-      if (own == G.end()) continue;
-      const Eigen::MatrixXd held_by = own->second * found[k];
-      const Mat6 taken = held_by.transpose() * factor.solve(held_by);
-      found[k] -= 0.5 * (taken + taken.transpose());
+      H.push_back(own == G.end() ? Tall(Tall::Zero(n, 6)) : Tall(own->second * R.back()));
+      X.push_back(factor.solve(H.back()));
+    }
+    for (std::size_t a = 0; a < bodies_asked.size(); ++a) {
+      Mat6 S = Mat6::Identity() - H[a].transpose() * X[a];
+      for (std::size_t b = 0; b < bodies_asked.size(); ++b) {
+        if (b != a) S += length(H[a].transpose() * X[b]);
+      }
+      const Mat6 W = R[a] * S * R[a].transpose();
+      found[bodies_asked[a]] = 0.5 * (W + W.transpose());
     }
   }
   return found;

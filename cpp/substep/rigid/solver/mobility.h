@@ -2,9 +2,14 @@
 //
 // A free body has W_0 = diag(1 / m, I^-1). Joints hold: with the gradients G of the equations of
 // all joints of the bodies that hang together (joint_rows.h), and M^-1 the W_0 of all of them,
-//   W = M^-1 - M^-1 G^T (G M^-1 G^T)^-1 G M^-1,
-// of which each body gets its own block: what it does to the others, and contacts, are not in it.
-// Limits, motors and springs hold nothing here, rods do.
+//   W = M^-1 - M^-1 G^T (G M^-1 G^T)^-1 G M^-1.
+// Limits, motors and springs hold nothing here, rods do, and contacts are not in it.
+//
+// Whoever pushes several bodies and knows each by a block of its own must not take it for stiffer
+// than W: else what one push does to the others comes as a surprise, and grows. With W_0 = R R^T of
+// each body and W_kj = R_k S_kj R_j^T, the blocks R_k (S_kk + sum_j |S_kj|) R_k^T, over the bodies
+// j that are pushed as well, |C| = (C C^T)^1/2, are together at least W: for any x and y, 2 x.C y
+// <= x.|C| x + y.|C^T| y. A body that is pushed alone has its own block of W.
 #pragma once
 
 #include <cstdint>
@@ -18,8 +23,8 @@ namespace substep::rigid {
 
 using Mat6 = Eigen::Matrix<double, 6, 6>;
 
-// Of the bodies of `rows`, in their order; 0 unless dynamic. Bodies that more than 300 equations
-// hold together count as free.
+// Those blocks of the bodies of `rows`, which are pushed, in their order; 0 unless dynamic. Bodies
+// that more than 150 equations hold together count as free.
 std::vector<Mat6> mobilities(const Bodies& bodies, std::span<const Joint> joints,
                              std::span<const std::int64_t> rows);
 

@@ -48,9 +48,10 @@ class Crater(Coupled):
         lowest = bodies.positions[rows, 2] - self.radius_of_balls
         depths = 1e3 * (BED[2] - lowest)
         told = ", ".join(
-            f"{name} {depth:.0f} mm" for name, depth in zip(DENSITIES, depths, strict=True)
+            f"{name} {abs(depth):.0f} mm {'above' if depth < 0 else 'below'}"
+            for name, depth in zip(DENSITIES, depths, strict=True)
         )
-        return f"balls of {told} deep; {self['sand'].words()}"
+        return f"lowest points over the level at first: {told}; {self['sand'].words()}"
 
     @property
     def radius_of_balls(self) -> float:

@@ -100,9 +100,10 @@ class Hammock(Coupled):
         """Who lies in it, and how far it sags."""
         cloth, bodies = self["cloth"], self["bodies"]
         z = bodies.positions[bodies.motions == "dynamic", 2]
+        lowest = float(cloth.positions[:, 2].min())
         return (
-            f"{int((z > 0.3).sum())} of {len(z)} bodies lie in it, its lowest vertex "
-            f"{HEIGHT - cloth.positions[:, 2].min():.2f} m below its rim"
+            f"{int((z > lowest).sum())} of {len(z)} bodies are in it, its lowest vertex "
+            f"{HEIGHT - lowest:.2f} m below its rim"
         )
 
 
@@ -115,7 +116,7 @@ SCENE = Scene(
     doc="Balls and capsules fall into a cloth whose rim is held.",
     parameters={
         "duration": Parameter("time simulated", 4.0, unit="s", above=0),
-        "vertices": Parameter("along the cloth", 48, minimum=4, maximum=1000),
+        "vertices": Parameter("along the cloth", 48, minimum=8, maximum=1000),
         "bodies": Parameter("how many fall", 7, minimum=1, maximum=100),
         "heavy": Parameter("density of every other one", 700.0, unit="kg/m^3", above=0),
         "light": Parameter("density of the others", 60.0, unit="kg/m^3", above=0),

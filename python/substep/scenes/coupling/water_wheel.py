@@ -27,7 +27,8 @@ Array = NDArray[np.float64]
 
 TANK = (1.6, 0.4, 1.2)  # lengths of the box [m]
 AXLE, RADIUS, BREADTH = (0.8, 0.2, 0.6), 0.42, 0.24  # of the wheel [m]
-HUB, BLADES, THICK = 0.14, 8, 0.035  # its radius, how many blades, how thick they are [m]
+HUB, BLADES = 0.14, 8  # its radius, and how many blades it has
+THICK = 2  # of a blade [cells]: water leaks through thinner ones
 ACROSS = (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)  # turns the z axis along y
 
 
@@ -65,7 +66,7 @@ class WaterWheel(Coupled):
 
     def __init__(self, parameters: dict[str, Any]) -> None:
         bodies = Solids({**parameters, "friction": 0.3, "step": 1 / 120, "substeps": 8})
-        self.wheel = _add_wheel(bodies, parameters["mass"])
+        self.wheel = _add_wheel(bodies, parameters["mass"], THICK * TANK[0] / parameters["cells"])
         brake = SpeedMotor(0.0, parameters["brake"])
         self.axle = bodies.hinge(self.wheel, None, AXLE, (0, 1, 0), motor=brake)
         super().__init__({"wheel": bodies, "water": Stream(parameters, bodies)})
@@ -93,7 +94,7 @@ class WaterWheel(Coupled):
         return f"the wheel turns at {speed:.2f} rad/s, the water by {torque:.2f} N m"
 
 
-def _add_wheel(bodies: Solids, mass: float) -> int:
+def _add_wheel(bodies: Solids, mass: float, thick: float) -> int:
     """A hub with flat blades, about the y axis."""
     hub, deep = Cylinder(HUB, BREADTH), RADIUS - HUB + 0.02
     shapes: list[Solid] = [hub]
@@ -101,7 +102,7 @@ def _add_wheel(bodies: Solids, mass: float) -> int:
     for angle in 2 * np.pi * np.arange(BLADES) / BLADES:
         turn = (np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2))
         x = (RADIUS - deep / 2) * np.array([np.cos(angle), np.sin(angle), 0])
-        blade = Box((deep, THICK, BREADTH), x, turn)
+        blade = Box((deep, thick, BREADTH), x, turn)
         shapes.append(blade)
         meshes.append(shifted(Box(blade.lengths).mesh(), x, turn))
     wheel = int(bodies.add([Fixture(shape) for shape in shapes], AXLE, ACROSS, mass=mass))
@@ -151,13 +152,13 @@ SCENE = Scene(
     doc="A jet turns a water wheel, which a brake holds back.",
     parameters={
         "duration": Parameter("time simulated", 3.0, unit="s", above=0),
-        "cells": Parameter("along the box", 64, minimum=24, maximum=1000),
+        "cells": Parameter("along the box", 64, minimum=32, maximum=1000),
         "speed": Parameter("of the jet", 2.5, unit="m/s", above=0),
         "nozzle": Parameter("radius of the jet", 0.06, unit="m", above=0.01, maximum=0.15),
         "mass": Parameter("of the wheel", 12.0, unit="kg", above=0),
         "brake": Parameter("torque of the brake, at most", 8.0, unit="N m", minimum=0),
     },
-    quick={"duration": 0.1, "cells": 24},
+    quick={"duration": 0.1, "cells": 32},
     build=lambda parameters, seed: WaterWheel(parameters),
     parts=WaterWheel.parts,
     frame=WaterWheel.frame,
