@@ -3,3 +3,7 @@
 from .world import World
 
 __all__ = ["World"]
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -116,7 +116,7 @@ SCENE = Scene(
     doc="Balls and capsules fall into a cloth whose rim is held.",
     parameters={
         "duration": Parameter("time simulated", 4.0, unit="s", above=0),
-        "vertices": Parameter("along the cloth", 48, minimum=8, maximum=1000),
+        "vertices": Parameter("along the cloth", 40, minimum=8, maximum=1000),
         "bodies": Parameter("how many fall", 7, minimum=1, maximum=100),
         "heavy": Parameter("density of every other one", 700.0, unit="kg/m^3", above=0),
         "light": Parameter("density of the others", 60.0, unit="kg/m^3", above=0),

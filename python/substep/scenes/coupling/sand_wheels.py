@@ -94,7 +94,7 @@ SCENE = Scene(
         "duration": Parameter("time simulated", 3.0, unit="s", above=0),
         "speed": Parameter("at which the wheels are driven", 0.4, unit="m/s"),
         "torque": Parameter("of a wheel, at most", 4.0, unit="N m", minimum=0),
-        **sand_parameters(150_000),
+        **sand_parameters(100_000),
     },
     quick={"duration": 0.05, "particles": 2000},
     build=SandWheels,
