@@ -595,6 +595,7 @@ OWN_CALLS = {
     ),
     substep.SoftBody: (call("set_forces", values=_ONE, ids=[1]),),
     substep.Advection: (call("set_positions", values=[[0.25, 0.25]], ids=[1]),),
+    substep.World: (call("exchanged"),),
     substep.RigidBodies: (
         call(
             "add",
@@ -636,6 +637,7 @@ OWN_CALLS = {
         ),
         call("overlapping", shape=lambda owner: substep.Sphere(5.0), position=(0, 0, 0)),
         call("fixtures", body=1),
+        call("make_colliders", ids=[1]),
         call("body", name="trunk"),
         call("joint", name="knee"),
     ),
