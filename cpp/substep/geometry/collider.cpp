@@ -188,9 +188,7 @@ void Collider::advance(double dt) {
 }
 
 Vec6 Collider::body_velocity() const {
-  Vec6 v;
-  v << surface_velocity(centre()), angular_velocity;
-  return v;
+  return joined(surface_velocity(centre()), angular_velocity);
 }
 
 void Collider::set_body_velocity(const Vec6& v) {
@@ -199,9 +197,8 @@ void Collider::set_body_velocity(const Vec6& v) {
 }
 
 Vec6 Collider::body_impulse() const {
-  Vec6 j;
-  j << exchange_.impulse, exchange_.torque + (position_ - centre()).cross(exchange_.impulse);
-  return j;
+  const Vec3 arm = position_ - centre();
+  return joined(exchange_.impulse, exchange_.torque + arm.cross(exchange_.impulse));
 }
 
 std::array<double, Collider::kStateSize> Collider::state() const {

@@ -37,6 +37,15 @@ struct Exchange {
 using Vec6 = Eigen::Matrix<double, 6, 1>;
 using Mat6 = Eigen::Matrix<double, 6, 6>;
 
+inline Vec6 joined(const Vec3& first, const Vec3& second) {
+  Vec6 both;
+  both.head<3>() = first;
+  both.tail<3>() = second;
+  return both;
+}
+// Force and torque, or impulse and angular impulse, of what acts at `arm`.
+inline Vec6 wrench(const Vec3& arm, const Vec3& force) { return joined(force, arm.cross(force)); }
+
 // The body behind an obstacle that yields to what pushes it. In vectors of six the first three
 // belong to the centre of mass, the others to the turning about it, in the world: an impulse j
 // changes the velocity by mobility j. Colliders of one number are one body. Below 0 an obstacle

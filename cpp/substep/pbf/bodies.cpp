@@ -11,8 +11,7 @@ namespace {
 
 // The mobility of motion in the plane: along x and y, and about z.
 Mat6 in_plane(const Mat6& w) {
-  Vec6 kept;
-  kept << 1, 1, 0, 0, 0, 1;
+  const Vec6 kept = geometry::joined({1, 1, 0}, {0, 0, 1});
   return kept.asDiagonal() * w * kept.asDiagonal();
 }
 

@@ -25,6 +25,7 @@ namespace substep::pbf {
 
 using geometry::Mat6;
 using geometry::Vec6;
+using geometry::wrench;
 
 struct BodyRow {
   std::int32_t particle = 0, collider = 0;
@@ -112,12 +113,6 @@ class YieldingBodies {
   double m0_ = 1, h_ = 0;
   bool planar_ = false;
 };
-
-inline Vec6 wrench(const Vec3& arm, const Vec3& force) {
-  Vec6 result;
-  result << force, arm.cross(force);
-  return result;
-}
 
 template <class Real>
 Vec3 YieldingBodies<Real>::arm(const Contact& contact, const Body& body,

@@ -57,13 +57,6 @@ Eigen::Map<const Vec6> six(const Vec3* unknowns) {
   return Eigen::Map<const Vec6>(unknowns->data());
 }
 
-// G, r x G: what pushes a body that an element of gradient G touches at r.
-Vec6 wrench(const Vec3& arm, const Vec3& gradient) {
-  Vec6 w;
-  w << gradient, arm.cross(gradient);
-  return w;
-}
-
 }  // namespace
 
 bool Border::touched() const {
@@ -156,8 +149,8 @@ void Bodies::gradient(Positions x, const ContactElements& elements, std::span<Ve
     Vec6 barrier = Vec6::Zero(), friction = Vec6::Zero();
     each_element(body, [&](std::int64_t e, std::int64_t i) {
       const Vec3 &normal = elements.barrier[e], &sliding = elements.friction[e];
-      if (!normal.isZero(0.0)) barrier += wrench(x[i] - centre, normal);
-      if (!sliding.isZero(0.0)) friction += wrench(friction_.arm(e), sliding);
+      if (!normal.isZero(0.0)) barrier += geometry::wrench(x[i] - centre, normal);
+      if (!sliding.isZero(0.0)) friction += geometry::wrench(friction_.arm(e), sliding);
     });
     barrier.tail<3>() = body.jacobian.transpose() * barrier.tail<3>();
     const Vec6 sum =

@@ -52,8 +52,8 @@ Vec3 velocity_change(const geometry::Collider& collider, const Vec3& x, const Ve
     return push * n - brake * u;
   }
   Eigen::Matrix<double, 3, 6> to_point;
-  const Vec3 arm = x - collider.centre();
-  to_point << Mat3::Identity(), -cross_matrix(arm);
+  to_point.leftCols<3>().setIdentity();
+  to_point.rightCols<3>() = -cross_matrix(x - collider.centre());
   const Mat3 mobility =
       Mat3::Identity() + mass * to_point * collider.body.mobility * to_point.transpose();
   const double normal = push / n.dot(mobility * n);
@@ -69,9 +69,8 @@ Vec3 velocity_change(const geometry::Collider& collider, const Vec3& x, const Ve
 // The velocity of the body behind a collider, of all its colliders, after an impulse at x.
 void push_body(std::span<geometry::Collider> colliders, const geometry::Collider& pushed,
                const Vec3& x, const Vec3& impulse) {
-  geometry::Vec6 given;
-  given << impulse, (x - pushed.centre()).cross(impulse);
-  const geometry::Vec6 change = pushed.body.mobility * given;
+  const geometry::Vec6 change =
+      pushed.body.mobility * geometry::wrench(x - pushed.centre(), impulse);
   for (geometry::Collider& collider : colliders) {
     if (collider.body.number != pushed.body.number) continue;
     collider.set_body_velocity(collider.body_velocity() + change);

@@ -33,9 +33,7 @@ inline constexpr std::array<int, 6> kMotionPlaces<3> = {0, 1, 2, 3, 4, 5};
 // centre of mass.
 template <int D>
 auto motion_of(const Vec3& arm, int axis) {
-  geometry::Vec6 all;
-  const Vec3 e = Vec3::Unit(axis);
-  all << e, arm.cross(e);
+  const geometry::Vec6 all = geometry::wrench(arm, Vec3::Unit(axis));
   return all(kMotionPlaces<D>).eval();
 }
 

@@ -268,8 +268,7 @@ double ParticleBoundary<Real, D>::share(const Collider& collider, std::size_t c,
   if (!(squared > 0)) return 1;
   Vec3 arm = x - collider.centre();
   if constexpr (D == 2) arm[2] = 0;
-  geometry::Vec6 along;
-  along << jump, arm.cross(jump);
+  const geometry::Vec6 along = geometry::wrench(arm, jump);
   return 1 / (1 + masses_[c] * along.dot(collider.body.mobility * along) / squared);
 }
 

@@ -26,16 +26,14 @@ struct BodyContact<Real>::Pair {
 
   // Of both along the unit vector n.
   double mobility(const Vec3& n) const {
-    Vec6 pull;
-    pull << n, arm().cross(n);
+    const Vec6 pull = geometry::wrench(arm(), n);
     return 1 / mass + pull.dot(collider().body.mobility * pull);
   }
 
   // Moves the particle by d / mass, and the body by the impulse -d / h.
   void move(const Vec3& d) const {
     const Vec3 impulse = -d / h;
-    Vec6 given;
-    given << impulse, arm().cross(impulse);
+    const Vec6 given = geometry::wrench(arm(), impulse);
     contact.add_impulse(c, x, impulse);
     const Vec3 to = xyz(x) + d / mass;
     x.x = static_cast<Real>(to[0]), x.y = static_cast<Real>(to[1]), x.z = static_cast<Real>(to[2]);

@@ -55,8 +55,9 @@ void add_equations(const Bodies& bodies, const Joint& joint, std::vector<Equatio
       e.of_a.tail<3>() = axis.transpose();
       e.of_b.tail<3>() = -axis.transpose();
     } else {
-      e.of_a << axis.transpose(), first_lane(G.arm_a).cross(axis).transpose();
-      e.of_b << -axis.transpose(), -first_lane(G.arm_b).cross(axis).transpose();
+      e.of_a.head<3>() = axis.transpose(), e.of_b.head<3>() = -axis.transpose();
+      e.of_a.tail<3>() = first_lane(G.arm_a).cross(axis).transpose();
+      e.of_b.tail<3>() = -first_lane(G.arm_b).cross(axis).transpose();
     }
     equations.push_back(e);
   }
