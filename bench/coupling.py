@@ -3,9 +3,10 @@
 "fixed" is the time of the members on their own over an interval, one after the other, over the
 number of steps that the medium took: the medium with the bodies' obstacles at rest, and the bodies
 without it. "coupled" is that of the world, and "ratio" the one over the other; both start from the
-same state, and the least of six intervals counts, taken in turns. The cases: 12 bodies in a grid liquid, in a position-based fluid and on
-sand, a ball in a cloth; then 1 to 1000 balls in 200,000 particles. Prints JSON lines {workload,
-peer, metric, value, unit, threads, isa}. python bench/coupling.py [--quick]
+same state, and the least of six intervals counts, taken in turns. The cases: 12 bodies in a grid
+liquid, in a position-based fluid and on sand, a ball in a cloth; then 1 to 1000 balls in 200,000
+particles. Prints JSON lines {workload, peer, metric, value, unit, threads, isa}.
+python bench/coupling.py [--quick]
 """
 
 from __future__ import annotations

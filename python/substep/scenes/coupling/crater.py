@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...geometry import Sphere
-from ...view import Camera, Look, View
+from ...view import Camera, Look
 from ..declaration import Parameter, Scene
-from ..mpm.material_points import radius
 from ..rigid.rigid_bodies import Solids
 from .coupled import Coupled
-from .sand_bed import SandBed, sand_parameters
+from .sand_bed import SandBed, sand_parameters, sand_view
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -78,21 +77,10 @@ SCENE = Scene(
     frame=Coupled.frame,
     notes=Coupled.notes,
     summary=Crater.words,
-    picture=View(
+    picture=sand_view(
         Camera(-70.0, 34.0),
-        {
-            "bodies": Look(hidden=True),
-            "sand": Look(heap=True, radius=radius),
-            "wood": Look("#c98a4b"),
-            "stone": Look("#8d8f92"),
-            "steel": Look("#4a5058"),
-        },
-        color="dye",
-        palette="copper",
-        limits=(-0.8, 1.1),
-        bar=False,
-        box=_box,
-        ground=lambda recording: 0.0,
+        {"wood": Look("#c98a4b"), "stone": Look("#8d8f92"), "steel": Look("#4a5058")},
+        _box,
     ),
     frames=81,
 )

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ...geometry import Collider, Plane
 from ...mpm import Sand, sample_box
+from ...view import Camera, Look, View
 from ..declaration import Parameter
-from ..mpm.material_points import Points, mpm_parameters
+from ..mpm.material_points import Points, mpm_parameters, radius
 from ..rigid.rigid_bodies import Solids
+
+if TYPE_CHECKING:
+    from ...recording import Recording
 
 LAYERS = 5  # of dye in the bed
 
@@ -82,3 +86,34 @@ def sand_parameters(particles: int) -> dict[str, Parameter]:
         ),
         **mpm_parameters(0.6),
     }
+
+
+def sand_view(
+    camera: Camera, looks: Mapping[str, Look], box: Callable[[Recording], ArrayLike]
+) -> View:
+    """Dyed sand, and the surfaces of bodies.
+
+    Parameters
+    ----------
+    camera : Camera
+        Where from.
+    looks : mapping of str to Look
+        Of the surfaces, by part.
+    box : callable
+        Region shown.
+
+    Returns
+    -------
+    View
+        The picture.
+    """
+    return View(
+        camera,
+        {"bodies": Look(hidden=True), "sand": Look(heap=True, radius=radius), **looks},
+        color="dye",
+        palette="copper",
+        limits=(-0.8, 1.1),
+        bar=False,
+        box=box,
+        ground=lambda recording: 0.0,
+    )

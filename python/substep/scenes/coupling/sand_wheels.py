@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from ...geometry import Box, Cylinder
 from ...rigid import Fixture, SpeedMotor
-from ...view import Camera, Look, View
+from ...view import Camera, Look
 from ..declaration import Parameter, Scene
-from ..mpm.material_points import radius
 from ..rigid.rigid_bodies import Solid, Solids, Surfaces, joined, shifted
 from .coupled import Coupled
-from .sand_bed import SandBed, sand_parameters
+from .sand_bed import SandBed, sand_parameters, sand_view
 
 if TYPE_CHECKING:
     from ...recording import Recording
@@ -102,20 +101,10 @@ SCENE = Scene(
     frame=Coupled.frame,
     notes=Coupled.notes,
     summary=SandWheels.words,
-    picture=View(
+    picture=sand_view(
         Camera(-60.0, 28.0),
-        {
-            "bodies": Look(hidden=True),
-            "sand": Look(heap=True, radius=radius),
-            "cart": Look("#c8452d"),
-            "wheels": Look("#4a5058"),
-        },
-        color="dye",
-        palette="copper",
-        limits=(-0.8, 1.1),
-        bar=False,
-        box=_box,
-        ground=lambda recording: 0.0,
+        {"cart": Look("#c8452d"), "wheels": Look("#4a5058")},
+        _box,
     ),
     frames=151,
 )
