@@ -205,12 +205,14 @@ class World(Simulation):
         bodies = self._bodies if self._links else None
         before, end = self._kept(), self.time + dt
         try:
-            free = None if bodies is None else self._try(bodies, dt)
-            if bodies is None or free is None:
+            if bodies is None:
                 for member in self._members.values():
                     self._advance(member, dt, end)
             else:
-                self._exchange(bodies, free, dt, end)
+                rows = [link.rows(bodies) for link in self._links]
+                scale = dt / self._interval if self._interval > 0 else 0.0
+                last = [scale * impulses for impulses in self._exchanged]
+                self._exchange(bodies, rows, last, self._try(bodies, rows, last, dt), dt, end)
             self._native.time = end
         except BaseException as error:
             try:
@@ -222,35 +224,39 @@ class World(Simulation):
             for link in self._links:
                 link.release()
 
-    def _try(self, bodies: RigidBodies, dt: float) -> Array:
+    def _try(self, bodies: RigidBodies, rows: list[Any], last: list[Array], dt: float) -> Array:
         """How the velocities of the bodies change in a step with the impulses of the last one.
 
         The step is not taken.
         """
-        scale = dt / self._interval if self._interval > 0 else 0.0
         every, native = np.arange(len(bodies)), bodies._native
         start, forces, torques = velocities_of(bodies, every), native.forces, native.torques
-        rows = [link.rows(bodies) for link in self._links]
         own = forces.copy(), torques.copy()
         try:
             before = bodies._kept()
-            self._move(bodies, rows, [scale * impulses for impulses in self._exchanged], dt)
+            self._move(bodies, rows, last, dt)
             change = velocities_of(bodies, every) - start
             bodies._put_state(before)
         finally:
             native.forces[:], native.torques[:] = own
         return change
 
-    def _exchange(self, bodies: RigidBodies, tried: Array, dt: float, end: float) -> None:
+    def _exchange(
+        self,
+        bodies: RigidBodies,
+        rows: list[Any],
+        impulses: list[Array],
+        tried: Array,
+        dt: float,
+        end: float,
+    ) -> None:
         """The algorithm of `bodies.py`, after its first line."""
         every = np.arange(len(bodies))
         start, W = velocities_of(bodies, every), np.zeros((len(bodies), 6, 6))
-        scale = dt / self._interval if self._interval > 0 else 0.0
         links = {link.name: k for k, link in enumerate(self._links)}
-        rows = [link.rows(bodies) for link in self._links]
         pushed = np.unique(np.concatenate(rows))
         W[pushed] = bodies._native.mobilities(pushed)
-        new = [scale * impulses for impulses in self._exchanged]
+        new = list(impulses)
         more = np.zeros_like(tried)  # than in the trial
         free = self._untouched(bodies, tried, rows, new, W, dt)
         strays, x = np.zeros_like(tried), bodies.centers_of_mass.copy()

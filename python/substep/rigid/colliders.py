@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.quaternions import multiply, rotate
-from ..geometry import Collider, Plane, Shape
+from ..geometry import Collider, Plane
 
 Array = NDArray[np.float64]
 
@@ -33,17 +33,13 @@ class BodyCollider(Collider):
 
     def _place(self) -> tuple[Array, Array]:
         """Where the shape is in the frame of its body, and how it is turned there."""
-        return place_of(self.shape)
+        shape = self.shape
+        center = shape.point if isinstance(shape, Plane) else shape.center
+        return np.array(center), np.array(shape.rotation)
 
     def __getstate__(self) -> dict[str, Any]:
         """A copy belongs to no bodies: a world knows whose it is."""
         return {name: value for name, value in super().__getstate__().items() if name != "_bodies"}
-
-
-def place_of(shape: Shape) -> tuple[Array, Array]:
-    """Position and rotation of an obstacle of this shape, as it is made."""
-    center = shape.point if isinstance(shape, Plane) else shape.center
-    return np.array(center), np.array(shape.rotation)
 
 
 def colliders_of(bodies: Any, ids: ArrayLike | None) -> list[BodyCollider]:
