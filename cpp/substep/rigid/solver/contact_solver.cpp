@@ -449,7 +449,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
       rows_.accelerate(begin, end, h, slow, lost);
     });
     for (int sweep = 0; sweep < sweeps_of(strained); ++sweep) {
-      add_joints([&, sweep](JointGroup& group) {
+      add_joints([&, sweep](JointSolver::Group& group) {
         const int sweeps = sweeps_of(strained && group.whirls());
         if (sweep < sweeps) group.solve_velocities(rows_, sweep == 0, sweep + 1 == sweeps);
       });
@@ -465,8 +465,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
       add_each(slip_packets_, [&](std::int64_t k) { note_slips(k, contacts, fast); });
     phases.add_range(rows_.size(), kBodies,
                      [&](std::int64_t begin, std::int64_t end) { rows_.move(begin, end, h); });
-    add_joints([&](JointGroup& group) { group.move(rows_); });
-    add_joints([&](JointGroup& group) { group.solve_positions(rows_); });
+    add_joints([&](JointSolver::Group& group) { group.move(rows_); });
     if (!rolls) continue;
     add_each(rolling_packets_, [&](std::int64_t k) { note_separations(k, contacts); });
     phases.add_range(static_cast<std::int64_t>(turning_.size()), kBodies,
@@ -475,7 +474,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
                          rows_.turn(bodies, turning_[i], h, options.rotation);
                      });
   }
-  add_joints([&](JointGroup& group) { group.end_step(rows_); });
+  add_joints([&](JointSolver::Group& group) { group.end_step(rows_); });
   phases.run(threads);
   touch_ = nullptr;
 

@@ -17,8 +17,6 @@ namespace {
 // that ask for the same twice: there E is larger, and the motion leads to C = 0.
 constexpr double kLoops = 1e-8, kTrees = 1e-14, kOpenLoops = 1e-5;
 constexpr double kOpen = 1e-8;  // errors of a loop that was hit [m], [rad]
-// Most of h w where contacts press, and elsewhere.
-constexpr double kSwing = 0.5, kFreeSwing = 1.5;
 
 Mat3 conjugated(const Quaternion& q, const Vec3& D) {
   const Mat3 R = q.toRotationMatrix();

@@ -32,6 +32,9 @@ class JointGroup {
   JointGroup(std::vector<std::int32_t> numbers, std::span<const Joint> joints,
              const BodyRows& rows);
 
+  // Most of h w of what forces at joints swing, where contacts press, and elsewhere.
+  static constexpr double kSwing = 0.5, kFreeSwing = 1.5;
+
   // pressed: of bodies, kNear where a contact may press within the step, kPressed where one does.
   static constexpr std::uint8_t kNear = 1, kPressed = 2;
   void begin_step(std::span<const Joint> joints, std::span<const std::uint8_t> pressed,

@@ -35,7 +35,7 @@ void JointSolver::begin_step(const Bodies& bodies, std::span<const Joint> joints
       how = std::max(how, std::uint8_t{presses ? JointGroup::kPressed : JointGroup::kNear});
     }
   }
-  for (JointGroup& group : groups_) group.begin_step(joints, pressed_, bodies, settings, rows);
+  for (Group& group : groups_) group.begin_step(joints, pressed_, bodies, settings, rows);
 }
 
 // In the order of their first joints.
@@ -61,12 +61,12 @@ void JointSolver::find_groups(const Bodies& bodies, std::span<const Joint> joint
 }
 
 void JointSolver::mark_whirling(std::span<std::uint8_t> bodies) const {
-  for (const JointGroup& group : groups_)
+  for (const Group& group : groups_)
     if (group.whirls()) group.mark_bodies(bodies);
 }
 
 void JointSolver::store(Bodies& bodies, std::span<Joint> joints, double dt) const {
-  for (const JointGroup& group : groups_) group.store(bodies, joints, dt);
+  for (const Group& group : groups_) group.store(bodies, joints, dt);
 }
 
 }  // namespace substep::rigid

@@ -18,12 +18,15 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "substep/core/usize.h"
 #include "substep/rigid/solver/contact_constraint.h"
 #include "substep/rigid/solver/joint_group.h"
+#include "substep/rigid/solver/tree_group.h"
 
 namespace substep::rigid {
 
@@ -34,9 +37,59 @@ class JointSolver {
                   std::span<const ContactConstraint> contacts, const JointGroup::Settings& settings,
                   BodyRows& rows);
 
+  // Bodies that joints connect. In each step by TreeGroup where that serves, else by JointGroup.
+  class Group {
+   public:
+    Group(std::vector<std::int32_t> numbers, std::span<const Joint> joints, const BodyRows& rows)
+        : tree_(TreeGroup::make(numbers, joints, rows)),
+          general_(std::move(numbers), joints, rows) {}
+
+    void begin_step(std::span<const Joint> joints, std::span<const std::uint8_t> pressed,
+                    const Bodies& bodies, const JointGroup::Settings& settings, BodyRows& rows) {
+      by_tree_ = tree_ && tree_->begin_step(joints, pressed, bodies, settings, rows);
+      if (!by_tree_) general_.begin_step(joints, pressed, bodies, settings, rows);
+    }
+    void solve_velocities(BodyRows& rows, bool first, bool last) {
+      if (by_tree_) {
+        tree_->solve_velocities(rows, first, last);
+      } else {
+        general_.solve_velocities(rows, first, last);
+      }
+    }
+    void move(BodyRows& rows) {
+      if (by_tree_) {
+        tree_->move(rows);
+      } else {
+        general_.move(rows);
+        general_.solve_positions(rows);
+      }
+    }
+    void end_step(BodyRows& rows) {
+      if (by_tree_) {
+        tree_->end_step(rows);
+      } else {
+        general_.end_step(rows);
+      }
+    }
+    void store(Bodies& bodies, std::span<Joint> joints, double dt) const {
+      if (by_tree_) {
+        tree_->store(bodies, joints, dt);
+      } else {
+        general_.store(bodies, joints, dt);
+      }
+    }
+    bool whirls() const { return by_tree_ ? tree_->whirls() : general_.whirls(); }
+    void mark_bodies(std::span<std::uint8_t> bodies) const { general_.mark_bodies(bodies); }
+
+   private:
+    std::optional<TreeGroup> tree_;
+    JointGroup general_;
+    bool by_tree_ = false;
+  };
+
   // Share no body that impulses move.
   std::int64_t groups() const { return static_cast<std::int64_t>(groups_.size()); }
-  JointGroup& group(std::int64_t k) { return groups_[usize(k)]; }
+  Group& group(std::int64_t k) { return groups_[usize(k)]; }
 
   // Of each body, not 0 where its group whirls.
   void mark_whirling(std::span<std::uint8_t> bodies) const;
@@ -55,7 +108,7 @@ class JointSolver {
     bool operator==(const Key&) const = default;
   };
   std::vector<Key> keys_, found_;
-  std::vector<JointGroup> groups_;
+  std::vector<Group> groups_;
   std::vector<std::uint8_t> pressed_;
   std::vector<std::int32_t> label_;
 };

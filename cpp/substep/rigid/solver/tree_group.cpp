@@ -1,0 +1,545 @@
+#include "substep/rigid/solver/tree_group.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <utility>
+
+#include "substep/rigid/solver/joint_rows.h"
+
+namespace substep::rigid {
+namespace {
+
+using Kind = ArticulatedTree::Kind;
+
+void assign(Point<double>& p, const Quad3& v) { p.x = v[0], p.y = v[1], p.z = v[2]; }
+bool same(const Quad3& a, const Quad3& b) { return a[0] == b[0] && a[1] == b[1] && a[2] == b[2]; }
+
+bool serves(const Joint& joint) {
+  const bool kind = joint.type == JointType::kBall || joint.type == JointType::kHinge ||
+                    joint.type == JointType::kFixed;
+  return kind && joint_rows(joint) == joint_equations(joint.type);
+}
+
+}  // namespace
+
+std::optional<TreeGroup> TreeGroup::make(std::span<const std::int32_t> numbers,
+                                         std::span<const Joint> joints, const BodyRows& rows) {
+  struct Edge {
+    std::int32_t joint, a, b;  // bodies, -1: the world
+  };
+  std::vector<Edge> edges;
+  std::vector<std::int32_t> bodies;
+  for (const std::int32_t number : numbers) {
+    const Joint& joint = joints[usize(number)];
+    if (!serves(joint)) return {};
+    Edge edge{number, joint.a, joint.b};
+    for (std::int32_t* body : {&edge.a, &edge.b}) {
+      const std::int32_t row = rows.row(*body);
+      if (row != 0 && !rows.moves(row)) return {};  // is moved by hand
+      if (row == 0) *body = -1;
+      if (*body >= 0) bodies.push_back(*body);
+    }
+    edges.push_back(edge);
+  }
+  const auto joints_of = [&](std::int32_t body) {
+    return std::count(bodies.begin(), bodies.end(), body);
+  };
+  // From the world, or the body of most joints.
+  std::int32_t root = -1;
+  const auto grounded =
+      std::count_if(edges.begin(), edges.end(), [](const Edge& e) { return e.a < 0 || e.b < 0; });
+  if (grounded == 0)
+    root = *std::max_element(bodies.begin(), bodies.end(), [&](std::int32_t p, std::int32_t q) {
+      return std::pair(joints_of(p), -p) < std::pair(joints_of(q), -q);
+    });
+  if (grounded > 1) return {};
+
+  std::vector<Tree::Part> parts;
+  std::vector<Member> members;
+  const auto add = [&](Kind kind, std::int32_t parent, std::int32_t body, const Edge& edge) {
+    Tree::Part part;
+    part.kind = kind;
+    part.parent = parent;
+    parts.push_back(part);
+    Member member{};
+    member.body = body;
+    member.joint = edge.joint;
+    member.is_a = edge.joint < 0 || joints[usize(edge.joint)].a == body;
+    members.push_back(member);
+  };
+  if (grounded == 0) add(Kind::kFree, -1, root, {-1, -1, -1});
+  std::vector<std::uint8_t> used(edges.size(), 0);
+  for (std::int64_t parent = grounded == 0 ? 0 : -1;
+       parent < static_cast<std::int64_t>(members.size()); ++parent) {
+    const std::int32_t body = parent < 0 ? -1 : members[usize(parent)].body;
+    for (std::size_t e = 0; e < edges.size(); ++e) {
+      const Edge& edge = edges[e];
+      if (used[e] != 0 || (edge.a != body && edge.b != body)) continue;
+      used[e] = 1;
+      const std::int32_t child = edge.a == body ? edge.b : edge.a;
+      const auto known = [&](const Member& m) { return m.body == child; };
+      if (child < 0 || std::any_of(members.begin(), members.end(), known)) return {};  // a loop
+      const JointType type = joints[usize(edge.joint)].type;
+      add(type == JointType::kHinge  ? Kind::kHinge
+          : type == JointType::kBall ? Kind::kBall
+                                     : Kind::kFixed,
+          static_cast<std::int32_t>(parent), child, edge);
+    }
+  }
+  return TreeGroup(std::move(parts), std::move(members));
+}
+
+TreeGroup::TreeGroup(std::vector<Tree::Part> parts, std::vector<Member> members)
+    : tree_(std::move(parts)), members_(std::move(members)) {
+  const std::size_t n = members_.size();
+  begin_.resize(n), end_.resize(n), now_.resize(n), next_.resize(n);
+  momenta_.resize(n), found_.resize(n), wanted_.resize(n), given_.resize(n), aside_.resize(n),
+      arms_.resize(n), turns_.resize(n);
+  rates_.resize(n), last_rates_.resize(n), change_.resize(n), row_given_.resize(n);
+}
+
+// Frames of the joint of part k, in its parent's coordinates.
+void TreeGroup::set_joint(std::size_t k, const Joint& joint, const Bodies& bodies) {
+  Tree::Part& part = tree_.parts()[k];
+  Member& m = members_[k];
+  const Joint::Frame& own = m.is_a ? joint.in_a : joint.in_b;
+  Joint::Frame other = m.is_a ? joint.in_b : joint.in_a;
+  if (part.parent >= 0) {
+    other.anchor += vec(tree_.parts()[usize(part.parent)].centre);
+  } else if (const std::int32_t ground = m.is_a ? joint.b : joint.a; ground >= 0) {
+    other.anchor = bodies.pose(ground).to_world(other.anchor);
+    other.axes = bodies.rotation(ground) * other.axes;
+  }
+  part.anchor = quad(other.anchor);
+  part.centre = quad(Vec3(-own.anchor));
+  const Mat3 F = other.axes.toRotationMatrix(), inner = own.axes.toRotationMatrix().transpose();
+  if (part.kind == Kind::kFixed) {
+    part.turning[0] = QuadMatrix::of(F * inner);
+  } else {
+    Mat3 quarter;
+    quarter << 0, 0, 0, 0, 0, -1, 0, 1, 0;
+    const Vec3 along = Vec3::UnitX(), across(0, 1, 1);
+    part.turning = {QuadMatrix::of(F * along.asDiagonal() * inner),
+                    QuadMatrix::of(F * across.asDiagonal() * inner),
+                    QuadMatrix::of(F * quarter * inner)};
+  }
+  part.axis = quad(Vec3(F.col(0)));
+  m.coordinate = joint.coordinate;
+}
+
+// Those of the bodies. Returns whether the joints are closed there.
+bool TreeGroup::set_coordinates(const Bodies& bodies) {
+  const auto& parts = tree_.parts();
+  const auto rotation_of = [&](std::int32_t part) {
+    return part < 0
+               ? QuadMatrix::identity()
+               : QuadMatrix::of(bodies.rotation(members_[usize(part)].body).toRotationMatrix());
+  };
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    Tree::Coordinate& at = begin_[k];
+    at.q = bodies.rotation(members_[k].body);
+    at.x = quad(bodies.position(members_[k].body));
+    if (parts[k].kind != Kind::kHinge) continue;
+    const QuadMatrix R = rotation_of(static_cast<std::int32_t>(k));
+    const QuadMatrix relative = transpose(rotation_of(parts[k].parent)) * R;
+    const auto along = [&](const QuadMatrix& A) {
+      return dot(A[0], relative[0]) + dot(A[1], relative[1]) + dot(A[2], relative[2]);
+    };
+    const double c = along(parts[k].turning[1]), s = along(parts[k].turning[2]);
+    const double length = std::hypot(c, s);
+    at.cosine = c / length, at.sine = s / length;
+  }
+  tree_.place(begin_, now_);
+  const auto is_closed = [](const Quad3& error) { return dot(error, error) < kClosed * kClosed; };
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const QuadMatrix R = rotation_of(static_cast<std::int32_t>(k));
+    const Quad3 x = quad(bodies.position(members_[k].body));
+    if (!is_closed(now_[k].O + now_[k].c - x)) return false;
+    for (int i = 0; i < 3; ++i)
+      if (!is_closed(now_[k].R[i] - R[i])) return false;
+  }
+  return true;
+}
+
+bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::uint8_t> pressed,
+                           const Bodies& bodies, const JointGroup::Settings& settings,
+                           BodyRows& rows) {
+  h_ = settings.h;
+  smooth_ = std::none_of(members_.begin(), members_.end(), [&](const Member& m) {
+    return pressed[usize(m.body)] == JointGroup::kPressed;
+  });
+  if (settings.method != FreeRotation::kSplitting || !(h_ > kShortest)) return false;
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    Member& m = members_[k];
+    Tree::Part& part = tree_.parts()[k];
+    m.row = rows.row(m.body);
+    m.scale = rows.scale_of(m.row);
+    part.mass = bodies.mass[usize(m.body)];
+    const double* const I = &bodies.inertia[3 * usize(m.body)];
+    part.inertia = part.seen_inertia = Quad3{I[0], I[1], I[2], 1};
+    m.inverse_inertia = 1 / part.inertia;
+    m.slow = false;
+    m.impulse = {};
+    if (m.joint >= 0) {
+      set_joint(k, joints[usize(m.joint)], bodies);
+      m.impulse.linear = (m.is_a ? 1 : -1) * quad(Vec3(joints[usize(m.joint)].impulse.data()));
+    }
+    const Vec3 spin = rows.spin_of(m.row);
+    if (!(h_ * spin.norm() < kMostTurn)) return false;
+    rates_[k].angular = quad(spin);
+    rates_[k].linear = quad(rows.velocity_of(m.row));
+  }
+  if (!set_coordinates(bodies)) return false;
+  intervals_ = 0;
+  find_inertia(rows);
+  if (whirls_ && !smooth_) return false;
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    Member& m = members_[k];
+    const Tree::Part& part = tree_.parts()[k];
+    const Quad3 parent = part.parent < 0 ? Quad3{} : rates_[usize(part.parent)].angular;
+    rates_[k].angle = dot(now_[k].axis, rates_[k].angular - parent);
+    last_rates_[k] = rates_[k];
+    m.origin = quad(bodies.position(m.body));
+    m.root = QuadMatrix::of(rows.root_of(m.row));
+    const Vec3 root = vec(part.inertia).cwiseSqrt();
+    const QuadMatrix& R = now_[k].R;
+    m.unroot = QuadMatrix{R[0] * root[0], R[1] * root[1], R[2] * root[2]} * transpose(R);
+    m.seen_shift = m.seen_turn = m.velocity = m.spin = Quad3{};
+    m.sum = given_[k] = {};
+    momenta_[k].angular = quad(Vec3(&bodies.L[3 * usize(m.body)]));
+    row_given_[k] = {};
+    show_spin(k, rows);
+    m.seen_velocity = quad(rows.velocity[usize(m.row)].linear);
+    momenta_[k].linear = 1 / m.scale * m.seen_velocity;
+  }
+  if (smooth_) kick(-0.5 * h_, rows);
+  return true;
+}
+
+// The row's spin is that of the angular momentum.
+void TreeGroup::show_spin(std::size_t k, BodyRows& rows) {
+  Member& m = members_[k];
+  const QuadMatrix& R = now_[k].R;
+  m.seen_spin = m.unroot * (R * (m.inverse_inertia * transposed_product(R, momenta_[k].angular)));
+  assign(rows.velocity[usize(m.row)].angular, m.seen_spin);
+}
+
+// As JointGroup::find_inertia.
+void TreeGroup::find_inertia(BodyRows& rows) {
+  for (Arm& arm : arms_) arm = {};
+  const auto add = [&](std::size_t k, const Quad3& r, const Quad3& force) {
+    const double K = dot(r, transposed_product(now_[k].R, force)) / h_;
+    if (!(K > 0)) return;
+    arms_[k].stiffness += K * (quad(1, 1, 1) - r * r / dot(r, r));
+    arms_[k].arm += K * r;
+    arms_[k].sum += K;
+  };
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const Tree::Part& part = tree_.parts()[k];
+    const Quad3& force = members_[k].impulse.linear;
+    add(k, -part.centre, force);
+    if (part.parent < 0) continue;
+    const std::size_t parent = usize(part.parent);
+    add(parent, part.anchor - tree_.parts()[parent].centre, -force);
+  }
+  const double most = smooth_ ? JointGroup::kFreeSwing : JointGroup::kSwing;
+  whirls_ = false;
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const Tree::Part& part = tree_.parts()[k];
+    const Arm& arm = arms_[k];
+    Quad3 inertia = part.inertia;
+    if (arm.sum > 0) {
+      const Quad3 r = arm.arm / arm.sum;
+      const Quad3 least = h_ * h_ / (most * most) * arm.stiffness - part.mass * (dot(r, r) - r * r);
+      for (int i = 0; i < 3; ++i) inertia[i] = std::max(inertia[i], least[i]);
+      whirls_ = whirls_ || !same(inertia, part.inertia);
+    }
+    see_inertia(k, inertia, rows);
+  }
+}
+
+// Takes energy within a step, as JointGroup::see_inertia.
+void TreeGroup::see_inertia(std::size_t k, const Quad3& inertia, BodyRows& rows) {
+  Tree::Part& part = tree_.parts()[k];
+  if (same(inertia, part.seen_inertia)) return;
+  const Quad3 ratio = part.seen_inertia / inertia;
+  part.seen_inertia = inertia;
+  members_[k].slow = !same(inertia, part.inertia);
+  if (intervals_ == 0) return;
+  Quad3 kept = ratio;
+  for (int i = 0; i < 3; ++i) kept[i] = std::min({1., ratio[i], smooth_ ? 1. : 1 / ratio[i]});
+  const QuadMatrix& R = now_[k].R;
+  momenta_[k].angular = R * (kept * transposed_product(R, momenta_[k].angular));
+  const Quad3 before = members_[k].seen_spin;
+  show_spin(k, rows);
+  Point<double>& given = row_given_[k].angular;
+  assign(given, quad(given) + (members_[k].seen_spin - before));
+}
+
+// Of an impulse that changes the angular momentum so.
+Quad3 TreeGroup::moment(std::size_t k, const Quad3& change) const {
+  if (!members_[k].slow) return change;
+  const Tree::Part& part = tree_.parts()[k];
+  const QuadMatrix& R = now_[k].R;
+  return R * (part.seen_inertia / part.inertia * transposed_product(R, change));
+}
+
+// Forces alone, for a time that may be negative.
+void TreeGroup::kick(double time, BodyRows& rows) {
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const Member& m = members_[k];
+    const BodyRow& a = rows.acceleration[usize(m.row)];
+    Point<double>& v = rows.velocity[usize(m.row)].linear;
+    assign(v, quad(v) + time * quad(a.linear));
+    momenta_[k].angular += time * (m.unroot * quad(a.angular));
+    show_spin(k, rows);
+  }
+}
+
+// Returns whether others changed the velocities.
+bool TreeGroup::read_momenta(const BodyRows& rows) {
+  bool changed = false;
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    Member& m = members_[k];
+    const BodyRow& row = rows.velocity[usize(m.row)];
+    const Quad3 v = quad(row.linear), spin = quad(row.angular);
+    if (same(v, m.seen_velocity) && same(spin, m.seen_spin)) continue;
+    changed = true;
+    momenta_[k].linear = 1 / m.scale * v;
+    momenta_[k].angular += m.unroot * (spin - m.seen_spin);
+    m.seen_velocity = v;
+    m.seen_spin = spin;
+  }
+  return changed;
+}
+
+// Joints change the momenta to these.
+void TreeGroup::give(std::size_t k, const Tree::Momentum& momentum, BodyRows& rows) {
+  Member& m = members_[k];
+  given_[k].linear += momentum.linear - momenta_[k].linear;
+  given_[k].angular += moment(k, momentum.angular - momenta_[k].angular);
+  momenta_[k] = momentum;
+  BodyRow& row = rows.velocity[usize(m.row)];
+  const Quad3 velocity = m.seen_velocity, spin = m.seen_spin;
+  m.seen_velocity = m.velocity = m.scale * momentum.linear;
+  assign(row.linear, m.velocity);
+  show_spin(k, rows);
+  m.spin = m.seen_spin;
+  BodyRow& sum = row_given_[k];
+  assign(sum.linear, quad(sum.linear) + (m.velocity - velocity));
+  assign(sum.angular, quad(sum.angular) + (m.spin - spin));
+}
+
+void TreeGroup::begin_substep(BodyRows& rows) {
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    BodyRow& v = rows.velocity[usize(members_[k].row)];
+    assign(v.linear, quad(v.linear) - quad(row_given_[k].linear));
+    assign(v.angular, quad(v.angular) - quad(row_given_[k].angular));
+    row_given_[k] = {};
+  }
+  read_momenta(rows);
+  if (intervals_ > 0) find_inertia(rows);
+  tree_.factor(now_);
+  find_displacements(rows, 0);
+  if (follow(begin_)) {  // impacts
+    tree_.place(begin_, now_);
+    tree_.factor(now_);
+  }
+  // The rates of a smooth motion go on as they did; the first were those of the step's begin.
+  const double part = !smooth_ || intervals_ == 0 ? 0 : intervals_ == 1 ? 2 : 1;
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const Tree::Rate now = rates_[k], &last = last_rates_[k];
+    rates_[k].linear += part * (now.linear - last.linear);
+    rates_[k].angular += part * (now.angular - last.angular);
+    rates_[k].angle += part * (now.angle - last.angle);
+    last_rates_[k] = now;
+  }
+  end_ = begin_;
+  tree_.advance(rates_, h_, end_);
+}
+
+// Newton's method with the matrix of the begin. Returns whether it has found the motion.
+bool TreeGroup::solve(double tolerance) {
+  for (int i = 0; i < kIterations; ++i) {
+    tree_.place(end_, next_);
+    tree_.find_momenta(now_, next_, h_, found_);
+    for (std::size_t k = 0; k < members_.size(); ++k) {
+      wanted_[k].linear = momenta_[k].linear - found_[k].linear;
+      wanted_[k].angular = moment(k, momenta_[k].angular - found_[k].angular);
+    }
+    tree_.respond(now_, wanted_, change_);
+    double worst = 0;
+    for (std::size_t k = 0; k < members_.size(); ++k) {
+      const Tree::Rate& change = change_[k];
+      rates_[k].linear += change.linear;
+      rates_[k].angular += change.angular;
+      rates_[k].angle += change.angle;
+      worst =
+          std::max({worst, dot(change.linear, change.linear), dot(change.angular, change.angular)});
+    }
+    tree_.advance(change_, h_, end_);
+    if (h_ * h_ * worst < tolerance * tolerance) return true;
+  }
+  return false;
+}
+
+// The momenta as rates.
+void TreeGroup::project() {
+  for (std::size_t k = 0; k < members_.size(); ++k)
+    wanted_[k] = {momenta_[k].linear, moment(k, momenta_[k].angular)};
+  tree_.respond(now_, wanted_, change_);
+}
+
+// What contacts will still change need not be found to the end. What Newton's method leaves is
+// linear, and the momenta have it.
+void TreeGroup::solve_velocities(BodyRows& rows, bool first, bool last) {
+  if (first) {
+    begin_substep(rows);
+  } else if (!read_momenta(rows) && solved_) {
+    return;
+  }
+  solved_ = smooth_ || last;
+  if (!solve(solved_ ? kTolerance : kEnough)) {
+    // Too far for it: as the velocities lead, which takes energy and so is stable.
+    project();
+    rates_ = change_;
+    end_ = begin_;
+    tree_.advance(rates_, h_, end_);
+    for (Tree::Momentum& momentum : found_) momentum = {};
+  }
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const Tree::Momentum linear = tree_.momentum(k, now_[k], change_[k]);
+    give(k, {found_[k].linear + linear.linear, found_[k].angular + linear.angular}, rows);
+  }
+}
+
+// Of the rows, other than those seen, after h of the velocities that joints gave.
+void TreeGroup::find_displacements(const BodyRows& rows, double h) {
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const Member& m = members_[k];
+    const BodyRow& x = rows.displacement[usize(m.row)];
+    aside_[k] = {m.scale * (quad(x.linear) - m.seen_shift - h * m.velocity),
+                 m.root * (quad(x.angular) - m.seen_turn - h * m.spin)};
+  }
+}
+
+// Takes coordinates as near to the displacements of the bodies as joints allow, by their momenta.
+// Returns whether there are any.
+bool TreeGroup::follow(std::span<Tree::Coordinate> coordinates) {
+  bool any = false;
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const auto& [shift, turn] = aside_[k];
+    any = any || !same(shift, Quad3{}) || !same(turn, Quad3{});
+    wanted_[k] = tree_.momentum(k, now_[k], {shift - cross(turn, now_[k].c), turn});
+    wanted_[k].angular = moment(k, wanted_[k].angular);
+  }
+  if (!any) return false;
+  tree_.respond(now_, wanted_, change_);
+  tree_.advance(change_, 1, coordinates);
+  return true;
+}
+
+void TreeGroup::move(BodyRows& rows) {
+  if (smooth_) {
+    for (std::size_t k = 0; k < members_.size(); ++k) {
+      const Member& m = members_[k];
+      const BodyRow& v = rows.velocity[usize(m.row)];
+      aside_[k] = {h_ * m.scale * (quad(v.linear) - m.velocity),
+                   h_ * (m.root * (quad(v.angular) - m.spin))};
+    }
+  } else {
+    find_displacements(rows, h_);
+  }
+  read_momenta(rows);
+  if (follow(end_)) {
+    for (std::size_t k = 0; k < members_.size(); ++k) {
+      rates_[k].linear += change_[k].linear / h_;
+      rates_[k].angular += change_[k].angular / h_;
+      rates_[k].angle += change_[k].angle / h_;
+    }
+  }
+  tree_.place(end_, next_);
+  tree_.find_momenta(now_, next_, h_, found_, turns_);
+  sum_impulses(smooth_ && intervals_ == 0 ? 0.5 : 1);
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    Member& m = members_[k];
+    m.coordinate += (m.is_a ? h_ : -h_) * rates_[k].angle;
+    m.seen_shift = 1 / m.scale * (next_[k].O + next_[k].c - m.origin);
+    m.seen_turn += m.unroot * turns_[k];
+    BodyRow& x = rows.displacement[usize(m.row)];
+    assign(x.linear, m.seen_shift);
+    assign(x.angular, m.seen_turn);
+  }
+  now_.swap(next_);
+  begin_ = end_;
+  for (std::size_t k = 0; k < members_.size(); ++k) show_spin(k, rows);
+  ++intervals_;
+}
+
+// From the ends to the root: a joint holds all that hangs from it.
+void TreeGroup::sum_impulses(double weight) {
+  for (std::size_t k = members_.size(); k-- > 0;) {
+    Member& m = members_[k];
+    Tree::Momentum& own = given_[k];
+    own.angular += cross(now_[k].c, own.linear);
+    m.sum.linear += own.linear;
+    m.sum.angular += own.angular;
+    m.impulse = {1 / weight * own.linear, 1 / weight * own.angular};
+    if (const std::int32_t parent = tree_.parts()[k].parent; parent >= 0) {
+      // About the parent's centre, for now.
+      Tree::Momentum& to = given_[usize(parent)];
+      to.linear += own.linear;
+      to.angular += own.angular + cross(now_[k].d - now_[usize(parent)].c, own.linear);
+    }
+    own = {};
+  }
+}
+
+void TreeGroup::end_step(BodyRows& rows) {
+  if (!smooth_) return;
+  read_momenta(rows);
+  kick(0.5 * h_, rows);
+  read_momenta(rows);
+  tree_.factor(now_);
+  project();
+  for (std::size_t k = 0; k < members_.size(); ++k)
+    give(k, tree_.momentum(k, now_[k], change_[k]), rows);
+  const std::vector<Member> members = members_;
+  sum_impulses(1);
+  for (std::size_t k = 0; k < members_.size(); ++k) members_[k].impulse = members[k].impulse;
+}
+
+void TreeGroup::store(Bodies& bodies, std::span<Joint> joints, double dt) const {
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const Member& m = members_[k];
+    store_quaternion(Quaternion(now_[k].R.dense()).normalized(), &bodies.q[4 * usize(m.body)]);
+    Vec3::Map(&bodies.L[3 * usize(m.body)]) = vec(momenta_[k].angular);
+  }
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const Member& m = members_[k];
+    if (m.joint < 0) continue;
+    Joint& joint = joints[usize(m.joint)];
+    const double sign = m.is_a ? 1 : -1;
+    joint.force = sign / dt * vec(m.sum.linear);
+    joint.torque = sign / dt * vec(m.sum.angular);
+    joint.effort = joint.length_error = joint.angle_error = 0;
+    joint.impulse.fill(0);
+    Vec3::Map(joint.impulse.data()) = sign * vec(m.impulse.linear);
+    const Quaternion axes =
+        (joint.b < 0 ? Quaternion::Identity() : bodies.rotation(joint.b)) * joint.in_b.axes;
+    const Vec3 torque = axes.conjugate() * Vec3(sign * vec(m.impulse.angular));
+    if (joint.type == JointType::kHinge) {
+      joint.impulse[3] = torque[1], joint.impulse[4] = torque[2];
+      const double angle = sign * std::atan2(begin_[k].sine, begin_[k].cosine);
+      constexpr double kTurn = 2 * std::numbers::pi;
+      joint.coordinate = angle + kTurn * std::round((m.coordinate - angle) / kTurn);
+    } else if (joint.type == JointType::kFixed) {
+      Vec3::Map(&joint.impulse[3]) = torque;
+    } else {
+      joint.coordinate = joint_coordinate(joint, bodies);
+    }
+  }
+}
+
+}  // namespace substep::rigid
