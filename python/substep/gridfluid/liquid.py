@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -26,7 +26,7 @@ from ..base.schema import MOST, OWN, TIME, Entry, Number, Rows
 from ..base.simulation import StepReport, momenta, with_energy
 from ..errors import InputError
 from ..geometry import Collider, Shape
-from ..geometry.colliders import check_colliders
+from ..geometry.colliders import check_colliders, collider_states, restore_colliders
 from ..particles.emitters import Emitter, Sink
 from ..particles.state import Particles
 from .box import check_cells_fit, check_open_sides, interpolate, time_of_way
@@ -548,6 +548,16 @@ class GridLiquid(Particles):
             " deep_velocity seeded missing layers absorbed"
         )
         self._native.restore(*(state[name] for name in names.split()))
+
+    def _way_back(self) -> Callable[[], None]:
+        colliders = collider_states(self.colliders)
+        self._native.keep()
+
+        def go_back() -> None:
+            self._native.rewind()
+            restore_colliders(self.colliders, colliders)
+
+        return go_back
 
     def _write(self, name: str, values: Array, rows: NDArray[np.int64]) -> None:
         if name == "forces" and self.narrow_band is not None:
