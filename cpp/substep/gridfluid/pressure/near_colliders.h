@@ -6,12 +6,21 @@
 #include <cstdint>
 #include <limits>
 #include <span>
+#include <variant>
 #include <vector>
 
 #include "substep/geometry/collider.h"
 #include "substep/gridfluid/grid/layout.h"
 
 namespace substep::gridfluid {
+
+// The value of its signed_distance() alone, which takes half the time.
+inline double signed_distance_of(const geometry::Collider& collider, const geometry::Vec3& x) {
+  const geometry::Vec3 local = collider.rotation().transpose() * (x - collider.position());
+  if (const auto* const ball = std::get_if<geometry::Sphere>(&collider.shape()))
+    return (collider.hollow() ? -1 : 1) * (local.norm() - ball->radius);
+  return collider.local_distance(local).value;
+}
 
 // A collider, and its signed distance from a point [m].
 struct NearCollider {
@@ -92,7 +101,7 @@ class NearestColliders {
     double most = std::numeric_limits<double>::infinity();
     for (const auto& [distance, collider] : around.all) {
       if (distance - moved > most) return;
-      most = use(NearCollider{colliders_[collider].signed_distance(x).value, collider});
+      most = use(NearCollider{signed_distance_of(colliders_[collider], x), collider});
     }
   }
 

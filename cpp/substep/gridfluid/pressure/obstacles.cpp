@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
-#include <numeric>
 #include <utility>
 
 #include "substep/core/parallel.h"
@@ -30,7 +30,7 @@ Obstacles<Real, D>::Obstacles(const Layout<D>& layout, const Vec3& low_, double 
       low(low_),
       dx(dx_),
       layout_(layout),
-      blocks_(layout, kBlock) {}
+      small_(layout, kSmall) {}
 
 template <class Real, int D>
 void Obstacles<Real, D>::find_distance(int threads) {
@@ -121,7 +121,7 @@ Real Obstacles<Real, D>::distance_at(const NearColliders& near,
 // Those that may be nearest to what is beside a node, its cell and the faces of that among it.
 template <class Real, int D>
 const NearColliders& Obstacles<Real, D>::near_block(const std::array<int, D>& node) const {
-  const NearColliders& near = of_block_[usize(blocks_.of(node))];
+  const NearColliders& near = of_small_[usize(small_.of(node))];
   return near.all.empty() ? all_ : near;
 }
 
@@ -134,42 +134,55 @@ NearColliders Obstacles<Real, D>::near_cells(const NearColliders& around, const 
   return find_nearest().nearby(around, world(middle), std::sqrt(D) * (blocks.size + 1) / 2 * dx);
 }
 
-// In blocks of nodes: where the middle is far from all surfaces, all of a block is.
+// In blocks of nodes: where the middle is far from all surfaces, all of a block is. Those that may
+// be nearest are found for wide blocks, of these for blocks, and so on.
 template <class Real, int D>
 void Obstacles<Real, D>::find_distances(int threads) {
   if (distance_.size() == 0) assign(distance_, layout_.size, Real(0));
   lipschitz_ = 1;
   for (const Collider& c : colliders) lipschitz_ = std::max(lipschitz_, c.lipschitz());
-  const double radius = std::sqrt(D) * (kBlock - 1) / 2 * lipschitz_;
   all_.all.clear();
   for (std::size_t c = 0; c < colliders.size(); ++c)
     all_.all.push_back({-std::numeric_limits<double>::infinity(), c});
-  const Blocks<D> wide(layout_, kWide * kBlock);
+  const Blocks<D> wide(layout_, kWide), blocks(layout_, kBlock);
   std::vector<NearColliders> of_wide(usize(wide.count()));
   for_numbers(
       wide.count(), threads,
       [&](std::size_t b) { of_wide[b] = near_cells(all_, wide, static_cast<std::int64_t>(b)); }, 1);
-  of_block_.resize(usize(blocks_.count()));
+  of_small_.resize(usize(small_.count()));
   for_numbers(
-      blocks_.count(), threads,
+      blocks.count(), threads,
       [&](std::size_t b) {
-        const std::array<int, D> from = blocks_.first(static_cast<std::int64_t>(b));
-        std::array<int, D> to, node = from;
-        for (std::size_t a = 0; a < D; ++a)
-          to[a] = std::min(from[a] + kBlock, layout_.cells[a] + 1);
-        NearColliders near =
-            near_cells(of_wide[usize(wide.of(from))], blocks_, static_cast<std::int64_t>(b));
-        const double there = near.all[0].distance / dx;
-        const bool far = std::abs(there) > radius + kBand;
-        do {
-          std::array<double, D> x;
-          std::copy(node.begin(), node.end(), x.begin());
-          distance_[usize(layout_.index(node))] = far ? Real(there) : distance_at(near, x);
-        } while (next_in_block(node, from, to));
-        if (far) near.all.clear();
-        of_block_[b] = std::move(near);
+        const auto block = static_cast<std::int64_t>(b);
+        const std::array<int, D> first = blocks.first(block);
+        find_distances_in(first, near_cells(of_wide[usize(wide.of(first))], blocks, block));
       },
       32);
+}
+
+template <class Real, int D>
+void Obstacles<Real, D>::find_distances_in(const std::array<int, D>& first,
+                                           const NearColliders& around) {
+  const double there = around.all[0].distance / dx;
+  const bool far = std::abs(there) > std::sqrt(D) * (kBlock - 1) / 2 * lipschitz_ + kBand;
+  std::array<int, D> end, from, to, node;
+  for (std::size_t a = 0; a < D; ++a) end[a] = std::min(first[a] + kBlock, layout_.cells[a] + 1);
+  for (std::size_t part = 0; part < 1 << D; ++part) {
+    for (std::size_t a = 0; a < D; ++a) {
+      from[a] = first[a] + (part >> a & 1) * kSmall;
+      to[a] = std::min(from[a] + kSmall, end[a]);
+    }
+    if (!std::equal(from.begin(), from.end(), end.begin(), std::less())) continue;
+    const std::int64_t block = small_.of(from);
+    NearColliders& near = of_small_[usize(block)];
+    near = far ? NearColliders() : near_cells(around, small_, block);
+    node = from;
+    do {
+      std::array<double, D> x;
+      std::copy(node.begin(), node.end(), x.begin());
+      distance_[usize(layout_.index(node))] = far ? Real(there) : distance_at(near, x);
+    } while (next_in_block(node, from, to));
+  }
 }
 
 template <class Real, int D>

@@ -78,8 +78,7 @@ class Obstacles {
   static std::span<const Real> of(const Fields& fields, int axis) {
     return {fields[usize(axis)].data(), fields[usize(axis)].size()};
   }
-  static constexpr int kBlock = 4;  // nodes along an axis
-  static constexpr int kWide = 4;   // blocks along an axis, of which the nearest are found first
+  static constexpr int kWide = 16, kBlock = 4, kSmall = 2;  // nodes of blocks along an axis
   Vec3 world(const std::array<double, D>& x) const;
   const NearColliders& near_block(const std::array<int, D>& node) const;
   NearColliders near_cells(const NearColliders& around, const Blocks<D>& blocks,
@@ -88,6 +87,7 @@ class Obstacles {
   std::size_t nearest_of(const NearColliders& near, const Vec3& x) const;
   Real distance_at(const NearColliders& near, const std::array<double, D>& x) const;
   void find_distances(int threads);
+  void find_distances_in(const std::array<int, D>& first, const NearColliders& around);
   void find_open(int threads);
   void find_faces_near(int threads);
   void refine_open(int threads);
@@ -100,10 +100,11 @@ class Obstacles {
   std::vector<std::array<double, geometry::Collider::kStateSize>> states_;  // that it was found for
   std::vector<bool> yield_;                                                 // which of them
   AlignedBuffer<Real> distance_, room_;
-  Blocks<D> blocks_;
+  Blocks<D> small_;
   double lipschitz_ = 1;  // of all signed distances
   NearColliders all_;
-  std::vector<NearColliders> of_block_;  // around what is in a block near a surface, else none
+  std::vector<NearColliders>
+      of_small_;  // around what is in a small block near a surface, else none
   Fields open_, velocity_;
   std::array<std::vector<Face>, D> near_;
 };
