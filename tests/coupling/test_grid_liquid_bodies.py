@@ -205,6 +205,24 @@ def test_obstacles_are_found_as_from_scratch():
         assert liquid.positions.tobytes() == twin.positions.tobytes()
 
 
+def test_the_nearest_of_many_obstacles_is_asked_in_any_order():
+    """Distances, velocities and faces of many are those of the nearest, wherever it is listed."""
+    liquid = balls_in_a_tank(0.3)
+    liquid.step(0.01)
+    found = []
+    for order in (1, -1):
+        balls = [ball.copy() for ball in liquid.colliders[::order]]
+        for ball in balls:
+            ball._native.set_body(-1, [0.0] * 3, [0.0] * 36, [0.0] * 6)
+            ball.velocity = np.sin(9 * ball.position)
+        one = substep.GridLiquid(
+            liquid.positions, cell=liquid.cell, bounds=liquid.bounds, colliders=balls
+        )
+        one.step(0.01)
+        found.append(one.positions.tobytes())
+    assert found[0] == found[1]
+
+
 def test_a_step_that_fails_leaves_the_body_alone():
     liquid, ball = tank("sphere", 0.1, 1.0, 6, tolerance=1e-6, max_iterations=1)
     before = ball._native.state, ball._native.received, liquid.positions.tobytes()

@@ -448,7 +448,7 @@ class GridLiquid(Particles):
         """
         pull = float(np.linalg.norm(self._gravity))
         speed = max([self._native.fastest, *(emitter.speed for emitter in self.emitters)])
-        speed = max([speed, *(self._speed_of(collider) for collider in self.colliders)])
+        speed = max([speed, *(self._speed_of(collider) for collider in self._fastest())])
         # The root of v dt + g dt^2 = cfl dx.
         limit = time_of_way(self.cfl * self.cell, speed, 2 * pull)
         if self.surface_tension > 0:
@@ -460,6 +460,17 @@ class GridLiquid(Particles):
         if limit >= _LARGEST_STEP:
             return _LARGEST_STEP, "nothing moves fast enough to need a shorter one"
         return limit, f"CFL {self.cfl:g} at a speed of {speed:.4g} m/s and a pull of {pull:.4g}"
+
+    def _fastest(self) -> list[Collider]:
+        """The colliders among which, but for rounding, the one of the largest speed is."""
+        if not self.colliders:
+            return []
+        states = collider_states(self.colliders)
+        far = np.abs(self.bounds - states[:, None, : self._dimension]).max(axis=1)
+        speed, turn = (np.linalg.norm(states[:, k : k + 3], axis=1) for k in (7, 10))
+        speed += turn * np.linalg.norm(far, axis=1)
+        most = (speed > 0) & (speed >= (1 - 1e-9) * speed.max())
+        return [self.colliders[k] for k in np.flatnonzero(most)]
 
     def _speed_of(self, collider: Collider) -> float:
         """The largest speed that a collider can have in the box [m/s]."""

@@ -83,7 +83,7 @@ class NearestColliders {
     NearColliders found{x, {}};
     double most = std::numeric_limits<double>::infinity();
     for_near(around, x, [&](const NearCollider& next) {
-      most = std::min(most, next.distance + 2 * lipschitz_ * reach);
+      most = std::min(most, next.distance + kRounding * 2 * lipschitz_ * reach);
       found.all.push_back(next);
       return most;
     });
@@ -93,10 +93,11 @@ class NearestColliders {
   }
 
  private:
+  static constexpr double kRounding = 1.01;  // and more
+
   // use(collider) with the distance from x, for all that are not further than it returns.
   template <class Use>
   void for_near(const NearColliders& around, const geometry::Vec3& x, const Use& use) const {
-    constexpr double kRounding = 1.01;  // and more
     const double moved = kRounding * lipschitz_ * (x - around.point).norm();
     double most = std::numeric_limits<double>::infinity();
     for (const auto& [distance, collider] : around.all) {

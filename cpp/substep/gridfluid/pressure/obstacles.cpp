@@ -130,8 +130,8 @@ template <class Real, int D>
 NearColliders Obstacles<Real, D>::near_cells(const NearColliders& around, const Blocks<D>& blocks,
                                              std::int64_t block) const {
   std::array<double, D> middle;
-  for (std::size_t a = 0; a < D; ++a) middle[a] = blocks.first(block)[a] + (blocks.size - 1) / 2.0;
-  return find_nearest().nearby(around, world(middle), std::sqrt(D) * (blocks.size + 1) / 2 * dx);
+  for (std::size_t a = 0; a < D; ++a) middle[a] = blocks.first(block)[a] + blocks.size / 2.0;
+  return find_nearest().nearby(around, world(middle), std::sqrt(D) * blocks.size / 2 * dx);
 }
 
 // In blocks of nodes: where the middle is far from all surfaces, all of a block is. Those that may
@@ -163,7 +163,9 @@ void Obstacles<Real, D>::find_distances(int threads) {
 template <class Real, int D>
 void Obstacles<Real, D>::find_distances_in(const std::array<int, D>& first,
                                            const NearColliders& around) {
-  const double there = around.all[0].distance / dx;
+  std::array<double, D> middle;
+  for (std::size_t a = 0; a < D; ++a) middle[a] = first[a] + (kBlock - 1) / 2.0;
+  const double there = find_nearest().nearest(around, world(middle)).distance / dx;
   const bool far = std::abs(there) > std::sqrt(D) * (kBlock - 1) / 2 * lipschitz_ + kBand;
   std::array<int, D> end, from, to, node;
   for (std::size_t a = 0; a < D; ++a) end[a] = std::min(first[a] + kBlock, layout_.cells[a] + 1);
