@@ -79,8 +79,10 @@ class NearestColliders {
     return found;
   }
   // Those of `around` that may be nearest to what is not further from x than `reach`.
-  NearColliders nearby(const NearColliders& around, const geometry::Vec3& x, double reach) const {
-    NearColliders found{x, {}};
+  void find_nearby(const NearColliders& around, const geometry::Vec3& x, double reach,
+                   NearColliders& found) const {
+    found.point = x;
+    found.all.clear();
     double most = std::numeric_limits<double>::infinity();
     for_near(around, x, [&](const NearCollider& next) {
       most = std::min(most, next.distance + kRounding * 2 * lipschitz_ * reach);
@@ -89,7 +91,6 @@ class NearestColliders {
     });
     std::erase_if(found.all, [&](const NearCollider& one) { return one.distance > most; });
     std::sort(found.all.begin(), found.all.end());
-    return found;
   }
 
  private:

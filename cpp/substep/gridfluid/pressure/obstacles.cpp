@@ -90,7 +90,11 @@ Vec3 Obstacles<Real, D>::world(const std::array<double, D>& x) const {
 
 template <class Real, int D>
 Vec3 Obstacles<Real, D>::middle(std::int64_t i, int faces_of) const {
-  const std::array<int, D> cell = layout_.cell(i);
+  return middle_of(layout_.cell(i), faces_of);
+}
+
+template <class Real, int D>
+Vec3 Obstacles<Real, D>::middle_of(const std::array<int, D>& cell, int faces_of) const {
   std::array<double, D> x;
   for (std::size_t a = 0; a < D; ++a) x[a] = cell[a] + (static_cast<int>(a) == faces_of ? 0 : 0.5);
   return world(x);
@@ -127,11 +131,11 @@ const NearColliders& Obstacles<Real, D>::near_block(const std::array<int, D>& no
 
 // Those of `around` that may be nearest to the cells that begin in a block.
 template <class Real, int D>
-NearColliders Obstacles<Real, D>::near_cells(const NearColliders& around, const Blocks<D>& blocks,
-                                             std::int64_t block) const {
+void Obstacles<Real, D>::find_near(const NearColliders& around, const Blocks<D>& blocks,
+                                   std::int64_t block, NearColliders& found) const {
   std::array<double, D> middle;
   for (std::size_t a = 0; a < D; ++a) middle[a] = blocks.first(block)[a] + blocks.size / 2.0;
-  return find_nearest().nearby(around, world(middle), std::sqrt(D) * blocks.size / 2 * dx);
+  find_nearest().find_nearby(around, world(middle), std::sqrt(D) * blocks.size / 2 * dx, found);
 }
 
 // In blocks of nodes: where the middle is far from all surfaces, all of a block is. Those that may
@@ -148,16 +152,19 @@ void Obstacles<Real, D>::find_distances(int threads) {
   std::vector<NearColliders> of_wide(usize(wide.count()));
   for_numbers(
       wide.count(), threads,
-      [&](std::size_t b) { of_wide[b] = near_cells(all_, wide, static_cast<std::int64_t>(b)); }, 1);
+      [&](std::size_t b) { find_near(all_, wide, static_cast<std::int64_t>(b), of_wide[b]); }, 1);
   of_small_.resize(usize(small_.count()));
-  for_numbers(
-      blocks.count(), threads,
-      [&](std::size_t b) {
-        const auto block = static_cast<std::int64_t>(b);
-        const std::array<int, D> first = blocks.first(block);
-        find_distances_in(first, near_cells(of_wide[usize(wide.of(first))], blocks, block));
+  parallel_for(
+      blocks.count(), 32,
+      [&](std::int64_t begin, std::int64_t end) {
+        NearColliders around;
+        for (std::int64_t block = begin; block < end; ++block) {
+          const std::array<int, D> first = blocks.first(block);
+          find_near(of_wide[usize(wide.of(first))], blocks, block, around);
+          find_distances_in(first, around);
+        }
       },
-      32);
+      threads);
 }
 
 template <class Real, int D>
@@ -177,7 +184,8 @@ void Obstacles<Real, D>::find_distances_in(const std::array<int, D>& first,
     if (!std::equal(from.begin(), from.end(), end.begin(), std::less())) continue;
     const std::int64_t block = small_.of(from);
     NearColliders& near = of_small_[usize(block)];
-    near = far ? NearColliders() : near_cells(around, small_, block);
+    near.all.clear();
+    if (!far) find_near(around, small_, block, near);
     node = from;
     do {
       std::array<double, D> x;
@@ -219,10 +227,11 @@ void Obstacles<Real, D>::find_faces_near(int threads) {
         layout_, all_faces(layout_, a), threads, Faces{},
         [&](std::int64_t begin, std::int64_t end) {
           Faces found;
-          for (std::int64_t i = begin; i < end; ++i) {
+          std::array<int, D> cell = layout_.cell(begin);
+          for (std::int64_t i = begin; i < end; ++i, ++cell[D - 1]) {
             if (std::abs(distance_[usize(i)]) > Real(kBand)) continue;
-            const Vec3 at = middle(i, static_cast<int>(a));
-            found.push_back({i, nearest_of(near_block(layout_.cell(i)), at)});
+            const Vec3 at = middle_of(cell, static_cast<int>(a));
+            found.push_back({i, nearest_of(near_block(cell), at)});
           }
           return found;
         },

@@ -81,8 +81,9 @@ class Obstacles {
   static constexpr int kWide = 16, kBlock = 4, kSmall = 2;  // nodes of blocks along an axis
   Vec3 world(const std::array<double, D>& x) const;
   const NearColliders& near_block(const std::array<int, D>& node) const;
-  NearColliders near_cells(const NearColliders& around, const Blocks<D>& blocks,
-                           std::int64_t block) const;
+  void find_near(const NearColliders& around, const Blocks<D>& blocks, std::int64_t block,
+                 NearColliders& found) const;
+  Vec3 middle_of(const std::array<int, D>& cell, int faces_of) const;
   NearestColliders find_nearest() const { return {colliders, lipschitz_}; }
   std::size_t nearest_of(const NearColliders& near, const Vec3& x) const;
   Real distance_at(const NearColliders& near, const std::array<double, D>& x) const;
