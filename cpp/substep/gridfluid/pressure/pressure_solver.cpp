@@ -24,7 +24,8 @@ PressureSolver<Real, D>::PressureSolver(const Layout<D>& layout)
 
 template <class Real, int D>
 std::size_t PressureSolver<Real, D>::bytes() const {
-  return r_.bytes() + z_.bytes() + d_.bytes() + q_.bytes() + multigrid_.bytes() + regions_.bytes();
+  return r_.bytes() + z_.bytes() + d_.bytes() + q_.bytes() + rest_.bytes() + multigrid_.bytes() +
+         regions_.bytes();
 }
 
 template <class Real, int D>
