@@ -141,6 +141,8 @@ void bind_grid_liquid(py::module_& m) {
           },
           py::arg("places").noconvert())
       .def("step", &GridLiquid::step, py::arg("dt"), py::call_guard<py::gil_scoped_release>())
+      .def("keep", &GridLiquid::keep)
+      .def("rewind", &GridLiquid::rewind)
       .def("__len__", &GridLiquid::size)
       .def_property_readonly("deep_cells", &GridLiquid::deep_cells)
       .def_property("time", &GridLiquid::time, &GridLiquid::set_time)

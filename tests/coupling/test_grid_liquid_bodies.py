@@ -161,6 +161,68 @@ def test_bits_do_not_depend_on_threads():
     assert states[0] == states[1] == states[2]
 
 
+def balls_in_a_tank(ratio, *, seed=3, **options):
+    """27 balls of 4 cells, each somewhere in its third of a tank of 1 m."""
+    at = np.stack(np.meshgrid(*[(np.arange(3) + 0.5) / 3] * 3, indexing="ij"), -1).reshape(-1, 3)
+    at += np.random.default_rng(seed).uniform(-0.05, 0.05, at.shape)
+    balls = [substep.Collider(substep.Sphere(0.1, x)) for x in at]
+    x = lattice(1, 1, 0.9, cell=0.05)
+    x = x[np.min([ball.distance(x) for ball in balls], axis=0) > 0]
+    bounds = ((0, 0, 0), (1, 1, 1))
+    liquid = substep.GridLiquid(x, cell=0.05, bounds=bounds, colliders=balls, **options)
+    mass = ratio * RHO * math.pi / 6 * 0.2**3
+    for k, ball in enumerate(balls):
+        behave_as(ball, mass, mass * 0.004, number=k)
+    return liquid
+
+
+def test_light_bodies_take_about_the_iterations_of_heavy_ones():
+    """What is added to the matrix of light ones is large in few directions, which the
+    preconditioner knows."""
+    iterations = []
+    for ratio in (1e4, 1.0, 0.05, 0.001):
+        liquid = balls_in_a_tank(ratio, tolerance=1e-5)
+        liquid.step(0.005)
+        iterations.append(liquid.report.iterations)
+    assert max(iterations) <= iterations[0] + 6, iterations
+
+
+def test_obstacles_are_found_as_from_scratch():
+    """Whether bodies moved, stay, yield or do not any more: a copy finds all of them anew."""
+    liquid = balls_in_a_tank(0.5)
+    for k in range(6):
+        for n, ball in enumerate(liquid.colliders):
+            if k == 3 or n % 3 == k % 3:
+                ball._native.set_body(-1, [0.0] * 3, [0.0] * 36, [0.0] * 6)
+            if k == 4 and n == 5:
+                behave_as(ball, 1.0, 0.01, number=5)
+            if k == 2 and n != 7:
+                ball.velocity = ball.angular_velocity = (0, 0, 0)
+        twin = liquid.copy()
+        assert np.array_equal(liquid.level_set, twin.level_set)
+        liquid.step(0.01)
+        twin.step(0.01)
+        assert liquid.positions.tobytes() == twin.positions.tobytes()
+
+
+def test_the_nearest_of_many_obstacles_is_asked_in_any_order():
+    """Distances, velocities and faces of many are those of the nearest, wherever it is listed."""
+    liquid = balls_in_a_tank(0.3)
+    liquid.step(0.01)
+    found = []
+    for order in (1, -1):
+        balls = [ball.copy() for ball in liquid.colliders[::order]]
+        for ball in balls:
+            ball._native.set_body(-1, [0.0] * 3, [0.0] * 36, [0.0] * 6)
+            ball.velocity = np.sin(9 * ball.position)
+        one = substep.GridLiquid(
+            liquid.positions, cell=liquid.cell, bounds=liquid.bounds, colliders=balls
+        )
+        one.step(0.01)
+        found.append(one.positions.tobytes())
+    assert found[0] == found[1]
+
+
 def test_a_step_that_fails_leaves_the_body_alone():
     liquid, ball = tank("sphere", 0.1, 1.0, 6, tolerance=1e-6, max_iterations=1)
     before = ball._native.state, ball._native.received, liquid.positions.tobytes()

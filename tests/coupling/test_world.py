@@ -473,6 +473,41 @@ def test_an_error_in_the_last_member_takes_the_others_back():
     assert digest(world) == before
 
 
+@pytest.mark.parametrize("narrow_band", [None, 3])
+def test_liquids_go_back_from_several_steps_of_their_own(narrow_band):
+    """With particles that came meanwhile, as a liquid that went no further goes on."""
+    bodies = substep.RigidBodies(step=1 / 30)
+    ball = bodies.add(substep.Sphere(0.2), (0.5, 0.5, 0.9), density=300.0)
+    tap = substep.Emitter((0.2, 0.2, 0.9), (0, 0, -1), 2.0, radius=0.1)
+    water = substep.GridLiquid(
+        substep.fill_box((0, 0, 0), (1, 1, 0.6), 0.05),
+        cell=0.1,
+        bounds=((0, 0, 0), (1, 1, 1.2)),
+        colliders=bodies.make_colliders(ball),
+        emitters=[tap],
+        narrow_band=narrow_band,
+    )
+    oil = substep.GridLiquid(
+        substep.fill_box((0, 0, 0), (1, 1, 0.4), 0.05), cell=0.1, bounds=((0, 0, 0), (1, 1, 1))
+    )
+    world = substep.World({"bodies": bodies, "water": water, "oil": oil})
+    world.advance(0.2)
+    twin, before, count = world.copy(), digest(world), len(water)
+    oil.set_velocities(np.full((len(oil), 3), 1e30))
+    held = digest(world)
+    for _ in range(2):
+        with pytest.raises(substep.SolverError, match="oil: "):
+            world.step(1 / 15)
+        assert digest(world) == held
+    oil.restore(twin["oil"].state())
+    assert (digest(world), len(water)) == (before, count)
+    for one in (world, twin):
+        one.advance(0.1)
+    assert digest(world) == digest(twin)
+    assert len(water) > count
+    assert water.report.steps > 1
+
+
 def test_callbacks_cannot_step_a_member():
     world = small_world()
     with pytest.raises(InputError, match="step"):

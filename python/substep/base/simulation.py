@@ -285,6 +285,11 @@ class Simulation(Owned):
         """The present state for `_put_state`, whatever users have written into it."""
         return self._state()
 
+    def _way_back(self) -> Callable[[], None]:
+        """What goes back from steps to the present state, once, unless asked for again before."""
+        before = self._kept()
+        return lambda: self._put_state(before)
+
     def state(self) -> dict[str, Any]:
         """Copy the whole state, that of the colliders too.
 

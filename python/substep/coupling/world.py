@@ -203,7 +203,8 @@ class World(Simulation):
         """One interval of exchange; where a member fails, all are as they were."""
         self._check_times()  # a callback may have restored one
         bodies = self._bodies if self._links else None
-        before, end = self._kept(), self.time + dt
+        own, end = (self._native.time, self._interval, self._exchanged), self.time + dt
+        back = [member._way_back() for member in self._members.values()]
         try:
             if bodies is None:
                 for member in self._members.values():
@@ -215,8 +216,10 @@ class World(Simulation):
                 self._exchange(bodies, rows, last, self._try(bodies, rows, last, dt), dt, end)
             self._native.time = end
         except BaseException as error:
+            self._native.time, self._interval, self._exchanged = own
             try:
-                self._put_state(before)
+                for go_back in back:
+                    go_back()
             except NonFiniteError:  # rows as users wrote them into views: the first step refused
                 raise error from None
             raise

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -26,7 +26,7 @@ from ..base.schema import MOST, OWN, TIME, Entry, Number, Rows
 from ..base.simulation import StepReport, momenta, with_energy
 from ..errors import InputError
 from ..geometry import Collider, Shape
-from ..geometry.colliders import check_colliders
+from ..geometry.colliders import check_colliders, collider_states, restore_colliders
 from ..particles.emitters import Emitter, Sink
 from ..particles.state import Particles
 from .box import check_cells_fit, check_open_sides, interpolate, time_of_way
@@ -448,7 +448,7 @@ class GridLiquid(Particles):
         """
         pull = float(np.linalg.norm(self._gravity))
         speed = max([self._native.fastest, *(emitter.speed for emitter in self.emitters)])
-        speed = max([speed, *(self._speed_of(collider) for collider in self.colliders)])
+        speed = max([speed, *(self._speed_of(collider) for collider in self._fastest())])
         # The root of v dt + g dt^2 = cfl dx.
         limit = time_of_way(self.cfl * self.cell, speed, 2 * pull)
         if self.surface_tension > 0:
@@ -460,6 +460,17 @@ class GridLiquid(Particles):
         if limit >= _LARGEST_STEP:
             return _LARGEST_STEP, "nothing moves fast enough to need a shorter one"
         return limit, f"CFL {self.cfl:g} at a speed of {speed:.4g} m/s and a pull of {pull:.4g}"
+
+    def _fastest(self) -> list[Collider]:
+        """The colliders among which, but for rounding, the one of the largest speed is."""
+        if not self.colliders:
+            return []
+        states = collider_states(self.colliders)
+        far = np.abs(self.bounds - states[:, None, : self._dimension]).max(axis=1)
+        speed, turn = (np.linalg.norm(states[:, k : k + 3], axis=1) for k in (7, 10))
+        speed += turn * np.linalg.norm(far, axis=1)
+        most = (speed > 0) & (speed >= (1 - 1e-9) * speed.max())
+        return [self.colliders[k] for k in np.flatnonzero(most)]
 
     def _speed_of(self, collider: Collider) -> float:
         """The largest speed that a collider can have in the box [m/s]."""
@@ -548,6 +559,16 @@ class GridLiquid(Particles):
             " deep_velocity seeded missing layers absorbed"
         )
         self._native.restore(*(state[name] for name in names.split()))
+
+    def _way_back(self) -> Callable[[], None]:
+        colliders = collider_states(self.colliders)
+        self._native.keep()
+
+        def go_back() -> None:
+            self._native.rewind()
+            restore_colliders(self.colliders, colliders)
+
+        return go_back
 
     def _write(self, name: str, values: Array, rows: NDArray[np.int64]) -> None:
         if name == "forces" and self.narrow_band is not None:

@@ -39,7 +39,7 @@ void GridLiquid<Real, D>::step(double dt) {
     find_surface();
     if (band) band->find_edge(next_, density_.data(), phi_.data(), options.threads);
     projection_.set_domain(obstacles, {phi_.data(), phi_.size()}, options.threads);
-    if (!free_motion_.empty()) projection_.let_yield(obstacles, cell_mass());
+    if (obstacles.any()) projection_.let_yield(obstacles, cell_mass());
     pass_to_grid();
     accelerate(dt);
     if (options.surface_tension > 0) pull_surface(dt);
@@ -395,7 +395,7 @@ void GridLiquid<Real, D>::find_displacement() {
 template <class Real, int D>
 void GridLiquid<Real, D>::move_obstacles(double dt) {
   for (geometry::Collider& collider : obstacles.colliders) collider.advance(dt);
-  obstacles.find(options.threads);
+  obstacles.find_distance(options.threads);  // all that particles ask for
 }
 
 template <class Real, int D>
@@ -430,6 +430,7 @@ void GridLiquid<Real, D>::move_particles(double dt) {
 template <class Real, int D>
 void GridLiquid<Real, D>::commit(double dt) noexcept {
   std::swap(particles, next_);
+  if (kept_ && !kept_->stepped) std::swap(next_, kept_->particles), kept_->stepped = true;
   std::swap(flow.counts, new_counts_);
   if (band) band->commit();
   q.swap(new_q_);

@@ -43,6 +43,9 @@ class GridLiquid {
   // One step, with what comes out of emitters and goes into sinks at its end, or an exception and
   // nothing has changed.
   void step(double dt);
+  // Keeps the present state, and goes back to it, once, from what steps alone have made of it.
+  void keep();
+  void rewind();
 
   LiquidEnergies energies() const;
   double fastest() const;    // largest component of a velocity [m/s]
@@ -75,6 +78,18 @@ class GridLiquid {
 
   using Field = AlignedBuffer<Real>;
   using Fields = std::array<Field, D>;
+
+  struct Kept {
+    bool stepped = false;  // since; before, the particles are still the present ones
+    Particles<Real, D> particles;
+    std::vector<std::array<Real, D>> forces;
+    geometry::ParticleFlow::Counts counts;
+    LiquidReport report;
+    double time, last_dt;
+    std::int64_t next_id;
+    AlignedBuffer<double> q;
+    std::optional<NarrowBand<Real, D>> band;
+  };
 
   void append(Particles<Real, D>& to, std::int64_t first_id, std::span<const Vec3> x,
               std::span<const Vec3> v) const;
@@ -119,6 +134,7 @@ class GridLiquid {
   static Faces<Real, D> faces(Fields& fields);
   static Velocity<Real, D> spans(Fields& fields);
 
+  std::optional<Kept> kept_;
   // During a step: the particles in the order of their cells, and what they will be when it ends.
   Particles<Real, D> next_;
   geometry::ParticleFlow::Counts new_counts_;

@@ -55,6 +55,36 @@ GridLiquid<Real, D>::GridLiquid(std::vector<geometry::Collider> colliders,
 }
 
 template <class Real, int D>
+void GridLiquid<Real, D>::keep() {
+  Particles<Real, D> room(particles.affine());
+  if (kept_) std::swap(room, kept_->particles);
+  kept_.emplace(Kept{.particles = std::move(room),
+                     .forces = forces,
+                     .counts = flow.counts,
+                     .report = report,
+                     .time = time,
+                     .last_dt = last_dt,
+                     .next_id = next_id,
+                     .q = q,
+                     .band = band});
+}
+
+template <class Real, int D>
+void GridLiquid<Real, D>::rewind() {
+  if (!kept_) return;
+  if (kept_->stepped) std::swap(particles, kept_->particles);
+  forces.swap(kept_->forces);
+  std::swap(flow.counts, kept_->counts);
+  report = kept_->report;
+  time = kept_->time;
+  last_dt = kept_->last_dt;
+  next_id = kept_->next_id;
+  q.swap(kept_->q);
+  std::swap(band, kept_->band);
+  kept_.reset();
+}
+
+template <class Real, int D>
 bool GridLiquid<Real, D>::is_inside(const Vec3& x) const {
   for (int a = 0; a < D; ++a) {
     const auto at = static_cast<Real>((x[a] - options.low[a]) / options.cell);

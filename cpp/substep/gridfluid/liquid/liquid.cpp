@@ -43,6 +43,9 @@ class LiquidOf final : public Liquid {
     }
   }
 
+  void keep() override { liquid_.keep(); }
+  void rewind() override { liquid_.rewind(); }
+
   std::int64_t size() const override { return liquid_.particles.size(); }
   std::int64_t deep_cells() const override { return liquid_.band ? liquid_.band->count() : 0; }
   int dimension() const override { return D; }

@@ -96,6 +96,10 @@ class Liquid {
   virtual void remove(Places places) = 0;
   // One step, or an exception and nothing has changed.
   virtual void step(double dt) = 0;
+  // Keeps the present state, and goes back to it, once, from what steps alone have made of it; not
+  // that of the colliders.
+  virtual void keep() = 0;
+  virtual void rewind() = 0;
 
   virtual std::int64_t size() const = 0;
   virtual std::int64_t deep_cells() const = 0;  // of a narrow band: full, without particles

@@ -6,6 +6,14 @@
 // moves by V = V* + W J; so A + m sum_k G_k^T W_k G_k takes the place of the matrix A of a
 // pressure, and V* is in the right side: Batty, Bertails and Bridson, "A fast variational framework
 // for accurate solid-fluid coupling", 2007, section 5, with parts of faces in place of volumes.
+//
+// Of light bodies that term is far larger than A in few directions, which a preconditioner M of A
+// does not know: iterations grow with their number. With the diagonal D of A and C_k = m W_k,
+//   (D + G^T C G)^-1 = D^-1 - D^-1 G^T T G D^-1,  T_k = C_k (1 + N_k C_k)^-1,  N_k = G_k D^-1 G_k^T
+// (Woodbury; for one body, and for several that are in no cell together). So with P = G^T T G D^-1,
+//   (1 - P)^T M (1 - P) + D^-1 G^T S G D^-1,  S_k = (1 + C_k N_k)^-1 C_k (1 + N_k C_k)^-1,
+// leaves M as it is where C is small, and takes out of r and z what moves the bodies where it is
+// large. It is symmetric, and positive for any T and S >= 0.
 #pragma once
 
 #include <Eigen/Core>
@@ -54,13 +62,18 @@ class Bodies {
   using Motion = Eigen::Matrix<double, kMotions, 1>;
   using Mobility = Eigen::Matrix<double, kMotions, kMotions>;
 
-  // inverse: of the diagonal of A, 0 in cells that have no pressure.
+  // inverse: of the diagonal of A, 0 in cells that have no pressure; it must live, and not change,
+  // as long as this is used.
   void find(const Obstacles<Real, D>& obstacles, std::span<const Real> inverse, double mass);
   bool any() const { return !bodies_.empty(); }
 
   // y += sign m G^T W G x; returns the product of that with x.
   template <class X>
   double add_product(Real sign, std::span<const X> x, std::span<Real> y, int threads) const;
+  // r -= P r, and S G D^-1 r for add_moved().
+  std::vector<Motion> take_moved(std::span<Real> r, int threads) const;
+  // z -= P^T z, and plus D^-1 G^T times what take_moved() returned.
+  void add_moved(std::vector<Motion> kept, std::span<Real> z, int threads) const;
   // Sets exchange() of the colliders of the bodies to what q gives them.
   void push(std::span<const double> q, std::vector<geometry::Collider>& colliders,
             int threads) const;
@@ -68,22 +81,30 @@ class Bodies {
   void move(std::vector<geometry::Collider>& colliders) const;
 
  private:
-  struct Part {                 // of G, of a face
-    std::int64_t below, above;  // the cells there, or -1: without pressure
-    std::array<Real, usize(kMotions)> motion;
+  struct Part {  // of G, of a cell with a pressure
+    std::int64_t cell;
+    Motion motion;
   };
   struct Piece {  // a collider
     std::size_t collider, body;
     std::vector<Part> parts;
   };
+  struct Body {
+    Mobility c, t, s;  // C, T and S
+  };
 
-  void find_parts(const Obstacles<Real, D>& obstacles, std::span<const Real> inverse,
-                  const std::vector<std::size_t>& piece_of);
-  template <class X>
+  void find_parts(const Obstacles<Real, D>& obstacles, const std::vector<std::size_t>& piece_of);
+  void find_terms();
+  template <bool kScaled, class X>
   std::vector<Motion> gather(std::span<const X> x, int threads) const;
+  template <bool kScaled, class X>
+  std::vector<Motion> gather_bodies(std::span<const X> x, int threads) const;
+  template <bool kScaled>
+  void scatter(const std::vector<Motion>& moved, std::span<Real> y) const;
 
   double mass_ = 0;
-  std::vector<Mobility> bodies_;
+  std::span<const Real> inverse_;  // of D
+  std::vector<Body> bodies_;
   std::vector<Piece> pieces_;
 };
 

@@ -2,13 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
-#include <numeric>
 #include <utility>
 
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
 #include "substep/gridfluid/grid/loops.h"
+#include "substep/gridfluid/pressure/open_part.h"
 
 namespace substep::gridfluid {
 namespace {
@@ -20,87 +21,63 @@ constexpr double kBand = 2;       // cells around the surface where distances ar
 constexpr int kPose = 7;          // numbers of a collider's state that say where it is
 constexpr double kClosed = 1e-3;  // a face that is less open is closed
 
-// The part above 0 of an edge that ends in a <= 0 < b.
-template <class Real>
-Real above(Real a, Real b) {
-  return b / (b - a);
-}
-
-// The part of a face where the distance, linear along its edges, is above 0.
-template <class Real>
-Real open_part(const std::array<Real, 2>& d) {
-  const bool in0 = d[0] <= 0, in1 = d[1] <= 0;
-  if (in0 != in1) return in0 ? above(d[0], d[1]) : above(d[1], d[0]);
-  return Real(in0 ? 0 : 1);
-}
-// Of a square with corners in a circle.
-template <class Real>
-Real open_part(const std::array<Real, 4>& d) {
-  const auto in = [&](std::size_t k) { return d[k % 4] <= 0; };
-  const auto part = [&](std::size_t from, std::size_t to) { return above(d[from % 4], d[to % 4]); };
-  const auto solid_corner = [&](std::size_t k) {  // a triangle
-    return (1 - part(k, k + 1)) * (1 - part(k, k + 3)) / 2;
-  };
-  const auto open_corner = [&](std::size_t k) { return part(k + 1, k) * part(k + 3, k) / 2; };
-  const int solid = in(0) + in(1) + in(2) + in(3);
-  if (solid == 0) return 1;
-  if (solid == 4) return 0;
-  std::size_t k = 0;
-  if (solid == 1) {
-    while (!in(k)) ++k;
-    return 1 - solid_corner(k);
-  }
-  if (solid == 3) {
-    while (in(k)) ++k;
-    return open_corner(k);
-  }
-  while (!in(k)) ++k;
-  if (in(k + 2)) {  // two opposite corners: joined by what the middle is
-    return d[0] + d[1] + d[2] + d[3] > 0 ? 1 - solid_corner(k) - solid_corner(k + 2)
-                                         : open_corner(k + 1) + open_corner(k + 3);
-  }
-  if (!in(k + 1)) k += 3;  // now k and k + 1 are solid
-  return (part(k, k + 3) + part(k + 1, k + 2)) / 2;
-}
-
 }  // namespace
 
 template <class Real, int D>
 Obstacles<Real, D>::Obstacles(const Layout<D>& layout, const Vec3& low_, double dx_,
                               std::vector<Collider> obstacles)
-    : colliders(std::move(obstacles)), low(low_), dx(dx_), layout_(layout) {}
+    : colliders(std::move(obstacles)),
+      low(low_),
+      dx(dx_),
+      layout_(layout),
+      small_(layout, kSmall) {}
+
+template <class Real, int D>
+void Obstacles<Real, D>::find_distance(int threads) {
+  if (!any()) return;
+  std::vector<std::array<double, Collider::kStateSize>> states;
+  std::vector<bool> yield;
+  moving_ = false;
+  for (const Collider& c : colliders) {
+    states.push_back(c.state());
+    yield.push_back(c.yields());
+    moving_ |= !c.velocity.isZero(0) || !c.angular_velocity.isZero(0);
+  }
+  const auto in_place = [](const auto& was, const auto& is) {
+    return std::equal(is.begin(), is.begin() + kPose, was.begin());
+  };
+  if (!found_ ||
+      !std::equal(states.begin(), states.end(), states_.begin(), states_.end(), in_place)) {
+    found_ = know_open_ = know_near_ = false;
+    find_distances(threads);
+    found_ = true;
+  }
+  if (yield != yield_) know_open_ = know_near_ = false;  // it refines what is open
+  if (states != states_) know_velocity_ = false;
+  states_ = std::move(states);
+  yield_ = std::move(yield);
+}
 
 template <class Real, int D>
 void Obstacles<Real, D>::find(int threads) {
   if (!any()) return;
-  std::vector<std::array<double, Collider::kStateSize>> states;
-  moving_ = false;
-  bool yield = false;
-  for (const Collider& c : colliders) {
-    states.push_back(c.state());
-    yield |= c.yields();
-    moving_ |= !c.velocity.isZero(0) || !c.angular_velocity.isZero(0);
-  }
-  if (found_ && states == states_ && (know_near_ || !yield)) return;
-  const auto in_place = [](const auto& was, const auto& is) {
-    return std::equal(is.begin(), is.begin() + kPose, was.begin());
-  };
-  const bool placed =
-      found_ && std::equal(states.begin(), states.end(), states_.begin(), states_.end(), in_place);
-  found_ = false;
-  if (!placed) {
-    find_distances(threads);
+  find_distance(threads);
+  if (!know_open_) {
     find_open(threads);
     find_room(threads);
-    know_near_ = false;
+    know_open_ = true;
   }
+  const bool yield = std::find(yield_.begin(), yield_.end(), true) != yield_.end();
   if ((moving_ || yield) && !know_near_) {
     find_faces_near(threads);
     if (yield) refine_open(threads);
+    know_near_ = true;
+    know_velocity_ = false;
   }
-  if (moving_) find_velocities(threads);
-  states_ = std::move(states);
-  found_ = true;
+  if (moving_ && !know_velocity_) {
+    find_velocities(threads);
+    know_velocity_ = true;
+  }
 }
 
 // Of a point in cells.
@@ -113,7 +90,11 @@ Vec3 Obstacles<Real, D>::world(const std::array<double, D>& x) const {
 
 template <class Real, int D>
 Vec3 Obstacles<Real, D>::middle(std::int64_t i, int faces_of) const {
-  const std::array<int, D> cell = layout_.cell(i);
+  return middle_of(layout_.cell(i), faces_of);
+}
+
+template <class Real, int D>
+Vec3 Obstacles<Real, D>::middle_of(const std::array<int, D>& cell, int faces_of) const {
   std::array<double, D> x;
   for (std::size_t a = 0; a < D; ++a) x[a] = cell[a] + (static_cast<int>(a) == faces_of ? 0 : 0.5);
   return world(x);
@@ -121,86 +102,97 @@ Vec3 Obstacles<Real, D>::middle(std::int64_t i, int faces_of) const {
 
 template <class Real, int D>
 std::size_t Obstacles<Real, D>::nearest(const Vec3& x) const {
-  return nearest_of(all_, x);
-}
-
-template <class Real, int D>
-std::size_t Obstacles<Real, D>::nearest_of(const Numbers& which, const Vec3& x) const {
-  if (which.size() == 1) return which[0];
-  std::size_t found = 0;
-  double least = std::numeric_limits<double>::infinity();
-  for (const std::size_t c : which) {
-    const double d = colliders[c].signed_distance(x).value;
-    if (d < least) least = d, found = c;
+  std::array<int, D> node;
+  for (std::size_t a = 0; a < D; ++a) {
+    const double at = std::floor((x[int(a)] - low[int(a)]) / dx);
+    node[a] = static_cast<int>(std::clamp(at, 0.0, double(layout_.cells[a])));
   }
-  return found;
+  return nearest_of(near_block(node), x);
 }
 
 template <class Real, int D>
-double Obstacles<Real, D>::signed_distance(const Numbers& which, const Vec3& x) const {
-  double least = std::numeric_limits<double>::infinity();
-  for (const std::size_t c : which) least = std::min(least, colliders[c].signed_distance(x).value);
-  return least;
+std::size_t Obstacles<Real, D>::nearest_of(const NearColliders& near, const Vec3& x) const {
+  return near.all.size() == 1 ? near.all[0].collider : find_nearest().nearest(near, x).collider;
+}
+
+// The signed distance of a point, in cells.
+template <class Real, int D>
+Real Obstacles<Real, D>::distance_at(const NearColliders& near,
+                                     const std::array<double, D>& x) const {
+  return Real(find_nearest().nearest(near, world(x)).distance / dx);
 }
 
 // Those that may be nearest to what is beside a node, its cell and the faces of that among it.
 template <class Real, int D>
-auto Obstacles<Real, D>::near_block(const std::array<int, D>& node) const -> const Numbers& {
-  std::size_t b = 0;
-  for (std::size_t a = 0; a < D; ++a) b = b * usize(blocks_[a]) + usize(node[a] / kBlock);
-  return of_block_[b].empty() ? all_ : of_block_[b];
+const NearColliders& Obstacles<Real, D>::near_block(const std::array<int, D>& node) const {
+  const NearColliders& near = of_small_[usize(small_.of(node))];
+  return near.all.empty() ? all_ : near;
 }
 
-// In blocks of nodes: where the middle is far from all surfaces, all of a block is.
+// Those of `around` that may be nearest to the cells that begin in a block.
+template <class Real, int D>
+void Obstacles<Real, D>::find_near(const NearColliders& around, const Blocks<D>& blocks,
+                                   std::int64_t block, NearColliders& found) const {
+  std::array<double, D> middle;
+  for (std::size_t a = 0; a < D; ++a) middle[a] = blocks.first(block)[a] + blocks.size / 2.0;
+  find_nearest().find_nearby(around, world(middle), std::sqrt(D) * blocks.size / 2 * dx, found);
+}
+
+// In blocks of nodes: where the middle is far from all surfaces, all of a block is. Those that may
+// be nearest are found for wide blocks, of these for blocks, and so on.
 template <class Real, int D>
 void Obstacles<Real, D>::find_distances(int threads) {
   if (distance_.size() == 0) assign(distance_, layout_.size, Real(0));
-  double lipschitz = 1;
-  for (const Collider& c : colliders) lipschitz = std::max(lipschitz, c.lipschitz());
-  const double radius = std::sqrt(D) * (kBlock - 1) / 2 * lipschitz;
-  const double reach = std::sqrt(D) * (kBlock + 1) / 2 * lipschitz;  // of cells that begin in it
-  std::int64_t count = 1;
-  for (std::size_t a = 0; a < D; ++a) {
-    blocks_[a] = layout_.cells[a] / kBlock + 1;
-    count *= blocks_[a];
-  }
-  all_.resize(colliders.size());
-  std::iota(all_.begin(), all_.end(), std::size_t{0});
-  of_block_.resize(usize(count));
+  lipschitz_ = 1;
+  for (const Collider& c : colliders) lipschitz_ = std::max(lipschitz_, c.lipschitz());
+  all_.all.clear();
+  for (std::size_t c = 0; c < colliders.size(); ++c)
+    all_.all.push_back({-std::numeric_limits<double>::infinity(), c});
+  const Blocks<D> wide(layout_, kWide), blocks(layout_, kBlock);
+  std::vector<NearColliders> of_wide(usize(wide.count()));
+  for_numbers(
+      wide.count(), threads,
+      [&](std::size_t b) { find_near(all_, wide, static_cast<std::int64_t>(b), of_wide[b]); }, 1);
+  of_small_.resize(usize(small_.count()));
   parallel_for(
-      count, 32,
+      blocks.count(), 32,
       [&](std::int64_t begin, std::int64_t end) {
-        std::vector<double> distances(colliders.size());
-        for (std::int64_t b = begin; b < end; ++b) {
-          std::array<int, D> from, to;
-          std::array<double, D> middle;
-          std::int64_t rest = b;
-          for (std::size_t a = D; a-- > 0;) {
-            from[a] = static_cast<int>(rest % blocks_[a]) * kBlock;
-            to[a] = std::min(from[a] + kBlock, layout_.cells[a] + 1);
-            middle[a] = from[a] + (kBlock - 1) / 2.0;
-            rest /= blocks_[a];
-          }
-          const Vec3 at = world(middle);
-          for (std::size_t c = 0; c < colliders.size(); ++c)
-            distances[c] = colliders[c].signed_distance(at).value;
-          const double least = *std::min_element(distances.begin(), distances.end());
-          const double there = least / dx;
-          const bool far = std::abs(there) > radius + kBand;
-          Numbers& near = of_block_[usize(b)];
-          near.clear();
-          for (std::size_t c = 0; c < colliders.size() && !far; ++c)
-            if (distances[c] <= least + 2 * reach * dx) near.push_back(c);
-          std::array<int, D> node = from;
-          do {
-            std::array<double, D> x;
-            std::copy(node.begin(), node.end(), x.begin());
-            distance_[usize(layout_.index(node))] =
-                Real(far ? there : signed_distance(near, world(x)) / dx);
-          } while (next_in_block(node, from, to));
+        NearColliders around;
+        for (std::int64_t block = begin; block < end; ++block) {
+          const std::array<int, D> first = blocks.first(block);
+          find_near(of_wide[usize(wide.of(first))], blocks, block, around);
+          find_distances_in(first, around);
         }
       },
       threads);
+}
+
+template <class Real, int D>
+void Obstacles<Real, D>::find_distances_in(const std::array<int, D>& first,
+                                           const NearColliders& around) {
+  std::array<double, D> middle;
+  for (std::size_t a = 0; a < D; ++a) middle[a] = first[a] + (kBlock - 1) / 2.0;
+  const double there = find_nearest().nearest(around, world(middle)).distance / dx;
+  const bool far = std::abs(there) > std::sqrt(D) * (kBlock - 1) / 2 * lipschitz_ + kBand;
+  std::array<int, D> end, from, to, node;
+  for (std::size_t a = 0; a < D; ++a) end[a] = std::min(first[a] + kBlock, layout_.cells[a] + 1);
+  for (std::size_t part = 0; part < 1 << D; ++part) {
+    for (std::size_t a = 0; a < D; ++a) {
+      from[a] = first[a] + (part >> a & 1) * kSmall;
+      to[a] = std::min(from[a] + kSmall, end[a]);
+    }
+    if (!std::equal(from.begin(), from.end(), end.begin(), std::less())) continue;
+    const std::int64_t block = small_.of(from);
+    NearColliders& near = of_small_[usize(block)];
+    near.all.clear();
+    if (!far) find_near(around, small_, block, near);
+    node = from;
+    do {
+      std::array<double, D> x;
+      std::copy(node.begin(), node.end(), x.begin());
+      distance_[usize(layout_.index(node))] = far ? Real(there) : distance_at(near, x);
+    } while (next_in_block(node, from, to));
+  }
 }
 
 template <class Real, int D>
@@ -229,24 +221,23 @@ void Obstacles<Real, D>::find_open(int threads) {
 
 template <class Real, int D>
 void Obstacles<Real, D>::find_faces_near(int threads) {
-  know_near_ = false;
   using Faces = std::vector<Face>;
   for (std::size_t a = 0; a < D; ++a) {
     near_[a] = gather_rows(
         layout_, all_faces(layout_, a), threads, Faces{},
         [&](std::int64_t begin, std::int64_t end) {
           Faces found;
-          for (std::int64_t i = begin; i < end; ++i) {
+          std::array<int, D> cell = layout_.cell(begin);
+          for (std::int64_t i = begin; i < end; ++i, ++cell[D - 1]) {
             if (std::abs(distance_[usize(i)]) > Real(kBand)) continue;
-            const Vec3 at = middle(i, static_cast<int>(a));
-            found.push_back({i, nearest_of(near_block(layout_.cell(i)), at)});
+            const Vec3 at = middle_of(cell, static_cast<int>(a));
+            found.push_back({i, nearest_of(near_block(cell), at)});
           }
           return found;
         },
         [](Faces& all, const Faces& part) { all.insert(all.end(), part.begin(), part.end()); });
     assign(velocity_[a], layout_.size, Real(0));
   }
-  know_near_ = true;
 }
 
 // The faces that bodies cut, in parts: else a ball of 12 cells would displace 1 % too little, more
@@ -268,18 +259,22 @@ void Obstacles<Real, D>::refine_open(int threads) {
     }
     if (!in || !out) return;
     const std::array<int, D> cell = layout_.cell(face.index);
-    const Numbers& near = near_block(cell);
-    const auto distance_at = [&](int j, int k) {  // of a corner of a part
+    const NearColliders& near = near_block(cell);
+    const auto distance_of = [&](int j, int k) {  // a corner of a part
+      if (j % kParts == 0 && k % kParts == 0) {
+        const std::int64_t more = D == 3 ? k / kParts * s[across[D - 2]] : 0;
+        return distance_[usize(face.index + j / kParts * s[across[0]] + more)];
+      }
       std::array<double, D> x;
       for (std::size_t b = 0; b < D; ++b) x[b] = cell[b];
       x[across[0]] += double(j) / kParts;
       if constexpr (D == 3) x[across[1]] += double(k) / kParts;
-      return Real(signed_distance(near, world(x)) / dx);
+      return distance_at(near, x);
     };
     Real sum = 0;
     std::array<std::array<Real, kParts + 1>, D == 2 ? 1 : kParts + 1> d;
     for (std::size_t k = 0; k < d.size(); ++k)
-      for (int j = 0; j <= kParts; ++j) d[k][usize(j)] = distance_at(j, static_cast<int>(k));
+      for (int j = 0; j <= kParts; ++j) d[k][usize(j)] = distance_of(j, static_cast<int>(k));
     for (std::size_t j = 0; j < kParts; ++j) {
       if constexpr (D == 2) {
         sum += open_part(std::array{d[0][j], d[0][j + 1]}) / kParts;
@@ -318,9 +313,12 @@ void Obstacles<Real, D>::find_velocities(int threads) {
 template <class Real, int D>
 void Obstacles<Real, D>::find_room(int threads) {
   if (room_.size() == 0) assign(room_, layout_.size, Real(1));
-  const auto open_volume = [&](std::int64_t i) {
-    return std::clamp(at_centre(i) + Real(0.5), Real(0), Real(1));
-  };
+  AlignedBuffer<Real> open_volume;
+  open_volume.reset(room_.size());
+  for_rows(layout_, all_cells(layout_), threads, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i)
+      open_volume[usize(i)] = std::clamp(at_centre(i) + Real(0.5), Real(0), Real(1));
+  });
   for_rows(layout_, all_cells(layout_), threads, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       const Real distance = at_centre(i);
@@ -340,7 +338,7 @@ void Obstacles<Real, D>::find_room(int threads) {
           weight *= next[a] == cell[a] ? Real(0.75) : Real(0.125);
           at[a] = std::clamp(next[a], 0, layout_.cells[a] - 1);
         }
-        sum += weight * open_volume(layout_.index(at));
+        sum += weight * open_volume[usize(layout_.index(at))];
       } while (next_in_block(next, from, to));
       room_[usize(i)] = sum;
     }

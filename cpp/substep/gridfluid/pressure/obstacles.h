@@ -12,6 +12,7 @@
 #include "substep/geometry/collider.h"
 #include "substep/gridfluid/grid/cells.h"
 #include "substep/gridfluid/grid/layout.h"
+#include "substep/gridfluid/pressure/near_colliders.h"
 
 namespace substep::gridfluid {
 
@@ -30,6 +31,8 @@ class Obstacles {
   // To be called when the colliders are where they act. Nothing is computed anew where none moved,
   // and only velocities where these alone changed.
   void find(int threads);
+  // The same for distance() alone, where the rest is not asked for.
+  void find_distance(int threads);
 
   const Layout<D>& layout() const { return layout_; }
   bool any() const { return !colliders.empty(); }
@@ -75,13 +78,17 @@ class Obstacles {
   static std::span<const Real> of(const Fields& fields, int axis) {
     return {fields[usize(axis)].data(), fields[usize(axis)].size()};
   }
-  static constexpr int kBlock = 4;  // nodes along an axis
-  using Numbers = std::vector<std::size_t>;
+  static constexpr int kWide = 16, kBlock = 4, kSmall = 2;  // nodes of blocks along an axis
   Vec3 world(const std::array<double, D>& x) const;
-  const Numbers& near_block(const std::array<int, D>& node) const;
-  std::size_t nearest_of(const Numbers& which, const Vec3& x) const;
-  double signed_distance(const Numbers& which, const Vec3& x) const;
+  const NearColliders& near_block(const std::array<int, D>& node) const;
+  void find_near(const NearColliders& around, const Blocks<D>& blocks, std::int64_t block,
+                 NearColliders& found) const;
+  Vec3 middle_of(const std::array<int, D>& cell, int faces_of) const;
+  NearestColliders find_nearest() const { return {colliders, lipschitz_}; }
+  std::size_t nearest_of(const NearColliders& near, const Vec3& x) const;
+  Real distance_at(const NearColliders& near, const std::array<double, D>& x) const;
   void find_distances(int threads);
+  void find_distances_in(const std::array<int, D>& first, const NearColliders& around);
   void find_open(int threads);
   void find_faces_near(int threads);
   void refine_open(int threads);
@@ -89,12 +96,16 @@ class Obstacles {
   void find_room(int threads);
 
   Layout<D> layout_;
-  bool found_ = false, moving_ = false, know_near_ = false;
+  bool found_ = false, moving_ = false;  // distances; whether any collider moves
+  bool know_open_ = false, know_near_ = false, know_velocity_ = false;
   std::vector<std::array<double, geometry::Collider::kStateSize>> states_;  // that it was found for
+  std::vector<bool> yield_;                                                 // which of them
   AlignedBuffer<Real> distance_, room_;
-  std::array<int, D> blocks_{};
-  Numbers all_;                    // of the colliders
-  std::vector<Numbers> of_block_;  // those that may be nearest to what is in a block near a surface
+  Blocks<D> small_;
+  double lipschitz_ = 1;  // of all signed distances
+  NearColliders all_;
+  std::vector<NearColliders>
+      of_small_;  // around what is in a small block near a surface, else none
   Fields open_, velocity_;
   std::array<std::vector<Face>, D> near_;
 };

@@ -24,7 +24,8 @@ PressureSolver<Real, D>::PressureSolver(const Layout<D>& layout)
 
 template <class Real, int D>
 std::size_t PressureSolver<Real, D>::bytes() const {
-  return r_.bytes() + z_.bytes() + d_.bytes() + q_.bytes() + multigrid_.bytes() + regions_.bytes();
+  return r_.bytes() + z_.bytes() + d_.bytes() + q_.bytes() + rest_.bytes() + multigrid_.bytes() +
+         regions_.bytes();
 }
 
 template <class Real, int D>
@@ -154,7 +155,16 @@ double PressureSolver<Real, D>::precondition(Preconditioner preconditioner, int 
   const Real* const inverse = multigrid_.inverse_diagonal().data();
   const bool diagonal = preconditioner == Preconditioner::kDiagonal;
   const auto all = [](AlignedBuffer<Real>& v) { return std::span(v.data(), v.size()); };
-  if (!diagonal) multigrid_.precondition(all(r_), all(z_), all(q_), threads);
+  if (!diagonal && bodies_) {  // see Bodies
+    rest_.reset(r_.size());
+    copy(r_, rest_, threads);
+    const auto kept = bodies_->take_moved(all(rest_), threads);
+    regions_.remove_means(all(rest_), threads);
+    multigrid_.precondition(all(rest_), all(z_), all(q_), threads);
+    bodies_->add_moved(kept, all(z_), threads);
+  } else if (!diagonal) {
+    multigrid_.precondition(all(r_), all(z_), all(q_), threads);
+  }
   return sum_rows(
       [&](const Row<D>& row) {
         const Real* const r = r_.data() + row.at;

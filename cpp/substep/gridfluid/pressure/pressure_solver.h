@@ -79,6 +79,7 @@ class PressureSolver {
   ClosedRegions<Real, D> regions_;
   const Bodies<Real, D>* bodies_ = nullptr;  // of the system that is being solved
   AlignedBuffer<Real> r_, z_, d_, q_;        // residual, M r, direction, A d
+  AlignedBuffer<Real> rest_;                 // of r, without what moves bodies
   std::vector<double> parts_;                // of a sum
 };
 

@@ -1,0 +1,114 @@
+// Which of many obstacles may be nearest around a point.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <variant>
+#include <vector>
+
+#include "substep/geometry/collider.h"
+#include "substep/gridfluid/grid/layout.h"
+
+namespace substep::gridfluid {
+
+// The value of its signed_distance() alone, which takes half the time.
+inline double signed_distance_of(const geometry::Collider& collider, const geometry::Vec3& x) {
+  const geometry::Vec3 local = collider.rotation().transpose() * (x - collider.position());
+  if (const auto* const ball = std::get_if<geometry::Sphere>(&collider.shape()))
+    return (collider.hollow() ? -1 : 1) * (local.norm() - ball->radius);
+  return collider.local_distance(local).value;
+}
+
+// A collider, and its signed distance from a point [m].
+struct NearCollider {
+  double distance;
+  std::size_t collider;
+
+  auto operator<=>(const NearCollider&) const = default;
+};
+
+// Those that may be nearest around a point, by their distances from it.
+struct NearColliders {
+  geometry::Vec3 point = geometry::Vec3::Zero();
+  std::vector<NearCollider> all;
+};
+
+// Blocks of so many nodes of a grid along each axis; the last ones have fewer.
+template <int D>
+struct Blocks {
+  Blocks(const Layout<D>& layout, int size_) : size(size_) {
+    for (std::size_t a = 0; a < D; ++a) along[a] = layout.cells[a] / size + 1;
+  }
+  std::int64_t count() const {
+    std::int64_t n = 1;
+    for (const int of_axis : along) n *= of_axis;
+    return n;
+  }
+  std::int64_t of(const std::array<int, D>& node) const {
+    std::int64_t block = 0;
+    for (std::size_t a = 0; a < D; ++a) block = block * along[a] + node[a] / size;
+    return block;
+  }
+  std::array<int, D> first(std::int64_t block) const {  // node
+    std::array<int, D> node;
+    for (std::size_t a = D; a-- > 0; block /= along[a])
+      node[a] = static_cast<int>(block % along[a]) * size;
+    return node;
+  }
+
+  int size;
+  std::array<int, D> along;
+};
+
+class NearestColliders {
+ public:
+  // lipschitz: of all signed distances.
+  NearestColliders(std::span<const geometry::Collider> colliders, double lipschitz)
+      : colliders_(colliders), lipschitz_(lipschitz) {}
+
+  // The nearest to x, the first where there are several.
+  NearCollider nearest(const NearColliders& around, const geometry::Vec3& x) const {
+    NearCollider found{std::numeric_limits<double>::infinity(), 0};
+    for_near(around, x, [&](const NearCollider& next) {
+      found = std::min(found, next);
+      return found.distance;
+    });
+    return found;
+  }
+  // Those of `around` that may be nearest to what is not further from x than `reach`.
+  void find_nearby(const NearColliders& around, const geometry::Vec3& x, double reach,
+                   NearColliders& found) const {
+    found.point = x;
+    found.all.clear();
+    double most = std::numeric_limits<double>::infinity();
+    for_near(around, x, [&](const NearCollider& next) {
+      most = std::min(most, next.distance + kRounding * 2 * lipschitz_ * reach);
+      found.all.push_back(next);
+      return most;
+    });
+    std::erase_if(found.all, [&](const NearCollider& one) { return one.distance > most; });
+    std::sort(found.all.begin(), found.all.end());
+  }
+
+ private:
+  static constexpr double kRounding = 1.01;  // and more
+
+  // use(collider) with the distance from x, for all that are not further than it returns.
+  template <class Use>
+  void for_near(const NearColliders& around, const geometry::Vec3& x, const Use& use) const {
+    const double moved = kRounding * lipschitz_ * (x - around.point).norm();
+    double most = std::numeric_limits<double>::infinity();
+    for (const auto& [distance, collider] : around.all) {
+      if (distance - moved > most) return;
+      most = use(NearCollider{signed_distance_of(colliders_[collider], x), collider});
+    }
+  }
+
+  std::span<const geometry::Collider> colliders_;
+  double lipschitz_;
+};
+
+}  // namespace substep::gridfluid
