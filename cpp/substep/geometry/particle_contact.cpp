@@ -226,8 +226,9 @@ bool ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real
       const Vec3 local = at.to_local(xyz(x[i]));
       const double distance = collider.local_distance(local).value;
       if (of(mass, i) == 0 || !(distance < margin_)) continue;
-      if (distance < 0) covered = true;
-      const Vec3 out = distance < 0 ? way_out(c, local) : set_off(collider, local, margin_);
+      const bool within = distance < 0 && collider.body.surface < 0;
+      if (within) covered = true;
+      const Vec3 out = within ? way_out(c, local) : set_off(collider, local, margin_);
       Vec3 moved = at.rotation * (out - local);
       if (planar_) moved[2] = 0;
       assign(x[i], xyz(x[i]) + moved);

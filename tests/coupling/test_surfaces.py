@@ -1,0 +1,269 @@
+"""Cloth and soft bodies as obstacles of others: shares, momentum, weight, light ones, bits."""
+
+import numpy as np
+import pytest
+import substep
+from substep import InputError, mpm
+from substep.coupling.surfaces import SurfaceLink
+from substep.geometry.facets import Sheet
+
+G = 9.81
+ROUNDING = {"float32": 1e-5, "float64": 1e-11}
+
+
+def sheet(n=7, size=0.6, *, density=2.0, stiffness=2000.0, pinned="rim", at=0.0, **options):
+    """A square of cloth in the plane z = at [kg/m^2, N/m]."""
+    mesh = substep.geometry.grid_mesh(n, n, (size, size))
+    rim = np.abs(mesh.vertices[:, :2]).max(axis=1) > 0.499 * size
+    return substep.MassSpring.from_mesh(
+        substep.TriangleMesh(mesh.vertices + np.array([0, 0, at]), mesh.faces),
+        density=density,
+        stiffness=stiffness,
+        pinned=rim if pinned == "rim" else (),
+        **{"damping_time": 0.01, "step": 1 / 240, **options},
+    )
+
+
+def cube(side, cells, density, at, *, young_modulus=2e4, **options):
+    mesh = substep.geometry.box_tetrahedra((side,) * 3, (cells,) * 3)
+    return substep.SoftBody(
+        mesh.vertices + at,
+        mesh.tetrahedra,
+        density=density,
+        young_modulus=young_modulus,
+        poisson_ratio=0.3,
+        **{"damping_time": 0.02, "step": 1 / 240, **options},
+    )
+
+
+def lump(low, high, colliders, *, density=1000.0, spacing=0.025, velocity=(0, 0, 0), **options):
+    """A soft block of material points."""
+    x = substep.fill_box(low, high, spacing)
+    return substep.MaterialPointMethod(
+        x,
+        mpm.NeoHookean(density=density, young_modulus=5e4, poisson_ratio=0.3),
+        cell=2 * spacing,
+        volume=spacing**3,
+        velocities=np.broadcast_to(np.array(velocity, float), x.shape),
+        colliders=colliders,
+        **options,
+    )
+
+
+def momenta(world):
+    """Linear and angular momentum about 0 of all members."""
+    sums = np.zeros(6)
+    for member in world.members.values():
+        p = np.asarray(member.masses)[:, None] * np.asarray(member.velocities, float)
+        sums[:3] += p.sum(axis=0)
+        sums[3:] += np.cross(np.asarray(member.positions, float), p).sum(axis=0)
+    return sums
+
+
+def load(world, link=0):
+    """Force on a surface in the last interval [N]."""
+    return world._surfaces.pushed[link][:, :3].sum(axis=0) / world._interval
+
+
+# ---------------------------------------------------------------------------- shares of corners
+
+
+def test_corners_share_what_pushes_a_triangle():
+    rng = np.random.default_rng(1)
+    x = rng.normal(size=(4, 3))
+    faces = np.array([[0, 1, 2], [1, 3, 2]])
+    net = substep.MassSpring(x, [[0, 1], [1, 2], [2, 3]], 1.0, [1.0, 2.0, 3.0, 4.0], faces=faces)
+    other = lump((0, 0, 1), (0.1, 0.1, 1.1), net.make_colliders(0.1))
+    link = SurfaceLink(
+        "a", "b", {"a": other, "b": net}, 0, [(0, 0), (1, 1)], Sheet(faces, 0.05, False)
+    )
+    link.place(x, np.zeros((4, 3)), np.zeros((2, 6)), 0.1)
+    J = rng.normal(size=(2, 6))
+    given = link.on_vertices(J)
+    middles = x[faces].mean(axis=1)
+    np.testing.assert_allclose(given.sum(axis=0), J[:, :3].sum(axis=0), atol=1e-13)
+    moment = J[:, 3:] + np.cross(middles, J[:, :3])
+    np.testing.assert_allclose(np.cross(x, given).sum(axis=0), moment.sum(axis=0), atol=1e-12)
+    # Across the triangle: the weights of the point.
+    weights = np.array([0.2, 0.5, 0.3])
+    point = weights @ x[faces[0]]
+    n = np.cross(x[1] - x[0], x[2] - x[0])
+    n /= np.linalg.norm(n)
+    push = np.r_[n, np.cross(point - middles[0], n)]
+    given = link.on_vertices(np.array([push, np.zeros(6)]))
+    np.testing.assert_allclose(given @ n, [*weights, 0.0], atol=1e-12)
+
+
+def test_a_triangle_alone_yields_as_its_three_masses():
+    x = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    masses = np.array([1.0, 2.0, 4.0])
+    net = substep.MassSpring(x, [[0, 1], [1, 2]], 1.0, masses, faces=[[0, 1, 2]])
+    other = lump((0, 0, 1), (0.1, 0.1, 1.1), net.make_colliders(0.1))
+    link = SurfaceLink("a", "b", {"a": other, "b": net}, 0, [(0, 0)], Sheet(net.faces, 0.05, False))
+    seen = {}
+    original = substep._core.place_facets
+
+    def placed(*arguments):
+        seen["W"] = arguments[5].reshape(6, 6)
+        original(*arguments)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(substep._core, "place_facets", placed)
+        link.place(x, np.zeros((3, 3)), np.zeros((1, 6)), 0.1)
+    weights = np.array([0.2, 0.5, 0.3])
+    arm = weights @ x - x.mean(axis=0)
+    push = np.r_[0, 0, 1, np.cross(arm, [0, 0, 1])]
+    assert push @ seen["W"] @ push == pytest.approx((weights**2 / masses).sum(), rel=1e-12)
+
+
+# ---------------------------------------------------------------------------- momentum
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_momentum_stays_where_a_block_hits_free_cloth(dtype):
+    cloth = sheet(pinned="", gravity=(0, 0, 0), stiffness=500.0, tolerance=1e-9)
+    block = lump(
+        (-0.1, -0.08, 0.1),
+        (0.1, 0.12, 0.22),
+        cloth.make_colliders(0.1, friction=0.4),
+        velocity=(0.3, 0, -1.5),
+        gravity=(0, 0, 0),
+        dtype=dtype,
+    )
+    world = substep.World({"block": block, "cloth": cloth}, step=1 / 240)
+    start, pushed = momenta(world), 0.0
+    for _ in range(24):
+        world.step()
+        pushed += np.abs(world._surfaces.pushed[0][:, :3]).sum()
+    scale = np.abs(start[:3]).max() + pushed
+    assert pushed > 0.1 * np.abs(start[2])  # they met
+    np.testing.assert_allclose(momenta(world)[:3], start[:3], atol=ROUNDING[dtype] * scale)
+
+
+def test_fast_cloth_sweeps_up_what_lies_before_it():
+    """In one interval it moves by more than its thickness; nothing passes."""
+    cloth = sheet(pinned="", gravity=(0, 0, 0), velocities=None)
+    cloth.velocities[:] = (0, 0, 30.0)
+    block = lump((-0.1, -0.1, 0.1), (0.1, 0.1, 0.2), cloth.make_colliders(0.1), density=100.0)
+    world = substep.World({"block": block, "cloth": cloth}, step=1 / 240)
+    assert 30.0 / 240 > 0.1
+    for _ in range(12):
+        world.step()
+    near = np.abs(block.positions[:, :2]).max(axis=1) < 0.2
+    level = cloth.positions[:, 2].min()
+    assert block.positions[near, 2].min() > level
+
+
+# ---------------------------------------------------------------------------- weight
+
+
+def test_a_trampoline_carries_the_weight_of_a_jelly():
+    cloth = sheet(damping_time=0.1)
+    colliders = cloth.make_colliders(0.1, friction=0.5)
+    jelly = lump((-0.1, -0.1, 0.06), (0.1, 0.1, 0.16), colliders)
+    world = substep.World({"jelly": jelly, "cloth": cloth}, step=1 / 240)
+    world.advance(1.0)
+    weight = jelly.masses.sum() * G
+    mean = np.zeros(3)
+    for _ in range(48):
+        world.step()
+        mean += load(world) / 48
+    np.testing.assert_allclose(mean, [0, 0, -weight], atol=0.01 * weight)
+    world.advance(0.1)  # the obstacles have the sum of all intervals
+    given = sum(collider.impulse for collider in jelly.colliders)
+    np.testing.assert_allclose(given[2], -0.1 * weight, rtol=0.02)
+
+
+# ---------------------------------------------------------------------------- bits
+
+
+def falling(threads=None):
+    cloth = sheet(5, threads=threads)
+    block = lump((-0.1, -0.1, 0.06), (0.1, 0.1, 0.16), cloth.make_colliders(0.1), threads=threads)
+    world = substep.World({"block": block, "cloth": cloth}, step=1 / 240)
+    world.threads = threads
+    return world
+
+
+def steps(world, count):
+    for _ in range(count):
+        world.step()
+
+
+def digest(world):
+    return substep.state_hash(
+        *(np.asarray(v, np.float64).ravel() for v in world.state().values() if np.ndim(v) > 0)
+    )
+
+
+def test_bits_do_not_depend_on_threads_or_a_checkpoint(tmp_path):
+    hashes = []
+    for threads in (1, 2, 3):
+        world = falling(threads)
+        steps(world, 24)
+        hashes.append(digest(world))
+    assert len(set(hashes)) == 1
+    world = falling()
+    steps(world, 12)
+    world.save(tmp_path / "world")
+    for other in (falling(), world.copy()):
+        other.load(tmp_path / "world")
+        steps(other, 12)
+        assert digest(other) == hashes[0]
+
+
+def test_a_failure_leaves_all_as_it_was():
+    world = falling()
+    steps(world, 12)
+    before = digest(world)
+    world["block"].set_velocities([0, 0, -1e30], ids=0)
+    with pytest.raises(substep.SolverError, match="block"):
+        world.step()
+    world["block"].set_velocities([0, 0, 0], ids=0)
+    assert np.isfinite(world["cloth"].positions).all()
+    assert digest(world) != before  # only that particle's velocity
+    world.step()
+
+
+# ---------------------------------------------------------------------------- what is refused
+
+
+def test_what_cannot_be_an_obstacle_is_refused():
+    cloth = sheet(3)
+    with pytest.raises(InputError, match="thickness"):
+        cloth.make_colliders(0.0)
+    with pytest.raises(InputError, match=r"faces\[0, 2\]"):
+        cloth.make_colliders(0.1, faces=[[0, 1, 99]])
+    with pytest.raises(InputError, match="friction"):
+        cloth.make_colliders(0.1, friction=-1.0)
+    rope = substep.MassSpring([[0, 0, 0], [0, 0, 1]], [[0, 1]], 1.0, 1.0)
+    with pytest.raises(InputError, match="faces"):
+        rope.make_colliders(0.1)
+    flat = substep.PositionBasedDynamics([[0.0, 0.0], [1.0, 0.0]], 1.0, [])
+    with pytest.raises(InputError, match="plane"):
+        flat.make_colliders(0.1)
+
+
+def test_what_cannot_meet_a_surface_is_refused():
+    cloth, other = sheet(3), sheet(3)
+    block = lump((0, 0, 0.1), (0.1, 0.1, 0.2), cloth.make_colliders(0.1))
+    with pytest.raises(InputError, match=r"colliders\[0\] of 'block' stands for a surface of no"):
+        substep.World({"block": block})
+    with pytest.raises(InputError, match="of no member"):
+        substep.World({"block": block, "cloth": other})
+    thin = lump((0, 0, 0.1), (0.1, 0.1, 0.2), cloth.make_colliders(0.09))
+    with pytest.raises(InputError, match=r"thickness of at least 0\.1 m there, got 0\.09"):
+        substep.World({"block": thin, "cloth": cloth})
+    water = substep.GridLiquid(
+        substep.fill_box((0, 0, 0), (0.4, 0.4, 0.2), 0.05),
+        cell=0.1,
+        bounds=((0, 0, 0), (0.4, 0.4, 0.4)),
+        colliders=cloth.make_colliders(0.05),
+    )
+    with pytest.raises(InputError, match="GridLiquid does not see obstacles as thin"):
+        substep.World({"water": water, "cloth": cloth})
+    first = cube(0.1, 1, 500.0, (0, 0, 1))
+    second = cube(0.1, 1, 500.0, (0, 0, 2), colliders=first.make_colliders(0.02))
+    third = cube(0.1, 1, 500.0, (0, 0, 3), colliders=second.make_colliders(0.02))
+    world = substep.World({"first": first, "second": second, "third": third})
+    assert world._surfaces.order == ["third", "second", "first"]
