@@ -77,7 +77,7 @@ def test_corners_share_what_pushes_a_triangle():
     link = SurfaceLink(
         "a", "b", {"a": other, "b": net}, 0, [(0, 0), (1, 1)], Sheet(faces, 0.05, False)
     )
-    link.place(x, np.zeros((4, 3)), np.zeros((2, 6)), 0.1)
+    link.begin(x, np.zeros((4, 3)))
     J = rng.normal(size=(2, 6))
     given = link.on_vertices(J)
     middles = x[faces].mean(axis=1)
@@ -100,20 +100,11 @@ def test_a_triangle_alone_yields_as_its_three_masses():
     net = substep.MassSpring(x, [[0, 1], [1, 2]], 1.0, masses, faces=[[0, 1, 2]])
     other = lump((0, 0, 1), (0.1, 0.1, 1.1), net.make_colliders(0.1))
     link = SurfaceLink("a", "b", {"a": other, "b": net}, 0, [(0, 0)], Sheet(net.faces, 0.05, False))
-    seen = {}
-    original = substep._core.place_facets
-
-    def placed(*arguments):
-        seen["W"] = arguments[5].reshape(6, 6)
-        original(*arguments)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(substep._core, "place_facets", placed)
-        link.place(x, np.zeros((3, 3)), np.zeros((1, 6)), 0.1)
+    link.begin(x, np.zeros((3, 3)))
     weights = np.array([0.2, 0.5, 0.3])
     arm = weights @ x - x.mean(axis=0)
     push = np.r_[0, 0, 1, np.cross(arm, [0, 0, 1])]
-    assert push @ seen["W"] @ push == pytest.approx((weights**2 / masses).sum(), rel=1e-12)
+    assert push @ link._W[0] @ push == pytest.approx((weights**2 / masses).sum(), rel=1e-12)
 
 
 # ---------------------------------------------------------------------------- momentum
@@ -172,6 +163,132 @@ def test_a_trampoline_carries_the_weight_of_a_jelly():
     world.advance(0.1)  # the obstacles have the sum of all intervals
     given = sum(collider.impulse for collider in jelly.colliders)
     np.testing.assert_allclose(given[2], -0.1 * weight, rtol=0.02)
+
+
+@pytest.mark.parametrize("density", [2.0, 0.01])  # the jelly weighs 5 times as much, or 1000 times
+def test_light_cloth_carries_as_heavy_cloth_does(density):
+    cloth = sheet(density=density, damping_time=0.05)
+    jelly = lump((-0.1, -0.1, 0.06), (0.1, 0.1, 0.16), cloth.make_colliders(0.1, friction=0.3))
+    world = substep.World({"jelly": jelly, "cloth": cloth}, step=1 / 240)
+    energies = [world.diagnostics()["energy"]]
+    for _ in range(20):
+        world.advance(0.05)
+        energies.append(world.diagnostics()["energy"])
+    assert cloth.positions[:, 2].min() == pytest.approx(-0.0815, abs=0.002)
+    assert np.linalg.norm(jelly.velocities, axis=1).max() < 0.15
+    assert np.diff(energies).max() < 0.02 * energies[0]
+
+
+def test_sand_rests_on_a_trampoline():
+    cloth = sheet(damping_time=0.05)
+    sand = substep.MaterialPointMethod(
+        substep.fill_box((-0.1, -0.1, 0.06), (0.1, 0.1, 0.18), 0.025),
+        mpm.Sand(),
+        cell=0.05,
+        volume=0.025**3,
+        colliders=cloth.make_colliders(0.1, friction=0.5),
+    )
+    world = substep.World({"sand": sand, "cloth": cloth}, step=1 / 240)
+    world.advance(1.0)
+    mean = np.zeros(3)
+    for _ in range(12):
+        world.step()
+        mean += load(world) / 12
+    weight = sand.masses.sum() * G
+    np.testing.assert_allclose(mean, [0, 0, -weight], atol=0.01 * weight)
+    assert np.linalg.norm(sand.velocities, axis=1).mean() < 0.03
+
+
+def strings(length, width, count, tension, density):
+    """Strings along x [N per m of width], pinned at both ends; they are half as long at rest."""
+    mesh = substep.geometry.grid_mesh(count, 4, (length, width))
+    number = np.arange(4 * count).reshape(count, 4)
+    along = np.stack([number[:-1].ravel(), number[1:].ravel()], axis=1)
+    across = np.stack([number[:, :-1].ravel(), number[:, 1:].ravel()], axis=1)
+    rest = length / (count - 1) / 2
+    widths = width / 3 * np.array([0.5, 1, 1, 0.5])
+    stiffness = np.r_[np.tile(tension * widths, count - 1) / rest, np.full(len(across), 10.0)]
+    p = mesh.vertices[mesh.faces]
+    areas = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1) / 2
+    parts = np.bincount(mesh.faces.ravel(), np.repeat(areas / 3, 3), 4 * count)
+    return substep.MassSpring(
+        mesh.vertices,
+        np.concatenate([along, across]),
+        stiffness,
+        density * parts,
+        drag=500.0,  # stops the liquid on it within the test
+        rest_lengths=np.r_[np.full(len(along), rest), np.full(len(across), width / 3)],
+        faces=mesh.faces,
+        pinned=np.abs(mesh.vertices[:, 0]) > 0.499 * length,
+        step=1 / 240,
+    )
+
+
+def test_a_column_of_liquid_on_strings_under_tension():
+    """A load q on strings of length L and tension T, both per width, sags by q L^2 / (8 T)."""
+    length, width, depth, d = 0.8, 0.3, 0.2, 0.05
+    q = 1000 * G * depth
+    tension = q * length**2 / (8 * 0.03)
+    net = strings(length, width, 9, tension, 5.0)
+    tank = substep.Collider(substep.Box((length, width, 2.0)), hollow=True)
+    x = substep.fill_box((-length / 2, -width / 2, 0.05), (length / 2, width / 2, 0.05 + depth), d)
+    liquid = substep.PositionBasedFluid(x, d, colliders=[tank, *net.make_colliders(0.1)])
+    world = substep.World({"liquid": liquid, "net": net}, step=1 / 240)
+    middle, sags, loads = np.flatnonzero(np.abs(net.positions[:, 0]) < 1e-9), [], []
+    for k in range(240):
+        world.step()
+        if k >= 120:
+            sags.append(-net.positions[middle, 2].mean())
+            loads.append(-load(world)[2])
+    own = 5.0 * G * length**2 / (8 * tension)
+    assert np.mean(loads) == pytest.approx(liquid.masses.sum() * G, rel=0.02)
+    assert np.mean(sags) == pytest.approx(0.03 + own, rel=0.06)
+    assert liquid.positions[:, 2].min() > -0.03
+
+
+# ---------------------------------------------------------------------------- soft bodies
+
+
+def test_a_closed_surface_displaces_its_volume():
+    box = cube(0.3, 2, 500.0, (0, 0, 0))
+    obstacles = box.make_colliders(0.05)
+    x = np.array([[0, 0, 0.16], [0, 0.1, 0.149], [0.2, 0.05, -0.05], [0, -0.151, 0.12]])
+    nearest = np.min([c.distance(x) for c in obstacles], axis=0)
+    np.testing.assert_allclose(nearest, [0.01, -0.001, 0.05, 0.001], atol=2e-4)
+
+
+def test_a_jelly_floats_at_half_of_its_height():
+    """The mean over a bob, as it is not damped; draft = density ratio."""
+    side, depth, d = 0.24, 0.24, 0.04
+    box = cube(side, 2, 500.0, (0, 0, depth))
+    x = substep.fill_box((-0.28, -0.28, 0), (0.28, 0.28, depth), d)
+    x = x[np.abs(x - (0, 0, depth)).max(axis=1) > (side + d) / 2 - 1e-9]
+    tank = substep.Collider(substep.Box((0.56, 0.56, 2.0), (0, 0, 1.0)), hollow=True)
+    liquid = substep.PositionBasedFluid(x, d, colliders=[tank, *box.make_colliders(0.04)])
+    world = substep.World({"liquid": liquid, "box": box}, step=1 / 240)
+    drafts = []
+    for k in range(144):
+        world.step()
+        if k < 24:
+            continue
+        centre = box.masses @ box.positions / box.masses.sum()
+        far = np.abs(liquid.positions[:, :2]).max(axis=1) > side / 2 + 1.5 * d
+        level = np.sort(liquid.positions[far, 2])[-20:].mean() + d / 2
+        drafts.append((level - centre[2]) / side + 0.5)
+    assert np.mean(drafts) == pytest.approx(0.5, abs=0.03)
+
+
+@pytest.mark.slow
+def test_a_jelly_of_tetrahedra_rests_on_a_trampoline():
+    cloth = sheet(damping_time=0.05)
+    box = cube(0.2, 2, 500.0, (0, 0, 0.16), colliders=cloth.make_colliders(0.1, friction=0.3))
+    world = substep.World({"box": box, "cloth": cloth}, step=1 / 240)
+    world.advance(0.7)
+    before = world.diagnostics()["energy"]
+    world.advance(0.3)
+    weight = box.masses.sum() * G
+    np.testing.assert_allclose(load(world), [0, 0, -weight], atol=0.01 * weight)
+    assert world.diagnostics()["energy"] <= before + 1e-3 * weight * 0.2
 
 
 # ---------------------------------------------------------------------------- bits

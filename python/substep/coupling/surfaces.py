@@ -11,13 +11,17 @@ is the triangle's mobility: a corner has a part of its mass in each of its trian
 them together, pushed at once, yield as the vertices do (Tonge et al., "Mass splitting for
 jitter-free parallel rigid body simulation", 2012). What holds the vertices together within the
 surface's own solver counts by a trial (bodies.py): in an interval of exchange dt
-1. the surface tries the interval with the impulses J' of the last one, and goes back;
+1. the surface tries the interval with the impulses J' of the last one, and without them, and goes
+   back: W becomes what these yield, as a sum, times 3, if that is less;
 2. the other simulation advances; each triangle goes straight to where its corners came in the
    trial, with W (J - J') beside that;
 3. the surface takes the interval with J, as forces on its vertices.
-Where it answers otherwise than W says, as what is stiff does, its triangles are put back by the
-difference. If that is too much of their thickness, the interval is done again in halves (world.py),
-as what the other simulation has there might come out on the wrong side.
+Without the trials a light and stiff surface would count as so light that what lies on it sinks in:
+J' alone stops it, which takes many intervals to grow. But where W is less than half of what the
+surface yields to some load, what is much heavier is thrown off: 3 leaves room for loads that move
+it more than the present one. Where the surface answers otherwise than W says, its triangles are put
+back by the difference. If that is too much of their thickness, the interval is done again in halves
+(world.py), as what the other simulation has there might come out on the wrong side.
 """
 
 from __future__ import annotations
@@ -39,6 +43,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _BODIES = 1 << 20  # numbers of bodies that a surface has for itself; below: rigid ones
+_SOFTER = 3  # times as much as the present load moves a surface, others may
+_LEAST = 1e-6  # part of the mobility of the masses alone that is left
 
 
 class SurfaceLink:
@@ -75,22 +81,50 @@ class SurfaceLink:
         self._faces = sheet.faces[self._rows]
         self._shared = np.bincount(self._faces.ravel(), minlength=len(self._of))
 
-    def place(self, x: Array, v: Array, last: Array, dt: float) -> None:
-        """Put them on vertices at x that move by v, with the impulses of the last interval."""
-        corners = self.sheet.corners(x)[self._rows]
-        D = self._share_out(x, corners.mean(axis=1))
+    def begin(self, x: Array, v: Array) -> None:
+        """An interval begins with vertices at x that move by v."""
+        self._corners = self.sheet.corners(x)[self._rows]
+        self._D = D = self._share_out(x, self._corners.mean(axis=1))
         inverse = np.where(self._of.pinned, 0.0, self._shared / self._of.masses)
-        W = np.einsum("kij,ki,kil->kjl", D, np.repeat(inverse[self._faces], 3, axis=1), D)
-        self._D = D
+        self._W = np.einsum("kij,ki,kil->kjl", D, np.repeat(inverse[self._faces], 3, axis=1), D)
+        many = len(D)
+        self._place([-1] * many, v, np.zeros((many, 6)))
+
+    def place(self, v: Array, last: Array, dt: float) -> None:
+        """Put them there, to move by v, with the impulses of the last interval."""
+        first = (self.number + 1) * _BODIES
+        numbers = list(range(first, first + len(last)))
+        self._place(numbers, v, -np.einsum("kij,kj->ki", self._W, last) / dt)
+
+    def _place(self, numbers: list[int], v: Array, accelerations: Array) -> None:
         _core.place_facets(
             self.colliders,
-            [(self.number + 1) * _BODIES + k for k in range(len(D))] if dt > 0 else [-1] * len(D),
+            numbers,
             self.number,
-            corners.reshape(-1, 9),
-            np.einsum("kij,ki->kj", D, v[self._faces].reshape(-1, 9)),
-            W.reshape(-1, 36),
-            -np.einsum("kij,kj->ki", W, last) / dt if dt > 0 else np.zeros((len(D), 6)),
+            self._corners.reshape(-1, 9),
+            self._fit(v),
+            self._W.reshape(-1, 36),
+            accelerations,
         )
+
+    def _fit(self, v: Array) -> Array:
+        """Motions of the triangles, for velocities of the vertices."""
+        fitted: Array = np.einsum("kij,ki->kj", self._D, v[self._faces].reshape(-1, 9))
+        return fitted
+
+    def stiffen(self, impulses: Array, change: Array) -> None:
+        """Count that what holds the vertices together yields less than their masses alone.
+
+        The velocities of the vertices were changed by so much by these impulses, springs and all.
+        """
+        free = np.einsum("kj,kjl,kl->", impulses, self._W, impulses)
+        moved = np.einsum("kj,kj->", impulses, self._fit(change))
+        if not moved < free / _SOFTER:
+            return
+        part, mass = max(_SOFTER * moved / free, _LEAST), self._of.masses
+        if not self._of.pinned.any():  # as a whole it yields by the mass of all its vertices
+            part = max(part, mass[self._shared > 0].sum() / mass.sum())
+        self._W *= part
 
     def _share_out(self, x: Array, middles: Array) -> Array:
         """D, shape (m, 9, 6)."""
@@ -157,7 +191,7 @@ class Surfaces:
         self.sources = list(dict.fromkeys(link.source for link in self.links))
         self.order = _order(members, self.links)  # in which they advance
         self.pushed = [np.zeros((len(link.places), 6)) for link in self.links]  # [N s], [N m s]
-        self._went: dict[str, tuple[Array, Array]] = {}  # where vertices are, and go in the trial
+        self._went: dict[str, Array] = {}  # by which vertices get to where the trial had them
 
     def made(self) -> list[tuple[Any, ...]]:
         """What `Surfaces` of copies of the members are made of."""
@@ -169,23 +203,34 @@ class Surfaces:
         for link in self.links:
             of = self._members[link.source]
             x, v = (np.array(a, np.float64) for a in (of.positions, of.velocities))
-            link.place(x, v, np.zeros((len(link.places), 6)), 0.0)
+            link.begin(x, v)
         for name in self.sources:
-            member = self._members[name]
-            before, start = member._kept(), np.array(member.positions, np.float64)
-            obstacles = [collider._native.copy() for collider in member.colliders]
-            self._drive(name, dt, end, trial=True)
-            self._went[name] = start, (np.asarray(member.positions, np.float64) - start) / dt
-            member._put_state(before)
-            for collider, kept in zip(member.colliders, obstacles, strict=True):
-                collider._native.assign(kept)  # and what they were given in this call
+            went, v = self._try(name, dt, end)
+            self._went[name] = went
+            for k, link in enumerate(self.links):
+                if link.source == name and self.pushed[k].any():
+                    without = v - self._try(name, dt, end, k)[1]
+                    link.stiffen(self.pushed[k], without)
+
+    def _try(self, name: str, dt: float, end: float, without: int = -1) -> tuple[Array, Array]:
+        """Mean and last velocities of the vertices in an interval, which is not taken."""
+        member = self._members[name]
+        before, x = member._kept(), np.array(member.positions, np.float64)
+        obstacles = [collider._native.copy() for collider in member.colliders]
+        self._drive(name, dt, end, without, trial=True)
+        went = (np.asarray(member.positions, np.float64) - x) / dt
+        v = np.array(member.velocities, np.float64)
+        member._put_state(before)
+        for collider, kept in zip(member.colliders, obstacles, strict=True):
+            collider._native.assign(kept)  # and what they were given in this call
+        return went, v
 
     def advance(self, name: str, dt: float, end: float) -> None:
         """Let a member take the interval, among the surfaces that it meets."""
         met = [k for k, link in enumerate(self.links) if link.name == name]
         for k in met:
             link = self.links[k]
-            link.place(*self._went[link.source], self.pushed[k], dt)
+            link.place(self._went[link.source], self.pushed[k], dt)
         if name in self.sources:
             self._drive(name, dt, end)
         else:
@@ -193,12 +238,15 @@ class Surfaces:
         for k in met:
             self.pushed[k] = self.links[k].impulses()
 
-    def _drive(self, name: str, dt: float, end: float, trial: bool = False) -> None:
+    def _drive(
+        self, name: str, dt: float, end: float, without: int = -1, trial: bool = False
+    ) -> None:
         """Let it advance with what its vertices were given, spread evenly over its steps."""
         member = self._members[name]
-        links = zip(self.links, self.pushed, strict=True)
-        forces = sum(link.on_vertices(given) for link, given in links if link.source == name) / dt
-        rows = np.arange(len(member))
+        forces, rows = np.zeros((len(member), 3)), np.arange(len(member))
+        for k, (link, given) in enumerate(zip(self.links, self.pushed, strict=True)):
+            if link.source == name and k != without:
+                forces += link.on_vertices(given) / dt
         sizes = member._even_sizes(dt, end) if member._fixed_step else member._sizes(end)
         for h, is_last in sizes:
             member._write("forces", np.asarray(member._native.forces) + forces, rows)
