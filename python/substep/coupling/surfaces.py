@@ -301,10 +301,10 @@ def _find(members: Mapping[str, Simulation]) -> list[tuple[Any, ...]]:
                     "it by make_colliders() of the simulation that is one"
                 )
             sheet, thinnest = collider._sheet, member._thinnest
-            if thinnest is None:
+            if thinnest is None or getattr(member, "_dimension", 3) == 2:
                 raise InputError(
-                    f"members: colliders[{k}] of {name!r} stands for a surface; a "
-                    f"{type(member).__name__} does not see obstacles as thin as that"
+                    f"members: colliders[{k}] of {name!r} stands for a surface, which a "
+                    f"{type(member).__name__} {'in the plane ' if thinnest else ''}cannot meet"
                 )
             if 2 * sheet.radius < thinnest * (1 - 1e-9):
                 raise InputError(
@@ -317,18 +317,14 @@ def _find(members: Mapping[str, Simulation]) -> list[tuple[Any, ...]]:
 
 
 def _order(members: Mapping[str, Simulation], links: list[SurfaceLink]) -> list[str]:
-    """Names such that what meets a surface comes before the simulation whose surface it is."""
+    """Names such that what meets a surface comes before the simulation whose surface it is.
+
+    There is such an order, as obstacles are made of simulations that are there already.
+    """
     order: list[str] = []
     left = list(members)
     while left:
-        first = next(
-            (n for n in left if not any(k.source == n and k.name in left for k in links)), None
-        )
-        if first is None:
-            raise InputError(
-                f"members: {', '.join(left)} have surfaces of each other, or of themselves, as "
-                "obstacles; give those of one to the other alone"
-            )
-        order.append(first)
-        left.remove(first)
+        met = {link.source for link in links if link.name in left}
+        order.append(next(name for name in left if name not in met))
+        left.remove(order[-1])
     return order
