@@ -198,6 +198,32 @@ def test_a_failure_leaves_all_as_it_was():
     world.step()
 
 
+def test_a_vertex_that_is_not_finite_is_told():
+    world = falling()
+    steps(world, 2)
+    before = world["block"].positions
+    world["cloth"].positions[3] = np.nan
+    with pytest.raises(substep.NonFiniteError, match="cloth: vertex 3") as caught:
+        world.step()
+    assert caught.value.index == 3
+    np.testing.assert_array_equal(world["block"].positions, before)
+
+
+def test_intervals_are_halved_where_a_triangle_would_be_put_back_too_far():
+    """Then obstacles have the sum of all, and members count the steps that were taken."""
+    cloth = sheet(pinned="rim", stiffness=2e4, density=0.5)
+    block = lump(
+        (-0.1, -0.1, 0.06), (0.1, 0.1, 0.16), cloth.make_colliders(0.1), velocity=(0, 0, -6)
+    )
+    world = substep.World({"block": block, "cloth": cloth}, step=1 / 60)
+    p = block.masses @ block.velocities
+    world.step(1 / 60)
+    assert cloth.report.steps > 4  # of 1/240 s
+    gained = block.masses @ block.velocities - p - block.masses.sum() * np.array([0, 0, -G]) / 60
+    given = sum(collider.impulse for collider in block.colliders)
+    np.testing.assert_allclose(given, -gained, atol=1e-4 * np.abs(gained).max())
+
+
 # ---------------------------------------------------------------------------- what is refused
 
 

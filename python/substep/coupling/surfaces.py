@@ -27,14 +27,14 @@ back by the difference. If that is too much of their thickness, the interval is 
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from ..errors import InputError
+from ..errors import InputError, NonFiniteError
 from ..geometry.facets import Sheet, SurfaceCollider
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ class SurfaceLink:
     def _share_out(self, x: Array, middles: Array) -> Array:
         """D, shape (m, 9, 6)."""
         arms = x[self._faces] - middles[:, None]
-        length = np.abs(arms).max(axis=(1, 2), keepdims=True)
+        length = np.maximum(np.abs(arms).max(axis=(1, 2), keepdims=True), 1e-300)
         r = arms / length  # so that what is inverted has no unit
         blocks = np.zeros((len(r), 3, 3, 6))
         blocks[..., :3] = np.eye(3)
@@ -197,20 +197,30 @@ class Surfaces:
         """What `Surfaces` of copies of the members are made of."""
         return [(link.name, link.source, link.places, link.sheet) for link in self.links]
 
-    def begin(self, scale: float, dt: float, end: float) -> None:
-        """Try where vertices go in an interval, with the impulses of the last one times `scale`."""
+    def begin(self, scale: float, dt: float, end: float, name_errors: Callable[..., Any]) -> None:
+        """Try where vertices go in an interval, with the impulses of the last one times `scale`.
+
+        name_errors(member, function, *arguments) calls it, and tells whose errors are.
+        """
         self.pushed = [scale * impulses for impulses in self.pushed]
         for link in self.links:
             of = self._members[link.source]
             x, v = (np.array(a, np.float64) for a in (of.positions, of.velocities))
+            bad = ~np.isfinite(np.hstack([x, v])).all(axis=1)
+            if bad.any():
+                vertex = int(np.argmax(bad))
+                raise NonFiniteError(
+                    f"{link.source}: vertex {vertex} is not finite", time=of.time, index=vertex
+                )
             link.begin(x, v)
         for name in self.sources:
-            went, v = self._try(name, dt, end)
+            of = self._members[name]
+            went, v = name_errors(of, self._try, name, dt, end)
             self._went[name] = went
             for k, link in enumerate(self.links):
                 if link.source == name and self.pushed[k].any():
-                    without = v - self._try(name, dt, end, k)[1]
-                    link.stiffen(self.pushed[k], without)
+                    _, without = name_errors(of, self._try, name, dt, end, k)
+                    link.stiffen(self.pushed[k], v - without)
 
     def _try(self, name: str, dt: float, end: float, without: int = -1) -> tuple[Array, Array]:
         """Mean and last velocities of the vertices in an interval, which is not taken."""
@@ -262,10 +272,11 @@ class Surfaces:
 
     def keep(self) -> list[tuple[Any, ...]]:
         """Copy what members count in a call and no state has, for `put_back`."""
+        if not self.links:
+            return []
         return [
             (m, copy.copy(m._last), [collider._native.copy() for collider in m.colliders])
             for m in self._members.values()
-            if self.links
         ]
 
     def put_back(self, kept: list[tuple[Any, ...]]) -> None:

@@ -218,7 +218,7 @@ class World(Simulation):
         before, counted = self._kept(), self._surfaces.keep()
         try:
             scale = dt / self._interval if self._interval > 0 else 0.0
-            self._surfaces.begin(scale, dt, end)
+            self._surfaces.begin(scale, dt, end, self._name_errors)
             if bodies is None:
                 for name in self._surfaces.order:
                     self._advance(name, dt, end)
@@ -337,10 +337,10 @@ class World(Simulation):
         self._name_errors(member, self._surfaces.advance, name, dt, end)
         member._native.time = end
 
-    def _name_errors(self, member: Simulation, call: Callable[..., object], *given: Any) -> None:
+    def _name_errors(self, member: Simulation, call: Callable[..., Any], *given: Any) -> Any:
         """Call it; where it fails, the error says whose it is."""
         try:
-            call(*given)
+            return call(*given)
         except SolverError as error:
             error.args = (f"{self._name_of(member)}: {error}", *error.args[1:])
             error.step = None  # of the member's own
