@@ -226,7 +226,7 @@ bool ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real
       const Vec3 local = at.to_local(xyz(x[i]));
       const double distance = collider.local_distance(local).value;
       if (of(mass, i) == 0 || !(distance < margin_)) continue;
-      const bool within = distance < 0 && collider.body.surface < 0;
+      const bool within = distance < 0 && !std::holds_alternative<Triangle>(collider.shape());
       if (within) covered = true;
       const Vec3 out = within ? way_out(c, local) : set_off(collider, local, margin_);
       Vec3 moved = at.rotation * (out - local);
