@@ -110,9 +110,9 @@ SignedDistance Triangle::signed_distance(const Vec3& x) const {
   const auto w = closest_on_triangle(x, a, b, c);
   const Vec3 arm = x - (w[0] * a + w[1] * b + w[2] * c);
   const double length = arm.norm();
+  if (length > 0) return {length - radius, arm / length};
   const Vec3 normal = (b - a).cross(c - a);
-  const Vec3 up = normal.squaredNorm() > 0 ? Vec3(normal.normalized()) : Vec3::UnitZ();
-  return {length - radius, length > 0 ? Vec3(arm / length) : up};
+  return {-radius, normal.squaredNorm() > 0 ? Vec3(normal.normalized()) : Vec3::UnitZ()};
 }
 
 Mat3 Triangle::hessian(const Vec3& x) const {

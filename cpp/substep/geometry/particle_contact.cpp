@@ -158,7 +158,8 @@ void ParticleContact<Real>::begin_step(std::int64_t n) {
     obstacle.tracked = colliders[c].friction > 0 || colliders[c].restitution > 0;
     const std::size_t kept = obstacle.tracked ? usize(n) : 0;
     obstacle.normal.assign(kept, Point<Real>{});
-    obstacle.tangential.assign(kept, Point<Real>{});
+    // Friction on those that yield is left to the method.
+    obstacle.tangential.assign(obstacle.yields ? 0 : kept, Point<Real>{});
     keep_reached_ |= !convex(colliders[c]);
   }
   reached_.resize(keep_reached_ ? usize(n) : 0);
