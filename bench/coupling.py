@@ -4,8 +4,9 @@
 number of steps that the medium took: the medium with the bodies' obstacles at rest, and the bodies
 without it. "coupled" is that of the world, and "ratio" the one over the other; both start from the
 same state, and the least of six intervals counts, taken in turns. The cases: 12 bodies in a grid
-liquid, in a position-based fluid and on sand, a ball in a cloth; then 1 to 1000 balls in 200,000
-particles. Prints JSON lines {workload, peer, metric, value, unit, threads, isa}.
+liquid, in a position-based fluid and on sand, a ball in a cloth; sand on a
+cloth of 200 triangles; then 1 to 1000 balls in 200,000 particles. Prints JSON lines {workload,
+peer, metric, value, unit, threads, isa}.
 python bench/coupling.py [--quick]
 """
 
@@ -22,7 +23,7 @@ import substep
 from substep import _core
 from substep.mpm import Sand
 
-Made = tuple[substep.RigidBodies, Any]
+Made = tuple[Any, Any]
 
 
 def emit(workload: str, metric: str, value: float, unit: str, threads: int) -> None:
@@ -100,6 +101,23 @@ def cloth(size: int) -> Made:
     )
 
 
+def sand_on_cloth(size: int) -> Made:
+    grid = substep.geometry.grid_mesh(11, 11, (1, 1))
+    rim = np.abs(grid.vertices[:, :2]).max(axis=1) > 0.5 - 1e-9
+    sheet = substep.MassSpring.from_mesh(
+        grid, density=2.0, stiffness=2e3, damping_time=0.05, pinned=rim, step=1 / 240
+    )
+    spacing = 0.9 / size
+    low = 2.1 * spacing
+    return sheet, substep.MaterialPointMethod(
+        substep.fill_box((-0.4, -0.4, low), (0.4, 0.4, low + 0.15), spacing),
+        Sand(young_modulus=5e5),
+        cell=2 * spacing,
+        volume=spacing**3,
+        colliders=sheet.make_colliders(4 * spacing, friction=0.4),
+    )
+
+
 def measure(workload: str, make: Callable[[], Made], threads: int, repeats: int) -> None:
     interval = 1 / 60
     bodies, medium = make()
@@ -132,6 +150,7 @@ def main() -> None:
         "12 balls, position-based fluid": lambda: position_based(size // 2),
         "12 balls, sand": lambda: sand(size),
         "a ball, cloth": lambda: cloth(4 * size // 3),
+        "sand on cloth": lambda: sand_on_cloth(2 * size),
     }
     for count in (1, 10) if quick else (1, 10, 100, 1000):
         radius = 0.25 * (0.4 / count) ** (1 / 3)

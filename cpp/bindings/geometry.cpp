@@ -102,6 +102,9 @@ py::tuple pack_shape(const Shape& shape) {
     py::object operator()(const std::shared_ptr<const HeightField>& s) const {
       return py::cast(std::const_pointer_cast<HeightField>(s));
     }
+    py::object operator()(const Triangle& s) const {
+      return py::make_tuple(triple(s.a), triple(s.b), triple(s.c), s.radius);
+    }
   };
   return py::make_tuple(shape.index(), std::visit(Parts{}, shape));
 }
@@ -118,6 +121,10 @@ Shape unpack_shape(const py::tuple& packed) {
           packed[1].cast<std::shared_ptr<SampledDistance>>());
     case 6:
       return std::shared_ptr<const HeightField>(packed[1].cast<std::shared_ptr<HeightField>>());
+    case 7: {
+      const auto [a, b, c, radius] = packed[1].cast<std::tuple<Triple, Triple, Triple, double>>();
+      return Triangle{vector(a), vector(b), vector(c), radius};
+    }
     default:
       const auto [radius, half_length] = packed[1].cast<std::pair<double, double>>();
       if (packed[0].cast<int>() == 4) return Capsule{radius, half_length};
@@ -149,13 +156,39 @@ void bind_bodies_behind(py::module_& m) {
           const double* pose = poses.data(k, 0);
           collider.set_position(Vec3(pose));
           collider.set_orientation(Quaternion(pose[3], pose[4], pose[5], pose[6]));
-          collider.body = {numbers[c], Vec3(centres.data(k, 0)), Mat6(mobilities.data(k, 0)),
-                           Vec6(accelerations.data(k, 0)), Vec6::Zero()};
+          collider.body = {.number = numbers[c],
+                           .centre = Vec3(centres.data(k, 0)),
+                           .mobility = Mat6(mobilities.data(k, 0)),
+                           .acceleration = Vec6(accelerations.data(k, 0))};
           collider.set_body_velocity(Vec6(velocities.data(k, 0)));
         }
       },
       py::arg("colliders"), py::arg("numbers"), py::arg("poses"), py::arg("velocities"),
       py::arg("centres"), py::arg("mobilities"), py::arg("accelerations"));
+  // Facets, whose shape changes: rows of three corners. numbers: of their bodies.
+  m.def(
+      "place_facets",
+      [](const std::vector<std::shared_ptr<Collider>>& colliders, const std::vector<int>& numbers,
+         int surface, const Rows64& corners, const Rows64& velocities, const Rows64& mobilities,
+         const Rows64& accelerations) {
+        for (std::size_t c = 0; c < colliders.size(); ++c) {
+          const auto k = static_cast<py::ssize_t>(c);
+          Collider& collider = *colliders[c];
+          const double* x = corners.data(k, 0);
+          const Vec3 p(x), q(x + 3), r(x + 6), middle = (p + q + r) / 3;
+          const double radius = std::get<Triangle>(collider.shape()).radius;
+          collider.set_shape(Triangle{p - middle, q - middle, r - middle, radius});
+          collider.set_position(middle);
+          collider.set_orientation(Quaternion::Identity());
+          collider.body = {.number = numbers[c],
+                           .mobility = Mat6(mobilities.data(k, 0)),
+                           .acceleration = Vec6(accelerations.data(k, 0)),
+                           .surface = surface};
+          collider.set_body_velocity(Vec6(velocities.data(k, 0)));
+        }
+      },
+      py::arg("colliders"), py::arg("numbers"), py::arg("surface"), py::arg("corners"),
+      py::arg("velocities"), py::arg("mobilities"), py::arg("accelerations"));
   m.def(
       "impulses_of_bodies",
       [](const std::vector<std::shared_ptr<Collider>>& colliders) {
@@ -204,6 +237,14 @@ void bind_collider(py::module_& m) {
           },
           py::arg("center"), py::arg("radius"), py::arg("half_length"), py::arg("hollow"))
       .def_static(
+          "triangle",
+          [](const Triple& a, const Triple& b, const Triple& c, double radius) {
+            const Vec3 p = vector(a), q = vector(b), r = vector(c), middle = (p + q + r) / 3;
+            return std::make_shared<Collider>(Triangle{p - middle, q - middle, r - middle, radius},
+                                              middle);
+          },
+          py::arg("a"), py::arg("b"), py::arg("c"), py::arg("radius"))
+      .def_static(
           "sampled",
           [](const std::shared_ptr<SampledDistance>& field, const Triple& position, bool hollow) {
             return std::make_shared<Collider>(std::shared_ptr<const SampledDistance>(field),
@@ -243,8 +284,10 @@ void bind_collider(py::module_& m) {
           "set_body",
           [](Collider& self, int number, const Triple& centre,
              const std::array<double, 36>& mobility, const std::array<double, 6>& acceleration) {
-            self.body = {number, vector(centre), Mat6(mobility.data()), Vec6(acceleration.data()),
-                         Vec6::Zero()};
+            self.body = {.number = number,
+                         .centre = vector(centre),
+                         .mobility = Mat6(mobility.data()),
+                         .acceleration = Vec6(acceleration.data())};
           },
           py::arg("number"), py::arg("centre"), py::arg("mobility"), py::arg("acceleration"))
       .def_property_readonly("received",
@@ -254,6 +297,8 @@ void bind_collider(py::module_& m) {
                                return received;
                              })
       .def("copy", [](const Collider& self) { return std::make_shared<Collider>(self); })
+      .def(
+          "assign", [](Collider& self, const Collider& other) { self = other; }, py::arg("other"))
       .def(py::pickle(
           [](const Collider& self) {
             return py::make_tuple(pack_shape(self.shape()), self.hollow(), self.state());

@@ -195,9 +195,17 @@ class Collider:
         radius: float,
         hollow: bool,
     ) -> Collider: ...
+    @staticmethod
+    def triangle(
+        a: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
+        b: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
+        c: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
+        radius: float,
+    ) -> Collider: ...
     def __getstate__(self) -> tuple[tuple[typing.Any, ...], bool, list[float]]: ...
     def __setstate__(self, arg0: tuple[typing.Any, ...]) -> None: ...
     def advance(self, dt: float) -> None: ...
+    def assign(self, other: Collider) -> None: ...
     def begin_call(self) -> None: ...
     def copy(self) -> Collider: ...
     def distance(
@@ -1374,6 +1382,15 @@ def place_bodies(
     poses: numpy.typing.ArrayLike,
     velocities: numpy.typing.ArrayLike,
     centres: numpy.typing.ArrayLike,
+    mobilities: numpy.typing.ArrayLike,
+    accelerations: numpy.typing.ArrayLike,
+) -> None: ...
+def place_facets(
+    colliders: collections.abc.Sequence[Collider],
+    numbers: collections.abc.Sequence[int],
+    surface: int,
+    corners: numpy.typing.ArrayLike,
+    velocities: numpy.typing.ArrayLike,
     mobilities: numpy.typing.ArrayLike,
     accelerations: numpy.typing.ArrayLike,
 ) -> None: ...

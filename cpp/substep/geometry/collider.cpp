@@ -5,6 +5,7 @@
 #include <map>
 
 #include "substep/core/errors.h"
+#include "substep/geometry/closest_points.h"
 
 namespace substep::geometry {
 namespace {
@@ -103,6 +104,33 @@ Cylinder::Parts Cylinder::parts(const Vec3& x) const {
   return {rho, rho - radius, std::abs(x.z()) - half_length,
           rho > 0 ? Vec3(x.x() / rho, x.y() / rho, 0) : Vec3::UnitX(),
           Vec3(0, 0, x.z() < 0 ? -1 : 1)};
+}
+
+SignedDistance Triangle::signed_distance(const Vec3& x) const {
+  const auto w = closest_on_triangle(x, a, b, c);
+  const Vec3 arm = x - (w[0] * a + w[1] * b + w[2] * c);
+  const double length = arm.norm();
+  if (length > 0) return {length - radius, arm / length};
+  const Vec3 normal = (b - a).cross(c - a);
+  return {-radius, normal.squaredNorm() > 0 ? Vec3(normal.normalized()) : Vec3::UnitZ()};
+}
+
+Mat3 Triangle::hessian(const Vec3& x) const {
+  const auto w = closest_on_triangle(x, a, b, c);
+  const Vec3 arm = x - (w[0] * a + w[1] * b + w[2] * c);
+  const double length = arm.norm();
+  const auto far = std::count(w.begin(), w.end(), 0.0);  // corners that do not count
+  if (length == 0 || far == 0) return Mat3::Zero();
+  const Vec3 n = arm / length;
+  Mat3 h = Mat3::Identity() - n * n.transpose();
+  if (far == 1) {
+    const Vec3 edge = (w[0] == 0   ? Vec3(c - b)
+                       : w[1] == 0 ? Vec3(c - a)
+                                   : Vec3(b - a))
+                          .normalized();
+    h -= edge * edge.transpose();
+  }
+  return h / length;
 }
 
 Collider::Collider(Shape shape, const Vec3& position, bool hollow)

@@ -8,6 +8,7 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <variant>
@@ -56,10 +57,13 @@ struct BodyBehind {
   Mat6 mobility = Mat6::Zero();      // [1/kg], [1/(kg m)], [1/(kg m^2)]
   Vec6 acceleration = Vec6::Zero();  // without what pushes the obstacle [m/s^2], [rad/s^2]
   Vec6 received = Vec6::Zero();      // sum of what push_bodies() gave [N s], [N m s]
+  // Facets of one surface, each a body of its own, have its number here, and those that act at a
+  // distance act by the nearest one alone. Below 0 it is no facet.
+  int surface = -1;
 };
 
 using Shape = std::variant<Plane, Sphere, Box, std::shared_ptr<const SampledDistance>, Capsule,
-                           Cylinder, std::shared_ptr<const HeightField>>;
+                           Cylinder, std::shared_ptr<const HeightField>, Triangle>;
 
 // Whether a shape of this kind is convex, whatever its numbers.
 inline bool is_convex(const Shape& shape) {
@@ -105,6 +109,13 @@ class Collider {
   void set_orientation(const Quaternion& orientation);            // normalised here
   bool hollow() const { return sign_ < 0; }
   const Shape& shape() const { return shape_; }
+  // What deforms has another shape now, and shapes() counts how often: for those that keep
+  // distances.
+  void set_shape(const Shape& shape) {
+    shape_ = shape;
+    ++shapes_;
+  }
+  std::int64_t shapes() const { return shapes_; }
 
   const Exchange& exchange() const { return exchange_; }
   void set_exchange(const Exchange& exchange) { exchange_ = exchange; }
@@ -139,6 +150,7 @@ class Collider {
   Quaternion orientation_ = Quaternion::Identity();
   Mat3 rotation_ = Mat3::Identity();  // of orientation_
   double sign_;
+  std::int64_t shapes_ = 0;
   Exchange exchange_, total_;
   double duration_ = 0;
   bool begins_ = true;

@@ -158,7 +158,8 @@ void ParticleContact<Real>::begin_step(std::int64_t n) {
     obstacle.tracked = colliders[c].friction > 0 || colliders[c].restitution > 0;
     const std::size_t kept = obstacle.tracked ? usize(n) : 0;
     obstacle.normal.assign(kept, Point<Real>{});
-    obstacle.tangential.assign(kept, Point<Real>{});
+    // Friction on those that yield is left to the method.
+    obstacle.tangential.assign(obstacle.yields ? 0 : kept, Point<Real>{});
     keep_reached_ |= !convex(colliders[c]);
   }
   reached_.resize(keep_reached_ ? usize(n) : 0);
@@ -226,8 +227,9 @@ bool ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real
       const Vec3 local = at.to_local(xyz(x[i]));
       const double distance = collider.local_distance(local).value;
       if (of(mass, i) == 0 || !(distance < margin_)) continue;
-      if (distance < 0) covered = true;
-      const Vec3 out = distance < 0 ? way_out(c, local) : set_off(collider, local, margin_);
+      const bool within = distance < 0 && !std::holds_alternative<Triangle>(collider.shape());
+      if (within) covered = true;
+      const Vec3 out = within ? way_out(c, local) : set_off(collider, local, margin_);
       Vec3 moved = at.rotation * (out - local);
       if (planar_) moved[2] = 0;
       assign(x[i], xyz(x[i]) + moved);

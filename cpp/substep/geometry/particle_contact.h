@@ -50,7 +50,8 @@ class ParticleContact {
 
   // Takes out particles that lie nearer than the margin as the substep begins, as where a collider
   // was put upon them; the points of `along`, if there are any, move by the same. So they do not
-  // fly off: that is no impulse. Returns whether any were inside.
+  // fly off: that is no impulse. Returns whether any were inside, of more than a facet: those are
+  // thin, and put where they are in each interval of exchange.
   bool clear(std::span<Point<Real>> x, std::span<const Real> mass,
              std::span<Point<Real>> along = {});
 

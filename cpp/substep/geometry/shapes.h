@@ -2,7 +2,8 @@
 // Hessian, each in a frame of its own. d is exact, so |grad d| = 1 and a point may move by |d| in
 // any direction without passing the surface. Where the nearest surface point is not unique the
 // gradient is that of one of them: of the lowest axis for a box, +z at the centre of a sphere,
-// +x on the axis of capsules and cylinders. Defined in collider.cpp, whose queries they are.
+// +x on the axis of capsules and cylinders, along (b - a) x (c - a) on a triangle. Defined in
+// collider.cpp, whose queries they are.
 #pragma once
 
 #include "substep/geometry/vectors.h"
@@ -69,6 +70,18 @@ struct Cylinder {
     Vec3 e, up;
   };
   Parts parts(const Vec3& x) const;
+};
+
+// The points within r of the triangle abc. With c the nearest point of the triangle: d = |x - c| -
+// r, whose Hessian is 0 above its inside, and that of a cylinder or of a sphere about an edge or a
+// corner. It has two sides: within it the gradient leads to the side on which x lies.
+struct Triangle {
+  Vec3 a, b, c;
+  double radius;
+
+  SignedDistance signed_distance(const Vec3& x) const;
+  Mat3 hessian(const Vec3& x) const;
+  double lipschitz(bool) const { return 1; }
 };
 
 }  // namespace substep::geometry

@@ -48,6 +48,7 @@ Boundary<Real>::Boundary(std::vector<Collider> obstacles,
       if (collider.hollow()) return Tank{};
       return Block{};
     }
+    if (std::holds_alternative<geometry::Triangle>(collider.shape())) return Facet{};
     if (std::holds_alternative<Plane>(collider.shape()) || dimension_ == 2 ||
         std::holds_alternative<std::shared_ptr<const HeightField>>(collider.shape())) {
       return Flat{};
@@ -107,7 +108,9 @@ WallDensity Boundary<Real>::wall_density(std::size_t c, const Vec3& local) const
   const Vec3 n = slope.normalized();
   const Mirror::Entry mirrored = (*mirror_)(d);
   if (mirrored.value == 0) return {};
-  if (std::holds_alternative<Flat>(wall)) return {mirrored.value, mirrored.slope * n};
+  if (std::holds_alternative<Flat>(wall) || std::holds_alternative<Facet>(wall)) {
+    return {mirrored.value, mirrored.slope * n};
+  }
   if (const auto* table = std::get_if<std::shared_ptr<const DistanceTable>>(&wall)) {
     // What is outside of a ball is all but the ball, from the other side.
     const double side = collider.hollow() ? -1 : 1;
@@ -158,6 +161,8 @@ void Boundary<Real>::note_near(std::span<const Point<Real>> x, int threads) {
   const auto n = static_cast<std::int64_t>(x.size());
   contributions_.assign(x.size(), Point<Real>{});
   near_.resize(usize((n + kGrain - 1) / kGrain));
+  const auto facet = [](const Wall& wall) { return std::holds_alternative<Facet>(wall); };
+  nearest_.resize(std::any_of(walls_.begin(), walls_.end(), facet) ? x.size() : 0);
   if (colliders().empty() && nozzles_.empty()) return;
   // Sweeps move particles, by less than a quarter of the radius as a rule; who comes near by more
   // than that is seen in the next step.
@@ -204,6 +209,27 @@ SUBSTEP_INLINE WallDensity Boundary<Real>::density_of(std::size_t c, const Vec3&
   return {wall.value, collider.rotation() * wall.gradient};
 }
 
+// Facets of a surface have space in common above their edges: it is to be filled once.
+template <class Real>
+void Boundary<Real>::find_nearest(std::span<const Point<Real>> x, std::span<const Near> near) {
+  for (const Near& entry : near) nearest_[usize(entry.particle)] = {};
+  for (const Near& entry : near) {
+    const auto c = usize(entry.collider);
+    if (c >= walls_.size() || !std::holds_alternative<Facet>(walls_[c])) continue;
+    const Vec3 at = contact_.origin() + xyz(x[usize(entry.particle)]);
+    const double d = colliders()[c].signed_distance(at).value;
+    Nearest& best = nearest_[usize(entry.particle)];
+    if (best.facet < 0 || d < best.distance) best = {entry.collider, d};
+  }
+}
+
+template <class Real>
+bool Boundary<Real>::other_is_nearer(const Near& entry) const {
+  const auto c = usize(entry.collider);
+  return !nearest_.empty() && c < walls_.size() && std::holds_alternative<Facet>(walls_[c]) &&
+         nearest_[usize(entry.particle)].facet != entry.collider;
+}
+
 template <class Real>
 std::span<const Point<Real>> Boundary<Real>::contributions(std::span<const Point<Real>> x,
                                                            int threads) {
@@ -212,7 +238,10 @@ std::span<const Point<Real>> Boundary<Real>::contributions(std::span<const Point
     for (const Near& entry : near) {
       contributions_[usize(entry.particle)] = Point<Real>{};
     }
+    if (!nearest_.empty()) find_nearest(x, near);
     for (Near& entry : near) {
+      entry.gradient = {};
+      if (other_is_nearer(entry)) continue;
       const WallDensity wall = density_of(usize(entry.collider), xyz(x[entry.particle]));
       const Vec3& g = wall.gradient;
       entry.gradient = {static_cast<Real>(g[0]), static_cast<Real>(g[1]),

@@ -95,15 +95,18 @@ class Boundary {
  private:
   // How b is found, one for each collider.
   struct Flat {};
+  struct Facet {};  // as Flat, where it is the nearest one of its surface
   struct Tank {};   // the inside of a box
   struct Block {};  // a solid box
-  using Wall = std::variant<Flat, std::shared_ptr<const DistanceTable>, Tank, Block,
+  using Wall = std::variant<Flat, Facet, std::shared_ptr<const DistanceTable>, Tank, Block,
                             std::shared_ptr<const DensityMap>>;
   using Near = NearWall<Real>;
 
   void note_near(std::span<const Point<Real>> x, int threads);
   Vec3 velocity_of(std::size_t c, const Vec3& x) const;
   WallDensity density_of(std::size_t c, const Vec3& x) const;
+  void find_nearest(std::span<const Point<Real>> x, std::span<const Near> near);
+  bool other_is_nearer(const Near& entry) const;
   WallDensity wall_density(std::size_t c, const Vec3& local) const;
   WallDensity in_tank(const Vec3& half_lengths, const Vec3& x) const;
 
@@ -116,6 +119,11 @@ class Boundary {
   std::shared_ptr<const CornerTable> corner_;
   std::vector<std::vector<Near>> near_;  // by chunks of particles, ascending
   std::vector<Point<Real>> contributions_;
+  struct Nearest {
+    std::int32_t facet = -1;
+    double distance = 0;
+  };
+  std::vector<Nearest> nearest_;  // facet of each particle, where there are any
   YieldingBodies<Real> bodies_;
   std::vector<Symmetric<Real>> moments_;
 };

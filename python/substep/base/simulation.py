@@ -63,6 +63,7 @@ class Simulation(Owned):
     _step_size: float | None
     _fixed_step: ClassVar[bool] = False  # whether `advance` counts steps of `step_size`
     _pushes_bodies: ClassVar[bool] = True  # whether obstacles that stand for bodies yield
+    _thinnest: float | None = None  # surface that it can have as obstacles [m]; None: it has none
 
     def __init__(self, native: Any, time: float, threads: int | None) -> None:
         self._native = native

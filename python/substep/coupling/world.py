@@ -19,10 +19,13 @@ from ..errors import InputError, NonFiniteError, SolverError
 from ..rigid import RigidBatch, RigidBodies
 from ..rigid.colliders import BodyCollider
 from .bodies import Link, give, move, velocities_of
+from .surfaces import Surfaces
 
 Array = NDArray[np.float64]
 
 _STEP = 1 / 60  # [s], of worlds without rigid bodies
+_OFF = 0.25  # of half the thickness, that surfaces may be put back by after an interval, unless
+_HALVINGS = 5  # it was halved so often
 _SUMS = (
     "kinetic_energy",
     "gravitational_energy",
@@ -60,7 +63,8 @@ class World(Simulation):
     `RigidBodies.make_colliders` and give them to the other simulation as its `colliders`. The world
     then moves the obstacles with the bodies, and gives to the bodies what the other simulation
     pushes them by. How a body yields is part of the equations that the other simulation solves, so
-    that a light body is as stable as a heavy one.
+    that a light body is as stable as a heavy one. In the same way others meet the surfaces of cloth
+    and soft bodies, of which `MassSpring.make_colliders` and its like make the obstacles.
 
     The world is a simulation as its members are: it steps, saves, restores and copies all of them
     at once. Members can be read, and written between steps, but the world alone steps them.
@@ -71,8 +75,9 @@ class World(Simulation):
         The simulations by name, all with equal `time`; at most one `RigidBodies` among them. Names
         are letters, digits and '_'.
     step : float, optional
-        Interval between exchanges [s]; the step of the rigid bodies unless given. Within it each
-        simulation takes steps of its own.
+        Interval between exchanges [s]; unless given the step of the rigid bodies, or without them
+        the shortest one of those whose surfaces are obstacles. Within it each simulation takes
+        steps of its own.
     threads : int, optional
         For all members; by default each keeps its own.
 
@@ -81,7 +86,8 @@ class World(Simulation):
     InputError
         If members are at different times, or one is given twice or is in another world, or an
         obstacle stands for a body of a `RigidBodies` that is no member, or for a dynamic one that
-        its simulation cannot push.
+        its simulation cannot push, or for a surface of no member, or one that its simulation cannot
+        meet.
 
     References
     ----------
@@ -107,6 +113,7 @@ class World(Simulation):
 
     _members: dict[str, Any]
     _links: list[Link]
+    _surfaces: Surfaces
 
     def __init__(
         self,
@@ -119,6 +126,7 @@ class World(Simulation):
         self._members = given
         self._links = [link for name in given if (link := _find_link(name, given)) is not None]
         self._exchanged = [np.zeros((len(link.ids), 6)) for link in self._links]  # [N s], [N m s]
+        self._surfaces = Surfaces(given)
         self._interval = 0.0  # in which that was exchanged [s]; 0 before the first
         self._step_size = None if step is None else check_real("step", step, positive=True)
         times = {member.time for member in given.values()}
@@ -182,8 +190,9 @@ class World(Simulation):
         return self._step_size or self._longest()
 
     def _longest(self) -> float:
-        step = None if self._bodies is None else self._bodies.step_size
-        return step or _STEP
+        if self._bodies is not None:
+            return self._bodies.step_size or _STEP
+        return min([_STEP, *(self._members[name].step_size for name in self._surfaces.sources)])
 
     def _begin(self, method: str) -> None:
         super()._begin(method)
@@ -200,32 +209,40 @@ class World(Simulation):
                 )
 
     def _take_step(self, dt: float) -> None:
-        """One interval of exchange; where a member fails, all are as they were."""
         self._check_times()  # a callback may have restored one
+        self._step_to(self.time + dt, dt, _HALVINGS)
+
+    def _step_to(self, end: float, dt: float, halvings: int) -> None:
+        """One interval of exchange; where a member fails, all are as they were."""
         bodies = self._bodies if self._links else None
-        own, end = (self._native.time, self._interval, self._exchanged), self.time + dt
-        back = [member._way_back() for member in self._members.values()]
+        go_back, counted = self._way_back(), self._surfaces.keep()
         try:
+            scale = dt / self._interval if self._interval > 0 else 0.0
+            self._surfaces.begin(scale, dt, end, self._name_errors)
             if bodies is None:
-                for member in self._members.values():
-                    self._advance(member, dt, end)
+                for name in self._surfaces.order:
+                    self._advance(name, dt, end)
+                self._interval = dt if self._surfaces.links else 0.0
             else:
                 rows = [link.rows(bodies) for link in self._links]
-                scale = dt / self._interval if self._interval > 0 else 0.0
                 last = [scale * impulses for impulses in self._exchanged]
                 self._exchange(bodies, rows, last, self._try(bodies, rows, last, dt), dt, end)
             self._native.time = end
+            if halvings > 0 and self._surfaces.off() > _OFF:
+                go_back()
+                self._surfaces.put_back(counted)
+                self._step_to(end - dt / 2, dt / 2, halvings - 1)
+                self._step_to(end, dt / 2, halvings - 1)
         except BaseException as error:
-            self._native.time, self._interval, self._exchanged = own
             try:
-                for go_back in back:
-                    go_back()
+                go_back()
             except NonFiniteError:  # rows as users wrote them into views: the first step refused
                 raise error from None
             raise
         finally:
             for link in self._links:
                 link.release()
+            self._surfaces.release()
 
     def _try(self, bodies: RigidBodies, rows: list[Any], last: list[Array], dt: float) -> Array:
         """How the velocities of the bodies change in a step with the impulses of the last one.
@@ -263,17 +280,17 @@ class World(Simulation):
         more = np.zeros_like(tried)  # than in the trial
         free = self._untouched(bodies, tried, rows, new, W, dt)
         strays, x = np.zeros_like(tried), bodies.centers_of_mass.copy()
-        for name, member in self._members.items():
-            if member is bodies:
+        for name in self._surfaces.order:
+            if self._members[name] is bodies:
                 continue
             k = links.get(name)
             if k is None:
-                self._advance(member, dt, end)
+                self._advance(name, dt, end)
                 continue
             at, link, last = rows[k], self._links[k], new[k]
             beside = np.einsum("kij,kj->ki", W[at], more[at] - last)
             link.place(bodies, at, start[at], W[at], (tried[at] + beside) / dt)
-            self._advance(member, dt, end)
+            self._advance(name, dt, end)
             new[k] = link.impulses()
             np.add.at(more, at, new[k] - last)
             alone = free[at] & new[k].any(axis=1)
@@ -315,14 +332,15 @@ class World(Simulation):
     def _name_of(self, member: Simulation) -> str:
         return next(name for name, m in self._members.items() if m is member)
 
-    def _advance(self, member: Simulation, dt: float, end: float) -> None:
-        self._name_errors(member, member._run, dt, end, None)
+    def _advance(self, name: str, dt: float, end: float) -> None:
+        member = self._members[name]
+        self._name_errors(member, self._surfaces.advance, name, dt, end)
         member._native.time = end
 
-    def _name_errors(self, member: Simulation, call: Callable[..., object], *given: Any) -> None:
+    def _name_errors(self, member: Simulation, call: Callable[..., Any], *given: Any) -> Any:
         """Call it; where it fails, the error says whose it is."""
         try:
-            call(*given)
+            return call(*given)
         except SolverError as error:
             error.args = (f"{self._name_of(member)}: {error}", *error.args[1:])
             error.step = None  # of the member's own
@@ -399,6 +417,7 @@ class World(Simulation):
             TIME,
             Number("interval", low=0),
             *(Rows(f"exchanged.{name}", np.float64, (n, 6)) for name, n in sizes),
+            *(Rows(k, np.float64, rows.shape) for k, rows in self._surfaces.state().items()),
         ]
 
     def _own_state(self) -> dict[str, Any]:
@@ -407,6 +426,7 @@ class World(Simulation):
             "time": self.time,
             "interval": self._interval,
             **{f"exchanged.{link.name}": rows.copy() for link, rows in given},
+            **self._surfaces.state(),
         }
 
     def _state(self) -> dict[str, Any]:
@@ -438,24 +458,40 @@ class World(Simulation):
         theirs = {name: member._kept() for name, member in self._members.items()}
         return {"own": self._own_state(), "members": theirs}
 
+    def _way_back(self) -> Callable[[], None]:
+        if self._surfaces.links:  # intervals are done in halves, each with a way back
+            return super()._way_back()
+        own = self._native.time, self._interval, self._exchanged
+        back = [member._way_back() for member in self._members.values()]
+
+        def go_back() -> None:
+            self._native.time, self._interval, self._exchanged = own
+            for member_back in back:
+                member_back()
+
+        return go_back
+
     def _put_state(self, state: dict[str, Any]) -> None:
         own = state["own"]
         for name, member in self._members.items():
             member._put_state(state["members"][name])
         self._native.time, self._interval = own["time"], own["interval"]
         self._exchanged = [own[f"exchanged.{link.name}"].copy() for link in self._links]
+        self._surfaces.pushed = [own[name].copy() for name in self._surfaces.state()]
 
     def _parts(self) -> dict[str, Any]:
         """What the world is made of: copies of its members, and whose obstacles are whose."""
         made = super()._parts()
         made["_members"] = {name: member.copy() for name, member in self._members.items()}
         made["_links"] = [(link.name, link.places) for link in self._links]
+        made["_surfaces"] = self._surfaces.made()
         return made
 
     def __setstate__(self, given: tuple[dict[str, Any], int | None, dict[str, Any]]) -> None:
         made, threads, state = given
         members = made["_members"]
         made["_links"] = [Link(name, members[name], places) for name, places in made["_links"]]
+        made["_surfaces"] = Surfaces(members, made["_surfaces"])
         super().__setstate__((made, threads, state))
         self._take_in()
         for link in self._links:

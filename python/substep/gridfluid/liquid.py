@@ -284,6 +284,10 @@ class GridLiquid(Particles):
         return _core.GridLiquid(colliders, self._flow(), self._options, self.dtype.name)
 
     @property
+    def _thinnest(self) -> float:  # type: ignore[override]
+        return 2 * self.cell
+
+    @property
     def shape(self) -> tuple[int, ...]:
         """Cells along each axis."""
         return self._cells

@@ -302,6 +302,10 @@ class MaterialPointMethod(Particles):
         )
 
     @property
+    def _thinnest(self) -> float:  # type: ignore[override]
+        return 2 * self.cell
+
+    @property
     def kinds(self) -> NDArray[np.int32]:
         """Which of the materials each particle is, shape (n,); read-only."""
         kinds: NDArray[np.int32] = read_only(self._native.materials())

@@ -23,7 +23,7 @@ from ..base.checks import (
     check_sequence,
     check_within,
 )
-from ..base.rows import Points, read_only
+from ..base.rows import read_only
 from ..base.schema import OWN, TIME, Entry, Rows
 from ..base.simulation import Simulation, StepReport, with_energy
 from ..errors import InputError
@@ -34,6 +34,7 @@ from ..geometry.colliders import (
     colliders_entry,
     restore_colliders,
 )
+from ..geometry.facets import Deforming
 from .constraints import (
     Distance,
 )
@@ -59,7 +60,7 @@ class ConstraintReport(StepReport):
     skipped: int = 0
 
 
-class PositionBasedDynamics(Points):
+class PositionBasedDynamics(Deforming):
     """Particles with masses that constraints hold together.
 
     Each step is cut into substeps. In each the particles move freely, the constraints are projected
@@ -141,6 +142,7 @@ class PositionBasedDynamics(Points):
     relaxation: float
     drag: float
     contact_margin: float
+    _thinnest = 0.0
     _fixed_step = False  # two equal steps at the end, see `_sizes`
 
     def __init__(

@@ -348,6 +348,10 @@ class PositionBasedFluid(Particles):
         return values
 
     @property
+    def _thinnest(self) -> float:  # type: ignore[override]
+        return self.spacing
+
+    @property
     def report(self) -> FluidReport:
         """What the last call of `step` or `advance` took and met."""
         native = self._native.report

@@ -21,7 +21,7 @@ from ..base.checks import (
     check_threads,
     in_range,
 )
-from ..base.rows import Points, read_only
+from ..base.rows import read_only
 from ..base.schema import TIME, Entry, Rows
 from ..base.simulation import StepReport, with_energy
 from ..errors import InputError
@@ -32,6 +32,7 @@ from ..geometry.colliders import (
     colliders_entry,
     restore_colliders,
 )
+from ..geometry.facets import Deforming
 from ..stability import max_stable_step, stability_limit
 
 Array = NDArray[np.float64]
@@ -84,13 +85,14 @@ class DeformableReport(StepReport):
     friction_converged: bool = True
 
 
-class Deformable(Points):
+class Deformable(Deforming):
     """Vertices with masses that forces act on; make a `MassSpring` or a `SoftBody`."""
 
     integrator: str
     solver: str
     _dimension = 3
     _fixed_step = True
+    _thinnest = 0.0
 
     def _set_up(
         self,

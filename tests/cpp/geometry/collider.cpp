@@ -98,6 +98,34 @@ TEST(Cylinder, HasTheDistanceOfItsSideItsEndsAndItsEdges) {
                                 {-1, 0.5, -2}});
 }
 
+TEST(Triangle, HasTheDistanceOfItsFacesItsEdgesAndItsCorners) {
+  const Triangle triangle{{0, 0, 0}, {2, 0, 0}, {0, 2, 0}, 0.1};
+  EXPECT_EQ(triangle.signed_distance({0.5, 0.5, 1}).value, 0.9);
+  EXPECT_EQ(triangle.signed_distance({0.5, 0.5, -1}).gradient, Vec3(0, 0, -1));
+  EXPECT_EQ(triangle.signed_distance({1, -3, 4}).value, 4.9);
+  EXPECT_EQ(triangle.signed_distance({-2, -1, 2}).value, 2.9);
+  EXPECT_NEAR(triangle.signed_distance({0.5, 0.5, 0.05}).value, -0.05, 1e-16);  // two sides
+  EXPECT_EQ(triangle.signed_distance({0.5, 0.5, -0.05}).gradient, Vec3(0, 0, -1));
+  EXPECT_EQ(triangle.signed_distance({0.5, 0.5, 0}).gradient, Vec3(0, 0, 1));
+  expect_derivatives(triangle, {{0.5, 0.4, 0.05},
+                                {0.5, 0.4, -1},
+                                {1, -0.5, 0.3},
+                                {-0.5, 1, -0.3},
+                                {1.5, 1.7, 0.2},
+                                {-1, -2, 0.5},
+                                {3, -0.1, 1},
+                                {0.2, 3, -1}});
+}
+
+TEST(Collider, SaysThatItsShapeIsAnother) {
+  Collider facet(Triangle{{0, 0, 0}, {2, 0, 0}, {0, 2, 0}, 0.1}, {0, 0, 1});
+  const Collider before = facet;
+  facet.set_shape(Triangle{{0, 0, 0}, {3, 0, 0}, {0, 2, 0}, 0.1});
+  EXPECT_EQ(facet.shapes(), before.shapes() + 1);
+  EXPECT_NEAR(facet.signed_distance({2.5, 0, 2}).value, 0.9, 1e-15);
+  EXPECT_GT(before.signed_distance({2.5, 0, 2}).value, 1);
+}
+
 TEST(Sampled, IsTheDistanceWithinItsBound) {
   for (const Shape& shape : {Shape(Capsule{0.5, 1}), Shape(Cylinder{0.5, 0.1})}) {
     const auto field = sampled(shape, 1);

@@ -70,11 +70,12 @@ void NodeDistances<Real, D>::update(const transfer::BlockLayout<D>& layout, bool
     const auto state = collider.state();
     std::array<double, kPose> pose;
     std::copy_n(state.begin(), kPose, pose.begin());
-    const bool moved = pose != fields_[s].pose;
+    const bool moved = pose != fields_[s].pose || collider.shapes() != fields_[s].shapes;
     if (!moved && !layout_changed) continue;
     fields_[s] =
         fill(collider, surfaces_[s].axis, layout.node_keys, moved ? nullptr : &fields_[s], threads);
     fields_[s].pose = pose;
+    fields_[s].shapes = collider.shapes();
   }
 }
 

@@ -46,6 +46,7 @@ class NodeDistances {
   static constexpr std::size_t kPose = 7;  // position and orientation: Collider::state() begins so
   struct Field {
     std::array<double, kPose> pose{};  // that it was computed for
+    std::int64_t shapes = 0;           // and of which shape
     std::vector<std::uint64_t> keys;   // of the node blocks with a patch, ascending
     std::vector<Patch> patches;
     std::vector<std::int32_t> of_block;  // -1: none

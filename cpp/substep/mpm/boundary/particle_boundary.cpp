@@ -21,11 +21,11 @@ Vec3 to_local(const Collider& collider, const Vec3& x) {
 bool moves(const Collider& collider) {
   return !collider.velocity.isZero(0) || !collider.angular_velocity.isZero(0);
 }
-// All that begin_step depends on: position, orientation, velocity, angular velocity.
+// All that begin_step depends on: position, orientation, velocity, angular velocity, and the shape.
 bool same_motion(const Collider& a, const Collider& b) {
   constexpr std::size_t kMotion = 13;
   const auto p = a.state(), q = b.state();
-  return std::equal(p.begin(), p.begin() + kMotion, q.begin());
+  return std::equal(p.begin(), p.begin() + kMotion, q.begin()) && a.shapes() == b.shapes();
 }
 
 }  // namespace

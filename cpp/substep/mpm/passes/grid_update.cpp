@@ -219,6 +219,20 @@ bool GridUpdate<Real, D>::judge(std::int64_t node_block, Real limit, const Real*
   return true;
 }
 
+// Whether a node that a facet holds is nearer to another facet of its surface.
+template <class Real, int D>
+bool GridUpdate<Real, D>::other_is_nearer(std::span<const Holder> holders, const Holder& holder,
+                                          int node) const {
+  const int surface = colliders[holder.collider].body.surface;
+  if (surface < 0) return false;
+  const Real own = holder.patch->values[4 * node + 3];
+  return std::any_of(holders.begin(), holders.end(), [&](const Holder& other) {
+    const Real theirs = other.patch->values[4 * node + 3];
+    return colliders[other.collider].body.surface == surface &&
+           (theirs < own || (theirs == own && other.collider < holder.collider));
+  });
+}
+
 template <class Real, int D>
 void GridUpdate<Real, D>::find_contacts(std::int32_t node_block, std::span<const Holder> holders,
                                         const Real* nodes, Found& found) const {
@@ -232,6 +246,7 @@ void GridUpdate<Real, D>::find_contacts(std::int32_t node_block, std::span<const
       const Collider& collider = moving()[holder.collider];
       const Real* const n = holder.patch->values + 4 * node;
       if (!collider.yields() || !(n[3] <= 0) || at[D] < kEmpty<Real>) continue;
+      if (other_is_nearer(holders, holder, node)) continue;
       Vec3 arm = place<D>(layout_->node_keys[usize(node_block)], node, cell_) - collider.centre();
       if constexpr (D == 2) arm[2] = 0;
       found.contacts.push_back({holder.collider, std::int64_t{node_block} * kNodes + node,

@@ -108,6 +108,7 @@ class GridUpdate {
   static bool judge(std::int64_t node_block, Real limit, const Real* nodes, Found& found);
   void find_holders(std::int32_t node_block, std::vector<Holder>& holders) const;
   std::span<const Holder> fixed(std::vector<Holder>& holders) const;
+  bool other_is_nearer(std::span<const Holder> holders, const Holder& holder, int node) const;
   void find_contacts(std::int32_t node_block, std::span<const Holder> holders, const Real* nodes,
                      Found& found) const;
   void meet_bodies(std::vector<Found>& found, Real* nodes, Real bound, int threads);
