@@ -74,10 +74,10 @@ def test_bodies_float_as_deep_as_archimedes_says(shape, ratio):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "ratio, n", [*((s, 12) for s in (0.05, 0.1, 0.3, 0.5, 0.9, 0.99)), (0.05, 18), (0.9, 18)]
+    "ratio, n", [*((s, 12) for s in (0.05, 0.3, 0.5, 0.99)), (0.05, 18), (0.9, 18)]
 )
 def test_spheres_float_as_deep_as_archimedes_says(ratio, n):
-    assert abs(mean_draft("sphere", ratio, n, 6) - draft("sphere", ratio)) < 0.02
+    assert abs(mean_draft("sphere", ratio, n, 3) - draft("sphere", ratio)) < 0.02
 
 
 @pytest.mark.slow

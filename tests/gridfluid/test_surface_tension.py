@@ -99,6 +99,7 @@ def stretched(liquid):
     return squares[-1] - squares[:-1].mean()
 
 
+@pytest.mark.figure
 def test_a_drop_in_the_plane_swings_as_rayleigh_says():
     """Mode 2: omega^2 = 6 sigma / (rho R^3) (Rayleigh 1879)."""
     wrong = []
@@ -110,6 +111,7 @@ def test_a_drop_in_the_plane_swings_as_rayleigh_says():
     assert np.all(wrong < np.array([0.07, 0.03, 0.02]))
 
 
+@pytest.mark.figure
 @pytest.mark.parametrize(("cells", "error"), [(6, 0.12), (10, 0.06)])
 def test_a_drop_swings_as_lamb_says(cells, error):
     """Mode 2: omega^2 = 8 sigma / (rho R^3) (Lamb, Hydrodynamics, 1932, art. 275)."""
@@ -137,6 +139,7 @@ def test_capillary_waves(cells, error):
     assert swing(liquid, height, 1.5 * 2 * math.pi / omega) == pytest.approx(omega, rel=error)
 
 
+@pytest.mark.figure
 def test_a_square_becomes_round_and_keeps_its_volume():
     cells, side = 16, math.sqrt(math.pi)
 

@@ -157,6 +157,7 @@ def test_viscosity_leaves_what_turns_alone(dimension, viscosity):
     assert most <= 20
 
 
+@pytest.mark.figure
 @pytest.mark.parametrize("n", [6, 12])
 def test_a_viscous_current_spreads_as_that_of_huppert(n):
     """x_N = 1.411 (g q^3 / (3 nu))^(1/5) t^(1/5) in a plane, from his profile on; n cells high.
@@ -178,6 +179,7 @@ def test_a_viscous_current_spreads_as_that_of_huppert(n):
         assert np.quantile(liquid.positions[:, 0], 0.999) == pytest.approx(front, rel=0.015)
 
 
+@pytest.mark.figure
 def test_a_round_current_spreads_as_that_of_huppert():
     """r_N = 0.894 (g Q^3 / (3 nu))^(1/8) t^(1/8) from his profile on (1982), 5 cells high."""
     start, high, cell = 0.5, 0.15, 0.03
@@ -230,6 +232,7 @@ def test_a_cup_that_turns_takes_the_liquid_along():
     assert -cup.angular_impulse[2] == pytest.approx(given, rel=0.08)
 
 
+@pytest.mark.figure
 def test_the_drag_of_balls_in_creeping_flow_is_that_of_hasimoto():
     """A force on the liquid of a cell of a cubic lattice: F = 6 pi mu a U K.
 
@@ -268,6 +271,7 @@ def test_the_drag_of_balls_in_creeping_flow_is_that_of_hasimoto():
 EXTREMA = np.array([[1.79, 0.862], [8.94, 0.458], [16.1, 0.2465]])
 
 
+@pytest.mark.figure
 def test_a_standing_wave_decays_as_between_walls_that_slip():
     liquid = pool(32, 1.0, amplitude=1 / 32, viscosity=math.sqrt(G) / 200, slip=True)
     period = 2 * np.pi / math.sqrt(np.pi * math.tanh(np.pi))
@@ -317,6 +321,7 @@ def test_a_nozzle_holds_a_hanging_thread():
     assert np.diff(np.sort(y[y > 0.05])).max() < 0.005
 
 
+@pytest.mark.figure
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_what_hangs_resists_stretching_as_trouton_says(dimension):
     """By 4 times its viscosity a sheet in the plane, by 3 a thread, 8 cells across."""

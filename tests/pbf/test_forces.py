@@ -81,6 +81,7 @@ def test_each_term_conserves_momentum(terms):
     np.testing.assert_allclose(momenta(fluid)[0], before, rtol=0, atol=1e-10 * abs(before).max())
 
 
+@pytest.mark.figure
 def test_a_cube_under_surface_tension_becomes_a_sphere():
     side = 0.012
     cube = substep.fill_box([0] * 3, [side] * 3, D)
@@ -95,6 +96,7 @@ def test_a_cube_under_surface_tension_becomes_a_sphere():
     assert length.mean() == pytest.approx(radius, rel=0.03)
 
 
+@pytest.mark.figure
 def test_a_rotating_drop_keeps_its_angular_momentum():
     """For 1 s, within 0.1 %; a step loses about (omega dt)^2 / 2 of it, 2.5e-4 in all."""
     d, omega = 0.05 / 6, 0.7
@@ -191,6 +193,7 @@ def test_viscosity_without_bounds_is_stable_and_leaves_rigid_motion():
     assert spin[2] == pytest.approx(3.0, rel=0.02)
 
 
+@pytest.mark.figure
 def test_own_viscosity_of_an_eddy_in_a_box_is_below_a_spacing_times_its_speed():
     """Taylor-Green eddy between walls that do not rub; docs/pbf_forces.md quotes the figure."""
     n, k = 64, np.pi

@@ -73,6 +73,7 @@ def test_exact_rotation_solves_the_equations_of_motion():
         assert error < (2e-9 if i == 0 else 2e-11)  # the unstable one amplifies that of DOP853
 
 
+@pytest.mark.figure
 def test_a_body_turns_over_when_the_reference_says():
     path = SHARED / "reference" / "solids.json"
     if not path.is_file():

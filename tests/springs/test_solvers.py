@@ -42,6 +42,7 @@ def test_newton_reaches_its_tolerance_in_few_iterations() -> None:
     assert np.mean(counts) < 10  # 18 with the projected Hessian
 
 
+@pytest.mark.figure
 def test_a_folding_cloth_takes_few_factorizations() -> None:
     # Without quasi-Newton steps between them 10.7 factorizations and 8.6 iterations a step.
     net, reports = cloth(48), []
