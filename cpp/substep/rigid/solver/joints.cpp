@@ -17,7 +17,7 @@ void JointSolver::begin_step(const Bodies& bodies, std::span<const Joint> joints
   for (std::size_t k = 0; k < joints.size(); ++k) {
     const Joint& joint = joints[k];
     const bool moves_a = rows.moves(rows.row(joint.a)), moves_b = rows.moves(rows.row(joint.b));
-    if (!moves_a && !moves_b) continue;
+    if ((!moves_a && !moves_b) || joint_rows(joint) == 0) continue;
     found_.push_back({static_cast<std::int32_t>(k), joint.a, joint.b, joint.type, joint_rows(joint),
                       moves_a, moves_b});
   }
@@ -67,6 +67,13 @@ void JointSolver::mark_whirling(std::span<std::uint8_t> bodies) const {
 
 void JointSolver::store(Bodies& bodies, std::span<Joint> joints, double dt) const {
   for (const Group& group : groups_) group.store(bodies, joints, dt);
+  for (Joint& joint : joints) {
+    if (joint_rows(joint) > 0) continue;
+    joint.coordinate = joint_coordinate(joint, bodies);  // all that it has
+    joint.force = joint.torque = Vec3::Zero();
+    joint.effort = joint.length_error = joint.angle_error = 0;
+    joint.impulse.fill(0);
+  }
 }
 
 }  // namespace substep::rigid

@@ -32,7 +32,8 @@ namespace substep::rigid {
 
 class JointSolver {
  public:
-  // Joints of which neither body moves by impulses rest. Changes rows.velocity.
+  // Joints of which neither body moves by impulses rest, as those that ask for nothing. Changes
+  // rows.velocity.
   void begin_step(const Bodies& bodies, std::span<const Joint> joints,
                   std::span<const ContactConstraint> contacts, const JointGroup::Settings& settings,
                   BodyRows& rows);
