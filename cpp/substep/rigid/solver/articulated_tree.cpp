@@ -75,6 +75,8 @@ SUBSTEP_INLINE Lanes3 left_momentum(const Lanes3& f, const Lanes3& v) {
 ArticulatedTree::ArticulatedTree(std::vector<Part> parts)
     : parts_(std::move(parts)),
       articulated_(parts_.size()),
+      response_(parts_.size()),
+      inverse_(parts_.size()),
       wrench_(parts_.size()),
       angle_(parts_.size()) {}
 
@@ -110,6 +112,7 @@ void ArticulatedTree::place(std::span<const Coordinate> coordinates,
       }
     }
     place.c = place.R * part.centre;
+    place.x = place.O + place.c;
   }
 }
 
@@ -145,8 +148,6 @@ void ArticulatedTree::find_momenta(std::span<const Place> from, std::span<const 
     const auto part = [&](int lane) __attribute__((always_inline)) {
       return std::min(first + usize(lane), parts_.size() - 1);
     };
-    V mass;
-    for (int lane = 0; lane < kLanes; ++lane) mass[lane] = parts_[part(lane)].mass;
     const auto gather = [&](std::span<const Place> places,
                             const auto& member) __attribute__((always_inline)) {
       return gather_vectors([&](int lane) __attribute__((always_inline)) -> const Quad3& {
@@ -162,16 +163,15 @@ void ArticulatedTree::find_momenta(std::span<const Place> from, std::span<const 
     const auto in_world = [&](const Lanes3& v) __attribute__((always_inline)) {
       return v[0] * R0[0] + v[1] * R0[1] + v[2] * R0[2];
     };
-    const Lanes3 inertia =
-        gather_vectors([&](int lane) __attribute__((always_inline)) -> const Quad3& {
-          return parts_[part(lane)].inertia;
-        });
+    const auto inertia = load_rows<V>([&](int lane) __attribute__((always_inline)) {
+      return reinterpret_cast<const Point<double>*>(&parts_[part(lane)].inertia);
+    });
+    const V mass = inertia.w;
     Lanes3 body;
-    for (int i = 0; i < 3; ++i) body[i] = inertia[i] * (f[i] / h);
-    const auto anchor = [](const Place& at) -> const Quad3& { return at.O; };
-    const auto arm = [](const Place& at) -> const Quad3& { return at.c; };
-    const Lanes3 way =
-        (gather(to, anchor) - gather(from, anchor)) + (gather(to, arm) - gather(from, arm));
+    const V moments[] = {inertia.x, inertia.y, inertia.z};
+    for (int i = 0; i < 3; ++i) body[i] = moments[i] * (f[i] / h);
+    const auto centre = [](const Place& at) -> const Quad3& { return at.x; };
+    const Lanes3 way = gather(to, centre) - gather(from, centre);
     Lanes3 linear;
     for (int i = 0; i < 3; ++i) linear[i] = mass * (way[i] / h);
     scatter_vectors(linear, [&](int lane) __attribute__((always_inline)) -> Quad3& {
@@ -193,7 +193,8 @@ void ArticulatedTree::factor(std::span<const Place> places) {
     const Part& part = parts_[k];
     const Place& place = places[k];
     Articulated& own = articulated_[k];
-    const Quad3 mc = part.mass * place.c;
+    const double mass = part.inertia[3];
+    const Quad3 mc = mass * place.c;
     const double square = dot(mc, place.c);
     for (int i = 0; i < 3; ++i) {  // R I R^T + m (c^2 - c c^T), m [c], m
       own.J[i] = part.seen_inertia[0] * place.R[0][i] * place.R[0] +
@@ -201,7 +202,7 @@ void ArticulatedTree::factor(std::span<const Place> places) {
                  part.seen_inertia[2] * place.R[2][i] * place.R[2] - mc[i] * place.c;
       own.J[i][i] += square;
       own.M[i] = Quad3{};
-      own.M[i][i] = part.mass;
+      own.M[i][i] = mass;
     }
     own.H = {quad(0, mc[2], -mc[1]), quad(-mc[2], 0, mc[0]), quad(mc[1], -mc[0], 0)};
   }
@@ -211,23 +212,28 @@ void ArticulatedTree::factor(std::span<const Place> places) {
 // What the part's joint leaves of its inertia, to its parent.
 void ArticulatedTree::reduce(std::size_t k, const Place& place) {
   const Part& part = parts_[k];
-  Articulated& own = articulated_[k];
+  const Articulated& own = articulated_[k];
+  Response& response = response_[k];
+  response.d = place.d;
+  response.c = place.c;
   QuadMatrix J = own.J, H = own.H, M = own.M;
   if (part.kind == Kind::kHinge) {
-    own.torque = J * place.axis;
-    own.force = transposed_product(H, place.axis);
-    own.inverse = 1 / dot(place.axis, own.torque);
-    const Quad3 torque = own.inverse * own.torque, force = own.inverse * own.force;
-    J = J - outer(torque, own.torque);
-    H = H - outer(torque, own.force);
-    M = M - outer(force, own.force);
+    response.axis = place.axis;
+    response.torque = J * place.axis;
+    response.force = transposed_product(H, place.axis);
+    response.inverse = 1 / dot(place.axis, response.torque);
+    const Quad3 torque = response.inverse * response.torque;
+    const Quad3 force = response.inverse * response.force;
+    J = J - outer(torque, response.torque);
+    H = H - outer(torque, response.force);
+    M = M - outer(force, response.force);
   } else if (part.kind != Kind::kFixed) {
-    own.inverse_J = inverse(J);
-    own.K = own.inverse_J * H;
-    const QuadMatrix transposed = transpose(H);
-    M = M - transposed * own.K;
+    Inverse& of = inverse_[k];
+    of.J = inverse(J);
+    of.K = of.J * H;
+    M = M - transpose(H) * of.K;
     if (part.kind == Kind::kFree) {
-      own.inverse_M = inverse(M);
+      of.M = inverse(M);
       return;
     }
     J = H = {};
@@ -241,48 +247,47 @@ void ArticulatedTree::reduce(std::size_t k, const Place& place) {
   parent.M = parent.M + M;
 }
 
-void ArticulatedTree::respond(std::span<const Place> places, std::span<const Momentum> momenta,
-                              std::span<Rate> rates) {
+void ArticulatedTree::respond(std::span<const Momentum> momenta, std::span<Rate> rates) {
   for (std::size_t k = 0; k < parts_.size(); ++k) {
     const Momentum& m = momenta[k];
-    wrench_[k] = {m.linear, m.angular + cross(places[k].c, m.linear)};
+    wrench_[k] = {m.linear, m.angular + cross(response_[k].c, m.linear)};
   }
   for (std::size_t k = parts_.size(); k-- > 0;) {
     const Part& part = parts_[k];
-    const Articulated& own = articulated_[k];
+    const Response& own = response_[k];
     Quad3 force = wrench_[k].linear, torque = wrench_[k].angular;
     if (part.kind == Kind::kHinge) {
-      const double u = angle_[k] = own.inverse * dot(places[k].axis, torque);
+      const double u = angle_[k] = own.inverse * dot(own.axis, torque);
       force -= u * own.force;
       torque -= u * own.torque;
     } else if (part.kind != Kind::kFixed) {
-      force -= transposed_product(own.K, torque);
+      force -= transposed_product(inverse_[k].K, torque);
       torque = Quad3{};
       wrench_[k].linear = force;
     }
     if (part.parent < 0) continue;
     Momentum& parent = wrench_[usize(part.parent)];
     parent.linear += force;
-    parent.angular += torque + cross(places[k].d, force);
+    parent.angular += torque + cross(own.d, force);
   }
   const Rate rest;
   for (std::size_t k = 0; k < parts_.size(); ++k) {
     const Part& part = parts_[k];
-    const Articulated& own = articulated_[k];
+    const Response& own = response_[k];
     Rate& rate = rates[k];
     if (part.kind == Kind::kFree) {
-      rate.linear = own.inverse_M * wrench_[k].linear;
-      rate.angular = own.inverse_J * wrench_[k].angular - own.K * rate.linear;
+      rate.linear = inverse_[k].M * wrench_[k].linear;
+      rate.angular = inverse_[k].J * wrench_[k].angular - inverse_[k].K * rate.linear;
       continue;
     }
     const Rate& parent = part.parent < 0 ? rest : rates[usize(part.parent)];
-    rate.linear = parent.linear - cross(places[k].d, parent.angular);
+    rate.linear = parent.linear - cross(own.d, parent.angular);
     if (part.kind == Kind::kHinge) {
       rate.angle =
           angle_[k] - own.inverse * (dot(own.torque, parent.angular) + dot(own.force, rate.linear));
-      rate.angular = parent.angular + rate.angle * places[k].axis;
+      rate.angular = parent.angular + rate.angle * own.axis;
     } else if (part.kind == Kind::kBall) {
-      rate.angular = own.inverse_J * wrench_[k].angular - own.K * rate.linear;
+      rate.angular = inverse_[k].J * wrench_[k].angular - inverse_[k].K * rate.linear;
     } else {
       rate.angular = parent.angular;
     }
@@ -293,7 +298,7 @@ ArticulatedTree::Momentum ArticulatedTree::momentum(std::size_t k, const Place& 
                                                     const Rate& rate) const {
   const Part& part = parts_[k];
   const Quad3 spin = part.inertia * transposed_product(place.R, rate.angular);
-  return {part.mass * (rate.linear + cross(rate.angular, place.c)), place.R * spin};
+  return {part.inertia[3] * (rate.linear + cross(rate.angular, place.c)), place.R * spin};
 }
 
 }  // namespace substep::rigid

@@ -52,6 +52,7 @@ class ArticulatedTree {
   struct Place {
     QuadMatrix R = QuadMatrix::identity();
     Quad3 O{}, d{}, c{}, axis{};
+    Quad3 x{};  // the centre of mass, O + c
   };
   // Of velocity, or a small displacement: of O, angular, and of the angle of a hinge.
   struct Rate {
@@ -77,22 +78,29 @@ class ArticulatedTree {
   // Articulated inertias.
   void factor(std::span<const Place> places);
   // The rates whose momenta are the given ones, but for what joints give; by the last factor().
-  void respond(std::span<const Place> places, std::span<const Momentum> momenta,
-               std::span<Rate> rates);
+  void respond(std::span<const Momentum> momenta, std::span<Rate> rates);
   // Of those rates.
   Momentum momentum(std::size_t part, const Place& place, const Rate& rate) const;
 
  private:
   struct Articulated {
     QuadMatrix J{}, H{}, M{};
-    Quad3 torque{}, force{};                   // of unit acceleration along a hinge; [J; H^T] axis
-    double inverse = 0;                        // of the hinge's own inertia
-    QuadMatrix inverse_J{}, K{}, inverse_M{};  // K = J^-1 H; M without what J takes
+  };
+  // What respond() needs of a part, side by side.
+  struct Response {
+    Quad3 d{}, c{};
+    Quad3 axis{}, torque{}, force{};  // of a hinge: [J; H^T] axis
+    double inverse = 0;               // of its own inertia
+  };
+  struct Inverse {             // of a ball and a free part
+    QuadMatrix J{}, K{}, M{};  // J^-1, J^-1 H, and that of M without what J takes
   };
   void reduce(std::size_t part, const Place& place);
 
   std::vector<Part> parts_;
   std::vector<Articulated> articulated_;
+  std::vector<Response> response_;
+  std::vector<Inverse> inverse_;
   std::vector<Momentum> wrench_;  // about anchors
   std::vector<double> angle_;
 };

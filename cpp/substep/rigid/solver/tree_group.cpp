@@ -155,7 +155,7 @@ bool TreeGroup::set_coordinates(const Bodies& bodies) {
   for (std::size_t k = 0; k < members_.size(); ++k) {
     const QuadMatrix R = rotation_of(static_cast<std::int32_t>(k));
     const Quad3 x = quad(bodies.position(members_[k].body));
-    if (!is_closed(now_[k].O + now_[k].c - x)) return false;
+    if (!is_closed(now_[k].x - x)) return false;
     for (int i = 0; i < 3; ++i)
       if (!is_closed(now_[k].R[i] - R[i])) return false;
   }
@@ -175,9 +175,8 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
     Tree::Part& part = tree_.parts()[k];
     m.row = rows.row(m.body);
     m.scale = rows.scale_of(m.row);
-    part.mass = bodies.mass[usize(m.body)];
     const double* const I = &bodies.inertia[3 * usize(m.body)];
-    part.inertia = part.seen_inertia = Quad3{I[0], I[1], I[2], 1};
+    part.inertia = part.seen_inertia = Quad3{I[0], I[1], I[2], bodies.mass[usize(m.body)]};
     m.inverse_inertia = 1 / part.inertia;
     m.slow = false;
     m.impulse = {};
@@ -228,8 +227,9 @@ void TreeGroup::show_spin(std::size_t k, BodyRows& rows) {
 // As JointGroup::find_inertia.
 void TreeGroup::find_inertia(BodyRows& rows) {
   for (Arm& arm : arms_) arm = {};
-  const auto add = [&](std::size_t k, const Quad3& r, const Quad3& force) {
-    const double K = dot(r, transposed_product(now_[k].R, force)) / h_;
+  // Force at an arm of the world, which is r in the body.
+  const auto add = [&](std::size_t k, const Quad3& arm, const Quad3& r, const Quad3& force) {
+    const double K = dot(arm, force) / h_;
     if (!(K > 0)) return;
     arms_[k].stiffness += K * (quad(1, 1, 1) - r * r / dot(r, r));
     arms_[k].arm += K * r;
@@ -238,10 +238,10 @@ void TreeGroup::find_inertia(BodyRows& rows) {
   for (std::size_t k = 0; k < members_.size(); ++k) {
     const Tree::Part& part = tree_.parts()[k];
     const Quad3& force = members_[k].impulse.linear;
-    add(k, -part.centre, force);
+    add(k, -now_[k].c, -part.centre, force);
     if (part.parent < 0) continue;
     const std::size_t parent = usize(part.parent);
-    add(parent, part.anchor - tree_.parts()[parent].centre, -force);
+    add(parent, now_[k].d - now_[parent].c, part.anchor - tree_.parts()[parent].centre, -force);
   }
   const double most = smooth_ ? JointGroup::kFreeSwing : JointGroup::kSwing;
   whirls_ = false;
@@ -251,7 +251,8 @@ void TreeGroup::find_inertia(BodyRows& rows) {
     Quad3 inertia = part.inertia;
     if (arm.sum > 0) {
       const Quad3 r = arm.arm / arm.sum;
-      const Quad3 least = h_ * h_ / (most * most) * arm.stiffness - part.mass * (dot(r, r) - r * r);
+      const Quad3 least =
+          h_ * h_ / (most * most) * arm.stiffness - part.inertia[3] * (dot(r, r) - r * r);
       for (int i = 0; i < 3; ++i) inertia[i] = std::max(inertia[i], least[i]);
       whirls_ = whirls_ || !same(inertia, part.inertia);
     }
@@ -368,7 +369,7 @@ bool TreeGroup::solve(double tolerance) {
       wanted_[k].linear = momenta_[k].linear - found_[k].linear;
       wanted_[k].angular = moment(k, momenta_[k].angular - found_[k].angular);
     }
-    tree_.respond(now_, wanted_, change_);
+    tree_.respond(wanted_, change_);
     double worst = 0;
     for (std::size_t k = 0; k < members_.size(); ++k) {
       const Tree::Rate& change = change_[k];
@@ -388,7 +389,7 @@ bool TreeGroup::solve(double tolerance) {
 void TreeGroup::project() {
   for (std::size_t k = 0; k < members_.size(); ++k)
     wanted_[k] = {momenta_[k].linear, moment(k, momenta_[k].angular)};
-  tree_.respond(now_, wanted_, change_);
+  tree_.respond(wanted_, change_);
 }
 
 // What contacts will still change need not be found to the end. What Newton's method leaves is
@@ -427,15 +428,16 @@ void TreeGroup::find_displacements(const BodyRows& rows, double h) {
 // Takes coordinates as near to the displacements of the bodies as joints allow, by their momenta.
 // Returns whether there are any.
 bool TreeGroup::follow(std::span<Tree::Coordinate> coordinates) {
-  bool any = false;
+  const auto is_none = [](const Aside& aside) {
+    return same(aside.shift, Quad3{}) && same(aside.turn, Quad3{});
+  };
+  if (std::all_of(aside_.begin(), aside_.end(), is_none)) return false;
   for (std::size_t k = 0; k < members_.size(); ++k) {
     const auto& [shift, turn] = aside_[k];
-    any = any || !same(shift, Quad3{}) || !same(turn, Quad3{});
     wanted_[k] = tree_.momentum(k, now_[k], {shift - cross(turn, now_[k].c), turn});
     wanted_[k].angular = moment(k, wanted_[k].angular);
   }
-  if (!any) return false;
-  tree_.respond(now_, wanted_, change_);
+  tree_.respond(wanted_, change_);
   tree_.advance(change_, 1, coordinates);
   return true;
 }
@@ -465,7 +467,7 @@ void TreeGroup::move(BodyRows& rows) {
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
     m.coordinate += (m.is_a ? h_ : -h_) * rates_[k].angle;
-    m.seen_shift = 1 / m.scale * (next_[k].O + next_[k].c - m.origin);
+    m.seen_shift = 1 / m.scale * (next_[k].x - m.origin);
     m.seen_turn += m.unroot * turns_[k];
     BodyRow& x = rows.displacement[usize(m.row)];
     assign(x.linear, m.seen_shift);
