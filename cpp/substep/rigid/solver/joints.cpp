@@ -19,7 +19,7 @@ void JointSolver::begin_step(const Bodies& bodies, std::span<const Joint> joints
     const bool moves_a = rows.moves(rows.row(joint.a)), moves_b = rows.moves(rows.row(joint.b));
     if ((!moves_a && !moves_b) || joint_rows(joint) == 0) continue;
     found_.push_back({static_cast<std::int32_t>(k), joint.a, joint.b, joint.type, joint_rows(joint),
-                      moves_a, moves_b});
+                      moves_a, moves_b, rows.row(joint.a) == 0, rows.row(joint.b) == 0});
   }
   if (found_ != keys_) find_groups(bodies, joints, rows);
   if (groups_.empty()) return;

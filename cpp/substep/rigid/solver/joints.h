@@ -106,6 +106,7 @@ class JointSolver {
     JointType type;
     int rows;
     bool moves_a, moves_b;
+    bool stands_a, stands_b;  // as the world does
     bool operator==(const Key&) const = default;
   };
   std::vector<Key> keys_, found_;

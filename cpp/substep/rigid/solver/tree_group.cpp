@@ -94,9 +94,10 @@ TreeGroup::TreeGroup(std::vector<Tree::Part> parts, std::vector<Member> members)
     : tree_(std::move(parts)), members_(std::move(members)) {
   const std::size_t n = members_.size();
   begin_.resize(n), end_.resize(n), now_.resize(n), next_.resize(n);
-  momenta_.resize(n), found_.resize(n), wanted_.resize(n), given_.resize(n), aside_.resize(n),
-      arms_.resize(n), turns_.resize(n);
-  rates_.resize(n), last_rates_.resize(n), change_.resize(n), row_given_.resize(n);
+  momenta_.resize(n), found_.resize(n), wanted_.resize(n), given_.resize(n);
+  aside_.resize(n), arms_.resize(n), turns_.resize(n);
+  rates_.resize(n), last_rates_.resize(n), older_rates_.resize(n), change_.resize(n),
+      row_given_.resize(n);
 }
 
 // Frames of the joint of part k, in its parent's coordinates.
@@ -186,6 +187,11 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
     }
     const Vec3 spin = rows.spin_of(m.row);
     if (!(h_ * spin.norm() < kMostTurn)) return false;
+    // solve() leaves h / 2 [L] out of the inertia: an error grows by so much in an iteration.
+    const Vec3 L = bodies.rotation(m.body).conjugate() * Vec3(&bodies.L[3 * usize(m.body)]);
+    const Vec3 J = vec(part.inertia);
+    if (!(0.5 * h_ * L.cwiseProduct(J.cwiseSqrt()).norm() < kMostGrowth * std::sqrt(J.prod())))
+      return false;
     rates_[k].angular = quad(spin);
     rates_[k].linear = quad(rows.velocity_of(m.row));
   }
@@ -198,7 +204,7 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
     const Tree::Part& part = tree_.parts()[k];
     const Quad3 parent = part.parent < 0 ? Quad3{} : rates_[usize(part.parent)].angular;
     rates_[k].angle = dot(now_[k].axis, rates_[k].angular - parent);
-    last_rates_[k] = rates_[k];
+    last_rates_[k] = older_rates_[k] = rates_[k];
     m.origin = quad(bodies.position(m.body));
     m.root = QuadMatrix::of(rows.root_of(m.row));
     const Vec3 root = vec(part.inertia).cwiseSqrt();
@@ -332,6 +338,22 @@ void TreeGroup::give(std::size_t k, const Tree::Momentum& momentum, BodyRows& ro
   assign(sum.angular, quad(sum.angular) + (m.spin - spin));
 }
 
+// The rates of a smooth motion go on as those before: of the step's begin, half a sub-step before
+// the first, and of the sub-steps since, by the parabola through three.
+void TreeGroup::guess_rates() {
+  constexpr double kWeights[][3] = {{1, 0, 0}, {3, -2, 0}, {10. / 3, -5, 8. / 3}, {3, -3, 1}};
+  const auto& weights = kWeights[smooth_ ? std::min<std::int64_t>(intervals_, 3) : 0];
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const Tree::Rate now = rates_[k], &last = last_rates_[k], &older = older_rates_[k];
+    const auto guess = [&](auto Tree::Rate::* part) {
+      rates_[k].*part = weights[0] * now.*part + weights[1] * last.*part + weights[2] * older.*part;
+    };
+    guess(&Tree::Rate::linear), guess(&Tree::Rate::angular), guess(&Tree::Rate::angle);
+    older_rates_[k] = last;
+    last_rates_[k] = now;
+  }
+}
+
 void TreeGroup::begin_substep(BodyRows& rows) {
   for (std::size_t k = 0; k < members_.size(); ++k) {
     BodyRow& v = rows.velocity[usize(members_[k].row)];
@@ -347,15 +369,7 @@ void TreeGroup::begin_substep(BodyRows& rows) {
     tree_.place(begin_, now_);
     tree_.factor(now_);
   }
-  // The rates of a smooth motion go on as they did; the first were those of the step's begin.
-  const double part = !smooth_ || intervals_ == 0 ? 0 : intervals_ == 1 ? 2 : 1;
-  for (std::size_t k = 0; k < members_.size(); ++k) {
-    const Tree::Rate now = rates_[k], &last = last_rates_[k];
-    rates_[k].linear += part * (now.linear - last.linear);
-    rates_[k].angular += part * (now.angular - last.angular);
-    rates_[k].angle += part * (now.angle - last.angle);
-    last_rates_[k] = now;
-  }
+  guess_rates();
   end_ = begin_;
   tree_.advance(rates_, h_, end_);
 }
@@ -401,17 +415,22 @@ void TreeGroup::solve_velocities(BodyRows& rows, bool first, bool last) {
     return;
   }
   solved_ = smooth_ || last;
-  if (!solve(solved_ ? kTolerance : kEnough)) {
-    // Too far for it: as the velocities lead, which takes energy and so is stable.
+  const bool found = solve(smooth_ ? kTolerance : last ? kPressed : kEnough);
+  if (!found) {  // too far for it: as the velocities lead
     project();
     rates_ = change_;
     end_ = begin_;
     tree_.advance(rates_, h_, end_);
-    for (Tree::Momentum& momentum : found_) momentum = {};
+    tree_.place(end_, next_);
   }
   for (std::size_t k = 0; k < members_.size(); ++k) {
     const Tree::Momentum linear = tree_.momentum(k, now_[k], change_[k]);
-    give(k, {found_[k].linear + linear.linear, found_[k].angular + linear.angular}, rows);
+    if (found) {
+      give(k, {found_[k].linear + linear.linear, found_[k].angular + linear.angular}, rows);
+    } else {  // L turns with the body, so that its energy stays
+      const Quad3 L = next_[k].R * transposed_product(now_[k].R, linear.angular);
+      give(k, {linear.linear, L}, rows);
+    }
   }
 }
 
@@ -466,7 +485,7 @@ void TreeGroup::move(BodyRows& rows) {
   sum_impulses(smooth_ && intervals_ == 0 ? 0.5 : 1);
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
-    m.coordinate += (m.is_a ? h_ : -h_) * rates_[k].angle;
+    m.coordinate += (m.is_a ? 2 : -2) * std::atan(0.5 * h_ * rates_[k].angle);
     m.seen_shift = 1 / m.scale * (next_[k].x - m.origin);
     m.seen_turn += m.unroot * turns_[k];
     BodyRow& x = rows.displacement[usize(m.row)];
@@ -479,7 +498,8 @@ void TreeGroup::move(BodyRows& rows) {
   ++intervals_;
 }
 
-// From the ends to the root: a joint holds all that hangs from it.
+// From the ends to the root: a joint holds all that hangs from it. weight: of the sub-step, 0 for
+// none.
 void TreeGroup::sum_impulses(double weight) {
   for (std::size_t k = members_.size(); k-- > 0;) {
     Member& m = members_[k];
@@ -487,7 +507,7 @@ void TreeGroup::sum_impulses(double weight) {
     own.angular += cross(now_[k].c, own.linear);
     m.sum.linear += own.linear;
     m.sum.angular += own.angular;
-    m.impulse = {1 / weight * own.linear, 1 / weight * own.angular};
+    if (weight > 0) m.impulse = {1 / weight * own.linear, 1 / weight * own.angular};
     if (const std::int32_t parent = tree_.parts()[k].parent; parent >= 0) {
       // About the parent's centre, for now.
       Tree::Momentum& to = given_[usize(parent)];
@@ -507,9 +527,7 @@ void TreeGroup::end_step(BodyRows& rows) {
   project();
   for (std::size_t k = 0; k < members_.size(); ++k)
     give(k, tree_.momentum(k, now_[k], change_[k]), rows);
-  const std::vector<Member> members = members_;
-  sum_impulses(1);
-  for (std::size_t k = 0; k < members_.size(); ++k) members_[k].impulse = members[k].impulse;
+  sum_impulses(0);
 }
 
 void TreeGroup::store(Bodies& bodies, std::span<Joint> joints, double dt) const {

@@ -39,10 +39,12 @@ class TreeGroup {
 
   static constexpr double kClosed = 1e-6;     // errors of joints that are small [m], [rad]
   static constexpr double kMostTurn = 1;      // of a body in a sub-step [rad]
+  static constexpr double kMostGrowth = 0.5;  // of an error in an iteration
   static constexpr double kShortest = 1e-30;  // sub-step: momenta are found from positions [s]
   static constexpr int kIterations = 30;
-  // Changes of the motion [m], [rad] below which it is found, and what contacts will still change.
-  static constexpr double kTolerance = 1e-6, kEnough = 1e-4;
+  // Changes of the motion [m], [rad] below which it is found; where contacts press, and what they
+  // will still change.
+  static constexpr double kTolerance = 1e-10, kPressed = 1e-8, kEnough = 1e-5;
 
   // The body of a part, and its joint, -1 if it has none.
   struct Member {
@@ -81,6 +83,7 @@ class TreeGroup {
   void kick(double time, BodyRows& rows);
   bool read_momenta(const BodyRows& rows);
   void give(std::size_t k, const Tree::Momentum& momentum, BodyRows& rows);
+  void guess_rates();
   void begin_substep(BodyRows& rows);
   bool solve(double tolerance);
   void project();
@@ -99,7 +102,7 @@ class TreeGroup {
   std::vector<Tree::Momentum> found_;          // of the motion from now_ to next_
   std::vector<Tree::Momentum> wanted_;
   std::vector<Tree::Momentum> given_;  // by joints, in the sub-step
-  std::vector<Tree::Rate> rates_, last_rates_, change_;
+  std::vector<Tree::Rate> rates_, last_rates_, older_rates_, change_;
   std::vector<Aside> aside_;
   std::vector<Arm> arms_;
   std::vector<Quad3> turns_;
