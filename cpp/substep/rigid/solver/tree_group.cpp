@@ -97,7 +97,7 @@ TreeGroup::TreeGroup(std::vector<Tree::Part> parts, std::vector<Member> members)
   momenta_.resize(n), found_.resize(n), wanted_.resize(n), given_.resize(n);
   aside_.resize(n), arms_.resize(n), turns_.resize(n);
   rates_.resize(n), last_rates_.resize(n), older_rates_.resize(n), change_.resize(n),
-      row_given_.resize(n);
+      last_change_.resize(n), row_given_.resize(n);
 }
 
 // Frames of the joint of part k, in its parent's coordinates.
@@ -374,8 +374,10 @@ void TreeGroup::begin_substep(BodyRows& rows) {
   tree_.advance(rates_, h_, end_);
 }
 
-// Newton's method with the matrix of the begin. Returns whether it has found the motion.
+// Newton's method with the matrix of the begin, its steps as long as Aitken's extrapolation says
+// (Irons and Tuck 1969, Int. J. Numer. Methods Eng. 1). Returns whether it has found the motion.
 bool TreeGroup::solve(double tolerance) {
+  double part = 1, worst = 0;
   for (int i = 0; i < kIterations; ++i) {
     tree_.place(end_, next_);
     tree_.find_momenta(now_, next_, h_, found_);
@@ -383,20 +385,30 @@ bool TreeGroup::solve(double tolerance) {
       wanted_[k].linear = momenta_[k].linear - found_[k].linear;
       wanted_[k].angular = moment(k, momenta_[k].angular - found_[k].angular);
     }
+    last_change_.swap(change_);
     tree_.respond(wanted_, change_);
-    double worst = 0;
+    worst = 0;
+    double along = 0, square = 0;
     for (std::size_t k = 0; k < members_.size(); ++k) {
       const Tree::Rate& change = change_[k];
-      rates_[k].linear += change.linear;
-      rates_[k].angular += change.angular;
-      rates_[k].angle += change.angle;
+      const Quad3 less = last_change_[k].angular - change.angular;
+      along += dot(less, last_change_[k].angular);
+      square += dot(less, less);
       worst =
           std::max({worst, dot(change.linear, change.linear), dot(change.angular, change.angular)});
     }
-    tree_.advance(change_, h_, end_);
-    if (h_ * h_ * worst < tolerance * tolerance) return true;
+    worst = h_ * std::sqrt(worst);
+    if (i > 0 && square > 0) part = std::clamp(part * along / square, kLeastPart, kMostPart);
+    const double length = worst < tolerance ? 1 : part;
+    for (std::size_t k = 0; k < members_.size(); ++k) {
+      rates_[k].linear += length * change_[k].linear;
+      rates_[k].angular += length * change_[k].angular;
+      rates_[k].angle += length * change_[k].angle;
+    }
+    tree_.advance(change_, length * h_, end_);
+    if (worst < tolerance) return true;
   }
-  return false;
+  return worst < kEnough;
 }
 
 // The momenta as rates.

@@ -41,7 +41,8 @@ class TreeGroup {
   static constexpr double kMostTurn = 1;      // of a body in a sub-step [rad]
   static constexpr double kMostGrowth = 0.5;  // of an error in an iteration
   static constexpr double kShortest = 1e-30;  // sub-step: momenta are found from positions [s]
-  static constexpr int kIterations = 30;
+  static constexpr int kIterations = 60;
+  static constexpr double kLeastPart = 0.3, kMostPart = 4;  // of a step of Newton's method
   // Changes of the motion [m], [rad] below which it is found; where contacts press, and what they
   // will still change.
   static constexpr double kTolerance = 1e-10, kPressed = 1e-8, kEnough = 1e-5;
@@ -102,7 +103,7 @@ class TreeGroup {
   std::vector<Tree::Momentum> found_;          // of the motion from now_ to next_
   std::vector<Tree::Momentum> wanted_;
   std::vector<Tree::Momentum> given_;  // by joints, in the sub-step
-  std::vector<Tree::Rate> rates_, last_rates_, older_rates_, change_;
+  std::vector<Tree::Rate> rates_, last_rates_, older_rates_, change_, last_change_;
   std::vector<Aside> aside_;
   std::vector<Arm> arms_;
   std::vector<Quad3> turns_;
