@@ -141,10 +141,21 @@ def test_the_collection_is_not_empty():
     assert "Advection.advance" in METHODS
 
 
-@pytest.mark.parametrize("name", [n for n, v in OBJECTS.items() if ">>>" in (v.__doc__ or "")])
+# By the function: classes share those that they inherit from what is not public.
+INHERITED = {
+    getattr(member, "__func__", member): name
+    for name, member in METHODS.items()
+    for cls, _, attribute in [name.rpartition(".")]
+    if attribute not in vars(CLASSES[cls]) and ">>>" in (member.__doc__ or "")
+}
+
+
+@pytest.mark.parametrize(
+    "name", [*(n for n, v in OBJECTS.items() if ">>>" in (v.__doc__ or "")), *INHERITED.values()]
+)
 def test_examples_run(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    value = OBJECTS[name]
+    value = OBJECTS.get(name) or METHODS[name]
     flags = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
     runner = doctest.DocTestRunner(optionflags=flags)
     finder = doctest.DocTestFinder(recurse=inspect.isclass(value))

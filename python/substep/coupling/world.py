@@ -155,7 +155,8 @@ class World(Simulation):
 
     def __repr__(self) -> str:
         met = [f"{link.name} meets {len(link.ids)} bodies" for link in self._links]
-        return f"World({', '.join(self._members)}; {', '.join(met) or 'nothing meets bodies'})"
+        met += [f"{link.name} meets {link.source}" for link in self._surfaces.links]
+        return f"World({', '.join(self._members)}; {', '.join(met) or 'nothing meets another'})"
 
     @property
     def members(self) -> Mapping[str, Any]:
@@ -217,7 +218,8 @@ class World(Simulation):
         bodies = self._bodies if self._links else None
         go_back, counted = self._way_back(), self._surfaces.keep()
         try:
-            scale = dt / self._interval if self._interval > 0 else 0.0
+            # A remnant of rounding had impulses of its own.
+            scale = min(dt / self._interval, 2.0**_HALVINGS) if self._interval > 0 else 0.0
             self._surfaces.begin(scale, dt, end, self._name_errors)
             if bodies is None:
                 for name in self._surfaces.order:
@@ -236,6 +238,7 @@ class World(Simulation):
         except BaseException as error:
             try:
                 go_back()
+                self._surfaces.put_back(counted)
             except NonFiniteError:  # rows as users wrote them into views: the first step refused
                 raise error from None
             raise
@@ -352,12 +355,14 @@ class World(Simulation):
         Returns
         -------
         float
-            The step of the rigid bodies, or less where their limit, or that of another member with
-            steps of a fixed size, is shorter [s]. Members that choose their steps do not count.
+            The step of the rigid bodies, or of the surfaces, or less where their limit, or that of
+            another member with steps of a fixed size, is shorter [s]. Members that choose their
+            steps do not count.
         str
             The member and its reason.
         """
-        limits = [(self._longest(), "the step of the rigid bodies")]
+        whose = "rigid bodies" if self._bodies is not None else "surfaces"
+        limits = [(self._longest(), f"the step of the {whose}")]
         for name, member in self._members.items():
             if member._fixed_step and hasattr(member, "step_limit"):
                 limit, reason = member.step_limit()

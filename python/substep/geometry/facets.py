@@ -132,7 +132,7 @@ class Deforming(Points):
         Examples
         --------
         >>> import substep
-        >>> mesh = substep.geometry.grid_mesh((1.0, 1.0), (2, 2))
+        >>> mesh = substep.geometry.grid_mesh(3, 3)
         >>> cloth = substep.MassSpring.from_mesh(mesh, density=0.2, stiffness=100.0)
         >>> len(cloth.make_colliders(0.05))
         8

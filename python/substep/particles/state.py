@@ -137,8 +137,8 @@ class Particles(Points):
         }
 
     def _put_state(self, state: dict[str, Any]) -> None:
+        restore_colliders(self.colliders, state["colliders"])  # the native part moves with them
         self._restore_native(state)
-        restore_colliders(self.colliders, state["colliders"])
 
     def _restore_native(self, state: dict[str, Any]) -> None:
         """Take over the native part of a state, `layers` and `absorbed` too."""

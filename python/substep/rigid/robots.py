@@ -92,7 +92,7 @@ class Robots(Joints):
         >>> pendulum = substep.RigidBodies.from_mjcf("pendulum.xml")
         >>> pendulum.advance(0.3)
         >>> round(pendulum.joint("pin").coordinate, 2), pendulum.ignored
-        (0.85, ())
+        (0.86, ())
         """
         plan = read_plan(path, "mujoco", keyframe=keyframe, coordinates=coordinates)
         return cls._built(
@@ -166,7 +166,7 @@ class Robots(Joints):
         ...     ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="0.1"/></inertial></link></robot>'''
         >>> _ = pathlib.Path("rod.urdf").write_text(text)
         >>> rod = substep.RigidBodies.from_urdf("rod.urdf", free_base=True)
-        >>> rod.masses[rod.body("rod")]
+        >>> float(rod.masses[rod.body("rod")])
         2.0
         """
         plan = read_plan(path, "robot", free_base=free_base, coordinates=coordinates)
