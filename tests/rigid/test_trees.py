@@ -1,0 +1,96 @@
+"""Trees of joints, which move in the coordinates of their joints, where that is hardest."""
+
+import numpy as np
+import pytest
+import substep
+from substep import rigid
+
+
+def rod(side, spin):
+    """A rod of 1 m that spins about its middle, at a ball of the world."""
+    bodies = substep.RigidBodies(gravity=(0, 0, 0), sleeping=False)
+    spins = (0.01 * spin, 0.02 * spin, spin)
+    arm = bodies.add(rigid.Box((1, side, side)), (0, 0, 0), mass=1.0, angular_velocities=spins)
+    bodies.ball(arm, None, (0, 0, 0))
+    return bodies
+
+
+@pytest.mark.parametrize(
+    ("side", "spin"), [(0.1, 260), (0.02, 42), (0.02, 60), (0.005, 12), (0.005, 20)]
+)
+def test_thin_rods_that_turn_keep_their_energy(side, spin):
+    bodies = rod(side, spin)
+    start = bodies.diagnostics()["energy"]
+    for _ in range(30):
+        bodies.step()
+        assert bodies.diagnostics()["energy"] == pytest.approx(start, rel=1e-5)
+
+
+@pytest.mark.parametrize("first", ["static", "kinematic"])
+def test_a_ground_that_begins_to_move_takes_along_what_hangs_from_it(first):
+    bodies = substep.RigidBodies()
+    base = bodies.add(substep.Sphere(0.01), (0, 0, 0), motion=first)
+    arm = bodies.add(substep.Box((0.1, 0.1, 0.8)), (0, 0, -0.5), mass=1.0)
+    joint = bodies.hinge(arm, base, (0, 0, 0), (0, 1, 0))
+    bodies.set_angular_velocities((0, 1, 0), arm)
+    bodies.set_velocities((-0.5, 0, 0), arm)
+    bodies.step()
+    bodies.set_motion("kinematic", base)
+    bodies.set_velocities((1, 0, 0), base)
+    twin = bodies.copy()
+    bodies.advance(1.0), twin.advance(1.0)
+    assert joint.coordinate == pytest.approx(-0.47673, abs=1e-4)  # by rotation="exact"
+    np.testing.assert_array_equal(bodies.momenta, twin.momenta)
+
+
+@pytest.mark.parametrize("substeps", [8, 32, 64])
+def test_hinges_count_turns_however_far_a_sub_step_turns_them(substeps):
+    bodies = substep.RigidBodies(gravity=(0, 0, 0), substeps=substeps)
+    speed = 0.95 * 60 * substeps
+    disk = bodies.add(substep.Cylinder(0.1, 0.05), (0, 0, 0), angular_velocities=(0, 0, speed))
+    joint = bodies.hinge(disk, None, (0, 0, 0), (0, 0, 1))
+    for _ in range(10):
+        bodies.step()
+    assert joint.coordinate == pytest.approx(speed * bodies.time, rel=1e-6)
+
+
+def test_a_free_pair_keeps_its_momenta_and_its_centre_on_a_line():
+    bodies = substep.RigidBodies(gravity=(0, 0, 0), sleeping=False)
+    a = bodies.add(substep.Box((0.2, 0.3, 0.5)), (0, 0, 0), mass=1.0)
+    b = bodies.add(substep.Box((0.5, 0.2, 0.3)), (0.4, 0.1, 0.3), mass=2.0)
+    bodies.ball(a, b, (0.15, 0.1, 0.25))
+    bodies.set_angular_velocities((5, 1, -2), a)
+    bodies.step()
+    weights = np.array([1.0, 2.0]) / 3
+
+    def measured():
+        d = bodies.diagnostics()
+        about = [d[f"angular_momentum_{axis}"] for axis in "xyz"]
+        return weights @ bodies.centers_of_mass, np.array(about)
+
+    (x, L), v = measured(), weights @ bodies.velocities
+    for _ in range(600):
+        bodies.step()
+    then, about = measured()
+    np.testing.assert_allclose(then, x + 10 * v, atol=1e-9)
+    np.testing.assert_allclose(about, L, atol=1e-8 * np.linalg.norm(L))
+
+
+def test_trees_agree_with_equations_of_their_joints():
+    def chain(rotation):
+        bodies = substep.RigidBodies(rotation=rotation, sleeping=False)
+        last = None
+        for k in range(5):
+            link = bodies.add(rigid.Box((0.3, 0.1, 0.05)), (0.3 * k + 0.15, 0, 0), mass=1 + k % 2)
+            joint = bodies.hinge if k % 2 else bodies.ball
+            joint(link, last, (0.3 * k, 0.01, 0), **({"axis": (0, 1, 0.2)} if k % 2 else {}))
+            last = link
+        bodies.advance(1.0)
+        return bodies
+
+    tree, general = chain("splitting"), chain("exact")
+    assert max(joint.error[0] for joint in tree.joints) == 0
+    assert 0 < max(joint.error[0] for joint in general.joints) < 1e-8
+    assert np.abs(tree.positions - general.positions).max() < 3e-3
+    for p, q in zip(tree.joints, general.joints, strict=True):
+        assert p.coordinate == pytest.approx(q.coordinate, abs=2e-3)
