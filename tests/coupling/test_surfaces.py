@@ -288,6 +288,16 @@ def test_what_cannot_meet_a_surface_is_refused():
     flat = substep.PositionBasedFluid([[9.0, 9.0]], 0.1, colliders=cloth.make_colliders(0.3))
     with pytest.raises(InputError, match="PositionBasedFluid in the plane cannot meet"):
         substep.World({"flat": flat, "cloth": cloth})
+    slow = substep.MaterialPointMethod(
+        [[0.0, 0.0, 0.1]],
+        substep.mpm.NeoHookean(density=500, young_modulus=5e4, poisson_ratio=0.3),
+        cell=0.05,
+        volume=0.025**3,
+        integrator="implicit_euler",
+        colliders=cloth.make_colliders(0.1),
+    )
+    with pytest.raises(InputError, match="MaterialPointMethod with implicit steps cannot meet"):
+        substep.World({"slow": slow, "cloth": cloth})
     first = cube(0.1, 1, 500.0, (0, 0, 1))
     second = cube(0.1, 1, 500.0, (0, 0, 2), colliders=first.make_colliders(0.02))
     third = cube(0.1, 1, 500.0, (0, 0, 3), colliders=second.make_colliders(0.02))

@@ -312,10 +312,12 @@ def _find(members: Mapping[str, Simulation]) -> list[tuple[Any, ...]]:
                     "it by make_colliders() of the simulation that is one"
                 )
             sheet, thinnest = collider._sheet, member._thinnest
-            if thinnest is None or getattr(member, "_dimension", 3) == 2:
+            flat = thinnest is not None and getattr(member, "_dimension", 3) == 2
+            if thinnest is None or flat or not member._pushes_bodies:
+                how = "in the plane " if flat else "with implicit steps " if thinnest else ""
                 raise InputError(
                     f"members: colliders[{k}] of {name!r} stands for a surface, which a "
-                    f"{type(member).__name__} {'in the plane ' if thinnest else ''}cannot meet"
+                    f"{type(member).__name__} {how}cannot meet"
                 )
             if 2 * sheet.radius < thinnest * (1 - 1e-9):
                 raise InputError(

@@ -306,6 +306,10 @@ class MaterialPointMethod(Particles):
         return 2 * self.cell
 
     @property
+    def _pushes_bodies(self) -> bool:  # type: ignore[override]
+        return self.integrator != "implicit_euler"
+
+    @property
     def kinds(self) -> NDArray[np.int32]:
         """Which of the materials each particle is, shape (n,); read-only."""
         kinds: NDArray[np.int32] = read_only(self._native.materials())
