@@ -564,8 +564,10 @@ def drift():
 _PARTICLES = (call("remove", ids=lambda owner: owner.ids[:2]),)
 _ONE = [[0.3, 0.3, 0.7]]
 _ONE_IN = {2: [[0.3, 0.7]], 3: _ONE}
+_SURFACE = (call("make_colliders", thickness=0.05, faces=[[0, 1, 2]], friction=0.3),)
 OWN_CALLS = {
     substep.PositionBasedDynamics: (
+        *_SURFACE,
         call("set_positions", values=_ONE, ids=[1]),
         call("values", constraint=0),
         call("multipliers", constraint=0),
@@ -587,13 +589,13 @@ OWN_CALLS = {
         call("add", positions=_ONE, volume=1e-4),
         call("add", positions=np.tile(_ONE, (9, 1)) + 0.1 * np.arange(9)[:, None], volume=1e-4),
     ),
-    substep.MassSpring: (call("set_positions", values=_ONE, ids=[1]),),
+    substep.MassSpring: (*_SURFACE, call("set_positions", values=_ONE, ids=[1])),
     substep.GridFlow: (
         call("sample", points=[[0.5, 0.5], [0.25, 0.75]]),
         call("positions_of", faces_of=1),
         call("set_smoke", values=0.5),
     ),
-    substep.SoftBody: (call("set_forces", values=_ONE, ids=[1]),),
+    substep.SoftBody: (*_SURFACE, call("set_forces", values=_ONE, ids=[1])),
     substep.Advection: (call("set_positions", values=[[0.25, 0.25]], ids=[1]),),
     substep.World: (call("exchanged"),),
     substep.RigidBodies: (
