@@ -36,9 +36,8 @@ class ArticulatedTree {
 
   struct Part {
     Kind kind = Kind::kFree;
-    std::int32_t parent = -1;  // comes before it; -1: the world, or nothing
-    double mass = 0;
-    Quad3 inertia{};                      // principal moments, and 1
+    std::int32_t parent = -1;             // comes before it; -1: the world, or nothing
+    Quad3 inertia{};                      // principal moments, and the mass
     Quad3 seen_inertia{};                 // those that impulses find
     Quad3 anchor{}, axis{};               // of its joint, from the parent's own, in its frame
     Quad3 centre{};                       // from its anchor, in its own frame

@@ -521,7 +521,7 @@ void TreeGroup::sum_impulses(double weight) {
     m.sum.angular += own.angular;
     if (weight > 0) m.impulse = {1 / weight * own.linear, 1 / weight * own.angular};
     if (const std::int32_t parent = tree_.parts()[k].parent; parent >= 0) {
-      // About the parent's centre, for now.
+      // About the parent's centre, as what it was given itself.
       Tree::Momentum& to = given_[usize(parent)];
       to.linear += own.linear;
       to.angular += own.angular + cross(now_[k].d - now_[usize(parent)].c, own.linear);
