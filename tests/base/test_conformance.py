@@ -428,7 +428,7 @@ def callbacks_may_go_back(make):
 def interrupts_let_go(make):
     """Of a simulation that they stop, whichever instruction of Python they hit."""
 
-    class Stop(Exception):
+    class Stop(BaseException):  # as KeyboardInterrupt: numpy makes a TypeError of an Exception
         pass
 
     armed = True
