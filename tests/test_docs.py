@@ -60,6 +60,8 @@ def test_python_blocks_run(page, tmp_path, monkeypatch):
     monkeypatch.setenv("MPLBACKEND", "Agg")
     if page.stem in ("grid_liquid", "rendering", "rigid_robots"):
         pytest.importorskip("pyvista", reason="PyVista is not installed")
+    if page.stem == "sweeps":
+        pytest.importorskip("distributed", reason="Dask is not installed")
     if page.stem == "rigid_robots":
         pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     text = page.read_text(encoding="utf-8")

@@ -22,6 +22,8 @@ def test_example(example, tmp_path):
     for module in re.findall(r"^(?:import|from) +(\w+)", source, re.MULTILINE):
         if module in REQUIRED and importlib.util.find_spec(module) is None:
             pytest.skip(f"{module} is not installed")
+    if "substep.sweep" in source:
+        pytest.importorskip("distributed", reason="Dask is not installed")
     if "substep.render import" in source:
         pytest.importorskip("pyvista", reason="PyVista is not installed")
     environment = os.environ | {

@@ -66,6 +66,7 @@ _EXPORTS = {
     "pbf": ("Emitter", "PositionBasedFluid", "Sink", "fill_box", "fill_mesh", "relax"),
     "rigid": ("RigidBatch", "RigidBodies"),
     "springs": ("MassSpring", "SoftBody"),
+    "sweeps": ("RunCollection", "sweep"),
     "ode.scipy_solvers": (
         "DOP853",
         "RK4",
@@ -100,6 +101,7 @@ _SUBMODULES = (
     "second_order",
     "springs",
     "stability",
+    "sweeps",
     "systems",
 )
 
@@ -131,6 +133,7 @@ if TYPE_CHECKING:  # `as` says that a name is for users
         second_order as second_order,
         springs as springs,
         stability as stability,
+        sweeps as sweeps,
         systems as systems,
     )
     from .config import (
@@ -228,6 +231,10 @@ if TYPE_CHECKING:  # `as` says that a name is for users
     from .springs import (
         MassSpring as MassSpring,
         SoftBody as SoftBody,
+    )
+    from .sweeps import (
+        RunCollection as RunCollection,
+        sweep as sweep,
     )
 
 

@@ -1,4 +1,4 @@
-"""The command line: `substep run`, `scenes`, `info`, `render`, `export`, `config`.
+"""The command line: `substep run`, `sweep`, `scenes`, `info`, `render`, `export`, `config`.
 
 Exit codes: 0 done; 1 the simulation failed, or the machine did (disk, memory, a missing extra);
 2 what was typed or read is wrong; 130 Ctrl-C; 143 SIGTERM; 141 the reader of our output went away.
@@ -15,13 +15,13 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, cast
 
 from .base.progress import Progress
 from .errors import FormatError, InputError, SolverError, SubstepError
 
 if TYPE_CHECKING:
-    from .scenes import Outcome, Scene
+    from .scenes import Outcome, Parameter, Scene
     from .scenes.run_config import RunConfig
     from .view import Camera
 
@@ -101,6 +101,27 @@ def _parser() -> _Parser:
     mode.add_argument("--resume", action="store_true", help="go on with an interrupted run")
     mode.add_argument("--overwrite", action="store_true", help="replace an earlier run")
     run.set_defaults(action=_run)
+
+    sweep = command("sweep", "run a scene for many parameters and seeds, on all cores")
+    sweep.add_argument("scene", metavar="SCENE", help="built-in scene or Python file")
+    sweep.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUES",
+        help="values of a parameter: A,B,C or FIRST:LAST:COUNT (repeatable)",
+    )
+    sweep.add_argument("--repeats", metavar="N", help="runs of each combination (1)")
+    sweep.add_argument("--seed", metavar="N", help="seed of the first repeat (0)")
+    sweep.add_argument("--frames", metavar="N", help="number of frames of each run")
+    sweep.add_argument("--fps", metavar="F", help="frames per unit of the scene's time")
+    sweep.add_argument("--workers", metavar="N", help="processes (all cores)")
+    sweep.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler that runs it instead")
+    sweep.add_argument("--out", metavar="DIR", help="output folder (sweeps/SCENE)")
+    sweep.add_argument(
+        "--to", choices=["gns"], help="write a data set for graph network simulators, in DIR/gns"
+    )
+    sweep.set_defaults(action=_sweep)
 
     scenes = command("scenes", "list the scenes and their parameters")
     scenes.add_argument("scene", nargs="?", metavar="SCENE", help="only this one")
@@ -301,6 +322,69 @@ def _run(arguments: argparse.Namespace) -> None:
     _summarize(scene, outcome)
     if not arguments.no_picture:
         _draw(scene, recording, movie=arguments.movie)
+
+
+def _sweep(arguments: argparse.Namespace) -> None:
+    from .scenes import Parameter, load
+    from .sweeps import sweep, write_gns
+
+    scene = load(arguments.scene)
+    parameters = {}
+    for key, text in _assignments(arguments.set).items():
+        if key not in scene.parameters:
+            scene.check({key: text}, lambda key: f"--set {key}")
+        parameters[key] = _values(f"--set {key}", scene.parameters[key], text)
+    options: dict[str, Any] = {
+        name: _given(name, getattr(arguments, name)) for name in ("frames", "fps")
+    }
+    options["seed"] = _given("seed", arguments.seed) or 0
+    for name in ("repeats", "workers"):
+        if (text := getattr(arguments, name)) is not None:
+            options[name] = Parameter(name, kind=int, minimum=1).parse(f"--{name}", text)
+    out = Path(arguments.out or f"sweeps/{scene.name}")
+    with Progress(scene.name) as progress:
+        runs = sweep(
+            arguments.scene,
+            parameters,
+            out,
+            scheduler=arguments.scheduler,
+            on_run=progress.ended,
+            **options,
+        )
+    failed = runs.failed
+    print(f"{scene.name}: {len(runs)} runs, {len(runs) - len(failed)} done, {len(failed)} failed")
+    print(f"sweep: {out}", flush=True)
+    for run in failed:
+        told = ", ".join(f"{name}={value}" for name, value in run.parameters.items())
+        print(f"run {run.index} ({told}{', ' * bool(told)}seed {run.seed}): {run.error}")
+    if arguments.to == "gns":
+        print(f"data set: {write_gns(runs, out / 'gns')}")
+    if failed:
+        raise _Failure(
+            FAILED, f"{len(failed)} of {len(runs)} runs failed; say it again to retry them"
+        )
+
+
+def _values(where: str, parameter: Parameter, text: str) -> list[Any]:
+    """`A,B,C` or `FIRST:LAST:COUNT`; of a parameter that is a list itself, one value."""
+    if parameter.kind is tuple:
+        return [text]
+    words = text.split(":")
+    if parameter.kind in (int, float) and len(words) == 3:
+        import numpy as np
+
+        from .scenes import Parameter
+
+        rules = [parameter, parameter, Parameter("count", kind=int, minimum=2, maximum=1e6)]
+        ends = [rule.parse(where, word) for rule, word in zip(rules, words, strict=True)]
+        first, last, count = (cast(int, end) for end in ends)
+        values = np.linspace(first, last, count).tolist()
+        if parameter.kind is int:
+            if any(value != round(value) for value in values):
+                raise InputError(f"{where}: {text[:60]} meets values between integers")
+            values = [round(value) for value in values]
+        return values
+    return [parameter.parse(where, word) for word in text.split(",")]
 
 
 @contextmanager

@@ -1129,14 +1129,21 @@ def functions():
     ]
 
 
-# Modules of what only looks or draws.
-_LOOKS = ("cli", "errors", "render", "scenes")
+# Modules of what only looks or draws, or starts processes.
+_LOOKS = ("cli", "errors", "render", "scenes", "sweeps")
 # Exceptions, results that calls return, abstract bases, and a drawing.
 NOT_CALLED = {
     *(name for name in substep.errors.__all__ if name in substep.__all__),
     *("AdvectionResult", "EnsembleResult", "OdeResult", "SecondOrderResult"),
     *("fields.Field", "geometry.LiquidSurface", "geometry.MeshReport", "geometry.Shape"),
-    *("linalg.CholeskyReport", "linalg.KrylovResult", "linalg.LUReport", "mpm.StepReport"),
+    *(
+        "RunCollection",
+        "sweep",
+        "linalg.CholeskyReport",
+        "linalg.KrylovResult",
+        "linalg.LUReport",
+        "mpm.StepReport",
+    ),
     *("recording.RecordedPart", "rigid.Contacts", "rigid.Hits", "springs.SpringInfo"),
     *("stability.Region", "stability.plot", "systems.System"),
 }

@@ -24,11 +24,18 @@ class Progress:
 
     def __call__(self, frame: int, frames: int, time: float) -> None:
         """Called after each frame."""
+        self._show(frame + 1, frames, "frame", f"{time / self._scale:.4g} {self._unit}")
+
+    def ended(self, ended: int, runs: int, failed: int) -> None:
+        """Called after each run of a sweep."""
+        self._show(ended, runs, "run", f"{failed} failed" if failed else "")
+
+    def _show(self, done: int, total: int, unit: str, told: str) -> None:
         if self._bar is None:
             if not sys.stderr.isatty():
                 return
             from tqdm import tqdm
 
-            self._bar = tqdm(total=frames, initial=frame, unit="frame", desc=self._title)
-        self._bar.set_postfix_str(f"{time / self._scale:.4g} {self._unit}", refresh=False)
-        self._bar.update(frame + 1 - self._bar.n)
+            self._bar = tqdm(total=total, initial=done - 1, unit=unit, desc=self._title)
+        self._bar.set_postfix_str(told, refresh=False)
+        self._bar.update(done - self._bar.n)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import IO
 
 
-def replace_file(path: str, write: Callable[[IO[bytes]], None], *, mode: int = 0o666) -> None:
+def replace_file(path: str, write: Callable[[IO[bytes]], object], *, mode: int = 0o666) -> None:
     """Have `write` fill a file beside the path, which then gets that name in one step.
 
     Whatever is raised leaves the file that there was.
@@ -35,3 +35,8 @@ def replace_file(path: str, write: Callable[[IO[bytes]], None], *, mode: int = 0
         if isinstance(error, OSError):
             error.filename = path  # the name that was given
         raise
+
+
+def replace_bytes(path: Path, content: bytes | memoryview) -> None:
+    """As `replace_file`, of bytes that are known."""
+    replace_file(str(path), lambda file: file.write(content))

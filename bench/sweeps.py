@@ -1,0 +1,70 @@
+"""What a sweep costs beside its runs, and what is left of it when its processes are killed.
+
+Runs of 5 ms, whose results are compared with those of the function called here: the overhead is the
+time of the sweep over all processes, less that of the function called in a loop, per run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import random
+import tempfile
+import threading
+import time
+
+import numpy as np
+import psutil
+import substep
+
+
+def work(number: int, seed: int) -> dict[str, np.ndarray]:
+    """About 5 ms."""
+    x = np.random.default_rng([number, seed]).normal(size=200_000)
+    return {"x": np.sort(x)[::1000]}
+
+
+def killer(count: int, over: threading.Event, killed: list[int]) -> None:
+    """Kills processes of the sweep, one each half second."""
+    choose = random.Random(0)
+    while not over.is_set() and len(killed) < count:
+        time.sleep(0.5)
+        with contextlib.suppress(psutil.Error, IndexError):
+            children = psutil.Process().children(recursive=True)
+            child = choose.choice([c for c in children if "spawn_main" in " ".join(c.cmdline())])
+            child.kill()
+            killed.append(child.pid)
+
+
+def main() -> None:
+    """Print JSON lines."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true")
+    runs = 200 if parser.parse_args().quick else 1000
+    workers = len(os.sched_getaffinity(0))
+    begun = time.perf_counter()
+    alone = np.array([work(k, 0)["x"] for k in range(runs)])
+    serial = time.perf_counter() - begun
+    for kills in (0, runs // 50):
+        over, killed = threading.Event(), []
+        thread = threading.Thread(target=killer, args=(kills, over, killed))
+        with tempfile.TemporaryDirectory() as folder:
+            thread.start()
+            begun = time.perf_counter()
+            found = substep.sweep(work, {"number": range(runs)}, folder)
+            taken = time.perf_counter() - begun
+            over.set()
+            thread.join()
+            assert not found.failed
+            assert np.array_equal(found.arrays()["x"][:, 0], alone)
+        record = {"workload": f"{runs} runs, {len(killed)} processes killed", "peer": "none"}
+        value = 1e3 * (taken * workers - serial) / runs
+        record |= {"metric": "overhead of a run", "value": value, "unit": "ms"}
+        record |= {"threads": workers, "isa": "any"}
+        print(json.dumps(record), flush=True)
+
+
+if __name__ == "__main__":
+    main()

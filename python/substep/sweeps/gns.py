@@ -1,0 +1,194 @@
+"""Trajectories of particles in the form that graph network simulators are trained on."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..base.checks import check_array, check_integer, check_path, check_real
+from ..base.replacing import replace_bytes
+from ..errors import InputError
+from .collection import Run, RunCollection
+
+SAND = 6  # particle types of the data sets of Learning to Simulate: 3 is kinematic, 5 water, 7 goop
+LOW, HIGH = 0.1, 0.9  # of their walls, in the unit box
+SPLITS = ("train", "valid", "test")
+
+
+def write_gns(
+    runs: RunCollection,
+    out: str | os.PathLike[str],
+    *,
+    bounds: ArrayLike | None = None,
+    part: str | None = None,
+    particle_type: int = SAND,
+    radius: float | None = None,
+    fractions: Sequence[float] = (0.8, 0.1, 0.1),
+) -> Path:
+    """Write the runs of a scene of particles as a data set of "Learning to Simulate".
+
+    The folder gets ``train.npz``, ``valid.npz`` and ``test.npz``, as the PyTorch implementation of
+    graph network simulators reads them: one entry per run, the positions of shape (frames, n, dim)
+    in float32 and the types of the n particles. ``metadata.json`` has the bounds, the number of
+    frames after the first, the time between two frames, the radius of connectivity, and mean and
+    standard deviation of velocities and accelerations, which are differences between frames.
+    Positions are moved and scaled, alike in all directions, so that the longest side of `bounds`
+    reaches from 0.1 to 0.9.
+
+    Parameters
+    ----------
+    runs : RunCollection
+        Of a scene. Those that are not done are left out.
+    out : path-like
+        Folder, made if need be. Files of these names are replaced.
+    bounds : array_like, shape (2, dim), optional
+        Low and high corner of the domain [m]; by default of all positions.
+    part : str, optional
+        Part of the recordings, where there are several.
+    particle_type : int
+        Of all particles, 0 to 8: 5 is water, 6 sand, 7 goop.
+    radius : float, optional
+        Radius of connectivity [m]; by default twice the median distance to the nearest neighbour.
+    fractions : sequence of float
+        Parts of the runs for training, validation and test.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong, or particles come or go within a run, or frames are apart by
+        different times.
+    OSError
+        If a file cannot be written.
+
+    References
+    ----------
+    .. [1] A. Sanchez-Gonzalez et al., "Learning to simulate complex physics with graph networks",
+       ICML 2020.
+    .. [2] K. Kumar and J. Vantassel, "GNS: A generalizable graph neural network-based simulator
+       for particulate and fluid modeling", Journal of Open Source Software 8 (88), 5025, 2023.
+
+    Examples
+    --------
+    >>> import json, os, tempfile
+    >>> import substep
+    >>> from substep.sweeps import write_gns
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> runs = substep.sweep("double-gyre", {"particles": 20}, folder.name, repeats=5, frames=4)
+    >>> data = write_gns(runs, os.path.join(folder.name, "gns"), bounds=[[0, 0], [2, 1]])
+    >>> json.loads((data / "metadata.json").read_text())["bounds"]
+    [[0.1, 0.9], [0.1, 0.5]]
+    >>> folder.cleanup()
+    """
+    if not isinstance(runs, RunCollection):
+        raise InputError(f"runs: expected a RunCollection, got {type(runs).__name__}")
+    kind = check_integer("particle_type", particle_type, minimum=0, maximum=8)
+    shares = check_array("fractions", fractions, (3,))
+    if (shares < 0).any() or abs(shares.sum() - 1) > 1e-9:
+        raise InputError(f"fractions: expected parts of 1, got {shares.tolist()}")
+    done = [run for run in runs if run.state == "done"]
+    if not done:
+        why = f"; run 0: {runs[0].error}" if runs[0].error else ""
+        raise InputError(f"runs: expected some that are done, got none{why}")
+    read = [_read(run, part) for run in done]
+    dim, dt = read[0][0].shape[2], read[0][1]
+    for run, (positions, step) in zip(done, read, strict=True):
+        if positions.shape[2] != dim or abs(step - dt) > 1e-6 * dt:
+            raise InputError(f"runs: run {run.index} has another dimension or frame rate")
+    low, high = _bounds(bounds, [positions for positions, _ in read], dim)
+    if radius is None:
+        reach = _radius(read[0][0][0])
+    else:
+        reach = check_real("radius", radius, positive=True)
+    scale = (HIGH - LOW) / (high - low).max()
+    trajectories = [(LOW + scale * (positions - low)).astype(np.float32) for positions, _ in read]
+    metadata = {
+        "bounds": np.stack([np.full(dim, LOW), LOW + scale * (high - low)], 1).round(6).tolist(),
+        "sequence_length": min(len(positions) for positions in trajectories) - 1,
+        "default_connectivity_radius": float(scale * reach),
+        "dim": dim,
+        "dt": dt,
+        **_statistics("vel", [np.diff(x, axis=0) for x in trajectories]),
+        **_statistics("acc", [np.diff(x, 2, axis=0) for x in trajectories]),
+        "scale": float(scale),  # ours: position = LOW + scale (x - origin)
+        "origin": low.tolist(),
+    }
+    folder = Path(check_path(out))
+    folder.mkdir(parents=True, exist_ok=True)
+    order = np.random.default_rng(0).permutation(len(trajectories))
+    ends = np.round(np.cumsum(shares) * len(order)).astype(int)
+    for split, chosen in zip(SPLITS, np.split(order, ends[:2]), strict=True):
+        entries = {}
+        for k in sorted(chosen):
+            entry = np.empty(2, object)
+            entry[:] = trajectories[k], np.full(trajectories[k].shape[1], kind, np.int64)
+            entries[f"simulation_trajectory_{done[k].index}"] = entry
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, allow_pickle=True, **entries)
+        replace_bytes(folder / f"{split}.npz", buffer.getbuffer())
+    replace_bytes(folder / "metadata.json", json.dumps(metadata, indent=1).encode())
+    return folder
+
+
+def _read(run: Run, part: str | None) -> tuple[NDArray[Any], float]:
+    """Positions of shape (frames, n, dim) [m], and the time between frames [s]."""
+    with run.recording() as recording:
+        names = [name for name, one in recording.parts.items() if one.kind == "particles"]
+        if part is not None and part not in names:
+            raise InputError(f"part: expected one of {', '.join(names)}, got {part!r}")
+        if part is None and len(names) != 1:
+            raise InputError(
+                f"part: the recordings have {len(names)} parts of particles: {', '.join(names)}"
+            )
+        chosen = recording[part or names[0]]
+        frames = [np.array(chosen.points(k), np.float64) for k in range(len(recording))]
+        steps = np.diff(recording.times)
+    if len({len(points) for points in frames}) != 1:
+        raise InputError(f"runs: in run {run.index} particles come or go")
+    if len(frames) < 3 or np.ptp(steps) > 1e-6 * steps.mean():
+        raise InputError(
+            f"runs: expected 3 frames or more at equal times, as run {run.index} has not"
+        )
+    return np.stack(frames), float(steps.mean())
+
+
+def _bounds(
+    given: ArrayLike | None, positions: list[NDArray[Any]], dim: int
+) -> tuple[NDArray[Any], NDArray[Any]]:
+    if given is None:
+        low = np.min([x.min((0, 1)) for x in positions], axis=0)
+        high = np.max([x.max((0, 1)) for x in positions], axis=0)
+    else:
+        low, high = check_array("bounds", given, (2, dim))
+    if not (high > low).all():
+        raise InputError("bounds: expected a high corner above the low one")
+    return low, high
+
+
+def _radius(points: NDArray[Any]) -> float:
+    """Twice the median distance to the nearest neighbour, of a hundred points."""
+    nearest = []
+    for k in range(0, len(points), max(1, len(points) // 100)):
+        squares = ((points - points[k]) ** 2).sum(1)
+        squares[k] = np.inf
+        nearest.append(squares.min())
+    if not 0 < np.median(nearest) < np.inf:
+        raise InputError("radius: give it, for no distance between particles is found")
+    return 2 * float(np.sqrt(np.median(nearest)))
+
+
+def _statistics(name: str, values: list[NDArray[Any]]) -> dict[str, list[float]]:
+    """Mean and standard deviation of each component over all particles, frames and runs."""
+    rows = np.concatenate([x.reshape(-1, x.shape[-1]) for x in values]).astype(np.float64)
+    return {f"{name}_mean": rows.mean(0).tolist(), f"{name}_std": rows.std(0).tolist()}
