@@ -25,6 +25,7 @@ import numpy as np
 
 from ..base.checks import check_integer, check_real
 from ..errors import InputError
+from .catalogue import load
 from .declaration import Scene, Simulation
 
 if TYPE_CHECKING:
@@ -142,7 +143,7 @@ def recording_path(scene: Scene, out: str | Path) -> Path:
 
 
 def run(
-    scene: Scene,
+    scene: Scene | str | Path,
     parameters: Mapping[str, Any] | None = None,
     out: str | Path = ".",
     *,
@@ -160,8 +161,8 @@ def run(
 
     Parameters
     ----------
-    scene : Scene
-        The scene.
+    scene : Scene, str or Path
+        The scene, its name, or the Python file that declares it.
     parameters : mapping, optional
         Those that are not to have their defaults. On resuming, those of the recording are taken.
     out : str or Path
@@ -198,15 +199,16 @@ def run(
     Examples
     --------
     >>> import substep, tempfile
-    >>> scene = substep.scenes.load("double-gyre")
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     outcome = substep.scenes.run(scene, {"particles": 100}, folder, frames=3)
+    ...     outcome = substep.scenes.run("double-gyre", {"particles": 100}, folder, frames=3)
     >>> outcome.frames, outcome.recording.name
     (3, 'double-gyre.vtkhdf')
     """
     from ..recording import Recorder, Recording
 
     begun = time.monotonic()
+    if not isinstance(scene, Scene):
+        scene = load(scene)
     path = recording_path(scene, out)
     given = scene.check(parameters or {})
     journal = Path(f"{path}.journal")

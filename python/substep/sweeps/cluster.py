@@ -28,6 +28,7 @@ from .design import MOST_RUNS, Design, check_parameters
 from .task import ERROR, FUNCTION, execute, is_done
 
 _PAUSE, _PATIENCE = 0.005, 2.0  # between looks at runs, and at processes [s]
+_STARTS = 20  # of the processes, when their parent ends
 
 
 def sweep(
@@ -253,7 +254,7 @@ class _Cluster:
 
         self._own = None
         self._processes: subprocess.Popen[bytes] | None = None
-        self._workers = workers
+        self._workers, self._starts = workers, 0
         self._exits = contextlib.ExitStack()
         try:
             if scheduler is None:
@@ -304,7 +305,12 @@ class _Cluster:
             self._log.close()
 
     def look_after(self) -> None:
-        """Start the processes again if their parent was killed."""
+        """Start the processes again if their parent was killed, but not for ever."""
         if self._processes is not None and self._processes.poll() is not None:
+            self._starts += 1
+            if self._starts > _STARTS:
+                with open(self._log.name, errors="replace") as log:
+                    told = (log.read().strip().splitlines() or ["no reason was given"])[-1]
+                raise OSError(f"the processes of the sweep end as soon as they begin: {told}")
             self._stop()
             self._start()
