@@ -77,7 +77,7 @@ def test_version_and_help(capsys):
     assert call(capsys, "--version") == (0, f"substep {substep.__version__}\n", "")
     code, out, err = call(capsys, "--help")
     assert code == 0 and err == ""
-    for name in ("run", "scenes", "info", "render", "export", "config"):
+    for name in ("run", "sweep", "scenes", "info", "render", "export", "config"):
         assert re.search(rf"^    {name} ", out, re.MULTILINE)
 
 

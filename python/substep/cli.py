@@ -147,9 +147,14 @@ def _parser() -> _Parser:
     render.add_argument("--color", metavar="FIELD", help="in 3D: field to colour by")
     render.set_defaults(action=_render)
 
-    export = command("export", "pack the journal of an unfinished run into VTKHDF")
+    export = command("export", "write a recording as VTKHDF, USD, arrays, tables or meshes")
     export.add_argument("file", type=Path, metavar="FILE")
-    export.add_argument("--out", type=Path, metavar="FILE.vtkhdf", help="beside FILE unless given")
+    export.add_argument(
+        "--out",
+        type=Path,
+        metavar="FILE.SUFFIX",
+        help="vtkhdf (beside FILE unless given), usd, usda, npz, csv, ply, obj or vtu",
+    )
     export.set_defaults(action=_export)
 
     config = command("config", "print version, instruction level, threads and libraries")
@@ -532,9 +537,13 @@ def _camera(text: str) -> Camera:
 
 
 def _export(arguments: argparse.Namespace) -> None:
-    from .export import pack
+    from .export import pack, save
 
-    print(f"recording: {pack(arguments.file, arguments.out)}")
+    if arguments.out is None:
+        print(f"recording: {pack(arguments.file)}")
+    else:
+        for path in save(arguments.file, arguments.out):
+            print(f"written: {path}")
 
 
 def _config(arguments: argparse.Namespace) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.checks import check_array, check_integer, check_path, check_real
 from ..base.replacing import replace_bytes
 from ..errors import InputError
+from ..view.extent import radius_of
 from .collection import Run, RunCollection
 
 SAND = 6  # particle types of the data sets of Learning to Simulate: 3 is kinematic, 5 water, 7 goop
@@ -108,7 +109,7 @@ def write_gns(
             raise InputError(f"runs: run {run.index} has another dimension or frame rate")
     low, high = _bounds(bounds, [positions for positions, _ in read], dim)
     if radius is None:
-        reach = _radius(read[0][0][0])
+        reach = 4 * radius_of(read[0][0][0])
     else:
         reach = check_real("radius", radius, positive=True)
     scale = (HIGH - LOW) / (high - low).max()
@@ -174,18 +175,6 @@ def _bounds(
     if not (high > low).all():
         raise InputError("bounds: expected a high corner above the low one")
     return low, high
-
-
-def _radius(points: NDArray[Any]) -> float:
-    """Twice the median distance to the nearest neighbour, of a hundred points."""
-    nearest = []
-    for k in range(0, len(points), max(1, len(points) // 100)):
-        squares = ((points - points[k]) ** 2).sum(1)
-        squares[k] = np.inf
-        nearest.append(squares.min())
-    if not 0 < np.median(nearest) < np.inf:
-        raise InputError("radius: give it, for no distance between particles is found")
-    return 2 * float(np.sqrt(np.median(nearest)))
 
 
 def _statistics(name: str, values: list[NDArray[Any]]) -> dict[str, list[float]]:

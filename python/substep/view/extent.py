@@ -16,7 +16,7 @@ from .surfaces import in_space, magnitude
 FRAMES_LOOKED_AT = 60  # for the region that is shown and the range of colours
 
 
-def radius_of(points: NDArray[np.float32]) -> float:
+def radius_of(points: NDArray[Any]) -> float:
     """Half the median distance to the nearest point, of a sample."""
     if len(points) < 2:
         return 0.05
@@ -25,7 +25,7 @@ def radius_of(points: NDArray[np.float32]) -> float:
         np.partition(np.linalg.norm(some - point, axis=1), 1)[1]
         for point in some[:: max(1, len(some) // 100)]
     ]
-    scale = (len(some) / len(points)) ** (1 / 3)  # the sample is sparser
+    scale = (len(some) / len(points)) ** (1 / points.shape[1])  # the sample is sparser
     return 0.5 * float(np.median(near)) * scale or 1e-3
 
 

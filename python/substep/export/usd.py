@@ -1,0 +1,186 @@
+"""Recordings as USD, which Blender, Houdini and others open."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.imports import needs
+from ..errors import InputError
+from ..geometry import TetMesh
+from ..recording import Part, Recording
+from ..view.extent import radius_of
+
+
+def write_usd(recording: Recording, out: Path) -> list[Path]:
+    """One stage of all parts but grids; time code k is frame k."""
+    with needs("pxr", 'usd-core is missing: pip install "substep[usd]" to write USD'):
+        from pxr import Usd, UsdGeom
+
+    parts = {name: part for name, part in recording.parts.items() if part.kind != "grid"}
+    if not parts:
+        raise InputError("out: the recording has grids alone, which USD does not hold; write .npz")
+    partial = out.with_name(f".{secrets.token_hex(8)}{out.suffix}")
+    try:
+        stage = Usd.Stage.CreateNew(str(partial))
+        UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+        UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+        stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/recording").GetPrim())
+        frames = len(recording)
+        if frames > 1:
+            interval = float(np.diff(recording.times).mean())
+            stage.SetTimeCodesPerSecond(1 / interval)
+            stage.SetFramesPerSecond(1 / interval)
+        stage.SetStartTimeCode(0)
+        stage.SetEndTimeCode(frames - 1)
+        writers = {
+            name: _WRITERS[part.kind](stage, f"/recording/{name.replace('-', '_')}", part)
+            for name, part in parts.items()
+        }
+        for k in range(frames):
+            frame = recording.frame(k)
+            for name, writer in writers.items():
+                if parts[name].points is None or k == 0:
+                    code = Usd.TimeCode(k) if parts[name].points is None else Usd.TimeCode.Default()
+                    writer.frame(code, dict(frame[name]))
+        stage.Save()
+        del stage, writers
+        os.replace(partial, out)
+    finally:
+        partial.unlink(missing_ok=True)
+    return [out]
+
+
+def _in_space(vectors: NDArray[Any]) -> NDArray[Any]:
+    """Vectors of three numbers; those of a plane, (x, y), as (x, 0, y)."""
+    return vectors if vectors.shape[1] == 3 else np.insert(vectors, 1, 0, axis=1)
+
+
+def _vectors(values: NDArray[Any]) -> Any:
+    from pxr import Vt
+
+    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(_in_space(values), np.float32))
+
+
+class _Points:
+    """Particles, with their fields as primvars."""
+
+    def __init__(self, stage: Any, path: str, part: Part) -> None:
+        from pxr import UsdGeom
+
+        self._points = UsdGeom.Points.Define(stage, path)
+        self._width: float | None = None
+
+    def frame(self, code: Any, columns: dict[str, NDArray[Any]]) -> None:
+        """Write one."""
+        from pxr import Vt
+
+        points = columns.pop("points")
+        self._points.GetPointsAttr().Set(_vectors(points), code)
+        if self._width is None and len(points) > 1:
+            self._width = 2 * radius_of(_in_space(points))
+            self._points.GetWidthsAttr().Set(Vt.FloatArray([self._width]))
+            self._points.SetWidthsInterpolation("constant")
+        if "velocity" in columns:
+            self._points.GetVelocitiesAttr().Set(_vectors(columns["velocity"]), code)
+        _set_primvars(self._points, columns, code)
+
+
+class _Mesh:
+    """Triangles or the surface of tetrahedra as a mesh, edges as curves."""
+
+    def __init__(self, stage: Any, path: str, part: Part) -> None:
+        from pxr import UsdGeom, Vt
+
+        self._edges: NDArray[Any] | None = None
+        self._mesh: Any = None
+        self._curves: Any = None
+        self._faced = False
+        self._part = part
+        if part.triangles is not None or part.tetrahedra is not None:
+            self._mesh = UsdGeom.Mesh.Define(stage, path)
+            self._mesh.GetSubdivisionSchemeAttr().Set(UsdGeom.Tokens.none)
+            self._mesh.GetDoubleSidedAttr().Set(True)
+        if part.edges is not None:
+            self._edges = np.asarray(part.edges).ravel()
+            self._curves = UsdGeom.BasisCurves.Define(
+                stage, path if self._mesh is None else f"{path}_edges"
+            )
+            self._curves.GetTypeAttr().Set(UsdGeom.Tokens.linear)
+            counts = np.full(len(self._edges) // 2, 2, np.int32)
+            self._curves.GetCurveVertexCountsAttr().Set(Vt.IntArray.FromNumpy(counts))
+
+    def frame(self, code: Any, columns: dict[str, NDArray[Any]]) -> None:
+        """Write one."""
+        points = columns.pop("points")
+        if self._mesh is not None and not self._faced:
+            self._set_faces(points)
+        if self._mesh is not None:
+            self._mesh.GetPointsAttr().Set(_vectors(points), code)
+            _set_primvars(self._mesh, columns, code)
+        if self._edges is not None:
+            self._curves.GetPointsAttr().Set(_vectors(points[self._edges]), code)
+
+    def _set_faces(self, points: NDArray[Any]) -> None:
+        """Once, when points are known."""
+        from pxr import Vt
+
+        faces = self._part.triangles
+        if self._part.tetrahedra is not None:
+            faces = TetMesh(points, self._part.tetrahedra).surface_faces
+        corners = np.ascontiguousarray(faces, np.int32)
+        counts = np.full(len(corners), 3, np.int32)
+        self._mesh.GetFaceVertexCountsAttr().Set(Vt.IntArray.FromNumpy(counts))
+        self._mesh.GetFaceVertexIndicesAttr().Set(Vt.IntArray.FromNumpy(corners.ravel()))
+        self._faced = True
+
+
+class _Bodies:
+    """A transform for each body."""
+
+    def __init__(self, stage: Any, path: str, part: Part) -> None:
+        from pxr import UsdGeom
+
+        UsdGeom.Xform.Define(stage, path)
+        self._stage, self._path = stage, path
+        self._ops: list[Any] = []
+
+    def frame(self, code: Any, columns: dict[str, NDArray[Any]]) -> None:
+        """Write one."""
+        from pxr import Gf, UsdGeom
+
+        points = _in_space(columns["points"]).astype(float)
+        for k in range(len(self._ops), len(points)):
+            body = UsdGeom.Xform.Define(self._stage, f"{self._path}/body_{k}")
+            precision = UsdGeom.XformOp.PrecisionDouble
+            self._ops.append((body.AddTranslateOp(precision), body.AddOrientOp(precision)))
+        for (move, turn), x, q in zip(self._ops, points, columns["orientation"], strict=False):
+            move.Set(Gf.Vec3d(*x.tolist()), code)
+            turn.Set(Gf.Quatd(*q.astype(float).tolist()), code)
+
+
+_WRITERS: dict[str, Any] = {"particles": _Points, "bodies": _Bodies, "mesh": _Mesh}
+
+
+def _set_primvars(geometry: Any, columns: dict[str, NDArray[Any]], code: Any) -> None:
+    """Fields of one number for each point, or of a vector."""
+    from pxr import Sdf, UsdGeom, Vt
+
+    api = UsdGeom.PrimvarsAPI(geometry)
+    for name, values in columns.items():
+        if values.ndim == 1:
+            kind, array = (
+                Sdf.ValueTypeNames.FloatArray,
+                Vt.FloatArray.FromNumpy(np.ascontiguousarray(values, np.float32)),
+            )
+        elif values.ndim == 2 and values.shape[1] in (2, 3):
+            kind, array = Sdf.ValueTypeNames.Vector3fArray, _vectors(values)
+        else:
+            continue
+        primvar = api.CreatePrimvar(name.replace("-", "_"), kind, UsdGeom.Tokens.vertex)
+        primvar.Set(array, code)

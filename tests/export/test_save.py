@@ -1,0 +1,159 @@
+"""Recordings in other forms: each is read back by a library that knows the form."""
+
+import csv
+
+import numpy as np
+import pytest
+import substep
+from substep.cli import main
+from substep.export import save
+
+TURN = np.sqrt(0.5)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """Three frames, 0.1 s apart, of a part of every kind."""
+    mesh = substep.geometry.grid_mesh(3, 3, (1.0, 1.0))
+    solid = substep.geometry.box_tetrahedra((1, 1, 1), (1, 1, 1))
+    parts = {
+        "drops": substep.Part("particles", {"velocity": "m/s", "heat": "K"}),
+        "stones": substep.Part("bodies", {"orientation": "1"}),
+        "cloth": substep.Part("mesh", {"strain": "1"}, triangles=mesh.faces),
+        "rope": substep.Part("mesh", edges=[[0, 1], [1, 2]]),
+        "jelly": substep.Part("mesh", tetrahedra=solid.tetrahedra),
+        "floor": substep.Part("mesh", triangles=mesh.faces, points=mesh.vertices),
+        "air": substep.Part("grid", {"smoke": "1"}, bounds=[[0, 0, 0], [2, 1, 1]], cell=1.0),
+    }
+    path = tmp_path_factory.mktemp("export") / "all.vtkhdf"
+    with substep.Recorder(path, parts=parts) as recorder:
+        for k in range(3):
+            drops = np.arange(12.0).reshape(4, 3) + k
+            frame = {
+                "drops": {"points": drops, "velocity": drops + 1, "heat": np.arange(4.0) + k},
+                "stones": {
+                    "points": [[k, 0, 1], [0, k, 2]],
+                    "orientation": [[1, 0, 0, 0], [TURN, 0, 0, TURN]],
+                },
+                "cloth": {
+                    "points": mesh.vertices + np.array([0, 0, k]),
+                    "strain": np.full(9, 0.1 * k),
+                },
+                "rope": {"points": [[0, 0, k], [1, 0, k], [2, 0, k]]},
+                "jelly": {"points": solid.vertices * (1 + k)},
+                "air": {"smoke": np.full((2, 1, 1), k)},
+            }
+            recorder.append(0.1 * k, frame)
+    return path
+
+
+def test_usd_has_every_part(recording, tmp_path):
+    pxr = pytest.importorskip("pxr", reason="usd-core is not installed")
+    from pxr import Usd, UsdGeom
+
+    assert pxr
+    for suffix in (".usda", ".usdc"):
+        [path] = save(recording, tmp_path / f"all{suffix}")
+        stage = Usd.Stage.Open(str(path))
+        assert UsdGeom.GetStageUpAxis(stage) == "Z" and UsdGeom.GetStageMetersPerUnit(stage) == 1
+        assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (0, 2)
+        assert stage.GetTimeCodesPerSecond() == pytest.approx(10)
+
+        def at(name, kind, stage=stage):
+            return kind(stage.GetPrimAtPath(f"/recording/{name}"))
+
+        drops = at("drops", UsdGeom.Points)
+        for k in range(3):
+            points = np.array(drops.GetPointsAttr().Get(k))
+            assert np.array_equal(points, np.arange(12).reshape(4, 3) + k)
+            assert np.array_equal(np.array(drops.GetVelocitiesAttr().Get(k)), points + 1)
+        assert drops.GetWidthsAttr().Get()[0] == pytest.approx(np.sqrt(27))
+        heat = UsdGeom.PrimvarsAPI(drops).GetPrimvar("heat")
+        assert list(heat.Get(2)) == [2, 3, 4, 5] and heat.GetInterpolation() == "vertex"
+        cloth = at("cloth", UsdGeom.Mesh)
+        assert list(cloth.GetFaceVertexCountsAttr().Get()) == 8 * [3]
+        assert np.array(cloth.GetPointsAttr().Get(2))[:, 2].tolist() == 9 * [2]
+        assert len(at("jelly", UsdGeom.Mesh).GetFaceVertexCountsAttr().Get()) == 12  # of a box
+        rope = at("rope", UsdGeom.BasisCurves)
+        assert list(rope.GetCurveVertexCountsAttr().Get()) == [2, 2]
+        assert np.array(rope.GetPointsAttr().Get(1))[:, 0].tolist() == [0, 1, 1, 2]
+        floor = at("floor", UsdGeom.Mesh).GetPointsAttr()
+        assert floor.GetNumTimeSamples() == 0 and len(floor.Get()) == 9
+        stone = at("stones/body_1", UsdGeom.Xformable).ComputeLocalToWorldTransform(2)
+        assert np.allclose(stone.Transform((1, 0, 0)), (0, 3, 2))  # turned by 90 degrees about z
+        assert not stage.GetPrimAtPath("/recording/air")
+
+
+def test_usd_of_a_plane_stands_upright(tmp_path):
+    pytest.importorskip("pxr", reason="usd-core is not installed")
+    from pxr import Usd, UsdGeom
+
+    run = substep.scenes.run("double-gyre", {"particles": 5}, tmp_path, frames=2)
+    assert main(["export", str(run.recording), "--out", str(tmp_path / "a.usdc")]) == 0
+    stage = Usd.Stage.Open(str(tmp_path / "a.usdc"))
+    points = UsdGeom.Points(stage.GetPrimAtPath("/recording/particles"))
+    with substep.Recording(run.recording) as recording:
+        plane = recording["particles"].points(1)
+    found = np.array(points.GetPointsAttr().Get(1))
+    assert np.allclose(found[:, [0, 2]], plane) and not found[:, 1].any()
+
+
+def test_arrays(recording, tmp_path):
+    [path] = save(recording, tmp_path / "all.npz")
+    with np.load(path) as file:
+        assert file["times"].tolist() == [0.0, 0.1, 0.2]
+        assert file["drops/points"].shape == (3, 4, 3)
+        assert file["drops/heat"][:, 0].tolist() == [0, 1, 2]
+        assert file["air/smoke"].shape == (3, 2, 1, 1)
+        assert file["floor/points"].shape == (9, 3) and file["jelly/tetrahedra"].shape[1] == 4
+
+
+def test_arrays_of_particles_that_come(tmp_path):
+    with substep.Recorder(tmp_path / "a.vtkhdf", parts={"p": substep.Part()}) as recorder:
+        for k in range(2):
+            recorder.append(k, {"p": {"points": np.zeros((k + 1, 2))}})
+    [path] = save(tmp_path / "a.vtkhdf", tmp_path / "a.npz")
+    with np.load(path) as file:
+        assert file["p/points/0001"].shape == (2, 2)
+
+
+def test_tables(recording, tmp_path):
+    paths = save(recording, tmp_path / "all.csv")
+    assert [p.name for p in paths] == [
+        f"all-{name}.csv" for name in ("drops", "stones", "cloth", "rope", "jelly")
+    ]
+    with open(paths[0], newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 12 and list(rows[0])[:6] == ["frame", "time", "index", "x", "y", "z"]
+    last = rows[-1]
+    assert (last["frame"], last["time"], last["index"]) == ("2", "0.2", "3")
+    assert (last["x"], last["velocity_2"], last["heat"]) == ("11.0", "14.0", "5.0")
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".vtu"])
+def test_meshes(recording, tmp_path, suffix):
+    meshio = pytest.importorskip("meshio", reason="meshio is not installed")
+    paths = {p.name: p for p in save(recording, tmp_path / f"all{suffix}")}
+    assert f"all-floor{suffix}" in paths and f"all-cloth-0002{suffix}" in paths
+    mesh = meshio.read(paths[f"all-cloth-0002{suffix}"])
+    assert mesh.points[:, 2].tolist() == 9 * [2]
+    assert len(mesh.get_cells_type("triangle")) == 8
+    if suffix != ".obj":  # which has no fields
+        assert mesh.point_data["strain"] == pytest.approx(np.full(9, 0.2))
+
+
+@pytest.mark.parametrize("name", ["a.abc", "a", "a.mp4"])
+def test_unknown_suffixes_are_refused(recording, tmp_path, name, capsys):
+    assert main(["export", str(recording), "--out", str(tmp_path / name)]) == 2
+    assert "expected a file ending in .vtkhdf, .usd" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_grids_alone_are_for_arrays(tmp_path):
+    part = substep.Part("grid", {"a": "1"}, bounds=[[0, 0], [1, 1]], cell=1.0)
+    with substep.Recorder(tmp_path / "a.vtkhdf", parts={"air": part}) as recorder:
+        recorder.append(0.0, {"air": {"a": np.zeros((1, 1))}})
+    for suffix in (".csv", ".ply", ".usdc"):
+        with pytest.raises(substep.InputError, match=r"grids alone.*write \.npz"):
+            save(tmp_path / "a.vtkhdf", tmp_path / f"b{suffix}")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.vtkhdf"]
