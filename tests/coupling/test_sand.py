@@ -1,4 +1,4 @@
-"""Earth pressure: what sand exerts on a wall of a rigid body at rest, and where that yields."""
+"""Sand on rigid bodies: pressure on walls at rest and where these yield, depths of balls."""
 
 import numpy as np
 import pytest
@@ -102,3 +102,52 @@ def test_a_wall_stands_if_it_is_held_by_more_than_the_active_pressure(part, stan
         world.step()
     way = before - bodies.positions[0, 0]
     assert abs(way) < 2e-4 if stands else way > 4e-3
+
+
+def depth_of_a_ball(fall, ratio, diameter=0.1, cells=5, width=4, depth=3):
+    """How deep one of `ratio` times the density of sand gets that falls by so many diameters.
+
+    All in diameters, as width and depth of the tray.
+    """
+    d, side, deep = diameter / cells / 2, width * diameter, depth * diameter
+    sand = mpm.Sand(
+        density=DENSITY,
+        young_modulus=100 * DENSITY * G * deep,
+        poisson_ratio=0.3,
+        friction_angle=np.radians(30.0),
+    )
+    bodies = substep.RigidBodies(step=1 / 240)
+    above = (0, 0, diameter / 2 + 1e-4)
+    ball = bodies.add(substep.Sphere(diameter / 2), above, density=ratio * DENSITY, friction=0.5)
+    bodies.set_velocities([[0, 0, -np.sqrt(2 * G * fall * diameter)]])
+    tray = substep.Collider(
+        substep.Box((side, side, 20), (0, 0, 10 - deep)), hollow=True, friction=0.6
+    )
+    bed = substep.MaterialPointMethod(
+        substep.fill_box((-side / 2, -side / 2, -deep), (side / 2, side / 2, 0), d),
+        sand,
+        cell=2 * d,
+        volume=d**3,
+        colliders=[*bodies.make_colliders(ball), tray],
+    )
+    world = substep.World({"ball": bodies, "bed": bed})
+    world.advance(0.1)
+    while abs(bodies.velocities[ball, 2]) > 0.02:
+        assert world.time < 0.5
+        world.advance(1 / 60)
+    return 0.5 - bodies.positions[ball, 2] / diameter
+
+
+@pytest.mark.slow
+def test_balls_sink_as_powers_of_their_drop_and_their_density():
+    """d ~ (rho_b / rho_g)^(1/2) D^(2/3) H^(1/3), H the fall and the depth together.
+
+    (Uehara et al., Phys. Rev. Lett. 90, 194301, 2003; with the energy, H^(1/4), Walsh et al., 91,
+    104301.) That of D follows from that of H, as the model has no other length.
+    """
+    near, far = (depth_of_a_ball(fall, 2.0) for fall in (0.5, 8.0))
+    power = np.log(far / near) / np.log((8.0 + far) / (0.5 + near))
+    assert 0.25 < power < 0.40
+    light, heavy = (depth_of_a_ball(2.0, ratio) for ratio in (0.5, 8.0))
+    drops = (2.0 + heavy) / (2.0 + light)
+    assert np.log(heavy / light / drops ** (1 / 3)) / np.log(16) == pytest.approx(0.5, abs=0.1)
