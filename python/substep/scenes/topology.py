@@ -11,26 +11,25 @@ from ..geometry import TetMesh
 from ..pbd import PositionBasedDynamics, SelfCollision
 from ..springs import MassSpring, SoftBody
 
-Indices = NDArray[np.int64]
 
-
-def topology_of(simulation: Any) -> dict[str, Indices]:
+def topology_of(simulation: Any) -> dict[str, Any]:
     """Arguments of a `Part` of kind mesh, or none where a particle would be left out."""
+    name, rows = "triangles", np.zeros((0, 3), np.int64)
     if isinstance(simulation, SoftBody):
-        return {"tetrahedra": simulation.mesh.tetrahedra}
-    found: dict[str, Indices] = {}
-    if isinstance(simulation, MassSpring):
-        has_faces = simulation.faces is not None and len(simulation.faces) > 0
-        found = {"triangles": simulation.faces} if has_faces else {"edges": simulation.edges}
+        name, rows = "tetrahedra", simulation.mesh.tetrahedra
+    elif isinstance(simulation, MassSpring):
+        if simulation.faces is not None and len(simulation.faces) > 0:
+            rows = simulation.faces
+        else:
+            name, rows = "edges", simulation.edges
     elif isinstance(simulation, PositionBasedDynamics) and simulation.dimension == 3:
-        found = {"triangles": _triangles(simulation)}
-    held = np.unique(np.concatenate([rows.ravel() for rows in found.values()] or [[]]))
-    return found if len(held) == len(simulation) > 0 else {}
+        rows = _triangles(simulation)
+    return {name: rows} if len(np.unique(rows)) == len(simulation) > 0 else {}
 
 
-def _triangles(simulation: PositionBasedDynamics) -> Indices:
+def _triangles(simulation: PositionBasedDynamics) -> NDArray[np.int64]:
     """Those whose bending or collision is constrained, and the surfaces of tetrahedra that are."""
-    faces: list[Indices] = [np.zeros((0, 3), np.int64)]
+    faces: list[NDArray[Any]] = [np.zeros((0, 3), np.int64)]
     for constraint in simulation.constraints:
         name = getattr(constraint, "_name", None)  # of what the particles are
         if isinstance(constraint, SelfCollision):

@@ -144,8 +144,16 @@ def _picture(recording: Recording, frame: int, figure: Figure) -> None:
     axes.set_ylim(low, 1.05 * high)
     axes.set_xlabel("t [s]", fontsize=8)
     axes.tick_params(labelsize=7)
-    above = {"loc": "lower left", "bbox_to_anchor": (0, 1, 1, 0), "mode": "expand", "ncols": 2}
-    axes.legend(fontsize=7, handlelength=1.0, frameon=False, borderaxespad=0.2, **above)
+    axes.legend(
+        fontsize=7,
+        loc="lower left",
+        bbox_to_anchor=(0, 1, 1, 0),
+        mode="expand",
+        ncols=2,
+        handlelength=1.0,
+        frameon=False,
+        borderaxespad=0.2,
+    )
 
 
 SCENE = Scene(
