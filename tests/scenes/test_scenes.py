@@ -658,6 +658,17 @@ def test_verlet_in_hops_is_verlet_in_one_go():
     )
 
 
+@pytest.mark.parametrize("bodies", [12, 30])
+def test_bodies_that_will_float_begin_in_their_tank(bodies):
+    scene = scenes.load("float")
+    world = scene.build(scene.complete(scene.check({"bodies": bodies, "cells": 24})), 0)
+    moving, water = world["bodies"].frame()["solids"]["points"], world["water"]
+    assert (moving[:, :2] > 0).all() and (moving[:, :2] < water.tank[:2]).all()
+    assert moving[:, 2].min() > 0
+    world.step()
+    assert len(world["bodies"].contacts()) == 0
+
+
 def test_what_hangs_together_is_drawn_so(tmp_path):
     """Cloth and soft bodies of a world are meshes, nets are lines, loose particles stay such."""
     sheet = substep.geometry.grid_mesh(4, 4)
