@@ -589,13 +589,21 @@ OWN_CALLS = {
         call("add", positions=_ONE, volume=1e-4),
         call("add", positions=np.tile(_ONE, (9, 1)) + 0.1 * np.arange(9)[:, None], volume=1e-4),
     ),
-    substep.MassSpring: (*_SURFACE, call("set_positions", values=_ONE, ids=[1])),
+    substep.MassSpring: (
+        *_SURFACE,
+        call("set_positions", values=_ONE, ids=[1]),
+        call("pin_forces"),
+    ),
     substep.GridFlow: (
         call("sample", points=[[0.5, 0.5], [0.25, 0.75]]),
         call("positions_of", faces_of=1),
         call("set_smoke", values=0.5),
     ),
-    substep.SoftBody: (*_SURFACE, call("set_forces", values=_ONE, ids=[1])),
+    substep.SoftBody: (
+        *_SURFACE,
+        call("set_forces", values=_ONE, ids=[1]),
+        call("pin_forces"),
+    ),
     substep.Advection: (call("set_positions", values=[[0.25, 0.25]], ids=[1]),),
     substep.World: (call("exchanged"),),
     substep.RigidBodies: (

@@ -238,19 +238,6 @@ def test_a_ball_sinks_into_sand_and_stops_and_the_sand_carries_its_weight():
     assert (received(ball) - before)[1] == pytest.approx(0.2 * mass * G, rel=0.01)
 
 
-@pytest.mark.slow
-def test_the_depth_grows_as_a_power_of_the_drop():
-    """1/3 (Uehara et al., Phys. Rev. Lett. 90, 194301, 2003), 1/4 (Walsh et al., 91, 104301)."""
-    drops = np.array([0.05, 0.1, 0.2, 0.4, 0.8])
-    depths = []
-    for drop in drops:
-        simulation, ball, _ = ball_on_sand(drop)
-        simulation.advance(0.5)
-        depths.append(0.05 - ball.position[1])
-    power = np.polyfit(np.log(drops), np.log(depths), 1)[0]
-    assert 0.25 < power < 0.40
-
-
 @pytest.mark.parametrize(("degrees", "slides"), [(10.0, False), (26.0, True)])
 def test_a_box_on_a_slope_of_sand_slides_from_its_friction_on(degrees, slides):
     # Friction 0.3, so from 16.7 degrees on; the sand itself holds 29.8. The box pushes sand before

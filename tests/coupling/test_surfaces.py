@@ -303,3 +303,27 @@ def test_what_cannot_meet_a_surface_is_refused():
     third = cube(0.1, 1, 500.0, (0, 0, 3), colliders=second.make_colliders(0.02))
     world = substep.World({"first": first, "second": second, "third": third})
     assert world._surfaces.order == ["third", "second", "first"]
+
+
+@pytest.mark.parametrize("kind", ["surface", "bodies"])
+def test_one_list_of_obstacles_is_for_one_simulation(kind):
+    """Whose impulses would be summed, unless the other is gone or was never made."""
+    cloth, bodies = sheet(3), substep.RigidBodies()
+    bodies.add(substep.Sphere(0.1), (0, 0, 1), density=300.0)
+
+    def made():
+        return cloth.make_colliders(0.1) if kind == "surface" else bodies.make_colliders()
+
+    def block(colliders, density=500.0):
+        return lump((0, 0, 0.1), (0.1, 0.1, 0.2), colliders, density=density)
+
+    colliders = made()
+    with pytest.raises(InputError, match="density"):
+        block(colliders, density=-1.0)
+    first = block(colliders)
+    with pytest.raises(InputError, match=r"colliders\[1\]: expected an obstacle of its own"):
+        block([substep.Plane(), *colliders])
+    block(made())
+    other = first.copy()
+    del first
+    assert block(colliders) is not other

@@ -658,6 +658,50 @@ def test_verlet_in_hops_is_verlet_in_one_go():
     )
 
 
+@pytest.mark.parametrize("bodies", [12, 30])
+def test_bodies_that_will_float_begin_in_their_tank(bodies):
+    scene = scenes.load("float")
+    world = scene.build(scene.complete(scene.check({"bodies": bodies, "cells": 24})), 0)
+    moving, water = world["bodies"].frame()["solids"]["points"], world["water"]
+    assert (moving[:, :2] > 0).all() and (moving[:, :2] < water.tank[:2]).all()
+    assert moving[:, 2].min() > 0
+    world.step()
+    assert len(world["bodies"].contacts()) == 0
+
+
+def test_what_hangs_together_is_drawn_so(tmp_path):
+    """Cloth and soft bodies of a world are meshes, nets are lines, loose particles stay such."""
+    sheet = substep.geometry.grid_mesh(4, 4)
+    cube = substep.geometry.box_tetrahedra((1, 1, 1), (1, 1, 1))
+    solid = {"density": 1.0, "young_modulus": 1e3, "poisson_ratio": 0.3}
+    bent = [*substep.pbd.cloth(sheet, rigidity=1e-3)]
+    ends = [[0, 0, 0], [0, 0, 1], [0, 0, 2.0]]
+    members = {
+        "cloth": substep.MassSpring.from_mesh(sheet, density=1.0, stiffness=10.0),
+        "net": substep.MassSpring(ends, [[0, 1], [1, 2]], 1.0, 1.0),
+        "loose": substep.MassSpring(ends, [[0, 1]], 1.0, 1.0),
+        "jelly": substep.SoftBody(cube.vertices, cube.tetrahedra, **solid),
+        "flag": substep.PositionBasedDynamics(sheet.vertices, 1.0, bent),
+        "flesh": substep.PositionBasedDynamics(cube.vertices, 1.0, substep.pbd.soft_body(cube)),
+    }
+    scene = Scene(
+        name="all",
+        doc="All of them.",
+        parameters={"duration": Parameter("time", 0.01, unit="s")},
+        build=lambda parameters, seed: substep.World(members),
+    )
+    outcome = scenes.run(scene, {}, tmp_path, frames=2)
+    with substep.Recording(outcome.recording) as recording:
+        parts = recording.parts
+    assert {name for name, part in parts.items() if part.kind == "particles"} == {"loose"}
+    faces = {tuple(row) for row in np.sort(sheet.faces, axis=1)}
+    for name in ("cloth", "flag"):
+        assert {tuple(row) for row in np.sort(parts[name].triangles, axis=1)} == faces
+    assert np.array_equal(parts["net"].edges, [[0, 1], [1, 2]])
+    assert len(parts["jelly"].tetrahedra) == len(cube.tetrahedra)
+    assert len(parts["flesh"].triangles) == 12
+
+
 def test_oscillator_shows_the_classical_limits(tmp_path):
     scene = scenes.load("oscillator")
     run = scenes.run(scene, {"step": 0.1, "duration": 10}, tmp_path, frames=11)

@@ -444,6 +444,43 @@ def test_pins_move_and_pull_along():
     assert body.positions[0, 2] < -0.5
 
 
+def test_pins_hold_what_whirls_and_what_hangs():
+    """A mass at the end of a spring on a circle is pulled by m omega^2 l = k (l - r)."""
+    k, r, omega, m = 50.0, 1.0, 3.0, 2.0
+    length = k * r / (k - m * omega**2)
+    sling = substep.MassSpring(
+        [[0, 0, 0], [length, 0, 0]],
+        [[0, 1]],
+        k,
+        [1.0, m],
+        rest_lengths=[r],
+        velocities=[[0, 0, 0], [0, omega * length, 0]],
+        gravity=(0, 0, 0),
+        pinned=[0],
+        integrator="velocity_verlet",
+        step=1e-3,
+    )
+    sling.advance(1.0)
+    turn = [-math.cos(omega), -math.sin(omega), 0]  # the pin holds against it
+    expected = np.outer([m * omega**2 * length, 0], turn)
+    np.testing.assert_allclose(sling.pin_forces(), expected, atol=1e-3)
+    cube = substep.geometry.box_tetrahedra((0.1, 0.1, 0.1), (3, 3, 3))
+    jelly = substep.SoftBody(
+        cube.vertices,
+        cube.tetrahedra,
+        density=1000,
+        young_modulus=2e4,
+        poisson_ratio=0.3,
+        damping_time=0.02,
+        pinned=cube.vertices[:, 2] > 0.04,
+    )
+    before = jelly.positions.copy()
+    jelly.pin_forces()
+    assert np.array_equal(jelly.positions, before) and jelly.time == 0
+    jelly.advance(1.0)
+    np.testing.assert_allclose(jelly.pin_forces().sum(axis=0), [0, 0, 9.81], atol=0.01)
+
+
 def test_external_forces_act_for_one_step():
     body = substep.MassSpring(
         [[0, 0, 0]], np.zeros((0, 2), int), 1.0, 2.0, gravity=(0, 0, 0), step=0.1

@@ -66,6 +66,8 @@ class Simulation(Owned):
     _thinnest: float | None = None  # surface that it can have as obstacles [m]; None: it has none
 
     def __init__(self, native: Any, time: float, threads: int | None) -> None:
+        for k, collider in enumerate(self.colliders):
+            collider._join(f"colliders[{k}]", self)
         self._native = native
         native.time = check_real("time", time)
         native.threads = check_threads(threads)

@@ -408,7 +408,8 @@ class World(Simulation):
         -------
         dict of str to (ndarray, ndarray)
             For each simulation that bodies meet: ids of the bodies, shape (m,), and rows (force
-            [N], torque about the centre of mass [N m]), means over the interval, shape (m, 6).
+            [N], torque about the centre of mass [N m]), means over the interval, shape (m, 6). They
+            are 0 for static and kinematic bodies: `impulse` of their obstacles tells.
         """
         duration = self._interval or math.inf
         return {

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import weakref
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -39,8 +40,9 @@ class Collider(Owned):
     An obstacle belongs to the simulation it is given to: each step of that moves the obstacle
     by `velocity` and `angular_velocity`, and `impulse` tells what it exerted on it. Given to two,
     it would be moved by both, `impulse` be that of the last call of either, and one thread at a
-    time use both: give each a `copy()`. Simulations also take a bare shape: that is a still
-    obstacle without friction.
+    time use both: give each a `copy()`, or, as `make_colliders` makes them, others, for a second
+    simulation refuses those. Simulations also take a bare shape: that is a still obstacle without
+    friction.
 
     Parameters
     ----------
@@ -282,6 +284,9 @@ class Collider(Owned):
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         return self.copy()
 
+    def _join(self, name: str, user: Any) -> None:
+        """Be an obstacle of that simulation, which knows it by this name."""
+
     def advance(self, dt: float) -> None:
         """Move the obstacle as its velocities say; simulations do this in every step.
 
@@ -301,6 +306,28 @@ class Collider(Owned):
             self._native.advance(dt)
         except SolverError as error:
             raise InputError(f"dt: {error}") from None
+
+
+class StandIn(Collider):
+    """An obstacle that stands for what another simulation moves: it is for one simulation alone."""
+
+    _user: Callable[[], Any]  # that one, as a weak reference
+    _of: ClassVar[tuple[str, ...]] = ("_user",)  # names of simulations that no copy takes over
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A copy belongs to no simulation: a world knows whose it is."""
+        return {
+            name: value for name, value in super().__getstate__().items() if name not in self._of
+        }
+
+    def _join(self, name: str, user: Any) -> None:
+        other = self.__dict__.get("_user", lambda: None)()
+        if other is not None and other is not user and other._is_made:
+            raise InputError(
+                f"{name}: expected an obstacle of its own, got one of a {type(other).__name__}, "
+                f"and what is pushed would get the sum of both; call make_colliders again"
+            )
+        self.__dict__["_user"] = weakref.ref(user)
 
 
 def _vector(name: str, value: ArrayLike) -> list[float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +12,7 @@ from .. import _core
 from ..base.checks import check_real
 from ..base.rows import Points
 from ..errors import InputError
-from .colliders import Collider
+from .colliders import StandIn
 from .shape import Shape
 from .topology import check_indices
 
@@ -59,7 +59,7 @@ class Sheet:
         return (x - self.radius * inward)[self.faces]
 
 
-class SurfaceCollider(Collider):
+class SurfaceCollider(StandIn):
     """An obstacle that stands for a triangle of a surface that deforms; `make_colliders` makes it.
 
     Give it to one simulation, and that together with the one whose surface it is to a `World`,
@@ -74,13 +74,10 @@ class SurfaceCollider(Collider):
     face: int
     _sheet: Sheet
     _source: Any  # the simulation whose surface it is
+    _of: ClassVar = ("_user", "_source")
 
     def __repr__(self) -> str:
         return f"SurfaceCollider(face={self.face})"
-
-    def __getstate__(self) -> dict[str, Any]:
-        """A copy belongs to no surface: a world knows whose it is."""
-        return {k: v for k, v in super().__getstate__().items() if k != "_source"}
 
 
 class _Facet(Shape):

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.quaternions import multiply, rotate
-from ..geometry import Collider, Plane
+from ..geometry import Plane
+from ..geometry.colliders import StandIn
 
 Array = NDArray[np.float64]
 
 
-class BodyCollider(Collider):
+class BodyCollider(StandIn):
     """An obstacle that stands for a shape of a rigid body; `RigidBodies.make_colliders` makes it.
 
     Give it to one simulation, and that together with the bodies to a `World`, which moves it with
@@ -27,6 +28,7 @@ class BodyCollider(Collider):
 
     body: int
     _bodies: Any  # the `RigidBodies`
+    _of: ClassVar = ("_user", "_bodies")
 
     def __repr__(self) -> str:
         return f"BodyCollider({self.shape!r}, body={self.body})"
@@ -36,10 +38,6 @@ class BodyCollider(Collider):
         shape = self.shape
         center = shape.point if isinstance(shape, Plane) else shape.center
         return np.array(center), np.array(shape.rotation)
-
-    def __getstate__(self) -> dict[str, Any]:
-        """A copy belongs to no bodies: a world knows whose it is."""
-        return {name: value for name, value in super().__getstate__().items() if name != "_bodies"}
 
 
 def colliders_of(bodies: Any, ids: ArrayLike | None) -> list[BodyCollider]:

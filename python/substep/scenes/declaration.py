@@ -203,16 +203,18 @@ class Parameter:
 def particle_parts(simulation: Any) -> dict[str, Part]:
     """One part of all fields that the simulation offers: `particles`, or the cells of a `grid`.
 
-    Of a `World` one for each member, under its name.
+    Cloth, nets and soft bodies are meshes. Of a `World` one for each member, under its name.
     """
     from ..recording import Part
+    from .topology import topology_of
 
     parts = {}
     for name, member, columns in _blocks(simulation):
         units = {key: unit for key, (_, unit) in columns.items() if key != "position"}
         if "position" in columns:
-            kind = "bodies" if "orientation" in units else "particles"
-            parts[name or "particles"] = Part(kind, fields=units)
+            topology = topology_of(member)
+            kind = "bodies" if "orientation" in units else "mesh" if topology else "particles"
+            parts[name or "particles"] = Part(kind, units, **topology)
         else:
             parts[name or "grid"] = Part("grid", units, bounds=member.bounds, cell=member.cell)
     return parts
@@ -266,7 +268,8 @@ class Scene:
         `build(parameters, seed)` returns a `Simulation` at its first state.
     parts : callable
         `parts(simulation)` returns the parts of the recording (name to `substep.Part`); one set
-        of particles, or of cells, with every field by default, of a `World` one for each member.
+        of particles, or of cells, with every field by default, cloth and soft bodies as meshes,
+        of a `World` one for each member.
     frame : callable
         `frame(simulation)` returns the arrays of one frame, by part.
     notes : callable

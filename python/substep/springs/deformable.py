@@ -230,6 +230,44 @@ class Deformable(Deforming):
     def _write(self, name: str, values: Array, rows: NDArray[np.int64]) -> None:
         getattr(self._native, name)[rows] = values
 
+    def pin_forces(self) -> Array:
+        """What pins hold their vertices by, at the present positions and velocities.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            Of a pinned vertex what keeps the balance of its weight and of all that pulls it:
+            springs or elements, dampers and drag [N]; of a free one 0. At rest their sum is the
+            weight of the body less what obstacles carry.
+
+        Raises
+        ------
+        NonFiniteError
+            If positions or velocities are not finite.
+
+        Notes
+        -----
+        A pin that is moved by `targets` and gets faster needs the mass of its vertex times the
+        acceleration in addition; `forces` on a pinned vertex, also those of what lies on it in a
+        `World`, pass into the pin and are not in this either.
+
+        Examples
+        --------
+        >>> import substep
+        >>> lamp = substep.MassSpring([[0, 0, 0], [0, 0, -1]], [[0, 1]], 1e4, 2.0, pinned=[0])
+        >>> lamp.advance(2.0)
+        >>> lamp.pin_forces().round(2).tolist()
+        [[0.0, 0.0, 39.24], [0.0, 0.0, 0.0]]
+        """
+        # A step of explicit Euler of 1 s, without pins and obstacles, changes v by a(x, v).
+        v = self.velocities.copy()
+        free = {"positions": self.positions, "velocities": v, "pinned": np.zeros(len(v), np.uint8)}
+        body = self._make_body(free, [], self._options | {"integrator": "explicit_euler"})
+        body.step(1.0)
+        pulled = self._masses[:, None] * (body.velocities - v)
+        forces: Array = np.where(self.pinned[:, None], 0.0 - pulled, 0.0)
+        return forces
+
     def step_limit(self) -> tuple[float, str]:
         """Largest stable step at the present positions, and why.
 
@@ -331,6 +369,11 @@ class Deformable(Deforming):
 
     def _make(self, state: Mapping[str, Any]) -> Any:
         """With all terms and obstacles, at the positions of a state."""
+        return self._make_body(state, self.colliders, self._options)
+
+    def _make_body(
+        self, state: Mapping[str, Any], colliders: Sequence[Collider], options: dict[str, Any]
+    ) -> Any:
         terms = self._terms()
         if self._drag > 0:
             terms = [*terms, _core.drag_term(self._drag, self._masses)]
@@ -340,8 +383,8 @@ class Deformable(Deforming):
             self._masses,
             state["pinned"],
             terms,
-            [collider._native for collider in self.colliders],
-            **self._options,
+            [collider._native for collider in colliders],
+            **options,
         )
 
     def _terms(self) -> list[Any]:

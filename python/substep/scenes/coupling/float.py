@@ -79,13 +79,17 @@ class Float(Coupled):
             Capsule(0.8 * size, 2 * size),
             Cylinder(1.2 * size, 1.6 * size),
         ]
-        # Those that are apart from each other, in the pool and above it.
-        apart, across = 4.5 * size, max(1, int(width / (4.5 * size)))
+        # Apart from each other, however they are turned, in the pool and above it: in layers, if
+        # they are too many for the room beside the column.
+        apart, room = 4.6 * size, (1 - COLUMN[0]) * length
+        across, along = (max(1, int(side / apart)) for side in (width, room))
         density = np.linspace(*DENSITIES, n)[random.permutation(n)]
         for k in range(n):
-            x = 0.42 * length + apart * (k // across)
-            y = width * (k % across + 0.5) / across
+            layer, place = divmod(k, across * along)
+            x = length - room * (1 - (place // across + 0.5) / along)
+            y = width * (place % across + 0.5) / across
             z = 1.6 * size + POOL * length * random.uniform(0.4, 1.2)
+            z += layer * (apart + POOL * length)
             turn = random.normal(size=4)
             dye = (density[k] - DENSITIES[0]) / (DENSITIES[1] - DENSITIES[0])
             shape = shapes[k % len(shapes)]

@@ -141,10 +141,19 @@ def _picture(recording: Recording, frame: int, figure: Figure) -> None:
         axes.plot(recording.times[shown], values[shown], color=color, label=label)
     axes.set_xlim(0, recording.times[-1])
     low, high = min(0, torque.min(), speed.min()), max(torque.max(), speed.max(), 1e-9)
-    axes.set_ylim(low, 1.1 * high)
+    axes.set_ylim(low, 1.05 * high)
     axes.set_xlabel("t [s]", fontsize=8)
     axes.tick_params(labelsize=7)
-    axes.legend(fontsize=7, loc="upper right")
+    axes.legend(
+        fontsize=7,
+        loc="lower left",
+        bbox_to_anchor=(0, 1, 1, 0),
+        mode="expand",
+        ncols=2,
+        handlelength=1.0,
+        frameon=False,
+        borderaxespad=0.2,
+    )
 
 
 SCENE = Scene(
