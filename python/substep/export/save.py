@@ -35,8 +35,8 @@ def save(recording: str | os.PathLike[str], out: str | os.PathLike[str]) -> list
     - ``.npz``: ``times``, and ``PART/points`` and ``PART/FIELD`` of shape (frames, n, ...), or
       ``PART/FIELD/FRAME`` where n changes.
     - ``.csv``: a row for each point and frame; with several parts a file for each, NAME-PART.csv.
-    - ``.ply``, ``.obj``, ``.vtu``: a file for each frame, NAME-PART-0000.ply; ``.obj`` of parts with
-      triangles alone and without fields (``pip install "substep[mesh]"``).
+    - ``.ply``, ``.obj``, ``.vtu``: a file for each frame, NAME-PART-0000.ply; ``.obj`` of triangles
+      alone and without fields (``pip install "substep[mesh]"``).
 
     Points of a plane, (x, y), become (x, 0, y) in USD, so that what is up stays up.
 
