@@ -24,7 +24,7 @@ def topology_of(simulation: Any) -> dict[str, Any]:
             name, rows = "edges", simulation.edges
     elif isinstance(simulation, PositionBasedDynamics) and simulation.dimension == 3:
         rows = _triangles(simulation)
-    return {name: rows} if len(np.unique(rows)) == len(simulation) > 0 else {}
+    return {name: rows} if len(rows) and len(np.unique(rows)) == len(simulation) else {}
 
 
 def _triangles(simulation: PositionBasedDynamics) -> NDArray[np.int64]:
