@@ -318,3 +318,56 @@ def test_a_sphere_heaves_as_kramer_measured():
     turns = 1 + np.flatnonzero(np.diff(z)[:-1] * np.diff(z)[1:] <= 0)
     assert 2 * (zeros[1] - zeros[0]) == pytest.approx(0.8093, rel=0.04)
     assert -np.polyfit(t[turns], np.log(np.abs(z[turns])), 1)[0] == pytest.approx(0.8014, rel=0.2)
+
+
+def raft(ratio):
+    """8 x 8 balls of 3 cells that overlap and lie half in water, and iterations of ten steps."""
+    cell, r = 1 / 16, 1.5 / 16
+    x = lattice(2, 2, 0.75, cell=cell)
+    rows = 1 + 1.2 * cell * (np.arange(8) - 3.5)
+    balls = [substep.Collider(substep.Sphere(r, (a, b, 0.72))) for a in rows for b in rows]
+    x = x[np.min([ball.distance(x) for ball in balls], axis=0) > 0]
+    liquid = substep.GridLiquid(x, cell=cell, bounds=((0, 0, 0), (2, 2, 1.5)), colliders=balls)
+    mass = ratio * RHO * 4 / 3 * math.pi * r**3
+    for k, ball in enumerate(balls):
+        behave_as(ball, mass, 0.4 * mass * r**2, number=k)
+    iterations = []
+    for _ in range(10):
+        liquid.step(0.005)
+        iterations.append(liquid.report.iterations)
+    return iterations
+
+
+def test_light_bodies_in_the_same_cells_take_few_iterations():
+    """As the triangles of a soft surface are. Each known for itself took 50 to 90 of them."""
+    assert max(raft(0.5)) <= 10
+    assert max(raft(0.01)) <= 15
+
+
+def lost_on_the_way(n):
+    """Of the momentum that a ball of n cells loses as it starts in a pool that nothing holds."""
+    x = 1 + lattice(2, 2, 1.5, cell=1 / n)
+    x += np.random.default_rng(0).uniform(-0.1, 0.1, x.shape) / n
+    ball = substep.Collider(substep.Sphere(0.5, (2, 2, 1.75)))
+    liquid = substep.GridLiquid(
+        x[ball.distance(x) > 0],
+        cell=1 / n,
+        bounds=((0, 0, 0), (4, 4, 4)),
+        colliders=[ball],
+        gravity=(0, 0, 0),
+        dtype="float64",
+        tolerance=1e-8,
+    )
+    mass = 0.5 * RHO * math.pi / 6
+    behave_as(ball, mass, mass / 10, gravity=0)
+    ball.velocity = (0, 0, -1)
+    liquid.step(0.01)
+    got = liquid.masses @ liquid.velocities
+    assert np.array(ball._native.received)[2] == pytest.approx(mass * (1 + ball.velocity[2]))
+    return 1 + got[2] / (mass * (1 + ball.velocity[2]))
+
+
+def test_what_a_ball_loses_the_particles_get_as_cells_become_small():
+    """Nothing holds the pool, and the pressure takes from cells what it gives the ball."""
+    assert abs(lost_on_the_way(8)) < 0.06
+    assert abs(lost_on_the_way(16)) < 0.02

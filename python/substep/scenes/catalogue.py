@@ -30,6 +30,7 @@ BUILT_IN = {  # and the folder that each is in
     "hammock": "coupling",
     "honey": "gridfluid",
     "jelly": "springs",
+    "jelly-bath": "coupling",
     "jelly-cubes": "mpm",
     "karman": "gridfluid",
     "kepler": "ode",

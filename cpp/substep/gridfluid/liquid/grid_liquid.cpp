@@ -39,7 +39,7 @@ void GridLiquid<Real, D>::step(double dt) {
     find_surface();
     if (band) band->find_edge(next_, density_.data(), phi_.data(), options.threads);
     projection_.set_domain(obstacles, {phi_.data(), phi_.size()}, options.threads);
-    if (obstacles.any()) projection_.let_yield(obstacles, cell_mass());
+    if (obstacles.any()) projection_.let_yield(obstacles, cell_mass(), options.threads);
     pass_to_grid();
     accelerate(dt);
     if (options.surface_tension > 0) pull_surface(dt);

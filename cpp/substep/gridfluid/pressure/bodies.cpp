@@ -1,9 +1,13 @@
 #include "substep/gridfluid/pressure/bodies.h"
 
-#include <Eigen/LU>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <map>
+#include <utility>
 
 #include "substep/core/usize.h"
 #include "substep/gridfluid/grid/loops.h"
+#include "substep/linalg/sparse.h"
 
 namespace substep::gridfluid {
 namespace {
@@ -14,7 +18,7 @@ constexpr std::size_t kNoPiece = static_cast<std::size_t>(-1);
 
 template <class Real, int D>
 void Bodies<Real, D>::find(const Obstacles<Real, D>& obstacles, std::span<const Real> inverse,
-                           double mass) {
+                           double mass, int threads) {
   mass_ = mass;
   inverse_ = inverse;
   bodies_.clear();
@@ -26,11 +30,11 @@ void Bodies<Real, D>::find(const Obstacles<Real, D>& obstacles, std::span<const 
       pieces_.push_back({c, bodies_.size(), {}});
     }
     const geometry::Mat6& mobility = obstacles.colliders[body[0]].body.mobility;
-    bodies_.push_back({mass * mobility(kMotionPlaces<D>, kMotionPlaces<D>), {}, {}});
+    bodies_.push_back({mass * mobility(kMotionPlaces<D>, kMotionPlaces<D>), {}});
   }
   if (!any()) return;
   find_parts(obstacles, piece_of);
-  find_terms();
+  factorize(threads);
 }
 
 template <class Real, int D>
@@ -72,20 +76,73 @@ void Bodies<Real, D>::find_parts(const Obstacles<Real, D>& obstacles,
   }
 }
 
+// K = 1 + L^T N L, by blocks of bodies that are in a cell together.
 template <class Real, int D>
-void Bodies<Real, D>::find_terms() {
-  std::vector<Mobility> n(bodies_.size(), Mobility::Zero());
+void Bodies<Real, D>::factorize(int threads) {
+  for (Body& body : bodies_) {
+    const Mobility even = 0.5 * (body.c + body.c.transpose());
+    const Eigen::SelfAdjointEigenSolver<Mobility> parts(even);
+    const Motion roots = parts.eigenvalues().cwiseMax(0.0).cwiseSqrt();
+    body.root = parts.eigenvectors() * roots.asDiagonal();
+  }
+  struct Share {  // L^T of the motion of a body in a cell
+    std::int64_t cell;
+    std::size_t body;
+    Motion motion;
+  };
+  std::vector<Share> shares;
   for (const Piece& piece : pieces_)
     for (const Part& part : piece.parts)
-      n[piece.body] += double(inverse_[usize(part.cell)]) * part.motion * part.motion.transpose();
-  for (std::size_t k = 0; k < bodies_.size(); ++k) {
-    const Mobility& c = bodies_[k].c;
-    const Mobility of_n = (Mobility::Identity() + n[k] * c).inverse();
-    bodies_[k].t = c * of_n;
-    bodies_[k].s = of_n.transpose() * bodies_[k].t;
-    for (Mobility* const term : {&bodies_[k].t, &bodies_[k].s})
-      *term = (0.5 * (*term + term->transpose())).eval();
+      shares.push_back({part.cell, piece.body, bodies_[piece.body].root.transpose() * part.motion});
+  std::stable_sort(shares.begin(), shares.end(), [](const Share& a, const Share& b) {
+    return std::pair(a.cell, a.body) < std::pair(b.cell, b.body);
+  });
+  std::map<std::pair<std::size_t, std::size_t>, Mobility> blocks;  // by column and row
+  for (std::size_t k = 0; k < bodies_.size(); ++k) blocks[{k, k}] = Mobility::Identity();
+  for (std::size_t i = 0; i < shares.size(); ++i) {
+    const double inverse = inverse_[usize(shares[i].cell)];
+    for (std::size_t j = i; j < shares.size() && shares[j].cell == shares[i].cell; ++j) {
+      const auto [block, is_new] =
+          blocks.try_emplace({shares[i].body, shares[j].body}, Mobility::Zero());
+      const Mobility product = inverse * shares[j].motion * shares[i].motion.transpose();
+      block->second += product;
+      if (j > i && shares[j].body == shares[i].body) block->second += product.transpose();
+    }
   }
+  std::vector<std::pair<std::int32_t, std::int32_t>> places;
+  for (const auto& [at, block] : blocks)
+    places.emplace_back(static_cast<std::int32_t>(at.second), static_cast<std::int32_t>(at.first));
+  const auto count = static_cast<std::int32_t>(bodies_.size());
+  const SparsePattern pattern = expand_blocks(build_pattern(count, count, places), kMotions, true);
+  std::vector<double> values;
+  values.reserve(usize(pattern.entries()));
+  for (auto column = blocks.begin(); column != blocks.end();) {
+    auto end = column;
+    while (end != blocks.end() && end->first.first == column->first.first) ++end;
+    for (int j = 0; j < kMotions; ++j)
+      for (auto block = column; block != end; ++block)
+        for (int i = block == column ? j : 0; i < kMotions; ++i)
+          values.push_back(block->second(i, j));
+    column = end;
+  }
+  k_ = std::make_unique<SupernodalCholesky<>>(pattern, 3);
+  if (k_->factorize(values, threads) >= 0) k_.reset();  // not finite, as the product will show
+}
+
+template <class Real, int D>
+std::vector<double> Bodies<Real, D>::to_roots(const std::vector<Motion>& x) const {
+  std::vector<double> y(x.size() * kMotions);
+  for (std::size_t k = 0; k < x.size(); ++k)
+    Eigen::Map<Motion>(y.data() + k * kMotions) = bodies_[k].root.transpose() * x[k];
+  return y;
+}
+
+template <class Real, int D>
+auto Bodies<Real, D>::from_roots(const std::vector<double>& y) const -> std::vector<Motion> {
+  std::vector<Motion> x(bodies_.size());
+  for (std::size_t k = 0; k < x.size(); ++k)
+    x[k] = bodies_[k].root * Eigen::Map<const Motion>(y.data() + k * kMotions);
+  return x;
 }
 
 // G x of each piece, or G D^-1 x.
@@ -145,21 +202,24 @@ double Bodies<Real, D>::add_product(Real sign, std::span<const X> x, std::span<R
 }
 
 template <class Real, int D>
-auto Bodies<Real, D>::take_moved(std::span<Real> r, int threads) const -> std::vector<Motion> {
-  std::vector<Motion> kept = gather_bodies<true>(std::span<const Real>(r), threads), taken = kept;
-  for (std::size_t k = 0; k < bodies_.size(); ++k) {
-    taken[k] = -bodies_[k].t * kept[k];
-    kept[k] = bodies_[k].s * kept[k];
-  }
+std::vector<double> Bodies<Real, D>::take_moved(std::span<Real> r, int threads) const {
+  if (!k_) return {};
+  std::vector<double> y = to_roots(gather_bodies<true>(std::span<const Real>(r), threads));
+  k_->solve(y, threads);
+  std::vector<Motion> taken = from_roots(y);
+  for (Motion& moved : taken) moved = -moved;
   scatter<false>(taken, r);
-  return kept;
+  return y;
 }
 
 template <class Real, int D>
-void Bodies<Real, D>::add_moved(std::vector<Motion> kept, std::span<Real> z, int threads) const {
-  const std::vector<Motion> of_z = gather_bodies<false>(std::span<const Real>(z), threads);
-  for (std::size_t k = 0; k < bodies_.size(); ++k) kept[k] -= bodies_[k].t * of_z[k];
-  scatter<true>(kept, z);
+void Bodies<Real, D>::add_moved(std::vector<double> y, std::span<Real> z, int threads) const {
+  if (!k_) return;
+  const std::vector<double> of_z =
+      to_roots(gather_bodies<false>(std::span<const Real>(z), threads));
+  for (std::size_t i = 0; i < y.size(); ++i) y[i] -= of_z[i];
+  k_->solve(y, threads);
+  scatter<true>(from_roots(y), z);
 }
 
 template <class Real, int D>

@@ -8,23 +8,28 @@
 // for accurate solid-fluid coupling", 2007, section 5, with parts of faces in place of volumes.
 //
 // Of light bodies that term is far larger than A in few directions, which a preconditioner M of A
-// does not know: iterations grow with their number. With the diagonal D of A and C_k = m W_k,
-//   (D + G^T C G)^-1 = D^-1 - D^-1 G^T T G D^-1,  T_k = C_k (1 + N_k C_k)^-1,  N_k = G_k D^-1 G_k^T
-// (Woodbury; for one body, and for several that are in no cell together). So with P = G^T T G D^-1,
-//   (1 - P)^T M (1 - P) + D^-1 G^T S G D^-1,  S_k = (1 + C_k N_k)^-1 C_k (1 + N_k C_k)^-1,
+// does not know: iterations grow with their number. With the diagonal D of A, C = m W of all bodies
+// and any L for which C = L L^T,
+//   (D + G^T C G)^-1 = D^-1 - D^-1 G^T T G D^-1,
+//   T = L K^-1 L^T,  K = 1 + L^T N L,  N = G D^-1 G^T
+// (Woodbury). K couples those bodies alone that are in a cell together, as the triangles of a
+// surface are with their neighbours: it is sparse. So with P = G^T T G D^-1,
+//   (1 - P)^T M (1 - P) + D^-1 G^T S G D^-1,  S = L K^-2 L^T,
 // leaves M as it is where C is small, and takes out of r and z what moves the bodies where it is
-// large. It is symmetric, and positive for any T and S >= 0.
+// large. It is symmetric and positive.
 #pragma once
 
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <vector>
 
 #include "substep/gridfluid/grid/cells.h"
 #include "substep/gridfluid/grid/layout.h"
 #include "substep/gridfluid/pressure/obstacles.h"
+#include "substep/linalg/direct/supernodal_cholesky.h"
 
 namespace substep::gridfluid {
 
@@ -64,16 +69,17 @@ class Bodies {
 
   // inverse: of the diagonal of A, 0 in cells that have no pressure; it must live, and not change,
   // as long as this is used.
-  void find(const Obstacles<Real, D>& obstacles, std::span<const Real> inverse, double mass);
+  void find(const Obstacles<Real, D>& obstacles, std::span<const Real> inverse, double mass,
+            int threads);
   bool any() const { return !bodies_.empty(); }
 
   // y += sign m G^T W G x; returns the product of that with x.
   template <class X>
   double add_product(Real sign, std::span<const X> x, std::span<Real> y, int threads) const;
-  // r -= P r, and S G D^-1 r for add_moved().
-  std::vector<Motion> take_moved(std::span<Real> r, int threads) const;
-  // z -= P^T z, and plus D^-1 G^T times what take_moved() returned.
-  void add_moved(std::vector<Motion> kept, std::span<Real> z, int threads) const;
+  // r -= P r; returns y = K^-1 L^T G D^-1 r for add_moved().
+  std::vector<double> take_moved(std::span<Real> r, int threads) const;
+  // z += D^-1 G^T L K^-1 (y - L^T G z), which is z - P^T z and the part of S.
+  void add_moved(std::vector<double> y, std::span<Real> z, int threads) const;
   // Sets exchange() of the colliders of the bodies to what q gives them.
   void push(std::span<const double> q, std::vector<geometry::Collider>& colliders,
             int threads) const;
@@ -90,11 +96,13 @@ class Bodies {
     std::vector<Part> parts;
   };
   struct Body {
-    Mobility c, t, s;  // C, T and S
+    Mobility c, root;  // C and L
   };
 
   void find_parts(const Obstacles<Real, D>& obstacles, const std::vector<std::size_t>& piece_of);
-  void find_terms();
+  void factorize(int threads);
+  std::vector<double> to_roots(const std::vector<Motion>& x) const;    // L^T x
+  std::vector<Motion> from_roots(const std::vector<double>& y) const;  // L y
   template <bool kScaled, class X>
   std::vector<Motion> gather(std::span<const X> x, int threads) const;
   template <bool kScaled, class X>
@@ -106,6 +114,7 @@ class Bodies {
   std::span<const Real> inverse_;  // of D
   std::vector<Body> bodies_;
   std::vector<Piece> pieces_;
+  std::unique_ptr<SupernodalCholesky<>> k_;
 };
 
 extern template class Bodies<float, 2>;

@@ -190,8 +190,8 @@ SolveReport Projection<Real, D>::solve(double tolerance, int max_iterations, int
 }
 
 template <class Real, int D>
-void Projection<Real, D>::let_yield(const Obstacles<Real, D>& obstacles, double mass) {
-  bodies_.find(obstacles, solver_->inverse_diagonal(), mass);
+void Projection<Real, D>::let_yield(const Obstacles<Real, D>& obstacles, double mass, int threads) {
+  bodies_.find(obstacles, solver_->inverse_diagonal(), mass, threads);
 }
 
 template <class Real, int D>

@@ -53,7 +53,7 @@ class Projection {
   void set_matrix(int threads);
   // Obstacles that yield do so in project(); mass: of a full cell of q's density [kg]. To be called
   // after set_domain() and set_matrix(), where any do.
-  void let_yield(const Obstacles<Real, D>& obstacles, double mass);
+  void let_yield(const Obstacles<Real, D>& obstacles, double mass, int threads);
   const Bodies<Real, D>& bodies() const { return bodies_; }
   // Where the report is that it has not converged, u and the obstacles are as they were.
   SolveReport project(Obstacles<Real, D>& obstacles, Velocity<Real, D> u, double tolerance,
