@@ -78,7 +78,7 @@ TEST(ArticulatedTree, LeavesNothingThatJointsCannotGive) {
     const auto rates = respond(wanted), virtual_rates = respond(other);
     double work = 0, size = 0;
     for (std::size_t k = 0; k < n; ++k) {
-      const Tree::Momentum has = tree.momentum(k, places[k], rates[k]);
+      const Tree::Momentum has = tree.momentum(k, rates[k]);
       const Tree::Rate& way = virtual_rates[k];
       const Quad3 centre = way.linear + cross(way.angular, places[k].c);
       work += dot(wanted[k].linear - has.linear, centre) +
@@ -100,7 +100,7 @@ TEST(ArticulatedTree, HasTheMomentaOfASteadyTurn) {
   for (const double angle : {1e-6, 0.05, 0.2, 1., 2.}) {
     Tree::Part part;
     part.inertia = part.seen_inertia = Quad3{0.3, 0.4, 0.5, 2};
-    const Tree tree({part});
+    Tree tree({part});
     std::vector<Tree::Coordinate> begin(1), end(1);
     begin[0].q = end[0].q = Quaternion::Identity();
     end[0].q = rotation_by({0, angle, 0});
@@ -109,7 +109,9 @@ TEST(ArticulatedTree, HasTheMomentaOfASteadyTurn) {
     tree.place(begin, from), tree.place(end, to);
     std::vector<Tree::Momentum> momenta(1);
     std::vector<Quad3> turns(1);
-    tree.find_momenta(from, to, 0.01, momenta, turns);
+    tree.begin(from);
+    tree.find_momenta(to, 0.01, momenta);
+    tree.find_turns(to, turns);
     EXPECT_NEAR(momenta[0].angular[1], 0.4 * angle / 0.01, 1e-12 * angle / 0.01);
     EXPECT_NEAR(momenta[0].linear[0], 20, 1e-12);
     EXPECT_NEAR(turns[0][1], angle, 1e-14);

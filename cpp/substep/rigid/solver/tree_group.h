@@ -43,9 +43,10 @@ class TreeGroup {
   static constexpr double kShortest = 1e-30;  // sub-step: momenta are found from positions [s]
   static constexpr int kIterations = 60;
   static constexpr double kLeastPart = 0.3, kMostPart = 4;  // of a step of Newton's method
-  // Changes of the motion [m], [rad] below which it is found; where contacts press, and what they
-  // will still change.
-  static constexpr double kTolerance = 1e-10, kPressed = 1e-8, kEnough = 1e-5;
+  // What may be left of an error of the motion [m], [rad]; where contacts press, and what they will
+  // still change. The first iteration leaves no more than a part of it.
+  static constexpr double kTolerance = 1e-11, kPressed = 1e-8, kEnough = 1e-6, kFirst = 0.1;
+  static constexpr double kClose = 1e-5;  // change of an iteration that has not found it
 
   // The body of a part, and its joint, -1 if it has none.
   struct Member {
@@ -60,7 +61,6 @@ class TreeGroup {
     Quad3 seen_velocity, seen_spin, seen_shift, seen_turn;  // of the row
     Tree::Momentum impulse;  // of the joint on this body at the anchor, in the last sub-step
     Tree::Momentum sum;      // in the step
-    bool slow;               // whether impulses see larger moments
     double coordinate;       // of the joint, but for rounding
   };
   // Of forces at the joints of a body that swing it, in its frame: K for the axes, sum of K r and
@@ -89,13 +89,14 @@ class TreeGroup {
   bool solve(double tolerance);
   void project();
   void find_displacements(const BodyRows& rows, double h);
-  bool follow(std::span<Tree::Coordinate> coordinates);
+  bool displaced() const;
+  void follow(std::span<Tree::Coordinate> coordinates);
   void sum_impulses(double weight);
 
   Tree tree_;
   std::vector<Member> members_;
   double h_ = 0;
-  bool smooth_ = false, solved_ = false, whirls_ = false;
+  bool smooth_ = false, solved_ = false, factored_ = false, whirls_ = false;
   std::int64_t intervals_ = 0;                 // of this step
   std::vector<Tree::Coordinate> begin_, end_;  // of the sub-step
   std::vector<Tree::Place> now_, next_;        // there
