@@ -15,13 +15,22 @@ using Kind = ArticulatedTree::Kind;
 
 constexpr double kSmallTurn = 0.01;  // square of a sine, below which series are exact
 
-// q turned by Cayley's map of a.
+// q turned by Cayley's map of a, and longer by that.
 Quaternion turned(const Quaternion& q, const Vec3& a) {
   const Vec3 half = 0.5 * a;
-  return (Quaternion(1, half[0], half[1], half[2]) * q).normalized();
+  return Quaternion(1, half[0], half[1], half[2]) * q;
 }
 
-QuadMatrix rotation(const Quaternion& q) { return QuadMatrix::of(q.toRotationMatrix()); }
+// Of q of any length.
+QuadMatrix rotation(const Quaternion& q) {
+  const double scale = 2 / q.squaredNorm();
+  const double w = scale * q.w(), x = scale * q.x(), y = scale * q.y(), z = scale * q.z();
+  const double xx = x * q.x(), yy = y * q.y(), zz = z * q.z();
+  const double xy = x * q.y(), xz = x * q.z(), yz = y * q.z();
+  const double wx = w * q.x(), wy = w * q.y(), wz = w * q.z();
+  return {quad(1 - (yy + zz), xy + wz, xz - wy), quad(xy - wz, 1 - (xx + zz), yz + wx),
+          quad(xz + wy, yz - wx, 1 - (xx + yy))};
+}
 
 using V = Vector<double>;
 using Lanes3 = Vector3<V>;

@@ -51,7 +51,7 @@ class ArticulatedTree {
   };
   struct Coordinate {
     double cosine = 1, sine = 0;  // of a hinge
-    Quaternion q;                 // of a ball and a free part: R
+    Quaternion q;                 // of a ball and a free part: R, of any length
     Quad3 x{};                    // of a free part: O
   };
   struct Place {

@@ -170,6 +170,8 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
   smooth_ = std::none_of(members_.begin(), members_.end(), [&](const Member& m) {
     return pressed[usize(m.body)] == JointGroup::kPressed;
   });
+  alone_ = std::none_of(members_.begin(), members_.end(),
+                        [&](const Member& m) { return pressed[usize(m.body)] != 0; });
   if (settings.method != FreeRotation::kSplitting || !(h_ > kShortest)) return false;
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
@@ -235,6 +237,13 @@ void TreeGroup::show_spin(std::size_t k, BodyRows& rows) {
   assign(rows.velocity[usize(m.row)].angular, m.seen_spin);
 }
 
+void TreeGroup::show(std::size_t k, BodyRows& rows) {
+  Member& m = members_[k];
+  m.seen_velocity = m.scale * momenta_[k].linear;
+  assign(rows.velocity[usize(m.row)].linear, m.seen_velocity);
+  show_spin(k, rows);
+}
+
 // As JointGroup::find_inertia.
 void TreeGroup::find_inertia(BodyRows& rows) {
   for (Arm& arm : arms_) arm = {};
@@ -283,6 +292,7 @@ void TreeGroup::see_inertia(std::size_t k, const Quad3& inertia, BodyRows& rows)
   for (int i = 0; i < 3; ++i) kept[i] = std::min({1., ratio[i], smooth_ ? 1. : 1 / ratio[i]});
   const QuadMatrix& R = now_[k].R;
   momenta_[k].angular = R * (kept * transposed_product(R, momenta_[k].angular));
+  if (alone_) return;
   const Quad3 before = members_[k].seen_spin;
   show_spin(k, rows);
   Point<double>& given = row_given_[k].angular;
@@ -302,10 +312,9 @@ void TreeGroup::kick(double time, BodyRows& rows) {
   for (std::size_t k = 0; k < members_.size(); ++k) {
     const Member& m = members_[k];
     const BodyRow& a = rows.acceleration[usize(m.row)];
-    Point<double>& v = rows.velocity[usize(m.row)].linear;
-    assign(v, quad(v) + time * quad(a.linear));
+    momenta_[k].linear += time / m.scale * quad(a.linear);
     momenta_[k].angular += time * (m.unroot * quad(a.angular));
-    show_spin(k, rows);
+    if (!alone_) show(k, rows);
   }
 }
 
@@ -332,6 +341,7 @@ void TreeGroup::give(std::size_t k, const Tree::Momentum& momentum, BodyRows& ro
   given_[k].linear += momentum.linear - momenta_[k].linear;
   given_[k].angular += moment(k, momentum.angular - momenta_[k].angular);
   momenta_[k] = momentum;
+  if (alone_) return;
   BodyRow& row = rows.velocity[usize(m.row)];
   const Quad3 velocity = m.seen_velocity, spin = m.seen_spin;
   m.seen_velocity = m.velocity = m.scale * momentum.linear;
@@ -359,17 +369,26 @@ void TreeGroup::guess_rates() {
   }
 }
 
-void TreeGroup::begin_substep(BodyRows& rows) {
+// Without what joints changed of the rows in the sub-step before.
+void TreeGroup::withdraw_given(BodyRows& rows) {
   for (std::size_t k = 0; k < members_.size(); ++k) {
     BodyRow& v = rows.velocity[usize(members_[k].row)];
     assign(v.linear, quad(v.linear) - quad(row_given_[k].linear));
     assign(v.angular, quad(v.angular) - quad(row_given_[k].angular));
     row_given_[k] = {};
   }
-  read_momenta(rows);
+}
+
+void TreeGroup::begin_substep(BodyRows& rows) {
+  if (alone_) {
+    kick(h_, rows);
+  } else {
+    withdraw_given(rows);
+    read_momenta(rows);
+  }
   if (intervals_ > 0) find_inertia(rows);
-  find_displacements(rows, 0);
-  if (displaced()) {  // by impacts
+  if (!alone_) find_displacements(rows, 0);
+  if (!alone_ && displaced()) {  // by impacts
     tree_.factor(now_);
     follow(begin_);
     tree_.place(begin_, now_);
@@ -379,6 +398,9 @@ void TreeGroup::begin_substep(BodyRows& rows) {
   guess_rates();
   end_ = begin_;
   tree_.advance(rates_, h_, end_);
+  double square = 0;
+  for (const Tree::Rate& rate : rates_) square = std::max(square, dot(rate.angular, rate.angular));
+  turn_ = h_ * std::sqrt(square);
 }
 
 // Newton's method with the matrix of the first guess, its steps as long as Aitken's extrapolation
@@ -390,7 +412,7 @@ bool TreeGroup::solve(double tolerance) {
     tree_.place(end_, next_);
     tree_.find_momenta(next_, h_, found_);
     if (!factored_) tree_.factor(now_, next_, h_, found_);
-    factored_ = true;
+    if (!std::exchange(factored_, true)) drift_ = 0;
     for (std::size_t k = 0; k < members_.size(); ++k) {
       wanted_[k].linear = momenta_[k].linear - found_[k].linear;
       wanted_[k].angular = moment(k, momenta_[k].angular - found_[k].angular);
@@ -409,8 +431,10 @@ bool TreeGroup::solve(double tolerance) {
     }
     worst = h_ * std::sqrt(worst);
     if (i > 0 && square > 0) part = std::clamp(part * along / square, kLeastPart, kMostPart);
-    const double shrinks = i == 0 ? kFirst : std::min(1., worst / last);
-    const bool found = worst == 0 || shrinks * worst < tolerance;
+    drift_ += worst;
+    // An iteration leaves what it left before, or what the matrix does not know.
+    const double left = i == 0 ? turn_ * turn_ / 6 + 2 * drift_ : worst / last;
+    const bool found = worst == 0 || std::min(1., left) * worst < tolerance;
     const double length = found ? 1 : part;
     for (std::size_t k = 0; k < members_.size(); ++k) {
       rates_[k].linear += length * change_[k].linear;
@@ -436,7 +460,7 @@ void TreeGroup::project() {
 void TreeGroup::solve_velocities(BodyRows& rows, bool first, bool last) {
   if (first) {
     begin_substep(rows);
-  } else if (!read_momenta(rows) && solved_) {
+  } else if ((alone_ || !read_momenta(rows)) && solved_) {
     return;
   }
   solved_ = smooth_ || last;
@@ -487,7 +511,9 @@ void TreeGroup::follow(std::span<Tree::Coordinate> coordinates) {
 }
 
 void TreeGroup::move(BodyRows& rows) {
-  if (smooth_) {
+  if (alone_) {
+    // is where the motion leads
+  } else if (smooth_) {
     for (std::size_t k = 0; k < members_.size(); ++k) {
       const Member& m = members_[k];
       const BodyRow& v = rows.velocity[usize(m.row)];
@@ -497,8 +523,8 @@ void TreeGroup::move(BodyRows& rows) {
   } else {
     find_displacements(rows, h_);
   }
-  read_momenta(rows);
-  if (displaced()) {
+  if (!alone_) read_momenta(rows);
+  if (!alone_ && displaced()) {
     follow(end_);
     for (std::size_t k = 0; k < members_.size(); ++k) {
       rates_[k].linear += change_[k].linear / h_;
@@ -507,11 +533,15 @@ void TreeGroup::move(BodyRows& rows) {
     }
   }
   tree_.place(end_, next_);
-  tree_.find_turns(next_, turns_);
+  if (alone_)
+    tree_.begin(next_);
+  else
+    tree_.find_turns(next_, turns_);
   sum_impulses(smooth_ && intervals_ == 0 ? 0.5 : 1);
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
     m.coordinate += (m.is_a ? 2 : -2) * std::atan(0.5 * h_ * rates_[k].angle);
+    if (alone_) continue;
     m.seen_shift = 1 / m.scale * (next_[k].x - m.origin);
     m.seen_turn += m.unroot * turns_[k];
     BodyRow& x = rows.displacement[usize(m.row)];
@@ -520,7 +550,8 @@ void TreeGroup::move(BodyRows& rows) {
   }
   now_.swap(next_);
   begin_ = end_;
-  for (std::size_t k = 0; k < members_.size(); ++k) show_spin(k, rows);
+  for (Tree::Coordinate& at : begin_) at.q.normalize();
+  for (std::size_t k = 0; k < members_.size() && !alone_; ++k) show_spin(k, rows);
   ++intervals_;
 }
 
@@ -546,13 +577,18 @@ void TreeGroup::sum_impulses(double weight) {
 
 void TreeGroup::end_step(BodyRows& rows) {
   if (!smooth_) return;
-  read_momenta(rows);
+  if (!alone_) read_momenta(rows);
   kick(0.5 * h_, rows);
-  read_momenta(rows);
   project();
   for (std::size_t k = 0; k < members_.size(); ++k)
     give(k, tree_.momentum(k, change_[k]), rows);
   sum_impulses(0);
+  for (std::size_t k = 0; k < members_.size() && alone_; ++k) {
+    const Member& m = members_[k];
+    show(k, rows);
+    rows.displacement[usize(m.row)] = {};
+    assign(rows.displacement[usize(m.row)].linear, 1 / m.scale * (now_[k].x - m.origin));
+  }
 }
 
 void TreeGroup::store(Bodies& bodies, std::span<Joint> joints, double dt) const {

@@ -44,8 +44,8 @@ class TreeGroup {
   static constexpr int kIterations = 60;
   static constexpr double kLeastPart = 0.3, kMostPart = 4;  // of a step of Newton's method
   // What may be left of an error of the motion [m], [rad]; where contacts press, and what they will
-  // still change. The first iteration leaves no more than a part of it.
-  static constexpr double kTolerance = 1e-11, kPressed = 1e-8, kEnough = 1e-6, kFirst = 0.1;
+  // still change.
+  static constexpr double kTolerance = 1e-11, kPressed = 1e-8, kEnough = 1e-6;
   static constexpr double kClose = 1e-5;  // change of an iteration that has not found it
 
   // The body of a part, and its joint, -1 if it has none.
@@ -78,6 +78,7 @@ class TreeGroup {
   void set_joint(std::size_t k, const Joint& joint, const Bodies& bodies);
   bool set_coordinates(const Bodies& bodies);
   void show_spin(std::size_t k, BodyRows& rows);
+  void show(std::size_t k, BodyRows& rows);
   void find_inertia(BodyRows& rows);
   void see_inertia(std::size_t k, const Quad3& inertia, BodyRows& rows);
   Quad3 moment(std::size_t k, const Quad3& change) const;
@@ -85,6 +86,7 @@ class TreeGroup {
   bool read_momenta(const BodyRows& rows);
   void give(std::size_t k, const Tree::Momentum& momentum, BodyRows& rows);
   void guess_rates();
+  void withdraw_given(BodyRows& rows);
   void begin_substep(BodyRows& rows);
   bool solve(double tolerance);
   void project();
@@ -97,6 +99,8 @@ class TreeGroup {
   std::vector<Member> members_;
   double h_ = 0;
   bool smooth_ = false, solved_ = false, factored_ = false, whirls_ = false;
+  bool alone_ = false;  // nothing touches it, so that rows need not follow before the end
+  double turn_ = 0, drift_ = 0;  // largest turn in the sub-step; way from where the matrix is of
   std::int64_t intervals_ = 0;                 // of this step
   std::vector<Tree::Coordinate> begin_, end_;  // of the sub-step
   std::vector<Tree::Place> now_, next_;        // there
