@@ -525,6 +525,7 @@ void TreeGroup::move(BodyRows& rows) {
   }
   if (!alone_) read_momenta(rows);
   if (!alone_ && displaced()) {
+    if (whirls_) tree_.factor(now_);  // by what impulses see
     follow(end_);
     for (std::size_t k = 0; k < members_.size(); ++k) {
       rates_[k].linear += change_[k].linear / h_;
