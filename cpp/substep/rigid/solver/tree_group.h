@@ -45,7 +45,7 @@ class TreeGroup {
   static constexpr double kLeastPart = 0.3, kMostPart = 4;  // of a step of Newton's method
   // What may be left of an error of the motion [m], [rad]; where contacts press, and what they will
   // still change.
-  static constexpr double kTolerance = 1e-10, kPressed = 1e-8, kEnough = 1e-6;
+  static constexpr double kTolerance = 1e-12, kPressed = 1e-8, kEnough = 1e-6;
   static constexpr double kClose = 1e-5;  // change of an iteration that has not found it
 
   // The body of a part, and its joint, -1 if it has none.
