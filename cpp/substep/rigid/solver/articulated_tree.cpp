@@ -204,9 +204,8 @@ void ArticulatedTree::find_momenta(std::span<const Place> to, double h,
     const auto at = [&](int lane) __attribute__((always_inline)) -> Momentum& {
       return momenta[std::min(k * kLanes + usize(lane), parts_.size() - 1)];
     };
-    scatter_vectors(linear, [&](int lane) __attribute__((always_inline)) -> Quad3& {
-      return at(lane).linear;
-    });
+    scatter_vectors(
+        linear, [&](int lane) __attribute__((always_inline)) -> Quad3& { return at(lane).linear; });
     scatter_vectors(angular, [&](int lane) __attribute__((always_inline)) -> Quad3& {
       return at(lane).angular;
     });
@@ -246,8 +245,8 @@ void ArticulatedTree::factor(std::span<const Place> from, std::span<const Place>
                  part.inertia[1] * middle[1][i] * middle[1] +
                  part.inertia[2] * middle[2][i] * middle[2];
     if (!momenta.empty()) own.K = own.K - cross_matrix(0.5 * h * momenta[k].angular);
-    all.J = part.slow ? p.R * scaled(part.seen_inertia / part.inertia, transpose(p.R) * own.K)
-                      : own.K;
+    all.J =
+        part.slow ? p.R * scaled(part.seen_inertia / part.inertia, transpose(p.R) * own.K) : own.K;
     // - m [c0] [c1], m [c0], - m [c1], m
     const Quad3 mc = mass * q.c;
     const double along = dot(p.c, mc);

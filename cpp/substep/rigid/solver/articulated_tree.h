@@ -14,8 +14,8 @@
 // given ones by what joints can give, that is, by nothing along the free motions (the discrete
 // Euler-Lagrange equations; Lee, Liu, Park and Srinivasa 2018, "A linear-time variational
 // integrator for multibody systems", WAFR). They are found by Newton's method. Momenta change with
-// the end of the motion, and count by the motions free at its begin, so that the matrix is N0^T K N1
-// with the motions N of the joints at both, factored as by the articulated-body algorithm
+// the end of the motion, and count by the motions free at its begin, so that the matrix is N0^T K
+// N1 with the motions N of the joints at both, factored as by the articulated-body algorithm
 // (Featherstone 2008, "Rigid Body Dynamics Algorithms", ch. 7) about each part's anchor and in the
 // axes of the world, but not symmetric:
 //   [ torque about O ]   [ J  H ] [ angular rate ]

@@ -190,8 +190,8 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
     // As it is, and as the torque on it would make it in the step.
     const Quaternion to_body = bodies.rotation(m.body).conjugate();
     const Vec3 torque = to_body * Vec3(&bodies.torque[3 * usize(m.body)]);
-    const Vec3 L = (to_body * Vec3(&bodies.L[3 * usize(m.body)])).cwiseAbs() +
-                   settings.dt * torque.cwiseAbs();
+    const Vec3 L =
+        (to_body * Vec3(&bodies.L[3 * usize(m.body)])).cwiseAbs() + settings.dt * torque.cwiseAbs();
     const Vec3 J = vec(part.inertia);
     if (!(h_ * L.cwiseQuotient(J).norm() < kMostTurn)) return false;
     // The inertia of solve() lacks what is of second order in h / 2 [L]: an error grows by less
@@ -464,7 +464,8 @@ void TreeGroup::solve_velocities(BodyRows& rows, bool first, bool last) {
     return;
   }
   solved_ = smooth_ || last;
-  const bool found = solve(smooth_ ? kTolerance : last ? kPressed : kEnough);
+  const bool held = tree_.parts()[0].kind != Kind::kFree;
+  const bool found = solve(!solved_ ? kEnough : !smooth_ ? kPressed : held ? kHeld : kFree);
   if (!found) {  // too far for it: as the velocities lead
     project();
     rates_ = change_;
@@ -581,8 +582,7 @@ void TreeGroup::end_step(BodyRows& rows) {
   if (!alone_) read_momenta(rows);
   kick(0.5 * h_, rows);
   project();
-  for (std::size_t k = 0; k < members_.size(); ++k)
-    give(k, tree_.momentum(k, change_[k]), rows);
+  for (std::size_t k = 0; k < members_.size(); ++k) give(k, tree_.momentum(k, change_[k]), rows);
   sum_impulses(0);
   for (std::size_t k = 0; k < members_.size() && alone_; ++k) {
     const Member& m = members_[k];

@@ -43,9 +43,9 @@ class TreeGroup {
   static constexpr double kShortest = 1e-30;  // sub-step: momenta are found from positions [s]
   static constexpr int kIterations = 60;
   static constexpr double kLeastPart = 0.3, kMostPart = 4;  // of a step of Newton's method
-  // What may be left of an error of the motion [m], [rad]; where contacts press, and what they will
-  // still change.
-  static constexpr double kTolerance = 1e-12, kPressed = 1e-8, kEnough = 1e-6;
+  // What may be left of an error of the motion [m], [rad]: of a tree that nothing holds, whose
+  // momenta stay what they are, of others, where contacts press, and what they will still change.
+  static constexpr double kFree = 1e-12, kHeld = 1e-10, kPressed = 1e-8, kEnough = 1e-6;
   static constexpr double kClose = 1e-5;  // change of an iteration that has not found it
 
   // The body of a part, and its joint, -1 if it has none.
@@ -99,9 +99,9 @@ class TreeGroup {
   std::vector<Member> members_;
   double h_ = 0;
   bool smooth_ = false, solved_ = false, factored_ = false, whirls_ = false;
-  bool alone_ = false;  // nothing touches it, so that rows need not follow before the end
+  bool alone_ = false;           // nothing touches it, so that rows need not follow before the end
   double turn_ = 0, drift_ = 0;  // largest turn in the sub-step; way from where the matrix is of
-  std::int64_t intervals_ = 0;                 // of this step
+  std::int64_t intervals_ = 0;   // of this step
   std::vector<Tree::Coordinate> begin_, end_;  // of the sub-step
   std::vector<Tree::Place> now_, next_;        // there
   std::vector<Tree::Momentum> momenta_;        // of the bodies
