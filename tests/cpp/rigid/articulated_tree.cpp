@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 #include <vector>
@@ -92,6 +93,68 @@ TEST(ArticulatedTree, LeavesNothingThatJointsCannotGive) {
       EXPECT_LT(std::sqrt(dot(gap, gap)), 1e-13);
     }
     EXPECT_LT(std::abs(work), 1e-13 * size);
+  }
+}
+
+// By differences: what momenta change by with the end of a motion, as motions free at its begin see
+// it, is what the matrix says but for the square of the turn.
+TEST(ArticulatedTree, HasTheDerivativeOfAMotionToSecondOrder) {
+  std::mt19937 random(2);
+  for (const Tree::Kind root : {Tree::Kind::kFree, Tree::Kind::kHinge, Tree::Kind::kBall}) {
+    Tree tree = random_tree(root, random);
+    const std::size_t n = tree.size();
+    const auto begin = random_coordinates(tree, random);
+    std::vector<Tree::Place> now(n), then(n);
+    tree.place(begin, now);
+    tree.begin(now);
+    const auto respond = [&](std::vector<Tree::Momentum>& wanted) {
+      std::vector<Tree::Rate> rates(n);
+      for (Tree::Momentum& m : wanted) m = {random_vector(random), random_vector(random)};
+      tree.respond(wanted, rates);
+      return rates;
+    };
+    tree.factor(now);
+    std::vector<Tree::Momentum> wanted(n), found(n), low(n), high(n);
+    const auto way = respond(wanted);
+    std::vector<std::vector<Tree::Rate>> free;
+    for (int k = 0; k < 6; ++k) free.push_back(respond(wanted));
+    double most = 0, last = 0;
+    for (const Tree::Rate& rate : way) most = std::max(most, dot(rate.angular, rate.angular));
+    for (Tree::Momentum& m : wanted) m = {random_vector(random), random_vector(random)};
+    for (const double turn : {0.08, 0.04, 0.02}) {
+      constexpr double kStep = 1, kLittle = 1e-5;
+      auto end = begin;
+      tree.advance(way, turn / std::sqrt(most), end);
+      const auto find = [&](const auto& coordinates, std::vector<Tree::Momentum>& momenta) {
+        tree.place(coordinates, then);
+        tree.find_momenta(then, kStep, momenta);
+      };
+      find(end, found);
+      tree.factor(now, then, kStep, found);
+      std::vector<Tree::Rate> rates(n);
+      tree.respond(wanted, rates);
+      auto before = end, after = end;
+      tree.advance(rates, -kLittle, before), tree.advance(rates, kLittle, after);
+      find(before, low), find(after, high);
+      double off = 0, size = 0;
+      for (const auto& rate : free) {
+        double work = 0;
+        for (std::size_t k = 0; k < n; ++k) {
+          const Quad3 centre = rate[k].linear + cross(rate[k].angular, now[k].c);
+          const double scale = 0.5 / kLittle;
+          work +=
+              dot(wanted[k].linear - scale * (high[k].linear - low[k].linear), centre) +
+              dot(wanted[k].angular - scale * (high[k].angular - low[k].angular), rate[k].angular);
+          size += std::abs(dot(wanted[k].linear, centre));
+        }
+        off = std::max(off, std::abs(work));
+      }
+      EXPECT_LT(off, 0.1 * turn * turn * size);
+      if (last > 0) {
+        EXPECT_NEAR(last / off, 4, 0.8);
+      }
+      last = off;
+    }
   }
 }
 
