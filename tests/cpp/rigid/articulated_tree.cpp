@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 #include <vector>
@@ -78,7 +79,7 @@ TEST(ArticulatedTree, LeavesNothingThatJointsCannotGive) {
     const auto rates = respond(wanted), virtual_rates = respond(other);
     double work = 0, size = 0;
     for (std::size_t k = 0; k < n; ++k) {
-      const Tree::Momentum has = tree.momentum(k, places[k], rates[k]);
+      const Tree::Momentum has = tree.momentum(k, rates[k]);
       const Tree::Rate& way = virtual_rates[k];
       const Quad3 centre = way.linear + cross(way.angular, places[k].c);
       work += dot(wanted[k].linear - has.linear, centre) +
@@ -95,12 +96,74 @@ TEST(ArticulatedTree, LeavesNothingThatJointsCannotGive) {
   }
 }
 
+// By differences: what momenta change by with the end of a motion, as motions free at its begin see
+// it, is what the matrix says but for the square of the turn.
+TEST(ArticulatedTree, HasTheDerivativeOfAMotionToSecondOrder) {
+  std::mt19937 random(2);
+  for (const Tree::Kind root : {Tree::Kind::kFree, Tree::Kind::kHinge, Tree::Kind::kBall}) {
+    Tree tree = random_tree(root, random);
+    const std::size_t n = tree.size();
+    const auto begin = random_coordinates(tree, random);
+    std::vector<Tree::Place> now(n), then(n);
+    tree.place(begin, now);
+    tree.begin(now);
+    const auto respond = [&](std::vector<Tree::Momentum>& wanted) {
+      std::vector<Tree::Rate> rates(n);
+      for (Tree::Momentum& m : wanted) m = {random_vector(random), random_vector(random)};
+      tree.respond(wanted, rates);
+      return rates;
+    };
+    tree.factor(now);
+    std::vector<Tree::Momentum> wanted(n), found(n), low(n), high(n);
+    const auto way = respond(wanted);
+    std::vector<std::vector<Tree::Rate>> free;
+    for (int k = 0; k < 6; ++k) free.push_back(respond(wanted));
+    double most = 0, last = 0;
+    for (const Tree::Rate& rate : way) most = std::max(most, dot(rate.angular, rate.angular));
+    for (Tree::Momentum& m : wanted) m = {random_vector(random), random_vector(random)};
+    for (const double turn : {0.08, 0.04, 0.02}) {
+      constexpr double kStep = 1, kLittle = 1e-5;
+      auto end = begin;
+      tree.advance(way, turn / std::sqrt(most), end);
+      const auto find = [&](const auto& coordinates, std::vector<Tree::Momentum>& momenta) {
+        tree.place(coordinates, then);
+        tree.find_momenta(then, kStep, momenta);
+      };
+      find(end, found);
+      tree.factor(now, then, kStep, found);
+      std::vector<Tree::Rate> rates(n);
+      tree.respond(wanted, rates);
+      auto before = end, after = end;
+      tree.advance(rates, -kLittle, before), tree.advance(rates, kLittle, after);
+      find(before, low), find(after, high);
+      double off = 0, size = 0;
+      for (const auto& rate : free) {
+        double work = 0;
+        for (std::size_t k = 0; k < n; ++k) {
+          const Quad3 centre = rate[k].linear + cross(rate[k].angular, now[k].c);
+          const double scale = 0.5 / kLittle;
+          work +=
+              dot(wanted[k].linear - scale * (high[k].linear - low[k].linear), centre) +
+              dot(wanted[k].angular - scale * (high[k].angular - low[k].angular), rate[k].angular);
+          size += std::abs(dot(wanted[k].linear, centre));
+        }
+        off = std::max(off, std::abs(work));
+      }
+      EXPECT_LT(off, 0.1 * turn * turn * size);
+      if (last > 0) {
+        EXPECT_NEAR(last / off, 4, 0.8);
+      }
+      last = off;
+    }
+  }
+}
+
 TEST(ArticulatedTree, HasTheMomentaOfASteadyTurn) {
   // Of one body about a principal axis: L = I w and P = m v, at any angle in the step.
   for (const double angle : {1e-6, 0.05, 0.2, 1., 2.}) {
     Tree::Part part;
     part.inertia = part.seen_inertia = Quad3{0.3, 0.4, 0.5, 2};
-    const Tree tree({part});
+    Tree tree({part});
     std::vector<Tree::Coordinate> begin(1), end(1);
     begin[0].q = end[0].q = Quaternion::Identity();
     end[0].q = rotation_by({0, angle, 0});
@@ -109,7 +172,9 @@ TEST(ArticulatedTree, HasTheMomentaOfASteadyTurn) {
     tree.place(begin, from), tree.place(end, to);
     std::vector<Tree::Momentum> momenta(1);
     std::vector<Quad3> turns(1);
-    tree.find_momenta(from, to, 0.01, momenta, turns);
+    tree.begin(from);
+    tree.find_momenta(to, 0.01, momenta);
+    tree.find_turns(to, turns);
     EXPECT_NEAR(momenta[0].angular[1], 0.4 * angle / 0.01, 1e-12 * angle / 0.01);
     EXPECT_NEAR(momenta[0].linear[0], 20, 1e-12);
     EXPECT_NEAR(turns[0][1], angle, 1e-14);

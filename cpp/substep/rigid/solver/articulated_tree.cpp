@@ -15,16 +15,24 @@ using Kind = ArticulatedTree::Kind;
 
 constexpr double kSmallTurn = 0.01;  // square of a sine, below which series are exact
 
-// q turned by Cayley's map of a.
+// q turned by Cayley's map of a, and longer by that.
 Quaternion turned(const Quaternion& q, const Vec3& a) {
   const Vec3 half = 0.5 * a;
-  return (Quaternion(1, half[0], half[1], half[2]) * q).normalized();
+  return Quaternion(1, half[0], half[1], half[2]) * q;
 }
 
-QuadMatrix rotation(const Quaternion& q) { return QuadMatrix::of(q.toRotationMatrix()); }
+// Of q of any length.
+QuadMatrix rotation(const Quaternion& q) {
+  const double scale = 2 / q.squaredNorm();
+  const double w = scale * q.w(), x = scale * q.x(), y = scale * q.y(), z = scale * q.z();
+  const double xx = x * q.x(), yy = y * q.y(), zz = z * q.z();
+  const double xy = x * q.y(), xz = x * q.z(), yz = y * q.z();
+  const double wx = w * q.x(), wy = w * q.y(), wz = w * q.z();
+  return {quad(1 - (yy + zz), xy + wz, xz - wy), quad(xy - wz, 1 - (xx + zz), yz + wx),
+          quad(xz + wy, yz - wx, 1 - (xx + yy))};
+}
 
 using V = Vector<double>;
-constexpr int kLanes = sizeof(V) / sizeof(double);
 using Lanes3 = Vector3<V>;
 
 // Of vectors at(0), at(1), ... by lane.
@@ -70,10 +78,20 @@ SUBSTEP_INLINE Lanes3 left_momentum(const Lanes3& f, const Lanes3& v) {
   return v + splat<V>(0.5) * across + c * cross(f, across);
 }
 
+// R v
+SUBSTEP_INLINE Lanes3 in_world(const Lanes3 (&R)[3], const Lanes3& v) {
+  return v[0] * R[0] + v[1] * R[1] + v[2] * R[2];
+}
+
+// D A of a diagonal D.
+QuadMatrix scaled(const Quad3& D, const QuadMatrix& A) { return {D * A[0], D * A[1], D * A[2]}; }
+
 }  // namespace
 
 ArticulatedTree::ArticulatedTree(std::vector<Part> parts)
     : parts_(std::move(parts)),
+      lots_((parts_.size() + kLanes - 1) / kLanes),
+      own_(parts_.size()),
       articulated_(parts_.size()),
       response_(parts_.size()),
       inverse_(parts_.size()),
@@ -141,134 +159,180 @@ void ArticulatedTree::advance(std::span<const Rate> rates, double h,
   }
 }
 
-void ArticulatedTree::find_momenta(std::span<const Place> from, std::span<const Place> to, double h,
-                                   std::span<Momentum> momenta, std::span<Quad3> turns) const {
-  for (std::size_t first = 0; first < parts_.size(); first += kLanes) {
-    // Lanes that are left have the last part again.
-    const auto part = [&](int lane) __attribute__((always_inline)) {
-      return std::min(first + usize(lane), parts_.size() - 1);
-    };
-    const auto gather = [&](std::span<const Place> places,
-                            const auto& member) __attribute__((always_inline)) {
-      return gather_vectors([&](int lane) __attribute__((always_inline)) -> const Quad3& {
-        return member(places[part(lane)]);
-      });
-    };
-    Lanes3 R0[3], R1[3];
-    for (int i = 0; i < 3; ++i) {
-      const auto column = [i](const Place& at) -> const Quad3& { return at.R[i]; };
-      R0[i] = gather(from, column), R1[i] = gather(to, column);
-    }
-    const Lanes3 f = logarithm(R0, R1);
-    const auto in_world = [&](const Lanes3& v) __attribute__((always_inline)) {
-      return v[0] * R0[0] + v[1] * R0[1] + v[2] * R0[2];
-    };
+ArticulatedTree::Lot ArticulatedTree::gather(std::span<const Place> places,
+                                             std::size_t first) const {
+  const auto part = [&](int lane) __attribute__((always_inline)) {
+    return std::min(first + usize(lane), parts_.size() - 1);
+  };
+  Lot lot;
+  for (int i = 0; i < 3; ++i)
+    lot.R[i] = gather_vectors([&](int lane) __attribute__((always_inline)) -> const Quad3& {
+      return places[part(lane)].R[i];
+    });
+  lot.x = gather_vectors([&](int lane) __attribute__((always_inline)) -> const Quad3& {
+    return places[part(lane)].x;
+  });
+  return lot;
+}
+
+void ArticulatedTree::begin(std::span<const Place> from) {
+  for (std::size_t k = 0; k < lots_.size(); ++k) {
+    const std::size_t first = k * kLanes;
     const auto inertia = load_rows<V>([&](int lane) __attribute__((always_inline)) {
-      return reinterpret_cast<const Point<double>*>(&parts_[part(lane)].inertia);
+      const std::size_t part = std::min(first + usize(lane), parts_.size() - 1);
+      return reinterpret_cast<const Point<double>*>(&parts_[part].inertia);
     });
-    const V mass = inertia.w;
-    Lanes3 body;
-    const V moments[] = {inertia.x, inertia.y, inertia.z};
-    for (int i = 0; i < 3; ++i) body[i] = moments[i] * (f[i] / h);
-    const auto centre = [](const Place& at) -> const Quad3& { return at.x; };
-    const Lanes3 way = gather(to, centre) - gather(from, centre);
-    Lanes3 linear;
-    for (int i = 0; i < 3; ++i) linear[i] = mass * (way[i] / h);
-    scatter_vectors(linear, [&](int lane) __attribute__((always_inline)) -> Quad3& {
-      return momenta[part(lane)].linear;
-    });
-    scatter_vectors(in_world(left_momentum(f, body)),
-                    [&](int lane) __attribute__((always_inline)) -> Quad3& {
-                      return momenta[part(lane)].angular;
-                    });
-    if (!turns.empty())
-      scatter_vectors(in_world(f), [&](int lane) __attribute__((always_inline)) -> Quad3& {
-        return turns[part(lane)];
-      });
+    lots_[k] = gather(from, first);
+    lots_[k].moments[0] = inertia.x, lots_[k].moments[1] = inertia.y;
+    lots_[k].moments[2] = inertia.z, lots_[k].mass = inertia.w;
   }
 }
 
-void ArticulatedTree::factor(std::span<const Place> places) {
+void ArticulatedTree::find_momenta(std::span<const Place> to, double h,
+                                   std::span<Momentum> momenta) const {
+  const double rate = 1 / h;
+  for (std::size_t k = 0; k < lots_.size(); ++k) {
+    const Lot &from = lots_[k], end = gather(to, k * kLanes);
+    const Lanes3 f = logarithm(from.R, end.R), way = end.x - from.x;
+    const V scale = rate * from.mass;
+    Lanes3 body, linear;
+    for (int i = 0; i < 3; ++i) {
+      body[i] = rate * from.moments[i] * f[i];
+      linear[i] = scale * way[i];
+    }
+    const Lanes3 angular = in_world(from.R, left_momentum(f, body));
+    const auto at = [&](int lane) __attribute__((always_inline)) -> Momentum& {
+      return momenta[std::min(k * kLanes + usize(lane), parts_.size() - 1)];
+    };
+    scatter_vectors(
+        linear, [&](int lane) __attribute__((always_inline)) -> Quad3& { return at(lane).linear; });
+    scatter_vectors(angular, [&](int lane) __attribute__((always_inline)) -> Quad3& {
+      return at(lane).angular;
+    });
+  }
+}
+
+void ArticulatedTree::find_turns(std::span<const Place> to, std::span<Quad3> turns) {
+  for (std::size_t k = 0; k < lots_.size(); ++k) {
+    const Lot end = gather(to, k * kLanes);
+    Lot& from = lots_[k];
+    scatter_vectors(in_world(from.R, logarithm(from.R, end.R)),
+                    [&](int lane) __attribute__((always_inline)) -> Quad3& {
+                      return turns[std::min(k * kLanes + usize(lane), parts_.size() - 1)];
+                    });
+    for (int i = 0; i < 3; ++i) from.R[i] = end.R[i];
+    from.x = end.x;
+  }
+}
+
+void ArticulatedTree::factor(std::span<const Place> from, std::span<const Place> to, double h,
+                             std::span<const Momentum> momenta) {
   for (std::size_t k = 0; k < parts_.size(); ++k) {
     const Part& part = parts_[k];
-    const Place& place = places[k];
-    Articulated& own = articulated_[k];
-    const double mass = part.inertia[3];
-    const Quad3 mc = mass * place.c;
-    const double square = dot(mc, place.c);
-    for (int i = 0; i < 3; ++i) {  // R I R^T + m (c^2 - c c^T), m [c], m
-      own.J[i] = part.seen_inertia[0] * place.R[0][i] * place.R[0] +
-                 part.seen_inertia[1] * place.R[1][i] * place.R[1] +
-                 part.seen_inertia[2] * place.R[2][i] * place.R[2] - mc[i] * place.c;
-      own.J[i][i] += square;
-      own.M[i] = Quad3{};
-      own.M[i][i] = mass;
+    const Place &p = from[k], &q = to[k];
+    Own& own = own_[k];
+    Response& response = response_[k];
+    Articulated& all = articulated_[k];
+    const double mass = own.mass = part.inertia[3];
+    own.c = q.c;
+    response.c0 = p.c;
+    response.d0 = p.d, response.d1 = q.d;
+    response.a0 = p.axis, response.a1 = q.axis;
+    QuadMatrix middle;
+    for (int i = 0; i < 3; ++i) middle[i] = 0.5 * (p.R[i] + q.R[i]);
+    for (int i = 0; i < 3; ++i)
+      own.K[i] = part.inertia[0] * middle[0][i] * middle[0] +
+                 part.inertia[1] * middle[1][i] * middle[1] +
+                 part.inertia[2] * middle[2][i] * middle[2];
+    if (!momenta.empty()) own.K = own.K - cross_matrix(0.5 * h * momenta[k].angular);
+    all.J =
+        part.slow ? p.R * scaled(part.seen_inertia / part.inertia, transpose(p.R) * own.K) : own.K;
+    // - m [c0] [c1], m [c0], - m [c1], m
+    const Quad3 mc = mass * q.c;
+    const double along = dot(p.c, mc);
+    for (int i = 0; i < 3; ++i) {
+      all.J[i] -= p.c[i] * mc;
+      all.J[i][i] += along;
+      all.M[i] = Quad3{};
+      all.M[i][i] = mass;
     }
-    own.H = {quad(0, mc[2], -mc[1]), quad(-mc[2], 0, mc[0]), quad(mc[1], -mc[0], 0)};
+    all.H = cross_matrix(mass * p.c);
+    all.G = cross_matrix(-mc);
   }
-  for (std::size_t k = parts_.size(); k-- > 0;) reduce(k, places[k]);
+  for (std::size_t k = parts_.size(); k-- > 0;) reduce(k);
 }
 
 // What the part's joint leaves of its inertia, to its parent.
-void ArticulatedTree::reduce(std::size_t k, const Place& place) {
+void ArticulatedTree::reduce(std::size_t k) {
   const Part& part = parts_[k];
-  const Articulated& own = articulated_[k];
   Response& response = response_[k];
-  response.d = place.d;
-  response.c = place.c;
-  QuadMatrix J = own.J, H = own.H, M = own.M;
+  const Quad3 d0 = response.d0, d1 = response.d1;
+  QuadMatrix J = articulated_[k].J, H = articulated_[k].H, G = articulated_[k].G,
+             M = articulated_[k].M;
   if (part.kind == Kind::kHinge) {
-    response.axis = place.axis;
-    response.torque = J * place.axis;
-    response.force = transposed_product(H, place.axis);
-    response.inverse = 1 / dot(place.axis, response.torque);
-    const Quad3 torque = response.inverse * response.torque;
-    const Quad3 force = response.inverse * response.force;
-    J = J - outer(torque, response.torque);
-    H = H - outer(torque, response.force);
-    M = M - outer(force, response.force);
+    const Quad3 torque = J * response.a1, force = G * response.a1;
+    const Quad3 turn = transposed_product(J, response.a0),
+                shift = transposed_product(H, response.a0);
+    response.inverse = 1 / dot(response.a0, torque);
+    const Quad3 by_turn = response.inverse * turn, by_shift = response.inverse * shift;
+    J = J - outer(torque, by_turn);
+    H = H - outer(torque, by_shift);
+    G = G - outer(force, by_turn);
+    M = M - outer(force, by_shift);
+    response.force = response.inverse * force;
+    response.torque = response.inverse * torque + cross(d0, response.force);
+    response.shift = by_shift;
+    response.turn = by_turn + cross(d1, by_shift);
   } else if (part.kind != Kind::kFixed) {
     Inverse& of = inverse_[k];
     of.J = inverse(J);
-    of.K = of.J * H;
-    M = M - transpose(H) * of.K;
+    of.JH = of.J * H;
+    of.GJ = G * of.J;
+    M = M - G * of.JH;
     if (part.kind == Kind::kFree) {
       of.M = inverse(M);
       return;
     }
-    J = H = {};
+    J = H = G = {};
   }
   if (part.parent < 0) return;
+  // With H' = H + [d0] M at the parent's anchor: J - H' [d1] + [d0] G, H', G - M [d1], M.
   Articulated& parent = articulated_[usize(part.parent)];
-  const QuadMatrix G = H + cross(place.d, M);
-  // J - H [d] + [d] G^T
-  parent.J = parent.J + J + transpose(cross(place.d, transpose(H))) + cross(place.d, transpose(G));
-  parent.H = parent.H + G;
+  H = H + cross(d0, M);
+  parent.J = parent.J + (J + cross(d0, G) - cross(H, d1));
+  parent.H = parent.H + H;
+  parent.G = parent.G + (G - cross(M, d1));
   parent.M = parent.M + M;
 }
 
 void ArticulatedTree::respond(std::span<const Momentum> momenta, std::span<Rate> rates) {
   for (std::size_t k = 0; k < parts_.size(); ++k) {
     const Momentum& m = momenta[k];
-    wrench_[k] = {m.linear, m.angular + cross(response_[k].c, m.linear)};
+    wrench_[k] = {m.linear, m.angular + cross(response_[k].c0, m.linear)};
   }
   for (std::size_t k = parts_.size(); k-- > 0;) {
     const Part& part = parts_[k];
     const Response& own = response_[k];
-    Quad3 force = wrench_[k].linear, torque = wrench_[k].angular;
+    const Quad3 force = wrench_[k].linear, torque = wrench_[k].angular;
     if (part.kind == Kind::kHinge) {
-      const double u = angle_[k] = own.inverse * dot(own.axis, torque);
-      force -= u * own.force;
-      torque -= u * own.torque;
-    } else if (part.kind != Kind::kFixed) {
-      force -= transposed_product(inverse_[k].K, torque);
-      torque = Quad3{};
-      wrench_[k].linear = force;
+      const Quad3 along = dot_lanes(own.a0, torque);
+      angle_[k] = along[0] * own.inverse;
+      if (part.parent < 0) continue;
+      Momentum& parent = wrench_[usize(part.parent)];
+      parent.linear = (parent.linear + force) - along * own.force;
+      parent.angular = (parent.angular + torque + cross(own.d0, force)) - along * own.torque;
+    } else if (part.kind == Kind::kFixed) {
+      if (part.parent < 0) continue;
+      Momentum& parent = wrench_[usize(part.parent)];
+      parent.linear += force;
+      parent.angular += torque + cross(own.d0, force);
+    } else {
+      const Quad3 left = wrench_[k].linear = force - inverse_[k].GJ * torque;
+      if (part.parent < 0) continue;
+      Momentum& parent = wrench_[usize(part.parent)];
+      parent.linear += left;
+      parent.angular += cross(own.d0, left);
     }
-    if (part.parent < 0) continue;
-    Momentum& parent = wrench_[usize(part.parent)];
-    parent.linear += force;
-    parent.angular += torque + cross(own.d, force);
   }
   const Rate rest;
   for (std::size_t k = 0; k < parts_.size(); ++k) {
@@ -277,28 +341,22 @@ void ArticulatedTree::respond(std::span<const Momentum> momenta, std::span<Rate>
     Rate& rate = rates[k];
     if (part.kind == Kind::kFree) {
       rate.linear = inverse_[k].M * wrench_[k].linear;
-      rate.angular = inverse_[k].J * wrench_[k].angular - inverse_[k].K * rate.linear;
+      rate.angular = inverse_[k].J * wrench_[k].angular - inverse_[k].JH * rate.linear;
       continue;
     }
     const Rate& parent = part.parent < 0 ? rest : rates[usize(part.parent)];
-    rate.linear = parent.linear - cross(own.d, parent.angular);
+    rate.linear = parent.linear - cross(own.d1, parent.angular);
     if (part.kind == Kind::kHinge) {
-      rate.angle =
-          angle_[k] - own.inverse * (dot(own.torque, parent.angular) + dot(own.force, rate.linear));
-      rate.angular = parent.angular + rate.angle * own.axis;
+      const Quad3 carried =
+          dot_lanes(own.turn, parent.angular) + dot_lanes(own.shift, parent.linear);
+      rate.angle = angle_[k] - carried[0];
+      rate.angular = (parent.angular + angle_[k] * own.a1) - carried * own.a1;
     } else if (part.kind == Kind::kBall) {
-      rate.angular = inverse_[k].J * wrench_[k].angular - inverse_[k].K * rate.linear;
+      rate.angular = inverse_[k].J * wrench_[k].angular - inverse_[k].JH * rate.linear;
     } else {
       rate.angular = parent.angular;
     }
   }
-}
-
-ArticulatedTree::Momentum ArticulatedTree::momentum(std::size_t k, const Place& place,
-                                                    const Rate& rate) const {
-  const Part& part = parts_[k];
-  const Quad3 spin = part.inertia * transposed_product(place.R, rate.angular);
-  return {part.inertia[3] * (rate.linear + cross(rate.angular, place.c)), place.R * spin};
 }
 
 }  // namespace substep::rigid

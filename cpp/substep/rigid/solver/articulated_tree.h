@@ -13,11 +13,15 @@
 // Found. Comput. Math. 9, for the exponential). The coordinates are such that P and L differ from
 // given ones by what joints can give, that is, by nothing along the free motions (the discrete
 // Euler-Lagrange equations; Lee, Liu, Park and Srinivasa 2018, "A linear-time variational
-// integrator for multibody systems", WAFR). They are found by Newton's method with the matrix of
-// the begin, which is that of the articulated-body algorithm (Featherstone 2008, "Rigid Body
-// Dynamics Algorithms", ch. 7), about each part's anchor and in the axes of the world:
-//   [ torque about O ]   [ J    H ] [ angular acceleration ]
-//   [ force          ] = [ H^T  M ] [ acceleration of O    ].
+// integrator for multibody systems", WAFR). They are found by Newton's method. Momenta change with
+// the end of the motion, and count by the motions free at its begin, so that the matrix is N0^T K
+// N1 with the motions N of the joints at both, factored as by the articulated-body algorithm
+// (Featherstone 2008, "Rigid Body Dynamics Algorithms", ch. 7) about each part's anchor and in the
+// axes of the world, but not symmetric:
+//   [ torque about O ]   [ J  H ] [ angular rate ]
+//   [ force          ] = [ G  M ] [ rate of O    ].
+// Of a body dP = m (dO + dw x c1) and, but for f^2, dL = (I - h / 2 [L]) dw with its inertia I in
+// the middle. Of velocities, both ends are one place and L counts for nothing.
 #pragma once
 
 #include <array>
@@ -25,6 +29,7 @@
 #include <span>
 #include <vector>
 
+#include "substep/core/matrix3.h"
 #include "substep/core/usize.h"
 #include "substep/rigid/solver/quad_vectors.h"
 
@@ -38,14 +43,15 @@ class ArticulatedTree {
     Kind kind = Kind::kFree;
     std::int32_t parent = -1;             // comes before it; -1: the world, or nothing
     Quad3 inertia{};                      // principal moments, and the mass
-    Quad3 seen_inertia{};                 // those that impulses find
+    Quad3 seen_inertia{};                 // those that impulses find,
+    bool slow = false;                    // where they are others
     Quad3 anchor{}, axis{};               // of its joint, from the parent's own, in its frame
     Quad3 centre{};                       // from its anchor, in its own frame
     std::array<QuadMatrix, 3> turning{};  // R_parent^T R = [0] + cos [1] + sin [2], of a hinge
   };
   struct Coordinate {
     double cosine = 1, sine = 0;  // of a hinge
-    Quaternion q;                 // of a ball and a free part: R
+    Quaternion q;                 // of a ball and a free part: R, of any length
     Quad3 x{};                    // of a free part: O
   };
   struct Place {
@@ -70,33 +76,61 @@ class ArticulatedTree {
   void place(std::span<const Coordinate> coordinates, std::span<Place> places) const;
   // Coordinates after a time h with the rates, by Cayley's map.
   void advance(std::span<const Rate> rates, double h, std::span<Coordinate> coordinates) const;
-  // Of the motion from one place to the other in h; and its turns R0 f, unless that is empty.
-  void find_momenta(std::span<const Place> from, std::span<const Place> to, double h,
-                    std::span<Momentum> momenta, std::span<Quad3> turns = {}) const;
+  // Motions begin there.
+  void begin(std::span<const Place> from);
+  // Of the motion to there in h.
+  void find_momenta(std::span<const Place> to, double h, std::span<Momentum> momenta) const;
+  // Its turns R0 f; the next motion begins there.
+  void find_turns(std::span<const Place> to, std::span<Quad3> turns);
 
-  // Articulated inertias.
-  void factor(std::span<const Place> places);
+  // Articulated inertias, of the motion with these momenta, or of velocities at a place.
+  void factor(std::span<const Place> from, std::span<const Place> to, double h,
+              std::span<const Momentum> momenta);
+  void factor(std::span<const Place> places) { factor(places, places, 0, {}); }
   // The rates whose momenta are the given ones, but for what joints give; by the last factor().
   void respond(std::span<const Momentum> momenta, std::span<Rate> rates);
   // Of those rates.
-  Momentum momentum(std::size_t part, const Place& place, const Rate& rate) const;
+  Momentum momentum(std::size_t part, const Rate& rate) const {
+    const Own& own = own_[part];
+    return {own.mass * (rate.linear + cross(rate.angular, own.c)), own.K * rate.angular};
+  }
+
+  // From the anchor, at the end of that motion.
+  const Quad3& centre(std::size_t part) const { return own_[part].c; }
 
  private:
+  using V = Vector<double>;
+  static constexpr int kLanes = sizeof(V) / sizeof(double);
+  // Places of as many parts as there are lanes; those that are left have the last part again.
+  struct Lot {
+    Vector3<V> R[3], x;
+    V moments[3], mass;
+  };
+  Lot gather(std::span<const Place> places, std::size_t first) const;
+
   struct Articulated {
-    QuadMatrix J{}, H{}, M{};
+    QuadMatrix J{}, H{}, G{}, M{};
   };
-  // What respond() needs of a part, side by side.
+  struct Own {  // of the body alone
+    QuadMatrix K{};
+    Quad3 c{};
+    double mass = 0;
+  };
+  // What respond() needs of a part. Of a hinge, with D = a0 . J a1: [J; G] a1 / D as the parent
+  // feels it, and [J^T; H^T] a0 / D of its rates.
   struct Response {
-    Quad3 d{}, c{};
-    Quad3 axis{}, torque{}, force{};  // of a hinge: [J; H^T] axis
-    double inverse = 0;               // of its own inertia
+    Quad3 c0{}, d0{}, d1{}, a0{}, a1{};
+    Quad3 torque{}, force{}, turn{}, shift{};
+    double inverse = 0;  // 1 / D
   };
-  struct Inverse {             // of a ball and a free part
-    QuadMatrix J{}, K{}, M{};  // J^-1, J^-1 H, and that of M without what J takes
+  struct Inverse {                    // of a ball and a free part
+    QuadMatrix J{}, JH{}, GJ{}, M{};  // J^-1, J^-1 H, G J^-1, and that of M without what J takes
   };
-  void reduce(std::size_t part, const Place& place);
+  void reduce(std::size_t part);
 
   std::vector<Part> parts_;
+  std::vector<Lot> lots_;
+  std::vector<Own> own_;
   std::vector<Articulated> articulated_;
   std::vector<Response> response_;
   std::vector<Inverse> inverse_;

@@ -394,7 +394,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   rows_.load(bodies, gravity, asleep, threads);
   // Contacts may turn a light body far in a sub-step: joints take back as much as they can in a
   // step.
-  joints_.begin_step(bodies, joints, contacts, {h, options.push_speed * dt, options.rotation},
+  joints_.begin_step(bodies, joints, contacts, {dt, h, options.push_speed * dt, options.rotation},
                      rows_);
   const double fast = h * gravity.norm();
   order(gravity, contacts, threads);

@@ -23,6 +23,7 @@ namespace substep::rigid {
 class JointGroup {
  public:
   struct Settings {
+    double dt = 0;    // step [s]
     double h = 0;     // sub-step [s]
     double push = 0;  // most that a sub-step moves bodies to take back C [m], [rad]
     FreeRotation method = FreeRotation::kSplitting;

@@ -17,6 +17,12 @@ SUBSTEP_INLINE double dot(const Quad3& a, const Quad3& b) {
   const Quad3 c = a * b;
   return c[0] + c[1] + c[2];
 }
+// The same in all lanes, sooner.
+SUBSTEP_INLINE Quad3 dot_lanes(const Quad3& a, const Quad3& b) {
+  const Quad3 c = a * b;
+  return __builtin_shufflevector(c, c, 0, 0, 0, 0) + __builtin_shufflevector(c, c, 1, 1, 1, 1) +
+         __builtin_shufflevector(c, c, 2, 2, 2, 2);
+}
 SUBSTEP_INLINE Quad3 cross(const Quad3& a, const Quad3& b) {
   const auto next = [](const Quad3& v) __attribute__((always_inline)) {
     return __builtin_shufflevector(v, v, 1, 2, 0, 3);
@@ -72,11 +78,17 @@ SUBSTEP_INLINE Quad3 transposed_product(const QuadMatrix& A, const Quad3& v) {
 SUBSTEP_INLINE QuadMatrix cross(const Quad3& d, const QuadMatrix& A) {
   return {cross(d, A[0]), cross(d, A[1]), cross(d, A[2])};
 }
-// Of a symmetric one.
+// A [d]
+SUBSTEP_INLINE QuadMatrix cross(const QuadMatrix& A, const Quad3& d) {
+  return {d[2] * A[1] - d[1] * A[2], d[0] * A[2] - d[2] * A[0], d[1] * A[0] - d[0] * A[1]};
+}
+SUBSTEP_INLINE QuadMatrix cross_matrix(const Quad3& d) {
+  return {quad(0, d[2], -d[1]), quad(-d[2], 0, d[0]), quad(d[1], -d[0], 0)};
+}
 SUBSTEP_INLINE QuadMatrix inverse(const QuadMatrix& A) {
   const Quad3 x = cross(A[1], A[2]), y = cross(A[2], A[0]), z = cross(A[0], A[1]);
   const double scale = 1 / dot(A[0], x);
-  return {scale * x, scale * y, scale * z};
+  return transpose({scale * x, scale * y, scale * z});
 }
 
 }  // namespace substep::rigid

@@ -170,6 +170,8 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
   smooth_ = std::none_of(members_.begin(), members_.end(), [&](const Member& m) {
     return pressed[usize(m.body)] == JointGroup::kPressed;
   });
+  alone_ = std::none_of(members_.begin(), members_.end(),
+                        [&](const Member& m) { return pressed[usize(m.body)] != 0; });
   if (settings.method != FreeRotation::kSplitting || !(h_ > kShortest)) return false;
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
@@ -179,26 +181,31 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
     const double* const I = &bodies.inertia[3 * usize(m.body)];
     part.inertia = part.seen_inertia = Quad3{I[0], I[1], I[2], bodies.mass[usize(m.body)]};
     m.inverse_inertia = 1 / part.inertia;
-    m.slow = false;
+    part.slow = false;
     m.impulse = {};
     if (m.joint >= 0) {
       set_joint(k, joints[usize(m.joint)], bodies);
       m.impulse.linear = (m.is_a ? 1 : -1) * quad(Vec3(joints[usize(m.joint)].impulse.data()));
     }
-    const Vec3 spin = rows.spin_of(m.row);
-    if (!(h_ * spin.norm() < kMostTurn)) return false;
-    // solve() leaves h / 2 [L] out of the inertia: an error grows by so much in an iteration.
-    const Vec3 L = bodies.rotation(m.body).conjugate() * Vec3(&bodies.L[3 * usize(m.body)]);
+    // As it is, and as the torque on it would make it in the step.
+    const Quaternion to_body = bodies.rotation(m.body).conjugate();
+    const Vec3 torque = to_body * Vec3(&bodies.torque[3 * usize(m.body)]);
+    const Vec3 L =
+        (to_body * Vec3(&bodies.L[3 * usize(m.body)])).cwiseAbs() + settings.dt * torque.cwiseAbs();
     const Vec3 J = vec(part.inertia);
+    if (!(h_ * L.cwiseQuotient(J).norm() < kMostTurn)) return false;
+    // The inertia of solve() lacks what is of second order in h / 2 [L]: an error grows by less
+    // than this in an iteration.
     if (!(0.5 * h_ * L.cwiseProduct(J.cwiseSqrt()).norm() < kMostGrowth * std::sqrt(J.prod())))
       return false;
-    rates_[k].angular = quad(spin);
+    rates_[k].angular = quad(rows.spin_of(m.row));
     rates_[k].linear = quad(rows.velocity_of(m.row));
   }
   if (!set_coordinates(bodies)) return false;
   intervals_ = 0;
   find_inertia(rows);
   if (whirls_ && !smooth_) return false;
+  tree_.begin(now_);
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
     const Tree::Part& part = tree_.parts()[k];
@@ -228,6 +235,13 @@ void TreeGroup::show_spin(std::size_t k, BodyRows& rows) {
   const QuadMatrix& R = now_[k].R;
   m.seen_spin = m.unroot * (R * (m.inverse_inertia * transposed_product(R, momenta_[k].angular)));
   assign(rows.velocity[usize(m.row)].angular, m.seen_spin);
+}
+
+void TreeGroup::show(std::size_t k, BodyRows& rows) {
+  Member& m = members_[k];
+  m.seen_velocity = m.scale * momenta_[k].linear;
+  assign(rows.velocity[usize(m.row)].linear, m.seen_velocity);
+  show_spin(k, rows);
 }
 
 // As JointGroup::find_inertia.
@@ -272,12 +286,13 @@ void TreeGroup::see_inertia(std::size_t k, const Quad3& inertia, BodyRows& rows)
   if (same(inertia, part.seen_inertia)) return;
   const Quad3 ratio = part.seen_inertia / inertia;
   part.seen_inertia = inertia;
-  members_[k].slow = !same(inertia, part.inertia);
+  part.slow = !same(inertia, part.inertia);
   if (intervals_ == 0) return;
   Quad3 kept = ratio;
   for (int i = 0; i < 3; ++i) kept[i] = std::min({1., ratio[i], smooth_ ? 1. : 1 / ratio[i]});
   const QuadMatrix& R = now_[k].R;
   momenta_[k].angular = R * (kept * transposed_product(R, momenta_[k].angular));
+  if (alone_) return;
   const Quad3 before = members_[k].seen_spin;
   show_spin(k, rows);
   Point<double>& given = row_given_[k].angular;
@@ -286,8 +301,8 @@ void TreeGroup::see_inertia(std::size_t k, const Quad3& inertia, BodyRows& rows)
 
 // Of an impulse that changes the angular momentum so.
 Quad3 TreeGroup::moment(std::size_t k, const Quad3& change) const {
-  if (!members_[k].slow) return change;
   const Tree::Part& part = tree_.parts()[k];
+  if (!part.slow) return change;
   const QuadMatrix& R = now_[k].R;
   return R * (part.seen_inertia / part.inertia * transposed_product(R, change));
 }
@@ -297,10 +312,9 @@ void TreeGroup::kick(double time, BodyRows& rows) {
   for (std::size_t k = 0; k < members_.size(); ++k) {
     const Member& m = members_[k];
     const BodyRow& a = rows.acceleration[usize(m.row)];
-    Point<double>& v = rows.velocity[usize(m.row)].linear;
-    assign(v, quad(v) + time * quad(a.linear));
+    momenta_[k].linear += time / m.scale * quad(a.linear);
     momenta_[k].angular += time * (m.unroot * quad(a.angular));
-    show_spin(k, rows);
+    if (!alone_) show(k, rows);
   }
 }
 
@@ -327,6 +341,7 @@ void TreeGroup::give(std::size_t k, const Tree::Momentum& momentum, BodyRows& ro
   given_[k].linear += momentum.linear - momenta_[k].linear;
   given_[k].angular += moment(k, momentum.angular - momenta_[k].angular);
   momenta_[k] = momentum;
+  if (alone_) return;
   BodyRow& row = rows.velocity[usize(m.row)];
   const Quad3 velocity = m.seen_velocity, spin = m.seen_spin;
   m.seen_velocity = m.velocity = m.scale * momentum.linear;
@@ -354,40 +369,57 @@ void TreeGroup::guess_rates() {
   }
 }
 
-void TreeGroup::begin_substep(BodyRows& rows) {
+// Without what joints changed of the rows in the sub-step before.
+void TreeGroup::withdraw_given(BodyRows& rows) {
   for (std::size_t k = 0; k < members_.size(); ++k) {
     BodyRow& v = rows.velocity[usize(members_[k].row)];
     assign(v.linear, quad(v.linear) - quad(row_given_[k].linear));
     assign(v.angular, quad(v.angular) - quad(row_given_[k].angular));
     row_given_[k] = {};
   }
-  read_momenta(rows);
-  if (intervals_ > 0) find_inertia(rows);
-  tree_.factor(now_);
-  find_displacements(rows, 0);
-  if (follow(begin_)) {  // impacts
-    tree_.place(begin_, now_);
-    tree_.factor(now_);
+}
+
+void TreeGroup::begin_substep(BodyRows& rows) {
+  if (alone_) {
+    kick(h_, rows);
+  } else {
+    withdraw_given(rows);
+    read_momenta(rows);
   }
+  if (intervals_ > 0) find_inertia(rows);
+  if (!alone_) find_displacements(rows, 0);
+  if (!alone_ && displaced()) {  // by impacts
+    tree_.factor(now_);
+    follow(begin_);
+    tree_.place(begin_, now_);
+    tree_.begin(now_);
+  }
+  factored_ = false;
   guess_rates();
   end_ = begin_;
   tree_.advance(rates_, h_, end_);
+  double square = 0;
+  for (const Tree::Rate& rate : rates_) square = std::max(square, dot(rate.angular, rate.angular));
+  turn_ = h_ * std::sqrt(square);
 }
 
-// Newton's method with the matrix of the begin, its steps as long as Aitken's extrapolation says
-// (Irons and Tuck 1969, Int. J. Numer. Methods Eng. 1). Returns whether it has found the motion.
+// Newton's method with the matrix of the first guess, its steps as long as Aitken's extrapolation
+// says (Irons and Tuck 1969, Int. J. Numer. Methods Eng. 1). Returns whether it has found the
+// motion.
 bool TreeGroup::solve(double tolerance) {
   double part = 1, worst = 0;
   for (int i = 0; i < kIterations; ++i) {
     tree_.place(end_, next_);
-    tree_.find_momenta(now_, next_, h_, found_);
+    tree_.find_momenta(next_, h_, found_);
+    if (!factored_) tree_.factor(now_, next_, h_, found_);
+    if (!std::exchange(factored_, true)) drift_ = 0;
     for (std::size_t k = 0; k < members_.size(); ++k) {
       wanted_[k].linear = momenta_[k].linear - found_[k].linear;
       wanted_[k].angular = moment(k, momenta_[k].angular - found_[k].angular);
     }
     last_change_.swap(change_);
     tree_.respond(wanted_, change_);
-    worst = 0;
+    const double last = std::exchange(worst, 0);
     double along = 0, square = 0;
     for (std::size_t k = 0; k < members_.size(); ++k) {
       const Tree::Rate& change = change_[k];
@@ -399,20 +431,25 @@ bool TreeGroup::solve(double tolerance) {
     }
     worst = h_ * std::sqrt(worst);
     if (i > 0 && square > 0) part = std::clamp(part * along / square, kLeastPart, kMostPart);
-    const double length = worst < tolerance ? 1 : part;
+    drift_ += worst;
+    // An iteration leaves what it left before, or what the matrix does not know.
+    const double left = i == 0 ? turn_ * turn_ / 6 + 2 * drift_ : worst / last;
+    const bool found = worst == 0 || std::min(1., left) * worst < tolerance;
+    const double length = found ? 1 : part;
     for (std::size_t k = 0; k < members_.size(); ++k) {
       rates_[k].linear += length * change_[k].linear;
       rates_[k].angular += length * change_[k].angular;
       rates_[k].angle += length * change_[k].angle;
     }
     tree_.advance(change_, length * h_, end_);
-    if (worst < tolerance) return true;
+    if (found) return true;
   }
-  return worst < kEnough;
+  return worst < kClose;
 }
 
 // The momenta as rates.
 void TreeGroup::project() {
+  tree_.factor(now_);
   for (std::size_t k = 0; k < members_.size(); ++k)
     wanted_[k] = {momenta_[k].linear, moment(k, momenta_[k].angular)};
   tree_.respond(wanted_, change_);
@@ -423,11 +460,12 @@ void TreeGroup::project() {
 void TreeGroup::solve_velocities(BodyRows& rows, bool first, bool last) {
   if (first) {
     begin_substep(rows);
-  } else if (!read_momenta(rows) && solved_) {
+  } else if ((alone_ || !read_momenta(rows)) && solved_) {
     return;
   }
   solved_ = smooth_ || last;
-  const bool found = solve(smooth_ ? kTolerance : last ? kPressed : kEnough);
+  const bool held = tree_.parts()[0].kind != Kind::kFree;
+  const bool found = solve(!solved_ ? kEnough : !smooth_ ? kPressed : held ? kHeld : kFree);
   if (!found) {  // too far for it: as the velocities lead
     project();
     rates_ = change_;
@@ -436,7 +474,7 @@ void TreeGroup::solve_velocities(BodyRows& rows, bool first, bool last) {
     tree_.place(end_, next_);
   }
   for (std::size_t k = 0; k < members_.size(); ++k) {
-    const Tree::Momentum linear = tree_.momentum(k, now_[k], change_[k]);
+    const Tree::Momentum linear = tree_.momentum(k, change_[k]);
     if (found) {
       give(k, {found_[k].linear + linear.linear, found_[k].angular + linear.angular}, rows);
     } else {  // L turns with the body, so that its energy stays
@@ -456,25 +494,27 @@ void TreeGroup::find_displacements(const BodyRows& rows, double h) {
   }
 }
 
+bool TreeGroup::displaced() const {
+  return std::any_of(aside_.begin(), aside_.end(), [](const Aside& aside) {
+    return !same(aside.shift, Quad3{}) || !same(aside.turn, Quad3{});
+  });
+}
+
 // Takes coordinates as near to the displacements of the bodies as joints allow, by their momenta.
-// Returns whether there are any.
-bool TreeGroup::follow(std::span<Tree::Coordinate> coordinates) {
-  const auto is_none = [](const Aside& aside) {
-    return same(aside.shift, Quad3{}) && same(aside.turn, Quad3{});
-  };
-  if (std::all_of(aside_.begin(), aside_.end(), is_none)) return false;
+void TreeGroup::follow(std::span<Tree::Coordinate> coordinates) {
   for (std::size_t k = 0; k < members_.size(); ++k) {
     const auto& [shift, turn] = aside_[k];
-    wanted_[k] = tree_.momentum(k, now_[k], {shift - cross(turn, now_[k].c), turn});
+    wanted_[k] = tree_.momentum(k, {shift - cross(turn, tree_.centre(k)), turn});
     wanted_[k].angular = moment(k, wanted_[k].angular);
   }
   tree_.respond(wanted_, change_);
   tree_.advance(change_, 1, coordinates);
-  return true;
 }
 
 void TreeGroup::move(BodyRows& rows) {
-  if (smooth_) {
+  if (alone_) {
+    // is where the motion leads
+  } else if (smooth_) {
     for (std::size_t k = 0; k < members_.size(); ++k) {
       const Member& m = members_[k];
       const BodyRow& v = rows.velocity[usize(m.row)];
@@ -484,8 +524,10 @@ void TreeGroup::move(BodyRows& rows) {
   } else {
     find_displacements(rows, h_);
   }
-  read_momenta(rows);
-  if (follow(end_)) {
+  if (!alone_) read_momenta(rows);
+  if (!alone_ && displaced()) {
+    if (whirls_) tree_.factor(now_);  // by what impulses see
+    follow(end_);
     for (std::size_t k = 0; k < members_.size(); ++k) {
       rates_[k].linear += change_[k].linear / h_;
       rates_[k].angular += change_[k].angular / h_;
@@ -493,11 +535,15 @@ void TreeGroup::move(BodyRows& rows) {
     }
   }
   tree_.place(end_, next_);
-  tree_.find_momenta(now_, next_, h_, found_, turns_);
+  if (alone_)
+    tree_.begin(next_);
+  else
+    tree_.find_turns(next_, turns_);
   sum_impulses(smooth_ && intervals_ == 0 ? 0.5 : 1);
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
     m.coordinate += (m.is_a ? 2 : -2) * std::atan(0.5 * h_ * rates_[k].angle);
+    if (alone_) continue;
     m.seen_shift = 1 / m.scale * (next_[k].x - m.origin);
     m.seen_turn += m.unroot * turns_[k];
     BodyRow& x = rows.displacement[usize(m.row)];
@@ -506,7 +552,8 @@ void TreeGroup::move(BodyRows& rows) {
   }
   now_.swap(next_);
   begin_ = end_;
-  for (std::size_t k = 0; k < members_.size(); ++k) show_spin(k, rows);
+  for (Tree::Coordinate& at : begin_) at.q.normalize();
+  for (std::size_t k = 0; k < members_.size() && !alone_; ++k) show_spin(k, rows);
   ++intervals_;
 }
 
@@ -532,14 +579,17 @@ void TreeGroup::sum_impulses(double weight) {
 
 void TreeGroup::end_step(BodyRows& rows) {
   if (!smooth_) return;
-  read_momenta(rows);
+  if (!alone_) read_momenta(rows);
   kick(0.5 * h_, rows);
-  read_momenta(rows);
-  tree_.factor(now_);
   project();
-  for (std::size_t k = 0; k < members_.size(); ++k)
-    give(k, tree_.momentum(k, now_[k], change_[k]), rows);
+  for (std::size_t k = 0; k < members_.size(); ++k) give(k, tree_.momentum(k, change_[k]), rows);
   sum_impulses(0);
+  for (std::size_t k = 0; k < members_.size() && alone_; ++k) {
+    const Member& m = members_[k];
+    show(k, rows);
+    rows.displacement[usize(m.row)] = {};
+    assign(rows.displacement[usize(m.row)].linear, 1 / m.scale * (now_[k].x - m.origin));
+  }
 }
 
 void TreeGroup::store(Bodies& bodies, std::span<Joint> joints, double dt) const {

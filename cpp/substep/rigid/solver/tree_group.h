@@ -43,9 +43,10 @@ class TreeGroup {
   static constexpr double kShortest = 1e-30;  // sub-step: momenta are found from positions [s]
   static constexpr int kIterations = 60;
   static constexpr double kLeastPart = 0.3, kMostPart = 4;  // of a step of Newton's method
-  // Changes of the motion [m], [rad] below which it is found; where contacts press, and what they
-  // will still change.
-  static constexpr double kTolerance = 1e-10, kPressed = 1e-8, kEnough = 1e-5;
+  // What may be left of an error of the motion [m], [rad]: of a tree that nothing holds, whose
+  // momenta stay what they are, of others, where contacts press, and what they will still change.
+  static constexpr double kFree = 1e-12, kHeld = 1e-10, kPressed = 1e-8, kEnough = 1e-6;
+  static constexpr double kClose = 1e-5;  // change of an iteration that has not found it
 
   // The body of a part, and its joint, -1 if it has none.
   struct Member {
@@ -60,7 +61,6 @@ class TreeGroup {
     Quad3 seen_velocity, seen_spin, seen_shift, seen_turn;  // of the row
     Tree::Momentum impulse;  // of the joint on this body at the anchor, in the last sub-step
     Tree::Momentum sum;      // in the step
-    bool slow;               // whether impulses see larger moments
     double coordinate;       // of the joint, but for rounding
   };
   // Of forces at the joints of a body that swing it, in its frame: K for the axes, sum of K r and
@@ -78,6 +78,7 @@ class TreeGroup {
   void set_joint(std::size_t k, const Joint& joint, const Bodies& bodies);
   bool set_coordinates(const Bodies& bodies);
   void show_spin(std::size_t k, BodyRows& rows);
+  void show(std::size_t k, BodyRows& rows);
   void find_inertia(BodyRows& rows);
   void see_inertia(std::size_t k, const Quad3& inertia, BodyRows& rows);
   Quad3 moment(std::size_t k, const Quad3& change) const;
@@ -85,18 +86,22 @@ class TreeGroup {
   bool read_momenta(const BodyRows& rows);
   void give(std::size_t k, const Tree::Momentum& momentum, BodyRows& rows);
   void guess_rates();
+  void withdraw_given(BodyRows& rows);
   void begin_substep(BodyRows& rows);
   bool solve(double tolerance);
   void project();
   void find_displacements(const BodyRows& rows, double h);
-  bool follow(std::span<Tree::Coordinate> coordinates);
+  bool displaced() const;
+  void follow(std::span<Tree::Coordinate> coordinates);
   void sum_impulses(double weight);
 
   Tree tree_;
   std::vector<Member> members_;
   double h_ = 0;
-  bool smooth_ = false, solved_ = false, whirls_ = false;
-  std::int64_t intervals_ = 0;                 // of this step
+  bool smooth_ = false, solved_ = false, factored_ = false, whirls_ = false;
+  bool alone_ = false;           // nothing touches it, so that rows need not follow before the end
+  double turn_ = 0, drift_ = 0;  // largest turn in the sub-step; way from where the matrix is of
+  std::int64_t intervals_ = 0;   // of this step
   std::vector<Tree::Coordinate> begin_, end_;  // of the sub-step
   std::vector<Tree::Place> now_, next_;        // there
   std::vector<Tree::Momentum> momenta_;        // of the bodies

@@ -71,8 +71,13 @@ void shorten(std::int32_t f, const Fixtures& fixtures, const BroadPhase& broad_p
 void stop_fast_bodies(std::span<const std::int32_t> moved, const Fixtures& fixtures,
                       const BroadPhase& broad_phase, const Vec3& gravity, Bodies& bodies) {
   std::vector<Stop> stops;
+  const auto meets_some = [&](std::int32_t body) {
+    for (std::int32_t f = fixtures.first(body); f < fixtures.first(body + 1); ++f)
+      if (fixtures[f].fixture.group != 0 && fixtures[f].fixture.mask != 0) return true;
+    return false;
+  };
   for (const std::int32_t body : moved) {
-    if (!bodies.dynamic(body)) continue;
+    if (!bodies.dynamic(body) || !meets_some(body)) continue;
     // No middle of a fixture goes further than this.
     const double way = (bodies.position(body) - fixtures.body_pose(body).position).norm() +
                        2 * fixtures.off_centre(body);
