@@ -315,9 +315,8 @@ template <class Real, int D>
 void GridUpdate<Real, D>::find_holders(std::int32_t node_block,
                                        std::vector<Holder>& holders) const {
   holders.clear();
-  for (std::size_t s = 0; s < distances_.all().size(); ++s) {
-    const auto* patch = distances_.patch(s, node_block);
-    if (patch != nullptr) holders.push_back({distances_.all()[s].collider, patch});
+  for (const auto& held : distances_.held(node_block)) {
+    holders.push_back({distances_.all()[usize(held.surface)].collider, &distances_.patch(held)});
   }
 }
 
@@ -377,6 +376,7 @@ void GridUpdate<Real, D>::clear_exchange() {
 template <class Real, int D>
 double GridUpdate<Real, D>::finish() {
   const std::size_t many = colliders.size();
+  const std::span<const Exchange> from_particles = particles_.sum_exchanges();
   for (std::size_t c = 0; c < many; ++c) {
     Exchange sum = colliders[c].exchange();
     for (std::size_t part = c; part < parts_.size(); part += many) sum += parts_[part];
@@ -387,12 +387,12 @@ double GridUpdate<Real, D>::finish() {
       colliders[c].angular_velocity = body.angular_velocity;
       colliders[c].body.received = body.body.received;
     }
-    sum += particles_.exchange(c);
+    sum += from_particles[c];
     colliders[c].set_exchange(sum);
     colliders[c].advance(dt_);
   }
   for (std::size_t c = 0; c < many; ++c) {
-    if (colliders[c].yields()) push_body(colliders, c, particles_.exchange(c));
+    if (colliders[c].yields()) push_body(colliders, c, from_particles[c]);
   }
   bodies_.end();
   return particles_.excess();
