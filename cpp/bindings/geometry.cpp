@@ -284,8 +284,8 @@ void bind_collider(py::module_& m) {
           "corners",
           [](const Collider& self) {
             const auto& [a, b, c, radius] = std::get<Triangle>(self.shape());
-            return std::array<double, 9>{a.x(), a.y(), a.z(), b.x(), b.y(), b.z(),
-                                         c.x(), c.y(), c.z()};
+            return std::array<double, 9>{a.x(), a.y(), a.z(), b.x(), b.y(),
+                                         b.z(), c.x(), c.y(), c.z()};
           },
           [](Collider& self, const std::array<double, 9>& x) {
             const double radius = std::get<Triangle>(self.shape()).radius;

@@ -16,7 +16,7 @@ namespace substep::geometry {
 
 // At all points x the signed distance of a collider is at least |x - center| - radius.
 struct BoundingBall {
-  Vec3 center = Vec3::Zero();  // in the frame of the collider [m]
+  Vec3 center = Vec3::Zero();                               // in the frame of the collider [m]
   double radius = std::numeric_limits<double>::infinity();  // [m]
 };
 

@@ -202,8 +202,8 @@ void FrictionTerm::lag(Positions x) {
     const double force = -k * barrier(d, contacts_.thickness).first * gradient.norm();
     if (force == 0.0) continue;
     touching.push_back(pair);
-    lagged_.push_back({c.friction * force, gradient.normalized(), c.surface_velocity(at),
-                       at - c.centre()});
+    lagged_.push_back(
+        {c.friction * force, gradient.normalized(), c.surface_velocity(at), at - c.centre()});
   }
   set_pairs(std::move(touching));
 }

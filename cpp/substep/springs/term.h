@@ -23,9 +23,9 @@ class Term {
   // The vertices of all elements, arity() each, fixed for the life of the term, unless it roves.
   virtual int arity() const = 0;
   virtual std::span<const std::int32_t> vertices() const = 0;
-  // Whether its elements, of one vertex each, are others at other positions: those that count, which
-  // find() looks for. lists() tells how often they changed, and energies are summed by parts: that
-  // of element e ends at part_end(), if `grain` are one.
+  // Whether its elements, of one vertex each, are others at other positions: those that count,
+  // which find() looks for. lists() tells how often they changed; energies are summed by parts,
+  // which part_end() ends for element e, if `grain` are one.
   virtual bool roves() const { return false; }
   virtual void find(Positions /*x*/) {}
   virtual std::int64_t lists() const { return 0; }

@@ -381,7 +381,10 @@ class _States(Rows):
         if not array.size:
             return
         with np.errstate(over="ignore"):
-            length, friction, restitution = np.linalg.norm(array[:, 3:7], axis=1), *array.T[13:_STATE]
+            length, friction, restitution = (
+                np.linalg.norm(array[:, 3:7], axis=1),
+                *array.T[13:_STATE],
+            )
         wrong = ~(np.abs(length - 1) <= 1e-9)
         self._refuse(label, length, wrong, "a rotation of length 1")
         self._refuse(label, friction, friction < 0, "a friction of at least 0")

@@ -40,7 +40,8 @@ class NodeDistances {
   };
   // Those of a node block, ascending by their surfaces.
   std::span<const Held> held(std::int32_t node_block) const {
-    const auto first = usize(starts_[usize(node_block)]), end = usize(starts_[usize(node_block) + 1]);
+    const auto first = usize(starts_[usize(node_block)]),
+               end = usize(starts_[usize(node_block) + 1]);
     return std::span(held_).subspan(first, end - first);
   }
   const Patch& patch(const Held& held) const {
