@@ -251,7 +251,7 @@ def test_obstacles_out_of_reach_change_no_bits():
         lambda c: substep.GridLiquid(water, cell=0.1, bounds=bounds, colliders=c),
         lambda c: cube(0.2, 2, 500.0, (0.01, 0.02, 0.17), colliders=c),
         lambda c: substep.PositionBasedDynamics(
-            mesh.vertices + (0.01, 0.02, 0.09),
+            mesh.vertices + np.array([0.01, 0.02, 0.09]),
             0.01,
             [substep.pbd.Distance(np.unique(np.sort(edges, axis=1), axis=0), compliance=1e-5)],
             step=1 / 240,

@@ -361,6 +361,7 @@ def _stays_off_plane(collider: Collider) -> bool:
 
 
 _STATE = 15  # numbers of `Collider::state`
+_LARGEST = 1e70  # of the corners of facets [m], so that products of four are finite
 
 
 def collider_states(colliders: Sequence[Collider]) -> NDArray[np.float64]:
@@ -390,7 +391,9 @@ class _States(Rows):
         self._refuse(label, friction, friction < 0, "a friction of at least 0")
         wrong = (restitution < 0) | (restitution > 1)
         self._refuse(label, restitution, wrong, "a restitution from 0 to 1")
-        self._refuse(label, array, np.abs(array) > _MOST, f"numbers within {_MOST}")
+        most = np.where(np.arange(array.shape[1]) < _STATE, _MOST, _LARGEST)
+        wanted = f"numbers within {_MOST}, of corners within {_LARGEST}"
+        self._refuse(label, array, np.abs(array) > most, wanted)
 
 
 def colliders_entry(colliders: Sequence[Collider]) -> Rows:

@@ -238,15 +238,20 @@ void GridUpdate<Real, D>::find_contacts(std::int32_t node_block, std::span<const
                                         const Real* nodes, Found& found) const {
   constexpr int kNodes = transfer::NodeBlocks<Real, D>::kNodes;
   double total = 0;
+  std::vector<Holder> held;  // those of a node
   for (int node = 0; node < kNodes; ++node) {
     const Real* const at = nodes + node * kNodeReals;
     const std::size_t first = found.contacts.size();
     total += static_cast<double>(at[D]);
+    held.clear();
+    if (at[D] < kEmpty<Real>) continue;
     for (const Holder& holder : holders) {
+      if (holder.patch->values[4 * node + 3] <= 0) held.push_back(holder);
+    }
+    for (const Holder& holder : held) {
       const Collider& collider = moving()[holder.collider];
       const Real* const n = holder.patch->values + 4 * node;
-      if (!collider.yields() || !(n[3] <= 0) || at[D] < kEmpty<Real>) continue;
-      if (other_is_nearer(holders, holder, node)) continue;
+      if (!collider.yields() || other_is_nearer(held, holder, node)) continue;
       Vec3 arm = place<D>(layout_->node_keys[usize(node_block)], node, cell_) - collider.centre();
       if constexpr (D == 2) arm[2] = 0;
       found.contacts.push_back({holder.collider, std::int64_t{node_block} * kNodes + node,
