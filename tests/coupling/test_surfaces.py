@@ -261,7 +261,8 @@ def test_obstacles_out_of_reach_change_no_bits():
     for make in makers:
         hashes = []
         for far in (False, True):
-            cloth = sheet(5, damping_time=0.05)
+            cloth = sheet(5, damping_time=0.05, pinned="")
+            cloth.velocities[:, 2] = 1.0
             obstacles = cloth.make_colliders(0.2 if make is makers[3] else 0.1, friction=0.3)
             balls = [
                 substep.Collider(substep.Sphere(0.1, (0.3 * k, 3.0, 0.05)), velocity=(0, 0.1, 0))
@@ -270,11 +271,14 @@ def test_obstacles_out_of_reach_change_no_bits():
             colliders = [*balls[:20], *obstacles, *balls[20:]] if far else obstacles
             member = make(colliders)
             world = substep.World({"member": member, "cloth": cloth}, step=1 / 240)
-            steps(world, 4)
+            met = []
+            for _ in range(16):
+                world.step()
+                met.append(load(world)[2])
             hashes.append(
                 substep.state_hash(*(np.asarray(m.positions) for m in world.members.values()))
             )
-            assert load(world)[2] < 0
+            assert min(met) < 0
         assert hashes[0] == hashes[1], type(member).__name__
 
 
