@@ -13,6 +13,7 @@
 #include "substep/core/usize.h"
 #include "substep/geometry/bounding_balls.h"
 #include "substep/geometry/conservative_advancement.h"
+#include "substep/geometry/surely_beyond.h"
 
 namespace substep::geometry {
 namespace {
@@ -229,8 +230,9 @@ void ParticleContact<Real>::find_among(const BoundingBalls& balls,
                         std::back_inserter(near));
   std::erase_if(near, [&](std::int32_t c) {
     const Collider& collider = colliders[usize(c)];
-    return collider.local_distance(obstacles_[usize(c)].to.to_local(all.center)).value >
-           collider.lipschitz() * (all.radius + reach);
+    const Vec3 local = obstacles_[usize(c)].to.to_local(all.center);
+    return surely_beyond(collider, local, all.radius + reach) ||
+           collider.local_distance(local).value > collider.lipschitz() * (all.radius + reach);
   });
   if (end - begin > kSingles) {
     const std::int64_t part = std::max<std::int64_t>((end - begin + 7) / 8, kSingles);
@@ -243,6 +245,7 @@ void ParticleContact<Real>::find_among(const BoundingBalls& balls,
     const Collider& collider = colliders[usize(c)];
     for (std::int64_t i = begin; i < end; ++i) {
       const Vec3 local = obstacles_[usize(c)].to.to_local(xyz(x[i]));
+      if (surely_beyond(collider, local, reach)) continue;
       if (collider.local_distance(local).value < collider.lipschitz() * reach) {
         found.push_back({c, static_cast<std::int32_t>(i)});
       }

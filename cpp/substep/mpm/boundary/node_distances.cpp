@@ -7,6 +7,7 @@
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
 #include "substep/geometry/bounding_balls.h"
+#include "substep/geometry/surely_beyond.h"
 
 namespace substep::mpm {
 namespace {
@@ -27,44 +28,6 @@ Vec3 corner(std::uint64_t key, double cell) {
   return x;
 }
 
-// Whether a point is surely further from a facet than some reach, without its distance: beyond its
-// plane, or in that plane beyond an edge. Never for other obstacles.
-class FacetPrism {
- public:
-  explicit FacetPrism(const geometry::Collider& collider) {
-    const auto* facet = std::get_if<geometry::Triangle>(&collider.shape());
-    if (facet == nullptr || collider.hollow()) return;
-    const auto world = [&](const Vec3& x) {
-      return Vec3(collider.position() + collider.rotation() * x);
-    };
-    const Vec3 corners[] = {world(facet->a), world(facet->b), world(facet->c)};
-    const Vec3 across = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
-    if (!(across.norm() > 0)) return;
-    radius_ = facet->radius;
-    add(across, corners[0]), add(-across, corners[0]);
-    for (int k = 0; k < 3; ++k) {
-      add((corners[(k + 1) % 3] - corners[k]).cross(across), corners[k]);
-    }
-  }
-  bool beyond(const Vec3& x, double reach) const {
-    constexpr double kOfLength = 1e-9, kOfPlace = 1e-12;
-    const double most = (1 + kOfLength) * (radius_ + reach) + kOfPlace * x.norm();
-    bool found = false;
-    for (int k = 0; k < many_; ++k) found |= normals_[k].dot(x - from_[k]) > most;
-    return found;
-  }
-
- private:
-  void add(const Vec3& direction, const Vec3& from) {
-    if (!(direction.norm() > 0)) return;
-    normals_[many_] = direction.normalized();
-    from_[many_++] = from;
-  }
-  Vec3 normals_[5], from_[5];
-  double radius_ = 0;
-  int many_ = 0;
-};
-
 // Groups of 2^D nodes that are surely free are not looked at one by one: about half of them.
 template <class Real, int D>
 void sample(const geometry::Collider& collider, int axis, std::uint64_t key, double cell,
@@ -73,12 +36,15 @@ void sample(const geometry::Collider& collider, int axis, std::uint64_t key, dou
   const double near = reach + kTolerance * cell;
   const double clear = lipschitz(collider, axis) * 0.5 * std::sqrt(D) * cell + near;
   const Vec3 first = corner<D>(key, cell);
-  const FacetPrism prism(collider);
+  const auto beyond = [&](const Vec3& x, double far) {
+    const Vec3 local = collider.rotation().transpose() * (x - collider.position());
+    return geometry::surely_beyond(collider, local, far);
+  };
   for (int group = 0; group < 1 << D; ++group) {
     Vec3 centre = first;
     for (int d = 0; d < D; ++d) centre[d] += cell * (kHalf * (group >> d & 1) + 0.5);
     const bool free =
-        prism.beyond(centre, clear) || signed_distance(collider, axis, centre).value > clear;
+        beyond(centre, clear) || signed_distance(collider, axis, centre).value > clear;
     for (int member = 0; member < 1 << D; ++member) {
       Vec3 x = first;
       int node = 0;
@@ -89,7 +55,7 @@ void sample(const geometry::Collider& collider, int axis, std::uint64_t key, dou
       }
       Real* const value = values + 4 * node;
       std::fill_n(value, 4, static_cast<Real>(cell));
-      if (free || prism.beyond(x, near)) continue;
+      if (free || beyond(x, near)) continue;
       auto [distance, n] = signed_distance(collider, axis, x);
       if constexpr (D == 2) n[2] = 0;
       const double length = n.norm();

@@ -7,6 +7,7 @@
 #include "substep/core/lanes.h"
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
+#include "substep/geometry/surely_beyond.h"
 
 namespace substep::mpm {
 namespace {
@@ -319,7 +320,8 @@ bool ParticleBoundary<Real, D>::settle_one(Near& near, const Vec3& before, Vec3&
       const auto [c, axis] = wall.surface;
       const Collider &from = from_[c], &to = to_[c];
       const Vec3 came = to_local(from, before), target = to_local(to, x);
-      const bool inside = !(local_distance(from, axis, came).value > 0);
+      const bool inside =
+          !geometry::surely_beyond(from, came, 0) && !(local_distance(from, axis, came).value > 0);
       Vec3 p = held_off(from, axis, came, target, margin, inside);
       if (inside) {
         const double way = (p - target).norm(), most = kPush * cell_;
