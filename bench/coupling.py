@@ -4,8 +4,8 @@
 number of steps that the medium took: the medium with the bodies' obstacles at rest, and the bodies
 without it. "coupled" is that of the world, and "ratio" the one over the other; both start from the
 same state, and the least of six intervals counts, taken in turns. The cases: 12 bodies in a grid
-liquid, in a position-based fluid and on sand, a ball in a cloth; sand on a
-cloth of 200 triangles; then 1 to 1000 balls in 200,000 particles. Prints JSON lines {workload,
+liquid, in a position-based fluid and on sand, a ball in a cloth; sand on a cloth of 200 triangles,
+a soft body on one of 128; then 1 to 1000 balls in 200,000 particles. Prints JSON lines {workload,
 peer, metric, value, unit, threads, isa}.
 python bench/coupling.py [--quick]
 """
@@ -118,6 +118,24 @@ def sand_on_cloth(size: int) -> Made:
     )
 
 
+def soft_body_on_cloth(size: int) -> Made:
+    grid = substep.geometry.grid_mesh(9, 9, (0.8, 0.8))
+    rim = np.abs(grid.vertices[:, :2]).max(axis=1) > 0.4 - 1e-9
+    sheet = substep.MassSpring.from_mesh(
+        grid, density=2.0, stiffness=2e3, damping_time=0.05, pinned=rim, step=1 / 240
+    )
+    mesh = substep.geometry.box_tetrahedra((0.2, 0.2, 0.2), (size, size, size))
+    return sheet, substep.SoftBody(
+        mesh.vertices + np.array([0, 0, 0.155]),
+        mesh.tetrahedra,
+        density=500.0,
+        young_modulus=5e4,
+        poisson_ratio=0.3,
+        step=1 / 240,
+        colliders=sheet.make_colliders(0.1, friction=0.3),
+    )
+
+
 def measure(workload: str, make: Callable[[], Made], threads: int, repeats: int) -> None:
     interval = 1 / 60
     bodies, medium = make()
@@ -151,6 +169,7 @@ def main() -> None:
         "12 balls, sand": lambda: sand(size),
         "a ball, cloth": lambda: cloth(4 * size // 3),
         "sand on cloth": lambda: sand_on_cloth(2 * size),
+        "soft body on cloth": lambda: soft_body_on_cloth(size // 7),
     }
     for count in (1, 10) if quick else (1, 10, 100, 1000):
         radius = 0.25 * (0.4 / count) ** (1 / 3)

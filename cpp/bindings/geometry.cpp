@@ -279,6 +279,18 @@ void bind_collider(py::module_& m) {
             self.set_orientation(Quaternion(q[0], q[1], q[2], q[3]));
           })
       .def_property("state", &Collider::state, &Collider::restore)
+      // Of a facet, in its frame: what it goes on from beside that, as it deforms.
+      .def_property(
+          "corners",
+          [](const Collider& self) {
+            const auto& [a, b, c, radius] = std::get<Triangle>(self.shape());
+            return std::array<double, 9>{a.x(), a.y(), a.z(), b.x(), b.y(),
+                                         b.z(), c.x(), c.y(), c.z()};
+          },
+          [](Collider& self, const std::array<double, 9>& x) {
+            const double radius = std::get<Triangle>(self.shape()).radius;
+            self.set_shape(Triangle{Vec3(&x[0]), Vec3(&x[3]), Vec3(&x[6]), radius});
+          })
       // By hand, of one: for tests.
       .def(
           "set_body",

@@ -138,6 +138,8 @@ py::dict state_of(WorldState s) {
   state["motions"] = motions_of(s.bodies);
   state["rest_positions"] = Rows({n, py::ssize_t{3}}, s.rest_x.data());
   state["rest_rotations"] = Rows({n, py::ssize_t{4}}, s.rest_q.data());
+  state["placed_positions"] = Rows({n, py::ssize_t{3}}, s.placed_x.data());
+  state["placed_rotations"] = Rows({n, py::ssize_t{4}}, s.placed_q.data());
   state["slow_time"] = column(s.slow_time);
   state["island"] = column(s.island);
   state["excluded"] = pack<std::int32_t>(s.excluded, kPair);
@@ -175,6 +177,7 @@ void restore_state(PyWorld& self, const py::dict& state) {
     s.bodies.motion[i] = static_cast<Motion>(motions[i]);
   read("slow_time", s.slow_time), read("island", s.island);
   read("rest_positions", s.rest_x), read("rest_rotations", s.rest_q);
+  read("placed_positions", s.placed_x), read("placed_rotations", s.placed_q);
   unpack<std::int32_t>(state, "excluded", s.excluded, kPair);
   std::vector<std::array<double, 5>> surfaces;
   unpack<double>(state, "material_pairs", surfaces, kNumbers);

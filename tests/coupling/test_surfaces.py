@@ -214,6 +214,74 @@ def test_bits_do_not_depend_on_threads_or_a_checkpoint(tmp_path):
         assert digest(other) == hashes[0]
 
 
+def test_a_restored_world_has_its_surfaces_where_they_were():
+    """At once, before its next step: corners are in the state of the member that meets them."""
+    world, points = falling(), substep.fill_box((-0.3, -0.3, -0.1), (0.3, 0.3, 0.1), 0.1)
+
+    def distances(w):
+        return np.array([collider.distance(points) for collider in w["block"].colliders])
+
+    steps(world, 6)
+    kept, there = world.state(), distances(world)
+    steps(world, 12)
+    assert np.abs(distances(world) - there).max() > 1e-3
+    other = falling()
+    for w in (world, other):
+        w.restore(kept)
+        np.testing.assert_array_equal(distances(w), there)
+    np.testing.assert_array_equal(distances(world.copy()), there)
+    steps(world, 12)
+    other["block"].restore(world["block"].state())
+    np.testing.assert_array_equal(distances(other), distances(world))
+
+
+def test_obstacles_out_of_reach_change_no_bits():
+    """Those that are culled are those that could not have acted, in each method."""
+    mesh = substep.geometry.grid_mesh(6, 6, (0.6, 0.6))
+    edges = np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]])
+    sand = substep.fill_box((-0.1, -0.1, 0.06), (0.1, 0.1, 0.14), 0.025)
+    water = substep.fill_box((-0.3, -0.3, 0.06), (0.3, 0.3, 0.2), 0.05)
+    bounds = ((-0.4, -0.4, -0.2), (0.4, 0.4, 0.4))
+    makers = (
+        lambda c: lump((-0.1, -0.1, 0.06), (0.1, 0.1, 0.16), c),
+        lambda c: substep.MaterialPointMethod(
+            sand, substep.mpm.Sand(), cell=0.05, volume=0.025**3, colliders=c
+        ),
+        lambda c: substep.PositionBasedFluid(water, 0.05, colliders=c),
+        lambda c: substep.GridLiquid(water, cell=0.1, bounds=bounds, colliders=c),
+        lambda c: cube(0.2, 2, 500.0, (0.01, 0.02, 0.17), colliders=c),
+        lambda c: substep.PositionBasedDynamics(
+            mesh.vertices + np.array([0.01, 0.02, 0.09]),
+            0.01,
+            [substep.pbd.Distance(np.unique(np.sort(edges, axis=1), axis=0), compliance=1e-5)],
+            step=1 / 240,
+            colliders=c,
+        ),
+    )
+    for make in makers:
+        hashes = []
+        for far in (False, True):
+            cloth = sheet(5, damping_time=0.05, pinned="")
+            cloth.velocities[:, 2] = 1.0
+            obstacles = cloth.make_colliders(0.2 if make is makers[3] else 0.1, friction=0.3)
+            balls = [
+                substep.Collider(substep.Sphere(0.1, (0.3 * k, 3.0, 0.05)), velocity=(0, 0.1, 0))
+                for k in range(40)
+            ]
+            colliders = [*balls[:20], *obstacles, *balls[20:]] if far else obstacles
+            member = make(colliders)
+            world = substep.World({"member": member, "cloth": cloth}, step=1 / 240)
+            met = []
+            for _ in range(16):
+                world.step()
+                met.append(load(world)[2])
+            hashes.append(
+                substep.state_hash(*(np.asarray(m.positions) for m in world.members.values()))
+            )
+            assert min(met) < 0
+        assert hashes[0] == hashes[1], type(member).__name__
+
+
 def test_a_failure_leaves_all_as_it_was():
     world = falling()
     steps(world, 12)

@@ -813,6 +813,46 @@ def test_islands_fall_asleep_and_wake():
     assert not awake.asleep.any()
 
 
+def lifted(bodies):
+    """A box that sleeps on the ground is lifted; ground under another one goes down."""
+    bodies.set_positions((0, 0, 2.5), ids=2)
+    bodies.set_positions((5, 0, -1.0), ids=1)
+
+
+def test_copies_know_what_was_moved_since_the_last_step(tmp_path):
+    bodies = on_ground()
+    bodies.add(BOX, (5, 0, 0.5), motion="static")
+    bodies.add(BOX, [[0, 0, 0.5], [5, 0, 1.5]])
+    bodies.advance(2.0)
+    assert bodies.asleep.tolist() == [False, False, True, True]
+    lifted(bodies)
+    bodies.save(tmp_path / "moved")
+    loaded, restored = bodies.copy(), bodies.copy()
+    bodies.advance(0.1)  # then it has nothing more to tell
+    twins = [loaded, restored]
+    loaded.load(tmp_path / "moved")
+    restored.restore(loaded.state())
+    twins += [loaded.copy(), pickle.loads(pickle.dumps(loaded))]
+    assert bodies.velocities[2:, 2].max() < -0.9  # both fall
+    for twin in twins:
+        twin.advance(0.1)
+        assert substep.state_hash(twin.positions) == substep.state_hash(bodies.positions)
+        assert not twin.asleep.any()
+
+
+def test_a_step_that_fails_forgets_nothing_that_was_moved():
+    bodies = on_ground()
+    box, other = bodies.add(BOX, [[0, 0, 0.5], [5, 0, 0.5]])
+    bodies.advance(2.0)
+    bodies.set_positions((0, 0, 2.5), ids=box)
+    bodies.forces[other] = 1e200
+    with pytest.raises(substep.SolverError):
+        bodies.step()
+    bodies.forces[other] = 0.0
+    bodies.advance(0.1)
+    assert bodies.velocities[box, 2] == pytest.approx(-0.981, rel=0.05)
+
+
 def test_recordings_hold_the_frames_of_shapes(tmp_path):
     bodies = on_ground()
     hull = bodies.add(rigid.ConvexHull(CORNER), (1, 2, 3), about((1, 0, 0), 0.3))

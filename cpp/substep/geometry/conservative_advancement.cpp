@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <optional>
 
+#include "substep/geometry/surely_beyond.h"
+
 namespace substep::geometry {
 namespace {
 
@@ -51,6 +53,7 @@ Vec3 set_off(const Collider& collider, const Vec3& x, double margin) {
 
 Vec3 advance_freely(const Collider& collider, const Vec3& from, const Vec3& to, double margin) {
   if (const auto nearest = nearest_free(collider, to, margin)) return *nearest;
+  if (surely_beyond(collider, to, std::max(margin, (to - from).norm()))) return to;
   const double lipschitz = collider.lipschitz();
   double d = collider.local_distance(to).value;
   if (lipschitz * (to - from).norm() < d) {  // the whole way is free

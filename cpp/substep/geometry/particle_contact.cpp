@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <iterator>
 #include <limits>
 #include <utility>
 
@@ -10,7 +11,9 @@
 #include "substep/core/lanes.h"
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
+#include "substep/geometry/bounding_balls.h"
 #include "substep/geometry/conservative_advancement.h"
+#include "substep/geometry/surely_beyond.h"
 
 namespace substep::geometry {
 namespace {
@@ -181,6 +184,75 @@ void ParticleContact<Real>::find_near(std::size_t c, std::span<const Point<Real>
                      [&](std::int64_t i) { found.push_back(static_cast<std::int32_t>(i)); });
 }
 
+template <class Real>
+auto ParticleContact<Real>::find_near(std::span<const Point<Real>> x, double reach) const
+    -> std::vector<std::vector<Near>> {
+  BoundingBalls balls;  // relative to the origin
+  std::vector<std::int32_t> aligned, others;
+  for (std::size_t c = 0; c < colliders.size(); ++c) {
+    const BoundingBall ball = bounding_ball(colliders[c]);
+    balls.add(obstacles_[c].to.to_world(ball.center), ball.radius);
+    (obstacles_[c].aligned ? aligned : others).push_back(static_cast<std::int32_t>(c));
+  }
+  const auto n = static_cast<std::int64_t>(x.size());
+  std::vector<std::vector<Near>> found(usize((n + kGrain - 1) / kGrain));
+  parallel_for(
+      n, kGrain,
+      [&](std::int64_t begin, std::int64_t end) {
+        std::vector<Near>& near = found[usize(begin / kGrain)];
+        std::vector<std::int32_t> particles;
+        for (const std::int32_t c : aligned) {
+          particles.clear();
+          find_near(usize(c), x, begin, end, reach, particles);
+          for (const std::int32_t i : particles) near.push_back({c, i});
+        }
+        find_among(balls, others, x, begin, end, reach, near);
+        std::sort(near.begin(), near.end());
+      },
+      threads);
+  return found;
+}
+
+// A ball about a range of particles, and those that it does not keep clear of; then parts of the
+// range.
+template <class Real>
+void ParticleContact<Real>::find_among(const BoundingBalls& balls,
+                                       std::span<const std::int32_t> around,
+                                       std::span<const Point<Real>> x, std::int64_t begin,
+                                       std::int64_t end, double reach,
+                                       std::vector<Near>& found) const {
+  constexpr std::int64_t kSingles = 8;
+  if (around.empty()) return;
+  const Ball all = ball(x.subspan(begin, end - begin));
+  std::vector<std::int32_t> close, near;
+  balls.find(all.center, all.radius + reach, close);
+  std::set_intersection(around.begin(), around.end(), close.begin(), close.end(),
+                        std::back_inserter(near));
+  std::erase_if(near, [&](std::int32_t c) {
+    const Collider& collider = colliders[usize(c)];
+    const Vec3 local = obstacles_[usize(c)].to.to_local(all.center);
+    return surely_beyond(collider, local, all.radius + reach) ||
+           collider.local_distance(local).value > collider.lipschitz() * (all.radius + reach);
+  });
+  if (end - begin > kSingles) {
+    const std::int64_t part = std::max<std::int64_t>((end - begin + 7) / 8, kSingles);
+    for (std::int64_t b = begin; b < end; b += part) {
+      find_among(balls, near, x, b, std::min(b + part, end), reach, found);
+    }
+    return;
+  }
+  for (const std::int32_t c : near) {
+    const Collider& collider = colliders[usize(c)];
+    for (std::int64_t i = begin; i < end; ++i) {
+      const Vec3 local = obstacles_[usize(c)].to.to_local(xyz(x[i]));
+      if (surely_beyond(collider, local, reach)) continue;
+      if (collider.local_distance(local).value < collider.lipschitz() * reach) {
+        found.push_back({c, static_cast<std::int32_t>(i)});
+      }
+    }
+  }
+}
+
 // A ball about a range of particles that keeps clear of the collider spares them all; else parts of
 // the range are looked at.
 template <class Real>
@@ -214,6 +286,11 @@ template <class Real>
 bool ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real> mass,
                                   std::span<Point<Real>> along) {
   std::atomic<bool> covered = false;
+  BoundingBalls balls;  // relative to the origin
+  for (std::size_t c = 0; c < colliders.size(); ++c) {
+    const BoundingBall ball = bounding_ball(colliders[c]);
+    balls.add(obstacles_[c].from.to_world(ball.center), ball.radius);
+  }
   const auto clear_range = [&](std::size_t c, std::int64_t begin, std::int64_t end) {
     const Collider& collider = colliders[c];
     const Pose &at = obstacles_[c].from, &to = obstacles_[c].to;
@@ -223,6 +300,7 @@ bool ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real
     } else {
       find_in_ball(c, at, x, begin, end, margin_, found);
     }
+    bool any = false;
     for (const std::int32_t i : found) {
       const Vec3 local = at.to_local(xyz(x[i]));
       const double distance = collider.local_distance(local).value;
@@ -234,12 +312,25 @@ bool ParticleContact<Real>::clear(std::span<Point<Real>> x, std::span<const Real
       if (planar_) moved[2] = 0;
       assign(x[i], xyz(x[i]) + moved);
       if (!along.empty()) assign(along[i], xyz(along[i]) + moved);
+      any = true;
     }
+    return any;
   };
   parallel_for(
       static_cast<std::int64_t>(x.size()), kGrain,
       [&](std::int64_t begin, std::int64_t end) {
-        for (std::size_t c = 0; c < colliders.size(); ++c) clear_range(c, begin, end);
+        std::vector<std::int32_t> close;
+        for (std::size_t next = 0; next < colliders.size();) {
+          const Ball all = ball(std::span<const Point<Real>>(&x[begin], usize(end - begin)));
+          balls.find(all.center, all.radius + margin_, close);
+          bool moved = false;  // who is near then
+          for (auto c = close.begin(); c != close.end() && !moved; ++c) {
+            if (usize(*c) < next) continue;
+            moved = clear_range(usize(*c), begin, end);
+            next = usize(*c) + 1;
+          }
+          if (!moved) break;
+        }
       },
       threads);
   return covered;

@@ -19,6 +19,7 @@
 //   begin_step; (begin_substep, clear at the first one, project ..., bounce) ...; end_step.
 #pragma once
 
+#include <compare>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -27,6 +28,8 @@
 #include "substep/geometry/collider.h"
 
 namespace substep::geometry {
+
+class BoundingBalls;
 
 template <class Real>
 class ParticleContact {
@@ -92,10 +95,14 @@ class ParticleContact {
   Exchange take(std::size_t c);
   void moved(std::size_t c);
 
-  // Appends the particles of [begin, end) that may be nearer than `reach` >= margin to collider c:
-  // all that are, and few others.
-  void find_near(std::size_t c, std::span<const Point<Real>> x, std::int64_t begin,
-                 std::int64_t end, double reach, std::vector<std::int32_t>& found) const;
+  // A collider, and a particle that may be near to it.
+  struct Near {
+    std::int32_t collider, particle;
+    auto operator<=>(const Near&) const = default;
+  };
+  // Those that may be nearer than `reach` >= margin: all that are, and few others. Of each chunk of
+  // kGrain particles, ascending.
+  std::vector<std::vector<Near>> find_near(std::span<const Point<Real>> x, double reach) const;
   // The pose of the colliders for find_near() outside of a step.
   void place();
 
@@ -124,6 +131,13 @@ class ParticleContact {
   };
 
   Pose pose(const Collider& collider) const;
+  // The same of one collider, for the particles of [begin, end).
+  void find_near(std::size_t c, std::span<const Point<Real>> x, std::int64_t begin,
+                 std::int64_t end, double reach, std::vector<std::int32_t>& found) const;
+  // Among the colliders `around`, which are not aligned: their numbers, ascending.
+  void find_among(const BoundingBalls& balls, std::span<const std::int32_t> around,
+                  std::span<const Point<Real>> x, std::int64_t begin, std::int64_t end,
+                  double reach, std::vector<Near>& found) const;
   void find_in_ball(std::size_t c, const Pose& at, std::span<const Point<Real>> x,
                     std::int64_t begin, std::int64_t end, double reach,
                     std::vector<std::int32_t>& found) const;

@@ -167,17 +167,13 @@ void Boundary<Real>::note_near(std::span<const Point<Real>> x, int threads) {
   // Sweeps move particles, by less than a quarter of the radius as a rule; who comes near by more
   // than that is seen in the next step.
   const double reach = (mirror_ ? mirror_->reach() : 0) + 0.25 * radius_;
+  const auto found = contact_.find_near(x, reach);
   parallel_for(
       n, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
         std::vector<Near>& near = near_[usize(begin / kGrain)];
         near.clear();
-        std::vector<std::int32_t> found;
-        for (std::size_t c = 0; c < colliders().size(); ++c) {
-          found.clear();
-          contact_.find_near(c, x, begin, end, reach, found);
-          for (const std::int32_t i : found) near.push_back({i, static_cast<std::int32_t>(c), {}});
-        }
+        for (const auto& [c, i] : found[usize(begin / kGrain)]) near.push_back({i, c, {}});
         for (std::size_t k = 0; k < nozzles_.size(); ++k) {
           const auto number = static_cast<std::int32_t>(colliders().size() + k);
           for (auto i = static_cast<std::int32_t>(begin); i < end; ++i) {

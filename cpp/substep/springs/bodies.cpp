@@ -3,9 +3,12 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
+#include <utility>
 
 #include "substep/core/usize.h"
+#include "substep/geometry/bounding_balls.h"
 
 namespace substep::springs {
 namespace {
@@ -135,23 +138,21 @@ double Bodies::energy(Positions unknowns) const {
   return sum;
 }
 
-void Bodies::each_element(const Body& body, const auto& function) const {
-  const std::int64_t n = contacts_.vertices();
-  for (const std::size_t s : body.surfaces) {
-    for (std::int64_t i = 0; i < n; ++i) function(static_cast<std::int64_t>(s) * n + i, i);
-  }
-}
-
 void Bodies::gradient(Positions x, const ContactElements& elements, std::span<Vec3> g) const {
   std::size_t at = usize(contacts_.vertices());
   for (const Body& body : bodies_) {
     const Vec3 centre = contacts_.colliders[body.colliders.front()].centre();
     Vec6 barrier = Vec6::Zero(), friction = Vec6::Zero();
-    each_element(body, [&](std::int64_t e, std::int64_t i) {
-      const Vec3 &normal = elements.barrier[e], &sliding = elements.friction[e];
-      if (!normal.isZero(0.0)) barrier += geometry::wrench(x[i] - centre, normal);
-      if (!sliding.isZero(0.0)) friction += geometry::wrench(friction_.arm(e), sliding);
-    });
+    for (const std::size_t s : body.surfaces) {
+      for_pairs(barrier_, friction_, s, [&](std::int32_t i, std::int64_t b, std::int64_t f) {
+        if (b >= 0 && !elements.barrier[b].isZero(0.0)) {
+          barrier += geometry::wrench(x[i] - centre, elements.barrier[b]);
+        }
+        if (f >= 0 && !elements.friction[f].isZero(0.0)) {
+          friction += geometry::wrench(friction_.arm(f), elements.friction[f]);
+        }
+      });
+    }
     barrier.tail<3>() = body.jacobian.transpose() * barrier.tail<3>();
     const Vec6 sum =
         body.inertia * six(&x[at]) - h_ * (body.basis.transpose() * (barrier + friction));
@@ -168,23 +169,24 @@ Border Bodies::border(Positions x, const ContactElements& elements, double kept)
     const Mat36 go = h_ * body.basis.topRows<3>();
     const Mat36 turn = h_ * body.jacobian * body.basis.bottomRows<3>();
     Mat6 corner = body.inertia * Mat6::Identity();
-    each_element(body, [&](std::int64_t e, std::int64_t i) {
-      const Vec3& gradient = elements.barrier[e];
-      const Mat3 &pushing = elements.barrier_blocks[e], &rubbing = elements.friction_blocks[e];
+    const auto add = [&](std::int32_t i, std::int64_t e, std::int64_t f) {
+      const Vec3 gradient = e < 0 ? Vec3(Vec3::Zero()) : elements.barrier[e];
+      const Mat3 pushing = e < 0 ? Mat3(Mat3::Zero()) : elements.barrier_blocks[e];
+      const Mat3 rubbing = f < 0 ? Mat3(Mat3::Zero()) : elements.friction_blocks[f];
       if (gradient.isZero(0.0) && rubbing.isZero(0.0)) return;
-      const Vec3 arm = x[i] - centre;
+      const Vec3 arm = x[i] - centre, rubbed = f < 0 ? Vec3(Vec3::Zero()) : friction_.arm(f);
       const Mat36 near = motion(body.basis, arm, body.jacobian, h_);
-      const Mat36 lagged = motion(body.basis, friction_.arm(e), Mat3::Identity(), h_);
+      const Mat36 lagged = motion(body.basis, rubbed, Mat3::Identity(), h_);
       const Mat3 lever = gradient * arm.transpose();
       const Mat36 turned = kept * cross_matrix(gradient) * turn;
-      border.touches[b].push_back(
-          {static_cast<std::int32_t>(i), -pushing * near - rubbing * lagged - turned});
+      border.touches[b].push_back({i, -pushing * near - rubbing * lagged - turned});
       const Mat6 cross = go.transpose() * turned;
       corner += near.transpose() * pushing * near + lagged.transpose() * rubbing * lagged + cross +
                 cross.transpose() +
                 kept * turn.transpose() *
                     (0.5 * (lever + lever.transpose()) - lever.trace() * Mat3::Identity()) * turn;
-    });
+    };
+    for (const std::size_t s : body.surfaces) for_pairs(barrier_, friction_, s, add);
     border.corners.push_back(corner);
   }
   return border;
@@ -211,18 +213,46 @@ double Bodies::reach(const Body& body, std::size_t s, const Vec3& x, const Vec3&
   return march(now, speed, distance);
 }
 
+// A pair is far, so that reach() does not bound the step, where 0.9 of its distance is more than
+// its speed. With a ball of radius R about the collider, o from the centre of the body and a from
+// the vertex, e the way of the body and w its turn in the change, and d that of the vertex:
+//   0.9 (a - R) > (d + e) (1 + w) + w (a + o).
 double Bodies::step_bound(Positions x, Positions dx, Positions unknowns, Positions change) const {
-  double bound = 1.0;
+  constexpr double kLargestTurn = 0.45;
+  geometry::BoundingBalls balls;
+  std::vector<Vec6> v, dv;
+  std::vector<std::pair<std::size_t, std::size_t>> all;  // body, surface
   std::size_t at = 0;
-  for (const Body& body : bodies_) {
-    const Vec6 v = velocity(body, &unknowns[at]), dv = body.basis * six(&change[at]);
-    for (const std::size_t s : body.surfaces) {
-      for (std::size_t i = 0; i < contacts_.stiffness.size(); ++i) {
-        if (contacts_.stiffness[i] == 0.0) continue;
-        bound *= reach(body, s, x[i], bound * dx[i], v, bound * dv);
-      }
-    }
+  double most = 0.0;  // factor of d
+  for (std::size_t b = 0; b < bodies_.size(); ++b) {
+    const Body& body = bodies_[b];
+    v.push_back(velocity(body, &unknowns[at])), dv.push_back(body.basis * six(&change[at]));
     at += 2;
+    const double e = h_ * dv[b].head<3>().norm(), w = h_ * dv[b].tail<3>().norm();
+    const double left = 1.0 - kKept - w;
+    const bool turns_far = !(w < kLargestTurn);
+    if (!turns_far) most = std::max(most, (1.0 + w) / left);
+    for (const std::size_t s : body.surfaces) {
+      const geometry::Collider& collider = contacts_.colliders[barrier_.surfaces()[s].collider];
+      const geometry::BoundingBall ball = geometry::bounding_ball(collider);
+      const Vec3 center = collider.position() + collider.rotation() * ball.center;
+      const double o = (center - collider.centre()).norm();
+      const double radius = (e * (1.0 + w) + w * o + (1.0 - kKept) * ball.radius) / left;
+      balls.add(center, turns_far ? std::numeric_limits<double>::infinity() : radius);
+      all.emplace_back(b, s);
+    }
+  }
+  std::vector<ContactPair> pairs;  // of `all` and vertices
+  std::vector<std::int32_t> close;
+  for (std::size_t i = 0; i < contacts_.stiffness.size(); ++i) {
+    if (contacts_.stiffness[i] == 0.0) continue;
+    balls.find(x[i], most * dx[i].norm(), close);
+    for (const std::int32_t k : close) pairs.push_back({k, static_cast<std::int32_t>(i)});
+  }
+  double bound = 1.0;
+  for (const auto& [k, i] : by_surface(pairs, all.size())) {
+    const auto [b, s] = all[usize(k)];
+    bound *= reach(bodies_[b], s, x[i], bound * dx[i], v[b], bound * dv[b]);
   }
   return bound;
 }

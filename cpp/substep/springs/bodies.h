@@ -32,7 +32,7 @@ using geometry::Mat6;
 using geometry::Vec6;
 using Mat36 = Eigen::Matrix<double, 3, 6>;
 
-// Gradients and, for a border, blocks of all elements of barrier and friction.
+// Gradients and, for a border, blocks of the elements of barrier and friction.
 struct ContactElements {
   const Vec3 *barrier, *friction;
   const Mat3 *barrier_blocks, *friction_blocks;
@@ -88,9 +88,6 @@ class Bodies {
   Vec6 velocity(const Body& body, const Vec3* unknowns) const;
   double reach(const Body& body, std::size_t s, const Vec3& x, const Vec3& dx, const Vec6& v,
                const Vec6& dv) const;
-  // function(e, i) for all elements of a body, vertex i.
-  void each_element(const Body& body, const auto& function) const;
-
   Contacts& contacts_;
   const BarrierTerm& barrier_;
   const FrictionTerm& friction_;

@@ -3,9 +3,10 @@
 #include <Eigen/Eigenvalues>
 #include <cmath>
 #include <limits>
+#include <utility>
 
-#include "substep/core/parallel.h"
 #include "substep/core/usize.h"
+#include "substep/geometry/bounding_balls.h"
 #include "substep/geometry/conservative_advancement.h"
 
 namespace substep::springs {
@@ -85,13 +86,57 @@ Mat3 cross_matrix(const Vec3& a) {
   return m;
 }
 
+std::vector<ContactPair> by_surface(std::span<const ContactPair> pairs, std::size_t surfaces) {
+  std::vector<std::size_t> next(surfaces + 1, 0);
+  for (const ContactPair& pair : pairs) ++next[usize(pair.surface) + 1];
+  for (std::size_t s = 0; s < surfaces; ++s) next[s + 1] += next[s];
+  std::vector<ContactPair> all(pairs.size());
+  for (const ContactPair& pair : pairs) all[next[usize(pair.surface)]++] = pair;
+  return all;
+}
+
 ContactTerm::ContactTerm(const Contacts& contacts)
-    : contacts_(contacts), surfaces_(geometry::surfaces(contacts.colliders, true)) {
-  const std::int64_t n = contacts.vertices();
-  vertices_.reserve(surfaces_.size() * usize(n));
-  for (std::size_t s = 0; s < surfaces_.size(); ++s) {
-    for (std::int64_t i = 0; i < n; ++i) vertices_.push_back(static_cast<std::int32_t>(i));
+    : contacts_(contacts),
+      surfaces_(geometry::surfaces(contacts.colliders, true)),
+      endless_(std::ranges::none_of(contacts.colliders, [](const geometry::Collider& collider) {
+        return std::isfinite(geometry::bounding_ball(collider).radius);
+      })) {}
+
+std::int64_t ContactTerm::part_end(std::int64_t e, std::int64_t grain) const {
+  const auto part = [&](const ContactPair& pair) {
+    return (pair.surface * contacts_.vertices() + pair.vertex) / grain;
+  };
+  const auto begin = pairs_.begin() + e;
+  const auto other = [&, own = part(*begin)](const ContactPair& p) { return part(p) != own; };
+  return std::find_if(begin, pairs_.end(), other) - pairs_.begin();
+}
+
+std::vector<ContactPair> ContactTerm::pairs_within(Positions x, const auto& reach) const {
+  geometry::BoundingBalls balls;
+  for (const geometry::Surface& surface : surfaces_) {
+    balls.add(contacts_.colliders[surface.collider]);
   }
+  std::vector<ContactPair> found;
+  std::vector<std::int32_t> close;
+  for (std::int32_t i = 0; i < contacts_.vertices(); ++i) {
+    if (contacts_.stiffness[usize(i)] == 0.0 && !endless_) continue;
+    balls.find(x[i], reach(i), close);
+    for (const std::int32_t s : close) found.push_back({s, i});
+  }
+  return by_surface(found, surfaces_.size());
+}
+
+void ContactTerm::set_pairs(std::vector<ContactPair> pairs) {
+  if (pairs == pairs_) return;
+  pairs_ = std::move(pairs);
+  vertices_.clear();
+  for (const ContactPair& pair : pairs_) vertices_.push_back(pair.vertex);
+  ++lists_;
+}
+
+void BarrierTerm::find(Positions x) {
+  if (endless_ && !pairs_.empty()) return;
+  set_pairs(pairs_within(x, [&](std::int32_t) { return contacts_.thickness; }));
 }
 
 double BarrierTerm::energy(Positions x, std::int64_t begin, std::int64_t end) const {
@@ -130,32 +175,37 @@ void BarrierTerm::derivatives(Positions x, std::int64_t begin, std::int64_t end,
   }
 }
 
-double BarrierTerm::step_bound(Positions x, Positions dx, std::int64_t begin,
-                               std::int64_t end) const {
+double BarrierTerm::step_bound(Positions x, Positions dx, std::int64_t, std::int64_t) const {
+  const auto way = [&](std::int32_t i) { return dx[i].norm() / (1.0 - kKept); };
   double bound = 1.0;
-  for (std::int64_t e = begin; e < end; ++e) {
-    if (stiffness(e) == 0.0 || collider(e).yields()) continue;
-    const double part =
-        reach(collider(e), surface(e).axis, x[vertices_[e]], bound * dx[vertices_[e]]);
-    bound = std::min(bound, part * bound);
+  for (const auto& [s, i] : pairs_within(x, way)) {
+    const geometry::Surface& surface = surfaces_[usize(s)];
+    const geometry::Collider& c = contacts_.colliders[surface.collider];
+    if (contacts_.stiffness[usize(i)] == 0.0 || c.yields()) continue;
+    bound = std::min(bound, reach(c, surface.axis, x[i], bound * dx[i]) * bound);
   }
   return bound;
 }
 
 void FrictionTerm::lag(Positions x) {
-  lagged_.assign(vertices_.size(), {0.0, Vec3::Zero(), Vec3::Zero(), Vec3::Zero()});
-  for (std::size_t e = 0; e < vertices_.size(); ++e) {
-    const auto element = static_cast<std::int64_t>(e);
-    const geometry::Collider& c = collider(element);
-    const double k = stiffness(element);
+  std::vector<ContactPair> touching;
+  lagged_.clear();
+  for (const ContactPair& pair :
+       pairs_within(x, [&](std::int32_t) { return contacts_.thickness; })) {
+    const geometry::Surface& surface = surfaces_[usize(pair.surface)];
+    const geometry::Collider& c = contacts_.colliders[surface.collider];
+    const double k = contacts_.stiffness[usize(pair.vertex)];
     if (k == 0.0 || c.friction == 0.0) continue;
-    const Vec3& at = x[vertices_[e]];
-    const auto [d, gradient] = distance(element, at);
+    const Vec3& at = x[pair.vertex];
+    const auto [d, gradient] = geometry::signed_distance(c, surface.axis, at);
     if (d >= contacts_.thickness || d <= 0.0) continue;
     const double force = -k * barrier(d, contacts_.thickness).first * gradient.norm();
-    lagged_[e] = {c.friction * force, gradient.normalized(), c.surface_velocity(at),
-                  at - c.centre()};
+    if (force == 0.0) continue;
+    touching.push_back(pair);
+    lagged_.push_back(
+        {c.friction * force, gradient.normalized(), c.surface_velocity(at), at - c.centre()});
   }
+  set_pairs(std::move(touching));
 }
 
 // The velocity of the vertex relative to the surface, along it: that of a body that yields is what
@@ -173,7 +223,6 @@ double FrictionTerm::energy(Positions v, std::int64_t begin, std::int64_t end) c
   double sum = 0.0;
   for (std::int64_t k = begin; k < end; ++k) {
     const Lagged& contact = lagged_[k];
-    if (contact.bound == 0.0) continue;
     const double y = sliding_velocity(k, v).norm();
     const double f0 = y < e ? y * y / e - y * y * y / (3.0 * e * e) + e / 3.0 : y;
     sum += contact.bound * f0;
@@ -189,7 +238,6 @@ void FrictionTerm::derivatives(Positions v, std::int64_t begin, std::int64_t end
     g.setZero();
     if (hessian != nullptr) hessian[k - begin].setZero();
     const Lagged& contact = lagged_[k];
-    if (contact.bound == 0.0) continue;
     const Vec3& n = contact.normal;
     const Vec3 u = sliding_velocity(k, v);
     const double y = u.norm();
@@ -204,29 +252,24 @@ void FrictionTerm::derivatives(Positions v, std::int64_t begin, std::int64_t end
   }
 }
 
-void set_exchanges(Contacts& contacts, const BarrierTerm& barrier, const FrictionTerm& friction,
-                   Positions x, Positions v, double h, int threads) {
-  constexpr std::int64_t kGrain = 2048;
-  const std::int64_t n = contacts.vertices();
-  const std::span<const geometry::Surface> surfaces = barrier.surfaces();
+void set_exchanges(Contacts& contacts, BarrierTerm& barrier, const FrictionTerm& friction,
+                   Positions x, Positions v, double h) {
+  constexpr std::int64_t kGrain = 2048;  // vertices, of whose sums that is a sum
+  barrier.find(x);
   std::vector<geometry::Exchange> sums(contacts.colliders.size());
-  for (std::size_t s = 0; s < surfaces.size(); ++s) {
-    const geometry::Collider& collider = contacts.colliders[surfaces[s].collider];
-    std::vector<geometry::Exchange> parts(usize((n + kGrain - 1) / kGrain));
-    parallel_for(
-        n, kGrain,
-        [&](std::int64_t begin, std::int64_t end) {
-          const std::int64_t first = static_cast<std::int64_t>(s) * n;
-          std::vector<Vec3> normal(usize(end - begin)), sliding(normal.size());
-          barrier.derivatives(x, first + begin, first + end, 1.0, normal.data(), nullptr);
-          friction.derivatives(v, first + begin, first + end, 1.0, sliding.data(), nullptr);
-          geometry::Exchange& part = parts[usize(begin / kGrain)];
-          for (std::int64_t i = begin; i < end; ++i) {
-            part.add(x[i] - collider.position(), h * (normal[i - begin] + sliding[i - begin]));
-          }
-        },
-        threads);
-    for (const geometry::Exchange& part : parts) sums[surfaces[s].collider] += part;
+  for (std::size_t s = 0; s < barrier.surfaces().size(); ++s) {
+    const std::size_t c = barrier.surfaces()[s].collider;
+    geometry::Exchange part;
+    std::int64_t chunk = 0;
+    for_pairs(barrier, friction, s, [&](std::int32_t i, std::int64_t b, std::int64_t f) {
+      Vec3 normal = Vec3::Zero(), sliding = Vec3::Zero();
+      if (b >= 0) barrier.derivatives(x, b, b + 1, 1.0, &normal, nullptr);
+      if (f >= 0) friction.derivatives(v, f, f + 1, 1.0, &sliding, nullptr);
+      if (i / kGrain != chunk) sums[c] += std::exchange(part, {});
+      chunk = i / kGrain;
+      part.add(x[i] - contacts.colliders[c].position(), h * (normal + sliding));
+    });
+    sums[c] += part;
   }
   for (std::size_t c = 0; c < sums.size(); ++c) contacts.colliders[c].set_exchange(sums[c]);
 }
@@ -241,8 +284,9 @@ void carry_vertices(const std::vector<geometry::Collider>& before, const Contact
       continue;
     }
     const geometry::Quaternion turn = to.orientation() * from.orientation().conjugate();
+    const geometry::PlacedBall ball(to);
     for (std::size_t i = 0; i < x.size(); ++i) {
-      if (contacts.stiffness[i] == 0.0) continue;
+      if (contacts.stiffness[i] == 0.0 || ball.beyond(x[i], contacts.thickness)) continue;
       const auto [d, gradient] = to.signed_distance(x[i]);
       if (!(d < contacts.thickness)) continue;
       const double was = from.signed_distance(x[i]).value;
@@ -283,8 +327,9 @@ void project_contacts(Contacts& contacts, std::span<const double> masses, std::s
   }
   for (geometry::Collider& collider : contacts.colliders) {
     geometry::Exchange sum;
+    const geometry::PlacedBall ball(collider);
     for (std::size_t i = 0; i < x.size(); ++i) {
-      if (contacts.stiffness[i] == 0.0) continue;
+      if (contacts.stiffness[i] == 0.0 || ball.beyond(x[i], 0.0)) continue;
       const auto [d, gradient] = collider.signed_distance(x[i]);
       if (d > 0.0) continue;
       const Vec3 n = gradient.normalized();
@@ -302,14 +347,19 @@ void project_contacts(Contacts& contacts, std::span<const double> masses, std::s
   geometry::push_bodies(contacts.colliders);
 }
 
-Closest closest_vertex(const Contacts& contacts, Positions x) {
+Closest closest_vertex(const Contacts& contacts, Positions x, double within) {
+  geometry::BoundingBalls balls;
+  for (const geometry::Collider& collider : contacts.colliders) balls.add(collider);
+  std::vector<std::int32_t> near;
   Closest closest{kInfinity, -1, -1};
-  for (std::size_t c = 0; c < contacts.colliders.size(); ++c) {
-    for (std::size_t i = 0; i < x.size(); ++i) {
-      if (contacts.stiffness[i] == 0.0) continue;
-      const double d = contacts.colliders[c].signed_distance(x[i]).value;
-      if (d < closest.distance) {
-        closest = {d, static_cast<std::int64_t>(i), static_cast<std::int64_t>(c)};
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    if (contacts.stiffness[i] == 0.0) continue;
+    balls.find(x[i], within, near);
+    for (const std::int32_t c : near) {
+      const double d = contacts.colliders[usize(c)].signed_distance(x[i]).value;
+      // Of those that are as near: of the first collider, the first vertex.
+      if (d < closest.distance || (d == closest.distance && c < closest.collider)) {
+        closest = {d, static_cast<std::int64_t>(i), c};
       }
     }
   }

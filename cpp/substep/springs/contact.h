@@ -23,6 +23,9 @@
 #pragma once
 
 #include <algorithm>
+#include <compare>
+#include <cstdint>
+#include <limits>
 #include <vector>
 
 #include "substep/core/usize.h"
@@ -43,19 +46,38 @@ struct Contacts {
   std::int64_t vertices() const { return static_cast<std::int64_t>(stiffness.size()); }
 };
 
-// Elements of both terms: vertex i and surface s of the colliders at s * vertices + i. A hollow box
-// has three, one for each pair of walls, a hollow cylinder two: the distance from all of them has a
-// kink where two are as near, and Newton's method finds no minimum in an edge.
+// A surface of the colliders, and a vertex that may touch it.
+struct ContactPair {
+  std::int32_t surface, vertex;
+  auto operator<=>(const ContactPair&) const = default;
+};
+// Those that are by vertices, by surfaces.
+std::vector<ContactPair> by_surface(std::span<const ContactPair> pairs, std::size_t surfaces);
+
+// Elements of both terms are pairs, ascending: those alone that balls about the obstacles do not
+// keep apart. A hollow box has three surfaces, one for each pair of walls, a hollow cylinder two:
+// the distance from all of them has a kink where two are as near, and Newton's method finds no
+// minimum in an edge.
 class ContactTerm : public Term {
  public:
   explicit ContactTerm(const Contacts& contacts);
   std::span<const geometry::Surface> surfaces() const { return surfaces_; }
   int arity() const override { return 1; }
   std::span<const std::int32_t> vertices() const override { return vertices_; }
+  bool roves() const override { return true; }
+  std::int64_t lists() const override { return lists_; }
+  // Those of a fixed number of pairs of all surfaces and vertices, as if all were elements: so sums
+  // do not depend on who is left out.
+  std::int64_t part_end(std::int64_t e, std::int64_t grain) const override;
+  std::span<const ContactPair> pairs() const { return pairs_; }
 
  protected:
+  // All pairs at x whose distance may be at most reach(vertex), and few others.
+  std::vector<ContactPair> pairs_within(Positions x, const auto& reach) const;
+  void set_pairs(std::vector<ContactPair> pairs);
+
   const geometry::Surface& surface(std::int64_t e) const {
-    return surfaces_[usize(e / contacts_.vertices())];
+    return surfaces_[usize(pairs_[usize(e)].surface)];
   }
   const geometry::Collider& collider(std::int64_t e) const {
     return contacts_.colliders[surface(e).collider];
@@ -67,19 +89,24 @@ class ContactTerm : public Term {
   double stiffness(std::int64_t e) const { return contacts_.stiffness[usize(vertices_[e])]; }
   const Contacts& contacts_;
   std::vector<geometry::Surface> surfaces_;
+  std::vector<ContactPair> pairs_;
   std::vector<std::int32_t> vertices_;
+  std::int64_t lists_ = 0;
+  bool endless_;  // no surface is bounded: every pair is an element
 };
 
 class BarrierTerm : public ContactTerm {
  public:
   using ContactTerm::ContactTerm;
+  void find(Positions x) override;
   double energy(Positions x, std::int64_t begin, std::int64_t end) const override;
   void derivatives(Positions x, std::int64_t begin, std::int64_t end, double kept, Vec3* gradient,
                    Mat3* hessian) const override;
-  // Without colliders that yield, which are those of Bodies::step_bound.
+  // Of all pairs. Without colliders that yield, which are those of Bodies::step_bound.
   double step_bound(Positions x, Positions dx, std::int64_t begin, std::int64_t end) const override;
 };
 
+// Its elements are the pairs that touched where it lagged.
 class FrictionTerm : public ContactTerm {
  public:
   using ContactTerm::ContactTerm;
@@ -93,7 +120,7 @@ class FrictionTerm : public ContactTerm {
 
  private:
   struct Lagged {
-    double bound;  // mu N [N]; 0: no contact
+    double bound;  // mu N [N]
     Vec3 normal;
     Vec3 surface_velocity;  // of what does not yield
     Vec3 arm;
@@ -101,6 +128,25 @@ class FrictionTerm : public ContactTerm {
   Vec3 sliding_velocity(std::int64_t e, Positions v) const;
   std::vector<Lagged> lagged_;
 };
+
+// function(vertex, b, f) for the pairs of a surface that are elements of one or both terms: their
+// numbers there, -1 where a pair is none.
+void for_pairs(const ContactTerm& barrier, const ContactTerm& friction, std::size_t surface,
+               const auto& function) {
+  const auto first = [&](const ContactTerm& term, std::size_t s) {
+    const auto pairs = term.pairs();
+    const ContactPair from{static_cast<std::int32_t>(s), 0};
+    return std::lower_bound(pairs.begin(), pairs.end(), from) - pairs.begin();
+  };
+  std::int64_t b = first(barrier, surface), f = first(friction, surface);
+  const std::int64_t b_end = first(barrier, surface + 1), f_end = first(friction, surface + 1);
+  while (b < b_end || f < f_end) {
+    const std::int32_t in_b = b < b_end ? barrier.vertices()[usize(b)] : INT32_MAX;
+    const std::int32_t in_f = f < f_end ? friction.vertices()[usize(f)] : INT32_MAX;
+    const std::int32_t i = std::min(in_b, in_f);
+    function(i, in_b == i ? b++ : -1, in_f == i ? f++ : -1);
+  }
+}
 
 inline constexpr double kKept = 0.1;  // of a distance, at least, after one step towards an obstacle
 
@@ -121,8 +167,8 @@ double march(double start, double speed, const auto& distance) {
 
 // What the colliders were given in a step of length h that ended at x with velocities v: minus the
 // impulses of barrier and friction on the vertices. Sets their exchange().
-void set_exchanges(Contacts& contacts, const BarrierTerm& barrier, const FrictionTerm& friction,
-                   Positions x, Positions v, double h, int threads);
+void set_exchanges(Contacts& contacts, BarrierTerm& barrier, const FrictionTerm& friction,
+                   Positions x, Positions v, double h);
 
 // Vertices that the colliders, which were `before`, have come upon go aside, or along with them
 // where that does not do, so that a step can start where nothing penetrates. Those that a surface
@@ -141,11 +187,13 @@ bool set_off_vertices(const Contacts& contacts, std::span<Vec3> x);
 void project_contacts(Contacts& contacts, std::span<const double> masses, std::span<Vec3> x,
                       std::span<Vec3> v);
 
-// The lowest distance of a vertex of positive stiffness from a collider; infinite without any.
+// The lowest distance of a vertex of positive stiffness from a collider; infinite without any that
+// is not further than `within`.
 struct Closest {
   double distance;
   std::int64_t vertex, collider;  // -1: none
 };
-Closest closest_vertex(const Contacts& contacts, Positions x);
+Closest closest_vertex(const Contacts& contacts, Positions x,
+                       double within = std::numeric_limits<double>::infinity());
 
 }  // namespace substep::springs

@@ -211,7 +211,7 @@ bool Deformable::implicit_step(double h) {
   }
   if (barrier_) {
     move_colliders(h, x);
-    nearest_ = closest_vertex(contacts, x);
+    nearest_ = closest_vertex(contacts, x, 0.0);
     if (nearest_.distance <= 0.0) return false;  // squeezed: smaller steps
     for (const Vec3& unknown : potential_->bodies()->start()) x.push_back(unknown);
   }
@@ -221,7 +221,7 @@ bool Deformable::implicit_step(double h) {
   for (std::size_t i = 0; i < x_n.size(); ++i) velocities[i] = (x[i] - x_n[i]) / h;
   std::copy_n(x.begin(), positions.size(), positions.begin());  // in place: others look at it
   if (barrier_) {
-    set_exchanges(contacts, *barrier_, *friction_, positions, velocities, h, options.threads);
+    set_exchanges(contacts, *barrier_, *friction_, positions, velocities, h);
   }
   if (x.size() > positions.size()) finish_bodies(h, x);
   return true;
@@ -260,7 +260,8 @@ void Deformable::start_ahead(double h, std::vector<Vec3>& x) {
   if (potential_->step_bound(x, way) < 1.0) return;
   potential_->place(ahead);
   const Positions vertices = Positions(ahead).first(positions.size());
-  if (closest_vertex(contacts, vertices).distance < contacts.thickness) return;
+  const double thickness = contacts.thickness;
+  if (closest_vertex(contacts, vertices, thickness).distance < thickness) return;
   if (potential_->energy(ahead) < potential_->energy(x)) x = ahead;
 }
 

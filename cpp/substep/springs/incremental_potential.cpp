@@ -56,6 +56,8 @@ IncrementalPotential::IncrementalPotential(std::span<const double> masses,
   if (pinned_.size() != masses_.size()) {
     throw InputError("pinned: expected one flag for each mass");
   }
+  const auto roves = [](const auto& term) { return term->roves(); };
+  fixed_ = usize(std::ranges::find_if(terms_, roves) - terms_.begin());
   std::int64_t gradients = 0, blocks = 0;
   for (const auto& term : terms_) {
     gradient_base_.push_back(gradients);
@@ -65,6 +67,8 @@ IncrementalPotential::IncrementalPotential(std::span<const double> masses,
   }
   element_gradients_.resize(usize(gradients));
   element_blocks_.resize(usize(blocks));
+  lists_.assign(terms_.size() - fixed_, -1);
+  roving_starts_.assign(masses_.size() + 1, 0);
   velocity_.resize(masses_.size());
   build_pattern();
   build_sources();
@@ -78,6 +82,7 @@ void IncrementalPotential::build_pattern() {
   const std::int64_t n = vertices();
   std::vector<std::pair<std::int32_t, std::int32_t>> edges;  // (lower, higher)
   for (const auto& term : terms_) {
+    if (term->roves()) continue;
     const int arity = term->arity();
     const auto ids = term->vertices();
     for (std::size_t e = 0; e < ids.size(); e += usize(arity)) {
@@ -123,7 +128,7 @@ void IncrementalPotential::build_sources() {
     const auto last = pattern_.neighbours.begin() + pattern_.starts[i + 1];
     return i + 1 + (std::lower_bound(first, last, j) - pattern_.neighbours.begin());
   };
-  for (std::size_t t = 0; t < terms_.size(); ++t) {
+  for (std::size_t t = 0; t < fixed_; ++t) {
     const Term& term = *terms_[t];
     const int arity = term.arity();
     const auto ids = term.vertices();
@@ -157,6 +162,26 @@ void IncrementalPotential::build_sources() {
   sort_by_owner(blocks, slots, block_starts_, block_sources_);
 }
 
+void IncrementalPotential::find_elements(Positions x) {
+  bool changed = false;
+  for (std::size_t t = fixed_; t < terms_.size(); ++t) {
+    terms_[t]->find(x);
+    changed |= std::exchange(lists_[t - fixed_], terms_[t]->lists()) != terms_[t]->lists();
+  }
+  if (!changed) return;
+  std::int64_t gradients = gradient_base_[fixed_], blocks = block_base_[fixed_];
+  std::vector<std::pair<std::int64_t, std::int64_t>> owned;  // (vertex, place)
+  std::int64_t place = 0;
+  for (std::size_t t = fixed_; t < terms_.size(); ++t) {
+    gradient_base_[t] = gradients + place;
+    block_base_[t] = blocks + place;
+    for (const std::int32_t vertex : terms_[t]->vertices()) owned.emplace_back(vertex, place++);
+  }
+  element_gradients_.resize(usize(gradients + place));
+  element_blocks_.resize(usize(blocks + place));
+  sort_by_owner(owned, vertices(), roving_starts_, roving_sources_);
+}
+
 void IncrementalPotential::begin_step(Positions x_n, Positions y, double h) {
   h_ = h;
   border_ = {};
@@ -188,13 +213,23 @@ ContactElements IncrementalPotential::contact_elements() const {
 }
 
 double IncrementalPotential::sum_energies(const Term& term, Positions x) const {
-  return sum_in_order(element_count(term), threads_, [&](std::int64_t begin, std::int64_t end) {
-    return term.energy(x, begin, end);
-  });
+  const std::int64_t n = element_count(term);
+  if (!term.roves()) {
+    return sum_in_order(n, threads_, [&](std::int64_t begin, std::int64_t end) {
+      return term.energy(x, begin, end);
+    });
+  }
+  double sum = 0.0;
+  for (std::int64_t begin = 0, end; begin < n; begin = end) {
+    end = term.part_end(begin, kGrain);
+    sum += term.energy(x, begin, end);
+  }
+  return sum;
 }
 
 double IncrementalPotential::energy(Positions x) {
   place(x);
+  find_elements(x);
   set_velocity(x);
   double sum = sum_in_order(vertices(), threads_, [&](std::int64_t begin, std::int64_t end) {
     double part = 0.0;
@@ -222,7 +257,8 @@ double IncrementalPotential::energy_rounding(Positions x) const {
   });
 }
 
-double IncrementalPotential::elastic_energy(Positions x) const {
+double IncrementalPotential::elastic_energy(Positions x) {
+  find_elements(x);
   double sum = 0.0;
   for (const auto& term : terms_) {
     if (!term->dissipative()) sum += sum_energies(*term, x);
@@ -266,6 +302,9 @@ void IncrementalPotential::gather_gradient(std::span<Vec3> g, Positions x) const
               sum -= part;
             }
           }
+          for (std::int64_t k = roving_starts_[i]; k < roving_starts_[i + 1]; ++k) {
+            sum += element_gradients_[gradient_base_[fixed_] + roving_sources_[k]];
+          }
           g[i] = sum;
         }
       },
@@ -296,7 +335,13 @@ void IncrementalPotential::gather_blocks(std::span<double> values) const {
           double* column[3];
           for (int c = 0; c < 3; ++c) column[c] = values.data() + pattern_.columns[3 * i + c];
           Mat3 block = masses_[i] / (h_ * h_) * Mat3::Identity();
-          if (!pinned_[i]) block += sum_block(slot);
+          if (!pinned_[i]) {
+            Mat3 sum = sum_block(slot);
+            for (std::int64_t k = roving_starts_[i]; k < roving_starts_[i + 1]; ++k) {
+              sum += element_blocks_[block_base_[fixed_] + roving_sources_[k]];
+            }
+            block += sum;
+          }
           for (int c = 0; c < 3; ++c) {
             for (int r = c; r < 3; ++r) *column[c]++ = block(r, c);
           }
@@ -317,6 +362,7 @@ void IncrementalPotential::gather_blocks(std::span<double> values) const {
 
 void IncrementalPotential::gradient(Positions x, std::span<Vec3> g) {
   place(x);
+  find_elements(x);
   set_velocity(x);
   evaluate(x, velocity_, 1.0, false);
   gather_gradient(g, x);
@@ -326,6 +372,7 @@ void IncrementalPotential::gradient(Positions x, std::span<Vec3> g) {
 void IncrementalPotential::assemble(Positions x, double kept, std::span<Vec3> g,
                                     std::span<double> values) {
   place(x);
+  find_elements(x);
   set_velocity(x);
   evaluate(x, velocity_, kept, true);
   gather_gradient(g, x);

@@ -81,11 +81,13 @@ class IncrementalPotential {
   // For explicit integrators: f = -dW/dx(x) - dD/dv(v), dissipative terms lagging at x itself.
   void forces(Positions x, Positions v, std::span<Vec3> f);
   // The sum of W(x), for diagnostics.
-  double elastic_energy(Positions x) const;
+  double elastic_energy(Positions x);
 
  private:
   void build_pattern();
   void build_sources();
+  // Elements of terms that rove, at x.
+  void find_elements(Positions x);
   // What is in x after the vertices.
   Positions unknowns(Positions x) const { return x.subspan(masses_.size()); }
   bool has_bodies(Positions x) const { return x.size() > masses_.size(); }
@@ -112,6 +114,11 @@ class IncrementalPotential {
   // its blocks: that of the diagonal at starts[i] + i, then those of its neighbours.
   std::vector<std::int64_t> gradient_starts_, block_starts_;
   std::vector<std::int64_t> gradient_sources_, block_sources_;  // 4 times the index, and how
+  // Terms that rove are the last ones. Of them: the state of their lists, and what vertex i gathers
+  // after the others, as it is: places beyond the gradients and blocks of those.
+  std::size_t fixed_;
+  std::vector<std::int64_t> lists_;
+  std::vector<std::int64_t> roving_starts_, roving_sources_;
   std::unique_ptr<Bodies> bodies_;
   Border border_;
 };

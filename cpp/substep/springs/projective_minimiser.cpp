@@ -31,11 +31,13 @@ void ProjectiveMinimiser::factorize(const IncrementalPotential& energy) {
   }
   for (const auto& term : energy.terms()) {
     const auto ids = term->vertices();
+    const auto refuse = [] {
+      throw InputError("solver: 'projective' is for springs without contact; use 'newton'");
+    };
+    if (term->roves()) refuse();
     for (std::int64_t e = 0; e < element_count(*term); ++e) {
       double weight = term->curvature_bound(e);
-      if (!std::isfinite(weight)) {
-        throw InputError("solver: 'projective' is for springs without contact; use 'newton'");
-      }
+      if (!std::isfinite(weight)) refuse();
       if (term->dissipative()) weight /= h;
       const std::int32_t* v = ids.data() + e * term->arity();
       for (int a = 0; a < term->arity(); ++a) {

@@ -20,9 +20,18 @@ class Term {
  public:
   virtual ~Term() = default;
 
-  // The vertices of all elements, arity() each, fixed for the life of the term.
+  // The vertices of all elements, arity() each, fixed for the life of the term, unless it roves.
   virtual int arity() const = 0;
   virtual std::span<const std::int32_t> vertices() const = 0;
+  // Whether its elements, of one vertex each, are others at other positions: those that count,
+  // which find() looks for. lists() tells how often they changed; energies are summed by parts,
+  // which part_end() ends for element e, if `grain` are one.
+  virtual bool roves() const { return false; }
+  virtual void find(Positions /*x*/) {}
+  virtual std::int64_t lists() const { return 0; }
+  virtual std::int64_t part_end(std::int64_t /*e*/, std::int64_t /*grain*/) const {
+    return static_cast<std::int64_t>(vertices().size());
+  }
 
   // Whether elements of two vertices depend on x_a - x_b alone: then derivatives() writes the
   // gradient and the Hessian block of a only; those of b follow: g_b = -g_a, H_ab = -H_aa.

@@ -80,6 +80,7 @@ class Collider(Owned):
 
     _native: Any
     _shape: Shape
+    _deforms = False  # a facet of a surface: its state has its corners
 
     def __init__(
         self,
@@ -386,9 +387,16 @@ def _stays_off_plane(collider: Collider) -> bool:
     return bool(z.min() > 0 or z.max() < 0)
 
 
+_STATE = 15  # numbers of `Collider::state`
+_LARGEST = 1e70  # of the corners of facets [m], so that products of four are finite
+
+
 def collider_states(colliders: Sequence[Collider]) -> NDArray[np.float64]:
-    """What they go on from, one row each."""
+    """What they go on from, one row each: where some deform, with nine numbers for their shapes."""
     rows = [collider._native.state for collider in colliders]
+    if any(collider._deforms for collider in colliders):
+        shapes = [c._native.corners if c._deforms else (0.0,) * 9 for c in colliders]
+        rows = [(*row, *shape) for row, shape in zip(rows, shapes, strict=True)]
     return np.array(rows) if rows else np.zeros((0, 0))
 
 
@@ -401,13 +409,18 @@ class _States(Rows):
         if not array.size:
             return
         with np.errstate(over="ignore"):
-            length, friction, restitution = np.linalg.norm(array[:, 3:7], axis=1), *array.T[13:15]
+            length, friction, restitution = (
+                np.linalg.norm(array[:, 3:7], axis=1),
+                *array.T[13:_STATE],
+            )
         wrong = ~(np.abs(length - 1) <= 1e-9)
         self._refuse(label, length, wrong, "a rotation of length 1")
         self._refuse(label, friction, friction < 0, "a friction of at least 0")
         wrong = (restitution < 0) | (restitution > 1)
         self._refuse(label, restitution, wrong, "a restitution from 0 to 1")
-        self._refuse(label, array, np.abs(array) > _MOST, f"numbers within {_MOST}")
+        most = np.where(np.arange(array.shape[1]) < _STATE, _MOST, _LARGEST)
+        wanted = f"numbers within {_MOST}, of corners within {_LARGEST}"
+        self._refuse(label, array, np.abs(array) > most, wanted)
 
 
 def colliders_entry(colliders: Sequence[Collider]) -> Rows:
@@ -418,4 +431,6 @@ def colliders_entry(colliders: Sequence[Collider]) -> Rows:
 def restore_colliders(colliders: Sequence[Collider], states: NDArray[np.float64]) -> None:
     """Take over what `collider_states` gave."""
     for collider, values in zip(colliders, states, strict=True):
-        collider._native.state = values.tolist()
+        collider._native.state = values[:_STATE].tolist()
+        if collider._deforms:
+            collider._native.corners = values[_STATE:].tolist()

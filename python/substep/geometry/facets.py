@@ -72,6 +72,7 @@ class SurfaceCollider(StandIn):
     """
 
     face: int
+    _deforms = True
     _sheet: Sheet
     _source: Any  # the simulation whose surface it is
     _of: ClassVar = ("_user", "_source")

@@ -21,6 +21,7 @@ _VECTORS = (
     "torques",
     "inertia",
     "rest_positions",
+    "placed_positions",
 )
 SCHEMA: list[Entry] = [
     TIME,
@@ -32,6 +33,7 @@ SCHEMA: list[Entry] = [
     *(Rows(name, np.float64, ("bodies", 3)) for name in _VECTORS),
     Rows("rotations", np.float64, ("bodies", 4), unit=True),
     Rows("rest_rotations", np.float64, ("bodies", 4)),
+    Rows("placed_rotations", np.float64, ("bodies", 4), unit=True),
     Rows("masses", np.float64, ("bodies",)),
     Rows("slow_time", np.float64, ("bodies",), low=0),
     Rows("material_names", np.uint8, (None,)),

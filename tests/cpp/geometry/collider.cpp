@@ -2,10 +2,13 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <vector>
 
 #include "substep/core/errors.h"
+#include "substep/geometry/bounding_balls.h"
 
 namespace {
 
@@ -124,6 +127,46 @@ TEST(Collider, SaysThatItsShapeIsAnother) {
   EXPECT_EQ(facet.shapes(), before.shapes() + 1);
   EXPECT_NEAR(facet.signed_distance({2.5, 0, 2}).value, 0.9, 1e-15);
   EXPECT_GT(before.signed_distance({2.5, 0, 2}).value, 1);
+}
+
+// Of many obstacles and points: nobody who is as near is left out, and few others are found.
+TEST(BoundingBalls, FindAllThatAreNear) {
+  std::vector<Collider> all;
+  const auto wave = [](int k, double a) { return 2 * std::sin(a * k + a); };
+  for (int k = 0; k < 60; ++k) {
+    const Vec3 at(wave(k, 1.1), wave(k, 2.3), wave(k, 3.7));
+    const Shape shapes[] = {Sphere{0.3},
+                            Box{{0.2, 0.1, 0.3}},
+                            Capsule{0.1, 0.2},
+                            Cylinder{0.2, 0.1},
+                            Triangle{{-0.3, 0, 0}, {0.4, 0.1, 0}, {0, 0.2, 0.3}, 0.05},
+                            Plane{Vec3::UnitZ()}};
+    all.emplace_back(shapes[k % 6], at, k % 6 == 1 && k % 4 == 0);
+    all.back().set_orientation(Quaternion(1, wave(k, 0.7), wave(k, 1.9), wave(k, 0.3)));
+  }
+  BoundingBalls balls;
+  for (const Collider& collider : all) balls.add(collider);
+  EXPECT_EQ(balls.size(), 60);
+  std::vector<std::int32_t> found;
+  int near = 0, listed = 0;
+  for (int p = 0; p < 500; ++p) {
+    const Vec3 x(wave(p, 0.9), wave(p, 1.7), wave(p, 2.9));
+    for (const double reach : {-0.05, 0.0, 0.2}) {
+      balls.find(x, reach, found);
+      EXPECT_TRUE(std::is_sorted(found.begin(), found.end()));
+      listed += static_cast<int>(found.size());
+      for (std::int32_t c = 0; c < 60; ++c) {
+        const bool is_near = all[static_cast<std::size_t>(c)].signed_distance(x).value <= reach;
+        const bool is_found = std::binary_search(found.begin(), found.end(), c);
+        EXPECT_TRUE(is_found || !is_near) << c << ' ' << p;
+        const PlacedBall ball(all[static_cast<std::size_t>(c)]);
+        EXPECT_EQ(!ball.beyond(x, reach), is_found);
+        near += is_near ? 1 : 0;
+      }
+    }
+  }
+  EXPECT_GT(near, 1000);
+  EXPECT_LT(listed, 60 * 3 * 500 / 3);
 }
 
 TEST(Sampled, IsTheDistanceWithinItsBound) {

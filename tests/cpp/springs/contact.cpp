@@ -4,6 +4,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <cmath>
+#include <utility>
 
 #include "substep/core/usize.h"
 #include "substep/springs/incremental_potential.h"
@@ -24,7 +25,8 @@ Contacts contacts_with(Collider collider, std::size_t vertices, double friction 
 }
 
 // Central differences of energy and gradient of a term against what it says of itself.
-void expect_derivatives(const Term& term, const std::vector<Vec3>& at) {
+void expect_derivatives(Term&& term, const std::vector<Vec3>& at) {
+  term.find(at);
   const std::int64_t n = element_count(term);
   std::vector<Vec3> g(usize(n)), up(g), down(g);
   std::vector<Mat3> H(usize(n));
@@ -61,8 +63,9 @@ TEST(Contact, BarrierDerivatives) {
 
 TEST(Contact, BarrierVanishesSmoothlyAtItsThickness) {
   const Contacts plane = contacts_with(Collider(Plane{Vec3::UnitZ()}, Vec3::Zero()), 1);
-  const BarrierTerm term(plane);
+  BarrierTerm term(plane);
   const std::vector<Vec3> at = {{0.0, 0.0, 0.1 - 1e-7}};
+  term.find(at);
   Vec3 g;
   Mat3 H;
   term.derivatives(at, 0, 1, 1.0, &g, &H);
@@ -74,10 +77,11 @@ TEST(Contact, BarrierVanishesSmoothlyAtItsThickness) {
 
 TEST(Contact, ProjectedBarrierIsPositiveSemidefinite) {
   const Contacts sphere = contacts_with(Collider(Sphere{1.0}, Vec3::Zero()), 1);
-  const BarrierTerm term(sphere);
+  BarrierTerm term(sphere);
   Vec3 g;
   Mat3 H, projected;
   const std::vector<Vec3> at = {{0.0, 0.6, 0.81}};
+  term.find(at);
   term.derivatives(at, 0, 1, 1.0, &g, &H);
   term.derivatives(at, 0, 1, 0.0, &g, &projected);
   EXPECT_LT(H.selfadjointView<Eigen::Lower>().eigenvalues().minCoeff(), -1e-3);
@@ -89,7 +93,7 @@ TEST(Contact, FrictionDerivatives) {
   FrictionTerm term(plane);
   term.lag(
       std::vector<Vec3>{{0.0, 0.0, 0.05}, {1.0, 0.0, 0.02}, {0.0, 1.0, 0.09}, {1.0, 1.0, 0.3}});
-  expect_derivatives(term,
+  expect_derivatives(std::move(term),
                      {{0.01, 0.02, 0.3}, {0.2, -0.1, 0.0}, {-0.04, 0.04, -1.0}, {1.0, 0.0, 0.0}});
 }
 
@@ -99,7 +103,9 @@ TEST(Contact, FrictionOfASlidingVertexIsCoulombs) {
   FrictionTerm friction(plane);
   friction.lag(at);
   Vec3 normal, sliding;
-  BarrierTerm(plane).derivatives(at, 0, 1, 1.0, &normal, nullptr);
+  BarrierTerm barrier(plane);
+  barrier.find(at);
+  barrier.derivatives(at, 0, 1, 1.0, &normal, nullptr);
   friction.derivatives(std::vector<Vec3>{{0.3, 0.4, -0.2}}, 0, 1, 1.0, &sliding, nullptr);
   EXPECT_NEAR(sliding.norm(), 0.4 * normal.norm(), 1e-15);
   EXPECT_NEAR(sliding.dot(Vec3(0.6, 0.8, 0.0)), sliding.norm(), 1e-15);
@@ -184,7 +190,7 @@ TEST(Contact, RestingVertexGivesItsWeight) {
       x[0] += s * dx[0];
     }
     v[0] = (x[0] - x_n[0]) / h;
-    set_exchanges(contacts, *barrier, *friction, x, v, h, 1);
+    set_exchanges(contacts, *barrier, *friction, x, v, h);
     ASSERT_GT(x[0].z(), 0.0);
   }
   EXPECT_LT(v[0].norm(), 1e-6);

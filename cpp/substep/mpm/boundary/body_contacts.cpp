@@ -165,6 +165,7 @@ void Bodies::meet(std::span<BodyContact* const> contacts, std::span<const double
   parallel_chunks(
       static_cast<std::int64_t>(bodies.size()),
       [&](std::int64_t b) {
+        if (of_body[usize(b)].empty()) return;
         const Collider& body = moving_[bodies[usize(b)][0]];
         meet_body(body.body_velocity(), body.body.mobility, of_body[usize(b)]);
       },

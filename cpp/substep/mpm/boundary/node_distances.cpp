@@ -2,9 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
+#include "substep/geometry/bounding_balls.h"
+#include "substep/geometry/surely_beyond.h"
 
 namespace substep::mpm {
 namespace {
@@ -33,10 +36,15 @@ void sample(const geometry::Collider& collider, int axis, std::uint64_t key, dou
   const double near = reach + kTolerance * cell;
   const double clear = lipschitz(collider, axis) * 0.5 * std::sqrt(D) * cell + near;
   const Vec3 first = corner<D>(key, cell);
+  const auto beyond = [&](const Vec3& x, double far) {
+    const Vec3 local = collider.rotation().transpose() * (x - collider.position());
+    return geometry::surely_beyond(collider, local, far);
+  };
   for (int group = 0; group < 1 << D; ++group) {
     Vec3 centre = first;
     for (int d = 0; d < D; ++d) centre[d] += cell * (kHalf * (group >> d & 1) + 0.5);
-    const bool free = signed_distance(collider, axis, centre).value > clear;
+    const bool free =
+        beyond(centre, clear) || signed_distance(collider, axis, centre).value > clear;
     for (int member = 0; member < 1 << D; ++member) {
       Vec3 x = first;
       int node = 0;
@@ -47,7 +55,7 @@ void sample(const geometry::Collider& collider, int axis, std::uint64_t key, dou
       }
       Real* const value = values + 4 * node;
       std::fill_n(value, 4, static_cast<Real>(cell));
-      if (free) continue;
+      if (free || beyond(x, near)) continue;
       auto [distance, n] = signed_distance(collider, axis, x);
       if constexpr (D == 2) n[2] = 0;
       const double length = n.norm();
@@ -65,71 +73,120 @@ void NodeDistances<Real, D>::update(const transfer::BlockLayout<D>& layout, bool
                                     std::span<const geometry::Collider> colliders, int threads) {
   surfaces_ = surfaces(colliders);
   fields_.resize(surfaces_.size());
+  std::vector<std::uint8_t> anew(surfaces_.size(), 0);
+  std::vector<Field> before(surfaces_.size());  // whose patches hold
   for (std::size_t s = 0; s < surfaces_.size(); ++s) {
     const geometry::Collider& collider = colliders[surfaces_[s].collider];
     const auto state = collider.state();
-    std::array<double, kPose> pose;
-    std::copy_n(state.begin(), kPose, pose.begin());
-    const bool moved = pose != fields_[s].pose || collider.shapes() != fields_[s].shapes;
+    Field field;
+    std::copy_n(state.begin(), kPose, field.pose.begin());
+    field.shapes = collider.shapes();
+    const bool moved = field.pose != fields_[s].pose || field.shapes != fields_[s].shapes;
     if (!moved && !layout_changed) continue;
-    fields_[s] =
-        fill(collider, surfaces_[s].axis, layout.node_keys, moved ? nullptr : &fields_[s], threads);
-    fields_[s].pose = pose;
-    fields_[s].shapes = collider.shapes();
+    anew[s] = 1;
+    if (!moved) before[s] = std::move(fields_[s]);
+    fields_[s] = std::move(field);
+  }
+  if (!layout_changed && std::find(anew.begin(), anew.end(), 1) == anew.end()) return;
+  try {
+    find_blocks(layout.node_keys, colliders, anew, threads);
+    fill(colliders, anew, before, threads);
+    list_held(layout.node_keys.size());
+  } catch (...) {
+    fields_.clear();  // the next call finds all anew
+    throw;
   }
 }
 
 template <class Real, int D>
-auto NodeDistances<Real, D>::fill(const geometry::Collider& collider, int axis,
-                                  std::span<const std::uint64_t> keys, const Field* same,
-                                  int threads) const -> Field {
+void NodeDistances<Real, D>::find_blocks(std::span<const std::uint64_t> keys,
+                                         std::span<const geometry::Collider> colliders,
+                                         std::span<const std::uint8_t> anew, int threads) {
   constexpr std::int64_t kGrain = 64;
   const auto blocks = static_cast<std::int64_t>(keys.size());
-  const double half = 0.5 * (kBlock - 1) * cell_;
-  const double bound =
-      lipschitz(collider, axis) * half * std::sqrt(D) + reach_ + kTolerance * cell_;
+  const double half = 0.5 * (kBlock - 1) * cell_, near = reach_ + kTolerance * cell_;
   Vec3 middle = Vec3::Zero();
   middle.head<D>().setConstant(half);
-  Field field;
-  auto& of_block = field.of_block;
-  of_block.resize(keys.size());
+  std::vector<std::int32_t> asked;  // surfaces
+  geometry::BoundingBalls balls;
+  for (std::size_t s = 0; s < surfaces_.size(); ++s) {
+    if (anew[s] == 0) continue;
+    asked.push_back(static_cast<std::int32_t>(s));
+    balls.add(colliders[surfaces_[s].collider]);
+  }
+  std::vector<std::vector<std::pair<std::int32_t, std::int32_t>>> found(  // surface, block
+      usize((blocks + kGrain - 1) / kGrain));
   parallel_for(
       blocks, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
+        std::vector<std::int32_t> close;
         for (std::int64_t b = begin; b < end; ++b) {
-          const auto i = usize(b);
-          const Vec3 centre = corner<D>(keys[i], cell_) + middle;
-          of_block[i] = signed_distance(collider, axis, centre).value <= bound ? 0 : -1;
+          const Vec3 centre = corner<D>(keys[usize(b)], cell_) + middle;
+          balls.find(centre, half * std::sqrt(D) + near, close);
+          for (const std::int32_t k : close) {
+            const auto [c, axis] = surfaces_[usize(asked[usize(k)])];
+            const double bound = lipschitz(colliders[c], axis) * half * std::sqrt(D) + near;
+            if (!(signed_distance(colliders[c], axis, centre).value <= bound)) continue;
+            found[usize(begin / kGrain)].emplace_back(asked[usize(k)], b);
+          }
         }
       },
       threads);
-  for (std::size_t b = 0; b < keys.size(); ++b) {
-    if (of_block[b] < 0) continue;
-    of_block[b] = static_cast<std::int32_t>(field.keys.size());
-    field.keys.push_back(keys[b]);
+  for (const auto& part : found) {
+    for (const auto& [s, b] : part) {
+      fields_[usize(s)].keys.push_back(keys[usize(b)]);
+      fields_[usize(s)].blocks.push_back(b);
+    }
   }
-  field.patches = std::vector<Patch>(field.keys.size());
+}
+
+template <class Real, int D>
+void NodeDistances<Real, D>::fill(std::span<const geometry::Collider> colliders,
+                                  std::span<const std::uint8_t> anew, std::span<Field> before,
+                                  int threads) {
+  constexpr std::int64_t kGrain = 8;
+  std::vector<std::pair<std::size_t, std::size_t>> lacking;  // surface, patch
+  for (std::size_t s = 0; s < surfaces_.size(); ++s) {
+    if (anew[s] == 0) continue;
+    Field &field = fields_[s], &known = before[s];
+    field.patches = std::vector<Patch>(field.keys.size());
+    for (std::size_t p = 0, k = 0; p < field.keys.size(); ++p) {
+      while (k < known.keys.size() && known.keys[k] < field.keys[p]) ++k;
+      if (k < known.keys.size() && known.keys[k] == field.keys[p]) {
+        field.patches[p] = known.patches[k];
+      } else {
+        lacking.emplace_back(s, p);
+      }
+    }
+  }
   parallel_for(
-      static_cast<std::int64_t>(field.keys.size()), kGrain / 8,
+      static_cast<std::int64_t>(lacking.size()), kGrain,
       [&](std::int64_t begin, std::int64_t end) {
-        for (std::int64_t p = begin; p < end; ++p) {
-          const auto i = usize(p);
-          const Patch* known = nullptr;
-          if (same != nullptr) {
-            const auto at = std::lower_bound(same->keys.begin(), same->keys.end(), field.keys[i]);
-            if (at != same->keys.end() && *at == field.keys[i]) {
-              known = &same->patches[usize(at - same->keys.begin())];
-            }
-          }
-          if (known != nullptr) {
-            field.patches[i] = *known;
-          } else {
-            sample<Real, D>(collider, axis, field.keys[i], cell_, reach_, field.patches[i].values);
-          }
+        for (std::int64_t k = begin; k < end; ++k) {
+          const auto [s, p] = lacking[usize(k)];
+          const auto [c, axis] = surfaces_[s];
+          sample<Real, D>(colliders[c], axis, fields_[s].keys[p], cell_, reach_,
+                          fields_[s].patches[p].values);
         }
       },
       threads);
-  return field;
+}
+
+template <class Real, int D>
+void NodeDistances<Real, D>::list_held(std::size_t blocks) {
+  starts_.assign(blocks + 1, 0);
+  for (const Field& field : fields_) {
+    for (const std::int32_t b : field.blocks) ++starts_[usize(b) + 1];
+  }
+  for (std::size_t b = 0; b < blocks; ++b) starts_[b + 1] += starts_[b];
+  held_.resize(usize(starts_[blocks]));
+  std::vector<std::int32_t> next(starts_.begin(), starts_.end() - 1);
+  for (std::size_t s = 0; s < fields_.size(); ++s) {
+    for (std::size_t p = 0; p < fields_[s].blocks.size(); ++p) {
+      held_[usize(next[usize(fields_[s].blocks[p])]++)] = {static_cast<std::int32_t>(s),
+                                                           static_cast<std::int32_t>(p)};
+    }
+  }
 }
 
 template class NodeDistances<float, 2>;

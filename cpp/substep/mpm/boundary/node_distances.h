@@ -33,11 +33,19 @@ class NodeDistances {
   void update(const transfer::BlockLayout<D>& layout, bool layout_changed,
               std::span<const geometry::Collider> colliders, int threads);
 
-  // The patch of a surface on a node block, nullptr where none of its nodes takes the condition.
-  const Patch* patch(std::size_t surface, std::int32_t node_block) const {
-    const Field& field = fields_[surface];
-    const std::int32_t p = field.of_block[usize(node_block)];
-    return p < 0 ? nullptr : &field.patches[usize(p)];
+  // A surface that some nodes of a block take the condition of, and its patch there.
+  struct Held {
+    std::int32_t surface;
+    std::int32_t patch;
+  };
+  // Those of a node block, ascending by their surfaces.
+  std::span<const Held> held(std::int32_t node_block) const {
+    const auto first = usize(starts_[usize(node_block)]),
+               end = usize(starts_[usize(node_block) + 1]);
+    return std::span(held_).subspan(first, end - first);
+  }
+  const Patch& patch(const Held& held) const {
+    return fields_[usize(held.surface)].patches[usize(held.patch)];
   }
   // All surfaces, ascending by their colliders.
   std::span<const Surface> all() const { return surfaces_; }
@@ -48,16 +56,23 @@ class NodeDistances {
     std::array<double, kPose> pose{};  // that it was computed for
     std::int64_t shapes = 0;           // and of which shape
     std::vector<std::uint64_t> keys;   // of the node blocks with a patch, ascending
+    std::vector<std::int32_t> blocks;  // and their numbers
     std::vector<Patch> patches;
-    std::vector<std::int32_t> of_block;  // -1: none
   };
-  // same: a field of this pose, whose patches hold.
-  Field fill(const geometry::Collider& collider, int axis, std::span<const std::uint64_t> keys,
-             const Field* same, int threads) const;
+  // Finds the node blocks of surfaces that are to be found anew, and samples them: all where the
+  // surface moved, else those that it had not before.
+  void find_blocks(std::span<const std::uint64_t> keys,
+                   std::span<const geometry::Collider> colliders,
+                   std::span<const std::uint8_t> anew, int threads);
+  void fill(std::span<const geometry::Collider> colliders, std::span<const std::uint8_t> anew,
+            std::span<Field> before, int threads);
+  void list_held(std::size_t blocks);
 
   double cell_, reach_;
   std::vector<Surface> surfaces_;
-  std::vector<Field> fields_;  // of each surface
+  std::vector<Field> fields_;         // of each surface
+  std::vector<std::int32_t> starts_;  // of each node block, in held_
+  std::vector<Held> held_;
 };
 
 }  // namespace substep::mpm

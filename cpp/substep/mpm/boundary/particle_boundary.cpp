@@ -2,10 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "substep/core/lanes.h"
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
+#include "substep/geometry/surely_beyond.h"
 
 namespace substep::mpm {
 namespace {
@@ -40,6 +42,34 @@ Vec3 ParticleBoundary<Real, D>::first_node(std::uint64_t key) const {
   return x;
 }
 
+template <class Real, int D>
+Vec3 ParticleBoundary<Real, D>::middle_of(const Vec3& first) const {
+  Vec3 middle = first;
+  middle.template head<D>().array() += kHalf * cell_;
+  return middle;
+}
+
+// Balls about the surfaces, for find() within an arena and the margin: with the way of this step.
+// With a the distance of the middle of an arena of radius r from the centre of a ball of radius R,
+// which is o from the collider's position, comes_near() is true only where
+//   a - R <= r + margin + dt |v| + dt |w| (a + o + r + dt |v|).
+template <class Real, int D>
+geometry::BoundingBalls ParticleBoundary<Real, D>::balls_with_ways(
+    std::span<const Surface> all) const {
+  geometry::BoundingBalls balls;
+  const double arena = kHalf * std::sqrt(D) * cell_, beyond = arena + kMargin * cell_;
+  for (const Surface& surface : all) {
+    const Collider& to = to_[surface.collider];
+    const geometry::BoundingBall ball = geometry::bounding_ball(to);
+    const double way = to.velocity.norm() * dt_, turn = to.angular_velocity.norm() * dt_;
+    const double size =
+        (ball.radius + beyond + way + turn * (ball.center.norm() + arena + way)) / (1 - turn);
+    balls.add(to.position() + to.rotation() * ball.center,
+              turn < 0.5 ? size - beyond : std::numeric_limits<double>::infinity());
+  }
+  return balls;
+}
+
 // Whether a surface may be met in the arena, and where in it surely not.
 //
 // Convex solids: their distance is a convex function, so it is at least that of its tangent.
@@ -48,8 +78,7 @@ Vec3 ParticleBoundary<Real, D>::first_node(std::uint64_t key) const {
 template <class Real, int D>
 bool ParticleBoundary<Real, D>::comes_near(const Collider& to, int axis, const Vec3& first,
                                            Free& free) const {
-  Vec3 middle = first;
-  middle.template head<D>().array() += kHalf * cell_;
+  const Vec3 middle = middle_of(first);
   const double radius = kHalf * std::sqrt(D) * cell_;
   const double way = surface_speed(to, middle, radius) * dt_;
   const double keep = kMargin * cell_ + way;
@@ -122,6 +151,7 @@ void ParticleBoundary<Real, D>::begin_step(const transfer::BlockLayout<D>& layou
     return;
   }
   dt_ = dt;
+  sums_.resize(colliders.size());
   from_.clear();  // until all is found: where it fails, the next call begins anew
   std::vector<Collider> from(colliders.begin(), colliders.end());
   to_ = from;
@@ -133,15 +163,20 @@ void ParticleBoundary<Real, D>::begin_step(const transfer::BlockLayout<D>& layou
   const auto blocks = static_cast<std::int64_t>(layout.particle_keys.size());
   constexpr std::int64_t kGrain = 64;
   const std::vector<Surface> all = surfaces(to_);
+  const geometry::BoundingBalls balls = balls_with_ways(all);
+  const double radius = kHalf * std::sqrt(D) * cell_;
   slots_.resize(layout.particle_keys.size());
   std::vector<std::vector<Near>> found(usize((blocks + kGrain - 1) / kGrain));
   parallel_for(
       blocks, kGrain,
       [&](std::int64_t begin, std::int64_t end) {
+        std::vector<std::int32_t> close;
         for (std::int64_t b = begin; b < end; ++b) {
           Near near;
           near.first = first_node(layout.particle_keys[usize(b)]);
-          for (const Surface& surface : all) {
+          balls.find(middle_of(near.first), radius + kMargin * cell_, close);
+          for (const std::int32_t s : close) {
+            const Surface& surface = all[usize(s)];
             Wall wall{surface, {}, {}};
             if (comes_near(to_[surface.collider], surface.axis, near.first, wall.free)) {
               near.walls.push_back(wall);
@@ -154,11 +189,9 @@ void ParticleBoundary<Real, D>::begin_step(const transfer::BlockLayout<D>& layou
         }
       },
       threads);
-  const double radius = kHalf * std::sqrt(D) * cell_;
   for (std::vector<Near>& part : found) {
     for (Near& near : part) {
-      Vec3 middle = near.first;
-      middle.template head<D>().array() += kHalf * cell_;
+      const Vec3 middle = middle_of(near.first);
       for (const Wall& wall : near.walls) {
         collider_speed_ =
             std::max(collider_speed_, surface_speed(from[wall.surface.collider], middle, radius));
@@ -287,7 +320,8 @@ bool ParticleBoundary<Real, D>::settle_one(Near& near, const Vec3& before, Vec3&
       const auto [c, axis] = wall.surface;
       const Collider &from = from_[c], &to = to_[c];
       const Vec3 came = to_local(from, before), target = to_local(to, x);
-      const bool inside = !(local_distance(from, axis, came).value > 0);
+      const bool inside =
+          !geometry::surely_beyond(from, came, 0) && !(local_distance(from, axis, came).value > 0);
       Vec3 p = held_off(from, axis, came, target, margin, inside);
       if (inside) {
         const double way = (p - target).norm(), most = kPush * cell_;
@@ -317,14 +351,12 @@ bool ParticleBoundary<Real, D>::settle_one(Near& near, const Vec3& before, Vec3&
 }
 
 template <class Real, int D>
-Exchange ParticleBoundary<Real, D>::exchange(std::size_t c) const {
-  Exchange sum;
+std::span<const Exchange> ParticleBoundary<Real, D>::sum_exchanges() noexcept {
+  std::fill(sums_.begin(), sums_.end(), Exchange{});
   for (const Near& near : near_) {
-    for (const Wall& wall : near.walls) {
-      if (wall.surface.collider == c) sum += wall.part;
-    }
+    for (const Wall& wall : near.walls) sums_[wall.surface.collider] += wall.part;
   }
-  return sum;
+  return sums_;
 }
 
 template <class Real, int D>

@@ -25,6 +25,7 @@
 #include <vector>
 
 #include "substep/core/usize.h"
+#include "substep/geometry/bounding_balls.h"
 #include "substep/geometry/collider.h"
 #include "substep/mpm/boundary/boundary.h"
 #include "substep/mpm/boundary/surfaces.h"
@@ -62,9 +63,9 @@ class ParticleBoundary {
   void settle(std::int32_t block, const Real* before, Real* x, Real* v, const Real* volume,
               double density, int count);
 
-  // After all packets: what collider c was given, and by how much some particle went beyond the
+  // After all packets: what each collider was given, and by how much some particle went beyond the
   // reach [cells].
-  geometry::Exchange exchange(std::size_t c) const;
+  std::span<const geometry::Exchange> sum_exchanges() noexcept;
   double excess() const;
   // The greatest surface speed of a moving collider near to particles [m/s].
   double collider_speed() const { return collider_speed_; }
@@ -95,6 +96,8 @@ class ParticleBoundary {
   using Mask = Vector<IntOf<Real>>;
 
   geometry::Vec3 first_node(std::uint64_t key) const;
+  geometry::Vec3 middle_of(const geometry::Vec3& first) const;  // of an arena
+  geometry::BoundingBalls balls_with_ways(std::span<const Surface> all) const;
   bool comes_near(const geometry::Collider& to, int axis, const geometry::Vec3& first,
                   Free& free) const;
   double surface_speed(const geometry::Collider& collider, const geometry::Vec3& centre,
@@ -112,6 +115,7 @@ class ParticleBoundary {
   std::vector<std::int32_t> slots_;            // of each particle block: place in near_, or -1
   std::vector<Near> near_;                     // ascending blocks
   std::vector<double> masses_;                 // as given to begin_step
+  std::vector<geometry::Exchange> sums_;       // of each collider
 };
 
 }  // namespace substep::mpm

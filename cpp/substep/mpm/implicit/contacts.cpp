@@ -90,11 +90,9 @@ void ImplicitContacts<D>::assign(const ImplicitNodes<D>& nodes,
     const auto block = static_cast<std::int32_t>(slot / ImplicitNodes<D>::kPerBlock);
     const std::size_t local = slot % ImplicitNodes<D>::kPerBlock;
     const std::size_t first = contacts_.size();
-    for (std::size_t s = 0; s < distances.all().size(); ++s) {
-      const auto* const patch = distances.patch(s, block);
-      const std::size_t c = distances.all()[s].collider;
-      if (patch == nullptr) continue;
-      const Real* const value = patch->values + 4 * local;
+    for (const auto& held : distances.held(block)) {
+      const std::size_t c = distances.all()[usize(held.surface)].collider;
+      const Real* const value = distances.patch(held).values + 4 * local;
       if (!(value[3] <= 0)) continue;
       const auto coordinates = nodes.coordinates(i);
       Vec3 x = Vec3::Zero(), n = Vec3::Zero();

@@ -238,15 +238,20 @@ void GridUpdate<Real, D>::find_contacts(std::int32_t node_block, std::span<const
                                         const Real* nodes, Found& found) const {
   constexpr int kNodes = transfer::NodeBlocks<Real, D>::kNodes;
   double total = 0;
+  std::vector<Holder> held;  // those of a node
   for (int node = 0; node < kNodes; ++node) {
     const Real* const at = nodes + node * kNodeReals;
     const std::size_t first = found.contacts.size();
     total += static_cast<double>(at[D]);
+    held.clear();
+    if (at[D] < kEmpty<Real>) continue;
     for (const Holder& holder : holders) {
+      if (holder.patch->values[4 * node + 3] <= 0) held.push_back(holder);
+    }
+    for (const Holder& holder : held) {
       const Collider& collider = moving()[holder.collider];
       const Real* const n = holder.patch->values + 4 * node;
-      if (!collider.yields() || !(n[3] <= 0) || at[D] < kEmpty<Real>) continue;
-      if (other_is_nearer(holders, holder, node)) continue;
+      if (!collider.yields() || other_is_nearer(held, holder, node)) continue;
       Vec3 arm = place<D>(layout_->node_keys[usize(node_block)], node, cell_) - collider.centre();
       if constexpr (D == 2) arm[2] = 0;
       found.contacts.push_back({holder.collider, std::int64_t{node_block} * kNodes + node,
@@ -315,9 +320,8 @@ template <class Real, int D>
 void GridUpdate<Real, D>::find_holders(std::int32_t node_block,
                                        std::vector<Holder>& holders) const {
   holders.clear();
-  for (std::size_t s = 0; s < distances_.all().size(); ++s) {
-    const auto* patch = distances_.patch(s, node_block);
-    if (patch != nullptr) holders.push_back({distances_.all()[s].collider, patch});
+  for (const auto& held : distances_.held(node_block)) {
+    holders.push_back({distances_.all()[usize(held.surface)].collider, &distances_.patch(held)});
   }
 }
 
@@ -377,6 +381,7 @@ void GridUpdate<Real, D>::clear_exchange() {
 template <class Real, int D>
 double GridUpdate<Real, D>::finish() {
   const std::size_t many = colliders.size();
+  const std::span<const Exchange> from_particles = particles_.sum_exchanges();
   for (std::size_t c = 0; c < many; ++c) {
     Exchange sum = colliders[c].exchange();
     for (std::size_t part = c; part < parts_.size(); part += many) sum += parts_[part];
@@ -387,12 +392,12 @@ double GridUpdate<Real, D>::finish() {
       colliders[c].angular_velocity = body.angular_velocity;
       colliders[c].body.received = body.body.received;
     }
-    sum += particles_.exchange(c);
+    sum += from_particles[c];
     colliders[c].set_exchange(sum);
     colliders[c].advance(dt_);
   }
   for (std::size_t c = 0; c < many; ++c) {
-    if (colliders[c].yields()) push_body(colliders, c, particles_.exchange(c));
+    if (colliders[c].yields()) push_body(colliders, c, from_particles[c]);
   }
   bodies_.end();
   return particles_.excess();

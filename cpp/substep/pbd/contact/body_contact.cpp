@@ -92,24 +92,23 @@ void BodyContact<Real>::find(const geometry::ParticleContact<Real>& contact,
                              std::span<const Point<Real>> start, std::span<const Point<Real>> x,
                              std::span<const Real> mass) {
   near_.clear();
-  for (std::size_t c = 0; c < contact.colliders.size(); ++c) {
-    const geometry::Collider& collider = contact.colliders[c];
+  double way = 0, arm = 0, pace = 0;
+  for (std::size_t i = 0; i < x.size(); ++i) {
+    way = std::max(way, (xyz(x[i]) - xyz(start[i])).squaredNorm());
+    arm = std::max(arm, xyz(x[i]).squaredNorm());
+  }
+  for (const geometry::Collider& collider : contact.colliders) {
     if (!collider.yields()) continue;
-    const Vec3 centre = collider.centre() - contact.origin();
-    double way = 0, arm = 0;
-    for (std::size_t i = 0; i < x.size(); ++i) {
-      way = std::max(way, (xyz(x[i]) - xyz(start[i])).squaredNorm());
-      arm = std::max(arm, (xyz(x[i]) - centre).squaredNorm());
-    }
     const Vec6 v = collider.body_velocity();
-    const double reach = contact.margin() + std::sqrt(way) +
-                         h_ * (v.head<3>().norm() + v.tail<3>().norm() * std::sqrt(arm));
-    std::vector<std::int32_t> found;
-    contact.find_near(c, x, 0, static_cast<std::int64_t>(x.size()), reach, found);
-    for (const std::int32_t i : found) {
-      if (mass[usize(i)] != 0) near_.emplace_back(c, i);
+    const double farthest = std::sqrt(arm) + (collider.centre() - contact.origin()).norm();
+    pace = std::max(pace, v.head<3>().norm() + v.tail<3>().norm() * farthest);
+  }
+  for (const auto& chunk : contact.find_near(x, contact.margin() + std::sqrt(way) + h_ * pace)) {
+    for (const auto& [c, i] : chunk) {
+      if (mass[usize(i)] != 0 && contact.colliders[usize(c)].yields()) near_.emplace_back(c, i);
     }
   }
+  std::sort(near_.begin(), near_.end());
 }
 
 // Whether anything had to be moved.

@@ -364,6 +364,7 @@ void World::remember() {
   poll_interrupt();
   before_.x = bodies_.x, before_.q = bodies_.q, before_.P = bodies_.P, before_.L = bodies_.L;
   before_.rest_x = rest_x_, before_.rest_q = rest_q_;
+  before_.placed_x = placed_x_, before_.placed_q = placed_q_;
   before_.joints = joints_;
   before_.islands = islands_;
   sort_contacts(contacts_);
@@ -401,6 +402,8 @@ void World::check_joints(double dt) const {
 void World::go_back() {
   bodies_.x = before_.x, bodies_.q = before_.q, bodies_.P = before_.P, bodies_.L = before_.L;
   rest_x_.swap(before_.rest_x), rest_q_.swap(before_.rest_q);
+  placed_x_.swap(before_.placed_x), placed_q_.swap(before_.placed_q);
+  displaced_.clear();
   joints_.swap(before_.joints);
   std::swap(islands_, before_.islands);
   last_contacts_.swap(contacts_);

@@ -130,7 +130,7 @@ class World {
  private:
   // What a step that fails goes back to.
   struct Before {
-    std::vector<double> x, q, P, L, rest_x, rest_q;
+    std::vector<double> x, q, P, L, rest_x, rest_q, placed_x, placed_q;
     std::vector<Joint> joints;
     Islands islands;
   };

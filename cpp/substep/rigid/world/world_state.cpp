@@ -21,7 +21,8 @@ void check_state(const WorldState& state) {
   require(many(bodies.x, 3 * n) && many(bodies.q, 4 * n) && many(bodies.P, 3 * n) &&
               many(bodies.L, 3 * n) && many(bodies.inertia, 3 * n) && many(bodies.force, 3 * n) &&
               many(bodies.torque, 3 * n) && many(bodies.motion, n) && many(state.slow_time, n) &&
-              many(state.island, n) && many(state.rest_x, 3 * n) && many(state.rest_q, 4 * n),
+              many(state.island, n) && many(state.rest_x, 3 * n) && many(state.rest_q, 4 * n) &&
+              many(state.placed_x, 3 * n) && many(state.placed_q, 4 * n),
           "the rows of bodies are not as many as the bodies");
   const auto is_body = [&](std::int32_t b) { return b >= 0 && b < bodies.size(); };
   require(many(state.fixture_body, state.fixtures.size()) &&
@@ -87,6 +88,8 @@ WorldState World::state() const {
   state.island.resize(usize(bodies_.size()), Islands::kNoBody);
   state.rest_x = rest_x_;
   state.rest_q = rest_q_;
+  state.placed_x = placed_x_;
+  state.placed_q = placed_q_;
   return state;
 }
 
@@ -94,10 +97,16 @@ void World::restore(const WorldState& state) {
   check_state(state);
   World other(options_);
   other.bodies_ = state.bodies;
-  other.rest_x_ = other.placed_x_ = state.rest_x;
-  other.rest_q_ = other.placed_q_ = state.rest_q;
+  other.rest_x_ = other.placed_x_ = state.placed_x;
+  other.rest_q_ = other.placed_q_ = state.placed_q;
   other.asleep_.assign(usize(state.bodies.size()), 0);
   other.ways_.resize(usize(state.bodies.size()));
+  for (std::int64_t b = 0; b < state.bodies.size(); ++b) other.check_row(b);
+  const auto swap_places = [&] {
+    other.bodies_.x.swap(other.before_.x), other.bodies_.q.swap(other.before_.q);
+  };
+  other.before_.x = state.placed_x, other.before_.q = state.placed_q;
+  swap_places();  // fixtures begin where they were placed
   std::size_t f = 0;
   for (std::int64_t b = 0; b < state.bodies.size(); ++b) {
     std::size_t end = f;
@@ -107,6 +116,7 @@ void World::restore(const WorldState& state) {
     other.enter(b);
     f = end;
   }
+  swap_places();
   for (const MaterialPair& pair : state.material_pairs) other.fixtures_.set_material_pair(pair);
   other.excluded_ = state.excluded;
   other.joints_ = state.joints;

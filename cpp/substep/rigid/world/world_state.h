@@ -29,6 +29,8 @@ struct WorldState {
   std::vector<double> slow_time;
   std::vector<std::int32_t> island;
   std::vector<double> rest_x, rest_q;  // (n, 3), (n, 4): see World::fall_asleep()
+  // Where the last step had the bodies: who is elsewhere was moved since, and wakes what it meets.
+  std::vector<double> placed_x, placed_q;
 };
 
 }  // namespace substep::rigid
