@@ -128,9 +128,10 @@ std::vector<ContactPair> ContactTerm::pairs_within(Positions x, const auto& reac
 
 void ContactTerm::set_pairs(std::vector<ContactPair> pairs) {
   if (pairs == pairs_) return;
-  pairs_ = std::move(pairs);
-  vertices_.clear();
-  for (const ContactPair& pair : pairs_) vertices_.push_back(pair.vertex);
+  std::vector<std::int32_t> vertices;
+  for (const ContactPair& pair : pairs) vertices.push_back(pair.vertex);
+  pairs_ = std::move(pairs);  // nothing fails from here on
+  vertices_ = std::move(vertices);
   ++lists_;
 }
 
@@ -189,7 +190,7 @@ double BarrierTerm::step_bound(Positions x, Positions dx, std::int64_t, std::int
 
 void FrictionTerm::lag(Positions x) {
   std::vector<ContactPair> touching;
-  lagged_.clear();
+  std::vector<Lagged> lagged;
   for (const ContactPair& pair :
        pairs_within(x, [&](std::int32_t) { return contacts_.thickness; })) {
     const geometry::Surface& surface = surfaces_[usize(pair.surface)];
@@ -202,10 +203,11 @@ void FrictionTerm::lag(Positions x) {
     const double force = -k * barrier(d, contacts_.thickness).first * gradient.norm();
     if (force == 0.0) continue;
     touching.push_back(pair);
-    lagged_.push_back(
+    lagged.push_back(
         {c.friction * force, gradient.normalized(), c.surface_velocity(at), at - c.centre()});
   }
   set_pairs(std::move(touching));
+  lagged_ = std::move(lagged);
 }
 
 // The velocity of the vertex relative to the surface, along it: that of a body that yields is what

@@ -166,7 +166,7 @@ void IncrementalPotential::find_elements(Positions x) {
   bool changed = false;
   for (std::size_t t = fixed_; t < terms_.size(); ++t) {
     terms_[t]->find(x);
-    changed |= std::exchange(lists_[t - fixed_], terms_[t]->lists()) != terms_[t]->lists();
+    changed |= lists_[t - fixed_] != terms_[t]->lists();
   }
   if (!changed) return;
   std::int64_t gradients = gradient_base_[fixed_], blocks = block_base_[fixed_];
@@ -180,6 +180,7 @@ void IncrementalPotential::find_elements(Positions x) {
   element_gradients_.resize(usize(gradients + place));
   element_blocks_.resize(usize(blocks + place));
   sort_by_owner(owned, vertices(), roving_starts_, roving_sources_);
+  for (std::size_t t = fixed_; t < terms_.size(); ++t) lists_[t - fixed_] = terms_[t]->lists();
 }
 
 void IncrementalPotential::begin_step(Positions x_n, Positions y, double h) {
