@@ -36,17 +36,20 @@ template <class Real, int D>
 void Obstacles<Real, D>::find_distance(int threads) {
   if (!any()) return;
   std::vector<std::array<double, Collider::kStateSize>> states;
+  std::vector<Vec3> corners;
   std::vector<bool> yield;
   moving_ = false;
   for (const Collider& c : colliders) {
     states.push_back(c.state());
+    if (const auto* facet = std::get_if<geometry::Triangle>(&c.shape()))
+      corners.insert(corners.end(), {facet->a, facet->b, facet->c});
     yield.push_back(c.yields());
     moving_ |= !c.velocity.isZero(0) || !c.angular_velocity.isZero(0);
   }
   const auto in_place = [](const auto& was, const auto& is) {
     return std::equal(is.begin(), is.begin() + kPose, was.begin());
   };
-  if (!found_ ||
+  if (!found_ || corners != corners_ ||
       !std::equal(states.begin(), states.end(), states_.begin(), states_.end(), in_place)) {
     found_ = know_open_ = know_near_ = false;
     find_distances(threads);
@@ -55,6 +58,7 @@ void Obstacles<Real, D>::find_distance(int threads) {
   if (yield != yield_) know_open_ = know_near_ = false;  // it refines what is open
   if (states != states_) know_velocity_ = false;
   states_ = std::move(states);
+  corners_ = std::move(corners);
   yield_ = std::move(yield);
 }
 

@@ -99,6 +99,7 @@ class Obstacles {
   bool found_ = false, moving_ = false;  // distances; whether any collider moves
   bool know_open_ = false, know_near_ = false, know_velocity_ = false;
   std::vector<std::array<double, geometry::Collider::kStateSize>> states_;  // that it was found for
+  std::vector<Vec3> corners_;                                               // of facets then
   std::vector<bool> yield_;                                                 // which of them
   AlignedBuffer<Real> distance_, room_;
   Blocks<D> small_;
