@@ -117,6 +117,7 @@ bool World::wake_touched(double dt) {
     }
     for (const auto pairs : {broad_phase_->sleeping_pairs(), broad_phase_->pairs()}) {
       for (const FixturePair& pair : pairs) {
+        if (apart(fixtures_.bounds()[usize(pair.a)], fixtures_.bounds()[usize(pair.b)])) continue;
         const std::int32_t a = fixtures_[pair.a].body, b = fixtures_[pair.b].body;
         if (was_displaced(a)) wake(b);
         if (was_displaced(b)) wake(a);
