@@ -1,6 +1,6 @@
 """Training data for a learned simulator: blocks of sand are thrown into a box, each run otherwise.
 
-substep sweep sand_rollouts.py --repeats 200 --to gns --out rollouts makes the whole data set.
+substep sweep sand_rollouts.py --repeats 200 --to gns --bounds=0,0,1,1 makes the whole data set.
 """
 
 import json

@@ -121,6 +121,8 @@ def _parser() -> _Parser:
     sweep.add_argument(
         "--to", choices=["gns"], help="write a data set for graph network simulators, in DIR/gns"
     )
+    sweep.add_argument("--bounds", metavar="X0,Y0,X1,Y1", help="walls of that data set [m]")
+    sweep.add_argument("--material", metavar="KEY", help="parameter that it has for each particle")
     sweep.set_defaults(action=_sweep)
 
     scenes = command("scenes", "list the scenes and their parameters")
@@ -363,11 +365,24 @@ def _sweep(arguments: argparse.Namespace) -> None:
         told = ", ".join(f"{name}={value}" for name, value in run.parameters.items())
         print(f"run {run.index} ({told}{', ' * bool(told)}seed {run.seed}): {run.error}")
     if arguments.to == "gns":
-        print(f"data set: {write_gns(runs, out / 'gns')}")
+        bounds = None if arguments.bounds is None else _corners(arguments.bounds)
+        folder = write_gns(runs, out / "gns", bounds=bounds, material=arguments.material)
+        print(f"data set: {folder}")
     if failed:
         raise _Failure(
             FAILED, f"{len(failed)} of {len(runs)} runs failed; say it again to retry them"
         )
+
+
+def _corners(text: str) -> list[list[float]]:
+    """`x0,y0,x1,y1` or `x0,y0,z0,x1,y1,z1`."""
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (4, 6):
+        raise InputError(f"--bounds: expected X0,Y0,X1,Y1 or six numbers, got {text[:60]!r}")
+    return [numbers[: len(numbers) // 2], numbers[len(numbers) // 2 :]]
 
 
 def _values(where: str, parameter: Parameter, text: str) -> list[Any]:

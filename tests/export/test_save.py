@@ -105,7 +105,7 @@ def test_arrays(recording, tmp_path):
         assert file["drops/points"].shape == (3, 4, 3)
         assert file["drops/heat"][:, 0].tolist() == [0, 1, 2]
         assert file["air/smoke"].shape == (3, 2, 1, 1)
-        assert file["floor/points"].shape == (9, 3) and file["jelly/tetrahedra"].shape[1] == 4
+        assert file["floor/points"].shape == (9, 3) and file["jelly/mesh/tetrahedra"].shape[1] == 4
 
 
 def test_arrays_of_particles_that_come(tmp_path):
@@ -157,3 +157,35 @@ def test_grids_alone_are_for_arrays(tmp_path):
         with pytest.raises(substep.InputError, match=r"grids alone.*write \.npz"):
             save(tmp_path / "a.vtkhdf", tmp_path / f"b{suffix}")
     assert [p.name for p in tmp_path.iterdir()] == ["a.vtkhdf"]
+
+
+def test_the_recording_is_not_written_over(recording, tmp_path):
+    same = tmp_path / "same.npz"
+    same.write_bytes(recording.read_bytes())
+    with pytest.raises(substep.InputError, match="is the recording itself"):
+        save(same, same)
+    assert same.read_bytes() == recording.read_bytes()
+
+
+def test_names_that_usd_makes_alike_and_frames_without_points(tmp_path):
+    pytest.importorskip("pxr", reason="usd-core is not installed")
+    from pxr import Usd
+
+    part = substep.Part("particles", {"velocity": "m/s", "time": "s", "a-b": "1", "a_b": "1"})
+    with substep.Recorder(tmp_path / "a.vtkhdf", parts={"a-b": part, "a_b": part}) as recorder:
+        for n in (0, 2):
+            one = {"points": np.zeros((n, 3)), "velocity": np.zeros((n, 4)), "time": np.zeros(n)}
+            frame = {"a-b": one | {"a-b": np.zeros(n), "a_b": np.ones(n)}}
+            recorder.append(n, frame | {"a_b": frame["a-b"]})
+    [path] = save(tmp_path / "a.vtkhdf", tmp_path / "a.usda")
+    stage = Usd.Stage.Open(str(path))
+    for name in ("a_b", "a_b__1"):
+        prim = stage.GetPrimAtPath(f"/recording/{name}")
+        assert prim.GetAttribute("primvars:a_b").Get(1)[0] == 0
+        assert prim.GetAttribute("primvars:a_b__1").Get(1)[0] == 1
+        assert not prim.GetAttribute("velocities").HasValue()
+    table = save(tmp_path / "a.vtkhdf", tmp_path / "a.csv")[0].read_text().splitlines()
+    assert len(table) == 3 and table[0].count("time") == 2 and "time_field" in table[0]
+    for folder in ("none", "a.vtkhdf"):
+        with pytest.raises(OSError, match=r"No such file|Not a directory"):
+            save(tmp_path / "a.vtkhdf", tmp_path / folder / "b.usdc")

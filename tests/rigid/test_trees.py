@@ -114,3 +114,34 @@ def test_trees_agree_with_equations_of_their_joints():
     assert np.abs(tree.positions - general.positions).max() < 3e-3
     for p, q in zip(tree.joints, general.joints, strict=True):
         assert p.coordinate == pytest.approx(q.coordinate, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("masses", "step", "most"),
+    [
+        ((1, 1, 100), 1 / 60, 0.15),
+        ((1, 1, 300), 1 / 60, 0.1),
+        ((1, 1, 1000), 1 / 240, 0.1),
+        ((0.1, 0.1, 0.1, 0.1, 10), 1 / 240, 0.1),
+        (10 * (0.1,), 1 / 60, 0.01),
+    ],
+)
+@pytest.mark.parametrize("kind", ["ball", "hinge"])
+def test_chains_that_snap_taut_gain_no_energy(masses, step, most, kind):
+    """Let go level; a heavy end swings up by no more than a part of what it fell."""
+    bodies, last, length = substep.RigidBodies(sleeping=False, step=step), None, 0.4
+    for k, mass in enumerate(masses):
+        at = (length * (k + 0.5), 0, 0)
+        body = bodies.add(substep.Box((length, 0.05, 0.05)), at, mass=mass, mask=0)
+        anchor = (length * k, 0, 0)
+        if kind == "ball":
+            bodies.ball(body, last, anchor)
+        else:
+            bodies.hinge(body, last, anchor, (0, 1, 0))
+        last = body
+    scale = sum(m * 9.81 * length * (k + 0.5) for k, m in enumerate(masses))
+    highest = 0.0
+    for _ in range(round(10 / step)):
+        bodies.step()
+        highest = max(highest, bodies.diagnostics()["energy"] / scale)
+    assert highest < most

@@ -73,8 +73,16 @@ def test_recordings_are_collected_as_arrays(walkers):
 def test_data_set_for_graph_network_simulators(walkers, tmp_path):
     with pytest.raises(substep.InputError, match="part: expected one of particles"):
         write_gns(walkers, tmp_path / "no", part="liquid")
+    for bounds in ([[0, 0], [1e-320, 1e-320]], [[-1e308] * 2, [1e308] * 2], [[50, 50], [60, 60]]):
+        with pytest.raises(substep.InputError, match="bounds: "):
+            write_gns(walkers, tmp_path / "no", bounds=bounds)
     folder = write_gns(
-        walkers, tmp_path, bounds=[[-8, -4], [8, 4]], radius=1, fractions=(0.5, 0.5, 0)
+        walkers,
+        tmp_path,
+        bounds=[[-8, -4], [8, 4]],
+        radius=1,
+        fractions=(2 / 3, 1 / 3, 0),
+        material="count",
     )
     data = json.loads((folder / "metadata.json").read_text())
     assert data["bounds"] == [[0.1, 0.9], [0.1, 0.5]] and data["dim"] == 2
@@ -85,12 +93,13 @@ def test_data_set_for_graph_network_simulators(walkers, tmp_path):
     for split in ("train", "valid", "test"):
         with np.load(folder / f"{split}.npz", allow_pickle=True) as file:
             sets[split] = [item for _, item in file.items()]
-    assert [len(entries) for entries in sets.values()] == [3, 3, 0]
-    entries = sets["train"] + sets["valid"]
-    for positions, types in entries:
+    assert [len(entries) for entries in sets.values()] == [4, 2, 0]  # by seeds
+    entries = sets["train"]
+    for positions, types, material in entries + sets["valid"]:
+        assert set(material) == {len(types)}
         assert positions.dtype == np.float32 and positions.shape == (5, len(types), 2)
         assert types.dtype == np.int64 and set(types) == {6}
-    velocities = np.concatenate([np.diff(p, axis=0).reshape(-1, 2) for p, _ in entries])
+    velocities = np.concatenate([np.diff(p, axis=0).reshape(-1, 2) for p, *_ in entries])
     assert np.allclose(data["vel_mean"], velocities.mean(0), atol=1e-7)
     assert np.allclose(data["vel_std"], velocities.std(0), rtol=1e-5)
     with (
@@ -142,6 +151,25 @@ def test_functions_return_arrays_and_failures_are_tried_again(tmp_path):
     assert before == after  # none twice
     with pytest.raises(substep.InputError, match=r"repeats: the sweep in .* has 2, got 3"):
         substep.sweep(work, given, tmp_path / "out", repeats=3)
+
+    def odd(k):
+        if k == 0:
+            os._exit(1)
+        if k == 1:
+            sys.exit("enough")
+        time.sleep(0.05)
+        return {("file", "a.npy", "a\0")[k - 2]: 1.0} if k < 5 else {"a": 1.0}
+
+    found = substep.sweep(odd, {"k": range(12)}, tmp_path / "odd", workers=2)
+    assert [run.index for run in found.failed] == [0, 1, 2, 3, 4]
+    assert [run.error.partition(":")[0] for run in found.failed] == [
+        "the process died 3 times in this run",
+        "SystemExit",
+        *3 * ["InputError"],
+    ]
+    (found[7].path / "result.npz").write_bytes(b"PK")
+    with pytest.raises(substep.CorruptError, match="remove the folder"):
+        found[7].result()
     with pytest.raises(substep.InputError, match="as its result, got int"):
         raise substep.InputError(
             substep.sweep(lambda: 3, {}, tmp_path / "int", workers=1).failed[0].error
@@ -163,11 +191,14 @@ def test_functions_return_arrays_and_failures_are_tried_again(tmp_path):
         (r"parameters\['step'\]: expected finite", {"parameters": {"step": [0.1, np.nan]}}),
         ("seeds are set by", {"parameters": {"seed": 1}}),
         ("at most 1000000 runs", {"parameters": {"particles": range(1, 5000)}, "repeats": 5000}),
-        ("frames: expected frames 2 or more", {"frames": 1}),
+        ("frames: expected an integer from 2", {"frames": 1}),
         ("repeats: expected", {"repeats": 0}),
         ("seed: expected", {"seed": -1}),
         ("workers: expected", {"workers": 0}),
-        ("scheduler: expected an address", {"scheduler": 5}),
+        ("scheduler: expected an address", {"scheduler": "x"}),
+        ("repeats: expected", {"repeats": 2**63}),
+        ("expected integers of 64 bits", {"parameters": {"particles": 10**5000}}),
+        ("fps: expected", {"fps": np.nan}),
         ("the function does not take them", {"task": lambda a: {}, "parameters": {"b": 1}}),
         ("would be the same", {"task": lambda: {}, "repeats": 2}),
         ("for scenes only", {"task": lambda: {}, "frames": 3}),

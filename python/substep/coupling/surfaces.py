@@ -137,7 +137,7 @@ class SurfaceLink:
         blocks[:, :, 1, 3], blocks[:, :, 1, 5] = -r[..., 2], r[..., 0]
         blocks[:, :, 2, 3], blocks[:, :, 2, 4] = r[..., 1], -r[..., 0]
         G = blocks.reshape(-1, 9, 6)
-        D: Array = G @ np.linalg.pinv(np.einsum("kij,kil->kjl", G, G), hermitian=True)
+        D: Array = G @ np.linalg.pinv(np.einsum("kij,kil->kjl", G, G))
         D[..., 3:] /= length
         return D
 

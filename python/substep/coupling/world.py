@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 _STEP = 1 / 60  # [s], of worlds without rigid bodies
 _OFF = 0.25  # of half the thickness, that surfaces may be put back by after an interval, unless
 _HALVINGS = 5  # it was halved so often
+_BACK = 20  # interrupts while an interval is undone, after which that is begun again
 _SUMS = (
     "kinetic_energy",
     "gravitational_energy",
@@ -236,16 +237,28 @@ class World(Simulation):
                 self._step_to(end - dt / 2, dt / 2, halvings - 1)
                 self._step_to(end, dt / 2, halvings - 1)
         except BaseException as error:
-            try:
-                go_back()
-                self._surfaces.put_back(counted)
-            except NonFiniteError:  # rows as users wrote them into views: the first step refused
-                raise error from None
+            self._undo(go_back, counted, error)
             raise
         finally:
             for link in self._links:
                 link.release()
             self._surfaces.release()
+
+    def _undo(self, go_back: Callable[[], None], counted: Any, error: BaseException) -> None:
+        """Go back to before an interval that failed, also where Ctrl-C comes once more."""
+        for tried in range(_BACK):
+            try:
+                go_back()
+                self._surfaces.put_back(counted)
+                return
+            except NonFiniteError:
+                # Rows as users wrote them into views: the first step refused them.
+                raise error from None
+            except MemoryError:
+                raise
+            except BaseException:
+                if tried == _BACK - 1:
+                    raise
 
     def _try(self, bodies: RigidBodies, rows: list[Any], last: list[Array], dt: float) -> Array:
         """How the velocities of the bodies change in a step with the impulses of the last one.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import secrets
 from pathlib import Path
@@ -34,6 +35,8 @@ def write_meshes(recording: Recording, out: Path) -> list[Path]:
             mesh = meshio.Mesh(points, _cells(part, len(points), out.suffix.lower()), fields)
             number = f"-{k:04d}" if part.points is None else ""
             path = out.with_name(f"{out.stem}-{name}{number}{out.suffix}")
+            if path in written:
+                raise InputError(f"out: two parts would be written to {path.name}; rename one")
             partial = path.with_name(f".{secrets.token_hex(8)}{path.suffix}")
             try:
                 mesh.write(partial)
@@ -51,7 +54,7 @@ def _cells(part: Part, count: int, suffix: str) -> list[tuple[str, NDArray[np.in
     cells = [
         (_CELLS[key], np.asarray(array, np.int64))
         for key, array in part.constants().items()
-        if key in _CELLS
+        if key in _CELLS and (suffix != ".obj" or key == "triangles")
     ]
     if not cells and suffix == ".vtu":
         cells = [("vertex", np.arange(count)[:, None])]
@@ -61,6 +64,6 @@ def _cells(part: Part, count: int, suffix: str) -> list[tuple[str, NDArray[np.in
 def _plain(columns: dict[str, NDArray[np.generic]]) -> dict[str, NDArray[np.float64]]:
     """Fields with one row of numbers for each point."""
     return {
-        name: np.asarray(v, np.float64).reshape(len(v), *([-1] * (v.ndim > 1)))
+        name: np.asarray(v, np.float64).reshape(len(v), *[math.prod(v.shape[1:])] * (v.ndim > 1))
         for name, v in columns.items()
     }

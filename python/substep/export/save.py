@@ -95,6 +95,8 @@ def save(recording: str | os.PathLike[str], out: str | os.PathLike[str]) -> list
     else:
         from .meshes import write_meshes as write
     with Recording(check_path(recording)) as opened:
+        if target.exists() and os.path.samefile(target, opened.path):
+            raise InputError(f"out: {str(target)[-60:]!r} is the recording itself")
         if not len(opened):
             raise InputError(f"{opened.path}: has no frames")
         return write(opened, target)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from pathlib import Path
 from typing import IO, Any
 
@@ -27,7 +28,9 @@ def write_arrays(recording: Recording, out: Path) -> list[Path]:
             else:
                 arrays |= {f"{name}/{field}/{k:04d}": frame for k, frame in enumerate(frames)}
         arrays |= {
-            f"{name}/{key}": array for key, array in part.constants().items() if key != "points"
+            f"{name}/mesh/{key}": array
+            for key, array in part.constants().items()
+            if key != "points"
         }
     replace_file(str(out), lambda file: np.savez_compressed(file, **arrays))
     return [out]
@@ -58,7 +61,7 @@ def _write_table(recording: Recording, name: str, file: IO[bytes]) -> None:
         if k == 0:
             table.writerow(["frame", "time", "index", *_headings(columns)])
         count = len(columns["points"])
-        rows = [values.reshape(count, -1).tolist() for values in columns.values()]
+        rows = [v.reshape(count, math.prod(v.shape[1:])).tolist() for v in columns.values()]
         for index in range(count):
             table.writerow([k, time, index, *(x for column in rows for x in column[index])])
     text.detach()
@@ -66,8 +69,9 @@ def _write_table(recording: Recording, name: str, file: IO[bytes]) -> None:
 
 def _headings(columns: dict[str, Any]) -> list[str]:
     """`x`, `y`, `z` of points; FIELD, or FIELD_0 ... of the numbers of a field."""
-    headings = []
+    headings: list[str] = []
     for name, values in columns.items():
+        name += "_field" * (name in ("frame", "time", "index", "x", "y", "z"))
         numbers = int(np.prod(values.shape[1:]))
         if name == "points":
             headings += list("xyz"[:numbers])

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import re
 import secrets
 from pathlib import Path
 from typing import Any
@@ -20,12 +22,17 @@ from ..view.extent import radius_of
 def write_usd(recording: Recording, out: Path) -> list[Path]:
     """One stage of all parts but grids; time code k is frame k."""
     with needs("pxr", 'usd-core is missing: pip install "substep[usd]" to write USD'):
-        from pxr import Usd, UsdGeom
+        from pxr import Tf, Usd, UsdGeom
 
     parts = {name: part for name, part in recording.parts.items() if part.kind != "grid"}
     if not parts:
         raise InputError("out: the recording has grids alone, which USD does not hold; write .npz")
+    if not out.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(out.parent))
+    if out.exists() and not out.is_file():
+        raise OSError(errno.EINVAL, "expected a file to replace", str(out))
     partial = out.with_name(f".{secrets.token_hex(8)}{out.suffix}")
+    names = _unique([re.sub(r"\W", "_", name) for name in parts])
     try:
         stage = Usd.Stage.CreateNew(str(partial))
         UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
@@ -39,8 +46,8 @@ def write_usd(recording: Recording, out: Path) -> list[Path]:
         stage.SetStartTimeCode(0)
         stage.SetEndTimeCode(frames - 1)
         writers = {
-            name: _WRITERS[part.kind](stage, f"/recording/{name.replace('-', '_')}", part)
-            for name, part in parts.items()
+            name: _WRITERS[part.kind](stage, f"/recording/{prim}", part)
+            for (name, part), prim in zip(parts.items(), names, strict=True)
         }
         for k in range(frames):
             frame = recording.frame(k)
@@ -51,6 +58,8 @@ def write_usd(recording: Recording, out: Path) -> list[Path]:
         stage.Save()
         del stage, writers
         os.replace(partial, out)
+    except Tf.ErrorException as error:
+        raise OSError(errno.EIO, f"USD: {str(error).strip()[:500]}", str(out)) from None
     finally:
         partial.unlink(missing_ok=True)
     return [out]
@@ -59,6 +68,19 @@ def write_usd(recording: Recording, out: Path) -> list[Path]:
 def _in_space(vectors: NDArray[Any]) -> NDArray[Any]:
     """Vectors of three numbers; those of a plane, (x, y), as (x, 0, y)."""
     return vectors if vectors.shape[1] == 3 else np.insert(vectors, 1, 0, axis=1)
+
+
+def _is_vector(values: NDArray[Any] | None) -> bool:
+    return values is not None and values.ndim == 2 and values.shape[1] in (2, 3)
+
+
+def _unique(names: list[str]) -> list[str]:
+    """With numbers after those that stand before."""
+    found: list[str] = []
+    for name in names:
+        copies = sum(other == name or other.startswith(f"{name}__") for other in found)
+        found.append(f"{name}__{copies}" if copies else name)
+    return found
 
 
 def _vectors(values: NDArray[Any]) -> Any:
@@ -86,7 +108,11 @@ class _Points:
             self._width = 2 * radius_of(_in_space(points))
             self._points.GetWidthsAttr().Set(Vt.FloatArray([self._width]))
             self._points.SetWidthsInterpolation("constant")
-        if "velocity" in columns:
+        ids = columns.pop("id", None)
+        if ids is not None and ids.ndim == 1:
+            numbers = np.ascontiguousarray(ids, np.int64)
+            self._points.GetIdsAttr().Set(Vt.Int64Array.FromNumpy(numbers), code)
+        if _is_vector(columns.get("velocity")):
             self._points.GetVelocitiesAttr().Set(_vectors(columns["velocity"]), code)
         _set_primvars(self._points, columns, code)
 
@@ -109,7 +135,7 @@ class _Mesh:
         if part.edges is not None:
             self._edges = np.asarray(part.edges).ravel()
             self._curves = UsdGeom.BasisCurves.Define(
-                stage, path if self._mesh is None else f"{path}_edges"
+                stage, path if self._mesh is None else f"{path}/edges"
             )
             self._curves.GetTypeAttr().Set(UsdGeom.Tokens.linear)
             counts = np.full(len(self._edges) // 2, 2, np.int32)
@@ -122,6 +148,8 @@ class _Mesh:
             self._set_faces(points)
         if self._mesh is not None:
             self._mesh.GetPointsAttr().Set(_vectors(points), code)
+            if _is_vector(columns.get("velocity")):
+                self._mesh.GetVelocitiesAttr().Set(_vectors(columns["velocity"]), code)
             _set_primvars(self._mesh, columns, code)
         if self._edges is not None:
             self._curves.GetPointsAttr().Set(_vectors(points[self._edges]), code)
@@ -172,15 +200,16 @@ def _set_primvars(geometry: Any, columns: dict[str, NDArray[Any]], code: Any) ->
     from pxr import Sdf, UsdGeom, Vt
 
     api = UsdGeom.PrimvarsAPI(geometry)
-    for name, values in columns.items():
+    names = _unique([name.replace("-", "_") for name in columns])
+    for name, values in zip(names, columns.values(), strict=True):
         if values.ndim == 1:
             kind, array = (
                 Sdf.ValueTypeNames.FloatArray,
                 Vt.FloatArray.FromNumpy(np.ascontiguousarray(values, np.float32)),
             )
-        elif values.ndim == 2 and values.shape[1] in (2, 3):
+        elif _is_vector(values):
             kind, array = Sdf.ValueTypeNames.Vector3fArray, _vectors(values)
         else:
             continue
-        primvar = api.CreatePrimvar(name.replace("-", "_"), kind, UsdGeom.Tokens.vertex)
+        primvar = api.CreatePrimvar(name, kind, UsdGeom.Tokens.vertex)
         primvar.Set(array, code)

@@ -238,7 +238,7 @@ class Deformable(Deforming):
         ndarray, shape (n, 3)
             Of a pinned vertex what keeps the balance of its weight and of all that pulls it:
             springs or elements, dampers and drag [N]; of a free one 0. At rest their sum is the
-            weight of the body less what obstacles carry.
+            weight of the body and of what lies on its free vertices, less what obstacles carry.
 
         Raises
         ------

@@ -7,6 +7,7 @@ import functools
 import hashlib
 import inspect
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -16,16 +17,16 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from ..base.checks import check_callable, check_integer, check_path
+from ..base.checks import check_callable, check_integer, check_path, check_real
 from ..base.imports import needs
 from ..base.replacing import replace_bytes
 from ..errors import InputError
 from ..scenes.catalogue import load
-from ..scenes.declaration import Scene
+from ..scenes.declaration import Scene, shorten
 from ..scenes.run import Plan
 from .collection import RunCollection
 from .design import MOST_RUNS, Design, check_parameters
-from .task import ERROR, FUNCTION, execute, is_done
+from .task import FUNCTION, execute, is_done, write_error
 
 _PAUSE, _PATIENCE = 0.005, 2.0  # between looks at runs, and at processes [s]
 _STARTS = 20  # of the processes, when their parent ends
@@ -112,8 +113,10 @@ def sweep(
         if workers is None
         else check_integer("workers", workers, minimum=1, maximum=4096)
     )
-    if scheduler is not None and not isinstance(scheduler, str):
-        raise InputError(f"scheduler: expected an address, got {type(scheduler).__name__}")
+    if scheduler is not None and not re.fullmatch(r"[a-z]+://[^\s/]+:\d+", str(scheduler)):
+        raise InputError(
+            f"scheduler: expected an address such as tcp://10.0.0.1:8786, got {shorten(scheduler)}"
+        )
     if on_run is not None:
         check_callable("on_run", on_run)
     folder = Path(check_path(out)).absolute()
@@ -128,7 +131,8 @@ def sweep(
             with _Cluster(scheduler, min(workers, len(left))) as cluster:
                 _spread(cluster, folder, design, digest, left, on_run)
         finally:
-            (folder / FUNCTION).unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                (folder / FUNCTION).unlink(missing_ok=True)
     return collection
 
 
@@ -137,8 +141,12 @@ def _design(
 ) -> tuple[Design, Callable[..., Any] | None]:
     """What was given, checked."""
     values = check_parameters({} if parameters is None else parameters)
-    repeats = check_integer("repeats", repeats, minimum=1)
-    seed = check_integer("seed", seed, minimum=0, maximum=2**63 - 1)
+    repeats = check_integer("repeats", repeats, minimum=1, maximum=MOST_RUNS)
+    seed = check_integer("seed", seed, minimum=0, maximum=2**63 - 1 - repeats)
+    if frames is not None:
+        frames = check_integer("frames", frames, minimum=2, maximum=10**9)
+    if fps is not None:
+        fps = check_real("fps", fps, positive=True)
     if callable(task):
         if frames is not None or fps is not None:
             raise InputError("frames, fps: for scenes only, got a function")
@@ -160,8 +168,7 @@ def _design(
         where = str(Path(task).absolute()) if str(task).endswith(".py") else str(task)
         options = {"frames": frames, "fps": fps}
         design = Design(where, "scene", values, repeats, seed, options, scene.name)
-    if len(design) > MOST_RUNS:
-        raise InputError(f"parameters: expected at most {MOST_RUNS} runs, got {len(design)}")
+    design.check_size()
     return design, task if callable(task) else None
 
 
@@ -231,10 +238,9 @@ def _spread(
         for future in batch:
             error = future.exception()
             if error is not None:  # its process died, more than once
-                text = f"the process died: {error}".encode()
-                path = design.folder(folder, index_of[future.key]) / ERROR
-                path.parent.mkdir(exist_ok=True)
-                replace_bytes(path, text)
+                path = design.folder(folder, index_of[future.key])
+                path.mkdir(exist_ok=True)
+                write_error(path, f"the process died: {error}")
             ended += 1
             failed += error is not None or future.result() != ""
             if on_run is not None:
@@ -250,6 +256,7 @@ class _Cluster:
     """A client of a scheduler: that of the address, or one of our own with its processes."""
 
     def __init__(self, scheduler: str | None, workers: int) -> None:
+        import dask
         from distributed import Client, LocalCluster
 
         self._own = None
@@ -258,11 +265,12 @@ class _Cluster:
         self._exits = contextlib.ExitStack()
         try:
             if scheduler is None:
-                self._own = self._exits.enter_context(
-                    LocalCluster(
+                # Who dies is counted for each run (task.py); its neighbours are not to blame.
+                with dask.config.set({"distributed.scheduler.allowed-failures": MOST_RUNS}):
+                    own = LocalCluster(
                         n_workers=0, dashboard_address="127.0.0.1:0", silence_logs="CRITICAL"
                     )
-                )
+                self._own = self._exits.enter_context(own)
                 scheduler = self._own.scheduler_address
                 self._scratch = self._exits.enter_context(
                     tempfile.TemporaryDirectory(prefix="substep-sweep-")
@@ -286,7 +294,7 @@ class _Cluster:
         home = str(Path(__file__).resolve().parents[2])
         command = [sys.executable, "-m", "distributed.cli.dask_worker", self._own.scheduler_address]
         command += ["--nworkers", str(self._workers), "--nthreads", "1", "--memory-limit", "0"]
-        command += ["--local-directory", self._scratch, "--no-dashboard", "--death-timeout", "60"]
+        command += ["--local-directory", self._scratch, "--no-dashboard", "--death-timeout", "10"]
         path = os.pathsep.join([home, *(os.path.abspath(p) for p in sys.path if p)])
         self._log = open(os.path.join(self._scratch, "log"), "w+b")
         self._processes = subprocess.Popen(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..base.checks import check_callable, check_integer, check_path
 from ..base.imports import needs
-from ..errors import InputError
+from ..errors import CorruptError, InputError
 from .design import Design, Value
 from .task import ERROR, RESULT, is_done
 
@@ -70,10 +70,19 @@ class Run:
         ------
         InputError
             If the run is not done, or is one of a scene.
+        CorruptError
+            If the file is damaged.
         """
         self._check("function", "recording()")
-        with np.load(self.path / RESULT, allow_pickle=False) as file:
-            return dict(file)
+        try:
+            with np.load(self.path / RESULT, allow_pickle=False) as file:
+                return dict(file)
+        except (FileNotFoundError, MemoryError):
+            raise
+        except Exception as error:  # of many kinds, as the archive is damaged
+            raise CorruptError(
+                f"{self.path / RESULT}: {error}; remove the folder, and the sweep runs it again"
+            ) from None
 
     def recording(self) -> Recording:
         """The recording of a scene's run, open for reading.

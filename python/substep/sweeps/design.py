@@ -45,6 +45,13 @@ class Design:
     def __len__(self) -> int:
         return math.prod(self.shape)
 
+    def check_size(self) -> None:
+        """Refuse too many runs."""
+        if math.prod(self.shape) > MOST_RUNS:
+            raise InputError(
+                f"parameters: expected at most {MOST_RUNS} runs, got {math.prod(self.shape)}"
+            )
+
     def folder(self, out: Path, index: int) -> Path:
         """Of a run."""
         return out / f"{index:0{len(str(len(self) - 1))}d}"
@@ -91,15 +98,17 @@ class Design:
         """Of the sweep in a folder."""
         content = _read(out)
         try:
-            return cls(
+            found = cls(
                 str(content["task"]),
                 str(content["kind"]),
                 check_parameters(content["parameters"]),
-                check_integer("repeats", content["repeats"], minimum=1),
+                check_integer("repeats", content["repeats"], minimum=1, maximum=MOST_RUNS),
                 check_integer("seed", content["seed"], minimum=0),
                 dict(content["options"]),
                 str(content["name"]),
             )
+            found.check_size()
+            return found
         except (InputError, KeyError, TypeError, ValueError) as error:
             raise FormatError(f"{out / FILE}: not of a sweep: {error}") from None
 
@@ -130,7 +139,10 @@ def check_parameters(parameters: Any) -> dict[str, tuple[Value, ...]]:
             raise InputError("parameters: seeds are set by seed and repeats, got the name 'seed'")
         if isinstance(given, np.ndarray):
             given = given.tolist()
-        values = given if isinstance(given, Sequence) and not isinstance(given, str) else [given]
+        listed = isinstance(given, Sequence) and not isinstance(given, (str, bytes, bytearray))
+        values = given if listed else [given]
+        if len(values) > MOST_RUNS:
+            raise InputError(f"parameters[{name!r}]: expected at most {MOST_RUNS} values")
         if not values:
             raise InputError(f"parameters[{name!r}]: expected at least one value, got none")
         checked[name] = tuple(_plain(f"parameters[{name!r}]", value) for value in values)
@@ -142,6 +154,8 @@ def _plain(where: str, value: Any) -> Value:
         value = value.item()
     if not isinstance(value, (bool, int, float, str)):
         raise InputError(f"{where}: expected numbers, texts or booleans, got {shorten(value)}")
+    if isinstance(value, int) and abs(value) >= 2**63:
+        raise InputError(f"{where}: expected integers of 64 bits, got a larger one")
     if isinstance(value, float) and not math.isfinite(value):
         raise InputError(f"{where}: expected finite numbers, got {value}")
     return value

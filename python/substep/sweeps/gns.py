@@ -31,15 +31,18 @@ def write_gns(
     part: str | None = None,
     particle_type: int = SAND,
     radius: float | None = None,
+    material: str | None = None,
     fractions: Sequence[float] = (0.8, 0.1, 0.1),
 ) -> Path:
     """Write the runs of a scene of particles as a data set of "Learning to Simulate".
 
     The folder gets ``train.npz``, ``valid.npz`` and ``test.npz``, as the PyTorch implementation of
     graph network simulators reads them: one entry per run, the positions of shape (frames, n, dim)
-    in float32 and the types of the n particles. ``metadata.json`` has the bounds, the number of
+    in float32, the types of the n particles and, if `material` names a parameter, its value for
+    each. Runs of one seed are in one of the sets. ``metadata.json`` has the bounds, the number of
     frames after the first, the time between two frames, the radius of connectivity, and mean and
-    standard deviation of velocities and accelerations, which are differences between frames.
+    standard deviation of velocities and accelerations in training, which are differences between
+    frames.
     Positions are moved and scaled, alike in all directions, so that the longest side of `bounds`
     reaches from 0.1 to 0.9.
 
@@ -57,8 +60,10 @@ def write_gns(
         Of all particles, 0 to 8: 5 is water, 6 sand, 7 goop.
     radius : float, optional
         Radius of connectivity [m]; by default twice the median distance to the nearest neighbour.
+    material : str, optional
+        Parameter of the sweep whose values the network shall know as a property of the particles.
     fractions : sequence of float
-        Parts of the runs for training, validation and test.
+        Parts of the seeds for training, validation and test.
 
     Returns
     -------
@@ -98,6 +103,10 @@ def write_gns(
     shares = check_array("fractions", fractions, (3,))
     if (shares < 0).any() or abs(shares.sum() - 1) > 1e-9:
         raise InputError(f"fractions: expected parts of 1, got {shares.tolist()}")
+    if material is not None and not all(
+        isinstance(value, (int, float)) for value in runs.parameters.get(material, ("",))
+    ):
+        raise InputError(f"material: expected a parameter of numbers, got {material!r}")
     done = [run for run in runs if run.state == "done"]
     if not done:
         why = f"; run 0: {runs[0].error}" if runs[0].error else ""
@@ -112,28 +121,37 @@ def write_gns(
         reach = 4 * radius_of(read[0][0][0])
     else:
         reach = check_real("radius", radius, positive=True)
-    scale = (HIGH - LOW) / (high - low).max()
+    with np.errstate(all="ignore"):
+        size = high - low
+        scale = (HIGH - LOW) / size.max()
+    if not 0 < scale < np.inf:
+        raise InputError(f"bounds: expected other lengths, got {size.tolist()}")
+    if not any(((x >= low) & (x <= high)).all(2).any() for x, _ in read):
+        raise InputError("bounds: no particle is ever within them")
     trajectories = [(LOW + scale * (positions - low)).astype(np.float32) for positions, _ in read]
+    sets = _split([run.seed for run in done], shares)
     metadata = {
         "bounds": np.stack([np.full(dim, LOW), LOW + scale * (high - low)], 1).round(6).tolist(),
         "sequence_length": min(len(positions) for positions in trajectories) - 1,
         "default_connectivity_radius": float(scale * reach),
         "dim": dim,
         "dt": dt,
-        **_statistics("vel", [np.diff(x, axis=0) for x in trajectories]),
-        **_statistics("acc", [np.diff(x, 2, axis=0) for x in trajectories]),
+        **_statistics("vel", [np.diff(trajectories[k], axis=0) for k in sets[0]]),
+        **_statistics("acc", [np.diff(trajectories[k], 2, axis=0) for k in sets[0]]),
         "scale": float(scale),  # ours: position = LOW + scale (x - origin)
         "origin": low.tolist(),
     }
     folder = Path(check_path(out))
     folder.mkdir(parents=True, exist_ok=True)
-    order = np.random.default_rng(0).permutation(len(trajectories))
-    ends = np.round(np.cumsum(shares) * len(order)).astype(int)
-    for split, chosen in zip(SPLITS, np.split(order, ends[:2]), strict=True):
+    for split, chosen in zip(SPLITS, sets, strict=True):
         entries = {}
-        for k in sorted(chosen):
-            entry = np.empty(2, object)
-            entry[:] = trajectories[k], np.full(trajectories[k].shape[1], kind, np.int64)
+        for k in chosen:
+            count = trajectories[k].shape[1]
+            columns: list[Any] = [trajectories[k], np.full(count, kind, np.int64)]
+            if material is not None:
+                columns.append(np.full(count, done[k].parameters[material], np.float32))
+            entry = np.empty(len(columns), object)
+            entry[:] = columns
             entries[f"simulation_trajectory_{done[k].index}"] = entry
         buffer = io.BytesIO()
         np.savez_compressed(buffer, allow_pickle=True, **entries)
@@ -177,7 +195,17 @@ def _bounds(
     return low, high
 
 
+def _split(seeds: list[int], shares: NDArray[Any]) -> list[list[int]]:
+    """Numbers of the runs of each set: those of a seed together, if there are three seeds."""
+    keys = seeds if len(set(seeds)) >= 3 else list(range(len(seeds)))
+    order = np.random.default_rng(0).permutation(np.unique(keys))
+    ends = np.round(np.cumsum(shares) * len(order)).astype(int)
+    return [[k for k, key in enumerate(keys) if key in part] for part in np.split(order, ends[:2])]
+
+
 def _statistics(name: str, values: list[NDArray[Any]]) -> dict[str, list[float]]:
     """Mean and standard deviation of each component over all particles, frames and runs."""
+    if not values:
+        raise InputError("fractions: no run is left for training")
     rows = np.concatenate([x.reshape(-1, x.shape[-1]) for x in values]).astype(np.float64)
     return {f"{name}_mean": rows.mean(0).tolist(), f"{name}_std": rows.std(0).tolist()}

@@ -18,10 +18,12 @@ import numpy as np
 from ..base.replacing import replace_bytes
 from ..errors import InputError
 from ..scenes.catalogue import load
-from ..scenes.declaration import Scene
+from ..scenes.declaration import Scene, shorten
 from .design import Design
 
-FUNCTION, RESULT, ERROR = "function.pickle", "result.npz", "error.txt"
+FUNCTION, RESULT, ERROR, BEGUN = "function.pickle", "result.npz", "error.txt", "begun.txt"
+MOST_DEATHS = 3  # of processes in one run
+_LONGEST = 2000  # letters of an error's line
 
 
 def execute(out: str, design: Design, digest: str, folders: list[str], index: int) -> str:
@@ -41,19 +43,40 @@ def execute(out: str, design: Design, digest: str, folders: list[str], index: in
     with _alone(folder):
         if is_done(folder, design):
             return ""
+        begun = folder / BEGUN
+        deaths = int(begun.read_text() or 0) if begun.exists() else 0
+        if deaths >= MOST_DEATHS:
+            begun.unlink()
+            return write_error(folder, f"the process died {deaths} times in this run")
+        begun.write_text(str(deaths + 1))
         try:
             if design.kind == "scene":
                 _run_scene(folder, index, design)
             else:
                 _call(_function(str(Path(out) / FUNCTION), digest), folder, index, design)
-        except Exception as error:
-            line = f"{type(error).__name__}: {error}"
+        except BaseException as error:  # a function may also exit
             trace = "" if isinstance(error, SubstepError) else traceback.format_exc()
-            text = f"{line}\n{trace}".encode("utf-8", "replace")
-            replace_bytes(folder / ERROR, text)
-            return line
-        (folder / ERROR).unlink(missing_ok=True)
-        return ""
+            return write_error(folder, _line_of(error), trace)
+        else:
+            (folder / ERROR).unlink(missing_ok=True)
+            return ""
+        finally:
+            begun.unlink(missing_ok=True)
+
+
+def _line_of(error: BaseException) -> str:
+    try:
+        return f"{type(error).__name__}: {error}"
+    except Exception:
+        return f"{type(error).__name__}: it cannot tell what"
+
+
+def write_error(folder: Path, line: str, trace: str = "") -> str:
+    """Why a run failed, in its folder; return the line."""
+    line = line[:_LONGEST]
+    text = f"{line}\n{trace[-100_000:]}".encode("utf-8", "replace")
+    replace_bytes(folder / ERROR, text)
+    return line
 
 
 @contextmanager
@@ -121,7 +144,11 @@ def _call(function: Callable[..., Any], folder: Path, index: int, design: Design
         )
     arrays = {}
     for name, value in result.items():
-        arrays[str(name)] = array = np.asarray(value)
+        if not (isinstance(name, str) and name.isprintable() and 0 < len(name) <= 200) or (
+            name.endswith(".npy") or name in ("file", "allow_pickle")
+        ):
+            raise InputError(f"function: its result has the name {shorten(name)}, which is no name")
+        arrays[name] = array = np.asarray(value)
         if array.dtype.kind not in "biufcUS":
             raise InputError(f"function: its result {name!r} is no array of numbers or texts")
     buffer = io.BytesIO()

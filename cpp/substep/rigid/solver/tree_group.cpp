@@ -166,7 +166,7 @@ bool TreeGroup::set_coordinates(const Bodies& bodies) {
 bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::uint8_t> pressed,
                            const Bodies& bodies, const JointGroup::Settings& settings,
                            BodyRows& rows) {
-  h_ = settings.h;
+  h_ = substep_ = settings.h;
   smooth_ = std::none_of(members_.begin(), members_.end(), [&](const Member& m) {
     return pressed[usize(m.body)] == JointGroup::kPressed;
   });
@@ -394,8 +394,13 @@ void TreeGroup::begin_substep(BodyRows& rows) {
     tree_.place(begin_, now_);
     tree_.begin(now_);
   }
-  factored_ = false;
   guess_rates();
+  begin_motion();
+}
+
+// From the begin with the rates.
+void TreeGroup::begin_motion() {
+  factored_ = false;
   end_ = begin_;
   tree_.advance(rates_, h_, end_);
   double square = 0;
@@ -408,7 +413,7 @@ void TreeGroup::begin_substep(BodyRows& rows) {
 // motion.
 bool TreeGroup::solve(double tolerance) {
   double part = 1, worst = 0;
-  for (int i = 0; i < kIterations; ++i) {
+  for (int i = 0; i < (alone_ ? kIterationsAlone : kIterations); ++i) {
     tree_.place(end_, next_);
     tree_.find_momenta(next_, h_, found_);
     if (!factored_) tree_.factor(now_, next_, h_, found_);
@@ -442,9 +447,71 @@ bool TreeGroup::solve(double tolerance) {
       rates_[k].angle += length * change_[k].angle;
     }
     tree_.advance(change_, length * h_, end_);
-    if (found) return true;
+    if (found) return is_near();
   }
-  return worst < kClose;
+  return !alone_ && worst < kClose && is_near();
+}
+
+// Whether the motion found is one near the motion before, not another root, as there may be where a
+// chain snaps taut: joints give no energy, and turn no body far that turned slowly.
+bool TreeGroup::is_near() const {
+  if (kinetic_energy(found_) > kMostEnergy * kinetic_energy(momenta_)) return false;
+  const double most = alone_ ? kMostWhirl : kMostTurn;
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const double square = dot(rates_[k].angular, rates_[k].angular);
+    const double before = dot(last_rates_[k].angular, last_rates_[k].angular);
+    if (!(h_ * h_ * square <= most * most || square <= 4 * before)) return false;
+  }
+  return true;
+}
+
+double TreeGroup::kinetic_energy(std::span<const Tree::Momentum> momenta) const {
+  double energy = 0;
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const Member& m = members_[k];
+    const Quad3 velocity = m.scale * momenta[k].linear;
+    const Quad3 L = transposed_product(now_[k].R, momenta[k].angular);
+    energy += 0.5 * (dot(velocity, velocity) + dot(m.inverse_inertia * L, L));
+  }
+  return energy;
+}
+
+// The sub-step of a tree alone in parts, of which all are found. A kick lies between two parts and
+// belongs to half of each; that of the whole sub-step was given.
+bool TreeGroup::solve_in_parts(double tolerance, BodyRows& rows) {
+  const double whole = h_;
+  const auto begin = begin_;
+  const auto now = now_;
+  const auto momenta = momenta_;
+  const auto rates = last_rates_;
+  const auto members = members_;
+  for (int parts = 2; parts <= kMostParts; parts *= 2) {
+    h_ = whole / parts;
+    kick(-0.5 * (whole - h_), rows);
+    bool found = true;
+    for (int p = 0; p < parts && found; ++p) {
+      if (p > 0) {
+        move_in_tree(1. / parts);
+        kick(h_, rows);
+        last_rates_ = rates_;
+      } else {
+        rates_ = last_rates_;
+      }
+      begin_motion();
+      found = solve(tolerance);
+      if (found) give_found(rows);
+    }
+    if (found) {
+      kick(-0.5 * (whole - h_), rows);
+      last_rates_ = older_rates_ = rates_;
+      return true;
+    }
+    begin_ = begin, now_ = now, momenta_ = momenta, last_rates_ = rates, members_ = members;
+    for (Tree::Momentum& given : given_) given = {};
+    tree_.begin(now_);
+  }
+  h_ = whole;
+  return false;
 }
 
 // The momenta as rates.
@@ -465,22 +532,27 @@ void TreeGroup::solve_velocities(BodyRows& rows, bool first, bool last) {
   }
   solved_ = smooth_ || last;
   const bool held = tree_.parts()[0].kind != Kind::kFree;
-  const bool found = solve(!solved_ ? kEnough : !smooth_ ? kPressed : held ? kHeld : kFree);
-  if (!found) {  // too far for it: as the velocities lead
+  const double tolerance = !solved_ ? kEnough : !smooth_ ? kPressed : held ? kHeld : kFree;
+  if (solve(tolerance)) {
+    give_found(rows);
+  } else if (!alone_ || !solve_in_parts(tolerance, rows)) {  // as the velocities lead
     project();
     rates_ = change_;
     end_ = begin_;
     tree_.advance(rates_, h_, end_);
     tree_.place(end_, next_);
-  }
-  for (std::size_t k = 0; k < members_.size(); ++k) {
-    const Tree::Momentum linear = tree_.momentum(k, change_[k]);
-    if (found) {
-      give(k, {found_[k].linear + linear.linear, found_[k].angular + linear.angular}, rows);
-    } else {  // L turns with the body, so that its energy stays
+    for (std::size_t k = 0; k < members_.size(); ++k) {  // L turns with the body: its energy stays
+      const Tree::Momentum linear = tree_.momentum(k, change_[k]);
       const Quad3 L = next_[k].R * transposed_product(now_[k].R, linear.angular);
       give(k, {linear.linear, L}, rows);
     }
+  }
+}
+
+void TreeGroup::give_found(BodyRows& rows) {
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const Tree::Momentum linear = tree_.momentum(k, change_[k]);
+    give(k, {found_[k].linear + linear.linear, found_[k].angular + linear.angular}, rows);
   }
 }
 
@@ -511,10 +583,32 @@ void TreeGroup::follow(std::span<Tree::Coordinate> coordinates) {
   tree_.advance(change_, 1, coordinates);
 }
 
+// To where the motion leads. part: of a sub-step that it takes.
+void TreeGroup::move_in_tree(double part) {
+  tree_.place(end_, next_);
+  tree_.begin(next_);
+  sum_impulses(smooth_ && intervals_ == 0 ? 0.5 * part : part);
+  count_turns();
+  now_.swap(next_);
+  begin_ = end_;
+  for (Tree::Coordinate& at : begin_) at.q.normalize();
+}
+
+void TreeGroup::count_turns() {
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    Member& m = members_[k];
+    m.coordinate += (m.is_a ? 2 : -2) * std::atan(0.5 * h_ * rates_[k].angle);
+  }
+}
+
 void TreeGroup::move(BodyRows& rows) {
   if (alone_) {
-    // is where the motion leads
-  } else if (smooth_) {
+    move_in_tree(h_ / substep_);
+    h_ = substep_;
+    ++intervals_;
+    return;
+  }
+  if (smooth_) {
     for (std::size_t k = 0; k < members_.size(); ++k) {
       const Member& m = members_[k];
       const BodyRow& v = rows.velocity[usize(m.row)];
@@ -524,8 +618,8 @@ void TreeGroup::move(BodyRows& rows) {
   } else {
     find_displacements(rows, h_);
   }
-  if (!alone_) read_momenta(rows);
-  if (!alone_ && displaced()) {
+  read_momenta(rows);
+  if (displaced()) {
     if (whirls_) tree_.factor(now_);  // by what impulses see
     follow(end_);
     for (std::size_t k = 0; k < members_.size(); ++k) {
@@ -535,15 +629,11 @@ void TreeGroup::move(BodyRows& rows) {
     }
   }
   tree_.place(end_, next_);
-  if (alone_)
-    tree_.begin(next_);
-  else
-    tree_.find_turns(next_, turns_);
+  tree_.find_turns(next_, turns_);
   sum_impulses(smooth_ && intervals_ == 0 ? 0.5 : 1);
+  count_turns();
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
-    m.coordinate += (m.is_a ? 2 : -2) * std::atan(0.5 * h_ * rates_[k].angle);
-    if (alone_) continue;
     m.seen_shift = 1 / m.scale * (next_[k].x - m.origin);
     m.seen_turn += m.unroot * turns_[k];
     BodyRow& x = rows.displacement[usize(m.row)];
@@ -553,7 +643,7 @@ void TreeGroup::move(BodyRows& rows) {
   now_.swap(next_);
   begin_ = end_;
   for (Tree::Coordinate& at : begin_) at.q.normalize();
-  for (std::size_t k = 0; k < members_.size() && !alone_; ++k) show_spin(k, rows);
+  for (std::size_t k = 0; k < members_.size(); ++k) show_spin(k, rows);
   ++intervals_;
 }
 

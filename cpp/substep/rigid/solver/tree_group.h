@@ -37,11 +37,14 @@ class TreeGroup {
  private:
   using Tree = ArticulatedTree;
 
-  static constexpr double kClosed = 1e-6;     // errors of joints that are small [m], [rad]
-  static constexpr double kMostTurn = 1;      // of a body in a sub-step [rad]
-  static constexpr double kMostGrowth = 0.5;  // of an error in an iteration
-  static constexpr double kShortest = 1e-30;  // sub-step: momenta are found from positions [s]
-  static constexpr int kIterations = 60;
+  static constexpr double kClosed = 1e-6;      // errors of joints that are small [m], [rad]
+  static constexpr double kMostTurn = 1;       // of a body in a sub-step [rad]
+  static constexpr double kMostGrowth = 0.5;   // of an error in an iteration
+  static constexpr double kShortest = 1e-30;   // sub-step: momenta are found from positions [s]
+  static constexpr double kMostWhirl = 0.3;    // of a body in a sub-step of a tree alone [rad]
+  static constexpr double kMostEnergy = 1.05;  // of a motion, over that of the momenta before
+  static constexpr int kIterations = 60, kIterationsAlone = 20;
+  static constexpr int kMostParts = 64;                     // of a sub-step
   static constexpr double kLeastPart = 0.3, kMostPart = 4;  // of a step of Newton's method
   // What may be left of an error of the motion [m], [rad]: of a tree that nothing holds, whose
   // momenta stay what they are, of others, where contacts press, and what they will still change.
@@ -88,7 +91,14 @@ class TreeGroup {
   void guess_rates();
   void withdraw_given(BodyRows& rows);
   void begin_substep(BodyRows& rows);
+  void begin_motion();
   bool solve(double tolerance);
+  bool is_near() const;
+  double kinetic_energy(std::span<const Tree::Momentum> momenta) const;
+  bool solve_in_parts(double tolerance, BodyRows& rows);
+  void give_found(BodyRows& rows);
+  void move_in_tree(double part);
+  void count_turns();
   void project();
   void find_displacements(const BodyRows& rows, double h);
   bool displaced() const;
@@ -97,7 +107,7 @@ class TreeGroup {
 
   Tree tree_;
   std::vector<Member> members_;
-  double h_ = 0;
+  double substep_ = 0, h_ = 0;  // what is solved for: the sub-step, or a part of it
   bool smooth_ = false, solved_ = false, factored_ = false, whirls_ = false;
   bool alone_ = false;           // nothing touches it, so that rows need not follow before the end
   double turn_ = 0, drift_ = 0;  // largest turn in the sub-step; way from where the matrix is of
