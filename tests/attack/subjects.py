@@ -1130,6 +1130,7 @@ def functions():
         call("Recorder", path="run.vtkhdf", parts=part, overwrite=True),
         call("Recording", path="nothing.vtkhdf"),
         call("pack", path="nothing.vtkhdf"),
+        call("export.save", recording="nothing.vtkhdf", out="nothing.npz"),
         Call("state_hash", lambda o: {"*": (np.arange(3.0),)}),
         call("num_threads"),
         call("set_num_threads", threads=1),

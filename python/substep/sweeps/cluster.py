@@ -26,7 +26,7 @@ from ..scenes.declaration import Scene, shorten
 from ..scenes.run import Plan
 from .collection import RunCollection
 from .design import MOST_RUNS, Design, check_parameters
-from .task import FUNCTION, execute, is_done, write_error
+from .task import BEGUN, FUNCTION, execute, is_done, write_error
 
 _PAUSE, _PATIENCE = 0.005, 2.0  # between looks at runs, and at processes [s]
 _STARTS = 20  # of the processes, when their parent ends
@@ -125,6 +125,8 @@ def sweep(
     design.write(folder)
     collection = RunCollection(folder)
     left = [k for k in range(len(design)) if not is_done(design.folder(folder, k), design)]
+    for k in left:  # deaths count in this sweep
+        (design.folder(folder, k) / BEGUN).unlink(missing_ok=True)
     if left:
         digest = "" if function is None else _write_function(folder, function)
         try:
