@@ -15,7 +15,7 @@ def test_light_cloth_carries_as_heavy_cloth_does(density):
     jelly = lump((-0.1, -0.1, 0.06), (0.1, 0.1, 0.16), cloth.make_colliders(0.1, friction=0.3))
     world = substep.World({"jelly": jelly, "cloth": cloth}, step=1 / 240)
     energies, weight = [world.diagnostics()["energy"]], jelly.masses.sum() * G
-    for _ in range(8):
+    for _ in range(14):  # before, it still swings by 1 % of the weight
         world.advance(0.1)
         energies.append(world.diagnostics()["energy"])
     world.advance(0.2)  # the obstacles have the sum of all intervals
