@@ -79,14 +79,16 @@ def pack(
     """
     name = check_path(path)
     target = name.removesuffix(JOURNAL_SUFFIX)
-    if expendable.get():
-        pack_here(name, out if out is None else check_path(out), check_flag("overwrite", overwrite))
-        return target if out is None else check_path(out)
-    command = [sys.executable, "-m", "substep.export", os.path.abspath(name)]
     if out is not None:
         target = check_path(out)
+    overwrite = check_flag("overwrite", overwrite)
+    if expendable.get():
+        pack_here(name, None if out is None else target, overwrite)
+        return target
+    command = [sys.executable, "-m", "substep.export", os.path.abspath(name)]
+    if out is not None:
         command += ["--out", os.path.abspath(target)]
-    if check_flag("overwrite", overwrite):
+    if overwrite:
         command += ["--overwrite"]
     # The same modules as here, and none that happen to lie in the working directory.
     home = str(Path(__file__).resolve().parents[2])

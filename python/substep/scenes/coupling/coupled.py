@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from ...coupling import World
+from ...geometry import Plane
+from ...rigid import RigidBodies
 from ..measured import Measured
 
 if TYPE_CHECKING:
@@ -40,3 +42,10 @@ class Coupled(Measured, World):
         for member in self.members.values():
             told |= member.notes() if hasattr(member, "notes") else {}
         return told
+
+
+def add_walls(bodies: RigidBodies, length: float, width: float) -> None:
+    """The smooth sides of a tank from 0 to `length` and to `width` [m]."""
+    for normal, x in (((1, 0), 0.0), ((-1, 0), length), ((0, 1), 0.0), ((0, -1), width)):
+        wall = Plane((*normal, 0), (x * abs(normal[0]), x * abs(normal[1]), 0))
+        bodies.add(wall, (0, 0, 0), motion="static", friction=0.0)

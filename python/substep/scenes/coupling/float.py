@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...geometry import Box, Capsule, Cylinder, Plane, Sphere
+from ...geometry import Box, Capsule, Cylinder, Sphere
 from ...gridfluid import GridLiquid
 from ...mpm import sample_box
 from ...view import Camera, Look, View
 from ..declaration import Parameter, Scene
 from ..rigid.rigid_bodies import Solid, Solids
 from ..tanks import EDGES, InTank, radius, tank_box
-from .coupled import Coupled
+from .coupled import Coupled, add_walls
 
 Array = NDArray[np.float64]
 
@@ -69,9 +69,7 @@ class Float(Coupled):
         random = np.random.default_rng(seed)
         length, n = parameters["length"], parameters["bodies"]
         width, size = WIDTH * length, parameters["size"]
-        for normal, x in (((1, 0), 0.0), ((-1, 0), length), ((0, 1), 0.0), ((0, -1), width)):
-            wall = Plane((*normal, 0), (x * abs(normal[0]), x * abs(normal[1]), 0))
-            bodies.add(wall, (0, 0, 0), motion="static", friction=0.0)
+        add_walls(bodies, length, width)
         shapes: list[Solid] = [
             Box((2 * size,) * 3),
             Sphere(1.2 * size),

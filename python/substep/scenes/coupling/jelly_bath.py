@@ -16,7 +16,7 @@ from ...view import Camera, Look, View
 from ..declaration import Parameter, Scene
 from ..rigid.rigid_bodies import Solid, Solids
 from ..tanks import EDGES, InTank, radius, tank_box
-from .coupled import Coupled
+from .coupled import Coupled, add_walls
 
 if TYPE_CHECKING:
     from ...recording import Part
@@ -144,9 +144,7 @@ class JellyBath(Coupled):
         bodies = Solids({**parameters, "step": 1 / 60, "substeps": 8})
         random = np.random.default_rng(seed)
         length, n = parameters["length"], parameters["bodies"]
-        for normal, x in (((1, 0), 0.0), ((-1, 0), length), ((0, 1), 0.0), ((0, -1), length)):
-            wall = Plane((*normal, 0), (x * abs(normal[0]), x * abs(normal[1]), 0))
-            bodies.add(wall, (0, 0, 0), motion="static", friction=0.0)
+        add_walls(bodies, length, length)
         size = 0.055 * length
         shapes: list[Solid] = [Sphere(1.2 * size), Box((2 * size,) * 3)]
         places = np.array([[0.5, 0.5], [0.14, 0.14], [0.86, 0.86], [0.14, 0.86], [0.86, 0.14]])
