@@ -96,7 +96,9 @@ ArticulatedTree::ArticulatedTree(std::vector<Part> parts)
       response_(parts_.size()),
       inverse_(parts_.size()),
       wrench_(parts_.size()),
-      angle_(parts_.size()) {}
+      angle_(parts_.size()),
+      drives_(parts_.size()),
+      impulse_(parts_.size()) {}
 
 void ArticulatedTree::place(std::span<const Coordinate> coordinates,
                             std::span<Place> places) const {
@@ -273,7 +275,17 @@ void ArticulatedTree::reduce(std::size_t k) {
     const Quad3 torque = J * response.a1, force = G * response.a1;
     const Quad3 turn = transposed_product(J, response.a0),
                 shift = transposed_product(H, response.a0);
-    response.inverse = 1 / dot(response.a0, torque);
+    const Drive& drive = drives_[k];
+    if (drive.held) {
+      response.inverse = dot(response.a0, torque);
+      response.force = force;
+      response.torque = torque + cross(d0, force);
+      response.shift = shift;
+      response.turn = turn + cross(d1, shift);
+      add_to_parent(k, J, H, G, M);
+      return;
+    }
+    response.inverse = 1 / (dot(response.a0, torque) + drive.stiffness);
     const Quad3 by_turn = response.inverse * turn, by_shift = response.inverse * shift;
     J = J - outer(torque, by_turn);
     H = H - outer(torque, by_shift);
@@ -295,8 +307,15 @@ void ArticulatedTree::reduce(std::size_t k) {
     }
     J = H = G = {};
   }
+  add_to_parent(k, J, H, G, M);
+}
+
+// With H' = H + [d0] M at the parent's anchor: J - H' [d1] + [d0] G, H', G - M [d1], M.
+void ArticulatedTree::add_to_parent(std::size_t k, const QuadMatrix& J, QuadMatrix H,
+                                    const QuadMatrix& G, const QuadMatrix& M) {
+  const Part& part = parts_[k];
   if (part.parent < 0) return;
-  // With H' = H + [d0] M at the parent's anchor: J - H' [d1] + [d0] G, H', G - M [d1], M.
+  const Quad3 d0 = response_[k].d0, d1 = response_[k].d1;
   Articulated& parent = articulated_[usize(part.parent)];
   H = H + cross(d0, M);
   parent.J = parent.J + (J + cross(d0, G) - cross(H, d1));
@@ -315,8 +334,15 @@ void ArticulatedTree::respond(std::span<const Momentum> momenta, std::span<Rate>
     const Response& own = response_[k];
     const Quad3 force = wrench_[k].linear, torque = wrench_[k].angular;
     if (part.kind == Kind::kHinge) {
-      const Quad3 along = dot_lanes(own.a0, torque);
-      angle_[k] = along[0] * own.inverse;
+      const Drive& drive = drives_[k];
+      Quad3 along = dot_lanes(own.a0, torque);
+      if (drive.held) {
+        impulse_[k] = own.inverse * drive.change - along[0];
+        along = Quad3{} + drive.change;
+      } else {
+        along += drive.impulse;
+        angle_[k] = along[0] * own.inverse;
+      }
       if (part.parent < 0) continue;
       Momentum& parent = wrench_[usize(part.parent)];
       parent.linear = (parent.linear + force) - along * own.force;
@@ -349,8 +375,16 @@ void ArticulatedTree::respond(std::span<const Momentum> momenta, std::span<Rate>
     if (part.kind == Kind::kHinge) {
       const Quad3 carried =
           dot_lanes(own.turn, parent.angular) + dot_lanes(own.shift, parent.linear);
-      rate.angle = angle_[k] - carried[0];
-      rate.angular = (parent.angular + angle_[k] * own.a1) - carried * own.a1;
+      const Drive& drive = drives_[k];
+      if (drive.held) {
+        impulse_[k] += carried[0];
+        rate.angle = drive.change;
+        rate.angular = parent.angular + rate.angle * own.a1;
+      } else {
+        rate.angle = angle_[k] - carried[0];
+        rate.angular = (parent.angular + angle_[k] * own.a1) - carried * own.a1;
+        impulse_[k] = drive.impulse - drive.stiffness * rate.angle;
+      }
     } else if (part.kind == Kind::kBall) {
       rate.angular = inverse_[k].J * wrench_[k].angular - inverse_[k].JH * rate.linear;
     } else {

@@ -67,11 +67,18 @@ class ArticulatedTree {
   struct Momentum {
     Quad3 linear{}, angular{};  // angular: about the centre of mass
   };
+  // What acts along the coordinate of a hinge besides: where held, what changes its rate by
+  // `change`; else an impulse, less stiffness times that change.
+  struct Drive {
+    bool held = false;
+    double change = 0, impulse = 0, stiffness = 0;
+  };
 
   explicit ArticulatedTree(std::vector<Part> parts);
   std::size_t size() const { return parts_.size(); }
   std::vector<Part>& parts() { return parts_; }
   const std::vector<Part>& parts() const { return parts_; }
+  Drive& drive(std::size_t part) { return drives_[part]; }
 
   void place(std::span<const Coordinate> coordinates, std::span<Place> places) const;
   // Coordinates after a time h with the rates, by Cayley's map.
@@ -83,12 +90,15 @@ class ArticulatedTree {
   // Its turns R0 f; the next motion begins there.
   void find_turns(std::span<const Place> to, std::span<Quad3> turns);
 
-  // Articulated inertias, of the motion with these momenta, or of velocities at a place.
+  // Articulated inertias, of the motion with these momenta, or of velocities at a place, with what
+  // is held and the stiffness of drives.
   void factor(std::span<const Place> from, std::span<const Place> to, double h,
               std::span<const Momentum> momenta);
   void factor(std::span<const Place> places) { factor(places, places, 0, {}); }
   // The rates whose momenta are the given ones, but for what joints give; by the last factor().
   void respond(std::span<const Momentum> momenta, std::span<Rate> rates);
+  // Of a drive, with those rates.
+  double impulse(std::size_t part) const { return impulse_[part]; }
   // Of those rates.
   Momentum momentum(std::size_t part, const Rate& rate) const {
     const Own& own = own_[part];
@@ -116,17 +126,19 @@ class ArticulatedTree {
     Quad3 c{};
     double mass = 0;
   };
-  // What respond() needs of a part. Of a hinge, with D = a0 . J a1: [J; G] a1 / D as the parent
-  // feels it, and [J^T; H^T] a0 / D of its rates.
+  // What respond() needs of a part. Of a hinge, with D = a0 . J a1 and the stiffness: [J; G] a1 / D
+  // as the parent feels it, and [J^T; H^T] a0 / D of its rates; where it is held, not over D.
   struct Response {
     Quad3 c0{}, d0{}, d1{}, a0{}, a1{};
     Quad3 torque{}, force{}, turn{}, shift{};
-    double inverse = 0;  // 1 / D
+    double inverse = 0;  // 1 / D; where held, D
   };
   struct Inverse {                    // of a ball and a free part
     QuadMatrix J{}, JH{}, GJ{}, M{};  // J^-1, J^-1 H, G J^-1, and that of M without what J takes
   };
   void reduce(std::size_t part);
+  void add_to_parent(std::size_t part, const QuadMatrix& J, QuadMatrix H, const QuadMatrix& G,
+                     const QuadMatrix& M);
 
   std::vector<Part> parts_;
   std::vector<Lot> lots_;
@@ -136,6 +148,8 @@ class ArticulatedTree {
   std::vector<Inverse> inverse_;
   std::vector<Momentum> wrench_;  // about anchors
   std::vector<double> angle_;
+  std::vector<Drive> drives_;
+  std::vector<double> impulse_;
 };
 
 }  // namespace substep::rigid

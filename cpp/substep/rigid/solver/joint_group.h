@@ -109,7 +109,7 @@ class JointGroup {
   struct Wrench {
     JointVector force, torque_a, torque_b;
   };
-  enum class Stage { kMotion, kVelocity };  // constraints of the trial motion, or of velocities
+  using Stage = JointLaw::Stage;  // constraints of the trial motion, or of velocities
 
   std::int32_t member_of(std::int32_t body, const BodyRows& rows);
   void pack();

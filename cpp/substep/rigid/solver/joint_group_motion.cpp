@@ -47,54 +47,20 @@ void JointGroup::find_velocity_rates(Pack& pack, const AlignedBuffer<BodyRow>& v
     pack.rate[row] = dot(pack.G.axis[row], is_turn(pack.type, row) ? w : v);
 }
 
-// Limits that are passed already are no bias: they are for solve_positions().
 void JointGroup::set_laws(Pack& pack, Stage stage) {
   if (pack.rows == pack.equations) return;
-  const double h = settings_.h;
+  const JointLaw::Interval interval{settings_.h, weight_, smooth_, closes_};
   find_velocity_rates(pack, before_);
   for (int lane = 0; lane < pack.count; ++lane) {
     Link& link = links_[usize(pack.link[lane])];
     const Joint& joint = link.joint;
     for (int row = link.equations; row < link.rows; ++row) {
       const std::size_t k = usize(row - link.equations);
-      const double y = pack.begin[row][lane];
       const bool own = row == coordinate_row(joint.type);
-      const double lower = own ? joint.lower : -Joint::kInfinite;
-      const double upper = own ? joint.upper : joint.cone;
-      JointLaw& law = link.law[k];
-      law = {};
-      if (lower == upper) {
-        law.slowest = law.fastest = closes_ && stage == Stage::kMotion ? (lower - y) / h : 0;
-      } else if (stage == Stage::kMotion) {
-        law.slowest = std::min(lower - y, 0.) / h;
-        law.fastest = std::max(upper - y, 0.) / h;
-      } else {
-        if (link.mode[k] == Mode::kLower) law.slowest = 0;
-        if (link.mode[k] == Mode::kUpper) law.fastest = 0;
-      }
-      const Joint::Motor motor = motor_of(joint, row);
-      if (motor.type == MotorType::kNone) continue;
-      law.driven = true;
-      law.most = weight_ * h * motor.most;
-      if (motor.type == MotorType::kSpeed) {
-        law.rate = motor.target;
-      } else {
-        // What contacts do between would feed a spring, so that a part of it is implicit there. The
-        // half kick that begins a step damps what the last one left, u, as long as that does not
-        // turn it back: then both together are of second order.
-        const double part = smooth_ ? 0 : 0.5 * h * (h * motor.stiffness + motor.damping);
-        const double mass = 1 / pack.mobility[row][lane], half = 0.5 * h * motor.damping;
-        const bool begins = stage == Stage::kMotion && weight_ < 1;
-        const double D = std::max(
-            0.25 * h * h * motor.stiffness + (begins ? std::max(half - mass, 0.) : half) + part,
-            1e-6 * mass);
-        const double u = pack.rate[row][lane];
-        const double impulse =
-            -weight_ * h * (motor.stiffness * (y - motor.target) + motor.damping * u) - part * u;
-        law.before = u;
-        law.rate = u + impulse / D;
-        law.compliance = 1 / D;
-      }
+      link.law[k] =
+          JointLaw::make(motor_of(joint, row), own ? joint.lower : -Joint::kInfinite,
+                         own ? joint.upper : joint.cone, interval, stage, link.mode[k],
+                         pack.begin[row][lane], pack.rate[row][lane], 1 / pack.mobility[row][lane]);
     }
   }
 }

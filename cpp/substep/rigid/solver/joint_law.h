@@ -14,10 +14,24 @@
 #include <cstdint>
 #include <limits>
 
+#include "substep/rigid/solver/joint.h"
+
 namespace substep::rigid {
 
 struct JointLaw {
   enum class Mode : std::uint8_t { kFree, kLower, kUpper, kLine, kMost, kLeast };
+  enum class Stage : std::uint8_t { kMotion, kVelocity };  // of mean rates, or of those at its end
+
+  // A sub-step. weight: of forces in it, half of one where a step begins and ends; smooth: no
+  // contact presses; closes: the motion leads to C = 0, not to what C was.
+  struct Interval {
+    double h, weight;
+    bool smooth, closes;
+  };
+  // With the coordinate y and its rate before, and the mass that an impulse along it finds.
+  static JointLaw make(const Joint::Motor& motor, double lower, double upper,
+                       const Interval& interval, Stage stage, Mode mode, double y, double before,
+                       double mass);
 
   static constexpr double kInfinite = std::numeric_limits<double>::infinity();
   double slowest = -kInfinite, fastest = kInfinite;  // rates that lead to the limits

@@ -16,9 +16,9 @@ void assign(Point<double>& p, const Quad3& v) { p.x = v[0], p.y = v[1], p.z = v[
 bool same(const Quad3& a, const Quad3& b) { return a[0] == b[0] && a[1] == b[1] && a[2] == b[2]; }
 
 bool serves(const Joint& joint) {
-  const bool kind = joint.type == JointType::kBall || joint.type == JointType::kHinge ||
-                    joint.type == JointType::kFixed;
-  return kind && joint_rows(joint) == joint_equations(joint.type);
+  const bool kind = joint.type == JointType::kBall || joint.type == JointType::kFixed;
+  return joint.type == JointType::kHinge ||
+         (kind && joint_rows(joint) == joint_equations(joint.type));
 }
 
 }  // namespace
@@ -127,6 +127,14 @@ void TreeGroup::set_joint(std::size_t k, const Joint& joint, const Bodies& bodie
   }
   part.axis = quad(Vec3(F.col(0)));
   m.coordinate = joint.coordinate;
+  m.ruled = joint_rows(joint) > joint_equations(joint.type);
+  if (!m.ruled) return;
+  ruled_ = true;
+  m.lower = joint.lower, m.upper = joint.upper;
+  m.motor = joint.motor;
+  m.mode = JointLaw::Mode::kFree;
+  m.last = joint.impulse[5];
+  m.sum_along = 0;
 }
 
 // Those of the bodies. Returns whether the joints are closed there.
@@ -172,6 +180,9 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
   });
   alone_ = std::none_of(members_.begin(), members_.end(),
                         [&](const Member& m) { return pressed[usize(m.body)] != 0; });
+  ruled_ = false;
+  mass_ = 0;
+  weight_ = smooth_ ? 0.5 : 1;
   if (settings.method != FreeRotation::kSplitting || !(h_ > kShortest)) return false;
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
@@ -181,6 +192,7 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
     const double* const I = &bodies.inertia[3 * usize(m.body)];
     part.inertia = part.seen_inertia = Quad3{I[0], I[1], I[2], bodies.mass[usize(m.body)]};
     m.inverse_inertia = 1 / part.inertia;
+    mass_ += part.inertia[3];
     part.slow = false;
     m.impulse = {};
     if (m.joint >= 0) {
@@ -189,9 +201,11 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
     }
     // As it is, and as the torque on it would make it in the step.
     const Quaternion to_body = bodies.rotation(m.body).conjugate();
-    const Vec3 torque = to_body * Vec3(&bodies.torque[3 * usize(m.body)]);
-    const Vec3 L =
-        (to_body * Vec3(&bodies.L[3 * usize(m.body)])).cwiseAbs() + settings.dt * torque.cwiseAbs();
+    Vec3 torque = (to_body * Vec3(&bodies.torque[3 * usize(m.body)])).cwiseAbs();
+    if (m.ruled && m.motor.type == MotorType::kSpeed &&
+        !(h_ * std::abs(m.motor.target) < kMostTurn))
+      torque.array() += m.motor.most;
+    const Vec3 L = (to_body * Vec3(&bodies.L[3 * usize(m.body)])).cwiseAbs() + settings.dt * torque;
     const Vec3 J = vec(part.inertia);
     if (!(h_ * L.cwiseQuotient(J).norm() < kMostTurn)) return false;
     // The inertia of solve() lacks what is of second order in h / 2 [L]: an error grows by less
@@ -202,6 +216,13 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
     rates_[k].linear = quad(rows.velocity_of(m.row));
   }
   if (!set_coordinates(bodies)) return false;
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    tree_.drive(k) = {};
+    const Member& m = members_[k];
+    if (!m.ruled) continue;
+    const double y = coordinate(k);
+    if (!(y > m.lower - kPassed && y < m.upper + kPassed)) return false;
+  }
   intervals_ = 0;
   find_inertia(rows);
   if (whirls_ && !smooth_) return false;
@@ -341,6 +362,7 @@ void TreeGroup::give(std::size_t k, const Tree::Momentum& momentum, BodyRows& ro
   given_[k].linear += momentum.linear - momenta_[k].linear;
   given_[k].angular += moment(k, momentum.angular - momenta_[k].angular);
   momenta_[k] = momentum;
+  m.given_along = m.along;
   if (alone_) return;
   BodyRow& row = rows.velocity[usize(m.row)];
   const Quad3 velocity = m.seen_velocity, spin = m.seen_spin;
@@ -395,7 +417,82 @@ void TreeGroup::begin_substep(BodyRows& rows) {
     tree_.begin(now_);
   }
   guess_rates();
+  for (Member& m : members_) m.along = weight_ * m.last, m.given_along = 0;
+  set_laws(Stage::kMotion);
   begin_motion();
+}
+
+// The angle of a hinge, over turns.
+double TreeGroup::coordinate(std::size_t k) const {
+  const Member& m = members_[k];
+  const double angle = sign(k) * std::atan2(begin_[k].sine, begin_[k].cosine);
+  constexpr double kTurn = 2 * std::numbers::pi;
+  return angle + kTurn * std::round((m.coordinate - angle) / kTurn);
+}
+
+void TreeGroup::set_laws(Stage stage) {
+  const JointLaw::Interval interval{h_, weight_, smooth_, false};
+  const auto mobility_of = [&](std::size_t k, const Quad3& axis) {
+    const Quad3 n = transposed_product(now_[k].R, axis);
+    return dot(n * n, members_[k].inverse_inertia);
+  };
+  for (std::size_t k = 0; ruled_ && k < members_.size(); ++k) {
+    Member& m = members_[k];
+    if (!m.ruled) continue;
+    const std::int32_t parent = tree_.parts()[k].parent;
+    m.mobility = mobility_of(k, now_[k].axis);
+    if (parent >= 0) m.mobility += mobility_of(usize(parent), now_[k].axis);
+    m.law = JointLaw::make(m.motor, m.lower, m.upper, interval, stage, m.mode, coordinate(k),
+                           sign(k) * mean(last_rates_[k].angle), 1 / m.mobility);
+  }
+}
+
+// By the rates, mean ones of the motion or velocities. Returns whether there are others.
+bool TreeGroup::choose_modes(Stage stage, std::span<const Tree::Rate> rates) {
+  bool changed = false;
+  for (std::size_t k = 0; ruled_ && k < members_.size(); ++k) {
+    Member& m = members_[k];
+    if (!m.ruled) continue;
+    const double t = stage == Stage::kMotion ? 0.5 * h_ * rates[k].angle : 0;
+    const double slope = 1 / (1 + t * t);  // of the mean rate, by the rate of Cayley's map
+    const double u = stage == Stage::kMotion ? mean(rates[k].angle) : rates[k].angle;
+    const JointLaw::Mode mode = m.law.mode(sign(k) * u, m.along, m.mobility);
+    changed = changed || mode != m.mode;
+    m.mode = mode;
+    const double now = stage == Stage::kMotion ? u : 0;  // that respond() changes
+    Tree::Drive& drive = tree_.drive(k) = {};
+    if (JointLaw::fixes_impulse(mode)) {
+      drive.impulse = sign(k) * (m.law.fixed_impulse(mode) - m.given_along);
+    } else if (const double residual = m.law.residual(mode, sign(k) * now, 0);
+               m.law.softness(mode) > 0) {
+      drive.impulse = -sign(k) * (residual / m.law.compliance + m.given_along);
+      drive.stiffness = slope / m.law.compliance;
+    } else {
+      drive.held = true;
+      drive.change = -sign(k) * residual / slope;
+    }
+  }
+  return changed;
+}
+
+void TreeGroup::read_impulses() {
+  for (std::size_t k = 0; ruled_ && k < members_.size(); ++k)
+    if (Member& m = members_[k]; m.ruled) m.along = m.given_along + sign(k) * tree_.impulse(k);
+}
+
+// As JointGroup::slow_springs.
+bool TreeGroup::slow_springs(Stage stage, std::span<const Tree::Rate> rates) {
+  bool any = false;
+  for (std::size_t k = 0; ruled_ && k < members_.size(); ++k) {
+    Member& m = members_[k];
+    const double r = rates[k].angle, u = sign(k) * (stage == Stage::kMotion ? mean(r) : r);
+    const double most = std::max(kMostSprung / h_, std::abs(m.law.before));
+    if (!m.ruled || !(m.law.compliance > 0) || !(std::abs(u) > most)) continue;
+    m.law.rate = std::copysign(most, u);
+    m.law.compliance = 0;
+    any = true;
+  }
+  return any;
 }
 
 // From the begin with the rates.
@@ -416,14 +513,17 @@ bool TreeGroup::solve(double tolerance) {
   for (int i = 0; i < (alone_ ? kIterationsAlone : kIterations); ++i) {
     tree_.place(end_, next_);
     tree_.find_momenta(next_, h_, found_);
-    if (!factored_) tree_.factor(now_, next_, h_, found_);
-    if (!std::exchange(factored_, true)) drift_ = 0;
+    if (choose_modes(Stage::kMotion, rates_)) factored_ = false;
+    const bool anew = !std::exchange(factored_, true);
+    if (anew) tree_.factor(now_, next_, h_, found_);
+    if (anew) drift_ = 0;
     for (std::size_t k = 0; k < members_.size(); ++k) {
       wanted_[k].linear = momenta_[k].linear - found_[k].linear;
       wanted_[k].angular = moment(k, momenta_[k].angular - found_[k].angular);
     }
     last_change_.swap(change_);
     tree_.respond(wanted_, change_);
+    read_impulses();
     const double last = std::exchange(worst, 0);
     double along = 0, square = 0;
     for (std::size_t k = 0; k < members_.size(); ++k) {
@@ -435,10 +535,12 @@ bool TreeGroup::solve(double tolerance) {
           std::max({worst, dot(change.linear, change.linear), dot(change.angular, change.angular)});
     }
     worst = h_ * std::sqrt(worst);
-    if (i > 0 && square > 0) part = std::clamp(part * along / square, kLeastPart, kMostPart);
+    const bool first = anew || i == 0;
+    if (first) part = 1;
+    if (!first && square > 0) part = std::clamp(part * along / square, kLeastPart, kMostPart);
     drift_ += worst;
     // An iteration leaves what it left before, or what the matrix does not know.
-    const double left = i == 0 ? turn_ * turn_ / 6 + 2 * drift_ : worst / last;
+    const double left = first ? turn_ * turn_ / 6 + 2 * drift_ : worst / last;
     const bool found = worst == 0 || std::min(1., left) * worst < tolerance;
     const double length = found ? 1 : part;
     for (std::size_t k = 0; k < members_.size(); ++k) {
@@ -447,15 +549,20 @@ bool TreeGroup::solve(double tolerance) {
       rates_[k].angle += length * change_[k].angle;
     }
     tree_.advance(change_, length * h_, end_);
-    if (found) return is_near();
+    if (found && !choose_modes(Stage::kMotion, rates_)) return is_near();
+    if (found) factored_ = false;
   }
   return !alone_ && worst < kClose && is_near();
 }
 
 // Whether the motion found is one near the motion before, not another root, as there may be where a
-// chain snaps taut: joints give no energy, and turn no body far that turned slowly.
+// chain snaps taut: joints give no energy but by
+// their motors, and turn no body far that turned slowly.
 bool TreeGroup::is_near() const {
-  if (kinetic_energy(found_) > kMostEnergy * kinetic_energy(momenta_)) return false;
+  double given = 0.5 * mass_ * (kPressed / h_) * (kPressed / h_);  // or of what is left of an error
+  for (std::size_t k = 0; ruled_ && k < members_.size(); ++k)
+    if (members_[k].ruled) given += std::abs(members_[k].along * rates_[k].angle);
+  if (kinetic_energy(found_) > kMostEnergy * (kinetic_energy(momenta_) + given)) return false;
   const double most = alone_ ? kMostWhirl : kMostTurn;
   for (std::size_t k = 0; k < members_.size(); ++k) {
     const double square = dot(rates_[k].angular, rates_[k].angular);
@@ -479,6 +586,7 @@ double TreeGroup::kinetic_energy(std::span<const Tree::Momentum> momenta) const 
 // The sub-step of a tree alone in parts, of which all are found. A kick lies between two parts and
 // belongs to half of each; that of the whole sub-step was given.
 bool TreeGroup::solve_in_parts(double tolerance, BodyRows& rows) {
+  if (ruled_) return false;
   const double whole = h_;
   const auto begin = begin_;
   const auto now = now_;
@@ -514,12 +622,47 @@ bool TreeGroup::solve_in_parts(double tolerance, BodyRows& rows) {
   return false;
 }
 
-// The momenta as rates.
+// The momenta as rates, with what laws ask of velocities.
 void TreeGroup::project() {
-  tree_.factor(now_);
   for (std::size_t k = 0; k < members_.size(); ++k)
     wanted_[k] = {momenta_[k].linear, moment(k, momenta_[k].angular)};
-  tree_.respond(wanted_, change_);
+  change_ = rates_;
+  for (int i = 0; i < kIterations; ++i) {
+    if (!choose_modes(Stage::kVelocity, change_) && i > 0) return;
+    tree_.factor(now_);
+    tree_.respond(wanted_, change_);
+    read_impulses();
+    if (!ruled_) return;
+  }
+}
+
+// As the velocities lead.
+void TreeGroup::take_velocities(BodyRows& rows) {
+  project();
+  rates_ = change_;
+  end_ = begin_;
+  tree_.advance(rates_, h_, end_);
+  tree_.place(end_, next_);
+  for (std::size_t k = 0; k < members_.size(); ++k) {  // L turns with the body: its energy stays
+    const Tree::Momentum linear = tree_.momentum(k, change_[k]);
+    const Quad3 L = next_[k].R * transposed_product(now_[k].R, linear.angular);
+    give(k, {linear.linear, L}, rows);
+  }
+}
+
+void TreeGroup::solve_motion(double tolerance, BodyRows& rows) {
+  bool found = solve(tolerance);
+  if (!found && alone_ && solve_in_parts(tolerance, rows)) return;
+  if (!found) project();
+  if (found ? slow_springs(Stage::kMotion, rates_) : slow_springs(Stage::kVelocity, change_)) {
+    begin_motion();
+    found = solve(tolerance);
+  }
+  if (found) {
+    give_found(rows);
+  } else {
+    take_velocities(rows);
+  }
 }
 
 // What contacts will still change need not be found to the end. What Newton's method leaves is
@@ -532,21 +675,7 @@ void TreeGroup::solve_velocities(BodyRows& rows, bool first, bool last) {
   }
   solved_ = smooth_ || last;
   const bool held = tree_.parts()[0].kind != Kind::kFree;
-  const double tolerance = !solved_ ? kEnough : !smooth_ ? kPressed : held ? kHeld : kFree;
-  if (solve(tolerance)) {
-    give_found(rows);
-  } else if (!alone_ || !solve_in_parts(tolerance, rows)) {  // as the velocities lead
-    project();
-    rates_ = change_;
-    end_ = begin_;
-    tree_.advance(rates_, h_, end_);
-    tree_.place(end_, next_);
-    for (std::size_t k = 0; k < members_.size(); ++k) {  // L turns with the body: its energy stays
-      const Tree::Momentum linear = tree_.momentum(k, change_[k]);
-      const Quad3 L = next_[k].R * transposed_product(now_[k].R, linear.angular);
-      give(k, {linear.linear, L}, rows);
-    }
-  }
+  solve_motion(!solved_ ? kEnough : !smooth_ ? kPressed : held ? kHeld : kFree, rows);
 }
 
 void TreeGroup::give_found(BodyRows& rows) {
@@ -578,6 +707,7 @@ void TreeGroup::follow(std::span<Tree::Coordinate> coordinates) {
     const auto& [shift, turn] = aside_[k];
     wanted_[k] = tree_.momentum(k, {shift - cross(turn, tree_.centre(k)), turn});
     wanted_[k].angular = moment(k, wanted_[k].angular);
+    tree_.drive(k).change = tree_.drive(k).impulse = 0;
   }
   tree_.respond(wanted_, change_);
   tree_.advance(change_, 1, coordinates);
@@ -597,7 +727,7 @@ void TreeGroup::move_in_tree(double part) {
 void TreeGroup::count_turns() {
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
-    m.coordinate += (m.is_a ? 2 : -2) * std::atan(0.5 * h_ * rates_[k].angle);
+    m.coordinate += sign(k) * h_ * mean(rates_[k].angle);
   }
 }
 
@@ -605,6 +735,7 @@ void TreeGroup::move(BodyRows& rows) {
   if (alone_) {
     move_in_tree(h_ / substep_);
     h_ = substep_;
+    weight_ = 1;
     ++intervals_;
     return;
   }
@@ -644,6 +775,7 @@ void TreeGroup::move(BodyRows& rows) {
   begin_ = end_;
   for (Tree::Coordinate& at : begin_) at.q.normalize();
   for (std::size_t k = 0; k < members_.size(); ++k) show_spin(k, rows);
+  weight_ = 1;
   ++intervals_;
 }
 
@@ -652,6 +784,8 @@ void TreeGroup::move(BodyRows& rows) {
 void TreeGroup::sum_impulses(double weight) {
   for (std::size_t k = members_.size(); k-- > 0;) {
     Member& m = members_[k];
+    m.sum_along += m.along;
+    if (weight > 0) m.last = m.along / weight;
     Tree::Momentum& own = given_[k];
     own.angular += cross(now_[k].c, own.linear);
     m.sum.linear += own.linear;
@@ -671,7 +805,12 @@ void TreeGroup::end_step(BodyRows& rows) {
   if (!smooth_) return;
   if (!alone_) read_momenta(rows);
   kick(0.5 * h_, rows);
+  weight_ = 0.5;
+  last_rates_ = rates_;
+  for (Member& m : members_) m.along = m.given_along = 0;
+  set_laws(Stage::kVelocity);
   project();
+  if (slow_springs(Stage::kVelocity, change_)) project();
   for (std::size_t k = 0; k < members_.size(); ++k) give(k, tree_.momentum(k, change_[k]), rows);
   sum_impulses(0);
   for (std::size_t k = 0; k < members_.size() && alone_; ++k) {
@@ -692,10 +831,11 @@ void TreeGroup::store(Bodies& bodies, std::span<Joint> joints, double dt) const 
     const Member& m = members_[k];
     if (m.joint < 0) continue;
     Joint& joint = joints[usize(m.joint)];
-    const double sign = m.is_a ? 1 : -1;
+    const double sign = this->sign(k);
     joint.force = sign / dt * vec(m.sum.linear);
     joint.torque = sign / dt * vec(m.sum.angular);
-    joint.effort = joint.length_error = joint.angle_error = 0;
+    joint.effort = m.ruled ? m.sum_along / dt : 0;
+    joint.length_error = joint.angle_error = 0;
     joint.impulse.fill(0);
     Vec3::Map(joint.impulse.data()) = sign * vec(m.impulse.linear);
     const Quaternion axes =
@@ -703,9 +843,10 @@ void TreeGroup::store(Bodies& bodies, std::span<Joint> joints, double dt) const 
     const Vec3 torque = axes.conjugate() * Vec3(sign * vec(m.impulse.angular));
     if (joint.type == JointType::kHinge) {
       joint.impulse[3] = torque[1], joint.impulse[4] = torque[2];
-      const double angle = sign * std::atan2(begin_[k].sine, begin_[k].cosine);
-      constexpr double kTurn = 2 * std::numbers::pi;
-      joint.coordinate = angle + kTurn * std::round((m.coordinate - angle) / kTurn);
+      joint.coordinate = coordinate(k);
+      if (!m.ruled) continue;
+      joint.impulse[5] = m.last;
+      joint.angle_error = std::max({0., joint.coordinate - m.upper, m.lower - joint.coordinate});
     } else if (joint.type == JointType::kFixed) {
       Vec3::Map(&joint.impulse[3]) = torque;
     } else {

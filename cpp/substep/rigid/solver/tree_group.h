@@ -1,10 +1,12 @@
 // A JointGroup that is a tree, solved for in the coordinates of its joints (articulated_tree.h):
 // the same motion as JointGroup's to second order, in a fraction of its time.
 //
-// Serves a step of bodies whose joints are balls, hinges and fixed ones without limits or motors,
-// closed, that turn little in a sub-step and are not swung fast by the forces at their joints.
+// Serves a step of bodies whose joints are hinges, with limits and motors, and balls and fixed
+// joints without, closed, that turn little in a sub-step and are not swung fast by the forces at
+// their joints.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -15,6 +17,7 @@
 #include "substep/rigid/solver/articulated_tree.h"
 #include "substep/rigid/solver/joint.h"
 #include "substep/rigid/solver/joint_group.h"
+#include "substep/rigid/solver/joint_law.h"
 
 namespace substep::rigid {
 
@@ -49,7 +52,9 @@ class TreeGroup {
   // What may be left of an error of the motion [m], [rad]: of a tree that nothing holds, whose
   // momenta stay what they are, of others, where contacts press, and what they will still change.
   static constexpr double kFree = 1e-12, kHeld = 1e-10, kPressed = 1e-8, kEnough = 1e-6;
-  static constexpr double kClose = 1e-5;  // change of an iteration that has not found it
+  static constexpr double kPassed = 1e-7;     // a limit [rad]
+  static constexpr double kMostSprung = 0.5;  // turn by a spring that yields, in a sub-step [rad]
+  static constexpr double kClose = 1e-5;      // change of an iteration that has not found it
 
   // The body of a part, and its joint, -1 if it has none.
   struct Member {
@@ -65,6 +70,15 @@ class TreeGroup {
     Tree::Momentum impulse;  // of the joint on this body at the anchor, in the last sub-step
     Tree::Momentum sum;      // in the step
     double coordinate;       // of the joint, but for rounding
+    // Of a hinge with limits or a motor, along its coordinate:
+    bool ruled;
+    double lower, upper;
+    Joint::Motor motor;
+    JointLaw law;
+    JointLaw::Mode mode;
+    double mobility;            // change of the rate by an impulse, of its bodies apart
+    double along, given_along;  // impulse of the sub-step, and what the momenta have of it
+    double last, sum_along;     // that of the sub-step before, and of the step
   };
   // Of forces at the joints of a body that swing it, in its frame: K for the axes, sum of K r and
   // K.
@@ -97,6 +111,17 @@ class TreeGroup {
   double kinetic_energy(std::span<const Tree::Momentum> momenta) const;
   bool solve_in_parts(double tolerance, BodyRows& rows);
   void give_found(BodyRows& rows);
+  using Stage = JointLaw::Stage;
+  double sign(std::size_t k) const { return members_[k].is_a ? 1 : -1; }  // of the coordinate
+  // Of the rate of a hinge by Cayley's map.
+  double mean(double rate) const { return 2 / h_ * std::atan(0.5 * h_ * rate); }
+  double coordinate(std::size_t k) const;
+  void set_laws(Stage stage);
+  bool choose_modes(Stage stage, std::span<const Tree::Rate> rates);
+  void read_impulses();
+  bool slow_springs(Stage stage, std::span<const Tree::Rate> rates);
+  void take_velocities(BodyRows& rows);
+  void solve_motion(double tolerance, BodyRows& rows);
   void move_in_tree(double part);
   void count_turns();
   void project();
@@ -107,7 +132,10 @@ class TreeGroup {
 
   Tree tree_;
   std::vector<Member> members_;
+  double mass_ = 0;
   double substep_ = 0, h_ = 0;  // what is solved for: the sub-step, or a part of it
+  double weight_ = 1;   // of forces in the sub-step: half of one where a step begins and ends
+  bool ruled_ = false;  // whether any joint is
   bool smooth_ = false, solved_ = false, factored_ = false, whirls_ = false;
   bool alone_ = false;           // nothing touches it, so that rows need not follow before the end
   double turn_ = 0, drift_ = 0;  // largest turn in the sub-step; way from where the matrix is of
