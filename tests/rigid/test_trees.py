@@ -116,6 +116,56 @@ def test_trees_agree_with_equations_of_their_joints():
         assert p.coordinate == pytest.approx(q.coordinate, abs=2e-3)
 
 
+LAWS = {
+    "springs": 3 * [("hinge", {"motor": rigid.SpringMotor(0.4, 20.0, 0.5)})],
+    "weak springs": 3 * [("hinge", {"motor": rigid.SpringMotor(0.4, 200.0, 2.0, strength=1.0)})],
+    "speeds": [
+        ("hinge", {"motor": rigid.SpeedMotor(2.0, strength=4.0)}),
+        ("hinge", {"motor": rigid.SpeedMotor(0.0, strength=0.2)}),
+        ("hinge", {"motor": rigid.SpeedMotor(-1.0)}),
+    ],
+    "limits": [
+        ("hinge", {"limits": (-0.5, 0.6), "motor": rigid.SpringMotor(0.0, 3.0, 0.1)}),
+        ("hinge", {"limits": (-0.2, 0.3)}),
+        ("hinge", {}),
+    ],
+    "sliders": [
+        ("slider", {"motor": rigid.SpringMotor(0.1, 200.0, 2.0)}),
+        ("hinge", {"motor": rigid.SpeedMotor(0.0, strength=0.3)}),
+        ("slider", {"limits": (-0.1, 0.15)}),
+    ],
+}
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+@pytest.mark.parametrize("free", [False, True])
+@pytest.mark.parametrize("laws", LAWS)
+def test_limits_and_motors_of_trees_agree_with_equations_of_their_joints(laws, free, reverse):
+    def arm(rotation):
+        bodies = substep.RigidBodies(step=1 / 240, sleeping=False, rotation=rotation)
+        last, link = None, rigid.Capsule(0.03, 0.24)
+        if free:
+            last = bodies.add(rigid.Box((0.2, 0.2, 0.2)), (0, 0, 0), mass=3.0)
+        for k, (kind, law) in enumerate(LAWS[laws]):
+            at, q = (0.3 * k + 0.15, 0, 0), (0.5**0.5, 0, 0.5**0.5, 0)
+            body = bodies.add(link, at, q, mass=0.5, group=0, mask=0)
+            pair = (last, body) if reverse and last is not None else (body, last)
+            axis = (0, 1, 0) if k % 2 == 0 else (0, 0.6, 0.8)
+            getattr(bodies, kind)(*pair, (0.3 * k, 0, 0), axis, **law)
+            last = body
+        bodies.advance(1.0)
+        return bodies
+
+    tree, general = arm("splitting"), arm("exact")
+    assert max(joint.error[0] for joint in tree.joints) < 1e-9
+    for p, q in zip(tree.joints, general.joints, strict=True):
+        assert p.coordinate == pytest.approx(q.coordinate, abs=3e-5)
+        assert p.speed == pytest.approx(q.speed, abs=2e-4)
+        assert p.effort == pytest.approx(q.effort, abs=3e-4)
+        np.testing.assert_allclose(p.force, q.force, atol=3e-4)
+        np.testing.assert_allclose(p.torque, q.torque, atol=3e-4)
+
+
 @pytest.mark.parametrize(
     ("masses", "step", "most"),
     [

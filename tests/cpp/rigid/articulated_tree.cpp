@@ -28,11 +28,12 @@ Quad3 random_vector(std::mt19937& random, double size = 1) {
 
 // A free body or one at a hinge or a ball of the world, and seven at each other.
 Tree random_tree(Tree::Kind root, std::mt19937& random) {
-  constexpr Tree::Kind kKinds[] = {Tree::Kind::kHinge, Tree::Kind::kBall, Tree::Kind::kFixed};
+  constexpr Tree::Kind kKinds[] = {Tree::Kind::kHinge, Tree::Kind::kBall, Tree::Kind::kSlider,
+                                   Tree::Kind::kFixed};
   std::vector<Tree::Part> parts;
   for (int k = 0; k < 8; ++k) {
     Tree::Part part;
-    part.kind = k == 0 ? root : kKinds[k % 3];
+    part.kind = k == 0 ? root : kKinds[k % 4];
     part.parent = k == 0 ? -1 : (k - 1) / 2;
     part.inertia = Quad3{0.2 + 0.1 * k, 0.3, 0.25, 1. + k % 3};
     part.seen_inertia = part.inertia;
@@ -44,7 +45,8 @@ Tree random_tree(Tree::Kind root, std::mt19937& random) {
     part.turning = {QuadMatrix{quad(0, 0, 0), quad(0, 0, 0), quad(0, 0, 1)},
                     QuadMatrix{quad(1, 0, 0), quad(0, 1, 0), quad(0, 0, 0)},
                     QuadMatrix{quad(0, 1, 0), quad(-1, 0, 0), quad(0, 0, 0)}};
-    if (part.kind == Tree::Kind::kFixed) part.turning[0] = QuadMatrix::identity();
+    if (part.kind == Tree::Kind::kFixed || part.kind == Tree::Kind::kSlider)
+      part.turning[0] = QuadMatrix::identity();
     parts.push_back(part);
   }
   return Tree(parts);
@@ -57,13 +59,15 @@ std::vector<Tree::Coordinate> random_coordinates(const Tree& tree, std::mt19937&
     at.cosine = std::cos(3 * v[0]), at.sine = std::sin(3 * v[0]);
     at.q = Quaternion(1, v[0], v[1], v[2]).normalized();
     at.x = v;
+    at.way = v[1];
   }
   return coordinates;
 }
 
 TEST(ArticulatedTree, LeavesNothingThatJointsCannotGive) {
   std::mt19937 random(1);
-  for (const Tree::Kind root : {Tree::Kind::kFree, Tree::Kind::kHinge, Tree::Kind::kBall}) {
+  for (const Tree::Kind root :
+       {Tree::Kind::kFree, Tree::Kind::kHinge, Tree::Kind::kSlider, Tree::Kind::kBall}) {
     Tree tree = random_tree(root, random);
     const std::size_t n = tree.size();
     std::vector<Tree::Place> places(n);
@@ -89,18 +93,63 @@ TEST(ArticulatedTree, LeavesNothingThatJointsCannotGive) {
       if (tree.parts()[k].parent < 0) continue;
       // The joint holds: its anchor moves with the parent.
       const Tree::Rate& parent = rates[usize(tree.parts()[k].parent)];
-      const Quad3 gap = rates[k].linear - parent.linear - cross(parent.angular, places[k].d);
+      Quad3 gap = rates[k].linear - parent.linear - cross(parent.angular, places[k].d);
+      if (tree.parts()[k].kind == Tree::Kind::kSlider) gap -= rates[k].along * places[k].axis;
       EXPECT_LT(std::sqrt(dot(gap, gap)), 1e-13);
     }
     EXPECT_LT(std::abs(work), 1e-13 * size);
   }
 }
 
+// With a stiffness the same as with that inertia about the axis; and what holds a coordinate gives
+// the impulse with which it moves as told.
+TEST(ArticulatedTree, DrivesActAlongCoordinates) {
+  std::mt19937 random(3);
+  Tree tree = random_tree(Tree::Kind::kFree, random);
+  const std::size_t n = tree.size();
+  std::vector<Tree::Place> places(n);
+  tree.place(random_coordinates(tree, random), places);
+  std::vector<Tree::Momentum> wanted(n);
+  for (Tree::Momentum& m : wanted) m = {random_vector(random), random_vector(random)};
+  std::vector<Tree::Rate> held(n), pushed(n), stiff(n);
+  const auto respond = [&](std::vector<Tree::Rate>& rates) {
+    tree.factor(places);
+    tree.respond(wanted, rates);
+  };
+  const auto driven = [&](const auto& task) {
+    for (std::size_t k = 0; k < n; ++k)
+      if (const auto kind = tree.parts()[k].kind;
+          kind == Tree::Kind::kHinge || kind == Tree::Kind::kSlider)
+        task(k);
+  };
+  driven([&](std::size_t k) {
+    tree.drive(k) = {.held = true, .change = 0.1 * static_cast<double>(k)};
+  });
+  respond(held);
+  driven([&](std::size_t k) { EXPECT_EQ(held[k].along, 0.1 * static_cast<double>(k)); });
+  driven([&](std::size_t k) { tree.drive(k) = {.impulse = tree.impulse(k)}; });
+  respond(pushed);
+  const auto expect_same = [&](const auto& a, const auto& b) {
+    for (std::size_t k = 0; k < n; ++k) {
+      const Quad3 v = a[k].linear - b[k].linear, w = a[k].angular - b[k].angular;
+      EXPECT_LT(dot(v, v) + dot(w, w), 1e-22);
+    }
+  };
+  expect_same(held, pushed);
+  driven([&](std::size_t k) {
+    const double impulse = tree.impulse(k);
+    tree.drive(k) = {.impulse = impulse + 3 * pushed[k].along, .stiffness = 3};
+  });
+  respond(stiff);
+  expect_same(held, stiff);
+}
+
 // By differences: what momenta change by with the end of a motion, as motions free at its begin see
 // it, is what the matrix says but for the square of the turn.
 TEST(ArticulatedTree, HasTheDerivativeOfAMotionToSecondOrder) {
   std::mt19937 random(2);
-  for (const Tree::Kind root : {Tree::Kind::kFree, Tree::Kind::kHinge, Tree::Kind::kBall}) {
+  for (const Tree::Kind root :
+       {Tree::Kind::kFree, Tree::Kind::kHinge, Tree::Kind::kSlider, Tree::Kind::kBall}) {
     Tree tree = random_tree(root, random);
     const std::size_t n = tree.size();
     const auto begin = random_coordinates(tree, random);

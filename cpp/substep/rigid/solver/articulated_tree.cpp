@@ -13,6 +13,8 @@ namespace {
 
 using Kind = ArticulatedTree::Kind;
 
+bool has_coordinate(Kind kind) { return kind == Kind::kHinge || kind == Kind::kSlider; }
+
 constexpr double kSmallTurn = 0.01;  // square of a sine, below which series are exact
 
 // q turned by Cayley's map of a, and longer by that.
@@ -96,7 +98,7 @@ ArticulatedTree::ArticulatedTree(std::vector<Part> parts)
       response_(parts_.size()),
       inverse_(parts_.size()),
       wrench_(parts_.size()),
-      angle_(parts_.size()),
+      along_(parts_.size()),
       drives_(parts_.size()),
       impulse_(parts_.size()) {}
 
@@ -112,7 +114,9 @@ void ArticulatedTree::place(std::span<const Coordinate> coordinates,
       place.O = at.x;
     } else {
       const Place& parent = part.parent < 0 ? world : places[usize(part.parent)];
+      place.axis = parent.R * part.axis;
       place.d = parent.R * part.anchor;
+      if (part.kind == Kind::kSlider) place.d += at.way * place.axis;
       place.O = parent.O + place.d;
       const auto& turning = part.turning;
       switch (part.kind) {
@@ -124,7 +128,6 @@ void ArticulatedTree::place(std::span<const Coordinate> coordinates,
           for (int i = 0; i < 3; ++i)
             relative[i] += at.cosine * turning[1][i] + at.sine * turning[2][i];
           place.R = parent.R * relative;
-          place.axis = parent.R * part.axis;
           break;
         }
         default:
@@ -143,12 +146,15 @@ void ArticulatedTree::advance(std::span<const Rate> rates, double h,
     Coordinate& at = coordinates[k];
     switch (parts_[k].kind) {
       case Kind::kHinge: {  // times (1 + i t) / (1 - i t)
-        const double t = 0.5 * h * rate.angle, scale = 1 / (1 + t * t);
+        const double t = 0.5 * h * rate.along, scale = 1 / (1 + t * t);
         const double c = scale * (1 - t * t), s = scale * 2 * t;
         const double cosine = at.cosine * c - at.sine * s, sine = at.sine * c + at.cosine * s;
         at.cosine = cosine, at.sine = sine;
         break;
       }
+      case Kind::kSlider:
+        at.way += h * rate.along;
+        break;
       case Kind::kFree:
         at.x += h * rate.linear;
         [[fallthrough]];
@@ -271,13 +277,15 @@ void ArticulatedTree::reduce(std::size_t k) {
   const Quad3 d0 = response.d0, d1 = response.d1;
   QuadMatrix J = articulated_[k].J, H = articulated_[k].H, G = articulated_[k].G,
              M = articulated_[k].M;
-  if (part.kind == Kind::kHinge) {
-    const Quad3 torque = J * response.a1, force = G * response.a1;
-    const Quad3 turn = transposed_product(J, response.a0),
-                shift = transposed_product(H, response.a0);
+  if (has_coordinate(part.kind)) {
+    const bool turns = part.kind == Kind::kHinge;
+    const Quad3 torque = (turns ? J : H) * response.a1, force = (turns ? G : M) * response.a1;
+    const Quad3 turn = transposed_product(turns ? J : G, response.a0),
+                shift = transposed_product(turns ? H : M, response.a0);
+    const double D = dot(response.a0, turns ? torque : force);
     const Drive& drive = drives_[k];
     if (drive.held) {
-      response.inverse = dot(response.a0, torque);
+      response.inverse = D;
       response.force = force;
       response.torque = torque + cross(d0, force);
       response.shift = shift;
@@ -285,7 +293,7 @@ void ArticulatedTree::reduce(std::size_t k) {
       add_to_parent(k, J, H, G, M);
       return;
     }
-    response.inverse = 1 / (dot(response.a0, torque) + drive.stiffness);
+    response.inverse = 1 / (D + drive.stiffness);
     const Quad3 by_turn = response.inverse * turn, by_shift = response.inverse * shift;
     J = J - outer(torque, by_turn);
     H = H - outer(torque, by_shift);
@@ -333,15 +341,15 @@ void ArticulatedTree::respond(std::span<const Momentum> momenta, std::span<Rate>
     const Part& part = parts_[k];
     const Response& own = response_[k];
     const Quad3 force = wrench_[k].linear, torque = wrench_[k].angular;
-    if (part.kind == Kind::kHinge) {
+    if (has_coordinate(part.kind)) {
       const Drive& drive = drives_[k];
-      Quad3 along = dot_lanes(own.a0, torque);
+      Quad3 along = dot_lanes(own.a0, part.kind == Kind::kHinge ? torque : force);
       if (drive.held) {
         impulse_[k] = own.inverse * drive.change - along[0];
         along = Quad3{} + drive.change;
       } else {
         along += drive.impulse;
-        angle_[k] = along[0] * own.inverse;
+        along_[k] = along[0] * own.inverse;
       }
       if (part.parent < 0) continue;
       Momentum& parent = wrench_[usize(part.parent)];
@@ -372,19 +380,16 @@ void ArticulatedTree::respond(std::span<const Momentum> momenta, std::span<Rate>
     }
     const Rate& parent = part.parent < 0 ? rest : rates[usize(part.parent)];
     rate.linear = parent.linear - cross(own.d1, parent.angular);
-    if (part.kind == Kind::kHinge) {
+    if (has_coordinate(part.kind)) {
       const Quad3 carried =
           dot_lanes(own.turn, parent.angular) + dot_lanes(own.shift, parent.linear);
       const Drive& drive = drives_[k];
-      if (drive.held) {
-        impulse_[k] += carried[0];
-        rate.angle = drive.change;
-        rate.angular = parent.angular + rate.angle * own.a1;
-      } else {
-        rate.angle = angle_[k] - carried[0];
-        rate.angular = (parent.angular + angle_[k] * own.a1) - carried * own.a1;
-        impulse_[k] = drive.impulse - drive.stiffness * rate.angle;
-      }
+      rate.along = drive.held ? drive.change : along_[k] - carried[0];
+      impulse_[k] =
+          drive.held ? impulse_[k] + carried[0] : drive.impulse - drive.stiffness * rate.along;
+      rate.angular = parent.angular;
+      Quad3& moved = part.kind == Kind::kHinge ? rate.angular : rate.linear;
+      moved += rate.along * own.a1;
     } else if (part.kind == Kind::kBall) {
       rate.angular = inverse_[k].J * wrench_[k].angular - inverse_[k].JH * rate.linear;
     } else {

@@ -1,9 +1,10 @@
 // Bodies that joints connect to a tree, in the coordinates that the joints leave free.
 //
-// A part is a body with the joint that holds it to its parent: a hinge turns by an angle, a ball by
-// a rotation, a fixed joint not at all; the first part may hang from nothing and moves freely, or
-// from the world. Its anchor O is where its joint is (of a free part: its centre of mass), d the
-// vector to O from the anchor of its parent, c that from O to the centre of mass.
+// A part is a body with the joint that holds it to its parent: a hinge turns by an angle, a slider
+// goes along an axis, a ball turns by a rotation, a fixed joint does not move; the first part may
+// hang from nothing and moves freely, or from the world. Its anchor O is where its joint is (of a
+// free part: its centre of mass), d the vector to O from the anchor of its parent, c that from O to
+// the centre of mass.
 //
 // The motion over a time h is that of the discrete Lagrangian
 //   sum of m |x1 - x0|^2 / (2 h) + f . I f / (2 h),   f = log(R0^T R1),
@@ -37,7 +38,7 @@ namespace substep::rigid {
 
 class ArticulatedTree {
  public:
-  enum class Kind : std::uint8_t { kFree, kHinge, kBall, kFixed };
+  enum class Kind : std::uint8_t { kFree, kHinge, kSlider, kBall, kFixed };
 
   struct Part {
     Kind kind = Kind::kFree;
@@ -51,6 +52,7 @@ class ArticulatedTree {
   };
   struct Coordinate {
     double cosine = 1, sine = 0;  // of a hinge
+    double way = 0;               // of a slider
     Quaternion q;                 // of a ball and a free part: R, of any length
     Quad3 x{};                    // of a free part: O
   };
@@ -59,16 +61,17 @@ class ArticulatedTree {
     Quad3 O{}, d{}, c{}, axis{};
     Quad3 x{};  // the centre of mass, O + c
   };
-  // Of velocity, or a small displacement: of O, angular, and of the angle of a hinge.
+  // Of velocity, or a small displacement: of O, angular, and along the coordinate of a hinge or a
+  // slider.
   struct Rate {
     Quad3 linear{}, angular{};
-    double angle = 0;
+    double along = 0;
   };
   struct Momentum {
     Quad3 linear{}, angular{};  // angular: about the centre of mass
   };
-  // What acts along the coordinate of a hinge besides: where held, what changes its rate by
-  // `change`; else an impulse, less stiffness times that change.
+  // What acts along the coordinate of a hinge or a slider besides: where held, what changes its
+  // rate by `change`; else an impulse, less stiffness times that change.
   struct Drive {
     bool held = false;
     double change = 0, impulse = 0, stiffness = 0;
@@ -127,7 +130,8 @@ class ArticulatedTree {
     double mass = 0;
   };
   // What respond() needs of a part. Of a hinge, with D = a0 . J a1 and the stiffness: [J; G] a1 / D
-  // as the parent feels it, and [J^T; H^T] a0 / D of its rates; where it is held, not over D.
+  // as the parent feels it, and [J^T; H^T] a0 / D of its rates; of a slider, so with [H; M] and
+  // [G^T; M^T]; where it is held, not over D.
   struct Response {
     Quad3 c0{}, d0{}, d1{}, a0{}, a1{};
     Quad3 torque{}, force{}, turn{}, shift{};
@@ -147,7 +151,7 @@ class ArticulatedTree {
   std::vector<Response> response_;
   std::vector<Inverse> inverse_;
   std::vector<Momentum> wrench_;  // about anchors
-  std::vector<double> angle_;
+  std::vector<double> along_;
   std::vector<Drive> drives_;
   std::vector<double> impulse_;
 };

@@ -17,7 +17,7 @@ bool same(const Quad3& a, const Quad3& b) { return a[0] == b[0] && a[1] == b[1] 
 
 bool serves(const Joint& joint) {
   const bool kind = joint.type == JointType::kBall || joint.type == JointType::kFixed;
-  return joint.type == JointType::kHinge ||
+  return joint.type == JointType::kHinge || joint.type == JointType::kSlider ||
          (kind && joint_rows(joint) == joint_equations(joint.type));
 }
 
@@ -81,9 +81,10 @@ std::optional<TreeGroup> TreeGroup::make(std::span<const std::int32_t> numbers,
       const auto known = [&](const Member& m) { return m.body == child; };
       if (child < 0 || std::any_of(members.begin(), members.end(), known)) return {};  // a loop
       const JointType type = joints[usize(edge.joint)].type;
-      add(type == JointType::kHinge  ? Kind::kHinge
-          : type == JointType::kBall ? Kind::kBall
-                                     : Kind::kFixed,
+      add(type == JointType::kHinge    ? Kind::kHinge
+          : type == JointType::kSlider ? Kind::kSlider
+          : type == JointType::kBall   ? Kind::kBall
+                                       : Kind::kFixed,
           static_cast<std::int32_t>(parent), child, edge);
     }
   }
@@ -115,7 +116,7 @@ void TreeGroup::set_joint(std::size_t k, const Joint& joint, const Bodies& bodie
   part.anchor = quad(other.anchor);
   part.centre = quad(Vec3(-own.anchor));
   const Mat3 F = other.axes.toRotationMatrix(), inner = own.axes.toRotationMatrix().transpose();
-  if (part.kind == Kind::kFixed) {
+  if (part.kind == Kind::kFixed || part.kind == Kind::kSlider) {
     part.turning[0] = QuadMatrix::of(F * inner);
   } else {
     Mat3 quarter;
@@ -149,9 +150,16 @@ bool TreeGroup::set_coordinates(const Bodies& bodies) {
     Tree::Coordinate& at = begin_[k];
     at.q = bodies.rotation(members_[k].body);
     at.x = quad(bodies.position(members_[k].body));
+    const std::int32_t parent = parts[k].parent;
+    if (parts[k].kind == Kind::kSlider) {
+      const QuadMatrix R_parent = rotation_of(parent);
+      Quad3 to = at.x - rotation_of(static_cast<std::int32_t>(k)) * parts[k].centre;
+      if (parent >= 0) to -= begin_[usize(parent)].x - R_parent * parts[usize(parent)].centre;
+      at.way = dot(R_parent * parts[k].axis, to - R_parent * parts[k].anchor);
+    }
     if (parts[k].kind != Kind::kHinge) continue;
     const QuadMatrix R = rotation_of(static_cast<std::int32_t>(k));
-    const QuadMatrix relative = transpose(rotation_of(parts[k].parent)) * R;
+    const QuadMatrix relative = transpose(rotation_of(parent)) * R;
     const auto along = [&](const QuadMatrix& A) {
       return dot(A[0], relative[0]) + dot(A[1], relative[1]) + dot(A[2], relative[2]);
     };
@@ -202,7 +210,7 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
     // As it is, and as the torque on it would make it in the step.
     const Quaternion to_body = bodies.rotation(m.body).conjugate();
     Vec3 torque = (to_body * Vec3(&bodies.torque[3 * usize(m.body)])).cwiseAbs();
-    if (m.ruled && m.motor.type == MotorType::kSpeed &&
+    if (m.ruled && !slides(k) && m.motor.type == MotorType::kSpeed &&
         !(h_ * std::abs(m.motor.target) < kMostTurn))
       torque.array() += m.motor.most;
     const Vec3 L = (to_body * Vec3(&bodies.L[3 * usize(m.body)])).cwiseAbs() + settings.dt * torque;
@@ -218,10 +226,8 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
   if (!set_coordinates(bodies)) return false;
   for (std::size_t k = 0; k < members_.size(); ++k) {
     tree_.drive(k) = {};
-    const Member& m = members_[k];
-    if (!m.ruled) continue;
-    const double y = coordinate(k);
-    if (!(y > m.lower - kPassed && y < m.upper + kPassed)) return false;
+    if (!members_[k].ruled) continue;
+    if (!(passed(k) < kPassed)) return false;
   }
   intervals_ = 0;
   find_inertia(rows);
@@ -230,8 +236,14 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
     const Tree::Part& part = tree_.parts()[k];
-    const Quad3 parent = part.parent < 0 ? Quad3{} : rates_[usize(part.parent)].angular;
-    rates_[k].angle = dot(now_[k].axis, rates_[k].angular - parent);
+    const Tree::Rate rest;
+    const Tree::Rate& parent = part.parent < 0 ? rest : rates_[usize(part.parent)];
+    Quad3 moves = rates_[k].angular - parent.angular;
+    if (slides(k)) {
+      moves = rates_[k].linear - cross(rates_[k].angular, now_[k].c) - parent.linear;
+      if (part.parent >= 0) moves -= cross(parent.angular, now_[k].O - now_[usize(part.parent)].x);
+    }
+    rates_[k].along = dot(now_[k].axis, moves);
     last_rates_[k] = older_rates_[k] = rates_[k];
     m.origin = quad(bodies.position(m.body));
     m.root = QuadMatrix::of(rows.root_of(m.row));
@@ -385,7 +397,7 @@ void TreeGroup::guess_rates() {
     const auto guess = [&](auto Tree::Rate::* part) {
       rates_[k].*part = weights[0] * now.*part + weights[1] * last.*part + weights[2] * older.*part;
     };
-    guess(&Tree::Rate::linear), guess(&Tree::Rate::angular), guess(&Tree::Rate::angle);
+    guess(&Tree::Rate::linear), guess(&Tree::Rate::angular), guess(&Tree::Rate::along);
     older_rates_[k] = last;
     last_rates_[k] = now;
   }
@@ -422,28 +434,41 @@ void TreeGroup::begin_substep(BodyRows& rows) {
   begin_motion();
 }
 
-// The angle of a hinge, over turns.
+// The angle of a hinge, over turns, or the way of a slider.
 double TreeGroup::coordinate(std::size_t k) const {
+  if (slides(k)) return sign(k) * begin_[k].way;
   const Member& m = members_[k];
   const double angle = sign(k) * std::atan2(begin_[k].sine, begin_[k].cosine);
   constexpr double kTurn = 2 * std::numbers::pi;
   return angle + kTurn * std::round((m.coordinate - angle) / kTurn);
 }
 
+// How far a limit is passed.
+double TreeGroup::passed(std::size_t k) const {
+  const Member& m = members_[k];
+  if (!m.ruled) return 0;
+  const double y = coordinate(k);
+  return std::max({0., y - m.upper, m.lower - y});
+}
+
 void TreeGroup::set_laws(Stage stage) {
   const JointLaw::Interval interval{h_, weight_, smooth_, false};
-  const auto mobility_of = [&](std::size_t k, const Quad3& axis) {
-    const Quad3 n = transposed_product(now_[k].R, axis);
-    return dot(n * n, members_[k].inverse_inertia);
+  // To the impulse of part k.
+  const auto mobility_of = [&](std::size_t member, std::size_t k) {
+    const Tree::Place& at = now_[member];
+    const Quad3& axis = now_[k].axis;
+    const Quad3 n = transposed_product(at.R, slides(k) ? cross(now_[k].O - at.x, axis) : axis);
+    const double inverse = members_[member].inverse_inertia[3];
+    return dot(n * n, members_[member].inverse_inertia) + (slides(k) ? inverse : 0);
   };
   for (std::size_t k = 0; ruled_ && k < members_.size(); ++k) {
     Member& m = members_[k];
     if (!m.ruled) continue;
     const std::int32_t parent = tree_.parts()[k].parent;
-    m.mobility = mobility_of(k, now_[k].axis);
-    if (parent >= 0) m.mobility += mobility_of(usize(parent), now_[k].axis);
+    m.mobility = mobility_of(k, k);
+    if (parent >= 0) m.mobility += mobility_of(usize(parent), k);
     m.law = JointLaw::make(m.motor, m.lower, m.upper, interval, stage, m.mode, coordinate(k),
-                           sign(k) * mean(last_rates_[k].angle), 1 / m.mobility);
+                           sign(k) * mean(k, last_rates_[k].along), 1 / m.mobility);
   }
 }
 
@@ -453,9 +478,10 @@ bool TreeGroup::choose_modes(Stage stage, std::span<const Tree::Rate> rates) {
   for (std::size_t k = 0; ruled_ && k < members_.size(); ++k) {
     Member& m = members_[k];
     if (!m.ruled) continue;
-    const double t = stage == Stage::kMotion ? 0.5 * h_ * rates[k].angle : 0;
+    const bool turns = stage == Stage::kMotion && !slides(k);
+    const double t = turns ? 0.5 * h_ * rates[k].along : 0;
     const double slope = 1 / (1 + t * t);  // of the mean rate, by the rate of Cayley's map
-    const double u = stage == Stage::kMotion ? mean(rates[k].angle) : rates[k].angle;
+    const double u = turns ? mean(k, rates[k].along) : rates[k].along;
     const JointLaw::Mode mode = m.law.mode(sign(k) * u, m.along, m.mobility);
     changed = changed || mode != m.mode;
     m.mode = mode;
@@ -485,9 +511,9 @@ bool TreeGroup::slow_springs(Stage stage, std::span<const Tree::Rate> rates) {
   bool any = false;
   for (std::size_t k = 0; ruled_ && k < members_.size(); ++k) {
     Member& m = members_[k];
-    const double r = rates[k].angle, u = sign(k) * (stage == Stage::kMotion ? mean(r) : r);
+    const double r = rates[k].along, u = sign(k) * (stage == Stage::kMotion ? mean(k, r) : r);
     const double most = std::max(kMostSprung / h_, std::abs(m.law.before));
-    if (!m.ruled || !(m.law.compliance > 0) || !(std::abs(u) > most)) continue;
+    if (!m.ruled || slides(k) || !(m.law.compliance > 0) || !(std::abs(u) > most)) continue;
     m.law.rate = std::copysign(most, u);
     m.law.compliance = 0;
     any = true;
@@ -546,7 +572,7 @@ bool TreeGroup::solve(double tolerance) {
     for (std::size_t k = 0; k < members_.size(); ++k) {
       rates_[k].linear += length * change_[k].linear;
       rates_[k].angular += length * change_[k].angular;
-      rates_[k].angle += length * change_[k].angle;
+      rates_[k].along += length * change_[k].along;
     }
     tree_.advance(change_, length * h_, end_);
     if (found && !choose_modes(Stage::kMotion, rates_)) return is_near();
@@ -561,7 +587,7 @@ bool TreeGroup::solve(double tolerance) {
 bool TreeGroup::is_near() const {
   double given = 0.5 * mass_ * (kPressed / h_) * (kPressed / h_);  // or of what is left of an error
   for (std::size_t k = 0; ruled_ && k < members_.size(); ++k)
-    if (members_[k].ruled) given += std::abs(members_[k].along * rates_[k].angle);
+    if (members_[k].ruled) given += std::abs(members_[k].along * rates_[k].along);
   if (kinetic_energy(found_) > kMostEnergy * (kinetic_energy(momenta_) + given)) return false;
   const double most = alone_ ? kMostWhirl : kMostTurn;
   for (std::size_t k = 0; k < members_.size(); ++k) {
@@ -727,7 +753,7 @@ void TreeGroup::move_in_tree(double part) {
 void TreeGroup::count_turns() {
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
-    m.coordinate += sign(k) * h_ * mean(rates_[k].angle);
+    m.coordinate += sign(k) * h_ * mean(k, rates_[k].along);
   }
 }
 
@@ -756,7 +782,7 @@ void TreeGroup::move(BodyRows& rows) {
     for (std::size_t k = 0; k < members_.size(); ++k) {
       rates_[k].linear += change_[k].linear / h_;
       rates_[k].angular += change_[k].angular / h_;
-      rates_[k].angle += change_[k].angle / h_;
+      rates_[k].along += change_[k].along / h_;
     }
   }
   tree_.place(end_, next_);
@@ -790,6 +816,7 @@ void TreeGroup::sum_impulses(double weight) {
     own.angular += cross(now_[k].c, own.linear);
     m.sum.linear += own.linear;
     m.sum.angular += own.angular;
+    if (slides(k) && !m.is_a) m.sum.angular += cross(begin_[k].way * now_[k].axis, own.linear);
     if (weight > 0) m.impulse = {1 / weight * own.linear, 1 / weight * own.angular};
     if (const std::int32_t parent = tree_.parts()[k].parent; parent >= 0) {
       // About the parent's centre, as what it was given itself.
@@ -846,7 +873,12 @@ void TreeGroup::store(Bodies& bodies, std::span<Joint> joints, double dt) const 
       joint.coordinate = coordinate(k);
       if (!m.ruled) continue;
       joint.impulse[5] = m.last;
-      joint.angle_error = std::max({0., joint.coordinate - m.upper, m.lower - joint.coordinate});
+      joint.angle_error = passed(k);
+    } else if (joint.type == JointType::kSlider) {
+      const Vec3 force = axes.conjugate() * Vec3(sign * vec(m.impulse.linear));
+      joint.impulse = {force[1], force[2], torque[0], torque[1], torque[2], m.last};
+      joint.coordinate = coordinate(k);
+      joint.length_error = passed(k);
     } else if (joint.type == JointType::kFixed) {
       Vec3::Map(&joint.impulse[3]) = torque;
     } else {

@@ -1,9 +1,9 @@
 // A JointGroup that is a tree, solved for in the coordinates of its joints (articulated_tree.h):
 // the same motion as JointGroup's to second order, in a fraction of its time.
 //
-// Serves a step of bodies whose joints are hinges, with limits and motors, and balls and fixed
-// joints without, closed, that turn little in a sub-step and are not swung fast by the forces at
-// their joints.
+// Serves a step of bodies whose joints are hinges and sliders, with limits and motors, and balls
+// and fixed joints without, closed, that turn little in a sub-step and are not swung fast by the
+// forces at their joints.
 #pragma once
 
 #include <cmath>
@@ -113,9 +113,13 @@ class TreeGroup {
   void give_found(BodyRows& rows);
   using Stage = JointLaw::Stage;
   double sign(std::size_t k) const { return members_[k].is_a ? 1 : -1; }  // of the coordinate
-  // Of the rate of a hinge by Cayley's map.
-  double mean(double rate) const { return 2 / h_ * std::atan(0.5 * h_ * rate); }
+  bool slides(std::size_t k) const { return tree_.parts()[k].kind == Tree::Kind::kSlider; }
+  // Of the rate of a hinge by Cayley's map, or of a slider.
+  double mean(std::size_t k, double rate) const {
+    return slides(k) ? rate : 2 / h_ * std::atan(0.5 * h_ * rate);
+  }
   double coordinate(std::size_t k) const;
+  double passed(std::size_t k) const;
   void set_laws(Stage stage);
   bool choose_modes(Stage stage, std::span<const Tree::Rate> rates);
   void read_impulses();
