@@ -1,4 +1,4 @@
-"""The command line: `substep run`, `sweep`, `scenes`, `info`, `render`, `export`, `config`.
+"""The command line: `substep run`, `sweep`, `scenes`, `info`, `render`, `validate` and others.
 
 Exit codes: 0 done; 1 the simulation failed, or the machine did (disk, memory, a missing extra);
 2 what was typed or read is wrong; 130 Ctrl-C; 143 SIGTERM; 141 the reader of our output went away.
@@ -23,6 +23,7 @@ from .errors import FormatError, InputError, SolverError, SubstepError
 if TYPE_CHECKING:
     from .scenes import Outcome, Parameter, Scene
     from .scenes.run_config import RunConfig
+    from .validate import Outcome as Measured
     from .view import Camera
 
 __all__ = ["main"]
@@ -158,6 +159,14 @@ def _parser() -> _Parser:
         help="vtkhdf (beside FILE unless given), usd, usda, npz, csv, ply, obj or vtu",
     )
     export.set_defaults(action=_export)
+
+    validate = command("validate", "measure published figures anew, and write a page of them")
+    validate.add_argument("--quick", action="store_true", help="only what takes seconds")
+    validate.add_argument("--method", metavar="METHOD", help="only that of one method")
+    validate.add_argument(
+        "--out", type=Path, default=Path("validation.html"), metavar="FILE.html", help="the page"
+    )
+    validate.set_defaults(action=_validate)
 
     config = command("config", "print version, instruction level, threads and libraries")
     config.set_defaults(action=_config)
@@ -559,6 +568,39 @@ def _export(arguments: argparse.Namespace) -> None:
     else:
         for path in save(arguments.file, arguments.out):
             print(f"written: {path}")
+
+
+def _validate(arguments: argparse.Namespace) -> None:
+    from .validate import cases, run, write_page
+    from .validate.page import number, verdict
+
+    if arguments.out.suffix.lower() != ".html":
+        raise InputError(f"--out: expected a file ending in .html, got {str(arguments.out)[:60]!r}")
+    try:
+        chosen = cases(arguments.method, quick=arguments.quick)
+    except InputError as error:
+        raise InputError(f"--{error}") from None
+    width = max(len(case.name) for case in chosen)
+
+    def tell(outcome: Measured) -> None:
+        case = outcome.case
+        measured = "" if outcome.measured is None else number(outcome.measured, case)
+        print(
+            f"{case.method:<11} {case.name:<{width}}  {number(case.figure, case):>17} "
+            f"{measured:>17}  {outcome.off():>9} {outcome.seconds:7.1f} s  {verdict(outcome)}",
+            flush=True,
+        )
+
+    print(f"{'':<11} {'':<{width}}  {'figure':>17} {'measured':>17}  {'error':>9} {'time':>9}")
+    outcomes = run(chosen, tell)
+    write_page(outcomes, arguments.out)
+    failed = [outcome for outcome in outcomes if not outcome.passed]
+    print(f"{len(outcomes)} cases, {len(failed)} failed")
+    for outcome in failed:
+        print(f"failed: {outcome.case.method}: {outcome.case.name} {outcome.error}".rstrip())
+    print(f"page: {arguments.out}", flush=True)
+    if failed:
+        raise _Failure(FAILED, f"{len(failed)} of {len(outcomes)} cases failed")
 
 
 def _config(arguments: argparse.Namespace) -> None:

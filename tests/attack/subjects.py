@@ -1155,6 +1155,7 @@ NOT_CALLED = {
     ),
     *("recording.RecordedPart", "rigid.Contacts", "rigid.Hits", "springs.SpringInfo"),
     *("stability.Region", "stability.plot", "systems.System"),
+    *("validate.Case", "validate.Outcome", "validate.cases", "validate.run", "validate.write_page"),
 }
 
 
