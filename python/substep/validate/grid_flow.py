@@ -19,17 +19,26 @@ def extreme(values: np.ndarray, sign: int) -> float:
     return float(b - (c - a) ** 2 / (8 * (a - 2 * b + c)))
 
 
-def cavity(reynolds: float, n: int, duration: float, viscosity: float | None = None) -> float:
-    """Least velocity on the vertical line through the middle, over the lid's."""
-    flow = GridFlow(
-        SQUARE,
-        1 / n,
-        viscosity=1 / reynolds if viscosity is None else viscosity,
-        sides=["wall", ("wall", Wall(velocity=(1.0, 0.0)))],
-        cfl=1.2,
-        largest_step=1.2 / n,
-    )
-    flow.advance(duration)
+def cavity(reynolds: float, *grids: tuple[int, float]) -> float:
+    """Least velocity on the vertical line through the middle, over the lid's.
+
+    `grids` are numbers of cells to a side and durations: each flow starts where the one before it
+    ended.
+    """
+    flow = None
+    for n, duration in grids:
+        start = flow
+        flow = GridFlow(
+            SQUARE,
+            1 / n,
+            viscosity=1 / reynolds,
+            sides=["wall", ("wall", Wall(velocity=(1.0, 0.0)))],
+            velocity=None if start is None else lambda x, start=start: start.sample(x)["velocity"],
+            cfl=1.2,
+            largest_step=1.2 / n,
+        )
+        flow.advance(duration)
+    assert flow is not None
     return extreme(flow.velocity_faces[0][n // 2], -1)
 
 
