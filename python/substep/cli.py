@@ -81,7 +81,9 @@ def _parser() -> _Parser:
         return made
 
     run = command("run", "run a scene into a recording and a picture")
-    run.add_argument("scene", nargs="?", metavar="SCENE", help="built-in scene or Python file")
+    run.add_argument(
+        "scene", nargs="?", metavar="SCENE", help="built-in scene, Python or TOML file"
+    )
     run.add_argument(
         "--set",
         action="append",
@@ -104,7 +106,7 @@ def _parser() -> _Parser:
     run.set_defaults(action=_run)
 
     sweep = command("sweep", "run a scene for many parameters and seeds, on all cores")
-    sweep.add_argument("scene", metavar="SCENE", help="built-in scene or Python file")
+    sweep.add_argument("scene", metavar="SCENE", help="built-in scene, Python or TOML file")
     sweep.add_argument(
         "--set",
         action="append",

@@ -156,7 +156,8 @@ def follow_keyframes(
 ) -> None:
     """Advance a simulation whose obstacles move along keyframes.
 
-    Obstacles are made where their first keyframes are. No step goes across a keyframe. `impulse` and `duration` of the obstacles are those since the last keyframe.
+    Obstacles are made where their first keyframes are. No step goes across a keyframe. `impulse`
+    and `duration` of the obstacles are those since the last keyframe.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -66,6 +66,9 @@ def transform_mesh(
     move = check_array("translation", translation, (3,))
     x = np.roll(mesh.vertices, 2 - axis, axis=1) * factor
     x = rotate(np.broadcast_to(q, (len(x), 4)), x) + move
+    placed: TriangleMesh | TetMesh
     if isinstance(mesh, TriangleMesh):
-        return TriangleMesh(x, mesh.faces)
-    return TetMesh(x, mesh.tetrahedra)
+        placed = TriangleMesh(x, mesh.faces)
+    else:
+        placed = TetMesh(x, mesh.tetrahedra)
+    return cast(Mesh, placed)
