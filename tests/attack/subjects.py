@@ -1157,6 +1157,7 @@ NOT_CALLED = {
     ),
     *("recording.RecordedPart", "rigid.Contacts", "rigid.Hits", "springs.SpringInfo"),
     *("stability.Region", "stability.plot", "systems.System"),
+    *("recording.diagnostics", "recording.forces", "recording.gauges"),  # of any names
     "geometry.follow_keyframes",  # calls advance
     *("validate.Case", "validate.Outcome", "validate.cases", "validate.run", "validate.write_page"),
 }
