@@ -122,10 +122,12 @@ def _parser() -> _Parser:
     sweep.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler that runs it instead")
     sweep.add_argument("--out", metavar="DIR", help="output folder (sweeps/SCENE)")
     sweep.add_argument(
-        "--to", choices=["gns"], help="write a data set for graph network simulators, in DIR/gns"
+        "--to",
+        choices=["gns", "meshgraphnets"],
+        help="write a data set for learned simulators of particles or meshes, in DIR/NAME",
     )
-    sweep.add_argument("--bounds", metavar="X0,Y0,X1,Y1", help="walls of that data set [m]")
-    sweep.add_argument("--material", metavar="KEY", help="parameter that it has for each particle")
+    sweep.add_argument("--bounds", metavar="X0,Y0,X1,Y1", help="walls of the set gns [m]")
+    sweep.add_argument("--material", metavar="KEY", help="parameter that gns has for each particle")
     sweep.set_defaults(action=_sweep)
 
     scenes = command("scenes", "list the scenes and their parameters")
@@ -344,8 +346,11 @@ def _run(arguments: argparse.Namespace) -> None:
 
 def _sweep(arguments: argparse.Namespace) -> None:
     from .scenes import Parameter, load
-    from .sweeps import sweep, write_gns
+    from .sweeps import sweep, write_gns, write_meshgraphnets
 
+    for key in ("bounds", "material"):
+        if getattr(arguments, key) is not None and arguments.to != "gns":
+            raise InputError(f"--{key}: for --to gns only")
     scene = load(arguments.scene)
     parameters = {}
     for key, text in _assignments(arguments.set).items():
@@ -379,6 +384,8 @@ def _sweep(arguments: argparse.Namespace) -> None:
         bounds = None if arguments.bounds is None else _corners(arguments.bounds)
         folder = write_gns(runs, out / "gns", bounds=bounds, material=arguments.material)
         print(f"data set: {folder}")
+    elif arguments.to == "meshgraphnets":
+        print(f"data set: {write_meshgraphnets(runs, out / 'meshgraphnets')}")
     if failed:
         raise _Failure(
             FAILED, f"{len(failed)} of {len(runs)} runs failed; say it again to retry them"
