@@ -20,7 +20,7 @@ def basin(**options):
 @pytest.mark.parametrize(("every", "calls"), [(None, 3), (0.02, 1)])
 def test_the_integral_of_the_force_is_the_change_of_momentum(every, calls):
     water, tank = basin()
-    log = Logger(forces(tank=tank), every=every)
+    log = Logger(forces({"tank": tank}), every=every)
     log(water)
     for _ in range(calls):
         water.advance(0.3 / calls, log)
@@ -46,7 +46,9 @@ def test_a_tank_at_rest_bears_its_weight_and_a_gauge_reads_its_depth():
     x = substep.fill_box((0, 0, 0), (0.4, 0.4, 0.4), d)
     water = substep.PositionBasedFluid(x, d, colliders=[tank], divergence_free=True)
     energies = diagnostics("kinetic_energy", "gravitational_energy")
-    log = Logger({**forces(tank=tank), **gauges(1.5 * d, g1=(0.2, 0.2), off=(3, 3)), **energies})
+    log = Logger(
+        {**forces({"tank": tank}), **gauges({"g1": (0.2, 0.2), "off": (3, 3)}, 1.5 * d), **energies}
+    )
     water.advance(1.0)
     water.advance(1.0, log)
     load = np.average(log["tank_force"][:, 2]) / (-G * water.masses.sum())
@@ -61,14 +63,15 @@ def test_a_tank_at_rest_bears_its_weight_and_a_gauge_reads_its_depth():
 def test_what_is_wrong_is_named():
     water, _tank = basin()
     for call, error, told in (
-        (lambda: forces(), InputError, "colliders"),
-        (lambda: forces(floor=substep.Plane()), TypeError, "floor: expected a Collider"),
-        (lambda: gauges(0.1), InputError, "places"),
-        (lambda: gauges(0.0, a=(1, 2)), InputError, "radius"),
-        (lambda: gauges(0.1, a=(1, 2, 3)), InputError, "a: expected x, or x and y"),
+        (lambda: forces({}), InputError, "colliders: expected at least one"),
+        (lambda: forces(3), TypeError, "colliders: expected a mapping"),
+        (lambda: forces({"a": substep.Plane()}), TypeError, "colliders.'a'.: expected a Collider"),
+        (lambda: gauges({}, 0.1), InputError, "places"),
+        (lambda: gauges({"a": (1, 2)}, 0.0), InputError, "radius"),
+        (lambda: gauges({"a": (1, 2, 3)}, 0.1), InputError, "places.'a'.: expected x, or x and y"),
+        (lambda: Logger(gauges({"a": (1,)}, 0.1))(water), InputError, "places.'a'.: expected 2"),
         (lambda: diagnostics(), InputError, "names"),
         (lambda: diagnostics(3), TypeError, "names"),
-        (lambda: Logger(gauges(0.1, a=(1,)))(water), InputError, "a: expected 2 numbers"),
         (lambda: Logger(diagnostics("energi"))(water), InputError, "energi: expected one of"),
     ):
         with pytest.raises(error, match=told):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,7 @@ class _Exerted:
         return gained / passed if passed > 0 else np.full(3, np.nan)
 
 
-def forces(**colliders: Collider) -> dict[str, Quantity]:
+def forces(colliders: Mapping[str, Collider]) -> dict[str, Quantity]:
     """Forces and torques on obstacles, for a `Logger`.
 
     A sample is the mean since the one before, within one call of `advance`; the first is NaN
@@ -45,7 +45,7 @@ def forces(**colliders: Collider) -> dict[str, Quantity]:
 
     Parameters
     ----------
-    **colliders : Collider
+    colliders : mapping of str to Collider
         Obstacles of the simulation, by the names that they get in the log.
 
     Returns
@@ -57,7 +57,7 @@ def forces(**colliders: Collider) -> dict[str, Quantity]:
     Raises
     ------
     TypeError
-        If one is no `Collider`.
+        If it is no mapping, or one is no `Collider`.
     InputError
         If there is none.
 
@@ -66,34 +66,33 @@ def forces(**colliders: Collider) -> dict[str, Quantity]:
     >>> import substep
     >>> floor = substep.Collider(substep.Plane())
     >>> water = substep.PositionBasedFluid([[0, 0, 0.025]], 0.05, colliders=[floor])
-    >>> log = substep.Logger(substep.recording.forces(floor=floor))
+    >>> log = substep.Logger(substep.recording.forces({"floor": floor}))
     >>> water.advance(0.5, log)
     >>> weight = log["floor_force"][-20:, 2].mean() / (9.81 * water.masses[0])
     >>> round(float(weight), 2)
     -1.0
     """
-    if not colliders:
-        raise InputError("colliders: expected at least one, by name")
+    _check_mapping("colliders", colliders)
     found: dict[str, Quantity] = {}
     for name, collider in colliders.items():
         if not isinstance(collider, Collider):
-            raise TypeError(f"{name}: expected a Collider, got {describe(collider)}")
+            raise TypeError(f"colliders[{name!r}]: expected a Collider, got {describe(collider)}")
         found[f"{name}_force"] = _Exerted(collider, "impulse")
         found[f"{name}_torque"] = _Exerted(collider, "angular_impulse")
     return found
 
 
-def gauges(radius: float, **places: ArrayLike) -> dict[str, Quantity]:
+def gauges(places: Mapping[str, ArrayLike], radius: float) -> dict[str, Quantity]:
     """Levels of what particles fill, for a `Logger`: the highest particle near a vertical line.
 
     `GridLiquid.depth` is finer where there is a grid.
 
     Parameters
     ----------
+    places : mapping of str to array_like, shape (d - 1,)
+        Where the lines stand: x, or x and y in three dimensions [m]; by the names that they get.
     radius : float
         How far from the line particles count, a spacing or two [m].
-    **places : array_like, shape (d - 1,)
-        Where the lines stand: x, or x and y in three dimensions [m]; by the names that they get.
 
     Returns
     -------
@@ -102,6 +101,8 @@ def gauges(radius: float, **places: ArrayLike) -> dict[str, Quantity]:
 
     Raises
     ------
+    TypeError
+        If `places` is no mapping.
     InputError
         If a place is not one, there is none, or the radius is not above 0.
 
@@ -110,28 +111,34 @@ def gauges(radius: float, **places: ArrayLike) -> dict[str, Quantity]:
     >>> import substep
     >>> x = substep.fill_box((0, 0, 0), (1, 1, 0.4), 0.1)
     >>> water = substep.PositionBasedFluid(x, 0.1, colliders=[substep.Plane()])
-    >>> log = substep.Logger(substep.recording.gauges(0.1, middle=(0.5, 0.5)))
+    >>> log = substep.Logger(substep.recording.gauges({"middle": (0.5, 0.5)}, 0.1))
     >>> log(water)
     >>> log["middle"].round(3)
     array([0.35])
     """
+    _check_mapping("places", places)
     reach = check_real("radius", radius, positive=True)
-    if not places:
-        raise InputError("places: expected at least one, by name")
     found: dict[str, Quantity] = {}
     for name, place in places.items():
-        at = check_array(name, place, (None,))
+        at = check_array(f"places[{name!r}]", place, (None,))
         if len(at) not in (1, 2):
-            raise InputError(f"{name}: expected x, or x and y, got {at.tolist()}")
+            raise InputError(f"places[{name!r}]: expected x, or x and y, got {at.tolist()}")
         found[name] = _gauge(name, at, reach)
     return found
+
+
+def _check_mapping(what: str, value: Any) -> None:
+    if not isinstance(value, Mapping):
+        raise TypeError(f"{what}: expected a mapping, got {describe(value)}")
+    if not value:
+        raise InputError(f"{what}: expected at least one")
 
 
 def _gauge(name: str, at: Array, reach: float) -> Quantity:
     def level(simulation: Any) -> float:
         x = simulation.positions
         if x.shape[1] != len(at) + 1:
-            raise InputError(f"{name}: expected {x.shape[1] - 1} numbers, got {len(at)}")
+            raise InputError(f"places[{name!r}]: expected {x.shape[1] - 1} numbers, got {len(at)}")
         near = ((x[:, :-1] - at) ** 2).sum(axis=1) <= reach**2
         return float(x[near, -1].max()) if near.any() else float("nan")
 
