@@ -103,6 +103,7 @@ _SUBMODULES = (
     "stability",
     "sweeps",
     "systems",
+    "validate",
 )
 
 __all__ = sorted([*_MODULE_OF, *_SUBMODULES])
@@ -135,6 +136,7 @@ if TYPE_CHECKING:  # `as` says that a name is for users
         stability as stability,
         sweeps as sweeps,
         systems as systems,
+        validate as validate,
     )
     from .config import (
         num_threads as num_threads,

@@ -1,4 +1,4 @@
-"""The command line: `substep run`, `sweep`, `scenes`, `info`, `render`, `export`, `config`.
+"""The command line: `substep run`, `sweep`, `scenes`, `info`, `render`, `validate` and others.
 
 Exit codes: 0 done; 1 the simulation failed, or the machine did (disk, memory, a missing extra);
 2 what was typed or read is wrong; 130 Ctrl-C; 143 SIGTERM; 141 the reader of our output went away.
@@ -23,6 +23,7 @@ from .errors import FormatError, InputError, SolverError, SubstepError
 if TYPE_CHECKING:
     from .scenes import Outcome, Parameter, Scene
     from .scenes.run_config import RunConfig
+    from .validate import Outcome as Measured
     from .view import Camera
 
 __all__ = ["main"]
@@ -80,7 +81,9 @@ def _parser() -> _Parser:
         return made
 
     run = command("run", "run a scene into a recording and a picture")
-    run.add_argument("scene", nargs="?", metavar="SCENE", help="built-in scene or Python file")
+    run.add_argument(
+        "scene", nargs="?", metavar="SCENE", help="built-in scene, Python or TOML file"
+    )
     run.add_argument(
         "--set",
         action="append",
@@ -103,7 +106,7 @@ def _parser() -> _Parser:
     run.set_defaults(action=_run)
 
     sweep = command("sweep", "run a scene for many parameters and seeds, on all cores")
-    sweep.add_argument("scene", metavar="SCENE", help="built-in scene or Python file")
+    sweep.add_argument("scene", metavar="SCENE", help="built-in scene, Python or TOML file")
     sweep.add_argument(
         "--set",
         action="append",
@@ -119,10 +122,12 @@ def _parser() -> _Parser:
     sweep.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler that runs it instead")
     sweep.add_argument("--out", metavar="DIR", help="output folder (sweeps/SCENE)")
     sweep.add_argument(
-        "--to", choices=["gns"], help="write a data set for graph network simulators, in DIR/gns"
+        "--to",
+        choices=["gns", "meshgraphnets"],
+        help="write a data set for learned simulators of particles or meshes, in DIR/NAME",
     )
-    sweep.add_argument("--bounds", metavar="X0,Y0,X1,Y1", help="walls of that data set [m]")
-    sweep.add_argument("--material", metavar="KEY", help="parameter that it has for each particle")
+    sweep.add_argument("--bounds", metavar="X0,Y0,X1,Y1", help="walls of the set gns [m]")
+    sweep.add_argument("--material", metavar="KEY", help="parameter that gns has for each particle")
     sweep.set_defaults(action=_sweep)
 
     scenes = command("scenes", "list the scenes and their parameters")
@@ -158,6 +163,14 @@ def _parser() -> _Parser:
         help="vtkhdf (beside FILE unless given), usd, usda, npz, csv, ply, obj or vtu",
     )
     export.set_defaults(action=_export)
+
+    validate = command("validate", "measure published figures anew, and write a page of them")
+    validate.add_argument("--quick", action="store_true", help="only what takes seconds")
+    validate.add_argument("--method", metavar="METHOD", help="only that of one method")
+    validate.add_argument(
+        "--out", type=Path, default=Path("validation.html"), metavar="FILE.html", help="the page"
+    )
+    validate.set_defaults(action=_validate)
 
     config = command("config", "print version, instruction level, threads and libraries")
     config.set_defaults(action=_config)
@@ -333,8 +346,11 @@ def _run(arguments: argparse.Namespace) -> None:
 
 def _sweep(arguments: argparse.Namespace) -> None:
     from .scenes import Parameter, load
-    from .sweeps import sweep, write_gns
+    from .sweeps import sweep, write_gns, write_meshgraphnets
 
+    for key in ("bounds", "material"):
+        if getattr(arguments, key) is not None and arguments.to != "gns":
+            raise InputError(f"--{key}: for --to gns only")
     scene = load(arguments.scene)
     parameters = {}
     for key, text in _assignments(arguments.set).items():
@@ -368,6 +384,8 @@ def _sweep(arguments: argparse.Namespace) -> None:
         bounds = None if arguments.bounds is None else _corners(arguments.bounds)
         folder = write_gns(runs, out / "gns", bounds=bounds, material=arguments.material)
         print(f"data set: {folder}")
+    elif arguments.to == "meshgraphnets":
+        print(f"data set: {write_meshgraphnets(runs, out / 'meshgraphnets')}")
     if failed:
         raise _Failure(
             FAILED, f"{len(failed)} of {len(runs)} runs failed; say it again to retry them"
@@ -559,6 +577,39 @@ def _export(arguments: argparse.Namespace) -> None:
     else:
         for path in save(arguments.file, arguments.out):
             print(f"written: {path}")
+
+
+def _validate(arguments: argparse.Namespace) -> None:
+    from .validate import cases, run, write_page
+    from .validate.page import number, verdict
+
+    if arguments.out.suffix.lower() != ".html":
+        raise InputError(f"--out: expected a file ending in .html, got {str(arguments.out)[:60]!r}")
+    try:
+        chosen = cases(arguments.method, quick=arguments.quick)
+    except InputError as error:
+        raise InputError(f"--{error}") from None
+    width = max(len(case.name) for case in chosen)
+
+    def tell(outcome: Measured) -> None:
+        case = outcome.case
+        measured = "" if outcome.measured is None else number(outcome.measured, case)
+        print(
+            f"{case.method:<11} {case.name:<{width}}  {number(case.figure, case):>17} "
+            f"{measured:>17}  {outcome.off():>9} {outcome.seconds:7.1f} s  {verdict(outcome)}",
+            flush=True,
+        )
+
+    print(f"{'':<11} {'':<{width}}  {'figure':>17} {'measured':>17}  {'error':>9} {'time':>9}")
+    outcomes = run(chosen, tell)
+    write_page(outcomes, arguments.out)
+    failed = [outcome for outcome in outcomes if not outcome.passed]
+    print(f"{len(outcomes)} cases, {len(failed)} failed")
+    for outcome in failed:
+        print(f"failed: {outcome.case.method}: {outcome.case.name} {outcome.error}".rstrip())
+    print(f"page: {arguments.out}", flush=True)
+    if failed:
+        raise _Failure(FAILED, f"{len(failed)} of {len(outcomes)} cases failed")
 
 
 def _config(arguments: argparse.Namespace) -> None:

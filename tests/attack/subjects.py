@@ -952,6 +952,11 @@ def functions():
         call("geometry.tetrahedralize", mesh=box, spacing=0.5),
         call("geometry.convex_decomposition", mesh=box, concavity=0.5, max_hulls=2, seed=1),
         call("geometry.read_mesh", path="nothing.obj"),
+        call("recording.diagnostics", **{"*": ("kinetic_energy", "energy")}),
+        call("recording.forces", colliders=lambda o: {"a": substep.Collider(ball())}),
+        call("recording.gauges", places={"a": (0.0, 1.0)}, radius=0.1),
+        call("geometry.transform_mesh", mesh=box, up="y", scale=2.0, translation=(1, 2, 3)),
+        call("geometry.Keyframes", times=[0.0, 1.0], positions=[(0, 0, 0), (1, 0, 0)]),
         call("liquid_surface", positions=0.1 * X, radius=0.1, cell=1.0, smoothing=2),
         # particles
         call("fill_box", low=(0, 0, 0), high=(1, 1, 1), spacing=0.25),
@@ -1155,6 +1160,8 @@ NOT_CALLED = {
     ),
     *("recording.RecordedPart", "rigid.Contacts", "rigid.Hits", "springs.SpringInfo"),
     *("stability.Region", "stability.plot", "systems.System"),
+    "geometry.follow_keyframes",  # calls advance
+    *("validate.Case", "validate.Outcome", "validate.cases", "validate.run", "validate.write_page"),
 }
 
 

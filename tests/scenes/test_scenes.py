@@ -894,7 +894,9 @@ def test_scenes_need_a_duration_and_leave_some_names_free():
 
 def test_load_refuses_other_names():
     for name in ("", "Kepler", "kepler.toml", "no-such", "substep"):
-        with pytest.raises(substep.InputError, match="neither a built-in scene nor a Python file"):
+        with pytest.raises(
+            substep.InputError, match="neither a built-in scene nor a file ending in"
+        ):
             scenes.load(name)
 
 

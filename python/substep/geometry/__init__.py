@@ -10,6 +10,8 @@
 - `liquid_surface` wraps the particles of a liquid in triangles.
 - Meshes (`TriangleMesh`, `TetMesh`), read by `read_mesh` or made by `grid_mesh`, `box_mesh`,
   `sphere_mesh` and `box_tetrahedra`; `TriangleMesh.report` says plainly what a mesh lacks.
+- `transform_mesh` scales, turns and moves a mesh; `follow_keyframes` moves obstacles along
+  `Keyframes`.
 - `neighbour_lists`: which points are closer to each other than a radius.
 """
 
@@ -18,6 +20,7 @@ from .decomposition import convex_decomposition
 from .filling import tetrahedralize
 from .height_field import HeightField
 from .isosurface import LiquidSurface, liquid_surface
+from .keyframes import Keyframes, follow_keyframes
 from .mesh_io import read_mesh
 from .mesh_report import MeshReport
 from .neighbours import neighbour_lists
@@ -26,6 +29,7 @@ from .sampled_distance import SignedDistanceField
 from .shape import Shape
 from .shapes import Box, Capsule, ConvexHull, Cylinder, Plane, Sphere
 from .tet_mesh import TetMesh
+from .transform import transform_mesh
 from .triangle_mesh import TriangleMesh
 
 __all__ = [
@@ -35,6 +39,7 @@ __all__ = [
     "ConvexHull",
     "Cylinder",
     "HeightField",
+    "Keyframes",
     "LiquidSurface",
     "MeshReport",
     "Plane",
@@ -46,12 +51,14 @@ __all__ = [
     "box_mesh",
     "box_tetrahedra",
     "convex_decomposition",
+    "follow_keyframes",
     "grid_mesh",
     "liquid_surface",
     "neighbour_lists",
     "read_mesh",
     "sphere_mesh",
     "tetrahedralize",
+    "transform_mesh",
 ]
 
 

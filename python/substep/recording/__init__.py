@@ -2,6 +2,7 @@
 
 from .logger import Logger
 from .parts import Part
+from .quantities import diagnostics, forces, gauges
 from .reader import RecordedPart, Recording
 from .recorder import Recorder
 
@@ -11,6 +12,9 @@ __all__ = [
     "RecordedPart",
     "Recorder",
     "Recording",
+    "diagnostics",
+    "forces",
+    "gauges",
 ]
 
 

@@ -1,4 +1,4 @@
-"""The scenes there are: the built-in ones by name, others by the Python file that declares them."""
+"""The scenes there are: the built-in ones by name, others by the file that declares them."""
 
 from __future__ import annotations
 
@@ -75,14 +75,15 @@ def names() -> tuple[str, ...]:
 
 
 def load(scene: str | Path) -> Scene:
-    """Find a scene by its name or in a Python file.
+    """Find a scene by its name or in a file.
 
     A Python file declares its scene by one `Scene` among its module's names. Loading executes it.
+    A TOML file says what there is: blocks of particles, obstacles, bodies.
 
     Parameters
     ----------
     scene : str or Path
-        Name of a built-in scene, or path of a file ending in `.py`.
+        Name of a built-in scene, or path of a file ending in `.py` or `.toml`.
 
     Returns
     -------
@@ -92,7 +93,10 @@ def load(scene: str | Path) -> Scene:
     Raises
     ------
     InputError
-        If there is no such scene, or the file does not declare exactly one.
+        If there is no such scene, the Python file does not declare exactly one, or the TOML file
+        has an unknown key or a wrong value.
+    FormatError
+        If a TOML file is not one.
     OSError
         If the file cannot be read.
 
@@ -109,8 +113,12 @@ def load(scene: str | Path) -> Scene:
         return found
     if text.endswith(".py"):
         return _load_file(Path(text))
+    if text.endswith(".toml"):
+        from .assembly import read_scene
+
+        return read_scene(Path(text))
     raise InputError(
-        f"scene: {text[:60]!r} is neither a built-in scene nor a Python file; "
+        f"scene: {text[:60]!r} is neither a built-in scene nor a file ending in .py or .toml; "
         + closest(text, BUILT_IN)
     )
 

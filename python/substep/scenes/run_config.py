@@ -21,7 +21,9 @@ SIZE_LIMIT = 1 << 16  # bytes
 LINE_LIMIT = 1 << 12  # bytes
 _TRIALS = 200  # readings of the text to find a key's place; then the place is not told
 KEYS = {
-    "scene": Parameter("built-in scene, or a Python file below this one's folder", kind=str),
+    "scene": Parameter(
+        "built-in scene, or a Python or TOML file below this one's folder", kind=str
+    ),
     "frames": Parameter("number of frames, the first state included", kind=int, minimum=2),
     "fps": Parameter("frames per unit of the scene's time", kind=float, above=0),
     "out": Parameter("output folder below the current one", kind=str),
@@ -67,8 +69,8 @@ def read_config(path: str | Path) -> RunConfig:
     path = Path(path)
     with open(path, "rb") as file:
         data = file.read(SIZE_LIMIT + 1)
-    text = _decode(path, data)
-    document = _parse(path, text)
+    text = decode(path, data)
+    document = parse(path, text)
     config = RunConfig(path, text)
     for key, value in document.items():
         if key == "parameters":
@@ -88,7 +90,7 @@ def read_config(path: str | Path) -> RunConfig:
     return config
 
 
-def confine(where: str, name: str) -> None:
+def confine(where: str, name: str, folder: str | Path = ".") -> None:
     """Refuse a path that leaves the folder it starts from, or that some system cannot hold."""
     parts = PurePosixPath(name.replace("\\", "/")).parts
     if not parts or name[0] in "/\\" or ".." in parts or ":" in name:
@@ -102,11 +104,12 @@ def confine(where: str, name: str) -> None:
             raise InputError(f"{where}: not a usable file name: {part[:60]!r}")
     if len(name) > 1024:
         raise InputError(f"{where}: a path of {len(name)} characters; at most 1024 are accepted")
-    if not Path(name).resolve().is_relative_to(Path.cwd()):
+    if not Path(folder, name).resolve().is_relative_to(Path(folder).resolve()):
         raise InputError(f"{where}: a link leads out of the folder: {name[:60]!r}")
 
 
-def _decode(path: Path, data: bytes) -> str:
+def decode(path: Path, data: bytes) -> str:
+    """The text of a file, or a FormatError that says why it is none."""
     if len(data) > SIZE_LIMIT:
         raise FormatError(f"{path}:1:1: file: longer than {SIZE_LIMIT} bytes; not a configuration")
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -127,7 +130,8 @@ def _decode(path: Path, data: bytes) -> str:
         raise FormatError(f"{path}:{line}:{column}: file: not UTF-8 text") from None
 
 
-def _parse(path: Path, text: str) -> dict[str, Any]:
+def parse(path: Path, text: str) -> dict[str, Any]:
+    """The document, or a FormatError that tells the place of the fault."""
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -3,8 +3,9 @@
 from .cluster import sweep
 from .collection import Run, RunCollection
 from .gns import write_gns
+from .meshgraphnets import write_meshgraphnets
 
-__all__ = ["Run", "RunCollection", "sweep", "write_gns"]
+__all__ = ["Run", "RunCollection", "sweep", "write_gns", "write_meshgraphnets"]
 
 
 def __dir__() -> list[str]:

@@ -167,7 +167,7 @@ def _design(
             )
         scene = load(task)
         _check_scene(scene, values, frames, fps)
-        where = str(Path(task).absolute()) if str(task).endswith(".py") else str(task)
+        where = str(Path(task).absolute()) if str(task).endswith((".py", ".toml")) else str(task)
         options = {"frames": frames, "fps": fps}
         design = Design(where, "scene", values, repeats, seed, options, scene.name)
     design.check_size()

@@ -97,20 +97,13 @@ def write_gns(
     [[0.1, 0.9], [0.1, 0.5]]
     >>> folder.cleanup()
     """
-    if not isinstance(runs, RunCollection):
-        raise InputError(f"runs: expected a RunCollection, got {type(runs).__name__}")
+    done = done_runs(runs)
     kind = check_integer("particle_type", particle_type, minimum=0, maximum=8)
-    shares = check_array("fractions", fractions, (3,))
-    if (shares < 0).any() or abs(shares.sum() - 1) > 1e-9:
-        raise InputError(f"fractions: expected parts of 1, got {shares.tolist()}")
+    shares = check_fractions(fractions)
     if material is not None and not all(
         isinstance(value, (int, float)) for value in runs.parameters.get(material, ("",))
     ):
         raise InputError(f"material: expected a parameter of numbers, got {material!r}")
-    done = [run for run in runs if run.state == "done"]
-    if not done:
-        why = f"; run 0: {runs[0].error}" if runs[0].error else ""
-        raise InputError(f"runs: expected some that are done, got none{why}")
     read = [_read(run, part) for run in done]
     dim, dt = read[0][0].shape[2], read[0][1]
     for run, (positions, step) in zip(done, read, strict=True):
@@ -129,7 +122,7 @@ def write_gns(
     if not any(((x >= low) & (x <= high)).all(2).any() for x, _ in read):
         raise InputError("bounds: no particle is ever within them")
     trajectories = [(LOW + scale * (positions - low)).astype(np.float32) for positions, _ in read]
-    sets = _split([run.seed for run in done], shares)
+    sets = split_by_seed(done, shares)
     metadata = {
         "bounds": np.stack([np.full(dim, LOW), LOW + scale * (high - low)], 1).round(6).tolist(),
         "sequence_length": min(len(positions) for positions in trajectories) - 1,
@@ -195,8 +188,28 @@ def _bounds(
     return low, high
 
 
-def _split(seeds: list[int], shares: NDArray[Any]) -> list[list[int]]:
+def done_runs(runs: Any) -> list[Run]:
+    """Those of a sweep that are done; InputError if there are none."""
+    if not isinstance(runs, RunCollection):
+        raise InputError(f"runs: expected a RunCollection, got {type(runs).__name__}")
+    done = [run for run in runs if run.state == "done"]
+    if not done:
+        why = f"; run 0: {runs[0].error}" if runs[0].error else ""
+        raise InputError(f"runs: expected some that are done, got none{why}")
+    return done
+
+
+def check_fractions(fractions: Any) -> NDArray[Any]:
+    """Three parts of 1."""
+    shares = check_array("fractions", fractions, (3,))
+    if (shares < 0).any() or abs(shares.sum() - 1) > 1e-9:
+        raise InputError(f"fractions: expected parts of 1, got {shares.tolist()}")
+    return shares
+
+
+def split_by_seed(runs: list[Run], shares: NDArray[Any]) -> list[list[int]]:
     """Numbers of the runs of each set: those of a seed together, if there are three seeds."""
+    seeds = [run.seed for run in runs]
     keys = seeds if len(set(seeds)) >= 3 else list(range(len(seeds)))
     order = np.random.default_rng(0).permutation(np.unique(keys))
     ends = np.round(np.cumsum(shares) * len(order)).astype(int)

@@ -1,0 +1,352 @@
+"""The simulation that a scene in a TOML file describes, and what is recorded of it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.quaternions import rotate
+from ..coupling import World
+from ..errors import InputError
+from ..geometry import (
+    Box,
+    Capsule,
+    Collider,
+    Cylinder,
+    Keyframes,
+    Plane,
+    Sphere,
+    TriangleMesh,
+    follow_keyframes,
+    read_mesh,
+    transform_mesh,
+)
+from ..gridfluid import GridLiquid
+from ..mpm import MaterialPointMethod
+from ..pbf import PositionBasedFluid, fill_box, fill_mesh
+from ..rigid import RigidBodies
+from .declaration import Parameter, Scene, particle_frame, particle_parts
+from .run_config import confine
+from .toml_file import MATERIALS, Layout, read_layout
+
+if TYPE_CHECKING:
+    from ..recording import Part
+
+Array = NDArray[np.float64]
+
+
+class Assembly:
+    """A simulation with its obstacles, which may move along keyframes, and its bodies.
+
+    Attributes
+    ----------
+    simulation : simulation or World
+        What is advanced.
+    """
+
+    def __init__(
+        self,
+        simulation: Any,
+        obstacles: list[tuple[Collider, TriangleMesh | None]],
+        paths: list[tuple[Collider, Keyframes]],
+        surfaces: list[TriangleMesh],
+    ) -> None:
+        self.simulation = simulation
+        self._obstacles, self._paths, self._surfaces = obstacles, paths, surfaces
+
+    @property
+    def time(self) -> float:
+        """Time of the state [s]."""
+        return float(self.simulation.time)
+
+    def advance(self, duration: float) -> None:
+        """Go on by `duration` [s]."""
+        follow_keyframes(self.simulation, duration, self._paths)
+
+    def fields(self) -> Any:
+        """Those of the simulation."""
+        return self.simulation.fields()
+
+    def diagnostics(self) -> dict[str, float]:
+        """Those of the simulation."""
+        return dict(self.simulation.diagnostics())
+
+    def state(self) -> Any:
+        """A copy of the whole state."""
+        return self.simulation.state()
+
+    def restore(self, state: Any) -> None:
+        """Go back to a state, bit for bit."""
+        self.simulation.restore(state)
+
+    def save(self, path: Any) -> None:
+        """Write the whole state to a file."""
+        self.simulation.save(path)
+
+    def load(self, path: Any) -> None:
+        """Read the whole state from a file."""
+        self.simulation.load(path)
+
+    @property
+    def _members(self) -> dict[str, Any]:
+        return dict(getattr(self.simulation, "members", {"particles": self.simulation}))
+
+    @property
+    def _bodies(self) -> RigidBodies | None:
+        found = [m for m in self._members.values() if isinstance(m, RigidBodies)]
+        return found[0] if found else None
+
+    @property
+    def _particles(self) -> Any:
+        found = [m for m in self._members.values() if not isinstance(m, RigidBodies)]
+        return found[0] if found else None
+
+    def parts(self) -> dict[str, Part]:
+        """Particles with all fields, surfaces of the bodies, and of the obstacles that have one."""
+        from ..recording import Part
+
+        parts = {} if self._particles is None else particle_parts(self._particles)
+        if self._surfaces:
+            parts["bodies"] = Part("mesh", triangles=_stacked(self._surfaces))
+        for k, (collider, mesh) in enumerate(self._obstacles):
+            if mesh is not None:
+                still = None if self._moves(collider) else _placed(collider, mesh)
+                parts[f"obstacle-{k}"] = Part("mesh", triangles=mesh.faces, points=still)
+        return parts
+
+    def frame(self) -> dict[str, dict[str, Any]]:
+        """One frame of `parts`."""
+        frame = {} if self._particles is None else particle_frame(self._particles)
+        bodies = self._bodies
+        if bodies is not None:
+            turned = [
+                rotate(np.broadcast_to(q, (len(mesh.vertices), 4)), mesh.vertices) + x
+                for x, q, mesh in zip(
+                    bodies.positions, bodies.rotations, self._surfaces, strict=False
+                )
+            ]
+            frame["bodies"] = {"points": np.concatenate(turned)}
+        for k, (collider, mesh) in enumerate(self._obstacles):
+            if mesh is not None and self._moves(collider):
+                frame[f"obstacle-{k}"] = {"points": _placed(collider, mesh)}
+        return frame
+
+    def _moves(self, collider: Collider) -> bool:
+        guided = any(collider is one for one, _ in self._paths)
+        return guided or bool(collider.velocity.any() or collider.angular_velocity.any())
+
+
+def _placed(collider: Collider, mesh: TriangleMesh) -> Array:
+    q = np.broadcast_to(collider.rotation, (len(mesh.vertices), 4))
+    return rotate(q, mesh.vertices) + collider.position
+
+
+def _stacked(meshes: list[TriangleMesh]) -> NDArray[np.int64]:
+    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
+    return np.concatenate([mesh.faces + n for mesh, n in zip(meshes, first, strict=True)])
+
+
+def read_scene(path: Path) -> Scene:
+    """The scene that a TOML file declares.
+
+    Raises
+    ------
+    FormatError, InputError, OSError
+        As `read_layout` does.
+    """
+    layout = read_layout(path)
+    scene = layout.scene
+    parameters = {"duration": Parameter("time simulated", scene["duration"], unit="s", above=0)}
+    if "spacing" in scene:
+        parameters["spacing"] = Parameter("of the particles", scene["spacing"], unit="m", above=0)
+    try:
+        return Scene(
+            name=scene.get("name", path.stem),
+            doc=scene.get("doc", f"The scene of {path.name}."),
+            parameters=parameters,
+            build=lambda values, seed: assemble(layout, values),
+            parts=Assembly.parts,
+            frame=Assembly.frame,
+            frames=scene.get("frames", 101),
+        )
+    except InputError as error:
+        raise InputError(f"{layout.where('name', 'scene')}: {error}") from None
+
+
+def assemble(layout: Layout, values: dict[str, Any]) -> Assembly:
+    """Build what a file says, with the scene's parameters.
+
+    Raises
+    ------
+    InputError
+        If the parts do not fit together; the message begins with the file.
+    """
+    try:
+        return _assemble(layout, values)
+    except InputError as error:
+        if str(error).startswith(str(layout.path)):
+            raise
+        raise InputError(f"{layout.path}: {error}") from error
+
+
+def _assemble(layout: Layout, values: dict[str, Any]) -> Assembly:
+    scene = layout.scene
+    gravity = scene.get("gravity", (0.0, 0.0, -9.81))
+    obstacles = [_obstacle(layout, row, i) for i, row in enumerate(layout.obstacle)]
+    paths = [
+        (collider, _path(row["keyframes"]))
+        for (collider, _), row in zip(obstacles, layout.obstacle, strict=True)
+        if "keyframes" in row
+    ]
+    bodies, surfaces, standing = None, [], []
+    if layout.body:
+        bodies = RigidBodies(gravity=gravity, step=1 / 120)
+        added = []
+        for i, row in enumerate(layout.body):
+            shape, mesh = _shape(layout, row, "body", i)
+            keys = ("velocity", "angular_velocity")
+            motion = {f"{k[:-1]}ies": row[k] for k in keys if k in row}
+            options = {k: row[k] for k in ("friction", "restitution", "density") if k in row}
+            place = row.get("position", (0.0, 0.0, 0.0))
+            turn = quaternion(row.get("rotation_deg", (0.0, 0.0, 0.0)))
+            assert mesh is not None
+            added.append(int(bodies.add(shape, place, turn, **motion, **options)))
+            surfaces.append(mesh)
+        for row, (collider, _) in zip(layout.obstacle, obstacles, strict=True):
+            _stand(bodies, row, collider)
+        standing = bodies.make_colliders(added)
+    if scene["method"] == "rigid":
+        assert bodies is not None
+        return Assembly(World({"bodies": bodies}), obstacles, paths, surfaces)
+    colliders = [*(collider for collider, _ in obstacles), *standing]
+    particles = _particles(layout, values["spacing"], gravity, colliders)
+    simulation = particles
+    if bodies is not None:
+        simulation = World({"bodies": bodies, "particles": particles})
+    return Assembly(simulation, obstacles, paths, surfaces)
+
+
+def quaternion(rotation_deg: Any) -> Array:
+    """Unit quaternion of an axis times an angle in degrees.
+
+    Parameters
+    ----------
+    rotation_deg : array_like, shape (3,)
+        The axis times the angle [degrees].
+
+    Returns
+    -------
+    ndarray, shape (4,)
+        (w, x, y, z).
+    """
+    turn = np.radians(np.asarray(rotation_deg, float))
+    angle = float(np.linalg.norm(turn))
+    axis = turn / angle if angle > 0 else turn
+    return np.array([math.cos(angle / 2), *(math.sin(angle / 2) * axis)])
+
+
+def _path(frames: list[dict[str, Any]]) -> Keyframes:
+    turns = [quaternion(frame.get("rotation_deg", (0.0, 0.0, 0.0))) for frame in frames]
+    return Keyframes([f["time"] for f in frames], [f["position"] for f in frames], turns)
+
+
+def _obstacle(
+    layout: Layout, row: dict[str, Any], number: int
+) -> tuple[Collider, TriangleMesh | None]:
+    """An obstacle in its first place, and its surface in its own frame, if it is to be drawn."""
+    shape, mesh = _shape(layout, row, "obstacle", number)
+    options = {
+        key: row[key]
+        for key in ("friction", "restitution", "velocity", "angular_velocity", "hollow")
+        if key in row
+    }
+    collider = Collider(shape, **options)
+    first = row["keyframes"][0] if "keyframes" in row else row
+    collider.position = first.get("position", (0.0, 0.0, 0.0))
+    turn = quaternion(first.get("rotation_deg", (0.0, 0.0, 0.0)))
+    if row["shape"] != "plane":
+        collider.rotation = turn
+    return collider, None if row.get("hollow") else mesh
+
+
+def _shape(
+    layout: Layout, row: dict[str, Any], table: str, number: int
+) -> tuple[Any, TriangleMesh | None]:
+    """A shape about the origin, and its surface."""
+    kind = row["shape"]
+    if kind == "plane":
+        return Plane(row["normal"]), None
+    if kind == "mesh":
+        mesh = _mesh(layout, row, table, number)
+        return mesh, mesh
+    shape: Sphere | Box | Capsule | Cylinder
+    if kind == "sphere":
+        shape = Sphere(row["radius"])
+    elif kind == "box":
+        shape = Box(row["lengths"])
+    else:
+        shape = (Capsule if kind == "capsule" else Cylinder)(row["radius"], row["length"])
+    return shape, shape.mesh()
+
+
+def _mesh(layout: Layout, row: dict[str, Any], table: str, number: int) -> TriangleMesh:
+    """A surface from a file beside the scene's, or below."""
+    where = layout.where("file", table, number)
+    confine(where, row["file"], layout.path.parent)
+    mesh = read_mesh(Path(layout.path.parent, row["file"]))
+    if not isinstance(mesh, TriangleMesh):
+        mesh = mesh.surface()[0]
+    return transform_mesh(mesh, up=row.get("up", "z"), scale=row.get("scale", 1.0))
+
+
+def _stand(bodies: RigidBodies, row: dict[str, Any], collider: Collider) -> None:
+    """The obstacle as a static body; a hollow box as six planes that look inward."""
+    surface = {key: row[key] for key in ("friction", "restitution") if key in row}
+    x, q = collider.position, collider.rotation
+    if not row.get("hollow"):
+        bodies.add(collider.shape, x, q, motion="static", **surface)
+        return
+    for axis, length in enumerate(row["lengths"]):
+        for side in (-1.0, 1.0):
+            normal = np.zeros(3)
+            normal[axis] = -side
+            inward = rotate(q, normal)
+            wall = Plane(inward, x - length / 2 * inward)
+            bodies.add(wall, (0, 0, 0), motion="static", **surface)
+
+
+def _particles(layout: Layout, spacing: float, gravity: Any, colliders: list[Collider]) -> Any:
+    """The particles of all blocks that no obstacle takes the place of."""
+    places, speeds, kinds = [], [], []
+    for i, row in enumerate(layout.block):
+        if "file" in row:
+            mesh = _mesh(layout, row, "block", i)
+            move = row.get("position", (0.0, 0.0, 0.0))
+            x = fill_mesh(transform_mesh(mesh, translation=move), spacing)
+        else:
+            x = fill_box(row["low"], row["high"], spacing)
+        for collider in colliders:
+            x = x[collider.distance(x) > (0.5 - 1e-6) * spacing]
+        places.append(x)
+        speeds.append(np.broadcast_to(row.get("velocity", (0.0, 0.0, 0.0)), x.shape))
+        kinds.append(np.full(len(x), row["kind"]))
+    x, v, kind = np.concatenate(places), np.concatenate(speeds), np.concatenate(kinds)
+    if not len(x):
+        raise InputError("block: no particle fits into the blocks; make spacing smaller")
+    shared = {"velocities": v, "gravity": gravity, "colliders": colliders, **layout.options}
+    method = layout.scene["method"]
+    if method == "pbf":
+        return PositionBasedFluid(x, spacing, **shared)
+    if method == "grid-liquid":
+        return GridLiquid(x, cell=2 * spacing, bounds=layout.scene["bounds"], **shared)
+    materials = [
+        MATERIALS[row["class"]](**{k: u for k, u in row.items() if k not in ("name", "class")})
+        for row in layout.material
+    ]
+    return MaterialPointMethod(
+        x, materials, cell=2 * spacing, volume=spacing**3, kinds=kind, **shared
+    )

@@ -1,0 +1,164 @@
+"""Trajectories of meshes in the form that MeshGraphNets are trained on."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.checks import check_path
+from ..base.replacing import replace_bytes
+from ..errors import InputError
+from .collection import Run, RunCollection
+from .gns import SPLITS, check_fractions, done_runs, split_by_seed
+
+NORMAL, OBSTACLE, HANDLE = 0, 1, 3  # types of nodes, as the paper's code numbers them
+FIELDS = ("cells", "mesh_pos", "node_type", "world_pos")
+
+
+def write_meshgraphnets(
+    runs: RunCollection,
+    out: str | os.PathLike[str],
+    *,
+    part: str | None = None,
+    fractions: Sequence[float] = (0.8, 0.1, 0.1),
+) -> Path:
+    """Write the runs of a scene of cloth or soft bodies as a data set of MeshGraphNets.
+
+    The folder gets ``meta.json`` and the folders ``train``, ``valid`` and ``test`` with one
+    ``trajectory_RUN.npz`` for each run, whose arrays have the names, types and shapes of the fields
+    in ``meta.json``: what a record of the paper's data sets holds, in NumPy's form instead of
+    TFRecord, so that TensorFlow is not needed. Runs of one seed are in one of the folders.
+
+    - ``cells``, int32, shape (1, m, 3) or (1, m, 4): triangles or tetrahedra.
+    - ``mesh_pos``, float32, shape (1, n, 3): the nodes in the first frame [m].
+    - ``node_type``, int32, shape (1, n, 1): 0 normal, 1 obstacle, 3 held in its place.
+    - ``world_pos``, float32, shape (frames, n, 3): the nodes in each frame [m].
+
+    Obstacles that are recorded as triangles and never move follow the nodes of cloth.
+
+    Parameters
+    ----------
+    runs : RunCollection
+        Of a scene. Those that are not done are left out.
+    out : path-like
+        Folder, made if need be. Files of these names are replaced.
+    part : str, optional
+        Part of the recordings that is the body, where there are several that move.
+    fractions : sequence of float
+        Parts of the seeds for training, validation and test.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong, the recordings have no such part, or frames are apart by different
+        times.
+    OSError
+        If a file cannot be written.
+
+    References
+    ----------
+    .. [1] T. Pfaff, M. Fortunato, A. Sanchez-Gonzalez and P. W. Battaglia, "Learning mesh-based
+       simulation with graph networks", ICLR 2021.
+
+    Examples
+    --------
+    >>> import json, os, tempfile
+    >>> import substep
+    >>> from substep.sweeps import write_meshgraphnets
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> small = {"vertices": 6, "duration": 0.1}
+    >>> runs = substep.sweep("cloth-hang", small, folder.name, repeats=3, frames=4)
+    >>> data = write_meshgraphnets(runs, os.path.join(folder.name, "meshgraphnets"))
+    >>> json.loads((data / "meta.json").read_text())["trajectory_length"]
+    4
+    >>> folder.cleanup()
+    """
+    done = done_runs(runs)
+    shares = check_fractions(fractions)
+    read = [_read(run, part) for run in done]
+    corners, dt = read[0][0]["cells"].shape[2], read[0][1]
+    for run, (arrays, step) in zip(done, read, strict=True):
+        if arrays["cells"].shape[2] != corners or abs(step - dt) > 1e-6 * dt:
+            raise InputError(f"runs: run {run.index} has other cells or another frame rate")
+    length = min(len(arrays["world_pos"]) for arrays, _ in read)
+    folder = Path(check_path(out))
+    for split, chosen in zip(SPLITS, split_by_seed(done, shares), strict=True):
+        (folder / split).mkdir(parents=True, exist_ok=True)
+        for k in chosen:
+            arrays = read[k][0] | {"world_pos": read[k][0]["world_pos"][:length]}
+            buffer = io.BytesIO()
+            np.savez_compressed(buffer, allow_pickle=False, **arrays)
+            name = f"trajectory_{done[k].index}.npz"
+            replace_bytes(folder / split / name, buffer.getbuffer())
+    first = read[0][0] | {"world_pos": read[0][0]["world_pos"][:length]}
+    meta = {
+        "simulator": "substep",
+        "dt": dt,
+        "trajectory_length": length,
+        "field_names": list(FIELDS),
+        "features": {
+            name: {
+                "type": "dynamic" if name == "world_pos" else "static",
+                "dtype": first[name].dtype.name,
+                "shape": [len(first[name]), -1, first[name].shape[2]],
+            }
+            for name in FIELDS
+        },
+    }
+    replace_bytes(folder / "meta.json", json.dumps(meta, indent=1).encode())
+    return folder
+
+
+def _read(run: Run, part: str | None) -> tuple[dict[str, NDArray[Any]], float]:
+    """Arrays of the fields, and the time between frames [s]."""
+    with run.recording() as recording:
+        meshes = {name: one for name, one in recording.parts.items() if one.kind == "mesh"}
+        moving = [
+            name
+            for name, one in meshes.items()
+            if one.points is None and (one.triangles is not None or one.tetrahedra is not None)
+        ]
+        if part is not None and part not in moving:
+            raise InputError(f"part: expected one of {', '.join(moving) or 'none'}, got {part!r}")
+        if part is None and len(moving) != 1:
+            raise InputError(
+                f"part: the recordings have {len(moving)} meshes that move: {', '.join(moving)}"
+            )
+        body = part or moving[0]
+        solid = meshes[body].tetrahedra is not None
+        cells = np.asarray(meshes[body].tetrahedra if solid else meshes[body].triangles)
+        x = np.stack([recording[body].points(k) for k in range(len(recording))])
+        steps = np.diff(recording.times)
+        still = [one for one in meshes.values() if one.points is not None and not solid]
+    if len(x) < 3 or np.ptp(steps) > 1e-6 * steps.mean():
+        raise InputError(
+            f"runs: expected 3 frames or more at equal times, as run {run.index} has not"
+        )
+    held = (x == x[0]).all(axis=(0, 2))
+    kinds, faces = [np.where(held, HANDLE, NORMAL)], [cells]
+    for one in still:
+        if one.triangles is None:
+            continue
+        points = np.asarray(one.points, float)
+        faces.append(np.asarray(one.triangles) + x.shape[1])
+        kinds.append(np.full(len(points), OBSTACLE))
+        x = np.concatenate([x, np.broadcast_to(points, (len(x), *points.shape))], axis=1)
+    arrays = {
+        "cells": np.concatenate(faces)[None].astype(np.int32),
+        "mesh_pos": x[:1].astype(np.float32),
+        "node_type": np.concatenate(kinds)[None, :, None].astype(np.int32),
+        "world_pos": x.astype(np.float32),
+    }
+    return arrays, float(steps.mean())

@@ -1,0 +1,274 @@
+"""Scenes in TOML files: what they build, and that every fault names its key and place."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import substep
+from substep.cli import main
+from substep.scenes import load, run
+
+LIQUID = """\
+[scene]
+method = "pbf"
+duration = 0.2
+frames = 3
+spacing = 0.05
+
+[options]
+viscosity = 1e-4
+
+[[block]]
+low = [0, 0, 0]
+high = [0.4, 0.4, 0.4]
+
+[[obstacle]]  # a tank
+shape = "box"
+lengths = [0.8, 0.4, 3]
+position = [0.4, 0.2, 1.5]
+hollow = true
+
+[[obstacle]]  # a gate that is pulled up
+shape = "box"
+lengths = [0.05, 0.5, 0.8]
+friction = 0.2
+keyframes = [
+  {time = 0, position = [0.425, 0.2, 0.4]},
+  {time = 0.15, position = [0.425, 0.2, 1.4], rotation_deg = [0, 0, 30]},
+]
+"""
+JELLY = """\
+[scene]
+method = "mpm"
+duration = 0.05
+frames = 2
+spacing = 0.05
+
+[[material]]
+name = "soft"
+class = "NeoHookean"
+density = 1000
+young_modulus = 2e4
+poisson_ratio = 0.3
+
+[[material]]
+class = "Sand"
+
+[[block]]
+low = [0, 0, 0]
+high = [0.2, 0.2, 0.2]
+material = "soft"
+
+[[block]]
+low = [0.3, 0, 0]
+high = [0.5, 0.2, 0.2]
+material = "Sand"
+velocity = [0, 0, 1]
+
+[[obstacle]]
+shape = "plane"
+normal = [0, 0, 1]
+friction = 0.5
+"""
+RAFT = """\
+[scene]
+name = "raft"
+method = "grid-liquid"
+duration = 0.1
+frames = 2
+spacing = 0.05
+bounds = [[0, 0, 0], [0.6, 0.6, 0.8]]
+
+[[block]]
+low = [0, 0, 0]
+high = [0.6, 0.6, 0.3]
+
+[[body]]
+shape = "box"
+lengths = [0.2, 0.2, 0.1]
+position = [0.3, 0.3, 0.35]
+density = 300
+
+[[obstacle]]
+shape = "box"
+lengths = [0.6, 0.6, 0.8]
+position = [0.3, 0.3, 0.4]
+hollow = true
+"""
+BODIES = """\
+[scene]
+method = "rigid"
+duration = 1.0
+frames = 2
+
+[[body]]
+shape = "sphere"
+radius = 0.1
+position = [0, 0, 1]
+restitution = 0.5
+[[body]]
+shape = "cylinder"
+radius = 0.1
+length = 0.3
+position = [1, 0, 0.5]
+rotation_deg = [90, 0, 0]
+
+[[obstacle]]
+shape = "plane"
+normal = [0, 0, 1]
+"""
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def read(text, name="scene.toml"):
+    with open(name, "w", encoding="utf-8") as file:
+        file.write(text)
+    return load(name)
+
+
+def test_a_gate_is_where_its_keyframes_say_and_the_water_follows(folder):
+    scene = read(LIQUID)
+    assert scene.name == "scene" and set(scene.parameters) == {"duration", "spacing"}
+    outcome = run(scene, {}, folder / "out")
+    with substep.Recording(outcome.recording) as recording:
+        gate = [recording["obstacle-1"].points(i).mean(axis=0) for i in range(3)]
+        np.testing.assert_allclose(gate[0], [0.425, 0.2, 0.4], atol=1e-6)
+        np.testing.assert_allclose(gate[1], [0.425, 0.2, 0.4 + 1 / 1.5], atol=1e-6)
+        np.testing.assert_allclose(gate[2], [0.425, 0.2, 1.4], atol=1e-6)
+        across = np.ptp(recording["obstacle-1"].points(2), axis=0)[0]
+        turn = np.radians(30)
+        assert across == pytest.approx(0.05 * np.cos(turn) + 0.5 * np.sin(turn), rel=1e-5)
+        first, last = recording["particles"].points(0), recording["particles"].points(2)
+        assert len(first) == 8**3 and first[:, 0].max() < 0.4 < last[:, 0].max()
+    coarse = run(scene, {"spacing": 0.1}, folder / "coarse")
+    with substep.Recording(coarse.recording) as recording:
+        assert len(recording["particles"].points(0)) == 4**3
+
+
+def test_interrupted_runs_of_files_go_on_to_the_same_bits(folder):
+    scene = read(LIQUID)
+    whole = run(scene, {}, folder / "whole")
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(scene, {}, folder / "parts", on_frame=stop)
+    parts = run(read(LIQUID), {}, folder / "parts", resume=True)
+    ends = []
+    for outcome in (whole, parts):
+        with substep.Recording(outcome.recording) as recording:
+            ends.append(recording["particles"].points(-1))
+    assert (ends[0] == ends[1]).all()
+
+
+def test_materials_bodies_and_obstacles_of_every_method():
+    jelly = read(JELLY).build({"duration": 0.05, "spacing": 0.05}, 0)
+    assert [type(m).__name__ for m in jelly.simulation.materials] == ["NeoHookean", "Sand"]
+    assert np.bincount(jelly.simulation.kinds).tolist() == [64, 64]
+    assert (jelly.simulation.velocities[64:, 2] == 1).all()
+    jelly.advance(0.05)
+    raft = read(RAFT).build({"duration": 0.1, "spacing": 0.05}, 0)
+    raft.advance(0.3)
+    bodies = raft.simulation["bodies"]
+    assert abs(bodies.velocities[0, 2]) < 0.5 and bodies.positions[0, 2] > 0.25  # it floats
+    assert set(raft.parts()) == {"particles", "bodies"} == set(raft.frame())
+    falling = read(BODIES).build({"duration": 1.0}, 0)
+    falling.advance(2.0)
+    heights = falling.simulation["bodies"].positions[:2, 2]
+    np.testing.assert_allclose(heights, [0.1, 0.1], atol=0.01)  # the cylinder lies
+    assert len(falling.frame()["bodies"]["points"]) > 16
+
+
+def test_a_mesh_is_read_from_beside_the_file(folder):
+    box = substep.geometry.box_mesh((300, 400, 500))
+    (folder / "meshes").mkdir()
+    lines = [f"v {x} {y} {z}" for x, y, z in box.vertices]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in box.faces]
+    (folder / "meshes/box.obj").write_text("\n".join(lines))
+    filled = LIQUID.replace(
+        "low = [0, 0, 0]\nhigh = [0.4, 0.4, 0.4]",
+        'file = "meshes/box.obj"\nup = "y"\nscale = 1e-3\nposition = [0.2, 0.2, 0.2]',
+    ).replace("[0.425, 0.2, ", "[5, 0.2, ")
+    (folder / "below").mkdir()
+    scene = read(filled, "tank.toml")
+    x = scene.build({"duration": 1.0, "spacing": 0.05}, 0).simulation.positions
+    assert np.ptp(x, axis=0) == pytest.approx([0.35, 0.25, 0.35], abs=0.11)
+    outside = filled.replace("meshes/box.obj", "../meshes/box.obj")
+    with pytest.raises(substep.InputError, match=r"below/tank.toml:11:1: file: expected a path"):
+        read(outside, "below/tank.toml").build({"duration": 1.0, "spacing": 0.05}, 0)
+
+
+@pytest.mark.parametrize(
+    ("good", "old", "new", "told"),
+    [
+        (LIQUID, 'method = "pbf"\n', "", "1:1: method: scene needs it"),
+        (LIQUID, '"pbf"', '"sph"', "2:1: method: expected one of pbf, grid-liquid, mpm, rigid"),
+        (LIQUID, "duration = 0.2", "duration = -1", "3:1: duration: expected a finite number"),
+        (LIQUID, "viscosity", "viscosty", "8:1: viscosty: unknown key of options; did you mean"),
+        (LIQUID, "viscosity = 1e-4", "viscosity = nan", "8:1: viscosity: expected a finite"),
+        (LIQUID, "[[block]]", "[[blok]]", "blok: unknown table; did you mean block?"),
+        (LIQUID, "[[block]]", "[block]", "block: expected tables [[block]], got a table"),
+        (LIQUID, "high = [0.4, 0.4, 0.4]", "high = [0.4, 0.4]", "12:1: high: expected 3 numbers"),
+        (LIQUID, "high = [0.4, 0.4, 0.4]", "", "high: block needs it"),
+        (LIQUID, 'shape = "box"\nlengths = [0.05', 'shape = "bx"\nlengths = [0.05', "21:1: shape"),
+        (LIQUID, "friction = 0.2", "friction = -1", "23:1: friction: expected"),
+        (LIQUID, "friction = 0.2", "radius = 1", "23:1: radius: unknown key of obstacle"),
+        (LIQUID, "friction = 0.2", "position = [0, 0, 0]", "23:1: position: the keyframes say it"),
+        (LIQUID, "{time = 0, ", "{time = 0.1, ", "24:1: keyframes: expected ascending times"),
+        (LIQUID, "{time = 0, ", "{tme = 0, ", "24:1: keyframes: unknown key tme; did you mean"),
+        (
+            LIQUID,
+            "spacing = 0.05",
+            "spacing = 0.05\nbounds = [[0,0,0],[1,1,1]]",
+            "6:1: bounds: pbf",
+        ),
+        (RAFT, "bounds = [[0, 0, 0], [0.6, 0.6, 0.8]]\n", "", "bounds: grid-liquid needs it"),
+        (RAFT, "[0.6, 0.6, 0.8]]", "[0.6, 0.6, -1]]", "7:1: bounds: expected the lowest corner"),
+        (RAFT, "hollow = true", "velocity = [1, 0, 0]", "velocity: obstacles are still"),
+        (RAFT, 'name = "raft"', 'name = "A raft"', "2:1: name: name: expected at most 64"),
+        (JELLY, 'class = "Sand"', 'class = "Sandy"', "15:1: class: expected one of FixedCorotated"),
+        (JELLY, "poisson_ratio = 0.3", "poisson = 0.3", "12:1: poisson: unknown key of material"),
+        (JELLY, 'material = "soft"', 'material = "sft"', "20:1: material: no such material; did"),
+        (JELLY, 'material = "soft"\n', "", "material: expected one of soft, Sand"),
+        (JELLY, "[[obstacle]]", "[[body]]", "a body is no plane; make it an obstacle"),
+        (BODIES, "[[body]]", "[[obstacle]]", "rigid needs at least one [[body]]"),
+        (BODIES, "radius = 0.1\nposition", "position", "radius: body needs it"),
+        (LIQUID, "[scene]", "[scene", "1:7: file: "),
+    ],
+)
+def test_faults_are_told_by_key_and_place(folder, capsys, good, old, new, told):
+    assert old in good
+    (folder / "a.toml").write_text(good.replace(old, new))
+    assert main(["run", "a.toml", "--no-picture"]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.startswith("a.toml:") and told in err and err.count("\n") == 1
+    assert [path.name for path in folder.iterdir()] == ["a.toml"]
+
+
+def test_what_only_the_simulation_can_tell_begins_with_the_file(folder, capsys):
+    (folder / "a.toml").write_text(JELLY.replace("poisson_ratio = 0.3", "poisson_ratio = 0.7"))
+    assert main(["run", "a.toml", "--no-picture"]) == 2
+    assert "a.toml: poisson_ratio: expected" in capsys.readouterr().err
+    (folder / "a.toml").write_text(LIQUID.replace("spacing = 0.05", "spacing = 3.0"))
+    assert main(["run", "a.toml", "--no-picture"]) == 2
+    assert "a.toml" in capsys.readouterr().err
+
+
+def test_the_file_in_the_docs_is_a_scene(folder):
+    docs = Path(__file__).parents[2] / "docs/scenes.md"
+    text = re.search(r"```toml\n(\[scene\].*?)```", docs.read_text(encoding="utf-8"), re.DOTALL)[1]
+    ball = substep.geometry.sphere_mesh(100.0)
+    (folder / "meshes").mkdir()
+    lines = [f"v {x} {y} {z}" for x, y, z in ball.vertices]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in ball.faces]
+    (folder / "meshes/rock.obj").write_text("\n".join(lines))
+    gate = read(text, "gate.toml").build({"duration": 1.5, "spacing": 0.05}, 0)
+    gate.advance(0.4)
+    assert gate.simulation.positions[:, 0].max() > 0.6

@@ -1,0 +1,84 @@
+"""Data sets of MeshGraphNets: what meta.json declares is what the arrays are."""
+
+import json
+
+import numpy as np
+import pytest
+import substep
+from substep import InputError
+from substep.cli import main
+from substep.sweeps import write_meshgraphnets
+
+pytest.importorskip("distributed", reason="Dask is not installed")
+
+
+def trajectories(folder, split, meta):
+    """By the number of the run; as a loader reads them, with nothing pickled."""
+    found = {}
+    for path in sorted((folder / split).glob("trajectory_*.npz")):
+        with np.load(path) as file:
+            arrays = dict(file)
+        assert list(arrays) == meta["field_names"]
+        for name, told in meta["features"].items():
+            assert arrays[name].dtype.name == told["dtype"]
+            length, nodes, width = arrays[name].shape
+            assert [length, -1, width] == told["shape"] and nodes > 0
+            assert length == (meta["trajectory_length"] if told["type"] == "dynamic" else 1)
+        found[int(path.stem.rpartition("_")[2])] = arrays
+    return found
+
+
+def test_cloth_and_the_obstacle_below_it(tmp_path, capsys):
+    out = tmp_path / "drapes"
+    line = ["sweep", "cloth-drape", "--set", "vertices=8,10", "--set", "cells=16"]
+    line += ["--set", "duration=0.2", "--repeats", "3", "--frames", "5", "--workers", "2"]
+    assert main([*line, "--to", "meshgraphnets", "--out", str(out)]) == 0
+    folder = out / "meshgraphnets"
+    assert f"data set: {folder}" in capsys.readouterr().out
+    meta = json.loads((folder / "meta.json").read_text())
+    assert meta["field_names"] == ["cells", "mesh_pos", "node_type", "world_pos"]
+    assert meta["trajectory_length"] == 5 and meta["dt"] == pytest.approx(0.05)
+    assert meta["features"]["cells"] == {"type": "static", "dtype": "int32", "shape": [1, -1, 3]}
+    sets = [trajectories(folder, split, meta) for split in ("train", "valid", "test")]
+    assert sorted(k for part in sets for k in part) == list(range(6))
+    runs = substep.RunCollection(out)
+    for k, arrays in (item for part in sets for item in part.items()):
+        n = runs[k].parameters["vertices"] ** 2
+        kinds = arrays["node_type"][0, :, 0]
+        assert (kinds[:n] == 0).all() and (kinds[n:] == 1).all() and len(kinds) > n
+        with runs[k].recording() as recording:
+            points = recording["cloth"].points(3)
+        np.testing.assert_array_equal(arrays["world_pos"][3, :n], points.astype(np.float32))
+        np.testing.assert_array_equal(arrays["mesh_pos"][0], arrays["world_pos"][0])
+        assert np.ptp(arrays["world_pos"][:, n:], axis=0).max() == 0
+        of_cloth = (arrays["cells"][0] < n).all(axis=1)
+        assert of_cloth.sum() == 2 * (runs[k].parameters["vertices"] - 1) ** 2
+        assert (arrays["cells"][0][~of_cloth] >= n).all()
+
+
+def test_what_is_held_and_what_is_solid(tmp_path):
+    small = {"vertices": 6, "duration": 0.1}
+    runs = substep.sweep("cloth-hang", small, tmp_path / "a", frames=3, workers=1)
+    folder = write_meshgraphnets(runs, tmp_path / "data", fractions=(1, 0, 0))
+    meta = json.loads((folder / "meta.json").read_text())
+    (cloth,) = trajectories(folder, "train", meta).values()
+    assert np.bincount(cloth["node_type"].ravel(), minlength=4).tolist() == [34, 0, 0, 2]
+    with pytest.raises(InputError, match=r"part: expected one of cloth, got 'wool'"):
+        write_meshgraphnets(runs, tmp_path / "no", part="wool")
+    with pytest.raises(InputError, match="fractions"):
+        write_meshgraphnets(runs, tmp_path / "no", fractions=(1, 1, 1))
+    with pytest.raises(InputError, match="runs: expected a RunCollection"):
+        write_meshgraphnets([1], tmp_path / "no")
+    gyre = {"particles": 5, "duration": 0.2}
+    points = substep.sweep("double-gyre", gyre, tmp_path / "b", frames=3, workers=1)
+    with pytest.raises(InputError, match="part: the recordings have 0 meshes that move"):
+        write_meshgraphnets(points, tmp_path / "no")
+    assert not (tmp_path / "no").exists()
+
+
+def test_options_of_the_other_set_are_refused_before_anything_runs(tmp_path, capsys):
+    line = ["sweep", "cloth-hang", "--out", str(tmp_path / "x"), "--bounds=0,0,1,1"]
+    for to in ([], ["--to", "meshgraphnets"]):
+        assert main([*line, *to]) == 2
+        assert "--bounds: for --to gns only" in capsys.readouterr().err
+    assert not (tmp_path / "x").exists()
