@@ -1,4 +1,4 @@
-"""The command line: `substep run`, `sweep`, `scenes`, `info`, `render`, `export`, `config`.
+"""The command line: `substep run`, `sweep`, `scenes`, `info`, `render`, `view`, `export`, `config`.
 
 Exit codes: 0 done; 1 the simulation failed, or the machine did (disk, memory, a missing extra);
 2 what was typed or read is wrong; 130 Ctrl-C; 143 SIGTERM; 141 the reader of our output went away.
@@ -149,13 +149,20 @@ def _parser() -> _Parser:
     render.add_argument("--color", metavar="FIELD", help="in 3D: field to colour by")
     render.set_defaults(action=_render)
 
-    export = command("export", "write a recording as VTKHDF, USD, arrays, tables or meshes")
+    view = command("view", "look at a recording in the browser")
+    view.add_argument("file", type=Path, metavar="FILE")
+    view.add_argument("--color", metavar="FIELD", help="field to colour by, at first")
+    view.add_argument("--port", metavar="N", type=int, default=8080, help="where to serve (8080)")
+    view.add_argument("--no-browser", action="store_true", help="print the address alone")
+    view.set_defaults(action=_view)
+
+    export = command("export", "write a recording as VTKHDF, USD, a page, arrays, tables or meshes")
     export.add_argument("file", type=Path, metavar="FILE")
     export.add_argument(
         "--out",
         type=Path,
         metavar="FILE.SUFFIX",
-        help="vtkhdf (beside FILE unless given), usd, usda, npz, csv, ply, obj or vtu",
+        help="vtkhdf (beside FILE unless given), usd, usda, html, npz, csv, ply, obj or vtu",
     )
     export.set_defaults(action=_export)
 
@@ -549,6 +556,16 @@ def _camera(text: str) -> Camera:
         return Camera(*numbers)
     except InputError as error:
         raise InputError(f"--camera: {error}") from None
+
+
+def _view(arguments: argparse.Namespace) -> None:
+    from . import Recording, show
+
+    with Recording(arguments.file) as recording:
+        options = {"color": arguments.color, "port": arguments.port, "play": True}
+        viewer = show(recording, open_browser=not arguments.no_browser, wait=False, **options)
+        print(f"{viewer.url} (Ctrl-C ends it)", flush=True)
+        viewer.wait()
 
 
 def _export(arguments: argparse.Namespace) -> None:
