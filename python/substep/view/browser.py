@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
+import atexit
 import math
 import os
 import sys
@@ -25,7 +25,7 @@ from ..recording import Recording
 from .drawables import Drawable, Scenery, members_of
 from .extent import range_of
 from .page import legend
-from .painted import Paint, Painter, open_server, place_camera
+from .painted import Paint, Painter, close_server, open_server, place_camera
 from .surfaces import in_space
 
 OWN = "(none)"  # no field: each part has its own colour
@@ -148,8 +148,9 @@ class Viewer:
             self._make_controls(color, play)
             self._draw()
         except BaseException:
-            self._server.stop()
+            close_server(self._server)
             raise
+        atexit.register(self.close)
         self._thread = threading.Thread(target=self._go, name="substep-view", daemon=True)
         self._thread.start()
 
@@ -169,8 +170,8 @@ class Viewer:
         self._changed.set()
         if threading.current_thread() is not self._thread:
             self._thread.join(10)
-        with contextlib.redirect_stdout(None):
-            self._server.stop()
+        close_server(self._server)
+        atexit.unregister(self.close)
 
     def __enter__(self) -> Viewer:
         return self
@@ -195,26 +196,30 @@ class Viewer:
     def _make_controls(self, color: str | None, play: bool) -> None:
         gui = self._server.gui
         self._told = gui.add_markdown("")
-        self._playing = gui.add_checkbox("run" if self._live else "play", play)
+        self._playing = gui.add_checkbox("run" if self._live else "play", initial_value=play)
         self._playing.on_update(self._touch)
         if self._live:
             gui.add_button("step").on_click(self._single)
         else:
             last = len(self.source) - 1
-            self._frame = gui.add_slider("frame", 0, max(last, 1), 1, 0, disabled=last == 0)
+            self._frame = gui.add_slider(
+                "frame", min=0, max=max(last, 1), step=1, initial_value=0, disabled=last == 0
+            )
             self._frame.on_update(self._touch)
-            self._rate = gui.add_number("frames/s", 25.0, min=0.1, max=1000.0)
-        self._color = gui.add_dropdown("colour", [OWN, *self._scenery.fields], color or OWN)
+            self._rate = gui.add_number("frames/s", initial_value=25.0, min=0.1, max=1000.0)
+        self._color = gui.add_dropdown(
+            "colour", [OWN, *self._scenery.fields], initial_value=color or OWN
+        )
         self._color.on_update(self._touch)
         self._legend = gui.add_html("")
         self._liquid = None
         if any(_is_liquid(m) for _, m in members_of(self.source)) and _has_surfaces():
-            self._liquid = gui.add_checkbox("liquid surface", False)
+            self._liquid = gui.add_checkbox("liquid surface", initial_value=False)
             self._liquid.on_update(self._touch)
         self._cut = None
         if any(len(part.cells) == 3 for part in self._scenery.parts.values()):
-            self._cut = gui.add_dropdown("cut across", ["x", "y", "z"], "y")
-            self._place = gui.add_slider("at", 0.0, 1.0, 0.005, 0.5)
+            self._cut = gui.add_dropdown("cut across", ["x", "y", "z"], initial_value="y")
+            self._place = gui.add_slider("at", min=0.0, max=1.0, step=0.005, initial_value=0.5)
             self._cut.on_update(self._touch)
             self._place.on_update(self._touch)
         if self._live:
@@ -224,26 +229,34 @@ class Viewer:
 
     def _make_settings(self, name: str, member: Any) -> None:
         """A control for each number, vector and switch that can be set."""
+        values: dict[str, Any] = {}
+        for attribute in settable(type(member)):
+            value: Any = getattr(member, attribute, None)
+            if attribute in member._fixed or attribute == "threads":
+                continue
+            if isinstance(value, (bool, int, float)) and math.isfinite(value):
+                values[attribute] = value
+            elif isinstance(value, np.ndarray) and value.shape in ((2,), (3,)):
+                values[attribute] = tuple(map(float, value))
+        if not values:
+            return
         gui = self._server.gui
         with gui.add_folder(f"settings of {name}" if name else "settings"):
-            for attribute in settable(type(member)):
-                if attribute in member._fixed or attribute == "threads":
-                    continue
-                value: Any = getattr(member, attribute, None)
+            for attribute, value in values.items():
+                add: Any = gui.add_number
+                options: dict[str, Any] = {}
+                if isinstance(value, bool):
+                    add = gui.add_checkbox
+                elif isinstance(value, tuple):
+                    add, options = (
+                        (gui.add_vector2, gui.add_vector3)[len(value) - 2],
+                        {"step": 0.01},
+                    )
+                elif isinstance(value, float):
+                    digits = math.floor(math.log10(abs(value))) - 2 if value else -3
+                    options = {"step": 10.0**digits}
                 hint = (getattr(type(member), attribute).__doc__ or "").split("\n")[0]
-                control: Any
-                if isinstance(value, (bool, np.bool_)):
-                    control = gui.add_checkbox(attribute, bool(value), hint=hint)
-                elif isinstance(value, (int, np.integer)):
-                    control = gui.add_number(attribute, int(value), step=1, hint=hint)
-                elif isinstance(value, float) and math.isfinite(value):
-                    step = 10.0 ** (math.floor(math.log10(abs(value))) - 2) if value else 1e-3
-                    control = gui.add_number(attribute, float(value), step=step, hint=hint)
-                elif isinstance(value, np.ndarray) and value.shape in ((2,), (3,)):
-                    add = gui.add_vector2 if len(value) == 2 else gui.add_vector3
-                    control = add(attribute, tuple(map(float, value)), step=0.01, hint=hint)
-                else:
-                    continue
+                control = add(attribute, initial_value=value, hint=hint, **options)
                 control.on_update(self._setter(member, attribute, control))
 
     def _setter(self, member: Any, attribute: str, control: Any) -> Callable[[Any], None]:

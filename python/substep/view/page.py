@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..recording import Recording
 from .drawables import Scenery
 from .extent import range_of
-from .painted import Paint, Painter, open_server, palette, place_camera
+from .painted import Paint, Painter, close_server, open_server, palette, place_camera
 
 
 def write_page(
@@ -71,7 +71,7 @@ def write_page(
         film.insert_sleep(pause)
         page = film.as_html()
     finally:
-        server.stop()
+        close_server(server)
     shown = color or next(iter(limits), None)
     text = html.escape(recording.scene or "recording")
     if shown is not None:
@@ -104,7 +104,8 @@ def legend(name: str, unit: str, limits: tuple[float, float]) -> str:
     colors = ",".join(f"rgb({r},{g},{b})" for r, g, b in tones)
     label = name if unit in ("", "1") else f"{name} [{unit}]"
     return (
-        f'<div style="font:12px sans-serif">{html.escape(label)}<br>{limits[0]:.4g} '
+        '<div style="font:12px sans-serif;padding:4px 12px">'
+        f"{html.escape(label)}<br>{limits[0]:.4g} "
         f'<span style="display:inline-block;width:8em;height:0.8em;'
         f'background:linear-gradient(90deg,{colors})"></span> {limits[1]:.4g}</div>'
     )

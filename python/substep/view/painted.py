@@ -71,6 +71,12 @@ def open_server(label: str, port: int = 8080) -> Any:
     return server
 
 
+def close_server(server: Any) -> None:
+    """End a server, which would say so."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        server.stop()
+
+
 def place_camera(server: Any, drawn: list[Drawable], flat: bool) -> None:
     """Look at everything: from the front above, or at a plane from before it."""
     low, high = reach(drawn)
@@ -140,7 +146,7 @@ class Painter:
                 name,
                 arrays[0],
                 colors,
-                point_size=2 * one.radius,
+                point_size=one.radius,
                 point_shape="circle",
                 precision="float32",
             )
@@ -182,7 +188,7 @@ class Painter:
         turn[:, 2] = np.cross(turn[:, 0], turn[:, 1])
         return self._server.scene.add_image(
             name,
-            image,
+            image[::-1],
             float(width),
             float(height),
             format="png",
@@ -250,6 +256,8 @@ def sheet(one: Drawable, paint: Paint) -> tuple[NDArray[np.uint8], NDArray[np.fl
         values = np.take(values, min(int(paint.place * n), n - 1), axis=paint.axis)
         low, high = corners[:, paint.axis]
         corners[:, paint.axis] = low + paint.place * (high - low)
+    else:  # behind what else is in the plane
+        corners[:, 2] -= 2e-3 * float(np.ptp(corners[:, :2]))
     colors = palette(values, field, paint.limits[field])
     return np.ascontiguousarray(colors.swapaxes(0, 1)[::-1]), corners
 
