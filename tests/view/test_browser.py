@@ -1,6 +1,9 @@
 """Views and pages in a real browser: what is there is seen, plays, and can be changed."""
 
 import shutil
+import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -158,3 +161,16 @@ def test_the_hot_corner_of_a_grid_is_seen_in_its_place(dimension, tab, tmp_path)
 
     yellow, purple = wait_for(tab, places)
     assert np.all(yellow < purple - 20)
+
+
+def test_the_command_line_shows_a_recording_until_ctrl_c(drift, tab, tmp_path):
+    command = [sys.executable, "-m", "substep", "view", str(drift.path), "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as view:
+        try:
+            url = view.stdout.readline().split()[0]
+            tab.goto(url)
+            wait_for(tab, lambda: reddish(seen(tab, tmp_path)).sum() > 200)
+            view.send_signal(signal.SIGINT)
+            assert view.wait(PATIENCE) == 0
+        finally:
+            view.kill()

@@ -213,7 +213,7 @@ class Viewer:
         self._color.on_update(self._touch)
         self._legend = gui.add_html("")
         self._liquid = None
-        if any(_is_liquid(m) for _, m in members_of(self.source)) and _has_surfaces():
+        if _has_surfaces() and self._may_be_liquid():
             self._liquid = gui.add_checkbox("liquid surface", initial_value=False)
             self._liquid.on_update(self._touch)
         self._cut = None
@@ -226,6 +226,14 @@ class Viewer:
             for name, member in members_of(self.source):
                 self._make_settings(name, member)
         gui.add_button("close").on_click(lambda _: threading.Thread(target=self.close).start())
+
+    def _may_be_liquid(self) -> bool:
+        """Whether there are particles in space, of a liquid where that is known."""
+        kinds = {part.kind for part in self._scenery.parts.values()}
+        known = not self._live or any(
+            isinstance(m, (GridLiquid, PositionBasedFluid)) for _, m in members_of(self.source)
+        )
+        return known and "particles" in kinds and not self._scenery.flat
 
     def _make_settings(self, name: str, member: Any) -> None:
         """A control for each number, vector and switch that can be set."""
@@ -349,10 +357,6 @@ class Viewer:
             known = each[np.isfinite(each)]
             low, high = min(low, known.min(initial=low)), max(high, known.max(initial=high))
         return (float(low), float(high)) if low <= high else (0.0, 1.0)
-
-
-def _is_liquid(simulation: Any) -> bool:
-    return isinstance(simulation, (GridLiquid, PositionBasedFluid))
 
 
 def _has_surfaces() -> bool:
