@@ -93,6 +93,12 @@ def test_an_obstacle_of_a_plane_is_seen_as_its_section():
     assert np.diff(angle).max() < 0.25
 
 
+def test_what_lies_flat_at_first_is_in_space():
+    sheet = substep.geometry.grid_mesh(3, 3)
+    cloth = substep.MassSpring.from_mesh(sheet, stiffness=100.0, density=0.1)
+    assert not Scenery(cloth).flat
+
+
 def test_bodies_are_seen_in_their_places():
     bodies = substep.RigidBodies()
     turn = np.array([0.8, 0, 0.6, 0])

@@ -20,7 +20,7 @@ from ..recording import Part, Recording
 from ..recording.contents import particle_frame, particle_parts
 from ..rigid import RigidBatch, RigidBodies
 from ..rigid.colliders import BodyCollider
-from .extent import radius_of
+from .extent import is_flat, radius_of
 from .surfaces import in_space, magnitude
 
 Array = NDArray[Any]
@@ -93,9 +93,14 @@ class Scenery:
         self._radii: dict[str, float] = {}
         self._faces: dict[str, NDArray[np.int64]] = {}  # that bound tetrahedra
         self._bodies: dict[str, tuple[Any, _Surfaces]] = {}
-        first = self.at(0)
-        shown = [d for d in first if not d.still] or first
-        self.flat = all(np.ptp(d.points[:, 2]) == 0 for d in shown if len(d.points))
+        if self.recorded:
+            self.flat = len(source) > 0 and is_flat(source)
+        else:
+            arrays = particle_frame(source)
+            self.flat = all(
+                len(part.cells) == 2 if part.cells else arrays[name]["points"].shape[1] == 2
+                for name, part in self.parts.items()
+            )
 
     @property
     def fields(self) -> dict[str, str]:
@@ -120,12 +125,7 @@ class Scenery:
             if not len(self.source):
                 return []
             return self._of_frame(self.parts, self.source.frame(frame))
-        arrays = particle_frame(self.source)
-        drawn = self._of_frame(self.parts, arrays)
-        in_plane = all(
-            len(part.cells) == 2 if part.cells else arrays[name]["points"].shape[1] == 2
-            for name, part in self.parts.items()
-        )
+        drawn = self._of_frame(self.parts, particle_frame(self.source))
         members = dict(members_of(self.source))
         for name, member in members.items():
             bodies = list(_worlds_of(member))
@@ -141,7 +141,7 @@ class Scenery:
                 ):
                     continue  # what it stands for is drawn
                 drawn += _obstacle(f"{name or 'obstacle'}-{k}", collider, low, high)
-        return [_section(d) for d in drawn] if in_plane else drawn
+        return [_section(d) for d in drawn] if self.flat else drawn
 
     def _of_frame(self, parts: Mapping[str, Part], frame: Mapping[str, Any]) -> list[Drawable]:
         drawn = []
@@ -259,7 +259,9 @@ class _Surfaces:
             for row, motion in enumerate(world.motions):
                 for fixture in world.fixtures(int(world.ids[row])):
                     shape = fixture.shape
-                    mesh = meshes.setdefault(id(shape), mesh_of(shape))
+                    if id(shape) not in meshes:
+                        meshes[id(shape)] = mesh_of(shape)
+                    mesh = meshes[id(shape)]
                     if motion == "static" or mesh is None:
                         grounds.append((body, shape))
                     else:
