@@ -67,6 +67,7 @@ _EXPORTS = {
     "rigid": ("RigidBatch", "RigidBodies"),
     "springs": ("MassSpring", "SoftBody"),
     "sweeps": ("RunCollection", "sweep"),
+    "view": ("show",),
     "ode.scipy_solvers": (
         "DOP853",
         "RK4",
@@ -238,6 +239,7 @@ if TYPE_CHECKING:  # `as` says that a name is for users
         RunCollection as RunCollection,
         sweep as sweep,
     )
+    from .view import show as show
 
 
 def __getattr__(name: str) -> Any:

@@ -154,13 +154,20 @@ def _parser() -> _Parser:
     render.add_argument("--color", metavar="FIELD", help="in 3D: field to colour by")
     render.set_defaults(action=_render)
 
-    export = command("export", "write a recording as VTKHDF, USD, arrays, tables or meshes")
+    view = command("view", "look at a recording in the browser")
+    view.add_argument("file", type=Path, metavar="FILE")
+    view.add_argument("--color", metavar="FIELD", help="field to colour by, at first")
+    view.add_argument("--port", metavar="N", type=int, default=8080, help="where to serve (8080)")
+    view.add_argument("--no-browser", action="store_true", help="print the address alone")
+    view.set_defaults(action=_view)
+
+    export = command("export", "write a recording as VTKHDF, USD, a page, arrays, tables or meshes")
     export.add_argument("file", type=Path, metavar="FILE")
     export.add_argument(
         "--out",
         type=Path,
         metavar="FILE.SUFFIX",
-        help="vtkhdf (beside FILE unless given), usd, usda, npz, csv, ply, obj or vtu",
+        help="vtkhdf (beside FILE unless given), usd, usda, html, npz, csv, ply, obj or vtu",
     )
     export.set_defaults(action=_export)
 
@@ -567,6 +574,16 @@ def _camera(text: str) -> Camera:
         return Camera(*numbers)
     except InputError as error:
         raise InputError(f"--camera: {error}") from None
+
+
+def _view(arguments: argparse.Namespace) -> None:
+    from . import Recording, show
+
+    with Recording(arguments.file) as recording:
+        options = {"color": arguments.color, "port": arguments.port, "play": True}
+        viewer = show(recording, open_browser=not arguments.no_browser, wait=False, **options)
+        print(f"{viewer.url} (Ctrl-C ends it)", flush=True)
+        viewer.wait()
 
 
 def _export(arguments: argparse.Namespace) -> None:

@@ -21,6 +21,7 @@ from .errors import InputError
 from .recording import Recording
 from .scenes import Scene, load, names
 from .view import Camera, Look, View, marker_area, plain_picture
+from .view.extent import is_flat
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -327,7 +328,7 @@ def _picture_of(
     picture: Callable[[Recording, int, Figure], None] | None
     picture = view if scene is None or view is not None else scene.picture
     if picture is None:
-        picture = plain_picture if _is_flat(recording) else View()
+        picture = plain_picture if is_flat(recording) else View()
     changes: dict[str, Any] = {"camera": camera, "color": color}
     for name, value in changes.items():
         if value is not None:
@@ -337,13 +338,3 @@ def _picture_of(
             if name == "color":  # what suits the values of the scene's own field may not suit these
                 picture = dataclasses.replace(picture, palette=View.palette, limits=None, bar=True)
     return picture
-
-
-def _is_flat(recording: Recording) -> bool:
-    """Whether the first, the middle and the last frame lie in the plane z = 0."""
-    grids = [part.cells for part in recording.parts.values() if part.cells]
-    return all(len(cells) == 2 for cells in grids) and all(
-        points.shape[1] == 2 or not np.any(points[:, 2])
-        for frame in (0, len(recording) // 2, -1)
-        for points in (a["points"] for a in recording.frame(frame).values() if "points" in a)
-    )

@@ -1152,6 +1152,7 @@ NOT_CALLED = {
     *("fields.Field", "geometry.LiquidSurface", "geometry.MeshReport", "geometry.Shape"),
     *(
         "RunCollection",
+        "show",
         "sweep",
         "linalg.CholeskyReport",
         "linalg.KrylovResult",

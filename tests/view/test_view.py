@@ -230,7 +230,7 @@ def test_a_recording_may_begin_before_there_is_a_particle(tmp_path, color, heap)
 def test_a_recording_may_end_without_a_particle(tmp_path):
     frames = [{"p": {"points": np.ones((n, 3))}} for n in (0, 4, 0)]
     recording = record(tmp_path / "a.vtkhdf", {"p": substep.Part()}, frames)
-    assert not render._is_flat(recording)
+    assert not render.is_flat(recording)
 
 
 def test_a_picture_by_a_view(tmp_path):

@@ -17,6 +17,7 @@ from ..errors import InputError, SolverError
 from .checkpoint import restore_checkpoint, write_checkpoint
 from .checks import check_callable, check_real, check_threads
 from .owned import Owned
+from .pictured import Pictured
 from .schema import Entry, check
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ class _OtherSteps(Exception):
     """A callback has restored another time or set another step: what is left is counted anew."""
 
 
-class Simulation(Owned):
+class Simulation(Owned, Pictured):
     """State in time; a subclass makes `_native`, and the rest of the protocol.
 
     `_native` has `time`, `threads` and `step(dt)`, which takes one step or leaves all as it was.
@@ -63,6 +64,7 @@ class Simulation(Owned):
     _step_size: float | None
     _fixed_step: ClassVar[bool] = False  # whether `advance` counts steps of `step_size`
     _pushes_bodies: ClassVar[bool] = True  # whether obstacles that stand for bodies yield
+    _rows_are: ClassVar[str] = "particles"
     _thinnest: float | None = None  # surface that it can have as obstacles [m]; None: it has none
 
     def __init__(self, native: Any, time: float, threads: int | None) -> None:
@@ -74,6 +76,23 @@ class Simulation(Owned):
         self._last = StepReport()
         for collider in self.colliders:
             self._owner.join(collider._owner)
+
+    def __repr__(self) -> str:
+        try:
+            told = [f"t={self.time:.6g} s", *self._contents()]
+        except (AttributeError, InputError):  # not made yet, or another thread steps it
+            return f"<{type(self).__name__}>"
+        return f"{type(self).__name__}({', '.join(told)})"
+
+    def _contents(self) -> list[str]:
+        """What is in it, in words."""
+        one: Any = self
+        if hasattr(one, "__len__"):
+            told = [f"{len(one)} {self._rows_are}"]
+        else:
+            told = [f"{' x '.join(map(str, one.shape))} cells"]
+        count = len(self.colliders)
+        return told + ([f"{count} obstacle{'s' * (count > 1)}"] if count else [])
 
     @property
     def time(self) -> float:

@@ -15,6 +15,7 @@ SUFFIXES = {
     ".usd": "USD, binary",
     ".usdc": "USD, binary",
     ".usda": "USD, text",
+    ".html": "a page that plays in any browser",
     ".npz": "arrays of NumPy",
     ".csv": "a table for each part",
     ".ply": "a file for each frame and part",
@@ -32,6 +33,8 @@ def save(recording: str | os.PathLike[str], out: str | os.PathLike[str]) -> list
     - ``.usd``, ``.usdc``, ``.usda``: one USD stage of all parts but grids, z up, in metres, one
       time code for each frame. Particles are points with their velocities, a mesh is a mesh, edges
       are curves, and each body is a transform (``pip install "substep[usd]"``).
+    - ``.html``: one page that plays in any browser, without Python and without a network, as by
+      `Recording.to_html` (``pip install "substep[view]"``).
     - ``.npz``: ``times``, and ``PART/points`` and ``PART/FIELD`` of shape (frames, n, ...), or
       ``PART/FIELD/FRAME`` where n changes.
     - ``.csv``: a row for each point and frame; with several parts a file for each, NAME-PART.csv.
@@ -88,6 +91,8 @@ def save(recording: str | os.PathLike[str], out: str | os.PathLike[str]) -> list
     write: Callable[[Recording, Path], list[Path]]
     if suffix.startswith(".usd"):
         from .usd import write_usd as write
+    elif suffix == ".html":
+        from ..view.page import write_page as write
     elif suffix == ".npz":
         from .tables import write_arrays as write
     elif suffix == ".csv":

@@ -20,6 +20,7 @@ from ..base.checks import (
     first_bad_index,
     in_range,
 )
+from ..base.pictured import Pictured
 from ..errors import InputError, NonFiniteError
 
 Array = NDArray[Any]
@@ -59,7 +60,7 @@ class Moved(NamedTuple):
     escaped: tuple[int, int] = (-1, -1)
 
 
-class Field:
+class Field(Pictured):
     """A velocity field dx/dt = u(t, x); call it as `field(t, x)`.
 
     Attributes

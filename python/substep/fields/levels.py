@@ -47,6 +47,12 @@ class LevelField(Frozen, Field):
     geographic: bool
     _memory_limit: int
 
+    def __repr__(self) -> str:
+        times = self.times
+        span = "steady" if self.steady else f"{len(times)} times, {times[0]:g} to {times[-1]:g} s"
+        units = ", geographic" if self.geographic else ""
+        return f"{type(self).__name__}({self.dimension}D, {span}{units})"
+
     def _make(self, dtype: str) -> Any:
         """The native grid."""
         raise NotImplementedError

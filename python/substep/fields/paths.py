@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..base.checks import check_array, check_callable
+from ..base.pictured import Pictured, outline
 from ..errors import InputError, SolverError
 from .advection import Advection
 from .flows import Field
 
 
 @dataclass(frozen=True)
-class AdvectionResult:
+class AdvectionResult(Pictured):
     """Where the particles were, and what became of them.
 
     Attributes
@@ -35,6 +36,8 @@ class AdvectionResult:
     positions: NDArray[Any]
     status: NDArray[np.int8]
     stop_time: NDArray[np.float64]
+
+    __repr__ = outline
 
     @property
     def final(self) -> NDArray[Any]:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.checks import check_array, check_integer, check_sequence, describe
+from ..base.pictured import Pictured, outline
 from ..base.pointers import RHS, find_address
 from ..errors import InputError, NonFiniteError, SolverError
 from .ivp import _check_t_eval, _method_name, check_control, check_extrapolation
@@ -26,7 +27,7 @@ _DONE, _FAILED, _NOT_FINITE, _TOO_MANY_STEPS = range(4)
 
 
 @dataclass
-class EnsembleResult:
+class EnsembleResult(Pictured):
     """What `solve_ensemble` returns.
 
     Attributes
@@ -57,6 +58,8 @@ class EnsembleResult:
     nsteps: NDArray[np.int64]
     status: NDArray[np.int64]
     messages: list[str]
+
+    __repr__ = outline
 
     @property
     def success(self) -> bool:

@@ -18,6 +18,7 @@ from ..base.checks import (
     check_integer,
     check_real,
 )
+from ..base.pictured import Pictured
 from ..errors import InputError, SolverError
 from .events import EventLog
 from .jacobian import check_consistent, make_jacobian, make_mass
@@ -47,7 +48,7 @@ def methods() -> list[str]:
     return _core.ode_methods()
 
 
-class OdeResult(dict):  # type: ignore[type-arg]
+class OdeResult(dict, Pictured):  # type: ignore[type-arg]
     """What `solve_ivp` returns: a dictionary whose entries are attributes too.
 
     Attributes

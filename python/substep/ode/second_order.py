@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.checks import check_array, check_callable, check_choice, check_integer, check_real
+from ..base.pictured import Pictured, outline
 from ..base.pointers import ACCELERATION, find_address
 from ..errors import InputError, NonFiniteError, SolverError
 from .rhs import unpack_args
@@ -28,7 +29,7 @@ _DONE, _NOT_FINITE, _STEP_UNDERFLOW, _TOO_MANY_STEPS = range(4)
 
 
 @dataclass
-class SecondOrderResult:
+class SecondOrderResult(Pictured):
     """What `solve_second_order` returns.
 
     Attributes
@@ -58,6 +59,8 @@ class SecondOrderResult:
     nsteps: int
     status: int
     message: str
+
+    __repr__ = outline
 
     @property
     def success(self) -> bool:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import math
 import operator
 import os
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..base.attributes import Checked
 from ..base.checks import check_integer, check_path
+from ..base.pictured import Pictured
 from ..errors import CorruptError, FormatError, InputError, TruncatedError, VersionError
 from .files import JOURNAL_SUFFIX
 from .frames import Source, read_checked
@@ -23,7 +26,7 @@ from .parts import Part, as_cells, check_parameters, check_parts, check_text
 Frame = dict[str, dict[str, NDArray[Any]]]
 
 
-class Recording(Checked):
+class Recording(Checked, Pictured):
     """A recording as arrays, whether packed or still a journal.
 
     While a journal lies beside the packed file, the journal is read: it is never older. Iterating
@@ -183,6 +186,12 @@ class Recording(Checked):
     def __len__(self) -> int:
         return len(self.source.times)
 
+    def __repr__(self) -> str:
+        frames = len(self)
+        span = f", t = {self.times[0]:.6g} to {self.times[-1]:.6g} s" if frames else ""
+        parts = ", ".join(f"{name}: {part.kind}" for name, part in self.parts.items())
+        return f"Recording({self.scene or 'no scene'}, {frames} frames{span}; {parts})"
+
     @property
     def times(self) -> NDArray[np.float64]:
         """Times of the frames, shape (frames,) [s]."""
@@ -251,6 +260,41 @@ class Recording(Checked):
         if name not in self.parts:
             raise KeyError(f"{name!r}; the recording has {', '.join(self.parts)}")
         return RecordedPart(self, name)
+
+    def to_html(
+        self, out: str | os.PathLike[str], *, color: str | None = None, fps: float = 25.0
+    ) -> str:
+        """Write one HTML file that plays the recording without Python and without a network.
+
+        Parameters
+        ----------
+        out : path-like
+            The file; what is there is replaced.
+        color : str, optional
+            Field that colours the parts which have it.
+        fps : float, optional
+            Frames shown per second, above 0.
+
+        Returns
+        -------
+        str
+            Path of the file.
+
+        Raises
+        ------
+        InputError
+            If there are no frames, no such field, or `fps` is not above 0.
+        FormatError
+            If the recording is damaged.
+        ImportError
+            If viser is missing: ``pip install "substep[view]"``.
+        OSError
+            If the file cannot be written.
+        """
+        path = check_path(out)
+        page = importlib.import_module("substep.view.page")  # stands above
+        page.write_page(self, Path(path), color, fps)
+        return path
 
     def close(self) -> None:
         """Close the file; what was read from it stays."""

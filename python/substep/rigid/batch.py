@@ -92,6 +92,8 @@ class RigidBatch(BatchRows):
     (True, True)
     """
 
+    _rows_are = "worlds"
+
     _step_size: float
     _fixed_step = True
 

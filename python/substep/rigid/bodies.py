@@ -112,6 +112,8 @@ class RigidBodies(Robots, Runs, States):
     True
     """
 
+    _rows_are = "bodies"
+
     def __init__(
         self,
         *,

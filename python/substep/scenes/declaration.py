@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 from ..errors import InputError
+from ..recording.contents import particle_frame, particle_parts
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -200,44 +201,6 @@ class Parameter:
         raise wrong
 
 
-def particle_parts(simulation: Any) -> dict[str, Part]:
-    """One part of all fields that the simulation offers: `particles`, or the cells of a `grid`.
-
-    Cloth, nets and soft bodies are meshes. Of a `World` one for each member, under its name.
-    """
-    from ..recording import Part
-    from .topology import topology_of
-
-    parts = {}
-    for name, member, columns in _blocks(simulation):
-        units = {key: unit for key, (_, unit) in columns.items() if key != "position"}
-        if "position" in columns:
-            topology = topology_of(member)
-            kind = "bodies" if "orientation" in units else "mesh" if topology else "particles"
-            parts[name or "particles"] = Part(kind, units, **topology)
-        else:
-            parts[name or "grid"] = Part("grid", units, bounds=member.bounds, cell=member.cell)
-    return parts
-
-
-def particle_frame(simulation: Simulation) -> dict[str, dict[str, Any]]:
-    """One frame of `particle_parts(simulation)`."""
-    frame = {}
-    for name, _, units in _blocks(simulation):
-        columns = {key: values for key, (values, _) in units.items()}
-        if "position" in columns:
-            frame[name or "particles"] = {"points": columns.pop("position"), **columns}
-        else:
-            frame[name or "grid"] = columns
-    return frame
-
-
-def _blocks(simulation: Any) -> list[tuple[str, Any, dict[str, tuple[Any, str]]]]:
-    """Name, simulation and fields of each member of a world, or of the one simulation."""
-    members = getattr(simulation, "members", {"": simulation})
-    return [(name, member, _columns(member)) for name, member in members.items()]
-
-
 def no_notes(simulation: Simulation) -> dict[str, str]:
     """Nothing about the `simulation` besides its parameters."""
     return {}
@@ -246,10 +209,6 @@ def no_notes(simulation: Simulation) -> dict[str, str]:
 def no_summary(simulation: Simulation) -> str:
     """Nothing about the `simulation` besides what every run says."""
     return ""
-
-
-def _columns(simulation: Simulation) -> dict[str, tuple[Any, str]]:
-    return {name: (values, unit or "1") for name, (values, unit) in simulation.fields().items()}
 
 
 @dataclass(frozen=True)

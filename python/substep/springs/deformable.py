@@ -88,6 +88,8 @@ class DeformableReport(StepReport):
 class Deformable(Deforming):
     """Vertices with masses that forces act on; make a `MassSpring` or a `SoftBody`."""
 
+    _rows_are = "vertices"
+
     integrator: str
     solver: str
     _dimension = 3

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.checks import check_array, check_choice, check_integer, in_range
+from ..base.pictured import Pictured, outline
 from ..errors import InputError
 from . import oscillator, rational
 from .chebyshev import ChebyshevFactor
@@ -246,7 +247,7 @@ def imaginary_limit(method: str) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Region:
+class Region(Pictured):
     """Where |R(z)| <= 1: on a grid, and its outline.
 
     Attributes
@@ -270,6 +271,8 @@ class Region:
     modulus: Real
     stable: NDArray[np.bool_]
     boundary: list[Complex]
+
+    __repr__ = outline
 
 
 def region(

@@ -1,10 +1,11 @@
-"""Recordings in three dimensions: cameras, looks, light, and the stage that PyVista draws."""
+"""What one sees: pictures by PyVista, views in the browser, pages that play, notebooks."""
 
+from .browser import Viewer, show
 from .flat import marker_area, plain_picture
 from .look import Camera, Look
 from .view import View
 
-__all__ = ["Camera", "Look", "View", "marker_area", "plain_picture"]
+__all__ = ["Camera", "Look", "View", "Viewer", "marker_area", "plain_picture", "show"]
 
 
 def __dir__() -> list[str]:

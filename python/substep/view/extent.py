@@ -103,3 +103,13 @@ def range_of(recording: Recording, color: str) -> tuple[float, float]:
         return float(low), float(high)
     middle = float(low) if low == high else 0.0
     return middle - 0.5, middle + 0.5
+
+
+def is_flat(recording: Recording) -> bool:
+    """Whether the first, the middle and the last frame lie in the plane z = 0."""
+    grids = [part.cells for part in recording.parts.values() if part.cells]
+    return all(len(cells) == 2 for cells in grids) and all(
+        points.shape[1] == 2 or not np.any(points[:, 2])
+        for frame in (0, len(recording) // 2, -1)
+        for points in (a["points"] for a in recording.frame(frame).values() if "points" in a)
+    )

@@ -1,0 +1,180 @@
+"""What there is to see of every simulation, without a browser; and what notebooks show."""
+
+import io
+
+import matplotlib.image
+import numpy as np
+import pytest
+import substep
+from substep.recording.contents import particle_frame, particle_parts
+from substep.view.drawables import Drawable, Scenery
+from substep.view.painted import Paint, palette, sheet
+from test_conformance import classes, example
+
+CLASSES = pytest.mark.parametrize("kind", classes(), ids=lambda kind: kind.__name__)
+
+
+def pixels(png):
+    return matplotlib.image.imread(io.BytesIO(png))[:, :, :3]
+
+
+@CLASSES
+def test_every_simulation_shows_all_that_it_consists_of(kind):
+    simulation = example(kind)()
+    simulation.step()
+    scenery = Scenery(simulation)
+    drawn = scenery.at()
+    assert len({one.name for one in drawn}) == len(drawn)
+    for one in drawn:
+        assert one.points.dtype == np.float32 and np.isfinite(one.points).all()
+        assert not len(one.rows) or 0 <= one.rows.min() <= one.rows.max() < len(one.points)
+        if one.kind != "cells":
+            assert all(len(values) == len(one.points) for values in one.fields.values())
+    assert {name for one in drawn for name in one.fields} == set(scenery.fields)
+    for member in getattr(simulation, "members", {"": simulation}).values():
+        x = member.fields().get("position", (np.zeros((0, 3)),))[0].astype(float)
+        x = np.pad(x, ((0, 0), (0, 3 - x.shape[1])))
+        if "orientation" in member.fields():  # solids about these places, but for the ground
+            [mesh] = [one for one in drawn if one.name == "bodies"]
+            x = x[x[:, 2] != 0]
+            assert np.all(mesh.points.min(axis=0) < x.min(axis=0))
+            assert np.all(mesh.points.max(axis=0) > x.max(axis=0))
+        elif len(x):
+            seen = np.concatenate([one.points for one in drawn])
+            far = np.linalg.norm(seen[None] - x[:, None], axis=-1).min(axis=1)
+            assert far.max() < 1e-6
+
+
+@CLASSES
+def test_every_simulation_says_and_pictures_what_is_in_it(kind):
+    simulation = example(kind)()
+    assert kind.__name__ in repr(simulation)
+    png = simulation._repr_png_()
+    colored = np.ptp(pixels(png), axis=-1) > 0.1
+    assert colored.sum() > 10
+    words = simulation._repr_html_()
+    assert "data:image/png;base64," in words and kind.__name__ in words
+
+
+SHAPES = {
+    "ball": substep.Sphere(0.3, (0.1, 0.2, 0.3)),
+    "box": substep.Box((0.2, 0.3, 0.4), (0.1, 0, 0), (0.8, 0.6, 0, 0)),
+    "capsule": substep.Capsule(0.1, 0.4, (0, 0.3, 0), (0.6, 0, 0.8, 0)),
+    "cylinder": substep.Cylinder(0.2, 0.5),
+    "plane": substep.Plane((0.2, 0.1, 1), (0, 0, 0.4)),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_obstacles_are_seen_where_their_distance_is_0(name):
+    """Also where they were carried and turned to."""
+    turning = {"velocity": (0.4, 0, 0.1), "angular_velocity": (0.3, 1.0, -0.2)}
+    obstacle = substep.Collider(SHAPES[name], **turning)
+    water = substep.fill_box((0, 0, 2), (0.2, 0.2, 2.2), 0.05)
+    fluid = substep.PositionBasedFluid(water, 0.05, colliders=[obstacle])
+    scenery = Scenery(fluid)
+    for _ in range(2):
+        [one] = [d for d in scenery.at() if d.kind == "surface"]
+        assert np.abs(obstacle.distance(one.points.astype(float))).max() < 1e-6
+        obstacle.advance(0.7)
+
+
+def test_an_obstacle_of_a_plane_is_seen_as_its_section():
+    ball = substep.Collider(substep.Sphere(0.5, (1, 0.5, 0.3)))
+    water = np.array([[0.0, 2.0], [0.1, 2.0]])
+    fluid = substep.PositionBasedFluid(water, 0.05, gravity=(0, -9.81), colliders=[ball])
+    scenery = Scenery(fluid)
+    [one] = [d for d in scenery.at() if d.kind == "lines"]
+    assert scenery.flat and not one.points[:, 2].any()
+    r = np.linalg.norm(one.points[:, :2] - (1, 0.5), axis=1)
+    # A circle of sqrt(0.5^2 - 0.3^2) = 0.4; edges of 1/32 of a turn are 0.5 (pi / 32)^2 / 2 within.
+    assert 0.39 < r.min() and r.max() < 0.4 + 1e-6
+    angle = np.sort(np.arctan2(*(one.points[:, :2] - (1, 0.5)).T))
+    assert np.diff(angle).max() < 0.25
+
+
+def test_what_lies_flat_at_first_is_in_space():
+    sheet = substep.geometry.grid_mesh(3, 3)
+    cloth = substep.MassSpring.from_mesh(sheet, stiffness=100.0, density=0.1)
+    assert not Scenery(cloth).flat
+
+
+def test_bodies_are_seen_in_their_places():
+    bodies = substep.RigidBodies()
+    turn = np.array([0.8, 0, 0.6, 0])
+    bodies.add(substep.Box((0.2, 0.4, 0.6)), (1, 2, 3), turn, velocities=(1, 0, 0))
+    bodies.add(substep.Plane(), (0, 0, 0), motion="static")
+    drawn = {one.name: one for one in Scenery(bodies).at()}
+    x = drawn["bodies"].points - (1, 2, 3)
+    cosine, sine = 0.8**2 - 0.6**2, 2 * 0.8 * 0.6  # about y
+    back = np.column_stack(
+        [cosine * x[:, 0] - sine * x[:, 2], x[:, 1], sine * x[:, 0] + cosine * x[:, 2]]
+    )
+    assert np.allclose(np.abs(back), (0.1, 0.2, 0.3), atol=1e-6)
+    assert np.all(drawn["bodies"].fields["velocity"] == 1.0)
+    assert not drawn["bodies-ground-0"].points[:, 2].any()
+
+
+def test_a_recording_shows_what_the_simulation_did(tmp_path):
+    cube = example(substep.SoftBody)()
+    with substep.Recorder(tmp_path / "a.vtkhdf", parts=particle_parts(cube)) as recorder:
+        recorder.append(0.0, particle_frame(cube))
+    with substep.Recording(tmp_path / "a.vtkhdf") as recording:
+        assert "mesh" in repr(recording) and "1 frames" in repr(recording)
+        [then], [now] = Scenery(recording).at(0), Scenery(cube).at()
+        assert recording._repr_png_()[:4] == b"\x89PNG"
+    assert then.kind == now.kind == "surface"
+    assert np.array_equal(then.points, now.points) and np.array_equal(then.rows, now.rows)
+
+
+@pytest.mark.parametrize("axis", [None, 0, 1, 2])
+def test_a_cut_shows_the_cells_where_they_are(axis):
+    shape = (4, 5) if axis is None else (4, 5, 6)
+    values = np.zeros(shape)
+    values[-1, 1 if axis is None else -1, ...] = 1.0  # right below, or at the far corner
+    corners = np.array([[0, 0, 0], [*shape, 0][:3]], np.float32)
+    one = Drawable("grid", "cells", corners, fields={"smoke": values})
+    place = 0.99
+    image, box = sheet(one, Paint("smoke", {"smoke": (0.0, 1.0)}, axis or 0, place))
+    hot = np.argwhere((image == palette(np.ones(1), "smoke", (0, 1))[0]).all(axis=-1))
+    if axis is None:
+        assert image.shape[:2] == (5, 4) and hot.tolist() == [[3, 3]]
+        return
+    rows, columns = np.delete(shape, axis)[::-1]
+    assert image.shape[:2] == (rows, columns)
+    assert np.allclose(box[:, axis], place * shape[axis])
+    # The hot cells are an edge along z, which a cut across z meets in its upper right corner.
+    met = [0] if axis == 2 else range(rows)
+    assert hot.tolist() == [[row, columns - 1] for row in met]
+
+
+def test_results_fields_and_regions_have_pictures():
+    gyre = substep.DoubleGyre()
+    x = np.array([[0.5, 0.5], [1.0, 0.3]])
+    decay = {"fun": lambda t, y: -y, "t_span": (0, 1)}
+    things = [
+        substep.solve_ivp(**decay, y0=[1.0, 2.0], method="rk4", step=0.1),
+        substep.solve_second_order(lambda t, x, v: -x, (0, 1), [1.0], [0.0], step=0.1),
+        substep.advect(gyre, x, (0, 1), 0.1, t_eval=np.linspace(0, 1, 5)),
+        substep.stability.region("rk4"),
+        gyre,
+        substep.ABC(),
+        substep.TaylorGreen(),
+    ]
+    for thing in things:
+        assert pixels(thing._repr_png_()).std() > 0.02
+        assert type(thing).__name__ in repr(thing) or isinstance(thing, dict)
+        assert len(repr(thing)) < 1000
+
+
+def test_what_is_not_there_is_told(tmp_path):
+    with pytest.raises(TypeError, match="source: expected a simulation"):
+        substep.show(3)
+    with substep.Recorder(tmp_path / "a.vtkhdf", parts={"p": substep.Part()}) as recorder:
+        recorder.append(0.0, {"p": {"points": [[0.0, 0, 0]]}})
+    with substep.Recording(tmp_path / "a.vtkhdf") as recording:
+        with pytest.raises(substep.InputError, match="fps"):
+            recording.to_html(tmp_path / "a.html", fps=0)
+        with pytest.raises(substep.InputError, match="color"):
+            recording.to_html(tmp_path / "a.html", color="speed")
+        assert not (tmp_path / "a.html").exists()
