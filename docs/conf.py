@@ -19,7 +19,7 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx_design",
 ]
-exclude_patterns = ["_build", "figures"]
+exclude_patterns = ["_templates", "figures"]
 suppress_warnings = ["config.cache", "myst-nb.lexer"]  # the latter where notebooks are not run
 
 myst_enable_extensions = ["attrs_inline", "colon_fence", "dollarmath"]
@@ -35,12 +35,19 @@ autodoc_default_options = {"members": True, "inherited-members": True}
 autodoc_typehints = "none"
 numpydoc_show_class_members = False
 
+templates_path = ["_templates"]
+toc_object_entries_show_parents = "hide"
+
 html_theme = "pydata_sphinx_theme"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_sidebars = {page: [] for page in ("index", "which_solver", "gallery", "validation", "performance")}
 html_title = "substep"
 html_copy_source = False
 html_show_sourcelink = False
 html_theme_options = {
     "navbar_end": ["theme-switcher"],
+    "header_links_before_dropdown": 10,
     "secondary_sidebar_items": ["page-toc"],
     "show_prev_next": True,
     "footer_start": ["copyright"],
@@ -89,15 +96,25 @@ def write_reference(app, config):
         page.write_text(text, "utf-8")
 
 
-def escape_bars(app, what, name, obj, options, lines):
-    """In docstrings |x| is an absolute value; to reStructuredText it would be a substitution."""
+def docstring(app, what, name, obj, options, lines):
+    """Makes a docstring fit for a page.
+
+    In ours |x| is an absolute value, which would be a substitution, and pages are named by their files.
+    """
     for k, line in enumerate(lines):
+        line = re.sub(r"(?<!`)\bdocs/([\w-]+)\.md", r":doc:`/\1`", line)
         parts = re.split(r"(``.*?``|`.*?`)", line)
         parts[::2] = [re.sub(r"(?<!\\)\|", r"\\|", part) for part in parts[::2]]
         lines[k] = "".join(parts)
 
 
+def page(app, name, source):
+    """Links whose text is the name of a file get the title of what they lead to."""
+    source[0] = re.sub(r"\[[\w-]+\.md\]\(([\w-]+\.md(?:#[\w-]+)?)\)", r"[](\1)", source[0])
+
+
 def setup(app):
     """Called by Sphinx."""
     app.connect("config-inited", write_reference)
-    app.connect("autodoc-process-docstring", escape_bars, priority=900)
+    app.connect("source-read", page)
+    app.connect("autodoc-process-docstring", docstring, priority=900)
