@@ -41,7 +41,9 @@ toc_object_entries_show_parents = "hide"
 html_theme = "pydata_sphinx_theme"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
-html_sidebars = {page: [] for page in ("index", "which_solver", "gallery", "validation", "performance")}
+html_sidebars = {
+    page: [] for page in ("index", "which_solver", "gallery", "validation", "performance")
+}
 html_title = "substep"
 html_copy_source = False
 html_show_sourcelink = False
@@ -99,7 +101,8 @@ def write_reference(app, config):
 def docstring(app, what, name, obj, options, lines):
     """Makes a docstring fit for a page.
 
-    In ours |x| is an absolute value, which would be a substitution, and pages are named by their files.
+    In ours |x| is an absolute value, which would be a substitution, and pages are named by their
+    files.
     """
     for k, line in enumerate(lines):
         line = re.sub(r"(?<!`)\bdocs/([\w-]+)\.md", r":doc:`/\1`", line)
