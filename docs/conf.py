@@ -29,6 +29,8 @@ nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120
 nb_execution_show_tb = True
+nb_code_prompt_show = "Show the solution"  # hidden cells are those of exercises
+nb_code_prompt_hide = "Hide the solution"
 
 autosummary_generate = True
 autodoc_default_options = {"members": True, "inherited-members": True}
