@@ -6,7 +6,7 @@ from matplotlib.image import imsave
 from substep.render import Camera, Look, View
 
 sheet = substep.geometry.grid_mesh(40, 40, (1.6, 1.6))
-start = sheet.vertices - [0.8, 0.8, -1.05]
+start = sheet.vertices - [0, 0, -1.05]
 ball = substep.geometry.sphere_mesh(0.5, (0, 0, 0.5), 4)
 ends = start[sheet.edges]
 lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)

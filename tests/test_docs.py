@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
+import substep
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -82,6 +83,11 @@ def test_python_blocks_run(page, tmp_path, monkeypatch):
         # Line numbers in a traceback are then those of the page.
         padded = "\n" * text.count("\n", 0, start) + code
         exec(compile(padded, name(page), "exec"), names)
+
+
+def test_every_scene_is_in_the_gallery():
+    shown = re.findall(r"\(scenes\.md#([\w-]+)\)", (ROOT / "docs/gallery.md").read_text("utf-8"))
+    assert sorted(shown) == sorted(substep.scenes.catalogue.BUILT_IN)
 
 
 def test_tests_that_are_named_exist():

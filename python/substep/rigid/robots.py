@@ -222,8 +222,8 @@ class Robots(Joints):
         Parameters
         ----------
         name : str
-            As in the file; one that has none there is called "body_3", by its number, or "body_3_"
-            where another has that name.
+            As in the file; one that has none there is called ``"body_3"``, by its number, or
+            ``"body_3_"`` where another has that name.
 
         Returns
         -------
@@ -247,8 +247,8 @@ class Robots(Joints):
         Parameters
         ----------
         name : str
-            As in the file; one that has none there is called "joint_3", by its number, or
-            "joint_3_" where another has that name.
+            As in the file; one that has none there is called ``"joint_3"``, by its number, or
+            ``"joint_3_"`` where another has that name.
 
         Returns
         -------
