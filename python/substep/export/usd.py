@@ -6,6 +6,7 @@ import errno
 import os
 import re
 import secrets
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,16 @@ from ..errors import InputError
 from ..geometry import TetMesh
 from ..recording import Part, Recording
 from ..view.extent import radius_of
+from ..view.liquid import surface_or_balls
 
 
-def write_usd(recording: Recording, out: Path) -> list[Path]:
-    """One stage of all parts but grids; time code k is frame k."""
+def write_usd(
+    recording: Recording, out: Path, liquids: Mapping[str, float] | None = None
+) -> list[Path]:
+    """One stage of all parts but grids; time code k is frame k.
+
+    Of `liquids`, radii of particles by part, the surface is written in place of the particles.
+    """
     with needs("pxr", 'usd-core is missing: pip install "substep[usd]" to write USD'):
         from pxr import Tf, Usd, UsdGeom
 
@@ -45,10 +52,13 @@ def write_usd(recording: Recording, out: Path) -> list[Path]:
             stage.SetFramesPerSecond(1 / interval)
         stage.SetStartTimeCode(0)
         stage.SetEndTimeCode(frames - 1)
-        writers = {
-            name: _WRITERS[part.kind](stage, f"/recording/{prim}", part)
-            for (name, part), prim in zip(parts.items(), names, strict=True)
-        }
+        writers: dict[str, Any] = {}
+        for (name, part), prim in zip(parts.items(), names, strict=True):
+            path = f"/recording/{prim}"
+            if liquids and name in liquids:
+                writers[name] = _Liquid(stage, path, liquids[name])
+            else:
+                writers[name] = _WRITERS[part.kind](stage, path, part)
         for k in range(frames):
             frame = recording.frame(k)
             for name, writer in writers.items():
@@ -108,6 +118,7 @@ class _Points:
             self._width = 2 * radius_of(_in_space(points))
             self._points.GetWidthsAttr().Set(Vt.FloatArray([self._width]))
             self._points.SetWidthsInterpolation("constant")
+        _set_extent(self._points, code)
         ids = columns.pop("id", None)
         if ids is not None and ids.ndim == 1:
             numbers = np.ascontiguousarray(ids, np.int64)
@@ -115,6 +126,20 @@ class _Points:
         if _is_vector(columns.get("velocity")):
             self._points.GetVelocitiesAttr().Set(_vectors(columns["velocity"]), code)
         _set_primvars(self._points, columns, code)
+
+
+class _Liquid:
+    """The surface of a liquid, whose triangles are others in every frame."""
+
+    def __init__(self, stage: Any, path: str, radius: float) -> None:
+        self._mesh, self._radius = _new_mesh(stage, path), radius
+
+    def frame(self, code: Any, columns: dict[str, NDArray[Any]]) -> None:
+        """Write one."""
+        points, faces, _ = surface_or_balls(_in_space(columns["points"]), self._radius)
+        _set_triangles(self._mesh, faces, code)
+        self._mesh.GetPointsAttr().Set(_vectors(points), code)
+        _set_extent(self._mesh, code)
 
 
 class _Mesh:
@@ -129,9 +154,7 @@ class _Mesh:
         self._faced = False
         self._part = part
         if part.triangles is not None or part.tetrahedra is not None:
-            self._mesh = UsdGeom.Mesh.Define(stage, path)
-            self._mesh.GetSubdivisionSchemeAttr().Set(UsdGeom.Tokens.none)
-            self._mesh.GetDoubleSidedAttr().Set(True)
+            self._mesh = _new_mesh(stage, path)
         if part.edges is not None:
             self._edges = np.asarray(part.edges).ravel()
             self._curves = UsdGeom.BasisCurves.Define(
@@ -148,34 +171,31 @@ class _Mesh:
             self._set_faces(points)
         if self._mesh is not None:
             self._mesh.GetPointsAttr().Set(_vectors(points), code)
+            _set_extent(self._mesh, code)
             if _is_vector(columns.get("velocity")):
                 self._mesh.GetVelocitiesAttr().Set(_vectors(columns["velocity"]), code)
             _set_primvars(self._mesh, columns, code)
         if self._edges is not None:
             self._curves.GetPointsAttr().Set(_vectors(points[self._edges]), code)
+            _set_extent(self._curves, code)
 
     def _set_faces(self, points: NDArray[Any]) -> None:
         """Once, when points are known."""
-        from pxr import Vt
-
         faces = self._part.triangles
         if self._part.tetrahedra is not None:
             faces = TetMesh(points, self._part.tetrahedra).surface_faces
-        corners = np.ascontiguousarray(faces, np.int32)
-        counts = np.full(len(corners), 3, np.int32)
-        self._mesh.GetFaceVertexCountsAttr().Set(Vt.IntArray.FromNumpy(counts))
-        self._mesh.GetFaceVertexIndicesAttr().Set(Vt.IntArray.FromNumpy(corners.ravel()))
+        _set_triangles(self._mesh, faces)
         self._faced = True
 
 
 class _Bodies:
-    """A transform for each body."""
+    """A transform for each body, with its shape below."""
 
     def __init__(self, stage: Any, path: str, part: Part) -> None:
         from pxr import UsdGeom
 
         UsdGeom.Xform.Define(stage, path)
-        self._stage, self._path = stage, path
+        self._stage, self._path, self._part = stage, path, part
         self._ops: list[Any] = []
 
     def frame(self, code: Any, columns: dict[str, NDArray[Any]]) -> None:
@@ -187,12 +207,46 @@ class _Bodies:
             body = UsdGeom.Xform.Define(self._stage, f"{self._path}/body_{k}")
             precision = UsdGeom.XformOp.PrecisionDouble
             self._ops.append((body.AddTranslateOp(precision), body.AddOrientOp(precision)))
+            vertices, faces = self._part.shape_of(k)
+            if len(faces):
+                mesh = _new_mesh(self._stage, f"{self._path}/body_{k}/shape")
+                _set_triangles(mesh, faces)
+                mesh.GetPointsAttr().Set(_vectors(vertices))
+                _set_extent(mesh)
         for (move, turn), x, q in zip(self._ops, points, columns["orientation"], strict=False):
             move.Set(Gf.Vec3d(*x.tolist()), code)
             turn.Set(Gf.Quatd(*q.astype(float).tolist()), code)
 
 
 _WRITERS: dict[str, Any] = {"particles": _Points, "bodies": _Bodies, "mesh": _Mesh}
+
+
+def _new_mesh(stage: Any, path: str) -> Any:
+    from pxr import UsdGeom
+
+    mesh = UsdGeom.Mesh.Define(stage, path)
+    mesh.GetSubdivisionSchemeAttr().Set(UsdGeom.Tokens.none)
+    mesh.GetDoubleSidedAttr().Set(True)
+    return mesh
+
+
+def _set_triangles(mesh: Any, faces: Any, *code: Any) -> None:
+    from pxr import Vt
+
+    corners = np.ascontiguousarray(faces, np.int32)
+    counts = np.full(len(corners), 3, np.int32)
+    mesh.GetFaceVertexCountsAttr().Set(Vt.IntArray.FromNumpy(counts), *code)
+    mesh.GetFaceVertexIndicesAttr().Set(Vt.IntArray.FromNumpy(corners.ravel()), *code)
+
+
+def _set_extent(geometry: Any, *code: Any) -> None:
+    """The box around it, widths of points included, which viewers ask for."""
+    from pxr import Usd, UsdGeom
+
+    at = code[0] if code else Usd.TimeCode.Default()
+    box = UsdGeom.Boundable.ComputeExtentFromPlugins(geometry, at)
+    if box:
+        geometry.GetExtentAttr().Set(box, *code)
 
 
 def _set_primvars(geometry: Any, columns: dict[str, NDArray[Any]], code: Any) -> None:

@@ -1,5 +1,6 @@
 """Recordings: frames appended to a journal, packed into VTKHDF, read back; logs of quantities."""
 
+from .body_shapes import body_shapes
 from .logger import Logger
 from .parts import Part
 from .reader import RecordedPart, Recording
@@ -11,6 +12,7 @@ __all__ = [
     "RecordedPart",
     "Recorder",
     "Recording",
+    "body_shapes",
 ]
 
 

@@ -14,13 +14,15 @@ a bright sky, the ground, and the key light. The thickness is that of the first 
 from __future__ import annotations
 
 import contextlib
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import liquid_surface
+from ..errors import SolverError
+from ..geometry import liquid_surface, sphere_mesh
 from .surfaces import in_space
 
 REFLECTANCE = 0.02  # of water, seen along the normal
@@ -71,10 +73,7 @@ class LiquidBody:
     def update(self, arrays: Mapping[str, Any]) -> None:
         """Take the points of a frame."""
         self.points = in_space(arrays["points"])
-        surface = liquid_surface(self.points, self.radius)
-        self.data.copy_from(
-            self._poly_data(surface.vertices.astype(np.float32), surface.faces, surface.normals)
-        )
+        self.data.copy_from(self._poly_data(*surface_or_balls(self.points, self.radius)))
 
     def _poly_data(
         self, points: NDArray[np.float32], faces: NDArray[np.int64], normals: NDArray[np.float32]
@@ -93,6 +92,22 @@ class LiquidBody:
         actor = plotter.add_mesh(self.data, color=(SHADOW,) * 3, lighting=False, reset_camera=False)
         actor.user_matrix = flatten
         return actor
+
+
+def surface_or_balls(
+    points: NDArray[Any], radius: float
+) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.float32]]:
+    """Vertices, faces and normals of a liquid; where they cannot be made, a ball per particle."""
+    try:
+        surface = liquid_surface(points, radius)
+        return surface.vertices.astype(np.float32), surface.faces, surface.normals
+    except SolverError as error:
+        warnings.warn(f"a liquid is drawn as particles: {error}", RuntimeWarning, stacklevel=2)
+    ball = sphere_mesh(1.0, subdivisions=0)
+    count, size = len(points), len(ball.vertices)
+    vertices = (points[:, None] + radius * ball.vertices).reshape(-1, 3).astype(np.float32)
+    faces = (size * np.arange(count)[:, None, None] + ball.faces).reshape(-1, 3)
+    return vertices, faces, np.tile(ball.vertices, (count, 1)).astype(np.float32)
 
 
 class LiquidLayer:
