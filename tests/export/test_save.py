@@ -142,7 +142,7 @@ def test_meshes(recording, tmp_path, suffix):
         assert mesh.point_data["strain"] == pytest.approx(np.full(9, 0.2))
 
 
-@pytest.mark.parametrize("name", ["a.abc", "a", "a.mp4"])
+@pytest.mark.parametrize("name", ["a.fbx", "a", "a.mp4"])
 def test_unknown_suffixes_are_refused(recording, tmp_path, name, capsys):
     assert main(["export", str(recording), "--out", str(tmp_path / name)]) == 2
     assert "expected a file ending in .vtkhdf, .usd" in capsys.readouterr().err

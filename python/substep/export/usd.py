@@ -6,7 +6,7 @@ import errno
 import os
 import re
 import secrets
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,16 +22,23 @@ from ..view.liquid import surface_or_balls
 
 
 def write_usd(
-    recording: Recording, out: Path, liquids: Mapping[str, float] | None = None
+    recording: Recording,
+    out: Path,
+    liquids: Mapping[str, float] | None = None,
+    radii: Mapping[str, float] | None = None,
+    only: Sequence[int] | None = None,
 ) -> list[Path]:
     """One stage of all parts but grids; time code k is frame k.
 
-    Of `liquids`, radii of particles by part, the surface is written in place of the particles.
+    Of `liquids`, radii of particles by part, the surface is written in place of the particles;
+    `radii` are those of other particles and of edges [m]. Of `only` some frames the rest is left
+    out.
     """
     with needs("pxr", 'usd-core is missing: pip install "substep[usd]" to write USD'):
         from pxr import Tf, Usd, UsdGeom
 
-    parts = {name: part for name, part in recording.parts.items() if part.kind != "grid"}
+    names = prim_names(recording)
+    parts = {name: recording.parts[name] for name in names}
     if not parts:
         raise InputError("out: the recording has grids alone, which USD does not hold; write .npz")
     if not out.parent.is_dir():
@@ -39,7 +46,6 @@ def write_usd(
     if out.exists() and not out.is_file():
         raise OSError(errno.EINVAL, "expected a file to replace", str(out))
     partial = out.with_name(f".{secrets.token_hex(8)}{out.suffix}")
-    names = _unique([re.sub(r"\W", "_", name) for name in parts])
     try:
         stage = Usd.Stage.CreateNew(str(partial))
         UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
@@ -53,16 +59,19 @@ def write_usd(
         stage.SetStartTimeCode(0)
         stage.SetEndTimeCode(frames - 1)
         writers: dict[str, Any] = {}
-        for (name, part), prim in zip(parts.items(), names, strict=True):
-            path = f"/recording/{prim}"
+        for name, part in parts.items():
+            path = f"/recording/{names[name]}"
             if liquids and name in liquids:
                 writers[name] = _Liquid(stage, path, liquids[name])
             else:
                 writers[name] = _WRITERS[part.kind](stage, path, part)
-        for k in range(frames):
+                if radii and name in radii and part.kind != "bodies":
+                    writers[name].set_width(2 * radii[name])
+        first, *_ = wanted = range(frames) if only is None else sorted(only)
+        for k in wanted:
             frame = recording.frame(k)
             for name, writer in writers.items():
-                if parts[name].points is None or k == 0:
+                if parts[name].points is None or k == first:
                     code = Usd.TimeCode(k) if parts[name].points is None else Usd.TimeCode.Default()
                     writer.frame(code, dict(frame[name]))
         stage.Save()
@@ -75,7 +84,25 @@ def write_usd(
     return [out]
 
 
-def _in_space(vectors: NDArray[Any]) -> NDArray[Any]:
+def prim_names(recording: Recording) -> dict[str, str]:
+    """Names below the root of all parts but grids."""
+    parts = [name for name, part in recording.parts.items() if part.kind != "grid"]
+    return dict(zip(parts, _unique([re.sub(r"\W", "_", name) for name in parts]), strict=True))
+
+
+def widths_of(recording: Recording) -> dict[str, float]:
+    """How far apart the particles of each part are in the first frame that has several [m]."""
+    widths = {}
+    for name, part in recording.parts.items():
+        for k in range(len(recording)) if part.kind == "particles" else ():
+            points = recording[name].points(k)
+            if len(points) > 1:
+                widths[name] = 2 * radius_of(to_space(points))
+                break
+    return widths
+
+
+def to_space(vectors: NDArray[Any]) -> NDArray[Any]:
     """Vectors of three numbers; those of a plane, (x, y), as (x, 0, y)."""
     return vectors if vectors.shape[1] == 3 else np.insert(vectors, 1, 0, axis=1)
 
@@ -96,7 +123,7 @@ def _unique(names: list[str]) -> list[str]:
 def _vectors(values: NDArray[Any]) -> Any:
     from pxr import Vt
 
-    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(_in_space(values), np.float32))
+    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(to_space(values), np.float32))
 
 
 class _Points:
@@ -108,6 +135,14 @@ class _Points:
         self._points = UsdGeom.Points.Define(stage, path)
         self._width: float | None = None
 
+    def set_width(self, width: float) -> None:
+        """Of all of them, in all frames."""
+        from pxr import Vt
+
+        self._width = width
+        self._points.GetWidthsAttr().Set(Vt.FloatArray([width]))
+        self._points.SetWidthsInterpolation("constant")
+
     def frame(self, code: Any, columns: dict[str, NDArray[Any]]) -> None:
         """Write one."""
         from pxr import Vt
@@ -115,9 +150,7 @@ class _Points:
         points = columns.pop("points")
         self._points.GetPointsAttr().Set(_vectors(points), code)
         if self._width is None and len(points) > 1:
-            self._width = 2 * radius_of(_in_space(points))
-            self._points.GetWidthsAttr().Set(Vt.FloatArray([self._width]))
-            self._points.SetWidthsInterpolation("constant")
+            self.set_width(2 * radius_of(to_space(points)))
         _set_extent(self._points, code)
         ids = columns.pop("id", None)
         if ids is not None and ids.ndim == 1:
@@ -136,7 +169,7 @@ class _Liquid:
 
     def frame(self, code: Any, columns: dict[str, NDArray[Any]]) -> None:
         """Write one."""
-        points, faces, _ = surface_or_balls(_in_space(columns["points"]), self._radius)
+        points, faces, _ = surface_or_balls(to_space(columns["points"]), self._radius)
         _set_triangles(self._mesh, faces, code)
         self._mesh.GetPointsAttr().Set(_vectors(points), code)
         _set_extent(self._mesh, code)
@@ -163,6 +196,14 @@ class _Mesh:
             self._curves.GetTypeAttr().Set(UsdGeom.Tokens.linear)
             counts = np.full(len(self._edges) // 2, 2, np.int32)
             self._curves.GetCurveVertexCountsAttr().Set(Vt.IntArray.FromNumpy(counts))
+
+    def set_width(self, width: float) -> None:
+        """Of edges."""
+        from pxr import UsdGeom, Vt
+
+        if self._curves is not None:
+            self._curves.GetWidthsAttr().Set(Vt.FloatArray([width]))
+            self._curves.SetWidthsInterpolation(UsdGeom.Tokens.constant)
 
     def frame(self, code: Any, columns: dict[str, NDArray[Any]]) -> None:
         """Write one."""
@@ -202,14 +243,14 @@ class _Bodies:
         """Write one."""
         from pxr import Gf, UsdGeom
 
-        points = _in_space(columns["points"]).astype(float)
+        points = to_space(columns["points"]).astype(float)
         for k in range(len(self._ops), len(points)):
             body = UsdGeom.Xform.Define(self._stage, f"{self._path}/body_{k}")
             precision = UsdGeom.XformOp.PrecisionDouble
             self._ops.append((body.AddTranslateOp(precision), body.AddOrientOp(precision)))
             vertices, faces = self._part.shape_of(k)
             if len(faces):
-                mesh = _new_mesh(self._stage, f"{self._path}/body_{k}/shape")
+                mesh = _new_mesh(self._stage, f"{self._path}/body_{k}/body_{k}_shape")
                 _set_triangles(mesh, faces)
                 mesh.GetPointsAttr().Set(_vectors(vertices))
                 _set_extent(mesh)

@@ -142,9 +142,8 @@ class LiquidLayer:
         diagonal: float,
     ) -> None:
         self._liquid = liquid
-        self._key = axes @ key / np.linalg.norm(key)
+        self._light = key / np.linalg.norm(key)
         self._clarity = CLARITY * diagonal
-        self._axes = axes
         # Pixels that a metre takes at a distance of 1 m.
         angle = np.radians(plotter.camera.view_angle)
         self._focal = plotter.window_size[1] / (2 * np.tan(angle / 2))
@@ -162,15 +161,21 @@ class LiquidLayer:
         self._actor = self._plotter.add_mesh(
             liquid.data, interpolation="Phong", reset_camera=False, color="white"
         )
+        self.turn(axes)
+        self._plotter.enable_anti_aliasing("msaa", multi_samples=8)
+        self._plotter.screenshot(None, return_img=True)  # from now on it renders when asked to
+
+    def turn(self, axes: NDArray[np.float64]) -> None:
+        """Take the axes of the camera, to which the shader is written."""
+        self._axes, self._key = axes, axes @ self._light
         text = SURFACE.format(
             reflectance=REFLECTANCE,
             grazing=GRAZING,
             up=tuple(map(float, axes[:, 2])),
             key=tuple(map(float, self._key)),
         )
+        self._actor.GetShaderProperty().ClearAllFragmentShaderReplacements()
         _shade(self._actor, text)
-        self._plotter.enable_anti_aliasing("msaa", multi_samples=8)
-        self._plotter.screenshot(None, return_img=True)  # from now on it renders when asked to
 
     def paint(
         self,
