@@ -1,4 +1,4 @@
-"""A mesh as cloth, as snow and in pieces beside water: a film, USD for Blender, a traced picture."""
+"""A mesh as cloth, snow and pieces beside water: a film, USD for Blender, a traced picture."""
 
 import importlib.util
 
@@ -8,7 +8,8 @@ from substep.render import CameraPath, Look, View, save_movie, save_picture
 
 mesh = substep.geometry.sphere_mesh(0.2, subdivisions=3)  # or TriangleMesh.load("yours.obj")
 ground = substep.Collider(substep.Plane(), friction=0.5)
-sides = [substep.Plane(n, p) for n, p in (((0, 1, 0), (0, 0.3, 0)), ((0, -1, 0), (0, 0.9, 0)))]
+ends = [((1, 0, 0), (0, 0, 0)), ((0, 1, 0), (0, 0.3, 0)), ((0, -1, 0), (0, 0.9, 0))]
+sides = [substep.Plane(normal, point) for normal, point in ends]
 
 bodies = substep.RigidBodies()
 bodies.add(substep.Plane(), (0, 0, 0), motion="static", friction=0.6)
@@ -18,19 +19,29 @@ for sign in np.array(np.meshgrid(*3 * [[-1, 1]])).reshape(3, -1).T:
     bodies.add(piece, sign * 0.01 + [0.9, -0.2, 0.35], friction=0.6)
 strings = substep.pbd.cloth(mesh, rigidity=1e-5)
 cloth = substep.PositionBasedDynamics(
-    mesh.vertices + [0, -0.2, 0.3], 0.3 * mesh.vertex_areas, strings, colliders=[ground]
+    mesh.vertices + np.array([0, -0.2, 0.3]), 0.3 * mesh.vertex_areas, strings, colliders=[ground]
 )
 x, volume = substep.mpm.sample_mesh(mesh, 0.025)
 snow = substep.MaterialPointMethod(
-    x + [0.45, -0.2, 0.3], substep.mpm.Snow(), cell=0.05, volume=volume, colliders=[ground]
+    x + np.array([0.45, -0.2, 0.3]),
+    substep.mpm.Snow(),
+    cell=0.05,
+    volume=volume,
+    colliders=[ground],
 )
 column = substep.pbf.fill_box((0, 0.3, 0), (0.4, 0.9, 0.4), 0.04)
-water = substep.PositionBasedFluid(column, 0.04, colliders=[ground, *sides, substep.Plane((1, 0, 0))])
+water = substep.PositionBasedFluid(
+    column, 0.04, colliders=[ground, *sides, substep.Plane((1, 0, 0))]
+)
 world = substep.World({"bodies": bodies, "cloth": cloth, "snow": snow, "water": water})
 run = substep.scenes.record(world, "artist.vtkhdf", 0.4, overwrite=True)
 
 path = CameraPath([0.0, 0.4], [(-0.4, -2.2, 0.9), (1.4, -2.1, 0.9)], (0.45, 0.2, 0.1))
-looks = {"bodies": Look(("#c65d47", "#e3b34c")), "snow": Look("#f4f6fa"), "water": Look(liquid=True)}
+looks = {
+    "bodies": Look(("#c65d47", "#e3b34c")),
+    "snow": Look("#f4f6fa"),
+    "water": Look(liquid=True),
+}
 view = View(path, looks, ground=lambda recording: 0.0)
 print("film:", save_movie(run, "artist.mp4", view=view, size=(480, 270)))
 print("for Blender:", *substep.export.save(run, "artist.usdc", liquids={"water": 0.02}))

@@ -149,7 +149,7 @@ def _parser() -> _Parser:
     render.add_argument("--color", metavar="FIELD", help="in 3D: field to colour by")
     render.add_argument("--size", metavar="WxH", help="pixels (1440x810, of a movie 960x540)")
     render.add_argument("--engine", metavar="vtk|cycles", help="in 3D: cycles traces light (vtk)")
-    render.add_argument("--samples", metavar="N", help="ways of light for each pixel of cycles (64)")
+    render.add_argument("--samples", metavar="N", help="rays for each pixel of cycles (64)")
     render.set_defaults(action=_render)
 
     export = command("export", "write a recording as VTKHDF, USD, arrays, tables or meshes")

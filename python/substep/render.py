@@ -206,7 +206,9 @@ def save_picture(
             with _whole_file(out) as part:
                 _trace(recording, view, [k], lambda _: part, size, samples)
             return out
-        figure = draw(recording, frame, scene=scene, camera=camera, color=color, view=view, size=size)
+        figure = draw(
+            recording, frame, scene=scene, camera=camera, color=color, view=view, size=size
+        )
         with _whole_file(out) as part:
             figure.savefig(part, format="png", dpi="figure", metadata={"Software": "substep"})
     return out
@@ -299,7 +301,9 @@ def save_movie(
         frames = len(recording)
         _frame_number(recording, 0)
         if engine == "cycles":
-            images = _traced(recording, _view_of(recording, scene, camera, color, view), size, samples)
+            images = _traced(
+                recording, _view_of(recording, scene, camera, color, view), size, samples
+            )
         else:
             images = _drawn(recording, _picture_of(recording, scene, camera, color, view), size)
         writer = imageio_ffmpeg.write_frames(

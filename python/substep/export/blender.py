@@ -1,4 +1,4 @@
-"""Blender, as the module bpy, in a process of its own: what it prints, leaks or breaks stays there."""
+"""Blender, as the module bpy, in a process of its own: what it prints or breaks stays there."""
 
 from __future__ import annotations
 
@@ -72,9 +72,7 @@ def write_alembic(
     return [out]
 
 
-def write_volumes(
-    recording: Recording, out: Path, frames: list[int] | None = None
-) -> list[Path]:
+def write_volumes(recording: Recording, out: Path, frames: list[int] | None = None) -> list[Path]:
     """NAME-PART-0000.vdb for each frame and grid: fields of one number, or of a vector."""
     check_blender()
     grids = {name: part for name, part in recording.parts.items() if len(part.cells) == 3}
@@ -92,7 +90,7 @@ def write_volumes(
                 }
                 path = out.with_name(f"{out.stem}-{name}-{k:04d}{out.suffix}")
                 held = Path(folder) / f"{name}-{k}.npz"
-                np.savez(held, **arrays)
+                np.savez(held, **arrays)  # type: ignore[arg-type]
                 files.append(
                     {
                         "arrays": str(held),

@@ -201,7 +201,10 @@ def smoothed(tree: Any, last: Any, crease: float) -> Any:
     """Smooth faces, but for the edges of more than an angle."""
     smooth = tree.nodes.new("GeometryNodeSetShadeSmooth")
     tree.links.new(last, smooth.inputs["Mesh"])
-    angle, sharp = tree.nodes.new("GeometryNodeInputMeshEdgeAngle"), tree.nodes.new("ShaderNodeMath")
+    angle, sharp = (
+        tree.nodes.new("GeometryNodeInputMeshEdgeAngle"),
+        tree.nodes.new("ShaderNodeMath"),
+    )
     sharp.operation = "GREATER_THAN"
     sharp.inputs[1].default_value = crease
     tree.links.new(angle.outputs["Unsigned Angle"], sharp.inputs[0])

@@ -21,7 +21,6 @@ from ..view.extent import radius_in, range_of
 from ..view.ground import COLOR
 from ..view.liquid import CLARITY
 from ..view.look import CameraPath, Look, camera_axes
-from ..view.surfaces import CREASE
 from ..view.stage import (
     BACKGROUND,
     DARK,
@@ -32,12 +31,13 @@ from ..view.stage import (
     place_camera,
     usual_lights,
 )
+from ..view.surfaces import CREASE
 from ..view.volume import DEPTH, SMOKE
 from .blender import check_blender, run_blender, write_volumes
 from .usd import prim_names, write_usd
 
-# Radiance of the sky that lights, where it is seen as 1, and irradiance of lights of strength 1: what
-# is white and lies flat is then about 1.
+# Radiance of the sky that lights, where it is seen as 1, and irradiance of lights of strength 1:
+# what is white and lies flat is then about 1.
 SKY, KEY = 0.5, 2.2
 LINES = 0.0025  # radius of lines, over the diagonal of the region
 STOPS = 32  # of a ramp of colours, the most that Blender has
@@ -74,7 +74,8 @@ def trace(
             "volumes": _volumes(recording, view, frames, folder),
         }
         if names:
-            liquids, radii = {}, {}
+            liquids: dict[str, float] = {}
+            radii: dict[str, float] = {}
             for part in names:
                 look = view.looks.get(part, Look())
                 if not look.hidden:
@@ -181,7 +182,7 @@ def _ground(view: View, box: NDArray[np.float64], height: float | None) -> dict[
     x, y = box.mean(axis=0)[:2].tolist()
     color = _linear(DARK_GROUND if view.dark else COLOR)
     # Below what stands on it, so that no two surfaces are in one place.
-    return {"center": [x, y, height - 1e-4 * size], "half": 30 * size, "color": color}
+    return {"center": [x, y, height - 1e-4 * size], "half": 1000 * size, "color": color}
 
 
 def _looks(

@@ -182,9 +182,7 @@ class _File:
         if self._times is None:
             return
         output = self._accessor(np.ascontiguousarray(values, np.float32))
-        sampler = self._lib.AnimationSampler(
-            input=self._times, output=output, interpolation=way
-        )
+        sampler = self._lib.AnimationSampler(input=self._times, output=output, interpolation=way)
         self._animation.samplers.append(sampler)
         target = self._lib.AnimationChannelTarget(node=node, path=path)
         channel = self._lib.AnimationChannel(
@@ -193,9 +191,7 @@ class _File:
         self._animation.channels.append(channel)
 
     def _accessor(self, array: NDArray[Any], bounds: bool = False) -> int:
-        view = self._lib.BufferView(
-            buffer=0, byteOffset=len(self._blob), byteLength=array.nbytes
-        )
+        view = self._lib.BufferView(buffer=0, byteOffset=len(self._blob), byteLength=array.nbytes)
         self._blob += array.tobytes()  # of four bytes each, so that the next is aligned
         self._gltf.bufferViews.append(view)
         width = 1 if array.ndim == 1 else array.shape[1]

@@ -53,7 +53,8 @@ def save(
     - ``.ply``, ``.obj``, ``.vtu``: a file for each frame, NAME-PART-0000.ply; ``.obj`` of triangles
       alone and without fields (``pip install "substep[mesh]"``).
 
-    Points of a plane, (x, y), become (x, 0, y) in USD, Alembic and glTF, so that what is up stays up.
+    Points of a plane, (x, y), become (x, 0, y) in USD, Alembic and glTF, so that what is up stays
+    up.
 
     Parameters
     ----------

@@ -149,9 +149,7 @@ class Part:
         if len(bodies) != len(vertices):
             raise InputError(f"shape_bodies: expected {len(vertices)} rows, got {len(bodies)}")
         if faces.size and faces.max() >= len(vertices):
-            raise InputError(
-                f"shape_faces: need {faces.max() + 1} vertices, got {len(vertices)}"
-            )
+            raise InputError(f"shape_faces: need {faces.max() + 1} vertices, got {len(vertices)}")
         if np.any(bodies[faces, 0] != bodies[faces[:, :1], 0]):
             raise InputError("shape_faces: expected the vertices of each to be of one body")
 

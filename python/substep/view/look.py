@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-
 from typing import Any
 
 import numpy as np
@@ -156,9 +155,7 @@ def _slopes(times: NDArray[Any], x: NDArray[Any]) -> NDArray[np.float64]:
     return slopes
 
 
-def camera_axes(
-    position: NDArray[np.float64], target: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def camera_axes(position: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
     """Unit vectors to the right, up, and towards the camera; z is up in the picture."""
     back = (position - target) / np.linalg.norm(position - target)
     right = np.cross((0.0, 0.0, 1.0), back)
@@ -272,7 +269,9 @@ class Look:
     def __post_init__(self) -> None:
         for name in ("roughness", "metallic"):
             if not 0 <= check_real(name, getattr(self, name)) <= 1:
-                raise InputError(f"{name}: expected a number from 0 to 1, got {getattr(self, name)}")
+                raise InputError(
+                    f"{name}: expected a number from 0 to 1, got {getattr(self, name)}"
+                )
 
     def colors(self, tone: str) -> tuple[str, ...]:
         """Its colour or colours.

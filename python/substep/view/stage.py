@@ -26,7 +26,7 @@ from .ground import COLOR, Ground
 from .heap_light import heap_light
 from .liquid import LiquidBody, LiquidLayer, compose, distances
 from .look import Camera, CameraPath, Light, Look, camera_axes
-from .surfaces import in_space, magnitude, split_at_creases, vertex_normals
+from .surfaces import magnitude, split_at_creases, vertex_normals
 from .volume import Smoke
 
 PALETTE = ("#c65d47", "#3f7ea6", "#d9a441", "#5d9e6e", "#8a6fb0", "#4fa3a5")
@@ -99,7 +99,7 @@ class Stage:
         Open.
     size : tuple of int
         Width and height of the images [pixels].
-    camera : Camera
+    camera : Camera or CameraPath
         Where from.
     looks : mapping of str to Look
         By part.
@@ -121,7 +121,7 @@ class Stage:
         self,
         recording: Recording,
         size: tuple[int, int],
-        camera: Camera,
+        camera: Camera | CameraPath,
         looks: Mapping[str, Look],
         coloring: Coloring | None,
         box: NDArray[np.float64],
@@ -206,7 +206,10 @@ class Stage:
         view.focal_point, view.position, view.up = target, position, axes[1]
         reach = distance + float(np.linalg.norm(self._box[1] - self._box[0]))
         near = 0.02 * distance
-        view.clipping_range = (near, 40 * (reach if isinstance(self._camera, CameraPath) else distance))
+        view.clipping_range = (
+            near,
+            40 * (reach if isinstance(self._camera, CameraPath) else distance),
+        )
         return axes
 
     def _add_lights(self, pyvista: Any, lights: list[Source]) -> None:
