@@ -6,42 +6,30 @@ import numpy as np
 import substep
 from substep.render import CameraPath, Look, View, save_movie, save_picture
 
-mesh = substep.geometry.sphere_mesh(0.2, subdivisions=3)  # or TriangleMesh.load("yours.obj")
+mesh = substep.geometry.sphere_mesh(0.2, subdivisions=3)
 ground = substep.Collider(substep.Plane(), friction=0.5)
-ends = [((1, 0, 0), (0, 0, 0)), ((0, 1, 0), (0, 0.3, 0)), ((0, -1, 0), (0, 0.9, 0))]
-sides = [substep.Plane(normal, point) for normal, point in ends]
-
 bodies = substep.RigidBodies()
 bodies.add(substep.Plane(), (0, 0, 0), motion="static", friction=0.6)
-for sign in np.array(np.meshgrid(*3 * [[-1, 1]])).reshape(3, -1).T:
-    corner = mesh.vertices[np.all(mesh.vertices * sign >= 0, axis=1)]
+for side in np.array(np.meshgrid(*3 * [[-1, 1]])).reshape(3, -1).T:
+    corner = mesh.vertices[np.all(mesh.vertices * side >= 0, axis=1)]
     piece = substep.ConvexHull(np.vstack([corner, [0, 0, 0]]))
-    bodies.add(piece, sign * 0.01 + [0.9, -0.2, 0.35], friction=0.6)
+    bodies.add(piece, np.array([0.9, -0.2, 0.35]) + 0.01 * side, friction=0.6)
 strings = substep.pbd.cloth(mesh, rigidity=1e-5)
-cloth = substep.PositionBasedDynamics(
-    mesh.vertices + np.array([0, -0.2, 0.3]), 0.3 * mesh.vertex_areas, strings, colliders=[ground]
-)
+x, masses = mesh.vertices + np.array([0, -0.2, 0.3]), 0.3 * mesh.vertex_areas
+cloth = substep.PositionBasedDynamics(x, masses, strings, colliders=[ground])
 x, volume = substep.mpm.sample_mesh(mesh, 0.025)
-snow = substep.MaterialPointMethod(
-    x + np.array([0.45, -0.2, 0.3]),
-    substep.mpm.Snow(),
-    cell=0.05,
-    volume=volume,
-    colliders=[ground],
-)
-column = substep.pbf.fill_box((0, 0.3, 0), (0.4, 0.9, 0.4), 0.04)
-water = substep.PositionBasedFluid(
-    column, 0.04, colliders=[ground, *sides, substep.Plane((1, 0, 0))]
-)
+x, grains = x + np.array([0.45, -0.2, 0.3]), substep.mpm.Snow()
+snow = substep.MaterialPointMethod(x, grains, cell=0.05, volume=volume, colliders=[ground])
+ends = [((1, 0, 0), (0, 0, 0)), ((0, 1, 0), (0, 0.3, 0)), ((0, -1, 0), (0, 0.9, 0))]
+sides = [substep.Plane(normal, point) for normal, point in ends]
+x = substep.pbf.fill_box((0, 0.3, 0), (0.4, 0.9, 0.4), 0.04)
+water = substep.PositionBasedFluid(x, 0.04, colliders=[ground, *sides])
 world = substep.World({"bodies": bodies, "cloth": cloth, "snow": snow, "water": water})
 run = substep.scenes.record(world, "artist.vtkhdf", 0.4, overwrite=True)
 
 path = CameraPath([0.0, 0.4], [(-0.4, -2.2, 0.9), (1.4, -2.1, 0.9)], (0.45, 0.2, 0.1))
-looks = {
-    "bodies": Look(("#c65d47", "#e3b34c")),
-    "snow": Look("#f4f6fa"),
-    "water": Look(liquid=True),
-}
+looks = {"bodies": Look(("#c65d47", "#e3b34c")), "snow": Look("#f4f6fa")}
+looks["water"] = Look(liquid=True)
 view = View(path, looks, ground=lambda recording: 0.0)
 print("film:", save_movie(run, "artist.mp4", view=view, size=(480, 270)))
 print("for Blender:", *substep.export.save(run, "artist.usdc", liquids={"water": 0.02}))

@@ -200,8 +200,8 @@ def test_a_recording_has_its_own_times(recording, tmp_path):
     with pytest.raises(substep.InputError, match="duration: a recording has its own times"):
         render.save_movie(recording, tmp_path / "a.mp4", 1.0)
     arguments = ["render", str(recording), "--out", str(tmp_path / "a.png")]
-    assert main([*arguments, "--size", "200x100"]) == 0
-    assert pixels(tmp_path / "a.png").shape[:2] == (100, 200)
+    assert main([*arguments, "--size", "400x200"]) == 0
+    assert pixels(tmp_path / "a.png").shape[:2] == (200, 400)
     for wrong in (["--size", "200"], ["--engine", "eevee"], ["--samples", "0"]):
         assert main([*arguments, *wrong]) == 2
     assert main([*arguments, "--engine", "cycles"]) in (1, 2)  # no Blender, or no third dimension

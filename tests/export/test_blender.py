@@ -74,6 +74,7 @@ def recording(tmp_path_factory):
         "air": substep.Part("grid", {"smoke": "1"}, bounds=box, cell=0.25),
     }
     drops = np.stack(np.meshgrid(*3 * [np.arange(4.0)], indexing="ij"), -1).reshape(-1, 3)
+    up = np.array([0.0, 0.0, 1.0])
     path = tmp_path_factory.mktemp("blender") / "all.vtkhdf"
     with substep.Recorder(path, parts=parts) as recorder:
         for k in range(FRAMES):
@@ -81,10 +82,7 @@ def recording(tmp_path_factory):
             smoke[1, 2, k] = 1
             frame = {
                 "bricks": {"points": [[1, 2, 3 - 0.5 * k]], "orientation": [[TURN, 0, 0, TURN]]},
-                "drops": {
-                    "points": drops + np.array([0, 0, k]),
-                    "velocity": 0 * drops + np.array([0, 0, 20]),
-                },
+                "drops": {"points": drops + k * up, "velocity": 20 * (0 * drops + up)},
                 "coming": {"points": drops[: 5 * (k + 1)] - 10},
                 "cloth": {"points": sheet.vertices + np.array([5, 0, k])},
                 "air": {"smoke": smoke},

@@ -586,7 +586,7 @@ def test_bodies_have_their_shapes_and_colours(tmp_path):
         image = view.image(recording, size=SIZE)
     left, right = (np.nonzero(seen) for seen in (reddish(image), bluish(image)))
     assert left[1].max() < right[1].min()
-    assert np.ptp(left[1]) == pytest.approx(np.ptp(left[0]), abs=2)
+    assert np.ptp(left[1]) == pytest.approx(np.ptp(left[0]), abs=5)  # with some of its side
     # Turned by 45 degrees about the view it is higher by the square root of two.
     assert np.ptp(right[0]) == pytest.approx(np.ptp(left[0]) / quarter, rel=0.06)
 

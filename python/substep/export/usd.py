@@ -151,7 +151,7 @@ class _Points:
         self._points.GetPointsAttr().Set(_vectors(points), code)
         if self._width is None and len(points) > 1:
             self.set_width(2 * radius_of(to_space(points)))
-        _set_extent(self._points, code)
+        _set_extent(self._points, points, self._width, code)
         ids = columns.pop("id", None)
         if ids is not None and ids.ndim == 1:
             numbers = np.ascontiguousarray(ids, np.int64)
@@ -172,7 +172,7 @@ class _Liquid:
         points, faces, _ = surface_or_balls(to_space(columns["points"]), self._radius)
         _set_triangles(self._mesh, faces, code)
         self._mesh.GetPointsAttr().Set(_vectors(points), code)
-        _set_extent(self._mesh, code)
+        _set_extent(self._mesh, points, None, code)
 
 
 class _Mesh:
@@ -184,6 +184,7 @@ class _Mesh:
         self._edges: NDArray[Any] | None = None
         self._mesh: Any = None
         self._curves: Any = None
+        self._width: float | None = None
         self._faced = False
         self._part = part
         if part.triangles is not None or part.tetrahedra is not None:
@@ -201,6 +202,7 @@ class _Mesh:
         """Of edges."""
         from pxr import UsdGeom, Vt
 
+        self._width = width
         if self._curves is not None:
             self._curves.GetWidthsAttr().Set(Vt.FloatArray([width]))
             self._curves.SetWidthsInterpolation(UsdGeom.Tokens.constant)
@@ -212,13 +214,13 @@ class _Mesh:
             self._set_faces(points)
         if self._mesh is not None:
             self._mesh.GetPointsAttr().Set(_vectors(points), code)
-            _set_extent(self._mesh, code)
+            _set_extent(self._mesh, points, None, code)
             if _is_vector(columns.get("velocity")):
                 self._mesh.GetVelocitiesAttr().Set(_vectors(columns["velocity"]), code)
             _set_primvars(self._mesh, columns, code)
         if self._edges is not None:
             self._curves.GetPointsAttr().Set(_vectors(points[self._edges]), code)
-            _set_extent(self._curves, code)
+            _set_extent(self._curves, points, self._width, code)
 
     def _set_faces(self, points: NDArray[Any]) -> None:
         """Once, when points are known."""
@@ -253,7 +255,7 @@ class _Bodies:
                 mesh = _new_mesh(self._stage, f"{self._path}/body_{k}/body_{k}_shape")
                 _set_triangles(mesh, faces)
                 mesh.GetPointsAttr().Set(_vectors(vertices))
-                _set_extent(mesh)
+                _set_extent(mesh, vertices, None)
         for (move, turn), x, q in zip(self._ops, points, columns["orientation"], strict=False):
             move.Set(Gf.Vec3d(*x.tolist()), code)
             turn.Set(Gf.Quatd(*q.astype(float).tolist()), code)
@@ -280,14 +282,12 @@ def _set_triangles(mesh: Any, faces: Any, *code: Any) -> None:
     mesh.GetFaceVertexIndicesAttr().Set(Vt.IntArray.FromNumpy(corners.ravel()), *code)
 
 
-def _set_extent(geometry: Any, *code: Any) -> None:
-    """The box around it, widths of points included, which viewers ask for."""
-    from pxr import Usd, UsdGeom
-
-    at = code[0] if code else Usd.TimeCode.Default()
-    box = UsdGeom.Boundable.ComputeExtentFromPlugins(geometry, at)
-    if box:
-        geometry.GetExtentAttr().Set(box, *code)
+def _set_extent(geometry: Any, points: NDArray[Any], width: float | None, *code: Any) -> None:
+    """The box around points that are so wide, which viewers ask for."""
+    if len(points):
+        inside, half = to_space(points), 0.5 * (width or 0.0)
+        box = np.array([inside.min(axis=0) - half, inside.max(axis=0) + half])
+        geometry.GetExtentAttr().Set(_vectors(box), *code)
 
 
 def _set_primvars(geometry: Any, columns: dict[str, NDArray[Any]], code: Any) -> None:
