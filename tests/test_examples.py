@@ -24,6 +24,9 @@ def test_example(example, tmp_path):
             pytest.skip(f"{module} is not installed")
     if "substep.sweep" in source:
         pytest.importorskip("distributed", reason="Dask is not installed")
+    if "export.save(" in source:
+        pytest.importorskip("pxr", reason="usd-core is not installed")
+        pytest.importorskip("pysplashsurf", reason="pysplashsurf is not installed")
     if "substep.render import" in source:
         pytest.importorskip("pyvista", reason="PyVista is not installed")
     environment = os.environ | {

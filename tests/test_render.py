@@ -169,3 +169,39 @@ def test_a_recording_of_a_scene_file_is_drawn_by_it(tmp_path, capsys):
     np.testing.assert_array_equal(pixels(tmp_path / "a.png")[0, 0, :3], [1, 1, 1])
     assert main(["render", recording, "--out", str(tmp_path / "b.png"), "--scene", str(scene)]) == 0
     np.testing.assert_array_equal(pixels(tmp_path / "b.png")[0, 0, :3], [1, 0, 0])
+
+
+def test_a_simulation_without_a_recording(tmp_path, monkeypatch):
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    monkeypatch.chdir(tmp_path)
+    drift = substep.Advection(substep.DoubleGyre(), [[0.5, 0.5], [1.5, 0.3]], step=0.05)
+    before = drift.positions.copy()
+    render.save_picture(drift, tmp_path / "a.png", size=(320, 180))
+    assert pixels(tmp_path / "a.png").shape[:2] == (180, 320)
+    np.testing.assert_array_equal(drift.positions, before)
+    out = render.save_movie(drift, tmp_path / "a.mp4", 0.5, fps=4, size=(320, 180))
+    assert drift.time == pytest.approx(0.5) and np.any(drift.positions != before)
+    assert imageio_ffmpeg.count_frames_and_secs(str(out))[0] == 3  # at 0, 0.25 and 0.5 s
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mp4", "a.png"]
+    for options, told in (
+        ({}, "duration: expected how long"),
+        ({"duration": -1.0}, "duration: expected"),
+        ({"duration": 1.0, "size": (321, 180)}, "size: expected even"),
+        ({"duration": 1.0, "engine": "eevee"}, "engine: expected"),
+    ):
+        with pytest.raises(substep.InputError, match=told):
+            render.save_movie(drift, tmp_path / "b.mp4", **options)
+    with pytest.raises(TypeError, match="source: expected a recording or a simulation, got"):
+        render.save_picture(7, tmp_path / "b.png")
+
+
+def test_a_recording_has_its_own_times(recording, tmp_path):
+    pytest.importorskip("imageio_ffmpeg")
+    with pytest.raises(substep.InputError, match="duration: a recording has its own times"):
+        render.save_movie(recording, tmp_path / "a.mp4", 1.0)
+    arguments = ["render", str(recording), "--out", str(tmp_path / "a.png")]
+    assert main([*arguments, "--size", "400x200"]) == 0
+    assert pixels(tmp_path / "a.png").shape[:2] == (200, 400)
+    for wrong in (["--size", "200"], ["--engine", "eevee"], ["--samples", "0"]):
+        assert main([*arguments, *wrong]) == 2
+    assert main([*arguments, "--engine", "cycles"]) in (1, 2)  # no Blender, or no third dimension

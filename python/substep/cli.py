@@ -152,6 +152,9 @@ def _parser() -> _Parser:
         help="in 3D: azimuth and elevation [degrees], distance (1 shows everything)",
     )
     render.add_argument("--color", metavar="FIELD", help="in 3D: field to colour by")
+    render.add_argument("--size", metavar="WxH", help="pixels (1440x810, of a movie 960x540)")
+    render.add_argument("--engine", metavar="vtk|cycles", help="in 3D: cycles traces light (vtk)")
+    render.add_argument("--samples", metavar="N", help="rays for each pixel of cycles (64)")
     render.set_defaults(action=_render)
 
     view = command("view", "look at a recording in the browser")
@@ -167,7 +170,15 @@ def _parser() -> _Parser:
         "--out",
         type=Path,
         metavar="FILE.SUFFIX",
-        help="vtkhdf (beside FILE unless given), usd, usda, html, npz, csv, ply, obj or vtu",
+        help="vtkhdf (beside FILE unless given), usd, usda, abc, glb, vdb, html, npz, csv, ply, "
+        "obj or vtu",
+    )
+    export.add_argument(
+        "--liquid",
+        action="append",
+        default=[],
+        metavar="PART=RADIUS",
+        help="write the surface of a liquid, of particles twice RADIUS [m] apart (repeatable)",
     )
     export.set_defaults(action=_export)
 
@@ -298,15 +309,15 @@ def _settings(arguments: argparse.Namespace) -> tuple[dict[str, Any], RunConfig 
     return values, config
 
 
-def _assignments(items: Sequence[str]) -> dict[str, str]:
+def _assignments(items: Sequence[str], option: str = "--set") -> dict[str, str]:
     """`key=value` of each --set."""
     values: dict[str, str] = {}
     for item in items:
         key, equals, value = item.partition("=")
         if not equals or not key:
-            raise InputError(f"--set {item[:60]}: expected KEY=VALUE")
+            raise InputError(f"{option} {item[:60]}: expected KEY=VALUE")
         if key in values:
-            raise InputError(f"--set {key}: given twice")
+            raise InputError(f"{option} {key}: given twice")
         values[key] = value
     return values
 
@@ -543,6 +554,14 @@ def _render(arguments: argparse.Namespace) -> None:
         raise InputError(f"--out: expected a file ending in .png or .mp4, got {str(out)[:60]!r}")
     scene = None if arguments.scene is None else load(arguments.scene)
     look: dict[str, Any] = {"scene": scene, "color": arguments.color}
+    if arguments.size is not None:
+        look["size"] = _size(arguments.size)
+    if arguments.engine is not None:
+        engines = Parameter("engine", kind=str, choices=("vtk", "cycles"))
+        look["engine"] = engines.parse("--engine", arguments.engine)
+    if arguments.samples is not None:
+        rule = Parameter("samples", kind=int, minimum=1, maximum=1 << 20)
+        look["samples"] = rule.parse("--samples", arguments.samples)
     look["camera"] = None if arguments.camera is None else _camera(arguments.camera)
     if suffix == ".png":
         if arguments.fps is not None:
@@ -558,6 +577,14 @@ def _render(arguments: argparse.Namespace) -> None:
         with Progress(out.name) as progress:
             save_movie(arguments.file, out, fps=fps, on_frame=progress, **look)
         print(f"movie: {out}")
+
+
+def _size(text: str) -> tuple[int, int]:
+    """`WIDTHxHEIGHT`."""
+    found = re.fullmatch(r"(\d{1,6})x(\d{1,6})", text)
+    if found is None:
+        raise InputError(f"--size: expected WIDTHxHEIGHT, got {text[:60]!r}")
+    return int(found[1]), int(found[2])
 
 
 def _camera(text: str) -> Camera:
@@ -588,11 +615,17 @@ def _view(arguments: argparse.Namespace) -> None:
 
 def _export(arguments: argparse.Namespace) -> None:
     from .export import pack, save
+    from .scenes import Parameter
 
     if arguments.out is None:
+        if arguments.liquid:
+            raise InputError("--liquid: is for --out FILE.usdc, .abc or .glb")
         print(f"recording: {pack(arguments.file)}")
     else:
-        for path in save(arguments.file, arguments.out):
+        given = _assignments(arguments.liquid, "--liquid").items()
+        radius = Parameter("radius", kind=float, above=0)
+        liquids = {part: radius.parse(f"--liquid {part}", text) for part, text in given}
+        for path in save(arguments.file, arguments.out, liquids=cast(Any, liquids)):
             print(f"written: {path}")
 
 

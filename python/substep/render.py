@@ -8,19 +8,22 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable
-from contextlib import suppress
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .base.checks import check_integer, check_real, describe
+from .base.checks import check_choice, check_integer, check_real, describe
 from .base.imports import needs
 from .errors import InputError
 from .recording import Recording
-from .scenes import Scene, load, names
-from .view import Camera, Look, View, marker_area, plain_picture
+from .scenes import Scene, load, names, record
+from .scenes.declaration import Simulation
+from .view import Camera, CameraPath, Light, Look, View, marker_area, plain_picture
 from .view.extent import is_flat
 
 if TYPE_CHECKING:
@@ -28,6 +31,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Camera",
+    "CameraPath",
+    "Light",
     "Look",
     "View",
     "draw",
@@ -42,9 +47,10 @@ def __dir__() -> list[str]:
     return __all__
 
 
-SIZE = (9.6, 5.4)  # inches
-DPI = 100  # of movies, 960 x 540 pixels
-PICTURE_DPI = 150  # 1440 x 810 pixels
+DPI = 100  # of movies
+PICTURE_DPI = 150
+ENGINES = ("vtk", "cycles")
+AT_A_TIME = 50  # frames that Cycles makes before the film takes them
 STYLE = {
     "font.size": 10,
     "axes.titlesize": 11,
@@ -70,9 +76,10 @@ def draw(
     frame: int | None = None,
     *,
     scene: Scene | None = None,
-    camera: Camera | None = None,
+    camera: Camera | CameraPath | None = None,
     color: str | None = None,
     view: View | None = None,
+    size: tuple[int, int] = (1440, 810),
 ) -> Figure:
     """Draw one frame.
 
@@ -85,12 +92,14 @@ def draw(
         the last, unless given.
     scene : Scene, optional
         Whose picture to draw; the built-in scene that the recording names unless given.
-    camera : Camera, optional
+    camera : Camera or CameraPath, optional
         Where a picture in three dimensions is taken from.
     color : str, optional
         Field that colours a picture in three dimensions, with a colour bar.
     view : View, optional
         Draws it in three dimensions, in place of the picture of a scene.
+    size : tuple of int
+        Width and height at the figure's own resolution [pixels].
 
     Returns
     -------
@@ -116,29 +125,35 @@ def draw(
     2
     """
     matplotlib = _matplotlib()
+    inches = np.array(_check_size(size)) / PICTURE_DPI
     with matplotlib.rc_context(STYLE):
-        figure: Figure = matplotlib.figure.Figure(figsize=SIZE, dpi=PICTURE_DPI)
+        figure: Figure = matplotlib.figure.Figure(figsize=tuple(inches), dpi=PICTURE_DPI)
         frame = _frame_number(recording, _still(recording, scene) if frame is None else frame)
         _picture_of(recording, scene, camera, color, view)(recording, frame, figure)
     return figure
 
 
 def save_picture(
-    path: str | Path,
+    source: str | Path | Simulation,
     out: str | Path,
     *,
     frame: int | None = None,
     scene: Scene | None = None,
-    camera: Camera | None = None,
+    camera: Camera | CameraPath | None = None,
     color: str | None = None,
     view: View | None = None,
+    size: tuple[int, int] = (1440, 810),
+    engine: str = "vtk",
+    samples: int = 64,
 ) -> Path:
-    """Draw one frame of a recording into a PNG file, replacing it if it exists.
+    """Draw one frame of a recording, or a simulation as it is, into a PNG file.
+
+    A file that is there is replaced.
 
     Parameters
     ----------
-    path : str or Path
-        The recording: VTKHDF or journal.
+    source : str, Path or simulation
+        The recording, VTKHDF or journal, or any simulation, which is not changed.
     out : str or Path
         The picture.
     frame : int, optional
@@ -146,12 +161,20 @@ def save_picture(
         the last, unless given.
     scene : Scene, optional
         Whose picture to draw; the built-in scene that the recording names unless given.
-    camera : Camera, optional
+    camera : Camera or CameraPath, optional
         Where a picture in three dimensions is taken from.
     color : str, optional
         Field that colours a picture in three dimensions, with a colour bar.
     view : View, optional
         Draws it in three dimensions, in place of the picture of a scene.
+    size : tuple of int
+        Width and height [pixels].
+    engine : {'vtk', 'cycles'}
+        Cycles traces the ways of light, which takes seconds to minutes for an image, and draws
+        neither title nor colour bar (``pip install "substep[blender]"``, in Python 3.11).
+    samples : int
+        Ways of light for each pixel of Cycles; its noise, which is then filtered, falls with the
+        square root.
 
     Returns
     -------
@@ -176,43 +199,67 @@ def save_picture(
     'gyre.png'
     """
     matplotlib = _matplotlib()
-    out = Path(out)
-    with Recording(path) as recording, matplotlib.rc_context(STYLE):
-        figure = draw(recording, frame, scene=scene, camera=camera, color=color, view=view)
+    out, size, samples = Path(out), _check_size(size), _check_samples(engine, samples)
+    with _recorded(source) as recording, matplotlib.rc_context(STYLE):
+        if engine == "cycles":
+            view = _view_of(recording, scene, camera, color, view)
+            k = _frame_number(recording, _still(recording, scene) if frame is None else frame)
+            with _whole_file(out) as part:
+                _trace(recording, view, [k], lambda _: part, size, samples)
+            return out
+        figure = draw(
+            recording, frame, scene=scene, camera=camera, color=color, view=view, size=size
+        )
         with _whole_file(out) as part:
             figure.savefig(part, format="png", dpi="figure", metadata={"Software": "substep"})
     return out
 
 
 def save_movie(
-    path: str | Path,
+    source: str | Path | Simulation,
     out: str | Path,
+    duration: float | None = None,
     *,
     fps: float = 25.0,
     scene: Scene | None = None,
-    camera: Camera | None = None,
+    camera: Camera | CameraPath | None = None,
     color: str | None = None,
     view: View | None = None,
+    size: tuple[int, int] = (960, 540),
+    engine: str = "vtk",
+    samples: int = 64,
     on_frame: Callable[[int, int, float], None] | None = None,
 ) -> Path:
-    """Draw every frame of a recording into an MP4 file (H.264), replacing it if it exists.
+    """Draw every frame of a recording, or a simulation as it goes on, into an MP4 file (H.264).
+
+    A file that is there is replaced.
 
     Parameters
     ----------
-    path : str or Path
-        The recording: VTKHDF or journal.
+    source : str, Path or simulation
+        The recording, VTKHDF or journal, or any simulation, which is advanced by `duration`.
     out : str or Path
         The movie.
+    duration : float, optional
+        How long a simulation is filmed [s]; a recording has its own times.
     fps : float
-        Frames shown per second.
+        Frames shown per second; of a simulation also frames per second of its time.
     scene : Scene, optional
         Whose picture to draw; the built-in scene that the recording names unless given.
-    camera : Camera, optional
+    camera : Camera or CameraPath, optional
         Where a picture in three dimensions is taken from.
     color : str, optional
         Field that colours a picture in three dimensions, with a colour bar.
     view : View, optional
         Draws it in three dimensions, in place of the picture of a scene.
+    size : tuple of int
+        Width and height [pixels], even numbers.
+    engine : {'vtk', 'cycles'}
+        Cycles traces the ways of light, which takes seconds to minutes for an image, and draws
+        neither title nor colour bar (``pip install "substep[blender]"``, in Python 3.11).
+    samples : int
+        Ways of light for each pixel of Cycles; its noise, which is then filtered, falls with the
+        square root.
     on_frame : callable, optional
         `on_frame(frame, frames, time)` is called after each frame.
 
@@ -240,35 +287,122 @@ def save_movie(
     told = 'imageio-ffmpeg is missing: pip install "substep[plot]" for movies'
     with needs("imageio_ffmpeg", told):
         import imageio_ffmpeg
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     out = Path(out)
     if out.suffix.lower() != ".mp4":
         raise InputError(f"out: expected a file ending in .mp4, got {describe(str(out))}")
     fps = check_real("fps", fps, positive=True)
-    with Recording(path) as recording, matplotlib.rc_context(STYLE), _whole_file(out) as part:
+    size, samples = _check_size(size, even=True), _check_samples(engine, samples)
+    duration = _check_duration(source, duration)
+    with (
+        _recorded(source, duration, fps) as recording,
+        matplotlib.rc_context(STYLE),
+        _whole_file(out) as part,
+    ):
         frames = len(recording)
         _frame_number(recording, 0)
-        picture = _picture_of(recording, scene, camera, color, view)
-        figure = matplotlib.figure.Figure(figsize=SIZE, dpi=DPI)
-        canvas = FigureCanvasAgg(figure)
-        size = (round(SIZE[0] * DPI), round(SIZE[1] * DPI))
+        if engine == "cycles":
+            images = _traced(
+                recording, _view_of(recording, scene, camera, color, view), size, samples
+            )
+        else:
+            images = _drawn(recording, _picture_of(recording, scene, camera, color, view), size)
         writer = imageio_ffmpeg.write_frames(
             str(part), size, fps=fps, macro_block_size=2, quality=7, ffmpeg_log_level="error"
         )
         writer.send(None)
         try:
-            for frame in range(frames):
-                figure.clear()
-                picture(recording, frame, figure)
-                canvas.draw()
-                pixels = np.asarray(canvas.buffer_rgba())[:, :, :3]
+            for frame, pixels in enumerate(images):
                 writer.send(np.ascontiguousarray(pixels))
                 if on_frame is not None:
                     on_frame(frame, frames, float(recording.times[frame]))
         finally:
             writer.close()
     return out
+
+
+def _drawn(
+    recording: Recording, picture: Callable[[Recording, int, Figure], None], size: tuple[int, int]
+) -> Iterator[NDArray[np.uint8]]:
+    """Frame by frame, on one figure."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(size[0] / DPI, size[1] / DPI), dpi=DPI)
+    canvas = FigureCanvasAgg(figure)
+    for frame in range(len(recording)):
+        figure.clear()
+        picture(recording, frame, figure)
+        canvas.draw()
+        yield np.asarray(canvas.buffer_rgba())[:, :, :3]
+
+
+def _traced(
+    recording: Recording, view: View, size: tuple[int, int], samples: int
+) -> Iterator[NDArray[np.uint8]]:
+    """Frame by frame, of which Blender makes many at a time."""
+    from matplotlib.image import imread
+
+    with tempfile.TemporaryDirectory() as folder:
+        for first in range(0, len(recording), AT_A_TIME):
+            frames = range(first, min(first + AT_A_TIME, len(recording)))
+            path = {k: Path(folder) / f"{k}.png" for k in frames}
+            _trace(recording, view, frames, path.__getitem__, size, samples)
+            for k in frames:
+                yield np.rint(255 * imread(path[k])[..., :3]).astype(np.uint8)
+                path[k].unlink()
+
+
+def _trace(*arguments: Any) -> None:
+    from .export.cycles import trace
+
+    trace(*arguments)
+
+
+def _view_of(recording: Recording, *how: Any) -> View:
+    picture = _picture_of(recording, *how)
+    if not isinstance(picture, View):
+        raise InputError("engine: Cycles makes pictures in three dimensions; give a view")
+    return picture
+
+
+def _check_size(size: Any, even: bool = False) -> tuple[int, int]:
+    if not isinstance(size, (tuple, list)) or len(size) != 2:
+        raise InputError(f"size: expected width and height, got {describe(size)}")
+    width, height = (check_integer("size", n, minimum=16, maximum=16384) for n in size)
+    if even and (width % 2 or height % 2):
+        raise InputError(f"size: expected even numbers for a movie, got {width} x {height}")
+    return width, height
+
+
+def _check_samples(engine: Any, samples: Any) -> int:
+    check_choice("engine", engine, ENGINES)
+    return check_integer("samples", samples, minimum=1, maximum=1 << 20)
+
+
+def _check_duration(source: Any, duration: Any) -> float:
+    if isinstance(source, (str, os.PathLike)):
+        if duration is not None:
+            raise InputError("duration: a recording has its own times; it is for simulations")
+        return 0.0
+    if duration is None:
+        raise InputError("duration: expected how long the simulation is filmed [s]")
+    return check_real("duration", duration, positive=True)
+
+
+@contextmanager
+def _recorded(source: Any, duration: float = 0.0, fps: float = 25.0) -> Iterator[Recording]:
+    """The recording, or one that is made of a simulation and then forgotten."""
+    if isinstance(source, (str, os.PathLike)):
+        with Recording(source) as recording:
+            yield recording
+        return
+    if not all(hasattr(source, name) for name in ("fields", "advance", "time")):
+        raise TypeError(f"source: expected a recording or a simulation, got {describe(source)}")
+    with tempfile.TemporaryDirectory() as folder:
+        path = record(source, Path(folder) / "film.vtkhdf", duration, fps=fps)
+        with Recording(path) as recording:
+            yield recording
 
 
 class _whole_file:
@@ -318,7 +452,7 @@ def _still(recording: Recording, scene: Scene | None) -> int:
 def _picture_of(
     recording: Recording,
     scene: Scene | None,
-    camera: Camera | None,
+    camera: Camera | CameraPath | None,
     color: str | None,
     view: View | None,
 ) -> Callable[[Recording, int, Figure], None]:

@@ -1134,6 +1134,7 @@ def functions():
         call("Logger", quantities={"a": lambda one: 1.0}, every=0.1),
         call("Recorder", path="run.vtkhdf", parts=part, overwrite=True),
         call("Recording", path="nothing.vtkhdf"),
+        call("recording.body_shapes", bodies=machine(), ids=None),
         call("pack", path="nothing.vtkhdf"),
         call("export.save", recording="nothing.vtkhdf", out="nothing.npz"),
         Call("state_hash", lambda o: {"*": (np.arange(3.0),)}),

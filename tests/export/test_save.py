@@ -16,9 +16,15 @@ def recording(tmp_path_factory):
     """Three frames, 0.1 s apart, of a part of every kind."""
     mesh = substep.geometry.grid_mesh(3, 3, (1.0, 1.0))
     solid = substep.geometry.box_tetrahedra((1, 1, 1), (1, 1, 1))
+    brick = substep.Box((2.0, 1.0, 0.5)).mesh()
+    shapes = {
+        "shape_vertices": brick.vertices,
+        "shape_faces": brick.faces,
+        "shape_bodies": np.ones((8, 1), int),  # the first stone has no shape
+    }
     parts = {
         "drops": substep.Part("particles", {"velocity": "m/s", "heat": "K"}),
-        "stones": substep.Part("bodies", {"orientation": "1"}),
+        "stones": substep.Part("bodies", {"orientation": "1"}, **shapes),
         "cloth": substep.Part("mesh", {"strain": "1"}, triangles=mesh.faces),
         "rope": substep.Part("mesh", edges=[[0, 1], [1, 2]]),
         "jelly": substep.Part("mesh", tetrahedra=solid.tetrahedra),
@@ -81,7 +87,79 @@ def test_usd_has_every_part(recording, tmp_path):
         assert floor.GetNumTimeSamples() == 0 and len(floor.Get()) == 9
         stone = at("stones/body_1", UsdGeom.Xformable).ComputeLocalToWorldTransform(2)
         assert np.allclose(stone.Transform((1, 0, 0)), (0, 3, 2))  # turned by 90 degrees about z
+        shape = at("stones/body_1/body_1_shape", UsdGeom.Mesh)
+        assert np.ptp(np.array(shape.GetPointsAttr().Get()), axis=0).tolist() == [2, 1, 0.5]
+        assert not stage.GetPrimAtPath("/recording/stones/body_0/body_0_shape")
+        box = np.array(at("cloth", UsdGeom.Mesh).GetExtentAttr().Get(2))
+        assert np.allclose(box, [[-0.5, -0.5, 2], [0.5, 0.5, 2]])
+        wide = np.array(drops.GetExtentAttr().Get(0))  # points, and half the width of each
+        half = 0.5 * np.sqrt(27)
+        assert np.allclose(wide, [np.arange(3) - half, np.arange(9, 12) + half])
         assert not stage.GetPrimAtPath("/recording/air")
+
+
+def test_gltf_moves_as_the_recording_does(recording, tmp_path):
+    """Of its nodes and morph targets, as viewers add them up; y is up."""
+    pygltflib = pytest.importorskip("pygltflib", reason="pygltflib is not installed")
+    [path] = save(recording, tmp_path / "all.glb")
+    gltf = pygltflib.GLTF2().load(str(path))
+    blob = gltf.binary_blob()
+
+    def array(number):
+        accessor = gltf.accessors[number]
+        start = gltf.bufferViews[accessor.bufferView].byteOffset
+        width = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}[accessor.type]
+        dtype = "<f4" if accessor.componentType == pygltflib.FLOAT else "<u4"
+        return np.frombuffer(blob, dtype, accessor.count * width, start).reshape(-1, width)
+
+    nodes = {node.name: k for k, node in enumerate(gltf.nodes)}
+    assert "air" not in nodes and gltf.scenes[0].nodes == [0]
+    assert np.allclose(gltf.nodes[0].rotation, [-TURN, 0, 0, TURN])  # z to y
+    [animation] = gltf.animations
+    moved = {}
+    for channel in animation.channels:
+        sampler = animation.samplers[channel.sampler]
+        assert np.allclose(array(sampler.input)[:, 0], [0, 0.1, 0.2])
+        moved[channel.target.node, channel.target.path] = array(sampler.output)
+    stone = nodes["stones-body_1"]
+    assert moved[stone, "translation"].tolist() == [[0, 0, 2], [0, 1, 2], [0, 2, 2]]
+    assert np.allclose(moved[stone, "rotation"], [0, 0, TURN, TURN])  # x, y, z, w
+    assert gltf.nodes[nodes["stones-body_0"]].mesh is None
+    [primitive] = gltf.meshes[gltf.nodes[stone].mesh].primitives
+    assert len(array(primitive.indices)) == 36
+    [primitive] = gltf.meshes[gltf.nodes[nodes["cloth"]].mesh].primitives
+    weights = moved[nodes["cloth"], "weights"].reshape(3, 2)
+    for k in range(3):
+        points = array(primitive.attributes.POSITION) + sum(
+            w * array(target["POSITION"])
+            for w, target in zip(weights[k], primitive.targets, strict=True)
+        )
+        assert points[:, 2].tolist() == 9 * [k]
+
+
+def test_surfaces_of_liquids(tmp_path):
+    """A ball of particles that is larger in the second frame: its faces are others there."""
+    pytest.importorskip("pysplashsurf", reason="pysplashsurf is not installed")
+    pytest.importorskip("pxr", reason="usd-core is not installed")
+    from pxr import Usd, UsdGeom
+
+    grid = np.stack(np.meshgrid(*3 * [np.arange(-6.0, 7)]), -1).reshape(-1, 3)
+    with substep.Recorder(tmp_path / "a.vtkhdf", parts={"drop": substep.Part()}) as recorder:
+        for k, size in enumerate((4.2, 6.2)):
+            ball = grid[np.linalg.norm(grid, axis=1) < size]
+            recorder.append(k, {"drop": {"points": 0.1 * ball}})
+    told = ["export", str(tmp_path / "a.vtkhdf"), "--out", str(tmp_path / "a.usdc")]
+    assert main([*told, "--liquid", "drop=0.05"]) == 0
+    stage = Usd.Stage.Open(str(tmp_path / "a.usdc"))
+    drop = UsdGeom.Mesh(stage.GetPrimAtPath("/recording/drop"))
+    for k, radius in enumerate((0.42, 0.62)):
+        points = np.array(drop.GetPointsAttr().Get(k))
+        faces = np.array(drop.GetFaceVertexIndicesAttr().Get(k)).reshape(-1, 3)
+        assert substep.geometry.TriangleMesh(points.astype(float), faces).report().closed
+        assert np.linalg.norm(points, axis=1).mean() == pytest.approx(radius, rel=0.1)
+    assert main([*told, "--liquid", "drip=0.05"]) == 2
+    with pytest.raises(substep.InputError, match=r"liquids: \.csv files hold no surfaces"):
+        save(tmp_path / "a.vtkhdf", tmp_path / "a.csv", liquids={"drop": 0.05})
 
 
 def test_usd_of_a_plane_stands_upright(tmp_path):
@@ -142,7 +220,7 @@ def test_meshes(recording, tmp_path, suffix):
         assert mesh.point_data["strain"] == pytest.approx(np.full(9, 0.2))
 
 
-@pytest.mark.parametrize("name", ["a.abc", "a", "a.mp4"])
+@pytest.mark.parametrize("name", ["a.fbx", "a", "a.mp4"])
 def test_unknown_suffixes_are_refused(recording, tmp_path, name, capsys):
     assert main(["export", str(recording), "--out", str(tmp_path / name)]) == 2
     assert "expected a file ending in .vtkhdf, .usd" in capsys.readouterr().err

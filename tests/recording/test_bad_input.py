@@ -723,16 +723,16 @@ def metadata(journal):
 def test_newer_version_and_other_byte_order(journal):
     text = metadata(journal)
     packed = Path(substep.pack(journal))
-    journal.write_bytes(file_header(text, version=4))
-    with pytest.raises(VersionError, match="version 4"):
+    journal.write_bytes(file_header(text, version=5))
+    with pytest.raises(VersionError, match="version 5"):
         substep.Recording(journal)
     journal.write_bytes(file_header(text, order=0x04030201))
     with pytest.raises(VersionError, match="byte order"):
         substep.Recording(journal)
     journal.unlink()
     with h5py.File(packed, "r+") as file:
-        file["substep"].attrs.modify("format_version", 4)
-    with pytest.raises(VersionError, match="version 4"):
+        file["substep"].attrs.modify("format_version", 5)
+    with pytest.raises(VersionError, match="version 5"):
         substep.Recording(packed)
 
 

@@ -543,3 +543,48 @@ def test_long_parameters_and_large_frames(tmp_path):
         assert recording.scene == "größer"
         for k, points in enumerate(frames):
             assert recording["p"].points(k).tobytes() == points.tobytes()
+
+
+def test_shapes_of_bodies_come_back(tmp_path):
+    """From the journal and from the packed file; those of each body in its own frame."""
+    bodies = substep.RigidBodies()
+    bodies.add(substep.Plane(), (0, 0, 0), motion="static")
+    head = substep.Box((0.4, 0.2, 0.2), center=(0, 0, 0.5))
+    hammer = bodies.add([head, substep.Cylinder(0.05, 1.0)], (0, 0, 2))
+    ball = bodies.add(substep.Sphere(0.3), (2, 0, 1))
+    shapes = substep.recording.body_shapes(bodies, [ball, hammer])
+    part = substep.Part("bodies", {"orientation": "1"}, **shapes)
+    frame = {"points": bodies.positions[1:], "orientation": bodies.rotations[1:]}
+    path = tmp_path / "a.vtkhdf"
+    with substep.Recorder(path, parts={"tools": part}) as recorder:
+        recorder.append(0.0, {"tools": frame})
+        with substep.Recording(f"{path}.journal") as recording:
+            journal = recording.parts["tools"].constants()
+    with substep.Recording(path) as recording:
+        packed = recording.parts["tools"]
+    for name, array in part.constants().items():
+        np.testing.assert_array_equal(journal[name], array)
+        np.testing.assert_array_equal(packed.constants()[name], array)
+    vertices, faces = packed.shape_of(0)
+    assert np.allclose(np.linalg.norm(vertices, axis=1), 0.3) and faces.max() < len(vertices)
+    vertices, faces = packed.shape_of(1)
+    assert vertices[:, 2].max() == pytest.approx(0.6) and faces.max() < len(vertices)
+    assert len(packed.shape_of(2)[0]) == 0
+    apart = [[0, 1, len(shapes["shape_vertices"]) - 1]]
+    one = {**shapes, "shape_bodies": shapes["shape_bodies"] * 0}
+    for kind, options, told in (
+        ("particles", shapes, "bodies have all three"),
+        ("bodies", {"shape_faces": [[0, 1, 2]]}, "bodies have all three"),
+        ("bodies", {**one, "shape_bodies": [[0]]}, "shape_bodies: expected"),
+        ("bodies", {**one, "shape_faces": [[0, 1, 99999]]}, "shape_faces: need 100000"),
+        (
+            "bodies",
+            {**shapes, "shape_faces": apart},
+            "one body",
+        ),
+    ):
+        with pytest.raises(substep.InputError, match=told):
+            substep.Part(kind, {"orientation": "1"}, **options)
+    with substep.Recorder(tmp_path / "b.vtkhdf", parts={"tools": part}) as recorder:
+        with pytest.raises(substep.InputError, match="shape_bodies need 2 points, got 1"):
+            recorder.append(0.0, {"tools": {name: a[:1] for name, a in frame.items()}})

@@ -536,3 +536,109 @@ def test_a_bar_beside_the_picture_only_where_it_is_asked_for(tmp_path):
     _, bar = render.draw(recording, scene=scene, color="height").axes  # and its own range
     assert bar.collections[0].get_cmap().name == "viridis"
     assert bar.get_ylabel() == "height [m]" and bar.get_ylim() == (0.0, 3.0)
+
+
+def test_camera_paths():
+    """Catmull and Rom: of evenly spaced times exact for parabolas, here t^2, within."""
+    times = np.arange(5.0)
+    places = np.stack([times**2, times, 0 * times], axis=1)
+    path = render.CameraPath(times, places, (0, 0, 5))
+    for t in (1.0, 1.3, 2.5, 2.9):
+        assert np.allclose(path.at(t)[0], [t**2, t, 0])
+    assert path.at(-1.0)[0].tolist() == [0, 0, 0] and path.at(9.0)[0].tolist() == [16, 4, 0]
+    assert path.at(2.5)[1].tolist() == [0, 0, 5]
+    for arguments, told in (
+        (([1, 1], [(0, 0, 1), (0, 0, 2)], (0, 0, 0)), "times: .* increasing"),
+        (([], np.zeros((0, 3)), (0, 0, 0)), "times: "),
+        (([0], [(0, 0, 1, 2)], (0, 0, 0)), "positions: "),
+        (([0], [(0, 0, 1)], (0, 0, 1)), "targets: expected others"),
+        (([0], [(0, 0, 1)], (0, 0, 0), 180), "angle: "),
+    ):
+        with pytest.raises(substep.InputError, match=told):
+            render.CameraPath(*arguments)
+
+
+def test_what_a_moving_camera_looks_at_stays_in_the_middle(tmp_path):
+    """A ball that the targets go with; what its size is follows from the distance."""
+    frames = [{"p": {"points": [[k, 0, 1.0]]}} for k in range(3)]
+    recording = record(tmp_path / "a.vtkhdf", {"p": substep.Part()}, frames)
+    path = render.CameraPath(
+        [0, 0.1, 0.2], [(0, -4, 1), (1, -4, 1), (2, -8, 1)], [(0, 0, 1), (1, 0, 1), (2, 0, 1)]
+    )
+    view = View(path, {"p": Look(RED, radius=0.3)}, ground=lambda r: None)
+    for frame, distance in ((0, 4), (1, 4), (2, 8)):
+        rows, columns = np.nonzero(reddish(view.image(recording, frame, SIZE)))
+        assert rows.mean() == pytest.approx(119.5, abs=1)
+        assert columns.mean() == pytest.approx(159.5, abs=1)
+        height = 240 * 0.3 / distance / np.tan(np.radians(15))
+        assert np.ptp(rows) + 1 == pytest.approx(height, abs=3)
+
+
+def test_bodies_have_their_shapes_and_colours(tmp_path):
+    bodies = substep.RigidBodies()
+    boxes = bodies.add(substep.Box((1.0, 1.0, 1.0)), [(-1.0, 0, 0), (1.0, 0, 0)])
+    quarter = np.sqrt(0.5)
+    bodies.set_rotations([(1, 0, 0, 0), (np.cos(np.pi / 8), 0, np.sin(np.pi / 8), 0)], ids=boxes)
+    path = substep.scenes.record(bodies, tmp_path / "a.vtkhdf", 0.0)
+    with substep.Recording(path) as recording:
+        looks = {"particles": Look((RED, BLUE))}
+        view = View(FRONT, looks, ground=lambda r: None, box=lambda r: [(-2, -1, -1), (2, 1, 1)])
+        image = view.image(recording, size=SIZE)
+    left, right = (np.nonzero(seen) for seen in (reddish(image), bluish(image)))
+    assert left[1].max() < right[1].min()
+    assert np.ptp(left[1]) == pytest.approx(np.ptp(left[0]), abs=5)  # with some of its side
+    # Turned by 45 degrees about the view it is higher by the square root of two.
+    assert np.ptp(right[0]) == pytest.approx(np.ptp(left[0]) / quarter, rel=0.06)
+
+
+def test_lights_have_a_side_and_a_colour(tmp_path):
+    recording = record(
+        tmp_path / "a.vtkhdf",
+        {"p": substep.Part("mesh", triangles=(ball := substep.geometry.sphere_mesh(1.0)).faces)},
+        [{"p": {"points": ball.vertices}}],
+    )
+    light = render.Light(azimuth=180.0, elevation=0.0, color=RED)  # from the left
+    view = View(FRONT, {"p": Look("white")}, ground=lambda r: None, lights=[light])
+    image = view.image(recording, size=SIZE).astype(float)
+    left, right = image[120, 100], image[120, 220]
+    assert left[0] > right[0] + 60
+    assert left[0] > left[1] + 60  # red, but for the light of all directions
+    with pytest.raises(substep.InputError, match="elevation"):
+        render.Light(0.0, 91.0)
+
+
+@pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")
+def test_a_film_outlives_a_surface_that_fails(tmp_path, monkeypatch):
+    """First at some lattices, then at all: the liquid is drawn as balls, with a warning."""
+    pytest.importorskip("pysplashsurf", reason="pysplashsurf is not installed")
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+    from substep.geometry import isosurface
+
+    points = np.stack(np.meshgrid(*3 * [np.arange(4.0)]), -1).reshape(-1, 3)
+    frames = [{"p": {"points": points + np.array([k, 0, 0])}} for k in range(2)]
+    record(tmp_path / "a.vtkhdf", {"p": substep.Part()}, frames).close()
+    real, cells = isosurface._reconstruct, []
+
+    def failing(points, cell, smoothing, good=0.9):
+        cells.append(cell)
+        if cell > good:
+            raise substep.SolverError("liquid_surface: pysplashsurf failed (panicked)")
+        return real(points, cell, smoothing)
+
+    monkeypatch.setattr(isosurface, "_reconstruct", failing)
+    surface = substep.liquid_surface(points, 0.5)
+    assert cells == [1.0, 0.98, 0.95, 0.9]
+    report = substep.geometry.TriangleMesh(surface.vertices, surface.faces).report()
+    assert report.closed
+    monkeypatch.setattr(isosurface, "_reconstruct", lambda *a: failing(*a, good=0))
+    with pytest.raises(substep.SolverError, match="panicked"):
+        substep.liquid_surface(points, 0.5)
+    view = View(looks={"p": Look(RED, liquid=True, radius=0.5)})
+    with pytest.warns(RuntimeWarning, match="a liquid is drawn as particles: .*panicked"):
+        out = render.save_movie(tmp_path / "a.vtkhdf", tmp_path / "a.mp4", view=view)
+    assert imageio_ffmpeg.count_frames_and_secs(str(out))[0] == 2
+    with (
+        substep.Recording(tmp_path / "a.vtkhdf") as recording,
+        pytest.warns(RuntimeWarning, match="drawn as particles"),
+    ):
+        assert reddish(view.image(recording, 0, SIZE)).sum() > 1000

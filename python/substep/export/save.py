@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
-from ..base.checks import check_path
+from ..base.checks import check_choice, check_path, check_real, describe
 from ..errors import InputError
 from ..recording import Recording
 
@@ -16,6 +17,9 @@ SUFFIXES = {
     ".usdc": "USD, binary",
     ".usda": "USD, text",
     ".html": "a page that plays in any browser",
+    ".abc": "Alembic",
+    ".glb": "glTF, binary",
+    ".vdb": "OpenVDB, a file for each frame and grid",
     ".npz": "arrays of NumPy",
     ".csv": "a table for each part",
     ".ply": "a file for each frame and part",
@@ -24,7 +28,12 @@ SUFFIXES = {
 }
 
 
-def save(recording: str | os.PathLike[str], out: str | os.PathLike[str]) -> list[Path]:
+def save(
+    recording: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    *,
+    liquids: Mapping[str, float] | None = None,
+) -> list[Path]:
     """Write a recording in another form.
 
     The suffix of `out` says which:
@@ -32,16 +41,23 @@ def save(recording: str | os.PathLike[str], out: str | os.PathLike[str]) -> list
     - ``.vtkhdf``: packed, as by `substep.pack`.
     - ``.usd``, ``.usdc``, ``.usda``: one USD stage of all parts but grids, z up, in metres, one
       time code for each frame. Particles are points with their velocities, a mesh is a mesh, edges
-      are curves, and each body is a transform (``pip install "substep[usd]"``).
+      are curves, and each body is a transform with its shape (``pip install "substep[usd]"``).
     - ``.html``: one page that plays in any browser, without Python and without a network, as by
       `Recording.to_html` (``pip install "substep[view]"``).
+    - ``.abc``: the same as Alembic, where particles are vertices (``pip install
+      "substep[blender]"``, in Python 3.11).
+    - ``.glb``: the same as glTF, y up, where what deforms has a morph target for each frame
+      (``pip install "substep[gltf]"``).
+    - ``.vdb``: grids in three dimensions as OpenVDB, NAME-PART-0000.vdb (``pip install
+      "substep[blender]"``).
     - ``.npz``: ``times``, and ``PART/points`` and ``PART/FIELD`` of shape (frames, n, ...), or
       ``PART/FIELD/FRAME`` where n changes.
     - ``.csv``: a row for each point and frame; with several parts a file for each, NAME-PART.csv.
     - ``.ply``, ``.obj``, ``.vtu``: a file for each frame, NAME-PART-0000.ply; ``.obj`` of triangles
       alone and without fields (``pip install "substep[mesh]"``).
 
-    Points of a plane, (x, y), become (x, 0, y) in USD, so that what is up stays up.
+    Points of a plane, (x, y), become (x, 0, y) in USD, Alembic and glTF, so that what is up stays
+    up.
 
     Parameters
     ----------
@@ -49,6 +65,9 @@ def save(recording: str | os.PathLike[str], out: str | os.PathLike[str]) -> list
         The recording, or its journal.
     out : path-like
         File to write; what is there is replaced, but for a ``.vtkhdf``.
+    liquids : mapping of str to float, optional
+        Half the distance of neighbouring particles at rest [m] of the parts whose surface, as
+        `liquid_surface` makes it, is written in place of particles; in USD, Alembic and glTF.
 
     Returns
     -------
@@ -58,7 +77,8 @@ def save(recording: str | os.PathLike[str], out: str | os.PathLike[str]) -> list
     Raises
     ------
     InputError
-        If the suffix is none of these, or nothing in the recording can be written so.
+        If the suffix is none of these, nothing in the recording can be written so, or `liquids`
+        names what is no part of particles.
     FormatError
         If the recording is damaged.
     ImportError
@@ -84,15 +104,22 @@ def save(recording: str | os.PathLike[str], out: str | os.PathLike[str]) -> list
         raise InputError(
             f"out: expected a file ending in {', '.join(SUFFIXES)}, got {str(target)[-60:]!r}"
         )
+    radii = _check_liquids(liquids, suffix)
     if suffix == ".vtkhdf":
         from ..recording.packing import pack
 
         return [Path(pack(recording, target))]
-    write: Callable[[Recording, Path], list[Path]]
+    write: Callable[..., list[Path]]
     if suffix.startswith(".usd"):
         from .usd import write_usd as write
     elif suffix == ".html":
         from ..view.page import write_page as write
+    elif suffix == ".abc":
+        from .blender import write_alembic as write
+    elif suffix == ".glb":
+        from .gltf import write_gltf as write
+    elif suffix == ".vdb":
+        from .blender import write_volumes as write
     elif suffix == ".npz":
         from .tables import write_arrays as write
     elif suffix == ".csv":
@@ -104,4 +131,22 @@ def save(recording: str | os.PathLike[str], out: str | os.PathLike[str]) -> list
             raise InputError(f"out: {str(target)[-60:]!r} is the recording itself")
         if not len(opened):
             raise InputError(f"{opened.path}: has no frames")
-        return write(opened, target)
+        for name in radii:
+            check_choice("liquids", name, opened.parts)
+            if (kind := opened.parts[name].kind) != "particles":
+                raise InputError(f"liquids: expected parts of particles, but {name} is of {kind}")
+        return write(opened, target, radii) if radii else write(opened, target)
+
+
+def _check_liquids(liquids: Any, suffix: str) -> dict[str, float]:
+    if liquids is None:
+        return {}
+    if not isinstance(liquids, Mapping):
+        raise TypeError(f"liquids: expected a mapping of parts to radii, got {describe(liquids)}")
+    radii = {
+        name: check_real(f"liquids[{name!r}]", radius, positive=True)
+        for name, radius in liquids.items()
+    }
+    if radii and suffix not in (".usd", ".usdc", ".usda", ".abc", ".glb"):
+        raise InputError(f"liquids: {suffix} files hold no surfaces that change; write .usdc")
+    return radii

@@ -16,6 +16,9 @@ from ..errors import InputError, SolverError
 from . import surface_process
 
 MOST_CELLS = 2**20  # along an axis: float32 has 24 bits, of which 4 are left within a cell
+# Of the cell, one after the other until a surface is made. At a few lattices of some particles
+# pysplashsurf panics; its lattice begins at the particles, so that other cubes shift it.
+FINENESS = (1.0, 0.98, 0.95, 0.9)
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,8 @@ def liquid_surface(
     Marching cubes on the level set 0.6 of the particles' smoothed indicator, with the slivers
     removed, then Laplacian smoothing that moves the vertices least where there are few particles,
     so that drops and sheets do not shrink away. It runs in a process of its own, on one thread: the
-    same particles give the same bits.
+    same particles give the same bits. Where it fails, it is made again with cubes up to a tenth
+    smaller, which lie elsewhere.
 
     Parameters
     ----------
@@ -74,7 +78,7 @@ def liquid_surface(
     MemoryError
         If it needs more memory than there is.
     SolverError
-        If it fails at these particles.
+        If it fails at these particles with all these cubes.
 
     References
     ----------
@@ -116,9 +120,14 @@ def liquid_surface(
             f"{cell * radius:.3g} m"
         )
     # In units of the radius about the middle, where float32 is as fine as it can be.
-    vertices, faces, normals = _reconstruct(
-        ((points - center) / radius).astype(np.float32), cell, smoothing
-    )
+    shifted = ((points - center) / radius).astype(np.float32)
+    for fineness in FINENESS:
+        try:
+            vertices, faces, normals = _reconstruct(shifted, fineness * cell, smoothing)
+            break
+        except SolverError:
+            if fineness == FINENESS[-1]:
+                raise
     with in_range("radius"):
         return LiquidSurface(vertices * radius + center, faces, normals)
 

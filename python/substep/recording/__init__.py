@@ -1,5 +1,6 @@
 """Recordings: frames appended to a journal, packed into VTKHDF, read back; logs of quantities."""
 
+from .body_shapes import body_shapes
 from .logger import Logger
 from .parts import Part
 from .quantities import diagnostics, forces, gauges
@@ -12,6 +13,7 @@ __all__ = [
     "RecordedPart",
     "Recorder",
     "Recording",
+    "body_shapes",
     "diagnostics",
     "forces",
     "gauges",

@@ -12,7 +12,7 @@ def particle_parts(simulation: Any) -> dict[str, Part]:
 
     Cloth, nets and soft bodies are meshes. Of a `World` one for each member, under its name.
     """
-    from .topology import topology_of  # loads the methods
+    from .topology import shapes_of, topology_of  # loads the methods
 
     parts = {}
     for name, member, columns in _blocks(simulation):
@@ -20,7 +20,8 @@ def particle_parts(simulation: Any) -> dict[str, Part]:
         if "position" in columns:
             topology = topology_of(member)
             kind = "bodies" if "orientation" in units else "mesh" if topology else "particles"
-            parts[name or "particles"] = Part(kind, units, **topology)
+            shapes = shapes_of(member) if kind == "bodies" else {}
+            parts[name or "particles"] = Part(kind, units, **topology, **shapes)
         else:
             parts[name or "grid"] = Part("grid", units, bounds=member.bounds, cell=member.cell)
     return parts

@@ -21,9 +21,9 @@ from ..base.box import check_box
 from ..base.reading import check_booleans
 from ..errors import CorruptError, FormatError
 
-FORMAT_VERSION = 3
-# Version 1 had meshes of triangles and nothing else, version 2 no grids.
-READABLE_VERSIONS = (1, 2, 3)
+FORMAT_VERSION = 4
+# Version 1 had meshes of triangles and nothing else, 2 no grids, 3 no shapes of bodies.
+READABLE_VERSIONS = (1, 2, 3, 4)
 MAGIC = b"SUBSTEPJ"
 BYTE_ORDER = 0x01020304
 FILE_HEADER = struct.Struct("<8sIIQQII")
@@ -37,6 +37,9 @@ CONSTANTS = {
     "edges": ("<i8", 2),
     "tetrahedra": ("<i8", 4),
     "points": ("<f8", 3),
+    "shape_vertices": ("<f8", 3),
+    "shape_faces": ("<i8", 3),
+    "shape_bodies": ("<i8", 1),
 }
 DTYPES = ("|b1", "|i1", "|u1", "<i2", "<u2", "<i4", "<u4", "<i8", "<u8", "<f4", "<f8")
 

@@ -165,7 +165,7 @@ class Packed:
             for name, rows in constant_rows(part).items():
                 dtype, columns = CONSTANTS[name]
                 place = f"{self._prefix(part['name'])}/{PLACES[name]}"
-                if name == "points":
+                if name == "points" or name.startswith("shape_"):
                     data = self._load(place, dtype, (columns,), rows)
                 else:
                     data = self._load(place, dtype, (), rows * columns).reshape(rows, columns)

@@ -18,6 +18,8 @@ from ..base.checks import as_array, check_array, check_choice, check_real, descr
 from ..errors import InputError
 from .frames import CONSTANTS, Constants, Spec
 
+TOPOLOGIES = ("triangles", "edges", "tetrahedra")
+SHAPES = ("shape_vertices", "shape_faces", "shape_bodies")
 KINDS = ("particles", "bodies", "mesh", "grid")
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,63}")
 _DEVICES = re.compile(r"con|prn|aux|nul|com[0-9]|lpt[0-9]", re.IGNORECASE)  # Windows opens devices
@@ -73,6 +75,13 @@ class Part:
         Lowest and highest corner of the box of a grid [m].
     cell : float, optional
         Side of its cells [m]; the box is a whole number of them long.
+    shape_vertices : array_like, shape (m, 3), optional
+        Of bodies, the vertices of all their shapes, each in the frame of its body [m];
+        `body_shapes` gives the three arguments of shapes.
+    shape_faces : array_like, shape (k, 3), optional
+        Rows of `shape_vertices`, of triangles whose vertices are of one body.
+    shape_bodies : array_like, shape (m, 1), optional
+        Row of the body that each vertex belongs to.
 
     Raises
     ------
@@ -95,6 +104,9 @@ class Part:
     points: ArrayLike | None = None
     bounds: ArrayLike | None = None
     cell: float | None = None
+    shape_vertices: ArrayLike | None = None
+    shape_faces: ArrayLike | None = None
+    shape_bodies: ArrayLike | None = None
 
     def __post_init__(self) -> None:
         kind = check_choice("kind", self.kind, KINDS)
@@ -109,7 +121,8 @@ class Part:
         if kind == "bodies" and "orientation" not in fields:
             raise InputError("fields: bodies need the field 'orientation' with the unit '1'")
         constants = {name: _check_constant(name, getattr(self, name)) for name in CONSTANTS}
-        present = [name for name in CONSTANTS if constants[name] is not None]
+        self._check_shapes(constants)
+        present = [n for n in (*TOPOLOGIES, "points") if constants[n] is not None]
         if (kind == "mesh") != (len(present) > 0) or present == ["points"]:
             raise InputError(
                 "triangles, edges, tetrahedra: a mesh needs some of them, and nothing else has them"
@@ -125,6 +138,20 @@ class Part:
         self._check_grid()
         if "points" in present:
             check_indices("points", self, len(np.asarray(self.points)))
+
+    def _check_shapes(self, constants: Mapping[str, NDArray[Any] | None]) -> None:
+        vertices, faces, bodies = (constants[name] for name in SHAPES)
+        if vertices is None and faces is None and bodies is None:
+            return
+        names = ", ".join(SHAPES)
+        if self.kind != "bodies" or vertices is None or faces is None or bodies is None:
+            raise InputError(f"{names}: bodies have all three or none, and nothing else has them")
+        if len(bodies) != len(vertices):
+            raise InputError(f"shape_bodies: expected {len(vertices)} rows, got {len(bodies)}")
+        if faces.size and faces.max() >= len(vertices):
+            raise InputError(f"shape_faces: need {faces.max() + 1} vertices, got {len(vertices)}")
+        if np.any(bodies[faces, 0] != bodies[faces[:, :1], 0]):
+            raise InputError("shape_faces: expected the vertices of each to be of one body")
 
     def _check_grid(self) -> None:
         given = [self.bounds is not None, self.cell is not None]
@@ -163,6 +190,33 @@ class Part:
         arrays = {name: getattr(self, name) for name in CONSTANTS}
         return {name: array for name, array in arrays.items() if array is not None}
 
+    @property
+    def needed(self) -> int:
+        """Rows that the points of every frame have at least, for topology or shapes to name."""
+        named = (getattr(self, name) for name in (*TOPOLOGIES, "shape_bodies"))
+        return max((int(np.max(a, initial=-1)) + 1 for a in named if a is not None), default=0)
+
+    def shape_of(self, body: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Shape of a body, by its row.
+
+        Parameters
+        ----------
+        body : int
+            Row of the body.
+
+        Returns
+        -------
+        tuple of ndarray
+            Vertices in its frame, shape (m, 3) [m], and faces, shape (k, 3); of a body without a
+            shape there are none.
+        """
+        if self.shape_vertices is None or self.shape_faces is None or self.shape_bodies is None:
+            return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
+        owners, faces = np.asarray(self.shape_bodies)[:, 0], np.asarray(self.shape_faces)
+        mine = owners == body
+        numbers = np.cumsum(mine) - 1
+        return np.asarray(self.shape_vertices)[mine], numbers[faces[mine[faces[:, 0]]]]
+
 
 def _check_constant(name: str, value: Any) -> NDArray[Any] | None:
     """An owned, read-only array of the form that the file has."""
@@ -170,10 +224,11 @@ def _check_constant(name: str, value: Any) -> NDArray[Any] | None:
         return None
     dtype, columns = CONSTANTS[name]
     given = as_array(name, value)
-    if name != "points" and given.dtype.kind not in "iu":
+    places = dtype == "<f8"
+    if not places and given.dtype.kind not in "iu":
         raise InputError(f"{name}: expected integer indices")
     array = check_array(name, given, (None, columns), dtype=dtype)
-    if name != "points" and array.size and array.min() < 0:
+    if not places and array.size and array.min() < 0:
         raise InputError(f"{name}: expected indices of at least 0, got {array.min()}")
     array.flags.writeable = False
     return array
@@ -181,8 +236,9 @@ def _check_constant(name: str, value: Any) -> NDArray[Any] | None:
 
 def check_indices(where: str, part: Part, points: int) -> None:
     """The topology of a part names points that there are."""
-    for name, array in part.constants().items():
-        if name != "points" and (largest := np.max(array, initial=-1)) >= points:
+    for name in (*TOPOLOGIES, "shape_bodies"):
+        array = getattr(part, name)
+        if array is not None and (largest := np.max(array, initial=-1)) >= points:
             raise InputError(f"{where}: {name} need {largest + 1} points, got {points}")
 
 

@@ -160,8 +160,7 @@ class Recording(Checked, Pictured):
                         len(times), bool
                     )
             rows = counts[:, columns]
-            topology = [array for key, array in part.constants().items() if key != "points"]
-            needed = max((int(array.max(initial=-1)) + 1 for array in topology), default=0)
+            needed = part.needed
             if columns:
                 wrong[f"the arrays of {name} differ in length"] = (rows != rows[:, :1]).any(axis=1)
                 wrong[f"the topology of {name} needs {needed} points"] = rows[:, 0] < needed

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from ..geometry import TetMesh
 from ..pbd import PositionBasedDynamics, SelfCollision
+from ..rigid import RigidBodies
 from ..springs import MassSpring, SoftBody
+from .body_shapes import body_shapes
 
 
 def topology_of(simulation: Any) -> dict[str, Any]:
@@ -25,6 +27,13 @@ def topology_of(simulation: Any) -> dict[str, Any]:
     elif isinstance(simulation, PositionBasedDynamics) and simulation.dimension == 3:
         rows = _triangles(simulation)
     return {name: rows} if len(rows) and len(np.unique(rows)) == len(simulation) else {}
+
+
+def shapes_of(simulation: Any) -> dict[str, Any]:
+    """Arguments of a `Part` of kind bodies, for the shapes of rigid bodies."""
+    if not isinstance(simulation, RigidBodies):
+        return {}
+    return dict(body_shapes(simulation))
 
 
 def _triangles(simulation: PositionBasedDynamics) -> NDArray[np.int64]:

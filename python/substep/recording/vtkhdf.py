@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .frames import (
+    CONSTANTS,
     FORMAT_VERSION,
     Constants,
     Source,
@@ -38,6 +39,9 @@ PLACES = {
     "edges": "Lines/Connectivity",
     "tetrahedra": "Connectivity",
     "points": "Points",
+    "shape_vertices": "Shapes/Vertices",  # which VTK does not look at
+    "shape_faces": "Shapes/Faces",
+    "shape_bodies": "Shapes/Bodies",
 }
 CHUNK_BYTES = 1 << 19
 
@@ -171,6 +175,9 @@ def _write_part(group: h5py.Group, source: Source, part: dict[str, Any]) -> None
     units = dict(part["fields"])
     steps = group.create_group("Steps")
     _write_times(steps, source)
+    for name, array in constants.items():
+        if name.startswith("shape_"):
+            _store(group, PLACES[name], array, CONSTANTS[name][0])
     if static:
         _store(group, "Points", constants["points"], "<f8")
         group["Points"].attrs["units"] = "m"
@@ -253,7 +260,7 @@ def _write_cells(group: h5py.Group, counts: NDArray[Any], constants: Constants) 
     for topology in TOPOLOGIES:
         cells = group.create_group(topology)
         mesh = meshes.get(topology)
-        if topology == "Vertices" and not constants:
+        if topology == "Vertices" and not ("edges" in constants or "triangles" in constants):
             number, width, connectivity = counts, 1, np.arange(counts.max(initial=0))
         elif mesh is not None:
             number, width = np.full(len(counts), len(mesh)), mesh.shape[1]

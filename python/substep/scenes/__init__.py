@@ -2,9 +2,10 @@
 
 from .catalogue import load, names
 from .declaration import Parameter, Scene
+from .record import record
 from .run import Outcome, Plan, run
 
-__all__ = ["Outcome", "Parameter", "Plan", "Scene", "load", "names", "run"]
+__all__ = ["Outcome", "Parameter", "Plan", "Scene", "load", "names", "record", "run"]
 
 
 def __dir__() -> list[str]:

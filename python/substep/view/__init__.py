@@ -2,10 +2,20 @@
 
 from .browser import Viewer, show
 from .flat import marker_area, plain_picture
-from .look import Camera, Look
+from .look import Camera, CameraPath, Light, Look
 from .view import View
 
-__all__ = ["Camera", "Look", "View", "Viewer", "marker_area", "plain_picture", "show"]
+__all__ = [
+    "Camera",
+    "CameraPath",
+    "Light",
+    "Look",
+    "View",
+    "Viewer",
+    "marker_area",
+    "plain_picture",
+    "show",
+]
 
 
 def __dir__() -> list[str]:

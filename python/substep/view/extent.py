@@ -8,12 +8,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.quaternions import rotate
 from ..errors import InputError
-from ..recording import Recording
+from ..recording import Part, Recording
 from .look import Look
 from .surfaces import in_space, magnitude
 
 FRAMES_LOOKED_AT = 60  # for the region that is shown and the range of colours
+
+
+def posed(part: Part, arrays: Mapping[str, Any]) -> NDArray[np.float32]:
+    """Points of a part in a frame; of bodies that have shapes the vertices of these."""
+    if part.shape_vertices is None:
+        return in_space(arrays["points"])
+    rows = np.asarray(part.shape_bodies)[:, 0]
+    x, q = arrays["points"][rows], arrays["orientation"][rows]
+    return in_space(in_space(x) + rotate(np.asarray(q, float), np.asarray(part.shape_vertices)))
 
 
 def radius_of(points: NDArray[Any]) -> float:
@@ -35,7 +45,8 @@ def radius_in(recording: Recording, name: str, look: Look) -> float:
         return float(look.radius(recording))
     if look.radius is not None:
         return look.radius
-    if recording.parts[name].kind == "mesh":
+    part = recording.parts[name]
+    if part.kind == "mesh" or part.shape_vertices is not None:
         return 0.0
     for frame in _frames_looked_at(recording):
         points = in_space(recording[name].points(frame))
@@ -62,7 +73,7 @@ def box_of(recording: Recording, looks: Mapping[str, Look]) -> NDArray[np.float6
             continue
         radius = radius_in(recording, name, look)
         for frame in _frames_looked_at(recording) if part.points is None else [0]:
-            points = in_space(recording[name].points(frame))
+            points = posed(part, recording.frame(frame)[name])
             low = np.minimum(low, points.min(axis=0, initial=np.inf) - radius)
             high = np.maximum(high, points.max(axis=0, initial=-np.inf) + radius)
     if not np.all(low <= high):

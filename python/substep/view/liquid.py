@@ -14,13 +14,15 @@ a bright sky, the ground, and the key light. The thickness is that of the first 
 from __future__ import annotations
 
 import contextlib
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import liquid_surface
+from ..errors import SolverError
+from ..geometry import liquid_surface, sphere_mesh
 from .surfaces import in_space
 
 REFLECTANCE = 0.02  # of water, seen along the normal
@@ -71,10 +73,7 @@ class LiquidBody:
     def update(self, arrays: Mapping[str, Any]) -> None:
         """Take the points of a frame."""
         self.points = in_space(arrays["points"])
-        surface = liquid_surface(self.points, self.radius)
-        self.data.copy_from(
-            self._poly_data(surface.vertices.astype(np.float32), surface.faces, surface.normals)
-        )
+        self.data.copy_from(self._poly_data(*surface_or_balls(self.points, self.radius)))
 
     def _poly_data(
         self, points: NDArray[np.float32], faces: NDArray[np.int64], normals: NDArray[np.float32]
@@ -93,6 +92,22 @@ class LiquidBody:
         actor = plotter.add_mesh(self.data, color=(SHADOW,) * 3, lighting=False, reset_camera=False)
         actor.user_matrix = flatten
         return actor
+
+
+def surface_or_balls(
+    points: NDArray[Any], radius: float
+) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.float32]]:
+    """Vertices, faces and normals of a liquid; where they cannot be made, a ball per particle."""
+    try:
+        surface = liquid_surface(points, radius)
+        return surface.vertices.astype(np.float32), surface.faces, surface.normals
+    except SolverError as error:
+        warnings.warn(f"a liquid is drawn as particles: {error}", RuntimeWarning, stacklevel=2)
+    ball = sphere_mesh(1.0, subdivisions=0)
+    count, size = len(points), len(ball.vertices)
+    vertices = (points[:, None] + radius * ball.vertices).reshape(-1, 3).astype(np.float32)
+    faces = (size * np.arange(count)[:, None, None] + ball.faces).reshape(-1, 3)
+    return vertices, faces, np.tile(ball.vertices, (count, 1)).astype(np.float32)
 
 
 class LiquidLayer:
@@ -127,9 +142,8 @@ class LiquidLayer:
         diagonal: float,
     ) -> None:
         self._liquid = liquid
-        self._key = axes @ key / np.linalg.norm(key)
+        self._light = key / np.linalg.norm(key)
         self._clarity = CLARITY * diagonal
-        self._axes = axes
         # Pixels that a metre takes at a distance of 1 m.
         angle = np.radians(plotter.camera.view_angle)
         self._focal = plotter.window_size[1] / (2 * np.tan(angle / 2))
@@ -147,15 +161,21 @@ class LiquidLayer:
         self._actor = self._plotter.add_mesh(
             liquid.data, interpolation="Phong", reset_camera=False, color="white"
         )
+        self.turn(axes)
+        self._plotter.enable_anti_aliasing("msaa", multi_samples=8)
+        self._plotter.screenshot(None, return_img=True)  # from now on it renders when asked to
+
+    def turn(self, axes: NDArray[np.float64]) -> None:
+        """Take the axes of the camera, to which the shader is written."""
+        self._axes, self._key = axes, axes @ self._light
         text = SURFACE.format(
             reflectance=REFLECTANCE,
             grazing=GRAZING,
             up=tuple(map(float, axes[:, 2])),
             key=tuple(map(float, self._key)),
         )
+        self._actor.GetShaderProperty().ClearAllFragmentShaderReplacements()
         _shade(self._actor, text)
-        self._plotter.enable_anti_aliasing("msaa", multi_samples=8)
-        self._plotter.screenshot(None, return_img=True)  # from now on it renders when asked to
 
     def paint(
         self,

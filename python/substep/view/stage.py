@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,13 +20,13 @@ from ..geometry import TetMesh
 from ..geometry.topology import equal_rows
 from ..recording import Part, Recording
 from .egl import window_class
-from .extent import radius_in, range_of
+from .extent import posed, radius_in, range_of
 from .field_sheet import PALETTES
 from .ground import COLOR, Ground
 from .heap_light import heap_light
 from .liquid import LiquidBody, LiquidLayer, compose, distances
-from .look import Camera, Look
-from .surfaces import in_space, magnitude, split_at_creases, vertex_normals
+from .look import Camera, CameraPath, Light, Look, camera_axes
+from .surfaces import magnitude, split_at_creases, vertex_normals
 from .volume import Smoke
 
 PALETTE = ("#c65d47", "#3f7ea6", "#d9a441", "#5d9e6e", "#8a6fb0", "#4fa3a5")
@@ -99,7 +99,7 @@ class Stage:
         Open.
     size : tuple of int
         Width and height of the images [pixels].
-    camera : Camera
+    camera : Camera or CameraPath
         Where from.
     looks : mapping of str to Look
         By part.
@@ -113,26 +113,35 @@ class Stage:
         How near surfaces shade each other [m].
     dark : bool
         Whether background and ground are dark.
+    lights : sequence of Light
+        In place of the usual ones.
     """
 
     def __init__(
         self,
         recording: Recording,
         size: tuple[int, int],
-        camera: Camera,
+        camera: Camera | CameraPath,
         looks: Mapping[str, Look],
         coloring: Coloring | None,
         box: NDArray[np.float64],
         ground: float | None,
         nooks: float | None = None,
         dark: bool = False,
+        lights: Sequence[Light] = (),
     ) -> None:
         pyvista = import_pyvista()
         self.range = None if coloring is None else coloring.range
         if coloring is not None:
             self.range = self.range or range_of(recording, coloring.field)
             coloring = Coloring(coloring.field, coloring.palette, self.range)
-        lights = _lights(camera)
+        time = float(recording.times[0])
+        self._camera, self._box, self._size = camera, box, size
+        position, target, _ = place_camera(camera, box, size, time)
+        axes = camera_axes(position, target) if isinstance(camera, CameraPath) else camera.axes()
+        sources = [(light.direction(), light.strength, light.color) for light in lights]
+        sources = sources or usual_lights(axes)
+        lit = [(direction, strength) for direction, strength, _ in sources]
         first = recording.frame(0)
         with _without_window():
             self._plotter = pyvista.Plotter(off_screen=True, window_size=size, lighting="none")
@@ -144,28 +153,28 @@ class Stage:
                 look = looks.get(name, Look())
                 if part.cells and not look.hidden:
                     colors = coloring or _heat(recording, part, look)
-                    self._smokes[name] = Smoke(pyvista, part, look, lights[0][0], colors)
+                    self._smokes[name] = Smoke(pyvista, part, look, lit[0][0], colors)
                     self._smokes[name].add_to(self._plotter)
                 elif not look.hidden:
                     tone = FIXED if part.points is not None else PALETTE[k % len(PALETTE)]
                     own = coloring if coloring and coloring.field in part.fields else None
                     radius = radius_in(recording, name, look)
                     if look.liquid and own is None:
-                        self._liquids[name] = LiquidBody(pyvista, look.color or WATER, radius)
+                        self._liquids[name] = LiquidBody(pyvista, look.colors(WATER)[0], radius)
                         continue
                     body = _Body(
-                        pyvista, part, first[name], look, look.color or tone, own, radius, lights
+                        pyvista, part, first[name], look, look.colors(tone), own, radius, lit
                     )
                     body.add_to(self._plotter)
                     self._bodies[name] = body
-            self._place_camera(camera, box, size)
+            self._look_from(time)
             self._ground: Ground | None = None
             if ground is not None and self._plotter.camera.position[2] > ground:
                 # What is drawn last has the darker shadow.
                 casting = [*self._liquids.values(), *self._bodies.values()]
                 earth = DARK_GROUND if dark else COLOR
                 self._ground = Ground(pyvista, self._plotter, box, ground, casting, earth)
-            self._add_lights(pyvista, lights)
+            self._add_lights(pyvista, sources)
             if nooks is None:
                 self._plotter.enable_anti_aliasing("msaa", multi_samples=8)
             else:  # whose passes know no multiple samples
@@ -177,43 +186,48 @@ class Stage:
                     self._plotter,
                     liquid,
                     self._bodies.values(),
-                    camera.axes(),
-                    lights[0][0],
+                    axes,
+                    lit[0][0],
                     float(np.linalg.norm(box[1] - box[0])),
                 )
                 for liquid in self._liquids.values()
             ]
 
-    def _place_camera(self, camera: Camera, box: NDArray[Any], size: tuple[int, int]) -> None:
-        """As near as all corners of the box are seen, and these in the middle."""
-        axes = camera.axes()
-        center = box.mean(axis=0)
-        tangents = np.tan(VIEW_ANGLE / 2) * np.array([size[0] / size[1], 1.0])
-        for _ in range(5):
-            corners = np.array(np.meshgrid(*(box - center).T)).reshape(3, -1).T @ axes.T
-            needed = (np.abs(corners[:, :2]) / tangents).max(axis=1) / FILLING + corners[:, 2]
-            distance = max(needed.max(), 1e-9)
-            seen = corners[:, :2] / (distance - corners[:, 2:])
-            center = center + 0.5 * distance * (seen.min(axis=0) + seen.max(axis=0)) @ axes[:2]
-        distance *= camera.distance
+    def _look_from(self, time: float) -> NDArray[np.float64]:
+        """Place the camera where it is at a time; returns the axes of the picture."""
+        position, target, angle = place_camera(self._camera, self._box, self._size, time)
+        if isinstance(self._camera, CameraPath):
+            axes = camera_axes(position, target)
+        else:
+            axes = self._camera.axes()
+        distance = float(np.linalg.norm(position - target))
         view = self._plotter.camera
-        view.view_angle = np.degrees(VIEW_ANGLE)
-        view.focal_point = center
-        view.position = center + distance * axes[2]
-        view.up = axes[1]
-        view.clipping_range = (0.02 * distance, 40 * distance)
+        view.view_angle = angle
+        view.focal_point, view.position, view.up = target, position, axes[1]
+        reach = distance + float(np.linalg.norm(self._box[1] - self._box[0]))
+        near = 0.02 * distance
+        view.clipping_range = (
+            near,
+            40 * (reach if isinstance(self._camera, CameraPath) else distance),
+        )
+        return axes
 
-    def _add_lights(self, pyvista: Any, lights: list[tuple[NDArray[np.float64], float]]) -> None:
-        for direction, intensity in lights:
+    def _add_lights(self, pyvista: Any, lights: list[Source]) -> None:
+        for direction, intensity, color in lights:
             light = pyvista.Light(position=tuple(direction), light_type="scene light")
             light.positional = False
             light.focal_point = (0, 0, 0)
             light.intensity = intensity
+            light.diffuse_color = light.specular_color = color
             self._plotter.add_light(light)
 
     def image(self, recording: Recording, frame: int) -> NDArray[np.uint8]:
         """One frame of the recording as pixels, shape (height, width, 3)."""
         arrays = recording.frame(frame)
+        if isinstance(self._camera, CameraPath):
+            axes = self._look_from(float(recording.times[frame]))
+            for layer in self._layers:
+                layer.turn(axes)
         for name, body in self._bodies.items():
             body.update(arrays[name])
         for name, liquid in self._liquids.items():
@@ -234,14 +248,38 @@ class Stage:
             self._plotter.close()
 
 
-def _lights(camera: Camera) -> list[tuple[NDArray[np.float64], float]]:
+def place_camera(
+    camera: Camera | CameraPath, box: NDArray[Any], size: tuple[int, int], time: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Position, target and angle of the picture's height [degrees].
+
+    Without a path, as near as all corners of the box are seen, and these in the middle.
+    """
+    if isinstance(camera, CameraPath):
+        return *camera.at(time), camera.angle
+    axes = camera.axes()
+    center = box.mean(axis=0)
+    tangents = np.tan(VIEW_ANGLE / 2) * np.array([size[0] / size[1], 1.0])
+    for _ in range(5):
+        corners = np.array(np.meshgrid(*(box - center).T)).reshape(3, -1).T @ axes.T
+        needed = (np.abs(corners[:, :2]) / tangents).max(axis=1) / FILLING + corners[:, 2]
+        distance = max(needed.max(), 1e-9)
+        seen = corners[:, :2] / (distance - corners[:, 2:])
+        center = center + 0.5 * distance * (seen.min(axis=0) + seen.max(axis=0)) @ axes[:2]
+    return center + distance * camera.distance * axes[2], center, float(np.degrees(VIEW_ANGLE))
+
+
+Source = tuple[NDArray[np.float64], float, str]  # direction, strength, colour
+
+
+def usual_lights(axes: NDArray[np.float64]) -> list[Source]:
     """A key light from above on the left, a fill from the right, and one along the view."""
-    right, up, back = camera.axes()
+    right, up, back = axes
     z = np.array([0.0, 0.0, 1.0])
     return [
-        (0.9 * z - 0.55 * right + 0.45 * back, 0.62),
-        (0.25 * z + 0.9 * right + 0.35 * back, 0.22),
-        (0.2 * up + back, 0.32),
+        (0.9 * z - 0.55 * right + 0.45 * back, 0.62, "white"),
+        (0.25 * z + 0.9 * right + 0.35 * back, 0.22, "white"),
+        (0.2 * up + back, 0.32, "white"),
     ]
 
 
@@ -254,17 +292,18 @@ class _Body:
         part: Part,
         arrays: Mapping[str, Any],
         look: Look,
-        tone: str,
+        tones: tuple[str, ...],
         coloring: Coloring | None,
         radius: float,
         lights: list[tuple[NDArray[np.float64], float]],
     ) -> None:
-        self._pyvista, self._look, self._tone, self._coloring = pyvista, look, tone, coloring
+        self._pyvista, self._look, self._coloring = pyvista, look, coloring
+        self._tone, self._part = tones[0], part
         field = self._field = None if coloring is None else coloring.field
         self._lights = lights
         self._fixed = part.points is not None
         self._vertices: NDArray[np.int64] | None = None  # recorded numbers of those shown
-        points = in_space(arrays["points"])
+        points = posed(part, arrays)
         triangles = _triangles_of(part, points)
         if triangles is not None:
             self.kind = "surface"
@@ -288,6 +327,13 @@ class _Body:
             if look.heap:
                 self.kind = "heap"
         self._by_particle = self.kind == "heap" or (self.kind == "points" and field is not None)
+        self._by_body = len(tones) > 1 and part.shape_bodies is not None and field is None
+        if self._by_body and self._vertices is not None:
+            from matplotlib.colors import to_rgb
+
+            colors = np.array([to_rgb(tone) for tone in tones])
+            rows = np.asarray(part.shape_bodies)[self._vertices, 0] % len(tones)
+            self.data.point_data[LIT] = np.rint(255 * colors[rows]).astype(np.uint8)
         if self._by_particle:  # the mapper of discs does not look colours up again
             self.data.point_data[LIT] = np.zeros((self.data.n_points, 3), np.uint8)
         elif field is not None:
@@ -300,7 +346,7 @@ class _Body:
     def add_to(self, plotter: Any) -> Any:
         """Put it before the camera; returns the actor."""
         options: dict[str, Any] = {"opacity": self._look.opacity, **MATTE, "color": self._tone}
-        if self._by_particle:
+        if self._by_particle or self._by_body:
             options |= {"scalars": LIT, "rgb": True, "color": None}
         elif self._coloring is not None:
             options |= {"scalars": self._field, "clim": self._coloring.range, "color": None}
@@ -308,7 +354,7 @@ class _Body:
         if self.kind == "surface":
             options |= {"interpolation": "Phong", "show_edges": self._look.edges}
             options |= {"edge_opacity": 0.25, "line_width": 1}
-            if self._open and self._field is None:
+            if self._open and self._field is None and not self._by_body:
                 back = self._look.back or _lighter(self._tone)
                 options["backface_params"] = {"color": back, "ambient": 0.4, "diffuse": 0.7}
         elif self.kind == "lines":
@@ -358,7 +404,7 @@ class _Body:
         """Take the points and the colours of a frame."""
         if self._fixed:
             return
-        points = in_space(arrays["points"])
+        points = posed(self._part, arrays)
         if self._vertices is not None:
             points = points[self._vertices]
         if self.kind == "tubes":
@@ -381,6 +427,8 @@ class _Body:
             self.data.point_data.set_scalars((255 * np.clip(colors, 0, 1)).astype(np.uint8), LIT)
         elif self._field is not None:
             values = magnitude(arrays[self._field])
+            if self._part.shape_bodies is not None:
+                values = values[np.asarray(self._part.shape_bodies)[:, 0]]
             shown = values if self._vertices is None else values[self._vertices]
             self.data.point_data.set_scalars(shown, self._field)
 
@@ -402,6 +450,8 @@ class _Body:
 
 def _triangles_of(part: Part, points: NDArray[Any]) -> NDArray[np.int64] | None:
     """Triangles of a part, or of the surface of its tetrahedra."""
+    if part.shape_faces is not None:
+        return np.asarray(part.shape_faces)
     if part.triangles is not None:
         return np.asarray(part.triangles)
     if part.tetrahedra is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.checks import check_choice
 from ..recording import Recording
 from .extent import box_of
-from .look import Camera, Look
+from .look import Camera, CameraPath, Light, Look
 from .stage import Coloring, Stage
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ class View:
 
     Parameters
     ----------
-    camera : Camera
+    camera : Camera or CameraPath
         Where from.
     looks : mapping of str to Look
         By part; parts that are not named look as they do by default.
@@ -52,6 +52,9 @@ class View:
         the sky from each other: heaps of solids get depth.
     dark : bool
         Draw before a dark background, as suits smoke.
+    lights : sequence of Light
+        In place of those that there are unless told otherwise, from the left above, from the right
+        and along the view.
 
     Examples
     --------
@@ -61,7 +64,7 @@ class View:
     5.0
     """
 
-    camera: Camera = field(default_factory=Camera)
+    camera: Camera | CameraPath = field(default_factory=Camera)
     looks: Mapping[str, Look] = field(default_factory=dict)
     color: str | None = None
     palette: str = "viridis"
@@ -72,6 +75,7 @@ class View:
     title: Callable[[Recording, int], str] | None = None
     nooks: float | Callable[[Recording], float] | None = None
     dark: bool = False
+    lights: Sequence[Light] = ()
 
     def __call__(self, recording: Recording, frame: int, figure: Figure) -> None:
         """Draw one frame on a matplotlib figure."""
@@ -114,6 +118,25 @@ class View:
         """
         return self._stage(recording, size).image(recording, frame)
 
+    def region(self, recording: Recording) -> tuple[NDArray[np.float64], float | None]:
+        """What is shown.
+
+        Parameters
+        ----------
+        recording : Recording
+            Open.
+
+        Returns
+        -------
+        tuple
+            Lowest and highest corner of the region, shape (2, 3), and height of the ground or None
+            [m].
+        """
+        box = box_of(recording, self.looks) if self.box is None else self.box(recording)
+        box = np.asarray(box, float)
+        ground = float(box[0, 2]) if self.ground is None else self.ground(recording)
+        return box, ground
+
     def _stage(self, recording: Recording, size: tuple[int, int]) -> Stage:
         """The stage of this view, kept as long as the recording is there."""
         for name in self.looks:
@@ -121,15 +144,22 @@ class View:
         stages = _STAGES.setdefault(recording, {})
         key = (self, size)
         if key not in stages:
-            box = box_of(recording, self.looks) if self.box is None else self.box(recording)
-            box = np.asarray(box, float)
-            ground = float(box[0, 2]) if self.ground is None else self.ground(recording)
+            box, ground = self.region(recording)
             coloring = None
             if self.color is not None:
                 coloring = Coloring(self.color, self.palette, self.limits)
             nooks = self.nooks(recording) if callable(self.nooks) else self.nooks
             stages[key] = Stage(
-                recording, size, self.camera, self.looks, coloring, box, ground, nooks, self.dark
+                recording,
+                size,
+                self.camera,
+                self.looks,
+                coloring,
+                box,
+                ground,
+                nooks,
+                self.dark,
+                self.lights,
             )
         return stages[key]
 

@@ -61,7 +61,7 @@ class Smoke:
         if self._coloring:
             self.field = self._coloring.field
         self._cell = float(part.cell or 1.0)
-        self._color = np.array(to_rgb(look.color or SMOKE), np.float32)
+        self._color = np.array(to_rgb(look.colors(SMOKE)[0]), np.float32)
         self._absorption = DEPTH / min(part.cells) * look.opacity
         self._key = np.asarray(key, float) / np.linalg.norm(key)
         low = np.asarray(part.bounds)[0] + 0.5 * self._cell

@@ -1,0 +1,85 @@
+"""A recording of any simulation, without a scene."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from ..base.checks import check_path, check_real, describe
+from ..recording import Recorder
+from .declaration import particle_frame, particle_parts
+
+
+def record(
+    simulation: Any,
+    path: str | os.PathLike[str],
+    duration: float,
+    *,
+    fps: float = 25.0,
+    overwrite: bool = False,
+) -> Path:
+    """Advance a simulation, and record it frame by frame.
+
+    The parts are those of a scene that does not say otherwise: particles with all fields, rigid
+    bodies with their shapes, cloth and soft bodies as meshes, grids, and of a `World` one for each
+    member.
+
+    Parameters
+    ----------
+    simulation : simulation
+        Of any class, or a `World`; it ends `duration` later than it began.
+    path : path-like
+        Of the recording, by custom `*.vtkhdf`.
+    duration : float
+        How long it goes on [s], at least 0.
+    fps : float
+        Frames for each second of its time; the first is the state it is in.
+    overwrite : bool
+        Replace a recording that is there.
+
+    Returns
+    -------
+    Path
+        The recording.
+
+    Raises
+    ------
+    InputError
+        If an argument is wrong.
+    FileExistsError
+        If a recording is there, without `overwrite`.
+    SolverError
+        If the simulation fails; the frames before are in the journal.
+    OSError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import os, tempfile
+    >>> import substep
+    >>> bodies = substep.RigidBodies()
+    >>> box = bodies.add(substep.Box((1, 1, 1)), (0, 0, 2))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = substep.scenes.record(bodies, os.path.join(folder, "fall.vtkhdf"), 0.2, fps=10)
+    ...     with substep.Recording(path) as recording:
+    ...         print(len(recording), recording.parts["particles"].kind)
+    3 bodies
+    """
+    if not all(hasattr(simulation, name) for name in ("fields", "advance", "time")):
+        raise TypeError(f"simulation: expected one of ours, got {describe(simulation)}")
+    duration = check_real("duration", duration, nonnegative=True)
+    fps = check_real("fps", fps, positive=True)
+    target = check_path(path)
+    start, name = float(simulation.time), type(simulation).__name__
+    frames = int(duration * fps * (1 + 1e-12)) + 1
+    with Recorder(
+        target, parts=particle_parts(simulation), scene=name, overwrite=overwrite
+    ) as recorder:
+        for k in range(frames):
+            if (left := start + k / fps - simulation.time) > 0:
+                simulation.advance(left)
+            recorder.append(simulation.time, particle_frame(simulation))
+    if (left := start + duration - simulation.time) > 0:
+        simulation.advance(left)
+    return Path(target)
