@@ -1,7 +1,8 @@
 """The list of all cases: name, method, source, figure, band and what measures it.
 
-Bands are those of the project's own tests. Controls are cases that are set up wrongly, by a step
-beyond the limit or a wrong parameter: they show that the band would notice.
+Bands are those of the project's own tests, or wider where a case is coarser or longer. Controls
+are cases that are set up wrongly, by a step beyond the limit or a wrong parameter: they show that
+the band would notice.
 """
 
 from __future__ import annotations
