@@ -632,14 +632,14 @@ def test_each_class_keeps_each_line(kind, line):
 
 
 LOADING = """
-import sys
+import importlib, sys
 sys.path.insert(0, sys.argv[1])
-from test_conformance import DURATION, classes, content, example
-for kind in classes():
-    simulation = example(kind)()
-    simulation.load(f"{sys.argv[2]}/{kind.__name__}")
+from test_conformance import DURATION, content, example
+for module, name in (kind.split(":") for kind in sys.argv[3:]):
+    simulation = example(getattr(importlib.import_module(module), name))()
+    simulation.load(f"{sys.argv[2]}/{name}")
     simulation.advance(DURATION)
-    print(kind.__name__, content(simulation))
+    print(name, content(simulation))
 """
 
 
@@ -647,7 +647,8 @@ def assert_goes_on_in_a_new_process(simulations, folder):
     for simulation in simulations:
         simulation.save(folder / type(simulation).__name__)
         simulation.advance(DURATION)
-    command = [sys.executable, "-c", LOADING, Path(__file__).parent, folder]
+    kinds = [f"{type(s).__module__}:{type(s).__name__}" for s in simulations]
+    command = [sys.executable, "-c", LOADING, Path(__file__).parent, folder, *kinds]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     found = dict(line.split() for line in done.stdout.splitlines())
     assert found == {type(s).__name__: content(s) for s in simulations}, done.stderr
@@ -661,16 +662,16 @@ def test_checkpoints_go_on_in_a_new_process(tmp_path):
 
 
 @pytest.mark.slow
-def test_checkpoints_after_many_steps_go_on_in_a_new_process(tmp_path):
-    simulations = [example(kind)() for kind in classes()]
-    for simulation in simulations:
-        step_size, threads = simulation.step_size, simulation.threads
-        simulation.step_size = step = step_size or simulation.step_limit()[0] / 2
-        simulation.threads = 1  # two wait for each other most of such short loops
-        simulation.advance(100_000 * step)
-        assert simulation.report.steps >= 100_000
-        simulation.step_size, simulation.threads = step_size, threads
-    assert_goes_on_in_a_new_process(simulations, tmp_path)
+@pytest.mark.parametrize("kind", classes(), ids=lambda kind: kind.__name__)
+def test_checkpoints_after_many_steps_go_on_in_a_new_process(kind, tmp_path):
+    simulation = example(kind)()
+    step_size, threads = simulation.step_size, simulation.threads
+    simulation.step_size = step = step_size or simulation.step_limit()[0] / 2
+    simulation.threads = 1  # two wait for each other most of such short loops
+    simulation.advance(100_000 * step)
+    assert simulation.report.steps >= 100_000
+    simulation.step_size, simulation.threads = step_size, threads
+    assert_goes_on_in_a_new_process([simulation], tmp_path)
 
 
 def test_public_simulations_are_enrolled():

@@ -12,8 +12,8 @@ def World(threads=None):
     bodies.distance(int(balls[1]), None, (0.7, 0.25, 0.4), (0.7, 0.25, 0.9), limits=(0, 0.55))
     bodies.add(substep.Plane(), (0, 0, 0), motion="static")
     water = substep.GridLiquid(
-        substep.fill_box((0, 0, 0), (1, 0.5, 0.2), 0.05),
-        cell=0.1,
+        substep.fill_box((0, 0, 0), (1, 0.5, 0.25), 0.0625),
+        cell=0.125,
         bounds=((0, 0, 0), (1, 0.5, 1)),
         colliders=bodies.make_colliders(balls),
     )

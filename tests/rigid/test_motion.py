@@ -10,6 +10,7 @@ import pytest
 import substep
 from scipy import integrate, spatial, special
 from substep import rigid
+from substep.base.quaternions import multiply, rotate
 from substep.errors import InputError, NonFiniteError
 
 SHARED = Path(__file__).parents[3] / "shared"
@@ -342,3 +343,13 @@ def test_mass_properties_refuse():
             rigid.MassProperties(1, [0, 0, 0], inertia)
     with pytest.raises(InputError, match="rotation: expected a quaternion that is not 0"):
         rigid.mass_properties(cube).moved([0, 0, 0], [0, 0, 0, 0])
+
+
+def test_rotations_of_few_rows_have_the_bits_of_many():
+    rng = np.random.default_rng(0)
+    p, q = rng.normal(size=(2, 40, 4))
+    for formula, right in ((multiply, q), (rotate, q[:, 1:])):
+        many = formula(p, right)
+        assert np.array_equal(formula(p[3], right[3]), many[3])
+        for n in (0, 1, 5, 16, 17):
+            assert np.array_equal(formula(p[:n], right[:n]), many[:n])

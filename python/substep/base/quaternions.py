@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from .checks import check_array, first_bad_index
 Array = NDArray[np.float64]
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
+_FEW = 16
 
 
 def unit_quaternions(name: str, value: Any, shape: tuple[int | None, ...]) -> Array:
@@ -32,19 +34,24 @@ def unit_quaternions(name: str, value: Any, shape: tuple[int | None, ...]) -> Ar
 
 def multiply(p: Array, q: Array) -> Array:
     """The products p q of quaternions (w, x, y, z), row by row; first q turns, then p."""
-    if p.ndim == q.ndim == 1:
-        return np.array(_product(p.tolist(), q.tolist()))
-    return np.stack(_product(np.moveaxis(p, -1, 0), np.moveaxis(q, -1, 0)), axis=-1)
+    return _by_rows(_product, p, q)
 
 
 def rotate(q: Array, v: Array) -> Array:
     """Vectors turned by unit quaternions, row by row: v + w t + u x t with t = 2 u x v."""
-    if q.ndim == v.ndim == 1:
-        return np.array(_turned(q.tolist(), v.tolist()))
-    return np.stack(_turned(np.moveaxis(q, -1, 0), np.moveaxis(v, -1, 0)), axis=-1)
+    return _by_rows(_turned, q, v)
 
 
-# Of components, which are floats for one row: arrays of that size take a hundred times as long.
+def _by_rows(formula: Callable[[Any, Any], list[Any]], p: Array, q: Array) -> Array:
+    """The formula of components, which are floats where there are few rows.
+
+    The bits are the same, and arrays of that size take as long as dozens of rows.
+    """
+    if p.ndim == q.ndim == 1:
+        return np.array(formula(p.tolist(), q.tolist()))
+    if p.ndim == q.ndim == 2 and 0 < len(p) == len(q) <= _FEW:
+        return np.array([formula(*row) for row in zip(p.tolist(), q.tolist(), strict=True)])
+    return np.stack(formula(np.moveaxis(p, -1, 0), np.moveaxis(q, -1, 0)), axis=-1)
 
 
 def _product(p: Any, q: Any) -> list[Any]:

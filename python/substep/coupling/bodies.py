@@ -59,7 +59,8 @@ class Link:
         self._pushes = member._pushes_bodies
         self.colliders = [member.colliders[place[0]]._native for place in places]
         ids = np.array([place[1] for place in places], np.int64)
-        self.ids, self.of = np.unique(ids, return_inverse=True)  # bodies; that of each collider
+        # The bodies, an obstacle of each, and the body of each obstacle.
+        self.ids, self._first, self.of = np.unique(ids, return_index=True, return_inverse=True)
         self._x = np.array([place[2] for place in places])
         self._q = np.array([place[3] for place in places])
 
@@ -67,7 +68,7 @@ class Link:
         """Of the bodies, now."""
         known = bodies.ids
         rows = np.searchsorted(known, self.ids)
-        gone = ~np.isin(self.ids, known)
+        gone = known[np.minimum(rows, len(known) - 1)] != self.ids if len(known) else rows == 0
         if gone.any():
             body = int(self.ids[np.argmax(gone)])
             raise InputError(
@@ -104,7 +105,7 @@ class Link:
 
     def strays(self, x: Array, velocities: Array, dt: float) -> Array:
         """How much further than under constant forces they went since `place` [m], [rad]."""
-        first = np.unique(self.of, return_index=True)[1]  # an obstacle of each body
+        first = self._first
         state = np.array([self.colliders[k].state for k in first])
         q0, centres = self._placed[0][first], self._placed[1][first]
         arm = rotate(state[:, 3:7], centres)
