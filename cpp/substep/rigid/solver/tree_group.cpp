@@ -243,7 +243,7 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
       moves = rates_[k].linear - cross(rates_[k].angular, now_[k].c) - parent.linear;
       if (part.parent >= 0) moves -= cross(parent.angular, now_[k].O - now_[usize(part.parent)].x);
     }
-    rates_[k].along = dot(now_[k].axis, moves);
+    m.rate = rates_[k].along = dot(now_[k].axis, moves);
     last_rates_[k] = older_rates_[k] = rates_[k];
     m.origin = quad(bodies.position(m.body));
     m.root = QuadMatrix::of(rows.root_of(m.row));
@@ -443,6 +443,15 @@ double TreeGroup::coordinate(std::size_t k) const {
   return angle + kTurn * std::round((m.coordinate - angle) / kTurn);
 }
 
+// Of the coordinate in the sub-step.
+double TreeGroup::mean_rate(std::size_t k) const {
+  const Tree::Coordinate &from = begin_[k], &to = end_[k];
+  if (slides(k)) return (to.way - from.way) / h_;
+  return std::atan2(to.sine * from.cosine - to.cosine * from.sine,
+                    to.cosine * from.cosine + to.sine * from.sine) /
+         h_;
+}
+
 // How far a limit is passed.
 double TreeGroup::passed(std::size_t k) const {
   const Member& m = members_[k];
@@ -468,7 +477,7 @@ void TreeGroup::set_laws(Stage stage) {
     m.mobility = mobility_of(k, k);
     if (parent >= 0) m.mobility += mobility_of(usize(parent), k);
     m.law = JointLaw::make(m.motor, m.lower, m.upper, interval, stage, m.mode, coordinate(k),
-                           sign(k) * mean(k, last_rates_[k].along), 1 / m.mobility);
+                           sign(k) * m.rate, 1 / m.mobility);
   }
 }
 
@@ -478,10 +487,7 @@ bool TreeGroup::choose_modes(Stage stage, std::span<const Tree::Rate> rates) {
   for (std::size_t k = 0; ruled_ && k < members_.size(); ++k) {
     Member& m = members_[k];
     if (!m.ruled) continue;
-    const bool turns = stage == Stage::kMotion && !slides(k);
-    const double t = turns ? 0.5 * h_ * rates[k].along : 0;
-    const double slope = 1 / (1 + t * t);  // of the mean rate, by the rate of Cayley's map
-    const double u = turns ? mean(k, rates[k].along) : rates[k].along;
+    const double u = stage == Stage::kMotion ? mean_rate(k) : rates[k].along;
     const JointLaw::Mode mode = m.law.mode(sign(k) * u, m.along, m.mobility);
     changed = changed || mode != m.mode;
     m.mode = mode;
@@ -492,10 +498,10 @@ bool TreeGroup::choose_modes(Stage stage, std::span<const Tree::Rate> rates) {
     } else if (const double residual = m.law.residual(mode, sign(k) * now, 0);
                m.law.softness(mode) > 0) {
       drive.impulse = -sign(k) * (residual / m.law.compliance + m.given_along);
-      drive.stiffness = slope / m.law.compliance;
+      drive.stiffness = 1 / m.law.compliance;
     } else {
       drive.held = true;
-      drive.change = -sign(k) * residual / slope;
+      drive.change = -sign(k) * residual;
     }
   }
   return changed;
@@ -511,7 +517,7 @@ bool TreeGroup::slow_springs(Stage stage, std::span<const Tree::Rate> rates) {
   bool any = false;
   for (std::size_t k = 0; ruled_ && k < members_.size(); ++k) {
     Member& m = members_[k];
-    const double r = rates[k].along, u = sign(k) * (stage == Stage::kMotion ? mean(k, r) : r);
+    const double u = sign(k) * (stage == Stage::kMotion ? mean_rate(k) : rates[k].along);
     const double most = std::max(kMostSprung / h_, std::abs(m.law.before));
     if (!m.ruled || slides(k) || !(m.law.compliance > 0) || !(std::abs(u) > most)) continue;
     m.law.rate = std::copysign(most, u);
@@ -753,7 +759,9 @@ void TreeGroup::move_in_tree(double part) {
 void TreeGroup::count_turns() {
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
-    m.coordinate += sign(k) * h_ * mean(k, rates_[k].along);
+    if (!has_coordinate(k)) continue;
+    m.rate = mean_rate(k);
+    m.coordinate += sign(k) * h_ * m.rate;
   }
 }
 

@@ -6,7 +6,6 @@
 // forces at their joints.
 #pragma once
 
-#include <cmath>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -76,6 +75,7 @@ class TreeGroup {
     Joint::Motor motor;
     JointLaw law;
     JointLaw::Mode mode;
+    double rate;                // of the sub-step before
     double mobility;            // change of the rate by an impulse, of its bodies apart
     double along, given_along;  // impulse of the sub-step, and what the momenta have of it
     double last, sum_along;     // that of the sub-step before, and of the step
@@ -114,12 +114,12 @@ class TreeGroup {
   using Stage = JointLaw::Stage;
   double sign(std::size_t k) const { return members_[k].is_a ? 1 : -1; }  // of the coordinate
   bool slides(std::size_t k) const { return tree_.parts()[k].kind == Tree::Kind::kSlider; }
-  // Of the rate of a hinge by Cayley's map, or of a slider.
-  double mean(std::size_t k, double rate) const {
-    return slides(k) ? rate : 2 / h_ * std::atan(0.5 * h_ * rate);
+  bool has_coordinate(std::size_t k) const {
+    return slides(k) || tree_.parts()[k].kind == Tree::Kind::kHinge;
   }
   double coordinate(std::size_t k) const;
   double passed(std::size_t k) const;
+  double mean_rate(std::size_t k) const;
   void set_laws(Stage stage);
   bool choose_modes(Stage stage, std::span<const Tree::Rate> rates);
   void read_impulses();
