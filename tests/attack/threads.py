@@ -65,7 +65,9 @@ def _whole(subject, names):
 
 
 def _read(one, names, whole, r, done, counts, row, told):
-    while not done.is_set():
+    last = False
+    while not last:
+        last = done.is_set()  # at least one is read
         name = r.choice(list(names))
         try:
             value = names[name](one)
