@@ -167,6 +167,43 @@ def test_limits_and_motors_of_trees_agree_with_equations_of_their_joints(laws, f
 
 
 @pytest.mark.parametrize(
+    ("links", "impulse", "step"),
+    [
+        (5, (2.2, 0, -1.3), 1 / 60),
+        (8, (0.8, 0, 2.4), 1 / 60),
+        (12, (-1.0, 0, 2.0), 1 / 240),
+        (15, (0, 0, 0), 1 / 240),
+    ],
+)
+def test_many_limits_that_are_met_at_once_give_no_energy(links, impulse, step):
+    bodies = substep.RigidBodies(step=step, sleeping=False)
+    last = None
+    for k in range(links):
+        link = bodies.add(rigid.Box((0.3, 0.1, 0.1)), (0.3 * k + 0.15, 0, 0), mask=0, mass=1.0)
+        bodies.hinge(link, last, (0.3 * k, 0, 0), (0, 1, 0), limits=(-0.3, 0.3))
+        last = link
+    bodies.apply_impulse(last, impulse)
+    start = bodies.diagnostics()["energy"]
+    for _ in range(round(2 / step)):
+        bodies.step()
+        assert bodies.diagnostics()["energy"] < start + 1e-9
+    assert all(abs(joint.coordinate) < 0.3 + 1e-7 for joint in bodies.joints)
+
+
+def test_limits_that_contacts_pass_are_taken_back():
+    # A rod at a hinge with a limit, and what falls on it.
+    bodies = substep.RigidBodies(sleeping=False)
+    rod = bodies.add(rigid.Box((1, 0.1, 0.1)), (0.5, 0, 0), mass=0.1)
+    joint = bodies.hinge(rod, None, (0, 0, 0), (0, 1, 0), limits=(-1, 0))
+    bodies.add(rigid.Sphere(0.2), (0.8, 0, 0.5), mass=50.0)
+    passed = []
+    while bodies.time < 1:
+        bodies.step()
+        passed.append(joint.coordinate)
+    assert max(passed) < 1e-3 and passed[-1] < 1e-6
+
+
+@pytest.mark.parametrize(
     ("masses", "step", "most"),
     [
         ((1, 1, 100), 1 / 60, 0.15),

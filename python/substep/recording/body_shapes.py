@@ -11,7 +11,7 @@ from ..geometry import Plane, TriangleMesh
 from ..rigid import RigidBodies
 
 
-def body_shapes(bodies: RigidBodies, ids: ArrayLike | None = None) -> dict[str, NDArray[Any]]:
+def body_shapes(bodies: RigidBodies, ids: ArrayLike | None = None) -> dict[str, Any]:
     """Arguments of a `Part` of bodies that keep their shapes.
 
     Parameters
@@ -39,7 +39,7 @@ def body_shapes(bodies: RigidBodies, ids: ArrayLike | None = None) -> dict[str, 
     >>> boxes = bodies.add(substep.Box((1, 1, 1)), [(0, 0, 1), (0, 0, 3)])
     >>> shapes = substep.recording.body_shapes(bodies)
     >>> part = substep.Part("bodies", {"orientation": "1"}, **shapes)
-    >>> part.shape_faces.shape
+    >>> shapes["shape_faces"].shape
     (24, 3)
     """
     rows = range(len(bodies)) if ids is None else bodies.rows(ids)

@@ -60,8 +60,8 @@ class View:
     --------
     >>> import substep
     >>> view = substep.render.View(substep.render.Camera(elevation=5.0), color="speed")
-    >>> view.camera.elevation
-    5.0
+    >>> view.color
+    'speed'
     """
 
     camera: Camera | CameraPath = field(default_factory=Camera)

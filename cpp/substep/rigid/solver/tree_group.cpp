@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <utility>
 
@@ -183,6 +184,7 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
                            const Bodies& bodies, const JointGroup::Settings& settings,
                            BodyRows& rows) {
   h_ = substep_ = settings.h;
+  push_ = settings.push;
   smooth_ = std::none_of(members_.begin(), members_.end(), [&](const Member& m) {
     return pressed[usize(m.body)] == JointGroup::kPressed;
   });
@@ -226,8 +228,7 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
   if (!set_coordinates(bodies)) return false;
   for (std::size_t k = 0; k < members_.size(); ++k) {
     tree_.drive(k) = {};
-    if (!members_[k].ruled) continue;
-    if (!(passed(k) < kPassed)) return false;
+    if (std::abs(passed(k)) > push_) return false;  // was put apart
   }
   intervals_ = 0;
   find_inertia(rows);
@@ -428,10 +429,31 @@ void TreeGroup::begin_substep(BodyRows& rows) {
     tree_.place(begin_, now_);
     tree_.begin(now_);
   }
+  take_back_limits();
   guess_rates();
   for (Member& m : members_) m.along = weight_ * m.last, m.given_along = 0;
   set_laws(Stage::kMotion);
   begin_motion();
+}
+
+// By displacements without velocity, as near as momenta allow; what is at a limit stays there.
+void TreeGroup::take_back_limits() {
+  std::size_t any = 0;
+  while (any < members_.size() && !(std::abs(passed(any)) > kPassed)) ++any;
+  if (any == members_.size()) return;
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const Member& m = members_[k];
+    wanted_[k] = {};
+    if (!m.ruled) continue;
+    const double y = coordinate(k);
+    tree_.drive(k) = {.held = y >= m.upper || y <= m.lower,
+                      .change = -sign(k) * std::clamp(passed(k), -push_, push_)};
+  }
+  tree_.factor(now_);
+  tree_.respond(wanted_, change_);
+  tree_.advance(change_, 1, begin_);
+  tree_.place(begin_, now_);
+  tree_.begin(now_);
 }
 
 // The angle of a hinge, over turns, or the way of a slider.
@@ -452,12 +474,12 @@ double TreeGroup::mean_rate(std::size_t k) const {
          h_;
 }
 
-// How far a limit is passed.
+// How far a limit is passed, below 0 the lower one.
 double TreeGroup::passed(std::size_t k) const {
   const Member& m = members_[k];
   if (!m.ruled) return 0;
   const double y = coordinate(k);
-  return std::max({0., y - m.upper, m.lower - y});
+  return y - std::clamp(y, m.lower, m.upper);
 }
 
 void TreeGroup::set_laws(Stage stage) {
@@ -481,22 +503,20 @@ void TreeGroup::set_laws(Stage stage) {
   }
 }
 
-// By the rates, mean ones of the motion or velocities. Returns whether there are others.
-bool TreeGroup::choose_modes(Stage stage, std::span<const Tree::Rate> rates) {
-  bool changed = false;
+// Rate along the coordinate of a part that change_ changes: of the motion so far, or none.
+double TreeGroup::base_rate(Stage stage, std::size_t k) const {
+  return stage == Stage::kMotion ? mean_rate(k) : 0;
+}
+
+void TreeGroup::set_drives(Stage stage) {
   for (std::size_t k = 0; ruled_ && k < members_.size(); ++k) {
-    Member& m = members_[k];
+    const Member& m = members_[k];
     if (!m.ruled) continue;
-    const double u = stage == Stage::kMotion ? mean_rate(k) : rates[k].along;
-    const JointLaw::Mode mode = m.law.mode(sign(k) * u, m.along, m.mobility);
-    changed = changed || mode != m.mode;
-    m.mode = mode;
-    const double now = stage == Stage::kMotion ? u : 0;  // that respond() changes
+    const double residual = m.law.residual(m.mode, sign(k) * base_rate(stage, k), 0);
     Tree::Drive& drive = tree_.drive(k) = {};
-    if (JointLaw::fixes_impulse(mode)) {
-      drive.impulse = sign(k) * (m.law.fixed_impulse(mode) - m.given_along);
-    } else if (const double residual = m.law.residual(mode, sign(k) * now, 0);
-               m.law.softness(mode) > 0) {
+    if (JointLaw::fixes_impulse(m.mode)) {
+      drive.impulse = sign(k) * (m.law.fixed_impulse(m.mode) - m.given_along);
+    } else if (m.law.softness(m.mode) > 0) {
       drive.impulse = -sign(k) * (residual / m.law.compliance + m.given_along);
       drive.stiffness = 1 / m.law.compliance;
     } else {
@@ -504,7 +524,51 @@ bool TreeGroup::choose_modes(Stage stage, std::span<const Tree::Rate> rates) {
       drive.change = -sign(k) * residual;
     }
   }
-  return changed;
+}
+
+// By the rates after change_. one: only the first that is another. Returns how many are others.
+int TreeGroup::choose_modes(Stage stage, bool one) {
+  int others = 0;
+  for (std::size_t k = 0; ruled_ && k < members_.size(); ++k) {
+    Member& m = members_[k];
+    if (!m.ruled) continue;
+    const double u = sign(k) * (base_rate(stage, k) + change_[k].along);
+    const JointLaw::Mode mode = m.law.mode(u, m.along, m.mobility);
+    if (mode == m.mode) continue;
+    const double little = kLittle / h_;
+    if (m.law.mode(u - little, m.along, m.mobility) == m.mode ||
+        m.law.mode(u + little, m.along, m.mobility) == m.mode)
+      continue;
+    if (!one || others == 0) m.mode = mode;
+    ++others;
+  }
+  return others;
+}
+
+// change_ that the wanted momenta ask for, with the modes that it leads to: all that are others at
+// once as long as that makes them fewer, else the first alone, which ends (Judice and Pires 1994,
+// Comput. Oper. Res. 21; Murty 1974, Linear Algebra Appl. 9). Returns whether they are found.
+bool TreeGroup::respond(Stage stage) {
+  int fewest = std::numeric_limits<int>::max(), tries = 0;
+  for (int pivots = 0; pivots < kPivots; ++pivots) {
+    set_drives(stage);
+    if (!std::exchange(factored_, true)) {
+      ++factors_;
+      if (stage == Stage::kMotion) {
+        tree_.factor(now_, next_, h_, found_);
+      } else {
+        tree_.factor(now_);
+      }
+    }
+    tree_.respond(wanted_, change_);
+    read_impulses();
+    const int others = choose_modes(stage, tries >= kTries);
+    if (others == 0) return true;
+    factored_ = false;
+    tries = others < fewest ? 0 : tries + 1;
+    fewest = std::min(fewest, others);
+  }
+  return false;
 }
 
 void TreeGroup::read_impulses() {
@@ -545,17 +609,15 @@ bool TreeGroup::solve(double tolerance) {
   for (int i = 0; i < (alone_ ? kIterationsAlone : kIterations); ++i) {
     tree_.place(end_, next_);
     tree_.find_momenta(next_, h_, found_);
-    if (choose_modes(Stage::kMotion, rates_)) factored_ = false;
-    const bool anew = !std::exchange(factored_, true);
-    if (anew) tree_.factor(now_, next_, h_, found_);
-    if (anew) drift_ = 0;
     for (std::size_t k = 0; k < members_.size(); ++k) {
       wanted_[k].linear = momenta_[k].linear - found_[k].linear;
       wanted_[k].angular = moment(k, momenta_[k].angular - found_[k].angular);
     }
     last_change_.swap(change_);
-    tree_.respond(wanted_, change_);
-    read_impulses();
+    const auto factors = factors_;
+    if (!respond(Stage::kMotion)) return false;
+    const bool anew = factors_ != factors;
+    if (anew) drift_ = 0;
     const double last = std::exchange(worst, 0);
     double along = 0, square = 0;
     for (std::size_t k = 0; k < members_.size(); ++k) {
@@ -581,19 +643,19 @@ bool TreeGroup::solve(double tolerance) {
       rates_[k].along += length * change_[k].along;
     }
     tree_.advance(change_, length * h_, end_);
-    if (found && !choose_modes(Stage::kMotion, rates_)) return is_near();
-    if (found) factored_ = false;
+    if (found) return is_near();
   }
   return !alone_ && worst < kClose && is_near();
 }
 
 // Whether the motion found is one near the motion before, not another root, as there may be where a
-// chain snaps taut: joints give no energy but by
-// their motors, and turn no body far that turned slowly.
+// chain snaps taut: joints give no energy but by their motors, and turn no body far that turned
+// slowly.
 bool TreeGroup::is_near() const {
   double given = 0.5 * mass_ * (kPressed / h_) * (kPressed / h_);  // or of what is left of an error
   for (std::size_t k = 0; ruled_ && k < members_.size(); ++k)
-    if (members_[k].ruled) given += std::abs(members_[k].along * rates_[k].along);
+    if (const Member& m = members_[k]; m.ruled && m.law.driven)
+      given += std::max(0., m.along * sign(k) * rates_[k].along);
   if (kinetic_energy(found_) > kMostEnergy * (kinetic_energy(momenta_) + given)) return false;
   const double most = alone_ ? kMostWhirl : kMostTurn;
   for (std::size_t k = 0; k < members_.size(); ++k) {
@@ -654,18 +716,18 @@ bool TreeGroup::solve_in_parts(double tolerance, BodyRows& rows) {
   return false;
 }
 
-// The momenta as rates, with what laws ask of velocities.
+// The momenta as rates, with what laws ask of velocities; at the last, that coordinates stay, which
+// takes energy alone.
 void TreeGroup::project() {
   for (std::size_t k = 0; k < members_.size(); ++k)
     wanted_[k] = {momenta_[k].linear, moment(k, momenta_[k].angular)};
-  change_ = rates_;
-  for (int i = 0; i < kIterations; ++i) {
-    if (!choose_modes(Stage::kVelocity, change_) && i > 0) return;
-    tree_.factor(now_);
-    tree_.respond(wanted_, change_);
-    read_impulses();
-    if (!ruled_) return;
+  factored_ = false;
+  if (respond(Stage::kVelocity)) return;
+  for (Member& m : members_) {
+    m.law.slowest = m.law.fastest = 0;
+    m.mode = JointLaw::Mode::kLower;
   }
+  respond(Stage::kVelocity);
 }
 
 // As the velocities lead.
@@ -881,12 +943,12 @@ void TreeGroup::store(Bodies& bodies, std::span<Joint> joints, double dt) const 
       joint.coordinate = coordinate(k);
       if (!m.ruled) continue;
       joint.impulse[5] = m.last;
-      joint.angle_error = passed(k);
+      joint.angle_error = std::abs(passed(k));
     } else if (joint.type == JointType::kSlider) {
       const Vec3 force = axes.conjugate() * Vec3(sign * vec(m.impulse.linear));
       joint.impulse = {force[1], force[2], torque[0], torque[1], torque[2], m.last};
       joint.coordinate = coordinate(k);
-      joint.length_error = passed(k);
+      joint.length_error = std::abs(passed(k));
     } else if (joint.type == JointType::kFixed) {
       Vec3::Map(&joint.impulse[3]) = torque;
     } else {

@@ -51,7 +51,9 @@ class TreeGroup {
   // What may be left of an error of the motion [m], [rad]: of a tree that nothing holds, whose
   // momenta stay what they are, of others, where contacts press, and what they will still change.
   static constexpr double kFree = 1e-12, kHeld = 1e-10, kPressed = 1e-8, kEnough = 1e-6;
-  static constexpr double kPassed = 1e-7;     // a limit [rad]
+  static constexpr int kPivots = 100, kTries = 5;  // of modes
+  static constexpr double kLittle = 1e-12;         // by which a law may be missed [rad], [m]
+  static constexpr double kPassed = 1e-7;          // a limit [rad]
   static constexpr double kMostSprung = 0.5;  // turn by a spring that yields, in a sub-step [rad]
   static constexpr double kClose = 1e-5;      // change of an iteration that has not found it
 
@@ -117,11 +119,15 @@ class TreeGroup {
   bool has_coordinate(std::size_t k) const {
     return slides(k) || tree_.parts()[k].kind == Tree::Kind::kHinge;
   }
+  void take_back_limits();
   double coordinate(std::size_t k) const;
   double passed(std::size_t k) const;
   double mean_rate(std::size_t k) const;
   void set_laws(Stage stage);
-  bool choose_modes(Stage stage, std::span<const Tree::Rate> rates);
+  double base_rate(Stage stage, std::size_t k) const;
+  void set_drives(Stage stage);
+  int choose_modes(Stage stage, bool one);
+  bool respond(Stage stage);
   void read_impulses();
   bool slow_springs(Stage stage, std::span<const Tree::Rate> rates);
   void take_velocities(BodyRows& rows);
@@ -137,12 +143,14 @@ class TreeGroup {
   Tree tree_;
   std::vector<Member> members_;
   double mass_ = 0;
+  double push_ = 0;             // most that a sub-step takes back of a passed limit [m], [rad]
   double substep_ = 0, h_ = 0;  // what is solved for: the sub-step, or a part of it
   double weight_ = 1;   // of forces in the sub-step: half of one where a step begins and ends
   bool ruled_ = false;  // whether any joint is
   bool smooth_ = false, solved_ = false, factored_ = false, whirls_ = false;
   bool alone_ = false;           // nothing touches it, so that rows need not follow before the end
   double turn_ = 0, drift_ = 0;  // largest turn in the sub-step; way from where the matrix is of
+  std::int64_t factors_ = 0;     // so far
   std::int64_t intervals_ = 0;   // of this step
   std::vector<Tree::Coordinate> begin_, end_;  // of the sub-step
   std::vector<Tree::Place> now_, next_;        // there
