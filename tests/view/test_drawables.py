@@ -127,6 +127,22 @@ def test_a_recording_shows_what_the_simulation_did(tmp_path):
     assert np.array_equal(then.points, now.points) and np.array_equal(then.rows, now.rows)
 
 
+def test_a_recording_shows_bodies_with_their_shapes(tmp_path):
+    """As the simulation does; the ground has no end and no shape, and is not a ball."""
+    bodies = substep.RigidBodies()
+    bodies.add(substep.Plane(), (0, 0, 0), motion="static")
+    bodies.add(substep.Box((0.2, 0.4, 0.6)), (1, 2, 3), (0.8, 0, 0.6, 0), velocities=(1, 0, 0))
+    bodies.add(substep.Sphere(0.1), (0, 0, 1))
+    with substep.Recorder(tmp_path / "a.vtkhdf", parts=particle_parts(bodies)) as recorder:
+        recorder.append(0.0, particle_frame(bodies))
+    with substep.Recording(tmp_path / "a.vtkhdf") as recording:
+        [then] = Scenery(recording).at(0)
+    [now] = [one for one in Scenery(bodies).at() if one.name == "bodies"]
+    assert then.kind == "surface" and np.array_equal(then.rows, now.rows)
+    assert np.array_equal(then.points, now.points)
+    assert np.array_equal(then.fields["velocity"], now.fields["velocity"])
+
+
 @pytest.mark.parametrize("axis", [None, 0, 1, 2])
 def test_a_cut_shows_the_cells_where_they_are(axis):
     shape = (4, 5) if axis is None else (4, 5, 6)
