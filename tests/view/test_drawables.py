@@ -1,6 +1,8 @@
 """What there is to see of every simulation, without a browser; and what notebooks show."""
 
+import contextlib
 import io
+import socket
 
 import matplotlib.image
 import numpy as np
@@ -8,7 +10,7 @@ import pytest
 import substep
 from substep.recording.contents import particle_frame, particle_parts
 from substep.view.drawables import Drawable, Scenery
-from substep.view.painted import Paint, palette, sheet
+from substep.view.painted import Paint, open_server, palette, sheet
 from test_conformance import classes, example
 
 CLASSES = pytest.mark.parametrize("kind", classes(), ids=lambda kind: kind.__name__)
@@ -181,6 +183,15 @@ def test_results_fields_and_regions_have_pictures():
         assert pixels(thing._repr_png_()).std() > 0.02
         assert type(thing).__name__ in repr(thing) or isinstance(thing, dict)
         assert len(repr(thing)) < 1000
+
+
+def test_no_free_port_is_told():
+    pytest.importorskip("viser", reason="viser is not installed")
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError):  # somebody else has it
+            stack.enter_context(socket.create_server(("127.0.0.1", 65535)))
+        with pytest.raises(OSError, match="port: none from 65535 to 65535 is free"):
+            open_server("nothing", 65535)
 
 
 def test_what_is_not_there_is_told(tmp_path):

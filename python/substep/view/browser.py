@@ -83,6 +83,8 @@ def show(
         If there is no such field, the recording holds no frame, or a number is out of range.
     ImportError
         If viser is missing: ``pip install "substep[view]"``.
+    OSError
+        If no port from `port` to 65535 is free.
 
     Examples
     --------
