@@ -3,12 +3,14 @@
 import contextlib
 import io
 import socket
+import time
 
 import matplotlib.image
 import numpy as np
 import pytest
 import substep
 from substep.recording.contents import particle_frame, particle_parts
+from substep.view.browser import Viewer
 from substep.view.drawables import Drawable, Scenery
 from substep.view.painted import Paint, open_server, palette, sheet
 from test_conformance import classes, example
@@ -183,6 +185,37 @@ def test_results_fields_and_regions_have_pictures():
         assert pixels(thing._repr_png_()).std() > 0.02
         assert type(thing).__name__ in repr(thing) or isinstance(thing, dict)
         assert len(repr(thing)) < 1000
+
+
+def test_what_a_callback_raises_is_told_and_the_view_goes_on():
+    pytest.importorskip("viser", reason="viser is not installed")
+
+    class Broken(substep.PositionBasedFluid):
+        broken = True
+
+        def step(self, dt=None):
+            if self.broken:
+                raise KeyError("no such pump")
+            super().step(dt)
+
+    fluid = Broken([[0.0, 0, 1]], 0.1)
+    with Viewer(fluid, None, None, True, 8080) as viewer:
+        wait_until(lambda: "KeyError: 'no such pump'" in viewer._told.content)
+        assert viewer._thread.is_alive() and not viewer._playing.value
+        viewer._problem = ""
+        viewer._single()
+        assert viewer._problem == "KeyError: 'no such pump'"
+        fluid.broken = False
+        viewer._playing.value = True
+        viewer._touch()
+        wait_until(lambda: fluid.time > 0)
+
+
+def wait_until(true):
+    end = time.monotonic() + 20
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.01)
 
 
 def test_no_free_port_is_told():

@@ -299,9 +299,10 @@ class Viewer:
                 else:
                     self.source.advance(self._interval)
                 self._problem = ""
-            except (SubstepError, MemoryError) as error:
+            except Exception as error:  # also of a callback of the user: the view tells
                 self._playing.value = False
-                self._problem = str(error)
+                own = isinstance(error, SubstepError)
+                self._problem = str(error) if own else f"{type(error).__name__}: {error}"
 
     def _go(self) -> None:
         while not self._closed.is_set():
