@@ -54,6 +54,7 @@ def test_there_are_cases_and_controls_of_every_method():
         if method != "rigid":
             assert any(c.quick for c in own)
         assert any(c.control for c in own), method
+    assert validate.cases("ODE") == validate.cases("ode")
     assert set(validate.cases(quick=True)) < set(everything)
 
 

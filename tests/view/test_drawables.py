@@ -230,6 +230,9 @@ def test_no_free_port_is_told():
 def test_what_is_not_there_is_told(tmp_path):
     with pytest.raises(TypeError, match="source: expected a simulation"):
         substep.show(3)
+    for color in ("Velocity", ["velocity"]):
+        with pytest.raises(substep.InputError, match="color: expected one of velocity"):
+            substep.show(substep.PositionBasedFluid([[0.0, 0, 1]], 0.1), color=color)
     with substep.Recorder(tmp_path / "a.vtkhdf", parts={"p": substep.Part()}) as recorder:
         recorder.append(0.0, {"p": {"points": [[0.0, 0, 0]]}})
     with substep.Recording(tmp_path / "a.vtkhdf") as recording:
