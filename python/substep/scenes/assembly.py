@@ -340,7 +340,8 @@ def _filled(
 def _particles(layout: Layout, spacing: float, gravity: Any, colliders: list[Collider]) -> Any:
     """The particles of all blocks that no obstacle takes the place of."""
     places: list[Array] = []
-    insides, speeds, kinds = [], [], []
+    insides: list[Collider] = []
+    speeds, kinds = [], []
     for i, row in enumerate(layout.block):
         with layout.told("block", row, i):
             x, shape = _filled(layout, row, i, spacing)

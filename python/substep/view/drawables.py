@@ -160,7 +160,9 @@ class Scenery:
             }
             if part.shape_vertices is not None:
                 who = np.asarray(part.shape_bodies)[:, 0]
-                turned = rotate(arrays["orientation"][who].astype(float), part.shape_vertices)
+                turned = rotate(
+                    arrays["orientation"][who].astype(float), np.asarray(part.shape_vertices)
+                )
                 points = in_space(arrays["points"][who] + turned)
                 fields = {key: values[who] for key, values in fields.items()}
                 faces = np.asarray(part.shape_faces)
