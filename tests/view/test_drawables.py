@@ -3,6 +3,7 @@
 import contextlib
 import io
 import socket
+import threading
 import time
 
 import matplotlib.image
@@ -209,6 +210,37 @@ def test_what_a_callback_raises_is_told_and_the_view_goes_on():
         viewer._playing.value = True
         viewer._touch()
         wait_until(lambda: fluid.time > 0)
+
+
+def test_close_waits_for_the_step_and_closes_what_show_opened(tmp_path):
+    pytest.importorskip("viser", reason="viser is not installed")
+    began, go_on = threading.Event(), threading.Event()
+
+    class Slow(substep.PositionBasedFluid):
+        def step(self, dt=None):
+            began.set()
+            assert go_on.wait(20)
+            super().step(dt)
+
+    viewer = Viewer(Slow([[0.0, 0, 1]], 0.1), None, None, True, 8080)
+    assert began.wait(20)
+    closing = threading.Thread(target=viewer.close)
+    closing.start()
+    closing.join(0.2)
+    assert closing.is_alive()
+    go_on.set()
+    closing.join(20)
+    assert not closing.is_alive() and not viewer._thread.is_alive()
+    path = tmp_path / "a.vtkhdf"
+    with substep.Recorder(path, parts={"p": substep.Part()}) as recorder:
+        recorder.append(0.0, {"p": {"points": [[0.0, 0, 0]]}})
+    viewer = substep.show(path, open_browser=False, wait=False)
+    viewer.close()
+    with pytest.raises(substep.InputError, match="closed"):
+        viewer.source.frame(0)
+    with substep.Recording(path) as recording:
+        substep.show(recording, open_browser=False, wait=False).close()
+        recording.frame(0)  # is not closed
 
 
 def wait_until(true):
