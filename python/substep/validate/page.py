@@ -75,7 +75,7 @@ def _page(outcomes: list[Outcome]) -> str:
         f" in all. Version {_text(__version__)}, level {_text(_core.level)}, {num_threads()} "
         f"threads, Python {_text(platform.python_version())}; "
         f"{datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC.</p>",
-        "<p>The bar is the band, so far to either side of the figure, the dot what was measured. A control is set up "
+        "<p>The bar is the band around the figure, the dot what was measured. A control is set up "
         "wrongly, so that its dot must lie outside.</p>",
     ]
     if failed:
