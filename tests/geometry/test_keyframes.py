@@ -65,6 +65,8 @@ def test_a_piston_raises_the_water_above_it():
     [
         ([1, 2], [(0, 0, 0)] * 2, None, "times: expected ascending ones from 0"),
         ([0, 0], [(0, 0, 0)] * 2, None, "times: expected ascending ones from 0"),
+        ([0, 1, 1 + 1e-9], [(0, 0, 0)] * 3, None, "times: expected .* apart by more than 2e-9"),
+        ([0, 1e6, 1e6 + 1e-3], [(0, 0, 0)] * 3, None, "times: expected .* apart by more"),
         ([], np.zeros((0, 3)), None, "times"),
         ([0, 1], [(0, 0, 0)], None, "positions: expected shape"),
         ([0, 1], [(0, 0, 0), (0, 0, np.nan)], None, "positions"),
@@ -86,6 +88,20 @@ def test_wrong_paths_are_refused_and_nothing_moves():
         follow_keyframes(liquid, -1.0, [(plate, path)])
     with pytest.raises(InputError, match=r"paths\[0\]: expected an obstacle at its first keyframe"):
         follow_keyframes(liquid, 1.0, [(plate, path)])
+    still, turned = (
+        Keyframes([0, 1], [(0, 0, 0)] * 2, [q, (1, 0, 0, 0)])
+        for q in ((-1, 0, 0, 0), (HALF, 0, 0, HALF))
+    )
+    other = substep.Collider(substep.Box((1, 1, 1)))
+    for wrong, told in (
+        ([(plate, turned)], r"paths\[0\]: expected an obstacle turned as in its first keyframe"),
+        ([(plate, still), (other, still)], r"paths\[1\]: expected an obstacle of the simulation"),
+        ([(plate, still), (plate, still)], r"paths\[1\]: its obstacle has a path already"),
+    ):
+        with pytest.raises(InputError, match=told):
+            follow_keyframes(liquid, 1.0, wrong)
+    with pytest.raises(InputError, match="time: expected a finite number"):
+        path.next(math.nan)
     assert liquid.time == 0 and not plate.position.any()
 
 

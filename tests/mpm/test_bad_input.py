@@ -128,6 +128,14 @@ def test_arguments_of_wrong_types():
             substep.MaterialPointMethod(**(GOOD | wrong))
 
 
+def test_the_case_of_a_name_does_not_matter():
+    mixed = substep.MaterialPointMethod(**GOOD, kernel="Quadratic")
+    mixed.step()
+    plain = substep.MaterialPointMethod(**GOOD, kernel="quadratic")
+    plain.step()
+    assert np.array_equal(mixed.positions, plain.positions)
+
+
 # Methods: the state stays.
 ROW = [[0.1, 0.1, 0.1]]
 

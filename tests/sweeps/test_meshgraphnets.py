@@ -63,6 +63,11 @@ def test_what_is_held_and_what_is_solid(tmp_path):
     meta = json.loads((folder / "meta.json").read_text())
     (cloth,) = trajectories(folder, "train", meta).values()
     assert np.bincount(cloth["node_type"].ravel(), minlength=4).tolist() == [34, 0, 0, 2]
+    (folder / "train" / "trajectory_7.npz").write_bytes(b"of an older data set")
+    (folder / "train" / "trajectory_mine.npz").write_bytes(b"not ours")
+    write_meshgraphnets(runs, folder, fractions=(0, 1, 0))  # elsewhere than before
+    left = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*.npz"))
+    assert left == ["train/trajectory_mine.npz", "valid/trajectory_0.npz"]
     with pytest.raises(InputError, match=r"part: expected one of cloth, got 'wool'"):
         write_meshgraphnets(runs, tmp_path / "no", part="wool")
     with pytest.raises(InputError, match="fractions"):

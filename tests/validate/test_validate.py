@@ -54,6 +54,7 @@ def test_there_are_cases_and_controls_of_every_method():
         if method != "rigid":
             assert any(c.quick for c in own)
         assert any(c.control for c in own), method
+    assert validate.cases("ODE") == validate.cases("ode")
     assert set(validate.cases(quick=True)) < set(everything)
 
 
@@ -81,6 +82,7 @@ def test_what_fails_is_listed_and_ends_in_1(tmp_path, monkeypatch, capsys):
     assert "failed: bombs: what explodes SolverError: no <way>" in out
     rows = table(page)
     assert [row[-1] == "FAILED" for row in rows] == [not good for good in passed]
+    assert [row[1:3] for row in rows[-2:]] == [["2", "± 0.02"], ["1", "± 0.1"]]
     text = page.read_text(encoding="utf-8")
     assert "length &lt;of&gt; a rod &amp; more" in text and "no &lt;way&gt;" in text
 

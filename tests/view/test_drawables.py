@@ -1,14 +1,19 @@
 """What there is to see of every simulation, without a browser; and what notebooks show."""
 
+import contextlib
 import io
+import socket
+import threading
+import time
 
 import matplotlib.image
 import numpy as np
 import pytest
 import substep
 from substep.recording.contents import particle_frame, particle_parts
+from substep.view.browser import Viewer
 from substep.view.drawables import Drawable, Scenery
-from substep.view.painted import Paint, palette, sheet
+from substep.view.painted import Paint, open_server, palette, sheet
 from test_conformance import classes, example
 
 CLASSES = pytest.mark.parametrize("kind", classes(), ids=lambda kind: kind.__name__)
@@ -127,6 +132,22 @@ def test_a_recording_shows_what_the_simulation_did(tmp_path):
     assert np.array_equal(then.points, now.points) and np.array_equal(then.rows, now.rows)
 
 
+def test_a_recording_shows_bodies_with_their_shapes(tmp_path):
+    """As the simulation does; the ground has no end and no shape, and is not a ball."""
+    bodies = substep.RigidBodies()
+    bodies.add(substep.Plane(), (0, 0, 0), motion="static")
+    bodies.add(substep.Box((0.2, 0.4, 0.6)), (1, 2, 3), (0.8, 0, 0.6, 0), velocities=(1, 0, 0))
+    bodies.add(substep.Sphere(0.1), (0, 0, 1))
+    with substep.Recorder(tmp_path / "a.vtkhdf", parts=particle_parts(bodies)) as recorder:
+        recorder.append(0.0, particle_frame(bodies))
+    with substep.Recording(tmp_path / "a.vtkhdf") as recording:
+        [then] = Scenery(recording).at(0)
+    [now] = [one for one in Scenery(bodies).at() if one.name == "bodies"]
+    assert then.kind == "surface" and np.array_equal(then.rows, now.rows)
+    assert np.array_equal(then.points, now.points)
+    assert np.array_equal(then.fields["velocity"], now.fields["velocity"])
+
+
 @pytest.mark.parametrize("axis", [None, 0, 1, 2])
 def test_a_cut_shows_the_cells_where_they_are(axis):
     shape = (4, 5) if axis is None else (4, 5, 6)
@@ -167,9 +188,83 @@ def test_results_fields_and_regions_have_pictures():
         assert len(repr(thing)) < 1000
 
 
+def test_what_a_callback_raises_is_told_and_the_view_goes_on():
+    pytest.importorskip("viser", reason="viser is not installed")
+
+    class Broken(substep.PositionBasedFluid):
+        broken = True
+
+        def step(self, dt=None):
+            if self.broken:
+                raise KeyError("no such pump")
+            super().step(dt)
+
+    fluid = Broken([[0.0, 0, 1]], 0.1)
+    with Viewer(fluid, None, None, True, 8080) as viewer:
+        wait_until(lambda: "KeyError: 'no such pump'" in viewer._told.content)
+        assert viewer._thread.is_alive() and not viewer._playing.value
+        viewer._problem = ""
+        viewer._single()
+        assert viewer._problem == "KeyError: 'no such pump'"
+        fluid.broken = False
+        viewer._playing.value = True
+        viewer._touch()
+        wait_until(lambda: fluid.time > 0)
+
+
+def test_close_waits_for_the_step_and_closes_what_show_opened(tmp_path):
+    pytest.importorskip("viser", reason="viser is not installed")
+    began, go_on = threading.Event(), threading.Event()
+
+    class Slow(substep.PositionBasedFluid):
+        def step(self, dt=None):
+            began.set()
+            assert go_on.wait(20)
+            super().step(dt)
+
+    viewer = Viewer(Slow([[0.0, 0, 1]], 0.1), None, None, True, 8080)
+    assert began.wait(20)
+    closing = threading.Thread(target=viewer.close)
+    closing.start()
+    closing.join(0.2)
+    assert closing.is_alive()
+    go_on.set()
+    closing.join(20)
+    assert not closing.is_alive() and not viewer._thread.is_alive()
+    path = tmp_path / "a.vtkhdf"
+    with substep.Recorder(path, parts={"p": substep.Part()}) as recorder:
+        recorder.append(0.0, {"p": {"points": [[0.0, 0, 0]]}})
+    viewer = substep.show(path, open_browser=False, wait=False)
+    viewer.close()
+    with pytest.raises(substep.InputError, match="closed"):
+        viewer.source.frame(0)
+    with substep.Recording(path) as recording:
+        substep.show(recording, open_browser=False, wait=False).close()
+        recording.frame(0)  # is not closed
+
+
+def wait_until(true):
+    end = time.monotonic() + 20
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_no_free_port_is_told():
+    pytest.importorskip("viser", reason="viser is not installed")
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError):  # somebody else has it
+            stack.enter_context(socket.create_server(("127.0.0.1", 65535)))
+        with pytest.raises(OSError, match="port: none from 65535 to 65535 is free"):
+            open_server("nothing", 65535)
+
+
 def test_what_is_not_there_is_told(tmp_path):
     with pytest.raises(TypeError, match="source: expected a simulation"):
         substep.show(3)
+    for color in ("Velocity", ["velocity"]):
+        with pytest.raises(substep.InputError, match="color: expected one of velocity"):
+            substep.show(substep.PositionBasedFluid([[0.0, 0, 1]], 0.1), color=color)
     with substep.Recorder(tmp_path / "a.vtkhdf", parts={"p": substep.Part()}) as recorder:
         recorder.append(0.0, {"p": {"points": [[0.0, 0, 0]]}})
     with substep.Recording(tmp_path / "a.vtkhdf") as recording:

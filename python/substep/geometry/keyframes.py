@@ -30,7 +30,8 @@ class Keyframes(Frozen):
     Parameters
     ----------
     times : array_like, shape (n,)
-        Ascending, the first 0 [s].
+        Ascending, the first 0, apart by more than 2e-9 max(1, t), which is what times of
+        simulations, sums of steps, are told apart by [s].
     positions : array_like, shape (n, 3)
         Where the obstacle's `position` is then [m].
     rotations : array_like, shape (n, 4), optional
@@ -39,7 +40,8 @@ class Keyframes(Frozen):
     Raises
     ------
     InputError
-        If the times do not ascend from 0, the lengths differ, or a number is not finite.
+        If the times do not ascend from 0 or are too near to each other, the lengths differ, or a
+        number is not finite.
 
     See Also
     --------
@@ -62,8 +64,11 @@ class Keyframes(Frozen):
     ) -> None:
         t = check_array("times", times, (None,))
         n = len(t)
-        if n == 0 or t[0] != 0 or not (np.diff(t) > 0).all():
-            raise InputError(f"times: expected ascending ones from 0, got {t[:8].tolist()}")
+        if n == 0 or t[0] != 0 or not (np.diff(t) > 2 * _SLACK * np.maximum(1.0, t[1:])).all():
+            raise InputError(
+                "times: expected ascending ones from 0, apart by more than 2e-9 max(1, t), "
+                f"got {t[:8].tolist()}"
+            )
         x = check_array("positions", positions, (n, 3))
         q = None
         if rotations is not None:
@@ -109,6 +114,7 @@ class Keyframes(Frozen):
         float
             Its time [s].
         """
+        time = check_real("time", time)
         after = self.times[self.times > time + _SLACK * max(1.0, abs(time))]
         return float(after[0]) if len(after) else math.inf
 
@@ -175,7 +181,8 @@ def follow_keyframes(
     TypeError
         If a path is not such a pair.
     InputError
-        If the duration is wrong, or an obstacle is not where its path begins at time 0.
+        If the duration is wrong, an obstacle is not of the simulation or has two paths, or at time
+        0 it is not at the place and the rotation where its path begins.
     SolverError
         As `advance` does.
 
@@ -201,12 +208,25 @@ def follow_keyframes(
             raise TypeError(f"paths: expected a Collider and Keyframes, got {describe(pair)}")
     if callback is not None:
         check_callable("callback", callback)
+    members = getattr(simulation, "members", {"": simulation}).values()
+    own = [one for member in members for one in getattr(member, "colliders", ())]
+    for k, (collider, _) in enumerate(pairs):
+        if not any(collider is one for one in own):
+            raise InputError(f"paths[{k}]: expected an obstacle of the simulation")
+        if any(collider is one for one, _ in pairs[:k]):
+            raise InputError(f"paths[{k}]: its obstacle has a path already")
     if simulation.time == 0:
         for k, (collider, path) in enumerate(pairs):
             if not np.allclose(collider.position, path.positions[0], rtol=0, atol=1e-9):
                 raise InputError(
                     f"paths[{k}]: expected an obstacle at its first keyframe, "
                     f"{path.positions[0].tolist()}, got one at {collider.position.tolist()}"
+                )
+            start = None if path.rotations is None else path.rotations[0]
+            if start is not None and np.linalg.norm(_turn(collider.rotation, start)) > 1e-9:
+                raise InputError(
+                    f"paths[{k}]: expected an obstacle turned as in its first keyframe, "
+                    f"{start.tolist()}, got one at {collider.rotation.tolist()}"
                 )
     end = simulation.time + length
     while True:

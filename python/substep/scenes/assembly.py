@@ -196,25 +196,27 @@ def assemble(layout: Layout, values: dict[str, Any]) -> Assembly:
 def _assemble(layout: Layout, values: dict[str, Any]) -> Assembly:
     scene = layout.scene
     gravity = scene.get("gravity", (0.0, 0.0, -9.81))
-    obstacles = [_obstacle(layout, row, i) for i, row in enumerate(layout.obstacle)]
-    paths = [
-        (collider, _path(row["keyframes"]))
-        for (collider, _), row in zip(obstacles, layout.obstacle, strict=True)
-        if "keyframes" in row
-    ]
+    obstacles, paths = [], []
+    for i, row in enumerate(layout.obstacle):
+        with layout.told("obstacle", row, i):
+            obstacles.append(_obstacle(layout, row, i))
+            if "keyframes" in row:
+                paths.append((obstacles[i][0], _path(row["keyframes"])))
     bodies, surfaces, standing = None, [], []
     if layout.body:
         bodies = RigidBodies(gravity=gravity, step=1 / 120)
         added = []
         for i, row in enumerate(layout.body):
-            shape, mesh = _shape(layout, row, "body", i)
+            with layout.told("body", row, i):
+                shape, mesh = _shape(layout, row, "body", i)
             keys = ("velocity", "angular_velocity")
             motion = {f"{k[:-1]}ies": row[k] for k in keys if k in row}
             options = {k: row[k] for k in ("friction", "restitution", "density") if k in row}
             place = row.get("position", (0.0, 0.0, 0.0))
             turn = quaternion(row.get("rotation_deg", (0.0, 0.0, 0.0)))
             assert mesh is not None
-            added.append(int(bodies.add(shape, place, turn, **motion, **options)))
+            with layout.told("body", row, i):
+                added.append(int(bodies.add(shape, place, turn, **motion, **options)))
             surfaces.append(mesh)
         for row, (collider, _) in zip(layout.obstacle, obstacles, strict=True):
             _stand(bodies, row, collider)
@@ -223,7 +225,8 @@ def _assemble(layout: Layout, values: dict[str, Any]) -> Assembly:
         assert bodies is not None
         return Assembly(World({"bodies": bodies}), obstacles, paths, surfaces)
     colliders = [*(collider for collider, _ in obstacles), *standing]
-    particles = _particles(layout, values["spacing"], gravity, colliders)
+    with layout.told("scene", scene), layout.told("options", layout.options):
+        particles = _particles(layout, values["spacing"], gravity, colliders)
     simulation = particles
     if bodies is not None:
         simulation = World({"bodies": bodies, "particles": particles})
@@ -297,7 +300,10 @@ def _mesh(layout: Layout, row: dict[str, Any], table: str, number: int) -> Trian
     """A surface from a file beside the scene's, or below."""
     where = layout.where("file", table, number)
     confine(where, row["file"], layout.path.parent)
-    mesh = read_mesh(Path(layout.path.parent, row["file"]))
+    path = Path(layout.path.parent, row["file"])
+    if path.exists() and not path.is_file():  # to open a pipe would wait for ever
+        raise InputError(f"{where}: expected a file, got a folder, a pipe or a device")
+    mesh = read_mesh(path)
     if not isinstance(mesh, TriangleMesh):
         mesh = mesh.surface()[0]
     return transform_mesh(mesh, up=row.get("up", "z"), scale=row.get("scale", 1.0))
@@ -319,24 +325,43 @@ def _stand(bodies: RigidBodies, row: dict[str, Any], collider: Collider) -> None
             bodies.add(wall, (0, 0, 0), motion="static", **surface)
 
 
+def _filled(
+    layout: Layout, row: dict[str, Any], number: int, spacing: float
+) -> tuple[Array, Box | TriangleMesh]:
+    """The particles of a block, and its shape."""
+    if "file" in row:
+        mesh = _mesh(layout, row, "block", number)
+        mesh = transform_mesh(mesh, translation=row.get("position", (0.0, 0.0, 0.0)))
+        return fill_mesh(mesh, spacing), mesh
+    low, high = np.array(row["low"]), np.array(row["high"])
+    return fill_box(low, high, spacing), Box(high - low, (low + high) / 2)
+
+
 def _particles(layout: Layout, spacing: float, gravity: Any, colliders: list[Collider]) -> Any:
     """The particles of all blocks that no obstacle takes the place of."""
-    places, speeds, kinds = [], [], []
+    places: list[Array] = []
+    insides: list[Collider] = []
+    speeds, kinds = [], []
     for i, row in enumerate(layout.block):
-        if "file" in row:
-            mesh = _mesh(layout, row, "block", i)
-            move = row.get("position", (0.0, 0.0, 0.0))
-            x = fill_mesh(transform_mesh(mesh, translation=move), spacing)
-        else:
-            x = fill_box(row["low"], row["high"], spacing)
-        for collider in colliders:
-            x = x[collider.distance(x) > (0.5 - 1e-6) * spacing]
+        with layout.told("block", row, i):
+            x, shape = _filled(layout, row, i, spacing)
+            found = len(x)
+            for collider in colliders:
+                x = x[collider.distance(x) > (0.5 - 1e-6) * spacing]
+            where = layout.where("file" if "file" in row else "low", "block", i)
+            if not len(x):
+                told = "obstacles or bodies fill it" if found else "make spacing smaller"
+                raise InputError(f"{where}: no particle fits into the block: {told}")
+            inside = Collider(shape)
+            for k, (other, x_other) in enumerate(zip(insides, places, strict=True)):
+                depth = min(other.distance(x).min(), inside.distance(x_other).min())
+                if depth < -1e-6 * spacing:
+                    raise InputError(f"{where}: block {i + 1} overlaps block {k + 1}")
         places.append(x)
+        insides.append(inside)
         speeds.append(np.broadcast_to(row.get("velocity", (0.0, 0.0, 0.0)), x.shape))
         kinds.append(np.full(len(x), row["kind"]))
     x, v, kind = np.concatenate(places), np.concatenate(speeds), np.concatenate(kinds)
-    if not len(x):
-        raise InputError("block: no particle fits into the blocks; make spacing smaller")
     shared = {"velocities": v, "gravity": gravity, "colliders": colliders, **layout.options}
     method = layout.scene["method"]
     if method == "pbf":

@@ -34,7 +34,9 @@ def record(
     duration : float
         How long it goes on [s], at least 0.
     fps : float
-        Frames for each second of its time; the first is the state it is in.
+        Frames for each second of its time; the first is the state it is in. The last is at the last
+        whole interval: 0.5 s at 25 frames per second end at 0.48 s in the recording, while the
+        simulation goes on to 0.5 s.
     overwrite : bool
         Replace a recording that is there.
 

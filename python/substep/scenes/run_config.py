@@ -9,7 +9,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..errors import FormatError, InputError
-from .declaration import Parameter, closest
+from .declaration import Parameter, closest, shorten
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -51,7 +51,7 @@ class RunConfig:
     def where(self, key: str, table: str | None = None) -> str:
         """`file:line:column: key`, the place of the key in the text."""
         line, column = _locate(self.text, key, table)
-        return f"{self.path}:{line}:{column}: {key}"
+        return f"{self.path}:{line}:{column}: {printable(key)}"
 
 
 def read_config(path: str | Path) -> RunConfig:
@@ -88,6 +88,11 @@ def read_config(path: str | Path) -> RunConfig:
         if key in config.values:
             confine(config.where(key), config.values[key])
     return config
+
+
+def printable(key: str) -> str:
+    """A key in one line: quoted keys may hold line ends, and what drives a terminal."""
+    return shorten(key) if not key.isprintable() or len(key) > 60 else key
 
 
 def confine(where: str, name: str, folder: str | Path = ".") -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 from ..errors import InputError
 from ..mpm import FixedCorotated, Fluid, HerschelBulkley, NeoHookean, Sand, Snow, VonMises
 from .declaration import Parameter, closest, shorten
-from .run_config import SIZE_LIMIT, decode, parse
+from .run_config import SIZE_LIMIT, decode, parse, printable
 
 MATERIALS = {
     cls.__name__: cls
@@ -24,13 +25,15 @@ METHODS = ("pbf", "grid-liquid", "mpm", "rigid")
 
 @dataclass(frozen=True)
 class Vector:
-    """Several numbers in a list."""
+    """Several numbers in a list, none greater than `most`."""
 
     count: int
+    most: float | None = None
 
     def check(self, where: str, value: Any) -> tuple[float, ...]:
         """Return them as floats, or raise as `Parameter.check` does."""
-        number = Parameter("", kind=float)
+        least = None if self.most is None else -self.most
+        number = Parameter("", kind=float, minimum=least, maximum=self.most)
         if not isinstance(value, list) or len(value) != self.count:
             raise InputError(f"{where}: expected {self.count} numbers, got {shorten(value)}")
         return tuple(float(number.check(where, x)) for x in value)  # type: ignore[arg-type]
@@ -109,7 +112,7 @@ _NEEDED = ("radius", "lengths", "length", "normal", "file")
 _PLACE: dict[str, Rule] = {
     "shape": Parameter("", kind=str, choices=tuple(SHAPES)),
     "position": Vector(3),
-    "rotation_deg": Vector(3),
+    "rotation_deg": Vector(3, most=1e6),
 }
 BLOCK: dict[str, Rule] = {
     "low": Vector(3),
@@ -120,7 +123,7 @@ BLOCK: dict[str, Rule] = {
 KEYFRAME: dict[str, Rule] = {
     "time": _least("[s]"),
     "position": Vector(3),
-    "rotation_deg": Vector(3),
+    "rotation_deg": Vector(3, most=1e6),
 }
 TABLES = ("scene", "options", "material", "block", "obstacle", "body")
 
@@ -151,8 +154,26 @@ class Layout:
         mention = re.compile(rf"(?<![\w-])[\"']?{re.escape(key)}[\"']?(?=\s*[\].=])")
         for i in range(start, end):
             if found := mention.search(lines[i]):
-                return f"{self.path}:{i + 1}:{found.start() + 1}: {key}"
-        return f"{self.path}:{start + 1}:1: {key}"
+                return f"{self.path}:{i + 1}:{found.start() + 1}: {printable(key)}"
+        return f"{self.path}:{start + 1}:1: {printable(key)}"
+
+    @contextlib.contextmanager
+    def told(self, table: str, row: Mapping[str, Any], number: int = 0) -> Iterator[None]:
+        """Add the place to faults that other classes find in what the table gave them."""
+        try:
+            yield
+        except InputError as error:
+            if str(error).startswith(str(self.path)):
+                raise
+            key, _, reason = str(error).partition(": ")
+            if key.partition("[")[0] in row:
+                key, _, index = key.partition("[")
+                reason = f"[{index}: {reason}" if index else reason
+            elif table in ("scene", "options"):  # it may be of another table
+                raise
+            else:
+                key, reason = next(iter(row)), str(error)
+            raise InputError(f"{self.where(key, table, number)}: {reason}") from None
 
 
 def read_layout(path: Path) -> Layout:
@@ -229,7 +250,11 @@ class _Checker:
         rules: dict[str, Rule] = {"name": known, "class": kind}
         for key in MATERIALS[str(name)].__dataclass_fields__:  # type: ignore[attr-defined]
             rules[key] = Parameter("", kind=float) if key != "match" else known
-        return self.table(row, rules, "material", number)
+        checked = self.table(row, rules, "material", number)
+        given = {key: value for key, value in checked.items() if key not in ("name", "class")}
+        with self._layout.told("material", checked, number):
+            MATERIALS[str(name)](**given)
+        return checked
 
     def block(self, row: dict[str, Any], number: int) -> dict[str, Any]:
         """Particles in a box, or in a mesh."""
@@ -238,6 +263,11 @@ class _Checker:
         checked = self.table(row, rules, "block", number)
         for key in () if filled else ("low", "high"):
             self.needs(checked, key, "block", number)
+        if not filled and not all(
+            a < b for a, b in zip(checked["low"], checked["high"], strict=True)
+        ):
+            where = self._layout.where("high", "block", number)
+            raise InputError(f"{where}: expected numbers above those of low, got {row['high']}")
         return checked
 
     def shape(self, row: dict[str, Any], table: str, number: int) -> dict[str, Any]:
@@ -275,7 +305,9 @@ class _Checker:
         for frame in frames:
             for key in frame:
                 if key not in KEYFRAME:
-                    raise InputError(f"{where}: unknown key {key}; {closest(key, KEYFRAME)}")
+                    raise InputError(
+                        f"{where}: unknown key {printable(key)}; {closest(key, KEYFRAME)}"
+                    )
             values = {k: KEYFRAME[k].check(f"{where}: {k}", v) for k, v in frame.items()}
             for key in ("time", "position"):
                 if key not in values:
@@ -329,7 +361,9 @@ class _Checker:
         for i, row in enumerate(layout.block):
             where = layout.where("material", "block", i)
             if "material" in row and row["material"] not in names:
-                raise InputError(f"{where}: no such material; {closest(row['material'], names)}")
+                raise InputError(
+                    f"{where}: no such material; {closest(row['material'], map(printable, names))}"
+                )
             if "material" not in row and len(names) > 1:
-                raise InputError(f"{where}: expected one of {', '.join(names)}")
+                raise InputError(f"{where}: expected one of {', '.join(map(printable, names))}")
             row["kind"] = names.index(row["material"]) if "material" in row else 0

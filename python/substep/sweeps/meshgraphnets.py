@@ -48,7 +48,8 @@ def write_meshgraphnets(
     runs : RunCollection
         Of a scene. Those that are not done are left out.
     out : path-like
-        Folder, made if need be. Files of these names are replaced.
+        Folder, made if need be. Files of these names are replaced, and trajectories of an older
+        data set in it are removed.
     part : str, optional
         Part of the recordings that is the body, where there are several that move.
     fractions : sequence of float
@@ -94,14 +95,20 @@ def write_meshgraphnets(
             raise InputError(f"runs: run {run.index} has other cells or another frame rate")
     length = min(len(arrays["world_pos"]) for arrays, _ in read)
     folder = Path(check_path(out))
+    written = set()
     for split, chosen in zip(SPLITS, split_by_seed(done, shares), strict=True):
         (folder / split).mkdir(parents=True, exist_ok=True)
         for k in chosen:
             arrays = read[k][0] | {"world_pos": read[k][0]["world_pos"][:length]}
             buffer = io.BytesIO()
             np.savez_compressed(buffer, allow_pickle=False, **arrays)
-            name = f"trajectory_{done[k].index}.npz"
-            replace_bytes(folder / split / name, buffer.getbuffer())
+            path = folder / split / f"trajectory_{done[k].index}.npz"
+            replace_bytes(path, buffer.getbuffer())
+            written.add(path)
+    for split in SPLITS:  # once the new ones are there, none of an older data set stay
+        for path in set((folder / split).glob("trajectory_*.npz")) - written:
+            if path.stem.removeprefix("trajectory_").isdecimal():
+                path.unlink()
     first = read[0][0] | {"world_pos": read[0][0]["world_pos"][:length]}
     meta = {
         "simulator": "substep",

@@ -122,7 +122,7 @@ def _row(outcome: Outcome) -> str:
     measured = "" if outcome.measured is None else number(outcome.measured, case)
     numbers = [
         number(case.figure, case),
-        f"{case.low:.5g} to {case.high:.5g}",
+        f"± {case.high - case.figure:.3g}",
         measured,
         outcome.off(),
     ]

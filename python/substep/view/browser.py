@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..base.attributes import settable
-from ..base.checks import check_choice, check_flag, check_integer, check_real, describe
+from ..base.checks import check_flag, check_integer, check_real, describe
 from ..base.simulation import Simulation
 from ..errors import InputError, SubstepError
 from ..geometry import liquid_surface
@@ -56,7 +56,8 @@ def show(
     Parameters
     ----------
     source : Simulation, Recording or path-like
-        What is shown; a path is that of a recording.
+        What is shown; a path is that of a recording, which is closed with the view. Of a recording
+        the frames that it had when it was opened.
     color : str, optional
         Field that colours what has it, at first.
     interval : float, optional
@@ -83,6 +84,8 @@ def show(
         If there is no such field, the recording holds no frame, or a number is out of range.
     ImportError
         If viser is missing: ``pip install "substep[view]"``.
+    OSError
+        If no port from `port` to 65535 is free.
 
     Examples
     --------
@@ -91,9 +94,8 @@ def show(
     >>> liquid = substep.PositionBasedFluid(water, 0.05, colliders=[substep.Plane()])
     >>> viewer = substep.show(liquid, play=True)  # doctest: +SKIP
     """
-    if isinstance(source, (str, os.PathLike)):
-        source = Recording(source)
-    if not isinstance(source, (Simulation, Recording)):
+    opens = isinstance(source, (str, os.PathLike))
+    if not opens and not isinstance(source, (Simulation, Recording)):
         raise TypeError(
             f"source: expected a simulation, a recording or its path, got {describe(source)}"
         )
@@ -102,7 +104,13 @@ def show(
     port = check_integer("port", port, minimum=1, maximum=65535)
     play = check_flag("play", play)
     notebook = "ipykernel" in sys.modules
-    viewer = Viewer(source, color, interval, play, port)
+    shown = Recording(source) if opens else source
+    try:
+        viewer = Viewer(shown, color, interval, play, port, owned=opens)
+    except BaseException:
+        if opens:
+            shown.close()
+        raise
     if open_browser if open_browser is not None else not notebook:
         webbrowser.open(viewer.url)
     interactive = notebook or hasattr(sys, "ps1") or bool(sys.flags.interactive)
@@ -123,16 +131,23 @@ class Viewer:
     """
 
     def __init__(
-        self, source: Any, color: str | None, interval: float | None, play: bool, port: int
+        self,
+        source: Any,
+        color: str | None,
+        interval: float | None,
+        play: bool,
+        port: int,
+        owned: bool = False,
     ) -> None:
-        self.source = source
+        self.source, self._owned = source, owned
         self._live = not isinstance(source, Recording)
         if not self._live and not len(source):
             raise InputError(f"{source.path}: has no frames")
         self._scenery = Scenery(source)
         fields = self._scenery.fields
-        if color is not None:
-            check_choice("color", color, fields)
+        if color is not None and color not in list(fields):  # fields may differ in case alone
+            known = ", ".join(fields)
+            raise InputError(f"color: expected one of {known}, got {describe(color)}")
         self._interval = interval
         self._lock = threading.RLock()  # held by whoever touches the source
         self._closed, self._changed = threading.Event(), threading.Event()
@@ -163,15 +178,23 @@ class Viewer:
             self.close()
 
     def close(self) -> None:
-        """End the view; what it showed stays as it is."""
+        """End the view, after the step that it is in; what it showed stays as it is.
+
+        A recording that `show` opened by its path is closed.
+        """
         if self._closed.is_set():
             return
         self._closed.set()
         self._changed.set()
-        if threading.current_thread() is not self._thread:
-            self._thread.join(10)
-        close_server(self._server)
-        atexit.unregister(self.close)
+        try:
+            if threading.current_thread() is not self._thread:
+                self._thread.join()
+            with self._lock:  # of a single step
+                if self._owned:
+                    self.source.close()
+        finally:
+            close_server(self._server)
+            atexit.unregister(self.close)
 
     def __enter__(self) -> Viewer:
         return self
@@ -297,9 +320,10 @@ class Viewer:
                 else:
                     self.source.advance(self._interval)
                 self._problem = ""
-            except (SubstepError, MemoryError) as error:
+            except Exception as error:  # also of a callback of the user: the view tells
                 self._playing.value = False
-                self._problem = str(error)
+                own = isinstance(error, SubstepError)
+                self._problem = str(error) if own else f"{type(error).__name__}: {error}"
 
     def _go(self) -> None:
         while not self._closed.is_set():

@@ -158,6 +158,17 @@ class Scenery:
                 for key, a in arrays.items()
                 if key not in ("points", "orientation")
             }
+            if part.shape_vertices is not None:
+                who = np.asarray(part.shape_bodies)[:, 0]
+                turned = rotate(
+                    arrays["orientation"][who].astype(float), np.asarray(part.shape_vertices)
+                )
+                points = in_space(arrays["points"][who] + turned)
+                fields = {key: values[who] for key, values in fields.items()}
+                faces = np.asarray(part.shape_faces)
+                if len(points):  # planes have no vertices
+                    drawn.append(Drawable(name, "surface", points, faces, 0, fields, color))
+                continue
             one = Drawable(name, "points", points, fields=fields, color=color)
             if part.points is not None:
                 one = replace(one, color=FIXED, still=True)

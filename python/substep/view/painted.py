@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
+import socket
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +18,7 @@ from .field_sheet import PALETTES
 
 Array = NDArray[Any]
 
+MOST_PORT = 65535
 DISTANCE = 1.9  # of the camera, over the diagonal of what is seen
 DIRECTION = np.array([0.45, -0.8, 0.4])  # to the camera, where z is up
 
@@ -61,14 +64,26 @@ def open_server(label: str, port: int = 8080) -> Any:
     ------
     ImportError
         If viser is missing.
+    OSError
+        If no port from there on is free.
     """
     with needs("viser", 'viser is missing: pip install "substep[view]" for views in the browser'):
         import viser
+    port = _free_port(port)
     with contextlib.redirect_stdout(io.StringIO()):  # viser prints a frame about its address
         server = viser.ViserServer(host="127.0.0.1", port=port, label=label, verbose=False)
     server.gui.configure_theme(show_logo=False, show_share_button=False)
     server.scene.set_background_image(np.full((1, 1, 3), [242, 245, 247], np.uint8))
     return server
+
+
+def _free_port(first: int) -> int:
+    """The first that can be served at; viser would wait for ever where there is none."""
+    for port in range(first, MOST_PORT + 1):
+        with contextlib.suppress(OSError):
+            socket.create_server(("127.0.0.1", port)).close()
+            return port
+    raise OSError(errno.EADDRINUSE, f"port: none from {first} to {MOST_PORT} is free")
 
 
 def close_server(server: Any) -> None:
