@@ -97,6 +97,22 @@ def test_movie_has_every_frame(recording, tmp_path, capsys):
     gc.collect()
 
 
+def test_a_film_that_ffmpeg_cannot_write_is_an_error(recording, tmp_path):
+    pytest.importorskip("imageio_ffmpeg")
+    resource = pytest.importorskip("resource")
+    out = tmp_path / "run.mp4"
+    out.write_bytes(b"a film")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4000, before[1]))
+    try:
+        with pytest.raises(OSError, match="ffmpeg failed") as error:
+            render.save_movie(recording, out)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert error.value.filename == str(out) and out.read_bytes() == b"a film"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["run.mp4", "run.vtkhdf"]
+
+
 def test_arguments_that_are_wrong(recording, tmp_path):
     pytest.importorskip("imageio_ffmpeg")
     for name in ("q.gif", "q.png", "q"):

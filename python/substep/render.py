@@ -25,6 +25,7 @@ from .scenes import Scene, load, names, record
 from .scenes.declaration import Simulation
 from .view import Camera, CameraPath, Light, Look, View, marker_area, plain_picture
 from .view.extent import is_flat
+from .view.film import Film, find_ffmpeg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -276,6 +277,8 @@ def save_movie(
     ImportError
         If matplotlib or imageio-ffmpeg is missing; in three dimensions PyVista, or the system's EGL
         library.
+    OSError
+        If the file cannot be written, as on a full disk; what was there stays.
 
     Examples
     --------
@@ -284,10 +287,7 @@ def save_movie(
     PosixPath('kepler.mp4')
     """
     matplotlib = _matplotlib()
-    told = 'imageio-ffmpeg is missing: pip install "substep[plot]" for movies'
-    with needs("imageio_ffmpeg", told):
-        import imageio_ffmpeg
-
+    find_ffmpeg()
     out = Path(out)
     if out.suffix.lower() != ".mp4":
         raise InputError(f"out: expected a file ending in .mp4, got {describe(str(out))}")
@@ -307,17 +307,11 @@ def save_movie(
             )
         else:
             images = _drawn(recording, _picture_of(recording, scene, camera, color, view), size)
-        writer = imageio_ffmpeg.write_frames(
-            str(part), size, fps=fps, macro_block_size=2, quality=7, ffmpeg_log_level="error"
-        )
-        writer.send(None)
-        try:
+        with Film(part, size, fps) as film:
             for frame, pixels in enumerate(images):
-                writer.send(np.ascontiguousarray(pixels))
+                film.add(pixels)
                 if on_frame is not None:
                     on_frame(frame, frames, float(recording.times[frame]))
-        finally:
-            writer.close()
     return out
 
 
@@ -417,12 +411,14 @@ class _whole_file:
             raise IsADirectoryError(21, os.strerror(21), str(self._out))
         return self._part
 
-    def __exit__(self, kind: object, *_: object) -> None:
+    def __exit__(self, kind: object, error: object, *_: object) -> None:
         if kind is None:
             os.replace(self._part, self._out)
         else:
             with suppress(FileNotFoundError):
                 self._part.unlink()
+            if isinstance(error, OSError) and error.filename == str(self._part):
+                error.filename = str(self._out)  # the name that was given
 
 
 def _frame_number(recording: Recording, frame: int) -> int:
