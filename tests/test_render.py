@@ -113,6 +113,28 @@ def test_a_film_that_ffmpeg_cannot_write_is_an_error(recording, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["run.mp4", "run.vtkhdf"]
 
 
+def test_a_recording_is_not_written_over(recording, tmp_path):
+    pytest.importorskip("imageio_ffmpeg")
+    film, linked = tmp_path / "run.mp4", tmp_path / "linked.png"
+    film.write_bytes(recording.read_bytes())
+    linked.hardlink_to(recording)
+    journal = substep.Recorder(tmp_path / "live.vtkhdf", parts={"p": substep.Part()})
+    journal.append(0.0, {"p": {"points": np.zeros((1, 3))}})
+    before = recording.read_bytes()
+    with substep.Recording(recording) as opened:
+        for write, *where in (
+            (render.save_picture, recording, recording),
+            (render.save_picture, recording, linked),
+            (render.save_picture, tmp_path / "live.vtkhdf", tmp_path / "live.vtkhdf"),
+            (render.save_movie, film, film),
+            (opened.to_html, recording),
+        ):
+            with pytest.raises(substep.InputError, match=r"^out: .* is the recording itself"):
+                write(*where)
+    journal.close()
+    assert recording.read_bytes() == film.read_bytes() == before
+
+
 def test_arguments_that_are_wrong(recording, tmp_path):
     pytest.importorskip("imageio_ffmpeg")
     for name in ("q.gif", "q.png", "q"):

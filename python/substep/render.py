@@ -21,6 +21,7 @@ from .base.checks import check_choice, check_integer, check_real, describe
 from .base.imports import needs
 from .errors import InputError
 from .recording import Recording
+from .recording.files import check_not_itself
 from .scenes import Scene, load, names, record
 from .scenes.declaration import Simulation
 from .view import Camera, CameraPath, Light, Look, View, marker_area, plain_picture
@@ -201,7 +202,7 @@ def save_picture(
     """
     matplotlib = _matplotlib()
     out, size, samples = Path(out), _check_size(size), _check_samples(engine, samples)
-    with _recorded(source) as recording, matplotlib.rc_context(STYLE):
+    with _recorded(source, out) as recording, matplotlib.rc_context(STYLE):
         if engine == "cycles":
             view = _view_of(recording, scene, camera, color, view)
             k = _frame_number(recording, _still(recording, scene) if frame is None else frame)
@@ -295,7 +296,7 @@ def save_movie(
     size, samples = _check_size(size, even=True), _check_samples(engine, samples)
     duration = _check_duration(source, duration)
     with (
-        _recorded(source, duration, fps) as recording,
+        _recorded(source, out, duration, fps) as recording,
         matplotlib.rc_context(STYLE),
         _whole_file(out) as part,
     ):
@@ -385,10 +386,13 @@ def _check_duration(source: Any, duration: Any) -> float:
 
 
 @contextmanager
-def _recorded(source: Any, duration: float = 0.0, fps: float = 25.0) -> Iterator[Recording]:
+def _recorded(
+    source: Any, out: Path, duration: float = 0.0, fps: float = 25.0
+) -> Iterator[Recording]:
     """The recording, or one that is made of a simulation and then forgotten."""
     if isinstance(source, (str, os.PathLike)):
         with Recording(source) as recording:
+            check_not_itself(out, recording.path)
             yield recording
         return
     if not all(hasattr(source, name) for name in ("fields", "advance", "time")):

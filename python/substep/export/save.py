@@ -10,6 +10,7 @@ from typing import Any
 from ..base.checks import check_choice, check_path, check_real, describe
 from ..errors import InputError
 from ..recording import Recording
+from ..recording.files import check_not_itself
 
 SUFFIXES = {
     ".vtkhdf": "VTKHDF, for ParaView",
@@ -127,8 +128,7 @@ def save(
     else:
         from .meshes import write_meshes as write
     with Recording(check_path(recording)) as opened:
-        if target.exists() and os.path.samefile(target, opened.path):
-            raise InputError(f"out: {str(target)[-60:]!r} is the recording itself")
+        check_not_itself(target, opened.path)
         if not len(opened):
             raise InputError(f"{opened.path}: has no frames")
         for name in radii:
