@@ -642,3 +642,35 @@ def test_a_film_outlives_a_surface_that_fails(tmp_path, monkeypatch):
         pytest.warns(RuntimeWarning, match="drawn as particles"),
     ):
         assert reddish(view.image(recording, 0, SIZE)).sum() > 1000
+
+
+def test_a_simulation_without_a_film_is_as_it_was(tmp_path, monkeypatch):
+    pytest.importorskip("imageio_ffmpeg")
+    bodies = substep.RigidBodies()
+    bodies.add(substep.Box((1, 1, 1)), (0, 0, 2))
+    (tmp_path / "folder.mp4").mkdir()
+    nobody = View(looks={"nobody": Look()})
+    for error, told, options in (
+        (substep.InputError, "color: no part has a field 'heat'", {"color": "heat"}),
+        (substep.InputError, "looks: expected one of", {"view": nobody}),
+        (TypeError, "view: expected a View", {"view": 3}),
+        (TypeError, "scene: expected a Scene", {"scene": "dam-break"}),
+        (TypeError, "on_frame: expected a callable", {"on_frame": 3}),
+        (substep.InputError, "fps: expected a number from", {"fps": 1e-300}),
+        (FileNotFoundError, "none/a.mp4", {"out": tmp_path / "none/a.mp4"}),
+        (IsADirectoryError, "folder.mp4", {"out": tmp_path / "folder.mp4"}),
+        (ZeroDivisionError, "zero", {"on_frame": lambda frame, frames, time: 1 / 0}),
+        (ImportError, "Blender|bpy", {"engine": "Cycles"}),
+        (ImportError, "pyvista is missing", {}),
+    ):
+        if error is ImportError:
+            for module in ("pyvista", "bpy"):
+                monkeypatch.setitem(sys.modules, module, None)
+        how = {"out": tmp_path / "a.mp4", "duration": 0.1, "size": (64, 48)} | options
+        with pytest.raises(error, match=told):
+            render.save_movie(bodies, **how)
+        assert bodies.time == 0 and bodies.positions[0, 2] == 2, options
+    assert [p.name for p in tmp_path.iterdir()] == ["folder.mp4"]
+    for write in (render.save_picture, render.save_movie):
+        with pytest.raises(TypeError, match="source: expected a recording or a simulation, got"):
+            write(substep.RigidBodies, tmp_path / "a.mp4")

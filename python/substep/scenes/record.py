@@ -11,6 +11,13 @@ from ..recording import Recorder
 from .declaration import particle_frame, particle_parts
 
 
+def check_simulation(name: str, value: Any, wanted: str = "a simulation") -> None:
+    """One of ours, or what speaks as they do; no class of them."""
+    words = ("fields", "advance", "time", "state", "restore")
+    if isinstance(value, type) or not all(hasattr(value, word) for word in words):
+        raise TypeError(f"{name}: expected {wanted}, got {describe(value)}")
+
+
 def record(
     simulation: Any,
     path: str | os.PathLike[str],
@@ -66,8 +73,7 @@ def record(
     ...         print(len(recording), recording.parts["particles"].kind)
     3 bodies
     """
-    if not all(hasattr(simulation, name) for name in ("fields", "advance", "time")):
-        raise TypeError(f"simulation: expected one of ours, got {describe(simulation)}")
+    check_simulation("simulation", simulation)
     duration = check_real("duration", duration, nonnegative=True)
     fps = check_real("fps", fps, positive=True)
     target = check_path(path)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import check_choice
 from ..recording import Recording
-from .extent import box_of
+from .extent import box_of, owners_of
 from .look import Camera, CameraPath, Light, Look
 from .stage import Coloring, Stage
 
@@ -137,10 +137,27 @@ class View:
         ground = float(box[0, 2]) if self.ground is None else self.ground(recording)
         return box, ground
 
-    def _stage(self, recording: Recording, size: tuple[int, int]) -> Stage:
-        """The stage of this view, kept as long as the recording is there."""
+    def check(self, recording: Recording) -> None:
+        """Refuse parts and fields that the recording does not have.
+
+        Parameters
+        ----------
+        recording : Recording
+            Open.
+
+        Raises
+        ------
+        InputError
+            If there is none of that name.
+        """
         for name in self.looks:
             check_choice("looks", name, recording.parts)
+        if self.color is not None:
+            owners_of(recording, self.color)
+
+    def _stage(self, recording: Recording, size: tuple[int, int]) -> Stage:
+        """The stage of this view, kept as long as the recording is there."""
+        self.check(recording)
         stages = _STAGES.setdefault(recording, {})
         key = (self, size)
         if key not in stages:
