@@ -543,6 +543,6 @@ def _picture_of(
             if not isinstance(picture, View):
                 raise InputError(f"{name}: only pictures in three dimensions have one")
             picture = dataclasses.replace(picture, **{name: value})
-            if name == "color":  # what suits the values of the scene's own field may not suit these
+            if name == "color" and view is None:  # what suits the scene's own field may not suit it
                 picture = dataclasses.replace(picture, palette=View.palette, limits=None, bar=True)
     return picture

@@ -538,6 +538,19 @@ def test_a_bar_beside_the_picture_only_where_it_is_asked_for(tmp_path):
     assert bar.get_ylabel() == "height [m]" and bar.get_ylim() == (0.0, 3.0)
 
 
+def test_a_field_by_name_keeps_what_the_view_says_of_colours(tmp_path):
+    square(tmp_path, ["heat"]).close()
+    view = View(FRONT, palette="Reds", limits=(0.0, 30.0), bar=False)
+    for name, options in (
+        ("a", {"view": dataclasses.replace(view, color="heat")}),
+        ("b", {"view": view, "color": "heat"}),
+        ("c", {"view": View(FRONT), "color": "heat"}),
+    ):
+        render.save_picture(tmp_path / "a.vtkhdf", tmp_path / f"{name}.png", size=SIZE, **options)
+    a, b, c = (matplotlib.image.imread(tmp_path / f"{name}.png") for name in "abc")
+    assert np.array_equal(a, b) and not np.array_equal(a, c)
+
+
 def test_camera_paths():
     """Catmull and Rom: of evenly spaced times exact for parabolas, here t^2, within."""
     times = np.arange(5.0)
