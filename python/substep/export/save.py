@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from ..base.checks import check_choice, check_path, check_real, describe
+from ..base.checks import check_name, check_path, check_real, describe
 from ..errors import InputError
 from ..recording import Recording
 from ..recording.files import check_not_itself
@@ -132,7 +132,7 @@ def save(
         if not len(opened):
             raise InputError(f"{opened.path}: has no frames")
         for name in radii:
-            check_choice("liquids", name, opened.parts)
+            check_name("liquids", name, opened.parts)
             if (kind := opened.parts[name].kind) != "particles":
                 raise InputError(f"liquids: expected parts of particles, but {name} is of {kind}")
         return write(opened, target, radii) if radii else write(opened, target)

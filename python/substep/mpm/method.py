@@ -243,7 +243,7 @@ class MaterialPointMethod(Particles):
             raise InputError(f"cfl: expected a number above 0 and at most 1, got {self.cfl}")
         self._step_size = None if step is None else check_real("step", step, positive=True)
         self.integrator = check_choice("integrator", integrator, INTEGRATORS, aliases=INTEGRATORS)
-        check_choice("kernel", kernel, KERNELS)
+        kernel = check_choice("kernel", kernel, KERNELS)
         if transfer is None:
             grains = any(isinstance(m, Sand) for m in self.materials)
             transfer = "aflip" if grains and pull.any() and kernel != "linear" else "apic"

@@ -973,7 +973,7 @@ def cases(method: str | None = None, *, quick: bool = False) -> tuple[Case, ...]
     True
     """
     if method is not None:
-        check_choice("method", method, METHODS)
+        method = check_choice("method", method, METHODS)
     return tuple(
         case for case in CASES if method in (None, case.method) and (case.quick or not quick)
     )

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..base.attributes import settable
-from ..base.checks import check_choice, check_flag, check_integer, check_real, describe
+from ..base.checks import check_flag, check_integer, check_name, check_real, describe
 from ..base.simulation import Simulation
 from ..errors import InputError, SubstepError
 from ..geometry import liquid_surface
@@ -132,7 +132,7 @@ class Viewer:
         self._scenery = Scenery(source)
         fields = self._scenery.fields
         if color is not None:
-            check_choice("color", color, fields)
+            check_name("color", color, fields)
         self._interval = interval
         self._lock = threading.RLock()  # held by whoever touches the source
         self._closed, self._changed = threading.Event(), threading.Event()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import check_choice
+from ..base.checks import check_name
 from ..recording import Recording
 from .extent import box_of, owners_of
 from .look import Camera, CameraPath, Light, Look
@@ -151,7 +151,7 @@ class View:
             If there is none of that name.
         """
         for name in self.looks:
-            check_choice("looks", name, recording.parts)
+            check_name("looks", name, recording.parts)
         if self.color is not None:
             owners_of(recording, self.color)
 
