@@ -566,9 +566,16 @@ def test_camera_paths():
         (([0], [(0, 0, 1, 2)], (0, 0, 0)), "positions: "),
         (([0], [(0, 0, 1)], (0, 0, 1)), "targets: expected others"),
         (([0], [(0, 0, 1)], (0, 0, 0), 180), "angle: "),
+        (([0, 2], [(-1, 2, 0), (1, 2, 0)], (0, 2, 0)), "targets: .* passes through .* at 1 s"),
+        (([0, 3], [(0, 0, 0), (9, 0, 0)], [(6, 0, 0), (6, 0, 0)]), "passes through .* at 2 s"),
+        (([0, 2], [(-1e308, 0, 0), (1e308, 1, 0)], (0, 0, 0)), "times, positions and targets: "),
+        (([-1e308, 1e308], [(-1, 0, 0), (1, 1, 0)], (0, 0, 0)), "times"),
     ):
         with pytest.raises(substep.InputError, match=told):
             render.CameraPath(*arguments)
+    for time in (np.nan, np.inf):
+        with pytest.raises(substep.InputError, match="time: "):
+            path.at(time)
 
 
 def test_what_a_moving_camera_looks_at_stays_in_the_middle(tmp_path):

@@ -7,11 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import check_array, check_real
+from ..base.checks import check_array, check_real, in_range
 from ..errors import InputError
 from ..recording import Recording
+
+NEAREST = 1e-6  # that a camera may come to its target, over how far it is at the times given
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,8 @@ class CameraPath:
     Raises
     ------
     InputError
-        If the times do not increase, a shape is wrong, or a position is its target.
+        If the times do not increase, a shape is wrong, or the camera is at its target at a time or
+        between two.
 
     Examples
     --------
@@ -101,7 +105,7 @@ class CameraPath:
 
     def __post_init__(self) -> None:
         times = check_array("times", self.times, (None,))
-        if not len(times) or np.any(np.diff(times) <= 0):
+        if not len(times) or np.any(times[1:] <= times[:-1]):
             raise InputError("times: expected at least one, in increasing order")
         positions = check_array("positions", self.positions, (len(times), 3))
         given = np.asarray(self.targets)
@@ -111,6 +115,10 @@ class CameraPath:
             raise InputError("targets: expected others than the positions")
         if not 0 < check_real("angle", self.angle) < 180:
             raise InputError(f"angle: expected more than 0 and less than 180, got {self.angle}")
+        with in_range("times, positions and targets"):
+            time = _meeting(times, positions - targets)
+        if time is not None:
+            raise InputError(f"targets: the camera passes through what it looks at, at {time:g} s")
         for name, array in (("times", times), ("positions", positions), ("targets", targets)):
             array.flags.writeable = False
             object.__setattr__(self, name, array)
@@ -127,7 +135,13 @@ class CameraPath:
         -------
         tuple of ndarray, shape (3,)
             Position and target [m].
+
+        Raises
+        ------
+        InputError
+            If the time is not a finite number.
         """
+        time = check_real("time", time)
         times = np.asarray(self.times)
         if len(times) == 1 or time <= times[0]:
             return np.array(self.positions)[0], np.array(self.targets)[0]
@@ -153,6 +167,22 @@ def _slopes(times: NDArray[Any], x: NDArray[Any]) -> NDArray[np.float64]:
     before[0], after[-1] = 0, len(times) - 1
     slopes: NDArray[np.float64] = (x[after] - x[before]) / (times[after] - times[before])[:, None]
     return slopes
+
+
+def _meeting(times: NDArray[Any], apart: NDArray[Any]) -> float | None:
+    """When the camera is as good as at its target, from which it is so far apart at its times."""
+    far = np.linalg.norm(apart, axis=1)
+    slopes = _slopes(times, apart)
+    for k, length in enumerate(np.diff(times)):
+        (x, y), (v, w) = apart[k : k + 2], length * slopes[k : k + 2]
+        # The cubic of a segment by powers of s, and where its square is least.
+        cubic = np.array([x, v, 3 * (y - x) - 2 * v - w, 2 * (x - y) + v + w])
+        cubic /= far[k : k + 2].max()
+        square = sum((Polynomial(c) ** 2 for c in cubic.T), Polynomial([0.0])).trim(1e-14)
+        for s in [0.0, *np.clip(square.deriv().roots().real, 0, 1)]:
+            if np.linalg.norm(s ** np.arange(4) @ cubic) <= NEAREST:
+                return float(times[k] + s * length)
+    return None
 
 
 def camera_axes(position: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
