@@ -694,3 +694,51 @@ def test_a_simulation_without_a_film_is_as_it_was(tmp_path, monkeypatch):
     for write in (render.save_picture, render.save_movie):
         with pytest.raises(TypeError, match="source: expected a recording or a simulation, got"):
             write(substep.RigidBodies, tmp_path / "a.mp4")
+
+
+@pytest.mark.parametrize(
+    ("kind", "wrong"),
+    [
+        (Look, {"radius": 0.0}),
+        (Look, {"radius": np.nan}),
+        (Look, {"opacity": -1.0}),
+        (Look, {"color": 3}),
+        (Look, {"color": ("red", 3)}),
+        (Look, {"back": 3}),
+        (Look, {"density": 3}),
+        (Look, {"hidden": "no"}),
+        (View, {"camera": (1, 2)}),
+        (View, {"looks": {"cloth": "red"}}),
+        (View, {"color": 3}),
+        (View, {"palette": None}),
+        (View, {"limits": (1.0, 1.0)}),
+        (View, {"limits": (0.0, np.nan)}),
+        (View, {"limits": (0.0, 1.0, 2.0)}),
+        (View, {"bar": "no"}),
+        (View, {"box": [[0, 0, 0], [1, 1, 1]]}),
+        (View, {"ground": 0.0}),
+        (View, {"nooks": 0.0}),
+        (View, {"lights": [3]}),
+        (lambda **options: render.Light(0, 0, **options), {"color": 3}),
+    ],
+)
+def test_values_of_views_are_checked(kind, wrong):
+    with pytest.raises((substep.InputError, TypeError), match=f"^{next(iter(wrong))}.*: expected"):
+        kind(**wrong)
+
+
+def test_what_a_view_finds_when_it_draws_is_checked(tmp_path):
+    with square(tmp_path) as recording:
+        for told, view in (
+            ("palette: .* 'rainbows'", View(palette="rainbows")),
+            ("color: .* 'blorange'", View(looks={"cloth": Look(("red", "blorange"))})),
+            ("back: .* 'blorange'", View(looks={"cloth": Look(back="blorange")})),
+            ("color: .* 'blorange'", View(lights=[render.Light(0, 0, color="blorange")])),
+            ("box: ", View(box=lambda recording: [[0, 0, 0], [1, 1, -1]])),
+            ("box", View(box=lambda recording: np.full((2, 3), np.nan))),
+            ("ground: ", View(ground=lambda recording: np.nan)),
+            ("nooks: ", View(nooks=lambda recording: -1.0)),
+            ("radius of 'cloth': ", View(looks={"cloth": Look(radius=lambda recording: np.nan)})),
+        ):
+            with pytest.raises(substep.InputError, match=f"^{told}"):
+                view.image(recording, size=SIZE)

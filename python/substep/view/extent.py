@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.checks import describe
+from ..base.checks import check_real, describe
 from ..base.quaternions import rotate
 from ..errors import InputError
 from ..recording import Part, Recording
@@ -43,7 +43,7 @@ def radius_of(points: NDArray[Any]) -> float:
 def radius_in(recording: Recording, name: str, look: Look) -> float:
     """Radius of a part's particles [m]."""
     if callable(look.radius):
-        return float(look.radius(recording))
+        return check_real(f"radius of {name!r}", look.radius(recording), positive=True)
     if look.radius is not None:
         return look.radius
     part = recording.parts[name]

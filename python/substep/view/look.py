@@ -10,11 +10,19 @@ import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import check_array, check_real, in_range
+from ..base.checks import check_array, check_flag, check_real, describe, in_range
 from ..errors import InputError
 from ..recording import Recording
 
 NEAREST = 1e-6  # that a camera may come to its target, over how far it is at the times given
+
+
+def check_color(name: str, color: Any, known: Callable[[Any], bool] | None = None) -> None:
+    """Refuse what is no name of a colour, and what is none that is known."""
+    if not isinstance(color, str):
+        raise TypeError(f"{name}: expected the name of a colour, got {describe(color)}")
+    if known is not None and not known(color):
+        raise InputError(f"{name}: expected a colour of matplotlib, got {describe(color)}")
 
 
 @dataclass(frozen=True)
@@ -213,7 +221,9 @@ class Light:
     Raises
     ------
     InputError
-        If a number is not in its range.
+        If a number is not in its range; of a colour that there is not, when it is drawn.
+    TypeError
+        If something is of another type.
 
     Examples
     --------
@@ -232,6 +242,7 @@ class Light:
         if abs(check_real("elevation", self.elevation)) > 90:
             raise InputError(f"elevation: expected -90 to 90 degrees, got {self.elevation}")
         check_real("strength", self.strength, nonnegative=True)
+        check_color("color", self.color)
 
     def direction(self) -> NDArray[np.float64]:
         """Unit vector towards it.
@@ -277,6 +288,13 @@ class Look:
     metallic : float
         1 is metal and 0 is not, of pictures that Cycles makes.
 
+    Raises
+    ------
+    InputError
+        If a number is not in its range; of a colour that there is not, when it is drawn.
+    TypeError
+        If something is of another type.
+
     Examples
     --------
     >>> import substep
@@ -297,11 +315,41 @@ class Look:
     metallic: float = 0.0
 
     def __post_init__(self) -> None:
+        self.check_colors()
+        check_real("opacity", self.opacity, nonnegative=True)
+        for name in ("edges", "liquid", "heap", "hidden"):
+            check_flag(name, getattr(self, name))
+        if self.radius is not None and not callable(self.radius):
+            check_real("radius", self.radius, positive=True)
+        if self.density is not None and not isinstance(self.density, str):
+            raise TypeError(f"density: expected the name of a field, got {describe(self.density)}")
         for name in ("roughness", "metallic"):
             if not 0 <= check_real(name, getattr(self, name)) <= 1:
                 raise InputError(
                     f"{name}: expected a number from 0 to 1, got {getattr(self, name)}"
                 )
+
+    def check_colors(self, known: Callable[[Any], bool] | None = None) -> None:
+        """Refuse what are no names of colours, or none that are known.
+
+        Parameters
+        ----------
+        known : callable, optional
+            `known(color)` tells whether there is one.
+
+        Raises
+        ------
+        InputError
+            If a colour is not known.
+        TypeError
+            If it is no name.
+        """
+        several = isinstance(self.color, (tuple, list))
+        for color in self.color or () if several else (self.color,):
+            if several or color is not None:
+                check_color("color", color, known)
+        if self.back is not None:
+            check_color("back", self.back, known)
 
     def colors(self, tone: str) -> tuple[str, ...]:
         """Its colour or colours.
