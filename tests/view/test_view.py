@@ -538,6 +538,19 @@ def test_a_bar_beside_the_picture_only_where_it_is_asked_for(tmp_path):
     assert bar.get_ylabel() == "height [m]" and bar.get_ylim() == (0.0, 3.0)
 
 
+def test_the_bar_of_colours_is_within_small_pictures_too(tmp_path):
+    from matplotlib.figure import Figure
+
+    view = View(FRONT, color="heat", limits=(-123456.0, 0.0))
+    with square(tmp_path, ["heat"]) as recording:
+        for size in ((480, 270), (960, 540), (1440, 810)):
+            figure = Figure(figsize=(size[0] / 150, size[1] / 150), dpi=150)
+            view(recording, 0, figure)
+            extent = figure.axes[-1].get_tightbbox()
+            assert 0.5 * size[0] < extent.x0 and extent.x1 <= size[0]
+            assert 0 <= extent.y0 and extent.y1 <= size[1]
+
+
 def test_a_field_by_name_keeps_what_the_view_says_of_colours(tmp_path):
     square(tmp_path, ["heat"]).close()
     view = View(FRONT, palette="Reds", limits=(0.0, 30.0), bar=False)

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+BAR_LEFT, MARGIN = 0.915, 0.01  # of the colour bar, over the width of the picture
+
+
 @dataclass(frozen=True, eq=False)
 class View:
     """A recording in three dimensions: the `picture` of a scene, and of recordings without one.
@@ -269,8 +272,12 @@ def _add_color_bar(
     from matplotlib.colors import Normalize
 
     shown = ScalarMappable(Normalize(*limits), cmap=palette)
-    axes = figure.add_axes((0.915, 0.2, 0.014, 0.6))
+    axes = figure.add_axes((BAR_LEFT, 0.2, 0.014, 0.6))
     label = name if unit in ("", "1") else f"{name} [{unit}]"
     bar = figure.colorbar(shown, cax=axes)
     bar.set_label(label, color=ink)
     bar.ax.tick_params(colors=ink)
+    # Numbers and name are as large in small pictures as in large ones, and want their room.
+    reach = bar.ax.get_tightbbox().transformed(figure.transFigure.inverted()).x1
+    left = min(BAR_LEFT, BAR_LEFT - (reach - (1 - MARGIN)))
+    axes.set_position((left, 0.2, 0.014, 0.6))
