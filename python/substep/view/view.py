@@ -278,6 +278,7 @@ def _add_color_bar(
     bar.set_label(label, color=ink)
     bar.ax.tick_params(colors=ink)
     # Numbers and name are as large in small pictures as in large ones, and want their room.
-    reach = bar.ax.get_tightbbox().transformed(figure.transFigure.inverted()).x1
+    extent: Any = axes.get_tightbbox()
+    reach = extent.transformed(figure.transFigure.inverted()).x1
     left = min(BAR_LEFT, BAR_LEFT - (reach - (1 - MARGIN)))
     axes.set_position((left, 0.2, 0.014, 0.6))
