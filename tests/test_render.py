@@ -233,6 +233,25 @@ def test_a_simulation_without_a_recording(tmp_path, monkeypatch):
         render.save_picture(7, tmp_path / "b.png")
 
 
+def test_frames_that_are_too_many_or_too_near_leave_nothing(tmp_path):
+    bodies = substep.RigidBodies()
+    bodies.add(substep.Box((1, 1, 1)), (0, 0, 2))
+    for duration, fps in ((1e300, 1e300), (1e-12, 1e15), (1e9, 1e9)):
+        with pytest.raises(substep.InputError, match="fps: "):
+            substep.scenes.record(bodies, tmp_path / "a.vtkhdf", duration, fps=fps)
+    with pytest.raises(TypeError, match="simulation: expected a simulation, got <class"):
+        substep.scenes.record(substep.RigidBodies, tmp_path / "a.vtkhdf", 1.0)
+    for out in ("", "a\0.png", b""):
+        with pytest.raises(substep.InputError, match="path: expected a file name"):
+            render.save_picture(bodies, out)
+    with pytest.raises(IsADirectoryError):
+        render.save_picture(bodies, ".")
+    assert bodies.time == 0 and not list(tmp_path.iterdir())
+    bodies = substep.Advection(substep.DoubleGyre(), [[0.5, 0.5]], step=0.05)
+    render.save_picture(bodies, bytes(tmp_path / "a.png"), size=(320, 180))
+    assert (tmp_path / "a.png").exists()
+
+
 def test_a_recording_has_its_own_times(recording, tmp_path):
     pytest.importorskip("imageio_ffmpeg")
     with pytest.raises(substep.InputError, match="duration: a recording has its own times"):
