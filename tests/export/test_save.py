@@ -262,6 +262,18 @@ def test_the_case_of_names_counts(recording, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(("suffix", "module"), [(".usda", "pxr"), (".glb", "pygltflib")])
+def test_what_float32_cannot_hold_is_refused(tmp_path, suffix, module):
+    pytest.importorskip(module, reason=f"{module} is not installed")
+    for name, far, step in (("far", 1e300, 0.1), ("near", 1.0, 1e-60)):
+        with substep.Recorder(tmp_path / f"{name}.vtkhdf", parts={"p": substep.Part()}) as recorder:
+            for k in range(2):
+                recorder.append(k * step, {"p": {"points": [[far, k, 0], [0, 0, 1]]}})
+        with pytest.raises(substep.InputError, match=r"^recording: .*float32"):
+            save(tmp_path / f"{name}.vtkhdf", tmp_path / f"a{suffix}")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["far.vtkhdf", "near.vtkhdf"]
+
+
 def test_names_that_usd_makes_alike_and_frames_without_points(tmp_path):
     pytest.importorskip("pxr", reason="usd-core is not installed")
     from pxr import Usd

@@ -78,8 +78,9 @@ def save(
     Raises
     ------
     InputError
-        If the suffix is none of these, nothing in the recording can be written so, or `liquids`
-        names what is no part of particles.
+        If the suffix is none of these, nothing in the recording can be written so, `liquids` names
+        what is no part of particles, `out` is the recording, or numbers are beyond the float32 that
+        USD and glTF hold.
     FormatError
         If the recording is damaged.
     ImportError
