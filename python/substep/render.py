@@ -439,8 +439,8 @@ def _filmed(
         with Recording(record(source, Path(folder) / "first.vtkhdf", 0.0)) as first:
             _rehearse(first, *how, engine=engine)
         before = source.state()
-        path = record(source, Path(folder) / "film.vtkhdf", duration, fps=fps)
         try:
+            path = record(source, Path(folder) / "film.vtkhdf", duration, fps=fps)
             with Recording(path) as recording:
                 yield recording
         except BaseException:
