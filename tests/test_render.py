@@ -97,6 +97,44 @@ def test_movie_has_every_frame(recording, tmp_path, capsys):
     gc.collect()
 
 
+def test_a_film_that_ffmpeg_cannot_write_is_an_error(recording, tmp_path):
+    pytest.importorskip("imageio_ffmpeg")
+    resource = pytest.importorskip("resource")
+    out = tmp_path / "run.mp4"
+    out.write_bytes(b"a film")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4000, before[1]))
+    try:
+        with pytest.raises(OSError, match="ffmpeg failed") as error:
+            render.save_movie(recording, out)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert error.value.filename == str(out) and out.read_bytes() == b"a film"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["run.mp4", "run.vtkhdf"]
+
+
+def test_a_recording_is_not_written_over(recording, tmp_path):
+    pytest.importorskip("imageio_ffmpeg")
+    film, linked = tmp_path / "run.mp4", tmp_path / "linked.png"
+    film.write_bytes(recording.read_bytes())
+    linked.hardlink_to(recording)
+    journal = substep.Recorder(tmp_path / "live.vtkhdf", parts={"p": substep.Part()})
+    journal.append(0.0, {"p": {"points": np.zeros((1, 3))}})
+    before = recording.read_bytes()
+    with substep.Recording(recording) as opened:
+        for write, *where in (
+            (render.save_picture, recording, recording),
+            (render.save_picture, recording, linked),
+            (render.save_picture, tmp_path / "live.vtkhdf", tmp_path / "live.vtkhdf"),
+            (render.save_movie, film, film),
+            (opened.to_html, recording),
+        ):
+            with pytest.raises(substep.InputError, match=r"^out: .* is the recording itself"):
+                write(*where)
+    journal.close()
+    assert recording.read_bytes() == film.read_bytes() == before
+
+
 def test_arguments_that_are_wrong(recording, tmp_path):
     pytest.importorskip("imageio_ffmpeg")
     for name in ("q.gif", "q.png", "q"):
@@ -193,6 +231,25 @@ def test_a_simulation_without_a_recording(tmp_path, monkeypatch):
             render.save_movie(drift, tmp_path / "b.mp4", **options)
     with pytest.raises(TypeError, match="source: expected a recording or a simulation, got"):
         render.save_picture(7, tmp_path / "b.png")
+
+
+def test_frames_that_are_too_many_or_too_near_leave_nothing(tmp_path):
+    bodies = substep.RigidBodies()
+    bodies.add(substep.Box((1, 1, 1)), (0, 0, 2))
+    for duration, fps in ((1e300, 1e300), (1e-12, 1e15), (1e9, 1e9)):
+        with pytest.raises(substep.InputError, match="fps: "):
+            substep.scenes.record(bodies, tmp_path / "a.vtkhdf", duration, fps=fps)
+    with pytest.raises(TypeError, match="simulation: expected a simulation, got <class"):
+        substep.scenes.record(substep.RigidBodies, tmp_path / "a.vtkhdf", 1.0)
+    for out in ("", "a\0.png", b""):
+        with pytest.raises(substep.InputError, match="path: expected a file name"):
+            render.save_picture(bodies, out)
+    with pytest.raises(IsADirectoryError):
+        render.save_picture(bodies, ".")
+    assert bodies.time == 0 and not list(tmp_path.iterdir())
+    bodies = substep.Advection(substep.DoubleGyre(), [[0.5, 0.5]], step=0.05)
+    render.save_picture(bodies, bytes(tmp_path / "a.png"), size=(320, 180))
+    assert (tmp_path / "a.png").exists()
 
 
 def test_a_recording_has_its_own_times(recording, tmp_path):

@@ -7,7 +7,9 @@ a plain view of its parts. Pictures in three dimensions are `View`s.
 from __future__ import annotations
 
 import dataclasses
+import errno
 import os
+import secrets
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -17,14 +19,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .base.checks import check_choice, check_integer, check_real, describe
+from .base.checks import (
+    check_callable,
+    check_choice,
+    check_integer,
+    check_path,
+    check_real,
+    describe,
+)
 from .base.imports import needs
 from .errors import InputError
 from .recording import Recording
+from .recording.files import check_not_itself
 from .scenes import Scene, load, names, record
 from .scenes.declaration import Simulation
+from .scenes.record import check_simulation
 from .view import Camera, CameraPath, Light, Look, View, marker_area, plain_picture
 from .view.extent import is_flat
+from .view.film import Film, find_ffmpeg
+from .view.stage import import_pyvista
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,6 +63,7 @@ def __dir__() -> list[str]:
 DPI = 100  # of movies
 PICTURE_DPI = 150
 ENGINES = ("vtk", "cycles")
+SLOWEST, FASTEST = 1e-3, 1e5  # frames per second that films can have
 AT_A_TIME = 50  # frames that Cycles makes before the film takes them
 STYLE = {
     "font.size": 10,
@@ -199,8 +213,10 @@ def save_picture(
     'gyre.png'
     """
     matplotlib = _matplotlib()
-    out, size, samples = Path(out), _check_size(size), _check_samples(engine, samples)
-    with _recorded(source) as recording, matplotlib.rc_context(STYLE):
+    out, size = Path(check_path(out)), _check_size(size)
+    _check_source(source)
+    engine, samples = _check_engine(engine, samples)
+    with _recorded(source, out) as recording, matplotlib.rc_context(STYLE):
         if engine == "cycles":
             view = _view_of(recording, scene, camera, color, view)
             k = _frame_number(recording, _still(recording, scene) if frame is None else frame)
@@ -237,13 +253,15 @@ def save_movie(
     Parameters
     ----------
     source : str, Path or simulation
-        The recording, VTKHDF or journal, or any simulation, which is advanced by `duration`.
+        The recording, VTKHDF or journal, or any simulation, which is advanced by `duration`, or
+        left as it was if no film can be made of it.
     out : str or Path
         The movie.
     duration : float, optional
         How long a simulation is filmed [s]; a recording has its own times.
     fps : float
-        Frames shown per second; of a simulation also frames per second of its time.
+        Frames shown per second, from 0.001 to 100000; of a simulation also frames per second of its
+        time.
     scene : Scene, optional
         Whose picture to draw; the built-in scene that the recording names unless given.
     camera : Camera or CameraPath, optional
@@ -276,6 +294,8 @@ def save_movie(
     ImportError
         If matplotlib or imageio-ffmpeg is missing; in three dimensions PyVista, or the system's EGL
         library.
+    OSError
+        If the file cannot be written, as on a full disk; what was there stays.
 
     Examples
     --------
@@ -284,20 +304,26 @@ def save_movie(
     PosixPath('kepler.mp4')
     """
     matplotlib = _matplotlib()
-    told = 'imageio-ffmpeg is missing: pip install "substep[plot]" for movies'
-    with needs("imageio_ffmpeg", told):
-        import imageio_ffmpeg
-
-    out = Path(out)
+    find_ffmpeg()
+    out = Path(check_path(out))
     if out.suffix.lower() != ".mp4":
         raise InputError(f"out: expected a file ending in .mp4, got {describe(str(out))}")
-    fps = check_real("fps", fps, positive=True)
-    size, samples = _check_size(size, even=True), _check_samples(engine, samples)
+    fps = check_real("fps", fps)
+    if not SLOWEST <= fps <= FASTEST:
+        raise InputError(f"fps: expected a number from {SLOWEST} to {FASTEST}, got {fps}")
+    size = _check_size(size, even=True)
+    engine, samples = _check_engine(engine, samples)
+    if on_frame is not None:
+        check_callable("on_frame", on_frame)
     duration = _check_duration(source, duration)
+    if isinstance(source, (str, os.PathLike)):
+        filmed = _recorded(source, out)
+    else:
+        filmed = _filmed(source, duration, fps, scene, camera, color, view, engine=engine)
     with (
-        _recorded(source, duration, fps) as recording,
         matplotlib.rc_context(STYLE),
         _whole_file(out) as part,
+        filmed as recording,
     ):
         frames = len(recording)
         _frame_number(recording, 0)
@@ -307,17 +333,11 @@ def save_movie(
             )
         else:
             images = _drawn(recording, _picture_of(recording, scene, camera, color, view), size)
-        writer = imageio_ffmpeg.write_frames(
-            str(part), size, fps=fps, macro_block_size=2, quality=7, ffmpeg_log_level="error"
-        )
-        writer.send(None)
-        try:
+        with Film(part, size, fps) as film:
             for frame, pixels in enumerate(images):
-                writer.send(np.ascontiguousarray(pixels))
+                film.add(pixels)
                 if on_frame is not None:
                     on_frame(frame, frames, float(recording.times[frame]))
-        finally:
-            writer.close()
     return out
 
 
@@ -375,12 +395,18 @@ def _check_size(size: Any, even: bool = False) -> tuple[int, int]:
     return width, height
 
 
-def _check_samples(engine: Any, samples: Any) -> int:
-    check_choice("engine", engine, ENGINES)
-    return check_integer("samples", samples, minimum=1, maximum=1 << 20)
+def _check_engine(engine: Any, samples: Any) -> tuple[str, int]:
+    samples = check_integer("samples", samples, minimum=1, maximum=1 << 20)
+    return check_choice("engine", engine, ENGINES), samples
+
+
+def _check_source(source: Any) -> None:
+    if not isinstance(source, (str, os.PathLike)):
+        check_simulation("source", source, "a recording or a simulation")
 
 
 def _check_duration(source: Any, duration: Any) -> float:
+    _check_source(source)
     if isinstance(source, (str, os.PathLike)):
         if duration is not None:
             raise InputError("duration: a recording has its own times; it is for simulations")
@@ -391,18 +417,58 @@ def _check_duration(source: Any, duration: Any) -> float:
 
 
 @contextmanager
-def _recorded(source: Any, duration: float = 0.0, fps: float = 25.0) -> Iterator[Recording]:
-    """The recording, or one that is made of a simulation and then forgotten."""
+def _recorded(source: Any, out: Path) -> Iterator[Recording]:
+    """The recording, or one of a simulation as it is, which is then forgotten."""
     if isinstance(source, (str, os.PathLike)):
         with Recording(source) as recording:
+            check_not_itself(out, recording.path)
             yield recording
         return
-    if not all(hasattr(source, name) for name in ("fields", "advance", "time")):
-        raise TypeError(f"source: expected a recording or a simulation, got {describe(source)}")
     with tempfile.TemporaryDirectory() as folder:
-        path = record(source, Path(folder) / "film.vtkhdf", duration, fps=fps)
+        path = record(source, Path(folder) / "still.vtkhdf", 0.0)
         with Recording(path) as recording:
             yield recording
+
+
+@contextmanager
+def _filmed(
+    source: Simulation, duration: float, fps: float, *how: Any, engine: str
+) -> Iterator[Recording]:
+    """A recording of a simulation that goes on; it is as it was if there is no film of it."""
+    with tempfile.TemporaryDirectory() as folder:
+        with Recording(record(source, Path(folder) / "first.vtkhdf", 0.0)) as first:
+            _rehearse(first, *how, engine=engine)
+        before = source.state()
+        try:
+            path = record(source, Path(folder) / "film.vtkhdf", duration, fps=fps)
+            with Recording(path) as recording:
+                yield recording
+        except BaseException:
+            source.restore(before)
+            raise
+
+
+def _rehearse(
+    first: Recording,
+    scene: Scene | None,
+    camera: Camera | CameraPath | None,
+    color: str | None,
+    view: View | None,
+    *,
+    engine: str,
+) -> None:
+    """Refuse what no film of it can have, by its first frame."""
+    points = [arrays["points"] for arrays in first.frame(0).values() if "points" in arrays]
+    if view is None and is_flat(first) and any(x.shape[1] == 3 for x in points):
+        return  # whether it stays in the plane, and has the picture of one, is not known yet
+    picture = _picture_of(first, scene, camera, color, view)
+    if engine == "cycles":
+        from .export.cycles import check_traced
+
+        check_traced(first, _view_of(first, scene, camera, color, view))
+    elif isinstance(picture, View):
+        import_pyvista()
+        picture.check(first)
 
 
 class _whole_file:
@@ -410,19 +476,27 @@ class _whole_file:
 
     def __init__(self, out: Path) -> None:
         self._out = out
-        self._part = out.with_name(f".{out.stem}.part{out.suffix}")
 
     def __enter__(self) -> Path:
-        if self._out.is_dir():
-            raise IsADirectoryError(21, os.strerror(21), str(self._out))
+        out = self._out
+        if out.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(out))
+        self._part = out.with_name(f".{out.stem[:100]}-{secrets.token_hex(8)}.part{out.suffix}")
+        try:
+            self._part.open("xb").close()  # so that it can be written is known before there is work
+        except OSError as error:
+            error.filename = str(out)  # the name that was given
+            raise
         return self._part
 
-    def __exit__(self, kind: object, *_: object) -> None:
+    def __exit__(self, kind: object, error: object, *_: object) -> None:
         if kind is None:
             os.replace(self._part, self._out)
         else:
             with suppress(FileNotFoundError):
                 self._part.unlink()
+            if isinstance(error, OSError) and error.filename == str(self._part):
+                error.filename = str(self._out)  # the name that was given
 
 
 def _frame_number(recording: Recording, frame: int) -> int:
@@ -469,6 +543,6 @@ def _picture_of(
             if not isinstance(picture, View):
                 raise InputError(f"{name}: only pictures in three dimensions have one")
             picture = dataclasses.replace(picture, **{name: value})
-            if name == "color":  # what suits the values of the scene's own field may not suit these
+            if name == "color" and view is None:  # what suits the scene's own field may not suit it
                 picture = dataclasses.replace(picture, palette=View.palette, limits=None, bar=True)
     return picture

@@ -7,6 +7,7 @@ import pytest
 import substep
 from substep.cli import main
 from substep.export import save
+from substep.render import Look, View
 
 TURN = np.sqrt(0.5)
 
@@ -243,6 +244,34 @@ def test_the_recording_is_not_written_over(recording, tmp_path):
     with pytest.raises(substep.InputError, match="is the recording itself"):
         save(same, same)
     assert same.read_bytes() == recording.read_bytes()
+
+
+def test_the_case_of_names_counts(recording, tmp_path):
+    pytest.importorskip("viser", reason="viser is not installed")
+    with substep.Recording(recording) as opened:
+        assert "velocity" in opened.parts["drops"].fields
+        for told, refused in (
+            ("color", lambda: opened.to_html(tmp_path / "a.html", color="Velocity")),
+            ("color", lambda: substep.show(opened, color="Velocity", open_browser=False)),
+            ("liquids", lambda: save(recording, tmp_path / "a.usda", liquids={"Drops": 0.1})),
+            ("looks", lambda: View(looks={"Drops": Look()}).check(opened)),
+            ("color", lambda: View(color="Velocity").check(opened)),
+        ):
+            with pytest.raises(substep.InputError, match=f"^{told}: "):
+                refused()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("suffix", "module"), [(".usda", "pxr"), (".glb", "pygltflib")])
+def test_what_float32_cannot_hold_is_refused(tmp_path, suffix, module):
+    pytest.importorskip(module, reason=f"{module} is not installed")
+    for name, far, step in (("far", 1e300, 0.1), ("near", 1.0, 1e-60)):
+        with substep.Recorder(tmp_path / f"{name}.vtkhdf", parts={"p": substep.Part()}) as recorder:
+            for k in range(2):
+                recorder.append(k * step, {"p": {"points": [[far, k, 0], [0, 0, 1]]}})
+        with pytest.raises(substep.InputError, match=r"^recording: .*float32"):
+            save(tmp_path / f"{name}.vtkhdf", tmp_path / f"a{suffix}")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["far.vtkhdf", "near.vtkhdf"]
 
 
 def test_names_that_usd_makes_alike_and_frames_without_points(tmp_path):

@@ -538,6 +538,32 @@ def test_a_bar_beside_the_picture_only_where_it_is_asked_for(tmp_path):
     assert bar.get_ylabel() == "height [m]" and bar.get_ylim() == (0.0, 3.0)
 
 
+def test_the_bar_of_colours_is_within_small_pictures_too(tmp_path):
+    from matplotlib.figure import Figure
+
+    view = View(FRONT, color="heat", limits=(-123456.0, 0.0))
+    with square(tmp_path, ["heat"]) as recording:
+        for size in ((480, 270), (960, 540), (1440, 810)):
+            figure = Figure(figsize=(size[0] / 150, size[1] / 150), dpi=150)
+            view(recording, 0, figure)
+            extent = figure.axes[-1].get_tightbbox()
+            assert 0.5 * size[0] < extent.x0 and extent.x1 <= size[0]
+            assert 0 <= extent.y0 and extent.y1 <= size[1]
+
+
+def test_a_field_by_name_keeps_what_the_view_says_of_colours(tmp_path):
+    square(tmp_path, ["heat"]).close()
+    view = View(FRONT, palette="Reds", limits=(0.0, 30.0), bar=False)
+    for name, options in (
+        ("a", {"view": dataclasses.replace(view, color="heat")}),
+        ("b", {"view": view, "color": "heat"}),
+        ("c", {"view": View(FRONT), "color": "heat"}),
+    ):
+        render.save_picture(tmp_path / "a.vtkhdf", tmp_path / f"{name}.png", size=SIZE, **options)
+    a, b, c = (matplotlib.image.imread(tmp_path / f"{name}.png") for name in "abc")
+    assert np.array_equal(a, b) and not np.array_equal(a, c)
+
+
 def test_camera_paths():
     """Catmull and Rom: of evenly spaced times exact for parabolas, here t^2, within."""
     times = np.arange(5.0)
@@ -553,9 +579,16 @@ def test_camera_paths():
         (([0], [(0, 0, 1, 2)], (0, 0, 0)), "positions: "),
         (([0], [(0, 0, 1)], (0, 0, 1)), "targets: expected others"),
         (([0], [(0, 0, 1)], (0, 0, 0), 180), "angle: "),
+        (([0, 2], [(-1, 2, 0), (1, 2, 0)], (0, 2, 0)), "targets: .* passes through .* at 1 s"),
+        (([0, 3], [(0, 0, 0), (9, 0, 0)], [(6, 0, 0), (6, 0, 0)]), "passes through .* at 2 s"),
+        (([0, 2], [(-1e308, 0, 0), (1e308, 1, 0)], (0, 0, 0)), "times, positions and targets: "),
+        (([-1e308, 1e308], [(-1, 0, 0), (1, 1, 0)], (0, 0, 0)), "times"),
     ):
         with pytest.raises(substep.InputError, match=told):
             render.CameraPath(*arguments)
+    for time in (np.nan, np.inf):
+        with pytest.raises(substep.InputError, match="time: "):
+            path.at(time)
 
 
 def test_what_a_moving_camera_looks_at_stays_in_the_middle(tmp_path):
@@ -642,3 +675,83 @@ def test_a_film_outlives_a_surface_that_fails(tmp_path, monkeypatch):
         pytest.warns(RuntimeWarning, match="drawn as particles"),
     ):
         assert reddish(view.image(recording, 0, SIZE)).sum() > 1000
+
+
+def test_a_simulation_without_a_film_is_as_it_was(tmp_path, monkeypatch):
+    pytest.importorskip("imageio_ffmpeg")
+    bodies = substep.RigidBodies()
+    bodies.add(substep.Box((1, 1, 1)), (0, 0, 2))
+    (tmp_path / "folder.mp4").mkdir()
+    nobody = View(looks={"nobody": Look()})
+    for error, told, options in (
+        (substep.InputError, "color: no part has a field 'heat'", {"color": "heat"}),
+        (substep.InputError, "looks: expected one of", {"view": nobody}),
+        (TypeError, "view: expected a View", {"view": 3}),
+        (TypeError, "scene: expected a Scene", {"scene": "dam-break"}),
+        (TypeError, "on_frame: expected a callable", {"on_frame": 3}),
+        (substep.InputError, "fps: expected a number from", {"fps": 1e-300}),
+        (FileNotFoundError, "none/a.mp4", {"out": tmp_path / "none/a.mp4"}),
+        (IsADirectoryError, "folder.mp4", {"out": tmp_path / "folder.mp4"}),
+        (ZeroDivisionError, "zero", {"on_frame": lambda frame, frames, time: 1 / 0}),
+        (ImportError, "Blender|bpy", {"engine": "Cycles"}),
+        (ImportError, "pyvista is missing", {}),
+    ):
+        if error is ImportError:
+            for module in ("pyvista", "bpy"):
+                monkeypatch.setitem(sys.modules, module, None)
+        how = {"out": tmp_path / "a.mp4", "duration": 0.1, "size": (64, 48)} | options
+        with pytest.raises(error, match=told):
+            render.save_movie(bodies, **how)
+        assert bodies.time == 0 and bodies.positions[0, 2] == 2, options
+    assert [p.name for p in tmp_path.iterdir()] == ["folder.mp4"]
+    for write in (render.save_picture, render.save_movie):
+        with pytest.raises(TypeError, match="source: expected a recording or a simulation, got"):
+            write(substep.RigidBodies, tmp_path / "a.mp4")
+
+
+@pytest.mark.parametrize(
+    ("kind", "wrong"),
+    [
+        (Look, {"radius": 0.0}),
+        (Look, {"radius": np.nan}),
+        (Look, {"opacity": -1.0}),
+        (Look, {"color": 3}),
+        (Look, {"color": ("red", 3)}),
+        (Look, {"back": 3}),
+        (Look, {"density": 3}),
+        (Look, {"hidden": "no"}),
+        (View, {"camera": (1, 2)}),
+        (View, {"looks": {"cloth": "red"}}),
+        (View, {"color": 3}),
+        (View, {"palette": None}),
+        (View, {"limits": (1.0, 1.0)}),
+        (View, {"limits": (0.0, np.nan)}),
+        (View, {"limits": (0.0, 1.0, 2.0)}),
+        (View, {"bar": "no"}),
+        (View, {"box": [[0, 0, 0], [1, 1, 1]]}),
+        (View, {"ground": 0.0}),
+        (View, {"nooks": 0.0}),
+        (View, {"lights": [3]}),
+        (lambda **options: render.Light(0, 0, **options), {"color": 3}),
+    ],
+)
+def test_values_of_views_are_checked(kind, wrong):
+    with pytest.raises((substep.InputError, TypeError), match=f"^{next(iter(wrong))}.*: expected"):
+        kind(**wrong)
+
+
+def test_what_a_view_finds_when_it_draws_is_checked(tmp_path):
+    with square(tmp_path) as recording:
+        for told, view in (
+            ("palette: .* 'rainbows'", View(palette="rainbows")),
+            ("color: .* 'blorange'", View(looks={"cloth": Look(("red", "blorange"))})),
+            ("back: .* 'blorange'", View(looks={"cloth": Look(back="blorange")})),
+            ("color: .* 'blorange'", View(lights=[render.Light(0, 0, color="blorange")])),
+            ("box: ", View(box=lambda recording: [[0, 0, 0], [1, 1, -1]])),
+            ("box", View(box=lambda recording: np.full((2, 3), np.nan))),
+            ("ground: ", View(ground=lambda recording: np.nan)),
+            ("nooks: ", View(nooks=lambda recording: -1.0)),
+            ("radius of 'cloth': ", View(looks={"cloth": Look(radius=lambda recording: np.nan)})),
+        ):
+            with pytest.raises(substep.InputError, match=f"^{told}"):
+                view.image(recording, size=SIZE)

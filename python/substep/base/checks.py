@@ -226,6 +226,15 @@ def check_choice(
     raise InputError(f"{name}: expected one of {', '.join(told)}; got {describe(value)}")
 
 
+def check_name(name: str, value: Any, known: Iterable[str]) -> str:
+    """A name that the caller gave to something, as a part or a field, whose case counts."""
+    listed = list(known)
+    if not isinstance(value, str) or value not in listed:
+        told = f"one of {', '.join(listed)}" if listed else "none, for there are none"
+        raise InputError(f"{name}: expected {told}; got {describe(value)}")
+    return value
+
+
 def check_callable(name: str, value: Any) -> Any:
     """Something that can be called."""
     if not callable(value):

@@ -43,6 +43,14 @@ LINES = 0.0025  # radius of lines, over the diagonal of the region
 STOPS = 32  # of a ramp of colours, the most that Blender has
 
 
+def check_traced(recording: Recording, view: View) -> None:
+    """Refuse what cannot be traced, and to begin where there is no Blender."""
+    check_blender()
+    if any(points.shape[1] == 2 for points in _first_points(recording)):
+        raise InputError("engine: Cycles makes pictures in three dimensions; the recording has two")
+    view.check(recording)
+
+
 def trace(
     recording: Recording,
     view: View,
@@ -53,9 +61,7 @@ def trace(
     on_frame: Callable[[int], None] | None = None,
 ) -> None:
     """Images of frames, by their numbers from 0, as PNG in the files that `out` names."""
-    check_blender()
-    if any(points.shape[1] == 2 for points in _first_points(recording)):
-        raise InputError("engine: Cycles makes pictures in three dimensions; the recording has two")
+    check_traced(recording, view)
     box, ground = view.region(recording)
     names = prim_names(recording)
     with tempfile.TemporaryDirectory() as name:

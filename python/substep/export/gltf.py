@@ -20,7 +20,7 @@ from ..errors import InputError
 from ..geometry import TetMesh
 from ..recording import Part, Recording
 from ..view.liquid import surface_or_balls
-from .usd import prim_names, to_space, widths_of
+from .usd import narrow, prim_names, to_space, widths_of
 
 POINTS, LINES, TRIANGLES = 0, 1, 4
 FLOAT, UINT = 5126, 5125
@@ -73,7 +73,9 @@ class _File:
         self._gltf.scene = 0
         self._gltf.nodes = [pygltflib.Node(name="recording", rotation=UPRIGHT, children=[])]
         self._animation = pygltflib.Animation(name="recording")
-        times = (recording.times - recording.times[0]).astype(np.float32)
+        times = narrow(recording.times - recording.times[0])
+        if np.any(times[1:] <= times[:-1]):
+            raise InputError("recording: float32, which glTF holds, cannot tell its times apart")
         self._times = self._accessor(times, bounds=True) if len(times) > 1 else None
 
     def bytes(self) -> bytes:
@@ -101,9 +103,9 @@ class _File:
             return
         if not len(frames[0]):
             return
-        base = self._accessor(frames[0].astype(np.float32), bounds=True)
+        base = self._accessor(narrow(frames[0]), bounds=True)
         targets = [
-            {"POSITION": self._accessor((points - frames[0]).astype(np.float32), bounds=True)}
+            {"POSITION": self._accessor(narrow(points.astype(float) - frames[0]), bounds=True)}
             for points in frames[1:]
         ]
         mesh = self._lib.Mesh(
@@ -123,7 +125,7 @@ class _File:
         for k, (points, rows) in enumerate(frames):
             if not len(points):
                 continue
-            base = self._accessor(np.asarray(points, np.float32), bounds=True)
+            base = self._accessor(narrow(points), bounds=True)
             primitive = self._primitive(mode, base, rows, [])
             name = f"{node}-{k:04d}"
             mesh = self._add_mesh(self._lib.Mesh(name=name, primitives=[primitive]))
@@ -143,7 +145,7 @@ class _File:
             vertices, faces = part.shape_of(body)
             mesh = None
             if len(faces):
-                base = self._accessor(vertices.astype(np.float32), bounds=True)
+                base = self._accessor(narrow(vertices), bounds=True)
                 primitive = self._primitive(TRIANGLES, base, faces, [])
                 mesh = self._add_mesh(self._lib.Mesh(name=node, primitives=[primitive]))
             moved = np.array([points[body] for points in x])
@@ -181,7 +183,7 @@ class _File:
         """Animate a property of a node; a single frame needs none."""
         if self._times is None:
             return
-        output = self._accessor(np.ascontiguousarray(values, np.float32))
+        output = self._accessor(narrow(values))
         sampler = self._lib.AnimationSampler(input=self._times, output=output, interpolation=way)
         self._animation.samplers.append(sampler)
         target = self._lib.AnimationChannelTarget(node=node, path=path)

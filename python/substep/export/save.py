@@ -7,9 +7,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from ..base.checks import check_choice, check_path, check_real, describe
+from ..base.checks import check_name, check_path, check_real, describe
 from ..errors import InputError
 from ..recording import Recording
+from ..recording.files import check_not_itself
 
 SUFFIXES = {
     ".vtkhdf": "VTKHDF, for ParaView",
@@ -77,8 +78,9 @@ def save(
     Raises
     ------
     InputError
-        If the suffix is none of these, nothing in the recording can be written so, or `liquids`
-        names what is no part of particles.
+        If the suffix is none of these, nothing in the recording can be written so, `liquids` names
+        what is no part of particles, `out` is the recording, or numbers are beyond the float32 that
+        USD and glTF hold.
     FormatError
         If the recording is damaged.
     ImportError
@@ -127,12 +129,11 @@ def save(
     else:
         from .meshes import write_meshes as write
     with Recording(check_path(recording)) as opened:
-        if target.exists() and os.path.samefile(target, opened.path):
-            raise InputError(f"out: {str(target)[-60:]!r} is the recording itself")
+        check_not_itself(target, opened.path)
         if not len(opened):
             raise InputError(f"{opened.path}: has no frames")
         for name in radii:
-            check_choice("liquids", name, opened.parts)
+            check_name("liquids", name, opened.parts)
             if (kind := opened.parts[name].kind) != "particles":
                 raise InputError(f"liquids: expected parts of particles, but {name} is of {kind}")
         return write(opened, target, radii) if radii else write(opened, target)

@@ -53,9 +53,10 @@ def write_usd(
         stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/recording").GetPrim())
         frames = len(recording)
         if frames > 1:
-            interval = float(np.diff(recording.times).mean())
-            stage.SetTimeCodesPerSecond(1 / interval)
-            stage.SetFramesPerSecond(1 / interval)
+            rate = 1 / max(float(np.diff(recording.times).mean()), 1e-300)
+            narrow(rate)
+            stage.SetTimeCodesPerSecond(rate)
+            stage.SetFramesPerSecond(rate)
         stage.SetStartTimeCode(0)
         stage.SetEndTimeCode(frames - 1)
         writers: dict[str, Any] = {}
@@ -104,7 +105,19 @@ def widths_of(recording: Recording) -> dict[str, float]:
 
 def to_space(vectors: NDArray[Any]) -> NDArray[Any]:
     """Vectors of three numbers; those of a plane, (x, y), as (x, 0, y)."""
+    narrow(vectors)
     return vectors if vectors.shape[1] == 3 else np.insert(vectors, 1, 0, axis=1)
+
+
+def narrow(values: Any) -> NDArray[np.float32]:
+    """In single precision, which USD and glTF hold, where that can hold them."""
+    with np.errstate(over="ignore"):
+        narrowed = np.ascontiguousarray(values, np.float32)
+    lost = np.isinf(narrowed) & np.isfinite(values)
+    if lost.any():
+        which = np.atleast_1d(values)[np.atleast_1d(lost)][0]
+        raise InputError(f"recording: {which} is beyond float32, which USD and glTF hold")
+    return narrowed
 
 
 def _is_vector(values: NDArray[Any] | None) -> bool:
@@ -123,7 +136,7 @@ def _unique(names: list[str]) -> list[str]:
 def _vectors(values: NDArray[Any]) -> Any:
     from pxr import Vt
 
-    return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(to_space(values), np.float32))
+    return Vt.Vec3fArray.FromNumpy(narrow(to_space(values)))
 
 
 class _Points:
@@ -300,7 +313,7 @@ def _set_primvars(geometry: Any, columns: dict[str, NDArray[Any]], code: Any) ->
         if values.ndim == 1:
             kind, array = (
                 Sdf.ValueTypeNames.FloatArray,
-                Vt.FloatArray.FromNumpy(np.ascontiguousarray(values, np.float32)),
+                Vt.FloatArray.FromNumpy(narrow(values)),
             )
         elif _is_vector(values):
             kind, array = Sdf.ValueTypeNames.Vector3fArray, _vectors(values)

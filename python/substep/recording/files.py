@@ -6,7 +6,7 @@ import contextlib
 import errno
 import os
 
-from ..errors import TruncatedError
+from ..errors import InputError, TruncatedError
 
 try:
     import fcntl
@@ -62,6 +62,16 @@ def publish(part: str, path: str, *, overwrite: bool = False) -> None:
         os.rename(part, path)
     else:
         os.unlink(part)
+
+
+def check_not_itself(out: str | os.PathLike[str], recorded: str) -> None:
+    """Refuse to write what is made of a recording over it, or where its journal will be packed."""
+    name = os.path.realpath(out)
+    same = name in (os.path.realpath(p) for p in (recorded, recorded.removesuffix(JOURNAL_SUFFIX)))
+    with contextlib.suppress(OSError):  # there is no such file
+        same = same or os.path.samefile(out, recorded)
+    if same:
+        raise InputError(f"out: {str(out)[-60:]!r} is the recording itself")
 
 
 def lock(fd: int) -> bool:

@@ -18,7 +18,7 @@ from ..base.attributes import Checked
 from ..base.checks import check_integer, check_path
 from ..base.pictured import Pictured
 from ..errors import CorruptError, FormatError, InputError, TruncatedError, VersionError
-from .files import JOURNAL_SUFFIX
+from .files import JOURNAL_SUFFIX, check_not_itself
 from .frames import Source, read_checked
 from .journal import MAX_BYTES, Journal, open_source
 from .parts import Part, as_cells, check_parameters, check_parts, check_text
@@ -282,7 +282,7 @@ class Recording(Checked, Pictured):
         Raises
         ------
         InputError
-            If there are no frames, no such field, or `fps` is not above 0.
+            If there are no frames, no such field, `fps` is not above 0, or `out` is the recording.
         FormatError
             If the recording is damaged.
         ImportError
@@ -291,6 +291,7 @@ class Recording(Checked, Pictured):
             If the file cannot be written.
         """
         path = check_path(out)
+        check_not_itself(path, self.path)
         page = importlib.import_module("substep.view.page")  # stands above
         page.write_page(self, Path(path), color, fps)
         return path

@@ -6,9 +6,18 @@ import os
 from pathlib import Path
 from typing import Any
 
-from ..base.checks import check_path, check_real, describe
+from ..base.checks import MOST_INT, check_path, check_real, describe
+from ..errors import InputError
 from ..recording import Recorder
+from ..recording.files import JOURNAL_SUFFIX
 from .declaration import particle_frame, particle_parts
+
+
+def check_simulation(name: str, value: Any, wanted: str = "a simulation") -> None:
+    """One of ours, or what speaks as they do; no class of them."""
+    words = ("fields", "advance", "time", "state", "restore")
+    if isinstance(value, type) or not all(hasattr(value, word) for word in words):
+        raise TypeError(f"{name}: expected {wanted}, got {describe(value)}")
 
 
 def record(
@@ -68,19 +77,25 @@ def record(
     ...         print(len(recording), recording.parts["particles"].kind)
     3 bodies
     """
-    if not all(hasattr(simulation, name) for name in ("fields", "advance", "time")):
-        raise TypeError(f"simulation: expected one of ours, got {describe(simulation)}")
+    check_simulation("simulation", simulation)
     duration = check_real("duration", duration, nonnegative=True)
     fps = check_real("fps", fps, positive=True)
     target = check_path(path)
     start, name = float(simulation.time), type(simulation).__name__
-    frames = int(duration * fps * (1 + 1e-12)) + 1
+    if not (count := duration * fps * (1 + 1e-12)) < MOST_INT:
+        raise InputError(f"fps: expected less than {MOST_INT} frames, got {count:.3g}")
     with Recorder(
         target, parts=particle_parts(simulation), scene=name, overwrite=overwrite
     ) as recorder:
-        for k in range(frames):
-            if (left := start + k / fps - simulation.time) > 0:
+        recorder.append(start, particle_frame(simulation))
+        for k in range(1, int(count) + 1):
+            before = simulation.time
+            if (left := start + k / fps - before) > 0:
                 simulation.advance(left)
+            if not simulation.time > before:
+                if k == 1:
+                    Path(target + JOURNAL_SUFFIX).unlink()
+                raise InputError(f"fps: {fps} frames per second are nearer than times can be")
             recorder.append(simulation.time, particle_frame(simulation))
     if (left := start + duration - simulation.time) > 0:
         simulation.advance(left)

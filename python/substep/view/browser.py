@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..base.attributes import settable
-from ..base.checks import check_flag, check_integer, check_real, describe
+from ..base.checks import check_flag, check_integer, check_name, check_real, describe
 from ..base.simulation import Simulation
 from ..errors import InputError, SubstepError
 from ..geometry import liquid_surface
@@ -145,9 +145,8 @@ class Viewer:
             raise InputError(f"{source.path}: has no frames")
         self._scenery = Scenery(source)
         fields = self._scenery.fields
-        if color is not None and color not in list(fields):  # fields may differ in case alone
-            known = ", ".join(fields)
-            raise InputError(f"color: expected one of {known}, got {describe(color)}")
+        if color is not None:
+            check_name("color", color, fields)
         self._interval = interval
         self._lock = threading.RLock()  # held by whoever touches the source
         self._closed, self._changed = threading.Event(), threading.Event()

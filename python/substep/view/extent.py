@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.checks import check_real, describe
 from ..base.quaternions import rotate
 from ..errors import InputError
 from ..recording import Part, Recording
@@ -42,7 +43,7 @@ def radius_of(points: NDArray[Any]) -> float:
 def radius_in(recording: Recording, name: str, look: Look) -> float:
     """Radius of a part's particles [m]."""
     if callable(look.radius):
-        return float(look.radius(recording))
+        return check_real(f"radius of {name!r}", look.radius(recording), positive=True)
     if look.radius is not None:
         return look.radius
     part = recording.parts[name]
@@ -100,13 +101,19 @@ def usual(recording: Recording, color: str, part: float) -> float:
     return max((float(np.quantile(np.abs(v), part)) for v in frames), default=0.0) or 0.5
 
 
-def range_of(recording: Recording, color: str) -> tuple[float, float]:
-    """Least and greatest value of a field in all frames."""
+def owners_of(recording: Recording, color: str) -> list[str]:
+    """The parts that have a field, at least one."""
     owners = [name for name, part in recording.parts.items() if color in part.fields]
     if not owners:
         known = sorted({field for part in recording.parts.values() for field in part.fields})
         told = f"known: {', '.join(known)}" if known else "there are none"
-        raise InputError(f"color: no part has a field {color!r}; {told}")
+        raise InputError(f"color: no part has a field {describe(color)}; {told}")
+    return owners
+
+
+def range_of(recording: Recording, color: str) -> tuple[float, float]:
+    """Least and greatest value of a field in all frames."""
+    owners = owners_of(recording, color)
     low, high = np.inf, -np.inf
     for values in _numbers(recording, owners, color):
         low, high = min(low, values.min(initial=low)), max(high, values.max(initial=high))

@@ -7,11 +7,22 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import check_array, check_real
+from ..base.checks import check_array, check_flag, check_real, describe, in_range
 from ..errors import InputError
 from ..recording import Recording
+
+NEAREST = 1e-6  # that a camera may come to its target, over how far it is at the times given
+
+
+def check_color(name: str, color: Any, known: Callable[[Any], bool] | None = None) -> None:
+    """Refuse what is no name of a colour, and what is none that is known."""
+    if not isinstance(color, str):
+        raise TypeError(f"{name}: expected the name of a colour, got {describe(color)}")
+    if known is not None and not known(color):
+        raise InputError(f"{name}: expected a colour of matplotlib, got {describe(color)}")
 
 
 @dataclass(frozen=True)
@@ -84,7 +95,8 @@ class CameraPath:
     Raises
     ------
     InputError
-        If the times do not increase, a shape is wrong, or a position is its target.
+        If the times do not increase, a shape is wrong, or the camera is at its target at a time or
+        between two.
 
     Examples
     --------
@@ -101,7 +113,7 @@ class CameraPath:
 
     def __post_init__(self) -> None:
         times = check_array("times", self.times, (None,))
-        if not len(times) or np.any(np.diff(times) <= 0):
+        if not len(times) or np.any(times[1:] <= times[:-1]):
             raise InputError("times: expected at least one, in increasing order")
         positions = check_array("positions", self.positions, (len(times), 3))
         given = np.asarray(self.targets)
@@ -111,6 +123,10 @@ class CameraPath:
             raise InputError("targets: expected others than the positions")
         if not 0 < check_real("angle", self.angle) < 180:
             raise InputError(f"angle: expected more than 0 and less than 180, got {self.angle}")
+        with in_range("times, positions and targets"):
+            time = _meeting(times, positions - targets)
+        if time is not None:
+            raise InputError(f"targets: the camera passes through what it looks at, at {time:g} s")
         for name, array in (("times", times), ("positions", positions), ("targets", targets)):
             array.flags.writeable = False
             object.__setattr__(self, name, array)
@@ -127,7 +143,13 @@ class CameraPath:
         -------
         tuple of ndarray, shape (3,)
             Position and target [m].
+
+        Raises
+        ------
+        InputError
+            If the time is not a finite number.
         """
+        time = check_real("time", time)
         times = np.asarray(self.times)
         if len(times) == 1 or time <= times[0]:
             return np.array(self.positions)[0], np.array(self.targets)[0]
@@ -153,6 +175,22 @@ def _slopes(times: NDArray[Any], x: NDArray[Any]) -> NDArray[np.float64]:
     before[0], after[-1] = 0, len(times) - 1
     slopes: NDArray[np.float64] = (x[after] - x[before]) / (times[after] - times[before])[:, None]
     return slopes
+
+
+def _meeting(times: NDArray[Any], apart: NDArray[Any]) -> float | None:
+    """When the camera is as good as at its target, from which it is so far apart at its times."""
+    far = np.linalg.norm(apart, axis=1)
+    slopes = _slopes(times, apart)
+    for k, length in enumerate(np.diff(times)):
+        (x, y), (v, w) = apart[k : k + 2], length * slopes[k : k + 2]
+        # The cubic of a segment by powers of s, and where its square is least.
+        cubic = np.array([x, v, 3 * (y - x) - 2 * v - w, 2 * (x - y) + v + w])
+        cubic /= far[k : k + 2].max()
+        square = sum((Polynomial(c) ** 2 for c in cubic.T), Polynomial([0.0])).trim(1e-14)
+        for s in [0.0, *np.clip(square.deriv().roots().real, 0, 1)]:
+            if np.linalg.norm(s ** np.arange(4) @ cubic) <= NEAREST:
+                return float(times[k] + s * length)
+    return None
 
 
 def camera_axes(position: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -183,7 +221,9 @@ class Light:
     Raises
     ------
     InputError
-        If a number is not in its range.
+        If a number is not in its range; of a colour that there is not, when it is drawn.
+    TypeError
+        If something is of another type.
 
     Examples
     --------
@@ -202,6 +242,7 @@ class Light:
         if abs(check_real("elevation", self.elevation)) > 90:
             raise InputError(f"elevation: expected -90 to 90 degrees, got {self.elevation}")
         check_real("strength", self.strength, nonnegative=True)
+        check_color("color", self.color)
 
     def direction(self) -> NDArray[np.float64]:
         """Unit vector towards it.
@@ -247,6 +288,13 @@ class Look:
     metallic : float
         1 is metal and 0 is not, of pictures that Cycles makes.
 
+    Raises
+    ------
+    InputError
+        If a number is not in its range; of a colour that there is not, when it is drawn.
+    TypeError
+        If something is of another type.
+
     Examples
     --------
     >>> import substep
@@ -267,11 +315,41 @@ class Look:
     metallic: float = 0.0
 
     def __post_init__(self) -> None:
+        self.check_colors()
+        check_real("opacity", self.opacity, nonnegative=True)
+        for name in ("edges", "liquid", "heap", "hidden"):
+            check_flag(name, getattr(self, name))
+        if self.radius is not None and not callable(self.radius):
+            check_real("radius", self.radius, positive=True)
+        if self.density is not None and not isinstance(self.density, str):
+            raise TypeError(f"density: expected the name of a field, got {describe(self.density)}")
         for name in ("roughness", "metallic"):
             if not 0 <= check_real(name, getattr(self, name)) <= 1:
                 raise InputError(
                     f"{name}: expected a number from 0 to 1, got {getattr(self, name)}"
                 )
+
+    def check_colors(self, known: Callable[[Any], bool] | None = None) -> None:
+        """Refuse what are no names of colours, or none that are known.
+
+        Parameters
+        ----------
+        known : callable, optional
+            `known(color)` tells whether there is one.
+
+        Raises
+        ------
+        InputError
+            If a colour is not known.
+        TypeError
+            If it is no name.
+        """
+        several = isinstance(self.color, (tuple, list))
+        for color in self.color or () if several else (self.color,):
+            if several or color is not None:
+                check_color("color", color, known)
+        if self.back is not None:
+            check_color("back", self.back, known)
 
     def colors(self, tone: str) -> tuple[str, ...]:
         """Its colour or colours.

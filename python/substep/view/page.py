@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.checks import check_choice, check_real
+from ..base.checks import check_name, check_real
 from ..base.replacing import replace_bytes
 from ..errors import InputError
 from ..recording import Recording
@@ -52,7 +52,7 @@ def write_page(
         raise InputError(f"{recording.path}: has no frames")
     scenery = Scenery(recording)
     if color is not None:
-        check_choice("color", color, scenery.fields)
+        check_name("color", color, scenery.fields)
     limits = {
         name: range_of(recording, name)
         for name in scenery.fields

@@ -10,14 +10,27 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import check_choice
+from ..base.checks import (
+    check_array,
+    check_callable,
+    check_flag,
+    check_name,
+    check_real,
+    check_sequence,
+    describe,
+)
+from ..base.imports import needs
+from ..errors import InputError
 from ..recording import Recording
-from .extent import box_of
-from .look import Camera, CameraPath, Light, Look
+from .extent import box_of, owners_of
+from .look import Camera, CameraPath, Light, Look, check_color
 from .stage import Coloring, Stage
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+BAR_LEFT, MARGIN = 0.915, 0.01  # of the colour bar, over the width of the picture
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +69,13 @@ class View:
         In place of those that there are unless told otherwise, from the left above, from the right
         and along the view.
 
+    Raises
+    ------
+    InputError
+        If a number is not in its range; of a colour or palette that there is not, when it is drawn.
+    TypeError
+        If something is of another type.
+
     Examples
     --------
     >>> import substep
@@ -76,6 +96,29 @@ class View:
     nooks: float | Callable[[Recording], float] | None = None
     dark: bool = False
     lights: Sequence[Light] = ()
+
+    def __post_init__(self) -> None:
+        check_type("camera", self.camera, (Camera, CameraPath), "a Camera or CameraPath")
+        check_type("looks", self.looks, Mapping, "a mapping of parts to Looks")
+        for name, look in self.looks.items():
+            check_type(f"looks[{name!r}]", look, Look, "a Look")
+        if self.color is not None:
+            check_type("color", self.color, str, "the name of a field")
+        check_type("palette", self.palette, str, "the name of a palette")
+        if self.limits is not None:
+            low, high = check_array("limits", self.limits, (2,)).tolist()
+            if not low < high:
+                raise InputError(f"limits: expected the lower one first, got {low} and {high}")
+            object.__setattr__(self, "limits", (low, high))
+        for name in ("bar", "dark"):
+            check_flag(name, getattr(self, name))
+        for name in ("box", "ground", "title"):
+            if getattr(self, name) is not None:
+                check_callable(name, getattr(self, name))
+        if self.nooks is not None and not callable(self.nooks):
+            check_real("nooks", self.nooks, positive=True)
+        for light in check_sequence("lights", self.lights, "Lights"):
+            check_type("lights", light, Light, "Lights")
 
     def __call__(self, recording: Recording, frame: int, figure: Figure) -> None:
         """Draw one frame on a matplotlib figure."""
@@ -131,16 +174,52 @@ class View:
         tuple
             Lowest and highest corner of the region, shape (2, 3), and height of the ground or None
             [m].
+
+        Raises
+        ------
+        InputError
+            If `box` or `ground` return what is none.
         """
         box = box_of(recording, self.looks) if self.box is None else self.box(recording)
-        box = np.asarray(box, float)
+        box = check_array("box", box, (2, 3))
+        if np.any(box[0] > box[1]):
+            raise InputError("box: expected the lowest corner first, then the highest")
         ground = float(box[0, 2]) if self.ground is None else self.ground(recording)
-        return box, ground
+        return box, None if ground is None else check_real("ground", ground)
+
+    def check(self, recording: Recording) -> None:
+        """Refuse parts and fields that the recording does not have, and unknown colours.
+
+        Parameters
+        ----------
+        recording : Recording
+            Open.
+
+        Raises
+        ------
+        InputError
+            If there is none of that name.
+        ImportError
+            If matplotlib is missing.
+        """
+        with needs("matplotlib", 'matplotlib is missing: pip install "substep[plot]" for pictures'):
+            from matplotlib import colormaps
+            from matplotlib.colors import is_color_like
+        if self.palette not in colormaps:
+            wanted = "a palette of matplotlib"
+            raise InputError(f"palette: expected {wanted}, got {describe(self.palette)}")
+        for look in self.looks.values():
+            look.check_colors(is_color_like)
+        for light in self.lights:
+            check_color("color", light.color, is_color_like)
+        for name in self.looks:
+            check_name("looks", name, recording.parts)
+        if self.color is not None:
+            owners_of(recording, self.color)
 
     def _stage(self, recording: Recording, size: tuple[int, int]) -> Stage:
         """The stage of this view, kept as long as the recording is there."""
-        for name in self.looks:
-            check_choice("looks", name, recording.parts)
+        self.check(recording)
         stages = _STAGES.setdefault(recording, {})
         key = (self, size)
         if key not in stages:
@@ -149,6 +228,8 @@ class View:
             if self.color is not None:
                 coloring = Coloring(self.color, self.palette, self.limits)
             nooks = self.nooks(recording) if callable(self.nooks) else self.nooks
+            if nooks is not None:
+                nooks = check_real("nooks", nooks, positive=True)
             stages[key] = Stage(
                 recording,
                 size,
@@ -169,6 +250,12 @@ _STAGES: weakref.WeakKeyDictionary[Recording, dict[tuple[View, tuple[int, int]],
 )
 
 
+def check_type(name: str, value: Any, kinds: Any, wanted: str) -> None:
+    """Refuse a value of another type."""
+    if not isinstance(value, kinds):
+        raise TypeError(f"{name}: expected {wanted}, got {describe(value)}")
+
+
 def default_title(recording: Recording, frame: int) -> str:
     """Scene and time."""
     return f"{recording.scene or 'recording'}, t = {recording.times[frame]:.3f} s"
@@ -185,8 +272,13 @@ def _add_color_bar(
     from matplotlib.colors import Normalize
 
     shown = ScalarMappable(Normalize(*limits), cmap=palette)
-    axes = figure.add_axes((0.915, 0.2, 0.014, 0.6))
+    axes = figure.add_axes((BAR_LEFT, 0.2, 0.014, 0.6))
     label = name if unit in ("", "1") else f"{name} [{unit}]"
     bar = figure.colorbar(shown, cax=axes)
     bar.set_label(label, color=ink)
     bar.ax.tick_params(colors=ink)
+    # Numbers and name are as large in small pictures as in large ones, and want their room.
+    extent: Any = axes.get_tightbbox()
+    reach = extent.transformed(figure.transFigure.inverted()).x1
+    left = min(BAR_LEFT, BAR_LEFT - (reach - (1 - MARGIN)))
+    axes.set_position((left, 0.2, 0.014, 0.6))
