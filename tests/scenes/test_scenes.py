@@ -68,8 +68,9 @@ def test_records_what_it_declares(name, tmp_path):
                     assert np.isfinite(values).all()
         first, last = recording.frame(0), recording.frame(-1)
         name, part = next(iter(recording.parts.items()))
-        moved = part.array_names[0]  # points, or the first field of a grid
-        assert not np.array_equal(first[name][moved], last[name][moved])
+        # Points, or the first field of a grid; a wheel turns in its place.
+        moved = [key for key in (part.array_names[0], "orientation") if key in first[name]]
+        assert any(not np.array_equal(first[name][key], last[name][key]) for key in moved)
 
 
 @pytest.mark.parametrize("name", scenes.names())
@@ -893,7 +894,7 @@ def test_scenes_need_a_duration_and_leave_some_names_free():
 
 
 def test_load_refuses_other_names():
-    for name in ("", "Kepler", "kepler.toml", "no-such", "substep"):
+    for name in ("", "Kepler", "kepler.yaml", "no-such", "substep"):
         with pytest.raises(
             substep.InputError, match="neither a built-in scene nor a file ending in"
         ):
