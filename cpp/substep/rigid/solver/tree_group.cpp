@@ -821,8 +821,8 @@ void TreeGroup::move_in_tree(double part) {
 void TreeGroup::count_turns() {
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
-    if (!has_coordinate(k)) continue;
-    m.rate = mean_rate(k);
+    if (tree_.parts()[k].kind != Kind::kHinge && !m.ruled) continue;
+    m.rate = m.ruled ? mean_rate(k) : 2 / h_ * std::atan(0.5 * h_ * rates_[k].along);
     m.coordinate += sign(k) * h_ * m.rate;
   }
 }

@@ -116,9 +116,6 @@ class TreeGroup {
   using Stage = JointLaw::Stage;
   double sign(std::size_t k) const { return members_[k].is_a ? 1 : -1; }  // of the coordinate
   bool slides(std::size_t k) const { return tree_.parts()[k].kind == Tree::Kind::kSlider; }
-  bool has_coordinate(std::size_t k) const {
-    return slides(k) || tree_.parts()[k].kind == Tree::Kind::kHinge;
-  }
   void take_back_limits();
   double coordinate(std::size_t k) const;
   double passed(std::size_t k) const;
