@@ -279,10 +279,16 @@ void ArticulatedTree::reduce(std::size_t k) {
              M = articulated_[k].M;
   if (has_coordinate(part.kind)) {
     const bool turns = part.kind == Kind::kHinge;
-    const Quad3 torque = (turns ? J : H) * response.a1, force = (turns ? G : M) * response.a1;
-    const Quad3 turn = transposed_product(turns ? J : G, response.a0),
-                shift = transposed_product(turns ? H : M, response.a0);
-    const double D = dot(response.a0, turns ? torque : force);
+    const Quad3 a0 = response.a0, a1 = response.a1;
+    Quad3 torque, force, turn, shift;
+    if (turns) {
+      torque = J * a1, force = G * a1;
+      turn = transposed_product(J, a0), shift = transposed_product(H, a0);
+    } else {
+      torque = H * a1, force = M * a1;
+      turn = transposed_product(G, a0), shift = transposed_product(M, a0);
+    }
+    const double D = dot(a0, turns ? torque : force);
     const Drive& drive = drives_[k];
     if (drive.held) {
       response.inverse = D;
@@ -290,19 +296,18 @@ void ArticulatedTree::reduce(std::size_t k) {
       response.torque = torque + cross(d0, force);
       response.shift = shift;
       response.turn = turn + cross(d1, shift);
-      add_to_parent(k, J, H, G, M);
-      return;
+    } else {
+      response.inverse = 1 / (D + drive.stiffness);
+      const Quad3 by_turn = response.inverse * turn, by_shift = response.inverse * shift;
+      J = J - outer(torque, by_turn);
+      H = H - outer(torque, by_shift);
+      G = G - outer(force, by_turn);
+      M = M - outer(force, by_shift);
+      response.force = response.inverse * force;
+      response.torque = response.inverse * torque + cross(d0, response.force);
+      response.shift = by_shift;
+      response.turn = by_turn + cross(d1, by_shift);
     }
-    response.inverse = 1 / (D + drive.stiffness);
-    const Quad3 by_turn = response.inverse * turn, by_shift = response.inverse * shift;
-    J = J - outer(torque, by_turn);
-    H = H - outer(torque, by_shift);
-    G = G - outer(force, by_turn);
-    M = M - outer(force, by_shift);
-    response.force = response.inverse * force;
-    response.torque = response.inverse * torque + cross(d0, response.force);
-    response.shift = by_shift;
-    response.turn = by_turn + cross(d1, by_shift);
   } else if (part.kind != Kind::kFixed) {
     Inverse& of = inverse_[k];
     of.J = inverse(J);
@@ -315,15 +320,8 @@ void ArticulatedTree::reduce(std::size_t k) {
     }
     J = H = G = {};
   }
-  add_to_parent(k, J, H, G, M);
-}
-
-// With H' = H + [d0] M at the parent's anchor: J - H' [d1] + [d0] G, H', G - M [d1], M.
-void ArticulatedTree::add_to_parent(std::size_t k, const QuadMatrix& J, QuadMatrix H,
-                                    const QuadMatrix& G, const QuadMatrix& M) {
-  const Part& part = parts_[k];
   if (part.parent < 0) return;
-  const Quad3 d0 = response_[k].d0, d1 = response_[k].d1;
+  // With H' = H + [d0] M at the parent's anchor: J - H' [d1] + [d0] G, H', G - M [d1], M.
   Articulated& parent = articulated_[usize(part.parent)];
   H = H + cross(d0, M);
   parent.J = parent.J + (J + cross(d0, G) - cross(H, d1));

@@ -141,8 +141,6 @@ class ArticulatedTree {
     QuadMatrix J{}, JH{}, GJ{}, M{};  // J^-1, J^-1 H, G J^-1, and that of M without what J takes
   };
   void reduce(std::size_t part);
-  void add_to_parent(std::size_t part, const QuadMatrix& J, QuadMatrix H, const QuadMatrix& G,
-                     const QuadMatrix& M);
 
   std::vector<Part> parts_;
   std::vector<Lot> lots_;
