@@ -431,16 +431,16 @@ void TreeGroup::begin_substep(BodyRows& rows) {
   }
   take_back_limits();
   guess_rates();
-  for (Member& m : members_) m.along = weight_ * m.last, m.given_along = 0;
   set_laws(Stage::kMotion);
   begin_motion();
 }
 
 // By displacements without velocity, as near as momenta allow; what is at a limit stays there.
 void TreeGroup::take_back_limits() {
-  std::size_t any = 0;
-  while (any < members_.size() && !(std::abs(passed(any)) > kPassed)) ++any;
-  if (any == members_.size()) return;
+  if (!ruled_) return;
+  bool any = false;
+  for (std::size_t k = 0; k < members_.size(); ++k) any = any || std::abs(passed(k)) > kPassed;
+  if (!any) return;
   for (std::size_t k = 0; k < members_.size(); ++k) {
     const Member& m = members_[k];
     wanted_[k] = {};
@@ -495,6 +495,8 @@ void TreeGroup::set_laws(Stage stage) {
   for (std::size_t k = 0; ruled_ && k < members_.size(); ++k) {
     Member& m = members_[k];
     if (!m.ruled) continue;
+    m.along = stage == Stage::kMotion ? weight_ * m.last : 0;  // a guess
+    m.given_along = 0;
     const std::int32_t parent = tree_.parts()[k].parent;
     m.mobility = mobility_of(k, k);
     if (parent >= 0) m.mobility += mobility_of(usize(parent), k);
@@ -747,7 +749,7 @@ void TreeGroup::take_velocities(BodyRows& rows) {
 void TreeGroup::solve_motion(double tolerance, BodyRows& rows) {
   bool found = solve(tolerance);
   if (!found && alone_ && solve_in_parts(tolerance, rows)) return;
-  if (!found) project();
+  if (!found && ruled_) project();
   if (found ? slow_springs(Stage::kMotion, rates_) : slow_springs(Stage::kVelocity, change_)) {
     begin_motion();
     found = solve(tolerance);
@@ -904,7 +906,6 @@ void TreeGroup::end_step(BodyRows& rows) {
   kick(0.5 * h_, rows);
   weight_ = 0.5;
   last_rates_ = rates_;
-  for (Member& m : members_) m.along = m.given_along = 0;
   set_laws(Stage::kVelocity);
   project();
   if (slow_springs(Stage::kVelocity, change_)) project();

@@ -71,7 +71,7 @@ class TreeGroup {
     Tree::Momentum impulse;  // of the joint on this body at the anchor, in the last sub-step
     Tree::Momentum sum;      // in the step
     double coordinate;       // of the joint, but for rounding
-    // Of a hinge with limits or a motor, along its coordinate:
+    // Of a hinge or a slider with limits or a motor, along its coordinate:
     bool ruled;
     double lower, upper;
     Joint::Motor motor;
