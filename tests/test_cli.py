@@ -325,7 +325,7 @@ def test_resume_refuses_a_scene_that_has_changed(capsys, folder):
     changed = folder / "changed.py"
     changed.write_text(TOY.read_text().replace("0.1 * self._random", "0.2 * self._random"))
     code, _, err = call(capsys, "run", changed, "--no-picture", "--out", "run", "--resume")
-    assert code == 2 and "comes out otherwise" in err
+    assert code == 2 and "is different now" in err
 
 
 @pytest.mark.parametrize(

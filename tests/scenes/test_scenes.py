@@ -463,7 +463,7 @@ class TestLiquids:
         [
             ("dam-break", ["particles=0"], "particles: expected an integer from 1"),
             ("dam-break", ["width=4"], "width: a column of 4 m does not fit into a tank of 3 m"),
-            ("dam-break", ["width=2.5"], "pillar: it would stand in the column"),
+            ("dam-break", ["width=2.5"], "pillar: it would be inside the column"),
             ("dam-break", ["mesh=none.obj"], "none.obj"),
             ("dam-break", ["speed=1"], "speed: dam-break has no such parameter"),
             ("double-dam", ["width=2"], "width: two columns of 2 m do not fit into 3 m"),

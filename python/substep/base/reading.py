@@ -26,7 +26,7 @@ def load_json(data: bytes, where: str) -> Any:
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         if len({key for key, _ in pairs}) != len(pairs):
-            raise ValueError("a key stands twice")
+            raise ValueError("a key is given twice")
         return dict(pairs)
 
     def finite(text: str) -> float:

@@ -308,7 +308,7 @@ def _find(members: Mapping[str, Simulation]) -> list[tuple[Any, ...]]:
             source = next((n for n, m in members.items() if m is of), None)
             if source is None:
                 raise InputError(
-                    f"members: colliders[{k}] of {name!r} stands for a surface of no member; make "
+                    f"members: colliders[{k}] of {name!r} represents a surface of no member; make "
                     "it by make_colliders() of the simulation that is one"
                 )
             sheet, thinnest = collider._sheet, member._thinnest
@@ -316,7 +316,7 @@ def _find(members: Mapping[str, Simulation]) -> list[tuple[Any, ...]]:
             if thinnest is None or flat or not member._pushes_bodies:
                 how = "in the plane " if flat else "with implicit steps " if thinnest else ""
                 raise InputError(
-                    f"members: colliders[{k}] of {name!r} stands for a surface, which a "
+                    f"members: colliders[{k}] of {name!r} represents a surface, which a "
                     f"{type(member).__name__} {how}cannot meet"
                 )
             if 2 * sheet.radius < thinnest * (1 - 1e-9):

@@ -562,7 +562,7 @@ def _find_link(name: str, members: Mapping[str, Simulation]) -> Link | None:
         bodies = collider.__dict__.get("_bodies")
         if bodies is None or not any(bodies is m for m in members.values()):
             raise InputError(
-                f"members: colliders[{k}] of {name!r} stands for a body of no member; make it by "
+                f"members: colliders[{k}] of {name!r} represents a body of no member; make it by "
                 "make_colliders() of the RigidBodies that is one"
             )
         places.append((k, collider.body, *collider._place()))

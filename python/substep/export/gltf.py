@@ -75,7 +75,9 @@ class _File:
         self._animation = pygltflib.Animation(name="recording")
         times = narrow(recording.times - recording.times[0])
         if np.any(times[1:] <= times[:-1]):
-            raise InputError("recording: float32, which glTF holds, cannot tell its times apart")
+            raise InputError(
+                "recording: its times are too near to each other for float32, which glTF uses"
+            )
         self._times = self._accessor(times, bounds=True) if len(times) > 1 else None
 
     def bytes(self) -> bytes:

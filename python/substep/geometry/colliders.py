@@ -358,7 +358,7 @@ def check_colliders(
     checked = tuple(check_collider(f"colliders[{k}]", c) for k, c in enumerate(given))
     for k, collider in enumerate(checked):
         if any(collider is other for other in checked[:k]):
-            raise InputError(f"colliders[{k}]: stands there twice, so a step would move it twice")
+            raise InputError(f"colliders[{k}]: given twice, so a step would move it twice")
         if dimension == 2 and isinstance(collider.shape, Plane):
             if np.ptp(collider.distance([(0, 0, 0), (1, 0, 0), (0, 1, 0)])) < 1e-9:
                 raise InputError(

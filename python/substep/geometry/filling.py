@@ -88,7 +88,7 @@ def tetrahedralize(
     else:
         raise InputError(
             f"spacing: at {h:.3g} m the body falls into {pieces} pieces, of a surface of "
-            f"{report.components}, as what is thinner than that gets lost; take a smaller spacing"
+            f"{report.components}, because thinner parts get lost; take a smaller spacing"
         )
     solid.lacks.extend(f"surface {phrase}" for phrase in report.lacks)
     if crumbs:

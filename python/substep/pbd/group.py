@@ -194,4 +194,4 @@ class Constraint(Frozen):
 
 def _refuse_infinite(name: str, *arrays: Array) -> None:
     if not all(np.isfinite(array).all() for array in arrays):
-        raise InputError(f"{name}: what follows from them is not finite")
+        raise InputError(f"{name}: values computed from them are not finite")

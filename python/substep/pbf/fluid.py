@@ -312,7 +312,7 @@ class PositionBasedFluid(Particles):
             if not away <= 2.0**22 * self.support * self.spacing:
                 raise InputError(f"emitters[{k}]: too far from the first of all for float32")
             if not np.abs(emitter.position).max() <= 2.0**40 * self.spacing:
-                raise InputError(f"emitters[{k}]: too far from 0 for its points to be told apart")
+                raise InputError(f"emitters[{k}]: too far from 0 to distinguish its points")
         super().__init__(self._make({}), time, threads)
         self.add(x, velocities=velocities, kinds=kinds)
         warn_of_start(

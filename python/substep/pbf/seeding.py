@@ -229,6 +229,6 @@ def relax(
             return resting.positions
     error = 100 * resting.report.max_error
     raise ConvergenceError(
-        f"relax: the density is {error:.2g} % above that of rest after {max_iterations} "
+        f"relax: the density is {error:.2g} % above the rest density after {max_iterations} "
         "iterations; are there more particles than there is room?"
     )

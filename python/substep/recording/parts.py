@@ -125,7 +125,7 @@ class Part:
         present = [n for n in (*TOPOLOGIES, "points") if constants[n] is not None]
         if (kind == "mesh") != (len(present) > 0) or present == ["points"]:
             raise InputError(
-                "triangles, edges, tetrahedra: a mesh needs some of them, and nothing else has them"
+                "triangles, edges, tetrahedra: a mesh needs some of them, and other kinds have none"
             )
         if "tetrahedra" in present and ("triangles" in present or "edges" in present):
             raise InputError("tetrahedra: such a mesh has neither triangles nor edges")
@@ -145,7 +145,7 @@ class Part:
             return
         names = ", ".join(SHAPES)
         if self.kind != "bodies" or vertices is None or faces is None or bodies is None:
-            raise InputError(f"{names}: bodies have all three or none, and nothing else has them")
+            raise InputError(f"{names}: bodies have all three or none, and other kinds have none")
         if len(bodies) != len(vertices):
             raise InputError(f"shape_bodies: expected {len(vertices)} rows, got {len(bodies)}")
         if faces.size and faces.max() >= len(vertices):
@@ -156,7 +156,7 @@ class Part:
     def _check_grid(self) -> None:
         given = [self.bounds is not None, self.cell is not None]
         if given != 2 * [self.kind == "grid"]:
-            raise InputError("bounds, cell: a grid needs both, and nothing else has them")
+            raise InputError("bounds, cell: a grid needs both, and other kinds have none")
         if self.bounds is None:
             return
         if not self.fields:

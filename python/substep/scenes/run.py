@@ -264,7 +264,7 @@ def run(
                     recorder.append(simulation.time, arrays)
                 elif last is not None and frame == recorded - 1 and not _same(arrays, last):
                     raise InputError(
-                        f"{journal}: frame {frame} comes out otherwise now: other data, or "
+                        f"{journal}: frame {frame} is different now: other data, or "
                         "another substep or instruction level; run it anew with overwrite"
                     )
                 checkpoint.hold(simulation)

@@ -71,7 +71,7 @@ def _least(doc: str) -> Parameter:
 SCENE: dict[str, Rule] = {
     "name": _text("of the scene; that of the file unless given"),
     "doc": _text("what it shows, in one line"),
-    "method": Parameter("of the particles", kind=str, choices=METHODS),
+    "method": Parameter("method of the particles", kind=str, choices=METHODS),
     "duration": _above("time simulated [s]"),
     "frames": Parameter("number of frames", kind=int, minimum=2),
     "spacing": _above("of the particles [m]"),

@@ -126,7 +126,7 @@ class CameraPath:
         with in_range("times, positions and targets"):
             time = _meeting(times, positions - targets)
         if time is not None:
-            raise InputError(f"targets: the camera passes through what it looks at, at {time:g} s")
+            raise InputError(f"targets: the camera passes through its target, at {time:g} s")
         for name, array in (("times", times), ("positions", positions), ("targets", targets)):
             array.flags.writeable = False
             object.__setattr__(self, name, array)

@@ -67,8 +67,8 @@ SCENE = Scene(
     doc="Balls of wood, stone and steel fall into sand and leave craters.",
     parameters={
         "duration": Parameter("time simulated", 0.8, unit="s", above=0),
-        "radius": Parameter("of the balls", 0.06, unit="m", above=0.005, maximum=0.2),
-        "height": Parameter("of their fall", 0.2, unit="m", minimum=0),
+        "radius": Parameter("radius of the balls", 0.06, unit="m", above=0.005, maximum=0.2),
+        "height": Parameter("height of their fall", 0.2, unit="m", minimum=0),
         **sand_parameters(100_000),
     },
     quick={"duration": 0.05, "particles": 2000, "height": 0.02},

@@ -110,9 +110,9 @@ SCENE = Scene(
     doc="Bodies of densities from 0.1 to 1.2 of the water's are washed away by a breaking dam.",
     parameters={
         "duration": Parameter("time simulated", 4.0, unit="s", above=0),
-        "cells": Parameter("along the tank", 72, minimum=24, maximum=1000),
-        "length": Parameter("of the tank", 3.0, unit="m", above=0),
-        "bodies": Parameter("how many", 12, minimum=1, maximum=30),
+        "cells": Parameter("cells along the tank", 72, minimum=24, maximum=1000),
+        "length": Parameter("length of the tank", 3.0, unit="m", above=0),
+        "bodies": Parameter("number of bodies", 12, minimum=1, maximum=30),
         "size": Parameter("half the edge of a cube", 0.09, unit="m", above=0.01),
         "friction": Parameter("coefficient of friction", 0.3, minimum=0),
     },

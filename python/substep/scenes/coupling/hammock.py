@@ -116,14 +116,16 @@ SCENE = Scene(
     doc="Balls and capsules fall into a cloth whose rim is held.",
     parameters={
         "duration": Parameter("time simulated", 4.0, unit="s", above=0),
-        "vertices": Parameter("along the cloth", 40, minimum=8, maximum=1000),
-        "bodies": Parameter("how many fall", 7, minimum=1, maximum=100),
+        "vertices": Parameter("vertices along the cloth", 40, minimum=8, maximum=1000),
+        "bodies": Parameter("number of bodies that fall", 7, minimum=1, maximum=100),
         "heavy": Parameter("density of every other one", 700.0, unit="kg/m^3", above=0),
         "light": Parameter("density of the others", 60.0, unit="kg/m^3", above=0),
         "density": Parameter("mass of the cloth per area", 0.5, unit="kg/m^2", above=0),
-        "stiffness": Parameter("of the springs between neighbours", 4000.0, unit="N/m", above=0),
+        "stiffness": Parameter(
+            "stiffness of the springs between neighbours", 4000.0, unit="N/m", above=0
+        ),
         "damping_time": Parameter(
-            "of the springs, over their stiffness", 5e-3, unit="s", minimum=0
+            "damping time of the springs, over their stiffness", 5e-3, unit="s", minimum=0
         ),
         "drag": Parameter("drag of the cloth", 2.0, unit="1/s", minimum=0),
         "friction": Parameter("coefficient of friction", 0.4, minimum=0),

@@ -180,16 +180,16 @@ SCENE = Scene(
     doc="A ring of soft jelly and rigid bodies fall into a bath, and float.",
     parameters={
         "duration": Parameter("time simulated", 3.0, unit="s", above=0),
-        "cells": Parameter("along the tank", 40, minimum=24, maximum=400),
-        "length": Parameter("of the tank", 1.0, unit="m", above=0),
-        "bodies": Parameter("how many rigid ones", 5, minimum=0, maximum=20),
-        "density": Parameter("of the jelly", 500.0, unit="kg/m^3", above=0),
+        "cells": Parameter("cells along the tank", 40, minimum=24, maximum=400),
+        "length": Parameter("length of the tank", 1.0, unit="m", above=0),
+        "bodies": Parameter("number of rigid bodies", 5, minimum=0, maximum=20),
+        "density": Parameter("density of the jelly", 500.0, unit="kg/m^3", above=0),
         "young": Parameter("Young's modulus of the jelly", 2e4, unit="Pa", above=0),
         "poisson": Parameter("Poisson's ratio of the jelly", 0.4, minimum=0, maximum=0.49),
         "damping_time": Parameter(
             "viscous stress of the jelly over strain rate", 5e-3, unit="s", minimum=0
         ),
-        "tilt": Parameter("of the jelly at the start", 25.0, unit="degrees"),
+        "tilt": Parameter("tilt of the jelly at the start", 25.0, unit="degrees"),
         "friction": Parameter("coefficient of friction", 0.3, minimum=0),
         "step": Parameter("interval of exchange", 1 / 120, unit="s", above=0),
     },

@@ -79,10 +79,12 @@ def sand_parameters(particles: int) -> dict[str, Parameter]:
         By key.
     """
     return {
-        "particles": Parameter("about how many", particles, minimum=100, maximum=50_000_000),
+        "particles": Parameter(
+            "approximate number of particles", particles, minimum=100, maximum=50_000_000
+        ),
         "young": Parameter("Young's modulus of the sand", 5e5, unit="Pa", above=0),
         "angle": Parameter(
-            "of friction between grains", 33.0, unit="degrees", minimum=0, maximum=60.0
+            "friction angle of the grains", 33.0, unit="degrees", minimum=0, maximum=60.0
         ),
         **mpm_parameters(0.6),
     }

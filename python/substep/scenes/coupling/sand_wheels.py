@@ -91,8 +91,8 @@ SCENE = Scene(
     doc="A driven cart crosses a bed of sand on four wheels with blades.",
     parameters={
         "duration": Parameter("time simulated", 3.0, unit="s", above=0),
-        "speed": Parameter("at which the wheels are driven", 0.4, unit="m/s"),
-        "torque": Parameter("of a wheel, at most", 4.0, unit="N m", minimum=0),
+        "speed": Parameter("speed at which the wheels are driven", 0.4, unit="m/s"),
+        "torque": Parameter("largest torque of a wheel", 4.0, unit="N m", minimum=0),
         **sand_parameters(100_000),
     },
     quick={"duration": 0.05, "particles": 2000},

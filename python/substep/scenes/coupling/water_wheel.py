@@ -161,10 +161,10 @@ SCENE = Scene(
     doc="A jet turns a water wheel, which a brake holds back.",
     parameters={
         "duration": Parameter("time simulated", 3.0, unit="s", above=0),
-        "cells": Parameter("along the box", 64, minimum=32, maximum=1000),
-        "speed": Parameter("of the jet", 2.5, unit="m/s", above=0),
+        "cells": Parameter("cells along the box", 64, minimum=32, maximum=1000),
+        "speed": Parameter("speed of the jet", 2.5, unit="m/s", above=0),
         "nozzle": Parameter("radius of the jet", 0.06, unit="m", above=0.01, maximum=0.15),
-        "mass": Parameter("of the wheel", 12.0, unit="kg", above=0),
+        "mass": Parameter("mass of the wheel", 12.0, unit="kg", above=0),
         "brake": Parameter("torque of the brake, at most", 8.0, unit="N m", minimum=0),
     },
     quick={"duration": 0.1, "cells": 32},

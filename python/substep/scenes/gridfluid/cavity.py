@@ -133,7 +133,7 @@ SCENE = Scene(
     parameters={
         "duration": Parameter("time simulated", 50.0, unit="s", above=0),
         "reynolds": Parameter("Reynolds number of side and lid", 1000.0, minimum=1, maximum=5000),
-        "cells": Parameter("along a side", 128, minimum=8, maximum=2048),
+        "cells": Parameter("cells along a side", 128, minimum=8, maximum=2048),
     },
     quick={"duration": 1.0, "cells": 16},
     build=lambda parameters, seed: Cavity(parameters),

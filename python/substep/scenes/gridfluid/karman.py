@@ -193,8 +193,8 @@ SCENE = Scene(
     parameters={
         "duration": Parameter("time simulated", 120.0, unit="s", above=0),
         "reynolds": Parameter("Reynolds number of the cylinder", 100.0, minimum=1, maximum=300),
-        "cells": Parameter("across the cylinder", 12, minimum=4, maximum=100),
-        "width": Parameter("of the stream, in diameters", 20, minimum=4, maximum=100),
+        "cells": Parameter("cells across the cylinder", 12, minimum=4, maximum=100),
+        "width": Parameter("width of the stream, in diameters", 20, minimum=4, maximum=100),
     },
     quick={"duration": 1.0, "cells": 4, "width": 6},
     build=lambda parameters, seed: Karman(parameters),

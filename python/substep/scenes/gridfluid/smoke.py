@@ -78,9 +78,13 @@ SCENE = Scene(
     doc="A plume of smoke rises from a warm source and flows around a ball.",
     parameters={
         "duration": Parameter("time simulated", 3.0, unit="s", above=0),
-        "cells": Parameter("across the box, half as many more upwards", 64, minimum=8, maximum=512),
-        "heat": Parameter("of the source above the air", 80.0, unit="K", minimum=0, maximum=300),
-        "radius": Parameter("of the ball", 0.16, unit="m", above=0, maximum=0.4),
+        "cells": Parameter(
+            "cells across the box, half as many more upwards", 64, minimum=8, maximum=512
+        ),
+        "heat": Parameter(
+            "heat of the source above the air", 80.0, unit="K", minimum=0, maximum=300
+        ),
+        "radius": Parameter("radius of the ball", 0.16, unit="m", above=0, maximum=0.4),
         "confinement": Parameter(
             "strength of what spins up eddies", 0.03, unit="m/s", minimum=0, maximum=10
         ),

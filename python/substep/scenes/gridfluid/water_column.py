@@ -153,7 +153,7 @@ SCENE = Scene(
     doc="A column of water collapses in a tank and hits a box, as in an experiment with gauges.",
     parameters={
         "duration": Parameter("time simulated", 6.0, unit="s", above=0),
-        "cells": Parameter("along the tank", 87, minimum=12, maximum=1000),
+        "cells": Parameter("cells along the tank", 87, minimum=12, maximum=1000),
         "transfer": Parameter(
             "how velocities go between particles and grid", "apic", choices=TRANSFERS
         ),

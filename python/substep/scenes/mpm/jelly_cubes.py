@@ -85,9 +85,11 @@ SCENE = Scene(
     doc="Cubes of jelly, each stiffer than the last, fall into a pen.",
     parameters={
         "duration": Parameter("time simulated", 1.5, unit="s", above=0),
-        "particles": Parameter("about how many", 120_000, minimum=1, maximum=50_000_000),
-        "cubes": Parameter("how many", 7, minimum=1, maximum=100),
-        "side": Parameter("of a cube", 0.1, unit="m", above=0),
+        "particles": Parameter(
+            "approximate number of particles", 120_000, minimum=1, maximum=50_000_000
+        ),
+        "cubes": Parameter("number of cubes", 7, minimum=1, maximum=100),
+        "side": Parameter("side of a cube", 0.1, unit="m", above=0),
         "turned": Parameter("whether each is turned at random", True),
         "density": Parameter("mass per volume", 1000.0, unit="kg/m^3", above=0),
         "young": Parameter("Young's modulus of the softest", 1e4, unit="Pa", above=0),

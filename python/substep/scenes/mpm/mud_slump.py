@@ -73,9 +73,11 @@ SCENE = Scene(
     doc="A cylinder of mud slumps between posts when its mould is lifted.",
     parameters={
         "duration": Parameter("time simulated", 1.2, unit="s", above=0),
-        "particles": Parameter("about how many", 100_000, minimum=1, maximum=50_000_000),
-        "radius": Parameter("of the mould", 0.1, unit="m", above=0),
-        "height": Parameter("of the mould", 0.3, unit="m", above=0),
+        "particles": Parameter(
+            "approximate number of particles", 100_000, minimum=1, maximum=50_000_000
+        ),
+        "radius": Parameter("radius of the mould", 0.1, unit="m", above=0),
+        "height": Parameter("height of the mould", 0.3, unit="m", above=0),
         "posts": Parameter("whether three stand around it", True),
         "density": Parameter("mass per volume", 1600.0, unit="kg/m^3", above=0),
         "young": Parameter("Young's modulus below yield", 2e5, unit="Pa", above=0),

@@ -60,13 +60,15 @@ SCENE = Scene(
     doc="A cylinder of dry sand collapses on the ground.",
     parameters={
         "duration": Parameter("time simulated", 1.4, unit="s", above=0),
-        "particles": Parameter("about how many", 200_000, minimum=1, maximum=50_000_000),
-        "radius": Parameter("of the column", 0.4, unit="m", above=0),
-        "height": Parameter("of the column", 0.8, unit="m", above=0),
+        "particles": Parameter(
+            "approximate number of particles", 200_000, minimum=1, maximum=50_000_000
+        ),
+        "radius": Parameter("radius of the column", 0.4, unit="m", above=0),
+        "height": Parameter("height of the column", 0.8, unit="m", above=0),
         "density": Parameter("mass of packed grains per volume", 1600.0, unit="kg/m^3", above=0),
         "young": Parameter("Young's modulus", 1e6, unit="Pa", above=0),
         "angle": Parameter(
-            "of friction between grains", 30.0, unit="degrees", minimum=0, maximum=60.0
+            "friction angle of the grains", 30.0, unit="degrees", minimum=0, maximum=60.0
         ),
         **mpm_parameters(0.577),
     },

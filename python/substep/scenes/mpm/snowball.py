@@ -36,9 +36,9 @@ def snow_parameters(stretch: float = 0.0075) -> dict[str, Parameter]:
     return {
         "density": Parameter("mass per volume", 400.0, unit="kg/m^3", above=0),
         "young": Parameter("Young's modulus", 1.4e5, unit="Pa", above=0),
-        "compression": Parameter("at which it yields", 0.025, above=0, maximum=0.5),
-        "stretch": Parameter("at which it breaks", stretch, above=0, maximum=0.5),
-        "hardening": Parameter("of compressed snow", 10.0, minimum=0),
+        "compression": Parameter("compression at which it yields", 0.025, above=0, maximum=0.5),
+        "stretch": Parameter("stretch at which it breaks", stretch, above=0, maximum=0.5),
+        "hardening": Parameter("hardening of compressed snow", 10.0, minimum=0),
     }
 
 
@@ -105,9 +105,11 @@ SCENE = Scene(
     doc="A snowball is thrown against a wall, and bursts.",
     parameters={
         "duration": Parameter("time simulated", 0.12, unit="s", above=0),
-        "particles": Parameter("about how many", 80_000, minimum=1, maximum=50_000_000),
-        "radius": Parameter("of the ball", 0.1, unit="m", above=0),
-        "speed": Parameter("of the throw along the ground", 12.0, unit="m/s", minimum=0),
+        "particles": Parameter(
+            "approximate number of particles", 80_000, minimum=1, maximum=50_000_000
+        ),
+        "radius": Parameter("radius of the ball", 0.1, unit="m", above=0),
+        "speed": Parameter("speed of the throw along the ground", 12.0, unit="m/s", minimum=0),
         "wall": Parameter("what the snow does there", "sticky", choices=("sticky", "separate")),
         **snow_parameters(stretch=0.005),
         **mpm_parameters(0.5),

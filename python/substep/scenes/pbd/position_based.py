@@ -33,7 +33,7 @@ def pbd_parameters(substeps: int) -> dict[str, Parameter]:
     return {
         "friction": Parameter("coefficient of friction of the obstacles", 0.4, minimum=0),
         "drag": Parameter("rate at which velocities decay", 0.1, unit="1/s", minimum=0),
-        "substeps": Parameter("of a step", substeps, minimum=1, maximum=10_000),
+        "substeps": Parameter("substeps of a step", substeps, minimum=1, maximum=10_000),
         "iterations": Parameter("projections in a substep", 1, minimum=1, maximum=10_000),
         "step": Parameter("time step", 1 / 60, unit="s", above=0),
     }
@@ -109,7 +109,7 @@ class Body(PositionBasedDynamics):
         """How the run ended."""
         speed = self.diagnostics()["speed"]
         still = f"at rest ({speed:.2g} m/s)" if speed < 0.02 else f"moving, up to {speed:.2g} m/s"
-        return f"{still}, nowhere nearer than {1e3 * self.clearance():.2g} mm to an obstacle"
+        return f"{still}, smallest distance to an obstacle {1e3 * self.clearance():.2g} mm"
 
     def parts(self) -> dict[str, Part]:
         """The body with its velocity, and the obstacles."""

@@ -83,13 +83,13 @@ SCENE = Scene(
     doc="Ropes that hang by one end swing down onto a ball.",
     parameters={
         "duration": Parameter("time simulated", 4.0, unit="s", above=0),
-        "ropes": Parameter("how many", 12, minimum=1, maximum=10_000),
-        "segments": Parameter("of each", 100, minimum=1, maximum=1_000_000),
-        "length": Parameter("of each", 2.0, unit="m", above=0),
-        "thickness": Parameter("of the ropes", 0.03, unit="m", above=0),
+        "ropes": Parameter("number of ropes", 12, minimum=1, maximum=10_000),
+        "segments": Parameter("segments of each", 100, minimum=1, maximum=1_000_000),
+        "length": Parameter("length of each", 2.0, unit="m", above=0),
+        "thickness": Parameter("thickness of the ropes", 0.03, unit="m", above=0),
         "density": Parameter("mass per length", 0.3, unit="kg/m", above=0),
         "weight": Parameter("mass at the free end", 0.2, unit="kg", minimum=0),
-        "compliance": Parameter("of a segment", 0.0, unit="m/N", minimum=0),
+        "compliance": Parameter("compliance of a segment", 0.0, unit="m/N", minimum=0),
         "bending": Parameter(
             "compliance of the distance across two segments, 0 for none",
             2e-3,

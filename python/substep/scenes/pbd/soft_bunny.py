@@ -118,8 +118,10 @@ SCENE = Scene(
         "up": Parameter("axis of the file that points upwards", "y", choices=("x", "y", "z")),
         "size": Parameter("longest side", 0.2, unit="m", above=0),
         "cells": Parameter("cells along it", 16, minimum=1, maximum=200),
-        "turn": Parameter("of the body about the vertical", 0.0, unit="degrees"),
-        "height": Parameter("above the highest step at the start, over the size", 0.3, above=0.01),
+        "turn": Parameter("rotation of the body about the vertical", 0.0, unit="degrees"),
+        "height": Parameter(
+            "height above the highest step at the start, over the size", 0.3, above=0.01
+        ),
         "speed": Parameter("down the steps at the start", 0.6, unit="m/s"),
         "density": Parameter("mass per volume", 1000.0, unit="kg/m^3", above=0),
         "young": Parameter("Young's modulus", 3e4, unit="Pa", above=0),

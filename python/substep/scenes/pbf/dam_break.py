@@ -26,7 +26,7 @@ def _build(parameters: dict[str, Any], seed: int) -> Liquid:
     if width > length:
         raise InputError(f"width: a column of {width:g} m does not fit into a tank of {length:g} m")
     if parameters["pillar"] and width > (PLACE - PILLAR[0] / 2) * length:
-        raise InputError(f"pillar: it would stand in the column, which is {width:g} m wide")
+        raise InputError(f"pillar: it would be inside the column, which is {width:g} m wide")
     if parameters["mesh"]:
         positions, spacing, text = _filled(parameters, np.array([width, depth, height]))
         lacks = {"mesh": text}
@@ -75,13 +75,15 @@ SCENE = Scene(
     doc="A column of water, or a mesh of yours filled with it, collapses in a tank.",
     parameters={
         "duration": Parameter("time simulated", 1.5, unit="s", above=0),
-        "particles": Parameter("about how many", 100_000, minimum=1, maximum=20_000_000),
-        "width": Parameter("of the column, along the tank", 1.0, unit="m", above=0),
-        "height": Parameter("of the column", 1.2, unit="m", above=0),
-        "depth": Parameter("of the column and the tank", 0.8, unit="m", above=0),
-        "length": Parameter("of the tank", 3.0, unit="m", above=0),
+        "particles": Parameter(
+            "approximate number of particles", 100_000, minimum=1, maximum=20_000_000
+        ),
+        "width": Parameter("width of the column, along the tank", 1.0, unit="m", above=0),
+        "height": Parameter("height of the column", 1.2, unit="m", above=0),
+        "depth": Parameter("depth of the column and the tank", 0.8, unit="m", above=0),
+        "length": Parameter("length of the tank", 3.0, unit="m", above=0),
         "rim": Parameter("height of the tank as drawn", 1.5, unit="m", above=0),
-        "pillar": Parameter("whether one stands in the way", True),
+        "pillar": Parameter("whether a pillar stands in the way", True),
         "mesh": Parameter("file of a surface to be filled with water in place of the column", ""),
         "up": Parameter("axis of the file that points upwards", "y", choices=("x", "y", "z")),
         **liquid_parameters(),

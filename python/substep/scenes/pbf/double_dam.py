@@ -52,12 +52,14 @@ SCENE = Scene(
     doc="Two columns of liquid collapse towards each other; they may differ in density.",
     parameters={
         "duration": Parameter("time simulated", 2.0, unit="s", above=0),
-        "particles": Parameter("about how many", 60_000, minimum=2, maximum=20_000_000),
-        "width": Parameter("of each column, along the tank", 0.7, unit="m", above=0),
-        "height": Parameter("of the left column", 1.1, unit="m", above=0),
+        "particles": Parameter(
+            "approximate number of particles", 60_000, minimum=2, maximum=20_000_000
+        ),
+        "width": Parameter("width of each column, along the tank", 0.7, unit="m", above=0),
+        "height": Parameter("height of the left column", 1.1, unit="m", above=0),
         "second": Parameter("height of the right one, over that of the left", 0.8, above=0),
-        "depth": Parameter("of the columns and the tank", 0.7, unit="m", above=0),
-        "length": Parameter("of the tank", 3.0, unit="m", above=0),
+        "depth": Parameter("depth of the columns and the tank", 0.7, unit="m", above=0),
+        "length": Parameter("length of the tank", 3.0, unit="m", above=0),
         "rim": Parameter("height of the tank as drawn", 1.4, unit="m", above=0),
         "ratio": Parameter("density of the right liquid over that of the left", 1.0, above=0),
         **liquid_parameters(),

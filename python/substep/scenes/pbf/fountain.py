@@ -88,10 +88,10 @@ SCENE = Scene(
     doc="Jets rise from a basin and fall back into it; what is too much runs off in its corners.",
     parameters={
         "duration": Parameter("time simulated", 3.0, unit="s", above=0),
-        "spacing": Parameter("of the particles", 0.022, unit="m", above=0),
-        "side": Parameter("of the basin", 1.6, unit="m", above=0),
+        "spacing": Parameter("spacing of the particles", 0.022, unit="m", above=0),
+        "side": Parameter("side of the basin", 1.6, unit="m", above=0),
         "rim": Parameter("height of the basin as drawn, over its side", 0.18, above=0),
-        "jets": Parameter("how many", 5, minimum=1, maximum=100),
+        "jets": Parameter("number of jets", 5, minimum=1, maximum=100),
         "height": Parameter("that the jets rise by", 0.9, unit="m", above=0),
         "nozzle": Parameter("radius of a nozzle", 0.022, unit="m", above=0),
         **liquid_parameters(),

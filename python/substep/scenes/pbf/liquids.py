@@ -30,7 +30,7 @@ def liquid_parameters() -> dict[str, Parameter]:
         "xsph": Parameter("smoothing of the velocities in a step", 0.1, minimum=0, maximum=1),
         "divergence_free": Parameter("velocities by a pressure, for slow flow", False),
         "tolerance": Parameter("mean density error at which a step is done", 1e-3, above=0),
-        "iterations": Parameter("at most, of a step", 8, minimum=1),
+        "iterations": Parameter("largest number of iterations of a step", 8, minimum=1),
         "cfl": Parameter("spacings that the fastest particle may move in a step", 0.4, above=0),
     }
 

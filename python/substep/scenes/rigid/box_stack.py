@@ -40,8 +40,8 @@ SCENE = Scene(
     doc="A stack of boxes stands, until a ball is thrown at it.",
     parameters={
         "duration": Parameter("time simulated", 6.0, unit="s", above=0),
-        "boxes": Parameter("how many", 10, minimum=1, maximum=200),
-        "side": Parameter("of a box", 1.0, unit="m", above=0),
+        "boxes": Parameter("number of boxes", 10, minimum=1, maximum=200),
+        "side": Parameter("side of a box", 1.0, unit="m", above=0),
         "ratio": Parameter("mass of the topmost over that of another", 1.0, above=0, maximum=1e6),
         **ball_parameters(speed=15.0, radius=0.6),
         **rigid_parameters(),

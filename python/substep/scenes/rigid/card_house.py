@@ -106,11 +106,11 @@ SCENE = Scene(
     doc="A house of cards stands, until a ball is thrown at it.",
     parameters={
         "duration": Parameter("time simulated", 5.0, unit="s", above=0),
-        "levels": Parameter("how many", 4, minimum=1, maximum=20),
+        "levels": Parameter("number of levels", 4, minimum=1, maximum=20),
         "angle": Parameter(
-            "of leaning cards to the ground", 70.0, unit="deg", minimum=60, maximum=85
+            "angle of leaning cards to the ground", 70.0, unit="deg", minimum=60, maximum=85
         ),
-        "height": Parameter("of a card", 0.2, unit="m", above=0),
+        "height": Parameter("height of a card", 0.2, unit="m", above=0),
         **ball_parameters(speed=4.0, radius=0.04),
         **rigid_parameters(step=1 / 240),
     },

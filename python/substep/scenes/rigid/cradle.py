@@ -129,11 +129,13 @@ SCENE = Scene(
     doc="Newton's cradle.",
     parameters={
         "duration": Parameter("time simulated", 10.0, unit="s", above=0),
-        "balls": Parameter("how many", 5, minimum=2, maximum=50),
-        "lifted": Parameter("how many are let go", 1, minimum=1),
-        "angle": Parameter("by which they are lifted", 40.0, unit="deg", minimum=0, maximum=85),
-        "radius": Parameter("of a ball", 0.1, unit="m", above=0),
-        "restitution": Parameter("of their impacts", 1.0, minimum=0, maximum=1),
+        "balls": Parameter("number of balls", 5, minimum=2, maximum=50),
+        "lifted": Parameter("number of balls that are released", 1, minimum=1),
+        "angle": Parameter(
+            "angle by which they are lifted", 40.0, unit="deg", minimum=0, maximum=85
+        ),
+        "radius": Parameter("radius of a ball", 0.1, unit="m", above=0),
+        "restitution": Parameter("restitution of their impacts", 1.0, minimum=0, maximum=1),
         **rigid_parameters(step=1 / 240),
     },
     quick={"duration": 0.2, "balls": 3},

@@ -123,8 +123,8 @@ SCENE = Scene(
     doc="Bodies of several shapes are poured into a bin.",
     parameters={
         "duration": Parameter("time simulated", 5.0, unit="s", above=0),
-        "bodies": Parameter("how many", 1000, minimum=1, maximum=1_000_000),
-        "shapes": Parameter("of the bodies", "mixed", choices=("mixed", "boxes", "hulls")),
+        "bodies": Parameter("number of bodies", 1000, minimum=1, maximum=1_000_000),
+        "shapes": Parameter("shapes of the bodies", "mixed", choices=("mixed", "boxes", "hulls")),
         "size": Parameter("half the edge of a box", 0.1, unit="m", above=0),
         "rolling": Parameter("lever of rolling friction", 1e-3, unit="m", minimum=0),
         **rigid_parameters(),

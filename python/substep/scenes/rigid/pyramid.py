@@ -45,8 +45,8 @@ SCENE = Scene(
     doc="A pyramid of boxes stands, until a ball flies through it.",
     parameters={
         "duration": Parameter("time simulated", 6.0, unit="s", above=0),
-        "rows": Parameter("how many", 20, minimum=1, maximum=100),
-        "side": Parameter("of a box", 1.0, unit="m", above=0),
+        "rows": Parameter("number of rows", 20, minimum=1, maximum=100),
+        "side": Parameter("side of a box", 1.0, unit="m", above=0),
         **ball_parameters(speed=30.0, radius=1.5),
         **rigid_parameters(),
     },

@@ -179,9 +179,9 @@ SCENE = Scene(
     doc="Ragdolls fall down stairs, into a heap.",
     parameters={
         "duration": Parameter("time simulated", 6.0, unit="s", above=0),
-        "dolls": Parameter("how many", 12, minimum=1, maximum=10_000),
-        "steps": Parameter("of the stairs", 10, minimum=1, maximum=100),
-        "speed": Parameter("of the dolls at the start, down the stairs", 1.5, unit="m/s"),
+        "dolls": Parameter("number of dolls", 12, minimum=1, maximum=10_000),
+        "steps": Parameter("number of steps of the stairs", 10, minimum=1, maximum=100),
+        "speed": Parameter("speed of the dolls at the start, down the stairs", 1.5, unit="m/s"),
         **rigid_parameters(step=1 / 240),
     },
     quick={"duration": 0.2, "dolls": 2},

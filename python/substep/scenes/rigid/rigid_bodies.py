@@ -39,7 +39,7 @@ def rigid_parameters(step: float = 1 / 60) -> dict[str, Parameter]:
     """
     return {
         "friction": Parameter("coefficient of friction", 0.5, minimum=0),
-        "substeps": Parameter("of a step", 8, minimum=1, maximum=1000),
+        "substeps": Parameter("substeps of a step", 8, minimum=1, maximum=1000),
         "step": Parameter("time step", step, unit="s", above=0),
     }
 

@@ -145,10 +145,12 @@ SCENE = Scene(
         "duration": Parameter("time simulated", 12.0, unit="s", above=0),
         "hills": Parameter("height of the highest", 0.8, unit="m", minimum=0, maximum=3),
         "stones": Parameter("height of the stones", 0.12, unit="m", minimum=0, maximum=0.5),
-        "spacing": Parameter("of the heights", 0.1, unit="m", above=0.01, maximum=1),
-        "speed": Parameter("at which the wheels are driven", 1.0, unit="m/s"),
-        "torque": Parameter("of a wheel, at most", 40.0, unit="N m", minimum=0),
-        "damping": Parameter("of the springs, over their stiffness", 0.06, unit="s", minimum=0),
+        "spacing": Parameter("spacing of the heights", 0.1, unit="m", above=0.01, maximum=1),
+        "speed": Parameter("speed at which the wheels are driven", 1.0, unit="m/s"),
+        "torque": Parameter("largest torque of a wheel", 40.0, unit="N m", minimum=0),
+        "damping": Parameter(
+            "damping of the springs, over their stiffness", 0.06, unit="s", minimum=0
+        ),
         **rigid_parameters(step=1 / 120),
         "friction": Parameter("coefficient of friction", 0.9, minimum=0),
     },

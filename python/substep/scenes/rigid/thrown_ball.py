@@ -33,8 +33,8 @@ def ball_parameters(speed: float, radius: float) -> dict[str, Parameter]:
     """
     return {
         "stand": Parameter("time until the ball is thrown", 2.5, unit="s", above=0),
-        "speed": Parameter("of the ball, 0 for none", speed, unit="m/s", minimum=0),
-        "radius": Parameter("of the ball", radius, unit="m", above=0),
+        "speed": Parameter("speed of the ball, 0 for none", speed, unit="m/s", minimum=0),
+        "radius": Parameter("radius of the ball", radius, unit="m", above=0),
     }
 
 

@@ -231,9 +231,9 @@ SCENE = Scene(
     parameters={
         "duration": Parameter("time simulated", 20.0, unit="s", above=0),
         "shape": Parameter("what spins", "handle", choices=("handle", "plate")),
-        "spin": Parameter("about the middle axis", 5.0, unit="rad/s", above=0),
+        "spin": Parameter("spin about the middle axis", 5.0, unit="rad/s", above=0),
         "tilt": Parameter("spin about the axis beside it, over that", 2e-3, minimum=-1, maximum=1),
-        "methods": Parameter("of rotation", METHODS, choices=METHODS),
+        "methods": Parameter("methods of rotation", METHODS, choices=METHODS),
         "step": Parameter("time step", 1 / 240, unit="s", above=0),
     },
     quick={"duration": 0.5},

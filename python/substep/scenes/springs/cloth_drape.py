@@ -105,14 +105,18 @@ SCENE = Scene(
         "cells": Parameter("cells of the distance field along it", 96, minimum=8, maximum=600),
         "vertices": Parameter("vertices along a side of the cloth", 64, minimum=2, maximum=2000),
         "side": Parameter("length of a side, over the obstacle's size", 1.3, above=0),
-        "height": Parameter("of the cloth above it at the start, likewise", 0.05, above=0.01),
-        "turn": Parameter("of the cloth about the vertical", 20.0, unit="degrees"),
+        "height": Parameter(
+            "height of the cloth above it at the start, likewise", 0.05, above=0.01
+        ),
+        "turn": Parameter("rotation of the cloth about the vertical", 20.0, unit="degrees"),
         "density": Parameter("mass per area", 0.3, unit="kg/m^2", above=0),
-        "stiffness": Parameter("of the springs between neighbours", 200.0, unit="N/m", above=0),
+        "stiffness": Parameter(
+            "stiffness of the springs between neighbours", 200.0, unit="N/m", above=0
+        ),
         "shear": Parameter("stiffness of the diagonals, as a part of that", 0.3, minimum=0),
         "bending": Parameter("stiffness across every second vertex, likewise", 0.02, minimum=0),
         "damping_time": Parameter(
-            "of the springs, over their stiffness", 5e-3, unit="s", minimum=0
+            "damping time of the springs, over their stiffness", 5e-3, unit="s", minimum=0
         ),
         "friction": Parameter("coefficient of friction", 0.4, minimum=0),
         **solver_parameters(0.02, 1.0),

@@ -101,11 +101,13 @@ SCENE = Scene(
         "size": Parameter("length of a side", 1.0, unit="m", above=0),
         "apart": Parameter("distance of the corners, over that", 0.8, above=0.3, maximum=1),
         "density": Parameter("mass per area", 0.3, unit="kg/m^2", above=0),
-        "stiffness": Parameter("of the springs between neighbours", 1e3, unit="N/m", above=0),
+        "stiffness": Parameter(
+            "stiffness of the springs between neighbours", 1e3, unit="N/m", above=0
+        ),
         "shear": Parameter("stiffness of the diagonals, as a part of that", 0.5, minimum=0),
         "bending": Parameter("stiffness across every second vertex, likewise", 0.05, minimum=0),
         "damping_time": Parameter(
-            "of the springs, over their stiffness", 1e-3, unit="s", minimum=0
+            "damping time of the springs, over their stiffness", 1e-3, unit="s", minimum=0
         ),
         **solver_parameters(0.02, 1.5),
     },

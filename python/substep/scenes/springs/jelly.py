@@ -92,8 +92,8 @@ def _summary(jelly: Jelly) -> str:
     distance = 1e3 * jelly.diagnostics()["distance"]
     return (
         f"{lacks}{len(jelly.mesh.tetrahedra)} tetrahedra, {jelly.still()}, volume "
-        f"{jelly.volume():.3f} times that at rest, nowhere nearer than {distance:.2g} mm to the "
-        f"ground; {jelly.work()}"
+        f"{jelly.volume():.3f} times that at rest, smallest distance to the ground "
+        f"{distance:.2g} mm; {jelly.work()}"
     )
 
 
@@ -121,8 +121,8 @@ SCENE = Scene(
         "up": Parameter("axis of the file that points upwards", "y", choices=("x", "y", "z")),
         "size": Parameter("longest side", 0.2, unit="m", above=0),
         "cells": Parameter("cells along it", 10, minimum=1, maximum=200),
-        "tilt": Parameter("of the body at the start", 20.0, unit="degrees"),
-        "height": Parameter("above the ground at the start, over the size", 0.5, above=0.01),
+        "tilt": Parameter("tilt of the body at the start", 20.0, unit="degrees"),
+        "height": Parameter("height above the ground at the start, over the size", 0.5, above=0.01),
         "incline": Parameter("slope of the ground", 0.0, unit="degrees", minimum=0, maximum=80),
         "friction": Parameter("coefficient of friction", 0.5, minimum=0),
         "density": Parameter("mass per volume", 1000.0, unit="kg/m^3", above=0),
