@@ -282,7 +282,7 @@ void Flow<Real, D>::check_regions(const SolveReport& got, double divergence, dou
   if (net <= kMost * std::max(fastest, theirs)) return;
   throw SolverError("in a region that is closed " + text(net * std::pow(dx_, D - 1)) +
                         (D == 2 ? " m^2/s" : " m^3/s") +
-                        " more flow in than out; obstacles cannot squeeze what does not yield",
+                        " more flow in than out; obstacles cannot compress a closed region",
                     time + dt);
 }
 

@@ -244,7 +244,7 @@ void Dynamics<Real>::run_step() {
   for (const geometry::Collider& collider : contact->colliders) {
     const geometry::Exchange& given = collider.exchange();
     if (given.impulse.allFinite() && given.torque.allFinite()) continue;
-    throw NonFiniteError("what an obstacle is given is not finite at t = " + std::to_string(time) +
+    throw NonFiniteError("the impulse on an obstacle is not finite at t = " + std::to_string(time) +
                              " s: particles are too fast or too far away",
                          time);
   }
