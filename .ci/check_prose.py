@@ -12,7 +12,7 @@ SPELLED = ["*.cpp", "*.h", "*.md", "*.py", "*.pyi", "*.toml", ".ci", "script"]
 # Harper's rules of grammar; the others are of taste, or know neither units nor terms of the field.
 GRAMMAR = """AnA AnAnother ComprisesOf CriteriaPhenomena DespiteOf DoesOrDose DontCan DoubleModal
     DoubleNegative HavePassed InflectedVerbAfterTo InterestedIn IsBeenAuxSequence ItsPossessive
-    LessWorse LetToDo LikelyHood MayOfPronoun ModalOf ModalSeem MoreAdjective MoreBetter
+    LessWorse LetToDo MayOfPronoun ModalOf ModalSeem MoreAdjective MoreBetter
     MoreThatLikely NeedToNoun OneOfTheSingular PluralDecades PronounAre PronounVerbAgreement
     QuantifierNeedsOf RedundantSuperlatives RepeatedWords SameAs SimilarLike SingleBe
     SomeWithoutArticle SubjectPronoun ThatThan ThatThis TheAnother TheirToThere ThenThan
