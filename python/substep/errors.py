@@ -100,7 +100,7 @@ class SingularMatrixError(SolverError):
 
 
 class FormatError(SubstepError, ValueError):
-    """A file is not what it should be.
+    """A file is malformed.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
 """Sparse linear algebra: Cholesky, LU, conjugate gradients and BiCGSTAB.
 
-What the implicit methods of substep stand on, for everyone. A matrix is anything with `tocsc()`
+The solvers of the implicit methods of substep, for everyone. A matrix is anything with `tocsc()`
 (SciPy's sparse matrices and arrays), the tuple `(data, indices, indptr)` of compressed columns, or
 a dense array. Results are the same bits for any number of threads.
 """
@@ -621,7 +621,7 @@ def cg(
     Raises
     ------
     ConvergenceError
-        If the stop rule is not met; `residuals` is the history, `result` what there is.
+        If the stop rule is not met; `residuals` is the history, `result` the last iterate.
     InputError
         If `A` is not square or not symmetric.
     NonFiniteError
@@ -680,7 +680,7 @@ def bicgstab(
     Raises
     ------
     ConvergenceError
-        If the stop rule is not met; `residuals` is the history, `result` what there is.
+        If the stop rule is not met; `residuals` is the history, `result` the last iterate.
     InputError
         If `A` is not square.
     NonFiniteError

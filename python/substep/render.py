@@ -295,7 +295,7 @@ def save_movie(
         If matplotlib or imageio-ffmpeg is missing; in three dimensions PyVista, or the system's EGL
         library.
     OSError
-        If the file cannot be written, as on a full disk; what was there stays.
+        If the file cannot be written, as on a full disk; the previous file stays.
 
     Examples
     --------

@@ -105,7 +105,7 @@ def read_checkpoint(path: str | os.PathLike[str], kind: str) -> dict[str, Any]:
 def restore_checkpoint(
     path: str | os.PathLike[str], kind: str, restore: Callable[[dict[str, Any]], None]
 ) -> None:
-    """Hand what is in a file to `restore`; what that refuses makes the file a corrupt one."""
+    """Pass the contents of a file to `restore`; if that refuses them, the file is corrupt."""
     state = read_checkpoint(path, kind)
     try:
         restore(state)

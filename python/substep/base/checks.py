@@ -37,7 +37,7 @@ def as_array(name: str, value: Any) -> NDArray[Any]:
     """A C-contiguous copy; rows of unequal length and masked values raise InputError.
 
     What is checked is then what is used, whatever another thread, or the conversion of the next
-    argument, writes into the caller's array. What an object's own `__array__` raises passes.
+    argument, writes into the caller's array. Exceptions of its own `__array__` pass.
     """
     if isinstance(value, np.ma.MaskedArray) and np.ma.getmaskarray(value).any():
         raise InputError(f"{name}: masked values are not accepted; fill or drop them")
@@ -75,7 +75,7 @@ def check_array(
 
     Integers below 2**53, booleans and narrower floats are widened. Complex numbers (unless
     `complex_ok`), objects, strings and records raise TypeError; masked values, other shapes and, if
-    `finite`, NaN or infinity raise InputError. What an object's own `__array__` raises passes.
+    `finite`, NaN or infinity raise InputError. Exceptions of its own `__array__` pass.
     """
     array = as_array(name, value)
     if array.dtype.kind not in ("fiubc" if complex_ok else "fiub"):
@@ -154,7 +154,7 @@ def check_real(
     nonnegative: bool = False,
     finite: bool = True,
 ) -> float:
-    """A real number as float; NaN never passes. What an object's own `__float__` raises passes."""
+    """A real number as float; NaN never passes. Exceptions of its own `__float__` pass."""
     kind = getattr(getattr(value, "dtype", None), "kind", "f")
     is_number = hasattr(type(value), "__float__") or hasattr(type(value), "__index__")
     is_number &= not isinstance(value, bool)  # what else float() takes is text, buffers too

@@ -180,7 +180,7 @@ class Simulation(Owned, Pictured):
             How long [s], at least 0.
         callback : callable, optional
             Called with this object after every step. It may read and write everything; it must not
-            step. What it raises ends the run, and passes.
+            step. Its exceptions end the run, and are passed on.
 
         Raises
         ------
@@ -390,7 +390,7 @@ class Simulation(Owned, Pictured):
         self.restore(state)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the state to a file, atomically; what the object was made of is not in it.
+        """Write the state to a file, atomically; it does not contain what the object was made of.
 
         Parameters
         ----------

@@ -60,7 +60,7 @@ class _Clock:
 class World(Simulation):
     """Simulations of several kinds in one world, which push each other.
 
-    Rigid bodies meet what has obstacles that stand for them: make those by
+    Rigid bodies interact with members whose obstacles represent them: make those by
     `RigidBodies.make_colliders` and give them to the other simulation as its `colliders`. The world
     then moves the obstacles with the bodies, and gives to the bodies what the other simulation
     pushes them by. How a body yields is part of the equations that the other simulation solves, so
@@ -86,8 +86,8 @@ class World(Simulation):
     ------
     InputError
         If members are at different times, or one is given twice or is in another world, or an
-        obstacle stands for a body of a `RigidBodies` that is no member, or for a dynamic one that
-        its simulation cannot push, or for a surface of no member, or one that its simulation cannot
+        obstacle represents a body of a `RigidBodies` that is no member, or a dynamic one that
+        its simulation cannot push, or a surface of no member, or one that its simulation cannot
         meet.
 
     References
@@ -422,7 +422,7 @@ class World(Simulation):
         dict of str to (ndarray, ndarray)
             For each simulation that bodies meet: ids of the bodies, shape (m,), and rows (force
             [N], torque about the centre of mass [N m]), means over the interval, shape (m, 6). They
-            are 0 for static and kinematic bodies: `impulse` of their obstacles tells.
+            are 0 for static and kinematic bodies: see `impulse` of their obstacles.
         """
         duration = self._interval or math.inf
         return {

@@ -65,7 +65,7 @@ def save(
     recording : path-like
         The recording, or its journal.
     out : path-like
-        File to write; what is there is replaced, but for a ``.vtkhdf``.
+        File to write; an existing file is replaced, except a ``.vtkhdf``.
     liquids : mapping of str to float, optional
         Half the distance of neighbouring particles at rest [m] of the parts whose surface, as
         `liquid_surface` makes it, is written in place of particles; in USD, Alembic and glTF.

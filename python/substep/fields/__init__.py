@@ -1,6 +1,6 @@
 """Particles in velocity fields: fields in closed form, on grids and from files, and advection.
 
-See docs/fields.md for the equations, for what is modelled and what is not.
+See docs/fields.md for the equations and the limits of the model.
 """
 
 from .advection import ACTIVE, ESCAPED, LANDED, Advection

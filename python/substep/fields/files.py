@@ -48,7 +48,7 @@ def open_field(
     else by their usual names. `_FillValue`, `missing_value`, `valid_min`, `valid_max`,
     `valid_range`, `scale_factor` and `add_offset` are obeyed. Longitude and latitude make the
     field geographic. Levels are read when they are needed. The field's times [s] begin with 0 at
-    its first level; its attribute `origin` (numpy.datetime64) tells when that is, where the times
+    its first level; its attribute `origin` (numpy.datetime64) is the date of that, where the times
     have a date. The velocities may lie in files of their own.
 
     Longitudes and latitudes that depend on both dimensions make a `CurvilinearField`. Velocities on

@@ -9,7 +9,7 @@
 - `convex_decomposition` cuts a solid into the convex hulls that bodies which move are made of.
 - `liquid_surface` wraps the particles of a liquid in triangles.
 - Meshes (`TriangleMesh`, `TetMesh`), read by `read_mesh` or made by `grid_mesh`, `box_mesh`,
-  `sphere_mesh` and `box_tetrahedra`; `TriangleMesh.report` says plainly what a mesh lacks.
+  `sphere_mesh` and `box_tetrahedra`; `TriangleMesh.report` describes the defects of a mesh.
 - `transform_mesh` scales, turns and moves a mesh; `follow_keyframes` moves obstacles along
   `Keyframes`.
 - `neighbour_lists`: which points are closer to each other than a radius.

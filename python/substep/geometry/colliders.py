@@ -1,4 +1,4 @@
-"""Obstacles: shapes with a signed distance that move, rub and count what they are given."""
+"""Obstacles: shapes with a signed distance, a motion, friction and an impulse counter."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ _MOST = 1e150  # of a number of an obstacle, so that products of two are finite
 
 
 class Collider(Owned):
-    """An obstacle: a shape with a surface, which can move and counts what it is given.
+    """An obstacle: a shape with a surface, which can move and sums its impulses.
 
     An obstacle belongs to the simulation it is given to: each step of that moves the obstacle
-    by `velocity` and `angular_velocity`, and `impulse` tells what it exerted on it. Given to two,
+    by `velocity` and `angular_velocity`, and `impulse` is what it exerted on it. Given to two,
     it would be moved by both, `impulse` be that of the last call of either, and one thread at a
     time use both: give each a `copy()`, or, as `make_colliders` makes them, others, for a second
     simulation refuses those. Simulations also take a bare shape: that is a still obstacle without
@@ -200,7 +200,7 @@ class Collider(Owned):
     def lipschitz(self) -> float:
         """Bound L on the length of the gradient outside of the obstacle.
 
-        A point outside may move by distance / L in any direction and does not enter. 1 but for
+        A point outside may move by distance / L in any direction and does not enter. 1 except for
         sampled distances.
         """
         return float(self._native.lipschitz)
@@ -310,7 +310,7 @@ class Collider(Owned):
 
 
 class StandIn(Collider):
-    """An obstacle that stands for what another simulation moves: it is for one simulation alone."""
+    """An obstacle that represents a part of another simulation: it is for one simulation alone."""
 
     _user: Callable[[], Any]  # that one, as a weak reference
     _of: ClassVar[tuple[str, ...]] = ("_user",)  # names of simulations that no copy takes over

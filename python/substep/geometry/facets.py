@@ -60,7 +60,7 @@ class Sheet:
 
 
 class SurfaceCollider(StandIn):
-    """An obstacle that stands for a triangle of a surface that deforms; `make_colliders` makes it.
+    """An obstacle that represents a triangle of a surface that deforms; `make_colliders` makes it.
 
     Give it to one simulation, and that together with the one whose surface it is to a `World`,
     which moves it with its corners and gives to these what pushes it.
@@ -103,7 +103,7 @@ class Deforming(Points):
     def make_colliders(
         self, thickness: float, *, faces: ArrayLike | None = None, friction: float = 0.0
     ) -> list[SurfaceCollider]:
-        """Make obstacles of another simulation that stand for the surface, one for each triangle.
+        """Make obstacles of another simulation that represent the surface, one for each triangle.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""The surface of a liquid that particles stand for, by pysplashsurf."""
+"""The surface of a liquid made of particles, by pysplashsurf."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def liquid_surface(
     Raises
     ------
     InputError
-        If an argument is not what it must be, or the particles are spread over more than 2^20
+        If an argument is wrong, or the particles are spread over more than 2^20
         cells.
     ImportError
         If pysplashsurf is missing.

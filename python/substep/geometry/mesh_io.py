@@ -40,7 +40,7 @@ def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh | TetMesh:
     Parameters
     ----------
     path : path-like
-        The file; its suffix tells the format.
+        The file; its suffix determines the format.
 
     Returns
     -------

@@ -215,7 +215,7 @@ class TriangleMesh(Shape):
     def winding_number(self, x: ArrayLike, threads: int | None = None) -> Array:
         """Generalized winding number: 1 inside of a closed mesh, 0 outside, between near holes.
 
-        It tells inside from outside also where a mesh is open, not manifold or cuts itself. Far
+        It also separates inside from outside where a mesh is open, non-manifold or cuts itself. Far
         triangles are taken together: the error is below about 0.04.
 
         Parameters
@@ -259,7 +259,7 @@ class TriangleMesh(Shape):
         return np.asarray(self._tree.signed_distance(points, check_threads(threads)))
 
     def cleaned(self) -> TriangleMesh:
-        """The mesh with vertices at the same place joined, and without what is then superfluous.
+        """The mesh with vertices at the same place joined, and without superfluous parts.
 
         Left out are unused vertices, faces that have a corner twice after the joining, and faces
         that have the corners of an earlier one.

@@ -83,7 +83,7 @@ class GridFlow(Simulation):
 
     A step moves velocities, temperature and smoke with the flow, adds viscosity and buoyancy, and
     finds the pressure that leaves no divergence. Obstacles cut the cells they stand in. There is no
-    free surface. docs/grid_flow.md has the equations, and what this is not.
+    free surface. docs/grid_flow.md has the equations and the limits.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class GridFlow(Simulation):
     velocity : array_like or callable, optional
         Initial velocity [m/s]: one vector, one for the middle of each cell, shape (nx, ny, nz, 3)
         or (nx, ny, 2), or `velocity(positions)` of shape (m, d) at points of that shape, which is
-        asked at the faces of cells. What has a divergence is taken from it. At rest unless given.
+        asked at the faces of cells. Any divergence is removed from it. At rest unless given.
     density : float
         Density [kg/m^3], above 0; in 2D of a layer of 1 m.
     viscosity : float
@@ -503,7 +503,7 @@ class GridFlow(Simulation):
         return faces
 
     def set_velocity(self, values: Start) -> None:
-        """Give the flow other velocities; what has a divergence is taken from them.
+        """Give the flow other velocities; any divergence is removed from them.
 
         Parameters
         ----------
@@ -561,7 +561,7 @@ class GridFlow(Simulation):
         Parameters
         ----------
         points : array_like, shape (m, 3) or (m, 2)
-            Where [m]; beyond the box it is what is at its side.
+            Points [m]; beyond the box, the value is that at its side.
 
         Returns
         -------
@@ -625,7 +625,7 @@ class GridFlow(Simulation):
         return limit, f"CFL {self.cfl:g} at a speed of {speed:.4g} m/s"
 
     def diagnostics(self) -> dict[str, float]:
-        """Sums over the flow, and what the last step met.
+        """Sums over the flow, and figures of the last step.
 
         Returns
         -------

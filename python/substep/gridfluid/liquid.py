@@ -85,7 +85,7 @@ class GridLiquid(Particles):
     their true places between the nodes, passes them back and moves the particles along (FLIP, APIC
     or PIC). Above the surface is nothing: air at pressure 0. Viscosity is implicit, and leaves what
     turns alone, so that a thread of honey coils; surface tension is explicit, from a smoothed
-    surface. docs/grid_liquid.md has the equations, and what this is not.
+    surface. docs/grid_liquid.md has the equations and the limits.
 
     Parameters
     ----------
@@ -486,7 +486,7 @@ class GridLiquid(Particles):
         return speed + turn * float(np.linalg.norm(far))
 
     def diagnostics(self) -> dict[str, float]:
-        """Energies, momenta and what the last step met.
+        """Energies, momenta and figures of the last step.
 
         Returns
         -------

@@ -112,7 +112,7 @@ class MaterialPointMethod(Particles):
     gravity : array_like, shape (3,) or (2,), optional
         Acceleration [m/s^2]; 9.81 downward (along the last axis) unless given.
     colliders : sequence of Collider or Shape
-        Obstacles and containers, with their friction. What they are given is their `impulse`.
+        Obstacles and containers, with their friction. `impulse` is the total exerted on them.
     boundary : {'separate', 'slip', 'sticky'} or sequence of these
         What colliders do to material at their surface: it slides with friction and can leave; it
         slides and cannot leave; it stays. One for all, or one each.
@@ -465,7 +465,7 @@ class MaterialPointMethod(Particles):
         return float(dt), str(reason)
 
     def set_deformation_gradients(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
-        """Deform particles; what they fill at rest and their other numbers stay.
+        """Deform particles; their volumes at rest and their other numbers stay.
 
         Parameters
         ----------

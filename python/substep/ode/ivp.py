@@ -184,7 +184,7 @@ def solve_ivp(
 ) -> OdeResult:
     """Solve y' = f(t, y), y(t0) = y0, or M y' = f(t, y) by an implicit method.
 
-    Takes what `scipy.integrate.solve_ivp` takes and returns the same fields. What failed raises;
+    Takes the arguments of `scipy.integrate.solve_ivp` and returns the same fields. Failures raise;
     the exception's `result` holds the part solved.
 
     Parameters
@@ -266,7 +266,7 @@ def solve_ivp(
     InputError
         An argument, or what `fun` returned, is wrong.
     NonFiniteError
-        `fun` returned NaN or infinity, whatever the step; time and component are told.
+        `fun` returned NaN or infinity, whatever the step; the error has time and component.
     SolverError
         The step fell below the spacing of t (a singularity, or tolerances out of reach), or
         `max_steps` were not enough.

@@ -43,7 +43,7 @@ class Emitter(Frozen):
     kind : int
         Which of the fluids or materials of the simulation comes out, as in its `kinds`.
     start, stop : float
-        When it is open [s]. What left since `start` comes out in the first step, as far away as
+        When it is open [s]. Layers since `start` come out in the first step, as far away as
         it has come by then: a simulation whose time is later begins with the whole jet. More than
         2^22 particles at once are refused.
 

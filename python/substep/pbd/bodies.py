@@ -112,7 +112,7 @@ def cloth(
         it the cloth bends freely.
     bending : {'isometric', 'dihedral'}
         Which constraint bends: `IsometricBending`, or `Bending` with the compliance of each hinge
-        that gives the same rigidity, which tells the two senses of a bend apart.
+        that gives the same rigidity, which distinguishes the two senses of a bend.
     damping : float
         Of the edges [N s/m], at least 0; acts where the compliance is above 0.
 

@@ -129,7 +129,7 @@ class ShapeMatching(Constraint):
 
 
 def vertex_clusters(edges: ArrayLike, count: int, rings: int = 1) -> list[Indices]:
-    """One cluster about each vertex: it and what is at most `rings` edges away.
+    """One cluster about each vertex: it and all vertices at most `rings` edges away.
 
     Parameters
     ----------

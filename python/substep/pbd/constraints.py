@@ -30,7 +30,7 @@ class Distance(Constraint):
         beta [N s/m], at least 0: of a damper beside the spring.
     stiffness : float or array_like, shape (m,), optional
         k from 0 to 1, instead of a compliance: the part of the error that a step takes away in
-        plain PBD. What that is in N/m depends on the step, the masses and the mesh.
+        plain PBD. Its value in N/m depends on the step, the masses and the mesh.
 
     Raises
     ------
@@ -454,7 +454,7 @@ class NeoHookean(Constraint):
     Two constraints each, of |F| and det F, whose energies add up to the stable neo-Hookean one,
     the same as that of `SoftBody`. It obeys Hooke's law at small strains and stays finite at large
     ones, and inverted tetrahedra turn back. Iterations or substeps must be enough for the two to
-    find their balance: docs/pbd_constraints.md says what is left at how many.
+    find their balance: docs/pbd_constraints.md has the remaining error by their number.
 
     Parameters
     ----------

@@ -93,7 +93,7 @@ class PositionBasedDynamics(Deforming):
         'gauss_seidel', constraint after constraint in an order of colours, or 'jacobi', all at once
         with the mass of each particle split among its constraints: symmetric, but slow to converge.
         'multilevel' is 'gauss_seidel' after corrections on coarser and coarser levels, for large
-        cloth: what is left of the error does not grow with the number of particles.
+        cloth: the remaining error does not grow with the number of particles.
     rest_positions : array_like, like `positions`, optional
         Of 'multilevel': where the particles lie when rigid distances hold and nothing is folded,
         such as cloth laid flat; `positions` unless given.
@@ -387,7 +387,7 @@ class PositionBasedDynamics(Deforming):
 
     @np.errstate(all="ignore")  # sums that are too large are infinite
     def diagnostics(self) -> dict[str, float]:
-        """Energies, momentum, and what is left of the constraints.
+        """Energies, momentum, and the remaining error of the constraints.
 
         Returns
         -------

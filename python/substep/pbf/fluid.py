@@ -53,7 +53,7 @@ class FluidReport(StepReport):
     divergence_iterations : int
         Of conjugate gradients for velocities without divergence, in the last step.
     divergence_error : float
-        Mean of what the velocities that they left would compress in a step, relative.
+        Mean compression in a step by the velocities that they left, relative.
     divergence_converged : bool
         Whether they met their tolerance.
     removed, clamped : int
@@ -82,7 +82,7 @@ class PositionBasedFluid(Particles):
     Every particle is `spacing` cubed (in 2D squared) of liquid. A step predicts the positions,
     moves them until the density is nowhere above that of the liquid at rest, and takes the
     velocities from how far the particles came, or with `divergence_free` by a pressure that takes
-    what would compress from them. docs/pbf.md has the equations, and what this is not.
+    what would compress from them. docs/pbf.md has the equations and the limits.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ class PositionBasedFluid(Particles):
         Velocities by a pressure solve: a liquid that flows slowly keeps its energy. A step takes
         more than twice as long.
     divergence_tolerance : float
-        Mean of what the velocities may still compress in a step, relative, with `divergence_free`.
+        Mean compression that the velocities may still cause in a step, relative; `divergence_free`.
     divergence_iterations : int
         Limit of iterations of its conjugate gradients, at least 1.
     compliance : float

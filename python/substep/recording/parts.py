@@ -51,7 +51,7 @@ def check_text(what: str, text: Any, limit: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One named part of a recording: what it is, and which fields it has.
+    """One named part of a recording: its kind and its fields.
 
     Parameters
     ----------

@@ -268,7 +268,7 @@ class Recording(Checked, Pictured):
         Parameters
         ----------
         out : path-like
-            The file; what is there is replaced.
+            The file; an existing one is replaced.
         color : str, optional
             Field that colours the parts which have it.
         fps : float, optional
@@ -297,7 +297,7 @@ class Recording(Checked, Pictured):
         return path
 
     def close(self) -> None:
-        """Close the file; what was read from it stays."""
+        """Close the file; arrays that were read from it stay."""
         self._closed = True
         self.source.close()
 

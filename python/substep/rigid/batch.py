@@ -192,7 +192,7 @@ class RigidBatch(BatchRows):
             How long [s], at least 0.
         callback : callable, optional
             Called with this object after every step. It may read and write everything; it must not
-            step. What it raises ends the run, and passes.
+            step. Its exceptions end the run, and are passed on.
         hold_forces : bool, optional
             As of `step`.
 

@@ -294,7 +294,7 @@ class RigidBodies(Robots, Runs, States):
         }
 
     def remove(self, ids: ArrayLike) -> None:
-        """Take out bodies, and the joints that hold them. What they touch wakes.
+        """Remove bodies, and the joints that hold them. Bodies that they touch wake.
 
         Parameters
         ----------
@@ -353,7 +353,7 @@ class RigidBodies(Robots, Runs, States):
     ) -> None:
         """Say what holds between surfaces of two materials, from the next step on. Bodies wake.
 
-        It takes the place of what was said of the pair before. What is None follows from the two
+        It replaces earlier values for the pair. What is None follows from the two
         surfaces, as `add` says, but static friction follows from `friction` where that is given;
         where all is None, the pair is like any other again.
 
@@ -435,7 +435,7 @@ class RigidBodies(Robots, Runs, States):
         return self._made[self._row("body", body)][0]
 
     def make_colliders(self, ids: ArrayLike | None = None) -> list[BodyCollider]:
-        """Make obstacles of another simulation that stand for bodies, one for each shape.
+        """Make obstacles of another simulation that represent bodies, one for each shape.
 
         Parameters
         ----------
@@ -465,7 +465,7 @@ class RigidBodies(Robots, Runs, States):
         return colliders_of(self, ids)
 
     def diagnostics(self) -> dict[str, float]:
-        """Energies and momenta of the dynamic bodies, and what the last step met.
+        """Energies and momenta of the dynamic bodies, and figures of the last step.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Obstacles of other methods that stand for the shapes of rigid bodies."""
+"""Obstacles of other methods that represent the shapes of rigid bodies."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 class BodyCollider(StandIn):
-    """An obstacle that stands for a shape of a rigid body; `RigidBodies.make_colliders` makes it.
+    """An obstacle that represents a shape of a rigid body; `RigidBodies.make_colliders` makes it.
 
     Give it to one simulation, and that together with the bodies to a `World`, which moves it with
     its body and gives to the body what pushes it. Without a world it is an obstacle like others.

@@ -24,7 +24,7 @@ _LEVERS = ("rolling_friction", "spinning_friction")
 
 @dataclass(frozen=True, eq=False)
 class Fixture:
-    """A shape of a body: how its surface rubs, and what it weighs.
+    """A shape of a body, with its surface and its density.
 
     What is None is taken from the call that adds the body.
 

@@ -232,7 +232,7 @@ class Joint(Owned):
 
         The angle of a hinge and the first one of a universal joint, over all turns, and the twist
         of a ball or an elastic joint [rad], the translation of a slider and the length of a
-        distance [m]; 0 when the joint was made, but for lengths.
+        distance [m]; 0 when the joint was made, except for lengths.
         """
         return float(self._told()["coordinate"])
 

@@ -78,7 +78,7 @@ class Hits:
     points : ndarray, shape (n, 3)
         Where the ray, or the origin of the shape, is then [m]; NaN where nothing was met.
     normals : ndarray, shape (n, 3)
-        Unit normals of what was met, against the way; 0 where nothing was met or the shape
+        Unit normals of the surfaces hit, against the ray; 0 where nothing was hit or the shape
         overlapped with it at the beginning.
     """
 
@@ -271,7 +271,7 @@ class Queries(BodyRows):
         Returns
         -------
         Hits
-            One row; what it overlaps with at the beginning is met at 0.
+            One row; shapes that it overlaps at the beginning are met at 0.
 
         Raises
         ------

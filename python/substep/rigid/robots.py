@@ -56,7 +56,7 @@ class Robots(Joints):
         Parameters
         ----------
         path : path-like
-            The file; what it includes, and its meshes, beside it.
+            The file; its includes and meshes are beside it.
         keyframe : str, optional
             Start at the positions and controls of this keyframe.
         coordinates : dict of str to float, optional

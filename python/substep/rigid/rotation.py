@@ -39,7 +39,7 @@ def free_rotation(
         Quaternions (w, x, y, z) that take the principal axes of each body into the world; are
         normalised.
     angular_momenta : array_like, shape (n, 3)
-        Angular momenta in the world [kg m^2/s]. They stay what they are.
+        Angular momenta in the world [kg m^2/s]. They do not change.
     inertia : array_like, shape (n, 3)
         Principal moments of inertia [kg m^2].
     duration : float

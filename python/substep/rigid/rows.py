@@ -146,7 +146,7 @@ class BodyRows(Numbered):
         return read_only(self._native.asleep().astype(bool))
 
     def set_positions(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
-        """Put bodies elsewhere; rotations and velocities stay. They and what they touch wake.
+        """Move bodies; rotations and velocities stay. They and bodies that they touch wake.
 
         Parameters
         ----------
@@ -165,7 +165,7 @@ class BodyRows(Numbered):
         self._set_frames(rows, x, self._frame_rotations()[rows])
 
     def set_rotations(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
-        """Turn bodies about their positions; velocities stay. They and what they touch wake.
+        """Turn bodies about their positions; velocities stay. They and bodies in contact wake.
 
         Parameters
         ----------

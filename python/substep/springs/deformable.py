@@ -300,7 +300,7 @@ class Deformable(Deforming):
 
     @np.errstate(all="ignore")  # sums that are too large are infinite
     def diagnostics(self) -> dict[str, float]:
-        """Energies, momentum and what the last step took.
+        """Energies, momentum and figures of the last step.
 
         Returns
         -------

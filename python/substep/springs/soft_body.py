@@ -227,7 +227,7 @@ class SoftBody(Deformable):
         Returns
         -------
         SoftBody
-            The solid; its `mesh.lacks` says what the surface lacked.
+            The solid; its `mesh.lacks` lists the defects of the surface.
 
         Raises
         ------

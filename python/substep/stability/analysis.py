@@ -44,7 +44,7 @@ def one_step_methods() -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        The methods of `solve_ivp`. "RKC2" stands for ten stages; any number s from 2 to 1000 may be
+        The methods of `solve_ivp`. "RKC2" means ten stages; any number s from 2 to 1000 may be
         asked for by "RKC2(s)".
 
     Examples

@@ -1,4 +1,4 @@
-"""Which runs a sweep has, and where each one leaves what it found."""
+"""Which runs a sweep has, and where each one leaves its results."""
 
 from __future__ import annotations
 

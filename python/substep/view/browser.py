@@ -59,7 +59,7 @@ def show(
         What is shown; a path is that of a recording, which is closed with the view. Of a recording
         the frames that it had when it was opened.
     color : str, optional
-        Field that colours what has it, at first.
+        Field by which parts that have it are coloured at first.
     interval : float, optional
         Of a simulation: time between two pictures [s]; one step unless given.
     play : bool, optional
@@ -177,7 +177,7 @@ class Viewer:
             self.close()
 
     def close(self) -> None:
-        """End the view, after the step that it is in; what it showed stays as it is.
+        """End the view, after the step that it is in; the simulation stays as it is.
 
         A recording that `show` opened by its path is closed.
         """

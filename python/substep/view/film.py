@@ -35,7 +35,7 @@ class Film:
     Parameters
     ----------
     path : Path
-        The file; what is there is replaced.
+        The file; an existing one is replaced.
     size : tuple of int
         Width and height [pixels], even numbers.
     fps : float

@@ -27,7 +27,7 @@ def check_color(name: str, color: Any, known: Callable[[Any], bool] | None = Non
 
 @dataclass(frozen=True)
 class Camera:
-    """Where a scene is looked at from; its distance follows from what is to be seen.
+    """A direction of view; the distance follows from the region to be shown.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class CameraPath:
-    """A camera that moves: where it is and what it looks at, at some times.
+    """A camera that moves: its position and its target at some times.
 
     Between them it moves along cubic curves whose slope at each time is that between the times
     before and after (Catmull and Rom 1974); before the first and after the last it stands still.
@@ -132,7 +132,7 @@ class CameraPath:
             object.__setattr__(self, name, array)
 
     def at(self, time: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where the camera is and what it looks at.
+        """The position of the camera and its target.
 
         Parameters
         ----------
@@ -214,7 +214,7 @@ class Light:
     elevation : float
         Its height above the horizon, from -90 to 90 [degrees].
     strength : float
-        1 is that of all the lights there are unless told otherwise; at least 0.
+        1 is that of all the default lights together; at least 0.
     color : str
         A colour that matplotlib knows.
 

@@ -27,7 +27,7 @@ def write_page(
     recording : Recording
         Open.
     out : Path
-        The file; what is there is replaced.
+        The file; an existing one is replaced.
     color : str, optional
         Field that colours the parts which have it.
     fps : float

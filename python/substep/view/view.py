@@ -54,7 +54,7 @@ class View:
         Draw the bar of these colours, with the name of the field and its unit.
     box : callable, optional
         `box(recording)` returns the lowest and highest corner of the region shown, shape (2, 3)
-        [m]; what the parts reach in all frames unless given.
+        [m]; the extent of the parts in all frames unless given.
     ground : callable, optional
         `ground(recording)` returns the height of the ground [m], or None for none; it is at the
         bottom of the box unless given.
@@ -66,7 +66,7 @@ class View:
     dark : bool
         Draw before a dark background, as suits smoke.
     lights : sequence of Light
-        In place of those that there are unless told otherwise, from the left above, from the right
+        In place of the default ones, from the upper left, from the right
         and along the view.
 
     Raises
@@ -178,7 +178,7 @@ class View:
         Raises
         ------
         InputError
-            If `box` or `ground` return what is none.
+            If `box` or `ground` return a wrong value.
         """
         box = box_of(recording, self.looks) if self.box is None else self.box(recording)
         box = check_array("box", box, (2, 3))
