@@ -528,7 +528,7 @@ class TestPositionBased:
         parameters = {"vertices": 24, "cells": 40, "duration": 0.6, "mesh": str(path), "spin": 1.0}
         run = scenes.run(scenes.load("cloth-ball"), parameters, tmp_path, frames=3)
         assert "vertices, " in run.summary
-        clearance = float(re.search(r"nearer than ([-\d.e]+) mm", run.summary)[1])
+        clearance = float(re.search(r"to an obstacle ([-\d.e]+) mm", run.summary)[1])
         assert clearance > 0
         with substep.Recording(run.recording) as recording:
             turning = [recording["obstacle"].points(k) for k in (0, -1)]
@@ -545,7 +545,7 @@ class TestPositionBased:
         parameters = {"mesh": str(path), "cells": 8, "duration": 0.5}
         run = scenes.run(scenes.load("soft-bunny"), parameters, tmp_path, frames=3)
         assert "filled with tetrahedra" in run.summary
-        assert float(re.search(r"nearer than ([-\d.e]+) mm", run.summary)[1]) > 0
+        assert float(re.search(r"to an obstacle ([-\d.e]+) mm", run.summary)[1]) > 0
         assert 0.85 < float(re.search(r"volume ([\d.]+) times", run.summary)[1]) < 1.15
 
 
