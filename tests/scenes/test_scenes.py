@@ -371,7 +371,7 @@ class TestLiquids:
     def test_a_column_collapses_and_stays_in_the_tank(self, tmp_path):
         scene = scenes.load("dam-break")
         run = scenes.run(scene, {"duration": 0.4, "particles": 1500}, tmp_path, frames=5)
-        assert ", 0 of them outside" in run.summary and "99 % of it are nearer than" in run.summary
+        assert ", 0 of them outside" in run.summary and "99 % of it is within" in run.summary
         with substep.Recording(run.recording) as recording:
             spacing = float(recording.parameters["notes"]["spacing"])
             tank = np.asarray(recording.parts["tank"].points)

@@ -67,7 +67,7 @@ def _filled(
 def _summary(liquid: Liquid) -> str:
     mesh = "".join(f"{text}; " for text in liquid.lacks.values())
     front = float(np.quantile(liquid.positions[:, 0], 0.99))
-    return f"{mesh}99 % of it are nearer than {front:.2f} m; {liquid.words()}"
+    return f"{mesh}99 % of it is within {front:.2f} m; {liquid.words()}"
 
 
 SCENE = Scene(

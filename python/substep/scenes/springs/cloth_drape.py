@@ -80,8 +80,8 @@ def _summary(cloth: DrapedCloth) -> str:
     mesh = "; ".join(cloth.lacks.values())
     distance = 1e3 * cloth.diagnostics()["distance"]
     return (
-        f"{mesh + '; ' if mesh else ''}{len(cloth)} vertices of cloth, {cloth.still()}, nowhere "
-        f"nearer than {distance:.2g} mm to what it lies on; {cloth.work()}"
+        f"{mesh + '; ' if mesh else ''}{len(cloth)} vertices of cloth, {cloth.still()}, "
+        f"smallest distance to the obstacle {distance:.2g} mm; {cloth.work()}"
     )
 
 
