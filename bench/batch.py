@@ -24,25 +24,31 @@ from substep import _core, mpm, pbd
 STEPS = 32
 
 
+def chain(n: int) -> Any:
+    """Positions, level."""
+    return np.linspace((0, 0, 0), (0.1 * (n - 1), 0, 0), n)
+
+
+def links(n: int) -> Any:
+    """Pairs of neighbours."""
+    return np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
+
+
 def springs(n: int) -> Any:
     """A chain of springs, explicit."""
-    x = np.stack([0.1 * np.arange(n), np.zeros(n), np.zeros(n)], axis=1)
-    edges = [[k, k + 1] for k in range(n - 1)]
     return substep.MassSpring(
-        x, edges, 100.0, 0.1, pinned=[0], integrator="symplectic_euler", step=1e-3
+        chain(n), links(n), 100.0, 0.1, pinned=[0], integrator="symplectic_euler", step=1e-3
     )
 
 
 def net(n: int) -> Any:
     """The same, implicit."""
-    x = np.stack([0.1 * np.arange(n), np.zeros(n), np.zeros(n)], axis=1)
-    return substep.MassSpring(x, [[k, k + 1] for k in range(n - 1)], 100.0, 0.1, pinned=[0])
+    return substep.MassSpring(chain(n), links(n), 100.0, 0.1, pinned=[0])
 
 
 def rope(n: int) -> Any:
     """A rope of position-based dynamics."""
-    made = pbd.rope([(0, 0, 0), (1, 0, 0)], count=n)
-    return substep.PositionBasedDynamics(made.positions, 0.1, made.constraints, pinned=[0])
+    return substep.PositionBasedDynamics(chain(n), 0.1, pbd.rope(n), pinned=[0])
 
 
 def liquid(n: int) -> Any:

@@ -39,16 +39,14 @@ class Body final : public substep::Simulation {
   void set_time(double time) override { body.time = time; }
   void keep() override {
     kept_time_ = body.time;
-    kept_ = {body.positions, body.velocities, body.forces, body.targets};
+    for (std::size_t k = 0; k < kept_.size(); ++k) kept_[k] = *arrays()[k];
     kept_colliders_.keep(colliders_);
   }
   // Copies the numbers: the vectors have views.
   void rewind() override {
     body.time = kept_time_;
-    std::vector<Vec3>* const now[] = {&body.positions, &body.velocities, &body.forces,
-                                      &body.targets};
     for (std::size_t k = 0; k < kept_.size(); ++k)
-      std::copy(kept_[k].begin(), kept_[k].end(), now[k]->begin());
+      std::copy(kept_[k].begin(), kept_[k].end(), arrays()[k]->begin());
     kept_colliders_.rewind(colliders_);
   }
   std::vector<double> positions() const override { return flat(body.positions); }
@@ -57,6 +55,9 @@ class Body final : public substep::Simulation {
   Deformable body;
 
  private:
+  std::array<std::vector<Vec3>*, 4> arrays() {
+    return {&body.positions, &body.velocities, &body.forces, &body.targets};
+  }
   static std::vector<double> flat(const std::vector<Vec3>& rows) {
     const auto* numbers = reinterpret_cast<const double*>(rows.data());
     return {numbers, numbers + 3 * rows.size()};

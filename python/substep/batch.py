@@ -19,6 +19,7 @@ from .base.checks import (
     check_sequence,
     check_threads,
     describe,
+    first_bad_index,
 )
 from .base.rows import Points, read_only
 from .base.schema import MOST, TIME, Entry, Texts
@@ -249,16 +250,25 @@ class Batch(Simulation):
         self._set("forces", values, worlds)
 
     def _set(self, name: str, values: ArrayLike, worlds: ArrayLike | None) -> None:
-        chosen = [self._worlds[w] for w in find_worlds("worlds", worlds, len(self))]
-        shape = (int(self.counts.max()), self._dimension)
+        where = find_worlds("worlds", worlds, len(self))
+        chosen, counts = [self._worlds[w] for w in where], self.counts
+        shape: tuple[int, ...] = (int(counts.max()), self._dimension)
+        there: Any = np.arange(shape[0]) < counts[where][:, None]
         given = check_array("values", values, finite=False)
         if given.ndim == 2:
-            given = np.broadcast_to(check_array("values", given, shape, finite=False), (1, *shape))
-            given = np.repeat(given, len(chosen), axis=0)
-        given = check_array("values", given, (len(chosen), *shape), finite=False)
-        rows = []
-        for k, one in enumerate(chosen):
-            rows.append(one._vectors(f"values[{k}]", given[k, : len(one)], len(one)))
+            there = there.any(axis=0)
+        else:
+            shape = (len(chosen), *shape)
+        given = check_array("values", given, shape, finite=False)
+        wrong = ~np.isfinite(given) & there[..., None]
+        if wrong.any():
+            at = first_bad_index(wrong)
+            raise InputError(f"values{at}: expected finite numbers, got {given[wrong][0]}")
+        each = [given] * len(chosen) if given.ndim == 2 else list(given)
+        rows = [
+            one._vectors(f"values of world {w}", row[: len(one)], len(one))
+            for w, one, row in zip(where, chosen, each, strict=True)
+        ]
         before = [one._kept() for one in chosen]
         try:
             for one, row in zip(chosen, rows, strict=True):
@@ -322,12 +332,12 @@ class Batch(Simulation):
         if whole:
             self._take(np.full(len(self), self._step_size), whole)
         paces = self._paces(duration, ends, whole)
-        while sizes := {w: size for w, pace in paces.items() if (size := next(pace, None))}:
-            dt, times = np.zeros(len(self)), np.full(len(self), np.nan)
-            for w, (size, is_last) in sizes.items():
-                dt[w] = size
+        while steps := {w: step for w, pace in paces.items() if (step := next(pace, None))}:
+            sizes, times = np.zeros(len(self)), np.full(len(self), np.nan)
+            for w, (dt, is_last) in steps.items():
+                sizes[w] = dt
                 times[w] = ends[w] if is_last else np.nan
-            self._take(dt, 1, times)
+            self._take(sizes, 1, times)
             if callback is not None:
                 known = self._native.times.tolist(), self._step_size
                 callback(self)
@@ -366,7 +376,7 @@ class Batch(Simulation):
         self, duration: float | None, ends: Array, begin: int
     ) -> dict[int, Iterator[tuple[float, bool]]]:
         """Of each world that goes on the sizes of steps that it takes alone, after so many."""
-        paces = {}
+        paces: dict[int, Iterator[tuple[float, bool]]] = {}
         failures, times = self.failures, self._native.times
         for w, one in enumerate(self._worlds):
             if failures[w]:
@@ -402,7 +412,7 @@ class Batch(Simulation):
         >>> batch.step(steps=6)
         >>> batch.reset([1])
         >>> batch.positions[:, 0, 2].round(3).tolist()
-        [0.942, 1.0, 0.942]
+        [0.95, 1.0, 0.95]
         """
         chosen = find_worlds("worlds", worlds, len(self))
         states = [self._first[w] for w in chosen]

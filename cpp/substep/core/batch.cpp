@@ -9,27 +9,28 @@
 
 namespace substep {
 
-void Batch::step(std::span<const double> sizes, std::span<const double> times, std::int64_t count) {
+void SimulationBatch::step(std::span<const double> sizes, std::span<const double> times,
+                           std::int64_t count) {
   call_ = Call::kStep;
   sizes_ = sizes;
   times_ = times;
   run(count);
 }
 
-void Batch::advance(std::span<const double> ends) {
+void SimulationBatch::advance(std::span<const double> ends) {
   call_ = Call::kAdvance;
   times_ = ends;
   run(1);
 }
 
-void Batch::advance_once(std::span<const double> ends, bool first) {
+void SimulationBatch::advance_once(std::span<const double> ends, bool first) {
   call_ = Call::kAdvanceOnce;
   times_ = ends;
   first_ = first;
   run(1);
 }
 
-void Batch::take_step(std::int64_t w, std::int64_t) {
+void SimulationBatch::take_step(std::int64_t w, std::int64_t) {
   Simulation& world = *worlds_[usize(w)];
   const double end = times_[usize(w)];
   if (call_ == Call::kAdvance) return advance_whole(world, end);
@@ -43,7 +44,7 @@ void Batch::take_step(std::int64_t w, std::int64_t) {
   if (!std::isnan(end)) world.set_time(end);
 }
 
-void Batch::advance_whole(Simulation& world, double end) const {
+void SimulationBatch::advance_whole(Simulation& world, double end) const {
   try {
     world.advance(end);
   } catch (const SolverError&) {
@@ -56,7 +57,7 @@ void Batch::advance_whole(Simulation& world, double end) const {
   }
 }
 
-double Batch::time() const {
+double SimulationBatch::time() const {
   double going = std::numeric_limits<double>::infinity(), all = going;
   for (std::int64_t w = 0; w < size(); ++w) {
     all = std::min(all, time_of(w));

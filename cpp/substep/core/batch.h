@@ -12,10 +12,10 @@
 
 namespace substep {
 
-class Batch final : public ManyWorlds {
+class SimulationBatch final : public ManyWorlds {
  public:
   // They stay the owner's.
-  explicit Batch(std::vector<Simulation*> worlds)
+  explicit SimulationBatch(std::vector<Simulation*> worlds)
       : ManyWorlds(worlds.size()), worlds_(std::move(worlds)) {}
 
   // `count` steps of each world, of its own size [s]; 0: none, NaN: step_by_limit(). The times of

@@ -73,7 +73,7 @@ class BodyOf final : public Body {
   double time() const override { return dynamics_.time; }
   void set_time(double time) override { dynamics_.time = time; }
   void keep() override {
-    kept_.values = raw_values();
+    read_raw(kept_.values);
     kept_.forces.resize(usize(dynamics_.size()));
     dynamics_.forces(kept_.forces);
     kept_.groups.resize(dynamics_.groups());
@@ -107,7 +107,9 @@ class BodyOf final : public Body {
   void set_pinned(std::span<const std::uint8_t> pinned) override { dynamics_.set_pinned(pinned); }
 
   Raw raw() const override {
-    auto [x, v, targets] = raw_values();
+    RawValues values;
+    read_raw(values);
+    auto& [x, v, targets] = values;
     return {std::move(x), std::move(v), std::move(targets)};
   }
   void set_raw(const Raw& raw) override {
@@ -134,12 +136,13 @@ class BodyOf final : public Body {
 
  private:
   using RawValues = std::array<std::vector<Real>, 3>;  // positions, velocities, targets
-  RawValues raw_values() const {
+  void read_raw(RawValues& values) const {
+    auto& [x, v, targets] = values;
     const auto n = 3 * usize(dynamics_.size());
-    RawValues values = {std::vector<Real>(n), std::vector<Real>(n),
-                        std::vector<Real>(dynamics_.has_targets() ? n : 0)};
-    dynamics_.raw(values[0], values[1], values[2]);
-    return values;
+    x.resize(n);
+    v.resize(n);
+    targets.resize(dynamics_.has_targets() ? n : 0);
+    dynamics_.raw(x, v, targets);
   }
   std::vector<double> rows(void (Dynamics<Real>::*get)(std::span<Triple>) const) const {
     std::vector<Triple> rows(usize(dynamics_.size()));

@@ -1,3 +1,5 @@
+#include "substep/core/batch.h"
+
 #include <pybind11/stl.h>
 
 #include <algorithm>
@@ -5,20 +7,17 @@
 #include <memory>
 
 #include "arrays.h"
-#include "substep/core/batch.h"
 
 namespace {
 
-using substep::Batch;
-using substep::Simulation;
-
-std::span<const double> each(const Batch& batch, const Reals& values) {
+std::span<const double> of_each(const substep::SimulationBatch& batch, const Reals& values) {
   if (values.size() != batch.size()) throw py::value_error("expected one number for each world");
   return readable(values);
 }
 
 // Rows of all particles of all worlds, NaN where a world has fewer.
-Reals gather(const Batch& batch, std::vector<double> (Simulation::*get)() const) {
+Reals gather(const substep::SimulationBatch& batch,
+             std::vector<double> (substep::Simulation::*get)() const) {
   const std::int64_t worlds = batch.size();
   std::vector<std::vector<double>> rows;
   std::size_t most = 0;
@@ -43,15 +42,17 @@ Reals gather(const Batch& batch, std::vector<double> (Simulation::*get)() const)
 }  // namespace
 
 void bind_batch(py::module_& m) {
-  py::class_<Simulation>(m, "Simulation");
-  py::class_<Batch>(m, "Batch")
-      .def(py::init([](const std::vector<Simulation*>& worlds) { return new Batch(worlds); }),
+  py::class_<substep::Simulation>(m, "Simulation");
+  py::class_<substep::SimulationBatch>(m, "Batch")
+      .def(py::init([](const std::vector<substep::Simulation*>& worlds) {
+             return new substep::SimulationBatch(worlds);
+           }),
            py::arg("worlds"), py::keep_alive<1, 2>())
-      .def_readwrite("threads", &Batch::threads)
-      .def_readwrite("mask", &Batch::mask)
-      .def_property_readonly("time", &Batch::time)
+      .def_readwrite("threads", &substep::SimulationBatch::threads)
+      .def_readwrite("mask", &substep::SimulationBatch::mask)
+      .def_property_readonly("time", &substep::SimulationBatch::time)
       .def_property_readonly("times",
-                             [](const Batch& self) {
+                             [](const substep::SimulationBatch& self) {
                                Reals times = made(Reals(self.size()));
                                for (std::int64_t w = 0; w < self.size(); ++w)
                                  times.mutable_at(w) = self.world(w).time();
@@ -59,37 +60,44 @@ void bind_batch(py::module_& m) {
                              })
       .def_property(
           "failures",
-          [](const Batch& self) {
+          [](const substep::SimulationBatch& self) {
             std::vector<std::string> failures;
             for (std::int64_t w = 0; w < self.size(); ++w) failures.push_back(self.failure(w));
             return failures;
           },
-          [](Batch& self, const std::vector<std::string>& failures) {
+          [](substep::SimulationBatch& self, const std::vector<std::string>& failures) {
             for (std::int64_t w = 0; w < self.size(); ++w)
               self.set_failure(w, failures[static_cast<std::size_t>(w)]);
           })
-      .def("positions", [](const Batch& self) { return gather(self, &Simulation::positions); })
-      .def("velocities", [](const Batch& self) { return gather(self, &Simulation::velocities); })
+      .def("positions",
+           [](const substep::SimulationBatch& self) {
+             return gather(self, &substep::Simulation::positions);
+           })
+      .def("velocities",
+           [](const substep::SimulationBatch& self) {
+             return gather(self, &substep::Simulation::velocities);
+           })
       .def(
           "step",
-          [](Batch& self, const Reals& sizes, const Reals& times, std::int64_t count) {
-            const auto h = each(self, sizes), t = each(self, times);
+          [](substep::SimulationBatch& self, const Reals& sizes, const Reals& times,
+             std::int64_t count) {
+            const auto h = of_each(self, sizes), t = of_each(self, times);
             const py::gil_scoped_release released;
             self.step(h, t, count);
           },
           py::arg("sizes").noconvert(), py::arg("times").noconvert(), py::arg("count"))
       .def(
           "advance",
-          [](Batch& self, const Reals& ends) {
-            const auto t = each(self, ends);
+          [](substep::SimulationBatch& self, const Reals& ends) {
+            const auto t = of_each(self, ends);
             const py::gil_scoped_release released;
             self.advance(t);
           },
           py::arg("ends").noconvert())
       .def(
           "advance_once",
-          [](Batch& self, const Reals& ends, bool first) {
-            const auto t = each(self, ends);
+          [](substep::SimulationBatch& self, const Reals& ends, bool first) {
+            const auto t = of_each(self, ends);
             const py::gil_scoped_release released;
             self.advance_once(t, first);
           },
