@@ -407,7 +407,11 @@ def test_what_is_set_in_some_worlds_leaves_the_others():
         (lambda b: b.step(0.1, 1.5), InputError, "steps"),
         (lambda b: b.advance(-1), InputError, "duration"),
         (lambda b: b.set_positions(np.zeros((2, 4, 3))), InputError, "values: expected shape"),
-        (lambda b: b.set_velocities(np.full((2, 16, 3), np.nan)), InputError, r"values\[0, 0, 0\]: expected fin"),
+        (
+            lambda b: b.set_velocities(np.full((2, 16, 3), np.nan)),
+            InputError,
+            r"values\[0, 0, 0\]: expected fin",
+        ),
         (lambda b: b.set_forces(np.zeros((16, 3)), worlds=[0, 0]), InputError, "worlds: .* once"),
         (lambda b: b.set_forces(np.zeros((16, 3)), worlds=[2]), IndexError, r"worlds\[0\]"),
         (lambda b: b.copy_world(2), IndexError, "world: expected a number below 2"),
