@@ -6,6 +6,7 @@
 
 namespace py = pybind11;
 
+void bind_batch(py::module_& m);
 void bind_core(py::module_& m);
 void bind_fields(py::module_& m);
 void bind_geometry(py::module_& m);

@@ -120,7 +120,7 @@ void bind_grid_liquid_reports(py::module_& m) {
 
 void bind_grid_liquid(py::module_& m) {
   bind_grid_liquid_reports(m);
-  py::class_<GridLiquid>(m, "GridLiquid")
+  py::class_<GridLiquid, substep::Simulation>(m, "GridLiquid")
       .def(py::init([](std::vector<std::shared_ptr<substep::geometry::Collider>> colliders,
                        const substep::geometry::ParticleFlow& flow, const py::dict& given,
                        const std::string& dtype) {

@@ -7,6 +7,7 @@ PYBIND11_MODULE(_core, m) {
   m.attr("version") = SUBSTEP_VERSION;
   bind_core(m);
   bind_owner(m);
+  bind_batch(m);  // before the simulations, whose base it has
   bind_fields(m);
   bind_geometry(m);
   bind_particle_flow(m);

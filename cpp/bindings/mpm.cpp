@@ -150,7 +150,7 @@ py::dict report(const Method& self) {
 }
 
 void bind_method(py::module_& m) {
-  py::class_<Method>(m, "MaterialPointMethod")
+  py::class_<Method, substep::Simulation>(m, "MaterialPointMethod")
       .def(py::init([](const py::dict& given, std::vector<std::shared_ptr<Collider>> colliders,
                        const ParticleFlow& flow, int dimension, const std::string& dtype) {
              return make_method(precision(dtype), dimension, settings(given), materials(given),
@@ -181,8 +181,7 @@ void bind_method(py::module_& m) {
       .def("step", &Method::step, py::arg("dt"), py::call_guard<py::gil_scoped_release>())
       .def("step_by_limit", &Method::step_by_limit, py::call_guard<py::gil_scoped_release>())
       .def("advance", &Method::advance, py::arg("end"), py::call_guard<py::gil_scoped_release>())
-      .def("next_leg", &Method::next_leg, py::arg("end"), py::call_guard<py::gil_scoped_release>())
-      .def("advance_once", &Method::advance_once, py::arg("leg"), py::arg("goes_on"),
+      .def("advance_once", &Method::advance_once, py::arg("end"), py::arg("first"),
            py::call_guard<py::gil_scoped_release>())
       .def("step_limit",
            [](const Method& self) {
@@ -250,7 +249,6 @@ void bind_mpm(py::module_& m) {
       .def_property_readonly("momentum", [](const Diagnostics& s) { return triple(s.momentum); })
       .def_property_readonly("angular_momentum",
                              [](const Diagnostics& s) { return triple(s.angular_momentum); });
-  py::class_<Leg>(m, "MaterialPointLeg").def_readonly("end", &Leg::end);
   m.def("material_state_fields", &state_fields);
   bind_method(m);
 }

@@ -56,7 +56,7 @@ std::unique_ptr<Body> make_body(const Reals& positions, const Reals& velocities,
 }
 
 void bind_body(py::module_& m) {
-  py::class_<Body>(m, "PositionBasedDynamics")
+  py::class_<Body, substep::Simulation>(m, "PositionBasedDynamics")
       .def(py::init(&make_body), py::arg("positions").noconvert(),
            py::arg("velocities").noconvert(), py::arg("masses").noconvert(),
            py::arg("pinned").noconvert(), py::arg("groups"), py::arg("options"),

@@ -114,7 +114,7 @@ void bind_reports(py::module_& m) {
 
 void bind_pbf(py::module_& m) {
   bind_reports(m);
-  py::class_<Liquid>(m, "PositionBasedFluid")
+  py::class_<Liquid, substep::Simulation>(m, "PositionBasedFluid")
       .def(py::init([](const Triple& origin, std::vector<std::shared_ptr<Collider>> colliders,
                        const ParticleFlow& flow, const py::dict& given, const std::string& dtype) {
              return make_liquid(precision(dtype), vector(origin), std::move(colliders),

@@ -2,6 +2,8 @@
 
 #include "arrays.h"
 #include "substep/core/errors.h"
+#include "substep/core/simulation.h"
+#include "substep/geometry/kept_colliders.h"
 #include "substep/springs/deformable.h"
 #include "substep/springs/drag_term.h"
 #include "substep/springs/newton_minimiser.h"
@@ -22,15 +24,49 @@ Positions rows(const Reals& a) {
 }
 
 // The body, and the colliders of Python that it moves and that are read before each step.
-struct Body {
-  Deformable body;
-  std::vector<std::shared_ptr<Collider>> colliders;
+class Body final : public substep::Simulation {
+ public:
+  template <class... Arguments>
+  explicit Body(std::vector<std::shared_ptr<Collider>> colliders, Arguments&&... arguments)
+      : body(std::forward<Arguments>(arguments)...), colliders_(std::move(colliders)) {}
 
-  void step(double h) {
-    for (std::size_t c = 0; c < colliders.size(); ++c) body.contacts.colliders[c] = *colliders[c];
+  void step(double h) override {
+    for (std::size_t c = 0; c < colliders_.size(); ++c) body.contacts.colliders[c] = *colliders_[c];
     body.step(h);
-    for (std::size_t c = 0; c < colliders.size(); ++c) *colliders[c] = body.contacts.colliders[c];
+    for (std::size_t c = 0; c < colliders_.size(); ++c) *colliders_[c] = body.contacts.colliders[c];
   }
+  double time() const override { return body.time; }
+  void set_time(double time) override { body.time = time; }
+  void keep() override {
+    kept_time_ = body.time;
+    for (std::size_t k = 0; k < kept_.size(); ++k) kept_[k] = *arrays()[k];
+    kept_colliders_.keep(colliders_);
+  }
+  // Copies the numbers: the vectors have views.
+  void rewind() override {
+    body.time = kept_time_;
+    for (std::size_t k = 0; k < kept_.size(); ++k)
+      std::copy(kept_[k].begin(), kept_[k].end(), arrays()[k]->begin());
+    kept_colliders_.rewind(colliders_);
+  }
+  std::vector<double> positions() const override { return flat(body.positions); }
+  std::vector<double> velocities() const override { return flat(body.velocities); }
+
+  Deformable body;
+
+ private:
+  std::array<std::vector<Vec3>*, 4> arrays() {
+    return {&body.positions, &body.velocities, &body.forces, &body.targets};
+  }
+  static std::vector<double> flat(const std::vector<Vec3>& rows) {
+    const auto* numbers = reinterpret_cast<const double*>(rows.data());
+    return {numbers, numbers + 3 * rows.size()};
+  }
+
+  std::vector<std::shared_ptr<Collider>> colliders_;
+  double kept_time_ = 0;  // and what follows: see keep()
+  std::array<std::vector<Vec3>, 4> kept_;
+  substep::geometry::KeptColliders kept_colliders_;
 };
 
 Integrator integrator(const std::string& name) {
@@ -91,7 +127,7 @@ void bind_deformable(py::module_& m) {
       .def_readonly("minimisations", &StepReport::minimisations)
       .def_readonly("failed", &StepReport::failed)
       .def_readonly("residuals", &StepReport::residuals);
-  py::class_<Body>(m, "Deformable")
+  py::class_<Body, substep::Simulation>(m, "Deformable")
       .def(py::init([](const Reals& positions, const Reals& velocities, const Reals& masses,
                        const Flags& pinned, const std::vector<std::shared_ptr<Term>>& terms,
                        const std::vector<std::shared_ptr<Collider>>& colliders,
@@ -109,11 +145,10 @@ void bind_deformable(py::module_& m) {
                                              .max_halvings = max_halvings,
                                              .contact_stiffness = contact_stiffness,
                                              .threads = threads};
-             return new Body{
-                 {rows(positions), rows(velocities), std::span(masses.data(), masses.size()),
-                  std::span(pinned.data(), pinned.size()), terms, contacts,
-                  minimiser(solver, max_iterations), options},
-                 colliders};
+             return new Body(colliders, rows(positions), rows(velocities),
+                             std::span(masses.data(), masses.size()),
+                             std::span(pinned.data(), pinned.size()), terms, contacts,
+                             minimiser(solver, max_iterations), options);
            }),
            py::arg("positions").noconvert(), py::arg("velocities").noconvert(),
            py::arg("masses").noconvert(), py::arg("pinned").noconvert(), py::arg("terms"),
@@ -138,9 +173,7 @@ void bind_deformable(py::module_& m) {
           [](Body& self, const Flags& pinned) {
             self.body.set_pinned(std::span(pinned.data(), pinned.size()));
           })
-      .def_property(
-          "time", [](const Body& self) { return self.body.time; },
-          [](Body& self, double time) { self.body.time = time; })
+      .def_property("time", &Body::time, &Body::set_time)
       .def_property(
           "threads", [](const Body& self) { return self.body.options.threads; },
           [](Body& self, int threads) { self.body.set_threads(threads); })

@@ -22,6 +22,7 @@ _EXPORTS = {
         "TruncatedError",
         "VersionError",
     ),
+    "batch": ("Batch",),
     "coupling": ("World",),
     "export": ("pack",),
     "ode": (
@@ -139,6 +140,7 @@ if TYPE_CHECKING:  # `as` says that a name is for users
         systems as systems,
         validate as validate,
     )
+    from .batch import Batch as Batch
     from .config import (
         num_threads as num_threads,
         set_num_threads as set_num_threads,

@@ -651,6 +651,13 @@ OWN_CALLS = {
         call("body", name="trunk"),
         call("joint", name="knee"),
     ),
+    substep.Batch: (
+        call("step", _batch_steps, steps=3),
+        call("reset", worlds=[1]),
+        call("copy_world", world=1),
+        call("world_diagnostics"),
+        call("set_positions", values=[[0, 0, 0], [0.6, 0, 0], [1.1, 0, 0]], worlds=[0, 2]),
+    ),
     substep.RigidBatch: (
         call("step", _batch_steps, steps=3),
         call("rollout", _batch_steps, steps=3),
@@ -1038,6 +1045,7 @@ def functions():
         # rigid bodies
         call("RigidBodies", gravity=(0, 0, -1), step=0.01, substeps=2, sleeping=True),
         call("RigidBatch", template=bodies, worlds=2, threads=1),
+        call("Batch", template=lambda o: example(substep.MassSpring)(), worlds=2, threads=1),
         call("rigid.Fixture", shape=ball, density=5.0, friction=0.5, group=1, material="wood"),
         call("rigid.MassProperties", mass=1.0, center_of_mass=(0, 0, 0), inertia=np.eye(3)),
         call("rigid.SpeedMotor", speed=1.0, strength=5.0),

@@ -121,6 +121,14 @@ def batch_after_a_step(setter, values):
     return np.concatenate([batch.positions, batch.rotations], axis=2)
 
 
+def particles_after_a_step(setter, values):
+    """Positions in two worlds of two particles after a step."""
+    batch = substep.Batch(substep.PositionBasedDynamics(9 * ROWS, 1.0, dtype="float64"), 2)
+    getattr(batch, setter)(**values)
+    batch.step(0.25)
+    return batch.positions
+
+
 TURNED = np.array([[1.0, 2, 0.5, 0.25], [2.0, 1, 0, 0]])
 MOMENTS = np.array([[2.0, 2.5, 3.0], [1.5, 1.5, 1.25]])
 
@@ -226,6 +234,20 @@ ENTRIES = [
             ("set_angular_velocities", ROWS),
             ("set_forces", ROWS),
             ("set_torques", np.stack([ROWS, ROWS])),
+        )
+    ),
+    *(
+        Entry(
+            f"Batch.{setter}",
+            lambda values, setter=setter: particles_after_a_step(setter, {"values": values}),
+            rows,
+            "values",
+            any_length=False,
+        )
+        for setter, rows in (
+            ("set_positions", np.stack([ROWS, 9 * ROWS])),
+            ("set_velocities", ROWS),
+            ("set_forces", ROWS),
         )
     ),
     Entry(

@@ -6,6 +6,7 @@
 #include "substep/core/errors.h"
 #include "substep/core/rows_by_id.h"
 #include "substep/core/usize.h"
+#include "substep/geometry/kept_colliders.h"
 #include "substep/pbf/fluid.h"
 
 namespace substep::pbf {
@@ -65,6 +66,14 @@ class LiquidOf final : public Liquid {
     fluid_.step(dt);
     for (std::size_t c = 0; c < colliders_.size(); ++c)
       *colliders_[c] = fluid_.boundary.colliders()[c];
+  }
+  void keep() override {
+    kept_ = state();
+    kept_colliders_.keep(colliders_);
+  }
+  void rewind() override {
+    restore(kept_);
+    kept_colliders_.rewind(colliders_);
   }
 
   std::int64_t size() const override { return fluid_.particles.size(); }
@@ -176,6 +185,8 @@ class LiquidOf final : public Liquid {
 
   Fluid<Real> fluid_;
   Colliders colliders_;
+  LiquidState kept_;
+  geometry::KeptColliders kept_colliders_;
 };
 
 }  // namespace

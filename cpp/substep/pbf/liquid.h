@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "substep/core/numbers.h"
+#include "substep/core/simulation.h"
 #include "substep/geometry/collider.h"
 #include "substep/geometry/particle_flow.h"
 #include "substep/pbf/options.h"
@@ -24,32 +25,25 @@ struct LiquidState {
   geometry::ParticleFlow::Counts flow;
 };
 
-class Liquid {
+class Liquid : public Simulation {
  public:
   using Places = std::span<const std::int64_t>;  // in the order of ids
-
-  virtual ~Liquid() = default;
 
   // Returns the id of the first.
   virtual std::int64_t add(std::span<const Vec3> x, std::span<const Vec3> v,
                            std::span<const std::int32_t> fluid) = 0;
   virtual void remove(Places places) = 0;
-  // As in Fluid.
-  virtual void step(double dt) = 0;
 
   virtual std::int64_t size() const = 0;
   virtual int dimension() const = 0;
+  int columns() const final { return dimension(); }
   virtual std::vector<std::int64_t> ids() const = 0;
   virtual std::vector<std::int32_t> fluids() const = 0;
-  virtual std::vector<double> positions() const = 0;   // (n, dimension) [m]
-  virtual std::vector<double> velocities() const = 0;  // (n, dimension) [m/s]
-  virtual std::vector<double> densities() = 0;         // (n), see Fluid::densities()
+  virtual std::vector<double> densities() = 0;  // (n), see Fluid::densities()
   virtual void set_positions(std::span<const Vec3> x, Places places) = 0;
   virtual void set_velocities(std::span<const Vec3> v, Places places) = 0;
   virtual void set_forces(std::span<const Vec3> f, Places places) = 0;
 
-  virtual double time() const = 0;
-  virtual void set_time(double time) = 0;
   virtual int threads() const = 0;
   virtual void set_threads(int threads) = 0;
   virtual FluidReport report() const = 0;

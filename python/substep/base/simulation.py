@@ -65,6 +65,7 @@ class Simulation(Owned, Pictured):
     _fixed_step: ClassVar[bool] = False  # whether `advance` counts steps of `step_size`
     _pushes_bodies: ClassVar[bool] = True  # whether obstacles that stand for bodies yield
     _rows_are: ClassVar[str] = "particles"
+    _fuses_steps: ClassVar[bool] = False  # whether the native `advance` takes them, of its sizes
     _thinnest: float | None = None  # surface that it can have as obstacles [m]; None: it has none
 
     def __init__(self, native: Any, time: float, threads: int | None) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..base.checks import check_real, describe
 from ..base.schema import TIME, Entry, Number, Rows, check
 from ..base.simulation import Simulation
+from ..batch import Batch
 from ..errors import InputError, NonFiniteError, SolverError
 from ..rigid import RigidBatch, RigidBodies
 from ..rigid.colliders import BodyCollider
@@ -535,7 +536,7 @@ def _check_members(members: Any) -> dict[str, Simulation]:
             raise InputError("members: 'exchanged' is a name in states of the world")
         if not isinstance(name, str) or not name.isidentifier():
             raise InputError(f"members: expected names of letters, digits and '_', got {name!r}")
-        if not isinstance(member, Simulation) or isinstance(member, (World, RigidBatch)):
+        if not isinstance(member, Simulation) or isinstance(member, (World, Batch, RigidBatch)):
             raise TypeError(f"members[{name!r}]: expected a simulation, got {describe(member)}")
         if any(member is other for other in given.values()):
             raise InputError(f"members[{name!r}]: is given twice")

@@ -191,6 +191,8 @@ class MaterialPointMethod(Particles):
     8.0
     """
 
+    _fuses_steps = True
+
     materials: tuple[Material, ...]
     cell: float
     cfl: float
@@ -428,13 +430,10 @@ class MaterialPointMethod(Particles):
         if callback is None:
             self._take("advance", end)
             return
-        leg = None
+        first = True
         while self.time < end:  # the same steps, one by one
-            goes_on = leg is not None
-            leg = leg or self._native.next_leg(end)
-            self._take("advance_once", leg, goes_on)
-            if self.time >= leg.end:
-                leg = None
+            self._take("advance_once", end, first)
+            first = False
             callback(self)
 
     def _take(self, call: str, *arguments: Any) -> None:

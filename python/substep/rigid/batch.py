@@ -22,9 +22,9 @@ from ..base.checks import (
 from ..base.rows import read_only
 from ..base.schema import MOST, TIME, Entry, Texts
 from ..base.simulation import Simulation, whole_steps, with_energy
+from ..base.worlds import find_worlds, join_states, joined_entries, state_of_world
 from ..errors import InputError, SolverError
 from .batch_rows import BatchRows
-from .batch_state import join_states, joined_entries, state_of_world
 from .bodies import RigidBodies
 from .rows import BodyRows, check_squares
 from .state import SCHEMA, rename
@@ -324,7 +324,7 @@ class RigidBatch(BatchRows):
         >>> batch.positions[:, ball, 2].round(3).tolist()
         [0.966, 1.0, 0.966]
         """
-        chosen = self._worlds("worlds", worlds)
+        chosen = find_worlds("worlds", worlds, len(self))
         if to is None:
             self._native.reset(chosen)
             self._remember(chosen, [self._first[w] for w in chosen])
@@ -362,7 +362,7 @@ class RigidBatch(BatchRows):
         IndexError
             If there is no such world.
         """
-        w = int(self._worlds("world", check_integer("world", world))[0])
+        w = int(find_worlds("world", check_integer("world", world), len(self))[0])
         bodies = self._made[w].copy()
         self._native.copy_out(w, bodies._native)
         return bodies

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import as_array, as_integers, check_array, describe
+from ..base.checks import as_array, check_array, describe
 from ..base.quaternions import multiply, rotate, unit_quaternions
 from ..base.rows import read_only, rows_of
 from ..base.simulation import Simulation
+from ..base.worlds import check_once, find_worlds
 from ..errors import InputError
 from .bodies import RigidBodies
 from .joint import Joint
@@ -309,7 +310,7 @@ class BatchRows(Simulation):
         """
         if not isinstance(joint, Joint):
             raise TypeError(f"joint: expected a Joint, got {describe(joint)}")
-        chosen = self._worlds("worlds", worlds)
+        chosen = find_worlds("worlds", worlds, len(self))
         values = as_array("targets", targets)
         values = check_array("targets", values, (len(chosen),) if values.ndim else ())
         rows = {made: made._joint_ids for made in {*(self._made[w] for w in chosen)}}
@@ -370,7 +371,7 @@ class BatchRows(Simulation):
 
     def _where(self, ids: ArrayLike | None, worlds: ArrayLike | None) -> Where:
         """Worlds, and the rows of these bodies in each; of all, those that a world may not have."""
-        chosen = self._worlds("worlds", worlds)
+        chosen = find_worlds("worlds", worlds, len(self))
         if ids is None:
             every = np.arange(self._ids.shape[1])
             return chosen, np.broadcast_to(every, (len(chosen), len(every)))
@@ -378,7 +379,7 @@ class BatchRows(Simulation):
             return chosen, np.zeros((0, as_array("ids", ids).size), np.int64)
         if self._alike:
             rows = self._made[chosen[0]]._rows(ids)
-            _check_once("ids", rows)
+            check_once("ids", rows)
             return chosen, np.broadcast_to(rows, (len(chosen), len(rows)))
         each = []
         for w in chosen:
@@ -386,29 +387,13 @@ class BatchRows(Simulation):
                 each.append(self._made[w]._rows(ids))
             except IndexError as error:
                 raise IndexError(f"world {w}: {error}") from None
-            _check_once("ids", each[-1])
+            check_once("ids", each[-1])
         return chosen, np.array(each, np.int64)
 
     def _present(self, worlds: Ids) -> Ids:
         """Bodies of each of these worlds, as a column."""
         counts: Ids = self.counts[worlds][:, None]
         return counts
-
-    def _worlds(self, name: str, given: ArrayLike | None) -> Ids:
-        if given is None:
-            return np.arange(len(self))
-        numbers = as_integers(name, given)
-        if numbers.ndim > 1 or numbers.dtype.kind not in "iu":
-            raise InputError(f"{name}: expected integers, shape (k,), got {describe(given)}")
-        several = numbers.ndim == 1
-        numbers = np.atleast_1d(numbers)
-        wrong = (numbers < 0) | (numbers >= len(self))
-        if wrong.any():
-            k = int(np.argmax(wrong))
-            where = f"{name}[{k}]" if several else name
-            raise IndexError(f"{where}: expected a number below {len(self)}, got {numbers[k]}")
-        _check_once(name, numbers)
-        return numbers.astype(np.int64)
 
     def _given(self, values: ArrayLike, ids: ArrayLike | None, where: Where, columns: int) -> Array:
         return self._values("values", rows_of(values, ids), where, columns)
@@ -430,8 +415,3 @@ class BatchRows(Simulation):
         rows = self._values(name, value, where, 3)
         check_momenta(name, rows, self._pick(self._weights, where))
         return rows
-
-
-def _check_once(name: str, numbers: Ids) -> None:
-    if len(np.unique(numbers)) < len(numbers):
-        raise InputError(f"{name}: expected each number once")

@@ -115,12 +115,9 @@ Falling falling(const Scene& scene) {
 std::vector<std::string> whole_steps(const Scene& scene) {
   const Falling it = falling(scene);
   std::vector<std::string> states = {it.state()};
-  while (it.method->time() < scene.end()) {
-    const Leg leg = it.method->next_leg(scene.end());
-    for (bool goes_on = false; it.method->time() < leg.end; goes_on = true) {
-      it.method->advance_once(leg, goes_on);
-      states.push_back(it.state());
-    }
+  for (bool first = true; it.method->time() < scene.end(); first = false) {
+    it.method->advance_once(scene.end(), first);
+    states.push_back(it.state());
   }
   return states;
 }

@@ -6,6 +6,7 @@
 #include "substep/core/errors.h"
 #include "substep/core/rows_by_id.h"
 #include "substep/core/usize.h"
+#include "substep/geometry/kept_colliders.h"
 #include "substep/gridfluid/liquid/grid_liquid.h"
 
 namespace substep::gridfluid {
@@ -43,8 +44,14 @@ class LiquidOf final : public Liquid {
     }
   }
 
-  void keep() override { liquid_.keep(); }
-  void rewind() override { liquid_.rewind(); }
+  void keep() override {
+    liquid_.keep();
+    kept_colliders_.keep(colliders_);
+  }
+  void rewind() override {
+    liquid_.rewind();
+    kept_colliders_.rewind(colliders_);
+  }
 
   std::int64_t size() const override { return liquid_.particles.size(); }
   std::int64_t deep_cells() const override { return liquid_.band ? liquid_.band->count() : 0; }
@@ -193,6 +200,7 @@ class LiquidOf final : public Liquid {
 
   GridLiquid<Real, D> liquid_;
   Colliders colliders_;
+  geometry::KeptColliders kept_colliders_;
 };
 
 template <class Real>

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "substep/core/numbers.h"
+#include "substep/core/simulation.h"
 #include "substep/geometry/collider.h"
 #include "substep/geometry/particle_flow.h"
 #include "substep/gridfluid/particles/move.h"
@@ -85,34 +86,23 @@ struct LiquidState {
   geometry::ParticleFlow::Counts flow;
 };
 
-class Liquid {
+class Liquid : public Simulation {
  public:
   using Places = std::span<const std::int64_t>;  // in the order of ids
-
-  virtual ~Liquid() = default;
 
   // Returns the id of the first. InputError: a point outside of the box.
   virtual std::int64_t add(std::span<const Vec3> x, std::span<const Vec3> v) = 0;
   virtual void remove(Places places) = 0;
-  // One step, or an exception and nothing has changed.
-  virtual void step(double dt) = 0;
-  // Keeps the present state, and goes back to it, once, from what steps alone have made of it; not
-  // that of the colliders.
-  virtual void keep() = 0;
-  virtual void rewind() = 0;
 
   virtual std::int64_t size() const = 0;
   virtual std::int64_t deep_cells() const = 0;  // of a narrow band: full, without particles
   virtual int dimension() const = 0;
+  int columns() const final { return dimension(); }
   virtual std::vector<std::int64_t> ids() const = 0;
-  virtual std::vector<double> positions() const = 0;   // (n, dimension) [m]
-  virtual std::vector<double> velocities() const = 0;  // (n, dimension) [m/s]
   virtual void set_positions(std::span<const Vec3> x, Places places) = 0;
   virtual void set_velocities(std::span<const Vec3> v, Places places) = 0;
   virtual void set_forces(std::span<const Vec3> f, Places places) = 0;
 
-  virtual double time() const = 0;
-  virtual void set_time(double time) = 0;
   virtual int threads() const = 0;
   virtual void set_threads(int threads) = 0;
   virtual LiquidReport report() const = 0;

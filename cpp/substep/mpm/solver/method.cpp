@@ -1,11 +1,13 @@
 #include "substep/mpm/solver/method.h"
 
 #include <algorithm>
+#include <optional>
 #include <string>
 #include <utility>
 
 #include "substep/core/errors.h"
 #include "substep/core/usize.h"
+#include "substep/geometry/kept_colliders.h"
 #include "substep/mpm/solver/solver.h"
 
 namespace substep::mpm {
@@ -57,9 +59,19 @@ class MethodOf final : public Method {
   void advance(double end) override {
     run([&] { solver_.advance(end); });
   }
-  Leg next_leg(double end) const override { return solver_.next_leg(end); }
-  void advance_once(const Leg& leg, bool goes_on) override {
-    run([&] { solver_.advance_once(leg, goes_on); });
+  void advance_once(double end, bool first) override {
+    const bool goes_on = !first && leg_;
+    if (!goes_on) leg_ = solver_.next_leg(end);
+    run([&] { solver_.advance_once(*leg_, goes_on); });
+    if (time() >= leg_->end) leg_.reset();
+  }
+  void keep() override {
+    kept_ = state();
+    kept_colliders_.keep(colliders_);
+  }
+  void rewind() override {
+    restore(kept_);
+    kept_colliders_.rewind(colliders_);
   }
   StepLimit step_limit() const override { return solver_.step_limit(); }
 
@@ -194,6 +206,9 @@ class MethodOf final : public Method {
 
   Solver<Real, D> solver_;
   Colliders colliders_;
+  std::optional<Leg> leg_;  // that advance_once() is in
+  MethodState kept_;
+  geometry::KeptColliders kept_colliders_;
 };
 
 }  // namespace

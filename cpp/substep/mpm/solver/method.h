@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "substep/core/numbers.h"
+#include "substep/core/simulation.h"
 #include "substep/geometry/collider.h"
 #include "substep/geometry/particle_flow.h"
 #include "substep/mpm/materials/catalogue.h"
@@ -48,11 +49,9 @@ struct MethodState {
   geometry::ParticleFlow::Counts flow;
 };
 
-class Method {
+class Method : public Simulation {
  public:
   using Places = std::span<const std::int64_t>;  // in the order of ids
-
-  virtual ~Method() = default;
 
   // As in Solver, whose obstacles are the owner's: read before steps, and moved by them, also by
   // those before one that failed.
@@ -60,19 +59,13 @@ class Method {
                            std::span<const std::int32_t> material,
                            std::span<const double> volume) = 0;
   virtual void remove(Places places) = 0;
-  virtual void step(double dt) = 0;
-  virtual void step_by_limit() = 0;
-  virtual void advance(double end) = 0;
-  virtual Leg next_leg(double end) const = 0;
-  virtual void advance_once(const Leg& leg, bool goes_on) = 0;
   virtual StepLimit step_limit() const = 0;
 
   virtual int dimension() const = 0;
+  int columns() const final { return dimension(); }
   virtual std::int64_t size() const = 0;
   virtual std::vector<std::int64_t> ids() const = 0;
   virtual std::vector<std::int32_t> materials() const = 0;
-  virtual std::vector<double> positions() const = 0;
-  virtual std::vector<double> velocities() const = 0;
   virtual std::vector<double> affine() const = 0;
   virtual std::vector<double> volumes() const = 0;
   virtual std::vector<double> stresses() const = 0;
@@ -85,8 +78,6 @@ class Method {
   virtual void set_affine(std::span<const double> C, Places places) = 0;
   virtual void set_material_fields(int material, std::span<const double> fields, Places places) = 0;
 
-  virtual double time() const = 0;
-  virtual void set_time(double time) = 0;
   virtual int threads() const = 0;
   virtual void set_threads(int threads) = 0;
   virtual Report report() const = 0;

@@ -1,9 +1,11 @@
 #include "substep/pbd/solver/body.h"
 
+#include <array>
 #include <utility>
 
 #include "substep/core/errors.h"
 #include "substep/core/usize.h"
+#include "substep/geometry/kept_colliders.h"
 #include "substep/pbd/solver/dynamics.h"
 #include "substep/pbd/solver/multilevel.h"
 
@@ -70,6 +72,22 @@ class BodyOf final : public Body {
   }
   double time() const override { return dynamics_.time; }
   void set_time(double time) override { dynamics_.time = time; }
+  void keep() override {
+    read_raw(kept_.values);
+    kept_.forces.resize(usize(dynamics_.size()));
+    dynamics_.forces(kept_.forces);
+    kept_.groups.resize(dynamics_.groups());
+    for (std::size_t g = 0; g < groups(); ++g) kept_.groups[g] = group_state(g);
+    kept_.time = time();
+    kept_.colliders.keep(colliders_);
+  }
+  void rewind() override {
+    dynamics_.set_raw(kept_.values[0], kept_.values[1], kept_.values[2]);
+    dynamics_.set_forces(kept_.forces);
+    for (std::size_t g = 0; g < groups(); ++g) set_group_state(g, kept_.groups[g]);
+    set_time(kept_.time);
+    kept_.colliders.rewind(colliders_);
+  }
   int threads() const override { return dynamics_.options.threads; }
   void set_threads(int threads) override { dynamics_.options.threads = threads; }
   Triple origin() const override { return dynamics_.origin(); }
@@ -89,9 +107,9 @@ class BodyOf final : public Body {
   void set_pinned(std::span<const std::uint8_t> pinned) override { dynamics_.set_pinned(pinned); }
 
   Raw raw() const override {
-    const auto n = 3 * usize(dynamics_.size());
-    std::vector<Real> x(n), v(n), targets(dynamics_.has_targets() ? n : 0);
-    dynamics_.raw(x, v, targets);
+    RawValues values;
+    read_raw(values);
+    auto& [x, v, targets] = values;
     return {std::move(x), std::move(v), std::move(targets)};
   }
   void set_raw(const Raw& raw) override {
@@ -117,6 +135,15 @@ class BodyOf final : public Body {
   }
 
  private:
+  using RawValues = std::array<std::vector<Real>, 3>;  // positions, velocities, targets
+  void read_raw(RawValues& values) const {
+    auto& [x, v, targets] = values;
+    const auto n = 3 * usize(dynamics_.size());
+    x.resize(n);
+    v.resize(n);
+    targets.resize(dynamics_.has_targets() ? n : 0);
+    dynamics_.raw(x, v, targets);
+  }
   std::vector<double> rows(void (Dynamics<Real>::*get)(std::span<Triple>) const) const {
     std::vector<Triple> rows(usize(dynamics_.size()));
     (dynamics_.*get)(rows);
@@ -128,6 +155,13 @@ class BodyOf final : public Body {
 
   Dynamics<Real> dynamics_;
   Colliders colliders_;
+  struct {
+    RawValues values;
+    std::vector<Triple> forces;
+    std::vector<std::vector<double>> groups;
+    double time = 0;
+    geometry::KeptColliders colliders;
+  } kept_;
 };
 
 }  // namespace

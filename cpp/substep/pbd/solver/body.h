@@ -8,13 +8,14 @@
 #include <vector>
 
 #include "substep/core/numbers.h"
+#include "substep/core/simulation.h"
 #include "substep/geometry/collider.h"
 #include "substep/pbd/solver/options.h"
 #include "substep/pbd/solver/recipes.h"
 
 namespace substep::pbd {
 
-class Body {
+class Body : public Simulation {
  public:
   using Ids = std::span<const std::int64_t>;
   using Rows = std::span<const Triple>;
@@ -24,17 +25,13 @@ class Body {
     Numbers positions, velocities, targets;
   };
 
-  virtual ~Body() = default;
   virtual std::unique_ptr<Body> copy(Colliders colliders) const = 0;
   // See multilevel.h. pairs: the ends of edges of these lengths; rest: positions.
   virtual void use_multilevel(std::span<const std::int32_t> pairs, std::span<const double> lengths,
                               Rows rest) = 0;
   virtual std::vector<std::int64_t> level_sizes() const = 0;  // none without
 
-  // As in Dynamics. Colliders are read before a step, and moved by it.
-  virtual void step(double dt) = 0;
-  virtual double time() const = 0;
-  virtual void set_time(double time) = 0;
+  // As in Dynamics. Colliders are read before a step, and moved by it. Rows are of 3 numbers.
   virtual int threads() const = 0;
   virtual void set_threads(int threads) = 0;
   virtual Triple origin() const = 0;
@@ -42,8 +39,6 @@ class Body {
   virtual double last_substep() const = 0;
   virtual double elastic_energy() const = 0;
 
-  virtual std::vector<double> positions() const = 0;  // (n, 3), as all rows
-  virtual std::vector<double> velocities() const = 0;
   virtual std::vector<double> forces() const = 0;
   virtual std::vector<double> targets() const = 0;
   virtual std::vector<std::uint8_t> pinned() const = 0;

@@ -1,4 +1,4 @@
-"""The state of many worlds as arrays: those of all worlds, one after the other."""
+"""What batches share: worlds by their numbers, and the states of all as arrays."""
 
 from __future__ import annotations
 
@@ -6,9 +6,37 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from ..base.schema import Entry, Number, Rows
 from ..errors import InputError
+from .checks import as_integers, describe
+from .schema import Entry, Number, Rows
+
+Ids = NDArray[np.int64]
+
+
+def find_worlds(name: str, given: ArrayLike | None, count: int) -> Ids:
+    """Numbers of worlds, each once; all unless given."""
+    if given is None:
+        return np.arange(count)
+    numbers = as_integers(name, given)
+    if numbers.ndim > 1 or numbers.dtype.kind not in "iu":
+        raise InputError(f"{name}: expected integers, shape (k,), got {describe(given)}")
+    several = numbers.ndim == 1
+    numbers = np.atleast_1d(numbers)
+    wrong = (numbers < 0) | (numbers >= count)
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        where = f"{name}[{k}]" if several else name
+        raise IndexError(f"{where}: expected a number below {count}, got {numbers[k]}")
+    check_once(name, numbers)
+    return numbers.astype(np.int64)
+
+
+def check_once(name: str, numbers: NDArray[Any]) -> None:
+    """Refuse what is given twice."""
+    if len(np.unique(numbers)) < len(numbers):
+        raise InputError(f"{name}: expected each number once")
 
 
 def join_states(states: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -31,8 +59,10 @@ def joined_entries(entry: Entry) -> list[Entry]:
         shape = (None,) * len(entry.shape)
         counts = Rows(f"count_{name}", np.int64, ("worlds",), low=0)
         return [counts, Rows(f"all_{name}", entry.dtype, shape, finite="any")]
-    kind = np.int64 if isinstance(entry, Number) and entry.kind is int else np.float64
-    return [Rows(f"each_{name}", kind, ("worlds",))]
+    kind = entry.kind if isinstance(entry, Number) else float
+    return [
+        Rows(f"each_{name}", {int: np.int64, bool: np.bool_}.get(kind, np.float64), ("worlds",))
+    ]
 
 
 def state_of_world(state: dict[str, Any], w: int) -> dict[str, Any]:
