@@ -335,6 +335,16 @@ def test_without_meshio_the_extra_is_named(tmp_path):
     assert "pip install substep[mesh]" in done.stderr.splitlines()[-1]
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes")
+@pytest.mark.parametrize("name", ["a.obj", "a.ply"])
+def test_what_is_no_file_is_refused_and_not_waited_for(tmp_path, name):
+    os.mkfifo(tmp_path / name)
+    (tmp_path / "folder.obj").mkdir()
+    for path in (tmp_path / name, "/dev/zero", tmp_path / "folder.obj"):
+        with pytest.raises(FormatError, match="expected a file, got a folder, a pipe or a device"):
+            read_mesh(path)
+
+
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda m: pickle.loads(pickle.dumps(m))])
 def test_copies(copied):
     mesh = sphere_mesh(subdivisions=1)

@@ -210,7 +210,12 @@ def test_a_mesh_is_read_from_beside_the_file(folder):
     ("good", "old", "new", "told"),
     [
         (LIQUID, 'method = "pbf"\n', "", "1:1: method: scene needs it"),
-        (LIQUID, '"pbf"', '"sph"', "2:1: method: expected one of pbf, grid-liquid, mpm, rigid"),
+        (
+            LIQUID,
+            '"pbf"',
+            '"sph"',
+            "2:1: method: expected one of pbf, grid-liquid, mpm, mass-spring",
+        ),
         (LIQUID, "duration = 0.2", "duration = -1", "3:1: duration: expected a finite number"),
         (LIQUID, "viscosity", "viscosty", "8:1: viscosty: unknown key of options; did you mean"),
         (LIQUID, "viscosity = 1e-4", "viscosity = nan", "8:1: viscosity: expected a finite"),
@@ -276,14 +281,123 @@ def test_a_pipe_is_no_mesh(folder):
         scene.build({"duration": 1.0, "spacing": 0.05}, 0)
 
 
-def test_the_file_in_the_docs_is_a_scene(folder):
+def put(path, mesh):
+    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join(lines))
+
+
+def documented(folder):
+    """The files of docs/scenes.md, and the meshes that they name."""
     docs = Path(__file__).parents[2] / "docs/scenes.md"
-    text = re.search(r"```toml\n(\[scene\].*?)```", docs.read_text(encoding="utf-8"), re.DOTALL)[1]
-    ball = substep.geometry.sphere_mesh(100.0)
-    (folder / "meshes").mkdir()
-    lines = [f"v {x} {y} {z}" for x, y, z in ball.vertices]
-    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in ball.faces]
-    (folder / "meshes/rock.obj").write_text("\n".join(lines))
-    gate = read(text, "gate.toml").build({"duration": 1.5, "spacing": 0.05}, 0)
+    text = docs.read_text(encoding="utf-8")
+    put(folder / "meshes/rock.obj", substep.geometry.sphere_mesh(100.0))
+    put(folder / "meshes/bust.obj", substep.geometry.sphere_mesh(195.0))
+    for k in range(4):
+        ball = substep.geometry.sphere_mesh(0.1 + 0.02 * k, (0.5, 0.2, 0.15), 1)
+        put(folder / f"meshes/swelling/{k}.obj", ball)
+    return re.findall(r"```toml\n(\[scene\].*?)```", text, re.DOTALL)
+
+
+def test_the_files_in_the_docs_are_scenes(folder):
+    gate, cloth, jelly, swelling = documented(folder)
+    gate = read(gate, "gate.toml").build({"duration": 1.5, "spacing": 0.05}, 0)
     gate.advance(0.4)
     assert gate.simulation.positions[:, 0].max() > 0.6
+
+    cloth = read(cloth).build({"duration": 1.0, "spacing": 0.1}, 0)
+    assert cloth.simulation.pinned.sum() == 11
+    cloth.advance(0.5)
+    held = cloth.simulation.positions[cloth.simulation.pinned]
+    np.testing.assert_allclose(held[:, 2], 0.6)
+    assert cloth.simulation.positions[:, 2].min() < 0.5
+    assert cloth.parts()["particles"].kind == "mesh"
+
+    jelly = read(jelly).build({"duration": 1.0, "spacing": 0.1}, 0)
+    assert type(jelly.simulation).__name__ == "SoftBody"
+    start = jelly.frame()["particles"]["points"]
+    assert len(start) == 642 and np.linalg.norm(start - [0, 0, 0.3], axis=1).max() < 0.2
+    jelly.advance(0.1)
+    fallen = jelly.frame()["particles"]["points"][:, 2].mean() - start[:, 2].mean()
+    assert fallen == pytest.approx(-9.81 * 21 / 60**2, rel=1e-6)  # implicit Euler in 6 steps
+
+    swelling = read(swelling).build({"duration": 0.5, "spacing": 0.05}, 0)
+    radii = []
+    for _ in range(2):
+        points = swelling.frame()["animation_1"]["points"] - [0.5, 0.2, 0.15]
+        radii.append(np.linalg.norm(points, axis=1).mean())
+        swelling.advance(0.2)
+    np.testing.assert_allclose(radii, [0.1, 0.14], atol=1e-6)
+    away = swelling.simulation["particles"].positions - [0.5, 0.2, 0.15]
+    assert np.linalg.norm(away, axis=1).min() > 0.15
+
+
+def test_cloth_solids_and_skins_of_other_methods(folder):
+    _, cloth, jelly, _ = documented(folder)
+    jelly = jelly.replace("normal = [0, 0, 1]", "normal = [0, 0, 1]\nposition = [0, 0, -1]")
+    values = {"duration": 1.0, "spacing": 0.1}
+    elastic = "stiffness = 500              # [N/m]\ndamping_time = 0.002         # [s]"
+    assert elastic in cloth
+    sheet = cloth.replace("mass-spring", "pbd").replace(elastic, "rigidity = 1e-5")
+    sheet = read(sheet).build(values, 0)
+    sheet.advance(0.3)
+    assert sheet.simulation.positions[:, 2].min() < 0.5
+    body = read(jelly.replace("soft-body", "pbd")).build(values, 0)
+    assert type(body.simulation).__name__ == "PositionBasedDynamics"
+    solid = jelly[jelly.index("\n[solid]") : jelly.index("\n[skin]")]
+    block = "\n[[block]]\nlow = [-0.2, -0.2, 0.1]\nhigh = [0.2, 0.2, 0.5]\n"
+    material = '[[material]]\nclass = "NeoHookean"\nyoung_modulus = 2e4\npoisson_ratio = 0.4\n'
+    snow = jelly.replace("soft-body", "mpm").replace(solid, block + material + "density = 500\n")
+    snow = read(snow).build(values, 0)
+    for one in (body, snow):
+        before = one.frame()["particles"]["points"]
+        one.advance(0.1)
+        assert len(before) == 642
+        fall = one.frame()["particles"]["points"][:, 2].mean() - before[:, 2].mean()
+        assert fall == pytest.approx(-9.81 / 2 * 0.1**2, rel=0.15)  # by steps of a tenth of it
+
+
+@pytest.mark.parametrize(
+    ("which", "old", "new", "told"),
+    [
+        (1, "density = 0.2", "densty = 0.2", "densty: unknown key of cloth; did you mean density?"),
+        (1, "stiffness = 500", "", "stiffness: cloth needs it"),
+        (1, "[-0.51, 0.49, 0.0]", "[-0.51, 0.509, 0.0]", "pinned: expected a box with vertices"),
+        (1, "\n[cloth]", "\n[solid]", "solid: mass-spring has none"),
+        (1, "\n[cloth]", "\n[[cloth]]", "cloth: expected a table [cloth]"),
+        (1, "size = [1.0, 1.0]", "size = [1.0]", "size: expected 2 numbers"),
+        (1, '"mass-spring"', '"pbd"', "stiffness: unknown key of cloth"),
+        (2, "poisson_ratio = 0.4", "poisson_ratio = 0.6", "poisson_ratio: [0]: expected a number"),
+        (2, "poisson_ratio = 0.4", "", "poisson_ratio: solid needs it"),
+        (2, "high = [0.2, 0.2, 0.5]", "high = [0.2, 0.2, 0.1]", "high: expected numbers above"),
+        (2, "scale = 0.001", "scal = 0.001", "scal: unknown key of skin; did you mean scale?"),
+        (2, "scale = 0.001", "scale = 1", "expected vertices within"),
+        (2, '"meshes/bust.obj"', '"../bust.obj"', "file: expected a path"),
+        (2, "\n[solid]", "\n[[block]]", "density: unknown key of block"),
+        (3, "fps = 10", "", "fps: obstacle needs it"),
+        (3, "fps = 10", "fps = 0", "fps: expected"),
+        (
+            3,
+            "thickness = 0.05",
+            "thickness = 0.05\nhollow = true",
+            "hollow: unknown key of obstacle",
+        ),
+        (
+            3,
+            "thickness = 0.05",
+            "thickness = 0.01",
+            "expected a surface of a thickness of at least",
+        ),
+        (3, '"meshes/swelling"', '"meshes/none"', "meshes/none"),
+        (3, '"meshes/swelling"', '"../meshes"', "folder: expected a path"),
+    ],
+)
+def test_faults_of_cloth_skins_and_animations_are_told(folder, capsys, which, old, new, told):
+    text = documented(folder)[which]
+    assert old in text
+    (folder / "a.toml").write_text(text.replace(old, new))
+    assert main(["run", "a.toml", "--no-picture"]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and told in err and err.count("\n") == 1
+    assert sorted(path.name for path in folder.iterdir()) == ["a.toml", "meshes"]

@@ -543,12 +543,14 @@ def test_the_bar_of_colours_is_within_small_pictures_too(tmp_path):
 
     view = View(FRONT, color="heat", limits=(-123456.0, 0.0))
     with square(tmp_path, ["heat"]) as recording:
-        for size in ((480, 270), (960, 540), (1440, 810)):
+        for size in ((160, 90), (320, 180), (480, 270), (960, 540), (1440, 810)):
             figure = Figure(figsize=(size[0] / 150, size[1] / 150), dpi=150)
             view(recording, 0, figure)
             extent = figure.axes[-1].get_tightbbox()
             assert 0.5 * size[0] < extent.x0 and extent.x1 <= size[0]
             assert 0 <= extent.y0 and extent.y1 <= size[1]
+            title = figure.texts[0].get_window_extent()
+            assert title.x1 < size[0] and not title.overlaps(extent)
 
 
 def test_a_field_by_name_keeps_what_the_view_says_of_colours(tmp_path):

@@ -205,7 +205,7 @@ class Surfaces:
         self.pushed = [scale * impulses for impulses in self.pushed]
         for link in self.links:
             of = self._members[link.source]
-            x, v = (np.array(a, np.float64) for a in (of.positions, of.velocities))
+            x, v = _motion(of)
             bad = ~np.isfinite(np.hstack([x, v])).all(axis=1)
             if bad.any():
                 vertex = int(np.argmax(bad))
@@ -225,15 +225,14 @@ class Surfaces:
     def _try(self, name: str, dt: float, end: float, without: int = -1) -> tuple[Array, Array]:
         """Mean and last velocities of the vertices in an interval, which is not taken."""
         member = self._members[name]
-        before, x = member._kept(), np.array(member.positions, np.float64)
+        before, x = member._kept(), _motion(member)[0]
         obstacles = [collider._native.copy() for collider in member.colliders]
         self._drive(name, dt, end, without, trial=True)
-        went = (np.asarray(member.positions, np.float64) - x) / dt
-        v = np.array(member.velocities, np.float64)
+        end_x, v = _motion(member)
         member._put_state(before)
         for collider, kept in zip(member.colliders, obstacles, strict=True):
             collider._native.assign(kept)  # and what they were given in this call
-        return went, v
+        return (end_x - x) / dt, v
 
     def advance(self, name: str, dt: float, end: float) -> None:
         """Let a member take the interval, among the surfaces that it meets."""
@@ -295,6 +294,13 @@ class Surfaces:
         """Copy the impulses, by names that begin with 'exchanged.'."""
         links = zip(self.links, self.pushed, strict=True)
         return {f"exchanged.{k.name}.{k.source}.{k.number}": given.copy() for k, given in links}
+
+
+def _motion(member: Any) -> tuple[Array, Array]:
+    """Positions and velocities of the vertices."""
+    fields = member.fields()
+    x, v = (np.array(fields[name][0], np.float64) for name in ("position", "velocity"))
+    return x, v
 
 
 def _find(members: Mapping[str, Simulation]) -> list[tuple[Any, ...]]:

@@ -11,10 +11,12 @@
 - Meshes (`TriangleMesh`, `TetMesh`), read by `read_mesh` or made by `grid_mesh`, `box_mesh`,
   `sphere_mesh` and `box_tetrahedra`; `TriangleMesh.report` describes the defects of a mesh.
 - `transform_mesh` scales, turns and moves a mesh; `follow_keyframes` moves obstacles along
-  `Keyframes`.
+  `Keyframes`, and `AnimatedMesh` is an obstacle that deforms as frames say.
+- `Skin` is a fine surface that follows simulated particles or tetrahedra.
 - `neighbour_lists`: which points are closer to each other than a radius.
 """
 
+from .animated_mesh import AnimatedMesh
 from .colliders import Collider
 from .decomposition import convex_decomposition
 from .filling import tetrahedralize
@@ -28,11 +30,13 @@ from .primitives import box_mesh, box_tetrahedra, grid_mesh, sphere_mesh
 from .sampled_distance import SignedDistanceField
 from .shape import Shape
 from .shapes import Box, Capsule, ConvexHull, Cylinder, Plane, Sphere
+from .skin import Skin
 from .tet_mesh import TetMesh
 from .transform import transform_mesh
 from .triangle_mesh import TriangleMesh
 
 __all__ = [
+    "AnimatedMesh",
     "Box",
     "Capsule",
     "Collider",
@@ -45,6 +49,7 @@ __all__ = [
     "Plane",
     "Shape",
     "SignedDistanceField",
+    "Skin",
     "Sphere",
     "TetMesh",
     "TriangleMesh",

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.checks import check_real
-from ..base.rows import Points
+from ..base.simulation import Simulation
 from ..errors import InputError
 from .colliders import StandIn
 from .shape import Shape
@@ -95,10 +95,11 @@ class _Facet(Shape):
         return _core.Collider.triangle(a, b, c, self.radius)
 
 
-class Deforming(Points):
-    """Vertices with masses, the triangles between which can be obstacles of other simulations."""
+class Deforming(Simulation):
+    """Vertices, the triangles between which can be obstacles of other simulations."""
 
     positions: Any
+    _dimension: int
 
     def make_colliders(
         self, thickness: float, *, faces: ArrayLike | None = None, friction: float = 0.0

@@ -62,13 +62,8 @@ class Keyframes(Frozen):
     def __init__(
         self, times: ArrayLike, positions: ArrayLike, rotations: ArrayLike | None = None
     ) -> None:
-        t = check_array("times", times, (None,))
+        t = check_times(times)
         n = len(t)
-        if n == 0 or t[0] != 0 or not (np.diff(t) > 2 * _SLACK * np.maximum(1.0, t[1:])).all():
-            raise InputError(
-                "times: expected ascending ones from 0, apart by more than 2e-9 max(1, t), "
-                f"got {t[:8].tolist()}"
-            )
         x = check_array("positions", positions, (n, 3))
         q = None
         if rotations is not None:
@@ -138,6 +133,17 @@ class Keyframes(Frozen):
         collider.velocity = velocity
         if self.rotations is not None:
             collider.angular_velocity = spin
+
+
+def check_times(times: ArrayLike) -> Array:
+    """Those of frames: ascending from 0, and not too near to each other."""
+    t: Array = check_array("times", times, (None,))
+    if len(t) == 0 or t[0] != 0 or not (np.diff(t) > 2 * _SLACK * np.maximum(1.0, t[1:])).all():
+        raise InputError(
+            "times: expected ascending ones from 0, apart by more than 2e-9 max(1, t), "
+            f"got {t[:8].tolist()}"
+        )
+    return t
 
 
 def _turn(start: Array, end: Array) -> Array:

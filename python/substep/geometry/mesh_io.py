@@ -68,6 +68,8 @@ def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh | TetMesh:
     [[0, 1, 2], [0, 2, 3]]
     """
     file = Path(check_path(path))
+    if file.exists() and not file.is_file():  # to open a pipe would wait for ever
+        raise FormatError(f"{path}: expected a file, got a folder, a pipe or a device")
     read = _read_obj if file.suffix.lower() == ".obj" else _read_with_meshio
     vertices, sizes, corners, tetrahedra = read(file)
     try:

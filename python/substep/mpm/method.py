@@ -27,6 +27,7 @@ from ..base.simulation import StepReport, momenta, with_energy
 from ..errors import InputError, SolverError
 from ..geometry import Collider, Shape
 from ..geometry.colliders import check_colliders
+from ..geometry.skin import Skinned
 from ..particles.emitters import Emitter, Sink
 from ..particles.state import ON_ESCAPE, Particles, check_bounds, check_kinds
 from .materials import Material
@@ -85,7 +86,7 @@ class MaterialPointReport(StepReport):
             self.dt, self.limit = native["dt"], native["limit"]
 
 
-class MaterialPointMethod(Particles):
+class MaterialPointMethod(Particles, Skinned):
     """Particles of any material that move through a grid, where forces and obstacles act.
 
     A particle carries mass, velocity, its affine part, and the deformation of its material. A step

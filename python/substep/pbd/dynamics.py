@@ -35,6 +35,7 @@ from ..geometry.colliders import (
     restore_colliders,
 )
 from ..geometry.facets import Deforming
+from ..geometry.skin import Skinned
 from .constraints import (
     Distance,
 )
@@ -60,7 +61,7 @@ class ConstraintReport(StepReport):
     skipped: int = 0
 
 
-class PositionBasedDynamics(Deforming):
+class PositionBasedDynamics(Deforming, Skinned):
     """Particles with masses that constraints hold together.
 
     Each step is cut into substeps. In each the particles move freely, the constraints are projected

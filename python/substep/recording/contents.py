@@ -10,14 +10,18 @@ from .parts import Part
 def particle_parts(simulation: Any) -> dict[str, Part]:
     """One part of all fields that the simulation offers: `particles`, or the cells of a `grid`.
 
-    Cloth, nets and soft bodies are meshes. Of a `World` one for each member, under its name.
+    Cloth, nets and soft bodies are meshes, and what has a `skin` is that. Of a `World` one for each
+    member, under its name.
     """
     from .topology import shapes_of, topology_of  # loads the methods
 
     parts = {}
     for name, member, columns in _blocks(simulation):
         units = {key: unit for key, (_, unit) in columns.items() if key != "position"}
-        if "position" in columns:
+        skin = getattr(member, "skin", None)
+        if skin is not None:
+            parts[name or "particles"] = Part("mesh", units, triangles=skin.faces)
+        elif "position" in columns:
             topology = topology_of(member)
             kind = "bodies" if "orientation" in units else "mesh" if topology else "particles"
             shapes = shapes_of(member) if kind == "bodies" else {}
@@ -46,4 +50,7 @@ def _blocks(simulation: Any) -> list[tuple[str, Any, dict[str, tuple[Any, str]]]
 
 
 def _columns(simulation: Any) -> dict[str, tuple[Any, str]]:
-    return {name: (values, unit or "1") for name, (values, unit) in simulation.fields().items()}
+    fields = simulation.fields()
+    if (skin := getattr(simulation, "skin", None)) is not None:
+        fields = {key: (skin(fields[key][0]), fields[key][1]) for key in ("position", "velocity")}
+    return {name: (values, unit or "1") for name, (values, unit) in fields.items()}

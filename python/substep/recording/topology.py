@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry import TetMesh
+from ..geometry import AnimatedMesh, TetMesh
 from ..pbd import PositionBasedDynamics, SelfCollision
 from ..rigid import RigidBodies
 from ..springs import MassSpring, SoftBody
@@ -19,6 +19,8 @@ def topology_of(simulation: Any) -> dict[str, Any]:
     name, rows = "triangles", np.zeros((0, 3), np.int64)
     if isinstance(simulation, SoftBody):
         name, rows = "tetrahedra", simulation.mesh.tetrahedra
+    elif isinstance(simulation, AnimatedMesh):
+        rows = simulation.faces
     elif isinstance(simulation, MassSpring):
         if simulation.faces is not None and len(simulation.faces) > 0:
             rows = simulation.faces

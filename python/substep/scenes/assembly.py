@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +12,7 @@ from ..base.quaternions import rotate
 from ..coupling import World
 from ..errors import InputError
 from ..geometry import (
+    AnimatedMesh,
     Box,
     Capsule,
     Collider,
@@ -22,16 +22,21 @@ from ..geometry import (
     Sphere,
     TriangleMesh,
     follow_keyframes,
-    read_mesh,
-    transform_mesh,
 )
 from ..gridfluid import GridLiquid
 from ..mpm import MaterialPointMethod
 from ..pbf import PositionBasedFluid, fill_box, fill_mesh
 from ..rigid import RigidBodies
 from .declaration import Parameter, Scene, particle_frame, particle_parts
-from .run_config import confine
-from .toml_file import MATERIALS, Layout, read_layout
+from .toml_deforming import (
+    make_deforming,
+    put_on_skin,
+    quaternion,
+    read_animation,
+    read_surface,
+)
+from .toml_file import Layout, read_layout
+from .toml_rules import DEFORMING, MATERIALS
 
 if TYPE_CHECKING:
     from ..recording import Part
@@ -102,8 +107,11 @@ class Assembly:
 
     @property
     def _particles(self) -> Any:
-        found = [m for m in self._members.values() if not isinstance(m, RigidBodies)]
-        return found[0] if found else None
+        return self._members.get("particles")
+
+    @property
+    def _animations(self) -> dict[str, AnimatedMesh]:
+        return {k: m for k, m in self._members.items() if isinstance(m, AnimatedMesh)}
 
     def parts(self) -> dict[str, Part]:
         """Particles with all fields, surfaces of the bodies, and of the obstacles that have one."""
@@ -112,6 +120,8 @@ class Assembly:
         parts = {} if self._particles is None else particle_parts(self._particles)
         if self._surfaces:
             parts["bodies"] = Part("mesh", triangles=_stacked(self._surfaces))
+        for name, animation in self._animations.items():
+            parts[name] = particle_parts(animation)["particles"]
         for k, (collider, mesh) in enumerate(self._obstacles):
             if mesh is not None:
                 still = None if self._moves(collider) else _placed(collider, mesh)
@@ -130,6 +140,8 @@ class Assembly:
                 )
             ]
             frame["bodies"] = {"points": np.concatenate(turned)}
+        for name, animation in self._animations.items():
+            frame[name] = particle_frame(animation)["particles"]
         for k, (collider, mesh) in enumerate(self._obstacles):
             if mesh is not None and self._moves(collider):
                 frame[f"obstacle-{k}"] = {"points": _placed(collider, mesh)}
@@ -197,11 +209,18 @@ def _assemble(layout: Layout, values: dict[str, Any]) -> Assembly:
     scene = layout.scene
     gravity = scene.get("gravity", (0.0, 0.0, -9.81))
     obstacles, paths = [], []
+    animations: dict[str, AnimatedMesh] = {}
+    facets: list[Collider] = []
     for i, row in enumerate(layout.obstacle):
         with layout.told("obstacle", row, i):
+            if row["shape"] == "animation":
+                one = animations[f"animation_{i}"] = read_animation(layout, row, i)
+                options = {"friction": row["friction"]} if "friction" in row else {}
+                facets += one.make_colliders(row["thickness"], **options)
+                continue
             obstacles.append(_obstacle(layout, row, i))
             if "keyframes" in row:
-                paths.append((obstacles[i][0], _path(row["keyframes"])))
+                paths.append((obstacles[-1][0], _path(row["keyframes"])))
     bodies, surfaces, standing = None, [], []
     if layout.body:
         bodies = RigidBodies(gravity=gravity, step=1 / 120)
@@ -224,32 +243,18 @@ def _assemble(layout: Layout, values: dict[str, Any]) -> Assembly:
     if scene["method"] == "rigid":
         assert bodies is not None
         return Assembly(World({"bodies": bodies}), obstacles, paths, surfaces)
-    colliders = [*(collider for collider, _ in obstacles), *standing]
+    colliders = [*(collider for collider, _ in obstacles), *standing, *facets]
     with layout.told("scene", scene), layout.told("options", layout.options):
-        particles = _particles(layout, values["spacing"], gravity, colliders)
+        make = make_deforming if scene["method"] in DEFORMING else _particles
+        particles = make(layout, values["spacing"], gravity, colliders)
+    if layout.skin:
+        with layout.told("skin", layout.skin):
+            put_on_skin(layout, particles)
     simulation = particles
-    if bodies is not None:
-        simulation = World({"bodies": bodies, "particles": particles})
+    if bodies is not None or animations:
+        first = {} if bodies is None else {"bodies": bodies}
+        simulation = World({**first, "particles": particles, **animations})
     return Assembly(simulation, obstacles, paths, surfaces)
-
-
-def quaternion(rotation_deg: Any) -> Array:
-    """Unit quaternion of an axis times an angle in degrees.
-
-    Parameters
-    ----------
-    rotation_deg : array_like, shape (3,)
-        The axis times the angle [degrees].
-
-    Returns
-    -------
-    ndarray, shape (4,)
-        (w, x, y, z).
-    """
-    turn = np.radians(np.asarray(rotation_deg, float))
-    angle = float(np.linalg.norm(turn))
-    axis = turn / angle if angle > 0 else turn
-    return np.array([math.cos(angle / 2), *(math.sin(angle / 2) * axis)])
 
 
 def _path(frames: list[dict[str, Any]]) -> Keyframes:
@@ -284,7 +289,7 @@ def _shape(
     if kind == "plane":
         return Plane(row["normal"]), None
     if kind == "mesh":
-        mesh = _mesh(layout, row, table, number)
+        mesh = read_surface(layout, row, table, number)
         return mesh, mesh
     shape: Sphere | Box | Capsule | Cylinder
     if kind == "sphere":
@@ -294,19 +299,6 @@ def _shape(
     else:
         shape = (Capsule if kind == "capsule" else Cylinder)(row["radius"], row["length"])
     return shape, shape.mesh()
-
-
-def _mesh(layout: Layout, row: dict[str, Any], table: str, number: int) -> TriangleMesh:
-    """A surface from a file beside the scene's, or below."""
-    where = layout.where("file", table, number)
-    confine(where, row["file"], layout.path.parent)
-    path = Path(layout.path.parent, row["file"])
-    if path.exists() and not path.is_file():  # to open a pipe would wait for ever
-        raise InputError(f"{where}: expected a file, got a folder, a pipe or a device")
-    mesh = read_mesh(path)
-    if not isinstance(mesh, TriangleMesh):
-        mesh = mesh.surface()[0]
-    return transform_mesh(mesh, up=row.get("up", "z"), scale=row.get("scale", 1.0))
 
 
 def _stand(bodies: RigidBodies, row: dict[str, Any], collider: Collider) -> None:
@@ -330,8 +322,7 @@ def _filled(
 ) -> tuple[Array, Box | TriangleMesh]:
     """The particles of a block, and its shape."""
     if "file" in row:
-        mesh = _mesh(layout, row, "block", number)
-        mesh = transform_mesh(mesh, translation=row.get("position", (0.0, 0.0, 0.0)))
+        mesh = read_surface(layout, row, "block", number)
         return fill_mesh(mesh, spacing), mesh
     low, high = np.array(row["low"]), np.array(row["high"])
     return fill_box(low, high, spacing), Box(high - low, (low + high) / 2)

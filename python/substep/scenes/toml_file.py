@@ -12,120 +12,32 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..mpm import FixedCorotated, Fluid, HerschelBulkley, NeoHookean, Sand, Snow, VonMises
 from .declaration import Parameter, closest, shorten
 from .run_config import SIZE_LIMIT, decode, parse, printable
-
-MATERIALS = {
-    cls.__name__: cls
-    for cls in (FixedCorotated, Fluid, HerschelBulkley, NeoHookean, Sand, Snow, VonMises)
-}
-METHODS = ("pbf", "grid-liquid", "mpm", "rigid")
-
-
-@dataclass(frozen=True)
-class Vector:
-    """Several numbers in a list, none greater than `most`."""
-
-    count: int
-    most: float | None = None
-
-    def check(self, where: str, value: Any) -> tuple[float, ...]:
-        """Return them as floats, or raise as `Parameter.check` does."""
-        least = None if self.most is None else -self.most
-        number = Parameter("", kind=float, minimum=least, maximum=self.most)
-        if not isinstance(value, list) or len(value) != self.count:
-            raise InputError(f"{where}: expected {self.count} numbers, got {shorten(value)}")
-        return tuple(float(number.check(where, x)) for x in value)  # type: ignore[arg-type]
-
-
-@dataclass(frozen=True)
-class Box:
-    """Two corners."""
-
-    def check(self, where: str, value: Any) -> tuple[tuple[float, ...], ...]:
-        """Return them, or raise as `Parameter.check` does."""
-        if not isinstance(value, list) or len(value) != 2:
-            raise InputError(f"{where}: expected two corners, got {shorten(value)}")
-        low, high = (Vector(3).check(where, corner) for corner in value)
-        if not all(a < b for a, b in zip(low, high, strict=True)):
-            raise InputError(f"{where}: expected the lowest corner first, got {value}")
-        return low, high
-
-
-Rule = Parameter | Vector | Box
-
-
-def _text(doc: str) -> Parameter:
-    return Parameter(doc, kind=str)
-
-
-def _above(doc: str) -> Parameter:
-    return Parameter(doc, kind=float, above=0)
-
-
-def _least(doc: str) -> Parameter:
-    return Parameter(doc, kind=float, minimum=0)
-
-
-SCENE: dict[str, Rule] = {
-    "name": _text("of the scene; that of the file unless given"),
-    "doc": _text("what it shows, in one line"),
-    "method": Parameter("method of the particles", kind=str, choices=METHODS),
-    "duration": _above("time simulated [s]"),
-    "frames": Parameter("number of frames", kind=int, minimum=2),
-    "spacing": _above("of the particles [m]"),
-    "bounds": Box(),
-    "gravity": Vector(3),
-}
-_LIQUID: dict[str, Rule] = {
-    "density": _above("[kg/m^3]"),
-    "viscosity": _least("[m^2/s]"),
-    "surface_tension": _least("[N/m]"),
-    "cfl": _above("[1]"),
-}
-OPTIONS: dict[str, dict[str, Rule]] = {
-    "pbf": {**_LIQUID, "divergence_free": Parameter("", kind=bool), "xsph": _least("")},
-    "grid-liquid": {
-        **_LIQUID,
-        "slip": Parameter("", kind=bool),
-        "transfer": Parameter("", kind=str, choices=("apic", "flip", "pic")),
-    },
-    "mpm": {"cfl": _above("[1]")},
-    "rigid": {},
-}
-_MOTION: dict[str, Rule] = {"velocity": Vector(3), "angular_velocity": Vector(3)}
-_SURFACE: dict[str, Rule] = {"friction": _least(""), "restitution": Parameter("", 0.0, minimum=0)}
-SHAPES: dict[str, dict[str, Rule]] = {
-    "sphere": {"radius": _above("[m]")},
-    "box": {"lengths": Vector(3)},
-    "capsule": {"radius": _above("[m]"), "length": _above("[m]")},
-    "cylinder": {"radius": _above("[m]"), "length": _above("[m]")},
-    "plane": {"normal": Vector(3)},
-    "mesh": {
-        "file": _text("of a surface"),
-        "up": Parameter("", kind=str, choices=("x", "y", "z")),
-        "scale": _above("[1]"),
-    },
-}
-_NEEDED = ("radius", "lengths", "length", "normal", "file")
-_PLACE: dict[str, Rule] = {
-    "shape": Parameter("", kind=str, choices=tuple(SHAPES)),
-    "position": Vector(3),
-    "rotation_deg": Vector(3, most=1e6),
-}
-BLOCK: dict[str, Rule] = {
-    "low": Vector(3),
-    "high": Vector(3),
-    "velocity": Vector(3),
-    "material": _text("name of one"),
-}
-KEYFRAME: dict[str, Rule] = {
-    "time": _least("[s]"),
-    "position": Vector(3),
-    "rotation_deg": Vector(3, most=1e6),
-}
-TABLES = ("scene", "options", "material", "block", "obstacle", "body")
+from .toml_rules import (
+    BLOCK,
+    CLOTH,
+    DEFORMING,
+    HELD,
+    KEYFRAME,
+    MATERIALS,
+    MOTION,
+    NEEDED,
+    OPTIONS,
+    PARTICLES,
+    PLACE,
+    PLACED,
+    SCENE,
+    SHAPES,
+    SINGLE,
+    SOLID,
+    SURFACE,
+    TABLES,
+    Rule,
+    Vector,
+    above,
+    text,
+)
 
 
 @dataclass
@@ -136,6 +48,9 @@ class Layout:
     text: str
     scene: dict[str, Any] = field(default_factory=dict)
     options: dict[str, Any] = field(default_factory=dict)
+    cloth: dict[str, Any] = field(default_factory=dict)
+    solid: dict[str, Any] = field(default_factory=dict)
+    skin: dict[str, Any] = field(default_factory=dict)
     material: list[dict[str, Any]] = field(default_factory=list)
     block: list[dict[str, Any]] = field(default_factory=list)
     obstacle: list[dict[str, Any]] = field(default_factory=list)
@@ -195,7 +110,7 @@ def read_layout(path: Path) -> Layout:
     for key, value in document.items():
         if key not in TABLES:
             raise InputError(f"{layout.where(key)}: unknown table; {closest(key, TABLES)}")
-        many = key not in ("scene", "options")
+        many = key not in SINGLE
         if not isinstance(value, list if many else dict) or (
             many and not all(isinstance(row, dict) for row in value)
         ):
@@ -207,6 +122,9 @@ def read_layout(path: Path) -> Layout:
         checked.needs(layout.scene, key, "scene")
     method = layout.scene["method"]
     layout.options = checked.table(document.get("options", {}), OPTIONS[method], "options")
+    for table in ("cloth", "solid", "skin"):
+        if table in document:
+            setattr(layout, table, checked.single(document[table], table, method))
     layout.material = [
         checked.material(row, i) for i, row in enumerate(document.get("material", []))
     ]
@@ -243,7 +161,7 @@ class _Checker:
 
     def material(self, row: dict[str, Any], number: int) -> dict[str, Any]:
         """A name, a class and numbers that its constructor takes."""
-        known = _text("")
+        known = text("")
         kind = Parameter("", kind=str, choices=tuple(MATERIALS))
         self.needs(row, "class", "material", number)
         name = kind.check(self._layout.where("class", "material", number), row["class"])
@@ -256,10 +174,32 @@ class _Checker:
             MATERIALS[str(name)](**given)
         return checked
 
+    def single(self, row: dict[str, Any], table: str, method: str) -> dict[str, Any]:
+        """The one cloth, solid or skin."""
+        takes = ("mpm", "soft-body", "pbd") if table == "skin" else ()
+        if method not in takes and table not in DEFORMING.get(method, ()):
+            raise InputError(f"{self._layout.where(table, table)}: {method} has none")
+        if table == "skin":
+            checked, needed = self.table(row, PLACED, table), ["file"]
+        elif table == "cloth":
+            shape: dict[str, Rule] = PLACED if "file" in row else {"size": Vector(2)}
+            rules = {**shape, **CLOTH[method], **HELD, "position": Vector(3)}
+            checked = self.table(row, {**rules, "rotation_deg": PLACE["rotation_deg"]}, table)
+            needed = [*([] if "file" in row else ["size"]), "density"]
+            needed += ["stiffness"] if method == "mass-spring" else []
+        else:
+            shape = PLACED if "file" in row else {"low": Vector(3), "high": Vector(3)}
+            checked = self.table(row, {**shape, **SOLID, **HELD}, table)
+            needed = [] if "file" in row else ["low", "high"]
+            needed += ["density", "young_modulus", "poisson_ratio"]
+        for key in needed:
+            self.needs(checked, key, table)
+        return checked
+
     def block(self, row: dict[str, Any], number: int) -> dict[str, Any]:
         """Particles in a box, or in a mesh."""
         filled = "file" in row
-        rules = {**BLOCK, **SHAPES["mesh"], "position": Vector(3)} if filled else BLOCK
+        rules = {**BLOCK, **PLACED} if filled else BLOCK
         checked = self.table(row, rules, "block", number)
         for key in () if filled else ("low", "high"):
             self.needs(checked, key, "block", number)
@@ -274,19 +214,26 @@ class _Checker:
         """An obstacle or a body of any shape."""
         self.needs(row, "shape", table, number)
         where = self._layout.where("shape", table, number)
-        name = str(_PLACE["shape"].check(where, row["shape"]))
-        rules = {**_PLACE, **SHAPES[name], **_SURFACE, **_MOTION}
-        frames = row.get("keyframes") if table == "obstacle" else None
-        if table == "obstacle":
+        name = str(PLACE["shape"].check(where, row["shape"]))
+        rules = {**PLACE, **SHAPES[name], **SURFACE, **MOTION}
+        if name == "animation":
+            if table == "body":
+                raise InputError(f"{where}: a body has a shape that stays; make it an obstacle")
+            rules = {key: PLACE["shape"] for key in ("shape",)} | SHAPES[name]
+            rules["friction"] = SURFACE["friction"]
+        frames = row.get("keyframes") if table == "obstacle" and name != "animation" else None
+        if name == "animation":
+            pass
+        elif table == "obstacle":
             rules["hollow"] = Parameter("", kind=bool)
             row = {key: value for key, value in row.items() if key != "keyframes"}
         else:
-            rules["density"] = _above("[kg/m^3]")
+            rules["density"] = above("[kg/m^3]")
             if name == "plane":
                 raise InputError(f"{where}: a body is no plane; make it an obstacle")
         checked = self.table(row, rules, table, number)
         for key in SHAPES[name]:
-            if key in _NEEDED:
+            if key in NEEDED:
                 self.needs(checked, key, table, number)
         if frames is not None:
             checked["keyframes"] = self._keyframes(frames, checked, number)
@@ -322,13 +269,18 @@ class _Checker:
         """What several tables say must agree."""
         layout = self._layout
         method, where = layout.scene["method"], layout.where
-        particles = method != "rigid"
-        if particles:
+        if method != "rigid":
             self.needs(layout.scene, "spacing", "scene")
+        if method in PARTICLES:
             if not layout.block:
                 raise InputError(f"{where('block')}: {method} needs at least one [[block]]")
         elif layout.block:
-            raise InputError(f"{where('low', 'block')}: rigid has no particles, but [[body]]")
+            told = "[[body]]" if method == "rigid" else f"[{'] or ['.join(DEFORMING[method])}]"
+            raise InputError(f"{where('low', 'block')}: {method} has no particles, but {told}")
+        elif method in DEFORMING:
+            if bool(layout.cloth) == bool(layout.solid):
+                told = "] or [".join(DEFORMING[method])
+                raise InputError(f"{where(DEFORMING[method][0])}: {method} needs one [{told}]")
         elif not layout.body:
             raise InputError(f"{where('body')}: rigid needs at least one [[body]]")
         if (method == "grid-liquid") != ("bounds" in layout.scene):
@@ -340,6 +292,8 @@ class _Checker:
         self._names()
         if layout.body:
             for i, row in enumerate(layout.obstacle):
+                if row["shape"] == "animation":
+                    raise InputError(f"{where('shape', 'obstacle', i)}: bodies do not meet it")
                 for key in ("velocity", "angular_velocity", "keyframes"):
                     if key in row:
                         raise InputError(

@@ -33,6 +33,7 @@ from ..geometry.colliders import (
     restore_colliders,
 )
 from ..geometry.facets import Deforming
+from ..geometry.skin import Skinned
 from ..stability import max_stable_step, stability_limit
 
 Array = NDArray[np.float64]
@@ -85,7 +86,7 @@ class DeformableReport(StepReport):
     friction_converged: bool = True
 
 
-class Deformable(Deforming):
+class Deformable(Deforming, Skinned):
     """Vertices with masses that forces act on; make a `MassSpring` or a `SoftBody`."""
 
     _rows_are = "vertices"

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+SMALL = (4.8, 2.7)  # inches, below which words shrink with the picture
 BAR_LEFT, MARGIN = 0.915, 0.01  # of the colour bar, over the width of the picture
 
 
@@ -130,10 +131,11 @@ class View:
         axes.imshow(stage.image(recording, frame), aspect="auto", interpolation="none")
         title = self.title or default_title
         ink = "0.9" if self.dark else "black"
-        figure.text(0.02, 0.965, title(recording, frame), va="top", fontsize=11, color=ink)
+        small = min(1.0, *(figure.get_size_inches() / SMALL))
+        figure.text(0.02, 0.965, title(recording, frame), va="top", fontsize=11 * small, color=ink)
         if self.bar and self.color is not None and stage.range is not None:
             unit = _unit(recording, self.color)
-            _add_color_bar(figure, self.color, unit, stage.range, self.palette, ink)
+            _add_color_bar(figure, self.color, unit, stage.range, self.palette, ink, small)
 
     def image(
         self, recording: Recording, frame: int = -1, size: tuple[int, int] = (960, 540)
@@ -266,7 +268,13 @@ def _unit(recording: Recording, name: str) -> str:
 
 
 def _add_color_bar(
-    figure: Figure, name: str, unit: str, limits: tuple[float, float], palette: str, ink: str
+    figure: Figure,
+    name: str,
+    unit: str,
+    limits: tuple[float, float],
+    palette: str,
+    ink: str,
+    small: float,
 ) -> None:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -275,9 +283,9 @@ def _add_color_bar(
     axes = figure.add_axes((BAR_LEFT, 0.2, 0.014, 0.6))
     label = name if unit in ("", "1") else f"{name} [{unit}]"
     bar = figure.colorbar(shown, cax=axes)
-    bar.set_label(label, color=ink)
-    bar.ax.tick_params(colors=ink)
-    # Numbers and name are as large in small pictures as in large ones, and want their room.
+    bar.set_label(label, color=ink, fontsize=10 * small, labelpad=4 * small)
+    bar.ax.tick_params(colors=ink, labelsize=10 * small, length=3.5 * small, pad=3.5 * small)
+    # Numbers and name want their room, which is more of a small picture.
     extent: Any = axes.get_tightbbox()
     reach = extent.transformed(figure.transFigure.inverted()).x1
     left = min(BAR_LEFT, BAR_LEFT - (reach - (1 - MARGIN)))
