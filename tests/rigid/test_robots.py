@@ -150,7 +150,9 @@ def test_arm_goes_to_its_targets_and_holds():
 
 def test_urdf_arm_holds():
     arm = RigidBodies.from_urdf(bullet("kuka_iiwa", "model.urdf"))
-    assert set(arm.strengths.values()) == {300.0} and arm.ignored == ()
+    assert set(arm.strengths.values()) == {300.0}
+    (line,) = arm.ignored
+    assert line.startswith("limits of the velocity of joints: lbr_iiwa_joint_1")
     assert arm.motions[arm.body("lbr_iiwa_link_0")] == "static"
     targets = dict(zip(arm.joint_names, (0.3, 0.6, -0.2, -1.2, 0.4, 0.7, 0.1), strict=True))
     drive(arm, targets, stiffness=2000.0, damping=150.0, strength=300.0)
@@ -163,7 +165,9 @@ def test_urdf_quadruped_stands():
     feet = {"hip": 0.0, "upper": 0.8, "lower": -1.6}
     pose = {f"{leg}_{k}_joint": q for leg in ("FR", "FL", "RR", "RL") for k, q in feet.items()}
     dog = RigidBodies.from_urdf(bullet("a1", "a1.urdf"), free_base=True, coordinates=pose)
-    assert dog.strengths["FR_upper_joint"] == 55.0 and dog.ignored == ()
+    assert dog.strengths["FR_upper_joint"] == 55.0
+    (line,) = dog.ignored
+    assert line.startswith("limits of the velocity of joints: FR_hip_joint")
     assert dog.body("imu_link") == dog.body("trunk")
     dog.set_positions(dog.positions + np.array((0, 0, 0.4)))
     dog.add(rigid.Plane(), (0, 0, 0), motion="static", friction=1.0)
@@ -188,19 +192,38 @@ def test_humanoid_falls_and_comes_to_rest():
     assert robot.report.joint_error < 1e-3
 
 
-def test_limits_without_dampers_of_several_joints_are_listed(tmp_path):
+@pytest.mark.parametrize("step", [1 / 60, 1 / 240])
+def test_limits_of_three_joints_of_a_body_without_dampers_stop_it_as_in_mujoco(tmp_path, step):
+    """Soft limits that are hard and damped enough take the same of what meets them."""
     path = tmp_path / "gimbal.xml"
+    ranges = {"x": (-20, 25), "z": (-15, 30), "y": (-30, 20)}
     joints = "".join(
-        f'<joint name="{k}" axis="{k == "x":d} {k == "y":d} {k == "z":d}" range="-20 20" {more}/>'
-        for k, more in (("x", ""), ("z", 'damping="1"'), ("y", ""))
+        f'<joint name="{k}" axis="{k == "x":d} {k == "y":d} {k == "z":d}" range="{low} {high}"'
+        ' solreflimit=".001 10" solimplimit=".99 .9999 .0001"/>'
+        for k, (low, high) in ranges.items()
     )
-    geom = '<geom type="capsule" fromto="0 0 0 0 0 -.4" size=".05"/>'
-    path.write_text(wrap(f"<body>{joints}{geom}</body>"))
-    robot = RigidBodies.from_mjcf(path)
-    assert robot.joint("x").limits == (-math.inf, math.inf)
-    assert robot.joint("z").limits == pytest.approx(np.deg2rad((-20, 20)))
-    (line,) = robot.ignored
-    assert line == "limits of joints without a damper, of bodies with several joints: x, y"
+    geom = '<geom type="box" pos=".2 .1 -.2" size=".2 .1 .05" mass="1"/>'
+    option = '<option timestep="1e-4" integrator="implicitfast"/>'
+    path.write_text(wrap(f"<body>{joints}{geom}</body>").replace("<world", option + "<world", 1))
+    m = mujoco.MjModel.from_xml_path(str(path))
+    d = mujoco.MjData(m)
+    robot = RigidBodies.from_mjcf(path, step=step, sleeping=False)
+    assert not any("limits" in line for line in robot.ignored)
+    start = robot.diagnostics()["energy"]
+    met = set()
+
+    def nearest(name, y):
+        return min(abs(y - limit) for limit in robot.joint(name).limits)
+
+    for frame in range(120):
+        robot.advance(1 / 60)
+        while d.time < (frame + 1) / 60 - 5e-5:
+            mujoco.mj_step(m, d)
+        q = [robot.joint(name).coordinate for name in ranges]
+        assert q == pytest.approx(d.qpos, abs=3e-3)
+        assert robot.diagnostics()["energy"] < start
+        met |= {name for name, y in zip(ranges, q, strict=True) if nearest(name, y) < 1e-7}
+    assert met == set(ranges)
 
 
 SMALL = """<mujoco>

@@ -243,7 +243,6 @@ class _Reader:
                 self.read_joint(joint, qpos)
         self.read_actuators(qpos, ctrl)
         self.read_equalities()
-        self.drop_limits()
         for signature in m.exclude_signature:
             self.exclude(int(signature) >> 16, int(signature) & 0xFFFF)
         self.read_rest()
@@ -637,17 +636,6 @@ class _Reader:
         a, b = self.number.get(i), self.number.get(j)
         if a is not None and b is not None and a != b:
             self.made.excluded.append((a, b))
-
-    def drop_limits(self) -> None:
-        """Limits about links of next to no mass gain energy, unless a damper takes it."""
-        for j, number in self.link_of.items():
-            link = self.made.links[number]
-            damped = isinstance(link.motor, SpringMotor) and link.motor.damping > 0
-            several = self.m.body_jntnum[self.m.jnt_bodyid[j]] > 1
-            if link.limits and several and not damped:
-                link.limits = None
-                what = "limits of joints without a damper, of bodies with several joints"
-                self.leave(what, self.name("joint", j))
 
     def read_rest(self) -> None:
         """What counts for the whole model."""

@@ -41,6 +41,7 @@ JointGroup::JointGroup(std::vector<std::int32_t> numbers, std::span<const Joint>
     link.equations = joint_equations(joint.type);
     link.rows = joint_rows(joint);
     link.joint = joint;
+    has_laws_ |= link.rows > link.equations;
     links_.push_back(link);
     sizes.push_back(link.rows);
   }

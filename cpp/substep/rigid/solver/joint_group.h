@@ -100,6 +100,7 @@ class JointGroup {
     V mobility[kJointRows];     // diagonal of G M^-1 G^T
     V begin[kJointRows];        // C at the start of the sub-step
     V rate[kJointRows];         // of C: mean of the trial motion, or of velocities
+    V beyond[kJointRows];       // what rates of the trial have beyond those of its velocities
     V impulse[kJointRows];      // l of the sub-step
     V last[kJointRows];         // that of the one before, turned with the bodies
     V coordinate;               // angles are those nearest to it
@@ -164,9 +165,11 @@ class JointGroup {
   void set_gradients();
   void set_laws(Pack& pack, Stage stage);
   void find_trial(const BodyRows& rows);
-  void find_rates(Stage stage, const BodyRows& rows);
-  bool choose_modes(bool& changed);
+  void find_motion_rates(const BodyRows& rows);
+  void find_rates(const BodyRows& rows);
+  int choose_modes(bool one, bool& fixed);
   double find_residuals();
+  bool solve_linear(Stage stage, BodyRows& rows, int others);
   bool solve(Stage stage, BodyRows& rows, double tolerance);
   void take_back(BodyRows& rows);
   bool slow_springs(const BodyRows& rows);
@@ -180,6 +183,7 @@ class JointGroup {
   Settings settings_;
   double regularisation_ = 0;
   bool loops_ = false;        // not a tree
+  bool has_laws_ = false;     // of any coordinate
   bool has_springs_ = false;  // at what turns
   bool closes_ = false;       // whether the motion leads to C = 0, not to what C was
   bool smooth_ = false, factored_ = false, whirls_ = false;

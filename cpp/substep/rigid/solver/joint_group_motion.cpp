@@ -12,9 +12,10 @@ namespace {
 
 using Mode = JointLaw::Mode;
 
-constexpr int kIterations = 30;
+constexpr int kIterations = 30, kPivots = 100;
 constexpr double kMostTurn = 0.5;       // by a spring that yields, in a sub-step [rad]
 constexpr double kWhirls = 1;           // in a sub-step, which no joint turns a body by [rad]
+constexpr double kLittle = 1e-12;       // by which a law may be missed [rad], [m]
 constexpr double kEnoughMotion = 1e-6;  // of C [m], [rad], where it does not get better
 
 // What drives a row.
@@ -79,18 +80,24 @@ void JointGroup::find_trial(const BodyRows& rows) {
   tried_ = true;
 }
 
-void JointGroup::find_rates(Stage stage, const BodyRows& rows) {
-  if (stage == Stage::kMotion) {
-    find_trial(rows);
-    for (Pack& pack : packs_) {
-      V C[kJointRows];
-      find_values(pack, trial_, pack.rows > pack.equations, C);
-      for (int row = 0; row < pack.rows; ++row)
-        pack.rate[row] =
-            (closes_ && row < pack.equations ? C[row] : C[row] - pack.begin[row]) / settings_.h;
+// Of the trial; where there are laws, also what those of the velocities lack of them.
+void JointGroup::find_motion_rates(const BodyRows& rows) {
+  if (has_laws_) find_rates(rows);
+  find_trial(rows);
+  for (Pack& pack : packs_) {
+    V C[kJointRows];
+    find_values(pack, trial_, pack.rows > pack.equations, C);
+    for (int row = 0; row < pack.rows; ++row) {
+      const V rate =
+          (closes_ && row < pack.equations ? C[row] : C[row] - pack.begin[row]) / settings_.h;
+      pack.beyond[row] = rate - pack.rate[row];
+      pack.rate[row] = rate;
     }
-    return;
   }
+}
+
+// Of the velocities.
+void JointGroup::find_rates(const BodyRows& rows) {
   for (std::size_t k = 0; k < members_.size(); ++k) {
     const Member& m = members_[k];
     store_quad(sums_[k].linear, m.scale * load_quad(rows.velocity[usize(m.row)].linear));
@@ -99,28 +106,35 @@ void JointGroup::find_rates(Stage stage, const BodyRows& rows) {
   for (Pack& pack : packs_) find_velocity_rates(pack, sums_);
 }
 
-// The pieces become the impulses' changes that the modes fix. Returns whether there are any.
-bool JointGroup::choose_modes(bool& changed) {
-  bool fixed = false;
+// The pieces become the impulses' changes that the modes fix; fixed: whether there are any. one:
+// only the first mode that is another changes. Returns how many are others.
+int JointGroup::choose_modes(bool one, bool& fixed) {
+  int others = 0;
   for (Pack& pack : packs_) {
     if (pack.rows == pack.equations) continue;
     for (int lane = 0; lane < pack.count; ++lane) {
       Link& link = links_[usize(pack.link[lane])];
       for (int row = link.equations; row < link.rows; ++row) {
         const std::size_t k = usize(row - link.equations);
+        const JointLaw& law = link.law[k];
         const double l = pack.impulse[row][lane];
-        const Mode mode = link.law[k].mode(pack.rate[row][lane], l, pack.mobility[row][lane]);
-        if (mode != link.mode[k]) changed = true;
-        link.mode[k] = mode;
-        if (!JointLaw::fixes_impulse(mode) || link.law[k].fixed_impulse(mode) == l) continue;
+        const Mode mode = law.next(link.mode[k], pack.rate[row][lane], l, pack.mobility[row][lane],
+                                   kLittle / settings_.h, one);
+        if (mode != link.mode[k] && (others++ == 0 || !one)) {
+          link.mode[k] = mode;
+          factored_ = false;
+        }
+        if (!JointLaw::fixes_impulse(link.mode[k])) continue;
+        const double change = law.fixed_impulse(link.mode[k]) - l;
+        if (change == 0) continue;
         if (!fixed)
           for (JointMatrix::Piece& piece : pieces_) piece.fill(0);
         fixed = true;
-        pieces_[usize(pack.link[lane])][usize(row)] = link.law[k].fixed_impulse(mode) - l;
+        pieces_[usize(pack.link[lane])][usize(row)] = change;
       }
     }
   }
-  return fixed;
+  return others;
 }
 
 // To the pieces. Returns the largest error of C at the end of the sub-step.
@@ -151,23 +165,58 @@ double JointGroup::find_residuals() {
   return settings_.h * largest;
 }
 
+// With the modes that the linear problem leads to, about the motion so far. Returns whether they
+// are found.
+bool JointGroup::solve_linear(Stage stage, BodyRows& rows, int others) {
+  for (JointPivots pivots; pivots.count < kPivots;) {
+    if (!factored_) factor();
+    matrix_.solve(pieces_);
+    apply(rows);
+    if (!has_laws_) return true;
+    if (others > 0) pivots.add(others);
+    const auto predict = [&] {
+      find_rates(rows);
+      if (stage == Stage::kVelocity) return;
+      for (Pack& pack : packs_)
+        for (int row = 0; row < pack.rows; ++row) pack.rate[row] += pack.beyond[row];
+    };
+    predict();
+    bool fixed = false;
+    others = choose_modes(pivots.one(), fixed);
+    if (others == 0) return true;
+    if (fixed) {
+      apply(rows);
+      predict();
+    }
+    find_residuals();
+  }
+  return false;
+}
+
 // Newton's method; ends where rounding does. Returns whether it has found the solution.
 bool JointGroup::solve(Stage stage, BodyRows& rows, double tolerance) {
   double last = Joint::kInfinite;
+  const auto find = [&] {
+    if (stage == Stage::kMotion) {
+      find_motion_rates(rows);
+    } else {
+      find_rates(rows);
+    }
+  };
   for (int k = 0; k < kIterations; ++k) {
-    bool changed = false;
-    find_rates(stage, rows);
-    if (choose_modes(changed)) {
+    bool fixed = false;
+    find();
+    const int others = choose_modes(false, fixed);
+    if (fixed) {
       apply(rows);
-      find_rates(stage, rows);
+      find();
     }
     const double worst = find_residuals();
-    if (!changed && (worst < tolerance || (k > 2 && worst > 0.5 * last && worst < kEnoughMotion)))
+    if (others == 0 &&
+        (worst < tolerance || (k > 2 && worst > 0.5 * last && worst < kEnoughMotion)))
       return true;
     last = worst;
-    if (changed || !factored_) factor();
-    matrix_.solve(pieces_);
-    apply(rows);
+    if (!solve_linear(stage, rows, others)) return false;
   }
   return last < kEnoughMotion;
 }
@@ -188,7 +237,7 @@ void JointGroup::take_back(BodyRows& rows) {
 bool JointGroup::slow_springs(const BodyRows& rows) {
   if (!has_springs_) return false;
   bool any = false;
-  find_rates(Stage::kVelocity, rows);
+  find_rates(rows);
   for (Pack& pack : packs_) {
     for (int lane = 0; lane < pack.count; ++lane) {
       Link& link = links_[usize(pack.link[lane])];
@@ -217,11 +266,15 @@ bool JointGroup::whirled() const {
 }
 
 // Where no motion that fulfils the constraints is near (a chain that snaps taut), the velocities
-// do, which takes energy and so is stable.
+// do, which takes energy and so is stable; at the last, with coordinates that stay.
 void JointGroup::solve_motion(BodyRows& rows, double tolerance) {
   const auto solve_either = [&] {
     if (solve(Stage::kMotion, rows, tolerance) && !whirled()) return;
     take_back(rows);
+    if (solve(Stage::kVelocity, rows, kTolerance)) return;
+    take_back(rows);
+    for (Link& link : links_)
+      for (JointLaw& law : link.law) law.slowest = law.fastest = 0;
     solve(Stage::kVelocity, rows, kTolerance);
   };
   solve_either();

@@ -61,14 +61,44 @@ struct JointLaw {
     const double on_line = l - (u - rate + compliance * l) / (K + compliance);
     return on_line > most ? Mode::kMost : on_line < -most ? Mode::kLeast : Mode::kLine;
   }
+  // The same, or that of now where a rate that differs by little leads to it; one: no piece is
+  // passed over that lies between, else a law alone may go back and forth between its ends.
+  Mode next(Mode now, double u, double l, double K, double little, bool one) const {
+    const Mode next = mode(u, l, K);
+    if (mode(u - little, l, K) == now || mode(u + little, l, K) == now) return now;
+    if (!one || side(now) * side(next) >= 0) return next;
+    return !driven ? Mode::kFree : slowest < rate && rate < fastest ? Mode::kLine : next;
+  }
 
  private:
+  static int side(Mode mode) {
+    if (mode == Mode::kLower || mode == Mode::kMost) return 1;
+    return mode == Mode::kUpper || mode == Mode::kLeast ? -1 : 0;
+  }
   // Of the motor at the rate u; side: which, where it is of both.
   double motor(double u, double side) const {
     if (!driven) return 0;
     if (compliance > 0) return std::clamp((rate - u) / compliance, -most, most);
     return u == rate ? side * most : u < rate ? most : -most;
   }
+};
+
+// Which modes change: all that are others at once as long as that makes them fewer, else the first
+// alone, which ends (Judice and Pires 1994, Comput. Oper. Res. 21; Murty 1974, Linear Algebra Appl.
+// 9).
+struct JointPivots {
+  int count = 0;
+
+  bool one() const { return tries_ >= kTries; }
+  void add(int others) {
+    ++count;
+    tries_ = others < fewest_ ? 0 : tries_ + 1;
+    fewest_ = std::min(fewest_, others);
+  }
+
+ private:
+  static constexpr int kTries = 5;
+  int tries_ = 0, fewest_ = std::numeric_limits<int>::max();
 };
 
 }  // namespace substep::rigid

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numbers>
 #include <utility>
 
@@ -535,24 +534,18 @@ int TreeGroup::choose_modes(Stage stage, bool one) {
     Member& m = members_[k];
     if (!m.ruled) continue;
     const double u = sign(k) * (base_rate(stage, k) + change_[k].along);
-    const JointLaw::Mode mode = m.law.mode(u, m.along, m.mobility);
+    const JointLaw::Mode mode = m.law.next(m.mode, u, m.along, m.mobility, kLittle / h_, one);
     if (mode == m.mode) continue;
-    const double little = kLittle / h_;
-    if (m.law.mode(u - little, m.along, m.mobility) == m.mode ||
-        m.law.mode(u + little, m.along, m.mobility) == m.mode)
-      continue;
     if (!one || others == 0) m.mode = mode;
     ++others;
   }
   return others;
 }
 
-// change_ that the wanted momenta ask for, with the modes that it leads to: all that are others at
-// once as long as that makes them fewer, else the first alone, which ends (Judice and Pires 1994,
-// Comput. Oper. Res. 21; Murty 1974, Linear Algebra Appl. 9). Returns whether they are found.
+// change_ that the wanted momenta ask for, with the modes that it leads to. Returns whether they
+// are found.
 bool TreeGroup::respond(Stage stage) {
-  int fewest = std::numeric_limits<int>::max(), tries = 0;
-  for (int pivots = 0; pivots < kPivots; ++pivots) {
+  for (JointPivots pivots; pivots.count < kPivots;) {
     set_drives(stage);
     if (!std::exchange(factored_, true)) {
       ++factors_;
@@ -564,11 +557,10 @@ bool TreeGroup::respond(Stage stage) {
     }
     tree_.respond(wanted_, change_);
     read_impulses();
-    const int others = choose_modes(stage, tries >= kTries);
+    const int others = choose_modes(stage, pivots.one());
     if (others == 0) return true;
     factored_ = false;
-    tries = others < fewest ? 0 : tries + 1;
-    fewest = std::min(fewest, others);
+    pivots.add(others);
   }
   return false;
 }

@@ -51,9 +51,9 @@ class TreeGroup {
   // What may be left of an error of the motion [m], [rad]: of a tree that nothing holds, whose
   // momenta stay what they are, of others, where contacts press, and what they will still change.
   static constexpr double kFree = 1e-12, kHeld = 1e-10, kPressed = 1e-8, kEnough = 1e-6;
-  static constexpr int kPivots = 100, kTries = 5;  // of modes
-  static constexpr double kLittle = 1e-12;         // by which a law may be missed [rad], [m]
-  static constexpr double kPassed = 1e-7;          // a limit [rad]
+  static constexpr int kPivots = 100;         // of modes
+  static constexpr double kLittle = 1e-12;    // by which a law may be missed [rad], [m]
+  static constexpr double kPassed = 1e-7;     // a limit [rad]
   static constexpr double kMostSprung = 0.5;  // turn by a spring that yields, in a sub-step [rad]
   static constexpr double kClose = 1e-5;      // change of an iteration that has not found it
 
