@@ -343,7 +343,7 @@ def test_what_cannot_be_an_obstacle_is_refused():
 def test_what_cannot_meet_a_surface_is_refused():
     cloth, other = sheet(3), sheet(3)
     block = lump((0, 0, 0.1), (0.1, 0.1, 0.2), cloth.make_colliders(0.1))
-    with pytest.raises(InputError, match=r"colliders\[0\] of 'block' stands for a surface of no"):
+    with pytest.raises(InputError, match=r"colliders\[0\] of 'block' represents a surface of no"):
         substep.World({"block": block})
     with pytest.raises(InputError, match="of no member"):
         substep.World({"block": block, "cloth": other})
