@@ -1,7 +1,8 @@
 """What a sweep costs beside its runs, and what is left of it when its processes are killed.
 
 Runs of 5 ms, whose results are compared with those of the function called here: the overhead is the
-time of the sweep over all processes, less that of the function called in a loop, per run.
+time of the sweep over all processes, less that of the function called in a loop, per run. Each run
+leaves a byte when it begins: as many begin twice, at most, as processes were killed.
 """
 
 from __future__ import annotations
@@ -20,8 +21,10 @@ import psutil
 import substep
 
 
-def work(number: int, seed: int) -> dict[str, np.ndarray]:
+def work(number: int, seed: int, log: str = os.devnull) -> dict[str, np.ndarray]:
     """About 5 ms."""
+    with open(log, "ab", buffering=0) as file:
+        file.write(b".")
     x = np.random.default_rng([number, seed]).normal(size=200_000)
     return {"x": np.sort(x)[::1000]}
 
@@ -52,13 +55,17 @@ def main() -> None:
         thread = threading.Thread(target=killer, args=(kills, over, killed))
         with tempfile.TemporaryDirectory() as folder:
             thread.start()
+            log = os.path.join(folder, "log")
             begun = time.perf_counter()
-            found = substep.sweep(work, {"number": range(runs)}, folder)
+            parameters = {"number": range(runs), "log": log}
+            found = substep.sweep(work, parameters, os.path.join(folder, "out"))
             taken = time.perf_counter() - begun
             over.set()
             thread.join()
             assert not found.failed
-            assert np.array_equal(found.arrays()["x"][:, 0], alone)
+            assert np.array_equal(found.arrays()["x"].reshape(alone.shape), alone)
+            again = os.path.getsize(log) - runs
+            assert 0 <= again <= len(killed)
         record = {"workload": f"{runs} runs, {len(killed)} processes killed", "peer": "none"}
         value = 1e3 * (taken * workers - serial) / runs
         record |= {"metric": "overhead of a run", "value": value, "unit": "ms"}

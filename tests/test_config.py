@@ -238,3 +238,45 @@ def test_exception_tree():
         assert getattr(substep, name).__bases__ == parents
     error = substep.NonFiniteError("x", time=1.5, index=2, step=3, result="part")
     assert (error.time, error.index, error.step, error.result) == (1.5, 2, 3, "part")
+
+
+NEEDED = {  # by extra: the module that it brings, and what cannot be done without it
+    "plot": ("matplotlib", "substep.stability.plot('rk4')"),
+    "view": ("viser", "substep.show(bodies, open_browser=False, wait=False)"),
+    "viz": ("pyvista", "substep.render.save_picture('run.vtkhdf', 'a.png')"),
+    "surface": ("pysplashsurf", "substep.geometry.liquid_surface([[0.0, 0, 0]], 0.1)"),
+    "mesh": ("meshio", "substep.export.save('run.vtkhdf', 'a.vtu')"),
+    "robots": ("mujoco", "substep.RigidBodies.from_mjcf('robot.xml')"),
+    "decomposition": (
+        "coacd",
+        "substep.geometry.convex_decomposition(substep.Box((1, 1, 1)).mesh())",
+    ),
+    "usd": ("pxr", "substep.export.save('run.vtkhdf', 'a.usdc')"),
+    "gltf": ("pygltflib", "substep.export.save('run.vtkhdf', 'a.glb')"),
+    "blender": ("bpy", "substep.export.save('run.vtkhdf', 'a.abc')"),
+    "sweep": ("distributed", "substep.sweep(dict, {'k': [1]}, 'sweep')"),
+}
+
+
+def test_every_extra_is_tried():
+    text = (Path(__file__).parents[1] / "pyproject.toml").read_text()
+    extras = text.partition("[project.optional-dependencies]")[2].partition("\n[")[0]
+    names = {line.split(" = ")[0] for line in extras.splitlines() if " = " in line[:20]}
+    assert names - {"all", "docs", "test"} == set(NEEDED)
+
+
+@pytest.mark.parametrize("extra", NEEDED)
+def test_an_extra_that_is_missing_is_named_with_its_line(extra, tmp_path, monkeypatch):
+    module, call = NEEDED[extra]
+    bodies = substep.RigidBodies()
+    bodies.add(substep.Box((1, 1, 1)), (0, 0, 1))
+    parts = {"cloth": substep.Part("mesh", triangles=[[0, 1, 2]])}
+    with substep.Recorder(tmp_path / "run.vtkhdf", parts=parts) as recorder:
+        recorder.append(0.0, {"cloth": {"points": np.eye(3)}})
+    (tmp_path / "robot.xml").write_text("<mujoco/>")
+    monkeypatch.chdir(tmp_path)
+    for name in [module, *(name for name in sys.modules if name.startswith(f"{module}."))]:
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(ImportError) as raised:
+        eval(call, {"substep": substep, "bodies": bodies})
+    assert f'pip install "substep[{extra}]"' in str(raised.value)

@@ -588,3 +588,33 @@ def test_shapes_of_bodies_come_back(tmp_path):
     with substep.Recorder(tmp_path / "b.vtkhdf", parts={"tools": part}) as recorder:
         with pytest.raises(substep.InputError, match="shape_bodies need 2 points, got 1"):
             recorder.append(0.0, {"tools": {name: a[:1] for name, a in frame.items()}})
+
+
+def test_what_was_written_since_is_taken_in(tmp_path):
+    """Half a frame is none yet; the last frames are there though the journal is packed and gone."""
+    path = tmp_path / "a.vtkhdf"
+    recorder = substep.Recorder(path, parts={"p": substep.Part()})
+    recorder.append(0.0, {"p": {"points": [[0.0, 0.0]]}})
+    with substep.Recording(path) as recording:
+        assert recording.refresh() == 1
+        whole = Path(recording.path).read_bytes()
+        recorder.append(1.0, {"p": {"points": [[1.0, 0.0]]}})
+        both = Path(recording.path).read_bytes()
+        os.truncate(recording.path, len(both) - 4)
+        assert recording.refresh() == 1
+        with open(recording.path, "r+b") as file:
+            file.write(both)
+        assert recording.refresh() == 2 and recording.times.tolist() == [0, 1]
+        with open(recording.path, "ab") as file:
+            file.write(both[len(whole) :])  # that frame once more
+        with pytest.raises(substep.CorruptError, match="another frame"):
+            recording.refresh()
+        assert len(recording) == 2
+        recorder.append(2.0, {"p": {"points": [[2.0, 0.0]]}})
+        recorder.close()
+        assert not os.path.exists(recording.path)
+        assert recording.refresh() == 3 and recording["p"].points(-1)[0, 0] == 2
+    with substep.Recording(path) as recording:
+        assert recording.packed and recording.refresh() == 3
+    with pytest.raises(substep.InputError, match="closed"):
+        recording.refresh()

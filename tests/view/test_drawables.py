@@ -12,8 +12,9 @@ import pytest
 import substep
 from substep.recording.contents import particle_frame, particle_parts
 from substep.view.browser import Viewer
+from substep.view.cloud import blocks
 from substep.view.drawables import Drawable, Scenery
-from substep.view.painted import Paint, open_server, palette, sheet
+from substep.view.painted import Paint, cloud, open_server, palette, sheet
 from test_conformance import classes, example
 
 CLASSES = pytest.mark.parametrize("kind", classes(), ids=lambda kind: kind.__name__)
@@ -167,6 +168,23 @@ def test_a_cut_shows_the_cells_where_they_are(axis):
     # The hot cells are an edge along z, which a cut across z meets in its upper right corner.
     met = [0] if axis == 2 else range(rows)
     assert hot.tolist() == [[row, columns - 1] for row in met]
+
+
+def test_a_volume_has_the_smoke_of_the_cells_in_its_place():
+    smoke = np.zeros((5, 6, 7))
+    smoke[4, 5, 6], smoke[0, 0, 0] = 1.0, np.nan
+    means, side = blocks(smoke, most=40)
+    assert means.shape == (3, 3, 4) and side == 2
+    assert np.argwhere(means).tolist() == [[2, 2, 3]] and 8 * means.sum() == 1
+    assert blocks(smoke)[1] == 1
+    box = np.array([[1, 1, 1], [6, 7, 8]], np.float32)
+    one = Drawable("air", "cells", box, fields={"smoke": smoke})
+    white, side = cloud(one, Paint(None, {}, axis=None))
+    assert white.shape == (5, 6, 7, 4) and side == 1
+    assert np.argwhere(white[..., 3]).tolist() == [[4, 5, 6]]
+    colored, _ = cloud(one, Paint("smoke", {"smoke": (0.0, 2.0)}, axis=None))
+    assert colored[4, 5, 6, :3].tolist() == palette(np.ones(1), "smoke", (0, 2))[0].tolist()
+    assert 0 < colored[4, 5, 6, 3] < white[4, 5, 6, 3]
 
 
 def test_results_fields_and_regions_have_pictures():

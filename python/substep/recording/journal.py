@@ -78,12 +78,17 @@ class Journal:
             self.counts: list[tuple[int, ...]] = []
             self.crcs: list[tuple[int, ...]] = []
             self._offsets: list[int] = []
-            self.problem: FormatError | None = None
-            self.removable = True
             self._walk()
         except BaseException:
             self.close()
             raise
+
+    def refresh(self) -> None:
+        """Take the frames that were written since into the index."""
+        size = os.fstat(self.fd).st_size
+        if size != self.size or self.problem is not None:
+            self.size = size
+            self._walk()
 
     def close(self) -> None:
         """Close the file."""
@@ -131,6 +136,9 @@ class Journal:
             raise CorruptError(f"{self.path}: metadata is incomplete ({error})") from None
 
     def _walk(self) -> None:
+        """Take the frames behind `end` into the index."""
+        self.problem: FormatError | None = None
+        self.removable = True
         head_bytes = FRAME_HEADER.size + TABLE.itemsize * self.arrays_per_frame
         while self.problem is None:
             head = os.pread(self.fd, head_bytes, self.end)

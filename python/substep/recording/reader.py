@@ -76,7 +76,10 @@ class Recording(Checked, Pictured):
     >>> recorder.append(0.0, {"p": {"points": [[1.0, 2.0]]}})
     >>> with substep.Recording(path) as recording:  # while the run goes on
     ...     print(recording.parameters, recording.frame(0)["p"]["points"])
+    ...     recorder.append(0.1, {"p": {"points": [[1.0, 2.5]]}})
+    ...     print(recording.refresh(), recording.frame(-1)["p"]["points"])
     {'n': 1} [[1. 2.]]
+    2 [[1.  2.5]]
     >>> recorder.close()
     >>> folder.cleanup()
     """
@@ -100,19 +103,23 @@ class Recording(Checked, Pictured):
 
     def _adopt(self, source: Source, recover: bool) -> None:
         self._closed = False
+        self._recover = recover
         self.source = source
         self.path = source.path
         self.packed = not isinstance(source, Journal)
         try:
             self._check_metadata(source.metadata)
-            problem = self._check_index() or self.source.problem
-            if recover:
-                self._keep_valid_frames()
-            elif problem is not None:
-                raise problem
+            self._check_frames()
         except BaseException:
             self.close()
             raise
+
+    def _check_frames(self) -> None:
+        problem = self._check_index() or self.source.problem
+        if self._recover:
+            self._keep_valid_frames()
+        elif problem is not None:
+            raise problem
 
     def _check_metadata(self, metadata: dict[str, Any]) -> None:
         """Names and units come from a file that anyone may have written: check them as input."""
@@ -259,6 +266,31 @@ class Recording(Checked, Pictured):
         if name not in self.parts:
             raise KeyError(f"{name!r}; the recording has {', '.join(self.parts)}")
         return RecordedPart(self, name)
+
+    def refresh(self) -> int:
+        """Take in the frames that a run has written since the recording was opened.
+
+        A recording that is packed has all of them, and one opened with `recover` keeps those that
+        it has.
+
+        Returns
+        -------
+        int
+            Number of frames.
+
+        Raises
+        ------
+        InputError
+            If the recording is closed.
+        CorruptError, TruncatedError
+            If what was added is damaged; the frames before it stay.
+        """
+        if self._closed:
+            raise InputError("the recording is closed")
+        if isinstance(self.source, Journal) and not self._recover:
+            self.source.refresh()
+            self._check_frames()
+        return len(self)
 
     def to_html(
         self, out: str | os.PathLike[str], *, color: str | None = None, fps: float = 25.0

@@ -15,12 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.checks import check_array, check_integer, check_path, check_real
 from ..base.replacing import replace_bytes
 from ..errors import InputError
+from ..recording import Recording
 from ..view.extent import radius_of
-from .collection import Run, RunCollection
+from .collection import RunCollection
+from .training import SPLITS, chosen_part, read_runs
 
 SAND = 6  # particle types of the data sets of Learning to Simulate: 3 is kinematic, 5 water, 7 goop
 LOW, HIGH = 0.1, 0.9  # of their walls, in the unit box
-SPLITS = ("train", "valid", "test")
 
 
 def write_gns(
@@ -97,21 +98,18 @@ def write_gns(
     [[0.1, 0.9], [0.1, 0.5]]
     >>> folder.cleanup()
     """
-    done = done_runs(runs)
     kind = check_integer("particle_type", particle_type, minimum=0, maximum=8)
-    shares = check_fractions(fractions)
+    done, read, dt, sets = read_runs(
+        runs, fractions, lambda recording, run: _read(recording, run, part), "another dimension"
+    )
     if material is not None and not all(
         isinstance(value, (int, float)) for value in runs.parameters.get(material, ("",))
     ):
         raise InputError(f"material: expected a parameter of numbers, got {material!r}")
-    read = [_read(run, part) for run in done]
-    dim, dt = read[0][0].shape[2], read[0][1]
-    for run, (positions, step) in zip(done, read, strict=True):
-        if positions.shape[2] != dim or abs(step - dt) > 1e-6 * dt:
-            raise InputError(f"runs: run {run.index} has another dimension or frame rate")
-    low, high = _bounds(bounds, [positions for positions, _ in read], dim)
+    dim = read[0].shape[2]
+    low, high = _bounds(bounds, read, dim)
     if radius is None:
-        reach = 4 * radius_of(read[0][0][0])
+        reach = 4 * radius_of(read[0][0])
     else:
         reach = check_real("radius", radius, positive=True)
     with np.errstate(all="ignore"):
@@ -119,10 +117,9 @@ def write_gns(
         scale = (HIGH - LOW) / size.max()
     if not 0 < scale < np.inf:
         raise InputError(f"bounds: expected other lengths, got {size.tolist()}")
-    if not any(((x >= low) & (x <= high)).all(2).any() for x, _ in read):
+    if not any(((x >= low) & (x <= high)).all(2).any() for x in read):
         raise InputError("bounds: no particle is ever within them")
-    trajectories = [(LOW + scale * (positions - low)).astype(np.float32) for positions, _ in read]
-    sets = split_by_seed(done, shares)
+    trajectories = [(LOW + scale * (positions - low)).astype(np.float32) for positions in read]
     metadata = {
         "bounds": np.stack([np.full(dim, LOW), LOW + scale * (high - low)], 1).round(6).tolist(),
         "sequence_length": min(len(positions) for positions in trajectories) - 1,
@@ -153,26 +150,14 @@ def write_gns(
     return folder
 
 
-def _read(run: Run, part: str | None) -> tuple[NDArray[Any], float]:
-    """Positions of shape (frames, n, dim) [m], and the time between frames [s]."""
-    with run.recording() as recording:
-        names = [name for name, one in recording.parts.items() if one.kind == "particles"]
-        if part is not None and part not in names:
-            raise InputError(f"part: expected one of {', '.join(names)}, got {part!r}")
-        if part is None and len(names) != 1:
-            raise InputError(
-                f"part: the recordings have {len(names)} parts of particles: {', '.join(names)}"
-            )
-        chosen = recording[part or names[0]]
-        frames = [np.array(chosen.points(k), np.float64) for k in range(len(recording))]
-        steps = np.diff(recording.times)
-    if len({len(points) for points in frames}) != 1:
-        raise InputError(f"runs: in run {run.index} particles come or go")
-    if len(frames) < 3 or np.ptp(steps) > 1e-6 * steps.mean():
-        raise InputError(
-            f"runs: expected 3 frames or more at equal times, as run {run.index} has not"
-        )
-    return np.stack(frames), float(steps.mean())
+def _read(recording: Recording, run: int, part: str | None) -> tuple[NDArray[Any], int]:
+    """Positions of shape (frames, n, dim) [m], and dim."""
+    names = [name for name, one in recording.parts.items() if one.kind == "particles"]
+    chosen = recording[chosen_part(part, names, "parts of particles")]
+    frames = [np.array(chosen.points(k), np.float64) for k in range(len(recording))]
+    if len({len(points) for points in frames}) > 1:
+        raise InputError(f"runs: in run {run} particles come or go")
+    return np.stack(frames), frames[0].shape[1]
 
 
 def _bounds(
@@ -186,34 +171,6 @@ def _bounds(
     if not (high > low).all():
         raise InputError("bounds: expected a high corner above the low one")
     return low, high
-
-
-def done_runs(runs: Any) -> list[Run]:
-    """Those of a sweep that are done; InputError if there are none."""
-    if not isinstance(runs, RunCollection):
-        raise InputError(f"runs: expected a RunCollection, got {type(runs).__name__}")
-    done = [run for run in runs if run.state == "done"]
-    if not done:
-        why = f"; run 0: {runs[0].error}" if runs[0].error else ""
-        raise InputError(f"runs: expected some that are done, got none{why}")
-    return done
-
-
-def check_fractions(fractions: Any) -> NDArray[Any]:
-    """Three parts of 1."""
-    shares = check_array("fractions", fractions, (3,))
-    if (shares < 0).any() or abs(shares.sum() - 1) > 1e-9:
-        raise InputError(f"fractions: expected parts of 1, got {shares.tolist()}")
-    return shares
-
-
-def split_by_seed(runs: list[Run], shares: NDArray[Any]) -> list[list[int]]:
-    """Numbers of the runs of each set: those of a seed together, if there are three seeds."""
-    seeds = [run.seed for run in runs]
-    keys = seeds if len(set(seeds)) >= 3 else list(range(len(seeds)))
-    order = np.random.default_rng(0).permutation(np.unique(keys))
-    ends = np.round(np.cumsum(shares) * len(order)).astype(int)
-    return [[k for k, key in enumerate(keys) if key in part] for part in np.split(order, ends[:2])]
 
 
 def _statistics(name: str, values: list[NDArray[Any]]) -> dict[str, list[float]]:

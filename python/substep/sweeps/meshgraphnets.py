@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from ..base.checks import check_path
 from ..base.replacing import replace_bytes
-from ..errors import InputError
-from .collection import Run, RunCollection
-from .gns import SPLITS, check_fractions, done_runs, split_by_seed
+from ..recording import Recording
+from .collection import RunCollection
+from .training import SPLITS, chosen_part, read_runs
 
 NORMAL, OBSTACLE, HANDLE = 0, 1, 3  # types of nodes, as the paper's code numbers them
 FIELDS = ("cells", "mesh_pos", "node_type", "world_pos")
@@ -86,20 +86,16 @@ def write_meshgraphnets(
     4
     >>> folder.cleanup()
     """
-    done = done_runs(runs)
-    shares = check_fractions(fractions)
-    read = [_read(run, part) for run in done]
-    corners, dt = read[0][0]["cells"].shape[2], read[0][1]
-    for run, (arrays, step) in zip(done, read, strict=True):
-        if arrays["cells"].shape[2] != corners or abs(step - dt) > 1e-6 * dt:
-            raise InputError(f"runs: run {run.index} has other cells or another frame rate")
-    length = min(len(arrays["world_pos"]) for arrays, _ in read)
+    done, read, dt, sets = read_runs(
+        runs, fractions, lambda recording, _: _read(recording, part), "other cells"
+    )
+    length = min(len(arrays["world_pos"]) for arrays in read)
     folder = Path(check_path(out))
     written = set()
-    for split, chosen in zip(SPLITS, split_by_seed(done, shares), strict=True):
+    for split, chosen in zip(SPLITS, sets, strict=True):
         (folder / split).mkdir(parents=True, exist_ok=True)
         for k in chosen:
-            arrays = read[k][0] | {"world_pos": read[k][0]["world_pos"][:length]}
+            arrays = read[k] | {"world_pos": read[k]["world_pos"][:length]}
             buffer = io.BytesIO()
             np.savez_compressed(buffer, allow_pickle=False, **arrays)
             path = folder / split / f"trajectory_{done[k].index}.npz"
@@ -109,7 +105,7 @@ def write_meshgraphnets(
         for path in set((folder / split).glob("trajectory_*.npz")) - written:
             if path.stem.removeprefix("trajectory_").isdecimal():
                 path.unlink()
-    first = read[0][0] | {"world_pos": read[0][0]["world_pos"][:length]}
+    first = read[0] | {"world_pos": read[0]["world_pos"][:length]}
     meta = {
         "simulator": "substep",
         "dt": dt,
@@ -128,31 +124,19 @@ def write_meshgraphnets(
     return folder
 
 
-def _read(run: Run, part: str | None) -> tuple[dict[str, NDArray[Any]], float]:
-    """Arrays of the fields, and the time between frames [s]."""
-    with run.recording() as recording:
-        meshes = {name: one for name, one in recording.parts.items() if one.kind == "mesh"}
-        moving = [
-            name
-            for name, one in meshes.items()
-            if one.points is None and (one.triangles is not None or one.tetrahedra is not None)
-        ]
-        if part is not None and part not in moving:
-            raise InputError(f"part: expected one of {', '.join(moving) or 'none'}, got {part!r}")
-        if part is None and len(moving) != 1:
-            raise InputError(
-                f"part: the recordings have {len(moving)} meshes that move: {', '.join(moving)}"
-            )
-        body = part or moving[0]
-        solid = meshes[body].tetrahedra is not None
-        cells = np.asarray(meshes[body].tetrahedra if solid else meshes[body].triangles)
-        x = np.stack([recording[body].points(k) for k in range(len(recording))])
-        steps = np.diff(recording.times)
-        still = [one for one in meshes.values() if one.points is not None and not solid]
-    if len(x) < 3 or np.ptp(steps) > 1e-6 * steps.mean():
-        raise InputError(
-            f"runs: expected 3 frames or more at equal times, as run {run.index} has not"
-        )
+def _read(recording: Recording, part: str | None) -> tuple[dict[str, NDArray[Any]], int]:
+    """Arrays of the fields, and the number of corners of a cell."""
+    meshes = {name: one for name, one in recording.parts.items() if one.kind == "mesh"}
+    moving = [
+        name
+        for name, one in meshes.items()
+        if one.points is None and (one.triangles is not None or one.tetrahedra is not None)
+    ]
+    body = chosen_part(part, moving, "meshes that move")
+    solid = meshes[body].tetrahedra is not None
+    cells = np.asarray(meshes[body].tetrahedra if solid else meshes[body].triangles)
+    x = np.stack([recording[body].points(k) for k in range(len(recording))])
+    still = [one for one in meshes.values() if one.points is not None and not solid]
     held = (x == x[0]).all(axis=(0, 2))
     kinds, faces = [np.where(held, HANDLE, NORMAL)], [cells]
     for one in still:
@@ -168,4 +152,4 @@ def _read(run: Run, part: str | None) -> tuple[dict[str, NDArray[Any]], float]:
         "node_type": np.concatenate(kinds)[None, :, None].astype(np.int32),
         "world_pos": x.astype(np.float32),
     }
-    return arrays, float(steps.mean())
+    return arrays, cells.shape[1]

@@ -10,11 +10,11 @@ import threading
 import time
 import webbrowser
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ..base.attributes import settable
 from ..base.checks import check_flag, check_integer, check_name, check_real, describe
 from ..base.simulation import Simulation
 from ..errors import InputError, SubstepError
@@ -26,11 +26,15 @@ from .drawables import Drawable, Scenery, members_of
 from .extent import range_of
 from .page import legend
 from .painted import Paint, Painter, close_server, open_server, place_camera
+from .settings import make_settings
 from .surfaces import in_space
 
 OWN = "(none)"  # no field: each part has its own colour
 WATER = "#2f86bd"
+CUTS = ("volume", "cut across x", "cut across y", "cut across z")
 MOST_RATE = 30.0  # pictures per second
+LOOK = 0.5  # after which a recording may have more frames [s]
+GROWING = 30.0  # for which one counts as being written after a frame [s]
 
 
 def show(
@@ -56,8 +60,8 @@ def show(
     Parameters
     ----------
     source : Simulation, Recording or path-like
-        What is shown; a path is that of a recording, which is closed with the view. Of a recording
-        the frames that it had when it was opened.
+        What is shown; a path is that of a recording, which is closed with the view. One that is
+        being written is followed.
     color : str, optional
         Field by which parts that have it are coloured at first.
     interval : float, optional
@@ -152,6 +156,7 @@ class Viewer:
         self._closed, self._changed = threading.Event(), threading.Event()
         self._limits: dict[str, tuple[float, float]] = {}
         self._problem = ""
+        self._grew = -math.inf  # when the recording was last seen to have more frames
         self.drawn = 0  # pictures sent
         label = type(source).__name__ if self._live else source.scene or "recording"
         self._server = open_server(label, port)
@@ -240,13 +245,16 @@ class Viewer:
             self._liquid.on_update(self._touch)
         self._cut = None
         if any(len(part.cells) == 3 for part in self._scenery.parts.values()):
-            self._cut = gui.add_dropdown("cut across", ["x", "y", "z"], initial_value="y")
+            self._cut = gui.add_dropdown(
+                "grid", CUTS, initial_value=CUTS[0] if self._scenery.smoky else CUTS[2]
+            )
             self._place = gui.add_slider("at", min=0.0, max=1.0, step=0.005, initial_value=0.5)
             self._cut.on_update(self._touch)
             self._place.on_update(self._touch)
         if self._live:
             for name, member in members_of(self.source):
-                self._make_settings(name, member)
+                for attribute, control in make_settings(gui, name, member):
+                    control.on_update(self._setter(member, attribute, control))
         gui.add_button("close").on_click(lambda _: threading.Thread(target=self.close).start())
 
     def _may_be_liquid(self) -> bool:
@@ -256,38 +264,6 @@ class Viewer:
             isinstance(m, (GridLiquid, PositionBasedFluid)) for _, m in members_of(self.source)
         )
         return known and "particles" in kinds and not self._scenery.flat
-
-    def _make_settings(self, name: str, member: Any) -> None:
-        """A control for each number, vector and switch that can be set."""
-        values: dict[str, Any] = {}
-        for attribute in settable(type(member)):
-            value: Any = getattr(member, attribute, None)
-            if attribute in member._fixed or attribute == "threads":
-                continue
-            if isinstance(value, (bool, int, float)) and math.isfinite(value):
-                values[attribute] = value
-            elif isinstance(value, np.ndarray) and value.shape in ((2,), (3,)):
-                values[attribute] = tuple(map(float, value))
-        if not values:
-            return
-        gui = self._server.gui
-        with gui.add_folder(f"settings of {name}" if name else "settings"):
-            for attribute, value in values.items():
-                add: Any = gui.add_number
-                options: dict[str, Any] = {}
-                if isinstance(value, bool):
-                    add = gui.add_checkbox
-                elif isinstance(value, tuple):
-                    add, options = (
-                        (gui.add_vector2, gui.add_vector3)[len(value) - 2],
-                        {"step": 0.01},
-                    )
-                elif isinstance(value, float):
-                    digits = math.floor(math.log10(abs(value))) - 2 if value else -3
-                    options = {"step": 10.0**digits}
-                hint = (getattr(type(member), attribute).__doc__ or "").split("\n")[0]
-                control = add(attribute, initial_value=value, hint=hint, **options)
-                control.on_update(self._setter(member, attribute, control))
 
     def _setter(self, member: Any, attribute: str, control: Any) -> Callable[[Any], None]:
         def put(_: Any) -> None:
@@ -324,27 +300,55 @@ class Viewer:
                 own = isinstance(error, SubstepError)
                 self._problem = str(error) if own else f"{type(error).__name__}: {error}"
 
+    def _refresh(self) -> bool:
+        """Whether the recording has more frames than before."""
+        before = len(self.source)
+        with self._lock:
+            count = self.source.refresh()
+        if count > before:
+            self._frame.max, self._frame.disabled = count - 1, False
+            self._grew = time.monotonic()
+        return bool(count > before)
+
+    def _play(self) -> float:
+        """Go to what is shown next; how long that is to be seen [s]."""
+        if self._live:
+            self._advance()
+            return 1 / MOST_RATE
+        following = int(self._frame.value) + 1
+        if following < len(self.source) or self._refresh():
+            self._frame.value = following
+        elif time.monotonic() - self._grew < GROWING:
+            return LOOK
+        else:
+            self._frame.value = 0
+        return 1 / max(float(self._rate.value), 0.1)
+
+    def _wait(self) -> None:
+        """Until something is changed; of a recording that grows the last frame is followed."""
+        while not self._changed.wait(None if self._live or self.source.packed else LOOK):
+            last = len(self.source) - 1
+            if self._refresh():
+                if int(self._frame.value) == last:
+                    self._frame.value = len(self.source) - 1
+                return
+
     def _go(self) -> None:
         while not self._closed.is_set():
-            began = time.monotonic()
-            if self._playing.value:
-                pause = 1 / MOST_RATE
-                if self._live:
-                    self._advance()
-                else:
-                    pause = 1 / max(float(self._rate.value), 0.1)
-                    self._frame.value = (int(self._frame.value) + 1) % len(self.source)
-            else:
-                self._changed.wait()
-                pause = 0.0
-            self._changed.clear()
-            if self._closed.is_set():
-                return
+            began, pause = time.monotonic(), 0.0
             try:
+                if self._playing.value:
+                    pause = self._play()
+                else:
+                    self._wait()
+                self._changed.clear()
+                if self._closed.is_set():
+                    return
                 self._draw()
             except Exception as error:  # the view tells, and lives on
                 self._playing.value = False
                 self._told.content = f"**{type(error).__name__}**: {error}"
+                pause = LOOK
             self._closed.wait(max(0.0, pause - (time.monotonic() - began)))
 
     def _draw(self) -> None:
@@ -353,16 +357,17 @@ class Viewer:
             frame = -1 if self._live else int(self._frame.value)
             drawn = self._scenery.at(frame)
             when = self.source.time if self._live else self.source.times[frame]
-        shown = [] if field is None else [field]
-        shown += [next(iter(d.fields)) for d in drawn if d.kind == "cells"]
+        paint = Paint(field, self._limits)
+        if self._cut is not None:
+            axis = CUTS.index(self._cut.value) - 1
+            paint = replace(paint, axis=None if axis < 0 else axis, place=float(self._place.value))
+            self._place.disabled = axis < 0
+        shown = [name for name in (field, *map(paint.field_of, drawn)) if name is not None]
         for name in shown:
             self._limits[name] = self._limits_of(name, drawn)
         if self._liquid is not None and self._liquid.value:
             drawn = [_wrapped(d) for d in drawn]
-        axis, place = 1, 0.5
-        if self._cut is not None:
-            axis, place = "xyz".index(self._cut.value), float(self._place.value)
-        self._painter.put(drawn, Paint(field, self._limits, axis, place))
+        self._painter.put(drawn, paint)
         of = next(iter(shown), None)
         units = self._scenery.fields
         self._legend.content = "" if of is None else legend(of, units[of], self._limits[of])
@@ -371,12 +376,11 @@ class Viewer:
         self.drawn += 1
 
     def _limits_of(self, name: str, drawn: list[Drawable]) -> tuple[float, float]:
-        """Of all frames of a recording; of a simulation what it has reached so far."""
-        if not self._live:
-            return self._limits.get(name) or range_of(self.source, name)
-        values = [d.fields[name] for d in drawn if name in d.fields]
+        """Of all frames that a recording had at first, and of what was drawn so far."""
+        if name not in self._limits and not self._live:
+            self._limits[name] = range_of(self.source, name)
         low, high = self._limits.get(name, (np.inf, -np.inf))
-        for each in values:
+        for each in (d.fields[name] for d in drawn if name in d.fields):
             known = each[np.isfinite(each)]
             low, high = min(low, known.min(initial=low)), max(high, known.max(initial=high))
         return (float(low), float(high)) if low <= high else (0.0, 1.0)

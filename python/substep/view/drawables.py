@@ -108,6 +108,11 @@ class Scenery:
         units = {k: unit for part in self.parts.values() for k, unit in part.fields.items()}
         return {name: unit for name, unit in units.items() if name != "orientation"}
 
+    @property
+    def smoky(self) -> bool:
+        """Whether there is smoke in space, which is best seen as a volume."""
+        return any(len(p.cells) == 3 and "smoke" in p.fields for p in self.parts.values())
+
     def at(self, frame: int = -1) -> list[Drawable]:
         """What there is to see.
 

@@ -61,7 +61,7 @@ def write_page(
     }
     server = open_server(recording.scene or "recording")
     try:
-        painter, paint = Painter(server), Paint(color, limits)
+        painter, paint = Painter(server), Paint(color, limits, None if scenery.smoky else 1)
         painter.put(scenery.at(0), paint)
         place_camera(server, scenery.at(0) + scenery.at(-1), scenery.flat)
         film = server.get_scene_serializer()
@@ -72,7 +72,8 @@ def write_page(
         page = film.as_html()
     finally:
         close_server(server)
-    shown = color or next(iter(limits), None)
+    fields = map(paint.field_of, scenery.at(0))
+    shown = color or next((field for field in fields if field is not None), None)
     text = html.escape(recording.scene or "recording")
     if shown is not None:
         text += legend(shown, scenery.fields[shown], limits[shown])

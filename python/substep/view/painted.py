@@ -13,14 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.imports import needs
+from .cloud import add_cloud, blocks, opacities, recolor
 from .drawables import Drawable, reach
 from .field_sheet import PALETTES
+from .volume import DEPTH, lit
 
 Array = NDArray[Any]
 
 MOST_PORT = 65535
 DISTANCE = 1.9  # of the camera, over the diagonal of what is seen
 DIRECTION = np.array([0.45, -0.8, 0.4])  # to the camera, where z is up
+TO_LIGHT = np.array([-0.5, -0.4, 0.77])  # of smoke
+GREY = "#a5a39f"  # of smoke in full light, before a light background
 
 
 @dataclass(frozen=True)
@@ -30,19 +34,31 @@ class Paint:
     Attributes
     ----------
     field : str or None
-        That colours those which have it; own colours unless given. Grids show their first.
+        That colours those which have it; own colours unless given. Grids show their first, but
+        smoke where it is drawn as a volume.
     limits : dict of str to tuple
         Values at the ends of the colours, by field.
-    axis : int
-        Across which a grid in space is cut.
+    axis : int or None
+        Across which a grid in space is cut; None draws it as a volume.
     place : float
         Where, from 0 to 1.
     """
 
     field: str | None
     limits: dict[str, tuple[float, float]]
-    axis: int = 1
+    axis: int | None = 1
     place: float = 0.5
+
+    def field_of(self, one: Drawable) -> str | None:
+        """The field whose colours a drawable has; None of one in its own colour."""
+        if self.field in one.fields or one.kind != "cells":
+            return self.field if self.field in one.fields else None
+        return None if self.fills(one) and "smoke" in one.fields else next(iter(one.fields))
+
+    def fills(self, one: Drawable) -> bool:
+        """Whether a drawable is drawn as a volume."""
+        in_space = one.kind == "cells" and next(iter(one.fields.values())).ndim == 3
+        return in_space and self.axis is None
 
 
 def open_server(label: str, port: int = 8080) -> Any:
@@ -138,12 +154,15 @@ class Painter:
         colors: Array = _rgb(one.color)
         shape: tuple[Any, ...]
         arrays: list[Array]
-        field = paint.field
-        if one.kind == "cells":
+        field = paint.field_of(one)
+        if paint.fills(one):
+            rgba, side = cloud(one, paint)
+            shape, arrays = ("cloud", rgba.shape), [rgba]
+        elif one.kind == "cells":
             image, corners = sheet(one, paint)
             shape, arrays = ("cells", image.shape, paint.axis), [image, corners]
         else:
-            if field in one.fields:
+            if field is not None:
                 colors = palette(one.fields[field], field, paint.limits[field])
             shape = (one.kind, len(one.points), colors.ndim, one.radius)
             arrays = [one.points, colors, one.rows]
@@ -156,6 +175,10 @@ class Painter:
             node.points, node.colors = arrays[0], colors
         elif one.kind == "surface" and before == shape and colors.ndim == 1:
             node.vertices = arrays[0]
+        elif paint.fills(one) and before == shape:
+            recolor(node, rgba)
+        elif paint.fills(one):
+            node = add_cloud(self._server, name, one.points, side, rgba)
         elif one.kind == "points":
             node = self._server.scene.add_point_cloud(
                 name,
@@ -247,6 +270,39 @@ def palette(values: Array, field: str | None, limits: tuple[float, float]) -> ND
     return colors
 
 
+def cloud(one: Drawable, paint: Paint) -> tuple[NDArray[np.uint8], float]:
+    """A grid in space as blobs: smoke that scatters light, or a field, thicker the greater it is.
+
+    Parameters
+    ----------
+    one : Drawable
+        Of cells.
+    paint : Paint
+        Which field.
+
+    Returns
+    -------
+    rgba : ndarray of uint8, shape (nx, ny, nz, 4)
+        Colours and opacities.
+    side : float
+        Of the block that a blob stands for [m].
+    """
+    field = paint.field_of(one)
+    values, side = blocks(one.fields[field or "smoke"])
+    cells = one.fields[field or "smoke"].shape
+    thick = side * DEPTH / min(cells)
+    if field is None:
+        depth = thick * np.maximum(values, 0)
+        tone = np.array(_rgb(GREY) / 255, np.float32)
+        colors = lit(depth, TO_LIGHT / np.linalg.norm(TO_LIGHT), tone)
+    else:
+        low, high = paint.limits[field]
+        depth = thick * np.clip((values - low) / (high - low or 1.0), 0, 1) ** 2
+        colors = palette(values, field, (low, high))
+    rgba = np.concatenate([colors, opacities(depth)[..., None]], axis=-1)
+    return rgba, side * float(np.ptp(one.points[:, 0])) / cells[0]
+
+
 def sheet(one: Drawable, paint: Paint) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """The picture of a grid, or of a cut through one in space, and the corners of its place.
 
@@ -264,9 +320,9 @@ def sheet(one: Drawable, paint: Paint) -> tuple[NDArray[np.uint8], NDArray[np.fl
     corners : ndarray of float32, shape (2, 3)
         Lowest and highest [m].
     """
-    field = paint.field if paint.field in one.fields else next(iter(one.fields))
+    field = paint.field_of(one) or ""
     values, corners = one.fields[field], one.points.copy()
-    if values.ndim == 3:
+    if values.ndim == 3 and paint.axis is not None:
         n = values.shape[paint.axis]
         values = np.take(values, min(int(paint.place * n), n - 1), axis=paint.axis)
         low, high = corners[:, paint.axis]

@@ -107,8 +107,7 @@ class Smoke:
             depth = self._take_colors(density, rgba)
         else:
             depth = self._absorption * np.clip(density, 0, None)  # of a cell, optical
-            light = SHADE + KEY * through((1 - FORWARD) * depth, self._key)
-            rgba[..., :3] = np.rint(255 * np.minimum(light[..., None] * self._color, 1))
+            rgba[..., :3] = lit(depth, self._key, self._color)
         rgba[..., 3] = np.rint(255 * -np.expm1(-REACH * depth))
         pixels = rgba.transpose(2, 1, 0, 3).reshape(-1, 4)
         self.data.point_data["rgba"][:] = pixels
@@ -123,6 +122,12 @@ class Smoke:
         part = np.clip((values - low) / (high - low), 0, 1)
         rgba[..., :3] = colormaps[self._coloring.palette](part, bytes=True)[..., :3]
         return (self._absorption * part**2).astype(np.float32)
+
+
+def lit(depth: Array, key: NDArray[np.float64], color: Array) -> NDArray[np.uint8]:
+    """Colours of smoke in the light of all directions and the key light, of its optical depths."""
+    light = SHADE + KEY * through((1 - FORWARD) * depth, key)
+    return np.rint(255 * np.minimum(light[..., None] * color, 1)).astype(np.uint8)
 
 
 def through(depth: Array, key: NDArray[np.float64]) -> Array:
