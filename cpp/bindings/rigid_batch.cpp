@@ -67,7 +67,7 @@ Batch::Steps steps_of(double dt, std::int64_t count, bool hold_forces) {
 
 }  // namespace
 
-void bind_batch(py::module_& m) {
+void bind_rigid_batch(py::module_& m) {
   py::class_<Batch>(m, "RigidBatch")
       .def(py::init([](const std::vector<const PyWorld*>& templates) {
              std::vector<const World*> worlds;

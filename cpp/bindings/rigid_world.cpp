@@ -338,5 +338,5 @@ void bind_rigid_world(py::module_& m) {
   bind_changes(world);
   bind_joints(world);
   bind_queries(world);
-  bind_batch(m);
+  bind_rigid_batch(m);
 }

@@ -106,7 +106,7 @@ py::dict state_of(WorldState state);
 void restore_state(PyWorld& world, const py::dict& state);
 
 void bind_joints(py::class_<PyWorld>& world);
-void bind_batch(py::module_& m);
+void bind_rigid_batch(py::module_& m);
 void bind_queries(py::class_<PyWorld>& world);
 
 }  // namespace rigid_binding
