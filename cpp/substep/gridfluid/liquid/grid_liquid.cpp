@@ -19,6 +19,7 @@
 #include "substep/gridfluid/particles/density.h"
 #include "substep/gridfluid/particles/surface.h"
 #include "substep/gridfluid/particles/transfer_to_grid.h"
+#include "substep/gridfluid/pressure/surface_push.h"
 
 namespace substep::gridfluid {
 namespace {
@@ -113,26 +114,31 @@ void GridLiquid<Real, D>::count_obstacles_in() {
 }
 
 // The liquid goes on into obstacles that it touches: else a cell of which they cover the middle
-// would count as air, and the liquid beside it would shoot there.
+// would count as air, and the liquid beside it would shoot there. One of which they cover nearly
+// that much may have no particle by chance: it counts as what is before it.
 template <class Real, int D>
 void GridLiquid<Real, D>::extend_surface() {
-  constexpr Real kNear = 0.5, kInside = -0.5;  // [cells]
-  const auto touches = [&](std::int64_t i, std::size_t a, bool upper) {
+  constexpr Real kNear = 0.5, kInside = -0.5, kBeside = 0.35, kBefore = 0.5, kFar = 2;  // [cells]
+  const auto touches = [&](std::int64_t i, std::size_t a, bool upper, Real least) {
     const std::int64_t above = i + layout.stride[a], other = upper ? above : i - layout.stride[a];
     const Real open = obstacles.open(static_cast<int>(a))[usize(upper ? above : i)];
-    return open > 0 && phi_[usize(other)] < 0 && obstacles.at_centre(other) >= 0;
+    return open > 0 && phi_[usize(other)] < 0 && obstacles.at_centre(other) >= least;
   };
-  const auto extend = [&](std::int64_t i) {
-    if (obstacles.at_centre(i) >= 0) return;
-    bool liquid = phi_[usize(i)] < kNear;
+  const auto extend = [&](std::int64_t i, bool within) {
+    if (phi_[usize(i)] < kInside || obstacles.distance()[usize(i)] > kFar) return;
+    const Real here = obstacles.at_centre(i);
+    if (within ? here >= 0 : here < 0 || here >= kBeside || phi_[usize(i)] >= kNear) return;
+    bool liquid = within && phi_[usize(i)] < kNear;
     for (std::size_t a = 0; a < D; ++a) {
-      for (const bool upper : {false, true}) liquid = liquid || touches(i, a, upper);
+      for (const bool upper : {false, true})
+        liquid = liquid || touches(i, a, upper, within ? Real(0) : here + kBefore);
     }
-    if (liquid) phi_[usize(i)] = std::min(phi_[usize(i)], kInside);
+    if (liquid) phi_[usize(i)] = kInside;
   };
-  if (obstacles.any()) {
+  for (const bool within : {false, true}) {  // each looks at what it does not change
+    if (!obstacles.any()) break;
     for_rows(layout, all_cells(layout), options.threads, [&](std::int64_t begin, std::int64_t end) {
-      for (std::int64_t i = begin; i < end; ++i) extend(i);
+      for (std::int64_t i = begin; i < end; ++i) extend(i, within);
     });
   }
   for (int a = 0; a < D; ++a) {  // beyond open sides is air: see Projection
@@ -304,7 +310,8 @@ void GridLiquid<Real, D>::hold_nozzles() {
 
 template <class Real, int D>
 void GridLiquid<Real, D>::push_obstacles() {
-  obstacles.push({new_q_.data(), new_q_.size()}, projection_.cells(), cell_mass(), options.threads);
+  push_surface(obstacles, projection_, {new_q_.data(), new_q_.size()}, cell_mass(),
+               options.threads);
   for (std::size_t c = 0; c < given_.size(); ++c) {
     if (obstacles.colliders[c].yields()) obstacles.colliders[c].set_exchange(given_[c]);
   }
