@@ -14,7 +14,7 @@ namespace {
 constexpr double kClosed = 1e-3;  // a face that is less open is closed
 // A block whose distance in the middle differs by more from the mean of its corners, in widths, has
 // an edge of an obstacle in it, or what is as sharp: it is looked at in parts, at most so often.
-constexpr double kBent = 0.04;
+constexpr double kBent = 0.02;
 constexpr int kDepth = 2;
 
 // Of the corners of a block, with those upper along an axis by bits: those of its face, in a
@@ -182,8 +182,9 @@ auto Obstacles<Real, D>::cuts(int threads) -> std::span<const Cut> {
 // than what many a body weighs less than the fluid.
 template <class Real, int D>
 void Obstacles<Real, D>::refine_open(int threads) {
-  constexpr int kParts = 2;           // along an axis
-  constexpr Real kBulge = Real(0.2);  // of a surface that passes between the corners of a face
+  constexpr int kParts = 2;            // along an axis
+  constexpr Real kSharp = Real(0.08);  // as kBent: find_open() knows it better
+  constexpr Real kBulge = Real(0.2);   // of a surface that passes between the corners of a face
   const std::array<std::int64_t, D>& s = layout_.stride;
   const auto refine = [&](std::size_t a, const Face& face) {
     std::array<std::size_t, D - 1> across;  // the other axes
@@ -220,7 +221,7 @@ void Obstacles<Real, D>::refine_open(int threads) {
         (d[k][usize(j)] <= 0 ? some_in : some_out) = true;
       }
     }
-    if (some_in && some_out && std::abs(d[d.size() / 2][kParts / 2] - mean) > Real(kBent)) return;
+    if (some_in && some_out && std::abs(d[d.size() / 2][kParts / 2] - mean) > kSharp) return;
     for (std::size_t j = 0; j < kParts; ++j) {
       if constexpr (D == 2) {
         sum += open_part(std::array{d[0][j], d[0][j + 1]}) / kParts;
@@ -230,9 +231,14 @@ void Obstacles<Real, D>::refine_open(int threads) {
                  (kParts * kParts);
       }
     }
-    Real& open = open_[a][usize(face.index)];
-    sum += (sum - open) / (kParts * kParts - 1);  // Richardson's
-    open = sum < Real(kClosed) ? Real(0) : std::min(sum, Real(1));
+    Real whole;
+    if constexpr (D == 2) {
+      whole = open_part(std::array{d[0][0], d[0][kParts]});
+    } else {
+      whole = open_part(std::array{d[0][0], d[0][kParts], d[kParts][kParts], d[kParts][0]});
+    }
+    sum += (sum - whole) / (kParts * kParts - 1);  // Richardson's
+    open_[a][usize(face.index)] = sum < Real(kClosed) ? Real(0) : std::min(sum, Real(1));
   };
   for (std::size_t a = 0; a < D; ++a) {
     for_numbers(
