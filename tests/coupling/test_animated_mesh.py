@@ -160,6 +160,7 @@ def test_what_is_wrong_is_refused_by_name():
         ("times", [1, 2]),
         ("vertices", [box.vertices]),
         ("vertices", [box.vertices, box.vertices * np.nan]),
+        ("vertices", [box.vertices, box.vertices * 1e100]),
         ("faces", [[0, 1, 99]]),
         ("step", 0.0),
     ):

@@ -129,6 +129,8 @@ def test_what_does_not_fit_is_refused():
         Skin(mesh, np.eye(4, 3))
     with pytest.raises(InputError, match="rest: expected points at different places"):
         Skin(mesh, np.zeros((20, 3)))
+    with pytest.raises(InputError, match=r"rest: expected points at different .* of vertex 0"):
+        Skin(mesh, np.concatenate([body.positions, np.tile(mesh.vertices[:1], (13, 1))]))
     with pytest.raises(InputError, match="neighbours"):
         Skin(mesh, body.positions, neighbours=3)
     with pytest.raises(TypeError, match="skin: expected a Skin or None"):

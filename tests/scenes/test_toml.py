@@ -367,6 +367,8 @@ def test_cloth_solids_and_skins_of_other_methods(folder):
         (1, "\n[cloth]", "\n[solid]", "solid: mass-spring has none"),
         (1, "\n[cloth]", "\n[[cloth]]", "cloth: expected a table [cloth]"),
         (1, "size = [1.0, 1.0]", "size = [1.0]", "size: expected 2 numbers"),
+        (1, "spacing = ", "spacing = 1e-320 #", "spacing: inf cells are more than 2e+07"),
+        (2, "spacing = ", "spacing = 1e-4 #", "cells are more than 2e+07"),
         (1, '"mass-spring"', '"pbd"', "stiffness: unknown key of cloth"),
         (2, "poisson_ratio = 0.4", "poisson_ratio = 0.6", "poisson_ratio: [0]: expected a number"),
         (2, "poisson_ratio = 0.4", "", "poisson_ratio: solid needs it"),
@@ -377,6 +379,7 @@ def test_cloth_solids_and_skins_of_other_methods(folder):
         (2, "\n[solid]", "\n[[block]]", "density: unknown key of block"),
         (3, "fps = 10", "", "fps: obstacle needs it"),
         (3, "fps = 10", "fps = 0", "fps: expected"),
+        (3, "fps = 10", "fps = 1e-320", "fps: expected a larger number"),
         (
             3,
             "thickness = 0.05",

@@ -68,7 +68,7 @@ def test_what_is_held_and_what_is_solid(tmp_path):
     write_meshgraphnets(runs, folder, fractions=(0, 1, 0))  # elsewhere than before
     left = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*.npz"))
     assert left == ["train/trajectory_mine.npz", "valid/trajectory_0.npz"]
-    with pytest.raises(InputError, match=r"part: expected one of cloth, got 'wool'"):
+    with pytest.raises(InputError, match=r"part: expected one of cloth; got 'wool'"):
         write_meshgraphnets(runs, tmp_path / "no", part="wool")
     with pytest.raises(InputError, match="fractions"):
         write_meshgraphnets(runs, tmp_path / "no", fractions=(1, 1, 1))

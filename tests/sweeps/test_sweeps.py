@@ -73,6 +73,10 @@ def test_recordings_are_collected_as_arrays(walkers):
 def test_data_set_for_graph_network_simulators(walkers, tmp_path):
     with pytest.raises(substep.InputError, match="part: expected one of particles"):
         write_gns(walkers, tmp_path / "no", part="liquid")
+    with pytest.raises(substep.InputError, match="part: expected one of particles"):
+        write_gns(walkers, tmp_path / "no", part=np.array(["particles"]))
+    with pytest.raises(substep.InputError, match="material: expected one of"):
+        write_gns(walkers, tmp_path / "no", material=[])
     for bounds in ([[0, 0], [1e-320, 1e-320]], [[-1e308] * 2, [1e308] * 2], [[50, 50], [60, 60]]):
         with pytest.raises(substep.InputError, match="bounds: "):
             write_gns(walkers, tmp_path / "no", bounds=bounds)

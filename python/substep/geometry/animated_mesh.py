@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import check_array, check_path, check_real
+from ..base.checks import check_array, check_most, check_path, check_real
 from ..base.rows import read_only
 from ..base.schema import TIME, Entry
-from ..errors import FormatError
+from ..errors import FormatError, InputError
 from .facets import Deforming
 from .keyframes import check_times
 from .mesh_io import read_mesh
-from .topology import Array, Indices, check_indices
+from .topology import MOST, Array, Indices, check_indices
 from .transform import transform_mesh
 from .triangle_mesh import TriangleMesh
 
@@ -111,7 +111,8 @@ class AnimatedMesh(Deforming):
         threads: int | None = None,
     ) -> None:
         self.times = read_only(check_times(times))
-        self._frames = check_array("vertices", vertices, (len(self.times), None, 3))
+        frames = check_array("vertices", vertices, (len(self.times), None, 3))
+        self._frames = check_most("vertices", frames, MOST)
         self.faces = read_only(check_indices("faces", faces, 3, self._frames.shape[1]))
         self._step_size = check_real("step", step, positive=True)
         super().__init__(self._make({}), time, threads)
@@ -184,6 +185,8 @@ class AnimatedMesh(Deforming):
             elif mesh.vertices.shape != frames[0].shape or not np.array_equal(mesh.faces, faces):
                 raise FormatError(f"{file}: expected the triangles of {files[0].name}, got others")
             frames.append(transform_mesh(mesh, up=up, scale=scale).vertices)
+        if not len(files) / rate < math.inf:
+            raise InputError(f"fps: expected a larger number for {len(files)} frames, got {fps!r}")
         times = np.arange(len(files)) / rate
         return cls(times, np.array(frames), faces, step=step, time=time, threads=threads)
 

@@ -103,6 +103,11 @@ class Skin(Frozen):
             cells, weights = solid.embed(mesh.vertices)
         else:
             cells, distances = _nearest(mesh.vertices, x, count)
+            if not distances[:, -1].min() ** 2 > 0:
+                v = int(np.argmin(distances[:, -1]))
+                raise InputError(
+                    f"rest: expected points at different places, got {count} at that of vertex {v}"
+                )
             weights = _least_squares(mesh.vertices, x, cells, distances)
         self.cells, self.weights = read_only(cells), read_only(weights)
 

@@ -29,6 +29,7 @@ from .toml_file import Layout
 from .toml_rules import CLOTH, SOLID
 
 Array = NDArray[np.float64]
+_MOST = 2e7  # cells of a sheet or a block
 
 
 def quaternion(rotation_deg: Any) -> Array:
@@ -139,8 +140,17 @@ def put_on_skin(layout: Layout, simulation: Any) -> None:
 def _sheet(layout: Layout, row: dict[str, Any], spacing: float) -> TriangleMesh:
     if "file" in row:
         return read_surface(layout, row, "cloth")
-    n, m = (max(round(length / spacing), 1) + 1 for length in row["size"])
-    return _put(grid_mesh(n, m, row["size"]), row)
+    n, m = _divisions(layout, row["size"], spacing)
+    return _put(grid_mesh(n + 1, m + 1, row["size"]), row)
+
+
+def _divisions(layout: Layout, lengths: Any, spacing: float) -> list[int]:
+    """How many spacings the lengths have."""
+    counts = [max(length / spacing, 1.0) for length in lengths]
+    if not math.prod(counts) <= _MOST:
+        where = layout.where("spacing", "scene")
+        raise InputError(f"{where}: {math.prod(counts):.1e} cells are more than {_MOST:.0e}")
+    return [round(count) for count in counts]
 
 
 def _put(mesh: TriangleMesh, row: dict[str, Any]) -> TriangleMesh:
@@ -160,6 +170,6 @@ def _solid(layout: Layout, row: dict[str, Any], spacing: float) -> TetMesh:
     low, high = np.array(row["low"]), np.array(row["high"])
     if not (low < high).all():
         raise InputError(f"high: expected numbers above those of low, got {high.tolist()}")
-    count = np.maximum(np.round((high - low) / spacing), 1).astype(int)
+    count = _divisions(layout, (high - low).tolist(), spacing)
     mesh = box_tetrahedra(tuple(high - low), tuple(count))
     return transform_mesh(mesh, translation=(low + high) / 2 - mesh.vertices.mean(axis=0))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import check_array, check_integer, check_path, check_real
+from ..base.checks import check_array, check_integer, check_name, check_path, check_real
 from ..base.replacing import replace_bytes
 from ..errors import InputError
 from ..recording import Recording
@@ -102,10 +102,10 @@ def write_gns(
     done, read, dt, sets = read_runs(
         runs, fractions, lambda recording, run: _read(recording, run, part), "another dimension"
     )
-    if material is not None and not all(
-        isinstance(value, (int, float)) for value in runs.parameters.get(material, ("",))
-    ):
-        raise InputError(f"material: expected a parameter of numbers, got {material!r}")
+    if material is not None:
+        values = runs.parameters[check_name("material", material, runs.parameters)]
+        if not all(isinstance(value, (int, float)) for value in values):
+            raise InputError(f"material: expected a parameter of numbers, got {material!r}")
     dim = read[0].shape[2]
     low, high = _bounds(bounds, read, dim)
     if radius is None:

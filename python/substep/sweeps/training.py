@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.checks import check_array
+from ..base.checks import check_array, check_name
 from ..errors import InputError
 from ..recording import Recording
 from .collection import Run, RunCollection
@@ -74,11 +74,11 @@ def read_runs(
 
 def chosen_part(part: str | None, names: list[str], kind: str) -> str:
     """The part of that name, or the only one; InputError otherwise."""
-    if part is not None and part not in names:
-        raise InputError(f"part: expected one of {', '.join(names) or 'none'}, got {part!r}")
-    if part is None and len(names) != 1:
+    if part is not None:
+        return check_name("part", part, names)
+    if len(names) != 1:
         raise InputError(f"part: the recordings have {len(names)} {kind}: {', '.join(names)}")
-    return part or names[0]
+    return names[0]
 
 
 def _done(runs: Any) -> list[Run]:
