@@ -92,14 +92,15 @@ def test_curves_go_through_frames_and_quadratics_are_exact():
     c = np.array([[1.0, 2, 3], [0, 1, 0], [0, 0, 1]])
     v, a = np.array([1.0, 2, 3]), np.array([3.0, 1, -1])
     mesh = AnimatedMesh(t, c + t[:, None, None] * v + t[:, None, None] ** 2 * a, [[0, 1, 2]])
-    for s in (0.1, 0.17, 0.3, 0.49):
+    for s in (0, 0.05, 0.1, 0.17, 0.3, 0.49, 0.55):
         x, rate = mesh.at(s)
         np.testing.assert_allclose(x, c + s * v + s**2 * a, atol=1e-13)
         np.testing.assert_allclose(rate, np.broadcast_to(v + 2 * s * a, (3, 3)), atol=1e-12)
+    cubic = AnimatedMesh(t, c + t[:, None, None] ** 3 * a, [[0, 1, 2]])
     d = 1e-6
-    for s in (0.05, 0.55):  # what the ends do is another curve; its rate is its own
-        rate = (mesh.at(s + d)[0] - mesh.at(s - d)[0]) / (2 * d)
-        np.testing.assert_allclose(mesh.at(s)[1], rate, atol=1e-7)
+    for s in (0.05, 0.17, 0.55):  # another curve; its rate is its own
+        rate = (cubic.at(s + d)[0] - cubic.at(s - d)[0]) / (2 * d)
+        np.testing.assert_allclose(cubic.at(s)[1], rate, atol=1e-7)
     np.testing.assert_array_equal(mesh.at(0.6)[0], mesh.at(9.0)[0])
     assert not mesh.at(0.6)[1].any()
     mesh.advance(0.3)

@@ -26,6 +26,9 @@ def test_affine_maps_of_particles_are_exact(jitter):
     )
     skin = Skin(fine, x)
     np.testing.assert_allclose(skin(x), fine.vertices, rtol=0, atol=1e-13)
+    beside = np.array([[0.05, 0.0, 0.0], [0.05 + 1e-7, 1e-8, -1e-7], [1e-6, 0.0, 1e-9]])
+    symmetric = geometry.TriangleMesh(beside, [[0, 1, 2]])  # several neighbours are equally far
+    np.testing.assert_allclose(Skin(symmetric, x)(x), beside, rtol=0, atol=1e-13)
     map_, move = rng.normal(size=(3, 3)), rng.normal(size=3)
     np.testing.assert_allclose(
         skin(x @ map_.T + move), fine.vertices @ map_.T + move, rtol=0, atol=1e-12

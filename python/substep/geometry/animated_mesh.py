@@ -240,14 +240,17 @@ class AnimatedMesh(Deforming):
         return place, rate / h
 
     def _slope(self, k: int) -> Array:
-        """Velocity in a frame: that of the parabola through three, at the ends that to the next."""
-        t, x = self.times, self._frames
-        low, high = max(k - 1, 0), min(k + 1, len(t) - 1)
-        slope: Array = (x[high] - x[low]) / (t[high] - t[low])
-        if low < k < high:
-            first, last = (x[k] - x[low]) / (t[k] - t[low]), (x[high] - x[k]) / (t[high] - t[k])
-            slope = first + last - slope
-        return slope
+        """Velocity in a frame: that of the parabola through it and the two nearest frames."""
+
+        def mean(i: int, j: int) -> Array:
+            velocity: Array = (self._frames[j] - self._frames[i]) / (self.times[j] - self.times[i])
+            return velocity
+
+        last = len(self.times) - 1
+        if 0 < k < last:
+            return mean(k - 1, k) + mean(k, k + 1) - mean(k - 1, k + 1)
+        inner = 1 if k == 0 else last - 1
+        return mean(0, 1) if last == 1 else 2 * mean(k, inner) - self._slope(inner)
 
     def step_limit(self) -> tuple[float, str]:
         """Largest step, and why.

@@ -32,8 +32,9 @@ class Skin(Frozen):
     with weights that belong to the places at rest, so that a frame costs one sum. In a `TetMesh`
     they are the barycentric coordinates of the tetrahedron that holds the vertex. Of particles they
     are those of moving least squares: the vertex goes by the affine map that fits best how the
-    nearest particles went from their rest, weighted by (1 - q^2)^2, with q the distance over that
-    of the farthest of them. Both reproduce every affine map, rigid motions among them, to rounding.
+    nearest particles went from their rest, weighted by (1 - q^2)^2, with q the distance over 1.05
+    times that of the farthest of them. Both reproduce every affine map, rigid motions among them,
+    to rounding.
 
     Parameters
     ----------
@@ -232,7 +233,7 @@ def _least_squares(vertices: Array, x: Array, cells: Indices, distances: Array) 
     So sum a_vi b_i = (1, 0, 0, 0) wherever G has that in its range, which is what reproduces affine
     maps; a second pass takes off what rounding left.
     """
-    R = distances[:, -1:, None]
+    R = 1.05 * distances[:, -1:, None]  # where many are equally far, all of them count
     q = distances / R[..., 0]
     w = (1 - q**2) ** 2
     b = np.concatenate([np.ones((*cells.shape, 1)), (x[cells] - vertices[:, None]) / R], axis=2)
