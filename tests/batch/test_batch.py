@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import substep
 from substep import mpm, pbd
-from substep.errors import InputError, NonFiniteError, SolverError
+from substep.errors import CorruptError, InputError, NonFiniteError, SolverError
 from substep.geometry import box_mesh, box_tetrahedra, grid_mesh
 
 GROUND = (0, 0, -0.6)
@@ -150,6 +150,20 @@ def test_a_callback_changes_no_bits(make):
     assert_same(seen, unseen)
 
 
+@EACH
+def test_a_callback_may_set_the_step_that_is_set(make):
+    batch, twin = (substep.Batch([make(v) for v in SPEEDS]) for _ in range(2))
+
+    def again(batch):
+        assert batch.report.steps < 200
+        batch.step_size = batch.step_size
+
+    batch.advance(0.05, again)
+    twin.advance(0.05)
+    assert batch.report.steps == twin.report.steps
+    assert_same(batch, twin)
+
+
 def test_worlds_may_differ_in_all_but_their_class():
     worlds = [cloth(0.1), flat_copy(3), flat_copy(5)]
     batch = substep.Batch(worlds)
@@ -260,6 +274,72 @@ def test_masked_worlds_stop_alone_until_they_are_reset():
     batch.restore(state)
     assert batch.failures[13]
     np.testing.assert_array_equal(batch.positions[13], stopped)
+
+
+def hasten(batch):
+    """Give the second world a speed whose steps are below the spacing of times."""
+    batch.set_velocities(np.full((batch.counts[1], 3), 1e15), worlds=[1])
+
+
+def late_liquids(**options):
+    return substep.Batch(liquid(0.0, time=1.0), 3, **options)
+
+
+def test_a_world_of_which_the_step_becomes_too_small_fails_alone():
+    batch = late_liquids()
+    with pytest.raises(SolverError, match=r"world 1: the step, .* is below") as caught:
+        batch.advance(0.05, hasten)
+    assert (caught.value.index, caught.value.step) == (1, 1)
+    assert (batch.times == caught.value.time).all()
+    batch, alone = late_liquids(on_fail="mask"), liquid(0.0, time=1.0)
+    batch.advance(0.05, hasten)
+    alone.advance(0.05)
+    assert "is below the spacing" in batch.failures[1]
+    assert_same(batch.copy_world(0), alone)
+    assert_same(batch.copy_world(2), alone)
+
+
+def test_a_world_that_a_callback_resets_takes_part_again():
+    batch, alone = late_liquids(on_fail="mask"), liquid(0.0, time=1.0)
+    hasten(batch)
+    batch.advance(0.05, lambda batch: batch.failures[1] and batch.reset([1]))
+    alone.advance(0.05)
+    assert_same_worlds(batch, [alone] * 3)
+
+
+def test_a_world_that_has_no_next_step_fails_alone(monkeypatch):
+    usual = substep.PositionBasedFluid._next_step
+
+    def next_step(one):
+        if one.velocities.max() > 1e14:
+            raise SolverError("too fast")
+        return usual(one)
+
+    monkeypatch.setattr(substep.PositionBasedFluid, "_next_step", next_step)
+    batch = late_liquids()
+    hasten(batch)
+    with pytest.raises(SolverError, match="world 1: too fast") as caught:
+        batch.step(steps=2)
+    assert (caught.value.index, caught.value.step, caught.value.time) == (1, 0, 1.0)
+    batch = late_liquids(on_fail="mask")
+    hasten(batch)
+    batch.step(steps=2)
+    assert batch.failures == ["", "too fast", ""]
+    assert batch.times[1] == 1.0 < batch.times[0] == batch.times[2]
+
+
+def test_a_batch_without_failures_takes_over_none(tmp_path):
+    masked = failing(on_fail="mask")
+    masked.step(1.0, 40)
+    masked.save(tmp_path / "masked")
+    batch = failing()
+    with pytest.raises(InputError, match=r"state\['failures'\]: .*'raise', got world 13"):
+        batch.restore(masked.state())
+    with pytest.raises(CorruptError, match="got world 13"):
+        batch.load(tmp_path / "masked")
+    assert not any(batch.failures)
+    masked.reset([13])
+    batch.restore(masked.state())
 
 
 def escaping(v, **options):

@@ -381,6 +381,8 @@ def test_failed_worlds_are_part_of_the_state():
     assert not any(batch.failures)
     batch.restore(state)
     assert batch.failures[13]
+    with pytest.raises(InputError, match=r"state\['failures'\]: .*'raise', got world 13"):
+        failing().restore(state)
 
 
 @pytest.mark.parametrize(

@@ -39,6 +39,17 @@ def check_once(name: str, numbers: NDArray[Any]) -> None:
         raise InputError(f"{name}: expected each number once")
 
 
+def check_failures(failures: Sequence[str], mask: bool) -> None:
+    """Refuse a state with failed worlds, which stand still, where all worlds are to go on."""
+    failed = [w for w, reason in enumerate(failures) if reason]
+    if failed and not mask:
+        more = f" and {len(failed) - 1} more" if len(failed) > 1 else ""
+        raise InputError(
+            "state['failures']: expected none, as on_fail is 'raise', "
+            f"got world {failed[0]}{more}: {failures[failed[0]]}"
+        )
+
+
 def join_states(states: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Of numbers one array, of arrays one with all rows, and how many are each world's."""
     told: dict[str, Any] = {}

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +23,13 @@ from ..base.checks import (
 from ..base.rows import Points
 from ..base.schema import MOST, TIME, Entry, Texts
 from ..base.simulation import Simulation, StepReport, whole_steps
-from ..base.worlds import find_worlds, join_states, joined_entries, state_of_world
+from ..base.worlds import (
+    check_failures,
+    find_worlds,
+    join_states,
+    joined_entries,
+    state_of_world,
+)
 from ..errors import InputError, SolverError
 from ..pbd import CustomConstraint
 from .rows import BatchRows
@@ -167,7 +174,11 @@ class Batch(BatchRows):
             self._take(np.full(len(self), np.nan if dt is None else dt), steps)
             return
         for _ in range(steps):
-            self._take(np.array([one._next_step() for one in self._worlds]))
+            sizes, failures = np.zeros(len(self)), self.failures
+            asks = {w: one._next_step for w, one in enumerate(self._worlds) if not failures[w]}
+            for w, dt in self._ask(asks).items():
+                sizes[w] = dt
+            self._take(sizes)
 
     def _take(self, sizes: Array, steps: int = 1, times: Array | None = None) -> None:
         """Steps of these sizes, after which the worlds are at these times, unless they are NaN."""
@@ -191,20 +202,48 @@ class Batch(BatchRows):
         if whole:
             self._take(np.full(len(self), self._step_size), whole)
         paces = self._paces(duration, ends, whole)
-        while steps := {w: step for w, pace in paces.items() if (step := next(pace, None))}:
+        while steps := self._ask(paces):
             sizes, times = np.zeros(len(self)), np.full(len(self), np.nan)
             for w, (dt, is_last) in steps.items():
                 sizes[w] = dt
                 times[w] = ends[w] if is_last else np.nan
             self._take(sizes, 1, times)
             if callback is not None:
-                known = self._native.times.tolist(), self._step_size
+                known = self._known()
                 callback(self)
-                if known != (self._native.times.tolist(), self._step_size):
+                if known != self._known():
                     paces = self._paces(None, ends, 0)
             if self._mask:
                 failures = self.failures
                 paces = {w: pace for w, pace in paces.items() if not failures[w]}
+
+    def _known(self) -> tuple[Any, ...]:
+        """What the paces were made for; `_native` is another one after `step_size` is set."""
+        return self._native, self._native.times.tolist(), self.failures, self._step_size
+
+    def _ask(self, asks: Mapping[int, Callable[[], Any]]) -> dict[int, Any]:
+        """The next step of each world that has one; a world whose step is too small fails."""
+        steps: dict[int, Any] = {}
+        for w, ask in asks.items():
+            try:
+                step = ask()
+            except SolverError as error:
+                self._fail(w, error)
+                continue
+            if step is not None:
+                steps[w] = step
+        return steps
+
+    def _fail(self, w: int, error: SolverError) -> None:
+        """Stop a world alone, or all, as the native steps do."""
+        if not self._mask:
+            error.args = (f"world {w}: {error}",)
+            error.time, error.index = float(self._native.times[w]), w
+            error.step = self._last.steps
+            raise error
+        failures = self.failures
+        failures[w] = str(error)
+        self._native.failures = failures
 
     def _run_fused(self, ends: Array, callback: Callable[[Self], object] | None) -> None:
         """The same of worlds that choose and fuse their steps themselves."""
@@ -233,18 +272,19 @@ class Batch(BatchRows):
 
     def _paces(
         self, duration: float | None, ends: Array, begin: int
-    ) -> dict[int, Iterator[tuple[float, bool]]]:
-        """Of each world that goes on the sizes of steps that it takes alone, after so many."""
-        paces: dict[int, Iterator[tuple[float, bool]]] = {}
+    ) -> dict[int, Callable[[], tuple[float, bool] | None]]:
+        """Of each world that goes on what gives the steps that it takes alone, after so many."""
+        paces: dict[int, Callable[[], tuple[float, bool] | None]] = {}
         failures, times = self.failures, self._native.times
         for w, one in enumerate(self._worlds):
             if failures[w]:
                 continue
             if one._fixed_step:
                 left = max(float(ends[w] - times[w]), 0.0) if duration is None else duration
-                paces[w] = itertools.islice(one._even_sizes(left, float(ends[w])), begin, None)
+                sizes = itertools.islice(one._even_sizes(left, float(ends[w])), begin, None)
             else:
-                paces[w] = one._sizes(float(ends[w]))
+                sizes = one._sizes(float(ends[w]))
+            paces[w] = partial(next, sizes, None)
         return paces
 
     def reset(self, worlds: ArrayLike | None = None, to: Any = None) -> None:
@@ -390,6 +430,7 @@ class Batch(BatchRows):
 
     def _fit(self, state: dict[str, Any]) -> None:
         failures, times = state["failures"], state["each_time"]
+        check_failures(failures, self._mask)
         going = [time for time, failure in zip(times, failures, strict=True) if not failure]
         if state["time"] != min(going or times):
             raise InputError(f"state['time']: expected {min(going or times)}, the earliest")

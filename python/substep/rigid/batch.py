@@ -22,7 +22,13 @@ from ..base.checks import (
 from ..base.rows import read_only
 from ..base.schema import MOST, TIME, Entry, Texts
 from ..base.simulation import Simulation, whole_steps, with_energy
-from ..base.worlds import find_worlds, join_states, joined_entries, state_of_world
+from ..base.worlds import (
+    check_failures,
+    find_worlds,
+    join_states,
+    joined_entries,
+    state_of_world,
+)
 from ..errors import InputError, SolverError
 from .batch_rows import BatchRows
 from .bodies import RigidBodies
@@ -438,6 +444,7 @@ class RigidBatch(BatchRows):
         return {"time": self.time, "failures": json.dumps(failures), **join_states(states)}
 
     def _fit(self, state: dict[str, Any]) -> None:
+        check_failures(state["failures"], self._mask)
         copies = []
         for w, made in enumerate(self._made):
             copies.append(made.copy())
