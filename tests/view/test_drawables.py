@@ -2,6 +2,8 @@
 
 import contextlib
 import io
+import os
+import signal
 import socket
 import threading
 import time
@@ -11,10 +13,11 @@ import numpy as np
 import pytest
 import substep
 from substep.recording.contents import particle_frame, particle_parts
+from substep.view import page
 from substep.view.browser import Viewer
 from substep.view.cloud import blocks
 from substep.view.drawables import Drawable, Scenery
-from substep.view.painted import Paint, cloud, open_server, palette, sheet
+from substep.view.painted import Paint, close_server, cloud, open_server, palette, sheet
 from test_conformance import classes, example
 
 CLASSES = pytest.mark.parametrize("kind", classes(), ids=lambda kind: kind.__name__)
@@ -275,6 +278,35 @@ def test_no_free_port_is_told():
             stack.enter_context(socket.create_server(("127.0.0.1", 65535)))
         with pytest.raises(OSError, match="port: none from 65535 to 65535 is free"):
             open_server("nothing", 65535)
+
+
+@pytest.mark.parametrize("place", ["open_server", "close_server"])
+def test_an_interrupted_page_leaves_no_server(tmp_path, monkeypatch, place):
+    """Ctrl-C right after it is opened, or right before it is closed."""
+    pytest.importorskip("viser", reason="viser is not installed")
+    opened = []
+
+    def open_it(label):
+        opened.append(open_server(label))
+        if place == "open_server":
+            os.kill(os.getpid(), signal.SIGINT)
+        return opened[0]
+
+    def close_it(server):
+        if place == "close_server":
+            os.kill(os.getpid(), signal.SIGINT)
+        close_server(server)
+
+    monkeypatch.setattr(page, "open_server", open_it)
+    monkeypatch.setattr(page, "close_server", close_it)
+    with substep.Recorder(tmp_path / "a.vtkhdf", parts={"p": substep.Part()}) as recorder:
+        recorder.append(0.0, {"p": {"points": [[0.0, 0, 0]]}})
+    with substep.Recording(tmp_path / "a.vtkhdf") as recording:
+        with pytest.raises(KeyboardInterrupt):
+            recording.to_html(tmp_path / "a.html")
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", opened[0].get_port())).close()
+    assert not (tmp_path / "a.html").exists()
 
 
 def test_what_is_not_there_is_told(tmp_path):

@@ -22,9 +22,8 @@ def pread_exactly(fd: int, buffer: memoryview, offset: int, where: str) -> None:
     while done < len(buffer):
         got = os.preadv(fd, [buffer[done:]], offset + done)
         if got == 0:
-            raise TruncatedError(
-                f"{where}: the file ends at byte {offset + done}", offset=offset + done
-            )
+            end = min(offset + done, os.fstat(fd).st_size)
+            raise TruncatedError(f"{where}: the file ends at byte {end}", offset=end)
         done += got
 
 

@@ -11,6 +11,7 @@ whole frame.
 from __future__ import annotations
 
 import contextlib
+import copy
 import errno
 import math
 import os
@@ -84,11 +85,19 @@ class Journal:
             raise
 
     def refresh(self) -> None:
-        """Take the frames that were written since into the index."""
+        """Take the frames that were written since into the index, in one step.
+
+        An interrupt leaves the index as it was, and a thread that reads sees it whole.
+        """
         size = os.fstat(self.fd).st_size
         if size != self.size or self.problem is not None:
-            self.size = size
-            self._walk()
+            later = copy.copy(self)
+            later.size = size
+            later.forget(len(self.times))  # gives it lists of its own
+            later._walk()
+            found = vars(later)
+            del found["fd"]  # that may have been closed
+            vars(self).update(found)
 
     def close(self) -> None:
         """Close the file."""
@@ -223,9 +232,13 @@ class Journal:
             self._stop("the payload's checksum differs", removable=removable)
 
     def forget(self, frames: int) -> None:
-        """Keep the first `frames` frames only."""
-        for column in (self.times, self.counts, self.crcs, self._offsets):
-            del column[frames:]  # type: ignore[attr-defined]
+        """Keep the first `frames` frames only, in one step."""
+        vars(self).update(
+            times=self.times[:frames],
+            counts=self.counts[:frames],
+            crcs=self.crcs[:frames],
+            _offsets=self._offsets[:frames],
+        )
 
     def read(self, index: int, array: int) -> NDArray[Any]:
         """One array of one frame, unchecked."""

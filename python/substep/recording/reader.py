@@ -7,6 +7,7 @@ import importlib
 import math
 import operator
 import os
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -103,6 +104,7 @@ class Recording(Checked, Pictured):
 
     def _adopt(self, source: Source, recover: bool) -> None:
         self._closed = False
+        self._refreshing = threading.RLock()
         self._recover = recover
         self.source = source
         self.path = source.path
@@ -206,10 +208,10 @@ class Recording(Checked, Pictured):
     def _index(self, index: int) -> int:
         if self._closed:
             raise InputError("the recording is closed")
-        number = operator.index(index)
-        if not -len(self) <= number < len(self):
-            raise IndexError(f"frame {number}: the recording has {len(self)} frames")
-        return number % len(self)
+        number, frames = operator.index(index), len(self)
+        if not -frames <= number < frames:
+            raise IndexError(f"frame {number}: the recording has {frames} frames")
+        return number % frames
 
     def _read_arrays(self, index: int, wanted: list[int]) -> list[NDArray[Any]]:
         counts, specs = self.source.counts[index], self.source.specs
@@ -271,7 +273,7 @@ class Recording(Checked, Pictured):
         """Take in the frames that a run has written since the recording was opened.
 
         A recording that is packed has all of them, and one opened with `recover` keeps those that
-        it has.
+        it has. Other threads may read meanwhile; an interrupt loses no frame.
 
         Returns
         -------
@@ -288,8 +290,9 @@ class Recording(Checked, Pictured):
         if self._closed:
             raise InputError("the recording is closed")
         if isinstance(self.source, Journal) and not self._recover:
-            self.source.refresh()
-            self._check_frames()
+            with self._refreshing:
+                self.source.refresh()
+                self._check_frames()
         return len(self)
 
     def to_html(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import html
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -59,19 +61,12 @@ def write_page(
         if name == color
         or any(part.cells and name in part.fields for part in recording.parts.values())
     }
-    server = open_server(recording.scene or "recording")
-    try:
-        painter, paint = Painter(server), Paint(color, limits, None if scenery.smoky else 1)
-        painter.put(scenery.at(0), paint)
-        place_camera(server, scenery.at(0) + scenery.at(-1), scenery.flat)
-        film = server.get_scene_serializer()
-        for frame in range(1, len(recording)):
-            film.insert_sleep(pause)
-            painter.put(scenery.at(frame), paint)
-        film.insert_sleep(pause)
-        page = film.as_html()
-    finally:
-        close_server(server)
+    paint, given_up = Paint(color, limits, None if scenery.smoky else 1), threading.Event()
+    with ThreadPoolExecutor(1) as apart:  # where no interrupt keeps the server from being closed
+        try:
+            page = apart.submit(_film, recording, scenery, paint, pause, given_up).result()
+        finally:
+            given_up.set()
     fields = map(paint.field_of, scenery.at(0))
     shown = color or next((field for field in fields if field is not None), None)
     text = html.escape(recording.scene or "recording")
@@ -81,6 +76,27 @@ def write_page(
     head, end, rest = page.rpartition("</body>")
     replace_bytes(out, (head + label + end + rest).encode())
     return [out]
+
+
+def _film(
+    recording: Recording, scenery: Scenery, paint: Paint, pause: float, given_up: threading.Event
+) -> str:
+    """The page without what is written on it; whatever it is if that is given up."""
+    server = open_server(recording.scene or "recording")
+    try:
+        painter = Painter(server)
+        painter.put(scenery.at(0), paint)
+        place_camera(server, scenery.at(0) + scenery.at(-1), scenery.flat)
+        film = server.get_scene_serializer()
+        for frame in range(1, len(recording)):
+            if given_up.is_set():
+                return ""
+            film.insert_sleep(pause)
+            painter.put(scenery.at(frame), paint)
+        film.insert_sleep(pause)
+        return "" if given_up.is_set() else str(film.as_html())
+    finally:
+        close_server(server)
 
 
 _CORNER = "position:fixed;left:12px;top:10px;font:14px sans-serif;color:#333;z-index:9"

@@ -6,6 +6,8 @@ import contextlib
 import errno
 import io
 import socket
+import threading
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -86,10 +88,14 @@ def open_server(label: str, port: int = 8080) -> Any:
     with needs("viser", 'viser is missing: pip install "substep[view]" for views in the browser'):
         import viser
     port = _free_port(port)
-    with contextlib.redirect_stdout(io.StringIO()):  # viser prints a frame about its address
+    with _quiet():  # viser prints a frame about its address
         server = viser.ViserServer(host="127.0.0.1", port=port, label=label, verbose=False)
-    server.gui.configure_theme(show_logo=False, show_share_button=False)
-    server.scene.set_background_image(np.full((1, 1, 3), [242, 245, 247], np.uint8))
+    try:
+        server.gui.configure_theme(show_logo=False, show_share_button=False)
+        server.scene.set_background_image(np.full((1, 1, 3), [242, 245, 247], np.uint8))
+    except BaseException:
+        close_server(server)
+        raise
     return server
 
 
@@ -104,8 +110,17 @@ def _free_port(first: int) -> int:
 
 def close_server(server: Any) -> None:
     """End a server, which would say so."""
-    with contextlib.redirect_stdout(io.StringIO()):
+    with _quiet():
         server.stop()
+
+
+_one_at_a_time = threading.RLock()  # who redirects in turn with another loses the output for good
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    with _one_at_a_time, contextlib.redirect_stdout(io.StringIO()):
+        yield
 
 
 def place_camera(server: Any, drawn: list[Drawable], flat: bool) -> None:
