@@ -76,7 +76,7 @@ def test_what_is_held_and_what_is_solid(tmp_path):
         write_meshgraphnets([1], tmp_path / "no")
     gyre = {"particles": 5, "duration": 0.2}
     points = substep.sweep("double-gyre", gyre, tmp_path / "b", frames=3, workers=1)
-    with pytest.raises(InputError, match="part: the recordings have 0 meshes that move"):
+    with pytest.raises(InputError, match="part: the recordings have no meshes that move"):
         write_meshgraphnets(points, tmp_path / "no")
     assert not (tmp_path / "no").exists()
 

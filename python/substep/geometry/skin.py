@@ -246,7 +246,7 @@ def _least_squares(vertices: Array, x: Array, cells: Indices, distances: Array) 
     off = np.abs(wanted - np.einsum("vi,vib->vb", a, b)).max(axis=1)
     sums = np.abs(a).sum(axis=1)
     lost = (off > _OFF) | ~(sums < _MOST_WEIGHT)
-    _refuse(lost, "among the points, or beside several that lie in no plane")
+    _refuse(lost, "whose nearest points lie in no plane (more neighbours may help)")
     return a
 
 

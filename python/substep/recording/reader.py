@@ -272,7 +272,7 @@ class Recording(Checked, Pictured):
     def refresh(self) -> int:
         """Take in the frames that a run has written since the recording was opened.
 
-        A recording that is packed has all of them, and one opened with `recover` keeps those that
+        One that was packed when it was opened keeps the frames that it has, and one opened with `recover` keeps those that
         it has. Other threads may read meanwhile; an interrupt loses no frame.
 
         Returns

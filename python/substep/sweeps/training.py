@@ -76,7 +76,9 @@ def chosen_part(part: str | None, names: list[str], kind: str) -> str:
     """The part of that name, or the only one; InputError otherwise."""
     if part is not None:
         return check_name("part", part, names)
-    if len(names) != 1:
+    if not names:
+        raise InputError(f"part: the recordings have no {kind}")
+    if len(names) > 1:
         raise InputError(f"part: the recordings have {len(names)} {kind}: {', '.join(names)}")
     return names[0]
 
