@@ -272,8 +272,8 @@ class Recording(Checked, Pictured):
     def refresh(self) -> int:
         """Take in the frames that a run has written since the recording was opened.
 
-        One that was packed when it was opened keeps the frames that it has, and one opened with `recover` keeps those that
-        it has. Other threads may read meanwhile; an interrupt loses no frame.
+        One that was packed when it was opened keeps the frames that it has, and so does one opened
+        with `recover`. Other threads may read meanwhile; an interrupt loses no frame.
 
         Returns
         -------
