@@ -290,6 +290,8 @@ def _other_value(owner, name):
         return np.arange(len(owner)) == len(owner) - 1
     if name == "step_size":
         return (value or min(owner.step_limit()[0], 0.01)) / 2
+    if name == "skin":
+        return None
     return 2 * np.array(value)
 
 
@@ -605,6 +607,7 @@ OWN_CALLS = {
         call("pin_forces"),
     ),
     substep.Advection: (call("set_positions", values=[[0.25, 0.25]], ids=[1]),),
+    geometry.AnimatedMesh: (*_SURFACE, call("at", time=0.05)),
     substep.World: (call("exchanged"),),
     substep.RigidBodies: (
         call(
@@ -951,6 +954,7 @@ def functions():
         call("Emitter", position=(0, 0, 1), direction=(0, 0, -1), speed=1.0, radius=0.1),
         call("Sink", shape=ball),
         call("geometry.TetMesh", vertices=X, tetrahedra=TETRAHEDRON),
+        call("geometry.Skin", mesh=box, rest=cube, neighbours=8),
         call("geometry.box_mesh", lengths=(1, 2, 3)),
         call("geometry.box_tetrahedra", lengths=(1, 2, 3), divisions=(1, 2, 1)),
         call("geometry.grid_mesh", n=3, m=4, size=(1, 2)),

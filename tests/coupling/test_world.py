@@ -311,7 +311,7 @@ def test_obstacles_of_bodies_that_are_no_member():
     cloth = substep.MassSpring(
         [(5, 0, 0)], np.zeros((0, 2)), 1.0, 1.0, colliders=bodies.make_colliders()
     )
-    with pytest.raises(InputError, match=r"colliders\[0\] of 'cloth' stands for a body of no mem"):
+    with pytest.raises(InputError, match=r"colliders\[0\] of 'cloth' represents a body of no mem"):
         substep.World({"cloth": cloth})
     with pytest.raises(InputError, match="no member"):
         substep.World({"cloth": cloth, "bodies": substep.RigidBodies()})
