@@ -53,9 +53,11 @@ class Paint:
 
     def field_of(self, one: Drawable) -> str | None:
         """The field whose colours a drawable has; None of one in its own colour."""
-        if self.field in one.fields or one.kind != "cells":
-            return self.field if self.field in one.fields else None
-        return None if self.fills(one) and "smoke" in one.fields else next(iter(one.fields))
+        if self.field in one.fields:
+            return self.field
+        if one.kind != "cells" or (self.fills(one) and "smoke" in one.fields):
+            return None
+        return next(iter(one.fields))
 
     def fills(self, one: Drawable) -> bool:
         """Whether a drawable is drawn as a volume."""
@@ -303,9 +305,9 @@ def cloud(one: Drawable, paint: Paint) -> tuple[NDArray[np.uint8], float]:
         Of the block that a blob stands for [m].
     """
     field = paint.field_of(one)
-    values, side = blocks(one.fields[field or "smoke"])
-    cells = one.fields[field or "smoke"].shape
-    thick = side * DEPTH / min(cells)
+    grid = one.fields[field or "smoke"]
+    values, side = blocks(grid)
+    thick = side * DEPTH / min(grid.shape)
     if field is None:
         depth = thick * np.maximum(values, 0)
         tone = np.array(_rgb(GREY) / 255, np.float32)
@@ -315,7 +317,7 @@ def cloud(one: Drawable, paint: Paint) -> tuple[NDArray[np.uint8], float]:
         depth = thick * np.clip((values - low) / (high - low or 1.0), 0, 1) ** 2
         colors = palette(values, field, (low, high))
     rgba = np.concatenate([colors, opacities(depth)[..., None]], axis=-1)
-    return rgba, side * float(np.ptp(one.points[:, 0])) / cells[0]
+    return rgba, side * float(np.ptp(one.points[:, 0])) / grid.shape[0]
 
 
 def sheet(one: Drawable, paint: Paint) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
