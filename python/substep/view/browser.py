@@ -326,7 +326,7 @@ class Viewer:
 
     def _wait(self) -> None:
         """Until something is changed; of a recording that grows the last frame is followed."""
-        while not self._changed.wait(None if self._live or self.source.packed else LOOK):
+        while not self._changed.wait(None if self._live else LOOK):
             last = len(self.source) - 1
             if self._refresh():
                 if int(self._frame.value) == last:
