@@ -8,6 +8,7 @@ import io
 import socket
 import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -88,8 +89,21 @@ def open_server(label: str, port: int = 8080) -> Any:
         If no port from there on is free.
     """
     with needs("viser", 'viser is missing: pip install "substep[view]" for views in the browser'):
-        import viser
-    port = _free_port(port)
+        import viser  # noqa: F401
+    thread = ThreadPoolExecutor(1)  # where no interrupt leaves half a server, which nobody can stop
+    made = thread.submit(_make_server, label, _free_port(port))
+    try:
+        return made.result()
+    except KeyboardInterrupt:
+        close_server(made.result())
+        raise
+    finally:
+        thread.shutdown(wait=False)
+
+
+def _make_server(label: str, port: int) -> Any:
+    import viser
+
     with _quiet():  # viser prints a frame about its address
         server = viser.ViserServer(host="127.0.0.1", port=port, label=label, verbose=False)
     try:
