@@ -310,7 +310,7 @@ def test_an_interrupted_page_leaves_no_server(tmp_path, monkeypatch, place):
 
 
 STAGES = {
-    "making": (painted, "_make_server"),
+    "making": (painted, "_served"),
     "painting": (painted.Painter, "put"),
     "camera": (browser, "place_camera"),
     "controls": (Viewer, "_make_controls"),
@@ -347,7 +347,7 @@ def test_an_interrupt_while_it_is_shown_leaves_no_server(tmp_path, monkeypatch, 
         if come.is_set() or not of_view:
             return usual(*arguments, **options)
         come.set()
-        if name == "_make_server":  # in a thread, which no interrupt comes to
+        if name == "_served":  # in a thread, which no interrupt comes to
             os.kill(os.getpid(), signal.SIGINT)
             return usual(*arguments, **options)
         if after:
@@ -364,6 +364,7 @@ def test_an_interrupt_while_it_is_shown_leaves_no_server(tmp_path, monkeypatch, 
     with pytest.raises(KeyboardInterrupt):
         viewer = substep.show(path, open_browser=True, wait=stage == "waiting")
         viewer.close()
+    wait_until(lambda: stopped)
     assert len(served) == 1 and stopped == served
     assert not [t for t in threading.enumerate() if t.name == "substep-view" and t.is_alive()]
 

@@ -8,7 +8,7 @@ import io
 import socket
 import threading
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any
 
@@ -90,18 +90,24 @@ def open_server(label: str, port: int = 8080) -> Any:
     """
     with needs("viser", 'viser is missing: pip install "substep[view]" for views in the browser'):
         import viser  # noqa: F401
-    thread = ThreadPoolExecutor(1)  # where no interrupt leaves half a server, which nobody can stop
-    made = thread.submit(_make_server, label, _free_port(port))
-    try:
+    made: Future[Any] = Future()
+    given = made, label, _free_port(port)
+    try:  # in a thread, where no interrupt leaves half a server, which nobody can stop
+        threading.Thread(target=_make_server, args=given).start()
         return made.result()
     except KeyboardInterrupt:
-        close_server(made.result())
+        made.add_done_callback(lambda made: made.exception() or close_server(made.result()))
         raise
-    finally:
-        thread.shutdown(wait=False)
 
 
-def _make_server(label: str, port: int) -> Any:
+def _make_server(made: Future[Any], label: str, port: int) -> None:
+    try:
+        made.set_result(_served(label, port))
+    except BaseException as error:
+        made.set_exception(error)
+
+
+def _served(label: str, port: int) -> Any:
     import viser
 
     with _quiet():  # viser prints a frame about its address
