@@ -1,5 +1,6 @@
 """A recording that takes in new frames is whole at any moment, whoever interrupts it or reads."""
 
+import gc
 import os
 import sys
 import time
@@ -43,11 +44,14 @@ def refresh(recording, at_line):
         return trace
 
     before = sys.gettrace()
+    gc.collect()
+    gc.disable()  # what it collects has lines too
     sys.settrace(trace)
     try:
         recording.refresh()
     finally:
         sys.settrace(before)
+        gc.enable()
     return lines
 
 

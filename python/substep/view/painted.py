@@ -96,7 +96,7 @@ def open_server(label: str, port: int = 8080) -> Any:
         threading.Thread(target=_make_server, args=given).start()
         return made.result()
     except KeyboardInterrupt:
-        made.add_done_callback(lambda made: made.exception() or close_server(made.result()))
+        made.add_done_callback(_stop_made)
         raise
 
 
@@ -105,6 +105,11 @@ def _make_server(made: Future[Any], label: str, port: int) -> None:
         made.set_result(_served(label, port))
     except BaseException as error:
         made.set_exception(error)
+
+
+def _stop_made(made: Future[Any]) -> None:
+    if made.exception() is None:
+        close_server(made.result())
 
 
 def _served(label: str, port: int) -> Any:
