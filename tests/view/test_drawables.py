@@ -264,6 +264,18 @@ def test_close_waits_for_the_step_and_closes_what_show_opened(tmp_path):
         recording.frame(0)  # is not closed
 
 
+def test_a_packed_recording_that_is_resumed_is_followed(tmp_path):
+    pytest.importorskip("viser", reason="viser is not installed")
+    path, parts = tmp_path / "a.vtkhdf", {"p": substep.Part()}
+    with substep.Recorder(path, parts=parts) as recorder:
+        recorder.append(0.0, {"p": {"points": [[0.0, 0, 0]]}})
+    with substep.show(path, open_browser=False, wait=False) as viewer:
+        with substep.Recorder(path, parts=parts, resume=True) as recorder:
+            recorder.append(1.0, {"p": {"points": [[0.0, 0, 1]]}})
+            wait_until(lambda: "t = 1 s" in viewer._told.content)
+            assert viewer._frame.max == viewer._frame.value == 1
+
+
 def wait_until(true):
     end = time.monotonic() + 20
     while not true():
