@@ -63,10 +63,10 @@ class Worlds(Simulation):
     def _checked(self, state: dict[str, Any]) -> dict[str, Any]:
         """As of other simulations, once it is of as many worlds of this class."""
         try:
-            found = len(json.loads(state["failures"])), str(state.get("class", self._class))
+            found = len(json.loads(state["failures"])), state.get("class", self._class)
         except (AttributeError, KeyError, TypeError, ValueError, RecursionError):
             return super()._checked(state)  # which says what is wrong
-        if found != (len(self), self._class):
+        if isinstance(found[1], str) and found != (len(self), self._class):
             raise InputError(
                 f"state: expected one of {len(self)} worlds of {self._class}, "
                 f"got one of {found[0]} worlds of {found[1][:60]}"
