@@ -456,6 +456,34 @@ def test_rolling_and_spinning_friction_stop():
             assert speed == pytest.approx(4, rel=0.02) if lever == 0 else speed < 3.2
 
 
+def test_a_copy_of_jointed_bodies_in_contact_goes_on_with_the_same_bits():
+    bodies = on_ground()
+    light = bodies.add(rigid.Cylinder(0.1, 0.3), (0, 0, 0.7), density=10)
+    ball = bodies.add(rigid.Sphere(0.1), (0.7, 0, 0.8), density=8000)
+    arm = bodies.add(rigid.Capsule(0.1, 0.4), (1.05, 0, 0.85), density=8000)
+    motor = rigid.SpeedMotor(2.0, 5.0)
+    bodies.ball(ball, light, (0.35, 0, 0.75))
+    bodies.hinge(arm, light, (0.525, 0, 0.77), (0, 1, 0), limits=(-0.5, 0.5), motor=motor)
+    for _ in range(90):
+        copy = bodies.copy()
+        bodies.step()
+        copy.step()
+        assert bodies.positions.tobytes() == copy.positions.tobytes()
+
+
+@pytest.mark.parametrize("shape", [rigid.Capsule(0.05, 0.4), rigid.Box((0.1, 0.1, 0.5))])
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+def test_contact_forces_are_all_that_changes_momentum(shape, restitution):
+    bodies = on_ground(step=1 / 240)
+    tilt = (math.cos(0.64), 0, math.sin(0.64), 0)
+    body = bodies.add(shape, (0, 0, 0.5), tilt, mass=1.0, restitution=restitution)
+    given = 0.0
+    while bodies.time < 1:
+        bodies.step()
+        given += bodies.contact_force(body)[2] * bodies.report.dt
+    assert given == pytest.approx(G * bodies.time + bodies.momenta[body][2], rel=1e-9)
+
+
 def test_rolling_friction_holds_a_ball_beside_one_that_rolls():
     bodies = substep.RigidBodies(gravity=(0.5, 0, -G))
     bodies.add(rigid.Plane(), (0, 0, 0), motion="static")

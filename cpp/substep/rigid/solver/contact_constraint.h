@@ -56,6 +56,9 @@ struct ContactConstraint {
   bool rolls_on = false;  // of shapes that touch elsewhere within a step, as they roll
   double margin = 0;      // how far its shapes are looked at in sub-steps then [m]
 
+  // Point k or, where it has fewer by the end of a step, its last one.
+  Point& last_of(int k) { return points[std::max(0, std::min(k, count - 1))]; }
+
   double mu() const { return slips ? friction : std::max(friction, static_friction); }
 
   // Of the points: of their positions, of their arms.

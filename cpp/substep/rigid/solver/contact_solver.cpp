@@ -179,7 +179,8 @@ void ContactSolver::Given::add(const ContactPacket& packet) {
 }
 
 void ContactSolver::Given::report(int lane, ContactConstraint& contact) const {
-  for (int k = 0; k < contact.count; ++k) contact.points[k].total = normal[k][lane];
+  for (auto& point : contact.points) point.total = 0;
+  for (int k = 0; k < 4; ++k) contact.last_of(k).total += normal[k][lane];
   for (int i = 0; i < 2; ++i) contact.friction_total[i] = friction[i][lane];
 }
 

@@ -285,7 +285,7 @@ void Impacts::advance(BodyRows& rows, double h, double slop) {
 void Impacts::report(std::span<ContactConstraint> contacts) const {
   for (const Row& row : contacts_) {
     ContactConstraint& contact = contacts[usize(row.index)];
-    for (int k = 0; k < row.count; ++k) contact.points[k].total += row.given[k];
+    for (int k = 0; k < 4; ++k) contact.last_of(k).total += row.given[k];
     for (int i = 0; i < 2; ++i) contact.friction_total[i] += row.friction_given[i];
   }
 }

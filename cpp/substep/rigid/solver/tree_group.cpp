@@ -552,6 +552,7 @@ bool TreeGroup::slow_springs(Stage stage, std::span<const Tree::Rate> rates) {
 // From the begin with the rates.
 void TreeGroup::begin_motion() {
   factored_ = false;
+  drift_ = 0;
   end_ = begin_;
   tree_.advance(rates_, h_, end_);
   double square = 0;
