@@ -16,14 +16,14 @@ def build(parameters, seed):
     spacing = parameters["spacing"]
     low = random.uniform((0.05, 0.05), (0.55, 0.45))
     positions = substep.fill_box(low, low + random.uniform(0.2, 0.4, 2), spacing)
-    walls = [((1, 0, 0), (0, 0, 0)), ((0, 1, 0), (0, 0, 0)), ((-1, 0, 0), (1, 0, 0))]
+    walls = [((1, 0, 0), 0), ((0, 1, 0), 0), ((-1, 0, 0), 1), ((0, -1, 0), 1)]
     return substep.MaterialPointMethod(
         positions,
         substep.mpm.Sand(density=1600.0, young_modulus=1e5, friction_angle=np.radians(35)),
         cell=2 * spacing,
         volume=spacing**2,
         velocities=np.tile(random.uniform(-2, 2, 2), (len(positions), 1)),
-        colliders=[substep.Collider(substep.Plane(*wall), friction=0.5) for wall in walls],
+        colliders=[substep.Collider(substep.Plane(n, (x, x, 0)), friction=0.5) for n, x in walls],
     )
 
 

@@ -150,6 +150,7 @@ def test_command_line_starts_without_numpy():
         ("render none.vtkhdf --frame x", "--frame: expected an integer, got 'x'"),
         ("render none.vtkhdf --fps 9", "--fps: a picture has no frame rate"),
         ("render none.vtkhdf --out x.mp4 --frame 1", "--frame: a movie shows every frame"),
+        ("validate --out none/page.html", "none: No such file"),
         ("scenes keplr", "did you mean kepler?"),
     ],
 )  # fmt: skip

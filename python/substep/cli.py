@@ -630,6 +630,7 @@ def _export(arguments: argparse.Namespace) -> None:
 
 
 def _validate(arguments: argparse.Namespace) -> None:
+    from .base.replacing import check_folder
     from .validate import cases, run, write_page
     from .validate.page import number, verdict
 
@@ -640,6 +641,8 @@ def _validate(arguments: argparse.Namespace) -> None:
     except InputError as error:
         raise InputError(f"--{error}") from None
     width = max(len(case.name) for case in chosen)
+
+    check_folder(arguments.out)
 
     def tell(outcome: Measured) -> None:
         case = outcome.case

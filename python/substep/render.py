@@ -28,6 +28,7 @@ from .base.checks import (
     describe,
 )
 from .base.imports import needs
+from .base.replacing import check_folder
 from .errors import InputError
 from .recording import Recording
 from .recording.files import check_not_itself
@@ -479,6 +480,7 @@ class _whole_file:
 
     def __enter__(self) -> Path:
         out = self._out
+        check_folder(out)
         if out.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(out))
         self._part = out.with_name(f".{out.stem[:100]}-{secrets.token_hex(8)}.part{out.suffix}")

@@ -544,7 +544,7 @@ def test_a_checkpoint_that_cannot_be_written_leaves_the_one_before(tmp_path):
     assert content(simulation) == kept
     simulation.save(tmp_path / "b")
     assert (tmp_path / "b").stat().st_size > 200
-    with pytest.raises(FileNotFoundError, match="nowhere/c'"):
+    with pytest.raises(FileNotFoundError, match="nowhere'"):
         simulation.save(tmp_path / "nowhere" / "c")
 
 

@@ -276,6 +276,33 @@ def test_masked_worlds_stop_alone_until_they_are_reset():
     np.testing.assert_array_equal(batch.positions[13], stopped)
 
 
+def broken(**options):
+    """Three nets of which the second is not finite, as a view of it was written."""
+    nets = [net(0.1), net(0.2), net(0.3)]
+    nets[1].positions[3] = np.nan
+    return substep.Batch(nets, on_fail="mask", **options)
+
+
+def test_a_world_that_has_stopped_with_nan_is_told_and_left_out():
+    batch = broken()
+    batch.step(1e-3)
+    assert [bool(reason) for reason in batch.failures] == [False, True, False]
+    limit, reason = batch.step_limit()
+    assert limit == min(batch.copy_world(w).step_limit()[0] for w in (0, 2))
+    assert reason.startswith(("world 0: ", "world 2: "))
+    assert reason.endswith("; 1 of 3 worlds have stopped")
+    assert repr(batch).endswith("3 worlds of MassSpring, 1 stopped)")
+    fields = batch.fields()
+    assert all(np.isfinite(values).all() for values, _ in fields.values())
+    assert np.bincount(fields["world"][0]).tolist() == [16, 0, 16]
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+    assert batch._repr_png_()
+    alone = substep.Batch([batch._worlds[1]], on_fail="mask")
+    alone.step(1e-3)
+    assert alone.step_limit() == (np.inf, "all worlds have stopped")
+    assert alone._repr_png_()
+
+
 def hasten(batch):
     """Give the second world a speed whose steps are below the spacing of times."""
     batch.set_velocities(np.full((batch.counts[1], 3), 1e15), worlds=[1])
@@ -420,6 +447,21 @@ def test_states_and_files_are_exact(make, tmp_path):
     for w in (0, 2):
         assert_same(batch.copy_world(w), worlds[w])
     assert batch.times[1] > 0
+
+
+def test_a_state_of_other_worlds_says_of_which_it_is(tmp_path):
+    saved = substep.Batch([net(v) for v in SPEEDS[:3]])
+    saved.save(tmp_path / "nets")
+    told = r"expected one of {} worlds of {}, got one of 3 worlds of MassSpring"
+    for batch in (substep.Batch(net(0), 4), substep.Batch(jelly(0), 3), substep.Batch(jelly(0), 5)):
+        why = told.format(len(batch), type(batch._worlds[0]).__name__)
+        with pytest.raises(CorruptError, match=f"nets: does not fit .*: state: {why}$"):
+            batch.load(tmp_path / "nets")
+        with pytest.raises(InputError, match=f"^state: {why}$"):
+            batch.restore(saved.state())
+        assert batch.time == 0
+    with pytest.raises(InputError, match="state: class missing"):
+        saved.restore({k: v for k, v in saved.state().items() if k != "class"})
 
 
 def test_worlds_come_out_and_go_in():

@@ -7,6 +7,7 @@ import pytest
 import substep
 from substep.cli import main
 from substep.export import save
+from substep.export.save import SUFFIXES
 from substep.render import Look, View
 
 TURN = np.sqrt(0.5)
@@ -293,6 +294,7 @@ def test_names_that_usd_makes_alike_and_frames_without_points(tmp_path):
         assert not prim.GetAttribute("velocities").HasValue()
     table = save(tmp_path / "a.vtkhdf", tmp_path / "a.csv")[0].read_text().splitlines()
     assert len(table) == 3 and table[0].count("time") == 2 and "time_field" in table[0]
-    for folder in ("none", "a.vtkhdf"):
-        with pytest.raises(OSError, match=r"No such file|Not a directory"):
-            save(tmp_path / "a.vtkhdf", tmp_path / folder / "b.usdc")
+    for folder, error in (("none", FileNotFoundError), ("a.vtkhdf", NotADirectoryError)):
+        for suffix in SUFFIXES:  # named as the folder that is missing, before anything is done
+            with pytest.raises(error, match=f"{folder}'$"):
+                save(tmp_path / "a.vtkhdf", tmp_path / folder / f"b{suffix}")

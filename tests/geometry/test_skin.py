@@ -82,6 +82,26 @@ def test_sheets_have_skins_in_their_plane():
         Skin(lifted, coarse.vertices)
 
 
+def test_vertices_off_the_plane_of_their_nearest_follow_more():
+    """Layers 2.1 h apart: the 13 nearest of a point are in its layer, the 14th is above it."""
+    n = np.arange(7.0)
+    x = np.stack(np.meshgrid(n, n, 2.1 * n[:3], indexing="ij"), axis=-1).reshape(-1, 3)
+    on = np.array([[3.0, 3, 0], [3, 3, 2.1], [3, 4, 0]])
+    off = on[[0, 2]] + [[0, 0, 0.05], [0, 0, -0.05]]
+    mesh = geometry.TriangleMesh(np.vstack([on, off]), [[0, 1, 2]])
+    skin, wide = Skin(mesh, x), Skin(mesh, x, neighbours=16)
+    assert skin.cells.shape == skin.weights.shape == (5, 16)
+    np.testing.assert_array_equal(skin.weights[3:], wide.weights[3:])
+    np.testing.assert_array_equal(skin.cells[3:], wide.cells[3:])
+    plain = Skin(geometry.TriangleMesh(on, [[0, 1, 2]]), x)
+    np.testing.assert_array_equal(skin.weights[:3, :12], plain.weights)
+    assert not skin.weights[:3, 12:].any()
+    map_, move = np.random.default_rng(7).normal(size=(3, 3)), np.array([1.0, -2.0, 3.0])
+    np.testing.assert_allclose(
+        skin(x @ map_.T + move), mesh.vertices @ map_.T + move, rtol=0, atol=1e-12
+    )
+
+
 def snow():
     """A block of it in the air."""
     x = lattice((0.4, 0.4, 0.4), 0.05)

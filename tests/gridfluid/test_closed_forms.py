@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, curve_fit
 from scipy.special import erfc, iv
 from substep.gridfluid import Wall
+from substep.validate.grid_flow import growth
 
 from .test_surface_tension import liquid_of, radius_of
 from .test_two_fluids import SLIP, layers
@@ -189,32 +190,6 @@ def test_a_plate_that_sets_off_drags_along_what_erfc_says():
         should = erfc(flow.positions_of()[0, :, 1] / 2 / math.sqrt(0.02))
         errors.append(np.abs(flow.velocity[0, :, 0] - should).max())
     assert errors[1] < 0.003 and errors[1] < errors[0] / 3
-
-
-def growth(n, rayleigh):
-    """Of rolls of the critical wavelength between plates, in kappa / H^2."""
-    nu, cells = math.sqrt(1 / rayleigh), round(2.016 * n)
-    k = 2 * math.pi * n / cells
-
-    def temperature(x):
-        return 0.5 - x[:, 1] + 1e-3 * np.cos(k * x[:, 0]) * np.sin(math.pi * x[:, 1])
-
-    flow = substep.GridFlow(
-        [(0, 0), (cells / n, 1)],
-        1 / n,
-        viscosity=nu,
-        thermal_diffusivity=nu,
-        thermal_expansion=1.0,
-        gravity=(0, -1),
-        temperature=temperature,
-        sides=["periodic", (Wall(temperature=0.5), Wall(temperature=-0.5))],
-        dtype="float64",
-        threads=1,
-    )
-    flow.advance(20.0)
-    before = flow.diagnostics()["kinetic_energy"]
-    flow.advance(20.0)
-    return math.log(flow.diagnostics()["kinetic_energy"] / before) / 40 / nu
 
 
 def test_rolls_set_in_at_the_critical_rayleigh_number():

@@ -8,31 +8,13 @@ import math
 import numpy as np
 import pytest
 import substep
-from substep.gridfluid import Inflow, Wall
-
-SQUARE = [(0.0, 0.0), (1.0, 1.0)]
-
-
-def extreme(values, sign):
-    """The largest of sign times values, by a parabola through three."""
-    k = int(np.argmax(sign * values))
-    a, b, c = values[k - 1 : k + 2]
-    return b - (c - a) ** 2 / (8 * (a - 2 * b + c))
+from substep.gridfluid import Inflow
+from substep.validate.grid_flow import channel, driven, extreme, nusselt
 
 
 def cavity(reynolds, n, duration, start=None):
     """A lid drives a square: u_min on the vertical, v_max and v_min on the horizontal."""
-    flow = substep.GridFlow(
-        SQUARE,
-        1 / n,
-        viscosity=1 / reynolds,
-        sides=["wall", ("wall", Wall(velocity=(1.0, 0.0)))],
-        velocity=None if start is None else lambda x: start.sample(x)["velocity"],
-        cfl=1.2,
-        largest_step=1.2 / n,
-        threads=1 if n < 100 else None,
-    )
-    flow.advance(duration)
+    flow = driven(reynolds, n, duration, start)
     u, v = flow.velocity_faces[0][n // 2], flow.velocity_faces[1][:, n // 2]
     return flow, np.array([extreme(u, -1), extreme(v, 1), extreme(v, -1)])
 
@@ -58,26 +40,6 @@ def test_cavity_re_1000():
     check_cavity(1000, reference, [(64, 50), (128, 35), (256, 10)])
 
 
-def nusselt(rayleigh, n, duration):
-    """Of the hot wall of a square between a hot and a cold one, in units of the diffusivity."""
-    prandtl = 0.71
-    flow = substep.GridFlow(
-        SQUARE,
-        1 / n,
-        viscosity=prandtl,
-        sides=[(Wall(temperature=1.0), Wall(temperature=0.0)), "wall"],
-        temperature=lambda x: 1 - x[:, 0],
-        reference_temperature=0.5,
-        thermal_expansion=1.0,
-        thermal_diffusivity=1.0,
-        gravity=(0, -rayleigh * prandtl),
-        largest_step=0.002,
-        threads=1,
-    )
-    flow.advance(duration)
-    return float((1 - flow.temperature[0]).mean() * 2 * n)
-
-
 # Later spectral values beside de Vahl Davis (1983).
 @pytest.mark.parametrize(
     ("rayleigh", "reference", "n", "duration"),
@@ -90,29 +52,6 @@ def nusselt(rayleigh, n, duration):
 )
 def test_natural_convection(rayleigh, reference, n, duration):
     assert nusselt(rayleigh, n, duration) == pytest.approx(reference, rel=0.02)
-
-
-def channel(n, top, middle=0.2):
-    """Schaefer and Turek (1996): a cylinder of 0.1 m in a channel of 0.41 m with an inflow."""
-    h = 0.41 / n
-
-    def inflow(x):
-        u = 4 * top * x[:, 1] * (0.41 - x[:, 1]) / 0.41**2
-        return np.stack([u, 0 * u], axis=1)
-
-    y = (np.arange(n) + 0.5) * h
-    cylinder = substep.Collider(substep.Sphere(0.05, (0.2, middle, 0)))
-    length = h * round(2.2 / h)
-    flow = substep.GridFlow(
-        [(0, 0), (length, 0.41)],
-        h,
-        viscosity=1e-3,
-        velocity=inflow,
-        colliders=[cylinder],
-        sides=[(Inflow(inflow(np.stack([0 * y, y], axis=1))), "open"), "wall"],
-        dtype="float64",
-    )
-    return flow, cylinder
 
 
 def coefficients(cylinder, mean):

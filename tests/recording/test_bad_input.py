@@ -396,7 +396,7 @@ def test_an_existing_recording_is_kept_unless_overwritten(packed):
 
 
 def test_paths_that_cannot_be_written(tmp_path):
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(FileNotFoundError, match=r"missing'$"):
         record(tmp_path / "missing" / "a.vtkhdf")
     with pytest.raises(OSError, match="too long"):
         record(tmp_path / ("x" * 5000))

@@ -1,5 +1,6 @@
 """A recording that takes in new frames is whole at any moment, whoever interrupts it or reads."""
 
+import gc
 import os
 import sys
 import time
@@ -43,11 +44,14 @@ def refresh(recording, at_line):
         return trace
 
     before = sys.gettrace()
+    gc.collect()
+    gc.disable()  # what it collects has lines too
     sys.settrace(trace)
     try:
         recording.refresh()
     finally:
         sys.settrace(before)
+        gc.enable()
     return lines
 
 
@@ -110,3 +114,77 @@ def test_where_a_recording_was_cut_is_told(run, size):
         assert told.value.offset == end and len(recording) == 2
     Path(recording.path).write_bytes(whole)
     assert recording.refresh() == 2
+
+
+def test_a_packed_recording_that_is_gone_on_with_is_followed(tmp_path):
+    path, parts = tmp_path / "a.vtkhdf", {"p": substep.Part()}
+    with substep.Recorder(path, parts=parts) as recorder:
+        append(recorder, 0)
+    with substep.Recording(path) as recording:
+        assert recording.packed and recording.refresh() == 1
+        with substep.Recorder(path, parts=parts, resume=True) as recorder:
+            append(recorder, 1)
+            assert recording.refresh() == 2 and last(recording) == 1 and not recording.packed
+            append(recorder, 2)
+            assert recording.refresh() == 3
+        assert recording.refresh() == 3 and last(recording) == 2 and recording.packed
+        with substep.Recorder(path, parts=parts, resume=True) as recorder:
+            append(recorder, 3)  # and packed before anyone looks
+        assert recording.refresh() == 4 and last(recording) == 3
+        path.unlink()
+        assert recording.refresh() == 4 and last(recording) == 3
+    with pytest.raises(substep.InputError, match="closed"):
+        recording.refresh()
+
+
+@pytest.mark.parametrize("other", [{"scene": "another"}, {"parameters": {"n": 1}}, {"x": 0.5}])
+def test_another_run_of_that_name_is_not_taken_for_more_of_this(tmp_path, other):
+    path, x = tmp_path / "a.vtkhdf", other.pop("x", 0.0)
+    with substep.Recorder(path, parts={"p": substep.Part()}) as recorder:
+        append(recorder, 0)
+    with substep.Recording(path) as recording:
+        with substep.Recorder(
+            path, parts={"p": substep.Part()}, overwrite=True, **other
+        ) as recorder:
+            recorder.append(0.0, {"p": {"points": [[x, 0.0]]}})
+            append(recorder, 1)
+            assert [recording.refresh() for _ in range(2)] == [1, 1]
+        assert recording.refresh() == 1 and last(recording) == 0
+
+
+# An interrupt between open() and its `with` leaves the file to the garbage collector.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_an_interrupt_while_another_file_is_taken_up_loses_no_frame(tmp_path):
+    path, parts = tmp_path / "a.vtkhdf", {"p": substep.Part()}
+    recorder = substep.Recorder(path, parts=parts)
+    append(recorder, 0)
+    journal, new = Path(recorder.journal_path), tmp_path / "new"
+    short = journal.read_bytes()
+    append(recorder, 1)
+    long = journal.read_bytes()
+    recorder.close()
+
+    def tried(interrupt):
+        for content in (short, long):
+            new.write_bytes(content)
+            os.replace(new, journal)
+            if content is short:
+                recording = substep.Recording(path)
+        with recording:
+            try:
+                lines = refresh(recording, interrupt)
+            except KeyboardInterrupt:
+                lines = None
+            assert last(recording) == len(recording) - 1 in (0, 1)
+            assert recording.refresh() == 2 and last(recording) == 1
+        return lines
+
+    lines = tried(lambda _: None)
+    assert lines > 50
+    for wanted in range(1, lines + 1):
+
+        def interrupt(line, wanted=wanted):
+            if line == wanted:
+                raise KeyboardInterrupt
+
+        assert tried(interrupt) is None

@@ -276,6 +276,8 @@ def test_masked_worlds_stop_alone_until_they_are_reset():
         assert np.isfinite(frames[w, :done]).all()
         assert np.isnan(frames[w, done:]).all()
     assert np.isfinite(np.delete(frames, [2, 13], axis=0)).all()
+    assert batch.step_limit()[1].endswith("; 2 of 20 worlds have stopped")
+    assert repr(batch).endswith("20 worlds of RigidBodies, 2 stopped)")
     stopped = batch.positions[13]
     batch.step(1.0, 3)
     np.testing.assert_array_equal(batch.positions[13], stopped)
@@ -361,7 +363,8 @@ def test_state_is_exact_and_checked(tmp_path):
     other.load(path)
     other.step(H, 15)
     assert same(batch, other)
-    with pytest.raises(CorruptError, match="does not fit"):
+    told = "expected one of 2 worlds of RigidBodies, got one of 3 worlds of RigidBodies"
+    with pytest.raises(CorruptError, match=f"does not fit .*{told}"):
         batch_of(2).load(path)
     before = batch.positions
     broken = {**state, "all_rotations": np.zeros_like(state["all_rotations"])}

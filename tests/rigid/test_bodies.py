@@ -456,6 +456,15 @@ def test_rolling_and_spinning_friction_stop():
             assert speed == pytest.approx(4, rel=0.02) if lever == 0 else speed < 3.2
 
 
+def test_rolling_friction_holds_a_ball_beside_one_that_rolls():
+    bodies = substep.RigidBodies(gravity=(0.5, 0, -G))
+    bodies.add(rigid.Plane(), (0, 0, 0), motion="static")
+    bodies.add(BALL, (0, 3, 0.25), velocities=(1, 0, 0), angular_velocities=(0, 4, 0))
+    held = bodies.add(BALL, (0, 0, 0.25), rolling_friction=0.025)  # up to twice this slope
+    bodies.advance(1.0)
+    assert abs(bodies.positions[held, 0]) < 1e-5
+
+
 def test_groups_and_masks_and_excluded_pairs():
     bodies = on_ground()
     sieve = bodies.add(rigid.Box((10, 10, 0.2)), (0, 0, 1), motion="static", group=2)

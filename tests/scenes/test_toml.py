@@ -358,6 +358,66 @@ def test_cloth_solids_and_skins_of_other_methods(folder):
         assert fall == pytest.approx(-9.81 / 2 * 0.1**2, rel=0.15)  # by steps of a tenth of it
 
 
+def test_cloth_and_solids_of_pbd_are_recorded_as_meshes(folder):
+    _, cloth, jelly, _ = documented(folder)
+    values = {"duration": 1.0, "spacing": 0.1}
+    elastic = "stiffness = 500              # [N/m]\ndamping_time = 0.002         # [s]"
+    springs = read(cloth).build(values, 0).parts()["particles"].triangles
+    sheet = cloth.replace("mass-spring", "pbd").replace(elastic, "")
+    for text in (sheet, sheet.replace("size =", "rigidity = 1e-5\nsize =")):
+        found = read(text).build(values, 0).parts()["particles"].triangles
+        assert set(map(frozenset, found.tolist())) == set(map(frozenset, springs.tolist()))
+    solid = re.sub(r"\[skin\].*?\n\n", "", jelly, flags=re.DOTALL)
+    part = read(solid).build(values, 0).parts()["particles"]
+    same = read(solid.replace("soft-body", "pbd")).build(values, 0)
+    found = same.parts()["particles"]
+    assert np.unique(found.tetrahedra).size == len(same.simulation) == 5**3
+    assert np.array_equal(np.sort(found.tetrahedra, axis=0), np.sort(part.tetrahedra, axis=0))
+    outcome = run(read(solid.replace("soft-body", "pbd")), {"spacing": 0.1}, "out", frames=2)
+    with substep.Recording(outcome.recording) as recording:
+        assert recording.parts["particles"].kind == "mesh"
+
+
+@pytest.mark.parametrize("normal", [(0, 0, 1), (1, 0, 2), (1, 0, 0)])
+def test_planes_are_recorded_as_squares_below_what_there_is(normal):
+    place = "position = [0, 0, -0.1]\nfriction"
+    scene = read(JELLY.replace("[0, 0, 1]\nfr", f"{list(normal)}\nfr").replace("friction", place))
+    outcome = run(scene, {}, "out")
+    with substep.Recording(outcome.recording) as recording:
+        plane, x = recording.parts["obstacle-0"], recording["particles"].points(0)
+        corners, n = np.asarray(plane.points), np.array(normal) / np.linalg.norm(normal)
+        np.testing.assert_allclose((corners - [0, 0, -0.1]) @ n, 0, atol=1e-12)
+        low, high = x.min(axis=0), x.max(axis=0)
+        foot = (low + high) / 2 - ((low + high) / 2 - [0, 0, -0.1]) @ n * n
+        np.testing.assert_allclose(corners.mean(axis=0), foot, atol=1e-6)
+        sides = np.linalg.norm(np.roll(corners, 1, axis=0) - corners, axis=1)
+        np.testing.assert_allclose(sides, np.linalg.norm(high - low), rtol=1e-6)
+        a, b, c = (corners[k] for k in np.asarray(plane.triangles)[0])
+        assert np.cross(b - a, c - a) @ n > 0
+    scene = read(BODIES).build({"duration": 1.0}, 0)
+    assert {"bodies", "obstacle-0"} == set(scene.parts()) and set(scene.frame()) == {"bodies"}
+
+
+def test_margins_and_neighbours_reach_the_classes(folder):
+    _, cloth, jelly, _ = documented(folder)
+    options = "\n[options]\ncontact_margin = 0.07\n"
+    values = {"duration": 1.0, "spacing": 0.1}
+    elastic = "stiffness = 500              # [N/m]\ndamping_time = 0.002         # [s]"
+    for text in (cloth, cloth.replace("mass-spring", "pbd").replace(elastic, ""), jelly):
+        one, plain = read(text + options).build(values, 0), read(text).build(values, 0)
+        for each in (one, plain):
+            each.advance(0.6)
+        gap = [
+            min(c.distance(e.simulation.positions).min() for c in e.simulation.colliders)
+            for e in (one, plain)
+        ]
+        assert gap[0] > gap[1] + 0.03, gap
+    rolling = read(BODIES + options).build({"duration": 1.0}, 0).simulation["bodies"]
+    assert rolling._options["contact_margin"] == 0.07
+    body = jelly.replace("soft-body", "pbd").replace("scale =", "neighbours = 20\nscale =")
+    assert read(body).build(values, 0).simulation.skin.cells.shape[1] == 20
+
+
 @pytest.mark.parametrize(
     ("which", "old", "new", "told"),
     [
@@ -375,6 +435,8 @@ def test_cloth_solids_and_skins_of_other_methods(folder):
         (2, "high = [0.2, 0.2, 0.5]", "high = [0.2, 0.2, 0.1]", "high: expected numbers above"),
         (2, "scale = 0.001", "scal = 0.001", "scal: unknown key of skin; did you mean scale?"),
         (2, "scale = 0.001", "scale = 1", "expected vertices within"),
+        (2, "scale = 0.001", "neighbours = 20", "neighbours: unknown key of skin"),
+        (1, "\n[cloth]", "\n[options]\ncontact_margin = 0\n[cloth]", "contact_margin: expected"),
         (2, '"meshes/bust.obj"', '"../bust.obj"', "file: expected a path"),
         (2, "\n[solid]", "\n[[block]]", "density: unknown key of block"),
         (3, "fps = 10", "", "fps: obstacle needs it"),

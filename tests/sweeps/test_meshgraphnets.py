@@ -81,6 +81,68 @@ def test_what_is_held_and_what_is_solid(tmp_path):
     assert not (tmp_path / "no").exists()
 
 
+CHANNEL = """
+import substep
+from substep.scenes import Parameter, Scene
+
+
+def build(parameters, seed):
+    ball = substep.Collider(substep.Sphere(0.2, (0.6, 0.5, 0)))
+    ball.velocity = (parameters["moves"], 0, 0)
+    return substep.GridFlow(
+        [(0, 0), (2, 1)],
+        0.125,
+        viscosity=0.1,
+        velocity=(1.0, 0.0),
+        colliders=[ball],
+        sides=[(substep.gridfluid.Inflow((1.0, 0.0)), "open"), "wall"],
+        largest_step=0.05,
+    )
+
+
+duration, moves = Parameter("time", 0.2, unit="s", above=0), Parameter("speed", 0.0, unit="m/s")
+SCENE = Scene("channel", "A channel.", {"duration": duration, "moves": moves}, build, frames=5)
+"""
+
+
+def test_flows_have_types_of_their_sides_and_no_nodes_in_obstacles(tmp_path):
+    (tmp_path / "channel.py").write_text(CHANNEL)
+    runs = substep.sweep(str(tmp_path / "channel.py"), {}, tmp_path / "a", workers=1)
+    folder = write_meshgraphnets(runs, tmp_path / "data", fractions=(1, 0, 0))
+    meta = json.loads((folder / "meta.json").read_text())
+    assert meta["field_names"] == ["cells", "mesh_pos", "node_type", "velocity", "pressure"]
+    assert meta["features"]["pressure"] == {
+        "type": "dynamic",
+        "dtype": "float32",
+        "shape": [5, -1, 1],
+    }
+    (flow,) = trajectories(folder, "train", meta).values()
+    x, kinds = flow["mesh_pos"][0], flow["node_type"][0, :, 0]
+    ball = np.hypot(x[:, 0] - 0.6, x[:, 1] - 0.5)
+    assert ball.min() > 0.2 and len(x) == 16 * 8 - 8
+    wall = np.isin(x[:, 1], (0.0625, 0.9375))
+    beside = ball < 0.2 + 0.125
+    assert (kinds[wall | beside] == 6).all() and (kinds[ball > 0.4][~wall[ball > 0.4]] != 6).all()
+    assert (kinds[(x[:, 0] < 0.1) & ~wall] == 4).all() and (kinds == 4).sum() == 6
+    assert (kinds[(x[:, 0] > 1.9) & ~wall] == 5).all() and (kinds == 5).sum() == 6
+    a, b, c = x[flow["cells"][0]].transpose(1, 0, 2)
+    u, v = b - a, c - a
+    area = (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2
+    np.testing.assert_allclose(area, 0.125**2 / 2, rtol=1e-5)
+    middle = (a + b + c) / 3
+    assert np.hypot(middle[:, 0] - 0.6, middle[:, 1] - 0.5).min() > 0.2
+    with runs[0].recording() as recording:
+        name = next(iter(recording.parts))
+        at = np.floor(x / 0.125).astype(int)
+        for field in ("velocity", "pressure"):
+            values = recording[name].field(field, 3)[at[:, 0], at[:, 1]].reshape(len(x), -1)
+            np.testing.assert_array_equal(flow[field][3], values.astype(np.float32))
+    moving = substep.sweep(str(tmp_path / "channel.py"), {"moves": 0.1}, tmp_path / "b", workers=1)
+    with pytest.raises(InputError, match=r"part: .* has obstacles that move"):
+        write_meshgraphnets(moving, tmp_path / "no")
+    assert not (tmp_path / "no").exists()
+
+
 def test_options_of_the_other_set_are_refused_before_anything_runs(tmp_path, capsys):
     line = ["sweep", "cloth-hang", "--out", str(tmp_path / "x"), "--bounds=0,0,1,1"]
     for to in ([], ["--to", "meshgraphnets"]):

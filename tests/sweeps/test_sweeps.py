@@ -80,6 +80,14 @@ def test_data_set_for_graph_network_simulators(walkers, tmp_path):
     for bounds in ([[0, 0], [1e-320, 1e-320]], [[-1e308] * 2, [1e308] * 2], [[50, 50], [60, 60]]):
         with pytest.raises(substep.InputError, match="bounds: "):
             write_gns(walkers, tmp_path / "no", bounds=bounds)
+    with walkers[3].recording() as recording:  # the first that is done
+        x = np.stack([recording["particles"].points(k) for k in range(5)])
+    middle = np.median(x[..., 0])
+    frame, particle = np.argwhere(x[..., 0] > middle)[0]
+    told = rf"in run 3, frame {frame}, particle {particle} is at x = .* between -8 and "
+    with pytest.raises(substep.InputError, match=f"bounds: expected all particles .* {told}"):
+        write_gns(walkers, tmp_path / "no", bounds=[[-8, -4], [middle, 4]])
+    assert not (tmp_path / "no").exists()
     folder = write_gns(
         walkers,
         tmp_path,

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import substep
 from substep.recording.contents import particle_frame, particle_parts
-from substep.view import page
+from substep.view import browser, page, painted
 from substep.view.browser import Viewer
 from substep.view.cloud import blocks
 from substep.view.drawables import Drawable, Scenery
@@ -264,6 +264,18 @@ def test_close_waits_for_the_step_and_closes_what_show_opened(tmp_path):
         recording.frame(0)  # is not closed
 
 
+def test_a_packed_recording_that_is_resumed_is_followed(tmp_path):
+    pytest.importorskip("viser", reason="viser is not installed")
+    path, parts = tmp_path / "a.vtkhdf", {"p": substep.Part()}
+    with substep.Recorder(path, parts=parts) as recorder:
+        recorder.append(0.0, {"p": {"points": [[0.0, 0, 0]]}})
+    with substep.show(path, open_browser=False, wait=False) as viewer:
+        with substep.Recorder(path, parts=parts, resume=True) as recorder:
+            recorder.append(1.0, {"p": {"points": [[0.0, 0, 1]]}})
+            wait_until(lambda: "t = 1 s" in viewer._told.content)
+            assert viewer._frame.max == viewer._frame.value == 1
+
+
 def wait_until(true):
     end = time.monotonic() + 20
     while not true():
@@ -307,6 +319,66 @@ def test_an_interrupted_page_leaves_no_server(tmp_path, monkeypatch, place):
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(("127.0.0.1", opened[0].get_port())).close()
     assert not (tmp_path / "a.html").exists()
+
+
+STAGES = {
+    "making": (painted, "_served"),
+    "painting": (painted.Painter, "put"),
+    "camera": (browser, "place_camera"),
+    "controls": (Viewer, "_make_controls"),
+    "thread": (threading.Thread, "start"),
+    "tab": (browser.webbrowser, "open"),
+    "waiting": (Viewer, "wait"),
+    "end of waiting": (threading.Thread, "join"),
+}
+
+
+@pytest.mark.parametrize(
+    ("stage", "after"),
+    [(stage, False) for stage in STAGES]
+    + [(stage, True) for stage in ("painting", "camera", "controls", "thread")],
+)
+def test_an_interrupt_while_it_is_shown_leaves_no_server(tmp_path, monkeypatch, stage, after):
+    viser = pytest.importorskip("viser", reason="viser is not installed")
+    served, stopped, come = [], [], threading.Event()
+    make, stop = viser.ViserServer.__init__, viser.ViserServer.stop
+
+    def made(server, *arguments, **options):
+        make(server, *arguments, **options)
+        served.append(server)
+
+    def end(server):
+        stopped.append(server)
+        stop(server)
+
+    owner, name = STAGES[stage]
+    usual = getattr(owner, name)
+
+    def interrupted(*arguments, **options):
+        of_view = name not in ("start", "join") or arguments[0].name == "substep-view"
+        if come.is_set() or not of_view:
+            return usual(*arguments, **options)
+        come.set()
+        if name == "_served":  # in a thread, which no interrupt comes to
+            os.kill(os.getpid(), signal.SIGINT)
+            return usual(*arguments, **options)
+        if after:
+            usual(*arguments, **options)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(viser.ViserServer, "__init__", made)
+    monkeypatch.setattr(viser.ViserServer, "stop", end)
+    monkeypatch.setattr(browser.webbrowser, "open", lambda url: True)
+    monkeypatch.setattr(owner, name, interrupted)
+    path = tmp_path / "a.vtkhdf"
+    with substep.Recorder(path, parts={"p": substep.Part()}) as recorder:
+        recorder.append(0.0, {"p": {"points": [[0.0, 0, 0]]}})
+    with pytest.raises(KeyboardInterrupt):
+        viewer = substep.show(path, open_browser=True, wait=stage == "waiting")
+        viewer.close()
+    wait_until(lambda: stopped)
+    assert len(served) == 1 and stopped == served
+    assert not [t for t in threading.enumerate() if t.name == "substep-view" and t.is_alive()]
 
 
 def test_what_is_not_there_is_told(tmp_path):

@@ -12,12 +12,21 @@ from pathlib import Path
 from typing import IO
 
 
+def check_folder(path: str | Path) -> None:
+    """Refuse a file in a folder that is not there, by the name of that folder."""
+    folder = Path(path).parent
+    if not folder.is_dir():
+        wrong = errno.ENOTDIR if folder.exists() else errno.ENOENT
+        raise OSError(wrong, os.strerror(wrong), str(folder))
+
+
 def replace_file(path: str, write: Callable[[IO[bytes]], object], *, mode: int = 0o666) -> None:
     """Have `write` fill a file beside the path, which then gets that name in one step.
 
     Whatever is raised leaves the file that there was.
     """
     target = Path(path)
+    check_folder(target)
     if target.exists() and not target.is_file():  # a device or a pipe would be gone
         wrong = errno.EISDIR if target.is_dir() else errno.EINVAL
         raise OSError(wrong, "expected a file to replace", path)

@@ -2,17 +2,92 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+import json
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from .checks import as_integers, describe
+from .checks import as_integers, check_choice, check_integer, check_sequence, describe
+from .rows import read_only
 from .schema import Entry, Number, Rows
+from .simulation import Simulation
 
 Ids = NDArray[np.int64]
+
+
+class Worlds(Simulation):
+    """Many worlds of one class in one simulation."""
+
+    _rows_are: ClassVar[str] = "worlds"
+
+    _mask: bool  # whether a world that fails stops alone
+
+    def __len__(self) -> int:
+        raise NotImplementedError
+
+    @property
+    def _class(self) -> str:
+        """What each world is."""
+        raise NotImplementedError
+
+    @property
+    def times(self) -> NDArray[np.float64]:
+        """Time of the state of each world [s], shape (w,); read-only."""
+        return read_only(self._native.times)
+
+    @property
+    def failures(self) -> list[str]:
+        """Why a world takes no part any more, empty if it does; of `on_fail` 'mask'."""
+        failures: list[str] = self._native.failures
+        return failures
+
+    def _contents(self) -> list[str]:
+        stopped = sum(map(bool, self.failures))
+        told = [f"{len(self)} worlds of {self._class}"]
+        return told + ([f"{stopped} stopped"] if stopped else [])
+
+    def _shortest(self, ask: Callable[[int], tuple[float, str]]) -> tuple[float, str]:
+        """The shortest step of the worlds that go on, and why."""
+        limits = {w: ask(w) for w, reason in enumerate(self.failures) if not reason}
+        stopped = len(self) - len(limits)
+        if not limits:
+            return math.inf, "all worlds have stopped" if stopped else "there is no world"
+        first = min(limits, key=lambda w: limits[w][0])
+        told = f"; {stopped} of {len(self)} worlds have stopped" if stopped else ""
+        return limits[first][0], f"world {first}: {limits[first][1]}{told}"
+
+    def _checked(self, state: dict[str, Any]) -> dict[str, Any]:
+        """As of other simulations, once it is of as many worlds of this class."""
+        try:
+            found = len(json.loads(state["failures"])), state.get("class", self._class)
+        except (AttributeError, KeyError, TypeError, ValueError, RecursionError):
+            return super()._checked(state)  # which says what is wrong
+        if isinstance(found[1], str) and found != (len(self), self._class):
+            raise InputError(
+                f"state: expected one of {len(self)} worlds of {self._class}, "
+                f"got one of {found[0]} worlds of {found[1][:60]}"
+            )
+        return super()._checked(state)
+
+
+def check_templates(template: Any, worlds: Any, one: type, kind: str, *, least: int) -> list[Any]:
+    """What each world is a copy of: the same for all, or one each."""
+    if isinstance(template, one):
+        if worlds is None:
+            raise InputError("worlds: expected how many")
+        return [template] * check_integer("worlds", worlds, minimum=least, maximum=2**31 - 1)
+    if worlds is not None:
+        raise InputError("worlds: is for a single template; a list has one for each world")
+    return check_sequence("template", template, kind)
+
+
+def check_masks(on_fail: Any) -> bool:
+    """Whether a world that fails stops alone."""
+    return check_choice("on_fail", on_fail, ("raise", "mask")) == "mask"
 
 
 def find_worlds(name: str, given: ArrayLike | None, count: int) -> Ids:

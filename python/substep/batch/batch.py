@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.checks import (
-    check_choice,
     check_integer,
     check_real,
     check_sequence,
@@ -21,10 +20,12 @@ from ..base.checks import (
     describe,
 )
 from ..base.rows import Points
-from ..base.schema import MOST, TIME, Entry, Texts
+from ..base.schema import MOST, TIME, Entry, Number, Texts
 from ..base.simulation import Simulation, StepReport, whole_steps
 from ..base.worlds import (
     check_failures,
+    check_masks,
+    check_templates,
     find_worlds,
     join_states,
     joined_entries,
@@ -52,7 +53,8 @@ class Batch(BatchRows):
     For data, for learning, for what depends on chance: each world has the bits of the same
     simulation alone, whatever the number of worlds and threads. A world runs on one thread. Arrays
     are read-only copies, one row for each world and, in it, for each particle in the order of its
-    simulation; rows that a world with fewer particles does not have are NaN.
+    simulation; rows that a world with fewer particles does not have are NaN. `time` is the earliest
+    of the worlds that go on.
 
     Parameters
     ----------
@@ -97,7 +99,6 @@ class Batch(BatchRows):
     """
 
     _first: list[dict[str, Any]]  # states at the start
-    _mask: bool
 
     def __init__(
         self,
@@ -107,20 +108,15 @@ class Batch(BatchRows):
         on_fail: str = "raise",
         threads: int | None = None,
     ) -> None:
-        if isinstance(template, Simulation):
+        given = check_templates(template, worlds, Simulation, "simulations", least=1)
+        if not given:
+            raise InputError("template: expected at least one simulation")
+        if given[0] is template:
             _check_world("template", template, template)
-            if worlds is None:
-                raise InputError("worlds: expected how many")
-            given = [template] * check_integer("worlds", worlds, minimum=1, maximum=2**31 - 1)
         else:
-            if worlds is not None:
-                raise InputError("worlds: is for a single template; a list has one for each world")
-            given = check_sequence("template", template, "simulations")
-            if not given:
-                raise InputError("template: expected at least one simulation")
             for k, one in enumerate(given):
                 _check_world(f"template[{k}]", one, given[0])
-        self._mask = check_choice("on_fail", on_fail, ("raise", "mask")) == "mask"
+        self._mask = check_masks(on_fail)
         self._last = StepReport()
         self._take_in([one.copy() for one in given], [""] * len(given), check_threads(threads))
         self._first = [one._kept() for one in self._worlds]
@@ -132,9 +128,6 @@ class Batch(BatchRows):
         native = _core.Batch([one._native for one in worlds])
         native.mask, native.failures, native.threads = self._mask, failures, threads
         self.__dict__.update(_worlds=worlds, _native=native)
-
-    def _contents(self) -> list[str]:
-        return [f"{len(self)} worlds of {type(self._worlds[0]).__name__}"]
 
     @property
     def _step_size(self) -> float | None:  # type: ignore[override]
@@ -391,18 +384,16 @@ class Batch(BatchRows):
         return {name: np.array([one.get(name, np.nan) for one in each]) for name in names}
 
     def step_limit(self) -> tuple[float, str]:
-        """Longest step that suits all worlds, and why.
+        """Longest step that suits all worlds that have not failed, and why.
 
         Returns
         -------
         float
-            The shortest of all worlds' [s]; see `step_limit` of the class.
+            The shortest of theirs [s], infinity if there is none; see `step_limit` of the class.
         str
-            The reason, with the number of the world.
+            The reason, with the number of the world, and how many have stopped.
         """
-        limits = [one.step_limit() for one in self._worlds]
-        first = min(range(len(limits)), key=lambda w: limits[w][0])
-        return limits[first][0], f"world {first}: {limits[first][1]}"
+        return self._shortest(lambda w: self._worlds[w].step_limit())  # type: ignore[no-any-return]
 
     def fields(self) -> dict[str, tuple[NDArray[Any], str]]:
         """Arrays for recording, with their units: all worlds, one after the other.
@@ -410,23 +401,29 @@ class Batch(BatchRows):
         Returns
         -------
         dict of str to (ndarray, str)
-            `position`, `velocity` and `world`.
+            `position`, `velocity` and `world`. A world that has stopped with numbers that are not
+            finite is left out.
         """
         present = np.arange(self.counts.max()) < self.counts[:, None]
+        x, v = self.positions, self.velocities
+        for w in np.flatnonzero([bool(reason) for reason in self.failures]):
+            present[w] &= np.isfinite([x[w, present[w]], v[w, present[w]]]).all()
         return {
-            "position": (self.positions[present], "m"),
-            "velocity": (self.velocities[present], "m/s"),
+            "position": (x[present], "m"),
+            "velocity": (v[present], "m/s"),
             "world": (np.nonzero(present)[0], "1"),
         }
 
     def _schema(self) -> tuple[list[Entry], dict[str, int], Any]:
         own, _, dtype = self._worlds[0]._schema()
         entries = [entry for one in own for entry in joined_entries(one)]
-        return [TIME, Texts("failures", "worlds"), *entries], {"worlds": len(self)}, dtype
+        entries = [TIME, Number("class", str), Texts("failures", "worlds"), *entries]
+        return entries, {"worlds": len(self)}, dtype
 
     def _state(self) -> dict[str, Any]:
         states = join_states([one._state() for one in self._worlds])
-        return {"time": self.time, "failures": json.dumps(self.failures), **states}
+        told = {"time": self.time, "class": self._class, "failures": json.dumps(self.failures)}
+        return {**told, **states}
 
     def _fit(self, state: dict[str, Any]) -> None:
         failures, times = state["failures"], state["each_time"]

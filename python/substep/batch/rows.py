@@ -10,17 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.checks import check_array, first_bad_index
 from ..base.rows import read_only
-from ..base.simulation import Simulation
-from ..base.worlds import find_worlds
+from ..base.worlds import Worlds, find_worlds
 from ..errors import InputError
 
 Array = NDArray[np.float64]
 
 
-class BatchRows(Simulation):
+class BatchRows(Worlds):
     """Particles as rows of arrays by world; makes `Batch`."""
-
-    _rows_are = "worlds"
 
     _worlds: list[Any]
 
@@ -28,20 +25,13 @@ class BatchRows(Simulation):
         return len(self._worlds)
 
     @property
-    def times(self) -> Array:
-        """Time of each world [s], shape (w,); read-only. `time` is the earliest that goes on."""
-        return read_only(self._native.times)
+    def _class(self) -> str:
+        return type(self._worlds[0]).__name__
 
     @property
     def counts(self) -> NDArray[np.int64]:
         """Particles of each world, shape (w,); read-only."""
         return read_only(np.array([len(one) for one in self._worlds], np.int64))
-
-    @property
-    def failures(self) -> list[str]:
-        """Why a world takes no part any more, empty if it does; of `on_fail` 'mask'."""
-        failures: list[str] = self._native.failures
-        return failures
 
     @property
     def positions(self) -> Array:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..base.checks import check_name, check_path, check_real, describe
+from ..base.replacing import check_folder
 from ..errors import InputError
 from ..recording import Recording
 from ..recording.files import check_not_itself
@@ -107,6 +108,7 @@ def save(
             f"out: expected a file ending in {', '.join(SUFFIXES)}, got {str(target)[-60:]!r}"
         )
     radii = _check_liquids(liquids, suffix)
+    check_folder(target)
     if suffix == ".vtkhdf":
         from ..recording.packing import pack
 

@@ -41,8 +41,6 @@ def write_usd(
     parts = {name: recording.parts[name] for name in names}
     if not parts:
         raise InputError("out: the recording has grids alone, which USD does not hold; write .npz")
-    if not out.parent.is_dir():
-        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(out.parent))
     if out.exists() and not out.is_file():
         raise OSError(errno.EINVAL, "expected a file to replace", str(out))
     partial = out.with_name(f".{secrets.token_hex(8)}{out.suffix}")

@@ -19,6 +19,7 @@ _MOST_WEIGHT = 30.0  # sum of |weights|: what noise of the points is multiplied 
 _FLAT = 1e-10  # of moments: points that lie in a plane, but for rounding
 _OFF = 1e-4  # of the radius: vertices off such a plane
 _PAIRS = 2_000_000  # of vertices and points that are compared at once
+_MORE = 4  # neighbours at a time, for vertices off the plane of theirs
 _ROWS = 4096  # of vertices that are computed at once, in the cache
 
 
@@ -43,7 +44,8 @@ class Skin(Frozen):
     rest : TetMesh or array_like, shape (n, 3)
         The body at rest: such as `mesh` of a `SoftBody`, or positions of particles [m].
     neighbours : int
-        Particles that each vertex follows, at least 8; a `TetMesh` has 4.
+        Particles that each vertex follows, at least 8; up to twice as many where the nearest lie in
+        a plane that the vertex is not in. A `TetMesh` has 4.
 
     Attributes
     ----------
@@ -54,15 +56,15 @@ class Skin(Frozen):
     points : int
         How many points the body has.
     cells : ndarray of int64, shape (k, j)
-        The points that each vertex follows.
+        The points that each vertex follows; where others follow more, the last again.
     weights : ndarray, shape (k, j)
-        a_vi; the sum of each row is 1.
+        a_vi; the sum of each row is 1, and what is there again has 0.
 
     Raises
     ------
     InputError
         If an argument is wrong, or a vertex is so far from the points, or so far off the plane in
-        which the nearest lie, that they do not say where it goes.
+        which twice as many of the nearest lie, that they do not say where it goes.
 
     References
     ----------
@@ -103,13 +105,7 @@ class Skin(Frozen):
         if solid is not None:
             cells, weights = solid.embed(mesh.vertices)
         else:
-            cells, distances = _nearest(mesh.vertices, x, count)
-            if not distances[:, -1].min() ** 2 > 0:
-                v = int(np.argmin(distances[:, -1]))
-                raise InputError(
-                    f"rest: expected points at different places, got {count} at that of vertex {v}"
-                )
-            weights = _least_squares(mesh.vertices, x, cells, distances)
+            cells, weights = _tie(mesh.vertices, x, count)
         self.cells, self.weights = read_only(cells), read_only(weights)
 
     def __repr__(self) -> str:
@@ -227,8 +223,34 @@ def _candidates(vertices: Array, left: Indices, x: Array, low: Array, size: floa
         first = last
 
 
-def _least_squares(vertices: Array, x: Array, cells: Indices, distances: Array) -> Array:
-    """a_vi = w_i b_i . G^+ (1, 0, 0, 0), with b_i = (1, (p_i - x_v) / R) and G = sum w_i b_i b_i^T.
+def _tie(vertices: Array, x: Array, count: int) -> tuple[Indices, Array]:
+    """The nearest points of each vertex, and their weights."""
+    cells, distances = _nearest(vertices, x, count)
+    if not distances[:, -1].min() ** 2 > 0:
+        v = int(np.argmin(distances[:, -1]))
+        raise InputError(
+            f"rest: expected points at different places, got {count} at that of vertex {v}"
+        )
+    weights, lost = _least_squares(vertices, x, cells, distances)
+    most = min(2 * count, len(x) - 1)
+    while lost.any() and count < most:
+        more = min(_MORE, most - count)
+        count += more
+        cells = np.pad(cells, ((0, 0), (0, more)), mode="edge")
+        weights = np.pad(weights, ((0, 0), (0, more)))
+        rows = np.flatnonzero(lost)
+        cells[rows], distances = _nearest(vertices[rows], x, count)
+        weights[rows], lost[rows] = _least_squares(vertices[rows], x, cells[rows], distances)
+    _refuse(lost, "whose nearest points lie in no plane (more neighbours may help)")
+    return cells, weights
+
+
+def _least_squares(
+    vertices: Array, x: Array, cells: Indices, distances: Array
+) -> tuple[Array, NDArray[np.bool_]]:
+    """The weights a_vi, and which vertices have none that give affine maps.
+
+    a_vi = w_i b_i . G^+ (1, 0, 0, 0), with b_i = (1, (p_i - x_v) / R) and G = sum w_i b_i b_i^T.
 
     So sum a_vi b_i = (1, 0, 0, 0) wherever G has that in its range, which is what reproduces affine
     maps; a second pass takes off what rounding left.
@@ -245,9 +267,7 @@ def _least_squares(vertices: Array, x: Array, cells: Indices, distances: Array) 
         a += np.einsum("vib,vb->vi", weighted, np.einsum("vab,vb->va", inverse, rest))
     off = np.abs(wanted - np.einsum("vi,vib->vb", a, b)).max(axis=1)
     sums = np.abs(a).sum(axis=1)
-    lost = (off > _OFF) | ~(sums < _MOST_WEIGHT)
-    _refuse(lost, "whose nearest points lie in no plane (more neighbours may help)")
-    return a
+    return a, (off > _OFF) | ~(sums < _MOST_WEIGHT)
 
 
 def _check_near(vertices: Array, x: Array) -> None:

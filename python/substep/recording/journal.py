@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.reading import load_json
+from ..base.replacing import check_folder
 from ..errors import CorruptError, FormatError, InputError, TruncatedError, VersionError
 from .files import lock, pread_exactly, publish, sync_folder, unlock, write_all
 from .frames import (
@@ -265,6 +266,7 @@ class Writer:
     @classmethod
     def create(cls, path: str, header: bytes, fsync: bool = False) -> Writer:
         """Make a journal, whole from the moment it exists; FileExistsError if there is one."""
+        check_folder(path)
         part = path + ".part"
         with contextlib.suppress(FileNotFoundError):
             os.unlink(part)

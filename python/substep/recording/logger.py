@@ -22,7 +22,7 @@ from ..base.checks import (
 )
 from ..base.imports import needs
 from ..base.owned import Owned
-from ..base.replacing import replace_file
+from ..base.replacing import check_folder, replace_file
 from ..errors import InputError
 from .parts import check_name
 
@@ -261,6 +261,7 @@ class Logger(Owned):
         times, names = _drawable("time", self.times), self.names
         if not len(times):
             raise InputError("the logger has no samples to plot")
+        check_folder(file)
         columns = 1 if len(names) <= 4 else math.ceil(math.sqrt(len(names) / 3))
         rows = math.ceil(len(names) / columns)
         width = 7.2 if columns == 1 else 4.8 * columns

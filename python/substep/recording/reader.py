@@ -89,9 +89,8 @@ class Recording(Checked, Pictured):
         self, path: str | os.PathLike[str], *, recover: bool = False, max_bytes: int = MAX_BYTES
     ) -> None:
         self._max_bytes = check_integer("max_bytes", max_bytes, minimum=1)
-        name = check_path(path)
-        if not name.endswith(JOURNAL_SUFFIX) and os.path.lexists(name + JOURNAL_SUFFIX):
-            name += JOURNAL_SUFFIX
+        name = _newest(check_path(path))
+        self._seen = _identity(name)
         self._adopt(open_source(name, self._max_bytes), recover)
 
     @classmethod
@@ -105,6 +104,7 @@ class Recording(Checked, Pictured):
     def _adopt(self, source: Source, recover: bool) -> None:
         self._closed = False
         self._refreshing = threading.RLock()
+        self._earlier: list[Source | Recording] = []  # which other threads may still read
         self._recover = recover
         self.source = source
         self.path = source.path
@@ -272,8 +272,9 @@ class Recording(Checked, Pictured):
     def refresh(self) -> int:
         """Take in the frames that a run has written since the recording was opened.
 
-        One that was packed when it was opened keeps the frames that it has, and so does one opened
-        with `recover`. Other threads may read meanwhile; an interrupt loses no frame.
+        That it is packed meanwhile, and gone on with later, is no hindrance. A recording of other
+        frames that has replaced it is not taken in; one opened with `recover` keeps the frames that
+        it has. Other threads may read meanwhile; an interrupt loses no frame.
 
         Returns
         -------
@@ -286,14 +287,56 @@ class Recording(Checked, Pictured):
             If the recording is closed.
         CorruptError, TruncatedError
             If what was added is damaged; the frames before it stay.
+        OSError
+            If it cannot be read.
         """
         if self._closed:
             raise InputError("the recording is closed")
-        if isinstance(self.source, Journal) and not self._recover:
+        if not self._recover:
             with self._refreshing:
-                self.source.refresh()
-                self._check_frames()
+                if isinstance(self.source, Journal):
+                    self.source.refresh()
+                    self._check_frames()
+                self._follow()
         return len(self)
+
+    def _follow(self) -> None:
+        """Go on with the file that has taken the place of the one that is open, if any has."""
+        name = _newest(self.path.removesuffix(JOURNAL_SUFFIX))
+        try:
+            seen = _identity(name)
+            if seen == self._seen:
+                return
+            later = Recording(name, max_bytes=self._max_bytes)
+        except FileNotFoundError:  # removed, or packed this moment
+            return
+        if not later._goes_on_from(self):
+            later.close()
+            self._seen = seen
+            return
+        vars(self).update(
+            source=later.source,
+            path=later.path,
+            packed=later.packed,
+            _seen=seen,
+            _earlier=[*self._earlier, self.source, later],  # which closes its source when it goes
+        )
+
+    def _goes_on_from(self, earlier: Recording) -> bool:
+        """Whether it has the same contents, and first the frames of that."""
+        mine, theirs = self.source, earlier.source
+        frames = len(theirs.times)
+        keys = ("parts", "scene", "parameters", "seed")
+        return (
+            all(mine.metadata[key] == theirs.metadata[key] for key in keys)
+            and mine.times[:frames] == theirs.times
+            and mine.crcs[:frames] == theirs.crcs
+            and all(
+                np.array_equal(one[name], other[name])
+                for one, other in zip(mine.constants, theirs.constants, strict=True)
+                for name in one
+            )
+        )
 
     def to_html(
         self, out: str | os.PathLike[str], *, color: str | None = None, fps: float = 25.0
@@ -334,7 +377,8 @@ class Recording(Checked, Pictured):
     def close(self) -> None:
         """Close the file; arrays that were read from it stay."""
         self._closed = True
-        self.source.close()
+        for one in (*self._earlier, self.source):
+            one.close()
 
     def __enter__(self) -> Recording:
         return self
@@ -345,6 +389,18 @@ class Recording(Checked, Pictured):
     def __del__(self) -> None:
         with contextlib.suppress(Exception):  # not opened, or the interpreter ends
             self.source.close()
+
+
+def _newest(name: str) -> str:
+    """The journal of a recording where there is one."""
+    journal = name + JOURNAL_SUFFIX
+    return journal if not name.endswith(JOURNAL_SUFFIX) and os.path.lexists(journal) else name
+
+
+def _identity(name: str) -> tuple[int, int]:
+    """Of the file that has this name now; no other has it while that is open."""
+    status = os.stat(name)
+    return status.st_dev, status.st_ino
 
 
 class RecordedPart:

@@ -27,7 +27,9 @@ def topology_of(simulation: Any) -> dict[str, Any]:
         else:
             name, rows = "edges", simulation.edges
     elif isinstance(simulation, PositionBasedDynamics) and simulation.dimension == 3:
-        rows = _triangles(simulation)
+        rows, solids = _triangles(simulation), _tetrahedra(simulation)
+        if len(np.unique(rows)) < len(simulation) and len(solids):
+            name, rows = "tetrahedra", solids
     return {name: rows} if len(rows) and len(np.unique(rows)) == len(simulation) else {}
 
 
@@ -36,6 +38,16 @@ def shapes_of(simulation: Any) -> dict[str, Any]:
     if not isinstance(simulation, RigidBodies):
         return {}
     return dict(body_shapes(simulation))
+
+
+def _tetrahedra(simulation: PositionBasedDynamics) -> NDArray[np.int64]:
+    """Those that are constrained, of which the inner particles are no surface."""
+    solids = [
+        np.asarray(constraint.particles, np.int64)
+        for constraint in simulation.constraints
+        if getattr(constraint, "_name", None) == "tetrahedra"
+    ]
+    return np.unique(np.concatenate([np.zeros((0, 4), np.int64), *solids]), axis=0)
 
 
 def _triangles(simulation: PositionBasedDynamics) -> NDArray[np.int64]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -11,19 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from ..base.checks import (
-    check_choice,
-    check_flag,
-    check_integer,
-    check_real,
-    check_sequence,
-    describe,
-)
+from ..base.checks import check_flag, check_integer, check_real, check_sequence, describe
 from ..base.rows import read_only
 from ..base.schema import MOST, TIME, Entry, Texts
 from ..base.simulation import Simulation, whole_steps, with_energy
 from ..base.worlds import (
     check_failures,
+    check_masks,
+    check_templates,
     find_worlds,
     join_states,
     joined_entries,
@@ -98,8 +92,6 @@ class RigidBatch(BatchRows):
     (True, True)
     """
 
-    _rows_are = "worlds"
-
     _step_size: float
     _fixed_step = True
 
@@ -115,25 +107,18 @@ class RigidBatch(BatchRows):
         on_fail: str = "raise",
         threads: int | None = None,
     ) -> None:
-        if isinstance(template, BodyRows):
-            if worlds is None:
-                raise InputError("worlds: expected how many")
-            count = check_integer("worlds", worlds, minimum=0, maximum=2**31 - 1)
-            self._made = [template.copy()] * count
-        else:
-            if worlds is not None:
-                raise InputError("worlds: is for a single template; a list has one for each world")
-            copies: dict[int, RigidBodies] = {}
-            template = check_sequence("template", template, "RigidBodies")
-            for k, one in enumerate(template):
+        given = check_templates(template, worlds, BodyRows, "RigidBodies", least=0)
+        copies: dict[int, RigidBodies] = {}
+        for k, one in enumerate(given):
+            if id(one) not in copies:
                 _check_bodies(f"template[{k}]", one)
-                copies.setdefault(id(one), one.copy())
-            self._made = [copies[id(one)] for one in template]
+                copies[id(one)] = one.copy()
+        self._made = [copies[id(one)] for one in given]
         self._step_size = self._made[0]._step_size if self._made else 1 / 60
         if any(one._step_size != self._step_size for one in self._made):
             raise InputError("template: expected one step for all worlds")
         super().__init__(_core.RigidBatch([one._native for one in self._made]), 0.0, threads)
-        self._mask = check_choice("on_fail", on_fail, ("raise", "mask")) == "mask"
+        self._mask = check_masks(on_fail)
         self._native.mask = self._mask
         self._remember_frames()
         everywhere = self._where(None, None)
@@ -391,15 +376,12 @@ class RigidBatch(BatchRows):
         Returns
         -------
         float
-            The shortest of all worlds' [s]; see `RigidBodies.step_limit`.
+            The shortest of the worlds that have not failed [s], infinity if there is none; see
+            `RigidBodies.step_limit`.
         str
-            The reason, with the number of the world.
+            The reason, with the number of the world, and how many have stopped.
         """
-        limits = [self.copy_world(w).step_limit() for w in range(len(self))]
-        if not limits:
-            return math.inf, "there is no world"
-        first = min(range(len(limits)), key=lambda w: limits[w][0])
-        return limits[first][0], f"world {first}: {limits[first][1]}"
+        return self._shortest(lambda w: self.copy_world(w).step_limit())
 
     def fields(self) -> dict[str, tuple[NDArray[Any], str]]:
         """Arrays for recording, with their units: the bodies of all worlds, one after the other.

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.checks import as_array, check_array, describe
 from ..base.quaternions import multiply, rotate, unit_quaternions
 from ..base.rows import read_only, rows_of
-from ..base.simulation import Simulation
-from ..base.worlds import check_once, find_worlds
+from ..base.worlds import Worlds, check_once, find_worlds
 from ..errors import InputError
 from .bodies import RigidBodies
 from .joint import Joint
@@ -22,7 +21,7 @@ Ids = NDArray[np.int64]
 Where = tuple[Ids, Ids]  # worlds, shape (k,), and rows of bodies in each, shape (k, m)
 
 
-class BatchRows(Simulation):
+class BatchRows(Worlds):
     """Bodies as rows of arrays by world; makes `RigidBatch`."""
 
     _made: list[RigidBodies]  # what each world is made of
@@ -37,9 +36,8 @@ class BatchRows(Simulation):
         return len(self._made)
 
     @property
-    def times(self) -> Array:
-        """Time of each world [s], shape (w,): that of its own state; read-only."""
-        return read_only(self._native.times)
+    def _class(self) -> str:
+        return "RigidBodies"
 
     @property
     def counts(self) -> Ids:
@@ -50,12 +48,6 @@ class BatchRows(Simulation):
     def contact_counts(self) -> Ids:
         """Contacts of each world in its last step, shape (w,): pairs of shapes; read-only."""
         return read_only(self._native.contact_counts())
-
-    @property
-    def failures(self) -> list[str]:
-        """Why a world takes no part any more, empty if it does; of `on_fail` 'mask'."""
-        failures: list[str] = self._native.failures
-        return failures
 
     @property
     def ids(self) -> Ids:

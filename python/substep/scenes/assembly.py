@@ -59,9 +59,12 @@ class Assembly:
         obstacles: list[tuple[Collider, TriangleMesh | None]],
         paths: list[tuple[Collider, Keyframes]],
         surfaces: list[TriangleMesh],
+        faces: NDArray[np.int64] | None = None,
     ) -> None:
         self.simulation = simulation
         self._obstacles, self._paths, self._surfaces = obstacles, paths, surfaces
+        self._faces = faces  # of the particles, where they do not know them
+        self._obstacles = self._with_planes()
 
     @property
     def time(self) -> float:
@@ -118,6 +121,8 @@ class Assembly:
         from ..recording import Part
 
         parts = {} if self._particles is None else particle_parts(self._particles)
+        if self._faces is not None and parts["particles"].kind == "particles":
+            parts["particles"] = Part("mesh", parts["particles"].fields, triangles=self._faces)
         if self._surfaces:
             parts["bodies"] = Part("mesh", triangles=_stacked(self._surfaces))
         for name, animation in self._animations.items():
@@ -146,6 +151,25 @@ class Assembly:
             if mesh is not None and self._moves(collider):
                 frame[f"obstacle-{k}"] = {"points": _placed(collider, mesh)}
         return frame
+
+    def _with_planes(self) -> list[tuple[Collider, TriangleMesh | None]]:
+        """The obstacles; of a plane, which has no end, a square below what there is at first."""
+        if not any(isinstance(collider.shape, Plane) for collider, _ in self._obstacles):
+            return self._obstacles
+        from ..view.drawables import square_of
+
+        seen = [arrays["points"] for arrays in self.frame().values()]
+        seen += [part.points for part in self.parts().values() if part.points is not None]
+        x = np.concatenate(seen)
+        whole = []
+        for collider, mesh in self._obstacles:
+            if isinstance(collider.shape, Plane) and not collider.hollow:
+                place = collider.rotation, collider.position
+                half = 0.5  # so that it does not become the most of a picture
+                square = square_of(collider.shape, *place, x.min(axis=0), x.max(axis=0), half)
+                mesh = TriangleMesh(*square)
+            whole.append((collider, mesh))
+        return whole
 
     def _moves(self, collider: Collider) -> bool:
         guided = any(collider is one for one, _ in self._paths)
@@ -223,7 +247,8 @@ def _assemble(layout: Layout, values: dict[str, Any]) -> Assembly:
                 paths.append((obstacles[-1][0], _path(row["keyframes"])))
     bodies, surfaces, standing = None, [], []
     if layout.body:
-        bodies = RigidBodies(gravity=gravity, step=1 / 120)
+        options = layout.options if scene["method"] == "rigid" else {}
+        bodies = RigidBodies(gravity=gravity, step=1 / 120, **options)
         added = []
         for i, row in enumerate(layout.body):
             with layout.told("body", row, i):
@@ -245,16 +270,19 @@ def _assemble(layout: Layout, values: dict[str, Any]) -> Assembly:
         return Assembly(World({"bodies": bodies}), obstacles, paths, surfaces)
     colliders = [*(collider for collider, _ in obstacles), *standing, *facets]
     with layout.told("scene", scene), layout.told("options", layout.options):
-        make = make_deforming if scene["method"] in DEFORMING else _particles
-        particles = make(layout, values["spacing"], gravity, colliders)
+        given = layout, values["spacing"], gravity, colliders
+        if scene["method"] in DEFORMING:
+            particles, faces = make_deforming(*given)
+        else:
+            particles, faces = _particles(*given), None
     if layout.skin:
         with layout.told("skin", layout.skin):
             put_on_skin(layout, particles)
-    simulation = particles
+    simulation: Any = particles
     if bodies is not None or animations:
         first = {} if bodies is None else {"bodies": bodies}
         simulation = World({**first, "particles": particles, **animations})
-    return Assembly(simulation, obstacles, paths, surfaces)
+    return Assembly(simulation, obstacles, paths, surfaces, faces)
 
 
 def _path(frames: list[dict[str, Any]]) -> Keyframes:

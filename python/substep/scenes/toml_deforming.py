@@ -87,8 +87,8 @@ def read_animation(layout: Layout, row: dict[str, Any], number: int) -> Animated
 
 def make_deforming(
     layout: Layout, spacing: float, gravity: Any, colliders: list[Collider]
-) -> MassSpring | SoftBody | PositionBasedDynamics:
-    """The cloth or the solid of a file, among obstacles.
+) -> tuple[MassSpring | SoftBody | PositionBasedDynamics, NDArray[np.int64] | None]:
+    """The cloth or the solid of a file, among obstacles, and the triangles that it forgets.
 
     Raises
     ------
@@ -113,15 +113,17 @@ def make_deforming(
         keys = {"density", *SOLID, *CLOTH["mass-spring"], *CLOTH["pbd"]}
         own = {key: row[key] for key in row if key in keys}
         if method == "mass-spring":
-            return MassSpring.from_mesh(mesh, **own, **shared)
+            return MassSpring.from_mesh(mesh, **own, **shared), None
         if method == "soft-body":
-            return SoftBody.from_mesh(mesh, **own, **shared)
+            return SoftBody.from_mesh(mesh, **own, **shared), None
         density = own.pop("density")
+        faces = None
         if isinstance(mesh, TetMesh):
             masses, constraints = density * mesh.vertex_volumes, soft_body(mesh, **own)
         else:
             masses, constraints = density * mesh.vertex_areas, cloth(mesh, **own)
-        return PositionBasedDynamics(x, masses, constraints, **shared)
+            faces = mesh.faces
+        return PositionBasedDynamics(x, masses, constraints, **shared), faces
 
 
 def put_on_skin(layout: Layout, simulation: Any) -> None:
@@ -134,7 +136,8 @@ def put_on_skin(layout: Layout, simulation: Any) -> None:
     """
     mesh = read_surface(layout, layout.skin, "skin")
     solid = layout.solid and getattr(simulation, "mesh", None)
-    simulation.skin = Skin(mesh, solid or simulation.positions)
+    options = {key: layout.skin[key] for key in ("neighbours",) if key in layout.skin}
+    simulation.skin = Skin(mesh, solid or simulation.positions, **options)
 
 
 def _sheet(layout: Layout, row: dict[str, Any], spacing: float) -> TriangleMesh:

@@ -23,6 +23,7 @@ from .toml_rules import (
     MATERIALS,
     MOTION,
     NEEDED,
+    NEIGHBOURS,
     OPTIONS,
     PARTICLES,
     PLACE,
@@ -179,8 +180,9 @@ class _Checker:
         takes = ("mpm", "soft-body", "pbd") if table == "skin" else ()
         if method not in takes and table not in DEFORMING.get(method, ()):
             raise InputError(f"{self._layout.where(table, table)}: {method} has none")
-        if table == "skin":
-            checked, needed = self.table(row, PLACED, table), ["file"]
+        if table == "skin":  # which follows the tetrahedra of a soft body, else particles
+            rules = PLACED if method == "soft-body" else {**PLACED, **NEIGHBOURS}
+            checked, needed = self.table(row, rules, table), ["file"]
         elif table == "cloth":
             shape: dict[str, Rule] = PLACED if "file" in row else {"size": Vector(2)}
             rules = {**shape, **CLOTH[method], **HELD, "position": Vector(3)}

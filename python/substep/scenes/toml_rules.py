@@ -80,6 +80,8 @@ SCENE: dict[str, Rule] = {
     "bounds": Box(),
     "gravity": Vector(3),
 }
+_MARGIN: dict[str, Rule] = {"contact_margin": above("[m]")}
+_SPRINGS: dict[str, Rule] = {"step": above("[s]"), "drag": least("[1/s]"), **_MARGIN}
 _LIQUID: dict[str, Rule] = {
     "density": above("[kg/m^3]"),
     "viscosity": least("[m^2/s]"),
@@ -94,14 +96,10 @@ OPTIONS: dict[str, dict[str, Rule]] = {
         "transfer": Parameter("", kind=str, choices=("apic", "flip", "pic")),
     },
     "mpm": {"cfl": above("[1]")},
-    "mass-spring": {"step": above("[s]"), "drag": least("[1/s]")},
-    "soft-body": {"step": above("[s]"), "drag": least("[1/s]")},
-    "pbd": {
-        "step": above("[s]"),
-        "drag": least("[1/s]"),
-        "substeps": Parameter("", kind=int, minimum=1),
-    },
-    "rigid": {},
+    "mass-spring": _SPRINGS,
+    "soft-body": _SPRINGS,
+    "pbd": {**_SPRINGS, "substeps": Parameter("", kind=int, minimum=1)},
+    "rigid": _MARGIN,
 }
 MOTION: dict[str, Rule] = {"velocity": Vector(3), "angular_velocity": Vector(3)}
 SURFACE: dict[str, Rule] = {"friction": least(""), "restitution": Parameter("", 0.0, minimum=0)}
@@ -142,6 +140,7 @@ KEYFRAME: dict[str, Rule] = {
     "rotation_deg": Vector(3, most=1e6),
 }
 PLACED: dict[str, Rule] = {**SHAPES["mesh"], "position": Vector(3)}
+NEIGHBOURS: dict[str, Rule] = {"neighbours": Parameter("", kind=int, minimum=8, maximum=256)}
 HELD: dict[str, Rule] = {"density": above(""), "pinned": Box(), "velocity": Vector(3)}
 CLOTH: dict[str, dict[str, Rule]] = {
     "mass-spring": {

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..base.checks import check_callable, check_integer, check_path
 from ..base.imports import needs
 from ..errors import CorruptError, InputError
+from ..scenes.catalogue import load
 from .design import Design, Value
 from .task import ERROR, RESULT, is_done
 
@@ -170,6 +171,12 @@ class RunCollection:
             error = (folder / ERROR).read_text(errors="replace").partition("\n")[0]
         values, seed = self._design.values(k), self._design.seed_of(k)
         return Run(k, values, seed, folder, state, error, self._design.kind)
+
+    def _simulation(self, index: int) -> Any:
+        """What the scene of a run builds, before its first step."""
+        scene = load(self._design.task)
+        complete = scene.complete(scene.check(self._design.values(index)))
+        return scene.build(complete, self._design.seed_of(index))
 
     def __iter__(self) -> Iterator[Run]:
         return (self[k] for k in range(len(self)))

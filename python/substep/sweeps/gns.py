@@ -22,6 +22,7 @@ from .training import SPLITS, chosen_part, read_runs
 
 SAND = 6  # particle types of the data sets of Learning to Simulate: 3 is kinematic, 5 water, 7 goop
 LOW, HIGH = 0.1, 0.9  # of their walls, in the unit box
+ROUNDING = 1e-6  # of the longest side, by which positions in float32 may be off
 
 
 def write_gns(
@@ -54,7 +55,8 @@ def write_gns(
     out : path-like
         Folder, made if need be. Files of these names are replaced.
     bounds : array_like, shape (2, dim), optional
-        Low and high corner of the domain [m]; by default of all positions.
+        Low and high corner of the domain [m], which no particle leaves; by default of all
+        positions.
     part : str, optional
         Part of the recordings, where there are several.
     particle_type : int
@@ -74,8 +76,8 @@ def write_gns(
     Raises
     ------
     InputError
-        If an argument is wrong, or particles come or go within a run, or frames are apart by
-        different times.
+        If an argument is wrong, particles come or go within a run, or leave the bounds, or frames
+        are apart by different times. Nothing is written then.
     OSError
         If a file cannot be written.
 
@@ -117,8 +119,8 @@ def write_gns(
         scale = (HIGH - LOW) / size.max()
     if not 0 < scale < np.inf:
         raise InputError(f"bounds: expected other lengths, got {size.tolist()}")
-    if not any(((x >= low) & (x <= high)).all(2).any() for x in read):
-        raise InputError("bounds: no particle is ever within them")
+    for run, positions in zip(done, read, strict=True):
+        _check_within(f"run {run.index}", positions, low, high)
     trajectories = [(LOW + scale * (positions - low)).astype(np.float32) for positions in read]
     metadata = {
         "bounds": np.stack([np.full(dim, LOW), LOW + scale * (high - low)], 1).round(6).tolist(),
@@ -171,6 +173,21 @@ def _bounds(
     if not (high > low).all():
         raise InputError("bounds: expected a high corner above the low one")
     return low, high
+
+
+def _check_within(
+    name: str, positions: NDArray[Any], low: NDArray[Any], high: NDArray[Any]
+) -> None:
+    """Refuse particles beyond the walls, which a network knows by its distance from them alone."""
+    slack = ROUNDING * (high - low).max()
+    outside = (positions < low - slack) | (positions > high + slack)
+    if outside.any():
+        frame, particle, axis = np.unravel_index(int(np.argmax(outside)), outside.shape)
+        raise InputError(
+            f"bounds: expected all particles within them, but in {name}, frame {frame}, particle "
+            f"{particle} is at {'xyz'[axis]} = {positions[frame, particle, axis]:.6g} m, not "
+            f"between {low[axis]:.6g} and {high[axis]:.6g}"
+        )
 
 
 def _statistics(name: str, values: list[NDArray[Any]]) -> dict[str, list[float]]:

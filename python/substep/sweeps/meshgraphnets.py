@@ -16,10 +16,11 @@ from ..base.checks import check_path
 from ..base.replacing import replace_bytes
 from ..recording import Recording
 from .collection import RunCollection
+from .flow_mesh import read_flow
 from .training import SPLITS, chosen_part, read_runs
 
 NORMAL, OBSTACLE, HANDLE = 0, 1, 3  # types of nodes, as the paper's code numbers them
-FIELDS = ("cells", "mesh_pos", "node_type", "world_pos")
+STATIC = ("cells", "mesh_pos", "node_type")
 
 
 def write_meshgraphnets(
@@ -29,7 +30,7 @@ def write_meshgraphnets(
     part: str | None = None,
     fractions: Sequence[float] = (0.8, 0.1, 0.1),
 ) -> Path:
-    """Write the runs of a scene of cloth or soft bodies as a data set of MeshGraphNets.
+    """Write the runs of a scene of cloth, soft bodies or a flow as a data set of MeshGraphNets.
 
     The folder gets ``meta.json`` and the folders ``train``, ``valid`` and ``test`` with one
     ``trajectory_RUN.npz`` for each run, whose arrays have the names, types and shapes of the fields
@@ -43,6 +44,17 @@ def write_meshgraphnets(
 
     Obstacles that are recorded as triangles and never move follow the nodes of cloth.
 
+    Of a `GridFlow` in the plane the nodes are the middles of cells outside of obstacles, two
+    triangles between each four of them, and in place of ``world_pos`` there are, as far as they are
+    recorded,
+
+    - ``velocity``, float32, shape (frames, n, 2) [m/s],
+    - ``pressure``, float32, shape (frames, n, 1) [Pa],
+    - ``density``, float32, shape (frames, n, 1), of two fluids.
+
+    Types are then 4 at an `Inflow`, 5 at open sides, 6 at walls and beside obstacles, which the
+    scene is built again for; periodic sides are not joined.
+
     Parameters
     ----------
     runs : RunCollection
@@ -51,7 +63,7 @@ def write_meshgraphnets(
         Folder, made if need be. Files of these names are replaced, and trajectories of an older
         data set in it are removed.
     part : str, optional
-        Part of the recordings that is the body, where there are several that move.
+        Part of the recordings that is the body or the flow, where there are several.
     fractions : sequence of float
         Parts of the seeds for training, validation and test.
 
@@ -63,8 +75,8 @@ def write_meshgraphnets(
     Raises
     ------
     InputError
-        If an argument is wrong, the recordings have no such part, or frames are apart by different
-        times.
+        If an argument is wrong, the recordings have no such part, the obstacles of a flow move, or
+        frames are apart by different times.
     OSError
         If a file cannot be written.
 
@@ -87,17 +99,18 @@ def write_meshgraphnets(
     >>> folder.cleanup()
     """
     done, read, dt, sets = read_runs(
-        runs, fractions, lambda recording, _: _read(recording, part), "other cells"
+        runs, fractions, lambda recording, run: _read(runs, recording, run, part), "other cells"
     )
-    length = min(len(arrays["world_pos"]) for arrays in read)
+    dynamic = [name for name in read[0] if name not in STATIC]
+    length = min(len(arrays[dynamic[0]]) for arrays in read)
+    read = [arrays | {name: arrays[name][:length] for name in dynamic} for arrays in read]
     folder = Path(check_path(out))
     written = set()
     for split, chosen in zip(SPLITS, sets, strict=True):
         (folder / split).mkdir(parents=True, exist_ok=True)
         for k in chosen:
-            arrays = read[k] | {"world_pos": read[k]["world_pos"][:length]}
             buffer = io.BytesIO()
-            np.savez_compressed(buffer, allow_pickle=False, **arrays)
+            np.savez_compressed(buffer, allow_pickle=False, **read[k])
             path = folder / split / f"trajectory_{done[k].index}.npz"
             replace_bytes(path, buffer.getbuffer())
             written.add(path)
@@ -105,34 +118,34 @@ def write_meshgraphnets(
         for path in set((folder / split).glob("trajectory_*.npz")) - written:
             if path.stem.removeprefix("trajectory_").isdecimal():
                 path.unlink()
-    first = read[0] | {"world_pos": read[0]["world_pos"][:length]}
     meta = {
         "simulator": "substep",
         "dt": dt,
         "trajectory_length": length,
-        "field_names": list(FIELDS),
+        "field_names": list(read[0]),
         "features": {
             name: {
-                "type": "dynamic" if name == "world_pos" else "static",
-                "dtype": first[name].dtype.name,
-                "shape": [len(first[name]), -1, first[name].shape[2]],
+                "type": "static" if name in STATIC else "dynamic",
+                "dtype": array.dtype.name,
+                "shape": [len(array), -1, array.shape[2]],
             }
-            for name in FIELDS
+            for name, array in read[0].items()
         },
     }
     replace_bytes(folder / "meta.json", json.dumps(meta, indent=1).encode())
     return folder
 
 
-def _read(recording: Recording, part: str | None) -> tuple[dict[str, NDArray[Any]], int]:
+def _read(
+    runs: RunCollection, recording: Recording, run: int, part: str | None
+) -> tuple[dict[str, NDArray[Any]], int]:
     """Arrays of the fields, and the number of corners of a cell."""
+    grids = [name for name, one in recording.parts.items() if one.kind == "grid"]
+    if part in grids or (part is None and grids and not _moving(recording)):
+        name = chosen_part(part, grids, "grids")
+        return read_flow(recording, name, runs._simulation(run)), 3
     meshes = {name: one for name, one in recording.parts.items() if one.kind == "mesh"}
-    moving = [
-        name
-        for name, one in meshes.items()
-        if one.points is None and (one.triangles is not None or one.tetrahedra is not None)
-    ]
-    body = chosen_part(part, moving, "meshes that move")
+    body = chosen_part(part, _moving(recording), "meshes that move")
     solid = meshes[body].tetrahedra is not None
     cells = np.asarray(meshes[body].tetrahedra if solid else meshes[body].triangles)
     x = np.stack([recording[body].points(k) for k in range(len(recording))])
@@ -153,3 +166,14 @@ def _read(recording: Recording, part: str | None) -> tuple[dict[str, NDArray[Any
         "world_pos": x.astype(np.float32),
     }
     return arrays, cells.shape[1]
+
+
+def _moving(recording: Recording) -> list[str]:
+    """The parts that are meshes of triangles or tetrahedra, and move."""
+    return [
+        name
+        for name, one in recording.parts.items()
+        if one.kind == "mesh"
+        and one.points is None
+        and (one.triangles is not None or one.tetrahedra is not None)
+    ]

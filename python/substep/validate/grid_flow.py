@@ -19,6 +19,21 @@ def extreme(values: np.ndarray, sign: int) -> float:
     return float(b - (c - a) ** 2 / (8 * (a - 2 * b + c)))
 
 
+def driven(reynolds: float, n: int, duration: float, start: GridFlow | None = None) -> GridFlow:
+    """A lid drives a square of n cells to a side, from the flow of another grid on."""
+    flow = GridFlow(
+        SQUARE,
+        1 / n,
+        viscosity=1 / reynolds,
+        sides=["wall", ("wall", Wall(velocity=(1.0, 0.0)))],
+        velocity=None if start is None else lambda x: start.sample(x)["velocity"],
+        cfl=1.2,
+        largest_step=1.2 / n,
+    )
+    flow.advance(duration)
+    return flow
+
+
 def cavity(reynolds: float, *grids: tuple[int, float]) -> float:
     """Least velocity on the vertical line through the middle, over the lid's.
 
@@ -27,17 +42,7 @@ def cavity(reynolds: float, *grids: tuple[int, float]) -> float:
     """
     flow = None
     for n, duration in grids:
-        start = flow
-        flow = GridFlow(
-            SQUARE,
-            1 / n,
-            viscosity=1 / reynolds,
-            sides=["wall", ("wall", Wall(velocity=(1.0, 0.0)))],
-            velocity=None if start is None else lambda x, start=start: start.sample(x)["velocity"],
-            cfl=1.2,
-            largest_step=1.2 / n,
-        )
-        flow.advance(duration)
+        flow = driven(reynolds, n, duration, flow)
     assert flow is not None
     return extreme(flow.velocity_faces[0][n // 2], -1)
 
@@ -109,33 +114,36 @@ def eddy_decay(n: int) -> float:
     return math.log(before / flow.diagnostics()["kinetic_energy"])
 
 
+def growth(n: int, rayleigh: float) -> float:
+    """Of rolls of the critical wavelength between plates, in kappa / H^2."""
+    nu, cells = math.sqrt(1 / rayleigh), round(2.016 * n)
+    k = 2 * math.pi * n / cells
+    flow = GridFlow(
+        [(0, 0), (cells / n, 1)],
+        1 / n,
+        viscosity=nu,
+        thermal_diffusivity=nu,
+        thermal_expansion=1.0,
+        gravity=(0, -1),
+        temperature=lambda x: (
+            0.5 - x[:, 1] + 1e-3 * np.cos(k * x[:, 0]) * np.sin(math.pi * x[:, 1])
+        ),
+        sides=["periodic", (Wall(temperature=0.5), Wall(temperature=-0.5))],
+        dtype="float64",
+    )
+    flow.advance(20.0)
+    before = flow.diagnostics()["kinetic_energy"]
+    flow.advance(20.0)
+    return math.log(flow.diagnostics()["kinetic_energy"] / before) / 40 / nu
+
+
 def critical_rayleigh(n: int) -> float:
     """Rayleigh number at which rolls between plates neither grow nor decay."""
-    rates = []
-    for rayleigh in (1600, 1800):
-        nu, cells = math.sqrt(1 / rayleigh), round(2.016 * n)
-        k = 2 * math.pi * n / cells
-        flow = GridFlow(
-            [(0, 0), (cells / n, 1)],
-            1 / n,
-            viscosity=nu,
-            thermal_diffusivity=nu,
-            thermal_expansion=1.0,
-            gravity=(0, -1),
-            temperature=lambda x, k=k: (
-                0.5 - x[:, 1] + 1e-3 * np.cos(k * x[:, 0]) * np.sin(math.pi * x[:, 1])
-            ),
-            sides=["periodic", (Wall(temperature=0.5), Wall(temperature=-0.5))],
-            dtype="float64",
-        )
-        flow.advance(20.0)
-        before = flow.diagnostics()["kinetic_energy"]
-        flow.advance(20.0)
-        rates.append(math.log(flow.diagnostics()["kinetic_energy"] / before) / 40 / nu)
-    return 1600 - 200 * rates[0] / (rates[1] - rates[0])
+    below, above = growth(n, 1600), growth(n, 1800)
+    return 1600 - 200 * below / (above - below)
 
 
-def channel(n: int, top: float) -> tuple[GridFlow, Collider]:
+def channel(n: int, top: float, middle: float = 0.2) -> tuple[GridFlow, Collider]:
     """Schaefer and Turek's cylinder in a channel with an inflow whose largest speed is `top`."""
     h = 0.41 / n
 
@@ -144,7 +152,7 @@ def channel(n: int, top: float) -> tuple[GridFlow, Collider]:
         return np.stack([u, 0 * u], axis=1)
 
     y = (np.arange(n) + 0.5) * h
-    cylinder = Collider(Sphere(0.05, (0.2, 0.2, 0)))
+    cylinder = Collider(Sphere(0.05, (0.2, middle, 0)))
     flow = GridFlow(
         [(0, 0), (h * round(2.2 / h), 0.41)],
         h,

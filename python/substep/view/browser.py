@@ -108,18 +108,21 @@ def show(
     port = check_integer("port", port, minimum=1, maximum=65535)
     play = check_flag("play", play)
     notebook = "ipykernel" in sys.modules
+    interactive = notebook or hasattr(sys, "ps1") or bool(sys.flags.interactive)
     shown = Recording(source) if opens else source
+    viewer = None
     try:
         viewer = Viewer(shown, color, interval, play, port, owned=opens)
+        if open_browser if open_browser is not None else not notebook:
+            webbrowser.open(viewer.url)
+        if not interactive if wait is None else wait:
+            viewer.wait()
     except BaseException:
+        if viewer is not None:
+            viewer.close()
         if opens:
             shown.close()
         raise
-    if open_browser if open_browser is not None else not notebook:
-        webbrowser.open(viewer.url)
-    interactive = notebook or hasattr(sys, "ps1") or bool(sys.flags.interactive)
-    if not interactive if wait is None else wait:
-        viewer.wait()
     return viewer
 
 
@@ -159,19 +162,19 @@ class Viewer:
         self._grew = -math.inf  # when the recording was last seen to have more frames
         self.drawn = 0  # pictures sent
         label = type(source).__name__ if self._live else source.scene or "recording"
+        self._thread = threading.Thread(target=self._go, name="substep-view", daemon=True)
         self._server = open_server(label, port)
-        self.url = f"http://127.0.0.1:{self._server.get_port()}"
         try:
+            self.url = f"http://127.0.0.1:{self._server.get_port()}"
             self._painter = Painter(self._server)
             place_camera(self._server, self._extent(), self._scenery.flat)
             self._make_controls(color, play)
             self._draw()
+            atexit.register(self.close)
+            self._thread.start()
         except BaseException:
-            close_server(self._server)
+            self.close()
             raise
-        atexit.register(self.close)
-        self._thread = threading.Thread(target=self._go, name="substep-view", daemon=True)
-        self._thread.start()
 
     def wait(self) -> None:
         """Return when the view is closed; Ctrl-C closes it."""
@@ -191,7 +194,7 @@ class Viewer:
         self._closed.set()
         self._changed.set()
         try:
-            if threading.current_thread() is not self._thread:
+            if self._thread.is_alive() and threading.current_thread() is not self._thread:
                 self._thread.join()
             with self._lock:  # of a single step
                 if self._owned:
@@ -326,7 +329,7 @@ class Viewer:
 
     def _wait(self) -> None:
         """Until something is changed; of a recording that grows the last frame is followed."""
-        while not self._changed.wait(None if self._live or self.source.packed else LOOK):
+        while not self._changed.wait(None if self._live else LOOK):
             last = len(self.source) - 1
             if self._refresh():
                 if int(self._frame.value) == last:

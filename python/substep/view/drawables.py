@@ -339,7 +339,7 @@ def _placed(
     if mesh is not None:
         points, faces = mesh.vertices, mesh.faces
     elif isinstance(shape, Plane):
-        points, faces = _quad(shape, q, x, low, high)
+        points, faces = square_of(shape, q, x, low, high)
     elif isinstance(shape, SignedDistanceField):
         return [
             Drawable(
@@ -355,15 +355,34 @@ def _placed(
     return [Drawable(name, "surface", in_space(x + rotate(q, points)), faces, opacity=opacity)]
 
 
-def _quad(
-    plane: Plane, q: Array, x: Array, low: Array, high: Array
+def square_of(
+    plane: Plane, q: Array, x: Array, low: Array, high: Array, half: float = 0.75
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """A square of a plane below what is seen, in the frame of its body."""
+    """A square of a plane below what is seen, in the frame of its body.
+
+    Parameters
+    ----------
+    plane : Plane
+        In that frame.
+    q, x : ndarray, shape (4,) and (3,)
+        Rotation and place [m] of the body.
+    low, high : ndarray, shape (3,)
+        Corners of the box of what is seen [m].
+    half : float
+        Half a side of the square, over the diagonal of that box.
+
+    Returns
+    -------
+    corners : ndarray, shape (4, 3)
+        [m]
+    faces : ndarray of int64, shape (2, 3)
+        Two triangles, whose normals are that of the plane.
+    """
     n, p = np.array(plane.normal), np.array(plane.point)
     back = q * (1, -1, -1, -1)
     middle = rotate(back, (low + high) / 2 - x)
     middle = middle - n * ((middle - p) @ n)
-    side = 0.75 * max(float(np.linalg.norm(high - low)), 1e-3)
+    side = half * max(float(np.linalg.norm(high - low)), 1e-3)
     a = np.cross(n, [1.0, 0, 0] if abs(n[0]) < 0.6 else [0, 1.0, 0])
     a = a / np.linalg.norm(a)
     b = np.cross(n, a)

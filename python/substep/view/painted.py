@@ -8,6 +8,7 @@ import io
 import socket
 import threading
 from collections.abc import Iterator
+from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any
 
@@ -88,8 +89,32 @@ def open_server(label: str, port: int = 8080) -> Any:
         If no port from there on is free.
     """
     with needs("viser", 'viser is missing: pip install "substep[view]" for views in the browser'):
-        import viser
-    port = _free_port(port)
+        import viser  # noqa: F401
+    made: Future[Any] = Future()
+    given = made, label, _free_port(port)
+    try:  # in a thread, where no interrupt leaves half a server, which nobody can stop
+        threading.Thread(target=_make_server, args=given).start()
+        return made.result()
+    except KeyboardInterrupt:
+        made.add_done_callback(_stop_made)
+        raise
+
+
+def _make_server(made: Future[Any], label: str, port: int) -> None:
+    try:
+        made.set_result(_served(label, port))
+    except BaseException as error:
+        made.set_exception(error)
+
+
+def _stop_made(made: Future[Any]) -> None:
+    if made.exception() is None:
+        close_server(made.result())
+
+
+def _served(label: str, port: int) -> Any:
+    import viser
+
     with _quiet():  # viser prints a frame about its address
         server = viser.ViserServer(host="127.0.0.1", port=port, label=label, verbose=False)
     try:

@@ -42,6 +42,9 @@ struct Pair {
   void operator()(const Sphere& a, const Plane& b) const {
     sphere_plane(a, pose_a, b, pose_b, margin, manifold);
   }
+  void operator()(const Capsule& a, const Plane& b) const {
+    capsule_plane(a, pose_a, b, pose_b, margin, manifold);
+  }
   void operator()(const Box& a, const Plane& b) const {
     box_plane(a, pose_a, b, pose_b, margin, manifold);
   }

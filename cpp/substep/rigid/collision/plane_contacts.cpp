@@ -28,6 +28,19 @@ void sphere_plane(const Sphere& a, const Pose& pose_a, const Plane& b, const Pos
   add_point(pose_a.position - a.radius * plane.n, height, plane, 0, manifold);
 }
 
+// Its ends.
+void capsule_plane(const Capsule& a, const Pose& pose_a, const Plane& b, const Pose& pose_b,
+                   double margin, Manifold& manifold) {
+  const WorldPlane plane(b, pose_b);
+  const Vec3 along = a.half_length * pose_a.rotation.col(2);
+  manifold.normal = -plane.n;
+  for (const std::uint32_t end : {0u, 1u}) {
+    const Vec3 centre = end == 0 ? Vec3(pose_a.position - along) : Vec3(pose_a.position + along);
+    const double height = plane.height(centre) - a.radius;
+    if (height <= margin) add_point(centre - a.radius * plane.n, height, plane, end, manifold);
+  }
+}
+
 // The corners of the face that looks down most; all others are higher than one of them.
 void box_plane(const Box& a, const Pose& pose_a, const Plane& b, const Pose& pose_b, double margin,
                Manifold& manifold) {

@@ -9,6 +9,8 @@ namespace substep::rigid {
 
 void sphere_plane(const Sphere& a, const Pose& pose_a, const Plane& b, const Pose& pose_b,
                   double margin, Manifold& manifold);
+void capsule_plane(const Capsule& a, const Pose& pose_a, const Plane& b, const Pose& pose_b,
+                   double margin, Manifold& manifold);
 void box_plane(const Box& a, const Pose& pose_a, const Plane& b, const Pose& pose_b, double margin,
                Manifold& manifold);
 

@@ -130,6 +130,7 @@ Quaternion BodyRows::rotation(const Bodies& bodies, std::int32_t body) const {
 
 Pose BodyRows::pose(const Bodies& bodies, std::int32_t body) const {
   const std::int32_t r = row(body);
+  if (r == 0) return bodies.pose(body);
   return {bodies.position(body) + scale_of(r) * from_row(displacement[usize(r)].linear),
           rotation(bodies, body)};
 }

@@ -2,11 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <utility>
 
 #include "substep/core/atan2.h"
 #include "substep/core/matrix3.h"
 #include "substep/core/point_scatter.h"
+#include "substep/rigid/motion/body_lanes.h"
 
 namespace substep::rigid {
 namespace {
@@ -37,12 +39,12 @@ QuadMatrix rotation(const Quaternion& q) {
 using V = Vector<double>;
 using Lanes3 = Vector3<V>;
 
-// Of vectors at(0), at(1), ... by lane.
+// Of pairs of vectors that begin at at(0), at(1), ... by lane.
 template <class At>
-SUBSTEP_INLINE Lanes3 gather_vectors(const At& at) {
-  const auto p =
-      load_rows<V>([&](int lane) { return reinterpret_cast<const Point<double>*>(&at(lane)); });
-  return {{p.x, p.y, p.z}};
+SUBSTEP_INLINE BodyLanes gather_pairs(const At& at) {
+  return load_bodies([&](int lane) __attribute__((always_inline)) {
+    return reinterpret_cast<const BodyRow*>(&at(lane));
+  });
 }
 template <class At>
 SUBSTEP_INLINE void scatter_vectors(const Lanes3& v, const At& at) {
@@ -167,19 +169,27 @@ void ArticulatedTree::advance(std::span<const Rate> rates, double h,
   }
 }
 
+void ArticulatedTree::normalize(std::span<Coordinate> coordinates) const {
+  for (std::size_t k = 0; k < parts_.size(); ++k)
+    if (parts_[k].kind == Kind::kBall || parts_[k].kind == Kind::kFree)
+      coordinates[k].q.normalize();
+}
+
 ArticulatedTree::Lot ArticulatedTree::gather(std::span<const Place> places,
                                              std::size_t first) const {
   const auto part = [&](int lane) __attribute__((always_inline)) {
     return std::min(first + usize(lane), parts_.size() - 1);
   };
-  Lot lot;
-  for (int i = 0; i < 3; ++i)
-    lot.R[i] = gather_vectors([&](int lane) __attribute__((always_inline)) -> const Quad3& {
+  static_assert(offsetof(Place, x) == sizeof(QuadMatrix));
+  const auto pair = [&](int i) __attribute__((always_inline)) {
+    return gather_pairs([&](int lane) __attribute__((always_inline)) -> const Quad3& {
       return places[part(lane)].R[i];
     });
-  lot.x = gather_vectors([&](int lane) __attribute__((always_inline)) -> const Quad3& {
-    return places[part(lane)].x;
-  });
+  };
+  const BodyLanes R01 = pair(0), R2x = pair(2);
+  Lot lot;
+  lot.R[0] = R01.linear, lot.R[1] = R01.angular, lot.R[2] = R2x.linear;
+  lot.x = R2x.angular;
   return lot;
 }
 
@@ -193,7 +203,30 @@ void ArticulatedTree::begin(std::span<const Place> from) {
     lots_[k] = gather(from, first);
     lots_[k].moments[0] = inertia.x, lots_[k].moments[1] = inertia.y;
     lots_[k].moments[2] = inertia.z, lots_[k].mass = inertia.w;
+    for (int i = 0; i < 3; ++i) lots_[k].inverse_moments[i] = 1 / lots_[k].moments[i];
+    lots_[k].inverse_mass = 1 / inertia.w;
+    for (std::size_t lane = 0; lane < kLanes; ++lane)
+      lots_[k].counts[lane] = first + lane < parts_.size() ? 1 : 0;
   }
+}
+
+double ArticulatedTree::energy(std::span<const Momentum> momenta) const {
+  V sum{};
+  for (std::size_t k = 0; k < lots_.size(); ++k) {
+    const Lot& from = lots_[k];
+    const auto at = [&](int lane) __attribute__((always_inline)) -> const Momentum& {
+      return momenta[std::min(k * kLanes + usize(lane), parts_.size() - 1)];
+    };
+    const auto [P, L] = gather_pairs(
+        [&](int lane) __attribute__((always_inline)) -> const Quad3& { return at(lane).linear; });
+    V of_each = from.inverse_mass * dot(P, P);
+    for (int i = 0; i < 3; ++i) {
+      const V l = dot(from.R[i], L);
+      of_each += from.inverse_moments[i] * (l * l);
+    }
+    sum += from.counts * of_each;
+  }
+  return 0.5 * sum_lanes(sum);
 }
 
 void ArticulatedTree::find_momenta(std::span<const Place> to, double h,
@@ -212,10 +245,8 @@ void ArticulatedTree::find_momenta(std::span<const Place> to, double h,
     const auto at = [&](int lane) __attribute__((always_inline)) -> Momentum& {
       return momenta[std::min(k * kLanes + usize(lane), parts_.size() - 1)];
     };
-    scatter_vectors(
-        linear, [&](int lane) __attribute__((always_inline)) -> Quad3& { return at(lane).linear; });
-    scatter_vectors(angular, [&](int lane) __attribute__((always_inline)) -> Quad3& {
-      return at(lane).angular;
+    store_bodies({linear, angular}, [&](int lane) __attribute__((always_inline)) {
+      return reinterpret_cast<BodyRow*>(&at(lane));
     });
   }
 }

@@ -56,10 +56,10 @@ class ArticulatedTree {
     Quaternion q;                 // of a ball and a free part: R, of any length
     Quad3 x{};                    // of a free part: O
   };
-  struct Place {
+  struct alignas(64) Place {
     QuadMatrix R = QuadMatrix::identity();
-    Quad3 O{}, d{}, c{}, axis{};
     Quad3 x{};  // the centre of mass, O + c
+    Quad3 O{}, d{}, c{}, axis{};
   };
   // Of velocity, or a small displacement: of O, angular, and along the coordinate of a hinge or a
   // slider.
@@ -67,7 +67,7 @@ class ArticulatedTree {
     Quad3 linear{}, angular{};
     double along = 0;
   };
-  struct Momentum {
+  struct alignas(64) Momentum {
     Quad3 linear{}, angular{};  // angular: about the centre of mass
   };
   // What acts along the coordinate of a hinge or a slider besides: where held, what changes its
@@ -86,8 +86,12 @@ class ArticulatedTree {
   void place(std::span<const Coordinate> coordinates, std::span<Place> places) const;
   // Coordinates after a time h with the rates, by Cayley's map.
   void advance(std::span<const Rate> rates, double h, std::span<Coordinate> coordinates) const;
+  // Rotations become of length 1 again.
+  void normalize(std::span<Coordinate> coordinates) const;
   // Motions begin there.
   void begin(std::span<const Place> from);
+  // Kinetic, at that begin.
+  double energy(std::span<const Momentum> momenta) const;
   // Of the motion to there in h.
   void find_momenta(std::span<const Place> to, double h, std::span<Momentum> momenta) const;
   // Its turns R0 f; the next motion begins there.
@@ -111,14 +115,19 @@ class ArticulatedTree {
   // From the anchor, at the end of that motion.
   const Quad3& centre(std::size_t part) const { return own_[part].c; }
 
- private:
   using V = Vector<double>;
   static constexpr int kLanes = sizeof(V) / sizeof(double);
   // Places of as many parts as there are lanes; those that are left have the last part again.
   struct Lot {
     Vector3<V> R[3], x;
     V moments[3], mass;
+    V inverse_moments[3], inverse_mass;
+    V counts;  // 1, or 0 where the last part is there again
   };
+  // Of where motions begin.
+  std::span<const Lot> lots() const { return lots_; }
+
+ private:
   Lot gather(std::span<const Place> places, std::size_t first) const;
 
   struct Articulated {

@@ -1,5 +1,7 @@
 #include "substep/rigid/solver/contact_packet.h"
 
+#include <algorithm>
+
 #include "substep/core/usize.h"
 
 namespace substep::rigid {
@@ -39,6 +41,7 @@ SUBSTEP_INLINE V3 fused_cross(const V3& x, const V3& y) {
 SUBSTEP_INLINE void add(V3& x, const V& s, const V3& y) {
   for (int i = 0; i < 3; ++i) x[i] = fma(s, y[i], x[i]);
 }
+SUBSTEP_INLINE V3 opposite(const V3& x) { return {{-x[0], -x[1], -x[2]}}; }
 // x, y, z along axes: components to a vector.
 SUBSTEP_INLINE V3 combine(const V3& c, const V3& x, const V3& y, const V3& z) {
   V3 sum;
@@ -52,21 +55,52 @@ SUBSTEP_INLINE V largest_of(const V& xx, const V& xy, const V& yy) {
   return 0.5 * (xx + yy) + square * inverse_sqrt(max(square, splat<V>(1e-300)));
 }
 
+// What the kernels leave out, as it would only add zeros: the a or the b of packets where all of
+// them are the world, and points that no contact has.
+template <bool kHasA, bool kHasB, int kMostPoints>
+struct Form {
+  static constexpr bool has_a = kHasA, has_b = kHasB;
+  static constexpr int points = kMostPoints;
+};
+template <class Call>
+SUBSTEP_INLINE void with_form(const ContactPacket& c, const Call& call) {
+  const auto with = [&]<int points>() __attribute__((always_inline)) {
+    if (!c.has_a) {
+      call(Form<false, true, points>{});
+    } else if (!c.has_b) {
+      call(Form<true, false, points>{});
+    } else {
+      call(Form<true, true, points>{});
+    }
+  };
+  if (c.few) {
+    with.template operator()<2>();
+  } else {
+    with.template operator()<4>();
+  }
+}
+
 // The bodies of a packet: velocities, or displacements.
 struct Both {
   BodyLanes a, b;
 };
-SUBSTEP_INLINE Both load_both(const BodyRows::Rows& rows, const ContactPacket& c) {
+template <class Form>
+SUBSTEP_INLINE Both load_both(Form, const BodyRows::Rows& rows, const ContactPacket& c) {
   const BodyRow* first = rows.data();
-  return {load_bodies([&](int lane) { return first + c.a[lane]; }),
-          load_bodies([&](int lane) { return first + c.b[lane]; })};
+  Both m{};
+  if constexpr (Form::has_a) m.a = load_bodies([&](int lane) { return first + c.a[lane]; });
+  if constexpr (Form::has_b) m.b = load_bodies([&](int lane) { return first + c.b[lane]; });
+  return m;
 }
 // Rows of bodies that impulses do not move stay untouched: several packets may read them at once.
-SUBSTEP_INLINE void store_both(const Both& m, BodyRows::Rows& rows, const ContactPacket& c) {
+template <class Form>
+SUBSTEP_INLINE void store_both(Form, const Both& m, BodyRows::Rows& rows, const ContactPacket& c) {
   BodyRow nowhere[ContactPacket::kLanes];
   BodyRow* first = rows.data();
-  store_bodies(m.a, [&](int k) { return c.moves_a[k] ? first + c.a[k] : nowhere + k; });
-  store_bodies(m.b, [&](int k) { return c.moves_b[k] ? first + c.b[k] : nowhere + k; });
+  if constexpr (Form::has_a)
+    store_bodies(m.a, [&](int k) { return c.moves_a[k] ? first + c.a[k] : nowhere + k; });
+  if constexpr (Form::has_b)
+    store_bodies(m.b, [&](int k) { return c.moves_b[k] ? first + c.b[k] : nowhere + k; });
 }
 
 // How b moves relative to a at the contact, in its axes; or a force and a torque there.
@@ -77,43 +111,57 @@ struct Twist {
 SUBSTEP_INLINE V3 turn(const F3 (&axis)[3], const V3& w) {
   return {{fused_dot(wide(axis[0]), w), fused_dot(wide(axis[1]), w), fused_dot(wide(axis[2]), w)}};
 }
-SUBSTEP_INLINE Twist relative(const ContactPacket& c, const Both& m) {
-  const V3 w_a = turn(c.axis_a, m.a.angular), w_b = turn(c.axis_b, m.b.angular);
-  const V3 second = fused_cross(c.normal, c.tangent);
-  V3 v;
-  for (int i = 0; i < 3; ++i) v[i] = fma(c.scale_b, m.b.linear[i], -(c.scale_a * m.a.linear[i]));
-  const V3 a = fused_cross(w_a, wide(c.arm_a)), b = fused_cross(w_b, wide(c.arm_b));
-  Twist u{{{fused_dot(c.tangent, v), fused_dot(second, v), fused_dot(c.normal, v)}}, {}};
-  for (int i = 0; i < 3; ++i) {
-    u.linear[i] = u.linear[i] + (b[i] - a[i]);
-    u.angular[i] = w_b[i] - w_a[i];
+template <class Form>
+SUBSTEP_INLINE Twist relative(Form, const ContactPacket& c, const Both& m) {
+  V3 v, at, w;
+  if constexpr (Form::has_a) {
+    const V3 w_a = turn(c.axis_a, m.a.angular);
+    v = opposite(c.scale_a * m.a.linear);
+    at = opposite(fused_cross(w_a, wide(c.arm_a)));
+    w = opposite(w_a);
   }
-  return u;
+  if constexpr (Form::has_b) {
+    const V3 w_b = turn(c.axis_b, m.b.angular), b = fused_cross(w_b, wide(c.arm_b));
+    if constexpr (Form::has_a) {
+      add(v, c.scale_b, m.b.linear);
+      at = b + at, w = w_b + w;
+    } else {
+      v = c.scale_b * m.b.linear, at = b, w = w_b;
+    }
+  }
+  const V3 second = fused_cross(c.normal, c.tangent);
+  const V3 u{{fused_dot(c.tangent, v), fused_dot(second, v), fused_dot(c.normal, v)}};
+  return {u + at, w};
 }
-SUBSTEP_INLINE void apply(const ContactPacket& c, const Twist& impulse, Both& m) {
+template <class Form>
+SUBSTEP_INLINE void apply(Form, const ContactPacket& c, const Twist& impulse, Both& m) {
   const V3 second = fused_cross(c.normal, c.tangent);
   const V3 force = combine(impulse.linear, c.tangent, second, c.normal);
-  add(m.a.linear, -c.scale_a, force);
-  add(m.b.linear, c.scale_b, force);
-  V3 a = fused_cross(wide(c.arm_a), impulse.linear), b = fused_cross(wide(c.arm_b), impulse.linear);
-  for (int i = 0; i < 3; ++i) {
-    const V ta = a[i] + impulse.angular[i], tb = b[i] + impulse.angular[i];
-    add(m.a.angular, -ta, wide(c.axis_a[i]));
-    add(m.b.angular, tb, wide(c.axis_b[i]));
+  if constexpr (Form::has_a) {
+    add(m.a.linear, -c.scale_a, force);
+    const V3 torque = fused_cross(wide(c.arm_a), impulse.linear) + impulse.angular;
+    for (int i = 0; i < 3; ++i) add(m.a.angular, -torque[i], wide(c.axis_a[i]));
+  }
+  if constexpr (Form::has_b) {
+    add(m.b.linear, c.scale_b, force);
+    const V3 torque = fused_cross(wide(c.arm_b), impulse.linear) + impulse.angular;
+    for (int i = 0; i < 3; ++i) add(m.b.angular, torque[i], wide(c.axis_b[i]));
   }
 }
 
 // Force and torque of the normal impulses.
-SUBSTEP_INLINE void add_normal(const ContactPacket& c, const V (&d)[4], Twist& impulse) {
+template <class Form>
+SUBSTEP_INLINE void add_normal(Form, const ContactPacket& c, const V (&d)[4], Twist& impulse) {
   impulse.linear[2] = impulse.linear[2] + ((d[0] + d[1]) + (d[2] + d[3]));
-  for (int k = 0; k < 4; ++k) {
+  for (int k = 0; k < Form::points; ++k) {
     impulse.angular[0] = fma(wide(c.q[k]), d[k], impulse.angular[0]);
     impulse.angular[1] = fma(-wide(c.p[k]), d[k], impulse.angular[1]);
   }
 }
 // Normal velocities of the points.
-SUBSTEP_INLINE void approach(const ContactPacket& c, const Twist& u, V (&result)[4]) {
-  for (int k = 0; k < 4; ++k) {
+template <class Form>
+SUBSTEP_INLINE void approach(Form, const ContactPacket& c, const Twist& u, V (&result)[4]) {
+  for (int k = 0; k < Form::points; ++k) {
     result[k] = fma(wide(c.q[k]), u.angular[0], fma(-wide(c.p[k]), u.angular[1], u.linear[2]));
   }
 }
@@ -122,39 +170,41 @@ SUBSTEP_INLINE void approach(const ContactPacket& c, const Twist& u, V (&result)
 // 0 as they allow. Where not all points press: as far towards the unrestricted solution as all of
 // them can go together, which keeps the symmetry of a box that lifts off, and from there sweeps.
 // Each lowers the energy.
-SUBSTEP_INLINE void solve_block(const ContactPacket& c, const V (&residual)[4], const V (&l)[4],
-                                V (&d)[4]) {
+template <class Form>
+SUBSTEP_INLINE void solve_block(Form, const ContactPacket& c, const V (&residual)[4],
+                                const V (&l)[4], V (&d)[4]) {
+  constexpr int n = Form::points;
   auto pulls = l[0] < l[0];
   V part = splat<V>(1);
 #pragma GCC unroll 4
-  for (int k = 0; k < 4; ++k) {
+  for (int k = 0; k < n; ++k) {
     V sum = wide(c.inverse[at(k, 0)]) * residual[0];
 #pragma GCC unroll 4
-    for (int j = 1; j < 4; ++j) sum = fma(wide(c.inverse[at(k, j)]), residual[j], sum);
+    for (int j = 1; j < n; ++j) sum = fma(wide(c.inverse[at(k, j)]), residual[j], sum);
     d[k] = -sum;
     pulls = pulls | (l[k] + d[k] < 0);
   }
   if (!any(pulls)) return;
 #pragma GCC unroll 4
-  for (int k = 0; k < 4; ++k) {
+  for (int k = 0; k < n; ++k) {
     const auto negative = l[k] + d[k] < 0;
     part = negative ? min(part, l[k] / (negative ? -d[k] : splat<V>(1))) : part;
   }
   V e[4];
 #pragma GCC unroll 4
-  for (int k = 0; k < 4; ++k) e[k] = part * d[k];
+  for (int k = 0; k < n; ++k) e[k] = part * d[k];
   const auto solve_point = [&](int k) __attribute__((always_inline)) {
     V r = residual[k];
 #pragma GCC unroll 4
-    for (int i = 0; i < 4; ++i) r = fma(wide(c.block[at(k, i)]), e[i], r);
+    for (int i = 0; i < n; ++i) r = fma(wide(c.block[at(k, i)]), e[i], r);
     e[k] = max(fma(-r, wide(c.diagonal[k]), l[k] + e[k]), V{}) - l[k];
   };
 #pragma GCC unroll 4
-  for (int k = 0; k < 4; ++k) solve_point(k);
+  for (int k = 0; k < n; ++k) solve_point(k);
 #pragma GCC unroll 4
-  for (int k = 3; k >= 0; --k) solve_point(k);
+  for (int k = n - 1; k >= 0; --k) solve_point(k);
 #pragma GCC unroll 4
-  for (int k = 0; k < 4; ++k) d[k] = pulls ? e[k] : d[k];
+  for (int k = 0; k < n; ++k) d[k] = pulls ? e[k] : d[k];
 }
 
 // x, or what of it is within the disc.
@@ -172,10 +222,12 @@ SUBSTEP_INLINE V pressure(const ContactPacket& c) {
 // Adds to the impulse, and to u what the normal impulses see of it. Friction cannot be projected
 // onto the disc along A^-1, which would turn it: where it slides the scalar step with the largest
 // mobility has its fixed point where l_t is opposite to u_t.
-SUBSTEP_INLINE void solve_friction(ContactPacket& c, Twist& u, Twist& impulse) {
+template <class Form>
+SUBSTEP_INLINE void solve_friction(Form, ContactPacket& c, Twist& u, Twist& impulse) {
   const V inverse = inverse_of(c.mobility), friction = wide(c.friction), press = pressure(c);
   V lever = wide(c.spinning) * press;
-  for (int k = 0; k < 4; ++k) lever = fma(friction * wide(c.lever[k]), c.impulse[k], lever);
+  for (int k = 0; k < Form::points; ++k)
+    lever = fma(friction * wide(c.lever[k]), c.impulse[k], lever);
   const V step = -u.angular[2] * (wide(c.twist_inverse) * inverse);
   const V twist = max(-lever, min(lever, c.twist_impulse + step));
   V stick[2], slide[2];
@@ -340,7 +392,6 @@ void ContactPacket::set(int lane, const ContactConstraint* contact, const BodyRo
   set3(bias, lane, Vec3::Zero());
   slide_impulse[0][lane] = c.friction_impulse[0], slide_impulse[1][lane] = c.friction_impulse[1];
   twist_impulse[lane] = c.twist_impulse;
-  rolls = (lane > 0 && rolls) || c.rolling > 0;
   rolling[lane] = static_cast<float>(c.rolling);
   for (int i = 0; i < 2; ++i) roll_impulse[i][lane] = c.roll_impulse[i];
 }
@@ -354,9 +405,19 @@ void ContactPacket::get(int lane, ContactConstraint& contact) const {
 }
 
 void ContactPacket::prepare(const BodyRows& rows) {
+  const auto any_row = [](const std::int32_t (&rows_of)[kLanes]) {
+    return std::any_of(rows_of, rows_of + kLanes, [](std::int32_t row) { return row > 0; });
+  };
+  has_a = any_row(a), has_b = any_row(b);
+  few = !any(wide(used[2]) > 0);
+  rolls = any(wide(rolling) > 0);
   const V3 axes[3] = {tangent, fused_cross(normal, tangent), normal};
   Mobility M{};
-  const auto add_body = [&](const std::int32_t* index, V& scale, F3(&axis)[3], const F3& arm) {
+  const auto add_body = [&](bool any_body, const std::int32_t* index, V& scale, F3(&axis)[3],
+                            const F3& arm) {
+    scale = V{};
+    for (F3& one : axis) one = F3{};
+    if (!any_body) return;
     const Root root(rows, index);
     scale = root.scale;
     V3 turned[3];
@@ -366,8 +427,8 @@ void ContactPacket::prepare(const BodyRows& rows) {
     }
     M.add(root, turned, wide(arm));
   };
-  add_body(a, scale_a, axis_a, arm_a);
-  add_body(b, scale_b, axis_b, arm_b);
+  add_body(has_a, a, scale_a, axis_a, arm_a);
+  add_body(has_b, b, scale_b, axis_b, arm_b);
 
   V A[10], regular[10];
   V largest{};
@@ -412,12 +473,14 @@ void ContactPacket::prepare(const BodyRows& rows) {
 }
 
 void ContactPacket::warm_start(BodyRows& rows) const {
-  Both m = load_both(rows.push, *this);
-  Twist l{{{slide_impulse[0], slide_impulse[1], V{}}}, {{V{}, V{}, twist_impulse}}};
-  if (rolls) l.angular[0] = roll_impulse[0], l.angular[1] = roll_impulse[1];
-  add_normal(*this, impulse, l);
-  apply(*this, l, m);
-  store_both(m, rows.push, *this);
+  with_form(*this, [&](auto form) __attribute__((always_inline)) {
+    Both m = load_both(form, rows.push, *this);
+    Twist l{{{slide_impulse[0], slide_impulse[1], V{}}}, {{V{}, V{}, twist_impulse}}};
+    if (rolls) l.angular[0] = roll_impulse[0], l.angular[1] = roll_impulse[1];
+    add_normal(form, *this, impulse, l);
+    apply(form, *this, l, m);
+    store_both(form, m, rows.push, *this);
+  });
 }
 
 void ContactPacket::withdraw_push(BodyRows& rows) const {
@@ -434,27 +497,31 @@ void ContactPacket::withdraw_push(BodyRows& rows) const {
 }
 
 void ContactPacket::find_separations(const BodyRows& rows, V (&C)[4]) const {
-  approach(*this, relative(*this, load_both(rows.displacement, *this)), C);
+  constexpr Form<true, true, 4> form;
+  approach(form, *this, relative(form, *this, load_both(form, rows.displacement, *this)), C);
   for (int k = 0; k < 4; ++k) C[k] = C[k] + wide(separation[k]);
 }
 
 void ContactPacket::rebase(const BodyRows& rows, const bool (&lanes)[kLanes]) {
   V moved[4];
-  approach(*this, relative(*this, load_both(rows.displacement, *this)), moved);
+  constexpr Form<true, true, 4> form;
+  approach(form, *this, relative(form, *this, load_both(form, rows.displacement, *this)), moved);
   for (int k = 0; k < 4; ++k) {
     for (int lane = 0; lane < kLanes; ++lane)
       if (lanes[lane]) separation[k][lane] -= static_cast<float>(moved[k][lane]);
   }
 }
 
-void ContactPacket::solve_positions(BodyRows& rows, const Settings& settings) {
-  Both m = load_both(rows.displacement, *this);
+template <class Form>
+SUBSTEP_INLINE void ContactPacket::solve_positions_of(Form form, BodyRows& rows,
+                                                      const Settings& settings) {
+  Both m = load_both(form, rows.displacement, *this);
   const V unit = inverse_of(mobility);
-  V C[4], d[4];
+  V C[4], d[4] = {};
   const V none[4] = {};
-  approach(*this, relative(*this, m), C);
+  approach(form, *this, relative(form, *this, m), C);
   auto deep = C[0] < C[0];
-  for (int k = 0; k < 4; ++k) {
+  for (int k = 0; k < Form::points; ++k) {
     C[k] = C[k] + wide(separation[k] + away);
     target[k] = narrow(max(C[k], V{}) * settings.inverse_h);
     const V overlap = C[k] + settings.slop;
@@ -464,30 +531,39 @@ void ContactPacket::solve_positions(BodyRows& rows, const Settings& settings) {
            (is ? max(settings.correction * overlap, splat<V>(-settings.push)) : overlap);
   }
   if (!any(deep)) return;
-  solve_block(*this, C, none, d);
+  solve_block(form, *this, C, none, d);
   Twist l{};
-  add_normal(*this, d, l);
-  apply(*this, l, m);
-  store_both(m, rows.displacement, *this);
+  add_normal(form, *this, d, l);
+  apply(form, *this, l, m);
+  store_both(form, m, rows.displacement, *this);
+}
+
+void ContactPacket::solve_positions(BodyRows& rows, const Settings& settings) {
+  with_form(*this, [&](auto form) { solve_positions_of(form, rows, settings); });
+}
+
+template <class Form>
+SUBSTEP_INLINE void ContactPacket::solve_velocities_of(Form form, BodyRows& rows) {
+  Both m = load_both(form, rows.velocity, *this);
+  Twist u = relative(form, *this, m), l{};
+  if (rolls_on)
+    for (int i = 0; i < 3; ++i) u.linear[i] = u.linear[i] + wide(bias[i]);
+  solve_friction(form, *this, u, l);
+  V residual[4], d[4] = {};
+  approach(form, *this, u, residual);
+  const V unit = inverse_of(mobility);
+  for (int k = 0; k < Form::points; ++k)
+    residual[k] = (residual[k] + wide(target[k])) * (wide(used[k]) * unit);
+  solve_block(form, *this, residual, impulse, d);
+  for (int k = 0; k < Form::points; ++k) impulse[k] = impulse[k] + d[k];
+  add_normal(form, *this, d, l);
+  if (rolls) solve_rolling(*this, u, l);
+  apply(form, *this, l, m);
+  store_both(form, m, rows.velocity, *this);
 }
 
 void ContactPacket::solve_velocities(BodyRows& rows) {
-  Both m = load_both(rows.velocity, *this);
-  Twist u = relative(*this, m), l{};
-  if (rolls_on)
-    for (int i = 0; i < 3; ++i) u.linear[i] = u.linear[i] + wide(bias[i]);
-  solve_friction(*this, u, l);
-  V residual[4], d[4];
-  approach(*this, u, residual);
-  const V unit = inverse_of(mobility);
-  for (int k = 0; k < 4; ++k)
-    residual[k] = (residual[k] + wide(target[k])) * (wide(used[k]) * unit);
-  solve_block(*this, residual, impulse, d);
-  for (int k = 0; k < 4; ++k) impulse[k] = impulse[k] + d[k];
-  add_normal(*this, d, l);
-  if (rolls) solve_rolling(*this, u, l);
-  apply(*this, l, m);
-  store_both(m, rows.velocity, *this);
+  with_form(*this, [&](auto form) { solve_velocities_of(form, rows); });
 }
 
 }  // namespace substep::rigid

@@ -62,6 +62,7 @@ struct ContactPacket {
 
   std::int32_t a[kLanes], b[kLanes];  // rows
   bool moves_a[kLanes], moves_b[kLanes], rolls, rolls_on;
+  bool has_a, has_b, few;  // any a, any b is not the world; no contact has more than two points
   V3 normal, tangent;
   V scale_a, scale_b;                              // s
   V mobility;                                      // max_k(A_kk), the unit of M below
@@ -78,6 +79,12 @@ struct ContactPacket {
   // Of rolling friction, where a lane has any: M from torques to w_1, w_2 and from l_n.
   F rolling, roll_inverse, roll_mobility[5];
   V roll_impulse[2];
+
+ private:
+  template <class Form>
+  void solve_positions_of(Form form, BodyRows& rows, const Settings& settings);
+  template <class Form>
+  void solve_velocities_of(Form form, BodyRows& rows);
 };
 
 }  // namespace substep::rigid

@@ -12,8 +12,13 @@ namespace {
 
 using Kind = ArticulatedTree::Kind;
 
-void assign(Point<double>& p, const Quad3& v) { p.x = v[0], p.y = v[1], p.z = v[2]; }
 bool same(const Quad3& a, const Quad3& b) { return a[0] == b[0] && a[1] == b[1] && a[2] == b[2]; }
+
+// Of what is small to 1e-10.
+double arctangent(double t) {
+  const double s = t * t;
+  return s < 0.01 ? t * (1 - s * (1. / 3 - s * (1. / 5 - s / 7))) : std::atan(t);
+}
 
 bool serves(const Joint& joint) {
   const bool kind = joint.type == JointType::kBall || joint.type == JointType::kFixed;
@@ -92,13 +97,13 @@ std::optional<TreeGroup> TreeGroup::make(std::span<const std::int32_t> numbers,
 }
 
 TreeGroup::TreeGroup(std::vector<Tree::Part> parts, std::vector<Member> members)
-    : tree_(std::move(parts)), members_(std::move(members)) {
+    : tree_(std::move(parts)), rows_(members.size()), members_(std::move(members)) {
   const std::size_t n = members_.size();
   begin_.resize(n), end_.resize(n), now_.resize(n), next_.resize(n);
   momenta_.resize(n), found_.resize(n), wanted_.resize(n), given_.resize(n);
   aside_.resize(n), arms_.resize(n), turns_.resize(n);
   rates_.resize(n), last_rates_.resize(n), older_rates_.resize(n), change_.resize(n),
-      last_change_.resize(n), row_given_.resize(n);
+      last_change_.resize(n);
 }
 
 // Frames of the joint of part k, in its parent's coordinates.
@@ -196,8 +201,6 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
     Tree::Part& part = tree_.parts()[k];
-    m.row = rows.row(m.body);
-    m.scale = rows.scale_of(m.row);
     const double* const I = &bodies.inertia[3 * usize(m.body)];
     part.inertia = part.seen_inertia = Quad3{I[0], I[1], I[2], bodies.mass[usize(m.body)]};
     m.inverse_inertia = 1 / part.inertia;
@@ -221,8 +224,9 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
     // than this in an iteration.
     if (!(0.5 * h_ * L.cwiseProduct(J.cwiseSqrt()).norm() < kMostGrowth * std::sqrt(J.prod())))
       return false;
-    rates_[k].angular = quad(rows.spin_of(m.row));
-    rates_[k].linear = quad(rows.velocity_of(m.row));
+    const std::int32_t row = rows.row(m.body);
+    rates_[k].angular = quad(rows.spin_of(row));
+    rates_[k].linear = quad(rows.velocity_of(row));
   }
   if (!set_coordinates(bodies)) return false;
   for (std::size_t k = 0; k < members_.size(); ++k) {
@@ -245,72 +249,75 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
     }
     m.rate = rates_[k].along = dot(now_[k].axis, moves);
     last_rates_[k] = older_rates_[k] = rates_[k];
-    m.origin = quad(bodies.position(m.body));
-    m.root = QuadMatrix::of(rows.root_of(m.row));
     const Vec3 root = vec(part.inertia).cwiseSqrt();
     const QuadMatrix& R = now_[k].R;
-    m.unroot = QuadMatrix{R[0] * root[0], R[1] * root[1], R[2] * root[2]} * transpose(R);
-    m.seen_shift = m.seen_turn = m.velocity = m.spin = Quad3{};
+    rows_.set(k, rows.row(m.body), rows, quad(bodies.position(m.body)),
+              QuadMatrix{R[0] * root[0], R[1] * root[1], R[2] * root[2]} * transpose(R));
     m.sum = given_[k] = {};
     momenta_[k].angular = quad(Vec3(&bodies.L[3 * usize(m.body)]));
-    row_given_[k] = {};
-    show_spin(k, rows);
-    m.seen_velocity = quad(rows.velocity[usize(m.row)].linear);
-    momenta_[k].linear = 1 / m.scale * m.seen_velocity;
   }
+  rows_.begin_step(tree_, momenta_, rows);
   if (smooth_) kick(-0.5 * h_, rows);
   return true;
 }
 
-// The row's spin is that of the angular momentum.
-void TreeGroup::show_spin(std::size_t k, BodyRows& rows) {
-  Member& m = members_[k];
-  const QuadMatrix& R = now_[k].R;
-  m.seen_spin = m.unroot * (R * (m.inverse_inertia * transposed_product(R, momenta_[k].angular)));
-  assign(rows.velocity[usize(m.row)].angular, m.seen_spin);
-}
-
-void TreeGroup::show(std::size_t k, BodyRows& rows) {
-  Member& m = members_[k];
-  m.seen_velocity = m.scale * momenta_[k].linear;
-  assign(rows.velocity[usize(m.row)].linear, m.seen_velocity);
-  show_spin(k, rows);
-}
-
-// As JointGroup::find_inertia.
+// As JointGroup::find_inertia. Most forces are far from swinging anything, which their sums tell.
 void TreeGroup::find_inertia(BodyRows& rows) {
+  const double most = smooth_ ? JointGroup::kFreeSwing : JointGroup::kSwing;
+  const double scale = h_ * h_ / (most * most);
+  whirls_ = false;
+  if (!may_swing(scale)) {
+    for (std::size_t k = 0; k < members_.size(); ++k)
+      see_inertia(k, tree_.parts()[k].inertia, rows);
+    return;
+  }
   for (Arm& arm : arms_) arm = {};
-  // Force at an arm of the world, which is r in the body.
-  const auto add = [&](std::size_t k, const Quad3& arm, const Quad3& r, const Quad3& force) {
+  for_each_arm([&](std::size_t k, const Quad3& arm, const Quad3& r, const Quad3& force) {
     const double K = dot(arm, force) / h_;
     if (!(K > 0)) return;
     arms_[k].stiffness += K * (quad(1, 1, 1) - r * r / dot(r, r));
     arms_[k].arm += K * r;
     arms_[k].sum += K;
-  };
-  for (std::size_t k = 0; k < members_.size(); ++k) {
-    const Tree::Part& part = tree_.parts()[k];
-    const Quad3& force = members_[k].impulse.linear;
-    add(k, -now_[k].c, -part.centre, force);
-    if (part.parent < 0) continue;
-    const std::size_t parent = usize(part.parent);
-    add(parent, now_[k].d - now_[parent].c, part.anchor - tree_.parts()[parent].centre, -force);
-  }
-  const double most = smooth_ ? JointGroup::kFreeSwing : JointGroup::kSwing;
-  whirls_ = false;
+  });
   for (std::size_t k = 0; k < members_.size(); ++k) {
     const Tree::Part& part = tree_.parts()[k];
     const Arm& arm = arms_[k];
     Quad3 inertia = part.inertia;
     if (arm.sum > 0) {
       const Quad3 r = arm.arm / arm.sum;
-      const Quad3 least =
-          h_ * h_ / (most * most) * arm.stiffness - part.inertia[3] * (dot(r, r) - r * r);
+      const Quad3 least = scale * arm.stiffness - part.inertia[3] * (dot(r, r) - r * r);
       for (int i = 0; i < 3; ++i) inertia[i] = std::max(inertia[i], least[i]);
       whirls_ = whirls_ || !same(inertia, part.inertia);
     }
     see_inertia(k, inertia, rows);
   }
+}
+
+// Force at an arm of the world, which is r in the body, of both bodies of each joint.
+template <class Call>
+void TreeGroup::for_each_arm(const Call& call) const {
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const Tree::Part& part = tree_.parts()[k];
+    const Quad3& force = members_[k].impulse.linear;
+    call(k, -now_[k].c, -part.centre, force);
+    if (part.parent < 0) continue;
+    const std::size_t parent = usize(part.parent);
+    call(parent, now_[k].d - now_[parent].c, part.anchor - tree_.parts()[parent].centre, -force);
+  }
+}
+
+// No moment that a body needs is above the sum of its stiffnesses, times the scale.
+bool TreeGroup::may_swing(double scale) {
+  for (Arm& arm : arms_) arm.sum = 0;
+  for_each_arm([&](std::size_t k, const Quad3& arm, const Quad3&, const Quad3& force) {
+    arms_[k].sum += std::max(dot(arm, force), 0.);
+  });
+  for (std::size_t k = 0; k < members_.size(); ++k) {
+    const Quad3& inertia = tree_.parts()[k].inertia;
+    const double least = std::min({inertia[0], inertia[1], inertia[2]});
+    if (!(scale / h_ * arms_[k].sum < kSurely * least)) return true;
+  }
+  return false;
 }
 
 // Takes energy within a step, as JointGroup::see_inertia.
@@ -325,11 +332,7 @@ void TreeGroup::see_inertia(std::size_t k, const Quad3& inertia, BodyRows& rows)
   for (int i = 0; i < 3; ++i) kept[i] = std::min({1., ratio[i], smooth_ ? 1. : 1 / ratio[i]});
   const QuadMatrix& R = now_[k].R;
   momenta_[k].angular = R * (kept * transposed_product(R, momenta_[k].angular));
-  if (alone_) return;
-  const Quad3 before = members_[k].seen_spin;
-  show_spin(k, rows);
-  Point<double>& given = row_given_[k].angular;
-  assign(given, quad(given) + (members_[k].seen_spin - before));
+  if (!alone_) rows_.give_spin(tree_, k, momenta_, rows);
 }
 
 // Of an impulse that changes the angular momentum so.
@@ -342,49 +345,21 @@ Quad3 TreeGroup::moment(std::size_t k, const Quad3& change) const {
 
 // Forces alone, for a time that may be negative.
 void TreeGroup::kick(double time, BodyRows& rows) {
-  for (std::size_t k = 0; k < members_.size(); ++k) {
-    const Member& m = members_[k];
-    const BodyRow& a = rows.acceleration[usize(m.row)];
-    momenta_[k].linear += time / m.scale * quad(a.linear);
-    momenta_[k].angular += time * (m.unroot * quad(a.angular));
-    if (!alone_) show(k, rows);
-  }
+  rows_.kick(time, rows, momenta_);
+  if (!alone_) rows_.show(tree_, momenta_, rows);
 }
 
-// Returns whether others changed the velocities.
-bool TreeGroup::read_momenta(const BodyRows& rows) {
-  bool changed = false;
+// Joints change the momenta to momentum(part).
+template <class Call>
+void TreeGroup::give(const Call& momentum, BodyRows& rows) {
   for (std::size_t k = 0; k < members_.size(); ++k) {
-    Member& m = members_[k];
-    const BodyRow& row = rows.velocity[usize(m.row)];
-    const Quad3 v = quad(row.linear), spin = quad(row.angular);
-    if (same(v, m.seen_velocity) && same(spin, m.seen_spin)) continue;
-    changed = true;
-    momenta_[k].linear = 1 / m.scale * v;
-    momenta_[k].angular += m.unroot * (spin - m.seen_spin);
-    m.seen_velocity = v;
-    m.seen_spin = spin;
+    const Tree::Momentum next = momentum(k);
+    given_[k].linear += next.linear - momenta_[k].linear;
+    given_[k].angular += moment(k, next.angular - momenta_[k].angular);
+    momenta_[k] = next;
+    members_[k].given_along = members_[k].along;
   }
-  return changed;
-}
-
-// Joints change the momenta to these.
-void TreeGroup::give(std::size_t k, const Tree::Momentum& momentum, BodyRows& rows) {
-  Member& m = members_[k];
-  given_[k].linear += momentum.linear - momenta_[k].linear;
-  given_[k].angular += moment(k, momentum.angular - momenta_[k].angular);
-  momenta_[k] = momentum;
-  m.given_along = m.along;
-  if (alone_) return;
-  BodyRow& row = rows.velocity[usize(m.row)];
-  const Quad3 velocity = m.seen_velocity, spin = m.seen_spin;
-  m.seen_velocity = m.velocity = m.scale * momentum.linear;
-  assign(row.linear, m.velocity);
-  show_spin(k, rows);
-  m.spin = m.seen_spin;
-  BodyRow& sum = row_given_[k];
-  assign(sum.linear, quad(sum.linear) + (m.velocity - velocity));
-  assign(sum.angular, quad(sum.angular) + (m.spin - spin));
+  if (!alone_) rows_.give(tree_, momenta_, rows);
 }
 
 // The rates of a smooth motion go on as those before: of the step's begin, half a sub-step before
@@ -403,26 +378,15 @@ void TreeGroup::guess_rates() {
   }
 }
 
-// Without what joints changed of the rows in the sub-step before.
-void TreeGroup::withdraw_given(BodyRows& rows) {
-  for (std::size_t k = 0; k < members_.size(); ++k) {
-    BodyRow& v = rows.velocity[usize(members_[k].row)];
-    assign(v.linear, quad(v.linear) - quad(row_given_[k].linear));
-    assign(v.angular, quad(v.angular) - quad(row_given_[k].angular));
-    row_given_[k] = {};
-  }
-}
-
 void TreeGroup::begin_substep(BodyRows& rows) {
   if (alone_) {
     kick(h_, rows);
   } else {
-    withdraw_given(rows);
-    read_momenta(rows);
+    rows_.withdraw(rows);
+    rows_.read(rows, momenta_);
   }
   if (intervals_ > 0) find_inertia(rows);
-  if (!alone_) find_displacements(rows, 0);
-  if (!alone_ && displaced()) {  // by impacts
+  if (!alone_ && rows_.find_displacements(rows, 0, aside_)) {  // by impacts
     tree_.factor(now_);
     follow(begin_);
     tree_.place(begin_, now_);
@@ -596,13 +560,16 @@ void TreeGroup::begin_motion() {
 }
 
 // Newton's method with the matrix of the first guess, its steps as long as Aitken's extrapolation
-// says (Irons and Tuck 1969, Int. J. Numer. Methods Eng. 1). Returns whether it has found the
-// motion.
-bool TreeGroup::solve(double tolerance) {
+// says (Irons and Tuck 1969, Int. J. Numer. Methods Eng. 1). known: found_ are the momenta of the
+// motion but for error_. Returns whether it has found the motion.
+bool TreeGroup::solve(double tolerance, bool known) {
   double part = 1, worst = 0;
-  for (int i = 0; i < (alone_ ? kIterationsAlone : kIterations); ++i) {
-    tree_.place(end_, next_);
-    tree_.find_momenta(next_, h_, found_);
+  for (int i = 0; i < (alone_ ? kIterationsAlone : kIterations); ++i, known = false) {
+    if (!known) {
+      tree_.place(end_, next_);
+      tree_.find_momenta(next_, h_, found_);
+      error_ = 0;
+    }
     for (std::size_t k = 0; k < members_.size(); ++k) {
       wanted_[k].linear = momenta_[k].linear - found_[k].linear;
       wanted_[k].angular = moment(k, momenta_[k].angular - found_[k].angular);
@@ -629,7 +596,8 @@ bool TreeGroup::solve(double tolerance) {
     drift_ += worst;
     // An iteration leaves what it left before, or what the matrix does not know.
     const double left = first ? turn_ * turn_ / 6 + 2 * drift_ : worst / last;
-    const bool found = worst == 0 || std::min(1., left) * worst < tolerance;
+    if (worst > 0) error_ += std::min(1., left) * worst;
+    const bool found = error_ < tolerance;
     const double length = found ? 1 : part;
     for (std::size_t k = 0; k < members_.size(); ++k) {
       rates_[k].linear += length * change_[k].linear;
@@ -650,7 +618,7 @@ bool TreeGroup::is_near() const {
   for (std::size_t k = 0; ruled_ && k < members_.size(); ++k)
     if (const Member& m = members_[k]; m.ruled && m.law.driven)
       given += std::max(0., m.along * sign(k) * rates_[k].along);
-  if (kinetic_energy(found_) > kMostEnergy * (kinetic_energy(momenta_) + given)) return false;
+  if (tree_.energy(found_) > kMostEnergy * (tree_.energy(momenta_) + given)) return false;
   const double most = alone_ ? kMostWhirl : kMostTurn;
   for (std::size_t k = 0; k < members_.size(); ++k) {
     const double square = dot(rates_[k].angular, rates_[k].angular);
@@ -658,17 +626,6 @@ bool TreeGroup::is_near() const {
     if (!(h_ * h_ * square <= most * most || square <= 4 * before)) return false;
   }
   return true;
-}
-
-double TreeGroup::kinetic_energy(std::span<const Tree::Momentum> momenta) const {
-  double energy = 0;
-  for (std::size_t k = 0; k < members_.size(); ++k) {
-    const Member& m = members_[k];
-    const Quad3 velocity = m.scale * momenta[k].linear;
-    const Quad3 L = transposed_product(now_[k].R, momenta[k].angular);
-    energy += 0.5 * (dot(velocity, velocity) + dot(m.inverse_inertia * L, L));
-  }
-  return energy;
 }
 
 // The sub-step of a tree alone in parts, of which all are found. A kick lies between two parts and
@@ -731,21 +688,24 @@ void TreeGroup::take_velocities(BodyRows& rows) {
   end_ = begin_;
   tree_.advance(rates_, h_, end_);
   tree_.place(end_, next_);
-  for (std::size_t k = 0; k < members_.size(); ++k) {  // L turns with the body: its energy stays
-    const Tree::Momentum linear = tree_.momentum(k, change_[k]);
-    const Quad3 L = next_[k].R * transposed_product(now_[k].R, linear.angular);
-    give(k, {linear.linear, L}, rows);
-  }
+  give(
+      [&](std::size_t k) {  // L turns with the body: its energy stays
+        const Tree::Momentum linear = tree_.momentum(k, change_[k]);
+        const Quad3 L = next_[k].R * transposed_product(now_[k].R, linear.angular);
+        return Tree::Momentum{linear.linear, L};
+      },
+      rows);
 }
 
-void TreeGroup::solve_motion(double tolerance, BodyRows& rows) {
-  bool found = solve(tolerance);
+void TreeGroup::solve_motion(double tolerance, bool known, BodyRows& rows) {
+  bool found = solve(tolerance, known);
   if (!found && alone_ && solve_in_parts(tolerance, rows)) return;
   if (!found && ruled_) project();
   if (found ? slow_springs(Stage::kMotion, rates_) : slow_springs(Stage::kVelocity, change_)) {
     begin_motion();
     found = solve(tolerance);
   }
+  moves_as_found_ = found;
   if (found) {
     give_found(rows);
   } else {
@@ -756,37 +716,29 @@ void TreeGroup::solve_motion(double tolerance, BodyRows& rows) {
 // What contacts will still change need not be found to the end. What Newton's method leaves is
 // linear, and the momenta have it.
 void TreeGroup::solve_velocities(BodyRows& rows, bool first, bool last) {
+  if (!first && alone_ && solved_) return;
   if (first) {
     begin_substep(rows);
-  } else if ((alone_ || !read_momenta(rows)) && solved_) {
-    return;
+  } else {
+    if (moves_as_found_) found_ = momenta_;
+    if (!rows_.read(rows, momenta_) && solved_) return;
   }
   solved_ = smooth_ || last;
   const bool held = tree_.parts()[0].kind != Kind::kFree;
-  solve_motion(!solved_ ? kEnough : !smooth_ ? kPressed : held ? kHeld : kFree, rows);
+  solve_motion(!solved_   ? kEnough
+               : !smooth_ ? kPressed
+               : held     ? kHeld
+                          : kFree,
+               !first && moves_as_found_, rows);
 }
 
 void TreeGroup::give_found(BodyRows& rows) {
-  for (std::size_t k = 0; k < members_.size(); ++k) {
-    const Tree::Momentum linear = tree_.momentum(k, change_[k]);
-    give(k, {found_[k].linear + linear.linear, found_[k].angular + linear.angular}, rows);
-  }
-}
-
-// Of the rows, other than those seen, after h of the velocities that joints gave.
-void TreeGroup::find_displacements(const BodyRows& rows, double h) {
-  for (std::size_t k = 0; k < members_.size(); ++k) {
-    const Member& m = members_[k];
-    const BodyRow& x = rows.displacement[usize(m.row)];
-    aside_[k] = {m.scale * (quad(x.linear) - m.seen_shift - h * m.velocity),
-                 m.root * (quad(x.angular) - m.seen_turn - h * m.spin)};
-  }
-}
-
-bool TreeGroup::displaced() const {
-  return std::any_of(aside_.begin(), aside_.end(), [](const Aside& aside) {
-    return !same(aside.shift, Quad3{}) || !same(aside.turn, Quad3{});
-  });
+  give(
+      [&](std::size_t k) {
+        const Tree::Momentum linear = tree_.momentum(k, change_[k]);
+        return Tree::Momentum{found_[k].linear + linear.linear, found_[k].angular + linear.angular};
+      },
+      rows);
 }
 
 // Takes coordinates as near to the displacements of the bodies as joints allow, by their momenta.
@@ -809,15 +761,19 @@ void TreeGroup::move_in_tree(double part) {
   count_turns();
   now_.swap(next_);
   begin_ = end_;
-  for (Tree::Coordinate& at : begin_) at.q.normalize();
+  tree_.normalize(begin_);
 }
 
 void TreeGroup::count_turns() {
   for (std::size_t k = 0; k < members_.size(); ++k) {
     Member& m = members_[k];
     if (tree_.parts()[k].kind != Kind::kHinge && !m.ruled) continue;
-    m.rate = m.ruled ? mean_rate(k) : 2 / h_ * std::atan(0.5 * h_ * rates_[k].along);
-    m.coordinate += sign(k) * h_ * m.rate;
+    if (m.ruled) {
+      m.rate = mean_rate(k);
+      m.coordinate += sign(k) * h_ * m.rate;
+    } else {
+      m.coordinate += sign(k) * 2 * arctangent(0.5 * h_ * rates_[k].along);
+    }
   }
 }
 
@@ -829,42 +785,28 @@ void TreeGroup::move(BodyRows& rows) {
     ++intervals_;
     return;
   }
-  if (smooth_) {
-    for (std::size_t k = 0; k < members_.size(); ++k) {
-      const Member& m = members_[k];
-      const BodyRow& v = rows.velocity[usize(m.row)];
-      aside_[k] = {h_ * m.scale * (quad(v.linear) - m.velocity),
-                   h_ * (m.root * (quad(v.angular) - m.spin))};
-    }
-  } else {
-    find_displacements(rows, h_);
-  }
-  read_momenta(rows);
-  if (displaced()) {
+  const bool displaced =
+      smooth_ ? rows_.find_drifts(rows, h_, aside_) : rows_.find_displacements(rows, h_, aside_);
+  rows_.read(rows, momenta_);
+  if (displaced) {
     if (whirls_) tree_.factor(now_);  // by what impulses see
     follow(end_);
+    const double per_time = 1 / h_;
     for (std::size_t k = 0; k < members_.size(); ++k) {
-      rates_[k].linear += change_[k].linear / h_;
-      rates_[k].angular += change_[k].angular / h_;
-      rates_[k].along += change_[k].along / h_;
+      rates_[k].linear += per_time * change_[k].linear;
+      rates_[k].angular += per_time * change_[k].angular;
+      rates_[k].along += per_time * change_[k].along;
     }
   }
   tree_.place(end_, next_);
   tree_.find_turns(next_, turns_);
   sum_impulses(smooth_ && intervals_ == 0 ? 0.5 : 1);
   count_turns();
-  for (std::size_t k = 0; k < members_.size(); ++k) {
-    Member& m = members_[k];
-    m.seen_shift = 1 / m.scale * (next_[k].x - m.origin);
-    m.seen_turn += m.unroot * turns_[k];
-    BodyRow& x = rows.displacement[usize(m.row)];
-    assign(x.linear, m.seen_shift);
-    assign(x.angular, m.seen_turn);
-  }
+  rows_.show_places(next_, turns_, rows);
   now_.swap(next_);
   begin_ = end_;
-  for (Tree::Coordinate& at : begin_) at.q.normalize();
-  for (std::size_t k = 0; k < members_.size(); ++k) show_spin(k, rows);
+  tree_.normalize(begin_);
+  rows_.show_spins(tree_, momenta_, rows);
   weight_ = 1;
   ++intervals_;
 }
@@ -894,21 +836,18 @@ void TreeGroup::sum_impulses(double weight) {
 
 void TreeGroup::end_step(BodyRows& rows) {
   if (!smooth_) return;
-  if (!alone_) read_momenta(rows);
+  if (!alone_) rows_.read(rows, momenta_);
   kick(0.5 * h_, rows);
   weight_ = 0.5;
   last_rates_ = rates_;
   set_laws(Stage::kVelocity);
   project();
   if (slow_springs(Stage::kVelocity, change_)) project();
-  for (std::size_t k = 0; k < members_.size(); ++k) give(k, tree_.momentum(k, change_[k]), rows);
+  give([&](std::size_t k) { return tree_.momentum(k, change_[k]); }, rows);
   sum_impulses(0);
-  for (std::size_t k = 0; k < members_.size() && alone_; ++k) {
-    const Member& m = members_[k];
-    show(k, rows);
-    rows.displacement[usize(m.row)] = {};
-    assign(rows.displacement[usize(m.row)].linear, 1 / m.scale * (now_[k].x - m.origin));
-  }
+  if (!alone_) return;
+  rows_.show(tree_, momenta_, rows);
+  rows_.end_step(now_, rows);
 }
 
 void TreeGroup::store(Bodies& bodies, std::span<Joint> joints, double dt) const {

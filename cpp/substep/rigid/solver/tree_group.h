@@ -17,6 +17,7 @@
 #include "substep/rigid/solver/joint.h"
 #include "substep/rigid/solver/joint_group.h"
 #include "substep/rigid/solver/joint_law.h"
+#include "substep/rigid/solver/tree_rows.h"
 
 namespace substep::rigid {
 
@@ -52,6 +53,7 @@ class TreeGroup {
   // momenta stay what they are, of others, where contacts press, and what they will still change.
   static constexpr double kFree = 1e-12, kHeld = 1e-10, kPressed = 1e-8, kEnough = 1e-6;
   static constexpr int kPivots = 100;         // of modes
+  static constexpr double kSurely = 0.99;     // of a bound, so that rounding is none
   static constexpr double kLittle = 1e-12;    // by which a law may be missed [rad], [m]
   static constexpr double kPassed = 1e-7;     // a limit [rad]
   static constexpr double kMostSprung = 0.5;  // turn by a spring that yields, in a sub-step [rad]
@@ -61,13 +63,7 @@ class TreeGroup {
   struct Member {
     std::int32_t body, joint;
     bool is_a;  // the joint's a is this body
-    std::int32_t row;
-    double scale;  // 1 / sqrt(m)
-    Quad3 origin;  // position at the start of the step
     Quad3 inverse_inertia;
-    QuadMatrix root, unroot;  // W^(1/2) of the start of the step, and its inverse
-    Quad3 velocity, spin;     // of the row, as joints gave them
-    Quad3 seen_velocity, seen_spin, seen_shift, seen_turn;  // of the row
     Tree::Momentum impulse;  // of the joint on this body at the anchor, in the last sub-step
     Tree::Momentum sum;      // in the step
     double coordinate;       // of the joint, but for rounding
@@ -88,29 +84,24 @@ class TreeGroup {
     Quad3 stiffness{}, arm{};
     double sum = 0;
   };
-  // Displacement of a body's centre, and its turn.
-  struct Aside {
-    Quad3 shift, turn;
-  };
 
   TreeGroup(std::vector<Tree::Part> parts, std::vector<Member> members);
   void set_joint(std::size_t k, const Joint& joint, const Bodies& bodies);
   bool set_coordinates(const Bodies& bodies);
-  void show_spin(std::size_t k, BodyRows& rows);
-  void show(std::size_t k, BodyRows& rows);
   void find_inertia(BodyRows& rows);
+  template <class Call>
+  void for_each_arm(const Call& call) const;
+  bool may_swing(double scale);
   void see_inertia(std::size_t k, const Quad3& inertia, BodyRows& rows);
   Quad3 moment(std::size_t k, const Quad3& change) const;
   void kick(double time, BodyRows& rows);
-  bool read_momenta(const BodyRows& rows);
-  void give(std::size_t k, const Tree::Momentum& momentum, BodyRows& rows);
+  template <class Call>
+  void give(const Call& momentum, BodyRows& rows);
   void guess_rates();
-  void withdraw_given(BodyRows& rows);
   void begin_substep(BodyRows& rows);
   void begin_motion();
-  bool solve(double tolerance);
+  bool solve(double tolerance, bool known = false);
   bool is_near() const;
-  double kinetic_energy(std::span<const Tree::Momentum> momenta) const;
   bool solve_in_parts(double tolerance, BodyRows& rows);
   void give_found(BodyRows& rows);
   using Stage = JointLaw::Stage;
@@ -128,16 +119,15 @@ class TreeGroup {
   void read_impulses();
   bool slow_springs(Stage stage, std::span<const Tree::Rate> rates);
   void take_velocities(BodyRows& rows);
-  void solve_motion(double tolerance, BodyRows& rows);
+  void solve_motion(double tolerance, bool known, BodyRows& rows);
   void move_in_tree(double part);
   void count_turns();
   void project();
-  void find_displacements(const BodyRows& rows, double h);
-  bool displaced() const;
   void follow(std::span<Tree::Coordinate> coordinates);
   void sum_impulses(double weight);
 
   Tree tree_;
+  TreeRows rows_;
   std::vector<Member> members_;
   double mass_ = 0;
   double push_ = 0;             // most that a sub-step takes back of a passed limit [m], [rad]
@@ -145,6 +135,8 @@ class TreeGroup {
   double weight_ = 1;   // of forces in the sub-step: half of one where a step begins and ends
   bool ruled_ = false;  // whether any joint is
   bool smooth_ = false, solved_ = false, factored_ = false, whirls_ = false;
+  bool moves_as_found_ = false;  // the motion of the sub-step is one that solve() found
+  double error_ = 0;             // estimated, of that motion [m], [rad]
   bool alone_ = false;           // nothing touches it, so that rows need not follow before the end
   double turn_ = 0, drift_ = 0;  // largest turn in the sub-step; way from where the matrix is of
   std::int64_t factors_ = 0;     // so far
@@ -156,10 +148,9 @@ class TreeGroup {
   std::vector<Tree::Momentum> wanted_;
   std::vector<Tree::Momentum> given_;  // by joints, in the sub-step
   std::vector<Tree::Rate> rates_, last_rates_, older_rates_, change_, last_change_;
-  std::vector<Aside> aside_;
+  std::vector<Tree::Momentum> aside_;  // displacements of centres, and turns
   std::vector<Arm> arms_;
   std::vector<Quad3> turns_;
-  std::vector<BodyRow> row_given_;  // what joints changed of the row's velocity, in the sub-step
 };
 
 }  // namespace substep::rigid

@@ -210,17 +210,20 @@ bool ContactFinder::touch_at(const Fixtures& fixtures, std::span<const Motion> m
                              const Pose& body_a, const Pose& body_b, ContactConstraint& contact) {
   const Fixture &a = fixtures[contact.fixture_a].fixture, &b = fixtures[contact.fixture_b].fixture;
   const Pose pose_a = body_a * a.local, pose_b = body_b * b.local;
-  std::vector<Manifold> manifolds;
   const TriangleMesh *mesh_a = mesh_of(a.shape), *mesh_b = mesh_of(b.shape);
+  Manifold one;
+  std::vector<Manifold> of_mesh;
+  std::span<Manifold> manifolds(&one, 1);
   if (mesh_a) {
-    collide_mesh(b.shape, pose_b, *mesh_a, pose_a, contact.margin, manifolds);
-    for (Manifold& manifold : manifolds) manifold.flip();
+    collide_mesh(b.shape, pose_b, *mesh_a, pose_a, contact.margin, of_mesh);
+    for (Manifold& manifold : of_mesh) manifold.flip();
   } else if (mesh_b) {
-    collide_mesh(a.shape, pose_a, *mesh_b, pose_b, contact.margin, manifolds);
+    collide_mesh(a.shape, pose_a, *mesh_b, pose_b, contact.margin, of_mesh);
   } else {
     Cache cache;
-    collide(a.shape, pose_a, b.shape, pose_b, contact.margin, manifolds.emplace_back(), cache);
+    collide(a.shape, pose_a, b.shape, pose_b, contact.margin, one, cache);
   }
+  if (mesh_a || mesh_b) manifolds = of_mesh;
   const auto nearest = std::max_element(manifolds.begin(), manifolds.end(), [&](auto& p, auto& q) {
     return p.normal.dot(contact.normal) < q.normal.dot(contact.normal);
   });
