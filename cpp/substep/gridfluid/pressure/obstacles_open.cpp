@@ -21,6 +21,7 @@ constexpr double kClosed = 1e-3;  // a face that is less open is closed
 constexpr double kSharp = 0.4, kBent = 0.02;
 constexpr int kDepth = 2;
 constexpr double kFlat = 0.01;  // sum of curvatures [1/cell]
+constexpr double kAway = 1.8;   // [cells]: of a node whose cell no surface is in
 
 // Of the corners of a block, with those upper along an axis by bits: those of its face, in a
 // circle.
@@ -66,25 +67,40 @@ template <std::size_t kAxes, class Real, std::size_t kCorners, class Distance>
 std::array<Real, kCorners> open_parts(const std::array<Real, kCorners>& corners,
                                       const std::array<double, kAxes>& from, double wide, int depth,
                                       const Distance& distance) {
+  constexpr std::array<std::size_t, 3> kThree{1, 3, 9};
+  std::array<Real, kAxes == 1 ? 3 : kAxes == 2 ? 9 : 27> d;  // of the corners of the parts
+  for (std::size_t n = 0; n < d.size(); ++n) {
+    std::array<double, kAxes> x = from;
+    std::size_t corner = 0;
+    bool is = true;
+    for (std::size_t a = 0; a < kAxes; ++a) {
+      const std::size_t halves = n / kThree[a] % 3;
+      x[a] += double(halves) * wide / 2;
+      corner |= (halves / 2) << a;
+      is = is && halves != 1;
+    }
+    d[n] = is ? corners[corner] : distance(x);
+  }
   std::array<Real, kCorners> parts;
   for (std::size_t part = 0; part < kCorners; ++part) {
     std::array<double, kAxes> low = from;
     for (std::size_t a = 0; a < kAxes; ++a) low[a] += (part >> a & 1) * wide / 2;
-    std::array<Real, kCorners> d;
+    std::array<Real, kCorners> of_part;
     bool in = false, out = false;
     for (std::size_t corner = 0; corner < kCorners; ++corner) {
-      std::array<double, kAxes> x = low;
-      for (std::size_t a = 0; a < kAxes; ++a) x[a] += (corner >> a & 1) * wide / 2;
-      d[corner] = corner == part ? corners[corner] : distance(x);
-      (d[corner] <= 0 ? in : out) = true;
+      std::size_t n = 0;
+      for (std::size_t a = 0; a < kAxes; ++a)
+        n += ((part >> a & 1) + (corner >> a & 1)) * kThree[a];
+      of_part[corner] = d[n];
+      (d[n] <= 0 ? in : out) = true;
     }
     if (!in || !out) {
       parts[part] = in ? 0 : 1;
-    } else if (depth == 1 || !bent(d, low, wide / 2, distance)) {
-      parts[part] = open_part_of(d);
+    } else if (depth == 1 || !bent(of_part, low, wide / 2, distance)) {
+      parts[part] = open_part_of(of_part);
     } else {
       parts[part] = 0;
-      for (const Real of : open_parts(d, low, wide / 2, depth - 1, distance))
+      for (const Real of : open_parts(of_part, low, wide / 2, depth - 1, distance))
         parts[part] += of / kCorners;
     }
   }
@@ -121,6 +137,7 @@ void Obstacles<Real, D>::find_open(int threads) {
   constexpr std::size_t kCorners = 1 << (D - 1);
   const std::array<std::int64_t, D>& s = layout_.stride;
   const auto part = [&](std::size_t a, std::int64_t i, const std::array<int, D>& cell) {
+    if (std::abs(distance_[usize(i)]) > Real(kAway)) return Real(distance_[usize(i)] > 0);
     std::array<Real, kCorners> d;
     bool in = false, out = false;
     for (std::size_t corner = 0; corner < kCorners; ++corner) {
@@ -165,6 +182,7 @@ auto Obstacles<Real, D>::cuts(int threads) -> std::span<const Cut> {
   const std::array<std::int64_t, D>& s = layout_.stride;
   using Cuts = std::vector<Cut>;
   const auto add = [&](std::int64_t i, const std::array<int, D>& cell, Cuts& cuts) {
+    if (std::abs(distance_[usize(i)]) > Real(kAway)) return;
     std::array<Real, kCorners> d;
     bool in = false, out = false;
     for (std::size_t corner = 0; corner < kCorners; ++corner) {
