@@ -19,6 +19,7 @@
 #include "substep/gridfluid/particles/density.h"
 #include "substep/gridfluid/particles/surface.h"
 #include "substep/gridfluid/particles/transfer_to_grid.h"
+#include "substep/gridfluid/pressure/surface_push.h"
 
 namespace substep::gridfluid {
 namespace {
@@ -40,6 +41,7 @@ void GridLiquid<Real, D>::step(double dt) {
     if (band) band->find_edge(next_, density_.data(), phi_.data(), options.threads);
     projection_.set_domain(obstacles, {phi_.data(), phi_.size()}, options.threads);
     if (obstacles.any()) projection_.let_yield(obstacles, cell_mass(), options.threads);
+    push_bodies_by_weight(dt);
     pass_to_grid();
     accelerate(dt);
     if (options.surface_tension > 0) pull_surface(dt);
@@ -113,27 +115,39 @@ void GridLiquid<Real, D>::count_obstacles_in() {
 }
 
 // The liquid goes on into obstacles that it touches: else a cell of which they cover the middle
-// would count as air, and the liquid beside it would shoot there.
+// would count as air, and the liquid beside it would shoot there. One of which they cover nearly
+// that much may have no particle by chance: it counts as what is before it.
 template <class Real, int D>
 void GridLiquid<Real, D>::extend_surface() {
-  constexpr Real kNear = 0.5, kInside = -0.5;  // [cells]
-  const auto touches = [&](std::int64_t i, std::size_t a, bool upper) {
-    const std::int64_t above = i + layout.stride[a], other = upper ? above : i - layout.stride[a];
-    const Real open = obstacles.open(static_cast<int>(a))[usize(upper ? above : i)];
-    return open > 0 && phi_[usize(other)] < 0 && obstacles.at_centre(other) >= 0;
+  constexpr Real kNear = 0.5, kInside = -0.5, kBeside = 0.35, kBefore = 0.5, kFar = 2;  // [cells]
+  using Place = std::array<int, D>;
+  const auto touches = [&](const Place& cell, std::int64_t i, std::size_t a, int way, Real least) {
+    const int n = layout.cells[a], to = cell[a] + way;
+    if ((to < 0 || to >= n) && !layout.periodic[a]) return false;
+    const std::int64_t other = i + ((to + n) % n - cell[a]) * layout.stride[a];
+    const std::int64_t face = way > 0 ? i + layout.stride[a] : i;
+    return obstacles.open(static_cast<int>(a))[usize(face)] > 0 && phi_[usize(other)] < 0 &&
+           obstacles.at_centre(other) >= least;
   };
-  const auto extend = [&](std::int64_t i) {
-    if (obstacles.at_centre(i) >= 0) return;
-    bool liquid = phi_[usize(i)] < kNear;
+  const auto extend = [&](const Place& cell, std::int64_t i, bool within) {
+    const Real phi = phi_[usize(i)];
+    if (phi < kInside || obstacles.distance()[usize(i)] > kFar) return;
+    const Real here = obstacles.at_centre(i);
+    if (within ? here >= 0 : here < 0 || here >= kBeside || phi < 0 || phi >= kNear) return;
+    bool liquid = within && phi < kNear;
     for (std::size_t a = 0; a < D; ++a) {
-      for (const bool upper : {false, true}) liquid = liquid || touches(i, a, upper);
+      for (const int way : {-1, 1})
+        liquid = liquid || touches(cell, i, a, way, within ? Real(0) : here + kBefore);
     }
-    if (liquid) phi_[usize(i)] = std::min(phi_[usize(i)], kInside);
+    if (liquid) phi_[usize(i)] = kInside;
   };
-  if (obstacles.any()) {
-    for_rows(layout, all_cells(layout), options.threads, [&](std::int64_t begin, std::int64_t end) {
-      for (std::int64_t i = begin; i < end; ++i) extend(i);
-    });
+  for (const bool within : {false, true}) {  // each looks at what it does not change
+    if (!obstacles.any()) break;
+    for_placed_rows(layout, all_cells(layout), options.threads,
+                    [&](Place cell, std::int64_t begin, std::int64_t end) {
+                      for (std::int64_t i = begin; i < end; ++i, ++cell[D - 1])
+                        extend(cell, i, within);
+                    });
   }
   for (int a = 0; a < D; ++a) {  // beyond open sides is air: see Projection
     for (int side = 0; side < 2; ++side) {
@@ -143,6 +157,17 @@ void GridLiquid<Real, D>::extend_surface() {
       });
     }
   }
+}
+
+// Bodies that respond, by what is known of the pressure at their surface: see surface_push.h.
+template <class Real, int D>
+void GridLiquid<Real, D>::push_bodies_by_weight(double dt) {
+  if (!projection_.bodies().any()) return;
+  push_by_weight(obstacles, projection_.cells(), dt * options.gravity, cell_mass(),
+                 options.threads);
+  for (std::size_t c = 0; c < given_.size(); ++c) given_[c] = obstacles.colliders[c].exchange();
+  projection_.bodies().move(obstacles.colliders);
+  obstacles.find(options.threads);
 }
 
 template <class Real, int D>
@@ -212,7 +237,7 @@ void GridLiquid<Real, D>::project(double dt) {
     viscosity_.mark(faces(weight_));
   }
   fill_around(u_, kLayers);
-  if (obstacles.any()) push_obstacles();
+  if (obstacles.any()) push_obstacles(dt);
 }
 
 // By a pressure, with that of the last step times a number as first guess.
@@ -303,10 +328,11 @@ void GridLiquid<Real, D>::hold_nozzles() {
 }
 
 template <class Real, int D>
-void GridLiquid<Real, D>::push_obstacles() {
-  obstacles.push({new_q_.data(), new_q_.size()}, projection_.cells(), cell_mass(), options.threads);
+void GridLiquid<Real, D>::push_obstacles(double dt) {
+  push_surface(obstacles, projection_, {new_q_.data(), new_q_.size()}, dt * options.gravity,
+               cell_mass(), options.threads);
   for (std::size_t c = 0; c < given_.size(); ++c) {
-    if (obstacles.colliders[c].yields()) obstacles.colliders[c].set_exchange(given_[c]);
+    if (responds(obstacles.colliders[c])) obstacles.colliders[c].set_exchange(given_[c]);
   }
   for (std::size_t c = 0; c < obstacles.colliders.size() && options.viscosity > 0; ++c) {
     shear_[c] += obstacles.colliders[c].exchange();

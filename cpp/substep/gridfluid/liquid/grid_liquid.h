@@ -95,6 +95,7 @@ class GridLiquid {
               std::span<const Vec3> v) const;
   void sort(double dt);
   void accelerate_bodies(double dt);
+  void push_bodies_by_weight(double dt);
   void find_surface();
   void count_obstacles_in();
   void extend_surface();
@@ -106,7 +107,7 @@ class GridLiquid {
   void change_around();
   void make_viscous(double dt);
   void hold_nozzles();
-  void push_obstacles();
+  void push_obstacles(double dt);
   void push_bodies();
   void find_valid();
   void find_displacement();

@@ -24,7 +24,7 @@ void Bodies<Real, D>::find(const Obstacles<Real, D>& obstacles, std::span<const 
   bodies_.clear();
   pieces_.clear();
   std::vector<std::size_t> piece_of(obstacles.colliders.size(), kNoPiece);
-  for (const std::vector<std::size_t>& body : geometry::colliders_by_body(obstacles.colliders)) {
+  for (const std::vector<std::size_t>& body : responding_bodies(obstacles.colliders)) {
     for (const std::size_t c : body) {
       piece_of[c] = pieces_.size();
       pieces_.push_back({c, bodies_.size(), {}});

@@ -60,6 +60,14 @@ geometry::Exchange exchange_of(const Impulse& impulse, const geometry::Collider&
   return given;
 }
 
+// The colliders of each body that responds to what pushes it.
+inline std::vector<std::vector<std::size_t>> responding_bodies(
+    std::span<const geometry::Collider> colliders) {
+  auto bodies = geometry::colliders_by_body(colliders);
+  std::erase_if(bodies, [&](const auto& body) { return !responds(colliders[body[0]]); });
+  return bodies;
+}
+
 template <class Real, int D>
 class Bodies {
  public:

@@ -15,6 +15,11 @@
 
 namespace substep::gridfluid {
 
+// Whether what pushes a collider moves it: it yields, and its body has a mobility.
+inline bool responds(const geometry::Collider& collider) {
+  return collider.yields() && !collider.body.mobility.isZero(0);
+}
+
 // The value of its signed_distance() alone, which takes half the time; infinity for a facet that is
 // surely further than `most`.
 inline double signed_distance_of(const geometry::Collider& collider, const geometry::Vec3& x,

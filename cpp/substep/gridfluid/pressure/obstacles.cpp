@@ -9,7 +9,6 @@
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
 #include "substep/gridfluid/grid/loops.h"
-#include "substep/gridfluid/pressure/open_part.h"
 
 namespace substep::gridfluid {
 namespace {
@@ -17,9 +16,8 @@ namespace {
 using geometry::Collider;
 using geometry::Exchange;
 
-constexpr double kBand = 2;       // cells around the surface where distances are exact
-constexpr int kPose = 7;          // numbers of a collider's state that say where it is
-constexpr double kClosed = 1e-3;  // a face that is less open is closed
+constexpr double kBand = 2;  // cells around the surface where distances are exact
+constexpr int kPose = 7;     // numbers of a collider's state that say where it is
 
 }  // namespace
 
@@ -43,7 +41,7 @@ void Obstacles<Real, D>::find_distance(int threads) {
     states.push_back(c.state());
     if (const auto* facet = std::get_if<geometry::Triangle>(&c.shape()))
       corners.insert(corners.end(), {facet->a, facet->b, facet->c});
-    yield.push_back(c.yields());
+    yield.push_back(responds(c));
     moving_ |= !c.velocity.isZero(0) || !c.angular_velocity.isZero(0);
   }
   const auto in_place = [](const auto& was, const auto& is) {
@@ -70,6 +68,7 @@ void Obstacles<Real, D>::find(int threads) {
     find_open(threads);
     find_room(threads);
     know_open_ = true;
+    know_cuts_ = false;
   }
   const bool yield = std::find(yield_.begin(), yield_.end(), true) != yield_.end();
   if ((moving_ || yield) && !know_near_) {
@@ -123,7 +122,8 @@ std::size_t Obstacles<Real, D>::nearest_of(const NearColliders& near, const Vec3
 template <class Real, int D>
 Real Obstacles<Real, D>::distance_at(const NearColliders& near,
                                      const std::array<double, D>& x) const {
-  return Real(find_nearest().nearest(near, world(x)).distance / dx);
+  const Real distance(find_nearest().nearest(near, world(x)).distance / dx);
+  return distance > 0 && distance < kTouching ? Real(0) : distance;
 }
 
 // Those that may be nearest to what is beside a node, its cell and the faces of that among it.
@@ -200,30 +200,6 @@ void Obstacles<Real, D>::find_distances_in(const std::array<int, D>& first,
 }
 
 template <class Real, int D>
-void Obstacles<Real, D>::find_open(int threads) {
-  const std::array<std::int64_t, D>& s = layout_.stride;
-  for (std::size_t a = 0; a < D; ++a) {
-    if (open_[a].size() == 0) {
-      assign(open_[a], layout_.size, Real(1));
-    }
-    const std::int64_t b = s[(a + 1) % D], c = D == 3 ? s[(a + 2) % D] : 0;
-    const auto part = [&](std::int64_t i) {
-      Real whole;
-      if constexpr (D == 2) {
-        whole = open_part(std::array{distance_[usize(i)], distance_[usize(i + b)]});
-      } else {
-        whole = open_part(std::array{distance_[usize(i)], distance_[usize(i + b)],
-                                     distance_[usize(i + b + c)], distance_[usize(i + c)]});
-      }
-      return whole < Real(kClosed) ? Real(0) : whole;
-    };
-    for_rows(layout_, all_faces(layout_, a), threads, [&](std::int64_t begin, std::int64_t end) {
-      for (std::int64_t i = begin; i < end; ++i) open_[a][usize(i)] = part(i);
-    });
-  }
-}
-
-template <class Real, int D>
 void Obstacles<Real, D>::find_faces_near(int threads) {
   using Faces = std::vector<Face>;
   for (std::size_t a = 0; a < D; ++a) {
@@ -241,64 +217,6 @@ void Obstacles<Real, D>::find_faces_near(int threads) {
         },
         [](Faces& all, const Faces& part) { all.insert(all.end(), part.begin(), part.end()); });
     assign(velocity_[a], layout_.size, Real(0));
-  }
-}
-
-// The faces that bodies cut, in parts: else a ball of 12 cells would displace 1 % too little, more
-// than what many a body weighs less than the fluid.
-template <class Real, int D>
-void Obstacles<Real, D>::refine_open(int threads) {
-  constexpr int kParts = 2;           // along an axis
-  constexpr Real kBulge = Real(0.2);  // of a surface that passes between the corners of a face
-  const std::array<std::int64_t, D>& s = layout_.stride;
-  const auto refine = [&](std::size_t a, const Face& face) {
-    std::array<std::size_t, D - 1> across;  // the other axes
-    for (std::size_t k = 0; k < D - 1; ++k) across[k] = (a + 1 + k) % D;
-    bool in = false, out = false;
-    for (std::size_t corner = 0; corner < 1 << (D - 1); ++corner) {
-      std::int64_t i = face.index;
-      for (std::size_t k = 0; k < D - 1; ++k) i += (corner >> k & 1) * s[across[k]];
-      in |= distance_[usize(i)] < kBulge;
-      out |= distance_[usize(i)] > -kBulge;
-    }
-    if (!in || !out) return;
-    const std::array<int, D> cell = layout_.cell(face.index);
-    const NearColliders& near = near_block(cell);
-    const auto distance_of = [&](int j, int k) {  // a corner of a part
-      if (j % kParts == 0 && k % kParts == 0) {
-        const std::int64_t more = D == 3 ? k / kParts * s[across[D - 2]] : 0;
-        return distance_[usize(face.index + j / kParts * s[across[0]] + more)];
-      }
-      std::array<double, D> x;
-      for (std::size_t b = 0; b < D; ++b) x[b] = cell[b];
-      x[across[0]] += double(j) / kParts;
-      if constexpr (D == 3) x[across[1]] += double(k) / kParts;
-      return distance_at(near, x);
-    };
-    Real sum = 0;
-    std::array<std::array<Real, kParts + 1>, D == 2 ? 1 : kParts + 1> d;
-    for (std::size_t k = 0; k < d.size(); ++k)
-      for (int j = 0; j <= kParts; ++j) d[k][usize(j)] = distance_of(j, static_cast<int>(k));
-    for (std::size_t j = 0; j < kParts; ++j) {
-      if constexpr (D == 2) {
-        sum += open_part(std::array{d[0][j], d[0][j + 1]}) / kParts;
-      } else {
-        for (std::size_t k = 0; k < kParts; ++k)
-          sum += open_part(std::array{d[k][j], d[k][j + 1], d[k + 1][j + 1], d[k + 1][j]}) /
-                 (kParts * kParts);
-      }
-    }
-    Real& open = open_[a][usize(face.index)];
-    sum += (sum - open) / (kParts * kParts - 1);  // Richardson's
-    open = sum < Real(kClosed) ? Real(0) : std::min(sum, Real(1));
-  };
-  for (std::size_t a = 0; a < D; ++a) {
-    for_numbers(
-        static_cast<std::int64_t>(near_[a].size()), threads,
-        [&](std::size_t k) {
-          if (colliders[near_[a][k].collider].yields()) refine(a, near_[a][k]);
-        },
-        64);
   }
 }
 
@@ -380,44 +298,6 @@ std::array<Real, D> Obstacles<Real, D>::surface(std::int64_t i) const {
     area[a] = open_[a][usize(i)] - open_[a][usize(i + layout_.stride[a])];
   }
   return area;
-}
-
-template <class Real, int D>
-void Obstacles<Real, D>::push(std::span<const double> q, std::span<const Cell> cells, double mass,
-                              int threads) {
-  const auto yields = [](const Collider& c) { return c.yields(); };
-  if (std::all_of(colliders.begin(), colliders.end(), yields)) return;
-  const std::int64_t chunks = (layout_.rows() + kRowsOfTask - 1) / kRowsOfTask;
-  std::vector<std::vector<Exchange>> parts(usize(chunks));
-  parallel_for(
-      layout_.rows(), kRowsOfTask,
-      [&](std::int64_t begin, std::int64_t end) {
-        std::vector<Exchange>& part = parts[usize(begin / kRowsOfTask)];
-        part.resize(colliders.size());
-        for (std::int64_t r = begin; r < end; ++r) {
-          const std::int64_t row = layout_.row(r);
-          for (std::int64_t i = row; i < row + layout_.row_length(); ++i) {
-            if (cells[usize(i)] != Cell::kFluid) continue;
-            const std::array<Real, D> area = surface(i);
-            Vec3 impulse = Vec3::Zero();
-            for (std::size_t a = 0; a < D; ++a) {
-              impulse[static_cast<int>(a)] = mass * q[usize(i)] * double(area[a]);
-            }
-            if (impulse.isZero(0)) continue;
-            const Vec3 at = middle(i);
-            const std::size_t c = nearest_of(near_block(layout_.cell(i)), at);
-            if (colliders[c].yields()) continue;  // see Bodies
-            const geometry::SignedDistance d = colliders[c].signed_distance(at);
-            part[c].add(at - d.value * d.gradient - colliders[c].position(), impulse);
-          }
-        }
-      },
-      threads);
-  for (std::size_t c = 0; c < colliders.size(); ++c) {
-    Exchange sum;
-    for (const std::vector<Exchange>& part : parts) sum += part[c];
-    if (!yields(colliders[c])) colliders[c].set_exchange(sum);
-  }
 }
 
 template class Obstacles<float, 2>;

@@ -60,10 +60,14 @@ class Obstacles {
   // The area, in faces, of the obstacles' surface in cell i, times its normal out of the fluid.
   std::array<Real, D> surface(std::int64_t i) const;
 
-  // Sets exchange() of the colliders, but for those that yield, to what they are pushed by in the
-  // fluid cells, with q, a pressure times dt / (density dx) [m/s], and the mass of a full cell
-  // [kg].
-  void push(std::span<const double> q, std::span<const Cell> cells, double mass, int threads);
+  // Cells in which the surface is, in their order.
+  struct Cut {
+    std::int64_t cell;
+    // What is open of the half of the cell beside each of its faces, lower and upper along each
+    // axis, less half of what is open of that face.
+    std::array<std::array<Real, 2>, D> beside;
+  };
+  std::span<const Cut> cuts(int threads);
 
   // The middle of a cell, or of the face below it along an axis [m], and the collider nearest
   // there.
@@ -78,6 +82,7 @@ class Obstacles {
   static std::span<const Real> of(const Fields& fields, int axis) {
     return {fields[usize(axis)].data(), fields[usize(axis)].size()};
   }
+  static constexpr Real kTouching = 1e-3;  // in cells: a node that is nearer is in the obstacle
   static constexpr int kWide = 16, kBlock = 4, kSmall = 2;  // nodes of blocks along an axis
   Vec3 world(const std::array<double, D>& x) const;
   const NearColliders& near_block(const std::array<int, D>& node) const;
@@ -89,6 +94,8 @@ class Obstacles {
   Real distance_at(const NearColliders& near, const std::array<double, D>& x) const;
   void find_distances(int threads);
   void find_distances_in(const std::array<int, D>& first, const NearColliders& around);
+  template <std::size_t kAxes>
+  bool is_sharp(const std::array<int, D>& cell, const std::array<std::size_t, kAxes>& axes) const;
   void find_open(int threads);
   void find_faces_near(int threads);
   void refine_open(int threads);
@@ -97,7 +104,7 @@ class Obstacles {
 
   Layout<D> layout_;
   bool found_ = false, moving_ = false;  // distances; whether any collider moves
-  bool know_open_ = false, know_near_ = false, know_velocity_ = false;
+  bool know_open_ = false, know_cuts_ = false, know_near_ = false, know_velocity_ = false;
   std::vector<std::array<double, geometry::Collider::kStateSize>> states_;  // that it was found for
   std::vector<Vec3> corners_;                                               // of facets then
   std::vector<bool> yield_;                                                 // which of them
@@ -109,6 +116,7 @@ class Obstacles {
       of_small_;  // around what is in a small block near a surface, else none
   Fields open_, velocity_;
   std::array<std::vector<Face>, D> near_;
+  std::vector<Cut> cuts_;
 };
 
 extern template class Obstacles<float, 2>;

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "substep/core/interrupt.h"
+#include "substep/gridfluid/grid/loops.h"
 #include "substep/gridfluid/pressure/row_product.h"
 
 namespace substep::gridfluid {

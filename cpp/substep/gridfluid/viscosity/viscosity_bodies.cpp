@@ -29,7 +29,7 @@ auto Viscosity<Real, D>::held_in(const Strain& strain) const -> std::vector<Held
 template <class Real, int D>
 void Viscosity<Real, D>::find_yielding(const Obstacles<Real, D>& obstacles) {
   yielding_.clear();
-  const auto bodies = geometry::colliders_by_body(obstacles.colliders);
+  const auto bodies = responding_bodies(obstacles.colliders);
   for (std::size_t k = 0; k < bodies.size(); ++k)
     for (const std::size_t c : bodies[k]) yielding_.push_back({c, k, {}});
   system_.bodies.resize(bodies.size());

@@ -1,0 +1,309 @@
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numeric>
+
+#include "substep/core/usize.h"
+#include "substep/gridfluid/grid/loops.h"
+#include "substep/gridfluid/pressure/obstacles.h"
+#include "substep/gridfluid/pressure/open_halves.h"
+#include "substep/gridfluid/pressure/open_part.h"
+
+namespace substep::gridfluid {
+namespace {
+
+using geometry::Collider;
+
+constexpr double kClosed = 1e-3;  // a face that is less open is closed
+// Where the slope of the distance changes by more from one cell to the next an edge of an obstacle
+// is near, or what is as sharp: it is looked at in parts, at most so often, while the distance in
+// the middle of a part differs by more from the mean of its corners, in widths.
+constexpr double kSharp = 0.4, kBent = 0.02;
+constexpr int kDepth = 2;
+constexpr double kFlat = 0.01;  // sum of curvatures [1/cell]
+constexpr double kAway = 1.8;   // [cells]: of a node whose cell no surface is in
+
+// Of the corners of a block, with those upper along an axis by bits: those of its face, in a
+// circle.
+template <std::size_t D, class Real, std::size_t kCorners>
+auto on_face(const std::array<Real, kCorners>& d, std::size_t a, std::size_t side) {
+  const std::size_t b = std::size_t{1} << (a + 1) % D, from = side << a;
+  if constexpr (D == 2) {
+    return std::array{d[from], d[from + b]};
+  } else {
+    const std::size_t c = std::size_t{1} << (a + 2) % D;
+    return std::array{d[from], d[from + b], d[from + b + c], d[from + c]};
+  }
+}
+
+// The open part of a block that spans so many axes, by the distances of its corners.
+template <class Real>
+Real open_part_of(const std::array<Real, 2>& d) {
+  return open_part(d);
+}
+template <class Real>
+Real open_part_of(const std::array<Real, 4>& d) {
+  return open_part(std::array{d[0], d[1], d[3], d[2]});
+}
+template <class Real>
+Real open_part_of(const std::array<Real, 8>& d) {
+  const std::array<Real, 2> halves = open_halves(on_face<3>(d, 0, 0), on_face<3>(d, 0, 1));
+  return halves[0] + halves[1];
+}
+
+// Whether a block from a point has an edge in it.
+template <std::size_t kAxes, class Real, std::size_t kCorners, class Distance>
+bool bent(const std::array<Real, kCorners>& d, std::array<double, kAxes> middle, double wide,
+          const Distance& distance) {
+  Real mean = 0;
+  for (const Real one : d) mean += one / kCorners;
+  for (double& x : middle) x += wide / 2;
+  return std::abs(distance(middle) - mean) > Real(kBent * wide);
+}
+
+// The same in parts: parts[k] is that of the part upper along the axes of the bits of k, and 1 is
+// all of it. distance(x) of a point, in the widths of the block.
+template <std::size_t kAxes, class Real, std::size_t kCorners, class Distance>
+std::array<Real, kCorners> open_parts(const std::array<Real, kCorners>& corners,
+                                      const std::array<double, kAxes>& from, double wide, int depth,
+                                      const Distance& distance) {
+  constexpr std::array<std::size_t, 3> kThree{1, 3, 9};
+  std::array<Real, kAxes == 1 ? 3 : kAxes == 2 ? 9 : 27> d;  // of the corners of the parts
+  for (std::size_t n = 0; n < d.size(); ++n) {
+    std::array<double, kAxes> x = from;
+    std::size_t corner = 0;
+    bool is = true;
+    for (std::size_t a = 0; a < kAxes; ++a) {
+      const std::size_t halves = n / kThree[a] % 3;
+      x[a] += double(halves) * wide / 2;
+      corner |= (halves / 2) << a;
+      is = is && halves != 1;
+    }
+    d[n] = is ? corners[corner] : distance(x);
+  }
+  std::array<Real, kCorners> parts;
+  for (std::size_t part = 0; part < kCorners; ++part) {
+    std::array<double, kAxes> low = from;
+    for (std::size_t a = 0; a < kAxes; ++a) low[a] += (part >> a & 1) * wide / 2;
+    std::array<Real, kCorners> of_part;
+    bool in = false, out = false;
+    for (std::size_t corner = 0; corner < kCorners; ++corner) {
+      std::size_t n = 0;
+      for (std::size_t a = 0; a < kAxes; ++a)
+        n += ((part >> a & 1) + (corner >> a & 1)) * kThree[a];
+      of_part[corner] = d[n];
+      (d[n] <= 0 ? in : out) = true;
+    }
+    if (!in || !out) {
+      parts[part] = in ? 0 : 1;
+    } else if (depth == 1 || !bent(of_part, low, wide / 2, distance)) {
+      parts[part] = open_part_of(of_part);
+    } else {
+      parts[part] = 0;
+      for (const Real of : open_parts(of_part, low, wide / 2, depth - 1, distance))
+        parts[part] += of / kCorners;
+    }
+  }
+  return parts;
+}
+
+}  // namespace
+
+// Whether the distance is bent along one of the edges, along these axes, that the surface cuts of
+// the block that begins in a cell and spans them.
+template <class Real, int D>
+template <std::size_t kAxes>
+bool Obstacles<Real, D>::is_sharp(const std::array<int, D>& cell,
+                                  const std::array<std::size_t, kAxes>& axes) const {
+  const auto second = [&](std::int64_t i, std::int64_t s) {
+    return std::abs(distance_[usize(i - s)] - 2 * distance_[usize(i)] + distance_[usize(i + s)]);
+  };
+  for (std::size_t corner = 0; corner < 1 << kAxes; ++corner) {
+    std::int64_t i = layout_.index(cell);
+    for (std::size_t k = 0; k < kAxes; ++k) i += (corner >> k & 1) * layout_.stride[axes[k]];
+    for (std::size_t k = 0; k < kAxes; ++k) {
+      const std::size_t a = axes[k];
+      const std::int64_t s = layout_.stride[a];
+      if (corner >> k & 1 || (distance_[usize(i)] <= 0) == (distance_[usize(i + s)] <= 0)) continue;
+      const bool inner = cell[a] > 0 && cell[a] + 2 <= layout_.cells[a];
+      if (!inner || std::max(second(i, s), second(i + s, s)) > Real(kSharp)) return true;
+    }
+  }
+  return false;
+}
+
+template <class Real, int D>
+void Obstacles<Real, D>::find_open(int threads) {
+  constexpr std::size_t kCorners = 1 << (D - 1);
+  const std::array<std::int64_t, D>& s = layout_.stride;
+  const auto part = [&](std::size_t a, std::int64_t i, const std::array<int, D>& cell) {
+    if (std::abs(distance_[usize(i)]) > Real(kAway)) return Real(distance_[usize(i)] > 0);
+    std::array<Real, kCorners> d;
+    bool in = false, out = false;
+    for (std::size_t corner = 0; corner < kCorners; ++corner) {
+      std::int64_t node = i;
+      for (std::size_t k = 0; k < D - 1; ++k) node += (corner >> k & 1) * s[(a + 1 + k) % D];
+      d[corner] = distance_[usize(node)];
+      (d[corner] <= 0 ? in : out) = true;
+    }
+    if (!in || !out) return Real(in ? 0 : 1);
+    const NearColliders& near = near_block(cell);
+    const auto distance = [&](const std::array<double, D - 1>& x) {
+      std::array<double, D> at;
+      std::copy(cell.begin(), cell.end(), at.begin());
+      for (std::size_t k = 0; k < D - 1; ++k) at[(a + 1 + k) % D] += x[k];
+      return distance_at(near, at);
+    };
+    std::array<std::size_t, D - 1> across;
+    for (std::size_t k = 0; k < D - 1; ++k) across[k] = (a + 1 + k) % D;
+    Real whole = 0;
+    if (is_sharp(cell, across)) {
+      for (const Real one : open_parts(d, std::array<double, D - 1>{}, 1, kDepth, distance))
+        whole += one / kCorners;
+    } else {
+      whole = open_part_of(d);
+    }
+    return whole < Real(kClosed) ? Real(0) : whole;
+  };
+  for (std::size_t a = 0; a < D; ++a) {
+    if (open_[a].size() == 0) assign(open_[a], layout_.size, Real(1));
+    for_placed_rows(layout_, all_faces(layout_, a), threads,
+                    [&](std::array<int, D> cell, std::int64_t begin, std::int64_t end) {
+                      for (std::int64_t i = begin; i < end; ++i, ++cell[D - 1])
+                        open_[a][usize(i)] = part(a, i, cell);
+                    });
+  }
+}
+
+template <class Real, int D>
+auto Obstacles<Real, D>::cuts(int threads) -> std::span<const Cut> {
+  if (know_cuts_) return cuts_;
+  constexpr std::size_t kCorners = 1 << D;
+  const std::array<std::int64_t, D>& s = layout_.stride;
+  using Cuts = std::vector<Cut>;
+  const auto add = [&](std::int64_t i, const std::array<int, D>& cell, Cuts& cuts) {
+    if (std::abs(distance_[usize(i)]) > Real(kAway)) return;
+    std::array<Real, kCorners> d;
+    bool in = false, out = false;
+    for (std::size_t corner = 0; corner < kCorners; ++corner) {
+      std::int64_t node = i;
+      for (std::size_t a = 0; a < D; ++a) node += (corner >> a & 1) * s[a];
+      d[corner] = distance_[usize(node)];
+      (d[corner] <= 0 ? in : out) = true;
+    }
+    if (!in || !out) return;
+    const NearColliders& near = near_block(cell);
+    const auto distance = [&](const std::array<double, D>& x) {
+      std::array<double, D> at;
+      for (std::size_t a = 0; a < D; ++a) at[a] = cell[a] + x[a];
+      return distance_at(near, at);
+    };
+    Cut cut{i, {}};
+    std::array<std::size_t, D> axes;
+    std::iota(axes.begin(), axes.end(), std::size_t{0});
+    if (is_sharp(cell, axes)) {
+      const auto parts = open_parts(d, std::array<double, D>{}, 1, kDepth, distance);
+      for (std::size_t a = 0; a < D; ++a)
+        for (std::size_t part = 0; part < kCorners; ++part)
+          cut.beside[a][part >> a & 1] += parts[part] / kCorners;
+    } else {
+      // A flat surface as if all of it were where it is nearest to the middle; a round one is left
+      // there: what is so carried on its two sides differs by more than the areas of faces do.
+      const Vec3 at = middle_of(cell, -1);
+      const Collider& collider = colliders[nearest_of(near, at)];
+      const geometry::SignedDistance nearest = collider.signed_distance(at);
+      const bool flat = std::abs(collider.hessian(at).trace()) * dx < kFlat;
+      for (std::size_t a = 0; a < D; ++a) {
+        const Real below = open_[a][usize(i)], above = open_[a][usize(i + s[a])];
+        const double way = -nearest.value / dx * nearest.gradient[static_cast<int>(a)];
+        const Real half = flat ? (below - above) * Real(way) / 2 : Real(0);
+        cut.beside[a] = {below / 2 + half, above / 2 + half};
+      }
+    }
+    for (std::size_t a = 0; a < D; ++a)
+      for (std::size_t side = 0; side < 2; ++side)
+        cut.beside[a][side] -= open_[a][usize(i + (side == 1 ? s[a] : 0))] / 2;
+    cuts.push_back(cut);
+  };
+  cuts_ = gather_rows(
+      layout_, all_cells(layout_), threads, Cuts{},
+      [&](std::int64_t begin, std::int64_t end) {
+        Cuts found;
+        std::array<int, D> cell = layout_.cell(begin);
+        for (std::int64_t i = begin; i < end; ++i, ++cell[D - 1]) add(i, cell, found);
+        return found;
+      },
+      [](Cuts& all, const Cuts& part) { all.insert(all.end(), part.begin(), part.end()); });
+  know_cuts_ = true;
+  return cuts_;
+}
+
+// The faces that bodies cut, in parts: else a ball of 12 cells would displace 1 % too little, more
+// than what many a body weighs less than the fluid.
+template <class Real, int D>
+void Obstacles<Real, D>::refine_open(int threads) {
+  constexpr int kParts = 2;           // along an axis
+  constexpr Real kBulge = Real(0.2);  // of a surface that passes between the corners of a face
+  const std::array<std::int64_t, D>& s = layout_.stride;
+  const auto refine = [&](std::size_t a, const Face& face) {
+    std::array<std::size_t, D - 1> across;  // the other axes
+    for (std::size_t k = 0; k < D - 1; ++k) across[k] = (a + 1 + k) % D;
+    bool in = false, out = false;
+    for (std::size_t corner = 0; corner < 1 << (D - 1); ++corner) {
+      std::int64_t i = face.index;
+      for (std::size_t k = 0; k < D - 1; ++k) i += (corner >> k & 1) * s[across[k]];
+      in |= distance_[usize(i)] < kBulge;
+      out |= distance_[usize(i)] > -kBulge;
+    }
+    const std::array<int, D> cell = layout_.cell(face.index);
+    if (!in || !out || is_sharp(cell, across)) return;  // as find_open() has it
+    const NearColliders& near = near_block(cell);
+    const auto distance_of = [&](int j, int k) {  // a corner of a part
+      if (j % kParts == 0 && k % kParts == 0) {
+        const std::int64_t more = D == 3 ? k / kParts * s[across[D - 2]] : 0;
+        return distance_[usize(face.index + j / kParts * s[across[0]] + more)];
+      }
+      std::array<double, D> x;
+      for (std::size_t b = 0; b < D; ++b) x[b] = cell[b];
+      x[across[0]] += double(j) / kParts;
+      if constexpr (D == 3) x[across[1]] += double(k) / kParts;
+      return distance_at(near, x);
+    };
+    Real sum = 0;
+    std::array<std::array<Real, kParts + 1>, D == 2 ? 1 : kParts + 1> d;
+    for (std::size_t k = 0; k < d.size(); ++k)
+      for (int j = 0; j <= kParts; ++j) d[k][usize(j)] = distance_of(j, static_cast<int>(k));
+    for (std::size_t j = 0; j < kParts; ++j) {
+      if constexpr (D == 2) {
+        sum += open_part(std::array{d[0][j], d[0][j + 1]}) / kParts;
+      } else {
+        for (std::size_t k = 0; k < kParts; ++k)
+          sum += open_part(std::array{d[k][j], d[k][j + 1], d[k + 1][j + 1], d[k + 1][j]}) /
+                 (kParts * kParts);
+      }
+    }
+    Real& open = open_[a][usize(face.index)];
+    sum += (sum - open) / (kParts * kParts - 1);  // Richardson's
+    open = sum < Real(kClosed) ? Real(0) : std::min(sum, Real(1));
+  };
+  for (std::size_t a = 0; a < D; ++a) {
+    for_numbers(
+        static_cast<std::int64_t>(near_[a].size()), threads,
+        [&](std::size_t k) {
+          if (responds(colliders[near_[a][k].collider])) refine(a, near_[a][k]);
+        },
+        64);
+  }
+}
+
+#define SUBSTEP_FIND_OPEN(Real, D)                    \
+  template void Obstacles<Real, D>::find_open(int);   \
+  template void Obstacles<Real, D>::refine_open(int); \
+  template auto Obstacles<Real, D>::cuts(int) -> std::span<const Cut>
+SUBSTEP_FIND_OPEN(float, 2);
+SUBSTEP_FIND_OPEN(float, 3);
+SUBSTEP_FIND_OPEN(double, 2);
+SUBSTEP_FIND_OPEN(double, 3);
+#undef SUBSTEP_FIND_OPEN
+
+}  // namespace substep::gridfluid

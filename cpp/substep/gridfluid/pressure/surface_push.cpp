@@ -1,0 +1,115 @@
+#include "substep/gridfluid/pressure/surface_push.h"
+
+#include <algorithm>
+#include <vector>
+
+#include "substep/core/parallel.h"
+#include "substep/core/usize.h"
+
+namespace substep::gridfluid {
+namespace {
+
+using geometry::Collider;
+using geometry::Exchange;
+
+// What q carries from the middle of a cell to the surface in it.
+template <class Real, int D>
+Vec3 carried(const Obstacles<Real, D>& obstacles, const typename Obstacles<Real, D>::Cut& cut,
+             const Projection<Real, D>& projection, std::span<const double> q, const Vec3& rest) {
+  Vec3 sum = Vec3::Zero();
+  for (std::size_t a = 0; a < D; ++a) {
+    const int axis = static_cast<int>(a);
+    const auto s = usize(obstacles.layout().stride[a]), below = usize(cut.cell), above = below + s;
+    const std::span<const Real> open = obstacles.open(axis), w = projection.weight(axis);
+    const auto slope = [&](std::size_t face, std::size_t other) {
+      const std::size_t f = w[face] > 0 ? face : other;
+      return w[f] > 0 ? (q[f] - q[f - s]) * double(w[f] / open[f]) : rest[axis];
+    };
+    const auto [lower, upper] = cut.beside[a];
+    sum[axis] = double(lower) * slope(below, above) + double(upper) * slope(above, below);
+  }
+  return sum;
+}
+
+// The sum of impulse(cut) over the fluid cells in which the surface is, for each of the colliders
+// that respond, or for each of the others.
+template <class Real, int D, class Impulse>
+std::vector<Exchange> sum_over_surface(Obstacles<Real, D>& obstacles, std::span<const Cell> cells,
+                                       bool respond, const Impulse& impulse, int threads) {
+  constexpr std::int64_t kCuts = 256;  // a task
+  const std::vector<Collider>& colliders = obstacles.colliders;
+  const auto cuts = obstacles.cuts(threads);
+  const auto count = static_cast<std::int64_t>(cuts.size());
+  std::vector<std::vector<Exchange>> parts(usize((count + kCuts - 1) / kCuts));
+  parallel_for(
+      count, kCuts,
+      [&](std::int64_t begin, std::int64_t end) {
+        std::vector<Exchange>& part = parts[usize(begin / kCuts)];
+        part.resize(colliders.size());
+        for (std::int64_t k = begin; k < end; ++k) {
+          const auto& cut = cuts[usize(k)];
+          if (cells[usize(cut.cell)] != Cell::kFluid) continue;
+          const Vec3 at = obstacles.middle(cut.cell);
+          const std::size_t c = obstacles.nearest(at);
+          if (responds(colliders[c]) != respond) continue;
+          const geometry::SignedDistance d = colliders[c].signed_distance(at);
+          part[c].add(at - d.value * d.gradient - colliders[c].position(), impulse(cut));
+        }
+      },
+      threads);
+  std::vector<Exchange> sums(colliders.size());
+  for (const std::vector<Exchange>& part : parts)
+    for (std::size_t c = 0; c < sums.size(); ++c) sums[c] += part[c];
+  return sums;
+}
+
+}  // namespace
+
+template <class Real, int D>
+void push_surface(Obstacles<Real, D>& obstacles, const Projection<Real, D>& projection,
+                  std::span<const double> q, const Vec3& rest, double mass, int threads) {
+  if (std::all_of(obstacles.colliders.begin(), obstacles.colliders.end(), responds)) return;
+  const auto impulse = [&](const typename Obstacles<Real, D>::Cut& cut) {
+    Vec3 sum = carried(obstacles, cut, projection, q, rest);
+    const auto area = obstacles.surface(cut.cell);
+    for (std::size_t a = 0; a < D; ++a)
+      sum[static_cast<int>(a)] += q[usize(cut.cell)] * double(area[a]);
+    return Vec3(mass * sum);
+  };
+  const auto sums = sum_over_surface(obstacles, projection.cells(), false, impulse, threads);
+  for (std::size_t c = 0; c < sums.size(); ++c)
+    if (!responds(obstacles.colliders[c])) obstacles.colliders[c].set_exchange(sums[c]);
+}
+
+template <class Real, int D>
+void push_by_weight(Obstacles<Real, D>& obstacles, std::span<const Cell> cells, const Vec3& rest,
+                    double mass, int threads) {
+  const auto impulse = [&](const typename Obstacles<Real, D>::Cut& cut) {
+    Vec3 sum = Vec3::Zero();
+    for (std::size_t a = 0; a < D; ++a) {
+      const int axis = static_cast<int>(a);
+      sum[axis] = mass * double(cut.beside[a][0] + cut.beside[a][1]) * rest[axis];
+    }
+    return sum;
+  };
+  const auto sums = sum_over_surface(obstacles, cells, true, impulse, threads);
+  for (std::size_t c = 0; c < sums.size(); ++c) {
+    Collider& collider = obstacles.colliders[c];
+    if (!responds(collider)) continue;
+    const bool facet = collider.body.surface >= 0;
+    collider.set_exchange(facet ? Exchange() : sums[c]);
+    collider.set_exchange(exchange_of<D>(collider.body_impulse()(kMotionPlaces<D>), collider));
+  }
+}
+
+#define SUBSTEP_PUSH(Real, D)                                                    \
+  template void push_surface(Obstacles<Real, D>&, const Projection<Real, D>&,    \
+                             std::span<const double>, const Vec3&, double, int); \
+  template void push_by_weight(Obstacles<Real, D>&, std::span<const Cell>, const Vec3&, double, int)
+SUBSTEP_PUSH(float, 2);
+SUBSTEP_PUSH(float, 3);
+SUBSTEP_PUSH(double, 2);
+SUBSTEP_PUSH(double, 3);
+#undef SUBSTEP_PUSH
+
+}  // namespace substep::gridfluid
