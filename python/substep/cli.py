@@ -12,6 +12,7 @@ import difflib
 import os
 import re
 import sys
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -398,12 +399,16 @@ def _sweep(arguments: argparse.Namespace) -> None:
     for run in failed:
         told = ", ".join(f"{name}={value}" for name, value in run.parameters.items())
         print(f"run {run.index} ({told}{', ' * bool(told)}seed {run.seed}): {run.error}")
-    if arguments.to == "gns":
-        bounds = None if arguments.bounds is None else _corners(arguments.bounds)
-        folder = write_gns(runs, out / "gns", bounds=bounds, material=arguments.material)
-        print(f"data set: {folder}")
-    elif arguments.to == "meshgraphnets":
-        print(f"data set: {write_meshgraphnets(runs, out / 'meshgraphnets')}")
+    with warnings.catch_warnings(record=True) as told_of:
+        warnings.simplefilter("always", UserWarning)
+        if arguments.to == "gns":
+            bounds = None if arguments.bounds is None else _corners(arguments.bounds)
+            folder = write_gns(runs, out / "gns", bounds=bounds, material=arguments.material)
+            print(f"data set: {folder}")
+        elif arguments.to == "meshgraphnets":
+            print(f"data set: {write_meshgraphnets(runs, out / 'meshgraphnets')}")
+    for warning in told_of:
+        _complain(f"warning: {warning.message}")
     if failed:
         raise _Failure(
             FAILED, f"{len(failed)} of {len(runs)} runs failed; say it again to retry them"

@@ -66,7 +66,9 @@ def write_gns(
     material : str, optional
         Parameter of the sweep whose values the network shall know as a property of the particles.
     fractions : sequence of float
-        Parts of the seeds for training, validation and test.
+        Parts of the seeds for training, validation and test, or of the runs if all have one seed.
+        Each part above 0 gets one at least, in this order, where there are enough; UserWarning
+        names those that stay empty.
 
     Returns
     -------
