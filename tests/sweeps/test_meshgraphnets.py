@@ -8,7 +8,7 @@ import pytest
 import substep
 from substep import InputError
 from substep.cli import main
-from substep.sweeps import write_meshgraphnets
+from substep.sweeps import write_gns, write_meshgraphnets
 from substep.sweeps.training import _split_by_seed
 
 pytest.importorskip("distributed", reason="Dask is not installed")
@@ -145,6 +145,8 @@ def test_flows_have_types_of_their_sides_and_no_nodes_in_obstacles(tmp_path):
     (tmp_path / "channel.py").write_text(CHANNEL)
     runs = substep.sweep(str(tmp_path / "channel.py"), {}, tmp_path / "a", workers=1)
     folder = write_meshgraphnets(runs, tmp_path / "data", fractions=(1, 0, 0))
+    with pytest.raises(InputError, match=r"no parts of particles; .* --to meshgraphnets"):
+        write_gns(runs, tmp_path / "no")
     meta = json.loads((folder / "meta.json").read_text())
     assert meta["field_names"] == ["cells", "mesh_pos", "node_type", "velocity", "pressure"]
     assert meta["features"]["pressure"] == {
