@@ -158,4 +158,4 @@ def test_the_page_says_what_was_left_out(tmp_path):
     validate.write_page(given[:1], page)
     assert "Not all cases of these methods:" in page.read_text(encoding="utf-8")
     validate.write_page([Outcome(case(2.0), 2.0, 0.1)], page)
-    assert "not those of substep validate" in page.read_text(encoding="utf-8")
+    assert "not among those of substep validate" in page.read_text(encoding="utf-8")

@@ -6,6 +6,7 @@ import math
 import os
 import secrets
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,9 +54,9 @@ def write_meshes(recording: Recording, out: Path) -> list[Path]:
     return written
 
 
-def _cells(part: Part, count: int, suffix: str) -> list[tuple[str, NDArray[np.signedinteger]]]:
-    number = np.int32 if suffix == ".ply" else np.int64  # the most that it has
-    cells = [
+def _cells(part: Part, count: int, suffix: str) -> list[tuple[str, NDArray[np.generic]]]:
+    number: Any = np.int32 if suffix == ".ply" else np.int64  # the most that it has
+    cells: list[tuple[str, NDArray[np.generic]]] = [
         (_CELLS[key], np.asarray(array, number))
         for key, array in part.constants().items()
         if key in _OF.get(suffix, _CELLS)

@@ -116,6 +116,7 @@ def _split_by_seed(runs: list[Run], shares: NDArray[Any]) -> list[list[int]]:
     for k in np.flatnonzero((counts == 0) & (shares > 0)):
         largest = int(np.argmax(counts))
         if counts[largest] > 1:
-            counts[[k, largest]] += [1, -1]
+            counts[k] += 1
+            counts[largest] -= 1
     ends = np.cumsum(counts)
     return [[k for k, key in enumerate(keys) if key in part] for part in np.split(order, ends[:2])]

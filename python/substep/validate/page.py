@@ -105,7 +105,7 @@ def _extent(outcomes: list[Outcome]) -> str:
     """Whether that is all that there is to measure of these methods, or less."""
     ran = [outcome.case for outcome in outcomes]
     if any(case not in CASES for case in ran):
-        return "Cases that are not those of substep validate, or not all of them."
+        return "Some of these cases are not among those of substep validate."
     known = [case for case in CASES if case.method in {case.method for case in ran}]
     if left := sum(case not in ran for case in known):
         quick = " as with --quick," if all(case.quick for case in ran) else ""
