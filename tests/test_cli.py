@@ -122,6 +122,8 @@ def test_command_line_starts_without_numpy():
         ("run kepler --set", "--set"),
         ("run kepler --set steps", "--set steps: expected KEY=VALUE"),
         ("run kepler --set =3", "expected KEY=VALUE"),
+        ("sweep kepler --to mgn", "argument --to: unknown 'mgn': did you mean gns?"),
+        ("export a.vtkhdf --out a.usdc --liquid water", "--liquid water: expected PART=RADIUS"),
         ("run kepler --set stpes=3", "stpes: kepler has no such parameter; did you mean steps?"),
         ("run kepler --set steps=3 --set steps=4", "--set steps: given twice"),
         ("run kepler --set steps=3.5", "--set steps: expected an integer from 1 to 1e+07, got 3.5"),

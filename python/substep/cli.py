@@ -12,6 +12,7 @@ import difflib
 import os
 import re
 import sys
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -33,6 +34,7 @@ def __dir__() -> list[str]:
     return __all__
 
 
+SEQUENCE = 4  # files beyond which they are told in one line
 USAGE, FAILED, INTERRUPTED, PIPE_CLOSED, TERMINATED = 2, 1, 130, 141, 143
 
 
@@ -58,7 +60,9 @@ class _Parser(argparse.ArgumentParser):
             known = [str(choice) for choice in action.choices]
             near = difflib.get_close_matches(str(value), known, n=1)
             hint = f"did you mean {near[0]}? " if near else ""
-            self.error(f"unknown command {str(value)[:60]!r}: {hint}known: {', '.join(known)}")
+            which = "/".join(action.option_strings)
+            told = f"argument {which}: unknown" if which else "unknown command"
+            self.error(f"{told} {str(value)[:60]!r}: {hint}known: {', '.join(known)}")
 
 
 def _parser() -> _Parser:
@@ -309,13 +313,15 @@ def _settings(arguments: argparse.Namespace) -> tuple[dict[str, Any], RunConfig 
     return values, config
 
 
-def _assignments(items: Sequence[str], option: str = "--set") -> dict[str, str]:
-    """`key=value` of each --set."""
+def _assignments(
+    items: Sequence[str], option: str = "--set", form: str = "KEY=VALUE"
+) -> dict[str, str]:
+    """`key=value` of each --set, or what it is called elsewhere."""
     values: dict[str, str] = {}
     for item in items:
         key, equals, value = item.partition("=")
         if not equals or not key:
-            raise InputError(f"{option} {item[:60]}: expected KEY=VALUE")
+            raise InputError(f"{option} {item[:60]}: expected {form}")
         if key in values:
             raise InputError(f"{option} {key}: given twice")
         values[key] = value
@@ -398,12 +404,16 @@ def _sweep(arguments: argparse.Namespace) -> None:
     for run in failed:
         told = ", ".join(f"{name}={value}" for name, value in run.parameters.items())
         print(f"run {run.index} ({told}{', ' * bool(told)}seed {run.seed}): {run.error}")
-    if arguments.to == "gns":
-        bounds = None if arguments.bounds is None else _corners(arguments.bounds)
-        folder = write_gns(runs, out / "gns", bounds=bounds, material=arguments.material)
-        print(f"data set: {folder}")
-    elif arguments.to == "meshgraphnets":
-        print(f"data set: {write_meshgraphnets(runs, out / 'meshgraphnets')}")
+    with warnings.catch_warnings(record=True) as told_of:
+        warnings.simplefilter("always", UserWarning)
+        if arguments.to == "gns":
+            bounds = None if arguments.bounds is None else _corners(arguments.bounds)
+            folder = write_gns(runs, out / "gns", bounds=bounds, material=arguments.material)
+            print(f"data set: {folder}")
+        elif arguments.to == "meshgraphnets":
+            print(f"data set: {write_meshgraphnets(runs, out / 'meshgraphnets')}")
+    for warning in told_of:
+        _complain(f"warning: {warning.message}")
     if failed:
         raise _Failure(
             FAILED, f"{len(failed)} of {len(runs)} runs failed; say it again to retry them"
@@ -622,11 +632,14 @@ def _export(arguments: argparse.Namespace) -> None:
             raise InputError("--liquid: is for --out FILE.usdc, .abc or .glb")
         print(f"recording: {pack(arguments.file)}")
     else:
-        given = _assignments(arguments.liquid, "--liquid").items()
+        given = _assignments(arguments.liquid, "--liquid", "PART=RADIUS").items()
         radius = Parameter("radius", kind=float, above=0)
         liquids = {part: radius.parse(f"--liquid {part}", text) for part, text in given}
-        for path in save(arguments.file, arguments.out, liquids=cast(Any, liquids)):
-            print(f"written: {path}")
+        written = save(arguments.file, arguments.out, liquids=cast(Any, liquids))
+        if len(written) > SEQUENCE:
+            print(f"written: {len(written)} files, {written[0]} to {written[-1].name}")
+        else:
+            print(*(f"written: {path}" for path in written), sep="\n")
 
 
 def _validate(arguments: argparse.Namespace) -> None:
@@ -653,7 +666,7 @@ def _validate(arguments: argparse.Namespace) -> None:
             flush=True,
         )
 
-    print(f"{'':<11} {'':<{width}}  {'figure':>17} {'measured':>17}  {'error':>9} {'time':>9}")
+    print(f"{'':<11} {'':<{width}}  {'reference':>17} {'measured':>17}  {'error':>9} {'time':>9}")
     outcomes = run(chosen, tell)
     write_page(outcomes, arguments.out)
     failed = [outcome for outcome in outcomes if not outcome.passed]

@@ -2,6 +2,7 @@
 
 import threading
 import time
+import warnings
 
 import numpy as np
 import pytest
@@ -9,6 +10,9 @@ import substep
 from substep import mpm, pbd
 from substep.errors import CorruptError, InputError, NonFiniteError, SolverError
 from substep.geometry import box_mesh, box_tetrahedra, grid_mesh
+from substep.view.drawables import Scenery
+from substep.view.extent import box_of, radius_in
+from substep.view.look import Look
 
 GROUND = (0, 0, -0.6)
 
@@ -301,6 +305,40 @@ def test_a_world_that_has_stopped_with_nan_is_told_and_left_out():
     alone.step(1e-3)
     assert alone.step_limit() == (np.inf, "all worlds have stopped")
     assert alone._repr_png_()
+
+
+def test_a_world_that_has_stopped_far_away_is_left_out(tmp_path):
+    batch = failing(on_fail="mask")
+    batch.step(1.0, 50)
+    assert np.abs(batch.positions[13]).max() > 1e300  # finite, but not in float32
+    fields = batch.fields()
+    assert np.bincount(fields["world"][0], minlength=20).tolist() == [
+        0 if w in (2, 13) else 2 for w in range(20)
+    ]
+    told = batch.diagnostics()
+    assert (told["worlds"], told["failed"]) == (20, 2)
+    assert told["kinetic_energy"] == pytest.approx(36 * 0.5 * 3)
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert batch._repr_png_()
+        recording = substep.scenes.record(batch, tmp_path / "run.vtkhdf", 2.0, fps=1)
+        with substep.Recording(recording) as read:
+            assert np.abs(box_of(read, {})).max() < 100
+
+
+def test_the_radius_of_particles_is_that_of_one_world(tmp_path):
+    rows = [substep.PositionBasedDynamics([[k, 0, 0] for k in range(5)], 1.0) for _ in range(8)]
+    batch = substep.Batch(rows)
+    pushes = np.zeros((8, 5, 3))
+    pushes[:, :, 0] = np.linspace(0, 0.01, 8)[:, None]
+    batch.set_velocities(pushes)
+    batch.advance(0.1)
+    drawn = [one for one in Scenery(batch).at() if one.kind == "points"]
+    assert [one.radius for one in drawn] == [pytest.approx(0.5, rel=0.01)]
+    recording = substep.scenes.record(batch, tmp_path / "run.vtkhdf", 0.1, fps=20)
+    with substep.Recording(recording) as read:
+        assert radius_in(read, "particles", Look()) == pytest.approx(0.5, rel=0.01)
 
 
 def hasten(batch):

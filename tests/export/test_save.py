@@ -139,7 +139,7 @@ def test_gltf_moves_as_the_recording_does(recording, tmp_path):
         assert points[:, 2].tolist() == 9 * [k]
 
 
-def test_surfaces_of_liquids(tmp_path):
+def test_surfaces_of_liquids(tmp_path, capsys):
     """A ball of particles that is larger in the second frame: its faces are others there."""
     pytest.importorskip("pysplashsurf", reason="pysplashsurf is not installed")
     pytest.importorskip("pxr", reason="usd-core is not installed")
@@ -160,6 +160,7 @@ def test_surfaces_of_liquids(tmp_path):
         assert substep.geometry.TriangleMesh(points.astype(float), faces).report().closed
         assert np.linalg.norm(points, axis=1).mean() == pytest.approx(radius, rel=0.1)
     assert main([*told, "--liquid", "drip=0.05"]) == 2
+    assert "liquids: expected one of drop; got 'drip'" in capsys.readouterr().err
     with pytest.raises(substep.InputError, match=r"liquids: \.csv files hold no surfaces"):
         save(tmp_path / "a.vtkhdf", tmp_path / "a.csv", liquids={"drop": 0.05})
 
@@ -211,7 +212,7 @@ def test_tables(recording, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".vtu"])
-def test_meshes(recording, tmp_path, suffix):
+def test_meshes(recording, tmp_path, suffix, capfd):
     meshio = pytest.importorskip("meshio", reason="meshio is not installed")
     paths = {p.name: p for p in save(recording, tmp_path / f"all{suffix}")}
     assert f"all-floor{suffix}" in paths and f"all-cloth-0002{suffix}" in paths
@@ -220,6 +221,11 @@ def test_meshes(recording, tmp_path, suffix):
     assert len(mesh.get_cells_type("triangle")) == 8
     if suffix != ".obj":  # which has no fields
         assert mesh.point_data["strain"] == pytest.approx(np.full(9, 0.2))
+    assert capfd.readouterr().err == ""  # where meshio warns
+    assert main(["export", str(recording), "--out", str(tmp_path / f"all{suffix}")]) == 0
+    lines = capfd.readouterr().out.splitlines()
+    told = [f"written: {len(paths)} files, "] if len(paths) > 4 else len(paths) * ["written: "]
+    assert all(line.startswith(begin) for line, begin in zip(lines, told, strict=True))
 
 
 @pytest.mark.parametrize("name", ["a.fbx", "a", "a.mp4"])

@@ -70,9 +70,23 @@ def test_what_is_wrong_is_named():
         (lambda: gauges({"a": (1, 2)}, 0.0), InputError, "radius"),
         (lambda: gauges({"a": (1, 2, 3)}, 0.1), InputError, "places.'a'.: expected x, or x and y"),
         (lambda: Logger(gauges({"a": (1,)}, 0.1))(water), InputError, "places.'a'.: expected 2"),
+        (lambda: Logger({"a b": lambda water: 0}), InputError, "got ' ' in 'a b'"),
+        (lambda: Logger({"a.": lambda water: 0}), InputError, "expected 1 to 64"),
+        (lambda: Logger({"..": lambda water: 0}), InputError, "expected 1 to 64"),
         (lambda: diagnostics(), InputError, "names"),
         (lambda: diagnostics(3), TypeError, "names"),
         (lambda: Logger(diagnostics("energi"))(water), InputError, "energi: expected one of"),
     ):
         with pytest.raises(error, match=told):
             call()
+
+
+def test_numbers_of_a_member_of_a_world(tmp_path):
+    bodies = substep.RigidBodies(step=1 / 60)
+    bodies.add(substep.Sphere(0.1), (0, 0, 10))
+    world = substep.World({"bodies": bodies})
+    log = Logger(diagnostics("bodies.kinetic_energy", "energy"))
+    world.advance(0.1, log)
+    assert log["bodies.kinetic_energy"][-1] == bodies.diagnostics()["kinetic_energy"]
+    log.to_csv(tmp_path / "log.csv")
+    assert (tmp_path / "log.csv").read_text().startswith("time,bodies.kinetic_energy,energy\n")

@@ -1,13 +1,15 @@
 """Data sets of MeshGraphNets: what meta.json declares is what the arrays are."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import substep
 from substep import InputError
 from substep.cli import main
-from substep.sweeps import write_meshgraphnets
+from substep.sweeps import write_gns, write_meshgraphnets
+from substep.sweeps.training import _split_by_seed
 
 pytest.importorskip("distributed", reason="Dask is not installed")
 
@@ -54,6 +56,40 @@ def test_cloth_and_the_obstacle_below_it(tmp_path, capsys):
         of_cloth = (arrays["cells"][0] < n).all(axis=1)
         assert of_cloth.sum() == 2 * (runs[k].parameters["vertices"] - 1) ** 2
         assert (arrays["cells"][0][~of_cloth] >= n).all()
+
+
+def split_of(seeds, fractions=(0.8, 0.1, 0.1)):
+    runs = [SimpleNamespace(seed=seed) for seed in seeds]
+    sets = _split_by_seed(runs, np.array(fractions))
+    assert sorted(k for chosen in sets for k in chosen) == list(range(len(runs)))
+    owners = {
+        seed: {k for k, s in enumerate(sets) for i in s if seeds[i] == seed} for seed in seeds
+    }
+    if len(owners) > 1:
+        assert all(len(found) == 1 for found in owners.values())
+    return [len(chosen) for chosen in sets]
+
+
+def test_runs_of_one_seed_stay_together():
+    assert split_of([7, 8] * 3) == [3, 3, 0]
+    assert split_of([7, 8, 9] * 2) == [2, 2, 2]
+    assert split_of([0] * 4) == [2, 1, 1]  # of a single seed one by one
+    assert split_of([0]) == [1, 0, 0]
+    assert split_of(range(5)) == [3, 1, 1]
+    assert split_of(range(20)) == [16, 2, 2]
+    assert split_of(range(200)) == [160, 20, 20]
+    assert split_of(range(2), (0, 0.5, 0.5)) == [0, 1, 1]
+    assert split_of(range(3), (1, 0, 0)) == [3, 0, 0]
+
+
+def test_folders_that_stay_empty_are_told(tmp_path, capsys):
+    line = ["sweep", "cloth-hang", "--set", "vertices=6,8", "--set", "duration=0.1"]
+    line += ["--frames", "3", "--workers", "1", "--out", str(tmp_path / "a")]
+    assert main([*line, "--to", "meshgraphnets"]) == 0
+    assert "substep: warning: no run is left for test: there are 2" in capsys.readouterr().err
+    runs = substep.RunCollection(tmp_path / "a")
+    with pytest.warns(UserWarning, match="no run is left for test: there are 2"):
+        write_meshgraphnets(runs, tmp_path / "data")
 
 
 def test_what_is_held_and_what_is_solid(tmp_path):
@@ -109,6 +145,8 @@ def test_flows_have_types_of_their_sides_and_no_nodes_in_obstacles(tmp_path):
     (tmp_path / "channel.py").write_text(CHANNEL)
     runs = substep.sweep(str(tmp_path / "channel.py"), {}, tmp_path / "a", workers=1)
     folder = write_meshgraphnets(runs, tmp_path / "data", fractions=(1, 0, 0))
+    with pytest.raises(InputError, match=r"no parts of particles; .* --to meshgraphnets"):
+        write_gns(runs, tmp_path / "no")
     meta = json.loads((folder / "meta.json").read_text())
     assert meta["field_names"] == ["cells", "mesh_pos", "node_type", "velocity", "pressure"]
     assert meta["features"]["pressure"] == {

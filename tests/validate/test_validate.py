@@ -139,3 +139,23 @@ def test_wrong_arguments_are_refused(tmp_path):
         validate.write_page([case(2.0)], tmp_path / "page.html")
     with pytest.raises(OSError):
         validate.write_page(validate.run([case(2.0)]), tmp_path / "none" / "page.html")
+
+
+def test_the_page_says_what_was_left_out(tmp_path):
+    page = tmp_path / "page.html"
+    good = validate.cases("pbd")
+    given = [Outcome(c, c.low - 1 if c.control else c.figure, 0.1) for c in good]
+    validate.write_page(given, page)
+    text = page.read_text(encoding="utf-8")
+    assert "<p>All cases of these methods.</p>" in text
+    assert text.count("#c77700") == sum(c.control for c in good) > 0
+    assert '<th class="number">Reference</th>' in text and "<th>Case</th>" in text
+    quick = [outcome for outcome in given if outcome.case.quick]
+    validate.write_page(quick, page)
+    left = len(given) - len(quick)
+    told = f"Not all cases of these methods: as with --quick, {left} are left out."
+    assert (told if left else "All cases") in page.read_text(encoding="utf-8")
+    validate.write_page(given[:1], page)
+    assert "Not all cases of these methods:" in page.read_text(encoding="utf-8")
+    validate.write_page([Outcome(case(2.0), 2.0, 0.1)], page)
+    assert "not among those of substep validate" in page.read_text(encoding="utf-8")

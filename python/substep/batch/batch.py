@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+_FAR = float(np.sqrt(np.finfo(np.float32).max))  # whose square pictures, in float32, can hold
 _LAST = 3  # steps of a duration whose sizes may differ from that of the others
 _SUMS = (
     *("count", "mass", "kinetic_energy", "gravitational_energy", "elastic_energy", "energy"),
@@ -358,17 +359,18 @@ class Batch(BatchRows):
         return one
 
     def diagnostics(self) -> dict[str, float]:
-        """Sums over all worlds.
+        """Sums over all worlds that have not failed.
 
         Returns
         -------
         dict of str to float
-            `worlds`; `failed`, how many of them; of all together those of `count`, `mass`,
-            energies and momenta that the class has.
+            `worlds`, how many there are; `failed`, how many of them have stopped; of the others
+            together those of `count`, `mass`, energies and momenta that the class has.
         """
         each = self.world_diagnostics()
-        sums = {name: float(np.nansum(each[name])) for name in _SUMS if name in each}
-        failed = sum(bool(reason) for reason in self.failures)
+        going = ~np.array([bool(reason) for reason in self.failures])
+        sums = {name: float(np.nansum(each[name][going])) for name in _SUMS if name in each}
+        failed = len(self) - np.count_nonzero(going)
         return {"worlds": float(len(self)), "failed": float(failed), **sums}
 
     def world_diagnostics(self) -> dict[str, Array]:
@@ -402,12 +404,13 @@ class Batch(BatchRows):
         -------
         dict of str to (ndarray, str)
             `position`, `velocity` and `world`. A world that has stopped with numbers that are not
-            finite is left out.
+            finite, or too large for a picture (above 1.8e19), is left out.
         """
         present = np.arange(self.counts.max()) < self.counts[:, None]
         x, v = self.positions, self.velocities
         for w in np.flatnonzero([bool(reason) for reason in self.failures]):
-            present[w] &= np.isfinite([x[w, present[w]], v[w, present[w]]]).all()
+            rows = np.abs([x[w, present[w]], v[w, present[w]]])
+            present[w] &= bool((rows <= _FAR).all())  # false of NaN
         return {
             "position": (x[present], "m"),
             "velocity": (v[present], "m/s"),

@@ -6,6 +6,7 @@ import math
 import os
 import secrets
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from ..errors import InputError
 from ..recording import Part, Recording
 
 _CELLS = {"triangles": "triangle", "edges": "line", "tetrahedra": "tetra"}
+_OF = {".obj": ("triangles",), ".ply": ("triangles", "edges")}  # the other suffixes have all
 
 
 def write_meshes(recording: Recording, out: Path) -> list[Path]:
@@ -32,6 +34,8 @@ def write_meshes(recording: Recording, out: Path) -> list[Path]:
             points = columns.pop("points").astype(np.float64)
             points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))  # z = 0
             fields = {} if obj else _plain(columns)
+            if out.suffix.lower() == ".ply":  # which has no vectors
+                fields = {key: values for key, values in fields.items() if values.ndim == 1}
             mesh = meshio.Mesh(points, _cells(part, len(points), out.suffix.lower()), fields)
             number = f"-{k:04d}" if part.points is None else ""
             path = out.with_name(f"{out.stem}-{name}{number}{out.suffix}")
@@ -50,11 +54,12 @@ def write_meshes(recording: Recording, out: Path) -> list[Path]:
     return written
 
 
-def _cells(part: Part, count: int, suffix: str) -> list[tuple[str, NDArray[np.int64]]]:
-    cells = [
-        (_CELLS[key], np.asarray(array, np.int64))
+def _cells(part: Part, count: int, suffix: str) -> list[tuple[str, NDArray[np.generic]]]:
+    number: Any = np.int32 if suffix == ".ply" else np.int64  # the most that it has
+    cells: list[tuple[str, NDArray[np.generic]]] = [
+        (_CELLS[key], np.asarray(array, number))
         for key, array in part.constants().items()
-        if key in _CELLS and (suffix != ".obj" or key == "triangles")
+        if key in _OF.get(suffix, _CELLS)
     ]
     if not cells and suffix == ".vtu":
         cells = [("vertex", np.arange(count)[:, None])]

@@ -134,8 +134,9 @@ def save(
         check_not_itself(target, opened.path)
         if not len(opened):
             raise InputError(f"{opened.path}: has no frames")
+        particles = [name for name, part in opened.parts.items() if part.kind == "particles"]
         for name in radii:
-            check_name("liquids", name, opened.parts)
+            check_name("liquids", name, opened.parts if name in opened.parts else particles)
             if (kind := opened.parts[name].kind) != "particles":
                 raise InputError(f"liquids: expected parts of particles, but {name} is of {kind}")
         return write(opened, target, radii) if radii else write(opened, target)

@@ -96,7 +96,8 @@ def widths_of(recording: Recording) -> dict[str, float]:
         for k in range(len(recording)) if part.kind == "particles" else ():
             points = recording[name].points(k)
             if len(points) > 1:
-                widths[name] = 2 * radius_of(to_space(points))
+                worlds = recording[name].field("world", k) if "world" in part.fields else None
+                widths[name] = 2 * radius_of(to_space(points), worlds)
                 break
     return widths
 
@@ -161,7 +162,7 @@ class _Points:
         points = columns.pop("points")
         self._points.GetPointsAttr().Set(_vectors(points), code)
         if self._width is None and len(points) > 1:
-            self.set_width(2 * radius_of(to_space(points)))
+            self.set_width(2 * radius_of(to_space(points), columns.get("world")))
         _set_extent(self._points, points, self._width, code)
         ids = columns.pop("id", None)
         if ids is not None and ids.ndim == 1:

@@ -39,7 +39,7 @@ class Logger(Owned):
     ----------
     quantities : mapping of str to callable
         `quantity(simulation)` gives a number, or an array that always has the same shape. Names
-        are letters, digits, `_` and `-`.
+        are letters, digits, `_`, `-` and, between them, `.`.
     every : float, optional
         Time from one sample to the next [s]; each call is one unless given. Samples are taken at
         the first step that ends then or later.
@@ -306,7 +306,8 @@ def _check_quantities(quantities: Any) -> dict[str, Callable[[Any], Any]]:
     if not quantities:
         raise InputError("quantities: expected at least one")
     for name, quantity in quantities.items():
-        check_name("quantities", name)
+        for piece in name.split(".") if isinstance(name, str) and name else [name]:
+            check_name("quantities", piece)  # with dots as those of a `World`, NAME.KEY
         if name == "time":
             raise InputError("quantities: 'time' is the time of the samples")
         check_callable(f"quantities[{name!r}]", quantity)

@@ -30,6 +30,10 @@ def check_name(what: str, name: Any) -> str:
     """A name that is safe in a file, in a path and in HDF5, and free."""
     if not isinstance(name, str):
         raise TypeError(f"{what}: expected a string, got {describe(name)}")
+    if wrong := re.search(r"[^A-Za-z0-9_-]", name):
+        raise InputError(
+            f"{what}: expected letters, digits, '_' or '-', got {wrong[0]!r} in {describe(name)}"
+        )
     if not _NAME.fullmatch(name) or _DEVICES.fullmatch(name) or name in _RESERVED:
         raise InputError(
             f"{what}: expected 1 to 64 letters, digits, '_' or '-', first a letter or '_', and "

@@ -185,6 +185,12 @@ class _Checker:
             checked, needed = self.table(row, rules, table), ["file"]
         elif table == "cloth":
             shape: dict[str, Rule] = PLACED if "file" in row else {"size": Vector(2)}
+            for other, keys in CLOTH.items():
+                for key in (keys.keys() - CLOTH[method].keys()) & row.keys():
+                    own = f"{method} has {', '.join(CLOTH[method])}"
+                    raise InputError(
+                        f"{self._layout.where(key, table)}: is of cloth of {other}; {own}"
+                    )
             rules = {**shape, **CLOTH[method], **HELD, "position": Vector(3)}
             checked = self.table(row, {**rules, "rotation_deg": PLACE["rotation_deg"]}, table)
             needed = [*([] if "file" in row else ["size"]), "density"]

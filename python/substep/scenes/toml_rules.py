@@ -34,7 +34,8 @@ class Vector:
         least = None if self.most is None else -self.most
         number = Parameter("", kind=float, minimum=least, maximum=self.most)
         if not isinstance(value, list) or len(value) != self.count:
-            raise InputError(f"{where}: expected {self.count} numbers, got {shorten(value)}")
+            got = f"{len(value)}: " if isinstance(value, list) else ""
+            raise InputError(f"{where}: expected {self.count} numbers, got {got}{shorten(value)}")
         return tuple(float(number.check(where, x)) for x in value)  # type: ignore[arg-type]
 
 

@@ -66,7 +66,9 @@ def write_gns(
     material : str, optional
         Parameter of the sweep whose values the network shall know as a property of the particles.
     fractions : sequence of float
-        Parts of the seeds for training, validation and test.
+        Parts of the seeds for training, validation and test, or of the runs if all have one seed.
+        Each part above 0 gets one at least, in this order, where there are enough; UserWarning
+        names those that stay empty.
 
     Returns
     -------
@@ -155,6 +157,11 @@ def write_gns(
 def _read(recording: Recording, run: int, part: str | None) -> tuple[NDArray[Any], int]:
     """Positions of shape (frames, n, dim) [m], and dim."""
     names = [name for name, one in recording.parts.items() if one.kind == "particles"]
+    if part is None and not names:
+        kinds = {one.kind for one in recording.parts.values()}
+        hint = "; write meshes and grids with --to meshgraphnets, or write_meshgraphnets"
+        told = hint if kinds & {"mesh", "grid"} else ""
+        raise InputError(f"part: the recordings have no parts of particles{told}")
     chosen = recording[chosen_part(part, names, "parts of particles")]
     frames = [np.array(chosen.points(k), np.float64) for k in range(len(recording))]
     if len({len(points) for points in frames}) > 1:

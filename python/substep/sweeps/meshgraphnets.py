@@ -65,7 +65,9 @@ def write_meshgraphnets(
     part : str, optional
         Part of the recordings that is the body or the flow, where there are several.
     fractions : sequence of float
-        Parts of the seeds for training, validation and test.
+        Parts of the seeds for training, validation and test, or of the runs if all have one seed.
+        Each part above 0 gets one at least, in this order, where there are enough; UserWarning
+        names those that stay empty.
 
     Returns
     -------

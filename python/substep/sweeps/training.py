@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -27,7 +28,7 @@ def read_runs(
     runs : RunCollection
         Of a scene.
     fractions : sequence of float
-        Parts of the seeds for training, validation and test.
+        Parts of the seeds for training, validation and test, see `_split_by_seed`.
     read : callable
         ``read(recording, index)`` gives what is wanted of a run, and its width, which is the same
         in all.
@@ -69,7 +70,12 @@ def read_runs(
         intervals.append(float(steps.mean()))
         if width != widths[0] or abs(intervals[-1] - intervals[0]) > 1e-6 * intervals[0]:
             raise InputError(f"runs: run {run.index} has {other} or another frame rate")
-    return done, found, intervals[0], _split_by_seed(done, shares)
+    sets = _split_by_seed(done, shares)
+    wanted = zip(SPLITS, sets, shares, strict=True)
+    if empty := [name for name, chosen, share in wanted if share > 0 and not chosen]:
+        told = f"no run is left for {' and '.join(empty)}: {_counted(done)}"
+        warnings.warn(told, UserWarning, stacklevel=3)
+    return done, found, intervals[0], sets
 
 
 def chosen_part(part: str | None, names: list[str], kind: str) -> str:
@@ -93,10 +99,24 @@ def _done(runs: Any) -> list[Run]:
     return done
 
 
+def _counted(runs: list[Run]) -> str:
+    seeds = len({run.seed for run in runs})
+    return f"the runs have {seeds} seeds" if seeds > 1 else f"there are {len(runs)}"
+
+
 def _split_by_seed(runs: list[Run], shares: NDArray[Any]) -> list[list[int]]:
-    """Numbers of the runs of each set: those of a seed together, if there are three seeds."""
+    """Numbers of the runs of each set: those of a seed together, of a single seed one by one.
+
+    Each set of which the share is not 0 has one seed at least, as far as they go round.
+    """
     seeds = [run.seed for run in runs]
-    keys = seeds if len(set(seeds)) >= 3 else list(range(len(seeds)))
+    keys = seeds if len(set(seeds)) > 1 else list(range(len(seeds)))
     order = np.random.default_rng(0).permutation(np.unique(keys))
-    ends = np.round(np.cumsum(shares) * len(order)).astype(int)
+    counts = np.diff(np.round(np.cumsum(shares) * len(order)).astype(int), prepend=0)
+    for k in np.flatnonzero((counts == 0) & (shares > 0)):
+        largest = int(np.argmax(counts))
+        if counts[largest] > 1:
+            counts[k] += 1
+            counts[largest] -= 1
+    ends = np.cumsum(counts)
     return [[k for k, key in enumerate(keys) if key in part] for part in np.split(order, ends[:2])]

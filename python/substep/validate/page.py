@@ -15,11 +15,13 @@ from ..base.replacing import replace_file
 from ..config import num_threads
 from ..errors import InputError
 from .case import Case, Outcome
+from .catalogue import CASES
 
 _STYLE = """
 body { font: 15px/1.4 system-ui, sans-serif; margin: 2em auto; max-width: 75em; color: #222 }
 table { border-collapse: collapse; width: 100%; margin-bottom: 2em }
 th, td { text-align: left; padding: .3em .6em; border-bottom: 1px solid #ddd; vertical-align: top }
+th.number { text-align: right }
 td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap }
 tr.failed td { background: #fde8e8 }
 .source { color: #667; font-size: 13px }
@@ -75,8 +77,9 @@ def _page(outcomes: list[Outcome]) -> str:
         f" in all. Version {_text(__version__)}, level {_text(_core.level)}, {num_threads()} "
         f"threads, Python {_text(platform.python_version())}; "
         f"{datetime.now(timezone.utc):%Y-%m-%d %H:%M} UTC.</p>",
-        "<p>The bar is the band around the figure, the dot what was measured. A control is set up "
-        "wrongly, so that its dot must lie outside.</p>",
+        f"<p>{_extent(outcomes)}</p>",
+        "<p>The bar is the band around the reference, the dot what was measured. A control is set "
+        "up wrongly, so that its dot, an orange one, must lie outside.</p>",
     ]
     if failed:
         items = "".join(f"<li>{_text(o.case.method)}: {_text(o.case.name)}</li>" for o in failed)
@@ -85,7 +88,7 @@ def _page(outcomes: list[Outcome]) -> str:
         rows = [_row(outcome) for outcome in outcomes if outcome.case.method == method]
         parts += [
             f"<h2>{_text(method)}</h2><table><thead><tr>",
-            *(f"<th>{head}</th>" for head in _HEADS),
+            *(f"<th{_RIGHT * (head in _NUMBERS)}>{head}</th>" for head in _HEADS),
             "</tr></thead><tbody>",
             *rows,
             "</tbody></table>",
@@ -93,7 +96,21 @@ def _page(outcomes: list[Outcome]) -> str:
     return "\n".join([*parts, "</body></html>", ""])
 
 
-_HEADS = ("Case", "Figure", "Band", "Measured", "Error", "", "Time", "Verdict")
+_HEADS = ("Case", "Reference", "Band", "Measured", "Error", "", "Time", "Verdict")
+_RIGHT = ' class="number"'
+_NUMBERS = ("Reference", "Band", "Measured", "Error", "Time")
+
+
+def _extent(outcomes: list[Outcome]) -> str:
+    """Whether that is all that there is to measure of these methods, or less."""
+    ran = [outcome.case for outcome in outcomes]
+    if any(case not in CASES for case in ran):
+        return "Some of these cases are not among those of substep validate."
+    known = [case for case in CASES if case.method in {case.method for case in ran}]
+    if left := sum(case not in ran for case in known):
+        quick = " as with --quick," if all(case.quick for case in ran) else ""
+        return f"Not all cases of these methods:{quick} {left} are left out."
+    return "All cases of these methods."
 
 
 def verdict(outcome: Outcome) -> str:
@@ -146,7 +163,8 @@ def _picture(outcome: Outcome) -> str:
     if outcome.measured is not None:
         place = (outcome.measured - case.low) / (case.high - case.low)
         x = _WIDTH * min(max(0.25 + place / 2, 0.04), 0.96)
-        color = "#27733a" if outcome.passed else "#b3261e"
+        met = "#c77700" if case.control else "#27733a"
+        color = met if outcome.passed else "#b3261e"
         parts.append(f'<circle cx="{x:.1f}" cy="8" r="4" fill="{color}"/>')
     return f"<svg {shape}>{''.join(parts)}</svg>"
 

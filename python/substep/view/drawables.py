@@ -190,7 +190,7 @@ class Scenery:
         if part.edges is not None:
             return replace(one, kind="lines", rows=np.asarray(part.edges))
         if one.name not in self._radii and len(one.points):
-            self._radii[one.name] = radius_of(one.points)
+            self._radii[one.name] = radius_of(one.points, one.fields.get("world"))
         return replace(one, radius=self._radii.get(one.name, 0.05))
 
     def _of_bodies(self, name: str, member: Any, worlds: list[RigidBodies]) -> list[Drawable]:

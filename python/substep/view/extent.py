@@ -27,8 +27,13 @@ def posed(part: Part, arrays: Mapping[str, Any]) -> NDArray[np.float32]:
     return in_space(in_space(x) + rotate(np.asarray(q, float), np.asarray(part.shape_vertices)))
 
 
-def radius_of(points: NDArray[Any]) -> float:
-    """Half the median distance to the nearest point, of a sample."""
+def radius_of(points: NDArray[Any], worlds: Any = None) -> float:
+    """Half the median distance to the nearest point, of a sample.
+
+    Of points of several worlds, which lie on each other, those of the first world alone.
+    """
+    if worlds is not None and len(points):
+        points = points[np.ravel(worlds) == np.ravel(worlds)[0]]
     if len(points) < 2:
         return 0.05
     some = points[:: max(1, len(points) // 20_000)]
@@ -52,7 +57,8 @@ def radius_in(recording: Recording, name: str, look: Look) -> float:
     for frame in _frames_looked_at(recording):
         points = in_space(recording[name].points(frame))
         if len(points):
-            return radius_of(points)
+            named = "world" in part.fields
+            return radius_of(points, recording[name].field("world", frame) if named else None)
     return 0.05
 
 
