@@ -168,12 +168,14 @@ void BodyRows::turn(const Bodies& bodies, std::int32_t r, double h, FreeRotation
 }
 
 std::int64_t BodyRows::first_not_finite(const Bodies& bodies) const {
+  constexpr double kMost = 1e300;  // of squares: with those of forces they are finite, too
   for (std::size_t k = 1; k < body_of.size(); ++k) {
     const auto square = [](const Point<double>& p) { return from_row(p).squaredNorm(); };
     const double sum = square(velocity[k].linear) + square(velocity[k].angular) +
                        square(displacement[k].linear) + square(displacement[k].angular) +
+                       velocity_of(static_cast<std::int32_t>(k)).squaredNorm() +
                        bodies.position(body_of[k]).squaredNorm();
-    if (!std::isfinite(sum)) return body_of[k];
+    if (!(sum < kMost)) return body_of[k];
   }
   return -1;
 }
