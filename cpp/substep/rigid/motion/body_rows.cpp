@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "substep/core/parallel.h"
 #include "substep/core/point_lanes.h"
@@ -168,7 +169,8 @@ void BodyRows::turn(const Bodies& bodies, std::int32_t r, double h, FreeRotation
 }
 
 std::int64_t BodyRows::first_not_finite(const Bodies& bodies) const {
-  constexpr double kMost = 1e300;  // of squares: with those of forces they are finite, too
+  // Of squares: the sum of those of the state, with those of forces, is finite.
+  constexpr double kMost = 0.25 * std::numeric_limits<double>::max();
   for (std::size_t k = 1; k < body_of.size(); ++k) {
     const auto square = [](const Point<double>& p) { return from_row(p).squaredNorm(); };
     const double sum = square(velocity[k].linear) + square(velocity[k].angular) +
