@@ -416,3 +416,20 @@ def test_folder_that_cannot_be_made(capsys, folder):
     (folder / "file").write_text("")
     code, out, err = call(capsys, "run", TOY, "--no-picture", "--out", "file/run")
     assert (code, out) == (2, "") and "file/run" in err and "Not a directory" in err
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        (["run", "kepler", "--out", ""], "expected the name of a folder, got none"),
+        (["sweep", "kepler", "--out", ""], "expected the name of a folder, got none"),
+        (["render", "x", "--out", ""], "expected the name of a file, got none"),
+        (["export", "x", "--out", "a.npz/"], "expected the name of a file, got a folder"),
+        (["validate", "--out", "a.html/"], "expected the name of a file, got a folder"),
+    ],
+)
+def test_outputs_have_names(tmp_path, monkeypatch, capsys, line, told):
+    monkeypatch.chdir(tmp_path)
+    assert main(line) == 2
+    assert f"--out: {told}" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

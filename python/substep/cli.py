@@ -65,6 +65,19 @@ class _Parser(argparse.ArgumentParser):
             self.error(f"{told} {str(value)[:60]!r}: {hint}known: {', '.join(known)}")
 
 
+def _folder_name(text: str) -> str:
+    if not text:
+        raise argparse.ArgumentTypeError("expected the name of a folder, got none")
+    return text
+
+
+def _file_name(text: str) -> Path:
+    if not os.path.basename(text):
+        told = "a folder" if text else "none"
+        raise argparse.ArgumentTypeError(f"expected the name of a file, got {told}")
+    return Path(text)
+
+
 def _parser() -> _Parser:
     from . import __version__  # loads the core
 
@@ -100,7 +113,7 @@ def _parser() -> _Parser:
     run.add_argument("--fps", metavar="F", help="frames per unit of the scene's time")
     run.add_argument("--seed", metavar="N", help="seed of random numbers (0)")
     run.add_argument("--threads", metavar="N", help="threads of native loops (all cores)")
-    run.add_argument("--out", metavar="DIR", help="output folder (runs/SCENE)")
+    run.add_argument("--out", type=_folder_name, metavar="DIR", help="output folder (runs/SCENE)")
     drawn = run.add_mutually_exclusive_group()
     drawn.add_argument("--no-picture", action="store_true", help="leave the picture out")
     drawn.add_argument("--movie", action="store_true", help="make a movie too (MP4, 25 frames/s)")
@@ -124,7 +137,9 @@ def _parser() -> _Parser:
     sweep.add_argument("--fps", metavar="F", help="frames per unit of the scene's time")
     sweep.add_argument("--workers", metavar="N", help="processes (all cores)")
     sweep.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler that runs it instead")
-    sweep.add_argument("--out", metavar="DIR", help="output folder (sweeps/SCENE)")
+    sweep.add_argument(
+        "--out", type=_folder_name, metavar="DIR", help="output folder (sweeps/SCENE)"
+    )
     sweep.add_argument(
         "--to",
         choices=["gns", "meshgraphnets"],
@@ -145,7 +160,7 @@ def _parser() -> _Parser:
     render = command("render", "draw a recording as a picture (PNG) or a movie (MP4)")
     render.add_argument("file", type=Path, metavar="FILE")
     render.add_argument(
-        "--out", type=Path, metavar="FILE.png|FILE.mp4", help="beside FILE unless given"
+        "--out", type=_file_name, metavar="FILE.png|FILE.mp4", help="beside FILE unless given"
     )
     render.add_argument("--frame", metavar="I", help="frame of the picture, from 0; -1 is the last")
     render.add_argument("--fps", metavar="F", help="frames per second of the movie (25)")
@@ -172,7 +187,7 @@ def _parser() -> _Parser:
     export.add_argument("file", type=Path, metavar="FILE")
     export.add_argument(
         "--out",
-        type=Path,
+        type=_file_name,
         metavar="FILE.SUFFIX",
         help="vtkhdf (beside FILE unless given), usd, usda, abc, glb, vdb, html, npz, csv, ply, "
         "obj or vtu",
@@ -190,7 +205,11 @@ def _parser() -> _Parser:
     validate.add_argument("--quick", action="store_true", help="only what takes seconds")
     validate.add_argument("--method", metavar="METHOD", help="only that of one method")
     validate.add_argument(
-        "--out", type=Path, default=Path("validation.html"), metavar="FILE.html", help="the page"
+        "--out",
+        type=_file_name,
+        default=Path("validation.html"),
+        metavar="FILE.html",
+        help="the page",
     )
     validate.set_defaults(action=_validate)
 

@@ -23,12 +23,11 @@ from .base.checks import (
     check_callable,
     check_choice,
     check_integer,
-    check_path,
     check_real,
     describe,
 )
 from .base.imports import needs
-from .base.replacing import check_folder
+from .base.replacing import check_file_name, check_folder
 from .errors import InputError
 from .recording import Recording
 from .recording.files import check_not_itself
@@ -214,7 +213,7 @@ def save_picture(
     'gyre.png'
     """
     matplotlib = _matplotlib()
-    out, size = Path(check_path(out)), _check_size(size)
+    out, size = Path(check_file_name(out, "out")), _check_size(size)
     _check_source(source)
     engine, samples = _check_engine(engine, samples)
     with _recorded(source, out) as recording, matplotlib.rc_context(STYLE):
@@ -306,7 +305,7 @@ def save_movie(
     """
     matplotlib = _matplotlib()
     find_ffmpeg()
-    out = Path(check_path(out))
+    out = Path(check_file_name(out, "out"))
     if out.suffix.lower() != ".mp4":
         raise InputError(f"out: expected a file ending in .mp4, got {describe(str(out))}")
     fps = check_real("fps", fps)

@@ -452,6 +452,24 @@ def test_systems_overflow_quietly():
     ).all()
 
 
+@pytest.mark.parametrize("name", ["force", "impulse"])
+def test_pushes_add_up_within_bounds(name):
+    simulation = balls()
+    push = getattr(simulation, f"apply_{name}")
+    push(0, (2e153, 0, 0))
+    before = content(simulation)
+    for ids, given, point in (
+        (0, (1e306, 0, 0), None),
+        (0, (2e153, 0, 0), None),
+        ([1, 1], (2e153, 0, 0), None),
+        (1, (1e100, 0, 0), (0, 1e100, 0)),
+    ):
+        with pytest.raises(InputError, match=f"{name}: expected numbers of a size"):
+            push(ids, given, point)
+        assert content(simulation) == before
+    simulation.restore(simulation.state())
+
+
 @pytest.mark.parametrize("batch", [False, True])
 def test_bodies_have_bounds(batch):
     """What is set can be squared: kept, restored and stepped."""
@@ -459,7 +477,7 @@ def test_bodies_have_bounds(batch):
     def world():
         return substep.RigidBatch(balls(), 2) if batch else balls()
 
-    for name in ("positions", "velocities", "angular_velocities"):
+    for name in ("positions", "velocities", "angular_velocities", "forces", "torques"):
         simulation = world()
         before = content(simulation)
         for wrong in (1e308, 1e155):
@@ -468,6 +486,10 @@ def test_bodies_have_bounds(batch):
         assert content(simulation) == before
         getattr(simulation, f"set_{name}")(np.where(P, 1e150, 0))
         simulation.restore(simulation.state())
+    simulation = world()
+    for name in ("positions", "velocities", "angular_velocities", "forces", "torques"):
+        getattr(simulation, f"set_{name}")(np.where(P == 1, 7e152, 0))  # all of them together
+    simulation.restore(simulation.state())
     with pytest.raises(InputError, match="velocities"):
         if batch:
             substep.RigidBatch(balls(), 2, velocities=HUGE)
@@ -554,6 +576,44 @@ def test_checkpoints_replace_files_alone(tmp_path):
         with pytest.raises(OSError, match="to replace"):
             points().save(path)
     assert os.listdir(tmp_path) == ["pipe"] and (tmp_path / "pipe").is_fifo()
+
+
+def test_a_path_that_ends_in_a_slash_replaces_no_file(tmp_path):
+    (tmp_path / "file").write_text("of the user")
+    (tmp_path / "folder").mkdir()
+    recording = recorded(tmp_path / "run")
+    logger = substep.Logger({"when": lambda s: s.time})
+    logger(points())
+    for name in ("file/", "folder/"):
+        path = f"{tmp_path}/{name}"
+        for write in (
+            points().save,
+            logger.to_csv,
+            logger.plot,
+            recording.to_html,
+            lambda out: substep.export.save(recording.path, out),
+            lambda out: substep.export.pack(recording.path, out),
+            lambda out: substep.render.save_picture(recording.path, out),
+            lambda out: substep.Recorder(out, parts={"p": substep.Part()}),
+        ):
+            with pytest.raises(InputError, match=": expected the name of a file, got a folder"):
+                write(path)
+    recording.close()
+    assert (tmp_path / "file").read_text() == "of the user"
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["file", "folder", "run"]
+
+
+def recorded(path):
+    with substep.Recorder(path, parts={"p": substep.Part()}) as recorder:
+        recorder.append(0.0, {"p": {"points": np.zeros((1, 3))}})
+    return substep.Recording(path)
+
+
+def test_pipes_are_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for read in (substep.Recording, points().load):
+        with pytest.raises(substep.FormatError, match="pipe: expected a file, got a pipe"):
+            read(tmp_path / "pipe")
 
 
 @pytest.mark.parametrize("path", ["", "a\0b", 3, None])

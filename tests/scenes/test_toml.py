@@ -246,6 +246,7 @@ def test_a_mesh_is_read_from_beside_the_file(folder):
         (RAFT, 'name = "raft"', 'name = "A raft"', "2:1: name: name: expected at most 64"),
         (JELLY, 'class = "Sand"', 'class = "Sandy"', "15:1: class: expected one of FixedCorotated"),
         (JELLY, "poisson_ratio = 0.3", "poisson = 0.3", "12:1: poisson: unknown key of material"),
+        (JELLY, "young_modulus = 2e4\n", "", "7:1: young_modulus: material needs it"),
         (JELLY, 'material = "soft"', 'material = "sft"', "20:1: material: no such material; did"),
         (JELLY, 'material = "soft"\n', "", "material: expected one of soft, Sand"),
         (JELLY, "[[obstacle]]", "[[body]]", "a body is no plane; make it an obstacle"),

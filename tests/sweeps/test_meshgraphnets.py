@@ -181,6 +181,92 @@ def test_flows_have_types_of_their_sides_and_no_nodes_in_obstacles(tmp_path):
     assert not (tmp_path / "no").exists()
 
 
+PAIR = """
+import substep
+from substep.scenes import Parameter, Scene
+
+
+def flow(x, colliders=()):
+    return substep.GridFlow(
+        [(x, 0), (x + 2, 1)], 0.25, viscosity=0.1, velocity=(1.0, 0.0), largest_step=0.05,
+        sides=[(substep.gridfluid.Inflow((1.0, 0.0)), "open"), "wall"], colliders=colliders,
+    )
+
+
+def build(parameters, seed):
+    bodies = substep.RigidBodies(gravity=(0, 0, 0))
+    motion = "kinematic" if parameters["moves"] else "static"
+    ball = bodies.add(substep.Sphere(0.3), (0.6, 0.5, 0), motion=motion)
+    left = flow(0.0, bodies.make_colliders(ball))
+    return substep.World({"bodies": bodies, "left": left, "right": flow(5.0)})
+
+
+duration, moves = Parameter("time", 0.2, unit="s", above=0), Parameter("whether it moves", 0.0)
+SCENE = Scene("pair", "Two.", {"duration": duration, "moves": moves}, build, frames=3)
+"""
+
+
+def test_a_flow_of_a_world_is_the_member_of_its_name(tmp_path):
+    scene, end = tmp_path / "pair.py", {"fractions": (1, 0, 0)}
+    scene.write_text(PAIR)
+    runs = substep.sweep(str(scene), {}, tmp_path / "a", workers=1)
+    found = {}
+    for part in ("left", "right"):
+        folder = write_meshgraphnets(runs, tmp_path / part, part=part, **end)
+        meta = json.loads((folder / "meta.json").read_text())
+        (found[part],) = trajectories(folder, "train", meta).values()
+    assert found["left"]["mesh_pos"].shape[1] < found["right"]["mesh_pos"].shape[1] == 8 * 4
+    assert found["left"]["mesh_pos"].min() < 1 and found["right"]["mesh_pos"][..., 0].min() > 5
+    with pytest.raises(InputError, match="part: expected one of left, right; got 'wool'"):
+        write_meshgraphnets(runs, tmp_path / "no", part="wool", **end)
+    moving = substep.sweep(str(scene), {"moves": 1.0}, tmp_path / "b", workers=1)
+    with pytest.raises(InputError, match="part: left has obstacles that move"):  # not yet, though
+        write_meshgraphnets(moving, tmp_path / "no", part="left", **end)
+    write_meshgraphnets(moving, tmp_path / "right", part="right", **end)
+    scene.write_text(PAIR.replace("(x, 0), (x + 2, 1)", "(x - 1, 0), (x + 1, 1)"))
+    with pytest.raises(InputError, match="part: right was recorded in cells that the scene no lon"):
+        write_meshgraphnets(runs, tmp_path / "no", part="right", **end)
+    assert not (tmp_path / "no").exists()
+
+
+FIELDS = """
+
+
+def chosen(simulation):
+    names = ("velocity", "pressure") if simulation.viscosity < 0.15 else ("velocity",)
+    return {name: simulation.fields()[name] for name in names}
+
+
+def parts(simulation):
+    units = {name: unit for name, (_, unit) in chosen(simulation).items()}
+    bounds, cell = simulation.bounds, simulation.cell
+    return {"air": substep.Part("grid", units, bounds=bounds, cell=cell)}
+
+
+def frame(simulation):
+    return {"air": {name: values for name, (values, _) in chosen(simulation).items()}}
+
+
+given = {"duration": duration, "viscosity": Parameter("viscosity", 0.1)}
+SCENE = Scene("channel", "A channel.", given, build, frames=5, parts=parts, frame=frame)
+"""
+
+
+@pytest.mark.parametrize("viscosities", [[0.1, 0.2], [0.2, 0.1]])
+def test_runs_of_other_fields_are_refused_by_number(tmp_path, viscosities):
+    text = CHANNEL.replace("viscosity=0.1", 'viscosity=parameters["viscosity"]') + FIELDS
+    (tmp_path / "channel.py").write_text(text.replace('parameters["moves"]', "0"))
+    values = {"viscosity": viscosities}
+    runs = substep.sweep(str(tmp_path / "channel.py"), values, tmp_path / "a", workers=1)
+    assert not runs.failed
+    with pytest.raises(InputError, match=r"runs: run 1 has velocity.*, but run 0 has velocity"):
+        write_meshgraphnets(runs, tmp_path / "no")
+    for write in (write_meshgraphnets, write_gns):
+        with pytest.raises(TypeError, match="out: expected a file name, got 3"):
+            write(runs, 3)
+    assert not (tmp_path / "no").exists()
+
+
 def test_options_of_the_other_set_are_refused_before_anything_runs(tmp_path, capsys):
     line = ["sweep", "cloth-hang", "--out", str(tmp_path / "x"), "--bounds=0,0,1,1"]
     for to in ([], ["--to", "meshgraphnets"]):

@@ -77,6 +77,8 @@ def test_data_set_for_graph_network_simulators(walkers, tmp_path):
         write_gns(walkers, tmp_path / "no", part=np.array(["particles"]))
     with pytest.raises(substep.InputError, match="material: expected one of"):
         write_gns(walkers, tmp_path / "no", material=[])
+    with pytest.raises(substep.InputError, match=r"bounds: expected smaller .* of run 3 differ in"):
+        write_gns(walkers, tmp_path / "no", bounds=[[-1e12] * 2, [1e12] * 2])
     for bounds in ([[0, 0], [1e-320, 1e-320]], [[-1e308] * 2, [1e308] * 2], [[50, 50], [60, 60]]):
         with pytest.raises(substep.InputError, match="bounds: "):
             write_gns(walkers, tmp_path / "no", bounds=bounds)

@@ -276,6 +276,41 @@ def test_a_packed_recording_that_is_resumed_is_followed(tmp_path):
             assert viewer._frame.max == viewer._frame.value == 1
 
 
+def test_frames_that_another_thread_took_in_are_followed(tmp_path):
+    pytest.importorskip("viser", reason="viser is not installed")
+    path, parts = tmp_path / "a.vtkhdf", {"p": substep.Part()}
+    with substep.Recorder(path, parts=parts) as recorder:
+        recorder.append(0.0, {"p": {"points": [[0.0, 0, 0]]}})
+        with substep.Recording(path) as recording:
+            with substep.show(recording, open_browser=False, wait=False) as viewer:
+                recorder.append(1.0, {"p": {"points": [[0.0, 0, 1]]}})
+                assert recording.refresh() == 2
+                wait_until(lambda: "t = 1 s" in viewer._told.content)
+                assert viewer._frame.max == viewer._frame.value == 1
+
+
+def test_a_second_interrupt_while_it_closes_leaves_no_server(monkeypatch):
+    pytest.importorskip("viser", reason="viser is not installed")
+    usual, come = browser.close_server, []
+
+    def interrupted(server):
+        come.append(server)
+        if len(come) < 3:
+            raise KeyboardInterrupt
+        usual(server)
+
+    monkeypatch.setattr(browser, "close_server", interrupted)
+    fluid = substep.PositionBasedFluid([[0.0, 0, 1]], 0.1)
+    viewer = substep.show(fluid, open_browser=False, wait=False)
+    with pytest.raises(KeyboardInterrupt):  # twice, of which the second is in what follows
+        viewer.close()
+    viewer.close()
+    with pytest.raises(OSError):
+        socket.create_connection(("127.0.0.1", viewer._server.get_port()))
+    viewer.close()
+    assert len(come) == 3
+
+
 def wait_until(true):
     end = time.monotonic() + 20
     while not true():

@@ -19,8 +19,8 @@ import numpy as np
 
 from ..errors import CorruptError, FormatError, InputError, TruncatedError, VersionError
 from .checks import check_path
-from .reading import check_booleans, load_json
-from .replacing import replace_file
+from .reading import check_booleans, check_regular, load_json
+from .replacing import check_file_name, replace_file
 
 _MAGIC = b"SUBSTEPC"
 _VERSION = 1
@@ -30,7 +30,7 @@ _DTYPES = ("<f8", "<f4", "<i8", "<i4", "|i1", "|u1", "|b1")
 
 def write_checkpoint(path: str | os.PathLike[str], kind: str, state: dict[str, Any]) -> None:
     """Write `state` (arrays, finite floats, integers, strings) atomically."""
-    path = check_path(path)
+    path = check_file_name(path)
     values: dict[str, Any] = {}
     arrays: list[tuple[str, np.ndarray[Any, Any]]] = []
     for name, value in state.items():
@@ -57,6 +57,7 @@ def write_checkpoint(path: str | os.PathLike[str], kind: str, state: dict[str, A
 def read_checkpoint(path: str | os.PathLike[str], kind: str) -> dict[str, Any]:
     """Read what `write_checkpoint` wrote, or raise one of the FormatError family."""
     path = check_path(path)
+    check_regular(path)
     size = os.path.getsize(path)
     with open(path, "rb") as file:
         head = file.read(_HEAD.size)

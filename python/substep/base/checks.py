@@ -287,16 +287,16 @@ def check_positive(
     return array
 
 
-def check_path(path: Any) -> str:
+def check_path(path: Any, name: str = "path") -> str:
     """A file name as a string."""
     if not isinstance(path, (str, bytes, os.PathLike)):
-        raise TypeError(f"path: expected a file name, got {describe(path)}")
+        raise TypeError(f"{name}: expected a file name, got {describe(path)}")
     text = os.fsdecode(path)
     try:
         if not os.fsencode(text) or "\0" in text:
             raise ValueError
     except ValueError:
-        raise InputError(f"path: expected a file name, got {describe(text)}") from None
+        raise InputError(f"{name}: expected a file name, got {describe(text)}") from None
     return text
 
 

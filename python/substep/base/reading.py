@@ -7,6 +7,7 @@ import errno
 import json
 import math
 import os
+import stat
 from collections.abc import Iterator
 from typing import Any
 
@@ -19,6 +20,13 @@ from ..errors import CorruptError, FormatError, TruncatedError
 DEFLATE_LIMIT = 1032
 DEFLATE, SHUFFLE, FLETCHER32 = 1, 2, 3  # filters of the HDF5 library itself
 CONTENT_ERRNOS = (None, errno.EINVAL, errno.EOVERFLOW, errno.EFBIG)
+
+
+def check_regular(path: str) -> None:
+    """Refuse a pipe or a device, which to open or to read could wait for ever."""
+    mode = os.stat(path).st_mode
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):  # a folder is refused as it is opened
+        raise FormatError(f"{path}: expected a file, got a pipe or a device")
 
 
 def load_json(data: bytes, where: str) -> Any:

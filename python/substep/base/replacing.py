@@ -9,7 +9,18 @@ import os
 import secrets
 from collections.abc import Callable
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
+
+from ..errors import InputError
+from .checks import check_path, describe
+
+
+def check_file_name(path: Any, name: str = "path") -> str:
+    """The name of a file to write, as a string; one that ends in a slash is that of a folder."""
+    text = check_path(path, name)
+    if not os.path.basename(text):
+        raise InputError(f"{name}: expected the name of a file, got a folder, {describe(text)}")
+    return text
 
 
 def check_folder(path: str | Path) -> None:

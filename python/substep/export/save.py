@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..base.checks import check_name, check_path, check_real, describe
-from ..base.replacing import check_folder
+from ..base.replacing import check_file_name, check_folder
 from ..errors import InputError
 from ..recording import Recording
 from ..recording.files import check_not_itself
@@ -101,7 +101,7 @@ def save(
     (3, 10, 2)
     >>> folder.cleanup()
     """
-    target = Path(check_path(out))
+    target = Path(check_file_name(out, "out"))
     suffix = target.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(

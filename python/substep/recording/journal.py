@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.reading import load_json
+from ..base.reading import check_regular, load_json
 from ..base.replacing import check_folder
 from ..errors import CorruptError, FormatError, InputError, TruncatedError, VersionError
 from .files import lock, pread_exactly, publish, sync_folder, unlock, write_all
@@ -346,6 +346,7 @@ class Writer:
 
 def open_source(path: str, max_bytes: int = MAX_BYTES) -> Source:
     """Open a journal or a packed file, whichever it is."""
+    check_regular(path)
     with open(path, "rb") as file:
         start = file.read(8)
     if start != b"\x89HDF\r\n\x1a\n":

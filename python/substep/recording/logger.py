@@ -16,13 +16,12 @@ from ..base.checks import (
     check_array,
     check_callable,
     check_most,
-    check_path,
     check_real,
     describe,
 )
 from ..base.imports import needs
 from ..base.owned import Owned
-from ..base.replacing import check_folder, replace_file
+from ..base.replacing import check_file_name, check_folder, replace_file
 from ..errors import InputError
 from .parts import check_name
 
@@ -218,7 +217,7 @@ class Logger(Owned):
             lines.writerow(columns)
             lines.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
 
-        replace_file(check_path(path), write)
+        replace_file(check_file_name(path), write)
 
     def to_pandas(self) -> Any:
         """The columns as a table of pandas, by `time`.
@@ -254,7 +253,7 @@ class Logger(Owned):
         OSError
             If it cannot be written.
         """
-        file = check_path(path)
+        file = check_file_name(path)
         told = 'matplotlib is missing: pip install "substep[plot]" to plot quantities'
         with needs("matplotlib", told):
             from matplotlib.figure import Figure

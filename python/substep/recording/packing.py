@@ -18,7 +18,7 @@ from pathlib import Path
 
 from .. import errors
 from ..base.checks import check_flag, check_path
-from ..base.replacing import check_folder
+from ..base.replacing import check_file_name, check_folder
 from ..errors import CorruptError, SubstepError
 from .files import JOURNAL_SUFFIX, lock, lock_for_packing, publish, sync_folder
 from .frames import Source, read_checked
@@ -81,7 +81,7 @@ def pack(
     name = check_path(path)
     target = name.removesuffix(JOURNAL_SUFFIX)
     if out is not None:
-        target = check_path(out)
+        target = check_file_name(out, "out")
         check_folder(target)
     overwrite = check_flag("overwrite", overwrite)
     if expendable.get():

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..base.attributes import Checked
 from ..base.checks import check_integer, check_path
 from ..base.pictured import Pictured
+from ..base.replacing import check_file_name
 from ..errors import CorruptError, FormatError, InputError, TruncatedError, VersionError
 from .files import JOURNAL_SUFFIX, check_not_itself
 from .frames import Source, read_checked
@@ -368,7 +369,7 @@ class Recording(Checked, Pictured):
         OSError
             If the file cannot be written.
         """
-        path = check_path(out)
+        path = check_file_name(out, "out")
         check_not_itself(path, self.path)
         page = importlib.import_module("substep.view.page")  # stands above
         page.write_page(self, Path(path), color, fps)

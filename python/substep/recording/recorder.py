@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.checks import check_flag, check_integer, check_path, check_real, describe
+from ..base.checks import check_flag, check_integer, check_real, describe
 from ..base.owned import Owned
+from ..base.replacing import check_file_name
 from ..errors import InputError
 from .files import JOURNAL_SUFFIX
 from .frames import Constants, Encoder, Spec, encode_file_header, read_checked
@@ -119,7 +120,7 @@ class Recorder(Owned):
         fsync = check_flag("fsync", fsync)
         if overwrite and resume:
             raise InputError("overwrite, resume: give one of them")
-        self.path = check_path(path)
+        self.path = check_file_name(path)
         self.journal_path = self.path + JOURNAL_SUFFIX
         self._frames: list[_Frame] = []
         self._encoder = Encoder()

@@ -251,7 +251,8 @@ class BatchRows(Worlds):
             If an argument is wrong; nothing is changed then.
         """
         where = self._where(ids, worlds)
-        self._write("set_forces", where, self._given(values, ids, where, 3))
+        values = check_squares("values", self._given(values, ids, where, 3))
+        self._write("set_forces", where, values)
 
     def set_torques(
         self, values: ArrayLike, ids: ArrayLike | None = None, *, worlds: ArrayLike | None = None
@@ -271,7 +272,8 @@ class BatchRows(Worlds):
             If an argument is wrong; nothing is changed then.
         """
         where = self._where(ids, worlds)
-        self._write("set_torques", where, self._given(values, ids, where, 3))
+        values = check_squares("values", self._given(values, ids, where, 3))
+        self._write("set_torques", where, values)
 
     @property
     def joint_coordinates(self) -> Array:

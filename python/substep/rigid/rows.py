@@ -16,6 +16,7 @@ from .fixtures import MOTIONS, Fixture, is_ground
 Array = NDArray[np.float64]
 Ids = NDArray[np.int64]
 
+_SEVERAL = 4.0  # whose square is more than the vectors of a body, whose squares are added up
 _DYNAMIC, _STATIC = MOTIONS.index("dynamic"), MOTIONS.index("static")
 
 
@@ -247,7 +248,7 @@ class BodyRows(Numbered):
             If an argument is wrong; nothing is changed then.
         """
         rows = self._rows_or_all(ids)
-        self._native.forces[rows] = self._vectors("values", values, rows)
+        self._native.forces[rows] = check_squares("values", self._vectors("values", values, rows))
 
     def set_torques(self, values: ArrayLike, ids: ArrayLike | None = None) -> None:
         """Set external torques of the next step, which uses them up: after it they are 0.
@@ -265,7 +266,7 @@ class BodyRows(Numbered):
             If an argument is wrong; nothing is changed then.
         """
         rows = self._rows_or_all(ids)
-        self._native.torques[rows] = self._vectors("values", values, rows)
+        self._native.torques[rows] = check_squares("values", self._vectors("values", values, rows))
 
     def set_motion(self, motion: str, ids: ArrayLike) -> None:
         """Let bodies move another way; they keep their poses and velocities, but stop if static.
@@ -312,6 +313,7 @@ class BodyRows(Numbered):
         rows = self._rows(ids)
         F = self._vectors("force", force, rows)
         x = self._points(point, rows)
+        self._check_added("force", self._native.forces, self._native.torques, rows, F, x)
         self._native.apply_forces(rows, F, x)
 
     def apply_impulse(
@@ -336,6 +338,8 @@ class BodyRows(Numbered):
         rows = self._rows(ids)
         J = self._vectors("impulse", impulse, rows)
         x = self._points(point, rows)
+        momenta, angular = self._native.momenta, self._native.angular_momenta
+        self._check_added("impulse", momenta, angular, rows, J, x)
         self._native.apply_impulses(rows, J, x)
 
     def wake(self, ids: ArrayLike | None = None) -> None:
@@ -352,6 +356,21 @@ class BodyRows(Numbered):
             If there is no such body.
         """
         self._native.wake(self._rows_or_all(ids))
+
+    def _check_added(
+        self, name: str, linear: Array, angular: Array, rows: Ids, pushes: Array, x: Array
+    ) -> None:
+        """Refuse pushes at points that make sums whose squares are not finite."""
+        bodies, of = np.unique(rows, return_inverse=True)
+        with np.errstate(over="ignore", invalid="ignore"):
+            turns = np.cross(x - self._native.positions[rows], pushes)
+            for kept, added in ((linear, pushes), (angular, turns)):
+                total = kept[bodies]
+                np.add.at(total, of, added)
+                if not np.isfinite(np.square(_SEVERAL * total).sum(axis=-1)).all():
+                    raise InputError(
+                        f"{name}: expected numbers of a size that can be computed with"
+                    )
 
     def _points(self, point: ArrayLike | None, rows: Ids) -> Array:
         if point is not None:
@@ -395,9 +414,9 @@ def is_one(value: Any) -> bool:
 
 
 def check_squares(name: str, vectors: Array) -> Array:
-    """The vectors, where the squares of their lengths are finite."""
+    """The vectors, where the squares of their lengths are finite, and sums of some such squares."""
     with in_range(name):
-        np.square(vectors).sum(axis=-1)
+        np.square(_SEVERAL * vectors).sum(axis=-1)
     return vectors
 
 

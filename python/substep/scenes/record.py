@@ -6,7 +6,8 @@ import os
 from pathlib import Path
 from typing import Any
 
-from ..base.checks import MOST_INT, check_path, check_real, describe
+from ..base.checks import MOST_INT, check_real, describe
+from ..base.replacing import check_file_name
 from ..errors import InputError
 from ..recording import Recorder
 from ..recording.files import JOURNAL_SUFFIX
@@ -80,7 +81,7 @@ def record(
     check_simulation("simulation", simulation)
     duration = check_real("duration", duration, nonnegative=True)
     fps = check_real("fps", fps, positive=True)
-    target = check_path(path)
+    target = check_file_name(path)
     start, name = float(simulation.time), type(simulation).__name__
     if not (count := duration * fps * (1 + 1e-12)) < MOST_INT:
         raise InputError(f"fps: expected less than {MOST_INT} frames, got {count:.3g}")

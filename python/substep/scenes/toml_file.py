@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -167,9 +168,14 @@ class _Checker:
         self.needs(row, "class", "material", number)
         name = kind.check(self._layout.where("class", "material", number), row["class"])
         rules: dict[str, Rule] = {"name": known, "class": kind}
-        for key in MATERIALS[str(name)].__dataclass_fields__:  # type: ignore[attr-defined]
-            rules[key] = Parameter("", kind=float) if key != "match" else known
+        needed = []
+        for one in dataclasses.fields(cast(Any, MATERIALS[str(name)])):
+            rules[one.name] = Parameter("", kind=float) if one.name != "match" else known
+            if one.default is dataclasses.MISSING:
+                needed.append(one.name)
         checked = self.table(row, rules, "material", number)
+        for key in needed:
+            self.needs(checked, key, "material", number)
         given = {key: value for key, value in checked.items() if key not in ("name", "class")}
         with self._layout.told("material", checked, number):
             MATERIALS[str(name)](**given)

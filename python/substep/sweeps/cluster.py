@@ -119,7 +119,7 @@ def sweep(
         )
     if on_run is not None:
         check_callable("on_run", on_run)
-    folder = Path(check_path(out)).absolute()
+    folder = Path(check_path(out, "out")).absolute()
     with needs("distributed", 'dask is missing: pip install "substep[sweep]" to run sweeps'):
         import distributed  # noqa: F401
     design.write(folder)

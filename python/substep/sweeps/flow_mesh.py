@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..geometry import Collider
 from ..gridfluid import GridFlow, Inflow, Wall
-from ..recording import Recording
+from ..recording import Part, Recording
+from ..rigid.colliders import BodyCollider
 
 NORMAL, INFLOW, OUTFLOW, WALL = 0, 4, 5, 6  # types of nodes, as the paper's code numbers them
 FIELDS = ("velocity", "pressure", "density")
@@ -35,14 +37,13 @@ def read_flow(recording: Recording, part: str, simulation: Any) -> dict[str, NDA
     Raises
     ------
     InputError
-        If that is no flow in the plane, obstacles move, or no velocity is recorded.
+        If that is no flow in the plane, the scene builds another one than was recorded, obstacles
+        move, or no velocity is recorded.
     """
-    members = getattr(simulation, "members", {"": simulation}).values()
     shape = recording.parts[part].cells
-    flow = next((m for m in members if isinstance(m, GridFlow) and m.shape == shape), None)
-    if flow is None or len(shape) != 2:
-        raise InputError(f"part: expected a GridFlow in the plane, but {part} is of something else")
-    if any(c.velocity.any() or c.angular_velocity.any() for c in flow.colliders):
+    flow = _flow_of(recording, part, simulation)
+    members = getattr(simulation, "members", {}).values()
+    if any(_may_move(collider, members) for collider in flow.colliders):
         raise InputError(f"part: {part} has obstacles that move, for which it has no mesh")
     recorded = [name for name in FIELDS if name in recording.parts[part].fields]
     if "velocity" not in recorded:
@@ -61,6 +62,41 @@ def read_flow(recording: Recording, part: str, simulation: Any) -> dict[str, NDA
         values = np.stack(frames).reshape(len(frames), solid.size, -1)
         arrays[name] = values[:, used].astype(np.float32)
     return arrays
+
+
+def _flow_of(recording: Recording, part: str, simulation: Any) -> GridFlow:
+    """The member of a world of that name; else the one flow that has the cells of the part."""
+    members = getattr(simulation, "members", {"": simulation})
+    one = recording.parts[part]
+    given = [members[part]] if part in members else list(members.values())
+    flows = [m for m in given if isinstance(m, GridFlow)]
+    if not flows or len(one.cells) != 2:
+        raise InputError(f"part: expected a GridFlow in the plane, but {part} is of something else")
+    same = [flow for flow in flows if flow.shape == one.cells and _lies_in(flow, one)]
+    if not same:
+        raise InputError(
+            f"part: {part} was recorded in cells that the scene no longer builds; it has changed "
+            "since the run"
+        )
+    if len(same) > 1:
+        raise InputError(f"part: {part} may be of {len(same)} flows; give it the name of one")
+    return same[0]
+
+
+def _lies_in(flow: GridFlow, part: Part) -> bool:
+    """Whether the cells are in the box of the part."""
+    off = np.abs(np.asarray(part.bounds, float) - flow.bounds)
+    return bool((off < 1e-6 * flow.cell).all())
+
+
+def _may_move(collider: Collider, members: Any) -> bool:
+    """Whether it moves, or stands for a body of the world that is not static."""
+    if collider.velocity.any() or collider.angular_velocity.any():
+        return True
+    bodies: Any = collider.__dict__.get("_bodies")
+    if not isinstance(collider, BodyCollider) or not any(bodies is m for m in members):
+        return False
+    return bool((bodies.motions[bodies.ids == collider.body] != "static").any())
 
 
 def _solid(flow: GridFlow, x: NDArray[Any]) -> NDArray[np.bool_]:

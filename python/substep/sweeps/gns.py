@@ -103,6 +103,7 @@ def write_gns(
     >>> folder.cleanup()
     """
     kind = check_integer("particle_type", particle_type, minimum=0, maximum=8)
+    folder = Path(check_path(out, "out"))
     done, read, dt, sets = read_runs(
         runs, fractions, lambda recording, run: _read(recording, run, part), "another dimension"
     )
@@ -124,6 +125,12 @@ def write_gns(
     for run, positions in zip(done, read, strict=True):
         _check_within(f"run {run.index}", positions, low, high)
     trajectories = [(LOW + scale * (positions - low)).astype(np.float32) for positions in read]
+    for run, positions, scaled in zip(done, read, trajectories, strict=True):
+        if _is_one_point(scaled) and not _is_one_point(positions):
+            raise InputError(
+                f"bounds: expected smaller ones, in which positions of run {run.index} differ in "
+                f"float32; they are {size.tolist()} m long"
+            )
     metadata = {
         "bounds": np.stack([np.full(dim, LOW), LOW + scale * (high - low)], 1).round(6).tolist(),
         "sequence_length": min(len(positions) for positions in trajectories) - 1,
@@ -135,7 +142,6 @@ def write_gns(
         "scale": float(scale),  # ours: position = LOW + scale (x - origin)
         "origin": low.tolist(),
     }
-    folder = Path(check_path(out))
     folder.mkdir(parents=True, exist_ok=True)
     for split, chosen in zip(SPLITS, sets, strict=True):
         entries = {}
@@ -195,6 +201,10 @@ def _check_within(
             f"{particle} is at {'xyz'[axis]} = {positions[frame, particle, axis]:.6g} m, not "
             f"between {low[axis]:.6g} and {high[axis]:.6g}"
         )
+
+
+def _is_one_point(positions: NDArray[Any]) -> bool:
+    return bool((positions == positions[:1, :1]).all())
 
 
 def _statistics(name: str, values: list[NDArray[Any]]) -> dict[str, list[float]]:

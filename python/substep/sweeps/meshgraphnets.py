@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.checks import check_path
+from ..base.checks import check_name, check_path
 from ..base.replacing import replace_bytes
+from ..errors import InputError
 from ..recording import Recording
-from .collection import RunCollection
+from .collection import Run, RunCollection
 from .flow_mesh import read_flow
 from .training import SPLITS, chosen_part, read_runs
 
@@ -77,8 +78,9 @@ def write_meshgraphnets(
     Raises
     ------
     InputError
-        If an argument is wrong, the recordings have no such part, the obstacles of a flow move, or
-        frames are apart by different times.
+        If an argument is wrong, the recordings have no such part or differ in their fields, the
+        obstacles of a flow move, or may be moved by bodies, the scene builds another flow than was
+        recorded, or frames are apart by different times.
     OSError
         If a file cannot be written.
 
@@ -100,13 +102,14 @@ def write_meshgraphnets(
     4
     >>> folder.cleanup()
     """
+    folder = Path(check_path(out, "out"))
     done, read, dt, sets = read_runs(
         runs, fractions, lambda recording, run: _read(runs, recording, run, part), "other cells"
     )
+    _check_fields(done, read)
     dynamic = [name for name in read[0] if name not in STATIC]
     length = min(len(arrays[dynamic[0]]) for arrays in read)
     read = [arrays | {name: arrays[name][:length] for name in dynamic} for arrays in read]
-    folder = Path(check_path(out))
     written = set()
     for split, chosen in zip(SPLITS, sets, strict=True):
         (folder / split).mkdir(parents=True, exist_ok=True)
@@ -138,6 +141,17 @@ def write_meshgraphnets(
     return folder
 
 
+def _check_fields(done: list[Run], read: list[dict[str, NDArray[Any]]]) -> None:
+    """Refuse runs that do not have the fields of the first one."""
+    first = list(read[0])
+    for run, arrays in zip(done, read, strict=True):
+        if list(arrays) != first:
+            own, others = (", ".join(k for k in one if k not in STATIC) for one in (arrays, first))
+            raise InputError(
+                f"runs: run {run.index} has {own}, but run {done[0].index} has {others}"
+            )
+
+
 def _read(
     runs: RunCollection, recording: Recording, run: int, part: str | None
 ) -> tuple[dict[str, NDArray[Any]], int]:
@@ -146,6 +160,8 @@ def _read(
     if part in grids or (part is None and grids and not _moving(recording)):
         name = chosen_part(part, grids, "grids")
         return read_flow(recording, name, runs._simulation(run)), 3
+    if part is not None and part not in _moving(recording):
+        check_name("part", part, [*grids, *_moving(recording)])
     meshes = {name: one for name, one in recording.parts.items() if one.kind == "mesh"}
     body = chosen_part(part, _moving(recording), "meshes that move")
     solid = meshes[body].tetrahedra is not None

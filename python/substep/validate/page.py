@@ -10,8 +10,8 @@ from datetime import datetime, timezone
 from typing import Any
 
 from .. import __version__, _core
-from ..base.checks import check_path, describe
-from ..base.replacing import replace_file
+from ..base.checks import describe
+from ..base.replacing import check_file_name, replace_file
 from ..config import num_threads
 from ..errors import InputError
 from .case import Case, Outcome
@@ -63,7 +63,7 @@ def write_page(outcomes: Iterable[Outcome], path: str | os.PathLike[str]) -> Non
     if not given:
         raise InputError("outcomes: expected at least one")
     text = _page(given)
-    replace_file(check_path(path), lambda file: file.write(text.encode()))
+    replace_file(check_file_name(path), lambda file: file.write(text.encode()))
 
 
 def _page(outcomes: list[Outcome]) -> str:

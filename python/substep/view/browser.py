@@ -118,10 +118,14 @@ def show(
         if not interactive if wait is None else wait:
             viewer.wait()
     except BaseException:
-        if viewer is not None:
-            viewer.close()
-        if opens:
-            shown.close()
+        try:
+            if viewer is not None:
+                viewer.close()
+        finally:
+            if viewer is not None:
+                viewer._stop()
+            if opens:
+                shown.close()
         raise
     return viewer
 
@@ -157,8 +161,10 @@ class Viewer:
         self._interval = interval
         self._lock = threading.RLock()  # held by whoever touches the source
         self._closed, self._changed = threading.Event(), threading.Event()
+        self._stopping, self._stopped = threading.RLock(), False  # of the server
         self._limits: dict[str, tuple[float, float]] = {}
         self._problem = ""
+        self._count = 0 if self._live else len(source)  # frames that the slider knows
         self._grew = -math.inf  # when the recording was last seen to have more frames
         self.drawn = 0  # pictures sent
         label = type(source).__name__ if self._live else source.scene or "recording"
@@ -173,7 +179,10 @@ class Viewer:
             atexit.register(self.close)
             self._thread.start()
         except BaseException:
-            self.close()
+            try:
+                self.close()
+            finally:
+                self._stop()
             raise
 
     def wait(self) -> None:
@@ -189,10 +198,10 @@ class Viewer:
 
         A recording that `show` opened by its path is closed.
         """
-        if self._closed.is_set():
-            return
         self._closed.set()
         self._changed.set()
+        if self._stopped:
+            return
         try:
             if self._thread.is_alive() and threading.current_thread() is not self._thread:
                 self._thread.join()
@@ -200,8 +209,19 @@ class Viewer:
                 if self._owned:
                     self.source.close()
         finally:
-            close_server(self._server)
-            atexit.unregister(self.close)
+            try:
+                self._stop()
+            except BaseException:  # a second interrupt, after which there is to be no server either
+                self._stop()
+                raise
+
+    def _stop(self) -> None:
+        """End the server, unless that is done; what was interrupted may be called again."""
+        with self._stopping:
+            if not self._stopped:
+                close_server(self._server)
+                self._stopped = True
+                atexit.unregister(self.close)
 
     def __enter__(self) -> Viewer:
         return self
@@ -231,7 +251,7 @@ class Viewer:
         if self._live:
             gui.add_button("step").on_click(self._single)
         else:
-            last = len(self.source) - 1
+            last = self._count - 1
             self._frame = gui.add_slider(
                 "frame", min=0, max=max(last, 1), step=1, initial_value=0, disabled=last == 0
             )
@@ -304,14 +324,14 @@ class Viewer:
                 self._problem = str(error) if own else f"{type(error).__name__}: {error}"
 
     def _refresh(self) -> bool:
-        """Whether the recording has more frames than before."""
-        before = len(self.source)
+        """Whether the recording has more frames than before, whoever took them in."""
         with self._lock:
-            count = self.source.refresh()
-        if count > before:
+            count = int(self.source.refresh())
+        grown = count > self._count
+        if grown:
             self._frame.max, self._frame.disabled = count - 1, False
-            self._grew = time.monotonic()
-        return bool(count > before)
+            self._count, self._grew = count, time.monotonic()
+        return grown
 
     def _play(self) -> float:
         """Go to what is shown next; how long that is to be seen [s]."""
@@ -319,7 +339,7 @@ class Viewer:
             self._advance()
             return 1 / MOST_RATE
         following = int(self._frame.value) + 1
-        if following < len(self.source) or self._refresh():
+        if following < self._count or self._refresh():
             self._frame.value = following
         elif time.monotonic() - self._grew < GROWING:
             return LOOK
@@ -330,10 +350,10 @@ class Viewer:
     def _wait(self) -> None:
         """Until something is changed; of a recording that grows the last frame is followed."""
         while not self._changed.wait(None if self._live else LOOK):
-            last = len(self.source) - 1
+            last = self._count - 1
             if self._refresh():
                 if int(self._frame.value) == last:
-                    self._frame.value = len(self.source) - 1
+                    self._frame.value = self._count - 1
                 return
 
     def _go(self) -> None:
