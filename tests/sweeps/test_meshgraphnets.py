@@ -260,10 +260,10 @@ def test_runs_of_other_fields_are_refused_by_number(tmp_path, viscosities):
     runs = substep.sweep(str(tmp_path / "channel.py"), values, tmp_path / "a", workers=1)
     assert not runs.failed
     with pytest.raises(InputError, match=r"runs: run 1 has velocity.*, but run 0 has velocity"):
-        write_meshgraphnets(runs, tmp_path / "no")
+        write_meshgraphnets(runs, tmp_path / "no", fractions=(0.5, 0.5, 0))
     for write in (write_meshgraphnets, write_gns):
         with pytest.raises(TypeError, match="out: expected a file name, got 3"):
-            write(runs, 3)
+            write(runs, 3, fractions=(0.5, 0.5, 0))
     assert not (tmp_path / "no").exists()
 
 
