@@ -11,8 +11,8 @@
 // at rest, gravity dt [m/s].
 //
 // To bodies that respond Bodies gives the first term, as the pressure and they are found together.
-// What the second would be in liquid at rest is known before. Round surfaces have the first alone, as
-// Cut says, and so have facets that respond.
+// What the second would be in liquid at rest is known before. Round surfaces have the first alone,
+// as Cut says, and so have facets that respond.
 #pragma once
 
 #include <span>
