@@ -242,7 +242,7 @@ def test_frames_that_are_too_many_or_too_near_leave_nothing(tmp_path):
     with pytest.raises(TypeError, match="simulation: expected a simulation, got <class"):
         substep.scenes.record(substep.RigidBodies, tmp_path / "a.vtkhdf", 1.0)
     for out in ("", "a\0.png", b""):
-        with pytest.raises(substep.InputError, match="path: expected a file name"):
+        with pytest.raises(substep.InputError, match="out: expected a file name"):
             render.save_picture(bodies, out)
     with pytest.raises(IsADirectoryError):
         render.save_picture(bodies, ".")

@@ -413,7 +413,7 @@ def test_an_interrupt_while_it_is_shown_leaves_no_server(tmp_path, monkeypatch, 
         viewer.close()
     wait_until(lambda: stopped)
     assert len(served) == 1 and stopped == served
-    assert not [t for t in threading.enumerate() if t.name == "substep-view" and t.is_alive()]
+    wait_until(lambda: all(t.name != "substep-view" for t in threading.enumerate()))
 
 
 def test_what_is_not_there_is_told(tmp_path):

@@ -192,7 +192,9 @@ class _Checker:
         elif table == "cloth":
             shape: dict[str, Rule] = PLACED if "file" in row else {"size": Vector(2)}
             for other, keys in CLOTH.items():
-                for key in (keys.keys() - CLOTH[method].keys()) & row.keys():
+                for key in row:
+                    if key not in keys or key in CLOTH[method]:
+                        continue
                     own = f"{method} has {', '.join(CLOTH[method])}"
                     raise InputError(
                         f"{self._layout.where(key, table)}: is of cloth of {other}; {own}"
