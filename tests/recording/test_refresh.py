@@ -181,7 +181,7 @@ def test_an_interrupt_while_another_file_is_taken_up_loses_no_frame(tmp_path):
 
     lines = tried(lambda _: None)
     assert lines > 50
-    for wanted in range(1, lines + 1):
+    for wanted in range(1, lines + 1, 3):
 
         def interrupt(line, wanted=wanted):
             if line == wanted:
