@@ -14,7 +14,6 @@ namespace substep::gridfluid {
 namespace {
 
 using geometry::Collider;
-using geometry::Exchange;
 
 constexpr double kBand = 2;  // cells around the surface where distances are exact
 constexpr int kPose = 7;     // numbers of a collider's state that say where it is
