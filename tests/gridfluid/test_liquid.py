@@ -71,6 +71,37 @@ def test_still_water_around_obstacles(obstacle, n):
         assert np.abs(liquid.velocities).max() < most * math.sqrt(G * 0.5)
 
 
+@pytest.mark.parametrize("keep", [False, True])
+@pytest.mark.parametrize("off", [0, 0.25, 0.5, 0.75])
+def test_still_water_keeps_its_volume_between_obstacles(off, keep):
+    """In a tank ten cells wide, wherever its walls and its floor lie in the cells, for 20 s."""
+    low, wide, depth, far = 2 + off, 10, 8, 40
+    walls = [
+        substep.Box((far, 2 * far, 2 * far), center=center)
+        for center in ((low - far / 2, 0, 0), (low + wide + far / 2, 0, 0))
+    ]
+    walls += [
+        substep.Box((2 * far, far, 2 * far), center=center)
+        for center in ((0, low - far / 2, 0), (0, low + wide + far / 2, 0))
+    ]
+    walls.append(substep.Box((2 * far, 2 * far, far), center=(0, 0, low - far / 2)))
+    rows = [low + np.arange(0.25, end, 0.5) for end in (wide, wide, depth)]
+    liquid = substep.GridLiquid(
+        np.stack(np.meshgrid(*rows, indexing="ij"), -1).reshape(-1, 3),
+        cell=1.0,
+        bounds=((0, 0, 0), (15, 15, 16)),
+        colliders=[substep.Collider(wall) for wall in walls],
+        keep_volume=keep,
+    )
+    middle = low + np.stack(np.meshgrid(*[(2.0, 4.0, 5.0, 6.0, 8.0)] * 2), -1).reshape(-1, 2)
+    for _ in range(4):
+        liquid.advance(5)
+        height = (liquid.positions[:, 2].mean() - low) / (depth / 2)
+        assert height == pytest.approx(1, abs=0.002)
+        assert liquid.depth(middle).mean() == pytest.approx(depth, abs=0.08)
+    assert np.abs(liquid.velocities).max() < 0.02 * math.sqrt(G * depth)
+
+
 @pytest.mark.parametrize("slope", [0.1, 0.4])
 def test_still_water_under_a_slanted_pull(slope):
     """What moves are particles at the surface, whose place is known to 0.1 cells (docs)."""

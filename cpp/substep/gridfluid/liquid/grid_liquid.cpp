@@ -24,7 +24,8 @@
 namespace substep::gridfluid {
 namespace {
 
-constexpr int kLayers = 3;  // of faces beyond the liquid that get velocities
+constexpr int kLayers = 3;           // of faces beyond the liquid that get velocities
+constexpr double kLeastRoom = 0.25;  // that counts of particles are divided by
 
 }  // namespace
 
@@ -105,41 +106,43 @@ void GridLiquid<Real, D>::find_surface() {
 template <class Real, int D>
 void GridLiquid<Real, D>::count_obstacles_in() {
   if (!obstacles.any()) return;
-  constexpr Real kLeast = 0.25;
   const std::span<const Real> room = obstacles.room();
   for_rows(layout, all_cells(layout), options.threads, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i)
-      density_[usize(i)] /= std::max(room[usize(i)], kLeast);
+      density_[usize(i)] /= std::max(room[usize(i)], Real(kLeastRoom));
   });
   fill_ghosts(layout, kCentres, density_.data(), options.threads);
 }
 
-// The liquid goes on into obstacles that it touches: else a cell of which they cover the middle
-// would count as air, and the liquid beside it would shoot there. One of which they cover nearly
-// that much may have no particle by chance: it counts as what is before it.
+// The liquid goes on into obstacles that it touches, as deep as it is before them: else a cell of
+// which they cover the middle would count as air, and the liquid beside it would shoot there. One
+// of which they cover nearly that much may have no particle by chance: it counts as what is before
+// it.
 template <class Real, int D>
 void GridLiquid<Real, D>::extend_surface() {
   constexpr Real kNear = 0.5, kInside = -0.5, kBeside = 0.35, kBefore = 0.5, kFar = 2;  // [cells]
   using Place = std::array<int, D>;
-  const auto touches = [&](const Place& cell, std::int64_t i, std::size_t a, int way, Real least) {
-    const int n = layout.cells[a], to = cell[a] + way;
-    if ((to < 0 || to >= n) && !layout.periodic[a]) return false;
-    const std::int64_t other = i + ((to + n) % n - cell[a]) * layout.stride[a];
-    const std::int64_t face = way > 0 ? i + layout.stride[a] : i;
-    return obstacles.open(static_cast<int>(a))[usize(face)] > 0 && phi_[usize(other)] < 0 &&
-           obstacles.at_centre(other) >= least;
-  };
   const auto extend = [&](const Place& cell, std::int64_t i, bool within) {
-    const Real phi = phi_[usize(i)];
+    Real& phi = phi_[usize(i)];
     if (phi < kInside || obstacles.distance()[usize(i)] > kFar) return;
     const Real here = obstacles.at_centre(i);
     if (within ? here >= 0 : here < 0 || here >= kBeside || phi < 0 || phi >= kNear) return;
-    bool liquid = within && phi < kNear;
+    Real furthest = within ? Real(0) : here + kBefore;  // of those it touches
+    if (within && phi < kNear) phi = kInside;
     for (std::size_t a = 0; a < D; ++a) {
-      for (const int way : {-1, 1})
-        liquid = liquid || touches(cell, i, a, way, within ? Real(0) : here + kBefore);
+      for (const int way : {-1, 1}) {
+        const int n = layout.cells[a], to = cell[a] + way;
+        if ((to < 0 || to >= n) && !layout.periodic[a]) continue;
+        const std::int64_t other = i + ((to + n) % n - cell[a]) * layout.stride[a];
+        const std::int64_t face = way > 0 ? i + layout.stride[a] : i;
+        const Real there = obstacles.at_centre(other);
+        if (there < furthest || !(phi_[usize(other)] < 0) ||
+            !(obstacles.open(static_cast<int>(a))[usize(face)] > 0))
+          continue;
+        furthest = there;
+        phi = phi_[usize(other)];
+      }
     }
-    if (liquid) phi_[usize(i)] = kInside;
   };
   for (const bool within : {false, true}) {  // each looks at what it does not change
     if (!obstacles.any()) break;
@@ -373,7 +376,7 @@ void GridLiquid<Real, D>::find_valid() {
 template <class Real, int D>
 void GridLiquid<Real, D>::find_displacement() {
   // Of an error a step corrects a fifth: all of it stirs the liquid, as much of it is noise.
-  // Beside obstacles counts are rough: a lattice that a surface cuts is off by so much.
+  // Beside obstacles counts are rough: of a lattice that a surface cuts by so much of a full one.
   constexpr Real kShare = 0.2, kMost = 0.5, kUnsure = 0.15;
   constexpr double kTolerance = 1e-2;
   constexpr int kIterations = 20;
@@ -395,7 +398,8 @@ void GridLiquid<Real, D>::find_displacement() {
             const bool inside = phi_[usize(i)] < -1;
             Real whole = std::clamp(error - 1, inside ? -kMost : Real(0), kMost);
             if (obstacles.any() && obstacles.room()[usize(i)] < 1) {
-              whole -= std::clamp(whole, -kUnsure, kUnsure);
+              const Real unsure = kUnsure / std::max(obstacles.room()[usize(i)], Real(kLeastRoom));
+              whole -= std::clamp(whole, -unsure, unsure);
             }
             error = kShare * whole;
             if (obstacles.any())  // of the open part of the cell

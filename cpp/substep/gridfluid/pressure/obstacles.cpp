@@ -230,38 +230,39 @@ void Obstacles<Real, D>::find_velocities(int threads) {
   }
 }
 
-// The hat function over the open parts of cells: 1/8, 6/8, 1/8 along each axis. Sides are mirrors.
+// The hat function over what is open is the mean, over a cell, of what is open of a cell around
+// each of its points: clamp(distance + 1/2) where the surface is flat. By the rule of trapezoids,
+// with halves of the cell. Sides are mirrors.
 template <class Real, int D>
 void Obstacles<Real, D>::find_room(int threads) {
+  constexpr std::size_t kCorners = 1 << D;
+  constexpr Real kMost = 1.5;  // of the middle of a cell with a corner nearer than 1/2
   if (room_.size() == 0) assign(room_, layout_.size, Real(1));
-  AlignedBuffer<Real> open_volume;
-  open_volume.reset(room_.size());
-  for_rows(layout_, all_cells(layout_), threads, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i)
-      open_volume[usize(i)] = std::clamp(at_centre(i) + Real(0.5), Real(0), Real(1));
-  });
+  const auto room = [&](std::int64_t i) {
+    std::array<int, D> halves{}, none{}, three;
+    three.fill(3);
+    Real sum = 0;
+    do {
+      Real weight = 1, distance = 0;
+      for (const int x : halves) weight *= x == 1 ? Real(0.5) : Real(0.25);
+      for (std::size_t corner = 0; corner < kCorners; ++corner) {
+        Real share = 1;
+        std::int64_t node = i;
+        for (std::size_t a = 0; a < D; ++a) {
+          const bool upper = corner >> a & 1;
+          share *= Real(upper ? halves[a] : 2 - halves[a]) / 2;
+          node += upper * layout_.stride[a];
+        }
+        distance += share * distance_[usize(node)];
+      }
+      sum += weight * std::clamp(distance + Real(0.5), Real(0), Real(1));
+    } while (next_in_block(halves, none, three));
+    return sum;
+  };
   for_rows(layout_, all_cells(layout_), threads, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       const Real distance = at_centre(i);
-      if (std::abs(distance) > Real(kBand)) {
-        room_[usize(i)] = distance > 0 ? Real(1) : Real(0);
-        continue;
-      }
-      const std::array<int, D> cell = layout_.cell(i);
-      std::array<int, D> from, to, next;
-      for (std::size_t a = 0; a < D; ++a) from[a] = cell[a] - 1, to[a] = cell[a] + 2;
-      Real sum = 0;
-      next = from;
-      do {
-        Real weight = 1;
-        std::array<int, D> at;
-        for (std::size_t a = 0; a < D; ++a) {
-          weight *= next[a] == cell[a] ? Real(0.75) : Real(0.125);
-          at[a] = std::clamp(next[a], 0, layout_.cells[a] - 1);
-        }
-        sum += weight * open_volume[usize(layout_.index(at))];
-      } while (next_in_block(next, from, to));
-      room_[usize(i)] = sum;
+      room_[usize(i)] = std::abs(distance) < kMost ? room(i) : Real(distance > 0);
     }
   });
 }
