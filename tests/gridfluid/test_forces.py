@@ -81,13 +81,42 @@ def test_turned_boxes_are_lifted_by_what_they_displace(angle, shift):
 
 
 @pytest.mark.parametrize("bottom", [0, -0.3, -2, 1e-6])
-@pytest.mark.parametrize("shift", [0, 0.25, 0.5])
+@pytest.mark.parametrize("shift", [0, 0.1, 0.25, 0.3, 0.5, 0.9])
 def test_a_box_on_the_floor_is_pressed_down(bottom, shift):
     """By the water above it, rho g h A: there is none under it."""
     low = np.array([5 + shift, 5 + shift, bottom])
     force = push(box(low, [*(low[:2] + 4), 5]))
     assert force[2] == pytest.approx(-RHO * G * 7 * 16, rel=0.02)
     assert np.abs(force[:2]).max() < 1e-3 * abs(force[2])
+
+
+@pytest.mark.parametrize("cells", [2, 8])
+@pytest.mark.parametrize("shift", [0, 0.2, 0.7])
+def test_boxes_of_any_size_on_the_floor_are_pressed_down(cells, shift):
+    low = np.array([4 + shift, 4 + shift / 2, 0])
+    force = push(box(low, low + cells), sides=(cells + 8, cells + 8), depth=cells + 8)
+    assert force[2] == pytest.approx(-RHO * G * 8 * cells**2, rel=0.02)
+
+
+@pytest.mark.parametrize("shift", [0, 0.1, 0.3, 0.5])
+def test_a_box_at_a_wall_is_pressed_to_it(shift):
+    """By rho g h A with the depth h of its middle, and lifted by rho g V."""
+    low = np.array([0, 5 + shift, 3 + shift])
+    force = push(box(low, low + 4)) / (RHO * G * 16)
+    assert force == pytest.approx([-(12 - 5 - shift), 0, 4], abs=0.1)
+
+
+@pytest.mark.parametrize("shape", ["ball", "block"])
+def test_what_touches_the_floor_with_an_edge_is_lifted(shape):
+    """There is water under a ball, and beside the edge of a block that stands on it."""
+    if shape == "ball":
+        obstacle = substep.Collider(substep.Sphere(4, (7, 7, 4)))
+        volume = 4 / 3 * math.pi * 64
+    else:
+        obstacle = substep.Collider(substep.Box((4, 6, 4), center=(7, 7, 2 * math.sqrt(2))))
+        obstacle.rotation = (math.cos(math.pi / 8), 0, math.sin(math.pi / 8), 0)
+        volume = 96
+    assert push(obstacle)[2] == pytest.approx(RHO * G * volume, rel=0.06)
 
 
 @pytest.mark.parametrize("face", [1, 1.1, 1.25, 1.5, 1.75])

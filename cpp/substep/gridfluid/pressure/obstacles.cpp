@@ -121,8 +121,34 @@ std::size_t Obstacles<Real, D>::nearest_of(const NearColliders& near, const Vec3
 template <class Real, int D>
 Real Obstacles<Real, D>::distance_at(const NearColliders& near,
                                      const std::array<double, D>& x) const {
-  const Real distance(find_nearest().nearest(near, world(x)).distance / dx);
-  return distance > 0 && distance < kTouching ? Real(0) : distance;
+  const NearCollider nearest = find_nearest().nearest(near, world(x));
+  const Real distance(nearest.distance / dx);
+  if (std::abs(distance) >= kTouching) return distance;
+  return std::min(below_flat(near, x, colliders[nearest.collider]), std::min(distance, Real(0)));
+}
+
+// What lies flat on a side of the box has no fluid below, and is in the box as if it went on
+// beyond: a point of the side there is as deep in it as the one half a cell above.
+template <class Real, int D>
+Real Obstacles<Real, D>::below_flat(const NearColliders& near, const std::array<double, D>& x,
+                                    const Collider& collider) const {
+  constexpr double kLies = 0.99;  // of the normal along an axis
+  const Vec3 at = world(x), normal = collider.signed_distance(at).gradient;
+  std::array<double, D> above = x;
+  bool lies = false;
+  for (std::size_t a = 0; a < D; ++a) {
+    if (layout_.periodic[a] || (x[a] > 0 && x[a] < layout_.cells[a])) continue;
+    above[a] += x[a] > 0 ? -0.5 : 0.5;
+    lies = lies || std::abs(normal[static_cast<int>(a)]) > kLies;
+  }
+  if (!lies || !is_flat(collider, at)) return 0;
+  return Real(find_nearest().nearest(near, world(above)).distance / dx);
+}
+
+template <class Real, int D>
+bool Obstacles<Real, D>::is_flat(const Collider& collider, const Vec3& x) const {
+  constexpr double kFlat = 0.01;  // sum of curvatures [1/cell]
+  return std::abs(collider.hessian(x).trace()) * dx < kFlat;
 }
 
 // Those that may be nearest to what is beside a node, its cell and the faces of that among it.

@@ -92,6 +92,9 @@ class Obstacles {
   NearestColliders find_nearest() const { return {colliders, lipschitz_}; }
   std::size_t nearest_of(const NearColliders& near, const Vec3& x) const;
   Real distance_at(const NearColliders& near, const std::array<double, D>& x) const;
+  Real below_flat(const NearColliders& near, const std::array<double, D>& x,
+                  const geometry::Collider& collider) const;
+  bool is_flat(const geometry::Collider& collider, const Vec3& x) const;
   void find_distances(int threads);
   void find_distances_in(const std::array<int, D>& first, const NearColliders& around);
   template <std::size_t kAxes>

@@ -20,8 +20,7 @@ constexpr double kClosed = 1e-3;  // a face that is less open is closed
 // the middle of a part differs by more from the mean of its corners, in widths.
 constexpr double kSharp = 0.4, kBent = 0.02;
 constexpr int kDepth = 2;
-constexpr double kFlat = 0.01;  // sum of curvatures [1/cell]
-constexpr double kAway = 1.8;   // [cells]: of a node whose cell no surface is in
+constexpr double kAway = 1.8;  // [cells]: of a node whose cell no surface is in
 
 // Of the corners of a block, with those upper along an axis by bits: those of its face, in a
 // circle.
@@ -212,7 +211,7 @@ auto Obstacles<Real, D>::cuts(int threads) -> std::span<const Cut> {
       const Vec3 at = middle_of(cell, -1);
       const Collider& collider = colliders[nearest_of(near, at)];
       const geometry::SignedDistance nearest = collider.signed_distance(at);
-      const bool flat = std::abs(collider.hessian(at).trace()) * dx < kFlat;
+      const bool flat = is_flat(collider, at);
       for (std::size_t a = 0; a < D; ++a) {
         const Real below = open_[a][usize(i)], above = open_[a][usize(i + s[a])];
         const double way = -nearest.value / dx * nearest.gradient[static_cast<int>(a)];
