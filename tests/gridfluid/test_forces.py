@@ -119,6 +119,17 @@ def test_what_touches_the_floor_with_an_edge_is_lifted(shape):
     assert push(obstacle)[2] == pytest.approx(RHO * G * volume, rel=0.06)
 
 
+@pytest.mark.parametrize(("cells", "most"), [(4, 2e-3), (8, 5e-4)])
+@pytest.mark.parametrize("depth", [16, 36])
+def test_still_water_does_not_turn_cubes(depth, cells, most):
+    """However deep they are, and wherever their faces lie."""
+    for shift in SHIFTS:
+        cube = box([3 + shift] * 3, [3 + shift + cells] * 3)
+        liquid = water(cube, sides=(cells + 6, cells + 6), depth=depth)
+        liquid.step(0.02)
+        assert np.abs(cube.angular_impulse).max() < most * RHO * G * cells**4 * 0.02, shift
+
+
 @pytest.mark.parametrize("face", [1, 1.1, 1.25, 1.5, 1.75])
 def test_a_plate_on_a_wall_bears_half_the_pressure_of_the_bottom(face):
     """rho g h^2 / 2 on each metre of its width."""

@@ -52,8 +52,7 @@ std::vector<Exchange> sum_over_surface(Obstacles<Real, D>& obstacles, std::span<
           const Vec3 at = obstacles.middle(cut.cell);
           const std::size_t c = obstacles.nearest(at);
           if (responds(colliders[c]) != respond) continue;
-          const geometry::SignedDistance d = colliders[c].signed_distance(at);
-          part[c].add(at - d.value * d.gradient - colliders[c].position(), impulse(cut));
+          part[c].add(at - colliders[c].position(), impulse(cut));
         }
       },
       threads);
