@@ -150,15 +150,81 @@ def test_a_body_of_two_shapes_moves_as_one_of_one():
     assert found[1] == pytest.approx(found[0], abs=1e-6)
 
 
-def test_bits_do_not_depend_on_threads():
+@pytest.mark.parametrize("shape", ["sphere", "box"])
+def test_bits_do_not_depend_on_threads(shape):
     states = []
     for threads in (1, 2, 3):
-        liquid, ball = tank("sphere", 0.1, 1.7, 6, threads=threads, viscosity=1e-3)
-        ball.angular_velocity = (0.0, 1.0, 0.0)
+        liquid, body = tank(shape, 0.1, 1.7, 6, threads=threads, viscosity=1e-3)
+        body.angular_velocity = (0.0, 1.0, 0.0)
         for _ in range(5):
             liquid.step(0.02)
-        states.append(liquid.positions.tobytes() + np.array(ball._native.received).tobytes())
+        states.append(liquid.positions.tobytes() + np.array(body._native.received).tobytes())
     assert states[0] == states[1] == states[2]
+
+
+@pytest.mark.parametrize("before", [0, 3])
+def test_a_copy_goes_on_with_the_same_bits(before):
+    """Also before its first step, when no pressure is known, and in steps of another length."""
+    liquid, body = tank("box", 0.1, 1.73, 6)
+    for _ in range(before):
+        liquid.step(0.02)
+    twin = liquid.copy()
+    twin_body = twin.colliders[0]
+    behave_as(twin_body, 0.1 * RHO, 0.1 * RHO / 6)
+    for one in (liquid, twin):
+        for dt in (0.01, 0.02):
+            one.step(dt)
+    assert liquid.positions.tobytes() == twin.positions.tobytes()
+    assert np.array_equal(body.velocity, twin_body.velocity)
+
+
+@pytest.mark.parametrize("ratio", [0.001, 0.1, 2.0])
+@pytest.mark.parametrize("low, side", [(7, 5), (7.25, 4.5), (7.2, 5.4), (7.8, 5.4)])
+def test_a_box_falls_freely_with_the_liquid_around_it(low, side, ratio):
+    """It feels no pressure, wherever its faces lie in the cells, of 1 m."""
+    middle = low + side / 2
+    box = substep.Collider(substep.Box((side,) * 3, (middle, middle, middle + 13)))
+    x = 3.5 + lattice(12, 12, 12, cell=1.0) + [0, 0, 13]
+    liquid = substep.GridLiquid(
+        x[box.distance(x) > 0], cell=1.0, bounds=((0, 0, 0), (19, 19, 32)), colliders=[box]
+    )
+    mass = ratio * RHO * side**3
+    behave_as(box, mass, mass * side**2 / 6)
+    total = mass + liquid.masses.sum()
+    for k in range(1, 16):
+        liquid.step(0.02)
+        assert box.velocity / (G * 0.02 * k) == pytest.approx([0, 0, -1], abs=2e-3)
+        momentum = liquid.masses @ liquid.velocities + mass * box.velocity
+        assert momentum / (total * G * 0.02 * k) == pytest.approx([0, 0, -1], abs=1e-4)
+
+
+@pytest.mark.parametrize("gravity", [(0, 0, 0), (0, 0, -G), (0, 0, -2 * G)])
+def test_forces_on_particles_lift_a_box_as_gravity_does(gravity):
+    """A pull of (0.3, 0, -1) g, whatever part of it forces are."""
+    pull, velocities = np.array([0.3 * G, 0, -G]), []
+    for given in (pull, np.array(gravity, float)):
+        liquid, box = tank("box", 0.1, 1.23, 6, gravity=given, tolerance=1e-6)
+        mass = 0.1 * RHO
+        mobility = np.diag(1 / np.repeat([mass, mass / 6], 3)).ravel().tolist()
+        box._native.set_body(0, [0.0] * 3, mobility, [*pull, 0, 0, 0])
+        for _ in range(10):
+            liquid.set_forces(liquid.masses[:, None] * (pull - given))
+            liquid.step(0.01)
+        velocities.append(np.concatenate([box.velocity, box.angular_velocity]))
+    assert velocities[1] == pytest.approx(velocities[0], abs=1e-3 * abs(velocities[0][2]))
+
+
+@pytest.mark.parametrize("ratio", [0.001, 0.05])
+def test_light_boxes_come_to_rest_in_narrow_tanks(ratio):
+    """Of 6 cells in a tank of 9: what they are given does not grow from step to step."""
+    liquid, box = tank("box", ratio, 2.4, 6, side=1.5, depth=2.5, air=2.0)
+    dt, speeds = 0.04 / 6, []
+    for _ in range(300):
+        liquid.step(dt)
+        speeds.append(box.velocity[2])
+    change = np.diff(speeds, 2)[-100:] / dt
+    assert np.abs(speeds).max() < 2
+    assert math.sqrt((change**2).mean()) < 0.1 * G
 
 
 def balls_in_a_tank(ratio, *, seed=3, **options):

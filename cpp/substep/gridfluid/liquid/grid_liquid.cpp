@@ -42,7 +42,7 @@ void GridLiquid<Real, D>::step(double dt) {
     if (band) band->find_edge(next_, density_.data(), phi_.data(), options.threads);
     projection_.set_domain(obstacles, {phi_.data(), phi_.size()}, options.threads);
     if (obstacles.any()) projection_.let_yield(obstacles, cell_mass(), options.threads);
-    push_bodies_by_weight(dt);
+    push_bodies_before(dt);
     pass_to_grid();
     accelerate(dt);
     if (options.surface_tension > 0) pull_surface(dt);
@@ -164,13 +164,32 @@ void GridLiquid<Real, D>::extend_surface() {
 
 // Bodies that respond, by what is known of the pressure at their surface: see surface_push.h.
 template <class Real, int D>
-void GridLiquid<Real, D>::push_bodies_by_weight(double dt) {
+void GridLiquid<Real, D>::push_bodies_before(double dt) {
   if (!projection_.bodies().any()) return;
-  push_by_weight(obstacles, projection_.cells(), dt * options.gravity, cell_mass(),
-                 options.threads);
+  new_q_.reset(q.size());
+  if (last_dt > 0) {
+    for_numbers(layout.size, options.threads,
+                [&](std::size_t i) { new_q_[i] = dt / last_dt * q[i]; });
+  } else {
+    find_first_pressure(dt);
+  }
+  push_before(obstacles, projection_.cells(), {new_q_.data(), new_q_.size()}, cell_mass(),
+              options.threads);
   for (std::size_t c = 0; c < given_.size(); ++c) given_[c] = obstacles.colliders[c].exchange();
   projection_.bodies().move(obstacles.colliders);
   obstacles.find(options.threads);
+}
+
+// Where none is known yet: that of this step, if bodies had no such push.
+template <class Real, int D>
+void GridLiquid<Real, D>::find_first_pressure(double dt) {
+  pass_to_grid();
+  accelerate(dt);
+  if (options.surface_tension > 0) pull_surface(dt);
+  make_incompressible(0);
+  copy(projection_.q(), new_q_, options.threads);
+  new_report_ = {};
+  reset_bodies();
 }
 
 template <class Real, int D>
@@ -344,14 +363,20 @@ void GridLiquid<Real, D>::push_obstacles(double dt) {
   push_bodies();
 }
 
+// The velocities of bodies before any pressure.
+template <class Real, int D>
+void GridLiquid<Real, D>::reset_bodies() {
+  for (std::size_t c = 0; c < free_motion_.size(); ++c) {
+    geometry::Collider& collider = obstacles.colliders[c];
+    if (collider.yields()) collider.set_body_velocity(free_motion_[c]);
+  }
+}
+
 // The velocities of bodies as of all that they were given in the step, which is their sum.
 template <class Real, int D>
 void GridLiquid<Real, D>::push_bodies() {
   if (free_motion_.empty()) return;
-  for (std::size_t c = 0; c < obstacles.colliders.size(); ++c) {
-    geometry::Collider& collider = obstacles.colliders[c];
-    if (collider.yields()) collider.set_body_velocity(free_motion_[c]);
-  }
+  reset_bodies();
   geometry::push_bodies(obstacles.colliders);
 }
 

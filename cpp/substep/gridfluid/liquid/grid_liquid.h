@@ -95,7 +95,8 @@ class GridLiquid {
               std::span<const Vec3> v) const;
   void sort(double dt);
   void accelerate_bodies(double dt);
-  void push_bodies_by_weight(double dt);
+  void push_bodies_before(double dt);
+  void find_first_pressure(double dt);
   void find_surface();
   void count_obstacles_in();
   void extend_surface();
@@ -109,6 +110,7 @@ class GridLiquid {
   void hold_nozzles();
   void push_obstacles(double dt);
   void push_bodies();
+  void reset_bodies();
   void find_valid();
   void find_displacement();
   void move_obstacles(double dt);

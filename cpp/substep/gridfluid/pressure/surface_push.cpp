@@ -5,6 +5,7 @@
 
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
+#include "substep/gridfluid/grid/loops.h"
 
 namespace substep::gridfluid {
 namespace {
@@ -31,8 +32,8 @@ Vec3 carried(const Obstacles<Real, D>& obstacles, const typename Obstacles<Real,
   return sum;
 }
 
-// The sum of impulse(cut) over the fluid cells in which the surface is, for each of the colliders
-// that respond, or for each of the others.
+// The sum of impulse(cut, collider) over the fluid cells in which the surface is, for each of the
+// colliders that respond, or for each of the others.
 template <class Real, int D, class Impulse>
 std::vector<Exchange> sum_over_surface(Obstacles<Real, D>& obstacles, std::span<const Cell> cells,
                                        bool respond, const Impulse& impulse, int threads) {
@@ -52,7 +53,7 @@ std::vector<Exchange> sum_over_surface(Obstacles<Real, D>& obstacles, std::span<
           const Vec3 at = obstacles.middle(cut.cell);
           const std::size_t c = obstacles.nearest(at);
           if (responds(colliders[c]) != respond) continue;
-          part[c].add(at - colliders[c].position(), impulse(cut));
+          part[c].add(at - colliders[c].position(), impulse(cut, c));
         }
       },
       threads);
@@ -62,13 +63,63 @@ std::vector<Exchange> sum_over_surface(Obstacles<Real, D>& obstacles, std::span<
   return sums;
 }
 
+// For each collider the block of cells, empty where there are none, of its surface and so many
+// around it that they are twice as wide.
+template <class Real, int D>
+std::vector<Block<D>> blocks_around(Obstacles<Real, D>& obstacles, int threads) {
+  constexpr int kLeast = 2;  // cells on each side
+  const Layout<D>& layout = obstacles.layout();
+  std::vector<Block<D>> blocks(obstacles.colliders.size(), {layout.cells, {}});
+  for (const auto& cut : obstacles.cuts(threads)) {
+    const std::array<int, D> cell = layout.cell(cut.cell);
+    Block<D>& block = blocks[obstacles.nearest(obstacles.middle(cut.cell))];
+    for (std::size_t a = 0; a < D; ++a) {
+      block.from[a] = std::min(block.from[a], cell[a]);
+      block.to[a] = std::max(block.to[a], cell[a] + 1);
+    }
+  }
+  for (Block<D>& block : blocks) {
+    for (std::size_t a = 0; a < D; ++a) {
+      const int more = kLeast + (block.to[a] - block.from[a]) / 2;
+      block.from[a] = std::max(block.from[a] - more, 0);
+      block.to[a] = std::min(block.to[a] + more, layout.cells[a]);
+    }
+  }
+  return blocks;
+}
+
+// The mean slope of q in a block, over the open faces between cells where there is one.
+template <class Real, int D>
+Vec3 mean_slope(const Obstacles<Real, D>& obstacles, std::span<const double> q,
+                const Block<D>& block) {
+  const Layout<D>& layout = obstacles.layout();
+  Vec3 slope = Vec3::Zero();
+  for (std::size_t a = 0; a < D; ++a) {
+    const auto s = usize(layout.stride[a]);
+    const std::span<const Real> open = obstacles.open(static_cast<int>(a));
+    Block<D> faces = block;  // with cells of the block on both sides
+    ++faces.from[a];
+    double sum = 0, area = 0;
+    for (std::int64_t r = 0; r < faces.rows(); ++r) {
+      const auto begin = usize(layout.index(faces.row(r)));
+      for (std::size_t f = begin; f < begin + usize(faces.length()); ++f) {
+        if (q[f] == 0 || q[f - s] == 0) continue;
+        sum += double(open[f]) * (q[f] - q[f - s]);
+        area += double(open[f]);
+      }
+    }
+    if (area > 0) slope[static_cast<int>(a)] = sum / area;
+  }
+  return slope;
+}
+
 }  // namespace
 
 template <class Real, int D>
 void push_surface(Obstacles<Real, D>& obstacles, const Projection<Real, D>& projection,
                   std::span<const double> q, const Vec3& rest, double mass, int threads) {
   if (std::all_of(obstacles.colliders.begin(), obstacles.colliders.end(), responds)) return;
-  const auto impulse = [&](const typename Obstacles<Real, D>::Cut& cut) {
+  const auto impulse = [&](const typename Obstacles<Real, D>::Cut& cut, std::size_t) {
     Vec3 sum = carried(obstacles, cut, projection, q, rest);
     const auto area = obstacles.surface(cut.cell);
     for (std::size_t a = 0; a < D; ++a)
@@ -81,13 +132,21 @@ void push_surface(Obstacles<Real, D>& obstacles, const Projection<Real, D>& proj
 }
 
 template <class Real, int D>
-void push_by_weight(Obstacles<Real, D>& obstacles, std::span<const Cell> cells, const Vec3& rest,
-                    double mass, int threads) {
-  const auto impulse = [&](const typename Obstacles<Real, D>::Cut& cut) {
+void push_before(Obstacles<Real, D>& obstacles, std::span<const Cell> cells,
+                 std::span<const double> q, double mass, int threads) {
+  const std::vector<Block<D>> blocks = blocks_around(obstacles, threads);
+  std::vector<Vec3> slopes(blocks.size(), Vec3::Zero());
+  for_numbers(
+      static_cast<std::int64_t>(blocks.size()), threads,
+      [&](std::size_t c) {
+        if (responds(obstacles.colliders[c])) slopes[c] = mean_slope(obstacles, q, blocks[c]);
+      },
+      1);
+  const auto impulse = [&](const typename Obstacles<Real, D>::Cut& cut, std::size_t c) {
     Vec3 sum = Vec3::Zero();
     for (std::size_t a = 0; a < D; ++a) {
       const int axis = static_cast<int>(a);
-      sum[axis] = mass * double(cut.beside[a][0] + cut.beside[a][1]) * rest[axis];
+      sum[axis] = mass * double(cut.beside[a][0] + cut.beside[a][1]) * slopes[c][axis];
     }
     return sum;
   };
@@ -101,10 +160,11 @@ void push_by_weight(Obstacles<Real, D>& obstacles, std::span<const Cell> cells, 
   }
 }
 
-#define SUBSTEP_PUSH(Real, D)                                                    \
-  template void push_surface(Obstacles<Real, D>&, const Projection<Real, D>&,    \
-                             std::span<const double>, const Vec3&, double, int); \
-  template void push_by_weight(Obstacles<Real, D>&, std::span<const Cell>, const Vec3&, double, int)
+#define SUBSTEP_PUSH(Real, D)                                                                    \
+  template void push_surface(Obstacles<Real, D>&, const Projection<Real, D>&,                    \
+                             std::span<const double>, const Vec3&, double, int);                 \
+  template void push_before(Obstacles<Real, D>&, std::span<const Cell>, std::span<const double>, \
+                            double, int)
 SUBSTEP_PUSH(float, 2);
 SUBSTEP_PUSH(float, 3);
 SUBSTEP_PUSH(double, 2);

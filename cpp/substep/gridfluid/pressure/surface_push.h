@@ -11,8 +11,10 @@
 // at rest, gravity dt [m/s].
 //
 // To bodies that respond Bodies gives the first term, as the pressure and they are found together.
-// What the second would be in liquid at rest is known before. Round surfaces have the first alone,
-// as Cut says, and so have facets that respond.
+// The second is given before, with the mean slope of the last pressure around each of them: that is
+// gravity dt in liquid at rest, and 0 where all falls. The mean, and not the slopes at the surface,
+// as these are what the body itself makes of them: a light one would swing from step to step. Round
+// surfaces have the first term alone, as Cut says, and so have facets that respond.
 #pragma once
 
 #include <span>
@@ -28,9 +30,9 @@ template <class Real, int D>
 void push_surface(Obstacles<Real, D>& obstacles, const Projection<Real, D>& projection,
                   std::span<const double> q, const Vec3& rest, double mass, int threads);
 
-// Sets exchange() of those that respond to the second term of liquid at rest.
+// Sets exchange() of those that respond to the second term, with a q of before.
 template <class Real, int D>
-void push_by_weight(Obstacles<Real, D>& obstacles, std::span<const Cell> cells, const Vec3& rest,
-                    double mass, int threads);
+void push_before(Obstacles<Real, D>& obstacles, std::span<const Cell> cells,
+                 std::span<const double> q, double mass, int threads);
 
 }  // namespace substep::gridfluid
