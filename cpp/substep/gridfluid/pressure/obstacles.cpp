@@ -4,6 +4,7 @@
 #include <cmath>
 #include <functional>
 #include <limits>
+#include <numeric>
 #include <utility>
 
 #include "substep/core/parallel.h"
@@ -17,6 +18,24 @@ using geometry::Collider;
 
 constexpr double kBand = 2;  // cells around the surface where distances are exact
 constexpr int kPose = 7;     // numbers of a collider's state that say where it is
+
+// The hat function over what is open is the mean, over a cell, of what is open of a cell around
+// each of its points: clamp(distance + 1/2) where the surface is flat. By the rule of trapezoids,
+// with halves along each axis, of the distances at its corners. Sides are mirrors.
+template <class Real, std::size_t kCorners>
+Real mean_open(const std::array<Real, kCorners>& d) {
+  if constexpr (kCorners == 1) {
+    return std::clamp(d[0] + Real(0.5), Real(0), Real(1));
+  } else {
+    std::array<Real, kCorners / 2> lower, middle, upper;
+    for (std::size_t k = 0; k < lower.size(); ++k) {
+      lower[k] = d[k];
+      upper[k] = d[lower.size() + k];
+      middle[k] = (lower[k] + upper[k]) / 2;
+    }
+    return (mean_open(lower) + 2 * mean_open(middle) + mean_open(upper)) / 4;
+  }
+}
 
 }  // namespace
 
@@ -256,39 +275,17 @@ void Obstacles<Real, D>::find_velocities(int threads) {
   }
 }
 
-// The hat function over what is open is the mean, over a cell, of what is open of a cell around
-// each of its points: clamp(distance + 1/2) where the surface is flat. By the rule of trapezoids,
-// with halves of the cell. Sides are mirrors.
 template <class Real, int D>
 void Obstacles<Real, D>::find_room(int threads) {
-  constexpr std::size_t kCorners = 1 << D;
   constexpr Real kMost = 1.5;  // of the middle of a cell with a corner nearer than 1/2
   if (room_.size() == 0) assign(room_, layout_.size, Real(1));
-  const auto room = [&](std::int64_t i) {
-    std::array<int, D> halves{}, none{}, three;
-    three.fill(3);
-    Real sum = 0;
-    do {
-      Real weight = 1, distance = 0;
-      for (const int x : halves) weight *= x == 1 ? Real(0.5) : Real(0.25);
-      for (std::size_t corner = 0; corner < kCorners; ++corner) {
-        Real share = 1;
-        std::int64_t node = i;
-        for (std::size_t a = 0; a < D; ++a) {
-          const bool upper = corner >> a & 1;
-          share *= Real(upper ? halves[a] : 2 - halves[a]) / 2;
-          node += upper * layout_.stride[a];
-        }
-        distance += share * distance_[usize(node)];
-      }
-      sum += weight * std::clamp(distance + Real(0.5), Real(0), Real(1));
-    } while (next_in_block(halves, none, three));
-    return sum;
-  };
+  std::array<std::size_t, D> axes;
+  std::iota(axes.begin(), axes.end(), std::size_t{0});
   for_rows(layout_, all_cells(layout_), threads, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       const Real distance = at_centre(i);
-      room_[usize(i)] = std::abs(distance) < kMost ? room(i) : Real(distance > 0);
+      const bool far = std::abs(distance) >= kMost;
+      room_[usize(i)] = far ? Real(distance > 0) : mean_open(at_corners(i, axes));
     }
   });
 }

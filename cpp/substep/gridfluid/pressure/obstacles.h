@@ -95,6 +95,19 @@ class Obstacles {
   Real below_flat(const NearColliders& near, const std::array<double, D>& x,
                   const geometry::Collider& collider) const;
   bool is_flat(const geometry::Collider& collider, const Vec3& x) const;
+  // Distances at the corners of the block that begins at a node and spans these axes: those upper
+  // along the k-th of them by bit k.
+  template <std::size_t kAxes>
+  std::array<Real, std::size_t{1} << kAxes> at_corners(
+      std::int64_t node, const std::array<std::size_t, kAxes>& axes) const {
+    std::array<Real, std::size_t{1} << kAxes> d;
+    for (std::size_t corner = 0; corner < d.size(); ++corner) {
+      std::int64_t i = node;
+      for (std::size_t k = 0; k < kAxes; ++k) i += (corner >> k & 1) * layout_.stride[axes[k]];
+      d[corner] = distance_[usize(i)];
+    }
+    return d;
+  }
   void find_distances(int threads);
   void find_distances_in(const std::array<int, D>& first, const NearColliders& around);
   template <std::size_t kAxes>

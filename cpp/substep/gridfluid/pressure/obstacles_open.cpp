@@ -22,6 +22,13 @@ constexpr double kSharp = 0.4, kBent = 0.02;
 constexpr int kDepth = 2;
 constexpr double kAway = 1.8;  // [cells]: of a node whose cell no surface is in
 
+// Whether the surface passes between corners with these distances.
+template <class Real, std::size_t kCorners>
+bool is_cut(const std::array<Real, kCorners>& d) {
+  const auto in = [](Real distance) { return distance <= 0; };
+  return std::any_of(d.begin(), d.end(), in) && !std::all_of(d.begin(), d.end(), in);
+}
+
 // Of the corners of a block, with those upper along an axis by bits: those of its face, in a
 // circle.
 template <std::size_t D, class Real, std::size_t kCorners>
@@ -85,16 +92,14 @@ std::array<Real, kCorners> open_parts(const std::array<Real, kCorners>& corners,
     std::array<double, kAxes> low = from;
     for (std::size_t a = 0; a < kAxes; ++a) low[a] += (part >> a & 1) * wide / 2;
     std::array<Real, kCorners> of_part;
-    bool in = false, out = false;
     for (std::size_t corner = 0; corner < kCorners; ++corner) {
       std::size_t n = 0;
       for (std::size_t a = 0; a < kAxes; ++a)
         n += ((part >> a & 1) + (corner >> a & 1)) * kThree[a];
       of_part[corner] = d[n];
-      (d[n] <= 0 ? in : out) = true;
     }
-    if (!in || !out) {
-      parts[part] = in ? 0 : 1;
+    if (!is_cut(of_part)) {
+      parts[part] = Real(of_part[0] > 0);
     } else if (depth == 1 || !bent(of_part, low, wide / 2, distance)) {
       parts[part] = open_part_of(of_part);
     } else {
@@ -134,27 +139,19 @@ bool Obstacles<Real, D>::is_sharp(const std::array<int, D>& cell,
 template <class Real, int D>
 void Obstacles<Real, D>::find_open(int threads) {
   constexpr std::size_t kCorners = 1 << (D - 1);
-  const std::array<std::int64_t, D>& s = layout_.stride;
   const auto part = [&](std::size_t a, std::int64_t i, const std::array<int, D>& cell) {
     if (std::abs(distance_[usize(i)]) > Real(kAway)) return Real(distance_[usize(i)] > 0);
-    std::array<Real, kCorners> d;
-    bool in = false, out = false;
-    for (std::size_t corner = 0; corner < kCorners; ++corner) {
-      std::int64_t node = i;
-      for (std::size_t k = 0; k < D - 1; ++k) node += (corner >> k & 1) * s[(a + 1 + k) % D];
-      d[corner] = distance_[usize(node)];
-      (d[corner] <= 0 ? in : out) = true;
-    }
-    if (!in || !out) return Real(in ? 0 : 1);
+    std::array<std::size_t, D - 1> across;
+    for (std::size_t k = 0; k < D - 1; ++k) across[k] = (a + 1 + k) % D;
+    const std::array<Real, kCorners> d = at_corners(i, across);
+    if (!is_cut(d)) return Real(d[0] > 0);
     const NearColliders& near = near_block(cell);
     const auto distance = [&](const std::array<double, D - 1>& x) {
       std::array<double, D> at;
       std::copy(cell.begin(), cell.end(), at.begin());
-      for (std::size_t k = 0; k < D - 1; ++k) at[(a + 1 + k) % D] += x[k];
+      for (std::size_t k = 0; k < D - 1; ++k) at[across[k]] += x[k];
       return distance_at(near, at);
     };
-    std::array<std::size_t, D - 1> across;
-    for (std::size_t k = 0; k < D - 1; ++k) across[k] = (a + 1 + k) % D;
     Real whole = 0;
     if (is_sharp(cell, across)) {
       for (const Real one : open_parts(d, std::array<double, D - 1>{}, 1, kDepth, distance))
@@ -180,17 +177,12 @@ auto Obstacles<Real, D>::cuts(int threads) -> std::span<const Cut> {
   constexpr std::size_t kCorners = 1 << D;
   const std::array<std::int64_t, D>& s = layout_.stride;
   using Cuts = std::vector<Cut>;
+  std::array<std::size_t, D> axes;
+  std::iota(axes.begin(), axes.end(), std::size_t{0});
   const auto add = [&](std::int64_t i, const std::array<int, D>& cell, Cuts& cuts) {
     if (std::abs(distance_[usize(i)]) > Real(kAway)) return;
-    std::array<Real, kCorners> d;
-    bool in = false, out = false;
-    for (std::size_t corner = 0; corner < kCorners; ++corner) {
-      std::int64_t node = i;
-      for (std::size_t a = 0; a < D; ++a) node += (corner >> a & 1) * s[a];
-      d[corner] = distance_[usize(node)];
-      (d[corner] <= 0 ? in : out) = true;
-    }
-    if (!in || !out) return;
+    const std::array<Real, kCorners> d = at_corners(i, axes);
+    if (!is_cut(d)) return;
     const NearColliders& near = near_block(cell);
     const auto distance = [&](const std::array<double, D>& x) {
       std::array<double, D> at;
@@ -198,8 +190,6 @@ auto Obstacles<Real, D>::cuts(int threads) -> std::span<const Cut> {
       return distance_at(near, at);
     };
     Cut cut{i, {}};
-    std::array<std::size_t, D> axes;
-    std::iota(axes.begin(), axes.end(), std::size_t{0});
     if (is_sharp(cell, axes)) {
       const auto parts = open_parts(d, std::array<double, D>{}, 1, kDepth, distance);
       for (std::size_t a = 0; a < D; ++a)
