@@ -29,14 +29,19 @@ def work(number: int, seed: int, log: str = os.devnull) -> dict[str, np.ndarray]
     return {"x": np.sort(x)[::1000]}
 
 
+def is_worker(process: psutil.Process) -> bool:
+    """Whether it does runs: a fork of Python's fork server."""
+    return "forkserver" in " ".join(process.parent().cmdline())
+
+
 def killer(count: int, over: threading.Event, killed: list[int]) -> None:
     """Kills processes of the sweep, one each half second."""
     choose = random.Random(0)
     while not over.is_set() and len(killed) < count:
         time.sleep(0.5)
-        with contextlib.suppress(psutil.Error, IndexError):
+        with contextlib.suppress(psutil.Error, AttributeError, IndexError):
             children = psutil.Process().children(recursive=True)
-            child = choose.choice([c for c in children if "spawn_main" in " ".join(c.cmdline())])
+            child = choose.choice([c for c in children if is_worker(c)])
             child.kill()
             killed.append(child.pid)
 

@@ -294,7 +294,7 @@ class _Cluster:
         """Dask's own command, so that no process runs the caller's script again."""
         assert self._own is not None
         home = str(Path(__file__).resolve().parents[2])
-        command = [sys.executable, "-m", "distributed.cli.dask_worker", self._own.scheduler_address]
+        command = [sys.executable, "-m", "substep.sweeps.processes", self._own.scheduler_address]
         command += ["--nworkers", str(self._workers), "--nthreads", "1", "--memory-limit", "0"]
         command += ["--local-directory", self._scratch, "--no-dashboard", "--death-timeout", "10"]
         path = os.pathsep.join([home, *(os.path.abspath(p) for p in sys.path if p)])
