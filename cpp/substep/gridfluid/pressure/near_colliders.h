@@ -24,11 +24,12 @@ inline bool responds(const geometry::Collider& collider) {
 // surely further than `most`.
 inline double signed_distance_of(const geometry::Collider& collider, const geometry::Vec3& x,
                                  double most) {
-  const geometry::Vec3 local = collider.rotation().transpose() * (x - collider.position());
+  const geometry::Vec3 arm = x - collider.position();
+  if (const auto* const ball = std::get_if<geometry::Sphere>(&collider.shape()))
+    return (collider.hollow() ? -1 : 1) * (arm.norm() - ball->radius);
+  const geometry::Vec3 local = collider.rotation().transpose() * arm;
   if (geometry::surely_beyond(collider, local, most))
     return std::numeric_limits<double>::infinity();
-  if (const auto* const ball = std::get_if<geometry::Sphere>(&collider.shape()))
-    return (collider.hollow() ? -1 : 1) * (local.norm() - ball->radius);
   return collider.local_distance(local).value;
 }
 
@@ -109,9 +110,10 @@ class NearestColliders {
   // use(collider) with the distance from x, for all that are not further than it returns.
   template <class Use>
   void for_near(const NearColliders& around, const geometry::Vec3& x, const Use& use) const {
-    const double moved = kRounding * lipschitz_ * (x - around.point).norm();
-    double most = std::numeric_limits<double>::infinity();
-    for (const auto& [distance, collider] : around.all) {
+    double moved = 0, most = std::numeric_limits<double>::infinity();
+    for (std::size_t k = 0; k < around.all.size(); ++k) {
+      const auto& [distance, collider] = around.all[k];
+      if (k == 1) moved = kRounding * lipschitz_ * (x - around.point).norm();
       if (distance - moved > most) return;
       const double here = signed_distance_of(colliders_[collider], x, most);
       if (here <= most) most = use(NearCollider{here, collider});

@@ -71,7 +71,7 @@ void Obstacles<Real, D>::find_distance(int threads) {
     find_distances(threads);
     found_ = true;
   }
-  if (yield != yield_) know_open_ = know_near_ = false;  // it refines what is open
+  if (yield != yield_) know_near_ = false;
   if (states != states_) know_velocity_ = false;
   states_ = std::move(states);
   corners_ = std::move(corners);
@@ -91,7 +91,6 @@ void Obstacles<Real, D>::find(int threads) {
   const bool yield = std::find(yield_.begin(), yield_.end(), true) != yield_.end();
   if ((moving_ || yield) && !know_near_) {
     find_faces_near(threads);
-    if (yield) refine_open(threads);
     know_near_ = true;
     know_velocity_ = false;
   }
@@ -220,8 +219,11 @@ void Obstacles<Real, D>::find_distances_in(const std::array<int, D>& first,
                                            const NearColliders& around) {
   std::array<double, D> middle;
   for (std::size_t a = 0; a < D; ++a) middle[a] = first[a] + (kBlock - 1) / 2.0;
-  const double there = find_nearest().nearest(around, world(middle)).distance / dx;
-  const bool far = std::abs(there) > std::sqrt(D) * (kBlock - 1) / 2 * lipschitz_ + kBand;
+  double there = find_nearest().nearest(around, world(middle)).distance / dx;
+  const auto is_far = [&](double reach) {
+    return std::abs(there) > std::sqrt(D) * reach * lipschitz_ + kBand;
+  };
+  const bool all_far = is_far((kBlock - 1) / 2.0);
   std::array<int, D> end, from, to, node;
   for (std::size_t a = 0; a < D; ++a) end[a] = std::min(first[a] + kBlock, layout_.cells[a] + 1);
   for (std::size_t part = 0; part < 1 << D; ++part) {
@@ -233,7 +235,11 @@ void Obstacles<Real, D>::find_distances_in(const std::array<int, D>& first,
     const std::int64_t block = small_.of(from);
     NearColliders& near = of_small_[usize(block)];
     near.all.clear();
-    if (!far) find_near(around, small_, block, near);
+    if (!all_far) {
+      find_near(around, small_, block, near);
+      there = near.all.front().distance / dx;
+    }
+    const bool far = all_far || is_far(kSmall / 2.0);
     node = from;
     do {
       std::array<double, D> x;

@@ -114,7 +114,6 @@ class Obstacles {
   bool is_sharp(const std::array<int, D>& cell, const std::array<std::size_t, kAxes>& axes) const;
   void find_open(int threads);
   void find_faces_near(int threads);
-  void refine_open(int threads);
   void find_velocities(int threads);
   void find_room(int threads);
 

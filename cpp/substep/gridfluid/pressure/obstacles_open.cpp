@@ -20,13 +20,14 @@ constexpr double kClosed = 1e-3;  // a face that is less open is closed
 // the middle of a part differs by more from the mean of its corners, in widths.
 constexpr double kSharp = 0.4, kBent = 0.02;
 constexpr int kDepth = 2;
-constexpr double kAway = 1.8;  // [cells]: of a node whose cell no surface is in
+constexpr double kAway = 1.8;                     // [cells]: of a node whose cell no surface is in
+constexpr double kBulge = 0.2, kStraight = 1e-3;  // [cells], of a surface between corners
 
-// Whether the surface passes between corners with these distances.
+// Whether the surface passes between corners with these distances, or bulges in between them.
 template <class Real, std::size_t kCorners>
-bool is_cut(const std::array<Real, kCorners>& d) {
-  const auto in = [](Real distance) { return distance <= 0; };
-  return std::any_of(d.begin(), d.end(), in) && !std::all_of(d.begin(), d.end(), in);
+bool is_cut(const std::array<Real, kCorners>& d, Real bulge = 0) {
+  return std::any_of(d.begin(), d.end(), [&](Real distance) { return distance <= bulge; }) &&
+         std::any_of(d.begin(), d.end(), [&](Real distance) { return distance > -bulge; });
 }
 
 // Of the corners of a block, with those upper along an axis by bits: those of its face, in a
@@ -57,14 +58,25 @@ Real open_part_of(const std::array<Real, 8>& d) {
   return halves[0] + halves[1];
 }
 
-// Whether a block from a point has an edge in it.
+// The mean of the distances at the corners of a block from a point, less that in its middle.
 template <std::size_t kAxes, class Real, std::size_t kCorners, class Distance>
-bool bent(const std::array<Real, kCorners>& d, std::array<double, kAxes> middle, double wide,
+Real bend(const std::array<Real, kCorners>& d, std::array<double, kAxes> middle, double wide,
           const Distance& distance) {
   Real mean = 0;
   for (const Real one : d) mean += one / kCorners;
   for (double& x : middle) x += wide / 2;
-  return std::abs(distance(middle) - mean) > Real(kBent * wide);
+  return mean - distance(middle);
+}
+
+// Distances at the corners of a cell or a face, such that the flat surface between them leaves as
+// much open as a round one does. A second derivative f makes the distance f / 8 less in the middle
+// than on the line between the corners, and f / 12 in the mean.
+template <std::size_t kAxes, class Real, std::size_t kCorners, class Distance>
+std::array<Real, kCorners> flattened(std::array<Real, kCorners> d, const Distance& distance) {
+  const Real round = bend(d, std::array<double, kAxes>{}, 1, distance);
+  if (std::abs(round) > Real(kStraight))
+    for (Real& one : d) one -= round * 2 / 3;
+  return d;
 }
 
 // The same in parts: parts[k] is that of the part upper along the axes of the bits of k, and 1 is
@@ -100,7 +112,8 @@ std::array<Real, kCorners> open_parts(const std::array<Real, kCorners>& corners,
     }
     if (!is_cut(of_part)) {
       parts[part] = Real(of_part[0] > 0);
-    } else if (depth == 1 || !bent(of_part, low, wide / 2, distance)) {
+    } else if (depth == 1 ||
+               std::abs(bend(of_part, low, wide / 2, distance)) <= Real(kBent * wide / 2)) {
       parts[part] = open_part_of(of_part);
     } else {
       parts[part] = 0;
@@ -114,11 +127,15 @@ std::array<Real, kCorners> open_parts(const std::array<Real, kCorners>& corners,
 }  // namespace
 
 // Whether the distance is bent along one of the edges, along these axes, that the surface cuts of
-// the block that begins in a cell and spans them.
+// the block that begins in a cell and spans them. A small ball has no edge.
 template <class Real, int D>
 template <std::size_t kAxes>
 bool Obstacles<Real, D>::is_sharp(const std::array<int, D>& cell,
                                   const std::array<std::size_t, kAxes>& axes) const {
+  const NearColliders& near = near_block(cell);
+  if (near.all.size() == 1 &&
+      std::holds_alternative<geometry::Sphere>(colliders[near.all[0].collider].shape()))
+    return false;
   const auto second = [&](std::int64_t i, std::int64_t s) {
     return std::abs(distance_[usize(i - s)] - 2 * distance_[usize(i)] + distance_[usize(i + s)]);
   };
@@ -144,7 +161,7 @@ void Obstacles<Real, D>::find_open(int threads) {
     std::array<std::size_t, D - 1> across;
     for (std::size_t k = 0; k < D - 1; ++k) across[k] = (a + 1 + k) % D;
     const std::array<Real, kCorners> d = at_corners(i, across);
-    if (!is_cut(d)) return Real(d[0] > 0);
+    if (!is_cut(d, Real(kBulge))) return Real(d[0] > 0);
     const NearColliders& near = near_block(cell);
     const auto distance = [&](const std::array<double, D - 1>& x) {
       std::array<double, D> at;
@@ -157,7 +174,7 @@ void Obstacles<Real, D>::find_open(int threads) {
       for (const Real one : open_parts(d, std::array<double, D - 1>{}, 1, kDepth, distance))
         whole += one / kCorners;
     } else {
-      whole = open_part_of(d);
+      whole = open_part_of(flattened<D - 1>(d, distance));
     }
     return whole < Real(kClosed) ? Real(0) : whole;
   };
@@ -182,7 +199,7 @@ auto Obstacles<Real, D>::cuts(int threads) -> std::span<const Cut> {
   const auto add = [&](std::int64_t i, const std::array<int, D>& cell, Cuts& cuts) {
     if (std::abs(distance_[usize(i)]) > Real(kAway)) return;
     const std::array<Real, kCorners> d = at_corners(i, axes);
-    if (!is_cut(d)) return;
+    if (!is_cut(d, Real(kBulge))) return;
     const NearColliders& near = near_block(cell);
     const auto distance = [&](const std::array<double, D>& x) {
       std::array<double, D> at;
@@ -196,18 +213,9 @@ auto Obstacles<Real, D>::cuts(int threads) -> std::span<const Cut> {
         for (std::size_t part = 0; part < kCorners; ++part)
           cut.beside[a][part >> a & 1] += parts[part] / kCorners;
     } else {
-      // A flat surface as if all of it were where it is nearest to the middle; a round one is left
-      // there: what is so carried on its two sides differs by more than the areas of faces do.
-      const Vec3 at = middle_of(cell, -1);
-      const Collider& collider = colliders[nearest_of(near, at)];
-      const geometry::SignedDistance nearest = collider.signed_distance(at);
-      const bool flat = is_flat(collider, at);
-      for (std::size_t a = 0; a < D; ++a) {
-        const Real below = open_[a][usize(i)], above = open_[a][usize(i + s[a])];
-        const double way = -nearest.value / dx * nearest.gradient[static_cast<int>(a)];
-        const Real half = flat ? (below - above) * Real(way) / 2 : Real(0);
-        cut.beside[a] = {below / 2 + half, above / 2 + half};
-      }
+      const std::array<Real, kCorners> e = flattened<D>(d, distance);
+      for (std::size_t a = 0; a < D; ++a)
+        cut.beside[a] = open_halves(on_face<D>(e, a, 0), on_face<D>(e, a, 1));
     }
     for (std::size_t a = 0; a < D; ++a)
       for (std::size_t side = 0; side < 2; ++side)
@@ -227,67 +235,8 @@ auto Obstacles<Real, D>::cuts(int threads) -> std::span<const Cut> {
   return cuts_;
 }
 
-// The faces that bodies cut, in parts: else a ball of 12 cells would displace 1 % too little, more
-// than what many a body weighs less than the fluid.
-template <class Real, int D>
-void Obstacles<Real, D>::refine_open(int threads) {
-  constexpr int kParts = 2;           // along an axis
-  constexpr Real kBulge = Real(0.2);  // of a surface that passes between the corners of a face
-  const std::array<std::int64_t, D>& s = layout_.stride;
-  const auto refine = [&](std::size_t a, const Face& face) {
-    std::array<std::size_t, D - 1> across;  // the other axes
-    for (std::size_t k = 0; k < D - 1; ++k) across[k] = (a + 1 + k) % D;
-    bool in = false, out = false;
-    for (std::size_t corner = 0; corner < 1 << (D - 1); ++corner) {
-      std::int64_t i = face.index;
-      for (std::size_t k = 0; k < D - 1; ++k) i += (corner >> k & 1) * s[across[k]];
-      in |= distance_[usize(i)] < kBulge;
-      out |= distance_[usize(i)] > -kBulge;
-    }
-    const std::array<int, D> cell = layout_.cell(face.index);
-    if (!in || !out || is_sharp(cell, across)) return;  // as find_open() has it
-    const NearColliders& near = near_block(cell);
-    const auto distance_of = [&](int j, int k) {  // a corner of a part
-      if (j % kParts == 0 && k % kParts == 0) {
-        const std::int64_t more = D == 3 ? k / kParts * s[across[D - 2]] : 0;
-        return distance_[usize(face.index + j / kParts * s[across[0]] + more)];
-      }
-      std::array<double, D> x;
-      for (std::size_t b = 0; b < D; ++b) x[b] = cell[b];
-      x[across[0]] += double(j) / kParts;
-      if constexpr (D == 3) x[across[1]] += double(k) / kParts;
-      return distance_at(near, x);
-    };
-    Real sum = 0;
-    std::array<std::array<Real, kParts + 1>, D == 2 ? 1 : kParts + 1> d;
-    for (std::size_t k = 0; k < d.size(); ++k)
-      for (int j = 0; j <= kParts; ++j) d[k][usize(j)] = distance_of(j, static_cast<int>(k));
-    for (std::size_t j = 0; j < kParts; ++j) {
-      if constexpr (D == 2) {
-        sum += open_part(std::array{d[0][j], d[0][j + 1]}) / kParts;
-      } else {
-        for (std::size_t k = 0; k < kParts; ++k)
-          sum += open_part(std::array{d[k][j], d[k][j + 1], d[k + 1][j + 1], d[k + 1][j]}) /
-                 (kParts * kParts);
-      }
-    }
-    Real& open = open_[a][usize(face.index)];
-    sum += (sum - open) / (kParts * kParts - 1);  // Richardson's
-    open = sum < Real(kClosed) ? Real(0) : std::min(sum, Real(1));
-  };
-  for (std::size_t a = 0; a < D; ++a) {
-    for_numbers(
-        static_cast<std::int64_t>(near_[a].size()), threads,
-        [&](std::size_t k) {
-          if (responds(colliders[near_[a][k].collider])) refine(a, near_[a][k]);
-        },
-        64);
-  }
-}
-
-#define SUBSTEP_FIND_OPEN(Real, D)                    \
-  template void Obstacles<Real, D>::find_open(int);   \
-  template void Obstacles<Real, D>::refine_open(int); \
+#define SUBSTEP_FIND_OPEN(Real, D)                  \
+  template void Obstacles<Real, D>::find_open(int); \
   template auto Obstacles<Real, D>::cuts(int) -> std::span<const Cut>
 SUBSTEP_FIND_OPEN(float, 2);
 SUBSTEP_FIND_OPEN(float, 3);

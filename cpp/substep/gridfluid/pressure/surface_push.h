@@ -13,8 +13,8 @@
 // To bodies that respond Bodies gives the first term, as the pressure and they are found together.
 // The second is given before, with the mean slope of the last pressure around each of them: that is
 // gravity dt in liquid at rest, and 0 where all falls. The mean, and not the slopes at the surface,
-// as these are what the body itself makes of them: a light one would swing from step to step. Round
-// surfaces have the first term alone, as Cut says, and so have facets that respond.
+// as these are what the body itself makes of them: a light one would swing from step to step.
+// Facets that respond have the first term alone.
 #pragma once
 
 #include <span>
