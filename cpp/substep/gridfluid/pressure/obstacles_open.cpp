@@ -127,15 +127,16 @@ std::array<Real, kCorners> open_parts(const std::array<Real, kCorners>& corners,
 }  // namespace
 
 // Whether the distance is bent along one of the edges, along these axes, that the surface cuts of
-// the block that begins in a cell and spans them. A small ball has no edge.
+// the block that begins in a cell and spans them. Balls have none, be they small.
 template <class Real, int D>
 template <std::size_t kAxes>
 bool Obstacles<Real, D>::is_sharp(const std::array<int, D>& cell,
                                   const std::array<std::size_t, kAxes>& axes) const {
-  const NearColliders& near = near_block(cell);
-  if (near.all.size() == 1 &&
-      std::holds_alternative<geometry::Sphere>(colliders[near.all[0].collider].shape()))
-    return false;
+  const auto is_ball = [&](const NearCollider& near) {
+    return std::holds_alternative<geometry::Sphere>(colliders[near.collider].shape());
+  };
+  const std::vector<NearCollider>& near = near_block(cell).all;
+  if (std::all_of(near.begin(), near.end(), is_ball)) return false;
   const auto second = [&](std::int64_t i, std::int64_t s) {
     return std::abs(distance_[usize(i - s)] - 2 * distance_[usize(i)] + distance_[usize(i + s)]);
   };
