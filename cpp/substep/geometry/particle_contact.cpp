@@ -11,7 +11,6 @@
 #include "substep/core/lanes.h"
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
-#include "substep/geometry/bounding_balls.h"
 #include "substep/geometry/conservative_advancement.h"
 #include "substep/geometry/surely_beyond.h"
 
@@ -122,6 +121,11 @@ void ParticleContact<Real>::set_bounds(std::size_t c) {
   Vec3 low = Vec3::Constant(-kInfinity), high = Vec3::Constant(kInfinity);
   const Vec3 at = collider.position() - origin_;
   obstacle.aligned = false;
+  const BoundingBall around = bounding_ball(collider);
+  obstacle.middle = obstacle.to.to_world(around.center);
+  obstacle.radius = around.radius;
+  obstacle.shifted = (obstacle.to.shift - obstacle.from.shift).norm();
+  obstacle.turned = (obstacle.to.rotation - obstacle.from.rotation).norm();
   if (const auto* plane = std::get_if<Plane>(&collider.shape())) {
     const Vec3 normal = collider.rotation() * plane->normal;
     int axis;
@@ -163,6 +167,7 @@ void ParticleContact<Real>::begin_step(std::int64_t n) {
     obstacle.normal.assign(kept, Point<Real>{});
     // Friction on those that yield is left to the method.
     obstacle.tangential.assign(obstacle.yields ? 0 : kept, Point<Real>{});
+    obstacle.pushes.assign(usize((n + kGrain - 1) / kGrain), 0);
     keep_reached_ |= !convex(colliders[c]);
   }
   reached_.resize(keep_reached_ ? usize(n) : 0);
@@ -399,6 +404,7 @@ void ParticleContact<Real>::begin_substep(double h) {
     set_bounds(c);
     std::fill(obstacle.normal.begin(), obstacle.normal.end(), Point<Real>{});
     std::fill(obstacle.tangential.begin(), obstacle.tangential.end(), Point<Real>{});
+    std::fill(obstacle.pushes.begin(), obstacle.pushes.end(), 0);
   }
 }
 
@@ -413,9 +419,13 @@ void ParticleContact<Real>::project(std::span<const Point<Real>> start, std::spa
           const Obstacle& obstacle = obstacles_[c];
           if (obstacle.aligned && !obstacle.yields) clamp(c, start, x, mass, begin, end);
         }
+        Ways of_chunk = ways(start, x, begin, end);
         for (std::size_t c = 0; c < colliders.size(); ++c) {
           const Obstacle& obstacle = obstacles_[c];
-          if (!obstacle.aligned && !obstacle.yields) settle_near(c, start, x, mass, begin, end);
+          if (obstacle.aligned || obstacle.yields) continue;
+          if (settle_near(c, start, x, mass, begin, end, of_chunk)) {
+            of_chunk = ways(start, x, begin, end);
+          }
         }
         if (keep_reached_) {
           std::copy(x.begin() + begin, x.begin() + end, reached_.begin() + begin);
@@ -463,55 +473,68 @@ void ParticleContact<Real>::clamp(std::size_t c, std::span<const Point<Real>> st
   Inside<Real>(obstacle.low, obstacle.high, 0).for_outside(x, begin, end, touch);
 }
 
+template <class Real>
+struct ParticleContact<Real>::Ways {
+  Ball before, after;
+};
+
+template <class Real>
+auto ParticleContact<Real>::ways(std::span<const Point<Real>> start, std::span<const Point<Real>> x,
+                                 std::int64_t begin, std::int64_t end) const -> Ways {
+  const auto count = usize(end - begin);
+  return {ball(std::span<const Point<Real>>(&free_before(start, begin), count)),
+          ball(x.subspan(usize(begin), count))};
+}
+
 // Any other collider: a ball about a range of particles and their ways that keeps clear of it
 // spares them all; else quarters of the range are looked at.
 template <class Real>
-void ParticleContact<Real>::settle_near(std::size_t c, std::span<const Point<Real>> start,
+bool ParticleContact<Real>::settle_near(std::size_t c, std::span<const Point<Real>> start,
                                         std::span<Point<Real>> x, std::span<const Real> mass,
-                                        std::int64_t begin, std::int64_t end) {
+                                        std::int64_t begin, std::int64_t end,
+                                        const Ways& of_range) {
   constexpr std::int64_t kSingles = 8;
   const Collider& collider = colliders[c];
   const Obstacle& obstacle = obstacles_[c];
-  const auto count = usize(end - begin);
-  const std::span<const Point<Real>> from(&free_before(start, begin), count);
-  const Ball before = ball(from), after = ball(std::span<const Point<Real>>(&x[begin], count));
+  const auto& [before, after] = of_range;
   const Vec3 center = obstacle.to.to_local(after.center);
   const Vec3 came = pose_before(obstacle).to_local(before.center);
   const double radius = std::max(after.radius, before.radius + (came - center).norm());
   const double reach = collider.lipschitz() * radius + margin_;
   if (collider.local_distance(center).value > reach) {
     // Beyond the margin friction has to do with those only that add_push() was told of.
-    const auto pushed = [&](std::int64_t i) {
-      const Point<Real>& n = obstacle.normal[usize(i)];
-      return n.x != 0 || n.y != 0 || n.z != 0;
-    };
-    bool any_pushed = false;
-    for (std::int64_t i = begin; obstacle.tracked && share == 1 && i < end; ++i) {
-      any_pushed |= pushed(i);
+    const auto pushed = [](const Point<Real>& n) { return n.x != 0 || n.y != 0 || n.z != 0; };
+    const auto normals = obstacle.normal.begin();
+    if (!obstacle.tracked || share != 1 || obstacle.pushes[usize(begin / kGrain)] == 0 ||
+        std::none_of(normals + begin, normals + end, pushed)) {
+      return false;
     }
-    if (!any_pushed) return;
   }
+  bool moved = false;
   if (end - begin > kSingles) {
     const std::int64_t quarter = (end - begin + 3) / 4;
     for (std::int64_t b = begin; b < end; b += quarter) {
-      settle_near(c, start, x, mass, b, std::min(b + quarter, end));
+      const std::int64_t e = std::min(b + quarter, end);
+      moved |= settle_near(c, start, x, mass, b, e, ways(start, x, b, e));
     }
-    return;
+    return moved;
   }
   for (std::int64_t i = begin; i < end; ++i) {
     const double m = of(mass, i);
-    if (m != 0) settle(start, x, m, i);
+    if (m != 0) moved |= settle(start, x, m, i);
   }
+  return moved;
 }
 
 // One particle and all colliders, in turn until none moves it any more.
 template <class Real>
-void ParticleContact<Real>::settle(std::span<const Point<Real>> start, std::span<Point<Real>> x,
+bool ParticleContact<Real>::settle(std::span<const Point<Real>> start, std::span<Point<Real>> x,
                                    double mass, std::int64_t i) {
   constexpr int kRounds = 4;
+  constexpr double kClear = 1.001;  // and more than rounds
   const Vec3 began = xyz(start[i]), from = xyz(free_before(start, i));
   Vec3 at = xyz(x[i]);
-  if (!at.allFinite()) return;  // the method's own check finds it
+  if (!at.allFinite()) return false;  // the method's own check finds it
   // What rounds away, or else would be an impulse in every step on what rests.
   const double least =
       std::max(1e-9 * margin_, static_cast<double>(2 * std::numeric_limits<Real>::epsilon()) *
@@ -522,6 +545,13 @@ void ParticleContact<Real>::settle(std::span<const Point<Real>> start, std::span
     for (std::size_t c = 0; c < colliders.size(); ++c) {
       Obstacle& obstacle = obstacles_[c];
       if (obstacle.yields) continue;
+      if (!obstacle.tracked || obstacle.pushes[usize(i / kGrain)] == 0) {
+        // No way in the frame of the obstacle is longer than this one.
+        const double way = (at - from).norm() + obstacle.shifted +
+                           obstacle.turned * (from + obstacle.from.shift).norm();
+        const double away = (at - obstacle.middle).norm() - obstacle.radius;
+        if (away > kClear * std::max(margin_, way)) continue;
+      }
       const Vec3 target = obstacle.to.to_local(at);
       const Vec3 came = pose_before(obstacle).to_local(from);
       Vec3 p = advance_freely(colliders[c], came, target, margin_);
@@ -545,6 +575,7 @@ void ParticleContact<Real>::settle(std::span<const Point<Real>> start, std::span
     moved = true;
   }
   if (moved) assign(x[i], at);
+  return moved;
 }
 
 // Friction on a particle that came from `start` to p, `push` of which the normal did; all in the
@@ -558,6 +589,7 @@ Vec3 ParticleContact<Real>::rub(std::size_t c, std::int64_t i, const Vec3& start
   const Vec3 N = xyz(kept_normal) + push, T = xyz(kept_tangential);
   const double size = N.norm(), friction = colliders[c].friction;
   assign(kept_normal, N);
+  if (size > 0) obstacle.pushes[usize(i / kGrain)] = 1;
   if (size == 0 || friction == 0) return p;
   const Vec3 n = N / size, way = p - start;
   Vec3 wanted = T - (way - n.dot(way) * n);
@@ -661,6 +693,7 @@ void ParticleContact<Real>::add_push(std::size_t c, std::int64_t i, const Point<
   const std::size_t part = obstacle.yields ? 0 : usize(i / kGrain);
   obstacle.parts[part].add(xyz(x) + obstacle.to.shift, -mass / h_ * push);
   if (!obstacle.tracked) return;
+  obstacle.pushes[usize(i / kGrain)] = 1;
   Point<Real>& normal = obstacle.normal[usize(i)];
   assign(normal, xyz(normal) + obstacle.to.rotation.transpose() * push);
 }

@@ -25,11 +25,10 @@
 #include <vector>
 
 #include "substep/core/point.h"
+#include "substep/geometry/bounding_balls.h"
 #include "substep/geometry/collider.h"
 
 namespace substep::geometry {
-
-class BoundingBalls;
 
 template <class Real>
 class ParticleContact {
@@ -120,12 +119,16 @@ class ParticleContact {
     Vec3 to_world(const Vec3& local) const { return rotation * local - shift; }
   };
   struct Obstacle {
-    Pose from, to;          // when the substep began, and at its end
-    bool aligned = false;   // free space is low <= x <= high
-    Point<Real> low, high;  // relative to the origin, with the margin
-    bool tracked = false;   // friction or restitution: N and T are kept
+    Pose from, to;      // when the substep began, and at its end
+    Vec3 middle;        // of a ball about it at the end of the substep, relative to the origin,
+    double radius = 0;  // which may be infinite
+    double shifted = 0, turned = 0;  // how far its frame went; of its axes
+    bool aligned = false;            // free space is low <= x <= high
+    Point<Real> low, high;           // relative to the origin, with the margin
+    bool tracked = false;            // friction or restitution: N and T are kept
     bool yields = false;
     std::vector<Point<Real>> normal, tangential;  // N and T of each particle, in its frame
+    std::vector<char> pushes;                     // any N in each chunk
     // One per chunk; of those that yield: what was not taken yet, and what was.
     std::vector<Exchange> parts;
   };
@@ -145,9 +148,15 @@ class ParticleContact {
   void set_bounds(std::size_t c);
   void clamp(std::size_t c, std::span<const Point<Real>> start, std::span<Point<Real>> x,
              std::span<const Real> mass, std::int64_t begin, std::int64_t end);
-  void settle_near(std::size_t c, std::span<const Point<Real>> start, std::span<Point<Real>> x,
-                   std::span<const Real> mass, std::int64_t begin, std::int64_t end);
-  void settle(std::span<const Point<Real>> start, std::span<Point<Real>> x, double mass,
+  // Balls about the particles of a range, before and after their ways.
+  struct Ways;
+  Ways ways(std::span<const Point<Real>> start, std::span<const Point<Real>> x, std::int64_t begin,
+            std::int64_t end) const;
+  // These two return whether they moved any.
+  bool settle_near(std::size_t c, std::span<const Point<Real>> start, std::span<Point<Real>> x,
+                   std::span<const Real> mass, std::int64_t begin, std::int64_t end,
+                   const Ways& of_range);
+  bool settle(std::span<const Point<Real>> start, std::span<Point<Real>> x, double mass,
               std::int64_t i);
   Vec3 rub(std::size_t c, std::int64_t i, const Vec3& start, const Vec3& p, const Vec3& push);
   // Where particle i was known to be free, and the pose of an obstacle then.
