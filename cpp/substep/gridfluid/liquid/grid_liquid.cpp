@@ -166,15 +166,11 @@ void GridLiquid<Real, D>::extend_surface() {
 template <class Real, int D>
 void GridLiquid<Real, D>::push_bodies_before(double dt) {
   if (!projection_.bodies().any()) return;
-  new_q_.reset(q.size());
-  if (last_dt > 0) {
-    for_numbers(layout.size, options.threads,
-                [&](std::size_t i) { new_q_[i] = dt / last_dt * q[i]; });
-  } else {
-    find_first_pressure(dt);
-  }
-  push_before(obstacles, projection_.cells(), {new_q_.data(), new_q_.size()}, cell_mass(),
-              options.threads);
+  const bool first = last_dt == 0;
+  const std::span<const double> known =
+      first ? find_first_pressure(dt) : std::span<const double>(q.data(), q.size());
+  const double scale = first ? 1 : dt / last_dt;  // q grows with the step
+  push_before(obstacles, projection_.cells(), known, scale * cell_mass(), options.threads);
   for (std::size_t c = 0; c < given_.size(); ++c) given_[c] = obstacles.colliders[c].exchange();
   projection_.bodies().move(obstacles.colliders);
   obstacles.find(options.threads);
@@ -182,14 +178,14 @@ void GridLiquid<Real, D>::push_bodies_before(double dt) {
 
 // Where none is known yet: that of this step, if bodies had no such push.
 template <class Real, int D>
-void GridLiquid<Real, D>::find_first_pressure(double dt) {
+std::span<const double> GridLiquid<Real, D>::find_first_pressure(double dt) {
   pass_to_grid();
   accelerate(dt);
   if (options.surface_tension > 0) pull_surface(dt);
   make_incompressible(0);
-  copy(projection_.q(), new_q_, options.threads);
   new_report_ = {};
   reset_bodies();
+  return projection_.q();
 }
 
 template <class Real, int D>

@@ -96,7 +96,7 @@ class GridLiquid {
   void sort(double dt);
   void accelerate_bodies(double dt);
   void push_bodies_before(double dt);
-  void find_first_pressure(double dt);
+  std::span<const double> find_first_pressure(double dt);
   void find_surface();
   void count_obstacles_in();
   void extend_surface();

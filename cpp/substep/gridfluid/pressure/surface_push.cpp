@@ -63,26 +63,20 @@ std::vector<Exchange> sum_over_surface(Obstacles<Real, D>& obstacles, std::span<
   return sums;
 }
 
-// For each collider the block of cells, empty where there are none, of its surface and so many
-// around it that they are twice as wide.
+// For each collider the block of cells, empty where there are none, of its flat surfaces and what
+// is around them.
 template <class Real, int D>
 std::vector<Block<D>> blocks_around(Obstacles<Real, D>& obstacles, int threads) {
-  constexpr int kLeast = 2;  // cells on each side
+  constexpr int kAround = 3;  // cells
   const Layout<D>& layout = obstacles.layout();
   std::vector<Block<D>> blocks(obstacles.colliders.size(), {layout.cells, {}});
   for (const auto& cut : obstacles.cuts(threads)) {
+    if (cut.beside == decltype(cut.beside){}) continue;
     const std::array<int, D> cell = layout.cell(cut.cell);
     Block<D>& block = blocks[obstacles.nearest(obstacles.middle(cut.cell))];
     for (std::size_t a = 0; a < D; ++a) {
-      block.from[a] = std::min(block.from[a], cell[a]);
-      block.to[a] = std::max(block.to[a], cell[a] + 1);
-    }
-  }
-  for (Block<D>& block : blocks) {
-    for (std::size_t a = 0; a < D; ++a) {
-      const int more = kLeast + (block.to[a] - block.from[a]) / 2;
-      block.from[a] = std::max(block.from[a] - more, 0);
-      block.to[a] = std::min(block.to[a] + more, layout.cells[a]);
+      block.from[a] = std::min(block.from[a], std::max(cell[a] - kAround, 0));
+      block.to[a] = std::max(block.to[a], std::min(cell[a] + 1 + kAround, layout.cells[a]));
     }
   }
   return blocks;

@@ -30,7 +30,8 @@ template <class Real, int D>
 void push_surface(Obstacles<Real, D>& obstacles, const Projection<Real, D>& projection,
                   std::span<const double> q, const Vec3& rest, double mass, int threads);
 
-// Sets exchange() of those that respond to the second term, with a q of before.
+// Sets exchange() of those that respond to the second term, with a q of before, and the mass of a
+// full cell times what this one is expected to be of it.
 template <class Real, int D>
 void push_before(Obstacles<Real, D>& obstacles, std::span<const Cell> cells,
                  std::span<const double> q, double mass, int threads);
