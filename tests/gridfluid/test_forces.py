@@ -57,6 +57,18 @@ def test_cubes_are_lifted_by_what_they_displace(cells, most, along, dtype):
         assert np.abs(lift[:2]).max() < 1e-3, shift
 
 
+@pytest.mark.parametrize(("radius", "most"), [(1.4, 0.04), (2.2, 0.008), (3.2, 0.004), (6, 0.003)])
+def test_balls_are_lifted_by_what_they_displace(radius, most):
+    middle = math.ceil(radius) + 4
+    for shift in (0, 0.2, 0.45, 0.7, 0.9):
+        ball = substep.Sphere(radius, center=(middle + shift, middle + 0.3 + shift / 2, middle))
+        side = 2 * middle + 1
+        force = push(substep.Collider(ball), sides=(side, side), depth=side)
+        lift = force / (RHO * G * 4 / 3 * math.pi * radius**3)
+        assert lift[2] == pytest.approx(1, abs=most), shift
+        assert np.abs(lift[:2]).max() < 3e-3, shift
+
+
 @pytest.mark.parametrize("along", [(1, 1), (0, 1), (1, 0)])
 @pytest.mark.parametrize("cells", [3, 8])
 def test_squares_are_lifted_by_what_they_displace(cells, along):
