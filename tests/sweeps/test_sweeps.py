@@ -236,6 +236,18 @@ def test_folders_of_others_are_left_alone(tmp_path):
             substep.RunCollection(tmp_path)
 
 
+def test_processes_draw_numbers_of_their_own(tmp_path):
+    """They are forks of one process, but not of its random numbers."""
+
+    def work(k):
+        time.sleep(0.1)  # each of two takes some
+        return {"numpy": np.random.rand(), "python": random.random()}  # noqa: NPY002
+
+    found = substep.sweep(work, {"k": range(12)}, tmp_path, workers=2).arrays()
+    for name in ("numpy", "python"):
+        assert len(set(found[name].ravel().tolist())) == 12
+
+
 def test_killed_processes_lose_nothing(tmp_path):
     """Processes die of kill -9 while the runs go on, also the one that the others are forks of."""
     log = tmp_path / "log"

@@ -3,11 +3,18 @@
 So one in the place of another that was killed is there at once.
 """
 
+import os
+
 import dask
+import numpy as np
 from distributed.cli.dask_worker import main
 from distributed.utils import get_mp_context
 
+from substep.sweeps import task  # noqa: F401
+
+os.register_at_fork(after_in_child=np.random.seed)  # Python's own numbers see to it themselves
+
 if __name__ == "__main__":
     with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
-        get_mp_context().set_forkserver_preload(["distributed", "substep.sweeps.task"])
+        get_mp_context().set_forkserver_preload(["substep.sweeps.processes"])
         main()
