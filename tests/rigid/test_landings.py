@@ -1,4 +1,6 @@
-"""What lands without restitution stays down: columns, what falls on them, and bodies with joints."""
+"""What lands without restitution stays down: columns, what falls on them, joined bodies."""
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -92,7 +94,7 @@ def test_a_chain_of_boxes_that_lands_does_not_rise(step):
     # Upright posts whose parts are joined: the joints pass the impact on.
     bodies = on_ground(step)
     ids = column(bodies, np.ones(4), DROP)
-    for lower, upper in zip(ids, ids[1:]):
+    for lower, upper in pairwise(ids):
         z = bodies.positions[upper, 2] - 0.5
         bodies.ball(lower, upper, (0, 0, z), collide=True)
     assert max(z.mean() for z in after_landing(bodies, ids, 0.5)) < 1e-3

@@ -38,12 +38,14 @@ void ImpactStart::begin_step(std::span<const Joint> joints, const BodyRows& rows
     rows_[usize(i)].growth = mass;
   }
   pairs_.clear();
+  hit_.clear();
   for (const Joint& joint : joints) {
     const std::int32_t a = rows.row(joint.a), b = rows.row(joint.b);
+    add_row(a), add_row(b);
     rows_[usize(a)].jointed = rows_[usize(b)].jointed = true;
     if (rows.moves(a) && rows.moves(b)) pairs_.push_back({a, b});
   }
-  joined_ = pairs_.size();
+  joined_ = pairs_.size(), jointed_ = hit_.size();
   if (joined_ == 0) return;
   label_islands(pairs_, label_);
   std::vector<double> whole(usize(n), 0);
@@ -56,9 +58,18 @@ void ImpactStart::begin_step(std::span<const Joint> joints, const BodyRows& rows
   }
 }
 
+void ImpactStart::add_row(std::int32_t row) {
+  if (row == 0 || rows_[usize(row)].hit) return;
+  rows_[usize(row)].hit = true;
+  hit_.push_back(row);
+}
+
 void ImpactStart::begin() {
-  pairs_.resize(joined_);
-  for (Row& row : rows_) row.hit = row.jointed, row.along = row.square = 0;
+  for (const std::int32_t i : hit_) {
+    Row& row = rows_[usize(i)];
+    row.hit = row.jointed, row.along = row.square = 0;
+  }
+  pairs_.resize(joined_), hit_.resize(jointed_);
 }
 
 void ImpactStart::add(const ContactPacket& packet, const V& load) {
@@ -67,7 +78,7 @@ void ImpactStart::add(const ContactPacket& packet, const V& load) {
   for (int lane = 0; lane < ContactPacket::kLanes; ++lane) {
     if (!(part[lane] > 0)) continue;
     const std::int32_t a = packet.a[lane], b = packet.b[lane];
-    rows_[usize(a)].hit = rows_[usize(b)].hit = true;
+    add_row(a), add_row(b);
     if (packet.moves_a[lane] && packet.moves_b[lane]) pairs_.push_back({a, b});
   }
 }
@@ -80,8 +91,7 @@ double ImpactStart::withdrawn(std::size_t row) const {
 void ImpactStart::withdraw(BodyRows& rows) {
   label_islands(pairs_, label_);
   const auto each = [&](const auto& task) {
-    for (std::size_t i = 1; i < rows_.size(); ++i)
-      if (rows_[i].hit) task(i, rows.velocity[i]);
+    for (const std::int32_t i : hit_) task(usize(i), rows.velocity[usize(i)]);
   };
   each([&](std::size_t i, const BodyRow& v) {
     const BodyRow& e = rows_[i].jointed ? rows.push[i] : excess_[i];

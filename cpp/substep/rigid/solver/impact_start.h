@@ -46,8 +46,8 @@ class ImpactStart {
   void begin_step(std::span<const Joint> joints, const BodyRows& rows);
   // Of a contact of these rows, before begin(), where gravity gives the speed `fast` in a sub-step.
   double jump(std::int32_t a, std::int32_t b, double fast) const {
-    if (joined_ > 0 && label_[usize(a)] == label_[usize(b)])
-      return std::numeric_limits<double>::infinity();
+    if (joined_ == 0) return kJump * growth(a, b, fast);
+    if (label_[usize(a)] == label_[usize(b)]) return std::numeric_limits<double>::infinity();
     return fast * std::min(rows_[usize(a)].jump, rows_[usize(b)].jump);
   }
   double growth(std::int32_t a, std::int32_t b, double fast) const {
@@ -81,8 +81,11 @@ class ImpactStart {
     bool jointed = false, hit = false;
     double along = 0, square = 0;  // v.M e and e.M e, of all with this label
   };
-  std::vector<BodyPair> pairs_;  // rows that joints and hit contacts connect
-  std::size_t joined_ = 0;       // how many of those are joints
+  void add_row(std::int32_t row);
+
+  std::vector<BodyPair> pairs_;           // rows that joints and hit contacts connect
+  std::vector<std::int32_t> hit_;         // rows of joints and of hit contacts
+  std::size_t joined_ = 0, jointed_ = 0;  // how many of those are of joints
   std::vector<std::int32_t> label_;
   std::vector<Row> rows_;
   BodyRows::Rows excess_;  // e, 0 between sub-steps
