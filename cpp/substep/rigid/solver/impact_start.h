@@ -12,8 +12,9 @@
 //
 // A contact has been hit where its pressure exceeds what it carried before, its load, by more than
 // kJump h |g| m, with the smaller mass m of its two bodies: by a few times what gravity gives in a
-// sub-step. Then the load grows by h |g| m, and what is above it is of an impact; elsewhere the
-// load is all of the pressure, so contacts that stand start as they would without all this.
+// sub-step. Then the load grows by h |g| m and by kMore of itself, and what is above it is of an
+// impact; elsewhere the load is all of the pressure, so contacts that stand start as they would
+// without all this.
 //
 // Joints pass on what an impact gives one of their bodies, and what the others weigh. With the mass
 // M of all that they connect, a jump is at least h |g| M there, the load grows by h |g| (m M)^1/2,
@@ -56,7 +57,8 @@ class ImpactStart {
   // The load after a sub-step.
   static void grow(const ContactPacket& packet, const V& jump, const V& growth, V& load) {
     const V all = packet.pressure();
-    load = all <= load + jump ? all : load + growth;
+    const V grown = load + kMore * load + growth;
+    load = (all <= load + jump) | (all < grown) ? all : grown;
   }
   // Whether any contact has more than its load, and than rounding makes of it.
   static bool is_hit(const ContactPacket& packet, const V& load) {
@@ -72,7 +74,7 @@ class ImpactStart {
 
  private:
   static constexpr double kSame = 1 - 1e-9;
-  static constexpr double kJump = 4;
+  static constexpr double kJump = 4, kMore = 0.03;
 
   double withdrawn(std::size_t row) const;  // s
 
