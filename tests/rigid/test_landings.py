@@ -71,7 +71,7 @@ def test_a_box_that_lands_on_a_stack_does_not_throw_it(count, step):
     ids = column(bodies, np.ones(count))
     ids.append(bodies.add(CUBE, (0, 0, count + 0.5 + DROP), mass=1.0))
     rise = max(z[:-1].max() for z in after_landing(bodies, ids))
-    assert rise < 1.2e-3
+    assert rise < 2e-3
     assert np.abs(bodies.velocities).max() < 1e-6
 
 

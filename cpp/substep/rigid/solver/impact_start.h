@@ -74,7 +74,7 @@ class ImpactStart {
 
  private:
   static constexpr double kSame = 1 - 1e-9;
-  static constexpr double kJump = 4, kMore = 0.03;
+  static constexpr double kJump = 4, kMore = 0.1;
 
   double withdrawn(std::size_t row) const;  // s
 
