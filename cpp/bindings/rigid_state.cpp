@@ -26,7 +26,7 @@ void for_each_real(Contact& c, Visit&& visit) {
   for (auto& u : c.slip) visit(u);
   visit(c.friction_impulse[0]), visit(c.friction_impulse[1]), visit(c.twist_impulse);
   visit(c.roll_impulse[0]), visit(c.roll_impulse[1]);
-  visit(c.friction_total[0]), visit(c.friction_total[1]);
+  visit(c.friction_total[0]), visit(c.friction_total[1]), visit(c.load);
 }
 template <class Contact, class Visit>
 void for_each_integer(Contact& c, Visit&& visit) {

@@ -588,9 +588,10 @@ def test_states_that_do_not_fit():
         ({"island": good["island"] + 50}, "."),
         ({"excluded": np.array([[0, 99]], np.int32)}, "."),
         (at("contacts", 0, 5.0), "length 1"),
-        (at("contacts", -15, -1.0), "friction"),  # then static friction, restitution
-        (at("contacts", -14, -1.0), "static friction"),
-        (at("contacts", -13, 2.0), "restitution"),
+        (at("contacts", -16, -1.0), "friction"),  # then static friction, restitution
+        (at("contacts", -15, -1.0), "static friction"),
+        (at("contacts", -14, 2.0), "restitution"),
+        (at("contacts", -1, -1.0), "load"),
         ({"material_names": np.array([255, 0, 98, 0], np.uint8)}, "material_names"),
         ({"material_names": np.array([97, 0], np.uint8)}, "material_names"),
         ({"material_names": np.array([97, 0, 98], np.uint8)}, "material_names"),

@@ -53,6 +53,7 @@ void carry_impulses(const ContactConstraint& last, ContactConstraint& now) {
     now.roll_impulse[i] = last.roll_impulse[i];
   }
   now.twist_impulse = last.twist_impulse;
+  now.load = last.load;
   now.slips = last.slips;
   std::copy_n(last.slip, 3, now.slip);
 

@@ -48,6 +48,7 @@ struct ContactConstraint {
   double twist_impulse = 0.0;             // of the last sub-step [N m s]
   double roll_impulse[2] = {0., 0.};      // the same along the tangent and n x tangent
   double friction_total[2] = {0., 0.};    // of the last step, with its impacts
+  double load = 0.0;                      // what of sum(l_n) is of no impact (impact_start.h)
   bool slips = false;                     // mu is that of kinetic friction
   // With which velocity [m/s], after the last sub-step: along the tangent, n x tangent, and of the
   // points about n. Also of a contact that only begins to; 0 where it sticks.

@@ -215,16 +215,12 @@ SUBSTEP_INLINE void limit_to(const V& radius, V (&x)[2]) {
   for (int i = 0; i < 2; ++i) x[i] = x[i] * factor;
 }
 
-SUBSTEP_INLINE V pressure(const ContactPacket& c) {
-  return (c.impulse[0] + c.impulse[1]) + (c.impulse[2] + c.impulse[3]);
-}
-
 // Adds to the impulse, and to u what the normal impulses see of it. Friction cannot be projected
 // onto the disc along A^-1, which would turn it: where it slides the scalar step with the largest
 // mobility has its fixed point where l_t is opposite to u_t.
 template <class Form>
 SUBSTEP_INLINE void solve_friction(Form, ContactPacket& c, Twist& u, Twist& impulse) {
-  const V inverse = inverse_of(c.mobility), friction = wide(c.friction), press = pressure(c);
+  const V inverse = inverse_of(c.mobility), friction = wide(c.friction), press = c.pressure();
   V lever = wide(c.spinning) * press;
   for (int k = 0; k < Form::points; ++k)
     lever = fma(friction * wide(c.lever[k]), c.impulse[k], lever);
@@ -269,7 +265,7 @@ SUBSTEP_INLINE void solve_rolling(ContactPacket& c, const Twist& u, Twist& impul
     const V w = fma(u.angular[i], inverse, change[i]);
     l[i] = fma(-w, wide(c.roll_inverse), c.roll_impulse[i]);
   }
-  limit_to(wide(c.rolling) * pressure(c), l);
+  limit_to(wide(c.rolling) * c.pressure(), l);
   for (int i = 0; i < 2; ++i) {
     impulse.angular[i] = impulse.angular[i] + (l[i] - c.roll_impulse[i]);
     c.roll_impulse[i] = l[i];
@@ -472,15 +468,22 @@ void ContactPacket::prepare(const BodyRows& rows) {
   for (int k = 0; k < 5; ++k) roll_mobility[k] = narrow(of(kRolls[k][0], kRolls[k][1]));
 }
 
-void ContactPacket::warm_start(BodyRows& rows) const {
+void ContactPacket::push(const V& part, BodyRows::Rows& rows) const {
   with_form(*this, [&](auto form) __attribute__((always_inline)) {
-    Both m = load_both(form, rows.push, *this);
+    Both m = load_both(form, rows, *this);
     Twist l{{{slide_impulse[0], slide_impulse[1], V{}}}, {{V{}, V{}, twist_impulse}}};
     if (rolls) l.angular[0] = roll_impulse[0], l.angular[1] = roll_impulse[1];
     add_normal(form, *this, impulse, l);
-    apply(form, *this, l, m);
-    store_both(form, m, rows.push, *this);
+    apply(form, *this, {part * l.linear, part * l.angular}, m);
+    store_both(form, m, rows, *this);
   });
+}
+
+void ContactPacket::scale_impulses(const V& part) {
+  for (auto& l : impulse) l = part * l;
+  for (auto& l : slide_impulse) l = part * l;
+  for (auto& l : roll_impulse) l = part * l;
+  twist_impulse = part * twist_impulse;
 }
 
 void ContactPacket::withdraw_push(BodyRows& rows) const {
@@ -489,11 +492,7 @@ void ContactPacket::withdraw_push(BodyRows& rows) const {
     back.moves_a[lane] = moves_a[lane] && rows.turns[usize(a[lane])] == 0;
     back.moves_b[lane] = moves_b[lane] && rows.turns[usize(b[lane])] == 0;
   }
-  for (auto& l : back.impulse) l = -l;
-  for (auto& l : back.slide_impulse) l = -l;
-  for (auto& l : back.roll_impulse) l = -l;
-  back.twist_impulse = -back.twist_impulse;
-  back.warm_start(rows);
+  back.push(splat<V>(-1), rows.push);
 }
 
 void ContactPacket::find_separations(const BodyRows& rows, V (&C)[4]) const {

@@ -49,8 +49,9 @@ struct ContactPacket {
   // The separations of these lanes are those of now, not of the step's begin.
   void rebase(const BodyRows& rows, const bool (&lanes)[kLanes]);
 
-  // The impulses of the last sub-step, to rows.push.
-  void warm_start(BodyRows& rows) const;
+  // This part of the impulses of the last sub-step, to what they push.
+  void push(const V& part, BodyRows::Rows& rows) const;
+  void warm_start(BodyRows& rows) const { push(splat<V>(1), rows.push); }
   // Takes them back, of rows that do not turn, before the contacts are found anew.
   void withdraw_push(BodyRows& rows) const;
   // At the start of a sub-step: moves bodies apart, without velocity, and notes the targets.
@@ -58,6 +59,8 @@ struct ContactPacket {
   // Friction, then the normal impulses.
   void solve_velocities(BodyRows& rows);
 
+  V pressure() const { return (impulse[0] + impulse[1]) + (impulse[2] + impulse[3]); }
+  void scale_impulses(const V& part);
   void get(int lane, ContactConstraint& contact) const;
 
   std::int32_t a[kLanes], b[kLanes];  // rows

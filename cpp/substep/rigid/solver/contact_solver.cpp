@@ -139,20 +139,27 @@ void ContactSolver::mark_standing(std::span<const ContactConstraint> contacts) {
   }
 }
 
-void ContactSolver::pack(std::span<const ContactConstraint> contacts, int threads) {
+void ContactSolver::pack(std::span<const ContactConstraint> contacts, double fast, int threads) {
   packets_.reset(usize(sweep_.packets()));
   given_.reset(usize(sweep_.packets()));
+  hit_.assign(usize(sweep_.packets()), 0);
   parallel_for(
       sweep_.packets(), kPackets,
       [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t k = begin; k < end; ++k) {
           ContactPacket& packet = packets_[usize(k)];
+          Given& given = given_[usize(k)];
+          given = Given();
           for (int lane = 0; lane < kPacketLanes; ++lane) {
             const auto c = sweep_.constraint[usize(k * kPacketLanes + lane)];
             packet.set(lane, c < 0 ? nullptr : &contacts[usize(c)], rows_);
+            if (c < 0) continue;
+            given.load[lane] = contacts[usize(c)].load;
+            given.jump[lane] = impact_start_.jump(packet.a[lane], packet.b[lane], fast);
+            given.growth[lane] = impact_start_.growth(packet.a[lane], packet.b[lane], fast);
           }
           packet.prepare(rows_);
-          given_[usize(k)] = {};
+          hit_[usize(k)] = ImpactStart::is_hit(packet, given.load);
         }
       },
       threads);
@@ -182,6 +189,7 @@ void ContactSolver::Given::report(int lane, ContactConstraint& contact) const {
   for (auto& point : contact.points) point.total = 0;
   for (int k = 0; k < 4; ++k) contact.last_of(k).total += normal[k][lane];
   for (int i = 0; i < 2; ++i) contact.friction_total[i] = friction[i][lane];
+  contact.load = load[lane];
 }
 
 // Contacts in flight are none of this sub-step.
@@ -192,6 +200,20 @@ void ContactSolver::bounce(double h, double slop) {
     packets_[usize(place / kPacketLanes)].away[place % kPacketLanes] =
         impacts_.flying(k) ? kFarAway : 0;
   }
+}
+
+void ContactSolver::start_impacts() {
+  if (std::find(hit_.begin(), hit_.end(), 1) == hit_.end()) return;
+  const auto each = [&](const auto& task) {
+    for (std::size_t k = 0; k < hit_.size(); ++k)
+      if (hit_[k] != 0) task(packets_[k], given_[k].load);
+  };
+  impact_start_.begin();
+  each([&](const ContactPacket& packet, const auto& load) { impact_start_.add(packet, load); });
+  impact_start_.withdraw(rows_);
+  each([&](ContactPacket& packet, const auto& load) {
+    packet.scale_impulses(impact_start_.left(packet, load));
+  });
 }
 
 // A contact of round shapes rolls on if a body of it that touches few others turns, or goes along
@@ -395,13 +417,14 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   rows_.load(bodies, gravity, asleep, threads);
   // Contacts may turn a light body far in a sub-step: joints take back as much as they can in a
   // step.
+  impact_start_.begin_step(joints, rows_);
   joints_.begin_step(bodies, joints, contacts, {dt, h, options.push_speed * dt, options.rotation},
                      rows_);
   const double fast = h * gravity.norm();
   order(gravity, contacts, threads);
   find_slipping(contacts, fast);
   mark_standing(contacts);
-  pack(contacts, threads);
+  pack(contacts, fast, threads);
   const bool strained = find_strained(contacts, bodies.size());
   find_rolling(contacts, joints, dt, h, options.slop);
   impacts_.begin_step(contacts, rolling_, h, rows_, [&](ContactConstraint& c, double time) {
@@ -449,6 +472,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
     phases.add_range(rows_.size(), kBodies, [&](std::int64_t begin, std::int64_t end) {
       rows_.accelerate(begin, end, h, slow, lost);
     });
+    phases.add(1, [this](std::int64_t) { start_impacts(); });
     for (int sweep = 0; sweep < sweeps_of(strained); ++sweep) {
       add_joints([&, sweep](JointSolver::Group& group) {
         const int sweeps = sweeps_of(strained && group.whirls());
@@ -459,7 +483,11 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
         if (sweep >= sweeps) return;
         if (sweep == 0) packet(k).solve_positions(rows_, settings);
         packet(k).solve_velocities(rows_);
-        if (sweep + 1 == sweeps) given_[usize(k)].add(packet(k));
+        if (sweep + 1 < sweeps) return;
+        Given& given = given_[usize(k)];
+        given.add(packet(k));
+        ImpactStart::grow(packet(k), given.jump, given.growth, given.load);
+        hit_[usize(k)] = ImpactStart::is_hit(packet(k), given.load);
       });
     }
     if (!slip_packets_.empty())

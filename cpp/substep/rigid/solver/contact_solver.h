@@ -50,6 +50,7 @@
 #include "substep/rigid/solver/contact_options.h"
 #include "substep/rigid/solver/contact_packet.h"
 #include "substep/rigid/solver/graph_colouring.h"
+#include "substep/rigid/solver/impact_start.h"
 #include "substep/rigid/solver/impacts.h"
 #include "substep/rigid/solver/joints.h"
 
@@ -75,18 +76,19 @@ class ContactSolver {
   std::int64_t impacts() const { return impacts_.happened(); }  // of the last step
 
  private:
-  // Impulses of all sub-steps so far.
+  // Impulses of all sub-steps so far, and the load (impact_start.h).
   struct Given {
-    ContactPacket::V normal[4], friction[2];
+    ContactPacket::V normal[4], friction[2], load, jump, growth;
     void add(const ContactPacket& packet);
     void report(int lane, ContactConstraint& contact) const;
   };
 
   void order(const Vec3& gravity, std::span<const ContactConstraint> contacts, int threads);
   void mark_standing(std::span<const ContactConstraint> contacts);
-  void pack(std::span<const ContactConstraint> contacts, int threads);
+  void pack(std::span<const ContactConstraint> contacts, double fast, int threads);
   bool find_strained(std::span<const ContactConstraint> contacts, std::int64_t bodies);
   void bounce(double h, double slop);
+  void start_impacts();
   void find_rolling(std::span<ContactConstraint> contacts, std::span<const Joint> joints, double dt,
                     double h, double slop);
   void find_slipping(std::span<ContactConstraint> contacts, double fast);
@@ -104,6 +106,7 @@ class ContactSolver {
   GraphColouring colouring_;
   Sweep sweep_;
   Impacts impacts_;
+  ImpactStart impact_start_;
   JointSolver joints_;
   std::vector<KeyedIndex<std::uint32_t>> depth_;  // along gravity, contact
   RadixSort<std::uint32_t> sort_;
@@ -111,7 +114,8 @@ class ContactSolver {
   std::vector<std::uint8_t> colours_;
   std::vector<std::int32_t> place_;  // lane of each contact in packets_, counted through; or -1
   AlignedBuffer<ContactPacket> packets_;
-  AlignedBuffer<Given> given_;  // by each packet
+  AlignedBuffer<Given> given_;     // by each packet
+  std::vector<std::uint8_t> hit_;  // of each packet: a contact has more than its load
   Touch touch_;
   std::vector<std::uint8_t> rolling_;          // of each contact: found anew in each sub-step
   std::vector<std::int32_t> turning_;          // rows

@@ -177,13 +177,14 @@ void World::fall_asleep(double dt) {
 // Contacts between bodies of which none is awake rest apart from the others.
 void World::sort_contacts(std::vector<ContactConstraint>& contacts) {
   if (!sleep_changed_) return;
+  std::vector<const ContactConstraint*> all;
+  for (const auto* list : {&contacts, &sleeping_contacts_})
+    for (const ContactConstraint& c : *list) all.push_back(&c);
+  std::stable_sort(all.begin(), all.end(),
+                   [](const auto* c, const auto* d) { return precedes(*c, *d); });
   std::vector<ContactConstraint> awake, asleep;
-  for (const auto* list : {&contacts, &sleeping_contacts_}) {
-    for (const ContactConstraint& c : *list)
-      (is_awake(c.a) || is_awake(c.b) ? awake : asleep).push_back(c);
-  }
-  std::stable_sort(awake.begin(), awake.end(), precedes);
-  std::stable_sort(asleep.begin(), asleep.end(), precedes);
+  for (const ContactConstraint* c : all)
+    (is_awake(c->a) || is_awake(c->b) ? awake : asleep).push_back(*c);
   contacts.swap(awake);
   sleeping_contacts_.swap(asleep);
   sleep_changed_ = false;

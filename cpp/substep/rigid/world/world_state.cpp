@@ -57,6 +57,7 @@ void check_state(const WorldState& state) {
             "friction of a contact is at least 0, restitution from 0 to 1");
     require(c.static_friction >= 0 && Vec3::Map(c.slip).allFinite(),
             "static friction of a contact is at least 0, its slip is finite");
+    require(c.load >= 0, "the load of a contact is at least 0");
   }
   require(std::is_sorted(state.contacts.begin(), state.contacts.end(), precedes),
           "contacts are in the order of their shapes");

@@ -1,0 +1,116 @@
+"""What lands without restitution stays down: columns, what falls on them, joined bodies."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import substep
+from substep import rigid
+
+G = 9.81
+STEPS = [1 / 60, 1 / 120, 1 / 240]
+CUBE = rigid.Box((1, 1, 1))
+DROP = 0.16  # [m]
+
+
+def on_ground(step, **options):
+    bodies = substep.RigidBodies(step=step, sleeping=False, **options)
+    bodies.add(rigid.Plane(), (0, 0, 0), motion="static")
+    return bodies
+
+
+def column(bodies, masses, height=0.0):
+    """Cubes on one another, from this height up; their numbers."""
+    return [bodies.add(CUBE, (0, 0, height + k + 0.5), mass=m) for k, m in enumerate(masses)]
+
+
+def falling_column(step, masses, **options):
+    bodies = on_ground(step, **options)
+    return bodies, column(bodies, masses, DROP)
+
+
+def heights(bodies, ids):
+    """Above where the cubes of a column stand."""
+    return bodies.positions[ids, 2] - 0.5 - np.arange(len(ids))
+
+
+def after_landing(bodies, ids, duration=1.5):
+    """The heights after each step that follows the impact."""
+    bodies.advance(np.sqrt(2 * DROP / G) + 2 * bodies.step_size)
+    end = bodies.time + duration
+    while bodies.time < end:
+        bodies.step()
+        yield heights(bodies, ids)
+
+
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("count", [2, 3, 5, 10])
+def test_a_column_that_lands_does_not_rise(count, step):
+    bodies, ids = falling_column(step, np.ones(count))
+    energy = bodies.diagnostics()["energy"]
+    rise = max(z.mean() for z in after_landing(bodies, ids))
+    assert rise < 1e-5
+    assert np.abs(bodies.velocities).max() < 1e-9
+    assert heights(bodies, ids).min() > -1e-4 * (count + 1)  # the slop of each contact
+    assert np.abs(bodies.positions[ids, :2]).max() < 1e-9
+    assert bodies.diagnostics()["energy"] < energy
+
+
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("heavy", [30, 100])
+def test_heavy_on_light_that_lands_does_not_rise(heavy, step):
+    bodies, ids = falling_column(step, [1, heavy])
+    assert max(z.max() for z in after_landing(bodies, ids)) < 1e-5
+    assert np.abs(bodies.velocities).max() < 1e-7
+
+
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("count", [1, 2, 5, 10])
+def test_a_box_that_lands_on_a_stack_does_not_throw_it(count, step):
+    bodies = on_ground(step)
+    ids = column(bodies, np.ones(count))
+    ids.append(bodies.add(CUBE, (0, 0, count + 0.5 + DROP), mass=1.0))
+    rise = max(z[:-1].max() for z in after_landing(bodies, ids))
+    assert rise < 2e-3
+    assert np.abs(bodies.velocities).max() < 1e-6
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_columns_that_collide_go_on_together(step):
+    # Of a plastic impact without gravity: the common velocity, and no momentum comes or goes.
+    bodies = substep.RigidBodies(step=step, gravity=(0, 0, 0))
+    masses = np.array([1.0, 2, 3])
+    for side, speed in ((1, 1.0), (-1, 0.5)):
+        for k, mass in enumerate(masses):
+            bodies.add(CUBE, (side * (0.6 + k), 0, 0), velocities=(-side * speed, 0, 0), mass=mass)
+    before = bodies.momenta.sum(axis=0)
+    bodies.advance(1.0)
+    assert bodies.momenta.sum(axis=0) == pytest.approx(before, abs=1e-13)
+    assert bodies.velocities[:, 0] == pytest.approx(-0.25, abs=1e-6)
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_a_chain_of_boxes_that_lands_does_not_rise(step):
+    # Upright posts whose parts are joined: the joints pass the impact on.
+    bodies = on_ground(step)
+    ids = column(bodies, np.ones(4), DROP)
+    for lower, upper in pairwise(ids):
+        z = bodies.positions[upper, 2] - 0.5
+        bodies.ball(lower, upper, (0, 0, z), collide=True)
+    assert max(z.mean() for z in after_landing(bodies, ids, 0.5)) < 1e-3
+
+
+def test_an_impact_is_the_same_for_any_threads_and_from_a_state():
+    end = []
+    for threads in (1, 2, 3):
+        bodies, ids = falling_column(1 / 60, np.ones(6), threads=threads)
+        bodies.ball(ids[4], ids[5], (0, 0, 5 + DROP))
+        bodies.advance(0.2)  # amid the impact
+        twin = on_ground(1 / 60)
+        ids = column(twin, np.ones(6), DROP)
+        twin.ball(ids[4], ids[5], (0, 0, 5 + DROP))
+        twin.restore(bodies.state())
+        for world in (bodies, twin):
+            world.advance(0.3)
+            end.append((world.positions.tobytes(), world.momenta.tobytes()))
+    assert len(set(end)) == 1
