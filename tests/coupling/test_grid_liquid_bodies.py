@@ -216,7 +216,9 @@ def test_forces_on_particles_lift_a_box_as_gravity_does(gravity):
 
 @pytest.mark.parametrize("ratio", [0.001, 0.05])
 def test_light_boxes_come_to_rest_in_narrow_tanks(ratio):
-    """Of 6 cells in a tank of 9: what they are given does not grow from step to step."""
+    """Of 6 cells in a tank of 9. What they are given follows from what they did in the step before:
+    if that fed itself, the change of the acceleration would grow from step to step, beyond any g.
+    """
     liquid, box = tank("box", ratio, 2.4, 6, side=1.5, depth=2.5, air=2.0)
     dt, speeds = 0.04 / 6, []
     for _ in range(300):
@@ -224,7 +226,8 @@ def test_light_boxes_come_to_rest_in_narrow_tanks(ratio):
         speeds.append(box.velocity[2])
     change = np.diff(speeds, 2)[-100:] / dt
     assert np.abs(speeds).max() < 2
-    assert math.sqrt((change**2).mean()) < 0.1 * G
+    assert np.abs(speeds[-100:]).max() < 1
+    assert math.sqrt((change**2).mean()) < 0.5 * G
 
 
 def balls_in_a_tank(ratio, *, seed=3, **options):

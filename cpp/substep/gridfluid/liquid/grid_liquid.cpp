@@ -114,10 +114,10 @@ void GridLiquid<Real, D>::count_obstacles_in() {
   fill_ghosts(layout, kCentres, density_.data(), options.threads);
 }
 
-// The liquid goes on into obstacles that it touches, as deep as it is before them: else a cell of
-// which they cover the middle would count as air, and the liquid beside it would shoot there. One
-// of which they cover nearly that much may have no particle by chance: it counts as what is before
-// it.
+// The liquid goes on into obstacles that it touches: else a cell of which they cover the middle
+// would count as air, and the liquid beside it would shoot there. One of which they cover nearly
+// that much may have no particle by chance: it is as deep in it as what is before it. (The former
+// are half a cell deep: with what is before them, fronts would meet walls in spikes of pressure.)
 template <class Real, int D>
 void GridLiquid<Real, D>::extend_surface() {
   constexpr Real kNear = 0.5, kInside = -0.5, kBeside = 0.35, kBefore = 0.5, kFar = 2;  // [cells]
@@ -140,7 +140,7 @@ void GridLiquid<Real, D>::extend_surface() {
             !(obstacles.open(static_cast<int>(a))[usize(face)] > 0))
           continue;
         furthest = there;
-        phi = phi_[usize(other)];
+        phi = within ? kInside : phi_[usize(other)];
       }
     }
   };
