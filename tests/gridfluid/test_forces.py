@@ -66,7 +66,7 @@ def test_balls_are_lifted_by_what_they_displace(radius, most):
         force = push(substep.Collider(ball), sides=(side, side), depth=side)
         lift = force / (RHO * G * 4 / 3 * math.pi * radius**3)
         assert lift[2] == pytest.approx(1, abs=most), shift
-        assert np.abs(lift[:2]).max() < 3e-3, shift
+        assert np.abs(lift[:2]).max() < 5e-3, shift
 
 
 @pytest.mark.parametrize("along", [(1, 1), (0, 1), (1, 0)])
