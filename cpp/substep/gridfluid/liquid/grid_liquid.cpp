@@ -417,11 +417,12 @@ void GridLiquid<Real, D>::find_displacement() {
               continue;
             }
             const bool inside = phi_[usize(i)] < -1;
-            Real whole = std::clamp(error - 1, inside ? -kMost : Real(0), kMost);
+            Real whole = error - 1;
             if (obstacles.any() && obstacles.room()[usize(i)] < 1) {
               const Real unsure = kUnsure / std::max(obstacles.room()[usize(i)], Real(kLeastRoom));
               whole -= std::clamp(whole, -unsure, unsure);
             }
+            whole = std::clamp(whole, inside ? -kMost : Real(0), kMost);
             error = kShare * whole;
             if (obstacles.any())  // of the open part of the cell
               error *= std::clamp(obstacles.at_centre(i) + Real(0.5), Real(0), Real(1));

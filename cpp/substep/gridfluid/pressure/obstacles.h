@@ -110,6 +110,10 @@ class Obstacles {
   }
   void find_distances(int threads);
   void find_distances_in(const std::array<int, D>& first, const NearColliders& around);
+  // Of those that may be nearest in a cell.
+  template <class Shape>
+  bool all_near(const std::array<int, D>& cell) const;
+  bool is_round(const std::array<int, D>& cell) const;
   template <std::size_t kAxes>
   bool is_sharp(const std::array<int, D>& cell, const std::array<std::size_t, kAxes>& axes) const;
   void find_open(int threads);

@@ -127,17 +127,32 @@ std::array<Real, kCorners> open_parts(const std::array<Real, kCorners>& corners,
 
 }  // namespace
 
+template <class Real, int D>
+template <class Shape>
+bool Obstacles<Real, D>::all_near(const std::array<int, D>& cell) const {
+  const std::vector<NearCollider>& near = near_block(cell).all;
+  return std::all_of(near.begin(), near.end(), [&](const NearCollider& one) {
+    return std::holds_alternative<Shape>(colliders[one.collider].shape());
+  });
+}
+
+// Whether the surface bulges between corners, where it has no edge, as a part of a smooth one. What
+// several obstacles leave, or a hollow box in its corners, is bent too.
+template <class Real, int D>
+bool Obstacles<Real, D>::is_round(const std::array<int, D>& cell) const {
+  const std::vector<NearCollider>& near = near_block(cell).all;
+  const bool one =
+      near.size() == 1 && !(all_near<geometry::Box>(cell) && colliders[near[0].collider].hollow());
+  return one || all_near<geometry::Sphere>(cell) || all_near<geometry::Triangle>(cell);
+}
+
 // Whether the distance is bent along one of the edges, along these axes, that the surface cuts of
 // the block that begins in a cell and spans them. Balls have none, be they small.
 template <class Real, int D>
 template <std::size_t kAxes>
 bool Obstacles<Real, D>::is_sharp(const std::array<int, D>& cell,
                                   const std::array<std::size_t, kAxes>& axes) const {
-  const auto is_ball = [&](const NearCollider& near) {
-    return std::holds_alternative<geometry::Sphere>(colliders[near.collider].shape());
-  };
-  const std::vector<NearCollider>& near = near_block(cell).all;
-  if (std::all_of(near.begin(), near.end(), is_ball)) return false;
+  if (all_near<geometry::Sphere>(cell)) return false;
   const auto second = [&](std::int64_t i, std::int64_t s) {
     return std::abs(distance_[usize(i - s)] - 2 * distance_[usize(i)] + distance_[usize(i + s)]);
   };
@@ -163,7 +178,8 @@ void Obstacles<Real, D>::find_open(int threads) {
     std::array<std::size_t, D - 1> across;
     for (std::size_t k = 0; k < D - 1; ++k) across[k] = (a + 1 + k) % D;
     const std::array<Real, kCorners> d = at_corners(i, across);
-    if (!is_cut(d, Real(kBulge))) return Real(d[0] > 0);
+    if (!is_cut(d) && !(is_cut(d, Real(kBulge)) && all_near<geometry::Sphere>(cell)))
+      return Real(d[0] > 0);
     const NearColliders& near = near_block(cell);
     const auto distance = [&](const std::array<double, D - 1>& x) {
       std::array<double, D> at;
@@ -176,7 +192,7 @@ void Obstacles<Real, D>::find_open(int threads) {
       for (const Real one : open_parts(d, std::array<double, D - 1>{}, 1, kDepth, distance))
         whole += one / kCorners;
     } else {
-      whole = open_part_of(flattened<D - 1>(d, distance));
+      whole = open_part_of(is_round(cell) ? flattened<D - 1>(d, distance) : d);
     }
     return whole < Real(kClosed) ? Real(0) : whole;
   };
@@ -201,7 +217,7 @@ auto Obstacles<Real, D>::cuts(int threads) -> std::span<const Cut> {
   const auto add = [&](std::int64_t i, const std::array<int, D>& cell, Cuts& cuts) {
     if (std::abs(distance_[usize(i)]) > Real(kAway)) return;
     const std::array<Real, kCorners> d = at_corners(i, axes);
-    if (!is_cut(d, Real(kBulge))) return;
+    if (!is_cut(d) && !(is_cut(d, Real(kBulge)) && all_near<geometry::Sphere>(cell))) return;
     const NearColliders& near = near_block(cell);
     const auto distance = [&](const std::array<double, D>& x) {
       std::array<double, D> at;
@@ -215,7 +231,7 @@ auto Obstacles<Real, D>::cuts(int threads) -> std::span<const Cut> {
         for (std::size_t part = 0; part < kCorners; ++part)
           cut.beside[a][part >> a & 1] += parts[part] / kCorners;
     } else {
-      const std::array<Real, kCorners> e = flattened<D>(d, distance);
+      const std::array<Real, kCorners> e = is_round(cell) ? flattened<D>(d, distance) : d;
       for (std::size_t a = 0; a < D; ++a)
         cut.beside[a] = open_halves(on_face<D>(e, a, 0), on_face<D>(e, a, 1));
     }
