@@ -71,6 +71,24 @@ def test_still_water_around_obstacles(obstacle, n):
         assert np.abs(liquid.velocities).max() < most * math.sqrt(G * 0.5)
 
 
+def test_still_water_rests_in_a_tank_whose_walls_are_off_by_different_parts():
+    """No cell in its corners counts as air, and no face in its walls as open."""
+    cell, low = 0.1, 0.1 * (2 + np.array((0.1, 0.25, 0.75)))
+    wide = {a: [8.0] * 3 for a in range(3)}
+    walls = []
+    for a, ends in enumerate(((low[0], low[0] + 1), (low[1], low[1] + 1), (low[2],))):
+        for k, end in enumerate(ends):
+            size, center = list(wide[a]), [0.0] * 3
+            size[a], center[a] = 4.0, end + (2 if k else -2)
+            walls.append(substep.Collider(substep.Box(size, center=center)))
+    x = substep.fill_box((0, 0, 0), (1, 1, 0.8), cell / 2) + low
+    bounds = ((0, 0, 0), (1.5, 1.5, 1.6))
+    liquid = substep.GridLiquid(x, cell=cell, bounds=bounds, colliders=walls)
+    liquid.advance(5.0)
+    assert (liquid.positions[:, 2].mean() - low[2]) / 0.4 == pytest.approx(1, abs=0.004)
+    assert np.abs(liquid.velocities).max() < 0.1
+
+
 @pytest.mark.parametrize("keep", [False, True])
 @pytest.mark.parametrize("off", [0, 0.25, 0.5, 0.75])
 def test_still_water_keeps_its_volume_between_obstacles(off, keep):

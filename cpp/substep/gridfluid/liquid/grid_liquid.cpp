@@ -117,10 +117,12 @@ void GridLiquid<Real, D>::count_obstacles_in() {
 // The liquid goes on into obstacles that it touches: else a cell of which they cover the middle
 // would count as air, and the liquid beside it would shoot there. One of which they cover nearly
 // that much may have no particle by chance: it is as deep in it as what is before it. (The former
-// are half a cell deep: with what is before them, fronts would meet walls in spikes of pressure.)
+// are half a cell deep: with what is before them, fronts would meet walls in spikes of pressure; an
+// empty one that liquid is all around has a phi of up to kAmong.)
 template <class Real, int D>
 void GridLiquid<Real, D>::extend_surface() {
-  constexpr Real kNear = 0.5, kInside = -0.5, kBeside = 0.35, kBefore = 0.5, kFar = 2;  // [cells]
+  constexpr Real kNear = 0.5, kAmong = 0.62, kInside = -0.5, kBeside = 0.35, kBefore = 0.5,
+                 kFar = 2;  // [cells]
   using Place = std::array<int, D>;
   const auto extend = [&](const Place& cell, std::int64_t i, bool within) {
     Real& phi = phi_[usize(i)];
@@ -128,7 +130,7 @@ void GridLiquid<Real, D>::extend_surface() {
     const Real here = obstacles.at_centre(i);
     if (within ? here >= 0 : here < 0 || here >= kBeside || phi < 0 || phi >= kNear) return;
     Real furthest = within ? Real(0) : here + kBefore;  // of those it touches
-    if (within && phi < kNear) phi = kInside;
+    if (within && phi < kAmong) phi = kInside;
     for (std::size_t a = 0; a < D; ++a) {
       for (const int way : {-1, 1}) {
         const int n = layout.cells[a], to = cell[a] + way;
