@@ -30,6 +30,7 @@ from .task import BEGUN, FUNCTION, execute, is_done, write_error
 
 _PAUSE, _PATIENCE = 0.005, 2.0  # between looks at runs, and at processes [s]
 _STARTS = 20  # of the processes, when their parent ends
+_ALONE = 20.0  # without any, as where their server died as it began [s]
 
 
 def sweep(
@@ -238,13 +239,14 @@ def _spread(
     while waiting.count():
         batch = waiting.next_batch(block=False)
         for future in batch:
-            error = future.exception()
-            if error is not None:  # its process died, more than once
-                path = design.folder(folder, index_of[future.key])
+            path = design.folder(folder, index_of[future.key])
+            if future.status == "error":  # its process died, more than once
                 path.mkdir(exist_ok=True)
-                write_error(path, f"the process died: {error}")
+                write_error(path, f"the process died: {future.exception()}")
             ended += 1
-            failed += error is not None or future.result() != ""
+            # What it returned may be lost with its process, and so is waited for until there is
+            # another one; what is in its folder is not.
+            failed += not is_done(path, design)
             if on_run is not None:
                 on_run(ended, runs, failed)
         if not batch:
@@ -298,6 +300,7 @@ class _Cluster:
         command += ["--nworkers", str(self._workers), "--nthreads", "1", "--memory-limit", "0"]
         command += ["--local-directory", self._scratch, "--no-dashboard", "--death-timeout", "10"]
         path = os.pathsep.join([home, *(os.path.abspath(p) for p in sys.path if p)])
+        self._seen = time.monotonic()
         self._log = open(os.path.join(self._scratch, "log"), "w+b")
         self._processes = subprocess.Popen(
             command,
@@ -315,8 +318,13 @@ class _Cluster:
             self._log.close()
 
     def look_after(self) -> None:
-        """Start the processes again if their parent was killed, but not for ever."""
-        if self._processes is not None and self._processes.poll() is not None:
+        """Start the processes again if their parent has ended or has none, but not for ever."""
+        if self._processes is None:
+            return
+        assert self._own is not None
+        if self._own.scheduler.workers:
+            self._seen = time.monotonic()
+        if self._processes.poll() is not None or time.monotonic() - self._seen > _ALONE:
             self._starts += 1
             if self._starts > _STARTS:
                 with open(self._log.name, errors="replace") as log:
