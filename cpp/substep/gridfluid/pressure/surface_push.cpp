@@ -63,8 +63,8 @@ std::vector<Exchange> sum_over_surface(Obstacles<Real, D>& obstacles, std::span<
   return sums;
 }
 
-// For each collider the block of cells, empty where there are none, of its flat surfaces and what
-// is around them.
+// For each collider the block of cells, empty where there are none, of its surface and what
+// is around it.
 template <class Real, int D>
 std::vector<Block<D>> blocks_around(Obstacles<Real, D>& obstacles, int threads) {
   constexpr int kAround = 3;  // cells
