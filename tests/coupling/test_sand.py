@@ -151,3 +151,61 @@ def test_balls_sink_as_powers_of_their_drop_and_their_density():
     light, heavy = (depth_of_a_ball(2.0, ratio) for ratio in (0.5, 8.0))
     drops = (2.0 + heavy) / (2.0 + light)
     assert np.log(heavy / light / drops ** (1 / 3)) / np.log(16) == pytest.approx(0.5, abs=0.1)
+
+
+def drive_up(degrees, friction, cells=10, diameter=0.2, speed=0.4):
+    """A cart of 25 kg on two driven discs on a slope of sand of 33 degrees, in the plane.
+
+    Its speed over that of the rims in the second half of 1.5 s, and how deep its wheels lie then,
+    in diameters.
+    """
+    length, height, radius = 2.4, 0.2, diameter / 2
+    d = diameter / cells / 2
+    sand = mpm.Sand(
+        density=DENSITY,
+        young_modulus=300 * DENSITY * G * height,
+        poisson_ratio=0.3,
+        friction_angle=np.radians(33.0),
+    )
+    angle = np.radians(degrees)
+    gravity = -G * np.array([np.sin(angle), np.cos(angle)])
+    cart = substep.RigidBodies(step=1 / 120, gravity=(*gravity, 0))
+    x, y = 0.35 * length, height + radius + 1e-3
+    chassis = cart.add(substep.Box((0.5, 0.06, 0.2)), (x, y + 0.05, 0), mass=20.0)
+    axles = [(x - 0.2, y, 0), (x + 0.2, y, 0)]
+    wheels = cart.add(substep.Sphere(radius), axles, mass=2.5, friction=friction)
+    for wheel, axle in zip(wheels, axles, strict=True):
+        cart.hinge(wheel, chassis, axle, (0, 0, 1), motor=substep.rigid.SpeedMotor(-speed / radius))
+    bed = substep.MaterialPointMethod(
+        substep.fill_box((0, 0), (length, height), d),
+        sand,
+        cell=2 * d,
+        volume=d**2,
+        gravity=gravity,
+        colliders=[
+            *cart.make_colliders(wheels),
+            substep.Collider(substep.Plane((0, 1, 0)), friction=0.8),
+            substep.Collider(substep.Plane((1, 0, 0))),
+            substep.Collider(substep.Plane((-1, 0, 0), (length, 0, 0))),
+        ],
+    )
+    world = substep.World({"cart": cart, "bed": bed})
+    world.advance(0.75)
+    before = cart.positions[chassis, 0]
+    world.advance(0.75)
+    depth = height + radius - cart.positions[wheels, 1].mean()
+    return (cart.positions[chassis, 0] - before) / 0.75 / speed, depth / diameter
+
+
+@pytest.mark.slow
+def test_wheels_climb_slip_and_dig_in_as_friction_allows():
+    """Rough ones climb up to what sand holds, with more slip and deeper the steeper it is.
+
+    Those with a friction of 0.3 would climb 16.7 degrees on a hard slope; less here, as they push
+    sand before them. With 20 cells to a wheel the first speeds are 0.95, 0.63, 0.25.
+    """
+    flat, gentle, steep, too_steep = (drive_up(degrees, 0.8) for degrees in (0, 10, 20, 30))
+    assert 0.8 < flat[0] <= 1 and 0.55 < gentle[0] < 0.85 and 0.1 < steep[0] < 0.45
+    assert too_steep[0] < -0.1
+    assert flat[1] < gentle[1] < steep[1] < too_steep[1] and steep[1] > 3 * flat[1]
+    assert drive_up(0, 0.3)[0] > 0.8 and abs(drive_up(15, 0.3)[0]) < 0.05
