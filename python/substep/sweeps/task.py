@@ -26,8 +26,8 @@ MOST_DEATHS = 3  # of processes in one run
 _LONGEST = 2000  # letters of an error's line
 
 
-def execute(out: str, design: Design, digest: str, folders: list[str], index: int) -> str:
-    """Do a run; a word for an error, nothing if there was none.
+def execute(out: str, design: Design, digest: str, folders: list[str], index: int) -> None:
+    """Do a run, and leave what it found in its folder, or why it failed.
 
     Does nothing where it is done. A run that another process is still about is waited for.
     """
@@ -42,12 +42,13 @@ def execute(out: str, design: Design, digest: str, folders: list[str], index: in
     folder.mkdir(exist_ok=True)
     with _alone(folder):
         if is_done(folder, design):
-            return ""
+            return
         begun = folder / BEGUN
         deaths = int(begun.read_text() or 0) if begun.exists() else 0
         if deaths >= MOST_DEATHS:
             begun.unlink()
-            return write_error(folder, f"the process died {deaths} times in this run")
+            write_error(folder, f"the process died {deaths} times in this run")
+            return
         begun.write_text(str(deaths + 1))
         try:
             if design.kind == "scene":
@@ -56,10 +57,9 @@ def execute(out: str, design: Design, digest: str, folders: list[str], index: in
                 _call(_function(str(Path(out) / FUNCTION), digest), folder, index, design)
         except BaseException as error:  # a function may also exit
             trace = "" if isinstance(error, SubstepError) else traceback.format_exc()
-            return write_error(folder, _line_of(error), trace)
+            write_error(folder, _line_of(error), trace)
         else:
             (folder / ERROR).unlink(missing_ok=True)
-            return ""
         finally:
             begun.unlink(missing_ok=True)
 
@@ -71,12 +71,10 @@ def _line_of(error: BaseException) -> str:
         return f"{type(error).__name__}: it cannot tell what"
 
 
-def write_error(folder: Path, line: str, trace: str = "") -> str:
-    """Why a run failed, in its folder; return the line."""
-    line = line[:_LONGEST]
-    text = f"{line}\n{trace[-100_000:]}".encode("utf-8", "replace")
+def write_error(folder: Path, line: str, trace: str = "") -> None:
+    """Why a run failed, in its folder."""
+    text = f"{line[:_LONGEST]}\n{trace[-100_000:]}".encode("utf-8", "replace")
     replace_bytes(folder / ERROR, text)
-    return line
 
 
 @contextmanager
