@@ -100,6 +100,38 @@ def test_a_chain_of_boxes_that_lands_does_not_rise(step):
     assert max(z.mean() for z in after_landing(bodies, ids, 0.5)) < 1e-3
 
 
+@pytest.mark.parametrize("restitution", [0.0, 0.5])
+@pytest.mark.parametrize("side", [0.2, 1.0])
+@pytest.mark.parametrize("step", [1 / 60, 1 / 240])
+def test_what_falls_along_meets_what_is_stopped_before_it(step, side, restitution):
+    # Three boxes fall together from 2 m, and do not approach until the lowest lands: those above
+    # must meet it within that step. They overlapped by half of the small ones.
+    for gap in (0.011, 0.021, 0.04, 0.06):
+        bodies = on_ground(step)
+        for k in range(3):
+            at = (0, 0, 2 + k * (side + gap) + side / 2)
+            bodies.add(rigid.Box((side,) * 3), at, mass=1.0, restitution=restitution)
+        start = bodies.diagnostics()["energy"]
+        while bodies.time < 1.0:
+            bodies.step()
+            assert bodies.diagnostics()["penetration"] < (4e-3 if restitution == 0 else 1e-3)
+            assert bodies.diagnostics()["energy"] < start + 1e-9
+
+
+@pytest.mark.parametrize("step", [1 / 60, 1 / 240])
+def test_the_wagons_of_a_train_meet_those_that_a_wall_stops(step):
+    # At 6 m/s and 30 mm apart; they overlapped by up to 85 mm of 300.
+    bodies = substep.RigidBodies(step=step, gravity=(0, 0, 0), sleeping=False)
+    bodies.add(rigid.Plane((-1, 0, 0)), (0, 0, 0), motion="static")
+    for k in range(6):
+        at = (-1.35 - 0.33 * k, 0, 0)
+        bodies.add(rigid.Box((0.3,) * 3), at, velocities=(6, 0, 0), restitution=1.0)
+    while bodies.time < 0.6:
+        bodies.step()
+        assert bodies.diagnostics()["penetration"] < 1e-3
+    assert bodies.velocities[1:, 0] == pytest.approx(-6, abs=1e-9)
+
+
 def test_an_impact_is_the_same_for_any_threads_and_from_a_state():
     end = []
     for threads in (1, 2, 3):

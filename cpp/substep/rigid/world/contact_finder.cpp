@@ -1,6 +1,10 @@
 #include "substep/rigid/world/contact_finder.h"
 
 #include <algorithm>
+#include <array>
+#include <limits>
+#include <optional>
+#include <utility>
 
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
@@ -63,6 +67,138 @@ bool is_round(const Shape& shape) {
 
 }  // namespace
 
+// Of bodies, by how much they are behind their ways at the end of the step [m].
+class ContactFinder::Setbacks {
+ public:
+  // Between two bodies that both move freely.
+  struct Link {
+    std::int32_t a, b;
+    std::int64_t pair = -1;  // unless they touch
+    Vec3 normal = Vec3::Zero();
+    double gap = 0, bounce = 1;
+    double looked = 0;  // backs of both, squared, when it was looked at
+  };
+
+  Setbacks(const Fixtures& fixtures, std::span<const Motion> motion, std::span<const Way> ways)
+      : fixtures_(fixtures), motion_(motion), ways_(ways) {}
+
+  bool any() const { return !queue_.empty(); }
+
+  // The two stop each other on their ways, or throw each other back.
+  void stop(const Touch& touch) {
+    const Fixtures::Entry &a = fixtures_[touch.pair.a], &b = fixtures_[touch.pair.b];
+    const Vec3& n = touch.manifold.normal;
+    const double way = n.dot(ways_[usize(a.body)].travel - ways_[usize(b.body)].travel);
+    if (!(way > 0)) return;
+    const double left = touch.time > 0 ? (1 - touch.time) * way : way - gap(touch);
+    const double back = bounce(touch.pair) * left;
+    if (!(back > std::min(a.margin, b.margin))) return;  // what is nearer touches anyway
+    set(a.body, -back * n), set(b.body, back * n);
+  }
+
+  void add(const FixturePair& pair, std::int64_t number) {
+    const Link link{.a = fixtures_[pair.a].body, .b = fixtures_[pair.b].body, .pair = number};
+    if (is_free(link.a) && is_free(link.b)) links_.push_back(link);
+  }
+  void add(const Touch& touch) {
+    const std::size_t before = links_.size();
+    add(touch.pair, -1);
+    if (links_.size() > before) join(links_.back(), touch);
+  }
+  void join(Link& link, const Touch& touch) const {
+    link.pair = -1;
+    link.normal = touch.manifold.normal, link.gap = gap(touch), link.bounce = bounce(touch.pair);
+  }
+
+  // pass(link) for those of the bodies that are set back, one after the other, until none is by
+  // more than it was.
+  template <class Pass>
+  void spread(const Pass& pass) {
+    std::vector<std::size_t> first(bodies_.size() + 1, 0), of_body(2 * links_.size());
+    for (const Link& link : links_) ++first[usize(link.a)], ++first[usize(link.b)];
+    for (std::size_t b = 1; b < first.size(); ++b) first[b] += first[b - 1];
+    for (std::size_t i = links_.size(); i-- > 0;)
+      of_body[--first[usize(links_[i].a)]] = of_body[--first[usize(links_[i].b)]] = i;
+    for (std::size_t k = 0; k < queue_.size(); ++k) {
+      const auto body = usize(queue_[k]);
+      bodies_[body].waits = false;
+      for (std::size_t i = first[body]; i < first[body + 1]; ++i) pass(links_[of_body[i]]);
+    }
+  }
+
+  // One that is set back stops the other, or throws it back.
+  void pass_on(const Link& link) {
+    const auto passed = [&](const Vec3& back) {
+      const double by = back.dot(link.normal);
+      return std::min(link.bounce * (by - link.gap), by);
+    };
+    const double of_a = passed(bodies_[usize(link.a)].back),
+                 of_b = passed(-bodies_[usize(link.b)].back);
+    if (of_a > 0) set(link.b, of_a * link.normal);
+    if (of_b > 0) set(link.a, -of_b * link.normal);
+  }
+
+  bool is_news(Link& link) const {
+    const double now =
+        bodies_[usize(link.a)].back.squaredNorm() + bodies_[usize(link.b)].back.squaredNorm();
+    return std::exchange(link.looked, now) != now;
+  }
+
+  // How much the two approach in all, and whether they may and do.
+  double approach(std::int32_t a, std::int32_t b) const {
+    return (bodies_[usize(a)].back - bodies_[usize(b)].back).norm() +
+           (ways_[usize(a)].travel - ways_[usize(b)].travel).norm();
+  }
+  bool may_close(const FixturePair& pair, double margin) const {
+    const Fixtures::Entry &a = fixtures_[pair.a], &b = fixtures_[pair.b];
+    const Bounds p = bounds(a.fixture.shape, fixtures_.pose(pair.a));
+    Bounds q = bounds(b.fixture.shape, fixtures_.pose(pair.b));
+    const Vec3 way = ways_[usize(b.body)].travel - ways_[usize(a.body)].travel;
+    const Vec3 end = way + bodies_[usize(b.body)].back - bodies_[usize(a.body)].back;
+    q.low += end.cwiseMin(way).cwiseMin(-margin), q.high += end.cwiseMax(way).cwiseMax(margin);
+    return !apart(p, q);
+  }
+  bool closes(const Touch& touch) const {
+    const auto a = usize(fixtures_[touch.pair.a].body), b = usize(fixtures_[touch.pair.b].body);
+    const Vec3 way = ways_[a].travel - ways_[b].travel + bodies_[a].back - bodies_[b].back;
+    return way.dot(touch.manifold.normal) > gap(touch);
+  }
+
+ private:
+  struct Body {
+    Vec3 back = Vec3::Zero();
+    bool waits = false;  // in the queue
+  };
+
+  bool is_free(std::int32_t body) const { return motion_[usize(body)] == Motion::kDynamic; }
+  double bounce(const FixturePair& pair) const {
+    return 1 + fixtures_.restitution(fixtures_[pair.a].fixture, fixtures_[pair.b].fixture);
+  }
+  static double gap(const Touch& touch) {
+    double least = std::numeric_limits<double>::infinity();
+    for (int k = 0; k < touch.manifold.count; ++k)
+      least = std::min(least, touch.manifold.points[k].separation);
+    return std::max(least, 0.0);
+  }
+
+  void set(std::int32_t body, const Vec3& back) {
+    if (!is_free(body)) return;
+    bodies_.resize(motion_.size());
+    Body& of = bodies_[usize(body)];
+    if (!(back.squaredNorm() > of.back.squaredNorm())) return;
+    of.back = back;
+    if (!of.waits) queue_.push_back(body);
+    of.waits = true;
+  }
+
+  const Fixtures& fixtures_;
+  std::span<const Motion> motion_;
+  std::span<const Way> ways_;
+  std::vector<Body> bodies_;
+  std::vector<Link> links_;
+  std::vector<std::int32_t> queue_;
+};
+
 // Of a chunk of pairs.
 class ContactFinder::Search {
  public:
@@ -75,14 +211,15 @@ class ContactFinder::Search {
         caches_(caches),
         found_(found) {}
 
-  void look_at(const FixturePair& pair) {
+  // Whether they touch, or else may be near.
+  std::optional<bool> look_at(const FixturePair& pair) {
     // Pairs that the broad phase still has from where they were find no more than new ones do.
     const Fixtures::Entry &a = fixtures_[pair.a], &b = fixtures_[pair.b];
     const Bounds &box_a = fixtures_.bounds()[usize(pair.a)],
                  &box_b = fixtures_.bounds()[usize(pair.b)];
     if (apart(box_a, box_b) || above(a.fixture.shape, fixtures_.pose(pair.a), box_b) ||
         above(b.fixture.shape, fixtures_.pose(pair.b), box_a))
-      return;
+      return {};
     const double slow = slow_for(a, b), margin = std::min(a.margin, b.margin);
     const double approach =
         (ways_[usize(a.body)].travel - ways_[usize(b.body)].travel).norm() + turns_by(a, b);
@@ -90,6 +227,19 @@ class ContactFinder::Search {
     collide_at(pair, fixtures_.pose(pair.a), fixtures_.pose(pair.b),
                margin + std::min(approach, slow), 0);
     if (continuous_ && approach > slow && found_.size() == before) follow(pair, margin);
+    return found_.size() > before;
+  }
+
+  // A pair of which one is set back.
+  void look_behind(const FixturePair& pair, const Setbacks& setbacks) {
+    const Fixtures::Entry &a = fixtures_[pair.a], &b = fixtures_[pair.b];
+    const double margin = std::min(a.margin, b.margin);
+    if (!setbacks.may_close(pair, margin)) return;
+    const std::size_t before = found_.size();
+    collide_at(pair, fixtures_.pose(pair.a), fixtures_.pose(pair.b),
+               margin + std::min({setbacks.approach(a.body, b.body), a.core.radius, b.core.radius}),
+               0);
+    if (found_.size() > before && !setbacks.closes(found_.back())) found_.pop_back();
   }
 
   ContactConstraint contact(const Touch& touch) const {
@@ -235,6 +385,32 @@ bool ContactFinder::touch_at(const Fixtures& fixtures, std::span<const Motion> m
   return true;
 }
 
+void ContactFinder::find_followers(std::span<const FixturePair> pairs, const Fixtures& fixtures,
+                                   std::span<const Motion> motion, std::span<const Way> ways) {
+  Setbacks setbacks(fixtures, motion, ways);
+  for (const auto& found : touches_)
+    for (const Touch& touch : found) setbacks.stop(touch);
+  if (!setbacks.any()) return;
+  for (const auto& found : touches_)
+    for (const Touch& touch : found) setbacks.add(touch);
+  for (const auto& near : near_)
+    for (const std::int64_t k : near) setbacks.add(pairs[usize(k)], k);
+  setbacks.spread([&](Setbacks::Link& link) {
+    if (link.pair >= 0 && setbacks.is_news(link)) {
+      auto& found = touches_[usize(link.pair / kPairs)];
+      const std::size_t before = found.size();
+      Search(fixtures, motion, ways, false, caches_, found)
+          .look_behind(pairs[usize(link.pair)], setbacks);
+      if (found.size() > before) setbacks.join(link, found.back());
+    }
+    if (link.pair < 0) setbacks.pass_on(link);
+  });
+  for (auto& found : touches_)
+    std::stable_sort(found.begin(), found.end(), [](const Touch& p, const Touch& q) {
+      return std::pair(p.pair.a, p.pair.b) < std::pair(q.pair.a, q.pair.b);
+    });
+}
+
 void ContactFinder::find(std::span<const FixturePair> pairs, std::int32_t slots,
                          const Fixtures& fixtures, std::span<const Motion> motion,
                          std::span<const Way> ways, std::span<const ContactConstraint> last,
@@ -242,16 +418,19 @@ void ContactFinder::find(std::span<const FixturePair> pairs, std::int32_t slots,
   caches_.resize(usize(slots));
   const auto n = static_cast<std::int64_t>(pairs.size());
   const auto chunks = usize((n + kPairs - 1) / kPairs);
-  touches_.resize(chunks);
+  touches_.resize(chunks), near_.resize(chunks);
   parallel_for(
       n, kPairs,
       [&](std::int64_t begin, std::int64_t end) {
         auto& found = touches_[usize(begin / kPairs)];
-        found.clear();
+        auto& near = near_[usize(begin / kPairs)];
+        found.clear(), near.clear();
         Search search(fixtures, motion, ways, continuous, caches_, found);
-        for (std::int64_t k = begin; k < end; ++k) search.look_at(pairs[usize(k)]);
+        for (std::int64_t k = begin; k < end; ++k)
+          if (!search.look_at(pairs[usize(k)]).value_or(true)) near.push_back(k);
       },
       threads);
+  find_followers(pairs, fixtures, motion, ways);
   first_.assign(1, 0);
   for (const auto& found : touches_) first_.push_back(first_.back() + found.size());
   contacts.resize(first_.back());
