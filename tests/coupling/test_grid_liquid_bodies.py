@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 import substep
+from substep.base.quaternions import rotate
 
 G, RHO = 9.81, 1000.0
 
@@ -105,12 +106,54 @@ def test_what_is_released_has_added_mass(ratio):
     assert np.abs(received[[0, 1]]).max() < 1e-4 * received[2]
 
 
-def test_a_body_as_heavy_as_water_stays_where_it_is():
-    """Within a cell: the volume that the grid sees differs by 0.5 % with the place in a cell."""
-    liquid, ball = tank("sphere", 1.0, 1.03, 8)
-    places = []
-    liquid.advance(3, lambda _: places.append(ball.position - (1, 1, 1.03)))
-    assert np.abs(places).max() < 1 / 8
+@pytest.mark.parametrize("shape", ["sphere", "box"])
+def test_a_body_as_heavy_as_water_stays_where_it_is(shape):
+    """Its lift is that of its own volume, whatever of it the grid sees in the cells."""
+    liquid, body = tank(shape, 1.0, 1.03, 8)
+    liquid.advance(3)
+    assert body.position == pytest.approx([1, 1, 1.03], abs=0.01 / 8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n, options", [(8, {}), (12, {}), (8, {"viscosity": 1e-3})])
+def test_a_ball_as_heavy_as_water_does_not_drift(n, options):
+    """In 10 s."""
+    liquid, ball = tank("sphere", 1.0, 1.03, n, **options)
+    liquid.advance(10)
+    assert ball.position == pytest.approx([1, 1, 1.03], abs=0.05 / n)
+
+
+@pytest.mark.parametrize(
+    "shape, volume",
+    [
+        (substep.Sphere(0.2), math.pi * 4 / 3 * 0.2**3),
+        (substep.Box((0.3, 0.4, 0.5), rotation=(0.9, 0.3, 0.2, 0.1)), 0.06),
+        (substep.Capsule(0.2, 0.4, rotation=(0.9, 0.3, 0.2, 0.1)), 0.0837758041),
+        (substep.Cylinder(0.25, 0.4, rotation=(0.9, 0.3, 0.2, 0.1)), math.pi / 40),
+    ],
+)
+@pytest.mark.parametrize("ratio", [0.1, 1.0])
+def test_the_lift_of_a_body_is_that_of_its_volume(shape, volume, ratio):
+    """From the first step on, with few cells across it."""
+    cell, middle = 0.1, np.array([0.83, 0.77, 0.74])
+    body = substep.Collider(shape)
+    body.position = middle
+    x = lattice(1.6, 1.6, 1.6, cell=cell)
+    liquid = substep.GridLiquid(
+        x[body.distance(x) > 0],
+        cell=cell,
+        bounds=((0, 0, 0), (1.6, 1.6, 2)),
+        colliders=[body],
+        tolerance=1e-7,
+        dtype="float64",
+    )
+    mass = ratio * RHO * volume
+    mobility = np.diag([1e-12 / mass] * 6).ravel().tolist()  # as good as held
+    body._native.set_body(0, [0.0] * 3, mobility, [0.0] * 6)
+    for _ in range(2):
+        liquid.step(0.01)
+        lift = body.impulse / (0.01 * RHO * G * volume)
+        assert lift == pytest.approx([0, 0, 1], abs=2e-3)
 
 
 def test_what_liquid_gives_is_what_changes_the_velocity():
@@ -126,6 +169,63 @@ def test_what_liquid_gives_is_what_changes_the_velocity():
     gained = np.array(ball._native.received) / np.repeat([mass, mass / 10], 3)
     known = np.array([0, 0, -G * 0.03, 0, 0, 0])
     assert after == pytest.approx(before + known + gained, abs=1e-12)
+
+
+@pytest.mark.parametrize("ratio", [0.001, 0.5, 0.9])
+def test_water_does_not_spin_balls(ratio):
+    """A pressure acts through their middle, be they at rest or not."""
+    liquid, ball = tank("sphere", ratio, 1.37, 6)
+    ball.velocity = (0.7, -0.4, 0.3)
+    for _ in range(20):
+        liquid.step(0.02)
+    assert not np.array(ball._native.received)[3:].any()
+    assert not ball.angular_velocity.any()
+
+
+def test_a_pressure_acts_through_the_middle_of_a_ball():
+    """Not through its centre of mass: the torque about this is that of the force."""
+    liquid, ball = tank("sphere", 0.5, 1.37, 6)
+    mass, centre = 0.5 * RHO * math.pi / 6, np.array([0.1, -0.05, -0.2])
+    mobility = np.diag(1 / np.repeat([mass, mass / 10], 3)).ravel().tolist()
+    ball._native.set_body(0, centre.tolist(), mobility, [0, 0, -G, 0, 0, 0])
+    for _ in range(5):
+        middle = ball.position
+        mass_at = middle + rotate(ball.rotation, centre)
+        before = np.array(ball._native.received)
+        liquid.step(0.01)
+        force, torque = np.split(np.array(ball._native.received) - before, 2)
+        assert np.linalg.norm(force) > 0.3 * mass * G * 0.01
+        assert torque == pytest.approx(np.cross(middle - mass_at, force), abs=1e-9)
+
+
+def test_the_spin_of_a_ball_stirs_no_water():
+    """That slips along it: the bits of what lies around one that does not spin."""
+    found = []
+    for spin in (0, 20):
+        liquid, ball = tank("sphere", 0.5, 1.37, 6)
+        ball.angular_velocity = (spin, 0, -spin)
+        for _ in range(5):
+            liquid.step(0.01)
+        assert ball.angular_velocity == pytest.approx([spin, 0, -spin], abs=0)
+        found.append(liquid.positions.tobytes() + liquid.velocities.tobytes())
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("shape", [substep.Capsule, substep.Cylinder])
+def test_water_does_not_spin_what_is_round_about_its_axis(shape):
+    cell = 1 / 6
+    body = substep.Collider(shape(0.3, 0.8, (1.02, 0.97, 1.2), (0.95, 0.1, 0.3, 0.0)))
+    x = lattice(2, 2, 1.5, cell=cell)
+    liquid = substep.GridLiquid(
+        x[body.distance(x) > 0], cell=cell, bounds=((0, 0, 0), (2, 2, 2.5)), colliders=[body]
+    )
+    behave_as(body, 100.0, 6.0)
+    for _ in range(10):
+        axis, before = rotate(body.rotation, np.array([0.0, 0.0, 1.0])), body.angular_velocity
+        liquid.step(0.01)
+        gained = body.angular_velocity - before
+        assert abs(gained @ axis) < 1e-9 + 1e-6 * np.linalg.norm(gained)
+    assert np.linalg.norm(body.angular_velocity) > 0.01
 
 
 def test_a_body_of_two_shapes_moves_as_one_of_one():

@@ -142,6 +142,17 @@ def test_still_water_does_not_turn_cubes(depth, cells, most):
         assert np.abs(cube.angular_impulse).max() < most * RHO * G * cells**4 * 0.02, shift
 
 
+@pytest.mark.parametrize("velocity", [(0, 0, 0), (1, 2, 0.5)])
+def test_water_does_not_turn_balls(velocity):
+    """Which are pushed to their middle."""
+    ball = substep.Collider(substep.Sphere(2.6, (6.3, 7.1, 5.7)), velocity=velocity)
+    liquid = water(ball)
+    for _ in range(3):
+        liquid.step(0.02)
+        assert np.linalg.norm(ball.impulse) > 0
+        assert not ball.angular_impulse.any()
+
+
 @pytest.mark.parametrize("face", [1, 1.1, 1.25, 1.5, 1.75])
 def test_a_plate_on_a_wall_bears_half_the_pressure_of_the_bottom(face):
     """rho g h^2 / 2 on each metre of its width."""

@@ -299,7 +299,7 @@ double Flow<Real, D>::total_divergence(const Fields& u) const {
             const int axis = static_cast<int>(a);
             const auto flux = [&](std::int64_t f) {
               const double open = double(obstacles_.open(axis)[usize(f)]);
-              const double theirs = moving ? double(obstacles_.velocity(axis)[usize(f)]) : 0;
+              const double theirs = moving ? double(obstacles_.displacing(axis)[usize(f)]) : 0;
               return open * double(u[a][usize(f)]) + (1 - open) * theirs;
             };
             of_cell += flux(i + layout_.stride[a]) - flux(i);

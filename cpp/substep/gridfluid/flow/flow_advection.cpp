@@ -168,7 +168,7 @@ void Flow<Real, D>::find_passing(const Velocity<Real, D>& u) {
              [&](std::int64_t begin, std::int64_t end) {
                for (std::int64_t i = begin; i < end; ++i) {
                  const Real open = obstacles_.open(axis)[usize(i)];
-                 const Real theirs = moving ? obstacles_.velocity(axis)[usize(i)] : Real(0);
+                 const Real theirs = moving ? obstacles_.displacing(axis)[usize(i)] : Real(0);
                  v[usize(i)] = open * u[a][usize(i)] + (1 - open) * theirs;
                }
              });

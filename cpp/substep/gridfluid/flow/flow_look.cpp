@@ -44,7 +44,7 @@ FlowSums Flow<Real, D>::sums() {
           const double v = double(velocity_[a][f]);
           const int axis = static_cast<int>(a);
           const double open = cut ? double(obstacles_.open(axis)[f]) : 1;
-          const double theirs = moving ? double(obstacles_.velocity(axis)[f]) : 0;
+          const double theirs = moving ? double(obstacles_.displacing(axis)[f]) : 0;
           part.kinetic += rho * open * v * v / 4;
           part.momentum[a] += rho * open * v / 2;
           divergence += (end_of == 0 ? -1 : 1) * (open * v + (1 - open) * theirs);

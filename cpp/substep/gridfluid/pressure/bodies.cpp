@@ -7,6 +7,7 @@
 
 #include "substep/core/usize.h"
 #include "substep/gridfluid/grid/loops.h"
+#include "substep/gridfluid/pressure/revolution.h"
 #include "substep/linalg/sparse.h"
 
 namespace substep::gridfluid {
@@ -60,6 +61,9 @@ void Bodies<Real, D>::find_parts(const Obstacles<Real, D>& obstacles,
     last[usize(cell)] = static_cast<std::int32_t>(places.size() - 1);
     parts.push_back({cell, motion});
   };
+  std::vector<geometry::Mat3> turns;
+  for (const geometry::Collider& collider : obstacles.colliders)
+    turns.push_back(turns_of_pressure<D>(collider));
   for (std::size_t a = 0; a < D; ++a) {
     const int axis = static_cast<int>(a);
     for (const auto& [face, c] : obstacles.faces_near(axis)) {
@@ -68,8 +72,11 @@ void Bodies<Real, D>::find_parts(const Obstacles<Real, D>& obstacles,
       if (covered == 0 || piece == kNoPiece) continue;
       const std::int64_t below = face - obstacles.layout().stride[a];
       if (!(inverse_[usize(below)] > 0 || inverse_[usize(face)] > 0)) continue;
-      const Vec3 arm = obstacles.middle(face, axis) - obstacles.colliders[c].centre();
-      const Motion motion = double(covered) * motion_of<D>(arm, axis);
+      const geometry::Collider& collider = obstacles.colliders[c];
+      const Vec3 arm = obstacles.middle(face, axis) - collider.position();
+      const Vec3 e = Vec3::Unit(axis), lever = collider.position() - collider.centre();
+      const geometry::Vec6 pushed = geometry::joined(e, turns[c] * arm.cross(e) + lever.cross(e));
+      const Motion motion = double(covered) * pushed(kMotionPlaces<D>);
       add(piece, below, motion);
       add(piece, face, -motion);
     }

@@ -1,8 +1,10 @@
 // Bodies among the obstacles that yield to a pressure. Of the pressures q of fluid cells body k
 // gets the impulse
-//   J_k = m G_k q,  G_k q = sum over faces of (1 - A) (q_below - q_above) (e, (x - c) x e)
+//   J_k = m G_k q,
+//   G_k q = sum over faces of (1 - A) (q_below - q_above) (e, P ((x - o) x e) + (o - c) x e)
 // with the mass m of a full cell, the part 1 - A of the face that is in the body, its middle x and
-// axis e, and the centre of mass c; q is 0 in cells that are not fluid. With its mobility W it
+// axis e, the origin o of the obstacle's frame, P of revolution.h, which is 1 but for what is
+// round, and the centre of mass c; q is 0 in cells that are not fluid. With its mobility W it
 // moves by V = V* + W J; so A + m sum_k G_k^T W_k G_k takes the place of the matrix A of a
 // pressure, and V* is in the right side: Batty, Bertails and Bridson, "A fast variational framework
 // for accurate solid-fluid coupling", 2007, section 5, with parts of faces in place of volumes.

@@ -10,6 +10,7 @@
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
 #include "substep/gridfluid/grid/loops.h"
+#include "substep/gridfluid/pressure/revolution.h"
 
 namespace substep::gridfluid {
 namespace {
@@ -253,6 +254,9 @@ template <class Real, int D>
 void Obstacles<Real, D>::find_faces_near(int threads) {
   using Faces = std::vector<Face>;
   for (std::size_t a = 0; a < D; ++a) {
+    for (Fields* const of : {&velocity_, &displacing_})  // what the last faces have
+      if ((*of)[a].size() > 0)
+        for (const Face& face : near_[a]) (*of)[a][usize(face.index)] = 0;
     near_[a] = gather_rows(
         layout_, all_faces(layout_, a), threads, Faces{},
         [&](std::int64_t begin, std::int64_t end) {
@@ -266,17 +270,29 @@ void Obstacles<Real, D>::find_faces_near(int threads) {
           return found;
         },
         [](Faces& all, const Faces& part) { all.insert(all.end(), part.begin(), part.end()); });
-    assign(velocity_[a], layout_.size, Real(0));
   }
 }
 
 template <class Real, int D>
 void Obstacles<Real, D>::find_velocities(int threads) {
+  std::vector<Vec3> turns;  // that displace fluid
+  rolling_ = false;
+  for (const Collider& c : colliders) {
+    turns.push_back(turns_of_pressure<D>(c) * c.angular_velocity);
+    rolling_ = rolling_ || turns.back() != c.angular_velocity;
+  }
   for (std::size_t a = 0; a < D; ++a) {
     const int axis = static_cast<int>(a);
+    if (velocity_[a].size() == 0) assign(velocity_[a], layout_.size, Real(0));
+    if (rolling_ && displacing_[a].size() == 0) assign(displacing_[a], layout_.size, Real(0));
     for_numbers(static_cast<std::int64_t>(near_[a].size()), threads, [&](std::size_t k) {
       const auto [i, c] = near_[a][k];
-      velocity_[a][usize(i)] = Real(colliders[c].surface_velocity(middle(i, axis))[axis]);
+      const Collider& collider = colliders[c];
+      const Vec3 at = middle(i, axis);
+      velocity_[a][usize(i)] = Real(collider.surface_velocity(at)[axis]);
+      if (!rolling_) return;
+      const Vec3 v = collider.velocity + turns[c].cross(at - collider.position());
+      displacing_[a][usize(i)] = Real(v[axis]);
     });
   }
 }

@@ -45,6 +45,10 @@ class Obstacles {
   // The obstacles' own velocity at faces that are not all open, and a cell beyond; elsewhere 0
   // [m/s]. Only if they move.
   std::span<const Real> velocity(int axis) const { return of(velocity_, axis); }
+  // The same without turns that displace no fluid: see revolution.h.
+  std::span<const Real> displacing(int axis) const {
+    return of(rolling_ ? displacing_ : velocity_, axis);
+  }
   struct Face {
     std::int64_t index;
     std::size_t collider;  // the nearest
@@ -63,6 +67,7 @@ class Obstacles {
   // Cells in which the surface is, in their order.
   struct Cut {
     std::int64_t cell;
+    std::size_t collider;  // the nearest to its middle
     // What is open of the half of the cell beside each of its faces, lower and upper along each
     // axis, less half of what is open of that face.
     std::array<std::array<Real, 2>, D> beside;
@@ -123,6 +128,7 @@ class Obstacles {
 
   Layout<D> layout_;
   bool found_ = false, moving_ = false;  // distances; whether any collider moves
+  bool rolling_ = false;                 // whether any turns in a way that displaces no fluid
   bool know_open_ = false, know_cuts_ = false, know_near_ = false, know_velocity_ = false;
   std::vector<std::array<double, geometry::Collider::kStateSize>> states_;  // that it was found for
   std::vector<Vec3> corners_;                                               // of facets then
@@ -133,7 +139,7 @@ class Obstacles {
   NearColliders all_;
   std::vector<NearColliders>
       of_small_;  // around what is in a small block near a surface, else none
-  Fields open_, velocity_;
+  Fields open_, velocity_, displacing_;
   std::array<std::vector<Face>, D> near_;
   std::vector<Cut> cuts_;
 };

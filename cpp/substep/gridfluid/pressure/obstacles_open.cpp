@@ -224,7 +224,7 @@ auto Obstacles<Real, D>::cuts(int threads) -> std::span<const Cut> {
       for (std::size_t a = 0; a < D; ++a) at[a] = cell[a] + x[a];
       return distance_at(near, at);
     };
-    Cut cut{i, {}};
+    Cut cut{i, nearest_of(near, middle_of(cell, -1)), {}};
     if (is_sharp(cell, axes)) {
       const auto parts = open_parts(d, std::array<double, D>{}, 1, kDepth, distance);
       for (std::size_t a = 0; a < D; ++a)

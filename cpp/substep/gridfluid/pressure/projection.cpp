@@ -131,7 +131,7 @@ void Projection<Real, D>::find_divergence(const Obstacles<Real, D>& obstacles,
         const auto flux = [&](std::size_t f) {
           if (!cut) return u[a][f];
           const Real part = obstacles.open(axis)[f];
-          const Real theirs = moving ? (1 - part) * obstacles.velocity(axis)[f] : Real(0);
+          const Real theirs = moving ? (1 - part) * obstacles.displacing(axis)[f] : Real(0);
           return part * u[a][f] + theirs;
         };
         sum += flux(usize(i + layout_.stride[a])) - flux(usize(i));

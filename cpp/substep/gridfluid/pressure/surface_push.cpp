@@ -1,11 +1,15 @@
 #include "substep/gridfluid/pressure/surface_push.h"
 
 #include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <variant>
 #include <vector>
 
 #include "substep/core/parallel.h"
 #include "substep/core/usize.h"
 #include "substep/gridfluid/grid/loops.h"
+#include "substep/gridfluid/pressure/revolution.h"
 
 namespace substep::gridfluid {
 namespace {
@@ -32,35 +36,100 @@ Vec3 carried(const Obstacles<Real, D>& obstacles, const typename Obstacles<Real,
   return sum;
 }
 
-// The sum of impulse(cut, collider) over the fluid cells in which the surface is, for each of the
-// colliders that respond, or for each of the others.
+// What the surface of a collider sums up to in its cells.
+struct Sums {
+  Exchange push;
+  Vec3 area = Vec3::Zero();    // [faces]
+  Vec3 volume = Vec3::Zero();  // [cells], by the push of a pressure of slope 1 along each axis
+  bool wet = true;             // no cell is air
+
+  Sums& operator+=(const Sums& other) {
+    push += other.push;
+    area += other.area;
+    volume += other.volume;
+    wet = wet && other.wet;
+    return *this;
+  }
+};
+
+// With impulse(cut, collider) in the fluid cells in which the surface is, for each of the colliders
+// that respond, or for each of the others.
 template <class Real, int D, class Impulse>
-std::vector<Exchange> sum_over_surface(Obstacles<Real, D>& obstacles, std::span<const Cell> cells,
-                                       bool respond, const Impulse& impulse, int threads) {
+std::vector<Sums> sum_over_surface(Obstacles<Real, D>& obstacles, std::span<const Cell> cells,
+                                   bool respond, const Impulse& impulse, int threads) {
   constexpr std::int64_t kCuts = 256;  // a task
   const std::vector<Collider>& colliders = obstacles.colliders;
   const auto cuts = obstacles.cuts(threads);
   const auto count = static_cast<std::int64_t>(cuts.size());
-  std::vector<std::vector<Exchange>> parts(usize((count + kCuts - 1) / kCuts));
+  std::vector<std::vector<Sums>> parts(usize((count + kCuts - 1) / kCuts));
   parallel_for(
       count, kCuts,
       [&](std::int64_t begin, std::int64_t end) {
-        std::vector<Exchange>& part = parts[usize(begin / kCuts)];
+        std::vector<Sums>& part = parts[usize(begin / kCuts)];
         part.resize(colliders.size());
         for (std::int64_t k = begin; k < end; ++k) {
           const auto& cut = cuts[usize(k)];
-          if (cells[usize(cut.cell)] != Cell::kFluid) continue;
-          const Vec3 at = obstacles.middle(cut.cell);
-          const std::size_t c = obstacles.nearest(at);
-          if (responds(colliders[c]) != respond) continue;
-          part[c].add(at - colliders[c].position(), impulse(cut, c));
+          const std::size_t c = cut.collider;
+          const Cell cell = cells[usize(cut.cell)];
+          if (cell == Cell::kSolid || responds(colliders[c]) != respond) continue;
+          Sums& sums = part[c];
+          sums.wet = sums.wet && cell == Cell::kFluid;
+          if (cell != Cell::kFluid) continue;
+          const Vec3 arm = obstacles.middle(cut.cell) - colliders[c].position();
+          sums.push.add(arm, impulse(cut, c));
+          const auto area = obstacles.surface(cut.cell);
+          for (std::size_t a = 0; a < D; ++a) {
+            const int axis = static_cast<int>(a);
+            sums.area[axis] += double(area[a]);
+            sums.volume[axis] -= arm[axis] / obstacles.dx * double(area[a]) +
+                                 double(cut.beside[a][0] + cut.beside[a][1]);
+          }
         }
       },
       threads);
-  std::vector<Exchange> sums(colliders.size());
-  for (const std::vector<Exchange>& part : parts)
+  std::vector<Sums> sums(colliders.size());
+  for (const std::vector<Sums>& part : parts)
     for (std::size_t c = 0; c < sums.size(); ++c) sums[c] += part[c];
+  for (std::size_t c = 0; c < sums.size(); ++c)
+    sums[c].push.torque = turns_of_pressure<D>(colliders[c]) * sums[c].push.torque;
   return sums;
+}
+
+// [m^3], in two dimensions [m^2]; below 0 where it is not known.
+template <int D>
+double volume_of(const Collider& collider) {
+  constexpr double pi = std::numbers::pi;
+  if (collider.hollow()) return -1;
+  const geometry::Shape& shape = collider.shape();
+  if (const auto* ball = std::get_if<geometry::Sphere>(&shape)) {
+    const double r = ball->radius, z = collider.position().z();
+    return D == 2 ? pi * (r * r - z * z) : pi * 4 / 3 * r * r * r;
+  }
+  if (D == 2) return -1;
+  if (const auto* box = std::get_if<geometry::Box>(&shape)) return 8 * box->half_lengths.prod();
+  if (const auto* capsule = std::get_if<geometry::Capsule>(&shape)) {
+    const double r = capsule->radius;
+    return pi * r * r * (r * 4 / 3 + 2 * capsule->half_length);
+  }
+  if (const auto* cylinder = std::get_if<geometry::Cylinder>(&shape))
+    return pi * cylinder->radius * cylinder->radius * 2 * cylinder->half_length;
+  return -1;
+}
+
+// What the grid sees of a body that is all in the liquid differs from its volume with its place in
+// the cells. The push that liquid at rest lacks for that, of this slope: all of the surface has to
+// be its own, which then is closed, and the grid to see most of it, or nothing would hold a light
+// one.
+template <class Real, int D>
+Vec3 missing(const Obstacles<Real, D>& obstacles, const Collider& collider, const Sums& sums,
+             const Vec3& slope) {
+  constexpr double kOpen = 1e-3, kMost = 0.25;  // faces; of its volume
+  const double volume = volume_of<D>(collider) / std::pow(obstacles.dx, D);
+  Vec3 lack = Vec3::Zero();
+  for (int a = 0; a < D; ++a) lack[a] = volume - sums.volume[a];
+  const bool closed = sums.area.cwiseAbs().maxCoeff() < kOpen;
+  if (!sums.wet || !closed || !(lack.cwiseAbs().maxCoeff() < kMost * volume)) return Vec3::Zero();
+  return -lack.cwiseProduct(slope);
 }
 
 // For each collider the block of cells, empty where there are none, of its surface and what
@@ -73,7 +142,7 @@ std::vector<Block<D>> blocks_around(Obstacles<Real, D>& obstacles, int threads) 
   for (const auto& cut : obstacles.cuts(threads)) {
     if (cut.beside == decltype(cut.beside){}) continue;
     const std::array<int, D> cell = layout.cell(cut.cell);
-    Block<D>& block = blocks[obstacles.nearest(obstacles.middle(cut.cell))];
+    Block<D>& block = blocks[cut.collider];
     for (std::size_t a = 0; a < D; ++a) {
       block.from[a] = std::min(block.from[a], std::max(cell[a] - kAround, 0));
       block.to[a] = std::max(block.to[a], std::min(cell[a] + 1 + kAround, layout.cells[a]));
@@ -122,7 +191,7 @@ void push_surface(Obstacles<Real, D>& obstacles, const Projection<Real, D>& proj
   };
   const auto sums = sum_over_surface(obstacles, projection.cells(), false, impulse, threads);
   for (std::size_t c = 0; c < sums.size(); ++c)
-    if (!responds(obstacles.colliders[c])) obstacles.colliders[c].set_exchange(sums[c]);
+    if (!responds(obstacles.colliders[c])) obstacles.colliders[c].set_exchange(sums[c].push);
 }
 
 template <class Real, int D>
@@ -149,7 +218,9 @@ void push_before(Obstacles<Real, D>& obstacles, std::span<const Cell> cells,
     Collider& collider = obstacles.colliders[c];
     if (!responds(collider)) continue;
     const bool facet = collider.body.surface >= 0;
-    collider.set_exchange(facet ? Exchange() : sums[c]);
+    Exchange push = sums[c].push;
+    push.impulse += mass * missing(obstacles, collider, sums[c], slopes[c]);
+    collider.set_exchange(facet ? Exchange() : push);
     collider.set_exchange(exchange_of<D>(collider.body_impulse()(kMotionPlaces<D>), collider));
   }
 }

@@ -14,7 +14,9 @@
 // The second is given before, with the mean slope of the last pressure around each of them: that is
 // gravity dt in liquid at rest, and 0 where all falls. The mean, and not the slopes at the surface,
 // as these are what the body itself makes of them: a light one would swing from step to step.
-// Facets that respond have the first term alone.
+// Facets that respond have the first term alone. The volume by which a body displaces liquid is in
+// both terms what the grid sees of it, right within some thousandths: where a body is wholly in the
+// liquid, what both lack of its own volume is in the second.
 #pragma once
 
 #include <span>
