@@ -4,6 +4,7 @@
 #include "substep/geometry/collider.h"
 #include "substep/geometry/each_point.h"
 #include "substep/geometry/isosurface_stuffing.h"
+#include "substep/geometry/largest_speed.h"
 #include "substep/geometry/mesh_sampling.h"
 #include "substep/geometry/poisson_disk.h"
 
@@ -189,6 +190,18 @@ void bind_bodies_behind(py::module_& m) {
       },
       py::arg("colliders"), py::arg("numbers"), py::arg("surface"), py::arg("corners"),
       py::arg("velocities"), py::arg("mobilities"), py::arg("accelerations"));
+  // Of all of them in a box, within so long.
+  m.def(
+      "largest_speed",
+      [](const std::vector<std::shared_ptr<Collider>>& colliders, const Triple& low,
+         const Triple& high, double time) {
+        double most = 0;
+        for (const auto& collider : colliders)
+          most = std::max(
+              most, substep::geometry::largest_speed(*collider, vector(low), vector(high), time));
+        return most;
+      },
+      py::arg("colliders"), py::arg("low"), py::arg("high"), py::arg("time"));
   m.def(
       "impulses_of_bodies",
       [](const std::vector<std::shared_ptr<Collider>>& colliders) {

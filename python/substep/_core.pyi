@@ -1384,6 +1384,12 @@ def krylov(
     max_iterations: int,
     threads: int,
 ) -> tuple[typing.Any, ...]: ...
+def largest_speed(
+    colliders: collections.abc.Sequence[Collider],
+    low: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
+    high: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any],
+    time: float,
+) -> float: ...
 def library_versions() -> dict[str, typing.Any]: ...
 def make_system(
     name: str, parameters: collections.abc.Sequence[float] | numpy.typing.NDArray[typing.Any]

@@ -510,3 +510,40 @@ def test_nothing_leaves_a_round_tank(fill):
     )
     liquid.advance(0.5)
     assert np.hypot(*(liquid.positions - 0.5).T).max() < radius + 0.1 * cell
+
+
+@pytest.mark.parametrize(
+    ("shape", "reach"),
+    [
+        (substep.Sphere(0.05, (0.5, 0.5, 0)), 0.05),
+        (substep.Box((0.06, 0.08, 1), (0.5, 0.5, 0)), 0.5 * math.hypot(0.06, 0.08, 1)),
+    ],
+)
+def test_an_obstacle_that_turns_counts_by_what_it_reaches(shape, reach):
+    """Its surface is no faster in the box, 0.7 m away from its middle."""
+    spinner = substep.Collider(shape, angular_velocity=(0, 0, 40))
+    liquid = pool(32, colliders=[spinner])
+    expected = min(reach, math.hypot(0.5, 0.5)) * 40
+    assert f"speed of {expected:.4g} m/s" in liquid.step_limit()[1]
+    spinner.velocity = (3, 0, 0)
+    assert f"speed of {expected + 3:.4g} m/s" in liquid.step_limit()[1] or expected > 20
+
+
+@pytest.mark.parametrize("make", [substep.GridLiquid, substep.GridFlow])
+def test_obstacles_that_do_not_come_into_the_box_do_not_shorten_steps(make):
+    """Those that do within a step count, and those without an end as fast as in the box."""
+    box = ((0, 0, 0), (1, 1, 1))
+
+    def limit(**motion):
+        shape = motion.pop("shape", substep.Sphere(0.2, (4, 0.5, 0.5)))
+        colliders = [substep.Collider(shape, **motion)]
+        if make is substep.GridFlow:
+            return make(box, 1 / 8, colliders=colliders).step_limit()[0]
+        x = substep.fill_box((0, 0, 0), (1, 1, 0.5), 1 / 16)
+        return make(x, cell=1 / 8, bounds=box, colliders=colliders).step_limit()[0]
+
+    alone = limit()
+    assert limit(velocity=(5, 0, 0), angular_velocity=(0, 100, 0)) == alone
+    assert limit(velocity=(-500, 0, 0)) < alone
+    ground = substep.Plane((0.5, 0.5, 0), (0, 0, 1))
+    assert limit(shape=ground, angular_velocity=(0, 0, 100)) < 0.2 * alone

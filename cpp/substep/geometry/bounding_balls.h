@@ -10,36 +10,9 @@
 
 #include "substep/core/lanes.h"
 #include "substep/core/usize.h"
-#include "substep/geometry/collider.h"
+#include "substep/geometry/bounding_ball.h"
 
 namespace substep::geometry {
-
-// At all points x the signed distance of a collider is at least |x - center| - radius.
-struct BoundingBall {
-  Vec3 center = Vec3::Zero();                               // in the frame of the collider [m]
-  double radius = std::numeric_limits<double>::infinity();  // [m]
-};
-
-// Infinite about what has no end, what is hollow, and distances that are not exact.
-inline BoundingBall bounding_ball(const Collider& collider) {
-  if (collider.hollow()) return {};
-  const Shape& shape = collider.shape();
-  if (const auto* ball = std::get_if<Sphere>(&shape)) return {Vec3::Zero(), ball->radius};
-  if (const auto* box = std::get_if<Box>(&shape)) return {Vec3::Zero(), box->half_lengths.norm()};
-  if (const auto* capsule = std::get_if<Capsule>(&shape)) {
-    return {Vec3::Zero(), capsule->half_length + capsule->radius};
-  }
-  if (const auto* cylinder = std::get_if<Cylinder>(&shape)) {
-    return {Vec3::Zero(), std::hypot(cylinder->half_length, cylinder->radius)};
-  }
-  if (const auto* facet = std::get_if<Triangle>(&shape)) {
-    const Vec3 middle = (facet->a + facet->b + facet->c) / 3;
-    const double corner = std::max(
-        {(facet->a - middle).norm(), (facet->b - middle).norm(), (facet->c - middle).norm()});
-    return {middle, corner + facet->radius};
-  }
-  return {};
-}
 
 // One of a collider, where it is now: to ask for many points.
 class PlacedBall {

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import _core
 from ..base.checks import (
     check_array,
     check_flag,
@@ -398,6 +399,17 @@ def collider_states(colliders: Sequence[Collider]) -> NDArray[np.float64]:
         shapes = [c._native.corners if c._deforms else (0.0,) * 9 for c in colliders]
         rows = [(*row, *shape) for row, shape in zip(rows, shapes, strict=True)]
     return np.array(rows) if rows else np.zeros((0, 0))
+
+
+def largest_speed(colliders: Sequence[Collider], bounds: NDArray[np.float64], time: float) -> float:
+    """Of the surfaces of colliders in a box, if they come there within so long [m/s].
+
+    In 2D, where they are cut at z = 0.
+    """
+    corners = np.zeros((2, 3))
+    corners[:, : bounds.shape[1]] = bounds
+    natives = [collider._native for collider in colliders]
+    return _core.largest_speed(natives, *corners.tolist(), time)
 
 
 @dataclass(frozen=True)

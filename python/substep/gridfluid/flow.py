@@ -32,6 +32,7 @@ from ..geometry.colliders import (
     check_colliders,
     collider_states,
     colliders_entry,
+    largest_speed,
     restore_colliders,
 )
 from ..particles.emitters import check_all
@@ -610,13 +611,7 @@ class GridFlow(Simulation):
             for side in pair
             if not isinstance(side, str) and side.velocity is not None
         ]
-        span = float(np.linalg.norm(self.bounds[1] - self.bounds[0]))
-        speeds += [
-            float(np.linalg.norm(c.velocity) + np.linalg.norm(c.angular_velocity) * span)
-            if c.angular_velocity.any()
-            else float(np.linalg.norm(c.velocity))
-            for c in self.colliders
-        ]
+        speeds.append(largest_speed(self.colliders, self.bounds, self.largest_step))
         speed = max(speeds) + self._options["vorticity_confinement"]
         limit = time_of_way(self.cfl * self.cell, speed, limits.acceleration)
         longest = min(limits.longest, self.largest_step)

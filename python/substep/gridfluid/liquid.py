@@ -26,7 +26,12 @@ from ..base.schema import MOST, OWN, TIME, Entry, Number, Rows
 from ..base.simulation import StepReport, momenta, with_energy
 from ..errors import InputError
 from ..geometry import Collider, Shape
-from ..geometry.colliders import check_colliders, collider_states, restore_colliders
+from ..geometry.colliders import (
+    check_colliders,
+    collider_states,
+    largest_speed,
+    restore_colliders,
+)
 from ..particles.emitters import Emitter, Sink
 from ..particles.state import Particles
 from .box import check_cells_fit, check_open_sides, interpolate, time_of_way
@@ -445,14 +450,15 @@ class GridLiquid(Particles):
         -------
         float
             The step [s], in which nothing moves by more than `cfl` cells: neither the fastest
-            particle, with what gravity adds, nor an obstacle; at most 1/30 s. With surface tension
-            at most sqrt(rho dx^3 / (2 pi sigma)), for capillary waves.
+            particle, with what gravity adds, nor the surface of an obstacle that is in the box or
+            can come there within 1/30 s; at most 1/30 s. With surface tension at most
+            sqrt(rho dx^3 / (2 pi sigma)), for capillary waves.
         str
             The reason.
         """
         pull = float(np.linalg.norm(self._gravity))
         speed = max([self._native.fastest, *(emitter.speed for emitter in self.emitters)])
-        speed = max([speed, *(self._speed_of(collider) for collider in self._fastest())])
+        speed = max(speed, largest_speed(self.colliders, self.bounds, _LARGEST_STEP))
         # The root of v dt + g dt^2 = cfl dx.
         limit = time_of_way(self.cfl * self.cell, speed, 2 * pull)
         if self.surface_tension > 0:
@@ -464,26 +470,6 @@ class GridLiquid(Particles):
         if limit >= _LARGEST_STEP:
             return _LARGEST_STEP, "nothing moves fast enough to need a shorter one"
         return limit, f"CFL {self.cfl:g} at a speed of {speed:.4g} m/s and a pull of {pull:.4g}"
-
-    def _fastest(self) -> list[Collider]:
-        """The colliders among which, but for rounding, the one of the largest speed is."""
-        if not self.colliders:
-            return []
-        states = collider_states(self.colliders)
-        far = np.abs(self.bounds - states[:, None, : self._dimension]).max(axis=1)
-        speed, turn = (np.linalg.norm(states[:, k : k + 3], axis=1) for k in (7, 10))
-        speed += turn * np.linalg.norm(far, axis=1)
-        most = (speed > 0) & (speed >= (1 - 1e-9) * speed.max())
-        return [self.colliders[k] for k in np.flatnonzero(most)]
-
-    def _speed_of(self, collider: Collider) -> float:
-        """The largest speed that a collider can have in the box [m/s]."""
-        turn = float(np.linalg.norm(collider.angular_velocity))
-        speed = float(np.linalg.norm(collider.velocity))
-        if turn == 0:
-            return speed
-        far = np.abs(self.bounds - np.asarray(collider.position)[: self._dimension]).max(axis=0)
-        return speed + turn * float(np.linalg.norm(far))
 
     def diagnostics(self) -> dict[str, float]:
         """Energies, momenta and figures of the last step.
