@@ -547,3 +547,31 @@ def test_obstacles_that_do_not_come_into_the_box_do_not_shorten_steps(make):
     assert limit(velocity=(-500, 0, 0)) < alone
     ground = substep.Plane((0.5, 0.5, 0), (0, 0, 1))
     assert limit(shape=ground, angular_velocity=(0, 0, 100)) < 0.2 * alone
+
+
+@pytest.mark.parametrize("shift", [(0, 0, 0), (0.3, 0.2, 0.4)])
+@pytest.mark.parametrize(
+    ("radius", "height", "most"), [(10, 4, 0.08), (10, 6, 0.08), (5, 2, 0.12), (5, 3, 0.25)]
+)
+def test_still_water_in_a_round_tank_stands_at_its_height(radius, height, most, shift):
+    """Above the middle, where walls lean over the surface: what stands in the wedge between them
+    stays there. In cells."""
+    n = 2 * radius + 6
+    middle = n / 2 + np.array(shift)
+    tank = substep.Collider(substep.Sphere(radius, middle), hollow=True)
+    x = substep.fill_box((0, 0, 0), (n, n, n), 0.5)
+    x = x[(tank.distance(x) > 0) & (x[:, 2] < middle[2] + height)]
+    liquid = substep.GridLiquid(x, cell=1.0, bounds=((0, 0, 0), (n, n, n)), colliders=[tank])
+    liquid.advance(8)
+    # The height at which a cap of the ball has as much volume, by Newton's method.
+    level = float(height)
+    for _ in range(20):
+        cap = math.pi * (radius + level) ** 2 * (2 * radius - level) / 3
+        level -= (cap - len(x) / 8) / (math.pi * (radius**2 - level**2))
+    around = np.arange(int(middle[0]) - radius // 2, int(middle[0]) + radius // 2)
+    columns = liquid.level_set[around][:, around].reshape(-1, n)
+    top = n - 1 - (columns[:, ::-1] < 0).argmax(axis=1)  # the highest cell in the liquid
+    rows = np.arange(len(top))
+    inside, above = columns[rows, top], columns[rows, top + 1]
+    found = np.mean(top + 0.5 + inside / (inside - above)) - middle[2]
+    assert found == pytest.approx(level, abs=most)

@@ -118,11 +118,15 @@ void GridLiquid<Real, D>::count_obstacles_in() {
 // would count as air, and the liquid beside it would shoot there. One of which they cover nearly
 // that much may have no particle by chance: it is as deep in it as what is before it. (The former
 // are half a cell deep: with what is before them, fronts would meet walls in spikes of pressure; an
-// empty one that liquid is all around has a phi of up to kAmong.)
+// empty one that liquid is all around has a phi of up to kAmong.) Not where such a cell touches air
+// by more than a slit, as in the wedge that the surface and a wall above it leave: what is empty
+// there would count as liquid, and nothing could flow in. (Slits: a light ball that lies on water
+// would leap.)
 template <class Real, int D>
 void GridLiquid<Real, D>::extend_surface() {
   constexpr Real kNear = 0.5, kAmong = 0.62, kInside = -0.5, kBeside = 0.35, kBefore = 0.5,
-                 kFar = 2;  // [cells]
+                 kFar = 2;     // [cells]
+  constexpr Real kSlit = 0.3;  // of a face
   using Place = std::array<int, D>;
   const auto extend = [&](const Place& cell, std::int64_t i, bool within) {
     Real& phi = phi_[usize(i)];
@@ -130,21 +134,25 @@ void GridLiquid<Real, D>::extend_surface() {
     const Real here = obstacles.at_centre(i);
     if (within ? here >= 0 : here < 0 || here >= kBeside || phi < 0 || phi >= kNear) return;
     Real furthest = within ? Real(0) : here + kBefore;  // of those it touches
-    if (within && phi < kAmong) phi = kInside;
+    Real extended = within && phi < kAmong ? kInside : phi;
     for (std::size_t a = 0; a < D; ++a) {
       for (const int way : {-1, 1}) {
         const int n = layout.cells[a], to = cell[a] + way;
         if ((to < 0 || to >= n) && !layout.periodic[a]) continue;
         const std::int64_t other = i + ((to + n) % n - cell[a]) * layout.stride[a];
         const std::int64_t face = way > 0 ? i + layout.stride[a] : i;
-        const Real there = obstacles.at_centre(other);
-        if (there < furthest || !(phi_[usize(other)] < 0) ||
-            !(obstacles.open(static_cast<int>(a))[usize(face)] > 0))
-          continue;
-        furthest = there;
-        phi = within ? kInside : phi_[usize(other)];
+        const Real open = obstacles.open(static_cast<int>(a))[usize(face)];
+        if (!(open > 0)) continue;
+        const Real there = obstacles.at_centre(other), phi_there = phi_[usize(other)];
+        if (phi_there < 0 && there >= furthest) {
+          furthest = there;
+          extended = within ? kInside : phi_there;
+        } else if (!(phi_there < 0) && open > kSlit && there > (within ? Real(0) : kBeside)) {
+          return;
+        }
       }
     }
+    phi = extended;
   };
   for (const bool within : {false, true}) {  // each looks at what it does not change
     if (!obstacles.any()) break;
