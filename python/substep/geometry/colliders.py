@@ -409,7 +409,7 @@ def largest_speed(colliders: Sequence[Collider], bounds: NDArray[np.float64], ti
     corners = np.zeros((2, 3))
     corners[:, : bounds.shape[1]] = bounds
     natives = [collider._native for collider in colliders]
-    return _core.largest_speed(natives, *corners.tolist(), time)
+    return _core.largest_speed(natives, corners[0].tolist(), corners[1].tolist(), time)
 
 
 @dataclass(frozen=True)
