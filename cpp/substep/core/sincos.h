@@ -76,6 +76,7 @@ struct Sincos {
   SUBSTEP_INLINE void operator()(const V& x, V& sine, V& cosine) const {
     using T = Lane<V>;
     sincos_within_limit(x, sine, cosine);
+    if (all_within(x, splat<V>(-kSincosLimit<T>), splat<V>(kSincosLimit<T>))) return;
     for (unsigned lane = 0; lane < sizeof(V) / sizeof(T); ++lane) {
       if (std::abs(x[lane]) <= kSincosLimit<T>) continue;
       sine[lane] = std::sin(x[lane]);

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "substep/core/usize.h"
+#include "substep/rigid/solver/contact_lanes.h"
 
 namespace substep::rigid {
 namespace {
@@ -17,27 +18,9 @@ constexpr double kRegularisation = 0.02;  // eps
 // Where A_kl of a symmetric block is.
 constexpr int at(int k, int l) { return k < l ? at(l, k) : k * (k + 1) / 2 + l; }
 
-// The compiler's own conversion goes by halves.
-SUBSTEP_INLINE V wide(const F& x) {
-#if defined(__AVX512F__)
-  return reinterpret_cast<V>(_mm512_cvtps_pd(reinterpret_cast<__m256>(x)));
-#else
-  return __builtin_convertvector(x, V);
-#endif
-}
-SUBSTEP_INLINE V3 wide(const F3& x) { return {{wide(x[0]), wide(x[1]), wide(x[2])}}; }
-SUBSTEP_INLINE F narrow(const V& x) { return __builtin_convertvector(x, F); }
-SUBSTEP_INLINE F3 narrow(const V3& x) { return {{narrow(x[0]), narrow(x[1]), narrow(x[2])}}; }
 SUBSTEP_INLINE V max(const V& x, const V& y) { return x > y ? x : y; }
 SUBSTEP_INLINE V min(const V& x, const V& y) { return x < y ? x : y; }
 SUBSTEP_INLINE V inverse_of(const V& x) { return x > 0 ? 1 / x : V{}; }
-SUBSTEP_INLINE V fused_dot(const V3& x, const V3& y) {
-  return fma(x[0], y[0], fma(x[1], y[1], x[2] * y[2]));
-}
-SUBSTEP_INLINE V3 fused_cross(const V3& x, const V3& y) {
-  return {{fma(x[1], y[2], -(x[2] * y[1])), fma(x[2], y[0], -(x[0] * y[2])),
-           fma(x[0], y[1], -(x[1] * y[0]))}};
-}
 SUBSTEP_INLINE void add(V3& x, const V& s, const V3& y) {
   for (int i = 0; i < 3; ++i) x[i] = fma(s, y[i], x[i]);
 }
@@ -94,13 +77,19 @@ SUBSTEP_INLINE Both load_both(Form, const BodyRows::Rows& rows, const ContactPac
 }
 // Rows of bodies that impulses do not move stay untouched: several packets may read them at once.
 template <class Form>
-SUBSTEP_INLINE void store_both(Form, const Both& m, BodyRows::Rows& rows, const ContactPacket& c) {
+SUBSTEP_INLINE void store_both(Form, const Both& m, BodyRows::Rows& rows, const ContactPacket& c,
+                               const bool* to_a, const bool* to_b) {
   BodyRow nowhere[ContactPacket::kLanes];
   BodyRow* first = rows.data();
   if constexpr (Form::has_a)
-    store_bodies(m.a, [&](int k) { return c.moves_a[k] ? first + c.a[k] : nowhere + k; });
+    store_bodies(m.a, [&](int k) { return to_a[k] ? first + c.a[k] : nowhere + k; });
   if constexpr (Form::has_b)
-    store_bodies(m.b, [&](int k) { return c.moves_b[k] ? first + c.b[k] : nowhere + k; });
+    store_bodies(m.b, [&](int k) { return to_b[k] ? first + c.b[k] : nowhere + k; });
+}
+template <class Form>
+SUBSTEP_INLINE void store_both(Form form, const Both& m, BodyRows::Rows& rows,
+                               const ContactPacket& c) {
+  store_both(form, m, rows, c, c.moves_a, c.moves_b);
 }
 
 // How b moves relative to a at the contact, in its axes; or a force and a torque there.
@@ -272,46 +261,45 @@ SUBSTEP_INLINE void solve_rolling(ContactPacket& c, const Twist& u, Twist& impul
   }
 }
 
-// W^(1/2) v
-struct Root {
-  V xx, yy, zz, xy, xz, yz, scale, moves;
-
-  SUBSTEP_INLINE Root(const BodyRows& rows, const std::int32_t* index) {
-    const auto d = load_rows<V>([&](int lane) { return &rows.root.data()[index[lane]].linear; });
-    const auto m = load_rows<V>([&](int lane) { return &rows.root.data()[index[lane]].angular; });
-    xx = d.x, yy = d.y, zz = d.z, scale = d.w;
-    xy = m.x, xz = m.y, yz = m.z, moves = m.w;
-  }
-  SUBSTEP_INLINE V3 operator*(const V3& v) const {
-    return {
-        {fused_dot({{xx, xy, xz}}, v), fused_dot({{xy, yy, yz}}, v), fused_dot({{xz, yz, zz}}, v)}};
-  }
-};
-
 // M, a symmetric 6 x 6 matrix, of both bodies: from forces (0, 1, 2) and torques (3, 4, 5) along
-// the axes to linear and angular velocities.
+// the axes to linear and angular velocities. With N of torques, s^2 of forces through the centre
+// and [r] x = r x x it is [s^2 + [r]^T N [r], (N [r])^T; N [r], N].
 struct Mobility {
-  V m[6][6];
+  V linear[6], mixed[3][3], angular[6];
 
-  SUBSTEP_INLINE void add(const Root& root, const V3 (&axis)[3], const V3& r) {
-    V N[3][3];  // of torques
+  SUBSTEP_INLINE const V& operator()(int i, int j) const {
+    if (i < 3 && j < 3) return linear[at(i, j)];
+    if (i >= 3 && j >= 3) return angular[at(i - 3, j - 3)];
+    return i < 3 ? mixed[j - 3][i] : mixed[i - 3][j];
+  }
+  SUBSTEP_INLINE void add(const RootLanes& root, const V3 (&axis)[3], const V3& r) {
+    V N[6], K[3][3];
+#pragma GCC unroll 3
     for (int i = 0; i < 3; ++i) {
-      for (int j = 0; j < 3; ++j) N[i][j] = root.moves * fused_dot(axis[i], axis[j]);
+#pragma GCC unroll 3
+      for (int j = 0; j <= i; ++j) N[at(i, j)] = root.moves * fused_dot(axis[i], axis[j]);
     }
-    const V zero{};
-    const V lever[6][3] = {
-        {zero, r[2], -r[1]},       {-r[2], zero, r[0]},
-        {r[1], -r[0], zero},       {splat<V>(1), zero, zero},
-        {zero, splat<V>(1), zero}, {zero, zero, splat<V>(1)}};  // r x force, or the torque
-    const V linear = root.moves * root.scale * root.scale;
-    for (int j = 0; j < 6; ++j) {
-      V w[3];
-      for (int i = 0; i < 3; ++i)
-        w[i] = fma(N[i][0], lever[j][0], fma(N[i][1], lever[j][1], N[i][2] * lever[j][2]));
-      for (int i = 0; i < 6; ++i) {
-        m[i][j] = m[i][j] + fma(lever[i][0], w[0], fma(lever[i][1], w[1], lever[i][2] * w[2]));
-      }
-      if (j < 3) m[j][j] = m[j][j] + linear;
+    const auto less = [](const V& a, const V& b, const V& c, const V& d)
+                          __attribute__((always_inline)) { return fma(a, b, -(c * d)); };
+#pragma GCC unroll 3
+    for (int i = 0; i < 3; ++i) {
+      K[i][0] = less(N[at(i, 1)], r[2], N[at(i, 2)], r[1]);
+      K[i][1] = less(N[at(i, 2)], r[0], N[at(i, 0)], r[2]);
+      K[i][2] = less(N[at(i, 0)], r[1], N[at(i, 1)], r[0]);
+    }
+    const V through = root.moves * root.scale * root.scale;
+    linear[0] = linear[0] + (less(r[2], K[1][0], r[1], K[2][0]) + through);
+    linear[1] = linear[1] + less(r[2], K[1][1], r[1], K[2][1]);
+    linear[2] = linear[2] + (less(r[0], K[2][1], r[2], K[0][1]) + through);
+    linear[3] = linear[3] + less(r[2], K[1][2], r[1], K[2][2]);
+    linear[4] = linear[4] + less(r[0], K[2][2], r[2], K[0][2]);
+    linear[5] = linear[5] + (less(r[1], K[0][2], r[0], K[1][2]) + through);
+#pragma GCC unroll 6
+    for (int k = 0; k < 6; ++k) angular[k] = angular[k] + N[k];
+#pragma GCC unroll 3
+    for (int i = 0; i < 3; ++i) {
+#pragma GCC unroll 3
+      for (int j = 0; j < 3; ++j) mixed[i][j] = mixed[i][j] + K[i][j];
     }
   }
 };
@@ -349,6 +337,46 @@ SUBSTEP_INLINE void invert(const V (&m)[10], V (&inverse)[10]) {
     for (int j = 0; j < 2; ++j) inverse[at(2 + j, i)] = -y[i][j];
   }
   inverse[at(2, 2)] = S.x, inverse[at(3, 2)] = S.y, inverse[at(3, 3)] = S.z;
+}
+
+// A + eps of the first n points, what is made of it, and identities for the others.
+template <int n>
+SUBSTEP_INLINE void find_block(ContactPacket& c, const Mobility& M) {
+  V A[10] = {}, regular[10] = {};
+  V largest{};
+#pragma GCC unroll 4
+  for (int k = 0; k < n; ++k) {
+    const V pk = wide(c.p[k]), qk = wide(c.q[k]);
+    const V column[3] = {fma(qk, M(2, 3), fma(-pk, M(2, 4), M(2, 2))),
+                         fma(qk, M(3, 3), fma(-pk, M(3, 4), M(3, 2))),
+                         fma(qk, M(4, 3), fma(-pk, M(4, 4), M(4, 2)))};
+#pragma GCC unroll 4
+    for (int l = 0; l <= k; ++l) {
+      A[at(k, l)] = wide(c.used[k]) * wide(c.used[l]) *
+                    fma(wide(c.q[l]), column[1], fma(-wide(c.p[l]), column[2], column[0]));
+    }
+    largest = max(largest, A[at(k, k)]);
+  }
+  c.mobility = largest;
+  const V unit = inverse_of(largest);
+#pragma GCC unroll 4
+  for (int k = 0; k < 4; ++k) {
+#pragma GCC unroll 4
+    for (int l = 0; l < k; ++l) A[at(k, l)] = A[at(k, l)] * unit;
+    const auto is = wide(c.used[k]) > 0;
+    V& entry = A[at(k, k)];
+    entry = is ? fma(entry, unit, kRegularisation) : splat<V>(1);
+    c.diagonal[k] = k < n ? narrow(is ? 1 / entry : V{}) : F{};
+  }
+  if constexpr (n == 2) {
+    const V scale = 1 / (A[0] * A[2] - A[1] * A[1]);
+    regular[0] = scale * A[2], regular[1] = -scale * A[1], regular[2] = scale * A[0];
+    regular[at(2, 2)] = regular[at(3, 3)] = splat<V>(1);
+  } else {
+    invert(A, regular);
+  }
+#pragma GCC unroll 10
+  for (int k = 0; k < 10; ++k) c.block[k] = narrow(A[k]), c.inverse[k] = narrow(regular[k]);
 }
 
 template <class T>
@@ -414,7 +442,7 @@ void ContactPacket::prepare(const BodyRows& rows) {
     scale = V{};
     for (F3& one : axis) one = F3{};
     if (!any_body) return;
-    const Root root(rows, index);
+    const RootLanes root(rows, index);
     scale = root.scale;
     V3 turned[3];
     for (int i = 0; i < 3; ++i) {
@@ -426,32 +454,13 @@ void ContactPacket::prepare(const BodyRows& rows) {
   add_body(has_a, a, scale_a, axis_a, arm_a);
   add_body(has_b, b, scale_b, axis_b, arm_b);
 
-  V A[10], regular[10];
-  V largest{};
-  for (int k = 0; k < 4; ++k) {
-    const V pk = wide(p[k]), qk = wide(q[k]);
-    const V column[3] = {fma(qk, M.m[2][3], fma(-pk, M.m[2][4], M.m[2][2])),
-                         fma(qk, M.m[3][3], fma(-pk, M.m[3][4], M.m[3][2])),
-                         fma(qk, M.m[4][3], fma(-pk, M.m[4][4], M.m[4][2]))};
-    for (int l = 0; l <= k; ++l) {
-      A[at(k, l)] = wide(used[k]) * wide(used[l]) *
-                    fma(wide(q[l]), column[1], fma(-wide(p[l]), column[2], column[0]));
-    }
-    largest = max(largest, A[at(k, k)]);
+  if (few) {
+    find_block<2>(*this, M);
+  } else {
+    find_block<4>(*this, M);
   }
-  mobility = largest;
-  const V unit = inverse_of(largest);
-  for (int k = 0; k < 10; ++k) A[k] = A[k] * unit;
-  for (int k = 0; k < 4; ++k) {
-    const auto is = wide(used[k]) > 0;
-    V& entry = A[at(k, k)];
-    entry = is ? entry + kRegularisation : splat<V>(1);
-    diagonal[k] = narrow(is ? 1 / entry : V{});
-  }
-  invert(A, regular);
-  for (int k = 0; k < 10; ++k) block[k] = narrow(A[k]), inverse[k] = narrow(regular[k]);
-
-  const auto of = [&](int i, int j) __attribute__((always_inline)) { return M.m[i][j] * unit; };
+  const V unit = inverse_of(mobility);
+  const auto of = [&](int i, int j) __attribute__((always_inline)) { return M(i, j) * unit; };
   const V xx = of(0, 0), xy = of(0, 1), yy = of(1, 1), scale = inverse_of(xx * yy - xy * xy);
   slide_inverse[0] = narrow(scale * yy);
   slide_inverse[1] = narrow(-scale * xy);
@@ -468,14 +477,15 @@ void ContactPacket::prepare(const BodyRows& rows) {
   for (int k = 0; k < 5; ++k) roll_mobility[k] = narrow(of(kRolls[k][0], kRolls[k][1]));
 }
 
-void ContactPacket::push(const V& part, BodyRows::Rows& rows) const {
+void ContactPacket::push(const V& part, BodyRows::Rows& rows, const bool* to_a,
+                         const bool* to_b) const {
   with_form(*this, [&](auto form) __attribute__((always_inline)) {
     Both m = load_both(form, rows, *this);
     Twist l{{{slide_impulse[0], slide_impulse[1], V{}}}, {{V{}, V{}, twist_impulse}}};
     if (rolls) l.angular[0] = roll_impulse[0], l.angular[1] = roll_impulse[1];
     add_normal(form, *this, impulse, l);
     apply(form, *this, {part * l.linear, part * l.angular}, m);
-    store_both(form, m, rows, *this);
+    store_both(form, m, rows, *this, to_a, to_b);
   });
 }
 
@@ -487,12 +497,12 @@ void ContactPacket::scale_impulses(const V& part) {
 }
 
 void ContactPacket::withdraw_push(BodyRows& rows) const {
-  ContactPacket back = *this;  // what turns has no push left
+  bool to_a[kLanes], to_b[kLanes];  // what turns has no push left
   for (int lane = 0; lane < kLanes; ++lane) {
-    back.moves_a[lane] = moves_a[lane] && rows.turns[usize(a[lane])] == 0;
-    back.moves_b[lane] = moves_b[lane] && rows.turns[usize(b[lane])] == 0;
+    to_a[lane] = moves_a[lane] && rows.turns[usize(a[lane])] == 0;
+    to_b[lane] = moves_b[lane] && rows.turns[usize(b[lane])] == 0;
   }
-  back.push(splat<V>(-1), rows.push);
+  push(splat<V>(-1), rows.push, to_a, to_b);
 }
 
 void ContactPacket::find_separations(const BodyRows& rows, V (&C)[4]) const {

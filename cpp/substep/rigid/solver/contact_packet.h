@@ -50,7 +50,7 @@ struct ContactPacket {
   void rebase(const BodyRows& rows, const bool (&lanes)[kLanes]);
 
   // This part of the impulses of the last sub-step, to what they push.
-  void push(const V& part, BodyRows::Rows& rows) const;
+  void push(const V& part, BodyRows::Rows& rows) const { push(part, rows, moves_a, moves_b); }
   void warm_start(BodyRows& rows) const { push(splat<V>(1), rows.push); }
   // Takes them back, of rows that do not turn, before the contacts are found anew.
   void withdraw_push(BodyRows& rows) const;
@@ -84,6 +84,8 @@ struct ContactPacket {
   V roll_impulse[2];
 
  private:
+  // To those rows that the last two say.
+  void push(const V& part, BodyRows::Rows& rows, const bool* to_a, const bool* to_b) const;
   template <class Form>
   void solve_positions_of(Form form, BodyRows& rows, const Settings& settings);
   template <class Form>
