@@ -18,8 +18,8 @@ constexpr std::int64_t kPackets = 16;  // per chunk, where they are independent
 constexpr float kFarAway = 1e6F;       // [m]
 // Of what rolls on: the least turn in a step that counts and the turn in a sub-step that no
 // geometry follows [rad], the most that u changes in half a sub-step unless another corner touches,
-// how many others it touches, and the height over the nearest point that is none [m].
-constexpr double kRolls = 1e-4, kFar = 0.5, kSmooth = 0.2, kReached = 1e-5;
+// and how many others it touches.
+constexpr double kRolls = 1e-4, kFar = 0.5, kSmooth = 0.2;
 constexpr int kFew = 2;
 // Sweeps over light bodies that a heavy load at their joints presses on something.
 constexpr int kStrainedSweeps = 16;
@@ -59,14 +59,19 @@ class Phases {
     add((n + grain - 1) / grain,
         [=](std::int64_t chunk) { task(chunk * grain, std::min(n, (chunk + 1) * grain)); });
   }
-  // Of each colour the packets, colour after colour.
+  // Of each colour the packets, colour after colour. Colours of one chunk each follow one another
+  // in one task.
   template <class F>
   void add_sweep(const Sweep& sweep, const F& packet) {
-    for (std::size_t f = 0; f < sweep.chunks_of_phase.size(); ++f) {
-      const std::int64_t first = sweep.phase_start[f];
-      add(sweep.chunks_of_phase[f], [&sweep, first, packet](std::int64_t chunk) {
-        const auto c = usize(first + chunk);
-        for (auto k = sweep.chunk_start[c]; k < sweep.chunk_start[c + 1]; ++k) packet(k);
+    const std::size_t colours = sweep.chunks_of_phase.size();
+    for (std::size_t f = 0, end; f < colours; f = end) {
+      end = f + 1;
+      const bool single = sweep.chunks_of_phase[f] == 1;
+      while (single && end < colours && sweep.chunks_of_phase[end] == 1) ++end;
+      const auto first = usize(sweep.phase_start[f]), each = single ? end - f : 1;
+      add(sweep.chunks_of_phase[f], [&sweep, first, each, packet](std::int64_t chunk) {
+        const auto c = first + usize(chunk);
+        for (auto k = sweep.chunk_start[c]; k < sweep.chunk_start[c + each]; ++k) packet(k);
       });
     }
   }
@@ -243,7 +248,6 @@ void ContactSolver::find_rolling(std::span<ContactConstraint> contacts,
   const auto is_free = [&](std::int32_t row) {
     return rows_.moves(row) && touched_[usize(row)] <= kFew;
   };
-  const auto whirls = [&](std::int32_t row) { return !(h * rows_.spin_of(row).norm() < kFar); };
   std::vector<std::uint8_t>& turns = rows_.turns;
   bool any = false;
   for (std::size_t k = 0; k < contacts.size(); ++k) {
@@ -251,20 +255,19 @@ void ContactSolver::find_rolling(std::span<ContactConstraint> contacts,
     const std::int32_t a = rows_.row(c.a), b = rows_.row(c.b);
     c.rolls_on |= c.tips && jointed_[usize(a)] == 0 && jointed_[usize(b)] == 0;
     if (place_[k] < 0 || !c.rolls_on) continue;
-    if ((!is_free(a) && !is_free(b)) || whirls(a) || whirls(b)) continue;
+    if (!is_free(a) && !is_free(b)) continue;
     const Vec3 v_a = rows_.velocity_of(a), v_b = rows_.velocity_of(b);
+    const Vec3 w_a = rows_.spin_of(a), w_b = rows_.spin_of(b);
+    const double rate_a = w_a.norm(), rate_b = w_b.norm();
+    if (!(h * rate_a < kFar && h * rate_b < kFar)) continue;
     const double size_a = c.points[0].arm_a.norm(), size_b = c.points[0].arm_b.norm();
-    const double turn_a = rows_.spin_of(a).norm() * size_a,
-                 turn_b = rows_.spin_of(b).norm() * size_b;
-    const double speed = std::max({turn_a, turn_b, (v_a - v_b).norm()});
+    const double speed = std::max({rate_a * size_a, rate_b * size_b, (v_a - v_b).norm()});
     if (!(dt * speed > kRolls * std::min(size_a, size_b))) continue;
     // What a sub-step may reach: by the approach, and by tipping about the point.
-    const auto tips = [&](std::int32_t row, const Vec3& arm) {
-      return rows_.spin_of(row).norm() * arm.cross(c.normal).norm();
-    };
     c.margin = 2 * slop + 2 * h *
-                              (std::abs(c.normal.dot(v_a - v_b)) + tips(a, c.points[0].arm_a) +
-                               tips(b, c.points[0].arm_b));
+                              (std::abs(c.normal.dot(v_a - v_b)) +
+                               rate_a * c.points[0].arm_a.cross(c.normal).norm() +
+                               rate_b * c.points[0].arm_b.cross(c.normal).norm());
     any = true;
     rolling_[k] = 1;
     for (const std::int32_t row : {a, b})
@@ -284,6 +287,42 @@ void ContactSolver::find_rolling(std::span<ContactConstraint> contacts,
   }
   sort_unique(rolling_packets_);
   for (const std::int64_t k : rolling_packets_) packets_[usize(k)].rolls_on = true;
+}
+
+// Of the contacts that are found anew those of spheres and capsules, where joints rule how bodies
+// turn. Contacts that need more of their geometry in a sub-step are none: what bounces, what may
+// begin to slip.
+void ContactSolver::find_round(std::span<const ContactConstraint> contacts, const Bodies& bodies,
+                               const Round& round) {
+  round_.assign(usize(sweep_.packets()), -1);
+  rounds_.reset(round ? rolling_packets_.size() : 0);
+  if (!round || rolling_packets_.empty()) return;
+  bounces_.assign(contacts.size(), 0);
+  for (std::int64_t k = 0; k < impacts_.count(); ++k) bounces_[usize(impacts_.contact(k))] = 1;
+  std::int32_t count = 0;
+  for (const std::int64_t packet : rolling_packets_) {
+    RoundContacts& contacts_of = rounds_[usize(count)];
+    for (int lane = 0; lane < kPacketLanes; ++lane) {
+      if (!is_rolling(packet, lane)) continue;
+      const auto index = usize(sweep_.constraint[usize(packet * kPacketLanes + lane)]);
+      const ContactConstraint& c = contacts[index];
+      const auto a = usize(rows_.row(c.a)), b = usize(rows_.row(c.b));
+      if (!c.rolls_on || bounces_[index] != 0 || sticks_more(c)) continue;
+      if ((jointed_[a] == 0 && jointed_[b] == 0) || rows_.turns[a] != 0 || rows_.turns[b] != 0)
+        continue;
+      const std::optional<RoundPair> pair = round(c);
+      if (!pair) continue;
+      if (round_[usize(packet)] < 0) contacts_of.clear();
+      round_[usize(packet)] = count;
+      contacts_of.add(lane, *pair, c, bodies);
+    }
+    if (round_[usize(packet)] >= 0) ++count;
+  }
+}
+
+RoundContacts* ContactSolver::round_of(std::int64_t packet) {
+  const std::int32_t k = round_[usize(packet)];
+  return k < 0 ? nullptr : &rounds_[usize(k)];
 }
 
 // Contacts with two coefficients of friction, which choose between them after each sub-step.
@@ -318,12 +357,16 @@ bool ContactSolver::is_rolling(std::int64_t packet, int lane) const {
 }
 
 // What does not roll on keeps its points.
-void ContactSolver::note_separations(std::int64_t packet,
-                                     std::span<ContactConstraint> contacts) const {
+void ContactSolver::note_separations(std::int64_t packet, std::span<ContactConstraint> contacts) {
+  const RoundContacts* round = round_of(packet);
+  bool noted[kPacketLanes];
+  for (int lane = 0; lane < kPacketLanes; ++lane)
+    noted[lane] = is_rolling(packet, lane) && !(round != nullptr && round->has(lane));
+  if (std::find(noted, noted + kPacketLanes, true) == noted + kPacketLanes) return;
   ContactPacket::V C[4];
   packets_[usize(packet)].find_separations(rows_, C);
   for (int lane = 0; lane < kPacketLanes; ++lane) {
-    if (!is_rolling(packet, lane)) continue;
+    if (!noted[lane]) continue;
     ContactConstraint& c = contacts[usize(sweep_.constraint[usize(packet * kPacketLanes + lane)])];
     for (int k = 0; k < c.count; ++k) c.points[k].separation = C[k][lane];
   }
@@ -358,12 +401,16 @@ bool ContactSolver::find_anew(const Pose& a, const Pose& b, double h, ContactCon
 void ContactSolver::renew(std::int64_t packet, std::span<ContactConstraint> contacts,
                           const Bodies& bodies, double h) {
   ContactPacket& p = packets_[usize(packet)];
-  bool rolling[kPacketLanes];
+  RoundContacts* const round = round_of(packet);
+  if (round != nullptr) round->find(rows_, h, p);
+  bool rolling[kPacketLanes], one_by_one[kPacketLanes];
   for (int lane = 0; lane < kPacketLanes; ++lane) {
     rolling[lane] = is_rolling(packet, lane);
-    if (!rolling[lane]) continue;
+    one_by_one[lane] = rolling[lane] && !(round != nullptr && round->has(lane));
+    if (!one_by_one[lane]) continue;
     ContactConstraint& c = contacts[usize(sweep_.constraint[usize(packet * kPacketLanes + lane)])];
     p.get(lane, c);
+    if (round != nullptr && round->left(lane)) round->report(lane, p, c);
     if (c.rolls_on) find_anew(rows_.pose(bodies, c.a), rows_.pose(bodies, c.b), h, c);
     p.set(lane, &c, rows_);
   }
@@ -371,7 +418,7 @@ void ContactSolver::renew(std::int64_t packet, std::span<ContactConstraint> cont
   p.rebase(rows_, rolling);
   p.rolls_on = true;
   for (int lane = 0; lane < kPacketLanes; ++lane) {
-    if (!rolling[lane]) continue;
+    if (!one_by_one[lane]) continue;
     const auto& c = contacts[usize(sweep_.constraint[usize(packet * kPacketLanes + lane)])];
     if (c.rolls_on) set_bias(packet, lane, c, bodies, h);
   }
@@ -409,7 +456,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
                                  std::span<ContactConstraint> contacts,
                                  const ContactOptions& options,
                                  std::span<const std::uint8_t> asleep, std::span<Joint> joints,
-                                 int threads, const Touch& touch) {
+                                 int threads, const Touch& touch, const Round& round) {
   const double h = dt / options.substeps;
   touch_ = touch;
   const ContactPacket::Settings settings{1 / h, options.correction, options.slop,
@@ -433,13 +480,14 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
                b = rows_.pose_after(bodies, c.b, time, spin);
     return touch_(a, b, c);
   });
+  find_round(contacts, bodies, round);
 
   const double slow = 0.5 * h * gravity.norm();
   const double lost = std::min(1.0, h * options.settling);
 
   const auto packet = [&](std::int64_t k) -> ContactPacket& { return packets_[usize(k)]; };
   const auto sweeps_of = [&](bool strains) { return strains ? kStrainedSweeps : options.sweeps; };
-  Phases phases(64);
+  Phases phases(512);
   const auto add_joints = [&](const auto& task) {
     if (joints_.groups() > 0) {
       phases.add(joints_.groups(), [this, task](std::int64_t k) { task(joints_.group(k)); });
@@ -453,14 +501,12 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   };
   for (int substep = 0; substep < options.substeps; ++substep) {
     const bool rolls = !rolling_packets_.empty();
-    if (substep > 0 && rolls) {
-      phases.add_sweep(sweep_, [&](std::int64_t k) {
-        if (packet(k).rolls_on) packet(k).withdraw_push(rows_);
-      });
-    }
-    if (rolls) add_each(rolling_packets_, [&](std::int64_t k) { renew(k, contacts, bodies, h); });
     if (substep == 0 || rolls) {
       phases.add_sweep(sweep_, [&, substep](std::int64_t k) {
+        if (packet(k).rolls_on) {
+          if (substep > 0) packet(k).withdraw_push(rows_);
+          renew(k, contacts, bodies, h);
+        }
         if (substep == 0 || packet(k).rolls_on) packet(k).warm_start(rows_);
       });
     }
@@ -509,11 +555,16 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
 
   const std::int64_t bad = rows_.store(bodies, dt, options.rotation, threads);
   if (bad >= 0) return bad;
+  for (const std::int64_t k : rolling_packets_)
+    if (RoundContacts* const found = round_of(k)) found->finish(rows_, packet(k));
   for (std::size_t c = 0; c < contacts.size(); ++c) {
     if (place_[c] < 0) continue;
     const std::int64_t k = place_[c] / kPacketLanes;
-    packet(k).get(place_[c] % kPacketLanes, contacts[c]);
-    given_[usize(k)].report(place_[c] % kPacketLanes, contacts[c]);
+    const int lane = place_[c] % kPacketLanes;
+    packet(k).get(lane, contacts[c]);
+    const RoundContacts* const found = round_of(k);
+    if (found != nullptr && found->has(lane)) found->report(lane, packet(k), contacts[c]);
+    given_[usize(k)].report(lane, contacts[c]);
   }
   impacts_.report(contacts);
   joints_.store(bodies, joints, dt);

@@ -43,6 +43,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -53,6 +54,7 @@
 #include "substep/rigid/solver/impact_start.h"
 #include "substep/rigid/solver/impacts.h"
 #include "substep/rigid/solver/joints.h"
+#include "substep/rigid/solver/round_contacts.h"
 
 namespace substep::rigid {
 
@@ -61,6 +63,10 @@ class ContactSolver {
   // Puts a contact where its bodies touch at these poses, without impulses. Returns whether they
   // do; else it stays.
   using Touch = std::function<bool(const Pose& a, const Pose& b, ContactConstraint& contact)>;
+
+  // Of a contact of round shapes only, with planes or each other: where those are at the start of
+  // the step.
+  using Round = std::function<std::optional<RoundPair>(const ContactConstraint& contact)>;
 
   // One step of dt for all bodies: forces, contacts, joints, free motion. The impulses of the
   // contacts are those of the last sub-step before, and are so after. Contacts must have been
@@ -71,7 +77,7 @@ class ContactSolver {
   std::int64_t step(Bodies& bodies, const Vec3& gravity, double dt,
                     std::span<ContactConstraint> contacts, const ContactOptions& options,
                     std::span<const std::uint8_t> asleep = {}, std::span<Joint> joints = {},
-                    int threads = 0, const Touch& touch = {});
+                    int threads = 0, const Touch& touch = {}, const Round& round = {});
 
   std::int64_t impacts() const { return impacts_.happened(); }  // of the last step
 
@@ -91,10 +97,13 @@ class ContactSolver {
   void start_impacts();
   void find_rolling(std::span<ContactConstraint> contacts, std::span<const Joint> joints, double dt,
                     double h, double slop);
+  void find_round(std::span<const ContactConstraint> contacts, const Bodies& bodies,
+                  const Round& round);
   void find_slipping(std::span<ContactConstraint> contacts, double fast);
   void note_slips(std::int64_t packet, std::span<ContactConstraint> contacts, double fast);
   bool is_rolling(std::int64_t packet, int lane) const;
-  void note_separations(std::int64_t packet, std::span<ContactConstraint> contacts) const;
+  RoundContacts* round_of(std::int64_t packet);
+  void note_separations(std::int64_t packet, std::span<ContactConstraint> contacts);
   void renew(std::int64_t packet, std::span<ContactConstraint> contacts, const Bodies& bodies,
              double h);
   bool find_anew(const Pose& a, const Pose& b, double h, ContactConstraint& contact) const;
@@ -120,11 +129,14 @@ class ContactSolver {
   std::vector<std::uint8_t> rolling_;          // of each contact: found anew in each sub-step
   std::vector<std::int32_t> turning_;          // rows
   std::vector<std::uint8_t> jointed_;          // of each row
+  std::vector<std::uint8_t> bounces_;          // of each contact
   std::vector<std::int32_t> touched_;          // of each row, how many others it touches
   std::vector<std::int64_t> rolling_packets_;  // that hold such contacts
-  std::vector<std::int64_t> slip_packets_;     // that hold contacts with two coefficients
-  std::vector<std::uint8_t> whirling_;         // of each body: its joints' forces swing bodies
-  std::vector<std::uint8_t> strained_;         // of each packet: one of its bodies is such
+  std::vector<std::int32_t> round_;            // of each packet: its place in rounds_, or -1
+  AlignedBuffer<RoundContacts> rounds_;
+  std::vector<std::int64_t> slip_packets_;  // that hold contacts with two coefficients
+  std::vector<std::uint8_t> whirling_;      // of each body: its joints' forces swing bodies
+  std::vector<std::uint8_t> strained_;      // of each packet: one of its bodies is such
 };
 
 }  // namespace substep::rigid

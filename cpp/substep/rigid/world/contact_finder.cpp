@@ -411,6 +411,30 @@ void ContactFinder::find_followers(std::span<const FixturePair> pairs, const Fix
     });
 }
 
+std::optional<RoundPair> ContactFinder::round_pair(const Fixtures& fixtures,
+                                                   std::span<const Motion> motion,
+                                                   const ContactConstraint& contact) {
+  const auto get = [&](std::int32_t f, RoundShape& round) {
+    const Shape& shape = fixtures[f].fixture.shape;
+    const Pose& pose = fixtures.pose(f);
+    if (const auto* sphere = std::get_if<Sphere>(&shape)) {
+      round = {pose.position, Vec3::Zero(), sphere->radius, false};
+    } else if (const auto* capsule = std::get_if<Capsule>(&shape)) {
+      round = {pose.position, capsule->half_length * pose.rotation.col(2), capsule->radius, false};
+    } else if (const auto* plane = std::get_if<Plane>(&shape)) {
+      const Vec3 n = pose.rotation * plane->normal;
+      round = {pose.position + plane->offset * n, n, 0, true};
+    } else {
+      return false;
+    }
+    return true;
+  };
+  RoundPair pair;
+  if (!get(contact.fixture_a, pair.a) || !get(contact.fixture_b, pair.b)) return std::nullopt;
+  pair.acts = acts_at(motion, contact.a, contact.b);
+  return pair;
+}
+
 void ContactFinder::find(std::span<const FixturePair> pairs, std::int32_t slots,
                          const Fixtures& fixtures, std::span<const Motion> motion,
                          std::span<const Way> ways, std::span<const ContactConstraint> last,

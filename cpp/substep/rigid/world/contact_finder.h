@@ -16,12 +16,14 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
 #include "substep/rigid/collision/broad_phase.h"
 #include "substep/rigid/collision/manifold.h"
 #include "substep/rigid/solver/contact_constraint.h"
+#include "substep/rigid/solver/round_contacts.h"
 #include "substep/rigid/world/fixtures.h"
 
 namespace substep::rigid {
@@ -40,6 +42,11 @@ class ContactFinder {
   // Returns whether they do, within its margin; else it stays as it is.
   static bool touch_at(const Fixtures& fixtures, std::span<const Motion> motion, const Pose& body_a,
                        const Pose& body_b, ContactConstraint& contact);
+
+  // Where spheres, capsules and a plane of the contact are, if it has no other shapes.
+  static std::optional<RoundPair> round_pair(const Fixtures& fixtures,
+                                             std::span<const Motion> motion,
+                                             const ContactConstraint& contact);
 
  private:
   class Search;

@@ -502,7 +502,9 @@ std::int64_t World::solve_once(double dt) {
     return ContactFinder::touch_at(fixtures_, bodies_.motion, a, b, contact);
   };
   return solver_->step(bodies_, options_.gravity, dt, contacts_, options_.contact, asleep_, joints_,
-                       threads, touch);
+                       threads, touch, [&](const ContactConstraint& contact) {
+                         return ContactFinder::round_pair(fixtures_, bodies_.motion, contact);
+                       });
 }
 
 // Whether bodies were put down on each other: they press, but nobody told how much.
