@@ -1,7 +1,5 @@
 #include "substep/rigid/solver/round_contacts.h"
 
-#include <utility>
-
 #include "substep/core/usize.h"
 #include "substep/rigid/solver/contact_lanes.h"
 
@@ -31,17 +29,16 @@ SUBSTEP_INLINE Lanes3 times(const Lanes& s, const Lanes3& x) {
 SUBSTEP_INLINE Lanes over(const Lanes& x, const Lanes& y) {
   return x / (y > 0 ? y : splat<Lanes>(1));
 }
+// Not a part of what calls it, where it would take registers.
+[[gnu::noinline]] QuaternionLanes<Lanes> turn_far_by(const Lanes3& w) { return rotation_by(w); }
 // rotation_by(), sooner where all turns are below half a radian: by the series of sine and cosine.
 SUBSTEP_INLINE QuaternionLanes<Lanes> turn_by(const Lanes3& w) {
   const Lanes z = 0.25 * fused_dot(w, w);
-  if (any(z > 0.0625)) return rotation_by(w);
-  Lanes sine = splat<Lanes>(-1. / 39916800), cosine = splat<Lanes>(-1. / 3628800);
-  for (const auto& [s, c] : {std::pair(1. / 362880, 1. / 40320),
-                             {-1. / 5040, -1. / 720},
-                             {1. / 120, 1. / 24},
-                             {-1. / 6, -1. / 2},
-                             {1., 1.}})
-    sine = fma(z, sine, s), cosine = fma(z, cosine, c);
+  if (any(z > 0.0625)) return turn_far_by(w);
+  Lanes sine = fma(z, splat<Lanes>(-1. / 39916800), 1. / 362880);
+  sine = fma(z, fma(z, fma(z, fma(z, sine, -1. / 5040), 1. / 120), -1. / 6), 1.);
+  Lanes cosine = fma(z, splat<Lanes>(-1. / 3628800), 1. / 40320);
+  cosine = fma(z, fma(z, fma(z, fma(z, cosine, -1. / 720), 1. / 24), -1. / 2), 1.);
   return {cosine, times(0.5 * sine, w)};
 }
 Vec3 of_lane(const Lanes3& x, int lane) { return {x[0][lane], x[1][lane], x[2][lane]}; }
@@ -142,10 +139,6 @@ void RoundContacts::touch_segments(const Placed& a, const Placed& b, Touch& touc
   touch.middle[0] = touch.middle[1] = fused_sum(p, a_.radius + 0.5 * C, touch.normal);
 }
 
-RoundContacts::V3 RoundContacts::acting(const Touch& touch, int k) const {
-  return fused_sum(touch.middle[k], (acts_ - 0.5) * touch.separation[k], touch.normal);
-}
-
 void RoundContacts::find(const BodyRows& rows, double h, ContactPacket& packet) {
   const Placed a = place(a_, packet.has_a, packet.a, rows),
                b = place(b_, packet.has_b, packet.b, rows);
@@ -195,7 +188,7 @@ void RoundContacts::find(const BodyRows& rows, double h, ContactPacket& packet) 
   V3 arm_a[2], arm_b[2];
   Mask acts[2];
   for (int k = 0; k < 2; ++k) {
-    const V3 at = acting(touch, k);
+    const V3 at = fused_sum(touch.middle[k], (acts_ - 0.5) * touch.separation[k], n);
     arm_a[k] = at - a.position, arm_b[k] = at - b.position;
     const V3 u = v + fused_cross(b.spin, arm_b[k]) - fused_cross(a.spin, arm_a[k]);
     const V reached = fma(splat<V>(h), fused_dot(n, u), touch.separation[k]);

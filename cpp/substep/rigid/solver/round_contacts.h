@@ -78,7 +78,6 @@ class RoundContacts {
                       const BodyRows& rows);
   void touch_plane(const Placed& a, const Placed& b, Touch& touch) const;
   void touch_segments(const Placed& a, const Placed& b, Touch& touch) const;
-  V3 acting(const Touch& touch, int k) const;
 
   Side a_, b_;
   V acts_, margin_;
