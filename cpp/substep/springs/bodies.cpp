@@ -62,10 +62,6 @@ Eigen::Map<const Vec6> six(const Vec3* unknowns) {
 
 }  // namespace
 
-bool Border::touched() const {
-  return std::ranges::any_of(touches, [](const auto& t) { return !t.empty(); });
-}
-
 void Bodies::begin_step(double h, std::span<const double> masses) {
   h_ = h;
   bodies_.clear();
@@ -262,62 +258,6 @@ void Bodies::push() {
     for (const std::size_t c : body.colliders) contacts_.colliders[c].set_body_velocity(body.free);
   }
   geometry::push_bodies(contacts_.colliders);
-}
-
-bool BorderedFactor::factorize(const Border& border, std::int64_t vertices, const Solve& solve) {
-  touched_.clear();
-  columns_.clear();
-  for (std::size_t b = 0; b < border.touches.size(); ++b) {
-    if (border.touches[b].empty()) continue;
-    touched_.push_back(b);
-    for (Eigen::Index c = 0; c < 6; ++c) {
-      std::vector<double> column(usize(3 * vertices));
-      for (const Border::Touch& touch : border.touches[b]) {
-        Eigen::Map<Vec3>{&column[3 * usize(touch.vertex)]} += touch.block.col(c);
-      }
-      solve(column);
-      columns_.push_back(std::move(column));
-    }
-  }
-  const auto size = static_cast<Eigen::Index>(columns_.size());
-  Eigen::MatrixXd schur = Eigen::MatrixXd::Zero(size, size);
-  for (Eigen::Index k = 0; k < size / 6; ++k) {
-    const std::size_t b = touched_[usize(k)];
-    schur.block<6, 6>(6 * k, 6 * k) = border.corners[b];
-    for (const Border::Touch& touch : border.touches[b]) {
-      for (Eigen::Index c = 0; c < size; ++c) {
-        schur.block<6, 1>(6 * k, c) -=
-            touch.block.transpose() *
-            Eigen::Map<const Vec3>(&columns_[usize(c)][3 * usize(touch.vertex)]);
-      }
-    }
-  }
-  schur_.compute(schur);
-  return schur_.info() == Eigen::Success;
-}
-
-void BorderedFactor::solve(const Border& border, std::span<double> b, const Solve& solve) const {
-  const std::size_t bodies = border.corners.size();
-  const std::span<double> x = b.first(b.size() - 6 * bodies), z = b.last(6 * bodies);
-  solve(x);
-  Eigen::VectorXd right(static_cast<Eigen::Index>(columns_.size()));
-  for (std::size_t k = 0; k < bodies; ++k) {
-    if (border.touches[k].empty()) Eigen::Map<Vec6>{&z[6 * k]} /= border.corners[k](0, 0);
-  }
-  for (std::size_t k = 0; k < touched_.size(); ++k) {
-    Vec6 sum = Eigen::Map<const Vec6>{&z[6 * touched_[k]]};
-    for (const Border::Touch& touch : border.touches[touched_[k]]) {
-      sum -= touch.block.transpose() * Eigen::Map<const Vec3>(&x[3 * usize(touch.vertex)]);
-    }
-    right.segment<6>(static_cast<Eigen::Index>(6 * k)) = sum;
-  }
-  if (touched_.empty()) return;
-  schur_.solveInPlace(right);
-  for (std::size_t c = 0; c < columns_.size(); ++c) {
-    const double amount = right[static_cast<Eigen::Index>(c)];
-    z[6 * touched_[c / 6] + c % 6] = amount;
-    for (std::size_t i = 0; i < x.size(); ++i) x[i] -= amount * columns_[c][i];
-  }
 }
 
 }  // namespace substep::springs

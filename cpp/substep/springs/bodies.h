@@ -19,8 +19,7 @@
 // Simplifications: W is that of the start of the step, and friction takes r from where it lagged.
 #pragma once
 
-#include <Eigen/Cholesky>
-#include <functional>
+#include <Eigen/Core>
 #include <span>
 #include <vector>
 
@@ -47,7 +46,6 @@ struct Border {
   };
   std::vector<std::vector<Touch>> touches;
   std::vector<Mat6> corners;
-  bool touched() const;
 };
 
 class Bodies {
@@ -93,21 +91,6 @@ class Bodies {
   const FrictionTerm& friction_;
   std::vector<Body> bodies_;
   double h_ = 0.0;
-};
-
-// Solves [K C; C^T S] (x, z) = b by the Schur complement onto the bodies that are touched, with
-// K^-1 given as solve(b), in place.
-class BorderedFactor {
- public:
-  using Solve = std::function<void(std::span<double>)>;
-  // Whether the whole matrix is positive definite.
-  bool factorize(const Border& border, std::int64_t vertices, const Solve& solve);
-  void solve(const Border& border, std::span<double> b, const Solve& solve) const;
-
- private:
-  std::vector<std::size_t> touched_;
-  std::vector<std::vector<double>> columns_;  // of K^-1 C, 6 for each body touched
-  Eigen::LLT<Eigen::MatrixXd> schur_;
 };
 
 }  // namespace substep::springs

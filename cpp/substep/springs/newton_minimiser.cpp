@@ -64,8 +64,8 @@ void NewtonMinimiser::begin(IncrementalPotential& energy, Positions x) {
   const BlockPattern& pattern = energy.pattern();
   if (!cholesky_) {
     const auto size = static_cast<std::int32_t>(3 * energy.vertices());
-    cholesky_ = std::make_unique<MixedCholesky>(
-        SparsePattern{size, size, pattern.columns, pattern.rows}, 3);
+    cholesky_ = std::make_unique<BorderedCholesky>(
+        SparsePattern{size, size, pattern.columns, pattern.rows});
   }
   cholesky_->forget();
   values_.resize(pattern.rows.size());
@@ -85,13 +85,7 @@ bool NewtonMinimiser::factorize(IncrementalPotential& energy, Positions x,
   for (kept_ = next_kept_;; kept_ = kept_ > kLeastKept ? kept_ / 2 : 0.0, passed_ = 0) {
     energy.assemble(x, kept_, g_, values_);
     ++report.factorizations;
-    // The Schur complement of a light body is a small difference: too small for float32.
-    if (energy.border().touched()) cholesky_->take_double();
-    if (cholesky_->factorize(values_, energy.threads()) < 0 &&
-        bordered_.factorize(energy.border(), energy.vertices(),
-                            [&](std::span<double> r) { cholesky_->solve(r, energy.threads()); })) {
-      break;
-    }
+    if (cholesky_->factorize(values_, energy.border(), energy.threads())) break;
     if (kept_ == 0.0) return false;
   }
   next_kept_ = passed_ < kTrusted ? kept_ : std::min(1.0, std::max(1.5 * kept_, kLeastKept));
@@ -107,32 +101,22 @@ double NewtonMinimiser::find_direction(const IncrementalPotential& energy, Posit
   x_before_.assign(x.begin(), x.end());
   g_before_ = g_;
   for (std::size_t i = 0; i < g_.size(); ++i) dx_[i] = -g_[i];
-  const auto factor_solve = [&](std::span<double> r) { solve(energy, r); };
+  const auto factor_solve = [&](std::span<double> r) {
+    cholesky_->solve(energy.border(), r, threads);
+  };
   if (learned) {
     memory_.multiply(dx_, factor_solve, threads);
   } else if (!dx_.empty()) {
     const std::span<double> r(dx_[0].data(), 3 * dx_.size());
-    bool definite = true;
-    // With less curvature the Hessian itself is worth no more than its factorization, and where
-    // bodies are touched that is in float64.
-    if (kept_ < 1.0 || energy.border().touched()) {
-      solve(energy, r);
-    } else {
-      bordered_.solve(energy.border(), r, [&](std::span<double> part) {
-        definite = cholesky_->solve(part, values_, kForcing, threads);
-      });
-    }
-    if (!definite) {
+    // With less curvature the Hessian itself is worth no more than its factorization.
+    if (kept_ < 1.0) {
+      factor_solve(r);
+    } else if (!cholesky_->solve(values_, energy.border(), r, kForcing, threads)) {
       kept_ = next_kept_ = 0.5;
       passed_ = 0;
     }
   }
   return dot(numbers(g_), numbers(dx_), threads);
-}
-
-void NewtonMinimiser::solve(const IncrementalPotential& energy, std::span<double> r) const {
-  bordered_.solve(energy.border(), r,
-                  [&](std::span<double> part) { cholesky_->solve(part, energy.threads()); });
 }
 
 // Goes along dx as far as the energy falls enough. Returns the length of the step, 0 without any.

@@ -14,7 +14,7 @@
 #include <memory>
 #include <vector>
 
-#include "substep/linalg/direct/mixed_cholesky.h"
+#include "substep/springs/bordered_cholesky.h"
 #include "substep/springs/limited_memory.h"
 #include "substep/springs/minimiser.h"
 
@@ -36,11 +36,8 @@ class NewtonMinimiser : public Minimiser {
   void refine(IncrementalPotential& energy, std::span<Vec3> x, double tolerance,
               MinimiserReport& report);
 
-  void solve(const IncrementalPotential& energy, std::span<double> r) const;
-
   int max_iterations_;
-  std::unique_ptr<MixedCholesky> cholesky_;  // of the pattern, which is that of every step
-  BorderedFactor bordered_;                  // where bodies border the matrix
+  std::unique_ptr<BorderedCholesky> cholesky_;  // of the pattern, which is that of every step
   std::vector<double> values_;
   double level_ = 0.0;  // the energy at x
   std::vector<Vec3> g_, dx_, trial_;

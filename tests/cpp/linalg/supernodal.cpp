@@ -95,6 +95,26 @@ TEST_P(Supernodal, SolvesToRoundingWithTheSameBitsForAnyNumberOfThreads) {
   }
 }
 
+TEST_P(Supernodal, SolvesForSeveralRightHandSidesAsForEach) {
+  const auto [width, block, ordering] = GetParam();
+  const NetProblem p = net(width, block);
+  SupernodalCholesky cholesky(p.lower, block, ordering);
+  ASSERT_EQ(cholesky.factorize(p.values), -1);
+  for (const std::size_t sides : {0, 2, 3, 7}) {
+    std::vector<std::vector<double>> all(sides, std::vector<double>(usize(3 * width * width)));
+    for (std::size_t k = 0; k < sides; ++k) {
+      for (std::size_t i = 0; i < all[k].size(); ++i) all[k][i] = uniform2(k, i)[0] - 0.5;
+    }
+    std::vector<std::vector<double>> each = all;
+    for (std::vector<double>& x : each) cholesky.solve(x);
+    for (const int threads : {1, 3}) {
+      std::vector<std::vector<double>> x = all;
+      cholesky.solve(std::span(x), threads);
+      EXPECT_EQ(x, each) << sides << " sides, " << threads << " threads";
+    }
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(Nets, Supernodal,
                          testing::Combine(testing::Values(1, 2, 5, 17, 40), testing::Values(1, 3),
                                           testing::Values(Ordering::amd, Ordering::metis,

@@ -23,21 +23,6 @@ double normalize(std::span<double> x) {
   return scale;
 }
 
-// y = A x
-void multiply_lower(const SparsePattern& lower, std::span<const double> values,
-                    std::span<const double> x, std::span<double> y) {
-  std::fill(y.begin(), y.end(), 0.0);
-  for (std::int32_t c = 0; c < lower.cols; ++c) {
-    double sum = 0.0;
-    for (std::int32_t k = lower.start[c]; k < lower.start[c + 1]; ++k) {
-      const std::int32_t r = lower.row[k];
-      sum += values[k] * x[r];
-      if (r != c) y[r] += values[k] * x[c];
-    }
-    y[c] += sum;
-  }
-}
-
 }  // namespace
 
 MixedCholesky::MixedCholesky(const SparsePattern& lower, std::int32_t block)
@@ -58,11 +43,35 @@ std::int64_t MixedCholesky::factorize_in_double(std::span<const double> values, 
   return failed;
 }
 
+void MixedCholesky::multiply(std::span<const double> values, std::span<const double> x,
+                             std::span<double> y) const {
+  std::fill(y.begin(), y.end(), 0.0);
+  for (std::int32_t c = 0; c < lower_.cols; ++c) {
+    double sum = 0.0;
+    for (std::int32_t k = lower_.start[c]; k < lower_.start[c + 1]; ++k) {
+      const std::int32_t r = lower_.row[k];
+      sum += values[k] * x[r];
+      if (r != c) y[r] += values[k] * x[c];
+    }
+    y[c] += sum;
+  }
+}
+
 void MixedCholesky::solve(std::span<double> x, int threads) {
   if (in_double_) return double_->solve(x, threads);
   const double scale = normalize(x);
   single_.solve(x, threads);
   for (double& v : x) v /= scale;
+}
+
+void MixedCholesky::solve(std::span<std::vector<double>> x, int threads) {
+  if (in_double_) return double_->solve(x, threads);
+  std::vector<double> scales;
+  for (std::vector<double>& side : x) scales.push_back(normalize(side));
+  single_.solve(x, threads);
+  for (std::size_t k = 0; k < x.size(); ++k) {
+    for (double& v : x[k]) v /= scales[k];
+  }
 }
 
 bool MixedCholesky::solve(std::span<double> x, std::span<const double> values, double rtol,
@@ -75,8 +84,8 @@ bool MixedCholesky::solve(std::span<double> x, std::span<const double> values, d
   const double scale = normalize(x);
   const std::vector<double> scaled(x.begin(), x.end());
   std::fill(x.begin(), x.end(), 0.0);
-  const auto multiply = [&](std::span<const double> p, std::span<double> product) {
-    multiply_lower(lower_, values, p, product);
+  const auto product = [&](std::span<const double> p, std::span<double> of) {
+    multiply(values, p, of);
   };
   const auto precondition = [&](std::span<const double> r, std::span<double> z) {
     std::copy(r.begin(), r.end(), z.begin());
@@ -84,7 +93,7 @@ bool MixedCholesky::solve(std::span<double> x, std::span<const double> values, d
   };
   const KrylovOptions options{.rtol = rtol, .max_iterations = kMostIterations, .threads = threads};
   try {
-    if (cg(multiply, scaled, x, options, precondition).converged) {
+    if (cg(product, scaled, x, options, precondition).converged) {
       for (double& v : x) v /= scale;
       return true;
     }

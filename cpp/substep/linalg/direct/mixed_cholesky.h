@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <vector>
 
 #include "substep/linalg/direct/supernodal_cholesky.h"
 
@@ -24,6 +25,13 @@ class MixedCholesky {
   void forget() { beyond_single_ = false; }
   // Matrices are factorized in float64, until forget().
   void take_double() { beyond_single_ = true; }
+  // Whether the last one was.
+  bool in_double() const { return in_double_; }
+
+  std::int64_t size() const { return lower_.cols; }
+  // y = A x
+  void multiply(std::span<const double> values, std::span<const double> x,
+                std::span<double> y) const;
 
   // As SupernodalCholesky::factorize.
   std::int64_t factorize(std::span<const double> values, int threads);
@@ -31,6 +39,7 @@ class MixedCholesky {
   // x = A^-1 b in place, good to what the factor is: a preconditioner, positive definite whatever
   // A.
   void solve(std::span<double> x, int threads);
+  void solve(std::span<std::vector<double>> x, int threads);  // for several right-hand sides
 
   // The same to |b - A x| <= rtol |b|; `values` are those that were factorized. Returns false where
   // A turns out not to be positive definite, by less than float32 sees: x is that of the other

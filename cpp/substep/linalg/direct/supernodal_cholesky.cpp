@@ -107,7 +107,7 @@ SupernodalCholesky<Real>::SupernodalCholesky(const SparsePattern& lower, std::in
     flops_ += f.flops;
     factor += (f.pivots + f.below) * f.columns * kPanel;
     inverse += f.columns;
-    update += 3 * tree_.row_count(s);
+    update += tree_.row_count(s);
     fronts_.push_back(f);
     if (tree_.parent[s] >= 0) {
       children_[tree_.parent[s]].push_back(static_cast<std::int32_t>(s));
@@ -115,7 +115,7 @@ SupernodalCholesky<Real>::SupernodalCholesky(const SparsePattern& lower, std::in
   }
   factor_.resize(usize(factor));
   inverses_.resize(usize(inverse));
-  updates_.resize(usize(update));
+  updates_.resize(usize(3 * update));
   solution_.resize(usize(lower.cols / block * 3));
   map_values(lower);
   choose_tasks();

@@ -38,6 +38,8 @@ class SupernodalCholesky {
   // x = A^-1 b in place; three numbers for each vertex, which are its unknowns where block = 3 and
   // those of three right-hand sides where block = 1.
   void solve(std::span<double> x, int threads = 0);
+  // The same for several right-hand sides: three at once take less than three times as long.
+  void solve(std::span<std::vector<double>> x, int threads = 0);
 
   const Supernodes& structure() const { return tree_; }
   double flops() const { return flops_; }              // of one factorization
@@ -54,11 +56,11 @@ class SupernodalCholesky {
                  Real* update, int threads);
   std::int64_t eliminate(std::int64_t s, Real* update, int threads);
   std::int64_t run_task(std::int64_t root, std::span<const double> values);
-  template <int kSides>
+  template <int kRows, int kSides>
   void forward_front(std::int64_t s);
-  template <int kSides>
+  template <int kRows, int kSides>
   void backward_front(std::int64_t s);
-  template <int kSides>
+  template <int kRows, int kSides>
   void solve_sides(int threads);
 
   std::int32_t block_;

@@ -23,7 +23,7 @@ struct SupernodalCholesky<Real>::Front {
   std::int64_t columns, rows, pivots, below;
   std::int64_t factor;   // offset of its panels
   std::int64_t inverse;  // offset of its first column
-  std::int64_t update;   // offset of its update vector in solve()
+  std::int64_t update;   // first vertex of its update vector in solve()
   double flops;
   std::int64_t update_size() const { return update_offset<Real>(below); }
 };

@@ -12,8 +12,10 @@
 namespace substep {
 namespace {
 
-// Right-hand sides of a front lie side by side, kSides runs of numbers, padded to panels: block = 3
-// has one, block = 1 has three.
+// Right-hand sides of a front lie side by side, kSides runs of numbers, padded to panels. A vertex
+// has kRows rows: block = 1 has one and three sides, block = 3 has three, and one side or
+// kTogether.
+constexpr int kTogether = 3;
 
 // y[rows of panel] += sign * L x for columns [0, k).
 template <int kSides, class Real>
@@ -103,26 +105,28 @@ void multiply_transposed(const Real* panel, std::int64_t stride, std::int64_t co
 }  // namespace
 
 template <class Real>
-template <int kSides>
+template <int kRows, int kSides>
 void SupernodalCholesky<Real>::forward_front(std::int64_t s) {
   const Front& f = fronts_[s];
   const std::int64_t stride = kPanel * (f.pivots + f.below), below = kPanel * f.pivots;
-  constexpr std::int64_t kRows = 3 / kSides;  // rows of a vertex
   thread_local std::vector<Real> scratch;
   scratch.assign(usize(kSides * stride), Real(0));
   Real* y = scratch.data();
-  Real* own = solution_.data() + 3 * tree_.first[s];
+  constexpr int kNumbers = kRows * kSides;  // of a vertex
+  Real* own = solution_.data() + kNumbers * tree_.first[s];
   for (std::int64_t r = 0; r < f.columns; ++r) {
     for (int side = 0; side < kSides; ++side) y[side * stride + r] = own[r * kSides + side];
   }
   const std::int64_t vertices = tree_.columns(s);
   for (const std::int32_t child : children_[s]) {
     const std::int32_t* relative = tree_.relative.data() + tree_.row_starts[child];
-    const Real* u = updates_.data() + fronts_[child].update;
+    const Real* u = updates_.data() + kNumbers * fronts_[child].update;
     for (std::int64_t k = 0; k < tree_.row_count(child); ++k) {
       const std::int64_t v = relative[k];
       Real* target = y + (v < vertices ? kRows * v : below + kRows * (v - vertices));
-      for (int q = 0; q < 3; ++q) target[q % kSides * stride + q / kSides] += u[3 * k + q];
+      for (int q = 0; q < kNumbers; ++q) {
+        target[q % kSides * stride + q / kSides] += u[kNumbers * k + q];
+      }
     }
   }
   const Real* columns = factor_.data() + f.factor;
@@ -148,30 +152,30 @@ void SupernodalCholesky<Real>::forward_front(std::int64_t s) {
   for (std::int64_t r = 0; r < f.columns; ++r) {
     for (int side = 0; side < kSides; ++side) own[r * kSides + side] = y[side * stride + r];
   }
-  Real* u = updates_.data() + f.update;
+  Real* u = updates_.data() + kNumbers * f.update;
   for (std::int64_t r = 0; r < f.rows; ++r) {
     for (int side = 0; side < kSides; ++side) u[r * kSides + side] = y[side * stride + below + r];
   }
 }
 
 template <class Real>
-template <int kSides>
+template <int kRows, int kSides>
 void SupernodalCholesky<Real>::backward_front(std::int64_t s) {
   const Front& f = fronts_[s];
   const std::int64_t stride = kPanel * (f.pivots + f.below), below = kPanel * f.pivots;
-  constexpr std::int64_t kRows = 3 / kSides;
   thread_local std::vector<Real> scratch;
   scratch.assign(usize(kSides * stride), Real(0));
   Real* x = scratch.data();
-  Real* own = solution_.data() + 3 * tree_.first[s];
+  constexpr int kNumbers = kRows * kSides;  // of a vertex
+  Real* own = solution_.data() + kNumbers * tree_.first[s];
   for (std::int64_t r = 0; r < f.columns; ++r) {
     for (int side = 0; side < kSides; ++side) x[side * stride + r] = own[r * kSides + side];
   }
   const std::int32_t* rows = tree_.rows.data() + tree_.row_starts[s];
   for (std::int64_t k = 0; k < tree_.row_count(s); ++k) {
-    const Real* source = solution_.data() + 3 * rows[k];
+    const Real* source = solution_.data() + kNumbers * rows[k];
     Real* target = x + below + kRows * k;
-    for (int q = 0; q < 3; ++q) target[q % kSides * stride + q / kSides] = source[q];
+    for (int q = 0; q < kNumbers; ++q) target[q % kSides * stride + q / kSides] = source[q];
   }
   const Real* columns = factor_.data() + f.factor;
   const Real* inverse = inverses_.data() + f.inverse;
@@ -196,24 +200,24 @@ void SupernodalCholesky<Real>::backward_front(std::int64_t s) {
 }
 
 template <class Real>
-template <int kSides>
+template <int kRows, int kSides>
 void SupernodalCholesky<Real>::solve_sides(int threads) {
   const auto tasks = static_cast<std::int64_t>(task_roots_.size());
   parallel_chunks(
       tasks,
       [&](std::int64_t task) {
         for (std::int64_t s = task_first_[task]; s <= task_roots_[task]; ++s) {
-          forward_front<kSides>(s);
+          forward_front<kRows, kSides>(s);
         }
       },
       threads);
-  for (const std::int64_t s : top_) forward_front<kSides>(s);
-  for (auto s = top_.rbegin(); s != top_.rend(); ++s) backward_front<kSides>(*s);
+  for (const std::int64_t s : top_) forward_front<kRows, kSides>(s);
+  for (auto s = top_.rbegin(); s != top_.rend(); ++s) backward_front<kRows, kSides>(*s);
   parallel_chunks(
       tasks,
       [&](std::int64_t task) {
         for (std::int64_t s = task_roots_[task]; s >= task_first_[task]; --s) {
-          backward_front<kSides>(s);
+          backward_front<kRows, kSides>(s);
         }
       },
       threads);
@@ -229,16 +233,48 @@ void SupernodalCholesky<Real>::solve(std::span<double> x, int threads) {
     }
   }
   if (block_ == 3) {
-    solve_sides<1>(threads);
+    solve_sides<3, 1>(threads);
   } else {
-    solve_sides<3>(threads);
+    solve_sides<1, 3>(threads);
   }
   for (std::size_t k = 0; k < n; ++k) {
     for (std::size_t q = 0; q < 3; ++q) x[3 * tree_.order[k] + q] = solution_[3 * k + q];
   }
 }
 
+template <class Real>
+void SupernodalCholesky<Real>::solve(std::span<std::vector<double>> x, int threads) {
+  const std::size_t n = tree_.order.size();
+  for (const std::vector<double>& side : x) {
+    if (side.size() != 3 * n) throw InputError("x: expected three numbers for each vertex");
+  }
+  std::size_t first = 0;
+  if (block_ == 3 && x.size() >= kTogether) {
+    solution_.resize(kTogether * 3 * n);
+    updates_.resize(kTogether * 3 * tree_.rows.size());
+    for (; first + kTogether <= x.size(); first += kTogether) {
+      const auto sides = x.subspan(first, kTogether);
+      for (std::size_t k = 0; k < 3 * n; ++k) {
+        const std::size_t from = 3 * usize(tree_.order[k / 3]) + k % 3;
+        for (std::size_t side = 0; side < kTogether; ++side) {
+          solution_[kTogether * k + side] = static_cast<Real>(sides[side][from]);
+        }
+      }
+      solve_sides<3, kTogether>(threads);
+      for (std::size_t k = 0; k < 3 * n; ++k) {
+        const std::size_t to = 3 * usize(tree_.order[k / 3]) + k % 3;
+        for (std::size_t side = 0; side < kTogether; ++side) {
+          sides[side][to] = solution_[kTogether * k + side];
+        }
+      }
+    }
+  }
+  for (; first < x.size(); ++first) solve(x[first], threads);
+}
+
 template void SupernodalCholesky<double>::solve(std::span<double> x, int threads);
 template void SupernodalCholesky<float>::solve(std::span<double> x, int threads);
+template void SupernodalCholesky<double>::solve(std::span<std::vector<double>> x, int threads);
+template void SupernodalCholesky<float>::solve(std::span<std::vector<double>> x, int threads);
 
 }  // namespace substep
