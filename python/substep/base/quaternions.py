@@ -42,6 +42,11 @@ def rotate(q: Array, v: Array) -> Array:
     return _by_rows(_turned, q, v)
 
 
+def cross(u: Array, v: Array) -> Array:
+    """The products u x v, row by row."""
+    return _by_rows(_cross, u, v)
+
+
 def _by_rows(formula: Callable[[Any, Any], list[Any]], p: Array, q: Array) -> Array:
     """The formula of components, which are floats where there are few rows.
 

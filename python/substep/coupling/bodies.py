@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from ..base.quaternions import multiply, rotate
+from ..base.quaternions import cross, multiply, rotate
 from ..errors import InputError
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ Ids = NDArray[np.int64]
 
 def velocities_of(bodies: RigidBodies, rows: Ids) -> Array:
     """Rows (v of the centre of mass, omega)."""
-    return np.hstack([bodies.velocities[rows], bodies.angular_velocities[rows]])
+    return np.concatenate([bodies.velocities[rows], bodies.angular_velocities[rows]], axis=1)
 
 
 class Link:
@@ -96,7 +96,7 @@ class Link:
         _core.place_bodies(
             self.colliders,
             np.where(yields, np.arange(len(rows)), -1)[of].tolist(),
-            np.hstack([x, q]),
+            np.concatenate([x, q], axis=1),
             velocities[of],
             centres,
             W[of].reshape(len(of), 36),
@@ -113,13 +113,10 @@ class Link:
         turn *= np.where(turn[:, :1] < 0, -1.0, 1.0)
         sine = np.linalg.norm(turn[:, 1:], axis=1, keepdims=True)
         angle = 2 * np.arctan2(sine, turn[:, :1])
-        went = np.hstack(
-            [
-                state[:, :3] + arm - x,
-                turn[:, 1:] * np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0),
-            ]
-        )
-        end = np.hstack([state[:, 7:10] + np.cross(state[:, 10:13], arm), state[:, 10:13]])
+        turned = turn[:, 1:] * np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0)
+        went = np.concatenate([state[:, :3] + arm - x, turned], axis=1)
+        spin = state[:, 10:13]
+        end = np.concatenate([state[:, 7:10] + cross(spin, arm), spin], axis=1)
         return went - dt * (velocities + end) / 2
 
     def release(self) -> None:
@@ -146,6 +143,6 @@ def move(bodies: RigidBodies, shifts: Array) -> None:
     rows = np.flatnonzero(shifts.any(axis=1))
     half = shifts[rows, 3:] / 2
     angle = np.linalg.norm(half, axis=1, keepdims=True)
-    turn = np.hstack([np.cos(angle), half * np.sinc(angle / np.pi)])
+    turn = np.concatenate([np.cos(angle), half * np.sinc(angle / np.pi)], axis=1)
     bodies.centers_of_mass[rows] += shifts[rows, :3]
     bodies.principal_rotations[rows] = multiply(turn, bodies.principal_rotations[rows])

@@ -311,7 +311,8 @@ class World(Simulation):
             new[k] = link.impulses()
             np.add.at(more, at, new[k] - last)
             alone = free[at] & new[k].any(axis=1)
-            np.add.at(strays, at, alone[:, None] * link.strays(x[at], start[at], dt))
+            if alone.any():
+                np.add.at(strays, at, alone[:, None] * link.strays(x[at], start[at], dt))
         self._move(bodies, rows, new, dt)
         if strays.any():
             move(bodies, strays)
@@ -329,7 +330,7 @@ class World(Simulation):
         dt: float,
     ) -> NDArray[np.bool_]:
         """Whether bodies were tried by nothing but gravity, forces and these impulses."""
-        given = dt * np.hstack([bodies.forces, bodies.torques])
+        given = dt * np.concatenate([bodies.forces, bodies.torques], axis=1)
         for at, of_link in zip(rows, impulses, strict=True):
             np.add.at(given, at, of_link)
         fall = dt * np.asarray(bodies.gravity)
