@@ -65,7 +65,7 @@ def settle(sim, step=0.02, steps=2000, speed=1e-7):
 def test_a_ball_between_two_springs_rests_where_they_carry_it(mass, free):
     """2 k (l - r) w / l = m g with l^2 = 1 + w^2, for 100 to 0.001 times the mass of the vertex."""
     sphere = ball(mass, (0, 0, 0.1005), free=free)
-    sim = two_springs([sphere], tolerance=1e-5 * mass * G, damping=2.0, drag=2.0)
+    sim = two_springs([sphere], tolerance=1e-6 * mass * G, damping=2.0, drag=2.0)
     settle(sim, speed=max(1e-4 * mass, 4e-9))
 
     def too_deep(w):
