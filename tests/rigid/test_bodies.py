@@ -481,7 +481,10 @@ def test_contact_forces_are_all_that_changes_momentum(shape, restitution):
     while bodies.time < 1:
         bodies.step()
         given += bodies.contact_force(body)[2] * bodies.report.dt
-    assert given == pytest.approx(G * bodies.time + bodies.momenta[body][2], rel=1e-9)
+        change = G * bodies.time + bodies.momenta[body][2]
+        # Bodies that stand lose what speed they have below half of what gravity gives a sub-step.
+        settles = np.linalg.norm(bodies.velocities[body]) < 0.5 * G * bodies.report.dt / 8
+        assert given == pytest.approx(change, rel=1e-6 if settles else 1e-9, abs=1e-12)
 
 
 def test_rolling_friction_holds_a_ball_beside_one_that_rolls():

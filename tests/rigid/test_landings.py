@@ -1,4 +1,7 @@
-"""What lands without restitution stays down: columns, what falls on them, joined bodies."""
+"""Impacts without restitution: what lands stays down, rows go on together, friction stops slip.
+
+And what a load held down stays down when the load ends.
+"""
 
 from itertools import pairwise
 
@@ -130,6 +133,165 @@ def test_the_wagons_of_a_train_meet_those_that_a_wall_stops(step):
         bodies.step()
         assert bodies.diagnostics()["penetration"] < 1e-3
     assert bodies.velocities[1:, 0] == pytest.approx(-6, abs=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("step", STEPS)
+def test_a_tall_column_that_lands_does_not_rise(step):
+    bodies, ids = falling_column(step, np.ones(40))
+    assert max(z.max() for z in after_landing(bodies, ids, 1.0)) < 1e-5
+
+
+def row_on_floor(step, count):
+    """Cubes that touch one another along x, from 0 on, on a floor without friction."""
+    bodies = substep.RigidBodies(step=step, sleeping=False)
+    bodies.add(rigid.Plane(), (0, 0, 0), motion="static", friction=0)
+    ids = [bodies.add(CUBE, (k + 0.5, 0, 0.5), mass=1.0, friction=0) for k in range(count)]
+    return bodies, ids
+
+
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("speed", [0.1, 1.0, 5.0])
+@pytest.mark.parametrize("count", [3, 10])
+def test_a_row_goes_on_with_what_pushes_it(count, speed, step):
+    # Of a plastic impact: the velocity of the pusher, for each of the cubes.
+    bodies, ids = row_on_floor(step, count)
+    bodies.add(
+        rigid.Box((0.2, 1, 0.9)),
+        (-0.11, 0, 0.5),
+        motion="kinematic",
+        velocities=(speed, 0, 0),
+        friction=0,
+    )
+    fastest = 0.0
+    while bodies.time < 2:
+        bodies.step()
+        fastest = max(fastest, bodies.velocities[ids, 0].max())
+    assert fastest < 1.01 * speed
+    assert bodies.velocities[ids, 0] == pytest.approx(speed, rel=1e-2)
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_a_row_at_a_wall_that_is_struck_stays_there(step):
+    # The wall takes the momentum of what strikes, and no more.
+    bodies, ids = row_on_floor(step, 10)
+    wall = bodies.add(rigid.Plane((1, 0, 0)), (0, 0, 0), motion="static", friction=0)
+    ids.append(bodies.add(CUBE, (10.51, 0, 0.5), mass=1.0, velocities=(-2, 0, 0), friction=0))
+    impulse = 0.0
+    while bodies.time < 1:
+        bodies.step()
+        impulse -= bodies.contact_force(wall)[0] * step
+    assert impulse == pytest.approx(2.0, rel=1e-2)
+    assert np.abs(bodies.velocities[ids, 0]).max() < 1e-2
+
+
+def assert_stays(bodies, ids, within=1e-4):
+    start, end = bodies.positions[ids].copy(), bodies.time + 0.8
+    while bodies.time < end:
+        bodies.step()
+        assert np.abs(bodies.positions[ids] - start).max() < within
+
+
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("mass", [10, 100])
+@pytest.mark.parametrize("count", [3, 5, 10])
+def test_a_stack_whose_load_is_removed_stays(count, mass, step):
+    bodies = on_ground(step)
+    ids = column(bodies, np.ones(count))
+    load = bodies.add(CUBE, (0, 0, count + 0.5), mass=mass)
+    bodies.advance(2.0)
+    bodies.remove([load])
+    assert_stays(bodies, ids)
+
+
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("force", [100, 3000])
+@pytest.mark.parametrize("count", [3, 10])
+def test_a_stack_whose_force_ends_stays(count, force, step):
+    bodies = on_ground(step)
+    ids = column(bodies, np.ones(count))
+
+    def press(bodies):
+        bodies.set_forces([(0, 0, -force)], [ids[-1]])
+
+    press(bodies)
+    bodies.advance(2.0, press)
+    bodies.set_forces([(0, 0, 0)], [ids[-1]])
+    assert_stays(bodies, ids)
+
+
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("count", [2, 5, 10])
+def test_a_stack_without_weight_stays(count, step):
+    bodies = on_ground(step)
+    ids = column(bodies, np.ones(count))
+    bodies.advance(1.0)
+    bodies.gravity = (0, 0, 0)
+    assert_stays(bodies, ids)
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_a_stack_whose_floor_is_removed_falls_together(step):
+    bodies = substep.RigidBodies(step=step, sleeping=False)
+    floor = bodies.add(CUBE, (0, 0, -0.5), motion="static")
+    ids = column(bodies, np.ones(10))
+    bodies.advance(1.0)
+    bodies.remove([floor])
+    bodies.advance(0.5)
+    assert bodies.velocities[bodies.rows(ids), 2] == pytest.approx(-0.5 * G, abs=2e-2)
+
+
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_a_row_that_was_pressed_at_a_wall_stays(friction, step):
+    bodies = substep.RigidBodies(step=step, sleeping=False)
+    bodies.add(rigid.Plane(), (0, 0, 0), motion="static", friction=friction)
+    bodies.add(rigid.Plane((1, 0, 0)), (0, 0, 0), motion="static", friction=0)
+    ids = [bodies.add(CUBE, (k + 0.5, 0, 0.5), mass=1.0, friction=friction) for k in range(5)]
+
+    def press(bodies):
+        bodies.set_forces([(-1000, 0, 0)], [ids[-1]])
+
+    press(bodies)
+    bodies.advance(1.0, press)
+    bodies.set_forces([(0, 0, 0)], [ids[-1]])
+    assert_stays(bodies, ids, within=2e-3)
+
+
+@pytest.mark.parametrize("step", [1 / 60, 1 / 240])
+@pytest.mark.parametrize("height", [0.5, 1.0, 1.5])
+@pytest.mark.parametrize("gap", [0, 0.03])
+def test_friction_of_an_impact_stops_a_tall_box(gap, height, step):
+    # A box that lands flat slips on with max(0, v_t - mu v_n) (Routh), which is 0 here.
+    bodies = on_ground(step)  # mu = 0.5
+    box = bodies.add(
+        rigid.Box((1, 1, height)),
+        (0, 0, height / 2 + gap),
+        velocities=(1, 0, -3),
+        mass=1.0,
+    )
+    fall = (np.sqrt(9 + 2 * G * gap) - 3) / G
+    bodies.advance(fall + 2 * step)
+    assert abs(bodies.velocities[box, 0]) < 0.03
+    bodies.advance(1.0)
+    assert abs(bodies.positions[box, 0] - fall) < 1.5e-3
+
+
+@pytest.mark.parametrize("step", [1 / 60, 1 / 240])
+@pytest.mark.parametrize("speed", [2, 5])
+def test_friction_of_an_impact_takes_its_part_of_a_fast_slip(speed, step):
+    # The ground gives the momentum m g t, and friction mu of that, at whatever speed.
+    bodies = on_ground(step)
+    box = bodies.add(
+        rigid.Box((0.4, 0.4, 0.3)),
+        (0, 0, 0.15 + 0.2),
+        velocities=(speed, 0, 0),
+        mass=1.0,
+        friction=0.4,
+    )
+    bodies.advance(0.4)
+    mu = np.sqrt(0.4 * 0.5)
+    assert bodies.velocities[box, 0] == pytest.approx(max(0, speed - mu * G * 0.4), abs=0.025)
 
 
 def test_an_impact_is_the_same_for_any_threads_and_from_a_state():

@@ -14,6 +14,9 @@ using F = ContactPacket::F;
 using F3 = ContactPacket::F3;
 
 constexpr double kRegularisation = 0.02;  // eps
+// Of an impact: the most sweeps over one contact, until friction changes by less of its bound.
+constexpr int kImpactSweeps = 8;
+constexpr double kConverged = 0.03;
 
 // Where A_kl of a symmetric block is.
 constexpr int at(int k, int l) { return k < l ? at(l, k) : k * (k + 1) / 2 + l; }
@@ -146,6 +149,13 @@ SUBSTEP_INLINE void add_normal(Form, const ContactPacket& c, const V (&d)[4], Tw
     impulse.angular[0] = fma(wide(c.q[k]), d[k], impulse.angular[0]);
     impulse.angular[1] = fma(-wide(c.p[k]), d[k], impulse.angular[1]);
   }
+}
+template <class Form>
+SUBSTEP_INLINE Twist impulse_of(Form form, const ContactPacket& c) {
+  Twist l{{{c.slide_impulse[0], c.slide_impulse[1], V{}}}, {{V{}, V{}, c.twist_impulse}}};
+  if (c.rolls) l.angular[0] = c.roll_impulse[0], l.angular[1] = c.roll_impulse[1];
+  add_normal(form, c, c.impulse, l);
+  return l;
 }
 // Normal velocities of the points.
 template <class Form>
@@ -433,6 +443,9 @@ void ContactPacket::prepare(const BodyRows& rows) {
     return std::any_of(rows_of, rows_of + kLanes, [](std::int32_t row) { return row > 0; });
   };
   has_a = any_row(a), has_b = any_row(b);
+  kinematic = false;
+  for (int lane = 0; lane < kLanes; ++lane)
+    kinematic |= (a[lane] > 0 && !moves_a[lane]) || (b[lane] > 0 && !moves_b[lane]);
   few = !any(wide(used[2]) > 0);
   rolls = any(wide(rolling) > 0);
   const V3 axes[3] = {tangent, fused_cross(normal, tangent), normal};
@@ -481,12 +494,50 @@ void ContactPacket::push(const V& part, BodyRows::Rows& rows, const bool* to_a,
                          const bool* to_b) const {
   with_form(*this, [&](auto form) __attribute__((always_inline)) {
     Both m = load_both(form, rows, *this);
-    Twist l{{{slide_impulse[0], slide_impulse[1], V{}}}, {{V{}, V{}, twist_impulse}}};
-    if (rolls) l.angular[0] = roll_impulse[0], l.angular[1] = roll_impulse[1];
-    add_normal(form, *this, impulse, l);
+    const Twist l = impulse_of(form, *this);
     apply(form, *this, {part * l.linear, part * l.angular}, m);
     store_both(form, m, rows, *this, to_a, to_b);
   });
+}
+
+BodyRow ContactPacket::impulse_on(int lane, bool on_b) const {
+  const auto at = [lane](const auto& v) { return Vec3(v[0][lane], v[1][lane], v[2][lane]); };
+  const Vec3 l(slide_impulse[0][lane], slide_impulse[1][lane], pressure()[lane]);
+  Vec3 torque(rolls ? roll_impulse[0][lane] : 0, rolls ? roll_impulse[1][lane] : 0,
+              twist_impulse[lane]);
+  for (int k = 0; k < 4; ++k) {
+    torque[0] += q[k][lane] * impulse[k][lane];
+    torque[1] -= p[k][lane] * impulse[k][lane];
+  }
+  torque += at(on_b ? arm_b : arm_a).cross(l);
+  const auto& axis = on_b ? axis_b : axis_a;
+  const Vec3 t = at(tangent), n = at(normal);
+  const double sign = on_b ? 1 : -1, scale = sign * (on_b ? scale_b : scale_a)[lane];
+  const Vec3 linear = scale * (t * l[0] + n.cross(t) * l[1] + n * l[2]);
+  const Vec3 angular =
+      sign * (torque[0] * at(axis[0]) + torque[1] * at(axis[1]) + torque[2] * at(axis[2]));
+  return {{linear[0], linear[1], linear[2], 0}, {angular[0], angular[1], angular[2], 0}};
+}
+
+V ContactPacket::braking(const BodyRows& rows) const {
+  V power{};
+  with_form(*this, [&](auto form) __attribute__((always_inline)) {
+    const Twist u = relative(form, *this, load_both(form, rows.velocity, *this));
+    power = fma(slide_impulse[0], u.linear[0],
+                fma(slide_impulse[1], u.linear[1], twist_impulse * u.angular[2]));
+  });
+  return min(power, V{});
+}
+
+V ContactPacket::power_of_unmoved(const BodyRows& rows) const {
+  constexpr Form<true, true, 4> form;
+  Both m = load_both(form, rows.velocity, *this);
+  V still_a, still_b;
+  for (int k = 0; k < kLanes; ++k) still_a[k] = moves_a[k] ? 0 : 1, still_b[k] = moves_b[k] ? 0 : 1;
+  m.a.linear = still_a * m.a.linear, m.a.angular = still_a * m.a.angular;
+  m.b.linear = still_b * m.b.linear, m.b.angular = still_b * m.b.angular;
+  const Twist u = relative(form, *this, m), l = impulse_of(form, *this);
+  return fused_dot(u.linear, l.linear) + fused_dot(u.angular, l.angular);
 }
 
 void ContactPacket::scale_impulses(const V& part) {
@@ -494,6 +545,12 @@ void ContactPacket::scale_impulses(const V& part) {
   for (auto& l : slide_impulse) l = part * l;
   for (auto& l : roll_impulse) l = part * l;
   twist_impulse = part * twist_impulse;
+}
+
+void ContactPacket::scale_impulses(int lane, double part) {
+  V parts = splat<V>(1);
+  parts[lane] = part;
+  scale_impulses(parts);
 }
 
 void ContactPacket::withdraw_push(BodyRows& rows) const {
@@ -573,6 +630,16 @@ SUBSTEP_INLINE void ContactPacket::solve_velocities_of(Form form, BodyRows& rows
 
 void ContactPacket::solve_velocities(BodyRows& rows) {
   with_form(*this, [&](auto form) { solve_velocities_of(form, rows); });
+}
+
+void ContactPacket::solve_impact(BodyRows& rows) {
+  for (int sweep = 0; sweep < kImpactSweeps; ++sweep) {
+    const V before[2] = {slide_impulse[0], slide_impulse[1]};
+    solve_velocities(rows);
+    const V x = slide_impulse[0] - before[0], y = slide_impulse[1] - before[1];
+    const V bound = kConverged * wide(friction) * pressure();
+    if (!any(x * x + y * y > bound * bound)) return;
+  }
 }
 
 }  // namespace substep::rigid

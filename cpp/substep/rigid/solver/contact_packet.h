@@ -58,14 +58,27 @@ struct ContactPacket {
   void solve_positions(BodyRows& rows, const Settings& settings);
   // Friction, then the normal impulses.
   void solve_velocities(BodyRows& rows);
+  // The same over and over, until friction has stopped the slip or is at its bound: of an impact,
+  // whose pressure is there in this sub-step only. Friction alone also turns a tall body, which
+  // pressure then turns back, and so is too small at first.
+  void solve_impact(BodyRows& rows);
+
+  // What the impulses of a contact change the velocity of a, or of b, by.
+  BodyRow impulse_on(int lane, bool on_b) const;
+  // What the impulses do, in a unit of time, with bodies that they do not move.
+  V power_of_unmoved(const BodyRows& rows) const;
+  // The power of friction where it brakes, which is below 0.
+  V braking(const BodyRows& rows) const;
 
   V pressure() const { return (impulse[0] + impulse[1]) + (impulse[2] + impulse[3]); }
   void scale_impulses(const V& part);
+  void scale_impulses(int lane, double part);
   void get(int lane, ContactConstraint& contact) const;
 
   std::int32_t a[kLanes], b[kLanes];  // rows
   bool moves_a[kLanes], moves_b[kLanes], rolls, rolls_on;
   bool has_a, has_b, few;  // any a, any b is not the world; no contact has more than two points
+  bool kinematic;          // one of the bodies is
   V3 normal, tangent;
   V scale_a, scale_b;                              // s
   V mobility;                                      // max_k(A_kk), the unit of M below

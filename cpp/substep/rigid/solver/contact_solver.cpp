@@ -144,7 +144,8 @@ void ContactSolver::mark_standing(std::span<const ContactConstraint> contacts) {
   }
 }
 
-void ContactSolver::pack(std::span<const ContactConstraint> contacts, double fast, int threads) {
+void ContactSolver::pack(std::span<const ContactConstraint> contacts, const Vec3& fall,
+                         int threads) {
   packets_.reset(usize(sweep_.packets()));
   given_.reset(usize(sweep_.packets()));
   hit_.assign(usize(sweep_.packets()), 0);
@@ -160,6 +161,7 @@ void ContactSolver::pack(std::span<const ContactConstraint> contacts, double fas
             packet.set(lane, c < 0 ? nullptr : &contacts[usize(c)], rows_);
             if (c < 0) continue;
             given.load[lane] = contacts[usize(c)].load;
+            const double fast = std::abs(contacts[usize(c)].normal.dot(fall));
             given.jump[lane] = impact_start_.jump(packet.a[lane], packet.b[lane], fast);
             given.growth[lane] = impact_start_.growth(packet.a[lane], packet.b[lane], fast);
           }
@@ -213,12 +215,33 @@ void ContactSolver::start_impacts() {
     for (std::size_t k = 0; k < hit_.size(); ++k)
       if (hit_[k] != 0) task(packets_[k], given_[k].load);
   };
-  impact_start_.begin();
-  each([&](const ContactPacket& packet, const auto& load) { impact_start_.add(packet, load); });
+  impact_start_.begin(true);
+  each([&](const ContactPacket& packet, const auto& load) {
+    impact_start_.add(packet, load, rows_);
+  });
   impact_start_.withdraw(rows_);
   each([&](ContactPacket& packet, const auto& load) {
     packet.scale_impulses(impact_start_.left(packet, load));
   });
+}
+
+// Loads end between steps.
+void ContactSolver::end_loads(double h, double fast) {
+  const auto bears = [this](std::int64_t k, int lane) {
+    const ContactPacket& packet = packets_[usize(k)];
+    return packet.pressure()[lane] > 0 &&
+           !(hit_[usize(k)] != 0 && impact_start_.goes_on(packet, given_[usize(k)].load, lane));
+  };
+  const auto parts =
+      load_ends_.find(rows_, {packets_.begin(), packets_.end()}, bears, jointed_, h, fast);
+  if (parts.empty()) return;
+  impact_start_.begin(false);
+  for (const auto& p : parts) impact_start_.add(packets_[usize(p.packet)], p.lane, p.part, rows_);
+  impact_start_.withdraw(rows_);
+  for (const auto& p : parts) {
+    ContactPacket& packet = packets_[usize(p.packet)];
+    packet.scale_impulses(p.lane, impact_start_.left(packet, p.lane, p.part));
+  }
 }
 
 // A contact of round shapes rolls on if a body of it that touches few others turns, or goes along
@@ -230,6 +253,12 @@ void ContactSolver::find_rolling(std::span<ContactConstraint> contacts,
   rolling_.assign(contacts.size(), 0);
   turning_.clear();
   rolling_packets_.clear();
+  jointed_.assign(usize(rows_.size()), 0);
+  for (const Joint& joint : joints) {
+    jointed_[usize(rows_.row(joint.a))] = 1;
+    jointed_[usize(rows_.row(joint.b))] = 1;
+  }
+  jointed_[0] = 0;  // the world
   if (!touch_) return;
   touched_.assign(usize(rows_.size()), 0);
   for (std::size_t k = 0; k < contacts.size(); ++k) {
@@ -239,12 +268,6 @@ void ContactSolver::find_rolling(std::span<ContactConstraint> contacts,
     ++touched_[usize(rows_.row(c.a))];
     ++touched_[usize(rows_.row(c.b))];
   }
-  jointed_.assign(usize(rows_.size()), 0);
-  for (const Joint& joint : joints) {
-    jointed_[usize(rows_.row(joint.a))] = 1;
-    jointed_[usize(rows_.row(joint.b))] = 1;
-  }
-  jointed_[0] = 0;  // the world
   const auto is_free = [&](std::int32_t row) {
     return rows_.moves(row) && touched_[usize(row)] <= kFew;
   };
@@ -471,7 +494,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   order(gravity, contacts, threads);
   find_slipping(contacts, fast);
   mark_standing(contacts);
-  pack(contacts, fast, threads);
+  pack(contacts, h * gravity, threads);
   const bool strained = find_strained(contacts, bodies.size());
   find_rolling(contacts, joints, dt, h, options.slop);
   impacts_.begin_step(contacts, rolling_, h, rows_, [&](ContactConstraint& c, double time) {
@@ -518,7 +541,10 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
     phases.add_range(rows_.size(), kBodies, [&](std::int64_t begin, std::int64_t end) {
       rows_.accelerate(begin, end, h, slow, lost);
     });
-    phases.add(1, [this](std::int64_t) { start_impacts(); });
+    phases.add(1, [&, substep](std::int64_t) {
+      start_impacts();
+      if (substep == 0) end_loads(h, fast);
+    });
     for (int sweep = 0; sweep < sweeps_of(strained); ++sweep) {
       add_joints([&, sweep](JointSolver::Group& group) {
         const int sweeps = sweeps_of(strained && group.whirls());
@@ -528,9 +554,11 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
         const int sweeps = sweeps_of(strained_[usize(k)] != 0);
         if (sweep >= sweeps) return;
         if (sweep == 0) packet(k).solve_positions(rows_, settings);
-        packet(k).solve_velocities(rows_);
-        if (sweep + 1 < sweeps) return;
         Given& given = given_[usize(k)];
+        const auto most = 2 * packet(k).pressure() + given.jump;
+        packet(k).solve_velocities(rows_);
+        if (sweep == 0 && ImpactStart::is_hit(packet(k), most)) packet(k).solve_impact(rows_);
+        if (sweep + 1 < sweeps) return;
         given.add(packet(k));
         ImpactStart::grow(packet(k), given.jump, given.growth, given.load);
         hit_[usize(k)] = ImpactStart::is_hit(packet(k), given.load);

@@ -3,7 +3,8 @@
 // A step dt is n sub-steps h = dt / n (Macklin et al. 2019, "Small steps in physics simulation",
 // SCA, section 3: n sub-steps of one iteration converge better than one step of n), and a sub-step
 //   1. impacts with restitution, each at its time                         impacts.h
-//   2. v += h (g + F / m) + what the contacts gave in the last sub-step   (warm start)
+//   2. v += h (g + F / m) + what the contacts gave in the last sub-step   (warm start), of impacts
+//      only some, and less where loads have ended                  impact_start.h, load_ends.h
 //   3. m sweeps over the joints, then over the contacts: friction and normal impulses until
 //        u_n + max(C, 0) / h >= 0,                                        contact_packet.h
 //      without any term that pushes apart what overlaps; more sweeps over those light bodies
@@ -54,6 +55,7 @@
 #include "substep/rigid/solver/impact_start.h"
 #include "substep/rigid/solver/impacts.h"
 #include "substep/rigid/solver/joints.h"
+#include "substep/rigid/solver/load_ends.h"
 #include "substep/rigid/solver/round_contacts.h"
 
 namespace substep::rigid {
@@ -91,10 +93,11 @@ class ContactSolver {
 
   void order(const Vec3& gravity, std::span<const ContactConstraint> contacts, int threads);
   void mark_standing(std::span<const ContactConstraint> contacts);
-  void pack(std::span<const ContactConstraint> contacts, double fast, int threads);
+  void pack(std::span<const ContactConstraint> contacts, const Vec3& fall, int threads);
   bool find_strained(std::span<const ContactConstraint> contacts, std::int64_t bodies);
   void bounce(double h, double slop);
   void start_impacts();
+  void end_loads(double h, double fast);
   void find_rolling(std::span<ContactConstraint> contacts, std::span<const Joint> joints, double dt,
                     double h, double slop);
   void find_round(std::span<const ContactConstraint> contacts, const Bodies& bodies,
@@ -116,6 +119,7 @@ class ContactSolver {
   Sweep sweep_;
   Impacts impacts_;
   ImpactStart impact_start_;
+  LoadEnds load_ends_;
   JointSolver joints_;
   std::vector<KeyedIndex<std::uint32_t>> depth_;  // along gravity, contact
   RadixSort<std::uint32_t> sort_;

@@ -45,8 +45,8 @@ void ImpactStart::begin_step(std::span<const Joint> joints, const BodyRows& rows
     rows_[usize(a)].jointed = rows_[usize(b)].jointed = true;
     if (rows.moves(a) && rows.moves(b)) pairs_.push_back({a, b});
   }
-  joined_ = pairs_.size(), jointed_ = hit_.size();
-  if (joined_ == 0) return;
+  joined_ = pairs_, jointed_ = hit_;
+  if (joined_.empty()) return;
   label_islands(pairs_, label_);
   std::vector<double> whole(usize(n), 0);
   for (std::size_t i = 1; i < usize(n); ++i) whole[usize(label_[i])] += rows_[i].growth;
@@ -64,27 +64,46 @@ void ImpactStart::add_row(std::int32_t row) {
   hit_.push_back(row);
 }
 
-void ImpactStart::begin() {
+void ImpactStart::begin(bool with_joints) {
+  with_joints_ = with_joints;
   for (const std::int32_t i : hit_) {
     Row& row = rows_[usize(i)];
-    row.hit = row.jointed, row.along = row.square = 0;
+    row.hit = false, row.along = row.square = row.power = 0;
   }
-  pairs_.resize(joined_), hit_.resize(jointed_);
+  pairs_.clear(), hit_.clear();
+  if (!with_joints) return;
+  pairs_ = joined_;
+  for (const std::int32_t i : jointed_) add_row(i);
 }
 
-void ImpactStart::add(const ContactPacket& packet, const V& load) {
+void ImpactStart::add(const ContactPacket& packet, int lane, double part, const BodyRows& rows) {
+  const std::int32_t a = packet.a[lane], b = packet.b[lane];
+  V parts{};
+  parts[lane] = part;
+  packet.push(parts, excess_);
+  add_row(a), add_row(b);
+  if (packet.kinematic)
+    rows_[usize(packet.moves_a[lane] ? a : b)].power += part * packet.power_of_unmoved(rows)[lane];
+  if (packet.moves_a[lane] && packet.moves_b[lane]) pairs_.push_back({a, b});
+}
+
+void ImpactStart::add(const ContactPacket& packet, const V& load, const BodyRows& rows) {
   const V part = part_of_impact(packet, load);
   packet.push(part, excess_);
+  V power = -packet.braking(rows);
+  if (packet.kinematic) power = power + packet.power_of_unmoved(rows);
+  power = part * power;
   for (int lane = 0; lane < ContactPacket::kLanes; ++lane) {
     if (!(part[lane] > 0)) continue;
     const std::int32_t a = packet.a[lane], b = packet.b[lane];
     add_row(a), add_row(b);
+    rows_[usize(packet.moves_a[lane] ? a : b)].power += power[lane];
     if (packet.moves_a[lane] && packet.moves_b[lane]) pairs_.push_back({a, b});
   }
 }
 
 double ImpactStart::withdrawn(std::size_t row) const {
-  const Row& all = rows_[usize(label_[row])];
+  const Row& all = all_of(row);
   return all.square > 0 ? std::clamp(all.along / all.square, 0., 1.) : 0;
 }
 
@@ -94,10 +113,10 @@ void ImpactStart::withdraw(BodyRows& rows) {
     for (const std::int32_t i : hit_) task(usize(i), rows.velocity[usize(i)]);
   };
   each([&](std::size_t i, const BodyRow& v) {
-    const BodyRow& e = rows_[i].jointed ? rows.push[i] : excess_[i];
+    const BodyRow& e = with_joints_ && rows_[i].jointed ? rows.push[i] : excess_[i];
     const auto x = load_quad(e.linear), w = load_quad(e.angular);
     Row& all = rows_[usize(label_[i])];
-    all.along += sum(load_quad(v.linear) * x + load_quad(v.angular) * w);
+    all.along += sum(load_quad(v.linear) * x + load_quad(v.angular) * w) + rows_[i].power;
     all.square += sum(x * x + w * w);
   });
   each([&](std::size_t i, BodyRow& v) {

@@ -8,18 +8,22 @@
 // gives, the kinetic energy along d is least for l - s d with
 //   s = v.M e / e.M e,  limited to 0 <= s <= 1,
 // over bodies that such contacts connect. From there sweeps lower the energy (they are coordinate
-// descent on that of the dual problem), so what starts a sub-step can never add to it.
+// descent on that of the dual problem), so what starts a sub-step can never add to it. v.M e is the
+// power of d: with that on kinematic bodies, so that s is the same in all frames, and without that
+// of friction that brakes, which acts only while the pressure does.
 //
 // A contact has been hit where its pressure exceeds what it carried before, its load, by more than
-// kJump h |g| m, with the smaller mass m of its two bodies: by a few times what gravity gives in a
-// sub-step. Then the load grows by h |g| m and by kMore of itself, and what is above it is of an
-// impact; elsewhere the load is all of the pressure, so contacts that stand start as they would
-// without all this.
+// kJump h |n.g| m, with the smaller mass m of its two bodies: by a few times what gravity gives
+// along its normal in a sub-step. Then the load grows by h |n.g| m and by kMore of itself, and what
+// is above it is of an impact; elsewhere the load is all of the pressure, so contacts that stand
+// start as they would without all this.
+//
+// Of loads that have ended (load_ends.h), s of what they leave is withdrawn in the same way.
 //
 // Joints pass on what an impact gives one of their bodies, and what the others weigh. With the mass
-// M of all that they connect, a jump is at least h |g| M there, the load grows by h |g| (m M)^1/2,
-// and e is all that contacts and joints changed in the last sub-step. A contact between bodies that
-// joints connect is never hit: it and the joints share what comes between them.
+// M of all that they connect, a jump is at least h |n.g| M there, the load grows by h |n.g| (m
+// M)^1/2, and e is all that contacts and joints changed in the last sub-step. A contact between
+// bodies that joints connect is never hit: it and the joints share what comes between them.
 #pragma once
 
 #include <algorithm>
@@ -45,9 +49,9 @@ class ImpactStart {
   ImpactStart& operator=(const ImpactStart&) { return *this; }
 
   void begin_step(std::span<const Joint> joints, const BodyRows& rows);
-  // Of a contact of these rows, before begin(), where gravity gives the speed `fast` in a sub-step.
+  // Of a contact of these rows, before begin(), where gravity gives the speed `fast` along n.
   double jump(std::int32_t a, std::int32_t b, double fast) const {
-    if (joined_ == 0) return kJump * growth(a, b, fast);
+    if (joined_.empty()) return kJump * growth(a, b, fast);
     if (label_[usize(a)] == label_[usize(b)]) return std::numeric_limits<double>::infinity();
     return fast * std::min(rows_[usize(a)].jump, rows_[usize(b)].jump);
   }
@@ -67,29 +71,43 @@ class ImpactStart {
 
   // Contacts with more than their load, one packet after the other; then withdraw(), which takes s
   // of it from the velocities, and the parts that are left of the impulses of each packet.
-  void begin();
-  void add(const ContactPacket& packet, const V& load);
+  // Without joints e is what the contacts changed, also of bodies that have some.
+  void begin(bool with_joints);
+  void add(const ContactPacket& packet, const V& load, const BodyRows& rows);
   void withdraw(BodyRows& rows);
+  // The same of a part of the impulses of one contact.
+  void add(const ContactPacket& packet, int lane, double part, const BodyRows& rows);
+  double left(const ContactPacket& packet, int lane, double part) const {
+    return 1 - part * withdrawn(usize(packet.moves_a[lane] ? packet.a[lane] : packet.b[lane]));
+  }
+  // Whether the contact is part of an impact that goes on: s would be below 0.
+  bool goes_on(const ContactPacket& packet, const V& load, int lane) const {
+    const Row& all = all_of(usize(packet.moves_a[lane] ? packet.a[lane] : packet.b[lane]));
+    return kSame * packet.pressure()[lane] > load[lane] && all.along < -kGoesOn * all.square;
+  }
   V left(const ContactPacket& packet, const V& load) const;
 
  private:
   static constexpr double kSame = 1 - 1e-9;
-  static constexpr double kJump = 4, kMore = 0.1;
-
-  double withdrawn(std::size_t row) const;  // s
+  static constexpr double kJump = 4, kMore = 0.1, kGoesOn = 0.01;
 
   struct Row {
     double jump, growth;  // masses; infinite where impulses move nothing
     bool jointed = false, hit = false;
+    double power = 0;              // of d that is not in v.M e of rows: kinematic bodies, friction
     double along = 0, square = 0;  // v.M e and e.M e, of all with this label
   };
   void add_row(std::int32_t row);
+  const Row& all_of(std::size_t row) const { return rows_[usize(label_[row])]; }
+  double withdrawn(std::size_t row) const;  // s
 
-  std::vector<BodyPair> pairs_;           // rows that joints and hit contacts connect
-  std::vector<std::int32_t> hit_;         // rows of joints and of hit contacts
-  std::size_t joined_ = 0, jointed_ = 0;  // how many of those are of joints
+  std::vector<BodyPair> pairs_;        // rows that joints and hit contacts connect
+  std::vector<std::int32_t> hit_;      // rows of joints and of hit contacts
+  std::vector<BodyPair> joined_;       // those of joints
+  std::vector<std::int32_t> jointed_;  // those of joints
   std::vector<std::int32_t> label_;
   std::vector<Row> rows_;
+  bool with_joints_ = true;
   BodyRows::Rows excess_;  // e, 0 between sub-steps
 };
 

@@ -1,0 +1,122 @@
+#include "substep/rigid/solver/load_ends.h"
+
+#include <algorithm>
+
+#include "substep/core/point_lanes.h"
+#include "substep/core/usize.h"
+
+namespace substep::rigid {
+namespace {
+
+constexpr int kLanes = ContactPacket::kLanes;
+
+double dot(const BodyRow& x, const BodyRow& y) {
+  const auto xy =
+      load_quad(x.linear) * load_quad(y.linear) + load_quad(x.angular) * load_quad(y.angular);
+  return (xy[0] + xy[1]) + xy[2];
+}
+
+void add(double s, const BodyRow& x, BodyRow& sum) {
+  store_quad(sum.linear, load_quad(sum.linear) + s * load_quad(x.linear));
+  store_quad(sum.angular, load_quad(sum.angular) + s * load_quad(x.angular));
+}
+
+double speed(const BodyRows& rows, std::size_t row, const BodyRow& v) {
+  const Vec3 linear(v.linear.x, v.linear.y, v.linear.z);
+  return rows.scale_of(static_cast<std::int32_t>(row)) * linear.norm();
+}
+
+}  // namespace
+
+// What is left of that of its velocity in this sub-step.
+BodyRow LoadEnds::change(const BodyRows& rows, std::size_t row, double h) const {
+  BodyRow d = rows.velocity[row];
+  add(-1, rows.free[row], d);
+  add(h, rows.acceleration[row], d);
+  add(-1, lost_[row], d);
+  return d;
+}
+
+void LoadEnds::list_contacts(std::int64_t rows, std::span<const ContactPacket> packets) {
+  first_.assign(usize(rows) + 1, 0);
+  const auto each = [&](const auto& task) {
+    std::int32_t place = 0;
+    for (const ContactPacket& packet : packets) {
+      for (int lane = 0; lane < kLanes; ++lane, ++place) {
+        if (packet.moves_a[lane]) task(usize(packet.a[lane]), place);
+        if (packet.moves_b[lane]) task(usize(packet.b[lane]), place);
+      }
+    }
+  };
+  each([&](std::size_t row, std::int32_t) { ++first_[row]; });
+  for (std::size_t i = 1; i < first_.size(); ++i) first_[i] += first_[i - 1];
+  contacts_of_.resize(usize(first_.back()));
+  each([&](std::size_t row, std::int32_t place) { contacts_of_[usize(--first_[row])] = place; });
+}
+
+std::span<const LoadEnds::Part> LoadEnds::find(const BodyRows& rows,
+                                               std::span<const ContactPacket> packets,
+                                               const Bears& bears,
+                                               std::span<const std::uint8_t> jointed, double h,
+                                               double fast) {
+  parts_.clear();
+  thrown_.clear();
+  lost_.assign(usize(rows.size()), BodyRow{});
+  const auto is_thrown = [&](std::size_t row, const BodyRow& d) {
+    return speed(rows, row, d) > kMuch * fast;
+  };
+  for (std::size_t i = 1; i < usize(rows.size()); ++i) {
+    const auto row = static_cast<std::int32_t>(i);
+    if (rows.moves(row) && jointed[i] == 0 && is_thrown(i, change(rows, i, h)))
+      thrown_.push_back(row);
+  }
+  if (thrown_.empty()) return parts_;
+  list_contacts(rows.size(), packets);
+  left_.assign(packets.size() * kLanes, 1);
+  times_.assign(usize(rows.size()), 0);
+  for (std::size_t next = 0; next < thrown_.size(); ++next) {
+    const std::int32_t row = thrown_[next];
+    const auto i = usize(row);
+    const BodyRow d = change(rows, i, h);
+    if (!is_thrown(i, d)) continue;
+    BodyRow e{};
+    pushes_.clear();
+    for (auto n = usize(first_[i]); n < usize(first_[i + 1]); ++n) {
+      const std::int32_t place = contacts_of_[n];
+      const ContactPacket& packet = packets[usize(place / kLanes)];
+      const int lane = place % kLanes;
+      if (!(left_[usize(place)] > 0) || !bears(place / kLanes, lane)) continue;
+      const BodyRow push = packet.impulse_on(lane, packet.b[lane] == row);
+      if (!(dot(d, push) > 0)) continue;
+      pushes_.push_back({place, push});
+      add(left_[usize(place)], push, e);
+    }
+    if (pushes_.empty()) continue;
+    pass_on(row, std::min(1., dot(d, e) / dot(e, e)), packets, jointed);
+  }
+  for (Part& part : parts_) part.part = 1 - left_[usize(part.packet * kLanes + part.lane)];
+  return parts_;
+}
+
+// This part of the pushes on the row is not left.
+void LoadEnds::pass_on(std::int32_t row, double part, std::span<const ContactPacket> packets,
+                       std::span<const std::uint8_t> jointed) {
+  for (const Push& push : pushes_) {
+    const ContactPacket& packet = packets[usize(push.place / kLanes)];
+    const int lane = push.place % kLanes;
+    double& left = left_[usize(push.place)];
+    if (left == 1) parts_.push_back({push.place / kLanes, lane, 0});
+    const double lost = part * left;
+    left = std::max(0., left - lost);
+    add(lost, push.impulse, lost_[usize(row)]);
+    const bool is_b = packet.b[lane] == row;
+    if (!(is_b ? packet.moves_a : packet.moves_b)[lane]) continue;
+    const std::int32_t other = (is_b ? packet.a : packet.b)[lane];
+    add(lost, packet.impulse_on(lane, !is_b), lost_[usize(other)]);
+    if (jointed[usize(other)] != 0 || times_[usize(other)] == kTimes) continue;
+    ++times_[usize(other)];
+    thrown_.push_back(other);
+  }
+}
+
+}  // namespace substep::rigid
