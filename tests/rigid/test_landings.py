@@ -308,3 +308,17 @@ def test_an_impact_is_the_same_for_any_threads_and_from_a_state():
             world.advance(0.3)
             end.append((world.positions.tobytes(), world.momenta.tobytes()))
     assert len(set(end)) == 1
+
+
+def test_the_end_of_a_load_is_the_same_for_any_threads_and_in_a_copy():
+    end = []
+    for threads in (1, 2, 3):
+        bodies = on_ground(1 / 60, threads=threads)
+        column(bodies, np.ones(6))
+        load = bodies.add(CUBE, (0, 0, 6.5), mass=100)
+        bodies.advance(0.5)
+        bodies.remove([load])
+        for world in (bodies.copy(), bodies):
+            world.advance(0.3)
+            end.append((world.positions.tobytes(), world.momenta.tobytes()))
+    assert len(set(end)) == 1

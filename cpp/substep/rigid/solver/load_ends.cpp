@@ -21,9 +21,9 @@ void add(double s, const BodyRow& x, BodyRow& sum) {
   store_quad(sum.angular, load_quad(sum.angular) + s * load_quad(x.angular));
 }
 
-double speed(const BodyRows& rows, std::size_t row, const BodyRow& v) {
-  const Vec3 linear(v.linear.x, v.linear.y, v.linear.z);
-  return rows.scale_of(static_cast<std::int32_t>(row)) * linear.norm();
+template <class Quad>
+double square(const Quad& x) {
+  return (x[0] * x[0] + x[1] * x[1]) + x[2] * x[2];
 }
 
 }  // namespace
@@ -61,16 +61,18 @@ std::span<const LoadEnds::Part> LoadEnds::find(const BodyRows& rows,
                                                double fast) {
   parts_.clear();
   thrown_.clear();
-  lost_.assign(usize(rows.size()), BodyRow{});
-  const auto is_thrown = [&](std::size_t row, const BodyRow& d) {
-    return speed(rows, row, d) > kMuch * fast;
+  const auto is_thrown = [&](std::size_t row, const auto& linear) {
+    const double scale = rows.root[row].linear.w, much = kMuch * fast;
+    return square(linear) * scale * scale > much * much;
   };
   for (std::size_t i = 1; i < usize(rows.size()); ++i) {
+    const auto d = load_quad(rows.velocity[i].linear) - load_quad(rows.free[i].linear) +
+                   h * load_quad(rows.acceleration[i].linear);
     const auto row = static_cast<std::int32_t>(i);
-    if (rows.moves(row) && jointed[i] == 0 && is_thrown(i, change(rows, i, h)))
-      thrown_.push_back(row);
+    if (is_thrown(i, d) && rows.moves(row) && jointed[i] == 0) thrown_.push_back(row);
   }
   if (thrown_.empty()) return parts_;
+  lost_.assign(usize(rows.size()), BodyRow{});
   list_contacts(rows.size(), packets);
   left_.assign(packets.size() * kLanes, 1);
   times_.assign(usize(rows.size()), 0);
@@ -78,7 +80,7 @@ std::span<const LoadEnds::Part> LoadEnds::find(const BodyRows& rows,
     const std::int32_t row = thrown_[next];
     const auto i = usize(row);
     const BodyRow d = change(rows, i, h);
-    if (!is_thrown(i, d)) continue;
+    if (!is_thrown(i, load_quad(d.linear))) continue;
     BodyRow e{};
     pushes_.clear();
     for (auto n = usize(first_[i]); n < usize(first_[i + 1]); ++n) {
