@@ -277,6 +277,20 @@ def test_friction_of_an_impact_stops_a_tall_box(gap, height, step):
     assert abs(bodies.positions[box, 0] - fall) < 1.5e-3
 
 
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("slope", [0.1, 0.3, 0.5])
+def test_a_cube_that_lands_on_a_slope_it_holds_on_stays(slope, step):
+    # Its impulse is within the cone of friction.
+    angle = np.arctan(slope)
+    along, normal = (np.cos(angle), 0, np.sin(angle)), (-np.sin(angle), 0, np.cos(angle))
+    bodies = substep.RigidBodies(step=step, sleeping=False)
+    bodies.add(rigid.Plane(normal), (0, 0, 0), motion="static", friction=0.6)
+    turned = (np.cos(angle / 2), 0, -np.sin(angle / 2), 0)
+    cube = bodies.add(CUBE, 0.5 * np.array(normal) + (0, 0, 0.3), turned, mass=1.0, friction=0.6)
+    bodies.advance(1.25)
+    assert abs(bodies.positions[cube] @ along) < 2e-3
+
+
 @pytest.mark.parametrize("step", [1 / 60, 1 / 240])
 @pytest.mark.parametrize("speed", [2, 5])
 def test_friction_of_an_impact_takes_its_part_of_a_fast_slip(speed, step):

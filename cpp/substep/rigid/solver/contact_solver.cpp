@@ -555,7 +555,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
         if (sweep >= sweeps) return;
         if (sweep == 0) packet(k).solve_positions(rows_, settings);
         Given& given = given_[usize(k)];
-        const auto most = 2 * packet(k).pressure() + 4 * given.jump;
+        const auto most = 1.2 * packet(k).pressure() + 4 * given.jump;
         packet(k).solve_velocities(rows_);
         if (sweep == 0 && !packet(k).few && ImpactStart::is_hit(packet(k), most))
           packet(k).solve_impact(rows_);
