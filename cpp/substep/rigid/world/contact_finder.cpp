@@ -73,10 +73,10 @@ class ContactFinder::Setbacks {
   // Between two bodies that both move freely.
   struct Link {
     std::int32_t a, b;
-    std::int64_t pair = -1;  // unless they touch
-    Vec3 normal = Vec3::Zero();
-    double gap = 0, bounce = 1;
-    double looked = 0;  // backs of both, squared, when it was looked at
+    std::int64_t pair;     // -1: they touch
+    double margin;         // of the pair
+    double looked = 0;     // backs of both, squared, when it was looked at
+    std::size_t push = 0;  // if they touch
   };
 
   Setbacks(const Fixtures& fixtures, std::span<const Motion> motion, std::span<const Way> ways)
@@ -97,23 +97,28 @@ class ContactFinder::Setbacks {
   }
 
   void add(const FixturePair& pair, std::int64_t number) {
-    const Link link{.a = fixtures_[pair.a].body, .b = fixtures_[pair.b].body, .pair = number};
-    if (is_free(link.a) && is_free(link.b)) links_.push_back(link);
+    const Fixtures::Entry &a = fixtures_[pair.a], &b = fixtures_[pair.b];
+    if (is_free(a.body) && is_free(b.body))
+      links_.push_back({a.body, b.body, number, std::min(a.margin, b.margin)});
   }
   void add(const Touch& touch) {
     const std::size_t before = links_.size();
     add(touch.pair, -1);
     if (links_.size() > before) join(links_.back(), touch);
   }
-  void join(Link& link, const Touch& touch) const {
-    link.pair = -1;
-    link.normal = touch.manifold.normal, link.gap = gap(touch), link.bounce = bounce(touch.pair);
+  void join(Link& link, const Touch& touch) {
+    link.pair = -1, link.push = pushes_.size();
+    pushes_.push_back({touch.manifold.normal, gap(touch), bounce(touch.pair)});
   }
 
   // pass(link) for those of the bodies that are set back, one after the other, until none is by
   // more than it was.
   template <class Pass>
   void spread(const Pass& pass) {
+    boxes_.resize(usize(fixtures_.size()));
+    for (std::int32_t f = 0; f < fixtures_.size(); ++f)
+      if (is_free(fixtures_[f].body))
+        boxes_[usize(f)] = bounds(fixtures_[f].fixture.shape, fixtures_.pose(f));
     std::vector<std::size_t> first(bodies_.size() + 1, 0), of_body(2 * links_.size());
     for (const Link& link : links_) ++first[usize(link.a)], ++first[usize(link.b)];
     for (std::size_t b = 1; b < first.size(); ++b) first[b] += first[b - 1];
@@ -128,14 +133,15 @@ class ContactFinder::Setbacks {
 
   // One that is set back stops the other, or throws it back.
   void pass_on(const Link& link) {
+    const Push& push = pushes_[link.push];
     const auto passed = [&](const Vec3& back) {
-      const double by = back.dot(link.normal);
-      return std::min(link.bounce * (by - link.gap), by);
+      const double by = back.dot(push.normal);
+      return std::min(push.bounce * (by - push.gap), by);
     };
     const double of_a = passed(bodies_[usize(link.a)].back),
                  of_b = passed(-bodies_[usize(link.b)].back);
-    if (of_a > 0) set(link.b, of_a * link.normal);
-    if (of_b > 0) set(link.a, -of_b * link.normal);
+    if (of_a > 0) set(link.b, of_a * push.normal);
+    if (of_b > 0) set(link.a, -of_b * push.normal);
   }
 
   bool is_news(Link& link) const {
@@ -145,18 +151,18 @@ class ContactFinder::Setbacks {
   }
 
   // How much the two approach in all, and whether they may and do.
-  double approach(std::int32_t a, std::int32_t b) const {
-    return (bodies_[usize(a)].back - bodies_[usize(b)].back).norm() +
-           (ways_[usize(a)].travel - ways_[usize(b)].travel).norm();
+  double approach(const Link& link) const {
+    const auto a = usize(link.a), b = usize(link.b);
+    return (bodies_[a].back - bodies_[b].back).norm() + (ways_[a].travel - ways_[b].travel).norm();
   }
-  bool may_close(const FixturePair& pair, double margin) const {
-    const Fixtures::Entry &a = fixtures_[pair.a], &b = fixtures_[pair.b];
-    const Bounds p = bounds(a.fixture.shape, fixtures_.pose(pair.a));
-    Bounds q = bounds(b.fixture.shape, fixtures_.pose(pair.b));
-    const Vec3 way = ways_[usize(b.body)].travel - ways_[usize(a.body)].travel;
-    const Vec3 end = way + bodies_[usize(b.body)].back - bodies_[usize(a.body)].back;
-    q.low += end.cwiseMin(way).cwiseMin(-margin), q.high += end.cwiseMax(way).cwiseMax(margin);
-    return !apart(p, q);
+  bool may_close(const Link& link, const FixturePair& pair) const {
+    const auto a = usize(link.a), b = usize(link.b);
+    const Vec3 way = ways_[b].travel - ways_[a].travel;
+    const Vec3 end = way + bodies_[b].back - bodies_[a].back;
+    Bounds box = boxes_[usize(pair.b)];
+    box.low += end.cwiseMin(way).cwiseMin(-link.margin);
+    box.high += end.cwiseMax(way).cwiseMax(link.margin);
+    return !apart(boxes_[usize(pair.a)], box);
   }
   bool closes(const Touch& touch) const {
     const auto a = usize(fixtures_[touch.pair.a].body), b = usize(fixtures_[touch.pair.b].body);
@@ -165,6 +171,10 @@ class ContactFinder::Setbacks {
   }
 
  private:
+  struct Push {
+    Vec3 normal;
+    double gap, bounce;
+  };
   struct Body {
     Vec3 back = Vec3::Zero();
     bool waits = false;  // in the queue
@@ -196,6 +206,8 @@ class ContactFinder::Setbacks {
   std::span<const Way> ways_;
   std::vector<Body> bodies_;
   std::vector<Link> links_;
+  std::vector<Push> pushes_;
+  std::vector<Bounds> boxes_;  // of fixtures, where they are
   std::vector<std::int32_t> queue_;
 };
 
@@ -231,14 +243,12 @@ class ContactFinder::Search {
   }
 
   // A pair of which one is set back.
-  void look_behind(const FixturePair& pair, const Setbacks& setbacks) {
+  void look_behind(const FixturePair& pair, const Setbacks::Link& link, const Setbacks& setbacks) {
+    if (!setbacks.may_close(link, pair)) return;
     const Fixtures::Entry &a = fixtures_[pair.a], &b = fixtures_[pair.b];
-    const double margin = std::min(a.margin, b.margin);
-    if (!setbacks.may_close(pair, margin)) return;
     const std::size_t before = found_.size();
     collide_at(pair, fixtures_.pose(pair.a), fixtures_.pose(pair.b),
-               margin + std::min({setbacks.approach(a.body, b.body), a.core.radius, b.core.radius}),
-               0);
+               link.margin + std::min({setbacks.approach(link), a.core.radius, b.core.radius}), 0);
     if (found_.size() > before && !setbacks.closes(found_.back())) found_.pop_back();
   }
 
@@ -400,7 +410,7 @@ void ContactFinder::find_followers(std::span<const FixturePair> pairs, const Fix
       auto& found = touches_[usize(link.pair / kPairs)];
       const std::size_t before = found.size();
       Search(fixtures, motion, ways, false, caches_, found)
-          .look_behind(pairs[usize(link.pair)], setbacks);
+          .look_behind(pairs[usize(link.pair)], link, setbacks);
       if (found.size() > before) setbacks.join(link, found.back());
     }
     if (link.pair < 0) setbacks.pass_on(link);
