@@ -336,6 +336,22 @@ def test_flows_take_kinematic_bodies_only():
         substep.World({"bodies": bodies, "air": flow})
 
 
+def test_gravity_does_not_pull_bodies_out_of_the_plane():
+    bodies = substep.RigidBodies()
+    bodies.add(substep.Sphere(0.2), (0.5, 0.5, 0))
+    box = ((0, 0), (1, 1))
+    water = substep.GridLiquid(
+        substep.fill_box((0, 0), (1, 0.3), 0.05),
+        cell=0.1,
+        bounds=box,
+        colliders=bodies.make_colliders(),
+    )
+    with pytest.raises(InputError, match="none along z, as 'water' has two dimensions, got"):
+        substep.World({"bodies": bodies, "water": water})
+    bodies.gravity = (0, -9.81, 0)
+    substep.World({"bodies": bodies, "water": water}).step()
+
+
 def test_a_body_that_was_removed():
     world = small_world()
     world.step()

@@ -57,6 +57,7 @@ class Link:
     ) -> None:
         self.name, self.places = name, list(places)
         self._pushes = member._pushes_bodies
+        self._in_plane = getattr(member, "positions", np.empty((0, 3))).shape[1] == 2
         self.colliders = [member.colliders[place[0]]._native for place in places]
         ids = np.array([place[1] for place in places], np.int64)
         # The bodies, an obstacle of each, and the body of each obstacle.
@@ -74,10 +75,16 @@ class Link:
             raise InputError(
                 f"body {body}, which an obstacle of {self.name!r} stands for, has been removed"
             )
-        if not self._pushes and (yields := np.isfinite(bodies.masses[rows])).any():
+        yields = np.isfinite(bodies.masses[rows])
+        if not self._pushes and yields.any():
             raise InputError(
                 f"body {int(self.ids[np.argmax(yields)])}: {self.name!r} has no way to push "
                 "dynamic bodies; make it kinematic"
+            )
+        if self._in_plane and bodies.gravity[2] != 0 and yields.any():
+            raise InputError(
+                f"gravity of the bodies: expected none along z, as {self.name!r} has two "
+                f"dimensions, got {tuple(map(float, bodies.gravity))}"
             )
         return rows
 
