@@ -575,3 +575,18 @@ def test_still_water_in_a_round_tank_stands_at_its_height(radius, height, most, 
     inside, above = columns[rows, top], columns[rows, top + 1]
     found = np.mean(top + 0.5 + inside / (inside - above)) - middle[2]
     assert found == pytest.approx(level, abs=most)
+
+
+@pytest.mark.parametrize("degrees", [25, 30, 35])
+def test_still_water_rests_on_a_beach(degrees):
+    """Its tip on a floor that leans away is held: it used to shoot up the floor, at 2 m/s."""
+    angle, cell = math.radians(degrees), 0.05
+    beach = substep.Collider(substep.Plane((-math.sin(angle), 0, math.cos(angle)), (0.4, 0, 0)))
+    x = substep.fill_box((0, 0, 0), (1.6, 0.2, 0.25), cell / 2)
+    liquid = substep.GridLiquid(
+        x[beach.distance(x) > 0], cell=cell, bounds=((0, 0, 0), (1.6, 0.2, 0.6)), colliders=[beach]
+    )
+    liquid.advance(3)
+    assert np.sqrt(np.mean(liquid.velocities**2)) < 0.03
+    assert np.abs(liquid.velocities).max() < 0.3
+    assert liquid.positions[:, 2].max() < 0.26

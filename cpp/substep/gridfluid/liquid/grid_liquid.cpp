@@ -118,15 +118,19 @@ void GridLiquid<Real, D>::count_obstacles_in() {
 // would count as air, and the liquid beside it would shoot there. One of which they cover nearly
 // that much may have no particle by chance: it is as deep in it as what is before it. (The former
 // are half a cell deep: with what is before them, fronts would meet walls in spikes of pressure; an
-// empty one that liquid is all around has a phi of up to kAmong.) Not where such a cell touches air
-// by more than a slit, as in the wedge that the surface and a wall above it leave: what is empty
-// there would count as liquid, and nothing could flow in. (Slits: a light ball that lies on water
-// would leap.)
+// empty one that liquid is all around has a phi of up to kAmong.) Not where obstacles lean over
+// such a cell and it touches air by more than a slit, as in the wedge that the surface and a wall
+// above it leave: what is empty there would count as liquid, and nothing could flow in. (Slits: a
+// light ball that lies on water would leap. On what leans away, the tip of the water would not be
+// held.)
 template <class Real, int D>
 void GridLiquid<Real, D>::extend_surface() {
   constexpr Real kNear = 0.5, kAmong = 0.62, kInside = -0.5, kBeside = 0.35, kBefore = 0.5,
-                 kFar = 2;     // [cells]
-  constexpr Real kSlit = 0.3;  // of a face
+                 kFar = 2;       // [cells]
+  constexpr Real kSlit = 0.3;    // of a face
+  constexpr double kLean = 0.1;  // sine of an angle
+  const double g = std::sqrt(std::inner_product(options.gravity.begin(), options.gravity.end(),
+                                                options.gravity.begin(), 0.0));
   using Place = std::array<int, D>;
   const auto extend = [&](const Place& cell, std::int64_t i, bool within) {
     Real& phi = phi_[usize(i)];
@@ -135,6 +139,8 @@ void GridLiquid<Real, D>::extend_surface() {
     if (within ? here >= 0 : here < 0 || here >= kBeside || phi < 0 || phi >= kNear) return;
     Real furthest = within ? Real(0) : here + kBefore;  // of those it touches
     Real extended = within && phi < kAmong ? kInside : phi;
+    bool at_air = false;
+    double lean = 0;  // twice g times how fast the obstacles' distance grows downwards
     for (std::size_t a = 0; a < D; ++a) {
       for (const int way : {-1, 1}) {
         const int n = layout.cells[a], to = cell[a] + way;
@@ -142,17 +148,18 @@ void GridLiquid<Real, D>::extend_surface() {
         const std::int64_t other = i + ((to + n) % n - cell[a]) * layout.stride[a];
         const std::int64_t face = way > 0 ? i + layout.stride[a] : i;
         const Real open = obstacles.open(static_cast<int>(a))[usize(face)];
-        if (!(open > 0)) continue;
         const Real there = obstacles.at_centre(other), phi_there = phi_[usize(other)];
+        lean += way * static_cast<double>(there) * options.gravity[a];
+        if (!(open > 0)) continue;
         if (phi_there < 0 && there >= furthest) {
           furthest = there;
           extended = within ? kInside : phi_there;
         } else if (!(phi_there < 0) && open > kSlit && there > (within ? Real(0) : kBeside)) {
-          return;
+          at_air = true;
         }
       }
     }
-    phi = extended;
+    if (!(at_air && lean > 2 * kLean * g)) phi = extended;
   };
   for (const bool within : {false, true}) {  // each looks at what it does not change
     if (!obstacles.any()) break;
