@@ -308,6 +308,26 @@ def test_friction_of_an_impact_takes_its_part_of_a_fast_slip(speed, step):
     assert bodies.velocities[box, 0] == pytest.approx(max(0, speed - mu * G * 0.4), abs=0.025)
 
 
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
+def test_what_is_held_between_the_arms_of_another_is_stopped_with_it(restitution):
+    # Each sets the other back by the same, round and round; turned, so that rounding is at work.
+    axis = np.array([0.572532, 0.227235, 0.376193, -0.692134])
+    turn = np.array(axis / np.linalg.norm(axis))
+    w, v = turn[0], turn[1:]
+    x = np.array([1.0, 0, 0]) + 2 * np.cross(
+        v, np.cross(v, [1.0, 0, 0]) + w * np.array([1.0, 0, 0])
+    )
+    bodies = substep.RigidBodies(gravity=(0, 0, 0), sleeping=False)
+    bodies.add(rigid.Plane(-x), 0.55 * x, motion="static", restitution=restitution)
+    arms = [rigid.Box((0.2, 1, 1), (side, 0, 0)) for side in (-0.4, 0.4)]
+    held = rigid.Cylinder(0.3, 0.3)
+    for shape in ([*arms, rigid.Box((1, 0.1, 1), (0, -0.55, 0))], held):
+        bodies.add(shape, (0, 0, 0), turn, 100 * x, restitution=restitution)
+    start = bodies.diagnostics()["kinetic_energy"]
+    bodies.advance(0.1)
+    assert bodies.diagnostics()["kinetic_energy"] < (1 + 1e-9) * start
+
+
 def test_an_impact_is_the_same_for_any_threads_and_from_a_state():
     end = []
     for threads in (1, 2, 3):

@@ -171,6 +171,8 @@ class ContactFinder::Setbacks {
   }
 
  private:
+  // Rounding must not make one larger and larger that goes round a body between two others.
+  static constexpr double kMore = 1.01;
   struct Push {
     Vec3 normal;
     double gap, bounce;
@@ -195,7 +197,7 @@ class ContactFinder::Setbacks {
     if (!is_free(body)) return;
     bodies_.resize(motion_.size());
     Body& of = bodies_[usize(body)];
-    if (!(back.squaredNorm() > of.back.squaredNorm())) return;
+    if (!(back.squaredNorm() > kMore * of.back.squaredNorm())) return;
     of.back = back;
     if (!of.waits) queue_.push_back(body);
     of.waits = true;
