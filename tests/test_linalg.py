@@ -456,6 +456,18 @@ print(len(os.listdir("/proc/self/task")))
     assert done.stdout == "1\n", done.stdout + done.stderr
 
 
+def test_kernels_of_blas_are_those_of_the_level():
+    kernels = {"v3": "Haswell", "v4": "SkylakeX"}.get(_core.level, "")
+    code = (
+        "import os, substep; print(substep._core.library_versions()['blas'], "
+        "'OPENBLAS_CORETYPE' in os.environ)"
+    )
+    done = run_python(code)
+    assert kernels in done.stdout and done.stdout.endswith("False\n"), done.stdout + done.stderr
+    done = run_python(code, OPENBLAS_CORETYPE="Nehalem")
+    assert "kernels for Nehalem True\n" in done.stdout, done.stdout + done.stderr
+
+
 @pytest.mark.parametrize("kind", [Cholesky, LU])
 def test_a_second_thread_waits_for_the_factors(kind):
     class Slow:

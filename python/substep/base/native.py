@@ -17,6 +17,11 @@ from types import ModuleType
 
 LEVELS = ("baseline", "v2", "v3", "v4")  # in rising order
 
+# The kernels of OpenBLAS that a level has, so that its bits do not depend on the machine. Left to
+# itself it takes those for SSE3 on a processor that is newer than it: a third of the speed.
+_BLAS_KERNELS = {"v3": "Haswell", "v4": "SkylakeX"}
+_BLAS_VARIABLE = "OPENBLAS_CORETYPE"  # which it reads as it is loaded
+
 
 def _module_path(folder: Path) -> Path | None:
     for suffix in importlib.machinery.EXTENSION_SUFFIXES:
@@ -83,6 +88,13 @@ def _load() -> ModuleType:
         raise ImportError(f"SUBSTEP_ISA={wanted}: this process already holds level {level}")
     spec = importlib.util.spec_from_file_location("substep._core", installed[level])
     assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
+    chosen = _BLAS_VARIABLE not in os.environ and level in _BLAS_KERNELS
+    if chosen:
+        os.environ[_BLAS_VARIABLE] = _BLAS_KERNELS[level]
+    try:
+        module = importlib.util.module_from_spec(spec)
+    finally:
+        if chosen:
+            del os.environ[_BLAS_VARIABLE]
     spec.loader.exec_module(module)
     return module
