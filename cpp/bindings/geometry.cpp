@@ -144,6 +144,18 @@ void vector_property(py::class_<Collider, std::shared_ptr<Collider>>& collider, 
 
 using Rows64 = py::array_t<double, py::array::c_style | py::array::forcecast>;
 
+// Puts a collider there, unless it is there but for rounding: what is known of its pose, such as
+// distances on a grid, then is known still.
+void place(Collider& collider, const Vec3& position, const Quaternion& orientation) {
+  constexpr double kRounding = 1e-14;
+  const double most = kRounding * position.cwiseAbs().maxCoeff();
+  const bool there = (position - collider.position()).cwiseAbs().maxCoeff() <= most;
+  const auto off = orientation.coeffs() - collider.orientation().coeffs();
+  if (there && off.cwiseAbs().maxCoeff() <= kRounding) return;
+  collider.set_position(position);
+  collider.set_orientation(orientation);
+}
+
 // What obstacles know of the bodies behind them, a row for each.
 void bind_bodies_behind(py::module_& m) {
   m.def(
@@ -155,8 +167,7 @@ void bind_bodies_behind(py::module_& m) {
           const auto k = static_cast<py::ssize_t>(c);
           Collider& collider = *colliders[c];
           const double* pose = poses.data(k, 0);
-          collider.set_position(Vec3(pose));
-          collider.set_orientation(Quaternion(pose[3], pose[4], pose[5], pose[6]));
+          place(collider, Vec3(pose), Quaternion(pose[3], pose[4], pose[5], pose[6]));
           collider.body = {.number = numbers[c],
                            .centre = Vec3(centres.data(k, 0)),
                            .mobility = Mat6(mobilities.data(k, 0)),
@@ -202,6 +213,24 @@ void bind_bodies_behind(py::module_& m) {
         return most;
       },
       py::arg("colliders"), py::arg("low"), py::arg("high"), py::arg("time"));
+  m.def(
+      "release_bodies",
+      [](const std::vector<std::shared_ptr<Collider>>& colliders) {
+        for (const auto& collider : colliders) collider->body = {};
+      },
+      py::arg("colliders"));
+  m.def(
+      "collider_states",
+      [](const std::vector<std::shared_ptr<Collider>>& colliders) {
+        Rows64 rows({static_cast<py::ssize_t>(colliders.size()),
+                     static_cast<py::ssize_t>(Collider::kStateSize)});
+        for (std::size_t c = 0; c < colliders.size(); ++c) {
+          const auto state = colliders[c]->state();
+          std::copy(state.begin(), state.end(), rows.mutable_data(static_cast<py::ssize_t>(c), 0));
+        }
+        return rows;
+      },
+      py::arg("colliders"));
   m.def(
       "impulses_of_bodies",
       [](const std::vector<std::shared_ptr<Collider>>& colliders) {

@@ -18,6 +18,8 @@ namespace {
 thread_local int user_functions = 0;  // that this thread is in
 int forks = 0;                        // between the first process and this one
 
+class Turn;
+
 // Of an object, or of several that share obstacles. With the GIL, as all here.
 struct Use {
   unsigned long thread = 0;       // whose calls they are, 0: nobody's
@@ -26,6 +28,52 @@ struct Use {
   int steps = 0;                  // of those calls, how many take steps
   int forks = 0;                  // before the first of them
   std::shared_ptr<Use> together;  // what has taken its place
+  Turn* first = nullptr;          // of those that wait for it, who came first
+  int queued_forks = 0;           // before they came
+};
+
+// In which queue a call waits; it leaves it when it ends, whatever ends it.
+class Turn {
+ public:
+  Turn() = default;
+  Turn(const Turn&) = delete;
+  Turn& operator=(const Turn&) = delete;
+  ~Turn() { leave(); }
+
+  // Whether nobody else has come before.
+  bool is_next(Use& use) const {
+    forget_left_behind(use);
+    return use.first == nullptr || use.first == this;
+  }
+  void wait_for(const std::shared_ptr<Use>& use) {
+    if (use == use_) return;
+    leave();
+    forget_left_behind(*use);
+    *find(*use, nullptr) = this;
+    use_ = use;
+  }
+
+ private:
+  // Threads that fork() left behind never come.
+  static void forget_left_behind(Use& use) {
+    if (use.queued_forks != forks) use.first = nullptr;
+    use.queued_forks = forks;
+  }
+  static Turn** find(Use& use, const Turn* turn) {
+    Turn** at = &use.first;
+    while (*at != nullptr && *at != turn) at = &(*at)->next_;
+    return at;
+  }
+  void leave() {
+    if (!use_) return;
+    Turn** const at = find(*use_, this);
+    if (*at == this) *at = next_;
+    next_ = nullptr;
+    use_.reset();
+  }
+
+  std::shared_ptr<Use> use_;
+  Turn* next_ = nullptr;
 };
 
 // Native, because Python runs handlers of signals between its own instructions: a KeyboardInterrupt
@@ -36,14 +84,19 @@ class Owner {
 
   bool taken() { return use().thread != 0; }
 
-  // Waits for short calls of other threads; refuses while they take steps.
+  // Waits for short calls of other threads, and for those that wait already, so that one that calls
+  // again and again lets others in; refuses while they take steps.
   void enter() {
     const unsigned long self = PyThread_get_thread_ident();
-    while (use().thread != 0 && use().thread != self) {
-      if (use().forks != forks) refuse("in use by another thread, which fork() left behind");
+    Turn turn;
+    while (use().thread != self && !(use().thread == 0 && turn.is_next(use()))) {
+      if (use().thread != 0 && use().forks != forks) {
+        refuse("in use by another thread, which fork() left behind");
+      }
       if (use().steps > 0) {
         refuse("in use by another thread: wait for its call, or have its callback hand out copies");
       }
+      turn.wait_for(find());
       wait();
     }
     Use& now = use();

@@ -5,6 +5,7 @@
 #include "rigid_world.h"
 #include "substep/rigid/solver/mobility.h"
 #include "substep/rigid/world/queries.h"
+#include "substep/rigid/world/supports.h"
 
 namespace rigid_binding {
 namespace {
@@ -131,16 +132,29 @@ void bind_queries(py::class_<PyWorld>& world) {
            })
       .def(
           "mobilities",
-          [](const PyWorld& self, const Numbers& rows) {
+          [](const PyWorld& self, const Numbers& rows, const Flags& held) {
+            const std::span given(held.data(), static_cast<std::size_t>(held.size()));
+            if (given.size() != self.world.joints().size())
+              throw substep::InputError("held: expected a number for each joint");
             const std::vector<Mat6> found =
-                mobilities(self.world.bodies(), self.world.joints(), self.bodies(rows));
+                mobilities(self.world.bodies(), self.world.joints(), given, self.bodies(rows));
             py::array_t<double> out(
                 {static_cast<py::ssize_t>(found.size()), py::ssize_t{6}, py::ssize_t{6}});
             for (std::size_t k = 0; k < found.size(); ++k)
               Eigen::Map<Mat6>{out.mutable_data(static_cast<py::ssize_t>(k), 0, 0)} = found[k];
             return out;
           },
-          py::arg("rows"))
+          py::arg("rows"), py::arg("held"))
+      .def("parts_of_strength",
+           [](const PyWorld& self) {
+             const std::vector<double> parts = parts_of_strength(self.world.joints());
+             return py::array_t<double>(static_cast<py::ssize_t>(parts.size()), parts.data());
+           })
+      .def("supported",
+           [](const PyWorld& self) {
+             const std::vector<std::uint8_t> held = supported_bodies(self.world);
+             return py::array_t<std::uint8_t>(static_cast<py::ssize_t>(held.size()), held.data());
+           })
       .def("diagnostics", [](const PyWorld& self) {
         const Bodies& bodies = self.world.bodies();
         double penetration = 0, contacts = 0;

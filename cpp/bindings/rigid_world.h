@@ -16,6 +16,7 @@ using namespace substep::rigid;
 
 using Rows = py::array_t<double, py::array::c_style>;
 using Numbers = py::array_t<std::int64_t, py::array::c_style>;
+using Flags = py::array_t<std::uint8_t, py::array::c_style>;
 using Integers = py::array_t<std::int32_t, py::array::c_style>;
 
 struct RigidShape {

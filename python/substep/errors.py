@@ -69,7 +69,7 @@ class SolverError(SubstepError, RuntimeError):
 
 
 class NonFiniteError(SolverError):
-    """A value became NaN or infinite."""
+    """A value became NaN or infinite, or a step too long lets it grow without bound."""
 
 
 class ConvergenceError(SolverError):

@@ -80,6 +80,18 @@ def fluid():
     return substep.PositionBasedFluid(np.eye(3), 0.5)
 
 
+def test_what_is_an_argument_of_a_method_is_told():
+    bodies = substep.RigidBodies()
+    told = r"friction.*it is an argument of add\(\) and set_material_pair\(\)"
+    with refused(told):
+        bodies.friction = 0.3
+    with pytest.raises(AttributeError, match=told):
+        bodies.friction  # noqa: B018
+    with pytest.raises(AttributeError, match=r"no attribute 'colour'$"):
+        bodies.colour  # noqa: B018
+    assert not hasattr(bodies, "friction") and getattr(bodies, "_own", 1) == 1
+
+
 @pytest.mark.parametrize(
     ("make", "fixed", "own"),
     [

@@ -245,6 +245,45 @@ def test_simulations_that_share_an_obstacle_are_one_at_a_time():
     assert told == [True, True, True] and other.report.steps == 1
 
 
+def test_threads_take_turns():
+    """One that uses a simulation again and again lets another step."""
+    simulation, holds, done = substep.MassSpring([[0, 0, 0]], [], 0.0, 1.0), [], threading.Event()
+
+    def hold():
+        while not done.is_set():
+            with contextlib.suppress(substep.InputError), simulation._owner:
+                time.sleep(0.002)
+                holds.append(simulation.time)
+
+    thread = threading.Thread(target=hold)
+    thread.start()
+    try:
+        while len(holds) < 5:
+            time.sleep(0.001)
+        before = len(holds)
+        for _ in range(20):
+            simulation.step(0.01)
+        assert len(holds) - before <= 2 * 20
+    finally:
+        done.set()
+        thread.join()
+
+
+def test_files_are_written_while_others_use_the_simulation(tmp_path, monkeypatch):
+    simulation, told = substep.MassSpring([[0, 0, 0]], [], 0.0, 1.0), []
+    simulation.step()
+
+    def write(path, kind, state):
+        thread = threading.Thread(target=lambda: (simulation.step(), told.append(state["time"])))
+        thread.start()
+        thread.join(10.0)
+
+    monkeypatch.setattr("substep.base.simulation.write_checkpoint", write)
+    before = simulation.time
+    simulation.save(tmp_path / "saved")
+    assert told == [before] and simulation.time > before
+
+
 def test_one_object_from_two_threads_is_refused():
     sim = substep.Advection(substep.DoubleGyre(), start(50_000), step=0.01)
     outcomes = []

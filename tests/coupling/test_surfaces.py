@@ -152,6 +152,17 @@ def test_cloth_of_constraints_carries_too():
     np.testing.assert_allclose(momenta(world)[:3], start[:3], atol=1e-11 * np.abs(start).max())
 
 
+def test_a_jelly_on_cloth_goes_on_as_the_cloth_does():
+    cloth = sheet(6, 0.5)
+    jelly = cube(0.2, 4, 500.0, (0, 0, 0.155), colliders=cloth.make_colliders(0.1, friction=0.3))
+    world = substep.World({"jelly": jelly, "cloth": cloth})
+    taken = 0
+    for _ in range(40):
+        world.step()
+        taken += jelly.report.iterations
+    assert taken < 700  # 776 from where all is at rest, friction by velocities alone
+
+
 def test_a_ball_a_block_and_the_cloth_that_carries_both():
     bodies = substep.RigidBodies()
     ball = bodies.add(substep.Sphere(0.08), (0.05, 0, 0.25), density=800.0)

@@ -13,6 +13,11 @@ from test_conformance import example
 small_world = example(substep.World)
 
 
+def mobilities_of(bodies, ids):
+    native = bodies._native
+    return native.mobilities(bodies.rows(ids), native.parts_of_strength() < 0.5)
+
+
 def digest(world):
     return substep.state_hash(
         *(
@@ -22,6 +27,34 @@ def digest(world):
     )
 
 
+# ---------------------------------------------------------------------------- obstacles
+
+
+def test_an_obstacle_stays_where_its_body_is_but_for_rounding():
+    """So that the distances found for its pose still hold; any other pose it takes."""
+    bodies = substep.RigidBodies(gravity=(0, 0, 0))
+    ball = bodies.add(substep.Sphere(0.1), (0.1, 0.5, 0.7), (0.6, 0, 0.8, 0), density=300.0)
+    (collider,) = bodies.make_colliders(ball)
+    native = collider._native
+
+    def placed(shift):
+        position, rotation = bodies.positions[ball] + shift, bodies.rotations[ball]
+        substep._core.place_bodies(
+            [native],
+            [0],
+            np.concatenate([position, rotation])[None],
+            np.zeros((1, 6)),
+            np.zeros((1, 3)),
+            np.eye(6).reshape(1, 36),
+            np.zeros((1, 6)),
+        )
+        return np.array(collider.position)
+
+    start = placed(0.0)
+    assert (placed(1e-16) == start).all()
+    assert (placed(1e-12) != start).all()
+
+
 # ---------------------------------------------------------------------------- mobilities
 
 
@@ -29,7 +62,7 @@ def test_mobility_of_a_free_body():
     bodies = substep.RigidBodies()
     turn = np.array([np.cos(0.3), 0, np.sin(0.3), 0])
     box = bodies.add(substep.Box((0.2, 0.4, 0.6)), (1, 2, 3), turn, mass=2.0)
-    W = bodies._native.mobilities(bodies.rows([box]))[0]
+    W = mobilities_of(bodies, [box])[0]
     np.testing.assert_allclose(W[:3, :3], np.eye(3) / 2.0, atol=1e-15)
     c, s = np.cos(0.6), np.sin(0.6)
     R = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
@@ -43,7 +76,7 @@ def test_mobility_of_a_pendulum():
     bodies = substep.RigidBodies()
     bob = bodies.add(substep.Sphere(0.1), (0.7, 0, 0), mass=3.0)
     bodies.hinge(bob, None, (0, 0, 0), (0, 1, 0))
-    W = bodies._native.mobilities(bodies.rows([bob]))[0]
+    W = mobilities_of(bodies, [bob])[0]
     about = 0.4 * 3.0 * 0.1**2 + 3.0 * 0.7**2
     expected = np.zeros((6, 6))
     expected[2, 2], expected[4, 4] = 0.7**2 / about, 1 / about
@@ -70,7 +103,7 @@ def test_mobility_is_what_an_impulse_does(kind):
             bodies.slider(int(a), int(b), anchor, (1, 0, 0))
         else:
             getattr(bodies, kind)(int(a), int(b), anchor)
-        W = bodies._native.mobilities(bodies.rows([b]))[0]
+        W = mobilities_of(bodies, [b])[0]
         bodies.apply_impulse(b, (0.2 * impulse, impulse, -0.5 * impulse))
         bodies.step()
         moved.append(np.r_[bodies.velocities[1], bodies.angular_velocities[1]])
@@ -85,7 +118,7 @@ def test_mobility_of_a_loop_that_says_things_twice():
     door = bodies.add(substep.Box((1.0, 0.05, 2.0)), (0.5, 0, 1.0), mass=20.0)
     for z in (0.3, 1.7):
         bodies.hinge(door, None, (0, 0, z), (0, 0, 1))
-    W = bodies._native.mobilities(bodies.rows([door]))[0]
+    W = mobilities_of(bodies, [door])[0]
     about = 20 / 12 * (1 + 0.05**2) + 20 * 0.25
     expected = np.zeros((6, 6))
     expected[1, 1], expected[5, 5], expected[1, 5] = 0.25 / about, 1 / about, 0.5 / about
@@ -104,7 +137,7 @@ def test_mobilities_of_bodies_that_are_pushed_together_are_at_least_theirs():
         return bodies, links
 
     bodies, links = chain()
-    blocks = bodies._native.mobilities(bodies.rows(links))
+    blocks = mobilities_of(bodies, links)
     W = np.zeros((18, 18))
     for column in range(18):
         bodies, links = chain()
@@ -115,7 +148,7 @@ def test_mobilities_of_bodies_that_are_pushed_together_are_at_least_theirs():
             bodies.angular_momenta[column // 6] += unit
         bodies.step()
         W[:, column] = np.hstack([bodies.velocities, bodies.angular_velocities]).ravel()
-    own = np.concatenate([bodies._native.mobilities(bodies.rows([b])) for b in links])
+    own = np.concatenate([mobilities_of(bodies, [b]) for b in links])
     lowest = []
     for each in (blocks, own):
         excess = -W / np.abs(W).max()
@@ -252,12 +285,25 @@ def test_worlds_without_bodies_advance_members():
     np.testing.assert_allclose(world["b"].velocities[0, 2], -0.981, rtol=1e-5)
 
 
+def test_a_member_that_there_is_not():
+    with pytest.raises(KeyError, match="'watr'; the world has bodies, water"):
+        small_world()["watr"]
+
+
 def test_diagnostics_are_sums():
     world = small_world()
     values = world.diagnostics()
     for key in ("kinetic_energy", "energy", "momentum_z", "angular_momentum_x"):
         parts = [values[f"{name}.{key}"] for name in world.members]
         assert values[key] == sum(parts)
+
+
+def test_a_logger_of_a_joint_reads_it_in_a_world():
+    world = small_world()
+    [rope] = world["bodies"].joints
+    log = substep.Logger(rope.quantities("rope"))
+    world.advance(0.05, log)
+    assert log["rope_coordinate"][-1] == rope.coordinate
 
 
 def test_threads_reach_all_members():
@@ -450,8 +496,9 @@ def test_members_that_were_stepped_alone():
             call()
     state = world["water"].state()
     world["water"].restore({**state, "time": 0.001})
-    with pytest.raises(InputError, match=r"'water' is at 0\.001 s, the world at 0 s"):
-        world.step()
+    for call in (world.step, world.state, world.copy, lambda: world.save("never.h5")):
+        with pytest.raises(InputError, match=r"'water' is at 0\.001 s, the world at 0 s"):
+            call()
     world["water"].restore(state)
     world.step()
 
@@ -489,6 +536,28 @@ def test_an_error_in_the_last_member_takes_the_others_back():
     assert digest(world) == before
 
 
+def test_no_memory_at_the_end_of_an_interval_leaves_all_as_they_were(monkeypatch):
+    world = small_world()
+    world.advance(0.05)
+    before, calls = digest(world), []
+    release = type(world._links[0]).release
+
+    def fail_once(link):
+        calls.append(link)
+        if len(calls) == 1:
+            raise MemoryError
+        release(link)
+
+    monkeypatch.setattr(type(world._links[0]), "release", fail_once)
+    with pytest.raises(MemoryError):
+        world.step(1 / 120)
+    assert digest(world) == before
+    twin = world.copy()
+    for one in (world, twin):
+        one.step(1 / 120)
+    assert digest(world) == digest(twin) != before
+
+
 @pytest.mark.parametrize("narrow_band", [None, 3])
 def test_liquids_go_back_from_several_steps_of_their_own(narrow_band):
     """With particles that came meanwhile, as a liquid that went no further goes on."""
@@ -524,6 +593,37 @@ def test_liquids_go_back_from_several_steps_of_their_own(narrow_band):
     assert water.report.steps > 1
 
 
+@pytest.mark.parametrize("plane", [False, True])
+@pytest.mark.parametrize("kind", ["water", "sand"])
+def test_bodies_that_are_small_beside_the_cells_are_told(kind, plane):
+    def world(across, motion="dynamic"):
+        bodies = substep.RigidBodies(gravity=(0, -9.81, 0) if plane else (0, 0, -9.81))
+        disk = substep.Cylinder(across / 2, 1.0)
+        middle = (0.5, 0.6, 0) if plane else (0.5, 0.5, 0.6)
+        ball = disk if plane else substep.Sphere(across / 2)
+        bodies.add(substep.Box((1, 1, 1)), (5, 5, 5))  # which nothing meets
+        bodies.add(ball, middle, density=2000.0, motion=motion)
+        met = bodies.make_colliders([1])
+        d = 2 if plane else 3
+        x = substep.fill_box((0,) * d, (1, 0.2) if plane else (1, 1, 0.2), 0.05)
+        if kind == "water":
+            other = substep.GridLiquid(x, cell=0.1, bounds=((0,) * d, (1,) * d), colliders=met)
+        else:
+            other = substep.MaterialPointMethod(
+                x, substep.mpm.Sand(), cell=0.1, volume=0.05**d, colliders=met
+            )
+        return substep.World({"bodies": bodies, "bed": other})
+
+    for made in (world(0.3 if kind == "sand" else 0.15), world(0.12, "kinematic")):
+        assert len(made.members) == 2
+    cell = r"0\.04" if kind == "sand" else r"0\.08"
+    told = rf"members: body 1 is 0\.12 m across, 1\.2 cells of 'bed', .* cell={cell} or less"
+    with pytest.warns(substep.StartWarning, match=told) as caught:
+        made = world(0.12)
+    assert caught[0].filename == __file__
+    made.copy()  # tells nothing: it is no start
+
+
 def test_callbacks_cannot_step_a_member():
     world = small_world()
     with pytest.raises(InputError, match="step"):
@@ -542,6 +642,38 @@ def test_states_of_other_worlds_are_refused():
     with pytest.raises(InputError, match=r"state: water\.pressure missing"):
         world.restore(state)
     assert digest(world) == before
+
+
+def test_what_does_not_fit_in_a_checkpoint_is_told(tmp_path):
+    """Which member, what it should be and what it is, of worlds that were made otherwise."""
+
+    def world(balls=2, met=None, **others):
+        bodies = substep.RigidBodies()
+        ids = [bodies.add(substep.Sphere(0.2), (0.5 * k, 0, 0), density=1.0) for k in range(balls)]
+        net = substep.MassSpring([(9, 9, 9)], [], 1.0, 1.0, colliders=bodies.make_colliders(met))
+        assert len(ids) == balls
+        return substep.World({"bodies": bodies, "net": net, **others})
+
+    def point():
+        return substep.MassSpring([(0, 0, 0)], [], 1.0, 1.0)
+
+    for made, saved, told in (
+        (world(), world(3), r"state\['bodies\.ids'\]: expected 2 bodies, got 3"),
+        (world(3), world(2), r"state\['bodies\.ids'\]: expected 3 bodies, got 2"),
+        (
+            world(),
+            world(met=[0]),
+            r"state\['net\.colliders'\]: expected shape \(2, 15\), got \(1, 15\)",
+        ),
+        (world(), world(flag=point()), "members bodies, net, got that of bodies, net, flag"),
+        (world(flag=point()), world(), "members bodies, net, flag, got that of bodies, net$"),
+        (world(a=point()), world(b=point()), "members bodies, net, a, got that of bodies, net, b"),
+    ):
+        before = digest(made)
+        saved.save(tmp_path / "saved")
+        with pytest.raises(substep.CorruptError, match=told):
+            made.load(tmp_path / "saved")
+        assert digest(made) == before
 
 
 def test_copies_pickles_and_checkpoints_go_on_alike(tmp_path):

@@ -76,6 +76,18 @@ def test_gradient_and_hessian_are_the_derivatives(collider):
     assert close.mean() > 0.999
 
 
+def test_points_of_two_dimensions_lie_in_the_plane(collider):
+    x = np.random.default_rng(2).uniform(-1, 1, (50, 2))
+    space = np.pad(x, ((0, 0), (0, 1)))
+    for method, columns in (("gradient", 2), ("surface_velocity", 2), ("hessian", 2)):
+        found, whole = getattr(collider, method)(x), getattr(collider, method)(space)
+        np.testing.assert_array_equal(found, whole[:, :columns, ...][..., :columns])
+        assert found.flags.c_contiguous
+    np.testing.assert_array_equal(collider.distance(x), collider.distance(space))
+    with pytest.raises(substep.InputError, match=r"x: expected shape \(n, 3\), got \(1, 4\)"):
+        collider.distance([[0, 0, 0, 0]])
+
+
 def test_no_point_enters_within_its_bound(collider):
     random = np.random.default_rng(5)
     d = collider.distance(points)

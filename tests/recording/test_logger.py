@@ -220,6 +220,34 @@ class TestFiles:
         with pytest.raises(InputError, match=r"path: .*spam"):
             log.plot(tmp_path / "log.spam")
 
+    def test_pictures_tell_units_and_components(self, tmp_path):
+        matplotlib = pytest.importorskip("matplotlib")
+        bodies = falling()
+        hinge = bodies.hinge(0, None, anchor=(0, 0, 11), axis=(0, 1, 0))
+        told = substep.recording.diagnostics("energy", "momentum_x")
+        floor = substep.Collider(substep.Plane())
+        told |= substep.recording.forces({"floor": floor}) | hinge.quantities("pivot")
+        log = Logger(told | {"x": lambda bodies: bodies.positions[0]})
+        bodies.advance(0.02, log)
+        with matplotlib.rc_context({"svg.fonttype": "none"}):
+            log.plot(tmp_path / "log.svg")
+        text = (tmp_path / "log.svg").read_text(encoding="utf-8")
+        for label in (
+            "energy [J]",
+            "momentum_x [N s]",
+            "floor_force [N]",
+            "floor_torque [N m]",
+            "pivot_coordinate [rad]",
+            "pivot_speed [rad/s]",
+            "pivot_torque [N m]",
+            "x",
+            "y",
+            "z",
+            "[0]",
+        ):
+            assert f">{label}</text>" in text
+        assert ">[3]</text>" not in text and ">x []" not in text
+
     @pytest.mark.parametrize("count", [4, 5, 18])
     def test_pictures_of_many_quantities(self, count, tmp_path):
         pytest.importorskip("matplotlib")

@@ -425,6 +425,37 @@ def test_bounces_follow_restitution(restitution):
     assert energy[flight] == pytest.approx(restitution**2 * G, rel=1e-3, abs=2e-3)
 
 
+@pytest.mark.parametrize("step", [1 / 60, 1 / 240])
+@pytest.mark.parametrize("e", [0.5, 1.0])
+@pytest.mark.parametrize("gap", [3e-5, 5e-4, 2e-3, 5e-3, 0.01, 0.02, 0.04])
+def test_a_ball_bounces_off_one_that_has_just_bounced(gap, e, step):
+    """One of 1 kg above one of 10 kg: two impacts, one after the other, often within a step."""
+    bodies = on_ground(step=step)
+    z = 1.1, 1.1 + 0.15 + gap
+    for radius, height, mass in zip((0.1, 0.05), z, (10, 1), strict=True):
+        bodies.add(rigid.Sphere(radius), (0, 0, height), mass=mass, restitution=e, friction=0)
+    lands, v = math.sqrt(2 / G), math.sqrt(2 * G)
+    meets = gap / ((1 + e) * v)
+    v_low, v_high = e * v - G * meets, -v - G * meets
+    after = v_high + (1 + e) * 10 / 11 * (v_low - v_high)
+    bodies.advance(lands + meets + 0.05)
+    assert bodies.velocities[2, 2] == pytest.approx(after - 0.05 * G, rel=1e-6)
+
+
+@pytest.mark.parametrize("e", [0.5, 1.0])
+def test_a_row_of_balls_with_gaps_passes_an_impact_on(e):
+    bodies = substep.RigidBodies(gravity=(0, 0, 0))
+    gaps = np.array([0, 2e-4, 3e-3, 0.02, 5e-5])
+    x = 0.2 * np.arange(5) + np.cumsum(gaps)
+    for at in x:
+        bodies.add(rigid.Sphere(0.1), (at, 0, 0), restitution=e, friction=0)
+    bodies.set_velocities((4, 0, 0), [0])
+    bodies.advance(0.1)
+    fastest = 4 * (0.5 + 0.5 * e) ** 4
+    assert bodies.velocities[-1, 0] == pytest.approx(fastest, rel=1e-9)
+    assert bodies.velocities[:, 0].mean() == pytest.approx(0.8, rel=1e-12)
+
+
 @pytest.mark.parametrize(("friction", "slides"), [(0.3, True), (0.6, False)])
 def test_boxes_on_an_incline(friction, slides):
     angle = math.atan(0.5)

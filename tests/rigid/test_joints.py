@@ -380,6 +380,23 @@ def test_a_limit_that_is_passed_where_it_is_set_is_kept_again(limits):
     assert bodies.diagnostics()["kinetic_energy"] < 1e-12
 
 
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("mass", [0.01, 0.5, 50.0])
+@pytest.mark.parametrize("acceleration", [4.0, 20.0, 40.0, 200.0])
+def test_a_weak_motor_leaves_the_limit_at_which_it_begins(acceleration, mass, side):
+    """Also where an impulse at the anchor would move a body without a joint otherwise."""
+    bodies = substep.RigidBodies(sleeping=False, gravity=(0, 0, 0))
+    cube = bodies.add(rigid.Box((0.1, 0.1, 0.1)), (0, 0, 0), mass=mass)
+    motor = rigid.SpeedMotor(0.1 * side, strength=acceleration * mass)
+    limits = sorted((0, 0.07 * side))
+    slider = bodies.slider(cube, None, (0, 0, 0.14), (1, 0, 0), limits=limits, motor=motor)
+    bodies.advance(0.4)
+    way = 0.04 - 0.5 * 0.1**2 / acceleration
+    assert slider.coordinate * side == pytest.approx(way, abs=0.1 / 480)
+    bodies.advance(0.4)
+    assert slider.coordinate * side == pytest.approx(0.07, abs=1e-9)
+
+
 @pytest.mark.parametrize("rate", [8.0, 12.0, 20.0])
 def test_a_ball_on_a_light_stick_whirls_on(rate):
     # Under m r w^2 the stick of 10 g would swing at up to 3000 rad/s; its ball weighs 4 kg.
@@ -400,3 +417,60 @@ def test_a_ball_on_a_light_stick_whirls_on(rate):
     bodies.advance(10)
     assert bodies.diagnostics()["energy"] == pytest.approx(start, rel=2e-3)
     assert bodies.angular_velocities[ball] == pytest.approx((0, 0, rate), rel=1e-3)
+
+
+@pytest.mark.parametrize("step", [1 / 60, 1 / 240])
+@pytest.mark.parametrize(
+    ("mass", "finger", "slip"), [(10, 0.1, 2e-3), (10, 1, 2e-4), (10, 10, 2e-5), (1, 0.1, 2e-4)]
+)
+@pytest.mark.parametrize("moving", [False, True])
+def test_fingers_on_sliders_hold_what_their_friction_carries(moving, finger, mass, slip, step):
+    # Two motors press by F with 2 mu F = 2 m g while the table below goes away. Nothing slips, but
+    # where the hand goes up at once at v: then by v^2 / 2 g, as friction accelerates the box by g.
+    bodies = substep.RigidBodies(step=step, sleeping=False)
+    mu = 0.5
+    force = mass * G / mu
+    table = bodies.add(rigid.Box((2, 2, 0.1)), (0, 0, -0.05), motion="kinematic", friction=0.5)
+    hand = bodies.add(rigid.Box((1, 0.1, 0.1)), (0, 0, 0.8), motion="kinematic", mask=0)
+    pads = []
+    for side in (-1, 1):
+        at = (side * 0.111, 0, 0.15)
+        pad = bodies.add(rigid.Box((0.02, 0.1, 0.2)), at, mass=finger, friction=mu)
+        motor = rigid.SpeedMotor(-0.5 * side, strength=force)
+        bodies.slider(pad, hand if moving else None, at, (1, 0, 0), motor=motor)
+        pads.append(pad)
+    box = bodies.add(rigid.Box((0.2, 0.1, 0.2)), (0, 0, 0.1), mass=mass, friction=mu)
+    bodies.advance(0.5)
+    bodies.set_velocities((0, 0, 0.1 if moving else 0), hand)
+    bodies.set_velocities((0, 0, 0 if moving else -0.1), table)
+
+    def height():
+        return bodies.positions[box, 2] - bodies.positions[pads, 2].mean()
+
+    start = height()
+    bodies.advance(1.0)
+    held = height()
+    assert start - held < slip + (0.1**2 / (2 * G) if moving else 0)
+    assert held - start < 1e-5
+    bodies.advance(2.0)
+    assert height() == pytest.approx(held, abs=1e-5)  # no creep
+    assert bodies.contact_force(box)[2] == pytest.approx(mass * G, rel=1e-3)
+    assert abs(bodies.contact_force(box, pads[0])[0]) == pytest.approx(force, rel=1e-3)
+
+
+@pytest.mark.parametrize("step", [1 / 60, 1 / 240])
+def test_fingers_on_sliders_let_go_of_what_their_friction_does_not_carry(step):
+    # With half of the force that holds, the box falls at g (1 - 2 mu F / m g).
+    bodies = substep.RigidBodies(step=step, sleeping=False)
+    mu, mass = 0.5, 10.0
+    force = 0.5 * mass * G / (2 * mu)
+    for side in (-1, 1):
+        at = (side * 0.11, 0, 0)
+        pad = bodies.add(rigid.Box((0.02, 0.1, 0.8)), at, mass=1.0, friction=mu)
+        motor = rigid.SpeedMotor(-0.5 * side, strength=force)
+        bodies.slider(pad, None, at, (1, 0, 0), motor=motor)
+    box = bodies.add(rigid.Box((0.2, 0.1, 0.2)), (0, 0, 0), mass=mass, friction=mu)
+    bodies.advance(0.1)
+    start = bodies.velocities[box, 2]
+    bodies.advance(0.1)
+    assert bodies.velocities[box, 2] - start == pytest.approx(-0.05 * G, rel=1e-3)

@@ -68,6 +68,60 @@ def test_heavy_on_light_that_lands_does_not_rise(heavy, step):
 
 
 @pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("heavy", [100, 1000])
+def test_heavy_on_light_that_lands_is_lifted_at_once(heavy, step):
+    bodies, ids = falling_column(step, [1, heavy])
+    lowest = []
+    bodies.advance(1.0, lambda b: lowest.append(heights(b, ids).min()))
+    assert min(lowest) > -4 * DROP * step  # less than it falls in a quarter of a step
+    assert max(lowest[-10:]) < 0
+    assert min(lowest[-10:]) > -3.5e-4  # the slop of two contacts
+    assert np.abs(bodies.velocities).max() < 1e-7
+
+
+@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize(
+    ("mass", "at", "gap", "drop"),
+    [(100, -1.0, 1e-4, 0), (50, -1.3, 1e-3, 0), (100, -1.3, 0, 0.01)],
+)
+def test_a_load_off_the_centre_of_a_light_plate_stays_on_it(mass, at, gap, drop, step):
+    bodies = substep.RigidBodies(step=step, sleeping=False)
+    bodies.add(rigid.Plane(), (0, 0, 0), motion="static", friction=0.5)
+    plate = bodies.add(rigid.Box((3, 0.5, 0.1)), (0, 0, 0.05 + drop), mass=1)
+    load = bodies.add(rigid.Box((0.2, 0.2, 0.2)), (at, 0, 0.2 + gap + drop), mass=mass)
+    height, floor = [], []
+
+    def watch(b):
+        height.append(b.positions[load, 2] - 0.2)
+        floor.append(b.contact_force(load)[2])
+
+    bodies.advance(3.0, watch)
+    assert min(height) > -2.5e-3
+    assert max(height) < gap + drop + 1e-4  # no energy from being lifted, within the slop
+    assert height[-1] == pytest.approx(-1e-4, abs=2.5e-4)
+    assert floor[-1] == pytest.approx(mass * G, rel=1e-6)
+    assert bodies.contact_force(plate)[2] == pytest.approx(1 * G, rel=1e-3)  # of both sides
+    assert np.abs(bodies.velocities).max() < 1e-5
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_a_load_slides_to_rest_on_a_light_plate_that_slides(step):
+    # The plate has no friction with the floor: both end with their common momentum.
+    bodies = substep.RigidBodies(step=step, sleeping=False)
+    bodies.add(rigid.Plane(), (0, 0, 0), motion="static", material="floor")
+    plate = bodies.add(rigid.Box((3, 0.5, 0.1)), (0, 0, 0.05), mass=1, material="plate")
+    load = bodies.add(
+        rigid.Box((0.2, 0.2, 0.2)), (-1, 0, 0.2), velocities=(2, 0, 0), mass=100, material="load"
+    )
+    bodies.set_material_pair("plate", "load", friction=0.4)
+    bodies.set_material_pair("floor", "plate", friction=0)
+    lowest = []
+    bodies.advance(2.0, lambda b: lowest.append(b.positions[load, 2] - 0.2))
+    assert min(lowest) > -6e-4
+    assert bodies.velocities[[plate, load], 0] == pytest.approx(200 / 101, rel=1e-5)
+
+
+@pytest.mark.parametrize("step", STEPS)
 @pytest.mark.parametrize("count", [1, 2, 5, 10])
 def test_a_box_that_lands_on_a_stack_does_not_throw_it(count, step):
     bodies = on_ground(step)
@@ -356,3 +410,15 @@ def test_the_end_of_a_load_is_the_same_for_any_threads_and_in_a_copy():
             world.advance(0.3)
             end.append((world.positions.tobytes(), world.momenta.tobytes()))
     assert len(set(end)) == 1
+
+
+@pytest.mark.parametrize("hits", [False, True])
+def test_what_moves_elsewhere_lets_a_stack_that_is_put_down_sink_no_more(hits):
+    bodies = on_ground(1 / 60)
+    stack = bodies.rows(column(bodies, [1.0] * 10))
+    bodies.add(CUBE, (5, 0, 0.5), velocities=(1, 0, 0))
+    if hits:  # another stack, whose impulses are no beginning for those of rest
+        bodies.add(CUBE, (-5, 0, 0.5))
+        bodies.add(CUBE, (-5, 0, 1.51), velocities=(0, 0, -5))
+    bodies.advance(1.0)
+    assert bodies.positions[stack, 2] == pytest.approx(0.5 + np.arange(10), abs=1e-6)

@@ -24,7 +24,7 @@ def net(**changes):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"positions": [[0, 0], [1, 1]]}, r"positions: expected shape \(n, 3\)"),
+        ({"positions": [[0, 0], [1, 1]]}, r"\(n, 3\), got \(2, 2\); of two dimensions give z = 0"),
         ({"positions": [[0, 0, np.nan]] * 3}, r"positions\[0, 2\]"),
         ({"edges": [[0, 3]]}, r"edges\[0, 1\]: expected an index from 0 to 2, got 3"),
         ({"edges": [[0, -1]]}, "got -1"),
@@ -214,6 +214,32 @@ def test_states_that_do_not_fit():
     with pytest.raises(substep.InputError, match="positions"):
         body.restore({**state, "positions": np.zeros((2, 3))})
     assert (body.positions == X).all()
+
+
+@pytest.mark.parametrize("name", ["positions", "velocities", "forces", "targets"])
+@pytest.mark.parametrize("value", [np.nan, -np.inf])
+def test_states_that_are_given_are_finite(name, value, tmp_path):
+    """Copies have what views wrote, so that what has failed can be looked at."""
+    body = net()
+    body.advance(0.1)
+    before, spoiled = body.state(), body.copy()
+    getattr(spoiled, name)[1, 2] = value
+    told = rf"state\['{name}'\]\[1, 2\]: expected finite numbers"
+    spoiled.save(tmp_path / "saved")
+    with pytest.raises(substep.InputError, match=told):
+        body.restore(spoiled.state())
+    with pytest.raises(substep.CorruptError, match=told):
+        body.load(tmp_path / "saved")
+    after = body.state()
+    assert all(np.array_equal(after[key], before[key]) for key in before)
+    for twin in (spoiled.copy(), pickle.loads(pickle.dumps(spoiled))):
+        assert np.array_equal(getattr(twin, name)[1, 2], value, equal_nan=True)
+    world, other = substep.World({"net": body.copy()}), substep.World({"net": spoiled.copy()})
+    with pytest.raises(substep.InputError, match=told.replace(name, f"net.{name}")):
+        world.restore(other.copy().state())
+    batch, spoiled_batch = substep.Batch(body, 2), substep.Batch([body, spoiled])
+    with pytest.raises(substep.InputError, match=f"world 1: {told}"):
+        batch.restore(spoiled_batch.copy().state())
 
 
 def test_checkpoint_of_another_body(tmp_path):

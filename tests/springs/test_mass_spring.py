@@ -138,6 +138,25 @@ def test_oscillator_has_its_period(integrator):
     assert errors[2] < errors[0]
 
 
+@pytest.mark.parametrize("integrator", ["velocity_verlet", "symplectic_euler"])
+@pytest.mark.parametrize("frames", [20, 25, 50, 60, 100, 240])
+def test_frames_do_not_swing_the_fastest_mode_up(integrator, frames):
+    spring = substep.MassSpring(
+        [[0, 0, 0], [0, 0, -1.01]],
+        [[0, 1]],
+        stiffness=1e4,
+        masses=0.02,
+        rest_lengths=1.0,
+        pinned=[0],
+        integrator=integrator,
+    )
+    start = spring.diagnostics()["energy"]
+    for _ in range(2 * frames):
+        spring.advance(1 / frames)
+    assert abs(spring.diagnostics()["energy"]) < 20 * start
+    assert spring.time == pytest.approx(2, rel=1e-12)
+
+
 @pytest.mark.parametrize("integrator", ["velocity_verlet", "rk4"])
 def test_damper_decays_as_the_closed_form(integrator):
     # x(t) = A exp(-zeta omega t) cos(omega_d t - phi) with zeta = c / (2 sqrt(k m)) = 0.1.

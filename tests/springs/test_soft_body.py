@@ -216,6 +216,54 @@ def test_the_step_limit_is_where_velocity_verlet_explodes():
         run(1.03)
 
 
+def squeezed(load, **keywords):
+    """A column that stands on its lower end, under a load."""
+    mesh = substep.geometry.box_tetrahedra((0.1, 0.1, 0.2), (4, 4, 8))
+    return substep.SoftBody(
+        mesh.vertices,
+        mesh.tetrahedra,
+        density=1000,
+        young_modulus=1e4,
+        poisson_ratio=0.45,
+        pinned=mesh.vertices[:, 2] < -0.099,
+        gravity=(0, 0, -load),
+        integrator="velocity_verlet",
+        **keywords,
+    )
+
+
+def test_the_default_step_has_a_margin_for_what_is_compressed():
+    body = squeezed(20.0)
+    rest = lowest = body.step_limit()[0]
+    for _ in range(40):
+        body.advance(0.025)
+        lowest = min(lowest, body.step_limit()[0])
+    assert body.step_size < lowest < 0.9 * rest
+    assert np.abs(body.velocities).max() < 6.0  # it topples
+
+
+def test_a_step_that_diverges_is_found_before_it_spoils_the_shape():
+    body = squeezed(30.0)
+    body.step_size = 0.9 * body.step_limit()[0]
+    with pytest.raises(substep.NonFiniteError, match=r"diverges.* step_limit\(\)") as caught:
+        body.advance(1.0)
+    error = caught.value
+    assert error.time == body.time > 0.05 and error.step > 0
+    assert 0 <= error.index < len(body) and not body.pinned[error.index]
+    assert body.step_limit()[0] < body.step_size  # as the error says
+    # As with steps that are short enough.
+    good = squeezed(30.0)
+    good.advance(body.time)
+    assert_allclose(body.positions, good.positions, atol=0.02)
+    before = body.state()
+    with pytest.raises(substep.NonFiniteError, match="diverges"):  # as often as it is tried
+        body.step()
+    assert all(np.array_equal(body.state()[name], before[name]) for name in before)
+    body.step_size = 0.5 * body.step_limit()[0]  # what it advises
+    body.advance(0.2)
+    assert np.abs(body.velocities).max() < 10.0
+
+
 # Inversion.
 
 REFLECTED = np.array([1.0, 1.0, -1.0])
@@ -307,6 +355,26 @@ def jelly_on_incline(angle_deg, friction=0.5):
 
 
 @pytest.mark.figure
+def test_a_jelly_that_slides_takes_few_iterations_of_newton():
+    mesh = box_tetrahedra((0.2, 0.2, 0.2), (4, 4, 4))
+    floor = substep.Collider(substep.Plane(), friction=0.3)
+    jelly = substep.SoftBody(
+        mesh.vertices + np.array([0, 0, 0.102]),
+        mesh.tetrahedra,
+        density=500.0,
+        young_modulus=2e4,
+        poisson_ratio=0.3,
+        damping_time=0.02,
+        velocities=np.broadcast_to([0.5, 0.0, 0.0], mesh.vertices.shape),
+        colliders=[floor],
+    )
+    taken = 0
+    for _ in range(60):
+        jelly.step(1 / 240)
+        taken += jelly.report.iterations
+    assert taken < 320  # 403 by velocities alone
+
+
 def test_a_jelly_slips_beyond_the_angle_of_friction_and_never_penetrates():
     critical = math.degrees(math.atan(0.5))
     for offset in (-0.5, 0.5):

@@ -8,6 +8,7 @@ import socket
 import threading
 import time
 
+import matplotlib.figure
 import matplotlib.image
 import numpy as np
 import pytest
@@ -430,3 +431,44 @@ def test_what_is_not_there_is_told(tmp_path):
         with pytest.raises(substep.InputError, match="color"):
             recording.to_html(tmp_path / "a.html", color="speed")
         assert not (tmp_path / "a.html").exists()
+
+
+def small_flat_world():
+    """A ball of 0.1 m in water that has two dimensions."""
+    bodies = substep.RigidBodies(gravity=(0, -9.81, 0))
+    ball = bodies.add(substep.Sphere(0.1), (0.5, 0.4, 0), density=500.0)
+    water = substep.GridLiquid(
+        substep.fill_box((0, 0), (1, 0.4), 0.05),
+        cell=0.1,
+        bounds=((0, 0), (1, 1)),
+        colliders=bodies.make_colliders(ball),
+    )
+    return substep.World({"bodies": bodies, "water": water})
+
+
+@pytest.mark.parametrize("recorded", [False, True])
+def test_bodies_in_water_of_a_plane_are_seen_as_their_sections(recorded, tmp_path):
+    source = small_flat_world()
+    if recorded:
+        source = substep.Recording(substep.scenes.record(source, tmp_path / "one.vtkhdf", 0.0))
+    scenery = Scenery(source)
+    [one] = [d for d in scenery.at() if d.name == "bodies"]
+    assert scenery.flat
+    r = np.linalg.norm(one.points[:, :2] - (0.5, 0.4), axis=1)
+    assert 0.098 < r.min() and r.max() < 0.1 + 1e-6
+    if recorded:
+        figure = matplotlib.figure.Figure()
+        substep.render.plain_picture(source, 0, figure)
+        axes = figure.axes[0]
+        assert [len(c.get_paths()) for c in axes.collections] == [len(one.rows), 1]
+        assert axes.get_ylim()[1] > 0.5
+
+
+def test_a_cloth_in_the_plane_of_a_liquid_stays_a_surface():
+    sheet = substep.geometry.grid_mesh(3, 3)
+    cloth = substep.MassSpring.from_mesh(sheet, stiffness=100.0, density=0.1)
+    water = substep.GridLiquid(
+        substep.fill_box((0, 0), (1, 1), 0.1), cell=0.2, bounds=((0, 0), (1, 1))
+    )
+    scenery = Scenery(substep.World({"cloth": cloth, "water": water}))
+    assert scenery.flat and "surface" in [d.kind for d in scenery.at()]

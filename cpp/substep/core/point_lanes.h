@@ -4,6 +4,7 @@
 
 #include <bit>
 #include <cstdint>
+#include <utility>
 
 #include "substep/core/lanes.h"
 #include "substep/core/point.h"
@@ -129,18 +130,22 @@ SUBSTEP_INLINE V gather(const Lane<V>* numbers, const std::int32_t* index) {
   return lanes;
 }
 
+// The first half of the lanes plus the second.
+template <class V>
+SUBSTEP_INLINE Vector<Lane<V>, sizeof(V) / 2> fold(const V& a) {
+  constexpr int kHalf = sizeof(V) / sizeof(Lane<V>) / 2;
+  return [&]<int... k>(std::integer_sequence<int, k...>) __attribute__((always_inline)) {
+    return __builtin_shufflevector(a, a, k...) + __builtin_shufflevector(a, a, kHalf + k...);
+  }(std::make_integer_sequence<int, kHalf>());
+}
+
 // The sum over the lanes, in pairs, so always in the same order.
 template <class V>
 SUBSTEP_INLINE Lane<V> sum_lanes(const V& a) {
   constexpr int kLanes = sizeof(V) / sizeof(Lane<V>);
 #if defined(__x86_64__)
   if constexpr (sizeof(V) > 16) {
-    using Half = Vector<Lane<V>, sizeof(V) / 2>;
-    struct Halves {
-      Half low, high;
-    };
-    const Halves halves = std::bit_cast<Halves>(a);
-    return sum_lanes<Half>(halves.low + halves.high);
+    return sum_lanes(fold(a));
   }
 #endif
   Lane<V> part[kLanes];
@@ -170,15 +175,7 @@ SUBSTEP_INLINE Quad<Lane<V>> sum_points(const PointLanes<V>& p) {
   using Real = Lane<V>;
   constexpr int kLanes = sizeof(V) / sizeof(Real);
   if constexpr (kLanes > 4) {
-    using Half = Vector<Real, sizeof(V) / 2>;
-    struct Halves {
-      Half low, high;
-    };
-    const auto fold = [](const V& a) {
-      const Halves halves = std::bit_cast<Halves>(a);
-      return halves.low + halves.high;
-    };
-    return sum_points<Half>({fold(p.x), fold(p.y), fold(p.z), fold(p.w)});
+    return sum_points<Vector<Real, sizeof(V) / 2>>({fold(p.x), fold(p.y), fold(p.z), fold(p.w)});
   } else if constexpr (kLanes == 4) {
     const V xy = __builtin_shufflevector(p.x, p.y, 0, 4, 1, 5) +
                  __builtin_shufflevector(p.x, p.y, 2, 6, 3, 7);

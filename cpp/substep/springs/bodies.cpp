@@ -83,6 +83,7 @@ void Bodies::begin_step(double h, std::span<const double> masses) {
     body.inertia = scale * scale;
     body.free = first.body_velocity();
     body.start = -inverse * body.free / scale;
+    body.coasting = -inverse * (h * first.body.acceleration) / scale;
     body.centre = first.centre();
     for (const std::size_t c : colliders)
       body.turns.push_back(contacts_.colliders[c].orientation());
@@ -95,12 +96,13 @@ void Bodies::begin_step(double h, std::span<const double> masses) {
   place(start());
 }
 
-std::vector<Vec3> Bodies::start() const {
-  std::vector<Vec3> unknowns;
+std::vector<Vec3> Bodies::all(Vec6 Body::* unknowns) const {
+  std::vector<Vec3> found;
   for (const Body& body : bodies_) {
-    unknowns.insert(unknowns.end(), {body.start.head<3>(), body.start.tail<3>()});
+    const Vec6& its = body.*unknowns;
+    found.insert(found.end(), {its.head<3>(), its.tail<3>()});
   }
-  return unknowns;
+  return found;
 }
 
 Vec6 Bodies::velocity(const Body& body, const Vec3* unknowns) const {

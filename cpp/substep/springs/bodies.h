@@ -57,8 +57,10 @@ class Bodies {
   // two vectors of 3 each, scaled to metres by the mean of the masses of the vertices, such that
   // their gradient in newtons is one of a vertex of that mass. Places them where they move least.
   void begin_step(double h, std::span<const double> masses);
-  // Where bodies have been placed by begin_step().
-  std::vector<Vec3> start() const;
+  // Where bodies have been placed by begin_step(), and where they go with the velocities that they
+  // had before.
+  std::vector<Vec3> start() const { return all(&Body::start); }
+  std::vector<Vec3> coasting() const { return all(&Body::coasting); }
 
   // Moves the colliders to where the unknowns say, with the velocities they say.
   void place(Positions unknowns);
@@ -78,11 +80,13 @@ class Bodies {
     std::vector<std::size_t> surfaces;        // of those
     Mat6 basis;                               // B, for unknowns in metres
     double inertia;                           // in place of 1 for these [kg / s^2]
-    Vec6 free, start;                         // V*, and the unknowns where the body moves least
+    Vec6 free;                                // V*
+    Vec6 start, coasting;                     // unknowns: the body moves least, or as it did
     Vec3 centre;                              // c_n
     std::vector<geometry::Quaternion> turns;  // R_n of each collider
     Mat3 jacobian;                            // Jl where the body is now
   };
+  std::vector<Vec3> all(Vec6 Body::* unknowns) const;
   Vec6 velocity(const Body& body, const Vec3* unknowns) const;
   double reach(const Body& body, std::size_t s, const Vec3& x, const Vec3& dx, const Vec6& v,
                const Vec6& dv) const;

@@ -220,6 +220,30 @@ Vec3 FrictionTerm::sliding_velocity(std::int64_t e, Positions v) const {
   return relative - contact.normal.dot(relative) * contact.normal;
 }
 
+// For y < e, y / f1 = e^2 / (2 e - y).
+FrictionTerm::Slip FrictionTerm::slip(const Vec3& u) const {
+  const double e = contacts_.sticking_speed, y = u.norm();
+  const double ratio = y < e ? 2.0 / e - y / (e * e) : 1.0 / y;
+  const double slope = y < e ? 1.0 / (e * e * ratio * ratio) : 1.0;
+  return {ratio, y > 0.0 ? Vec3(slope / y * u) : Vec3(Vec3::Zero())};
+}
+
+void FrictionTerm::arrive(Positions v, std::int64_t begin, std::int64_t end) {
+  for (std::int64_t k = begin; k < end; ++k) {
+    Lagged& contact = lagged_[usize(k)];
+    const Vec3 u = sliding_velocity(k, v);
+    if (contact.arrived) {
+      const Slip from = slip(contact.u);
+      contact.w = from.ratio * (u - from.slope.dot(u - contact.u) * contact.w);
+      contact.w /= std::max(1.0, contact.w.norm());
+    } else {
+      contact.w = slip(u).ratio * u;
+      contact.arrived = true;
+    }
+    contact.u = u;
+  }
+}
+
 double FrictionTerm::energy(Positions v, std::int64_t begin, std::int64_t end) const {
   const double e = contacts_.sticking_speed;
   double sum = 0.0;
@@ -234,23 +258,18 @@ double FrictionTerm::energy(Positions v, std::int64_t begin, std::int64_t end) c
 
 void FrictionTerm::derivatives(Positions v, std::int64_t begin, std::int64_t end, double /*kept*/,
                                Vec3* gradient, Mat3* hessian) const {
-  const double e = contacts_.sticking_speed;
   for (std::int64_t k = begin; k < end; ++k) {
-    Vec3& g = gradient[k - begin];
-    g.setZero();
-    if (hessian != nullptr) hessian[k - begin].setZero();
     const Lagged& contact = lagged_[k];
     const Vec3& n = contact.normal;
     const Vec3 u = sliding_velocity(k, v);
-    const double y = u.norm();
-    const double f1_over_y = y < e ? 2.0 / e - y / (e * e) : 1.0 / y;
-    g = contact.bound * f1_over_y * u;
+    const auto [ratio, slope] = slip(u);
+    gradient[k - begin] = contact.bound * ratio * u;
     if (hessian == nullptr) continue;
-    // f1' - f1 / y: -y / e^2 where sticking, -1 / y where sliding.
-    const Vec3 t = y > 0.0 ? Vec3(u / y) : Vec3(Vec3::Zero());
-    const double along = y < e ? -y / (e * e) : -1.0 / y;
-    hessian[k - begin] = contact.bound * (f1_over_y * (Mat3::Identity() - n * n.transpose()) +
-                                          along * t * t.transpose());
+    const Vec3 w = contact.arrived ? contact.w : Vec3(ratio * u);
+    const Mat3 turned = w * slope.transpose();
+    hessian[k - begin] =
+        contact.bound * ratio *
+        (Mat3::Identity() - n * n.transpose() - 0.5 * (turned + turned.transpose()));
   }
 }
 

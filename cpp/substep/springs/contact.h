@@ -14,6 +14,11 @@
 // sticking,
 //   D = mu N f0(y),  f0' = f1,  f1(y) = 2 y / e - y^2 / e^2 for y < e, else 1,
 //   g = mu N f1(y) / y u,   H = mu N (f1' t t^T + f1 / y (1 - n n^T - t t^T)),  t = u / y.
+// Newton's method on u alone goes far beyond where a vertex comes to rest, as f1' is 0 up to there.
+// So it is that on u and w = f1 / y u together, y / f1 w = u (Chan, Golub and Mulet, "A nonlinear
+// primal-dual method for total variation-based image restoration", 1999, eq. 3.6), with
+//   H = mu N f1 / y (1 - n n^T - (y / f1)' (w t^T + t w^T) / 2),
+// where w, no longer than 1, is what the last iteration foresaw; at w = f1 t that is H above.
 // So a body that sticks creeps, slower than e. lag() takes N and n from positions; once a minimum
 // is found the solver lags there again, until nothing is left to do.
 //
@@ -114,6 +119,7 @@ class FrictionTerm : public ContactTerm {
   void lag(Positions x) override;
   // From the centre of mass of the body that element e rubs to where it did so when it lagged.
   const Vec3& arm(std::int64_t e) const { return lagged_[usize(e)].arm; }
+  void arrive(Positions v, std::int64_t begin, std::int64_t end) override;
   double energy(Positions v, std::int64_t begin, std::int64_t end) const override;
   void derivatives(Positions v, std::int64_t begin, std::int64_t end, double kept, Vec3* gradient,
                    Mat3* hessian) const override;
@@ -124,7 +130,15 @@ class FrictionTerm : public ContactTerm {
     Vec3 normal;
     Vec3 surface_velocity;  // of what does not yield
     Vec3 arm;
+    bool arrived = false;                     // anywhere since it lagged:
+    Vec3 u = Vec3::Zero(), w = Vec3::Zero();  // where, and w there
   };
+  // At a sliding velocity: f1 / y, and (y / f1)' t.
+  struct Slip {
+    double ratio;
+    Vec3 slope;
+  };
+  Slip slip(const Vec3& u) const;
   Vec3 sliding_velocity(std::int64_t e, Positions v) const;
   std::vector<Lagged> lagged_;
 };

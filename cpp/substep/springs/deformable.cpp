@@ -16,6 +16,10 @@ namespace {
 // again.
 constexpr double kLaggedGoal = 0.1;
 
+// Steps of explicit integrators whose squared accelerations are so many times the largest of late,
+// which is forgotten by a fiftieth in each step, may diverge.
+constexpr double kSuspiciousGrowth = 1.1, kForgotten = 0.98;
+
 // y + h k, vertex by vertex.
 std::vector<Vec3> moved(Positions y, double h, Positions k) {
   std::vector<Vec3> sum(y.size());
@@ -90,15 +94,18 @@ void Deformable::step(double h) {
     for (std::size_t i = 0; i < positions.size(); ++i) {
       pin_velocities_[i] = (targets[i] - positions[i]) / h;
     }
-    if (options.integrator == Integrator::implicit_euler) {
-      implicit_steps(h, 0);
-    } else {
+    const bool is_explicit = options.integrator != Integrator::implicit_euler;
+    if (is_explicit) {
       explicit_step(h);
+    } else {
+      implicit_steps(h, 0);
     }
     for (std::size_t i = 0; i < positions.size(); ++i) {
       if (pinned()[i]) positions[i] = targets[i];
     }
     check_finite(h);
+    // Explicit Euler lets undamped modes grow at any step.
+    if (is_explicit && options.integrator != Integrator::explicit_euler) check_follows(h, v);
   } catch (...) {
     positions = x;
     velocities = v;
@@ -249,19 +256,24 @@ void Deformable::finish_bodies(double h, Positions x) {
 }
 
 // The minimisation starts where the vertices would be without forces, if that is a better place: of
-// lower energy, and nothing is touched on the way there or at its end.
+// lower energy, and nothing is in the way. There bodies are free; where something touches them they
+// go on as they did, as what touches them does.
 void Deformable::start_ahead(double h, std::vector<Vec3>& x) {
   std::vector<Vec3> way(x.size());
   for (std::size_t i = 0; i < positions.size(); ++i) {
     way[i] = pinned()[i] ? Vec3(Vec3::Zero()) : Vec3(h * velocities[i]);
   }
-  for (std::size_t k = positions.size(); k < x.size(); ++k) way[k] = -x[k];
-  const std::vector<Vec3> ahead = moved(x, 1.0, way);
+  if (x.size() > positions.size()) {
+    const Positions vertices = Positions(x).first(positions.size());
+    const double thickness = contacts.thickness;
+    const bool touching = closest_vertex(contacts, vertices, thickness).distance < thickness;
+    const std::vector<Vec3> coasting = potential_->bodies()->coasting();
+    for (std::size_t k = positions.size(); k < x.size(); ++k) {
+      way[k] = (touching ? coasting[k - positions.size()] : Vec3(Vec3::Zero())) - x[k];
+    }
+  }
   if (potential_->step_bound(x, way) < 1.0) return;
-  potential_->place(ahead);
-  const Positions vertices = Positions(ahead).first(positions.size());
-  const double thickness = contacts.thickness;
-  if (closest_vertex(contacts, vertices, thickness).distance < thickness) return;
+  const std::vector<Vec3> ahead = moved(x, 1.0, way);
   if (potential_->energy(ahead) < potential_->energy(x)) x = ahead;
 }
 
@@ -304,6 +316,37 @@ void Deformable::check_finite(double h) const {
   for (std::size_t i = 0; i < positions.size(); ++i) {
     if (!positions[i].allFinite() || !velocities[i].allFinite()) throw_not_finite(i, h);
   }
+}
+
+// An explicit integrator diverges where accelerations grow that are too fast for its step: beyond
+// h omega = 2 or h d = 2, of rk4 2 sqrt 2, where every mode grows (docs/stability.md). There is
+// such a mode, since quotients of Rayleigh are at most the largest eigenvalue; accelerations, and
+// not velocities, since they tell it while most of the energy is that of slow modes.
+void Deformable::check_follows(double h, Positions v_before) {
+  std::vector<Vec3> a(velocities.size());
+  double sum = 0.0, largest = 0.0;
+  std::size_t worst = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    a[i] = pinned()[i] ? Vec3(Vec3::Zero()) : Vec3((velocities[i] - v_before[i]) / h);
+    const double square = a[i].squaredNorm();
+    sum += masses()[i] * square;
+    if (square > largest) worst = i;
+    largest = std::max(largest, square);
+  }
+  if (accelerations_of_late_ > 0.0 && sum > kSuspiciousGrowth * accelerations_of_late_) {
+    const Spectrum motion = spectrum_of(*potential_, positions, a);
+    const double fastest = std::max(motion.frequency, motion.damping_rate);
+    const double most = options.integrator == Integrator::rk4 ? std::sqrt(8.0) : 2.0;
+    if (h * fastest > most) {
+      std::ostringstream message;
+      message << "the step from t = " << time << " s diverges, most at vertex " << worst
+              << ": h = " << h << " s is beyond the step limit of the integrator, which in this "
+              << "shape is below " << most / fastest << " s. Set step_size to half of step_limit() "
+              << "or less, or use implicit_euler";
+      throw NonFiniteError(message.str(), time, static_cast<std::int64_t>(worst));
+    }
+  }
+  accelerations_of_late_ = std::max(sum, kForgotten * accelerations_of_late_);
 }
 
 void Deformable::throw_not_finite(std::size_t i, double h) const {

@@ -51,7 +51,8 @@ class Deformable {
   Deformable& operator=(const Deformable&) = delete;
 
   // One step of length h [s]; the external forces are then 0 again. An exception (NonFiniteError,
-  // ConvergenceError) leaves the body and its colliders as they were.
+  // also where an explicit integrator diverges, ConvergenceError) leaves the body and its colliders
+  // as they were.
   void step(double h);
 
   // To be read and written. Pinned vertices go to their targets in the next step, at constant
@@ -90,6 +91,7 @@ class Deformable {
   bool minimise(std::span<Vec3> x);
   double residual(Positions x);  // |grad E|_inf [N]
   void check_finite(double h) const;
+  void check_follows(double h, Positions v_before);
   [[noreturn]] void throw_not_finite(std::size_t i, double h) const;
 
   std::shared_ptr<BarrierTerm> barrier_;  // null without colliders, or an explicit integrator
@@ -100,6 +102,7 @@ class Deformable {
   // To an obstacle where the last implicit step set out from.
   Closest nearest_{std::numeric_limits<double>::infinity(), -1, -1};
   std::vector<Vec3> pin_velocities_;
+  double accelerations_of_late_ = 0.0;  // the largest sum of m a^2 [N m/s^2], see check_follows
 };
 
 }  // namespace substep::springs

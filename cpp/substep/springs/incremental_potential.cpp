@@ -199,6 +199,12 @@ void IncrementalPotential::follow(Positions x, Positions dx) {
   }
 }
 
+void IncrementalPotential::arrive() {
+  for (const auto& term : terms_) {
+    if (term->dissipative()) term->arrive(velocity_, 0, element_count(*term));
+  }
+}
+
 // v = (x - x_n) / h, where a dissipative term asks for it.
 void IncrementalPotential::set_velocity(Positions x) {
   if (std::none_of(terms_.begin(), terms_.end(), [](auto& t) { return t->dissipative(); })) return;

@@ -75,6 +75,8 @@ class IncrementalPotential {
   const Border& border() const { return border_; }
   // The minimiser goes from x to x + dx (Term::follow).
   void follow(Positions x, Positions dx);
+  // The minimiser begins, or has come, where energy() was asked for last (Term::arrive).
+  void arrive();
   // The largest step in (0, 1] along dx that all terms allow.
   double step_bound(Positions x, Positions dx) const;
 

@@ -12,6 +12,7 @@ namespace {
 constexpr double kArmijo = 1e-4;     // of the slope: the fall that a step has to bring
 constexpr double kRounding = 1e-13;  // of the energy: what its sum is good to
 constexpr int kMaxBacktracks = 40;
+constexpr double kLeastPart = 0.1;  // of a step, that a backtrack leaves; quasi-Newton: half
 constexpr double kForcing = 1e-3;   // of the gradient: what a step of Newton's may leave of it
 constexpr double kLeastKept = 0.2;  // of the negative curvature; below that none is kept
 constexpr int kTrusted = 2;         // factorizations that pass in a row before more is kept
@@ -45,7 +46,7 @@ MinimiserReport NewtonMinimiser::minimise(IncrementalPotential& energy, std::spa
       return report;
     }
     const double slope = find_direction(energy, x, false);
-    const double s = descend(energy, x, slope, kMaxBacktracks, report);
+    const double s = descend(energy, x, slope, kMaxBacktracks, kLeastPart, report);
     if (s == 0.0) return report;
     if (s == 1.0) {
       energy.follow(x_before_, dx_);
@@ -74,6 +75,7 @@ void NewtonMinimiser::begin(IncrementalPotential& energy, Positions x) {
   next_kept_ = 1.0;
   passed_ = 0;
   level_ = energy.energy(x);
+  energy.arrive();
 }
 
 // Factorizes the Hessian with as much of its negative curvature as leaves it positive definite.
@@ -119,20 +121,25 @@ double NewtonMinimiser::find_direction(const IncrementalPotential& energy, Posit
   return dot(numbers(g_), numbers(dx_), threads);
 }
 
-// Goes along dx as far as the energy falls enough. Returns the length of the step, 0 without any.
+// Goes along dx as far as the energy falls enough; where it does not, next to the minimum of the
+// parabola through what is known (Nocedal and Wright, eq. 3.58). Returns the length of the step, 0
+// without any.
 double NewtonMinimiser::descend(IncrementalPotential& energy, std::span<Vec3> x, double slope,
-                                int most_backtracks, MinimiserReport& report) {
+                                int most_backtracks, double least_part, MinimiserReport& report) {
   const double rounding = kRounding * std::abs(level_) + energy.energy_rounding(x);
   double s = energy.step_bound(x, dx_);
-  for (int tried = 0;; ++tried, s /= 2) {
+  for (int tried = 0;; ++tried) {
     for (std::size_t i = 0; i < x.size(); ++i) trial_[i] = x[i] + s * dx_[i];
     const double next = energy.energy(trial_);
     if (next <= level_ + kArmijo * s * slope + rounding) {
       level_ = next;
+      energy.arrive();
       break;
     }
     if (tried == most_backtracks) return 0.0;
     ++report.backtracks;
+    const double part = -0.5 * s * slope / (next - level_ - s * slope);
+    s *= std::isfinite(next) ? std::clamp(part, least_part, 0.5) : 0.5;
   }
   std::copy(trial_.begin(), trial_.end(), x.begin());
   return s;
@@ -164,7 +171,8 @@ void NewtonMinimiser::refine(IncrementalPotential& energy, std::span<Vec3> x, do
       carried = kCarried;
       break;
     }
-    if (!(slope < 0.0) || descend(energy, x, slope, kRefinementBacktracks, report) == 0.0) break;
+    if (!(slope < 0.0) || descend(energy, x, slope, kRefinementBacktracks, 0.5, report) == 0.0)
+      break;
     ++report.refinements;
   }
   if (step > 0) take_forces_as_they_are(energy, x);

@@ -31,7 +31,7 @@ class NewtonMinimiser : public Minimiser {
   bool factorize(IncrementalPotential& energy, Positions x, MinimiserReport& report);
   double find_direction(const IncrementalPotential& energy, Positions x, bool learned);
   double descend(IncrementalPotential& energy, std::span<Vec3> x, double slope, int most_backtracks,
-                 MinimiserReport& report);
+                 double least_part, MinimiserReport& report);
   void take_forces_as_they_are(IncrementalPotential& energy, Positions x);
   void refine(IncrementalPotential& energy, std::span<Vec3> x, double tolerance,
               MinimiserReport& report);

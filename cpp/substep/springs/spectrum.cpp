@@ -46,6 +46,28 @@ double lanczos(std::int64_t n, const auto& apply) {
   return largest;
 }
 
+// The values of K at x, without its negative curvature.
+std::vector<double> stiffness(IncrementalPotential& potential, Positions x) {
+  std::vector<Vec3> g(x.size());
+  std::vector<double> K(potential.pattern().rows.size());
+  potential.begin_step(x, x, 1e150);  // neither inertia nor damping
+  potential.assemble(x, 0.0, g, K);
+  return K;
+}
+
+// K p, of which the lower triangle is given.
+Vector times(const BlockPattern& lower, const std::vector<double>& K, const Vector& p) {
+  Vector y = Vector::Zero(p.size());
+  for (std::int64_t j = 0; j < p.size(); ++j) {
+    for (std::int32_t k = lower.columns[j]; k < lower.columns[j + 1]; ++k) {
+      const std::int32_t i = lower.rows[k];
+      y[i] += K[k] * p[j];
+      if (i != j) y[j] += K[k] * p[i];
+    }
+  }
+  return y;
+}
+
 }  // namespace
 
 Spectrum largest_eigenvalues(IncrementalPotential& potential, Positions x) {
@@ -57,21 +79,9 @@ Spectrum largest_eigenvalues(IncrementalPotential& potential, Positions x) {
   }
   std::vector<Vec3> g(usize(n)), v(g.size(), Vec3::Zero());
 
-  const BlockPattern& pattern = potential.pattern();
-  std::vector<double> K(pattern.rows.size());
-  potential.begin_step(x, x, 1e150);  // neither inertia nor damping
-  potential.assemble(x, 0.0, g, K);
+  const std::vector<double> K = stiffness(potential, x);
   const double omega_squared = lanczos(3 * n, [&](const Vector& q) {
-    const Vector p = scale.cwiseProduct(q);
-    Vector y = Vector::Zero(3 * n);
-    for (std::int64_t j = 0; j < 3 * n; ++j) {
-      for (std::int32_t k = pattern.columns[j]; k < pattern.columns[j + 1]; ++k) {
-        const std::int32_t i = pattern.rows[k];
-        y[i] += K[k] * p[j];
-        if (i != j) y[j] += K[k] * p[i];
-      }
-    }
-    return Vector(scale.cwiseProduct(y));
+    return Vector(scale.cwiseProduct(times(potential.pattern(), K, scale.cwiseProduct(q))));
   });
 
   std::vector<Vec3> still(g.size());
@@ -85,6 +95,24 @@ Spectrum largest_eigenvalues(IncrementalPotential& potential, Positions x) {
     return Vector(scale.cwiseProduct(y));
   });
   return {std::sqrt(std::max(omega_squared, 0.0)), std::max(damping_rate, 0.0)};
+}
+
+Spectrum spectrum_of(IncrementalPotential& potential, Positions x, Positions v) {
+  const std::size_t n = v.size();
+  std::vector<Vec3> free(v.begin(), v.end()), still(n), damped(n);
+  double mass = 0.0;  // v' M v
+  for (std::size_t i = 0; i < n; ++i) {
+    if (potential.pinned()[i]) free[i].setZero();
+    mass += potential.masses()[i] * free[i].squaredNorm();
+  }
+  if (!(mass > 0.0)) return {0.0, 0.0};
+  const Eigen::Map<const Vector> p(free[0].data(), static_cast<Eigen::Index>(3 * n));
+  const double elastic = p.dot(times(potential.pattern(), stiffness(potential, x), p));
+  potential.forces(x, std::vector<Vec3>(n, Vec3::Zero()), still);
+  potential.forces(x, free, damped);
+  double viscous = 0.0;
+  for (std::size_t i = 0; i < n; ++i) viscous += free[i].dot(still[i] - damped[i]);
+  return {std::sqrt(std::max(elastic / mass, 0.0)), std::max(viscous / mass, 0.0)};
 }
 
 }  // namespace substep::springs

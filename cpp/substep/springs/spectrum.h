@@ -13,4 +13,8 @@ struct Spectrum {
 // By Lanczos' method from a fixed start; K without its negative curvature, so that it bounds.
 Spectrum largest_eigenvalues(IncrementalPotential& potential, Positions x);
 
+// That of a motion v of the free vertices, by Rayleigh's quotients v' K v / v' M v and
+// v' C v / v' M v, which are at most the eigenvalues above.
+Spectrum spectrum_of(IncrementalPotential& potential, Positions x, Positions v);
+
 }  // namespace substep::springs

@@ -46,6 +46,9 @@ class Term {
   virtual void follow(Positions /*x*/, Positions /*dx*/, std::int64_t /*begin*/,
                       std::int64_t /*end*/) {}
 
+  // For D(v): the minimiser begins at velocities v, or has come there.
+  virtual void arrive(Positions /*v*/, std::int64_t /*begin*/, std::int64_t /*end*/) {}
+
   // The sum over the elements [begin, end); infinity where the energy is not defined.
   virtual double energy(Positions x, std::int64_t begin, std::int64_t end) const = 0;
 

@@ -75,6 +75,12 @@ class Checked(metaclass=_Making):
                 if is_ours(sys._getframe(1).f_globals.get("__name__", "")):
                     self._fixed |= {name}
 
+        def __getattr__(self, name: str) -> Any:
+            kind = type(self)
+            hint = _given_to(kind, name)
+            told = f"{kind.__name__!r} object has no attribute {name!r}"
+            raise AttributeError(f"{told}; {hint}" if hint else told, name=name, obj=self)
+
         def __delattr__(self, name: str) -> None:
             if self._is_made and not (name in self.__dict__ and _is_open(self, name)):
                 raise AttributeInputError(f"{name}: attributes of {_word(self)} cannot be deleted")
@@ -158,6 +164,17 @@ def _word(owner: Checked) -> str:
     return f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"
 
 
+@functools.cache
+def _given_to(kind: type, name: str) -> str:
+    """Which methods take what is no attribute, as the friction of bodies."""
+    if name[:1] == "_":
+        return ""
+    methods = {n: getattr(kind, n) for n in dir(kind) if n[:1] != "_"}
+    ours = {n: m for n, m in methods.items() if is_ours(str(getattr(m, "__module__", "")))}
+    takers = [f"{n}()" for n, m in ours.items() if name in inspect.signature(m).parameters]
+    return f"it is an argument of {' and '.join(takers)}" if takers else ""
+
+
 def _refusal(owner: Checked, name: str) -> str:
     """Why an attribute cannot be assigned, and what can."""
     kind: Any = type(owner)
@@ -171,7 +188,9 @@ def _refusal(owner: Checked, name: str) -> str:
             return f"{name}: {why}; {kind.__name__}.{can[name]} changes it; {told}"
     else:
         why = f"{_word(owner)} has no such attribute"
+        if hint := _given_to(kind, name):
+            why += f", {hint}"
         if meant not in can:
             meant = next(iter(difflib.get_close_matches(name, can, 1, 0.7)), None)
-    hint = f"; did you mean {can[meant]}?" if meant in can else ";"
-    return f"{name}: {why}{hint} {told}"
+    meaning = f"; did you mean {can[meant]}?" if meant in can else ";"
+    return f"{name}: {why}{meaning} {told}"

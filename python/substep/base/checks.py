@@ -89,7 +89,9 @@ def check_array(
     ):
         wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape)
         wanted += ",)" if len(shape) == 1 else ")"
-        raise InputError(f"{name}: expected shape {wanted}, got {array.shape}")
+        in_plane = array.ndim == len(shape) > 0 and (shape[-1], array.shape[-1]) == (3, 2)
+        hint = "; of two dimensions give z = 0 as the third number" if in_plane else ""
+        raise InputError(f"{name}: expected shape {wanted}, got {array.shape}{hint}")
     target = np.complex128 if array.dtype.kind == "c" else dtype
     with np.errstate(over="ignore", invalid="ignore"):  # invalid: a signaling NaN
         result = array.astype(target, copy=False)

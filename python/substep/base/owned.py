@@ -36,7 +36,7 @@ class Owned(Checked):
         for name, member in list(vars(cls).items()):
             if name[0] == "_" and name not in ("__len__", "__getstate__"):
                 continue
-            if inspect.isfunction(member):
+            if inspect.isfunction(member) and not hasattr(member, "_takes_by_itself"):
                 setattr(cls, name, _alone(member))
             elif isinstance(member, property):
                 get, put = (f and _alone(f) for f in (member.fget, member.fset))
@@ -48,6 +48,15 @@ class Owned(Checked):
 
     def __getstate__(self) -> Any:
         return {name: value for name, value in self.__dict__.items() if name != "_owner"}
+
+
+def takes_by_itself(function: Callable[..., Any]) -> Any:
+    """The method, which does not take the object: those that it calls do, for as long as they run.
+
+    What takes long without the object, as a disk does, is left to other threads.
+    """
+    function.__dict__["_takes_by_itself"] = True
+    return function
 
 
 def _alone(function: Callable[..., Any]) -> Any:

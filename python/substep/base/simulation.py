@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from ..errors import InputError, SolverError
 from .checkpoint import restore_checkpoint, write_checkpoint
 from .checks import check_callable, check_real, check_threads
-from .owned import Owned
+from .owned import Owned, takes_by_itself
 from .pictured import Pictured
 from .schema import Entry, check
 
@@ -64,6 +64,7 @@ class Simulation(Owned, Pictured):
     _step_size: float | None
     _fixed_step: ClassVar[bool] = False  # whether `advance` counts steps of `step_size`
     _pushes_bodies: ClassVar[bool] = True  # whether obstacles that stand for bodies yield
+    _fewest_cells: ClassVar[float] = 0  # across bodies that it carries; 0: it has no cells
     _rows_are: ClassVar[str] = "particles"
     _fuses_steps: ClassVar[bool] = False  # whether the native `advance` takes them, of its sizes
     _thinnest: float | None = None  # surface that it can have as obstacles [m]; None: it has none
@@ -276,9 +277,13 @@ class Simulation(Owned, Pictured):
                     time=self._native.time,
                 )
 
+    def _even_step(self, duration: float) -> float:
+        """Size of the steps of a duration [s]."""
+        return self._next_step()
+
     def _even_sizes(self, duration: float, end: float) -> Iterator[tuple[float, bool]]:
         """Steps of one size, and whether one is the last: where they do not fit, it is shorter."""
-        h = self._next_step()
+        h = self._even_step(duration)
         count, whole = whole_steps(duration, h)
         for number in range(count):
             yield h, whole and number + 1 == count
@@ -299,6 +304,9 @@ class Simulation(Owned, Pictured):
 
     def _fit(self, state: dict[str, Any]) -> None:
         """Refuse what the schema cannot tell, with InputError."""
+
+    def _refuse(self, given: dict[str, Any]) -> None:
+        """Refuse, with InputError, what a copy may have and nobody may give, as NaN in views."""
 
     def _put_state(self, state: dict[str, Any]) -> None:
         """Take over a state that has been checked."""
@@ -337,6 +345,7 @@ class Simulation(Owned, Pictured):
             If it is not such a state, with the name of what does not fit; nothing is changed then.
         """
         given, before = self._checked(state), self._kept()
+        self._refuse(given)
         try:
             self._put_state(given)
         except BaseException:  # an interrupt, or no memory
@@ -388,8 +397,9 @@ class Simulation(Owned, Pictured):
         self._freeze()
         Simulation.__init__(self, self._make(state), state["time"], threads)
         self._last = made["_last"]
-        self.restore(state)
+        self._put_state(self._checked(state))
 
+    @takes_by_itself
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the state to a file, atomically; it does not contain what the object was made of.
 

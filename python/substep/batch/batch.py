@@ -136,6 +136,8 @@ class Batch(BatchRows):
         return step
 
     def _set_step_size(self, step: float | None) -> None:
+        if step == self._step_size:
+            return
         worlds = [one.copy() for one in self._worlds]
         for one in worlds:
             one.step_size = step
@@ -192,9 +194,9 @@ class Batch(BatchRows):
         ends = self._native.times + duration
         if self._worlds[0]._fuses_steps:
             return self._run_fused(ends, callback)
-        whole = self._whole_steps(duration, ends) if callback is None else 0
+        whole, h = self._whole_steps(duration, ends) if callback is None else (0, 0.0)
         if whole:
-            self._take(np.full(len(self), self._step_size), whole)
+            self._take(np.full(len(self), h), whole)
         paces = self._paces(duration, ends, whole)
         while steps := self._ask(paces):
             sizes, times = np.zeros(len(self)), np.full(len(self), np.nan)
@@ -257,12 +259,14 @@ class Batch(BatchRows):
             first = False
             callback(self)
 
-    def _whole_steps(self, duration: float, ends: Array) -> int:
-        """Steps of a duration that are of `step_size` in all worlds."""
-        h = self._step_size
+    def _whole_steps(self, duration: float, ends: Array) -> tuple[int, float]:
+        """Steps of a duration that are of one size in all worlds, and that size."""
+        one, h = self._worlds[0], self._step_size
+        if h is not None and one._fixed_step:
+            h = one._even_step(duration)
         if h is None or not (ends + h > ends).all():  # of which some is below the spacing of times
-            return 0
-        return min(max(0, whole_steps(duration, h)[0] - _LAST), MOST)
+            return 0, 0.0
+        return min(max(0, whole_steps(duration, h)[0] - _LAST), MOST), h
 
     def _paces(
         self, duration: float | None, ends: Array, begin: int
@@ -437,6 +441,15 @@ class Batch(BatchRows):
         state["worlds"] = [
             self._state_for(w, state_of_world(state, w)) for w in range(len(self._worlds))
         ]
+
+    def _refuse(self, given: dict[str, Any]) -> None:
+        for w, failure in enumerate(given["failures"]):
+            if failure:  # what has stopped stays as it is
+                continue
+            try:
+                self._worlds[w]._refuse(given["worlds"][w])
+            except InputError as error:
+                raise InputError(f"world {w}: {error}") from None
 
     def _kept(self) -> dict[str, Any]:
         return {"worlds": [one._kept() for one in self._worlds], "failures": self.failures}

@@ -149,8 +149,7 @@ class SurfaceLink:
 
     def release(self) -> None:
         """Let them move as they are told: alone, a simulation has no surface."""
-        for collider in self.colliders:
-            collider.set_body(-1, (0.0, 0.0, 0.0), (0.0,) * 36, (0.0,) * 6)
+        _core.release_bodies(self.colliders)
 
     def impulses(self) -> Array:
         """What the triangles were given since `place` [N s], [N m s], a row for each."""

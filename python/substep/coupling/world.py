@@ -19,7 +19,7 @@ from ..batch import Batch
 from ..errors import InputError, NonFiniteError, SolverError
 from ..rigid import RigidBatch, RigidBodies
 from ..rigid.colliders import BodyCollider
-from .bodies import Link, give, move, velocities_of
+from .bodies import SPARED, Link, find_supports, give, move, velocities_of
 from .surfaces import Surfaces
 
 Array = NDArray[np.float64]
@@ -143,6 +143,9 @@ class World(Simulation):
         if threads is not None:
             self.threads = threads
         self._take_in()
+        if self._bodies is not None:
+            for link in self._links:
+                link.warn_of_small(self._bodies)
 
     def _take_in(self) -> None:
         for member in self._members.values():
@@ -183,6 +186,8 @@ class World(Simulation):
         KeyError
             If there is none.
         """
+        if name not in self._members:
+            raise KeyError(f"{name!r}; the world has {', '.join(self._members)}")
         return self._members[name]
 
     @property
@@ -215,8 +220,18 @@ class World(Simulation):
         self._check_times()  # a callback may have restored one
         self._step_to(self.time + dt, dt, _HALVINGS)
 
-    def _step_to(self, end: float, dt: float, halvings: int) -> None:
-        """One interval of exchange; where a member fails, all are as they were."""
+    def _step_to(
+        self,
+        end: float,
+        dt: float,
+        halvings: int,
+        loose: frozenset[int] = frozenset(),
+        repeats: bool = False,
+    ) -> None:
+        """One interval of exchange; where a member fails, all are as they were.
+
+        No support holds bodies that are loose. Repeats: of an interval whose impulses are known.
+        """
         bodies = self._bodies if self._links else None
         go_back, counted = self._way_back(), self._surfaces.keep()
         try:
@@ -230,20 +245,41 @@ class World(Simulation):
             else:
                 rows = [link.rows(bodies) for link in self._links]
                 last = [scale * impulses for impulses in self._exchanged]
-                self._exchange(bodies, rows, last, self._try(bodies, rows, last, dt), dt, end)
+                is_first = self._interval == 0
+                tried, supported, held = self._try(bodies, rows, last, dt)
+                supported[list(loose)] = False
+                touched, released = self._exchange(
+                    bodies, rows, last, tried, supported, held, dt, end
+                )
+                gave_way = (held & (bodies._native.parts_of_strength() >= 1)).any()
+                # Again, with impulses that are known now.
+                if released or (is_first and touched) or (gave_way and not repeats):
+                    found = self._exchanged
+                    go_back()
+                    self._surfaces.put_back(counted)
+                    if not released:
+                        self._exchanged, self._interval = found, dt
+                    self._step_to(end, dt, halvings, loose | released, repeats or not released)
+                    return
             self._native.time = end
             if halvings > 0 and self._surfaces.off() > _OFF:
                 go_back()
                 self._surfaces.put_back(counted)
                 self._step_to(end - dt / 2, dt / 2, halvings - 1)
                 self._step_to(end, dt / 2, halvings - 1)
+            self._release()
         except BaseException as error:
-            self._undo(go_back, counted, error)
+            try:
+                self._undo(go_back, counted, error)
+            except KeyboardInterrupt:
+                self._undo(go_back, counted, error)
             raise
-        finally:
-            for link in self._links:
-                link.release()
-            self._surfaces.release()
+
+    def _release(self) -> None:
+        """Let all obstacles move as they are told: alone, a member has no bodies."""
+        for link in self._links:
+            link.release()
+        self._surfaces.release()
 
     def _undo(self, go_back: Callable[[], None], counted: Any, error: BaseException) -> None:
         """Go back to before an interval that failed, also where Ctrl-C comes once more."""
@@ -251,6 +287,7 @@ class World(Simulation):
             try:
                 go_back()
                 self._surfaces.put_back(counted)
+                self._release()
                 return
             except NonFiniteError:
                 # Rows as users wrote them into views: the first step refused them.
@@ -261,10 +298,13 @@ class World(Simulation):
                 if tried == _BACK - 1:
                     raise
 
-    def _try(self, bodies: RigidBodies, rows: list[Any], last: list[Array], dt: float) -> Array:
+    def _try(
+        self, bodies: RigidBodies, rows: list[Any], last: list[Array], dt: float
+    ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
         """How the velocities of the bodies change in a step with the impulses of the last one.
 
-        The step is not taken.
+        And which of them have supports in it, and which joints hold their coordinates. The step is
+        not taken.
         """
         every, native = np.arange(len(bodies)), bodies._native
         start, forces, torques = velocities_of(bodies, every), native.forces, native.torques
@@ -273,10 +313,12 @@ class World(Simulation):
             before = bodies._kept()
             self._move(bodies, rows, last, dt)
             change = velocities_of(bodies, every) - start
+            supported = native.supported().astype(bool)
+            held = native.parts_of_strength() < SPARED
             bodies._put_state(before)
         finally:
             native.forces[:], native.torques[:] = own
-        return change
+        return change, supported, held
 
     def _exchange(
         self,
@@ -284,18 +326,30 @@ class World(Simulation):
         rows: list[Any],
         impulses: list[Array],
         tried: Array,
+        supported: NDArray[np.bool_],
+        held: NDArray[np.bool_],
         dt: float,
         end: float,
-    ) -> None:
-        """The algorithm of `bodies.py`, after its first line."""
-        every = np.arange(len(bodies))
-        start, W = velocities_of(bodies, every), np.zeros((len(bodies), 6, 6))
+    ) -> tuple[bool, set[int]]:
+        """The algorithm of `bodies.py`, after its first line.
+
+        Returns whether others touch the bodies, and those that left what held them: if any did, the
+        bodies have not moved.
+        """
+        start = velocities_of(bodies, np.arange(len(bodies)))
+        W = np.zeros((len(bodies), 6, 6))
         links = {link.name: k for k, link in enumerate(self._links)}
         pushed = np.unique(np.concatenate(rows))
-        W[pushed] = bodies._native.mobilities(pushed)
+        W[pushed] = bodies._native.mobilities(pushed, held)
         new = list(impulses)
         more = np.zeros_like(tried)  # than in the trial
-        free = self._untouched(bodies, tried, rows, new, W, dt)
+        last_ones = np.zeros_like(tried)
+        for at, of_link in zip(rows, new, strict=True):
+            np.add.at(last_ones, at, of_link)
+        reactions = tried - self._alone(bodies, last_ones, W, dt)
+        size = np.abs(tried[:, :3]).max(axis=1) + np.linalg.norm(dt * np.asarray(bodies.gravity))
+        free = np.abs(reactions[:, :3]).max(axis=1) <= 1e-9 * (size + 1e-9)
+        supports = find_supports(W, supported, reactions, last_ones)
         strays, x = np.zeros_like(tried), bodies.centers_of_mass.copy()
         for name in self._surfaces.order:
             if self._members[name] is bodies:
@@ -313,31 +367,23 @@ class World(Simulation):
             alone = free[at] & new[k].any(axis=1)
             if alone.any():
                 np.add.at(strays, at, alone[:, None] * link.strays(x[at], start[at], dt))
+        touched, released = not free[pushed].all(), supports.released(more)
+        if released:
+            return touched, released
         self._move(bodies, rows, new, dt)
         if strays.any():
             move(bodies, strays)
         bodies._count(dt)
         bodies._native.time = end
         self._exchanged, self._interval = new, dt
+        return touched, released
 
-    def _untouched(
-        self,
-        bodies: RigidBodies,
-        tried: Array,
-        rows: list[Any],
-        impulses: list[Array],
-        W: Array,
-        dt: float,
-    ) -> NDArray[np.bool_]:
-        """Whether bodies were tried by nothing but gravity, forces and these impulses."""
-        given = dt * np.concatenate([bodies.forces, bodies.torques], axis=1)
-        for at, of_link in zip(rows, impulses, strict=True):
-            np.add.at(given, at, of_link)
-        fall = dt * np.asarray(bodies.gravity)
-        alone = np.einsum("kij,kj->ki", W, given)[:, :3] + fall
-        size = np.abs(alone).max(axis=1) + np.abs(fall).max() + 1e-9
-        free: NDArray[np.bool_] = np.abs(tried[:, :3] - alone).max(axis=1) <= 1e-9 * size
-        return free
+    def _alone(self, bodies: RigidBodies, impulses: Array, W: Array, dt: float) -> Array:
+        """How velocities change by nothing but gravity, forces and these impulses."""
+        given = impulses + dt * np.concatenate([bodies.forces, bodies.torques], axis=1)
+        moves = np.isfinite(bodies.masses)
+        given[moves, :3] += dt * bodies.masses[moves, None] * np.asarray(bodies.gravity)
+        return np.asarray(np.einsum("kij,kj->ki", W, given))
 
     def _move(self, bodies: RigidBodies, rows: list[Any], impulses: list[Array], dt: float) -> None:
         """Steps of the bodies, equal ones no longer than theirs, with these impulses."""
@@ -451,6 +497,7 @@ class World(Simulation):
         }
 
     def _state(self) -> dict[str, Any]:
+        self._check_times()  # nothing would take it back
         state = self._own_state()
         for name, member in self._members.items():
             state |= {f"{name}.{key}": value for key, value in member._state().items()}
@@ -460,20 +507,30 @@ class World(Simulation):
         schemas = {name: member._schema()[0] for name, member in self._members.items()}
         names = [f"{name}.{entry.name}" for name, schema in schemas.items() for entry in schema]
         names += [entry.name for entry in self._own_schema()]
-        if isinstance(state, Mapping) and (missing := [n for n in names if n not in state]):
-            raise InputError(f"state: {', '.join(sorted(missing))} missing")
-        own, theirs = check(self._own_schema(), state, {}), {}
+        if isinstance(state, Mapping):
+            given = {key.split(".")[0]: 0 for key in map(str, state) if "." in key}
+            given.pop("exchanged", None)
+            if given and given.keys() != self._members.keys():
+                raise InputError(
+                    f"state: expected that of a world of the members {', '.join(self._members)}, "
+                    f"got that of {', '.join(given)}"
+                )
+            if missing := [name for name in names if name not in state]:
+                raise InputError(f"state: {', '.join(sorted(missing))} missing")
+        theirs = {}
         for name, member in self._members.items():
             start = f"{name}."
             part = {k[len(start) :]: v for k, v in state.items() if str(k).startswith(start)}
-            try:
-                theirs[name] = member._checked(part)
-            except (InputError, TypeError) as error:
-                told = re.sub(r"state\['|(?<=, )\['", rf"\g<0>{start}", str(error))
-                raise type(error)(told) from None
+            theirs[name] = _naming(name, member._checked, part)
+        own = check(self._own_schema(), state, {})
+        for name in self._members:
             if theirs[name]["time"] != own["time"]:
                 raise InputError(f"state['{name}.time']: expected that of the world, {own['time']}")
         return {"own": own, "members": theirs}
+
+    def _refuse(self, given: dict[str, Any]) -> None:
+        for name, member in self._members.items():
+            _naming(name, member._refuse, given["members"][name])
 
     def _kept(self) -> dict[str, Any]:
         theirs = {name: member._kept() for name, member in self._members.items()}
@@ -547,6 +604,15 @@ def _check_members(members: Any) -> dict[str, Simulation]:
     if len(rigid) > 1:
         raise InputError(f"members: expected one RigidBodies at most, got {', '.join(rigid)}")
     return given
+
+
+def _naming(name: str, check: Callable[..., Any], part: dict[str, Any]) -> Any:
+    """Check the state of a member; errors name its entries as that of the world does."""
+    try:
+        return check(part)
+    except (InputError, TypeError) as error:
+        told = re.sub(r"state\['|(?<=, )\['", rf"\g<0>{name}.", str(error))
+        raise type(error)(told) from None
 
 
 def _check_free(name: str, member: Simulation) -> None:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from ..base.checks import (
+    as_array,
     check_array,
     check_flag,
     check_most,
@@ -211,8 +212,8 @@ class Collider(Owned):
 
         Parameters
         ----------
-        x : array_like, shape (n, 3)
-            Points [m].
+        x : array_like, shape (n, 3) or (n, 2)
+            Points [m]; those of two dimensions lie at z = 0, where obstacles are cut.
         threads : int, optional
             Threads to use.
 
@@ -221,59 +222,59 @@ class Collider(Owned):
         ndarray, shape (n,)
             Distances [m].
         """
-        return np.asarray(self._native.distance(check_array("x", x, (None, 3)), *_to(threads)))
+        return _at(self._native.distance, x, threads)
 
     def gradient(self, x: ArrayLike, threads: int | None = None) -> Array:
         """Gradient of the distance: outward, of length 1 (a sampled distance: about 1).
 
         Parameters
         ----------
-        x : array_like, shape (n, 3)
-            Points [m].
+        x : array_like, shape (n, 3) or (n, 2)
+            Points [m]; those of two dimensions lie at z = 0, where obstacles are cut.
         threads : int, optional
             Threads to use.
 
         Returns
         -------
-        ndarray, shape (n, 3)
-            Gradients.
+        ndarray, shape of x
+            Gradients; in two dimensions their part in the plane.
         """
-        return np.asarray(self._native.gradient(check_array("x", x, (None, 3)), *_to(threads)))
+        return _at(self._native.gradient, x, threads)
 
     def hessian(self, x: ArrayLike, threads: int | None = None) -> Array:
         """Second derivatives of the distance [1/m].
 
         Parameters
         ----------
-        x : array_like, shape (n, 3)
-            Points [m].
+        x : array_like, shape (n, 3) or (n, 2)
+            Points [m]; those of two dimensions lie at z = 0, where obstacles are cut.
         threads : int, optional
             Threads to use.
 
         Returns
         -------
         ndarray, shape (n, 3, 3)
-            Hessians [1/m].
+            Hessians [1/m]; in two dimensions (n, 2, 2), their part in the plane.
         """
-        return np.asarray(self._native.hessian(check_array("x", x, (None, 3)), *_to(threads)))
+        return _at(self._native.hessian, x, threads)
 
     def surface_velocity(self, x: ArrayLike, threads: int | None = None) -> Array:
         """Velocity of the obstacle's material at the points [m/s].
 
         Parameters
         ----------
-        x : array_like, shape (n, 3)
-            Points [m].
+        x : array_like, shape (n, 3) or (n, 2)
+            Points [m]; those of two dimensions lie at z = 0, where obstacles are cut.
         threads : int, optional
             Threads to use.
 
         Returns
         -------
-        ndarray, shape (n, 3)
-            velocity + angular_velocity x (x - position) [m/s].
+        ndarray, shape of x
+            velocity + angular_velocity x (x - position) [m/s]; in two dimensions its part in the
+            plane.
         """
-        points = check_array("x", x, (None, 3))
-        return np.asarray(self._native.surface_velocity(points, *_to(threads)))
+        return _at(self._native.surface_velocity, x, threads)
 
     def copy(self) -> Self:
         """Copy exactly; the values of a sampled distance are shared."""
@@ -338,8 +339,15 @@ def _vector(name: str, value: ArrayLike) -> list[float]:
     return numbers
 
 
-def _to(threads: int | None) -> tuple[int]:
-    return (check_threads(threads),)
+def _at(call: Callable[..., Any], x: ArrayLike, threads: int | None) -> Array:
+    """What it says of points; of those in the plane the components there."""
+    points = as_array("x", x)
+    flat = points.ndim == 2 and points.shape[1] == 2
+    points = check_array("x", points, (None, 2 if flat else 3))
+    if not flat:
+        return np.asarray(call(points, check_threads(threads)))
+    found = np.asarray(call(np.pad(points, ((0, 0), (0, 1))), check_threads(threads)))
+    return np.ascontiguousarray(found[(slice(None), *[slice(2)] * (found.ndim - 1))])
 
 
 def check_collider(name: str, value: Any) -> Collider:
@@ -394,11 +402,11 @@ _LARGEST = 1e70  # of the corners of facets [m], so that products of four are fi
 
 def collider_states(colliders: Sequence[Collider]) -> NDArray[np.float64]:
     """What they go on from, one row each: where some deform, with nine numbers for their shapes."""
-    rows = [collider._native.state for collider in colliders]
+    rows = _core.collider_states([collider._native for collider in colliders])
     if any(collider._deforms for collider in colliders):
         shapes = [c._native.corners if c._deforms else (0.0,) * 9 for c in colliders]
-        rows = [(*row, *shape) for row, shape in zip(rows, shapes, strict=True)]
-    return np.array(rows) if rows else np.zeros((0, 0))
+        rows = np.concatenate([rows, shapes], axis=1)
+    return rows if colliders else np.zeros((0, 0))
 
 
 def largest_speed(colliders: Sequence[Collider], bounds: NDArray[np.float64], time: float) -> float:

@@ -188,6 +188,8 @@ class GridLiquid(Particles):
     True
     """
 
+    _fewest_cells = 1.5
+
     cell: float
     bounds: Array
     density: float

@@ -193,6 +193,7 @@ class MaterialPointMethod(Particles, Skinned):
     """
 
     _fuses_steps = True
+    _fewest_cells = 3
 
     materials: tuple[Material, ...]
     cell: float

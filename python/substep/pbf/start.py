@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import StartWarning
+from ..base.start_warning import warn_at_user
 from ..geometry import Collider
 
 # Of the density at rest, and the share of particles above it that is no chance: some that fall
@@ -32,9 +30,9 @@ def warn_of_start(
     if n == 0:
         return
     if n > _FEW and np.median(densities) < 1.001 * lone:
-        _warn(
-            f"most particles have no other within their support, that of spacing = {spacing} m; "
-            "is the spacing that of the positions?"
+        warn_at_user(
+            "positions: most particles have no other within their support, that of spacing = "
+            f"{spacing} m; is the spacing that of the positions?"
         )
     at = np.pad(x, ((0, 0), (0, 3 - x.shape[1])))  # a plane is cut at z = 0
     free = np.ones(n, bool)
@@ -47,26 +45,18 @@ def warn_of_start(
             if not collider.hollow:
                 all_inside = bool((distance < 0).all())
                 where, hint = "inside", _HOLLOW if all_inside else ""
-            _warn(
-                f"{len(inside)} of {n} particles are {where} colliders[{k}] by more than a "
-                f"spacing, positions[{inside[0]}] by {-distance[inside[0]]:.3g} m, and will be put "
-                f"on its surface{hint}"
+            warn_at_user(
+                f"positions: {len(inside)} of {n} particles are {where} colliders[{k}] by more "
+                f"than a spacing, positions[{inside[0]}] by {-distance[inside[0]]:.3g} m, and will "
+                f"be put on its surface{hint}"
             )
     for most, share in _TOO_DENSE:
         dense = np.flatnonzero(free & (densities > most))
         if len(dense) > max(1, share * n):
-            _warn(
-                f"{len(dense)} of {n} particles are too close to others or to a wall, "
+            warn_at_user(
+                f"positions: {len(dense)} of {n} particles are too close to others or to a wall, "
                 f"positions[{dense[0]}] at {densities[dense[0]]:.3g} times the density at rest, "
                 f"and will burst apart; do they overlap, is spacing = {spacing} m theirs, and "
                 "are they half of it from walls? relax() moves them apart"
             )
             return
-
-
-def _warn(message: str) -> None:
-    """Points at the line of the user."""
-    level, frame = 1, sys._getframe(0)
-    while frame.f_back and frame.f_globals["__name__"].split(".")[0] == "substep":
-        level, frame = level + 1, frame.f_back
-    warnings.warn(f"positions: {message}", StartWarning, stacklevel=level)

@@ -239,6 +239,10 @@ class Logger(Owned):
     def plot(self, path: str | os.PathLike[str]) -> None:
         """Draw every quantity against time, one above the other; many in several columns.
 
+        A quantity may have the attributes `unit`, a text that stands beside its name, and
+        `components`, names of the numbers of its array, which have their indices otherwise. Those
+        of `substep.recording` and of joints have them.
+
         Parameters
         ----------
         path : path-like
@@ -275,9 +279,12 @@ class Logger(Owned):
             values = values.reshape(len(times), math.prod(values.shape[1:]))
             lines = panel.plot(times, values, linewidth=1.2)
             if len(lines) > 1:
-                numbers = [f"[{i}]" for i in range(len(lines))]
+                numbers = getattr(self._quantities[name], "components", ())
+                if len(numbers) != len(lines):
+                    numbers = [f"[{i}]" for i in range(len(lines))]
                 panel.legend(lines, numbers, loc="center left", bbox_to_anchor=(1, 0.5))
-            panel.set_ylabel(name)
+            unit = getattr(self._quantities[name], "unit", "")
+            panel.set_ylabel(f"{name} [{unit}]" if unit else name)
             panel.grid(True, color="0.9")
         for panel in panels[-columns:]:  # the lowest of each column
             panel.set_xlabel("time [s]")

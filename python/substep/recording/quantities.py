@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,14 +16,23 @@ from ..geometry import Collider
 Array = NDArray[np.float64]
 Quantity = Callable[[Any], Any]
 
+_UNITS = {  # of diagnostics, but for energies
+    "angular_momentum": "N m s",
+    "mass": "kg",
+    "momentum": "N s",
+    "speed": "m/s",
+    "penetration": "m",
+}
 _SLACK = 1e-9  # of a time: times are sums of steps
 
 
 class _Exerted:
     """Mean of what was exerted on an obstacle since the sample before; NaN at the first."""
 
-    def __init__(self, collider: Collider, name: str) -> None:
-        self._collider, self._name = collider, name
+    components = ("x", "y", "z")
+
+    def __init__(self, collider: Collider, name: str, unit: str) -> None:
+        self._collider, self._name, self.unit = collider, name, unit
         self._before: tuple[float, float, Array] | None = None  # start of the call, duration, sum
 
     def __call__(self, simulation: Any) -> Array:
@@ -77,8 +87,8 @@ def forces(colliders: Mapping[str, Collider]) -> dict[str, Quantity]:
     for name, collider in colliders.items():
         if not isinstance(collider, Collider):
             raise TypeError(f"colliders[{name!r}]: expected a Collider, got {describe(collider)}")
-        found[f"{name}_force"] = _Exerted(collider, "impulse")
-        found[f"{name}_torque"] = _Exerted(collider, "angular_impulse")
+        found[f"{name}_force"] = _Exerted(collider, "impulse", "N")
+        found[f"{name}_torque"] = _Exerted(collider, "angular_impulse", "N m")
     return found
 
 
@@ -142,7 +152,7 @@ def _gauge(name: str, at: Array, reach: float) -> Quantity:
         near = ((x[:, :-1] - at) ** 2).sum(axis=1) <= reach**2
         return float(x[near, -1].max()) if near.any() else float("nan")
 
-    return level
+    return _measured(level, "m")
 
 
 def diagnostics(*names: str) -> dict[str, Quantity]:
@@ -191,4 +201,16 @@ def _diagnostic(name: str) -> Quantity:
             raise InputError(f"{name}: expected one of {', '.join(found)}")
         return float(found[name])
 
-    return value
+    return _measured(value, _unit_of(name))
+
+
+def _measured(quantity: Any, unit: str, components: Sequence[str] = ()) -> Any:
+    """The quantity, a function, which then tells its unit and its components to plots."""
+    quantity.unit, quantity.components = unit, tuple(components)
+    return quantity
+
+
+def _unit_of(name: str) -> str:
+    """The unit of a diagnostic, by the last part of its name; nothing where it is unknown."""
+    key = re.sub("_[xyz]$", "", name.split(".")[-1])
+    return "J" if key.endswith("energy") else _UNITS.get(key, "")

@@ -345,7 +345,7 @@ class Joint(Owned):
         return np.array(self._told()["anchors"]).reshape(2, 3)
 
     def quantities(self, name: str = "joint") -> dict[str, Callable[[Any], ArrayLike]]:
-        """What a `substep.Logger` can log of the joint.
+        """What a `substep.Logger` can log of the joint, in its bodies or in a `World` of them.
 
         Parameters
         ----------
@@ -379,8 +379,12 @@ class Joint(Owned):
         number = self.number
 
         def of(read: Callable[[Joint], ArrayLike]) -> Callable[[Any], ArrayLike]:
-            return lambda world: read(Joint(world, number))  # that of a copy in a copy
+            # That of a copy in a copy, of the bodies in a `World`.
+            return lambda world: read(Joint(getattr(world, "_bodies", world), number))
 
+        along = {"hinge": "rad", "slider": "m", "distance": "m"}.get(self.kind, "")
+        units = {"force": "N", "torque": "N m", "coordinate": along}
+        units["speed"] = along and f"{along}/s"
         reads: dict[str, Callable[[Joint], ArrayLike]] = {}
         if (kind := self.kind) != "fixed":
             reads |= {
@@ -393,7 +397,11 @@ class Joint(Owned):
             reads["torque"] = lambda joint: joint.effort
         else:
             reads |= {"force": lambda joint: joint.force, "torque": lambda joint: joint.torque}
-        return {f"{name}_{what}": of(read) for what, read in reads.items()}
+        found = {f"{name}_{what}": of(read) for what, read in reads.items()}
+        for quantity, what in zip(found.values(), reads, strict=True):
+            told: Any = quantity  # for plots
+            told.unit, told.components = units[what], ("x", "y", "z")
+        return found
 
     def remove(self) -> None:
         """Take the joint out; its bodies wake.

@@ -101,7 +101,8 @@ class Joints(BodyRows):
         anchor : array_like, shape (3,)
             A point of the axis, in the world, where the bodies are now [m].
         axis : array_like, shape (3,)
-            Its direction, in the world; the angle is that of a seen from b.
+            Its direction, in the world. Seen from b, the angle grows as a turns about it by the
+            right-hand rule.
         limits : array_like, shape (2,), optional
             Least and greatest angle from now on [rad].
         motor : SpeedMotor or SpringMotor, optional

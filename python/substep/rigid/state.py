@@ -70,6 +70,13 @@ class States(Joints):
         own = {name: np.array(getattr(self, f"_{name}")) for name in ("ids", "joint_ids")}
         return {**state, **own, "next_id": self._next_id, "next_joint": self._next_joint}
 
+    def _checked(self, state: dict[str, Any]) -> dict[str, Any]:
+        """As of other simulations, once it is of as many bodies."""
+        ids = state.get("ids") if isinstance(state, Mapping) else None
+        if isinstance(ids, np.ndarray) and ids.ndim == 1 and len(ids) != len(self._ids):
+            raise InputError(f"state['ids']: expected {len(self._ids)} bodies, got {len(ids)}")
+        return super()._checked(state)
+
     def _fit(self, state: dict[str, Any]) -> None:
         if not np.array_equal(state["ids"], self._ids):
             raise InputError("state['ids']: expected that of the same bodies")
@@ -81,10 +88,14 @@ class States(Joints):
         own = np.where(dynamic, self._weights, 1.0)
         if not np.array_equal(own, np.column_stack([state["masses"], state["inertia"]])):
             raise InputError("state['masses'], ['inertia']: expected those of the same bodies")
+        moving = (*_VECTORS[:5], "placed_positions")
         with np.errstate(over="ignore"):
-            squares = sum((state[name] ** 2).sum(axis=1) for name in _VECTORS[:5])
-        if not np.isfinite(squares).all():
-            raise InputError(f"state: the numbers of body {np.argmax(squares)} are too large")
+            squares = np.array([(state[name] ** 2).sum(axis=1) for name in moving])
+            wrong = ~np.isfinite(squares.sum(axis=0))
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            name = moving[int(np.argmax(squares[:, row]))]
+            raise InputError(f"state['{name}'][{row}]: the numbers of this body are too large")
 
     def _put_state(self, state: dict[str, Any]) -> None:
         mine = ("ids", "joint_ids", "next_id", "next_joint")

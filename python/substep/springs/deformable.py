@@ -23,7 +23,7 @@ from ..base.checks import (
 )
 from ..base.rows import read_only
 from ..base.schema import TIME, Entry, Rows
-from ..base.simulation import StepReport, with_energy
+from ..base.simulation import StepReport, whole_steps, with_energy
 from ..errors import InputError
 from ..geometry import Collider, Shape
 from ..geometry.colliders import (
@@ -48,6 +48,7 @@ INTEGRATORS = {  # and their other names
 _NATIVE = {"euler": "explicit_euler", "symplectic_euler": "semi_implicit_euler"}
 SOLVERS = {"newton": 100, "projective": 10}  # and their iterations
 ON_FAIL = ("substep", "raise")
+_MARGIN = 0.5  # of the step limit at the start, which falls as a body is deformed
 _ARRAYS = ("positions", "velocities", "forces", "targets")
 _STATE: list[Entry] = [
     TIME,
@@ -156,8 +157,17 @@ class Deformable(Deforming, Skinned):
         super().__init__(native, time, threads)
         if step is None:
             limit = self.step_limit()[0] if self.integrator != "implicit_euler" else math.inf
-            step = min(1 / 60, 0.9 * limit) if limit > 0 else 1e-3 / 60
+            step = min(1 / 60, _MARGIN * limit) if limit > 0 else 1e-3 / 60
         self._step_size = check_real("step", step, positive=True)
+
+    def _even_step(self, duration: float) -> float:
+        # Steps below the limit that are not of one size may be unstable all the same: a shorter one
+        # now and then swings a mode up, as a parametric resonance does.
+        h = super()._even_step(duration)
+        if self.integrator == "implicit_euler" or duration == 0:
+            return h
+        count, whole = whole_steps(duration, h)
+        return duration / (count + (not whole))
 
     def __len__(self) -> int:
         return len(self._masses)
@@ -362,6 +372,10 @@ class Deformable(Deforming, Skinned):
         arrays = {name: getattr(native, name).copy() for name in _ARRAYS}
         own = {"pinned": native.pinned, "colliders": collider_states(self.colliders)}
         return {"time": self.time, **arrays, **own}
+
+    def _refuse(self, given: dict[str, Any]) -> None:
+        for name in _ARRAYS:
+            check_array(f"state[{name!r}]", given[name])
 
     def _put_state(self, state: dict[str, Any]) -> None:
         self._native.time = state["time"]

@@ -74,8 +74,8 @@ class MassSpring(Deformable):
         'implicit_euler' (default), 'symplectic_euler', 'velocity_verlet', 'rk4' or
         'euler'.
     step : float, optional
-        Size of the steps of `advance` [s]; unless given 1/60, or 0.9 times `step_limit()`
-        where that is less.
+        Size of the steps of `advance` [s], which explicit integrators shorten to equal ones that
+        fill its duration; unless given 1/60, or half of `step_limit()` where that is less.
     solver : {'newton', 'projective'}
         How implicit Euler finds its minimum: 'newton', to the tolerance, or 'projective': a
         fixed number of cheap iterations, which do not reach it; for springs without colliders.

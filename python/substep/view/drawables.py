@@ -20,7 +20,7 @@ from ..recording import Part, Recording
 from ..recording.contents import particle_frame, particle_parts
 from ..rigid import RigidBatch, RigidBodies
 from ..rigid.colliders import BodyCollider
-from .extent import is_flat, radius_of
+from .extent import is_flat, lies_flat, radius_of
 from .surfaces import in_space, magnitude
 
 Array = NDArray[Any]
@@ -96,11 +96,7 @@ class Scenery:
         if self.recorded:
             self.flat = len(source) > 0 and is_flat(source)
         else:
-            arrays = particle_frame(source)
-            self.flat = all(
-                len(part.cells) == 2 if part.cells else arrays[name]["points"].shape[1] == 2
-                for name, part in self.parts.items()
-            )
+            self.flat = _is_flat(self.parts, particle_frame(source))
 
     @property
     def fields(self) -> dict[str, str]:
@@ -129,7 +125,7 @@ class Scenery:
         if self.recorded:
             if not len(self.source):
                 return []
-            return self._of_frame(self.parts, self.source.frame(frame))
+            return self._seen(self._of_frame(self.parts, self.source.frame(frame)))
         drawn = self._of_frame(self.parts, particle_frame(self.source))
         members = dict(members_of(self.source))
         for name, member in members.items():
@@ -146,6 +142,9 @@ class Scenery:
                 ):
                     continue  # what it stands for is drawn
                 drawn += _obstacle(f"{name or 'obstacle'}-{k}", collider, low, high)
+        return self._seen(drawn)
+
+    def _seen(self, drawn: list[Drawable]) -> list[Drawable]:
         return [_section(d) for d in drawn] if self.flat else drawn
 
     def _of_frame(self, parts: Mapping[str, Part], frame: Mapping[str, Any]) -> list[Drawable]:
@@ -229,6 +228,12 @@ def reach(drawn: list[Drawable]) -> tuple[NDArray[np.float64], NDArray[np.float6
     return low, high
 
 
+def _is_flat(parts: Mapping[str, Part], frame: Mapping[str, Any]) -> bool:
+    """Whether something has two dimensions, and all is in its plane."""
+    dimensions = [len(p.cells) or frame[name]["points"].shape[1] for name, p in parts.items()]
+    return 2 in dimensions and lies_flat(parts, frame)
+
+
 def _by_cell(values: Array, dimension: int) -> Array:
     rest = values.reshape(*values.shape[:dimension], -1).astype(float)
     return rest[..., 0] if rest.shape[-1] == 1 else np.linalg.norm(rest, axis=-1)
@@ -236,7 +241,7 @@ def _by_cell(values: Array, dimension: int) -> Array:
 
 def _section(one: Drawable) -> Drawable:
     """A surface cut at z = 0, where obstacles of a plane are cut; the rest as it is."""
-    if one.kind != "surface":
+    if one.kind != "surface" or not one.points[:, 2].any():
         return one
     corners = one.points[one.rows].astype(float)
     above = corners[:, :, 2] > 0

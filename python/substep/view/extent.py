@@ -131,9 +131,12 @@ def range_of(recording: Recording, color: str) -> tuple[float, float]:
 
 def is_flat(recording: Recording) -> bool:
     """Whether the first, the middle and the last frame lie in the plane z = 0."""
-    grids = [part.cells for part in recording.parts.values() if part.cells]
-    return all(len(cells) == 2 for cells in grids) and all(
-        points.shape[1] == 2 or not np.any(points[:, 2])
-        for frame in (0, len(recording) // 2, -1)
-        for points in (a["points"] for a in recording.frame(frame).values() if "points" in a)
-    )
+    frames = (0, len(recording) // 2, -1)
+    return all(lies_flat(recording.parts, recording.frame(frame)) for frame in frames)
+
+
+def lies_flat(parts: Mapping[str, Part], frame: Mapping[str, Any]) -> bool:
+    """Whether no grid has three dimensions, and no point is off the plane z = 0."""
+    points = (arrays["points"] for arrays in frame.values() if "points" in arrays)
+    grids = (part.cells for part in parts.values() if part.cells)
+    return all(len(cells) == 2 for cells in grids) and not any(x[:, 2:].any() for x in points)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..recording import Recording
+from .drawables import Scenery
 from .field_sheet import draw_grid
 
 if TYPE_CHECKING:
@@ -14,7 +15,9 @@ if TYPE_CHECKING:
 
 
 def plain_picture(recording: Recording, frame: int, figure: Figure) -> None:
-    """Draw the points of every part in the plane, coloured by the first field; or a grid's fields.
+    """Draw every part in the plane: points coloured by the first field, bodies as their sections.
+
+    Of a recording with a grid, the fields of the grid are drawn.
 
     Parameters
     ----------
@@ -35,13 +38,22 @@ def plain_picture(recording: Recording, frame: int, figure: Figure) -> None:
     >>> import substep
     >>> substep.render.plain_picture(recording, 0, figure)  # doctest: +SKIP
     """
+    from matplotlib.collections import LineCollection
+
     for name, part in recording.parts.items():
         if part.kind == "grid":
             return draw_grid(recording, frame, name, figure)
     arrays = recording.frame(frame)
     axes: Any = figure.add_subplot()
+    seen = {one.name: one for one in Scenery(recording).at(frame)}
     for name, part in recording.parts.items():
         points = arrays[name]["points"]
+        if part.shape_vertices is not None and name in seen:
+            outline = seen[name]
+            lines: Any = outline.points[outline.rows][:, :, :2]
+            axes.add_collection(LineCollection(lines, colors=outline.color))
+            axes.autoscale_view()
+            continue
         columns = points.T[:2]
         style: dict[str, Any] = {"s": marker_area(len(points)), "linewidths": 0, "label": name}
         field = next(iter(part.fields), None)

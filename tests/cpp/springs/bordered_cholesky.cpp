@@ -12,19 +12,25 @@
 namespace substep::springs {
 namespace {
 
-// A chain of vertices, each of which a body pushes along z by contacts of this stiffness, with
-// unknowns that move it by `motion` of theirs; and a body that nothing touches.
+// A chain of vertices, of which a body pushes each, or so many that are `apart`, along z by
+// contacts of this stiffness, with unknowns that move it by `motion` of theirs; and a body that
+// nothing touches.
 struct Chain {
   SparsePattern lower;
   std::vector<double> values;
   Border border;
   Eigen::MatrixXd dense;
-  Chain(std::int32_t vertices, double contact, double motion, double inertia) {
+  Chain(std::int32_t vertices, double contact, double motion, double inertia,
+        std::int32_t touched = INT32_MAX, std::int32_t apart = 1) {
     const std::int32_t n = 3 * vertices;
-    const Mat3 pushing = Vec3(0, 0, contact).asDiagonal();
+    const auto pushing_at = [&](std::int32_t i) -> Mat3 {
+      const bool touches = i % apart == 0 && i / apart < touched;
+      return Vec3(0, 0, touches ? contact : 0.0).asDiagonal();
+    };
     lower.rows = lower.cols = n;
     lower.start.clear();
     for (std::int32_t i = 0; i < vertices; ++i) {
+      const Mat3 pushing = pushing_at(i);
       for (std::int32_t c = 0; c < 3; ++c) {
         lower.start.push_back(static_cast<std::int32_t>(lower.row.size()));
         for (std::int32_t r = c; r < 3; ++r) {
@@ -41,6 +47,8 @@ struct Chain {
     border.touches.resize(2);
     border.corners.assign(2, inertia * Mat6::Identity());
     for (std::int32_t i = 0; i < vertices; ++i) {
+      const Mat3 pushing = pushing_at(i);
+      if (pushing.isZero(0.0)) continue;
       Mat36 by = Mat36::Zero();
       by.leftCols<3>().setIdentity();
       by(2, 4) = 0.1 * (i - vertices / 2);
@@ -65,11 +73,17 @@ struct Chain {
 };
 
 // Heavy bodies move little by their unknowns; a light one is known by its contacts but for a
-// difference beyond float32.
+// difference beyond float32. Two vertices are neighbours; six that are apart are none.
 TEST(BorderedCholesky, SolvesForHeavyAndForLightBodiesWithTheSameBitsForAnyNumberOfThreads) {
-  for (const auto& [contact, motion, inertia] :
-       {std::tuple{1e3, 0.01, 1.0}, {1e3, 1.0, 1.0}, {1e6, 1.0, 1e-4}}) {
-    const Chain chain(50, contact, motion, inertia);
+  for (const auto& [contact, motion, inertia, touched, apart] : {std::tuple{1e3, 0.01, 1.0, 50, 1},
+                                                                 {1e3, 1.0, 1.0, 50, 1},
+                                                                 {1e6, 1.0, 1e-4, 50, 1},
+                                                                 {1e3, 1.0, 1.0, 2, 1},
+                                                                 {1e3, 1.0, 1e-4, 2, 1},
+                                                                 {1e3, 0.01, 1.0, 6, 3},
+                                                                 {1e3, 1.0, 1.0, 6, 3},
+                                                                 {1e6, 1.0, 1e-4, 6, 3}}) {
+    const Chain chain(50, contact, motion, inertia, touched, apart);
     std::vector<double> b(usize(chain.dense.rows())), first;
     for (std::size_t i = 0; i < b.size(); ++i) b[i] = uniform2(3, i)[0] - 0.5;
     for (const int threads : {1, 2, 3}) {

@@ -39,7 +39,7 @@ GridLiquid<Real, D>::GridLiquid(std::vector<geometry::Collider> colliders,
                                 const LiquidOptions& options_, geometry::ParticleFlow flow_)
     : options(options_),
       layout(layout_of<D>(options)),
-      obstacles(layout, options.low, options.cell, std::move(colliders)),
+      obstacles(layout, options.low, options.cell, std::move(colliders), options.viscosity > 0),
       particles(options.transfer == Transfer::kApic),
       flow(std::move(flow_)),
       next_(options.transfer == Transfer::kApic),

@@ -1,6 +1,6 @@
 #include "substep/gridfluid/pressure/bodies.h"
 
-#include <Eigen/Eigenvalues>
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <map>
 #include <utility>
@@ -88,9 +88,11 @@ template <class Real, int D>
 void Bodies<Real, D>::factorize(int threads) {
   for (Body& body : bodies_) {
     const Mobility even = 0.5 * (body.c + body.c.transpose());
-    const Eigen::SelfAdjointEigenSolver<Mobility> parts(even);
-    const Motion roots = parts.eigenvalues().cwiseMax(0.0).cwiseSqrt();
-    body.root = parts.eigenvectors() * roots.asDiagonal();
+    // With pivots: joints leave less than the full rank.
+    const Eigen::LDLT<Mobility> parts(even);
+    const Motion roots = parts.vectorD().cwiseMax(0.0).cwiseSqrt();
+    const Mobility lower = parts.matrixL();
+    body.root = parts.transpositionsP().transpose() * Mobility(lower * roots.asDiagonal());
   }
   struct Share {  // L^T of the motion of a body in a cell
     std::int64_t cell;

@@ -20,14 +20,24 @@ inline bool responds(const geometry::Collider& collider) {
   return collider.yields() && !collider.body.mobility.isZero(0);
 }
 
+// A collider that is a ball, in as little memory as its distance takes: of many, most time goes
+// into that.
+struct Ball {
+  geometry::Vec3 middle = geometry::Vec3::Zero();
+  double radius = 0;
+  double sign = 0;  // -1 where it is hollow; 0: the collider is no ball
+};
+inline Ball ball_of(const geometry::Collider& collider) {
+  const auto* const ball = std::get_if<geometry::Sphere>(&collider.shape());
+  if (!ball) return {};
+  return {collider.position(), ball->radius, collider.hollow() ? -1.0 : 1.0};
+}
+
 // The value of its signed_distance() alone, which takes half the time; infinity for a facet that is
 // surely further than `most`.
 inline double signed_distance_of(const geometry::Collider& collider, const geometry::Vec3& x,
                                  double most) {
-  const geometry::Vec3 arm = x - collider.position();
-  if (const auto* const ball = std::get_if<geometry::Sphere>(&collider.shape()))
-    return (collider.hollow() ? -1 : 1) * (arm.norm() - ball->radius);
-  const geometry::Vec3 local = collider.rotation().transpose() * arm;
+  const geometry::Vec3 local = collider.rotation().transpose() * (x - collider.position());
   if (geometry::surely_beyond(collider, local, most))
     return std::numeric_limits<double>::infinity();
   return collider.local_distance(local).value;
@@ -41,7 +51,7 @@ struct NearCollider {
   auto operator<=>(const NearCollider&) const = default;
 };
 
-// Those that may be nearest around a point, by their distances from it.
+// Those that may be nearest around a point, the nearest to it first, with their distances from it.
 struct NearColliders {
   geometry::Vec3 point = geometry::Vec3::Zero();
   std::vector<NearCollider> all;
@@ -76,9 +86,10 @@ struct Blocks {
 
 class NearestColliders {
  public:
-  // lipschitz: of all signed distances.
-  NearestColliders(std::span<const geometry::Collider> colliders, double lipschitz)
-      : colliders_(colliders), lipschitz_(lipschitz) {}
+  // balls: ball_of() of all; lipschitz: of all signed distances.
+  NearestColliders(std::span<const geometry::Collider> colliders, std::span<const Ball> balls,
+                   double lipschitz)
+      : colliders_(colliders), balls_(balls), lipschitz_(lipschitz) {}
 
   // The nearest to x, the first where there are several.
   NearCollider nearest(const NearColliders& around, const geometry::Vec3& x) const {
@@ -101,7 +112,8 @@ class NearestColliders {
       return most;
     });
     std::erase_if(found.all, [&](const NearCollider& one) { return one.distance > most; });
-    std::sort(found.all.begin(), found.all.end());
+    if (!found.all.empty())
+      std::iter_swap(found.all.begin(), std::min_element(found.all.begin(), found.all.end()));
   }
 
  private:
@@ -114,13 +126,16 @@ class NearestColliders {
     for (std::size_t k = 0; k < around.all.size(); ++k) {
       const auto& [distance, collider] = around.all[k];
       if (k == 1) moved = kRounding * lipschitz_ * (x - around.point).norm();
-      if (distance - moved > most) return;
-      const double here = signed_distance_of(colliders_[collider], x, most);
+      if (distance - moved > most) continue;
+      const Ball& ball = balls_[collider];
+      const double here = ball.sign == 0 ? signed_distance_of(colliders_[collider], x, most)
+                                         : ball.sign * ((x - ball.middle).norm() - ball.radius);
       if (here <= most) most = use(NearCollider{here, collider});
     }
   }
 
   std::span<const geometry::Collider> colliders_;
+  std::span<const Ball> balls_;
   double lipschitz_;
 };
 

@@ -42,11 +42,12 @@ Real mean_open(const std::array<Real, kCorners>& d) {
 
 template <class Real, int D>
 Obstacles<Real, D>::Obstacles(const Layout<D>& layout, const Vec3& low_, double dx_,
-                              std::vector<Collider> obstacles)
+                              std::vector<Collider> obstacles, bool around)
     : colliders(std::move(obstacles)),
       low(low_),
       dx(dx_),
       layout_(layout),
+      around_(around),
       small_(layout, kSmall) {}
 
 template <class Real, int D>
@@ -187,44 +188,60 @@ void Obstacles<Real, D>::find_near(const NearColliders& around, const Blocks<D>&
 }
 
 // In blocks of nodes: where the middle is far from all surfaces, all of a block is. Those that may
-// be nearest are found for wide blocks, of these for blocks, and so on.
+// be nearest are found for the widest blocks, of these for blocks half as wide, and so on.
 template <class Real, int D>
 void Obstacles<Real, D>::find_distances(int threads) {
   if (distance_.size() == 0) assign(distance_, layout_.size, Real(0));
   lipschitz_ = 1;
-  for (const Collider& c : colliders) lipschitz_ = std::max(lipschitz_, c.lipschitz());
+  balls_.clear();
+  for (const Collider& c : colliders) {
+    lipschitz_ = std::max(lipschitz_, c.lipschitz());
+    balls_.push_back(ball_of(c));
+  }
   all_.all.clear();
   for (std::size_t c = 0; c < colliders.size(); ++c)
     all_.all.push_back({-std::numeric_limits<double>::infinity(), c});
-  const Blocks<D> wide(layout_, kWide), blocks(layout_, kBlock);
-  std::vector<NearColliders> of_wide(usize(wide.count()));
-  for_numbers(
-      wide.count(), threads,
-      [&](std::size_t b) { find_near(all_, wide, static_cast<std::int64_t>(b), of_wide[b]); }, 1);
+  using Nearby = std::vector<NearColliders>;
+  const auto narrow = [&](const Blocks<D>& to, const auto& around) {
+    Nearby found(usize(to.count()));
+    for_numbers(
+        to.count(), threads,
+        [&](std::size_t b) {
+          const auto block = static_cast<std::int64_t>(b);
+          find_near(around(to.first(block)), to, block, found[b]);
+        },
+        1);
+    return found;
+  };
+  const Blocks<D> widest(layout_, 2 * kWide), wide(layout_, kWide), blocks(layout_, kBlock);
+  const Nearby of_widest = narrow(widest, [&](const auto&) -> const auto& { return all_; });
+  const Nearby of_wide = narrow(wide, [&](const std::array<int, D>& node) -> const auto& {
+    return of_widest[usize(widest.of(node))];
+  });
   of_small_.resize(usize(small_.count()));
   parallel_for(
       blocks.count(), 32,
       [&](std::int64_t begin, std::int64_t end) {
         NearColliders around;
-        for (std::int64_t block = begin; block < end; ++block) {
-          const std::array<int, D> first = blocks.first(block);
-          find_near(of_wide[usize(wide.of(first))], blocks, block, around);
-          find_distances_in(first, around);
-        }
+        for (std::int64_t block = begin; block < end; ++block)
+          find_distances_in(of_wide[usize(wide.of(blocks.first(block)))], blocks, block, around);
       },
       threads);
 }
 
+// In one of the blocks, of those that are `nearby`; `around` is room for those that it finds.
 template <class Real, int D>
-void Obstacles<Real, D>::find_distances_in(const std::array<int, D>& first,
-                                           const NearColliders& around) {
+void Obstacles<Real, D>::find_distances_in(const NearColliders& nearby, const Blocks<D>& blocks,
+                                           std::int64_t number, NearColliders& around) {
+  const std::array<int, D> first = blocks.first(number);
   std::array<double, D> middle;
   for (std::size_t a = 0; a < D; ++a) middle[a] = first[a] + (kBlock - 1) / 2.0;
-  double there = find_nearest().nearest(around, world(middle)).distance / dx;
+  double there = find_nearest().nearest(nearby, world(middle)).distance / dx;
   const auto is_far = [&](double reach) {
     return std::abs(there) > std::sqrt(D) * reach * lipschitz_ + kBand;
   };
   const bool all_far = is_far((kBlock - 1) / 2.0);
+  if (!all_far) find_near(nearby, blocks, number, around);
   std::array<int, D> end, from, to, node;
   for (std::size_t a = 0; a < D; ++a) end[a] = std::min(first[a] + kBlock, layout_.cells[a] + 1);
   for (std::size_t part = 0; part < 1 << D; ++part) {
@@ -254,9 +271,10 @@ template <class Real, int D>
 void Obstacles<Real, D>::find_faces_near(int threads) {
   using Faces = std::vector<Face>;
   for (std::size_t a = 0; a < D; ++a) {
-    for (Fields* const of : {&velocity_, &displacing_})  // what the last faces have
-      if ((*of)[a].size() > 0)
-        for (const Face& face : near_[a]) (*of)[a][usize(face.index)] = 0;
+    const std::span<const Real> open = of(open_, static_cast<int>(a));
+    for (Fields* const field : {&velocity_, &displacing_})  // what the last faces have
+      if ((*field)[a].size() > 0)
+        for (const Face& face : near_[a]) (*field)[a][usize(face.index)] = 0;
     near_[a] = gather_rows(
         layout_, all_faces(layout_, a), threads, Faces{},
         [&](std::int64_t begin, std::int64_t end) {
@@ -264,6 +282,7 @@ void Obstacles<Real, D>::find_faces_near(int threads) {
           std::array<int, D> cell = layout_.cell(begin);
           for (std::int64_t i = begin; i < end; ++i, ++cell[D - 1]) {
             if (std::abs(distance_[usize(i)]) > Real(kBand)) continue;
+            if (!around_ && open[usize(i)] == 1) continue;
             const Vec3 at = middle_of(cell, static_cast<int>(a));
             found.push_back({i, nearest_of(near_block(cell), at)});
           }

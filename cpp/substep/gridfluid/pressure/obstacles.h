@@ -22,9 +22,9 @@ template <class Real, int D>
 class Obstacles {
  public:
   // low: the lowest corner of the grid [m]; dx: a cell [m]. In two dimensions obstacles are cut at
-  // z = 0.
+  // z = 0. around: whether velocities are asked for beyond the faces that obstacles cut.
   Obstacles(const Layout<D>& layout, const Vec3& low, double dx,
-            std::vector<geometry::Collider> obstacles);
+            std::vector<geometry::Collider> obstacles, bool around = true);
 
   std::vector<geometry::Collider> colliders;
 
@@ -42,8 +42,8 @@ class Obstacles {
   std::span<const Real> distance() const { return {distance_.data(), distance_.size()}; }
   // The open part of the face below cell i, from 0 to 1. Only if there are any.
   std::span<const Real> open(int axis) const { return of(open_, axis); }
-  // The obstacles' own velocity at faces that are not all open, and a cell beyond; elsewhere 0
-  // [m/s]. Only if they move.
+  // The obstacles' own velocity at faces that are not all open, and a cell beyond if `around`;
+  // elsewhere 0 [m/s]. Only if they move.
   std::span<const Real> velocity(int axis) const { return of(velocity_, axis); }
   // The same without turns that displace no fluid: see revolution.h.
   std::span<const Real> displacing(int axis) const {
@@ -88,13 +88,13 @@ class Obstacles {
     return {fields[usize(axis)].data(), fields[usize(axis)].size()};
   }
   static constexpr Real kTouching = 1e-3;  // in cells: a node that is nearer is in the obstacle
-  static constexpr int kWide = 16, kBlock = 4, kSmall = 2;  // nodes of blocks along an axis
+  static constexpr int kWide = 8, kBlock = 4, kSmall = 2;  // nodes of blocks along an axis
   Vec3 world(const std::array<double, D>& x) const;
   const NearColliders& near_block(const std::array<int, D>& node) const;
   void find_near(const NearColliders& around, const Blocks<D>& blocks, std::int64_t block,
                  NearColliders& found) const;
   Vec3 middle_of(const std::array<int, D>& cell, int faces_of) const;
-  NearestColliders find_nearest() const { return {colliders, lipschitz_}; }
+  NearestColliders find_nearest() const { return {colliders, balls_, lipschitz_}; }
   std::size_t nearest_of(const NearColliders& near, const Vec3& x) const;
   Real distance_at(const NearColliders& near, const std::array<double, D>& x) const;
   Real below_flat(const NearColliders& near, const std::array<double, D>& x,
@@ -114,10 +114,12 @@ class Obstacles {
     return d;
   }
   void find_distances(int threads);
-  void find_distances_in(const std::array<int, D>& first, const NearColliders& around);
+  void find_distances_in(const NearColliders& nearby, const Blocks<D>& blocks, std::int64_t number,
+                         NearColliders& around);
   // Of those that may be nearest in a cell.
   template <class Shape>
   bool all_near(const std::array<int, D>& cell) const;
+  bool all_balls(const std::array<int, D>& cell) const;
   bool is_round(const std::array<int, D>& cell) const;
   template <std::size_t kAxes>
   bool is_sharp(const std::array<int, D>& cell, const std::array<std::size_t, kAxes>& axes) const;
@@ -127,6 +129,7 @@ class Obstacles {
   void find_room(int threads);
 
   Layout<D> layout_;
+  bool around_;
   bool found_ = false, moving_ = false;  // distances; whether any collider moves
   bool rolling_ = false;                 // whether any turns in a way that displaces no fluid
   bool know_open_ = false, know_cuts_ = false, know_near_ = false, know_velocity_ = false;
@@ -135,7 +138,8 @@ class Obstacles {
   std::vector<bool> yield_;                                                 // which of them
   AlignedBuffer<Real> distance_, room_;
   Blocks<D> small_;
-  double lipschitz_ = 1;  // of all signed distances
+  std::vector<Ball> balls_;  // that colliders are
+  double lipschitz_ = 1;     // of all signed distances
   NearColliders all_;
   std::vector<NearColliders>
       of_small_;  // around what is in a small block near a surface, else none

@@ -136,6 +136,13 @@ bool Obstacles<Real, D>::all_near(const std::array<int, D>& cell) const {
   });
 }
 
+template <class Real, int D>
+bool Obstacles<Real, D>::all_balls(const std::array<int, D>& cell) const {
+  const std::vector<NearCollider>& near = near_block(cell).all;
+  return std::all_of(near.begin(), near.end(),
+                     [&](const NearCollider& one) { return balls_[one.collider].sign != 0; });
+}
+
 // Whether the surface bulges between corners, where it has no edge, as a part of a smooth one. What
 // several obstacles leave, or a hollow box in its corners, is bent too.
 template <class Real, int D>
@@ -143,7 +150,7 @@ bool Obstacles<Real, D>::is_round(const std::array<int, D>& cell) const {
   const std::vector<NearCollider>& near = near_block(cell).all;
   const bool one =
       near.size() == 1 && !(all_near<geometry::Box>(cell) && colliders[near[0].collider].hollow());
-  return one || all_near<geometry::Sphere>(cell) || all_near<geometry::Triangle>(cell);
+  return one || all_balls(cell) || all_near<geometry::Triangle>(cell);
 }
 
 // Whether the distance is bent along one of the edges, along these axes, that the surface cuts of
@@ -152,7 +159,7 @@ template <class Real, int D>
 template <std::size_t kAxes>
 bool Obstacles<Real, D>::is_sharp(const std::array<int, D>& cell,
                                   const std::array<std::size_t, kAxes>& axes) const {
-  if (all_near<geometry::Sphere>(cell)) return false;
+  if (all_balls(cell)) return false;
   const auto second = [&](std::int64_t i, std::int64_t s) {
     return std::abs(distance_[usize(i - s)] - 2 * distance_[usize(i)] + distance_[usize(i + s)]);
   };
@@ -178,8 +185,7 @@ void Obstacles<Real, D>::find_open(int threads) {
     std::array<std::size_t, D - 1> across;
     for (std::size_t k = 0; k < D - 1; ++k) across[k] = (a + 1 + k) % D;
     const std::array<Real, kCorners> d = at_corners(i, across);
-    if (!is_cut(d) && !(is_cut(d, Real(kBulge)) && all_near<geometry::Sphere>(cell)))
-      return Real(d[0] > 0);
+    if (!is_cut(d) && !(is_cut(d, Real(kBulge)) && all_balls(cell))) return Real(d[0] > 0);
     const NearColliders& near = near_block(cell);
     const auto distance = [&](const std::array<double, D - 1>& x) {
       std::array<double, D> at;
@@ -217,7 +223,7 @@ auto Obstacles<Real, D>::cuts(int threads) -> std::span<const Cut> {
   const auto add = [&](std::int64_t i, const std::array<int, D>& cell, Cuts& cuts) {
     if (std::abs(distance_[usize(i)]) > Real(kAway)) return;
     const std::array<Real, kCorners> d = at_corners(i, axes);
-    if (!is_cut(d) && !(is_cut(d, Real(kBulge)) && all_near<geometry::Sphere>(cell))) return;
+    if (!is_cut(d, Real(kBulge)) || (!is_cut(d) && !all_balls(cell))) return;
     const NearColliders& near = near_block(cell);
     const auto distance = [&](const std::array<double, D>& x) {
       std::array<double, D> at;

@@ -230,6 +230,26 @@ auto ParticleBoundary<Real, D>::outside(const Free& free, const Real* x) -> Mask
   return out;
 }
 
+// The same of one particle.
+template <class Real, int D>
+bool ParticleBoundary<Real, D>::outside(const Free& free, const Vec3& x) {
+  double value = free.row[D], squared = 0;
+  for (int d = 0; d < D; ++d) {
+    value += free.row[d] * x[d];
+    squared += (x[d] - free.row[d]) * (x[d] - free.row[d]);
+  }
+  switch (free.kind) {
+    case Free::kHalfSpace:
+      return !(value >= 0);
+    case Free::kSlab:
+      return !(std::abs(value) <= free.size);
+    case Free::kBall:
+      return !(squared <= free.size);
+    default:
+      return true;
+  }
+}
+
 // Whether a ball about the ways of all lanes keeps clear of a sampled distance or a height
 // field, which are slow to ask for each lane. (Particles of a packet are from neighbouring cells.)
 template <class Real, int D>
@@ -313,10 +333,13 @@ bool ParticleBoundary<Real, D>::settle_one(Near& near, const Vec3& before, Vec3&
   constexpr int kRounds = 4;
   const double margin = kMargin * cell_, negligible = 1e-12 * margin * margin;
   if (!x.allFinite()) return false;  // the check of the next grid finds it
+  const Vec3 start = (before - near.first) / cell_;
+  Vec3 at = (x - near.first) / cell_;
   bool moved = false;
   for (int round = 0; round < kRounds; ++round) {
     bool changed = false;
     for (Wall& wall : near.walls) {
+      if (!outside(wall.free, start) && !outside(wall.free, at)) continue;
       const auto [c, axis] = wall.surface;
       const Collider &from = from_[c], &to = to_[c];
       const Vec3 came = to_local(from, before), target = to_local(to, x);
@@ -331,6 +354,7 @@ bool ParticleBoundary<Real, D>::settle_one(Near& near, const Vec3& before, Vec3&
       if constexpr (D == 2) push[2] = 0;
       if (!(push.squaredNorm() > negligible)) continue;
       x += push;
+      at = (x - near.first) / cell_;
       changed = true;
       if (inside) continue;
       Vec3 n = to.rotation() * local_distance(from, axis, p).gradient;

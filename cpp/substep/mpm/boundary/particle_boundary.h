@@ -103,6 +103,7 @@ class ParticleBoundary {
   double surface_speed(const geometry::Collider& collider, const geometry::Vec3& centre,
                        double radius) const;
   static Mask outside(const Free& free, const Real* x);
+  static bool outside(const Free& free, const geometry::Vec3& x);
   bool clears(const Near& near, const Wall& wall, const Real* before, const Real* x) const;
   double share(const geometry::Collider& collider, std::size_t c, const geometry::Vec3& x,
                const geometry::Vec3& jump) const;

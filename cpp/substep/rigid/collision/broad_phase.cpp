@@ -213,6 +213,7 @@ void BroadPhase::move_boxes(std::span<const Bounds> bounds) {
 
 void BroadPhase::find_new(std::int32_t fixture, std::vector<FixturePair>& found) const {
   const auto f = usize(fixture);
+  if (entries_[f].proxy.group == 0 || entries_[f].proxy.mask == 0) return;  // touches nothing
   const auto consider = [&](std::int32_t other, auto&& were_near) {
     // Of two that changed the lower one finds the pair.
     const int change = change_[usize(other)];

@@ -47,6 +47,7 @@ void BodyRows::load(const Bodies& bodies, const Vec3& gravity, std::span<const s
   stands.assign(body_of.size(), 0);
   stands[0] = 1;
   turns.assign(body_of.size(), 0);
+  led.assign(body_of.size(), 0);
   turned_.reset(4 * body_of.size());
   first_spin_.reset(3 * body_of.size());
   Vec3::Map(first_spin_.data()).setZero();
@@ -62,7 +63,7 @@ void BodyRows::load(const Bodies& bodies, const Vec3& gravity, std::span<const s
           root[k] = {to_row(W.diagonal(), inverse_root),
                      {W(0, 1), W(0, 2), W(1, 2), dynamic ? 1. : 0.}};
           const Vec3 spin = W * Vec3(&bodies.L[3 * i]);
-          velocity[k] = {to_row(Vec3(&bodies.P[3 * i]) * inverse_root), to_row(spin)};
+          velocity[k] = free[k] = {to_row(Vec3(&bodies.P[3 * i]) * inverse_root), to_row(spin)};
           Vec3::Map(&first_spin_[3 * k]) = spin;
           std::copy_n(&bodies.q[4 * i], 4, &turned_[4 * k]);
           acceleration[k] = push[k] = displacement[k] = {};
@@ -92,6 +93,7 @@ void BodyRows::accelerate(std::int64_t begin, std::int64_t end, double h, double
     store_quad(v, unpushed + load_quad(p));
   };
   for (auto i = usize(begin); i < usize(end); ++i) {
+    if (led[i] != 0) continue;
     if (stands[i] != 0) settle(i);
     advance(acceleration[i].linear, push[i].linear, velocity[i].linear, free[i].linear);
     advance(acceleration[i].angular, push[i].angular, velocity[i].angular, free[i].angular);
@@ -105,6 +107,7 @@ void BodyRows::move(std::int64_t begin, std::int64_t end, double h) {
     return pp[0] + pp[1] + pp[2] <= 1e-12 * h * h * (aa[0] + aa[1] + aa[2]);
   };
   for (auto i = usize(begin); i < usize(end); ++i) {
+    if (led[i] != 0) continue;
     const auto v = load_quad(velocity[i].linear), w = load_quad(velocity[i].angular);
     const auto kick = v - load_quad(free[i].linear), turn = w - load_quad(free[i].angular);
     const auto a = load_quad(acceleration[i].linear), alpha = load_quad(acceleration[i].angular);

@@ -42,6 +42,7 @@ struct BodyRows {
   Rows root;
   std::vector<std::uint8_t> stands;           // of rows; row 0 does
   std::vector<std::uint8_t> turns;            // of rows: what turn() is called for
+  std::vector<std::uint8_t> led;              // of rows: joints alone say where they are in the end
   std::vector<std::int32_t> row_of, body_of;  // row_of[body], body_of[row]; body_of[0] is -1
 
   std::int64_t size() const { return static_cast<std::int64_t>(body_of.size()); }
@@ -54,8 +55,9 @@ struct BodyRows {
   // asleep: not 0 where a body is, or empty.
   void load(const Bodies& bodies, const Vec3& gravity, std::span<const std::uint8_t> asleep,
             int threads);
-  // v += h a + push: the contacts push as they did in the last sub-step. Bodies that stand and are
-  // slower than `slow` [m/s] first lose up to the part `lost` of their velocity.
+  // For all but those that are led: v += h a + push: the contacts push as they did in the last
+  // sub-step. Bodies that stand and are slower than `slow` [m/s] first lose up to the part `lost`
+  // of their velocity.
   void accelerate(std::int64_t begin, std::int64_t end, double h, double slow, double lost);
   // x += h v, and notes the push. A body that nothing touched is on its parabola:
   // x += h v - h^2 a / 2, exactly.

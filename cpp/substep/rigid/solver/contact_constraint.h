@@ -34,28 +34,30 @@ struct ContactConstraint {
     Vec3 arm_a = Vec3::Zero(), arm_b = Vec3::Zero();
   };
 
+  // What whole lists are searched for comes first.
   std::int32_t a = 0, b = 0;  // numbers of bodies; one of them is dynamic
   std::int32_t fixture_a = 0, fixture_b = 0;
+  int count = 0;
+  bool slips = false;     // mu is that of kinetic friction
+  bool tips = false;      // of bodies that turn farther in a step than was looked
+  bool rolls_on = false;  // of shapes that touch elsewhere within a step, as they roll
+  double friction = 0.5, restitution = 0.0;
+  double static_friction = 0.0;  // where it is above friction
+  double spinning = 0.0;         // [m], lever of the friction that resists spin about n
+  double rolling = 0.0;          // [m], of that which resists rolling
+
   Vec3 normal = Vec3::UnitZ();   // of length 1, from a to b
   Vec3 tangent = Vec3::UnitX();  // of length 1, across it: first direction of friction
-  int count = 0;
   Point points[4];
-  double friction = 0.5, restitution = 0.0;
-  double static_friction = 0.0;           // where it is above friction
-  double spinning = 0.0;                  // [m], lever of the friction that resists spin about n
-  double rolling = 0.0;                   // [m], of that which resists rolling
   double friction_impulse[2] = {0., 0.};  // of the last sub-step, along the tangent and n x tangent
   double twist_impulse = 0.0;             // of the last sub-step [N m s]
   double roll_impulse[2] = {0., 0.};      // the same along the tangent and n x tangent
   double friction_total[2] = {0., 0.};    // of the last step, with its impacts
   double load = 0.0;                      // what of sum(l_n) is of no impact (impact_start.h)
-  bool slips = false;                     // mu is that of kinetic friction
   // With which velocity [m/s], after the last sub-step: along the tangent, n x tangent, and of the
   // points about n. Also of a contact that only begins to; 0 where it sticks.
   double slip[3] = {0., 0., 0.};
-  bool tips = false;      // of bodies that turn farther in a step than was looked
-  bool rolls_on = false;  // of shapes that touch elsewhere within a step, as they roll
-  double margin = 0;      // how far its shapes are looked at in sub-steps then [m]
+  double margin = 0;  // how far its shapes are looked at in sub-steps then [m]
 
   // Point k or, where it has fewer by the end of a step, its last one.
   Point& last_of(int k) { return points[std::max(0, std::min(k, count - 1))]; }

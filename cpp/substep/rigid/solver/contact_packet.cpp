@@ -387,6 +387,8 @@ SUBSTEP_INLINE void find_block(ContactPacket& c, const Mobility& M) {
   }
 #pragma GCC unroll 10
   for (int k = 0; k < 10; ++k) c.block[k] = narrow(A[k]), c.inverse[k] = narrow(regular[k]);
+#pragma GCC unroll 4
+  for (int k = 0; k < 4; ++k) c.inverse[at(k, k)] = c.used[k] * c.inverse[at(k, k)];
 }
 
 template <class T>
@@ -417,7 +419,7 @@ void ContactPacket::set(int lane, const ContactConstraint* contact, const BodyRo
     p[k][lane] = static_cast<float>(r.x()), q[k][lane] = static_cast<float>(r.y());
     lever[k][lane] = static_cast<float>(r.head<2>().norm());
     used[k][lane] = is ? 1 : 0;
-    separation[k][lane] = is ? static_cast<float>(c.points[k].separation) : 0;
+    separation[k][lane] = is ? static_cast<float>(c.points[k].separation) : kFarAway;
     impulse[k][lane] = is ? c.points[k].impulse : 0;
   }
   friction[lane] = static_cast<float>(c.mu()), spinning[lane] = static_cast<float>(c.spinning);
@@ -562,6 +564,12 @@ void ContactPacket::withdraw_push(BodyRows& rows) const {
   push(splat<V>(-1), rows.push, to_a, to_b);
 }
 
+bool ContactPacket::is_uneven(double ratio) const {
+  const V a_squared = scale_a * scale_a, b_squared = scale_b * scale_b;  // 1 / m
+  return any((a_squared > 0) & (b_squared > 0) &
+             ((a_squared > ratio * b_squared) | (b_squared > ratio * a_squared)));
+}
+
 void ContactPacket::find_separations(const BodyRows& rows, V (&C)[4]) const {
   constexpr Form<true, true, 4> form;
   approach(form, *this, relative(form, *this, load_both(form, rows.displacement, *this)), C);
@@ -578,29 +586,48 @@ void ContactPacket::rebase(const BodyRows& rows, const bool (&lanes)[kLanes]) {
   }
 }
 
+// Bearing bodies are the world.
+ContactPacket ContactPacket::on_fixed_bearers(const BodyRows& rows) const {
+  ContactPacket fixed = *this;
+  for (int lane = 0; lane < kLanes; ++lane) {
+    if ((bears_a >> lane & 1) != 0) fixed.a[lane] = 0;
+    if ((bears_b >> lane & 1) != 0) fixed.b[lane] = 0;
+  }
+  fixed.prepare(rows);
+  return fixed;
+}
+
 template <class Form>
 SUBSTEP_INLINE void ContactPacket::solve_positions_of(Form form, BodyRows& rows,
                                                       const Settings& settings) {
   Both m = load_both(form, rows.displacement, *this);
-  const V unit = inverse_of(mobility);
-  V C[4], d[4] = {};
-  const V none[4] = {};
+  V C[4];
   approach(form, *this, relative(form, *this, m), C);
   auto deep = C[0] < C[0];
   for (int k = 0; k < Form::points; ++k) {
     C[k] = C[k] + wide(separation[k] + away);
     target[k] = narrow(max(C[k], V{}) * settings.inverse_h);
     const V overlap = C[k] + settings.slop;
-    const auto is = (overlap < 0) & (wide(used[k]) > 0);
+    const auto is = overlap < 0;
     deep = deep | is;
-    C[k] = wide(used[k]) * unit *
-           (is ? max(settings.correction * overlap, splat<V>(-settings.push)) : overlap);
+    C[k] = is ? max(settings.correction * overlap, splat<V>(-settings.push)) : overlap;
   }
   if (!any(deep)) return;
-  solve_block(form, *this, C, none, d);
-  Twist l{};
-  add_normal(form, *this, d, l);
-  apply(form, *this, l, m);
+  const auto move_apart = [&](const ContactPacket& c) __attribute__((always_inline)) {
+    const V unit = inverse_of(c.mobility);
+    V d[4] = {};
+    const V none[4] = {};
+    for (int k = 0; k < Form::points; ++k) C[k] = unit * C[k];
+    solve_block(form, c, C, none, d);
+    Twist l{};
+    add_normal(form, c, d, l);
+    apply(form, c, l, m);
+  };
+  if ((bears_a | bears_b) != 0) {
+    move_apart(on_fixed_bearers(rows));
+  } else {
+    move_apart(*this);
+  }
   store_both(form, m, rows.displacement, *this);
 }
 
@@ -618,8 +645,7 @@ SUBSTEP_INLINE void ContactPacket::solve_velocities_of(Form form, BodyRows& rows
   V residual[4], d[4] = {};
   approach(form, *this, u, residual);
   const V unit = inverse_of(mobility);
-  for (int k = 0; k < Form::points; ++k)
-    residual[k] = (residual[k] + wide(target[k])) * (wide(used[k]) * unit);
+  for (int k = 0; k < Form::points; ++k) residual[k] = (residual[k] + wide(target[k])) * unit;
   solve_block(form, *this, residual, impulse, d);
   for (int k = 0; k < Form::points; ++k) impulse[k] = impulse[k] + d[k];
   add_normal(form, *this, d, l);

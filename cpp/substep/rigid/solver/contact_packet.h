@@ -29,6 +29,7 @@ struct ContactPacket {
   using V = LanesOfBodies;
   using V3 = Vector3<V>;
   static constexpr int kLanes = sizeof(V) / sizeof(double);
+  static constexpr float kFarAway = 1e6F;  // separation of points that are not used [m]
   using F = Vector<float, sizeof(V) / 2>;
   using F3 = Vector3<F>;
 
@@ -44,6 +45,8 @@ struct ContactPacket {
   // Everything below but the impulses, once per step.
   void prepare(const BodyRows& rows);
 
+  // Whether impulses move two bodies of which one is heavier by this ratio of masses, in any lane.
+  bool is_uneven(double ratio) const;
   // What the displacements have made of the separations.
   void find_separations(const BodyRows& rows, V (&C)[4]) const;
   // The separations of these lanes are those of now, not of the step's begin.
@@ -54,7 +57,8 @@ struct ContactPacket {
   void warm_start(BodyRows& rows) const { push(splat<V>(1), rows.push); }
   // Takes them back, of rows that do not turn, before the contacts are found anew.
   void withdraw_push(BodyRows& rows) const;
-  // At the start of a sub-step: moves bodies apart, without velocity, and notes the targets.
+  // At the start of a sub-step: moves bodies apart, without velocity, and notes the targets. What
+  // is heavy is lifted off what bears it as if that were fixed.
   void solve_positions(BodyRows& rows, const Settings& settings);
   // Friction, then the normal impulses.
   void solve_velocities(BodyRows& rows);
@@ -79,19 +83,23 @@ struct ContactPacket {
   bool moves_a[kLanes], moves_b[kLanes], rolls, rolls_on;
   bool has_a, has_b, few;  // any a, any b is not the world; no contact has more than two points
   bool kinematic;          // one of the bodies is
+  std::uint8_t bears_a, bears_b;  // bits of lanes: a, b bears what is much heavier
   V3 normal, tangent;
-  V scale_a, scale_b;                              // s
-  V mobility;                                      // max_k(A_kk), the unit of M below
-  V impulse[4], slide_impulse[2], twist_impulse;   // l_n, l_t
-  F3 axis_a[3], axis_b[3];                         // W^(1/2) (t_1, t_2, n)
-  F3 arm_a, arm_b;                                 // r
-  F p[4], q[4], used[4];                           // used: 1 or 0
+  V scale_a, scale_b;                             // s
+  V mobility;                                     // max_k(A_kk), the unit of M below
+  V impulse[4], slide_impulse[2], twist_impulse;  // l_n, l_t
+  F3 axis_a[3], axis_b[3];                        // W^(1/2) (t_1, t_2, n)
+  F3 arm_a, arm_b;                                // r
+  F p[4], q[4];
   F separation[4], away, target[4];                // C at the start of the step; least -u_n
-  F3 bias;                                         // where it rolls on, of u
-  F block[10], inverse[10], diagonal[4];           // A + eps, its inverse, 1 / its diagonal
+  F inverse[10];                                   // of A + eps; 0 for points that are not used
   F slide_inverse[3], slide_bound, twist_inverse;  // of M between l_t, and torques about n
   F coupling[3][3];                                // M from (l_t, torque) to (u_n, w_1, w_2)
   F friction, spinning, lever[4];                  // lever: |(p, q)|
+  // What not every sweep reads.
+  F used[4];                 // 1 or 0
+  F block[10], diagonal[4];  // A + eps, 1 / its diagonal
+  F3 bias;                   // where it rolls on, of u
   // Of rolling friction, where a lane has any: M from torques to w_1, w_2 and from l_n.
   F rolling, roll_inverse, roll_mobility[5];
   V roll_impulse[2];
@@ -101,6 +109,7 @@ struct ContactPacket {
   void push(const V& part, BodyRows::Rows& rows, const bool* to_a, const bool* to_b) const;
   template <class Form>
   void solve_positions_of(Form form, BodyRows& rows, const Settings& settings);
+  ContactPacket on_fixed_bearers(const BodyRows& rows) const;
   template <class Form>
   void solve_velocities_of(Form form, BodyRows& rows);
 };

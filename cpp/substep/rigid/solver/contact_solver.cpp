@@ -6,6 +6,7 @@
 #include <type_traits>
 
 #include "substep/core/parallel.h"
+#include "substep/core/prefetch.h"
 #include "substep/core/usize.h"
 #include "substep/rigid/solver/stick_slip.h"
 
@@ -15,14 +16,18 @@ namespace {
 constexpr int kPacketLanes = ContactPacket::kLanes;
 constexpr std::int64_t kBodies = 512;  // per chunk
 constexpr std::int64_t kPackets = 16;  // per chunk, where they are independent
-constexpr float kFarAway = 1e6F;       // [m]
+constexpr std::int64_t kRows = 32;     // that stay in the cache while they are passed over twice
+constexpr std::size_t kAhead = 4;      // contacts that are asked for before they are needed
 // Of what rolls on: the least turn in a step that counts and the turn in a sub-step that no
 // geometry follows [rad], the most that u changes in half a sub-step unless another corner touches,
 // and how many others it touches.
 constexpr double kRolls = 1e-4, kFar = 0.5, kSmooth = 0.2;
 constexpr int kFew = 2;
-// Sweeps over light bodies that a heavy load at their joints presses on something.
+// Sweeps over light bodies that a heavy load, at their joints or on them, presses on something.
 constexpr int kStrainedSweeps = 16;
+// One body lies on another where the normal is within 60 degrees of gravity, and is much heavier
+// from this ratio of masses on.
+constexpr double kLies = 0.5, kHeavier = 16;
 
 // What copies of a task that holds references and numbers take no memory for.
 class Task {
@@ -91,6 +96,12 @@ void sort_unique(std::vector<std::int64_t>& packets) {
   packets.erase(std::unique(packets.begin(), packets.end()), packets.end());
 }
 
+// Which body of a contact the other one lies on: -1 for a, 1 for b, 0 for none.
+int lower_side(const Vec3& normal, const Vec3& gravity) {
+  const double along = normal.dot(gravity), least = kLies * gravity.norm();
+  return along < -least ? -1 : along > least ? 1 : 0;
+}
+
 // In the order of the numbers.
 std::uint32_t sort_key(float x) {
   const auto bits = std::bit_cast<std::uint32_t>(x), sign = std::uint32_t{1} << 31;
@@ -144,11 +155,28 @@ void ContactSolver::mark_standing(std::span<const ContactConstraint> contacts) {
   }
 }
 
+void ContactSolver::mark_jointed(std::span<const Joint> joints) {
+  jointed_.assign(usize(rows_.size()), 0);
+  for (const Joint& joint : joints) {
+    jointed_[usize(rows_.row(joint.a))] = 1;
+    jointed_[usize(rows_.row(joint.b))] = 1;
+  }
+  jointed_[0] = 0;  // the world
+}
+
+void ContactSolver::ask_for_contact(std::size_t place,
+                                    std::span<const ContactConstraint> contacts) const {
+  if (place >= sweep_.constraint.size()) return;
+  if (const auto c = sweep_.constraint[place]; c >= 0) prefetch(contacts[usize(c)]);
+}
+
+// Motors and springs of joints press in any direction, gravity only along itself.
 void ContactSolver::pack(std::span<const ContactConstraint> contacts, const Vec3& fall,
                          int threads) {
   packets_.reset(usize(sweep_.packets()));
   given_.reset(usize(sweep_.packets()));
   hit_.assign(usize(sweep_.packets()), 0);
+  uneven_.assign(usize(sweep_.packets()), 0);
   parallel_for(
       sweep_.packets(), kPackets,
       [&](std::int64_t begin, std::int64_t end) {
@@ -157,30 +185,86 @@ void ContactSolver::pack(std::span<const ContactConstraint> contacts, const Vec3
           Given& given = given_[usize(k)];
           given = Given();
           for (int lane = 0; lane < kPacketLanes; ++lane) {
-            const auto c = sweep_.constraint[usize(k * kPacketLanes + lane)];
+            const auto place = usize(k * kPacketLanes + lane);
+            const auto c = sweep_.constraint[place];
+            ask_for_contact(place + kAhead, contacts);
             packet.set(lane, c < 0 ? nullptr : &contacts[usize(c)], rows_);
             if (c < 0) continue;
             given.load[lane] = contacts[usize(c)].load;
-            const double fast = std::abs(contacts[usize(c)].normal.dot(fall));
+            const bool driven = (packet.moves_a[lane] && jointed_[usize(packet.a[lane])] != 0) ||
+                                (packet.moves_b[lane] && jointed_[usize(packet.b[lane])] != 0);
+            const double fast =
+                driven ? fall.norm() : std::abs(contacts[usize(c)].normal.dot(fall));
             given.jump[lane] = impact_start_.jump(packet.a[lane], packet.b[lane], fast);
             given.growth[lane] = impact_start_.growth(packet.a[lane], packet.b[lane], fast);
           }
           packet.prepare(rows_);
+          packet.bears_a = packet.bears_b = 0;
+          uneven_[usize(k)] = packet.is_uneven(kHeavier);
           hit_[usize(k)] = ImpactStart::is_hit(packet, given.load);
         }
       },
       threads);
 }
 
+// From the bottom up: bodies that lie with at least three points on what is borne, or moves by no
+// impulse.
+void ContactSolver::mark_borne(std::span<const ContactConstraint> contacts, const Vec3& gravity) {
+  borne_.resize(usize(rows_.size()));
+  for (std::int32_t row = 0; row < rows_.size(); ++row)
+    borne_[usize(row)] = rows_.moves(row) ? 0 : 1;
+  for (auto it = depth_.rbegin(); it != depth_.rend(); ++it) {
+    const ContactConstraint& c = contacts[usize(it->index)];
+    if (c.count < 3) continue;
+    auto &a = borne_[usize(rows_.row(c.a))], &b = borne_[usize(rows_.row(c.b))];
+    const int side = lower_side(c.normal, gravity);
+    if (side < 0) b |= a;
+    if (side > 0) a |= b;
+  }
+}
+
+// What is borne bears what is much heavier.
+void ContactSolver::note_bearers(const Vec3& gravity, ContactPacket& p) const {
+  for (int lane = 0; lane < kPacketLanes; ++lane) {
+    if (!p.moves_a[lane] || !p.moves_b[lane]) continue;
+    const std::int32_t a = p.a[lane], b = p.b[lane];
+    const Vec3 normal(p.normal[0][lane], p.normal[1][lane], p.normal[2][lane]);
+    const int side = lower_side(normal, gravity);
+    const double root = rows_.scale_of(a) / rows_.scale_of(b), ratio = root * root;
+    const bool is_a = side < 0 && borne_[usize(a)] != 0 && ratio > kHeavier;
+    const bool is_b = side > 0 && borne_[usize(b)] != 0 && ratio * kHeavier < 1;
+    p.bears_a |= static_cast<std::uint8_t>(is_a << lane);
+    p.bears_b |= static_cast<std::uint8_t>(is_b << lane);
+  }
+}
+
+void ContactSolver::find_bearers(std::span<const ContactConstraint> contacts, const Vec3& gravity) {
+  if (std::find(uneven_.begin(), uneven_.end(), 1) == uneven_.end()) return;
+  mark_borne(contacts, gravity);
+  for (std::size_t k = 0; k < uneven_.size(); ++k)
+    if (uneven_[k] != 0) note_bearers(gravity, packets_[k]);
+}
+
 bool ContactSolver::find_strained(std::span<const ContactConstraint> contacts,
                                   std::int64_t bodies) {
-  whirling_.assign(usize(bodies), 0);
-  joints_.mark_whirling(whirling_);
+  straining_.assign(usize(bodies), 0);
+  joints_.mark_whirling(straining_);
+  const auto mark_bearer = [this](std::uint8_t bears, int lane, std::int32_t row) {
+    if ((bears >> lane & 1) != 0) straining_[usize(rows_.body_of[usize(row)])] = 1;
+  };
+  for (std::size_t k = 0; k < uneven_.size(); ++k) {
+    const ContactPacket& packet = packets_[k];
+    for (int lane = 0; uneven_[k] != 0 && lane < kPacketLanes; ++lane) {
+      mark_bearer(packet.bears_a, lane, packet.a[lane]);
+      mark_bearer(packet.bears_b, lane, packet.b[lane]);
+    }
+  }
   strained_.assign(usize(sweep_.packets()), 0);
+  if (std::find(straining_.begin(), straining_.end(), 1) == straining_.end()) return false;
   bool any = false;
   for (std::size_t k = 0; k < contacts.size(); ++k) {
     const ContactConstraint& c = contacts[k];
-    if (place_[k] < 0 || (whirling_[usize(c.a)] == 0 && whirling_[usize(c.b)] == 0)) continue;
+    if (place_[k] < 0 || (straining_[usize(c.a)] == 0 && straining_[usize(c.b)] == 0)) continue;
     strained_[usize(place_[k] / kPacketLanes)] = 1;
     any = true;
   }
@@ -205,7 +289,7 @@ void ContactSolver::bounce(double h, double slop) {
   for (std::int64_t k = 0; k < impacts_.count(); ++k) {
     const auto place = place_[usize(impacts_.contact(k))];
     packets_[usize(place / kPacketLanes)].away[place % kPacketLanes] =
-        impacts_.flying(k) ? kFarAway : 0;
+        impacts_.flying(k) ? ContactPacket::kFarAway : 0;
   }
 }
 
@@ -248,18 +332,14 @@ void ContactSolver::end_loads(double h, double fast) {
 // the other; one that many others touch is held by them. Those bodies turn with their sub-steps,
 // but for jointed ones, whose joints see to their rotation; and all contacts of what turns go with
 // it.
-void ContactSolver::find_rolling(std::span<ContactConstraint> contacts,
-                                 std::span<const Joint> joints, double dt, double h, double slop) {
+void ContactSolver::find_rolling(std::span<ContactConstraint> contacts, double dt, double h,
+                                 double slop) {
   rolling_.assign(contacts.size(), 0);
   turning_.clear();
   rolling_packets_.clear();
-  jointed_.assign(usize(rows_.size()), 0);
-  for (const Joint& joint : joints) {
-    jointed_[usize(rows_.row(joint.a))] = 1;
-    jointed_[usize(rows_.row(joint.b))] = 1;
-  }
-  jointed_[0] = 0;  // the world
-  if (!touch_) return;
+  renewed_.assign(usize(sweep_.packets()), 0);
+  const auto may_roll = [](const ContactConstraint& c) { return c.rolls_on || c.tips; };
+  if (!touch_ || std::none_of(contacts.begin(), contacts.end(), may_roll)) return;
   touched_.assign(usize(rows_.size()), 0);
   for (std::size_t k = 0; k < contacts.size(); ++k) {
     const ContactConstraint& c = contacts[k];
@@ -286,11 +366,6 @@ void ContactSolver::find_rolling(std::span<ContactConstraint> contacts,
     const double size_a = c.points[0].arm_a.norm(), size_b = c.points[0].arm_b.norm();
     const double speed = std::max({rate_a * size_a, rate_b * size_b, (v_a - v_b).norm()});
     if (!(dt * speed > kRolls * std::min(size_a, size_b))) continue;
-    // What a sub-step may reach: by the approach, and by tipping about the point.
-    c.margin = 2 * slop + 2 * h *
-                              (std::abs(c.normal.dot(v_a - v_b)) +
-                               rate_a * c.points[0].arm_a.cross(c.normal).norm() +
-                               rate_b * c.points[0].arm_b.cross(c.normal).norm());
     any = true;
     rolling_[k] = 1;
     for (const std::int32_t row : {a, b})
@@ -304,12 +379,21 @@ void ContactSolver::find_rolling(std::span<ContactConstraint> contacts,
   }
   for (std::size_t k = 0; k < contacts.size(); ++k) {
     if (place_[k] < 0) continue;
-    const ContactConstraint& c = contacts[k];
-    if (turns[usize(rows_.row(c.a))] != 0 || turns[usize(rows_.row(c.b))] != 0) rolling_[k] = 1;
-    if (rolling_[k] != 0) rolling_packets_.push_back(place_[k] / kPacketLanes);
+    ContactConstraint& c = contacts[k];
+    const std::int32_t a = rows_.row(c.a), b = rows_.row(c.b);
+    if (turns[usize(a)] != 0 || turns[usize(b)] != 0) rolling_[k] = 1;
+    if (rolling_[k] == 0) continue;
+    // What a sub-step may reach: by the approach, and by tipping about the point.
+    const Vec3 &n = c.normal, v = rows_.velocity_of(a) - rows_.velocity_of(b);
+    c.margin = 2 * slop + 2 * h *
+                              (std::abs(n.dot(v)) +
+                               rows_.spin_of(a).norm() * c.points[0].arm_a.cross(n).norm() +
+                               rows_.spin_of(b).norm() * c.points[0].arm_b.cross(n).norm());
+    rolling_packets_.push_back(place_[k] / kPacketLanes);
   }
   sort_unique(rolling_packets_);
-  for (const std::int64_t k : rolling_packets_) packets_[usize(k)].rolls_on = true;
+  for (const std::int64_t k : rolling_packets_)
+    renewed_[usize(k)] = 1, packets_[usize(k)].rolls_on = true;
 }
 
 // Of the contacts that are found anew those of spheres and capsules, where joints rule how bodies
@@ -494,9 +578,11 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   order(gravity, contacts, threads);
   find_slipping(contacts, fast);
   mark_standing(contacts);
+  mark_jointed(joints);
   pack(contacts, h * gravity, threads);
+  find_bearers(contacts, gravity);
   const bool strained = find_strained(contacts, bodies.size());
-  find_rolling(contacts, joints, dt, h, options.slop);
+  find_rolling(contacts, dt, h, options.slop);
   impacts_.begin_step(contacts, rolling_, h, rows_, [&](ContactConstraint& c, double time) {
     Vec3 spin;
     const Pose a = rows_.pose_after(bodies, c.a, time, spin),
@@ -522,15 +608,20 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
                        for (auto i = usize(begin); i < usize(end); ++i) task(packets[i]);
                      });
   };
+  const bool rolls = !rolling_packets_.empty();
+  // Nothing comes between the end of a sub-step and the beginning of the next.
+  const bool at_once = !rolls && impacts_.empty() && joints_.groups() == 0;
+  const auto accelerate = [&](std::int64_t begin, std::int64_t end) {
+    rows_.accelerate(begin, end, h, slow, lost);
+  };
   for (int substep = 0; substep < options.substeps; ++substep) {
-    const bool rolls = !rolling_packets_.empty();
     if (substep == 0 || rolls) {
       phases.add_sweep(sweep_, [&, substep](std::int64_t k) {
-        if (packet(k).rolls_on) {
+        if (renewed_[usize(k)] != 0) {
           if (substep > 0) packet(k).withdraw_push(rows_);
           renew(k, contacts, bodies, h);
         }
-        if (substep == 0 || packet(k).rolls_on) packet(k).warm_start(rows_);
+        if (substep == 0 || renewed_[usize(k)] != 0) packet(k).warm_start(rows_);
       });
     }
     if (!impacts_.empty())
@@ -538,9 +629,7 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
         impacts_.renew(contacts, rows_);
         bounce(h, options.slop);
       });
-    phases.add_range(rows_.size(), kBodies, [&](std::int64_t begin, std::int64_t end) {
-      rows_.accelerate(begin, end, h, slow, lost);
-    });
+    if (substep == 0 || !at_once) phases.add_range(rows_.size(), kBodies, accelerate);
     phases.add(1, [&, substep](std::int64_t) {
       start_impacts();
       if (substep == 0) end_loads(h, fast);
@@ -567,8 +656,14 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
     }
     if (!slip_packets_.empty())
       add_each(slip_packets_, [&](std::int64_t k) { note_slips(k, contacts, fast); });
-    phases.add_range(rows_.size(), kBodies,
-                     [&](std::int64_t begin, std::int64_t end) { rows_.move(begin, end, h); });
+    const bool goes_on = at_once && substep + 1 < options.substeps;
+    phases.add_range(rows_.size(), kBodies, [&, goes_on](std::int64_t begin, std::int64_t end) {
+      for (std::int64_t next; begin < end; begin = next) {
+        next = std::min(end, begin + kRows);
+        rows_.move(begin, next, h);
+        if (goes_on) accelerate(begin, next);
+      }
+    });
     add_joints([&](JointSolver::Group& group) { group.move(rows_); });
     if (!rolls) continue;
     add_each(rolling_packets_, [&](std::int64_t k) { note_separations(k, contacts); });
@@ -586,15 +681,23 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   if (bad >= 0) return bad;
   for (const std::int64_t k : rolling_packets_)
     if (RoundContacts* const found = round_of(k)) found->finish(rows_, packet(k));
-  for (std::size_t c = 0; c < contacts.size(); ++c) {
-    if (place_[c] < 0) continue;
-    const std::int64_t k = place_[c] / kPacketLanes;
-    const int lane = place_[c] % kPacketLanes;
-    packet(k).get(lane, contacts[c]);
-    const RoundContacts* const found = round_of(k);
-    if (found != nullptr && found->has(lane)) found->report(lane, packet(k), contacts[c]);
-    given_[usize(k)].report(lane, contacts[c]);
-  }
+  parallel_for(
+      sweep_.packets(), kPackets,
+      [&](std::int64_t begin, std::int64_t end) {
+        for (std::int64_t k = begin; k < end; ++k) {
+          const RoundContacts* const found = round_of(k);
+          for (int lane = 0; lane < kPacketLanes; ++lane) {
+            const auto place = usize(k * kPacketLanes + lane);
+            ask_for_contact(place + kAhead, contacts);
+            if (sweep_.constraint[place] < 0) continue;
+            ContactConstraint& c = contacts[usize(sweep_.constraint[place])];
+            packet(k).get(lane, c);
+            if (found != nullptr && found->has(lane)) found->report(lane, packet(k), c);
+            given_[usize(k)].report(lane, c);
+          }
+        }
+      },
+      threads);
   impacts_.report(contacts);
   joints_.store(bodies, joints, dt);
   return -1;

@@ -8,12 +8,15 @@
 //   3. m sweeps over the joints, then over the contacts: friction and normal impulses until
 //        u_n + max(C, 0) / h >= 0,                                        contact_packet.h
 //      without any term that pushes apart what overlaps; more sweeps over those light bodies
-//      at joints that a heavy load presses on something
+//      that a heavy load, at their joints or on them, presses on something
 //   4. x += h v
 // and what overlaps by more than the slop is moved apart by the part beta of it, without velocity
 // (pseudo-velocities from none, in every sub-step), as the first sweep of the next sub-step comes
-// to the contact. That is apart from 3 because impulses that push positions, kept for the warm
-// start, are an integral action on what sweeps have not converged: of the slowest modes,
+// to the contact; what is much heavier than what bears it as if that were fixed (Guendelman,
+// Bridson and Fedkiw 2003, "Nonconvex rigid bodies with stacking", ACM Trans. Graph. 22,
+// shock propagation), else a load sinks into a light plate faster than it is lifted. That is apart
+// from 3 because impulses that push positions, kept for the warm start, are an integral action on
+// what sweeps have not converged: of the slowest modes,
 //   l' = -c (u + b x) - k l,  m u' = l,  so  s^3 + (k / m) s^2 + (c / m) (s + b) = 0,
 // stable (Routh) only if k > m b. A soft constraint (Catto 2024, "Solver2D", box2d.org, "Soft
 // Step") buys that with the leak k, and sinks under load by what the leak loses: 106 mm in a stack
@@ -92,14 +95,18 @@ class ContactSolver {
   };
 
   void order(const Vec3& gravity, std::span<const ContactConstraint> contacts, int threads);
+  void ask_for_contact(std::size_t place, std::span<const ContactConstraint> contacts) const;
   void mark_standing(std::span<const ContactConstraint> contacts);
+  void find_bearers(std::span<const ContactConstraint> contacts, const Vec3& gravity);
+  void mark_borne(std::span<const ContactConstraint> contacts, const Vec3& gravity);
+  void note_bearers(const Vec3& gravity, ContactPacket& packet) const;
   void pack(std::span<const ContactConstraint> contacts, const Vec3& fall, int threads);
   bool find_strained(std::span<const ContactConstraint> contacts, std::int64_t bodies);
   void bounce(double h, double slop);
   void start_impacts();
   void end_loads(double h, double fast);
-  void find_rolling(std::span<ContactConstraint> contacts, std::span<const Joint> joints, double dt,
-                    double h, double slop);
+  void mark_jointed(std::span<const Joint> joints);
+  void find_rolling(std::span<ContactConstraint> contacts, double dt, double h, double slop);
   void find_round(std::span<const ContactConstraint> contacts, const Bodies& bodies,
                   const Round& round);
   void find_slipping(std::span<ContactConstraint> contacts, double fast);
@@ -125,7 +132,9 @@ class ContactSolver {
   RadixSort<std::uint32_t> sort_;
   std::vector<BodyPair> pairs_;
   std::vector<std::uint8_t> colours_;
-  std::vector<std::int32_t> place_;  // lane of each contact in packets_, counted through; or -1
+  std::vector<std::int32_t> place_;   // lane of each contact in packets_, counted through; or -1
+  std::vector<std::uint8_t> uneven_;  // of each packet: one body is much heavier
+  std::vector<std::uint8_t> borne_;   // of each row
   AlignedBuffer<ContactPacket> packets_;
   AlignedBuffer<Given> given_;     // by each packet
   std::vector<std::uint8_t> hit_;  // of each packet: a contact has more than its load
@@ -136,11 +145,13 @@ class ContactSolver {
   std::vector<std::uint8_t> bounces_;          // of each contact
   std::vector<std::int32_t> touched_;          // of each row, how many others it touches
   std::vector<std::int64_t> rolling_packets_;  // that hold such contacts
+  std::vector<std::uint8_t> renewed_;          // of each packet: it is one of those
   std::vector<std::int32_t> round_;            // of each packet: its place in rounds_, or -1
   AlignedBuffer<RoundContacts> rounds_;
   std::vector<std::int64_t> slip_packets_;  // that hold contacts with two coefficients
-  std::vector<std::uint8_t> whirling_;      // of each body: its joints' forces swing bodies
-  std::vector<std::uint8_t> strained_;      // of each packet: one of its bodies is such
+  // Of each body: forces at its joints swing bodies, or it bears what is much heavier.
+  std::vector<std::uint8_t> straining_;
+  std::vector<std::uint8_t> strained_;  // of each packet: one of its bodies is such
 };
 
 }  // namespace substep::rigid

@@ -83,7 +83,7 @@ void ImpactStart::add(const ContactPacket& packet, int lane, double part, const 
   packet.push(parts, excess_);
   add_row(a), add_row(b);
   if (packet.kinematic)
-    rows_[usize(packet.moves_a[lane] ? a : b)].power += part * packet.power_of_unmoved(rows)[lane];
+    rows_[row_of(packet, lane)].power += part * packet.power_of_unmoved(rows)[lane];
   if (packet.moves_a[lane] && packet.moves_b[lane]) pairs_.push_back({a, b});
 }
 
@@ -97,7 +97,7 @@ void ImpactStart::add(const ContactPacket& packet, const V& load, const BodyRows
     if (!(part[lane] > 0)) continue;
     const std::int32_t a = packet.a[lane], b = packet.b[lane];
     add_row(a), add_row(b);
-    rows_[usize(packet.moves_a[lane] ? a : b)].power += power[lane];
+    rows_[row_of(packet, lane)].power += power[lane];
     if (packet.moves_a[lane] && packet.moves_b[lane]) pairs_.push_back({a, b});
   }
 }
@@ -132,7 +132,7 @@ ImpactStart::V ImpactStart::left(const ContactPacket& packet, const V& load) con
   V part = part_of_impact(packet, load);
   for (int lane = 0; lane < ContactPacket::kLanes; ++lane) {
     if (!(part[lane] > 0)) continue;
-    part[lane] *= withdrawn(usize(packet.moves_a[lane] ? packet.a[lane] : packet.b[lane]));
+    part[lane] *= withdrawn(row_of(packet, lane));
   }
   return 1 - part;
 }

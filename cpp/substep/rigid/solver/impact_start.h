@@ -21,9 +21,10 @@
 // Of loads that have ended (load_ends.h), s of what they leave is withdrawn in the same way.
 //
 // Joints pass on what an impact gives one of their bodies, and what the others weigh. With the mass
-// M of all that they connect, a jump is at least h |n.g| M there, the load grows by h |n.g| (m
-// M)^1/2, and e is all that contacts and joints changed in the last sub-step. A contact between
-// bodies that joints connect is never hit: it and the joints share what comes between them.
+// M of all that they connect, a jump is at least h |g| M there, the load grows by h |g| (m M)^1/2,
+// whatever the normal is, as motors and springs press in any direction, and e is all that contacts
+// and joints changed in the last sub-step. A contact between bodies that joints connect is never
+// hit: it and the joints share what comes between them.
 #pragma once
 
 #include <algorithm>
@@ -78,11 +79,11 @@ class ImpactStart {
   // The same of a part of the impulses of one contact.
   void add(const ContactPacket& packet, int lane, double part, const BodyRows& rows);
   double left(const ContactPacket& packet, int lane, double part) const {
-    return 1 - part * withdrawn(usize(packet.moves_a[lane] ? packet.a[lane] : packet.b[lane]));
+    return 1 - part * withdrawn(row_of(packet, lane));
   }
   // Whether the contact is part of an impact that goes on: s would be below 0.
   bool goes_on(const ContactPacket& packet, const V& load, int lane) const {
-    const Row& all = all_of(usize(packet.moves_a[lane] ? packet.a[lane] : packet.b[lane]));
+    const Row& all = all_of(row_of(packet, lane));
     return kSame * packet.pressure()[lane] > load[lane] && all.along < -kGoesOn * all.square;
   }
   V left(const ContactPacket& packet, const V& load) const;
@@ -97,6 +98,10 @@ class ImpactStart {
     double power = 0;              // of d that is not in v.M e of rows: kinematic bodies, friction
     double along = 0, square = 0;  // v.M e and e.M e, of all with this label
   };
+  // One that the contact moves.
+  static std::size_t row_of(const ContactPacket& packet, int lane) {
+    return usize(packet.moves_a[lane] ? packet.a[lane] : packet.b[lane]);
+  }
   void add_row(std::int32_t row);
   const Row& all_of(std::size_t row) const { return rows_[usize(label_[row])]; }
   double withdrawn(std::size_t row) const;  // s

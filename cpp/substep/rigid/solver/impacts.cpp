@@ -73,18 +73,12 @@ void Impacts::begin_step(std::span<const ContactConstraint> contacts,
     contacts_.push_back(row);
   }
   if (contacts_.empty()) return;
-  start_.assign(usize(rows.size()) + 1, 0);
-  const auto each = [&](const auto& visit) {
+  of_body_.assign(rows.size(), [&](const auto& visit) {
     for (std::size_t k = 0; k < contacts_.size(); ++k) {
       if (contacts_[k].moves_a) visit(contacts_[k].a, static_cast<std::int32_t>(k));
       if (contacts_[k].moves_b) visit(contacts_[k].b, static_cast<std::int32_t>(k));
     }
-  };
-  each([&](std::int32_t body, std::int32_t) { ++start_[usize(body)]; });
-  std::int32_t sum = 0;
-  for (std::int32_t& start : start_) start = sum += start;
-  of_body_.resize(usize(sum));
-  each([&](std::int32_t body, std::int32_t k) { of_body_[usize(--start_[usize(body)])] = k; });
+  });
 }
 
 void Impacts::renew(std::span<const ContactConstraint> contacts, const BodyRows& rows) {
@@ -103,6 +97,13 @@ void Impacts::renew(std::span<const ContactConstraint> contacts, const BodyRows&
 bool Impacts::meet(Row& row, const BodyRows& rows, double h, double& time) const {
   const double g = acceleration(row, rows, h), planes_meet = time;
   const Row planes = row;
+  // What is farther apart at any time of the sub-step does not meet in it. Impacts before may have
+  // made it faster than it was.
+  const auto& point = row.contact.points[0];
+  const double fast = (rows.velocity_of(row.b) - rows.velocity_of(row.a)).norm() +
+                      rows.spin_of(row.a).norm() * point.arm_a.norm() +
+                      rows.spin_of(row.b).norm() * point.arm_b.norm();
+  row.contact.margin = std::max(row.contact.margin, h * fast);
   for (int k = 0; k < kNewton; ++k) {
     ContactConstraint c = row.contact;
     if (!find_(c, time)) return false;
@@ -272,7 +273,7 @@ void Impacts::advance(BodyRows& rows, double h, double slop) {
     ++happened_;
     for (const auto& [body, moves] : {std::pair(row.a, row.moves_a), {row.b, row.moves_b}}) {
       if (!moves) continue;
-      for (auto i = start_[usize(body)]; i < start_[usize(body) + 1]; ++i) push(of_body_[usize(i)]);
+      for (const std::int32_t k : of_body_.of(body)) push(k);
     }
   }
   for (std::size_t k = 0; k < contacts_.size(); ++k) {

@@ -21,6 +21,7 @@
 #include <span>
 #include <vector>
 
+#include "substep/core/incidence.h"
 #include "substep/core/usize.h"
 #include "substep/rigid/motion/body_rows.h"
 #include "substep/rigid/solver/contact_constraint.h"
@@ -87,7 +88,7 @@ class Impacts {
 
   std::vector<Row> contacts_;
   Find find_;
-  std::vector<std::int32_t> start_, of_body_;  // contacts of each body
+  Incidence of_body_;  // contacts
   std::vector<std::uint8_t> flying_;
   std::vector<Event> queue_;
   std::int64_t happened_ = 0;

@@ -61,19 +61,35 @@ struct JointLaw {
     const double on_line = l - (u - rate + compliance * l) / (K + compliance);
     return on_line > most ? Mode::kMost : on_line < -most ? Mode::kLeast : Mode::kLine;
   }
-  // The same, or that of now where a rate that differs by little leads to it; one: no piece is
-  // passed over that lies between, else a law alone may go back and forth between its ends.
+  // The same, or that of now where a rate that differs by little leads to it; one: the next piece
+  // in that direction, else a law alone may go back and forth between its ends.
   Mode next(Mode now, double u, double l, double K, double little, bool one) const {
     const Mode next = mode(u, l, K);
     if (mode(u - little, l, K) == now || mode(u + little, l, K) == now) return now;
-    if (!one || side(now) * side(next) >= 0) return next;
-    return !driven ? Mode::kFree : slowest < rate && rate < fastest ? Mode::kLine : next;
+    if (!one) return next;
+    const int to = place(next);
+    for (int k = place(now); k != to;)
+      if (has(k += k < to ? 1 : -1)) return at(k);
+    return next;
   }
 
  private:
-  static int side(Mode mode) {
-    if (mode == Mode::kLower || mode == Mode::kMost) return 1;
-    return mode == Mode::kUpper || mode == Mode::kLeast ? -1 : 0;
+  // Of the pieces, from the lower limit to the upper one.
+  static int place(Mode mode) {
+    constexpr int kPlaces[] = {2, 0, 4, 2, 1, 3};
+    return kPlaces[static_cast<int>(mode)];
+  }
+  Mode at(int place) const {
+    constexpr Mode kModes[] = {Mode::kLower, Mode::kMost, Mode::kLine, Mode::kLeast, Mode::kUpper};
+    return place == 2 && !driven ? Mode::kFree : kModes[place];
+  }
+  // Whether there is such a piece between the limits.
+  bool has(int place) const {
+    if (!driven) return place == 2;
+    const double half = compliance > 0 ? compliance * most : 0;  // of the line
+    if (place == 1) return slowest < rate - half;
+    if (place == 3) return rate + half < fastest;
+    return slowest <= rate + half && rate - half <= fastest;
   }
   // Of the motor at the rate u; side: which, where it is of both.
   double motor(double u, double side) const {

@@ -37,23 +37,6 @@ BodyRow LoadEnds::change(const BodyRows& rows, std::size_t row, double h) const 
   return d;
 }
 
-void LoadEnds::list_contacts(std::int64_t rows, std::span<const ContactPacket> packets) {
-  first_.assign(usize(rows) + 1, 0);
-  const auto each = [&](const auto& task) {
-    std::int32_t place = 0;
-    for (const ContactPacket& packet : packets) {
-      for (int lane = 0; lane < kLanes; ++lane, ++place) {
-        if (packet.moves_a[lane]) task(usize(packet.a[lane]), place);
-        if (packet.moves_b[lane]) task(usize(packet.b[lane]), place);
-      }
-    }
-  };
-  each([&](std::size_t row, std::int32_t) { ++first_[row]; });
-  for (std::size_t i = 1; i < first_.size(); ++i) first_[i] += first_[i - 1];
-  contacts_of_.resize(usize(first_.back()));
-  each([&](std::size_t row, std::int32_t place) { contacts_of_[usize(--first_[row])] = place; });
-}
-
 std::span<const LoadEnds::Part> LoadEnds::find(const BodyRows& rows,
                                                std::span<const ContactPacket> packets,
                                                const Bears& bears,
@@ -73,7 +56,15 @@ std::span<const LoadEnds::Part> LoadEnds::find(const BodyRows& rows,
   }
   if (thrown_.empty()) return parts_;
   lost_.assign(usize(rows.size()), BodyRow{});
-  list_contacts(rows.size(), packets);
+  contacts_of_.assign(rows.size(), [&](const auto& visit) {
+    std::int32_t place = 0;
+    for (const ContactPacket& packet : packets) {
+      for (int lane = 0; lane < kLanes; ++lane, ++place) {
+        if (packet.moves_a[lane]) visit(packet.a[lane], place);
+        if (packet.moves_b[lane]) visit(packet.b[lane], place);
+      }
+    }
+  });
   left_.assign(packets.size() * kLanes, 1);
   times_.assign(usize(rows.size()), 0);
   for (std::size_t next = 0; next < thrown_.size(); ++next) {
@@ -83,8 +74,7 @@ std::span<const LoadEnds::Part> LoadEnds::find(const BodyRows& rows,
     if (!is_thrown(i, load_quad(d.linear))) continue;
     BodyRow e{};
     pushes_.clear();
-    for (auto n = usize(first_[i]); n < usize(first_[i + 1]); ++n) {
-      const std::int32_t place = contacts_of_[n];
+    for (const std::int32_t place : contacts_of_.of(row)) {
       const ContactPacket& packet = packets[usize(place / kLanes)];
       const int lane = place % kLanes;
       if (!(left_[usize(place)] > 0) || !bears(place / kLanes, lane)) continue;

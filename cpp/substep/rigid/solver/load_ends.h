@@ -17,6 +17,7 @@
 #include <span>
 #include <vector>
 
+#include "substep/core/incidence.h"
 #include "substep/rigid/solver/contact_packet.h"
 
 namespace substep::rigid {
@@ -47,17 +48,15 @@ class LoadEnds {
   };
 
   BodyRow change(const BodyRows& rows, std::size_t row, double h) const;
-  void list_contacts(std::int64_t rows, std::span<const ContactPacket> packets);
   void pass_on(std::int32_t row, double part, std::span<const ContactPacket> packets,
                std::span<const std::uint8_t> jointed);
 
-  std::vector<std::int32_t> first_;        // of each row, in contacts_of_
-  std::vector<std::int32_t> contacts_of_;  // row by row: lanes, counted through the packets
-  std::vector<double> left_;               // of the impulses in each lane
-  std::vector<BodyRow> lost_;              // of each row, by what is not left
-  std::vector<std::uint8_t> times_;        // of each row
-  std::vector<std::int32_t> thrown_;       // rows
-  std::vector<Push> pushes_;               // along the change
+  Incidence contacts_of_;             // of each row: lanes, counted through the packets
+  std::vector<double> left_;          // of the impulses in each lane
+  std::vector<BodyRow> lost_;         // of each row, by what is not left
+  std::vector<std::uint8_t> times_;   // of each row
+  std::vector<std::int32_t> thrown_;  // rows
+  std::vector<Push> pushes_;          // along the change
   std::vector<Part> parts_;
 };
 

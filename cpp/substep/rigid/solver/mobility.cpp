@@ -4,6 +4,7 @@
 #include <Eigen/SVD>
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <map>
 #include <numeric>
 
@@ -42,13 +43,14 @@ JointSides side(const Bodies& bodies, std::int32_t b, const Joint::Frame& frame)
 
 Vec3 first_lane(const JointVector& v) { return {v[0][0], v[1][0], v[2][0]}; }
 
-void add_equations(const Bodies& bodies, const Joint& joint, std::vector<Equation>& equations) {
+void add_equations(const Bodies& bodies, const Joint& joint, bool held,
+                   std::vector<Equation>& equations) {
   JointGradients G;
   joint_gradients(joint.type, side(bodies, joint.a, joint.in_a), side(bodies, joint.b, joint.in_b),
                   G);
-  const bool rod = joint.type == JointType::kDistance && joint.lower == joint.upper;
-  const int count = rod ? 1 : joint_equations(joint.type);
-  for (int i = 0; i < count; ++i) {
+  const int own = held ? coordinate_row(joint.type) : -1;
+  for (int i = 0; i < kJointRows; ++i) {
+    if (i >= joint_equations(joint.type) && i != own) continue;
     const Vec3 axis = first_lane(G.axis[i]);
     Equation e{joint.a, joint.b, Row6::Zero(), Row6::Zero()};
     if (is_turn(joint.type, i)) {
@@ -83,7 +85,21 @@ std::vector<std::int32_t> groups_of(const Bodies& bodies, std::span<const Joint>
 
 }  // namespace
 
+std::vector<double> parts_of_strength(std::span<const Joint> joints) {
+  std::vector<double> parts;
+  for (const Joint& joint : joints) {
+    const bool rod = joint.type == JointType::kDistance && joint.lower == joint.upper;
+    const double effort = std::abs(joint.effort);
+    parts.push_back(rod ? 0
+                    : joint.motor.type == MotorType::kSpeed && effort < joint.motor.most
+                        ? effort / joint.motor.most
+                        : 1);
+  }
+  return parts;
+}
+
 std::vector<Mat6> mobilities(const Bodies& bodies, std::span<const Joint> joints,
+                             std::span<const std::uint8_t> held,
                              std::span<const std::int64_t> rows) {
   constexpr std::size_t kMost = 150;    // equations
   constexpr double kRedundant = 1e-12;  // of the diagonal, where loops say things twice
@@ -96,18 +112,18 @@ std::vector<Mat6> mobilities(const Bodies& bodies, std::span<const Joint> joints
     if (bodies.dynamic(rows[k])) asked[group[usize(rows[k])]].push_back(k);
   }
   std::map<std::int32_t, std::vector<Equation>> equations;
-  for (const Joint& joint : joints) {
-    const std::int32_t b = bodies.dynamic(joint.a) ? joint.a : joint.b;
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    const std::int32_t b = bodies.dynamic(joints[j].a) ? joints[j].a : joints[j].b;
     if (b < 0 || !asked.contains(group[usize(b)])) continue;
-    add_equations(bodies, joint, equations[group[usize(b)]]);
+    add_equations(bodies, joints[j], held[j] != 0, equations[group[usize(b)]]);
   }
-  for (const auto& [number, held] : equations) {
-    const auto n = static_cast<Eigen::Index>(held.size());
-    if (held.empty() || held.size() > kMost) continue;
+  for (const auto& [number, together] : equations) {
+    const auto n = static_cast<Eigen::Index>(together.size());
+    if (together.empty() || together.size() > kMost) continue;
     // G M^-1, by the bodies that it concerns.
     std::map<std::int32_t, Tall> G;
     for (Eigen::Index i = 0; i < n; ++i) {
-      const Equation& e = held[usize(i)];
+      const Equation& e = together[usize(i)];
       for (const auto& [b, gradient] : {std::pair{e.a, e.of_a}, std::pair{e.b, e.of_b}}) {
         if (b < 0 || !bodies.dynamic(b)) continue;
         if (!G.contains(b)) G[b].setZero(n, 6);

@@ -12,7 +12,6 @@ using LaneMask = RoundContacts::Mask;
 
 constexpr double kParallel = 1e-2;  // [rad], of axes that the narrow phase takes for parallel
 constexpr double kMeets = 1e-9;     // of a radius: closer axes have no direction
-constexpr double kSameTangent = 0.25;
 
 SUBSTEP_INLINE Lanes unit_interval(const Lanes& x) {
   const Lanes low = x < -1.0 ? splat<Lanes>(-1) : x;
@@ -215,12 +214,12 @@ void RoundContacts::find(const BodyRows& rows, double h, ContactPacket& packet) 
     put_narrow(packet.arm_b[i], seen_b[i]);
   }
   for (int k = 0; k < 4; ++k) {
-    V p{}, q{}, C{}, used{}, pressing{};
+    V p{}, q{}, C = splat<V>(ContactPacket::kFarAway), used{}, pressing{};
     if (k < 2) {
       const V3 r = axes(arm_a[k & 1] - middle_a);
       const Mask is = acts[k & 1];
       p = is ? r[0] : V{}, q = is ? r[1] : V{};
-      C = is ? touch.separation[k & 1] : V{}, pressing = is ? l[k & 1] : V{};
+      C = is ? touch.separation[k & 1] : C, pressing = is ? l[k & 1] : V{};
       used = is ? one : V{};
     }
     put_narrow(packet.p[k], p);

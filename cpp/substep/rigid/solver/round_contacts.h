@@ -34,6 +34,9 @@ class RoundContacts {
   using V3 = ContactPacket::V3;
   using Mask = decltype(V{} < V{});
 
+  // Impulses go on while the plane of contact leaves more than this of the square of its tangent.
+  static constexpr double kSameTangent = 0.25;
+
   RoundContacts() = default;  // holds nothing before clear()
   void clear();
   // The contact of this lane, whose bodies turn by their displacements.

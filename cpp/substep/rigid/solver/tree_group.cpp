@@ -257,6 +257,7 @@ bool TreeGroup::begin_step(std::span<const Joint> joints, std::span<const std::u
     momenta_[k].angular = quad(Vec3(&bodies.L[3 * usize(m.body)]));
   }
   rows_.begin_step(tree_, momenta_, rows);
+  for (const Member& m : members_) rows.led[usize(rows.row(m.body))] = alone_;
   if (smooth_) kick(-0.5 * h_, rows);
   return true;
 }

@@ -3,10 +3,12 @@
 #include <algorithm>
 #include <array>
 #include <limits>
+#include <new>
 #include <optional>
 #include <utility>
 
 #include "substep/core/parallel.h"
+#include "substep/core/prefetch.h"
 #include "substep/core/usize.h"
 #include "substep/rigid/collision/mesh_contacts.h"
 #include "substep/rigid/collision/narrow_phase.h"
@@ -20,6 +22,7 @@ constexpr std::int64_t kPairs = 64;  // per chunk
 constexpr double kSlow = 0.5, kSlowBouncing = 0.1;
 // Tilts of what pivots on an edge or a corner, and turns in a step [rad].
 constexpr double kTilted = 1e-3, kPivots = 3e-3;
+constexpr double kStill = 1e-3;    // what goes no farther in a step is at rest, of Seams::kFlush
 constexpr double kMeeting = 1e-3;  // how near fast bodies are followed to each other, of the margin
 
 // Whether no face of the bodies lies on the other.
@@ -60,158 +63,26 @@ double acts_at(std::span<const Motion> motion, std::int32_t a, std::int32_t b) {
   return motion[usize(b)] != Motion::kDynamic ? 0 : 0.5;
 }
 
+// Of the strip that the points lie in: an area over its length.
+double width(const Manifold& manifold) {
+  const ContactPoint* const p = manifold.points;
+  if (manifold.count <= 2) return 0;
+  const Vec3 across = p[2].on_a - p[0].on_a,
+             other = p[manifold.count - 1].on_a - p[manifold.count == 3 ? 0 : 1].on_a;
+  const double length = std::sqrt(std::max(across.squaredNorm(), other.squaredNorm()));
+  return 0.5 * across.cross(other).norm() / length;
+}
+
+bool may_catch(const Shape& shape) {
+  return !std::holds_alternative<Sphere>(shape) && !std::holds_alternative<Plane>(shape);
+}
+
 bool is_round(const Shape& shape) {
   return std::holds_alternative<Sphere>(shape) || std::holds_alternative<Capsule>(shape) ||
          std::holds_alternative<Cylinder>(shape);
 }
 
 }  // namespace
-
-// Of bodies, by how much they are behind their ways at the end of the step [m].
-class ContactFinder::Setbacks {
- public:
-  // Between two bodies that both move freely.
-  struct Link {
-    std::int32_t a, b;
-    std::int64_t pair;     // -1: they touch
-    double margin;         // of the pair
-    double looked = 0;     // backs of both, squared, when it was looked at
-    std::size_t push = 0;  // if they touch
-  };
-
-  Setbacks(const Fixtures& fixtures, std::span<const Motion> motion, std::span<const Way> ways)
-      : fixtures_(fixtures), motion_(motion), ways_(ways) {}
-
-  bool any() const { return !queue_.empty(); }
-
-  // The two stop each other on their ways, or throw each other back.
-  void stop(const Touch& touch) {
-    const Fixtures::Entry &a = fixtures_[touch.pair.a], &b = fixtures_[touch.pair.b];
-    const Vec3& n = touch.manifold.normal;
-    const double way = n.dot(ways_[usize(a.body)].travel - ways_[usize(b.body)].travel);
-    if (!(way > 0)) return;
-    const double left = touch.time > 0 ? (1 - touch.time) * way : way - gap(touch);
-    const double back = bounce(touch.pair) * left;
-    if (!(back > std::min(a.margin, b.margin))) return;  // what is nearer touches anyway
-    set(a.body, -back * n), set(b.body, back * n);
-  }
-
-  void add(const FixturePair& pair, std::int64_t number) {
-    const Fixtures::Entry &a = fixtures_[pair.a], &b = fixtures_[pair.b];
-    if (is_free(a.body) && is_free(b.body))
-      links_.push_back({a.body, b.body, number, std::min(a.margin, b.margin)});
-  }
-  void add(const Touch& touch) {
-    const std::size_t before = links_.size();
-    add(touch.pair, -1);
-    if (links_.size() > before) join(links_.back(), touch);
-  }
-  void join(Link& link, const Touch& touch) {
-    link.pair = -1, link.push = pushes_.size();
-    pushes_.push_back({touch.manifold.normal, gap(touch), bounce(touch.pair)});
-  }
-
-  // pass(link) for those of the bodies that are set back, one after the other, until none is by
-  // more than it was.
-  template <class Pass>
-  void spread(const Pass& pass) {
-    boxes_.resize(usize(fixtures_.size()));
-    for (std::int32_t f = 0; f < fixtures_.size(); ++f)
-      if (is_free(fixtures_[f].body))
-        boxes_[usize(f)] = bounds(fixtures_[f].fixture.shape, fixtures_.pose(f));
-    std::vector<std::size_t> first(bodies_.size() + 1, 0), of_body(2 * links_.size());
-    for (const Link& link : links_) ++first[usize(link.a)], ++first[usize(link.b)];
-    for (std::size_t b = 1; b < first.size(); ++b) first[b] += first[b - 1];
-    for (std::size_t i = links_.size(); i-- > 0;)
-      of_body[--first[usize(links_[i].a)]] = of_body[--first[usize(links_[i].b)]] = i;
-    for (std::size_t k = 0; k < queue_.size(); ++k) {
-      const auto body = usize(queue_[k]);
-      bodies_[body].waits = false;
-      for (std::size_t i = first[body]; i < first[body + 1]; ++i) pass(links_[of_body[i]]);
-    }
-  }
-
-  // One that is set back stops the other, or throws it back.
-  void pass_on(const Link& link) {
-    const Push& push = pushes_[link.push];
-    const auto passed = [&](const Vec3& back) {
-      const double by = back.dot(push.normal);
-      return std::min(push.bounce * (by - push.gap), by);
-    };
-    const double of_a = passed(bodies_[usize(link.a)].back),
-                 of_b = passed(-bodies_[usize(link.b)].back);
-    if (of_a > 0) set(link.b, of_a * push.normal);
-    if (of_b > 0) set(link.a, -of_b * push.normal);
-  }
-
-  bool is_news(Link& link) const {
-    const double now =
-        bodies_[usize(link.a)].back.squaredNorm() + bodies_[usize(link.b)].back.squaredNorm();
-    return std::exchange(link.looked, now) != now;
-  }
-
-  // How much the two approach in all, and whether they may and do.
-  double approach(const Link& link) const {
-    const auto a = usize(link.a), b = usize(link.b);
-    return (bodies_[a].back - bodies_[b].back).norm() + (ways_[a].travel - ways_[b].travel).norm();
-  }
-  bool may_close(const Link& link, const FixturePair& pair) const {
-    const auto a = usize(link.a), b = usize(link.b);
-    const Vec3 way = ways_[b].travel - ways_[a].travel;
-    const Vec3 end = way + bodies_[b].back - bodies_[a].back;
-    Bounds box = boxes_[usize(pair.b)];
-    box.low += end.cwiseMin(way).cwiseMin(-link.margin);
-    box.high += end.cwiseMax(way).cwiseMax(link.margin);
-    return !apart(boxes_[usize(pair.a)], box);
-  }
-  bool closes(const Touch& touch) const {
-    const auto a = usize(fixtures_[touch.pair.a].body), b = usize(fixtures_[touch.pair.b].body);
-    const Vec3 way = ways_[a].travel - ways_[b].travel + bodies_[a].back - bodies_[b].back;
-    return way.dot(touch.manifold.normal) > gap(touch);
-  }
-
- private:
-  // Rounding must not make one larger and larger that goes round a body between two others.
-  static constexpr double kMore = 1.01;
-  struct Push {
-    Vec3 normal;
-    double gap, bounce;
-  };
-  struct Body {
-    Vec3 back = Vec3::Zero();
-    bool waits = false;  // in the queue
-  };
-
-  bool is_free(std::int32_t body) const { return motion_[usize(body)] == Motion::kDynamic; }
-  double bounce(const FixturePair& pair) const {
-    return 1 + fixtures_.restitution(fixtures_[pair.a].fixture, fixtures_[pair.b].fixture);
-  }
-  static double gap(const Touch& touch) {
-    double least = std::numeric_limits<double>::infinity();
-    for (int k = 0; k < touch.manifold.count; ++k)
-      least = std::min(least, touch.manifold.points[k].separation);
-    return std::max(least, 0.0);
-  }
-
-  void set(std::int32_t body, const Vec3& back) {
-    if (!is_free(body)) return;
-    bodies_.resize(motion_.size());
-    Body& of = bodies_[usize(body)];
-    if (!(back.squaredNorm() > kMore * of.back.squaredNorm())) return;
-    of.back = back;
-    if (!of.waits) queue_.push_back(body);
-    of.waits = true;
-  }
-
-  const Fixtures& fixtures_;
-  std::span<const Motion> motion_;
-  std::span<const Way> ways_;
-  std::vector<Body> bodies_;
-  std::vector<Link> links_;
-  std::vector<Push> pushes_;
-  std::vector<Bounds> boxes_;  // of fixtures, where they are
-  std::vector<std::int32_t> queue_;
-};
 
 // Of a chunk of pairs.
 class ContactFinder::Search {
@@ -225,33 +96,54 @@ class ContactFinder::Search {
         caches_(caches),
         found_(found) {}
 
-  // Whether they touch, or else may be near.
-  std::optional<bool> look_at(const FixturePair& pair) {
+  // The pair with this number: whether it touches, or else is near.
+  void look_at(const FixturePair& pair, std::int64_t number, Setbacks::Found& setbacks,
+               std::vector<Seams::Edge>& edges) {
     // Pairs that the broad phase still has from where they were find no more than new ones do.
     const Fixtures::Entry &a = fixtures_[pair.a], &b = fixtures_[pair.b];
     const Bounds &box_a = fixtures_.bounds()[usize(pair.a)],
                  &box_b = fixtures_.bounds()[usize(pair.b)];
     if (apart(box_a, box_b) || above(a.fixture.shape, fixtures_.pose(pair.a), box_b) ||
         above(b.fixture.shape, fixtures_.pose(pair.b), box_a))
-      return {};
+      return;
     const double slow = slow_for(a, b), margin = std::min(a.margin, b.margin);
-    const double approach =
-        (ways_[usize(a.body)].travel - ways_[usize(b.body)].travel).norm() + turns_by(a, b);
+    const double travel = (ways_[usize(a.body)].travel - ways_[usize(b.body)].travel).norm();
+    const double approach = travel + turns_by(a, b), range = margin + std::min(approach, slow);
+    const bool free = is_free(a.body) && is_free(b.body);
     const std::size_t before = found_.size();
-    collide_at(pair, fixtures_.pose(pair.a), fixtures_.pose(pair.b),
-               margin + std::min(approach, slow), 0);
-    if (continuous_ && approach > slow && found_.size() == before) follow(pair, margin);
-    return found_.size() > before;
+    const auto add = [&](const Touch& touch) {
+      const Setbacks::Push push = push_of(touch);
+      if (free) setbacks.pushes.push_back(push);
+      stop(touch, push, margin, setbacks);
+      if (meets_on_edge(touch, push))
+        edges.push_back({pair.a, pair.b, push.normal, static_cast<std::int32_t>(found_.size())});
+      found_.push_back(touch);
+    };
+    collide_at(pair, fixtures_.pose(pair.a), fixtures_.pose(pair.b), range, 0, add);
+    if (found_.size() > before) return;
+    if (continuous_ && approach > slow) follow(pair, margin, add);
+    if (found_.size() == before && free)
+      setbacks.near.push_back({.a = a.body,
+                               .b = b.body,
+                               .pair = static_cast<std::int32_t>(number),
+                               .least = range - travel});
   }
 
   // A pair of which one is set back.
-  void look_behind(const FixturePair& pair, const Setbacks::Link& link, const Setbacks& setbacks) {
-    if (!setbacks.may_close(link, pair)) return;
+  std::optional<Setbacks::Push> look_behind(const FixturePair& pair,
+                                            const Setbacks::Approach& approach) {
     const Fixtures::Entry &a = fixtures_[pair.a], &b = fixtures_[pair.b];
-    const std::size_t before = found_.size();
-    collide_at(pair, fixtures_.pose(pair.a), fixtures_.pose(pair.b),
-               link.margin + std::min({setbacks.approach(link), a.core.radius, b.core.radius}), 0);
-    if (found_.size() > before && !setbacks.closes(found_.back())) found_.pop_back();
+    const double range =
+        std::min(a.margin, b.margin) + std::min({approach.length, a.core.radius, b.core.radius});
+    std::optional<Setbacks::Push> met;
+    collide_at(pair, fixtures_.pose(pair.a), fixtures_.pose(pair.b), range, 0,
+               [&](const Touch& touch) {
+                 const Setbacks::Push push = push_of(touch);
+                 if (!(approach.closing.dot(push.normal) > push.gap)) return;
+                 met = push;
+                 found_.push_back(touch);
+               });
+    return met;
   }
 
   ContactConstraint contact(const Touch& touch) const {
@@ -276,6 +168,42 @@ class ContactFinder::Search {
   }
 
  private:
+  bool is_free(std::int32_t body) const { return motion_[usize(body)] == Motion::kDynamic; }
+
+  Setbacks::Push push_of(const Touch& touch) const {
+    const Fixtures::Entry &a = fixtures_[touch.pair.a], &b = fixtures_[touch.pair.b];
+    const auto* const points = touch.manifold.points;
+    double gap = std::numeric_limits<double>::infinity();
+    for (int k = 0; k < touch.manifold.count; ++k) gap = std::min(gap, points[k].separation);
+    return {a.body, b.body, touch.manifold.normal, std::max(gap, 0.0),
+            1 + fixtures_.restitution(a.fixture, b.fixture)};
+  }
+
+  // Whether the two stop each other on their ways, or throw each other back, by more than what is
+  // nearer than the margin and so touches anyway.
+  void stop(const Touch& touch, const Setbacks::Push& push, double margin,
+            Setbacks::Found& setbacks) const {
+    const double way = push.normal.dot(ways_[usize(push.a)].travel - ways_[usize(push.b)].travel);
+    if (!(way > 0)) return;
+    const double left = touch.time > 0 ? (1 - touch.time) * way : way - push.gap;
+    const double back = push.bounce * left;
+    if (!(back > margin)) return;
+    if (is_free(push.a)) setbacks.stops.push_back({push.a, -back * push.normal});
+    if (is_free(push.b)) setbacks.stops.push_back({push.b, back * push.normal});
+  }
+
+  // Whether a seam may be all that the two meet at. At its own time, one that lies on another is
+  // where it would have fallen.
+  bool meets_on_edge(const Touch& touch, const Setbacks::Push& push) const {
+    const Fixtures::Entry &a = fixtures_[touch.pair.a], &b = fixtures_[touch.pair.b];
+    if (!may_catch(a.fixture.shape) || !may_catch(b.fixture.shape)) return false;
+    const double flush = Seams::kFlush * std::min(a.margin, b.margin);
+    const double way = push.normal.dot(ways_[usize(push.a)].travel - ways_[usize(push.b)].travel);
+    const double still = kStill * flush;
+    return touch.time > 0 ||
+           (way > std::max(push.gap - still, still) && width(touch.manifold) <= 2 * flush);
+  }
+
   // How far points of them go in the step as they turn.
   double turns_by(const Fixtures::Entry& a, const Fixtures::Entry& b) const {
     return ways_[usize(a.body)].angle * a.outer + ways_[usize(b.body)].angle * b.outer;
@@ -285,14 +213,16 @@ class ContactFinder::Search {
     return (bounces ? kSlowBouncing : kSlow) * std::min(a.core.radius, b.core.radius);
   }
 
+  // found(touch) for each.
+  template <class Found>
   void collide_at(const FixturePair& pair, const Pose& pose_a, const Pose& pose_b, double margin,
-                  double time) {
+                  double time, const Found& found) {
     const Shape &a = fixtures_[pair.a].fixture.shape, &b = fixtures_[pair.b].fixture.shape;
     const TriangleMesh *mesh_a = mesh_of(a), *mesh_b = mesh_of(b);
+    touch_.pair = pair, touch_.time = time;
     if (!mesh_a && !mesh_b) {
-      found_.push_back({pair, time, {}});
-      if (!collide(a, pose_a, b, pose_b, margin, found_.back().manifold, caches_[usize(pair.slot)]))
-        found_.pop_back();
+      Cache& cache = caches_[usize(pair.slot)];
+      if (collide(a, pose_a, b, pose_b, margin, touch_.manifold, cache)) found(touch_);
       return;
     }
     manifolds_.clear();
@@ -302,16 +232,20 @@ class ContactFinder::Search {
       collide_mesh(b, pose_b, *mesh_a, pose_a, margin, manifolds_);
       for (Manifold& manifold : manifolds_) manifold.flip();
     }
-    for (const Manifold& manifold : manifolds_) found_.push_back({pair, time, manifold});
+    for (const Manifold& manifold : manifolds_) {
+      touch_.manifold = manifold;
+      found(touch_);
+    }
   }
 
   // Where two will meet in this step, if they do.
-  void follow(const FixturePair& pair, double margin) {
+  template <class Found>
+  void follow(const FixturePair& pair, double margin, const Found& found) {
     const Course a = course(pair.a), b = course(pair.b);
     const Impact impact = time_of_impact(fixtures_[pair.a].fixture.shape, a,
                                          fixtures_[pair.b].fixture.shape, b, 0, kMeeting * margin);
     if (impact.state == Impact::State::kTouching)
-      collide_at(pair, a.at(impact.time), b.at(impact.time), margin, impact.time);
+      collide_at(pair, a.at(impact.time), b.at(impact.time), margin, impact.time, found);
   }
 
   // With displacements x and rotation vectors w until then, C at the start is
@@ -341,6 +275,7 @@ class ContactFinder::Search {
   bool continuous_;
   std::vector<Cache>& caches_;
   std::vector<Touch>& found_;
+  Touch touch_{};
   std::vector<Manifold> manifolds_;
 };
 
@@ -355,6 +290,7 @@ class Carry {
   // Of several contacts of one pair (on a mesh) each takes the impulses of the one with the nearest
   // normal.
   void operator()(ContactConstraint& contact) {
+    if (end_ - next_ > 2) prefetch(next_[2]);  // most likely that of the contact that is next
     while (next_ != end_ && precedes(*next_, contact)) ++next_;
     auto nearest = next_;
     for (auto c = next_; c != end_ && !precedes(contact, *c); ++c)
@@ -397,30 +333,46 @@ bool ContactFinder::touch_at(const Fixtures& fixtures, std::span<const Motion> m
   return true;
 }
 
+void ContactFinder::leave_out_seams(const Fixtures& fixtures, std::span<const Way> ways) {
+  if (std::all_of(edges_.begin(), edges_.end(), [](const auto& of) { return of.empty(); })) return;
+  const auto bodies = static_cast<std::int64_t>(ways.size());
+  seams_.begin(edges_, fixtures, bodies, [&](const auto& has_edge, const auto& visit) {
+    for (const auto& found : touches_) {
+      for (const Touch& touch : found) {
+        const auto [a, b] = std::pair(touch.pair.a, touch.pair.b);
+        if (!has_edge(a) && !has_edge(b)) continue;
+        const Vec3& n = touch.manifold.normal;
+        const ContactPoint& p = touch.manifold.points[0];
+        const double flush = Seams::kFlush * std::min(fixtures[a].margin, fixtures[b].margin);
+        if (touch.time == 0 && p.separation <= flush)
+          visit({a, b, n, 0.5 * n.dot(p.on_a + p.on_b)});
+      }
+    }
+  });
+  for (std::size_t c = 0; c < edges_.size(); ++c) {
+    for (const Seams::Edge& edge : edges_[c])
+      if (seams_.parted(edge, fixtures, ways)) touches_[c][usize(edge.touch)].manifold.count = 0;
+    std::erase_if(touches_[c], [](const Touch& t) { return t.manifold.count == 0; });
+  }
+}
+
 void ContactFinder::find_followers(std::span<const FixturePair> pairs, const Fixtures& fixtures,
                                    std::span<const Motion> motion, std::span<const Way> ways) {
-  Setbacks setbacks(fixtures, motion, ways);
-  for (const auto& found : touches_)
-    for (const Touch& touch : found) setbacks.stop(touch);
-  if (!setbacks.any()) return;
-  for (const auto& found : touches_)
-    for (const Touch& touch : found) setbacks.add(touch);
-  for (const auto& near : near_)
-    for (const std::int64_t k : near) setbacks.add(pairs[usize(k)], k);
-  setbacks.spread([&](Setbacks::Link& link) {
-    if (link.pair >= 0 && setbacks.is_news(link)) {
-      auto& found = touches_[usize(link.pair / kPairs)];
-      const std::size_t before = found.size();
-      Search(fixtures, motion, ways, false, caches_, found)
-          .look_behind(pairs[usize(link.pair)], link, setbacks);
-      if (found.size() > before) setbacks.join(link, found.back());
-    }
-    if (link.pair < 0) setbacks.pass_on(link);
-  });
-  for (auto& found : touches_)
-    std::stable_sort(found.begin(), found.end(), [](const Touch& p, const Touch& q) {
+  const auto chunk_of = [](std::int32_t pair) { return usize(pair / kPairs); };
+  followers_.clear();
+  const auto meet = [&](std::int32_t pair, const Setbacks::Approach& approach) {
+    Search search(fixtures, motion, ways, false, caches_, touches_[chunk_of(pair)]);
+    const auto push = search.look_behind(pairs[usize(pair)], approach);
+    if (push) followers_.push_back(pair);
+    return push;
+  };
+  setbacks_.spread(found_, pairs, fixtures, ways, meet);
+  for (const std::int32_t pair : followers_) {
+    auto& touches = touches_[chunk_of(pair)];
+    std::stable_sort(touches.begin(), touches.end(), [](const Touch& p, const Touch& q) {
       return std::pair(p.pair.a, p.pair.b) < std::pair(q.pair.a, q.pair.b);
     });
+  }
 }
 
 std::optional<RoundPair> ContactFinder::round_pair(const Fixtures& fixtures,
@@ -454,18 +406,19 @@ void ContactFinder::find(std::span<const FixturePair> pairs, std::int32_t slots,
   caches_.resize(usize(slots));
   const auto n = static_cast<std::int64_t>(pairs.size());
   const auto chunks = usize((n + kPairs - 1) / kPairs);
-  touches_.resize(chunks), near_.resize(chunks);
+  touches_.resize(chunks), found_.resize(chunks), edges_.resize(chunks);
   parallel_for(
       n, kPairs,
       [&](std::int64_t begin, std::int64_t end) {
-        auto& found = touches_[usize(begin / kPairs)];
-        auto& near = near_[usize(begin / kPairs)];
-        found.clear(), near.clear();
-        Search search(fixtures, motion, ways, continuous, caches_, found);
-        for (std::int64_t k = begin; k < end; ++k)
-          if (!search.look_at(pairs[usize(k)]).value_or(true)) near.push_back(k);
+        auto& touches = touches_[usize(begin / kPairs)];
+        auto& found = found_[usize(begin / kPairs)];
+        auto& edges = edges_[usize(begin / kPairs)];
+        touches.clear(), found.clear(), edges.clear();
+        Search search(fixtures, motion, ways, continuous, caches_, touches);
+        for (std::int64_t k = begin; k < end; ++k) search.look_at(pairs[usize(k)], k, found, edges);
       },
       threads);
+  leave_out_seams(fixtures, ways);
   find_followers(pairs, fixtures, motion, ways);
   first_.assign(1, 0);
   for (const auto& found : touches_) first_.push_back(first_.back() + found.size());
@@ -480,7 +433,7 @@ void ContactFinder::find(std::span<const FixturePair> pairs, std::int32_t slots,
         contact->fixture_a = touches_[c][0].pair.a, contact->fixture_b = touches_[c][0].pair.b;
         Carry carry(last, *contact);
         for (const Touch& touch : touches_[c]) {
-          *contact = search.contact(touch);
+          new (contact) ContactConstraint(search.contact(touch));  // which is large, in place
           carry(*contact++);
         }
       },

@@ -6,9 +6,8 @@
 // motion along the normal takes until then, so that the solver has the impact happen there and then
 // whatever the speed, and what merely passes by is not met at all.
 //
-// Bodies that move along with each other do not approach, until one of them meets something. So
-// those that meet something in the step have a setback, how far they will be behind their ways, and
-// what follows them is looked for so much farther; it has a setback then, too.
+// Bodies that move along with each other do not approach, until one of them meets something. What
+// follows those that are set back is looked for so much farther (setbacks.h).
 //
 // Contacts are in the order of the fixtures' numbers, and those of a pair that was in contact a
 // step before begin with the impulses of then. They depend on poses, velocities and the last
@@ -25,6 +24,8 @@
 #include "substep/rigid/solver/contact_constraint.h"
 #include "substep/rigid/solver/round_contacts.h"
 #include "substep/rigid/world/fixtures.h"
+#include "substep/rigid/world/seams.h"
+#include "substep/rigid/world/setbacks.h"
 
 namespace substep::rigid {
 
@@ -50,7 +51,6 @@ class ContactFinder {
 
  private:
   class Search;
-  class Setbacks;
   // A pair at a time [part of the step] when it touches.
   struct Touch {
     FixturePair pair;
@@ -58,13 +58,18 @@ class ContactFinder {
     Manifold manifold;
   };
 
+  void leave_out_seams(const Fixtures& fixtures, std::span<const Way> ways);
   void find_followers(std::span<const FixturePair> pairs, const Fixtures& fixtures,
                       std::span<const Motion> motion, std::span<const Way> ways);
 
   std::vector<Cache> caches_;                    // of each slot
   std::vector<std::vector<Touch>> touches_;      // of each chunk
-  std::vector<std::vector<std::int64_t>> near_;  // pairs that do not touch, of each chunk
-  std::vector<std::size_t> first_;               // contact of each chunk
+  std::vector<Setbacks::Found> found_;           // of each chunk
+  std::vector<std::vector<Seams::Edge>> edges_;  // of each chunk
+  Seams seams_;
+  Setbacks setbacks_;
+  std::vector<std::int32_t> followers_;  // pairs
+  std::vector<std::size_t> first_;       // contact of each chunk
 };
 
 }  // namespace substep::rigid

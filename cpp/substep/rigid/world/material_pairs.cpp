@@ -49,8 +49,7 @@ void MaterialPairs::set(MaterialPair pair) {
   }
 }
 
-const MaterialPair* MaterialPairs::find(std::string_view a, std::string_view b) const {
-  if (pairs_.empty() || a.empty() || b.empty()) return nullptr;
+const MaterialPair* MaterialPairs::look_up(std::string_view a, std::string_view b) const {
   const Names wanted = std::minmax(a, b);
   const auto place =
       std::lower_bound(pairs_.begin(), pairs_.end(), wanted,

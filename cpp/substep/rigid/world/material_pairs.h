@@ -22,10 +22,14 @@ class MaterialPairs {
   // number is out of range, or static friction is given and not at least friction.
   void set(MaterialPair pair);
   // nullptr if there is none.
-  const MaterialPair* find(std::string_view a, std::string_view b) const;
+  const MaterialPair* find(std::string_view a, std::string_view b) const {
+    return pairs_.empty() || a.empty() || b.empty() ? nullptr : look_up(a, b);
+  }
   std::span<const MaterialPair> all() const { return pairs_; }  // in the order of their names
 
  private:
+  const MaterialPair* look_up(std::string_view a, std::string_view b) const;
+
   std::vector<MaterialPair> pairs_;  // a <= b
 };
 

@@ -486,9 +486,12 @@ void World::find_contacts() {
 
 void World::solve(double dt) {
   // Of a moving kinematic body with one that sleeps on.
-  std::erase_if(contacts_,
-                [&](const ContactConstraint& c) { return !is_awake(c.a) && !is_awake(c.b); });
-  const std::int64_t bad = starts_at_rest() ? solve_from_rest(dt) : solve_once(dt);
+  if (any_asleep()) {
+    std::erase_if(contacts_,
+                  [&](const ContactConstraint& c) { return !is_awake(c.a) && !is_awake(c.b); });
+  }
+  const std::vector<std::uint8_t> at_rest = contacts_at_rest();
+  const std::int64_t bad = at_rest.empty() ? solve_once(dt) : solve_from_rest(dt, at_rest);
   if (bad < 0) return;
   throw NonFiniteError("body " + std::to_string(bad) +
                            ": its motion is not finite after a step of " + std::to_string(dt) +
@@ -507,37 +510,62 @@ std::int64_t World::solve_once(double dt) {
                        });
 }
 
-// Whether bodies were put down on each other: they press, but nobody told how much.
-bool World::starts_at_rest() const {
+// Of each contact, 1: its bodies were put down on each other. They press, but nobody told how much.
+// Empty if there is none.
+std::vector<std::uint8_t> World::contacts_at_rest() const {
+  if (!last_contacts_.empty() || !sleeping_contacts_.empty() || contacts_.empty()) return {};
+  std::vector<BodyPair> pairs;
+  const auto connect = [&](std::int32_t a, std::int32_t b) {
+    if (b >= 0 && bodies_.dynamic(a) && bodies_.dynamic(b)) pairs.push_back({a, b});
+  };
+  for (const ContactConstraint& c : contacts_) connect(c.a, c.b);
+  for (const Joint& joint : joints_) connect(joint.a, joint.b);
+  std::vector<std::int32_t> island(usize(bodies_.size()));
+  label_islands(pairs, island);
+  std::vector<std::uint8_t> moves(island.size());
   const auto rests = [&](std::int32_t b) {
     return Vec3(&bodies_.P[3 * usize(b)]).isZero(0) && Vec3(&bodies_.L[3 * usize(b)]).isZero(0);
   };
-  return last_contacts_.empty() && sleeping_contacts_.empty() && !contacts_.empty() &&
-         std::all_of(contacts_.begin(), contacts_.end(),
-                     [&](const ContactConstraint& c) { return rests(c.a) && rests(c.b); });
+  const auto note = [&](std::int32_t a, std::int32_t b) {
+    if (b < 0 || (rests(a) && rests(b))) return;
+    for (const std::int32_t c : {a, b})
+      if (bodies_.dynamic(c)) moves[usize(island[usize(c)])] = 1;
+  };
+  for (const ContactConstraint& c : contacts_) note(c.a, c.b);
+  for (const Joint& joint : joints_) note(joint.a, joint.b);
+  std::vector<std::uint8_t> found;
+  for (const ContactConstraint& c : contacts_)
+    found.push_back(moves[usize(island[usize(bodies_.dynamic(c.a) ? c.a : c.b)])] == 0);
+  if (std::find(found.begin(), found.end(), 1) == found.end()) found.clear();
+  return found;
 }
 
-// The same step again and again, each time with the impulses that it found, until they stay. All
-// contacts stick so long; if some have less friction where they slip, once more with that.
-std::int64_t World::solve_from_rest(double dt) {
+// The same step again and again, each time with the impulses that contacts at rest had in the last,
+// until these stay. All of them stick so long; if some have less friction where they slip, once
+// more with that.
+std::int64_t World::solve_from_rest(double dt, const std::vector<std::uint8_t>& at_rest) {
+  const std::vector<ContactConstraint> begun = contacts_;
   const std::vector<double> x = bodies_.x, q = bodies_.q, P = bodies_.P, L = bodies_.L;
   std::vector<Joint> joints = joints_;
   const auto back = [&] {
     bodies_.x = x, bodies_.q = q, bodies_.P = P, bodies_.L = L;
     for (std::size_t j = 0; j < joints_.size(); ++j) joints[j].impulse = joints_[j].impulse;
     joints_ = joints;
+    for (std::size_t c = 0; c < contacts_.size(); ++c)
+      if (!at_rest[c]) contacts_[c] = begun[c];
   };
-  std::vector<double> kinetic;
   bool slips = false;
-  for (ContactConstraint& c : contacts_) {
-    slips |= sticks_more(c);
-    kinetic.push_back(std::exchange(c.friction, c.mu()));
+  for (std::size_t c = 0; c < contacts_.size(); ++c) {
+    if (!at_rest[c]) continue;
+    slips |= sticks_more(contacts_[c]);
+    contacts_[c].friction = contacts_[c].mu();
   }
   std::vector<double> impulses(contacts_.size(), 0);
   for (int round = 1;; ++round) {
     const std::int64_t bad = solve_once(dt);
     double sum = 0, change = 0;
     for (std::size_t c = 0; c < contacts_.size(); ++c) {
+      if (!at_rest[c]) continue;
       double l = 0;
       for (int k = 0; k < contacts_[c].count; ++k) l += contacts_[c].points[k].impulse;
       sum += l;
@@ -548,7 +576,7 @@ std::int64_t World::solve_from_rest(double dt) {
     back();
     if (last) break;
   }
-  for (std::size_t c = 0; c < contacts_.size(); ++c) contacts_[c].friction = kinetic[c];
+  for (std::size_t c = 0; c < contacts_.size(); ++c) contacts_[c].friction = begun[c].friction;
   return solve_once(dt);
 }
 

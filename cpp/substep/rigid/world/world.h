@@ -156,10 +156,11 @@ class World {
   void find_contacts();
   void solve(double dt);
   std::int64_t solve_once(double dt);
-  bool starts_at_rest() const;
-  std::int64_t solve_from_rest(double dt);
+  std::vector<std::uint8_t> contacts_at_rest() const;
+  std::int64_t solve_from_rest(double dt, const std::vector<std::uint8_t>& at_rest);
 
-  bool is_awake(std::int64_t body) const;   // and dynamic
+  bool is_awake(std::int64_t body) const;  // and dynamic
+  bool any_asleep() const;
   bool moves_now(std::int64_t body) const;  // or kinematic with a velocity
   bool displaced(std::int64_t body) const;
   bool wake_touched(double dt);

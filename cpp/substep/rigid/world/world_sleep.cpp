@@ -33,6 +33,10 @@ bool World::is_awake(std::int64_t body) const {
   return bodies_.dynamic(body) && asleep_[usize(body)] == 0;
 }
 
+bool World::any_asleep() const {
+  return std::find(asleep_.begin(), asleep_.end(), 1) != asleep_.end();
+}
+
 bool World::moves_now(std::int64_t body) const {
   if (bodies_.motion[usize(body)] != Motion::kKinematic) return is_awake(body);
   const Vec3 P(&bodies_.P[3 * usize(body)]), L(&bodies_.L[3 * usize(body)]);
@@ -95,11 +99,13 @@ void World::note_changes() {
 // Wakes what awake or moving bodies meet in this step; true if any did.
 bool World::wake_touched(double dt) {
   woken_.clear();
-  for (const ContactConstraint& c : contacts_) {
-    const bool wakes_a = asleep_[usize(c.a)] != 0 && moves_now(c.b),
-               wakes_b = asleep_[usize(c.b)] != 0 && moves_now(c.a);
-    if ((wakes_a || wakes_b) && meets(c, ways_[usize(c.a)], ways_[usize(c.b)]))
-      wake(wakes_a ? c.a : c.b);
+  if (any_asleep()) {
+    for (const ContactConstraint& c : contacts_) {
+      const bool wakes_a = asleep_[usize(c.a)] != 0 && moves_now(c.b),
+                 wakes_b = asleep_[usize(c.b)] != 0 && moves_now(c.a);
+      if ((wakes_a || wakes_b) && meets(c, ways_[usize(c.a)], ways_[usize(c.b)]))
+        wake(wakes_a ? c.a : c.b);
+    }
   }
   for (const Joint& joint : joints_) {
     if (asleep_[usize(joint.a)] != 0 && joint.b >= 0 && moves_now(joint.b)) wake(joint.a);
