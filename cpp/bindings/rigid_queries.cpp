@@ -132,19 +132,19 @@ void bind_queries(py::class_<PyWorld>& world) {
            })
       .def(
           "mobilities",
-          [](const PyWorld& self, const Numbers& rows, const Flags& held) {
+          [](const PyWorld& self, const Numbers& rows, const Flags& held, double dt) {
             const std::span given(held.data(), static_cast<std::size_t>(held.size()));
             if (given.size() != self.world.joints().size())
               throw substep::InputError("held: expected a number for each joint");
-            const std::vector<Mat6> found =
-                mobilities(self.world.bodies(), self.world.joints(), given, self.bodies(rows));
+            const std::vector<Mat6> found = mobilities(self.world.bodies(), self.world.joints(),
+                                                       given, self.bodies(rows), dt);
             py::array_t<double> out(
                 {static_cast<py::ssize_t>(found.size()), py::ssize_t{6}, py::ssize_t{6}});
             for (std::size_t k = 0; k < found.size(); ++k)
               Eigen::Map<Mat6>{out.mutable_data(static_cast<py::ssize_t>(k), 0, 0)} = found[k];
             return out;
           },
-          py::arg("rows"), py::arg("held"))
+          py::arg("rows"), py::arg("held"), py::arg("dt"))
       .def("parts_of_strength",
            [](const PyWorld& self) {
              const std::vector<double> parts = parts_of_strength(self.world.joints());

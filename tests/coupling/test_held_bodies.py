@@ -222,3 +222,28 @@ def test_a_motor_that_is_too_weak_lets_a_light_gate_go():
     world.advance(0.3, lambda _: energies.append(world.diagnostics()["energy"]))
     assert joint.coordinate > 0.1
     assert max(energies) < start + 1e-6 * abs(start)
+
+
+@pytest.mark.parametrize("kind", ["hinge", "elastic"])
+def test_a_damped_spring_holds_a_light_gate_against_still_water(kind):
+    """1 kg against a moment of 0.35 kN m, on a spring that yields by 0.35 mrad."""
+    h, side = 0.6, 1.0
+    bodies = substep.RigidBodies(gravity=(0, -G, 0))
+    gate = bodies.add(substep.Box((0.2, 1, 1)), (side + 0.1, 0.5, 0), mass=1.0)
+    load = 1000 * G * h**2 / 2
+    if kind == "hinge":
+        motor = substep.rigid.SpringMotor(load * h / 3 / 1e6, 1e6, 500.0)
+        bodies.hinge(gate, None, (side, 0, 0), (0, 0, 1), motor=motor)
+    else:
+        spring = substep.rigid.TurnSpring(1e6, 1e6, 500.0, 500.0)
+        bodies.elastic(gate, None, (side + 0.1, 0, 0), (0, 0, 1), spring)
+    water = substep.GridLiquid(
+        lattice((0, 0), (side, h), 0.025),
+        cell=0.05,
+        bounds=((0, 0), (1.6, 1.2)),
+        colliders=bodies.make_colliders(gate),
+    )
+    world, given = substep.World({"bodies": bodies, "water": water}), []
+    world.advance(0.5, lambda _: given.append(world.exchanged()["water"][1][0, 0]))
+    assert np.array(given[10:]) == pytest.approx(load, rel=0.005)
+    assert np.abs(water.velocities).max() < 0.01

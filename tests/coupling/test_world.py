@@ -15,7 +15,7 @@ small_world = example(substep.World)
 
 def mobilities_of(bodies, ids):
     native = bodies._native
-    return native.mobilities(bodies.rows(ids), native.parts_of_strength() < 0.5)
+    return native.mobilities(bodies.rows(ids), native.parts_of_strength() < 0.5, 1 / 60)
 
 
 def digest(world):

@@ -1,8 +1,9 @@
 """Rigid bodies behind the obstacles of another simulation: how they yield, and what they are given.
 
 A body of mass m, moments I about its centre of mass and velocity V = (v, omega) answers an impulse
-J = (j, l) by V + W J, W = diag(1 / m, I^-1): its mobility, of which joints, and motors that keep a
-speed in step 1 below, take what they hold (rigid/solver/mobility.h). In an interval of exchange dt
+J = (j, l) by V + W J, W = diag(1 / m, I^-1): its mobility, of which joints, and motors that are
+strong enough in step 1 below, take what they hold (rigid/solver/mobility.h). In an interval of
+exchange dt
 1. the bodies try the interval with the impulses J' of the last one, which gives V';
 2. the simulation advances with bodies that move by V + a t + W J, a dt = V' - V - W J', where J is
    what it pushes them by itself: what holds and carries them is in a, what it changes in W J;
@@ -11,7 +12,7 @@ speed in step 1 below, take what they hold (rigid/solver/mobility.h). In an inte
    that is put back by h dV / 2 may be deep in what it met.
 Where contacts, ropes or ends of joints take more than half of what J' does, W is what they leave;
 where J would lift the body off them, the interval is taken again with all of W. What springs and
-motors take is no support: they yield, and pull as well.
+motors take is no support: they pull as well, and are in W.
 Where J' = J that is the motion of the bodies under J, contacts and joints and all, whatever W is;
 where it is not, W is how it begins to differ. A body that nothing else touches moves by its
 mobility alone, so that the exchange is exact.
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     from ..base.simulation import Simulation
     from ..rigid import RigidBodies
 
-SPARED = 0.5  # of the strength of a speed motor: it keeps its speed while it needs less
+SPARED = 0.5  # of the strength of a motor: it keeps its speed while it needs less
 _HELD = 0.5  # of what impulses do to a body alone: it is held where supports take more
 
 Array = NDArray[np.float64]

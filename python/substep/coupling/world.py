@@ -340,7 +340,7 @@ class World(Simulation):
         W = np.zeros((len(bodies), 6, 6))
         links = {link.name: k for k, link in enumerate(self._links)}
         pushed = np.unique(np.concatenate(rows))
-        W[pushed] = bodies._native.mobilities(pushed, held)
+        W[pushed] = bodies._native.mobilities(pushed, held, dt)
         new = list(impulses)
         more = np.zeros_like(tried)  # than in the trial
         last_ones = np.zeros_like(tried)

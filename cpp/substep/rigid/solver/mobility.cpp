@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <numeric>
 
@@ -30,11 +31,38 @@ Mat6 free_mobility(const Bodies& bodies, std::int64_t b) {
   return W;
 }
 
-// One equation of a joint: its gradients for the two bodies.
+// One equation of a joint: its gradients for the two bodies, and how far it yields to an impulse.
 struct Equation {
   std::int32_t a, b;
   Row6 of_a, of_b;
+  double softness;
 };
+
+constexpr double kInfinite = std::numeric_limits<double>::infinity();
+
+// How far a spring yields to an impulse over dt, in a row that would move by W without it: by
+// Newmark's method. One that rings for longer does not answer the same in the next step: it holds
+// nothing.
+double softness_of_spring(double stiffness, double damping, double W, double dt) {
+  constexpr double kRings = 0.1;  // of its amplitude, after dt
+  const double x = dt * std::sqrt(stiffness * W), g = dt * damping * W / 2;
+  const double decay = g > x ? x * x / (2 * g) : g;  // of the slowest part
+  return std::exp(-decay) < kRings ? W / (x * x / 4 + g) : kInfinite;
+}
+
+// Of a row of a joint: 0 of equations, infinite of what is free.
+double softness(const Joint& joint, int row, bool held, double W, double dt) {
+  const int equations = joint_equations(joint.type);
+  if (row < equations) return 0;
+  if (joint.type == JointType::kElastic) {
+    const Joint::Spring& s = joint.spring;
+    return row == equations ? softness_of_spring(s.twist_stiffness, s.twist_damping, W, dt)
+                            : softness_of_spring(s.swing_stiffness, s.swing_damping, W, dt);
+  }
+  if (!held || row != coordinate_row(joint.type)) return kInfinite;
+  if (joint.motor.type != MotorType::kSpring) return 0;
+  return softness_of_spring(joint.motor.stiffness, joint.motor.damping, W, dt);
+}
 
 JointSides side(const Bodies& bodies, std::int32_t b, const Joint::Frame& frame) {
   if (b < 0) return {frame, Vec3::Zero(), Quaternion::Identity()};
@@ -43,16 +71,23 @@ JointSides side(const Bodies& bodies, std::int32_t b, const Joint::Frame& frame)
 
 Vec3 first_lane(const JointVector& v) { return {v[0][0], v[1][0], v[2][0]}; }
 
-void add_equations(const Bodies& bodies, const Joint& joint, bool held,
+// How an impulse alone moves the row.
+double response(const Bodies& bodies, const Equation& e) {
+  double W = 0;
+  for (const auto& [b, gradient] : {std::pair{e.a, e.of_a}, std::pair{e.b, e.of_b}}) {
+    if (b >= 0) W += gradient.dot(gradient * free_mobility(bodies, b));
+  }
+  return W;
+}
+
+void add_equations(const Bodies& bodies, const Joint& joint, bool held, double dt,
                    std::vector<Equation>& equations) {
   JointGradients G;
   joint_gradients(joint.type, side(bodies, joint.a, joint.in_a), side(bodies, joint.b, joint.in_b),
                   G);
-  const int own = held ? coordinate_row(joint.type) : -1;
   for (int i = 0; i < kJointRows; ++i) {
-    if (i >= joint_equations(joint.type) && i != own) continue;
     const Vec3 axis = first_lane(G.axis[i]);
-    Equation e{joint.a, joint.b, Row6::Zero(), Row6::Zero()};
+    Equation e{joint.a, joint.b, Row6::Zero(), Row6::Zero(), 0};
     if (is_turn(joint.type, i)) {
       e.of_a.tail<3>() = axis.transpose();
       e.of_b.tail<3>() = -axis.transpose();
@@ -61,7 +96,8 @@ void add_equations(const Bodies& bodies, const Joint& joint, bool held,
       e.of_a.tail<3>() = first_lane(G.arm_a).cross(axis).transpose();
       e.of_b.tail<3>() = -first_lane(G.arm_b).cross(axis).transpose();
     }
-    equations.push_back(e);
+    e.softness = softness(joint, i, held, response(bodies, e), dt);
+    if (e.softness < kInfinite) equations.push_back(e);
   }
 }
 
@@ -91,7 +127,7 @@ std::vector<double> parts_of_strength(std::span<const Joint> joints) {
     const bool rod = joint.type == JointType::kDistance && joint.lower == joint.upper;
     const double effort = std::abs(joint.effort);
     parts.push_back(rod ? 0
-                    : joint.motor.type == MotorType::kSpeed && effort < joint.motor.most
+                    : joint.motor.type != MotorType::kNone && effort < joint.motor.most
                         ? effort / joint.motor.most
                         : 1);
   }
@@ -99,8 +135,8 @@ std::vector<double> parts_of_strength(std::span<const Joint> joints) {
 }
 
 std::vector<Mat6> mobilities(const Bodies& bodies, std::span<const Joint> joints,
-                             std::span<const std::uint8_t> held,
-                             std::span<const std::int64_t> rows) {
+                             std::span<const std::uint8_t> held, std::span<const std::int64_t> rows,
+                             double dt) {
   constexpr std::size_t kMost = 150;    // equations
   constexpr double kRedundant = 1e-12;  // of the diagonal, where loops say things twice
   std::vector<Mat6> found;
@@ -115,7 +151,7 @@ std::vector<Mat6> mobilities(const Bodies& bodies, std::span<const Joint> joints
   for (std::size_t j = 0; j < joints.size(); ++j) {
     const std::int32_t b = bodies.dynamic(joints[j].a) ? joints[j].a : joints[j].b;
     if (b < 0 || !asked.contains(group[usize(b)])) continue;
-    add_equations(bodies, joints[j], held[j] != 0, equations[group[usize(b)]]);
+    add_equations(bodies, joints[j], held[j] != 0, dt, equations[group[usize(b)]]);
   }
   for (const auto& [number, together] : equations) {
     const auto n = static_cast<Eigen::Index>(together.size());
@@ -133,6 +169,7 @@ std::vector<Mat6> mobilities(const Bodies& bodies, std::span<const Joint> joints
     Eigen::MatrixXd D = Eigen::MatrixXd::Zero(n, n);
     for (const auto& [b, g] : G) D += g * free_mobility(bodies, b) * g.transpose();
     D.diagonal() *= 1 + kRedundant;
+    for (Eigen::Index i = 0; i < n; ++i) D(i, i) += together[usize(i)].softness;
     const Eigen::LDLT<Eigen::MatrixXd> factor(D);
     const std::vector<std::size_t>& bodies_asked = asked[number];
     std::vector<Mat6> R;
