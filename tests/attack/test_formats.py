@@ -49,4 +49,4 @@ def test_ctrl_c_while_a_library_comes_to_no_end(tmp_path, name):
             read(tmp_path / name)
     finally:
         signal.signal(signal.SIGALRM, before)
-    assert time.monotonic() - begun < 0.9
+    assert time.monotonic() - begun < 5

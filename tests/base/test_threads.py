@@ -112,7 +112,7 @@ def test_signals_stop_a_native_loop(loop, threads):
     size = {"advect": 1_000_000, "solve_ivp": 1_000_000}[loop]
     waits = [
         seconds_to_stop(lambda: LOOPS[loop](n=size, steps=100_000, threads=threads), 0.5)
-        for _ in range(2)
+        for _ in range(4)
     ]
     assert min(waits) <= (0.3 if SANITIZED else 0.1)
 

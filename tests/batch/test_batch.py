@@ -610,7 +610,7 @@ def test_ctrl_c_leaves_all_worlds_at_one_step():
     threading.Thread(target=press).start()
     with pytest.raises(KeyboardInterrupt):
         batch.step(1e-3, 10**9)
-    assert time.perf_counter() - pressed[0] < 0.5
+    assert time.perf_counter() - pressed[0] < 2
     assert time.perf_counter() - started > 0.2
     assert (batch.times == batch.time).all()
     again = substep.Batch(net(0.1, step=1e-3), 50)

@@ -533,13 +533,17 @@ def test_fun_that_releases_the_gil_runs_beside_others():
     def run():
         solve(fun, method="rk4", step=0.25)
 
-    threads = [threading.Thread(target=run) for _ in range(4)]
-    start = time.perf_counter()
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert time.perf_counter() - start < 3.5 * 16 * 0.005
+    def seconds():
+        threads = [threading.Thread(target=run) for _ in range(4)]
+        start = time.perf_counter()
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        return time.perf_counter() - start
+
+    # The best: others may use the CPU.
+    assert min(seconds() for _ in range(4)) < 3.5 * 16 * 0.005
 
 
 # Compiled functions.
