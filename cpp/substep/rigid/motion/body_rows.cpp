@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <limits>
 
 #include "substep/core/parallel.h"
@@ -17,6 +18,51 @@ constexpr double kFarTurned = 0.5;  // [rad]
 constexpr double kMostGain = 1.02;  // of the energy of rotation
 
 Point<double> to_row(const Vec3& v, double w = 0) { return {v.x(), v.y(), v.z(), w}; }
+
+// A row in registers, in one vector or two. It is read and written at once, as those that read and
+// write it in lanes do (body_lanes.h): a load waits long for stores of which each has only a part.
+template <class Part>
+class RowOf {
+ public:
+  explicit RowOf(const BodyRow& row) { std::memcpy(part_, &row, sizeof row); }
+  void store(BodyRow& row) const { std::memcpy(&row, part_, sizeof row); }
+
+  friend RowOf operator+(const RowOf& x, const RowOf& y) {
+    return of([&](int k) { return x.part_[k] + y.part_[k]; });
+  }
+  friend RowOf operator-(const RowOf& x, const RowOf& y) {
+    return of([&](int k) { return x.part_[k] - y.part_[k]; });
+  }
+  friend RowOf operator*(double s, const RowOf& x) {
+    return of([&](int k) { return s * x.part_[k]; });
+  }
+  Quad<double> linear() const {
+    if constexpr (kParts == 2)
+      return part_[0];
+    else
+      return __builtin_shufflevector(part_[0], part_[0], 0, 1, 2, 3);
+  }
+  Quad<double> angular() const {
+    if constexpr (kParts == 2)
+      return part_[1];
+    else
+      return __builtin_shufflevector(part_[0], part_[0], 4, 5, 6, 7);
+  }
+
+ private:
+  static constexpr int kParts = sizeof(BodyRow) / sizeof(Part);
+
+  RowOf() = default;
+  template <class F>
+  static RowOf of(const F& part) {
+    RowOf result;
+    for (int k = 0; k < kParts; ++k) result.part_[k] = part(k);
+    return result;
+  }
+
+  Part part_[kParts];
+};
+using RowLanes = RowOf<Vector<double, std::max(kVectorBytes, 32)>>;
 
 // R D R^T.
 Mat3 conjugated(const Mat3& R, const Vec3& D) { return R * D.asDiagonal() * R.transpose(); }
@@ -77,26 +123,17 @@ void BodyRows::load(const Bodies& bodies, const Vec3& gravity, std::span<const s
 
 void BodyRows::accelerate(std::int64_t begin, std::int64_t end, double h, double slow,
                           double lost) {
-  const auto settle = [&](std::size_t i) {
-    const auto v = load_quad(velocity[i].linear), w = load_quad(velocity[i].angular);
-    const auto square = v * v + w * w;
+  const auto settled = [&](std::size_t i, const RowLanes& v) {
+    const auto square = v.linear() * v.linear() + v.angular() * v.angular();
     const double energy = (square[0] + square[1] + square[2]) * root[i].linear.w * root[i].linear.w;
-    if (!(energy < slow * slow)) return;
-    const double kept = 1 - lost * (1 - energy / (slow * slow));
-    store_quad(velocity[i].linear, kept * v);
-    store_quad(velocity[i].angular, kept * w);
-  };
-  const auto advance = [h](const Point<double>& a, const Point<double>& p, Point<double>& v,
-                           Point<double>& without) {
-    const auto unpushed = load_quad(v) + h * load_quad(a);
-    store_quad(without, unpushed);
-    store_quad(v, unpushed + load_quad(p));
+    return energy < slow * slow ? (1 - lost * (1 - energy / (slow * slow))) * v : v;
   };
   for (auto i = usize(begin); i < usize(end); ++i) {
     if (led[i] != 0) continue;
-    if (stands[i] != 0) settle(i);
-    advance(acceleration[i].linear, push[i].linear, velocity[i].linear, free[i].linear);
-    advance(acceleration[i].angular, push[i].angular, velocity[i].angular, free[i].angular);
+    const RowLanes v(velocity[i]);
+    const RowLanes unpushed = (stands[i] != 0 ? settled(i, v) : v) + h * RowLanes(acceleration[i]);
+    unpushed.store(free[i]);
+    (unpushed + RowLanes(push[i])).store(velocity[i]);
   }
 }
 
@@ -108,15 +145,11 @@ void BodyRows::move(std::int64_t begin, std::int64_t end, double h) {
   };
   for (auto i = usize(begin); i < usize(end); ++i) {
     if (led[i] != 0) continue;
-    const auto v = load_quad(velocity[i].linear), w = load_quad(velocity[i].angular);
-    const auto kick = v - load_quad(free[i].linear), turn = w - load_quad(free[i].angular);
-    const auto a = load_quad(acceleration[i].linear), alpha = load_quad(acceleration[i].angular);
-    const double parabola = none(kick, a) && none(turn, alpha) ? 0.5 * h * h : 0;
-    BodyRow& x = displacement[i];
-    store_quad(push[i].linear, kick);
-    store_quad(push[i].angular, turn);
-    store_quad(x.linear, load_quad(x.linear) + (h * v - parabola * a));
-    store_quad(x.angular, load_quad(x.angular) + (h * w - parabola * alpha));
+    const RowLanes v(velocity[i]), a(acceleration[i]), kick = v - RowLanes(free[i]);
+    const bool falls = none(kick.linear(), a.linear()) && none(kick.angular(), a.angular());
+    const double parabola = falls ? 0.5 * h * h : 0;
+    kick.store(push[i]);
+    (RowLanes(displacement[i]) + (h * v - parabola * a)).store(displacement[i]);
   }
 }
 
