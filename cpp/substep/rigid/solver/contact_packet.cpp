@@ -636,36 +636,47 @@ void ContactPacket::solve_positions(BodyRows& rows, const Settings& settings) {
 }
 
 template <class Form>
-SUBSTEP_INLINE void ContactPacket::solve_velocities_of(Form form, BodyRows& rows) {
-  Both m = load_both(form, rows.velocity, *this);
-  Twist u = relative(form, *this, m), l{};
-  if (rolls_on)
-    for (int i = 0; i < 3; ++i) u.linear[i] = u.linear[i] + wide(bias[i]);
-  solve_friction(form, *this, u, l);
+SUBSTEP_INLINE void sweep_velocities(Form form, ContactPacket& c, Both& m) {
+  Twist u = relative(form, c, m), l{};
+  if (c.rolls_on)
+    for (int i = 0; i < 3; ++i) u.linear[i] = u.linear[i] + wide(c.bias[i]);
+  solve_friction(form, c, u, l);
   V residual[4], d[4] = {};
-  approach(form, *this, u, residual);
-  const V unit = inverse_of(mobility);
-  for (int k = 0; k < Form::points; ++k) residual[k] = (residual[k] + wide(target[k])) * unit;
-  solve_block(form, *this, residual, impulse, d);
-  for (int k = 0; k < Form::points; ++k) impulse[k] = impulse[k] + d[k];
-  add_normal(form, *this, d, l);
-  if (rolls) solve_rolling(*this, u, l);
-  apply(form, *this, l, m);
-  store_both(form, m, rows.velocity, *this);
+  approach(form, c, u, residual);
+  const V unit = inverse_of(c.mobility);
+  for (int k = 0; k < Form::points; ++k) residual[k] = (residual[k] + wide(c.target[k])) * unit;
+  solve_block(form, c, residual, c.impulse, d);
+  for (int k = 0; k < Form::points; ++k) c.impulse[k] = c.impulse[k] + d[k];
+  add_normal(form, c, d, l);
+  if (c.rolls) solve_rolling(c, u, l);
+  apply(form, c, l, m);
 }
 
 void ContactPacket::solve_velocities(BodyRows& rows) {
-  with_form(*this, [&](auto form) { solve_velocities_of(form, rows); });
+  with_form(*this, [&](auto form) {
+    Both m = load_both(form, rows.velocity, *this);
+    sweep_velocities(form, *this, m);
+    store_both(form, m, rows.velocity, *this);
+  });
 }
 
+// The bodies stay in registers. Impulses do not change the world, but what is kinematic they do.
 void ContactPacket::solve_impact(BodyRows& rows) {
-  for (int sweep = 0; sweep < kImpactSweeps; ++sweep) {
-    const V before[2] = {slide_impulse[0], slide_impulse[1]};
-    solve_velocities(rows);
-    const V x = slide_impulse[0] - before[0], y = slide_impulse[1] - before[1];
-    const V bound = kConverged * wide(friction) * pressure();
-    if (!any(x * x + y * y > bound * bound)) return;
-  }
+  with_form(*this, [&](auto form) {
+    Both m = load_both(form, rows.velocity, *this);
+    for (int sweep = 0; sweep < kImpactSweeps; ++sweep) {
+      const V before[2] = {slide_impulse[0], slide_impulse[1]};
+      sweep_velocities(form, *this, m);
+      if (kinematic) {
+        store_both(form, m, rows.velocity, *this);
+        m = load_both(form, rows.velocity, *this);
+      }
+      const V x = slide_impulse[0] - before[0], y = slide_impulse[1] - before[1];
+      const V bound = kConverged * wide(friction) * pressure();
+      if (!any(x * x + y * y > bound * bound)) break;
+    }
+    store_both(form, m, rows.velocity, *this);
+  });
 }
 
 }  // namespace substep::rigid

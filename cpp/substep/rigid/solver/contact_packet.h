@@ -110,8 +110,6 @@ struct ContactPacket {
   template <class Form>
   void solve_positions_of(Form form, BodyRows& rows, const Settings& settings);
   ContactPacket on_fixed_bearers(const BodyRows& rows) const;
-  template <class Form>
-  void solve_velocities_of(Form form, BodyRows& rows);
 };
 
 }  // namespace substep::rigid
