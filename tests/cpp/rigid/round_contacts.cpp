@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <vector>
 
 #include "shapes.h"
@@ -63,12 +64,19 @@ struct Pairs {
   }
   double acts(std::size_t k) const { return is_ground(a[k]) ? 1 : is_ground(b[k]) ? 0 : 0.5; }
 
+  void pack() {
+    const ContactConstraint* of[kLanes] = {};
+    bool all[kLanes];
+    std::fill_n(all, kLanes, true);
+    for (std::size_t k = 0; k < contacts.size(); ++k) of[k] = &contacts[k];
+    packet.set(of, all, rows);
+    packet.prepare(rows);
+  }
+
   // Bodies go on and turn, and contacts are found in lanes.
   void find(Random& random) {
     rows.load(bodies, Vec3::Zero(), {}, 1);
-    for (std::size_t k = 0; k < contacts.size(); ++k)
-      packet.set(static_cast<int>(k), &contacts[k], rows);
-    packet.prepare(rows);
+    pack();
     round.clear();
     for (std::size_t k = 0; k < contacts.size(); ++k) {
       const ContactConstraint& c = contacts[k];
@@ -154,9 +162,7 @@ TEST(RigidRoundContacts, ParallelCapsulesAreLeftToTheNarrowPhase) {
   for (int lane = 0; lane < 2; ++lane) pairs.contacts[usize(lane)].margin = kMargin;
   // Without displacements.
   pairs.rows.load(pairs.bodies, Vec3::Zero(), {}, 1);
-  for (int lane = 0; lane < kLanes; ++lane)
-    pairs.packet.set(lane, lane < 2 ? &pairs.contacts[usize(lane)] : nullptr, pairs.rows);
-  pairs.packet.prepare(pairs.rows);
+  pairs.pack();
   pairs.round.clear();
   for (std::size_t k = 0; k < 2; ++k) {
     const ContactConstraint& c = pairs.contacts[k];

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "substep/core/roots.h"
 #include "substep/core/usize.h"
 #include "substep/rigid/solver/contact_lanes.h"
 
@@ -391,45 +392,62 @@ SUBSTEP_INLINE void find_block(ContactPacket& c, const Mobility& M) {
   for (int k = 0; k < 4; ++k) c.inverse[at(k, k)] = c.used[k] * c.inverse[at(k, k)];
 }
 
-template <class T>
-void set3(T& v, int lane, const Vec3& value) {
-  for (int i = 0; i < 3; ++i) v[i][lane] = static_cast<Lane<decltype(v[0] + v[0])>>(value[i]);
-}
-
 }  // namespace
 
-void ContactPacket::set(int lane, const ContactConstraint* contact, const BodyRows& rows) {
+void ContactPacket::set(const ContactConstraint* const (&contacts)[kLanes],
+                        const bool (&lanes)[kLanes], const BodyRows& rows) {
   static const ContactConstraint kNone{};
-  const ContactConstraint& c = contact != nullptr ? *contact : kNone;
-  const Vec3 second = c.normal.cross(c.tangent);
-  const auto along_axes = [&](const Vec3& r) {
-    return Vec3(r.dot(c.tangent), r.dot(second), r.dot(c.normal));
-  };
-  const Vec3 middle_a = along_axes(c.middle(&ContactConstraint::Point::arm_a));
-  a[lane] = contact != nullptr ? rows.row(c.a) : 0;
-  b[lane] = contact != nullptr ? rows.row(c.b) : 0;
-  moves_a[lane] = rows.moves(a[lane]), moves_b[lane] = rows.moves(b[lane]);
-  set3(normal, lane, c.normal);
-  set3(tangent, lane, c.tangent);
-  set3(arm_a, lane, middle_a);
-  set3(arm_b, lane, along_axes(c.middle(&ContactConstraint::Point::arm_b)));
-  for (int k = 0; k < 4; ++k) {
-    const bool is = k < c.count;
-    const Vec3 r = is ? Vec3(along_axes(c.points[k].arm_a) - middle_a) : Vec3::Zero();
-    p[k][lane] = static_cast<float>(r.x()), q[k][lane] = static_cast<float>(r.y());
-    lever[k][lane] = static_cast<float>(r.head<2>().norm());
-    used[k][lane] = is ? 1 : 0;
-    separation[k][lane] = is ? static_cast<float>(c.points[k].separation) : kFarAway;
-    impulse[k][lane] = is ? c.points[k].impulse : 0;
+  V3 arms_a[4] = {}, arms_b[4] = {};
+  V count{}, chosen{};  // chosen: 1 where a lane is set
+  for (int lane = 0; lane < kLanes; ++lane) {
+    if (!lanes[lane]) continue;
+    const ContactConstraint& c = contacts[lane] != nullptr ? *contacts[lane] : kNone;
+    a[lane] = contacts[lane] != nullptr ? rows.row(c.a) : 0;
+    b[lane] = contacts[lane] != nullptr ? rows.row(c.b) : 0;
+    moves_a[lane] = rows.moves(a[lane]), moves_b[lane] = rows.moves(b[lane]);
+    for (int i = 0; i < 3; ++i) {
+      normal[i][lane] = c.normal[i], tangent[i][lane] = c.tangent[i], bias[i][lane] = 0;
+    }
+    count[lane] = c.count, chosen[lane] = 1;
+    for (int k = 0; k < 4; ++k) {
+      const bool is = k < c.count;
+      used[k][lane] = is ? 1 : 0;
+      separation[k][lane] = is ? static_cast<float>(c.points[k].separation) : kFarAway;
+      impulse[k][lane] = is ? c.points[k].impulse : 0;
+      if (!is) continue;
+      for (int i = 0; i < 3; ++i) {
+        arms_a[k][i][lane] = c.points[k].arm_a[i];
+        arms_b[k][i][lane] = c.points[k].arm_b[i];
+      }
+    }
+    friction[lane] = static_cast<float>(c.mu()), spinning[lane] = static_cast<float>(c.spinning);
+    away[lane] = 0;
+    slide_impulse[0][lane] = c.friction_impulse[0], slide_impulse[1][lane] = c.friction_impulse[1];
+    twist_impulse[lane] = c.twist_impulse;
+    rolling[lane] = static_cast<float>(c.rolling);
+    for (int i = 0; i < 2; ++i) roll_impulse[i][lane] = c.roll_impulse[i];
   }
-  friction[lane] = static_cast<float>(c.mu()), spinning[lane] = static_cast<float>(c.spinning);
-  away[lane] = 0;
-  if (lane == 0) rolls_on = false;
-  set3(bias, lane, Vec3::Zero());
-  slide_impulse[0][lane] = c.friction_impulse[0], slide_impulse[1][lane] = c.friction_impulse[1];
-  twist_impulse[lane] = c.twist_impulse;
-  rolling[lane] = static_cast<float>(c.rolling);
-  for (int i = 0; i < 2; ++i) roll_impulse[i][lane] = c.roll_impulse[i];
+  rolls_on = false;
+  const V3 second = cross(normal, tangent);
+  const auto along_axes = [&](const V3& r) {
+    return V3{{dot(r, tangent), dot(r, second), dot(r, normal)}};
+  };
+  const auto middle = [&](const V3(&arms)[4]) {
+    V3 sum = ((arms[0] + arms[1]) + arms[2]) + arms[3];
+    for (int i = 0; i < 3; ++i) sum[i] = sum[i] / (count > 0 ? count : splat<V>(1));
+    return along_axes(sum);
+  };
+  const auto keep = [is_set = narrow(chosen) > 0](F& old, const V& value) {
+    old = is_set ? narrow(value) : old;
+  };
+  const V3 middle_a = middle(arms_a), middle_b = middle(arms_b);
+  for (int i = 0; i < 3; ++i) keep(arm_a[i], middle_a[i]), keep(arm_b[i], middle_b[i]);
+  for (int k = 0; k < 4; ++k) {
+    const V3 r = along_axes(arms_a[k]);
+    const auto is = count > k;
+    const V x = is ? r[0] - middle_a[0] : V{}, y = is ? r[1] - middle_a[1] : V{};
+    keep(p[k], x), keep(q[k], y), keep(lever[k], sqrt(x * x + y * y));
+  }
 }
 
 void ContactPacket::get(int lane, ContactConstraint& contact) const {

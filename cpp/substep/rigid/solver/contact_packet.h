@@ -40,8 +40,9 @@ struct ContactPacket {
     double push;        // most that one sub-step takes back [m]
   };
 
-  // Lane `lane` is the contact, or none.
-  void set(int lane, const ContactConstraint* contact, const BodyRows& rows);
+  // Those of these lanes are these contacts, or none where it is null.
+  void set(const ContactConstraint* const (&contacts)[kLanes], const bool (&lanes)[kLanes],
+           const BodyRows& rows);
   // Everything below but the impulses, once per step.
   void prepare(const BodyRows& rows);
 

@@ -184,17 +184,22 @@ void ContactSolver::pack(std::span<const ContactConstraint> contacts, const Vec3
           ContactPacket& packet = packets_[usize(k)];
           Given& given = given_[usize(k)];
           given = Given();
+          const ContactConstraint* of[kPacketLanes];
+          bool all[kPacketLanes];
           for (int lane = 0; lane < kPacketLanes; ++lane) {
             const auto place = usize(k * kPacketLanes + lane);
-            const auto c = sweep_.constraint[place];
             ask_for_contact(place + kAhead, contacts);
-            packet.set(lane, c < 0 ? nullptr : &contacts[usize(c)], rows_);
-            if (c < 0) continue;
-            given.load[lane] = contacts[usize(c)].load;
+            const auto c = sweep_.constraint[place];
+            of[lane] = c < 0 ? nullptr : &contacts[usize(c)];
+            all[lane] = true;
+          }
+          packet.set(of, all, rows_);
+          for (int lane = 0; lane < kPacketLanes; ++lane) {
+            if (of[lane] == nullptr) continue;
+            given.load[lane] = of[lane]->load;
             const bool driven = (packet.moves_a[lane] && jointed_[usize(packet.a[lane])] != 0) ||
                                 (packet.moves_b[lane] && jointed_[usize(packet.b[lane])] != 0);
-            const double fast =
-                driven ? fall.norm() : std::abs(contacts[usize(c)].normal.dot(fall));
+            const double fast = driven ? fall.norm() : std::abs(of[lane]->normal.dot(fall));
             given.jump[lane] = impact_start_.jump(packet.a[lane], packet.b[lane], fast);
             given.growth[lane] = impact_start_.growth(packet.a[lane], packet.b[lane], fast);
           }
@@ -511,6 +516,7 @@ void ContactSolver::renew(std::int64_t packet, std::span<ContactConstraint> cont
   RoundContacts* const round = round_of(packet);
   if (round != nullptr) round->find(rows_, h, p);
   bool rolling[kPacketLanes], one_by_one[kPacketLanes];
+  const ContactConstraint* found[kPacketLanes] = {};
   for (int lane = 0; lane < kPacketLanes; ++lane) {
     rolling[lane] = is_rolling(packet, lane);
     one_by_one[lane] = rolling[lane] && !(round != nullptr && round->has(lane));
@@ -519,8 +525,9 @@ void ContactSolver::renew(std::int64_t packet, std::span<ContactConstraint> cont
     p.get(lane, c);
     if (round != nullptr && round->left(lane)) round->report(lane, p, c);
     if (c.rolls_on) find_anew(rows_.pose(bodies, c.a), rows_.pose(bodies, c.b), h, c);
-    p.set(lane, &c, rows_);
+    found[lane] = &c;
   }
+  p.set(found, one_by_one, rows_);
   p.prepare(rows_);
   p.rebase(rows_, rolling);
   p.rolls_on = true;
@@ -550,7 +557,7 @@ void ContactSolver::set_bias(std::int64_t packet, int lane, const ContactConstra
   if (!find_anew(pose_a, pose_b, h, then) || then.count != contact.count) return;
   const Vec3 u = seen(contact, rows_.spin_of(a), rows_.spin_of(b));
   const Vec3 bias = 0.5 * (seen(then, w_a, w_b) - u);
-  const auto speed = [&](std::int32_t row, Vec3 ContactConstraint::Point::* arm) {
+  const auto speed = [&](std::int32_t row, Vec3 ContactConstraint::Point::*arm) {
     return rows_.velocity_of(row).norm() + rows_.spin_of(row).norm() * contact.middle(arm).norm();
   };
   const double smooth = kSmooth * (speed(a, &ContactConstraint::Point::arm_a) +
