@@ -37,8 +37,10 @@ namespace substep::rigid {
 struct Bounds {
   Vec3 low, high;
 };
-inline bool apart(const Bounds& p, const Bounds& q) {
-  return (p.low.array() > q.high.array()).any() || (q.low.array() > p.high.array()).any();
+inline bool apart(const Bounds& p, const Bounds& q) {  // without branches
+  bool apart = false;
+  for (int i = 0; i < 3; ++i) apart |= (p.low[i] > q.high[i]) | (q.low[i] > p.high[i]);
+  return apart;
 }
 
 struct Ball {
