@@ -102,11 +102,6 @@ void ImpactStart::add(const ContactPacket& packet, const V& load, const BodyRows
   }
 }
 
-double ImpactStart::withdrawn(std::size_t row) const {
-  const Row& all = all_of(row);
-  return all.square > 0 ? std::clamp(all.along / all.square, 0., 1.) : 0;
-}
-
 void ImpactStart::withdraw(BodyRows& rows) {
   label_islands(pairs_, label_);
   const auto each = [&](const auto& task) {
@@ -118,6 +113,11 @@ void ImpactStart::withdraw(BodyRows& rows) {
     Row& all = rows_[usize(label_[i])];
     all.along += sum(load_quad(v.linear) * x + load_quad(v.angular) * w) + rows_[i].power;
     all.square += sum(x * x + w * w);
+  });
+  each([&](std::size_t i, const BodyRow&) {
+    if (usize(label_[i]) != i) return;
+    Row& all = rows_[i];
+    all.withdrawn = all.square > 0 ? std::clamp(all.along / all.square, 0., 1.) : 0;
   });
   each([&](std::size_t i, BodyRow& v) {
     const double s = withdrawn(i);

@@ -95,8 +95,9 @@ class ImpactStart {
   struct Row {
     double jump, growth;  // masses; infinite where impulses move nothing
     bool jointed = false, hit = false;
-    double power = 0;              // of d that is not in v.M e of rows: kinematic bodies, friction
-    double along = 0, square = 0;  // v.M e and e.M e, of all with this label
+    double power = 0;  // of d that is not in v.M e of rows: kinematic bodies, friction
+    // Of all with this label: v.M e, e.M e and s.
+    double along = 0, square = 0, withdrawn = 0;
   };
   // One that the contact moves.
   static std::size_t row_of(const ContactPacket& packet, int lane) {
@@ -104,7 +105,7 @@ class ImpactStart {
   }
   void add_row(std::int32_t row);
   const Row& all_of(std::size_t row) const { return rows_[usize(label_[row])]; }
-  double withdrawn(std::size_t row) const;  // s
+  double withdrawn(std::size_t row) const { return all_of(row).withdrawn; }
 
   std::vector<BodyPair> pairs_;        // rows that joints and hit contacts connect
   std::vector<std::int32_t> hit_;      // rows of joints and of hit contacts
