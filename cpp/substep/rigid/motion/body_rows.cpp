@@ -172,10 +172,11 @@ Pose BodyRows::pose(const Bodies& bodies, std::int32_t body) const {
           rotation(bodies, body)};
 }
 
-Pose BodyRows::pose_after(const Bodies& bodies, std::int32_t body, double h, Vec3& spin) const {
+Pose BodyRows::pose_after(const Bodies& bodies, std::int32_t body, const Pose& now, double h,
+                          Vec3& spin) const {
   const std::int32_t r = row(body);
-  const Pose now = pose(bodies, body);
   spin = spin_of(r);
+  if (r == 0) return now;
   const Pose then(now.position + h * velocity_of(r),
                   Mat3(rotation_by(h * spin).toRotationMatrix() * now.rotation));
   if (turns[usize(r)] != 0) {

@@ -66,8 +66,10 @@ struct BodyRows {
   Pose pose(const Bodies& bodies, std::int32_t body) const;
   Vec3 velocity_of(std::int32_t row) const;
   Vec3 spin_of(std::int32_t row) const;
-  // Where it will be after h with its momenta of now, and how it will spin there.
-  Pose pose_after(const Bodies& bodies, std::int32_t body, double h, Vec3& spin) const;
+  // Where one that is there now will be after h with its momenta of now, and how it will spin
+  // there.
+  Pose pose_after(const Bodies& bodies, std::int32_t body, const Pose& now, double h,
+                  Vec3& spin) const;
   // After move(): q, W^(1/2) and what is in its coordinates become those of the sub-step's end, by
   // the free rotation with L. The push is for the contacts to renew.
   void turn(const Bodies& bodies, std::int32_t row, double h, FreeRotation method);

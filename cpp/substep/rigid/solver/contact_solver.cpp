@@ -517,6 +517,7 @@ void ContactSolver::renew(std::int64_t packet, std::span<ContactConstraint> cont
   if (round != nullptr) round->find(rows_, h, p);
   bool rolling[kPacketLanes], one_by_one[kPacketLanes];
   const ContactConstraint* found[kPacketLanes] = {};
+  Pose now_a[kPacketLanes], now_b[kPacketLanes];
   for (int lane = 0; lane < kPacketLanes; ++lane) {
     rolling[lane] = is_rolling(packet, lane);
     one_by_one[lane] = rolling[lane] && !(round != nullptr && round->has(lane));
@@ -524,7 +525,10 @@ void ContactSolver::renew(std::int64_t packet, std::span<ContactConstraint> cont
     ContactConstraint& c = contacts[usize(sweep_.constraint[usize(packet * kPacketLanes + lane)])];
     p.get(lane, c);
     if (round != nullptr && round->left(lane)) round->report(lane, p, c);
-    if (c.rolls_on) find_anew(rows_.pose(bodies, c.a), rows_.pose(bodies, c.b), h, c);
+    if (c.rolls_on) {
+      now_a[lane] = rows_.pose(bodies, c.a), now_b[lane] = rows_.pose(bodies, c.b);
+      find_anew(now_a[lane], now_b[lane], h, c);
+    }
     found[lane] = &c;
   }
   p.set(found, one_by_one, rows_);
@@ -534,14 +538,14 @@ void ContactSolver::renew(std::int64_t packet, std::span<ContactConstraint> cont
   for (int lane = 0; lane < kPacketLanes; ++lane) {
     if (!one_by_one[lane]) continue;
     const auto& c = contacts[usize(sweep_.constraint[usize(packet * kPacketLanes + lane)])];
-    if (c.rolls_on) set_bias(packet, lane, c, bodies, h);
+    if (c.rolls_on) set_bias(packet, lane, c, bodies, now_a[lane], now_b[lane], h);
   }
 }
 
 // Half of what J, not v, will change of J v until the end of the sub-step; nothing for what meets,
 // where another corner will touch instead, or where a joint rules how bodies turn.
 void ContactSolver::set_bias(std::int64_t packet, int lane, const ContactConstraint& contact,
-                             const Bodies& bodies, double h) {
+                             const Bodies& bodies, const Pose& now_a, const Pose& now_b, double h) {
   const std::int32_t a = rows_.row(contact.a), b = rows_.row(contact.b);
   if (jointed_[usize(a)] != 0 || jointed_[usize(b)] != 0) return;
   const Vec3 v = rows_.velocity_of(b) - rows_.velocity_of(a);
@@ -552,12 +556,12 @@ void ContactSolver::set_bias(std::int64_t packet, int lane, const ContactConstra
   };
   ContactConstraint then = contact;
   Vec3 w_a, w_b;
-  const Pose pose_a = rows_.pose_after(bodies, contact.a, h, w_a),
-             pose_b = rows_.pose_after(bodies, contact.b, h, w_b);
+  const Pose pose_a = rows_.pose_after(bodies, contact.a, now_a, h, w_a),
+             pose_b = rows_.pose_after(bodies, contact.b, now_b, h, w_b);
   if (!find_anew(pose_a, pose_b, h, then) || then.count != contact.count) return;
   const Vec3 u = seen(contact, rows_.spin_of(a), rows_.spin_of(b));
   const Vec3 bias = 0.5 * (seen(then, w_a, w_b) - u);
-  const auto speed = [&](std::int32_t row, Vec3 ContactConstraint::Point::*arm) {
+  const auto speed = [&](std::int32_t row, Vec3 ContactConstraint::Point::* arm) {
     return rows_.velocity_of(row).norm() + rows_.spin_of(row).norm() * contact.middle(arm).norm();
   };
   const double smooth = kSmooth * (speed(a, &ContactConstraint::Point::arm_a) +
@@ -592,8 +596,10 @@ std::int64_t ContactSolver::step(Bodies& bodies, const Vec3& gravity, double dt,
   find_rolling(contacts, dt, h, options.slop);
   impacts_.begin_step(contacts, rolling_, h, rows_, [&](ContactConstraint& c, double time) {
     Vec3 spin;
-    const Pose a = rows_.pose_after(bodies, c.a, time, spin),
-               b = rows_.pose_after(bodies, c.b, time, spin);
+    const auto after = [&](std::int32_t body) {
+      return rows_.pose_after(bodies, body, rows_.pose(bodies, body), time, spin);
+    };
+    const Pose a = after(c.a), b = after(c.b);
     return touch_(a, b, c);
   });
   find_round(contacts, bodies, round);

@@ -119,7 +119,7 @@ class ContactSolver {
   bool find_anew(const Pose& a, const Pose& b, double h, ContactConstraint& contact) const;
   void drop_distant_points(ContactConstraint& contact, double h) const;
   void set_bias(std::int64_t packet, int lane, const ContactConstraint& contact,
-                const Bodies& bodies, double h);
+                const Bodies& bodies, const Pose& now_a, const Pose& now_b, double h);
 
   BodyRows rows_;
   GraphColouring colouring_;
