@@ -136,8 +136,8 @@ void bind_queries(py::class_<PyWorld>& world) {
             const std::span given(held.data(), static_cast<std::size_t>(held.size()));
             if (given.size() != self.world.joints().size())
               throw substep::InputError("held: expected a number for each joint");
-            const std::vector<Mat6> found = mobilities(self.world.bodies(), self.world.joints(),
-                                                       given, self.bodies(rows), dt);
+            const std::vector<Mat6> found =
+                mobilities(self.world.bodies(), self.world.joints(), given, self.bodies(rows), dt);
             py::array_t<double> out(
                 {static_cast<py::ssize_t>(found.size()), py::ssize_t{6}, py::ssize_t{6}});
             for (std::size_t k = 0; k < found.size(); ++k)
