@@ -201,11 +201,10 @@ class TestClothHang:
             if factor < 1:
                 cloth.advance(250 * step)
                 continue
-            message = (
-                f"exploded at time .* the step, {step:.3g} s, is above its limit, {limit:.3g} s"
-            )
-            with pytest.raises(substep.SolverError, match=message):
+            with pytest.raises(substep.SolverError, match="beyond the step limit") as caught:
                 cloth.advance(250 * step)
+            there = float(re.search(r"in this shape is below (\S+) s", str(caught.value))[1])
+            assert 0.98 * limit < there < step
 
     def test_the_explosion_is_told_and_the_last_good_state_drawn(self, tmp_path, capsys):
         sets = (
@@ -219,8 +218,8 @@ class TestClothHang:
         command = ["run", "cloth-hang", *sets, "--fps", "500", "--out", str(tmp_path)]
         assert main([*command, "--set", "step=0.002"]) == 1
         out, err = capsys.readouterr()
-        assert re.match(r"substep: symplectic_euler exploded at time 0\.\d+ s: ", err)
-        assert "take a shorter step, or implicit_euler; the frames before are in" in err
+        assert re.match(r"substep: the step from t = 0\.\d+ s diverges, most at vertex \d+: ", err)
+        assert "or use implicit_euler" in err and "; the frames before are in" in err
         assert err.count("\n") == 1
         with substep.Recording(tmp_path / "cloth-hang.vtkhdf") as recording:
             assert 1 < len(recording) < 20
