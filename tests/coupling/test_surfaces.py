@@ -406,3 +406,22 @@ def test_one_list_of_obstacles_is_for_one_simulation(kind):
     other = first.copy()
     del first
     assert block(colliders) is not other
+
+
+@pytest.mark.parametrize("apart", [0.0, 1e-17])
+def test_a_cloth_all_of_whose_vertices_coincide_is_a_ball_that_does_not_turn(apart):
+    mesh = substep.geometry.grid_mesh(5, 5, (1.0, 1.0))
+    cloth = substep.MassSpring.from_mesh(mesh, density=1.0, stiffness=1e3, gravity=(0, 0, 0))
+    cloth.positions[:] = np.array((0.35, 0.35, 0)) + apart * np.arange(75.0).reshape(25, 3)
+    jelly = substep.MaterialPointMethod(
+        substep.fill_box((0.2, 0.2, 0.05), (0.5, 0.5, 0.35), 0.05),
+        substep.mpm.FixedCorotated(1000.0, 1e5, 0.3),
+        cell=0.1,
+        volume=0.05**3,
+        bounds=((-1, -1, -0.5), (2, 2, 2)),
+        colliders=cloth.make_colliders(0.2),
+    )
+    world = substep.World({"cloth": cloth, "jelly": jelly})
+    for _ in range(5):
+        world.step()
+    assert np.abs(jelly.velocities).max() < 2

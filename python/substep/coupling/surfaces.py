@@ -45,6 +45,7 @@ Array = NDArray[np.float64]
 _BODIES = 1 << 20  # numbers of bodies that a surface has for itself; below: rigid ones
 _SOFTER = 3  # times as much as the present load moves a surface, others may
 _LEAST = 1e-6  # part of the mobility of the masses alone that is left
+_SMALL = 1e-6  # of half the thickness: what is smaller does not turn
 
 
 class SurfaceLink:
@@ -129,7 +130,8 @@ class SurfaceLink:
     def _share_out(self, x: Array, middles: Array) -> Array:
         """D, shape (m, 9, 6)."""
         arms = x[self._faces] - middles[:, None]
-        length = np.maximum(np.abs(arms).max(axis=(1, 2), keepdims=True), 1e-300)
+        least = _SMALL * self.sheet.radius
+        length = np.maximum(np.abs(arms).max(axis=(1, 2), keepdims=True), least)
         r = arms / length  # so that what is inverted has no unit
         blocks = np.zeros((len(r), 3, 3, 6))
         blocks[..., :3] = np.eye(3)
